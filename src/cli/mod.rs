@@ -1,0 +1,1 @@
+//! The `fuyu` command line.

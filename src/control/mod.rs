@@ -1,0 +1,1 @@
+//! Control laws: from joint states and base-frame measurements to joint efforts.

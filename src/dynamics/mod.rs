@@ -1,0 +1,1 @@
+//! Kinematics, momentum, generalized Jacobian and forward dynamics of the free-floating tree.

@@ -1,0 +1,1 @@
+//! Closed loops and published results, run without a ROS graph.

@@ -1,0 +1,3 @@
+//! The `fuyu` command line.
+
+fn main() {}

@@ -1,0 +1,130 @@
+//! Building a [`Model`] by hand: what the URDF compiler and tests use.
+
+use nalgebra::{Unit, Vector3};
+
+use super::{Body, Frame, Joint, JointKind, JointLimits, Model};
+use crate::spatial::{Pose, RigidInertia, SpatialInertia};
+
+/// Grows a tree body by body. Bodies must come depth first: a body's parent is the body added just
+/// before it or one of that body's ancestors.
+///
+/// ```
+/// use fuyu::model::{JointKind, ModelBuilder};
+/// use fuyu::spatial::{Pose, RigidInertia};
+/// use nalgebra::{Matrix3, Vector3};
+///
+/// let ball = RigidInertia { mass: 1.0, com: Vector3::zeros(), about_com: Matrix3::identity() };
+/// let mut robot = ModelBuilder::new("pair", "base", ball);
+/// robot.body("arm", 0, JointKind::Continuous, Vector3::z_axis(), Pose::identity(), ball);
+/// let model = robot.build();
+/// assert_eq!(model.dof(), 1);
+/// ```
+pub struct ModelBuilder {
+    model: Model,
+}
+
+impl ModelBuilder {
+    /// A robot that is only its base so far.
+    pub fn new(name: &str, base: &str, inertia: RigidInertia) -> Self {
+        let model = Model {
+            name: name.to_owned(),
+            bodies: Vec::new(),
+            joints: Vec::new(),
+            frames: Vec::new(),
+        };
+        let mut builder = Self { model };
+        builder.push_body(base, None, inertia);
+        builder
+    }
+
+    fn push_body(&mut self, name: &str, parent: Option<usize>, inertia: RigidInertia) -> usize {
+        let index = self.model.bodies.len();
+        self.model.bodies.push(Body {
+            name: name.to_owned(),
+            parent,
+            subtree_end: index + 1,
+            inertia,
+            spatial_inertia: SpatialInertia::from(&inertia),
+        });
+        let parent_name = parent.map(|p| self.model.bodies[p].name.clone());
+        self.frame(name, index, parent_name, Pose::identity());
+        index
+    }
+
+    /// Adds a body named `name` moved by the joint `joint_<name>` without limits, damping or friction;
+    /// returns its index. [`ModelBuilder::joint`] takes a whole [`Joint`].
+    ///
+    /// # Panics
+    /// If `parent` is not on the path from the base to the body added last.
+    #[allow(non_snake_case)]
+    pub fn body(
+        &mut self,
+        name: &str,
+        parent: usize,
+        kind: JointKind,
+        axis: Unit<Vector3<f64>>,
+        X_PJ: Pose,
+        inertia: RigidInertia,
+    ) -> usize {
+        let joint = Joint {
+            name: format!("joint_{name}"),
+            kind,
+            axis,
+            X_PJ,
+            limits: JointLimits::NONE,
+            damping: 0.0,
+            friction: 0.0,
+        };
+        self.joint(name, parent, joint, inertia)
+    }
+
+    /// Adds a body named `name` moved by `joint`; returns its index.
+    ///
+    /// # Panics
+    /// If `parent` is not on the path from the base to the body added last.
+    pub fn joint(
+        &mut self,
+        name: &str,
+        parent: usize,
+        joint: Joint,
+        inertia: RigidInertia,
+    ) -> usize {
+        let last = self.model.bodies.len() - 1;
+        let mut ancestors = std::iter::successors(Some(last), |&b| self.model.bodies[b].parent);
+        assert!(
+            ancestors.any(|b| b == parent),
+            "bodies must be added depth first: {parent} is no ancestor of {last}"
+        );
+        self.model.joints.push(joint);
+        let index = self.push_body(name, Some(parent), inertia);
+        let mut above = Some(parent);
+        while let Some(b) = above {
+            self.model.bodies[b].subtree_end = index + 1;
+            above = self.model.bodies[b].parent;
+        }
+        index
+    }
+
+    /// Names a frame fixed to body `body`.
+    #[allow(non_snake_case)]
+    pub fn frame(&mut self, name: &str, body: usize, parent: Option<String>, X_BF: Pose) {
+        self.model.frames.push(Frame {
+            name: name.to_owned(),
+            body,
+            parent,
+            X_BF,
+        });
+    }
+
+    /// Welds `inertia` (in body `body`'s frame) to body `body`.
+    pub fn weld(&mut self, body: usize, inertia: &RigidInertia) {
+        let b = &mut self.model.bodies[body];
+        b.inertia = b.inertia.merged_with(inertia);
+        b.spatial_inertia = SpatialInertia::from(&b.inertia);
+    }
+
+    /// The finished model.
+    pub fn build(self) -> Model {
+        self.model
+    }
+}

@@ -1,0 +1,154 @@
+//! The compiled tree.
+
+use nalgebra::{Unit, Vector3};
+
+use crate::spatial::{Pose, RigidInertia, SpatialInertia};
+
+/// How a joint moves along its axis.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum JointKind {
+    /// Rotation about the axis, within limits.
+    Revolute,
+    /// Rotation about the axis, without limits.
+    Continuous,
+    /// Translation along the axis.
+    Prismatic,
+}
+
+impl JointKind {
+    /// Whether the joint's coordinate is an angle.
+    pub fn is_rotational(self) -> bool {
+        self != Self::Prismatic
+    }
+}
+
+/// What the joint's mechanism and actuator can do; infinite where the description says nothing.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointLimits {
+    /// Lowest position \[rad or m\].
+    pub lower: f64,
+    /// Highest position \[rad or m\].
+    pub upper: f64,
+    /// Largest speed \[rad/s or m/s\].
+    pub velocity: f64,
+    /// Largest effort \[N m or N\].
+    pub effort: f64,
+}
+
+impl JointLimits {
+    /// No limits.
+    pub const NONE: Self = Self {
+        lower: f64::NEG_INFINITY,
+        upper: f64::INFINITY,
+        velocity: f64::INFINITY,
+        effort: f64::INFINITY,
+    };
+}
+
+/// A joint with one degree of freedom between a body and its parent.
+#[derive(Debug, Clone, PartialEq)]
+#[allow(non_snake_case)]
+pub struct Joint {
+    /// Name in the robot description.
+    pub name: String,
+    /// How it moves.
+    pub kind: JointKind,
+    /// Axis, in the moved body's frame (and in the joint frame: motion leaves it where it is).
+    pub axis: Unit<Vector3<f64>>,
+    /// Pose of the joint frame J in the parent body's frame P; the moved body's frame coincides with J
+    /// at position zero.
+    pub X_PJ: Pose,
+    /// Limits.
+    pub limits: JointLimits,
+    /// Viscous damping \[N m s/rad or N s/m\]: `c_i` of Masutani 1995 eq. (4.50).
+    pub damping: f64,
+    /// Coulomb friction \[N m or N\].
+    pub friction: f64,
+}
+
+/// One rigid body, everything that fixed joints weld together included.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Body {
+    /// Name of the link that moves the body (the root link for body 0).
+    pub name: String,
+    /// Index of the parent body; `None` for the base.
+    pub parent: Option<usize>,
+    /// One past the last body of this body's subtree: the subtree is `index..subtree_end`.
+    pub subtree_end: usize,
+    /// Mass properties in the body frame.
+    pub inertia: RigidInertia,
+    /// The same about the body frame's origin.
+    pub spatial_inertia: SpatialInertia,
+}
+
+/// A named frame fixed to a body: every link of the robot description is one.
+#[derive(Debug, Clone, PartialEq)]
+#[allow(non_snake_case)]
+pub struct Frame {
+    /// Name of the link.
+    pub name: String,
+    /// Index of the body that carries it.
+    pub body: usize,
+    /// Name of the frame's parent link; `None` for the root.
+    pub parent: Option<String>,
+    /// Pose of the frame F in its body's frame B.
+    pub X_BF: Pose,
+}
+
+/// An immutable robot: a tree of rigid bodies on a free-floating base.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Model {
+    pub(super) name: String,
+    pub(super) bodies: Vec<Body>,
+    pub(super) joints: Vec<Joint>,
+    pub(super) frames: Vec<Frame>,
+}
+
+impl Model {
+    /// The robot's name.
+    pub fn name(&self) -> &str {
+        &self.name
+    }
+
+    /// Number of moving joints `n`.
+    pub fn dof(&self) -> usize {
+        self.joints.len()
+    }
+
+    /// All bodies, base first; body `j + 1` is moved by joint `j`.
+    pub fn bodies(&self) -> &[Body] {
+        &self.bodies
+    }
+
+    /// All moving joints in order; the order of every joint vector.
+    pub fn joints(&self) -> &[Joint] {
+        &self.joints
+    }
+
+    /// All named frames, one per link of the description.
+    pub fn frames(&self) -> &[Frame] {
+        &self.frames
+    }
+
+    /// The frame of the link called `name`.
+    pub fn frame(&self, name: &str) -> Option<&Frame> {
+        self.frames.iter().find(|f| f.name == name)
+    }
+
+    /// Position of the joint called `name` in every joint vector.
+    pub fn joint_index(&self, name: &str) -> Option<usize> {
+        self.joints.iter().position(|j| j.name == name)
+    }
+
+    /// The parent body of the body that joint `j` moves.
+    pub fn joint_parent(&self, j: usize) -> usize {
+        self.bodies[j + 1]
+            .parent
+            .expect("only the base has no parent")
+    }
+
+    /// Mass of all bodies together, `m_C` of Masutani 1995 eq. (4.9) \[kg\].
+    pub fn total_mass(&self) -> f64 {
+        self.bodies.iter().map(|b| b.inertia.mass).sum()
+    }
+}

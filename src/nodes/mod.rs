@@ -1,0 +1,1 @@
+//! The ROS 2 nodes: physics joined to topics, services and parameters.

@@ -1,0 +1,1 @@
+//! The ROS layer: context, arguments, parameters, clock, QoS. It knows no physics.

@@ -1,0 +1,262 @@
+//! Mass properties of rigid bodies: as users state them ([`RigidInertia`]) and as the recursions
+//! carry them ([`SpatialInertia`]).
+
+use nalgebra::{Matrix3, SymmetricEigen, Vector3};
+use std::ops::{Add, AddAssign};
+
+use super::{Pose, Twist, Wrench};
+
+/// Mass, centre of mass and rotational inertia about that centre of mass, in a body's frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct RigidInertia {
+    /// Mass \[kg\].
+    pub mass: f64,
+    /// Centre of mass in the body frame \[m\].
+    pub com: Vector3<f64>,
+    /// Rotational inertia about the centre of mass, in the body frame's axes \[kg m²\].
+    pub about_com: Matrix3<f64>,
+}
+
+/// What no real body can have.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+pub enum InertiaError {
+    /// The mass is zero, negative or not finite.
+    #[error("mass is {0} kg; it must be positive and finite")]
+    Mass(f64),
+    /// A component is NaN or infinite.
+    #[error("{0} has a component that is not finite")]
+    NotFinite(&'static str),
+    /// A principal moment is not positive.
+    #[error(
+        "inertia is not positive definite: its principal moments are {0:.6}, {1:.6}, {2:.6} kg m²; all must be positive"
+    )]
+    NotPositiveDefinite(f64, f64, f64),
+    /// One principal moment exceeds the sum of the others.
+    #[error(
+        "inertia breaks the triangle inequality: of its principal moments {0:.6}, {1:.6}, {2:.6} kg m² the largest exceeds the sum of the other two"
+    )]
+    Triangle(f64, f64, f64),
+}
+
+impl RigidInertia {
+    /// A body without mass: what a frame that only carries other frames has.
+    pub fn zero() -> Self {
+        Self {
+            mass: 0.0,
+            com: Vector3::zeros(),
+            about_com: Matrix3::zeros(),
+        }
+    }
+
+    /// Refuses what no rigid body can have.
+    ///
+    /// # Errors
+    /// [`InertiaError`] for a non-positive mass, an indefinite inertia, or principal moments that break
+    /// the triangle inequality by more than rounding (1e-9 of the largest: a thin rod meets it exactly).
+    pub fn check(&self) -> Result<(), InertiaError> {
+        if !(self.mass.is_finite() && self.mass > 0.0) {
+            return Err(InertiaError::Mass(self.mass));
+        }
+        if !self.com.iter().all(|x| x.is_finite()) {
+            return Err(InertiaError::NotFinite("centre of mass"));
+        }
+        if !self.about_com.iter().all(|x| x.is_finite()) {
+            return Err(InertiaError::NotFinite("inertia"));
+        }
+        let mut m: [f64; 3] = SymmetricEigen::new(self.about_com).eigenvalues.into();
+        m.sort_by(f64::total_cmp);
+        // A moment below the rounding of the largest is as good as zero.
+        if m[0] <= 1e-14 * m[2].abs() || m[2] <= 0.0 {
+            return Err(InertiaError::NotPositiveDefinite(m[0], m[1], m[2]));
+        }
+        if m[2] > (m[0] + m[1]) + 1e-9 * m[2] {
+            return Err(InertiaError::Triangle(m[0], m[1], m[2]));
+        }
+        Ok(())
+    }
+
+    /// The same body's properties in frame A, where `X_AB` is the pose of its frame B in A.
+    #[allow(non_snake_case)]
+    pub fn expressed_in(&self, X_AB: &Pose) -> Self {
+        let r = X_AB.rotation.matrix();
+        Self {
+            mass: self.mass,
+            com: X_AB.rotation * self.com + X_AB.translation.vector,
+            about_com: r * self.about_com * r.transpose(),
+        }
+    }
+
+    /// The two bodies welded together (same frame). A massless side changes nothing.
+    pub fn merged_with(&self, other: &Self) -> Self {
+        let mass = self.mass + other.mass;
+        if mass == 0.0 {
+            return *self;
+        }
+        let com = (self.com * self.mass + other.com * other.mass) / mass;
+        let at = |b: &Self| b.about_com + parallel_axis(&(b.com - com)) * b.mass;
+        Self {
+            mass,
+            com,
+            about_com: at(self) + at(other),
+        }
+    }
+}
+
+/// `D(r)` of Masutani 1995 eq. (4.20): the inertia of a unit point mass at `r` about the origin.
+#[inline]
+pub(crate) fn parallel_axis(r: &Vector3<f64>) -> Matrix3<f64> {
+    Matrix3::from_diagonal_element(r.norm_squared()) - r * r.transpose()
+}
+
+/// Spatial inertia about a frame's origin: mass, first moment and second moment.
+///
+/// Adding two of them (same frame) welds the bodies, which is all that a composite-body recursion needs.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SpatialInertia {
+    /// Mass \[kg\].
+    pub mass: f64,
+    /// First moment `m c` about the frame's origin \[kg m\].
+    pub first_moment: Vector3<f64>,
+    /// Rotational inertia about the frame's origin \[kg m²\].
+    pub about_origin: Matrix3<f64>,
+}
+
+impl SpatialInertia {
+    /// No mass at all.
+    pub fn zero() -> Self {
+        Self {
+            mass: 0.0,
+            first_moment: Vector3::zeros(),
+            about_origin: Matrix3::zeros(),
+        }
+    }
+
+    /// The same inertia in frame A, where `X_AB` is the pose of its frame B in A.
+    #[inline]
+    #[allow(non_snake_case)]
+    pub fn shifted_to_parent(&self, X_AB: &Pose) -> Self {
+        let r = X_AB.rotation.matrix();
+        let p = &X_AB.translation.vector;
+        let h = r * self.first_moment;
+        // I_A = R I_B Rᵀ + m D(p) + 2 (p·h) 1 - p hᵀ - h pᵀ: the parallel-axis theorem without dividing by m.
+        let hp = p * h.transpose();
+        let mut about_origin = r * self.about_origin * r.transpose() + parallel_axis(p) * self.mass
+            - hp
+            - hp.transpose();
+        let twice = 2.0 * p.dot(&h);
+        for i in 0..3 {
+            about_origin[(i, i)] += twice;
+        }
+        Self {
+            mass: self.mass,
+            first_moment: h + p * self.mass,
+            about_origin,
+        }
+    }
+
+    /// Momentum of a body that moves with `twist`, about the frame's origin.
+    #[inline]
+    pub fn momentum(&self, twist: &Twist) -> Wrench {
+        Wrench {
+            torque: self.about_origin * twist.angular + self.first_moment.cross(&twist.linear),
+            force: twist.linear * self.mass - self.first_moment.cross(&twist.angular),
+        }
+    }
+}
+
+impl From<&RigidInertia> for SpatialInertia {
+    fn from(b: &RigidInertia) -> Self {
+        Self {
+            mass: b.mass,
+            first_moment: b.com * b.mass,
+            about_origin: b.about_com + parallel_axis(&b.com) * b.mass,
+        }
+    }
+}
+
+impl Add for SpatialInertia {
+    type Output = Self;
+    #[inline]
+    fn add(mut self, o: Self) -> Self {
+        self += o;
+        self
+    }
+}
+
+impl AddAssign for SpatialInertia {
+    #[inline]
+    fn add_assign(&mut self, o: Self) {
+        self.mass += o.mass;
+        self.first_moment += o.first_moment;
+        self.about_origin += o.about_origin;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Rotation3, Translation3};
+
+    fn body() -> RigidInertia {
+        RigidInertia {
+            mass: 7.0,
+            com: Vector3::new(0.2, -0.4, 0.1),
+            about_com: Matrix3::new(2.0, 0.1, -0.2, 0.1, 1.5, 0.3, -0.2, 0.3, 1.8),
+        }
+    }
+
+    #[test]
+    fn shifting_agrees_with_stating_the_body_in_the_other_frame() {
+        let x = Pose::from_parts(
+            Translation3::new(0.3, -1.2, 0.7),
+            Rotation3::from_euler_angles(0.4, -0.9, 2.1),
+        );
+        let a = SpatialInertia::from(&body()).shifted_to_parent(&x);
+        let b = SpatialInertia::from(&body().expressed_in(&x));
+        assert!((a.first_moment - b.first_moment).norm() < 1e-14);
+        assert!((a.about_origin - b.about_origin).norm() < 1e-13);
+    }
+
+    #[test]
+    fn momentum_is_that_of_a_mass_at_its_centre() {
+        let t = Twist::new(Vector3::new(0.2, -0.5, 1.1), Vector3::new(-2.0, 0.4, 0.9));
+        let b = body();
+        let v = t.linear + t.angular.cross(&b.com);
+        let h = SpatialInertia::from(&b).momentum(&t);
+        assert!((h.force - v * b.mass).norm() < 1e-14);
+        assert!((h.torque - (b.about_com * t.angular + b.com.cross(&(v * b.mass)))).norm() < 1e-14);
+    }
+
+    #[test]
+    fn welding_two_halves_makes_the_whole() {
+        // A rod of 2 kg and 2 m, from its two halves.
+        let half = |x: f64| RigidInertia {
+            mass: 1.0,
+            com: Vector3::new(x, 0.0, 0.0),
+            about_com: Matrix3::from_diagonal(&Vector3::new(1e-3, 1.0 / 12.0, 1.0 / 12.0)),
+        };
+        let rod = half(-0.5).merged_with(&half(0.5));
+        assert!(rod.com.norm() < 1e-16);
+        assert!((rod.about_com[(1, 1)] - 2.0 * 4.0 / 12.0).abs() < 1e-15);
+    }
+
+    #[test]
+    fn impossible_bodies_are_refused() {
+        let mut b = body();
+        b.mass = -1.0;
+        assert_eq!(b.check(), Err(InertiaError::Mass(-1.0)));
+        let mut b = body();
+        b.about_com = Matrix3::from_diagonal(&Vector3::new(1.0, 1.0, 2.1));
+        assert!(matches!(b.check(), Err(InertiaError::Triangle(..))));
+        b.about_com = Matrix3::from_diagonal(&Vector3::new(1.0, -1.0, 2.0));
+        assert!(matches!(
+            b.check(),
+            Err(InertiaError::NotPositiveDefinite(..))
+        ));
+        b.about_com[(0, 1)] = f64::NAN;
+        assert!(matches!(b.check(), Err(InertiaError::NotFinite(_))));
+        // A thin disc meets the triangle inequality with equality.
+        b.about_com = Matrix3::from_diagonal(&Vector3::new(0.1, 0.2, 0.1 + 0.2));
+        assert_eq!(b.check(), Ok(()));
+    }
+}

@@ -1,0 +1,31 @@
+//! Rotations, poses, spatial vectors and inertias.
+//!
+//! # Notation
+//!
+//! Quantities carry their frames in their names, in monogram style:
+//!
+//! | name | meaning |
+//! | --- | --- |
+//! | `R_AB` | rotation that takes components in frame B to components in frame A |
+//! | `X_AB` | pose of frame B in frame A: `p_A = X_AB * p_B` |
+//! | `p_AoBo_C` (short `p_AB`, expressed in A) | position from A's origin to B's origin, components in C |
+//! | `w_AB_C` | angular velocity of B in A, components in C \[rad/s\] |
+//! | `v_AB_C` | velocity of B's origin in A, components in C \[m/s\] |
+//! | `I_BP_C` | rotational inertia of body B about point P, components in C \[kg m²\] |
+//!
+//! W is the inertial world, B the base (`base_link`), E the tip (end point), D the desired tip pose
+//! (goal), C the system's centre of mass. All units are SI.
+
+mod inertia;
+mod rotation;
+mod vector;
+
+pub use inertia::{InertiaError, RigidInertia, SpatialInertia};
+pub use rotation::{
+    attitude_rate_from_angular_velocity, exp_so3, roll_pitch_yaw_intrinsic,
+    rotation_from_roll_pitch_yaw_intrinsic,
+};
+pub use vector::{Twist, Wrench};
+
+/// A pose `X_AB` with its rotation kept as a matrix, which is what the recursions multiply with.
+pub type Pose = nalgebra::IsometryMatrix3<f64>;

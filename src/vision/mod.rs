@@ -1,0 +1,1 @@
+//! What a camera on the moving base measures.
