@@ -3,8 +3,8 @@
 use nalgebra::{Cholesky, DMatrix, DVector};
 
 use super::{State, Workspace};
-use crate::model::Model;
-use crate::spatial::Wrench;
+use crate::model::{Frame, Model};
+use crate::spatial::{Twist, Wrench};
 
 /// What acts on the robot: joint efforts and external wrenches.
 #[derive(Debug, Clone, PartialEq)]
@@ -79,7 +79,7 @@ impl Workspace {
         for (b, body) in bodies.iter().enumerate() {
             let twist = self.twist[b];
             self.acceleration[b] = match body.parent {
-                None => crate::spatial::Twist::ZERO,
+                None => Twist::ZERO,
                 Some(parent) => {
                     self.acceleration[parent].shifted_to_child(&self.X_PB[b])
                         + twist.cross(&(self.axes[b - 1] * qd[b - 1]))
@@ -95,6 +95,37 @@ impl Workspace {
             let child = self.force[b].shifted_to_parent(&self.X_PB[b]);
             self.force[parent] += child;
         }
+    }
+
+    /// Base acceleration that goes with joint accelerations `qdd` (after [`Workspace::accelerations`] for
+    /// the same state), then every body's: afterwards [`Workspace::A_WF_B`] can be read.
+    pub fn set_accelerations(&mut self, model: &Model, qd: &DVector<f64>, qdd: &DVector<f64>) {
+        let force = self.force[0].force;
+        let mut torque = self.force[0].torque - self.p_BC.cross(&force);
+        let mut a_com = -force / self.mass;
+        for (j, qdd) in qdd.iter().enumerate() {
+            torque += self.H_M.column(j) * *qdd;
+            a_com -= self.J_C.column(j) * *qdd;
+        }
+        let angular = -(self.H_B_inverse * torque);
+        self.acceleration[0] = Twist::new(angular, a_com - angular.cross(&self.p_BC));
+        for j in 0..model.dof() {
+            let (b, parent) = (j + 1, model.joint_parent(j));
+            self.acceleration[b] = self.acceleration[parent].shifted_to_child(&self.X_PB[b])
+                + self.twist[b].cross(&(self.axes[j] * qd[j]))
+                + self.axes[j] * qdd[j];
+        }
+    }
+
+    /// Acceleration of `frame` in the world, components in the base's axes: angular \[rad/s²\] and that of
+    /// the frame's origin as a point \[m/s²\] (needs [`Workspace::set_accelerations`]).
+    pub fn A_WF_B(&self, frame: &Frame) -> Twist {
+        let (a, v) = (&self.acceleration[frame.body], &self.twist[frame.body]);
+        let r = &frame.X_BF.translation.vector;
+        let v_origin = v.linear + v.angular.cross(r);
+        let linear = a.linear + a.angular.cross(r) + v.angular.cross(&v_origin);
+        let R_0B = &self.X_0B[frame.body].rotation;
+        Twist::new(R_0B * a.angular, R_0B * linear)
     }
 
     /// Sum of the external wrenches, in base axes, torque about the system's centre of mass; and the
