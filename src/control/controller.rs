@@ -140,8 +140,10 @@ impl Controller {
         seen: Option<(&Pose, &Pose)>,
     ) -> Result<Acted, IkError> {
         let Some((X_BE, X_BD)) = seen else {
-            for (effort, (k, rate)) in
-                self.efforts.iter_mut().zip(self.config.gains.k_v.iter().zip(qd))
+            for (effort, (k, rate)) in self
+                .efforts
+                .iter_mut()
+                .zip(self.config.gains.k_v.iter().zip(qd))
             {
                 *effort = -k * rate;
             }
@@ -155,7 +157,13 @@ impl Controller {
         match self.config.law {
             LawKind::TransposeJacobian => {
                 let measurement = Measurement { q, qd, X_BE, X_BD };
-                let Self { model, workspace, transpose_jacobian, efforts, .. } = self;
+                let Self {
+                    model,
+                    workspace,
+                    transpose_jacobian,
+                    efforts,
+                    ..
+                } = self;
                 let error = transpose_jacobian.efforts(model, workspace, &measurement, efforts);
                 let saturation = &transpose_jacobian.gains.saturation;
                 Ok(Acted {

@@ -106,12 +106,12 @@ impl Floating {
             ..
         } = self;
         workspace.accelerations(model, state, input, qdd);
-        workspace.set_accelerations(model, &state.qd, qdd);
+        workspace.set_accelerations(&state.qd, qdd);
         qdd
     }
 
     fn refresh(&mut self) {
         self.workspace.set_positions(&self.model, &self.state.q);
-        self.workspace.set_motion(&self.model, &self.state);
+        self.workspace.set_motion(&self.state);
     }
 }
