@@ -62,7 +62,6 @@ impl ModelBuilder {
     ///
     /// # Panics
     /// If `parent` is not on the path from the base to the body added last.
-    #[allow(non_snake_case)]
     pub fn body(
         &mut self,
         name: &str,
@@ -125,7 +124,6 @@ impl ModelBuilder {
     }
 
     /// Names a frame fixed to body `body`.
-    #[allow(non_snake_case)]
     pub fn frame(&mut self, name: &str, body: usize, parent: Option<String>, X_BF: Pose) {
         self.model.frames.push(Frame {
             name: name.to_owned(),

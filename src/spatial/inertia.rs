@@ -76,7 +76,6 @@ impl RigidInertia {
     }
 
     /// The same body's properties in frame A, where `X_AB` is the pose of its frame B in A.
-    #[allow(non_snake_case)]
     pub fn expressed_in(&self, X_AB: &Pose) -> Self {
         let r = X_AB.rotation.matrix();
         Self {
@@ -133,7 +132,6 @@ impl SpatialInertia {
 
     /// The same inertia in frame A, where `X_AB` is the pose of its frame B in A.
     #[inline]
-    #[allow(non_snake_case)]
     pub fn shifted_to_parent(&self, X_AB: &Pose) -> Self {
         let r = X_AB.rotation.matrix();
         let p = &X_AB.translation.vector;
