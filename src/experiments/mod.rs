@@ -1,1 +1,15 @@
-//! Closed loops and published results, run without a ROS graph.
+//! Closed loops and published results, and what recordings of them show.
+
+mod bag_check;
+mod bag_plot;
+mod chart;
+mod recorded;
+mod topic_health;
+
+pub use bag_check::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag};
+pub use bag_plot::plot_bag;
+pub use chart::{ChartError, Figure, Panel, Series};
+pub use recorded::{
+    BaseSample, ControllerSample, JointSample, MomentumSample, RecordedRun, RecordedRuns,
+};
+pub use topic_health::{TopicHealth, TopicWatch};
