@@ -33,11 +33,17 @@ impl ModelBuilder {
             frames: Vec::new(),
         };
         let mut builder = Self { model };
-        builder.push_body(base, None, inertia);
+        builder.push_body(base, None, None, inertia);
         builder
     }
 
-    fn push_body(&mut self, name: &str, parent: Option<usize>, inertia: RigidInertia) -> usize {
+    fn push_body(
+        &mut self,
+        name: &str,
+        parent: Option<usize>,
+        parent_link: Option<&str>,
+        inertia: RigidInertia,
+    ) -> usize {
         let index = self.model.bodies.len();
         self.model.bodies.push(Body {
             name: name.to_owned(),
@@ -46,8 +52,8 @@ impl ModelBuilder {
             inertia,
             spatial_inertia: SpatialInertia::from(&inertia),
         });
-        let parent_name = parent.map(|p| self.model.bodies[p].name.clone());
-        self.frame(name, index, parent_name, Pose::identity());
+        let parent_link = parent_link.map(str::to_owned);
+        self.frame(name, index, parent_link, Pose::identity());
         index
     }
 
@@ -56,7 +62,6 @@ impl ModelBuilder {
     ///
     /// # Panics
     /// If `parent` is not on the path from the base to the body added last.
-    #[allow(non_snake_case)]
     pub fn body(
         &mut self,
         name: &str,
@@ -89,6 +94,19 @@ impl ModelBuilder {
         joint: Joint,
         inertia: RigidInertia,
     ) -> usize {
+        let parent_link = self.model.bodies[parent].name.clone();
+        self.moving(name, parent, &parent_link, joint, inertia)
+    }
+
+    /// [`ModelBuilder::joint`] for a joint that hangs on the link `parent_link` of body `parent`.
+    pub(super) fn moving(
+        &mut self,
+        name: &str,
+        parent: usize,
+        parent_link: &str,
+        joint: Joint,
+        inertia: RigidInertia,
+    ) -> usize {
         let last = self.model.bodies.len() - 1;
         let mut ancestors = std::iter::successors(Some(last), |&b| self.model.bodies[b].parent);
         assert!(
@@ -96,7 +114,7 @@ impl ModelBuilder {
             "bodies must be added depth first: {parent} is no ancestor of {last}"
         );
         self.model.joints.push(joint);
-        let index = self.push_body(name, Some(parent), inertia);
+        let index = self.push_body(name, Some(parent), Some(parent_link), inertia);
         let mut above = Some(parent);
         while let Some(b) = above {
             self.model.bodies[b].subtree_end = index + 1;
@@ -106,7 +124,6 @@ impl ModelBuilder {
     }
 
     /// Names a frame fixed to body `body`.
-    #[allow(non_snake_case)]
     pub fn frame(&mut self, name: &str, body: usize, parent: Option<String>, X_BF: Pose) {
         self.model.frames.push(Frame {
             name: name.to_owned(),

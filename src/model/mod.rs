@@ -8,6 +8,8 @@
 
 mod build;
 mod tree;
+mod urdf;
 
 pub use build::ModelBuilder;
 pub use tree::{Body, Frame, Joint, JointKind, JointLimits, Model};
+pub use urdf::{UrdfError, UrdfProblem};

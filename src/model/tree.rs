@@ -47,7 +47,6 @@ impl JointLimits {
 
 /// A joint with one degree of freedom between a body and its parent.
 #[derive(Debug, Clone, PartialEq)]
-#[allow(non_snake_case)]
 pub struct Joint {
     /// Name in the robot description.
     pub name: String,
@@ -83,7 +82,6 @@ pub struct Body {
 
 /// A named frame fixed to a body: every link of the robot description is one.
 #[derive(Debug, Clone, PartialEq)]
-#[allow(non_snake_case)]
 pub struct Frame {
     /// Name of the link.
     pub name: String,

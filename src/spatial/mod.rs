@@ -20,6 +20,7 @@ mod inertia;
 mod rotation;
 mod vector;
 
+pub(crate) use inertia::parallel_axis;
 pub use inertia::{InertiaError, RigidInertia, SpatialInertia};
 pub use rotation::{
     attitude_rate_from_angular_velocity, exp_so3, roll_pitch_yaw_intrinsic,

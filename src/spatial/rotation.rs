@@ -65,7 +65,6 @@ pub fn rotation_from_roll_pitch_yaw_intrinsic(roll: f64, pitch: f64, yaw: f64) -
 /// [`rotation_from_roll_pitch_yaw_intrinsic`], pitch in [-π/2, π/2]. Masutani 1995 app. F.
 ///
 /// At pitch = ±π/2 roll and yaw are not unique; yaw is then reported as zero.
-#[allow(non_snake_case)]
 pub fn roll_pitch_yaw_intrinsic(R_WB: &Rotation3<f64>) -> [f64; 3] {
     let m = R_WB.matrix();
     let cos_pitch = m[(0, 0)].hypot(m[(0, 1)]);

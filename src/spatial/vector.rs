@@ -43,7 +43,6 @@ impl Twist {
     /// The same motion seen from frame A's origin and axes, where `X_AB` is the pose of this twist's
     /// frame B in A.
     #[inline]
-    #[allow(non_snake_case)]
     pub fn shifted_to_parent(&self, X_AB: &Pose) -> Self {
         let angular = X_AB.rotation * self.angular;
         let linear = X_AB.rotation * self.linear + X_AB.translation.vector.cross(&angular);
@@ -53,7 +52,6 @@ impl Twist {
     /// The same motion seen from frame B's origin and axes, where `X_AB` is the pose of B in this
     /// twist's frame A.
     #[inline]
-    #[allow(non_snake_case)]
     pub fn shifted_to_child(&self, X_AB: &Pose) -> Self {
         let linear = self.linear + self.angular.cross(&X_AB.translation.vector);
         Self {
@@ -103,7 +101,6 @@ impl Wrench {
     /// The same wrench about frame A's origin in A's axes, where `X_AB` is the pose of this wrench's
     /// frame B in A.
     #[inline]
-    #[allow(non_snake_case)]
     pub fn shifted_to_parent(&self, X_AB: &Pose) -> Self {
         let force = X_AB.rotation * self.force;
         let torque = X_AB.rotation * self.torque + X_AB.translation.vector.cross(&force);
@@ -113,7 +110,6 @@ impl Wrench {
     /// The same wrench about frame B's origin in B's axes, where `X_AB` is the pose of B in this
     /// wrench's frame A.
     #[inline]
-    #[allow(non_snake_case)]
     pub fn shifted_to_child(&self, X_AB: &Pose) -> Self {
         let torque = self.torque - X_AB.translation.vector.cross(&self.force);
         Self {

@@ -76,29 +76,32 @@ impl Descriptor {
 
 impl From<&Descriptor> for msg::ParameterDescriptor {
     fn from(d: &Descriptor) -> Self {
-        let mut m = Self {
+        let integer_range = match d.range {
+            Some(Range::Integer { from, to }) => vec![msg::IntegerRange {
+                from_value: from,
+                to_value: to,
+                step: 0,
+            }],
+            _ => Vec::new(),
+        };
+        let floating_point_range = match d.range {
+            Some(Range::Double { from, to }) => vec![msg::FloatingPointRange {
+                from_value: from,
+                to_value: to,
+                step: 0.0,
+            }],
+            _ => Vec::new(),
+        };
+        Self {
             name: d.name.clone(),
             r#type: d.kind as u8,
             description: d.description.clone(),
             additional_constraints: d.additional_constraints.clone(),
             read_only: d.read_only,
-            ..Self::default()
-        };
-        match d.range {
-            None => {}
-            Some(Range::Integer { from, to }) => m.integer_range.push(msg::IntegerRange {
-                from_value: from,
-                to_value: to,
-                step: 0,
-            }),
-            Some(Range::Double { from, to }) => {
-                m.floating_point_range.push(msg::FloatingPointRange {
-                    from_value: from,
-                    to_value: to,
-                    step: 0.0,
-                });
-            }
+            dynamic_typing: false,
+            // One range fits the bound of one.
+            floating_point_range: floating_point_range.try_into().unwrap_or_default(),
+            integer_range: integer_range.try_into().unwrap_or_default(),
         }
-        m
     }
 }

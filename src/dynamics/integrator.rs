@@ -1,0 +1,184 @@
+//! Fixed-step explicit Runge-Kutta on the state's own manifold.
+
+use nalgebra::{DVector, UnitQuaternion, Vector3};
+
+use super::{Input, State, Tableau, Workspace};
+use crate::model::Model;
+use crate::spatial::{attitude_rate_from_angular_velocity, exp_so3};
+
+/// Integration methods to choose from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
+#[serde(rename_all = "lowercase")]
+pub enum Method {
+    /// Classical Runge-Kutta, order 4, 4 evaluations a step.
+    Rk4,
+    /// Dormand-Prince, order 8, 12 evaluations a step. The default: at equal cost its energy drifts
+    /// orders of magnitude less (`docs/integrators.md`).
+    #[default]
+    Dop8,
+}
+
+impl Method {
+    /// The method's coefficients.
+    pub fn tableau(self) -> &'static Tableau {
+        match self {
+            Self::Rk4 => &Tableau::RK4,
+            Self::Dop8 => &Tableau::DOP8,
+        }
+    }
+}
+
+/// What acts on the robot as a function of time and state. Called at every stage; a controller that
+/// holds its command over a step ignores both arguments.
+pub trait Forcing {
+    /// Writes efforts and wrenches for `state` at `time`; `input` keeps what the last call wrote.
+    fn apply(&mut self, time: f64, state: &State, input: &mut Input);
+}
+
+impl<F: FnMut(f64, &State, &mut Input)> Forcing for F {
+    fn apply(&mut self, time: f64, state: &State, input: &mut Input) {
+        self(time, state, input);
+    }
+}
+
+/// The state's rate of change at one stage. The attitude's is that of the rotation vector turned
+/// since the step began.
+#[derive(Debug, Clone)]
+struct Rate {
+    turned: Vector3<f64>,
+    com: Vector3<f64>,
+    linear_momentum: Vector3<f64>,
+    angular_momentum: Vector3<f64>,
+    q: DVector<f64>,
+    qd: DVector<f64>,
+    work: f64,
+}
+
+impl Rate {
+    fn zero(n: usize) -> Self {
+        Self {
+            turned: Vector3::zeros(),
+            com: Vector3::zeros(),
+            linear_momentum: Vector3::zeros(),
+            angular_momentum: Vector3::zeros(),
+            q: DVector::zeros(n),
+            qd: DVector::zeros(n),
+            work: 0.0,
+        }
+    }
+}
+
+/// Steps a [`State`]; owns the stage memory. Attitude is integrated on the rotation group
+/// (Munthe-Kaas: the rotation vector turned within the step is the coordinate), so any tableau keeps
+/// its order and the quaternion needs no correction; momentum is integrated as state, so without
+/// external wrenches it does not change by a single bit.
+#[derive(Debug, Clone)]
+pub struct Integrator {
+    tableau: &'static Tableau,
+    rates: Vec<Rate>,
+    stage: State,
+    input: Input,
+}
+
+impl Integrator {
+    /// An integrator for `model` with one of the library's methods.
+    pub fn new(model: &Model, method: Method) -> Self {
+        Self::with_tableau(model, method.tableau())
+    }
+
+    /// An integrator for `model` with any explicit tableau.
+    pub fn with_tableau(model: &Model, tableau: &'static Tableau) -> Self {
+        Self {
+            tableau,
+            rates: vec![Rate::zero(model.dof()); tableau.c.len()],
+            stage: State::at_rest(model),
+            input: Input::zero(model),
+        }
+    }
+
+    /// Advances `state` by `dt` \[s\]; `forcing` is asked at every stage. On return `workspace` holds the
+    /// last stage, not the new state: set positions and motion again before reading it.
+    pub fn step(
+        &mut self,
+        model: &Model,
+        state: &mut State,
+        workspace: &mut Workspace,
+        dt: f64,
+        forcing: &mut impl Forcing,
+    ) {
+        let tableau = self.tableau;
+        for i in 0..tableau.c.len() {
+            let (earlier, current) = self.rates.split_at_mut(i);
+            let turned = advance(&mut self.stage, state, earlier, tableau.a[i], dt);
+            self.stage.time = state.time + tableau.c[i] * dt;
+            forcing.apply(self.stage.time, &self.stage, &mut self.input);
+            evaluate(
+                model,
+                &self.stage,
+                workspace,
+                &self.input,
+                &turned,
+                &mut current[0],
+            );
+        }
+        advance(&mut self.stage, state, &self.rates, tableau.b, dt);
+        self.stage.time = state.time + dt;
+        std::mem::swap(state, &mut self.stage);
+        state.R_WB.renormalize_fast();
+    }
+}
+
+/// `into = from + dt Σ weights rates`; returns the rotation vector turned.
+fn advance(
+    into: &mut State,
+    from: &State,
+    rates: &[Rate],
+    weights: &[f64],
+    dt: f64,
+) -> Vector3<f64> {
+    into.p_WC = from.p_WC;
+    into.momentum_W = from.momentum_W;
+    into.q.copy_from(&from.q);
+    into.qd.copy_from(&from.qd);
+    into.work = from.work;
+    let mut turned = Vector3::zeros();
+    for (rate, weight) in rates.iter().zip(weights) {
+        if *weight == 0.0 {
+            continue;
+        }
+        let k = dt * weight;
+        turned += rate.turned * k;
+        into.p_WC += rate.com * k;
+        into.momentum_W.linear += rate.linear_momentum * k;
+        into.momentum_W.angular += rate.angular_momentum * k;
+        into.q.axpy(k, &rate.q, 1.0);
+        into.qd.axpy(k, &rate.qd, 1.0);
+        into.work += rate.work * k;
+    }
+    let turn: UnitQuaternion<f64> = exp_so3(&turned);
+    into.R_WB = from.R_WB * turn;
+    turned
+}
+
+fn evaluate(
+    model: &Model,
+    state: &State,
+    workspace: &mut Workspace,
+    input: &Input,
+    turned: &Vector3<f64>,
+    rate: &mut Rate,
+) {
+    workspace.set_positions(model, &state.q);
+    workspace.set_motion(state);
+    workspace.accelerations(model, state, input, &mut rate.qd);
+    let (external_B, external_power) = workspace.external_wrench(input);
+    rate.turned = attitude_rate_from_angular_velocity(turned, &workspace.V_WB_B().angular);
+    rate.com = state.momentum_W.linear / workspace.mass;
+    rate.linear_momentum = state.R_WB * external_B.force;
+    rate.angular_momentum = state.R_WB * external_B.torque;
+    rate.q.copy_from(&state.qd);
+    rate.work = external_power;
+    for (j, joint) in model.joints().iter().enumerate() {
+        rate.work += (input.efforts[j] - joint.damping * state.qd[j]) * state.qd[j];
+    }
+}

@@ -1,0 +1,111 @@
+//! What is needed to know where the robot goes next.
+
+use nalgebra::{DVector, Translation3, UnitQuaternion, Vector3};
+
+use super::Workspace;
+use crate::model::Model;
+use crate::spatial::{Pose, Twist};
+
+/// Momentum of the whole system.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Momentum {
+    /// Linear momentum `P` \[N s\], Masutani 1995 eq. (4.7).
+    pub linear: Vector3<f64>,
+    /// Angular momentum about the system's centre of mass \[N m s\]: `L - R_C × P` with `L` of
+    /// Masutani 1995 eq. (4.8), which the thesis takes about the world's origin.
+    pub angular: Vector3<f64>,
+}
+
+impl Momentum {
+    /// The same momentum in other axes: components in B for components in W, given `R_WB`.
+    pub fn expressed_in(&self, R_WB: &UnitQuaternion<f64>) -> Self {
+        Self {
+            linear: R_WB.inverse_transform_vector(&self.linear),
+            angular: R_WB.inverse_transform_vector(&self.angular),
+        }
+    }
+}
+
+/// State of a free-floating robot. Small, owned by the caller, meaningful without a [`Workspace`].
+#[derive(Debug, Clone, PartialEq)]
+pub struct State {
+    /// Time \[s\].
+    pub time: f64,
+    /// Attitude of the base (`base_link`) in the world.
+    pub R_WB: UnitQuaternion<f64>,
+    /// The system's centre of mass C in the world \[m\].
+    pub p_WC: Vector3<f64>,
+    /// Momentum about the system's centre of mass, world axes.
+    pub momentum_W: Momentum,
+    /// Joint positions \[rad or m\], in the model's order.
+    pub q: DVector<f64>,
+    /// Joint rates \[rad/s or m/s\].
+    pub qd: DVector<f64>,
+    /// Work done on the system since the start by joint efforts, damping and external wrenches \[J\]:
+    /// kinetic energy minus this is constant.
+    pub work: f64,
+}
+
+impl State {
+    /// At rest with all joints at zero, the base frame at the world's origin with its axes.
+    pub fn at_rest(model: &Model) -> Self {
+        Self::at_rest_with(model, &DVector::zeros(model.dof()))
+    }
+
+    /// At rest at joint positions `q`, the base frame at the world's origin with its axes.
+    pub fn at_rest_with(model: &Model, q: &DVector<f64>) -> Self {
+        let mut state = Self {
+            time: 0.0,
+            R_WB: UnitQuaternion::identity(),
+            p_WC: Vector3::zeros(),
+            momentum_W: Momentum::default(),
+            q: q.clone(),
+            qd: DVector::zeros(model.dof()),
+            work: 0.0,
+        };
+        let mut workspace = Workspace::new(model);
+        workspace.set_positions(model, &state.q);
+        state.p_WC = *workspace.p_BC();
+        state
+    }
+
+    /// Moves the robot so that its base has the pose `X_WB` and the twist `V_WB_B` (of the base
+    /// frame's origin, components in B), joints and their rates as they are; momentum follows.
+    pub fn set_base(
+        &mut self,
+        model: &Model,
+        workspace: &mut Workspace,
+        X_WB: &nalgebra::Isometry3<f64>,
+        V_WB_B: &Twist,
+    ) {
+        workspace.set_positions(model, &self.q);
+        self.R_WB = X_WB.rotation;
+        self.p_WC = X_WB * nalgebra::Point3::from(*workspace.p_BC()) - nalgebra::Point3::origin();
+        let momentum_B = workspace.momentum_of(V_WB_B, &self.qd);
+        self.momentum_W = Momentum {
+            linear: self.R_WB * momentum_B.linear,
+            angular: self.R_WB * momentum_B.angular,
+        };
+    }
+
+    /// Pose of the base frame in the world; `workspace` holds this state's positions.
+    pub fn X_WB(&self, workspace: &Workspace) -> Pose {
+        let R_WB = self.R_WB.to_rotation_matrix();
+        Pose::from_parts(
+            Translation3::from(self.p_WC - R_WB * workspace.p_BC()),
+            R_WB,
+        )
+    }
+
+    /// Whether every number in the state is finite.
+    pub fn is_finite(&self) -> bool {
+        let m = &self.momentum_W;
+        self.time.is_finite()
+            && self.work.is_finite()
+            && self.R_WB.coords.iter().all(|x| x.is_finite())
+            && [&self.p_WC, &m.linear, &m.angular]
+                .iter()
+                .all(|v| v.iter().all(|x| x.is_finite()))
+            && self.q.iter().chain(self.qd.iter()).all(|x| x.is_finite())
+    }
+}

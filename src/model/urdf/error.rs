@@ -1,0 +1,197 @@
+//! What can be wrong with a robot description.
+
+use crate::spatial::InertiaError;
+use std::fmt;
+
+/// Why a robot description was refused. Displays as one line:
+/// `robot.urdf:12: link 'arm': <mass> value="-3" ...`.
+#[derive(Debug, Clone, PartialEq)]
+pub struct UrdfError {
+    /// Name of the description, as given to [`Model::from_urdf`](super::super::Model::from_urdf).
+    pub source_name: String,
+    /// Line of the element at fault, counted from 1.
+    pub line: Option<u32>,
+    /// The link or joint at fault, such as `joint 'elbow'`.
+    pub element: Option<String>,
+    /// What is wrong with it.
+    pub problem: UrdfProblem,
+}
+
+impl fmt::Display for UrdfError {
+    fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
+        f.write_str(&self.source_name)?;
+        if let Some(line) = self.line {
+            write!(f, ":{line}")?;
+        }
+        if let Some(element) = &self.element {
+            write!(f, ": {element}")?;
+        }
+        write!(f, ": {}", self.problem)
+    }
+}
+
+impl std::error::Error for UrdfError {}
+
+/// What is wrong with an element of a robot description, and what would be right.
+#[derive(Debug, Clone, PartialEq, thiserror::Error)]
+#[non_exhaustive]
+pub enum UrdfProblem {
+    /// Not XML, or not well formed.
+    #[error("not well-formed XML: {0}")]
+    Xml(String),
+    /// XML of another kind.
+    #[error("the root element is <{0}>; a URDF starts with <robot name=\"...\">")]
+    NotARobot(String),
+    /// Macros that nobody expanded.
+    #[error("<{0}> is a xacro macro; expand the file first: xacro robot.urdf.xacro > robot.urdf")]
+    Xacro(String),
+    /// Elements within elements without end.
+    #[error("<{element}> is nested deeper than {limit} elements")]
+    TooDeep {
+        /// The element.
+        element: String,
+        /// The deepest nesting accepted.
+        limit: usize,
+    },
+    /// A robot without a single link.
+    #[error("the robot has no <link>; it needs at least its base")]
+    NoLinks,
+    /// An element that must be there is not.
+    #[error("<{element}> has no {missing}")]
+    Missing {
+        /// The element that should hold it.
+        element: String,
+        /// What is missing, as it would be written.
+        missing: &'static str,
+    },
+    /// An element that may stand once stands twice.
+    #[error("has more than one <{0}>; keep one")]
+    Repeated(&'static str),
+    /// Something that would be skipped in silence.
+    #[error("<{element}> cannot hold {found}; it may hold {allowed}")]
+    Unknown {
+        /// The element that holds it.
+        element: String,
+        /// What stands there.
+        found: String,
+        /// What may stand there.
+        allowed: String,
+    },
+    /// An attribute that must be a number, or several.
+    #[error("<{element}> {attribute}=\"{value}\" must be {wanted}")]
+    Number {
+        /// The element.
+        element: String,
+        /// The attribute.
+        attribute: String,
+        /// Its value.
+        value: String,
+        /// What would be right.
+        wanted: &'static str,
+    },
+    /// Two orientations for one frame, or one that this URDF version does not know.
+    #[error("<origin> quat_xyzw=\"{value}\" {reason}")]
+    Quaternion {
+        /// The attribute.
+        value: String,
+        /// What is wrong with it.
+        reason: &'static str,
+    },
+    /// Two links or two joints with one name.
+    #[error(
+        "the name is already taken on line {0}; names of links and names of joints must differ"
+    )]
+    DuplicateName(u32),
+    /// A type that URDF does not have.
+    #[error("type=\"{0}\" is unknown; it must be revolute, continuous, prismatic or fixed")]
+    JointType(String),
+    /// A type of URDF with more than one degree of freedom.
+    #[error(
+        "type=\"{0}\" is not supported (the base floats by itself); use revolute, continuous, prismatic or fixed joints"
+    )]
+    UnsupportedJoint(String),
+    /// A joint that copies another.
+    #[error("<mimic joint=\"{0}\"> is not supported; make the joint a moving one or fix it")]
+    Mimic(String),
+    /// A joint between links that do not exist.
+    #[error("its {role} link '{name}' is not defined; the links are {known}")]
+    UnknownLink {
+        /// `parent` or `child`.
+        role: &'static str,
+        /// The name given.
+        name: String,
+        /// The names that exist.
+        known: String,
+    },
+    /// A joint from a link to itself.
+    #[error("joins link '{0}' to itself")]
+    SelfJoint(String),
+    /// A link with two parents.
+    #[error(
+        "link '{link}' is already the child of joint '{other}'; a link has one parent (closed loops cannot be described)"
+    )]
+    TwoParents {
+        /// The link.
+        link: String,
+        /// The joint that claims it first.
+        other: String,
+    },
+    /// Links that are their own ancestors.
+    #[error("the joints form a cycle: {0}; a robot is a tree with one root")]
+    Cycle(String),
+    /// More than one link without a parent.
+    #[error(
+        "{count} links have no parent ({names}); a robot is a tree with one root: join the others to it"
+    )]
+    SeveralRoots {
+        /// How many.
+        count: usize,
+        /// Which.
+        names: String,
+    },
+    /// Mass properties that no body can have.
+    #[error("{0}")]
+    Inertia(InertiaError),
+    /// A moving body, or the base, without any mass.
+    #[error("{0} has no mass; give the link an <inertial> with a positive mass")]
+    Massless(String),
+    /// An axis that is no direction.
+    #[error("<axis> xyz=\"{0} {1} {2}\" has no direction; give a unit vector")]
+    ZeroAxis(f64, f64, f64),
+    /// An axis that is not of unit length.
+    #[error("<axis> xyz=\"{axis}\" has length {length}; it must be a unit vector: xyz=\"{unit}\"")]
+    NonUnitAxis {
+        /// The axis given.
+        axis: String,
+        /// Its length.
+        length: f64,
+        /// The unit vector along it.
+        unit: String,
+    },
+    /// A joint whose range must be stated.
+    #[error(
+        "a {0} joint needs <limit lower=\"..\" upper=\"..\" effort=\"..\" velocity=\"..\"/>; without a range it is continuous"
+    )]
+    NoLimit(&'static str),
+    /// A range without inside.
+    #[error("<limit> lower=\"{lower}\" is above upper=\"{upper}\"; swap them")]
+    Limits {
+        /// Lower limit.
+        lower: f64,
+        /// Upper limit.
+        upper: f64,
+    },
+    /// A quantity that cannot be negative.
+    #[error("<{element}> {attribute}=\"{value}\" is negative; it must be zero or positive")]
+    Negative {
+        /// The element.
+        element: &'static str,
+        /// The attribute.
+        attribute: &'static str,
+        /// Its value.
+        value: f64,
+    },
+    /// Anything else that the parser refuses.
+    #[error("not a valid URDF: {0}")]
+    Invalid(String),
+}
