@@ -220,7 +220,7 @@ fn duplicate_and_missing_names() {
         "<link name=\"lower\">",
         "<link name=\"upper\">",
         HERE,
-        &["link 'upper'", "already taken on line 19"],
+        &["link 'upper'", "already taken on line 18"],
     );
     refused(
         "<joint name=\"boom\"",
