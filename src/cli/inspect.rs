@@ -146,7 +146,7 @@ impl Report {
             // The base frame is put at the world's origin with its axes: components in W and B agree.
             state.set_base(model, &mut workspace, &Isometry3::identity(), &V_WB_B);
         }
-        workspace.set_motion(model, &state);
+        workspace.set_motion(&state);
 
         let [mut generalized, mut fixed, mut base_map] = [(); 3].map(|()| Matrix6xX::zeros(n));
         workspace.generalized_jacobian(model, tip, &mut generalized);
@@ -171,7 +171,7 @@ impl Report {
             generalized_jacobian: to_dynamic(&generalized),
             fixed_base_jacobian: to_dynamic(&fixed),
             base_map: to_dynamic(&base_map),
-            reduced_inertia: workspace.reduced_inertia(model).clone(),
+            reduced_inertia: workspace.reduced_inertia().clone(),
             momentum: moving.then_some(MomentumReport {
                 linear: momentum.linear,
                 angular: momentum.angular,

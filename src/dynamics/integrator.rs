@@ -169,7 +169,7 @@ fn evaluate(
     rate: &mut Rate,
 ) {
     workspace.set_positions(model, &state.q);
-    workspace.set_motion(model, state);
+    workspace.set_motion(state);
     workspace.accelerations(model, state, input, &mut rate.qd);
     let (external_B, external_power) = workspace.external_wrench(input);
     rate.turned = attitude_rate_from_angular_velocity(turned, &workspace.V_WB_B().angular);

@@ -30,10 +30,9 @@ impl Workspace {
         self.fixed_base_jacobian(model, frame, out);
         let r_CE = self.X_BF(frame).translation.vector - self.p_BC;
         for j in 0..model.dof() {
-            let w_B = -(self.H_B_inverse * self.H_M.column(j));
-            let v = w_B.cross(&r_CE) - self.J_C.column(j);
+            let w_B = &self.H_A[j];
             let mut linear = out.fixed_view_mut::<3, 1>(0, j);
-            linear += v;
+            linear += w_B.cross(&r_CE) - self.J_C[j];
             let mut angular = out.fixed_view_mut::<3, 1>(3, j);
             angular += w_B;
         }

@@ -35,6 +35,7 @@
 //! assert!(state.q[0] > 0.0 && state.R_WB.axis().unwrap().z < 0.0);
 //! ```
 
+mod floating;
 mod forward;
 mod integrator;
 mod jacobian;
@@ -44,6 +45,7 @@ mod state;
 mod tableau;
 mod workspace;
 
+pub use floating::Floating;
 pub use forward::Input;
 pub use integrator::{Forcing, Integrator, Method};
 pub use state::{Momentum, State};

@@ -16,7 +16,7 @@ impl Workspace {
         }
         for j in (0..model.dof()).rev() {
             let child = self.composite[j + 1].shifted_to_parent(&self.X_PB[j + 1]);
-            self.composite[model.joint_parent(j)] += child;
+            self.composite[self.parents[j]] += child;
         }
         let system: &SpatialInertia = &self.composite[0];
         self.p_BC = system.first_moment / self.mass;
@@ -29,9 +29,9 @@ impl Workspace {
         for j in 0..model.dof() {
             let momentum = self.composite[j + 1].momentum(&self.axes[j]);
             let about_base = momentum.shifted_to_parent(&self.X_0B[j + 1]);
-            self.J_C.set_column(j, &(about_base.force / self.mass));
-            self.H_M
-                .set_column(j, &(about_base.torque - self.p_BC.cross(&about_base.force)));
+            self.J_C[j] = about_base.force / self.mass;
+            self.H_M[j] = about_base.torque - self.p_BC.cross(&about_base.force);
+            self.H_A[j] = -(self.H_B_inverse * self.H_M[j]);
         }
     }
 
@@ -40,9 +40,9 @@ impl Workspace {
     pub fn base_twist(&self, momentum_B: &Momentum, qd: &DVector<f64>) -> Twist {
         let mut angular_momentum = momentum_B.angular;
         let mut v_com = momentum_B.linear / self.mass;
-        for (j, rate) in qd.iter().enumerate() {
-            angular_momentum -= self.H_M.column(j) * *rate;
-            v_com -= self.J_C.column(j) * *rate;
+        for ((H_M, J_C), rate) in self.H_M.iter().zip(&self.J_C).zip(qd) {
+            angular_momentum -= H_M * *rate;
+            v_com -= J_C * *rate;
         }
         let angular = self.H_B_inverse * angular_momentum;
         Twist::new(angular, v_com - angular.cross(&self.p_BC))
@@ -54,9 +54,9 @@ impl Workspace {
         let about_origin = self.composite[0].momentum(V_WB_B);
         let mut linear = about_origin.force;
         let mut angular = about_origin.torque - self.p_BC.cross(&about_origin.force);
-        for (j, rate) in qd.iter().enumerate() {
-            linear += self.J_C.column(j) * (*rate * self.mass);
-            angular += self.H_M.column(j) * *rate;
+        for ((H_M, J_C), rate) in self.H_M.iter().zip(&self.J_C).zip(qd) {
+            linear += J_C * (*rate * self.mass);
+            angular += H_M * *rate;
         }
         Momentum { linear, angular }
     }
@@ -67,10 +67,9 @@ impl Workspace {
     pub fn base_map(&self, model: &Model, out: &mut Matrix6xX<f64>) {
         let r = self.p_BC - model.bodies()[0].inertia.com;
         for j in 0..model.dof() {
-            let angular = -(self.H_B_inverse * self.H_M.column(j));
-            let linear = -self.J_C.column(j) - angular.cross(&r);
+            let linear = -self.J_C[j] - self.H_A[j].cross(&r);
             out.fixed_view_mut::<3, 1>(0, j).copy_from(&linear);
-            out.fixed_view_mut::<3, 1>(3, j).copy_from(&angular);
+            out.fixed_view_mut::<3, 1>(3, j).copy_from(&self.H_A[j]);
         }
     }
 

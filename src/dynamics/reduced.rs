@@ -8,35 +8,32 @@ use crate::model::Model;
 impl Workspace {
     /// Reduced inertia `Ĥ` (n × n): inertia that the joints feel when the base is free.
     /// Masutani 1995 eq. (4.48); `H_q` of eq. (4.46) by composite bodies.
-    pub fn reduced_inertia(&mut self, model: &Model) -> &DMatrix<f64> {
-        self.set_reduced_inertia(model);
+    pub fn reduced_inertia(&mut self) -> &DMatrix<f64> {
+        self.set_reduced_inertia();
+        self.reduced.fill_upper_triangle_with_lower_triangle();
         &self.reduced
     }
 
-    pub(super) fn set_reduced_inertia(&mut self, model: &Model) {
-        let n = model.dof();
-        self.reduced.fill(0.0);
+    /// Fills the lower triangle of `Ĥ`.
+    pub(super) fn set_reduced_inertia(&mut self) {
+        let n = self.parents.len();
         for j in 0..n {
+            // The momentum that joint j alone gives to the free-floating system, in terms of which the
+            // base's share of every pair (i, j) is one dot product: m J_Cᵀ J_C + H_Mᵀ H_B⁻¹ H_M.
+            let (linear, angular) = (self.J_C[j] * self.mass, self.H_A[j]);
+            for i in 0..=j {
+                self.reduced[(j, i)] = self.H_M[i].dot(&angular) - self.J_C[i].dot(&linear);
+            }
             let mut body = j + 1;
             let mut force = self.composite[body].momentum(&self.axes[j]);
-            self.reduced[(j, j)] = self.axes[j].dot(&force);
-            while let Some(parent) = model.bodies()[body].parent.filter(|&p| p != 0) {
-                force = force.shifted_to_parent(&self.X_PB[body]);
-                let h = self.axes[parent - 1].dot(&force);
-                self.reduced[(j, parent - 1)] = h;
-                self.reduced[(parent - 1, j)] = h;
-                body = parent;
-            }
-        }
-        for j in 0..n {
-            let linear = self.J_C.column(j) * self.mass;
-            let angular = self.H_B_inverse * self.H_M.column(j);
-            for i in j..n {
-                let base = self.J_C.column(i).dot(&linear) + self.H_M.column(i).dot(&angular);
-                self.reduced[(i, j)] -= base;
-                if i != j {
-                    self.reduced[(j, i)] -= base;
+            loop {
+                self.reduced[(j, body - 1)] += self.axes[body - 1].dot(&force);
+                let parent = self.parents[body - 1];
+                if parent == 0 {
+                    break;
                 }
+                force = force.shifted_to_parent(&self.X_PB[body]);
+                body = parent;
             }
         }
     }

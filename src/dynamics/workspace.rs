@@ -1,9 +1,9 @@
 //! Scratch memory for one model, and the kinematics that everything else reads.
 
-use nalgebra::{DMatrix, DVector, Matrix3, Matrix3xX, Rotation3, Translation3, Vector3};
+use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Translation3, Vector3};
 
 use super::{Momentum, State};
-use crate::model::{Frame, JointKind, Model};
+use crate::model::{Frame, Joint, Model};
 use crate::spatial::{Pose, SpatialInertia, Twist, Wrench};
 
 /// Preallocated scratch for one [`Model`]. Fill it with [`Workspace::set_positions`] (and
@@ -16,17 +16,23 @@ pub struct Workspace {
     pub(super) X_0B: Vec<Pose>,
     /// Each joint's motion per unit rate, in the moved body's frame.
     pub(super) axes: Vec<Twist>,
+    /// How each joint's position turns into a pose.
+    maps: Vec<JointMap>,
+    /// The body that each joint hangs from.
+    pub(super) parents: Vec<usize>,
     /// Inertia of each body with its whole subtree, in the body's frame.
     pub(super) composite: Vec<SpatialInertia>,
     /// System centre of mass in the base frame, `r_C` of eq. (4.11) from the base frame's origin \[m\].
     pub(super) p_BC: Vector3<f64>,
     pub(super) mass: f64,
-    /// `J_C` of eq. (4.12).
-    pub(super) J_C: Matrix3xX<f64>,
-    /// `H_M` of eq. (4.26).
-    pub(super) H_M: Matrix3xX<f64>,
+    /// Columns of `J_C`, eq. (4.12).
+    pub(super) J_C: Vec<Vector3<f64>>,
+    /// Columns of `H_M`, eq. (4.26).
+    pub(super) H_M: Vec<Vector3<f64>>,
     /// `H_B⁻¹`, inverse of eq. (4.25).
     pub(super) H_B_inverse: Matrix3<f64>,
+    /// Columns of `H_A = -H_B⁻¹ H_M`, eq. (4.24): base angular velocity per unit joint rate.
+    pub(super) H_A: Vec<Vector3<f64>>,
     /// Twist of each body in its own frame.
     pub(super) twist: Vec<Twist>,
     pub(super) acceleration: Vec<Twist>,
@@ -46,9 +52,12 @@ impl Workspace {
             composite: vec![SpatialInertia::zero(); bodies],
             p_BC: Vector3::zeros(),
             mass: model.total_mass(),
-            J_C: Matrix3xX::zeros(n),
-            H_M: Matrix3xX::zeros(n),
+            maps: model.joints().iter().map(JointMap::new).collect(),
+            parents: (0..n).map(|j| model.joint_parent(j)).collect(),
+            J_C: vec![Vector3::zeros(); n],
+            H_M: vec![Vector3::zeros(); n],
             H_B_inverse: Matrix3::zeros(),
+            H_A: vec![Vector3::zeros(); n],
             twist: vec![Twist::ZERO; bodies],
             acceleration: vec![Twist::ZERO; bodies],
             force: vec![Wrench::ZERO; bodies],
@@ -62,33 +71,25 @@ impl Workspace {
     /// Computes everything that depends on joint positions `q` alone: body poses, composite inertias,
     /// centre of mass, momentum map.
     pub fn set_positions(&mut self, model: &Model, q: &DVector<f64>) {
-        for (j, joint) in model.joints().iter().enumerate() {
-            let parent = model.joint_parent(j);
-            let X_PB = match joint.kind {
-                JointKind::Prismatic => {
-                    joint.X_PJ * Translation3::from(joint.axis.into_inner() * q[j])
-                }
-                JointKind::Revolute | JointKind::Continuous => {
-                    joint.X_PJ * Rotation3::from_axis_angle(&joint.axis, q[j])
-                }
-            };
+        for (j, (map, &position)) in self.maps.iter().zip(q.iter()).enumerate() {
+            let X_PB = map.pose(position);
             self.X_PB[j + 1] = X_PB;
-            self.X_0B[j + 1] = self.X_0B[parent] * X_PB;
+            self.X_0B[j + 1] = self.X_0B[self.parents[j]] * X_PB;
         }
         self.set_composite_inertias(model);
     }
 
     /// Adds what depends on motion: the twist of every body, for joint rates and momentum of `state`.
     /// Positions must be set for the same state.
-    pub fn set_motion(&mut self, model: &Model, state: &State) {
+    pub fn set_motion(&mut self, state: &State) {
         let momentum_B = state.momentum_W.expressed_in(&state.R_WB);
-        self.set_twists(model, &momentum_B, &state.qd);
+        self.set_twists(&momentum_B, &state.qd);
     }
 
-    pub(super) fn set_twists(&mut self, model: &Model, momentum_B: &Momentum, qd: &DVector<f64>) {
+    fn set_twists(&mut self, momentum_B: &Momentum, qd: &DVector<f64>) {
         self.twist[0] = self.base_twist(momentum_B, qd);
-        for j in 0..model.dof() {
-            let parent = self.twist[model.joint_parent(j)];
+        for j in 0..qd.len() {
+            let parent = self.twist[self.parents[j]];
             self.twist[j + 1] = parent.shifted_to_child(&self.X_PB[j + 1]) + self.axes[j] * qd[j];
         }
     }
@@ -119,7 +120,66 @@ impl Workspace {
     }
 }
 
-fn joint_axis(joint: &crate::model::Joint) -> Twist {
+/// Pose of a moved body in its parent as a function of joint position, with everything that does not
+/// depend on the position multiplied out: `R_PB = along + cos q · across + sin q · turning`.
+#[derive(Debug, Clone)]
+struct JointMap {
+    along: Matrix3<f64>,
+    across: Matrix3<f64>,
+    turning: Matrix3<f64>,
+    origin: Vector3<f64>,
+    slide: Option<Vector3<f64>>,
+}
+
+impl JointMap {
+    fn new(joint: &Joint) -> Self {
+        let R_PJ = joint.X_PJ.rotation.matrix();
+        let axis = joint.axis.into_inner();
+        let origin = joint.X_PJ.translation.vector;
+        if joint.kind.is_rotational() {
+            let along = R_PJ * axis * axis.transpose();
+            let across = R_PJ - along;
+            let turning = R_PJ * axis.cross_matrix();
+            Self {
+                along,
+                across,
+                turning,
+                origin,
+                slide: None,
+            }
+        } else {
+            let zero = Matrix3::zeros();
+            let slide = Some(R_PJ * axis);
+            Self {
+                along: *R_PJ,
+                across: zero,
+                turning: zero,
+                origin,
+                slide,
+            }
+        }
+    }
+
+    #[inline]
+    fn pose(&self, position: f64) -> Pose {
+        let (R_PB, origin) = match &self.slide {
+            None => {
+                let (sin, cos) = position.sin_cos();
+                (
+                    self.along + self.across * cos + self.turning * sin,
+                    self.origin,
+                )
+            }
+            Some(slide) => (self.along, self.origin + slide * position),
+        };
+        Pose::from_parts(
+            Translation3::from(origin),
+            Rotation3::from_matrix_unchecked(R_PB),
+        )
+    }
+}
+
+fn joint_axis(joint: &Joint) -> Twist {
     let axis = joint.axis.into_inner();
     if joint.kind.is_rotational() {
         Twist::new(axis, Vector3::zeros())

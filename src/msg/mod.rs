@@ -1,1 +1,71 @@
-//! ROS 2 messages: Rust structs, CDR and `.msg` text from one declaration.
+//! ROS 2 messages: one declaration of a type gives its Rust struct, its `.msg` text, the schema a bag
+//! needs, its RIHS01 hash and its CDR bytes.
+//!
+//! Each ROS package is a module of its own. [`Interface`] is what every message implements;
+//! [`find`] looks a definition up by its ROS type name, for raw bytes of which only the name is known.
+//!
+//! ```
+//! use fuyu::msg::{Interface, sensor_msgs::JointState};
+//!
+//! assert_eq!(JointState::DEFINITION.type_name(), "sensor_msgs/msg/JointState");
+//! assert!(JointState::DEFINITION.type_hash().starts_with("RIHS01_a13ee3a3"));
+//! ```
+
+mod declare;
+mod definition;
+mod field;
+mod type_hash;
+
+pub mod cdr;
+
+pub mod builtin_interfaces;
+pub mod diagnostic_msgs;
+pub mod fuyu_msgs;
+pub mod geometry_msgs;
+pub mod nav_msgs;
+pub mod rcl_interfaces;
+pub mod rosgraph_msgs;
+pub mod sensor_msgs;
+pub mod std_msgs;
+pub mod std_srvs;
+pub mod tf2_msgs;
+
+pub use definition::{Constant, Definition, FieldDefinition, Kind};
+pub use field::{Base, Bounded, Byte, Field, FieldType, Interface, Service, Shape};
+
+/// Every message type that fuyu knows, package by package.
+pub fn definitions() -> impl Iterator<Item = &'static Definition> {
+    [
+        builtin_interfaces::DEFINITIONS,
+        diagnostic_msgs::DEFINITIONS,
+        fuyu_msgs::DEFINITIONS,
+        geometry_msgs::DEFINITIONS,
+        nav_msgs::DEFINITIONS,
+        rcl_interfaces::DEFINITIONS,
+        rosgraph_msgs::DEFINITIONS,
+        sensor_msgs::DEFINITIONS,
+        std_msgs::DEFINITIONS,
+        tf2_msgs::DEFINITIONS,
+    ]
+    .into_iter()
+    .flatten()
+    .copied()
+}
+
+/// Requests and responses of every service that fuyu knows.
+pub fn service_definitions() -> impl Iterator<Item = &'static Definition> {
+    [rcl_interfaces::services::DEFINITIONS, std_srvs::DEFINITIONS]
+        .into_iter()
+        .flatten()
+        .copied()
+}
+
+/// The definition of the message type `type_name` (`"pkg/msg/Name"`), if fuyu knows it.
+pub fn find(type_name: &str) -> Option<&'static Definition> {
+    let mut parts = type_name.split('/');
+    let (package, kind, name) = (parts.next()?, parts.next()?, parts.next()?);
+    if kind != "msg" || parts.next().is_some() {
+        return None;
+    }
+    definitions().find(|d| d.package == package && d.name == name)
+}

@@ -136,15 +136,23 @@ impl SpatialInertia {
         let r = X_AB.rotation.matrix();
         let p = &X_AB.translation.vector;
         let h = r * self.first_moment;
-        // I_A = R I_B Rᵀ + m D(p) + 2 (p·h) 1 - p hᵀ - h pᵀ: the parallel-axis theorem without dividing by m.
-        let hp = p * h.transpose();
-        let mut about_origin = r * self.about_origin * r.transpose() + parallel_axis(p) * self.mass
-            - hp
-            - hp.transpose();
-        let twice = 2.0 * p.dot(&h);
-        for i in 0..3 {
-            about_origin[(i, i)] += twice;
-        }
+        // I_A = R I_B Rᵀ + m D(p) + 2 (p·h) 1 - p hᵀ - h pᵀ: the parallel-axis theorem without dividing
+        // by m; with g = h + m p / 2 the last three are 2 (p·g) 1 - p gᵀ - g pᵀ. Symmetric, so six entries.
+        let left = r * self.about_origin;
+        let g = h + p * (0.5 * self.mass);
+        let twice = 2.0 * p.dot(&g);
+        let entry = |i: usize, k: usize| {
+            left[(i, 0)] * r[(k, 0)] + left[(i, 1)] * r[(k, 1)] + left[(i, 2)] * r[(k, 2)]
+                - p[i] * g[k]
+                - g[i] * p[k]
+        };
+        let (xx, yy, zz) = (
+            entry(0, 0) + twice,
+            entry(1, 1) + twice,
+            entry(2, 2) + twice,
+        );
+        let (xy, xz, yz) = (entry(0, 1), entry(0, 2), entry(1, 2));
+        let about_origin = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
         Self {
             mass: self.mass,
             first_moment: h + p * self.mass,

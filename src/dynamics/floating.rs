@@ -1,0 +1,117 @@
+//! A robot that floats among free bodies, stepped under held joint efforts.
+
+use nalgebra::DVector;
+
+use super::{Input, Integrator, Method, State, Workspace};
+use crate::model::Model;
+
+/// One free-floating tree with its state and scratch: the servicer, or a target (a tree without joints).
+#[derive(Debug, Clone)]
+pub struct Floating {
+    model: Model,
+    state: State,
+    workspace: Workspace,
+    integrator: Integrator,
+    input: Input,
+    qdd: DVector<f64>,
+}
+
+impl Floating {
+    /// A tree in a state, to be stepped with `method`.
+    pub fn new(model: Model, state: State, method: Method) -> Self {
+        let mut floating = Self {
+            workspace: Workspace::new(&model),
+            integrator: Integrator::new(&model, method),
+            input: Input::zero(&model),
+            qdd: DVector::zeros(model.dof()),
+            model,
+            state,
+        };
+        floating.refresh();
+        floating
+    }
+
+    /// The tree.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// Its state.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// Kinematics and motion of the present state.
+    pub fn workspace(&self) -> &Workspace {
+        &self.workspace
+    }
+
+    /// Replaces the state.
+    pub fn set_state(&mut self, state: State) {
+        self.state = state;
+        self.refresh();
+    }
+
+    /// The efforts held \[N m or N\], after the limits.
+    pub fn efforts(&self) -> &DVector<f64> {
+        &self.input.efforts
+    }
+
+    /// Holds joint efforts from now on, each cut to its joint's effort limit. Returns whether any was cut.
+    ///
+    /// # Panics
+    /// If `efforts` does not have one element per joint.
+    pub fn hold_efforts(&mut self, efforts: &[f64]) -> bool {
+        assert_eq!(efforts.len(), self.model.dof(), "one effort per joint");
+        let mut cut = false;
+        for (j, (held, wanted)) in self.input.efforts.iter_mut().zip(efforts).enumerate() {
+            let limit = self.model.joints()[j].limits.effort;
+            *held = wanted.clamp(-limit, limit);
+            cut |= *held != *wanted;
+        }
+        cut
+    }
+
+    /// What acts: external wrenches can be set here.
+    pub fn input_mut(&mut self) -> &mut Input {
+        &mut self.input
+    }
+
+    /// Advances by `steps` steps of `dt` \[s\] under the held input.
+    pub fn step(&mut self, dt: f64, steps: usize) {
+        let Self {
+            model,
+            state,
+            workspace,
+            integrator,
+            input,
+            ..
+        } = self;
+        let mut held = |_: f64, _: &State, into: &mut Input| into.copy_from(input);
+        for _ in 0..steps {
+            integrator.step(model, state, workspace, dt, &mut held);
+        }
+        self.refresh();
+    }
+
+    /// Joint accelerations at this instant under the held input; afterwards the workspace's
+    /// accelerations are those of this instant too.
+    pub fn accelerations(&mut self) -> &DVector<f64> {
+        let Self {
+            model,
+            state,
+            workspace,
+            input,
+            qdd,
+            ..
+        } = self;
+        workspace.accelerations(model, state, input, qdd);
+        workspace.set_accelerations(&state.qd, qdd);
+        qdd
+    }
+
+    fn refresh(&mut self) {
+        self.workspace.set_positions(&self.model, &self.state.q);
+        self.workspace.set_motion(&self.state);
+    }
+}

@@ -1,0 +1,70 @@
+//! fuyu's own ROS package: what the packages of ROS have no message for. The `.msg` files in `msg/`
+//! are the text of these declarations.
+
+use super::geometry_msgs::Vector3;
+use super::std_msgs::Header;
+
+super::declare::messages! {
+    package fuyu_msgs;
+
+    /// Momentum and kinetic energy of a free-floating robot as a whole.
+    ///
+    /// Both momenta stay constant while nothing outside acts on the robot, whatever its joints do.
+    message Momentum {
+        /// Time of the state; the inertial frame whose axes are used.
+        header: Header,
+        /// Linear momentum of the system \[N s\], inertial axes.
+        linear: Vector3,
+        /// Angular momentum about the system's centre of mass \[N m s\], inertial axes.
+        angular: Vector3,
+        /// Kinetic energy, including that of the system's centre of mass \[J\].
+        kinetic_energy: f64,
+    }
+
+    /// What the tip controller saw, decided and sent in one step.
+    message ControllerState {
+        /// Time of the joint state that was answered; the robot's base frame, whose axes are used.
+        header: Header,
+        /// Control law in use.
+        law: String,
+        /// Position of the goal from the tip \[m\], base axes.
+        position_error: Vector3,
+        /// Rotation from the tip to the goal as half the sum of the cross products of their axes,
+        /// tip first \[-\], base axes.
+        orientation_error: Vector3,
+        /// Length of position_error \[m\].
+        position_error_norm: f64,
+        /// Angle of the rotation from the tip to the goal, 0 to pi \[rad\].
+        attitude_error_angle: f64,
+        /// The pull towards the goal's position is at its limit.
+        position_saturated: bool,
+        /// The pull towards the goal's orientation is at its limit.
+        orientation_saturated: bool,
+        /// Gain on the position error \[N/m\].
+        k_p: f64,
+        /// Gain on the orientation error \[N m\].
+        k_o: f64,
+        /// Names of the joints; k_v and effort follow their order.
+        joint_names: Vec<String>,
+        /// Gains on the joint velocities \[N m s/rad or N s/m\].
+        k_v: Vec<f64>,
+        /// Efforts that were commanded \[N m or N\].
+        effort: Vec<f64>,
+        /// Age of the tip pose that was used \[s\].
+        tip_pose_age: f64,
+        /// Age of the goal pose that was used \[s\].
+        goal_pose_age: f64,
+    }
+
+    /// Feature points of one camera image, each with an identity that lasts from image to image.
+    message FeatureTracks {
+        /// Time of exposure; the camera's optical frame.
+        header: Header,
+        /// Identity of each point; it is not used again for another one.
+        ids: Vec<u32>,
+        /// Horizontal position of each point, to the right \[px\]; pixel centres are at integers.
+        u: Vec<f64>,
+        /// Vertical position of each point, downwards \[px\]; pixel centres are at integers.
+        v: Vec<f64>,
+    }
+}

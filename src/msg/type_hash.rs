@@ -1,0 +1,110 @@
+//! RIHS01 type hashes: SHA-256 of the canonical JSON of a type description (REP-2011, REP-2016).
+
+use sha2::{Digest, Sha256};
+use std::fmt::Write as _;
+
+use super::{Base, Definition, FieldDefinition, Shape};
+
+pub(super) fn rihs01(definition: &Definition) -> String {
+    let mut referenced = definition.dependencies();
+    referenced.sort_by_key(|d| d.type_name());
+    let referenced: Vec<String> = referenced.iter().map(|d| description(d)).collect();
+    let json = format!(
+        "{{\"type_description\": {}, \"referenced_type_descriptions\": [{}]}}",
+        description(definition),
+        referenced.join(", ")
+    );
+    let mut hash = String::from("RIHS01_");
+    for byte in Sha256::digest(json) {
+        let _ = write!(hash, "{byte:02x}");
+    }
+    hash
+}
+
+// Written by hand since the hash fixes the order of keys and every space.
+fn description(definition: &Definition) -> String {
+    let fields: Vec<String> = definition.fields.iter().map(field).collect();
+    format!(
+        "{{\"type_name\": \"{}\", \"fields\": [{}]}}",
+        definition.type_name(),
+        fields.join(", ")
+    )
+}
+
+fn field(f: &FieldDefinition) -> String {
+    // Numbers of type_description_interfaces/msg/FieldType.
+    let (id, nested) = match f.ty.base {
+        Base::Message(d) => (1, d.type_name()),
+        base => (primitive_id(base), String::new()),
+    };
+    let (offset, capacity) = match f.ty.shape {
+        Shape::One => (0, 0),
+        Shape::Array(n) => (48, n),
+        Shape::Bounded(n) => (96, n),
+        Shape::Sequence => (144, 0),
+    };
+    format!(
+        "{{\"name\": \"{}\", \"type\": {{\"type_id\": {}, \"capacity\": {capacity}, \"string_capacity\": 0, \"nested_type_name\": \"{nested}\"}}}}",
+        f.name,
+        id + offset
+    )
+}
+
+fn primitive_id(base: Base) -> usize {
+    match base {
+        Base::Message(_) => 1,
+        Base::Int8 => 2,
+        Base::Uint8 => 3,
+        Base::Int16 => 4,
+        Base::Uint16 => 5,
+        Base::Int32 => 6,
+        Base::Uint32 => 7,
+        Base::Int64 => 8,
+        Base::Uint64 => 9,
+        Base::Float32 => 10,
+        Base::Float64 => 11,
+        Base::Bool => 15,
+        Base::Byte => 16,
+        Base::String => 17,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use crate::msg::*;
+
+    // From the packages of ROS 2 Jazzy. The tests of bags compare every type with installed ones.
+    #[test]
+    fn hashes_are_those_of_ros() {
+        let cases = [
+            (
+                // All shapes but one: fixed arrays, sequences, nested messages twice deep.
+                sensor_msgs::CameraInfo::DEFINITION,
+                "RIHS01_b3dfd68ff46c9d56c80fd3bd4ed22c7a4ddce8c8348f2f59c299e73118e7e275",
+            ),
+            (
+                // An array declared as nested ones.
+                nav_msgs::Odometry::DEFINITION,
+                "RIHS01_3cc97dc7fb7502f8714462c526d369e35b603cfc34d946e3f2eda2766dfec6e0",
+            ),
+            (
+                // Bounded sequences, default values, a field named by a Rust keyword.
+                rcl_interfaces::ParameterDescriptor::DEFINITION,
+                "RIHS01_52175dbfda6c51153101d33d2a9da05743f66f02d5ab2ca9ec4709b46b73d704",
+            ),
+            (
+                // No fields at all.
+                std_msgs::Empty::DEFINITION,
+                "RIHS01_20b625256f32d5dbc0d04fee44f43c41e51c70d3502f84b4a08e7a9c26a96312",
+            ),
+            (
+                // Part of a service.
+                std_srvs::SetBoolRequest::DEFINITION,
+                "RIHS01_c62fbb99d94e1b25e8ef9e109f9581956bb1b3361a45a4e5810c36a90d29932e",
+            ),
+        ];
+        for (definition, hash) in cases {
+            assert_eq!(definition.type_hash(), hash, "{}", definition.type_name());
+        }
+    }
+}
