@@ -7,5 +7,7 @@ mod fixtures;
 mod free_body;
 mod generalized_jacobian;
 mod no_allocation;
+#[cfg(feature = "ros")]
+mod pinocchio;
 mod positioning;
 mod random_trees;

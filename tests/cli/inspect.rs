@@ -1,0 +1,1 @@
+//! `fuyu inspect`
