@@ -1,5 +1,6 @@
 //! The `fuyu` command line: one file a command, each with its `Args` and its `run`.
 
+mod bag;
 mod inspect;
 mod table;
 
@@ -22,12 +23,14 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    Bag(bag::Args),
     Inspect(inspect::Args),
 }
 
 impl Command {
     fn run(self) -> Result<(), Failure> {
         match self {
+            Self::Bag(args) => bag::run(args),
             Self::Inspect(args) => inspect::run(args),
         }
     }

@@ -195,7 +195,9 @@ impl Report {
                 change,
                 limits.momentum,
                 "",
-                format!("changes by {absolute:.1e} {unit} at most, relative to {scale:.3} {unit} {what}"),
+                format!(
+                    "changes by {absolute:.1e} {unit} at most, relative to {scale:.3} {unit} {what}"
+                ),
             );
         }
     }
@@ -214,11 +216,14 @@ impl Report {
         let samples: Vec<(Momentum, (f64, f64))> =
             paired(run).map(|(j, b)| motion.momentum(j, b)).collect();
         let Some((first, _)) = samples.first() else {
-            return self.skip(NAME, "no joint_states and ground_truth/odom of the same time");
+            return self.skip(
+                NAME,
+                "no joint_states and ground_truth/odom of the same time",
+            );
         };
-        let carried = samples
-            .iter()
-            .fold((0.0, 0.0), |s: (f64, f64), (_, c)| (s.0.max(c.0), s.1.max(c.1)));
+        let carried = samples.iter().fold((0.0, 0.0), |s: (f64, f64), (_, c)| {
+            (s.0.max(c.0), s.1.max(c.1))
+        });
         let (linear_scale, _) = scale_of(first.linear.norm(), carried.0);
         let (angular_scale, _) = scale_of(first.angular.norm(), carried.1);
         let change = max(samples.iter().map(|(m, _)| {
@@ -271,10 +276,17 @@ impl Report {
             }
         }
         if compared == 0 {
-            return self.skip(NAME, "no joint_states and ground_truth/momentum of the same time");
+            return self.skip(
+                NAME,
+                "no joint_states and ground_truth/momentum of the same time",
+            );
         }
         let scale = largest.max(flow);
-        let relative = if residual == 0.0 { 0.0 } else { residual / scale };
+        let relative = if residual == 0.0 {
+            0.0
+        } else {
+            residual / scale
+        };
         self.compare(
             NAME,
             relative,
@@ -296,8 +308,16 @@ impl Report {
         let truth = true_tip_error(run);
         let sources = [
             ("final tip error, controller", "last controller/state", said),
-            ("final tip error, camera", "last camera/tip_pose and camera/goal_pose", seen),
-            ("final tip error, tf", "last tf of tool0 and goal_pose", truth),
+            (
+                "final tip error, camera",
+                "last camera/tip_pose and camera/goal_pose",
+                seen,
+            ),
+            (
+                "final tip error, tf",
+                "last tf of tool0 and goal_pose",
+                truth,
+            ),
         ];
         if sources.iter().all(|s| s.2.is_none()) {
             return self.skip(
@@ -309,8 +329,20 @@ impl Report {
             let Some((position, attitude)) = error else {
                 continue;
             };
-            self.compare(&format!("{name}: position"), position, limits.position, "m", source);
-            self.compare(&format!("{name}: attitude"), attitude, limits.attitude, "rad", source);
+            self.compare(
+                &format!("{name}: position"),
+                position,
+                limits.position,
+                "m",
+                source,
+            );
+            self.compare(
+                &format!("{name}: attitude"),
+                attitude,
+                limits.attitude,
+                "rad",
+                source,
+            );
         }
     }
 
@@ -339,7 +371,12 @@ impl Report {
                 ),
             ),
         }
-        self.count("stamps running backwards", topics, |t| t.backwards, |t| t.name.clone());
+        self.count(
+            "stamps running backwards",
+            topics,
+            |t| t.backwards,
+            |t| t.name.clone(),
+        );
         self.count(
             "numbers that are not finite",
             topics,
@@ -349,7 +386,12 @@ impl Report {
                 format!("{}, field {field}", t.name)
             },
         );
-        self.count("messages that do not decode", topics, |t| t.malformed, |t| t.name.clone());
+        self.count(
+            "messages that do not decode",
+            topics,
+            |t| t.malformed,
+            |t| t.name.clone(),
+        );
         let unknown: Vec<&str> = topics
             .iter()
             .filter(|t| !t.known_type)

@@ -53,11 +53,7 @@ fn figure(title: &str, panels: Vec<Panel>) -> Option<Figure> {
     })
 }
 
-fn curve<T>(
-    name: impl Into<String>,
-    samples: &[T],
-    point: impl Fn(&T) -> (f64, f64),
-) -> Series {
+fn curve<T>(name: impl Into<String>, samples: &[T], point: impl Fn(&T) -> (f64, f64)) -> Series {
     Series {
         name: name.into(),
         points: samples.iter().map(point).collect(),

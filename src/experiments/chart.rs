@@ -1,7 +1,7 @@
 //! Line charts as SVG and PNG, the same on every machine: the font is compiled in.
 
 use plotters::coord::Shift;
-use plotters::coord::combinators::BindKeyPoints;
+use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 use plotters::prelude::*;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
 use plotters::style::{FontStyle, register_font};
@@ -81,17 +81,25 @@ impl Figure {
         use_own_font();
         let (svg, png) = (stem.with_extension("svg"), stem.with_extension("png"));
         let (width, height) = self.size();
-        let area = SVGBackend::new(&svg, (width, height)).into_drawing_area();
-        self.draw(&area, 1).map_err(|e| ChartError::new(&svg, e))?;
+        self.draw(
+            &SVGBackend::new(&svg, (width, height)).into_drawing_area(),
+            1,
+        )
+        .map_err(|e| ChartError::new(&svg, e))?;
         let size = (width * PNG_SCALE, height * PNG_SCALE);
-        let area = BitMapBackend::new(&png, size).into_drawing_area();
-        self.draw(&area, PNG_SCALE)
-            .map_err(|e| ChartError::new(&png, e))?;
+        self.draw(
+            &BitMapBackend::new(&png, size).into_drawing_area(),
+            PNG_SCALE,
+        )
+        .map_err(|e| ChartError::new(&png, e))?;
         Ok([svg, png])
     }
 
     fn size(&self) -> (u32, u32) {
-        (WIDTH, TITLE_HEIGHT + PANEL_HEIGHT * self.panels.len() as u32)
+        (
+            WIDTH,
+            TITLE_HEIGHT + PANEL_HEIGHT * self.panels.len() as u32,
+        )
     }
 
     fn draw<B: DrawingBackend>(
@@ -121,9 +129,17 @@ impl Figure {
     }
 
     fn x_range(&self) -> Range<f64> {
-        let points = self.panels.iter().flat_map(|p| &p.series).flat_map(|s| &s.points);
+        let points = self
+            .panels
+            .iter()
+            .flat_map(|p| &p.series)
+            .flat_map(|s| &s.points);
         let (low, high) = bounds(points.map(|p| p.0)).unwrap_or((0.0, 1.0));
-        if low < high { low..high } else { low - 0.5..high + 0.5 }
+        if low < high {
+            low..high
+        } else {
+            low - 0.5..high + 0.5
+        }
     }
 }
 
@@ -159,22 +175,17 @@ impl Panel {
         let width = area.dim_in_pixel().0 - LEGEND_WIDTH * scale;
         let (plot, legend) = area.split_horizontally(width);
         let y = self.y_range();
-        let (x_ticks, x_decimals) = ticks(&x, 8);
-        let (y_ticks, y_decimals) = if self.log {
-            (decades(&y), 0)
+        let y_axis = if self.log {
+            Axis::logarithms(y.clone())
         } else {
-            ticks(&y, 6)
+            Axis::linear(y, 6)
         };
         let mut chart = ChartBuilder::on(&plot)
             .margin_top(8 * scale)
             .margin_right(12 * scale)
             .x_label_area_size(if x_label.is_empty() { 30 } else { 52 } * scale)
             .y_label_area_size(92 * scale)
-            .build_cartesian_2d(
-                x.clone().with_key_points(x_ticks),
-                y.clone().with_key_points(y_ticks),
-            )?;
-        let log = self.log;
+            .build_cartesian_2d(Axis::linear(x.clone(), 8), y_axis)?;
         let small = (FONT, 15 * scale).into_font().color(&TEXT);
         chart
             .configure_mesh()
@@ -185,11 +196,6 @@ impl Panel {
             .axis_desc_style((FONT, 16 * scale).into_font().color(&TEXT))
             .x_desc(x_label)
             .y_desc(&self.y_label)
-            .x_label_formatter(&|v| format!("{v:.x_decimals$}"))
-            .y_label_formatter(&|v| match log {
-                true => format!("1e{v:.0}"),
-                false => format!("{v:.y_decimals$}"),
-            })
             .draw()?;
         for (value, _) in &self.marks {
             let h = self.height(*value);
@@ -200,7 +206,9 @@ impl Panel {
         }
         for (i, series) in self.series.iter().enumerate() {
             let points = series.points.iter().map(|&(x, y)| (x, self.height(y)));
-            let finite: Vec<_> = points.filter(|p| p.0.is_finite() && p.1.is_finite()).collect();
+            let finite: Vec<_> = points
+                .filter(|p| p.0.is_finite() && p.1.is_finite())
+                .collect();
             chart.draw_series(LineSeries::new(thinned(finite), line(i, scale)))?;
         }
         self.draw_legend(&legend, scale)
@@ -217,7 +225,11 @@ impl Panel {
             .color(&TEXT)
             .pos(Pos::new(HPos::Left, VPos::Center));
         let unit = scale as i32;
-        let curves = self.series.iter().enumerate().map(|(i, s)| (Some(i), &s.name));
+        let curves = self
+            .series
+            .iter()
+            .enumerate()
+            .map(|(i, s)| (Some(i), &s.name));
         let marks = self.marks.iter().map(|(_, name)| (None, name));
         for (row, (curve, name)) in curves.chain(marks).enumerate() {
             let y = unit * (22 + 24 * row as i32);
@@ -270,30 +282,77 @@ fn bounds(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     })
 }
 
-/// About `wanted` round numbers within a range, and the decimals that tell them apart.
-fn ticks(range: &Range<f64>, wanted: usize) -> (Vec<f64>, usize) {
-    let rough = (range.end - range.start) / wanted as f64;
-    let power = 10f64.powf(rough.log10().floor());
-    let step = power
-        * match rough / power {
-            r if r <= 1.0 => 1.0,
-            r if r <= 2.0 => 2.0,
-            r if r <= 5.0 => 5.0,
-            _ => 10.0,
-        };
-    let first = (range.start / step).ceil() as i64;
-    let last = (range.end / step).floor() as i64;
-    // Adding zero turns -0 into 0.
-    let values = (first..=last).map(|i| i as f64 * step + 0.0).collect();
-    let decimals = (-step.log10().floor()).clamp(0.0, 12.0) as usize;
-    (values, decimals)
+/// A linear axis with round ticks, or one of logarithms with powers of ten.
+struct Axis {
+    range: Range<f64>,
+    ticks: Vec<f64>,
+    /// Decimals that tell the ticks apart; `None` on an axis of logarithms.
+    decimals: Option<usize>,
 }
 
-/// Powers of ten within a range of logarithms, at most about eight.
-fn decades(range: &Range<f64>) -> Vec<f64> {
-    let (first, last) = (range.start.ceil() as i64, range.end.floor() as i64);
-    let step = ((last - first) / 8 + 1) as usize;
-    (first..=last).step_by(step).map(|i| i as f64).collect()
+impl Axis {
+    /// About `wanted` ticks, at round numbers.
+    fn linear(range: Range<f64>, wanted: usize) -> Self {
+        let rough = (range.end - range.start) / wanted as f64;
+        let power = 10f64.powf(rough.log10().floor());
+        let step = power
+            * match rough / power {
+                r if r <= 1.0 => 1.0,
+                r if r <= 2.0 => 2.0,
+                r if r <= 5.0 => 5.0,
+                _ => 10.0,
+            };
+        let first = (range.start / step).ceil() as i64;
+        let last = (range.end / step).floor() as i64;
+        Self {
+            range,
+            // Adding zero turns -0 into 0.
+            ticks: (first..=last).map(|i| i as f64 * step + 0.0).collect(),
+            decimals: Some((-step.log10().floor()).clamp(0.0, 12.0) as usize),
+        }
+    }
+
+    /// At most about eight ticks, at powers of ten.
+    fn logarithms(range: Range<f64>) -> Self {
+        let (first, last) = (range.start.ceil() as i64, range.end.floor() as i64);
+        let step = ((last - first) / 8 + 1) as usize;
+        Self {
+            range,
+            ticks: (first..=last).step_by(step).map(|i| i as f64).collect(),
+            decimals: None,
+        }
+    }
+}
+
+impl Ranged for Axis {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
+        let part = (value - self.range.start) / (self.range.end - self.range.start);
+        limit.0 + (part * f64::from(limit.1 - limit.0)).round() as i32
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, _: Hint) -> Vec<f64> {
+        self.ticks.clone()
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.range.clone()
+    }
+}
+
+impl ValueFormatter<f64> for Axis {
+    fn format(value: &f64) -> String {
+        value.to_string()
+    }
+
+    fn format_ext(&self, value: &f64) -> String {
+        match self.decimals {
+            Some(decimals) => format!("{value:.decimals$}"),
+            None => format!("1e{value:.0}"),
+        }
+    }
 }
 
 /// At most a few thousand points: the extremes of each of many narrow columns, so that no peak is lost.
@@ -324,13 +383,18 @@ mod tests {
 
     #[test]
     fn ticks_are_round_and_within() {
-        let (values, decimals) = ticks(&(-0.31..1.07), 6);
-        assert_eq!(decimals, 1);
-        let text: Vec<_> = values.iter().map(|v| format!("{v:.1}")).collect();
-        assert_eq!(text, ["0.0", "0.5", "1.0"]);
-        assert_eq!(ticks(&(0.0..60.0), 8).0, [0.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0]);
-        assert_eq!(decades(&(-17.0..-13.0)), [-17.0, -16.0, -15.0, -14.0, -13.0]);
-        assert!(decades(&(-30.0..0.0)).len() <= 9);
+        let labels =
+            |axis: Axis| -> Vec<String> { axis.ticks.iter().map(|v| axis.format_ext(v)).collect() };
+        assert_eq!(labels(Axis::linear(-0.31..1.07, 6)), ["0.0", "0.5", "1.0"]);
+        assert_eq!(
+            labels(Axis::linear(0.0..60.0, 8)),
+            ["0", "10", "20", "30", "40", "50", "60"]
+        );
+        assert_eq!(
+            labels(Axis::logarithms(-3.0..0.0)),
+            ["1e-3", "1e-2", "1e-1", "1e0"]
+        );
+        assert!(labels(Axis::logarithms(-30.0..0.0)).len() <= 9);
     }
 
     #[test]
@@ -348,7 +412,10 @@ mod tests {
         let dir = tempfile::tempdir().unwrap();
         let panel = |points: Vec<(f64, f64)>, log| Panel {
             y_label: "value [m]".into(),
-            series: vec![Series { name: "curve".into(), points }],
+            series: vec![Series {
+                name: "curve".into(),
+                points,
+            }],
             log,
             marks: vec![(0.01, "1 cm".into())],
         };
@@ -356,8 +423,16 @@ mod tests {
             title: "All kinds".into(),
             x_label: "time [s]".into(),
             panels: vec![
-                panel((0..100).map(|i| (i as f64, (-0.1 * i as f64).exp())).collect(), true),
-                panel(vec![(0.0, f64::NAN), (1.0, 2.0), (2.0, f64::INFINITY)], false),
+                panel(
+                    (0..100)
+                        .map(|i| (i as f64, (-0.1 * i as f64).exp()))
+                        .collect(),
+                    true,
+                ),
+                panel(
+                    vec![(0.0, f64::NAN), (1.0, 2.0), (2.0, f64::INFINITY)],
+                    false,
+                ),
                 panel(vec![], true),
                 panel(vec![(3.0, 0.0), (4.0, 0.0)], true),
             ],

@@ -138,16 +138,20 @@ const TOPICS: &[(&str, &str, Take)] = &[
             run.add_joints(state);
         }
     }),
-    ("/ground_truth/momentum", "fuyu_msgs/msg/Momentum", |run, m| {
-        if let Ok(momentum) = m.decode::<Momentum>() {
-            run.momentum.push(MomentumSample {
-                time: momentum.header.stamp.nanos(),
-                linear: vector(&momentum.linear),
-                angular: vector(&momentum.angular),
-                kinetic_energy: momentum.kinetic_energy,
-            });
-        }
-    }),
+    (
+        "/ground_truth/momentum",
+        "fuyu_msgs/msg/Momentum",
+        |run, m| {
+            if let Ok(momentum) = m.decode::<Momentum>() {
+                run.momentum.push(MomentumSample {
+                    time: momentum.header.stamp.nanos(),
+                    linear: vector(&momentum.linear),
+                    angular: vector(&momentum.angular),
+                    kinetic_energy: momentum.kinetic_energy,
+                });
+            }
+        },
+    ),
     ("/ground_truth/odom", "nav_msgs/msg/Odometry", |run, m| {
         if let Ok(odom) = m.decode::<Odometry>() {
             let twist = &odom.twist.twist;
@@ -158,28 +162,44 @@ const TOPICS: &[(&str, &str, Take)] = &[
             });
         }
     }),
-    ("/controller/state", "fuyu_msgs/msg/ControllerState", |run, m| {
-        if let Ok(state) = m.decode::<ControllerState>() {
-            run.controller.push(ControllerSample {
-                time: state.header.stamp.nanos(),
-                position_error: state.position_error_norm,
-                attitude_error: state.attitude_error_angle,
-            });
-        }
-    }),
-    ("/camera/tip_pose", "geometry_msgs/msg/PoseStamped", |run, m| {
-        run.seen_tip = m.decode().ok().map(|p: PoseStamped| pose(&p.pose));
-    }),
-    ("/camera/goal_pose", "geometry_msgs/msg/PoseStamped", |run, m| {
-        run.seen_goal = m.decode().ok().map(|p: PoseStamped| pose(&p.pose));
-    }),
+    (
+        "/controller/state",
+        "fuyu_msgs/msg/ControllerState",
+        |run, m| {
+            if let Ok(state) = m.decode::<ControllerState>() {
+                run.controller.push(ControllerSample {
+                    time: state.header.stamp.nanos(),
+                    position_error: state.position_error_norm,
+                    attitude_error: state.attitude_error_angle,
+                });
+            }
+        },
+    ),
+    (
+        "/camera/tip_pose",
+        "geometry_msgs/msg/PoseStamped",
+        |run, m| {
+            run.seen_tip = m.decode().ok().map(|p: PoseStamped| pose(&p.pose));
+        },
+    ),
+    (
+        "/camera/goal_pose",
+        "geometry_msgs/msg/PoseStamped",
+        |run, m| {
+            run.seen_goal = m.decode().ok().map(|p: PoseStamped| pose(&p.pose));
+        },
+    ),
     ("/goal_pose", "geometry_msgs/msg/PoseStamped", |run, m| {
         if let Ok(goal) = m.decode::<PoseStamped>() {
             run.goal = Some((goal.header.frame_id, pose(&goal.pose)));
         }
     }),
     ("/tf", "tf2_msgs/msg/TFMessage", RecordedRun::add_frames),
-    ("/tf_static", "tf2_msgs/msg/TFMessage", RecordedRun::add_frames),
+    (
+        "/tf_static",
+        "tf2_msgs/msg/TFMessage",
+        RecordedRun::add_frames,
+    ),
 ];
 
 impl RecordedRun {

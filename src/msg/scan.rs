@@ -183,7 +183,13 @@ mod tests {
         let mut t = geometry_msgs::TransformStamped::default();
         t.header.stamp = stamp;
         assert!(scanned(&t).stamp.is_some());
-        assert_eq!(scanned(&tf2_msgs::TFMessage { transforms: vec![t] }).stamp, None);
+        assert_eq!(
+            scanned(&tf2_msgs::TFMessage {
+                transforms: vec![t]
+            })
+            .stamp,
+            None
+        );
         assert_eq!(scanned(&std_msgs::Bool::default()), Scan::default());
     }
 
@@ -218,7 +224,11 @@ mod tests {
         fn check<M: Interface>() {
             let bytes = cdr::encode(&M::default());
             assert!(scan(M::DEFINITION, &bytes).is_ok());
-            assert!(scan(M::DEFINITION, &bytes[..bytes.len() - 1]).is_err(), "{}", M::NAME);
+            assert!(
+                scan(M::DEFINITION, &bytes[..bytes.len() - 1]).is_err(),
+                "{}",
+                M::NAME
+            );
         }
         check::<sensor_msgs::CameraInfo>();
         check::<sensor_msgs::Image>();
