@@ -1,6 +1,7 @@
 //! The `fuyu` command line: one file a command, each with its `Args` and its `run`.
 
 mod inspect;
+mod simulate;
 mod table;
 
 use std::fs;
@@ -23,12 +24,14 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Inspect(inspect::Args),
+    Simulate(simulate::Args),
 }
 
 impl Command {
     fn run(self) -> Result<(), Failure> {
         match self {
             Self::Inspect(args) => inspect::run(args),
+            Self::Simulate(args) => simulate::run(&args),
         }
     }
 }
@@ -116,5 +119,13 @@ impl std::str::FromStr for Numbers {
             .map(number)
             .collect::<Result<_, _>>()
             .map(Self)
+    }
+}
+
+/// A time that a run can last.
+fn positive_seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if seconds > 0.0 && seconds.is_finite() => Ok(seconds),
+        _ => Err("give a positive number of seconds".to_owned()),
     }
 }

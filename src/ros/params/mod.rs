@@ -8,7 +8,7 @@ mod store;
 mod value;
 pub(super) mod yaml;
 
-pub use declare::{Declare, DeclareError, Declaration, Param};
+pub use declare::{Declaration, Declare, DeclareError, Param};
 pub use descriptor::{Descriptor, Range};
 pub use store::{ParameterStore, SetError};
 pub use value::{Kind, Parameter, ParameterValue};
@@ -17,7 +17,7 @@ pub(super) use services::serve;
 pub(super) use store::Change;
 
 /// The parameter that every node has: whether `/clock` is its time.
-pub(super) const USE_SIM_TIME: &str = "use_sim_time";
+pub const USE_SIM_TIME: &str = "use_sim_time";
 
 /// A value from outside the program for one parameter of one node.
 #[derive(Debug, Clone, PartialEq)]
