@@ -1,1 +1,46 @@
-//! rosbag2 bags in MCAP: writing, reading, their metadata.
+//! Bags: recordings in the layout of rosbag2, a folder with `metadata.yaml` and MCAP files.
+//!
+//! | | |
+//! | --- | --- |
+//! | [`Writer`] | writes a bag on the caller's thread; the same calls give the same file |
+//! | [`Recorder`] | a [`Writer`] on a thread of its own, behind a bounded queue, for live topics |
+//! | [`Bag`] | reads a bag, its own or one that rosbag2 wrote, also one that was cut off |
+//!
+//! Nothing here knows what the messages mean; see [`crate::experiments`] for that.
+//!
+//! ```
+//! use fuyu::bag::{Bag, Qos, Topic, Writer, WriterOptions};
+//! use fuyu::msg::std_msgs::Float64;
+//!
+//! # let folder = tempfile::tempdir()?;
+//! # let path = folder.path().join("run");
+//! let mut writer = Writer::create(&path, WriterOptions::default())?;
+//! let height = writer.add_topic(Topic::of::<Float64>("/height", Qos::RELIABLE))?;
+//! for i in 0..100 {
+//!     writer.write_message(height, i * 10_000_000, &Float64 { data: 0.1 * i as f64 })?;
+//! }
+//! writer.finish()?;
+//!
+//! let bag = Bag::open(&path)?;
+//! let heights = bag.read::<Float64>("/height")?;
+//! assert_eq!(heights.len(), 100);
+//! assert_eq!(bag.info()?.duration_ns(), 990_000_000);
+//! # Ok::<(), Box<dyn std::error::Error>>(())
+//! ```
+
+mod error;
+mod info;
+mod mcap_file;
+mod metadata;
+mod qos;
+mod reader;
+mod recorder;
+mod writer;
+
+pub use error::BagError;
+pub use info::{Info, TopicSummary};
+pub use mcap_file::Damage;
+pub use qos::{Durability, History, Liveliness, Qos, QosDuration, Reliability};
+pub use reader::{Bag, Message, Messages, RecordedTopic, Stamped};
+pub use recorder::{Recorder, RecorderHandle, RecorderStatus, RecorderTopic};
+pub use writer::{Compression, Recording, Topic, TopicId, Writer, WriterOptions};

@@ -1,0 +1,130 @@
+//! `metadata.yaml`, version 9: that of ROS 2 Jazzy.
+
+use serde::{Deserialize, Serialize};
+use std::path::Path;
+
+use super::{BagError, Qos};
+
+/// Name of the file within a bag's folder.
+pub(super) const FILE: &str = "metadata.yaml";
+
+#[derive(Debug, Serialize)]
+pub(super) struct Metadata {
+    pub version: u32,
+    pub storage_identifier: &'static str,
+    pub duration: Nanoseconds,
+    pub starting_time: SinceEpoch,
+    pub message_count: u64,
+    pub topics_with_message_count: Vec<TopicCount>,
+    pub compression_format: &'static str,
+    pub compression_mode: &'static str,
+    pub relative_file_paths: Vec<String>,
+    pub files: Vec<FileInformation>,
+    pub custom_data: Option<()>,
+    pub ros_distro: &'static str,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct Nanoseconds {
+    pub nanoseconds: u64,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct SinceEpoch {
+    pub nanoseconds_since_epoch: u64,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct TopicCount {
+    pub topic_metadata: TopicMetadata,
+    pub message_count: u64,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct TopicMetadata {
+    pub name: String,
+    #[serde(rename = "type")]
+    pub type_name: String,
+    pub serialization_format: &'static str,
+    pub offered_qos_profiles: Vec<Qos>,
+    pub type_description_hash: String,
+}
+
+#[derive(Debug, Serialize)]
+pub(super) struct FileInformation {
+    pub path: String,
+    pub starting_time: SinceEpoch,
+    pub duration: Nanoseconds,
+    pub message_count: u64,
+}
+
+/// First and last time of a recording, as rosbag2 states them.
+pub(super) fn span(bounds: Option<(u64, u64)>) -> (SinceEpoch, Nanoseconds) {
+    // An empty bag starts at the end of time.
+    let (start, end) = bounds.unwrap_or((i64::MAX as u64, i64::MAX as u64));
+    (
+        SinceEpoch {
+            nanoseconds_since_epoch: start,
+        },
+        Nanoseconds {
+            nanoseconds: end - start,
+        },
+    )
+}
+
+impl Metadata {
+    /// The metadata themselves, as the MCAP file carries them.
+    pub fn to_yaml(&self) -> String {
+        serde_saphyr::to_string(self).expect("metadata have a YAML form")
+    }
+
+    /// The text of `metadata.yaml`.
+    pub fn file_text(&self) -> String {
+        #[derive(Serialize)]
+        struct Document<'a> {
+            rosbag2_bagfile_information: &'a Metadata,
+        }
+        serde_saphyr::to_string(&Document {
+            rosbag2_bagfile_information: self,
+        })
+        .expect("metadata have a YAML form")
+    }
+}
+
+/// What reading a bag needs of its metadata; the rest stands in the MCAP files.
+#[derive(Debug, Deserialize)]
+pub(super) struct Found {
+    pub storage_identifier: String,
+    pub relative_file_paths: Vec<String>,
+    #[serde(default)]
+    pub compression_format: String,
+    #[serde(default)]
+    pub compression_mode: String,
+    #[serde(default)]
+    pub ros_distro: String,
+}
+
+impl Found {
+    /// Reads `metadata.yaml` in a bag's folder; `None` if there is none.
+    pub fn read(folder: &Path) -> Result<Option<Self>, BagError> {
+        #[derive(Deserialize)]
+        struct Document {
+            rosbag2_bagfile_information: Found,
+        }
+        let path = folder.join(FILE);
+        let text = match std::fs::read_to_string(&path) {
+            Ok(text) => text,
+            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
+            Err(e) => return Err(BagError::io(&path)(e)),
+        };
+        match serde_saphyr::from_str::<Document>(&text) {
+            Ok(d) => Ok(Some(d.rosbag2_bagfile_information)),
+            Err(e) => Err(BagError::NotABag {
+                path,
+                what: format!(
+                    "not the metadata of a bag: {e}; without this file fuyu reads every .mcap file beside it"
+                ),
+            }),
+        }
+    }
+}

@@ -1,0 +1,218 @@
+//! Quality of service as bags state it: the `offered_qos_profiles` of a topic.
+
+use serde::{Deserialize, Deserializer, Serialize};
+
+/// Quality of service that publishers of a recorded topic offered, in rosbag2's terms and order.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct Qos {
+    /// Which messages a publisher keeps.
+    pub history: History,
+    /// How many, with [`History::KeepLast`].
+    pub depth: u64,
+    /// Whether lost messages are sent again.
+    pub reliability: Reliability,
+    /// Whether late subscribers get earlier messages.
+    pub durability: Durability,
+    /// Longest time between messages.
+    pub deadline: QosDuration,
+    /// How long a message is worth delivering.
+    pub lifespan: QosDuration,
+    /// How a publisher shows that it lives.
+    pub liveliness: Liveliness,
+    /// After how long without a sign it counts as dead.
+    pub liveliness_lease_duration: QosDuration,
+    /// Topic names without ROS prefixes.
+    #[serde(default)]
+    pub avoid_ros_namespace_conventions: bool,
+}
+
+impl Qos {
+    /// Reliable, volatile, the last ten: the default of ROS.
+    pub const RELIABLE: Self = Self {
+        history: History::KeepLast,
+        depth: 10,
+        reliability: Reliability::Reliable,
+        durability: Durability::Volatile,
+        deadline: QosDuration::INFINITE,
+        lifespan: QosDuration::INFINITE,
+        liveliness: Liveliness::Automatic,
+        liveliness_lease_duration: QosDuration::INFINITE,
+        avoid_ros_namespace_conventions: false,
+    };
+
+    /// Best effort, volatile, the last five: ROS's profile for sensor data.
+    pub const SENSOR_DATA: Self = Self {
+        depth: 5,
+        reliability: Reliability::BestEffort,
+        ..Self::RELIABLE
+    };
+
+    /// Reliable, and late subscribers get the last message.
+    pub const LATCHED: Self = Self {
+        depth: 1,
+        durability: Durability::TransientLocal,
+        ..Self::RELIABLE
+    };
+}
+
+/// A duration as rmw counts it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
+pub struct QosDuration {
+    /// Seconds.
+    pub sec: u64,
+    /// Nanoseconds.
+    pub nsec: u64,
+}
+
+impl QosDuration {
+    /// Longer than anything: 2⁶³ - 1 ns.
+    pub const INFINITE: Self = Self {
+        sec: 9_223_372_036,
+        nsec: 854_775_807,
+    };
+}
+
+// Bags before version 9 number the policies as rmw does; later ones name them.
+macro_rules! policy {
+    ($(#[doc = $doc:literal])* $policy:ident {
+        $($(#[doc = $variant_doc:literal])* $variant:ident = $number:literal, $text:literal;)*
+    }) => {
+        $(#[doc = $doc])*
+        #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
+        pub enum $policy {
+            $($(#[doc = $variant_doc])* #[serde(rename = $text)] $variant,)*
+            /// Something else.
+            #[serde(rename = "unknown")]
+            Unknown,
+        }
+
+        impl $policy {
+            /// The policy in words, as rosbag2 writes it.
+            pub fn as_str(self) -> &'static str {
+                match self {
+                    $(Self::$variant => $text,)*
+                    Self::Unknown => "unknown",
+                }
+            }
+        }
+
+        impl<'de> Deserialize<'de> for $policy {
+            fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+                let text = NumberOrText::deserialize(deserializer)?.0;
+                Ok(match text.as_str() {
+                    $($number | $text => Self::$variant,)*
+                    _ => Self::Unknown,
+                })
+            }
+        }
+    };
+}
+
+policy! {
+    /// Which messages are kept.
+    History {
+        /// What the middleware likes.
+        SystemDefault = "0", "system_default";
+        /// The last ones.
+        KeepLast = "1", "keep_last";
+        /// All.
+        KeepAll = "2", "keep_all";
+    }
+}
+policy! {
+    /// Whether lost messages are sent again.
+    Reliability {
+        /// What the middleware likes.
+        SystemDefault = "0", "system_default";
+        /// They are.
+        Reliable = "1", "reliable";
+        /// They are not.
+        BestEffort = "2", "best_effort";
+    }
+}
+policy! {
+    /// Whether late subscribers get earlier messages.
+    Durability {
+        /// What the middleware likes.
+        SystemDefault = "0", "system_default";
+        /// They do.
+        TransientLocal = "1", "transient_local";
+        /// They do not.
+        Volatile = "2", "volatile";
+    }
+}
+policy! {
+    /// How a publisher shows that it lives.
+    Liveliness {
+        /// What the middleware likes.
+        SystemDefault = "0", "system_default";
+        /// The middleware shows it.
+        Automatic = "1", "automatic";
+        /// The publisher says so.
+        ManualByTopic = "3", "manual_by_topic";
+    }
+}
+
+struct NumberOrText(String);
+
+impl<'de> Deserialize<'de> for NumberOrText {
+    fn deserialize<D: Deserializer<'de>>(deserializer: D) -> Result<Self, D::Error> {
+        struct Visitor;
+        impl serde::de::Visitor<'_> for Visitor {
+            type Value = NumberOrText;
+            fn expecting(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+                f.write_str("the number or name of a policy")
+            }
+            fn visit_str<E>(self, v: &str) -> Result<Self::Value, E> {
+                Ok(NumberOrText(v.to_owned()))
+            }
+            fn visit_u64<E>(self, v: u64) -> Result<Self::Value, E> {
+                Ok(NumberOrText(v.to_string()))
+            }
+            fn visit_i64<E>(self, v: i64) -> Result<Self::Value, E> {
+                Ok(NumberOrText(v.to_string()))
+            }
+        }
+        deserializer.deserialize_any(Visitor)
+    }
+}
+
+/// Profiles as the text that an MCAP channel carries.
+pub(super) fn to_yaml(profiles: &[Qos]) -> String {
+    // The types hold nothing that YAML cannot.
+    serde_saphyr::to_string(&profiles).expect("profiles have a YAML form")
+}
+
+/// Profiles in such a text; none if it is not understood, which is no reason to refuse a bag.
+pub(super) fn from_yaml(text: &str) -> Vec<Qos> {
+    serde_saphyr::from_str(text).unwrap_or_default()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn profiles_survive_a_round_trip() {
+        let profiles = [Qos::RELIABLE, Qos::SENSOR_DATA, Qos::LATCHED];
+        let text = to_yaml(&profiles);
+        assert!(text.contains("history: keep_last"), "{text}");
+        assert!(text.contains("sec: 9223372036"), "{text}");
+        assert_eq!(from_yaml(&text), profiles);
+    }
+
+    #[test]
+    fn numbered_policies_of_older_bags_are_read() {
+        // As rosbag2 Humble writes it.
+        let text = "- history: 3\n  depth: 0\n  reliability: 2\n  durability: 2\n  deadline:\n    sec: 9223372036\n    nsec: 854775807\n  lifespan:\n    sec: 9223372036\n    nsec: 854775807\n  liveliness: 1\n  liveliness_lease_duration:\n    sec: 9223372036\n    nsec: 854775807\n  avoid_ros_namespace_conventions: false";
+        let [qos] = from_yaml(text)[..] else {
+            panic!("{:?}", from_yaml(text))
+        };
+        assert_eq!(qos.history, History::Unknown);
+        assert_eq!(qos.reliability, Reliability::BestEffort);
+        assert_eq!(qos.durability, Durability::Volatile);
+        assert_eq!(qos.liveliness, Liveliness::Automatic);
+        assert_eq!(from_yaml("{"), []);
+        assert_eq!(from_yaml(""), []);
+    }
+}

@@ -1,0 +1,320 @@
+//! Reading a bag.
+
+use std::path::{Path, PathBuf};
+use std::sync::Arc;
+
+use super::mcap_file::McapFile;
+use super::metadata::Found;
+use super::{BagError, Damage, Info, Qos, info, qos};
+use crate::msg::{Interface, cdr};
+
+/// A bag to be read: a folder of rosbag2's layout, with or without `metadata.yaml`, or one MCAP file.
+#[derive(Debug, Clone)]
+pub struct Bag {
+    path: PathBuf,
+    files: Vec<PathBuf>,
+    has_metadata: bool,
+    ros_distro: Option<String>,
+}
+
+/// A topic as a bag states it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct RecordedTopic {
+    /// Full name.
+    pub name: String,
+    /// ROS type, `sensor_msgs/msg/JointState`.
+    pub type_name: String,
+    /// How messages are encoded: `cdr` from ROS 2.
+    pub encoding: String,
+    /// How the schema is written: `ros2msg`, `ros2idl`, or nothing for an unknown type.
+    pub schema_encoding: String,
+    /// The schema.
+    pub schema: Vec<u8>,
+    /// RIHS01 hash of the type.
+    pub type_hash: Option<String>,
+    /// What the recorded publishers offered.
+    pub qos: Vec<Qos>,
+}
+
+/// A message as it was recorded.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Message {
+    /// Its topic.
+    pub topic: Arc<RecordedTopic>,
+    /// When it was recorded \[ns\].
+    pub log_time: u64,
+    /// When it was sent \[ns\].
+    pub publish_time: u64,
+    /// CDR bytes with their encapsulation header.
+    pub data: Vec<u8>,
+}
+
+/// A decoded message and when it was recorded.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Stamped<M> {
+    /// When it was recorded \[ns\].
+    pub log_time: u64,
+    /// The message.
+    pub message: M,
+}
+
+/// The messages of a bag in the order of recording; see [`Bag::messages`].
+pub struct Messages {
+    files: std::vec::IntoIter<PathBuf>,
+    current: Option<McapFile>,
+    damage: Vec<Damage>,
+    topics: Vec<Arc<RecordedTopic>>,
+}
+
+impl Bag {
+    /// Opens the bag at `path`. A bag that was cut off opens as well; reading it tells where it ends.
+    ///
+    /// # Errors
+    /// If there is nothing, or nothing that is a bag in MCAP: see [`BagError`].
+    pub fn open(path: impl Into<PathBuf>) -> Result<Self, BagError> {
+        let path = path.into();
+        if path.is_file() {
+            McapFile::open(&path)?;
+            return Ok(Self {
+                files: vec![path.clone()],
+                path,
+                has_metadata: false,
+                ros_distro: None,
+            });
+        }
+        if !path.is_dir() {
+            return Err(BagError::NotFound(path));
+        }
+        let found = Found::read(&path)?;
+        let files = match &found {
+            Some(metadata) => listed_files(&path, metadata)?,
+            None => mcap_files(&path)?,
+        };
+        if files.is_empty() {
+            return Err(BagError::NotABag {
+                path,
+                what: "no .mcap file in this folder".into(),
+            });
+        }
+        for file in &files {
+            McapFile::open(file)?;
+        }
+        Ok(Self {
+            path,
+            files,
+            has_metadata: found.is_some(),
+            ros_distro: found
+                .map(|m| m.ros_distro)
+                .filter(|distro| !distro.is_empty()),
+        })
+    }
+
+    /// Where it is.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Its MCAP files in the order of recording.
+    pub fn files(&self) -> &[PathBuf] {
+        &self.files
+    }
+
+    /// Whether there is a `metadata.yaml`. A recorder that was killed leaves none.
+    pub fn has_metadata(&self) -> bool {
+        self.has_metadata
+    }
+
+    /// The ROS distribution that `metadata.yaml` names.
+    pub fn ros_distro(&self) -> Option<&str> {
+        self.ros_distro.as_deref()
+    }
+
+    /// Topics, counts, times and sizes. Fast where files end with a summary; others are read through.
+    ///
+    /// # Errors
+    /// [`BagError::Io`] if a file cannot be read.
+    pub fn info(&self) -> Result<Info, BagError> {
+        info::collect(self)
+    }
+
+    /// All messages, in the order of recording.
+    pub fn messages(&self) -> Messages {
+        Messages {
+            files: self.files.clone().into_iter(),
+            current: None,
+            damage: Vec::new(),
+            topics: Vec::new(),
+        }
+    }
+
+    /// All messages of one topic, decoded; empty if the bag has no such topic.
+    ///
+    /// # Errors
+    /// [`BagError::Type`] if the topic carries another type, [`BagError::Decode`] if a message does not
+    /// decode.
+    pub fn read<M: Interface>(&self, topic: &str) -> Result<Vec<Stamped<M>>, BagError> {
+        self.messages()
+            .filter(|m| m.topic.name == topic)
+            .map(|m| {
+                Ok(Stamped {
+                    log_time: m.log_time,
+                    message: m.decode()?,
+                })
+            })
+            .collect()
+    }
+}
+
+fn listed_files(folder: &Path, metadata: &Found) -> Result<Vec<PathBuf>, BagError> {
+    let unsupported = |what: String| BagError::Unsupported {
+        path: folder.to_owned(),
+        what,
+    };
+    if metadata.storage_identifier != "mcap" {
+        return Err(unsupported(format!(
+            "its storage is {}; fuyu reads mcap (`ros2 bag convert` makes one of the other)",
+            metadata.storage_identifier
+        )));
+    }
+    if !metadata.compression_mode.is_empty()
+        && !metadata.compression_mode.eq_ignore_ascii_case("none")
+    {
+        return Err(unsupported(format!(
+            "rosbag2 compressed it with {} by {}; fuyu reads the compression of MCAP chunks (`ros2 bag convert` makes one of the other)",
+            metadata.compression_format, metadata.compression_mode
+        )));
+    }
+    metadata
+        .relative_file_paths
+        .iter()
+        .map(|relative| {
+            // Old versions write paths from the folder's parent; rosbag2 itself takes the name alone.
+            let name = Path::new(relative).file_name().unwrap_or_default();
+            let file = folder.join(name);
+            if file.is_file() {
+                Ok(file)
+            } else {
+                Err(BagError::NotFound(file))
+            }
+        })
+        .collect()
+}
+
+fn mcap_files(folder: &Path) -> Result<Vec<PathBuf>, BagError> {
+    let mut files = Vec::new();
+    for entry in std::fs::read_dir(folder).map_err(BagError::io(folder))? {
+        let path = entry.map_err(BagError::io(folder))?.path();
+        if path.extension().is_some_and(|e| e == "mcap") && path.is_file() {
+            files.push(path);
+        }
+    }
+    // NAME_2.mcap comes before NAME_10.mcap.
+    files.sort_by_key(|path| {
+        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+        let number = stem.rsplit('_').next().and_then(|n| n.parse::<u64>().ok());
+        (number, path.clone())
+    });
+    Ok(files)
+}
+
+impl Messages {
+    /// Where the bag is not whole, as far as it has been read. Empty after a whole one.
+    pub fn damage(&self) -> Vec<Damage> {
+        let current = self.current.iter().flat_map(|f| f.damage());
+        self.damage.iter().chain(current).cloned().collect()
+    }
+
+    /// Topics met so far, also those without messages.
+    pub fn topics(&self) -> impl Iterator<Item = &Arc<RecordedTopic>> {
+        let current = self.current.iter().flat_map(|f| f.topics());
+        self.topics.iter().chain(current)
+    }
+
+    fn close(&mut self) {
+        if let Some(file) = self.current.take() {
+            self.damage.extend_from_slice(file.damage());
+            self.topics.extend(file.topics().cloned());
+        }
+    }
+}
+
+impl Iterator for Messages {
+    type Item = Message;
+
+    fn next(&mut self) -> Option<Message> {
+        loop {
+            if let Some(message) = self.current.as_mut().and_then(McapFile::next_message) {
+                return Some(message);
+            }
+            self.close();
+            let path = self.files.next()?;
+            match McapFile::open(&path) {
+                Ok(file) => self.current = Some(file),
+                Err(e) => self.damage.push(Damage {
+                    file: path,
+                    at: 0,
+                    what: e.to_string(),
+                }),
+            }
+        }
+    }
+}
+
+impl Message {
+    /// The message itself.
+    ///
+    /// # Errors
+    /// [`BagError::Type`] if it is not an `M` in CDR, [`BagError::Decode`] if it does not decode.
+    pub fn decode<M: Interface>(&self) -> Result<M, BagError> {
+        let expected = M::DEFINITION.type_name();
+        if self.topic.type_name != expected || self.topic.encoding != "cdr" {
+            return Err(BagError::Type {
+                topic: self.topic.name.clone(),
+                found: format!("{} in {}", self.topic.type_name, self.topic.encoding),
+                expected: format!("{expected} in cdr"),
+            });
+        }
+        cdr::decode(&self.data).map_err(|source| BagError::Decode {
+            topic: self.topic.name.clone(),
+            log_time: self.log_time,
+            source,
+        })
+    }
+}
+
+impl RecordedTopic {
+    pub(super) fn new(
+        channel: mcap::records::Channel,
+        (type_name, schema_encoding, schema): (String, String, Vec<u8>),
+    ) -> Self {
+        let entry = |key: &str| channel.metadata.get(key).filter(|v| !v.is_empty());
+        Self {
+            qos: entry("offered_qos_profiles").map_or_else(Vec::new, |text| qos::from_yaml(text)),
+            type_hash: entry("topic_type_hash").cloned(),
+            name: channel.topic,
+            encoding: channel.message_encoding,
+            type_name,
+            schema_encoding,
+            schema,
+        }
+    }
+}
+
+impl From<&mcap::Channel<'_>> for RecordedTopic {
+    fn from(channel: &mcap::Channel<'_>) -> Self {
+        let schema = channel
+            .schema
+            .as_ref()
+            .map(|s| (s.name.clone(), s.encoding.clone(), s.data.to_vec()));
+        Self::new(
+            mcap::records::Channel {
+                id: channel.id,
+                schema_id: channel.schema.as_ref().map_or(0, |s| s.id),
+                topic: channel.topic.clone(),
+                message_encoding: channel.message_encoding.clone(),
+                metadata: channel.metadata.clone(),
+            },
+            schema.unwrap_or_default(),
+        )
+    }
+}

@@ -1,0 +1,157 @@
+//! The node's clock: the computer's, or `/clock` where `use_sim_time` is set.
+
+use std::{
+    sync::{
+        Arc,
+        atomic::{AtomicBool, AtomicI64, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+use super::{Time, wait::Events};
+
+/// The time of a node. Clones show the same time.
+#[derive(Debug, Clone)]
+pub struct Clock {
+    inner: Arc<Inner>,
+}
+
+#[derive(Debug)]
+struct Inner {
+    simulated: AtomicBool,
+    /// The last `/clock` [ns]; zero before the first.
+    now: AtomicI64,
+    events: Arc<Events>,
+}
+
+impl Clock {
+    pub(super) fn new(events: Arc<Events>) -> Self {
+        Self {
+            inner: Arc::new(Inner {
+                simulated: AtomicBool::new(false),
+                now: AtomicI64::new(0),
+                events,
+            }),
+        }
+    }
+
+    /// The time: of the computer, or the last one that `/clock` told (zero before the first).
+    pub fn now(&self) -> Time {
+        if self.is_simulated() {
+            Time::from_nanos(self.inner.now.load(Ordering::Acquire))
+        } else {
+            Time::wall()
+        }
+    }
+
+    /// Whether `use_sim_time` is set.
+    pub fn is_simulated(&self) -> bool {
+        self.inner.simulated.load(Ordering::Acquire)
+    }
+
+    pub(super) fn simulate(&self, simulated: bool) {
+        self.inner.simulated.store(simulated, Ordering::Release);
+        self.inner.events.notify();
+    }
+
+    /// Takes in a `/clock`.
+    pub(super) fn set(&self, now: Time) {
+        self.inner.now.store(now.as_nanos(), Ordering::Release);
+        if self.is_simulated() {
+            self.inner.events.notify();
+        }
+    }
+
+    /// When, by the computer, `time` will have come; `None` if only `/clock` can tell, or never.
+    pub(super) fn instant(&self, time: Time) -> Option<Instant> {
+        if self.is_simulated() {
+            return None;
+        }
+        Instant::now().checked_add(time.since(Time::wall()))
+    }
+}
+
+/// Comes due once a period, in the time of a node.
+#[derive(Debug)]
+pub struct Timer {
+    clock: Clock,
+    period: Duration,
+    next: Time,
+    missed: u64,
+}
+
+impl Timer {
+    pub(super) fn new(clock: Clock, period: Duration) -> Self {
+        let next = clock.now() + period;
+        Self {
+            clock,
+            period,
+            next,
+            missed: 0,
+        }
+    }
+
+    /// When it comes due.
+    pub fn next(&self) -> Time {
+        // A clock that was set back (a restarted simulation) must not make it wait for the old time.
+        self.next.min(self.clock.now() + self.period)
+    }
+
+    /// Whether it has come due; if so it is set to the next period. Periods that have passed unseen are
+    /// skipped and counted.
+    pub fn due(&mut self) -> bool {
+        let now = self.clock.now();
+        self.next = self.next();
+        if now < self.next {
+            return false;
+        }
+        self.next += self.period;
+        if self.next <= now && !self.period.is_zero() {
+            let late = now.since(self.next).as_nanos() / self.period.as_nanos() + 1;
+            self.missed += late as u64;
+            self.next += Duration::from_nanos((late * self.period.as_nanos()) as u64);
+        }
+        true
+    }
+
+    /// The period.
+    pub fn period(&self) -> Duration {
+        self.period
+    }
+
+    /// Another period, from now on.
+    pub fn set_period(&mut self, period: Duration) {
+        self.period = period;
+        self.next = self.clock.now() + period;
+    }
+
+    /// How many periods passed unseen.
+    pub fn missed(&self) -> u64 {
+        self.missed
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_timer_follows_the_simulated_clock_forward_and_back() {
+        let clock = Clock::new(Arc::default());
+        clock.simulate(true);
+        clock.set(Time::from_secs_f64(10.0));
+        let mut timer = Timer::new(clock.clone(), Duration::from_secs(1));
+        assert!(!timer.due());
+        clock.set(Time::from_secs_f64(11.0));
+        assert!(timer.due() && !timer.due());
+        // Three periods at once: one is due, two are counted as missed.
+        clock.set(Time::from_secs_f64(14.5));
+        assert!(timer.due() && !timer.due());
+        assert_eq!(timer.missed(), 2);
+        assert_eq!(timer.next(), Time::from_secs_f64(15.0));
+        clock.set(Time::ZERO);
+        assert_eq!(timer.next(), Time::from_secs_f64(1.0));
+        clock.set(Time::from_secs_f64(1.0));
+        assert!(timer.next() <= Time::from_secs_f64(2.0));
+    }
+}

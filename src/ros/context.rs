@@ -1,0 +1,167 @@
+//! Where a node's DDS participant lives: domain and reach, from the environment that ROS users know.
+
+use rustdds::{DomainParticipant, DomainParticipantBuilder};
+use std::net::Ipv4Addr;
+
+/// How far discovery reaches.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reach {
+    /// Every network interface.
+    Subnet,
+    /// This computer only: nothing is sent on any interface but `lo`.
+    Localhost,
+    /// Nobody: no discovery, not even on this computer.
+    Off,
+}
+
+/// DDS domain and reach of a node.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Domain {
+    /// `ROS_DOMAIN_ID`.
+    pub id: u16,
+    /// How far discovery reaches.
+    pub reach: Reach,
+}
+
+/// An environment variable that does not say what ROS understands.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[error("{variable}={value:?}: {expected}")]
+pub struct DomainError {
+    variable: &'static str,
+    value: String,
+    expected: &'static str,
+}
+
+impl Domain {
+    /// Largest id whose ports fit below 65536.
+    pub const MAX_ID: u16 = 232;
+
+    /// Reads `ROS_DOMAIN_ID`, `ROS_AUTOMATIC_DISCOVERY_RANGE`, `ROS_LOCALHOST_ONLY` and
+    /// `ROS_STATIC_PEERS`; `reach` holds where none of them says how far to reach.
+    ///
+    /// As in ROS, `ROS_LOCALHOST_ONLY=1` wins over the range. `ROS_STATIC_PEERS` is read so that a
+    /// wrong value is refused, but only multicast discovery is there: peers that it names beyond the
+    /// reach are not contacted, and a warning says so.
+    ///
+    /// # Errors
+    /// [`DomainError`] names the variable, its value and what would be right.
+    pub fn from_env(reach: Reach) -> Result<Self, DomainError> {
+        Self::from_variables(reach, |name| std::env::var(name).ok())
+    }
+
+    fn from_variables(
+        reach: Reach,
+        get: impl Fn(&str) -> Option<String>,
+    ) -> Result<Self, DomainError> {
+        let read = |variable: &'static str, expected: &'static str| {
+            let value = get(variable).unwrap_or_default().trim().to_owned();
+            let error = DomainError {
+                variable,
+                value: value.clone(),
+                expected,
+            };
+            (value, error)
+        };
+
+        let (value, error) = read("ROS_DOMAIN_ID", "expected a number from 0 to 232");
+        let id = match value.as_str() {
+            "" => 0,
+            text => match text.parse::<u16>() {
+                Ok(id) if id <= Self::MAX_ID => id,
+                _ => return Err(error),
+            },
+        };
+
+        let (value, error) = read(
+            "ROS_AUTOMATIC_DISCOVERY_RANGE",
+            "expected SUBNET, LOCALHOST, OFF or SYSTEM_DEFAULT",
+        );
+        let range = match value.as_str() {
+            "" | "SYSTEM_DEFAULT" => reach,
+            "SUBNET" => Reach::Subnet,
+            "LOCALHOST" => Reach::Localhost,
+            "OFF" => Reach::Off,
+            _ => return Err(error),
+        };
+
+        let (value, error) = read("ROS_LOCALHOST_ONLY", "expected 0 or 1");
+        let reach = match value.as_str() {
+            "1" => Reach::Localhost,
+            "" | "0" => range,
+            _ => return Err(error),
+        };
+
+        let (value, error) = read(
+            "ROS_STATIC_PEERS",
+            "expected addresses or host names separated by semicolons",
+        );
+        let peers: Vec<_> = value.split(';').map(str::trim).collect();
+        let allowed = |c: char| c.is_ascii_alphanumeric() || ".-_:%[]".contains(c);
+        if peers.iter().any(|p| !p.chars().all(allowed)) {
+            return Err(error);
+        }
+        if !value.is_empty() {
+            tracing::warn!(
+                "ROS_STATIC_PEERS={value}: not contacted, only multicast discovery is available"
+            );
+        }
+        Ok(Self { id, reach })
+    }
+
+    /// A participant of this domain. Its threads inherit the signal mask of the caller.
+    pub(super) fn participant(self) -> Result<DomainParticipant, String> {
+        let builder = DomainParticipantBuilder::new(self.id);
+        let builder = match self.reach {
+            Reach::Subnet => builder,
+            Reach::Localhost => builder.with_only_networks([Ipv4Addr::LOCALHOST]),
+            Reach::Off => builder
+                .with_only_networks([] as [Ipv4Addr; 0])
+                .same_host_loopback(false),
+        };
+        builder.build().map_err(|e| e.to_string())
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn domain(vars: &[(&str, &str)]) -> Result<Domain, DomainError> {
+        Domain::from_variables(Reach::Subnet, |name| {
+            let found = vars.iter().find(|(n, _)| *n == name);
+            found.map(|(_, v)| (*v).to_owned())
+        })
+    }
+
+    #[test]
+    fn variables_mean_what_they_mean_in_ros() {
+        let plain = domain(&[]).unwrap();
+        assert_eq!((plain.id, plain.reach), (0, Reach::Subnet));
+        assert_eq!(domain(&[("ROS_DOMAIN_ID", "232")]).unwrap().id, 232);
+        let only = [
+            ("ROS_LOCALHOST_ONLY", "1"),
+            ("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET"),
+        ];
+        assert_eq!(domain(&only).unwrap().reach, Reach::Localhost);
+        let range = [("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")];
+        assert_eq!(domain(&range).unwrap().reach, Reach::Localhost);
+        let off = [("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")];
+        assert_eq!(domain(&off).unwrap().reach, Reach::Off);
+        assert!(domain(&[("ROS_STATIC_PEERS", "10.0.0.1;robot.local")]).is_ok());
+    }
+
+    #[test]
+    fn wrong_values_are_named() {
+        for (name, value) in [
+            ("ROS_DOMAIN_ID", "233"),
+            ("ROS_DOMAIN_ID", "-1"),
+            ("ROS_DOMAIN_ID", "zero"),
+            ("ROS_LOCALHOST_ONLY", "yes"),
+            ("ROS_AUTOMATIC_DISCOVERY_RANGE", "localhost"),
+            ("ROS_STATIC_PEERS", "10.0.0.1, 10.0.0.2"),
+        ] {
+            let text = domain(&[(name, value)]).unwrap_err().to_string();
+            assert!(text.contains(name) && text.contains(value), "{text}");
+        }
+    }
+}

@@ -1,0 +1,208 @@
+//! What a node says of its own health, once a second on `diagnostics`.
+
+use std::{
+    collections::HashMap,
+    sync::{Arc, Mutex, MutexGuard, PoisonError, atomic::Ordering::Relaxed},
+    time::Instant,
+};
+
+use super::{
+    NodeName, Time,
+    session::{Counters, EndpointSpec, Endpoints},
+};
+use crate::msg::{
+    Byte,
+    diagnostic_msgs::{DiagnosticArray, DiagnosticStatus, KeyValue},
+    std_msgs::Header,
+};
+
+#[derive(Debug, Clone)]
+struct Entry {
+    name: String,
+    level: Byte,
+    message: String,
+    values: Vec<(String, String)>,
+}
+
+/// The parts of a node that report their health. Clones share them.
+#[derive(Debug, Clone, Default)]
+pub struct Diagnostics {
+    entries: Arc<Mutex<Vec<Entry>>>,
+}
+
+impl Diagnostics {
+    /// A part that will report as `node: name`. It is well until it says otherwise.
+    pub fn status(&self, name: &str) -> Status {
+        let mut entries = self.lock();
+        let known = entries.iter().position(|e| e.name == name);
+        let index = known.unwrap_or_else(|| {
+            entries.push(Entry {
+                name: name.to_owned(),
+                level: DiagnosticStatus::OK,
+                message: String::new(),
+                values: Vec::new(),
+            });
+            entries.len() - 1
+        });
+        drop(entries);
+        Status {
+            diagnostics: self.clone(),
+            index,
+        }
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Vec<Entry>> {
+        self.entries.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn statuses(&self, node: &NodeName) -> Vec<DiagnosticStatus> {
+        let to_status = |e: &Entry| DiagnosticStatus {
+            level: e.level,
+            name: format!("{}: {}", node.full().trim_start_matches('/'), e.name),
+            message: e.message.clone(),
+            hardware_id: String::new(),
+            values: e.values.iter().map(|(k, v)| pair(k, v)).collect(),
+        };
+        self.lock().iter().map(to_status).collect()
+    }
+}
+
+/// The health of one part of a node.
+#[derive(Debug, Clone)]
+pub struct Status {
+    diagnostics: Diagnostics,
+    index: usize,
+}
+
+impl Status {
+    /// All is well.
+    pub fn ok(&self, message: impl Into<String>) {
+        self.report(DiagnosticStatus::OK, message.into());
+    }
+
+    /// It works, but not as it should.
+    pub fn warn(&self, message: impl Into<String>) {
+        self.report(DiagnosticStatus::WARN, message.into());
+    }
+
+    /// It does not work.
+    pub fn error(&self, message: impl Into<String>) {
+        self.report(DiagnosticStatus::ERROR, message.into());
+    }
+
+    /// A named value beside the message; replaces the one of that name.
+    pub fn set(&self, key: &str, value: impl ToString) {
+        let mut entries = self.diagnostics.lock();
+        let values = &mut entries[self.index].values;
+        match values.iter_mut().find(|(k, _)| k == key) {
+            Some((_, v)) => *v = value.to_string(),
+            None => values.push((key.to_owned(), value.to_string())),
+        }
+    }
+
+    fn report(&self, level: Byte, message: String) {
+        let mut entries = self.diagnostics.lock();
+        let entry = &mut entries[self.index];
+        entry.level = level;
+        entry.message = message;
+    }
+}
+
+fn pair(key: &str, value: &str) -> KeyValue {
+    KeyValue {
+        key: key.to_owned(),
+        value: value.to_owned(),
+    }
+}
+
+/// Makes the reports of one node, with what its endpoints count.
+pub(super) struct Reporter {
+    /// Messages and losses of each endpoint at the last report.
+    before: HashMap<String, (u64, u64)>,
+    at: Instant,
+}
+
+impl Reporter {
+    pub(super) fn new() -> Self {
+        Self {
+            before: HashMap::new(),
+            at: Instant::now(),
+        }
+    }
+
+    pub(super) fn report(
+        &mut self,
+        node: &NodeName,
+        stamp: Time,
+        diagnostics: &Diagnostics,
+        endpoints: &Endpoints,
+    ) -> DiagnosticArray {
+        let mut status = vec![self.communication(node, endpoints)];
+        status.extend(diagnostics.statuses(node));
+        DiagnosticArray {
+            header: Header {
+                stamp: stamp.into(),
+                frame_id: String::new(),
+            },
+            status,
+        }
+    }
+
+    /// Rates, ages and losses since the last report.
+    fn communication(&mut self, node: &NodeName, endpoints: &Endpoints) -> DiagnosticStatus {
+        let seconds = self.at.elapsed().as_secs_f64().max(1e-3);
+        self.at = Instant::now();
+        let mut values = Vec::new();
+        let mut losing = Vec::new();
+        let writers = endpoints.writers.iter();
+        let readers = endpoints.readers.iter();
+        let all = writers
+            .map(|w| ("publishes", &w.spec, &w.counters))
+            .chain(readers.map(|r| ("receives", &r.spec, &r.counters)));
+        for (verb, spec, counters) in all {
+            if !spec.internal {
+                let lost = self.endpoint(verb, spec, counters, seconds, &mut values);
+                if lost > 0 {
+                    losing.push(format!("{} lost {lost}", spec.name));
+                }
+            }
+        }
+        let (level, message) = match losing.is_empty() {
+            true => (DiagnosticStatus::OK, "all messages go through".to_owned()),
+            false => (DiagnosticStatus::WARN, losing.join(", ")),
+        };
+        DiagnosticStatus {
+            level,
+            name: format!("{}: communication", node.full().trim_start_matches('/')),
+            message,
+            hardware_id: String::new(),
+            values,
+        }
+    }
+
+    fn endpoint(
+        &mut self,
+        verb: &str,
+        spec: &EndpointSpec,
+        counters: &Counters,
+        seconds: f64,
+        values: &mut Vec<KeyValue>,
+    ) -> u64 {
+        let key = format!("{verb} {}", spec.name);
+        let messages = counters.messages.load(Relaxed);
+        let lost = counters.dropped.load(Relaxed) + counters.failed.load(Relaxed);
+        let (messages_before, lost_before) =
+            self.before.insert(key.clone(), (messages, lost)).unwrap_or((0, 0));
+        let rate = messages.saturating_sub(messages_before) as f64 / seconds;
+        let mut push = |what: &str, value: String| values.push(pair(&format!("{key}: {what}"), &value));
+        push("rate [Hz]", format!("{rate:.1}"));
+        push("lost", lost.to_string());
+        push("peers", counters.matched.load(Relaxed).to_string());
+        let last = counters.last.load(Relaxed);
+        if last != 0 {
+            let age = Time::wall().since(Time::from_nanos(last)).as_secs_f64();
+            push("age [s]", format!("{age:.3}"));
+        }
+        lost.saturating_sub(lost_before)
+    }
+}

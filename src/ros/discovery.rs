@@ -1,0 +1,220 @@
+//! The graph: telling peers which endpoints are this node's, and hearing of theirs.
+
+use ros2_client::{
+    NodeName as WireNodeName,
+    entities_info::{NodeEntitiesInfo, ParticipantEntitiesInfo},
+};
+use rustdds::{
+    DomainParticipant, DomainParticipantStatusListener, QosPolicies, RTPSEntity, StatusEvented,
+    TopicKind,
+    dds::statusevents::DomainParticipantStatusEvent as Event,
+    no_key::DataWriterCdr,
+};
+use std::{
+    collections::BTreeSet,
+    sync::{Mutex, PoisonError, atomic::Ordering::Relaxed},
+};
+
+use super::{
+    Gid, NodeName, Qos,
+    session::{Counters, EndpointSpec, Endpoints},
+};
+
+/// Publishes `ros_discovery_info`: a participant, its node, and what belongs to it.
+pub(super) struct Announcer {
+    writer: DataWriterCdr<ParticipantEntitiesInfo>,
+    participant: Gid,
+    node: WireNodeName,
+    writers: BTreeSet<Gid>,
+    readers: BTreeSet<Gid>,
+}
+
+impl Announcer {
+    pub(super) fn new(
+        participant: &DomainParticipant,
+        publisher: &rustdds::Publisher,
+        node: &NodeName,
+    ) -> Result<Self, String> {
+        let qos = QosPolicies::from(&Qos::LATCHED);
+        let topic = participant
+            .create_topic(
+                "ros_discovery_info".to_owned(),
+                "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_".to_owned(),
+                &qos,
+                TopicKind::NoKey,
+            )
+            .map_err(|e| e.to_string())?;
+        let writer = publisher
+            .create_datawriter_no_key_cdr(&topic, Some(qos))
+            .map_err(|e| e.to_string())?;
+        let node = WireNodeName::new(node.namespace(), node.name()).map_err(|e| e.to_string())?;
+        Ok(Self {
+            writers: BTreeSet::from([Gid::from(writer.guid())]),
+            readers: BTreeSet::new(),
+            writer,
+            participant: participant.guid().into(),
+            node,
+        })
+    }
+
+    pub(super) fn add_writer(&mut self, gid: Gid) {
+        self.writers.insert(gid);
+    }
+
+    pub(super) fn add_reader(&mut self, gid: Gid) {
+        self.readers.insert(gid);
+    }
+
+    pub(super) fn forget(&mut self, gid: Gid) {
+        self.writers.remove(&gid);
+        self.readers.remove(&gid);
+    }
+
+    /// Publishes what belongs to the node now.
+    pub(super) fn announce(&self) {
+        let mut node = NodeEntitiesInfo::new(self.node.clone());
+        self.writers.iter().for_each(|&gid| node.add_writer(gid));
+        self.readers.iter().for_each(|&gid| node.add_reader(gid));
+        self.publish(vec![node]);
+    }
+
+    /// Publishes that the node is gone.
+    pub(super) fn leave(&self) {
+        self.publish(Vec::new());
+    }
+
+    fn publish(&self, nodes: Vec<NodeEntitiesInfo>) {
+        let info = ParticipantEntitiesInfo::new(self.participant, nodes);
+        // A participant whose threads have ended takes nothing more; it is about to be replaced.
+        if let Err(e) = self.writer.write(info, Some(rustdds::Timestamp::now())) {
+            tracing::debug!("ros_discovery_info of {:?}: {e}", self.node);
+        }
+    }
+}
+
+/// Takes in what the participant has to say of its peers.
+pub(super) fn report_status(
+    listener: &DomainParticipantStatusListener,
+    node: &NodeName,
+    endpoints: &Mutex<Endpoints>,
+) {
+    while let Some(event) = listener.try_recv_status() {
+        let all = endpoints.lock().unwrap_or_else(PoisonError::into_inner);
+        match event {
+            Event::RemoteReaderMatched { local_writer, .. } => {
+                if let Some((counters, _)) = find(&all, local_writer.into()) {
+                    counters.matched.fetch_add(1, Relaxed);
+                }
+            }
+            Event::RemoteWriterMatched { local_reader, .. } => {
+                if let Some((counters, _)) = find(&all, local_reader.into()) {
+                    counters.matched.fetch_add(1, Relaxed);
+                }
+            }
+            Event::RemoteReaderQosIncompatible {
+                local_writer,
+                requested_qos,
+                offered_qos,
+                ..
+            } => warn_incompatible(node, &all, local_writer.into(), &offered_qos, &requested_qos),
+            Event::RemoteWriterQosIncompatible {
+                local_reader,
+                requested_qos,
+                offered_qos,
+                ..
+            } => warn_incompatible(node, &all, local_reader.into(), &offered_qos, &requested_qos),
+            _ => {}
+        }
+    }
+}
+
+fn find(all: &Endpoints, gid: Gid) -> Option<(&Counters, &EndpointSpec)> {
+    let writer = all.writers.iter().find(|w| w.gid() == Some(gid));
+    if let Some(writer) = writer {
+        return Some((&writer.counters, &writer.spec));
+    }
+    let reader = all.readers.iter().find(|r| r.gid() == Some(gid))?;
+    Some((&reader.counters, &reader.spec))
+}
+
+fn warn_incompatible(
+    node: &NodeName,
+    all: &Endpoints,
+    local: Gid,
+    offered: &QosPolicies,
+    requested: &QosPolicies,
+) {
+    let Some((_, spec)) = find(all, local) else {
+        return;
+    };
+    let (offered, requested) = (Qos::from(offered), Qos::from(requested));
+    tracing::warn!(
+        "node {node}: topic {} is not exchanged with a peer: {:?} and {:?} are offered, {:?} and {:?} \
+         are requested",
+        spec.name,
+        offered.reliability,
+        offered.durability,
+        requested.reliability,
+        requested.durability
+    );
+}
+
+/// A publisher somewhere in the graph.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DiscoveredPublisher {
+    /// Full topic name.
+    pub topic: String,
+    /// ROS type, `pkg/msg/Name`.
+    pub type_name: String,
+    /// What it offers.
+    pub qos: Qos,
+    /// Who it is.
+    pub gid: Gid,
+}
+
+/// Every ROS topic publisher of other participants.
+pub(super) fn publishers(participant: &DomainParticipant) -> Vec<DiscoveredPublisher> {
+    participant
+        .discovered_writers()
+        .iter()
+        .filter_map(|w| {
+            let data = &w.publication_topic_data;
+            Some(DiscoveredPublisher {
+                topic: data.topic_name.strip_prefix("rt")?.to_owned(),
+                type_name: ros_type(&data.type_name)?,
+                qos: Qos::from(&data.qos()),
+                gid: data.key.into(),
+            })
+        })
+        .collect()
+}
+
+/// `pkg::msg::dds_::Name_` to `pkg/msg/Name`.
+fn ros_type(dds: &str) -> Option<String> {
+    let (path, name) = dds.rsplit_once("::dds_::")?;
+    Some(format!("{}/{}", path.replace("::", "/"), name.strip_suffix('_')?))
+}
+
+/// `pkg/msg/Name` to `pkg::msg::dds_::Name_`.
+pub(super) fn dds_type(ros: &str) -> Option<String> {
+    let mut parts = ros.split('/');
+    match (parts.next(), parts.next(), parts.next(), parts.next()) {
+        (Some(package), Some(kind), Some(name), None) => {
+            Some(format!("{package}::{kind}::dds_::{name}_"))
+        }
+        _ => None,
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn type_names_cross_over_and_back() {
+        let dds = "sensor_msgs::msg::dds_::JointState_";
+        assert_eq!(ros_type(dds).unwrap(), "sensor_msgs/msg/JointState");
+        assert_eq!(dds_type("sensor_msgs/msg/JointState").unwrap(), dds);
+        assert_eq!(dds_type("JointState"), None);
+    }
+}

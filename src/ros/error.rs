@@ -1,0 +1,65 @@
+//! Why a node cannot start or go on.
+
+use super::{
+    args::ArgsError, context::DomainError, names::NameError, params::DeclareError,
+    params_file::ParamsFileError,
+};
+
+/// Why a node cannot start or go on. The text is for the person who started it.
+#[derive(Debug, thiserror::Error)]
+#[non_exhaustive]
+pub enum NodeError {
+    /// A ROS argument is wrong.
+    #[error(transparent)]
+    Args(#[from] ArgsError),
+    /// A parameter file is wrong.
+    #[error(transparent)]
+    ParamsFile(#[from] ParamsFileError),
+    /// A parameter is unknown, of the wrong type or out of range.
+    #[error(transparent)]
+    Params(#[from] DeclareError),
+    /// The name of a node, topic or service is against the rules.
+    #[error(transparent)]
+    Name(#[from] NameError),
+    /// An environment variable such as `ROS_DOMAIN_ID` is wrong.
+    #[error(transparent)]
+    Domain(#[from] DomainError),
+    /// The input of the node's program is wrong.
+    #[error("{0}")]
+    Input(String),
+    /// DDS refused.
+    #[error("node {node}: cannot {what}: {reason}")]
+    Dds {
+        /// The node.
+        node: String,
+        /// What was tried.
+        what: String,
+        /// What DDS says.
+        reason: String,
+    },
+    /// The program failed while it ran.
+    #[error("{0}")]
+    Failed(String),
+}
+
+impl NodeError {
+    /// Exit code of a process that ends with this: 2 for wrong input, 1 for all else.
+    pub fn exit_code(&self) -> u8 {
+        match self {
+            Self::Dds { .. } | Self::Failed(_) => 1,
+            _ => 2,
+        }
+    }
+
+    pub(super) fn dds(
+        node: impl ToString,
+        what: impl Into<String>,
+        reason: impl std::fmt::Display,
+    ) -> Self {
+        Self::Dds {
+            node: node.to_string(),
+            what: what.into(),
+            reason: reason.to_string(),
+        }
+    }
+}

@@ -1,0 +1,397 @@
+//! The handle that a node's program works with.
+
+use std::{
+    sync::{
+        Arc, Mutex, OnceLock, PoisonError,
+        atomic::{AtomicBool, AtomicU64, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+use super::{
+    Clock, Declare, Diagnostics, Domain, NodeError, NodeName, Publisher, Qos, RawSample,
+    RawSubscription, RosArgs, Subscription, Time, Timer,
+    discovery::{self, DiscoveredPublisher},
+    names::Names,
+    params::ParameterStore,
+    publisher::Outbox,
+    service::ServiceServer,
+    session::{Counters, EndpointSpec, Endpoints, Reader, Session, Sink, Writer},
+    signals,
+    subscription::Inbox,
+    wait::Events,
+};
+use crate::msg::{Interface, Service, cdr, rosgraph_msgs};
+
+/// How a node is started.
+#[derive(Debug, Clone)]
+pub struct NodeOptions {
+    /// Name that the program gives the node; remaps may change it.
+    pub name: String,
+    /// Namespace, `/` unless given.
+    pub namespace: String,
+    /// Remaps and parameters.
+    pub args: Arc<RosArgs>,
+    /// Where its participant lives.
+    pub domain: Domain,
+}
+
+/// What a node is made of; shared by its handle, its endpoints and its threads.
+pub(super) struct Core {
+    pub(super) names: Names,
+    pub(super) domain: Domain,
+    pub(super) events: Arc<Events>,
+    pub(super) stopping: AtomicBool,
+    pub(super) outbox: Outbox,
+    pub(super) endpoints: Arc<Mutex<Endpoints>>,
+    pub(super) session: Mutex<Option<Session>>,
+    pub(super) params: Arc<ParameterStore>,
+    pub(super) clock: Clock,
+    pub(super) diagnostics: Diagnostics,
+    /// Events that the program has seen.
+    seen: AtomicU64,
+    follows_clock: Mutex<bool>,
+    /// Where `/rosout` is published, if it is.
+    log: OnceLock<Arc<Writer>>,
+}
+
+impl Core {
+    pub(super) fn new(names: Names, domain: Domain, params: Arc<ParameterStore>) -> Self {
+        let events = Arc::new(Events::default());
+        Self {
+            clock: Clock::new(Arc::clone(&events)),
+            names,
+            domain,
+            events,
+            stopping: AtomicBool::new(false),
+            outbox: Outbox::default(),
+            endpoints: Arc::default(),
+            session: Mutex::new(None),
+            params,
+            diagnostics: Diagnostics::default(),
+            seen: AtomicU64::new(0),
+            follows_clock: Mutex::new(false),
+            log: OnceLock::new(),
+        }
+    }
+
+    pub(super) fn set_log(&self, writer: Arc<Writer>) {
+        // A node starts once.
+        let _ = self.log.set(writer);
+    }
+
+    pub(super) fn log(&self) -> Option<&Arc<Writer>> {
+        self.log.get()
+    }
+
+    /// Makes a participant with all endpoints, in place of the one that is there, if any.
+    pub(super) fn open_session(&self) -> Result<(), NodeError> {
+        let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(old) = session.take() {
+            Session::detach(&self.lock_endpoints());
+            // It may wait for threads that are no more; nobody waits for it.
+            std::thread::spawn(move || drop(old));
+        }
+        let node = self.names.node();
+        let open = || Session::open(self.domain, node, &self.endpoints);
+        let new = signals::with_blocked(open)
+            .map_err(|e| NodeError::dds(node, "join the DDS domain", e))?;
+        *session = Some(new);
+        Ok(())
+    }
+
+    /// Leaves the graph.
+    pub(super) fn close_session(&self) {
+        let session = self
+            .session
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        Session::detach(&self.lock_endpoints());
+        drop(session);
+    }
+
+    fn lock_endpoints(&self) -> std::sync::MutexGuard<'_, Endpoints> {
+        self.endpoints
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(super) fn add_writer(&self, spec: EndpointSpec) -> Result<Arc<Writer>, NodeError> {
+        let writer = Arc::new(Writer::new(spec));
+        let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        self.lock_endpoints().writers.push(Arc::clone(&writer));
+        if let Some(session) = session.as_mut() {
+            session
+                .add_writer(&writer)
+                .map_err(|e| self.endpoint_error("publish", &writer.spec, &e))?;
+        }
+        Ok(writer)
+    }
+
+    pub(super) fn add_reader(
+        &self,
+        spec: EndpointSpec,
+        sink: Sink,
+    ) -> Result<Arc<Reader>, NodeError> {
+        let reader = Arc::new(Reader::new(spec, sink));
+        let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        self.lock_endpoints().readers.push(Arc::clone(&reader));
+        if let Some(session) = session.as_mut() {
+            session
+                .add_reader(&reader)
+                .map_err(|e| self.endpoint_error("subscribe to", &reader.spec, &e))?;
+        }
+        Ok(reader)
+    }
+
+    fn endpoint_error(&self, verb: &str, spec: &EndpointSpec, reason: &str) -> NodeError {
+        NodeError::dds(self.names.node(), format!("{verb} {}", spec.name), reason)
+    }
+
+    pub(super) fn remove_writer(&self, writer: &Arc<Writer>) {
+        let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(session) = session.as_mut() {
+            session.remove_writer(writer);
+        }
+        self.lock_endpoints()
+            .writers
+            .retain(|w| !Arc::ptr_eq(w, writer));
+    }
+
+    pub(super) fn remove_reader(&self, reader: &Arc<Reader>) {
+        let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(session) = session.as_mut() {
+            session.remove_reader(reader);
+        }
+        self.lock_endpoints()
+            .readers
+            .retain(|r| !Arc::ptr_eq(r, reader));
+    }
+
+    /// Changes between the computer's time and that of `/clock`, which is subscribed to from then on.
+    pub(super) fn use_sim_time(&self, simulated: bool) -> Result<(), NodeError> {
+        let mut following = self.follows_clock.lock().unwrap_or_else(PoisonError::into_inner);
+        if simulated && !*following {
+            let topic = self.names.topic("/clock")?;
+            let spec = EndpointSpec::topic::<rosgraph_msgs::Clock>(&topic, Qos::CLOCK_SUBSCRIPTION);
+            let clock = self.clock.clone();
+            let sink = move |sample: RawSample, _: &Counters| {
+                let message = cdr::decode::<rosgraph_msgs::Clock>(&sample.cdr);
+                message.map(|m| clock.set(m.clock.into())).is_ok()
+            };
+            self.add_reader(spec, Box::new(sink))?;
+            *following = true;
+        }
+        self.clock.simulate(simulated);
+        Ok(())
+    }
+
+    pub(super) fn request_stop(&self) {
+        self.stopping.store(true, Ordering::Release);
+        self.events.notify();
+    }
+}
+
+/// A node of the ROS graph. Clones are the same node; one thread at a time may wait on it.
+#[derive(Clone)]
+pub struct Node {
+    pub(super) core: Arc<Core>,
+}
+
+impl Node {
+    /// Namespace and name.
+    pub fn name(&self) -> &NodeName {
+        self.core.names.node()
+    }
+
+    /// Starts the declaration of parameters.
+    pub fn declare(&self) -> Declare {
+        Declare::new(Arc::clone(&self.core.params))
+    }
+
+    /// The node's parameters.
+    pub fn parameters(&self) -> &Arc<ParameterStore> {
+        &self.core.params
+    }
+
+    /// Publishes on `topic`, which is expanded and remapped.
+    ///
+    /// # Errors
+    /// [`NodeError::Name`] for a name against the rules, [`NodeError::Dds`] if DDS refuses.
+    pub fn advertise<M: Interface>(
+        &self,
+        topic: &str,
+        qos: Qos,
+    ) -> Result<Publisher<M>, NodeError> {
+        let spec = self.spec::<M>(topic, qos)?;
+        let writer = self.core.add_writer(spec)?;
+        Ok(Publisher::new(Arc::clone(&self.core), writer))
+    }
+
+    /// Subscribes to `topic`, which is expanded and remapped; messages queue up to the depth of `qos`.
+    ///
+    /// # Errors
+    /// [`NodeError::Name`] for a name against the rules, [`NodeError::Dds`] if DDS refuses.
+    pub fn subscribe<M: Interface>(
+        &self,
+        topic: &str,
+        qos: Qos,
+    ) -> Result<Subscription<M>, NodeError> {
+        let spec = self.spec::<M>(topic, qos)?;
+        let inbox = Arc::new(Inbox::<M>::new(qos.depth));
+        let queue = Arc::clone(&inbox);
+        let events = Arc::clone(&self.core.events);
+        let sink = move |sample: RawSample, counters: &Counters| {
+            let accepted = queue.accept(&sample, counters);
+            events.notify();
+            accepted
+        };
+        let reader = self.core.add_reader(spec, Box::new(sink))?;
+        Ok(Subscription::new(Arc::clone(&self.core), reader, inbox))
+    }
+
+    /// Subscribes to the bytes of `topic`, whose type (`pkg/msg/Name`) need not be known to fuyu. The
+    /// handler runs on the node's receiving thread: it should be quick.
+    ///
+    /// # Errors
+    /// [`NodeError::Name`] for a name against the rules, [`NodeError::Input`] for a type that is not of
+    /// the form above, [`NodeError::Dds`] if DDS refuses.
+    pub fn subscribe_raw(
+        &self,
+        topic: &str,
+        type_name: &str,
+        qos: Qos,
+        handler: impl Fn(RawSample) + Send + Sync + 'static,
+    ) -> Result<RawSubscription, NodeError> {
+        let name = self.core.names.topic(topic)?;
+        let Some(dds_type) = discovery::dds_type(type_name) else {
+            return Err(NodeError::Input(format!(
+                "topic {name}: type {type_name:?} is not of the form pkg/msg/Name"
+            )));
+        };
+        let spec = EndpointSpec {
+            dds_topic: format!("rt{name}"),
+            name,
+            dds_type,
+            qos,
+            internal: false,
+        };
+        let sink = move |sample: RawSample, _: &Counters| {
+            handler(sample);
+            true
+        };
+        let reader = self.core.add_reader(spec, Box::new(sink))?;
+        Ok(RawSubscription::new(Arc::clone(&self.core), reader))
+    }
+
+    /// Answers calls of the service `name`, which is expanded and remapped. The handler runs on the
+    /// node's receiving thread: it should be quick.
+    ///
+    /// # Errors
+    /// [`NodeError::Name`] for a name against the rules, [`NodeError::Dds`] if DDS refuses.
+    pub fn serve<S: Service>(
+        &self,
+        name: &str,
+        handler: impl Fn(S::Request) -> S::Response + Send + Sync + 'static,
+    ) -> Result<ServiceServer, NodeError> {
+        let full_name = self.core.names.service(name)?;
+        ServiceServer::new::<S>(&self.core, &full_name, handler)
+    }
+
+    /// The full name of a topic, expanded and remapped.
+    ///
+    /// # Errors
+    /// [`NodeError::Name`] for a name against the rules.
+    pub fn resolve_topic(&self, topic: &str) -> Result<String, NodeError> {
+        Ok(self.core.names.topic(topic)?)
+    }
+
+    /// Publishers of other nodes, as far as they are discovered.
+    pub fn discovered_publishers(&self) -> Vec<DiscoveredPublisher> {
+        let session = self
+            .core
+            .session
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        session
+            .as_ref()
+            .map(|s| discovery::publishers(s.participant()))
+            .unwrap_or_default()
+    }
+
+    /// What the node says of its health.
+    pub fn diagnostics(&self) -> &Diagnostics {
+        &self.core.diagnostics
+    }
+
+    /// The node's clock.
+    pub fn clock(&self) -> &Clock {
+        &self.core.clock
+    }
+
+    /// The node's time: of the computer, or of `/clock`.
+    pub fn now(&self) -> Time {
+        self.core.clock.now()
+    }
+
+    /// A timer in the node's time.
+    pub fn timer(&self, period: Duration) -> Timer {
+        Timer::new(self.core.clock.clone(), period)
+    }
+
+    /// Whether the node should go on; false once it is asked to stop.
+    pub fn ok(&self) -> bool {
+        !self.core.stopping.load(Ordering::Acquire)
+    }
+
+    /// Asks the node to stop.
+    pub fn request_stop(&self) {
+        self.core.request_stop();
+    }
+
+    /// Waits until something happens to the node: a message, a changed parameter, a tick of a simulated
+    /// clock, the stop. What happened since the last wait counts. Gives [`Self::ok`].
+    pub fn wait(&self) -> bool {
+        self.wait_event(None)
+    }
+
+    /// As [`Self::wait`], but at most `patience` (wall time).
+    pub fn wait_for(&self, patience: Duration) -> bool {
+        self.wait_event(Instant::now().checked_add(patience))
+    }
+
+    /// As [`Self::wait`], but not beyond `deadline` in the node's time.
+    pub fn wait_until(&self, deadline: Time) -> bool {
+        if self.now() >= deadline {
+            return self.ok();
+        }
+        self.wait_event(self.core.clock.instant(deadline))
+    }
+
+    /// Sleeps until `deadline` in the node's time, whatever else happens; only the stop ends it early.
+    /// Gives [`Self::ok`].
+    pub fn sleep_until(&self, deadline: Time) -> bool {
+        while self.ok() && self.now() < deadline {
+            self.wait_until(deadline);
+        }
+        self.ok()
+    }
+
+    fn wait_event(&self, deadline: Option<Instant>) -> bool {
+        if self.ok() {
+            let seen = self.core.seen.load(Ordering::Acquire);
+            let seen = self.core.events.wait(seen, deadline);
+            self.core.seen.store(seen, Ordering::Release);
+        }
+        self.ok()
+    }
+
+    fn spec<M: Interface>(&self, topic: &str, qos: Qos) -> Result<EndpointSpec, NodeError> {
+        let name = self.core.names.topic(topic)?;
+        Ok(EndpointSpec {
+            internal: false,
+            ..EndpointSpec::topic::<M>(&name, qos)
+        })
+    }
+}

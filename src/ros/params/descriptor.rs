@@ -1,0 +1,107 @@
+//! What is known of a parameter beside its value.
+
+use super::{Kind, ParameterValue};
+use crate::msg::rcl_interfaces as msg;
+
+/// Values that a number may take.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Range {
+    /// Integers.
+    Integer {
+        /// Smallest.
+        from: i64,
+        /// Largest.
+        to: i64,
+    },
+    /// Doubles.
+    Double {
+        /// Smallest.
+        from: f64,
+        /// Largest.
+        to: f64,
+    },
+}
+
+/// What is known of a parameter beside its value.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Descriptor {
+    /// Its dotted name.
+    pub name: String,
+    /// Its type, which never changes.
+    pub kind: Kind,
+    /// What it is for, with its unit.
+    pub description: String,
+    /// In words, what the range does not say.
+    pub additional_constraints: String,
+    /// Whether it is fixed once the node runs.
+    pub read_only: bool,
+    /// Bounds of a number, or of every number of a list.
+    pub range: Option<Range>,
+}
+
+impl Descriptor {
+    /// Whether `value`, of the right type, lies in the range.
+    pub(super) fn check_range(&self, value: &ParameterValue) -> Result<(), String> {
+        // Ordered so that NaN fails.
+        let inside = match (self.range, value) {
+            (Some(Range::Double { from, to }), ParameterValue::Double(v)) => from <= *v && *v <= to,
+            (Some(Range::Double { from, to }), ParameterValue::DoubleArray(v)) => {
+                v.iter().all(|v| from <= *v && *v <= to)
+            }
+            (Some(Range::Integer { from, to }), ParameterValue::Integer(v)) => {
+                (from..=to).contains(v)
+            }
+            (Some(Range::Integer { from, to }), ParameterValue::IntegerArray(v)) => {
+                v.iter().all(|v| (from..=to).contains(v))
+            }
+            (None, ParameterValue::Double(v)) if v.is_nan() => {
+                return Err("NaN is not a value".to_owned());
+            }
+            (None, ParameterValue::DoubleArray(v)) if v.iter().any(|v| v.is_nan()) => {
+                return Err(format!("{value} holds NaN, which is not a value"));
+            }
+            _ => true,
+        };
+        match (inside, self.range) {
+            (false, Some(Range::Double { from, to })) => {
+                Err(format!("{value} is out of range, expected {from} to {to}"))
+            }
+            (false, Some(Range::Integer { from, to })) => {
+                Err(format!("{value} is out of range, expected {from} to {to}"))
+            }
+            _ => Ok(()),
+        }
+    }
+}
+
+impl From<&Descriptor> for msg::ParameterDescriptor {
+    fn from(d: &Descriptor) -> Self {
+        let integer_range = match d.range {
+            Some(Range::Integer { from, to }) => vec![msg::IntegerRange {
+                from_value: from,
+                to_value: to,
+                step: 0,
+            }],
+            _ => Vec::new(),
+        };
+        let floating_point_range = match d.range {
+            Some(Range::Double { from, to }) => vec![msg::FloatingPointRange {
+                from_value: from,
+                to_value: to,
+                step: 0.0,
+            }],
+            _ => Vec::new(),
+        };
+        Self {
+            name: d.name.clone(),
+            r#type: d.kind as u8,
+            description: d.description.clone(),
+            additional_constraints: d.additional_constraints.clone(),
+            read_only: d.read_only,
+            dynamic_typing: false,
+            // One range fits the bound of one.
+            floating_point_range: floating_point_range.try_into().unwrap_or_default(),
+            integer_range: integer_range.try_into().unwrap_or_default(),
+        }
+    }
+}

@@ -1,0 +1,57 @@
+//! Parameters: declared with a descriptor, given by file or argument, read as Rust values, served to
+//! any ROS tool.
+
+mod declare;
+mod descriptor;
+mod services;
+mod store;
+mod value;
+pub(super) mod yaml;
+
+pub use declare::{Declare, DeclareError, Declaration, Param};
+pub use descriptor::{Descriptor, Range};
+pub use store::{ParameterStore, SetError};
+pub use value::{Kind, Parameter, ParameterValue};
+
+pub(super) use services::serve;
+pub(super) use store::Change;
+
+/// The parameter that every node has: whether `/clock` is its time.
+pub(super) const USE_SIM_TIME: &str = "use_sim_time";
+
+/// A value from outside the program for one parameter of one node.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Override {
+    /// Name of the parameter, dotted.
+    pub name: String,
+    /// The value.
+    pub value: ParameterValue,
+    /// Who gives it.
+    pub source: Source,
+}
+
+/// Who gives a value.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Source {
+    /// `-p` on the command line.
+    Argument,
+    /// A line of a parameter file.
+    File {
+        /// The file as it was named.
+        file: String,
+        /// Its line, from 1.
+        line: u64,
+    },
+    /// The program that starts the node.
+    Program,
+}
+
+impl std::fmt::Display for Source {
+    fn fmt(&self, f: &mut std::fmt::Formatter<'_>) -> std::fmt::Result {
+        match self {
+            Self::Argument => f.write_str("argument -p"),
+            Self::File { file, line } => write!(f, "{file}:{line}"),
+            Self::Program => f.write_str("start of the node"),
+        }
+    }
+}

@@ -1,0 +1,396 @@
+//! The nodes of one process: started, kept connected, stopped in order.
+
+use std::{
+    panic::{AssertUnwindSafe, catch_unwind},
+    process::ExitCode,
+    sync::{
+        Arc, Mutex, PoisonError, Weak,
+        mpsc::{self, RecvTimeoutError},
+    },
+    thread::{self, JoinHandle},
+    time::{Duration, Instant},
+};
+
+use super::{
+    Domain, Node, NodeError, NodeOptions, Qos, Reach, RosArgs,
+    diagnostics::Reporter,
+    logging,
+    names::Names,
+    node::Core,
+    params::{self, ParameterStore, USE_SIM_TIME},
+    service::ServiceServer,
+    session::EndpointSpec,
+    signals::{self, Told},
+};
+use crate::msg::{cdr, diagnostic_msgs::DiagnosticArray, rcl_interfaces::Log};
+
+/// How often a node reports its health.
+const DIAGNOSTICS_PERIOD: Duration = Duration::from_secs(1);
+/// How long a node may take to end once it is asked to.
+const STOP_PATIENCE: Duration = Duration::from_secs(10);
+
+/// Runs one node as a process of its own: the main function of a node's executable. Arguments and
+/// environment are those of ROS. Ends on SIGINT, SIGTERM, or when the program ends.
+pub fn run(
+    name: &str,
+    program: impl FnOnce(&Node) -> Result<(), NodeError> + Send + 'static,
+) -> ExitCode {
+    let outcome = Process::from_env(std::env::args().skip(1), Reach::Subnet).and_then(
+        |(mut process, rest)| {
+            if let Some(unknown) = rest.first() {
+                return Err(NodeError::Input(format!(
+                    "argument {unknown:?}: not understood; ROS arguments stand behind --ros-args"
+                )));
+            }
+            process.start(name, program)?;
+            process.wait()
+        },
+    );
+    match outcome {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(e) => {
+            eprintln!("error: {e}");
+            ExitCode::from(e.exit_code())
+        }
+    }
+}
+
+enum Event {
+    /// The program of a node has ended.
+    Ended(usize, Result<(), NodeError>),
+    /// Somebody wants the process to stop.
+    Stop,
+}
+
+/// Asks a process to stop, from anywhere.
+#[derive(Clone)]
+pub struct Stopper(mpsc::Sender<Event>);
+
+impl Stopper {
+    /// Asks it.
+    pub fn stop(&self) {
+        // A process that is gone has stopped.
+        let _ = self.0.send(Event::Stop);
+    }
+}
+
+/// Several nodes in one process, each with a DDS participant and a thread of its own.
+///
+/// A graph is as alive as its nodes: when one ends, the others are stopped, the last started first.
+pub struct Process {
+    args: Arc<RosArgs>,
+    domain: Domain,
+    nodes: Vec<Running>,
+    cores: Arc<Mutex<Vec<Weak<Core>>>>,
+    sender: mpsc::Sender<Event>,
+    events: mpsc::Receiver<Event>,
+    /// First failure of a node.
+    failure: Option<NodeError>,
+    stopping: bool,
+}
+
+impl Process {
+    /// What a main function wants: blocks signals in this thread and all later ones, takes the ROS
+    /// arguments out of `argv`, starts the log, reads the environment, and follows SIGINT, SIGTERM and
+    /// SIGCONT. Must come before any other thread is started. Gives also what of `argv` is not ROS's.
+    ///
+    /// # Errors
+    /// [`NodeError::Args`] and [`NodeError::Domain`] for wrong input.
+    pub fn from_env(
+        argv: impl IntoIterator<Item = String>,
+        reach: Reach,
+    ) -> Result<(Self, Vec<String>), NodeError> {
+        signals::block();
+        let (args, rest) = RosArgs::parse(argv)?;
+        logging::init(&args);
+        let domain = Domain::from_env(reach)?;
+        let process = Self::new(args, domain);
+        process.follow_signals()?;
+        Ok((process, rest))
+    }
+
+    /// A process that is part of a larger program, which keeps its signals and its log to itself.
+    pub fn new(args: RosArgs, domain: Domain) -> Self {
+        let (sender, events) = mpsc::channel();
+        Self {
+            args: Arc::new(args),
+            domain,
+            nodes: Vec::new(),
+            cores: Arc::default(),
+            sender,
+            events,
+            failure: None,
+            stopping: false,
+        }
+    }
+
+    /// Replaces the arguments for the nodes that are started from now on.
+    pub fn set_args(&mut self, args: RosArgs) {
+        self.args = Arc::new(args);
+    }
+
+    /// The arguments.
+    pub fn args(&self) -> &RosArgs {
+        &self.args
+    }
+
+    /// Where the nodes live.
+    pub fn domain(&self) -> Domain {
+        self.domain
+    }
+
+    /// Asks this process to stop, from anywhere.
+    pub fn stopper(&self) -> Stopper {
+        Stopper(self.sender.clone())
+    }
+
+    fn follow_signals(&self) -> Result<(), NodeError> {
+        let stopper = self.stopper();
+        let cores = Arc::clone(&self.cores);
+        let mut stops = 0;
+        signals::watch(move |told| match told {
+            Told::Stop(signal) => {
+                stops += 1;
+                if stops > 1 {
+                    tracing::warn!("{signal} again: ending at once");
+                    std::process::exit(128 + signal as i32);
+                }
+                tracing::info!("{signal}: stopping");
+                stopper.stop();
+            }
+            Told::Continued => reconnect(&cores),
+        })
+        .map_err(|e| NodeError::Failed(format!("cannot follow signals: {e}")))
+    }
+
+    /// Starts a node whose program calls it `name`.
+    ///
+    /// # Errors
+    /// [`NodeError`] for arguments and files that are wrong for this node, or if DDS refuses.
+    pub fn start(
+        &mut self,
+        name: &str,
+        program: impl FnOnce(&Node) -> Result<(), NodeError> + Send + 'static,
+    ) -> Result<Node, NodeError> {
+        let options = NodeOptions {
+            name: name.to_owned(),
+            namespace: "/".to_owned(),
+            args: Arc::clone(&self.args),
+            domain: self.domain,
+        };
+        self.start_with(options, program)
+    }
+
+    /// Starts a node with options of its own.
+    ///
+    /// # Errors
+    /// As [`Self::start`].
+    pub fn start_with(
+        &mut self,
+        options: NodeOptions,
+        program: impl FnOnce(&Node) -> Result<(), NodeError> + Send + 'static,
+    ) -> Result<Node, NodeError> {
+        let index = self.nodes.len();
+        let infrastructure = Infrastructure::new(&options)?;
+        let node = infrastructure.node.clone();
+        self.cores
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .push(Arc::downgrade(&node.core));
+        let ended = self.sender.clone();
+        let handle = node.clone();
+        let program = move || {
+            logging::enter(&handle.core);
+            let outcome = catch_unwind(AssertUnwindSafe(|| program(&handle)));
+            let outcome = outcome.unwrap_or_else(|_| {
+                let text = format!("node {}: its program has panicked", handle.name());
+                Err(NodeError::Failed(text))
+            });
+            drop(handle);
+            // The process may have given up waiting.
+            let _ = ended.send(Event::Ended(index, outcome));
+        };
+        let thread = thread::Builder::new()
+            .name(node.name().name().to_owned())
+            .spawn(program)
+            .map_err(|e| NodeError::Failed(format!("node {}: no thread: {e}", node.name())))?;
+        self.nodes.push(Running {
+            infrastructure,
+            thread,
+            ended: false,
+        });
+        Ok(node)
+    }
+
+    /// Lets the nodes run for `patience`. Gives false as soon as there is a reason to stop: a signal, a
+    /// [`Stopper`], a node that ended.
+    pub fn run_for(&mut self, patience: Duration) -> bool {
+        let deadline = Instant::now() + patience;
+        while !self.stopping {
+            let left = deadline.saturating_duration_since(Instant::now());
+            match self.events.recv_timeout(left) {
+                Ok(event) => self.take(event),
+                Err(RecvTimeoutError::Timeout) => return true,
+                Err(RecvTimeoutError::Disconnected) => return false,
+            }
+        }
+        false
+    }
+
+    /// Runs until there is a reason to stop, then stops all nodes in order.
+    ///
+    /// # Errors
+    /// The first failure of a node.
+    pub fn wait(mut self) -> Result<(), NodeError> {
+        while self.run_for(Duration::from_secs(3600)) {}
+        self.finish()
+    }
+
+    /// Stops all nodes, the last started first, each one fully before the next.
+    ///
+    /// # Errors
+    /// The first failure of a node.
+    pub fn finish(mut self) -> Result<(), NodeError> {
+        for index in (0..self.nodes.len()).rev() {
+            self.stop_node(index);
+        }
+        self.failure.take().map_or(Ok(()), Err)
+    }
+
+    fn take(&mut self, event: Event) {
+        self.stopping = true;
+        if let Event::Ended(index, outcome) = event {
+            self.nodes[index].ended = true;
+            if let Err(e) = outcome {
+                if let Some(later) = self.failure.replace(e) {
+                    // The first failure is the one to report.
+                    let e = self.failure.replace(later);
+                    if let Some(e) = e {
+                        tracing::error!("{e}");
+                    }
+                }
+            }
+        }
+    }
+
+    fn stop_node(&mut self, index: usize) {
+        let name = self.nodes[index].infrastructure.node.name().clone();
+        self.nodes[index].infrastructure.node.request_stop();
+        let deadline = Instant::now() + STOP_PATIENCE;
+        while !self.nodes[index].ended {
+            let left = deadline.saturating_duration_since(Instant::now());
+            match self.events.recv_timeout(left) {
+                Ok(event) => self.take(event),
+                Err(_) => {
+                    tracing::error!("node {name} does not end, it is left behind");
+                    let text = format!("node {name}: did not stop within {STOP_PATIENCE:?}");
+                    self.failure.get_or_insert(NodeError::Failed(text));
+                    return;
+                }
+            }
+        }
+        let thread = &self.nodes[index].thread;
+        while !thread.is_finished() && Instant::now() < deadline {
+            thread::sleep(Duration::from_millis(1));
+        }
+        self.nodes[index].infrastructure.close();
+    }
+}
+
+impl Drop for Process {
+    fn drop(&mut self) {
+        for node in self.nodes.iter_mut().rev() {
+            node.infrastructure.close();
+        }
+    }
+}
+
+/// Gives every node a new participant: the old ones' threads have ended when the process was stopped.
+fn reconnect(cores: &Mutex<Vec<Weak<Core>>>) {
+    let cores = cores.lock().unwrap_or_else(PoisonError::into_inner);
+    for core in cores.iter().filter_map(Weak::upgrade) {
+        let node = core.names.node();
+        match core.open_session() {
+            Ok(()) => tracing::info!("node {node}: goes on, joined the graph anew"),
+            Err(e) => tracing::error!("{e}"),
+        }
+    }
+}
+
+struct Running {
+    infrastructure: Infrastructure,
+    thread: JoinHandle<()>,
+    ended: bool,
+}
+
+/// What every node has beside its program: participant, sending thread, parameter services, clock,
+/// diagnostics, log.
+struct Infrastructure {
+    node: Node,
+    services: Vec<ServiceServer>,
+    sender: Option<JoinHandle<()>>,
+}
+
+impl Infrastructure {
+    fn new(options: &NodeOptions) -> Result<Self, NodeError> {
+        let names = Names::new(&options.namespace, &options.name, &options.args.remaps)?;
+        let overrides = options.args.overrides(names.node(), &options.name)?;
+        let params = Arc::new(ParameterStore::new(names.node().clone(), overrides));
+        let core = Arc::new(Core::new(names, options.domain, params));
+        let node = Node {
+            core: Arc::clone(&core),
+        };
+        core.open_session()?;
+        let services = params::serve(&node)?;
+        // Last, since every declaration is announced.
+        let simulated = node
+            .declare()
+            .param(USE_SIM_TIME, false, "Take the time from /clock")
+            .value();
+        if simulated {
+            core.use_sim_time(true)?;
+        }
+        if options.args.rosout {
+            let log = EndpointSpec::topic::<Log>("/rosout", Qos::ROSOUT);
+            core.set_log(core.add_writer(log)?);
+        }
+        let topic = core.names.topic("diagnostics")?;
+        let reports = EndpointSpec::topic::<DiagnosticArray>(&topic, Qos::RELIABLE);
+        let reports = core.add_writer(reports)?;
+        let mut reporter = Reporter::new();
+        let sending = Arc::clone(&core);
+        let sender = thread::Builder::new()
+            .name(format!("{}.send", options.name))
+            .spawn(move || {
+                logging::enter(&sending);
+                sending.outbox.run(DIAGNOSTICS_PERIOD, || {
+                    let report = {
+                        let endpoints = sending
+                            .endpoints
+                            .lock()
+                            .unwrap_or_else(PoisonError::into_inner);
+                        let node = sending.names.node();
+                        let now = sending.clock.now();
+                        reporter.report(node, now, &sending.diagnostics, &endpoints)
+                    };
+                    sending.outbox.push(&reports, cdr::encode(&report).into(), None);
+                });
+            })
+            .map_err(|e| NodeError::Failed(format!("node {}: no thread: {e}", options.name)))?;
+        Ok(Self {
+            node,
+            services,
+            sender: Some(sender),
+        })
+    }
+
+    /// Sends what is left, then leaves the graph.
+    fn close(&mut self) {
+        if let Some(sender) = self.sender.take() {
+            self.node.core.outbox.close();
+            let _ = sender.join();
+            self.services.clear();
+            self.node.core.close_session();
+        }
+    }
+}

@@ -1,0 +1,192 @@
+//! Publishing without waiting: a bounded queue and one sending thread per node.
+
+use rustdds::{bytes::Bytes, rpc::SampleIdentity};
+use std::{
+    collections::VecDeque,
+    marker::PhantomData,
+    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, atomic::Ordering::Relaxed},
+    time::{Duration, Instant},
+};
+
+use super::{Qos, node::Core, session::Writer};
+use crate::msg::{Interface, cdr};
+
+/// Queue of a reliable publisher that asks for less: room for what piles up while DDS waits for a slow
+/// subscriber.
+const RELIABLE_QUEUE: usize = 256;
+
+/// Publishes messages of one type on one topic. Never blocks: what DDS cannot take yet waits in a queue.
+/// If that is full, a best-effort publisher drops its oldest message and a reliable one the new message;
+/// either is counted and reported in the node's diagnostics.
+pub struct Publisher<M> {
+    core: Arc<Core>,
+    writer: Arc<Writer>,
+    message: PhantomData<fn(&M)>,
+}
+
+impl<M: Interface> Publisher<M> {
+    pub(super) fn new(core: Arc<Core>, writer: Arc<Writer>) -> Self {
+        Self {
+            core,
+            writer,
+            message: PhantomData,
+        }
+    }
+
+    /// Sends a message to all subscribers.
+    pub fn publish(&self, message: &M) {
+        self.publish_cdr(cdr::encode(message));
+    }
+
+    /// Sends a message that is CDR already, with its encapsulation header (little endian).
+    pub fn publish_cdr(&self, cdr: Vec<u8>) {
+        self.core.outbox.push(&self.writer, cdr.into(), None);
+    }
+
+    /// Full name of the topic.
+    pub fn topic(&self) -> &str {
+        &self.writer.spec.name
+    }
+
+    /// What it offers.
+    pub fn qos(&self) -> &Qos {
+        &self.writer.spec.qos
+    }
+
+    /// How many messages were dropped because the queue or the window of a subscriber was full.
+    pub fn dropped(&self) -> u64 {
+        let counters = &self.writer.counters;
+        counters.dropped.load(Relaxed) + counters.failed.load(Relaxed)
+    }
+}
+
+impl<M> Drop for Publisher<M> {
+    fn drop(&mut self) {
+        self.core.outbox.flush_writer(&self.writer, Duration::from_millis(200));
+        self.core.remove_writer(&self.writer);
+    }
+}
+
+struct Outgoing {
+    writer: Arc<Writer>,
+    cdr: Bytes,
+    published: rustdds::Timestamp,
+    related: Option<SampleIdentity>,
+}
+
+#[derive(Default)]
+struct Queue {
+    items: VecDeque<Outgoing>,
+    /// The writer of the message that is being sent.
+    sending: Option<Arc<Writer>>,
+    closed: bool,
+}
+
+/// Everything that a node wants to send, in order.
+#[derive(Default)]
+pub(super) struct Outbox {
+    queue: Mutex<Queue>,
+    filled: Condvar,
+    emptied: Condvar,
+}
+
+impl Outbox {
+    fn lock(&self) -> MutexGuard<'_, Queue> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(super) fn push(&self, writer: &Arc<Writer>, cdr: Bytes, related: Option<SampleIdentity>) {
+        let published = rustdds::Timestamp::now();
+        let mut queue = self.lock();
+        let limit = match writer.spec.qos.is_reliable() {
+            true => writer.spec.qos.depth.max(RELIABLE_QUEUE),
+            false => writer.spec.qos.depth.max(1),
+        };
+        if writer.queued.load(Relaxed) >= limit {
+            writer.counters.dropped.fetch_add(1, Relaxed);
+            if writer.spec.qos.is_reliable() {
+                return;
+            }
+            let oldest = queue
+                .items
+                .iter()
+                .position(|o| Arc::ptr_eq(&o.writer, writer));
+            if let Some(oldest) = oldest {
+                queue.items.remove(oldest);
+                writer.queued.fetch_sub(1, Relaxed);
+            }
+        }
+        writer.queued.fetch_add(1, Relaxed);
+        queue.items.push_back(Outgoing {
+            writer: Arc::clone(writer),
+            cdr,
+            published,
+            related,
+        });
+        drop(queue);
+        self.filled.notify_one();
+    }
+
+    /// The sending thread: hands messages to DDS until the outbox is closed, and calls `tick` every
+    /// `period`.
+    pub(super) fn run(&self, period: Duration, mut tick: impl FnMut()) {
+        let mut next_tick = Instant::now() + period;
+        loop {
+            let now = Instant::now();
+            if now >= next_tick {
+                tick();
+                next_tick = (next_tick + period).max(now);
+            }
+            let mut queue = self.lock();
+            if queue.items.is_empty() {
+                self.emptied.notify_all();
+                if queue.closed {
+                    return;
+                }
+                let wait = next_tick.saturating_duration_since(Instant::now());
+                drop(
+                    self.filled
+                        .wait_timeout(queue, wait)
+                        .unwrap_or_else(PoisonError::into_inner),
+                );
+                continue;
+            }
+            let Some(out) = queue.items.pop_front() else {
+                continue;
+            };
+            out.writer.queued.fetch_sub(1, Relaxed);
+            queue.sending = Some(Arc::clone(&out.writer));
+            drop(queue);
+            out.writer.write(out.cdr, out.published, out.related);
+            self.lock().sending = None;
+            self.emptied.notify_all();
+        }
+    }
+
+    /// Lets [`Self::run`] end once all is sent.
+    pub(super) fn close(&self) {
+        self.lock().closed = true;
+        self.filled.notify_all();
+    }
+
+    /// Waits until every message of `writer` has gone to DDS, at most `patience`.
+    fn flush_writer(&self, writer: &Arc<Writer>, patience: Duration) {
+        let deadline = Instant::now() + patience;
+        let mut queue = self.lock();
+        let busy = |queue: &Queue| {
+            writer.queued.load(Relaxed) > 0
+                || queue.sending.as_ref().is_some_and(|w| Arc::ptr_eq(w, writer))
+        };
+        while busy(&queue) {
+            let wait = deadline.saturating_duration_since(Instant::now());
+            if wait.is_zero() {
+                return;
+            }
+            queue = self
+                .emptied
+                .wait_timeout(queue, wait)
+                .unwrap_or_else(PoisonError::into_inner)
+                .0;
+        }
+    }
+}

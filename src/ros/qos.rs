@@ -1,0 +1,241 @@
+//! Quality of service: the named profiles of the graph, always spelled out.
+
+use rustdds::{
+    QosPolicies, QosPolicyBuilder,
+    policy::{self, Deadline, Lifespan},
+};
+use std::time::Duration;
+
+/// How many samples an endpoint keeps.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum History {
+    /// The last [`Qos::depth`].
+    KeepLast,
+    /// All, as far as resources go.
+    KeepAll,
+}
+
+/// Whether lost samples are sent again.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Reliability {
+    /// They are.
+    Reliable,
+    /// They are not.
+    BestEffort,
+}
+
+/// What a late joiner gets.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Durability {
+    /// Only what is published from then on.
+    Volatile,
+    /// Also the last samples of each living publisher ("latched").
+    TransientLocal,
+}
+
+/// Who asserts that a publisher lives.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Liveliness {
+    /// The middleware.
+    Automatic,
+    /// The program, topic by topic.
+    ManualByTopic,
+}
+
+/// A quality-of-service profile with the fields of `rmw_qos_profile_t`. `None` is an infinite duration.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub struct Qos {
+    /// How many samples are kept.
+    pub history: History,
+    /// The number for [`History::KeepLast`]; a subscription's queue and a publisher's are as long.
+    pub depth: usize,
+    /// Whether lost samples are sent again.
+    pub reliability: Reliability,
+    /// What a late joiner gets.
+    pub durability: Durability,
+    /// Longest expected time between two samples.
+    pub deadline: Option<Duration>,
+    /// Age at which a sample is dropped.
+    pub lifespan: Option<Duration>,
+    /// Who asserts that a publisher lives.
+    pub liveliness: Liveliness,
+    /// Silence after which a publisher counts as dead.
+    pub liveliness_lease_duration: Option<Duration>,
+}
+
+impl Qos {
+    /// State and commands: reliable, volatile, the last 10.
+    pub const RELIABLE: Self = Self {
+        history: History::KeepLast,
+        depth: 10,
+        reliability: Reliability::Reliable,
+        durability: Durability::Volatile,
+        deadline: None,
+        lifespan: None,
+        liveliness: Liveliness::Automatic,
+        liveliness_lease_duration: None,
+    };
+
+    /// Sensor streams, and anything faster than 100 Hz: best effort, volatile, the last 5.
+    pub const SENSOR_DATA: Self = Self {
+        depth: 5,
+        reliability: Reliability::BestEffort,
+        ..Self::RELIABLE
+    };
+
+    /// What is said once and must reach whoever comes later (`robot_description`, `camera_info`):
+    /// reliable, transient local, the last one.
+    pub const LATCHED: Self = Self {
+        depth: 1,
+        durability: Durability::TransientLocal,
+        ..Self::RELIABLE
+    };
+
+    /// `tf`, as tf2_ros has it: reliable, volatile, the last 100.
+    pub const TF: Self = Self {
+        depth: 100,
+        ..Self::RELIABLE
+    };
+
+    /// `tf_static`, as tf2_ros has it: reliable, transient local.
+    pub const TF_STATIC: Self = Self::LATCHED;
+
+    /// `/clock`: reliable, volatile, the last one.
+    pub const CLOCK: Self = Self {
+        depth: 1,
+        ..Self::RELIABLE
+    };
+
+    /// Subscriptions to `/clock`, as rclcpp has it: best effort, so that a dead one holds nobody up.
+    pub const CLOCK_SUBSCRIPTION: Self = Self {
+        depth: 1,
+        ..Self::SENSOR_DATA
+    };
+
+    /// Services and their parameters, as rmw has it: reliable, volatile, the last 10.
+    pub const SERVICES: Self = Self::RELIABLE;
+
+    /// `/parameter_events`, as rmw has it: reliable, volatile, the last 1000.
+    pub const PARAMETER_EVENTS: Self = Self {
+        depth: 1000,
+        ..Self::RELIABLE
+    };
+
+    /// `/rosout`, as rcl has it: reliable, transient local, the last 1000 for 10 s.
+    pub const ROSOUT: Self = Self {
+        depth: 1000,
+        durability: Durability::TransientLocal,
+        lifespan: Some(Duration::from_secs(10)),
+        ..Self::RELIABLE
+    };
+
+    /// The same with another depth.
+    #[must_use]
+    pub const fn depth(self, depth: usize) -> Self {
+        Self { depth, ..self }
+    }
+
+    pub(super) const fn is_reliable(&self) -> bool {
+        matches!(self.reliability, Reliability::Reliable)
+    }
+}
+
+/// Longest time that one `write` may hold up a node's sending thread. A full window means that some
+/// subscriber is dead or drowned; the other topics of the node must not wait for it.
+const MAX_BLOCKING: Duration = Duration::from_millis(5);
+
+impl From<&Qos> for QosPolicies {
+    fn from(q: &Qos) -> Self {
+        let lease_duration = dds_duration(q.liveliness_lease_duration);
+        QosPolicyBuilder::new()
+            .history(match q.history {
+                History::KeepLast => policy::History::KeepLast {
+                    depth: i32::try_from(q.depth).unwrap_or(i32::MAX),
+                },
+                History::KeepAll => policy::History::KeepAll,
+            })
+            .reliability(match q.reliability {
+                Reliability::BestEffort => policy::Reliability::BestEffort,
+                Reliability::Reliable => policy::Reliability::Reliable {
+                    max_blocking_time: dds_duration(Some(MAX_BLOCKING)),
+                },
+            })
+            .durability(match q.durability {
+                Durability::Volatile => policy::Durability::Volatile,
+                Durability::TransientLocal => policy::Durability::TransientLocal,
+            })
+            .liveliness(match q.liveliness {
+                Liveliness::Automatic => policy::Liveliness::Automatic { lease_duration },
+                Liveliness::ManualByTopic => policy::Liveliness::ManualByTopic { lease_duration },
+            })
+            .deadline(Deadline(dds_duration(q.deadline)))
+            .lifespan(Lifespan {
+                duration: dds_duration(q.lifespan),
+            })
+            .build()
+    }
+}
+
+fn dds_duration(d: Option<Duration>) -> rustdds::Duration {
+    match d {
+        None => rustdds::Duration::INFINITE,
+        Some(d) => rustdds::Duration::from_nanos(i64::try_from(d.as_nanos()).unwrap_or(i64::MAX)),
+    }
+}
+
+impl From<&QosPolicies> for Qos {
+    /// What a peer offers. DDS does not tell a peer's history; it reads as keep-last 10.
+    fn from(q: &QosPolicies) -> Self {
+        let (liveliness, lease) = match q.liveliness() {
+            Some(policy::Liveliness::ManualByTopic { lease_duration }) => {
+                (Liveliness::ManualByTopic, Some(lease_duration))
+            }
+            Some(
+                policy::Liveliness::Automatic { lease_duration }
+                | policy::Liveliness::ManualByParticipant { lease_duration },
+            ) => (Liveliness::Automatic, Some(lease_duration)),
+            None => (Liveliness::Automatic, None),
+        };
+        let finite = |d: rustdds::Duration| (d != rustdds::Duration::INFINITE).then(|| d.to_std());
+        Self {
+            reliability: match q.reliability() {
+                Some(policy::Reliability::Reliable { .. }) => Reliability::Reliable,
+                _ => Reliability::BestEffort,
+            },
+            durability: match q.durability() {
+                None | Some(policy::Durability::Volatile) => Durability::Volatile,
+                Some(_) => Durability::TransientLocal,
+            },
+            deadline: q.deadline().and_then(|d| finite(d.0)),
+            lifespan: q.lifespan().and_then(|l| finite(l.duration)),
+            liveliness,
+            liveliness_lease_duration: lease.and_then(finite),
+            ..Self::RELIABLE
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // What peers are matched by must survive the way to DDS and back.
+    #[test]
+    fn profiles_survive_dds() {
+        for q in [
+            Qos::RELIABLE,
+            Qos::SENSOR_DATA,
+            Qos::LATCHED,
+            Qos::ROSOUT,
+            Qos {
+                deadline: Some(Duration::from_millis(250)),
+                liveliness: Liveliness::ManualByTopic,
+                liveliness_lease_duration: Some(Duration::from_secs(2)),
+                ..Qos::RELIABLE
+            },
+        ] {
+            let back = Qos::from(&QosPolicies::from(&q));
+            assert_eq!(back, Qos { depth: 10, ..q });
+        }
+    }
+}

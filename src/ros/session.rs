@@ -1,0 +1,451 @@
+//! The DDS side of a node: a participant with endpoints, which can be thrown away and made anew while
+//! the handles that the program holds live on.
+
+use rustdds::{
+    DomainParticipant, QosPolicies, Topic, TopicKind,
+    bytes::Bytes,
+    mio1::{Events as PollEvents, Interest, Poll, Token, Waker},
+    rpc::SampleIdentity,
+};
+use std::{
+    collections::{HashMap, VecDeque},
+    io,
+    sync::{
+        Arc, Mutex, PoisonError, RwLock,
+        atomic::{AtomicBool, AtomicI64, AtomicU64, AtomicUsize, Ordering::Relaxed},
+        mpsc,
+    },
+    thread::{self, JoinHandle},
+};
+
+use super::{
+    Domain, Gid, NodeName, Qos, RawSample, Time,
+    discovery::{Announcer, report_status},
+    qos::Durability,
+    wire::{Opaque, RawReader, RawWriter},
+};
+use crate::msg::Interface;
+
+/// Topic, type and QoS of an endpoint, as DDS sees them.
+#[derive(Debug, Clone)]
+pub(super) struct EndpointSpec {
+    /// Name for people: `/joint_states`.
+    pub(super) name: String,
+    /// `rt/joint_states`
+    pub(super) dds_topic: String,
+    /// `sensor_msgs::msg::dds_::JointState_`
+    pub(super) dds_type: String,
+    pub(super) qos: Qos,
+    /// Services and infrastructure are left out of the communication diagnostics.
+    pub(super) internal: bool,
+}
+
+impl EndpointSpec {
+    /// A topic of type `M`, part of every node.
+    pub(super) fn topic<M: Interface>(name: &str, qos: Qos) -> Self {
+        Self {
+            name: name.to_owned(),
+            dds_topic: format!("rt{name}"),
+            dds_type: format!("{}::msg::dds_::{}_", M::PACKAGE, M::NAME),
+            qos,
+            internal: true,
+        }
+    }
+}
+
+/// What an endpoint counts, for diagnostics.
+#[derive(Debug, Default)]
+pub(super) struct Counters {
+    pub(super) messages: AtomicU64,
+    /// Left out because a queue was full.
+    pub(super) dropped: AtomicU64,
+    /// Refused by DDS, or not what the type says.
+    pub(super) failed: AtomicU64,
+    /// Wall time of the last message [ns].
+    pub(super) last: AtomicI64,
+    /// Peers that this endpoint is matched with.
+    pub(super) matched: AtomicUsize,
+}
+
+impl Counters {
+    pub(super) fn count(&self) {
+        self.messages.fetch_add(1, Relaxed);
+        self.last.store(Time::wall().as_nanos(), Relaxed);
+    }
+}
+
+/// One publisher below its handle.
+pub(super) struct Writer {
+    pub(super) spec: EndpointSpec,
+    pub(super) counters: Counters,
+    /// How many of its messages wait in the node's outbox; changed under the outbox's lock only.
+    pub(super) queued: AtomicUsize,
+    dds: RwLock<Option<Arc<RawWriter>>>,
+    /// What late joiners must still get from a new participant.
+    latched: Mutex<VecDeque<Bytes>>,
+}
+
+impl Writer {
+    pub(super) fn new(spec: EndpointSpec) -> Self {
+        Self {
+            spec,
+            counters: Counters::default(),
+            queued: AtomicUsize::new(0),
+            dds: RwLock::new(None),
+            latched: Mutex::default(),
+        }
+    }
+
+    fn dds(&self) -> Option<Arc<RawWriter>> {
+        let dds = self.dds.read().unwrap_or_else(PoisonError::into_inner);
+        dds.clone()
+    }
+
+    pub(super) fn gid(&self) -> Option<Gid> {
+        self.dds().map(|w| guid_of_writer(&w).into())
+    }
+
+    /// Hands a message to DDS; may wait a few milliseconds for a full window.
+    pub(super) fn write(
+        &self,
+        cdr: Bytes,
+        published: rustdds::Timestamp,
+        related: Option<SampleIdentity>,
+    ) {
+        if self.spec.qos.durability == Durability::TransientLocal {
+            let mut latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
+            while latched.len() >= self.spec.qos.depth.max(1) {
+                latched.pop_front();
+            }
+            latched.push_back(cdr.clone());
+        }
+        let options = rustdds::WriteOptionsBuilder::new()
+            .source_timestamp(published)
+            .related_sample_identity_opt(related)
+            .build();
+        match self.dds().map(|w| w.write_with_options(cdr, options)) {
+            Some(Ok(_)) => self.counters.count(),
+            Some(Err(_)) | None => {
+                self.counters.failed.fetch_add(1, Relaxed);
+            }
+        }
+    }
+
+    fn attach(&self, dds: Option<Arc<RawWriter>>) {
+        if let Some(new) = &dds {
+            let latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
+            for cdr in latched.iter() {
+                if new.write(cdr.clone(), Some(rustdds::Timestamp::now())).is_err() {
+                    self.counters.failed.fetch_add(1, Relaxed);
+                }
+            }
+        }
+        *self.dds.write().unwrap_or_else(PoisonError::into_inner) = dds;
+    }
+}
+
+fn guid_of_writer(writer: &RawWriter) -> rustdds::GUID {
+    use rustdds::RTPSEntity;
+    writer.guid()
+}
+
+/// Called on the node's receiving thread with every sample. Gives whether it was of use.
+pub(super) type Sink = Box<dyn Fn(RawSample, &Counters) -> bool + Send + Sync>;
+
+/// One subscription below its handle.
+pub(super) struct Reader {
+    pub(super) spec: EndpointSpec,
+    pub(super) counters: Counters,
+    sink: Sink,
+    gid: Mutex<Option<Gid>>,
+}
+
+impl Reader {
+    pub(super) fn new(spec: EndpointSpec, sink: Sink) -> Self {
+        Self {
+            spec,
+            counters: Counters::default(),
+            sink,
+            gid: Mutex::new(None),
+        }
+    }
+
+    pub(super) fn gid(&self) -> Option<Gid> {
+        *self.gid.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// All endpoints that a node has at the moment.
+#[derive(Default)]
+pub(super) struct Endpoints {
+    pub(super) writers: Vec<Arc<Writer>>,
+    pub(super) readers: Vec<Arc<Reader>>,
+}
+
+enum Command {
+    Add(RawReader, Arc<Reader>),
+    Remove(Gid),
+}
+
+/// A living participant.
+pub(super) struct Session {
+    participant: DomainParticipant,
+    publisher: rustdds::Publisher,
+    subscriber: rustdds::Subscriber,
+    topics: HashMap<String, Topic>,
+    announcer: Announcer,
+    commands: mpsc::Sender<Command>,
+    waker: Arc<Waker>,
+    stop: Arc<AtomicBool>,
+    receiver: Option<JoinHandle<()>>,
+}
+
+impl Session {
+    /// A participant with every endpoint of `endpoints`. Threads inherit the caller's signal mask.
+    pub(super) fn open(
+        domain: Domain,
+        node: &NodeName,
+        endpoints: &Arc<Mutex<Endpoints>>,
+    ) -> Result<Self, String> {
+        let text = |e: rustdds::dds::CreateError| e.to_string();
+        let participant = domain.participant()?;
+        let qos = QosPolicies::from(&Qos::RELIABLE);
+        let publisher = participant.create_publisher(&qos).map_err(text)?;
+        let subscriber = participant.create_subscriber(&qos).map_err(text)?;
+        let announcer = Announcer::new(&participant, &publisher, node)?;
+
+        let poll = Poll::new().map_err(|e| e.to_string())?;
+        let waker = Waker::new(poll.registry(), WAKER).map_err(|e| e.to_string())?;
+        let (commands, inbox) = mpsc::channel();
+        let stop = Arc::new(AtomicBool::new(false));
+        let receiver = Receiver {
+            poll,
+            inbox,
+            stop: Arc::clone(&stop),
+            participant: participant.clone(),
+            node: node.clone(),
+            endpoints: Arc::clone(endpoints),
+        };
+        let receiver = thread::Builder::new()
+            .name(format!("{}.receive", node.name()))
+            .spawn(move || receiver.run())
+            .map_err(|e| e.to_string())?;
+        let mut session = Self {
+            participant,
+            publisher,
+            subscriber,
+            topics: HashMap::new(),
+            announcer,
+            commands,
+            waker: Arc::new(waker),
+            stop,
+            receiver: Some(receiver),
+        };
+        let (writers, readers) = {
+            let all = endpoints.lock().unwrap_or_else(PoisonError::into_inner);
+            (all.writers.clone(), all.readers.clone())
+        };
+        for writer in &writers {
+            session.create_writer(writer)?;
+        }
+        for reader in &readers {
+            session.create_reader(reader)?;
+        }
+        session.announcer.announce();
+        Ok(session)
+    }
+
+    pub(super) fn add_writer(&mut self, writer: &Writer) -> Result<(), String> {
+        self.create_writer(writer)?;
+        self.announcer.announce();
+        Ok(())
+    }
+
+    pub(super) fn add_reader(&mut self, reader: &Arc<Reader>) -> Result<(), String> {
+        self.create_reader(reader)?;
+        self.announcer.announce();
+        Ok(())
+    }
+
+    pub(super) fn remove_writer(&mut self, writer: &Writer) {
+        if let Some(gid) = writer.gid() {
+            self.announcer.forget(gid);
+            self.announcer.announce();
+        }
+        writer.attach(None);
+    }
+
+    pub(super) fn remove_reader(&mut self, reader: &Reader) {
+        if let Some(gid) = reader.gid() {
+            self.announcer.forget(gid);
+            self.announcer.announce();
+            self.send(Command::Remove(gid));
+        }
+    }
+
+    pub(super) fn participant(&self) -> &DomainParticipant {
+        &self.participant
+    }
+
+    fn send(&self, command: Command) {
+        // The thread ends only with this session.
+        if self.commands.send(command).is_ok() {
+            let _ = self.waker.wake();
+        }
+    }
+
+    fn topic(&mut self, spec: &EndpointSpec) -> Result<Topic, String> {
+        if let Some(topic) = self.topics.get(&spec.dds_topic) {
+            return Ok(topic.clone());
+        }
+        let topic = self
+            .participant
+            .create_topic(
+                spec.dds_topic.clone(),
+                spec.dds_type.clone(),
+                &QosPolicies::from(&spec.qos),
+                TopicKind::NoKey,
+            )
+            .map_err(|e| e.to_string())?;
+        self.topics.insert(spec.dds_topic.clone(), topic.clone());
+        Ok(topic)
+    }
+
+    fn create_writer(&mut self, writer: &Writer) -> Result<(), String> {
+        let topic = self.topic(&writer.spec)?;
+        let qos = QosPolicies::from(&writer.spec.qos);
+        let dds = self
+            .publisher
+            .create_datawriter_no_key::<Bytes, Opaque>(&topic, Some(qos))
+            .map_err(|e| e.to_string())?;
+        self.announcer.add_writer(guid_of_writer(&dds).into());
+        writer.counters.matched.store(0, Relaxed);
+        writer.attach(Some(Arc::new(dds)));
+        Ok(())
+    }
+
+    fn create_reader(&mut self, reader: &Arc<Reader>) -> Result<(), String> {
+        let topic = self.topic(&reader.spec)?;
+        let qos = QosPolicies::from(&reader.spec.qos);
+        let dds = self
+            .subscriber
+            .create_simple_datareader_no_key::<Bytes, Opaque>(&topic, Some(qos))
+            .map_err(|e| e.to_string())?;
+        let gid = dds.guid().into();
+        self.announcer.add_reader(gid);
+        reader.counters.matched.store(0, Relaxed);
+        *reader.gid.lock().unwrap_or_else(PoisonError::into_inner) = Some(gid);
+        self.send(Command::Add(dds, Arc::clone(reader)));
+        Ok(())
+    }
+
+    /// Lets go of every DDS writer, so that the participant can end.
+    pub(super) fn detach(endpoints: &Endpoints) {
+        for writer in &endpoints.writers {
+            writer.attach(None);
+        }
+    }
+}
+
+impl Drop for Session {
+    fn drop(&mut self) {
+        self.announcer.leave();
+        self.stop.store(true, Relaxed);
+        let _ = self.waker.wake();
+        if let Some(receiver) = self.receiver.take()
+            && receiver.thread().id() != thread::current().id()
+        {
+            let _ = receiver.join();
+        }
+    }
+}
+
+const WAKER: Token = Token(0);
+const STATUS: Token = Token(1);
+const FIRST_READER: usize = 2;
+
+/// The receiving thread: waits for all readers of a participant at once.
+struct Receiver {
+    poll: Poll,
+    inbox: mpsc::Receiver<Command>,
+    stop: Arc<AtomicBool>,
+    participant: DomainParticipant,
+    node: NodeName,
+    endpoints: Arc<Mutex<Endpoints>>,
+}
+
+impl Receiver {
+    fn run(mut self) {
+        // Tokens are never used twice within one participant.
+        let mut readers: HashMap<usize, (RawReader, Arc<Reader>)> = HashMap::new();
+        let mut next_token = FIRST_READER;
+        let mut status = self.participant.status_listener();
+        let registered = self
+            .poll
+            .registry()
+            .register(&mut status, STATUS, Interest::READABLE);
+        if let Err(e) = registered {
+            tracing::error!("node {}: no events of the participant: {e}", self.node);
+        }
+        let mut events = PollEvents::with_capacity(64);
+        while !self.stop.load(Relaxed) {
+            match self.poll.poll(&mut events, None) {
+                Err(e) if e.kind() == io::ErrorKind::Interrupted => continue,
+                Err(e) => {
+                    tracing::error!("node {}: receiving has ended: {e}", self.node);
+                    return;
+                }
+                Ok(()) => {}
+            }
+            for event in &events {
+                match event.token() {
+                    WAKER => {}
+                    STATUS => report_status(&status, &self.node, &self.endpoints),
+                    Token(token) => {
+                        if let Some((dds, reader)) = readers.get(&token) {
+                            take_all(dds, reader);
+                        }
+                    }
+                }
+            }
+            while let Ok(command) = self.inbox.try_recv() {
+                match command {
+                    Command::Add(mut dds, reader) => {
+                        let token = Token(next_token);
+                        let registry = self.poll.registry();
+                        if let Err(e) = registry.register(&mut dds, token, Interest::READABLE) {
+                            let topic = &reader.spec.name;
+                            tracing::error!("node {}: cannot receive {topic}: {e}", self.node);
+                        }
+                        // What came before the registration.
+                        take_all(&dds, &reader);
+                        readers.insert(next_token, (dds, reader));
+                        next_token += 1;
+                    }
+                    Command::Remove(gid) => {
+                        readers.retain(|_, (dds, _)| Gid::from(dds.guid()) != gid);
+                    }
+                }
+            }
+        }
+    }
+}
+
+fn take_all(dds: &RawReader, reader: &Reader) {
+    dds.drain_read_notifications();
+    loop {
+        match dds.try_take_one() {
+            Ok(None) => return,
+            Ok(Some(change)) => {
+                reader.counters.count();
+                if !(reader.sink)(change.into(), &reader.counters) {
+                    reader.counters.failed.fetch_add(1, Relaxed);
+                }
+            }
+            // The reader has moved on behind what it could not take.
+            Err(_) => {
+                reader.counters.failed.fetch_add(1, Relaxed);
+            }
+        }
+    }
+}

@@ -1,0 +1,85 @@
+//! Signals. rustdds threads end when a signal interrupts them, so no thread takes any but the one that
+//! waits here.
+
+use nix::sys::signal::{SigSet, SigmaskHow, Signal, pthread_sigmask};
+use std::thread;
+
+/// Signals that a thread must keep taking: faults of its own, and what stops a process in its terminal.
+const LEFT: [Signal; 11] = [
+    Signal::SIGSEGV,
+    Signal::SIGBUS,
+    Signal::SIGFPE,
+    Signal::SIGILL,
+    Signal::SIGTRAP,
+    Signal::SIGABRT,
+    Signal::SIGSYS,
+    Signal::SIGQUIT,
+    Signal::SIGTSTP,
+    Signal::SIGTTIN,
+    Signal::SIGTTOU,
+];
+
+fn blocked() -> SigSet {
+    let mut set = SigSet::all();
+    for signal in LEFT {
+        set.remove(signal);
+    }
+    set
+}
+
+/// Blocks signals in this thread and in every thread that it starts from now on.
+pub(super) fn block() {
+    if let Err(e) = blocked().thread_block() {
+        tracing::error!("cannot block signals, a signal may cut the node off: {e}");
+    }
+}
+
+/// Runs `f` with signals blocked, so that threads it starts inherit that.
+pub(super) fn with_blocked<R>(f: impl FnOnce() -> R) -> R {
+    let mut before = SigSet::empty();
+    let changed = pthread_sigmask(SigmaskHow::SIG_BLOCK, Some(&blocked()), Some(&mut before));
+    let result = f();
+    if changed.is_ok() {
+        // Fails only for a wrong first argument.
+        let _ = pthread_sigmask(SigmaskHow::SIG_SETMASK, Some(&before), None);
+    }
+    result
+}
+
+/// What a process is told.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Told {
+    /// SIGINT, SIGTERM or SIGHUP.
+    Stop(Signal),
+    /// SIGCONT: it was stopped and goes on.
+    Continued,
+}
+
+/// Waits for signals on a thread of its own. The signals must be blocked in all threads.
+pub(super) fn watch(mut tell: impl FnMut(Told) + Send + 'static) -> std::io::Result<()> {
+    let mut set = SigSet::empty();
+    for signal in [
+        Signal::SIGINT,
+        Signal::SIGTERM,
+        Signal::SIGHUP,
+        Signal::SIGCONT,
+    ] {
+        set.add(signal);
+    }
+    thread::Builder::new()
+        .name("signals".to_owned())
+        .spawn(move || {
+            loop {
+                match set.wait() {
+                    Ok(Signal::SIGCONT) => tell(Told::Continued),
+                    Ok(signal) => tell(Told::Stop(signal)),
+                    Err(nix::errno::Errno::EINTR) => {}
+                    Err(e) => {
+                        tracing::error!("cannot wait for signals: {e}");
+                        return;
+                    }
+                }
+            }
+        })
+        .map(drop)
+}

@@ -1,0 +1,185 @@
+//! Receiving: a queue per subscription, filled by the node's receiving thread.
+
+use std::{
+    collections::VecDeque,
+    sync::{
+        Arc, Condvar, Mutex, MutexGuard, PoisonError,
+        atomic::Ordering::{self, Relaxed},
+    },
+    time::{Duration, Instant},
+};
+
+use super::{
+    Gid, Qos, RawSample, Time,
+    node::Core,
+    session::{Counters, Reader},
+};
+use crate::msg::{Interface, cdr};
+
+/// A message and how it came.
+#[derive(Debug, Clone)]
+pub struct Received<M> {
+    /// The message.
+    pub message: M,
+    /// When the publisher says that it published (its wall clock), if it says so.
+    pub source_time: Option<Time>,
+    /// When it arrived (wall clock).
+    pub received_time: Time,
+    /// Who sent it.
+    pub publisher: Gid,
+}
+
+pub(super) struct Inbox<M> {
+    queue: Mutex<VecDeque<Received<M>>>,
+    arrived: Condvar,
+    depth: usize,
+}
+
+impl<M: Interface> Inbox<M> {
+    pub(super) fn new(depth: usize) -> Self {
+        Self {
+            queue: Mutex::default(),
+            arrived: Condvar::new(),
+            depth: depth.max(1),
+        }
+    }
+
+    /// Takes a sample in; `false` if its bytes are not an `M`. The oldest makes room for the newest.
+    pub(super) fn accept(&self, sample: &RawSample, counters: &Counters) -> bool {
+        let Ok(message) = cdr::decode(&sample.cdr) else {
+            return false;
+        };
+        let mut queue = self.lock();
+        if queue.len() >= self.depth {
+            queue.pop_front();
+            counters.dropped.fetch_add(1, Relaxed);
+        }
+        queue.push_back(Received {
+            message,
+            source_time: sample.source_time,
+            received_time: sample.received_time,
+            publisher: sample.publisher,
+        });
+        drop(queue);
+        self.arrived.notify_all();
+        true
+    }
+}
+
+impl<M> Inbox<M> {
+    fn lock(&self) -> MutexGuard<'_, VecDeque<Received<M>>> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// Receives messages of one type from one topic into a queue as long as the QoS depth; the oldest makes
+/// room for the newest.
+pub struct Subscription<M> {
+    core: Arc<Core>,
+    reader: Arc<Reader>,
+    inbox: Arc<Inbox<M>>,
+}
+
+impl<M: Interface> Subscription<M> {
+    pub(super) fn new(core: Arc<Core>, reader: Arc<Reader>, inbox: Arc<Inbox<M>>) -> Self {
+        Self {
+            core,
+            reader,
+            inbox,
+        }
+    }
+
+    /// The oldest message that waits.
+    pub fn take(&self) -> Option<Received<M>> {
+        self.inbox.lock().pop_front()
+    }
+
+    /// The newest message that waits; older ones are discarded.
+    pub fn latest(&self) -> Option<Received<M>> {
+        let mut queue = self.inbox.lock();
+        let newest = queue.pop_back();
+        queue.clear();
+        newest
+    }
+
+    /// The oldest message, waiting for it at most `patience` (wall time). Ends early, with nothing, when
+    /// the node is to stop.
+    pub fn wait_next(&self, patience: Duration) -> Option<Received<M>> {
+        let deadline = Instant::now() + patience;
+        // Short waits, since a stop request does not wake this queue.
+        const SLICE: Duration = Duration::from_millis(50);
+        let mut queue = self.inbox.lock();
+        loop {
+            if let Some(received) = queue.pop_front() {
+                return Some(received);
+            }
+            let left = deadline.saturating_duration_since(Instant::now());
+            if left.is_zero() || self.core.stopping.load(Ordering::Acquire) {
+                return None;
+            }
+            queue = self
+                .inbox
+                .arrived
+                .wait_timeout(queue, left.min(SLICE))
+                .unwrap_or_else(PoisonError::into_inner)
+                .0;
+        }
+    }
+}
+
+impl<M> Subscription<M> {
+    /// Full name of the topic.
+    pub fn topic(&self) -> &str {
+        &self.reader.spec.name
+    }
+
+    /// What it requests.
+    pub fn qos(&self) -> &Qos {
+        &self.reader.spec.qos
+    }
+
+    /// How long ago the last message came (wall time); `None` before the first.
+    pub fn age(&self) -> Option<Duration> {
+        let last = self.reader.counters.last.load(Relaxed);
+        (last != 0).then(|| Time::wall().since(Time::from_nanos(last)))
+    }
+
+    /// How many messages came, were dropped because the queue was full, or were not of the type.
+    pub fn counts(&self) -> (u64, u64, u64) {
+        let c = &self.reader.counters;
+        (
+            c.messages.load(Relaxed),
+            c.dropped.load(Relaxed),
+            c.failed.load(Relaxed),
+        )
+    }
+}
+
+impl<M> Drop for Subscription<M> {
+    fn drop(&mut self) {
+        self.core.remove_reader(&self.reader);
+    }
+}
+
+/// A subscription to bytes; ends when dropped.
+pub struct RawSubscription {
+    core: Arc<Core>,
+    reader: Arc<Reader>,
+}
+
+impl RawSubscription {
+    pub(super) fn new(core: Arc<Core>, reader: Arc<Reader>) -> Self {
+        Self { core, reader }
+    }
+
+    /// Full name of the topic.
+    pub fn topic(&self) -> &str {
+        &self.reader.spec.name
+    }
+}
+
+impl Drop for RawSubscription {
+    fn drop(&mut self) {
+        self.core.remove_reader(&self.reader);
+    }
+}

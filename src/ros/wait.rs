@@ -1,0 +1,45 @@
+//! What a node's program sleeps on.
+
+use std::{
+    sync::{Condvar, Mutex, PoisonError},
+    time::Instant,
+};
+
+/// Counts events, so that one that comes between two waits is not missed.
+#[derive(Debug, Default)]
+pub(super) struct Events {
+    count: Mutex<u64>,
+    changed: Condvar,
+}
+
+impl Events {
+    /// Something happened: wakes whoever waits.
+    pub(super) fn notify(&self) {
+        *self.count.lock().unwrap_or_else(PoisonError::into_inner) += 1;
+        self.changed.notify_all();
+    }
+
+    /// Waits until the count differs from `seen` or `deadline` has passed; the count then.
+    pub(super) fn wait(&self, seen: u64, deadline: Option<Instant>) -> u64 {
+        let mut count = self.count.lock().unwrap_or_else(PoisonError::into_inner);
+        while *count == seen {
+            count = match deadline {
+                None => self
+                    .changed
+                    .wait(count)
+                    .unwrap_or_else(PoisonError::into_inner),
+                Some(deadline) => {
+                    let now = Instant::now();
+                    if now >= deadline {
+                        break;
+                    }
+                    self.changed
+                        .wait_timeout(count, deadline - now)
+                        .unwrap_or_else(PoisonError::into_inner)
+                        .0
+                }
+            };
+        }
+        *count
+    }
+}

@@ -1,0 +1,123 @@
+//! DDS endpoints that carry bytes.
+
+use rustdds::{
+    RepresentationIdentifier,
+    bytes::{BufMut, Bytes, BytesMut},
+    no_key::{
+        Decode, DefaultDecoder, DeserializedCacheChange, DeserializerAdapter, SerializerAdapter,
+    },
+    rpc::SampleIdentity,
+};
+use std::convert::Infallible;
+
+use super::Time;
+
+/// Identity of a publisher or subscription on the wire.
+pub use ros2_client::Gid;
+
+/// Length of the encapsulation header before every CDR payload.
+const HEADER: usize = 4;
+
+/// A message as it came off the wire.
+#[derive(Debug, Clone)]
+pub struct RawSample {
+    /// Encapsulation header and CDR, as a bag stores them.
+    pub cdr: Bytes,
+    /// When the publisher says that it published (its wall clock), if it says so.
+    pub source_time: Option<Time>,
+    /// When it arrived here (wall clock).
+    pub received_time: Time,
+    /// Who sent it.
+    pub publisher: Gid,
+    /// The publisher's count.
+    pub sequence_number: i64,
+    /// The request that a reply answers, or that asks.
+    pub(super) related: Option<SampleIdentity>,
+    /// The sample itself, as a reply names it.
+    pub(super) identity: SampleIdentity,
+}
+
+/// Passes bytes to and from rustdds without looking at them.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Opaque;
+
+pub(super) type RawWriter = rustdds::no_key::DataWriter<Bytes, Opaque>;
+pub(super) type RawReader = rustdds::no_key::SimpleDataReader<Bytes, Opaque>;
+
+impl SerializerAdapter<Bytes> for Opaque {
+    type Error = Infallible;
+
+    fn output_encoding() -> RepresentationIdentifier {
+        RepresentationIdentifier::CDR_LE
+    }
+
+    fn to_bytes(value: &Bytes) -> Result<Bytes, Infallible> {
+        Ok(value.slice(HEADER.min(value.len())..))
+    }
+}
+
+impl DeserializerAdapter<Bytes> for Opaque {
+    type Error = Infallible;
+    type Decoded = Bytes;
+
+    fn supported_encodings() -> &'static [RepresentationIdentifier] {
+        &[
+            RepresentationIdentifier::CDR_LE,
+            RepresentationIdentifier::CDR_BE,
+        ]
+    }
+
+    fn transform_decoded(decoded: Bytes) -> Bytes {
+        decoded
+    }
+}
+
+impl DefaultDecoder<Bytes> for Opaque {
+    type Decoder = Self;
+    const DECODER: Self = Self;
+}
+
+impl Decode<'_, Bytes> for Opaque {
+    type Error = Infallible;
+
+    fn decode_bytes(
+        self,
+        input: &[u8],
+        encoding: RepresentationIdentifier,
+    ) -> Result<Bytes, Infallible> {
+        let mut bytes = BytesMut::with_capacity(HEADER + input.len());
+        bytes.put_slice(&encoding.to_bytes());
+        bytes.put_slice(&[0, 0]);
+        bytes.put_slice(input);
+        Ok(bytes.freeze())
+    }
+}
+
+impl From<DeserializedCacheChange<Bytes>> for RawSample {
+    fn from(change: DeserializedCacheChange<Bytes>) -> Self {
+        Self {
+            source_time: change.source_timestamp().and_then(to_time),
+            received_time: to_time(change.receive_instant).unwrap_or_else(Time::wall),
+            publisher: change.writer_guid().into(),
+            sequence_number: i64::from(change.sequence_number),
+            related: change.related_sample_identity(),
+            identity: SampleIdentity {
+                writer_guid: change.writer_guid(),
+                sequence_number: change.sequence_number,
+            },
+            cdr: change.into_value(),
+        }
+    }
+}
+
+/// RTPS timestamps are 32.32 fixed point seconds; all ones mean "none".
+fn to_time(t: rustdds::Timestamp) -> Option<Time> {
+    if t == rustdds::Timestamp::INVALID || t == rustdds::Timestamp::INFINITE {
+        return None;
+    }
+    let ticks = t.to_ticks();
+    let nanos = ((ticks & 0xffff_ffff) * 1_000_000_000 + (1 << 31)) >> 32;
+    Some(Time::from_nanos(
+        (ticks >> 32) as i64 * 1_000_000_000 + nanos as i64,
+    ))
+}

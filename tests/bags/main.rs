@@ -1,0 +1,8 @@
+//! Bags: what fuyu writes, it and others can read; what is left of a broken one is not lost.
+
+mod damage;
+mod interfaces;
+mod killed;
+mod python;
+mod sample;
+mod writing;
