@@ -6,7 +6,7 @@ mod values;
 
 use super::fuyu::{file, fuyu};
 
-/// Six links, one of them a fixed frame; line numbers matter below.
+/// A base, two moving links and a fixed frame.
 const GOOD: &str = r#"<?xml version="1.0"?>
 <robot name="arm">
   <link name="base_link">
