@@ -1,24 +1,44 @@
 #!/usr/bin/env bash
-# Makes the Python environment that a test compares against, once, and prints its path.
-# Usage: scripts/test-venv.sh NAME PACKAGE...    e.g. scripts/test-venv.sh pinocchio pin
+# Makes a Python environment of the tests, once, from PyPI, and prints the path of its python.
+# Usage: test-venv.sh                    a real ROS 2 Jazzy (rclpy on Fast DDS) and readers of bags
+#        test-venv.sh NAME PACKAGE...    an environment of its own, such as: test-venv.sh pinocchio pin
 set -euo pipefail
 
-name=$1
-shift
-target=${CARGO_TARGET_DIR:-$(cd "$(dirname "$0")/.." && pwd)/target}
-venv=$target/venv-$name
-mkdir -p "$target"
-
-# Tests run side by side: the first one makes it, the others wait.
-exec 9>"$venv.lock"
-flock 9
-if [[ "$(cat "$venv/.packages" 2>/dev/null)" != "$*" ]]; then
-  rm -rf "$venv"
-  "${PYTHON:-python3}" -m venv "$venv" >&2
-  if ! "$venv/bin/pip" install --quiet --disable-pip-version-check "$@" >&2; then
-    echo "cannot install '$*' with pip: can the package registry (PyPI) be reached?" >&2
-    exit 1
+root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
+dir=${CARGO_TARGET_DIR:-$root/target}/venv${1:+-$1}
+if (($# > 0)); then
+  shift
+  packages=("$@")
+  python=${PYTHON:-python3}
+else
+  packages=(
+    ros-jazzy-{rclpy,rmw-fastrtps-cpp,rmw-dds-common,fastrtps}
+    ros-jazzy-{std,sensor,geometry,nav,diagnostic,trajectory,visualization,rosgraph,test}-msgs
+    ros-jazzy-std-srvs ros-jazzy-rcl-interfaces
+    rosbags mcap-ros2-support
+  )
+  # The wheels are for Python 3.11.
+  python=${PYTHON:-$(command -v python3.11 || echo python3)}
+  version=$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])') || version=absent
+  if [[ $version != 3.11 ]]; then
+    echo "test-venv.sh: $python is $version; the ROS wheels need Python 3.11 (python3.11 on PATH)" >&2
+    exit 3
   fi
-  echo -n "$*" > "$venv/.packages"
 fi
-echo "$venv"
+stamp="$dir/.made-of-$(printf '%s\n' "${packages[@]}" | cksum | cut -d' ' -f1)"
+
+mkdir -p "$(dirname "$dir")"
+# Tests run side by side; the first one makes it, the others wait.
+exec 9>"$dir.lock"
+flock 9
+if [[ ! -e $stamp ]]; then
+  rm -rf "$dir"
+  "$python" -m venv "$dir" >&2
+  "$dir/bin/pip" install --quiet --disable-pip-version-check "${packages[@]}" >&2 || {
+    rm -rf "$dir"
+    echo "test-venv.sh: pip could not install ${packages[*]}; is the package registry reachable?" >&2
+    exit 3
+  }
+  touch "$stamp"
+fi
+echo "$dir/bin/python"

@@ -87,9 +87,9 @@ fn joint_values(
         let names: Vec<&str> = model.joints().iter().map(|j| j.name.as_str()).collect();
         let given = values.len();
         return Err(Failure::Input(match names.len() {
-            0 => format!("{option} has {given} values, but the robot has no moving joint"),
+            0 => format!("{option} has values, but the robot has no moving joint"),
             n => format!(
-                "{option} has {given} values, but the robot has {n} moving joints: {}",
+                "{option} has {given} of {n} values; give one for each moving joint: {}",
                 names.join(", ")
             ),
         }));

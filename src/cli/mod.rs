@@ -2,6 +2,7 @@
 
 mod bag;
 mod inspect;
+mod simulate;
 mod table;
 
 use std::fs;
@@ -25,6 +26,7 @@ struct Cli {
 enum Command {
     Bag(bag::Args),
     Inspect(inspect::Args),
+    Simulate(simulate::Args),
 }
 
 impl Command {
@@ -32,6 +34,7 @@ impl Command {
         match self {
             Self::Bag(args) => bag::run(args),
             Self::Inspect(args) => inspect::run(args),
+            Self::Simulate(args) => simulate::run(&args),
         }
     }
 }
@@ -119,5 +122,13 @@ impl std::str::FromStr for Numbers {
             .map(number)
             .collect::<Result<_, _>>()
             .map(Self)
+    }
+}
+
+/// A time that a run can last.
+fn positive_seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if seconds > 0.0 && seconds.is_finite() => Ok(seconds),
+        _ => Err("give a positive number of seconds".to_owned()),
     }
 }

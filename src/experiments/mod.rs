@@ -1,3 +1,4 @@
+<<<<<<< HEAD
 //! Closed loops and published results, and what recordings of them show.
 
 mod bag_check;
@@ -13,3 +14,14 @@ pub use recorded::{
     BaseSample, ControllerSample, JointSample, MomentumSample, RecordedRun, RecordedRuns,
 };
 pub use topic_health::{TopicHealth, TopicWatch};
+=======
+//! Closed loops and analyses, run without a ROS graph.
+
+mod closed_loop;
+mod performance;
+mod simulated_bag;
+
+pub use closed_loop::{ClosedLoop, Moment};
+pub use performance::{MomentumResidual, Performance, Summary};
+pub use simulated_bag::SimulatedBag;
+>>>>>>> main

@@ -181,8 +181,8 @@ fn pinocchio(cases: &[Value]) -> Vec<Value> {
         venv.status.success(),
         "no Python environment with Pinocchio"
     );
-    let venv = String::from_utf8(venv.stdout).unwrap();
-    let mut python = Command::new(Path::new(venv.trim()).join("bin/python"))
+    let interpreter = String::from_utf8(venv.stdout).unwrap();
+    let mut python = Command::new(interpreter.trim())
         .arg(package.join("tests/validation/ask_pinocchio.py"))
         .stdin(Stdio::piped())
         .stdout(Stdio::piped())

@@ -45,7 +45,7 @@ impl<'a> Source<'a> {
             source_name: name.to_owned(),
             line: Some(e.pos().row),
             element: None,
-            problem: UrdfProblem::Xml(e.to_string()),
+            problem: Box::new(UrdfProblem::Xml(e.to_string())),
         })?;
         Ok(Self { name, doc })
     }
@@ -56,7 +56,7 @@ impl<'a> Source<'a> {
             source_name: self.name.to_owned(),
             line: Some(self.line(at)),
             element,
-            problem,
+            problem: Box::new(problem),
         }
     }
 
