@@ -6,6 +6,7 @@ mod chart;
 mod closed_loop;
 mod performance;
 mod recorded;
+mod recorded_physics;
 mod simulated_bag;
 mod topic_health;
 
