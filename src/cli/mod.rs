@@ -1,5 +1,6 @@
 //! The `fuyu` command line: one file a command, each with its `Args` and its `run`.
 
+mod bag;
 mod inspect;
 mod simulate;
 mod table;
@@ -23,6 +24,7 @@ struct Cli {
 
 #[derive(Subcommand)]
 enum Command {
+    Bag(bag::Args),
     Inspect(inspect::Args),
     Simulate(simulate::Args),
 }
@@ -30,6 +32,7 @@ enum Command {
 impl Command {
     fn run(self) -> Result<(), Failure> {
         match self {
+            Self::Bag(args) => bag::run(args),
             Self::Inspect(args) => inspect::run(args),
             Self::Simulate(args) => simulate::run(&args),
         }
