@@ -2,12 +2,12 @@
 
 use std::path::PathBuf;
 
+use super::{NodeError, NodeName};
 use super::{
     names::{Remap, Target},
     params::{Override, ParameterValue, Source},
     params_file::ParamsFile,
 };
-use super::{NodeError, NodeName};
 
 /// A ROS argument that cannot be understood.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -72,9 +72,7 @@ impl RosArgs {
     ///
     /// # Errors
     /// [`ArgsError`] names the argument and says what would be right.
-    pub fn parse(
-        argv: impl IntoIterator<Item = String>,
-    ) -> Result<(Self, Vec<String>), ArgsError> {
+    pub fn parse(argv: impl IntoIterator<Item = String>) -> Result<(Self, Vec<String>), ArgsError> {
         let mut args = Self::default();
         let mut rest = Vec::new();
         let mut argv = argv.into_iter();
@@ -170,10 +168,13 @@ impl RosArgs {
                 ParameterSource::File(path) => {
                     all.extend(ParamsFile::read(path)?.overrides(name));
                 }
-                ParameterSource::Value { node, name: n, value } => {
-                    let for_us = |node: &str| {
-                        node == declared || node == name.name() || node == name.full()
-                    };
+                ParameterSource::Value {
+                    node,
+                    name: n,
+                    value,
+                } => {
+                    let for_us =
+                        |node: &str| node == declared || node == name.name() || node == name.full();
                     if node.as_deref().is_none_or(for_us) {
                         all.push(Override {
                             name: n.clone(),
@@ -311,13 +312,20 @@ mod tests {
             args.parameters,
             [
                 value(None, "rate", ParameterValue::Integer(30)),
-                value(Some("cam"), "noise", ParameterValue::DoubleArray(vec![0.1, 0.2])),
+                value(
+                    Some("cam"),
+                    "noise",
+                    ParameterValue::DoubleArray(vec![0.1, 0.2])
+                ),
                 ParameterSource::File("a.yaml".into()),
                 value(None, "name", ParameterValue::String("7".into())),
             ]
         );
         assert_eq!(args.log_level, Some(LevelFilter::DEBUG));
-        assert_eq!(args.logger_levels, [("fuyu.camera".into(), LevelFilter::WARN)]);
+        assert_eq!(
+            args.logger_levels,
+            [("fuyu.camera".into(), LevelFilter::WARN)]
+        );
         assert!(!args.rosout && args.console);
     }
 

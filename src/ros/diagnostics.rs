@@ -191,10 +191,13 @@ impl Reporter {
         let key = format!("{verb} {}", spec.name);
         let messages = counters.messages.load(Relaxed);
         let lost = counters.dropped.load(Relaxed) + counters.failed.load(Relaxed);
-        let (messages_before, lost_before) =
-            self.before.insert(key.clone(), (messages, lost)).unwrap_or((0, 0));
+        let (messages_before, lost_before) = self
+            .before
+            .insert(key.clone(), (messages, lost))
+            .unwrap_or((0, 0));
         let rate = messages.saturating_sub(messages_before) as f64 / seconds;
-        let mut push = |what: &str, value: String| values.push(pair(&format!("{key}: {what}"), &value));
+        let mut push =
+            |what: &str, value: String| values.push(pair(&format!("{key}: {what}"), &value));
         push("rate [Hz]", format!("{rate:.1}"));
         push("lost", lost.to_string());
         push("peers", counters.matched.load(Relaxed).to_string());

@@ -6,9 +6,7 @@ use ros2_client::{
 };
 use rustdds::{
     DomainParticipant, DomainParticipantStatusListener, QosPolicies, RTPSEntity, StatusEvented,
-    TopicKind,
-    dds::statusevents::DomainParticipantStatusEvent as Event,
-    no_key::DataWriterCdr,
+    TopicKind, dds::statusevents::DomainParticipantStatusEvent as Event, no_key::DataWriterCdr,
 };
 use std::{
     collections::BTreeSet,
@@ -116,13 +114,25 @@ pub(super) fn report_status(
                 requested_qos,
                 offered_qos,
                 ..
-            } => warn_incompatible(node, &all, local_writer.into(), &offered_qos, &requested_qos),
+            } => warn_incompatible(
+                node,
+                &all,
+                local_writer.into(),
+                &offered_qos,
+                &requested_qos,
+            ),
             Event::RemoteWriterQosIncompatible {
                 local_reader,
                 requested_qos,
                 offered_qos,
                 ..
-            } => warn_incompatible(node, &all, local_reader.into(), &offered_qos, &requested_qos),
+            } => warn_incompatible(
+                node,
+                &all,
+                local_reader.into(),
+                &offered_qos,
+                &requested_qos,
+            ),
             _ => {}
         }
     }
@@ -192,7 +202,11 @@ pub(super) fn publishers(participant: &DomainParticipant) -> Vec<DiscoveredPubli
 /// `pkg::msg::dds_::Name_` to `pkg/msg/Name`.
 fn ros_type(dds: &str) -> Option<String> {
     let (path, name) = dds.rsplit_once("::dds_::")?;
-    Some(format!("{}/{}", path.replace("::", "/"), name.strip_suffix('_')?))
+    Some(format!(
+        "{}/{}",
+        path.replace("::", "/"),
+        name.strip_suffix('_')?
+    ))
 }
 
 /// `pkg/msg/Name` to `pkg::msg::dds_::Name_`.

@@ -60,9 +60,8 @@ fn is_within(name: &str, parent: &str) -> bool {
 impl RosLog {
     /// The level of a target or node: the longest logger name that fits, else the default.
     fn level_of(&self, target: &str, node: Option<&str>) -> LevelFilter {
-        let fits = |logger: &str| {
-            is_within(target, logger) || node.is_some_and(|n| is_within(n, logger))
-        };
+        let fits =
+            |logger: &str| is_within(target, logger) || node.is_some_and(|n| is_within(n, logger));
         let named = self.loggers.iter().filter(|(logger, _)| fits(logger));
         match named.max_by_key(|(logger, _)| logger.len()) {
             Some((_, level)) => *level,
@@ -93,7 +92,10 @@ impl<S: Subscriber> Layer<S> for RosLog {
         let (severity, label, colour) = severity(*metadata.level());
         if self.console {
             let line = if self.colour && !colour.is_empty() {
-                format!("{colour}[{label}] [{stamp}] [{name}]: {}\x1b[0m\n", text.message)
+                format!(
+                    "{colour}[{label}] [{stamp}] [{name}]: {}\x1b[0m\n",
+                    text.message
+                )
             } else {
                 format!("[{label}] [{stamp}] [{name}]: {}\n", text.message)
             };
@@ -190,6 +192,9 @@ mod tests {
         assert_eq!(node("chaser.camera"), LevelFilter::DEBUG);
         assert_eq!(node("chaser2"), LevelFilter::INFO);
         assert_eq!(log.level_of("rustdds::discovery", None), LevelFilter::OFF);
-        assert_eq!(log.level_of("rustdds::rtps::writer", None), LevelFilter::ERROR);
+        assert_eq!(
+            log.level_of("rustdds::rtps::writer", None),
+            LevelFilter::ERROR
+        );
     }
 }

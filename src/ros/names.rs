@@ -137,7 +137,9 @@ fn check_tokens(
             let rule = format!("`{token}` must not start with a digit");
             return Err(broken(kind, shown, rule));
         }
-        let odd = token.chars().find(|c| !c.is_ascii_alphanumeric() && *c != '_');
+        let odd = token
+            .chars()
+            .find(|c| !c.is_ascii_alphanumeric() && *c != '_');
         if let Some(odd) = odd {
             let rule = format!("{odd:?} is not allowed, only letters, digits and underscores are");
             return Err(broken(kind, shown, rule));
@@ -275,8 +277,17 @@ mod tests {
             assert!(text.contains(name), "{text}");
         }
         assert!(node().expand(&"a".repeat(300)).is_err());
-        for (namespace, name) in [("/", ""), ("/", "a/b"), ("/", "1a"), ("/a/", "b"), ("//", "b")] {
-            assert!(NodeName::new(namespace, name).is_err(), "{namespace} {name}");
+        for (namespace, name) in [
+            ("/", ""),
+            ("/", "a/b"),
+            ("/", "1a"),
+            ("/a/", "b"),
+            ("//", "b"),
+        ] {
+            assert!(
+                NodeName::new(namespace, name).is_err(),
+                "{namespace} {name}"
+            );
         }
     }
 

@@ -171,7 +171,10 @@ impl Core {
 
     /// Changes between the computer's time and that of `/clock`, which is subscribed to from then on.
     pub(super) fn use_sim_time(&self, simulated: bool) -> Result<(), NodeError> {
-        let mut following = self.follows_clock.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut following = self
+            .follows_clock
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
         if simulated && !*following {
             let topic = self.names.topic("/clock")?;
             let spec = EndpointSpec::topic::<rosgraph_msgs::Clock>(&topic, Qos::CLOCK_SUBSCRIPTION);

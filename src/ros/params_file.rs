@@ -93,17 +93,15 @@ impl ParamsFile {
             file: path.as_ref().to_owned(),
             sections: Vec::new(),
         };
-        let tree = yaml::parse(text).map_err(|(at, problem)| {
-            reader.error(at, "", format!("not valid YAML: {problem}"))
-        })?;
+        let tree = yaml::parse(text)
+            .map_err(|(at, problem)| reader.error(at, "", format!("not valid YAML: {problem}")))?;
         match &tree.value {
             Tree::Null => {}
             Tree::Map(_) => reader.nodes(&[], &tree)?,
             other => {
                 let kind = other.kind();
-                let problem = format!(
-                    "expected `node_name:` with `{PARAMETERS}:` below it, found {kind}"
-                );
+                let problem =
+                    format!("expected `node_name:` with `{PARAMETERS}:` below it, found {kind}");
                 return Err(reader.error(Some(tree.referenced), "", problem));
             }
         }
@@ -223,8 +221,7 @@ impl Reader {
             let mut path = above.to_vec();
             // Below a namespace `/camera` and `camera` are the same.
             path.extend(tokens.skip(usize::from(!above.is_empty() && key.value.starts_with('/'))));
-            check_pattern(&path)
-                .map_err(|problem| self.error(at, key.value.clone(), problem))?;
+            check_pattern(&path).map_err(|problem| self.error(at, key.value.clone(), problem))?;
             if !matches!(value.value, Tree::Map(_)) {
                 let problem = match &value.value {
                     Tree::Null => format!("expected `{PARAMETERS}:` below it, found nothing"),
@@ -273,9 +270,9 @@ impl Reader {
                 Err(self.error(Some(tree.referenced), field, problem))
             }
             value => {
-                let value = value
-                    .value(tree.referenced)
-                    .map_err(|(at, problem)| self.error(Some(at), format!("{node}: {prefix}"), problem))?;
+                let value = value.value(tree.referenced).map_err(|(at, problem)| {
+                    self.error(Some(at), format!("{node}: {prefix}"), problem)
+                })?;
                 into.push((prefix.to_owned(), value, tree.referenced.line()));
                 Ok(())
             }

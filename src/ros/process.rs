@@ -373,7 +373,9 @@ impl Infrastructure {
                         let now = sending.clock.now();
                         reporter.report(node, now, &sending.diagnostics, &endpoints)
                     };
-                    sending.outbox.push(&reports, cdr::encode(&report).into(), None);
+                    sending
+                        .outbox
+                        .push(&reports, cdr::encode(&report).into(), None);
                 });
             })
             .map_err(|e| NodeError::Failed(format!("node {}: no thread: {e}", options.name)))?;

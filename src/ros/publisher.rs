@@ -62,7 +62,9 @@ impl<M: Interface> Publisher<M> {
 
 impl<M> Drop for Publisher<M> {
     fn drop(&mut self) {
-        self.core.outbox.flush_writer(&self.writer, Duration::from_millis(200));
+        self.core
+            .outbox
+            .flush_writer(&self.writer, Duration::from_millis(200));
         self.core.remove_writer(&self.writer);
     }
 }
@@ -175,7 +177,10 @@ impl Outbox {
         let mut queue = self.lock();
         let busy = |queue: &Queue| {
             writer.queued.load(Relaxed) > 0
-                || queue.sending.as_ref().is_some_and(|w| Arc::ptr_eq(w, writer))
+                || queue
+                    .sending
+                    .as_ref()
+                    .is_some_and(|w| Arc::ptr_eq(w, writer))
         };
         while busy(&queue) {
             let wait = deadline.saturating_duration_since(Instant::now());

@@ -135,7 +135,10 @@ impl Writer {
         if let Some(new) = &dds {
             let latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
             for cdr in latched.iter() {
-                if new.write(cdr.clone(), Some(rustdds::Timestamp::now())).is_err() {
+                if new
+                    .write(cdr.clone(), Some(rustdds::Timestamp::now()))
+                    .is_err()
+                {
                     self.counters.failed.fetch_add(1, Relaxed);
                 }
             }

@@ -59,12 +59,7 @@ impl fmt::Display for Time {
         let sign = if self.0 < 0 { "-" } else { "" };
         let nanos = self.0.unsigned_abs();
         let per_second = NANOS_PER_SECOND.unsigned_abs();
-        write!(
-            f,
-            "{sign}{}.{:09}",
-            nanos / per_second,
-            nanos % per_second
-        )
+        write!(f, "{sign}{}.{:09}", nanos / per_second, nanos % per_second)
     }
 }
 
@@ -132,7 +127,14 @@ mod tests {
     // Would break if nanoseconds went through a double, or if negative times were split towards zero.
     #[test]
     fn conversions_keep_every_nanosecond() {
-        for nanos in [0, 1, 999_999_999, 1_700_000_000_123_456_789, -1, -1_000_000_001] {
+        for nanos in [
+            0,
+            1,
+            999_999_999,
+            1_700_000_000_123_456_789,
+            -1,
+            -1_000_000_001,
+        ] {
             let t = Time::from_nanos(nanos);
             let ros: builtin_interfaces::Time = t.into();
             assert!(ros.nanosec < 1_000_000_000);
@@ -140,7 +142,10 @@ mod tests {
         }
         assert_eq!(Time::from_nanos(-1_500_000_000).to_string(), "-1.500000000");
         assert_eq!(Time::from_secs_f64(0.1).as_nanos(), 100_000_000);
-        assert_eq!(Time::from_nanos(5).since(Time::from_nanos(9)), Duration::ZERO);
+        assert_eq!(
+            Time::from_nanos(5).since(Time::from_nanos(9)),
+            Duration::ZERO
+        );
         assert_eq!(Time::from_nanos(0) - Time::from_secs_f64(1.5), -1.5);
     }
 }

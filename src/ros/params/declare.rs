@@ -106,7 +106,8 @@ impl Declare {
                 |(_, n)| format!("did you mean {n}?"),
             );
             let node = self.store.node();
-            let error = format!("{source}: parameter {name}: node {node} has no such parameter; {hint}");
+            let error =
+                format!("{source}: parameter {name}: node {node} has no such parameter; {hint}");
             if !self.errors.contains(&error) {
                 self.errors.push(error);
             }
@@ -307,7 +308,15 @@ macro_rules! defaults {
     )*};
 }
 defaults!(
-    bool, i64, f64, String, Vec<u8>, Vec<bool>, Vec<i64>, Vec<f64>, Vec<String>
+    bool,
+    i64,
+    f64,
+    String,
+    Vec<u8>,
+    Vec<bool>,
+    Vec<i64>,
+    Vec<f64>,
+    Vec<String>
 );
 
 impl DefaultValue for &str {

@@ -8,7 +8,10 @@ mod store;
 mod value;
 pub(super) mod yaml;
 
-pub use declare::{Declare, DeclareError, Declaration, Param};
+#[cfg(test)]
+mod tests;
+
+pub use declare::{Declaration, Declare, DeclareError, Param};
 pub use descriptor::{Descriptor, Range};
 pub use store::{ParameterStore, SetError};
 pub use value::{Kind, Parameter, ParameterValue};

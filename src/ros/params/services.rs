@@ -34,20 +34,26 @@ pub(in crate::ros) fn serve(node: &Node) -> Result<Vec<ServiceServer>, NodeError
         })?,
         node.serve::<GetParameterTypes>("~/get_parameter_types", move |request| {
             GetParameterTypesResponse {
-                types: values(&types, &request.names).map(|v| v.kind() as u8).collect(),
+                types: values(&types, &request.names)
+                    .map(|v| v.kind() as u8)
+                    .collect(),
             }
         })?,
         node.serve::<ListParameters>("~/list_parameters", move |request| ListParametersResponse {
             result: list_names(&list.names(), &request.prefixes, request.depth),
         })?,
         node.serve::<DescribeParameters>("~/describe_parameters", move |request| {
-            let descriptors = request.names.into_iter().map(|name| match describe.describe(&name) {
-                Some(descriptor) => ParameterDescriptor::from(&descriptor),
-                None => ParameterDescriptor {
-                    name,
-                    ..Default::default()
-                },
-            });
+            let descriptors =
+                request
+                    .names
+                    .into_iter()
+                    .map(|name| match describe.describe(&name) {
+                        Some(descriptor) => ParameterDescriptor::from(&descriptor),
+                        None => ParameterDescriptor {
+                            name,
+                            ..Default::default()
+                        },
+                    });
             DescribeParametersResponse {
                 descriptors: descriptors.collect(),
             }
@@ -149,11 +155,13 @@ fn list_names(names: &[String], prefixes: &[String], depth: u64) -> ListParamete
         if prefixes.is_empty() {
             return shallow(name);
         }
-        prefixes.iter().any(|prefix| match name.strip_prefix(prefix.as_str()) {
-            Some("") => true,
-            Some(rest) => rest.strip_prefix('.').is_some_and(shallow),
-            None => false,
-        })
+        prefixes
+            .iter()
+            .any(|prefix| match name.strip_prefix(prefix.as_str()) {
+                Some("") => true,
+                Some(rest) => rest.strip_prefix('.').is_some_and(shallow),
+                None => false,
+            })
     };
     let names: Vec<String> = names.iter().filter(listed).cloned().collect();
     let prefixes: BTreeSet<_> = names

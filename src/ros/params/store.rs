@@ -127,7 +127,12 @@ impl ParameterStore {
     pub(super) fn add_validator(&self, validator: Validator) -> Result<(), String> {
         let mut inner = self.lock();
         let entries = &inner.entries;
-        validator(&|name| entries.get(name).map(|e| e.value.clone()).unwrap_or_default())?;
+        validator(&|name| {
+            entries
+                .get(name)
+                .map(|e| e.value.clone())
+                .unwrap_or_default()
+        })?;
         inner.validators.push(validator);
         Ok(())
     }
@@ -182,7 +187,11 @@ impl Inner {
         };
         for validator in &self.validators {
             validator(&proposed).map_err(|reason| SetError {
-                name: values.iter().map(|(n, _)| n.as_str()).collect::<Vec<_>>().join(", "),
+                name: values
+                    .iter()
+                    .map(|(n, _)| n.as_str())
+                    .collect::<Vec<_>>()
+                    .join(", "),
                 reason,
             })?;
         }

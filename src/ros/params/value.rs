@@ -210,7 +210,11 @@ impl TryFrom<msg::ParameterValue> for ParameterValue {
             7 => Self::IntegerArray(m.integer_array_value),
             8 => Self::DoubleArray(m.double_array_value),
             9 => Self::StringArray(m.string_array_value),
-            other => return Err(format!("type {other} is none of the parameter types 0 to 9")),
+            other => {
+                return Err(format!(
+                    "type {other} is none of the parameter types 0 to 9"
+                ));
+            }
         })
     }
 }
