@@ -10,6 +10,7 @@ mod recorded_physics;
 mod simulated_bag;
 mod topic_health;
 
+pub(crate) use bag_check::momentum_residuals;
 pub use bag_check::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag};
 pub use bag_plot::plot_bag;
 pub use chart::{ChartError, Figure, Panel, Series};
@@ -18,5 +19,6 @@ pub use performance::{MomentumResidual, Performance, Summary};
 pub use recorded::{
     BaseSample, ControllerSample, JointSample, MomentumSample, RecordedRun, RecordedRuns,
 };
+pub use recorded_physics::{Residual, momentum_residuals};
 pub use simulated_bag::SimulatedBag;
 pub use topic_health::{TopicHealth, TopicWatch};

@@ -8,7 +8,7 @@ use crate::dynamics::{Momentum, State, Workspace};
 use crate::model::Model;
 
 /// Change of a momentum since the start.
-pub(super) struct Residual {
+pub struct Residual {
     /// Stamps \[ns\] and changes relative to `scale`.
     pub values: Vec<(i64, f64)>,
     /// What the changes are relative to.
@@ -18,7 +18,7 @@ pub(super) struct Residual {
 }
 
 /// Residuals of linear and angular momentum as `ground_truth/momentum` states them.
-pub(super) fn momentum_residuals(run: &RecordedRun) -> Option<[Residual; 2]> {
+pub fn momentum_residuals(run: &RecordedRun) -> Option<[Residual; 2]> {
     let first = run.momentum.first()?;
     let carried = carried(run);
     let residual = |pick: fn(&MomentumSample) -> Vector3<f64>, carried: f64| {

@@ -8,6 +8,9 @@ mod store;
 mod value;
 pub(super) mod yaml;
 
+#[cfg(test)]
+mod tests;
+
 pub use declare::{Declaration, Declare, DeclareError, Param};
 pub use descriptor::{Descriptor, Range};
 pub use store::{ParameterStore, SetError};

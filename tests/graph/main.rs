@@ -1,0 +1,10 @@
+//! The ROS layer in a real graph: nodes of this crate beside rclpy (Jazzy, Fast DDS) on loopback.
+
+#[path = "../support/peer.rs"]
+mod peer;
+
+mod isolation;
+mod parameters;
+mod probe;
+mod survival;
+mod topics;

@@ -1,0 +1,184 @@
+//! A node that does a little of everything, run as a process of its own.
+
+use fuyu::{
+    msg::{
+        std_msgs::String as Text,
+        std_srvs::{Trigger, TriggerResponse},
+    },
+    ros::{Node, NodeError, Process, Qos, Reach},
+};
+use std::{
+    fs,
+    process::{Child, Command, ExitCode, Stdio},
+    time::Duration,
+};
+
+/// Arguments of the node, one a line.
+const ARGS: &str = "FUYU_PROBE_ARGS";
+
+/// The process that the other tests start; by itself it is no test.
+#[test]
+#[ignore = "started by the other tests"]
+fn node_process() {
+    let args = std::env::var(ARGS).unwrap_or_default();
+    let args = args.lines().map(str::to_owned);
+    let outcome = Process::from_env(args, Reach::Subnet).and_then(|(mut process, _)| {
+        process.start("probe", program)?;
+        process.wait()
+    });
+    if let Err(e) = outcome {
+        eprintln!("error: {e}");
+        let _: ExitCode = e.exit_code().into();
+        std::process::exit(e.exit_code().into());
+    }
+}
+
+fn text(data: impl Into<String>) -> Text {
+    Text { data: data.into() }
+}
+
+fn program(node: &Node) -> Result<(), NodeError> {
+    let mut declare = node.declare();
+    let rate = declare
+        .param("rate", 20.0, "Messages per second [Hz]")
+        .range(1.0, 200.0)
+        .live();
+    let label = declare
+        .param("label", "hello", "Text of the messages")
+        .check("not empty", |v: &String| match v.is_empty() {
+            true => Err("an empty label would not be seen".to_owned()),
+            false => Ok(()),
+        })
+        .live();
+    let frame = declare
+        .param("frame", "base_link", "Frame")
+        .read_only()
+        .value();
+    let _ = declare.param("gains.p", [1.0, 2.0], "Gains [1/s]").live();
+    let _ = declare.param("count", 3, "A number").range(0, 10).live();
+    declare.finish()?;
+
+    let chatter = node.advertise::<Text>("chatter", Qos::RELIABLE)?;
+    let fast = node.advertise::<Text>("fast", Qos::SENSOR_DATA)?;
+    let latched = node.advertise::<Text>("robot_description", Qos::LATCHED)?;
+    let heard = node.advertise::<Text>("heard", Qos::RELIABLE)?;
+    let said = node.subscribe::<Text>("say", Qos::RELIABLE)?;
+    let retained = node.subscribe::<Text>("retained", Qos::LATCHED)?;
+    let raw = node.advertise::<Text>("raw_heard", Qos::RELIABLE)?;
+    let _raw = node.subscribe_raw("raw", "std_msgs/msg/String", Qos::RELIABLE, move |sample| {
+        raw.publish(&text(format!("{:02x?}", &sample.cdr[..])));
+    })?;
+    let _ping = node.serve::<Trigger>("~/ping", |_| TriggerResponse {
+        success: true,
+        message: "pong".into(),
+    })?;
+    latched.publish(&text("<robot/>"));
+    let status = node.diagnostics().status("probe");
+    status.warn("only a test");
+    status.set("frame", &frame);
+    tracing::info!("the probe runs");
+
+    let mut timer = node.timer(Duration::from_secs_f64(1.0 / rate.get()));
+    let mut count = 0;
+    while node.wait_until(timer.next()) {
+        if rate.changed() {
+            timer.set_period(Duration::from_secs_f64(1.0 / rate.get()));
+        }
+        while let Some(said) = said.take().or_else(|| retained.take()) {
+            // What ends here sends SIGCHLD to this process.
+            if said.message.data == "have a child" {
+                let ended = Command::new("true").status();
+                heard.publish(&text(format!("{ended:?}")));
+            } else {
+                heard.publish(&said.message);
+            }
+        }
+        if timer.due() {
+            count += 1;
+            chatter.publish(&text(format!("{} {count} at {}", label.get(), node.now())));
+            fast.publish(&text(count.to_string()));
+        }
+    }
+    tracing::info!("the probe ends in order");
+    Ok(())
+}
+
+/// A probe as a process, killed when dropped.
+pub struct Probe(pub Child);
+
+impl Probe {
+    /// On loopback in a DDS domain, with ROS arguments.
+    pub fn start(domain: u16, args: &[&str]) -> Self {
+        Self::start_with(Command::new(Self::executable()), domain, args)
+    }
+
+    pub fn executable() -> std::path::PathBuf {
+        std::env::current_exe().expect("a test knows its executable")
+    }
+
+    /// With a command that ends in this executable.
+    pub fn start_with(mut command: Command, domain: u16, args: &[&str]) -> Self {
+        // One thread: the node must be able to mask signals before others exist.
+        command
+            .args(["probe::node_process", "--exact", "--ignored", "--nocapture"])
+            .arg("--test-threads=1")
+            .env(ARGS, args.join("\n"))
+            .env("ROS_DOMAIN_ID", domain.to_string())
+            .env_remove("ROS_LOCALHOST_ONLY")
+            .stdout(Stdio::null())
+            .stderr(Stdio::piped());
+        if std::env::var_os("ROS_AUTOMATIC_DISCOVERY_RANGE").is_none()
+            && !command
+                .get_envs()
+                .any(|(name, _)| name == "ROS_AUTOMATIC_DISCOVERY_RANGE")
+        {
+            command.env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST");
+        }
+        Self(command.spawn().expect("the probe starts"))
+    }
+
+    pub fn signal(&self, name: &str) {
+        let pid = self.0.id().to_string();
+        let kill = Command::new("kill")
+            .args([&format!("-{name}"), &pid])
+            .status();
+        assert!(kill.expect("kill is there").success());
+    }
+
+    /// Signal masks of all threads, by thread name.
+    pub fn blocked_signals(&self) -> Vec<(String, u64)> {
+        let tasks = fs::read_dir(format!("/proc/{}/task", self.0.id())).expect("it runs");
+        tasks
+            .map(|task| {
+                let status = task.expect("a task").path().join("status");
+                let status = fs::read_to_string(status).expect("a status");
+                let field = |name: &str| {
+                    let line = status.lines().find_map(|l| l.strip_prefix(name));
+                    line.expect("the field").trim().to_owned()
+                };
+                let mask = u64::from_str_radix(&field("SigBlk:"), 16).expect("a mask");
+                (field("Name:"), mask)
+            })
+            .collect()
+    }
+
+    /// Ends it with SIGINT; what it said on stderr, and its exit code.
+    pub fn interrupt(mut self) -> (String, Option<i32>) {
+        self.signal("INT");
+        self.finish()
+    }
+
+    /// Waits for its end; what it said on stderr, and its exit code.
+    pub fn finish(&mut self) -> (String, Option<i32>) {
+        let stderr = self.0.stderr.take().expect("stderr is piped");
+        let said = std::io::read_to_string(stderr).expect("stderr is text");
+        (said, self.0.wait().expect("it ends").code())
+    }
+}
+
+impl Drop for Probe {
+    fn drop(&mut self) {
+        let _ = self.0.kill();
+        let _ = self.0.wait();
+    }
+}

@@ -1,0 +1,171 @@
+"""A real ROS 2 node (rclpy) that a test drives: one JSON command a line on stdin, one JSON answer a line."""
+
+import array
+import collections
+import importlib
+import json
+import sys
+import threading
+import time
+
+import rclpy
+from rclpy.executors import SingleThreadedExecutor
+from rclpy.parameter import Parameter
+from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
+from rcl_interfaces.msg import Parameter as ParameterMsg
+from rcl_interfaces.srv import (
+    DescribeParameters,
+    GetParameters,
+    GetParameterTypes,
+    ListParameters,
+    SetParameters,
+    SetParametersAtomically,
+)
+
+
+def qos(name, depth=50):
+    profile = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth)
+    profile.reliability = (
+        ReliabilityPolicy.BEST_EFFORT if name == "sensor_data" else ReliabilityPolicy.RELIABLE
+    )
+    profile.durability = (
+        DurabilityPolicy.TRANSIENT_LOCAL if name == "latched" else DurabilityPolicy.VOLATILE
+    )
+    return profile
+
+
+def load(type_name):
+    package, kind, name = type_name.split("/")
+    return getattr(importlib.import_module(f"{package}.{kind}"), name)
+
+
+def plain(value):
+    """A message as JSON."""
+    if hasattr(value, "get_fields_and_field_types"):
+        return {f: plain(getattr(value, f)) for f in value.get_fields_and_field_types()}
+    if isinstance(value, (list, tuple, array.array)):
+        return [plain(v) for v in value]
+    if isinstance(value, bytes):
+        return list(value)
+    if hasattr(value, "tolist"):
+        return value.tolist()
+    return value
+
+
+def fill(message, values):
+    """JSON into a message."""
+    for field, value in values.items():
+        inner = getattr(message, field)
+        if isinstance(value, dict):
+            fill(inner, value)
+        else:
+            setattr(message, field, value)
+    return message
+
+
+class Peer:
+    def __init__(self, name):
+        rclpy.init()
+        self.node = rclpy.create_node(name)
+        self.executor = SingleThreadedExecutor()
+        self.executor.add_node(self.node)
+        self.received = collections.defaultdict(list)
+        self.arrived = threading.Condition()
+        self.publishers = {}
+        threading.Thread(target=self.executor.spin, daemon=True).start()
+
+    def subscribe(self, topic, type, qos_name="reliable"):
+        def take(message):
+            with self.arrived:
+                self.received[topic].append((time.time(), plain(message)))
+                self.arrived.notify_all()
+
+        self.node.create_subscription(load(type), topic, take, qos(qos_name))
+
+    def wait(self, topic, count=1, since=0.0, timeout=15.0):
+        """The messages that came after `since`, as soon as there are `count` of them."""
+
+        def later():
+            return [m for m in self.received[topic] if m[0] >= since]
+
+        with self.arrived:
+            self.arrived.wait_for(lambda: len(later()) >= count, timeout)
+            return [{"time": t, "message": m} for t, m in later()]
+
+    def publish(self, topic, type, message, qos_name="reliable", matched=1, timeout=15.0):
+        if topic not in self.publishers:
+            self.publishers[topic] = self.node.create_publisher(load(type), topic, qos(qos_name))
+        publisher = self.publishers[topic]
+        deadline = time.time() + timeout
+        while publisher.get_subscription_count() < matched and time.time() < deadline:
+            time.sleep(0.02)
+        publisher.publish(fill(load(type)(), message))
+        return publisher.get_subscription_count()
+
+    def graph(self, node, namespace="/", timeout=15.0):
+        """What the graph shows of a node, once it shows it."""
+        deadline = time.time() + timeout
+        while time.time() < deadline:
+            names = self.node.get_node_names_and_namespaces()
+            if (node, namespace) in names:
+                try:
+                    return {
+                        "nodes": names,
+                        "publishers": dict(
+                            self.node.get_publisher_names_and_types_by_node(node, namespace)
+                        ),
+                        "subscribers": dict(
+                            self.node.get_subscriber_names_and_types_by_node(node, namespace)
+                        ),
+                        "services": dict(
+                            self.node.get_service_names_and_types_by_node(node, namespace)
+                        ),
+                    }
+                except rclpy.node.NodeNameNonExistentError:
+                    pass
+            time.sleep(0.05)
+        return {"nodes": self.node.get_node_names_and_namespaces()}
+
+    def topic_info(self, topic):
+        return [
+            {"node": i.node_name, "type": i.topic_type, "reliability": i.qos_profile.reliability.name,
+             "durability": i.qos_profile.durability.name}
+            for i in self.node.get_publishers_info_by_topic(topic)
+        ]
+
+    def call(self, service, type, request, timeout=15.0):
+        client = self.node.create_client(load(type), service)
+        try:
+            if not client.wait_for_service(timeout):
+                return {"error": f"no service {service}"}
+            start = time.time()
+            future = client.call_async(fill(load(type).Request(), request))
+            while not future.done() and time.time() - start < timeout:
+                time.sleep(0.002)
+            if not future.done():
+                return {"error": f"no answer from {service}"}
+            return {"response": plain(future.result()), "seconds": time.time() - start}
+        finally:
+            self.node.destroy_client(client)
+
+    def set_parameters(self, node, values, atomically=False):
+        messages = [Parameter(name, value=value).to_parameter_msg() for name, value in values]
+        kind = "set_parameters_atomically" if atomically else "set_parameters"
+        type = "rcl_interfaces/srv/" + ("SetParametersAtomically" if atomically else "SetParameters")
+        return self.call(f"{node}/{kind}", type, {"parameters": messages})
+
+
+def main():
+    peer = Peer(sys.argv[1] if len(sys.argv) > 1 else "peer")
+    print(json.dumps({"ready": True}), flush=True)
+    for line in sys.stdin:
+        command = json.loads(line)
+        operation = getattr(peer, command.pop("do"))
+        try:
+            answer = operation(**command)
+        except Exception as e:  # the test decides what it means
+            answer = {"error": f"{type(e).__name__}: {e}"}
+        print(json.dumps(answer), flush=True)
+
+
+main()
