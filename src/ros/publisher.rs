@@ -195,3 +195,51 @@ impl Outbox {
         }
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{msg::std_msgs::String as Text, ros::session::EndpointSpec};
+
+    fn fill(qos: Qos, messages: u8) -> (Outbox, Arc<Writer>) {
+        let spec = EndpointSpec::topic::<Text>("/t", qos);
+        let (outbox, writer) = (Outbox::default(), Arc::new(Writer::new(spec)));
+        for i in 0..messages {
+            outbox.push(&writer, vec![i].into(), None);
+        }
+        (outbox, writer)
+    }
+
+    fn waiting(outbox: &Outbox) -> Vec<u8> {
+        outbox.lock().items.iter().map(|o| o.cdr[0]).collect()
+    }
+
+    // Would break if a full queue blocked, grew, or lost messages without counting them.
+    #[test]
+    fn a_full_best_effort_queue_drops_its_oldest() {
+        let (outbox, writer) = fill(Qos::SENSOR_DATA.depth(3), 10);
+        assert_eq!(waiting(&outbox), [7, 8, 9]);
+        assert_eq!(writer.counters.dropped.load(Relaxed), 7);
+    }
+
+    #[test]
+    fn a_full_reliable_queue_keeps_what_it_has_and_counts() {
+        let (outbox, writer) = fill(Qos::RELIABLE.depth(1), 255);
+        assert_eq!(waiting(&outbox).len(), 255);
+        for i in 0..10 {
+            outbox.push(&writer, vec![i].into(), None);
+        }
+        assert_eq!(waiting(&outbox).len(), RELIABLE_QUEUE);
+        assert_eq!(waiting(&outbox)[0], 0);
+        assert_eq!(writer.counters.dropped.load(Relaxed), 9);
+    }
+
+    #[test]
+    fn what_dds_does_not_take_is_counted() {
+        let (outbox, writer) = fill(Qos::RELIABLE, 4);
+        outbox.close();
+        outbox.run(Duration::from_secs(1), || {});
+        assert_eq!(writer.counters.failed.load(Relaxed), 4);
+        assert_eq!(writer.queued.load(Relaxed), 0);
+    }
+}
