@@ -1,3 +1,7 @@
 //! The `fuyu` command line.
 
-fn main() {}
+use std::process::ExitCode;
+
+fn main() -> ExitCode {
+    fuyu::cli::main()
+}

@@ -4,6 +4,7 @@
 //! process or a full disk leaves behind must still be read up to its last whole chunk.
 
 use mcap::records::{Record, op};
+use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
 use mcap::sans_io::summary_reader::{SummaryReadEvent, SummaryReader};
 use std::collections::HashMap;
 use std::fs::File;
@@ -252,19 +253,44 @@ impl McapFile {
 /// A chunk's compression and its records.
 fn unpack(body: &[u8]) -> Result<(String, Vec<Record<'static>>), String> {
     let text = |e: mcap::McapError| e.to_string();
-    let Record::Chunk { header, data } = mcap::parse_record(op::CHUNK, body).map_err(text)? else {
+    let Record::Chunk { header, .. } = mcap::parse_record(op::CHUNK, body).map_err(text)? else {
         return Err("not a chunk".into());
     };
     if header.uncompressed_size > MAX_CHUNK {
         let size = header.uncompressed_size;
         return Err(format!("{size} bytes, more than any writer makes"));
     }
-    let compression = header.compression.clone();
-    let records: Result<Vec<_>, _> = mcap::read::ChunkReader::new(header, &data)
-        .map_err(text)?
-        .map(|record| record.map(Record::into_owned).map_err(text))
-        .collect();
-    Ok((compression, records?))
+    let compression = header.compression;
+    // The checksum before the records, and no record larger than the chunk: lengths in a damaged chunk
+    // must not be believed.
+    let limit = usize::try_from(header.uncompressed_size.max(body.len() as u64))
+        .map_err(|e| e.to_string())?;
+    let mut reader = LinearReader::new_with_options(
+        LinearReaderOptions::default()
+            .with_skip_start_magic(true)
+            .with_skip_end_magic(true)
+            .with_prevalidate_chunk_crcs(true)
+            .with_record_length_limit(limit),
+    );
+    let length = (body.len() as u64).to_le_bytes();
+    let mut input = [op::CHUNK].as_slice().chain(&length[..]).chain(body);
+    let mut records = Vec::new();
+    while let Some(event) = reader.next_event() {
+        match event.map_err(text)? {
+            LinearReadEvent::ReadRequest(n) => {
+                let n = n.min(body.len() + RECORD_HEADER);
+                let read = input.read(reader.insert(n)).map_err(|e| e.to_string())?;
+                reader.notify_read(read);
+            }
+            LinearReadEvent::Record { data, opcode } => {
+                if matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
+                    let record = mcap::parse_record(opcode, data).map_err(text)?;
+                    records.push(record.into_owned());
+                }
+            }
+        }
+    }
+    Ok((compression, records))
 }
 
 /// The summary that a closed file ends with; `None` if there is none.

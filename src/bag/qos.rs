@@ -2,6 +2,8 @@
 
 use serde::{Deserialize, Deserializer, Serialize};
 
+use crate::ros;
+
 /// Quality of service that publishers of a recorded topic offered, in rosbag2's terms and order.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Qos {
@@ -70,6 +72,40 @@ impl QosDuration {
         sec: 9_223_372_036,
         nsec: 854_775_807,
     };
+}
+
+impl From<ros::Qos> for Qos {
+    fn from(qos: ros::Qos) -> Self {
+        let duration = |d: Option<std::time::Duration>| {
+            d.map_or(QosDuration::INFINITE, |d| QosDuration {
+                sec: d.as_secs(),
+                nsec: d.subsec_nanos().into(),
+            })
+        };
+        Self {
+            history: match qos.history {
+                ros::qos::History::KeepLast => History::KeepLast,
+                ros::qos::History::KeepAll => History::KeepAll,
+            },
+            depth: qos.depth as u64,
+            reliability: match qos.reliability {
+                ros::qos::Reliability::Reliable => Reliability::Reliable,
+                ros::qos::Reliability::BestEffort => Reliability::BestEffort,
+            },
+            durability: match qos.durability {
+                ros::qos::Durability::Volatile => Durability::Volatile,
+                ros::qos::Durability::TransientLocal => Durability::TransientLocal,
+            },
+            deadline: duration(qos.deadline),
+            lifespan: duration(qos.lifespan),
+            liveliness: match qos.liveliness {
+                ros::qos::Liveliness::Automatic => Liveliness::Automatic,
+                ros::qos::Liveliness::ManualByTopic => Liveliness::ManualByTopic,
+            },
+            liveliness_lease_duration: duration(qos.liveliness_lease_duration),
+            avoid_ros_namespace_conventions: false,
+        }
+    }
 }
 
 // Bags before version 9 number the policies as rmw does; later ones name them.

@@ -1,1 +1,134 @@
-//! The `fuyu` command line.
+//! The `fuyu` command line: one file a command, each with its `Args` and its `run`.
+
+mod bag;
+mod inspect;
+mod simulate;
+mod table;
+
+use std::fs;
+use std::io::{self, Write};
+use std::path::Path;
+use std::process::ExitCode;
+
+use clap::{Parser, Subcommand};
+
+use crate::model::Model;
+
+/// Free-floating space robots as ROS 2 nodes.
+#[derive(Parser)]
+#[command(name = "fuyu", version, arg_required_else_help = true)]
+struct Cli {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Subcommand)]
+enum Command {
+    Bag(bag::Args),
+    Inspect(inspect::Args),
+    Simulate(simulate::Args),
+}
+
+impl Command {
+    fn run(self) -> Result<(), Failure> {
+        match self {
+            Self::Bag(args) => bag::run(args),
+            Self::Inspect(args) => inspect::run(args),
+            Self::Simulate(args) => simulate::run(&args),
+        }
+    }
+}
+
+/// Why a command did not end well. Displayed in one line on stderr.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum Failure {
+    /// What the user gave is wrong: a file, a value, a name. Exit code 2.
+    #[error("{0}")]
+    Input(String),
+    /// The command ran, but what it checked does not hold. Exit code 1.
+    #[error("{0}")]
+    Check(String),
+    /// The world did not play along: a full disk, a port in use. Exit code 1.
+    #[error("{0}")]
+    Runtime(String),
+}
+
+impl Failure {
+    fn exit_code(&self) -> ExitCode {
+        ExitCode::from(match self {
+            Self::Input(_) => 2,
+            Self::Check(_) | Self::Runtime(_) => 1,
+        })
+    }
+}
+
+/// Runs the command that the process's arguments name; returns its exit code (0 done, 1 ran but a
+/// check failed, 2 bad input).
+pub fn main() -> ExitCode {
+    match Cli::parse().command.run() {
+        Ok(()) => ExitCode::SUCCESS,
+        Err(failure) => {
+            let line = failure.to_string().replace(['\n', '\r'], " ");
+            // Nobody is left to tell if stderr is closed.
+            let _ = writeln!(io::stderr(), "fuyu: error: {line}");
+            failure.exit_code()
+        }
+    }
+}
+
+/// Reads and compiles a robot description.
+fn read_model(path: &Path) -> Result<Model, Failure> {
+    let source = path.display().to_string();
+    let bytes =
+        fs::read(path).map_err(|e| Failure::Input(format!("{source}: cannot be read: {e}")))?;
+    let xml = String::from_utf8(bytes).map_err(|e| {
+        let at = e.utf8_error().valid_up_to();
+        Failure::Input(format!(
+            "{source}: byte {at} is not UTF-8; a URDF is a text file"
+        ))
+    })?;
+    Model::from_urdf(&xml, &source).map_err(|e| Failure::Input(e.to_string()))
+}
+
+/// Writes a command's result to stdout. A reader that has seen enough (`fuyu ... | head`) is no error.
+fn print(text: &str) -> Result<(), Failure> {
+    let mut stdout = io::stdout().lock();
+    match stdout
+        .write_all(text.as_bytes())
+        .and_then(|()| stdout.flush())
+    {
+        Err(e) if e.kind() != io::ErrorKind::BrokenPipe => {
+            Err(Failure::Runtime(format!("cannot write to stdout: {e}")))
+        }
+        _ => Ok(()),
+    }
+}
+
+/// Numbers given as `1,-2,3e-1`.
+#[derive(Debug, Clone, PartialEq)]
+struct Numbers(Vec<f64>);
+
+impl std::str::FromStr for Numbers {
+    type Err = String;
+
+    fn from_str(list: &str) -> Result<Self, String> {
+        let number = |word: &str| match word.trim().parse::<f64>() {
+            Ok(x) if x.is_finite() => Ok(x),
+            _ => Err(format!(
+                "'{word}' is not a finite number; give numbers as 1,-2,0.3"
+            )),
+        };
+        list.split(',')
+            .map(number)
+            .collect::<Result<_, _>>()
+            .map(Self)
+    }
+}
+
+/// A time that a run can last.
+fn positive_seconds(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(seconds) if seconds > 0.0 && seconds.is_finite() => Ok(seconds),
+        _ => Err("give a positive number of seconds".to_owned()),
+    }
+}

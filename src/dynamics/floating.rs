@@ -87,7 +87,7 @@ impl Floating {
             input,
             ..
         } = self;
-        let mut held = |_: f64, _: &State, into: &mut Input| into.clone_from(input);
+        let mut held = |_: f64, _: &State, into: &mut Input| into.copy_from(input);
         for _ in 0..steps {
             integrator.step(model, state, workspace, dt, &mut held);
         }

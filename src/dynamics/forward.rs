@@ -25,6 +25,14 @@ impl Input {
     }
 }
 
+impl Input {
+    /// Takes over `other`'s values without allocating; both must be of the same model.
+    pub fn copy_from(&mut self, other: &Self) {
+        self.efforts.copy_from(&other.efforts);
+        self.wrenches.copy_from_slice(&other.wrenches);
+    }
+}
+
 impl Workspace {
     /// Joint accelerations \[rad/s² or m/s²\] of the reduced system, `Ĥ q̈ = τ - C q̇ - bias`:
     /// Masutani 1995 eq. (4.49) (whose second term lost a dot in print: `dĤ/dt + C`), extended to

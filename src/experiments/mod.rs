@@ -1,1 +1,21 @@
-//! Closed loops and published results, run without a ROS graph.
+//! Closed loops and published results, and what recordings of them show; run without a ROS graph.
+
+mod bag_check;
+mod bag_plot;
+mod chart;
+mod closed_loop;
+mod performance;
+mod recorded;
+mod simulated_bag;
+mod topic_health;
+
+pub use bag_check::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag};
+pub use bag_plot::plot_bag;
+pub use chart::{ChartError, Figure, Panel, Series};
+pub use closed_loop::{ClosedLoop, Moment};
+pub use performance::{MomentumResidual, Performance, Summary};
+pub use recorded::{
+    BaseSample, ControllerSample, JointSample, MomentumSample, RecordedRun, RecordedRuns,
+};
+pub use simulated_bag::SimulatedBag;
+pub use topic_health::{TopicHealth, TopicWatch};

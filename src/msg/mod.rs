@@ -17,6 +17,7 @@ mod field;
 mod type_hash;
 
 pub mod cdr;
+pub mod scan;
 
 pub mod builtin_interfaces;
 pub mod diagnostic_msgs;

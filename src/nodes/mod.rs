@@ -1,1 +1,43 @@
 //! The ROS 2 nodes: physics joined to topics, services and parameters.
+//!
+//! | node | reads | writes |
+//! | --- | --- | --- |
+//! | [`dynamics`] | `joint_commands` | `/clock`, `robot_description`, `joint_states`, `/tf`, `/tf_static`, `ground_truth/...` |
+//! | [`camera`] | `robot_description`, `joint_states`, `ground_truth/odom`, `goal_pose` | `camera/tip_pose`, `camera/goal_pose`, `camera/camera_info` |
+//! | [`controller`] | `robot_description`, `joint_states`, `camera/tip_pose`, `camera/goal_pose` | `joint_commands`, `controller/state` |
+//! | [`recorder`] | any topic | a bag |
+//!
+//! A node is a program `fn(&Node) -> Result<(), NodeError>`; [`by_name`] finds it.
+
+pub mod camera;
+pub mod controller;
+pub mod dynamics;
+pub mod geometry;
+mod placement;
+pub mod recorder;
+pub mod resource;
+mod robot_description;
+pub mod scenario;
+
+pub use robot_description::tip_frame;
+
+use crate::ros::{Node, NodeError};
+
+/// The program of a node.
+pub type Program = fn(&Node) -> Result<(), NodeError>;
+
+/// All nodes, in the order in which a launch starts them: whoever listens comes first.
+pub const NODES: [(&str, Program); 4] = [
+    ("recorder", recorder::program),
+    ("controller", controller::program),
+    ("camera", camera::program),
+    ("dynamics", dynamics::program),
+];
+
+/// The program of the node called `name` in scenario files.
+pub fn by_name(name: &str) -> Option<Program> {
+    NODES
+        .iter()
+        .find(|(known, _)| *known == name)
+        .map(|(_, program)| *program)
+}

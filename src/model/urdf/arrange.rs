@@ -98,17 +98,16 @@ pub(super) fn arrange(
         for _ in 0..robot.links.len() {
             on_cycle = parent(on_cycle);
         }
-        let mut names = vec![robot.links[on_cycle].name.as_str()];
-        let mut above = parent(on_cycle);
-        while above != on_cycle {
-            names.push(&robot.links[above].name);
-            above = parent(above);
-        }
-        names.push(&robot.links[on_cycle].name);
-        names.reverse();
+        let above = |&i: &usize| Some(parent(i)).filter(|&p| p != on_cycle);
+        let mut cycle: Vec<usize> = std::iter::successors(Some(on_cycle), above).collect();
+        cycle.reverse();
+        let first = (0..cycle.len()).min_by_key(|&k| cycle[k]).unwrap_or(0);
+        cycle.rotate_left(first);
+        cycle.push(cycle[0]);
+        let names: Vec<&str> = cycle.iter().map(|&i| &*robot.links[i].name).collect();
         let problem = UrdfProblem::Cycle(names.join(" -> "));
-        let element = Some(subject("link", &robot.links[on_cycle].name));
-        return Err(source.error_at(facts.links[on_cycle].at, element, problem));
+        let element = Some(subject("link", &robot.links[cycle[0]].name));
+        return Err(source.error_at(facts.links[cycle[0]].at, element, problem));
     }
     Ok(Arrangement {
         root: roots[0],

@@ -41,14 +41,11 @@ type Checked<T> = Result<T, UrdfError>;
 impl<'a> Source<'a> {
     /// Parses the XML.
     pub fn parse(xml: &'a str, name: &'a str) -> Checked<Self> {
-        let doc = Document::parse(xml).map_err(|e| {
-            let pos = e.pos();
-            UrdfError {
-                source_name: name.to_owned(),
-                line: Some(pos.row),
-                element: None,
-                problem: UrdfProblem::Xml(format!("{e} (line:column)")),
-            }
+        let doc = Document::parse(xml).map_err(|e| UrdfError {
+            source_name: name.to_owned(),
+            line: Some(e.pos().row),
+            element: None,
+            problem: Box::new(UrdfProblem::Xml(e.to_string())),
         })?;
         Ok(Self { name, doc })
     }
@@ -59,7 +56,7 @@ impl<'a> Source<'a> {
             source_name: self.name.to_owned(),
             line: Some(self.line(at)),
             element,
-            problem,
+            problem: Box::new(problem),
         }
     }
 

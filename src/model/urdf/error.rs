@@ -14,7 +14,7 @@ pub struct UrdfError {
     /// The link or joint at fault, such as `joint 'elbow'`.
     pub element: Option<String>,
     /// What is wrong with it.
-    pub problem: UrdfProblem,
+    pub problem: Box<UrdfProblem>,
 }
 
 impl fmt::Display for UrdfError {

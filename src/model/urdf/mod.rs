@@ -6,11 +6,13 @@
 mod arrange;
 mod document;
 mod error;
+#[cfg(test)]
+mod tests;
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Unit, Vector3};
 
 use super::{Joint, JointKind, JointLimits, Model, ModelBuilder};
-use crate::spatial::{Pose, RigidInertia};
+use crate::spatial::{InertiaError, Pose, RigidInertia};
 use arrange::arrange;
 use document::{ElementFacts, Facts, Source, subject};
 pub use error::{UrdfError, UrdfProblem};
@@ -111,10 +113,17 @@ impl Compiler<'_> {
                     _ => format!("what joint '{}' moves", model.joints()[b - 1].name),
                 })
             } else if let Err(e) = body.inertia.check() {
-                // Each link is sound: only numbers beyond reason overflow in the sum.
                 UrdfProblem::Inertia(e)
-            } else {
+            } else if body
+                .spatial_inertia
+                .about_origin
+                .iter()
+                .all(|x| x.is_finite())
+            {
                 continue;
+            } else {
+                // Each number is sound, but their products overflow.
+                UrdfProblem::Inertia(InertiaError::NotFinite("inertia about the link's origin"))
             };
             return Err(self.link_error(link_of_body[b], problem));
         }

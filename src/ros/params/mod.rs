@@ -20,7 +20,7 @@ pub(super) use services::serve;
 pub(super) use store::Change;
 
 /// The parameter that every node has: whether `/clock` is its time.
-pub(super) const USE_SIM_TIME: &str = "use_sim_time";
+pub const USE_SIM_TIME: &str = "use_sim_time";
 
 /// A value from outside the program for one parameter of one node.
 #[derive(Debug, Clone, PartialEq)]

@@ -1,0 +1,300 @@
+//! `fuyu bag`: what a recording holds, whether its physics holds, its pictures.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use super::{Failure, print};
+use crate::bag::{Bag, BagError, Info};
+use crate::experiments::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag, plot_bag};
+
+/// What a bag holds, whether its physics holds, its pictures
+///
+/// BAG is a folder in the layout of rosbag2 or a single .mcap file, recorded by fuyu or by rosbag2. One that
+/// was cut off (a killed recorder, a full disk) is read up to its last whole chunk.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    #[command(subcommand)]
+    command: Command,
+}
+
+#[derive(Debug, clap::Subcommand)]
+enum Command {
+    /// Topics, types, counts, times and sizes
+    Info(InfoArgs),
+    /// Momentum, energy, final tip error, gaps in time, stamps and numbers; exit code 1 if one fails
+    Check(CheckArgs),
+    /// Tip error, base drift, momentum residual and joint rates over time, as SVG and PNG
+    Plot(PlotArgs),
+}
+
+#[derive(Debug, clap::Args)]
+struct InfoArgs {
+    /// Folder or .mcap file
+    bag: PathBuf,
+    /// One JSON object on stdout
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, clap::Args)]
+struct CheckArgs {
+    /// Folder or .mcap file
+    bag: PathBuf,
+    /// Largest final distance of the tip from its goal [m]
+    #[arg(long, value_name = "M", default_value_t = CheckLimits::default().position)]
+    position_error: f64,
+    /// Largest final angle of the tip from its goal [rad]
+    #[arg(long, value_name = "RAD", default_value_t = CheckLimits::default().attitude)]
+    attitude_error: f64,
+    /// Largest relative change of momentum
+    #[arg(long, value_name = "RATIO", default_value_t = CheckLimits::default().momentum)]
+    momentum: f64,
+    /// Largest part of the energy that is not accounted for
+    #[arg(long, value_name = "RATIO", default_value_t = CheckLimits::default().energy)]
+    energy: f64,
+    /// One JSON object on stdout
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, clap::Args)]
+struct PlotArgs {
+    /// Folder or .mcap file
+    bag: PathBuf,
+    /// Folder for the pictures, made if needed; the bag's own folder if not given
+    #[arg(long, value_name = "DIR")]
+    output: Option<PathBuf>,
+}
+
+/// Runs `fuyu bag`.
+///
+/// # Errors
+/// [`Failure::Input`] for what is no bag, [`Failure::Check`] if a check fails, [`Failure::Runtime`] if a
+/// picture cannot be written.
+pub fn run(args: Args) -> Result<(), Failure> {
+    match args.command {
+        Command::Info(args) => info(&args),
+        Command::Check(args) => check(&args),
+        Command::Plot(args) => plot(&args),
+    }
+}
+
+fn failure(e: BagError) -> Failure {
+    Failure::Input(e.to_string())
+}
+
+fn json(value: &impl Serialize) -> Result<String, Failure> {
+    serde_json::to_string(value)
+        .map(|text| text + "\n")
+        .map_err(|e| Failure::Runtime(format!("cannot write JSON: {e}")))
+}
+
+fn info(args: &InfoArgs) -> Result<(), Failure> {
+    let info = Bag::open(&args.bag)
+        .and_then(|bag| bag.info())
+        .map_err(failure)?;
+    if args.json {
+        #[derive(Serialize)]
+        struct Document<'a> {
+            #[serde(flatten)]
+            info: &'a Info,
+            duration: f64,
+        }
+        let duration = info.duration_ns() as f64 * 1e-9;
+        let info = &info;
+        return print(&json(&Document { info, duration })?);
+    }
+    print(&info_for_people(&info))
+}
+
+fn info_for_people(info: &Info) -> String {
+    let mut out = String::new();
+    let mut line = |name: &str, text: String| {
+        let _ = writeln!(out, "{:<13}{text}", format!("{name}:"));
+    };
+    line("Bag", info.path.display().to_string());
+    line("Files", info.files.join(", "));
+    line("Size", bytes(info.size));
+    line("Compression", info.compression.clone());
+    if let Some(distro) = &info.ros_distro {
+        line("ROS distro", distro.clone());
+    }
+    line(
+        "Duration",
+        format!("{:.3} s", info.duration_ns() as f64 * 1e-9),
+    );
+    if let (Some(start), Some(end)) = (info.start_ns, info.end_ns) {
+        line("Start", instant(start));
+        line("End", instant(end));
+    }
+    line("Messages", info.messages.to_string());
+    if info.complete {
+        let ending = match info.has_metadata {
+            true => "closed and indexed",
+            false => "closed and indexed, no metadata.yaml",
+        };
+        line("Condition", ending.into());
+    }
+    for damage in &info.damage {
+        line("Condition", damage.to_string());
+    }
+    line("Topics", info.topics.len().to_string());
+    let width =
+        |f: fn(&crate::bag::TopicSummary) -> usize| info.topics.iter().map(f).max().unwrap_or(0);
+    let (name, kind) = (width(|t| t.name.len()), width(|t| t.type_name.len()));
+    for t in &info.topics {
+        let qos = t.qos.first().map_or(String::new(), |q| {
+            format!("{}, {}", q.reliability.as_str(), q.durability.as_str())
+        });
+        let row = format!(
+            "  {:name$}  {:kind$}  {:>9}  {qos}",
+            t.name, t.type_name, t.count
+        );
+        let _ = writeln!(out, "{}", row.trim_end());
+    }
+    out
+}
+
+fn bytes(n: u64) -> String {
+    match n {
+        0..10_000 => format!("{n} B"),
+        10_000..10_000_000 => format!("{:.1} kB", n as f64 / 1e3),
+        10_000_000..10_000_000_000 => format!("{:.1} MB", n as f64 / 1e6),
+        _ => format!("{:.1} GB", n as f64 / 1e9),
+    }
+}
+
+/// A time of recording: a date if it can be one, else simulated time.
+fn instant(nanos: u64) -> String {
+    const YEAR_2000: u64 = 946_684_800;
+    let (sec, nsec) = (nanos / 1_000_000_000, nanos % 1_000_000_000);
+    let date = i64::try_from(sec)
+        .ok()
+        .filter(|_| sec >= YEAR_2000)
+        .and_then(|s| chrono::DateTime::from_timestamp(s, nsec as u32));
+    match date {
+        Some(date) => format!(
+            "{} ({sec}.{nsec:09})",
+            date.format("%Y-%m-%d %H:%M:%S%.3f UTC")
+        ),
+        None => format!("{sec}.{nsec:09} s"),
+    }
+}
+
+fn check(args: &CheckArgs) -> Result<(), Failure> {
+    let limits = CheckLimits {
+        momentum: positive("--momentum", args.momentum)?,
+        energy: positive("--energy", args.energy)?,
+        position: positive("--position-error", args.position_error)?,
+        attitude: positive("--attitude-error", args.attitude_error)?,
+        ..CheckLimits::default()
+    };
+    let bag = Bag::open(&args.bag).map_err(failure)?;
+    let report = check_bag(&bag, &limits);
+    if args.json {
+        print(&json(&report)?)?;
+    } else {
+        print(&report_for_people(&report))?;
+    }
+    if report.passed {
+        return Ok(());
+    }
+    let failed: Vec<&str> = report
+        .checks
+        .iter()
+        .filter(|c| c.verdict == Verdict::Failed)
+        .map(|c| c.name.as_str())
+        .collect();
+    Err(Failure::Check(format!(
+        "bag {}: {} of {} checks failed: {}",
+        report.bag,
+        failed.len(),
+        report.checks.len(),
+        failed.join("; ")
+    )))
+}
+
+fn positive(option: &str, value: f64) -> Result<f64, Failure> {
+    if value > 0.0 {
+        return Ok(value);
+    }
+    Err(Failure::Input(format!(
+        "{option} {value}: a limit must be positive"
+    )))
+}
+
+fn report_for_people(report: &CheckReport) -> String {
+    let mut out = format!("Bag: {}\n", report.bag);
+    let width = |f: fn(&CheckLine) -> usize| report.checks.iter().map(f).max().unwrap_or(0);
+    let (name, found) = (width(|c| c.name.len()), width(|c| values(c).len()));
+    for c in &report.checks {
+        let verdict = match c.verdict {
+            Verdict::Passed => "passed",
+            Verdict::Failed => "FAILED",
+            Verdict::Skipped => "skipped",
+            Verdict::Noted => "noted",
+        };
+        let _ = writeln!(
+            out,
+            "  {verdict:7}  {:name$}  {:found$}  {}",
+            c.name,
+            values(c),
+            c.detail
+        );
+    }
+    let _ = writeln!(
+        out,
+        "{}",
+        if report.passed {
+            "It holds."
+        } else {
+            "It does not hold."
+        }
+    );
+    out
+}
+
+fn values(line: &CheckLine) -> String {
+    let (Some(value), Some(limit)) = (line.value, line.limit) else {
+        return String::new();
+    };
+    let number = |v: f64| match v.abs() {
+        0.0 => "0".to_owned(),
+        0.01..1000.0 => format!("{v:.4}"),
+        _ => format!("{v:.1e}"),
+    };
+    let unit = match line.unit {
+        "" => String::new(),
+        unit => format!(" {unit}"),
+    };
+    format!("{}{unit} (limit {}{unit})", number(value), number(limit))
+}
+
+fn plot(args: &PlotArgs) -> Result<(), Failure> {
+    let bag = Bag::open(&args.bag).map_err(failure)?;
+    let folder = match &args.output {
+        Some(folder) => folder.clone(),
+        None if args.bag.is_dir() => args.bag.clone(),
+        None => args.bag.parent().map(PathBuf::from).unwrap_or_default(),
+    };
+    std::fs::create_dir_all(&folder).map_err(|e| {
+        Failure::Input(format!(
+            "--output {}: cannot be made: {e}",
+            folder.display()
+        ))
+    })?;
+    let pictures = plot_bag(&bag, &folder).map_err(|e| Failure::Runtime(e.to_string()))?;
+    if pictures.is_empty() {
+        return Err(Failure::Input(format!(
+            "bag {}: nothing to draw: no controller/state, ground_truth/odom, ground_truth/momentum or joint_states",
+            args.bag.display()
+        )));
+    }
+    let list: String = pictures
+        .iter()
+        .map(|p| format!("{}\n", p.display()))
+        .collect();
+    print(&list)
+}

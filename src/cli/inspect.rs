@@ -1,0 +1,325 @@
+//! `fuyu inspect`: what a robot weighs, and how its tip and base answer its joints.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use nalgebra::{DMatrix, DVector, Isometry3, Matrix6xX, Vector3};
+use serde::Serialize;
+
+use super::table::{matrix, number};
+use super::{Failure, Numbers, print, read_model};
+use crate::dynamics::{Input, State, Workspace};
+use crate::model::{Frame, Joint, JointKind, Model};
+use crate::spatial::Twist;
+
+/// Mass properties, Jacobians and reduced inertia of a robot
+///
+/// Prints the generalized Jacobian beside that of a fixed base (linear rows first: the tip's origin in
+/// inertial space, in base axes), the base map (velocity of the base's centre of mass and angular velocity
+/// of the base per unit joint rate at zero momentum) and the reduced inertia. SI units.
+#[derive(Debug, clap::Args)]
+pub struct Args {
+    /// Robot description
+    urdf: PathBuf,
+    /// Joint positions [rad or m], such as 0.5,-1,0; zero if not given
+    #[arg(long, value_name = "A,B,..", allow_hyphen_values = true)]
+    q: Option<Numbers>,
+    /// Joint rates [rad/s or m/s]; adds momentum and kinetic energy
+    #[arg(long, value_name = "A,B,..", allow_hyphen_values = true)]
+    qd: Option<Numbers>,
+    /// Joint efforts [N m or N]; adds the joint accelerations of the free-floating robot
+    #[arg(long, value_name = "A,B,..", allow_hyphen_values = true)]
+    tau: Option<Numbers>,
+    /// Twist of the base's centre of mass in base axes [m/s, rad/s]; without it the momentum is zero
+    #[arg(long, value_name = "VX,VY,VZ,WX,WY,WZ", allow_hyphen_values = true)]
+    base_twist: Option<Numbers>,
+    /// Link whose origin is the tip; tool0, or else the last leaf
+    #[arg(long, value_name = "LINK")]
+    tip: Option<String>,
+    /// One JSON object on stdout
+    #[arg(long)]
+    json: bool,
+}
+
+/// Runs `fuyu inspect`.
+///
+/// # Errors
+/// [`Failure::Input`] for a bad description, a wrong number of values or an unknown link.
+pub fn run(args: Args) -> Result<(), Failure> {
+    let model = read_model(&args.urdf)?;
+    let tip = tip(&model, args.tip.as_deref())?;
+    let report = Report::new(&model, tip, &args)?;
+    if args.json {
+        let json = serde_json::to_string(&report)
+            .map_err(|e| Failure::Runtime(format!("cannot write JSON: {e}")))?;
+        print(&(json + "\n"))
+    } else {
+        print(&report.for_people(&model, tip, &args))
+    }
+}
+
+fn tip<'m>(model: &'m Model, name: Option<&str>) -> Result<&'m Frame, Failure> {
+    match name {
+        Some(name) => model.frame(name).ok_or_else(|| {
+            let known: Vec<&str> = model.frames().iter().map(|f| f.name.as_str()).collect();
+            Failure::Input(format!(
+                "--tip '{name}' is not a link; the links are {}",
+                known.join(", ")
+            ))
+        }),
+        // Frames come depth first, so that the last one is a leaf.
+        None => Ok(model
+            .frame("tool0")
+            .unwrap_or_else(|| &model.frames()[model.frames().len() - 1])),
+    }
+}
+
+/// One value per moving joint.
+fn joint_values(
+    option: &str,
+    values: Option<&Numbers>,
+    model: &Model,
+) -> Result<DVector<f64>, Failure> {
+    let Some(Numbers(values)) = values else {
+        return Ok(DVector::zeros(model.dof()));
+    };
+    if values.len() != model.dof() {
+        let names: Vec<&str> = model.joints().iter().map(|j| j.name.as_str()).collect();
+        let given = values.len();
+        return Err(Failure::Input(match names.len() {
+            0 => format!("{option} has values, but the robot has no moving joint"),
+            n => format!(
+                "{option} has {given} of {n} values; give one for each moving joint: {}",
+                names.join(", ")
+            ),
+        }));
+    }
+    Ok(DVector::from_column_slice(values))
+}
+
+#[derive(Serialize)]
+struct MomentumReport {
+    linear: Vector3<f64>,
+    angular: Vector3<f64>,
+}
+
+#[derive(Serialize)]
+struct Report {
+    joints: Vec<String>,
+    total_mass: f64,
+    com: Vector3<f64>,
+    #[serde(serialize_with = "rows")]
+    generalized_jacobian: DMatrix<f64>,
+    #[serde(serialize_with = "rows")]
+    fixed_base_jacobian: DMatrix<f64>,
+    #[serde(serialize_with = "rows")]
+    base_map: DMatrix<f64>,
+    #[serde(serialize_with = "rows")]
+    reduced_inertia: DMatrix<f64>,
+    /// Base axes, angular about the system's centre of mass, as the bodies carry it.
+    #[serde(skip_serializing_if = "Option::is_none")]
+    momentum: Option<MomentumReport>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    kinetic_energy: Option<f64>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    qdd: Option<Vec<f64>>,
+}
+
+fn rows<S: serde::Serializer>(matrix: &DMatrix<f64>, serializer: S) -> Result<S::Ok, S::Error> {
+    serializer.collect_seq(
+        matrix
+            .row_iter()
+            .map(|r| r.iter().copied().collect::<Vec<_>>()),
+    )
+}
+
+impl Report {
+    fn new(model: &Model, tip: &Frame, args: &Args) -> Result<Self, Failure> {
+        let n = model.dof();
+        let mut state = State::at_rest(model);
+        let mut workspace = Workspace::new(model);
+        state.q = joint_values("--q", args.q.as_ref(), model)?;
+        state.qd = joint_values("--qd", args.qd.as_ref(), model)?;
+        workspace.set_positions(model, &state.q);
+        if let Some(twist) = &args.base_twist {
+            let V_WB_B = base_twist(twist, &model.bodies()[0].inertia.com)?;
+            // The base frame is put at the world's origin with its axes: components in W and B agree.
+            state.set_base(model, &mut workspace, &Isometry3::identity(), &V_WB_B);
+        }
+        workspace.set_motion(&state);
+
+        let [mut generalized, mut fixed, mut base_map] = [(); 3].map(|()| Matrix6xX::zeros(n));
+        workspace.generalized_jacobian(model, tip, &mut generalized);
+        workspace.fixed_base_jacobian(model, tip, &mut fixed);
+        workspace.base_map(model, &mut base_map);
+        let qdd = match &args.tau {
+            None => None,
+            Some(_) => {
+                let mut input = Input::zero(model);
+                input.efforts = joint_values("--tau", args.tau.as_ref(), model)?;
+                let mut qdd = DVector::zeros(n);
+                workspace.accelerations(model, &state, &input, &mut qdd);
+                Some(qdd.iter().copied().collect())
+            }
+        };
+        let moving = args.qd.is_some() || args.base_twist.is_some();
+        let momentum = workspace.carried_momentum(model);
+        let report = Self {
+            joints: model.joints().iter().map(|j| j.name.clone()).collect(),
+            total_mass: model.total_mass(),
+            com: *workspace.p_BC(),
+            generalized_jacobian: to_dynamic(&generalized),
+            fixed_base_jacobian: to_dynamic(&fixed),
+            base_map: to_dynamic(&base_map),
+            reduced_inertia: workspace.reduced_inertia().clone(),
+            momentum: moving.then_some(MomentumReport {
+                linear: momentum.linear,
+                angular: momentum.angular,
+            }),
+            kinetic_energy: moving.then(|| workspace.kinetic_energy(model)),
+            qdd,
+        };
+        if report.is_finite() {
+            Ok(report)
+        } else {
+            Err(Failure::Input(format!(
+                "{}: these values overflow; are they in SI units?",
+                args.urdf.display()
+            )))
+        }
+    }
+
+    fn is_finite(&self) -> bool {
+        let momentum = self.momentum.iter();
+        let momentum = momentum.flat_map(|m| m.linear.iter().chain(m.angular.iter()));
+        [
+            &self.generalized_jacobian,
+            &self.fixed_base_jacobian,
+            &self.base_map,
+            &self.reduced_inertia,
+        ]
+        .iter()
+        .flat_map(|m| m.iter())
+        .chain(self.com.iter())
+        .chain(momentum)
+        .chain(self.kinetic_energy.iter())
+        .chain(self.qdd.iter().flatten())
+        .all(|x| x.is_finite())
+    }
+
+    fn for_people(&self, model: &Model, tip: &Frame, args: &Args) -> String {
+        const VELOCITY: [&str; 6] = ["vx", "vy", "vz", "wx", "wy", "wz"];
+        let names: Vec<&str> = self.joints.iter().map(String::as_str).collect();
+        let base = &model.bodies()[0].name;
+        let mut out = String::new();
+        let vector = |v: &Vector3<f64>| v.iter().map(|&x| number(x)).collect::<Vec<_>>().join(", ");
+        let _ = writeln!(
+            out,
+            "{} ({}): {} moving joints, base {base}, tip {}\n",
+            model.name(),
+            args.urdf.display(),
+            model.dof(),
+            tip.name
+        );
+        let _ = writeln!(out, "total mass      {} kg", number(self.total_mass));
+        let _ = writeln!(out, "centre of mass  {} m in {base}", vector(&self.com));
+        if let (Some(momentum), Some(energy)) = (&self.momentum, self.kinetic_energy) {
+            let (linear, angular) = (vector(&momentum.linear), vector(&momentum.angular));
+            let _ = writeln!(
+                out,
+                "momentum        {linear} N s; {angular} N m s about the centre of mass"
+            );
+            let _ = writeln!(out, "kinetic energy  {} J", number(energy));
+        }
+        if model.dof() == 0 {
+            return out;
+        }
+        joint_table(&mut out, model, self.qdd.as_deref());
+        let mut section = |title: &str, rows: &[&str], values: &DMatrix<f64>| {
+            let _ = writeln!(out, "\n{title}");
+            matrix(&mut out, rows, &names, values);
+        };
+        let tip = &tip.name;
+        section(
+            &format!("generalized Jacobian of {tip} (free base; m/s, rad/s in base axes)"),
+            &VELOCITY,
+            &self.generalized_jacobian,
+        );
+        section(
+            &format!("fixed-base Jacobian of {tip}"),
+            &VELOCITY,
+            &self.fixed_base_jacobian,
+        );
+        section(
+            "base map (the base's centre of mass and its turning, at zero momentum)",
+            &VELOCITY,
+            &self.base_map,
+        );
+        section("reduced inertia", &names, &self.reduced_inertia);
+        out
+    }
+}
+
+/// Twist of the base frame from that of the base's centre of mass.
+fn base_twist(Numbers(values): &Numbers, com: &Vector3<f64>) -> Result<Twist, Failure> {
+    let &[vx, vy, vz, wx, wy, wz] = values.as_slice() else {
+        return Err(Failure::Input(format!(
+            "--base-twist has {} values; give six: vx,vy,vz,wx,wy,wz",
+            values.len()
+        )));
+    };
+    let angular = Vector3::new(wx, wy, wz);
+    Ok(Twist::new(
+        angular,
+        Vector3::new(vx, vy, vz) - angular.cross(com),
+    ))
+}
+
+fn to_dynamic(matrix: &Matrix6xX<f64>) -> DMatrix<f64> {
+    DMatrix::from_column_slice(6, matrix.ncols(), matrix.as_slice())
+}
+
+fn joint_table(out: &mut String, model: &Model, qdd: Option<&[f64]>) {
+    let kind = |joint: &Joint| match joint.kind {
+        JointKind::Revolute => "revolute",
+        JointKind::Continuous => "continuous",
+        JointKind::Prismatic => "prismatic",
+    };
+    let joints = model.joints();
+    let width = joints
+        .iter()
+        .map(|j| j.name.chars().count())
+        .max()
+        .unwrap_or(0);
+    let _ = writeln!(out, "\njoints");
+    for (j, joint) in joints.iter().enumerate() {
+        let limits = &joint.limits;
+        let unit = if joint.kind.is_rotational() {
+            "rad"
+        } else {
+            "m"
+        };
+        let range = if limits.lower.is_finite() || limits.upper.is_finite() {
+            format!(
+                "{} to {} {unit}",
+                number(limits.lower),
+                number(limits.upper)
+            )
+        } else {
+            "no limits".to_owned()
+        };
+        let moves = &model.bodies()[j + 1];
+        let mass = number(moves.inertia.mass);
+        let _ = write!(
+            out,
+            "  {:width$}  {:10}  moves {} ({mass} kg), {range}",
+            joint.name,
+            kind(joint),
+            moves.name
+        );
+        if let Some(qdd) = qdd {
+            let _ = write!(out, ", acceleration {} {unit}/s2", number(qdd[j]));
+        }
+        out.push('\n');
+    }
+}

@@ -1,0 +1,165 @@
+//! `fuyu simulate`: a scenario's closed loop without DDS.
+
+use std::{fmt::Write as _, path::PathBuf, time::Instant};
+
+use super::{Failure, print};
+use crate::{
+    bag::BagError,
+    experiments::{ClosedLoop, Performance, SimulatedBag, Summary},
+    nodes::scenario::Scenario,
+};
+
+/// Simulates a scenario without DDS, as fast as the machine goes; the same scenario gives the same
+/// numbers to the bit.
+#[derive(clap::Args)]
+pub struct Args {
+    /// Scenario: a ROS 2 parameter file
+    #[arg(value_name = "CONFIG")]
+    config: String,
+    /// Simulated time \[s\] instead of the scenario's
+    #[arg(long, value_name = "S", value_parser = super::positive_seconds)]
+    duration: Option<f64>,
+    /// Write the run as a bag into this new folder
+    #[arg(long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Print one JSON object
+    #[arg(long)]
+    json: bool,
+}
+
+/// What stops a simulation.
+enum Stop {
+    Physics(String),
+    Bag(BagError),
+}
+
+impl From<String> for Stop {
+    fn from(problem: String) -> Self {
+        Self::Physics(problem)
+    }
+}
+
+impl From<BagError> for Stop {
+    fn from(problem: BagError) -> Self {
+        Self::Bag(problem)
+    }
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure::Input`] for a wrong scenario or output folder, [`Failure::Runtime`] when the motion leaves
+/// the finite or the bag cannot be written.
+pub fn run(args: &Args) -> Result<(), Failure> {
+    let scenario = Scenario::read(&args.config).map_err(Failure::Input)?;
+    let mut closed_loop = ClosedLoop::new(&scenario).map_err(Failure::Input)?;
+    let duration = match args.duration {
+        Some(duration) => duration,
+        None if closed_loop.duration() > 0.0 => closed_loop.duration(),
+        None => 60.0,
+    };
+    let mut bag = match &args.output {
+        None => None,
+        Some(folder) => {
+            let description = scenario.dynamics().map_err(Failure::Input)?.robot.xml;
+            let bag = SimulatedBag::create(folder, &closed_loop, &description);
+            Some(bag.map_err(|e| Failure::Input(e.to_string()))?)
+        }
+    };
+    let start = Instant::now();
+    let performance = simulate(&mut closed_loop, duration, bag.as_mut()).map_err(|stop| {
+        Failure::Runtime(match stop {
+            Stop::Physics(problem) => format!("{}: {problem}", scenario.path().display()),
+            Stop::Bag(problem) => problem.to_string(),
+        })
+    })?;
+    let summary = performance.summary(&closed_loop.world, start.elapsed().as_secs_f64());
+    if let Some(bag) = bag {
+        bag.finish().map_err(|e| Failure::Runtime(e.to_string()))?;
+    }
+    let text = if args.json {
+        let json = serde_json::to_string(&summary);
+        json.map_err(|e| Failure::Runtime(e.to_string()))? + "\n"
+    } else {
+        table(&scenario.name(), &summary)
+    };
+    print(&text)
+}
+
+fn simulate(
+    closed_loop: &mut ClosedLoop,
+    duration: f64,
+    mut bag: Option<&mut SimulatedBag>,
+) -> Result<Performance, Stop> {
+    let mut performance = Performance::new(&closed_loop.world);
+    let mut frames = Vec::new();
+    loop {
+        if let Some(bag) = bag.as_deref_mut() {
+            bag.state(&closed_loop.world)?;
+        }
+        closed_loop.answer::<Stop>(&mut frames, |world, moment| {
+            performance.see(world, moment);
+            if let Some(bag) = bag.as_deref_mut() {
+                bag.moment(world.time(), moment)?;
+            }
+            Ok(())
+        })?;
+        if closed_loop.world.time() >= duration - 1e-9 {
+            return Ok(performance);
+        }
+        closed_loop.advance()?;
+    }
+}
+
+fn table(name: &str, s: &Summary) -> String {
+    let time = |t: Option<f64>| t.map_or("not reached".to_owned(), |t| format!("{t:.2} s"));
+    let [x, y, z] = s.base_displacement;
+    let [roll, pitch, yaw] = s.base_attitude_rpy.map(f64::to_degrees);
+    let mut out = String::new();
+    let mut row = |label: &str, value: String| {
+        // Writing to a string cannot fail.
+        let _ = writeln!(out, "{label:<32}{value}");
+    };
+    row(
+        name,
+        format!(
+            "{} s simulated in {:.3} s ({:.0} x real time)",
+            s.duration,
+            s.wall_time,
+            s.duration / s.wall_time
+        ),
+    );
+    row(
+        "tip position error",
+        format!("{:.3e} m", s.tip_position_error),
+    );
+    row(
+        "tip attitude error",
+        format!("{:.3e} rad", s.tip_attitude_error),
+    );
+    row("within 1 cm after", time(s.time_to_1cm));
+    row("within 2 degrees after", time(s.time_to_2deg));
+    row("base displacement", format!("{x:.4}, {y:.4}, {z:.4} m"));
+    row(
+        "base roll, pitch, yaw",
+        format!("{roll:.3}, {pitch:.3}, {yaw:.3} deg"),
+    );
+    row(
+        "momentum residual",
+        format!(
+            "{:.1e} linear, {:.1e} angular",
+            s.momentum_residual.linear, s.momentum_residual.angular
+        ),
+    );
+    row("energy residual", format!("{:.1e}", s.energy_residual));
+    row("largest tip speed", format!("{:.3} m/s", s.max_tip_speed));
+    row(
+        "largest tip acceleration",
+        format!("{:.3} m/s2", s.max_tip_acceleration),
+    );
+    row(
+        "largest base acceleration",
+        format!("{:.4} rad/s2", s.max_base_angular_acceleration),
+    );
+    out
+}

@@ -1,0 +1,176 @@
+//! Pictures of a recorded run: what `fuyu bag plot` draws.
+
+use std::path::{Path, PathBuf};
+
+use super::bag_check::momentum_residuals;
+use super::chart::{ChartError, Figure, Panel, Series};
+use super::recorded::{RecordedRun, RecordedRuns, seconds_since};
+use crate::bag::Bag;
+use crate::model::JointKind;
+use crate::spatial::roll_pitch_yaw_intrinsic;
+
+/// A residual of exactly zero has no logarithm; it is drawn here, below all rounding.
+const RESIDUAL_FLOOR: f64 = 1e-17;
+
+/// Draws every picture that the bag has data for into `folder`; returns the paths, none if it has none.
+///
+/// # Errors
+/// [`ChartError`] if a picture cannot be written.
+pub fn plot_bag(bag: &Bag, folder: &Path) -> Result<Vec<PathBuf>, ChartError> {
+    let mut runs = RecordedRuns::default();
+    bag.messages().for_each(|m| runs.accept(&m));
+    let mut paths = Vec::new();
+    for (namespace, run) in runs.robots() {
+        let robot = namespace.trim_matches('/').replace('/', "_");
+        let pictures = [
+            ("tip_error", tip_error(run)),
+            ("base_attitude", base_motion(run)),
+            ("momentum_residual", momentum(run)),
+            ("joint_rates", joint_rates(run)),
+        ];
+        for (name, figure) in pictures {
+            let Some(mut figure) = figure else { continue };
+            let mut stem = name.to_owned();
+            if !robot.is_empty() {
+                stem = format!("{robot}_{name}");
+                figure.title = format!("{namespace}: {}", figure.title);
+            }
+            paths.extend(figure.save(&folder.join(stem))?);
+        }
+    }
+    Ok(paths)
+}
+
+fn figure(title: &str, panels: Vec<Panel>) -> Option<Figure> {
+    let panels: Vec<_> = panels
+        .into_iter()
+        .filter(|p| p.series.iter().any(|s| s.points.len() > 1))
+        .collect();
+    (!panels.is_empty()).then(|| Figure {
+        title: title.into(),
+        x_label: "time [s]".into(),
+        panels,
+    })
+}
+
+fn curve<T>(name: impl Into<String>, samples: &[T], point: impl Fn(&T) -> (f64, f64)) -> Series {
+    Series {
+        name: name.into(),
+        points: samples.iter().map(point).collect(),
+    }
+}
+
+fn tip_error(run: &RecordedRun) -> Option<Figure> {
+    let start = run.start();
+    let samples = &run.controller;
+    let time = |s: &super::ControllerSample| seconds_since(start, s.time);
+    figure(
+        "Tip error",
+        vec![
+            Panel {
+                y_label: "position error [m]".into(),
+                series: vec![curve("position", samples, |s| (time(s), s.position_error))],
+                log: true,
+                marks: vec![(0.01, "1 cm".into())],
+            },
+            Panel {
+                y_label: "attitude error [deg]".into(),
+                series: vec![curve("attitude", samples, |s| {
+                    (time(s), s.attitude_error.to_degrees())
+                })],
+                log: true,
+                marks: vec![(2.0, "2 deg".into())],
+            },
+        ],
+    )
+}
+
+fn base_motion(run: &RecordedRun) -> Option<Figure> {
+    let start = run.start();
+    let time = |b: &super::BaseSample| seconds_since(start, b.time);
+    let first = run.base.first()?.X_WB.translation.vector;
+    let angle = |name: &str, k: usize| {
+        curve(name, &run.base, |b| {
+            let angles = roll_pitch_yaw_intrinsic(&b.X_WB.rotation.to_rotation_matrix());
+            (time(b), angles[k].to_degrees())
+        })
+    };
+    let shift = |name: &str, k: usize| {
+        curve(name, &run.base, |b| {
+            (time(b), b.X_WB.translation.vector[k] - first[k])
+        })
+    };
+    figure(
+        "Base drift",
+        vec![
+            Panel {
+                y_label: "attitude [deg]".into(),
+                series: vec![angle("roll", 0), angle("pitch", 1), angle("yaw", 2)],
+                ..Panel::default()
+            },
+            Panel {
+                y_label: "displacement [m]".into(),
+                series: vec![shift("x", 0), shift("y", 1), shift("z", 2)],
+                ..Panel::default()
+            },
+        ],
+    )
+}
+
+fn momentum(run: &RecordedRun) -> Option<Figure> {
+    let start = run.start();
+    let residuals = momentum_residuals(run)?;
+    let panel = |name: &str, r: &super::bag_check::Residual, unit: &str| Panel {
+        y_label: format!("change of {name} [-]"),
+        series: vec![curve(
+            format!("of {:.3} {unit}", r.scale),
+            &r.values,
+            |(t, v)| (seconds_since(start, *t), v.max(RESIDUAL_FLOOR)),
+        )],
+        log: true,
+        ..Panel::default()
+    };
+    figure(
+        "Momentum residual",
+        vec![
+            panel("linear momentum", &residuals[0], "N s"),
+            panel("angular momentum", &residuals[1], "N m s"),
+        ],
+    )
+}
+
+fn joint_rates(run: &RecordedRun) -> Option<Figure> {
+    let start = run.start();
+    let slides = |name: &str| match &run.model {
+        Some(Ok(model)) => model
+            .joint_index(name)
+            .is_some_and(|j| model.joints()[j].kind == JointKind::Prismatic),
+        _ => false,
+    };
+    let panel = |label: &str, sliding: bool, value: fn(&super::JointSample) -> &[f64]| Panel {
+        y_label: label.into(),
+        series: run
+            .joint_names
+            .iter()
+            .enumerate()
+            .filter(|(_, name)| slides(name) == sliding)
+            .map(|(j, name)| {
+                curve(name, &run.joints, |s| {
+                    let v = value(s).get(j).copied().unwrap_or(f64::NAN);
+                    (seconds_since(start, s.time), v)
+                })
+            })
+            .collect(),
+        ..Panel::default()
+    };
+    let efforts = run.joints.iter().any(|s| !s.effort.is_empty());
+    let mut panels = vec![
+        panel("rate [rad/s]", false, |s| &s.qd),
+        panel("rate [m/s]", true, |s| &s.qd),
+    ];
+    if efforts {
+        panels.push(panel("effort [N m]", false, |s| &s.effort));
+        panels.push(panel("effort [N]", true, |s| &s.effort));
+    }
+    figure("Joint rates and efforts", panels)
+}

@@ -1,0 +1,450 @@
+//! Line charts as SVG and PNG, the same on every machine: the font is compiled in.
+
+use plotters::coord::Shift;
+use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use plotters::style::{FontStyle, register_font};
+use std::ops::Range;
+use std::path::{Path, PathBuf};
+use std::sync::Once;
+
+/// A picture: panels one below the other over a common horizontal axis.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Figure {
+    /// Title.
+    pub title: String,
+    /// Quantity and unit of the horizontal axis.
+    pub x_label: String,
+    /// Panels, from top to bottom.
+    pub panels: Vec<Panel>,
+}
+
+/// One plot of a figure.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Panel {
+    /// Quantity and unit of the vertical axis.
+    pub y_label: String,
+    /// Curves.
+    pub series: Vec<Series>,
+    /// Logarithmic vertical axis; values that are not positive are left out.
+    pub log: bool,
+    /// Horizontal lines with their names: limits.
+    pub marks: Vec<(f64, String)>,
+}
+
+/// A curve.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Series {
+    /// Name in the legend.
+    pub name: String,
+    /// Points by ascending x; those that are not finite are left out.
+    pub points: Vec<(f64, f64)>,
+}
+
+/// A picture that could not be made.
+#[derive(Debug, thiserror::Error)]
+#[error("{}: {problem}", path.display())]
+pub struct ChartError {
+    path: PathBuf,
+    problem: String,
+}
+
+const WIDTH: u32 = 1000;
+const TITLE_HEIGHT: u32 = 48;
+const PANEL_HEIGHT: u32 = 300;
+const LEGEND_WIDTH: u32 = 190;
+/// PNGs have this many pixels to a unit of length, so that they are sharp on any screen.
+const PNG_SCALE: u32 = 2;
+const FONT: &str = "sans-serif";
+const TEXT: RGBColor = RGBColor(38, 38, 38);
+const FAINT: RGBColor = RGBColor(110, 110, 110);
+const GRID: RGBColor = RGBColor(226, 226, 226);
+
+/// Okabe and Ito's colours, which colour-blind readers tell apart, without the yellow that white swallows.
+const COLOURS: [RGBColor; 7] = [
+    RGBColor(0, 114, 178),
+    RGBColor(213, 94, 0),
+    RGBColor(0, 158, 115),
+    RGBColor(204, 121, 167),
+    RGBColor(230, 159, 0),
+    RGBColor(86, 180, 233),
+    RGBColor(0, 0, 0),
+];
+
+impl Figure {
+    /// Draws the figure to `stem.svg` and `stem.png`; returns both paths.
+    ///
+    /// # Errors
+    /// [`ChartError`] if a file cannot be written.
+    pub fn save(&self, stem: &Path) -> Result<[PathBuf; 2], ChartError> {
+        use_own_font();
+        let (svg, png) = (stem.with_extension("svg"), stem.with_extension("png"));
+        let (width, height) = self.size();
+        self.draw(
+            &SVGBackend::new(&svg, (width, height)).into_drawing_area(),
+            1,
+        )
+        .map_err(|e| ChartError::new(&svg, e))?;
+        let size = (width * PNG_SCALE, height * PNG_SCALE);
+        self.draw(
+            &BitMapBackend::new(&png, size).into_drawing_area(),
+            PNG_SCALE,
+        )
+        .map_err(|e| ChartError::new(&png, e))?;
+        Ok([svg, png])
+    }
+
+    fn size(&self) -> (u32, u32) {
+        (
+            WIDTH,
+            TITLE_HEIGHT + PANEL_HEIGHT * self.panels.len() as u32,
+        )
+    }
+
+    fn draw<B: DrawingBackend>(
+        &self,
+        area: &DrawingArea<B, Shift>,
+        scale: u32,
+    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
+        area.fill(&WHITE)?;
+        let (title, body) = area.split_vertically(TITLE_HEIGHT * scale);
+        let style = (FONT, 22 * scale, FontStyle::Bold, &TEXT)
+            .into_text_style(&title)
+            .pos(Pos::new(HPos::Left, VPos::Center));
+        let at = (20 * scale as i32, (TITLE_HEIGHT * scale / 2) as i32);
+        title.draw_text(&self.title, &style, at)?;
+        let x = self.x_range();
+        let last = self.panels.len().saturating_sub(1);
+        for (i, (panel, area)) in self
+            .panels
+            .iter()
+            .zip(body.split_evenly((self.panels.len().max(1), 1)))
+            .enumerate()
+        {
+            let x_label = if i == last { self.x_label.as_str() } else { "" };
+            panel.draw(&area, scale, x.clone(), x_label)?;
+        }
+        area.present()
+    }
+
+    fn x_range(&self) -> Range<f64> {
+        let points = self
+            .panels
+            .iter()
+            .flat_map(|p| &p.series)
+            .flat_map(|s| &s.points);
+        let (low, high) = bounds(points.map(|p| p.0)).unwrap_or((0.0, 1.0));
+        if low < high {
+            low..high
+        } else {
+            low - 0.5..high + 0.5
+        }
+    }
+}
+
+impl Panel {
+    /// Height of a value on the axis: its logarithm on a logarithmic one.
+    fn height(&self, value: f64) -> f64 {
+        if self.log { value.log10() } else { value }
+    }
+
+    fn y_range(&self) -> Range<f64> {
+        let values = self.series.iter().flat_map(|s| &s.points).map(|p| p.1);
+        let marks = self.marks.iter().map(|m| m.0);
+        let heights = values.chain(marks).map(|v| self.height(v));
+        let (low, high) = bounds(heights).unwrap_or((-1.0, 1.0));
+        if self.log {
+            return (low - 0.05).floor()..(high + 0.05).ceil();
+        }
+        let margin = match high - low {
+            0.0 if high == 0.0 => 1.0,
+            0.0 => 0.1 * high.abs(),
+            span => 0.06 * span,
+        };
+        low - margin..high + margin
+    }
+
+    fn draw<B: DrawingBackend>(
+        &self,
+        area: &DrawingArea<B, Shift>,
+        scale: u32,
+        x: Range<f64>,
+        x_label: &str,
+    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
+        let width = area.dim_in_pixel().0 - LEGEND_WIDTH * scale;
+        let (plot, legend) = area.split_horizontally(width);
+        let y = self.y_range();
+        let y_axis = if self.log {
+            Axis::logarithms(y.clone())
+        } else {
+            Axis::linear(y, 6)
+        };
+        let mut chart = ChartBuilder::on(&plot)
+            .margin_top(8 * scale)
+            .margin_right(12 * scale)
+            .x_label_area_size(if x_label.is_empty() { 30 } else { 52 } * scale)
+            .y_label_area_size(92 * scale)
+            .build_cartesian_2d(Axis::linear(x.clone(), 8), y_axis)?;
+        let small = (FONT, 15 * scale).into_font().color(&TEXT);
+        chart
+            .configure_mesh()
+            .bold_line_style(GRID.stroke_width(scale))
+            .light_line_style(TRANSPARENT)
+            .axis_style(FAINT.stroke_width(scale))
+            .label_style(small.clone())
+            .axis_desc_style((FONT, 16 * scale).into_font().color(&TEXT))
+            .x_desc(x_label)
+            .y_desc(&self.y_label)
+            .draw()?;
+        for (value, _) in &self.marks {
+            let h = self.height(*value);
+            let dash = 6 * scale;
+            let ends = [(x.start, h), (x.end, h)];
+            let style = FAINT.stroke_width(scale);
+            chart.draw_series(DashedLineSeries::new(ends, dash, dash, style))?;
+        }
+        for (i, series) in self.series.iter().enumerate() {
+            let points = series.points.iter().map(|&(x, y)| (x, self.height(y)));
+            let finite: Vec<_> = points
+                .filter(|p| p.0.is_finite() && p.1.is_finite())
+                .collect();
+            chart.draw_series(LineSeries::new(thinned(finite), line(i, scale)))?;
+        }
+        self.draw_legend(&legend, scale)
+    }
+
+    /// Beside the plot, where it hides nothing.
+    fn draw_legend<B: DrawingBackend>(
+        &self,
+        area: &DrawingArea<B, Shift>,
+        scale: u32,
+    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
+        let style = (FONT, 15 * scale)
+            .into_text_style(area)
+            .color(&TEXT)
+            .pos(Pos::new(HPos::Left, VPos::Center));
+        let unit = scale as i32;
+        let curves = self
+            .series
+            .iter()
+            .enumerate()
+            .map(|(i, s)| (Some(i), &s.name));
+        let marks = self.marks.iter().map(|(_, name)| (None, name));
+        for (row, (curve, name)) in curves.chain(marks).enumerate() {
+            let y = unit * (22 + 24 * row as i32);
+            let ends = vec![(4 * unit, y), (30 * unit, y)];
+            match curve {
+                Some(i) => area.draw(&PathElement::new(ends, line(i, scale)))?,
+                None => {
+                    for x in [4, 14, 24] {
+                        let dash = vec![(x * unit, y), ((x + 6) * unit, y)];
+                        area.draw(&PathElement::new(dash, FAINT.stroke_width(scale)))?;
+                    }
+                }
+            }
+            area.draw_text(name, &style, (38 * unit, y))?;
+        }
+        Ok(())
+    }
+}
+
+fn line(i: usize, scale: u32) -> ShapeStyle {
+    COLOURS[i % COLOURS.len()].stroke_width(2 * scale)
+}
+
+impl ChartError {
+    fn new(path: &Path, problem: impl std::fmt::Display) -> Self {
+        Self {
+            path: path.to_owned(),
+            problem: problem.to_string(),
+        }
+    }
+}
+
+fn use_own_font() {
+    static ONCE: Once = Once::new();
+    ONCE.call_once(|| {
+        for (style, bytes) in [
+            (FontStyle::Normal, notosans::REGULAR_TTF),
+            (FontStyle::Bold, notosans::BOLD_TTF),
+        ] {
+            // The bytes are a font, as a test of this file shows.
+            let _ = register_font(FONT, style, bytes);
+        }
+    });
+}
+
+fn bounds(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
+    values.filter(|v| v.is_finite()).fold(None, |b, v| match b {
+        None => Some((v, v)),
+        Some((low, high)) => Some((low.min(v), high.max(v))),
+    })
+}
+
+/// A linear axis with round ticks, or one of logarithms with powers of ten.
+struct Axis {
+    range: Range<f64>,
+    ticks: Vec<f64>,
+    /// Decimals that tell the ticks apart; `None` on an axis of logarithms.
+    decimals: Option<usize>,
+}
+
+impl Axis {
+    /// About `wanted` ticks, at round numbers.
+    fn linear(range: Range<f64>, wanted: usize) -> Self {
+        let rough = (range.end - range.start) / wanted as f64;
+        let power = 10f64.powf(rough.log10().floor());
+        let step = power
+            * match rough / power {
+                r if r <= 1.0 => 1.0,
+                r if r <= 2.0 => 2.0,
+                r if r <= 5.0 => 5.0,
+                _ => 10.0,
+            };
+        let first = (range.start / step).ceil() as i64;
+        let last = (range.end / step).floor() as i64;
+        Self {
+            range,
+            // Adding zero turns -0 into 0.
+            ticks: (first..=last).map(|i| i as f64 * step + 0.0).collect(),
+            decimals: Some((-step.log10().floor()).clamp(0.0, 12.0) as usize),
+        }
+    }
+
+    /// At most about eight ticks, at powers of ten.
+    fn logarithms(range: Range<f64>) -> Self {
+        let (first, last) = (range.start.ceil() as i64, range.end.floor() as i64);
+        let step = ((last - first) / 8 + 1) as usize;
+        Self {
+            range,
+            ticks: (first..=last).step_by(step).map(|i| i as f64).collect(),
+            decimals: None,
+        }
+    }
+}
+
+impl Ranged for Axis {
+    type FormatOption = NoDefaultFormatting;
+    type ValueType = f64;
+
+    fn map(&self, value: &f64, limit: (i32, i32)) -> i32 {
+        let part = (value - self.range.start) / (self.range.end - self.range.start);
+        limit.0 + (part * f64::from(limit.1 - limit.0)).round() as i32
+    }
+
+    fn key_points<Hint: KeyPointHint>(&self, _: Hint) -> Vec<f64> {
+        self.ticks.clone()
+    }
+
+    fn range(&self) -> Range<f64> {
+        self.range.clone()
+    }
+}
+
+impl ValueFormatter<f64> for Axis {
+    fn format(value: &f64) -> String {
+        value.to_string()
+    }
+
+    fn format_ext(&self, value: &f64) -> String {
+        match self.decimals {
+            Some(decimals) => format!("{value:.decimals$}"),
+            None => format!("1e{value:.0}"),
+        }
+    }
+}
+
+/// At most a few thousand points: the extremes of each of many narrow columns, so that no peak is lost.
+fn thinned(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
+    const COLUMNS: usize = 1500;
+    if points.len() <= 4 * COLUMNS {
+        return points;
+    }
+    let size = points.len().div_ceil(COLUMNS);
+    points
+        .chunks(size)
+        .flat_map(|column| {
+            let by_y = |a: &&(f64, f64), b: &&(f64, f64)| a.1.total_cmp(&b.1);
+            let mut pair: Vec<_> = [column.iter().min_by(by_y), column.iter().max_by(by_y)]
+                .into_iter()
+                .flatten()
+                .copied()
+                .collect();
+            pair.sort_by(|a, b| a.0.total_cmp(&b.0));
+            pair
+        })
+        .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn ticks_are_round_and_within() {
+        let labels =
+            |axis: Axis| -> Vec<String> { axis.ticks.iter().map(|v| axis.format_ext(v)).collect() };
+        assert_eq!(labels(Axis::linear(-0.31..1.07, 6)), ["0.0", "0.5", "1.0"]);
+        assert_eq!(
+            labels(Axis::linear(0.0..60.0, 8)),
+            ["0", "10", "20", "30", "40", "50", "60"]
+        );
+        assert_eq!(
+            labels(Axis::logarithms(-3.0..0.0)),
+            ["1e-3", "1e-2", "1e-1", "1e0"]
+        );
+        assert!(labels(Axis::logarithms(-30.0..0.0)).len() <= 9);
+    }
+
+    #[test]
+    fn thinning_keeps_peaks() {
+        let mut points: Vec<_> = (0..100_000).map(|i| (i as f64, (i % 7) as f64)).collect();
+        points[54_321].1 = 1000.0;
+        let thin = thinned(points);
+        assert!(thin.len() <= 3000);
+        assert!(thin.contains(&(54_321.0, 1000.0)));
+        assert!(thin.windows(2).all(|w| w[0].0 <= w[1].0));
+    }
+
+    #[test]
+    fn pictures_are_drawn_whatever_the_numbers() {
+        let dir = tempfile::tempdir().unwrap();
+        let panel = |points: Vec<(f64, f64)>, log| Panel {
+            y_label: "value [m]".into(),
+            series: vec![Series {
+                name: "curve".into(),
+                points,
+            }],
+            log,
+            marks: vec![(0.01, "1 cm".into())],
+        };
+        let figure = Figure {
+            title: "All kinds".into(),
+            x_label: "time [s]".into(),
+            panels: vec![
+                panel(
+                    (0..100)
+                        .map(|i| (i as f64, (-0.1 * i as f64).exp()))
+                        .collect(),
+                    true,
+                ),
+                panel(
+                    vec![(0.0, f64::NAN), (1.0, 2.0), (2.0, f64::INFINITY)],
+                    false,
+                ),
+                panel(vec![], true),
+                panel(vec![(3.0, 0.0), (4.0, 0.0)], true),
+            ],
+        };
+        let [svg, png] = figure.save(&dir.path().join("picture")).unwrap();
+        let svg = std::fs::read_to_string(svg).unwrap();
+        // Letters and ticks are there: the font was found.
+        for text in ["All kinds", "time [s]", "value [m]", "curve", "1e-3"] {
+            assert!(svg.contains(text), "no {text:?}");
+        }
+        let png = std::fs::read(png).unwrap();
+        assert!(png.starts_with(b"\x89PNG") && png.len() > 10_000);
+        assert!(figure.save(Path::new("/nowhere/picture")).is_err());
+    }
+}

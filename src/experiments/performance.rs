@@ -1,0 +1,210 @@
+//! How well a run went: what `fuyu simulate` reports.
+
+use nalgebra::Vector3;
+use serde::Serialize;
+
+use super::Moment;
+use crate::{dynamics::Momentum, nodes::dynamics::World, spatial::roll_pitch_yaw_intrinsic};
+
+/// Gathers the figures of a run, state by state.
+pub struct Performance {
+    initial_base: Vector3<f64>,
+    initial_momentum: Momentum,
+    initial_energy: f64,
+    last: (f64, f64, f64),
+    position_settled: Settled,
+    attitude_settled: Settled,
+    momentum_change: (f64, f64),
+    momentum_scale: (f64, f64),
+    energy_change: f64,
+    energy_scale: f64,
+    max_tip_speed: f64,
+    max_tip_acceleration: f64,
+    max_base_angular_acceleration: f64,
+}
+
+/// Remembers since when a value has stayed below a bound.
+struct Settled {
+    bound: f64,
+    since: Option<f64>,
+}
+
+impl Settled {
+    fn new(bound: f64) -> Self {
+        Self { bound, since: None }
+    }
+
+    fn see(&mut self, time: f64, value: f64) {
+        if value > self.bound {
+            self.since = None;
+        } else if self.since.is_none() {
+            self.since = Some(time);
+        }
+    }
+}
+
+/// Largest relative change of momentum.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct MomentumResidual {
+    /// Linear.
+    pub linear: f64,
+    /// Angular, about the system's centre of mass.
+    pub angular: f64,
+}
+
+/// The figures of a run. Errors are true ones, whatever the camera saw.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Summary {
+    /// Simulated time \[s\].
+    pub duration: f64,
+    /// Final distance of the tip from the goal \[m\].
+    pub tip_position_error: f64,
+    /// Final angle of the tip from the goal \[rad\].
+    pub tip_attitude_error: f64,
+    /// Time after which the tip stays within 1 cm \[s\].
+    pub time_to_1cm: Option<f64>,
+    /// Time after which the tip stays within 2 degrees \[s\].
+    pub time_to_2deg: Option<f64>,
+    /// Displacement of the base body's centre of mass, world axes \[m\].
+    pub base_displacement: [f64; 3],
+    /// Final attitude of the base: roll, pitch, yaw of Masutani 1995 app. F \[rad\].
+    pub base_attitude_rpy: [f64; 3],
+    /// Largest change of the momentum that the bodies carry, relative to the largest sum of the
+    /// magnitudes of the bodies' own momenta.
+    pub momentum_residual: MomentumResidual,
+    /// Largest change of kinetic energy less work, relative to the largest energy.
+    pub energy_residual: f64,
+    /// Largest speed of the tip in the world \[m/s\].
+    pub max_tip_speed: f64,
+    /// Largest acceleration of the tip in the world \[m/s²\].
+    pub max_tip_acceleration: f64,
+    /// Largest angular acceleration of the base \[rad/s²\].
+    pub max_base_angular_acceleration: f64,
+    /// Time that the run took \[s\].
+    pub wall_time: f64,
+}
+
+impl Performance {
+    /// Starts with the world's first state.
+    pub fn new(world: &World) -> Self {
+        Self {
+            initial_base: base_com(world),
+            initial_momentum: carried(world),
+            initial_energy: energy(world),
+            last: (0.0, f64::NAN, f64::NAN),
+            position_settled: Settled::new(0.01),
+            attitude_settled: Settled::new(2f64.to_radians()),
+            momentum_change: (0.0, 0.0),
+            momentum_scale: (0.0, 0.0),
+            energy_change: 0.0,
+            energy_scale: 0.0,
+            max_tip_speed: 0.0,
+            max_tip_acceleration: 0.0,
+            max_base_angular_acceleration: 0.0,
+        }
+    }
+
+    /// Sees a state with the efforts that act from it on.
+    pub fn see(&mut self, world: &mut World, moment: &Moment) {
+        let time = world.time();
+        let (position, attitude) = (moment.error.position.norm(), moment.error.angle);
+        self.last = (time, position, attitude);
+        self.position_settled.see(time, position);
+        self.attitude_settled.see(time, attitude);
+
+        let momentum = carried(world);
+        let change = |a: Vector3<f64>, b: Vector3<f64>, worst: f64| worst.max((a - b).norm());
+        let first = &self.initial_momentum;
+        self.momentum_change.0 = change(momentum.linear, first.linear, self.momentum_change.0);
+        self.momentum_change.1 = change(momentum.angular, first.angular, self.momentum_change.1);
+        let scale = world.robot.workspace().momentum_scale(world.robot.model());
+        self.momentum_scale.0 = self.momentum_scale.0.max(scale.0);
+        self.momentum_scale.1 = self.momentum_scale.1.max(scale.1);
+        let energy = energy(world);
+        let unexplained = energy - self.initial_energy - world.robot.state().work;
+        self.energy_change = self.energy_change.max(unexplained.abs());
+        self.energy_scale = self.energy_scale.max(energy);
+
+        world.robot.accelerations();
+        let tip = moment.controller.tip();
+        let workspace = world.robot.workspace();
+        let base = &world.robot.model().frames()[0];
+        let largest = |so_far: f64, v: Vector3<f64>| so_far.max(v.norm());
+        self.max_tip_speed = largest(self.max_tip_speed, workspace.V_WF_B(tip).linear);
+        self.max_tip_acceleration =
+            largest(self.max_tip_acceleration, workspace.A_WF_B(tip).linear);
+        self.max_base_angular_acceleration = largest(
+            self.max_base_angular_acceleration,
+            workspace.A_WF_B(base).angular,
+        );
+    }
+
+    /// The figures, of a run that took `wall_time` \[s\].
+    pub fn summary(&self, world: &World, wall_time: f64) -> Summary {
+        let relative = |change: f64, scale: f64| if scale > 0.0 { change / scale } else { change };
+        let X_WB = world.robot.state().X_WB(world.robot.workspace());
+        Summary {
+            duration: self.last.0,
+            tip_position_error: self.last.1,
+            tip_attitude_error: self.last.2,
+            time_to_1cm: self.position_settled.since,
+            time_to_2deg: self.attitude_settled.since,
+            base_displacement: (base_com(world) - self.initial_base).into(),
+            base_attitude_rpy: roll_pitch_yaw_intrinsic(&X_WB.rotation),
+            momentum_residual: MomentumResidual {
+                linear: relative(self.momentum_change.0, self.momentum_scale.0),
+                angular: relative(self.momentum_change.1, self.momentum_scale.1),
+            },
+            energy_residual: relative(self.energy_change, self.energy_scale),
+            max_tip_speed: self.max_tip_speed,
+            max_tip_acceleration: self.max_tip_acceleration,
+            max_base_angular_acceleration: self.max_base_angular_acceleration,
+            wall_time,
+        }
+    }
+}
+
+/// The base body's centre of mass in the world.
+fn base_com(world: &World) -> Vector3<f64> {
+    let X_WB = world.robot.state().X_WB(world.robot.workspace());
+    X_WB.rotation * world.robot.model().bodies()[0].inertia.com + X_WB.translation.vector
+}
+
+fn carried(world: &World) -> Momentum {
+    let momentum_B = world
+        .robot
+        .workspace()
+        .carried_momentum(world.robot.model());
+    let R_WB = world.robot.state().R_WB;
+    Momentum {
+        linear: R_WB * momentum_B.linear,
+        angular: R_WB * momentum_B.angular,
+    }
+}
+
+fn energy(world: &World) -> f64 {
+    world.robot.workspace().kinetic_energy(world.robot.model())
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn settling_is_the_time_after_which_it_stays_below() {
+        let mut settled = Settled::new(1.0);
+        for (time, value) in [
+            (0.0, 0.5),
+            (1.0, 2.0),
+            (2.0, 0.9),
+            (3.0, 1.1),
+            (4.0, 1.0),
+            (5.0, 0.1),
+        ] {
+            settled.see(time, value);
+        }
+        assert_eq!(settled.since, Some(4.0));
+        settled.see(6.0, 3.0);
+        assert_eq!(settled.since, None);
+    }
+}

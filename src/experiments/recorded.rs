@@ -1,0 +1,293 @@
+//! A robot's run as a bag recorded it: messages turned back into states.
+
+use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
+use std::collections::BTreeMap;
+
+use crate::bag::Message;
+use crate::model::Model;
+use crate::msg::builtin_interfaces::Time;
+use crate::msg::fuyu_msgs::{ControllerState, Momentum};
+use crate::msg::geometry_msgs::{self, PoseStamped};
+use crate::msg::nav_msgs::Odometry;
+use crate::msg::sensor_msgs::JointState;
+use crate::msg::std_msgs;
+use crate::msg::tf2_msgs::TFMessage;
+use crate::spatial::Twist;
+
+/// Runs of a bag by namespace: one robot each. The empty namespace is the usual one.
+#[derive(Debug, Default)]
+pub struct RecordedRuns {
+    runs: BTreeMap<String, RecordedRun>,
+}
+
+/// What a bag tells of one robot. Times are stamps in nanoseconds.
+#[derive(Debug, Default)]
+pub struct RecordedRun {
+    /// Its `robot_description`, or why it is not one.
+    pub model: Option<Result<Model, String>>,
+    /// Joints, in the order of [`JointSample`].
+    pub joint_names: Vec<String>,
+    /// `joint_states`.
+    pub joints: Vec<JointSample>,
+    /// `ground_truth/momentum`.
+    pub momentum: Vec<MomentumSample>,
+    /// `ground_truth/odom`.
+    pub base: Vec<BaseSample>,
+    /// `controller/state`.
+    pub controller: Vec<ControllerSample>,
+    /// The last `goal_pose`, with its frame.
+    pub goal: Option<(String, Isometry3<f64>)>,
+    /// The last of every frame in `tf` and `tf_static`: child to parent and pose in it.
+    pub frames: BTreeMap<String, (String, Isometry3<f64>)>,
+    /// The last `camera/tip_pose`.
+    pub seen_tip: Option<Isometry3<f64>>,
+    /// The last `camera/goal_pose`.
+    pub seen_goal: Option<Isometry3<f64>>,
+}
+
+/// Joint positions, rates and the efforts that acted since the sample before.
+#[derive(Debug, Clone)]
+pub struct JointSample {
+    /// Stamp \[ns\].
+    pub time: i64,
+    /// \[rad or m\]
+    pub q: Vec<f64>,
+    /// \[rad/s or m/s\]
+    pub qd: Vec<f64>,
+    /// \[N m or N\]; empty if none were recorded.
+    pub effort: Vec<f64>,
+}
+
+/// Momentum about the system's centre of mass in world axes, and kinetic energy.
+#[derive(Debug, Clone)]
+pub struct MomentumSample {
+    /// Stamp \[ns\].
+    pub time: i64,
+    /// \[N s\]
+    pub linear: Vector3<f64>,
+    /// \[N m s\]
+    pub angular: Vector3<f64>,
+    /// \[J\]
+    pub kinetic_energy: f64,
+}
+
+/// Pose of the base in the world and its twist in base axes.
+#[derive(Debug, Clone)]
+pub struct BaseSample {
+    /// Stamp \[ns\].
+    pub time: i64,
+    /// Pose.
+    pub X_WB: Isometry3<f64>,
+    /// Twist of the base frame's origin.
+    pub V_WB_B: Twist,
+}
+
+/// Deviation of the tip from the goal as the controller saw it.
+#[derive(Debug, Clone)]
+pub struct ControllerSample {
+    /// Stamp \[ns\].
+    pub time: i64,
+    /// \[m\]
+    pub position_error: f64,
+    /// \[rad\]
+    pub attitude_error: f64,
+}
+
+impl RecordedRuns {
+    /// Takes in one message; those of other topics and types are passed over.
+    pub fn accept(&mut self, message: &Message) {
+        for (suffix, type_name, take) in TOPICS {
+            if message.topic.type_name == *type_name
+                && let Some(namespace) = message.topic.name.strip_suffix(suffix)
+                // `/chaser/tf` is a robot's, `/camera/goal_pose` is not `goal_pose` of `/camera`.
+                && !namespace.ends_with("/camera")
+                && !namespace.ends_with("/ground_truth")
+            {
+                take(self.runs.entry(namespace.to_owned()).or_default(), message);
+                return;
+            }
+        }
+    }
+
+    /// The robots that moved or were measured: namespaces and what was recorded there.
+    pub fn robots(&self) -> impl Iterator<Item = (&str, &RecordedRun)> {
+        self.runs
+            .iter()
+            .filter(|(_, run)| {
+                !(run.joints.is_empty()
+                    && run.momentum.is_empty()
+                    && run.base.is_empty()
+                    && run.controller.is_empty())
+            })
+            .map(|(namespace, run)| (namespace.as_str(), run))
+    }
+}
+
+type Take = fn(&mut RecordedRun, &Message);
+
+// A message that does not decode is reported by the check of its topic; here it is passed over.
+const TOPICS: &[(&str, &str, Take)] = &[
+    ("/robot_description", "std_msgs/msg/String", |run, m| {
+        if let Ok(text) = m.decode::<std_msgs::String>() {
+            let model = Model::from_urdf(&text.data, &m.topic.name);
+            run.model = Some(model.map_err(|e| e.to_string()));
+        }
+    }),
+    ("/joint_states", "sensor_msgs/msg/JointState", |run, m| {
+        if let Ok(state) = m.decode() {
+            run.add_joints(state);
+        }
+    }),
+    (
+        "/ground_truth/momentum",
+        "fuyu_msgs/msg/Momentum",
+        |run, m| {
+            if let Ok(momentum) = m.decode::<Momentum>() {
+                run.momentum.push(MomentumSample {
+                    time: momentum.header.stamp.nanos(),
+                    linear: vector(&momentum.linear),
+                    angular: vector(&momentum.angular),
+                    kinetic_energy: momentum.kinetic_energy,
+                });
+            }
+        },
+    ),
+    ("/ground_truth/odom", "nav_msgs/msg/Odometry", |run, m| {
+        if let Ok(odom) = m.decode::<Odometry>() {
+            let twist = &odom.twist.twist;
+            run.base.push(BaseSample {
+                time: odom.header.stamp.nanos(),
+                X_WB: pose(&odom.pose.pose),
+                V_WB_B: Twist::new(vector(&twist.angular), vector(&twist.linear)),
+            });
+        }
+    }),
+    (
+        "/controller/state",
+        "fuyu_msgs/msg/ControllerState",
+        |run, m| {
+            if let Ok(state) = m.decode::<ControllerState>() {
+                run.controller.push(ControllerSample {
+                    time: state.header.stamp.nanos(),
+                    position_error: state.position_error_norm,
+                    attitude_error: state.attitude_error_angle,
+                });
+            }
+        },
+    ),
+    (
+        "/camera/tip_pose",
+        "geometry_msgs/msg/PoseStamped",
+        |run, m| {
+            run.seen_tip = m.decode().ok().map(|p: PoseStamped| pose(&p.pose));
+        },
+    ),
+    (
+        "/camera/goal_pose",
+        "geometry_msgs/msg/PoseStamped",
+        |run, m| {
+            run.seen_goal = m.decode().ok().map(|p: PoseStamped| pose(&p.pose));
+        },
+    ),
+    ("/goal_pose", "geometry_msgs/msg/PoseStamped", |run, m| {
+        if let Ok(goal) = m.decode::<PoseStamped>() {
+            run.goal = Some((goal.header.frame_id, pose(&goal.pose)));
+        }
+    }),
+    ("/tf", "tf2_msgs/msg/TFMessage", RecordedRun::add_frames),
+    (
+        "/tf_static",
+        "tf2_msgs/msg/TFMessage",
+        RecordedRun::add_frames,
+    ),
+];
+
+impl RecordedRun {
+    fn add_joints(&mut self, state: JointState) {
+        if self.joint_names.is_empty() {
+            self.joint_names.clone_from(&state.name);
+        }
+        let n = self.joint_names.len();
+        let ordered = |values: &[f64]| -> Option<Vec<f64>> {
+            if state.name == self.joint_names {
+                return (values.len() == n).then(|| values.to_vec());
+            }
+            self.joint_names
+                .iter()
+                .map(|wanted| {
+                    let i = state.name.iter().position(|name| name == wanted)?;
+                    values.get(i).copied()
+                })
+                .collect()
+        };
+        let (Some(q), Some(qd)) = (ordered(&state.position), ordered(&state.velocity)) else {
+            return;
+        };
+        let effort = ordered(&state.effort).unwrap_or_default();
+        self.joints.push(JointSample {
+            time: state.header.stamp.nanos(),
+            q,
+            qd,
+            effort,
+        });
+    }
+
+    fn add_frames(&mut self, message: &Message) {
+        let Ok(tf) = message.decode::<TFMessage>() else {
+            return;
+        };
+        for t in tf.transforms {
+            let X_PC = Isometry3::from_parts(
+                Translation3::from(vector(&t.transform.translation)),
+                rotation(&t.transform.rotation),
+            );
+            self.frames
+                .insert(t.child_frame_id, (t.header.frame_id, X_PC));
+        }
+    }
+
+    /// The last pose of a frame in its tree's root, and the root's name.
+    pub fn pose_in_root(&self, frame: &str) -> (String, Isometry3<f64>) {
+        let mut name = frame;
+        let mut pose = Isometry3::identity();
+        // A tree is not deeper than it has frames; a loop ends there.
+        for _ in 0..self.frames.len() {
+            let Some((parent, X_PC)) = self.frames.get(name) else {
+                break;
+            };
+            pose = X_PC * pose;
+            name = parent;
+        }
+        (name.to_owned(), pose)
+    }
+
+    /// The earliest stamp of the run \[ns\], from which plots count.
+    pub fn start(&self) -> i64 {
+        let first = [
+            self.joints.first().map(|s| s.time),
+            self.momentum.first().map(|s| s.time),
+            self.base.first().map(|s| s.time),
+            self.controller.first().map(|s| s.time),
+        ];
+        first.into_iter().flatten().min().unwrap_or(0)
+    }
+}
+
+/// Seconds from `start` to `time` \[both ns\].
+pub fn seconds_since(start: i64, time: i64) -> f64 {
+    let t = Time::from_nanos(time - start);
+    t.seconds()
+}
+
+fn vector(v: &geometry_msgs::Vector3) -> Vector3<f64> {
+    Vector3::new(v.x, v.y, v.z)
+}
+
+fn rotation(q: &geometry_msgs::Quaternion) -> UnitQuaternion<f64> {
+    UnitQuaternion::from_quaternion(Quaternion::new(q.w, q.x, q.y, q.z))
+}
+
+fn pose(p: &geometry_msgs::Pose) -> Isometry3<f64> {
+    let position = Translation3::new(p.position.x, p.position.y, p.position.z);
+    Isometry3::from_parts(position, rotation(&p.orientation))
+}

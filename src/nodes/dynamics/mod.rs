@@ -1,0 +1,253 @@
+//! The dynamics node: integrates the free-floating robot and owns time.
+//!
+//! A command acts from the moment it arrives: in real time the world is stepped to that moment under the
+//! old efforts first. In lockstep it acts from the state that it answers.
+
+mod commands;
+mod messages;
+mod outputs;
+mod pace;
+mod params;
+mod world;
+
+pub use messages::{FrameTree, WORLD, joint_states, momentum, odometry};
+pub use params::{Description, DynamicsParams, Motion, TargetParams};
+pub use world::{Target, World};
+
+use std::time::{Duration, Instant};
+
+use crate::{
+    msg::sensor_msgs::JointState,
+    ros::{Node, NodeError, Qos, Received, Status, Subscription, Time},
+};
+use commands::Command;
+use outputs::Outputs;
+use pace::Pace;
+
+/// How often a state that waits for its answer is published again: the peer may have joined late.
+const REPEAT: Duration = Duration::from_millis(100);
+
+/// The node's program.
+///
+/// # Errors
+/// For wrong parameters or descriptions, when DDS refuses, or when the state is no longer finite.
+pub fn program(node: &Node) -> Result<(), NodeError> {
+    let mut declare = node.declare();
+    let params = DynamicsParams::declare(&mut declare);
+    declare.finish()?;
+    let input = |e: String| NodeError::Input(format!("node {}: {e}", node.name()));
+    let params = params.map_err(input)?;
+    let world = World::new(&params).map_err(input)?;
+    let robot = world.robot.model();
+    let unmodelled: Vec<_> = robot
+        .joints()
+        .iter()
+        .filter(|j| j.friction != 0.0)
+        .map(|j| j.name.as_str())
+        .collect();
+    if !unmodelled.is_empty() {
+        tracing::warn!(
+            "{}: Coulomb friction of {} is not simulated; damping is",
+            params.robot.source,
+            unmodelled.join(", ")
+        );
+    }
+    tracing::info!(
+        "{}: {} bodies, {} joints, {} kg; {} free bodies beside it",
+        params.robot.source,
+        robot.bodies().len(),
+        robot.dof(),
+        robot.total_mass(),
+        world.targets.len()
+    );
+    Simulation {
+        node,
+        outputs: Outputs::new(node, &world, &params.robot.xml)?,
+        commands: node.subscribe("joint_commands", Qos::RELIABLE)?,
+        command_status: node.diagnostics().status("commands"),
+        time_status: node.diagnostics().status("time"),
+        last_command: None,
+        refused: 0,
+        efforts: vec![0.0; robot.dof()],
+        pace: Pace::new(params.real_time_factor),
+        world,
+        params,
+    }
+    .run()
+}
+
+struct Simulation<'a> {
+    node: &'a Node,
+    params: DynamicsParams,
+    world: World,
+    outputs: Outputs,
+    commands: Subscription<JointState>,
+    command_status: Status,
+    time_status: Status,
+    /// Simulated time at which the last valid command came \[s\].
+    last_command: Option<f64>,
+    refused: u64,
+    efforts: Vec<f64>,
+    pace: Pace,
+}
+
+impl Simulation<'_> {
+    fn run(mut self) -> Result<(), NodeError> {
+        self.command_status
+            .warn("no command has arrived on joint_commands yet");
+        self.outputs.publish(&self.world)?;
+        if self.params.start_on_command {
+            self.time_status
+                .warn("time is held until the first command");
+            self.repeat_until(|s| s.take_commands(0.0) > 0)?;
+        }
+        self.pace.start(self.world.time());
+        while self.node.ok() {
+            let duration = self.params.duration;
+            if duration > 0.0 && self.world.time() >= duration - 1e-9 {
+                self.time_status
+                    .ok("the duration is over; time stands still");
+                self.repeat_until(|_| false)?;
+                break;
+            }
+            if self.params.lockstep {
+                self.time_status.ok("lockstep");
+                self.await_answer()?;
+            } else {
+                self.await_tick();
+            }
+            self.check_command_age();
+            self.world.step_to_tick();
+            self.outputs.publish(&self.world)?;
+            self.report_time();
+        }
+        Ok(())
+    }
+
+    /// Publishes the state again and again until `done` says so or the node is to stop.
+    fn repeat_until(&mut self, mut done: impl FnMut(&mut Self) -> bool) -> Result<(), NodeError> {
+        let mut next = Instant::now() + REPEAT;
+        while self.node.ok() && !done(self) {
+            self.node
+                .wait_for(next.saturating_duration_since(Instant::now()));
+            if Instant::now() >= next {
+                self.outputs.publish(&self.world)?;
+                next += REPEAT;
+            }
+        }
+        Ok(())
+    }
+
+    /// Lockstep: waits for the command that carries this state's stamp.
+    fn await_answer(&mut self) -> Result<(), NodeError> {
+        let stamp = Time::from_secs_f64(self.world.time());
+        let since = Instant::now();
+        self.repeat_until(|s| {
+            if since.elapsed() > Duration::from_secs(1) {
+                let waited = since.elapsed().as_secs();
+                s.time_status.warn(format!(
+                    "lockstep: waiting for {waited} s for the command that answers the state of {stamp} s"
+                ));
+            }
+            while let Some(received) = s.commands.take() {
+                let answers = Time::from(&received.message.header.stamp) == stamp;
+                if s.obey(&received, s.world.time()) && answers {
+                    return true;
+                }
+            }
+            false
+        })
+    }
+
+    /// Real time: lets commands act as they arrive, until the next state is due.
+    fn await_tick(&mut self) {
+        let due = self.pace.instant(self.world.next_tick());
+        loop {
+            self.take_commands(self.pace.time(Instant::now()));
+            let Some(left) = due
+                .checked_duration_since(Instant::now())
+                .filter(|d| !d.is_zero())
+            else {
+                return;
+            };
+            if !self.node.wait_for(left) {
+                return;
+            }
+        }
+    }
+
+    /// Obeys the commands that wait, from simulated time `now` on; gives how many were valid.
+    fn take_commands(&mut self, now: f64) -> usize {
+        let mut obeyed = 0;
+        while let Some(received) = self.commands.take() {
+            if self.last_command.is_some() || !self.params.start_on_command {
+                self.world.step_within_tick(now);
+            }
+            obeyed += usize::from(self.obey(&received, self.world.time()));
+        }
+        obeyed
+    }
+
+    fn obey(&mut self, received: &Received<JointState>, now: f64) -> bool {
+        match Command::from_msg(&received.message, self.world.robot.model()) {
+            Ok(command) => {
+                for (joint, effort) in command.efforts {
+                    self.efforts[joint] = effort;
+                }
+                let cut = self.world.robot.hold_efforts(&self.efforts);
+                self.last_command = Some(now);
+                if cut {
+                    self.command_status
+                        .warn("the last command exceeds an effort limit and was cut");
+                } else if self.refused == 0 {
+                    self.command_status.ok("obeying joint_commands");
+                }
+                true
+            }
+            Err(problem) => {
+                self.refused += 1;
+                if self.refused == 1 {
+                    tracing::warn!("{}: a command {problem}", self.commands.topic());
+                }
+                self.command_status
+                    .warn(format!("refused: a command {problem}"));
+                self.command_status.set("refused", self.refused);
+                false
+            }
+        }
+    }
+
+    fn check_command_age(&mut self) {
+        let Some(last) = self.last_command else {
+            return;
+        };
+        let age = self.world.time() - last;
+        if age > self.params.command_timeout && !self.params.lockstep {
+            self.efforts.fill(0.0);
+            self.world.robot.hold_efforts(&self.efforts);
+            self.command_status.warn(format!(
+                "no command for {age:.1} s (command_timeout is {} s): efforts are zero",
+                self.params.command_timeout
+            ));
+        }
+    }
+
+    fn report_time(&mut self) {
+        if let Some(achieved) = self.pace.achieved(self.world.time()) {
+            self.time_status
+                .set("simulated time [s]", format!("{:.2}", self.world.time()));
+            self.time_status
+                .set("real time factor", format!("{achieved:.3}"));
+            let wanted = self.params.real_time_factor;
+            if self.params.lockstep || wanted == 0.0 {
+                return;
+            }
+            if achieved < 0.95 * wanted {
+                self.time_status
+                    .warn(format!("slower than the real_time_factor of {wanted}"));
+            } else {
+                self.time_status.ok("in time");
+            }
+        }
+    }
+}

@@ -1,0 +1,296 @@
+//! Parameters of the dynamics node.
+
+use nalgebra::{DVector, Isometry3, Vector3};
+
+use crate::{
+    dynamics::Method,
+    nodes::{
+        placement::{declare_pose, declare_vector, finite},
+        resource,
+    },
+    ros::Declare,
+};
+
+/// What the dynamics node is told; read once, at the start.
+#[derive(Debug, Clone)]
+pub struct DynamicsParams {
+    /// The robot's description.
+    pub robot: Description,
+    /// Joint positions at the start \[rad or m\]; empty means zero.
+    pub initial_joint_positions: Vec<f64>,
+    /// Joint rates at the start \[rad/s or m/s\]; empty means zero.
+    pub initial_joint_velocities: Vec<f64>,
+    /// Pose and motion of the base at the start.
+    pub base: Motion,
+    /// Bodies that float free beside the robot.
+    pub targets: Vec<TargetParams>,
+    /// Integration method.
+    pub method: Method,
+    /// Largest integration step \[s\].
+    pub time_step: f64,
+    /// States published per second of simulated time \[Hz\].
+    pub state_rate: f64,
+    /// Simulated seconds per second; zero is as fast as possible.
+    pub real_time_factor: f64,
+    /// Whether every state waits for the command that answers it.
+    pub lockstep: bool,
+    /// Whether time stands still until the first command.
+    pub start_on_command: bool,
+    /// Simulated time after which time stands still \[s\]; zero is never.
+    pub duration: f64,
+    /// Age of the last command beyond which efforts are zero \[s\].
+    pub command_timeout: f64,
+}
+
+/// A robot description: its text, and where it came from for messages.
+#[derive(Debug, Clone)]
+pub struct Description {
+    /// URDF.
+    pub xml: String,
+    /// File or parameter that gave it.
+    pub source: String,
+}
+
+/// Where a frame is at the start and how it moves.
+#[derive(Debug, Clone)]
+pub struct Motion {
+    /// Pose in the world.
+    pub pose: Isometry3<f64>,
+    /// Velocity of the frame's origin in world axes \[m/s\].
+    pub velocity_W: Vector3<f64>,
+    /// Angular velocity in the body's own axes \[rad/s\].
+    pub angular_velocity_B: Vector3<f64>,
+}
+
+/// A free body beside the robot.
+#[derive(Debug, Clone)]
+pub struct TargetParams {
+    /// Name: its frame, and `ground_truth/NAME/odom`.
+    pub name: String,
+    /// Its description: a single body.
+    pub description: Description,
+    /// Start.
+    pub motion: Motion,
+}
+
+impl DynamicsParams {
+    /// Declares the parameters and reads them. `finish` of `declare` is the caller's.
+    ///
+    /// # Errors
+    /// A line that names the parameter whose file cannot be read or whose values do not fit together.
+    pub fn declare(declare: &mut Declare) -> Result<Self, String> {
+        let xml = (declare.param(
+            "robot_description",
+            "",
+            "The robot as URDF text; instead of urdf",
+        ))
+        .read_only()
+        .value();
+        let urdf = declare
+            .param(
+                "urdf",
+                "package://fuyu/urdf/servicer.urdf",
+                "File with the robot's URDF: a path or package://fuyu/PATH",
+            )
+            .read_only()
+            .value();
+        let initial_joint_positions = finite_list(
+            declare,
+            "initial_joint_positions",
+            "Joint positions at the start, in the robot's joint order [rad or m]; empty is zero",
+        );
+        let initial_joint_velocities = finite_list(
+            declare,
+            "initial_joint_velocities",
+            "Joint rates at the start [rad/s or m/s]; empty is zero",
+        );
+        let base = Motion::declare(declare, "base", "base frame");
+        let names = declare
+            .param(
+                "targets",
+                Vec::<String>::new(),
+                "Names of the free bodies beside the robot",
+            )
+            .read_only()
+            .value();
+        let mut targets = Vec::new();
+        for name in names {
+            let key = format!("{name}.urdf");
+            let file = declare
+                .param(
+                    &key,
+                    "package://fuyu/urdf/target.urdf",
+                    "File with the target's URDF",
+                )
+                .read_only()
+                .value();
+            let motion = Motion::declare(declare, &name, "target's frame");
+            targets.push((name, key, file, motion));
+        }
+        let method = declare
+            .param(
+                "integrator",
+                "dop8",
+                "Integration method: rk4 (order 4) or dop8 (order 8)",
+            )
+            .read_only()
+            .check("one of rk4, dop8", |text| method(text).map(|_| ()))
+            .value();
+        let time_step = declare
+            .param("time_step", 0.01, "Largest integration step [s]")
+            .range(1e-6, 1.0)
+            .read_only()
+            .value();
+        let state_rate = declare
+            .param(
+                "state_rate",
+                100.0,
+                "States published per simulated second [Hz]",
+            )
+            .range(0.1, 1000.0)
+            .read_only()
+            .value();
+        let real_time_factor = declare
+            .param(
+                "real_time_factor",
+                1.0,
+                "Simulated seconds per second; 0 is as fast as possible",
+            )
+            .range(0.0, 1e6)
+            .read_only()
+            .value();
+        let lockstep = declare
+            .param(
+                "lockstep",
+                false,
+                "Wait after every state for the command that answers it",
+            )
+            .read_only()
+            .value();
+        let start_on_command = declare
+            .param(
+                "start_on_command",
+                false,
+                "Hold time at zero until the first command arrives",
+            )
+            .read_only()
+            .value();
+        let duration = declare
+            .param(
+                "duration",
+                0.0,
+                "Simulated time at which time stops [s]; 0 is never",
+            )
+            .range(0.0, 1e9)
+            .read_only()
+            .value();
+        let command_timeout = declare
+            .param(
+                "command_timeout",
+                0.5,
+                "Efforts are zero when the last command is older [s]",
+            )
+            .range(1e-3, 1e6)
+            .read_only()
+            .value();
+
+        let base = base?;
+        let robot = if xml.is_empty() {
+            Description::read("urdf", &urdf)?
+        } else {
+            Description {
+                xml,
+                source: "parameter robot_description".to_owned(),
+            }
+        };
+        let targets = (targets.into_iter())
+            .map(|(name, key, file, motion)| {
+                let description = Description::read(&key, &file)?;
+                Ok(TargetParams {
+                    name,
+                    description,
+                    motion: motion?,
+                })
+            })
+            .collect::<Result<_, String>>()?;
+        Ok(Self {
+            robot,
+            initial_joint_positions,
+            initial_joint_velocities,
+            base,
+            targets,
+            method: method_or_default(&method),
+            time_step,
+            state_rate,
+            real_time_factor,
+            lockstep,
+            start_on_command,
+            duration,
+            command_timeout,
+        })
+    }
+}
+
+impl Description {
+    fn read(parameter: &str, file: &str) -> Result<Self, String> {
+        let read = resource::read(file).map_err(|e| format!("parameter {parameter}: {e}"))?;
+        Ok(Self {
+            xml: read.0,
+            source: read.1,
+        })
+    }
+}
+
+impl Motion {
+    fn declare(declare: &mut Declare, prefix: &str, what: &str) -> Result<Self, String> {
+        let pose = declare_pose(declare, prefix, what, false);
+        let velocity = format!("Velocity of the {what} in world axes at the start [m/s]");
+        let velocity_W = declare_vector(declare, &format!("{prefix}.velocity"), &velocity);
+        let angular =
+            format!("Angular velocity of the {what} in its own axes at the start [rad/s]");
+        let angular_velocity_B =
+            declare_vector(declare, &format!("{prefix}.angular_velocity"), &angular);
+        Ok(Self {
+            pose: pose?.unwrap_or_default(),
+            velocity_W,
+            angular_velocity_B,
+        })
+    }
+}
+
+fn finite_list(declare: &mut Declare, name: &str, description: &str) -> Vec<f64> {
+    (declare.param(name, Vec::<f64>::new(), description))
+        .read_only()
+        .check("finite numbers, one per joint, or none", |v| {
+            finite(v, v.len())
+        })
+        .value()
+}
+
+fn method(text: &str) -> Result<Method, String> {
+    match text {
+        "rk4" => Ok(Method::Rk4),
+        "dop8" => Ok(Method::Dop8),
+        other => Err(format!("'{other}' is no integrator; expected rk4 or dop8")),
+    }
+}
+
+/// A text that `check` let through; anything else has been reported by the declaration.
+fn method_or_default(text: &str) -> Method {
+    method(text).unwrap_or_default()
+}
+
+/// A joint vector of the right length from a list that may be empty.
+pub(super) fn joint_vector(
+    name: &str,
+    values: &[f64],
+    joints: usize,
+) -> Result<DVector<f64>, String> {
+    match values.len() {
+        0 => Ok(DVector::zeros(joints)),
+        n if n == joints => Ok(DVector::from_row_slice(values)),
+        n => Err(format!(
+            "parameter {name} has {n} values; the robot has {joints} joints"
+        )),
+    }
+}

@@ -1,0 +1,159 @@
+//! The simulated world: the robot and the free bodies, at one time.
+
+use nalgebra::Isometry3;
+
+use super::params::{Description, DynamicsParams, Motion, joint_vector};
+use crate::{
+    dynamics::{Floating, State, Workspace},
+    model::Model,
+    spatial::Twist,
+};
+
+/// A free body beside the robot.
+pub struct Target {
+    /// Its name and frame.
+    pub name: String,
+    /// The body.
+    pub body: Floating,
+}
+
+impl Target {
+    /// Topic of its odometry.
+    pub fn odometry_topic(&self) -> String {
+        format!("ground_truth/{}/odom", self.name)
+    }
+}
+
+/// The robot and the free bodies. They meet in nothing but time.
+pub struct World {
+    /// The robot.
+    pub robot: Floating,
+    /// The free bodies.
+    pub targets: Vec<Target>,
+    time_step: f64,
+    /// Time is counted in steps of this, so that states fall on exact multiples \[s\].
+    period: f64,
+    ticks: u64,
+    /// How far past the last tick the world is \[s\].
+    past_tick: f64,
+}
+
+impl World {
+    /// The world as the parameters describe it, at time zero.
+    ///
+    /// # Errors
+    /// A line that names file or parameter.
+    pub fn new(params: &DynamicsParams) -> Result<Self, String> {
+        let model = params.robot.compile()?;
+        let q = &params.initial_joint_positions;
+        let mut state = State::at_rest_with(
+            &model,
+            &joint_vector("initial_joint_positions", q, model.dof())?,
+        );
+        let qd = &params.initial_joint_velocities;
+        state.qd = joint_vector("initial_joint_velocities", qd, model.dof())?;
+        place(&model, &mut state, &params.base);
+        let robot = Floating::new(model, state, params.method);
+        let targets = params.targets.iter().map(|target| {
+            let model = target.description.compile()?;
+            if model.dof() > 0 {
+                let source = &target.description.source;
+                let joints = model.dof();
+                return Err(format!(
+                    "{source}: target {} has {joints} joints; a target must be a single body",
+                    target.name
+                ));
+            }
+            let mut state = State::at_rest(&model);
+            place(&model, &mut state, &target.motion);
+            Ok(Target {
+                name: target.name.clone(),
+                body: Floating::new(model, state, params.method),
+            })
+        });
+        Ok(Self {
+            robot,
+            targets: targets.collect::<Result<_, _>>()?,
+            time_step: params.time_step,
+            period: 1.0 / params.state_rate,
+            ticks: 0,
+            past_tick: 0.0,
+        })
+    }
+
+    /// Time \[s\].
+    pub fn time(&self) -> f64 {
+        self.tick_time(self.ticks) + self.past_tick
+    }
+
+    /// Time of the next state to publish \[s\].
+    pub fn next_tick(&self) -> f64 {
+        self.tick_time(self.ticks + 1)
+    }
+
+    fn tick_time(&self, ticks: u64) -> f64 {
+        ticks as f64 * self.period
+    }
+
+    /// Refuses a world that has lost its numbers.
+    ///
+    /// # Errors
+    /// Says when, and what helps.
+    pub fn check_finite(&self) -> Result<(), String> {
+        let targets = self.targets.iter().map(|t| &t.body);
+        if std::iter::once(&self.robot)
+            .chain(targets)
+            .all(|body| body.state().is_finite())
+        {
+            return Ok(());
+        }
+        Err(format!(
+            "the simulated state is no longer finite at {:.3} s: the motion is too fast for a time_step of {} s, lower it",
+            self.time(),
+            self.time_step
+        ))
+    }
+
+    /// Steps to the next tick.
+    pub fn step_to_tick(&mut self) {
+        self.step_by(self.period - self.past_tick);
+        self.ticks += 1;
+        self.past_tick = 0.0;
+    }
+
+    /// Steps to `time` \[s\], which lies between now and the next tick.
+    pub fn step_within_tick(&mut self, time: f64) {
+        let past = (time - self.tick_time(self.ticks)).min(self.period);
+        if past > self.past_tick {
+            self.step_by(past - self.past_tick);
+            self.past_tick = past;
+        }
+    }
+
+    fn step_by(&mut self, seconds: f64) {
+        // A rounding more than a whole number of steps must not cost one more.
+        let steps = (seconds / self.time_step - 1e-6).ceil().max(1.0) as usize;
+        let dt = seconds / steps as f64;
+        self.robot.step(dt, steps);
+        for target in &mut self.targets {
+            target.body.step(dt, steps);
+        }
+    }
+}
+
+impl Description {
+    /// The model that this describes.
+    ///
+    /// # Errors
+    /// The compiler's, which names the source.
+    pub fn compile(&self) -> Result<Model, String> {
+        Model::from_urdf(&self.xml, &self.source).map_err(|e| e.to_string())
+    }
+}
+
+fn place(model: &Model, state: &mut State, motion: &Motion) {
+    let X_WB: &Isometry3<f64> = &motion.pose;
+    let linear_B = X_WB.rotation.inverse() * motion.velocity_W;
+    let V_WB_B = Twist::new(motion.angular_velocity_B, linear_B);
+    state.set_base(model, &mut Workspace::new(model), X_WB, &V_WB_B);
+}

@@ -1,0 +1,112 @@
+//! Between nalgebra and the messages of `geometry_msgs`.
+
+use nalgebra::{Isometry3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
+
+use crate::msg::geometry_msgs;
+use crate::spatial::Pose;
+
+/// A vector as a message.
+pub fn vector_to_msg(v: &Vector3<f64>) -> geometry_msgs::Vector3 {
+    geometry_msgs::Vector3 {
+        x: v.x,
+        y: v.y,
+        z: v.z,
+    }
+}
+
+/// An attitude as a message.
+pub fn quaternion_to_msg(q: &UnitQuaternion<f64>) -> geometry_msgs::Quaternion {
+    geometry_msgs::Quaternion {
+        x: q.i,
+        y: q.j,
+        z: q.k,
+        w: q.w,
+    }
+}
+
+/// A pose as a message.
+pub fn pose_to_msg(X: &Pose) -> geometry_msgs::Pose {
+    let p = &X.translation;
+    geometry_msgs::Pose {
+        position: geometry_msgs::Point {
+            x: p.x,
+            y: p.y,
+            z: p.z,
+        },
+        orientation: quaternion_to_msg(&UnitQuaternion::from_rotation_matrix(&X.rotation)),
+    }
+}
+
+/// A pose as a transform message.
+pub fn transform_to_msg(X: &Pose) -> geometry_msgs::Transform {
+    geometry_msgs::Transform {
+        translation: vector_to_msg(&X.translation.vector),
+        rotation: quaternion_to_msg(&UnitQuaternion::from_rotation_matrix(&X.rotation)),
+    }
+}
+
+/// An attitude from x, y, z, w.
+///
+/// # Errors
+/// Says what is wrong when a component is not finite or the norm is off one by more than 1 %.
+pub fn unit_quaternion(x: f64, y: f64, z: f64, w: f64) -> Result<UnitQuaternion<f64>, String> {
+    let q = Quaternion::new(w, x, y, z);
+    let norm = q.norm();
+    if (norm - 1.0).abs() <= 0.01 {
+        Ok(UnitQuaternion::new_normalize(q))
+    } else {
+        Err(format!(
+            "quaternion [{x}, {y}, {z}, {w}] (x, y, z, w) has norm {norm}; it must be 1"
+        ))
+    }
+}
+
+/// A pose from a message.
+///
+/// # Errors
+/// Says which field is wrong when a number is not finite or the quaternion is not a unit one.
+pub fn pose_from_msg(pose: &geometry_msgs::Pose) -> Result<Isometry3<f64>, String> {
+    let (p, q) = (&pose.position, &pose.orientation);
+    if ![p.x, p.y, p.z].iter().all(|x| x.is_finite()) {
+        return Err(format!(
+            "position [{}, {}, {}] is not finite",
+            p.x, p.y, p.z
+        ));
+    }
+    let rotation = unit_quaternion(q.x, q.y, q.z, q.w).map_err(|e| format!("orientation: {e}"))?;
+    Ok(Isometry3::from_parts(
+        Translation3::new(p.x, p.y, p.z),
+        rotation,
+    ))
+}
+
+/// The same pose with its rotation as a matrix.
+pub fn with_matrix(X: &Isometry3<f64>) -> Pose {
+    Pose::from_parts(X.translation, Rotation3::from(X.rotation))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn poses_survive_the_message() {
+        let X = Pose::from_parts(
+            Translation3::new(1.0, -2.0, 0.3),
+            Rotation3::from_euler_angles(0.4, -1.0, 2.9),
+        );
+        let back = with_matrix(&pose_from_msg(&pose_to_msg(&X)).unwrap());
+        assert!((back.to_homogeneous() - X.to_homogeneous()).amax() < 1e-15);
+    }
+
+    #[test]
+    fn what_is_no_pose_is_refused_by_name() {
+        let mut pose = pose_to_msg(&Pose::identity());
+        pose.orientation.w = 0.5;
+        assert!(pose_from_msg(&pose).unwrap_err().contains("norm 0.5"));
+        pose.orientation.w = f64::NAN;
+        assert!(pose_from_msg(&pose).unwrap_err().starts_with("orientation"));
+        pose.position.y = f64::INFINITY;
+        assert!(pose_from_msg(&pose).unwrap_err().starts_with("position"));
+    }
+}

@@ -1,0 +1,83 @@
+//! Poses and vectors as parameters.
+
+use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
+
+use super::geometry::unit_quaternion;
+use crate::ros::Declare;
+
+/// Declares `PREFIX.position` and `PREFIX.orientation`: a pose in the world. An empty position, which is
+/// the default if `optional`, is none.
+///
+/// # Errors
+/// A line that names the parameter when the orientation is not a unit quaternion.
+pub fn declare_pose(
+    declare: &mut Declare,
+    prefix: &str,
+    what: &str,
+    optional: bool,
+) -> Result<Option<Isometry3<f64>>, String> {
+    let default: &[f64] = if optional { &[] } else { &[0.0; 3] };
+    let none = if optional { "; empty is none" } else { "" };
+    let position = declare
+        .param(
+            &format!("{prefix}.position"),
+            default.to_vec(),
+            &format!("Position of the {what} in the world at the start [m]{none}"),
+        )
+        .read_only()
+        .check(&format!("3 finite numbers{none}"), move |v| {
+            if optional && v.is_empty() {
+                Ok(())
+            } else {
+                finite(v, 3)
+            }
+        })
+        .value();
+    let key = format!("{prefix}.orientation");
+    let orientation = declare
+        .param(
+            &key,
+            [0.0, 0.0, 0.0, 1.0],
+            &format!("Attitude of the {what} in the world at the start (x, y, z, w)"),
+        )
+        .read_only()
+        .check("4 finite numbers, norm 1", |v| finite(v, 4))
+        .value();
+    let rotation = match orientation.as_slice() {
+        &[x, y, z, w] => {
+            unit_quaternion(x, y, z, w).map_err(|e| format!("parameter {key}: {e}"))?
+        }
+        // A wrong length has been reported by the declaration.
+        _ => UnitQuaternion::identity(),
+    };
+    let translation = match position.as_slice() {
+        &[x, y, z] => Translation3::new(x, y, z),
+        _ => return Ok(None),
+    };
+    Ok(Some(Isometry3::from_parts(translation, rotation)))
+}
+
+/// Declares a vector of three numbers, zero by default.
+pub fn declare_vector(declare: &mut Declare, name: &str, description: &str) -> Vector3<f64> {
+    let values = declare
+        .param(name, [0.0; 3], description)
+        .read_only()
+        .check("3 finite numbers", |v| finite(v, 3))
+        .value();
+    match values.as_slice() {
+        &[x, y, z] => Vector3::new(x, y, z),
+        // A wrong length has been reported by the declaration.
+        _ => Vector3::zeros(),
+    }
+}
+
+/// Refuses a list that is not `length` finite numbers.
+pub fn finite(values: &[f64], length: usize) -> Result<(), String> {
+    if values.len() == length && values.iter().all(|x| x.is_finite()) {
+        Ok(())
+    } else {
+        Err(format!(
+            "{values:?} is wrong; expected {length} finite numbers"
+        ))
+    }
+}

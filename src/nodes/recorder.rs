@@ -1,0 +1,299 @@
+//! The recorder node: writes topics to a rosbag2 bag.
+
+use std::{
+    collections::HashMap,
+    path::PathBuf,
+    sync::{Arc, OnceLock},
+    time::Duration,
+};
+
+use crate::{
+    bag::{self, Compression, RecorderHandle, RecorderTopic, Writer, WriterOptions},
+    ros::{Clock, Declare, Node, NodeError, Qos, RawSample, RawSubscription, Status, Time},
+};
+
+/// Topics of the graph whose type and QoS are known before anybody publishes them, so that not even
+/// their first message is missed.
+const KNOWN: [(&str, &str, Qos); 13] = [
+    ("/clock", "rosgraph_msgs/msg/Clock", Qos::CLOCK.depth(100)),
+    ("robot_description", "std_msgs/msg/String", Qos::LATCHED),
+    ("joint_states", "sensor_msgs/msg/JointState", Qos::RELIABLE),
+    (
+        "joint_commands",
+        "sensor_msgs/msg/JointState",
+        Qos::RELIABLE,
+    ),
+    ("/tf", "tf2_msgs/msg/TFMessage", Qos::TF),
+    ("/tf_static", "tf2_msgs/msg/TFMessage", Qos::TF_STATIC),
+    ("ground_truth/odom", "nav_msgs/msg/Odometry", Qos::RELIABLE),
+    (
+        "ground_truth/momentum",
+        "fuyu_msgs/msg/Momentum",
+        Qos::RELIABLE,
+    ),
+    (
+        "camera/tip_pose",
+        "geometry_msgs/msg/PoseStamped",
+        Qos::RELIABLE,
+    ),
+    (
+        "camera/goal_pose",
+        "geometry_msgs/msg/PoseStamped",
+        Qos::RELIABLE,
+    ),
+    (
+        "camera/camera_info",
+        "sensor_msgs/msg/CameraInfo",
+        Qos::LATCHED,
+    ),
+    (
+        "controller/state",
+        "fuyu_msgs/msg/ControllerState",
+        Qos::RELIABLE,
+    ),
+    ("goal_pose", "geometry_msgs/msg/PoseStamped", Qos::RELIABLE),
+];
+
+/// Plumbing of ROS that a bag of everything leaves out, as `ros2 bag record` does not without
+/// being asked.
+const LEFT_OUT: [&str; 2] = ["/parameter_events", "/rosout"];
+
+/// How often new topics are looked for.
+const LOOK: Duration = Duration::from_millis(200);
+
+/// What the recorder node is told at its start.
+#[derive(Debug, Clone)]
+pub struct RecorderParams {
+    /// Folder to write; it must not exist.
+    pub bag: PathBuf,
+    /// Topics to record; empty is all.
+    pub topics: Vec<String>,
+    /// How chunks are compressed.
+    pub compression: Compression,
+}
+
+impl RecorderParams {
+    /// Declares the parameters and reads them. `finish` of `declare` is the caller's.
+    pub fn declare(declare: &mut Declare) -> Self {
+        let bag = declare
+            .param(
+                "bag",
+                "",
+                "Folder of the bag, which must not exist; empty is bags/ and the time",
+            )
+            .read_only()
+            .value();
+        let topics = declare
+            .param(
+                "topics",
+                Vec::<String>::new(),
+                "Topics to record; empty is all",
+            )
+            .read_only()
+            .value();
+        let compression = declare
+            .param(
+                "compression",
+                "zstd",
+                "Compression of the chunks: none, lz4 or zstd",
+            )
+            .read_only()
+            .check("one of none, lz4, zstd", |text| {
+                compression(text).map(|_| ())
+            })
+            .value();
+        Self {
+            bag: if bag.is_empty() {
+                default_folder()
+            } else {
+                PathBuf::from(bag)
+            },
+            topics,
+            compression: compression_or_default(&compression),
+        }
+    }
+}
+
+fn compression(text: &str) -> Result<Compression, String> {
+    match text {
+        "none" => Ok(Compression::None),
+        "lz4" => Ok(Compression::Lz4),
+        "zstd" => Ok(Compression::Zstd),
+        other => Err(format!(
+            "'{other}' is no compression; expected none, lz4 or zstd"
+        )),
+    }
+}
+
+/// A text that `check` let through; anything else has been reported by the declaration.
+fn compression_or_default(text: &str) -> Compression {
+    compression(text).unwrap_or_default()
+}
+
+/// `bags/` and the time, as `ros2 bag record` names its folders.
+pub fn default_folder() -> PathBuf {
+    PathBuf::from(format!(
+        "bags/{}",
+        chrono::Local::now().format("%Y_%m_%d-%H_%M_%S")
+    ))
+}
+
+/// The node's program.
+///
+/// # Errors
+/// When the folder exists or cannot be written, for wrong parameters, or when DDS refuses.
+pub fn program(node: &Node) -> Result<(), NodeError> {
+    let mut declare = node.declare();
+    let params = RecorderParams::declare(&mut declare);
+    declare.finish()?;
+    let options = WriterOptions {
+        compression: params.compression,
+        ..WriterOptions::default()
+    };
+    let refuse = |e: bag::BagError| NodeError::Input(format!("node {}: {e}", node.name()));
+    let writer = Writer::create(&params.bag, options).map_err(refuse)?;
+    let recorder = bag::Recorder::start(writer).map_err(refuse)?;
+    tracing::info!("recording to {}", params.bag.display());
+    let mut session = Session {
+        node,
+        handle: recorder.handle(),
+        subscriptions: HashMap::new(),
+        status: node.diagnostics().status("bag"),
+        wanted: params
+            .topics
+            .iter()
+            .map(|topic| node.resolve_topic(topic))
+            .collect::<Result<_, _>>()?,
+    };
+    session.subscribe_known()?;
+    while node.ok() {
+        session.subscribe_discovered()?;
+        session.report();
+        // The receiving thread hands messages over; here nothing is urgent.
+        std::thread::sleep(LOOK);
+    }
+    session.subscriptions.clear();
+    let recording = recorder
+        .finish()
+        .map_err(|e| NodeError::Failed(e.to_string()))?;
+    tracing::info!(
+        "{}: {} messages",
+        recording.path.display(),
+        recording.messages
+    );
+    if recording.dropped > 0 {
+        tracing::warn!(
+            "{} messages were dropped: the disk was too slow",
+            recording.dropped
+        );
+    }
+    Ok(())
+}
+
+struct Session<'a> {
+    node: &'a Node,
+    handle: RecorderHandle,
+    /// By full name of the topic.
+    subscriptions: HashMap<String, RawSubscription>,
+    status: Status,
+    /// Full names; empty is all.
+    wanted: Vec<String>,
+}
+
+impl Session<'_> {
+    fn wants(&self, topic: &str) -> bool {
+        if self.wanted.is_empty() {
+            !LEFT_OUT.contains(&topic)
+        } else {
+            self.wanted.iter().any(|wanted| wanted == topic)
+        }
+    }
+
+    fn subscribe_known(&mut self) -> Result<(), NodeError> {
+        for (topic, type_name, qos) in KNOWN {
+            let topic = self.node.resolve_topic(topic)?;
+            if self.wants(&topic) {
+                self.subscribe(topic, type_name, qos)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn subscribe_discovered(&mut self) -> Result<(), NodeError> {
+        for publisher in self.node.discovered_publishers() {
+            let new = !self.subscriptions.contains_key(&publisher.topic);
+            if new && self.wants(&publisher.topic) {
+                self.subscribe(publisher.topic, &publisher.type_name, publisher.qos)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn subscribe(&mut self, topic: String, type_name: &str, qos: Qos) -> Result<(), NodeError> {
+        let into = bag::Topic::named(topic.clone(), type_name, qos);
+        let sink = Sink {
+            handle: self.handle.clone(),
+            clock: self.node.clock().clone(),
+            topic: into,
+            entry: OnceLock::new(),
+        };
+        let name = format!("/{}", topic.trim_start_matches('/'));
+        let raw = self
+            .node
+            .subscribe_raw(&name, type_name, qos, move |sample| sink.take(sample))?;
+        self.subscriptions.insert(topic, raw);
+        Ok(())
+    }
+
+    fn report(&self) {
+        let recorded = self.handle.status();
+        self.status.set("bag", self.handle.folder().display());
+        self.status.set("messages", recorded.accepted);
+        self.status.set("dropped", recorded.dropped);
+        self.status.set("queued [bytes]", recorded.queued_bytes);
+        match recorded.failure {
+            Some(problem) => self.status.error(problem),
+            None if recorded.dropped > 0 => {
+                self.status.warn(format!(
+                    "{} messages were dropped: the disk is too slow",
+                    recorded.dropped
+                ));
+            }
+            None => self.status.ok("recording"),
+        }
+    }
+}
+
+/// Where the samples of one topic go.
+struct Sink {
+    handle: RecorderHandle,
+    clock: Clock,
+    topic: bag::Topic,
+    /// Entered in the bag with the first message, so that a bag lists no topic that never spoke.
+    entry: OnceLock<Option<Arc<RecorderTopic>>>,
+}
+
+impl Sink {
+    fn take(&self, sample: RawSample) {
+        let entry = self.entry.get_or_init(|| {
+            let added = self.handle.add_topic(self.topic.clone());
+            added.map_err(|e| tracing::error!("{e}")).ok()
+        });
+        let Some(entry) = entry else { return };
+        // With use_sim_time a bag is in simulated time, as with `ros2 bag record --use-sim-time`.
+        let simulated = self.clock.is_simulated();
+        let received = if simulated {
+            self.clock.now()
+        } else {
+            sample.received_time
+        };
+        let sent = if simulated {
+            received
+        } else {
+            sample.source_time.unwrap_or(received)
+        };
+        let nanos = |time: Time| u64::try_from(time.as_nanos()).unwrap_or(0);
+        self.handle
+            .write(entry, nanos(received), nanos(sent), sample.cdr);
+    }
+}

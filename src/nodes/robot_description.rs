@@ -1,0 +1,102 @@
+//! The robot as other nodes learn of it: from `robot_description`.
+
+use std::time::Duration;
+
+use crate::{
+    model::{Frame, Model},
+    msg::std_msgs,
+    ros::{Node, NodeError, Qos, Status, Subscription},
+};
+
+/// Follows `robot_description`, which may come late and may change.
+pub struct RobotDescription {
+    topic: Subscription<std_msgs::String>,
+    status: Status,
+    tip_link: String,
+    last: String,
+}
+
+/// A robot and its tip.
+pub struct Robot {
+    /// The compiled description.
+    pub model: Model,
+    /// The tip's frame.
+    pub tip: Frame,
+}
+
+impl RobotDescription {
+    /// Subscribes; the tip will be the link `tip_link`.
+    ///
+    /// # Errors
+    /// When the node cannot subscribe.
+    pub fn new(node: &Node, tip_link: String) -> Result<Self, NodeError> {
+        let topic = node.subscribe("robot_description", Qos::LATCHED)?;
+        let status = node.diagnostics().status("robot");
+        status.warn("no robot_description has arrived yet");
+        Ok(Self {
+            topic,
+            status,
+            tip_link,
+            last: String::new(),
+        })
+    }
+
+    /// The robot, if a description that is new has arrived and is sound; one that is not is reported.
+    pub fn changed(&mut self) -> Option<Robot> {
+        let text = self.topic.latest()?.message.data;
+        if text == self.last {
+            return None;
+        }
+        let robot = self.compile(&text);
+        self.last = text;
+        match robot {
+            Ok(robot) => {
+                self.status.ok(format!(
+                    "{}: {} joints",
+                    robot.model.name(),
+                    robot.model.dof()
+                ));
+                Some(robot)
+            }
+            Err(problem) => {
+                tracing::error!("{problem}");
+                self.status.error(problem);
+                None
+            }
+        }
+    }
+
+    fn compile(&self, text: &str) -> Result<Robot, String> {
+        let source = self.topic.topic();
+        let model = Model::from_urdf(text, source).map_err(|e| e.to_string())?;
+        let tip = tip_frame(&model, &self.tip_link).map_err(|e| format!("{source}: {e}"))?;
+        Ok(Robot { model, tip })
+    }
+
+    /// Waits for a first description; `None` when the node is to stop.
+    pub fn wait(&mut self, node: &Node) -> Option<Robot> {
+        loop {
+            if let Some(robot) = self.changed() {
+                return Some(robot);
+            }
+            if !node.wait_for(Duration::from_millis(100)) {
+                return None;
+            }
+        }
+    }
+}
+
+/// The frame of the tip link.
+///
+/// # Errors
+/// Names the links that there are.
+pub fn tip_frame(model: &Model, tip_link: &str) -> Result<Frame, String> {
+    model.frame(tip_link).cloned().ok_or_else(|| {
+        let links: Vec<_> = model.frames().iter().map(|f| f.name.as_str()).collect();
+        format!(
+            "tip_link '{tip_link}' is no link of robot '{}'; it has {}",
+            model.name(),
+            links.join(", ")
+        )
+    })
+}

@@ -1,0 +1,112 @@
+//! Scenarios: ROS 2 parameter files that name the nodes of a run.
+
+use std::{
+    path::{Path, PathBuf},
+    sync::Arc,
+};
+
+use super::{
+    camera::CameraParams, controller::ControllerParams, dynamics::DynamicsParams, resource,
+};
+use crate::ros::{
+    Declare, NodeName, ParamsFile,
+    params::{ParameterStore, USE_SIM_TIME},
+};
+
+/// A parameter file, read.
+pub struct Scenario {
+    path: PathBuf,
+    file: ParamsFile,
+}
+
+impl Scenario {
+    /// Reads the scenario `name`: a path, or `package://fuyu/config/NAME.yaml`.
+    ///
+    /// # Errors
+    /// A line that names file, line and field.
+    pub fn read(name: &str) -> Result<Self, String> {
+        let path = resource::resolve(name)?;
+        let file = ParamsFile::read(&path).map_err(|e| e.to_string())?;
+        let scenario = Self { path, file };
+        if scenario.file.nodes().is_empty() {
+            return Err(format!(
+                "{}: names no node; expected `dynamics:` with `ros__parameters:` below it",
+                scenario.path.display()
+            ));
+        }
+        for node in scenario.file.nodes() {
+            if super::by_name(node.name()).is_none() {
+                let known: Vec<_> = super::NODES.iter().map(|(name, _)| *name).collect();
+                return Err(format!(
+                    "{}: names the node '{}'; fuyu has {}",
+                    scenario.path.display(),
+                    node.name(),
+                    known.join(", ")
+                ));
+            }
+        }
+        Ok(scenario)
+    }
+
+    /// The file.
+    pub fn path(&self) -> &Path {
+        &self.path
+    }
+
+    /// Name of the scenario: the file's without its ending.
+    pub fn name(&self) -> String {
+        self.path
+            .file_stem()
+            .map_or_else(String::new, |s| s.to_string_lossy().into_owned())
+    }
+
+    /// The nodes that the file names.
+    pub fn nodes(&self) -> Vec<NodeName> {
+        self.file.nodes()
+    }
+
+    /// Reads a node's parameters as the node itself would, without a graph.
+    fn parameters<T>(
+        &self,
+        node: &str,
+        declare: impl FnOnce(&mut Declare) -> Result<T, String>,
+    ) -> Result<T, String> {
+        let nodes = self.file.nodes();
+        let name = nodes
+            .iter()
+            .find(|n| n.name() == node)
+            .ok_or_else(|| format!("{}: does not name the node '{node}'", self.path.display()))?;
+        let store = Arc::new(ParameterStore::new(name.clone(), self.file.overrides(name)));
+        let mut declaring = Declare::new(store);
+        declaring
+            .param(USE_SIM_TIME, false, "Take the time from /clock")
+            .value();
+        let declared = declare(&mut declaring);
+        declaring.finish().map_err(|e| e.to_string())?;
+        declared.map_err(|e| format!("{}: node {name}: {e}", self.path.display()))
+    }
+
+    /// Parameters of the dynamics node.
+    ///
+    /// # Errors
+    /// A line per wrong parameter.
+    pub fn dynamics(&self) -> Result<DynamicsParams, String> {
+        self.parameters("dynamics", DynamicsParams::declare)
+    }
+
+    /// Parameters of the camera node.
+    ///
+    /// # Errors
+    /// A line per wrong parameter.
+    pub fn camera(&self) -> Result<CameraParams, String> {
+        self.parameters("camera", CameraParams::declare)
+    }
+
+    /// Parameters of the controller node.
+    ///
+    /// # Errors
+    /// A line per wrong parameter.
+    pub fn controller(&self) -> Result<ControllerParams, String> {
+        self.parameters("controller", |d| Ok(ControllerParams::declare(d)))
+    }
+}

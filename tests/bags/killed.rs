@@ -1,0 +1,86 @@
+//! A recorder that is killed leaves everything but its last second behind.
+
+use fuyu::bag::{Bag, Qos, Recorder, Topic, Writer, WriterOptions};
+use fuyu::msg::cdr;
+use fuyu::msg::sensor_msgs::JointState;
+use std::io::{BufRead, BufReader};
+use std::process::{Command, Stdio};
+use std::time::{Duration, Instant};
+
+use crate::sample;
+
+const FOLDER: &str = "FUYU_TEST_KILLED_BAG";
+
+/// Not a test of its own: records until it is killed, when the test below starts it with a folder.
+#[test]
+fn child_records_until_it_is_killed() {
+    let Some(folder) = std::env::var_os(FOLDER) else {
+        return;
+    };
+    let writer = Writer::create(folder, WriterOptions::default()).unwrap();
+    let recorder = Recorder::start(writer).unwrap();
+    let handle = recorder.handle();
+    let topic = handle
+        .add_topic(Topic::of::<JointState>("/joint_states", Qos::RELIABLE))
+        .unwrap();
+    let start = Instant::now();
+    for i in 0.. {
+        assert!(handle.write(
+            &topic,
+            sample::time(i),
+            sample::time(i),
+            cdr::encode(&sample::joint_state(i))
+        ));
+        println!("\nsent {i}");
+        std::thread::sleep(Duration::from_millis(2));
+        assert!(
+            start.elapsed() < Duration::from_secs(60),
+            "nobody kills this"
+        );
+    }
+}
+
+#[test]
+fn a_killed_recorder_loses_a_second_at_most() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path().join("run");
+    let mut child = Command::new(std::env::current_exe().unwrap())
+        .args([
+            "--exact",
+            "killed::child_records_until_it_is_killed",
+            "--nocapture",
+        ])
+        .env(FOLDER, &folder)
+        .stdout(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let mut sent = Vec::new();
+    for line in BufReader::new(child.stdout.take().unwrap()).lines() {
+        let line = line.unwrap();
+        if let Some(i) = line.strip_prefix("sent ") {
+            sent.push((Instant::now(), i.parse::<u64>().unwrap()));
+            if sent[0].0.elapsed() > Duration::from_millis(3300) {
+                break;
+            }
+        }
+    }
+    // SIGKILL: no handler, no destructor, no flush.
+    child.kill().unwrap();
+    child.wait().unwrap();
+    let killed = sent.last().unwrap().0;
+
+    let bag = Bag::open(&folder).unwrap();
+    let info = bag.info().unwrap();
+    assert!(!info.complete && !info.has_metadata);
+    let joints = bag.read::<JointState>("/joint_states").unwrap();
+    for (i, m) in (0..).zip(&joints) {
+        assert_eq!(m.message, sample::joint_state(i));
+    }
+    // All but what came within the last second, and a little more on a busy machine.
+    let safe = sent
+        .iter()
+        .filter(|(at, _)| *at + Duration::from_millis(1300) < killed)
+        .count();
+    assert!(safe > 100, "the child was too slow to tell: {safe}");
+    assert!(joints.len() >= safe, "{} of {safe} are left", joints.len());
+}

@@ -1,0 +1,5 @@
+//! The `fuyu` executable as a user meets it: exit codes, what it prints, what it says about bad input.
+
+mod bad_urdf;
+mod fuyu;
+mod inspect;

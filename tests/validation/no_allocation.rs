@@ -1,0 +1,49 @@
+//! The step loop takes no memory.
+
+use allocation_counter::measure;
+use fuyu::control::{Gains, JacobianKind, Measurement, Saturation, TransposeJacobian};
+use fuyu::dynamics::{Floating, Input, Integrator, Method, State, Workspace};
+use nalgebra::DVector;
+
+use crate::fixtures::servicer;
+
+#[test]
+fn steps_jacobians_and_the_control_law_do_not_allocate() {
+    let model = servicer();
+    let tip = model.frame("tool0").unwrap().clone();
+    let mut state = State::at_rest(&model);
+    let mut workspace = Workspace::new(&model);
+    let mut efforts = DVector::zeros(6);
+    let gains = Gains {
+        k_p: 75.0,
+        k_o: 100.0,
+        k_v: vec![400.0, 100.0, 200.0, 10.0, 2.0, 2.0],
+        saturation: Saturation {
+            position: 0.2,
+            orientation: 0.1,
+        },
+    };
+    let mut law = TransposeJacobian::new(&model, &tip, gains, JacobianKind::Generalized).unwrap();
+    let mut push = |_: f64, _: &State, input: &mut Input| input.efforts.fill(0.1);
+    for method in [Method::Rk4, Method::Dop8] {
+        let mut integrator = Integrator::new(&model, method);
+        let mut floating = Floating::new(model.clone(), state.clone(), method);
+        let used = measure(|| {
+            for _ in 0..100 {
+                integrator.step(&model, &mut state, &mut workspace, 0.01, &mut push);
+                let X_BE = workspace.X_BF(&tip);
+                let seen = Measurement {
+                    q: &state.q,
+                    qd: &state.qd,
+                    X_BE: &X_BE,
+                    X_BD: &X_BE,
+                };
+                law.efforts(&model, &mut workspace, &seen, &mut efforts);
+                floating.hold_efforts(efforts.as_slice());
+                floating.step(0.01, 1);
+                floating.accelerations();
+            }
+        });
+        assert_eq!(used.count_total, 0, "{method:?}: {used:?}");
+    }
+}
