@@ -8,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::{Qos, node::Core, session::Writer};
+use super::{Qos, endpoint::Writer, node::Core};
 use crate::msg::{Interface, cdr};
 
 /// Queue of a reliable publisher that asks for less: room for what piles up while DDS waits for a slow
@@ -199,7 +199,7 @@ impl Outbox {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{msg::std_msgs::String as Text, ros::session::EndpointSpec};
+    use crate::{msg::std_msgs::String as Text, ros::endpoint::EndpointSpec};
 
     fn fill(qos: Qos, messages: u8) -> (Outbox, Arc<Writer>) {
         let spec = EndpointSpec::topic::<Text>("/t", qos);
