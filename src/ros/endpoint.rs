@@ -7,6 +7,7 @@ use std::{
         Arc, Mutex, PoisonError, RwLock,
         atomic::{AtomicI64, AtomicU64, AtomicUsize, Ordering::Relaxed},
     },
+    time::Duration,
 };
 
 use super::{Gid, Qos, RawSample, Time, qos::Durability, wire::RawWriter};
@@ -114,6 +115,16 @@ impl Writer {
             Some(Err(_)) | None => {
                 self.counters.failed.fetch_add(1, Relaxed);
             }
+        }
+    }
+
+    /// Waits until living subscribers have what was written, at most `patience`.
+    pub(super) fn settle(&self, patience: Duration) {
+        if let Some(dds) = self.dds()
+            && self.spec.qos.is_reliable()
+        {
+            // Who has not answered by then is dead or drowned.
+            let _ = dds.wait_for_acknowledgments(patience);
         }
     }
 

@@ -60,11 +60,14 @@ impl<M: Interface> Publisher<M> {
     }
 }
 
+/// How long a publisher that ends waits for its last messages to leave, and then to be acknowledged.
+const LAST_MESSAGES: Duration = Duration::from_millis(200);
+
 impl<M> Drop for Publisher<M> {
+    /// The last messages reach living subscribers before the publisher leaves the graph.
     fn drop(&mut self) {
-        self.core
-            .outbox
-            .flush_writer(&self.writer, Duration::from_millis(200));
+        self.core.outbox.flush_writer(&self.writer, LAST_MESSAGES);
+        self.writer.settle(LAST_MESSAGES);
         self.core.remove_writer(&self.writer);
     }
 }

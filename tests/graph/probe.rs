@@ -110,6 +110,9 @@ fn program(node: &Node) -> Result<(), NodeError> {
             fast.publish(&text(count.to_string()));
         }
     }
+    for i in 0..20 {
+        chatter.publish(&text(format!("last {i} at the end")));
+    }
     if stubborn {
         std::thread::sleep(Duration::from_secs(60));
     }
