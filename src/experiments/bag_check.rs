@@ -31,7 +31,7 @@ pub struct CheckLimits {
 impl Default for CheckLimits {
     fn default() -> Self {
         Self {
-            momentum: 1e-9,
+            momentum: 1e-12,
             energy: 1e-3,
             position: 0.01,
             attitude: 2f64.to_radians(),
@@ -420,7 +420,7 @@ impl Report {
 }
 
 /// Change of a momentum since the start.
-pub(super) struct Residual {
+pub struct Residual {
     /// Stamps \[ns\] and changes relative to `scale`.
     pub values: Vec<(i64, f64)>,
     /// What the changes are relative to.
@@ -430,7 +430,7 @@ pub(super) struct Residual {
 }
 
 /// Residuals of linear and angular momentum as `ground_truth/momentum` states them.
-pub(super) fn momentum_residuals(run: &RecordedRun) -> Option<[Residual; 2]> {
+pub fn momentum_residuals(run: &RecordedRun) -> Option<[Residual; 2]> {
     let first = run.momentum.first()?;
     let carried = carried(run);
     let residual = |pick: fn(&MomentumSample) -> Vector3<f64>, carried: f64| {

@@ -123,7 +123,7 @@ fn momentum(run: &RecordedRun) -> Option<Figure> {
     let panel = |name: &str, r: &super::bag_check::Residual, unit: &str| Panel {
         y_label: format!("change of {name} [-]"),
         series: vec![curve(
-            format!("of {:.3} {unit}", r.scale),
+            format!("relative to {:.1} {unit}", r.scale),
             &r.values,
             |(t, v)| (seconds_since(start, *t), v.max(RESIDUAL_FLOOR)),
         )],
