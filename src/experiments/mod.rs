@@ -10,7 +10,6 @@ mod recorded_physics;
 mod simulated_bag;
 mod topic_health;
 
-pub(crate) use bag_check::momentum_residuals;
 pub use bag_check::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag};
 pub use bag_plot::plot_bag;
 pub use chart::{ChartError, Figure, Panel, Series};
