@@ -37,12 +37,10 @@ impl Command {
     /// `ros_args` is `--ros-args` and what follows it.
     fn run(self, ros_args: Vec<String>) -> Result<(), Failure> {
         match self {
-            Self::Launch(args) => return launch::run(&args, ros_args),
-            _ if !ros_args.is_empty() => {
-                return Err(Failure::Input(
-                    "--ros-args: only `fuyu launch` starts nodes that could take them".to_owned(),
-                ));
-            }
+            Self::Launch(args) => launch::run(&args, ros_args),
+            _ if !ros_args.is_empty() => Err(Failure::Input(
+                "--ros-args: only `fuyu launch` starts nodes that could take them".to_owned(),
+            )),
             Self::Bag(args) => bag::run(args),
             Self::Inspect(args) => inspect::run(args),
             Self::Simulate(args) => simulate::run(&args),
