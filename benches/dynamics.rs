@@ -3,7 +3,9 @@
 use std::hint::black_box;
 use std::time::Duration;
 
-use criterion::{BenchmarkGroup, Criterion, criterion_group, criterion_main, measurement::WallTime};
+use criterion::{
+    BenchmarkGroup, Criterion, criterion_group, criterion_main, measurement::WallTime,
+};
 use fuyu::control::{Gains, JacobianKind, Measurement, Saturation, TransposeJacobian};
 use fuyu::dynamics::{Input, Integrator, Method, Momentum, State, Workspace};
 use fuyu::model::{JointKind, Model, ModelBuilder};
@@ -89,7 +91,7 @@ fn kernels(group: &mut BenchmarkGroup<WallTime>, model: &Model) {
     group.bench_function("generalized Jacobian", |b| {
         b.iter(|| {
             workspace.set_positions(model, black_box(&positions[next()]));
-            workspace.generalized_jacobian(model, tip, &mut jacobian);
+            workspace.generalized_jacobian(tip, &mut jacobian);
             black_box(&jacobian);
         });
     });

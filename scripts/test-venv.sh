@@ -1,5 +1,4 @@
 #!/usr/bin/env bash
-<<<<<<< HEAD
 # Makes a Python environment of the tests, once, from PyPI, and prints the path of its python.
 # Usage: test-venv.sh                    a real ROS 2 Jazzy (rclpy on Fast DDS) and readers of bags
 #        test-venv.sh NAME PACKAGE...    an environment of its own, such as: test-venv.sh pinocchio pin
@@ -7,39 +6,19 @@ set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 dir=${CARGO_TARGET_DIR:-$root/target}/venv${1:+-$1}
+wheels_of_ros=false
 if (($# > 0)); then
   shift
   packages=("$@")
-  python=${PYTHON:-python3}
 else
+  wheels_of_ros=true
   packages=(
     ros-jazzy-{rclpy,rmw-fastrtps-cpp,rmw-dds-common,fastrtps}
     ros-jazzy-{std,sensor,geometry,nav,diagnostic,trajectory,visualization,rosgraph,test}-msgs
     ros-jazzy-std-srvs ros-jazzy-rcl-interfaces
     rosbags mcap-ros2-support
   )
-  # The wheels are for Python 3.11.
-  python=${PYTHON:-$(command -v python3.11 || echo python3)}
-  version=$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])') || version=absent
-  if [[ $version != 3.11 ]]; then
-    echo "test-venv.sh: $python is $version; the ROS wheels need Python 3.11 (python3.11 on PATH)" >&2
-    exit 3
-  fi
 fi
-=======
-# Makes the Python environment of the tests, once: a real ROS 2 Jazzy (rclpy on Fast DDS) and readers of
-# bags, all from PyPI, no ROS installation needed. Prints the path of its python.
-# Usage: test-venv.sh [DIR]   (default: $FUYU_TEST_VENV, else target/venv of this repository)
-set -euo pipefail
-root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
-dir=${1:-${FUYU_TEST_VENV:-$root/target/venv}}
-packages=(
-  ros-jazzy-{rclpy,rmw-fastrtps-cpp,rmw-dds-common,fastrtps}
-  ros-jazzy-{std,sensor,geometry,nav,diagnostic,trajectory,visualization,rosgraph,test}-msgs
-  ros-jazzy-std-srvs ros-jazzy-rcl-interfaces
-  rosbags mcap-ros2-support
-)
->>>>>>> ros
 stamp="$dir/.made-of-$(printf '%s\n' "${packages[@]}" | cksum | cut -d' ' -f1)"
 
 mkdir -p "$(dirname "$dir")"
@@ -47,29 +26,20 @@ mkdir -p "$(dirname "$dir")"
 exec 9>"$dir.lock"
 flock 9
 if [[ ! -e $stamp ]]; then
-<<<<<<< HEAD
+  "$root/scripts/need.sh" python3=python3
+  python=${PYTHON:-$(command -v python3.11 || command -v python3)}
+  version=$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])')
+  if $wheels_of_ros && [[ $version != 3.11 ]]; then
+    echo "test-venv.sh: $python is $version; the ROS wheels need Python 3.11 (python3.11 on PATH)" >&2
+    exit 3
+  fi
+  # Debian's Python leaves this part of the standard library out.
+  "$python" -c 'import ensurepip' 2>/dev/null || "$root/scripts/need.sh" "python$version-venv=python$version-venv"
   rm -rf "$dir"
   "$python" -m venv "$dir" >&2
   "$dir/bin/pip" install --quiet --disable-pip-version-check "${packages[@]}" >&2 || {
     rm -rf "$dir"
     echo "test-venv.sh: pip could not install ${packages[*]}; is the package registry reachable?" >&2
-=======
-  # The wheels are for Python 3.11.
-  python=$(command -v python3.11 || command -v python3) || {
-    echo "test-venv.sh: no python3 found; the tests against rclpy need Python 3.11" >&2
-    exit 3
-  }
-  version=$("$python" -c 'import sys; print("%d.%d" % sys.version_info[:2])')
-  if [[ $version != 3.11 ]]; then
-    echo "test-venv.sh: $python is $version; the ROS wheels need Python 3.11 (python3.11 on PATH)" >&2
-    exit 3
-  fi
-  rm -rf "$dir"
-  "$python" -m venv "$dir"
-  "$dir/bin/pip" install --quiet --disable-pip-version-check "${packages[@]}" >&2 || {
-    rm -rf "$dir"
-    echo "test-venv.sh: pip could not install the ROS wheels; is the package registry reachable?" >&2
->>>>>>> ros
     exit 3
   }
   touch "$stamp"

@@ -9,8 +9,9 @@
 //! Nothing here knows what the messages mean; see [`crate::experiments`] for that.
 //!
 //! ```
-//! use fuyu::bag::{Bag, Qos, Topic, Writer, WriterOptions};
+//! use fuyu::bag::{Bag, Topic, Writer, WriterOptions};
 //! use fuyu::msg::std_msgs::Float64;
+//! use fuyu::ros::Qos;
 //!
 //! # let folder = tempfile::tempdir()?;
 //! # let path = folder.path().join("run");

@@ -28,35 +28,6 @@ pub struct Qos {
     pub avoid_ros_namespace_conventions: bool,
 }
 
-impl Qos {
-    /// Reliable, volatile, the last ten: the default of ROS.
-    pub const RELIABLE: Self = Self {
-        history: History::KeepLast,
-        depth: 10,
-        reliability: Reliability::Reliable,
-        durability: Durability::Volatile,
-        deadline: QosDuration::INFINITE,
-        lifespan: QosDuration::INFINITE,
-        liveliness: Liveliness::Automatic,
-        liveliness_lease_duration: QosDuration::INFINITE,
-        avoid_ros_namespace_conventions: false,
-    };
-
-    /// Best effort, volatile, the last five: ROS's profile for sensor data.
-    pub const SENSOR_DATA: Self = Self {
-        depth: 5,
-        reliability: Reliability::BestEffort,
-        ..Self::RELIABLE
-    };
-
-    /// Reliable, and late subscribers get the last message.
-    pub const LATCHED: Self = Self {
-        depth: 1,
-        durability: Durability::TransientLocal,
-        ..Self::RELIABLE
-    };
-}
-
 /// A duration as rmw counts it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct QosDuration {
@@ -230,9 +201,10 @@ mod tests {
 
     #[test]
     fn profiles_survive_a_round_trip() {
-        let profiles = [Qos::RELIABLE, Qos::SENSOR_DATA, Qos::LATCHED];
+        let profiles = [ros::Qos::RELIABLE, ros::Qos::SENSOR_DATA, ros::Qos::ROSOUT].map(Qos::from);
         let text = to_yaml(&profiles);
         assert!(text.contains("history: keep_last"), "{text}");
+        assert!(text.contains("sec: 10\n"), "{text}");
         assert!(text.contains("sec: 9223372036"), "{text}");
         assert_eq!(from_yaml(&text), profiles);
     }

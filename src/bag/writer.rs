@@ -163,6 +163,8 @@ impl Writer {
             })
             // One thread: compression is far faster than any topic, and its output must not vary.
             .compression_threads(0)
+            // The fastest level: states of a robot are nearly noise to zstd, the next ones gain little.
+            .compression_level(1)
             .chunk_size(Some(options.chunk_size))
             // Chunks reach the file whole, so that a killed process leaves whole chunks behind.
             .disable_seeking(true)

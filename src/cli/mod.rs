@@ -2,6 +2,7 @@
 
 mod bag;
 mod inspect;
+mod launch;
 mod simulate;
 mod table;
 
@@ -15,23 +16,31 @@ use clap::{Parser, Subcommand};
 use crate::model::Model;
 
 /// Free-floating space robots as ROS 2 nodes.
+///
+/// Without a command: fuyu launch.
 #[derive(Parser)]
-#[command(name = "fuyu", version, arg_required_else_help = true)]
+#[command(name = "fuyu", version)]
 struct Cli {
     #[command(subcommand)]
-    command: Command,
+    command: Option<Command>,
 }
 
 #[derive(Subcommand)]
 enum Command {
     Bag(bag::Args),
     Inspect(inspect::Args),
+    Launch(launch::Args),
     Simulate(simulate::Args),
 }
 
 impl Command {
-    fn run(self) -> Result<(), Failure> {
+    /// `ros_args` is `--ros-args` and what follows it.
+    fn run(self, ros_args: Vec<String>) -> Result<(), Failure> {
         match self {
+            Self::Launch(args) => launch::run(&args, ros_args),
+            _ if !ros_args.is_empty() => Err(Failure::Input(
+                "--ros-args: only `fuyu launch` starts nodes that could take them".to_owned(),
+            )),
             Self::Bag(args) => bag::run(args),
             Self::Inspect(args) => inspect::run(args),
             Self::Simulate(args) => simulate::run(&args),
@@ -65,7 +74,14 @@ impl Failure {
 /// Runs the command that the process's arguments name; returns its exit code (0 done, 1 ran but a
 /// check failed, 2 bad input).
 pub fn main() -> ExitCode {
-    match Cli::parse().command.run() {
+    let mut args: Vec<String> = std::env::args().collect();
+    let ros_args = match args.iter().position(|arg| arg == "--ros-args") {
+        Some(at) => args.split_off(at),
+        None => Vec::new(),
+    };
+    let command = Cli::parse_from(args).command;
+    let command = command.unwrap_or_else(|| Command::Launch(launch::Args::default()));
+    match command.run(ros_args) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
             let line = failure.to_string().replace(['\n', '\r'], " ");

@@ -45,7 +45,7 @@ pub fn inverse_kinematics(
             break;
         }
         workspace.set_positions(model, &q);
-        workspace.fixed_base_jacobian(model, tip, &mut jacobian);
+        workspace.fixed_base_jacobian(tip, &mut jacobian);
         let normal = &jacobian * jacobian.transpose() + Matrix6::identity() * damping;
         let Some(factor) = normal.cholesky() else {
             break;

@@ -91,7 +91,6 @@ impl Floating {
         for _ in 0..steps {
             integrator.step(model, state, workspace, dt, &mut held);
         }
-        self.refresh();
     }
 
     /// Joint accelerations at this instant under the held input; afterwards the workspace's
@@ -106,7 +105,7 @@ impl Floating {
             ..
         } = self;
         workspace.accelerations(model, state, input, qdd);
-        workspace.set_accelerations(&state.qd, qdd);
+        workspace.set_accelerations(qdd);
         qdd
     }
 

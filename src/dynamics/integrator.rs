@@ -96,8 +96,8 @@ impl Integrator {
         }
     }
 
-    /// Advances `state` by `dt` \[s\]; `forcing` is asked at every stage. On return `workspace` holds the
-    /// last stage, not the new state: set positions and motion again before reading it.
+    /// Advances `state` by `dt` \[s\]; `forcing` is asked at every stage. On return `workspace` holds
+    /// positions and motion of the new state, so that the next step's first stage starts from them.
     pub fn step(
         &mut self,
         model: &Model,
@@ -125,6 +125,8 @@ impl Integrator {
         self.stage.time = state.time + dt;
         std::mem::swap(state, &mut self.stage);
         state.R_WB.renormalize_fast();
+        workspace.set_positions(model, &state.q);
+        workspace.set_motion(state);
     }
 }
 
@@ -171,14 +173,14 @@ fn evaluate(
     workspace.set_positions(model, &state.q);
     workspace.set_motion(state);
     workspace.accelerations(model, state, input, &mut rate.qd);
-    let (external_B, external_power) = workspace.external_wrench(input);
     rate.turned = attitude_rate_from_angular_velocity(turned, &workspace.V_WB_B().angular);
     rate.com = state.momentum_W.linear / workspace.mass;
-    rate.linear_momentum = state.R_WB * external_B.force;
-    rate.angular_momentum = state.R_WB * external_B.torque;
+    rate.linear_momentum = state.R_WB * workspace.external.force;
+    rate.angular_momentum = state.R_WB * workspace.external.torque;
     rate.q.copy_from(&state.qd);
-    rate.work = external_power;
-    for (j, joint) in model.joints().iter().enumerate() {
-        rate.work += (input.efforts[j] - joint.damping * state.qd[j]) * state.qd[j];
+    rate.work = workspace.external_power;
+    let actuated = model.joints().iter().zip(&input.efforts).zip(&state.qd);
+    for ((joint, effort), qd) in actuated {
+        rate.work += (effort - joint.damping * qd) * qd;
     }
 }

@@ -1,14 +1,14 @@
 //! Does the physics in a bag hold? What `fuyu bag check` asks of a recording.
 
-use nalgebra::{DVector, Isometry3, Vector3};
+use nalgebra::Isometry3;
 use serde::Serialize;
-use std::collections::HashMap;
 
-use super::recorded::{BaseSample, JointSample, MomentumSample, RecordedRun, RecordedRuns};
+use super::recorded::{RecordedRun, RecordedRuns};
+use super::recorded_physics::{
+    EnergyBalance, Missing, energy_balance, max, momentum_residuals, motion_momentum,
+};
 use super::topic_health::{TopicHealth, TopicWatch};
 use crate::bag::{Bag, Damage};
-use crate::dynamics::{Momentum, State, Workspace};
-use crate::model::Model;
 
 /// How large a deviation may be.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -205,40 +205,20 @@ impl Report {
     /// The same from recorded velocities, whatever the dynamics node says about its momentum.
     fn momentum_from_motion(&mut self, run: &RecordedRun, limits: &CheckLimits) {
         const NAME: &str = "momentum from velocities";
-        let model = match &run.model {
-            None => return self.skip(NAME, "no robot_description"),
-            Some(Err(e)) => return self.add(NAME, Verdict::Failed, None, e.clone()),
-            Some(Ok(model)) => model,
+        let moved = match motion_momentum(run) {
+            Ok(moved) => moved,
+            Err(Missing::Data(why)) => return self.skip(NAME, why),
+            Err(Missing::Model(why)) => return self.add(NAME, Verdict::Failed, None, why),
         };
-        let Some(mut motion) = Motion::new(model, &run.joint_names) else {
-            return self.skip(NAME, "joint_states and robot_description name other joints");
-        };
-        let samples: Vec<(Momentum, (f64, f64))> =
-            paired(run).map(|(j, b)| motion.momentum(j, b)).collect();
-        let Some((first, _)) = samples.first() else {
-            return self.skip(
-                NAME,
-                "no joint_states and ground_truth/odom of the same time",
-            );
-        };
-        let carried = samples.iter().fold((0.0, 0.0), |s: (f64, f64), (_, c)| {
-            (s.0.max(c.0), s.1.max(c.1))
-        });
-        let (linear_scale, _) = scale_of(first.linear.norm(), carried.0);
-        let (angular_scale, _) = scale_of(first.angular.norm(), carried.1);
-        let change = max(samples.iter().map(|(m, _)| {
-            let linear = (m.linear - first.linear).norm() / linear_scale;
-            let angular = (m.angular - first.angular).norm() / angular_scale;
-            linear.max(angular)
-        }));
+        let (linear, angular) = moved.scales;
         self.compare(
             NAME,
-            change,
+            moved.change,
             limits.momentum,
             "",
             format!(
-                "computed from {} joint states and odometries; relative to {linear_scale:.3} N s and {angular_scale:.3} N m s",
-                samples.len()
+                "computed from {} joint states and odometries; relative to {linear:.3} N s and {angular:.3} N m s",
+                moved.samples
             ),
         );
     }
@@ -246,53 +226,26 @@ impl Report {
     /// Kinetic energy against the work of joint efforts.
     fn energy(&mut self, run: &RecordedRun, limits: &CheckLimits) {
         const NAME: &str = "energy balance";
-        let energy: HashMap<i64, f64> = run
-            .momentum
-            .iter()
-            .map(|m| (m.time, m.kinetic_energy))
-            .collect();
-        if energy.is_empty() {
-            return self.skip(NAME, "no ground_truth/momentum");
-        }
-        if !run.joints.iter().any(|j| !j.effort.is_empty()) {
-            return self.skip(NAME, "joint_states carry no effort");
-        }
-        let damping = damping(run);
-        let mut start = None;
-        let (mut work, mut flow, mut largest, mut residual) = (0.0, 0.0, 0.0f64, 0.0f64);
-        let mut compared = 0;
-        for pair in run.joints.windows(2) {
-            let now = energy.get(&pair[0].time);
-            if start.is_none() {
-                start = now.map(|e| (*e, work));
-            }
-            let (step, moved) = work_between(&pair[0], &pair[1], &damping);
-            work += step;
-            flow += moved;
-            if let (Some((e0, w0)), Some(e1)) = (start, energy.get(&pair[1].time)) {
-                residual = residual.max(((e1 - e0) - (work - w0)).abs());
-                largest = largest.max(*e1);
-                compared += 1;
-            }
-        }
-        if compared == 0 {
-            return self.skip(
-                NAME,
-                "no joint_states and ground_truth/momentum of the same time",
-            );
-        }
-        let scale = largest.max(flow);
+        let balance = match energy_balance(run) {
+            Ok(balance) => balance,
+            Err(why) => return self.skip(NAME, why),
+        };
+        let EnergyBalance {
+            residual,
+            flow,
+            peak,
+        } = balance;
         let relative = if residual == 0.0 {
             0.0
         } else {
-            residual / scale
+            residual / flow
         };
         self.compare(
             NAME,
             relative,
             limits.energy,
             "",
-            format!("{residual:.1e} J not accounted for, of {scale:.3} J that flowed (peak kinetic energy {largest:.3} J)"),
+            format!("{residual:.1e} J not accounted for, of {flow:.3} J that flowed (peak kinetic energy {peak:.3} J)"),
         );
     }
 
@@ -417,141 +370,6 @@ impl Report {
         };
         self.compare(name, total as f64, 0.0, "", detail);
     }
-}
-
-/// Change of a momentum since the start.
-pub(super) struct Residual {
-    /// Stamps \[ns\] and changes relative to `scale`.
-    pub values: Vec<(i64, f64)>,
-    /// What the changes are relative to.
-    pub scale: f64,
-    /// What that is.
-    pub scale_of: &'static str,
-}
-
-/// Residuals of linear and angular momentum as `ground_truth/momentum` states them.
-pub(super) fn momentum_residuals(run: &RecordedRun) -> Option<[Residual; 2]> {
-    let first = run.momentum.first()?;
-    let carried = carried(run);
-    let residual = |pick: fn(&MomentumSample) -> Vector3<f64>, carried: f64| {
-        let start = pick(first);
-        let (scale, scale_of) = scale_of(start.norm(), carried);
-        let values = run
-            .momentum
-            .iter()
-            .map(|m| (m.time, (pick(m) - start).norm() / scale))
-            .collect();
-        Residual {
-            values,
-            scale,
-            scale_of,
-        }
-    };
-    Some([
-        residual(|m| m.linear, carried.0),
-        residual(|m| m.angular, carried.1),
-    ])
-}
-
-fn max(values: impl Iterator<Item = f64>) -> f64 {
-    // NaN must not be lost in a comparison.
-    values.fold(0.0, |m, v| if v > m || v.is_nan() { v } else { m })
-}
-
-/// What a momentum is compared with, and what that is called.
-fn scale_of(initial: f64, carried: f64) -> (f64, &'static str) {
-    if initial >= carried && initial > 0.0 {
-        (initial, "at the start")
-    } else if carried > 0.0 {
-        (carried, "carried by the bodies, summed without sign")
-    } else {
-        (1.0, "(nothing moves)")
-    }
-}
-
-/// Largest sum of the momenta that single bodies carry (linear, angular); zero if it is not known.
-fn carried(run: &RecordedRun) -> (f64, f64) {
-    let Some(Ok(model)) = &run.model else {
-        return (0.0, 0.0);
-    };
-    let Some(mut motion) = Motion::new(model, &run.joint_names) else {
-        return (0.0, 0.0);
-    };
-    paired(run)
-        .map(|(j, b)| motion.momentum(j, b).1)
-        .fold((0.0, 0.0), |s, c| (s.0.max(c.0), s.1.max(c.1)))
-}
-
-/// Joint states and base states of the same time.
-fn paired(run: &RecordedRun) -> impl Iterator<Item = (&JointSample, &BaseSample)> {
-    let base: HashMap<i64, &BaseSample> = run.base.iter().map(|b| (b.time, b)).collect();
-    run.joints
-        .iter()
-        .filter_map(move |j| Some((j, *base.get(&j.time)?)))
-}
-
-/// Momentum from recorded joint and base velocities.
-struct Motion<'a> {
-    model: &'a Model,
-    workspace: Workspace,
-    state: State,
-    /// Place in the model of each recorded joint.
-    order: Vec<usize>,
-}
-
-impl<'a> Motion<'a> {
-    fn new(model: &'a Model, names: &[String]) -> Option<Self> {
-        let order: Vec<usize> = names
-            .iter()
-            .map(|name| model.joint_index(name))
-            .collect::<Option<_>>()?;
-        (order.len() == model.dof()).then(|| Self {
-            model,
-            workspace: Workspace::new(model),
-            state: State::at_rest(model),
-            order,
-        })
-    }
-
-    /// Momentum in world axes, and the sum of what single bodies carry.
-    fn momentum(&mut self, joints: &JointSample, base: &BaseSample) -> (Momentum, (f64, f64)) {
-        let state = &mut self.state;
-        for (i, &j) in self.order.iter().enumerate() {
-            state.q[j] = joints.q[i];
-            state.qd[j] = joints.qd[i];
-        }
-        let X_WB = &base.X_WB;
-        state.set_base(self.model, &mut self.workspace, X_WB, &base.V_WB_B);
-        self.workspace.set_motion(state);
-        (state.momentum_W, self.workspace.momentum_scale(self.model))
-    }
-}
-
-/// Viscous damping of each recorded joint.
-fn damping(run: &RecordedRun) -> DVector<f64> {
-    DVector::from_iterator(
-        run.joint_names.len(),
-        run.joint_names.iter().map(|name| match &run.model {
-            Some(Ok(model)) => model
-                .joint_index(name)
-                .map_or(0.0, |j| model.joints()[j].damping),
-            _ => 0.0,
-        }),
-    )
-}
-
-/// Work of efforts less damping losses between two samples \[J\], and the sum of its parts without sign.
-fn work_between(a: &JointSample, b: &JointSample, damping: &DVector<f64>) -> (f64, f64) {
-    let dt = (b.time - a.time) as f64 * 1e-9;
-    let (mut work, mut flow) = (0.0, 0.0);
-    for (j, c) in damping.iter().enumerate() {
-        // A sample's effort acted since the one before; rates in between are taken as linear.
-        let done = b.effort.get(j).copied().unwrap_or(0.0) * (b.q[j] - a.q[j]);
-        let lost = c * dt * (a.qd[j] * a.qd[j] + a.qd[j] * b.qd[j] + b.qd[j] * b.qd[j]) / 3.0;
-        work += done - lost;
-        flow += done.abs() + lost;
-    }
-    (work, flow)
 }
 
 /// Distance \[m\] and angle \[rad\] between two poses.

@@ -2,9 +2,9 @@
 
 use std::path::{Path, PathBuf};
 
-use super::bag_check::momentum_residuals;
 use super::chart::{ChartError, Figure, Panel, Series};
 use super::recorded::{RecordedRun, RecordedRuns, seconds_since};
+use super::recorded_physics::{Residual, momentum_residuals};
 use crate::bag::Bag;
 use crate::model::JointKind;
 use crate::spatial::roll_pitch_yaw_intrinsic;
@@ -120,10 +120,10 @@ fn base_motion(run: &RecordedRun) -> Option<Figure> {
 fn momentum(run: &RecordedRun) -> Option<Figure> {
     let start = run.start();
     let residuals = momentum_residuals(run)?;
-    let panel = |name: &str, r: &super::bag_check::Residual, unit: &str| Panel {
+    let panel = |name: &str, r: &Residual, unit: &str| Panel {
         y_label: format!("change of {name} [-]"),
         series: vec![curve(
-            format!("of {:.3} {unit}", r.scale),
+            format!("relative to {:.1} {unit}", r.scale),
             &r.values,
             |(t, v)| (seconds_since(start, *t), v.max(RESIDUAL_FLOOR)),
         )],

@@ -6,6 +6,7 @@ mod chart;
 mod closed_loop;
 mod performance;
 mod recorded;
+mod recorded_physics;
 mod simulated_bag;
 mod topic_health;
 
@@ -17,5 +18,6 @@ pub use performance::{MomentumResidual, Performance, Summary};
 pub use recorded::{
     BaseSample, ControllerSample, JointSample, MomentumSample, RecordedRun, RecordedRuns,
 };
+pub use recorded_physics::{Residual, momentum_residuals};
 pub use simulated_bag::SimulatedBag;
 pub use topic_health::{TopicHealth, TopicWatch};

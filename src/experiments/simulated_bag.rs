@@ -67,8 +67,7 @@ impl SimulatedBag {
         })
     }
 
-    /// Writes what the dynamics node publishes of a state. Must come before the state is answered, since
-    /// `joint_states` tells the efforts that led to it.
+    /// Writes what the dynamics node publishes of a state.
     ///
     /// # Errors
     /// When the bag cannot be written.
@@ -84,11 +83,7 @@ impl SimulatedBag {
                 clock: stamp.into(),
             },
         )?;
-        w.write_message(
-            self.joint_states,
-            log,
-            &joint_states(stamp, &base, &world.robot),
-        )?;
+        w.write_message(self.joint_states, log, &joint_states(stamp, &base, world))?;
         w.write_message(self.odometry, log, &odometry(stamp, &base, &world.robot))?;
         for (topic, target) in self.targets.iter().zip(&world.targets) {
             w.write_message(*topic, log, &odometry(stamp, &target.name, &target.body))?;

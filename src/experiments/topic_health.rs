@@ -74,7 +74,10 @@ impl TopicWatch {
         track.known_type = true;
         match scan(definition, &message.data) {
             Ok(found) => {
-                track.stamps.extend(found.stamp.map(|s| s.nanos()));
+                // Every node publishes diagnostics, each by its own clock.
+                if message.topic.type_name != "diagnostic_msgs/msg/DiagnosticArray" {
+                    track.stamps.extend(found.stamp.map(|s| s.nanos()));
+                }
                 if let Some(field) = found.not_finite {
                     track.not_finite.get_or_insert((field, 0)).1 += 1;
                 }

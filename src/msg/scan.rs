@@ -204,8 +204,10 @@ mod tests {
         assert_eq!(scanned(&joints).not_finite.as_deref(), Some("velocity[1]"));
         joints.velocity.clear();
         assert_eq!(scanned(&joints).not_finite.as_deref(), Some("effort[0]"));
-        let mut path = nav_msgs::Path::default();
-        path.poses = vec![Default::default(); 2];
+        let mut path = nav_msgs::Path {
+            poses: vec![Default::default(); 2],
+            ..Default::default()
+        };
         path.poses[1].pose.orientation.w = f64::NAN;
         assert_eq!(
             scanned(&path).not_finite.as_deref(),

@@ -98,6 +98,19 @@ mod tests {
                 "RIHS01_20b625256f32d5dbc0d04fee44f43c41e51c70d3502f84b4a08e7a9c26a96312",
             ),
             (
+                // Ours, as rosidl hashes msg/Momentum.msg.
+                fuyu_msgs::Momentum::DEFINITION,
+                "RIHS01_fbcfa721333c2fdda974fcf68640285d326aae0fd827651c4317bda93c09defc",
+            ),
+            (
+                fuyu_msgs::ControllerState::DEFINITION,
+                "RIHS01_8b9cd5f6d5d93f5bb763cd2597ae8f7668a32cf7088fb565e4cd113200148462",
+            ),
+            (
+                fuyu_msgs::FeatureTracks::DEFINITION,
+                "RIHS01_b32dbc5b16464fc25accec8d5efefd0a558c3cdfdf18507cb76810f4d0ce69c9",
+            ),
+            (
                 // Part of a service.
                 std_srvs::SetBoolRequest::DEFINITION,
                 "RIHS01_c62fbb99d94e1b25e8ef9e109f9581956bb1b3361a45a4e5810c36a90d29932e",

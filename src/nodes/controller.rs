@@ -45,6 +45,7 @@ struct Live {
     joint_k_p: Param<Vec<f64>>,
 }
 
+const SMALLEST_GAIN: f64 = 1e-9;
 const LARGEST_GAIN: f64 = 1e9;
 
 impl Live {
@@ -72,7 +73,7 @@ impl Live {
         let mut positive = |name: &str, default: f64, text: &str| {
             declare
                 .param(name, default, text)
-                .range(f64::MIN_POSITIVE, LARGEST_GAIN)
+                .range(SMALLEST_GAIN, LARGEST_GAIN)
                 .live()
         };
         let k_p = positive("k_p", 75.0, "Gain on the position error [N/m]");
@@ -89,7 +90,7 @@ impl Live {
         );
         let mut per_joint = |name: &str, text: &str| {
             let values = declare.param(name, Vec::<f64>::new(), text);
-            values.range(f64::MIN_POSITIVE, LARGEST_GAIN).live()
+            values.range(SMALLEST_GAIN, LARGEST_GAIN).live()
         };
         Self {
             law,

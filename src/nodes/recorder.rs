@@ -64,8 +64,8 @@ const LOOK: Duration = Duration::from_millis(200);
 /// What the recorder node is told at its start.
 #[derive(Debug, Clone)]
 pub struct RecorderParams {
-    /// Folder to write; it must not exist.
-    pub bag: PathBuf,
+    /// Folder to write, which must not exist; `None` is a new one in `bags/`.
+    pub bag: Option<PathBuf>,
     /// Topics to record; empty is all.
     pub topics: Vec<String>,
     /// How chunks are compressed.
@@ -103,11 +103,7 @@ impl RecorderParams {
             })
             .value();
         Self {
-            bag: if bag.is_empty() {
-                default_folder()
-            } else {
-                PathBuf::from(bag)
-            },
+            bag: (!bag.is_empty()).then(|| PathBuf::from(bag)),
             topics,
             compression: compression_or_default(&compression),
         }
@@ -130,12 +126,10 @@ fn compression_or_default(text: &str) -> Compression {
     compression(text).unwrap_or_default()
 }
 
-/// `bags/` and the time, as `ros2 bag record` names its folders.
-pub fn default_folder() -> PathBuf {
-    PathBuf::from(format!(
-        "bags/{}",
-        chrono::Local::now().format("%Y_%m_%d-%H_%M_%S")
-    ))
+/// `bags/`, `prefix` and the time, as `ros2 bag record` names its folders.
+pub fn new_folder(prefix: &str) -> PathBuf {
+    let time = chrono::Local::now().format("%Y_%m_%d-%H_%M_%S");
+    PathBuf::from(format!("bags/{prefix}-{time}"))
 }
 
 /// The node's program.
@@ -151,9 +145,10 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         ..WriterOptions::default()
     };
     let refuse = |e: bag::BagError| NodeError::Input(format!("node {}: {e}", node.name()));
-    let writer = Writer::create(&params.bag, options).map_err(refuse)?;
+    let folder = params.bag.unwrap_or_else(|| new_folder("rosbag2"));
+    let writer = Writer::create(&folder, options).map_err(refuse)?;
     let recorder = bag::Recorder::start(writer).map_err(refuse)?;
-    tracing::info!("recording to {}", params.bag.display());
+    tracing::info!("recording to {}", folder.display());
     let mut session = Session {
         node,
         handle: recorder.handle(),

@@ -6,7 +6,8 @@ use std::{
 };
 
 use super::{
-    camera::CameraParams, controller::ControllerParams, dynamics::DynamicsParams, resource,
+    camera::CameraParams, controller::ControllerParams, dynamics::DynamicsParams,
+    recorder::RecorderParams, resource,
 };
 use crate::ros::{
     Declare, NodeName, ParamsFile,
@@ -108,5 +109,13 @@ impl Scenario {
     /// A line per wrong parameter.
     pub fn controller(&self) -> Result<ControllerParams, String> {
         self.parameters("controller", |d| Ok(ControllerParams::declare(d)))
+    }
+
+    /// Parameters of the recorder node.
+    ///
+    /// # Errors
+    /// A line per wrong parameter.
+    pub fn recorder(&self) -> Result<RecorderParams, String> {
+        self.parameters("recorder", |d| Ok(RecorderParams::declare(d)))
     }
 }

@@ -8,7 +8,7 @@ use std::{
 
 use super::{
     NodeName, Time,
-    session::{Counters, EndpointSpec, Endpoints},
+    endpoint::{Counters, EndpointSpec, Endpoints},
 };
 use crate::msg::{
     Byte,

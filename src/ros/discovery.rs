@@ -15,7 +15,7 @@ use std::{
 
 use super::{
     Gid, NodeName, Qos,
-    session::{Counters, EndpointSpec, Endpoints},
+    endpoint::{Counters, EndpointSpec, Endpoints},
 };
 
 /// Publishes `ros_discovery_info`: a participant, its node, and what belongs to it.

@@ -144,8 +144,10 @@ struct Text {
 }
 
 impl Text {
+    /// Name of the crate that speaks, for want of a node.
     fn target<'a>(&'a self, metadata: &'a Metadata<'_>) -> &'a str {
-        self.log_target.as_deref().unwrap_or(metadata.target())
+        let target = self.log_target.as_deref().unwrap_or(metadata.target());
+        target.split("::").next().unwrap_or(target)
     }
 }
 

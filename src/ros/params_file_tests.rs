@@ -164,7 +164,12 @@ fn broken_files_are_explained() {
             "",
             "not valid YAML",
         ),
-        ("n:\n  ros__parameters:\n    a: 1\n    a: 2", 4, "", "a"),
+        (
+            "n:\n  ros__parameters:\n    a: 1\n    a: 2",
+            4,
+            "",
+            "duplicate mapping key: a",
+        ),
         (
             "my node:\n  ros__parameters: {a: 1}",
             1,

@@ -14,12 +14,12 @@ use std::{
 use super::{
     Domain, Node, NodeError, NodeOptions, Qos, Reach, RosArgs,
     diagnostics::Reporter,
+    endpoint::EndpointSpec,
     logging,
     names::Names,
     node::Core,
     params::{self, ParameterStore, USE_SIM_TIME},
     service::ServiceServer,
-    session::EndpointSpec,
     signals::{self, Told},
 };
 use crate::msg::{cdr, diagnostic_msgs::DiagnosticArray, rcl_interfaces::Log};
@@ -259,17 +259,15 @@ impl Process {
 
     fn take(&mut self, event: Event) {
         self.stopping = true;
-        if let Event::Ended(index, outcome) = event {
-            self.nodes[index].ended = true;
-            if let Err(e) = outcome {
-                if let Some(later) = self.failure.replace(e) {
-                    // The first failure is the one to report.
-                    let e = self.failure.replace(later);
-                    if let Some(e) = e {
-                        tracing::error!("{e}");
-                    }
-                }
-            }
+        let Event::Ended(index, outcome) = event else {
+            return;
+        };
+        self.nodes[index].ended = true;
+        match (outcome, &self.failure) {
+            (Ok(()), _) => {}
+            (Err(e), None) => self.failure = Some(e),
+            // The first failure is the one to report at the end.
+            (Err(e), Some(_)) => tracing::error!("{e}"),
         }
     }
 

@@ -8,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::{Qos, node::Core, session::Writer};
+use super::{Qos, endpoint::Writer, node::Core};
 use crate::msg::{Interface, cdr};
 
 /// Queue of a reliable publisher that asks for less: room for what piles up while DDS waits for a slow
@@ -60,11 +60,14 @@ impl<M: Interface> Publisher<M> {
     }
 }
 
+/// How long a publisher that ends waits for its last messages to leave, and then to be acknowledged.
+const LAST_MESSAGES: Duration = Duration::from_millis(200);
+
 impl<M> Drop for Publisher<M> {
+    /// The last messages reach living subscribers before the publisher leaves the graph.
     fn drop(&mut self) {
-        self.core
-            .outbox
-            .flush_writer(&self.writer, Duration::from_millis(200));
+        self.core.outbox.flush_writer(&self.writer, LAST_MESSAGES);
+        self.writer.settle(LAST_MESSAGES);
         self.core.remove_writer(&self.writer);
     }
 }
@@ -193,5 +196,53 @@ impl Outbox {
                 .unwrap_or_else(PoisonError::into_inner)
                 .0;
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{msg::std_msgs::String as Text, ros::endpoint::EndpointSpec};
+
+    fn fill(qos: Qos, messages: u8) -> (Outbox, Arc<Writer>) {
+        let spec = EndpointSpec::topic::<Text>("/t", qos);
+        let (outbox, writer) = (Outbox::default(), Arc::new(Writer::new(spec)));
+        for i in 0..messages {
+            outbox.push(&writer, vec![i].into(), None);
+        }
+        (outbox, writer)
+    }
+
+    fn waiting(outbox: &Outbox) -> Vec<u8> {
+        outbox.lock().items.iter().map(|o| o.cdr[0]).collect()
+    }
+
+    // Would break if a full queue blocked, grew, or lost messages without counting them.
+    #[test]
+    fn a_full_best_effort_queue_drops_its_oldest() {
+        let (outbox, writer) = fill(Qos::SENSOR_DATA.depth(3), 10);
+        assert_eq!(waiting(&outbox), [7, 8, 9]);
+        assert_eq!(writer.counters.dropped.load(Relaxed), 7);
+    }
+
+    #[test]
+    fn a_full_reliable_queue_keeps_what_it_has_and_counts() {
+        let (outbox, writer) = fill(Qos::RELIABLE.depth(1), 255);
+        assert_eq!(waiting(&outbox).len(), 255);
+        for i in 0..10 {
+            outbox.push(&writer, vec![i].into(), None);
+        }
+        assert_eq!(waiting(&outbox).len(), RELIABLE_QUEUE);
+        assert_eq!(waiting(&outbox)[0], 0);
+        assert_eq!(writer.counters.dropped.load(Relaxed), 9);
+    }
+
+    #[test]
+    fn what_dds_does_not_take_is_counted() {
+        let (outbox, writer) = fill(Qos::RELIABLE, 4);
+        outbox.close();
+        outbox.run(Duration::from_secs(1), || {});
+        assert_eq!(writer.counters.failed.load(Relaxed), 4);
+        assert_eq!(writer.queued.load(Relaxed), 0);
     }
 }

@@ -5,8 +5,8 @@ use std::sync::Arc;
 
 use super::{
     NodeError, Qos, RawSample,
+    endpoint::{Counters, EndpointSpec, Reader, Writer},
     node::Core,
-    session::{Counters, EndpointSpec, Reader, Writer},
 };
 use crate::msg::{Service, cdr};
 

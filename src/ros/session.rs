@@ -2,191 +2,30 @@
 //! the handles that the program holds live on.
 
 use rustdds::{
-    DomainParticipant, QosPolicies, Topic, TopicKind,
+    DomainParticipant, QosPolicies, RTPSEntity, Topic, TopicKind,
     bytes::Bytes,
     mio1::{Events as PollEvents, Interest, Poll, Token, Waker},
-    rpc::SampleIdentity,
 };
 use std::{
-    collections::{HashMap, VecDeque},
+    collections::HashMap,
     io,
     sync::{
-        Arc, Mutex, PoisonError, RwLock,
-        atomic::{AtomicBool, AtomicI64, AtomicU64, AtomicUsize, Ordering::Relaxed},
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering::Relaxed},
         mpsc,
     },
     thread::{self, JoinHandle},
 };
 
 use super::{
-    Domain, Gid, NodeName, Qos, RawSample, Time,
+    Domain, Gid, NodeName, Qos,
     discovery::{Announcer, report_status},
-    qos::Durability,
-    wire::{Opaque, RawReader, RawWriter},
+    endpoint::{EndpointSpec, Endpoints, Reader, Writer},
+    wire::{Opaque, RawReader},
 };
-use crate::msg::Interface;
-
-/// Topic, type and QoS of an endpoint, as DDS sees them.
-#[derive(Debug, Clone)]
-pub(super) struct EndpointSpec {
-    /// Name for people: `/joint_states`.
-    pub(super) name: String,
-    /// `rt/joint_states`
-    pub(super) dds_topic: String,
-    /// `sensor_msgs::msg::dds_::JointState_`
-    pub(super) dds_type: String,
-    pub(super) qos: Qos,
-    /// Services and infrastructure are left out of the communication diagnostics.
-    pub(super) internal: bool,
-}
-
-impl EndpointSpec {
-    /// A topic of type `M`, part of every node.
-    pub(super) fn topic<M: Interface>(name: &str, qos: Qos) -> Self {
-        Self {
-            name: name.to_owned(),
-            dds_topic: format!("rt{name}"),
-            dds_type: format!("{}::msg::dds_::{}_", M::PACKAGE, M::NAME),
-            qos,
-            internal: true,
-        }
-    }
-}
-
-/// What an endpoint counts, for diagnostics.
-#[derive(Debug, Default)]
-pub(super) struct Counters {
-    pub(super) messages: AtomicU64,
-    /// Left out because a queue was full.
-    pub(super) dropped: AtomicU64,
-    /// Refused by DDS, or not what the type says.
-    pub(super) failed: AtomicU64,
-    /// Wall time of the last message [ns].
-    pub(super) last: AtomicI64,
-    /// Peers that this endpoint is matched with.
-    pub(super) matched: AtomicUsize,
-}
-
-impl Counters {
-    pub(super) fn count(&self) {
-        self.messages.fetch_add(1, Relaxed);
-        self.last.store(Time::wall().as_nanos(), Relaxed);
-    }
-}
-
-/// One publisher below its handle.
-pub(super) struct Writer {
-    pub(super) spec: EndpointSpec,
-    pub(super) counters: Counters,
-    /// How many of its messages wait in the node's outbox; changed under the outbox's lock only.
-    pub(super) queued: AtomicUsize,
-    dds: RwLock<Option<Arc<RawWriter>>>,
-    /// What late joiners must still get from a new participant.
-    latched: Mutex<VecDeque<Bytes>>,
-}
-
-impl Writer {
-    pub(super) fn new(spec: EndpointSpec) -> Self {
-        Self {
-            spec,
-            counters: Counters::default(),
-            queued: AtomicUsize::new(0),
-            dds: RwLock::new(None),
-            latched: Mutex::default(),
-        }
-    }
-
-    fn dds(&self) -> Option<Arc<RawWriter>> {
-        let dds = self.dds.read().unwrap_or_else(PoisonError::into_inner);
-        dds.clone()
-    }
-
-    pub(super) fn gid(&self) -> Option<Gid> {
-        self.dds().map(|w| guid_of_writer(&w).into())
-    }
-
-    /// Hands a message to DDS; may wait a few milliseconds for a full window.
-    pub(super) fn write(
-        &self,
-        cdr: Bytes,
-        published: rustdds::Timestamp,
-        related: Option<SampleIdentity>,
-    ) {
-        if self.spec.qos.durability == Durability::TransientLocal {
-            let mut latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
-            while latched.len() >= self.spec.qos.depth.max(1) {
-                latched.pop_front();
-            }
-            latched.push_back(cdr.clone());
-        }
-        let options = rustdds::WriteOptionsBuilder::new()
-            .source_timestamp(published)
-            .related_sample_identity_opt(related)
-            .build();
-        match self.dds().map(|w| w.write_with_options(cdr, options)) {
-            Some(Ok(_)) => self.counters.count(),
-            Some(Err(_)) | None => {
-                self.counters.failed.fetch_add(1, Relaxed);
-            }
-        }
-    }
-
-    fn attach(&self, dds: Option<Arc<RawWriter>>) {
-        if let Some(new) = &dds {
-            let latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
-            for cdr in latched.iter() {
-                if new
-                    .write(cdr.clone(), Some(rustdds::Timestamp::now()))
-                    .is_err()
-                {
-                    self.counters.failed.fetch_add(1, Relaxed);
-                }
-            }
-        }
-        *self.dds.write().unwrap_or_else(PoisonError::into_inner) = dds;
-    }
-}
-
-fn guid_of_writer(writer: &RawWriter) -> rustdds::GUID {
-    use rustdds::RTPSEntity;
-    writer.guid()
-}
-
-/// Called on the node's receiving thread with every sample. Gives whether it was of use.
-pub(super) type Sink = Box<dyn Fn(RawSample, &Counters) -> bool + Send + Sync>;
-
-/// One subscription below its handle.
-pub(super) struct Reader {
-    pub(super) spec: EndpointSpec,
-    pub(super) counters: Counters,
-    sink: Sink,
-    gid: Mutex<Option<Gid>>,
-}
-
-impl Reader {
-    pub(super) fn new(spec: EndpointSpec, sink: Sink) -> Self {
-        Self {
-            spec,
-            counters: Counters::default(),
-            sink,
-            gid: Mutex::new(None),
-        }
-    }
-
-    pub(super) fn gid(&self) -> Option<Gid> {
-        *self.gid.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-/// All endpoints that a node has at the moment.
-#[derive(Default)]
-pub(super) struct Endpoints {
-    pub(super) writers: Vec<Arc<Writer>>,
-    pub(super) readers: Vec<Arc<Reader>>,
-}
 
 enum Command {
-    Add(RawReader, Arc<Reader>),
+    Add(Box<RawReader>, Arc<Reader>),
     Remove(Gid),
 }
 
@@ -321,7 +160,7 @@ impl Session {
             .publisher
             .create_datawriter_no_key::<Bytes, Opaque>(&topic, Some(qos))
             .map_err(|e| e.to_string())?;
-        self.announcer.add_writer(guid_of_writer(&dds).into());
+        self.announcer.add_writer(dds.guid().into());
         writer.counters.matched.store(0, Relaxed);
         writer.attach(Some(Arc::new(dds)));
         Ok(())
@@ -337,8 +176,8 @@ impl Session {
         let gid = dds.guid().into();
         self.announcer.add_reader(gid);
         reader.counters.matched.store(0, Relaxed);
-        *reader.gid.lock().unwrap_or_else(PoisonError::into_inner) = Some(gid);
-        self.send(Command::Add(dds, Arc::clone(reader)));
+        reader.set_gid(gid);
+        self.send(Command::Add(Box::new(dds), Arc::clone(reader)));
         Ok(())
     }
 
@@ -380,7 +219,7 @@ struct Receiver {
 impl Receiver {
     fn run(mut self) {
         // Tokens are never used twice within one participant.
-        let mut readers: HashMap<usize, (RawReader, Arc<Reader>)> = HashMap::new();
+        let mut readers: HashMap<usize, (Box<RawReader>, Arc<Reader>)> = HashMap::new();
         let mut next_token = FIRST_READER;
         let mut status = self.participant.status_listener();
         let registered = self
@@ -416,7 +255,7 @@ impl Receiver {
                     Command::Add(mut dds, reader) => {
                         let token = Token(next_token);
                         let registry = self.poll.registry();
-                        if let Err(e) = registry.register(&mut dds, token, Interest::READABLE) {
+                        if let Err(e) = registry.register(&mut *dds, token, Interest::READABLE) {
                             let topic = &reader.spec.name;
                             tracing::error!("node {}: cannot receive {topic}: {e}", self.node);
                         }

@@ -11,8 +11,8 @@ use std::{
 
 use super::{
     Gid, Qos, RawSample, Time,
+    endpoint::{Counters, Reader},
     node::Core,
-    session::{Counters, Reader},
 };
 use crate::msg::{Interface, cdr};
 

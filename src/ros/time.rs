@@ -25,7 +25,7 @@ impl Time {
         Self(nanos)
     }
 
-    /// From seconds [s], rounded to the nearest nanosecond.
+    /// From seconds (s), rounded to the nearest nanosecond.
     pub fn from_secs_f64(seconds: f64) -> Self {
         Self((seconds * NANOS_PER_SECOND as f64).round() as i64)
     }
@@ -41,7 +41,7 @@ impl Time {
         self.0
     }
 
-    /// Seconds [s].
+    /// In seconds.
     pub fn as_secs_f64(self) -> f64 {
         // Apart, so that nanoseconds survive a Unix time in seconds as far as a double can hold them.
         (self.0 / NANOS_PER_SECOND) as f64
@@ -89,7 +89,7 @@ impl Sub<Duration> for Time {
     }
 }
 
-/// Seconds [s] from the second to the first, negative if the first is earlier.
+/// Seconds from the second to the first, negative if the first is earlier.
 impl Sub for Time {
     type Output = f64;
     fn sub(self, other: Self) -> f64 {

@@ -139,9 +139,8 @@ mod tests {
     #[test]
     fn shift_is_the_tensor_of_its_formula() {
         let (p, g) = (Vector3::new(0.3, -1.2, 0.7), Vector3::new(0.4, 0.9, 2.1));
-        let expected = Matrix3::from_diagonal_element(2.0 * p.dot(&g))
-            - p * g.transpose()
-            - g * p.transpose();
+        let expected =
+            Matrix3::from_diagonal_element(2.0 * p.dot(&g)) - p * g.transpose() - g * p.transpose();
         assert!((Symmetric3::shift(&p, &g).to_matrix() - expected).norm() < 1e-15);
     }
 

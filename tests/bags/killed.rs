@@ -1,8 +1,9 @@
 //! A recorder that is killed leaves everything but its last second behind.
 
-use fuyu::bag::{Bag, Qos, Recorder, Topic, Writer, WriterOptions};
+use fuyu::bag::{Bag, Recorder, Topic, Writer, WriterOptions};
 use fuyu::msg::cdr;
 use fuyu::msg::sensor_msgs::JointState;
+use fuyu::ros::Qos;
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
 use std::time::{Duration, Instant};

@@ -1,6 +1,6 @@
 //! A real run in a bag: the servicer positions its tip, at 100 Hz as the nodes do.
 
-use fuyu::bag::{Qos, Recording, Topic, TopicId, Writer, WriterOptions};
+use fuyu::bag::{Recording, Topic, TopicId, Writer, WriterOptions};
 use fuyu::control::{
     Controller, ControllerConfig, Gains, JacobianKind, LawKind, PoseError, Saturation,
 };
@@ -15,6 +15,7 @@ use fuyu::msg::nav_msgs::Odometry;
 use fuyu::msg::sensor_msgs::JointState;
 use fuyu::msg::std_msgs::{Header, String as Text};
 use fuyu::msg::tf2_msgs::TFMessage;
+use fuyu::ros::Qos;
 use nalgebra as na;
 use std::path::Path;
 

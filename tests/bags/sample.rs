@@ -1,12 +1,13 @@
 //! Bags to test with.
 
-use fuyu::bag::{Qos, Recording, Topic, Writer, WriterOptions};
+use fuyu::bag::{Recording, Topic, Writer, WriterOptions};
 use fuyu::msg::builtin_interfaces::Time;
 use fuyu::msg::geometry_msgs::{PoseStamped, TransformStamped};
 use fuyu::msg::sensor_msgs::JointState;
 use fuyu::msg::std_msgs::{Header, String as Text};
 use fuyu::msg::tf2_msgs::TFMessage;
 use fuyu::msg::{cdr, fuyu_msgs, rcl_interfaces};
+use fuyu::ros::Qos;
 use std::path::Path;
 
 /// Time of the `i`-th joint state \[ns\].

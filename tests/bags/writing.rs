@@ -1,11 +1,10 @@
 //! Writing a bag and reading it back.
 
-use fuyu::bag::{
-    Bag, BagError, Compression, Durability, Qos, Recorder, Topic, Writer, WriterOptions,
-};
+use fuyu::bag::{Bag, BagError, Compression, Durability, Recorder, Topic, Writer, WriterOptions};
 use fuyu::msg::geometry_msgs::PoseStamped;
 use fuyu::msg::sensor_msgs::JointState;
 use fuyu::msg::std_msgs::String as Text;
+use fuyu::ros::Qos;
 use std::fs;
 
 use crate::sample;

@@ -85,7 +85,7 @@ fn works_where_there_is_only_loopback() {
 
 #[test]
 fn sends_nothing_elsewhere() {
-    let Some(namespace) = Namespace::new("dummy") else {
+    let Some(namespace) = Namespace::new("wire") else {
         return;
     };
     // Without IPv6 the interface is silent by itself.
@@ -98,8 +98,11 @@ fn sends_nothing_elsewhere() {
         return;
     }
     for args in [
-        &["link", "add", "wire0", "type", "dummy"][..],
+        &[
+            "link", "add", "wire0", "type", "veth", "peer", "name", "wire1",
+        ][..],
         &["addr", "add", "10.99.0.1/24", "dev", "wire0"],
+        &["link", "set", "wire1", "up"],
         &["link", "set", "wire0", "up", "multicast", "on"],
     ] {
         if let Err(e) = namespace.ip(args) {

@@ -6,5 +6,6 @@ mod peer;
 mod isolation;
 mod parameters;
 mod probe;
+mod processes;
 mod survival;
 mod topics;

@@ -7,11 +7,20 @@ use fuyu::{
     },
     ros::{Node, NodeError, Process, Qos, Reach},
 };
+use nix::sys::signal::{SigSet, SigmaskHow, Signal};
 use std::{
     fs,
-    process::{Child, Command, ExitCode, Stdio},
+    process::{Child, Command, Stdio},
     time::Duration,
 };
+
+/// What the probe's process ignores from the start; all others are up to `Process`.
+const INHERITED: [Signal; 4] = [
+    Signal::SIGINT,
+    Signal::SIGTERM,
+    Signal::SIGHUP,
+    Signal::SIGCONT,
+];
 
 /// Arguments of the node, one a line.
 const ARGS: &str = "FUYU_PROBE_ARGS";
@@ -28,7 +37,6 @@ fn node_process() {
     });
     if let Err(e) = outcome {
         eprintln!("error: {e}");
-        let _: ExitCode = e.exit_code().into();
         std::process::exit(e.exit_code().into());
     }
 }
@@ -56,6 +64,9 @@ fn program(node: &Node) -> Result<(), NodeError> {
         .value();
     let _ = declare.param("gains.p", [1.0, 2.0], "Gains [1/s]").live();
     let _ = declare.param("count", 3, "A number").range(0, 10).live();
+    let stubborn = declare
+        .param("stubborn", false, "Does not stop when asked to")
+        .value();
     declare.finish()?;
 
     let chatter = node.advertise::<Text>("chatter", Qos::RELIABLE)?;
@@ -99,6 +110,12 @@ fn program(node: &Node) -> Result<(), NodeError> {
             fast.publish(&text(count.to_string()));
         }
     }
+    for i in 0..20 {
+        chatter.publish(&text(format!("last {i} at the end")));
+    }
+    if stubborn {
+        std::thread::sleep(Duration::from_secs(60));
+    }
     tracing::info!("the probe ends in order");
     Ok(())
 }
@@ -118,10 +135,8 @@ impl Probe {
 
     /// With a command that ends in this executable.
     pub fn start_with(mut command: Command, domain: u16, args: &[&str]) -> Self {
-        // One thread: the node must be able to mask signals before others exist.
         command
             .args(["probe::node_process", "--exact", "--ignored", "--nocapture"])
-            .arg("--test-threads=1")
             .env(ARGS, args.join("\n"))
             .env("ROS_DOMAIN_ID", domain.to_string())
             .env_remove("ROS_LOCALHOST_ONLY")
@@ -134,7 +149,18 @@ impl Probe {
         {
             command.env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST");
         }
-        Self(command.spawn().expect("the probe starts"))
+        // The test harness keeps the main thread of the probe, so what a node's main function does
+        // first is done here: that thread must not take these signals either.
+        let mut taken = SigSet::empty();
+        for signal in INHERITED {
+            taken.add(signal);
+        }
+        let before = taken
+            .thread_swap_mask(SigmaskHow::SIG_BLOCK)
+            .expect("masks can change");
+        let child = command.spawn().expect("the probe starts");
+        before.thread_set_mask().expect("masks can change");
+        Self(child)
     }
 
     pub fn signal(&self, name: &str) {
@@ -145,13 +171,15 @@ impl Probe {
         assert!(kill.expect("kill is there").success());
     }
 
-    /// Signal masks of all threads, by thread name.
+    /// Signal masks of all threads but the harness's, by thread name.
     pub fn blocked_signals(&self) -> Vec<(String, u64)> {
-        let tasks = fs::read_dir(format!("/proc/{}/task", self.0.id())).expect("it runs");
+        let main = self.0.id().to_string();
+        let tasks = fs::read_dir(format!("/proc/{main}/task")).expect("it runs");
         tasks
+            .map(|task| task.expect("a task").path())
+            .filter(|task| !task.ends_with(&main))
             .map(|task| {
-                let status = task.expect("a task").path().join("status");
-                let status = fs::read_to_string(status).expect("a status");
+                let status = fs::read_to_string(task.join("status")).expect("a status");
                 let field = |name: &str| {
                     let line = status.lines().find_map(|l| l.strip_prefix(name));
                     line.expect("the field").trim().to_owned()

@@ -27,10 +27,17 @@ fn no_thread_takes_a_signal() {
     peer.subscribe("chatter", TEXT, "reliable");
     peer.receive("chatter", 1);
     let threads = probe.blocked_signals();
-    // Program, receiving, sending, signals, two of rustdds.
-    assert!(threads.len() >= 6, "{threads:?}");
-    for (thread, mask) in threads {
-        for (signal, number) in [("INT", 2), ("TERM", 15), ("CHLD", 17), ("CONT", 18)] {
+    // Test, program, receiving, sending, signals, two of rustdds.
+    assert!(threads.len() >= 7, "{threads:?}");
+    // A thread that waits for signals takes them while it waits.
+    for (thread, mask) in threads.into_iter().filter(|(t, _)| t != "signals") {
+        for (signal, number) in [
+            ("INT", 2),
+            ("USR1", 10),
+            ("ALRM", 14),
+            ("CHLD", 17),
+            ("CONT", 18),
+        ] {
             assert!(
                 mask & (1 << (number - 1)) != 0,
                 "{thread} takes SIG{signal}"
@@ -65,6 +72,9 @@ fn stop_and_continue(domain: u16, signal: &str) -> Option<(f64, f64)> {
     peer.subscribe("chatter", TEXT, "reliable");
     peer.subscribe("heard", TEXT, "reliable");
     peer.receive("chatter", 10);
+    let said = json!({"data": "before"});
+    peer.does(json!({"do": "publish", "topic": "say", "type": TEXT, "message": said}));
+    peer.receive("heard", 1);
 
     probe.signal(signal);
     thread::sleep(Duration::from_millis(300));
@@ -91,7 +101,8 @@ fn stop_and_continue(domain: u16, signal: &str) -> Option<(f64, f64)> {
         peer.does(json!({
             "do": "publish", "topic": "say", "type": TEXT, "message": said, "matched": 0
         }));
-        let heard = json!({"do": "wait", "topic": "heard", "count": 1, "timeout": 0.05});
+        let heard =
+            json!({"do": "wait", "topic": "heard", "since": continued + 0.05, "timeout": 0.05});
         back = peer.does(heard)[0]["time"].as_f64();
     }
     let back = back.expect("it hears again") - continued;
@@ -116,5 +127,44 @@ fn topics_flow_again_after_ctrl_z_and_fg() {
     match stop_and_continue(50, "TSTP") {
         Some((out, back)) => assert!(out < BACK_WITHIN && back < BACK_WITHIN, "{out} {back}"),
         None => println!("skipped: this process group is orphaned, Ctrl-Z does nothing here"),
+    }
+}
+
+#[test]
+fn a_second_interrupt_ends_it_at_once() {
+    let probe = Probe::start(53, &["--ros-args", "-p", "stubborn:=true"]);
+    let mut peer = Peer::start("peer", 53);
+    peer.subscribe("chatter", TEXT, "reliable");
+    peer.receive("chatter", 1);
+    probe.signal("INT");
+    thread::sleep(Duration::from_millis(500));
+    let start = now();
+    let (said, code) = probe.interrupt();
+    assert!(now() - start < 1.0);
+    assert_eq!(code, Some(130), "{said}");
+}
+
+#[test]
+fn a_peer_that_was_killed_comes_back() {
+    let domain = 54;
+    let mut peer = Peer::start("peer", domain);
+    peer.subscribe("chatter", TEXT, "reliable");
+    peer.subscribe("heard", TEXT, "reliable");
+    for _ in 0..2 {
+        let started = now();
+        // Dropped at the end of the round: SIGKILL.
+        let _probe = Probe::start(domain, &[]);
+        let first = json!({"do": "wait", "topic": "chatter", "since": started});
+        let first = peer.does(first)[0]["time"].as_f64().expect("chatter comes");
+        let said = json!({"data": "back?"});
+        // The killed one still counts as matched.
+        peer.does(json!({"do": "publish", "topic": "say", "type": TEXT, "message": said}));
+        let heard = json!({"do": "wait", "topic": "heard", "since": started});
+        let heard = peer.does(heard)[0]["time"].as_f64().expect("it hears");
+        println!(
+            "first message after {:.2} s, heard after {:.2} s",
+            first - started,
+            heard - started
+        );
     }
 }

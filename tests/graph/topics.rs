@@ -58,6 +58,12 @@ fn messages_go_both_ways_and_services_answer() {
     assert_eq!(code, Some(0), "{said}");
     assert!(said.contains("[probe]: the probe ends in order"), "{said}");
     assert!(!said.contains("ERROR"), "{said}");
+    // What a program publishes last still arrives.
+    thread::sleep(Duration::from_millis(500));
+    let chatter = peer.receive("chatter", 20);
+    let lasts = chatter.iter().filter(|m| data(m).starts_with("last "));
+    assert_eq!(lasts.count(), 20);
+    assert_eq!(data(chatter.last().unwrap()), "last 19 at the end");
 }
 
 #[test]

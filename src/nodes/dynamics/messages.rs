@@ -92,20 +92,16 @@ fn transform(stamp: Time, parent: &str, child: &str, X: &Pose) -> geometry_msgs:
     }
 }
 
-/// Joint positions, rates, and the efforts that act at the stamp.
-pub fn joint_states(stamp: Time, base: &str, robot: &Floating) -> sensor_msgs::JointState {
-    let state = robot.state();
+/// Joint positions, rates, and the mean efforts since the state before.
+pub fn joint_states(stamp: Time, base: &str, world: &World) -> sensor_msgs::JointState {
+    let state = world.robot.state();
+    let joints = world.robot.model().joints();
     sensor_msgs::JointState {
         header: header(stamp, base),
-        name: robot
-            .model()
-            .joints()
-            .iter()
-            .map(|j| j.name.clone())
-            .collect(),
+        name: joints.iter().map(|j| j.name.clone()).collect(),
         position: state.q.as_slice().to_vec(),
         velocity: state.qd.as_slice().to_vec(),
-        effort: robot.efforts().as_slice().to_vec(),
+        effort: world.mean_efforts().to_vec(),
     }
 }
 

@@ -113,6 +113,7 @@ impl Simulation<'_> {
             if self.params.lockstep {
                 self.time_status.ok("lockstep");
                 self.await_answer()?;
+                self.await_pace();
             } else {
                 self.await_tick();
             }
@@ -157,6 +158,15 @@ impl Simulation<'_> {
             }
             false
         })
+    }
+
+    /// Lockstep in real time: waits for the next state to be due.
+    fn await_pace(&mut self) {
+        let due = self.pace.instant(self.world.next_tick());
+        while self.node.ok() && Instant::now() < due {
+            self.node
+                .wait_for(due.saturating_duration_since(Instant::now()));
+        }
     }
 
     /// Real time: lets commands act as they arrive, until the next state is due.

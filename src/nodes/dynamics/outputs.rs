@@ -61,7 +61,7 @@ impl Outputs {
             clock: stamp.into(),
         });
         self.joint_states
-            .publish(&joint_states(stamp, self.frames.base(), &world.robot));
+            .publish(&joint_states(stamp, self.frames.base(), world));
         self.odometry
             .publish(&odometry(stamp, self.frames.base(), &world.robot));
         for (publisher, target) in self.targets.iter().zip(&world.targets) {

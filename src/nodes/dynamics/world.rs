@@ -36,6 +36,10 @@ pub struct World {
     ticks: u64,
     /// How far past the last tick the world is \[s\].
     past_tick: f64,
+    /// Joint efforts summed over time since the last tick \[N m s or N s\].
+    impulses: Vec<f64>,
+    /// Mean joint efforts between the last two ticks.
+    mean_efforts: Vec<f64>,
 }
 
 impl World {
@@ -71,7 +75,10 @@ impl World {
                 body: Floating::new(model, state, params.method),
             })
         });
+        let zeros = vec![0.0; robot.model().dof()];
         Ok(Self {
+            impulses: zeros.clone(),
+            mean_efforts: zeros,
             robot,
             targets: targets.collect::<Result<_, _>>()?,
             time_step: params.time_step,
@@ -119,6 +126,16 @@ impl World {
         self.step_by(self.period - self.past_tick);
         self.ticks += 1;
         self.past_tick = 0.0;
+        for (mean, impulse) in self.mean_efforts.iter_mut().zip(&mut self.impulses) {
+            *mean = *impulse / self.period;
+            *impulse = 0.0;
+        }
+    }
+
+    /// Mean joint efforts over the time since the tick before \[N m or N\]: what acted, whenever in
+    /// between commands came.
+    pub fn mean_efforts(&self) -> &[f64] {
+        &self.mean_efforts
     }
 
     /// Steps to `time` \[s\], which lies between now and the next tick.
@@ -134,6 +151,9 @@ impl World {
         // A rounding more than a whole number of steps must not cost one more.
         let steps = (seconds / self.time_step - 1e-6).ceil().max(1.0) as usize;
         let dt = seconds / steps as f64;
+        for (impulse, effort) in self.impulses.iter_mut().zip(self.robot.efforts().iter()) {
+            *impulse += effort * seconds;
+        }
         self.robot.step(dt, steps);
         for target in &mut self.targets {
             target.body.step(dt, steps);

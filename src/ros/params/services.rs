@@ -17,7 +17,7 @@ use crate::{
             },
         },
     },
-    ros::{Node, NodeError, Qos, service::ServiceServer, session::EndpointSpec},
+    ros::{Node, NodeError, Qos, endpoint::EndpointSpec, service::ServiceServer},
 };
 
 /// Makes the services of a node and announces its changes; the services live as long as what is returned.
@@ -85,10 +85,10 @@ fn announce_changes(node: &Node) -> Result<(), NodeError> {
             return;
         };
         let simulated = changes.iter().rfind(|c| c.name == USE_SIM_TIME);
-        if let Some(ParameterValue::Bool(simulated)) = simulated.map(|c| &c.value) {
-            if let Err(e) = core.use_sim_time(*simulated) {
-                tracing::error!("{e}");
-            }
+        if let Some(ParameterValue::Bool(simulated)) = simulated.map(|c| &c.value)
+            && let Err(e) = core.use_sim_time(*simulated)
+        {
+            tracing::error!("{e}");
         }
         let name = core.names.node().full();
         let event = event(core.clock.now().into(), &name, changes);

@@ -124,7 +124,7 @@ pub(in crate::ros) fn parse(text: &str) -> Result<Spanned<Tree>, (Option<Locatio
     };
     serde_saphyr::from_str_with_options(text, options).map_err(|e| {
         let plain = e.without_snippet();
-        (plain.location(), first_line(&plain.to_string()))
+        (plain.location(), brief(&plain.to_string()))
     })
 }
 
@@ -134,8 +134,12 @@ pub(super) fn parse_value(text: &str) -> Result<ParameterValue, String> {
     tree.value.value(tree.referenced).map_err(|(_, e)| e)
 }
 
-fn first_line(text: &str) -> String {
-    text.lines().next().unwrap_or_default().to_owned()
+/// The parser's words without the place, which the caller names, and without advice to programmers.
+fn brief(text: &str) -> String {
+    let line = text.lines().next().unwrap_or_default();
+    let ends = [" at line ", ", set DuplicateKeyPolicy"];
+    let end = ends.iter().filter_map(|e| line.find(e)).min();
+    line[..end.unwrap_or(line.len())].to_owned()
 }
 
 impl<'de> Deserialize<'de> for Tree {

@@ -1,0 +1,42 @@
+# Recipes for daily work (https://just.systems). The steps of CI are those of .ci/run.
+
+# list the recipes
+default:
+    @just --list --unsorted
+
+# launch the servicing scenario: the whole graph for 60 s, a bag in bags/
+run *ARGS:
+    cargo run --release -- launch {{ARGS}}
+
+# simulate a scenario without DDS
+simulate CONFIG="config/positioning.yaml" *ARGS:
+    cargo run --release -- simulate {{CONFIG}} {{ARGS}}
+
+# every test, or those whose name contains a word
+test *ARGS:
+    cargo test --release {{ARGS}}
+
+# measure: cost of a step, of a Jacobian and of whatever else benches/ has
+bench *ARGS:
+    cargo bench {{ARGS}}
+
+# format the sources
+format:
+    cargo fmt --all
+
+# one or more steps of CI: fmt, lint, doc, test, embed, bench
+step +STEPS:
+    .ci/run {{STEPS}}
+
+# are the sources formatted?
+fmt: (step "fmt")
+
+# clippy, with and without ROS
+lint: (step "lint")
+
+# the documentation, without a warning
+doc: (step "doc")
+
+# all that CI does
+ci:
+    .ci/run

@@ -1,0 +1,182 @@
+//! What a node's publishers and subscriptions are below their handles: they outlive a DDS participant.
+
+use rustdds::{RTPSEntity, bytes::Bytes, rpc::SampleIdentity};
+use std::{
+    collections::VecDeque,
+    sync::{
+        Arc, Mutex, PoisonError, RwLock,
+        atomic::{AtomicI64, AtomicU64, AtomicUsize, Ordering::Relaxed},
+    },
+    time::Duration,
+};
+
+use super::{Gid, Qos, RawSample, Time, qos::Durability, wire::RawWriter};
+use crate::msg::Interface;
+
+/// Topic, type and QoS of an endpoint, as DDS sees them.
+#[derive(Debug, Clone)]
+pub(super) struct EndpointSpec {
+    /// Name for people: `/joint_states`.
+    pub(super) name: String,
+    /// `rt/joint_states`
+    pub(super) dds_topic: String,
+    /// `sensor_msgs::msg::dds_::JointState_`
+    pub(super) dds_type: String,
+    pub(super) qos: Qos,
+    /// Services and infrastructure are left out of the communication diagnostics.
+    pub(super) internal: bool,
+}
+
+impl EndpointSpec {
+    /// A topic of type `M`, part of every node.
+    pub(super) fn topic<M: Interface>(name: &str, qos: Qos) -> Self {
+        Self {
+            name: name.to_owned(),
+            dds_topic: format!("rt{name}"),
+            dds_type: format!("{}::msg::dds_::{}_", M::PACKAGE, M::NAME),
+            qos,
+            internal: true,
+        }
+    }
+}
+
+/// What an endpoint counts, for diagnostics.
+#[derive(Debug, Default)]
+pub(super) struct Counters {
+    pub(super) messages: AtomicU64,
+    /// Left out because a queue was full.
+    pub(super) dropped: AtomicU64,
+    /// Refused by DDS, or not what the type says.
+    pub(super) failed: AtomicU64,
+    /// Wall time of the last message [ns].
+    pub(super) last: AtomicI64,
+    /// Peers that this endpoint is matched with.
+    pub(super) matched: AtomicUsize,
+}
+
+impl Counters {
+    pub(super) fn count(&self) {
+        self.messages.fetch_add(1, Relaxed);
+        self.last.store(Time::wall().as_nanos(), Relaxed);
+    }
+}
+
+/// One publisher below its handle.
+pub(super) struct Writer {
+    pub(super) spec: EndpointSpec,
+    pub(super) counters: Counters,
+    /// How many of its messages wait in the node's outbox; changed under the outbox's lock only.
+    pub(super) queued: AtomicUsize,
+    dds: RwLock<Option<Arc<RawWriter>>>,
+    /// What late joiners must still get from a new participant.
+    latched: Mutex<VecDeque<Bytes>>,
+}
+
+impl Writer {
+    pub(super) fn new(spec: EndpointSpec) -> Self {
+        Self {
+            spec,
+            counters: Counters::default(),
+            queued: AtomicUsize::new(0),
+            dds: RwLock::new(None),
+            latched: Mutex::default(),
+        }
+    }
+
+    fn dds(&self) -> Option<Arc<RawWriter>> {
+        let dds = self.dds.read().unwrap_or_else(PoisonError::into_inner);
+        dds.clone()
+    }
+
+    pub(super) fn gid(&self) -> Option<Gid> {
+        self.dds().map(|w| w.guid().into())
+    }
+
+    /// Hands a message to DDS; may wait a few milliseconds for a full window.
+    pub(super) fn write(
+        &self,
+        cdr: Bytes,
+        published: rustdds::Timestamp,
+        related: Option<SampleIdentity>,
+    ) {
+        if self.spec.qos.durability == Durability::TransientLocal {
+            let mut latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
+            while latched.len() >= self.spec.qos.depth.max(1) {
+                latched.pop_front();
+            }
+            latched.push_back(cdr.clone());
+        }
+        let options = rustdds::WriteOptionsBuilder::new()
+            .source_timestamp(published)
+            .related_sample_identity_opt(related)
+            .build();
+        match self.dds().map(|w| w.write_with_options(cdr, options)) {
+            Some(Ok(_)) => self.counters.count(),
+            Some(Err(_)) | None => {
+                self.counters.failed.fetch_add(1, Relaxed);
+            }
+        }
+    }
+
+    /// Waits until living subscribers have what was written, at most `patience`.
+    pub(super) fn settle(&self, patience: Duration) {
+        if let Some(dds) = self.dds()
+            && self.spec.qos.is_reliable()
+        {
+            // Who has not answered by then is dead or drowned.
+            let _ = dds.wait_for_acknowledgments(patience);
+        }
+    }
+
+    pub(super) fn attach(&self, dds: Option<Arc<RawWriter>>) {
+        if let Some(new) = &dds {
+            let latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
+            for cdr in latched.iter() {
+                if new
+                    .write(cdr.clone(), Some(rustdds::Timestamp::now()))
+                    .is_err()
+                {
+                    self.counters.failed.fetch_add(1, Relaxed);
+                }
+            }
+        }
+        *self.dds.write().unwrap_or_else(PoisonError::into_inner) = dds;
+    }
+}
+
+/// Called on the node's receiving thread with every sample. Gives whether it was of use.
+pub(super) type Sink = Box<dyn Fn(RawSample, &Counters) -> bool + Send + Sync>;
+
+/// One subscription below its handle.
+pub(super) struct Reader {
+    pub(super) spec: EndpointSpec,
+    pub(super) counters: Counters,
+    pub(super) sink: Sink,
+    gid: Mutex<Option<Gid>>,
+}
+
+impl Reader {
+    pub(super) fn new(spec: EndpointSpec, sink: Sink) -> Self {
+        Self {
+            spec,
+            counters: Counters::default(),
+            sink,
+            gid: Mutex::new(None),
+        }
+    }
+
+    pub(super) fn set_gid(&self, gid: Gid) {
+        *self.gid.lock().unwrap_or_else(PoisonError::into_inner) = Some(gid);
+    }
+
+    pub(super) fn gid(&self) -> Option<Gid> {
+        *self.gid.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// All endpoints that a node has at the moment.
+#[derive(Default)]
+pub(super) struct Endpoints {
+    pub(super) writers: Vec<Arc<Writer>>,
+    pub(super) readers: Vec<Arc<Reader>>,
+}

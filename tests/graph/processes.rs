@@ -1,0 +1,106 @@
+//! Several nodes in one process, without rclpy.
+
+use fuyu::{
+    msg::std_msgs::String as Text,
+    ros::{Domain, Node, NodeError, Process, Qos, Reach, RosArgs},
+};
+use std::{
+    sync::mpsc,
+    time::{Duration, Instant},
+};
+
+fn process(domain: u16) -> Process {
+    let reach = Reach::Localhost;
+    Process::new(RosArgs::default(), Domain { id: domain, reach })
+}
+
+fn text(data: impl ToString) -> Text {
+    Text {
+        data: data.to_string(),
+    }
+}
+
+#[test]
+fn nodes_of_one_process_talk_and_stop_last_first() {
+    let mut process = process(55);
+    let (ended, order) = mpsc::channel();
+    let (said, heard) = (ended.clone(), ended);
+    let (latency, latencies) = mpsc::channel();
+    process
+        .start("listener", move |node: &Node| {
+            let pings = node.subscribe::<Text>("ping", Qos::RELIABLE)?;
+            let pongs = node.advertise::<Text>("pong", Qos::RELIABLE)?;
+            while node.wait() {
+                while let Some(ping) = pings.take() {
+                    pongs.publish(&ping.message);
+                }
+            }
+            heard
+                .send("listener")
+                .map_err(|e| NodeError::Failed(e.to_string()))
+        })
+        .unwrap();
+    process
+        .start("talker", move |node: &Node| {
+            let pings = node.advertise::<Text>("ping", Qos::RELIABLE)?;
+            let pongs = node.subscribe::<Text>("pong", Qos::RELIABLE)?;
+            while node.ok() {
+                let sent = Instant::now();
+                pings.publish(&text(node.now()));
+                if pongs.wait_next(Duration::from_millis(100)).is_some() {
+                    let _ = latency.send(sent.elapsed());
+                }
+                node.sleep_until(node.now() + Duration::from_millis(2));
+            }
+            said.send("talker")
+                .map_err(|e| NodeError::Failed(e.to_string()))
+        })
+        .unwrap();
+    let mut round_trips: Vec<_> = (0..500)
+        .map(|_| latencies.recv_timeout(Duration::from_secs(10)).unwrap())
+        .collect();
+    assert!(process.run_for(Duration::ZERO), "nobody has ended");
+    process.finish().unwrap();
+    assert_eq!(order.iter().collect::<Vec<_>>(), ["talker", "listener"]);
+    round_trips.sort();
+    println!(
+        "round trip: median {:?}, 99 % {:?}",
+        round_trips[250], round_trips[495]
+    );
+    assert!(
+        round_trips[250] < Duration::from_millis(5),
+        "{round_trips:?}"
+    );
+}
+
+#[test]
+fn a_failing_node_ends_the_process_with_its_error() {
+    let mut process = process(56);
+    process
+        .start("steady", |node: &Node| {
+            while node.wait() {}
+            Ok(())
+        })
+        .unwrap();
+    process
+        .start("broken", |_: &Node| {
+            Err(NodeError::Input("no such robot".into()))
+        })
+        .unwrap();
+    let error = process.wait().unwrap_err();
+    assert_eq!(
+        (error.to_string().as_str(), error.exit_code()),
+        ("no such robot", 2)
+    );
+}
+
+#[test]
+fn a_panic_is_a_failure_not_a_hang() {
+    let mut process = process(57);
+    process
+        .start("shaky", |_: &Node| panic!("on purpose"))
+        .unwrap();
+    let error = process.wait().unwrap_err();
+    assert_eq!(error.to_string(), "node /shaky: its program has panicked");
+    assert_eq!(error.exit_code(), 1);
+}
