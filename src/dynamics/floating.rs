@@ -87,7 +87,13 @@ impl Floating {
             input,
             ..
         } = self;
-        let mut held = |_: f64, _: &State, into: &mut Input| into.copy_from(input);
+        // The integrator keeps what it was told.
+        let mut told = false;
+        let mut held = |_: f64, _: &State, into: &mut Input| {
+            if !std::mem::replace(&mut told, true) {
+                into.copy_from(input);
+            }
+        };
         for _ in 0..steps {
             integrator.step(model, state, workspace, dt, &mut held);
         }

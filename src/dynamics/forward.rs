@@ -1,6 +1,6 @@
 //! Forward dynamics of the reduced system.
 
-use nalgebra::{DMatrix, DVector, Vector3};
+use nalgebra::{DVector, Vector3};
 
 use super::{State, Workspace};
 use crate::model::{Frame, Model};
@@ -26,7 +26,9 @@ impl Input {
 
     /// Takes over `other`'s values without allocating; both must be of the same model.
     pub fn copy_from(&mut self, other: &Self) {
-        self.efforts.copy_from(&other.efforts);
+        self.efforts
+            .as_mut_slice()
+            .copy_from_slice(other.efforts.as_slice());
         self.wrenches.copy_from_slice(&other.wrenches);
     }
 }
@@ -48,16 +50,17 @@ impl Workspace {
     ) {
         self.set_bias_forces(input);
         let (force, torque) = self.base_reaction();
-        let given = (qdd.iter_mut().zip(&input.efforts))
-            .zip(model.joints().iter().zip(&state.qd))
-            .zip(self.joints.iter().zip(&self.bodies[1..]));
-        for (((qdd, effort), (joint, rate)), (terms, body)) in given {
+        let acting = input.efforts.as_slice().iter().zip(state.qd.as_slice());
+        let moved = (model.joints().iter().zip(&self.joints)).zip(&self.bodies[1..]);
+        let rhs = qdd.as_mut_slice();
+        for ((rhs, (effort, rate)), ((joint, terms), body)) in rhs.iter_mut().zip(acting).zip(moved)
+        {
             let bias =
                 terms.axis.effort(&body.force) - terms.J_C.dot(&force) + terms.H_A.dot(&torque);
-            *qdd = effort - joint.damping * rate - bias;
+            *rhs = effort - joint.damping * rate - bias;
         }
         self.set_reduced_inertia();
-        solve_positive_definite(&mut self.reduced, qdd);
+        solve_positive_definite(self.reduced.as_mut_slice(), qdd.as_mut_slice());
     }
 
     /// Newton's and Euler's equations of every body at its bias acceleration, external wrenches taken
@@ -98,13 +101,13 @@ impl Workspace {
     pub fn set_accelerations(&mut self, qdd: &DVector<f64>) {
         let (force, mut torque) = self.base_reaction();
         let mut a_com = -force / self.mass;
-        for (joint, qdd) in self.joints.iter().zip(qdd) {
+        for (joint, qdd) in self.joints.iter().zip(qdd.as_slice()) {
             torque += joint.H_M * *qdd;
             a_com -= joint.J_C * *qdd;
         }
         let angular = -(&self.H_B_inverse * torque);
         self.bodies[0].acceleration = Twist::new(angular, a_com - angular.cross(&self.p_BC));
-        for (j, (joint, &qdd)) in self.joints.iter().zip(qdd).enumerate() {
+        for (j, (joint, &qdd)) in self.joints.iter().zip(qdd.as_slice()).enumerate() {
             let (earlier, rest) = self.bodies.split_at_mut(j + 1);
             let (parent, body) = (&earlier[joint.parent], &mut rest[0]);
             // What base and joints add to the bias acceleration spreads from body to body as a twist.
@@ -125,35 +128,39 @@ impl Workspace {
     }
 }
 
-/// Solves `a x = b` in place by `U D Uᵀ` on the upper triangle of `a`, last row first. A general
-/// factorization of a dynamic matrix costs three times as much at the sizes of robot arms. A matrix that
-/// is not positive definite (positions that are not finite: every physical model has a positive definite
-/// `Ĥ`) gives values that are not finite.
-fn solve_positive_definite(a: &mut DMatrix<f64>, b: &mut DVector<f64>) {
+/// Solves `a x = b` in place by `L D Lᵀ`, where column `i` of `a` holds row `i` of the lower triangle. A
+/// general factorization of a dynamic matrix costs several times as much at the sizes of robot arms. A
+/// matrix that is not positive definite (positions that are not finite: every physical model has a
+/// positive definite `Ĥ`) gives values that are not finite.
+fn solve_positive_definite(a: &mut [f64], b: &mut [f64]) {
     let n = b.len();
-    let (a, b) = (a.as_mut_slice(), b.as_mut_slice());
-    for j in (0..n).rev() {
-        let (rest, done) = a.split_at_mut(j * n);
-        let (column, pivot) = done[..=j].split_at_mut(j);
-        let inverse = if pivot[0] > 0.0 {
-            1.0 / pivot[0]
-        } else {
-            f64::NAN
-        };
-        let (b_rest, b_j) = b[..=j].split_at_mut(j);
-        let earlier = rest.chunks_exact_mut(n).zip(b_rest);
-        for (k, (earlier, b)) in earlier.enumerate() {
-            let factor = column[k] * inverse;
-            for (x, u) in earlier[..=k].iter_mut().zip(&*column) {
-                *x -= factor * u;
+    for i in 0..n {
+        let (known, rest) = a.split_at_mut(i * n);
+        let row = &mut rest[..=i];
+        // L D of this row; rows above hold L, and 1/D on the diagonal.
+        for j in 1..i {
+            let above = &known[j * n..j * n + j];
+            let mut entry = row[j];
+            for (l, ld) in above.iter().zip(&*row) {
+                entry -= l * ld;
             }
-            *b -= factor * b_j[0];
+            row[j] = entry;
         }
-        // The column now holds U D; keep 1/D for the way back.
-        pivot[0] = inverse;
+        let (row, pivot) = row.split_at_mut(i);
+        let (mut d, mut z) = (pivot[0], b[i]);
+        for (j, (entry, z_j)) in row.iter_mut().zip(&*b).enumerate() {
+            let l = *entry * known[j * n + j];
+            d -= l * *entry;
+            z -= *entry * z_j;
+            *entry = l;
+        }
+        pivot[0] = if d > 0.0 { 1.0 / d } else { f64::NAN };
+        b[i] = z * pivot[0];
     }
-    for (j, column) in a.chunks_exact(n.max(1)).enumerate() {
-        let known: f64 = column[..j].iter().zip(&*b).map(|(u, x)| u * x).sum();
-        b[j] = (b[j] - known) * column[j];
+    for i in (1..n).rev() {
+        let (earlier, x) = b.split_at_mut(i);
+        for (b, l) in earlier.iter_mut().zip(&a[i * n..]) {
+            *b -= l * x[0];
+        }
     }
 }

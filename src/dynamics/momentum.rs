@@ -35,7 +35,7 @@ impl Workspace {
     pub fn base_twist(&self, momentum_B: &Momentum, qd: &DVector<f64>) -> Twist {
         let mut angular_momentum = momentum_B.angular;
         let mut v_com = momentum_B.linear / self.mass;
-        for (joint, rate) in self.joints.iter().zip(qd) {
+        for (joint, rate) in self.joints.iter().zip(qd.as_slice()) {
             angular_momentum -= joint.H_M * *rate;
             v_com -= joint.J_C * *rate;
         }
@@ -49,7 +49,7 @@ impl Workspace {
         let about_origin = self.bodies[0].composite.momentum(V_WB_B);
         let mut linear = about_origin.force;
         let mut angular = about_origin.torque - self.p_BC.cross(&about_origin.force);
-        for (joint, rate) in self.joints.iter().zip(qd) {
+        for (joint, rate) in self.joints.iter().zip(qd.as_slice()) {
             linear += joint.momentum.force * *rate;
             angular += joint.H_M * *rate;
         }

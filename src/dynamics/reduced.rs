@@ -4,6 +4,7 @@ use nalgebra::DMatrix;
 
 use super::Workspace;
 use crate::model::Model;
+use crate::spatial::Wrench;
 
 impl Workspace {
     /// Reduced inertia `Ĥ` (n × n): inertia that the joints feel when the base is free.
@@ -17,23 +18,24 @@ impl Workspace {
     /// Fills the upper triangle of `Ĥ`.
     pub(super) fn set_reduced_inertia(&mut self) {
         let n = self.joints.len();
-        let columns = self.reduced.as_mut_slice().chunks_exact_mut(n.max(1));
-        for ((j, joint), column) in self.joints.iter().enumerate().zip(columns) {
+        let reduced = self.reduced.as_mut_slice();
+        for (j, joint) in self.joints.iter().enumerate() {
+            let column = &mut reduced[j * n..=j * n + j];
             // The momentum that joint j alone gives to the free-floating system, in terms of which the
             // base's share of every pair (i, j) is one dot product: m J_Cᵀ J_C + H_Mᵀ H_B⁻¹ H_M.
-            let linear = joint.momentum.force;
-            for (entry, other) in column.iter_mut().zip(&self.joints[..=j]) {
-                *entry = other.H_M.dot(&joint.H_A) - other.J_C.dot(&linear);
+            let Wrench { mut torque, force } = joint.momentum;
+            for (entry, other) in column.iter_mut().zip(&self.joints) {
+                *entry = other.H_M.dot(&joint.H_A) - other.J_C.dot(&force);
             }
             // What joint j's subtree takes of each joint that carries it.
-            let (mut i, mut momentum) = (j, joint.momentum);
+            let mut i = j;
             loop {
                 let carrier = &self.joints[i];
-                column[i] += carrier.axis.effort(&momentum);
+                column[i] += carrier.axis.effort(&Wrench { torque, force });
                 if carrier.parent == 0 {
                     break;
                 }
-                momentum = momentum.shifted(&self.bodies[i + 1].p_PB);
+                torque += self.bodies[i + 1].p_PB.cross(&force);
                 i = carrier.parent - 1;
             }
         }

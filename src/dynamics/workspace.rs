@@ -118,8 +118,8 @@ impl Workspace {
     /// Computes everything that depends on joint positions `q` alone: body poses, composite inertias,
     /// centre of mass, momentum map. Costs nothing when the workspace stands at `q` already.
     pub fn set_positions(&mut self, model: &Model, q: &DVector<f64>) {
-        if self.q != *q {
-            self.q.copy_from(q);
+        if self.q.as_slice() != q.as_slice() {
+            self.q.as_mut_slice().copy_from_slice(q.as_slice());
             self.place_bodies(model);
             self.set_momentum_map();
         }
@@ -128,7 +128,7 @@ impl Workspace {
     fn place_bodies(&mut self, model: &Model) {
         self.bodies[0].composite = self.bodies[0].inertia;
         let inertias = model.bodies()[1..].iter().map(|body| &body.spatial_inertia);
-        let moved = self.joints.iter_mut().zip(&self.q).zip(inertias);
+        let moved = (self.joints.iter_mut().zip(self.q.as_slice())).zip(inertias);
         for (j, ((joint, &position), inertia)) in moved.enumerate() {
             let (earlier, rest) = self.bodies.split_at_mut(j + 1);
             let (parent, body) = (&earlier[joint.parent], &mut rest[0]);
@@ -144,20 +144,29 @@ impl Workspace {
     pub fn set_motion(&mut self, state: &State) {
         let momentum_B = state.momentum_W.expressed_in(&state.R_WB);
         self.bodies[0].twist = self.base_twist(&momentum_B, &state.qd);
-        for (j, (joint, &rate)) in self.joints.iter().zip(&state.qd).enumerate() {
+        for (j, (joint, &rate)) in self.joints.iter().zip(state.qd.as_slice()).enumerate() {
             let (earlier, rest) = self.bodies.split_at_mut(j + 1);
             let (parent, body) = (&earlier[joint.parent], &mut rest[0]);
             let (w, p) = (parent.twist.angular, &body.p_PB);
             let turned = w.cross(p);
-            let own = joint.axis.twist(rate);
-            body.twist = Twist::new(w + own.angular, parent.twist.linear + turned + own.linear);
-            // The axis turns with the parent; a sliding body turns with it too (Coriolis).
+            body.twist = Twist::new(w, parent.twist.linear + turned);
             body.bias = Twist::new(
-                parent.bias.angular + w.cross(&own.angular),
-                parent.bias.linear
-                    + parent.bias.angular.cross(p)
-                    + w.cross(&(turned + own.linear * 2.0)),
+                parent.bias.angular,
+                parent.bias.linear + parent.bias.angular.cross(p) + w.cross(&turned),
             );
+            // The axis turns with the parent.
+            match &joint.axis {
+                Axis::Turn(axis) => {
+                    let own = axis * rate;
+                    body.twist.angular += own;
+                    body.bias.angular += w.cross(&own);
+                }
+                Axis::Slide(axis) => {
+                    let own = axis * rate;
+                    body.twist.linear += own;
+                    body.bias.linear += w.cross(&own) * 2.0;
+                }
+            }
         }
     }
 

@@ -28,21 +28,24 @@ impl Symmetric3 {
     /// `R S Rᵀ`: the same tensor in the axes that `R` turns to.
     #[inline]
     pub fn rotated(&self, R: &Matrix3<f64>) -> Self {
-        let left = [0, 1, 2].map(|i| self * R.row(i).transpose());
-        let entry = |i: usize, k: usize| R.row(i).transpose().dot(&left[k]);
+        let (x, y, z) = (
+            Vector3::new(R.m11, R.m12, R.m13),
+            Vector3::new(R.m21, R.m22, R.m23),
+            Vector3::new(R.m31, R.m32, R.m33),
+        );
+        let (Sx, Sy, Sz) = (self * x, self * y, self * z);
         Self {
-            diagonal: Vector3::new(entry(0, 0), entry(1, 1), entry(2, 2)),
-            off_diagonal: Vector3::new(entry(1, 2), entry(0, 2), entry(0, 1)),
+            diagonal: Vector3::new(x.dot(&Sx), y.dot(&Sy), z.dot(&Sz)),
+            off_diagonal: Vector3::new(y.dot(&Sz), x.dot(&Sz), x.dot(&Sy)),
         }
     }
 
     /// `2 (p·g) 1 - p gᵀ - g pᵀ`: what moving a body's point of reference adds to its inertia.
     #[inline]
     pub fn shift(p: &Vector3<f64>, g: &Vector3<f64>) -> Self {
-        let products = p.component_mul(g) * 2.0;
-        let twice = products.sum();
+        let (x, y, z) = (2.0 * p.x * g.x, 2.0 * p.y * g.y, 2.0 * p.z * g.z);
         Self {
-            diagonal: products.map(|x| twice - x),
+            diagonal: Vector3::new(y + z, x + z, x + y),
             off_diagonal: Vector3::new(
                 -p.y * g.z - p.z * g.y,
                 -p.x * g.z - p.z * g.x,
