@@ -63,9 +63,11 @@
 //! Quantities carry their frames in their names, in monogram style (`X_AB`, `R_WB`, `w_WB_B`); [`spatial`]
 //! has the table. All units are SI, frames and axes those of REP-103 and REP-105.
 //!
-//! Every formula that is not a textbook's names its source, such as "Masutani 1995 eq. (4.36)": Y. Masutani,
-//! *Studies on identification of motion and control of space robots* (in Japanese), chapters 2 to 8. Where
-//! the print is wrong, the corrected form stands and the comment says so.
+//! Every formula that is not a textbook's names its source, such as "Masutani 1995 eq. (4.36)": Y. Masutani
+//! (升谷 保博), 浮遊型宇宙ロボットによる物体捕捉のための計測と制御 (measurement and control for the capture of objects
+//! by floating space robots), doctoral thesis, Osaka University, 1995,
+//! [doi:10.11501/3105001](https://doi.org/10.11501/3105001). Where the print is wrong, the corrected form
+//! stands and the comment says so.
 
 pub mod control;
 pub mod dynamics;
