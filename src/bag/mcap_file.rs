@@ -110,6 +110,11 @@ impl McapFile {
             let opcode = self.next_record()?;
             match opcode {
                 op::CHUNK => self.open_chunk(),
+                // A file has its messages in chunks or outside of them. In one with chunks this is a
+                // record of another kind whose opcode is damaged, and no checksum tells.
+                op::MESSAGE if !self.compressions.is_empty() => {
+                    self.damaged("a message outside of the chunks");
+                }
                 op::SCHEMA | op::CHANNEL | op::MESSAGE => {
                     match mcap::parse_record(opcode, &self.body) {
                         Ok(record) => {

@@ -2,8 +2,6 @@
 
 use nalgebra::DVector;
 
-use super::{GainError, check_joint_gains};
-
 /// `τ = K_P (q_D - q) - K_V q̇` towards joint positions found once, by inverse kinematics at the start.
 /// Because the base moves meanwhile, the tip ends beside the goal: Masutani 1995 Fig. 5.3(a).
 #[derive(Debug, Clone, PartialEq)]
@@ -17,16 +15,6 @@ pub struct JointPd {
 }
 
 impl JointPd {
-    /// The law towards `goal`.
-    ///
-    /// # Errors
-    /// [`GainError`] when a gain is not positive or there is not one per joint.
-    pub fn new(k_p: Vec<f64>, k_v: Vec<f64>, goal: DVector<f64>) -> Result<Self, GainError> {
-        check_joint_gains("joint_k_p", &k_p, goal.len())?;
-        check_joint_gains("k_v", &k_v, goal.len())?;
-        Ok(Self { k_p, k_v, goal })
-    }
-
     /// Writes joint efforts \[N m or N\].
     pub fn efforts(&self, q: &DVector<f64>, qd: &DVector<f64>, efforts: &mut DVector<f64>) {
         for j in 0..self.goal.len() {

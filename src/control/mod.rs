@@ -45,7 +45,7 @@ pub enum GainError {
         /// How many joints the robot has.
         joints: usize,
     },
-    /// A gain that must be positive is not.
+    /// A gain that must be positive and finite is not.
     #[error("{name} is {value}; it must be positive and finite")]
     NotPositive {
         /// Which gain.

@@ -1,21 +1,27 @@
 //! Transpose-Jacobian control.
 
 use nalgebra::{DVector, Matrix6xX};
-use serde::{Deserialize, Serialize};
 
 use super::{GainError, Measurement, PoseError, Saturation, check_joint_gains, check_positive};
 use crate::dynamics::Workspace;
 use crate::model::{Frame, Model};
 
 /// Which Jacobian turns the tip's wrench into joint efforts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
-#[serde(rename_all = "snake_case")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum JacobianKind {
     /// The generalized Jacobian, eqs. (4.36), (4.37): asymptotically stable.
     Generalized,
     /// The fixed-base Jacobian as an approximation (chapter 6): cheaper, and unstable in a part of the
     /// work space when the base is light.
     FixedBase,
+}
+
+impl JacobianKind {
+    /// All Jacobians by name.
+    pub const NAMES: [(&'static str, Self); 2] = [
+        ("generalized", Self::Generalized),
+        ("fixed_base", Self::FixedBase),
+    ];
 }
 
 /// Gains of the law.
@@ -40,9 +46,16 @@ impl Gains {
         check_positive("k_p", self.k_p)?;
         check_positive("k_o", self.k_o)?;
         check_joint_gains("k_v", &self.k_v, joints)?;
-        // Infinite means "no saturation".
-        check_positive("e_p_max", self.saturation.position.min(f64::MAX))?;
-        check_positive("e_o_max", self.saturation.orientation.min(f64::MAX))
+        for (name, bound) in [
+            ("e_p_max", self.saturation.position),
+            ("e_o_max", self.saturation.orientation),
+        ] {
+            // Infinite means no saturation.
+            if bound != f64::INFINITY {
+                check_positive(name, bound)?;
+            }
+        }
+        Ok(())
     }
 }
 

@@ -233,7 +233,11 @@ fn work_between(a: &JointSample, b: &JointSample, damping: &DVector<f64>) -> (f6
     for (j, c) in damping.iter().enumerate() {
         // A sample's effort acted since the one before; rates in between are taken as linear.
         let done = b.effort.get(j).copied().unwrap_or(0.0) * (b.q[j] - a.q[j]);
-        let lost = c * dt * (a.qd[j] * a.qd[j] + a.qd[j] * b.qd[j] + b.qd[j] * b.qd[j]) / 3.0;
+        // Where nothing damps, rates do not count, not even bad ones.
+        let lost = match *c {
+            0.0 => 0.0,
+            c => c * dt * (a.qd[j] * a.qd[j] + a.qd[j] * b.qd[j] + b.qd[j] * b.qd[j]) / 3.0,
+        };
         work += done - lost;
         flow += done.abs() + lost;
     }

@@ -7,6 +7,7 @@ use std::{collections::VecDeque, time::Duration};
 use nalgebra::DVector;
 
 use super::{
+    choice,
     geometry::{pose_from_msg, vector_to_msg, with_matrix},
     robot_description::{Robot, RobotDescription},
 };
@@ -50,26 +51,14 @@ const LARGEST_GAIN: f64 = 1e9;
 
 impl Live {
     fn declare(declare: &mut Declare) -> Self {
-        let law = declare
-            .param(
-                "law",
-                "transpose_jacobian",
-                "Control law: transpose_jacobian or joint_pd",
-            )
-            .check("one of transpose_jacobian, joint_pd", |text| {
-                law(text).map(|_| ())
-            })
-            .live();
-        let jacobian = declare
-            .param(
-                "jacobian",
-                "generalized",
-                "Jacobian of the law: generalized or fixed_base",
-            )
-            .check("one of generalized, fixed_base", |text| {
-                jacobian(text).map(|_| ())
-            })
-            .live();
+        let law = choice::declare(declare, "law", &LawKind::NAMES, "Control law").live();
+        let jacobian = choice::declare(
+            declare,
+            "jacobian",
+            &JacobianKind::NAMES,
+            "Jacobian of the law",
+        )
+        .live();
         let mut positive = |name: &str, default: f64, text: &str| {
             declare
                 .param(name, default, text)
@@ -113,8 +102,10 @@ impl Live {
     fn get(&self) -> ControllerConfig {
         ControllerConfig {
             // Any other text has been refused by the declaration.
-            law: law(&self.law.get()).unwrap_or(LawKind::TransposeJacobian),
-            jacobian: jacobian(&self.jacobian.get()).unwrap_or(JacobianKind::Generalized),
+            law: choice::find(&LawKind::NAMES, &self.law.get())
+                .unwrap_or(LawKind::TransposeJacobian),
+            jacobian: choice::find(&JacobianKind::NAMES, &self.jacobian.get())
+                .unwrap_or(JacobianKind::Generalized),
             gains: Gains {
                 k_p: self.k_p.get(),
                 k_o: self.k_o.get(),
@@ -137,33 +128,6 @@ impl Live {
             + texts.iter().filter(|p| p.changed()).count()
             + lists.iter().filter(|p| p.changed()).count();
         changed > 0
-    }
-}
-
-fn law(text: &str) -> Result<LawKind, String> {
-    match text {
-        "transpose_jacobian" => Ok(LawKind::TransposeJacobian),
-        "joint_pd" => Ok(LawKind::JointPd),
-        other => Err(format!(
-            "'{other}' is no law; expected transpose_jacobian or joint_pd"
-        )),
-    }
-}
-
-fn law_name(law: LawKind) -> &'static str {
-    match law {
-        LawKind::TransposeJacobian => "transpose_jacobian",
-        LawKind::JointPd => "joint_pd",
-    }
-}
-
-fn jacobian(text: &str) -> Result<JacobianKind, String> {
-    match text {
-        "generalized" => Ok(JacobianKind::Generalized),
-        "fixed_base" => Ok(JacobianKind::FixedBase),
-        other => Err(format!(
-            "'{other}' is no Jacobian; expected generalized or fixed_base"
-        )),
     }
 }
 
@@ -273,6 +237,8 @@ struct Topics {
     tips: VecDeque<(Time, Pose)>,
     goals: VecDeque<(Time, Pose)>,
     seen: Option<Seen>,
+    /// Stamp of the newest joint state.
+    last_state: Time,
     status: Status,
 }
 
@@ -293,6 +259,7 @@ impl Topics {
             tips: VecDeque::new(),
             goals: VecDeque::new(),
             seen: None,
+            last_state: Time::ZERO,
             status,
         })
     }
@@ -300,6 +267,15 @@ impl Topics {
     /// Takes in what has arrived.
     fn listen(&mut self) {
         while let Some(received) = self.joint_states.take() {
+            let stamp = Time::from(&received.message.header.stamp);
+            if stamp < self.last_state {
+                // A simulation that began anew: what was seen before is of another run.
+                self.states.clear();
+                self.tips.clear();
+                self.goals.clear();
+                self.seen = None;
+            }
+            self.last_state = stamp;
             self.states.push_back(received.message);
         }
         collect(&self.tip_pose, &mut self.tips, &self.status);
@@ -348,12 +324,12 @@ impl Topics {
         let young = self
             .seen
             .as_ref()
-            .filter(|_| age.is_some_and(|age| age <= timeout));
+            .filter(|_| age.is_some_and(|age| age.abs() <= timeout));
         let acted = controller.update(&q, &qd, young.map(|seen| (&seen.X_BE, &seen.X_BD)));
         match (&acted, age) {
             (Err(e), _) => self.status.error(format!("no effort is given: {e}")),
             (Ok(_), None) => self.status.warn("no camera measurement has come yet: only damping"),
-            (Ok(_), Some(age)) if age > timeout => self.status.warn(format!(
+            (Ok(_), Some(age)) if age.abs() > timeout => self.status.warn(format!(
                 "the last camera measurement is {age:.2} s old (measurement_timeout is {timeout} s): only damping"
             )),
             (Ok(_), Some(_)) => self.status.ok("steering the tip to the goal"),
@@ -396,7 +372,7 @@ pub fn report(
     let config = controller.config();
     let mut state = ControllerState {
         header: header.clone(),
-        law: law_name(config.law).to_owned(),
+        law: choice::name_of(&LawKind::NAMES, &config.law).to_owned(),
         position_saturated: acted.position_saturated,
         orientation_saturated: acted.orientation_saturated,
         k_p: config.gains.k_p,

@@ -10,6 +10,7 @@
 //! A node is a program `fn(&Node) -> Result<(), NodeError>`; [`by_name`] finds it.
 
 pub mod camera;
+mod choice;
 pub mod controller;
 pub mod dynamics;
 pub mod geometry;

@@ -7,6 +7,7 @@ use std::{
     time::Duration,
 };
 
+use super::choice;
 use crate::{
     bag::{self, Compression, RecorderHandle, RecorderTopic, Writer, WriterOptions},
     ros::{Clock, Declare, Node, NodeError, Qos, RawSample, RawSubscription, Status, Time},
@@ -91,40 +92,28 @@ impl RecorderParams {
             )
             .read_only()
             .value();
-        let compression = declare
-            .param(
-                "compression",
-                "zstd",
-                "Compression of the chunks: none, lz4 or zstd",
-            )
-            .read_only()
-            .check("one of none, lz4, zstd", |text| {
-                compression(text).map(|_| ())
-            })
-            .value();
+        let compression = choice::declare(
+            declare,
+            "compression",
+            &COMPRESSIONS,
+            "Compression of the chunks",
+        )
+        .read_only()
+        .value();
         Self {
             bag: (!bag.is_empty()).then(|| PathBuf::from(bag)),
             topics,
-            compression: compression_or_default(&compression),
+            // Any other text has been refused by the declaration.
+            compression: choice::find(&COMPRESSIONS, &compression).unwrap_or_default(),
         }
     }
 }
 
-fn compression(text: &str) -> Result<Compression, String> {
-    match text {
-        "none" => Ok(Compression::None),
-        "lz4" => Ok(Compression::Lz4),
-        "zstd" => Ok(Compression::Zstd),
-        other => Err(format!(
-            "'{other}' is no compression; expected none, lz4 or zstd"
-        )),
-    }
-}
-
-/// A text that `check` let through; anything else has been reported by the declaration.
-fn compression_or_default(text: &str) -> Compression {
-    compression(text).unwrap_or_default()
-}
+const COMPRESSIONS: [(&str, Compression); 3] = [
+    ("zstd", Compression::Zstd),
+    ("lz4", Compression::Lz4),
+    ("none", Compression::None),
+];
 
 /// `bags/`, `prefix` and the time, as `ros2 bag record` names its folders.
 pub fn new_folder(prefix: &str) -> PathBuf {

@@ -54,9 +54,12 @@ pub struct PoseFrame {
 pub struct PoseCamera {
     config: PoseCameraConfig,
     random: StdRng,
-    /// Exposures made so far plus one: index of the next on the grid of exposure times.
+    /// Index of the next exposure on the grid of exposure times.
     next: u64,
+    /// When the grid of exposure times begins \[s\].
     start: Option<f64>,
+    /// The last instant shown \[s\].
+    last_shown: Option<f64>,
     waiting: VecDeque<PoseFrame>,
     lost: u64,
 }
@@ -73,6 +76,7 @@ impl PoseCamera {
             random,
             next: 0,
             start: None,
+            last_shown: None,
             waiting: VecDeque::new(),
             lost: 0,
         }
@@ -109,17 +113,19 @@ impl PoseCamera {
         }
     }
 
-    /// Shows the camera the truth at `time`; it exposes if a frame is due. Times must not run backwards;
-    /// if they do (a simulation was reset) the camera starts afresh.
+    /// Shows the camera the truth at `time` \[s\]; it exposes if a frame is due. An instant that is shown
+    /// again is not exposed again; when time runs backwards (a simulation began anew) so does the camera.
     pub fn show(&mut self, time: f64, X_BE: &Pose, X_BD: Option<&Pose>) {
-        if self
-            .waiting
-            .back()
-            .is_some_and(|last| time < last.time - SLACK)
-            || self.start.is_some_and(|start| time < start - SLACK)
-        {
-            self.waiting.clear();
-            self.start = None;
+        match self.last_shown.replace(time) {
+            Some(last) if time < last - SLACK => {
+                self.waiting.clear();
+                self.start = None;
+            }
+            Some(last) if time <= last + SLACK => {
+                self.last_shown = Some(last);
+                return;
+            }
+            _ => {}
         }
         if !self.is_due(time) {
             return;
@@ -129,11 +135,14 @@ impl PoseCamera {
             time
         });
         // Exposures that no one showed are gone.
-        self.next = (((time - start + SLACK) * self.config.rate).floor() as u64).max(self.next) + 1;
-        // Always the same number of random draws a frame, so that one loss does not change later noise.
+        let shown = ((time - start + SLACK) * self.config.rate).floor() as u64;
+        self.next = shown.max(self.next) + 1;
+        // The same number of random draws a frame, so that neither a loss nor a goal that is not there
+        // changes the noise of later frames.
         let lost = self.random.random::<f64>() < self.config.dropout;
         let X_BE = self.disturb(X_BE);
-        let X_BD = X_BD.map(|pose| self.disturb(pose));
+        let seen_goal = self.disturb(X_BD.unwrap_or(&Pose::identity()));
+        let X_BD = X_BD.map(|_| seen_goal);
         if lost {
             self.lost += 1;
         } else {
@@ -226,5 +235,48 @@ mod tests {
             / frames.len() as f64;
         assert!((variance.sqrt() - 0.01).abs() < 3e-4, "{}", variance.sqrt());
         assert_eq!(frames, run(config, 200.0));
+    }
+
+    #[test]
+    fn an_instant_shown_again_is_not_exposed_again() {
+        let noisy = PoseCameraConfig {
+            position_noise: 0.01,
+            ..Default::default()
+        };
+        let tip = Pose::identity();
+        let frames = |repeats: usize| {
+            let mut camera = PoseCamera::new(noisy.clone());
+            let mut delivered = Vec::new();
+            for k in 0..5 {
+                for _ in 0..=repeats {
+                    camera.show(0.1 * f64::from(k), &tip, Some(&tip));
+                }
+                while let Some(frame) = camera.deliver(0.1 * f64::from(k)) {
+                    delivered.push(frame);
+                }
+            }
+            delivered
+        };
+        assert_eq!(frames(0), frames(3));
+    }
+
+    #[test]
+    fn a_simulation_that_begins_anew_is_seen_from_its_start() {
+        let mut camera = PoseCamera::new(PoseCameraConfig {
+            rate: 10.0,
+            ..Default::default()
+        });
+        let tip = Pose::identity();
+        let mut run = || {
+            let times = (0..=20).map(|k| 0.05 * f64::from(k));
+            let seen = times.filter_map(|time| {
+                camera.show(time, &tip, None);
+                camera.deliver(time).map(|frame| frame.time)
+            });
+            seen.collect::<Vec<_>>()
+        };
+        let first = run();
+        assert_eq!(first.len(), 11);
+        assert_eq!(run(), first);
     }
 }
