@@ -2,7 +2,15 @@
 //!
 //! It never learns where the base is: it subscribes to nothing under `ground_truth/`, nor to `/tf`.
 
-use std::{collections::VecDeque, time::Duration};
+use std::{
+    cmp,
+    collections::VecDeque,
+    sync::{
+        Arc,
+        atomic::{AtomicUsize, Ordering},
+    },
+    time::Duration,
+};
 
 use nalgebra::DVector;
 
@@ -44,6 +52,8 @@ struct Live {
     e_p_max: Param<f64>,
     e_o_max: Param<f64>,
     joint_k_p: Param<Vec<f64>>,
+    /// Joints of the robot that the gains must fit; zero until one is known.
+    joints: Arc<AtomicUsize>,
 }
 
 const SMALLEST_GAIN: f64 = 1e-9;
@@ -77,9 +87,16 @@ impl Live {
             0.1,
             "Orientation error beyond which the pull is constant",
         );
+        let joints = Arc::new(AtomicUsize::new(0));
         let mut per_joint = |name: &str, text: &str| {
-            let values = declare.param(name, Vec::<f64>::new(), text);
-            values.range(SMALLEST_GAIN, LARGEST_GAIN).live()
+            let joints = Arc::clone(&joints);
+            declare
+                .param(name, Vec::<f64>::new(), text)
+                .range(SMALLEST_GAIN, LARGEST_GAIN)
+                .check("one value per joint of the robot", move |values| {
+                    one_per_joint(values, joints.load(Ordering::Acquire))
+                })
+                .live()
         };
         Self {
             law,
@@ -96,7 +113,13 @@ impl Live {
                 "joint_k_p",
                 "Gains on the joint positions for joint_pd, one per joint [N m/rad or N/m]",
             ),
+            joints,
         }
+    }
+
+    /// From here on the gains must fit this robot.
+    fn fit(&self, robot: &Robot) {
+        self.joints.store(robot.model.dof(), Ordering::Release);
     }
 
     fn get(&self) -> ControllerConfig {
@@ -128,6 +151,16 @@ impl Live {
             + texts.iter().filter(|p| p.changed()).count()
             + lists.iter().filter(|p| p.changed()).count();
         changed > 0
+    }
+}
+
+/// Refuses gains that do not fit a robot with so many joints; with none, as long as none is known.
+fn one_per_joint(values: &[f64], joints: usize) -> Result<(), String> {
+    match values.len() {
+        n if n == joints || joints == 0 => Ok(()),
+        n => Err(format!(
+            "{values:?} has {n} values; the robot has {joints} joints, so give {joints}"
+        )),
     }
 }
 
@@ -189,9 +222,11 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let refuse = |e: crate::control::GainError| {
         NodeError::Input(format!("node {}: parameter {e}", node.name()))
     };
+    live.fit(&robot);
     let mut controller = controller(robot, live.get()).map_err(refuse)?;
     loop {
         if let Some(robot) = description.changed() {
+            live.fit(&robot);
             controller = self::controller(robot, live.get()).map_err(refuse)?;
         }
         if live.changed()
@@ -283,9 +318,9 @@ impl Topics {
         while let (Some((tip, X_BE)), Some((goal, X_BD))) = (self.tips.front(), self.goals.front())
         {
             match tip.cmp(goal) {
-                std::cmp::Ordering::Less => drop(self.tips.pop_front()),
-                std::cmp::Ordering::Greater => drop(self.goals.pop_front()),
-                std::cmp::Ordering::Equal => {
+                cmp::Ordering::Less => drop(self.tips.pop_front()),
+                cmp::Ordering::Greater => drop(self.goals.pop_front()),
+                cmp::Ordering::Equal => {
                     self.seen = Some(Seen {
                         stamp: *tip,
                         X_BE: *X_BE,
