@@ -25,15 +25,29 @@ fn four_processes_in_a_namespace_are_the_same_graph() {
     let domain = 84;
     let folder = tempfile::tempdir().unwrap();
     let bag = folder.path().join("bag");
-    let mut recorder = node("recorder", domain, &["-p", &format!("bag:={}", bag.display())]);
+    let mut recorder = node(
+        "recorder",
+        domain,
+        &["-p", &format!("bag:={}", bag.display())],
+    );
     let mut camera = node("camera", domain, &[]);
     let mut first = node("controller", domain, &[]);
-    let mut dynamics = node("dynamics", domain, &["-p", "real_time_factor:=2.0", "-p", "duration:=0.0"]);
+    let mut dynamics = node(
+        "dynamics",
+        domain,
+        &["-p", "real_time_factor:=2.0", "-p", "duration:=0.0"],
+    );
     let mut peer = Peer::start("observer", domain);
     watch_tip(&mut peer, NAMESPACE);
     peer.subscribe("/chaser/joint_states", JOINT_STATE, "reliable");
 
-    let plumbing = ["/clock", "/tf", "/tf_static", "/rosout", "/parameter_events"];
+    let plumbing = [
+        "/clock",
+        "/tf",
+        "/tf_static",
+        "/rosout",
+        "/parameter_events",
+    ];
     for name in ["dynamics", "camera", "controller", "recorder"] {
         let graph = peer.does(json!({"do": "graph", "node": name, "namespace": NAMESPACE}));
         assert!(graph.get("publishers").is_some(), "no {name} in {graph}");
@@ -60,7 +74,9 @@ fn four_processes_in_a_namespace_are_the_same_graph() {
         let state = fresh(&mut peer, "/chaser/joint_states", 1).pop()?;
         (numbers(&state["effort"]) == [0.0; 6]).then_some(state)
     });
-    let speed = numbers(&coasting["velocity"]).iter().fold(0.0f64, |m, v| m.max(v.abs()));
+    let speed = numbers(&coasting["velocity"])
+        .iter()
+        .fold(0.0f64, |m, v| m.max(v.abs()));
     assert!(speed > 1e-4, "{coasting}");
     let lost = error(&mut peer);
 

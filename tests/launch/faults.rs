@@ -7,7 +7,7 @@ use crate::{
     own_controller::without_controller,
     peer::Peer,
     process::{Check, Running, eventually, source},
-    view::{DIAGNOSTICS, JOINT_STATE, POSE, diagnosed, fresh, numbers, now},
+    view::{DIAGNOSTICS, JOINT_STATE, POSE, diagnosed, fresh, now, numbers},
 };
 
 const WARN: u64 = 1;
@@ -16,7 +16,10 @@ fn all_finite(states: &[Value]) {
     for state in states {
         for field in ["position", "velocity", "effort"] {
             let values = numbers(&state[field]);
-            assert!(values.len() == 6 && values.iter().all(|x| x.is_finite()), "{state}");
+            assert!(
+                values.len() == 6 && values.iter().all(|x| x.is_finite()),
+                "{state}"
+            );
         }
     }
 }
@@ -28,7 +31,11 @@ fn names() -> Value {
 #[test]
 fn wrong_messages_are_refused_and_named() {
     let domain = 82;
-    let mut launch = Running::launch(domain, &source("config/positioning.yaml"), &["--duration", "600"]);
+    let mut launch = Running::launch(
+        domain,
+        &source("config/positioning.yaml"),
+        &["--duration", "600"],
+    );
     let mut peer = Peer::start("fault", domain);
     peer.subscribe("joint_states", JOINT_STATE, "reliable");
     peer.subscribe("diagnostics", DIAGNOSTICS, "reliable");
@@ -38,12 +45,27 @@ fn wrong_messages_are_refused_and_named() {
 
     // null is NaN.
     for (message, words) in [
-        (json!({"name": ["joint2"], "effort": [null]}), ["joint2", "effort", "NaN"]),
-        (json!({"name": ["elbow"], "effort": [1.0]}), ["elbow", "joint1", "joint6"]),
-        (json!({"name": names(), "effort": [1.0, 2.0]}), ["6 names", "2 efforts", "effort"]),
-        (json!({"name": [], "effort": [1.0]}), ["no joint", "joint1", "joint6"]),
+        (
+            json!({"name": ["joint2"], "effort": [null]}),
+            ["joint2", "effort", "NaN"],
+        ),
+        (
+            json!({"name": ["elbow"], "effort": [1.0]}),
+            ["elbow", "joint1", "joint6"],
+        ),
+        (
+            json!({"name": names(), "effort": [1.0, 2.0]}),
+            ["6 names", "2 efforts", "effort"],
+        ),
+        (
+            json!({"name": [], "effort": [1.0]}),
+            ["no joint", "joint1", "joint6"],
+        ),
         (json!({}), ["no joint", "joint1", "joint6"]),
-        (json!({"name": ["joint1", "joint1"], "effort": [1.0, 2.0]}), ["joint1", "twice", "joint1"]),
+        (
+            json!({"name": ["joint1", "joint1"], "effort": [1.0, 2.0]}),
+            ["joint1", "twice", "joint1"],
+        ),
     ] {
         peer.does(json!({"do": "publish", "topic": "joint_commands", "type": JOINT_STATE, "message": message}));
         let told = diagnosed(&mut peer, "dynamics: commands", |level, text| {
@@ -101,7 +123,7 @@ fn without_commands_efforts_end_and_come_back() {
     peer.subscribe("joint_states", JOINT_STATE, "reliable");
     peer.subscribe("diagnostics", DIAGNOSTICS, "reliable");
     peer.receive("joint_states", 1);
-    let mut push = |peer: &mut Peer, effort: f64| {
+    let push = |peer: &mut Peer, effort: f64| {
         let command = json!({"name": ["joint1"], "effort": [effort]});
         peer.does(json!({"do": "publish", "topic": "joint_commands", "type": JOINT_STATE, "message": command}));
         // In the middle of a run of states between two commands the effort is the last one.
@@ -115,16 +137,30 @@ fn without_commands_efforts_end_and_come_back() {
         push(&mut peer, 3.0);
     }
     let stopped = now();
-    let told = diagnosed(&mut peer, "dynamics: commands", |level, text| level == WARN && text.contains("no command"));
+    let told = diagnosed(&mut peer, "dynamics: commands", |level, text| {
+        level == WARN && text.contains("no command")
+    });
     println!("{told}");
-    assert!(told.contains("command_timeout is 0.5 s") && told.contains("joint_commands"), "{told}");
+    assert!(
+        told.contains("command_timeout is 0.5 s") && told.contains("joint_commands"),
+        "{told}"
+    );
     let coasting = fresh(&mut peer, "joint_states", 10);
     all_finite(&coasting);
     for state in &coasting {
-        assert_eq!(numbers(&state["effort"]), [0.0; 6], "{:.1} s later", now() - stopped);
+        assert_eq!(
+            numbers(&state["effort"]),
+            [0.0; 6],
+            "{:.1} s later",
+            now() - stopped
+        );
     }
     // The servicer's joints have no damping: a free arm does not come to rest by itself.
-    assert!(numbers(&coasting[9]["velocity"])[0] > 1e-4, "{}", coasting[9]);
+    assert!(
+        numbers(&coasting[9]["velocity"])[0] > 1e-4,
+        "{}",
+        coasting[9]
+    );
     thread::sleep(Duration::from_millis(200));
     push(&mut peer, -2.0);
     launch.interrupt().well();

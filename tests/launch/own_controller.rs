@@ -2,8 +2,8 @@
 
 use fuyu::{
     dynamics::Workspace,
-    msg::{nav_msgs::Odometry, sensor_msgs::JointState, std_msgs},
     model::Model,
+    msg::{nav_msgs::Odometry, sensor_msgs::JointState, std_msgs},
     nodes::geometry::{pose_from_msg, with_matrix},
     spatial::Pose,
 };
@@ -34,7 +34,13 @@ pub fn without_controller() -> (tempfile::TempDir, std::path::PathBuf) {
 fn a_python_node_takes_the_controllers_place() {
     let domain = 76;
     let (_folder, config) = without_controller();
-    let args = ["--duration", "600", "--ros-args", "-p", "dynamics:real_time_factor:=2.0"];
+    let args = [
+        "--duration",
+        "600",
+        "--ros-args",
+        "-p",
+        "dynamics:real_time_factor:=2.0",
+    ];
     let mut launch = Running::launch(domain, &config, &args);
     let mut peer = Peer::start("observer", domain);
     peer.subscribe("joint_states", JOINT_STATE, "reliable");
@@ -46,12 +52,16 @@ fn a_python_node_takes_the_controllers_place() {
         .env("ROS_DOMAIN_ID", domain.to_string())
         .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST");
     let mut own = Running::start(own);
-    eventually("the joints are where the program wants them", Duration::from_secs(120), || {
-        let state = fresh(&mut peer, "joint_states", 1).pop()?;
-        let off = numbers(&state["position"]);
-        let off = off.iter().zip(POSTURE).map(|(q, goal)| (q - goal).abs());
-        (off.fold(0.0, f64::max) < 5e-3).then_some(())
-    });
+    eventually(
+        "the joints are where the program wants them",
+        Duration::from_secs(120),
+        || {
+            let state = fresh(&mut peer, "joint_states", 1).pop()?;
+            let off = numbers(&state["position"]);
+            let off = off.iter().zip(POSTURE).map(|(q, goal)| (q - goal).abs());
+            (off.fold(0.0, f64::max) < 5e-3).then_some(())
+        },
+    );
     launch.interrupt().well();
     own.interrupt().well();
 

@@ -57,15 +57,30 @@ fn run(bag: &Path) -> (Vec<(f64, f64)>, Pose, Pose) {
 /// Every reader's counts and decoding, none of it ours.
 fn python_reads(bag: &Path) {
     let script = source("tests/bags/read_bag.py");
-    let output = Command::new(python()).arg(script).arg(bag).output().unwrap();
-    assert!(output.status.success(), "{}", String::from_utf8_lossy(&output.stderr));
+    let output = Command::new(python())
+        .arg(script)
+        .arg(bag)
+        .output()
+        .unwrap();
+    assert!(
+        output.status.success(),
+        "{}",
+        String::from_utf8_lossy(&output.stderr)
+    );
     let report: serde_json::Value = serde_json::from_slice(&output.stdout).unwrap();
-    let info = fuyu(&["bag", "info", "--json", bag.to_str().unwrap()]).well().json();
+    let info = fuyu(&["bag", "info", "--json", bag.to_str().unwrap()])
+        .well()
+        .json();
     let counts: serde_json::Map<_, _> = info["topics"]
         .as_array()
         .unwrap()
         .iter()
-        .map(|topic| (topic["name"].as_str().unwrap().to_owned(), topic["count"].clone()))
+        .map(|topic| {
+            (
+                topic["name"].as_str().unwrap().to_owned(),
+                topic["count"].clone(),
+            )
+        })
         .collect();
     assert_eq!(report["rosbags"], serde_json::Value::from(counts.clone()));
     assert_eq!(report["mcap"], serde_json::Value::from(counts.clone()));
@@ -83,9 +98,15 @@ fn over_dds_in_real_time_it_is_the_run_of_the_thesis() {
     // 60 s at 100 Hz, nothing lost.
     assert!(errors.len() >= 6000, "{}", errors.len());
 
-    let within = errors.iter().rposition(|(_, e)| *e > 0.01).map(|i| errors[i + 1].0);
+    let within = errors
+        .iter()
+        .rposition(|(_, e)| *e > 0.01)
+        .map(|i| errors[i + 1].0);
     let within = within.expect("it starts far away");
-    println!("within 1 cm after {within:.2} s, {:.2e} m at the end", errors.last().unwrap().1);
+    println!(
+        "within 1 cm after {within:.2} s, {:.2e} m at the end",
+        errors.last().unwrap().1
+    );
     assert!((within / SETTLED - 1.0).abs() < 0.02, "{within}");
     assert!(errors.last().unwrap().1 < 1e-3);
     let moved = last.translation.vector - first.translation.vector;
@@ -97,7 +118,12 @@ fn over_dds_in_real_time_it_is_the_run_of_the_thesis() {
     assert!(check.passed, "{:?}", check.failed());
     check.momentum_holds();
     python_reads(&bag);
-    for line in ["positioning", "tip position error", "real-time factor", "momentum residual"] {
+    for line in [
+        "positioning",
+        "tip position error",
+        "real-time factor",
+        "momentum residual",
+    ] {
         assert!(ended.stdout.contains(line), "{line} in {}", ended.stdout);
     }
 }
@@ -113,7 +139,12 @@ fn simulated_it_is_the_run_of_the_thesis_and_the_same_every_time() {
         let mut json = fuyu(&args).well().json();
         json.as_object_mut().unwrap().remove("wall_time").unwrap();
         let files = fs::read_dir(output).unwrap().map(|f| f.unwrap().path());
-        let files = files.map(|file| (file.file_name().unwrap().to_owned(), fs::read(file).unwrap()));
+        let files = files.map(|file| {
+            (
+                file.file_name().unwrap().to_owned(),
+                fs::read(file).unwrap(),
+            )
+        });
         let files: BTreeMap<_, _> = files.collect();
         assert_eq!(files.len(), 2, "metadata.yaml and one MCAP file");
         (json, files)
@@ -126,7 +157,12 @@ fn simulated_it_is_the_run_of_the_thesis_and_the_same_every_time() {
     };
     assert!((number("time_to_1cm") - SETTLED).abs() < 0.2, "{json}");
     assert!(number("tip_position_error") < 1e-3, "{json}");
-    assert_near("displacement", list("base_displacement"), DISPLACEMENT, 0.01);
+    assert_near(
+        "displacement",
+        list("base_displacement"),
+        DISPLACEMENT,
+        0.01,
+    );
     let angles = list("base_attitude_rpy").map(f64::to_degrees);
     assert_near("attitude", angles, ATTITUDE_DEG, 0.01);
 
@@ -143,7 +179,9 @@ fn simulated_it_is_the_run_of_the_thesis_and_the_same_every_time() {
 #[test]
 fn joint_pd_misses() {
     let (_folder, config) = scenario(CONFIG, &[("law: transpose_jacobian", "law: joint_pd")]);
-    let json = fuyu(&["simulate", config.to_str().unwrap(), "--json"]).well().json();
+    let json = fuyu(&["simulate", config.to_str().unwrap(), "--json"])
+        .well()
+        .json();
     let miss = json["tip_position_error"].as_f64().unwrap();
     assert!((miss / 0.93 - 1.0).abs() < 0.02, "{miss}");
     assert!(json["time_to_1cm"].is_null());

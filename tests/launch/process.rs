@@ -80,7 +80,12 @@ impl Running {
         let folder = tempfile::tempdir().expect("a folder");
         let mut command = command("fuyu", domain);
         let bag = folder.path().join("bag");
-        command.arg("launch").arg(config).arg("--bag").arg(bag).args(args);
+        command
+            .arg("launch")
+            .arg(config)
+            .arg("--bag")
+            .arg(bag)
+            .args(args);
         Self::start_in(command, folder)
     }
 
@@ -116,7 +121,9 @@ impl Running {
     /// Sends a signal by its name without SIG.
     pub fn signal(&self, name: &str) {
         let id = self.child.id().to_string();
-        let kill = Command::new("kill").args([&format!("-{name}"), &id]).status();
+        let kill = Command::new("kill")
+            .args([&format!("-{name}"), &id])
+            .status();
         assert!(kill.expect("kill is there").success());
     }
 
@@ -133,7 +140,10 @@ impl Running {
                     stderr,
                 };
             }
-            assert!(Instant::now() < deadline, "no end after {patience:?}\n{stderr}");
+            assert!(
+                Instant::now() < deadline,
+                "no end after {patience:?}\n{stderr}"
+            );
             thread::sleep(Duration::from_millis(50));
         }
     }
@@ -163,9 +173,18 @@ pub struct Check {
 
 impl Check {
     pub fn of(bag: &Path) -> Self {
-        let ended = fuyu(&["bag", "check", "--json", bag.to_str().expect("a plain path")]);
+        let ended = fuyu(&[
+            "bag",
+            "check",
+            "--json",
+            bag.to_str().expect("a plain path"),
+        ]);
         let report = ended.json();
-        assert_eq!(ended.code, Some(i32::from(report["passed"] == false)), "{report}");
+        assert_eq!(
+            ended.code,
+            Some(i32::from(report["passed"] == false)),
+            "{report}"
+        );
         Self {
             passed: ended.code == Some(0),
             report,

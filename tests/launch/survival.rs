@@ -31,7 +31,11 @@ fn last_stamp(bag: &Path) -> f64 {
 }
 
 fn launch(domain: u16) -> (Running, Peer) {
-    let launch = Running::launch(domain, &source("config/positioning.yaml"), &["--duration", "600"]);
+    let launch = Running::launch(
+        domain,
+        &source("config/positioning.yaml"),
+        &["--duration", "600"],
+    );
     let mut peer = Peer::start("observer", domain);
     for (topic, kind) in LOOP {
         peer.subscribe(topic, kind, "reliable");
@@ -109,13 +113,29 @@ fn a_childs_exit_and_other_signals_harm_nothing() {
 fn ctrl_c_closes_the_bag() {
     let (mut launch, _peer) = launch(80);
     let ended = launch.interrupt().well();
-    for line in ["positioning", "stopped", "simulated time", "momentum residual", "messages"] {
+    for line in [
+        "positioning",
+        "stopped",
+        "simulated time",
+        "momentum residual",
+        "messages",
+    ] {
         assert!(ended.stdout.contains(line), "{line} in {}", ended.stdout);
     }
-    assert!(!ended.stderr.contains("ERROR") && !ended.stderr.contains("panic"), "{}", ended.stderr);
+    assert!(
+        !ended.stderr.contains("ERROR") && !ended.stderr.contains("panic"),
+        "{}",
+        ended.stderr
+    );
     let bag = launch.bag();
-    let info = fuyu(&["bag", "info", "--json", bag.to_str().unwrap()]).well().json();
-    assert_eq!((&info["complete"], &info["has_metadata"]), (&json!(true), &json!(true)), "{info}");
+    let info = fuyu(&["bag", "info", "--json", bag.to_str().unwrap()])
+        .well()
+        .json();
+    assert_eq!(
+        (&info["complete"], &info["has_metadata"]),
+        (&json!(true), &json!(true)),
+        "{info}"
+    );
     assert!(bag.join("metadata.yaml").exists());
 }
 
@@ -128,11 +148,20 @@ fn kill_9_leaves_a_bag_up_to_the_last_second() {
     let ended = launch.wait(Duration::from_secs(10));
     assert_eq!(ended.code, None);
     let bag = launch.bag();
-    let info = fuyu(&["bag", "info", "--json", bag.to_str().unwrap()]).well().json();
-    assert_eq!((&info["complete"], &info["has_metadata"]), (&json!(false), &json!(false)), "{info}");
+    let info = fuyu(&["bag", "info", "--json", bag.to_str().unwrap()])
+        .well()
+        .json();
+    assert_eq!(
+        (&info["complete"], &info["has_metadata"]),
+        (&json!(false), &json!(false)),
+        "{info}"
+    );
     let lost = seen - last_stamp(&bag);
     println!("kill -9 lost the last {lost:.2} s");
     assert!(lost < 2.0, "{lost}");
     let text = fuyu(&["bag", "info", bag.to_str().unwrap()]).well().stdout;
-    assert!(text.contains("not closed") || text.contains("cut off") || text.contains("ends"), "{text}");
+    assert!(
+        text.contains("not closed") || text.contains("cut off") || text.contains("ends"),
+        "{text}"
+    );
 }

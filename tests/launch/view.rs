@@ -27,7 +27,11 @@ pub fn fresh(peer: &mut Peer, topic: &str, count: usize) -> Vec<Value> {
     let received = peer.does(wait);
     let messages = received.as_array().expect("a list").iter();
     let messages: Vec<_> = messages.map(|m| m["message"].clone()).collect();
-    assert!(messages.len() >= count, "{} messages on {topic}", messages.len());
+    assert!(
+        messages.len() >= count,
+        "{} messages on {topic}",
+        messages.len()
+    );
     messages
 }
 
@@ -43,18 +47,26 @@ fn pose(message: &Value) -> Pose {
 /// The tip in the world, from the base's pose and the camera's tip pose of the same stamp.
 pub fn tip_in_world(peer: &mut Peer, namespace: &str) -> Pose {
     let (odom, tip) = measured(namespace);
-    eventually("base and tip of the same stamp", Duration::from_secs(20), || {
-        let bases = fresh(peer, &odom, 5);
-        let since = json!({"do": "wait", "topic": &tip, "count": 1, "since": now() - 1.0});
-        let tips = peer.does(since);
-        let tips = tips.as_array().expect("a list").iter().map(|m| &m["message"]);
-        let mut pairs = tips.filter_map(|tip| {
-            let same = |base: &&Value| base["header"]["stamp"] == tip["header"]["stamp"];
-            Some((bases.iter().find(same)?, tip))
-        });
-        let (base, tip) = pairs.next_back()?;
-        Some(pose(&base["pose"]["pose"]) * pose(&tip["pose"]))
-    })
+    eventually(
+        "base and tip of the same stamp",
+        Duration::from_secs(20),
+        || {
+            let bases = fresh(peer, &odom, 5);
+            let since = json!({"do": "wait", "topic": &tip, "count": 1, "since": now() - 1.0});
+            let tips = peer.does(since);
+            let tips = tips
+                .as_array()
+                .expect("a list")
+                .iter()
+                .map(|m| &m["message"]);
+            let mut pairs = tips.filter_map(|tip| {
+                let same = |base: &&Value| base["header"]["stamp"] == tip["header"]["stamp"];
+                Some((bases.iter().find(same)?, tip))
+            });
+            let (base, tip) = pairs.next_back()?;
+            Some(pose(&base["pose"]["pose"]) * pose(&tip["pose"]))
+        },
+    )
 }
 
 fn measured(namespace: &str) -> (String, String) {
