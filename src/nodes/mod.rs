@@ -19,6 +19,8 @@ pub mod recorder;
 pub mod resource;
 mod robot_description;
 pub mod scenario;
+mod stamp_pairs;
+pub mod topics;
 
 pub use robot_description::tip_frame;
 
