@@ -28,6 +28,9 @@ use pace::Pace;
 /// How often a state that waits for its answer is published again: the peer may have joined late.
 const REPEAT: Duration = Duration::from_millis(100);
 
+/// How long diagnostics tell of a refused command while others are obeyed.
+const REFUSAL_SHOWN: Duration = Duration::from_secs(5);
+
 /// The node's program.
 ///
 /// # Errors
@@ -75,6 +78,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         time_status: node.diagnostics().status("time"),
         last_command: None,
         refused: 0,
+        refused_at: None,
         efforts: vec![0.0; robot.dof()],
         pace: Pace::new(params.real_time_factor),
         world,
@@ -94,14 +98,17 @@ struct Simulation<'a> {
     /// Simulated time at which the last valid command came \[s\].
     last_command: Option<f64>,
     refused: u64,
+    refused_at: Option<Instant>,
     efforts: Vec<f64>,
     pace: Pace,
 }
 
 impl Simulation<'_> {
     fn run(mut self) -> Result<(), NodeError> {
-        self.command_status
-            .warn("no command has arrived on joint_commands yet");
+        self.command_status.warn(format!(
+            "no command has arrived on {} yet",
+            self.commands.topic()
+        ));
         self.outputs.publish(&self.world)?;
         if self.params.start_on_command {
             self.time_status
@@ -235,18 +242,22 @@ impl Simulation<'_> {
                 if cut {
                     self.command_status
                         .warn("the last command exceeds an effort limit and was cut");
-                } else {
+                } else if self
+                    .refused_at
+                    .is_none_or(|at| at.elapsed() > REFUSAL_SHOWN)
+                {
                     self.command_status.ok("obeying joint_commands");
                 }
                 true
             }
             Err(problem) => {
                 self.refused += 1;
+                self.refused_at = Some(Instant::now());
+                let told = format!("{}: refused, it {problem}", self.commands.topic());
                 if self.refused == 1 {
-                    tracing::warn!("{}: a command {problem}", self.commands.topic());
+                    tracing::warn!("{told}");
                 }
-                self.command_status
-                    .warn(format!("refused: a command {problem}"));
+                self.command_status.warn(told);
                 self.command_status.set("refused", self.refused);
                 false
             }
@@ -262,7 +273,8 @@ impl Simulation<'_> {
             self.efforts.fill(0.0);
             self.world.robot.hold_efforts(&self.efforts);
             self.command_status.warn(format!(
-                "no command for {age:.1} s (command_timeout is {} s): efforts are zero",
+                "no command on {} for {age:.1} s (command_timeout is {} s): efforts are zero",
+                self.commands.topic(),
                 self.params.command_timeout
             ));
         }
