@@ -10,14 +10,16 @@ use super::{
     recorder::RecorderParams, resource,
 };
 use crate::ros::{
-    Declare, NodeName, ParamsFile,
+    Declare, NodeName, ParameterValue, ParamsFile, RosArgs,
+    args::ParameterSource,
     params::{ParameterStore, USE_SIM_TIME},
 };
 
-/// A parameter file, read.
+/// A parameter file, read, and what the command line says beside it.
 pub struct Scenario {
     path: PathBuf,
-    file: ParamsFile,
+    nodes: Vec<NodeName>,
+    args: RosArgs,
 }
 
 impl Scenario {
@@ -28,25 +30,45 @@ impl Scenario {
     pub fn read(name: &str) -> Result<Self, String> {
         let path = resource::resolve(name)?;
         let file = ParamsFile::read(&path).map_err(|e| e.to_string())?;
-        let scenario = Self { path, file };
-        if scenario.file.nodes().is_empty() {
+        let nodes = file.nodes();
+        if nodes.is_empty() {
             return Err(format!(
                 "{}: names no node; expected `dynamics:` with `ros__parameters:` below it",
-                scenario.path.display()
+                path.display()
             ));
         }
-        for node in scenario.file.nodes() {
-            if super::by_name(node.name()).is_none() {
-                let known: Vec<_> = super::NODES.iter().map(|(name, _)| *name).collect();
-                return Err(format!(
-                    "{}: names the node '{}'; fuyu has {}",
-                    scenario.path.display(),
-                    node.name(),
-                    known.join(", ")
-                ));
-            }
+        if let Some(unknown) = nodes.iter().find(|n| super::by_name(n.name()).is_none()) {
+            let known: Vec<_> = super::NODES.iter().map(|(name, _)| *name).collect();
+            return Err(format!(
+                "{}: names the node '{}'; fuyu has {}",
+                path.display(),
+                unknown.name(),
+                known.join(", ")
+            ));
         }
-        Ok(scenario)
+        let args = RosArgs::default().with_scenario(&path);
+        Ok(Self { path, nodes, args })
+    }
+
+    /// The same with the ROS arguments of a command line, which win over the file.
+    #[must_use]
+    pub fn with_args(mut self, args: RosArgs) -> Self {
+        self.args = args.with_scenario(&self.path);
+        self
+    }
+
+    /// Gives one parameter of one node another value, which wins over all others.
+    pub fn set(&mut self, node: &str, name: &str, value: ParameterValue) {
+        self.args.parameters.push(ParameterSource::Value {
+            node: Some(node.to_owned()),
+            name: name.to_owned(),
+            value,
+        });
+    }
+
+    /// The ROS arguments: file, command line and what was set.
+    pub fn args(&self) -> &RosArgs {
+        &self.args
     }
 
     /// The file.
@@ -62,8 +84,13 @@ impl Scenario {
     }
 
     /// The nodes that the file names.
-    pub fn nodes(&self) -> Vec<NodeName> {
-        self.file.nodes()
+    pub fn nodes(&self) -> &[NodeName] {
+        &self.nodes
+    }
+
+    /// Whether it names the node called `node`.
+    pub fn has(&self, node: &str) -> bool {
+        self.nodes.iter().any(|n| n.name() == node)
     }
 
     /// Reads a node's parameters as the node itself would, without a graph.
@@ -72,12 +99,11 @@ impl Scenario {
         node: &str,
         declare: impl FnOnce(&mut Declare) -> Result<T, String>,
     ) -> Result<T, String> {
-        let nodes = self.file.nodes();
-        let name = nodes
-            .iter()
+        let name = (self.nodes.iter())
             .find(|n| n.name() == node)
             .ok_or_else(|| format!("{}: does not name the node '{node}'", self.path.display()))?;
-        let store = Arc::new(ParameterStore::new(name.clone(), self.file.overrides(name)));
+        let overrides = self.args.overrides(name, node).map_err(|e| e.to_string())?;
+        let store = Arc::new(ParameterStore::new(name.clone(), overrides));
         let mut declaring = Declare::new(store);
         declaring
             .param(USE_SIM_TIME, false, "Take the time from /clock")
