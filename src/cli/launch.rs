@@ -36,7 +36,7 @@ pub struct Args {
     #[arg(value_name = "CONFIG")]
     config: Option<String>,
     /// Simulated time after which it ends [s], instead of the scenario's
-    #[arg(long, value_name = "S", value_parser = super::positive_seconds)]
+    #[arg(long, value_name = "S", value_parser = super::positive_seconds, allow_hyphen_values = true)]
     duration: Option<f64>,
     /// Every state waits for the command that answers it, as fast as that goes
     #[arg(long)]
@@ -56,10 +56,12 @@ pub fn run(args: &Args, ros_args: Vec<String>) -> Result<(), Failure> {
         .as_deref()
         .unwrap_or("package://fuyu/config/servicing.yaml");
     let scenario = Scenario::read(name).map_err(Failure::Input)?;
-    let plan = Plan::new(args, &scenario).map_err(Failure::Input)?;
     let (mut process, _) = Process::from_env(ros_args, Reach::Localhost).map_err(failure)?;
-    let arguments = plan.arguments(process.args().clone(), &scenario);
-    process.set_args(arguments);
+    let scenario = scenario.with_arguments(process.args().clone());
+    // Before any node runs: a bag that is begun and a graph that comes and goes would mislead.
+    scenario.check().map_err(Failure::Input)?;
+    let plan = Plan::new(args, &scenario).map_err(Failure::Input)?;
+    process.set_args(plan.arguments(&scenario));
     let progress = Arc::new(Progress::default());
     let started = start(&mut process, &scenario, &plan, &progress);
     if started.is_ok() {
@@ -132,8 +134,8 @@ impl Plan {
     }
 
     /// The process's ROS arguments, with the scenario and what the command line says of it.
-    fn arguments(&self, given: RosArgs, scenario: &Scenario) -> RosArgs {
-        let mut arguments = given.with_scenario(scenario.path());
+    fn arguments(&self, scenario: &Scenario) -> RosArgs {
+        let mut arguments = scenario.arguments().clone();
         let mut set = |node: &str, name: &str, value: ParameterValue| {
             arguments.parameters.push(ParameterSource::Value {
                 node: Some(node.to_owned()),

@@ -6,18 +6,26 @@ use std::{
 };
 
 use super::{
-    camera::CameraParams, controller::ControllerParams, dynamics::DynamicsParams,
-    recorder::RecorderParams, resource,
+    camera::CameraParams,
+    controller::ControllerParams,
+    dynamics::{DynamicsParams, World},
+    recorder::RecorderParams,
+    resource, tip_frame,
 };
-use crate::ros::{
-    Declare, NodeName, ParamsFile,
-    params::{ParameterStore, USE_SIM_TIME},
+use crate::{
+    model::Model,
+    ros::{
+        Declare, NodeName, ParamsFile, RosArgs,
+        params::{ParameterStore, USE_SIM_TIME},
+    },
 };
 
 /// A parameter file, read.
 pub struct Scenario {
     path: PathBuf,
     file: ParamsFile,
+    /// The file, and what the command line says of it.
+    arguments: RosArgs,
 }
 
 impl Scenario {
@@ -28,7 +36,12 @@ impl Scenario {
     pub fn read(name: &str) -> Result<Self, String> {
         let path = resource::resolve(name)?;
         let file = ParamsFile::read(&path).map_err(|e| e.to_string())?;
-        let scenario = Self { path, file };
+        let arguments = RosArgs::default().with_scenario(&path);
+        let scenario = Self {
+            path,
+            file,
+            arguments,
+        };
         if scenario.file.nodes().is_empty() {
             return Err(format!(
                 "{}: names no node; expected `dynamics:` with `ros__parameters:` below it",
@@ -49,6 +62,18 @@ impl Scenario {
         Ok(scenario)
     }
 
+    /// The same with ROS arguments, whose parameters win over the file's.
+    #[must_use]
+    pub fn with_arguments(mut self, given: RosArgs) -> Self {
+        self.arguments = given.with_scenario(&self.path);
+        self
+    }
+
+    /// The file and what the command line says of it, as its nodes get them.
+    pub fn arguments(&self) -> &RosArgs {
+        &self.arguments
+    }
+
     /// The file.
     pub fn path(&self) -> &Path {
         &self.path
@@ -66,7 +91,65 @@ impl Scenario {
         self.file.nodes()
     }
 
-    /// Reads a node's parameters as the node itself would, without a graph.
+    /// Whether every node would start with its parameters, and with its robot where the scenario has
+    /// it: what can be known before anything runs.
+    ///
+    /// # Errors
+    /// A line per wrong parameter.
+    pub fn check(&self) -> Result<(), String> {
+        let nodes = self.nodes();
+        let problems = nodes.iter().filter_map(|name| self.check_node(name).err());
+        let problems: Vec<_> = problems.collect();
+        if problems.is_empty() {
+            Ok(())
+        } else {
+            Err(problems.join("\n"))
+        }
+    }
+
+    fn check_node(&self, name: &NodeName) -> Result<(), String> {
+        let at = |e: String| format!("{}: node {name}: {e}", self.path.display());
+        let parameter = |e: String| at(format!("parameter {e}"));
+        match name.name() {
+            "dynamics" => {
+                let params = self.parameters_of(name, DynamicsParams::declare)?;
+                World::new(&params).map(drop).map_err(at)
+            }
+            "camera" => {
+                let params = self.parameters_of(name, CameraParams::declare)?;
+                let robot = self.robot(name.namespace());
+                robot.map_or(Ok(()), |robot| {
+                    let tip = tip_frame(&robot, &params.tip_link);
+                    tip.map(drop).map_err(parameter)
+                })
+            }
+            "controller" => {
+                let params = self.parameters_of(name, |d| Ok(ControllerParams::declare(d)))?;
+                let robot = self.robot(name.namespace());
+                robot.map_or(Ok(()), |robot| {
+                    tip_frame(&robot, &params.tip_link).map_err(parameter)?;
+                    let gains = params.config.check(robot.dof());
+                    gains.map_err(|e| parameter(e.to_string()))
+                })
+            }
+            _ => {
+                let params = self.parameters_of(name, |d| Ok(RecorderParams::declare(d)));
+                params.map(drop)
+            }
+        }
+    }
+
+    /// The robot that the dynamics node of a namespace simulates, if there is one and it is sound.
+    fn robot(&self, namespace: &str) -> Option<Model> {
+        let nodes = self.nodes();
+        let dynamics = nodes
+            .iter()
+            .find(|n| n.name() == "dynamics" && n.namespace() == namespace)?;
+        let params = self.parameters_of(dynamics, DynamicsParams::declare).ok()?;
+        params.robot.compile().ok()
+    }
+
+    /// Reads the parameters of the first node that the program calls `node`.
     fn parameters<T>(
         &self,
         node: &str,
@@ -77,7 +160,18 @@ impl Scenario {
             .iter()
             .find(|n| n.name() == node)
             .ok_or_else(|| format!("{}: does not name the node '{node}'", self.path.display()))?;
-        let store = Arc::new(ParameterStore::new(name.clone(), self.file.overrides(name)));
+        self.parameters_of(name, declare)
+    }
+
+    /// Reads a node's parameters as the node itself would, without a graph.
+    fn parameters_of<T>(
+        &self,
+        name: &NodeName,
+        declare: impl FnOnce(&mut Declare) -> Result<T, String>,
+    ) -> Result<T, String> {
+        let overrides = self.arguments.overrides(name, name.name());
+        let overrides = overrides.map_err(|e| e.to_string())?;
+        let store = Arc::new(ParameterStore::new(name.clone(), overrides));
         let mut declaring = Declare::new(store);
         declaring
             .param(USE_SIM_TIME, false, "Take the time from /clock")
