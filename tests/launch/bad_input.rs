@@ -258,7 +258,7 @@ fn an_occupied_bag_folder_is_left_alone() {
         files
     };
     let before = contents();
-    let words = [bag, "exists"];
+    let words = [bag, "already"];
     let again = fuyu(&["simulate", POSITIONING, "--output", bag]);
     refused("simulate", &again, &words);
     let mut again = command("fuyu", 87);

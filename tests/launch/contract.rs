@@ -1,7 +1,7 @@
 //! The graph is what its description says: who hears what, types and QoS.
 
 use serde_json::{Value, json};
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use crate::{
     peer::Peer,
@@ -157,17 +157,19 @@ fn topics_types_and_qos_are_those_of_the_description() {
     let mut launch = Running::launch(domain, &source("config/servicing.yaml"), &args);
     let mut peer = Peer::start("auditor", domain);
     for (topic, kind, reliability, durability, nodes) in TOPICS {
-        let endpoints = eventually(topic, Duration::from_secs(20), || {
-            let endpoints = peer.does(json!({"do": "topic_info", "topic": topic}));
-            let endpoints = endpoints.as_array()?.clone();
-            (endpoints.len() >= nodes.len()).then_some(endpoints)
-        });
-        let mut publishers: Vec<_> = endpoints
-            .iter()
-            .map(|e| e["node"].as_str().unwrap())
-            .collect();
-        publishers.sort_unstable();
+        // Which node an endpoint belongs to is known a little later than the endpoint.
+        let mut publishers = Vec::new();
+        let mut endpoints = Vec::new();
+        let deadline = Instant::now() + Duration::from_secs(20);
+        while publishers != nodes && Instant::now() < deadline {
+            let found = peer.does(json!({"do": "topic_info", "topic": topic}));
+            endpoints = found.as_array().unwrap().clone();
+            let node = |e: &Value| e["node"].as_str().unwrap().to_owned();
+            publishers = endpoints.iter().map(node).collect();
+            publishers.sort_unstable();
+        }
         assert_eq!(publishers, nodes, "{topic}");
+        assert!(endpoints.len() == nodes.len(), "{topic}");
         for endpoint in &endpoints {
             let found =
                 ["type", "reliability", "durability"].map(|k| endpoint[k].as_str().unwrap());
