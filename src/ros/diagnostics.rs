@@ -200,6 +200,10 @@ impl Reporter {
             |what: &str, value: String| values.push(pair(&format!("{key}: {what}"), &value));
         push("rate [Hz]", format!("{rate:.1}"));
         push("lost", lost.to_string());
+        let replaced = counters.replaced.load(Relaxed);
+        if replaced > 0 {
+            push("replaced unread", replaced.to_string());
+        }
         push("peers", counters.matched.load(Relaxed).to_string());
         let last = counters.last.load(Relaxed);
         if last != 0 {

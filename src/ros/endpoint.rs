@@ -46,6 +46,8 @@ pub(super) struct Counters {
     pub(super) messages: AtomicU64,
     /// Left out because a queue was full.
     pub(super) dropped: AtomicU64,
+    /// Replaced by a newer one before the program asked: what a queue of one is for, so no loss.
+    pub(super) replaced: AtomicU64,
     /// Refused by DDS, or not what the type says.
     pub(super) failed: AtomicU64,
     /// Sent by a publisher, as its numbering says, but never received.
