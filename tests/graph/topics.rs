@@ -127,7 +127,7 @@ fn the_graph_shows_remapped_names_and_qos() {
     let info = peer.does(json!({"do": "topic_info", "topic": "/chaser/robot_description"}));
     assert_eq!(
         info,
-        json!([{"node": "eye", "type": TEXT, "reliability": "RELIABLE", "durability": "TRANSIENT_LOCAL"}])
+        json!([{"node": "eye", "namespace": "/chaser", "type": TEXT, "reliability": "RELIABLE", "durability": "TRANSIENT_LOCAL"}])
     );
     peer.subscribe("/loud", TEXT, "reliable");
     assert!(data(&peer.receive("/loud", 1)[0]).starts_with("remapped "));
