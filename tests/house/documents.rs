@@ -1,13 +1,10 @@
-//! What ARCHITECTURE.md says of the graph beside what the nodes do.
+//! What the documents say beside what the sources do.
 
 use std::collections::BTreeSet;
 
-use crate::sources::{read, sources};
+use crate::sources::{read, root, sources};
 
-/// One endpoint: topic, node, whether it writes, name of the `Qos`.
-type Endpoint = (String, String, bool, String);
-
-/// The rows of the table of topics: topic, type, writers, readers, QoS.
+/// The rows of ARCHITECTURE.md's table of topics: topic, type, writers, readers, QoS.
 fn table() -> Vec<[String; 5]> {
     let text = read("ARCHITECTURE.md");
     let rows = text
@@ -23,15 +20,15 @@ fn table() -> Vec<[String; 5]> {
         .collect()
 }
 
-/// The endpoints that the table gives to the nodes that have fixed ones.
-fn documented() -> BTreeSet<Endpoint> {
+/// `node writes topic` and `node reads topic`, for the nodes that have fixed topics.
+fn documented() -> BTreeSet<String> {
     let mut endpoints = BTreeSet::new();
-    for [topic, _, writers, readers, qos] in table() {
-        for (nodes, writes) in [(writers, true), (readers, false)] {
+    for [topic, _, writers, readers, _] in table() {
+        for (nodes, verb) in [(writers, "writes"), (readers, "reads")] {
             for node in nodes.split(", ") {
                 let fixed = ["dynamics", "camera", "controller"].contains(&node);
                 if fixed && !topic.contains("NAME") {
-                    endpoints.insert((topic.clone(), node.to_owned(), writes, qos.clone()));
+                    endpoints.insert(format!("{node} {verb} {topic}"));
                 }
             }
         }
@@ -39,36 +36,27 @@ fn documented() -> BTreeSet<Endpoint> {
     endpoints
 }
 
-/// The calls `CALL("topic", Qos::NAME` in a text; a call without its own `Qos` has `default`.
-fn calls(text: &str, call: &str, default: Option<&str>) -> Vec<(String, String)> {
-    let mut found = Vec::new();
-    for (at, _) in text.match_indices(call) {
-        let rest = &text[at + call.len()..];
-        // Past a turbofish.
-        let rest = match rest.strip_prefix("::<") {
-            Some(generic) => &generic[generic.find('(').unwrap_or(0)..],
-            None => rest,
-        };
-        let argument = rest.strip_prefix('(').unwrap_or("").trim_start();
-        let Some((topic, rest)) = argument
-            .strip_prefix('"')
-            .and_then(|literal| literal.split_once('"'))
-        else {
-            continue;
-        };
-        let end = rest.find(')').unwrap_or(rest.len());
-        let qos = rest[..end].split("Qos::").nth(1).map(|q| {
-            let end = q.find(|c: char| !c.is_ascii_uppercase() && c != '_');
-            &q[..end.unwrap_or(q.len())]
-        });
-        let qos = qos.or(default).expect("a call names its Qos");
-        found.push((topic.to_owned(), qos.to_owned()));
+/// The topics that a text names in calls of a method, as `topics::NAME.method(` or `.method("name"`.
+fn called(text: &str, method: &str) -> Vec<String> {
+    let constants = read("src/nodes/topics.rs");
+    let name_of = |constant: &str| {
+        let definition = constants.split_once(&format!("pub const {constant}: Topic"))?;
+        definition.1.split('"').nth(1).map(str::to_owned)
+    };
+    let mut topics = Vec::new();
+    for (at, call) in text.match_indices(&format!(".{method}(")) {
+        let word = |c: char| c.is_ascii_uppercase() || c == '_';
+        let before = &text[..at];
+        let constant = &before[before.trim_end_matches(word).len()..];
+        let literal = text[at + call.len()..].trim_start().strip_prefix('"');
+        topics.extend(name_of(constant));
+        topics.extend(literal.and_then(|l| l.split('"').next().map(str::to_owned)));
     }
-    found
+    topics
 }
 
-/// The endpoints that the sources of the nodes make.
-fn implemented() -> BTreeSet<Endpoint> {
+/// The same from the sources of the nodes.
+fn implemented() -> BTreeSet<String> {
     let mut endpoints = BTreeSet::new();
     for source in sources().iter().filter(|s| s.module() == "nodes") {
         let path = source.path.to_string_lossy();
@@ -80,60 +68,48 @@ fn implemented() -> BTreeSet<Endpoint> {
             "nodes/robot_description.rs" => &["camera", "controller"],
             _ => continue,
         };
-        let written = calls(&source.text, ".advertise", None)
-            .into_iter()
-            .chain(calls(&source.text, "truth", Some("RELIABLE")))
-            .map(|call| (call, true));
-        let read = calls(&source.text, ".subscribe", None);
-        for ((topic, qos), writes) in written.chain(read.into_iter().map(|call| (call, false))) {
-            for node in nodes {
-                endpoints.insert((topic.clone(), (*node).to_owned(), writes, qos.clone()));
+        for (method, verb) in [("advertise", "writes"), ("subscribe", "reads")] {
+            for topic in called(&source.text, method) {
+                endpoints.extend(nodes.iter().map(|node| format!("{node} {verb} {topic}")));
             }
         }
     }
     endpoints
 }
 
+// A topic that a node gained or lost, or that changed its name, and ARCHITECTURE.md did not follow.
 #[test]
-fn the_table_of_topics_is_that_of_the_nodes() {
+fn the_nodes_write_and_read_what_the_table_says() {
     let (documented, implemented) = (documented(), implemented());
-    let only = |a: &BTreeSet<Endpoint>, b: &BTreeSet<Endpoint>| -> Vec<Endpoint> {
+    let only = |a: &BTreeSet<String>, b: &BTreeSet<String>| -> Vec<String> {
         a.difference(b).cloned().collect()
     };
-    assert_eq!(
-        only(&documented, &implemented),
-        [],
-        "only in ARCHITECTURE.md"
-    );
-    assert_eq!(only(&implemented, &documented), [], "only in src/nodes");
+    let none: [String; 0] = [];
+    assert_eq!(only(&documented, &implemented), none, "in no source");
+    assert_eq!(only(&implemented, &documented), none, "in no table");
     assert!(implemented.len() >= 20, "the search has gone blind");
 }
 
+#[cfg(feature = "ros")]
 #[test]
-fn the_recorder_knows_the_types_and_qos_of_the_table() {
-    let recorder = read("src/nodes/recorder.rs");
-    let known = recorder.split_once("const KNOWN").expect("KNOWN").1;
-    let known = &known[..known.find("];").expect("its end")];
+fn types_and_qos_are_those_of_the_table() {
+    use fuyu::ros::Qos;
+
     let rows = table();
-    let mut entries = 0;
-    for entry in known
-        .split('(')
-        .skip(1)
-        .filter(|e| e.trim_start().starts_with('"'))
-    {
-        let mut literals = entry.split('"').skip(1).step_by(2);
-        let (topic, type_name) = (literals.next().unwrap(), literals.next().unwrap());
-        let row = rows.iter().find(|row| row[0] == topic);
-        let row = row.unwrap_or_else(|| panic!("{topic} is not in ARCHITECTURE.md"));
-        assert_eq!(type_name.replace("/msg/", "/"), row[1], "{topic}");
-        assert!(
-            entry.contains(&format!("Qos::{}", row[4])),
-            "{topic}: ARCHITECTURE.md says {}, the recorder {entry}",
-            row[4]
-        );
-        entries += 1;
+    for topic in fuyu::nodes::topics::all() {
+        let row = rows.iter().find(|row| row[0] == topic.name);
+        let row = row.unwrap_or_else(|| panic!("{} is not in the table", topic.name));
+        assert_eq!(row[1], topic.type_name.replace("/msg/", "/"));
+        let qos = match row[4].as_str() {
+            "RELIABLE" => Qos::RELIABLE,
+            "LATCHED" => Qos::LATCHED,
+            "TF" => Qos::TF,
+            "TF_STATIC" => Qos::TF_STATIC,
+            "CLOCK" => Qos::CLOCK,
+            other => panic!("{}: no Qos is called {other}", topic.name),
+        };
+        assert_eq!(qos, topic.qos, "{}", topic.name);
     }
-    assert!(entries >= 10, "the search has gone blind");
 }
 
 #[test]
@@ -143,8 +119,7 @@ fn every_file_that_the_documents_link_to_exists() {
         for link in text.split("](").skip(1) {
             let target = link.split([')', '#', ' ']).next().unwrap_or("");
             if !target.is_empty() && !target.contains("://") {
-                let path = crate::sources::root().join(target);
-                assert!(path.exists(), "{document} links to {target}");
+                assert!(root().join(target).exists(), "{document} links to {target}");
             }
         }
     }

@@ -3,4 +3,6 @@
 mod documents;
 mod layers;
 mod package;
+#[cfg(feature = "ros")]
+mod readme;
 mod sources;
