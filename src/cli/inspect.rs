@@ -149,8 +149,8 @@ impl Report {
         workspace.set_motion(&state);
 
         let [mut generalized, mut fixed, mut base_map] = [(); 3].map(|()| Matrix6xX::zeros(n));
-        workspace.generalized_jacobian(model, tip, &mut generalized);
-        workspace.fixed_base_jacobian(model, tip, &mut fixed);
+        workspace.generalized_jacobian(tip, &mut generalized);
+        workspace.fixed_base_jacobian(tip, &mut fixed);
         workspace.base_map(model, &mut base_map);
         let qdd = match &args.tau {
             None => None,

@@ -127,7 +127,7 @@ impl Search<'_> {
     ) -> Option<DVector<f64>> {
         self.workspace.set_positions(self.model, q);
         self.workspace
-            .fixed_base_jacobian(self.model, self.tip, &mut self.jacobian);
+            .fixed_base_jacobian(self.tip, &mut self.jacobian);
         let J = &self.jacobian;
         let mut step = if q.len() <= 6 {
             let normal = J.tr_mul(J) + DMatrix::identity(q.len(), q.len()) * damping;

@@ -108,10 +108,10 @@ impl TransposeJacobian {
         workspace.set_positions(model, seen.q);
         match self.jacobian {
             JacobianKind::Generalized => {
-                workspace.generalized_jacobian(model, &self.tip, &mut self.matrix);
+                workspace.generalized_jacobian(&self.tip, &mut self.matrix);
             }
             JacobianKind::FixedBase => {
-                workspace.fixed_base_jacobian(model, &self.tip, &mut self.matrix);
+                workspace.fixed_base_jacobian(&self.tip, &mut self.matrix);
             }
         }
         for (j, column) in self.matrix.column_iter().enumerate() {

@@ -87,11 +87,16 @@ impl Floating {
             input,
             ..
         } = self;
-        let mut held = |_: f64, _: &State, into: &mut Input| into.copy_from(input);
+        // The integrator keeps what it was told.
+        let mut told = false;
+        let mut held = |_: f64, _: &State, into: &mut Input| {
+            if !std::mem::replace(&mut told, true) {
+                into.copy_from(input);
+            }
+        };
         for _ in 0..steps {
             integrator.step(model, state, workspace, dt, &mut held);
         }
-        self.refresh();
     }
 
     /// Joint accelerations at this instant under the held input; afterwards the workspace's
@@ -106,7 +111,7 @@ impl Floating {
             ..
         } = self;
         workspace.accelerations(model, state, input, qdd);
-        workspace.set_accelerations(&state.qd, qdd);
+        workspace.set_accelerations(qdd);
         qdd
     }
 

@@ -1,6 +1,6 @@
 //! Forward dynamics of the reduced system.
 
-use nalgebra::{DMatrix, DVector};
+use nalgebra::{DVector, Vector3};
 
 use super::{State, Workspace};
 use crate::model::{Frame, Model};
@@ -23,12 +23,12 @@ impl Input {
             wrenches: vec![Wrench::ZERO; model.bodies().len()],
         }
     }
-}
 
-impl Input {
     /// Takes over `other`'s values without allocating; both must be of the same model.
     pub fn copy_from(&mut self, other: &Self) {
-        self.efforts.copy_from(&other.efforts);
+        self.efforts
+            .as_mut_slice()
+            .copy_from_slice(other.efforts.as_slice());
         self.wrenches.copy_from_slice(&other.wrenches);
     }
 }
@@ -48,122 +48,119 @@ impl Workspace {
         input: &Input,
         qdd: &mut DVector<f64>,
     ) {
-        self.set_bias_forces(model, &state.qd, input);
-        let base_force = self.force[0].force;
-        let base_torque = self.force[0].torque - self.p_BC.cross(&base_force);
-        for (j, joint) in model.joints().iter().enumerate() {
-            let bias = self.axes[j].dot(&self.force[j + 1]) - self.J_C[j].dot(&base_force)
-                + self.H_A[j].dot(&base_torque);
-            self.rhs[j] = input.efforts[j] - joint.damping * state.qd[j] - bias;
+        self.set_bias_forces(input);
+        let (force, torque) = self.base_reaction();
+        let acting = input.efforts.as_slice().iter().zip(state.qd.as_slice());
+        let moved = (model.joints().iter().zip(&self.joints)).zip(&self.bodies[1..]);
+        let rhs = qdd.as_mut_slice();
+        for ((rhs, (effort, rate)), ((joint, terms), body)) in rhs.iter_mut().zip(acting).zip(moved)
+        {
+            let bias =
+                terms.axis.effort(&body.force) - terms.J_C.dot(&force) + terms.H_A.dot(&torque);
+            *rhs = effort - joint.damping * rate - bias;
         }
         self.set_reduced_inertia();
-        solve_positive_definite(&mut self.reduced, &mut self.rhs);
-        qdd.copy_from(&self.rhs);
+        solve_positive_definite(self.reduced.as_mut_slice(), qdd.as_mut_slice());
     }
 
-    /// Recursive Newton-Euler with zero joint accelerations and zero base acceleration: `force[b]`
-    /// becomes the force that moves body `b`'s subtree, external wrenches taken off.
-    fn set_bias_forces(&mut self, model: &Model, qd: &DVector<f64>, input: &Input) {
-        let bodies = model.bodies();
-        for (b, body) in bodies.iter().enumerate() {
-            let twist = self.twist[b];
-            self.acceleration[b] = match body.parent {
-                None => Twist::ZERO,
-                Some(parent) => {
-                    self.acceleration[parent].shifted_to_child(&self.X_PB[b])
-                        + twist.cross(&(self.axes[b - 1] * qd[b - 1]))
-                }
+    /// Newton's and Euler's equations of every body at its bias acceleration, external wrenches taken
+    /// off, then summed from the tips: `force[b]` becomes what moves body `b`'s subtree.
+    fn set_bias_forces(&mut self, input: &Input) {
+        self.external = Wrench::ZERO;
+        self.external_power = 0.0;
+        for (body, wrench) in self.bodies.iter_mut().zip(&input.wrenches) {
+            let (w, bias, inertia) = (&body.twist.angular, &body.bias, &body.inertia);
+            let h = &inertia.first_moment;
+            body.force = Wrench {
+                torque: &inertia.about_origin * bias.angular
+                    + w.cross(&(&inertia.about_origin * *w))
+                    + h.cross(&bias.linear),
+                force: bias.linear * inertia.mass + bias.angular.cross(h) + w.cross(&w.cross(h)),
             };
-            let inertia = &body.spatial_inertia;
-            self.force[b] = inertia.momentum(&self.acceleration[b])
-                + twist.cross_force(&inertia.momentum(&twist))
-                - input.wrenches[b];
+            if *wrench != Wrench::ZERO {
+                let wrench = Wrench::new(body.R_0B * wrench.torque, body.R_0B * wrench.force);
+                body.force -= wrench;
+                self.external += wrench.shifted(&(body.p_0B - self.p_BC));
+                self.external_power += body.twist.dot(&wrench);
+            }
         }
-        for b in (1..bodies.len()).rev() {
-            let parent = self.parents[b - 1];
-            let child = self.force[b].shifted_to_parent(&self.X_PB[b]);
-            self.force[parent] += child;
+        for (j, joint) in self.joints.iter().enumerate().rev() {
+            let (earlier, rest) = self.bodies.split_at_mut(j + 1);
+            earlier[joint.parent].force += rest[0].force.shifted(&rest[0].p_PB);
         }
+    }
+
+    /// Force that the whole system's bias motion takes, and torque about its centre of mass.
+    fn base_reaction(&self) -> (Vector3<f64>, Vector3<f64>) {
+        let at_com = self.bodies[0].force.shifted(&-self.p_BC);
+        (at_com.force, at_com.torque)
     }
 
     /// Base acceleration that goes with joint accelerations `qdd` (after [`Workspace::accelerations`] for
     /// the same state), then every body's: afterwards [`Workspace::A_WF_B`] can be read.
-    pub fn set_accelerations(&mut self, qd: &DVector<f64>, qdd: &DVector<f64>) {
-        let force = self.force[0].force;
-        let mut torque = self.force[0].torque - self.p_BC.cross(&force);
+    pub fn set_accelerations(&mut self, qdd: &DVector<f64>) {
+        let (force, mut torque) = self.base_reaction();
         let mut a_com = -force / self.mass;
-        for (j, qdd) in qdd.iter().enumerate() {
-            torque += self.H_M[j] * *qdd;
-            a_com -= self.J_C[j] * *qdd;
+        for (joint, qdd) in self.joints.iter().zip(qdd.as_slice()) {
+            torque += joint.H_M * *qdd;
+            a_com -= joint.J_C * *qdd;
         }
-        let angular = -(self.H_B_inverse * torque);
-        self.acceleration[0] = Twist::new(angular, a_com - angular.cross(&self.p_BC));
-        for j in 0..qd.len() {
-            let (b, parent) = (j + 1, self.parents[j]);
-            self.acceleration[b] = self.acceleration[parent].shifted_to_child(&self.X_PB[b])
-                + self.twist[b].cross(&(self.axes[j] * qd[j]))
-                + self.axes[j] * qdd[j];
+        let angular = -(&self.H_B_inverse * torque);
+        self.bodies[0].acceleration = Twist::new(angular, a_com - angular.cross(&self.p_BC));
+        for (j, (joint, &qdd)) in self.joints.iter().zip(qdd.as_slice()).enumerate() {
+            let (earlier, rest) = self.bodies.split_at_mut(j + 1);
+            let (parent, body) = (&earlier[joint.parent], &mut rest[0]);
+            // What base and joints add to the bias acceleration spreads from body to body as a twist.
+            let mut added = parent.acceleration - parent.bias;
+            added.linear += added.angular.cross(&body.p_PB);
+            body.acceleration = body.bias + added + joint.axis.twist(qdd);
         }
     }
 
     /// Acceleration of `frame` in the world, components in the base's axes: angular \[rad/s²\] and that of
     /// the frame's origin as a point \[m/s²\] (needs [`Workspace::set_accelerations`]).
     pub fn A_WF_B(&self, frame: &Frame) -> Twist {
-        let (a, v) = (&self.acceleration[frame.body], &self.twist[frame.body]);
-        let r = &frame.X_BF.translation.vector;
-        let v_origin = v.linear + v.angular.cross(r);
-        let linear = a.linear + a.angular.cross(r) + v.angular.cross(&v_origin);
-        let R_0B = &self.X_0B[frame.body].rotation;
-        Twist::new(R_0B * a.angular, R_0B * linear)
-    }
-
-    /// Sum of the external wrenches, in base axes, torque about the system's centre of mass; and the
-    /// power \[W\] that they deliver.
-    pub(super) fn external_wrench(&self, input: &Input) -> (Wrench, f64) {
-        let (mut sum, mut power) = (Wrench::ZERO, 0.0);
-        for (b, wrench) in input.wrenches.iter().enumerate() {
-            if *wrench != Wrench::ZERO {
-                sum += wrench.shifted_to_parent(&self.X_0B[b]);
-                power += self.twist[b].dot(wrench);
-            }
-        }
-        sum.torque -= self.p_BC.cross(&sum.force);
-        (sum, power)
+        let body = &self.bodies[frame.body];
+        let (a, w) = (&body.acceleration, &body.twist.angular);
+        let r = body.R_0B * frame.X_BF.translation.vector;
+        let linear = a.linear + a.angular.cross(&r) + w.cross(&w.cross(&r));
+        Twist::new(a.angular, linear)
     }
 }
 
-/// Solves `a x = b` in place by `L D Lᵀ` on the lower triangle of `a`. A general factorization of a
-/// dynamic matrix costs three times as much at the sizes of robot arms. A matrix that is not positive
-/// definite (positions that are not finite: every physical model has a positive definite `Ĥ`) gives
-/// values that are not finite.
-fn solve_positive_definite(a: &mut DMatrix<f64>, b: &mut DVector<f64>) {
+/// Solves `a x = b` in place by `L D Lᵀ`, where column `i` of `a` holds row `i` of the lower triangle. A
+/// general factorization of a dynamic matrix costs several times as much at the sizes of robot arms. A
+/// matrix that is not positive definite (positions that are not finite: every physical model has a
+/// positive definite `Ĥ`) gives values that are not finite.
+fn solve_positive_definite(a: &mut [f64], b: &mut [f64]) {
     let n = b.len();
-    let (a, b) = (a.as_mut_slice(), b.as_mut_slice());
-    for j in 0..n {
-        let (done, rest) = a.split_at_mut((j + 1) * n);
-        let column = &mut done[j * n..];
-        let inverse = if column[j] > 0.0 {
-            1.0 / column[j]
-        } else {
-            f64::NAN
-        };
-        let b_j = b[j];
-        for (k, later) in (j + 1..n).zip(rest.chunks_exact_mut(n)) {
-            let factor = column[k] * inverse;
-            for (x, l) in later[k..].iter_mut().zip(&column[k..]) {
-                *x -= factor * l;
+    for i in 0..n {
+        let (known, rest) = a.split_at_mut(i * n);
+        let row = &mut rest[..=i];
+        // L D of this row; rows above hold L, and 1/D on the diagonal.
+        for j in 1..i {
+            let above = &known[j * n..j * n + j];
+            let mut entry = row[j];
+            for (l, ld) in above.iter().zip(&*row) {
+                entry -= l * ld;
             }
-            b[k] -= factor * b_j;
+            row[j] = entry;
         }
-        // The column now holds L D; keep 1/D for the way back.
-        column[j] = inverse;
+        let (row, pivot) = row.split_at_mut(i);
+        let (mut d, mut z) = (pivot[0], b[i]);
+        for (j, (entry, z_j)) in row.iter_mut().zip(&*b).enumerate() {
+            let l = *entry * known[j * n + j];
+            d -= l * *entry;
+            z -= *entry * z_j;
+            *entry = l;
+        }
+        pivot[0] = if d > 0.0 { 1.0 / d } else { f64::NAN };
+        b[i] = z * pivot[0];
     }
-    for (j, column) in a.chunks_exact(n.max(1)).enumerate().rev() {
-        let known: f64 = column[j + 1..]
-            .iter()
-            .zip(&b[j + 1..])
-            .map(|(l, x)| l * x)
-            .sum();
-        b[j] = (b[j] - known) * column[j];
+    for i in (1..n).rev() {
+        let (earlier, x) = b.split_at_mut(i);
+        for (b, l) in earlier.iter_mut().zip(&a[i * n..]) {
+            *b -= l * x[0];
+        }
     }
 }

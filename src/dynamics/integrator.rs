@@ -1,6 +1,6 @@
 //! Fixed-step explicit Runge-Kutta on the state's own manifold.
 
-use nalgebra::{DVector, UnitQuaternion, Vector3};
+use nalgebra::{DVector, Vector3};
 
 use super::{Input, State, Tableau, Workspace};
 use crate::model::Model;
@@ -96,8 +96,8 @@ impl Integrator {
         }
     }
 
-    /// Advances `state` by `dt` \[s\]; `forcing` is asked at every stage. On return `workspace` holds the
-    /// last stage, not the new state: set positions and motion again before reading it.
+    /// Advances `state` by `dt` \[s\]; `forcing` is asked at every stage. On return `workspace` holds
+    /// positions and motion of the new state, so that the next step's first stage starts from them.
     pub fn step(
         &mut self,
         model: &Model,
@@ -107,10 +107,10 @@ impl Integrator {
         forcing: &mut impl Forcing,
     ) {
         let tableau = self.tableau;
-        for i in 0..tableau.c.len() {
+        for (i, (a, c)) in tableau.a.iter().zip(tableau.c).enumerate() {
             let (earlier, current) = self.rates.split_at_mut(i);
-            let turned = advance(&mut self.stage, state, earlier, tableau.a[i], dt);
-            self.stage.time = state.time + tableau.c[i] * dt;
+            let turned = advance(&mut self.stage, state, earlier, a, dt);
+            self.stage.time = state.time + c * dt;
             forcing.apply(self.stage.time, &self.stage, &mut self.input);
             evaluate(
                 model,
@@ -125,6 +125,8 @@ impl Integrator {
         self.stage.time = state.time + dt;
         std::mem::swap(state, &mut self.stage);
         state.R_WB.renormalize_fast();
+        workspace.set_positions(model, &state.q);
+        workspace.set_motion(state);
     }
 }
 
@@ -138,9 +140,10 @@ fn advance(
 ) -> Vector3<f64> {
     into.p_WC = from.p_WC;
     into.momentum_W = from.momentum_W;
-    into.q.copy_from(&from.q);
-    into.qd.copy_from(&from.qd);
     into.work = from.work;
+    let (q, qd) = (into.q.as_mut_slice(), into.qd.as_mut_slice());
+    q.copy_from_slice(from.q.as_slice());
+    qd.copy_from_slice(from.qd.as_slice());
     let mut turned = Vector3::zeros();
     for (rate, weight) in rates.iter().zip(weights) {
         if *weight == 0.0 {
@@ -151,12 +154,14 @@ fn advance(
         into.p_WC += rate.com * k;
         into.momentum_W.linear += rate.linear_momentum * k;
         into.momentum_W.angular += rate.angular_momentum * k;
-        into.q.axpy(k, &rate.q, 1.0);
-        into.qd.axpy(k, &rate.qd, 1.0);
         into.work += rate.work * k;
+        let joints = rate.q.as_slice().iter().zip(rate.qd.as_slice());
+        for ((q, qd), (q_rate, qd_rate)) in q.iter_mut().zip(&mut *qd).zip(joints) {
+            *q += q_rate * k;
+            *qd += qd_rate * k;
+        }
     }
-    let turn: UnitQuaternion<f64> = exp_so3(&turned);
-    into.R_WB = from.R_WB * turn;
+    into.R_WB = from.R_WB * exp_so3(&turned);
     turned
 }
 
@@ -171,14 +176,18 @@ fn evaluate(
     workspace.set_positions(model, &state.q);
     workspace.set_motion(state);
     workspace.accelerations(model, state, input, &mut rate.qd);
-    let (external_B, external_power) = workspace.external_wrench(input);
     rate.turned = attitude_rate_from_angular_velocity(turned, &workspace.V_WB_B().angular);
     rate.com = state.momentum_W.linear / workspace.mass;
-    rate.linear_momentum = state.R_WB * external_B.force;
-    rate.angular_momentum = state.R_WB * external_B.torque;
-    rate.q.copy_from(&state.qd);
-    rate.work = external_power;
-    for (j, joint) in model.joints().iter().enumerate() {
-        rate.work += (input.efforts[j] - joint.damping * state.qd[j]) * state.qd[j];
+    rate.linear_momentum = state.R_WB * workspace.external.force;
+    rate.angular_momentum = state.R_WB * workspace.external.torque;
+    rate.q.as_mut_slice().copy_from_slice(state.qd.as_slice());
+    rate.work = workspace.external_power;
+    let actuated = model
+        .joints()
+        .iter()
+        .zip(input.efforts.as_slice())
+        .zip(state.qd.as_slice());
+    for ((joint, effort), qd) in actuated {
+        rate.work += (effort - joint.damping * qd) * qd;
     }
 }

@@ -39,6 +39,7 @@ mod floating;
 mod forward;
 mod integrator;
 mod jacobian;
+mod joint_map;
 mod momentum;
 mod reduced;
 mod state;

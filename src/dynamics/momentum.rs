@@ -1,37 +1,32 @@
 //! Momentum map and base map: how the base answers the joints.
 
-use nalgebra::{DVector, Matrix3, Matrix6xX};
+use nalgebra::{DVector, Matrix6xX, Vector3};
 
+use super::workspace::BodyTerms;
 use super::{Momentum, Workspace};
 use crate::model::Model;
-use crate::spatial::{SpatialInertia, Twist};
+use crate::spatial::{RigidInertia, SpatialInertia, Twist};
 
 impl Workspace {
     /// Composite inertias by one sweep from the tips, then the columns of the momentum map: joint `j` at
     /// unit rate with the base held gives the momentum of its subtree moving as one body. Linear in the
     /// number of joints. Masutani 1995 eqs. (4.9)-(4.18), (4.25), (4.26).
-    pub(super) fn set_composite_inertias(&mut self, model: &Model) {
-        for (composite, body) in self.composite.iter_mut().zip(model.bodies()) {
-            *composite = body.spatial_inertia;
+    pub(super) fn set_momentum_map(&mut self) {
+        for (j, joint) in self.joints.iter_mut().enumerate().rev() {
+            let (earlier, rest) = self.bodies.split_at_mut(j + 1);
+            let (parent, body) = (&mut earlier[joint.parent], &rest[0]);
+            parent.composite += body.composite.shifted(&body.p_PB);
+            joint.momentum = joint.axis.momentum(&body.composite);
         }
-        for j in (0..model.dof()).rev() {
-            let child = self.composite[j + 1].shifted_to_parent(&self.X_PB[j + 1]);
-            self.composite[self.parents[j]] += child;
-        }
-        let system: &SpatialInertia = &self.composite[0];
+        let system: &SpatialInertia = &self.bodies[0].composite;
         self.p_BC = system.first_moment / self.mass;
-        let about_com = system.about_origin - crate::spatial::parallel_axis(&self.p_BC) * self.mass;
-        // Bodies are positive definite, so only a position that is not finite can make this fail; it
-        // must then show in every result.
-        self.H_B_inverse = about_com
-            .try_inverse()
-            .unwrap_or_else(|| Matrix3::from_element(f64::NAN));
-        for j in 0..model.dof() {
-            let momentum = self.composite[j + 1].momentum(&self.axes[j]);
-            let about_base = momentum.shifted_to_parent(&self.X_0B[j + 1]);
-            self.J_C[j] = about_base.force / self.mass;
-            self.H_M[j] = about_base.torque - self.p_BC.cross(&about_base.force);
-            self.H_A[j] = -(self.H_B_inverse * self.H_M[j]);
+        // Bodies are positive definite, so only a position that is not finite can make this fail, and
+        // that shows in every result.
+        self.H_B_inverse = system.shifted(&-self.p_BC).about_origin.inverse();
+        for (joint, body) in self.joints.iter_mut().zip(&self.bodies[1..]) {
+            joint.J_C = joint.momentum.force / self.mass;
+            joint.H_M = joint.momentum.shifted(&(body.p_0B - self.p_BC)).torque;
+            joint.H_A = -(&self.H_B_inverse * joint.H_M);
         }
     }
 
@@ -40,23 +35,23 @@ impl Workspace {
     pub fn base_twist(&self, momentum_B: &Momentum, qd: &DVector<f64>) -> Twist {
         let mut angular_momentum = momentum_B.angular;
         let mut v_com = momentum_B.linear / self.mass;
-        for ((H_M, J_C), rate) in self.H_M.iter().zip(&self.J_C).zip(qd) {
-            angular_momentum -= H_M * *rate;
-            v_com -= J_C * *rate;
+        for (joint, rate) in self.joints.iter().zip(qd.as_slice()) {
+            angular_momentum -= joint.H_M * *rate;
+            v_com -= joint.J_C * *rate;
         }
-        let angular = self.H_B_inverse * angular_momentum;
+        let angular = &self.H_B_inverse * angular_momentum;
         Twist::new(angular, v_com - angular.cross(&self.p_BC))
     }
 
     /// Momentum (base axes) of the system whose base frame moves with `V_WB_B` while the joints move
     /// with `qd`: eq. (4.13). The inverse of [`Workspace::base_twist`].
     pub fn momentum_of(&self, V_WB_B: &Twist, qd: &DVector<f64>) -> Momentum {
-        let about_origin = self.composite[0].momentum(V_WB_B);
+        let about_origin = self.bodies[0].composite.momentum(V_WB_B);
         let mut linear = about_origin.force;
         let mut angular = about_origin.torque - self.p_BC.cross(&about_origin.force);
-        for ((H_M, J_C), rate) in self.H_M.iter().zip(&self.J_C).zip(qd) {
-            linear += J_C * (*rate * self.mass);
-            angular += H_M * *rate;
+        for (joint, rate) in self.joints.iter().zip(qd.as_slice()) {
+            linear += joint.momentum.force * *rate;
+            angular += joint.H_M * *rate;
         }
         Momentum { linear, angular }
     }
@@ -66,10 +61,10 @@ impl Workspace {
     /// Masutani 1995 eqs. (4.23), (4.24).
     pub fn base_map(&self, model: &Model, out: &mut Matrix6xX<f64>) {
         let r = self.p_BC - model.bodies()[0].inertia.com;
-        for j in 0..model.dof() {
-            let linear = -self.J_C[j] - self.H_A[j].cross(&r);
-            out.fixed_view_mut::<3, 1>(0, j).copy_from(&linear);
-            out.fixed_view_mut::<3, 1>(3, j).copy_from(&self.H_A[j]);
+        for (joint, mut column) in self.joints.iter().zip(out.column_iter_mut()) {
+            let linear = -joint.J_C - joint.H_A.cross(&r);
+            column.fixed_rows_mut::<3>(0).copy_from(&linear);
+            column.fixed_rows_mut::<3>(3).copy_from(&joint.H_A);
         }
     }
 
@@ -99,15 +94,21 @@ impl Workspace {
     fn for_each_body_momentum(
         &self,
         model: &Model,
-        mut visit: impl FnMut(nalgebra::Vector3<f64>, nalgebra::Vector3<f64>),
+        mut visit: impl FnMut(Vector3<f64>, Vector3<f64>),
     ) {
-        for (b, body) in model.bodies().iter().enumerate() {
-            let (X_0B, twist, inertia) = (&self.X_0B[b], &self.twist[b], &body.inertia);
-            let v_com = X_0B.rotation * (twist.linear + twist.angular.cross(&inertia.com));
-            let spin = X_0B.rotation * (inertia.about_com * twist.angular);
-            let linear = v_com * inertia.mass;
-            let arm = X_0B.rotation * inertia.com + X_0B.translation.vector - self.p_BC;
+        for (body, terms) in model.bodies().iter().zip(&self.bodies) {
+            let (R_0B, inertia) = (&terms.R_0B, &body.inertia);
+            let spin = R_0B * (inertia.about_com * R_0B.tr_mul(&terms.twist.angular));
+            let linear = terms.v_com(inertia) * inertia.mass;
+            let arm = R_0B * inertia.com + terms.p_0B - self.p_BC;
             visit(linear, spin + arm.cross(&linear));
         }
+    }
+}
+
+impl BodyTerms {
+    /// Velocity of the body's centre of mass.
+    pub(super) fn v_com(&self, inertia: &RigidInertia) -> Vector3<f64> {
+        self.twist.linear + self.twist.angular.cross(&(self.R_0B * inertia.com))
     }
 }

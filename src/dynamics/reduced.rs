@@ -4,36 +4,39 @@ use nalgebra::DMatrix;
 
 use super::Workspace;
 use crate::model::Model;
+use crate::spatial::Wrench;
 
 impl Workspace {
     /// Reduced inertia `Ĥ` (n × n): inertia that the joints feel when the base is free.
     /// Masutani 1995 eq. (4.48); `H_q` of eq. (4.46) by composite bodies.
     pub fn reduced_inertia(&mut self) -> &DMatrix<f64> {
         self.set_reduced_inertia();
-        self.reduced.fill_upper_triangle_with_lower_triangle();
+        self.reduced.fill_lower_triangle_with_upper_triangle();
         &self.reduced
     }
 
-    /// Fills the lower triangle of `Ĥ`.
+    /// Fills the upper triangle of `Ĥ`.
     pub(super) fn set_reduced_inertia(&mut self) {
-        let n = self.parents.len();
-        for j in 0..n {
+        let n = self.joints.len();
+        let reduced = self.reduced.as_mut_slice();
+        for (j, joint) in self.joints.iter().enumerate() {
+            let column = &mut reduced[j * n..=j * n + j];
             // The momentum that joint j alone gives to the free-floating system, in terms of which the
             // base's share of every pair (i, j) is one dot product: m J_Cᵀ J_C + H_Mᵀ H_B⁻¹ H_M.
-            let (linear, angular) = (self.J_C[j] * self.mass, self.H_A[j]);
-            for i in 0..=j {
-                self.reduced[(j, i)] = self.H_M[i].dot(&angular) - self.J_C[i].dot(&linear);
+            let Wrench { mut torque, force } = joint.momentum;
+            for (entry, other) in column.iter_mut().zip(&self.joints) {
+                *entry = other.H_M.dot(&joint.H_A) - other.J_C.dot(&force);
             }
-            let mut body = j + 1;
-            let mut force = self.composite[body].momentum(&self.axes[j]);
+            // What joint j's subtree takes of each joint that carries it.
+            let mut i = j;
             loop {
-                self.reduced[(j, body - 1)] += self.axes[body - 1].dot(&force);
-                let parent = self.parents[body - 1];
-                if parent == 0 {
+                let carrier = &self.joints[i];
+                column[i] += carrier.axis.effort(&Wrench { torque, force });
+                if carrier.parent == 0 {
                     break;
                 }
-                force = force.shifted_to_parent(&self.X_PB[body]);
-                body = parent;
+                torque += self.bodies[i + 1].p_PB.cross(&force);
+                i = carrier.parent - 1;
             }
         }
     }
@@ -41,11 +44,11 @@ impl Workspace {
     /// Kinetic energy \[J\] as the sum over bodies of Masutani 1995 eq. (4.44), from their twists
     /// (needs [`Workspace::set_motion`]).
     pub fn kinetic_energy(&self, model: &Model) -> f64 {
-        let twice: f64 = (model.bodies().iter().zip(&self.twist))
-            .map(|(body, twist)| {
-                let v_com = twist.linear + twist.angular.cross(&body.inertia.com);
-                body.inertia.mass * v_com.norm_squared()
-                    + twist.angular.dot(&(body.inertia.about_com * twist.angular))
+        let twice: f64 = (model.bodies().iter().zip(&self.bodies))
+            .map(|(body, terms)| {
+                let w_B = terms.R_0B.tr_mul(&terms.twist.angular);
+                let v_com = terms.v_com(&body.inertia);
+                body.inertia.mass * v_com.norm_squared() + w_B.dot(&(body.inertia.about_com * w_B))
             })
             .sum();
         0.5 * twice

@@ -14,6 +14,7 @@ mod choice;
 pub mod controller;
 pub mod dynamics;
 pub mod geometry;
+mod joint_vectors;
 mod placement;
 pub mod recorder;
 pub mod resource;

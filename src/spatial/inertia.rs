@@ -4,7 +4,7 @@
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use std::ops::{Add, AddAssign};
 
-use super::{Pose, Twist, Wrench};
+use super::{Pose, Symmetric3, Twist, Wrench};
 
 /// Mass, centre of mass and rotational inertia about that centre of mass, in a body's frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -92,7 +92,7 @@ impl RigidInertia {
             return *self;
         }
         let com = (self.com * self.mass + other.com * other.mass) / mass;
-        let at = |b: &Self| b.about_com + parallel_axis(&(b.com - com)) * b.mass;
+        let at = |b: &Self| b.about_com + parallel_axis(&(b.com - com)).to_matrix() * b.mass;
         Self {
             mass,
             com,
@@ -103,8 +103,8 @@ impl RigidInertia {
 
 /// `D(r)` of Masutani 1995 eq. (4.20): the inertia of a unit point mass at `r` about the origin.
 #[inline]
-pub(crate) fn parallel_axis(r: &Vector3<f64>) -> Matrix3<f64> {
-    Matrix3::from_diagonal_element(r.norm_squared()) - r * r.transpose()
+pub(crate) fn parallel_axis(r: &Vector3<f64>) -> Symmetric3 {
+    Symmetric3::shift(r, &(r * 0.5))
 }
 
 /// Spatial inertia about a frame's origin: mass, first moment and second moment.
@@ -117,46 +117,38 @@ pub struct SpatialInertia {
     /// First moment `m c` about the frame's origin \[kg m\].
     pub first_moment: Vector3<f64>,
     /// Rotational inertia about the frame's origin \[kg m²\].
-    pub about_origin: Matrix3<f64>,
+    pub about_origin: Symmetric3,
 }
 
 impl SpatialInertia {
     /// No mass at all.
-    pub fn zero() -> Self {
+    pub const ZERO: Self = Self {
+        mass: 0.0,
+        first_moment: Vector3::new(0.0, 0.0, 0.0),
+        about_origin: Symmetric3::ZERO,
+    };
+
+    /// The same inertia in axes A about the same point, where `R_AB` turns its axes B to A.
+    #[inline]
+    pub fn rotated(&self, R_AB: &Matrix3<f64>) -> Self {
         Self {
-            mass: 0.0,
-            first_moment: Vector3::zeros(),
-            about_origin: Matrix3::zeros(),
+            mass: self.mass,
+            first_moment: R_AB * self.first_moment,
+            about_origin: self.about_origin.rotated(R_AB),
         }
     }
 
-    /// The same inertia in frame A, where `X_AB` is the pose of its frame B in A.
+    /// The same inertia about a point from which its own point of reference lies at `p` (same axes).
     #[inline]
-    pub fn shifted_to_parent(&self, X_AB: &Pose) -> Self {
-        let r = X_AB.rotation.matrix();
-        let p = &X_AB.translation.vector;
-        let h = r * self.first_moment;
-        // I_A = R I_B Rᵀ + m D(p) + 2 (p·h) 1 - p hᵀ - h pᵀ: the parallel-axis theorem without dividing
-        // by m; with g = h + m p / 2 the last three are 2 (p·g) 1 - p gᵀ - g pᵀ. Symmetric, so six entries.
-        let left = r * self.about_origin;
-        let g = h + p * (0.5 * self.mass);
-        let twice = 2.0 * p.dot(&g);
-        let entry = |i: usize, k: usize| {
-            left[(i, 0)] * r[(k, 0)] + left[(i, 1)] * r[(k, 1)] + left[(i, 2)] * r[(k, 2)]
-                - p[i] * g[k]
-                - g[i] * p[k]
-        };
-        let (xx, yy, zz) = (
-            entry(0, 0) + twice,
-            entry(1, 1) + twice,
-            entry(2, 2) + twice,
-        );
-        let (xy, xz, yz) = (entry(0, 1), entry(0, 2), entry(1, 2));
-        let about_origin = Matrix3::new(xx, xy, xz, xy, yy, yz, xz, yz, zz);
+    pub fn shifted(&self, p: &Vector3<f64>) -> Self {
+        // I + m D(p) + 2 (p·h) 1 - p hᵀ - h pᵀ: the parallel-axis theorem without dividing by m. With
+        // g = h + m p / 2 all but I is 2 (p·g) 1 - p gᵀ - g pᵀ.
+        let half = p * (0.5 * self.mass);
+        let g = self.first_moment + half;
         Self {
             mass: self.mass,
-            first_moment: h + p * self.mass,
-            about_origin,
+            first_moment: g + half,
+            about_origin: self.about_origin + Symmetric3::shift(p, &g),
         }
     }
 
@@ -164,7 +156,7 @@ impl SpatialInertia {
     #[inline]
     pub fn momentum(&self, twist: &Twist) -> Wrench {
         Wrench {
-            torque: self.about_origin * twist.angular + self.first_moment.cross(&twist.linear),
+            torque: &self.about_origin * twist.angular + self.first_moment.cross(&twist.linear),
             force: twist.linear * self.mass - self.first_moment.cross(&twist.angular),
         }
     }
@@ -172,10 +164,12 @@ impl SpatialInertia {
 
 impl From<&RigidInertia> for SpatialInertia {
     fn from(b: &RigidInertia) -> Self {
+        let com = &b.com;
         Self {
             mass: b.mass,
-            first_moment: b.com * b.mass,
-            about_origin: b.about_com + parallel_axis(&b.com) * b.mass,
+            first_moment: com * b.mass,
+            about_origin: Symmetric3::from(b.about_com)
+                + Symmetric3::shift(com, &(com * (0.5 * b.mass))),
         }
     }
 }
@@ -217,10 +211,13 @@ mod tests {
             Translation3::new(0.3, -1.2, 0.7),
             Rotation3::from_euler_angles(0.4, -0.9, 2.1),
         );
-        let a = SpatialInertia::from(&body()).shifted_to_parent(&x);
+        let a = SpatialInertia::from(&body())
+            .rotated(x.rotation.matrix())
+            .shifted(&x.translation.vector);
         let b = SpatialInertia::from(&body().expressed_in(&x));
         assert!((a.first_moment - b.first_moment).norm() < 1e-14);
-        assert!((a.about_origin - b.about_origin).norm() < 1e-13);
+        let difference = a.about_origin.to_matrix() - b.about_origin.to_matrix();
+        assert!(difference.norm() < 1e-13);
     }
 
     #[test]

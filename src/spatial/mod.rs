@@ -18,14 +18,15 @@
 
 mod inertia;
 mod rotation;
+mod symmetric;
 mod vector;
 
-pub(crate) use inertia::parallel_axis;
 pub use inertia::{InertiaError, RigidInertia, SpatialInertia};
 pub use rotation::{
     attitude_rate_from_angular_velocity, exp_so3, roll_pitch_yaw_intrinsic,
     rotation_from_roll_pitch_yaw_intrinsic,
 };
+pub use symmetric::Symmetric3;
 pub use vector::{Twist, Wrench};
 
 /// A pose `X_AB` with its rotation kept as a matrix, which is what the recursions multiply with.

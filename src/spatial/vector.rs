@@ -98,6 +98,15 @@ impl Wrench {
         Self { torque, force }
     }
 
+    /// The same wrench about a point from which its own point of reference lies at `p` (same axes).
+    #[inline]
+    pub fn shifted(&self, p: &Vector3<f64>) -> Self {
+        Self {
+            torque: self.torque + p.cross(&self.force),
+            force: self.force,
+        }
+    }
+
     /// The same wrench about frame A's origin in A's axes, where `X_AB` is the pose of this wrench's
     /// frame B in A.
     #[inline]

@@ -1,1 +1,6 @@
-//! What the house keeps to: layers, sizes, metadata.
+//! The order of the house: what the documents and the layout promise about the sources.
+
+mod documents;
+mod layers;
+mod package;
+mod sources;

@@ -199,7 +199,7 @@ proptest! {
         let mut workspace = Workspace::new(&model);
         workspace.set_positions(&model, &state.q);
         let (mut generalized, mut base) = (Matrix6xX::zeros(n), Matrix6xX::zeros(n));
-        workspace.generalized_jacobian(&model, &tip, &mut generalized);
+        workspace.generalized_jacobian(&tip, &mut generalized);
         workspace.base_map(&model, &mut base);
         let R_WB = state.R_WB.to_rotation_matrix();
         let com = model.bodies()[0].inertia.com;

@@ -117,6 +117,7 @@ impl Compiler<'_> {
             } else if body
                 .spatial_inertia
                 .about_origin
+                .to_matrix()
                 .iter()
                 .all(|x| x.is_finite())
             {

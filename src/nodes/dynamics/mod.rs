@@ -18,7 +18,8 @@ use std::time::{Duration, Instant};
 
 use crate::{
     msg::sensor_msgs::JointState,
-    ros::{Node, NodeError, Qos, Received, Status, Subscription, Time},
+    nodes::topics,
+    ros::{Node, NodeError, Received, Status, Subscription, Time},
 };
 use commands::Command;
 use outputs::Outputs;
@@ -55,6 +56,12 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
             unmodelled.join(", ")
         );
     }
+    if params.state_rate > 100.0 && !params.lockstep {
+        tracing::warn!(
+            "state_rate is {} Hz: above 100 Hz a subscriber that dies without a word slows the others for about a minute",
+            params.state_rate
+        );
+    }
     tracing::info!(
         "{}: {} bodies, {} joints, {} kg; {} free bodies beside it",
         params.robot.source,
@@ -66,7 +73,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     Simulation {
         node,
         outputs: Outputs::new(node, &world, &params.robot.xml)?,
-        commands: node.subscribe("joint_commands", Qos::RELIABLE)?,
+        commands: topics::JOINT_COMMANDS.subscribe(node)?,
         command_status: node.diagnostics().status("commands"),
         time_status: node.diagnostics().status("time"),
         last_command: None,
@@ -125,11 +132,26 @@ impl Simulation<'_> {
                 self.await_tick();
             }
             self.check_command_age();
-            self.world.step_to_tick();
+            self.step();
             self.outputs.publish(&self.world)?;
             self.report_time();
         }
         Ok(())
+    }
+
+    /// Steps to the next state. One that is not finite is given up: the robot stays as it was, with zero
+    /// efforts, and says so; whoever commands too much must not end the simulation for all others.
+    fn step(&mut self) {
+        let before = self.world.robot.state().clone();
+        self.world.step_to_tick();
+        if let Err(problem) = self.world.check_finite() {
+            self.efforts.fill(0.0);
+            self.world.robot.set_state(before);
+            self.world.robot.hold_efforts(&self.efforts);
+            tracing::error!("{problem}; the robot stays as it was, efforts are zero");
+            self.command_status
+                .error(format!("{problem}; efforts are zero"));
+        }
     }
 
     /// Publishes the state again and again until `done` says so or the node is to stop.
@@ -206,7 +228,11 @@ impl Simulation<'_> {
     }
 
     fn obey(&mut self, received: &Received<JointState>, now: f64) -> bool {
-        match Command::from_msg(&received.message, self.world.robot.model()) {
+        match Command::from_msg(
+            &received.message,
+            self.world.robot.model(),
+            self.params.max_effort,
+        ) {
             Ok(command) => {
                 for (joint, effort) in command.efforts {
                     self.efforts[joint] = effort;

@@ -7,11 +7,13 @@ use super::{
 use crate::{
     msg::{fuyu_msgs, nav_msgs, rosgraph_msgs, sensor_msgs, std_msgs, tf2_msgs},
     nodes::topics,
-    ros::{Node, NodeError, Publisher, Time},
+    ros::{self, Node, NodeError, Publisher, Time},
 };
 
 /// Publishers of the dynamics node.
 pub struct Outputs {
+    /// The node's own clock: it does not hear its own `/clock`.
+    time: ros::Clock,
     frames: FrameTree,
     clock: Publisher<rosgraph_msgs::Clock>,
     joint_states: Publisher<sensor_msgs::JointState>,
@@ -37,6 +39,7 @@ impl Outputs {
         let tf_static = topics::TF_STATIC.advertise(node)?;
         tf_static.publish(&frames.static_transforms());
         Ok(Self {
+            time: node.clock().clone(),
             frames,
             clock: topics::CLOCK.advertise(node)?,
             joint_states: topics::JOINT_STATES.advertise(node)?,
@@ -57,6 +60,7 @@ impl Outputs {
     pub fn publish(&self, world: &World) -> Result<(), NodeError> {
         world.check_finite().map_err(NodeError::Failed)?;
         let stamp = Time::from_secs_f64(world.time());
+        self.time.drive(stamp);
         self.clock.publish(&rosgraph_msgs::Clock {
             clock: stamp.into(),
         });
