@@ -14,6 +14,8 @@ pub struct Floating {
     integrator: Integrator,
     input: Input,
     qdd: DVector<f64>,
+    /// Whether `qdd` is that of the present state under the held input.
+    qdd_is_known: bool,
 }
 
 impl Floating {
@@ -24,6 +26,7 @@ impl Floating {
             integrator: Integrator::new(&model, method),
             input: Input::zero(&model),
             qdd: DVector::zeros(model.dof()),
+            qdd_is_known: false,
             model,
             state,
         };
@@ -63,6 +66,7 @@ impl Floating {
     /// If `efforts` does not have one element per joint.
     pub fn hold_efforts(&mut self, efforts: &[f64]) -> bool {
         assert_eq!(efforts.len(), self.model.dof(), "one effort per joint");
+        self.qdd_is_known = false;
         let mut cut = false;
         for (j, (held, wanted)) in self.input.efforts.iter_mut().zip(efforts).enumerate() {
             let limit = self.model.joints()[j].limits.effort;
@@ -74,49 +78,46 @@ impl Floating {
 
     /// What acts: external wrenches can be set here.
     pub fn input_mut(&mut self) -> &mut Input {
+        self.qdd_is_known = false;
         &mut self.input
     }
 
     /// Advances by `steps` steps of `dt` \[s\] under the held input.
     pub fn step(&mut self, dt: f64, steps: usize) {
-        let Self {
-            model,
-            state,
-            workspace,
-            integrator,
-            input,
-            ..
-        } = self;
-        // The integrator keeps what it was told.
-        let mut told = false;
-        let mut held = |_: f64, _: &State, into: &mut Input| {
-            if !std::mem::replace(&mut told, true) {
-                into.copy_from(input);
-            }
-        };
         for _ in 0..steps {
-            integrator.step(model, state, workspace, dt, &mut held);
+            self.set_joint_accelerations();
+            self.integrator.step_held(
+                &self.model,
+                &mut self.state,
+                &mut self.workspace,
+                dt,
+                &self.input,
+                &self.qdd,
+            );
+            self.qdd_is_known = false;
         }
     }
 
     /// Joint accelerations at this instant under the held input; afterwards the workspace's
     /// accelerations are those of this instant too.
     pub fn accelerations(&mut self) -> &DVector<f64> {
-        let Self {
-            model,
-            state,
-            workspace,
-            input,
-            qdd,
-            ..
-        } = self;
-        workspace.accelerations(model, state, input, qdd);
-        workspace.set_accelerations(qdd);
-        qdd
+        self.set_joint_accelerations();
+        self.workspace.set_accelerations(&self.qdd);
+        &self.qdd
+    }
+
+    fn set_joint_accelerations(&mut self) {
+        if !self.qdd_is_known {
+            let (model, state, input) = (&self.model, &self.state, &self.input);
+            self.workspace
+                .accelerations(model, state, input, &mut self.qdd);
+            self.qdd_is_known = true;
+        }
     }
 
     fn refresh(&mut self) {
         self.workspace.set_positions(&self.model, &self.state.q);
         self.workspace.set_motion(&self.state);
+        self.qdd_is_known = false;
     }
 }

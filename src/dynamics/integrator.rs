@@ -66,6 +66,28 @@ impl Rate {
             work: 0.0,
         }
     }
+
+    /// Fills in all but the joint accelerations, for which `workspace` was last asked.
+    fn complete(
+        &mut self,
+        model: &Model,
+        state: &State,
+        workspace: &Workspace,
+        input: &Input,
+        turned: &Vector3<f64>,
+    ) {
+        self.turned = attitude_rate_from_angular_velocity(turned, &workspace.V_WB_B().angular);
+        self.com = state.momentum_W.linear / workspace.mass;
+        self.linear_momentum = state.R_WB * workspace.external.force;
+        self.angular_momentum = state.R_WB * workspace.external.torque;
+        let qd = state.qd.as_slice();
+        self.q.as_mut_slice().copy_from_slice(qd);
+        self.work = workspace.external_power;
+        let actuated = model.joints().iter().zip(input.efforts.as_slice()).zip(qd);
+        for ((joint, effort), qd) in actuated {
+            self.work += (effort - joint.damping * qd) * qd;
+        }
+    }
 }
 
 /// Steps a [`State`]; owns the stage memory. Attitude is integrated on the rotation group
@@ -106,20 +128,54 @@ impl Integrator {
         dt: f64,
         forcing: &mut impl Forcing,
     ) {
+        forcing.apply(state.time, state, &mut self.input);
+        let rate = &mut self.rates[0];
+        workspace.set_positions(model, &state.q);
+        workspace.set_motion(state);
+        workspace.accelerations(model, state, &self.input, &mut rate.qd);
+        rate.complete(model, state, workspace, &self.input, &Vector3::zeros());
+        self.finish(model, state, workspace, dt, forcing);
+    }
+
+    /// A step under `input` held, from a state whose accelerations under it are `qdd`: the last that
+    /// `workspace` was asked for.
+    pub(super) fn step_held(
+        &mut self,
+        model: &Model,
+        state: &mut State,
+        workspace: &mut Workspace,
+        dt: f64,
+        input: &Input,
+        qdd: &DVector<f64>,
+    ) {
+        self.input.copy_from(input);
+        let rate = &mut self.rates[0];
+        rate.qd.as_mut_slice().copy_from_slice(qdd.as_slice());
+        rate.complete(model, state, workspace, input, &Vector3::zeros());
+        let mut held = |_: f64, _: &State, _: &mut Input| {};
+        self.finish(model, state, workspace, dt, &mut held);
+    }
+
+    /// The stages after the first, and the new state.
+    fn finish(
+        &mut self,
+        model: &Model,
+        state: &mut State,
+        workspace: &mut Workspace,
+        dt: f64,
+        forcing: &mut impl Forcing,
+    ) {
         let tableau = self.tableau;
-        for (i, (a, c)) in tableau.a.iter().zip(tableau.c).enumerate() {
+        for (i, (a, c)) in tableau.a.iter().zip(tableau.c).enumerate().skip(1) {
             let (earlier, current) = self.rates.split_at_mut(i);
             let turned = advance(&mut self.stage, state, earlier, a, dt);
             self.stage.time = state.time + c * dt;
             forcing.apply(self.stage.time, &self.stage, &mut self.input);
-            evaluate(
-                model,
-                &self.stage,
-                workspace,
-                &self.input,
-                &turned,
-                &mut current[0],
-            );
+            let (stage, rate) = (&self.stage, &mut current[0]);
+            workspace.set_positions(model, &stage.q);
+            workspace.set_motion(stage);
+            workspace.accelerations(model, stage, &self.input, &mut rate.qd);
+            rate.complete(model, stage, workspace, &self.input, &turned);
         }
         advance(&mut self.stage, state, &self.rates, tableau.b, dt);
         self.stage.time = state.time + dt;
@@ -163,31 +219,4 @@ fn advance(
     }
     into.R_WB = from.R_WB * exp_so3(&turned);
     turned
-}
-
-fn evaluate(
-    model: &Model,
-    state: &State,
-    workspace: &mut Workspace,
-    input: &Input,
-    turned: &Vector3<f64>,
-    rate: &mut Rate,
-) {
-    workspace.set_positions(model, &state.q);
-    workspace.set_motion(state);
-    workspace.accelerations(model, state, input, &mut rate.qd);
-    rate.turned = attitude_rate_from_angular_velocity(turned, &workspace.V_WB_B().angular);
-    rate.com = state.momentum_W.linear / workspace.mass;
-    rate.linear_momentum = state.R_WB * workspace.external.force;
-    rate.angular_momentum = state.R_WB * workspace.external.torque;
-    rate.q.as_mut_slice().copy_from_slice(state.qd.as_slice());
-    rate.work = workspace.external_power;
-    let actuated = model
-        .joints()
-        .iter()
-        .zip(input.efforts.as_slice())
-        .zip(state.qd.as_slice());
-    for ((joint, effort), qd) in actuated {
-        rate.work += (effort - joint.damping * qd) * qd;
-    }
 }

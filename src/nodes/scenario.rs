@@ -6,13 +6,19 @@ use std::{
 };
 
 use super::{
-    camera::CameraParams, controller::ControllerParams, dynamics::DynamicsParams,
-    recorder::RecorderParams, resource,
+    camera::CameraParams,
+    controller::ControllerParams,
+    dynamics::{DynamicsParams, World},
+    recorder::RecorderParams,
+    resource, tip_frame,
 };
-use crate::ros::{
-    Declare, NodeName, ParameterValue, ParamsFile, RosArgs,
-    args::ParameterSource,
-    params::{ParameterStore, USE_SIM_TIME},
+use crate::{
+    model::Model,
+    ros::{
+        Declare, NodeName, ParameterValue, ParamsFile, RosArgs,
+        args::ParameterSource,
+        params::{ParameterStore, USE_SIM_TIME},
+    },
 };
 
 /// A parameter file, read, and what the command line says beside it.
@@ -93,7 +99,67 @@ impl Scenario {
         self.nodes.iter().any(|n| n.name() == node)
     }
 
-    /// Reads a node's parameters as the node itself would, without a graph.
+    /// Whether every node would start with its parameters, and with its robot where the scenario has
+    /// it: what can be known before anything runs.
+    ///
+    /// # Errors
+    /// A line per wrong parameter.
+    pub fn check(&self) -> Result<(), String> {
+        let problems = self
+            .nodes
+            .iter()
+            .filter_map(|name| self.check_node(name).err());
+        let problems: Vec<_> = problems.collect();
+        if problems.is_empty() {
+            Ok(())
+        } else {
+            Err(problems.join("\n"))
+        }
+    }
+
+    fn check_node(&self, name: &NodeName) -> Result<(), String> {
+        let at = |e: String| format!("{}: node {name}: {e}", self.path.display());
+        let parameter = |e: String| at(format!("parameter {e}"));
+        match name.name() {
+            "dynamics" => {
+                let params = self.parameters_of(name, DynamicsParams::declare)?;
+                World::new(&params).map(drop).map_err(at)
+            }
+            "camera" => {
+                let params = self.parameters_of(name, CameraParams::declare)?;
+                let robot = self.robot(name.namespace());
+                robot.map_or(Ok(()), |robot| {
+                    let tip = tip_frame(&robot, &params.tip_link);
+                    tip.map(drop).map_err(parameter)
+                })
+            }
+            "controller" => {
+                let params = self.parameters_of(name, |d| Ok(ControllerParams::declare(d)))?;
+                let robot = self.robot(name.namespace());
+                robot.map_or(Ok(()), |robot| {
+                    tip_frame(&robot, &params.tip_link).map_err(parameter)?;
+                    let gains = params.config.check(robot.dof());
+                    gains.map_err(|e| parameter(e.to_string()))
+                })
+            }
+            _ => {
+                let params = self.parameters_of(name, |d| Ok(RecorderParams::declare(d)));
+                params.map(drop)
+            }
+        }
+    }
+
+    /// The robot that the dynamics node of a namespace simulates, if there is one and it is sound.
+    fn robot(&self, namespace: &str) -> Option<Model> {
+        let dynamics = self
+            .nodes
+            .iter()
+            .find(|n| n.name() == "dynamics" && n.namespace() == namespace)?;
+        let params = self.parameters_of(dynamics, DynamicsParams::declare).ok()?;
+        params.robot.compile().ok()
+    }
+
+    /// Reads the parameters of the first node that the program calls `node`.
     fn parameters<T>(
         &self,
         node: &str,
@@ -102,7 +168,19 @@ impl Scenario {
         let name = (self.nodes.iter())
             .find(|n| n.name() == node)
             .ok_or_else(|| format!("{}: does not name the node '{node}'", self.path.display()))?;
-        let overrides = self.args.overrides(name, node).map_err(|e| e.to_string())?;
+        self.parameters_of(name, declare)
+    }
+
+    /// Reads a node's parameters as the node itself would, without a graph.
+    fn parameters_of<T>(
+        &self,
+        name: &NodeName,
+        declare: impl FnOnce(&mut Declare) -> Result<T, String>,
+    ) -> Result<T, String> {
+        let overrides = self
+            .args
+            .overrides(name, name.name())
+            .map_err(|e| e.to_string())?;
         let store = Arc::new(ParameterStore::new(name.clone(), overrides));
         let mut declaring = Declare::new(store);
         declaring

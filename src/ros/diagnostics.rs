@@ -190,7 +190,7 @@ impl Reporter {
     ) -> u64 {
         let key = format!("{verb} {}", spec.name);
         let messages = counters.messages.load(Relaxed);
-        let lost = counters.dropped.load(Relaxed) + counters.failed.load(Relaxed);
+        let lost = counters.lost();
         let (messages_before, lost_before) = self
             .before
             .insert(key.clone(), (messages, lost))

@@ -48,6 +48,8 @@ pub(super) struct Counters {
     pub(super) dropped: AtomicU64,
     /// Refused by DDS, or not what the type says.
     pub(super) failed: AtomicU64,
+    /// Sent by a publisher, as its numbering says, but never received.
+    pub(super) missing: AtomicU64,
     /// Wall time of the last message [ns].
     pub(super) last: AtomicI64,
     /// Peers that this endpoint is matched with.
@@ -55,6 +57,14 @@ pub(super) struct Counters {
 }
 
 impl Counters {
+    /// All that should have gone through but did not.
+    pub(super) fn lost(&self) -> u64 {
+        [&self.dropped, &self.failed, &self.missing]
+            .iter()
+            .map(|n| n.load(Relaxed))
+            .sum()
+    }
+
     pub(super) fn count(&self) {
         self.messages.fetch_add(1, Relaxed);
         self.last.store(Time::wall().as_nanos(), Relaxed);

@@ -29,7 +29,7 @@ pub struct Args {
     #[arg(value_name = "CONFIG")]
     config: Option<String>,
     /// Simulated time after which it ends [s], instead of the scenario's
-    #[arg(long, value_name = "S", value_parser = super::positive_seconds)]
+    #[arg(long, value_name = "S", value_parser = super::positive_seconds, allow_hyphen_values = true)]
     duration: Option<f64>,
     /// Every state waits for the command that answers it, as fast as that goes
     #[arg(long)]

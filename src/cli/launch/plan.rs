@@ -40,6 +40,8 @@ impl Plan {
             scenario.set("controller", "lockstep", ParameterValue::Bool(true));
             scenario.set("dynamics", "real_time_factor", ParameterValue::Double(0.0));
         }
+        // Before any node runs: a bag that is begun and a graph that comes and goes would mislead.
+        scenario.check()?;
         let bag = if scenario.has("recorder") {
             let given = args.bag.clone().or(scenario.recorder()?.bag);
             let bag = given.unwrap_or_else(|| recorder::new_folder(&scenario.name()));
