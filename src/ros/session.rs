@@ -9,6 +9,7 @@ use rustdds::{
 use std::{
     collections::HashMap,
     io,
+    panic::{AssertUnwindSafe, catch_unwind},
     sync::{
         Arc, Mutex, PoisonError,
         atomic::{AtomicBool, Ordering::Relaxed},
@@ -21,6 +22,7 @@ use super::{
     Domain, Gid, NodeName, Qos, RawSample,
     discovery::{Announcer, report_status},
     endpoint::{EndpointSpec, Endpoints, Reader, Writer},
+    wait::Fate,
     wire::{Opaque, RawReader},
 };
 
@@ -56,6 +58,7 @@ impl Session {
         domain: Domain,
         node: &NodeName,
         endpoints: &Arc<Mutex<Endpoints>>,
+        fate: &Arc<Fate>,
     ) -> Result<Self, String> {
         let text = |e: rustdds::dds::CreateError| e.to_string();
         let participant = domain.participant()?;
@@ -78,7 +81,15 @@ impl Session {
         };
         let receiver = thread::Builder::new()
             .name(format!("{}.receive", node.name()))
-            .spawn(move || receiver.run())
+            .spawn({
+                let (node, fate) = (node.clone(), Arc::clone(fate));
+                move || match catch_unwind(AssertUnwindSafe(|| receiver.run())) {
+                    Ok(Ok(())) => {}
+                    // A node that hears nothing any more must not go on as if all were well.
+                    Ok(Err(e)) => fate.fail(format!("node {node}: receiving has ended: {e}")),
+                    Err(_) => fate.fail(format!("node {node}: a handler has panicked")),
+                }
+            })
             .map_err(|e| e.to_string())?;
         let mut session = Self {
             participant,
@@ -226,7 +237,7 @@ struct Receiver {
 }
 
 impl Receiver {
-    fn run(mut self) {
+    fn run(mut self) -> io::Result<()> {
         // Tokens are never used twice within one participant.
         let mut readers: HashMap<usize, Receiving> = HashMap::new();
         let mut next_token = FIRST_READER;
@@ -242,11 +253,7 @@ impl Receiver {
         while !self.stop.load(Relaxed) {
             match self.poll.poll(&mut events, None) {
                 Err(e) if e.kind() == io::ErrorKind::Interrupted => continue,
-                Err(e) => {
-                    tracing::error!("node {}: receiving has ended: {e}", self.node);
-                    return;
-                }
-                Ok(()) => {}
+                outcome => outcome?,
             }
             for event in &events {
                 match event.token() {
@@ -284,6 +291,7 @@ impl Receiver {
                 }
             }
         }
+        Ok(())
     }
 }
 

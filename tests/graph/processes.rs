@@ -94,6 +94,32 @@ fn a_failing_node_ends_the_process_with_its_error() {
     );
 }
 
+// Would break if the node went on deaf.
+#[test]
+fn a_handlers_panic_is_a_failure_too() {
+    let mut process = process(61);
+    process
+        .start("touchy", |node: &Node| {
+            let _said = node.subscribe_raw("say", "std_msgs/msg/String", Qos::RELIABLE, |_| {
+                panic!("on purpose")
+            })?;
+            while node.wait() {}
+            Ok(())
+        })
+        .unwrap();
+    process
+        .start("talker", |node: &Node| {
+            let say = node.advertise::<Text>("say", Qos::RELIABLE)?;
+            while node.wait_for(Duration::from_millis(50)) {
+                say.publish(&text("now"));
+            }
+            Ok(())
+        })
+        .unwrap();
+    let error = process.wait().unwrap_err();
+    assert_eq!(error.to_string(), "node /touchy: a handler has panicked");
+}
+
 #[test]
 fn a_panic_is_a_failure_not_a_hang() {
     let mut process = process(57);
