@@ -5,11 +5,12 @@ use ros2_client::{
     entities_info::{NodeEntitiesInfo, ParticipantEntitiesInfo},
 };
 use rustdds::{
-    DomainParticipant, DomainParticipantStatusListener, QosPolicies, RTPSEntity, StatusEvented,
-    TopicKind, dds::statusevents::DomainParticipantStatusEvent as Event, no_key::DataWriterCdr,
+    DomainParticipant, DomainParticipantStatusListener, GUID, QosPolicies, RTPSEntity,
+    StatusEvented, TopicKind, dds::statusevents::DomainParticipantStatusEvent as Event,
+    no_key::DataWriterCdr,
 };
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeSet, HashMap, HashSet},
     sync::{Mutex, PoisonError, atomic::Ordering::Relaxed},
 };
 
@@ -90,25 +91,52 @@ impl Announcer {
     }
 }
 
+/// The endpoints of other participants that each of this node's is matched with.
+#[derive(Default)]
+pub(super) struct Peers(HashMap<Gid, HashSet<GUID>>);
+
+impl Peers {
+    fn matched(&mut self, all: &Endpoints, local: GUID, remote: GUID) {
+        let local = Gid::from(local);
+        // Told again after each change of the peer.
+        self.0.entry(local).or_default().insert(remote);
+        self.count(all, local);
+    }
+
+    fn lost(&mut self, all: &Endpoints, is_lost: impl Fn(&GUID) -> bool) {
+        self.0.values_mut().for_each(|r| r.retain(|g| !is_lost(g)));
+        self.0.keys().for_each(|&local| self.count(all, local));
+    }
+
+    fn count(&self, all: &Endpoints, local: Gid) {
+        if let Some((counters, _)) = find(all, local) {
+            counters.matched.store(self.0[&local].len(), Relaxed);
+        }
+    }
+}
+
 /// Takes in what the participant has to say of its peers.
 pub(super) fn report_status(
     listener: &DomainParticipantStatusListener,
     node: &NodeName,
     endpoints: &Mutex<Endpoints>,
+    peers: &mut Peers,
 ) {
     while let Some(event) = listener.try_recv_status() {
         let all = endpoints.lock().unwrap_or_else(PoisonError::into_inner);
         match event {
-            Event::RemoteReaderMatched { local_writer, .. } => {
-                if let Some((counters, _)) = find(&all, local_writer.into()) {
-                    counters.matched.fetch_add(1, Relaxed);
-                }
+            Event::RemoteReaderMatched {
+                local_writer,
+                remote_reader,
+            } => peers.matched(&all, local_writer, remote_reader),
+            Event::RemoteWriterMatched {
+                local_reader,
+                remote_writer,
+            } => peers.matched(&all, local_reader, remote_writer),
+            Event::ReaderLost { guid, .. } | Event::WriterLost { guid, .. } => {
+                peers.lost(&all, |g| *g == guid);
             }
-            Event::RemoteWriterMatched { local_reader, .. } => {
-                if let Some((counters, _)) = find(&all, local_reader.into()) {
-                    counters.matched.fetch_add(1, Relaxed);
-                }
-            }
+            Event::ParticipantLost { id, .. } => peers.lost(&all, |g| g.prefix == id),
             Event::RemoteReaderQosIncompatible {
                 local_writer,
                 requested_qos,

@@ -20,7 +20,7 @@ use std::{
 
 use super::{
     Domain, Gid, NodeName, Qos, RawSample,
-    discovery::{Announcer, report_status},
+    discovery::{Announcer, Peers, report_status},
     endpoint::{EndpointSpec, Endpoints, Reader, Writer},
     wait::Fate,
     wire::{Opaque, RawReader},
@@ -241,6 +241,7 @@ impl Receiver {
         // Tokens are never used twice within one participant.
         let mut readers: HashMap<usize, Receiving> = HashMap::new();
         let mut next_token = FIRST_READER;
+        let mut peers = Peers::default();
         let mut status = self.participant.status_listener();
         let registered = self
             .poll
@@ -258,7 +259,7 @@ impl Receiver {
             for event in &events {
                 match event.token() {
                     WAKER => {}
-                    STATUS => report_status(&status, &self.node, &self.endpoints),
+                    STATUS => report_status(&status, &self.node, &self.endpoints, &mut peers),
                     Token(token) => {
                         if let Some(receiving) = readers.get_mut(&token) {
                             receiving.take_all();
