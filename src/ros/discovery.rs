@@ -210,31 +210,56 @@ pub struct DiscoveredPublisher {
     pub gid: Gid,
 }
 
-/// Every ROS topic publisher of other participants.
-pub(super) fn publishers(participant: &DomainParticipant) -> Vec<DiscoveredPublisher> {
-    participant
-        .discovered_writers()
-        .iter()
-        .filter_map(|w| {
-            let data = &w.publication_topic_data;
-            Some(DiscoveredPublisher {
-                topic: data.topic_name.strip_prefix("rt")?.to_owned(),
-                type_name: ros_type(&data.type_name)?,
+/// Every ROS topic publisher of other participants. What has the prefix of ROS but not its form is left
+/// out; `strange` remembers what was warned of.
+pub(super) fn publishers(
+    participant: &DomainParticipant,
+    node: &NodeName,
+    strange: &mut BTreeSet<(String, String)>,
+) -> Vec<DiscoveredPublisher> {
+    let mut publishers = Vec::new();
+    for writer in participant.discovered_writers() {
+        let data = &writer.publication_topic_data;
+        let Some(topic) = ros_topic(&data.topic_name) else {
+            continue;
+        };
+        let type_name = ros_type(&data.type_name).filter(|_| node.expand(topic).is_ok());
+        if let Some(type_name) = type_name {
+            publishers.push(DiscoveredPublisher {
+                topic: topic.to_owned(),
+                type_name,
                 qos: Qos::from(&data.qos()),
                 gid: data.key.into(),
-            })
-        })
-        .collect()
+            });
+        } else if strange.insert((data.topic_name.clone(), data.type_name.clone())) {
+            tracing::warn!(
+                "node {node}: topic {topic} of type {}, which a peer publishes, is left out: not a \
+                 name and a type of ROS",
+                data.type_name
+            );
+        }
+    }
+    publishers
+}
+
+/// `rt/name` to `/name`; other DDS topics have nothing to do with ROS.
+fn ros_topic(dds: &str) -> Option<&str> {
+    dds.strip_prefix("rt").filter(|name| name.starts_with('/'))
 }
 
 /// `pkg::msg::dds_::Name_` to `pkg/msg/Name`.
 fn ros_type(dds: &str) -> Option<String> {
     let (path, name) = dds.rsplit_once("::dds_::")?;
-    Some(format!(
-        "{}/{}",
-        path.replace("::", "/"),
-        name.strip_suffix('_')?
-    ))
+    let (package, kind) = path.split_once("::")?;
+    let name = name.strip_suffix('_')?;
+    let is_word = |s: &str| {
+        let ok = |c: char| c.is_ascii_alphanumeric() || c == '_';
+        s.starts_with(|c: char| c.is_ascii_alphabetic()) && s.chars().all(ok)
+    };
+    [package, kind, name]
+        .into_iter()
+        .all(is_word)
+        .then(|| format!("{package}/{kind}/{name}"))
 }
 
 /// `pkg/msg/Name` to `pkg::msg::dds_::Name_`.
@@ -258,5 +283,16 @@ mod tests {
         assert_eq!(ros_type(dds).unwrap(), "sensor_msgs/msg/JointState");
         assert_eq!(dds_type("sensor_msgs/msg/JointState").unwrap(), dds);
         assert_eq!(dds_type("JointState"), None);
+        for strange in [
+            "a::b::msg::dds_::C_",
+            "msg::dds_::C_",
+            "a::msg::dds_::C",
+            "a::msg::C",
+        ] {
+            assert_eq!(ros_type(strange), None);
+        }
+        // A name of plain DDS that only begins like one of ROS.
+        assert_eq!(ros_topic("rtk_fix"), None);
+        assert_eq!(ros_topic("rt/fix"), Some("/fix"));
     }
 }

@@ -294,7 +294,30 @@ impl Node {
         qos: Qos,
         handler: impl Fn(RawSample) + Send + Sync + 'static,
     ) -> Result<RawSubscription, NodeError> {
-        let name = self.core.names.topic(topic)?;
+        self.subscribe_resolved(self.core.names.topic(topic)?, type_name, qos, handler)
+    }
+
+    /// As [`Self::subscribe_raw`], to the topic of a discovered publisher: its name is not remapped.
+    ///
+    /// # Errors
+    /// [`NodeError::Dds`] if DDS refuses.
+    pub fn subscribe_discovered(
+        &self,
+        publisher: &DiscoveredPublisher,
+        qos: Qos,
+        handler: impl Fn(RawSample) + Send + Sync + 'static,
+    ) -> Result<RawSubscription, NodeError> {
+        let topic = publisher.topic.clone();
+        self.subscribe_resolved(topic, &publisher.type_name, qos, handler)
+    }
+
+    fn subscribe_resolved(
+        &self,
+        name: String,
+        type_name: &str,
+        qos: Qos,
+        handler: impl Fn(RawSample) + Send + Sync + 'static,
+    ) -> Result<RawSubscription, NodeError> {
         let Some(dds_type) = discovery::dds_type(type_name) else {
             return Err(NodeError::Input(format!(
                 "topic {name}: type {type_name:?} is not of the form pkg/msg/Name"
@@ -346,7 +369,7 @@ impl Node {
             .unwrap_or_else(PoisonError::into_inner);
         connection
             .session()
-            .map(|s| discovery::publishers(s.participant()))
+            .map(|s| s.discovered_publishers(self.name()))
             .unwrap_or_default()
     }
 

@@ -7,7 +7,7 @@ use rustdds::{
     mio1::{Events as PollEvents, Interest, Poll, Token, Waker},
 };
 use std::{
-    collections::HashMap,
+    collections::{BTreeSet, HashMap},
     io,
     panic::{AssertUnwindSafe, catch_unwind},
     sync::{
@@ -20,7 +20,7 @@ use std::{
 
 use super::{
     Domain, Gid, NodeName, Qos, RawSample,
-    discovery::{Announcer, Peers, report_status},
+    discovery::{self, Announcer, DiscoveredPublisher, Peers, report_status},
     endpoint::{EndpointSpec, Endpoints, Reader, Writer},
     wait::Fate,
     wire::{Opaque, RawReader},
@@ -46,6 +46,8 @@ pub(super) struct Session {
     subscriber: rustdds::Subscriber,
     topics: HashMap<String, Topic>,
     announcer: Announcer,
+    /// Discovered topics and types that are not of ROS, as far as they were warned of.
+    strange: BTreeSet<(String, String)>,
     commands: mpsc::Sender<Command>,
     waker: Arc<Waker>,
     stop: Arc<AtomicBool>,
@@ -97,6 +99,7 @@ impl Session {
             subscriber,
             topics: HashMap::new(),
             announcer,
+            strange: BTreeSet::new(),
             commands,
             waker: Arc::new(waker),
             stop,
@@ -144,8 +147,8 @@ impl Session {
         }
     }
 
-    pub(super) fn participant(&self) -> &DomainParticipant {
-        &self.participant
+    pub(super) fn discovered_publishers(&mut self, node: &NodeName) -> Vec<DiscoveredPublisher> {
+        discovery::publishers(&self.participant, node, &mut self.strange)
     }
 
     fn send(&self, command: Command) {
