@@ -42,6 +42,7 @@ pub fn run(
                     "argument {unknown:?}: not understood; ROS arguments stand behind --ros-args"
                 )));
             }
+            Arc::make_mut(&mut process.args).only_node = true;
             process.start(name, program)?;
             process.wait()
         },
