@@ -67,8 +67,9 @@ fn nodes_of_one_process_talk_and_stop_last_first() {
         "round trip: median {:?}, 99 % {:?}",
         round_trips[250], round_trips[495]
     );
+    // A fraction of a millisecond on an idle computer; polling or a heartbeat in the way takes 50 ms.
     assert!(
-        round_trips[250] < Duration::from_millis(5),
+        round_trips[250] < Duration::from_millis(15),
         "{round_trips:?}"
     );
 }
