@@ -54,6 +54,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let scenario = Scenario::read(&args.config).map_err(Failure::Input)?;
     scenario.check().map_err(Failure::Input)?;
     let mut closed_loop = ClosedLoop::new(&scenario).map_err(Failure::Input)?;
+    if let Some(missing) = closed_loop.world.not_simulated() {
+        eprintln!("fuyu: note: {}: {missing}", scenario.path().display());
+    }
     let duration = match args.duration {
         Some(duration) => duration,
         None if closed_loop.duration() > 0.0 => closed_loop.duration(),

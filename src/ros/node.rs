@@ -37,6 +37,26 @@ pub struct NodeOptions {
     pub domain: Domain,
 }
 
+/// Whether a node is in the graph.
+#[derive(Default)]
+pub(super) enum Connection {
+    /// Not yet, or not any more since DDS refused; it may join.
+    #[default]
+    Apart,
+    Joined(Box<Session>),
+    /// It has left for good: nothing may bring it back, since nobody would end it then.
+    Left,
+}
+
+impl Connection {
+    pub(super) fn session(&mut self) -> Option<&mut Session> {
+        match self {
+            Self::Joined(session) => Some(session),
+            Self::Apart | Self::Left => None,
+        }
+    }
+}
+
 /// What a node is made of; shared by its handle, its endpoints and its threads.
 pub(super) struct Core {
     pub(super) names: Names,
@@ -45,7 +65,7 @@ pub(super) struct Core {
     pub(super) stopping: AtomicBool,
     pub(super) outbox: Outbox,
     pub(super) endpoints: Arc<Mutex<Endpoints>>,
-    pub(super) session: Mutex<Option<Session>>,
+    pub(super) session: Mutex<Connection>,
     pub(super) params: Arc<ParameterStore>,
     pub(super) clock: Clock,
     pub(super) diagnostics: Diagnostics,
@@ -67,7 +87,7 @@ impl Core {
             stopping: AtomicBool::new(false),
             outbox: Outbox::default(),
             endpoints: Arc::default(),
-            session: Mutex::new(None),
+            session: Mutex::default(),
             params,
             diagnostics: Diagnostics::default(),
             seen: AtomicU64::new(0),
@@ -85,31 +105,38 @@ impl Core {
         self.log.get()
     }
 
-    /// Makes a participant with all endpoints, in place of the one that is there, if any.
-    pub(super) fn open_session(&self) -> Result<(), NodeError> {
-        let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(old) = session.take() {
-            Session::detach(&self.lock_endpoints());
-            // It may wait for threads that are no more; nobody waits for it.
-            std::thread::spawn(move || drop(old));
+    /// Makes a participant with all endpoints, in place of the one that is there, if any. Gives false
+    /// if the node has left the graph, where it stays.
+    pub(super) fn open_session(&self) -> Result<bool, NodeError> {
+        let mut connection = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        match std::mem::take(&mut *connection) {
+            Connection::Left => {
+                *connection = Connection::Left;
+                return Ok(false);
+            }
+            Connection::Joined(old) => {
+                Session::detach(&self.lock_endpoints());
+                // It may wait for threads that are no more; nobody waits for it.
+                std::thread::spawn(move || drop(old));
+            }
+            Connection::Apart => {}
         }
         let node = self.names.node();
         let open = || Session::open(self.domain, node, &self.endpoints);
         let new = signals::with_blocked(open)
             .map_err(|e| NodeError::dds(node, "join the DDS domain", e))?;
-        *session = Some(new);
-        Ok(())
+        *connection = Connection::Joined(Box::new(new));
+        Ok(true)
     }
 
-    /// Leaves the graph.
+    /// Leaves the graph for good.
     pub(super) fn close_session(&self) {
-        let session = self
-            .session
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .take();
+        let connection = {
+            let mut connection = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+            std::mem::replace(&mut *connection, Connection::Left)
+        };
         Session::detach(&self.lock_endpoints());
-        drop(session);
+        drop(connection);
     }
 
     fn lock_endpoints(&self) -> std::sync::MutexGuard<'_, Endpoints> {
@@ -122,7 +149,7 @@ impl Core {
         let writer = Arc::new(Writer::new(spec));
         let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
         self.lock_endpoints().writers.push(Arc::clone(&writer));
-        if let Some(session) = session.as_mut() {
+        if let Some(session) = session.session() {
             session
                 .add_writer(&writer)
                 .map_err(|e| self.endpoint_error("publish", &writer.spec, &e))?;
@@ -138,7 +165,7 @@ impl Core {
         let reader = Arc::new(Reader::new(spec, sink));
         let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
         self.lock_endpoints().readers.push(Arc::clone(&reader));
-        if let Some(session) = session.as_mut() {
+        if let Some(session) = session.session() {
             session
                 .add_reader(&reader)
                 .map_err(|e| self.endpoint_error("subscribe to", &reader.spec, &e))?;
@@ -152,7 +179,7 @@ impl Core {
 
     pub(super) fn remove_writer(&self, writer: &Arc<Writer>) {
         let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(session) = session.as_mut() {
+        if let Some(session) = session.session() {
             session.remove_writer(writer);
         }
         self.lock_endpoints()
@@ -162,7 +189,7 @@ impl Core {
 
     pub(super) fn remove_reader(&self, reader: &Arc<Reader>) {
         let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(session) = session.as_mut() {
+        if let Some(session) = session.session() {
             session.remove_reader(reader);
         }
         self.lock_endpoints()
@@ -313,13 +340,13 @@ impl Node {
 
     /// Publishers of other nodes, as far as they are discovered.
     pub fn discovered_publishers(&self) -> Vec<DiscoveredPublisher> {
-        let session = self
+        let mut connection = self
             .core
             .session
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
-        session
-            .as_ref()
+        connection
+            .session()
             .map(|s| discovery::publishers(s.participant()))
             .unwrap_or_default()
     }

@@ -52,7 +52,11 @@ impl<M: Interface> Inbox<M> {
         let mut queue = self.lock();
         if queue.len() >= self.depth {
             queue.pop_front();
-            counters.dropped.fetch_add(1, Relaxed);
+            let count = match self.depth {
+                1 => &counters.replaced,
+                _ => &counters.dropped,
+            };
+            count.fetch_add(1, Relaxed);
         }
         queue.push_back(Received {
             message,
@@ -144,7 +148,8 @@ impl<M> Subscription<M> {
         (last != 0).then(|| Time::wall().since(Time::from_nanos(last)))
     }
 
-    /// How many messages came, were dropped because the queue was full, or were not of the type.
+    /// How many messages came, were dropped because the queue was full (one of depth 1 only ever
+    /// replaces), or were not of the type.
     pub fn counts(&self) -> (u64, u64, u64) {
         let c = &self.reader.counters;
         (

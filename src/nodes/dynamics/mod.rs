@@ -43,18 +43,8 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let params = params.map_err(input)?;
     let world = World::new(&params).map_err(input)?;
     let robot = world.robot.model();
-    let unmodelled: Vec<_> = robot
-        .joints()
-        .iter()
-        .filter(|j| j.friction != 0.0)
-        .map(|j| j.name.as_str())
-        .collect();
-    if !unmodelled.is_empty() {
-        tracing::warn!(
-            "{}: Coulomb friction of {} is not simulated; damping is",
-            params.robot.source,
-            unmodelled.join(", ")
-        );
+    if let Some(missing) = world.not_simulated() {
+        tracing::warn!("{}: {missing}", params.robot.source);
     }
     if params.state_rate > 100.0 && !params.lockstep {
         tracing::warn!(
@@ -76,6 +66,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         commands: topics::JOINT_COMMANDS.subscribe(node)?,
         command_status: node.diagnostics().status("commands"),
         time_status: node.diagnostics().status("time"),
+        limit_status: node.diagnostics().status("limits"),
         last_command: None,
         refused: 0,
         refused_at: None,
@@ -95,6 +86,7 @@ struct Simulation<'a> {
     commands: Subscription<JointState>,
     command_status: Status,
     time_status: Status,
+    limit_status: Status,
     /// Simulated time at which the last valid command came \[s\].
     last_command: Option<f64>,
     refused: u64,
@@ -134,6 +126,10 @@ impl Simulation<'_> {
             self.check_command_age();
             self.step();
             self.outputs.publish(&self.world)?;
+            match self.world.beyond_limits() {
+                Some(problem) => self.limit_status.warn(problem),
+                None => self.limit_status.ok("within the joints' limits"),
+            }
             self.report_time();
         }
         Ok(())
