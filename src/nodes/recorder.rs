@@ -163,7 +163,14 @@ impl Session<'_> {
         for topic in topics::all() {
             let name = self.node.resolve_topic(topic.name)?;
             if self.wants(&name) {
-                self.subscribe(name, &topic.type_name, topic.qos)?;
+                let sink = self.sink(&name, &topic.type_name, topic.qos);
+                let subscription = self.node.subscribe_raw(
+                    topic.name,
+                    &topic.type_name,
+                    reading(topic.qos),
+                    move |sample| sink.take(sample),
+                )?;
+                self.subscriptions.insert(name, subscription);
             }
         }
         Ok(())
@@ -173,27 +180,25 @@ impl Session<'_> {
         for publisher in self.node.discovered_publishers() {
             let new = !self.subscriptions.contains_key(&publisher.topic);
             if new && self.wants(&publisher.topic) {
-                self.subscribe(publisher.topic, &publisher.type_name, publisher.qos)?;
+                let sink = self.sink(&publisher.topic, &publisher.type_name, publisher.qos);
+                let take = move |sample| sink.take(sample);
+                let subscription =
+                    self.node
+                        .subscribe_discovered(&publisher, reading(publisher.qos), take)?;
+                self.subscriptions.insert(publisher.topic, subscription);
             }
         }
         Ok(())
     }
 
-    fn subscribe(&mut self, topic: String, type_name: &str, qos: Qos) -> Result<(), NodeError> {
-        let into = bag::Topic::named(topic.clone(), type_name, qos);
-        let sink = Sink {
+    fn sink(&self, topic: &str, type_name: &str, qos: Qos) -> Sink {
+        Sink {
             handle: self.handle.clone(),
             times: Arc::clone(&self.times),
             is_clock: topic == topics::CLOCK.name,
-            topic: into,
+            topic: bag::Topic::named(topic, type_name, qos),
             entry: OnceLock::new(),
-        };
-        // Deep enough for whatever arrives while the receiving thread is busy.
-        let reading = qos.depth(qos.depth.max(100));
-        let raw = (self.node)
-            .subscribe_raw(&topic, type_name, reading, move |sample| sink.take(sample))?;
-        self.subscriptions.insert(topic, raw);
-        Ok(())
+        }
     }
 
     fn report(&mut self) {
@@ -219,6 +224,11 @@ impl Session<'_> {
             None => self.status.ok("recording"),
         }
     }
+}
+
+/// What is offered, with a queue deep enough for what arrives while the receiving thread is busy.
+fn reading(offered: Qos) -> Qos {
+    offered.depth(offered.depth.max(100))
 }
 
 /// The time of the log: the computer's, or with use_sim_time that of `/clock`, as with

@@ -3,7 +3,7 @@
 use std::{
     sync::{
         Arc, Mutex, OnceLock, PoisonError,
-        atomic::{AtomicBool, AtomicU64, Ordering},
+        atomic::{AtomicU64, Ordering},
     },
     time::{Duration, Instant},
 };
@@ -20,7 +20,7 @@ use super::{
     session::Session,
     signals,
     subscription::Inbox,
-    wait::Events,
+    wait::{Events, Fate},
 };
 use crate::msg::{Interface, Service, cdr, rosgraph_msgs};
 
@@ -62,7 +62,7 @@ pub(super) struct Core {
     pub(super) names: Names,
     pub(super) domain: Domain,
     pub(super) events: Arc<Events>,
-    pub(super) stopping: AtomicBool,
+    pub(super) fate: Arc<Fate>,
     pub(super) outbox: Outbox,
     pub(super) endpoints: Arc<Mutex<Endpoints>>,
     pub(super) session: Mutex<Connection>,
@@ -81,10 +81,10 @@ impl Core {
         let events = Arc::new(Events::default());
         Self {
             clock: Clock::new(Arc::clone(&events)),
+            fate: Arc::new(Fate::new(Arc::clone(&events))),
             names,
             domain,
             events,
-            stopping: AtomicBool::new(false),
             outbox: Outbox::default(),
             endpoints: Arc::default(),
             session: Mutex::default(),
@@ -122,7 +122,7 @@ impl Core {
             Connection::Apart => {}
         }
         let node = self.names.node();
-        let open = || Session::open(self.domain, node, &self.endpoints);
+        let open = || Session::open(self.domain, node, &self.endpoints, &self.fate);
         let new = signals::with_blocked(open)
             .map_err(|e| NodeError::dds(node, "join the DDS domain", e))?;
         *connection = Connection::Joined(Box::new(new));
@@ -219,8 +219,7 @@ impl Core {
     }
 
     pub(super) fn request_stop(&self) {
-        self.stopping.store(true, Ordering::Release);
-        self.events.notify();
+        self.fate.stop();
     }
 }
 
@@ -283,7 +282,7 @@ impl Node {
     }
 
     /// Subscribes to the bytes of `topic`, whose type (`pkg/msg/Name`) need not be known to fuyu. The
-    /// handler runs on the node's receiving thread: it should be quick.
+    /// handler runs on the node's receiving thread: it should be quick, and its panic ends the node.
     ///
     /// # Errors
     /// [`NodeError::Name`] for a name against the rules, [`NodeError::Input`] for a type that is not of
@@ -295,7 +294,30 @@ impl Node {
         qos: Qos,
         handler: impl Fn(RawSample) + Send + Sync + 'static,
     ) -> Result<RawSubscription, NodeError> {
-        let name = self.core.names.topic(topic)?;
+        self.subscribe_resolved(self.core.names.topic(topic)?, type_name, qos, handler)
+    }
+
+    /// As [`Self::subscribe_raw`], to the topic of a discovered publisher: its name is not remapped.
+    ///
+    /// # Errors
+    /// [`NodeError::Dds`] if DDS refuses.
+    pub fn subscribe_discovered(
+        &self,
+        publisher: &DiscoveredPublisher,
+        qos: Qos,
+        handler: impl Fn(RawSample) + Send + Sync + 'static,
+    ) -> Result<RawSubscription, NodeError> {
+        let topic = publisher.topic.clone();
+        self.subscribe_resolved(topic, &publisher.type_name, qos, handler)
+    }
+
+    fn subscribe_resolved(
+        &self,
+        name: String,
+        type_name: &str,
+        qos: Qos,
+        handler: impl Fn(RawSample) + Send + Sync + 'static,
+    ) -> Result<RawSubscription, NodeError> {
         let Some(dds_type) = discovery::dds_type(type_name) else {
             return Err(NodeError::Input(format!(
                 "topic {name}: type {type_name:?} is not of the form pkg/msg/Name"
@@ -347,7 +369,7 @@ impl Node {
             .unwrap_or_else(PoisonError::into_inner);
         connection
             .session()
-            .map(|s| discovery::publishers(s.participant()))
+            .map(|s| s.discovered_publishers(self.name()))
             .unwrap_or_default()
     }
 
@@ -373,7 +395,7 @@ impl Node {
 
     /// Whether the node should go on; false once it is asked to stop.
     pub fn ok(&self) -> bool {
-        !self.core.stopping.load(Ordering::Acquire)
+        !self.core.fate.is_stopping()
     }
 
     /// Asks the node to stop.

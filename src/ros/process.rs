@@ -5,7 +5,6 @@ use std::{
     process::ExitCode,
     sync::{
         Arc, Mutex, PoisonError, Weak,
-        atomic::Ordering,
         mpsc::{self, RecvTimeoutError},
     },
     thread::{self, JoinHandle},
@@ -43,6 +42,7 @@ pub fn run(
                     "argument {unknown:?}: not understood; ROS arguments stand behind --ros-args"
                 )));
             }
+            Arc::make_mut(&mut process.args).only_node = true;
             process.start(name, program)?;
             process.wait()
         },
@@ -209,6 +209,11 @@ impl Process {
                 let text = format!("node {}: its program has panicked", handle.name());
                 Err(NodeError::Failed(text))
             });
+            // A program that was stopped since its node is broken knows nothing of that.
+            let outcome = match handle.core.fate.failure() {
+                Some(reason) => Err(NodeError::Failed(reason.clone())),
+                None => outcome,
+            };
             drop(handle);
             // The process may have given up waiting.
             let _ = ended.send(Event::Ended(index, outcome));
@@ -312,7 +317,7 @@ fn reconnect(cores: &Mutex<Vec<Weak<Core>>>) {
     let cores = cores.lock().unwrap_or_else(PoisonError::into_inner);
     for core in cores.iter().filter_map(Weak::upgrade) {
         let node = core.names.node();
-        if core.stopping.load(Ordering::Acquire) {
+        if core.fate.is_stopping() {
             continue;
         }
         match core.open_session() {

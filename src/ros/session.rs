@@ -7,8 +7,9 @@ use rustdds::{
     mio1::{Events as PollEvents, Interest, Poll, Token, Waker},
 };
 use std::{
-    collections::HashMap,
+    collections::{BTreeSet, HashMap},
     io,
+    panic::{AssertUnwindSafe, catch_unwind},
     sync::{
         Arc, Mutex, PoisonError,
         atomic::{AtomicBool, Ordering::Relaxed},
@@ -19,8 +20,9 @@ use std::{
 
 use super::{
     Domain, Gid, NodeName, Qos, RawSample,
-    discovery::{Announcer, report_status},
+    discovery::{self, Announcer, DiscoveredPublisher, Peers, report_status},
     endpoint::{EndpointSpec, Endpoints, Reader, Writer},
+    wait::Fate,
     wire::{Opaque, RawReader},
 };
 
@@ -44,6 +46,8 @@ pub(super) struct Session {
     subscriber: rustdds::Subscriber,
     topics: HashMap<String, Topic>,
     announcer: Announcer,
+    /// Discovered topics and types that are not of ROS, as far as they were warned of.
+    strange: BTreeSet<(String, String)>,
     commands: mpsc::Sender<Command>,
     waker: Arc<Waker>,
     stop: Arc<AtomicBool>,
@@ -56,6 +60,7 @@ impl Session {
         domain: Domain,
         node: &NodeName,
         endpoints: &Arc<Mutex<Endpoints>>,
+        fate: &Arc<Fate>,
     ) -> Result<Self, String> {
         let text = |e: rustdds::dds::CreateError| e.to_string();
         let participant = domain.participant()?;
@@ -78,7 +83,15 @@ impl Session {
         };
         let receiver = thread::Builder::new()
             .name(format!("{}.receive", node.name()))
-            .spawn(move || receiver.run())
+            .spawn({
+                let (node, fate) = (node.clone(), Arc::clone(fate));
+                move || match catch_unwind(AssertUnwindSafe(|| receiver.run())) {
+                    Ok(Ok(())) => {}
+                    // A node that hears nothing any more must not go on as if all were well.
+                    Ok(Err(e)) => fate.fail(format!("node {node}: receiving has ended: {e}")),
+                    Err(_) => fate.fail(format!("node {node}: a handler has panicked")),
+                }
+            })
             .map_err(|e| e.to_string())?;
         let mut session = Self {
             participant,
@@ -86,6 +99,7 @@ impl Session {
             subscriber,
             topics: HashMap::new(),
             announcer,
+            strange: BTreeSet::new(),
             commands,
             waker: Arc::new(waker),
             stop,
@@ -133,8 +147,8 @@ impl Session {
         }
     }
 
-    pub(super) fn participant(&self) -> &DomainParticipant {
-        &self.participant
+    pub(super) fn discovered_publishers(&mut self, node: &NodeName) -> Vec<DiscoveredPublisher> {
+        discovery::publishers(&self.participant, node, &mut self.strange)
     }
 
     fn send(&self, command: Command) {
@@ -226,10 +240,11 @@ struct Receiver {
 }
 
 impl Receiver {
-    fn run(mut self) {
+    fn run(mut self) -> io::Result<()> {
         // Tokens are never used twice within one participant.
         let mut readers: HashMap<usize, Receiving> = HashMap::new();
         let mut next_token = FIRST_READER;
+        let mut peers = Peers::default();
         let mut status = self.participant.status_listener();
         let registered = self
             .poll
@@ -242,16 +257,12 @@ impl Receiver {
         while !self.stop.load(Relaxed) {
             match self.poll.poll(&mut events, None) {
                 Err(e) if e.kind() == io::ErrorKind::Interrupted => continue,
-                Err(e) => {
-                    tracing::error!("node {}: receiving has ended: {e}", self.node);
-                    return;
-                }
-                Ok(()) => {}
+                outcome => outcome?,
             }
             for event in &events {
                 match event.token() {
                     WAKER => {}
-                    STATUS => report_status(&status, &self.node, &self.endpoints),
+                    STATUS => report_status(&status, &self.node, &self.endpoints, &mut peers),
                     Token(token) => {
                         if let Some(receiving) = readers.get_mut(&token) {
                             receiving.take_all();
@@ -284,6 +295,7 @@ impl Receiver {
                 }
             }
         }
+        Ok(())
     }
 }
 

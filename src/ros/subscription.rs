@@ -2,10 +2,7 @@
 
 use std::{
     collections::VecDeque,
-    sync::{
-        Arc, Condvar, Mutex, MutexGuard, PoisonError,
-        atomic::Ordering::{self, Relaxed},
-    },
+    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, atomic::Ordering::Relaxed},
     time::{Duration, Instant},
 };
 
@@ -118,7 +115,7 @@ impl<M: Interface> Subscription<M> {
                 return Some(received);
             }
             let left = deadline.saturating_duration_since(Instant::now());
-            if left.is_zero() || self.core.stopping.load(Ordering::Acquire) {
+            if left.is_zero() || self.core.fate.is_stopping() {
                 return None;
             }
             queue = self

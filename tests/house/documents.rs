@@ -61,9 +61,9 @@ fn implemented() -> BTreeSet<String> {
     for source in sources().iter().filter(|s| s.module() == "nodes") {
         let path = source.path.to_string_lossy();
         let nodes: &[&str] = match path.as_ref() {
-            p if p.starts_with("nodes/dynamics/") => &["dynamics"],
-            "nodes/camera.rs" => &["camera"],
-            "nodes/controller.rs" => &["controller"],
+            p if p.starts_with("nodes/dynamics") => &["dynamics"],
+            p if p.starts_with("nodes/camera") => &["camera"],
+            p if p.starts_with("nodes/controller") => &["controller"],
             // Shared by those who must know the robot.
             "nodes/robot_description.rs" => &["camera", "controller"],
             _ => continue,
