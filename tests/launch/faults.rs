@@ -138,7 +138,7 @@ fn without_commands_efforts_end_and_come_back() {
     }
     let stopped = now();
     let told = diagnosed(&mut peer, "dynamics: commands", |level, text| {
-        level == WARN && text.contains("no command")
+        level == WARN && text.contains("command_timeout")
     });
     println!("{told}");
     assert!(
