@@ -83,12 +83,19 @@ impl Workspace {
     /// Scale against which a momentum residual is judged: the sum over bodies of the magnitudes of
     /// their momenta (linear, angular), each about the system's centre of mass.
     pub fn momentum_scale(&self, model: &Model) -> (f64, f64) {
-        let mut scale = (0.0, 0.0);
+        self.carried_momentum_and_scale(model).1
+    }
+
+    /// [`Workspace::carried_momentum`] and [`Workspace::momentum_scale`] in one sweep.
+    pub fn carried_momentum_and_scale(&self, model: &Model) -> (Momentum, (f64, f64)) {
+        let (mut sum, mut scale) = (Momentum::default(), (0.0, 0.0));
         self.for_each_body_momentum(model, |linear, angular| {
+            sum.linear += linear;
+            sum.angular += angular;
             scale.0 += linear.norm();
             scale.1 += angular.norm();
         });
-        scale
+        (sum, scale)
     }
 
     fn for_each_body_momentum(
