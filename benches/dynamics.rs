@@ -4,7 +4,7 @@ use std::hint::black_box;
 use std::time::Duration;
 
 use criterion::{
-    BenchmarkGroup, Criterion, criterion_group, criterion_main, measurement::WallTime,
+    BenchmarkGroup, Criterion, SamplingMode, criterion_group, criterion_main, measurement::WallTime,
 };
 use fuyu::control::{Gains, JacobianKind, Measurement, Saturation, TransposeJacobian};
 use fuyu::dynamics::{Input, Integrator, Method, Momentum, State, Workspace};
@@ -141,9 +141,11 @@ fn dynamics(c: &mut Criterion) {
     for (name, model) in robots() {
         let mut group = c.benchmark_group(name);
         group
-            .warm_up_time(Duration::from_millis(300))
-            .measurement_time(Duration::from_millis(1500))
-            .sample_size(50);
+            // Many short samples, so that on a shared machine the median is of undisturbed ones.
+            .sampling_mode(SamplingMode::Flat)
+            .warm_up_time(Duration::from_millis(100))
+            .measurement_time(Duration::from_millis(500))
+            .sample_size(500);
         kernels(&mut group, &model);
         group.finish();
     }

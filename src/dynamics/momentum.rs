@@ -85,13 +85,19 @@ impl Workspace {
     /// observer who moves with that centre. What they cancel to is the system's momentum, so this, or
     /// that if it is larger, is the scale of its rounding.
     pub fn momentum_scale(&self, model: &Model) -> (f64, f64) {
-        let v_com = self.carried_momentum(model).linear / self.mass;
+        self.carried_momentum_and_scale(model).1
+    }
+
+    /// [`Workspace::carried_momentum`] and [`Workspace::momentum_scale`], which needs the former.
+    pub fn carried_momentum_and_scale(&self, model: &Model) -> (Momentum, (f64, f64)) {
+        let carried = self.carried_momentum(model);
+        let v_com = carried.linear / self.mass;
         let mut scale = (0.0, 0.0);
         self.for_each_body_momentum(model, &v_com, |linear, angular| {
             scale.0 += linear.norm();
             scale.1 += angular.norm();
         });
-        scale
+        (carried, scale)
     }
 
     /// Momenta of the bodies for an observer who moves with `velocity`.

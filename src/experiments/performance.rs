@@ -90,7 +90,7 @@ impl Performance {
     pub fn new(world: &World) -> Self {
         Self {
             initial_base: base_com(world),
-            initial_momentum: carried(world),
+            initial_momentum: carried(world).0,
             initial_energy: energy(world),
             last: (0.0, f64::NAN, f64::NAN),
             position_settled: Settled::new(0.01),
@@ -113,12 +113,11 @@ impl Performance {
         self.position_settled.see(time, position);
         self.attitude_settled.see(time, attitude);
 
-        let momentum = carried(world);
+        let (momentum, scale) = carried(world);
         let change = |a: Vector3<f64>, b: Vector3<f64>, worst| larger(worst, (a - b).norm());
         let first = &self.initial_momentum;
         self.momentum_change.0 = change(momentum.linear, first.linear, self.momentum_change.0);
         self.momentum_change.1 = change(momentum.angular, first.angular, self.momentum_change.1);
-        let scale = world.robot.workspace().momentum_scale(world.robot.model());
         self.momentum_scale.0 = larger(self.momentum_scale.0, scale.0);
         self.momentum_scale.1 = larger(self.momentum_scale.1, scale.1);
         let energy = energy(world);
@@ -185,16 +184,16 @@ fn base_com(world: &World) -> Vector3<f64> {
     X_WB.rotation * world.robot.model().bodies()[0].inertia.com + X_WB.translation.vector
 }
 
-fn carried(world: &World) -> Momentum {
-    let momentum_B = world
-        .robot
-        .workspace()
-        .carried_momentum(world.robot.model());
-    let R_WB = world.robot.state().R_WB;
-    Momentum {
+/// Momentum that the bodies carry, world axes, and the scale of its rounding.
+fn carried(world: &World) -> (Momentum, (f64, f64)) {
+    let robot = &world.robot;
+    let (momentum_B, scale) = robot.workspace().carried_momentum_and_scale(robot.model());
+    let R_WB = robot.state().R_WB;
+    let momentum_W = Momentum {
         linear: R_WB * momentum_B.linear,
         angular: R_WB * momentum_B.angular,
-    }
+    };
+    (momentum_W, scale)
 }
 
 fn energy(world: &World) -> f64 {
