@@ -1,4 +1,73 @@
-//! Free-floating space robots as ROS 2 nodes.
+//! Free-floating space robots as ROS 2 nodes: simulation and control without a ROS installation.
+//!
+//! fuyu (浮遊, floating) is a program first; `README.md` says what it does. This is the library below it.
+//!
+//! # Layers
+//!
+//! Imports run downward only; `ARCHITECTURE.md` has the picture.
+//!
+//! | module | holds | needs |
+//! | --- | --- | --- |
+//! | [`spatial`] | rotations, twists, wrenches, inertias | |
+//! | [`model`] | a URDF compiled into bodies, joints and frames | |
+//! | [`dynamics`] | kinematics, momentum, generalized Jacobian, forward dynamics, integrators | |
+//! | [`control`], [`vision`] | control laws; what a camera on the moving base measures | |
+//! | `msg`, `ros`, `bag` | ROS 2 messages; nodes over DDS; rosbag2 recordings | `ros` |
+//! | `nodes` | dynamics, camera, controller and recorder as ROS 2 nodes | `ros` |
+//! | `experiments` | closed loops without DDS; what recorded runs show | `ros` |
+//! | `cli` | the command line | `ros` |
+//!
+//! # Features
+//!
+//! `ros` (default) is everything that touches a graph, a file or a terminal. Without it fuyu is a small
+//! physics library that another program can embed:
+//!
+//! ```toml
+//! fuyu = { version = "0.1", default-features = false }
+//! ```
+//!
+//! ```
+//! use fuyu::{dynamics::Workspace, model::Model};
+//! use nalgebra::{DVector, Matrix6xX};
+//!
+//! let urdf = r#"
+//!     <robot name="boom">
+//!       <link name="base_link"><inertial><mass value="100"/>
+//!         <inertia ixx="10" iyy="10" izz="10" ixy="0" ixz="0" iyz="0"/></inertial></link>
+//!       <link name="arm"><inertial><origin xyz="0.5 0 0"/><mass value="10"/>
+//!         <inertia ixx="0.1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+//!       <link name="tool0"/>
+//!       <joint name="shoulder" type="continuous"><parent link="base_link"/><child link="arm"/>
+//!         <origin xyz="1 0 0"/><axis xyz="0 0 1"/></joint>
+//!       <joint name="flange" type="fixed"><parent link="arm"/><child link="tool0"/>
+//!         <origin xyz="1 0 0"/></joint>
+//!     </robot>"#;
+//! let model = Model::from_urdf(urdf, "boom.urdf")?;
+//! let tip = model.frame("tool0").expect("a link of the robot");
+//!
+//! let mut workspace = Workspace::new(&model);
+//! workspace.set_positions(&model, &DVector::from_element(1, 0.3));
+//! let mut fixed = Matrix6xX::zeros(model.dof());
+//! let mut generalized = Matrix6xX::zeros(model.dof());
+//! workspace.fixed_base_jacobian(&model, tip, &mut fixed);
+//! workspace.generalized_jacobian(&model, tip, &mut generalized);
+//!
+//! // The base turns the other way and gives way, so the tip turns less than the joint does.
+//! assert_eq!(fixed[(5, 0)], 1.0);
+//! assert!(generalized[(5, 0)] > 0.0 && generalized[(5, 0)] < 1.0);
+//! # Ok::<(), fuyu::model::UrdfError>(())
+//! ```
+//!
+//! # Notation, units, sources
+//!
+//! Quantities carry their frames in their names, in monogram style (`X_AB`, `R_WB`, `w_WB_B`); [`spatial`]
+//! has the table. All units are SI, frames and axes those of REP-103 and REP-105.
+//!
+//! Every formula that is not a textbook's names its source, such as "Masutani 1995 eq. (4.36)": Y. Masutani
+//! (升谷 保博), 浮遊型宇宙ロボットによる物体捕捉のための計測と制御 (measurement and control for the capture of objects
+//! by floating space robots), doctoral thesis, Osaka University, 1995,
+//! [doi:10.11501/3105001](https://doi.org/10.11501/3105001). Where the print is wrong, the corrected form
+//! stands and the comment says so.
 
 pub mod control;
 pub mod dynamics;

@@ -59,7 +59,7 @@ impl Info {
     /// From the first to the last message \[ns\].
     pub fn duration_ns(&self) -> u64 {
         match (self.start_ns, self.end_ns) {
-            (Some(start), Some(end)) => end - start,
+            (Some(start), Some(end)) => end.saturating_sub(start),
             _ => 0,
         }
     }

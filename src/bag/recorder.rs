@@ -17,6 +17,11 @@ const CHUNK_AGE: Duration = Duration::from_secs(1);
 /// Bytes that wait for the disk before messages are dropped: more than three seconds at 20 MB/s.
 const QUEUE_BYTES: usize = 64 << 20;
 
+/// Memory of a message that waits [B], with what the queue itself needs for it.
+fn weight(cdr: &Bytes) -> usize {
+    cdr.len() + 128
+}
+
 /// A [`Writer`] on a thread of its own. Callers hand messages over and never wait for the disk.
 ///
 /// If the disk cannot keep up for long, the queue fills and further messages are dropped; they are
@@ -188,7 +193,7 @@ impl RecorderHandle {
         cdr: impl Into<Bytes>,
     ) -> bool {
         let cdr = cdr.into();
-        let len = cdr.len();
+        let len = weight(&cdr);
         let queued = self.shared.queued.fetch_add(len, Ordering::Relaxed);
         // One message may exceed the capacity if it has the queue for itself.
         let fits = queued == 0 || queued + len <= self.shared.capacity;
@@ -275,7 +280,7 @@ fn run(
                 cdr,
             }) => {
                 let result = writer.write_cdr(topics[topic], log_time, publish_time, &cdr);
-                shared.queued.fetch_sub(cdr.len(), Ordering::Relaxed);
+                shared.queued.fetch_sub(weight(&cdr), Ordering::Relaxed);
                 result?;
                 shared.written.fetch_add(1, Ordering::Relaxed);
                 due.get_or_insert_with(|| Instant::now() + CHUNK_AGE);

@@ -48,7 +48,7 @@ impl Command {
     }
 }
 
-/// Why a command did not end well. Displayed in one line on stderr.
+/// Why a command did not end well. Displayed on stderr, a line per problem.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
     /// What the user gave is wrong: a file, a value, a name. Exit code 2.
@@ -84,9 +84,11 @@ pub fn main() -> ExitCode {
     match command.run(ros_args) {
         Ok(()) => ExitCode::SUCCESS,
         Err(failure) => {
-            let line = failure.to_string().replace(['\n', '\r'], " ");
-            // Nobody is left to tell if stderr is closed.
-            let _ = writeln!(io::stderr(), "fuyu: error: {line}");
+            for line in failure.to_string().lines() {
+                let line = line.replace('\r', " ");
+                // Nobody is left to tell if stderr is closed.
+                let _ = writeln!(io::stderr(), "fuyu: error: {line}");
+            }
             failure.exit_code()
         }
     }

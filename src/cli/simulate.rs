@@ -17,7 +17,7 @@ pub struct Args {
     #[arg(value_name = "CONFIG")]
     config: String,
     /// Simulated time \[s\] instead of the scenario's
-    #[arg(long, value_name = "S", value_parser = super::positive_seconds)]
+    #[arg(long, value_name = "S", value_parser = super::positive_seconds, allow_hyphen_values = true)]
     duration: Option<f64>,
     /// Write the run as a bag into this new folder
     #[arg(long, value_name = "DIR")]
@@ -52,7 +52,11 @@ impl From<BagError> for Stop {
 /// the finite or the bag cannot be written.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let scenario = Scenario::read(&args.config).map_err(Failure::Input)?;
+    scenario.check().map_err(Failure::Input)?;
     let mut closed_loop = ClosedLoop::new(&scenario).map_err(Failure::Input)?;
+    if let Some(missing) = closed_loop.world.not_simulated() {
+        eprintln!("fuyu: note: {}: {missing}", scenario.path().display());
+    }
     let duration = match args.duration {
         Some(duration) => duration,
         None if closed_loop.duration() > 0.0 => closed_loop.duration(),

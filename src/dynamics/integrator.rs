@@ -4,7 +4,7 @@ use nalgebra::{DVector, Vector3};
 
 use super::{Input, State, Tableau, Workspace};
 use crate::model::Model;
-use crate::spatial::{attitude_rate_from_angular_velocity, exp_so3};
+use crate::spatial::{exp_so3, rotation_vector_rate};
 
 /// Integration methods to choose from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
@@ -76,7 +76,7 @@ impl Rate {
         input: &Input,
         turned: &Vector3<f64>,
     ) {
-        self.turned = attitude_rate_from_angular_velocity(turned, &workspace.V_WB_B().angular);
+        self.turned = rotation_vector_rate(turned, &workspace.V_WB_B().angular);
         self.com = state.momentum_W.linear / workspace.mass;
         self.linear_momentum = state.R_WB * workspace.external.force;
         self.angular_momentum = state.R_WB * workspace.external.torque;

@@ -72,16 +72,13 @@ impl Workspace {
     /// over bodies of eqs. (4.7), (4.8), from their twists (needs [`Workspace::set_motion`]). It shares
     /// no step with the momentum map, so comparing it with the state's momentum is a check.
     pub fn carried_momentum(&self, model: &Model) -> Momentum {
-        let mut sum = Momentum::default();
-        self.for_each_body_momentum(model, |linear, angular| {
-            sum.linear += linear;
-            sum.angular += angular;
-        });
-        sum
+        self.carried_momentum_and_scale(model).0
     }
 
-    /// Scale against which a momentum residual is judged: the sum over bodies of the magnitudes of
-    /// their momenta (linear, angular), each about the system's centre of mass.
+    /// How much momentum the bodies carry without regard to sign: the sums of the magnitudes of their
+    /// linear momenta and of their angular momenta about the system's centre of mass, as seen by an
+    /// observer who moves with that centre. What they cancel to is the system's momentum, so this, or
+    /// that if it is larger, is the scale of its rounding.
     pub fn momentum_scale(&self, model: &Model) -> (f64, f64) {
         self.carried_momentum_and_scale(model).1
     }
@@ -89,27 +86,20 @@ impl Workspace {
     /// [`Workspace::carried_momentum`] and [`Workspace::momentum_scale`] in one sweep.
     pub fn carried_momentum_and_scale(&self, model: &Model) -> (Momentum, (f64, f64)) {
         let (mut sum, mut scale) = (Momentum::default(), (0.0, 0.0));
-        self.for_each_body_momentum(model, |linear, angular| {
-            sum.linear += linear;
-            sum.angular += angular;
-            scale.0 += linear.norm();
-            scale.1 += angular.norm();
-        });
-        (sum, scale)
-    }
-
-    fn for_each_body_momentum(
-        &self,
-        model: &Model,
-        mut visit: impl FnMut(Vector3<f64>, Vector3<f64>),
-    ) {
         for (body, terms) in model.bodies().iter().zip(&self.bodies) {
             let (R_0B, inertia) = (&terms.R_0B, &body.inertia);
             let spin = R_0B * (inertia.about_com * R_0B.tr_mul(&terms.twist.angular));
             let linear = terms.v_com(inertia) * inertia.mass;
+            // The common motion carries no angular momentum about the centre of mass.
+            let own = linear - self.v_WC * inertia.mass;
             let arm = R_0B * inertia.com + terms.p_0B - self.p_BC;
-            visit(linear, spin + arm.cross(&linear));
+            let angular = spin + arm.cross(&own);
+            sum.linear += linear;
+            sum.angular += angular;
+            scale.0 += own.norm();
+            scale.1 += angular.norm();
         }
+        (sum, scale)
     }
 }
 

@@ -88,7 +88,7 @@ fn tip_error(run: &RecordedRun) -> Option<Figure> {
 fn base_motion(run: &RecordedRun) -> Option<Figure> {
     let start = run.start();
     let time = |b: &super::BaseSample| seconds_since(start, b.time);
-    let first = run.base.first()?.X_WB.translation.vector;
+    let first = run.base_com(run.base.first()?);
     let angle = |name: &str, k: usize| {
         curve(name, &run.base, |b| {
             let angles = roll_pitch_yaw_intrinsic(&b.X_WB.rotation.to_rotation_matrix());
@@ -97,7 +97,7 @@ fn base_motion(run: &RecordedRun) -> Option<Figure> {
     };
     let shift = |name: &str, k: usize| {
         curve(name, &run.base, |b| {
-            (time(b), b.X_WB.translation.vector[k] - first[k])
+            (time(b), run.base_com(b)[k] - first[k])
         })
     };
     figure(

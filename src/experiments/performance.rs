@@ -69,10 +69,11 @@ pub struct Summary {
     pub base_displacement: [f64; 3],
     /// Final attitude of the base: roll, pitch, yaw of Masutani 1995 app. F \[rad\].
     pub base_attitude_rpy: [f64; 3],
-    /// Largest change of the momentum that the bodies carry, relative to the largest sum of the
-    /// magnitudes of the bodies' own momenta.
+    /// Largest change of the momentum that the bodies carry, relative to the momentum at the start or to
+    /// [`Workspace::momentum_scale`](crate::dynamics::Workspace::momentum_scale), whichever is larger.
     pub momentum_residual: MomentumResidual,
-    /// Largest change of kinetic energy less work, relative to the largest energy.
+    /// Largest change of kinetic energy less work, relative to the largest kinetic energy seen from the
+    /// system's centre of mass.
     pub energy_residual: f64,
     /// Largest speed of the tip in the world \[m/s\].
     pub max_tip_speed: f64,
@@ -113,22 +114,24 @@ impl Performance {
         self.attitude_settled.see(time, attitude);
 
         let (momentum, scale) = carried(world);
-        let change = |a: Vector3<f64>, b: Vector3<f64>, worst: f64| worst.max((a - b).norm());
+        let change = |a: Vector3<f64>, b: Vector3<f64>, worst| larger(worst, (a - b).norm());
         let first = &self.initial_momentum;
         self.momentum_change.0 = change(momentum.linear, first.linear, self.momentum_change.0);
         self.momentum_change.1 = change(momentum.angular, first.angular, self.momentum_change.1);
-        self.momentum_scale.0 = self.momentum_scale.0.max(scale.0);
-        self.momentum_scale.1 = self.momentum_scale.1.max(scale.1);
+        self.momentum_scale.0 = larger(self.momentum_scale.0, scale.0);
+        self.momentum_scale.1 = larger(self.momentum_scale.1, scale.1);
         let energy = energy(world);
         let unexplained = energy - self.initial_energy - world.robot.state().work;
-        self.energy_change = self.energy_change.max(unexplained.abs());
-        self.energy_scale = self.energy_scale.max(energy);
+        self.energy_change = larger(self.energy_change, unexplained.abs());
+        // A common drift carries energy that nothing here exchanges.
+        let drift = 0.5 * momentum.linear.norm_squared() / world.robot.model().total_mass();
+        self.energy_scale = larger(self.energy_scale, energy - drift);
 
         world.robot.accelerations();
         let tip = moment.controller.tip();
         let workspace = world.robot.workspace();
         let base = &world.robot.model().frames()[0];
-        let largest = |so_far: f64, v: Vector3<f64>| so_far.max(v.norm());
+        let largest = |so_far, v: Vector3<f64>| larger(so_far, v.norm());
         self.max_tip_speed = largest(self.max_tip_speed, workspace.V_WF_B(tip).linear);
         self.max_tip_acceleration =
             largest(self.max_tip_acceleration, workspace.A_WF_B(tip).linear);
@@ -142,6 +145,7 @@ impl Performance {
     pub fn summary(&self, world: &World, wall_time: f64) -> Summary {
         let relative = |change: f64, scale: f64| if scale > 0.0 { change / scale } else { change };
         let X_WB = world.robot.state().X_WB(world.robot.workspace());
+        let first = &self.initial_momentum;
         Summary {
             duration: self.last.0,
             tip_position_error: self.last.1,
@@ -151,8 +155,14 @@ impl Performance {
             base_displacement: (base_com(world) - self.initial_base).into(),
             base_attitude_rpy: roll_pitch_yaw_intrinsic(&X_WB.rotation),
             momentum_residual: MomentumResidual {
-                linear: relative(self.momentum_change.0, self.momentum_scale.0),
-                angular: relative(self.momentum_change.1, self.momentum_scale.1),
+                linear: relative(
+                    self.momentum_change.0,
+                    larger(self.momentum_scale.0, first.linear.norm()),
+                ),
+                angular: relative(
+                    self.momentum_change.1,
+                    larger(self.momentum_scale.1, first.angular.norm()),
+                ),
             },
             energy_residual: relative(self.energy_change, self.energy_scale),
             max_tip_speed: self.max_tip_speed,
@@ -161,6 +171,11 @@ impl Performance {
             wall_time,
         }
     }
+}
+
+/// The larger of two; not a number if one is not.
+fn larger(a: f64, b: f64) -> f64 {
+    if b > a || b.is_nan() { b } else { a }
 }
 
 /// The base body's centre of mass in the world.

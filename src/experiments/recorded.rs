@@ -246,6 +246,15 @@ impl RecordedRun {
         }
     }
 
+    /// The base body's centre of mass in the world; the base frame's origin if the robot is not known \[m\].
+    pub fn base_com(&self, sample: &BaseSample) -> Vector3<f64> {
+        let com = match &self.model {
+            Some(Ok(model)) => model.bodies()[0].inertia.com,
+            _ => Vector3::zeros(),
+        };
+        sample.X_WB.rotation * com + sample.X_WB.translation.vector
+    }
+
     /// The last pose of a frame in its tree's root, and the root's name.
     pub fn pose_in_root(&self, frame: &str) -> (String, Isometry3<f64>) {
         let mut name = frame;

@@ -118,7 +118,13 @@ pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'stati
     let damping = damping(run);
     let mut start = None;
     let (mut work, mut flow, mut peak, mut residual) = (0.0, 0.0, 0.0f64, None);
+    let usual = usual_period(&run.joints);
     for pair in run.joints.windows(2) {
+        if pair[1].time - pair[0].time > usual * 3 / 2 {
+            // Samples are missing, and with them the efforts that acted: the balance begins anew.
+            start = None;
+            continue;
+        }
         if start.is_none() {
             start = energy.get(&pair[0].time).map(|e| (*e, work));
         }
@@ -136,6 +142,16 @@ pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'stati
         flow: peak.max(flow),
         peak,
     })
+}
+
+/// Median time between samples \[ns\].
+fn usual_period(joints: &[JointSample]) -> i64 {
+    let mut periods: Vec<i64> = joints.windows(2).map(|p| p[1].time - p[0].time).collect();
+    periods.sort_unstable();
+    periods
+        .get(periods.len() / 2)
+        .copied()
+        .unwrap_or(i64::MAX / 3)
 }
 
 /// The largest value; NaN if there is one.

@@ -6,15 +6,13 @@ use std::path::Path;
 use super::{ClosedLoop, Moment};
 use crate::{
     bag::{BagError, Recording, Topic, TopicId, Writer, WriterOptions},
-    msg::{
-        Interface, fuyu_msgs, geometry_msgs, nav_msgs, rosgraph_msgs, sensor_msgs, std_msgs,
-        tf2_msgs,
-    },
+    msg::{Interface, rosgraph_msgs, std_msgs},
     nodes::{
         camera, controller,
         dynamics::{FrameTree, World, joint_states, momentum, odometry},
+        topics,
     },
-    ros::{Qos, Time},
+    ros::Time,
 };
 
 /// Writes the bag of one run.
@@ -41,27 +39,27 @@ impl SimulatedBag {
     pub fn create(folder: &Path, run: &ClosedLoop, description: &str) -> Result<Self, BagError> {
         let mut writer = Writer::create(folder, WriterOptions::default())?;
         let frames = FrameTree::new(run.world.robot.model());
-        let latched = topic::<std_msgs::String>(&mut writer, "robot_description", Qos::LATCHED)?;
+        let latched = add(&mut writer, &topics::ROBOT_DESCRIPTION)?;
         let text = std_msgs::String {
             data: description.to_owned(),
         };
         writer.write_message(latched, 0, &text)?;
-        let tf_static = topic::<tf2_msgs::TFMessage>(&mut writer, "tf_static", Qos::TF_STATIC)?;
+        let tf_static = add(&mut writer, &topics::TF_STATIC)?;
         writer.write_message(tf_static, 0, &frames.static_transforms())?;
         let w = &mut writer;
         Ok(Self {
-            clock: topic::<rosgraph_msgs::Clock>(w, "clock", Qos::CLOCK)?,
-            joint_states: topic::<sensor_msgs::JointState>(w, "joint_states", Qos::RELIABLE)?,
-            odometry: topic::<nav_msgs::Odometry>(w, "ground_truth/odom", Qos::RELIABLE)?,
+            clock: add(w, &topics::CLOCK)?,
+            joint_states: add(w, &topics::JOINT_STATES)?,
+            odometry: add(w, &topics::ODOMETRY)?,
             targets: (run.world.targets.iter())
-                .map(|t| topic::<nav_msgs::Odometry>(w, &t.odometry_topic(), Qos::RELIABLE))
+                .map(|t| named(w, &t.odometry_topic(), &topics::ODOMETRY))
                 .collect::<Result<_, _>>()?,
-            momentum: topic::<fuyu_msgs::Momentum>(w, "ground_truth/momentum", Qos::RELIABLE)?,
-            tf: topic::<tf2_msgs::TFMessage>(w, "tf", Qos::TF)?,
-            tip_pose: topic::<geometry_msgs::PoseStamped>(w, "camera/tip_pose", Qos::RELIABLE)?,
-            goal_pose: topic::<geometry_msgs::PoseStamped>(w, "camera/goal_pose", Qos::RELIABLE)?,
-            commands: topic::<sensor_msgs::JointState>(w, "joint_commands", Qos::RELIABLE)?,
-            state: topic::<fuyu_msgs::ControllerState>(w, "controller/state", Qos::RELIABLE)?,
+            momentum: add(w, &topics::MOMENTUM)?,
+            tf: add(w, &topics::TF)?,
+            tip_pose: add(w, &topics::TIP_POSE)?,
+            goal_pose: add(w, &topics::SEEN_GOAL)?,
+            commands: add(w, &topics::JOINT_COMMANDS)?,
+            state: add(w, &topics::CONTROLLER_STATE)?,
             writer,
             frames,
         })
@@ -134,8 +132,17 @@ impl SimulatedBag {
     }
 }
 
-fn topic<M: Interface>(writer: &mut Writer, name: &str, qos: Qos) -> Result<TopicId, BagError> {
-    writer.add_topic(Topic::of::<M>(format!("/{name}"), qos))
+fn add<M: Interface>(writer: &mut Writer, topic: &topics::Topic<M>) -> Result<TopicId, BagError> {
+    named(writer, topic.name, topic)
+}
+
+fn named<M: Interface>(
+    writer: &mut Writer,
+    name: &str,
+    topic: &topics::Topic<M>,
+) -> Result<TopicId, BagError> {
+    let full = format!("/{}", name.trim_start_matches('/'));
+    writer.add_topic(Topic::of::<M>(full, topic.qos))
 }
 
 fn log_time(stamp: Time) -> u64 {

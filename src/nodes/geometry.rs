@@ -61,17 +61,23 @@ pub fn unit_quaternion(x: f64, y: f64, z: f64, w: f64) -> Result<UnitQuaternion<
     }
 }
 
+/// Beyond this a coordinate is no position of anything that can be simulated \[m\].
+const FARTHEST: f64 = 1e9;
+
 /// A pose from a message.
 ///
 /// # Errors
-/// Says which field is wrong when a number is not finite or the quaternion is not a unit one.
+/// Says which field is wrong when a coordinate is not a number below 1e9 m or the quaternion is not a
+/// unit one.
 pub fn pose_from_msg(pose: &geometry_msgs::Pose) -> Result<Isometry3<f64>, String> {
     let (p, q) = (&pose.position, &pose.orientation);
-    if ![p.x, p.y, p.z].iter().all(|x| x.is_finite()) {
-        return Err(format!(
-            "position [{}, {}, {}] is not finite",
-            p.x, p.y, p.z
-        ));
+    for (name, value) in [("x", p.x), ("y", p.y), ("z", p.z)] {
+        // Not a number is not below it either.
+        if !(value.abs() <= FARTHEST) {
+            return Err(format!(
+                "position.{name} is {value}; give metres, at most {FARTHEST:e}"
+            ));
+        }
     }
     let rotation = unit_quaternion(q.x, q.y, q.z, q.w).map_err(|e| format!("orientation: {e}"))?;
     Ok(Isometry3::from_parts(

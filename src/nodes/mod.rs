@@ -14,11 +14,14 @@ mod choice;
 pub mod controller;
 pub mod dynamics;
 pub mod geometry;
+mod joint_vectors;
 mod placement;
 pub mod recorder;
 pub mod resource;
 mod robot_description;
 pub mod scenario;
+mod stamp_pairs;
+pub mod topics;
 
 pub use robot_description::tip_frame;
 

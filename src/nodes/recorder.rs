@@ -3,60 +3,18 @@
 use std::{
     collections::HashMap,
     path::PathBuf,
-    sync::{Arc, OnceLock},
+    sync::{Arc, Mutex, OnceLock, PoisonError},
     time::Duration,
 };
 
-use super::choice;
+use super::{choice, topics};
 use crate::{
     bag::{self, Compression, RecorderHandle, RecorderTopic, Writer, WriterOptions},
+    msg::{cdr, rosgraph_msgs},
     ros::{Clock, Declare, Node, NodeError, Qos, RawSample, RawSubscription, Status, Time},
 };
 
-/// Topics of the graph whose type and QoS are known before anybody publishes them, so that not even
-/// their first message is missed.
-const KNOWN: [(&str, &str, Qos); 13] = [
-    ("/clock", "rosgraph_msgs/msg/Clock", Qos::CLOCK.depth(100)),
-    ("robot_description", "std_msgs/msg/String", Qos::LATCHED),
-    ("joint_states", "sensor_msgs/msg/JointState", Qos::RELIABLE),
-    (
-        "joint_commands",
-        "sensor_msgs/msg/JointState",
-        Qos::RELIABLE,
-    ),
-    ("/tf", "tf2_msgs/msg/TFMessage", Qos::TF),
-    ("/tf_static", "tf2_msgs/msg/TFMessage", Qos::TF_STATIC),
-    ("ground_truth/odom", "nav_msgs/msg/Odometry", Qos::RELIABLE),
-    (
-        "ground_truth/momentum",
-        "fuyu_msgs/msg/Momentum",
-        Qos::RELIABLE,
-    ),
-    (
-        "camera/tip_pose",
-        "geometry_msgs/msg/PoseStamped",
-        Qos::RELIABLE,
-    ),
-    (
-        "camera/goal_pose",
-        "geometry_msgs/msg/PoseStamped",
-        Qos::RELIABLE,
-    ),
-    (
-        "camera/camera_info",
-        "sensor_msgs/msg/CameraInfo",
-        Qos::LATCHED,
-    ),
-    (
-        "controller/state",
-        "fuyu_msgs/msg/ControllerState",
-        Qos::RELIABLE,
-    ),
-    ("goal_pose", "geometry_msgs/msg/PoseStamped", Qos::RELIABLE),
-];
-
-/// Plumbing of ROS that a bag of everything leaves out, as `ros2 bag record` does not without
-/// being asked.
+/// Plumbing of ROS, which a bag of everything leaves out.
 const LEFT_OUT: [&str; 2] = ["/parameter_events", "/rosout"];
 
 /// How often new topics are looked for.
@@ -143,6 +101,8 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         handle: recorder.handle(),
         subscriptions: HashMap::new(),
         status: node.diagnostics().status("bag"),
+        times: Arc::new(Times::new(node.clock().clone())),
+        failed: false,
         wanted: params
             .topics
             .iter()
@@ -157,6 +117,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         std::thread::sleep(LOOK);
     }
     session.subscriptions.clear();
+    session.times.begin(node.now());
     let recording = recorder
         .finish()
         .map_err(|e| NodeError::Failed(e.to_string()))?;
@@ -182,6 +143,9 @@ struct Session<'a> {
     status: Status,
     /// Full names; empty is all.
     wanted: Vec<String>,
+    times: Arc<Times>,
+    /// Whether it was said that nothing is recorded any more.
+    failed: bool,
 }
 
 impl Session<'_> {
@@ -193,11 +157,20 @@ impl Session<'_> {
         }
     }
 
+    /// Subscribes to the topics of the graph before anybody publishes them, so that not even their first
+    /// message is missed.
     fn subscribe_known(&mut self) -> Result<(), NodeError> {
-        for (topic, type_name, qos) in KNOWN {
-            let topic = self.node.resolve_topic(topic)?;
-            if self.wants(&topic) {
-                self.subscribe(topic, type_name, qos)?;
+        for topic in topics::all() {
+            let name = self.node.resolve_topic(topic.name)?;
+            if self.wants(&name) {
+                let sink = self.sink(&name, &topic.type_name, topic.qos);
+                let subscription = self.node.subscribe_raw(
+                    topic.name,
+                    &topic.type_name,
+                    reading(topic.qos),
+                    move |sample| sink.take(sample),
+                )?;
+                self.subscriptions.insert(name, subscription);
             }
         }
         Ok(())
@@ -207,36 +180,41 @@ impl Session<'_> {
         for publisher in self.node.discovered_publishers() {
             let new = !self.subscriptions.contains_key(&publisher.topic);
             if new && self.wants(&publisher.topic) {
-                self.subscribe(publisher.topic, &publisher.type_name, publisher.qos)?;
+                let sink = self.sink(&publisher.topic, &publisher.type_name, publisher.qos);
+                let take = move |sample| sink.take(sample);
+                let subscription =
+                    self.node
+                        .subscribe_discovered(&publisher, reading(publisher.qos), take)?;
+                self.subscriptions.insert(publisher.topic, subscription);
             }
         }
         Ok(())
     }
 
-    fn subscribe(&mut self, topic: String, type_name: &str, qos: Qos) -> Result<(), NodeError> {
-        let into = bag::Topic::named(topic.clone(), type_name, qos);
-        let sink = Sink {
+    fn sink(&self, topic: &str, type_name: &str, qos: Qos) -> Sink {
+        Sink {
             handle: self.handle.clone(),
-            clock: self.node.clock().clone(),
-            topic: into,
+            times: Arc::clone(&self.times),
+            is_clock: topic == topics::CLOCK.name,
+            topic: bag::Topic::named(topic, type_name, qos),
             entry: OnceLock::new(),
-        };
-        let name = format!("/{}", topic.trim_start_matches('/'));
-        let raw = self
-            .node
-            .subscribe_raw(&name, type_name, qos, move |sample| sink.take(sample))?;
-        self.subscriptions.insert(topic, raw);
-        Ok(())
+        }
     }
 
-    fn report(&self) {
+    fn report(&mut self) {
         let recorded = self.handle.status();
         self.status.set("bag", self.handle.folder().display());
         self.status.set("messages", recorded.accepted);
         self.status.set("dropped", recorded.dropped);
         self.status.set("queued [bytes]", recorded.queued_bytes);
         match recorded.failure {
-            Some(problem) => self.status.error(problem),
+            Some(problem) => {
+                if !self.failed {
+                    tracing::error!("nothing is recorded any more: {problem}");
+                    self.failed = true;
+                }
+                self.status.error(problem);
+            }
             None if recorded.dropped > 0 => {
                 self.status.warn(format!(
                     "{} messages were dropped: the disk is too slow",
@@ -248,10 +226,79 @@ impl Session<'_> {
     }
 }
 
+/// What is offered, with a queue deep enough for what arrives while the receiving thread is busy.
+fn reading(offered: Qos) -> Qos {
+    offered.depth(offered.depth.max(100))
+}
+
+/// The time of the log: the computer's, or with use_sim_time that of `/clock`, as with
+/// `ros2 bag record --use-sim-time`.
+struct Times {
+    clock: Clock,
+    /// What came before the first `/clock`, and so has no time yet; `None` once that has come.
+    early: Mutex<Option<Vec<(RecorderHandle, Arc<RecorderTopic>, RawSample)>>>,
+}
+
+/// Samples that may wait for the first `/clock`.
+const EARLY: usize = 10_000;
+
+impl Times {
+    fn new(clock: Clock) -> Self {
+        Self {
+            clock,
+            early: Mutex::new(Some(Vec::new())),
+        }
+    }
+
+    /// Writes a sample, now or as soon as there is a time.
+    fn write(&self, handle: &RecorderHandle, topic: &Arc<RecorderTopic>, sample: RawSample) {
+        let mut early = self.early.lock().unwrap_or_else(PoisonError::into_inner);
+        match early.as_mut() {
+            Some(waiting) if self.clock.is_simulated() && waiting.len() < EARLY => {
+                waiting.push((handle.clone(), Arc::clone(topic), sample));
+            }
+            _ => self.write_now(handle, topic, sample),
+        }
+    }
+
+    /// The first `/clock` has come: `now`.
+    fn begin(&self, now: Time) {
+        let early = self
+            .early
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        for (handle, topic, sample) in early.into_iter().flatten() {
+            let nanos = nanos(now);
+            handle.write(&topic, nanos, nanos, sample.cdr);
+        }
+    }
+
+    fn write_now(&self, handle: &RecorderHandle, topic: &RecorderTopic, sample: RawSample) {
+        let simulated = self.clock.is_simulated();
+        let received = if simulated {
+            self.clock.now()
+        } else {
+            sample.received_time
+        };
+        let sent = if simulated {
+            received
+        } else {
+            sample.source_time.unwrap_or(received)
+        };
+        handle.write(topic, nanos(received), nanos(sent), sample.cdr);
+    }
+}
+
+fn nanos(time: Time) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(0)
+}
+
 /// Where the samples of one topic go.
 struct Sink {
     handle: RecorderHandle,
-    clock: Clock,
+    times: Arc<Times>,
+    is_clock: bool,
     topic: bag::Topic,
     /// Entered in the bag with the first message, so that a bag lists no topic that never spoke.
     entry: OnceLock<Option<Arc<RecorderTopic>>>,
@@ -264,20 +311,11 @@ impl Sink {
             added.map_err(|e| tracing::error!("{e}")).ok()
         });
         let Some(entry) = entry else { return };
-        // With use_sim_time a bag is in simulated time, as with `ros2 bag record --use-sim-time`.
-        let simulated = self.clock.is_simulated();
-        let received = if simulated {
-            self.clock.now()
-        } else {
-            sample.received_time
-        };
-        let sent = if simulated {
-            received
-        } else {
-            sample.source_time.unwrap_or(received)
-        };
-        let nanos = |time: Time| u64::try_from(time.as_nanos()).unwrap_or(0);
-        self.handle
-            .write(entry, nanos(received), nanos(sent), sample.cdr);
+        if self.is_clock
+            && let Ok(clock) = cdr::decode::<rosgraph_msgs::Clock>(&sample.cdr)
+        {
+            self.times.begin(clock.clock.into());
+        }
+        self.times.write(&self.handle, entry, sample);
     }
 }

@@ -5,7 +5,8 @@ use std::time::Duration;
 use crate::{
     model::{Frame, Model},
     msg::std_msgs,
-    ros::{Node, NodeError, Qos, Status, Subscription},
+    nodes::topics,
+    ros::{Node, NodeError, Status, Subscription},
 };
 
 /// Follows `robot_description`, which may come late and may change.
@@ -30,7 +31,7 @@ impl RobotDescription {
     /// # Errors
     /// When the node cannot subscribe.
     pub fn new(node: &Node, tip_link: String) -> Result<Self, NodeError> {
-        let topic = node.subscribe("robot_description", Qos::LATCHED)?;
+        let topic = topics::ROBOT_DESCRIPTION.subscribe(node)?;
         let status = node.diagnostics().status("robot");
         status.warn("no robot_description has arrived yet");
         Ok(Self {
@@ -39,6 +40,13 @@ impl RobotDescription {
             tip_link,
             last: String::new(),
         })
+    }
+
+    /// Reports that the last description cannot be used here, and why.
+    pub fn refuse(&self, problem: &str) {
+        tracing::error!("{}: {problem}; the robot before stays", self.topic.topic());
+        self.status
+            .error(format!("{problem}; the robot before stays"));
     }
 
     /// The robot, if a description that is new has arrived and is sound; one that is not is reported.

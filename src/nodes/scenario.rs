@@ -6,18 +6,26 @@ use std::{
 };
 
 use super::{
-    camera::CameraParams, controller::ControllerParams, dynamics::DynamicsParams,
-    recorder::RecorderParams, resource,
+    camera::CameraParams,
+    controller::ControllerParams,
+    dynamics::{DynamicsParams, World},
+    recorder::RecorderParams,
+    resource, tip_frame,
 };
-use crate::ros::{
-    Declare, NodeName, ParamsFile,
-    params::{ParameterStore, USE_SIM_TIME},
+use crate::{
+    model::Model,
+    ros::{
+        Declare, NodeName, ParameterValue, ParamsFile, RosArgs,
+        args::ParameterSource,
+        params::{ParameterStore, USE_SIM_TIME},
+    },
 };
 
-/// A parameter file, read.
+/// A parameter file, read, and what the command line says beside it.
 pub struct Scenario {
     path: PathBuf,
-    file: ParamsFile,
+    nodes: Vec<NodeName>,
+    args: RosArgs,
 }
 
 impl Scenario {
@@ -28,25 +36,45 @@ impl Scenario {
     pub fn read(name: &str) -> Result<Self, String> {
         let path = resource::resolve(name)?;
         let file = ParamsFile::read(&path).map_err(|e| e.to_string())?;
-        let scenario = Self { path, file };
-        if scenario.file.nodes().is_empty() {
+        let nodes = file.nodes();
+        if nodes.is_empty() {
             return Err(format!(
                 "{}: names no node; expected `dynamics:` with `ros__parameters:` below it",
-                scenario.path.display()
+                path.display()
             ));
         }
-        for node in scenario.file.nodes() {
-            if super::by_name(node.name()).is_none() {
-                let known: Vec<_> = super::NODES.iter().map(|(name, _)| *name).collect();
-                return Err(format!(
-                    "{}: names the node '{}'; fuyu has {}",
-                    scenario.path.display(),
-                    node.name(),
-                    known.join(", ")
-                ));
-            }
+        if let Some(unknown) = nodes.iter().find(|n| super::by_name(n.name()).is_none()) {
+            let known: Vec<_> = super::NODES.iter().map(|(name, _)| *name).collect();
+            return Err(format!(
+                "{}: names the node '{}'; fuyu has {}",
+                path.display(),
+                unknown.name(),
+                known.join(", ")
+            ));
         }
-        Ok(scenario)
+        let args = RosArgs::default().with_scenario(&path);
+        Ok(Self { path, nodes, args })
+    }
+
+    /// The same with the ROS arguments of a command line, which win over the file.
+    #[must_use]
+    pub fn with_args(mut self, args: RosArgs) -> Self {
+        self.args = args.with_scenario(&self.path);
+        self
+    }
+
+    /// Gives one parameter of one node another value, which wins over all others.
+    pub fn set(&mut self, node: &str, name: &str, value: ParameterValue) {
+        self.args.parameters.push(ParameterSource::Value {
+            node: Some(node.to_owned()),
+            name: name.to_owned(),
+            value,
+        });
+    }
+
+    /// The ROS arguments: file, command line and what was set.
+    pub fn args(&self) -> &RosArgs {
+        &self.args
     }
 
     /// The file.
@@ -62,22 +90,98 @@ impl Scenario {
     }
 
     /// The nodes that the file names.
-    pub fn nodes(&self) -> Vec<NodeName> {
-        self.file.nodes()
+    pub fn nodes(&self) -> &[NodeName] {
+        &self.nodes
     }
 
-    /// Reads a node's parameters as the node itself would, without a graph.
+    /// Whether it names the node called `node`.
+    pub fn has(&self, node: &str) -> bool {
+        self.nodes.iter().any(|n| n.name() == node)
+    }
+
+    /// Whether every node would start with its parameters, and with its robot where the scenario has
+    /// it: what can be known before anything runs.
+    ///
+    /// # Errors
+    /// A line per wrong parameter.
+    pub fn check(&self) -> Result<(), String> {
+        let problems = self
+            .nodes
+            .iter()
+            .filter_map(|name| self.check_node(name).err());
+        let problems: Vec<_> = problems.collect();
+        if problems.is_empty() {
+            Ok(())
+        } else {
+            Err(problems.join("\n"))
+        }
+    }
+
+    fn check_node(&self, name: &NodeName) -> Result<(), String> {
+        let at = |e: String| format!("{}: node {name}: {e}", self.path.display());
+        let parameter = |e: String| at(format!("parameter {e}"));
+        match name.name() {
+            "dynamics" => {
+                let params = self.parameters_of(name, DynamicsParams::declare)?;
+                World::new(&params).map(drop).map_err(at)
+            }
+            "camera" => {
+                let params = self.parameters_of(name, CameraParams::declare)?;
+                let robot = self.robot(name.namespace());
+                robot.map_or(Ok(()), |robot| {
+                    let tip = tip_frame(&robot, &params.tip_link);
+                    tip.map(drop).map_err(parameter)
+                })
+            }
+            "controller" => {
+                let params = self.parameters_of(name, |d| Ok(ControllerParams::declare(d)))?;
+                let robot = self.robot(name.namespace());
+                robot.map_or(Ok(()), |robot| {
+                    tip_frame(&robot, &params.tip_link).map_err(parameter)?;
+                    let gains = params.config.check(robot.dof());
+                    gains.map_err(|e| parameter(e.to_string()))
+                })
+            }
+            _ => {
+                let params = self.parameters_of(name, |d| Ok(RecorderParams::declare(d)));
+                params.map(drop)
+            }
+        }
+    }
+
+    /// The robot that the dynamics node of a namespace simulates, if there is one and it is sound.
+    fn robot(&self, namespace: &str) -> Option<Model> {
+        let dynamics = self
+            .nodes
+            .iter()
+            .find(|n| n.name() == "dynamics" && n.namespace() == namespace)?;
+        let params = self.parameters_of(dynamics, DynamicsParams::declare).ok()?;
+        params.robot.compile().ok()
+    }
+
+    /// Reads the parameters of the first node that the program calls `node`.
     fn parameters<T>(
         &self,
         node: &str,
         declare: impl FnOnce(&mut Declare) -> Result<T, String>,
     ) -> Result<T, String> {
-        let nodes = self.file.nodes();
-        let name = nodes
-            .iter()
+        let name = (self.nodes.iter())
             .find(|n| n.name() == node)
             .ok_or_else(|| format!("{}: does not name the node '{node}'", self.path.display()))?;
-        let store = Arc::new(ParameterStore::new(name.clone(), self.file.overrides(name)));
+        self.parameters_of(name, declare)
+    }
+
+    /// Reads a node's parameters as the node itself would, without a graph.
+    fn parameters_of<T>(
+        &self,
+        name: &NodeName,
+        declare: impl FnOnce(&mut Declare) -> Result<T, String>,
+    ) -> Result<T, String> {
+        let overrides = self
+            .args
+            .overrides(name, name.name())
+            .map_err(|e| e.to_string())?;
+        let store = Arc::new(ParameterStore::new(name.clone(), overrides));
         let mut declaring = Declare::new(store);
         declaring
             .param(USE_SIM_TIME, false, "Take the time from /clock")

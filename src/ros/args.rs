@@ -51,6 +51,9 @@ pub struct RosArgs {
     pub rosout: bool,
     /// Whether logs go to stderr; on unless `--disable-stdout-logs`.
     pub console: bool,
+    /// Whether they are for a single node, which must then know every parameter that `-p` gives. Else
+    /// `-p` without a node is for those that have such a parameter.
+    pub only_node: bool,
 }
 
 impl Default for RosArgs {
@@ -62,6 +65,7 @@ impl Default for RosArgs {
             logger_levels: Vec::new(),
             rosout: true,
             console: true,
+            only_node: false,
         }
     }
 }
@@ -180,6 +184,7 @@ impl RosArgs {
                             name: n.clone(),
                             value: value.clone(),
                             source: Source::Argument,
+                            shared: node.is_none() && !self.only_node,
                         });
                     }
                 }

@@ -54,6 +54,17 @@ impl Clock {
         self.inner.events.notify();
     }
 
+    /// Makes this node's time that of the simulation that its program runs. A participant does not hear
+    /// itself, so a node that publishes `/clock` cannot follow it. From the first call on stamps,
+    /// timers, log and diagnostics show the last time that was driven, whatever `use_sim_time` says;
+    /// waits must have a limit in wall time, as in [`Node::wait_for`](crate::ros::Node::wait_for).
+    pub fn drive(&self, now: Time) {
+        // The time first: nobody may see a simulated clock that has not begun.
+        self.inner.now.store(now.as_nanos(), Ordering::Release);
+        self.inner.simulated.store(true, Ordering::Release);
+        // No event: the only program that could wait for one is the one that calls this.
+    }
+
     /// Takes in a `/clock`.
     pub(super) fn set(&self, now: Time) {
         self.inner.now.store(now.as_nanos(), Ordering::Release);
@@ -134,6 +145,21 @@ impl Timer {
 #[cfg(test)]
 mod tests {
     use super::*;
+
+    // Would break if a program that drives its clock were woken by itself, or saw the computer's time.
+    #[test]
+    fn a_driven_clock_shows_its_time_and_wakes_nobody() {
+        let events = Arc::new(Events::default());
+        let clock = Clock::new(Arc::clone(&events));
+        let mut timer = Timer::new(clock.clone(), Duration::from_secs(1));
+        clock.drive(Time::from_secs_f64(2.5));
+        assert!(clock.is_simulated());
+        assert_eq!(clock.now(), Time::from_secs_f64(2.5));
+        assert_eq!(events.wait(0, Some(Instant::now())), 0);
+        assert!(!timer.due());
+        clock.drive(Time::from_secs_f64(3.5));
+        assert!(timer.due());
+    }
 
     #[test]
     fn a_timer_follows_the_simulated_clock_forward_and_back() {

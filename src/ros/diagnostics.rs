@@ -21,6 +21,10 @@ struct Entry {
     name: String,
     level: Byte,
     message: String,
+    /// Whether the present level and message have been in a report.
+    told: bool,
+    /// The worst since the last report, with its message, if it was worse than the present one.
+    worst: Option<(Byte, String)>,
     values: Vec<(String, String)>,
 }
 
@@ -40,6 +44,8 @@ impl Diagnostics {
                 name: name.to_owned(),
                 level: DiagnosticStatus::OK,
                 message: String::new(),
+                told: false,
+                worst: None,
                 values: Vec::new(),
             });
             entries.len() - 1
@@ -55,19 +61,26 @@ impl Diagnostics {
         self.entries.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
+    /// The worst since the last call, which is forgotten then.
     fn statuses(&self, node: &NodeName) -> Vec<DiagnosticStatus> {
-        let to_status = |e: &Entry| DiagnosticStatus {
-            level: e.level,
-            name: format!("{}: {}", node.full().trim_start_matches('/'), e.name),
-            message: e.message.clone(),
-            hardware_id: String::new(),
-            values: e.values.iter().map(|(k, v)| pair(k, v)).collect(),
+        let to_status = |e: &mut Entry| {
+            e.told = e.worst.is_none();
+            let worst = e.worst.take();
+            let (level, message) = worst.unwrap_or_else(|| (e.level, e.message.clone()));
+            DiagnosticStatus {
+                level,
+                name: format!("{}: {}", node.full().trim_start_matches('/'), e.name),
+                message,
+                hardware_id: String::new(),
+                values: e.values.iter().map(|(k, v)| pair(k, v)).collect(),
+            }
         };
-        self.lock().iter().map(to_status).collect()
+        self.lock().iter_mut().map(to_status).collect()
     }
 }
 
-/// The health of one part of a node.
+/// The health of one part of a node. It may change at any rate: each report tells the worst since the
+/// last one.
 #[derive(Debug, Clone)]
 pub struct Status {
     diagnostics: Diagnostics,
@@ -103,8 +116,14 @@ impl Status {
     fn report(&self, level: Byte, message: String) {
         let mut entries = self.diagnostics.lock();
         let entry = &mut entries[self.index];
-        entry.level = level;
-        entry.message = message;
+        let before = std::mem::replace(&mut entry.message, message);
+        let level_before = std::mem::replace(&mut entry.level, level);
+        let told = std::mem::replace(&mut entry.told, false);
+        match &entry.worst {
+            Some((worst, _)) if *worst <= level => entry.worst = None,
+            None if level_before > level && !told => entry.worst = Some((level_before, before)),
+            _ => {}
+        }
     }
 }
 
@@ -190,7 +209,7 @@ impl Reporter {
     ) -> u64 {
         let key = format!("{verb} {}", spec.name);
         let messages = counters.messages.load(Relaxed);
-        let lost = counters.dropped.load(Relaxed) + counters.failed.load(Relaxed);
+        let lost = counters.lost();
         let (messages_before, lost_before) = self
             .before
             .insert(key.clone(), (messages, lost))
@@ -200,6 +219,10 @@ impl Reporter {
             |what: &str, value: String| values.push(pair(&format!("{key}: {what}"), &value));
         push("rate [Hz]", format!("{rate:.1}"));
         push("lost", lost.to_string());
+        let replaced = counters.replaced.load(Relaxed);
+        if replaced > 0 {
+            push("replaced unread", replaced.to_string());
+        }
         push("peers", counters.matched.load(Relaxed).to_string());
         let last = counters.last.load(Relaxed);
         if last != 0 {
@@ -207,5 +230,43 @@ impl Reporter {
             push("age [s]", format!("{age:.3}"));
         }
         lost.saturating_sub(lost_before)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Would break if a report told only the moment it is made, or an old warning twice.
+    #[test]
+    fn a_short_warning_is_told_once() {
+        let node = NodeName::new("/", "arm").unwrap();
+        let diagnostics = Diagnostics::default();
+        let status = diagnostics.status("tip");
+        let told = || {
+            let all = diagnostics.statuses(&node);
+            (all[0].level, all[0].message.clone())
+        };
+        let (ok, warn, error) = (
+            DiagnosticStatus::OK,
+            DiagnosticStatus::WARN,
+            DiagnosticStatus::ERROR,
+        );
+        status.ok("a");
+        status.warn("b");
+        status.error("c");
+        status.warn("d");
+        status.ok("e");
+        assert_eq!(told(), (error, "c".into()));
+        assert_eq!(told(), (ok, "e".into()));
+        status.warn("f");
+        assert_eq!(told(), (warn, "f".into()));
+        // It lasted until the last report; nothing new was wrong since.
+        status.ok("g");
+        assert_eq!(told(), (ok, "g".into()));
+        status.error("h");
+        status.ok("i");
+        status.error("j");
+        assert_eq!(told(), (error, "j".into()));
     }
 }

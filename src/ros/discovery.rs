@@ -5,11 +5,12 @@ use ros2_client::{
     entities_info::{NodeEntitiesInfo, ParticipantEntitiesInfo},
 };
 use rustdds::{
-    DomainParticipant, DomainParticipantStatusListener, QosPolicies, RTPSEntity, StatusEvented,
-    TopicKind, dds::statusevents::DomainParticipantStatusEvent as Event, no_key::DataWriterCdr,
+    DomainParticipant, DomainParticipantStatusListener, GUID, QosPolicies, RTPSEntity,
+    StatusEvented, TopicKind, dds::statusevents::DomainParticipantStatusEvent as Event,
+    no_key::DataWriterCdr,
 };
 use std::{
-    collections::BTreeSet,
+    collections::{BTreeSet, HashMap, HashSet},
     sync::{Mutex, PoisonError, atomic::Ordering::Relaxed},
 };
 
@@ -90,25 +91,52 @@ impl Announcer {
     }
 }
 
+/// The endpoints of other participants that each of this node's is matched with.
+#[derive(Default)]
+pub(super) struct Peers(HashMap<Gid, HashSet<GUID>>);
+
+impl Peers {
+    fn matched(&mut self, all: &Endpoints, local: GUID, remote: GUID) {
+        let local = Gid::from(local);
+        // Told again after each change of the peer.
+        self.0.entry(local).or_default().insert(remote);
+        self.count(all, local);
+    }
+
+    fn lost(&mut self, all: &Endpoints, is_lost: impl Fn(&GUID) -> bool) {
+        self.0.values_mut().for_each(|r| r.retain(|g| !is_lost(g)));
+        self.0.keys().for_each(|&local| self.count(all, local));
+    }
+
+    fn count(&self, all: &Endpoints, local: Gid) {
+        if let Some((counters, _)) = find(all, local) {
+            counters.matched.store(self.0[&local].len(), Relaxed);
+        }
+    }
+}
+
 /// Takes in what the participant has to say of its peers.
 pub(super) fn report_status(
     listener: &DomainParticipantStatusListener,
     node: &NodeName,
     endpoints: &Mutex<Endpoints>,
+    peers: &mut Peers,
 ) {
     while let Some(event) = listener.try_recv_status() {
         let all = endpoints.lock().unwrap_or_else(PoisonError::into_inner);
         match event {
-            Event::RemoteReaderMatched { local_writer, .. } => {
-                if let Some((counters, _)) = find(&all, local_writer.into()) {
-                    counters.matched.fetch_add(1, Relaxed);
-                }
+            Event::RemoteReaderMatched {
+                local_writer,
+                remote_reader,
+            } => peers.matched(&all, local_writer, remote_reader),
+            Event::RemoteWriterMatched {
+                local_reader,
+                remote_writer,
+            } => peers.matched(&all, local_reader, remote_writer),
+            Event::ReaderLost { guid, .. } | Event::WriterLost { guid, .. } => {
+                peers.lost(&all, |g| *g == guid);
             }
-            Event::RemoteWriterMatched { local_reader, .. } => {
-                if let Some((counters, _)) = find(&all, local_reader.into()) {
-                    counters.matched.fetch_add(1, Relaxed);
-                }
-            }
+            Event::ParticipantLost { id, .. } => peers.lost(&all, |g| g.prefix == id),
             Event::RemoteReaderQosIncompatible {
                 local_writer,
                 requested_qos,
@@ -182,31 +210,56 @@ pub struct DiscoveredPublisher {
     pub gid: Gid,
 }
 
-/// Every ROS topic publisher of other participants.
-pub(super) fn publishers(participant: &DomainParticipant) -> Vec<DiscoveredPublisher> {
-    participant
-        .discovered_writers()
-        .iter()
-        .filter_map(|w| {
-            let data = &w.publication_topic_data;
-            Some(DiscoveredPublisher {
-                topic: data.topic_name.strip_prefix("rt")?.to_owned(),
-                type_name: ros_type(&data.type_name)?,
+/// Every ROS topic publisher of other participants. What has the prefix of ROS but not its form is left
+/// out; `strange` remembers what was warned of.
+pub(super) fn publishers(
+    participant: &DomainParticipant,
+    node: &NodeName,
+    strange: &mut BTreeSet<(String, String)>,
+) -> Vec<DiscoveredPublisher> {
+    let mut publishers = Vec::new();
+    for writer in participant.discovered_writers() {
+        let data = &writer.publication_topic_data;
+        let Some(topic) = ros_topic(&data.topic_name) else {
+            continue;
+        };
+        let type_name = ros_type(&data.type_name).filter(|_| node.expand(topic).is_ok());
+        if let Some(type_name) = type_name {
+            publishers.push(DiscoveredPublisher {
+                topic: topic.to_owned(),
+                type_name,
                 qos: Qos::from(&data.qos()),
                 gid: data.key.into(),
-            })
-        })
-        .collect()
+            });
+        } else if strange.insert((data.topic_name.clone(), data.type_name.clone())) {
+            tracing::warn!(
+                "node {node}: topic {topic} of type {}, which a peer publishes, is left out: not a \
+                 name and a type of ROS",
+                data.type_name
+            );
+        }
+    }
+    publishers
+}
+
+/// `rt/name` to `/name`; other DDS topics have nothing to do with ROS.
+fn ros_topic(dds: &str) -> Option<&str> {
+    dds.strip_prefix("rt").filter(|name| name.starts_with('/'))
 }
 
 /// `pkg::msg::dds_::Name_` to `pkg/msg/Name`.
 fn ros_type(dds: &str) -> Option<String> {
     let (path, name) = dds.rsplit_once("::dds_::")?;
-    Some(format!(
-        "{}/{}",
-        path.replace("::", "/"),
-        name.strip_suffix('_')?
-    ))
+    let (package, kind) = path.split_once("::")?;
+    let name = name.strip_suffix('_')?;
+    let is_word = |s: &str| {
+        let ok = |c: char| c.is_ascii_alphanumeric() || c == '_';
+        s.starts_with(|c: char| c.is_ascii_alphabetic()) && s.chars().all(ok)
+    };
+    [package, kind, name]
+        .into_iter()
+        .all(is_word)
+        .then(|| format!("{package}/{kind}/{name}"))
 }
 
 /// `pkg/msg/Name` to `pkg::msg::dds_::Name_`.
@@ -230,5 +283,16 @@ mod tests {
         assert_eq!(ros_type(dds).unwrap(), "sensor_msgs/msg/JointState");
         assert_eq!(dds_type("sensor_msgs/msg/JointState").unwrap(), dds);
         assert_eq!(dds_type("JointState"), None);
+        for strange in [
+            "a::b::msg::dds_::C_",
+            "msg::dds_::C_",
+            "a::msg::dds_::C",
+            "a::msg::C",
+        ] {
+            assert_eq!(ros_type(strange), None);
+        }
+        // A name of plain DDS that only begins like one of ROS.
+        assert_eq!(ros_topic("rtk_fix"), None);
+        assert_eq!(ros_topic("rt/fix"), Some("/fix"));
     }
 }

@@ -46,8 +46,12 @@ pub(super) struct Counters {
     pub(super) messages: AtomicU64,
     /// Left out because a queue was full.
     pub(super) dropped: AtomicU64,
+    /// Replaced by a newer one before the program asked: what a queue of one is for, so no loss.
+    pub(super) replaced: AtomicU64,
     /// Refused by DDS, or not what the type says.
     pub(super) failed: AtomicU64,
+    /// Sent by a publisher, as its numbering says, but never received.
+    pub(super) missing: AtomicU64,
     /// Wall time of the last message [ns].
     pub(super) last: AtomicI64,
     /// Peers that this endpoint is matched with.
@@ -55,6 +59,14 @@ pub(super) struct Counters {
 }
 
 impl Counters {
+    /// All that should have gone through but did not.
+    pub(super) fn lost(&self) -> u64 {
+        [&self.dropped, &self.failed, &self.missing]
+            .iter()
+            .map(|n| n.load(Relaxed))
+            .sum()
+    }
+
     pub(super) fn count(&self) {
         self.messages.fetch_add(1, Relaxed);
         self.last.store(Time::wall().as_nanos(), Relaxed);
@@ -69,7 +81,7 @@ pub(super) struct Writer {
     pub(super) queued: AtomicUsize,
     dds: RwLock<Option<Arc<RawWriter>>>,
     /// What late joiners must still get from a new participant.
-    latched: Mutex<VecDeque<Bytes>>,
+    latched: Mutex<VecDeque<(rustdds::Timestamp, Bytes)>>,
 }
 
 impl Writer {
@@ -99,18 +111,21 @@ impl Writer {
         published: rustdds::Timestamp,
         related: Option<SampleIdentity>,
     ) {
+        let mut latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
         if self.spec.qos.durability == Durability::TransientLocal {
-            let mut latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
             while latched.len() >= self.spec.qos.depth.max(1) {
                 latched.pop_front();
             }
-            latched.push_back(cdr.clone());
+            latched.push_back((published, cdr.clone()));
         }
+        // The participant that is there now, or else the next one gets it with the other retained ones.
+        let dds = self.dds();
+        drop(latched);
         let options = rustdds::WriteOptionsBuilder::new()
             .source_timestamp(published)
             .related_sample_identity_opt(related)
             .build();
-        match self.dds().map(|w| w.write_with_options(cdr, options)) {
+        match dds.map(|w| w.write_with_options(cdr, options)) {
             Some(Ok(_)) => self.counters.count(),
             Some(Err(_)) | None => {
                 self.counters.failed.fetch_add(1, Relaxed);
@@ -129,13 +144,15 @@ impl Writer {
     }
 
     pub(super) fn attach(&self, dds: Option<Arc<RawWriter>>) {
+        // Held until the end, so that what is published meanwhile goes to one of the two.
+        let mut latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(new) = &dds {
-            let latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
-            for cdr in latched.iter() {
-                if new
-                    .write(cdr.clone(), Some(rustdds::Timestamp::now()))
-                    .is_err()
-                {
+            if let Some(lifespan) = self.spec.qos.lifespan {
+                let now = rustdds::Timestamp::now();
+                latched.retain(|(published, _)| (now - *published).to_std() <= lifespan);
+            }
+            for (published, cdr) in latched.iter() {
+                if new.write(cdr.clone(), Some(*published)).is_err() {
                     self.counters.failed.fetch_add(1, Relaxed);
                 }
             }

@@ -3,7 +3,7 @@
 use std::{
     sync::{
         Arc, Mutex, OnceLock, PoisonError,
-        atomic::{AtomicBool, AtomicU64, Ordering},
+        atomic::{AtomicU64, Ordering},
     },
     time::{Duration, Instant},
 };
@@ -20,7 +20,7 @@ use super::{
     session::Session,
     signals,
     subscription::Inbox,
-    wait::Events,
+    wait::{Events, Fate},
 };
 use crate::msg::{Interface, Service, cdr, rosgraph_msgs};
 
@@ -37,15 +37,35 @@ pub struct NodeOptions {
     pub domain: Domain,
 }
 
+/// Whether a node is in the graph.
+#[derive(Default)]
+pub(super) enum Connection {
+    /// Not yet, or not any more since DDS refused; it may join.
+    #[default]
+    Apart,
+    Joined(Box<Session>),
+    /// It has left for good: nothing may bring it back, since nobody would end it then.
+    Left,
+}
+
+impl Connection {
+    pub(super) fn session(&mut self) -> Option<&mut Session> {
+        match self {
+            Self::Joined(session) => Some(session),
+            Self::Apart | Self::Left => None,
+        }
+    }
+}
+
 /// What a node is made of; shared by its handle, its endpoints and its threads.
 pub(super) struct Core {
     pub(super) names: Names,
     pub(super) domain: Domain,
     pub(super) events: Arc<Events>,
-    pub(super) stopping: AtomicBool,
+    pub(super) fate: Arc<Fate>,
     pub(super) outbox: Outbox,
     pub(super) endpoints: Arc<Mutex<Endpoints>>,
-    pub(super) session: Mutex<Option<Session>>,
+    pub(super) session: Mutex<Connection>,
     pub(super) params: Arc<ParameterStore>,
     pub(super) clock: Clock,
     pub(super) diagnostics: Diagnostics,
@@ -61,13 +81,13 @@ impl Core {
         let events = Arc::new(Events::default());
         Self {
             clock: Clock::new(Arc::clone(&events)),
+            fate: Arc::new(Fate::new(Arc::clone(&events))),
             names,
             domain,
             events,
-            stopping: AtomicBool::new(false),
             outbox: Outbox::default(),
             endpoints: Arc::default(),
-            session: Mutex::new(None),
+            session: Mutex::default(),
             params,
             diagnostics: Diagnostics::default(),
             seen: AtomicU64::new(0),
@@ -85,31 +105,38 @@ impl Core {
         self.log.get()
     }
 
-    /// Makes a participant with all endpoints, in place of the one that is there, if any.
-    pub(super) fn open_session(&self) -> Result<(), NodeError> {
-        let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(old) = session.take() {
-            Session::detach(&self.lock_endpoints());
-            // It may wait for threads that are no more; nobody waits for it.
-            std::thread::spawn(move || drop(old));
+    /// Makes a participant with all endpoints, in place of the one that is there, if any. Gives false
+    /// if the node has left the graph, where it stays.
+    pub(super) fn open_session(&self) -> Result<bool, NodeError> {
+        let mut connection = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        match std::mem::take(&mut *connection) {
+            Connection::Left => {
+                *connection = Connection::Left;
+                return Ok(false);
+            }
+            Connection::Joined(old) => {
+                Session::detach(&self.lock_endpoints());
+                // It may wait for threads that are no more; nobody waits for it.
+                std::thread::spawn(move || drop(old));
+            }
+            Connection::Apart => {}
         }
         let node = self.names.node();
-        let open = || Session::open(self.domain, node, &self.endpoints);
+        let open = || Session::open(self.domain, node, &self.endpoints, &self.fate);
         let new = signals::with_blocked(open)
             .map_err(|e| NodeError::dds(node, "join the DDS domain", e))?;
-        *session = Some(new);
-        Ok(())
+        *connection = Connection::Joined(Box::new(new));
+        Ok(true)
     }
 
-    /// Leaves the graph.
+    /// Leaves the graph for good.
     pub(super) fn close_session(&self) {
-        let session = self
-            .session
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .take();
+        let connection = {
+            let mut connection = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+            std::mem::replace(&mut *connection, Connection::Left)
+        };
         Session::detach(&self.lock_endpoints());
-        drop(session);
+        drop(connection);
     }
 
     fn lock_endpoints(&self) -> std::sync::MutexGuard<'_, Endpoints> {
@@ -122,7 +149,7 @@ impl Core {
         let writer = Arc::new(Writer::new(spec));
         let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
         self.lock_endpoints().writers.push(Arc::clone(&writer));
-        if let Some(session) = session.as_mut() {
+        if let Some(session) = session.session() {
             session
                 .add_writer(&writer)
                 .map_err(|e| self.endpoint_error("publish", &writer.spec, &e))?;
@@ -138,7 +165,7 @@ impl Core {
         let reader = Arc::new(Reader::new(spec, sink));
         let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
         self.lock_endpoints().readers.push(Arc::clone(&reader));
-        if let Some(session) = session.as_mut() {
+        if let Some(session) = session.session() {
             session
                 .add_reader(&reader)
                 .map_err(|e| self.endpoint_error("subscribe to", &reader.spec, &e))?;
@@ -152,7 +179,7 @@ impl Core {
 
     pub(super) fn remove_writer(&self, writer: &Arc<Writer>) {
         let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(session) = session.as_mut() {
+        if let Some(session) = session.session() {
             session.remove_writer(writer);
         }
         self.lock_endpoints()
@@ -162,7 +189,7 @@ impl Core {
 
     pub(super) fn remove_reader(&self, reader: &Arc<Reader>) {
         let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
-        if let Some(session) = session.as_mut() {
+        if let Some(session) = session.session() {
             session.remove_reader(reader);
         }
         self.lock_endpoints()
@@ -192,8 +219,7 @@ impl Core {
     }
 
     pub(super) fn request_stop(&self) {
-        self.stopping.store(true, Ordering::Release);
-        self.events.notify();
+        self.fate.stop();
     }
 }
 
@@ -256,7 +282,7 @@ impl Node {
     }
 
     /// Subscribes to the bytes of `topic`, whose type (`pkg/msg/Name`) need not be known to fuyu. The
-    /// handler runs on the node's receiving thread: it should be quick.
+    /// handler runs on the node's receiving thread: it should be quick, and its panic ends the node.
     ///
     /// # Errors
     /// [`NodeError::Name`] for a name against the rules, [`NodeError::Input`] for a type that is not of
@@ -268,7 +294,30 @@ impl Node {
         qos: Qos,
         handler: impl Fn(RawSample) + Send + Sync + 'static,
     ) -> Result<RawSubscription, NodeError> {
-        let name = self.core.names.topic(topic)?;
+        self.subscribe_resolved(self.core.names.topic(topic)?, type_name, qos, handler)
+    }
+
+    /// As [`Self::subscribe_raw`], to the topic of a discovered publisher: its name is not remapped.
+    ///
+    /// # Errors
+    /// [`NodeError::Dds`] if DDS refuses.
+    pub fn subscribe_discovered(
+        &self,
+        publisher: &DiscoveredPublisher,
+        qos: Qos,
+        handler: impl Fn(RawSample) + Send + Sync + 'static,
+    ) -> Result<RawSubscription, NodeError> {
+        let topic = publisher.topic.clone();
+        self.subscribe_resolved(topic, &publisher.type_name, qos, handler)
+    }
+
+    fn subscribe_resolved(
+        &self,
+        name: String,
+        type_name: &str,
+        qos: Qos,
+        handler: impl Fn(RawSample) + Send + Sync + 'static,
+    ) -> Result<RawSubscription, NodeError> {
         let Some(dds_type) = discovery::dds_type(type_name) else {
             return Err(NodeError::Input(format!(
                 "topic {name}: type {type_name:?} is not of the form pkg/msg/Name"
@@ -313,14 +362,14 @@ impl Node {
 
     /// Publishers of other nodes, as far as they are discovered.
     pub fn discovered_publishers(&self) -> Vec<DiscoveredPublisher> {
-        let session = self
+        let mut connection = self
             .core
             .session
             .lock()
             .unwrap_or_else(PoisonError::into_inner);
-        session
-            .as_ref()
-            .map(|s| discovery::publishers(s.participant()))
+        connection
+            .session()
+            .map(|s| s.discovered_publishers(self.name()))
             .unwrap_or_default()
     }
 
@@ -346,7 +395,7 @@ impl Node {
 
     /// Whether the node should go on; false once it is asked to stop.
     pub fn ok(&self) -> bool {
-        !self.core.stopping.load(Ordering::Acquire)
+        !self.core.fate.is_stopping()
     }
 
     /// Asks the node to stop.

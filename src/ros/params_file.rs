@@ -120,8 +120,9 @@ impl ParamsFile {
         self.sections
             .iter()
             .filter(|s| s.matches(name, &tokens))
-            .flat_map(|s| &s.parameters)
-            .map(|(name, value, line)| Override {
+            .flat_map(|s| s.parameters.iter().map(|p| (p, s.is_shared())))
+            .map(|((name, value, line), shared)| Override {
+                shared,
                 name: name.clone(),
                 value: value.clone(),
                 source: Source::File {
@@ -151,6 +152,10 @@ impl ParamsFile {
 }
 
 impl Section {
+    fn is_shared(&self) -> bool {
+        self.pattern.iter().any(|token| token.contains('*'))
+    }
+
     fn matches(&self, name: &NodeName, tokens: &[&str]) -> bool {
         let pattern: Vec<&str> = self.pattern.iter().map(String::as_str).collect();
         match pattern.as_slice() {

@@ -42,6 +42,7 @@ pub fn run(
                     "argument {unknown:?}: not understood; ROS arguments stand behind --ros-args"
                 )));
             }
+            Arc::make_mut(&mut process.args).only_node = true;
             process.start(name, program)?;
             process.wait()
         },
@@ -148,6 +149,7 @@ impl Process {
         let stopper = self.stopper();
         let cores = Arc::clone(&self.cores);
         let mut stops = 0;
+        // Once told to stop, no node comes back: systemd and `timeout` send SIGTERM and SIGCONT.
         signals::watch(move |told| match told {
             Told::Stop(signal) => {
                 stops += 1;
@@ -158,7 +160,8 @@ impl Process {
                 tracing::info!("{signal}: stopping");
                 stopper.stop();
             }
-            Told::Continued => reconnect(&cores),
+            Told::Continued if stops == 0 => reconnect(&cores),
+            Told::Continued => {}
         })
         .map_err(|e| NodeError::Failed(format!("cannot follow signals: {e}")))
     }
@@ -206,6 +209,11 @@ impl Process {
                 let text = format!("node {}: its program has panicked", handle.name());
                 Err(NodeError::Failed(text))
             });
+            // A program that was stopped since its node is broken knows nothing of that.
+            let outcome = match handle.core.fate.failure() {
+                Some(reason) => Err(NodeError::Failed(reason.clone())),
+                None => outcome,
+            };
             drop(handle);
             // The process may have given up waiting.
             let _ = ended.send(Event::Ended(index, outcome));
@@ -303,13 +311,18 @@ impl Drop for Process {
     }
 }
 
-/// Gives every node a new participant: the old ones' threads have ended when the process was stopped.
+/// Gives every node that is not to stop a new participant: the old ones' threads have ended when the
+/// process was stopped.
 fn reconnect(cores: &Mutex<Vec<Weak<Core>>>) {
     let cores = cores.lock().unwrap_or_else(PoisonError::into_inner);
     for core in cores.iter().filter_map(Weak::upgrade) {
         let node = core.names.node();
+        if core.fate.is_stopping() {
+            continue;
+        }
         match core.open_session() {
-            Ok(()) => tracing::info!("node {node}: goes on, joined the graph anew"),
+            Ok(false) => {}
+            Ok(true) => tracing::info!("node {node}: goes on, joined the graph anew"),
             Err(e) => tracing::error!("{e}"),
         }
     }

@@ -2,7 +2,7 @@
 
 use rustdds::{
     QosPolicies, QosPolicyBuilder,
-    policy::{self, Deadline, Lifespan},
+    policy::{self, Deadline, Lifespan, ResourceLimits},
 };
 use std::time::Duration;
 
@@ -143,6 +143,27 @@ impl Qos {
 /// Longest time that one `write` may hold up a node's sending thread. A full window means that some
 /// subscriber is dead or drowned; the other topics of the node must not wait for it.
 const MAX_BLOCKING: Duration = Duration::from_millis(5);
+
+/// How many samples a reliable subscription keeps below its queue. After a lost datagram is repaired all
+/// that waited for it is there at once, and rustdds throws away what is beyond this (64 unless told)
+/// before it can be taken. Seconds of any stream in the graph; a state message takes about a kilobyte.
+const KEPT: i32 = 4096;
+
+impl Qos {
+    /// For a subscription. Messages of a `bulky` type would fill the memory long before they are many;
+    /// of them only the 64 of rustdds are kept.
+    pub(super) fn for_reader(&self, bulky: bool) -> QosPolicies {
+        let mut limits = QosPolicyBuilder::new();
+        if self.is_reliable() && !bulky {
+            limits = limits.resource_limits(ResourceLimits {
+                max_samples: KEPT,
+                max_instances: KEPT,
+                max_samples_per_instance: KEPT,
+            });
+        }
+        QosPolicies::from(self).modify_by(&limits.build())
+    }
+}
 
 impl From<&Qos> for QosPolicies {
     fn from(q: &Qos) -> Self {

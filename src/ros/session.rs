@@ -7,8 +7,9 @@ use rustdds::{
     mio1::{Events as PollEvents, Interest, Poll, Token, Waker},
 };
 use std::{
-    collections::HashMap,
+    collections::{BTreeSet, HashMap},
     io,
+    panic::{AssertUnwindSafe, catch_unwind},
     sync::{
         Arc, Mutex, PoisonError,
         atomic::{AtomicBool, Ordering::Relaxed},
@@ -18,11 +19,20 @@ use std::{
 };
 
 use super::{
-    Domain, Gid, NodeName, Qos,
-    discovery::{Announcer, report_status},
+    Domain, Gid, NodeName, Qos, RawSample,
+    discovery::{self, Announcer, DiscoveredPublisher, Peers, report_status},
     endpoint::{EndpointSpec, Endpoints, Reader, Writer},
+    wait::Fate,
     wire::{Opaque, RawReader},
 };
+
+/// Types whose messages have a megabyte rather than a kilobyte.
+const BULKY: [&str; 4] = [
+    "sensor_msgs::msg::dds_::Image_",
+    "sensor_msgs::msg::dds_::CompressedImage_",
+    "sensor_msgs::msg::dds_::PointCloud2_",
+    "nav_msgs::msg::dds_::OccupancyGrid_",
+];
 
 enum Command {
     Add(Box<RawReader>, Arc<Reader>),
@@ -36,6 +46,8 @@ pub(super) struct Session {
     subscriber: rustdds::Subscriber,
     topics: HashMap<String, Topic>,
     announcer: Announcer,
+    /// Discovered topics and types that are not of ROS, as far as they were warned of.
+    strange: BTreeSet<(String, String)>,
     commands: mpsc::Sender<Command>,
     waker: Arc<Waker>,
     stop: Arc<AtomicBool>,
@@ -48,6 +60,7 @@ impl Session {
         domain: Domain,
         node: &NodeName,
         endpoints: &Arc<Mutex<Endpoints>>,
+        fate: &Arc<Fate>,
     ) -> Result<Self, String> {
         let text = |e: rustdds::dds::CreateError| e.to_string();
         let participant = domain.participant()?;
@@ -70,7 +83,15 @@ impl Session {
         };
         let receiver = thread::Builder::new()
             .name(format!("{}.receive", node.name()))
-            .spawn(move || receiver.run())
+            .spawn({
+                let (node, fate) = (node.clone(), Arc::clone(fate));
+                move || match catch_unwind(AssertUnwindSafe(|| receiver.run())) {
+                    Ok(Ok(())) => {}
+                    // A node that hears nothing any more must not go on as if all were well.
+                    Ok(Err(e)) => fate.fail(format!("node {node}: receiving has ended: {e}")),
+                    Err(_) => fate.fail(format!("node {node}: a handler has panicked")),
+                }
+            })
             .map_err(|e| e.to_string())?;
         let mut session = Self {
             participant,
@@ -78,6 +99,7 @@ impl Session {
             subscriber,
             topics: HashMap::new(),
             announcer,
+            strange: BTreeSet::new(),
             commands,
             waker: Arc::new(waker),
             stop,
@@ -125,8 +147,8 @@ impl Session {
         }
     }
 
-    pub(super) fn participant(&self) -> &DomainParticipant {
-        &self.participant
+    pub(super) fn discovered_publishers(&mut self, node: &NodeName) -> Vec<DiscoveredPublisher> {
+        discovery::publishers(&self.participant, node, &mut self.strange)
     }
 
     fn send(&self, command: Command) {
@@ -168,7 +190,8 @@ impl Session {
 
     fn create_reader(&mut self, reader: &Arc<Reader>) -> Result<(), String> {
         let topic = self.topic(&reader.spec)?;
-        let qos = QosPolicies::from(&reader.spec.qos);
+        let bulky = BULKY.contains(&reader.spec.dds_type.as_str());
+        let qos = reader.spec.qos.for_reader(bulky);
         let dds = self
             .subscriber
             .create_simple_datareader_no_key::<Bytes, Opaque>(&topic, Some(qos))
@@ -217,10 +240,11 @@ struct Receiver {
 }
 
 impl Receiver {
-    fn run(mut self) {
+    fn run(mut self) -> io::Result<()> {
         // Tokens are never used twice within one participant.
-        let mut readers: HashMap<usize, (Box<RawReader>, Arc<Reader>)> = HashMap::new();
+        let mut readers: HashMap<usize, Receiving> = HashMap::new();
         let mut next_token = FIRST_READER;
+        let mut peers = Peers::default();
         let mut status = self.participant.status_listener();
         let registered = self
             .poll
@@ -233,19 +257,15 @@ impl Receiver {
         while !self.stop.load(Relaxed) {
             match self.poll.poll(&mut events, None) {
                 Err(e) if e.kind() == io::ErrorKind::Interrupted => continue,
-                Err(e) => {
-                    tracing::error!("node {}: receiving has ended: {e}", self.node);
-                    return;
-                }
-                Ok(()) => {}
+                outcome => outcome?,
             }
             for event in &events {
                 match event.token() {
                     WAKER => {}
-                    STATUS => report_status(&status, &self.node, &self.endpoints),
+                    STATUS => report_status(&status, &self.node, &self.endpoints, &mut peers),
                     Token(token) => {
-                        if let Some((dds, reader)) = readers.get(&token) {
-                            take_all(dds, reader);
+                        if let Some(receiving) = readers.get_mut(&token) {
+                            receiving.take_all();
                         }
                     }
                 }
@@ -260,34 +280,81 @@ impl Receiver {
                             tracing::error!("node {}: cannot receive {topic}: {e}", self.node);
                         }
                         // What came before the registration.
-                        take_all(&dds, &reader);
-                        readers.insert(next_token, (dds, reader));
+                        let mut receiving = Receiving {
+                            dds,
+                            reader,
+                            last: HashMap::new(),
+                        };
+                        receiving.take_all();
+                        readers.insert(next_token, receiving);
                         next_token += 1;
                     }
                     Command::Remove(gid) => {
-                        readers.retain(|_, (dds, _)| Gid::from(dds.guid()) != gid);
+                        readers.retain(|_, r| Gid::from(r.dds.guid()) != gid);
                     }
+                }
+            }
+        }
+        Ok(())
+    }
+}
+
+/// A reader on the receiving thread.
+struct Receiving {
+    dds: Box<RawReader>,
+    reader: Arc<Reader>,
+    /// The number of the last sample of each publisher.
+    last: HashMap<Gid, i64>,
+}
+
+impl Receiving {
+    fn take_all(&mut self) {
+        let Self { dds, reader, last } = self;
+        dds.drain_read_notifications();
+        loop {
+            match dds.try_take_one() {
+                Ok(None) => return,
+                Ok(Some(change)) => {
+                    let sample = RawSample::from(change);
+                    let missing = missing(last, sample.publisher, sample.sequence_number);
+                    reader.counters.missing.fetch_add(missing, Relaxed);
+                    reader.counters.count();
+                    if !(reader.sink)(sample, &reader.counters) {
+                        reader.counters.failed.fetch_add(1, Relaxed);
+                    }
+                }
+                // The reader has moved on behind what it could not take.
+                Err(_) => {
+                    reader.counters.failed.fetch_add(1, Relaxed);
                 }
             }
         }
     }
 }
 
-fn take_all(dds: &RawReader, reader: &Reader) {
-    dds.drain_read_notifications();
-    loop {
-        match dds.try_take_one() {
-            Ok(None) => return,
-            Ok(Some(change)) => {
-                reader.counters.count();
-                if !(reader.sink)(change.into(), &reader.counters) {
-                    reader.counters.failed.fetch_add(1, Relaxed);
-                }
-            }
-            // The reader has moved on behind what it could not take.
-            Err(_) => {
-                reader.counters.failed.fetch_add(1, Relaxed);
-            }
-        }
+/// How many samples a publisher has numbered between its last and this one. What it sent before its
+/// first one here was not for this reader.
+fn missing(last: &mut HashMap<Gid, i64>, publisher: Gid, number: i64) -> u64 {
+    let before = last.entry(publisher).or_insert(number);
+    let gap = number.saturating_sub(*before).saturating_sub(1).max(0);
+    *before = number.max(*before);
+    gap as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Would break if a late start, a repetition or another publisher's numbers counted as holes.
+    #[test]
+    fn holes_are_counted_for_each_publisher() {
+        let gid = |n| Gid::from([n; 16]);
+        let mut last = HashMap::new();
+        let numbers = [(1, 40), (1, 41), (2, 7), (1, 45), (1, 45), (2, 8), (1, 46)];
+        let holes: Vec<_> = numbers
+            .iter()
+            .map(|&(publisher, number)| missing(&mut last, gid(publisher), number))
+            .collect();
+        assert_eq!(holes, [0, 0, 0, 3, 0, 0, 0]);
     }
 }

@@ -2,10 +2,7 @@
 
 use std::{
     collections::VecDeque,
-    sync::{
-        Arc, Condvar, Mutex, MutexGuard, PoisonError,
-        atomic::Ordering::{self, Relaxed},
-    },
+    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, atomic::Ordering::Relaxed},
     time::{Duration, Instant},
 };
 
@@ -52,7 +49,11 @@ impl<M: Interface> Inbox<M> {
         let mut queue = self.lock();
         if queue.len() >= self.depth {
             queue.pop_front();
-            counters.dropped.fetch_add(1, Relaxed);
+            let count = match self.depth {
+                1 => &counters.replaced,
+                _ => &counters.dropped,
+            };
+            count.fetch_add(1, Relaxed);
         }
         queue.push_back(Received {
             message,
@@ -114,7 +115,7 @@ impl<M: Interface> Subscription<M> {
                 return Some(received);
             }
             let left = deadline.saturating_duration_since(Instant::now());
-            if left.is_zero() || self.core.stopping.load(Ordering::Acquire) {
+            if left.is_zero() || self.core.fate.is_stopping() {
                 return None;
             }
             queue = self
@@ -144,7 +145,8 @@ impl<M> Subscription<M> {
         (last != 0).then(|| Time::wall().since(Time::from_nanos(last)))
     }
 
-    /// How many messages came, were dropped because the queue was full, or were not of the type.
+    /// How many messages came, were dropped because the queue was full (one of depth 1 only ever
+    /// replaces), or were not of the type.
     pub fn counts(&self) -> (u64, u64, u64) {
         let c = &self.reader.counters;
         (

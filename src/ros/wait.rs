@@ -1,7 +1,10 @@
 //! What a node's program sleeps on.
 
 use std::{
-    sync::{Condvar, Mutex, PoisonError},
+    sync::{
+        Arc, Condvar, Mutex, OnceLock, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
     time::Instant,
 };
 
@@ -41,5 +44,42 @@ impl Events {
             };
         }
         *count
+    }
+}
+
+/// Whether a node is to stop, and what has broken if that is why.
+#[derive(Debug)]
+pub(super) struct Fate {
+    events: Arc<Events>,
+    stopping: AtomicBool,
+    failure: OnceLock<String>,
+}
+
+impl Fate {
+    pub(super) fn new(events: Arc<Events>) -> Self {
+        Self {
+            events,
+            stopping: AtomicBool::new(false),
+            failure: OnceLock::new(),
+        }
+    }
+
+    pub(super) fn is_stopping(&self) -> bool {
+        self.stopping.load(Ordering::Acquire)
+    }
+
+    pub(super) fn stop(&self) {
+        self.stopping.store(true, Ordering::Release);
+        self.events.notify();
+    }
+
+    /// Stops the node since it cannot go on; the first reason stays.
+    pub(super) fn fail(&self, reason: String) {
+        let _ = self.failure.set(reason);
+        self.stop();
+    }
+
+    pub(super) fn failure(&self) -> Option<&String> {
+        self.failure.get()
     }
 }

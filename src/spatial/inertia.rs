@@ -28,12 +28,12 @@ pub enum InertiaError {
     NotFinite(&'static str),
     /// A principal moment is not positive.
     #[error(
-        "inertia is not positive definite: its principal moments are {0:.6}, {1:.6}, {2:.6} kg m²; all must be positive"
+        "inertia is not positive definite: its principal moments are {0:.4e}, {1:.4e}, {2:.4e} kg m²; all must be positive"
     )]
     NotPositiveDefinite(f64, f64, f64),
     /// One principal moment exceeds the sum of the others.
     #[error(
-        "inertia breaks the triangle inequality: of its principal moments {0:.6}, {1:.6}, {2:.6} kg m² the largest exceeds the sum of the other two"
+        "inertia breaks the triangle inequality: of its principal moments {0:.4e}, {1:.4e}, {2:.4e} kg m² the largest exceeds the sum of the other two"
     )]
     Triangle(f64, f64, f64),
 }

@@ -23,8 +23,7 @@ mod vector;
 
 pub use inertia::{InertiaError, RigidInertia, SpatialInertia};
 pub use rotation::{
-    attitude_rate_from_angular_velocity, exp_so3, roll_pitch_yaw_intrinsic,
-    rotation_from_roll_pitch_yaw_intrinsic,
+    exp_so3, roll_pitch_yaw_intrinsic, rotation_from_roll_pitch_yaw_intrinsic, rotation_vector_rate,
 };
 pub use symmetric::Symmetric3;
 pub use vector::{Twist, Wrench};

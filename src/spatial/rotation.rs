@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
 #[inline]
 pub fn exp_so3(u: &Vector3<f64>) -> UnitQuaternion<f64> {
     let half_sq = 0.25 * u.norm_squared();
-    // sin(x)/x and cos(x) at x = |u|/2; the series is exact to rounding below 1e-2 rad².
+    // sin(x)/x and cos(x) at x = |u|/2; the series is exact to rounding below x = 1e-2.
     let (c, s) = if half_sq < 1e-4 {
         let x = half_sq;
         (
@@ -28,7 +28,7 @@ pub fn exp_so3(u: &Vector3<f64>) -> UnitQuaternion<f64> {
 /// It lets any Runge-Kutta tableau integrate attitude on the rotation group (Munthe-Kaas). Valid for
 /// `θ < 2π`; within one integration step `θ` is the angle turned in that step.
 #[inline]
-pub fn attitude_rate_from_angular_velocity(u: &Vector3<f64>, w: &Vector3<f64>) -> Vector3<f64> {
+pub fn rotation_vector_rate(u: &Vector3<f64>, w: &Vector3<f64>) -> Vector3<f64> {
     let th2 = u.norm_squared();
     let k = if th2 < 1e-2 {
         // (1 - x cot x)/(4x²) at x = θ/2: 1/12 + θ²/720 + θ⁴/30240 + θ⁶/1209600 + ...
@@ -103,7 +103,7 @@ mod tests {
             let h = 1e-5;
             let fd = (log(h) - log(-h)) / (2.0 * h);
             assert!(
-                (fd - attitude_rate_from_angular_velocity(&u, &w)).norm() < 2e-10,
+                (fd - rotation_vector_rate(&u, &w)).norm() < 2e-10,
                 "{scale}"
             );
         }
@@ -112,8 +112,7 @@ mod tests {
     #[test]
     fn attitude_rate_is_smooth_where_the_series_ends() {
         let w = Vector3::new(0.3, -0.8, 0.5);
-        let at =
-            |th: f64| attitude_rate_from_angular_velocity(&(Vector3::new(0.6, 0.0, 0.8) * th), &w);
+        let at = |th: f64| rotation_vector_rate(&(Vector3::new(0.6, 0.0, 0.8) * th), &w);
         assert!((at(0.1 - 1e-9) - at(0.1 + 1e-9)).norm() < 2e-9);
     }
 

@@ -3,6 +3,7 @@
 #[path = "../support/peer.rs"]
 mod peer;
 
+mod delivery;
 mod isolation;
 mod parameters;
 mod probe;

@@ -1,5 +1,6 @@
 //! A node that does a little of everything, run as a process of its own.
 
+use crate::peer::DomainClaim;
 use fuyu::{
     msg::{
         std_msgs::String as Text,
@@ -29,7 +30,10 @@ const ARGS: &str = "FUYU_PROBE_ARGS";
 #[test]
 #[ignore = "started by the other tests"]
 fn node_process() {
-    let args = std::env::var(ARGS).unwrap_or_default();
+    // Not started by a test, as with `--include-ignored`: it would run for ever.
+    let Ok(args) = std::env::var(ARGS) else {
+        return;
+    };
     let args = args.lines().map(str::to_owned);
     let outcome = Process::from_env(args, Reach::Subnet).and_then(|(mut process, _)| {
         process.start("probe", program)?;
@@ -121,7 +125,7 @@ fn program(node: &Node) -> Result<(), NodeError> {
 }
 
 /// A probe as a process, killed when dropped.
-pub struct Probe(pub Child);
+pub struct Probe(pub Child, #[expect(dead_code, reason = "held")] DomainClaim);
 
 impl Probe {
     /// On loopback in a DDS domain, with ROS arguments.
@@ -135,6 +139,7 @@ impl Probe {
 
     /// With a command that ends in this executable.
     pub fn start_with(mut command: Command, domain: u16, args: &[&str]) -> Self {
+        let claim = DomainClaim::new(domain);
         command
             .args(["probe::node_process", "--exact", "--ignored", "--nocapture"])
             .env(ARGS, args.join("\n"))
@@ -160,7 +165,7 @@ impl Probe {
             .expect("masks can change");
         let child = command.spawn().expect("the probe starts");
         before.thread_set_mask().expect("masks can change");
-        Self(child)
+        Self(child, claim)
     }
 
     pub fn signal(&self, name: &str) {

@@ -67,8 +67,9 @@ fn nodes_of_one_process_talk_and_stop_last_first() {
         "round trip: median {:?}, 99 % {:?}",
         round_trips[250], round_trips[495]
     );
+    // A fraction of a millisecond on an idle computer; polling or a heartbeat in the way takes 50 ms.
     assert!(
-        round_trips[250] < Duration::from_millis(5),
+        round_trips[250] < Duration::from_millis(15),
         "{round_trips:?}"
     );
 }
@@ -92,6 +93,32 @@ fn a_failing_node_ends_the_process_with_its_error() {
         (error.to_string().as_str(), error.exit_code()),
         ("no such robot", 2)
     );
+}
+
+// Would break if the node went on deaf.
+#[test]
+fn a_handlers_panic_is_a_failure_too() {
+    let mut process = process(61);
+    process
+        .start("touchy", |node: &Node| {
+            let _said = node.subscribe_raw("say", "std_msgs/msg/String", Qos::RELIABLE, |_| {
+                panic!("on purpose")
+            })?;
+            while node.wait() {}
+            Ok(())
+        })
+        .unwrap();
+    process
+        .start("talker", |node: &Node| {
+            let say = node.advertise::<Text>("say", Qos::RELIABLE)?;
+            while node.wait_for(Duration::from_millis(50)) {
+                say.publish(&text("now"));
+            }
+            Ok(())
+        })
+        .unwrap();
+    let error = process.wait().unwrap_err();
+    assert_eq!(error.to_string(), "node /touchy: a handler has panicked");
 }
 
 #[test]

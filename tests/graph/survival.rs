@@ -130,6 +130,26 @@ fn topics_flow_again_after_ctrl_z_and_fg() {
     }
 }
 
+// systemd and `timeout` send this pair. Would break if the second revived what the first takes down.
+#[test]
+fn continuing_does_not_revive_what_was_told_to_stop() {
+    for _ in 0..3 {
+        let mut probe = Probe::start(60, &[]);
+        let mut peer = Peer::start("peer", 60);
+        peer.subscribe("chatter", TEXT, "reliable");
+        peer.receive("chatter", 1);
+        probe.signal("TERM");
+        probe.signal("CONT");
+        let (said, code) = probe.finish();
+        assert_eq!(code, Some(0), "{said}");
+        assert!(said.contains("the probe ends in order"), "{said}");
+        assert!(
+            !said.contains("panic") && !said.contains("joined the graph anew"),
+            "{said}"
+        );
+    }
+}
+
 #[test]
 fn a_second_interrupt_ends_it_at_once() {
     let probe = Probe::start(53, &["--ros-args", "-p", "stubborn:=true"]);

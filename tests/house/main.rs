@@ -1,1 +1,8 @@
-//! What the house keeps to: layers, sizes, metadata.
+//! The order of the house: what the documents and the layout promise about the sources.
+
+mod documents;
+mod layers;
+mod package;
+#[cfg(feature = "ros")]
+mod readme;
+mod sources;

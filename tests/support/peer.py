@@ -1,6 +1,7 @@
 """A real ROS 2 node (rclpy) that a test drives: one JSON command a line on stdin, one JSON answer a line."""
 
 import array
+import bisect
 import collections
 import importlib
 import json
@@ -53,13 +54,16 @@ def plain(value):
 
 
 def fill(message, values):
-    """JSON into a message."""
+    """JSON into a message; JSON has no NaN, null stands for it."""
+    nan = float("nan")
     for field, value in values.items():
         inner = getattr(message, field)
         if isinstance(value, dict):
             fill(inner, value)
+        elif isinstance(value, list):
+            setattr(message, field, [nan if v is None else v for v in value])
         else:
-            setattr(message, field, value)
+            setattr(message, field, nan if value is None else value)
     return message
 
 
@@ -84,13 +88,14 @@ class Peer:
 
     def wait(self, topic, count=1, since=0.0, timeout=15.0):
         """The messages that came after `since`, as soon as there are `count` of them."""
+        all = self.received[topic]
 
-        def later():
-            return [m for m in self.received[topic] if m[0] >= since]
+        def first():
+            return bisect.bisect_left(all, since, key=lambda m: m[0])
 
         with self.arrived:
-            self.arrived.wait_for(lambda: len(later()) >= count, timeout)
-            return [{"time": t, "message": m} for t, m in later()]
+            self.arrived.wait_for(lambda: len(all) - first() >= count, timeout)
+            return [{"time": t, "message": m} for t, m in all[first() :]]
 
     def publish(self, topic, type, message, qos_name="reliable", matched=1, timeout=15.0):
         if topic not in self.publishers:
@@ -128,7 +133,7 @@ class Peer:
 
     def topic_info(self, topic):
         return [
-            {"node": i.node_name, "type": i.topic_type, "reliability": i.qos_profile.reliability.name,
+            {"node": i.node_name, "namespace": i.node_namespace, "type": i.topic_type, "reliability": i.qos_profile.reliability.name,
              "durability": i.qos_profile.durability.name}
             for i in self.node.get_publishers_info_by_topic(topic)
         ]

@@ -2,9 +2,17 @@
 
 use serde_json::{Value, json};
 use std::{
+    collections::BTreeMap,
     io::{BufRead, BufReader, Write},
+    os::{
+        linux::net::SocketAddrExt,
+        unix::net::{SocketAddr, UnixListener},
+    },
     path::PathBuf,
-    process::{Child, ChildStdin, ChildStdout, Command, Stdio},
+    process::{Child, ChildStdin, Command, Stdio},
+    sync::{Arc, Mutex, PoisonError, Weak, mpsc},
+    thread,
+    time::Duration,
 };
 
 /// The Python of the tests' environment, which is made on first use.
@@ -21,12 +29,46 @@ pub fn python() -> PathBuf {
     String::from_utf8_lossy(&output.stdout).trim().into()
 }
 
+/// A DDS domain that no other test run on this computer uses while this lives.
+#[derive(Clone)]
+pub struct DomainClaim(
+    #[expect(dead_code, reason = "bound as long as it lives")] Arc<UnixListener>,
+);
+
+impl DomainClaim {
+    /// Waits until other test runs leave the domain; the same test may claim it again.
+    pub fn new(domain: u16) -> Self {
+        static CLAIMED: Mutex<BTreeMap<u16, Weak<UnixListener>>> = Mutex::new(BTreeMap::new());
+        let name = SocketAddr::from_abstract_name(format!("fuyu-domain-{domain}"));
+        let name = name.expect("a short name");
+        for _ in 0..6000 {
+            let mut claimed = CLAIMED.lock().unwrap_or_else(PoisonError::into_inner);
+            if let Some(ours) = claimed.get(&domain).and_then(Weak::upgrade) {
+                return Self(ours);
+            }
+            // A bound name is freed whenever its process ends, unlike a file.
+            if let Ok(socket) = UnixListener::bind_addr(&name) {
+                let socket = Arc::new(socket);
+                claimed.insert(domain, Arc::downgrade(&socket));
+                return Self(socket);
+            }
+            drop(claimed);
+            thread::sleep(Duration::from_millis(100));
+        }
+        panic!("another test run has used ROS domain {domain} for ten minutes");
+    }
+}
+
 /// A running rclpy node.
 pub struct Peer {
+    _domain: DomainClaim,
     child: Child,
     stdin: ChildStdin,
-    stdout: BufReader<ChildStdout>,
+    answers: mpsc::Receiver<String>,
 }
+
+/// Longest time that any command may take; `peer.py` itself gives up much earlier.
+const PATIENCE: Duration = Duration::from_secs(120);
 
 impl Peer {
     /// Starts one on loopback in a DDS domain.
@@ -37,6 +79,7 @@ impl Peer {
     /// Starts one with a command that ends in a Python interpreter.
     pub fn start_with(mut command: Command, name: &str, domain: u16) -> Self {
         let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/support/peer.py");
+        let domain_claim = DomainClaim::new(domain);
         let mut child = command
             .args([script, name])
             .env("ROS_DOMAIN_ID", domain.to_string())
@@ -49,19 +92,29 @@ impl Peer {
             .expect("python can be started");
         let stdin = child.stdin.take().expect("stdin is piped");
         let stdout = BufReader::new(child.stdout.take().expect("stdout is piped"));
-        let mut peer = Self {
+        let (lines, answers) = mpsc::channel();
+        // Ends with the pipe, thus with the peer.
+        thread::spawn(move || {
+            for line in stdout.lines().map_while(Result::ok) {
+                if lines.send(line).is_err() {
+                    return;
+                }
+            }
+        });
+        let peer = Self {
+            _domain: domain_claim,
             child,
             stdin,
-            stdout,
+            answers,
         };
-        assert_eq!(peer.read(), json!({"ready": true}));
+        assert_eq!(peer.read("the start"), json!({"ready": true}));
         peer
     }
 
     /// Does a command of `peer.py`; panics if it raises.
     pub fn does(&mut self, command: Value) -> Value {
         writeln!(self.stdin, "{command}").expect("the peer runs");
-        let answer = self.read();
+        let answer = self.read(&command);
         assert!(answer.get("error").is_none(), "{command} gave {answer}");
         answer
     }
@@ -83,9 +136,9 @@ impl Peer {
         all
     }
 
-    fn read(&mut self) -> Value {
-        let mut line = String::new();
-        self.stdout.read_line(&mut line).expect("the peer answers");
+    fn read(&self, asked: impl std::fmt::Display) -> Value {
+        let line = self.answers.recv_timeout(PATIENCE);
+        let line = line.unwrap_or_else(|e| panic!("the peer does not answer {asked}: {e}"));
         serde_json::from_str(&line).unwrap_or_else(|e| panic!("the peer said {line:?}: {e}"))
     }
 }

@@ -1,9 +1,12 @@
 //! The step loop takes no memory.
 
 use allocation_counter::measure;
-use fuyu::control::{Gains, JacobianKind, Measurement, Saturation, TransposeJacobian};
+use fuyu::control::{
+    Controller, ControllerConfig, Gains, JacobianKind, LawKind, Measurement, Saturation,
+    TransposeJacobian,
+};
 use fuyu::dynamics::{Floating, Input, Integrator, Method, State, Workspace};
-use nalgebra::DVector;
+use nalgebra::{DVector, Matrix6xX};
 
 use crate::fixtures::servicer;
 
@@ -23,6 +26,18 @@ fn steps_jacobians_and_the_control_law_do_not_allocate() {
             orientation: 0.1,
         },
     };
+    let mut controller = Controller::new(
+        model.clone(),
+        tip.clone(),
+        ControllerConfig {
+            law: LawKind::TransposeJacobian,
+            jacobian: JacobianKind::Generalized,
+            gains: gains.clone(),
+            joint_k_p: Vec::new(),
+        },
+    )
+    .unwrap();
+    let mut matrix = Matrix6xX::zeros(6);
     let mut law = TransposeJacobian::new(&model, &tip, gains, JacobianKind::Generalized).unwrap();
     let mut push = |_: f64, _: &State, input: &mut Input| input.efforts.fill(0.1);
     for method in [Method::Rk4, Method::Dop8] {
@@ -39,6 +54,12 @@ fn steps_jacobians_and_the_control_law_do_not_allocate() {
                     X_BD: &X_BE,
                 };
                 law.efforts(&model, &mut workspace, &seen, &mut efforts);
+                controller
+                    .update(&state.q, &state.qd, Some((&X_BE, &X_BE)))
+                    .unwrap();
+                workspace.base_map(&model, &mut matrix);
+                workspace.generalized_jacobian(&tip, &mut matrix);
+                workspace.reduced_inertia();
                 floating.hold_efforts(efforts.as_slice());
                 floating.step(0.01, 1);
                 floating.accelerations();

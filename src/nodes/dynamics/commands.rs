@@ -10,11 +10,12 @@ pub struct Command {
 }
 
 impl Command {
-    /// Reads a message: efforts by joint name; joints that it does not name keep theirs.
+    /// Reads a message: efforts by joint name, at most `max_effort` \[N m or N\]; joints that it does not name
+    /// keep theirs.
     ///
     /// # Errors
     /// A line that names what is wrong and what would be right; nothing of such a message acts.
-    pub fn from_msg(message: &JointState, model: &Model) -> Result<Self, String> {
+    pub fn from_msg(message: &JointState, model: &Model, max_effort: f64) -> Result<Self, String> {
         if message.name.is_empty() {
             return Err(format!(
                 "names no joint; expected some of {}",
@@ -36,9 +37,10 @@ impl Command {
                     joint_names(model)
                 ));
             };
-            if !effort.is_finite() {
+            // Not a number is not below it either.
+            if !(effort.abs() <= max_effort) {
                 return Err(format!(
-                    "gives joint '{name}' the effort {effort}; it must be finite"
+                    "gives joint '{name}' the effort {effort}; it must be finite and at most {max_effort} (max_effort)"
                 ));
             }
             if efforts.iter().any(|(seen, _)| *seen == joint) {
@@ -73,7 +75,8 @@ mod tests {
 
     #[test]
     fn a_command_acts_by_name_in_any_order() {
-        let command = Command::from_msg(&message(&["joint2", "joint1"], &[2.0, -1.0]), &model());
+        let command =
+            Command::from_msg(&message(&["joint2", "joint1"], &[2.0, -1.0]), &model(), 1e6);
         assert_eq!(command.unwrap().efforts, [(1, 2.0), (0, -1.0)]);
     }
 
@@ -81,10 +84,11 @@ mod tests {
     fn what_cannot_act_is_refused_with_the_reason() {
         let model = model();
         let refusal = |names: &[&str], effort: &[f64]| {
-            Command::from_msg(&message(names, effort), &model).unwrap_err()
+            Command::from_msg(&message(names, effort), &model, 1e6).unwrap_err()
         };
         assert!(refusal(&["elbow"], &[1.0]).contains("'elbow'; the robot has joint1, joint2"));
         assert!(refusal(&["joint1"], &[f64::NAN]).contains("joint 'joint1' the effort NaN"));
+        assert!(refusal(&["joint1"], &[1e300]).contains("at most 1000000"));
         assert!(refusal(&["joint1", "joint2"], &[1.0]).contains("2 names but 1 efforts"));
         assert!(refusal(&["joint1", "joint1"], &[1.0, 2.0]).contains("twice"));
         assert!(refusal(&[], &[]).contains("names no joint"));

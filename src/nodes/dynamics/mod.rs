@@ -18,7 +18,8 @@ use std::time::{Duration, Instant};
 
 use crate::{
     msg::sensor_msgs::JointState,
-    ros::{Node, NodeError, Qos, Received, Status, Subscription, Time},
+    nodes::topics,
+    ros::{Node, NodeError, Received, Status, Subscription, Time},
 };
 use commands::Command;
 use outputs::Outputs;
@@ -26,6 +27,9 @@ use pace::Pace;
 
 /// How often a state that waits for its answer is published again: the peer may have joined late.
 const REPEAT: Duration = Duration::from_millis(100);
+
+/// How long diagnostics tell of a refused command while others are obeyed.
+const REFUSAL_SHOWN: Duration = Duration::from_secs(5);
 
 /// The node's program.
 ///
@@ -39,17 +43,13 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let params = params.map_err(input)?;
     let world = World::new(&params).map_err(input)?;
     let robot = world.robot.model();
-    let unmodelled: Vec<_> = robot
-        .joints()
-        .iter()
-        .filter(|j| j.friction != 0.0)
-        .map(|j| j.name.as_str())
-        .collect();
-    if !unmodelled.is_empty() {
+    if let Some(missing) = world.not_simulated() {
+        tracing::warn!("{}: {missing}", params.robot.source);
+    }
+    if params.state_rate > 100.0 && !params.lockstep {
         tracing::warn!(
-            "{}: Coulomb friction of {} is not simulated; damping is",
-            params.robot.source,
-            unmodelled.join(", ")
+            "state_rate is {} Hz: above 100 Hz a subscriber that dies without a word slows the others for about a minute",
+            params.state_rate
         );
     }
     tracing::info!(
@@ -63,11 +63,13 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     Simulation {
         node,
         outputs: Outputs::new(node, &world, &params.robot.xml)?,
-        commands: node.subscribe("joint_commands", Qos::RELIABLE)?,
+        commands: topics::JOINT_COMMANDS.subscribe(node)?,
         command_status: node.diagnostics().status("commands"),
         time_status: node.diagnostics().status("time"),
+        limit_status: node.diagnostics().status("limits"),
         last_command: None,
         refused: 0,
+        refused_at: None,
         efforts: vec![0.0; robot.dof()],
         pace: Pace::new(params.real_time_factor),
         world,
@@ -84,17 +86,21 @@ struct Simulation<'a> {
     commands: Subscription<JointState>,
     command_status: Status,
     time_status: Status,
+    limit_status: Status,
     /// Simulated time at which the last valid command came \[s\].
     last_command: Option<f64>,
     refused: u64,
+    refused_at: Option<Instant>,
     efforts: Vec<f64>,
     pace: Pace,
 }
 
 impl Simulation<'_> {
     fn run(mut self) -> Result<(), NodeError> {
-        self.command_status
-            .warn("no command has arrived on joint_commands yet");
+        self.command_status.warn(format!(
+            "no command has arrived on {} yet",
+            self.commands.topic()
+        ));
         self.outputs.publish(&self.world)?;
         if self.params.start_on_command {
             self.time_status
@@ -118,11 +124,30 @@ impl Simulation<'_> {
                 self.await_tick();
             }
             self.check_command_age();
-            self.world.step_to_tick();
+            self.step();
             self.outputs.publish(&self.world)?;
+            match self.world.beyond_limits() {
+                Some(problem) => self.limit_status.warn(problem),
+                None => self.limit_status.ok("within the joints' limits"),
+            }
             self.report_time();
         }
         Ok(())
+    }
+
+    /// Steps to the next state. One that is not finite is given up: the robot stays as it was, with zero
+    /// efforts, and says so; whoever commands too much must not end the simulation for all others.
+    fn step(&mut self) {
+        let before = self.world.robot.state().clone();
+        self.world.step_to_tick();
+        if let Err(problem) = self.world.check_finite() {
+            self.efforts.fill(0.0);
+            self.world.robot.set_state(before);
+            self.world.robot.hold_efforts(&self.efforts);
+            tracing::error!("{problem}; the robot stays as it was, efforts are zero");
+            self.command_status
+                .error(format!("{problem}; efforts are zero"));
+        }
     }
 
     /// Publishes the state again and again until `done` says so or the node is to stop.
@@ -199,7 +224,11 @@ impl Simulation<'_> {
     }
 
     fn obey(&mut self, received: &Received<JointState>, now: f64) -> bool {
-        match Command::from_msg(&received.message, self.world.robot.model()) {
+        match Command::from_msg(
+            &received.message,
+            self.world.robot.model(),
+            self.params.max_effort,
+        ) {
             Ok(command) => {
                 for (joint, effort) in command.efforts {
                     self.efforts[joint] = effort;
@@ -209,18 +238,22 @@ impl Simulation<'_> {
                 if cut {
                     self.command_status
                         .warn("the last command exceeds an effort limit and was cut");
-                } else if self.refused == 0 {
+                } else if self
+                    .refused_at
+                    .is_none_or(|at| at.elapsed() > REFUSAL_SHOWN)
+                {
                     self.command_status.ok("obeying joint_commands");
                 }
                 true
             }
             Err(problem) => {
                 self.refused += 1;
+                self.refused_at = Some(Instant::now());
+                let told = format!("{}: refused, it {problem}", self.commands.topic());
                 if self.refused == 1 {
-                    tracing::warn!("{}: a command {problem}", self.commands.topic());
+                    tracing::warn!("{told}");
                 }
-                self.command_status
-                    .warn(format!("refused: a command {problem}"));
+                self.command_status.warn(told);
                 self.command_status.set("refused", self.refused);
                 false
             }
@@ -236,7 +269,8 @@ impl Simulation<'_> {
             self.efforts.fill(0.0);
             self.world.robot.hold_efforts(&self.efforts);
             self.command_status.warn(format!(
-                "no command for {age:.1} s (command_timeout is {} s): efforts are zero",
+                "no command on {} for {age:.1} s (command_timeout is {} s): efforts are zero",
+                self.commands.topic(),
                 self.params.command_timeout
             ));
         }

@@ -6,11 +6,14 @@ use super::{
 };
 use crate::{
     msg::{fuyu_msgs, nav_msgs, rosgraph_msgs, sensor_msgs, std_msgs, tf2_msgs},
-    ros::{Node, NodeError, Publisher, Qos, Time},
+    nodes::topics,
+    ros::{self, Node, NodeError, Publisher, Time},
 };
 
 /// Publishers of the dynamics node.
 pub struct Outputs {
+    /// The node's own clock: it does not hear its own `/clock`.
+    time: ros::Clock,
     frames: FrameTree,
     clock: Publisher<rosgraph_msgs::Clock>,
     joint_states: Publisher<sensor_msgs::JointState>,
@@ -29,23 +32,23 @@ impl Outputs {
     /// When the node cannot publish.
     pub fn new(node: &Node, world: &World, description: &str) -> Result<Self, NodeError> {
         let frames = FrameTree::new(world.robot.model());
-        let latched_description = node.advertise("robot_description", Qos::LATCHED)?;
+        let latched_description = topics::ROBOT_DESCRIPTION.advertise(node)?;
         latched_description.publish(&std_msgs::String {
             data: description.to_owned(),
         });
-        let tf_static = node.advertise("/tf_static", Qos::TF_STATIC)?;
+        let tf_static = topics::TF_STATIC.advertise(node)?;
         tf_static.publish(&frames.static_transforms());
-        let truth = |name: &str| node.advertise(name, Qos::RELIABLE);
         Ok(Self {
+            time: node.clock().clone(),
             frames,
-            clock: node.advertise("/clock", Qos::CLOCK)?,
-            joint_states: node.advertise("joint_states", Qos::RELIABLE)?,
-            odometry: truth("ground_truth/odom")?,
+            clock: topics::CLOCK.advertise(node)?,
+            joint_states: topics::JOINT_STATES.advertise(node)?,
+            odometry: topics::ODOMETRY.advertise(node)?,
             targets: (world.targets.iter())
-                .map(|t| truth(&t.odometry_topic()))
+                .map(|t| node.advertise(&t.odometry_topic(), topics::ODOMETRY.qos))
                 .collect::<Result<_, _>>()?,
-            momentum: node.advertise("ground_truth/momentum", Qos::RELIABLE)?,
-            tf: node.advertise("/tf", Qos::TF)?,
+            momentum: topics::MOMENTUM.advertise(node)?,
+            tf: topics::TF.advertise(node)?,
             _latched: (latched_description, tf_static),
         })
     }
@@ -57,6 +60,7 @@ impl Outputs {
     pub fn publish(&self, world: &World) -> Result<(), NodeError> {
         world.check_finite().map_err(NodeError::Failed)?;
         let stamp = Time::from_secs_f64(world.time());
+        self.time.drive(stamp);
         self.clock.publish(&rosgraph_msgs::Clock {
             clock: stamp.into(),
         });

@@ -5,6 +5,7 @@ use nalgebra::{DVector, Isometry3, Vector3};
 use crate::{
     dynamics::Method,
     nodes::{
+        choice,
         placement::{declare_pose, declare_vector, finite},
         resource,
     },
@@ -40,6 +41,8 @@ pub struct DynamicsParams {
     pub duration: f64,
     /// Age of the last command beyond which efforts are zero \[s\].
     pub command_timeout: f64,
+    /// Largest effort that a command may ask for \[N m or N\].
+    pub max_effort: f64,
 }
 
 /// A robot description: its text, and where it came from for messages.
@@ -72,6 +75,8 @@ pub struct TargetParams {
     /// Start.
     pub motion: Motion,
 }
+
+const METHODS: [(&str, Method); 2] = [("dop8", Method::Dop8), ("rk4", Method::Rk4)];
 
 impl DynamicsParams {
     /// Declares the parameters and reads them. `finish` of `declare` is the caller's.
@@ -127,14 +132,8 @@ impl DynamicsParams {
             let motion = Motion::declare(declare, &name, "target's frame");
             targets.push((name, key, file, motion));
         }
-        let method = declare
-            .param(
-                "integrator",
-                "dop8",
-                "Integration method: rk4 (order 4) or dop8 (order 8)",
-            )
+        let method = choice::declare(declare, "integrator", &METHODS, "Integration method")
             .read_only()
-            .check("one of rk4, dop8", |text| method(text).map(|_| ()))
             .value();
         let time_step = declare
             .param("time_step", 0.01, "Largest integration step [s]")
@@ -156,7 +155,15 @@ impl DynamicsParams {
                 1.0,
                 "Simulated seconds per second; 0 is as fast as possible",
             )
-            .range(0.0, 1e6)
+            .check("0.0, or 0.001 to 1000000.0", |factor| {
+                if *factor == 0.0 || (1e-3..=1e6).contains(factor) {
+                    Ok(())
+                } else {
+                    Err(format!(
+                        "{factor} is out of range, expected 0.0 or 0.001 to 1000000.0"
+                    ))
+                }
+            })
             .read_only()
             .value();
         let lockstep = declare
@@ -194,6 +201,22 @@ impl DynamicsParams {
             .read_only()
             .value();
 
+        let max_effort = declare
+            .param(
+                "max_effort",
+                1e6,
+                "Largest effort that a command may ask of a joint; a larger one is refused [N m or N]",
+            )
+            .range(1e-9, 1e9)
+            .read_only()
+            .value();
+        if real_time_factor == 0.0 && !lockstep {
+            return Err(
+                "parameter real_time_factor is 0.0 (as fast as possible), which needs lockstep: true; without it commands would come too late"
+                    .to_owned(),
+            );
+        }
+
         let base = base?;
         let robot = if xml.is_empty() {
             Description::read("urdf", &urdf)?
@@ -219,7 +242,8 @@ impl DynamicsParams {
             initial_joint_velocities,
             base,
             targets,
-            method: method_or_default(&method),
+            // Any other text has been refused by the declaration.
+            method: choice::find(&METHODS, &method).unwrap_or_default(),
             time_step,
             state_rate,
             real_time_factor,
@@ -227,6 +251,7 @@ impl DynamicsParams {
             start_on_command,
             duration,
             command_timeout,
+            max_effort,
         })
     }
 }
@@ -265,19 +290,6 @@ fn finite_list(declare: &mut Declare, name: &str, description: &str) -> Vec<f64>
             finite(v, v.len())
         })
         .value()
-}
-
-fn method(text: &str) -> Result<Method, String> {
-    match text {
-        "rk4" => Ok(Method::Rk4),
-        "dop8" => Ok(Method::Dop8),
-        other => Err(format!("'{other}' is no integrator; expected rk4 or dop8")),
-    }
-}
-
-/// A text that `check` let through; anything else has been reported by the declaration.
-fn method_or_default(text: &str) -> Method {
-    method(text).unwrap_or_default()
 }
 
 /// A joint vector of the right length from a list that may be empty.

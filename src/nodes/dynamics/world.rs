@@ -102,6 +102,46 @@ impl World {
         ticks as f64 * self.period
     }
 
+    /// What of the robot's description is not simulated, in words; `None` if all of it is.
+    pub fn not_simulated(&self) -> Option<String> {
+        let joints = self.robot.model().joints().iter();
+        let rough: Vec<_> = joints
+            .filter(|j| j.friction != 0.0)
+            .map(|j| j.name.as_str())
+            .collect();
+        (!rough.is_empty()).then(|| {
+            format!(
+                "Coulomb friction of {} is not simulated; damping is",
+                rough.join(", ")
+            )
+        })
+    }
+
+    /// A joint that is beyond its limits, in words. Nothing stops it there: limits of position and
+    /// speed are told, not enforced.
+    pub fn beyond_limits(&self) -> Option<String> {
+        let state = self.robot.state();
+        let joints = self.robot.model().joints().iter();
+        joints
+            .zip(state.q.iter().zip(&state.qd))
+            .find_map(|(joint, (q, qd))| {
+                let (name, limits) = (&joint.name, &joint.limits);
+                if *q < limits.lower || *q > limits.upper {
+                    let (lower, upper) = (limits.lower, limits.upper);
+                    Some(format!(
+                        "joint '{name}' is at {q:.4}, beyond its limits {lower} to {upper}"
+                    ))
+                } else if qd.abs() > limits.velocity {
+                    let limit = limits.velocity;
+                    Some(format!(
+                        "joint '{name}' moves at {qd:.4}, faster than its limit {limit}"
+                    ))
+                } else {
+                    None
+                }
+            })
+    }
+
     /// Refuses a world that has lost its numbers.
     ///
     /// # Errors

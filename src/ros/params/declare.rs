@@ -88,14 +88,26 @@ impl Declare {
         }
     }
 
-    /// Ends the declarations: from here on every given parameter must have been declared.
+    /// Ends the declarations: from here on every parameter that is given to this node must have been
+    /// declared. One that is given to all nodes may be for others.
     ///
     /// # Errors
     /// [`DeclareError`] lists all that is wrong: who gave it, the parameter, the value, what would be
     /// right.
     pub fn finish(mut self) -> Result<(), DeclareError> {
         let names = self.store.names();
-        for Override { name, source, .. } in self.store.pending() {
+        for given in self.store.pending() {
+            let Override {
+                name,
+                source,
+                shared,
+                ..
+            } = given;
+            if shared {
+                let node = self.store.node();
+                tracing::debug!("{source}: parameter {name} is not for node {node}");
+                continue;
+            }
             let near = names
                 .iter()
                 .map(|n| (strsim::damerau_levenshtein(n, &name), n))

@@ -31,6 +31,9 @@ pub struct Override {
     pub value: ParameterValue,
     /// Who gives it.
     pub source: Source,
+    /// Whether it is for whichever nodes have such a parameter (`/**` in a file, `-p` without a node)
+    /// rather than for this one, which must have it then.
+    pub shared: bool,
 }
 
 /// Who gives a value.

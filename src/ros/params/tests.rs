@@ -135,6 +135,7 @@ fn the_last_source_wins() {
         name: "a".into(),
         value,
         source,
+        shared: false,
     };
     let node = NodeName::new("/", "n").unwrap();
     let overrides = vec![
@@ -144,4 +145,35 @@ fn the_last_source_wins() {
     let mut declare = Declare::new(Arc::new(ParameterStore::new(node, overrides)));
     assert_eq!(declare.param("a", 0, "A").value(), 2);
     declare.finish().unwrap();
+}
+
+// Would break if `/**` or an unscoped `-p`, which are for whoever has such a parameter, stopped a launch,
+// or if a misspelt parameter of one node went through.
+#[test]
+fn what_is_given_to_all_nodes_may_be_for_others() {
+    let finish = |text: &str, arguments: &str, only_node| {
+        let arguments = arguments.split_whitespace().map(str::to_owned);
+        let (mut args, _) = crate::ros::RosArgs::parse(arguments).unwrap();
+        args.only_node = only_node;
+        let node = NodeName::new("/", "arm").unwrap();
+        let file = ParamsFile::parse("x.yaml", text).unwrap();
+        let mut overrides = file.overrides(&node);
+        overrides.extend(args.overrides(&node, "arm").unwrap());
+        let mut declare = Declare::new(Arc::new(ParameterStore::new(node, overrides)));
+        let gain = declare.param("gain", 1.0, "Gain").value();
+        declare.finish().map(|()| gain)
+    };
+    let (all, arm) = ("/**: {ros__parameters: {", "arm: {ros__parameters: {");
+    assert_eq!(
+        finish(&format!("{all}gain: 2.0, tip: a}}}}"), "", true),
+        Ok(2.0)
+    );
+    assert!(finish(&format!("{arm}gain: 2.0, tip: a}}}}"), "", false).is_err());
+    let text = format!("{arm}gain: 2.0}}}}");
+    assert_eq!(
+        finish(&text, "--ros-args -p tip:=a -p gain:=3.0", false),
+        Ok(3.0)
+    );
+    assert!(finish(&text, "--ros-args -p tip:=a", true).is_err());
+    assert!(finish(&text, "--ros-args -p arm:tip:=a", false).is_err());
 }

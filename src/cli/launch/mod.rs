@@ -1,0 +1,141 @@
+//! `fuyu launch`: a scenario's nodes in one process, talking over DDS.
+
+mod monitor;
+mod plan;
+mod summary;
+
+use std::{
+    fmt::Write as _,
+    io::IsTerminal,
+    path::PathBuf,
+    sync::Arc,
+    time::{Duration, Instant},
+};
+
+use indicatif::{ProgressBar, ProgressStyle};
+
+use super::{Failure, print};
+use crate::ros::{NodeError, NodeOptions, Process, Reach};
+use monitor::Progress;
+use plan::Plan;
+
+/// Starts every node that a scenario names, in one process, talking over DDS
+///
+/// On this computer only, unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise. Ctrl-C stops in order and
+/// closes the bag. `--ros-args` at the end, with -r, -p, --params-file and --log-level, is for all nodes.
+#[derive(Debug, Default, clap::Args)]
+pub struct Args {
+    /// Scenario: a ROS 2 parameter file; config/servicing.yaml without it
+    #[arg(value_name = "CONFIG")]
+    config: Option<String>,
+    /// Simulated time after which it ends [s], instead of the scenario's
+    #[arg(long, value_name = "S", value_parser = super::positive_seconds, allow_hyphen_values = true)]
+    duration: Option<f64>,
+    /// Every state waits for the command that answers it, as fast as that goes
+    #[arg(long)]
+    lockstep: bool,
+    /// New folder for the bag, instead of one in bags/
+    #[arg(long, value_name = "DIR")]
+    bag: Option<PathBuf>,
+}
+
+/// Runs the command.
+///
+/// # Errors
+/// [`Failure::Input`] for a wrong scenario, argument or folder; [`Failure::Runtime`] when a node fails.
+pub fn run(args: &Args, ros_args: Vec<String>) -> Result<(), Failure> {
+    let (mut process, rest) = Process::from_env(ros_args, Reach::Localhost).map_err(failure)?;
+    if let Some(unknown) = rest.first() {
+        return Err(Failure::Input(format!(
+            "argument {unknown}: not understood behind --ros-args"
+        )));
+    }
+    let plan = Plan::new(args, process.args().clone()).map_err(Failure::Input)?;
+    process.set_args(plan.scenario.args().clone());
+    let progress = Arc::new(Progress::default());
+    let started = start(&mut process, &plan, &progress);
+    if started.is_ok() {
+        watch(&mut process, &plan, &progress);
+    }
+    let finished = process.finish();
+    // A node that failed has not undone what is in the bag.
+    if progress.seen().last.is_some() || finished.is_ok() && started.is_ok() {
+        print(&summary::summary(&plan, &progress))?;
+    }
+    started.and(finished).map_err(failure)
+}
+
+fn failure(error: NodeError) -> Failure {
+    match error.exit_code() {
+        2 => Failure::Input(error.to_string()),
+        _ => Failure::Runtime(error.to_string()),
+    }
+}
+
+fn start(process: &mut Process, plan: &Plan, progress: &Arc<Progress>) -> Result<(), NodeError> {
+    let names: Vec<_> = plan.nodes.iter().map(|(name, _)| name.full()).collect();
+    tracing::info!(
+        "{}: {} on DDS domain {}",
+        plan.scenario.path().display(),
+        names.join(", "),
+        process.domain().id
+    );
+    let (args, domain) = (Arc::new(process.args().clone()), process.domain());
+    let options = |name: &str, namespace: &str| NodeOptions {
+        name: name.to_owned(),
+        namespace: namespace.to_owned(),
+        args: Arc::clone(&args),
+        domain,
+    };
+    for (name, program) in &plan.nodes {
+        process.start_with(options(name.name(), name.namespace()), *program)?;
+    }
+    let namespace = plan.nodes.last().map_or("/", |(name, _)| name.namespace());
+    let (shared, duration) = (Arc::clone(progress), plan.duration);
+    process.start_with(options("launch_monitor", namespace), move |node| {
+        monitor::program(node, duration, &shared)
+    })?;
+    Ok(())
+}
+
+/// Shows how the run goes until there is a reason to stop.
+fn watch(process: &mut Process, plan: &Plan, progress: &Progress) {
+    let terminal = std::io::stderr().is_terminal();
+    let bar = if terminal {
+        ProgressBar::new(1000)
+    } else {
+        ProgressBar::hidden()
+    };
+    let style = ProgressStyle::with_template("{bar:40} {msg}");
+    bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
+    let begin = Instant::now();
+    let mut told = Instant::now();
+    let mut warned = false;
+    while process.run_for(Duration::from_millis(200)) {
+        let seen = progress.seen();
+        let time = seen.last.map_or(0.0, |(time, _)| time);
+        let mut line = format!("{time:.1} s");
+        if plan.duration > 0.0 {
+            bar.set_position((1000.0 * time / plan.duration) as u64);
+            // Writing to a string cannot fail.
+            let _ = write!(line, " of {} s", plan.duration);
+        }
+        if let Some((position, attitude)) = seen.error {
+            let _ = write!(
+                line,
+                ", tip error {position:.4} m, {:.2} deg",
+                attitude.to_degrees()
+            );
+        }
+        bar.set_message(line.clone());
+        if !terminal && told.elapsed() > Duration::from_secs(10) {
+            tracing::info!("{line}");
+            told = Instant::now();
+        }
+        if !warned && seen.last.is_none() && begin.elapsed() > Duration::from_secs(5) {
+            tracing::warn!("simulated time does not run: is a controller missing?");
+            warned = true;
+        }
+    }
+    bar.finish_and_clear();
+}

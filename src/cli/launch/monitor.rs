@@ -1,0 +1,85 @@
+//! What a launch learns of its run while it goes on.
+
+use std::{
+    sync::{
+        Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering},
+    },
+    time::{Duration, Instant},
+};
+
+use crate::{
+    msg::rosgraph_msgs::Clock,
+    nodes::topics,
+    ros::{Node, NodeError, Qos, Time},
+};
+
+/// What the monitor has learnt of the run.
+#[derive(Debug, Default)]
+pub struct Progress {
+    over: AtomicBool,
+    seen: Mutex<Seen>,
+}
+
+/// The run as its topics show it.
+#[derive(Debug, Default, Clone)]
+pub struct Seen {
+    /// Simulated time when it was first seen to run, and when that was.
+    pub start: Option<(f64, Instant)>,
+    /// The last.
+    pub last: Option<(f64, Instant)>,
+    /// Position and attitude error \[m, rad\].
+    pub error: Option<(f64, f64)>,
+}
+
+impl Progress {
+    fn see(&self, change: impl FnOnce(&mut Seen)) {
+        change(&mut self.seen.lock().unwrap_or_else(PoisonError::into_inner));
+    }
+
+    /// Whether the duration is over.
+    pub fn is_over(&self) -> bool {
+        self.over.load(Ordering::Acquire)
+    }
+
+    /// What has been seen so far.
+    pub fn seen(&self) -> Seen {
+        self.seen
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone()
+    }
+}
+
+/// The program of a node that learns of the run as anybody can: from its topics. It ends when the duration
+/// is over.
+///
+/// # Errors
+/// When DDS refuses.
+pub fn program(node: &Node, duration: f64, progress: &Progress) -> Result<(), NodeError> {
+    let clock = node.subscribe::<Clock>(topics::CLOCK.name, Qos::CLOCK_SUBSCRIPTION)?;
+    let state = topics::CONTROLLER_STATE.subscribe(node)?;
+    while node.wait_for(Duration::from_millis(200)) {
+        if let Some(received) = state.latest() {
+            let message = received.message;
+            let error = (message.position_error_norm, message.attitude_error_angle);
+            progress.see(|seen| seen.error = Some(error));
+        }
+        if let Some(received) = clock.latest() {
+            let time = Time::from(received.message.clock).as_secs_f64();
+            let now = Instant::now();
+            progress.see(|seen| {
+                // Time that stands still has not begun.
+                if time > 0.0 && seen.last.is_none_or(|(last, _)| time > last) {
+                    seen.start.get_or_insert((time, now));
+                    seen.last = Some((time, now));
+                }
+            });
+            if duration > 0.0 && time >= duration - 1e-9 {
+                progress.over.store(true, Ordering::Release);
+                return Ok(());
+            }
+        }
+    }
+    Ok(())
+}

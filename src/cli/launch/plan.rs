@@ -1,0 +1,81 @@
+//! What is to be run.
+
+use std::path::PathBuf;
+
+use super::Args;
+use crate::{
+    nodes::{self, recorder, scenario::Scenario},
+    ros::{NodeName, ParameterValue, RosArgs},
+};
+
+/// A scenario with everything that the command line says of it.
+pub struct Plan {
+    /// File, ROS arguments and options in one.
+    pub scenario: Scenario,
+    /// Nodes in the order of their start.
+    pub nodes: Vec<(NodeName, nodes::Program)>,
+    /// Simulated time after which it ends \[s\]; zero is never.
+    pub duration: f64,
+    /// Where the recorder writes, if there is one.
+    pub bag: Option<PathBuf>,
+}
+
+impl Plan {
+    /// Reads the scenario; options win over ROS arguments, these over the file.
+    ///
+    /// # Errors
+    /// A line that says what is wrong and what would be right.
+    pub fn new(args: &Args, ros_args: RosArgs) -> Result<Self, String> {
+        let name = args
+            .config
+            .as_deref()
+            .unwrap_or("package://fuyu/config/servicing.yaml");
+        let mut scenario = Scenario::read(name)?.with_args(ros_args);
+        let path = scenario.path().display().to_string();
+        if let Some(duration) = args.duration {
+            scenario.set("dynamics", "duration", ParameterValue::Double(duration));
+        }
+        if args.lockstep {
+            scenario.set("dynamics", "lockstep", ParameterValue::Bool(true));
+            scenario.set("controller", "lockstep", ParameterValue::Bool(true));
+            scenario.set("dynamics", "real_time_factor", ParameterValue::Double(0.0));
+        }
+        // Before any node runs: a bag that is begun and a graph that comes and goes would mislead.
+        scenario.check()?;
+        let bag = if scenario.has("recorder") {
+            let given = args.bag.clone().or(scenario.recorder()?.bag);
+            let bag = given.unwrap_or_else(|| recorder::new_folder(&scenario.name()));
+            let text = bag.display().to_string();
+            scenario.set("recorder", "bag", ParameterValue::String(text));
+            Some(bag)
+        } else if args.bag.is_some() {
+            return Err(format!("--bag: {path} names no recorder to write a bag"));
+        } else {
+            None
+        };
+        let mut duration = 0.0;
+        if scenario.has("dynamics") {
+            let dynamics = scenario.dynamics()?;
+            duration = dynamics.duration;
+            if dynamics.lockstep && scenario.has("camera") {
+                let quality = scenario.camera()?.quality;
+                if quality.rate != 0.0 || quality.latency != 0.0 || quality.dropout != 0.0 {
+                    return Err(format!(
+                        "{path}: in lockstep the camera must answer every state at once; its rate, latency and dropout must be 0.0"
+                    ));
+                }
+            }
+        }
+        let mut nodes = Vec::new();
+        for (name, program) in nodes::NODES {
+            let named = scenario.nodes().iter().filter(|n| n.name() == name);
+            nodes.extend(named.map(|n| (n.clone(), program)));
+        }
+        Ok(Self {
+            scenario,
+            nodes,
+            duration,
+            bag,
+        })
+    }
+}

@@ -1,0 +1,86 @@
+//! The closing words of a launch, learnt from the bag that it wrote.
+
+use std::fmt::Write as _;
+
+use super::{monitor::Progress, plan::Plan};
+use crate::{
+    bag::Bag,
+    experiments::{RecordedRun, RecordedRuns, momentum_residuals},
+    spatial::roll_pitch_yaw_intrinsic,
+};
+
+/// What there is to say at the end.
+pub fn summary(plan: &Plan, progress: &Progress) -> String {
+    let seen = progress.seen();
+    let mut out = String::new();
+    let mut row = |label: &str, value: String| {
+        // Writing to a string cannot fail.
+        let _ = writeln!(out, "{label:<24}{value}");
+    };
+    let run = if progress.is_over() {
+        "done"
+    } else {
+        "stopped"
+    };
+    row(&plan.scenario.name(), run.to_owned());
+    if let (Some((t0, w0)), Some((t1, w1))) = (seen.start, seen.last) {
+        let wall = w1.duration_since(w0).as_secs_f64();
+        let factor = if wall > 0.0 { (t1 - t0) / wall } else { 0.0 };
+        row(
+            "simulated time",
+            format!("{t1:.2} s, real-time factor {factor:.3}"),
+        );
+    }
+    let Some(folder) = &plan.bag else { return out };
+    let bag = match Bag::open(folder) {
+        Ok(bag) => bag,
+        Err(problem) => {
+            row("bag", problem.to_string());
+            return out;
+        }
+    };
+    let mut runs = RecordedRuns::default();
+    let mut messages = 0u64;
+    for message in bag.messages() {
+        messages += 1;
+        runs.accept(&message);
+    }
+    for (_, run) in runs.robots() {
+        describe(run, &mut row);
+    }
+    row("bag", format!("{} ({messages} messages)", folder.display()));
+    out
+}
+
+fn describe(run: &RecordedRun, row: &mut impl FnMut(&str, String)) {
+    if let Some(last) = run.controller.last() {
+        row(
+            "tip position error",
+            format!("{:.3e} m", last.position_error),
+        );
+        row(
+            "tip attitude error",
+            format!("{:.3e} rad", last.attitude_error),
+        );
+    }
+    if let (Some(first), Some(last)) = (run.base.first(), run.base.last()) {
+        let moved = run.base_com(last) - run.base_com(first);
+        row(
+            "base displacement",
+            format!("{:.4}, {:.4}, {:.4} m", moved.x, moved.y, moved.z),
+        );
+        let angles = roll_pitch_yaw_intrinsic(&last.X_WB.rotation.to_rotation_matrix());
+        let [roll, pitch, yaw] = angles.map(f64::to_degrees);
+        row(
+            "base roll, pitch, yaw",
+            format!("{roll:.3}, {pitch:.3}, {yaw:.3} deg"),
+        );
+    }
+    if let Some(residuals) = momentum_residuals(run) {
+        let [linear, angular] = residuals.map(|r| r.values.iter().fold(0.0, |m, v| v.1.max(m)));
+        row(
+            "momentum residual",
+            format!("{linear:.1e} linear, {angular:.1e} angular"),
+        );
+    }
+}

@@ -1,0 +1,239 @@
+//! The camera node: turns the truth into what a camera on the moving base measures.
+//!
+//! It is the only node that may know where the base is: the poses that it publishes are those of the tip
+//! and of the goal object in the base frame, with the rate, latency, noise and losses of its parameters.
+
+mod params;
+
+pub use params::CameraParams;
+
+use std::time::Duration;
+
+use super::{
+    geometry::{pose_from_msg, pose_to_msg, with_matrix},
+    joint_vectors,
+    robot_description::{Robot, RobotDescription},
+    stamp_pairs::StampPairs,
+    topics,
+};
+use crate::{
+    dynamics::Workspace,
+    msg::{geometry_msgs::PoseStamped, nav_msgs, sensor_msgs, std_msgs::Header},
+    ros::{Node, NodeError, Publisher, Status, Subscription, Time},
+    spatial::Pose,
+    vision::{PoseCamera, PoseFrame},
+};
+
+/// Silence of the truth that is worth a warning.
+const SILENCE: Duration = Duration::from_secs(1);
+
+/// The node's program.
+///
+/// # Errors
+/// For wrong parameters, or when DDS refuses.
+pub fn program(node: &Node) -> Result<(), NodeError> {
+    let mut declare = node.declare();
+    let params = CameraParams::declare_live(&mut declare);
+    declare.finish()?;
+    let (params, quality) =
+        params.map_err(|e| NodeError::Input(format!("node {}: {e}", node.name())))?;
+    let mut description = RobotDescription::new(node, params.tip_link.clone())?;
+    let mut topics = Topics::new(node, &params)?;
+    let Some(robot) = description.wait(node) else {
+        return Ok(());
+    };
+    let mut sight = Sight::new(robot);
+    let mut camera = PoseCamera::new(params.quality.clone());
+    let mut goal = params.goal.as_ref().map(with_matrix);
+    while node.wait_for(SILENCE) {
+        if let Some(robot) = description.changed() {
+            sight = Sight::new(robot);
+        }
+        if quality.changed() {
+            camera.set_config(quality.get());
+        }
+        topics.take_goal(&mut goal);
+        while let Some((stamp, joints, base)) = topics.next_instant() {
+            match sight.look(&mut camera, stamp, &joints, &base, goal.as_ref()) {
+                Ok(()) => topics.publish(&mut camera, stamp, &sight.base),
+                Err(problem) => topics.status.warn(problem),
+            }
+        }
+        topics.report(&camera, goal.is_some());
+    }
+    Ok(())
+}
+
+/// The robot as the camera sees it.
+struct Sight {
+    robot: Robot,
+    workspace: Workspace,
+    base: String,
+}
+
+impl Sight {
+    fn new(robot: Robot) -> Self {
+        let workspace = Workspace::new(&robot.model);
+        let base = robot.model.frames()[0].name.clone();
+        Self {
+            robot,
+            workspace,
+            base,
+        }
+    }
+
+    /// Shows the camera the truth of one instant, unless that is unsound.
+    fn look(
+        &mut self,
+        camera: &mut PoseCamera,
+        stamp: Time,
+        joints: &sensor_msgs::JointState,
+        base: &nav_msgs::Odometry,
+        X_WD: Option<&Pose>,
+    ) -> Result<(), String> {
+        let q = joint_vectors::positions(&self.robot.model, joints)
+            .map_err(|e| format!("joint_states: {e}"))?;
+        let X_WB = pose_from_msg(&base.pose.pose).map_err(|e| format!("ground_truth/odom: {e}"))?;
+        self.workspace.set_positions(&self.robot.model, &q);
+        let X_BE = self.workspace.X_BF(&self.robot.tip);
+        let X_BD = X_WD.map(|X_WD| with_matrix(&X_WB).inverse() * X_WD);
+        camera.show(stamp.as_secs_f64(), &X_BE, X_BD.as_ref());
+        Ok(())
+    }
+}
+
+/// Endpoints of the camera node.
+struct Topics {
+    joint_states: Subscription<sensor_msgs::JointState>,
+    odometry: Subscription<nav_msgs::Odometry>,
+    goal: Subscription<PoseStamped>,
+    tip_pose: Publisher<PoseStamped>,
+    goal_pose: Publisher<PoseStamped>,
+    _camera_info: Publisher<sensor_msgs::CameraInfo>,
+    truth: StampPairs<sensor_msgs::JointState, nav_msgs::Odometry>,
+    /// Frames of the last instant, to answer a state that is published again.
+    last: Option<(Time, Vec<PoseFrame>)>,
+    status: Status,
+    goal_status: Status,
+}
+
+impl Topics {
+    fn new(node: &Node, params: &CameraParams) -> Result<Self, NodeError> {
+        let camera_info = topics::CAMERA_INFO.advertise(node)?;
+        camera_info.publish(&calibration(params.image));
+        let status = node.diagnostics().status("frames");
+        status.warn("no state of the robot has arrived yet");
+        Ok(Self {
+            joint_states: topics::JOINT_STATES.subscribe(node)?,
+            odometry: topics::ODOMETRY.subscribe(node)?,
+            goal: topics::GOAL.subscribe(node)?,
+            tip_pose: topics::TIP_POSE.advertise(node)?,
+            goal_pose: topics::SEEN_GOAL.advertise(node)?,
+            _camera_info: camera_info,
+            truth: StampPairs::default(),
+            last: None,
+            status,
+            goal_status: node.diagnostics().status("goal"),
+        })
+    }
+
+    fn take_goal(&mut self, goal: &mut Option<Pose>) {
+        while let Some(received) = self.goal.take() {
+            let message = received.message;
+            let pose = match message.header.frame_id.as_str() {
+                "world" | "" => pose_from_msg(&message.pose),
+                other => Err(format!("frame_id is '{other}'; give the goal in world")),
+            };
+            match pose {
+                Ok(pose) => {
+                    *goal = Some(with_matrix(&pose));
+                    self.goal_status.ok("following goal_pose");
+                }
+                Err(problem) => {
+                    let problem = format!("{}: {problem}; the goal stays", self.goal.topic());
+                    tracing::warn!("{problem}");
+                    self.goal_status.warn(problem);
+                }
+            }
+        }
+    }
+
+    /// The next instant of which both joint states and base pose have come.
+    fn next_instant(&mut self) -> Option<(Time, sensor_msgs::JointState, nav_msgs::Odometry)> {
+        while let Some(received) = self.joint_states.take() {
+            let stamp = Time::from(&received.message.header.stamp);
+            self.truth.push_first(stamp, received.message);
+        }
+        while let Some(received) = self.odometry.take() {
+            let stamp = Time::from(&received.message.header.stamp);
+            self.truth.push_second(stamp, received.message);
+        }
+        self.truth.pop()
+    }
+
+    fn publish(&mut self, camera: &mut PoseCamera, stamp: Time, base: &str) {
+        let mut frames = Vec::new();
+        while let Some(frame) = camera.deliver(stamp.as_secs_f64()) {
+            frames.push(frame);
+        }
+        match &self.last {
+            Some((last, answered)) if *last == stamp && frames.is_empty() => {
+                frames.clone_from(answered);
+            }
+            _ => self.last = Some((stamp, frames.clone())),
+        }
+        for frame in &frames {
+            self.tip_pose.publish(&seen(frame.time, base, &frame.X_BE));
+            if let Some(X_BD) = &frame.X_BD {
+                self.goal_pose.publish(&seen(frame.time, base, X_BD));
+            }
+        }
+        self.status.ok("seeing the tip");
+    }
+
+    fn report(&self, camera: &PoseCamera, has_goal: bool) {
+        self.status.set("frames lost", camera.lost());
+        if let Some(age) = self.joint_states.age().filter(|age| *age > SILENCE) {
+            let seconds = age.as_secs_f64();
+            let topic = self.joint_states.topic();
+            self.status
+                .warn(format!("{topic} has been silent for {seconds:.0} s"));
+        }
+        if !has_goal {
+            self.goal_status
+                .warn("there is no goal: give goal.position or publish goal_pose");
+        }
+    }
+}
+
+/// A pose in the base frame that was seen at `time` \[s\].
+pub fn seen(time: f64, base: &str, X: &Pose) -> PoseStamped {
+    let stamp = Time::from_secs_f64(time).into();
+    PoseStamped {
+        header: Header {
+            stamp,
+            frame_id: base.to_owned(),
+        },
+        pose: pose_to_msg(X),
+    }
+}
+
+fn calibration((width, height, focal_length): (u32, u32, f64)) -> sensor_msgs::CameraInfo {
+    // Pixel centres are at integers, so the middle of the image is at half the size less a half.
+    let (cx, cy) = (0.5 * f64::from(width) - 0.5, 0.5 * f64::from(height) - 0.5);
+    let f = focal_length;
+    sensor_msgs::CameraInfo {
+        header: Header {
+            frame_id: "camera_optical_frame".to_owned(),
+            ..Header::default()
+        },
+        height,
+        width,
+        distortion_model: "plumb_bob".to_owned(),
+        d: vec![0.0; 5],
+        k: [f, 0.0, cx, 0.0, f, cy, 0.0, 0.0, 1.0],
+        r: [1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0],
+        p: [f, 0.0, cx, 0.0, 0.0, f, cy, 0.0, 0.0, 0.0, 1.0, 0.0],
+        ..sensor_msgs::CameraInfo::default()
+    }
+}

@@ -1,0 +1,123 @@
+//! Parameters of the camera node.
+
+use nalgebra::Isometry3;
+
+use crate::{
+    nodes::placement::declare_pose,
+    ros::{Declare, Param},
+    vision::PoseCameraConfig,
+};
+
+/// What the camera node is told at its start.
+#[derive(Debug, Clone)]
+pub struct CameraParams {
+    /// Link whose frame is the tip.
+    pub tip_link: String,
+    /// Goal in the world until `goal_pose` gives another.
+    pub goal: Option<Isometry3<f64>>,
+    /// How good the camera is.
+    pub quality: PoseCameraConfig,
+    /// Image size \[px\] and focal length \[px\].
+    pub image: (u32, u32, f64),
+}
+
+/// The parameters of the camera's quality, which may change while it runs.
+pub(super) struct Quality {
+    rate: Param<f64>,
+    latency: Param<f64>,
+    position_noise: Param<f64>,
+    attitude_noise: Param<f64>,
+    dropout: Param<f64>,
+    seed: Param<i64>,
+}
+
+impl Quality {
+    fn declare(declare: &mut Declare) -> Self {
+        let mut positive =
+            |name: &str, to: f64, text: &str| declare.param(name, 0.0, text).range(0.0, to).live();
+        Self {
+            rate: positive(
+                "rate",
+                1000.0,
+                "Frames per second [Hz]; 0 is a frame for every state",
+            ),
+            latency: positive("latency", 10.0, "Delay from exposure to publication [s]"),
+            position_noise: positive(
+                "position_noise",
+                10.0,
+                "Standard deviation of each coordinate of a measured position [m]",
+            ),
+            attitude_noise: positive(
+                "attitude_noise",
+                1.0,
+                "Standard deviation of each component of a measured attitude [rad]",
+            ),
+            dropout: positive("dropout", 1.0, "Probability that a frame is lost"),
+            seed: declare.param("seed", 1, "Seed of noise and losses").live(),
+        }
+    }
+
+    pub(super) fn get(&self) -> PoseCameraConfig {
+        PoseCameraConfig {
+            rate: self.rate.get(),
+            latency: self.latency.get(),
+            position_noise: self.position_noise.get(),
+            attitude_noise: self.attitude_noise.get(),
+            dropout: self.dropout.get(),
+            seed: self.seed.get().unsigned_abs(),
+        }
+    }
+
+    pub(super) fn changed(&self) -> bool {
+        let floats = [
+            &self.rate,
+            &self.latency,
+            &self.position_noise,
+            &self.attitude_noise,
+        ];
+        // Every handle must be asked, or it will report its change later.
+        let changed = floats.iter().filter(|p| p.changed()).count();
+        changed > 0 || self.dropout.changed() || self.seed.changed()
+    }
+}
+
+impl CameraParams {
+    /// Declares the parameters and reads them. `finish` of `declare` is the caller's.
+    ///
+    /// # Errors
+    /// A line that names the parameter whose values do not fit together.
+    pub fn declare(declare: &mut Declare) -> Result<Self, String> {
+        Self::declare_live(declare).map(|(params, _)| params)
+    }
+
+    pub(super) fn declare_live(declare: &mut Declare) -> Result<(Self, Quality), String> {
+        let tip_link = declare
+            .param("tip_link", "tool0", "Link whose frame is the tip")
+            .read_only()
+            .value();
+        let goal = declare_pose(declare, "goal", "goal object", true);
+        let quality = Quality::declare(declare);
+        let mut pixels = |name: &str, text: &str| {
+            let value = declare
+                .param(name, 1024, text)
+                .range(16, 65_536)
+                .read_only()
+                .value();
+            u32::try_from(value).unwrap_or(1024)
+        };
+        let width = pixels("image_width", "Width of the image [px]");
+        let height = pixels("image_height", "Height of the image [px]");
+        let focal_length = declare
+            .param("focal_length", 1024.0, "Focal length [px]")
+            .range(1.0, 1e6)
+            .read_only()
+            .value();
+        let params = Self {
+            tip_link,
+            goal: goal?,
+            quality: quality.get(),
+            image: (width, height, focal_length),
+        };
+        Ok((params, quality))
+    }
+}

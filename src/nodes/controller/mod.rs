@@ -1,0 +1,275 @@
+//! The controller node: joint states and camera measurements in, joint efforts out.
+//!
+//! It never learns where the base is: it subscribes to nothing under `ground_truth/`, nor to `/tf`.
+
+mod params;
+
+pub use params::ControllerParams;
+
+use std::{collections::VecDeque, time::Duration};
+
+use super::{
+    choice,
+    geometry::{pose_from_msg, vector_to_msg, with_matrix},
+    joint_vectors,
+    robot_description::{Robot, RobotDescription},
+    stamp_pairs::StampPairs,
+    topics,
+};
+use crate::{
+    control::{Acted, Controller, ControllerConfig, GainError, LawKind},
+    msg::{
+        fuyu_msgs::ControllerState, geometry_msgs::PoseStamped, sensor_msgs::JointState,
+        std_msgs::Header,
+    },
+    ros::{Node, NodeError, Publisher, Received, Status, Subscription, Time},
+    spatial::Pose,
+};
+
+/// Silence of `joint_states` that is worth a warning.
+const SILENCE: Duration = Duration::from_secs(1);
+
+/// The node's program.
+///
+/// # Errors
+/// For wrong parameters, or when DDS refuses.
+pub fn program(node: &Node) -> Result<(), NodeError> {
+    let mut declare = node.declare();
+    let (params, live) = ControllerParams::declare_live(&mut declare);
+    declare.finish()?;
+    let mut description = RobotDescription::new(node, params.tip_link.clone())?;
+    let mut topics = Topics::new(node)?;
+    let Some(robot) = description.wait(node) else {
+        return Ok(());
+    };
+    let mut controller = controller(robot, live.get())
+        .map_err(|e| NodeError::Input(format!("node {}: parameter {e}", node.name())))?;
+    live.fit(controller.model().dof());
+    while node.wait_for(SILENCE) {
+        if let Some(robot) = description.changed() {
+            match self::controller(robot, live.get()) {
+                Ok(new) => {
+                    live.fit(new.model().dof());
+                    controller = new;
+                }
+                Err(e) => description.refuse(&format!("parameter {e}")),
+            }
+        }
+        if live.changed()
+            && let Err(e) = controller.set_config(live.get())
+        {
+            topics
+                .status
+                .warn(format!("parameter {e}; the gains before stay in force"));
+        }
+        topics.listen();
+        while let Some(joints) = topics.next_state(params.lockstep) {
+            topics.answer(&mut controller, &joints, params.measurement_timeout);
+        }
+        topics.notice_silence();
+    }
+    Ok(())
+}
+
+fn controller(robot: Robot, config: ControllerConfig) -> Result<Controller, GainError> {
+    Controller::new(robot.model, robot.tip, config)
+}
+
+/// A camera measurement: tip and goal in the base frame, of one exposure.
+struct Seen {
+    stamp: Time,
+    X_BE: Pose,
+    X_BD: Pose,
+}
+
+/// Endpoints of the controller node and what has come from them.
+struct Topics {
+    joint_states: Subscription<JointState>,
+    tip_pose: Subscription<PoseStamped>,
+    goal_pose: Subscription<PoseStamped>,
+    commands: Publisher<JointState>,
+    state: Publisher<ControllerState>,
+    states: VecDeque<JointState>,
+    poses: StampPairs<Pose, Pose>,
+    seen: Option<Seen>,
+    /// Stamp of the newest joint state.
+    last_state: Time,
+    status: Status,
+}
+
+/// Joint states kept, in lockstep, until their camera frame comes.
+const WAITING: usize = 64;
+
+impl Topics {
+    fn new(node: &Node) -> Result<Self, NodeError> {
+        let status = node.diagnostics().status("control");
+        status.warn("no joint_states have arrived yet");
+        Ok(Self {
+            joint_states: topics::JOINT_STATES.subscribe(node)?,
+            tip_pose: topics::TIP_POSE.subscribe(node)?,
+            goal_pose: topics::SEEN_GOAL.subscribe(node)?,
+            commands: topics::JOINT_COMMANDS.advertise(node)?,
+            state: topics::CONTROLLER_STATE.advertise(node)?,
+            states: VecDeque::new(),
+            poses: StampPairs::default(),
+            seen: None,
+            last_state: Time::ZERO,
+            status,
+        })
+    }
+
+    /// Takes in what has arrived.
+    fn listen(&mut self) {
+        while let Some(received) = self.joint_states.take() {
+            let stamp = Time::from(&received.message.header.stamp);
+            if stamp < self.last_state {
+                // A simulation that began anew: what was seen before is of another run.
+                self.states.clear();
+                self.poses.clear();
+                self.seen = None;
+            }
+            self.last_state = stamp;
+            if self.states.len() == WAITING {
+                self.states.pop_front();
+            }
+            self.states.push_back(received.message);
+        }
+        while let Some((stamp, pose)) = next_pose(&self.tip_pose, &self.status) {
+            self.poses.push_first(stamp, pose);
+        }
+        while let Some((stamp, pose)) = next_pose(&self.goal_pose, &self.status) {
+            self.poses.push_second(stamp, pose);
+        }
+        while let Some((stamp, X_BE, X_BD)) = self.poses.pop() {
+            self.seen = Some(Seen { stamp, X_BE, X_BD });
+        }
+    }
+
+    /// The joint state to answer now: the newest, or in lockstep the one of the camera's last frame.
+    fn next_state(&mut self, lockstep: bool) -> Option<JointState> {
+        if !lockstep {
+            let newest = self.states.pop_back();
+            self.states.clear();
+            return newest;
+        }
+        let seen = self.seen.as_ref()?.stamp;
+        while let Some(state) = self.states.pop_front() {
+            let stamp = Time::from(&state.header.stamp);
+            if stamp == seen {
+                return Some(state);
+            }
+            if stamp > seen {
+                // Its frame is on its way.
+                self.states.push_front(state);
+                return None;
+            }
+        }
+        None
+    }
+
+    fn notice_silence(&self) {
+        if let Some(age) = self.joint_states.age().filter(|age| *age > SILENCE) {
+            self.status.warn(format!(
+                "{} has been silent for {:.0} s: no commands are given",
+                self.joint_states.topic(),
+                age.as_secs_f64()
+            ));
+        }
+    }
+
+    fn answer(&mut self, controller: &mut Controller, joints: &JointState, timeout: f64) {
+        let model = controller.model();
+        let vectors = joint_vectors::positions(model, joints)
+            .and_then(|q| Ok((q, joint_vectors::velocities(model, joints)?)));
+        let (q, qd) = match vectors {
+            Ok(vectors) => vectors,
+            Err(problem) => {
+                self.status
+                    .warn(format!("{}: {problem}", self.joint_states.topic()));
+                return;
+            }
+        };
+        let now = Time::from(&joints.header.stamp);
+        let age = self.seen.as_ref().map(|seen| now - seen.stamp);
+        let young = self
+            .seen
+            .as_ref()
+            .filter(|_| age.is_some_and(|age| age.abs() <= timeout));
+        let acted = controller.update(&q, &qd, young.map(|seen| (&seen.X_BE, &seen.X_BD)));
+        match (&acted, age) {
+            (Err(e), _) => self.status.error(format!("no effort is given: {e}")),
+            (Ok(_), None) => self.status.warn("no camera measurement has come yet: only damping"),
+            (Ok(_), Some(age)) if age.abs() > timeout => self.status.warn(format!(
+                "the last camera measurement is {age:.2} s old (measurement_timeout is {timeout} s): only damping"
+            )),
+            (Ok(_), Some(_)) => self.status.ok("steering the tip to the goal"),
+        }
+        self.commands.publish(&command(controller, &joints.header));
+        let seen_age = age.unwrap_or(f64::MAX).min(1e9);
+        if let Ok(acted) = acted {
+            self.state
+                .publish(&report(controller, &joints.header, &acted, seen_age));
+        }
+    }
+}
+
+fn joint_names(controller: &Controller) -> Vec<String> {
+    controller
+        .model()
+        .joints()
+        .iter()
+        .map(|j| j.name.clone())
+        .collect()
+}
+
+/// The efforts of the last update, as an answer to the joint state with `header`.
+pub fn command(controller: &Controller, header: &Header) -> JointState {
+    JointState {
+        header: header.clone(),
+        name: joint_names(controller),
+        effort: controller.efforts().as_slice().to_vec(),
+        ..JointState::default()
+    }
+}
+
+/// What the controller saw, decided and sent; `age` is that of the camera's measurement \[s\].
+pub fn report(
+    controller: &Controller,
+    header: &Header,
+    acted: &Acted,
+    age: f64,
+) -> ControllerState {
+    let config = controller.config();
+    let mut state = ControllerState {
+        header: header.clone(),
+        law: choice::name_of(&LawKind::NAMES, &config.law).to_owned(),
+        position_saturated: acted.position_saturated,
+        orientation_saturated: acted.orientation_saturated,
+        k_p: config.gains.k_p,
+        k_o: config.gains.k_o,
+        joint_names: joint_names(controller),
+        k_v: config.gains.k_v.clone(),
+        effort: controller.efforts().as_slice().to_vec(),
+        tip_pose_age: age,
+        goal_pose_age: age,
+        ..ControllerState::default()
+    };
+    if let Some(error) = &acted.error {
+        state.position_error = vector_to_msg(&error.position);
+        state.orientation_error = vector_to_msg(&error.orientation);
+        state.position_error_norm = error.position.norm();
+        state.attitude_error_angle = error.angle;
+    }
+    state
+}
+
+/// The next sound pose that waits, with its stamp; an unsound one is reported.
+fn next_pose(topic: &Subscription<PoseStamped>, status: &Status) -> Option<(Time, Pose)> {
+    while let Some(Received { message, .. }) = topic.take() {
+        match pose_from_msg(&message.pose) {
+            Ok(pose) => return Some((Time::from(&message.header.stamp), with_matrix(&pose))),
+            Err(problem) => status.warn(format!("{}: {problem}; it is ignored", topic.topic())),
+        }
+    }
+    None
+}

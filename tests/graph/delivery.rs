@@ -1,0 +1,162 @@
+//! Reliable means that every message arrives, once and in order.
+
+use fuyu::{
+    msg::std_msgs::String as Text,
+    ros::{Domain, Node, NodeError, Process, Publisher, Qos, Reach, RosArgs, Subscription},
+};
+use std::{
+    sync::mpsc,
+    thread,
+    time::{Duration, Instant},
+};
+
+fn process(domain: u16) -> Process {
+    let reach = Reach::Localhost;
+    Process::new(RosArgs::default(), Domain { id: domain, reach })
+}
+
+fn text(number: usize) -> Text {
+    // As long as the state of a robot with an arm.
+    Text {
+        data: format!("{number:0700}"),
+    }
+}
+
+fn number(text: &Text) -> usize {
+    text.data.parse().expect("a number")
+}
+
+/// Publishes zeros until one is answered: from then on every message has a subscriber.
+fn meet(
+    node: &Node,
+    say: &[&Publisher<Text>],
+    answers: &Subscription<Text>,
+) -> Result<(), NodeError> {
+    for _ in 0..300 {
+        say.iter().for_each(|p| p.publish(&text(0)));
+        if answers.wait_next(Duration::from_millis(100)).is_some() {
+            return Ok(());
+        }
+    }
+    Err(NodeError::Failed(format!("{}: no answer", node.name())))
+}
+
+const DEEP: Qos = Qos::RELIABLE.depth(10_000);
+
+/// Steps and acknowledgements in turn, with a second topic beside them that nobody waits for, as a
+/// simulation in lockstep has them.
+fn lockstep(domain: u16, steps: usize) {
+    let mut process = process(domain);
+    let (result, results) = mpsc::channel();
+    process
+        .start("follower", move |node: &Node| {
+            let step = node.subscribe::<Text>("step", DEEP)?;
+            let beside = node.subscribe::<Text>("beside", DEEP)?;
+            let done = node.advertise::<Text>("done", Qos::RELIABLE)?;
+            let (mut stepped, mut came) = (Vec::new(), Vec::new());
+            let patience = Instant::now() + Duration::from_secs(60);
+            let mut met = false;
+            while node.ok() && came.len().min(stepped.len()) < steps && Instant::now() < patience {
+                node.wait_for(Duration::from_millis(100));
+                while let Some(n) = beside.take().map(|r| number(&r.message)) {
+                    met = true;
+                    came.extend((n > 0).then_some(n));
+                }
+                while let Some(n) = step.take().map(|r| number(&r.message)) {
+                    stepped.extend((n > 0).then_some(n));
+                    if met {
+                        done.publish(&text(n));
+                    }
+                }
+            }
+            let _ = result.send((stepped, came));
+            while node.wait() {}
+            Ok(())
+        })
+        .unwrap();
+    process
+        .start("leader", move |node: &Node| {
+            let step = node.advertise::<Text>("step", Qos::RELIABLE)?;
+            let beside = node.advertise::<Text>("beside", Qos::RELIABLE)?;
+            let done = node.subscribe::<Text>("done", DEEP)?;
+            meet(node, &[&beside, &step], &done)?;
+            for n in 1..=steps {
+                beside.publish(&text(n));
+                step.publish(&text(n));
+                let mut ack = 0;
+                // What answers the zeros may come late.
+                while ack == 0 {
+                    let answer = done.wait_next(Duration::from_secs(30));
+                    let answer = answer.ok_or(NodeError::Failed(format!("no answer to {n}")))?;
+                    ack = number(&answer.message);
+                }
+                assert_eq!(ack, n);
+            }
+            while node.wait() {}
+            Ok(())
+        })
+        .unwrap();
+    let (stepped, came) = results.recv_timeout(Duration::from_secs(90)).unwrap();
+    process.finish().unwrap();
+    let expected: Vec<_> = (1..=steps).collect();
+    assert!(stepped == expected, "{} of {steps} steps", stepped.len());
+    assert!(came == expected, "{} of {steps} beside them", came.len());
+}
+
+#[test]
+fn nothing_is_lost_or_repeated_in_lockstep() {
+    for _ in 0..3 {
+        lockstep(58, 4000);
+    }
+}
+
+// Would break if DDS kept fewer samples than come while the receiving thread is held up.
+#[test]
+fn nothing_is_lost_while_the_receiver_is_held_up() {
+    const MESSAGES: usize = 2000;
+    let mut process = process(59);
+    let (came, all) = mpsc::channel();
+    process
+        .start("slow", move |node: &Node| {
+            let ready = node.advertise::<Text>("ready", Qos::RELIABLE)?;
+            let _slow = node.subscribe_raw("fast", "std_msgs/msg/String", DEEP, move |sample| {
+                let digits = String::from_utf8_lossy(&sample.cdr[8..sample.cdr.len()]);
+                let n: usize = digits.trim_end_matches('\0').parse().expect("a number");
+                match n {
+                    0 => return ready.publish(&text(0)),
+                    1 => thread::sleep(Duration::from_secs(2)),
+                    _ => {}
+                }
+                let _ = came.send(n);
+            })?;
+            while node.wait() {}
+            Ok(())
+        })
+        .unwrap();
+    process
+        .start("fast", move |node: &Node| {
+            let fast = node.advertise::<Text>("fast", Qos::RELIABLE.depth(MESSAGES))?;
+            let ready = node.subscribe::<Text>("ready", Qos::RELIABLE)?;
+            meet(node, &[&fast], &ready)?;
+            for n in 1..=MESSAGES {
+                fast.publish(&text(n));
+                if n % 20 == 0 {
+                    thread::sleep(Duration::from_millis(10));
+                }
+            }
+            while node.wait() {}
+            Ok(())
+        })
+        .unwrap();
+    let all: Vec<_> = (0..MESSAGES)
+        .map_while(|_| all.recv_timeout(Duration::from_secs(30)).ok())
+        .collect();
+    process.finish().unwrap();
+    let expected: Vec<_> = (1..=MESSAGES).collect();
+    assert!(
+        all == expected,
+        "{} of {MESSAGES}: {:?}...",
+        all.len(),
+        &all[..all.len().min(80)]
+    );
+}

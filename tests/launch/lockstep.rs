@@ -1,0 +1,47 @@
+//! In lockstep a run over DDS is the simulated one.
+
+use fuyu::msg::sensor_msgs::JointState;
+use std::{path::Path, time::Duration};
+
+use crate::process::{Running, fuyu, read, source};
+
+const CONFIG: &str = "config/positioning.yaml";
+/// Long enough for all of the saturated, the unsaturated and the damped part of the motion to begin.
+const DURATION: &str = "20";
+
+/// The joint states of a bag, without those that were published again to wake a late joiner.
+fn states(bag: &Path) -> Vec<JointState> {
+    let mut states = read::<JointState>(bag, "/joint_states");
+    states.dedup();
+    states
+}
+
+fn over_dds(domain: u16) -> Vec<JointState> {
+    let args = ["--lockstep", "--duration", DURATION];
+    let mut launch = Running::launch(domain, &source(CONFIG), &args);
+    let ended = launch.wait(Duration::from_secs(180)).well();
+    println!("{}", ended.stdout);
+    states(&launch.bag())
+}
+
+#[test]
+fn a_run_over_dds_equals_the_simulated_one() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("bag");
+    let args = ["simulate", CONFIG, "--duration", DURATION, "--output"];
+    fuyu(&[&args[..], &[output.to_str().unwrap()]].concat()).well();
+    let simulated = states(&output);
+    let (one, two) = (over_dds(71), over_dds(72));
+    assert!(one == two, "two runs over DDS differ");
+    assert_eq!((simulated.len(), one.len()), (2001, 2001));
+    let mut worst = 0.0f64;
+    for (ours, theirs) in simulated.iter().zip(&one) {
+        assert_eq!((&ours.header, &ours.name), (&theirs.header, &theirs.name));
+        let pairs = |of: fn(&JointState) -> &Vec<f64>| of(ours).iter().zip(of(theirs));
+        let all = pairs(|s| &s.position).chain(pairs(|s| &s.velocity));
+        worst = all.fold(worst, |worst, (a, b)| worst.max((a - b).abs()));
+    }
+    // Not to the bit: on topics attitudes are quaternions.
+    println!("largest difference of a position or rate between DDS and simulation: {worst:e}");
+    assert!(worst <= 1e-12, "{worst:e}");
+}

@@ -1,0 +1,17 @@
+//! The running graph, end to end: `fuyu launch`, the nodes' own executables and `fuyu simulate`, with
+//! rclpy (Jazzy, Fast DDS) beside them. Every test has a DDS domain of its own, on loopback.
+
+#[path = "../support/peer.rs"]
+mod peer;
+
+mod bad_input;
+mod contract;
+mod executables;
+mod faults;
+mod joining;
+mod lockstep;
+mod own_controller;
+mod positioning;
+mod process;
+mod survival;
+mod view;
