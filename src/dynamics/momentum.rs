@@ -72,12 +72,7 @@ impl Workspace {
     /// over bodies of eqs. (4.7), (4.8), from their twists (needs [`Workspace::set_motion`]). It shares
     /// no step with the momentum map, so comparing it with the state's momentum is a check.
     pub fn carried_momentum(&self, model: &Model) -> Momentum {
-        let mut sum = Momentum::default();
-        self.for_each_body_momentum(model, &Vector3::zeros(), |linear, angular| {
-            sum.linear += linear;
-            sum.angular += angular;
-        });
-        sum
+        self.carried_momentum_and_scale(model).0
     }
 
     /// How much momentum the bodies carry without regard to sign: the sums of the magnitudes of their
@@ -88,32 +83,23 @@ impl Workspace {
         self.carried_momentum_and_scale(model).1
     }
 
-    /// [`Workspace::carried_momentum`] and [`Workspace::momentum_scale`], which needs the former.
+    /// [`Workspace::carried_momentum`] and [`Workspace::momentum_scale`] in one sweep.
     pub fn carried_momentum_and_scale(&self, model: &Model) -> (Momentum, (f64, f64)) {
-        let carried = self.carried_momentum(model);
-        let v_com = carried.linear / self.mass;
-        let mut scale = (0.0, 0.0);
-        self.for_each_body_momentum(model, &v_com, |linear, angular| {
-            scale.0 += linear.norm();
-            scale.1 += angular.norm();
-        });
-        (carried, scale)
-    }
-
-    /// Momenta of the bodies for an observer who moves with `velocity`.
-    fn for_each_body_momentum(
-        &self,
-        model: &Model,
-        velocity: &Vector3<f64>,
-        mut visit: impl FnMut(Vector3<f64>, Vector3<f64>),
-    ) {
+        let (mut sum, mut scale) = (Momentum::default(), (0.0, 0.0));
         for (body, terms) in model.bodies().iter().zip(&self.bodies) {
             let (R_0B, inertia) = (&terms.R_0B, &body.inertia);
             let spin = R_0B * (inertia.about_com * R_0B.tr_mul(&terms.twist.angular));
-            let linear = (terms.v_com(inertia) - velocity) * inertia.mass;
+            let linear = terms.v_com(inertia) * inertia.mass;
+            // The common motion carries no angular momentum about the centre of mass.
+            let own = linear - self.v_WC * inertia.mass;
             let arm = R_0B * inertia.com + terms.p_0B - self.p_BC;
-            visit(linear, spin + arm.cross(&linear));
+            let angular = spin + arm.cross(&own);
+            sum.linear += linear;
+            sum.angular += angular;
+            scale.0 += own.norm();
+            scale.1 += angular.norm();
         }
+        (sum, scale)
     }
 }
 

@@ -21,6 +21,8 @@ pub struct Workspace {
     pub(super) joints: Vec<JointTerms>,
     /// System centre of mass in the base frame, `r_C` of eq. (4.11) from the base frame's origin \[m\].
     pub(super) p_BC: Vector3<f64>,
+    /// Velocity of the system's centre of mass in the world.
+    pub(super) v_WC: Vector3<f64>,
     pub(super) mass: f64,
     /// `H_B⁻¹`, inverse of eq. (4.25).
     pub(super) H_B_inverse: Symmetric3,
@@ -104,6 +106,7 @@ impl Workspace {
             bodies: bodies.collect(),
             joints: joints.collect(),
             p_BC: Vector3::zeros(),
+            v_WC: Vector3::zeros(),
             mass: model.total_mass(),
             H_B_inverse: Symmetric3::ZERO,
             external: Wrench::ZERO,
@@ -143,6 +146,7 @@ impl Workspace {
     /// Positions must be set for the same state.
     pub fn set_motion(&mut self, state: &State) {
         let momentum_B = state.momentum_W.expressed_in(&state.R_WB);
+        self.v_WC = momentum_B.linear / self.mass;
         self.bodies[0].twist = self.base_twist(&momentum_B, &state.qd);
         for (j, (joint, &rate)) in self.joints.iter().zip(state.qd.as_slice()).enumerate() {
             let (earlier, rest) = self.bodies.split_at_mut(j + 1);
