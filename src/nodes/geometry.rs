@@ -73,7 +73,8 @@ pub fn pose_from_msg(pose: &geometry_msgs::Pose) -> Result<Isometry3<f64>, Strin
     let (p, q) = (&pose.position, &pose.orientation);
     for (name, value) in [("x", p.x), ("y", p.y), ("z", p.z)] {
         // Not a number is not below it either.
-        if !(value.abs() <= FARTHEST) {
+        let within = value.abs() <= FARTHEST;
+        if !within {
             return Err(format!(
                 "position.{name} is {value}; give metres, at most {FARTHEST:e}"
             ));

@@ -236,7 +236,14 @@ fn reading(offered: Qos) -> Qos {
 struct Times {
     clock: Clock,
     /// What came before the first `/clock`, and so has no time yet; `None` once that has come.
-    early: Mutex<Option<Vec<(RecorderHandle, Arc<RecorderTopic>, RawSample)>>>,
+    early: Mutex<Option<Vec<Early>>>,
+}
+
+/// A sample that has no time yet, and where it goes.
+struct Early {
+    handle: RecorderHandle,
+    topic: Arc<RecorderTopic>,
+    sample: RawSample,
 }
 
 /// Samples that may wait for the first `/clock`.
@@ -255,7 +262,12 @@ impl Times {
         let mut early = self.early.lock().unwrap_or_else(PoisonError::into_inner);
         match early.as_mut() {
             Some(waiting) if self.clock.is_simulated() && waiting.len() < EARLY => {
-                waiting.push((handle.clone(), Arc::clone(topic), sample));
+                let (handle, topic) = (handle.clone(), Arc::clone(topic));
+                waiting.push(Early {
+                    handle,
+                    topic,
+                    sample,
+                });
             }
             _ => self.write_now(handle, topic, sample),
         }
@@ -268,7 +280,12 @@ impl Times {
             .lock()
             .unwrap_or_else(PoisonError::into_inner)
             .take();
-        for (handle, topic, sample) in early.into_iter().flatten() {
+        for Early {
+            handle,
+            topic,
+            sample,
+        } in early.into_iter().flatten()
+        {
             let nanos = nanos(now);
             handle.write(&topic, nanos, nanos, sample.cdr);
         }

@@ -38,7 +38,8 @@ impl Command {
                 ));
             };
             // Not a number is not below it either.
-            if !(effort.abs() <= max_effort) {
+            let sound = effort.abs() <= max_effort;
+            if !sound {
                 return Err(format!(
                     "gives joint '{name}' the effort {effort}; it must be finite and at most {max_effort} (max_effort)"
                 ));
