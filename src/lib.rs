@@ -49,8 +49,8 @@
 //! workspace.set_positions(&model, &DVector::from_element(1, 0.3));
 //! let mut fixed = Matrix6xX::zeros(model.dof());
 //! let mut generalized = Matrix6xX::zeros(model.dof());
-//! workspace.fixed_base_jacobian(&model, tip, &mut fixed);
-//! workspace.generalized_jacobian(&model, tip, &mut generalized);
+//! workspace.fixed_base_jacobian(tip, &mut fixed);
+//! workspace.generalized_jacobian(tip, &mut generalized);
 //!
 //! // The base turns the other way and gives way, so the tip turns less than the joint does.
 //! assert_eq!(fixed[(5, 0)], 1.0);
