@@ -79,7 +79,7 @@ fn inertias() {
         "iyy=\"0.8\"",
         "iyy=\"-0.8\"",
         UPPER,
-        &["link 'upper'", "not positive definite", "-0.8"],
+        &["link 'upper'", "not positive definite", "-8.0000e-1"],
     );
     refused(
         "izz=\"0.6\"",
