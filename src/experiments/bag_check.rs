@@ -31,7 +31,7 @@ pub struct CheckLimits {
 impl Default for CheckLimits {
     fn default() -> Self {
         Self {
-            momentum: 1e-9,
+            momentum: 1e-12,
             energy: 1e-3,
             position: 0.01,
             attitude: 2f64.to_radians(),
