@@ -107,29 +107,36 @@ class Peer:
         publisher.publish(fill(load(type)(), message))
         return publisher.get_subscription_count()
 
-    def graph(self, node, namespace="/", timeout=15.0):
-        """What the graph shows of a node, once it shows it."""
+    def graph(self, node, namespace="/", timeout=30.0, settled=2.0):
+        """What the graph shows of a node, once that has not changed for a while: its endpoints appear one
+        by one."""
         deadline = time.time() + timeout
+        seen, since = None, time.time()
         while time.time() < deadline:
-            names = self.node.get_node_names_and_namespaces()
-            if (node, namespace) in names:
-                try:
-                    return {
-                        "nodes": names,
-                        "publishers": dict(
-                            self.node.get_publisher_names_and_types_by_node(node, namespace)
-                        ),
-                        "subscribers": dict(
-                            self.node.get_subscriber_names_and_types_by_node(node, namespace)
-                        ),
-                        "services": dict(
-                            self.node.get_service_names_and_types_by_node(node, namespace)
-                        ),
-                    }
-                except rclpy.node.NodeNameNonExistentError:
-                    pass
-            time.sleep(0.05)
-        return {"nodes": self.node.get_node_names_and_namespaces()}
+            now = self.snapshot(node, namespace)
+            if now != seen:
+                seen, since = now, time.time()
+            if seen is not None and time.time() - since >= settled:
+                break
+            time.sleep(0.1)
+        return {**(seen or {}), "nodes": self.node.get_node_names_and_namespaces()}
+
+    def snapshot(self, node, namespace):
+        """Endpoints of a node as the graph shows them now; nothing if it does not show the node."""
+        if (node, namespace) not in self.node.get_node_names_and_namespaces():
+            return None
+        try:
+            return {
+                "publishers": dict(
+                    self.node.get_publisher_names_and_types_by_node(node, namespace)
+                ),
+                "subscribers": dict(
+                    self.node.get_subscriber_names_and_types_by_node(node, namespace)
+                ),
+                "services": dict(self.node.get_service_names_and_types_by_node(node, namespace)),
+            }
+        except rclpy.node.NodeNameNonExistentError:
+            return None
 
     def topic_info(self, topic):
         return [
