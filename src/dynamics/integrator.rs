@@ -7,8 +7,7 @@ use crate::model::Model;
 use crate::spatial::{exp_so3, rotation_vector_rate};
 
 /// Integration methods to choose from.
-#[derive(Debug, Clone, Copy, PartialEq, Eq, Default, serde::Serialize, serde::Deserialize)]
-#[serde(rename_all = "lowercase")]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Method {
     /// Classical Runge-Kutta, order 4, 4 evaluations a step.
     Rk4,
@@ -19,6 +18,9 @@ pub enum Method {
 }
 
 impl Method {
+    /// All methods by name, the default first.
+    pub const NAMES: [(&'static str, Self); 2] = [("dop8", Self::Dop8), ("rk4", Self::Rk4)];
+
     /// The method's coefficients.
     pub fn tableau(self) -> &'static Tableau {
         match self {

@@ -76,8 +76,6 @@ pub struct TargetParams {
     pub motion: Motion,
 }
 
-const METHODS: [(&str, Method); 2] = [("dop8", Method::Dop8), ("rk4", Method::Rk4)];
-
 impl DynamicsParams {
     /// Declares the parameters and reads them. `finish` of `declare` is the caller's.
     ///
@@ -132,7 +130,7 @@ impl DynamicsParams {
             let motion = Motion::declare(declare, &name, "target's frame");
             targets.push((name, key, file, motion));
         }
-        let method = choice::declare(declare, "integrator", &METHODS, "Integration method")
+        let method = choice::declare(declare, "integrator", &Method::NAMES, "Integration method")
             .read_only()
             .value();
         let time_step = declare
@@ -243,7 +241,7 @@ impl DynamicsParams {
             base,
             targets,
             // Any other text has been refused by the declaration.
-            method: choice::find(&METHODS, &method).unwrap_or_default(),
+            method: choice::find(&Method::NAMES, &method).unwrap_or_default(),
             time_step,
             state_rate,
             real_time_factor,
