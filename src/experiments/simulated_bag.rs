@@ -9,7 +9,7 @@ use crate::{
     msg::{Interface, rosgraph_msgs, std_msgs},
     nodes::{
         camera, controller,
-        dynamics::{FrameTree, World, joint_states, momentum, odometry},
+        dynamics::{FrameTree, World, imu, joint_states, momentum, odometry},
         topics,
     },
     ros::Time,
@@ -24,6 +24,7 @@ pub struct SimulatedBag {
     odometry: TopicId,
     targets: Vec<TopicId>,
     momentum: TopicId,
+    imu: TopicId,
     tf: TopicId,
     tip_pose: TopicId,
     goal_pose: TopicId,
@@ -55,6 +56,7 @@ impl SimulatedBag {
                 .map(|t| named(w, &t.odometry_topic(), &topics::ODOMETRY))
                 .collect::<Result<_, _>>()?,
             momentum: add(w, &topics::MOMENTUM)?,
+            imu: add(w, &topics::IMU)?,
             tf: add(w, &topics::TF)?,
             tip_pose: add(w, &topics::TIP_POSE)?,
             goal_pose: add(w, &topics::SEEN_GOAL)?,
@@ -69,7 +71,7 @@ impl SimulatedBag {
     ///
     /// # Errors
     /// When the bag cannot be written.
-    pub fn state(&mut self, world: &World) -> Result<(), BagError> {
+    pub fn state(&mut self, world: &mut World) -> Result<(), BagError> {
         let stamp = Time::from_secs_f64(world.time());
         let log = log_time(stamp);
         let base = self.frames.base().to_owned();
@@ -87,6 +89,7 @@ impl SimulatedBag {
             w.write_message(*topic, log, &odometry(stamp, &target.name, &target.body))?;
         }
         w.write_message(self.momentum, log, &momentum(stamp, &world.robot))?;
+        w.write_message(self.imu, log, &imu(stamp, &base, world))?;
         w.write_message(self.tf, log, &self.frames.transforms(stamp, world))
     }
 

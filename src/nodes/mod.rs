@@ -2,7 +2,7 @@
 //!
 //! | node | reads | writes |
 //! | --- | --- | --- |
-//! | [`dynamics`] | `joint_commands` | `/clock`, `robot_description`, `joint_states`, `/tf`, `/tf_static`, `ground_truth/...` |
+//! | [`dynamics`] | `joint_commands` | `/clock`, `robot_description`, `joint_states`, `imu`, `/tf`, `/tf_static`, `ground_truth/...` |
 //! | [`camera`] | `robot_description`, `joint_states`, `ground_truth/odom`, `goal_pose` | `camera/tip_pose`, `camera/goal_pose`, `camera/camera_info` |
 //! | [`controller`] | `robot_description`, `joint_states`, `camera/tip_pose`, `camera/goal_pose` | `joint_commands`, `controller/state` |
 //! | [`recorder`] | any topic | a bag |

@@ -11,7 +11,7 @@ use crate::{
         geometry_msgs::PoseStamped,
         nav_msgs::Odometry,
         rosgraph_msgs::Clock,
-        sensor_msgs::{CameraInfo, JointState},
+        sensor_msgs::{CameraInfo, Imu, JointState},
         std_msgs::String as Text,
         tf2_msgs::TFMessage,
     },
@@ -88,6 +88,8 @@ pub const TF_STATIC: Topic<TFMessage> = Topic::new("/tf_static", Qos::TF_STATIC)
 pub const ODOMETRY: Topic<Odometry> = Topic::new("ground_truth/odom", Qos::RELIABLE);
 /// True momentum and energy.
 pub const MOMENTUM: Topic<Momentum> = Topic::new("ground_truth/momentum", Qos::RELIABLE);
+/// What the base's inertial measurement unit measures.
+pub const IMU: Topic<Imu> = Topic::new("imu", Qos::RELIABLE);
 /// Tip as the camera sees it, in the base frame.
 pub const TIP_POSE: Topic<PoseStamped> = Topic::new("camera/tip_pose", Qos::RELIABLE);
 /// Goal object as the camera sees it, in the base frame.
@@ -110,6 +112,7 @@ pub fn all() -> Vec<Described> {
         TF_STATIC.described(),
         ODOMETRY.described(),
         MOMENTUM.described(),
+        IMU.described(),
         TIP_POSE.described(),
         SEEN_GOAL.described(),
         CAMERA_INFO.described(),

@@ -9,7 +9,7 @@ use crate::{
 };
 
 /// Topic, type, reliability, durability, publishers.
-const TOPICS: [(&str, &str, &str, &str, &[&str]); 15] = [
+const TOPICS: [(&str, &str, &str, &str, &[&str]); 16] = [
     (
         "/clock",
         "rosgraph_msgs/msg/Clock",
@@ -66,6 +66,7 @@ const TOPICS: [(&str, &str, &str, &str, &[&str]); 15] = [
         VOLATILE,
         DYNAMICS,
     ),
+    ("/imu", "sensor_msgs/msg/Imu", RELIABLE, VOLATILE, DYNAMICS),
     (
         "/joint_commands",
         "sensor_msgs/msg/JointState",

@@ -35,6 +35,7 @@ fn rclpy_receives_what_the_robot_publishes() {
         ("/tf_static", "tf2_msgs/msg/TFMessage", "latched"),
         ("/clock", "rosgraph_msgs/msg/Clock", "reliable"),
         ("ground_truth/target/odom", ODOMETRY, "reliable"),
+        ("imu", "sensor_msgs/msg/Imu", "reliable"),
         (
             "ground_truth/momentum",
             "fuyu_msgs/msg/Momentum",
@@ -113,6 +114,9 @@ fn rclpy_receives_what_the_robot_publishes() {
         momentum["kinetic_energy"].as_f64().unwrap() > 0.0,
         "{momentum}"
     );
+    let imu = &fresh(&mut peer, "imu", 1)[0];
+    assert_eq!(imu["header"]["frame_id"], "base_link");
+    assert_eq!(imu["orientation_covariance"][0], -1.0, "{imu}");
     let control = &fresh(&mut peer, "controller/state", 1)[0];
     assert_eq!(control["law"], "transpose_jacobian");
     assert_eq!(

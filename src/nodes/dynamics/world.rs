@@ -2,6 +2,7 @@
 
 use nalgebra::Isometry3;
 
+use super::imu::ImuParams;
 use super::params::{Description, DynamicsParams, Motion, joint_vector};
 use crate::{
     dynamics::{Floating, State, Workspace},
@@ -30,6 +31,7 @@ pub struct World {
     pub robot: Floating,
     /// The free bodies.
     pub targets: Vec<Target>,
+    imu: ImuParams,
     time_step: f64,
     /// Time is counted in steps of this, so that states fall on exact multiples \[s\].
     period: f64,
@@ -81,6 +83,7 @@ impl World {
             mean_efforts: zeros,
             robot,
             targets: targets.collect::<Result<_, _>>()?,
+            imu: params.imu,
             time_step: params.time_step,
             period: 1.0 / params.state_rate,
             ticks: 0,
@@ -91,6 +94,16 @@ impl World {
     /// Time \[s\].
     pub fn time(&self) -> f64 {
         self.tick_time(self.ticks) + self.past_tick
+    }
+
+    /// Which state this is, or was the last before now.
+    pub fn ticks(&self) -> u64 {
+        self.ticks
+    }
+
+    /// How good the inertial measurement unit is.
+    pub fn imu(&self) -> &ImuParams {
+        &self.imu
     }
 
     /// Time of the next state to publish \[s\].
