@@ -12,6 +12,7 @@
 //! | [`model`] | a URDF compiled into bodies, joints and frames | |
 //! | [`dynamics`] | kinematics, momentum, generalized Jacobian, forward dynamics, integrators | |
 //! | [`control`], [`vision`] | control laws; what a camera on the moving base measures | |
+//! | [`estimation`] | the motion of an unknown tumbling body | |
 //! | `msg`, `ros`, `bag` | ROS 2 messages; nodes over DDS; rosbag2 recordings | `ros` |
 //! | `nodes` | dynamics, camera, controller and recorder as ROS 2 nodes | `ros` |
 //! | `experiments` | closed loops without DDS; what recorded runs show | `ros` |
@@ -71,6 +72,7 @@
 
 pub mod control;
 pub mod dynamics;
+pub mod estimation;
 pub mod model;
 pub mod spatial;
 pub mod vision;
