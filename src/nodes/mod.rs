@@ -13,6 +13,7 @@ pub mod camera;
 mod choice;
 pub mod controller;
 pub mod dynamics;
+pub mod features;
 pub mod geometry;
 mod joint_vectors;
 mod placement;
