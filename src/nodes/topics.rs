@@ -7,9 +7,9 @@ use std::marker::PhantomData;
 use crate::{
     msg::{
         Interface,
-        fuyu_msgs::{ControllerState, Momentum},
-        geometry_msgs::PoseStamped,
-        nav_msgs::Odometry,
+        fuyu_msgs::{ControllerState, FeatureTracks, Momentum, MotionEstimate},
+        geometry_msgs::{PoseStamped, Vector3Stamped},
+        nav_msgs::{Odometry, Path},
         rosgraph_msgs::Clock,
         sensor_msgs::{CameraInfo, Imu, JointState},
         std_msgs::String as Text,
@@ -96,10 +96,19 @@ pub const TIP_POSE: Topic<PoseStamped> = Topic::new("camera/tip_pose", Qos::RELI
 pub const SEEN_GOAL: Topic<PoseStamped> = Topic::new("camera/goal_pose", Qos::RELIABLE);
 /// Calibration of the camera.
 pub const CAMERA_INFO: Topic<CameraInfo> = Topic::new("camera/camera_info", Qos::LATCHED);
+/// Feature points of the target in the image.
+pub const FEATURES: Topic<FeatureTracks> = Topic::new("camera/features", Qos::SENSOR_DATA);
 /// Where the goal object is in the world.
 pub const GOAL: Topic<PoseStamped> = Topic::new("goal_pose", Qos::RELIABLE);
 /// What the controller saw, decided and sent.
 pub const CONTROLLER_STATE: Topic<ControllerState> = Topic::new("controller/state", Qos::RELIABLE);
+/// Angular velocity of the target.
+pub const TARGET_RATE: Topic<Vector3Stamped> =
+    Topic::new("estimator/angular_velocity", Qos::RELIABLE);
+/// How the target tumbles.
+pub const TARGET_MOTION: Topic<MotionEstimate> = Topic::new("estimator/motion", Qos::RELIABLE);
+/// Attitude of the target over the time to come.
+pub const PREDICTION: Topic<Path> = Topic::new("estimator/prediction", Qos::RELIABLE);
 
 /// All of them but those of targets, whose names scenarios choose.
 pub fn all() -> Vec<Described> {
@@ -116,7 +125,11 @@ pub fn all() -> Vec<Described> {
         TIP_POSE.described(),
         SEEN_GOAL.described(),
         CAMERA_INFO.described(),
+        FEATURES.described(),
         GOAL.described(),
         CONTROLLER_STATE.described(),
+        TARGET_RATE.described(),
+        TARGET_MOTION.described(),
+        PREDICTION.described(),
     ]
 }

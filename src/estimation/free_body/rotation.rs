@@ -240,6 +240,16 @@ impl FreeRotation {
         }
     }
 
+    /// Argument of the elliptic functions (of the hyperbolic ones in the aperiodic case) at the reference
+    /// time \[rad\]; zero for a single axis.
+    pub fn phase(&self) -> f64 {
+        match &self.solution {
+            Solution::Periodic { u0, .. } => *u0,
+            Solution::Aperiodic { aperiodic, s0 } => aperiodic.lambda * s0,
+            Solution::SingleAxis { .. } => 0.0,
+        }
+    }
+
     /// The dynamic parameters, where all are known.
     pub fn parameters(&self) -> Option<&DynamicParameters> {
         match &self.solution {
