@@ -10,6 +10,7 @@ use crate::{
     nodes::{
         camera, controller,
         dynamics::{FrameTree, World, imu, joint_states, momentum, odometry},
+        features::sighting_to_msg,
         topics,
     },
     ros::Time,
@@ -28,6 +29,7 @@ pub struct SimulatedBag {
     tf: TopicId,
     tip_pose: TopicId,
     goal_pose: TopicId,
+    features: TopicId,
     commands: TopicId,
     state: TopicId,
 }
@@ -47,6 +49,8 @@ impl SimulatedBag {
         writer.write_message(latched, 0, &text)?;
         let tf_static = add(&mut writer, &topics::TF_STATIC)?;
         writer.write_message(tf_static, 0, &frames.static_transforms())?;
+        let camera_info = add(&mut writer, &topics::CAMERA_INFO)?;
+        writer.write_message(camera_info, 0, &camera::calibration(run.image()))?;
         let w = &mut writer;
         Ok(Self {
             clock: add(w, &topics::CLOCK)?,
@@ -60,6 +64,7 @@ impl SimulatedBag {
             tf: add(w, &topics::TF)?,
             tip_pose: add(w, &topics::TIP_POSE)?,
             goal_pose: add(w, &topics::SEEN_GOAL)?,
+            features: add(w, &topics::FEATURES)?,
             commands: add(w, &topics::JOINT_COMMANDS)?,
             state: add(w, &topics::CONTROLLER_STATE)?,
             writer,
@@ -111,6 +116,10 @@ impl SimulatedBag {
             if let Some(X_BD) = &frame.X_BD {
                 w.write_message(self.goal_pose, log, &camera::seen(frame.time, &base, X_BD))?;
             }
+        }
+        for sighting in moment.sightings {
+            let message = sighting_to_msg(sighting, camera::CAMERA_FRAME);
+            w.write_message(self.features, log, &message)?;
         }
         let header = std_msgs::Header {
             stamp: stamp.into(),

@@ -14,7 +14,7 @@ mod world;
 pub use imu::{ImuParams, imu};
 pub use messages::{FrameTree, WORLD, joint_states, momentum, odometry};
 pub use params::{Description, DynamicsParams, Motion, TargetParams};
-pub use world::{Target, World};
+pub use world::{Target, World, odometry_topic};
 
 use std::time::{Duration, Instant};
 

@@ -21,8 +21,13 @@ pub struct Target {
 impl Target {
     /// Topic of its odometry.
     pub fn odometry_topic(&self) -> String {
-        format!("ground_truth/{}/odom", self.name)
+        odometry_topic(&self.name)
     }
+}
+
+/// Topic of the odometry of the target called `name`.
+pub fn odometry_topic(name: &str) -> String {
+    format!("ground_truth/{name}/odom")
 }
 
 /// The robot and the free bodies. They meet in nothing but time.
@@ -94,6 +99,21 @@ impl World {
     /// Time \[s\].
     pub fn time(&self) -> f64 {
         self.tick_time(self.ticks) + self.past_tick
+    }
+
+    /// Position of the target called `name` among the targets.
+    ///
+    /// # Errors
+    /// Says which targets there are.
+    pub fn target_index(&self, name: &str) -> Result<usize, String> {
+        let found = self.targets.iter().position(|t| t.name == name);
+        found.ok_or_else(|| {
+            let known: Vec<_> = self.targets.iter().map(|t| t.name.as_str()).collect();
+            match known.as_slice() {
+                [] => format!("'{name}' is not there: the dynamics node has no targets"),
+                _ => format!("'{name}' is not one of {}", known.join(", ")),
+            }
+        })
     }
 
     /// Which state this is, or was the last before now.
