@@ -3,6 +3,7 @@
 //! Input is [`Tracks`]: image points of one body over time. Frames: C is the camera's optical frame, which is
 //! taken to be inertial; B is fixed to the body, but otherwise arbitrary.
 
+pub mod bundle;
 mod tracks;
 pub mod two_view;
 

@@ -1,0 +1,17 @@
+//! bundle
+mod adjust;
+mod attitude_fit;
+mod dynamic;
+mod envelope;
+mod five_point;
+mod frames;
+mod free_motion;
+mod free_placements;
+mod known_rotation;
+mod momentum_start;
+mod placing;
+mod relative_pose;
+mod rotations;
+mod scene;
+mod schur;
+mod structure;
