@@ -1,11 +1,16 @@
 //! How an unknown tumbling body moves, from what a camera sees of it.
 //!
-//! Input is [`Tracks`]: image points of one body over time. Frames: C is the camera's optical frame, which is
+//! Input is [`Tracks`]: image points of one body over time. Output is a [`MotionEstimate`]: the body's rotation
+//! in closed form ([`free_body`]), which also tells its future. Frames: C is the camera's optical frame, which is
 //! taken to be inertial; B is fixed to the body, but otherwise arbitrary.
 
 pub mod bundle;
+pub mod elliptic;
+pub mod free_body;
+mod motion;
 mod tracks;
 pub mod two_view;
 
 pub use crate::vision::{Feature, Sighting};
+pub use motion::{MotionEstimate, MotionModel};
 pub use tracks::{Tracks, TracksError};

@@ -3,8 +3,10 @@
 //! Each module names its source. Where a tolerance stands, the reason stands beside it.
 
 mod conservation;
+mod elliptic;
 mod fixtures;
 mod free_body;
+mod free_body_closed_form;
 mod generalized_jacobian;
 mod no_allocation;
 #[cfg(feature = "ros")]
