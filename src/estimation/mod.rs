@@ -6,11 +6,13 @@
 
 pub mod bundle;
 pub mod elliptic;
+mod error;
 pub mod free_body;
 mod motion;
 mod tracks;
 pub mod two_view;
 
 pub use crate::vision::{Feature, Sighting};
+pub use error::EstimateError;
 pub use motion::{MotionEstimate, MotionModel};
 pub use tracks::{Tracks, TracksError};

@@ -14,7 +14,7 @@ pub const COMMON: usize = PARAMETERS + 1;
 
 /// A free motion seen in frames.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Seen<'a> {
+pub struct Tumbling<'a> {
     /// The motion.
     pub motion: FreeMotion,
     /// The body's origin in camera axes, in each frame.
@@ -28,7 +28,7 @@ pub struct Seen<'a> {
     noise: f64,
 }
 
-impl<'a> Seen<'a> {
+impl<'a> Tumbling<'a> {
     /// `motion` in frames at `times` (ascending) of a camera with attitudes `R_WC`.
     pub fn new(
         motion: FreeMotion,
@@ -51,7 +51,7 @@ impl<'a> Seen<'a> {
     }
 }
 
-impl Motion<3, COMMON> for Seen<'_> {
+impl Motion<3, COMMON> for Tumbling<'_> {
     fn placement(&self, i: usize) -> Placement {
         Placement {
             R_CB: self.R_WC[i].inverse() * self.swept[i].0,
