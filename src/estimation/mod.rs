@@ -4,12 +4,15 @@
 //! in closed form ([`free_body`]), which also tells its future. Frames: C is the camera's optical frame, which is
 //! taken to be inertial; B is fixed to the body, but otherwise arbitrary.
 
+pub mod bundle;
 pub mod elliptic;
+mod error;
 pub mod free_body;
 mod motion;
 mod tracks;
 pub mod two_view;
 
 pub use crate::vision::{Feature, Sighting};
+pub use error::EstimateError;
 pub use motion::{MotionEstimate, MotionModel};
 pub use tracks::{Tracks, TracksError};

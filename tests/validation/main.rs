@@ -2,6 +2,7 @@
 //!
 //! Each module names its source. Where a tolerance stands, the reason stands beside it.
 
+mod bundle;
 mod conservation;
 mod elliptic;
 mod fixtures;
@@ -13,3 +14,4 @@ mod no_allocation;
 mod pinocchio;
 mod positioning;
 mod random_trees;
+mod tumbling;
