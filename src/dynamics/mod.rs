@@ -36,6 +36,7 @@
 //! ```
 
 mod floating;
+mod formulation;
 mod forward;
 mod integrator;
 mod jacobian;
@@ -47,6 +48,7 @@ mod tableau;
 mod workspace;
 
 pub use floating::Floating;
+pub use formulation::{Formulation, TreeAcceleration, TreeMotion};
 pub use forward::Input;
 pub use integrator::{Forcing, Integrator, Method};
 pub use state::{Momentum, State};

@@ -2,7 +2,7 @@
 //! bodies, and the balance of power.
 
 use fuyu::dynamics::{Input, Integrator, Method, Momentum, State, Workspace};
-use fuyu::model::{Joint, JointKind, JointLimits, Model, ModelBuilder};
+use fuyu::model::{Joint, JointKind, JointLimits, Model, ModelBuilder, Spring};
 use fuyu::spatial::{Pose, RigidInertia, Wrench};
 use nalgebra::{
     DVector, Matrix3, Matrix6xX, Rotation3, Translation3, Unit, UnitQuaternion, Vector3,
@@ -94,6 +94,7 @@ fn tree() -> impl Strategy<Value = Model> {
                 limits: JointLimits::NONE,
                 damping: link.damping,
                 friction: 0.0,
+                spring: Spring::default(),
             };
             let parent = *path.last().unwrap();
             path.push(builder.joint(&format!("link{k}"), parent, joint, link.inertia));
