@@ -240,12 +240,13 @@ impl FreeRotation {
         }
     }
 
-    /// Argument of the elliptic functions (of the hyperbolic ones in the aperiodic case) at the reference
-    /// time \[rad\]; zero for a single axis.
-    pub fn phase(&self) -> f64 {
+    /// Argument of the elliptic functions (of the hyperbolic ones in the aperiodic case) at `time` \[s\]; zero
+    /// for a single axis.
+    pub fn phase_at(&self, time: f64) -> f64 {
+        let elapsed = time - self.reference_time;
         match &self.solution {
-            Solution::Periodic { u0, .. } => *u0,
-            Solution::Aperiodic { aperiodic, s0 } => aperiodic.lambda * s0,
+            Solution::Periodic { periodic, u0 } => u0 + periodic.lambda * elapsed,
+            Solution::Aperiodic { aperiodic, s0 } => aperiodic.lambda * (s0 + elapsed),
             Solution::SingleAxis { .. } => 0.0,
         }
     }

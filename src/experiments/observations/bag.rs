@@ -3,7 +3,7 @@
 
 use std::{collections::BTreeMap, path::Path};
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 
 use super::ObservedTracks;
 use crate::{
@@ -12,11 +12,11 @@ use crate::{
     msg::{
         fuyu_msgs::FeatureTracks,
         sensor_msgs::{CameraInfo, Imu},
-        tf2_msgs::TFMessage,
     },
     nodes::{
+        estimator::StaticRotations,
         features::{pinhole_from_msg, sighting_from_msg},
-        geometry::{unit_quaternion, vector_from_msg},
+        geometry::vector_from_msg,
     },
     ros::Time,
     vision::{Pinhole, Sighting},
@@ -31,12 +31,12 @@ const FEATURES: &str = "/camera/features";
 pub(super) fn read(path: &Path) -> Result<ObservedTracks, String> {
     let bag = Bag::open(path).map_err(|e| e.to_string())?;
     let mut robots: BTreeMap<String, Recorded> = BTreeMap::new();
-    let mut frames = StaticFrames::default();
+    let mut frames = StaticRotations::default();
     for message in bag.messages() {
         let topic = &message.topic.name;
         let at = |e: String| format!("{}: {topic}: {e}", path.display());
         if topic.ends_with("/tf_static") {
-            frames.accept(&message).map_err(at)?;
+            decode(&message).and_then(|m| frames.take(m)).map_err(at)?;
         }
         for (suffix, take) in TOPICS {
             if let Some(namespace) = topic.strip_suffix(suffix) {
@@ -113,41 +113,12 @@ const TOPICS: [(&str, Take); 3] = [
 impl Recorded {
     /// Angular velocity of the camera in its own axes; empty unless a gyro was recorded and the camera is
     /// fixed to it.
-    fn camera_rates(&self, frames: &StaticFrames) -> Vec<(f64, Vector3<f64>)> {
+    fn camera_rates(&self, frames: &StaticRotations) -> Vec<(f64, Vector3<f64>)> {
         let Some(R_IC) = frames.rotation(&self.gyro_frame, &self.camera_frame) else {
             return Vec::new();
         };
         let in_camera_axes = |(time, w): &(f64, Vector3<f64>)| (*time, R_IC.inverse() * w);
         self.gyro.iter().map(in_camera_axes).collect()
-    }
-}
-
-/// How frames that never move are turned in their parents.
-#[derive(Default)]
-struct StaticFrames(BTreeMap<String, (String, UnitQuaternion<f64>)>);
-
-impl StaticFrames {
-    fn accept(&mut self, message: &Message) -> Result<(), String> {
-        for t in decode::<TFMessage>(message)?.transforms {
-            let q = &t.transform.rotation;
-            let R_PC = unit_quaternion(q.x, q.y, q.z, q.w)?;
-            self.0.insert(t.child_frame_id, (t.header.frame_id, R_PC));
-        }
-        Ok(())
-    }
-
-    /// How `frame` is turned in its ancestor `root`.
-    fn rotation(&self, root: &str, frame: &str) -> Option<UnitQuaternion<f64>> {
-        let (mut at, mut R) = (frame, UnitQuaternion::identity());
-        // A chain is not longer than there are frames; a loop ends there.
-        for _ in 0..=self.0.len() {
-            if at == root {
-                return Some(R);
-            }
-            let (parent, R_PC) = self.0.get(at)?;
-            (at, R) = (parent, R_PC * R);
-        }
-        None
     }
 }
 
