@@ -5,8 +5,11 @@
 //! taken to be inertial; B is fixed to the body, but otherwise arbitrary.
 
 pub mod elliptic;
+pub mod errors;
 pub mod free_body;
+pub mod masutani1995;
 mod motion;
+pub mod sweep;
 mod tracks;
 pub mod two_view;
 
