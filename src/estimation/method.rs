@@ -80,7 +80,9 @@ pub fn estimate(
             let times = tracks.sightings().iter().map(|s| s.time);
             Ok(Estimated {
                 method,
-                w_IB_I: times.map(|t| (t, solution.motion.angular_velocity(t))).collect(),
+                w_IB_I: times
+                    .map(|t| (t, solution.motion.angular_velocity(t)))
+                    .collect(),
                 motion: solution.motion.clone(),
                 diagnosis: solution.diagnosis.clone(),
                 solution: Some(solution),

@@ -86,7 +86,7 @@ impl ClosedLoop {
         let watch = match &camera.features {
             None => None,
             Some(features) => Some(WatchedTarget {
-                watch: Watch::new(features, camera.image),
+                watch: Watch::new(features),
                 index: (world.target_index(&features.target))
                     .map_err(|e| at(format!("camera: parameter features.target: {e}")))?,
                 camera: camera_frame(model).map_err(at)?.clone(),

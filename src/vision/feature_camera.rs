@@ -1,107 +1,131 @@
-//! A camera that tracks feature points of a body, with the flaws of a real one.
+//! A camera that tracks points of a body, with the flaws of a real tracker.
 
-use nalgebra::{Point3, Vector3};
+use std::collections::VecDeque;
+
+use nalgebra::{UnitVector3, Vector3};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
-use rand_distr::{StandardNormal, UnitSphere};
+use rand_distr::StandardNormal;
 
-use super::{Feature, Pinhole, Sighting, shutter::Shutter};
+use super::shutter::{Instant, SLACK, Shutter};
+use super::{Feature, Pinhole, Sighting};
 use crate::spatial::Pose;
 
-/// The points of a body that a camera can track.
-#[derive(Debug, Clone, PartialEq)]
-pub struct FeatureBody {
-    /// Points and outward directions of the surface there, in the body's frame.
-    points: Vec<(Vector3<f64>, Vector3<f64>)>,
+/// A point of a body that can be tracked.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BodyPoint {
+    /// Where it is in the body's frame \[m\].
+    pub p_B: Vector3<f64>,
+    /// Outward normal of the surface there: the point can be seen from the half space that it faces.
+    pub normal_B: UnitVector3<f64>,
 }
 
-impl FeatureBody {
-    /// `count` points scattered evenly over a sphere of `radius` \[m\] about the body frame's origin, as in
-    /// Masutani 1995 section 3.1.
-    pub fn sphere(count: usize, radius: f64, seed: u64) -> Self {
+impl BodyPoint {
+    /// `count` points spread evenly at random over a sphere about the body's origin (Masutani 1995 sec. 3.3).
+    pub fn on_sphere(count: usize, radius: f64, seed: u64) -> Vec<Self> {
         let mut random = StdRng::seed_from_u64(seed);
-        let point = |_| {
-            let outward = Vector3::from(random.sample::<[f64; 3], _>(UnitSphere));
-            (outward * radius, outward)
-        };
-        Self {
-            points: (0..count).map(point).collect(),
-        }
+        let mut normal = || -> f64 { random.sample(StandardNormal) };
+        let points = (0..count).map(|_| {
+            let normal_B = UnitVector3::new_normalize(Vector3::new(normal(), normal(), normal()));
+            let p_B = normal_B.into_inner() * radius;
+            Self { p_B, normal_B }
+        });
+        points.collect()
     }
 
-    /// Given points in the body's frame \[m\]. The surface at each is taken to face away from their middle,
-    /// which is so for a convex body.
-    pub fn vertices(points: &[Vector3<f64>]) -> Self {
-        let middle = points.iter().sum::<Vector3<f64>>() / points.len().max(1) as f64;
-        let outward = |p: &Vector3<f64>| (p - middle).try_normalize(0.0).unwrap_or_default();
-        Self {
-            points: points.iter().map(|p| (*p, outward(p))).collect(),
-        }
-    }
-
-    /// The points in the body's frame \[m\].
-    pub fn points(&self) -> impl Iterator<Item = &Vector3<f64>> {
-        self.points.iter().map(|(point, _)| point)
+    /// Given points of a roughly convex body \[m\], such as a mesh's vertices: each faces away from their mean.
+    pub fn of_vertices(vertices: &[Vector3<f64>]) -> Vec<Self> {
+        let mean = vertices.iter().sum::<Vector3<f64>>() / vertices.len().max(1) as f64;
+        let facing =
+            |p: &Vector3<f64>| UnitVector3::try_new(p - mean, 0.0).unwrap_or_else(Vector3::z_axis);
+        let points = vertices.iter().map(|p| Self {
+            p_B: *p,
+            normal_B: facing(p),
+        });
+        points.collect()
     }
 }
 
-/// How good the camera and its tracker are. Its default is an ideal one: every instant that it is shown, at
-/// once, exactly, and through the body.
-#[derive(Debug, Clone, PartialEq, Default)]
+/// How good the camera is. The default is an ideal one: it sees every point at every instant that it is shown,
+/// also those on the far side, at once and exactly.
+#[derive(Debug, Clone, PartialEq)]
 pub struct FeatureCameraConfig {
+    /// The lens.
+    pub pinhole: Pinhole,
+    /// Columns and rows of the image \[px\]; what falls outside is not seen.
+    pub size: [u32; 2],
     /// Frames per second \[Hz\]; zero means a frame at every instant shown.
     pub rate: f64,
     /// Delay from exposure to delivery \[s\].
     pub latency: f64,
+    /// Whether coordinates are rounded to whole pixels.
+    pub quantised: bool,
+    /// Standard deviation of each coordinate before rounding \[px\].
+    pub noise: f64,
+    /// Whether points on the far side are hidden.
+    pub occlusion: bool,
+    /// Probability, for each feature of each frame, that it is somewhere else in the image, in [0, 1].
+    pub outliers: f64,
+    /// Probability, for each feature of each frame, that its track is lost there, in [0, 1].
+    pub losses: f64,
     /// Probability that a frame is lost, in [0, 1].
     pub dropout: f64,
-    /// Standard deviation of each coordinate \[px\], before it is rounded.
-    pub noise: f64,
-    /// Coordinates are rounded to multiples of this \[px\]; zero is not at all, 1 is whole pixels.
-    pub quantisation: f64,
-    /// Whether the body hides its far side. Masutani 1995, chapter 3, assumes that it does not.
-    pub occlusion: bool,
-    /// Probability that a feature is found somewhere else in the image, in [0, 1].
-    pub outliers: f64,
-    /// Probability that a feature's track ends at a frame, in [0, 1]. The feature comes back in the next
-    /// frame as a new one.
-    pub loss: f64,
     /// Seed of all that is random.
     pub seed: u64,
 }
 
-/// The camera: shown the truth at successive instants, it delivers frames.
-///
-/// A point that was out of sight (hidden, outside the image, lost by the tracker) comes back under a new
-/// id, as from any tracker that does not recognise what it saw before. A frame that is lost as a whole
-/// changes no id.
+impl FeatureCameraConfig {
+    /// An ideal camera with a square image of `resolution` pixels a side and `width` focal lengths.
+    pub fn ideal(resolution: u32, width: f64) -> Self {
+        Self {
+            pinhole: Pinhole::square(resolution, width),
+            size: [resolution; 2],
+            rate: 0.0,
+            latency: 0.0,
+            quantised: false,
+            noise: 0.0,
+            occlusion: false,
+            outliers: 0.0,
+            losses: 0.0,
+            dropout: 0.0,
+            seed: 1,
+        }
+    }
+}
+
+/// The camera: shown where the body is at successive instants, it delivers sightings. A point that was not
+/// seen in an exposure (lost, hidden, outside the image) comes back under a new id, as from a tracker that knows
+/// nothing of the body.
 #[derive(Debug)]
 pub struct FeatureCamera {
     config: FeatureCameraConfig,
-    camera: Pinhole,
-    /// Width and height \[px\].
-    size: (u32, u32),
-    random: StdRng,
-    shutter: Shutter<Sighting>,
-    /// What the tracker calls each point; `None` out of sight.
+    points: Vec<BodyPoint>,
+    /// The id of each point while it is tracked.
     ids: Vec<Option<u64>>,
     next_id: u64,
+    random: StdRng,
+    shutter: Shutter,
+    waiting: VecDeque<Sighting>,
     lost: u64,
 }
 
 impl FeatureCamera {
-    /// A camera with an image of `size` (width, height) pixels.
-    pub fn new(config: FeatureCameraConfig, camera: Pinhole, size: (u32, u32)) -> Self {
-        let random = StdRng::seed_from_u64(config.seed);
+    /// A camera that looks for `points`. Those seen first get the ids 0, 1, ... in their order.
+    pub fn new(config: FeatureCameraConfig, points: Vec<BodyPoint>) -> Self {
         Self {
-            config,
-            camera,
-            size,
-            random,
-            shutter: Shutter::new(),
-            ids: Vec::new(),
+            random: StdRng::seed_from_u64(config.seed),
+            ids: vec![None; points.len()],
             next_id: 0,
+            shutter: Shutter::default(),
+            waiting: VecDeque::new(),
             lost: 0,
+            config,
+            points,
         }
+    }
+
+    /// How good it is.
+    pub fn config(&self) -> &FeatureCameraConfig {
+        &self.config
     }
 
     /// Changes how good it is from now on; frames under way are kept.
@@ -120,71 +144,74 @@ impl FeatureCamera {
         self.lost
     }
 
-    /// Shows the camera `body` at pose `X_CB` in its optical frame at `time` \[s\]; it exposes if a frame is
-    /// due. An instant that is shown again is not exposed again; when time runs backwards (a simulation
-    /// began anew) so does the camera.
-    pub fn show(&mut self, time: f64, X_CB: &Pose, body: &FeatureBody) {
-        if !self.shutter.opens(time, self.config.rate) {
-            return;
+    /// Whether an exposure is due at `time` \[s\].
+    pub fn is_due(&self, time: f64) -> bool {
+        self.shutter.is_due(time, self.config.rate)
+    }
+
+    /// Shows the camera the body's pose `X_CB` in its optical frame at `time` \[s\]; it exposes if a frame is
+    /// due. An instant shown again is not exposed again; when time runs backwards (a simulation began anew) the
+    /// camera begins anew too, with new ids.
+    pub fn show(&mut self, time: f64, X_CB: &Pose) {
+        match self.shutter.show(time, self.config.rate) {
+            Instant::Idle => return,
+            Instant::Anew => {
+                self.waiting.clear();
+                self.ids.fill(None);
+            }
+            Instant::Exposure => {}
         }
-        let lost = self.random.random::<f64>() < self.config.dropout;
-        self.ids.resize(body.points.len(), None);
-        let mut features = Vec::with_capacity(body.points.len());
-        for (index, point) in body.points.iter().enumerate() {
-            let seen = self.look(X_CB, point);
-            let id = match (&seen, self.ids[index]) {
-                (None, _) => None,
-                (Some(_), Some(id)) => Some(id),
-                (Some(_), None) => {
-                    self.next_id += 1;
-                    Some(self.next_id - 1)
+        // The same number of random draws a frame, so that no flaw changes the others' luck.
+        let dropped = self.random.random::<f64>() < self.config.dropout;
+        let mut features = Vec::with_capacity(self.points.len());
+        for i in 0..self.points.len() {
+            let point = self.points[i];
+            match self.see(&point, X_CB) {
+                Some([u, v]) => {
+                    let id = *self.ids[i].get_or_insert_with(|| {
+                        self.next_id += 1;
+                        self.next_id - 1
+                    });
+                    features.push(Feature { id, u, v });
                 }
-            };
-            self.ids[index] = id;
-            if let (Some([u, v]), Some(id)) = (seen, id) {
-                features.push(Feature { id, u, v });
+                None => self.ids[i] = None,
             }
         }
-        if lost {
+        if dropped {
             self.lost += 1;
         } else {
-            self.shutter.send(time, Sighting::new(time, features));
+            self.waiting.push_back(Sighting::new(time, features));
         }
     }
 
-    /// The next frame whose latency has passed at `time` \[s\], oldest first.
+    /// The next sighting whose latency has passed at `time` \[s\], oldest first.
     pub fn deliver(&mut self, time: f64) -> Option<Sighting> {
-        self.shutter.deliver(time, self.config.latency)
+        let due = self.waiting.front()?.time + self.config.latency <= time + SLACK;
+        if due { self.waiting.pop_front() } else { None }
     }
 
-    /// Where the tracker finds a point. Takes the same number of random draws whatever it finds, so that
-    /// what is in sight does not change the noise of the rest.
-    fn look(
-        &mut self,
-        X_CB: &Pose,
-        (p_B, outward_B): &(Vector3<f64>, Vector3<f64>),
-    ) -> Option<[f64; 2]> {
+    /// Where the image shows a point \[px\], if it does.
+    fn see(&mut self, point: &BodyPoint, X_CB: &Pose) -> Option<[f64; 2]> {
         let config = &self.config;
-        let mut normal = || self.random.sample::<f64, _>(StandardNormal);
-        let noise = [normal(), normal()].map(|n| n * config.noise);
-        let mut chance = || self.random.random::<f64>();
-        let (tracked, found) = (chance() >= config.loss, chance() >= config.outliers);
-        let (width, height) = (f64::from(self.size.0), f64::from(self.size.1));
-        let elsewhere = [chance() * width - 0.5, chance() * height - 0.5];
-        let p_C = (X_CB * Point3::from(*p_B)).coords;
-        let hidden = config.occlusion && (X_CB.rotation * outward_B).dot(&p_C) >= 0.0;
-        let [u, v] = self.camera.project(&p_C).filter(|_| tracked && !hidden)?;
-        let pixel = if found {
-            [u + noise[0], v + noise[1]]
+        let noise = [(); 2].map(|()| -> f64 { self.random.sample(StandardNormal) });
+        let [outlier, loss, u, v] = [(); 4].map(|()| self.random.random::<f64>());
+        let p_C = X_CB.rotation * point.p_B + X_CB.translation.vector;
+        let faces_away = (X_CB.rotation * point.normal_B).dot(&p_C) >= 0.0;
+        if loss < config.losses || (config.occlusion && faces_away) {
+            return None;
+        }
+        let size = config.size.map(f64::from);
+        let [x, y] = config.pinhole.project(&p_C)?;
+        let mut pixel = if outlier < config.outliers {
+            [u * size[0] - 0.5, v * size[1] - 0.5]
         } else {
-            elsewhere
+            [x + config.noise * noise[0], y + config.noise * noise[1]]
         };
-        let pixel = pixel.map(|x| match config.quantisation {
-            step if step > 0.0 => (x / step).round() * step,
-            _ => x,
-        });
-        let inside = |x: f64, size: f64| (-0.5..=size - 0.5).contains(&x);
-        (inside(pixel[0], width) && inside(pixel[1], height)).then_some(pixel)
+        let inside = (0..2).all(|i| (-0.5..size[i] - 0.5).contains(&pixel[i]));
+        if config.quantised {
+            pixel = pixel.map(|x| (x + 0.5).floor());
+        }
+        inside.then_some(pixel)
     }
 }
 
@@ -193,161 +220,145 @@ mod tests {
     use super::*;
     use nalgebra::{Rotation3, Translation3};
 
-    const SIZE: (u32, u32) = (1024, 1024);
-
-    /// Frames of a sphere of 50 points that turns about the vertical once in 20 s, at 10 Hz for 40 s.
-    fn run(config: FeatureCameraConfig) -> Vec<(f64, Sighting)> {
-        let body = FeatureBody::sphere(50, 1.0, 3);
-        let mut camera = FeatureCamera::new(config, Pinhole::square(1024, 1.0), SIZE);
-        let mut delivered = Vec::new();
-        for k in 0..400 {
+    /// A ball of 0.9 m at 0.9 m, as in ch. 3, that turns about y at 1 rad/s; frames at 10 Hz.
+    fn watch(config: FeatureCameraConfig, frames: u32) -> Vec<Sighting> {
+        let mut camera = FeatureCamera::new(config, BodyPoint::on_sphere(20, 0.45, 7));
+        let mut sightings = Vec::new();
+        for k in 0..frames {
             let time = 0.1 * f64::from(k);
-            let turned =
-                Rotation3::from_axis_angle(&Vector3::y_axis(), time * 0.1 * std::f64::consts::PI);
+            let turned = Rotation3::new(Vector3::new(0.0, time, 0.0));
             camera.show(
                 time,
-                &Pose::from_parts(Translation3::new(0.0, 0.0, 4.0), turned),
-                &body,
+                &Pose::from_parts(Translation3::new(0.0, 0.0, 0.9), turned),
             );
-            while let Some(frame) = camera.deliver(time) {
-                delivered.push((time, frame));
+            while let Some(sighting) = camera.deliver(time) {
+                sightings.push(sighting);
             }
         }
-        delivered
+        sightings
+    }
+
+    fn ideal() -> FeatureCameraConfig {
+        FeatureCameraConfig::ideal(1024, 1.25)
+    }
+
+    /// Differences of each feature from the ideal camera's, by id \[px\].
+    fn deviations(config: FeatureCameraConfig, frames: u32) -> Vec<[f64; 2]> {
+        let exact = watch(ideal(), frames);
+        let seen = watch(config, frames);
+        assert_eq!(exact.len(), seen.len());
+        let pairs = exact.iter().zip(&seen).flat_map(|(a, b)| a.common(b));
+        pairs.map(|(a, b)| [b.u - a.u, b.v - a.v]).collect()
     }
 
     #[test]
-    fn an_ideal_camera_keeps_every_point_and_its_id() {
-        let frames = run(FeatureCameraConfig::default());
-        assert_eq!(frames.len(), 400);
-        let ids: Vec<_> = (0..50).collect();
-        for (time, frame) in &frames {
-            assert_eq!(frame.time, *time);
-            assert!(frame.features.iter().map(|f| f.id).eq(ids.iter().copied()));
-        }
-        // A full turn later every point is where it was.
-        for (a, b) in frames[0].1.common(&frames[200].1) {
-            assert!((a.u - b.u).hypot(a.v - b.v) < 1e-9);
-        }
-    }
-
-    #[test]
-    fn pixels_are_rounded_and_noisy_as_told() {
-        let exact = run(FeatureCameraConfig::default());
-        let deviation = |config| {
-            let frames = run(config);
-            let pairs = exact
+    fn an_ideal_camera_sees_every_point_at_every_instant() {
+        let sightings = watch(ideal(), 50);
+        assert_eq!(sightings.len(), 50);
+        assert!(sightings.iter().all(|s| s.features.len() == 20));
+        let ids = |s: &Sighting| s.features.iter().map(|f| f.id).collect::<Vec<_>>();
+        assert!(
+            sightings
                 .iter()
-                .zip(&frames)
-                .flat_map(|((_, a), (_, b))| a.common(b));
-            let squares: Vec<_> = pairs.map(|(a, b)| (a.u - b.u).powi(2)).collect();
-            (squares.iter().sum::<f64>() / squares.len() as f64).sqrt()
+                .all(|s| ids(s) == (0..20).collect::<Vec<_>>())
+        );
+    }
+
+    #[test]
+    fn rounding_is_to_the_nearest_pixel() {
+        let quantised = FeatureCameraConfig {
+            quantised: true,
+            ..ideal()
         };
-        let rounded = deviation(FeatureCameraConfig {
-            quantisation: 1.0,
-            ..Default::default()
-        });
-        assert!(
-            (rounded / (1.0 / 12f64.sqrt()) - 1.0).abs() < 0.03,
-            "{rounded}"
-        );
-        let noisy = deviation(FeatureCameraConfig {
-            noise: 0.7,
-            ..Default::default()
-        });
-        assert!((noisy / 0.7 - 1.0).abs() < 0.03, "{noisy}");
-        let whole = run(FeatureCameraConfig {
-            quantisation: 1.0,
-            noise: 0.3,
-            ..Default::default()
-        });
-        assert!(
-            whole
-                .iter()
-                .all(|(_, s)| s.features.iter().all(|f| f.u.fract() == 0.0))
-        );
+        let off: Vec<_> = deviations(quantised, 100).concat();
+        assert_eq!(off.len(), 4000);
+        assert!(off.iter().all(|d| d.abs() <= 0.5));
+        let rms = (off.iter().map(|d| d * d).sum::<f64>() / off.len() as f64).sqrt();
+        assert!((rms - 1.0 / 12f64.sqrt()).abs() < 0.01, "{rms}");
     }
 
     #[test]
-    fn the_far_side_is_hidden_and_comes_back_as_new_points() {
-        let frames = run(FeatureCameraConfig {
-            occlusion: true,
-            ..Default::default()
-        });
-        // A sphere at 4 radii shows 3/8 of its surface.
-        let mean = frames.iter().map(|(_, s)| s.features.len()).sum::<usize>() as f64 / 400.0;
-        assert!((mean / 50.0 - 0.375).abs() < 0.05, "{mean}");
-        let first = frames[0].1.features[0].id;
-        assert!(frames[200].1.feature(first).is_none(), "an id came back");
-    }
-
-    #[test]
-    fn tracks_break_as_often_as_told() {
-        let frames = run(FeatureCameraConfig {
-            loss: 0.02,
-            ..Default::default()
-        });
-        let seen = frames.iter().map(|(_, s)| s.features.len()).sum::<usize>();
-        assert!((seen as f64 / 20_000.0 - 0.98).abs() < 0.005, "{seen}");
-        let features = frames.iter().flat_map(|(_, s)| &s.features);
-        let newest = features.map(|f| f.id).max().unwrap();
-        // 50 points, and each of some 400 losses makes a new one.
-        assert!((390..510).contains(&newest), "{newest}");
-    }
-
-    #[test]
-    fn outliers_come_as_often_as_told() {
-        let exact = run(FeatureCameraConfig::default());
-        let frames = run(FeatureCameraConfig {
+    fn noise_and_outliers_have_the_stated_size_and_repeat() {
+        let noisy = FeatureCameraConfig {
+            noise: 0.4,
             outliers: 0.1,
-            ..Default::default()
-        });
-        let pairs = exact
-            .iter()
-            .zip(&frames)
-            .flat_map(|((_, a), (_, b))| a.common(b));
-        let wrong = pairs.filter(|(a, b)| (a.u - b.u).hypot(a.v - b.v) > 1.0);
-        let part = wrong.count() as f64 / 20_000.0;
-        assert!((part - 0.1).abs() < 0.01, "{part}");
-    }
-
-    #[test]
-    fn frames_are_lost_without_a_change_of_ids() {
-        let config = FeatureCameraConfig {
-            dropout: 0.3,
-            latency: 0.15,
-            rate: 5.0,
-            seed: 9,
-            ..Default::default()
+            ..ideal()
         };
-        let frames = run(config.clone());
-        assert!((110..170).contains(&frames.len()), "{}", frames.len());
-        assert!(
-            frames
-                .iter()
-                .all(|(t, s)| s.features.len() == 50 && (t - s.time - 0.2).abs() < 1e-9)
-        );
-        assert!(
-            frames
-                .iter()
-                .all(|(_, s)| s.features.iter().all(|f| f.id < 50))
-        );
-        assert_eq!(frames, run(config));
+        let off = deviations(noisy.clone(), 300);
+        let (near, far): (Vec<_>, Vec<_>) = off.iter().partition(|d| d[0].hypot(d[1]) < 3.0);
+        let share = far.len() as f64 / off.len() as f64;
+        assert!((share - 0.1).abs() < 0.012, "{share}");
+        let rms = (near.iter().map(|d| d[0] * d[0]).sum::<f64>() / near.len() as f64).sqrt();
+        assert!((rms - 0.4).abs() < 0.02, "{rms}");
+        assert_eq!(watch(noisy.clone(), 30), watch(noisy, 30));
     }
 
     #[test]
-    fn what_is_behind_or_beside_the_image_is_not_seen() {
-        let body =
-            FeatureBody::vertices(&[Vector3::zeros(), Vector3::x(), Vector3::new(0.0, 0.0, -9.0)]);
-        let mut camera = FeatureCamera::new(
-            FeatureCameraConfig::default(),
-            Pinhole::square(100, 0.4),
-            (100, 100),
-        );
-        let X_CB = Pose::from_parts(Translation3::new(0.0, 0.0, 3.0), Rotation3::identity());
-        camera.show(0.0, &X_CB, &body);
-        let seen = camera.deliver(0.0).unwrap();
-        assert_eq!(seen.features.len(), 1, "{seen:?}");
-        assert_eq!((seen.features[0].u, seen.features[0].v), (49.5, 49.5));
+    fn the_far_side_is_hidden_and_comes_back_under_new_ids() {
+        let occluded = FeatureCameraConfig {
+            occlusion: true,
+            ..ideal()
+        };
+        // Two turns.
+        let sightings = watch(occluded, 126);
+        let seen: usize = sightings.iter().map(|s| s.features.len()).sum();
+        // From a diameter's distance a quarter of a sphere faces the camera: (1 - r/d) / 2.
+        let share = seen as f64 / (126.0 * 20.0);
+        assert!((0.18..0.32).contains(&share), "{share}");
+        let last = sightings
+            .iter()
+            .flat_map(|s| &s.features)
+            .map(|f| f.id)
+            .max();
+        assert!(last > Some(25), "{last:?}");
+        // No id disappears for a while.
+        for id in 0..=last.unwrap() {
+            let frames: Vec<_> = (0..126)
+                .filter(|i| sightings[*i].feature(id).is_some())
+                .collect();
+            assert_eq!(
+                frames.len(),
+                frames[frames.len() - 1] - frames[0] + 1,
+                "{id}"
+            );
+        }
+    }
+
+    #[test]
+    fn lost_tracks_and_lost_frames_have_the_stated_share() {
+        let flawed = FeatureCameraConfig {
+            losses: 0.05,
+            dropout: 0.3,
+            ..ideal()
+        };
+        let sightings = watch(flawed, 1000);
+        assert!((650..750).contains(&sightings.len()), "{}", sightings.len());
+        let seen: usize = sightings.iter().map(|s| s.features.len()).sum();
+        let share = seen as f64 / (sightings.len() as f64 * 20.0);
+        assert!((share - 0.95).abs() < 0.01, "{share}");
+    }
+
+    #[test]
+    fn rate_and_latency_are_kept() {
+        let slow = FeatureCameraConfig {
+            rate: 5.0,
+            latency: 0.25,
+            ..ideal()
+        };
+        let sightings = watch(slow, 101);
+        // 51 exposures in 10 s, less the two under way at its end.
+        assert_eq!(sightings.len(), 49);
+        assert!((sightings[1].time - 0.2).abs() < 1e-9);
+    }
+
+    #[test]
+    fn vertices_face_away_from_their_mean() {
+        let corner = |i: usize| {
+            let sign = |bit: usize| if i & bit == 0 { -1.0 } else { 1.0 };
+            Vector3::new(2.0 + sign(1), sign(2), sign(4))
+        };
+        let points = BodyPoint::of_vertices(&[0, 1, 2, 3, 4, 5, 6, 7].map(corner));
+        let expected = Vector3::new(1.0, -1.0, 1.0).normalize();
+        assert!((points[5].normal_B.into_inner() - expected).norm() < 1e-15);
     }
 }

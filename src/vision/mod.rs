@@ -6,7 +6,7 @@ mod pose_camera;
 mod shutter;
 mod sighting;
 
-pub use feature_camera::{FeatureBody, FeatureCamera, FeatureCameraConfig};
+pub use feature_camera::{BodyPoint, FeatureCamera, FeatureCameraConfig};
 pub use pinhole::{Pinhole, PinholeError};
 pub use pose_camera::{PoseCamera, PoseCameraConfig, PoseFrame};
 pub use sighting::{Feature, Sighting};

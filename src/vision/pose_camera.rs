@@ -1,10 +1,12 @@
 //! A camera that measures the poses of the arm tip and of the goal object, with the flaws of a real one.
 
+use std::collections::VecDeque;
+
 use nalgebra::{Rotation3, Translation3, Vector3};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 use rand_distr::StandardNormal;
 
-use super::shutter::Shutter;
+use super::shutter::{Instant, SLACK, Shutter};
 use crate::spatial::Pose;
 
 /// How good the camera is. All zero is an ideal one: every instant that it is shown, at once, exactly.
@@ -53,7 +55,8 @@ pub struct PoseFrame {
 pub struct PoseCamera {
     config: PoseCameraConfig,
     random: StdRng,
-    shutter: Shutter<PoseFrame>,
+    shutter: Shutter,
+    waiting: VecDeque<PoseFrame>,
     lost: u64,
 }
 
@@ -64,7 +67,8 @@ impl PoseCamera {
         Self {
             config,
             random,
-            shutter: Shutter::new(),
+            shutter: Shutter::default(),
+            waiting: VecDeque::new(),
             lost: 0,
         }
     }
@@ -98,8 +102,10 @@ impl PoseCamera {
     /// Shows the camera the truth at `time` \[s\]; it exposes if a frame is due. An instant that is shown
     /// again is not exposed again; when time runs backwards (a simulation began anew) so does the camera.
     pub fn show(&mut self, time: f64, X_BE: &Pose, X_BD: Option<&Pose>) {
-        if !self.shutter.opens(time, self.config.rate) {
-            return;
+        match self.shutter.show(time, self.config.rate) {
+            Instant::Idle => return,
+            Instant::Anew => self.waiting.clear(),
+            Instant::Exposure => {}
         }
         // The same number of random draws a frame, so that neither a loss nor a goal that is not there
         // changes the noise of later frames.
@@ -110,13 +116,14 @@ impl PoseCamera {
         if lost {
             self.lost += 1;
         } else {
-            self.shutter.send(time, PoseFrame { time, X_BE, X_BD });
+            self.waiting.push_back(PoseFrame { time, X_BE, X_BD });
         }
     }
 
     /// The next frame whose latency has passed at `time` \[s\], oldest first.
     pub fn deliver(&mut self, time: f64) -> Option<PoseFrame> {
-        self.shutter.deliver(time, self.config.latency)
+        let due = self.waiting.front()?.time + self.config.latency <= time + SLACK;
+        if due { self.waiting.pop_front() } else { None }
     }
 
     fn disturb(&mut self, pose: &Pose) -> Pose {

@@ -1,64 +1,60 @@
-//! When a camera exposes, and how long its frames are under way.
-
-use std::collections::VecDeque;
+//! When a camera exposes.
 
 /// Slack \[s\] when a sum of periods is compared with a time.
-const SLACK: f64 = 1e-9;
+pub(super) const SLACK: f64 = 1e-9;
 
-/// The shutter of a camera that is shown the truth at successive instants, and the frames under way.
-#[derive(Debug)]
-pub(super) struct Shutter<T> {
-    /// Index of the next exposure on the grid of exposure times.
+/// Exposures on a grid of times that begins with the first instant shown.
+#[derive(Debug, Clone, Default)]
+pub(super) struct Shutter {
+    /// Index of the next exposure on the grid.
     next: u64,
-    /// When the grid of exposure times begins \[s\].
+    /// When the grid begins \[s\].
     start: Option<f64>,
     /// The last instant shown \[s\].
     last_shown: Option<f64>,
-    /// Frames under way with their times of exposure \[s\].
-    waiting: VecDeque<(f64, T)>,
 }
 
-impl<T> Shutter<T> {
-    pub(super) fn new() -> Self {
-        Self {
-            next: 0,
-            start: None,
-            last_shown: None,
-            waiting: VecDeque::new(),
-        }
-    }
+/// What an instant is to a shutter.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Instant {
+    /// Between exposures, or shown before.
+    Idle,
+    /// An exposure.
+    Exposure,
+    /// An exposure, the first after time ran backwards: a simulation began anew.
+    Anew,
+}
 
-    /// Begins a new grid of exposure times with the next instant shown.
-    pub(super) fn restart(&mut self) {
+impl Shutter {
+    /// Begins a new grid with the next instant shown.
+    pub fn restart(&mut self) {
         self.start = None;
     }
 
-    /// Whether an exposure is due at `time` \[s\], at `rate` frames per second; zero is a frame at every
-    /// instant shown.
-    pub(super) fn is_due(&self, time: f64, rate: f64) -> bool {
+    /// Whether an exposure is due at `time` \[s\] with `rate` \[Hz\]; zero exposes at every instant.
+    pub fn is_due(&self, time: f64, rate: f64) -> bool {
         match self.start {
             Some(start) if rate > 0.0 => time >= start + self.next as f64 / rate - SLACK,
             _ => true,
         }
     }
 
-    /// Whether the camera exposes at `time` \[s\]. An instant that is shown again is not exposed again;
-    /// when time runs backwards (a simulation began anew) so do the exposures, and what was under way is
-    /// gone.
-    pub(super) fn opens(&mut self, time: f64, rate: f64) -> bool {
+    /// Shows the shutter the instant `time` \[s\].
+    pub fn show(&mut self, time: f64, rate: f64) -> Instant {
+        let mut instant = Instant::Exposure;
         match self.last_shown.replace(time) {
             Some(last) if time < last - SLACK => {
-                self.waiting.clear();
                 self.start = None;
+                instant = Instant::Anew;
             }
             Some(last) if time <= last + SLACK => {
                 self.last_shown = Some(last);
-                return false;
+                return Instant::Idle;
             }
             _ => {}
         }
         if !self.is_due(time, rate) {
-            return false;
+            return Instant::Idle;
         }
         let start = *self.start.get_or_insert_with(|| {
             self.next = 0;
@@ -67,20 +63,6 @@ impl<T> Shutter<T> {
         // Exposures that no one showed are gone.
         let shown = ((time - start + SLACK) * rate).floor() as u64;
         self.next = shown.max(self.next) + 1;
-        true
-    }
-
-    /// Sends a frame on its way.
-    pub(super) fn send(&mut self, time: f64, frame: T) {
-        self.waiting.push_back((time, frame));
-    }
-
-    /// The next frame whose `latency` \[s\] has passed at `time` \[s\], oldest first.
-    pub(super) fn deliver(&mut self, time: f64, latency: f64) -> Option<T> {
-        let (exposed, _) = self.waiting.front()?;
-        if exposed + latency > time + SLACK {
-            return None;
-        }
-        self.waiting.pop_front().map(|(_, frame)| frame)
+        instant
     }
 }

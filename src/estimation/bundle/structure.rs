@@ -196,7 +196,12 @@ fn start(
         };
         adjust(&scene, &mut motion, &mut points, &effort)?;
         // Believed again is what agrees now.
-        believe(&mut scene, &motion, &points, 2.0 * BELIEVED * settings.noise);
+        believe(
+            &mut scene,
+            &motion,
+            &points,
+            2.0 * BELIEVED * settings.noise,
+        );
     }
     let mut segment = Segment {
         placements: vec![None; frames.list.len()],
@@ -282,7 +287,9 @@ fn rms(scene: &Scene, motion: &FreePlacements, points: &[Vector3<f64>]) -> f64 {
     // Unknowns fit some of the noise.
     let unknowns = 6 * motion.placements.len() + 3 * points.len();
     (sum / f64::from(count).max(1.0) * f64::from(count)
-        / (f64::from(count) - unknowns as f64).max(0.2 * f64::from(count)).max(1.0))
+        / (f64::from(count) - unknowns as f64)
+            .max(0.2 * f64::from(count))
+            .max(1.0))
     .sqrt()
 }
 
@@ -304,7 +311,10 @@ fn grow(
     settle(frames, &mut segment, settings, 8)?;
     while low > 0 || high + 1 < open.len() {
         let reach = (high - low + 1).max(6);
-        let (up, down) = ((high + reach / 2).min(open.len() - 1), low.saturating_sub(reach / 2));
+        let (up, down) = (
+            (high + reach / 2).min(open.len() - 1),
+            low.saturating_sub(reach / 2),
+        );
         for k in (high + 1)..=up {
             place_frame(frames, &mut segment, open[k], settings, &mut searches);
             if k % 8 == 0 {
@@ -439,7 +449,10 @@ fn settle(
     let known = |track: usize| segment.points[track].is_some();
     let (mut scene, tracks) = scene_of(frames, &chosen, known, settings.noise, 2);
     let mut points: Vec<_> = tracks.iter().filter_map(|t| segment.points[*t]).collect();
-    let placements = chosen.iter().filter_map(|i| segment.placements[*i]).collect();
+    let placements = chosen
+        .iter()
+        .filter_map(|i| segment.placements[*i])
+        .collect();
     let mut motion = FreePlacements::new(placements, settings.focal_free && chosen.len() > 12);
     motion.log_focal = segment.log_focal;
     let limit = BELIEVED * settings.noise;

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use crate::{
     nodes::resource,
     ros::{Declare, Param},
-    vision::{FeatureBody, FeatureCameraConfig, Pinhole},
+    vision::{BodyPoint, FeatureCameraConfig, Pinhole},
 };
 
 /// What the camera tracks, and how well.
@@ -14,14 +14,15 @@ pub struct FeatureParams {
     /// Name of the target that is watched.
     pub target: String,
     /// Its feature points.
-    pub body: FeatureBody,
+    pub points: Vec<BodyPoint>,
     /// How good the camera and its tracker are.
     pub quality: FeatureCameraConfig,
 }
 
 /// The parameters of the tracker's quality, which may change while it runs.
 pub(super) struct FeatureQuality {
-    floats: [Param<f64>; 7],
+    floats: [Param<f64>; 6],
+    quantised: Param<bool>,
     occlusion: Param<bool>,
     seed: Param<i64>,
 }
@@ -58,19 +59,13 @@ impl FeatureQuality {
                 "Standard deviation of each coordinate of a feature, before rounding [px]",
             ),
             float(
-                "quantisation",
-                1.0,
-                1000.0,
-                "Coordinates of features are rounded to multiples of this [px]; 0 is not at all",
-            ),
-            float(
                 "outliers",
                 0.0,
                 1.0,
                 "Probability that a feature is found somewhere else in the image",
             ),
             float(
-                "loss",
+                "losses",
                 0.0,
                 1.0,
                 "Probability that a feature's track ends at a frame; it comes back under another id",
@@ -78,6 +73,12 @@ impl FeatureQuality {
         ];
         Self {
             floats,
+            quantised: (declare.param(
+                "features.quantised",
+                true,
+                "Whether coordinates of features are rounded to whole pixels",
+            ))
+            .live(),
             occlusion: (declare.param(
                 "features.occlusion",
                 false,
@@ -89,18 +90,21 @@ impl FeatureQuality {
         }
     }
 
-    pub(super) fn get(&self) -> FeatureCameraConfig {
-        let [rate, latency, dropout, noise, quantisation, outliers, loss] =
+    /// The tracker with an image of (width, height, focal length) pixels.
+    pub(super) fn get(&self, image: (u32, u32, f64)) -> FeatureCameraConfig {
+        let [rate, latency, dropout, noise, outliers, losses] =
             self.floats.each_ref().map(Param::get);
         FeatureCameraConfig {
+            pinhole: pinhole(image),
+            size: [image.0, image.1],
             rate,
             latency,
-            dropout,
+            quantised: self.quantised.get(),
             noise,
-            quantisation,
             occlusion: self.occlusion.get(),
             outliers,
-            loss,
+            losses,
+            dropout,
             seed: self.seed.get().unsigned_abs(),
         }
     }
@@ -108,7 +112,11 @@ impl FeatureQuality {
     pub(super) fn changed(&self) -> bool {
         // Every handle must be asked, or it will report its change later.
         let floats = self.floats.iter().filter(|p| p.changed()).count();
-        let others = [self.occlusion.changed(), self.seed.changed()];
+        let others = [
+            self.quantised.changed(),
+            self.occlusion.changed(),
+            self.seed.changed(),
+        ];
         floats > 0 || others.contains(&true)
     }
 }
@@ -118,7 +126,10 @@ impl FeatureParams {
     ///
     /// # Errors
     /// A line that names the parameter whose mesh cannot be used.
-    pub(super) fn declare(declare: &mut Declare) -> Result<(Option<Self>, FeatureQuality), String> {
+    pub(super) fn declare(
+        declare: &mut Declare,
+        image: (u32, u32, f64),
+    ) -> Result<(Option<Self>, FeatureQuality), String> {
         let target = (declare.param(
             "features.target",
             "",
@@ -152,17 +163,17 @@ impl FeatureParams {
         if target.is_empty() {
             return Ok((None, quality));
         }
-        let body = if mesh.is_empty() {
+        let points = if mesh.is_empty() {
             let points = usize::try_from(points).unwrap_or(1);
-            FeatureBody::sphere(points, radius, layout.unsigned_abs())
+            BodyPoint::on_sphere(points, radius, layout.unsigned_abs())
         } else {
             let read = vertices(&mesh);
-            FeatureBody::vertices(&read.map_err(|e| format!("parameter features.mesh: {e}"))?)
+            BodyPoint::of_vertices(&read.map_err(|e| format!("parameter features.mesh: {e}"))?)
         };
         let params = Self {
             target,
-            body,
-            quality: quality.get(),
+            points,
+            quality: quality.get(image),
         };
         Ok((Some(params), quality))
     }

@@ -53,7 +53,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut watched = match &params.features {
         None => None,
         Some(features) => Some((
-            Watch::new(features, params.image),
+            Watch::new(features),
             TargetTopics::new(node, &features.target)?,
         )),
     };
@@ -80,7 +80,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         }
         if let Some((watch, target)) = &mut watched {
             if tracking.changed() {
-                watch.set_config(tracking.get());
+                watch.set_config(tracking.get(params.image));
             }
             target.watch(watch);
         }

@@ -117,13 +117,14 @@ impl CameraParams {
             .range(1.0, 1e6)
             .read_only()
             .value();
-        let features = FeatureParams::declare(declare);
+        let image = (width, height, focal_length);
+        let features = FeatureParams::declare(declare, image);
         let (features, tracking) = features?;
         let params = Self {
             tip_link,
             goal: goal?,
             quality: quality.get(),
-            image: (width, height, focal_length),
+            image,
             features,
         };
         Ok((params, quality, tracking))

@@ -1,10 +1,10 @@
 //! The camera's view of a target.
 
-use super::feature_params::{FeatureParams, pinhole};
+use super::feature_params::FeatureParams;
 use crate::{
     model::{Frame, Model},
     spatial::Pose,
-    vision::{FeatureBody, FeatureCamera, FeatureCameraConfig, Sighting},
+    vision::{FeatureCamera, FeatureCameraConfig, Sighting},
 };
 
 /// Name of the camera's optical frame.
@@ -14,18 +14,15 @@ pub const CAMERA_FRAME: &str = "camera_optical_frame";
 pub struct Watch {
     /// The target's name.
     pub target: String,
-    body: FeatureBody,
     camera: FeatureCamera,
 }
 
 impl Watch {
-    /// Watches what the parameters say, with an image of (width, height, focal length) pixels.
-    pub fn new(params: &FeatureParams, image: (u32, u32, f64)) -> Self {
-        let (width, height, _) = image;
+    /// Watches what the parameters say.
+    pub fn new(params: &FeatureParams) -> Self {
         Self {
             target: params.target.clone(),
-            body: params.body.clone(),
-            camera: FeatureCamera::new(params.quality.clone(), pinhole(image), (width, height)),
+            camera: FeatureCamera::new(params.quality.clone(), params.points.clone()),
         }
     }
 
@@ -36,7 +33,7 @@ impl Watch {
 
     /// Shows the camera, at pose `X_WC`, the target at pose `X_WT`, at `time` \[s\].
     pub fn show(&mut self, time: f64, X_WC: &Pose, X_WT: &Pose) {
-        self.camera.show(time, &(X_WC.inverse() * X_WT), &self.body);
+        self.camera.show(time, &(X_WC.inverse() * X_WT));
     }
 
     /// The next frame that has arrived at `time` \[s\].

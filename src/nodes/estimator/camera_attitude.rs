@@ -20,6 +20,8 @@ pub struct CameraAttitude {
     attitudes: Vec<(f64, UnitQuaternion<f64>)>,
     /// Time and angular velocity of the last measurement, in the camera's own axes.
     last: Option<(f64, Vector3<f64>)>,
+    /// How often G has changed.
+    beginnings: u32,
 }
 
 /// Samples further apart than this \[s\] say nothing about the time between.
@@ -50,13 +52,17 @@ impl CameraAttitude {
         let time = Time::from(&imu.header.stamp).as_secs_f64();
         let sample = (time, R_UC.inverse() * w_U);
         match self.last.replace(sample) {
-            Some(last) if time <= last.0 => self.last = Some(last),
-            Some(last) if time <= last.0 + GAP => {
-                let mut R_GC = attitude_at(&self.attitudes, last.0) * rotation_between(&last, &sample);
+            Some(last) if time <= last.0 && time >= last.0 - GAP => self.last = Some(last),
+            Some(last) if time > last.0 && time <= last.0 + GAP => {
+                let mut R_GC =
+                    attitude_at(&self.attitudes, last.0) * rotation_between(&last, &sample);
                 R_GC.renormalize();
                 self.attitudes.push((time, R_GC));
             }
-            _ => self.attitudes = vec![(time, UnitQuaternion::identity())],
+            _ => {
+                self.attitudes = vec![(time, UnitQuaternion::identity())];
+                self.beginnings += 1;
+            }
         }
         Ok(())
     }
@@ -72,6 +78,11 @@ impl CameraAttitude {
         // The sample before is needed to know the attitude at `time`.
         let old = self.attitudes.partition_point(|(t, _)| *t <= time);
         self.attitudes.drain(..old.saturating_sub(1));
+    }
+
+    /// How often the inertial axes G have changed: whatever was stated in them before is void.
+    pub fn beginnings(&self) -> u32 {
+        self.beginnings
     }
 
     /// Since when the camera's attitude is known without a gap \[s\].

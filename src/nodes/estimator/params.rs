@@ -1,11 +1,6 @@
 //! Parameters of the estimator node.
 
-use crate::{
-    estimation::Method,
-    nodes::choice,
-    ros::Declare,
-    vision::Pinhole,
-};
+use crate::{estimation::Method, nodes::choice, ros::Declare, vision::Pinhole};
 
 /// What the estimator node is told; read once, at the start.
 #[derive(Debug, Clone)]
@@ -57,7 +52,13 @@ impl EstimatorParams {
             3600.0,
             "Time between the starts of two batch solutions [s]",
         );
-        let horizon = number("horizon", 30.0, 0.0, 3600.0, "How far the prediction reaches [s]");
+        let horizon = number(
+            "horizon",
+            30.0,
+            0.0,
+            3600.0,
+            "How far the prediction reaches [s]",
+        );
         let prediction_rate = number(
             "prediction_rate",
             2.0,
