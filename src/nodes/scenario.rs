@@ -9,6 +9,7 @@ use super::{
     camera::{CameraParams, camera_frame},
     controller::ControllerParams,
     dynamics::{DynamicsParams, World},
+    estimator::EstimatorParams,
     recorder::RecorderParams,
     resource, tip_frame,
 };
@@ -152,6 +153,7 @@ impl Scenario {
                     gains.map_err(|e| parameter(e.to_string()))
                 })
             }
+            "estimator" => self.parameters_of(name, EstimatorParams::declare).map(drop),
             _ => {
                 let params = self.parameters_of(name, |d| Ok(RecorderParams::declare(d)));
                 params.map(drop)
