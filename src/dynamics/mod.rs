@@ -47,6 +47,7 @@ mod reduced;
 mod runge_kutta;
 mod state;
 mod tableau;
+mod vector_state;
 mod workspace;
 
 pub use floating::Floating;
@@ -57,4 +58,5 @@ pub use kane::{BaseSpeed, CutError, CutHinge, Kane};
 pub use runge_kutta::RungeKutta;
 pub use state::{Momentum, State};
 pub use tableau::Tableau;
+pub use vector_state::VectorState;
 pub use workspace::Workspace;
