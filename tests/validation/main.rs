@@ -12,5 +12,4 @@ mod no_allocation;
 mod pinocchio;
 mod positioning;
 mod random_trees;
-mod tr942;
 mod trees;

@@ -11,18 +11,20 @@ pub fn vector(scale: f64) -> impl Strategy<Value = Vector3<f64>> {
     prop::array::uniform3(-scale..scale).prop_map(Vector3::from)
 }
 
-fn direction() -> impl Strategy<Value = Unit<Vector3<f64>>> {
+/// Unit vectors.
+pub fn direction() -> impl Strategy<Value = Unit<Vector3<f64>>> {
     vector(1.0)
         .prop_filter("not zero", |v| v.norm() > 0.1)
         .prop_map(Unit::new_normalize)
 }
 
-fn rotation() -> impl Strategy<Value = Rotation3<f64>> {
+/// Rotations by up to 3.5 rad.
+pub fn rotation() -> impl Strategy<Value = Rotation3<f64>> {
     vector(2.0).prop_map(Rotation3::new)
 }
 
 /// Principal moments from three positive second moments, so the triangle inequality holds strictly.
-fn inertia(mass: std::ops::Range<f64>) -> impl Strategy<Value = RigidInertia> {
+pub fn inertia(mass: std::ops::Range<f64>) -> impl Strategy<Value = RigidInertia> {
     (
         mass,
         vector(0.5),

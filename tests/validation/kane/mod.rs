@@ -1,24 +1,37 @@
-//! Kane's method against the reduced form on random trees, and against itself in other coordinates.
+//! Kane's method against the reduced form on random trees, against real hinges where a loop is cut, and against
+//! what was printed.
 
+mod cuts;
+mod tr942;
+
+use allocation_counter::measure;
 use fuyu::dynamics::{
-    BaseSpeed, Formulation, Input, Kane, State, TreeAcceleration, TreeMotion, Workspace,
+    BaseSpeed, Formulation, Input, Kane, RungeKutta, State, Tableau, TreeAcceleration, TreeMotion,
+    VectorState, Workspace,
 };
+use fuyu::experiments::tr942::pantograph;
 use fuyu::model::Model;
 use fuyu::spatial::{Twist, Wrench};
-use nalgebra::{DVector, UnitQuaternion, Vector3};
+use nalgebra::{DVector, Isometry3, Translation3, UnitQuaternion};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
 use crate::trees::{trees, vector};
 
-/// The reduced form, asked for the same motion.
-fn reduced_form(model: &Model, motion: &TreeMotion, input: &Input) -> TreeAcceleration {
+/// The reduced form's state and workspace for the same motion.
+fn reduced_state(model: &Model, motion: &TreeMotion) -> (State, Workspace) {
     let mut state = State::at_rest_with(model, &DVector::from_column_slice(motion.q));
     state.qd.copy_from_slice(motion.qd);
     let mut workspace = Workspace::new(model);
-    let X_WB = nalgebra::Isometry3::from_parts(Vector3::zeros().into(), motion.R_WB);
+    let X_WB = Isometry3::from_parts(Translation3::identity(), motion.R_WB);
     state.set_base(model, &mut workspace, &X_WB, &motion.V_WB_B);
     workspace.set_motion(&state);
+    (state, workspace)
+}
+
+/// The reduced form's answer.
+fn reduced_form(model: &Model, motion: &TreeMotion, input: &Input) -> TreeAcceleration {
+    let (state, mut workspace) = reduced_state(model, motion);
     let mut out = TreeAcceleration::zero(model);
     workspace.accelerations(model, &state, input, &mut out.qdd);
     workspace.set_accelerations(&out.qdd);
@@ -70,5 +83,31 @@ proptest! {
             let off = difference(&out, &expected);
             prop_assert!(off < 1e-12, "{:?}: {:e}", speed, off);
         }
+    }
+}
+
+#[test]
+fn kane_and_its_stepper_do_not_allocate() {
+    let model = pantograph::model();
+    let cuts = pantograph::cuts(&model);
+    let layout = VectorState::new(&model);
+    let mut x = layout.at_rest_with(&pantograph::initial());
+    let mut stepper = RungeKutta::new(&Tableau::RK_GILL, layout.length());
+    let mut scratch = TreeAcceleration::zero(&model);
+    let input = Input::zero(&model);
+    for speed in [BaseSpeed::MainBody, BaseSpeed::SystemCom] {
+        let mut kane = Kane::with_cuts(&model, &cuts)
+            .unwrap()
+            .with_base_speed(&model, speed);
+        let used = measure(|| {
+            for _ in 0..10 {
+                stepper.step(&mut x, pantograph::STEP, |x, rate| {
+                    layout.rate(&model, &mut kane, &input, x, &mut scratch, rate);
+                });
+            }
+            assert!(kane.cut_wrench(0).force.norm() > 0.0);
+            assert!(kane.cut_velocity(1).linear.norm() < 1e-9);
+        });
+        assert_eq!(used.count_total, 0, "{speed:?}: {used:?}");
     }
 }
