@@ -2,6 +2,7 @@
 //! what was printed.
 
 mod cuts;
+mod descriptions;
 mod tr942;
 
 use allocation_counter::measure;
