@@ -88,8 +88,8 @@ impl Cut {
         directions(&self.hinge.translations).count() + directions(&self.hinge.rotations).count()
     }
 
-    /// Writes its columns of `G = -H` (2.3.43), rows of the hinges from `row` on, and its entries of `Ġᵀ u`
-    /// (2.3.47), whose sign the print has lost.
+    /// Writes its columns of `G = -H` (2.3.43), rows of the hinges from `row` on, and its entries of `Ġᵀ u`:
+    /// (2.3.47), which as printed is that and not `Ḣᵀ u`.
     ///
     /// A direction that is free while another is constrained makes a slot, in which (2.3.40) as printed is not
     /// enough: the point of body `k` is here the one where body `l`'s end is, which is the printed one

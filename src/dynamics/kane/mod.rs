@@ -1,5 +1,4 @@
-//! Kane's method: Yamada et al., 多剛体システムの定式化と数値シミュレーション (formulation and simulation of multibody
-//! systems), Technical Report of National Aerospace Laboratory TR-942, 1987, section 2.3.
+//! Kane's method as in TR-942, section 2.3.
 //!
 //! An independent witness for the reduced form of [`Workspace`](super::Workspace): it carries the base's
 //! twist instead of momentum, solves for all `6 + n` accelerations at once, and shares no code with it.

@@ -183,6 +183,16 @@ proptest! {
             }
             prop_assert!((out.qdd[0] - expected.qdd[0]).abs() < 1e-10 * (1.0 + expected.qdd.norm()));
 
+            // Nothing opens but the free direction, and that at the elbow's rate.
+            let opening = kane.cut_velocity(0);
+            let along = Vector3::z() * if hinge.body_k == 1 { qd[1] } else { -qd[1] };
+            let free = if robot.kind == JointKind::Prismatic {
+                Twist::new(Vector3::zeros(), along)
+            } else {
+                Twist::new(along, Vector3::zeros())
+            };
+            prop_assert!((opening - free).linear.norm() < 1e-12 && (opening - free).angular.norm() < 1e-12);
+
             // The same wrench by hand, without any cut.
             let (k, l) = (hinge.body_k, hinge.body_l);
             let pose = |body: usize| of_open.X_BF(&open.frames()[body]);
