@@ -7,6 +7,7 @@ mod bodies;
 mod cut;
 mod equations;
 mod error;
+mod pairing;
 
 use nalgebra::{DMatrix, DVector};
 
@@ -104,7 +105,7 @@ impl Kane {
     ///
     /// # Errors
     /// [`CutError`] for a cut that constrains nothing, names a missing body or one body twice, is not finite,
-    /// or constrains more directions than there are hinges on its loop.
+    /// or constrains more directions than the hinges of the loops can meet.
     pub fn with_cuts(model: &Model, cuts: &[CutHinge]) -> Result<Self, CutError> {
         let cuts = Cut::all(model, cuts)?;
         Ok(Self::assemble(model, cuts, BaseSpeed::default()))

@@ -57,7 +57,7 @@ proptest! {
     /// what is left is rounding, amplified by the conditioning of trees of up to 30 bodies.
     #[test]
     fn kane_and_the_reduced_form_agree_on_random_trees(
-        model in trees(1..=29),
+        model in trees(0..=29),
         q in prop::collection::vec(-2.0..2.0f64, 29),
         qd in prop::collection::vec(-1.0..1.0f64, 29),
         efforts in prop::collection::vec(-10.0..10.0f64, 29),
