@@ -97,7 +97,7 @@ pub enum BaseSpeed {
 impl Kane {
     /// For a tree.
     pub fn new(model: &Model) -> Self {
-        Self::assemble(model, Vec::new(), BaseSpeed::default())
+        Self::assemble(KaneBody::all(model), Vec::new(), BaseSpeed::default())
     }
 
     /// For a tree whose loops are closed by `cuts`. Motion given to it must satisfy their constraints; it
@@ -108,23 +108,25 @@ impl Kane {
     /// or constrains more directions than the hinges of the loops can meet.
     pub fn with_cuts(model: &Model, cuts: &[CutHinge]) -> Result<Self, CutError> {
         let cuts = Cut::all(model, cuts)?;
-        Ok(Self::assemble(model, cuts, BaseSpeed::default()))
+        let bodies = KaneBody::all(model);
+        Ok(Self::assemble(bodies, cuts, BaseSpeed::default()))
     }
 
     /// The same with another generalized speed for the translation.
-    pub fn with_base_speed(self, model: &Model, speed: BaseSpeed) -> Self {
-        Self::assemble(model, self.cuts, speed)
+    pub fn with_base_speed(self, speed: BaseSpeed) -> Self {
+        Self::assemble(self.bodies, self.cuts, speed)
     }
 
-    fn assemble(model: &Model, cuts: Vec<Cut>, speed: BaseSpeed) -> Self {
-        let size = match speed {
-            BaseSpeed::MainBody => 6 + model.dof(),
-            BaseSpeed::SystemCom => 3 + model.dof(),
+    fn assemble(bodies: Vec<KaneBody>, cuts: Vec<Cut>, speed: BaseSpeed) -> Self {
+        let base = match speed {
+            BaseSpeed::MainBody => 6,
+            BaseSpeed::SystemCom => 3,
         };
+        let size = base + bodies.len() - 1;
         let constraints = cuts.iter().map(Cut::count).sum();
         Self {
             speed,
-            bodies: KaneBody::all(model),
+            bodies,
             cuts,
             M: DMatrix::zeros(size, size),
             speeds: DVector::zeros(size),

@@ -166,7 +166,7 @@ proptest! {
         input.efforts[0] = effort;
         input.wrenches[7] = Wrench::new(torque, force);
         for speed in [BaseSpeed::MainBody, BaseSpeed::SystemCom] {
-            let mut kane = Kane::with_cuts(&open, std::slice::from_ref(&hinge)).unwrap().with_base_speed(&open, speed);
+            let mut kane = Kane::with_cuts(&open, std::slice::from_ref(&hinge)).unwrap().with_base_speed(speed);
             let mut out = TreeAcceleration::zero(&open);
             kane.accelerations(&open, &motion, &input, &mut out);
             let base = of_tree.A_WF_B(&tree.frames()[0]);

@@ -79,7 +79,7 @@ proptest! {
         let expected = reduced_form(&model, &motion, &input);
         let mut out = TreeAcceleration::zero(&model);
         for speed in [BaseSpeed::MainBody, BaseSpeed::SystemCom] {
-            let mut kane = Kane::new(&model).with_base_speed(&model, speed);
+            let mut kane = Kane::new(&model).with_base_speed(speed);
             kane.accelerations(&model, &motion, &input, &mut out);
             let off = difference(&out, &expected);
             prop_assert!(off < 1e-12, "{:?}: {:e}", speed, off);
@@ -99,7 +99,7 @@ fn kane_and_its_stepper_do_not_allocate() {
     for speed in [BaseSpeed::MainBody, BaseSpeed::SystemCom] {
         let mut kane = Kane::with_cuts(&model, &cuts)
             .unwrap()
-            .with_base_speed(&model, speed);
+            .with_base_speed(speed);
         let used = measure(|| {
             for _ in 0..10 {
                 stepper.step(&mut x, pantograph::STEP, |x, rate| {
