@@ -9,11 +9,13 @@ mod fixtures;
 mod free_body;
 mod free_body_closed_form;
 mod generalized_jacobian;
+mod kane;
 mod masutani1995;
 mod no_allocation;
 #[cfg(feature = "ros")]
 mod pinocchio;
 mod positioning;
 mod random_trees;
+mod trees;
 mod tumbling;
 mod tumbling_sweep;
