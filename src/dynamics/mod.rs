@@ -42,6 +42,7 @@ mod integrator;
 mod jacobian;
 mod joint_map;
 mod momentum;
+pub mod newton_euler;
 mod reduced;
 mod runge_kutta;
 mod state;
