@@ -81,6 +81,11 @@ pub mod bag;
 pub mod cli;
 #[cfg(feature = "ros")]
 pub mod experiments;
+/// Published examples; with the feature `ros` also closed loops and what recorded runs show.
+#[cfg(not(feature = "ros"))]
+pub mod experiments {
+    pub mod tr942;
+}
 #[cfg(feature = "ros")]
 pub mod msg;
 #[cfg(feature = "ros")]

@@ -6,7 +6,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{Axis, Freedom, SystemError};
 use crate::model::Spring;
-use crate::spatial::{Pose, RigidInertia};
+use crate::spatial::{InertiaError, Pose, RigidInertia};
 
 /// What a hinge names to join a body to inertial space.
 pub const INERTIAL: &str = "inertial";
@@ -137,6 +137,8 @@ pub struct SystemBuilder {
     bodies: Vec<Body>,
     hinges: Vec<Hinge>,
     allow_redundant: bool,
+    /// Whether principal moments may break the triangle inequality, as one of TR-942's own bodies does.
+    pub(super) any_moments: bool,
 }
 
 impl SystemBuilder {
@@ -186,11 +188,13 @@ impl SystemBuilder {
             self.hinges.iter().map(|h| h.name.as_str()),
         )?;
         for body in &self.bodies {
-            let name = || body.name.clone();
-            (body.inertia.check()).map_err(|problem| SystemError::Inertia {
-                body: name(),
-                problem,
-            })?;
+            match body.inertia.check() {
+                Err(InertiaError::Triangle(..)) if self.any_moments => {}
+                checked => checked.map_err(|problem| SystemError::Inertia {
+                    body: body.name.clone(),
+                    problem,
+                })?,
+            }
         }
         let mut joints = Vec::new();
         for hinge in &self.hinges {

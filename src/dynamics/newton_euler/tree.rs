@@ -15,7 +15,8 @@ impl System {
     /// free hinge. Hinge 0 is the base's, hinge `j + 1` joint `j`, which moves along or about the hinge's z axis.
     ///
     /// # Errors
-    /// [`SystemError`] if the model has what no system can have, such as a body without mass.
+    /// [`SystemError`] if the model has what no system can have, such as a body without mass. Moments of inertia that
+    /// break the triangle inequality are the model's business.
     pub fn from_model(model: &Model) -> Result<Self, SystemError> {
         builder(model, true).build()
     }
@@ -23,6 +24,7 @@ impl System {
 
 fn builder(model: &Model, passive: bool) -> SystemBuilder {
     let mut system = SystemBuilder::new();
+    system.any_moments = true;
     for body in model.bodies() {
         system.body(&body.name, body.inertia);
     }
