@@ -19,7 +19,7 @@ use proptest::test_runner::RngSeed;
 use crate::trees::{trees, vector};
 
 /// The reduced form's state and workspace for the same motion.
-fn reduced_state(model: &Model, motion: &TreeMotion) -> (State, Workspace) {
+pub fn reduced_state(model: &Model, motion: &TreeMotion) -> (State, Workspace) {
     let mut state = State::at_rest_with(model, &DVector::from_column_slice(motion.q));
     state.qd.copy_from_slice(motion.qd);
     let mut workspace = Workspace::new(model);

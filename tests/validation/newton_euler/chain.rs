@@ -50,9 +50,9 @@ fn smaller_steps_converge_to_the_exact_solution() {
     let errors = [0.0125, 0.00625, 0.003125].map(|h| worst(&run(&Tableau::RK_GILL, h).0, &chain::CONVERGED));
     for pair in errors.windows(2) {
         let order = (pair[0] / pair[1]).log2();
-        assert!((order - 4.0).abs() < 0.3, "order {order}: {errors:e?}");
+        assert!((order - 4.0).abs() < 0.3, "order {order}: {errors:?}");
     }
-    assert!(errors[2] < 1e-9, "{errors:e?}");
+    assert!(errors[2] < 1e-9, "{errors:?}");
 }
 
 /// Nothing carries momentum but the bodies themselves, so all of the method's errors show in it. The bodies

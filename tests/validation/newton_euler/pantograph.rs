@@ -121,17 +121,17 @@ fn probe() {
     for h in [0.025, 0.0125, 0.00625] {
         for p in [false, true] {
             let r = run(&system, &Tableau::RK_GILL, h, p);
-            println!("{h} {p} {:e?} {:e?} {:e} {:?}", worst(&r.rows, &printed()), worst(&r.rows, &exact()), r.momentum, r.rows[3]);
+            println!("{h} {p} {:?} {:?} {:e} {:?}", worst(&r.rows, &printed()), worst(&r.rows, &exact()), r.momentum, r.rows[3]);
         }
     }
     let r = run(&system, &Tableau::DOP8, 0.025, false);
-    println!("dop8 {:e?} {:e?} {:e} {:?}", worst(&r.rows, &printed()), worst(&r.rows, &exact()), r.momentum, r.rows[3]);
+    println!("dop8 {:?} {:?} {:e} {:?}", worst(&r.rows, &printed()), worst(&r.rows, &exact()), r.momentum, r.rows[3]);
     println!("{}", builder(Freedom::REVOLUTE).build().unwrap().assemble(&start()).unwrap_err());
     let system = builder(Freedom::REVOLUTE).allow_redundant().build().unwrap();
     for h in [0.025, 0.00625] {
         for p in [false, true] {
             let r = run(&system, &Tableau::RK_GILL, h, p);
-            println!("red {h} {p} {:e?} {:e?} {:e} {:?}", worst(&r.rows, &printed()), worst(&r.rows, &exact()), r.momentum, r.rows[3]);
+            println!("red {h} {p} {:?} {:?} {:e} {:?}", worst(&r.rows, &printed()), worst(&r.rows, &exact()), r.momentum, r.rows[3]);
         }
     }
     let _: Option<SystemError> = None;
