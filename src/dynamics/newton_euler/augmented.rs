@@ -43,7 +43,9 @@ impl MatrixMethod {
                     A[(at, at)] = 0.0;
                     load.driven[i][k] - self.motions[i].bias[k]
                 };
-                let bodies = self.bodies.acted_on(&system.joined[i], &self.motions[i], axis);
+                let bodies = self
+                    .bodies
+                    .acted_on(&system.joined[i], &self.motions[i], axis);
                 for (body, Wrench { force, torque }) in bodies {
                     let state = BodyState::read(state, body);
                     let inertia = &system.bodies[body].inertia;

@@ -50,11 +50,14 @@ impl Bodies {
     ) -> impl Iterator<Item = (usize, Wrench)> {
         let outer = hinge.outer.map(|b| (b, motion.outer(axis), 1.0));
         let inner = hinge.inner.map(|b| (b, motion.inner(axis), -1.0));
-        [outer, inner].into_iter().flatten().map(|(b, (force, torque), sign)| {
-            let R = &self.placed[b].R;
-            let wrench = Wrench::new(R.tr_mul(&torque) * sign, R.tr_mul(&force) * sign);
-            (b, wrench)
-        })
+        [outer, inner]
+            .into_iter()
+            .flatten()
+            .map(|(b, (force, torque), sign)| {
+                let R = &self.placed[b].R;
+                let wrench = Wrench::new(R.tr_mul(&torque) * sign, R.tr_mul(&force) * sign);
+                (b, wrench)
+            })
     }
 
     /// `z += L⁻¹ wrench` for one body.

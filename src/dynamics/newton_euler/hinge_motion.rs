@@ -138,9 +138,8 @@ fn angles(
     let (w, v) = (relative.w, relative.imag());
     let rest = |k: usize| hinge.springs[3 + k].rest;
     // Brings an angle within half a period of the rest position.
-    let near = |angle: f64, rest: f64, period: f64| {
-        angle - period * ((angle - rest) / period).round()
-    };
+    let near =
+        |angle: f64, rest: f64, period: f64| angle - period * ((angle - rest) / period).round();
     match rotations {
         Rotations::One(a) => {
             // How the axis of N leans in M, as a rotation vector.
@@ -183,7 +182,9 @@ fn angles(
 
 impl System {
     pub(super) fn placed(state: &[f64], body: Option<usize>) -> Placed {
-        body.map_or(Placed::INERTIAL, |b| Placed::new(&BodyState::read(state, b)))
+        body.map_or(Placed::INERTIAL, |b| {
+            Placed::new(&BodyState::read(state, b))
+        })
     }
 
     pub(super) fn hinge_motion(&self, state: &[f64], hinge: usize) -> HingeMotion {

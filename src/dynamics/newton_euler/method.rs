@@ -185,7 +185,8 @@ impl MatrixMethod {
             for axis in Axis::ALL.into_iter().filter(|a| hinge.freedom.is_free(*a)) {
                 let k = axis.index();
                 let (spring, y) = (&hinge.springs[k], motion.displacement[k]);
-                let passive = spring.stiffness * (spring.rest - y) - hinge.damping[k] * motion.rate[k];
+                let passive =
+                    spring.stiffness * (spring.rest - y) - hinge.damping[k] * motion.rate[k];
                 let effort = passive + load.efforts[i][k];
                 self.efforts[i][k] = effort;
                 if effort != 0.0 {

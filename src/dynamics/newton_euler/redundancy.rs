@@ -56,7 +56,10 @@ impl System {
         Err(SystemError::Redundant {
             hinge: name(hinge),
             axes,
-            others: (0..holders.len()).filter(|i| holders[*i]).map(name).collect(),
+            others: (0..holders.len())
+                .filter(|i| holders[*i])
+                .map(name)
+                .collect(),
         })
     }
 }

@@ -97,10 +97,17 @@ impl System {
         let translation = Vector3::new(x[0], x[1], x[2]);
         let speed = Vector3::new(xd[0], xd[1], xd[2]);
         let (R_MN, turning) = self.rotation(i, x, xd);
-        if let (Some(m), Some(outer)) = (known(joined.inner), joined.outer.filter(|_| known(joined.outer).is_none())) {
+        if let (Some(m), Some(outer)) = (
+            known(joined.inner),
+            joined.outer.filter(|_| known(joined.outer).is_none()),
+        ) {
             let R_WM = m.R_WB * joined.R_BM;
             let R_WB = R_WM * R_MN * joined.R_BN.inverse();
-            let (d, e_m, e_n) = (R_WM * translation, m.R_WB * joined.e_inner, R_WB * joined.e_outer);
+            let (d, e_m, e_n) = (
+                R_WM * translation,
+                m.R_WB * joined.e_inner,
+                R_WB * joined.e_outer,
+            );
             let w = m.w + R_WM * turning;
             let dd = R_WM * speed + m.w.cross(&d);
             placed[outer] = Some(Placed {
@@ -113,7 +120,11 @@ impl System {
         } else if let (Some(n), Some(inner)) = (known(joined.outer), joined.inner) {
             let R_WM = n.R_WB * joined.R_BN * R_MN.inverse();
             let R_WB = R_WM * joined.R_BM.inverse();
-            let (d, e_m, e_n) = (R_WM * translation, R_WB * joined.e_inner, n.R_WB * joined.e_outer);
+            let (d, e_m, e_n) = (
+                R_WM * translation,
+                R_WB * joined.e_inner,
+                n.R_WB * joined.e_outer,
+            );
             let w = n.w - R_WM * turning;
             let dd = R_WM * speed + w.cross(&d);
             placed[inner] = Some(Placed {
@@ -127,7 +138,12 @@ impl System {
     }
 
     /// Attitude of N in M and relative angular velocity in M's axes. The quaternion's sign tells whole turns.
-    fn rotation(&self, i: usize, x: &[f64; 6], xd: &[f64; 6]) -> (UnitQuaternion<f64>, Vector3<f64>) {
+    fn rotation(
+        &self,
+        i: usize,
+        x: &[f64; 6],
+        xd: &[f64; 6],
+    ) -> (UnitQuaternion<f64>, Vector3<f64>) {
         let turn = |k: usize| {
             let (s, c) = (0.5 * x[3 + k]).sin_cos();
             let q = Quaternion::from_parts(c, Vector3::ith(k, s));
@@ -152,7 +168,9 @@ impl System {
                 continue;
             }
             let motion = self.hinge_motion(state, i);
-            let size = 1.0_f64.max(joined.e_inner.norm()).max(joined.e_outer.norm());
+            let size = 1.0_f64
+                .max(joined.e_inner.norm())
+                .max(joined.e_outer.norm());
             let constrained = || Axis::ALL.into_iter().filter(|a| !hinge.freedom.is_free(*a));
             let limit = |axis: Axis| CLOSED * if axis.is_rotation() { 1.0 } else { size };
             let worst = |values: &nalgebra::Vector6<f64>| {
@@ -162,11 +180,19 @@ impl System {
             };
             if let Some((axis, residual)) = worst(&motion.displacement) {
                 let hinge = hinge.name.clone();
-                return Err(SystemError::Open { hinge, axis, residual });
+                return Err(SystemError::Open {
+                    hinge,
+                    axis,
+                    residual,
+                });
             }
             if let Some((axis, residual)) = worst(&motion.rate) {
                 let hinge = hinge.name.clone();
-                return Err(SystemError::Opening { hinge, axis, residual });
+                return Err(SystemError::Opening {
+                    hinge,
+                    axis,
+                    residual,
+                });
             }
         }
         Ok(())

@@ -213,9 +213,8 @@ impl SystemBuilder {
                     body: hinge.inner.clone(),
                 });
             }
-            let com = |body: Option<usize>| {
-                body.map_or(Vector3::zeros(), |b| self.bodies[b].inertia.com)
-            };
+            let com =
+                |body: Option<usize>| body.map_or(Vector3::zeros(), |b| self.bodies[b].inertia.com);
             joints.push(Joined {
                 inner,
                 outer,

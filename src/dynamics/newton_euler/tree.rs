@@ -35,8 +35,13 @@ fn builder(model: &Model, passive: bool) -> SystemBuilder {
         let (parent, body) = (model.joint_parent(j), &model.bodies()[j + 1]);
         let along_z = Pose::from_parts(Translation3::identity(), turned_to(&joint.axis));
         let (freedom, axis) = moves(joint.kind);
-        let mut hinge = Hinge::new(&joint.name, &model.bodies()[parent].name, &body.name, freedom)
-            .at(joint.X_PJ * along_z, along_z);
+        let mut hinge = Hinge::new(
+            &joint.name,
+            &model.bodies()[parent].name,
+            &body.name,
+            freedom,
+        )
+        .at(joint.X_PJ * along_z, along_z);
         if passive {
             let spring = &joint.spring;
             hinge = (hinge.spring(axis, spring.stiffness, spring.rest)).damper(axis, joint.damping);

@@ -24,13 +24,18 @@ fn needed(
     let mut qdd = acceleration.qdd.clone();
     workspace.accelerations(model, &state, input, &mut qdd);
     workspace.set_accelerations(&qdd);
-    let bodies = model.bodies().iter().zip(model.frames()).zip(&input.wrenches);
+    let bodies = model
+        .bodies()
+        .iter()
+        .zip(model.frames())
+        .zip(&input.wrenches);
     bodies
         .map(|((body, frame), given)| {
             let X = workspace.X_BF(frame);
             let (R, V, A) = (X.rotation, workspace.V_WF_B(frame), workspace.A_WF_B(frame));
             let (w, r) = (V.angular, R * body.inertia.com);
-            let force = (A.linear + A.angular.cross(&r) + w.cross(&w.cross(&r))) * body.inertia.mass;
+            let force =
+                (A.linear + A.angular.cross(&r) + w.cross(&w.cross(&r))) * body.inertia.mass;
             let I = R.matrix() * body.inertia.about_com * R.matrix().transpose();
             let torque = I * A.angular + w.cross(&(I * w)) + r.cross(&force);
             let given = Wrench::new(R * given.torque, R * given.force);
