@@ -32,11 +32,11 @@ impl MatrixMethod {
             B.fixed_rows_mut::<3>(3 * b).copy_from(&force);
             B.fixed_rows_mut::<3>(3 * n + 3 * b).copy_from(&torque);
         }
-        for (i, hinge) in system.hinges.iter().enumerate() {
+        for i in 0..m {
             for axis in Axis::ALL {
                 let k = axis.index();
                 let at = 6 * n + 3 * i + if axis.is_rotation() { 3 * m + k - 3 } else { k };
-                let free = hinge.freedom.is_free(axis);
+                let free = !system.holds(i, axis);
                 B[at] = if free {
                     self.hinge_efforts(i)[k]
                 } else {

@@ -113,7 +113,7 @@ pub enum SystemError {
     },
     /// Constraints repeat others, so the forces in them are not determined.
     #[error(
-        "hinge `{hinge}` is over-constrained: {axes} {verb} held by {others} already; free {them}, or allow redundant constraints",
+        "hinge `{hinge}` is over-constrained: {axes} {verb} held by {others} already; free {them}, or leave redundant constraints out",
         axes = list(axes), verb = if axes.len() == 1 { "is" } else { "are" },
         others = names(others), them = if axes.len() == 1 { "it" } else { "them" }
     )]

@@ -40,8 +40,8 @@ impl Load {
 /// The unknowns of TR-942 eq. (2.2.10), accelerations and constraint forces, are found together. The rows of
 /// the free axes, whose forces are known (2.2.5), are eliminated first; the others become `Gᵀ z = γ` in
 /// accelerations weighted by the roots of the masses, which an orthogonal factorization of `G` solves with the
-/// least deviation from the unconstrained accelerations (Gauss's principle), so that redundant and singular
-/// constraints need no special case.
+/// least deviation from the unconstrained accelerations (Gauss's principle). In a singular position, where
+/// constraints come to repeat others, the factorization finds the rank and leaves out what repeats.
 #[derive(Debug, Clone)]
 pub struct MatrixMethod {
     pub(super) bodies: Bodies,
@@ -60,12 +60,8 @@ pub struct MatrixMethod {
 impl MatrixMethod {
     /// Scratch for `system`.
     pub fn new(system: &System) -> Self {
-        let constrained: Vec<_> = (system.hinges.iter().enumerate())
-            .flat_map(|(i, h)| {
-                let axes = Axis::ALL.into_iter().filter(|a| !h.freedom.is_free(*a));
-                axes.map(move |a| (i, a))
-            })
-            .collect();
+        let axes = (0..system.hinges.len()).flat_map(|i| Axis::ALL.map(|axis| (i, axis)));
+        let constrained: Vec<_> = axes.filter(|(i, axis)| system.holds(*i, *axis)).collect();
         let rest = vec![0.0; system.state_len()];
         let (rows, columns) = (6 * system.bodies.len(), constrained.len());
         Self {
@@ -234,7 +230,10 @@ impl MatrixMethod {
         let mut largest = 0.0_f64;
         for (right, (i, axis)) in self.right.iter_mut().zip(&self.constrained) {
             *right = demand(&self.motions[*i], *i, axis.index());
-            largest = largest.max(right.abs());
+            // Not a number if one of them is not.
+            if right.abs().total_cmp(&largest).is_gt() {
+                largest = right.abs();
+            }
         }
         largest
     }

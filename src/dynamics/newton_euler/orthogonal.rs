@@ -58,8 +58,7 @@ impl Factors {
             let longest = (k..columns).max_by(|a, b| self.norms[*a].total_cmp(&self.norms[*b]));
             let pivot = longest.expect("k is below the number of columns");
             let norm = self.norms[pivot].sqrt();
-            // Also when it is not a number.
-            if !(norm > tolerance) {
+            if norm.is_nan() || norm <= tolerance {
                 break;
             }
             if pivot != k {

@@ -1,5 +1,7 @@
 //! Bringing a state back to the constraints.
 
+use std::cmp::Ordering;
+
 use super::{BodyState, MatrixMethod, System};
 use crate::spatial::exp_so3;
 
@@ -19,12 +21,14 @@ impl MatrixMethod {
         let mut gap = f64::INFINITY;
         for _ in 0..PASSES {
             self.set_motion(system, state);
-            let now = self.set_right(|motion, _, k| -motion.displacement[k]);
-            // Rounding: no nearer than the pass before.
-            if now >= gap || now == 0.0 {
+            let before = std::mem::replace(
+                &mut gap,
+                self.set_right(|motion, _, k| -motion.displacement[k]),
+            );
+            // Rounding is reached: no nearer than the pass before.
+            if gap == 0.0 || gap.partial_cmp(&before) != Some(Ordering::Less) {
                 break;
             }
-            gap = now;
             self.z.fill(0.0);
             self.constrain(system);
             for b in 0..system.bodies.len() {
@@ -37,17 +41,16 @@ impl MatrixMethod {
             }
         }
         self.set_motion(system, state);
-        let left = self.set_right(|motion, _, k| -motion.rate[k]);
-        if left > 0.0 {
-            self.z.fill(0.0);
-            self.constrain(system);
-            for b in 0..system.bodies.len() {
-                let change = self.bodies.motion(b, &self.z);
-                let mut at = BodyState::read(state, b);
-                at.v_WC_B += change.linear;
-                at.w_WB_B += change.angular;
-                at.write(state, b);
-            }
+        self.set_right(|motion, _, k| -motion.rate[k]);
+        self.z.fill(0.0);
+        self.constrain(system);
+        for b in 0..system.bodies.len() {
+            let change = self.bodies.motion(b, &self.z);
+            let mut at = BodyState::read(state, b);
+            at.Q_WB = at.R_WB().into_inner();
+            at.v_WC_B += change.linear;
+            at.w_WB_B += change.angular;
+            at.write(state, b);
         }
         gap
     }

@@ -36,8 +36,15 @@ impl System {
     /// # Errors
     /// [`SystemError`] if a start value names no hinge or no free axis or is not finite, if a hinge that
     /// closes a loop does not fit by more than 1e-9 or is torn open by the rates, or if constraints repeat
-    /// others and [`super::SystemBuilder::allow_redundant`] was not called.
+    /// others ([`System::leave_out_redundant`] leaves these out).
     pub fn assemble(&self, start: &Start) -> Result<Vec<f64>, SystemError> {
+        let state = self.closed(start)?;
+        self.check_independent(&state)?;
+        Ok(state)
+    }
+
+    /// A state with closed loops.
+    pub(super) fn closed(&self, start: &Start) -> Result<Vec<f64>, SystemError> {
         let mut position = vec![[0.0; 6]; self.hinges.len()];
         let mut rate = position.clone();
         for (name, axis, x, xd) in &start.values {
@@ -84,9 +91,6 @@ impl System {
             body.write(&mut state, b);
         }
         self.check_closed(&state)?;
-        if !self.allow_redundant {
-            self.check_independent(&state)?;
-        }
         Ok(state)
     }
 

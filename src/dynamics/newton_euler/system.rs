@@ -136,7 +136,6 @@ impl Hinge {
 pub struct SystemBuilder {
     bodies: Vec<Body>,
     hinges: Vec<Hinge>,
-    allow_redundant: bool,
     /// Whether principal moments may break the triangle inequality, as one of TR-942's own bodies does.
     pub(super) any_moments: bool,
 }
@@ -159,13 +158,6 @@ impl SystemBuilder {
     /// Adds a hinge. One whose bodies the hinges before it join already closes a loop.
     pub fn hinge(&mut self, hinge: Hinge) -> &mut Self {
         self.hinges.push(hinge);
-        self
-    }
-
-    /// Accepts constraints that repeat others, as those of a planar loop with four whole revolute hinges do.
-    /// Motion is determined all the same; of the forces that hold it, one possible set is reported.
-    pub fn allow_redundant(&mut self) -> &mut Self {
-        self.allow_redundant = true;
         self
     }
 
@@ -223,6 +215,7 @@ impl SystemBuilder {
                 R_BM: UnitQuaternion::from(hinge.X_BM.rotation),
                 R_BN: UnitQuaternion::from(hinge.X_BN.rotation),
                 closes_loop: false,
+                left_out: [false; 6],
             });
         }
         let tree = spanning_tree(&self.bodies, &mut joints)?;
@@ -231,7 +224,6 @@ impl SystemBuilder {
             hinges: self.hinges.clone(),
             joined: joints,
             tree,
-            allow_redundant: self.allow_redundant,
         })
     }
 }
@@ -308,6 +300,8 @@ pub(super) struct Joined {
     pub R_BM: UnitQuaternion<f64>,
     pub R_BN: UnitQuaternion<f64>,
     pub closes_loop: bool,
+    /// Constrained axes that other hinges hold.
+    pub left_out: [bool; 6],
 }
 
 /// A checked system of bodies and hinges of any topology.
@@ -318,7 +312,6 @@ pub struct System {
     pub(super) joined: Vec<Joined>,
     /// Hinges of the spanning tree, from inertial space outward.
     pub(super) tree: Vec<usize>,
-    pub(super) allow_redundant: bool,
 }
 
 impl System {
@@ -352,9 +345,15 @@ impl System {
         13 * self.bodies.len()
     }
 
-    /// Number of constraints, redundant ones included.
+    /// Number of constraints.
     pub fn constraints(&self) -> usize {
-        let constrained = |h: &Hinge| 6 - h.freedom.degrees();
-        self.hinges.iter().map(constrained).sum()
+        let of_hinge = |i| Axis::ALL.into_iter().filter(|a| self.holds(i, *a)).count();
+        (0..self.hinges.len()).map(of_hinge).sum()
+    }
+
+    /// Whether hinge `hinge` exerts a constraint force along or about `axis`: the axis is not free, and
+    /// [`System::leave_out_redundant`] has not left it out.
+    pub fn holds(&self, hinge: usize, axis: Axis) -> bool {
+        !self.hinges[hinge].freedom.is_free(axis) && !self.joined[hinge].left_out[axis.index()]
     }
 }

@@ -172,7 +172,7 @@ fn loops() {
     let open = start_refused(
         &triangle(in_plane),
         right_angle(tip + 0.01, 0.0),
-        "hinge `close` does not close its loop at the start: translation y is off by 1.414e-2 m",
+        "hinge `close` does not close its loop at the start: translation y is off by -1.414e-2 m",
     );
     let SystemError::Open { residual, .. } = open else {
         panic!("{open:?}")
@@ -201,7 +201,7 @@ fn loops() {
         &triangle(Freedom::REVOLUTE),
         right_angle(tip, 0.0),
         "hinge `close` is over-constrained: translation z, rotation x, rotation y are held by `arm`, `tip` \
-         already; free them, or allow redundant constraints",
+         already; free them, or leave redundant constraints out",
     );
     // Two hinges in the same place.
     let mut twice = pair();
@@ -214,7 +214,7 @@ fn loops() {
     start_refused(
         &twice,
         Start::new(),
-        "hinge `second` is over-constrained: rotation x is held by `arm` already; free it, or allow redundant \
-         constraints",
+        "hinge `second` is over-constrained: rotation x is held by `arm` already; free it, or leave redundant \
+         constraints out",
     );
 }

@@ -92,7 +92,7 @@ fn every_kind_of_hinge_keeps_energy_momentum_and_constraints() {
                 let k = axis.index();
                 let moved = (moved[k] - displaced[k]).abs();
                 if freedom.is_free(axis) {
-                    assert!(moved > 1e-3, "{freedom:?} does not move: {axis} {moved:e}");
+                    assert!(moved > 1e-5, "{freedom:?} does not move: {axis} {moved:e}");
                 } else {
                     assert!(moved < 1e-11, "{freedom:?} gives way: {axis} {moved:e}");
                 }
@@ -134,9 +134,6 @@ fn projection_closes_every_kind_of_hinge() {
         assert!((com(&state) - before).norm() < 1e-13);
         let moved = largest(state.iter().zip(&whole).map(|(a, b)| a - b));
         assert!(moved < 6e-3, "{freedom:?} {moved:e}");
-        assert!(
-            (BodyState::read(&state, 1).Q_WB.norm() - 1.0).abs() < 1e-13
-                || freedom == Freedom::FREE
-        );
+        assert!((BodyState::read(&state, 1).Q_WB.norm() - 1.0).abs() < 1e-13);
     }
 }

@@ -132,11 +132,8 @@ fn planar_four_bar_moves_as_its_own_equation_says() {
         damping: 0.2,
     };
     let [a, b, c] = mechanism.inertias;
-    let build = |closing: Freedom, redundant: bool| {
+    let build = |closing: Freedom| {
         let mut system = SystemBuilder::new();
-        if redundant {
-            system.allow_redundant();
-        }
         let z = Axis::RotationZ;
         let whole = Freedom::REVOLUTE;
         system
@@ -165,10 +162,12 @@ fn planar_four_bar_moves_as_its_own_equation_says() {
         .with("pivot", Axis::RotationZ, -at[2], -rate[2]);
     let expected = mechanism.integrate([x, xd], 1.5);
     let in_plane = Freedom::SPHERICAL.and(Axis::TranslationZ);
-    let (ours, rank) = simulate(&build(in_plane, false), &start, 1.5);
+    let (ours, rank) = simulate(&build(in_plane), &start, 1.5);
     assert_same(ours, expected);
     assert_eq!(rank, 17);
-    let (ours, rank) = simulate(&build(Freedom::REVOLUTE, true), &start, 1.5);
+    let mut whole = build(Freedom::REVOLUTE);
+    assert_eq!(whole.leave_out_redundant(&start).unwrap().len(), 3);
+    let (ours, rank) = simulate(&whole, &start, 1.5);
     assert_same(ours, expected);
     assert_eq!(rank, 17);
 }
@@ -201,11 +200,8 @@ fn bennett_s_linkage_moves_as_its_own_equation_says() {
         damping: 0.2,
     };
     let [one, two, three] = mechanism.inertias;
-    let build = |closing: Freedom, redundant: bool| {
+    let build = |closing: Freedom| {
         let mut system = SystemBuilder::new();
-        if redundant {
-            system.allow_redundant();
-        }
         let z = Axis::RotationZ;
         let whole = Freedom::REVOLUTE;
         let start = Pose::identity();
@@ -231,18 +227,18 @@ fn bennett_s_linkage_moves_as_its_own_equation_says() {
         .with("2", Axis::RotationZ, second(x), turning)
         .with("3", Axis::RotationZ, -x, -xd);
     let expected = mechanism.integrate([x, xd], 1.0);
-    let (ours, rank) = simulate(&build(Freedom::REVOLUTE, true), &start, 1.0);
+    let mut whole = build(Freedom::REVOLUTE);
+    assert_eq!(whole.leave_out_redundant(&start).unwrap().len(), 3);
+    let (ours, rank) = simulate(&whole, &start, 1.0);
     assert_same(ours, expected);
     assert_eq!(rank, 17);
     // A ball in a groove holds the two things that three revolute hinges leave open.
     let groove = Freedom::SPHERICAL.and(Axis::TranslationZ);
-    let (ours, rank) = simulate(&build(groove, false), &start, 1.0);
+    let (ours, rank) = simulate(&build(groove), &start, 1.0);
     assert_same(ours, expected);
     assert_eq!(rank, 17);
     // As a ball alone it holds one thing twice.
-    let ball = build(Freedom::SPHERICAL, false)
-        .assemble(&start)
-        .unwrap_err();
+    let ball = build(Freedom::SPHERICAL).assemble(&start).unwrap_err();
     assert!(
         ball.to_string().contains("hinge `4` is over-constrained"),
         "{ball}"
