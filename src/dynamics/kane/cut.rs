@@ -4,6 +4,7 @@ use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::CutError;
 use super::bodies::KaneBody;
+use super::pairing::Pairing;
 use crate::model::Model;
 use crate::spatial::{Pose, Twist, Wrench};
 
@@ -44,41 +45,36 @@ impl Cut {
     /// Checks `hinges` against `model`.
     pub(super) fn all(model: &Model, hinges: &[CutHinge]) -> Result<Vec<Self>, CutError> {
         let mut cuts = Vec::with_capacity(hinges.len());
-        let mut on_a_loop = vec![false; model.bodies().len()];
-        let mut constraints = 0;
+        let mut pairing = Pairing::new(model.bodies().len());
         for (cut, hinge) in hinges.iter().enumerate() {
             check_ends(model, cut, hinge)?;
             let [k_path, l_path] = paths(model, hinge.body_k, hinge.body_l);
-            let own =
-                directions(&hinge.translations).count() + directions(&hinge.rotations).count();
-            if own == 0 {
-                return Err(CutError::Unconstrained { cut });
-            }
-            let hinges = k_path.len() + l_path.len();
-            if own > hinges {
-                return Err(CutError::OverConstrained {
-                    cut,
-                    constraints: own,
-                    hinges,
-                });
-            }
-            for &k in k_path.iter().chain(&l_path) {
-                on_a_loop[k] = true;
-            }
-            cuts.push(Self {
+            let compiled = Self {
                 hinge: hinge.clone(),
-                first: constraints,
+                first: pairing.count(),
                 k_path,
                 l_path,
-            });
-            constraints += own;
-        }
-        let hinges = on_a_loop.iter().filter(|&&on| on).count();
-        if constraints > hinges {
-            return Err(CutError::TooManyConstraints {
-                constraints,
-                hinges,
-            });
+            };
+            if compiled.count() == 0 {
+                return Err(CutError::Unconstrained { cut });
+            }
+            let on_loop: Vec<_> =
+                (compiled.k_path.iter().chain(&compiled.l_path).copied()).collect();
+            // A hinge that slides turns nothing.
+            let mut turning = on_loop.clone();
+            turning.retain(|&k| model.joints()[k - 1].kind.is_rotational());
+            let translations = directions(&hinge.translations).map(|_| &on_loop);
+            let rotations = directions(&hinge.rotations).map(|_| &turning);
+            for movers in translations.chain(rotations) {
+                if let Err(hinges) = pairing.add(movers.clone()) {
+                    return Err(CutError::OverConstrained {
+                        cut,
+                        constraints: hinges + 1,
+                        hinges,
+                    });
+                }
+            }
+            cuts.push(compiled);
         }
         Ok(cuts)
     }
@@ -88,8 +84,8 @@ impl Cut {
         directions(&self.hinge.translations).count() + directions(&self.hinge.rotations).count()
     }
 
-    /// Writes its columns of `G = -H` (2.3.43), rows of the hinges from `row` on, and its entries of `Ġᵀ u`
-    /// (2.3.47), whose sign the print has lost.
+    /// Writes its columns of `G = -H` (2.3.43), rows of the hinges from `row` on, and its entries of `Ġᵀ u`:
+    /// (2.3.47), which as printed is that and not `Ḣᵀ u`.
     ///
     /// A direction that is free while another is constrained makes a slot, in which (2.3.40) as printed is not
     /// enough: the point of body `k` is here the one where body `l`'s end is, which is the printed one

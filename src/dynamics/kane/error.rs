@@ -37,28 +37,17 @@ pub enum CutError {
         /// The name of the body whose frame it is.
         body: String,
     },
-    /// The loop's own hinges cannot meet so many constraints.
+    /// The hinges cannot meet so many constraints, of this cut alone or together with those before it.
     #[error(
-        "cut {cut} constrains {constraints} directions, but its loop has only {hinges} hinges besides; \
-         leave out directions that the hinges never move in"
+        "cut {cut} over-constrains its loop: {hinges} hinges cannot meet {constraints} constrained directions; \
+         leave out directions in which those hinges never move"
     )]
     OverConstrained {
         /// The cut.
         cut: usize,
-        /// Constrained directions.
+        /// As many constrained directions as are too many (there may be more).
         constraints: usize,
-        /// Hinges on the loop, the cut not counted.
-        hinges: usize,
-    },
-    /// All loops together have fewer hinges than constraints.
-    #[error(
-        "{constraints} constrained directions in all cuts, but their loops have only {hinges} hinges besides; \
-         leave out directions that the hinges never move in"
-    )]
-    TooManyConstraints {
-        /// Constrained directions of all cuts.
-        constraints: usize,
-        /// Hinges on at least one loop.
+        /// All the hinges that they move with.
         hinges: usize,
     },
 }

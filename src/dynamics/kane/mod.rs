@@ -1,5 +1,4 @@
-//! Kane's method: Yamada et al., 多剛体システムの定式化と数値シミュレーション (formulation and simulation of multibody
-//! systems), Technical Report of National Aerospace Laboratory TR-942, 1987, section 2.3.
+//! Kane's method as in TR-942, section 2.3.
 //!
 //! An independent witness for the reduced form of [`Workspace`](super::Workspace): it carries the base's
 //! twist instead of momentum, solves for all `6 + n` accelerations at once, and shares no code with it.
@@ -8,6 +7,7 @@ mod bodies;
 mod cut;
 mod equations;
 mod error;
+mod pairing;
 
 use nalgebra::{DMatrix, DVector};
 
@@ -97,7 +97,7 @@ pub enum BaseSpeed {
 impl Kane {
     /// For a tree.
     pub fn new(model: &Model) -> Self {
-        Self::assemble(model, Vec::new(), BaseSpeed::default())
+        Self::assemble(KaneBody::all(model), Vec::new(), BaseSpeed::default())
     }
 
     /// For a tree whose loops are closed by `cuts`. Motion given to it must satisfy their constraints; it
@@ -105,26 +105,28 @@ impl Kane {
     ///
     /// # Errors
     /// [`CutError`] for a cut that constrains nothing, names a missing body or one body twice, is not finite,
-    /// or constrains more directions than there are hinges on its loop.
+    /// or constrains more directions than the hinges of the loops can meet.
     pub fn with_cuts(model: &Model, cuts: &[CutHinge]) -> Result<Self, CutError> {
         let cuts = Cut::all(model, cuts)?;
-        Ok(Self::assemble(model, cuts, BaseSpeed::default()))
+        let bodies = KaneBody::all(model);
+        Ok(Self::assemble(bodies, cuts, BaseSpeed::default()))
     }
 
     /// The same with another generalized speed for the translation.
-    pub fn with_base_speed(self, model: &Model, speed: BaseSpeed) -> Self {
-        Self::assemble(model, self.cuts, speed)
+    pub fn with_base_speed(self, speed: BaseSpeed) -> Self {
+        Self::assemble(self.bodies, self.cuts, speed)
     }
 
-    fn assemble(model: &Model, cuts: Vec<Cut>, speed: BaseSpeed) -> Self {
-        let size = match speed {
-            BaseSpeed::MainBody => 6 + model.dof(),
-            BaseSpeed::SystemCom => 3 + model.dof(),
+    fn assemble(bodies: Vec<KaneBody>, cuts: Vec<Cut>, speed: BaseSpeed) -> Self {
+        let base = match speed {
+            BaseSpeed::MainBody => 6,
+            BaseSpeed::SystemCom => 3,
         };
+        let size = base + bodies.len() - 1;
         let constraints = cuts.iter().map(Cut::count).sum();
         Self {
             speed,
-            bodies: KaneBody::all(model),
+            bodies,
             cuts,
             M: DMatrix::zeros(size, size),
             speeds: DVector::zeros(size),

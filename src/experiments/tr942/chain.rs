@@ -53,7 +53,7 @@ pub fn model() -> Model {
     let turned = Matrix3::new(-1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, -1.0, 0.0);
     let turned = Rotation3::from_matrix_unchecked(turned);
     let base = body(200.0, [100.0; 3], [0.0; 3]);
-    let mut robot = ModelBuilder::new("tr942_chain", "body1", base);
+    let mut robot = ModelBuilder::new("tr942_chain", "base_link", base);
     let straight = Rotation3::identity();
     for (number, d, R, control, inertia) in [
         (

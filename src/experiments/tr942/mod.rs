@@ -1,6 +1,5 @@
 //! The two examples of TR-942, chapter 3: what was simulated, and what was printed.
 //!
-//! Yamada et al., 多剛体システムの定式化と数値シミュレーション, Technical Report of National Aerospace Laboratory TR-942, 1987.
 //! The figures that define the body frames do not survive in the text; the frames here were found by search, and
 //! give the printed numbers. Where the table has rounded multiples of a degree, the exact ones stand.
 

@@ -228,7 +228,7 @@ pub fn model() -> Model {
         )
     };
     let free = [0.0; 2];
-    let mut robot = ModelBuilder::new("tr942_pantograph", "body1", base);
+    let mut robot = ModelBuilder::new("tr942_pantograph", "base_link", base);
     let carriage = robot.joint(
         "carriage2",
         0,

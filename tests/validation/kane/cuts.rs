@@ -166,7 +166,7 @@ proptest! {
         input.efforts[0] = effort;
         input.wrenches[7] = Wrench::new(torque, force);
         for speed in [BaseSpeed::MainBody, BaseSpeed::SystemCom] {
-            let mut kane = Kane::with_cuts(&open, std::slice::from_ref(&hinge)).unwrap().with_base_speed(&open, speed);
+            let mut kane = Kane::with_cuts(&open, std::slice::from_ref(&hinge)).unwrap().with_base_speed(speed);
             let mut out = TreeAcceleration::zero(&open);
             kane.accelerations(&open, &motion, &input, &mut out);
             let base = of_tree.A_WF_B(&tree.frames()[0]);
@@ -182,6 +182,16 @@ proptest! {
                 prop_assert!((ours - theirs).angular.norm() < 1e-10 * size, "{} {}", ours.angular, theirs.angular);
             }
             prop_assert!((out.qdd[0] - expected.qdd[0]).abs() < 1e-10 * (1.0 + expected.qdd.norm()));
+
+            // Nothing opens but the free direction, and that at the elbow's rate.
+            let opening = kane.cut_velocity(0);
+            let along = Vector3::z() * if hinge.body_k == 1 { qd[1] } else { -qd[1] };
+            let free = if robot.kind == JointKind::Prismatic {
+                Twist::new(Vector3::zeros(), along)
+            } else {
+                Twist::new(along, Vector3::zeros())
+            };
+            prop_assert!((opening - free).linear.norm() < 1e-12 && (opening - free).angular.norm() < 1e-12);
 
             // The same wrench by hand, without any cut.
             let (k, l) = (hinge.body_k, hinge.body_l);
@@ -265,24 +275,49 @@ fn cuts_that_cannot_be_are_refused_in_one_line() {
         }
     );
     // A pin in space takes 5 directions, but 3 hinges in a plane can only give it 2.
+    let over = |hinges| CutError::OverConstrained {
+        cut: 1,
+        constraints: hinges + 1,
+        hinges,
+    };
     let pin = CutHinge {
         translations: [true; 3],
         rotations: [true, true, false],
         ..good.clone()
     };
     assert_eq!(
-        said(&[pin]),
-        CutError::OverConstrained {
-            cut: 0,
-            constraints: 5,
-            hinges: 3
-        }
+        said(std::slice::from_ref(&pin)).to_string(),
+        "cut 0 over-constrains its loop: 3 hinges cannot meet 4 constrained directions; \
+         leave out directions in which those hinges never move"
     );
+    // The same hinges cannot meet the same constraints twice.
+    assert_eq!(said(&[good.clone(), good.clone()]), over(3));
+    // Arms that slide do not turn: hinges enough, but none for the rotation.
+    let mut robot = ModelBuilder::new("sliding", "base_link", ball);
+    for (name, axis) in [("x", Vector3::x_axis()), ("y", Vector3::y_axis())] {
+        let parent = usize::from(name == "y");
+        robot.body(
+            name,
+            parent,
+            JointKind::Prismatic,
+            axis,
+            Pose::identity(),
+            ball,
+        );
+    }
+    let model = robot.build();
+    let one = CutHinge {
+        body_l: 2,
+        translations: [true, false, false],
+        ..good.clone()
+    };
+    let turned = CutHinge {
+        translations: [false; 3],
+        rotations: [false, false, true],
+        ..one.clone()
+    };
     assert_eq!(
-        said(&[good.clone(), good]),
-        CutError::TooManyConstraints {
-            constraints: 4,
-            hinges: 3
-        }
+        Kane::with_cuts(&model, &[one, turned]).unwrap_err(),
+        over(0)
     );
 }

@@ -161,6 +161,15 @@ fn pantograph_follows_the_exact_branch_before_it_is_stretched() {
         assert!(off <= 1e-12, "{off:e} at {} s", row.time);
         let off = worst(&[run.qd()[1], run.qd()[0]], row.rate);
         assert!(off <= 1e-12, "{off:e} /s at {} s", row.time);
+        let (momentum, scale) = run.momentum();
+        assert!(
+            momentum.linear.norm() <= 1e-12 * (1.0 + scale.0),
+            "{momentum:?}"
+        );
+        assert!(
+            momentum.angular.norm() <= 1e-12 * (1.0 + scale.1),
+            "{momentum:?}"
+        );
     }
 }
 
