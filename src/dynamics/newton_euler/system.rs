@@ -27,7 +27,8 @@ pub struct Body {
 /// that the two frames share. Two free rotations are those of a Hooke joint: TR-942 eq. (2.2.4) constrains the
 /// third component of the relative angular velocity along M's axes, which for two free rotations cannot be
 /// integrated to a position; here the third direction is perpendicular to the free two. Three free rotations
-/// are measured by the rotation vector.
+/// are measured by the rotation vector, about whose components springs turn; these store energy if all three are
+/// equally stiff.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Hinge {
     /// Name, unique among hinges.
