@@ -9,7 +9,7 @@ use super::{Axis, BodyState, System};
 use crate::spatial::{Twist, Wrench};
 
 /// Constraints count as repeating others where less than this is left of them beside those.
-const INDEPENDENT: f64 = 1e-8;
+const TOLERANCE: f64 = 1e-8;
 
 /// What acts on a system, beside springs and dampers.
 #[derive(Debug, Clone, PartialEq)]
@@ -50,6 +50,7 @@ pub struct MatrixMethod {
     constrained: Vec<(usize, Axis)>,
     lengths: Vec<f64>,
     columns: Factors,
+    tolerance: f64,
     /// Weighted accelerations, linear and angular of each body in turn.
     pub(super) z: Vec<f64>,
     right: Vec<f64>,
@@ -72,11 +73,21 @@ impl MatrixMethod {
             constrained,
             lengths: vec![0.0; columns],
             columns: Factors::new(rows, columns),
+            tolerance: TOLERANCE,
             z: vec![0.0; rows],
             right: vec![0.0; columns],
             pivoted: vec![0.0; rows.max(columns)],
             efforts: vec![[0.0; 6]; system.hinges.len()],
         }
+    }
+
+    /// Leaves out constraints of which less than `tolerance` is left beside others, as a share of their length in the
+    /// measure of the masses; 1e-8 unless this is called. A system that passes singular positions needs 1e-5 to 1e-4, the more the faster:
+    /// within a step loops are open by a little, and near such a position constraints that should agree then
+    /// contradict each other. A light body between heavy ones needs less than the root of the ratio of masses.
+    pub fn with_tolerance(mut self, tolerance: f64) -> Self {
+        self.tolerance = tolerance;
+        self
     }
 
     /// Accelerations of all bodies and forces in all hinges, under `load`, of a system in `state`.
@@ -242,7 +253,7 @@ impl MatrixMethod {
     /// constraint that repeats others is left out and has none.
     pub(super) fn constrain(&mut self, system: &System) {
         self.set_columns(system);
-        self.columns.factor(INDEPENDENT);
+        self.columns.factor(self.tolerance);
         let (rank, order) = (self.columns.rank, &self.columns.order);
         let pivoted = &mut self.pivoted[..rank];
         for (pivoted, j) in pivoted.iter_mut().zip(order) {

@@ -28,7 +28,7 @@ impl System {
         &mut self,
         start: &Start,
     ) -> Result<Vec<(usize, Axis)>, SystemError> {
-        let state = self.closed(start)?;
+        let state = self.assemble_singular(start)?;
         let repeated = self.repeated(&state);
         for r in &repeated {
             self.joined[r.hinge].left_out[r.axis.index()] = true;

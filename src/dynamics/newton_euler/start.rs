@@ -36,15 +36,20 @@ impl System {
     /// # Errors
     /// [`SystemError`] if a start value names no hinge or no free axis or is not finite, if a hinge that
     /// closes a loop does not fit by more than 1e-9 or is torn open by the rates, or if constraints repeat
-    /// others ([`System::leave_out_redundant`] leaves these out).
+    /// others ([`System::leave_out_redundant`] leaves these out, [`System::assemble_singular`] lets them be).
     pub fn assemble(&self, start: &Start) -> Result<Vec<f64>, SystemError> {
-        let state = self.closed(start)?;
+        let state = self.assemble_singular(start)?;
         self.check_independent(&state)?;
         Ok(state)
     }
 
-    /// A state with closed loops.
-    pub(super) fn closed(&self, start: &Start) -> Result<Vec<f64>, SystemError> {
+    /// [`System::assemble`] for a start in a singular position, such as a stretched linkage, where constraints
+    /// repeat others that do not elsewhere. Forces are not determined there. Such a motion needs
+    /// [`super::MatrixMethod::with_tolerance`], and [`super::MatrixMethod::project`] after every step.
+    ///
+    /// # Errors
+    /// As [`System::assemble`], but for redundancy.
+    pub fn assemble_singular(&self, start: &Start) -> Result<Vec<f64>, SystemError> {
         let mut position = vec![[0.0; 6]; self.hinges.len()];
         let mut rate = position.clone();
         for (name, axis, x, xd) in &start.values {

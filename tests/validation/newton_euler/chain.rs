@@ -75,8 +75,8 @@ fn smaller_steps_converge_to_the_exact_solution() {
 /// exchange some 20 N s.
 #[test]
 fn momentum_stays_zero_at_small_steps() {
-    let (angles, momentum) = run(&Tableau::DOP8, 0.01, false);
+    let (angles, momentum) = run(&Tableau::DOP8, 0.008, false);
     assert!(momentum < 1e-12, "{momentum:e}");
     let off = worst(&angles, &chain::CONVERGED);
-    assert!(off < 5e-12, "{off:e}");
+    assert!(off < 2e-12, "{off:e}");
 }

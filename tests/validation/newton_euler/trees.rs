@@ -75,7 +75,7 @@ proptest! {
         matrix.accelerations(&model, &motion, &input, &mut out);
         let expected = reduced_form(&model, &motion, &input);
         let off = difference(&out, &expected);
-        prop_assert!(off < 1e-11, "{:e}", off);
+        prop_assert!(off < 1e-13, "{:e}", off);
         prop_assert_eq!(matrix.method().rank(), 5 * n);
 
         let bodies = needed(&model, &motion, &input, &expected);
@@ -93,7 +93,7 @@ proptest! {
             let ours = matrix.method().hinge_wrench(matrix.system(), j + 1);
             let off = Wrench::new(R_0M * ours.torque, R_0M * ours.force) - sum;
             let off = (off.force.norm() + off.torque.norm()) / size;
-            prop_assert!(off < 1e-10, "{}: {:e}", hinge.name, off);
+            prop_assert!(off < 1e-12, "{}: {:e}", hinge.name, off);
         }
     }
 }
