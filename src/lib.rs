@@ -14,7 +14,7 @@
 //! | [`control`], [`vision`] | control laws; what a camera on the moving base measures | |
 //! | `msg`, `ros`, `bag` | ROS 2 messages; nodes over DDS; rosbag2 recordings | `ros` |
 //! | `nodes` | dynamics, camera, controller and recorder as ROS 2 nodes | `ros` |
-//! | `experiments` | closed loops without DDS; what recorded runs show | `ros` |
+//! | `experiments` | closed loops without DDS; what recorded runs show; published examples | `ros`, the last without |
 //! | `cli` | the command line | `ros` |
 //!
 //! # Features
