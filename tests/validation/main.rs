@@ -9,9 +9,11 @@ mod free_body;
 mod free_body_closed_form;
 mod generalized_jacobian;
 mod masutani1995;
+mod kane;
 mod no_allocation;
 #[cfg(feature = "ros")]
 mod pinocchio;
 mod positioning;
 mod random_trees;
 mod tumbling_sweep;
+mod trees;
