@@ -9,7 +9,6 @@ pub mod errors;
 pub mod free_body;
 pub mod masutani1995;
 mod motion;
-pub mod sweep;
 mod tracks;
 pub mod two_view;
 

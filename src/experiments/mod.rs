@@ -4,6 +4,7 @@ mod bag_check;
 mod bag_plot;
 mod chart;
 mod closed_loop;
+pub mod masutani_ch3;
 mod performance;
 mod recorded;
 mod recorded_physics;

@@ -8,12 +8,12 @@ mod fixtures;
 mod free_body;
 mod free_body_closed_form;
 mod generalized_jacobian;
-mod masutani1995;
 mod kane;
+mod masutani1995;
+mod masutani_ch3;
 mod no_allocation;
 #[cfg(feature = "ros")]
 mod pinocchio;
 mod positioning;
 mod random_trees;
-mod tumbling_sweep;
 mod trees;

@@ -2,7 +2,7 @@
 //! the errors that an independent implementation of the same method makes.
 
 use fuyu::estimation::MotionModel;
-use fuyu::estimation::sweep::{
+use fuyu::experiments::masutani_ch3::{
     Cell, CellErrors, Condition, ModelTable, TABLE_3_2, TABLE_3_3, TABLE_3_5, cell, grid,
     in_parallel, points,
 };
