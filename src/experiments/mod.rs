@@ -4,6 +4,7 @@ mod bag_check;
 mod bag_plot;
 mod chart;
 mod closed_loop;
+pub mod masutani_ch3;
 mod observations;
 mod performance;
 mod recorded;

@@ -285,7 +285,8 @@ mod tests {
             ..ideal()
         };
         let off = deviations(noisy.clone(), 300);
-        let (near, far): (Vec<_>, Vec<_>) = off.iter().partition(|d| d[0].hypot(d[1]) < 3.0);
+        let is_near = |d: &&[f64; 2]| d[0].hypot(d[1]) < 3.0;
+        let (near, far): (Vec<&[f64; 2]>, Vec<_>) = off.iter().partition(is_near);
         let share = far.len() as f64 / off.len() as f64;
         assert!((share - 0.1).abs() < 0.012, "{share}");
         let rms =

@@ -12,6 +12,7 @@ mod generalized_jacobian;
 mod kane;
 mod masutani1995;
 mod newton_euler;
+mod masutani_ch3;
 mod no_allocation;
 #[cfg(feature = "ros")]
 mod pinocchio;
