@@ -6,7 +6,7 @@
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::adjust::{Motion, Placement};
-use super::free_motion::{FreeMotion, PARAMETERS, Sensitivity, shape_of};
+use super::free_motion::{FreeMotion, PARAMETERS, SHAPE_SPREAD, Sensitivity, shape_of};
 use super::free_placements::{FOCAL_SPREAD, HELD};
 
 /// Common unknowns: those of the motion, and the focal length.
@@ -81,12 +81,12 @@ impl Motion<3, COMMON> for Tumbling<'_> {
         })
     }
 
-    /// Shapes are spherical give or take the sphere's own size: this decides where the images do not.
+    /// Shapes are spherical, give or take [`SHAPE_SPREAD`]: this decides where the images do not.
     fn prior(&self) -> (SVector<f64, COMMON>, SVector<f64, COMMON>) {
         let (mut weights, mut distance) = (SVector::zeros(), SVector::zeros());
         let shape = shape_of(&self.motion.inertia);
         for k in 0..5 {
-            weights[k] = self.noise * self.noise;
+            weights[k] = (self.noise / SHAPE_SPREAD).powi(2);
             distance[k] = shape[k];
         }
         weights[PARAMETERS] = if self.focal_free {
