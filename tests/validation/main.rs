@@ -20,4 +20,3 @@ mod positioning;
 mod random_trees;
 mod trees;
 mod tumbling;
-mod tumbling_sweep;

@@ -25,55 +25,73 @@ const DOUBLINGS: i32 = 3;
 /// Segments that are sought.
 const SEGMENTS: usize = 6;
 
+/// Tracks that last fewer frames on average rarely build a structure.
+const SHORT_TRACK: usize = 6;
+
+/// Below this angle between angular velocity and momentum \[rad\] it is asked whether there is any.
+const SLIGHT_NUTATION: f64 = 0.05;
+
+/// By how much a shape must lower the cost (in units of the noise) to be believed rather than a sphere: its five
+/// parameters lower it by 2.5 if there is nothing to see.
+const WORTH: f64 = 20.0;
+
 pub(super) fn solve(
     tracks: &Tracks,
     camera: &Pinhole,
     options: &Options,
 ) -> Result<Solution, EstimateError> {
     let lookup = options.camera_motion.lookup();
-    let frames = Frames::new(
-        tracks,
-        camera,
-        options.points_per_frame.max(MIN_POINTS),
-        lookup,
-    );
+    let frames = Frames::new(tracks, camera, options.points_per_frame.max(MIN_POINTS), lookup);
     check(&frames, options)?;
     let mut best: Option<Adjusted> = None;
-    let mut failure = None;
-    for doubling in 0..=DOUBLINGS {
+    let mut placed = 0;
+    let sights: usize = frames.list.iter().map(|f| f.sights.len()).sum();
+    let lasting = sights >= SHORT_TRACK * frames.ids.len();
+    let methods = [Method::Structure, Method::RelativeRotation];
+    let levels = |method| (0..=DOUBLINGS).map(move |doubling| (method, doubling));
+    for (method, doubling) in methods.into_iter().flat_map(levels) {
+        if method == Method::Structure && !lasting && doubling > 0 {
+            continue;
+        }
         let settings = Settings {
             noise: options.pixel_noise.max(1e-3) * f64::from(1 << doubling),
             focal_free: options.estimate_focal_length,
         };
-        match attempt(frames.clone(), &settings, options) {
-            Ok(found) => {
-                // Tracks noisier than assumed lose many good points as if they were wrong.
-                let done = found.residuals.outliers < 0.3;
-                let better =
-                    (best.as_ref()).is_none_or(|b| found.residuals.outliers < b.residuals.outliers);
-                if better {
-                    best = Some(found);
-                }
-                if done {
-                    break;
-                }
-            }
-            Err(error) => {
-                failure.get_or_insert(error);
-            }
+        let mut rng = StdRng::seed_from_u64(options.seed);
+        let frames = frames.clone();
+        let found = match method {
+            Method::Structure => from_structure(frames, &settings, &mut rng, &mut placed),
+            Method::RelativeRotation => relative_rotation_fit(&frames, settings.noise, &mut rng)
+                .and_then(|motion| dynamic(frames, motion, &[], &[], &settings)),
+        };
+        let Some(found) = found else { continue };
+        // Tracks noisier than assumed lose many good points as if they were wrong.
+        let done = found.residuals.outliers < 0.3;
+        let better = |b: &Adjusted| found.residuals.outliers < b.residuals.outliers;
+        if best.as_ref().is_none_or(better) {
+            best = Some(found);
+        }
+        if done {
+            break;
         }
     }
-    match (best, failure) {
-        (Some(best), _) if best.residuals.outliers < 0.5 => best.finish(camera, options),
-        (Some(best), _) => Err(EstimateError::NotFree {
+    match best {
+        Some(best) if best.residuals.outliers < 0.5 => best.finish(camera, options),
+        Some(best) if 3 * placed >= frames.list.len() => Err(EstimateError::NotFree {
             rms: best.residuals.rms,
         }),
-        (None, Some(error)) => Err(error),
-        (None, None) => Err(EstimateError::NotRigid {
-            placed: 0,
+        _ => Err(EstimateError::NotRigid {
+            placed,
             frames: frames.list.len(),
         }),
     }
+}
+
+/// Where the motion comes from that the dynamic adjustment starts with.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Method {
+    Structure,
+    RelativeRotation,
 }
 
 /// Refuses what cannot succeed, and says why.
@@ -94,11 +112,7 @@ fn check(frames: &Frames, options: &Options) -> Result<(), EstimateError> {
             need: MIN_POINTS,
         });
     }
-    if frames
-        .list
-        .iter()
-        .all(|f| on_a_line(f.sights.iter().map(|s| s.pixel)))
-    {
+    if frames.list.iter().all(|f| on_a_line(f.sights.iter().map(|s| s.pixel))) {
         return Err(EstimateError::Collinear);
     }
     let mut first: Vec<Option<Vector2<f64>>> = vec![None; frames.ids.len()];
@@ -128,30 +142,21 @@ fn on_a_line(points: impl Iterator<Item = Vector2<f64>> + Clone) -> bool {
     eigenvalues.min() <= (4e-3f64).powi(2) * eigenvalues.max()
 }
 
-/// One pass through all stages with one belief about the noise.
-fn attempt(
+/// The solution that starts from structure; `placed` is told how many frames that placed.
+fn from_structure(
     mut frames: Frames,
     settings: &Settings,
-    options: &Options,
-) -> Result<Adjusted, EstimateError> {
-    let mut rng = StdRng::seed_from_u64(options.seed);
-    let segments = segments(&mut frames, settings, &mut rng);
-    let placed: usize = segments.iter().map(Segment::placed).sum();
-    let not_rigid = EstimateError::NotRigid {
-        placed,
-        frames: frames.list.len(),
-    };
-    let from_structure = (3 * placed >= frames.list.len())
-        .then(|| motion_of_segments(&frames, &segments))
-        .flatten()
-        .and_then(|(motion, turns)| dynamic(frames.clone(), motion, &segments, &turns, settings));
-    let good = |a: &Adjusted| a.residuals.outliers < 0.3;
-    if let Some(found) = from_structure.filter(good) {
-        return Ok(found);
+    rng: &mut StdRng,
+    placed: &mut usize,
+) -> Option<Adjusted> {
+    let segments = segments(&mut frames, settings, rng);
+    let count: usize = segments.iter().map(Segment::placed).sum();
+    *placed = count.max(*placed);
+    if 3 * count < frames.list.len() {
+        return None;
     }
-    let motion =
-        relative_rotation_fit(&frames, settings.noise, &mut rng).ok_or(not_rigid.clone())?;
-    dynamic(frames, motion, &[], &[], settings).ok_or(not_rigid)
+    let (motion, turns) = motion_of_segments(&frames, &segments)?;
+    dynamic(frames, motion, &segments, &turns, settings)
 }
 
 /// Parts of the frames that could be reconstructed, the largest first.
@@ -185,10 +190,7 @@ fn motion_of_segments(
         })
     };
     let all = 0..frames.list.len();
-    let series: Vec<Attitude> = all
-        .clone()
-        .filter_map(|i| attitude(segments.first()?, i))
-        .collect();
+    let series: Vec<Attitude> = all.clone().filter_map(|i| attitude(segments.first()?, i)).collect();
     let start = momentum_start(&rates(&series))?;
     let samples: Vec<Sample> = all
         .filter_map(|i| {
@@ -246,10 +248,7 @@ fn dynamic(
     let (point_of, position_of) = known;
     let chosen: Vec<usize> = (0..frames.list.len())
         .filter(|&i| {
-            let marks = frames.list[i]
-                .sights
-                .iter()
-                .filter(|s| point_of[s.track].is_some());
+            let marks = frames.list[i].sights.iter().filter(|s| point_of[s.track].is_some());
             position_of[i].is_some() && marks.count() >= 2
         })
         .collect();
@@ -281,6 +280,22 @@ fn dynamic(
         adjust(&scene, &mut tumbling, &mut points, &effort)?;
     }
     let residuals = residuals?;
+    if tumbling.nutation() < SLIGHT_NUTATION
+        && let Some(mut sphere) = tumbling.spherical()
+    {
+        let effort = Effort {
+            huber: 4.0 * settings.noise,
+            steps: 10,
+            tolerance: 1e-7,
+        };
+        let mut placed = points.clone();
+        let with_shape = adjust(&scene, &mut tumbling, &mut points, &Effort { steps: 1, ..effort })?;
+        let without = adjust(&scene, &mut sphere, &mut placed, &effort);
+        let worth = WORTH * residuals.deviation.powi(2);
+        if without.is_some_and(|o| o.cost < with_shape.cost + worth) {
+            (tumbling, points) = (sphere, placed);
+        }
+    }
     let Tumbling {
         motion,
         t_C,
@@ -317,9 +332,7 @@ fn carried_over(
     let position = |i: usize| {
         let known = |s: &super::frames::Sight| Some((points[s.track]?, s.pixel));
         let marks: Vec<Mark> = frames.list[i].sights.iter().filter_map(known).collect();
-        (marks.len() >= 2)
-            .then(|| translation(&focal, &marks, &attitudes[i]))
-            .flatten()
+        (marks.len() >= 2).then(|| translation(&focal, &marks, &attitudes[i])).flatten()
     };
     let positions: Vec<_> = (0..frames.list.len()).map(position).collect();
     let mut missing: Vec<Vec<_>> = vec![Vec::new(); frames.ids.len()];
@@ -342,9 +355,7 @@ fn from_rotations(
     attitudes: &[UnitQuaternion<f64>],
     settings: &Settings,
 ) -> Option<Known> {
-    let all: Vec<usize> = (0..frames.list.len())
-        .filter(|i| frames.list[*i].sights.len() >= 3)
-        .collect();
+    let all: Vec<usize> = (0..frames.list.len()).filter(|i| frames.list[*i].sights.len() >= 3).collect();
     let (scene, tracks) = scene_of(frames, &all, |_| true, settings.noise, 2);
     let chosen: Vec<_> = all.iter().map(|i| attitudes[*i]).collect();
     let (solved, placements) = linear_structure(&scene, &chosen, settings.noise)?;
@@ -388,16 +399,8 @@ fn judge(scene: &mut Scene, motion: &Tumbling, points: &[Vector3<f64>], limit: f
 
 impl Adjusted {
     fn finish(self, camera: &Pinhole, options: &Options) -> Result<Solution, EstimateError> {
-        let times: Vec<f64> = self
-            .chosen
-            .iter()
-            .map(|i| self.frames.list[*i].time)
-            .collect();
-        let R_WC: Vec<_> = self
-            .chosen
-            .iter()
-            .map(|i| self.frames.list[*i].R_WC)
-            .collect();
+        let times: Vec<f64> = self.chosen.iter().map(|i| self.frames.list[*i].time).collect();
+        let R_WC: Vec<_> = self.chosen.iter().map(|i| self.frames.list[*i].R_WC).collect();
         let focal = self.settings.focal_free.then_some(self.log_focal);
         let motion = self.motion;
         let tumbling = Tumbling::new(motion, self.t_C, &times, &R_WC, self.settings.noise, focal);
@@ -410,14 +413,7 @@ impl Adjusted {
             .and_then(|i| i.try_inverse())
             .map(|c| c * variance)
             .ok_or_else(|| not_free.clone())?;
-        let report = report(
-            &motion,
-            &covariance,
-            &self.residuals,
-            options,
-            self.log_focal,
-        )
-        .ok_or(not_free)?;
+        let report = report(&motion, &covariance, &self.residuals, options, self.log_focal).ok_or(not_free)?;
         let scale = self.log_focal.exp();
         let poses = (0..self.chosen.len()).map(|k| {
             let placement = tumbling.placement(k);
