@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use pulp::{Arch, NullaryFnOnce};
 
-use super::kernel::{Force, GROUP, Slot, Tree, Vec3, forward_dynamics, sin_cos};
+use super::kernel::{Force, Place, Slot, Tree, Vec3, forward_dynamics};
 use super::{Formulation, Input, TreeAcceleration, TreeMotion};
 use crate::model::Model;
 use crate::spatial::{Pose, Twist, Wrench};
@@ -30,17 +30,24 @@ impl ArticulatedBody {
         }
     }
 
-    #[inline(always)]
-    fn place(&mut self, q: &[f64]) {
-        let groups = q.chunks(GROUP).zip(self.tree.hops.chunks(GROUP));
-        for ((q, hops), slots) in groups.zip(self.slots[1..].chunks_mut(GROUP)) {
-            let mut angles = [0.0; GROUP];
-            angles[..q.len()].copy_from_slice(q);
-            let (cos, sin) = sin_cos(&angles);
-            for (i, (slot, hop)) in slots.iter_mut().zip(hops).enumerate() {
-                (slot.q, slot.turn) = (q[i], hop.turn(cos[i], sin[i]));
-            }
+    /// [`Formulation::accelerations`] where the joints' turns are known already.
+    pub(super) fn accelerations_at(
+        &mut self,
+        places: &[Place<f64>],
+        motion: &TreeMotion,
+        input: &Input,
+        out: &mut TreeAcceleration,
+    ) {
+        for (slot, place) in self.slots.iter_mut().zip(places) {
+            (slot.q, slot.turn) = (place.q, place.turn);
         }
+        self.arch.dispatch(Evaluation {
+            dynamics: self,
+            motion,
+            is_placed: true,
+            input,
+            out,
+        });
     }
 
     /// Takes over wrenches into the kernel frames. Says whether there is any.
@@ -77,15 +84,19 @@ impl Formulation for ArticulatedBody {
         self.arch.dispatch(Evaluation {
             dynamics: self,
             motion,
+            is_placed: false,
             input,
             out,
         });
     }
 }
 
+/// One evaluation, for `pulp` to compile.
 struct Evaluation<'a> {
     dynamics: &'a mut ArticulatedBody,
     motion: &'a TreeMotion<'a>,
+    /// Whether the slots know the joints' turns.
+    is_placed: bool,
     input: &'a Input,
     out: &'a mut TreeAcceleration,
 }
@@ -97,7 +108,10 @@ impl NullaryFnOnce for Evaluation<'_> {
         let (dynamics, input) = (self.dynamics, self.input);
         let n = dynamics.tree.dof();
         let (q, qd) = (&self.motion.q[..n], &self.motion.qd[..n]);
-        dynamics.place(q);
+        if !self.is_placed {
+            let slots = &mut dynamics.slots[1..];
+            (dynamics.tree).turns(q, |j, q, turn| (slots[j].q, slots[j].turn) = (q, turn));
+        }
         let efforts = &input.efforts.as_slice()[..n];
         for (j, slot) in dynamics.slots[1..].iter_mut().enumerate() {
             slot.qd = qd[j];
@@ -105,7 +119,10 @@ impl NullaryFnOnce for Evaluation<'_> {
         }
         let loaded = dynamics.load(&input.wrenches);
         let R_BK = &dynamics.tree.bodies[0].X_BK.rotation;
-        dynamics.slots[0].w = Vec3(R_BK.inverse_transform_vector(&self.motion.V_WB_B.angular).into());
+        dynamics.slots[0].w = Vec3(
+            R_BK.inverse_transform_vector(&self.motion.V_WB_B.angular)
+                .into(),
+        );
         let external = loaded.then_some(&dynamics.external[..]);
         forward_dynamics(&dynamics.tree, &mut dynamics.slots, external);
         let base = &dynamics.slots[0].acceleration;
@@ -113,7 +130,13 @@ impl NullaryFnOnce for Evaluation<'_> {
             R_BK * Vector3::from(base.angular.0),
             R_BK * Vector3::from(base.linear.0),
         );
-        for (qdd, slot) in self.out.qdd.as_mut_slice().iter_mut().zip(&dynamics.slots[1..]) {
+        for (qdd, slot) in self
+            .out
+            .qdd
+            .as_mut_slice()
+            .iter_mut()
+            .zip(&dynamics.slots[1..])
+        {
             *qdd = slot.qdd;
         }
     }

@@ -175,7 +175,9 @@ impl<S: Scalar> Slot<S> {
             let path = Path::<true, BENT, true, true>;
             let inertia = path.inertia_out::<S, true>(hop, &self.turn, self.q, inertia);
             parent.inertia = parent.inertia.plus(inertia);
-            parent.force = parent.force.plus(path.force_out(hop, &self.turn, self.q, force));
+            parent.force = parent
+                .force
+                .plus(path.force_out(hop, &self.turn, self.q, force));
         } else {
             on_path!(hop, path => {
                 let (inertia, force) = self.release_turn(hop);

@@ -272,7 +272,11 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
         q: S,
         f: Force<S>,
     ) -> Force<S> {
-        let f = if D || GENERAL { f.shifted::<2>(hop.distance(q)) } else { f };
+        let f = if D || GENERAL {
+            f.shifted::<2>(hop.distance(q))
+        } else {
+            f
+        };
         let mut f = Force {
             torque: self.bent_out(hop, turn.out::<2>(f.torque)),
             force: self.bent_out(hop, turn.out::<2>(f.force)),
@@ -317,7 +321,11 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
             angular: turn.back::<2>(self.bent_back(hop, m.angular)),
             linear: turn.back::<2>(self.bent_back(hop, m.linear)),
         };
-        if D || GENERAL { m.shifted::<2>(hop.distance(q)) } else { m }
+        if D || GENERAL {
+            m.shifted::<2>(hop.distance(q))
+        } else {
+            m
+        }
     }
 
     /// The inertia that the parent feels of a body whose joint has given way, in the parent's frame. A

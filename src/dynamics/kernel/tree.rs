@@ -9,8 +9,8 @@
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 
-use super::Turn;
-use crate::model::{Joint, Model};
+use super::{GROUP, Turn, sin_cos};
+use crate::model::{Frame, Joint, Model};
 use crate::spatial::{Pose, SpatialInertia};
 
 /// Entries of a rotation below this are rounding.
@@ -30,6 +30,8 @@ pub struct Tree {
 pub(crate) struct Body {
     /// Pose of the kernel frame in the body's frame B.
     pub X_BK: Pose,
+    /// Its inverse.
+    pub X_KB: Pose,
     /// Inertia about the kernel frame's origin.
     pub inertia: SpatialInertia,
     /// Whether its inertia has entries off the diagonal.
@@ -95,6 +97,7 @@ impl Tree {
                 ));
                 Body {
                     X_BK: *X_BK,
+                    X_KB: X_BK.inverse(),
                     is_oblique: inertia.about_origin.off_diagonal != Vector3::zeros(),
                     is_heavy: inertia.first_moment != Vector3::zeros(),
                     inertia,
@@ -113,6 +116,25 @@ impl Tree {
     /// Number of joints.
     pub fn dof(&self) -> usize {
         self.hops.len()
+    }
+
+    /// Tells the turn of every joint at positions `q`.
+    #[inline(always)]
+    pub(crate) fn turns(&self, q: &[f64], mut tell: impl FnMut(usize, f64, Turn<f64>)) {
+        for (group, (q, hops)) in q.chunks(GROUP).zip(self.hops.chunks(GROUP)).enumerate() {
+            let mut angles = [0.0; GROUP];
+            angles[..q.len()].copy_from_slice(q);
+            let (cos, sin) = sin_cos(&angles);
+            for (i, (&q, hop)) in q.iter().zip(hops).enumerate() {
+                tell(group * GROUP + i, q, hop.turn(cos[i], sin[i]));
+            }
+        }
+    }
+
+    /// `frame`'s origin in its body's kernel frame.
+    pub(crate) fn p_KF(&self, frame: &Frame) -> Vector3<f64> {
+        let p_BF = nalgebra::Point3::from(frame.X_BF.translation.vector);
+        (self.bodies[frame.body].X_KB * p_BF).coords
     }
 
     /// Effort that joint `j` feels: the actuator's and those of spring and damper.
@@ -200,8 +222,22 @@ impl Hop {
         } else {
             let (cos, sin) = (-R[(1, 2)] / sine, R[(0, 2)] / sine);
             let swings = clean(R[(0, 2)]) != 0.0 || cos < 0.0;
-            let swing = if swings { Turn::new(cos, sin) } else { Turn::new(1.0, 0.0) };
-            (swing, Turn::new(clean(R[(2, 2)]), if R[(2, 2)].abs() < ROUNDING { 1.0 } else { sine }))
+            let swing = if swings {
+                Turn::new(cos, sin)
+            } else {
+                Turn::new(1.0, 0.0)
+            };
+            (
+                swing,
+                Turn::new(
+                    clean(R[(2, 2)]),
+                    if R[(2, 2)].abs() < ROUNDING {
+                        1.0
+                    } else {
+                        sine
+                    },
+                ),
+            )
         };
         let swung = turn_matrix(2, &swing);
         let bent = turn_matrix(0, &bend);
