@@ -6,7 +6,7 @@ use pulp::{Arch, NullaryFnOnce};
 use super::kernel::{Force, Place, Slot, Tree, Vec3, forward_dynamics};
 use super::{Formulation, Input, TreeAcceleration, TreeMotion};
 use crate::model::Model;
-use crate::spatial::{Pose, Twist, Wrench};
+use crate::spatial::Twist;
 
 /// Forward dynamics by articulated bodies in link frames: linear in the number of joints and at full
 /// precision, whatever their number.
@@ -48,28 +48,6 @@ impl ArticulatedBody {
             input,
             out,
         });
-    }
-
-    /// Takes over wrenches into the kernel frames. Says whether there is any.
-    #[inline(always)]
-    fn load(&mut self, wrenches: &[Wrench]) -> bool {
-        if !Wrench::any(wrenches) {
-            return false;
-        }
-        for ((into, wrench), body) in
-            (self.external.iter_mut().zip(wrenches)).zip(&self.tree.bodies)
-        {
-            *into = external(wrench, &body.X_BK);
-        }
-        true
-    }
-}
-
-fn external(wrench: &Wrench, X_BK: &Pose) -> Force<f64> {
-    let wrench = wrench.shifted_to_child(X_BK);
-    Force {
-        torque: Vec3(wrench.torque.into()),
-        force: Vec3(wrench.force.into()),
     }
 }
 
@@ -117,7 +95,7 @@ impl NullaryFnOnce for Evaluation<'_> {
             slot.qd = qd[j];
             slot.effort = dynamics.tree.effort(j, efforts[j], q[j], qd[j]);
         }
-        let loaded = dynamics.load(&input.wrenches);
+        let loaded = dynamics.tree.load(&input.wrenches, &mut dynamics.external);
         let R_BK = &dynamics.tree.bodies[0].X_BK.rotation;
         dynamics.slots[0].w = Vec3(
             R_BK.inverse_transform_vector(&self.motion.V_WB_B.angular)

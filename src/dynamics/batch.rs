@@ -5,8 +5,7 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use super::kernel::{
-    GROUP, Lanes, Place, Scalar, Slot, System, Tree, Turn, Vec3, forward_dynamics, momentum_map,
-    sin_cos,
+    GROUP, Lanes, Place, Scalar, Slot, System, Tree, Vec3, forward_dynamics, momentum_map, sin_cos,
 };
 use super::{Momentum, State};
 use crate::model::Model;

@@ -43,6 +43,7 @@ mod floating;
 mod formulation;
 mod forward;
 mod integrator;
+mod inverse;
 mod jacobian;
 pub mod kernel;
 mod momentum;
@@ -60,6 +61,7 @@ pub use formulation::{
 };
 pub use forward::Input;
 pub use integrator::{Forcing, Integrator, Method};
+pub use inverse::InverseDynamics;
 pub use reduced::Reduced;
 pub use state::{Momentum, State};
 pub use tableau::Tableau;

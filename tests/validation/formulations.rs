@@ -1,6 +1,9 @@
 //! The formulations of forward dynamics against each other: they share the model and nothing else.
 
-use fuyu::dynamics::{Formulation, FormulationKind, Input, TreeAcceleration, TreeMotion};
+use fuyu::dynamics::{
+    Floating, Formulation, FormulationKind, Input, InverseDynamics, Method, State,
+    TreeAcceleration, TreeMotion,
+};
 use fuyu::model::{Joint, JointKind, JointLimits, Model, ModelBuilder, Spring};
 use fuyu::spatial::{Pose, RigidInertia, Twist, Wrench};
 use nalgebra::{DVector, Matrix3, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
@@ -165,5 +168,85 @@ fn all_formulations_agree_on_random_trees() {
     }
     for ((name, _), worst) in FormulationKind::NAMES.iter().zip(worst) {
         assert!(worst <= 1e-11, "{name} differs by {worst:e}");
+    }
+}
+
+/// Inverse dynamics of what forward dynamics found gives the efforts back, and a free base needs no wrench;
+/// with the base's acceleration given or found. What one of the two leaves out breaks it.
+#[test]
+fn inverse_dynamics_gives_the_efforts_back() {
+    let mut draw = Draw::new(1987);
+    for _ in 0..200 {
+        let model = draw.tree(30);
+        let motion = draw.motion(&model);
+        let mut answer = TreeAcceleration::zero(&model);
+        FormulationKind::ArticulatedBody
+            .prepare(&model)
+            .accelerations(&model, &motion.tree_motion(), &motion.input, &mut answer);
+        let mut inverse = InverseDynamics::new(&model);
+        let (qdd, wrenches) = (answer.qdd.as_slice(), &motion.input.wrenches);
+        let mut efforts = DVector::zeros(model.dof());
+        let on_base = inverse.efforts(
+            &motion.tree_motion(),
+            &answer.A_WB_B,
+            qdd,
+            wrenches,
+            efforts.as_mut_slice(),
+        );
+        // Efforts are small differences of what moves the bodies, some 1e3 to 1e5 N here.
+        let scale = 1e3 * (1.0 + size(&answer));
+        assert!((&efforts - &motion.input.efforts).amax() <= 1e-13 * scale);
+        assert!(on_base.force.amax().max(on_base.torque.amax()) <= 1e-12 * scale);
+        let base = inverse.free_floating_efforts(
+            &motion.tree_motion(),
+            qdd,
+            wrenches,
+            efforts.as_mut_slice(),
+        );
+        assert!((&efforts - &motion.input.efforts).amax() <= 1e-13 * scale);
+        let apart = base - answer.A_WB_B;
+        let apart = apart.angular.amax().max(apart.linear.amax());
+        assert!(apart <= 1e-11 * size(&answer), "{apart:e}");
+    }
+}
+
+/// A run by any formulation ends at the same state.
+#[test]
+fn robots_can_be_stepped_by_any_formulation() {
+    let mut draw = Draw::new(1995);
+    let model = draw.tree(8);
+    let motion = draw.motion(&model);
+    let mut start = State::at_rest_with(&model, &DVector::from_row_slice(&motion.q));
+    start.qd = DVector::from_row_slice(&motion.qd);
+    start.momentum_W.angular = Vector3::new(3.0, -1.0, 2.0);
+    let ends = FormulationKind::NAMES.map(|(_, kind)| {
+        let mut robot = Floating::new(model.clone(), start.clone(), Method::Rk4).by(kind);
+        robot.input_mut().clone_from(&motion.input);
+        robot.step(1e-3, 100);
+        robot.state().clone()
+    });
+    for ((name, _), end) in FormulationKind::NAMES.iter().zip(&ends) {
+        let apart = (&end.qd - &ends[0].qd).amax() / ends[0].qd.amax();
+        assert!(apart <= 1e-11, "{name}: {apart:e}");
+        assert!(end.R_WB.angle_to(&ends[0].R_WB) <= 1e-11);
+    }
+}
+
+#[test]
+fn no_formulation_allocates() {
+    let mut draw = Draw::new(4);
+    let model = draw.tree(20);
+    let motion = draw.motion(&model);
+    let mut answer = TreeAcceleration::zero(&model);
+    let mut inverse = InverseDynamics::new(&model);
+    let mut efforts = vec![0.0; model.dof()];
+    for (name, kind) in FormulationKind::NAMES {
+        let mut dynamics = kind.prepare(&model);
+        let used = allocation_counter::measure(|| {
+            dynamics.accelerations(&model, &motion.tree_motion(), &motion.input, &mut answer);
+            let (qdd, wrenches) = (answer.qdd.as_slice(), &motion.input.wrenches);
+            inverse.free_floating_efforts(&motion.tree_motion(), qdd, wrenches, &mut efforts);
+        });
+        assert_eq!(used.count_total, 0, "{name}: {used:?}");
     }
 }

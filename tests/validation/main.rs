@@ -2,12 +2,15 @@
 //!
 //! Each module names its source. Where a tolerance stands, the reason stands beside it.
 
+#[cfg(feature = "batch")]
+mod batch;
 mod conservation;
 mod fixtures;
 mod formulations;
 mod free_body;
 mod generalized_jacobian;
 mod no_allocation;
+mod operation_counts;
 #[cfg(feature = "ros")]
 mod pinocchio;
 mod positioning;

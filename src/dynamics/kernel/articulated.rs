@@ -31,9 +31,9 @@ pub struct Slot<S> {
     /// `[w×]²`.
     spin: Sym3<S>,
     /// Acceleration that the body has beyond its parent's at zero joint acceleration.
-    own: Motion<S>,
+    pub(super) own: Motion<S>,
     /// Force that the body and what hangs on it take, gathered.
-    force: Force<S>,
+    pub(super) force: Force<S>,
     /// Inertia of the body and what hangs on it, gathered.
     inertia: ArticulatedInertia<S>,
     /// What the parent's acceleration takes of the joint's.
@@ -114,28 +114,19 @@ impl Body {
 
     #[inline(always)]
     fn alone<S: Scalar>(&self, like: S) -> ArticulatedInertia<S> {
-        let (zero, m) = (like.constant(0.0), like.constant(self.inertia.mass));
         let h = &self.inertia.first_moment;
-        let [x, y, z] = [h.x, h.y, h.z].map(|h| like.constant(h));
-        ArticulatedInertia {
-            turning: Sym3::constant(like, &self.inertia.about_origin),
-            coupling: Mat3([
-                Vec3([zero, -z, y]),
-                Vec3([z, zero, -x]),
-                Vec3([-y, x, zero]),
-            ]),
-            mass: Sym3 {
-                diagonal: [m; 3],
-                off: [zero; 3],
-            },
-        }
+        ArticulatedInertia::rigid(
+            like.constant(self.inertia.mass),
+            Vec3::constant(like, &[h.x, h.y, h.z]),
+            Sym3::constant(like, &self.inertia.about_origin),
+        )
     }
 }
 
 impl<S: Scalar> Slot<S> {
     /// Turns the body as positions and rates imply, against a parent whose slot is done.
     #[inline(always)]
-    fn set_motion(&mut self, hop: &Hop, parent: &Self) {
+    pub(super) fn set_motion(&mut self, hop: &Hop, parent: &Self) {
         let mut w = on_path!(hop, path => {
             if path.shifts() || hop.slides {
                 let centripetal = path.times_origin(hop, self.q, parent.spin);
@@ -157,7 +148,7 @@ impl<S: Scalar> Slot<S> {
 
     /// Begins what is gathered with the body alone.
     #[inline(always)]
-    fn begin(&mut self, body: &Body, external: Option<&Force<S>>) {
+    pub(super) fn begin(&mut self, body: &Body, external: Option<&Force<S>>) {
         self.spin = spin(self.w);
         self.force = body.centrifugal(self.spin);
         if let Some(external) = external {
@@ -374,9 +365,27 @@ pub fn forward_dynamics<S: Scalar>(
 }
 
 impl<S: Scalar> ArticulatedInertia<S> {
+    /// Of a rigid body, from its mass and moments about the frame's origin.
+    #[inline(always)]
+    pub(super) fn rigid(mass: S, first_moment: Vec3<S>, inertia: Sym3<S>) -> Self {
+        let (zero, Vec3([x, y, z])) = (mass.constant(0.0), first_moment);
+        Self {
+            turning: inertia,
+            coupling: Mat3([
+                Vec3([zero, -z, y]),
+                Vec3([z, zero, -x]),
+                Vec3([-y, x, zero]),
+            ]),
+            mass: Sym3 {
+                diagonal: [mass; 3],
+                off: [zero; 3],
+            },
+        }
+    }
+
     /// Acceleration of a free body with this inertia that needs `force` to stay where it is.
     #[inline(always)]
-    fn answer(&self, force: Force<S>) -> Motion<S> {
+    pub(crate) fn answer(&self, force: Force<S>) -> Motion<S> {
         let (H, inverse) = (self.coupling, self.mass.inverse());
         let eliminated = Mat3(H.0.map(|row| inverse.mul(row)));
         let mut left = self.turning;

@@ -4,7 +4,7 @@
 //! with its whole subtree is gathered in link frames, where the momentum that a joint gives to its subtree
 //! is a row of it and costs nothing. Only these columns are brought to the base's axes.
 
-use super::hop::{Path, on_path};
+use super::hop::{ArticulatedInertia, Path, on_path};
 use super::tree::{Body, Hop, QUARTER, STRAIGHT, Tree};
 use super::vector::others;
 use super::{Scalar, Sym3, Turn, Vec3};
@@ -78,6 +78,13 @@ impl<S: Scalar> Place<S> {
         x.mul_add(v[0], y.mul_add(v[1], z.scaled(v[2])))
     }
 
+    /// The base's inertia with all joints locked, kernel frame.
+    #[inline(always)]
+    pub(crate) fn inertia_of(&self, tree: &Tree) -> ArticulatedInertia<S> {
+        let mass = self.q.constant(tree.bodies[0].subtree_mass);
+        ArticulatedInertia::rigid(mass, self.first_moment, self.inertia)
+    }
+
     /// Begins what is gathered with the body alone.
     #[inline(always)]
     fn begin(&mut self, body: &Body, like: S) {
@@ -137,8 +144,6 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
         (x, y) = columns(turn, x, y);
         if D || GENERAL {
             origin = z.mul_add(hop.distance(q), origin);
-        } else if hop.slides {
-            origin = z.mul_add(q, origin);
         }
         ([x, y, z], origin)
     }

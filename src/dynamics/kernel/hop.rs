@@ -382,6 +382,7 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
 /// Runs the expression with the [`Path`] of a hop, by the hop's `shape`.
 macro_rules! on_path {
     ($hop:expr, $path:ident => $run:expr) => {{
+        use crate::dynamics::kernel::hop::Path;
         use crate::dynamics::kernel::tree::{BENT, QUARTER, STRAIGHT};
         match $hop.shape {
             0 => {

@@ -3,6 +3,7 @@
 mod articulated;
 mod composite;
 mod hop;
+mod inverse;
 mod lanes;
 mod scalar;
 mod sin_cos;
@@ -13,6 +14,7 @@ mod vector;
 pub use articulated::{Slot, forward_dynamics};
 pub use composite::{Place, System, generalized_jacobian, momentum_map};
 pub use hop::{ArticulatedInertia, Force, Motion};
+pub use inverse::inverse_dynamics;
 pub use lanes::Lanes;
 pub use scalar::Scalar;
 pub use sin_cos::{GROUP, sin_cos};

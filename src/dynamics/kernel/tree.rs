@@ -9,9 +9,9 @@
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 
-use super::{GROUP, Turn, sin_cos};
+use super::{Force, GROUP, Turn, Vec3, sin_cos};
 use crate::model::{Frame, Joint, Model};
-use crate::spatial::{Pose, SpatialInertia};
+use crate::spatial::{Pose, SpatialInertia, Wrench};
 
 /// Entries of a rotation below this are rounding.
 const ROUNDING: f64 = 1e-15;
@@ -121,6 +121,22 @@ impl Tree {
                 tell(group * GROUP + i, q, hop.turn(cos[i], sin[i]));
             }
         }
+    }
+
+    /// Takes over wrenches on the bodies into the kernel frames. Says whether there is any.
+    #[inline(always)]
+    pub(crate) fn load(&self, wrenches: &[Wrench], external: &mut [Force<f64>]) -> bool {
+        if !Wrench::any(wrenches) {
+            return false;
+        }
+        for ((into, wrench), body) in external.iter_mut().zip(wrenches).zip(&self.bodies) {
+            let wrench = wrench.shifted_to_child(&body.X_BK);
+            *into = Force {
+                torque: Vec3(wrench.torque.into()),
+                force: Vec3(wrench.force.into()),
+            };
+        }
+        true
     }
 
     /// `frame`'s origin in its body's kernel frame.
@@ -256,13 +272,14 @@ impl Hop {
             (0.0, 1.0) => QUARTER,
             _ => BENT,
         };
+        let slides = !joint.kind.is_rotational();
         Self {
             parent,
-            slides: !joint.kind.is_rotational(),
+            slides,
             shape: if swing.cos != 1.0 || !is_dh {
                 GENERAL
             } else {
-                4 * bend_kind + 2 * u8::from(d != 0.0) + u8::from(p.x != 0.0)
+                4 * bend_kind + 2 * u8::from(slides || d != 0.0) + u8::from(p.x != 0.0)
             },
             swing,
             bend,
