@@ -37,7 +37,7 @@ pub fn forward(model: &Model) -> Vec<(&'static str, Box<dyn Program + '_>)> {
     let formulations = FormulationKind::NAMES.into_iter().map(|(name, kind)| {
         let program = Forward {
             model,
-            dynamics: kind.prepare(model),
+            dynamics: kind.prepare(model).expect("robots have masses"),
             answer: TreeAcceleration::zero(model),
         };
         (name, Box::new(program) as Box<dyn Program + '_>)

@@ -2,6 +2,7 @@
 
 use nalgebra::DVector;
 
+use super::newton_euler::SystemError;
 use super::{FormulationKind, Input, Integrator, Method, State, Workspace};
 use crate::model::Model;
 
@@ -33,10 +34,13 @@ impl Floating {
     }
 
     /// The same tree, with forward dynamics by another formulation.
-    pub fn by(mut self, formulation: FormulationKind) -> Self {
-        self.integrator = self.integrator.by(&self.model, formulation);
+    ///
+    /// # Errors
+    /// [`SystemError`] as [`FormulationKind::prepare`].
+    pub fn by(mut self, kind: FormulationKind) -> Result<Self, SystemError> {
+        self.integrator = self.integrator.by(&self.model, kind)?;
         self.qdd_is_known = false;
-        self
+        Ok(self)
     }
 
     /// The tree.

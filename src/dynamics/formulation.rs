@@ -2,7 +2,8 @@
 
 use nalgebra::{DVector, UnitQuaternion};
 
-use super::{ArticulatedBody, Input, Reduced};
+use super::newton_euler::{NewtonEuler, SystemError};
+use super::{ArticulatedBody, Input, Kane, Reduced};
 use crate::model::Model;
 use crate::spatial::Twist;
 
@@ -62,23 +63,32 @@ pub enum FormulationKind {
     ArticulatedBody,
     /// [`Reduced`].
     Reduced,
+    /// [`Kane`].
+    Kane,
+    /// [`NewtonEuler`].
+    NewtonEuler,
 }
 
 impl FormulationKind {
     /// All formulations by name, the default first.
-    pub const NAMES: [(&'static str, Self); 2] = [
+    pub const NAMES: [(&'static str, Self); 4] = [
         ("articulated_body", Self::ArticulatedBody),
         ("reduced", Self::Reduced),
+        ("kane", Self::Kane),
+        ("newton_euler", Self::NewtonEuler),
     ];
 
     /// Scratch of this formulation for `model`.
-    pub fn prepare(self, model: &Model) -> ForwardDynamics {
-        match self {
-            Self::ArticulatedBody => {
-                ForwardDynamics::ArticulatedBody(Box::new(ArticulatedBody::new(model)))
-            }
+    ///
+    /// # Errors
+    /// [`SystemError`] if the matrix method cannot take the model, such as one with a body without mass.
+    pub fn prepare(self, model: &Model) -> Result<ForwardDynamics, SystemError> {
+        Ok(match self {
+            Self::ArticulatedBody => ForwardDynamics::articulated_body(model),
             Self::Reduced => ForwardDynamics::Reduced(Box::new(Reduced::new(model))),
-        }
+            Self::Kane => ForwardDynamics::Kane(Box::new(Kane::new(model))),
+            Self::NewtonEuler => ForwardDynamics::NewtonEuler(Box::new(NewtonEuler::new(model)?)),
+        })
     }
 }
 
@@ -89,6 +99,17 @@ pub enum ForwardDynamics {
     ArticulatedBody(Box<ArticulatedBody>),
     /// By the reduced system.
     Reduced(Box<Reduced>),
+    /// By Kane's method.
+    Kane(Box<Kane>),
+    /// By the matrix method.
+    NewtonEuler(Box<NewtonEuler>),
+}
+
+impl ForwardDynamics {
+    /// The default formulation.
+    pub(super) fn articulated_body(model: &Model) -> Self {
+        Self::ArticulatedBody(Box::new(ArticulatedBody::new(model)))
+    }
 }
 
 impl Formulation for ForwardDynamics {
@@ -102,6 +123,8 @@ impl Formulation for ForwardDynamics {
         let chosen: &mut dyn Formulation = match self {
             Self::ArticulatedBody(formulation) => formulation.as_mut(),
             Self::Reduced(formulation) => formulation.as_mut(),
+            Self::Kane(formulation) => formulation.as_mut(),
+            Self::NewtonEuler(formulation) => formulation.as_mut(),
         };
         chosen.accelerations(model, motion, input, out);
     }

@@ -2,6 +2,7 @@
 
 use nalgebra::{DVector, Vector3};
 
+use super::newton_euler::SystemError;
 use super::{
     Formulation, FormulationKind, ForwardDynamics, Input, State, Tableau, TreeAcceleration,
     TreeMotion, Workspace,
@@ -118,7 +119,7 @@ impl Integrator {
     /// An integrator for `model` with any explicit tableau.
     pub fn with_tableau(model: &Model, tableau: &'static Tableau) -> Self {
         Self {
-            dynamics: FormulationKind::default().prepare(model),
+            dynamics: ForwardDynamics::articulated_body(model),
             answer: TreeAcceleration::zero(model),
             tableau,
             rates: vec![Rate::zero(model.dof()); tableau.c.len()],
@@ -128,9 +129,12 @@ impl Integrator {
     }
 
     /// The same integrator, with forward dynamics by another formulation.
-    pub fn by(mut self, model: &Model, formulation: FormulationKind) -> Self {
-        self.dynamics = formulation.prepare(model);
-        self
+    ///
+    /// # Errors
+    /// [`SystemError`] as [`FormulationKind::prepare`].
+    pub fn by(mut self, model: &Model, kind: FormulationKind) -> Result<Self, SystemError> {
+        self.dynamics = kind.prepare(model)?;
+        Ok(self)
     }
 
     /// Accelerations of a state; afterwards `workspace` holds its positions, the base's motion, and what

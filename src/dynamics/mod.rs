@@ -45,11 +45,15 @@ mod forward;
 mod integrator;
 mod inverse;
 mod jacobian;
+mod kane;
 pub mod kernel;
 mod momentum;
+pub mod newton_euler;
 mod reduced;
+mod runge_kutta;
 mod state;
 mod tableau;
+mod vector_state;
 mod workspace;
 
 pub use articulated_body::ArticulatedBody;
@@ -62,7 +66,10 @@ pub use formulation::{
 pub use forward::Input;
 pub use integrator::{Forcing, Integrator, Method};
 pub use inverse::InverseDynamics;
+pub use kane::{BaseSpeed, CutError, CutHinge, Kane};
 pub use reduced::Reduced;
+pub use runge_kutta::RungeKutta;
 pub use state::{Momentum, State};
 pub use tableau::Tableau;
+pub use vector_state::VectorState;
 pub use workspace::Workspace;

@@ -157,8 +157,8 @@ fn all_formulations_agree_on_random_trees() {
         let answers = FormulationKind::NAMES.map(|(_, kind)| {
             let mut answer = TreeAcceleration::zero(&model);
             let (motion, input) = (motion.tree_motion(), &motion.input);
-            kind.prepare(&model)
-                .accelerations(&model, &motion, input, &mut answer);
+            let mut dynamics = kind.prepare(&model).unwrap();
+            dynamics.accelerations(&model, &motion, input, &mut answer);
             answer
         });
         for (worst, answer) in worst.iter_mut().zip(&answers) {
@@ -182,6 +182,7 @@ fn inverse_dynamics_gives_the_efforts_back() {
         let mut answer = TreeAcceleration::zero(&model);
         FormulationKind::ArticulatedBody
             .prepare(&model)
+            .unwrap()
             .accelerations(&model, &motion.tree_motion(), &motion.input, &mut answer);
         let mut inverse = InverseDynamics::new(&model);
         let (qdd, wrenches) = (answer.qdd.as_slice(), &motion.input.wrenches);
@@ -220,7 +221,9 @@ fn robots_can_be_stepped_by_any_formulation() {
     start.qd = DVector::from_row_slice(&motion.qd);
     start.momentum_W.angular = Vector3::new(3.0, -1.0, 2.0);
     let ends = FormulationKind::NAMES.map(|(_, kind)| {
-        let mut robot = Floating::new(model.clone(), start.clone(), Method::Rk4).by(kind);
+        let mut robot = Floating::new(model.clone(), start.clone(), Method::Rk4)
+            .by(kind)
+            .unwrap();
         robot.input_mut().clone_from(&motion.input);
         robot.step(1e-3, 100);
         robot.state().clone()
@@ -241,7 +244,7 @@ fn no_formulation_allocates() {
     let mut inverse = InverseDynamics::new(&model);
     let mut efforts = vec![0.0; model.dof()];
     for (name, kind) in FormulationKind::NAMES {
-        let mut dynamics = kind.prepare(&model);
+        let mut dynamics = kind.prepare(&model).unwrap();
         let used = allocation_counter::measure(|| {
             dynamics.accelerations(&model, &motion.tree_motion(), &motion.input, &mut answer);
             let (qdd, wrenches) = (answer.qdd.as_slice(), &motion.input.wrenches);
