@@ -35,13 +35,18 @@
 //! assert!(state.q[0] > 0.0 && state.R_WB.axis().unwrap().z < 0.0);
 //! ```
 
+mod articulated_body;
+mod axis;
+#[cfg(feature = "batch")]
+mod batch;
 mod floating;
 mod formulation;
 mod forward;
 mod integrator;
+mod inverse;
 mod jacobian;
-mod joint_map;
 mod kane;
+pub mod kernel;
 mod momentum;
 pub mod newton_euler;
 mod reduced;
@@ -51,11 +56,18 @@ mod tableau;
 mod vector_state;
 mod workspace;
 
+pub use articulated_body::ArticulatedBody;
+#[cfg(feature = "batch")]
+pub use batch::Batch;
 pub use floating::Floating;
-pub use formulation::{Formulation, TreeAcceleration, TreeMotion};
+pub use formulation::{
+    Formulation, FormulationKind, ForwardDynamics, TreeAcceleration, TreeMotion,
+};
 pub use forward::Input;
 pub use integrator::{Forcing, Integrator, Method};
+pub use inverse::InverseDynamics;
 pub use kane::{BaseSpeed, CutError, CutHinge, Kane};
+pub use reduced::Reduced;
 pub use runge_kutta::RungeKutta;
 pub use state::{Momentum, State};
 pub use tableau::Tableau;
