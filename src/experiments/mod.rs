@@ -5,6 +5,7 @@ mod bag_plot;
 mod chart;
 mod closed_loop;
 pub mod masutani_ch3;
+mod observations;
 mod performance;
 mod recorded;
 mod recorded_physics;
@@ -16,6 +17,7 @@ pub use bag_check::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag};
 pub use bag_plot::plot_bag;
 pub use chart::{ChartError, Figure, Panel, Series};
 pub use closed_loop::{ClosedLoop, Moment};
+pub use observations::{Observations, ObservedTracks};
 pub use performance::{MomentumResidual, Performance, Summary};
 pub use recorded::{
     BaseSample, ControllerSample, JointSample, MomentumSample, RecordedRun, RecordedRuns,

@@ -246,6 +246,17 @@ impl FreeRotation {
         }
     }
 
+    /// Argument of the elliptic functions (of the hyperbolic ones in the aperiodic case) at `time` \[s\]; zero
+    /// for a single axis.
+    pub fn phase_at(&self, time: f64) -> f64 {
+        let elapsed = time - self.reference_time;
+        match &self.solution {
+            Solution::Periodic { periodic, u0 } => u0 + periodic.lambda * elapsed,
+            Solution::Aperiodic { aperiodic, s0 } => aperiodic.lambda * (s0 + elapsed),
+            Solution::SingleAxis { .. } => 0.0,
+        }
+    }
+
     /// The dynamic parameters, where all are known.
     pub fn parameters(&self) -> Option<&DynamicParameters> {
         match &self.solution {
