@@ -10,7 +10,8 @@
 //! and then read: fixed-base and generalized Jacobians, base map, reduced inertia, frame poses.
 //! [`Workspace::set_motion`] adds what depends on rates and momentum: body twists, energy, momentum as
 //! the bodies carry it. [`Workspace::accelerations`] is the forward dynamics of the reduced system,
-//! eq. (4.49). [`Integrator`] steps a state. None of them allocates.
+//! eq. (4.49). [`Integrator`] steps a state. None of them allocates. [`Loops`] hold bodies of the tree to
+//! each other: closed loops.
 //!
 //! ```
 //! use fuyu::dynamics::{Input, Integrator, Method, State, Workspace};
@@ -41,6 +42,7 @@ mod forward;
 mod integrator;
 mod jacobian;
 mod joint_map;
+mod loops;
 mod momentum;
 mod reduced;
 mod state;
@@ -51,6 +53,7 @@ pub use floating::Floating;
 pub use formulation::{Formulation, TreeAcceleration, TreeMotion};
 pub use forward::Input;
 pub use integrator::{Forcing, Integrator, Method};
+pub use loops::{Direction, LoopClosure, LoopError, LoopGap, Loops};
 pub use state::{Momentum, State};
 pub use tableau::Tableau;
 pub use workspace::Workspace;

@@ -6,6 +6,7 @@ mod conservation;
 mod fixtures;
 mod free_body;
 mod generalized_jacobian;
+mod loops;
 mod no_allocation;
 #[cfg(feature = "ros")]
 mod pinocchio;
