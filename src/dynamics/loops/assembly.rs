@@ -12,7 +12,7 @@ const CLOSED: f64 = 1e-12;
 const ATTEMPTS: usize = 20;
 
 /// How far to look for a place where the mechanism is not singular \[rad, or m relative to its size\].
-const NEARBY: f64 = 1e-3;
+const NEARBY: f64 = 1e-2;
 
 impl Loops {
     /// Moves a state that closes the loops approximately onto the constraints, positions and rates, and finds

@@ -9,13 +9,14 @@ use crate::dynamics::{Input, Momentum, State, Workspace};
 use crate::model::Model;
 use crate::spatial::exp_so3;
 
-/// Normals that depend on others up to this, relative to the largest, are dropped: above what rounding
-/// leaves of a dependent one, below any that would matter.
-const DEPENDENT: f64 = 1e-6;
+/// Normals that depend on others up to this part of their size are dropped. Positions close a loop to
+/// rounding, some 1e-15; towards a singular state the direction of a normal that vanishes is then lost with
+/// the square of this.
+const DEPENDENT: f64 = 5e-4;
 
-/// Where positions are off the constraints by a gap, normals are off by as much: those smaller than a few
+/// Where positions are off the constraints by a gap, normals are off by as much: those smaller than some
 /// gaps have no meaning.
-const GAPS: f64 = 3.0;
+const GAPS: f64 = 10.0;
 
 /// However wide open a loop is, normals larger than this are kept.
 const INDEPENDENT: f64 = 0.03;
@@ -83,10 +84,12 @@ impl Loops {
     }
 
     fn with_valid(model: &Model, closures: Vec<LoopClosure>) -> Self {
-        let (n, m) = (
-            model.dof(),
-            closures.iter().map(|c| c.directions().count()).sum(),
-        );
+        let n = model.dof();
+        let closure_of_row = |(i, c): (usize, &LoopClosure)| vec![i; c.directions().count()];
+        let rows: Vec<usize> = (closures.iter().enumerate())
+            .flat_map(closure_of_row)
+            .collect();
+        let m = rows.len();
         let length = model
             .joints()
             .iter()
@@ -94,7 +97,7 @@ impl Loops {
             .fold(0.0, f64::max);
         Self {
             closures,
-            normals: Normals::new(n, m),
+            normals: Normals::new(n, rows),
             gradients: DMatrix::zeros(n, m),
             jacobians: (Matrix6xX::zeros(n), Matrix6xX::zeros(n)),
             wanted: DVector::zeros(m),
@@ -138,6 +141,9 @@ impl Loops {
         }
         self.project_positions(model, state, workspace);
         self.normals.remove_normal(&mut state.qd);
+        if self.normals.rank() < self.rank {
+            self.limit_rates(model, state, workspace);
+        }
     }
 
     /// Joint accelerations \[rad/s² or m/s²\] of `state`, which must be on the constraints, under `input` and

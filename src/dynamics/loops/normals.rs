@@ -16,6 +16,10 @@ pub(super) struct Normals {
     r: DMatrix<f64>,
     /// Which constraint each column is.
     order: Vec<usize>,
+    /// Which closure each constraint belongs to.
+    closure: Vec<usize>,
+    /// The largest normal of each closure: what is small is small beside it.
+    size: Vec<f64>,
     rank: usize,
     /// Coordinates along the basis.
     along: DVector<f64>,
@@ -24,12 +28,16 @@ pub(super) struct Normals {
 }
 
 impl Normals {
-    pub(super) fn new(joints: usize, constraints: usize) -> Self {
+    /// For constraints that belong to the closures numbered so.
+    pub(super) fn new(joints: usize, closure: Vec<usize>) -> Self {
+        let constraints = closure.len();
         Self {
             factor: DMatrix::zeros(joints, joints),
             basis: DMatrix::zeros(joints, constraints),
             r: DMatrix::zeros(constraints, constraints),
             order: (0..constraints).collect(),
+            size: vec![0.0; closure.last().map_or(0, |last| last + 1)],
+            closure,
             rank: 0,
             along: DVector::zeros(constraints),
             y: DVector::zeros(joints),
@@ -42,7 +50,7 @@ impl Normals {
     }
 
     /// Takes in the reduced inertia and the constraints' gradients (one a column). Normals whose
-    /// remainder is below `tolerance` times the largest are dropped.
+    /// remainder is below `tolerance` times the largest of their closure are dropped.
     pub(super) fn set(&mut self, mass: &DMatrix<f64>, gradients: &DMatrix<f64>, tolerance: f64) {
         self.basis.copy_from(gradients);
         self.rank = 0;
@@ -53,9 +61,12 @@ impl Normals {
         }
         self.r.fill(0.0);
         let constraints = self.order.len();
-        let mut largest = 0.0;
+        self.size.fill(0.0);
+        for (column, closure) in self.basis.column_iter().zip(&self.closure) {
+            self.size[*closure] = self.size[*closure].max(column.norm());
+        }
         for k in 0..constraints.min(self.basis.nrows()) {
-            let remainder = |c: usize| self.basis.column(c).norm_squared();
+            let remainder = |c: usize| self.basis.column(c).norm() / self.size_of(c);
             let pivot = (k + 1..constraints).fold((k, remainder(k)), |best, c| {
                 let size = remainder(c);
                 if size > best.1 { (c, size) } else { best }
@@ -68,11 +79,8 @@ impl Normals {
                 self.r[(i, k)] += self.take_off(i, k);
             }
             let size = self.basis.column(k).norm();
-            if k == 0 {
-                largest = size;
-            }
             // NaN ends it too.
-            if size.is_nan() || size <= tolerance * largest {
+            if size.is_nan() || size <= tolerance * self.size_of(k) {
                 break;
             }
             self.r[(k, k)] = size;
@@ -82,6 +90,11 @@ impl Normals {
             }
             self.rank = k + 1;
         }
+    }
+
+    /// The largest normal of the closure that column `c` belongs to.
+    fn size_of(&self, c: usize) -> f64 {
+        self.size[self.closure[self.order[c]]]
     }
 
     /// Takes off column `c` what it has along the basis vector `k < c`; returns how much.

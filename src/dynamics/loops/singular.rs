@@ -8,7 +8,10 @@ use crate::model::Model;
 
 /// How far aside to look \[rad, or m relative to the size of the mechanism\]. The limit's error is of the
 /// fourth power; too near, normals have no digits left.
-const ASIDE: f64 = 2e-3;
+const ASIDE: f64 = 5e-3;
+
+/// Rates and accelerations below this say nothing about where a mechanism goes.
+const STILL: f64 = 1e-9;
 
 /// How often to look farther.
 const WIDER: usize = 3;
@@ -17,7 +20,9 @@ const WIDER: usize = 3;
 #[derive(Debug, Clone)]
 pub(super) struct Aside {
     state: State,
-    qdd: DVector<f64>,
+    /// What is interpolated, there.
+    value: DVector<f64>,
+    /// The interpolated value.
     limit: DVector<f64>,
 }
 
@@ -25,13 +30,44 @@ impl Aside {
     pub(super) fn new(model: &Model) -> Self {
         Self {
             state: State::at_rest(model),
-            qdd: DVector::zeros(model.dof()),
+            value: DVector::zeros(model.dof()),
             limit: DVector::zeros(model.dof()),
         }
     }
 }
 
+/// Places along the way and their weights, which are exact for cubics.
+const BOTH_SIDES: [(f64, f64); 4] = [
+    (-2.0, -1.0 / 6.0),
+    (-1.0, 2.0 / 3.0),
+    (1.0, 2.0 / 3.0),
+    (2.0, -1.0 / 6.0),
+];
+
+/// The same on one side, exact for lines.
+const AHEAD: [(f64, f64); 2] = [(1.0, 2.0), (2.0, -1.0)];
+
 impl Loops {
+    /// Takes off the rates of `state` also what moves against a constraint that depends on the others here,
+    /// but not to either side along the motion.
+    pub(super) fn limit_rates(
+        &mut self,
+        model: &Model,
+        state: &mut State,
+        workspace: &mut Workspace,
+    ) {
+        let rates = |_: &mut Self, there: &State, _: &mut Workspace, out: &mut DVector<f64>| {
+            out.copy_from(&there.qd);
+        };
+        let size = state.qd.amax();
+        if size > STILL
+            && self.interpolate(model, state, workspace, &state.qd, &BOTH_SIDES, rates)
+            && let Some(aside) = &self.aside
+        {
+            state.qd.copy_from(&aside.limit);
+        }
+    }
+
     /// Replaces `qdd`, which lacks the constraint that depends on the others at `state`, by the limit of
     /// accelerations along the motion. The mechanism moves through such a state on a smooth branch, on
     /// which acceleration is smooth too: it is interpolated from both sides, or, from rest, extrapolated
@@ -44,53 +80,71 @@ impl Loops {
         input: &Input,
         qdd: &mut DVector<f64>,
     ) {
-        // Places and weights that are exact for cubics, and for lines.
-        const BOTH_SIDES: [(f64, f64); 4] = [
-            (-2.0, -1.0 / 6.0),
-            (-1.0, 2.0 / 3.0),
-            (1.0, 2.0 / 3.0),
-            (2.0, -1.0 / 6.0),
-        ];
-        const AHEAD: [(f64, f64); 2] = [(1.0, 2.0), (2.0, -1.0)];
-        let (moving, starting) = (state.qd.amax(), qdd.amax());
-        let (places, size): (&[_], f64) = if moving > 1e-9 {
-            (&BOTH_SIDES, moving)
-        } else if starting > 1e-9 {
-            (&AHEAD, starting)
+        let (way, places): (_, &[_]) = if state.qd.amax() > STILL {
+            (&state.qd, &BOTH_SIDES)
+        } else if qdd.amax() > STILL {
+            (&*qdd, &AHEAD)
         } else {
             return;
         };
+        let found = self.interpolate(model, state, workspace, way, places, |s, there, w, out| {
+            w.set_motion(there);
+            s.constrained_accelerations(model, there, w, input, out);
+        });
+        workspace.set_motion(state);
+        if let Some(aside) = &mut self.aside {
+            // The workspace is to hold what acts here.
+            workspace.accelerations(model, state, input, &mut aside.value);
+            if found {
+                qdd.copy_from(&aside.limit);
+            }
+        }
+    }
+
+    /// Interpolates `value` at `state` from what it is at `places` along the `way`, into the scratch's
+    /// `limit`. Gives whether the constraints are independent at all of them. `workspace` stands at the
+    /// positions of `state` before and after.
+    fn interpolate(
+        &mut self,
+        model: &Model,
+        state: &State,
+        workspace: &mut Workspace,
+        way: &DVector<f64>,
+        places: &[(f64, f64)],
+        mut value: impl FnMut(&mut Self, &State, &mut Workspace, &mut DVector<f64>),
+    ) -> bool {
+        // Asked from beside a singular state: it is not to look farther.
         let Some(mut aside) = self.aside.take() else {
-            return;
+            return false;
         };
-        let mut distance = ASIDE.max(10.0 * self.gap_before / self.length);
+        let gap = self.gap_before;
+        let mut distance = ASIDE.max(gap / self.length);
+        let mut found = false;
         for _ in 0..WIDER {
-            aside.limit.fill(0.0);
-            let complete = places.iter().all(|(place, weight)| {
-                let way = if moving > 1e-9 { &state.qd } else { &*qdd };
-                let Aside {
-                    state: there,
-                    qdd: qdd_there,
-                    limit,
-                } = &mut *aside;
+            let step = distance / way.amax();
+            let Aside {
+                state: there,
+                value: f,
+                limit,
+            } = &mut *aside;
+            limit.fill(0.0);
+            found = places.iter().all(|(place, weight)| {
                 there.copy_from(state);
-                there.q.axpy(place * distance / size, way, 1.0);
+                there.q.axpy(place * step, way, 1.0);
                 self.project(model, there, workspace);
-                workspace.set_motion(there);
-                self.constrained_accelerations(model, there, workspace, input, qdd_there);
-                limit.axpy(*weight, qdd_there, 1.0);
+                value(self, there, workspace, f);
+                limit.axpy(*weight, f, 1.0);
                 self.normals.rank() >= self.rank
             });
-            if complete {
-                qdd.copy_from(&aside.limit);
+            if found {
                 break;
             }
             distance *= 3.0;
         }
         workspace.set_positions(model, &state.q);
-        workspace.set_motion(state);
-        workspace.accelerations(model, state, input, &mut aside.qdd);
+        self.gap_before = gap;
         self.set_normals(workspace, &state.q);
         self.aside = Some(aside);
+        found
     }
 }

