@@ -2,6 +2,7 @@
 
 use nalgebra::{DVector, Isometry3, Vector3};
 
+use super::loops::LoopParams;
 use crate::{
     dynamics::Method,
     nodes::{
@@ -21,6 +22,11 @@ pub struct DynamicsParams {
     pub initial_joint_positions: Vec<f64>,
     /// Joint rates at the start \[rad/s or m/s\]; empty means zero.
     pub initial_joint_velocities: Vec<f64>,
+    /// Closures that make closed loops of the robot's tree.
+    pub loop_closures: Vec<LoopParams>,
+    /// Gap up to which joints given approximately are moved to close a loop \[m or rad\], and the same for
+    /// rates.
+    pub loop_tolerance: f64,
     /// Pose and motion of the base at the start.
     pub base: Motion,
     /// Bodies that float free beside the robot.
@@ -107,6 +113,16 @@ impl DynamicsParams {
             "initial_joint_velocities",
             "Joint rates at the start [rad/s or m/s]; empty is zero",
         );
+        let loop_closures = LoopParams::declare(declare);
+        let loop_tolerance = declare
+            .param(
+                "loop_tolerance",
+                1e-3,
+                "Gap up to which the joints are moved at the start to close a loop [m or rad]; the same for rates",
+            )
+            .range(1e-12, 1.0)
+            .read_only()
+            .value();
         let base = Motion::declare(declare, "base", "base frame");
         let names = declare
             .param(
@@ -215,7 +231,7 @@ impl DynamicsParams {
             );
         }
 
-        let base = base?;
+        let (base, loop_closures) = (base?, loop_closures?);
         let robot = if xml.is_empty() {
             Description::read("urdf", &urdf)?
         } else {
@@ -238,6 +254,8 @@ impl DynamicsParams {
             robot,
             initial_joint_positions,
             initial_joint_velocities,
+            loop_closures,
+            loop_tolerance,
             base,
             targets,
             // Any other text has been refused by the declaration.
