@@ -25,6 +25,11 @@ pub struct SimulatedBag {
     targets: Vec<TopicId>,
     momentum: TopicId,
     tf: TopicId,
+    servo: Option<ServoTopics>,
+}
+
+/// Topics of camera and controller.
+struct ServoTopics {
     tip_pose: TopicId,
     goal_pose: TopicId,
     commands: TopicId,
@@ -56,10 +61,16 @@ impl SimulatedBag {
                 .collect::<Result<_, _>>()?,
             momentum: add(w, &topics::MOMENTUM)?,
             tf: add(w, &topics::TF)?,
-            tip_pose: add(w, &topics::TIP_POSE)?,
-            goal_pose: add(w, &topics::SEEN_GOAL)?,
-            commands: add(w, &topics::JOINT_COMMANDS)?,
-            state: add(w, &topics::CONTROLLER_STATE)?,
+            servo: if run.is_controlled() {
+                Some(ServoTopics {
+                    tip_pose: add(w, &topics::TIP_POSE)?,
+                    goal_pose: add(w, &topics::SEEN_GOAL)?,
+                    commands: add(w, &topics::JOINT_COMMANDS)?,
+                    state: add(w, &topics::CONTROLLER_STATE)?,
+                })
+            } else {
+                None
+            },
             writer,
             frames,
         })
@@ -95,32 +106,30 @@ impl SimulatedBag {
     /// # Errors
     /// When the bag cannot be written.
     pub fn moment(&mut self, time: f64, moment: &Moment) -> Result<(), BagError> {
+        let (Some(servo), Some(answer)) = (&self.servo, &moment.answer) else {
+            return Ok(());
+        };
         let stamp = Time::from_secs_f64(time);
         let log = log_time(stamp);
         let base = self.frames.base().to_owned();
         let w = &mut self.writer;
         for frame in moment.frames {
-            w.write_message(
-                self.tip_pose,
-                log,
-                &camera::seen(frame.time, &base, &frame.X_BE),
-            )?;
+            let tip = camera::seen(frame.time, &base, &frame.X_BE);
+            w.write_message(servo.tip_pose, log, &tip)?;
             if let Some(X_BD) = &frame.X_BD {
-                w.write_message(self.goal_pose, log, &camera::seen(frame.time, &base, X_BD))?;
+                let goal = camera::seen(frame.time, &base, X_BD);
+                w.write_message(servo.goal_pose, log, &goal)?;
             }
         }
         let header = std_msgs::Header {
             stamp: stamp.into(),
             frame_id: base,
         };
-        w.write_message(
-            self.commands,
-            log,
-            &controller::command(moment.controller, &header),
-        )?;
-        let age = moment.age.min(1e9);
-        let state = controller::report(moment.controller, &header, &moment.acted, age);
-        w.write_message(self.state, log, &state)
+        let command = controller::command(answer.controller, &header);
+        w.write_message(servo.commands, log, &command)?;
+        let age = answer.age.min(1e9);
+        let state = controller::report(answer.controller, &header, &answer.acted, age);
+        w.write_message(servo.state, log, &state)
     }
 
     /// Closes the bag.
