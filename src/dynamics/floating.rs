@@ -2,7 +2,7 @@
 
 use nalgebra::DVector;
 
-use super::{Input, Integrator, Loops, Method, State, Workspace};
+use super::{FormulationKind, Input, Integrator, Loops, Method, State, Workspace};
 use crate::model::Model;
 
 /// One free-floating tree with its state and scratch: the servicer, or a target (a tree without joints).
@@ -55,6 +55,13 @@ impl Floating {
         &self.workspace
     }
 
+    /// Takes accelerations from this formulation instead of the reduced form; without effect on closed loops
+    /// ([`Integrator::choose`]).
+    pub fn choose(&mut self, formulation: FormulationKind) {
+        self.integrator.choose(&self.model, formulation);
+        self.qdd_is_known = false;
+    }
+
     /// Its closed loops.
     pub fn loops(&self) -> &Loops {
         self.integrator.loops()
@@ -64,7 +71,7 @@ impl Floating {
     pub fn closure_forces(&mut self) -> Vec<[Option<f64>; 6]> {
         self.qdd_is_known = false;
         let (state, input) = (&self.state, &self.input);
-        let loops = self.integrator.loops_mut();
+        let loops = &mut self.integrator.acceleration.loops;
         loops.forces(&self.model, state, &mut self.workspace, input)
     }
 
@@ -128,8 +135,8 @@ impl Floating {
     fn set_joint_accelerations(&mut self) {
         if !self.qdd_is_known {
             let (model, state, input) = (&self.model, &self.state, &self.input);
-            let loops = self.integrator.loops_mut();
-            loops.accelerations(model, state, &mut self.workspace, input, &mut self.qdd);
+            let acceleration = &mut self.integrator.acceleration;
+            acceleration.of(model, state, &mut self.workspace, input, &mut self.qdd);
             self.qdd_is_known = true;
         }
     }

@@ -36,12 +36,15 @@
 //! assert!(state.q[0] > 0.0 && state.R_WB.axis().unwrap().z < 0.0);
 //! ```
 
+mod acceleration;
+mod articulated_body;
 mod floating;
 mod formulation;
 mod forward;
 mod integrator;
 mod jacobian;
 mod joint_map;
+pub mod kernel;
 mod loops;
 mod momentum;
 mod reduced;
@@ -49,11 +52,15 @@ mod state;
 mod tableau;
 mod workspace;
 
+pub use articulated_body::ArticulatedBody;
 pub use floating::Floating;
-pub use formulation::{Formulation, TreeAcceleration, TreeMotion};
+pub use formulation::{
+    Formulation, FormulationKind, ForwardDynamics, TreeAcceleration, TreeMotion,
+};
 pub use forward::Input;
 pub use integrator::{Forcing, Integrator, Method};
 pub use loops::{Direction, LoopClosure, LoopError, LoopGap, Loops};
+pub use reduced::Reduced;
 pub use state::{Momentum, State};
 pub use tableau::Tableau;
 pub use workspace::Workspace;

@@ -29,6 +29,28 @@ fn the_chain_of_tr942_moves_by_its_springs() {
     assert!(number(&run["momentum_residual"], "angular") < 1e-13);
     assert!(number(&run, "energy_residual") < 1e-9);
     assert!(number(&run, "max_base_angular_acceleration") > 1e-3);
+    // Another formulation, the same motion.
+    let chain = include_str!("../../config/tr942_chain.yaml");
+    let by = |formulation: &str| {
+        let parameter = format!("    formulation: {formulation}\n    time_step:");
+        let (folder, path) = file("chain.yaml", chain.replace("    time_step:", &parameter));
+        let run = fuyu(&["simulate".as_ref(), path.as_os_str(), "--json".as_ref()]);
+        drop(folder);
+        run
+    };
+    let other = by("articulated_body").json();
+    assert_ne!(other["base_displacement"], run["base_displacement"]);
+    for axis in 0..3 {
+        let [a, b] = [&run, &other].map(|r| r["base_displacement"][axis].as_f64().unwrap());
+        assert!((a - b).abs() < 1e-10, "{a} {b}");
+    }
+    let wrong = by("lagrange");
+    assert!(
+        wrong
+            .refusal()
+            .contains("'lagrange' is not one of articulated_body, reduced")
+    );
+
     let text = fuyu(&["simulate", "config/tr942_chain.yaml"]);
     assert_eq!(text.code, 0);
     assert!(text.stdout.contains("energy residual"));
@@ -138,6 +160,14 @@ fn loop_closures_that_cannot_be() {
         "1.53588974175501, -3.0717",
         "1.4, -3.0717",
         &["'h6' is open by 0.1", "up to 0.001 m"],
+    );
+    refused(
+        "    loop_closures:",
+        "    formulation: articulated_body\n    loop_closures:",
+        &[
+            "'articulated_body', which knows no closed loops",
+            "'reduced'",
+        ],
     );
     refused(
         "    loop_closures:",

@@ -4,7 +4,7 @@ use nalgebra::{DVector, Isometry3, Vector3};
 
 use super::loops::LoopParams;
 use crate::{
-    dynamics::Method,
+    dynamics::{FormulationKind, Method},
     nodes::{
         choice,
         placement::{declare_pose, declare_vector, finite},
@@ -33,6 +33,8 @@ pub struct DynamicsParams {
     pub targets: Vec<TargetParams>,
     /// Integration method.
     pub method: Method,
+    /// Formulation of forward dynamics.
+    pub formulation: FormulationKind,
     /// Largest integration step \[s\].
     pub time_step: f64,
     /// States published per second of simulated time \[Hz\].
@@ -149,6 +151,18 @@ impl DynamicsParams {
         let method = choice::declare(declare, "integrator", &Method::NAMES, "Integration method")
             .read_only()
             .value();
+        let formulations = choice::list(&FormulationKind::NAMES);
+        let formulation = declare
+            .param(
+                "formulation",
+                choice::name_of(&FormulationKind::NAMES, &FormulationKind::Reduced),
+                &format!("Formulation of forward dynamics: {formulations}"),
+            )
+            .check(&format!("one of {formulations}"), |text| {
+                choice::find(&FormulationKind::NAMES, text).map(|_| ())
+            })
+            .read_only()
+            .value();
         let time_step = declare
             .param("time_step", 0.01, "Largest integration step [s]")
             .range(1e-6, 1.0)
@@ -232,6 +246,15 @@ impl DynamicsParams {
         }
 
         let (base, loop_closures) = (base?, loop_closures?);
+        // Any other text has been refused by the declaration.
+        let formulation =
+            choice::find(&FormulationKind::NAMES, &formulation).unwrap_or(FormulationKind::Reduced);
+        if !loop_closures.is_empty() && formulation != FormulationKind::Reduced {
+            let name = choice::name_of(&FormulationKind::NAMES, &formulation);
+            return Err(format!(
+                "parameter formulation is '{name}', which knows no closed loops; loop_closures need 'reduced'"
+            ));
+        }
         let robot = if xml.is_empty() {
             Description::read("urdf", &urdf)?
         } else {
@@ -260,6 +283,7 @@ impl DynamicsParams {
             targets,
             // Any other text has been refused by the declaration.
             method: choice::find(&Method::NAMES, &method).unwrap_or_default(),
+            formulation,
             time_step,
             state_rate,
             real_time_factor,

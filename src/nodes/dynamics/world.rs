@@ -61,7 +61,8 @@ impl World {
             LoopParams::loops(&params.loop_closures, &model).map_err(|e| e.to_string())?;
         (loops.assemble(&model, &mut state, params.loop_tolerance)).map_err(|e| e.to_string())?;
         place(&model, &mut state, &params.base);
-        let robot = Floating::with_loops(model, state, params.method, loops);
+        let mut robot = Floating::with_loops(model, state, params.method, loops);
+        robot.choose(params.formulation);
         let targets = params.targets.iter().map(|target| {
             let model = target.description.compile()?;
             if model.dof() > 0 {
