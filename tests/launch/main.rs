@@ -8,6 +8,7 @@ mod bad_input;
 mod contract;
 mod executables;
 mod faults;
+mod free_motion;
 mod joining;
 mod lockstep;
 mod own_controller;
