@@ -141,7 +141,7 @@ impl LoopClosure {
     pub(super) fn displacement(&self, workspace: &Workspace) -> [f64; 6] {
         let (p, R_AB) = self.placed(workspace);
         let rotation = match self.rotations() {
-            [true, true, true] => R_AB.scaled_axis(),
+            [true, true, true] => rotation_vector(&R_AB),
             [false, true, true] => misalignment(&R_AB, 0),
             [true, false, true] => misalignment(&R_AB, 1),
             [true, true, false] => misalignment(&R_AB, 2),
@@ -269,6 +269,25 @@ impl LoopClosure {
 fn universal_axes(R_AB: &Rotation3<f64>, i: usize) -> (Vector3<f64>, Vector3<f64>) {
     let (j, k) = ((i + 1) % 3, (i + 2) % 3);
     (Vector3::ith(j, 1.0), R_AB * Vector3::ith(k, 1.0))
+}
+
+/// The rotation vector, to full precision near the identity, where the trace has none.
+fn rotation_vector(R_AB: &Rotation3<f64>) -> Vector3<f64> {
+    let m = R_AB.matrix();
+    let skew = Vector3::new(
+        m[(2, 1)] - m[(1, 2)],
+        m[(0, 2)] - m[(2, 0)],
+        m[(1, 0)] - m[(0, 1)],
+    );
+    let (sin, cos) = (0.5 * skew.norm(), 0.5 * (m.trace() - 1.0));
+    if sin < 1e-6 && cos < 0.0 {
+        // Close to half a turn the skew part has none.
+        R_AB.scaled_axis()
+    } else if sin > 0.0 {
+        skew * (0.5 * sin.atan2(cos) / sin)
+    } else {
+        Vector3::zeros()
+    }
 }
 
 /// The smallest rotation, in A's axes, that takes A's axis `k` to B's.
