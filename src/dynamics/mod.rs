@@ -44,12 +44,16 @@ mod forward;
 mod integrator;
 mod jacobian;
 mod joint_map;
+mod kane;
 pub mod kernel;
 mod loops;
 mod momentum;
+pub mod newton_euler;
 mod reduced;
+mod runge_kutta;
 mod state;
 mod tableau;
+mod vector_state;
 mod workspace;
 
 pub use articulated_body::ArticulatedBody;
@@ -59,8 +63,11 @@ pub use formulation::{
 };
 pub use forward::Input;
 pub use integrator::{Forcing, Integrator, Method};
+pub use kane::{BaseSpeed, CutError, CutHinge, Kane};
 pub use loops::{Direction, LoopClosure, LoopError, LoopGap, Loops};
 pub use reduced::Reduced;
+pub use runge_kutta::RungeKutta;
 pub use state::{Momentum, State};
 pub use tableau::Tableau;
+pub use vector_state::VectorState;
 pub use workspace::Workspace;

@@ -2,10 +2,16 @@
 
 use crate::{
     control::{Acted, Controller, PoseError},
-    model::Model,
-    nodes::{dynamics::World, geometry::with_matrix, scenario::Scenario, tip_frame},
+    model::Frame,
+    nodes::{
+        camera::{Watch, camera_frame},
+        dynamics::World,
+        geometry::with_matrix,
+        scenario::Scenario,
+        tip_frame,
+    },
     spatial::Pose,
-    vision::{PoseCamera, PoseFrame},
+    vision::{PoseCamera, PoseFrame, Sighting},
 };
 
 /// The loop of a scenario: what its nodes do over topics, done in one thread. Each state is shown to the
@@ -22,10 +28,22 @@ pub struct ClosedLoop {
 /// Camera and controller.
 struct Servo {
     camera: PoseCamera,
+    watch: Option<WatchedTarget>,
+    sightings: Vec<Sighting>,
     controller: Controller,
     X_WD: Pose,
     seen: Option<PoseFrame>,
     measurement_timeout: f64,
+    image: (u32, u32, f64),
+}
+
+/// The target that the camera tracks.
+struct WatchedTarget {
+    watch: Watch,
+    /// Which of the world's targets.
+    index: usize,
+    /// The camera's frame.
+    camera: Frame,
 }
 
 /// One state and how it was answered.
@@ -38,6 +56,8 @@ pub struct Moment<'a> {
 
 /// What the controller did with a state.
 pub struct Answer<'a> {
+    /// Frames of features that the camera delivered at this state.
+    pub sightings: &'a [Sighting],
     /// The kind of measurement that it acted on.
     pub acted: Acted,
     /// Age of the measurement that it used \[s\].
@@ -76,9 +96,9 @@ impl ClosedLoop {
         self.duration
     }
 
-    /// Whether a controller acts.
-    pub fn is_controlled(&self) -> bool {
-        self.servo.is_some()
+    /// Width, height and focal length of the camera's image \[px\]; `None` in a free motion.
+    pub fn image(&self) -> Option<(u32, u32, f64)> {
+        self.servo.as_ref().map(|servo| servo.image)
     }
 
     /// Lets camera and controller answer the present state; `look` sees the moment, with the new efforts
@@ -110,7 +130,8 @@ impl ClosedLoop {
 }
 
 impl Servo {
-    fn new(scenario: &Scenario, model: &Model) -> Result<Self, String> {
+    fn new(scenario: &Scenario, world: &World) -> Result<Self, String> {
+        let model = world.robot.model();
         let (camera, controller) = (scenario.camera()?, scenario.controller()?);
         let at = |e: String| format!("{}: {e}", scenario.path().display());
         let tip = tip_frame(model, &controller.tip_link)
@@ -129,14 +150,26 @@ impl Servo {
                     .to_owned(),
             )
         })?;
+        let watch = match &camera.features {
+            None => None,
+            Some(features) => Some(WatchedTarget {
+                watch: Watch::new(features),
+                index: (world.target_index(&features.target))
+                    .map_err(|e| at(format!("camera: parameter features.target: {e}")))?,
+                camera: camera_frame(model).map_err(at)?.clone(),
+            }),
+        };
         let config = controller.config.clone();
         Ok(Self {
             controller: Controller::new(model.clone(), tip, config)
                 .map_err(|e| at(format!("controller: parameter {e}")))?,
             camera: PoseCamera::new(camera.quality),
+            watch,
+            sightings: Vec::new(),
             X_WD: with_matrix(&goal),
             seen: None,
             measurement_timeout: controller.measurement_timeout,
+            image: camera.image,
         })
     }
 
@@ -148,10 +181,21 @@ impl Servo {
         let time = world.time();
         let robot = &world.robot;
         let X_BE = robot.workspace().X_BF(self.controller.tip());
-        let X_BD = robot.state().X_WB(robot.workspace()).inverse() * self.X_WD;
+        let X_WB = robot.state().X_WB(robot.workspace());
+        let X_BD = X_WB.inverse() * self.X_WD;
         self.camera.show(time, &X_BE, Some(&X_BD));
         while let Some(frame) = self.camera.deliver(time) {
             frames.push(frame);
+        }
+        self.sightings.clear();
+        if let Some(watched) = &mut self.watch {
+            let X_WC = X_WB * robot.workspace().X_BF(&watched.camera);
+            let target = &world.targets[watched.index].body;
+            let X_WT = target.state().X_WB(target.workspace());
+            watched.watch.show(time, &X_WC, &X_WT);
+            while let Some(sighting) = watched.watch.deliver(time) {
+                self.sightings.push(sighting);
+            }
         }
         self.seen = frames.last().copied().or(self.seen);
         let age = self
@@ -169,6 +213,7 @@ impl Servo {
         let efforts = self.controller.efforts().as_slice();
         world.robot.hold_efforts(efforts);
         Ok(Answer {
+            sightings: &self.sightings,
             acted,
             age,
             error: PoseError::between(&X_BE, &X_BD),

@@ -9,7 +9,8 @@ use crate::{
     msg::{Interface, rosgraph_msgs, std_msgs},
     nodes::{
         camera, controller,
-        dynamics::{FrameTree, World, joint_states, momentum, odometry},
+        dynamics::{FrameTree, World, imu, joint_states, momentum, odometry},
+        features::sighting_to_msg,
         topics,
     },
     ros::Time,
@@ -24,6 +25,7 @@ pub struct SimulatedBag {
     odometry: TopicId,
     targets: Vec<TopicId>,
     momentum: TopicId,
+    imu: TopicId,
     tf: TopicId,
     servo: Option<ServoTopics>,
 }
@@ -32,6 +34,7 @@ pub struct SimulatedBag {
 struct ServoTopics {
     tip_pose: TopicId,
     goal_pose: TopicId,
+    features: TopicId,
     commands: TopicId,
     state: TopicId,
 }
@@ -51,6 +54,10 @@ impl SimulatedBag {
         writer.write_message(latched, 0, &text)?;
         let tf_static = add(&mut writer, &topics::TF_STATIC)?;
         writer.write_message(tf_static, 0, &frames.static_transforms())?;
+        if let Some(image) = run.image() {
+            let camera_info = add(&mut writer, &topics::CAMERA_INFO)?;
+            writer.write_message(camera_info, 0, &camera::calibration(image))?;
+        }
         let w = &mut writer;
         Ok(Self {
             clock: add(w, &topics::CLOCK)?,
@@ -60,11 +67,13 @@ impl SimulatedBag {
                 .map(|t| named(w, &t.odometry_topic(), &topics::ODOMETRY))
                 .collect::<Result<_, _>>()?,
             momentum: add(w, &topics::MOMENTUM)?,
+            imu: add(w, &topics::IMU)?,
             tf: add(w, &topics::TF)?,
-            servo: if run.is_controlled() {
+            servo: if run.image().is_some() {
                 Some(ServoTopics {
                     tip_pose: add(w, &topics::TIP_POSE)?,
                     goal_pose: add(w, &topics::SEEN_GOAL)?,
+                    features: add(w, &topics::FEATURES)?,
                     commands: add(w, &topics::JOINT_COMMANDS)?,
                     state: add(w, &topics::CONTROLLER_STATE)?,
                 })
@@ -80,7 +89,7 @@ impl SimulatedBag {
     ///
     /// # Errors
     /// When the bag cannot be written.
-    pub fn state(&mut self, world: &World) -> Result<(), BagError> {
+    pub fn state(&mut self, world: &mut World) -> Result<(), BagError> {
         let stamp = Time::from_secs_f64(world.time());
         let log = log_time(stamp);
         let base = self.frames.base().to_owned();
@@ -98,6 +107,7 @@ impl SimulatedBag {
             w.write_message(*topic, log, &odometry(stamp, &target.name, &target.body))?;
         }
         w.write_message(self.momentum, log, &momentum(stamp, &world.robot))?;
+        w.write_message(self.imu, log, &imu(stamp, &base, world))?;
         w.write_message(self.tf, log, &self.frames.transforms(stamp, world))
     }
 
@@ -120,6 +130,10 @@ impl SimulatedBag {
                 let goal = camera::seen(frame.time, &base, X_BD);
                 w.write_message(servo.goal_pose, log, &goal)?;
             }
+        }
+        for sighting in answer.sightings {
+            let message = sighting_to_msg(sighting, camera::CAMERA_FRAME);
+            w.write_message(servo.features, log, &message)?;
         }
         let header = std_msgs::Header {
             stamp: stamp.into(),

@@ -4,6 +4,7 @@
 //! old efforts first. In lockstep it acts from the state that it answers.
 
 mod commands;
+mod imu;
 mod loops;
 mod messages;
 mod outputs;
@@ -11,10 +12,11 @@ mod pace;
 mod params;
 mod world;
 
+pub use imu::{ImuParams, imu};
 pub use loops::{EndParams, LoopParams};
 pub use messages::{FrameTree, WORLD, joint_states, momentum, odometry};
 pub use params::{Description, DynamicsParams, Motion, TargetParams};
-pub use world::{Target, World};
+pub use world::{Target, World, odometry_topic};
 
 use std::time::{Duration, Instant};
 
@@ -119,7 +121,7 @@ impl Simulation<'_> {
             "no command has arrived on {} yet",
             self.commands.topic()
         ));
-        self.outputs.publish(&self.world)?;
+        self.outputs.publish(&mut self.world)?;
         if self.params.start_on_command {
             self.time_status
                 .warn("time is held until the first command");
@@ -143,7 +145,7 @@ impl Simulation<'_> {
             }
             self.check_command_age();
             self.step();
-            self.outputs.publish(&self.world)?;
+            self.outputs.publish(&mut self.world)?;
             match self.world.beyond_limits() {
                 Some(problem) => self.limit_status.warn(problem),
                 None => self.limit_status.ok("within the joints' limits"),
@@ -197,7 +199,7 @@ impl Simulation<'_> {
             self.node
                 .wait_for(next.saturating_duration_since(Instant::now()));
             if Instant::now() >= next {
-                self.outputs.publish(&self.world)?;
+                self.outputs.publish(&mut self.world)?;
                 next += REPEAT;
             }
         }

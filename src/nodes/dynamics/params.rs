@@ -2,6 +2,7 @@
 
 use nalgebra::{DVector, Isometry3, Vector3};
 
+use super::imu::ImuParams;
 use super::loops::LoopParams;
 use crate::{
     dynamics::{FormulationKind, Method},
@@ -31,6 +32,8 @@ pub struct DynamicsParams {
     pub base: Motion,
     /// Bodies that float free beside the robot.
     pub targets: Vec<TargetParams>,
+    /// The base's inertial measurement unit.
+    pub imu: ImuParams,
     /// Integration method.
     pub method: Method,
     /// Formulation of forward dynamics.
@@ -148,6 +151,7 @@ impl DynamicsParams {
             let motion = Motion::declare(declare, &name, "target's frame");
             targets.push((name, key, file, motion));
         }
+        let imu = ImuParams::declare(declare);
         let method = choice::declare(declare, "integrator", &Method::NAMES, "Integration method")
             .read_only()
             .value();
@@ -281,6 +285,7 @@ impl DynamicsParams {
             loop_tolerance,
             base,
             targets,
+            imu,
             // Any other text has been refused by the declaration.
             method: choice::find(&Method::NAMES, &method).unwrap_or_default(),
             formulation,
