@@ -76,16 +76,14 @@ impl ClosedLoop {
     pub fn new(scenario: &Scenario) -> Result<Self, String> {
         let dynamics = scenario.dynamics()?;
         let at = |e: String| format!("{}: {e}", scenario.path().display());
+        let world = World::new(&dynamics).map_err(at)?;
         let servo = if scenario.has("camera") || scenario.has("controller") {
-            Some(Servo::new(
-                scenario,
-                &dynamics.robot.compile().map_err(at)?,
-            )?)
+            Some(Servo::new(scenario, &world)?)
         } else {
             None
         };
         Ok(Self {
-            world: World::new(&dynamics).map_err(at)?,
+            world,
             servo,
             duration: dynamics.duration,
         })
