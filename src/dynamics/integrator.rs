@@ -2,7 +2,8 @@
 
 use nalgebra::{DVector, Vector3};
 
-use super::{Input, State, Tableau, Workspace};
+use super::acceleration::Acceleration;
+use super::{FormulationKind, Input, Loops, State, Tableau, Workspace};
 use crate::model::Model;
 use crate::spatial::{exp_so3, rotation_vector_rate};
 
@@ -102,6 +103,7 @@ pub struct Integrator {
     rates: Vec<Rate>,
     stage: State,
     input: Input,
+    pub(super) acceleration: Acceleration,
 }
 
 impl Integrator {
@@ -112,12 +114,30 @@ impl Integrator {
 
     /// An integrator for `model` with any explicit tableau.
     pub fn with_tableau(model: &Model, tableau: &'static Tableau) -> Self {
+        Self::with_loops(model, tableau, Loops::none(model))
+    }
+
+    /// An integrator for `model` with closed loops: states are projected onto them at every stage. They
+    /// start from one that is assembled ([`Loops::assemble`]).
+    pub fn with_loops(model: &Model, tableau: &'static Tableau, loops: Loops) -> Self {
         Self {
             tableau,
             rates: vec![Rate::zero(model.dof()); tableau.c.len()],
             stage: State::at_rest(model),
             input: Input::zero(model),
+            acceleration: Acceleration::new(loops),
         }
+    }
+
+    /// Takes accelerations from this formulation instead of the reduced form. Closed loops keep to the
+    /// reduced form, in whose metric they are solved.
+    pub fn choose(&mut self, model: &Model, formulation: FormulationKind) {
+        self.acceleration.choose(model, formulation);
+    }
+
+    /// The closed loops.
+    pub fn loops(&self) -> &Loops {
+        &self.acceleration.loops
     }
 
     /// Advances `state` by `dt` \[s\]; `forcing` is asked at every stage. On return `workspace` holds
@@ -130,11 +150,14 @@ impl Integrator {
         dt: f64,
         forcing: &mut impl Forcing,
     ) {
+        self.acceleration.loops.project(model, state, workspace);
         forcing.apply(state.time, state, &mut self.input);
         let rate = &mut self.rates[0];
         workspace.set_positions(model, &state.q);
         workspace.set_motion(state);
-        workspace.accelerations(model, state, &self.input, &mut rate.qd);
+        let input = &self.input;
+        self.acceleration
+            .of(model, state, workspace, input, &mut rate.qd);
         rate.complete(model, state, workspace, &self.input, &Vector3::zeros());
         self.finish(model, state, workspace, dt, forcing);
     }
@@ -172,16 +195,22 @@ impl Integrator {
             let (earlier, current) = self.rates.split_at_mut(i);
             let turned = advance(&mut self.stage, state, earlier, a, dt);
             self.stage.time = state.time + c * dt;
+            self.acceleration
+                .loops
+                .project(model, &mut self.stage, workspace);
             forcing.apply(self.stage.time, &self.stage, &mut self.input);
             let (stage, rate) = (&self.stage, &mut current[0]);
             workspace.set_positions(model, &stage.q);
             workspace.set_motion(stage);
-            workspace.accelerations(model, stage, &self.input, &mut rate.qd);
+            let input = &self.input;
+            self.acceleration
+                .of(model, stage, workspace, input, &mut rate.qd);
             rate.complete(model, stage, workspace, &self.input, &turned);
         }
         advance(&mut self.stage, state, &self.rates, tableau.b, dt);
         self.stage.time = state.time + dt;
         std::mem::swap(state, &mut self.stage);
+        self.acceleration.loops.project(model, state, workspace);
         state.R_WB.renormalize_fast();
         workspace.set_positions(model, &state.q);
         workspace.set_motion(state);

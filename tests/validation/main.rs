@@ -6,13 +6,15 @@ mod bundle;
 mod conservation;
 mod elliptic;
 mod fixtures;
+mod formulations;
 mod free_body;
 mod free_body_closed_form;
 mod generalized_jacobian;
 mod kane;
+mod loops;
 mod masutani1995;
-mod newton_euler;
 mod masutani_ch3;
+mod newton_euler;
 mod no_allocation;
 #[cfg(feature = "ros")]
 mod pinocchio;
