@@ -10,7 +10,8 @@
 //! and then read: fixed-base and generalized Jacobians, base map, reduced inertia, frame poses.
 //! [`Workspace::set_motion`] adds what depends on rates and momentum: body twists, energy, momentum as
 //! the bodies carry it. [`Workspace::accelerations`] is the forward dynamics of the reduced system,
-//! eq. (4.49). [`Integrator`] steps a state. None of them allocates.
+//! eq. (4.49). [`Integrator`] steps a state. None of them allocates. [`Loops`] hold bodies of the tree to
+//! each other: closed loops.
 //!
 //! ```
 //! use fuyu::dynamics::{Input, Integrator, Method, State, Workspace};
@@ -47,6 +48,7 @@ mod inverse;
 mod jacobian;
 mod kane;
 pub mod kernel;
+mod loops;
 mod momentum;
 pub mod newton_euler;
 mod reduced;
@@ -67,6 +69,7 @@ pub use forward::Input;
 pub use integrator::{Forcing, Integrator, Method};
 pub use inverse::InverseDynamics;
 pub use kane::{BaseSpeed, CutError, CutHinge, Kane};
+pub use loops::{Direction, LoopClosure, LoopError, LoopGap, Loops};
 pub use reduced::Reduced;
 pub use runge_kutta::RungeKutta;
 pub use state::{Momentum, State};

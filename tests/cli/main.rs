@@ -2,5 +2,6 @@
 
 mod bad_urdf;
 mod estimate;
+mod free_motion;
 mod fuyu;
 mod inspect;
