@@ -2,7 +2,7 @@
 
 use nalgebra::{DVector, UnitQuaternion};
 
-use super::Input;
+use super::{ArticulatedBody, Input, Reduced};
 use crate::model::Model;
 use crate::spatial::Twist;
 
@@ -52,4 +52,57 @@ pub trait Formulation {
         input: &Input,
         out: &mut TreeAcceleration,
     );
+}
+
+/// Formulations to choose from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum FormulationKind {
+    /// [`ArticulatedBody`]: the default, since it is the fastest and loses no digits in long chains.
+    #[default]
+    ArticulatedBody,
+    /// [`Reduced`].
+    Reduced,
+}
+
+impl FormulationKind {
+    /// All formulations by name, the default first.
+    pub const NAMES: [(&'static str, Self); 2] = [
+        ("articulated_body", Self::ArticulatedBody),
+        ("reduced", Self::Reduced),
+    ];
+
+    /// Scratch of this formulation for `model`.
+    pub fn prepare(self, model: &Model) -> ForwardDynamics {
+        match self {
+            Self::ArticulatedBody => {
+                ForwardDynamics::ArticulatedBody(Box::new(ArticulatedBody::new(model)))
+            }
+            Self::Reduced => ForwardDynamics::Reduced(Box::new(Reduced::new(model))),
+        }
+    }
+}
+
+/// A formulation that was chosen by name, prepared for a model.
+#[derive(Debug, Clone)]
+pub enum ForwardDynamics {
+    /// By articulated bodies.
+    ArticulatedBody(Box<ArticulatedBody>),
+    /// By the reduced system.
+    Reduced(Box<Reduced>),
+}
+
+impl Formulation for ForwardDynamics {
+    fn accelerations(
+        &mut self,
+        model: &Model,
+        motion: &TreeMotion,
+        input: &Input,
+        out: &mut TreeAcceleration,
+    ) {
+        let chosen: &mut dyn Formulation = match self {
+            Self::ArticulatedBody(formulation) => formulation.as_mut(),
+            Self::Reduced(formulation) => formulation.as_mut(),
+        };
+        chosen.accelerations(model, motion, input, out);
+    }
 }

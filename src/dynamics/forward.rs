@@ -48,10 +48,22 @@ impl Workspace {
         input: &Input,
         qdd: &mut DVector<f64>,
     ) {
+        let (q, qd) = (state.q.as_slice(), state.qd.as_slice());
+        self.solve(model, q, qd, input, qdd);
+    }
+
+    /// [`Workspace::accelerations`] from slices.
+    pub(super) fn solve(
+        &mut self,
+        model: &Model,
+        q: &[f64],
+        qd: &[f64],
+        input: &Input,
+        qdd: &mut DVector<f64>,
+    ) {
         self.set_bias_forces(input);
         let (force, torque) = self.base_reaction();
-        let motion = state.q.as_slice().iter().zip(state.qd.as_slice());
-        let acting = input.efforts.as_slice().iter().zip(motion);
+        let acting = input.efforts.as_slice().iter().zip(q.iter().zip(qd));
         let moved = (model.joints().iter().zip(&self.joints)).zip(&self.bodies[1..]);
         let rhs = qdd.as_mut_slice();
         for ((rhs, (effort, (q, qd))), ((joint, terms), body)) in

@@ -35,22 +35,28 @@
 //! assert!(state.q[0] > 0.0 && state.R_WB.axis().unwrap().z < 0.0);
 //! ```
 
+mod articulated_body;
 mod floating;
 mod formulation;
 mod forward;
 mod integrator;
 mod jacobian;
 mod joint_map;
+pub mod kernel;
 mod momentum;
 mod reduced;
 mod state;
 mod tableau;
 mod workspace;
 
+pub use articulated_body::ArticulatedBody;
 pub use floating::Floating;
-pub use formulation::{Formulation, TreeAcceleration, TreeMotion};
+pub use formulation::{
+    Formulation, FormulationKind, ForwardDynamics, TreeAcceleration, TreeMotion,
+};
 pub use forward::Input;
 pub use integrator::{Forcing, Integrator, Method};
+pub use reduced::Reduced;
 pub use state::{Momentum, State};
 pub use tableau::Tableau;
 pub use workspace::Workspace;

@@ -1,10 +1,43 @@
-//! Reduced inertia and kinetic energy.
+//! Reduced inertia, kinetic energy, and the reduced form as one of the formulations.
 
 use nalgebra::DMatrix;
 
-use super::Workspace;
+use super::{Formulation, Input, TreeAcceleration, TreeMotion, Workspace};
 use crate::model::Model;
 use crate::spatial::Wrench;
+
+/// Forward dynamics of the reduced system: [`Workspace::accelerations`], with the base eliminated.
+#[derive(Debug, Clone)]
+pub struct Reduced {
+    workspace: Workspace,
+}
+
+impl Reduced {
+    /// Scratch for `model`; the only place where memory is taken.
+    pub fn new(model: &Model) -> Self {
+        Self {
+            workspace: Workspace::new(model),
+        }
+    }
+}
+
+impl Formulation for Reduced {
+    fn accelerations(
+        &mut self,
+        model: &Model,
+        motion: &TreeMotion,
+        input: &Input,
+        out: &mut TreeAcceleration,
+    ) {
+        let workspace = &mut self.workspace;
+        workspace.place(model, motion.q);
+        workspace.bodies[0].twist = motion.V_WB_B;
+        workspace.spread_motion(motion.qd);
+        workspace.solve(model, motion.q, motion.qd, input, &mut out.qdd);
+        workspace.set_accelerations(&out.qdd);
+        out.A_WB_B = workspace.bodies[0].acceleration;
+    }
+}
 
 impl Workspace {
     /// Reduced inertia `Ĥ` (n × n): inertia that the joints feel when the base is free.

@@ -121,8 +121,13 @@ impl Workspace {
     /// Computes everything that depends on joint positions `q` alone: body poses, composite inertias,
     /// centre of mass, momentum map. Costs nothing when the workspace stands at `q` already.
     pub fn set_positions(&mut self, model: &Model, q: &DVector<f64>) {
-        if self.q.as_slice() != q.as_slice() {
-            self.q.as_mut_slice().copy_from_slice(q.as_slice());
+        self.place(model, q.as_slice());
+    }
+
+    /// [`Workspace::set_positions`] from a slice.
+    pub(super) fn place(&mut self, model: &Model, q: &[f64]) {
+        if self.q.as_slice() != q {
+            self.q.as_mut_slice().copy_from_slice(q);
             self.place_bodies(model);
             self.set_momentum_map();
         }
@@ -148,7 +153,12 @@ impl Workspace {
         let momentum_B = state.momentum_W.expressed_in(&state.R_WB);
         self.v_WC = momentum_B.linear / self.mass;
         self.bodies[0].twist = self.base_twist(&momentum_B, &state.qd);
-        for (j, (joint, &rate)) in self.joints.iter().zip(state.qd.as_slice()).enumerate() {
+        self.spread_motion(state.qd.as_slice());
+    }
+
+    /// Twists and bias accelerations of all bodies from the base's twist and the joint rates.
+    pub(super) fn spread_motion(&mut self, qd: &[f64]) {
+        for (j, (joint, &rate)) in self.joints.iter().zip(qd).enumerate() {
             let (earlier, rest) = self.bodies.split_at_mut(j + 1);
             let (parent, body) = (&earlier[joint.parent], &mut rest[0]);
             let (w, p) = (parent.twist.angular, &body.p_PB);

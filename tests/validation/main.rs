@@ -4,6 +4,7 @@
 
 mod conservation;
 mod fixtures;
+mod formulations;
 mod free_body;
 mod generalized_jacobian;
 mod no_allocation;
