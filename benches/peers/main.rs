@@ -109,7 +109,8 @@ fn row(robot: &Robot, states: &[Moving], kernel: Kernel, peers: &[Peer], exact: 
         runners.push(Runner::Ours(program));
     }
     for peer in peers {
-        let (maker, compiler) = match peer.name.strip_prefix("pinocchio-") {
+        let name = peer.name();
+        let (maker, compiler) = match name.strip_prefix("pinocchio-") {
             Some(compiler) => (Maker::Pinocchio, compiler),
             None => (Maker::Mujoco, ""),
         };

@@ -3,7 +3,10 @@
 use std::hint::black_box;
 
 use fuyu::control::{Gains, JacobianKind, Measurement, Saturation, TransposeJacobian};
-use fuyu::dynamics::{Input, Integrator, Method, State, Workspace};
+use fuyu::dynamics::{
+    Formulation, FormulationKind, ForwardDynamics, Input, Integrator, Method, State,
+    TreeAcceleration, TreeMotion, Workspace,
+};
 use fuyu::model::{Frame, Model};
 use fuyu::spatial::Pose;
 use nalgebra::{DVector, Matrix6xX, Rotation3, Translation3};
@@ -31,12 +34,15 @@ pub trait Program {
 
 /// Every formulation of forward dynamics, by name.
 pub fn forward(model: &Model) -> Vec<(&'static str, Box<dyn Program + '_>)> {
-    let reduced = Reduced {
-        model,
-        workspace: Workspace::new(model),
-        qdd: DVector::zeros(model.dof()),
-    };
-    vec![("reduced", Box::new(reduced))]
+    let formulations = FormulationKind::NAMES.into_iter().map(|(name, kind)| {
+        let program = Forward {
+            model,
+            dynamics: kind.prepare(model),
+            answer: TreeAcceleration::zero(model),
+        };
+        (name, Box::new(program) as Box<dyn Program + '_>)
+    });
+    formulations.collect()
 }
 
 /// Generalized Jacobian of the tip; momentum map and base map come with it.
@@ -91,28 +97,30 @@ pub fn control_law(robot: &Robot) -> Box<dyn Program + '_> {
     })
 }
 
-/// The reduced form. A step needs the joints' accelerations alone; the base's are not in its time.
-struct Reduced<'a> {
+struct Forward<'a> {
     model: &'a Model,
-    workspace: Workspace,
-    qdd: DVector<f64>,
+    dynamics: ForwardDynamics,
+    answer: TreeAcceleration,
 }
 
-impl Program for Reduced<'_> {
+impl Program for Forward<'_> {
     fn call(&mut self, s: &Moving) {
-        self.workspace.set_positions(self.model, &s.state.q);
-        self.workspace.set_motion(&s.state);
-        self.workspace
-            .accelerations(self.model, &s.state, &s.input, &mut self.qdd);
-        black_box(&self.qdd);
+        let motion = TreeMotion {
+            R_WB: s.state.R_WB,
+            V_WB_B: s.V_WB_B,
+            q: s.state.q.as_slice(),
+            qd: s.state.qd.as_slice(),
+        };
+        self.dynamics
+            .accelerations(self.model, &motion, &s.input, &mut self.answer);
+        black_box(&self.answer);
     }
 
     fn answer(&mut self, s: &Moving) -> Vec<f64> {
         self.call(s);
-        self.workspace.set_accelerations(&self.qdd);
-        let base = self.workspace.A_WF_B(&self.model.frames()[0]);
+        let base = &self.answer.A_WB_B;
         let base = base.angular.iter().chain(&base.linear);
-        base.chain(&self.qdd).copied().collect()
+        base.chain(&self.answer.qdd).copied().collect()
     }
 }
 

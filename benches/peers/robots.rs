@@ -1,6 +1,6 @@
 //! The robots of the benchmark, and states in which everything moves.
 
-use fuyu::dynamics::{Input, State, TreeMotion, Workspace};
+use fuyu::dynamics::{Input, State, Workspace};
 use fuyu::model::{JointKind, Model, ModelBuilder};
 use fuyu::spatial::{Pose, RigidInertia, Twist};
 use nalgebra::{DVector, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -126,17 +126,6 @@ pub struct Moving {
     pub V_WB_B: Twist,
     pub state: State,
     pub input: Input,
-}
-
-impl Moving {
-    pub fn motion(&self) -> TreeMotion<'_> {
-        TreeMotion {
-            R_WB: self.state.R_WB,
-            V_WB_B: self.V_WB_B,
-            q: self.state.q.as_slice(),
-            qd: self.state.qd.as_slice(),
-        }
-    }
 }
 
 /// States of `model`, the same in every run.
