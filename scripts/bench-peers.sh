@@ -8,11 +8,12 @@ sources=$root/benches/peers
 out=${CARGO_TARGET_DIR:-$root/target}/peers
 
 "$root/scripts/need.sh" g++=g++
-compilers=(g++)
+compilers=()
 # The newest clang at hand; Debian's of today if there is none.
 clang=$(compgen -c clang++ | grep -xE 'clang\+\+(-[0-9]+)?' | sort -t- -k2 -n | tail -1 || true)
 if [[ -z $clang ]] && "$root/scripts/need.sh" clang++-19=clang-19; then clang=clang++-19; fi
 if [[ -n $clang ]]; then compilers+=("$clang"); fi
+compilers+=(g++)
 
 python=$("$root/scripts/test-venv.sh" peers pin==4.1.0 mujoco==4.0.0 cmeel-eigen==3.4.1)
 packages=$("$python" -c 'import sysconfig; print(sysconfig.get_path("purelib"))')
@@ -48,11 +49,12 @@ build() {
 for compiler in "${compilers[@]}"; do
   name=${compiler%%+*}
   name=${name/#g/gcc}
-  build "pinocchio-$name" "$compiler" -O3 -march=native "${pinocchio[@]}" "$sources/pinocchio.cpp"
+  # g++ contracts multiplications and additions by itself.
+  build "pinocchio-$name" "$compiler" -O3 -march=native -ffp-contract=fast "${pinocchio[@]}" "$sources/pinocchio.cpp"
 done
 # The reference for precision.
-build pinocchio-long-double "$compiler" -O1 '-DSCALAR=long double' "${pinocchio[@]}" "$sources/pinocchio.cpp"
+build pinocchio-long-double "${compilers[0]}" -O0 '-DSCALAR=long double' "${pinocchio[@]}" "$sources/pinocchio.cpp"
 # MuJoCo's library comes compiled; only the calls are ours.
-build mujoco "$compiler" -O3 -march=native -isystem "$packages/mujoco/include" \
+build mujoco "${compilers[0]}" -O3 -march=native -isystem "$packages/mujoco/include" \
   "$sources/mujoco.cpp" "$mujoco" "-Wl,-rpath,$packages/mujoco"
 ls "$out" >&2
