@@ -1,11 +1,9 @@
 //! The articulated-body formulation: what the kernels need to serve one model and one state.
 
 use nalgebra::Vector3;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Arch, NullaryFnOnce};
 
-use super::kernel::{
-    Branch, Force, Fused, GROUP, Scalar, Slot, Tree, Vec3, forward_dynamics, sin_cos,
-};
+use super::kernel::{Force, Place, Slot, Tree, Vec3, forward_dynamics};
 use super::{Formulation, Input, TreeAcceleration, TreeMotion};
 use crate::model::Model;
 use crate::spatial::{Pose, Twist, Wrench};
@@ -16,62 +14,62 @@ use crate::spatial::{Pose, Twist, Wrench};
 pub struct ArticulatedBody {
     tree: Tree,
     arch: Arch,
-    sweeps: Sweeps,
-}
-
-/// Scratch in the numbers that suit the machine.
-#[derive(Debug, Clone)]
-enum Sweeps {
-    Plain(Scratch<f64>),
-    Fused(Scratch<Fused>),
-}
-
-#[derive(Debug, Clone)]
-struct Scratch<S> {
-    slots: Vec<Slot<S>>,
-    branches: Vec<Branch<S>>,
-    external: Vec<Force<S>>,
-}
-
-/// A real number of this machine.
-trait Real: Scalar {
-    fn of(value: f64) -> Self;
-    fn value(self) -> f64;
-}
-
-impl Real for f64 {
-    #[inline(always)]
-    fn of(value: f64) -> Self {
-        value
-    }
-    #[inline(always)]
-    fn value(self) -> f64 {
-        self
-    }
-}
-
-impl Real for Fused {
-    #[inline(always)]
-    fn of(value: f64) -> Self {
-        Self(value)
-    }
-    #[inline(always)]
-    fn value(self) -> f64 {
-        self.0
-    }
+    slots: Vec<Slot<f64>>,
+    external: Vec<Force<f64>>,
 }
 
 impl ArticulatedBody {
     /// Scratch for `model`; the only place where memory is taken.
     pub fn new(model: &Model) -> Self {
         let tree = Tree::new(model);
-        let arch = Arch::new();
-        let sweeps = if arch.dispatch(Fuses) {
-            Sweeps::Fused(Scratch::new(&tree))
-        } else {
-            Sweeps::Plain(Scratch::new(&tree))
-        };
-        Self { tree, arch, sweeps }
+        Self {
+            arch: Arch::new(),
+            slots: vec![Slot::new(0.0); tree.bodies.len()],
+            external: vec![Force::zero(0.0); tree.bodies.len()],
+            tree,
+        }
+    }
+
+    /// [`Formulation::accelerations`] where the joints' turns are known already.
+    pub(super) fn accelerations_at(
+        &mut self,
+        places: &[Place<f64>],
+        motion: &TreeMotion,
+        input: &Input,
+        out: &mut TreeAcceleration,
+    ) {
+        for (slot, place) in self.slots.iter_mut().zip(places) {
+            (slot.q, slot.turn) = (place.q, place.turn);
+        }
+        self.arch.dispatch(Evaluation {
+            dynamics: self,
+            motion,
+            is_placed: true,
+            input,
+            out,
+        });
+    }
+
+    /// Takes over wrenches into the kernel frames. Says whether there is any.
+    #[inline(always)]
+    fn load(&mut self, wrenches: &[Wrench]) -> bool {
+        if wrenches.iter().all(|wrench| *wrench == Wrench::ZERO) {
+            return false;
+        }
+        for ((into, wrench), body) in
+            (self.external.iter_mut().zip(wrenches)).zip(&self.tree.bodies)
+        {
+            *into = external(wrench, &body.X_BK);
+        }
+        true
+    }
+}
+
+fn external(wrench: &Wrench, X_BK: &Pose) -> Force<f64> {
+    let wrench = wrench.shifted_to_child(X_BK);
+    Force {
+        torque: Vec3(wrench.torque.into()),
+        force: Vec3(wrench.force.into()),
     }
 }
 
@@ -83,124 +81,63 @@ impl Formulation for ArticulatedBody {
         input: &Input,
         out: &mut TreeAcceleration,
     ) {
-        let (tree, arch) = (&self.tree, self.arch);
-        match &mut self.sweeps {
-            Sweeps::Plain(scratch) => arch.dispatch(Run {
-                tree,
-                scratch,
-                motion,
-                input,
-                out,
-            }),
-            Sweeps::Fused(scratch) => arch.dispatch(Run {
-                tree,
-                scratch,
-                motion,
-                input,
-                out,
-            }),
-        }
+        self.arch.dispatch(Evaluation {
+            dynamics: self,
+            motion,
+            is_placed: false,
+            input,
+            out,
+        });
     }
 }
 
-/// Asks whether the machine multiplies and adds in one instruction.
-struct Fuses;
-
-impl WithSimd for Fuses {
-    type Output = bool;
-    #[inline(always)]
-    fn with_simd<L: Simd>(self, _: L) -> bool {
-        L::F64_LANES > 1
-    }
-}
-
-/// One evaluation.
-struct Run<'a, S> {
-    tree: &'a Tree,
-    scratch: &'a mut Scratch<S>,
+/// One evaluation, for `pulp` to compile.
+struct Evaluation<'a> {
+    dynamics: &'a mut ArticulatedBody,
     motion: &'a TreeMotion<'a>,
+    /// Whether the slots know the joints' turns.
+    is_placed: bool,
     input: &'a Input,
     out: &'a mut TreeAcceleration,
 }
 
-impl<S: Real> WithSimd for Run<'_, S> {
+impl NullaryFnOnce for Evaluation<'_> {
     type Output = ();
     #[inline(always)]
-    fn with_simd<L: Simd>(self, _: L) {
-        let (tree, scratch, input) = (self.tree, self.scratch, self.input);
-        let n = tree.dof();
+    fn call(self) {
+        let (dynamics, input) = (self.dynamics, self.input);
+        let n = dynamics.tree.dof();
         let (q, qd) = (&self.motion.q[..n], &self.motion.qd[..n]);
+        if !self.is_placed {
+            let slots = &mut dynamics.slots[1..];
+            (dynamics.tree).turns(q, |j, q, turn| (slots[j].q, slots[j].turn) = (q, turn));
+        }
         let efforts = &input.efforts.as_slice()[..n];
-        scratch.place(tree, q);
-        for (j, slot) in scratch.slots.iter_mut().enumerate() {
-            slot.qd = S::of(qd[j]);
-            slot.effort = S::of(tree.effort(j, efforts[j], q[j], qd[j]));
+        for (j, slot) in dynamics.slots[1..].iter_mut().enumerate() {
+            slot.qd = qd[j];
+            slot.effort = dynamics.tree.effort(j, efforts[j], q[j], qd[j]);
         }
-        let loaded = scratch.load(tree, &input.wrenches);
-        let X_BK = &tree.bodies[0].X_BK;
-        let w = vec3(&(X_BK.rotation.inverse() * self.motion.V_WB_B.angular));
-        let external = loaded.then_some(&scratch.external[..]);
-        let base = forward_dynamics(tree, &mut scratch.slots, &mut scratch.branches, w, external);
-        self.out.A_WB_B = Twist::new(
-            X_BK.rotation * vector(base.angular),
-            X_BK.rotation * vector(base.linear),
+        let loaded = dynamics.load(&input.wrenches);
+        let R_BK = &dynamics.tree.bodies[0].X_BK.rotation;
+        dynamics.slots[0].w = Vec3(
+            R_BK.inverse_transform_vector(&self.motion.V_WB_B.angular)
+                .into(),
         );
-        for (qdd, slot) in self.out.qdd.as_mut_slice().iter_mut().zip(&scratch.slots) {
-            *qdd = slot.qdd.value();
+        let external = loaded.then_some(&dynamics.external[..]);
+        forward_dynamics(&dynamics.tree, &mut dynamics.slots, external);
+        let base = &dynamics.slots[0].acceleration;
+        self.out.A_WB_B = Twist::new(
+            R_BK * Vector3::from(base.angular.0),
+            R_BK * Vector3::from(base.linear.0),
+        );
+        for (qdd, slot) in self
+            .out
+            .qdd
+            .as_mut_slice()
+            .iter_mut()
+            .zip(&dynamics.slots[1..])
+        {
+            *qdd = slot.qdd;
         }
     }
-}
-
-impl<S: Real> Scratch<S> {
-    fn new(tree: &Tree) -> Self {
-        let zero = S::of(0.0);
-        Self {
-            slots: vec![Slot::new(zero); tree.dof()],
-            branches: vec![Branch::new(zero); tree.bodies.len()],
-            external: vec![Force::zero(zero); tree.bodies.len()],
-        }
-    }
-
-    #[inline(always)]
-    fn place(&mut self, tree: &Tree, q: &[f64]) {
-        let groups = q.chunks(GROUP).zip(tree.hops.chunks(GROUP));
-        for ((q, hops), slots) in groups.zip(self.slots.chunks_mut(GROUP)) {
-            let mut angles = [0.0; GROUP];
-            angles[..q.len()].copy_from_slice(q);
-            let (cos, sin) = sin_cos(&angles);
-            for (i, (slot, hop)) in slots.iter_mut().zip(hops).enumerate() {
-                slot.place(hop, S::of(q[i]), S::of(cos[i]), S::of(sin[i]));
-            }
-        }
-    }
-
-    /// Takes over wrenches into the kernel frames. Says whether there is any.
-    #[inline(always)]
-    fn load(&mut self, tree: &Tree, wrenches: &[Wrench]) -> bool {
-        if wrenches.iter().all(|wrench| *wrench == Wrench::ZERO) {
-            return false;
-        }
-        for ((into, wrench), body) in self.external.iter_mut().zip(wrenches).zip(&tree.bodies) {
-            *into = external(wrench, &body.X_BK);
-        }
-        true
-    }
-}
-
-fn external<S: Real>(wrench: &Wrench, X_BK: &Pose) -> Force<S> {
-    let wrench = wrench.shifted_to_child(X_BK);
-    Force {
-        torque: vec3(&wrench.torque),
-        force: vec3(&wrench.force),
-    }
-}
-
-#[inline(always)]
-fn vec3<S: Real>(v: &Vector3<f64>) -> Vec3<S> {
-    Vec3([v.x, v.y, v.z].map(S::of))
-}
-
-#[inline(always)]
-fn vector<S: Real>(v: Vec3<S>) -> Vector3<f64> {
-    Vector3::from(v.0.map(S::value))
 }

@@ -2,7 +2,7 @@
 
 use nalgebra::DVector;
 
-use super::{Input, Integrator, Method, State, Workspace};
+use super::{FormulationKind, Input, Integrator, Method, State, Workspace};
 use crate::model::Model;
 
 /// One free-floating tree with its state and scratch: the servicer, or a target (a tree without joints).
@@ -13,8 +13,7 @@ pub struct Floating {
     workspace: Workspace,
     integrator: Integrator,
     input: Input,
-    qdd: DVector<f64>,
-    /// Whether `qdd` is that of the present state under the held input.
+    /// Whether the integrator's last evaluation is that of the present state under the held input.
     qdd_is_known: bool,
 }
 
@@ -25,13 +24,19 @@ impl Floating {
             workspace: Workspace::new(&model),
             integrator: Integrator::new(&model, method),
             input: Input::zero(&model),
-            qdd: DVector::zeros(model.dof()),
             qdd_is_known: false,
             model,
             state,
         };
         floating.refresh();
         floating
+    }
+
+    /// The same tree, with forward dynamics by another formulation.
+    pub fn by(mut self, formulation: FormulationKind) -> Self {
+        self.integrator = self.integrator.by(&self.model, formulation);
+        self.qdd_is_known = false;
+        self
     }
 
     /// The tree.
@@ -92,7 +97,6 @@ impl Floating {
                 &mut self.workspace,
                 dt,
                 &self.input,
-                &self.qdd,
             );
             self.qdd_is_known = false;
         }
@@ -102,15 +106,16 @@ impl Floating {
     /// accelerations are those of this instant too.
     pub fn accelerations(&mut self) -> &DVector<f64> {
         self.set_joint_accelerations();
-        self.workspace.set_accelerations(&self.qdd);
-        &self.qdd
+        let answer = self.integrator.answer();
+        self.workspace.spread_motion(self.state.qd.as_slice());
+        (self.workspace).spread_accelerations(answer.A_WB_B, answer.qdd.as_slice());
+        &answer.qdd
     }
 
     fn set_joint_accelerations(&mut self) {
         if !self.qdd_is_known {
             let (model, state, input) = (&self.model, &self.state, &self.input);
-            self.workspace
-                .accelerations(model, state, input, &mut self.qdd);
+            (self.integrator).evaluate(model, state, &mut self.workspace, input);
             self.qdd_is_known = true;
         }
     }

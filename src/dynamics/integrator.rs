@@ -2,7 +2,10 @@
 
 use nalgebra::{DVector, Vector3};
 
-use super::{Input, State, Tableau, Workspace};
+use super::{
+    Formulation, FormulationKind, ForwardDynamics, Input, State, Tableau, TreeAcceleration,
+    TreeMotion, Workspace,
+};
 use crate::model::Model;
 use crate::spatial::{exp_so3, rotation_vector_rate};
 
@@ -102,10 +105,12 @@ pub struct Integrator {
     rates: Vec<Rate>,
     stage: State,
     input: Input,
+    dynamics: ForwardDynamics,
+    answer: TreeAcceleration,
 }
 
 impl Integrator {
-    /// An integrator for `model` with one of the library's methods.
+    /// An integrator for `model` with one of the library's methods and the default formulation.
     pub fn new(model: &Model, method: Method) -> Self {
         Self::with_tableau(model, method.tableau())
     }
@@ -113,11 +118,38 @@ impl Integrator {
     /// An integrator for `model` with any explicit tableau.
     pub fn with_tableau(model: &Model, tableau: &'static Tableau) -> Self {
         Self {
+            dynamics: FormulationKind::default().prepare(model),
+            answer: TreeAcceleration::zero(model),
             tableau,
             rates: vec![Rate::zero(model.dof()); tableau.c.len()],
             stage: State::at_rest(model),
             input: Input::zero(model),
         }
+    }
+
+    /// The same integrator, with forward dynamics by another formulation.
+    pub fn by(mut self, model: &Model, formulation: FormulationKind) -> Self {
+        self.dynamics = formulation.prepare(model);
+        self
+    }
+
+    /// Accelerations of a state; afterwards `workspace` holds its positions, the base's motion, and what
+    /// external wrenches sum up to.
+    pub(super) fn evaluate(
+        &mut self,
+        model: &Model,
+        state: &State,
+        workspace: &mut Workspace,
+        input: &Input,
+    ) -> &TreeAcceleration {
+        let (dynamics, answer) = (&mut self.dynamics, &mut self.answer);
+        evaluate(model, state, workspace, input, dynamics, answer);
+        answer
+    }
+
+    /// What the last evaluation gave.
+    pub(super) fn answer(&self) -> &TreeAcceleration {
+        &self.answer
     }
 
     /// Advances `state` by `dt` \[s\]; `forcing` is asked at every stage. On return `workspace` holds
@@ -131,16 +163,13 @@ impl Integrator {
         forcing: &mut impl Forcing,
     ) {
         forcing.apply(state.time, state, &mut self.input);
-        let rate = &mut self.rates[0];
-        workspace.set_positions(model, &state.q);
-        workspace.set_motion(state);
-        workspace.accelerations(model, state, &self.input, &mut rate.qd);
-        rate.complete(model, state, workspace, &self.input, &Vector3::zeros());
+        let (dynamics, answer) = (&mut self.dynamics, &mut self.answer);
+        evaluate(model, state, workspace, &self.input, dynamics, answer);
+        self.begin(model, state, workspace);
         self.finish(model, state, workspace, dt, forcing);
     }
 
-    /// A step under `input` held, from a state whose accelerations under it are `qdd`: the last that
-    /// `workspace` was asked for.
+    /// A step under `input` held, from the state that was evaluated last, under the same input.
     pub(super) fn step_held(
         &mut self,
         model: &Model,
@@ -148,14 +177,19 @@ impl Integrator {
         workspace: &mut Workspace,
         dt: f64,
         input: &Input,
-        qdd: &DVector<f64>,
     ) {
         self.input.copy_from(input);
-        let rate = &mut self.rates[0];
-        rate.qd.as_mut_slice().copy_from_slice(qdd.as_slice());
-        rate.complete(model, state, workspace, input, &Vector3::zeros());
+        self.begin(model, state, workspace);
         let mut held = |_: f64, _: &State, _: &mut Input| {};
         self.finish(model, state, workspace, dt, &mut held);
+    }
+
+    /// The first stage, from the last evaluation.
+    fn begin(&mut self, model: &Model, state: &State, workspace: &Workspace) {
+        let rate = &mut self.rates[0];
+        let qdd = self.answer.qdd.as_slice();
+        rate.qd.as_mut_slice().copy_from_slice(qdd);
+        rate.complete(model, state, workspace, &self.input, &Vector3::zeros());
     }
 
     /// The stages after the first, and the new state.
@@ -169,15 +203,22 @@ impl Integrator {
     ) {
         let tableau = self.tableau;
         for (i, (a, c)) in tableau.a.iter().zip(tableau.c).enumerate().skip(1) {
-            let (earlier, current) = self.rates.split_at_mut(i);
-            let turned = advance(&mut self.stage, state, earlier, a, dt);
+            let turned = advance(&mut self.stage, state, &self.rates[..i], a, dt);
             self.stage.time = state.time + c * dt;
             forcing.apply(self.stage.time, &self.stage, &mut self.input);
-            let (stage, rate) = (&self.stage, &mut current[0]);
-            workspace.set_positions(model, &stage.q);
-            workspace.set_motion(stage);
-            workspace.accelerations(model, stage, &self.input, &mut rate.qd);
-            rate.complete(model, stage, workspace, &self.input, &turned);
+            let Self {
+                stage,
+                rates,
+                input,
+                dynamics,
+                answer,
+                ..
+            } = self;
+            evaluate(model, stage, workspace, input, dynamics, answer);
+            let rate = &mut rates[i];
+            let qdd = answer.qdd.as_slice();
+            rate.qd.as_mut_slice().copy_from_slice(qdd);
+            rate.complete(model, stage, workspace, input, &turned);
         }
         advance(&mut self.stage, state, &self.rates, tableau.b, dt);
         self.stage.time = state.time + dt;
@@ -185,6 +226,31 @@ impl Integrator {
         state.R_WB.renormalize_fast();
         workspace.set_positions(model, &state.q);
         workspace.set_motion(state);
+    }
+}
+
+fn evaluate(
+    model: &Model,
+    state: &State,
+    workspace: &mut Workspace,
+    input: &Input,
+    dynamics: &mut ForwardDynamics,
+    answer: &mut TreeAcceleration,
+) {
+    workspace.set_positions(model, &state.q);
+    workspace.set_base_motion(state);
+    workspace.set_external(input, state.qd.as_slice());
+    let motion = TreeMotion {
+        R_WB: state.R_WB,
+        V_WB_B: *workspace.V_WB_B(),
+        q: state.q.as_slice(),
+        qd: state.qd.as_slice(),
+    };
+    match dynamics {
+        ForwardDynamics::ArticulatedBody(dynamics) => {
+            dynamics.accelerations_at(&workspace.places, &motion, input, answer);
+        }
+        other => other.accelerations(model, &motion, input, answer),
     }
 }
 

@@ -36,12 +36,12 @@
 //! ```
 
 mod articulated_body;
+mod axis;
 mod floating;
 mod formulation;
 mod forward;
 mod integrator;
 mod jacobian;
-mod joint_map;
 pub mod kernel;
 mod momentum;
 mod reduced;

@@ -5,12 +5,13 @@
 //! body's inertia is kept in its three blocks, and what a joint makes zero is not computed. The joint
 //! itself takes no part beyond one row: its axis is a coordinate axis.
 
-use super::hop::{ArticulatedInertia, Force, Motion};
-use super::tree::{Body, Hop, Tree};
+use super::hop::{ArticulatedInertia, Force, Motion, Path, on_path};
+use super::tree::{BENT, Body, Hop, Tree};
 use super::vector::others;
 use super::{Mat3, Scalar, Sym3, Turn, Vec3};
 
-/// What the sweeps keep of a joint and the body that it moves, in the body's kernel frame.
+/// What the sweeps keep of a body and of the joint that moves it, in the body's kernel frame. Slot 0 is the
+/// base's, which no joint moves.
 #[derive(Debug, Clone, Copy)]
 pub struct Slot<S> {
     /// Joint position \[rad or m\].
@@ -21,80 +22,49 @@ pub struct Slot<S> {
     pub effort: S,
     /// Turn of the body's frame against its parent's, before the bend.
     pub turn: Turn<S>,
-    /// Joint acceleration: the result.
+    /// Joint acceleration: a result.
     pub qdd: S,
-    pub(super) w: Vec3<S>,
+    /// Acceleration of the body: a result.
+    pub acceleration: Motion<S>,
+    /// Angular velocity; the base's is an input.
+    pub w: Vec3<S>,
     /// `[w×]²`.
-    pub(super) spin: Sym3<S>,
-    pub(super) bias: Force<S>,
+    spin: Sym3<S>,
     /// Acceleration that the body has beyond its parent's at zero joint acceleration.
-    pub(super) own: Motion<S>,
-    /// What a joint acceleration of the parent's motion is worth: `U / d`.
+    own: Motion<S>,
+    /// Force that the body and what hangs on it take, gathered.
+    force: Force<S>,
+    /// Inertia of the body and what hangs on it, gathered.
+    inertia: ArticulatedInertia<S>,
+    /// What the parent's acceleration takes of the joint's.
     gain: Force<S>,
     /// Joint acceleration while the parent does not accelerate.
     free: S,
-    pub(super) acceleration: Motion<S>,
-}
-
-/// What the bodies that branch off a body pass on to it.
-#[derive(Debug, Clone, Copy)]
-pub struct Branch<S> {
-    inertia: ArticulatedInertia<S>,
-    force: Force<S>,
 }
 
 impl<S: Scalar> Slot<S> {
     /// A slot with nothing in it, numbers of the kind of `like`.
     pub fn new(like: S) -> Self {
         let (zero, none) = (like.constant(0.0), Vec3::zero(like));
+        let sym = spin(none);
         Self {
             q: zero,
             qd: zero,
             effort: zero,
             turn: Turn::new(like.constant(1.0), zero),
             qdd: zero,
-            w: none,
-            spin: spin(none),
-            bias: Force::zero(like),
-            own: Motion::zero(like),
-            gain: Force::zero(like),
-            free: zero,
             acceleration: Motion::zero(like),
-        }
-    }
-
-    /// Puts the joint of `hop` to position `q`, of which cosine and sine are known.
-    #[inline(always)]
-    pub(crate) fn place(&mut self, hop: &Hop, q: S, cos: S, sin: S) {
-        let [c, s] = hop.home;
-        self.q = q;
-        let (cos, sin) = if hop.slides {
-            (q.constant(c), q.constant(s))
-        } else if s == 0.0 && c == 1.0 {
-            (cos, sin)
-        } else {
-            let (c, s) = (q.constant(c), q.constant(s));
-            (s.mul_sub_from(sin, c * cos), s.mul_add(cos, c * sin))
-        };
-        self.turn = Turn::new(cos, sin);
-    }
-}
-
-impl<S: Scalar> Branch<S> {
-    /// Nothing passed on, numbers of the kind of `like`.
-    pub fn new(like: S) -> Self {
-        let (zero, none) = (like.constant(0.0), Vec3::zero(like));
-        let sym = Sym3 {
-            diagonal: [zero; 3],
-            off: [zero; 3],
-        };
-        Self {
+            w: none,
+            spin: sym,
+            own: Motion::zero(like),
+            force: Force::zero(like),
             inertia: ArticulatedInertia {
                 turning: sym,
                 coupling: Mat3([none; 3]),
                 mass: sym,
             },
-            force: Force::zero(like),
+            gain: Force::zero(like),
+            free: zero,
         }
     }
 }
@@ -134,7 +104,11 @@ impl Body {
         let h = &self.inertia.first_moment;
         Force {
             torque,
-            force: spin.mul(Vec3::constant(like, &[h.x, h.y, h.z])),
+            force: if self.is_heavy {
+                spin.mul(Vec3::constant(like, &[h.x, h.y, h.z]))
+            } else {
+                Vec3::zero(like)
+            },
         }
     }
 
@@ -156,85 +130,72 @@ impl Body {
             },
         }
     }
-
-    /// This body with what hangs on it.
-    #[inline(always)]
-    fn with<S: Scalar>(&self, carried: ArticulatedInertia<S>) -> ArticulatedInertia<S> {
-        let h = &self.inertia.first_moment;
-        let ArticulatedInertia {
-            turning,
-            coupling: Mat3([mut x, mut y, mut z]),
-            mut mass,
-        } = carried;
-        if self.is_heavy {
-            x = Vec3([x[0], x[1].plus(-h.z), x[2].plus(h.y)]);
-            y = Vec3([y[0].plus(h.z), y[1], y[2].plus(-h.x)]);
-            z = Vec3([z[0].plus(-h.y), z[1].plus(h.x), z[2]]);
-        }
-        mass.diagonal = mass.diagonal.map(|m| m.plus(self.inertia.mass));
-        ArticulatedInertia {
-            turning: turning.plus(&self.inertia.about_origin),
-            coupling: Mat3([x, y, z]),
-            mass,
-        }
-    }
 }
 
 impl<S: Scalar> Slot<S> {
-    /// Motion that positions and rates imply, for a parent that turns with `w` (and its `[w×]²`).
+    /// Turns the body as positions and rates imply, against a parent whose slot is done.
     #[inline(always)]
-    fn set_motion(&mut self, hop: &Hop, body: &Body, w: Vec3<S>, parent_spin: Sym3<S>) {
-        let mut w = hop.back(&self.turn, w);
+    fn set_motion(&mut self, hop: &Hop, parent: &Self) {
+        let mut w = hop.back(&self.turn, parent.w);
         let across = [w[1] * self.qd, -(w[0] * self.qd)];
-        let zero = self.qd.constant(0.0);
-        self.own = if hop.shifts || hop.slides {
-            Motion {
-                angular: Vec3([zero; 3]),
-                linear: hop.back(&self.turn, parent_spin.mul(hop.p_PK(self.q))),
-            }
-        } else {
-            Motion::zero(zero)
-        };
+        if hop.shifts || hop.slides {
+            let centripetal = parent.spin.mul(hop.p_PK(self.q));
+            self.own.linear = hop.back(&self.turn, centripetal);
+        }
         if hop.slides {
             for (own, across) in self.own.linear.0.iter_mut().zip(across) {
                 *own = across.times(2.0) + *own;
             }
         } else {
-            self.own.angular = Vec3([across[0], across[1], zero]);
+            (self.own.angular[0], self.own.angular[1]) = (across[0], across[1]);
             w[2] = w[2] + self.qd;
         }
         self.w = w;
-        self.spin = spin(w);
-        self.bias = body.centrifugal(self.spin);
     }
 
-    /// Lets the joint give way: what is left of inertia and force for the parent, in this frame.
+    /// Begins what is gathered with the body alone.
     #[inline(always)]
-    fn release(
-        &mut self,
-        hop: &Hop,
-        inertia: ArticulatedInertia<S>,
-        force: Force<S>,
-    ) -> (ArticulatedInertia<S>, Force<S>) {
+    fn begin(&mut self, body: &Body, external: Option<&Force<S>>) {
+        self.spin = spin(self.w);
+        self.force = body.centrifugal(self.spin);
+        if let Some(external) = external {
+            self.force = Force {
+                torque: self.force.torque - external.torque,
+                force: self.force.force - external.force,
+            };
+        }
+        self.inertia = body.alone(self.w[0]);
+    }
+
+    /// Lets the joint give way and passes on to the parent what is left of inertia and force.
+    #[inline(always)]
+    fn release(&mut self, hop: &Hop, parent: &mut Self) {
         if hop.slides {
-            self.release_slide(inertia, force)
+            let (inertia, force) = self.release_slide();
+            let path = Path::<true, BENT, true, true>;
+            let inertia = path.inertia_out::<S, true>(hop, &self.turn, self.q, inertia);
+            parent.inertia = parent.inertia.plus(inertia);
+            parent.force = parent
+                .force
+                .plus(path.force_out(hop, &self.turn, self.q, force));
         } else {
-            self.release_turn(hop, inertia, force)
+            on_path!(hop, path => {
+                let (inertia, force) = self.release_turn(hop);
+                let inertia = path.inertia_out::<S, false>(hop, &self.turn, self.q, inertia);
+                parent.inertia = parent.inertia.plus(inertia);
+                parent.force = parent.force.plus(path.force_out(hop, &self.turn, self.q, force));
+            });
         }
     }
 
     #[inline(always)]
-    fn release_turn(
-        &mut self,
-        hop: &Hop,
-        inertia: ArticulatedInertia<S>,
-        force: Force<S>,
-    ) -> (ArticulatedInertia<S>, Force<S>) {
+    fn release_turn(&mut self, hop: &Hop) -> (ArticulatedInertia<S>, Force<S>) {
+        let force = self.force;
         let ArticulatedInertia {
             turning: mut J,
             coupling: Mat3([mut hx, mut hy, u]),
             mass: mut M,
-        } = inertia;
+        } = self.inertia;
         let (ux, uy) = (J.off[1], J.off[0]);
         let inverse = J.diagonal[2].recip();
         let (kx, ky, k) = (ux * inverse, uy * inverse, u.scaled(inverse));
@@ -281,16 +242,13 @@ impl<S: Scalar> Slot<S> {
     }
 
     #[inline(always)]
-    fn release_slide(
-        &mut self,
-        inertia: ArticulatedInertia<S>,
-        force: Force<S>,
-    ) -> (ArticulatedInertia<S>, Force<S>) {
+    fn release_slide(&mut self) -> (ArticulatedInertia<S>, Force<S>) {
+        let force = self.force;
         let ArticulatedInertia {
             turning: mut J,
             coupling: mut H,
             mass: mut M,
-        } = inertia;
+        } = self.inertia;
         let u = H.column(2);
         let (ux, uy) = (M.off[1], M.off[0]);
         let inverse = M.diagonal[2].recip();
@@ -337,24 +295,35 @@ impl<S: Scalar> Slot<S> {
 
     /// Joint acceleration for the parent's, and the body's own.
     #[inline(always)]
-    fn accelerate(&mut self, hop: &Hop, parent: Motion<S>) {
-        let mut m = hop.motion_into(&self.turn, self.q, parent);
-        let (g, own) = (&self.gain, &self.own);
+    fn accelerate(&mut self, hop: &Hop, parent: &Motion<S>) {
         if hop.slides {
-            m.linear = m.linear + own.linear;
+            let path = Path::<true, BENT, true, true>;
+            let mut m = path.motion_back(hop, &self.turn, self.q, *parent);
+            m.linear = m.linear + self.own.linear;
+            let g = &self.gain;
             let along = g.force[0].mul_add(m.linear[0], g.force[1] * m.linear[1]);
             self.qdd = (self.free - m.linear[2]) - (along + g.torque.dot(m.angular));
             m.linear[2] = m.linear[2] + self.qdd;
+            self.acceleration = m;
         } else {
-            m.angular[0] = m.angular[0] + own.angular[0];
-            m.angular[1] = m.angular[1] + own.angular[1];
-            if hop.shifts {
-                m.linear = m.linear + own.linear;
-            }
-            let along = g.torque[0].mul_add(m.angular[0], g.torque[1] * m.angular[1]);
-            self.qdd = (self.free - m.angular[2]) - (along + g.force.dot(m.linear));
-            m.angular[2] = m.angular[2] + self.qdd;
+            on_path!(hop, path => {
+                let m = path.motion_back(hop, &self.turn, self.q, *parent);
+                self.turn_free(hop, m);
+            });
         }
+    }
+
+    #[inline(always)]
+    fn turn_free(&mut self, hop: &Hop, mut m: Motion<S>) {
+        let (g, own) = (&self.gain, &self.own);
+        m.angular[0] = m.angular[0] + own.angular[0];
+        m.angular[1] = m.angular[1] + own.angular[1];
+        if hop.shifts {
+            m.linear = m.linear + own.linear;
+        }
+        let along = g.torque[0].mul_add(m.angular[0], g.torque[1] * m.angular[1]);
+        self.qdd = (self.free - m.angular[2]) - (along + g.force.dot(m.linear));
+        m.angular[2] = m.angular[2] + self.qdd;
         self.acceleration = m;
     }
 }
@@ -369,10 +338,9 @@ fn take_product<S: Scalar>(m: &mut Sym3<S>, u: Vec3<S>, k: Vec3<S>) {
     }
 }
 
-/// Accelerations of a free-floating tree. `slots` hold positions (with their turns), rates and efforts of
-/// the joints, and receive the joint accelerations; `branches` is scratch, one per body; `w` is the base's
-/// angular velocity; `external` gives wrenches on the bodies in their kernel frames. Returns the base's
-/// acceleration. All in kernel frames.
+/// Accelerations of a free-floating tree. `slots`, one per body, hold positions (with their turns), rates
+/// and efforts of the joints and the base's angular velocity, and receive the accelerations. `external`
+/// gives wrenches on the bodies. All in kernel frames.
 ///
 /// # Panics
 /// If a slice is shorter than the tree needs.
@@ -380,103 +348,26 @@ fn take_product<S: Scalar>(m: &mut Sym3<S>, u: Vec3<S>, k: Vec3<S>) {
 pub fn forward_dynamics<S: Scalar>(
     tree: &Tree,
     slots: &mut [Slot<S>],
-    branches: &mut [Branch<S>],
-    w: Vec3<S>,
     external: Option<&[Force<S>]>,
-) -> Motion<S> {
-    let n = tree.dof();
-    let (slots, branches) = (&mut slots[..n], &mut branches[..=n]);
-    let like = w[0];
-    let base = &tree.bodies[0];
-    let base_spin = spin(w);
-
-    let (mut w_before, mut spin_before) = (w, base_spin);
-    for (j, (hop, body)) in tree.hops.iter().zip(&tree.bodies[1..]).enumerate() {
-        if !hop.follows {
-            (w_before, spin_before) = match hop.parent.checked_sub(1) {
-                None => (w, base_spin),
-                Some(p) => (slots[p].w, slots[p].spin),
-            };
-        }
-        let slot = &mut slots[j];
-        slot.set_motion(hop, body, w_before, spin_before);
-        (w_before, spin_before) = (slot.w, slot.spin);
-    }
-
-    let mut carried: Option<(ArticulatedInertia<S>, Force<S>)> = None;
-    for (j, (hop, body)) in tree.hops.iter().zip(&tree.bodies[1..]).enumerate().rev() {
-        let slot = &mut slots[j];
-        let (inertia, force) = load(body, carried, slot.bias, &branches[j + 1], like);
-        let force = unloaded(force, external, j + 1);
-        let (rest, left) = slot.release(hop, inertia, force);
-        let rest = hop.inertia_out(&slot.turn, slot.q, rest);
-        let left = hop.force_out(&slot.turn, slot.q, left);
-        carried = if hop.follows {
-            Some((rest, left))
-        } else {
-            let branch = &mut branches[hop.parent];
-            *branch = if hop.is_last {
-                Branch {
-                    inertia: rest,
-                    force: left,
-                }
-            } else {
-                Branch {
-                    inertia: branch.inertia.plus(rest),
-                    force: branch.force.plus(left),
-                }
-            };
-            None
-        };
-    }
-
-    let bias = base.centrifugal(base_spin);
-    let (inertia, force) = load(base, carried, bias, &branches[0], like);
-    let base_motion = inertia.answer(unloaded(force, external, 0));
-
-    let mut before = base_motion;
+) {
+    let count = tree.bodies.len();
+    let (slots, bodies) = (&mut slots[..count], &tree.bodies[..count]);
+    let external = external.map(|e| &e[..count]);
+    slots[0].begin(&bodies[0], external.map(|e| &e[0]));
     for (j, hop) in tree.hops.iter().enumerate() {
-        if !hop.follows {
-            before = match hop.parent.checked_sub(1) {
-                None => base_motion,
-                Some(p) => slots[p].acceleration,
-            };
-        }
-        slots[j].accelerate(hop, before);
-        before = slots[j].acceleration;
+        let (before, rest) = slots.split_at_mut(j + 1);
+        let slot = &mut rest[0];
+        slot.set_motion(hop, &before[hop.parent]);
+        slot.begin(&bodies[j + 1], external.map(|e| &e[j + 1]));
     }
-    base_motion
-}
-
-/// A body's articulated inertia and the force that it takes, with all that hangs on it.
-#[inline(always)]
-fn load<S: Scalar>(
-    body: &Body,
-    carried: Option<(ArticulatedInertia<S>, Force<S>)>,
-    bias: Force<S>,
-    branch: &Branch<S>,
-    like: S,
-) -> (ArticulatedInertia<S>, Force<S>) {
-    let (inertia, force) = match carried {
-        None => (body.alone(like), bias),
-        Some((inertia, force)) => (body.with(inertia), bias.plus(force)),
-    };
-    if body.branches {
-        (inertia.plus(branch.inertia), force.plus(branch.force))
-    } else {
-        (inertia, force)
+    for (j, hop) in tree.hops.iter().enumerate().rev() {
+        let (before, rest) = slots.split_at_mut(j + 1);
+        rest[0].release(hop, &mut before[hop.parent]);
     }
-}
-
-/// `force` less the wrench that acts on `body`.
-#[inline(always)]
-fn unloaded<S: Scalar>(force: Force<S>, external: Option<&[Force<S>]>, body: usize) -> Force<S> {
-    match external {
-        None => force,
-        Some(external) => Force {
-            torque: force.torque - external[body].torque,
-            force: force.force - external[body].force,
-        },
+    slots[0].acceleration = slots[0].inertia.answer(slots[0].force);
+    for (j, hop) in tree.hops.iter().enumerate() {
+        let (before, rest) = slots.split_at_mut(j + 1);
+        rest[0].accelerate(hop, &before[hop.parent].acceleration);
     }
 }
 

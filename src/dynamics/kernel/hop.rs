@@ -1,6 +1,6 @@
 //! Motions and forces from a body to its parent and back.
 
-use super::tree::{Bend, Hop};
+use super::tree::{Hop, QUARTER, STRAIGHT};
 use super::vector::others;
 use super::{Mat3, Scalar, Sym3, Turn, Vec3};
 
@@ -115,6 +115,23 @@ impl<S: Scalar> ArticulatedInertia<S> {
         self
     }
 
+    /// [`Self::shifted`] along z by `d`, of an inertia that feels nothing about z.
+    #[inline(always)]
+    fn shifted_in_plane(mut self, d: S) -> Self {
+        let old = self.coupling.0;
+        let (to_x, to_y) = (self.mass.row(1), self.mass.row(0));
+        for c in 0..3 {
+            self.coupling.0[0][c] = d.mul_sub_from(to_x[c], old[0][c]);
+            self.coupling.0[1][c] = d.mul_add(to_y[c], old[1][c]);
+        }
+        let new = self.coupling.0;
+        let t = &mut self.turning;
+        t.diagonal[0] = d.mul_sub_from(old[0][1] + new[0][1], t.diagonal[0]);
+        t.diagonal[1] = d.mul_add(old[1][0] + new[1][0], t.diagonal[1]);
+        t.off[2] = d.mul_add(old[0][0] - new[1][1], t.off[2]);
+        self
+    }
+
     #[inline(always)]
     fn turned<const AXIS: usize>(self, turn: &Turn<S>) -> Self {
         Self {
@@ -124,6 +141,7 @@ impl<S: Scalar> ArticulatedInertia<S> {
         }
     }
 
+    #[inline(always)]
     fn quarter_turned(self) -> Self {
         Self {
             turning: quarter_sym(self.turning),
@@ -160,46 +178,38 @@ fn quarter_mat<S: Scalar>(m: Mat3<S>) -> Mat3<S> {
     Mat3([quarter(x), -quarter(z), quarter(y)])
 }
 
-impl Hop {
-    /// A free vector from the moved body's axes to the parent's.
-    #[inline(always)]
-    pub(super) fn out<S: Scalar>(&self, turn: &Turn<S>, v: Vec3<S>) -> Vec3<S> {
-        let v = self.bent_out(turn.out::<2>(v));
-        match &self.swing {
-            None => v,
-            Some(swing) => Turn::constant(turn.cos, swing).out::<2>(v),
-        }
-    }
+/// What of a hop is computed, known to the compiler: the bend, and whether there are shifts along the
+/// joint's axis and along the common normal. `GENERAL` does everything that the hop has.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Path<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool>;
 
+impl Hop {
     /// A free vector from the parent's axes to the moved body's.
     #[inline(always)]
     pub(super) fn back<S: Scalar>(&self, turn: &Turn<S>, v: Vec3<S>) -> Vec3<S> {
-        turn.back::<2>(self.bent_into(self.unswung(v)))
+        let v = if self.shape.is_general {
+            Turn::constant(turn.cos, &self.swing).back::<2>(v)
+        } else {
+            v
+        };
+        let v = match self.shape.bend {
+            STRAIGHT => v,
+            QUARTER => quarter_back(v),
+            _ => Turn::constant(turn.cos, &self.bend).back::<0>(v),
+        };
+        turn.back::<2>(v)
     }
 
+    /// The turn about z at a joint position whose cosine and sine are known.
     #[inline(always)]
-    fn unswung<S: Scalar>(&self, v: Vec3<S>) -> Vec3<S> {
-        match &self.swing {
-            None => v,
-            Some(swing) => Turn::constant(v[0], swing).back::<2>(v),
-        }
-    }
-
-    #[inline(always)]
-    fn bent_out<S: Scalar>(&self, v: Vec3<S>) -> Vec3<S> {
-        match &self.bend {
-            Bend::Straight => v,
-            Bend::Quarter => quarter(v),
-            Bend::By(turn) => Turn::constant(v[0], turn).out::<0>(v),
-        }
-    }
-
-    #[inline(always)]
-    fn bent_into<S: Scalar>(&self, v: Vec3<S>) -> Vec3<S> {
-        match &self.bend {
-            Bend::Straight => v,
-            Bend::Quarter => quarter_back(v),
-            Bend::By(turn) => Turn::constant(v[0], turn).back::<0>(v),
+    pub(crate) fn turn<S: Scalar>(&self, cos: S, sin: S) -> Turn<S> {
+        let [c, s] = self.home.map(|x| cos.constant(x));
+        if self.slides {
+            Turn::new(c, s)
+        } else if self.home == [1.0, 0.0] {
+            Turn::new(cos, sin)
+        } else {
+            Turn::new(s.mul_sub_from(sin, c * cos), s.mul_add(cos, c * sin))
         }
     }
 
@@ -214,28 +224,70 @@ impl Hop {
         }
     }
 
+    /// Distance along the joint's axis.
+    #[inline(always)]
+    pub(super) fn distance<S: Scalar>(&self, q: S) -> S {
+        if self.slides {
+            q.plus(self.d)
+        } else {
+            q.constant(self.d)
+        }
+    }
+}
+
+impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GENERAL, BEND, D, A> {
+    #[inline(always)]
+    pub(super) fn bent_sym_out<S: Scalar>(self, hop: &Hop, m: Sym3<S>) -> Sym3<S> {
+        match BEND {
+            STRAIGHT => m,
+            QUARTER => quarter_sym(m),
+            _ => Turn::constant(m.off[0], &hop.bend).sym::<0>(m),
+        }
+    }
+
+    #[inline(always)]
+    pub(super) fn bent_out<S: Scalar>(self, hop: &Hop, v: Vec3<S>) -> Vec3<S> {
+        match BEND {
+            STRAIGHT => v,
+            QUARTER => quarter(v),
+            _ => Turn::constant(v[0], &hop.bend).out::<0>(v),
+        }
+    }
+
+    #[inline(always)]
+    fn bent_back<S: Scalar>(self, hop: &Hop, v: Vec3<S>) -> Vec3<S> {
+        match BEND {
+            STRAIGHT => v,
+            QUARTER => quarter_back(v),
+            _ => Turn::constant(v[0], &hop.bend).back::<0>(v),
+        }
+    }
+
     /// A force on the moved body as one on the parent.
     #[inline(always)]
-    pub(super) fn force_out<S: Scalar>(&self, turn: &Turn<S>, q: S, f: Force<S>) -> Force<S> {
-        let f = if self.slides { f.shifted::<2>(q) } else { f };
-        let mut f = Force {
-            torque: self.bent_out(turn.out::<2>(f.torque)),
-            force: self.bent_out(turn.out::<2>(f.force)),
+    pub(super) fn force_out<S: Scalar>(
+        self,
+        hop: &Hop,
+        turn: &Turn<S>,
+        q: S,
+        f: Force<S>,
+    ) -> Force<S> {
+        let f = if D || GENERAL {
+            f.shifted::<2>(hop.distance(q))
+        } else {
+            f
         };
-        if self.shifts {
-            let p = self.p.map(|x| q.constant(x));
-            if self.p[0] != 0.0 {
-                f = f.shifted::<0>(p[0]);
-            }
-            if self.p[1] != 0.0 {
-                f = f.shifted::<1>(p[1]);
-            }
-            if self.p[2] != 0.0 {
-                f = f.shifted::<2>(p[2]);
-            }
+        let mut f = Force {
+            torque: self.bent_out(hop, turn.out::<2>(f.torque)),
+            force: self.bent_out(hop, turn.out::<2>(f.force)),
+        };
+        let p = hop.p.map(|x| q.constant(x));
+        if A || GENERAL {
+            f = f.shifted::<0>(p[0]);
         }
-        if let Some(swing) = &self.swing {
-            let swing = Turn::constant(q, swing);
+        if GENERAL {
+            f = f.shifted::<1>(p[1]).shifted::<2>(p[2]);
+            let swing = Turn::constant(q, &hop.swing);
             f = Force {
                 torque: swing.out::<2>(f.torque),
                 force: swing.out::<2>(f.force),
@@ -246,68 +298,111 @@ impl Hop {
 
     /// The parent's motion as the moved body would share it.
     #[inline(always)]
-    pub(super) fn motion_into<S: Scalar>(&self, turn: &Turn<S>, q: S, m: Motion<S>) -> Motion<S> {
-        let mut m = Motion {
-            angular: self.unswung(m.angular),
-            linear: self.unswung(m.linear),
-        };
-        if self.shifts {
-            let p = self.p.map(|x| q.constant(x));
-            if self.p[0] != 0.0 {
-                m = m.shifted::<0>(p[0]);
-            }
-            if self.p[1] != 0.0 {
-                m = m.shifted::<1>(p[1]);
-            }
-            if self.p[2] != 0.0 {
-                m = m.shifted::<2>(p[2]);
-            }
-        }
-        let m = Motion {
-            angular: turn.back::<2>(self.bent_into(m.angular)),
-            linear: turn.back::<2>(self.bent_into(m.linear)),
-        };
-        if self.slides { m.shifted::<2>(q) } else { m }
-    }
-
-    /// The inertia that the parent feels of a body whose joint has given way, in the parent's frame. The
-    /// joint feels nothing along its axis any more, which saves a part of the first turn.
-    #[inline(always)]
-    pub(super) fn inertia_out<S: Scalar>(
-        &self,
+    pub(super) fn motion_back<S: Scalar>(
+        self,
+        hop: &Hop,
         turn: &Turn<S>,
         q: S,
-        inertia: ArticulatedInertia<S>,
-    ) -> ArticulatedInertia<S> {
-        let inertia = if self.slides {
-            inertia.shifted::<2>(q).turned::<2>(turn)
+        mut m: Motion<S>,
+    ) -> Motion<S> {
+        let p = hop.p.map(|x| q.constant(x));
+        if GENERAL {
+            let swing = Turn::constant(q, &hop.swing);
+            m = Motion {
+                angular: swing.back::<2>(m.angular),
+                linear: swing.back::<2>(m.linear),
+            };
+            m = m.shifted::<1>(p[1]).shifted::<2>(p[2]);
+        }
+        if A || GENERAL {
+            m = m.shifted::<0>(p[0]);
+        }
+        let m = Motion {
+            angular: turn.back::<2>(self.bent_back(hop, m.angular)),
+            linear: turn.back::<2>(self.bent_back(hop, m.linear)),
+        };
+        if D || GENERAL {
+            m.shifted::<2>(hop.distance(q))
         } else {
-            ArticulatedInertia {
+            m
+        }
+    }
+
+    /// The inertia that the parent feels of a body whose joint has given way, in the parent's frame. A
+    /// turning joint feels nothing along its axis any more, which saves a part of the first turn.
+    #[inline(always)]
+    pub(super) fn inertia_out<S: Scalar, const SLIDES: bool>(
+        self,
+        hop: &Hop,
+        turn: &Turn<S>,
+        q: S,
+        mut inertia: ArticulatedInertia<S>,
+    ) -> ArticulatedInertia<S> {
+        let like = q;
+        if SLIDES {
+            inertia = inertia.shifted::<2>(hop.distance(q)).turned::<2>(turn);
+        } else {
+            if D || GENERAL {
+                inertia = inertia.shifted_in_plane(hop.distance(q));
+            }
+            inertia = ArticulatedInertia {
                 turning: turn.sym_in_plane::<2>(inertia.turning),
                 coupling: turn.mat_across::<2>(inertia.coupling),
                 mass: turn.sym::<2>(inertia.mass),
-            }
-        };
-        let mut inertia = match &self.bend {
-            Bend::Straight => inertia,
-            Bend::Quarter => inertia.quarter_turned(),
-            Bend::By(bend) => inertia.turned::<0>(&Turn::constant(q, bend)),
-        };
-        if self.shifts {
-            let p = self.p.map(|x| q.constant(x));
-            if self.p[0] != 0.0 {
-                inertia = inertia.shifted::<0>(p[0]);
-            }
-            if self.p[1] != 0.0 {
-                inertia = inertia.shifted::<1>(p[1]);
-            }
-            if self.p[2] != 0.0 {
-                inertia = inertia.shifted::<2>(p[2]);
-            }
+            };
         }
-        match &self.swing {
-            None => inertia,
-            Some(swing) => inertia.turned::<2>(&Turn::constant(q, swing)),
+        match BEND {
+            STRAIGHT => {}
+            QUARTER => inertia = inertia.quarter_turned(),
+            _ => inertia = inertia.turned::<0>(&Turn::constant(like, &hop.bend)),
         }
+        let p = hop.p.map(|x| like.constant(x));
+        if A || GENERAL {
+            inertia = inertia.shifted::<0>(p[0]);
+        }
+        if GENERAL {
+            inertia = inertia.shifted::<1>(p[1]).shifted::<2>(p[2]);
+            inertia = inertia.turned::<2>(&Turn::constant(like, &hop.swing));
+        }
+        inertia
     }
 }
+
+/// Runs the expression with the [`Path`] of a hop.
+macro_rules! on_path {
+    ($hop:expr, $path:ident => $run:expr) => {{
+        use crate::dynamics::kernel::tree::{BENT, QUARTER, STRAIGHT};
+        let shape = $hop.shape;
+        if shape.is_general {
+            let $path = Path::<true, BENT, true, true>;
+            $run
+        } else if shape.bend == STRAIGHT {
+            on_path!(@shifts shape, STRAIGHT, $path => $run)
+        } else if shape.bend == QUARTER {
+            on_path!(@shifts shape, QUARTER, $path => $run)
+        } else {
+            on_path!(@shifts shape, BENT, $path => $run)
+        }
+    }};
+    (@shifts $shape:ident, $bend:expr, $path:ident => $run:expr) => {
+        match ($shape.has_d, $shape.has_a) {
+            (false, false) => {
+                let $path = Path::<false, { $bend }, false, false>;
+                $run
+            }
+            (false, true) => {
+                let $path = Path::<false, { $bend }, false, true>;
+                $run
+            }
+            (true, false) => {
+                let $path = Path::<false, { $bend }, true, false>;
+                $run
+            }
+            (true, true) => {
+                let $path = Path::<false, { $bend }, true, true>;
+                $run
+            }
+        }
+    };
+}
+pub(super) use on_path;

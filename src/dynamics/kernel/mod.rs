@@ -1,6 +1,7 @@
 //! The recursions over the tree, for any kind of number.
 
 mod articulated;
+mod composite;
 mod hop;
 mod scalar;
 mod sin_cos;
@@ -8,9 +9,10 @@ mod tree;
 mod turn;
 mod vector;
 
-pub use articulated::{Branch, Slot, forward_dynamics};
+pub use articulated::{Slot, forward_dynamics};
+pub use composite::{Place, System, generalized_jacobian, momentum_map};
 pub use hop::{ArticulatedInertia, Force, Motion};
-pub use scalar::{Fused, Scalar};
+pub use scalar::Scalar;
 pub use sin_cos::{GROUP, sin_cos};
 pub use tree::Tree;
 pub use turn::Turn;

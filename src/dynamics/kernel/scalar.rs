@@ -4,6 +4,10 @@ use std::ops::{Add, Mul, Neg, Sub};
 
 /// A number, or several side by side, on which a kernel runs: `f64`, lanes of it, or a type that counts
 /// operations or carries more digits. Only what the recursions need.
+///
+/// `f64` multiplies and adds with one rounding everywhere, so that results do not depend on the machine.
+/// Where the compiler may not assume an instruction for that, a call stands in its place: kernels are
+/// meant to be called inside [`pulp::Arch::dispatch`], which allows it.
 pub trait Scalar:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self>
 {
@@ -13,7 +17,7 @@ pub trait Scalar:
     /// `1 / self`.
     fn recip(self) -> Self;
 
-    /// `self · factor + addend`, rounded once where the machine can.
+    /// `self · factor + addend`.
     #[inline(always)]
     fn mul_add(self, factor: Self, addend: Self) -> Self {
         self * factor + addend
@@ -45,53 +49,12 @@ impl Scalar for f64 {
     }
 
     #[inline(always)]
+    fn mul_add(self, factor: Self, addend: Self) -> Self {
+        f64::mul_add(self, factor, addend)
+    }
+
+    #[inline(always)]
     fn recip(self) -> Self {
         1.0 / self
-    }
-}
-
-/// `f64` on a machine that multiplies and adds in one instruction. Elsewhere it is right but slow, so it
-/// belongs inside code that is compiled for such a machine.
-#[derive(Debug, Clone, Copy, PartialEq)]
-#[repr(transparent)]
-pub struct Fused(pub f64);
-
-macro_rules! fused_operator {
-    ($trait:ident, $method:ident) => {
-        impl $trait for Fused {
-            type Output = Self;
-            #[inline(always)]
-            fn $method(self, other: Self) -> Self {
-                Self(self.0.$method(other.0))
-            }
-        }
-    };
-}
-fused_operator!(Add, add);
-fused_operator!(Sub, sub);
-fused_operator!(Mul, mul);
-
-impl Neg for Fused {
-    type Output = Self;
-    #[inline(always)]
-    fn neg(self) -> Self {
-        Self(-self.0)
-    }
-}
-
-impl Scalar for Fused {
-    #[inline(always)]
-    fn constant(self, value: f64) -> Self {
-        Self(value)
-    }
-
-    #[inline(always)]
-    fn recip(self) -> Self {
-        Self(1.0 / self.0)
-    }
-
-    #[inline(always)]
-    fn mul_add(self, factor: Self, addend: Self) -> Self {
-        Self(self.0.mul_add(factor.0, addend.0))
     }
 }

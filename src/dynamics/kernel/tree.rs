@@ -9,8 +9,8 @@
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 
-use super::Turn;
-use crate::model::{Joint, Model};
+use super::{GROUP, Turn, sin_cos};
+use crate::model::{Frame, Joint, Model};
 use crate::spatial::{Pose, SpatialInertia};
 
 /// Entries of a rotation below this are rounding.
@@ -30,89 +30,111 @@ pub struct Tree {
 pub(crate) struct Body {
     /// Pose of the kernel frame in the body's frame B.
     pub X_BK: Pose,
+    /// Its inverse.
+    pub X_KB: Pose,
     /// Inertia about the kernel frame's origin.
     pub inertia: SpatialInertia,
-    /// Whether a body hangs on this one whose number is not the next.
-    pub branches: bool,
     /// Whether its inertia has entries off the diagonal.
     pub is_oblique: bool,
     /// Whether its centre of mass is off the kernel frame's origin.
     pub is_heavy: bool,
+    /// Mass of the body with its whole subtree.
+    pub subtree_mass: f64,
 }
 
 /// How a body moves against its parent: `R_PK = Rz(swing) Rx(bend) Rz(home + q)`, and the origin at
-/// `Rz(swing) p` (for a slide with `q` along K's z added).
+/// `Rz(swing) (p + d z)` with K's z before the swing; a slide adds its position to `d`.
 #[derive(Debug, Clone)]
 pub(crate) struct Hop {
     pub parent: usize,
-    /// Whether the parent is the body before this one.
-    pub follows: bool,
-    /// Whether no other body with this parent comes later.
-    pub is_last: bool,
     pub slides: bool,
-    pub swing: Option<Turn<f64>>,
-    pub bend: Bend,
+    pub shape: Shape,
+    pub swing: Turn<f64>,
+    pub bend: Turn<f64>,
     pub home: [f64; 2],
     pub p: [f64; 3],
-    /// The same in the parent's axes.
+    pub d: f64,
+    /// Origin in the parent (a slide at zero), in the parent's axes.
     pub p_PK: [f64; 3],
     /// K's z in the parent's axes.
     pub axis_P: [f64; 3],
+    /// Whether the origin is elsewhere than the parent's.
     pub shifts: bool,
     pub damping: f64,
     pub stiffness: f64,
     pub rest: f64,
 }
 
-/// Turn about x between two joint axes.
+/// What of a hop has to be computed.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) enum Bend {
-    /// Parallel axes.
-    Straight,
-    /// A right angle.
-    Quarter,
-    /// Any other angle.
-    By(Turn<f64>),
+pub(crate) struct Shape {
+    /// Whether there is a swing, or a shift across the common normal: all parts are done then.
+    pub is_general: bool,
+    pub bend: u8,
+    /// Whether there is a shift along K's z.
+    pub has_d: bool,
+    /// Whether there is a shift along the common normal.
+    pub has_a: bool,
 }
+
+/// Parallel axes.
+pub(crate) const STRAIGHT: u8 = 0;
+/// Axes at a right angle.
+pub(crate) const QUARTER: u8 = 1;
+/// Axes at any angle.
+pub(crate) const BENT: u8 = 2;
 
 impl Tree {
     /// Compiles `model`.
     pub fn new(model: &Model) -> Self {
         let frames = kernel_frames(model);
-        let mut bodies: Vec<Body> = (model.bodies().iter().zip(&frames))
-            .map(|(body, X_BK)| {
+        let bodies = (model.bodies().iter().zip(&frames))
+            .enumerate()
+            .map(|(b, (body, X_BK))| {
+                let subtree = &model.bodies()[b..body.subtree_end];
                 let inertia = without_rounding(SpatialInertia::from(
                     &body.inertia.expressed_in(&X_BK.inverse()),
                 ));
                 Body {
                     X_BK: *X_BK,
+                    X_KB: X_BK.inverse(),
                     is_oblique: inertia.about_origin.off_diagonal != Vector3::zeros(),
                     is_heavy: inertia.first_moment != Vector3::zeros(),
                     inertia,
-                    branches: false,
+                    subtree_mass: subtree.iter().map(|b| b.inertia.mass).sum(),
                 }
             })
             .collect();
-        let mut hops = Vec::with_capacity(model.dof());
-        for (j, joint) in model.joints().iter().enumerate() {
+        let hops = model.joints().iter().enumerate().map(|(j, joint)| {
             let parent = model.joint_parent(j);
-            bodies[parent].branches |= parent != j;
-            let end = model.bodies()[parent].subtree_end;
-            let is_last = model.bodies()[j + 1].subtree_end == end;
-            hops.push(Hop::new(
-                joint,
-                parent,
-                j,
-                is_last,
-                [&frames[parent], &frames[j + 1]],
-            ));
-        }
+            Hop::new(joint, parent, &frames[parent], &frames[j + 1])
+        });
+        let hops = hops.collect();
         Self { bodies, hops }
     }
 
     /// Number of joints.
     pub fn dof(&self) -> usize {
         self.hops.len()
+    }
+
+    /// Tells the turn of every joint at positions `q`.
+    #[inline(always)]
+    pub(crate) fn turns(&self, q: &[f64], mut tell: impl FnMut(usize, f64, Turn<f64>)) {
+        for (group, (q, hops)) in q.chunks(GROUP).zip(self.hops.chunks(GROUP)).enumerate() {
+            let mut angles = [0.0; GROUP];
+            angles[..q.len()].copy_from_slice(q);
+            let (cos, sin) = sin_cos(&angles);
+            for (i, (&q, hop)) in q.iter().zip(hops).enumerate() {
+                tell(group * GROUP + i, q, hop.turn(cos[i], sin[i]));
+            }
+        }
+    }
+
+    /// `frame`'s origin in its body's kernel frame.
+    pub(crate) fn p_KF(&self, frame: &Frame) -> Vector3<f64> {
+        let p_BF = nalgebra::Point3::from(frame.X_BF.translation.vector);
+        (self.bodies[frame.body].X_KB * p_BF).coords
     }
 
     /// Effort that joint `j` feels: the actuator's and those of spring and damper.
@@ -189,73 +211,79 @@ fn axes(z: &Vector3<f64>, x: &Vector3<f64>) -> Rotation3<f64> {
 }
 
 impl Hop {
-    fn new(
-        joint: &Joint,
-        parent: usize,
-        j: usize,
-        is_last: bool,
-        [X_PF, X_BK]: [&Pose; 2],
-    ) -> Self {
+    fn new(joint: &Joint, parent: usize, X_PF: &Pose, X_BK: &Pose) -> Self {
         let X_FK = X_PF.inverse() * joint.X_PJ * X_BK;
         let R = X_FK.rotation.matrix();
-        let sine = R[(0, 2)].hypot(R[(1, 2)]);
-        let turn = |cos: f64, sin: f64| Turn::new(cos, sin);
-        let (swing, bend) = if sine < ROUNDING {
-            if R[(2, 2)] > 0.0 {
-                (None, Bend::Straight)
-            } else {
-                (None, Bend::By(turn(-1.0, 0.0)))
-            }
+        let clean = |x: f64| if x.abs() < ROUNDING { 0.0 } else { x };
+        // K's z is (sin bend sin swing, -sin bend cos swing, cos bend).
+        let sine = clean(R[(0, 2)].hypot(R[(1, 2)]));
+        let (swing, bend) = if sine == 0.0 {
+            (Turn::new(1.0, 0.0), Turn::new(R[(2, 2)].signum(), 0.0))
         } else {
-            // K's z is (sin a sin s, -sin a cos s, cos a).
-            let (cos_s, sin_s) = (-R[(1, 2)] / sine, R[(0, 2)] / sine);
-            let swing = if R[(0, 2)].abs() < ROUNDING && cos_s > 0.0 {
-                None
+            let (cos, sin) = (-R[(1, 2)] / sine, R[(0, 2)] / sine);
+            let swings = clean(R[(0, 2)]) != 0.0 || cos < 0.0;
+            let swing = if swings {
+                Turn::new(cos, sin)
             } else {
-                Some(turn(cos_s, sin_s))
+                Turn::new(1.0, 0.0)
             };
-            let bend = if R[(2, 2)].abs() < ROUNDING {
-                Bend::Quarter
-            } else {
-                Bend::By(turn(R[(2, 2)], sine))
-            };
-            (swing, bend)
+            (
+                swing,
+                Turn::new(
+                    clean(R[(2, 2)]),
+                    if R[(2, 2)].abs() < ROUNDING {
+                        1.0
+                    } else {
+                        sine
+                    },
+                ),
+            )
         };
-        let swung = swing.map_or(Matrix3::identity(), |t| turn_matrix(2, &t));
-        let bent = turn_matrix(0, &bend.turn());
+        let swung = turn_matrix(2, &swing);
+        let bent = turn_matrix(0, &bend);
         // What the two leave over is the turn about z.
         let rest = (swung * bent).transpose() * R;
         let scale = rest[(0, 0)].hypot(rest[(1, 0)]);
-        let home = [rest[(0, 0)] / scale, rest[(1, 0)] / scale]
-            .map(|x| if x.abs() < ROUNDING { 0.0 } else { x });
+        let home = [rest[(0, 0)], rest[(1, 0)]].map(|x| clean(x / scale));
+
         let p_PK = X_FK.translation.vector;
         let size = p_PK.norm().max(1e-3);
-        let p = (swung.transpose() * p_PK).map(|x| if x.abs() < ROUNDING * size { 0.0 } else { x });
+        let mut p = swung.transpose() * p_PK;
+        let z = bent.column(2).into_owned();
+        let d = p.yz().dot(&z.yz());
+        let across = p - z * d;
+        let is_dh = across.y.abs().max(across.z.abs()) < 4.0 * ROUNDING * size;
+        let d = if is_dh { d } else { 0.0 };
+        if is_dh {
+            p = Vector3::new(p.x, 0.0, 0.0);
+        }
+        let clean = |x: f64| if x.abs() < ROUNDING * size { 0.0 } else { x };
+        let (p, d) = (p.map(clean), clean(d));
+        let bend_kind = match (bend.cos, bend.sin) {
+            (1.0, 0.0) => STRAIGHT,
+            (0.0, 1.0) => QUARTER,
+            _ => BENT,
+        };
         Self {
             parent,
-            follows: parent == j,
-            is_last,
             slides: !joint.kind.is_rotational(),
+            shape: Shape {
+                is_general: swing.cos != 1.0 || !is_dh,
+                bend: bend_kind,
+                has_d: d != 0.0,
+                has_a: p.x != 0.0,
+            },
             swing,
             bend,
             home,
             p: p.into(),
-            p_PK: (swung * p).into(),
-            axis_P: (swung * bent).column(2).into_owned().into(),
-            shifts: p != Vector3::zeros(),
+            d,
+            p_PK: (swung * (p + z * d)).into(),
+            axis_P: (swung * z).into(),
+            shifts: p_PK != Vector3::zeros() && (p != Vector3::zeros() || d != 0.0),
             damping: joint.damping,
             stiffness: joint.spring.stiffness,
             rest: joint.spring.rest,
-        }
-    }
-}
-
-impl Bend {
-    fn turn(&self) -> Turn<f64> {
-        match self {
-            Self::Straight => Turn::new(1.0, 0.0),
-            Self::Quarter => Turn::new(0.0, 1.0),
-            Self::By(turn) => *turn,
         }
     }
 }

@@ -177,6 +177,15 @@ impl<S: Scalar> Sym3<S> {
     }
 }
 
+impl From<Sym3<f64>> for Symmetric3 {
+    fn from(m: Sym3<f64>) -> Self {
+        Self {
+            diagonal: m.diagonal.into(),
+            off_diagonal: m.off.into(),
+        }
+    }
+}
+
 impl<S: Scalar> Add for Sym3<S> {
     type Output = Self;
     #[inline(always)]
