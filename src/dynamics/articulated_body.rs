@@ -53,7 +53,7 @@ impl ArticulatedBody {
     /// Takes over wrenches into the kernel frames. Says whether there is any.
     #[inline(always)]
     fn load(&mut self, wrenches: &[Wrench]) -> bool {
-        if wrenches.iter().all(|wrench| *wrench == Wrench::ZERO) {
+        if !Wrench::any(wrenches) {
             return false;
         }
         for ((into, wrench), body) in

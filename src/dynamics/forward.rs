@@ -107,7 +107,7 @@ impl Workspace {
     pub(super) fn set_external(&mut self, input: &Input, qd: &[f64]) {
         self.external = Wrench::ZERO;
         self.external_power = 0.0;
-        if input.wrenches.iter().all(|wrench| *wrench == Wrench::ZERO) {
+        if !Wrench::any(&input.wrenches) {
             return;
         }
         self.spread_motion(qd);

@@ -136,12 +136,14 @@ impl<S: Scalar> Slot<S> {
     /// Turns the body as positions and rates imply, against a parent whose slot is done.
     #[inline(always)]
     fn set_motion(&mut self, hop: &Hop, parent: &Self) {
-        let mut w = hop.back(&self.turn, parent.w);
+        let mut w = on_path!(hop, path => {
+            if path.shifts() || hop.slides {
+                let centripetal = path.times_origin(hop, self.q, parent.spin);
+                self.own.linear = path.back(hop, &self.turn, centripetal);
+            }
+            path.back(hop, &self.turn, parent.w)
+        });
         let across = [w[1] * self.qd, -(w[0] * self.qd)];
-        if hop.shifts || hop.slides {
-            let centripetal = parent.spin.mul(hop.p_PK(self.q));
-            self.own.linear = hop.back(&self.turn, centripetal);
-        }
         if hop.slides {
             for (own, across) in self.own.linear.0.iter_mut().zip(across) {
                 *own = across.times(2.0) + *own;
@@ -180,7 +182,7 @@ impl<S: Scalar> Slot<S> {
                 .plus(path.force_out(hop, &self.turn, self.q, force));
         } else {
             on_path!(hop, path => {
-                let (inertia, force) = self.release_turn(hop);
+                let (inertia, force) = self.release_turn(path.shifts());
                 let inertia = path.inertia_out::<S, false>(hop, &self.turn, self.q, inertia);
                 parent.inertia = parent.inertia.plus(inertia);
                 parent.force = parent.force.plus(path.force_out(hop, &self.turn, self.q, force));
@@ -189,7 +191,7 @@ impl<S: Scalar> Slot<S> {
     }
 
     #[inline(always)]
-    fn release_turn(&mut self, hop: &Hop) -> (ArticulatedInertia<S>, Force<S>) {
+    fn release_turn(&mut self, shifts: bool) -> (ArticulatedInertia<S>, Force<S>) {
         let force = self.force;
         let ArticulatedInertia {
             turning: mut J,
@@ -228,7 +230,7 @@ impl<S: Scalar> Slot<S> {
         left.torque[0] = kx.mul_add(effort, left.torque[0]);
         left.torque[1] = ky.mul_add(effort, left.torque[1]);
         left.force = k.mul_add(effort, left.force);
-        if hop.shifts {
+        if shifts {
             left.torque[0] = left.torque[0] + hx.dot(a);
             left.torque[1] = left.torque[1] + hy.dot(a);
             left.force = left.force + M.mul(a);
@@ -308,17 +310,17 @@ impl<S: Scalar> Slot<S> {
         } else {
             on_path!(hop, path => {
                 let m = path.motion_back(hop, &self.turn, self.q, *parent);
-                self.turn_free(hop, m);
+                self.turn_free(path.shifts(), m);
             });
         }
     }
 
     #[inline(always)]
-    fn turn_free(&mut self, hop: &Hop, mut m: Motion<S>) {
+    fn turn_free(&mut self, shifts: bool, mut m: Motion<S>) {
         let (g, own) = (&self.gain, &self.own);
         m.angular[0] = m.angular[0] + own.angular[0];
         m.angular[1] = m.angular[1] + own.angular[1];
-        if hop.shifts {
+        if shifts {
             m.linear = m.linear + own.linear;
         }
         let along = g.torque[0].mul_add(m.angular[0], g.torque[1] * m.angular[1]);

@@ -184,29 +184,13 @@ fn quarter_mat<S: Scalar>(m: Mat3<S>) -> Mat3<S> {
 pub(super) struct Path<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool>;
 
 impl Hop {
-    /// A free vector from the parent's axes to the moved body's.
-    #[inline(always)]
-    pub(super) fn back<S: Scalar>(&self, turn: &Turn<S>, v: Vec3<S>) -> Vec3<S> {
-        let v = if self.shape.is_general {
-            Turn::constant(turn.cos, &self.swing).back::<2>(v)
-        } else {
-            v
-        };
-        let v = match self.shape.bend {
-            STRAIGHT => v,
-            QUARTER => quarter_back(v),
-            _ => Turn::constant(turn.cos, &self.bend).back::<0>(v),
-        };
-        turn.back::<2>(v)
-    }
-
     /// The turn about z at a joint position whose cosine and sine are known.
     #[inline(always)]
     pub(crate) fn turn<S: Scalar>(&self, cos: S, sin: S) -> Turn<S> {
         let [c, s] = self.home.map(|x| cos.constant(x));
         if self.slides {
             Turn::new(c, s)
-        } else if self.home == [1.0, 0.0] {
+        } else if self.is_home {
             Turn::new(cos, sin)
         } else {
             Turn::new(s.mul_sub_from(sin, c * cos), s.mul_add(cos, c * sin))
@@ -260,6 +244,33 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
             STRAIGHT => v,
             QUARTER => quarter_back(v),
             _ => Turn::constant(v[0], &hop.bend).back::<0>(v),
+        }
+    }
+
+    /// Whether the moved body's origin may be elsewhere than the parent's.
+    #[inline(always)]
+    pub(super) fn shifts(self) -> bool {
+        GENERAL || D || A
+    }
+
+    /// A free vector from the parent's axes to the moved body's.
+    #[inline(always)]
+    pub(super) fn back<S: Scalar>(self, hop: &Hop, turn: &Turn<S>, v: Vec3<S>) -> Vec3<S> {
+        let v = if GENERAL {
+            Turn::constant(turn.cos, &hop.swing).back::<2>(v)
+        } else {
+            v
+        };
+        turn.back::<2>(self.bent_back(hop, v))
+    }
+
+    /// A tensor of the parent's axes times the moved body's origin.
+    #[inline(always)]
+    pub(super) fn times_origin<S: Scalar>(self, hop: &Hop, q: S, m: Sym3<S>) -> Vec3<S> {
+        if A && !D && !GENERAL && !hop.slides {
+            m.row(0).scaled(q.constant(hop.p[0]))
+        } else {
+            m.mul(hop.p_PK(q))
         }
     }
 
@@ -368,41 +379,64 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
     }
 }
 
-/// Runs the expression with the [`Path`] of a hop.
+/// Runs the expression with the [`Path`] of a hop, by the hop's `shape`.
 macro_rules! on_path {
     ($hop:expr, $path:ident => $run:expr) => {{
         use crate::dynamics::kernel::tree::{BENT, QUARTER, STRAIGHT};
-        let shape = $hop.shape;
-        if shape.is_general {
-            let $path = Path::<true, BENT, true, true>;
-            $run
-        } else if shape.bend == STRAIGHT {
-            on_path!(@shifts shape, STRAIGHT, $path => $run)
-        } else if shape.bend == QUARTER {
-            on_path!(@shifts shape, QUARTER, $path => $run)
-        } else {
-            on_path!(@shifts shape, BENT, $path => $run)
+        match $hop.shape {
+            0 => {
+                let $path = Path::<false, STRAIGHT, false, false>;
+                $run
+            }
+            1 => {
+                let $path = Path::<false, STRAIGHT, false, true>;
+                $run
+            }
+            2 => {
+                let $path = Path::<false, STRAIGHT, true, false>;
+                $run
+            }
+            3 => {
+                let $path = Path::<false, STRAIGHT, true, true>;
+                $run
+            }
+            4 => {
+                let $path = Path::<false, QUARTER, false, false>;
+                $run
+            }
+            5 => {
+                let $path = Path::<false, QUARTER, false, true>;
+                $run
+            }
+            6 => {
+                let $path = Path::<false, QUARTER, true, false>;
+                $run
+            }
+            7 => {
+                let $path = Path::<false, QUARTER, true, true>;
+                $run
+            }
+            8 => {
+                let $path = Path::<false, BENT, false, false>;
+                $run
+            }
+            9 => {
+                let $path = Path::<false, BENT, false, true>;
+                $run
+            }
+            10 => {
+                let $path = Path::<false, BENT, true, false>;
+                $run
+            }
+            11 => {
+                let $path = Path::<false, BENT, true, true>;
+                $run
+            }
+            _ => {
+                let $path = Path::<true, BENT, true, true>;
+                $run
+            }
         }
     }};
-    (@shifts $shape:ident, $bend:expr, $path:ident => $run:expr) => {
-        match ($shape.has_d, $shape.has_a) {
-            (false, false) => {
-                let $path = Path::<false, { $bend }, false, false>;
-                $run
-            }
-            (false, true) => {
-                let $path = Path::<false, { $bend }, false, true>;
-                $run
-            }
-            (true, false) => {
-                let $path = Path::<false, { $bend }, true, false>;
-                $run
-            }
-            (true, true) => {
-                let $path = Path::<false, { $bend }, true, true>;
-                $run
-            }
-        }
-    };
 }
 pub(super) use on_path;

@@ -48,33 +48,23 @@ pub(crate) struct Body {
 pub(crate) struct Hop {
     pub parent: usize,
     pub slides: bool,
-    pub shape: Shape,
+    /// What of the hop has to be computed: 4 times the bend, 2 for a shift along K's z, 1 for one along the
+    /// common normal. With a swing or any other shift it is [`GENERAL`], and everything is computed.
+    pub shape: u8,
     pub swing: Turn<f64>,
     pub bend: Turn<f64>,
     pub home: [f64; 2],
+    /// Whether that is no turn.
+    pub is_home: bool,
     pub p: [f64; 3],
     pub d: f64,
     /// Origin in the parent (a slide at zero), in the parent's axes.
     pub p_PK: [f64; 3],
     /// K's z in the parent's axes.
     pub axis_P: [f64; 3],
-    /// Whether the origin is elsewhere than the parent's.
-    pub shifts: bool,
     pub damping: f64,
     pub stiffness: f64,
     pub rest: f64,
-}
-
-/// What of a hop has to be computed.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub(crate) struct Shape {
-    /// Whether there is a swing, or a shift across the common normal: all parts are done then.
-    pub is_general: bool,
-    pub bend: u8,
-    /// Whether there is a shift along K's z.
-    pub has_d: bool,
-    /// Whether there is a shift along the common normal.
-    pub has_a: bool,
 }
 
 /// Parallel axes.
@@ -83,6 +73,8 @@ pub(crate) const STRAIGHT: u8 = 0;
 pub(crate) const QUARTER: u8 = 1;
 /// Axes at any angle.
 pub(crate) const BENT: u8 = 2;
+/// A shape that is none of the others.
+pub(crate) const GENERAL: u8 = 12;
 
 impl Tree {
     /// Compiles `model`.
@@ -267,20 +259,19 @@ impl Hop {
         Self {
             parent,
             slides: !joint.kind.is_rotational(),
-            shape: Shape {
-                is_general: swing.cos != 1.0 || !is_dh,
-                bend: bend_kind,
-                has_d: d != 0.0,
-                has_a: p.x != 0.0,
+            shape: if swing.cos != 1.0 || !is_dh {
+                GENERAL
+            } else {
+                4 * bend_kind + 2 * u8::from(d != 0.0) + u8::from(p.x != 0.0)
             },
             swing,
             bend,
             home,
+            is_home: home == [1.0, 0.0],
             p: p.into(),
             d,
             p_PK: (swung * (p + z * d)).into(),
             axis_P: (swung * z).into(),
-            shifts: p_PK != Vector3::zeros() && (p != Vector3::zeros() || d != 0.0),
             damping: joint.damping,
             stiffness: joint.spring.stiffness,
             rest: joint.spring.rest,
