@@ -49,8 +49,7 @@ build() {
 for compiler in "${compilers[@]}"; do
   name=${compiler%%+*}
   name=${name/#g/gcc}
-  # g++ contracts multiplications and additions by itself.
-  build "pinocchio-$name" "$compiler" -O3 -march=native -ffp-contract=fast "${pinocchio[@]}" "$sources/pinocchio.cpp"
+  build "pinocchio-$name" "$compiler" -O3 -march=native "${pinocchio[@]}" "$sources/pinocchio.cpp"
 done
 # The reference for precision.
 build pinocchio-long-double "${compilers[0]}" -O0 '-DSCALAR=long double' "${pinocchio[@]}" "$sources/pinocchio.cpp"

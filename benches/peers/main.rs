@@ -2,7 +2,7 @@
 //!
 //! ```sh
 //! scripts/bench-peers.sh                                # once: installs and compiles the peers
-//! cargo bench --bench peers --no-default-features       # the tables of docs/performance.md
+//! cargo bench --bench peers                             # the tables of docs/performance.md
 //! cargo bench --bench peers -- servicer                 # only robots with this word in their name
 //! cargo bench --bench peers -- --draw docs/img/links    # and the picture
 //! ```
@@ -23,8 +23,11 @@ use robots::{Moving, Robot};
 /// States that every kernel goes through in turn.
 const STATES: usize = 16;
 
-/// Programs agree to this, of the largest number of an answer; a step's to that of its order.
-const AGREEMENT: f64 = 1e-9;
+/// How closely programs agree, of the largest number of an answer. Those that solve a dense system lose
+/// digits with the links: some 1e-9 at 300, 2e-8 at 1000.
+fn agreement(links: usize) -> f64 {
+    if links <= 300 { 1e-9 } else { 1e-7 }
+}
 
 /// Whose program it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -128,7 +131,7 @@ fn row(robot: &Robot, states: &[Moving], kernel: Kernel, peers: &[Peer], exact: 
             let answer = runner.answer(states, index);
             let apart = difference(&answer, &first);
             assert!(
-                apart <= AGREEMENT,
+                apart <= agreement(robot.model.dof()),
                 "{}, {}, state {index}: {name:?} is {apart:.1e} apart from fuyu",
                 robot.name,
                 kernel.name()

@@ -68,7 +68,7 @@ fn ratio(ours: &Measured, theirs: Option<&Measured>) -> String {
 
 fn ratio_of_errors(measured: &Measured, pinocchio: Option<f64>) -> String {
     match (measured.error, pinocchio) {
-        (Some(error), Some(of_pinocchio)) => format!("{error:.1e} ({:.1})", error / of_pinocchio),
+        (Some(error), Some(of_pinocchio)) => format!("{error:.1e} ({:.2})", error / of_pinocchio),
         _ => String::new(),
     }
 }

@@ -91,7 +91,7 @@ fn arms(name: &str, mounts: &[Vector3<f64>]) -> Robot {
 
 /// A chain of equal links, each turned against the one before it.
 fn chain(links: usize) -> Robot {
-    let name = format!("chain of {links}");
+    let name = format!("chain of {links} links");
     let base = RigidInertia {
         mass: 1000.0,
         com: Vector3::new(0.2, 0.01, 0.0),
