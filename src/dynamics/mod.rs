@@ -37,6 +37,8 @@
 
 mod articulated_body;
 mod axis;
+#[cfg(feature = "batch")]
+mod batch;
 mod floating;
 mod formulation;
 mod forward;
@@ -50,6 +52,8 @@ mod tableau;
 mod workspace;
 
 pub use articulated_body::ArticulatedBody;
+#[cfg(feature = "batch")]
+pub use batch::Batch;
 pub use floating::Floating;
 pub use formulation::{
     Formulation, FormulationKind, ForwardDynamics, TreeAcceleration, TreeMotion,

@@ -3,6 +3,7 @@
 mod articulated;
 mod composite;
 mod hop;
+mod lanes;
 mod scalar;
 mod sin_cos;
 mod tree;
@@ -12,6 +13,7 @@ mod vector;
 pub use articulated::{Slot, forward_dynamics};
 pub use composite::{Place, System, generalized_jacobian, momentum_map};
 pub use hop::{ArticulatedInertia, Force, Motion};
+pub use lanes::Lanes;
 pub use scalar::Scalar;
 pub use sin_cos::{GROUP, sin_cos};
 pub use tree::Tree;
