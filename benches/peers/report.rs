@@ -62,7 +62,8 @@ fn with_variant(measured: &Measured) -> String {
 fn ratio(ours: &Measured, theirs: Option<&Measured>) -> String {
     theirs.map_or("".to_owned(), |theirs| {
         let [low, median, high] = ours.times.over(&theirs.times);
-        format!("**{median:.2}** ({low:.2}-{high:.2})")
+        let digits = if median < 0.095 { 4 } else { 2 };
+        format!("**{median:.digits$}** ({low:.digits$}-{high:.digits$})")
     })
 }
 
