@@ -45,10 +45,15 @@ mod forward;
 mod integrator;
 mod jacobian;
 pub mod kernel;
+mod joint_map;
+mod kane;
 mod momentum;
+pub mod newton_euler;
 mod reduced;
+mod runge_kutta;
 mod state;
 mod tableau;
+mod vector_state;
 mod workspace;
 
 pub use articulated_body::ArticulatedBody;
@@ -61,6 +66,9 @@ pub use formulation::{
 pub use forward::Input;
 pub use integrator::{Forcing, Integrator, Method};
 pub use reduced::Reduced;
+pub use kane::{BaseSpeed, CutError, CutHinge, Kane};
+pub use runge_kutta::RungeKutta;
 pub use state::{Momentum, State};
 pub use tableau::Tableau;
+pub use vector_state::VectorState;
 pub use workspace::Workspace;
