@@ -45,7 +45,6 @@ mod forward;
 mod integrator;
 mod jacobian;
 pub mod kernel;
-mod joint_map;
 mod kane;
 mod momentum;
 pub mod newton_euler;
