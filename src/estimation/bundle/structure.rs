@@ -21,7 +21,14 @@ const KEY_CHANGE: f64 = 0.2;
 
 /// Where to start: number of key frames, and where in the frames. A start where the motion shows little may be
 /// next to one where it shows much.
-const STARTS: [(usize, f64); 6] = [(6, 0.0), (6, 0.5), (12, 0.25), (12, 0.75), (24, 0.0), (48, 0.0)];
+const STARTS: [(usize, f64); 6] = [
+    (6, 0.0),
+    (6, 0.5),
+    (12, 0.25),
+    (12, 0.75),
+    (24, 0.0),
+    (48, 0.0),
+];
 
 /// The fewest points that key frames share.
 const MIN_COMMON: usize = 8;
