@@ -64,7 +64,7 @@ fn main() {
         let mut ws = Workspace::new(&model);
         let tip = model.frames().last().unwrap().clone();
         let mut jac = Matrix6xX::zeros(n);
-        let mut aba = FormulationKind::ArticulatedBody.prepare(&model);
+        let mut aba = FormulationKind::ArticulatedBody.prepare(&model).unwrap();
         let mut integrator = Integrator::new(&model, Method::Rk4);
         let mut st = states[0].clone();
         let mut coast = |_: f64, _: &State, _: &mut Input| {};
@@ -109,6 +109,16 @@ fn main() {
             ws.set_positions(&model, &states[i].q);
             ws.generalized_jacobian(&tip, &mut jac);
             black_box(&jac);
+        });
+        let mut batch = Batch::new(&model, 64);
+        for i in 0..64 {
+            batch.set_state(i, &states[i & 1]);
+        }
+        run("batchfd64", &mut |_| {
+            batch.accelerate();
+        });
+        run("batchrk64", &mut |_| {
+            batch.step(1e-3, 1);
         });
         run("rk4", &mut |_| {
             integrator.step(&model, &mut st, &mut ws, 1e-3, &mut coast);
