@@ -120,7 +120,7 @@ impl<S: Scalar> Place<S> {
         }
         self.J_C = self.force.scaled(per);
         self.H_M = self.torque + (self.p_BK - system.p_BC).cross(self.force);
-        self.H_A = answer.mul(self.H_M);
+        self.H_A = answer.times(self.H_M);
     }
 }
 
@@ -285,7 +285,7 @@ impl<S: Scalar> System<S> {
 #[inline(always)]
 fn rotated<S: Scalar>(m: Sym3<S>, axes: &[Vec3<S>; 3]) -> Sym3<S> {
     let rows = [0, 1, 2].map(|i| Vec3([axes[0][i], axes[1][i], axes[2][i]]));
-    let images = rows.map(|row| m.mul(row));
+    let images = rows.map(|row| m.times(row));
     let mut turned = m;
     for i in 0..3 {
         let (j, k) = others(i);
