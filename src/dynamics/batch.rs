@@ -156,11 +156,8 @@ impl Batch {
             blocks,
             ..
         } = self;
-        // Some pieces for each thread, since not all of them are equally fast.
-        let size = blocks
-            .len()
-            .div_ceil(4 * rayon::current_num_threads())
-            .max(1);
+        // One piece for each thread: a piece has to take scratch of its own.
+        let size = blocks.len().div_ceil(rayon::current_num_threads()).max(1);
         blocks.par_chunks_mut(size).for_each(|blocks| {
             arch.dispatch(Blocks {
                 tree,
