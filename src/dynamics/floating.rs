@@ -3,7 +3,7 @@
 use nalgebra::DVector;
 
 use super::newton_euler::SystemError;
-use super::{FormulationKind, Input, Integrator, Method, State, Workspace};
+use super::{FormulationKind, Input, Integrator, Loops, Method, State, Workspace};
 use crate::model::Model;
 
 /// One free-floating tree with its state and scratch: the servicer, or a target (a tree without joints).
@@ -21,9 +21,15 @@ pub struct Floating {
 impl Floating {
     /// A tree in a state, to be stepped with `method`.
     pub fn new(model: Model, state: State, method: Method) -> Self {
+        let loops = Loops::none(&model);
+        Self::with_loops(model, state, method, loops)
+    }
+
+    /// A tree with closed loops in a state assembled for them ([`Loops::assemble`]).
+    pub fn with_loops(model: Model, state: State, method: Method, loops: Loops) -> Self {
         let mut floating = Self {
             workspace: Workspace::new(&model),
-            integrator: Integrator::new(&model, method),
+            integrator: Integrator::with_loops(&model, method.tableau(), loops),
             input: Input::zero(&model),
             qdd_is_known: false,
             model,
@@ -58,7 +64,20 @@ impl Floating {
         &self.workspace
     }
 
-    /// Replaces the state.
+    /// Its closed loops.
+    pub fn loops(&self) -> &Loops {
+        self.integrator.loops()
+    }
+
+    /// What the closures carry: see [`Loops::forces`].
+    pub fn closure_forces(&mut self) -> Vec<[Option<f64>; 6]> {
+        self.qdd_is_known = false;
+        let (state, input) = (&self.state, &self.input);
+        let loops = self.integrator.loops_mut();
+        loops.forces(&self.model, state, &mut self.workspace, input)
+    }
+
+    /// Replaces the state, which must be on the constraints of closed loops.
     pub fn set_state(&mut self, state: State) {
         self.state = state;
         self.refresh();

@@ -4,7 +4,7 @@ use nalgebra::{DVector, Vector3};
 
 use super::newton_euler::SystemError;
 use super::{
-    Formulation, FormulationKind, ForwardDynamics, Input, State, Tableau, TreeAcceleration,
+    Formulation, FormulationKind, ForwardDynamics, Input, Loops, State, Tableau, TreeAcceleration,
     TreeMotion, Workspace,
 };
 use crate::model::Model;
@@ -106,8 +106,7 @@ pub struct Integrator {
     rates: Vec<Rate>,
     stage: State,
     input: Input,
-    dynamics: ForwardDynamics,
-    answer: TreeAcceleration,
+    plant: Plant,
 }
 
 impl Integrator {
@@ -118,9 +117,18 @@ impl Integrator {
 
     /// An integrator for `model` with any explicit tableau.
     pub fn with_tableau(model: &Model, tableau: &'static Tableau) -> Self {
+        Self::with_loops(model, tableau, Loops::none(model))
+    }
+
+    /// An integrator for `model` with closed loops: states are projected onto them at every stage. They
+    /// start from one that is assembled ([`Loops::assemble`]).
+    pub fn with_loops(model: &Model, tableau: &'static Tableau, loops: Loops) -> Self {
         Self {
-            dynamics: ForwardDynamics::articulated_body(model),
-            answer: TreeAcceleration::zero(model),
+            plant: Plant {
+                dynamics: ForwardDynamics::articulated_body(model),
+                loops,
+                answer: TreeAcceleration::zero(model),
+            },
             tableau,
             rates: vec![Rate::zero(model.dof()); tableau.c.len()],
             stage: State::at_rest(model),
@@ -128,12 +136,13 @@ impl Integrator {
         }
     }
 
-    /// The same integrator, with forward dynamics by another formulation.
+    /// The same integrator, with forward dynamics by another formulation. Closed loops keep to the reduced
+    /// form, in whose metric they are solved.
     ///
     /// # Errors
     /// [`SystemError`] as [`FormulationKind::prepare`].
     pub fn by(mut self, model: &Model, kind: FormulationKind) -> Result<Self, SystemError> {
-        self.dynamics = kind.prepare(model)?;
+        self.plant.dynamics = kind.prepare(model)?;
         Ok(self)
     }
 
@@ -146,14 +155,22 @@ impl Integrator {
         workspace: &mut Workspace,
         input: &Input,
     ) -> &TreeAcceleration {
-        let (dynamics, answer) = (&mut self.dynamics, &mut self.answer);
-        evaluate(model, state, workspace, input, dynamics, answer);
-        answer
+        self.plant.evaluate(model, state, workspace, input);
+        &self.plant.answer
     }
 
     /// What the last evaluation gave.
     pub(super) fn answer(&self) -> &TreeAcceleration {
-        &self.answer
+        &self.plant.answer
+    }
+
+    /// The closed loops.
+    pub fn loops(&self) -> &Loops {
+        &self.plant.loops
+    }
+
+    pub(super) fn loops_mut(&mut self) -> &mut Loops {
+        &mut self.plant.loops
     }
 
     /// Advances `state` by `dt` \[s\]; `forcing` is asked at every stage. On return `workspace` holds
@@ -166,9 +183,9 @@ impl Integrator {
         dt: f64,
         forcing: &mut impl Forcing,
     ) {
+        self.plant.loops.project(model, state, workspace);
         forcing.apply(state.time, state, &mut self.input);
-        let (dynamics, answer) = (&mut self.dynamics, &mut self.answer);
-        evaluate(model, state, workspace, &self.input, dynamics, answer);
+        self.plant.evaluate(model, state, workspace, &self.input);
         self.begin(model, state, workspace);
         self.finish(model, state, workspace, dt, forcing);
     }
@@ -191,7 +208,7 @@ impl Integrator {
     /// The first stage, from the last evaluation.
     fn begin(&mut self, model: &Model, state: &State, workspace: &Workspace) {
         let rate = &mut self.rates[0];
-        let qdd = self.answer.qdd.as_slice();
+        let qdd = self.plant.answer.qdd.as_slice();
         rate.qd.as_mut_slice().copy_from_slice(qdd);
         rate.complete(model, state, workspace, &self.input, &Vector3::zeros());
     }
@@ -209,52 +226,65 @@ impl Integrator {
         for (i, (a, c)) in tableau.a.iter().zip(tableau.c).enumerate().skip(1) {
             let turned = advance(&mut self.stage, state, &self.rates[..i], a, dt);
             self.stage.time = state.time + c * dt;
+            self.plant
+                .loops
+                .project(model, &mut self.stage, workspace);
             forcing.apply(self.stage.time, &self.stage, &mut self.input);
-            let Self {
-                stage,
-                rates,
-                input,
-                dynamics,
-                answer,
-                ..
-            } = self;
-            evaluate(model, stage, workspace, input, dynamics, answer);
-            let rate = &mut rates[i];
-            let qdd = answer.qdd.as_slice();
+            self.plant
+                .evaluate(model, &self.stage, workspace, &self.input);
+            let rate = &mut self.rates[i];
+            let qdd = self.plant.answer.qdd.as_slice();
             rate.qd.as_mut_slice().copy_from_slice(qdd);
-            rate.complete(model, stage, workspace, input, &turned);
+            rate.complete(model, &self.stage, workspace, &self.input, &turned);
         }
         advance(&mut self.stage, state, &self.rates, tableau.b, dt);
         self.stage.time = state.time + dt;
         std::mem::swap(state, &mut self.stage);
+        self.plant.loops.project(model, state, workspace);
         state.R_WB.renormalize_fast();
         workspace.set_positions(model, &state.q);
         workspace.set_motion(state);
     }
 }
 
-fn evaluate(
-    model: &Model,
-    state: &State,
-    workspace: &mut Workspace,
-    input: &Input,
-    dynamics: &mut ForwardDynamics,
-    answer: &mut TreeAcceleration,
-) {
-    workspace.set_positions(model, &state.q);
-    workspace.set_base_motion(state);
-    workspace.set_external(input, state.qd.as_slice());
-    let motion = TreeMotion {
-        R_WB: state.R_WB,
-        V_WB_B: *workspace.V_WB_B(),
-        q: state.q.as_slice(),
-        qd: state.qd.as_slice(),
-    };
-    match dynamics {
-        ForwardDynamics::ArticulatedBody(dynamics) => {
-            dynamics.accelerations_at(&workspace.places, &motion, input, answer);
+/// What accelerates the robot: a formulation of forward dynamics, and closed loops.
+#[derive(Debug, Clone)]
+struct Plant {
+    dynamics: ForwardDynamics,
+    loops: Loops,
+    answer: TreeAcceleration,
+}
+
+impl Plant {
+    fn evaluate(&mut self, model: &Model, state: &State, workspace: &mut Workspace, input: &Input) {
+        let Self {
+            dynamics,
+            loops,
+            answer,
+        } = self;
+        workspace.set_positions(model, &state.q);
+        if !loops.closures().is_empty() {
+            workspace.set_motion(state);
+            loops.accelerations(model, state, workspace, input, &mut answer.qdd);
+            workspace.set_accelerations(&answer.qdd);
+            answer.A_WB_B = workspace.bodies[0].acceleration;
+            workspace.set_external(input, state.qd.as_slice());
+            return;
         }
-        other => other.accelerations(model, &motion, input, answer),
+        workspace.set_base_motion(state);
+        workspace.set_external(input, state.qd.as_slice());
+        let motion = TreeMotion {
+            R_WB: state.R_WB,
+            V_WB_B: *workspace.V_WB_B(),
+            q: state.q.as_slice(),
+            qd: state.qd.as_slice(),
+        };
+        match dynamics {
+            ForwardDynamics::ArticulatedBody(dynamics) => {
+                dynamics.accelerations_at(&workspace.places, &motion, input, answer);
+            }
+            other => other.accelerations(model, &motion, input, answer),
+        }
     }
 }
 

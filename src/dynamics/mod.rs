@@ -12,6 +12,8 @@
 //! the bodies carry it. [`Workspace::accelerations`] is the forward dynamics of the reduced system,
 //! eq. (4.49). [`FormulationKind`] names the others; the default, by articulated bodies, is the fastest.
 //! [`InverseDynamics`] goes the other way. [`Integrator`] steps a state. None of them allocates.
+//! eq. (4.49). [`Integrator`] steps a state. None of them allocates. [`Loops`] hold bodies of the tree to
+//! each other: closed loops.
 //!
 //! ```
 //! use fuyu::dynamics::{Input, Integrator, Method, State, Workspace};
@@ -48,6 +50,7 @@ mod inverse;
 mod jacobian;
 mod kane;
 pub mod kernel;
+mod loops;
 mod momentum;
 pub mod newton_euler;
 mod reduced;
@@ -68,6 +71,7 @@ pub use forward::Input;
 pub use integrator::{Forcing, Integrator, Method};
 pub use inverse::InverseDynamics;
 pub use kane::{BaseSpeed, CutError, CutHinge, Kane};
+pub use loops::{Direction, LoopClosure, LoopError, LoopGap, Loops};
 pub use reduced::Reduced;
 pub use runge_kutta::RungeKutta;
 pub use state::{Momentum, State};

@@ -13,6 +13,7 @@ mod free_body;
 mod free_body_closed_form;
 mod generalized_jacobian;
 mod kane;
+mod loops;
 mod masutani1995;
 mod masutani_ch3;
 mod newton_euler;
