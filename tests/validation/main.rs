@@ -22,6 +22,7 @@ mod operation_counts;
 #[cfg(feature = "ros")]
 mod pinocchio;
 mod positioning;
+mod precision;
 mod random_trees;
 mod trees;
 mod tumbling;
