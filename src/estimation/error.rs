@@ -20,7 +20,9 @@ pub enum EstimateError {
         need: usize,
     },
     /// No frames share enough points.
-    #[error("no two frames next to each other have more than {most} points in common; at least {need} are needed")]
+    #[error(
+        "no two frames next to each other have more than {most} points in common; at least {need} are needed"
+    )]
     TooFewPoints {
         /// The most points that two have in common.
         most: usize,

@@ -7,6 +7,7 @@
 pub mod bundle;
 pub mod elliptic;
 mod error;
+pub mod filter;
 pub mod free_body;
 mod motion;
 mod tracks;

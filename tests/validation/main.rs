@@ -5,6 +5,7 @@
 mod bundle;
 mod conservation;
 mod elliptic;
+mod filter;
 mod fixtures;
 mod free_body;
 mod free_body_closed_form;

@@ -28,7 +28,11 @@ impl Motion {
         let middle = 0.5 * (1.0 + e + s * (1.0 - e));
         let twice_energy = beta * 2.0 * e / (1.0 + e - s_alpha * (1.0 - e));
         let alpha = (1.0 + e + s_alpha * (1.0 - e)) / 2.0 / twice_energy;
-        let (high, middle, low) = (high / twice_energy, middle / twice_energy, low / twice_energy);
+        let (high, middle, low) = (
+            high / twice_energy,
+            middle / twice_energy,
+            low / twice_energy,
+        );
         // z is the axis that the rate circles.
         let J = if alpha < middle {
             Vector3::new(high, middle, low)
@@ -37,14 +41,24 @@ impl Motion {
         };
         // w_x = 0; (2.7) and (2.8) for the other two.
         let gap = J.y - J.z;
-        let y = if gap.abs() < 1e-12 { 0.0 } else { (alpha - J.z) / (J.y * gap) };
+        let y = if gap.abs() < 1e-12 {
+            0.0
+        } else {
+            (alpha - J.z) / (J.y * gap)
+        };
         let y = y.max(0.0);
         let z = ((1.0 - J.y * y) / J.z).max(0.0);
         let w_B = Vector3::new(0.0, y.sqrt(), z.sqrt());
         let L_B = J.component_mul(&w_B);
-        let R_WB = UnitQuaternion::rotation_between(&L_B, &direction)
-            .unwrap_or_else(|| UnitQuaternion::from_scaled_axis(Vector3::x() * std::f64::consts::PI));
-        Self { J, alpha, w_B, R_WB }
+        let R_WB = UnitQuaternion::rotation_between(&L_B, &direction).unwrap_or_else(|| {
+            UnitQuaternion::from_scaled_axis(Vector3::x() * std::f64::consts::PI)
+        });
+        Self {
+            J,
+            alpha,
+            w_B,
+            R_WB,
+        }
     }
 
     /// Attitudes at ascending times from 0 on.
@@ -163,7 +177,9 @@ impl View {
                     ids[k] = next;
                     next += 1;
                 }
-                let Some([u, v]) = self.camera.project(&x) else { continue };
+                let Some([u, v]) = self.camera.project(&x) else {
+                    continue;
+                };
                 let mut gauss = || {
                     let sum: f64 = (0..12).map(|_| rng.random_range(-0.5..0.5)).sum();
                     sum * self.noise

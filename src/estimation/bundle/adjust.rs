@@ -180,8 +180,12 @@ fn linearise<const L: usize, const G: usize, M: Motion<L, G>>(
             let inverse = 1.0 / x.z.max(NEAREST);
             let (u, v) = (focal.x * x.x * inverse, focal.y * x.y * inverse);
             let (ru, rv) = (u - seen.pixel.x, v - seen.pixel.y);
-            let size = ru.hypot(rv);
-            let root = if size > huber { (huber / size).sqrt() } else { 1.0 };
+            let size = (ru * ru + rv * rv).sqrt();
+            let root = if size > huber {
+                (huber / size).sqrt()
+            } else {
+                1.0
+            };
             let anchor = scene.anchor(seen.point);
             let r = Vector3::new(root * ru, root * rv, anchor * (x.z - 1.0));
             #[rustfmt::skip]
@@ -205,7 +209,8 @@ fn linearise<const L: usize, const G: usize, M: Motion<L, G>>(
             J[(1, 6)] = root * v;
             for a in 0..7 {
                 for b in 0..=a {
-                    H[(a, b)] += J[(0, a)] * J[(0, b)] + J[(1, a)] * J[(1, b)] + J[(2, a)] * J[(2, b)];
+                    H[(a, b)] +=
+                        J[(0, a)] * J[(0, b)] + J[(1, a)] * J[(1, b)] + J[(2, a)] * J[(2, b)];
                 }
             }
             g += J.tr_mul(&r);
@@ -269,7 +274,11 @@ mod tests {
                 let pixel = Vector2::new(focal.x * x.x, focal.y * x.y) / x.z;
                 // Off the truth, beyond Huber's threshold for some.
                 let off = Vector2::new((j as f64).cos(), (i as f64 + j as f64).sin()) * 1.5;
-                Seen { point: j, pixel: pixel + off, kept: true }
+                Seen {
+                    point: j,
+                    pixel: pixel + off,
+                    kept: true,
+                }
             });
             seen.collect()
         });
@@ -286,7 +295,10 @@ mod tests {
         let h = 1e-6;
         let close = |analytic: f64, up: f64, down: f64| {
             let numeric = (up - down) / (2.0 * h);
-            assert!((analytic - numeric).abs() < 1e-4 * (1.0 + numeric.abs()), "{analytic} {numeric}");
+            assert!(
+                (analytic - numeric).abs() < 1e-4 * (1.0 + numeric.abs()),
+                "{analytic} {numeric}"
+            );
         };
         let zero = SVector::<f64, 1>::zeros();
         for i in 0..4 {
@@ -332,7 +344,11 @@ mod tests {
         for (j, p) in points.iter_mut().enumerate() {
             *p += Vector3::new(0.02, -0.03, 0.025) * (j as f64).cos();
         }
-        let effort = Effort { huber: 1.2, steps: 60, tolerance: 1e-12 };
+        let effort = Effort {
+            huber: 1.2,
+            steps: 60,
+            tolerance: 1e-12,
+        };
         adjust(&scene, &mut motion, &mut points, &effort).unwrap();
         for i in 0..scene.len() {
             let placement = motion.placement(i);

@@ -43,7 +43,11 @@ pub fn fit(start: &FreeMotion, samples: &[Sample], segments: usize) -> Option<Fi
     let mut span = (12.0 / rate.max(1e-9)).max(0.02 * whole).min(whole);
     let mut known = vec![false; segments];
     loop {
-        let within: Vec<Sample> = samples.iter().filter(|s| reach(s) <= span).copied().collect();
+        let within: Vec<Sample> = samples
+            .iter()
+            .filter(|s| reach(s) <= span)
+            .copied()
+            .collect();
         align(&mut current, &within, &mut known);
         for _ in 0..2 {
             current = improve(current, &within)?;
@@ -60,10 +64,18 @@ fn align(fit: &mut Fit, samples: &[Sample], known: &mut [bool]) {
     let times: Vec<f64> = samples.iter().map(|s| s.attitude.time).collect();
     let attitudes = fit.motion.attitudes(&times);
     for (segment, known) in known.iter_mut().enumerate().filter(|(_, k)| !**k) {
-        let own = samples.iter().zip(&attitudes).filter(|(s, _)| s.segment == segment);
+        let own = samples
+            .iter()
+            .zip(&attitudes)
+            .filter(|(s, _)| s.segment == segment);
         // The nearest attitudes say most: there the motion has run away least.
         let mut turns: Vec<(f64, UnitQuaternion<f64>)> = own
-            .map(|(s, R)| ((s.attitude.time - fit.motion.time).abs(), R.inverse() * s.attitude.R_WB))
+            .map(|(s, R)| {
+                (
+                    (s.attitude.time - fit.motion.time).abs(),
+                    R.inverse() * s.attitude.R_WB,
+                )
+            })
             .collect();
         turns.sort_by(|a, b| a.0.total_cmp(&b.0));
         turns.truncate(5);
@@ -89,7 +101,10 @@ fn improve(fit: Fit, samples: &[Sample]) -> Option<Fit> {
     sorted.sort_by(f64::total_cmp);
     let width = (3.0 * sorted[sorted.len() / 2]).max(1e-6);
     problem.prior = width / SHAPE_SPREAD;
-    problem.weights = errors.iter().map(|e| 1.0 / (1.0 + (e / width).powi(2)).sqrt()).collect();
+    problem.weights = errors
+        .iter()
+        .map(|e| 1.0 / (1.0 + (e / width).powi(2)).sqrt())
+        .collect();
     let solver = LevenbergMarquardt::new().with_patience(4).with_tol(1e-8);
     let (solved, _) = solver.minimize(problem);
     let errors = solved.errors()?;
@@ -97,7 +112,9 @@ fn improve(fit: Fit, samples: &[Sample]) -> Option<Fit> {
     squares.sort_by(f64::total_cmp);
     let most = &squares[..(9 * squares.len()).div_ceil(10)];
     let rms = (most.iter().sum::<f64>() / most.len() as f64).sqrt();
-    let Fit { motion, segments, .. } = solved.current()?;
+    let Fit {
+        motion, segments, ..
+    } = solved.current()?;
     Some(Fit {
         motion,
         segments,
@@ -134,7 +151,8 @@ impl<'a> Problem<'a> {
     }
 
     fn current(&self) -> Option<Fit> {
-        let step: SVector<f64, PARAMETERS> = self.parameters.fixed_rows::<PARAMETERS>(0).into_owned();
+        let step: SVector<f64, PARAMETERS> =
+            self.parameters.fixed_rows::<PARAMETERS>(0).into_owned();
         let segments = self.start.segments.iter().enumerate();
         Some(Fit {
             motion: self.start.motion.moved(&step)?,
@@ -173,7 +191,10 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
         let Some(errors) = self.errors() else {
             return Some(DVector::from_element(3 * self.samples.len() + 5, 10.0));
         };
-        let weighted = errors.iter().zip(&self.weights).flat_map(|(e, w)| [e.x * w, e.y * w, e.z * w]);
+        let weighted = errors
+            .iter()
+            .zip(&self.weights)
+            .flat_map(|(e, w)| [e.x * w, e.y * w, e.z * w]);
         let shape = shape_of(&self.current()?.motion.inertia) * self.prior;
         let all = weighted.chain(shape.iter().copied());
         Some(DVector::from_iterator(3 * self.samples.len() + 5, all))
@@ -183,7 +204,9 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
         let now = self.current()?;
         let swept: Vec<(UnitQuaternion<f64>, Sensitivity)> =
             now.motion.attitudes_and_sensitivities(&self.times);
-        let turns: Vec<_> = (0..now.segments.len()).map(|k| right_jacobian(&self.turn(k))).collect();
+        let turns: Vec<_> = (0..now.segments.len())
+            .map(|k| right_jacobian(&self.turn(k)))
+            .collect();
         let mut J = DMatrix::zeros(3 * self.samples.len() + 5, self.parameters.len());
         for k in 0..5 {
             J[(3 * self.samples.len() + k, k)] = self.prior;
@@ -193,8 +216,10 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
             let error = (sample.attitude.R_WB.inverse() * R * now.segments[k]).scaled_axis();
             let outer = right_jacobian_inverse(&error) * self.weights[i];
             let to_segment = now.segments[k].to_rotation_matrix().matrix().transpose();
-            J.fixed_view_mut::<3, PARAMETERS>(3 * i, 0).copy_from(&(outer * to_segment * S));
-            J.fixed_view_mut::<3, 3>(3 * i, PARAMETERS + 3 * k).copy_from(&(outer * turns[k]));
+            J.fixed_view_mut::<3, PARAMETERS>(3 * i, 0)
+                .copy_from(&(outer * to_segment * S));
+            J.fixed_view_mut::<3, 3>(3 * i, PARAMETERS + 3 * k)
+                .copy_from(&(outer * turns[k]));
         }
         Some(J)
     }
@@ -216,7 +241,10 @@ mod tests {
         all.map(|(R, time)| {
             let segment = usize::from(time > 90.0);
             let R_WB = if segment == 1 { R * other } else { R };
-            Sample { attitude: Attitude { time, R_WB }, segment }
+            Sample {
+                attitude: Attitude { time, R_WB },
+                segment,
+            }
         })
         .collect()
     }
@@ -224,7 +252,8 @@ mod tests {
     #[test]
     fn a_rough_start_reaches_the_motion_and_ties_the_segments() {
         let other = UnitQuaternion::from_scaled_axis(Vector3::new(-1.0, 2.0, 0.3));
-        let step = SVector::<f64, PARAMETERS>::from([0.01, -0.02, 0.01, 0.0, 0.02, 0.005, 0.01, -0.005]);
+        let step =
+            SVector::<f64, PARAMETERS>::from([0.01, -0.02, 0.01, 0.0, 0.02, 0.005, 0.01, -0.005]);
         let start = truth().moved(&step).unwrap();
         let fit = fit(&start, &samples(&other), 2).unwrap();
         assert!((fit.motion.inertia - truth().inertia).norm() < 1e-6);

@@ -110,7 +110,10 @@ mod tests {
         for (t, angle) in [(1.0, 0.1), (1.5, 0.2), (2.0, 0.3), (3.0, 0.5), (0.5, 0.0)] {
             assert!(camera.lookup()(t).angle_to(&at(angle)) < 1e-12);
         }
-        assert_eq!(CameraMotion::Fixed.lookup()(7.0), UnitQuaternion::identity());
+        assert_eq!(
+            CameraMotion::Fixed.lookup()(7.0),
+            UnitQuaternion::identity()
+        );
     }
 
     #[test]

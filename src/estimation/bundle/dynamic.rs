@@ -84,7 +84,8 @@ impl Motion<3, COMMON> for Tumbling<'_> {
 
     fn turn_by_common(&self, i: usize) -> SMatrix<f64, 3, COMMON> {
         let mut turn = SMatrix::<f64, 3, COMMON>::zeros();
-        turn.fixed_columns_mut::<PARAMETERS>(0).copy_from(&self.swept[i].1);
+        turn.fixed_columns_mut::<PARAMETERS>(0)
+            .copy_from(&self.swept[i].1);
         turn
     }
 

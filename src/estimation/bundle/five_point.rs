@@ -90,9 +90,8 @@ pub fn essential_matrices(rays: &[(Vector3<f64>, Vector3<f64>); 5]) -> Vec<Matri
 
     // det E = 0, and E Eᵀ E - ½ tr(E Eᵀ) E = 0.
     let mut constraints = Vec::with_capacity(10);
-    let minor = |i: usize, j: usize| {
-        product(&E[1][i], &E[2][j]).plus(&product(&E[1][j], &E[2][i]), -1.0)
-    };
+    let minor =
+        |i: usize, j: usize| product(&E[1][i], &E[2][j]).plus(&product(&E[1][j], &E[2][i]), -1.0);
     let determinant = product(&E[0][0], &minor(1, 2))
         .plus(&product(&E[0][1], &minor(0, 2)), -1.0)
         .plus(&product(&E[0][2], &minor(0, 1)), 1.0);
@@ -105,7 +104,9 @@ pub fn essential_matrices(rays: &[(Vector3<f64>, Vector3<f64>); 5]) -> Vec<Matri
             }
         }
     }
-    let trace = square[0][0].plus(&square[1][1], 1.0).plus(&square[2][2], 1.0);
+    let trace = square[0][0]
+        .plus(&square[1][1], 1.0)
+        .plus(&square[2][2], 1.0);
     for (i, row) in square.iter_mut().enumerate() {
         row[i] = row[i].plus(&trace, -0.5);
     }
@@ -151,7 +152,9 @@ fn null_space(rays: &[(Vector3<f64>, Vector3<f64>); 5]) -> [Matrix3<f64>; 4] {
     // Complete to a basis: the axis that the rows so far hold least of.
     while rows.len() < 9 {
         let held = |k: usize| rows.iter().map(|r| r[k] * r[k]).sum::<f64>();
-        let axis = (0..9).min_by(|a, b| held(*a).total_cmp(&held(*b))).unwrap_or(0);
+        let axis = (0..9)
+            .min_by(|a, b| held(*a).total_cmp(&held(*b)))
+            .unwrap_or(0);
         let mut v = SVector::<f64, 9>::zeros();
         v[axis] = 1.0;
         against(&mut v, &rows);
@@ -186,7 +189,10 @@ fn solutions(reduced: &SMatrix<f64, 10, 10>) -> Vec<[f64; 3]> {
     };
     let scale = action.norm().max(1.0);
     let values = schur.complex_eigenvalues();
-    let real = values.iter().filter(|v| v.im.abs() < 1e-6 * scale).map(|v| v.re);
+    let real = values
+        .iter()
+        .filter(|v| v.im.abs() < 1e-6 * scale)
+        .map(|v| v.re);
     real.filter_map(|x| {
         // Inverse iteration: two solves from a start that is orthogonal to nothing in particular.
         let mut shifted = action;

@@ -67,6 +67,9 @@ impl Motion<6, 1> for FreePlacements {
         } else {
             HELD
         };
-        (SVector::<f64, 1>::new(weight), SVector::<f64, 1>::new(self.log_focal))
+        (
+            SVector::<f64, 1>::new(weight),
+            SVector::<f64, 1>::new(self.log_focal),
+        )
     }
 }

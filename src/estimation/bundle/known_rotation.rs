@@ -35,7 +35,8 @@ pub fn structure(
                 } else {
                     let off = residual(&scene.focal, &x, &m);
                     let width = noise * f64::from(40 >> round).max(3.0);
-                    let loss = off.map_or(1e-3, |r| 1.0 / (1.0 + r.norm_squared() / (width * width)));
+                    let loss =
+                        off.map_or(1e-3, |r| 1.0 / (1.0 + r.norm_squared() / (width * width)));
                     loss.sqrt() / x.z.max(0.2)
                 };
                 // The prior counts less than ten times the images' noise once there are images.
@@ -121,6 +122,8 @@ pub fn triangulate(
         }
         p -= H.cholesky()?.solve(&g);
     }
-    let ahead = sights.iter().all(|(s, _)| (s.R_CB * p + s.t_C).z > 10.0 * NEAREST);
+    let ahead = sights
+        .iter()
+        .all(|(s, _)| (s.R_CB * p + s.t_C).z > 10.0 * NEAREST);
     (ahead && p.norm() < 1e3).then_some(p)
 }

@@ -40,7 +40,8 @@ use nalgebra::{SMatrix, UnitQuaternion, Vector3};
 
 pub use camera_motion::CameraMotion;
 
-pub(super) use free_motion::{FreeMotion, PARAMETERS};
+pub(super) use free_motion::{FreeMotion, PARAMETERS, shape_basis, shape_times};
+pub(super) use uncertainty::derivatives;
 
 use super::{EstimateError, MotionEstimate, Tracks};
 use crate::vision::Pinhole;

@@ -70,7 +70,11 @@ fn rate_at(series: &[Attitude], i: usize, least: usize, degree: usize) -> Option
     if before.is_empty() || after.is_empty() || before.len() + after.len() + 1 < least {
         return None;
     }
-    let samples: Vec<_> = [(0.0, Vector3::zeros())].into_iter().chain(before).chain(after).collect();
+    let samples: Vec<_> = [(0.0, Vector3::zeros())]
+        .into_iter()
+        .chain(before)
+        .chain(after)
+        .collect();
     let span = samples.iter().map(|(t, _)| t.abs()).fold(0.0, f64::max);
     let A = DMatrix::from_fn(samples.len(), degree + 1, |r, c| {
         (samples[r].0 / span).powi(c as i32)
@@ -95,9 +99,11 @@ pub fn momentum_start(rates: &[Rate]) -> Option<FreeMotion> {
         let mut g = SVector::<f64, PARAMETERS>::zeros();
         let rows = |rate: &Rate| {
             let mut J = SMatrix::<f64, 3, PARAMETERS>::zeros();
-            J.fixed_columns_mut::<5>(0).copy_from(&shape_times(&rate.w_WB_B));
+            J.fixed_columns_mut::<5>(0)
+                .copy_from(&shape_times(&rate.w_WB_B));
             let R = rate.attitude.R_WB.to_rotation_matrix();
-            J.fixed_columns_mut::<3>(5).copy_from(&-R.matrix().transpose());
+            J.fixed_columns_mut::<3>(5)
+                .copy_from(&-R.matrix().transpose());
             J
         };
         for (rate, weight) in rates.iter().zip(&weights) {
@@ -118,7 +124,9 @@ pub fn momentum_start(rates: &[Rate]) -> Option<FreeMotion> {
         let errors = DVector::from_vec(errors);
         let mut sorted: Vec<f64> = errors.iter().copied().collect();
         sorted.sort_by(f64::total_cmp);
-        let width = (2.0 * sorted[sorted.len() / 2]).max(1e-9 * size).max(f64::MIN_POSITIVE);
+        let width = (2.0 * sorted[sorted.len() / 2])
+            .max(1e-9 * size)
+            .max(f64::MIN_POSITIVE);
         for (weight, error) in weights.iter_mut().zip(&errors) {
             *weight = 1.0 / (1.0 + (error / width).powi(2));
         }
@@ -154,7 +162,11 @@ mod tests {
             .map(|(R_WB, &time)| Attitude { time, R_WB })
             .collect();
         let found = momentum_start(&rates(&series)).unwrap();
-        assert!((found.inertia - truth.inertia).norm() < 5e-3, "{}", found.inertia);
+        assert!(
+            (found.inertia - truth.inertia).norm() < 5e-3,
+            "{}",
+            found.inertia
+        );
         assert!((found.momentum - truth.momentum).norm() < 5e-3);
     }
 

@@ -41,24 +41,18 @@ pub fn place(
     if !search {
         return None;
     }
-    let starts = attitudes().into_iter().filter_map(|R_CB| {
+    let mut starts = attitudes().into_iter().filter_map(|R_CB| {
         let start = Placement {
             R_CB,
             t_C: translation(focal, marks, &R_CB)?,
         };
         refine(focal, marks, start, noise)
     });
-    // The most agreeing marks win.
-    starts.max_by_key(|p| p.agreeing).filter(convinces)
+    starts.find(convinces)
 }
 
 /// Iteratively reweighted least squares with Cauchy's loss, whose width shrinks to a few times the noise.
-fn refine(
-    focal: &Vector2<f64>,
-    marks: &[Mark],
-    start: Placement,
-    noise: f64,
-) -> Option<Placed> {
+fn refine(focal: &Vector2<f64>, marks: &[Mark], start: Placement, noise: f64) -> Option<Placed> {
     let mut placement = start;
     let mut sizes = Vec::with_capacity(marks.len());
     let mut width = f64::INFINITY;
@@ -68,7 +62,11 @@ fn refine(
         let R = *placement.R_CB.to_rotation_matrix().matrix();
         sizes.clear();
         let x = |p: &Vector3<f64>| R * p + placement.t_C;
-        sizes.extend(marks.iter().filter_map(|(p, m)| Some(residual(focal, &x(p), m)?.norm())));
+        sizes.extend(
+            marks
+                .iter()
+                .filter_map(|(p, m)| Some(residual(focal, &x(p), m)?.norm())),
+        );
         if sizes.len() < MIN_POINTS {
             return None;
         }
@@ -144,7 +142,9 @@ pub fn translation(
             }
         }
         t = H.cholesky()?.solve(&g);
-        let errors = marks.iter().map(|(p, m)| residual(focal, &(R * p + t), m).map(|r| r.norm()));
+        let errors = marks
+            .iter()
+            .map(|(p, m)| residual(focal, &(R * p + t), m).map(|r| r.norm()));
         let errors: Vec<f64> = errors.map(|e| e.unwrap_or(f64::INFINITY)).collect();
         let mut sorted = errors.clone();
         sorted.sort_by(f64::total_cmp);
@@ -213,7 +213,10 @@ mod tests {
             let axis = Vector3::new(a.sin(), a.cos(), (1.7 * a).sin()) * 1.6;
             let R_CB = UnitQuaternion::from_scaled_axis(axis);
             let marks = marks(&R_CB, &t_C, 4);
-            let guess = Placement { R_CB: UnitQuaternion::identity(), t_C: Vector3::z() };
+            let guess = Placement {
+                R_CB: UnitQuaternion::identity(),
+                t_C: Vector3::z(),
+            };
             let placed = place(&Vector2::new(800.0, 800.0), &marks, &guess, 0.3, true).unwrap();
             assert!(placed.placement.R_CB.angle_to(&R_CB) < 1e-3, "{k}");
             assert!((placed.placement.t_C - t_C).norm() < 1e-3, "{k}");
@@ -225,7 +228,13 @@ mod tests {
     fn marks_that_fit_no_placement_are_refused() {
         let R_CB = UnitQuaternion::identity();
         let marks = marks(&R_CB, &Vector3::z(), 12);
-        let guess = Placement { R_CB, t_C: Vector3::z() };
-        assert_eq!(place(&Vector2::new(800.0, 800.0), &marks, &guess, 0.3, true), None);
+        let guess = Placement {
+            R_CB,
+            t_C: Vector3::z(),
+        };
+        assert_eq!(
+            place(&Vector2::new(800.0, 800.0), &marks, &guess, 0.3, true),
+            None
+        );
     }
 }

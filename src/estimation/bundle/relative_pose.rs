@@ -53,7 +53,8 @@ pub fn relative_pose(pairs: &[Pair], noise: f64, rng: &mut impl Rng) -> Option<R
         candidates.push((linear.R, linear.direction));
     }
     let turned = rotation_between_rays(pairs, scale);
-    candidates.extend([Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()].map(|T| (turned, T)));
+    candidates
+        .extend([Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()].map(|T| (turned, T)));
     let mut best = finish(best_of(candidates, pairs, scale)?, pairs, noise);
     let doubtful = |found: &Option<RelativePose>| {
         (found.as_ref()).is_none_or(|f| {
@@ -305,7 +306,11 @@ mod tests {
             let (pairs, R) = pairs(Vector3::new(0.15, 0.05, 0.1), 4, 6e-4, seed);
             let mut rng = StdRng::seed_from_u64(1);
             let found = relative_pose(&pairs, 3.5e-4, &mut rng).unwrap();
-            assert!(found.R.angle_to(&R) < 0.02, "{seed}: {}", found.R.angle_to(&R));
+            assert!(
+                found.R.angle_to(&R) < 0.02,
+                "{seed}: {}",
+                found.R.angle_to(&R)
+            );
             let kept = found.agreeing[4..].iter().filter(|a| **a).count();
             assert!(kept >= 15, "{seed}: {kept}");
         }

@@ -4,9 +4,7 @@
 //! not observable from these, so eight unknowns remain, those of [`FreeMotion`].
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
-use nalgebra::{
-    Const, Dyn, Matrix3, OMatrix, OVector, Owned, SVector, UnitQuaternion, Vector3,
-};
+use nalgebra::{Const, Dyn, Matrix3, OMatrix, OVector, Owned, SVector, UnitQuaternion, Vector3};
 use rand::Rng;
 
 use super::frames::Frames;
@@ -32,7 +30,11 @@ struct Turn {
 }
 
 /// Fits the motion to the rotations between frames.
-pub fn relative_rotation_fit(frames: &Frames, noise: f64, rng: &mut impl Rng) -> Option<FreeMotion> {
+pub fn relative_rotation_fit(
+    frames: &Frames,
+    noise: f64,
+    rng: &mut impl Rng,
+) -> Option<FreeMotion> {
     let angle = noise * frames.pixel_angle();
     let mut turns = Vec::new();
     for from in 0..frames.list.len() {
@@ -74,8 +76,7 @@ fn measure(
     let scale = 1.0 / angle.max(pose.rms);
     let eigen = pose.information.symmetric_eigen();
     let root = eigen.eigenvalues.map(|e| e.max(0.0).sqrt() * scale);
-    let whitening =
-        Matrix3::from_diagonal(&root) * (R.matrix() * eigen.eigenvectors).transpose();
+    let whitening = Matrix3::from_diagonal(&root) * (R.matrix() * eigen.eigenvectors).transpose();
     Some(Turn {
         from,
         to,
@@ -100,7 +101,10 @@ fn chained_start(times: &[f64], turns: &[Turn]) -> Option<FreeMotion> {
             }
             let mut R_WB = turn.turn * chain[chain.len() - 1].R_WB;
             R_WB.renormalize();
-            chain.push(Attitude { time: times[turn.to], R_WB });
+            chain.push(Attitude {
+                time: times[turn.to],
+                R_WB,
+            });
             at = turn.to;
         } else if turn.from > at {
             if chain.len() > best.len() {
@@ -130,7 +134,10 @@ fn improve(motion: FreeMotion, times: &[f64], turns: &[Turn]) -> Option<FreeMoti
     let mut sorted = sizes.clone();
     sorted.sort_by(f64::total_cmp);
     let width = (2.0 * sorted[sorted.len() / 2]).max(3.0);
-    problem.weights = sizes.iter().map(|e| 1.0 / (1.0 + (e / width).powi(2)).sqrt()).collect();
+    problem.weights = sizes
+        .iter()
+        .map(|e| 1.0 / (1.0 + (e / width).powi(2)).sqrt())
+        .collect();
     let solver = LevenbergMarquardt::new().with_patience(4).with_tol(1e-7);
     let (solved, _) = solver.minimize(problem);
     solved.current()

@@ -85,7 +85,11 @@ impl Scene {
 
 /// Residual of an observation \[px\], of a point at `x` in the camera's frame. `None` behind the camera.
 #[inline]
-pub fn residual(focal: &Vector2<f64>, x: &Vector3<f64>, pixel: &Vector2<f64>) -> Option<Vector2<f64>> {
+pub fn residual(
+    focal: &Vector2<f64>,
+    x: &Vector3<f64>,
+    pixel: &Vector2<f64>,
+) -> Option<Vector2<f64>> {
     (x.z > NEAREST).then(|| {
         let inverse = 1.0 / x.z;
         Vector2::new(focal.x * x.x * inverse, focal.y * x.y * inverse) - pixel

@@ -244,8 +244,7 @@ impl<const L: usize, const G: usize> System<L, G> {
                 let by_g = wg.tr_mul(w);
                 for a in 0..G {
                     for b in 0..3 {
-                        *reduced.at(c + a, 3 * j + b) +=
-                            own[k].H_gp[(a, b)] - by_g[(a, b)];
+                        *reduced.at(c + a, 3 * j + b) += own[k].H_gp[(a, b)] - by_g[(a, b)];
                     }
                 }
                 let r = w.tr_mul(&g);

@@ -41,7 +41,12 @@ pub(super) fn solve(
     options: &Options,
 ) -> Result<Solution, EstimateError> {
     let lookup = options.camera_motion.lookup();
-    let frames = Frames::new(tracks, camera, options.points_per_frame.max(MIN_POINTS), lookup);
+    let frames = Frames::new(
+        tracks,
+        camera,
+        options.points_per_frame.max(MIN_POINTS),
+        lookup,
+    );
     check(&frames, options)?;
     let mut best: Option<Adjusted> = None;
     let mut placed = 0;
@@ -112,7 +117,11 @@ fn check(frames: &Frames, options: &Options) -> Result<(), EstimateError> {
             need: MIN_POINTS,
         });
     }
-    if frames.list.iter().all(|f| on_a_line(f.sights.iter().map(|s| s.pixel))) {
+    if frames
+        .list
+        .iter()
+        .all(|f| on_a_line(f.sights.iter().map(|s| s.pixel)))
+    {
         return Err(EstimateError::Collinear);
     }
     let mut first: Vec<Option<Vector2<f64>>> = vec![None; frames.ids.len()];
@@ -190,7 +199,10 @@ fn motion_of_segments(
         })
     };
     let all = 0..frames.list.len();
-    let series: Vec<Attitude> = all.clone().filter_map(|i| attitude(segments.first()?, i)).collect();
+    let series: Vec<Attitude> = all
+        .clone()
+        .filter_map(|i| attitude(segments.first()?, i))
+        .collect();
     let start = momentum_start(&rates(&series))?;
     let samples: Vec<Sample> = all
         .filter_map(|i| {
@@ -248,7 +260,10 @@ fn dynamic(
     let (point_of, position_of) = known;
     let chosen: Vec<usize> = (0..frames.list.len())
         .filter(|&i| {
-            let marks = frames.list[i].sights.iter().filter(|s| point_of[s.track].is_some());
+            let marks = frames.list[i]
+                .sights
+                .iter()
+                .filter(|s| point_of[s.track].is_some());
             position_of[i].is_some() && marks.count() >= 2
         })
         .collect();
@@ -289,7 +304,12 @@ fn dynamic(
             tolerance: 1e-7,
         };
         let mut placed = points.clone();
-        let with_shape = adjust(&scene, &mut tumbling, &mut points, &Effort { steps: 1, ..effort })?;
+        let with_shape = adjust(
+            &scene,
+            &mut tumbling,
+            &mut points,
+            &Effort { steps: 1, ..effort },
+        )?;
         let without = adjust(&scene, &mut sphere, &mut placed, &effort);
         let worth = WORTH * residuals.deviation.powi(2);
         if without.is_some_and(|o| o.cost < with_shape.cost + worth) {
@@ -332,7 +352,9 @@ fn carried_over(
     let position = |i: usize| {
         let known = |s: &super::frames::Sight| Some((points[s.track]?, s.pixel));
         let marks: Vec<Mark> = frames.list[i].sights.iter().filter_map(known).collect();
-        (marks.len() >= 2).then(|| translation(&focal, &marks, &attitudes[i])).flatten()
+        (marks.len() >= 2)
+            .then(|| translation(&focal, &marks, &attitudes[i]))
+            .flatten()
     };
     let positions: Vec<_> = (0..frames.list.len()).map(position).collect();
     let mut missing: Vec<Vec<_>> = vec![Vec::new(); frames.ids.len()];
@@ -355,7 +377,9 @@ fn from_rotations(
     attitudes: &[UnitQuaternion<f64>],
     settings: &Settings,
 ) -> Option<Known> {
-    let all: Vec<usize> = (0..frames.list.len()).filter(|i| frames.list[*i].sights.len() >= 3).collect();
+    let all: Vec<usize> = (0..frames.list.len())
+        .filter(|i| frames.list[*i].sights.len() >= 3)
+        .collect();
     let (scene, tracks) = scene_of(frames, &all, |_| true, settings.noise, 2);
     let chosen: Vec<_> = all.iter().map(|i| attitudes[*i]).collect();
     let (solved, placements) = linear_structure(&scene, &chosen, settings.noise)?;
@@ -399,8 +423,16 @@ fn judge(scene: &mut Scene, motion: &Tumbling, points: &[Vector3<f64>], limit: f
 
 impl Adjusted {
     fn finish(self, camera: &Pinhole, options: &Options) -> Result<Solution, EstimateError> {
-        let times: Vec<f64> = self.chosen.iter().map(|i| self.frames.list[*i].time).collect();
-        let R_WC: Vec<_> = self.chosen.iter().map(|i| self.frames.list[*i].R_WC).collect();
+        let times: Vec<f64> = self
+            .chosen
+            .iter()
+            .map(|i| self.frames.list[*i].time)
+            .collect();
+        let R_WC: Vec<_> = self
+            .chosen
+            .iter()
+            .map(|i| self.frames.list[*i].R_WC)
+            .collect();
         let focal = self.settings.focal_free.then_some(self.log_focal);
         let motion = self.motion;
         let tumbling = Tumbling::new(motion, self.t_C, &times, &R_WC, self.settings.noise, focal);
@@ -413,7 +445,14 @@ impl Adjusted {
             .and_then(|i| i.try_inverse())
             .map(|c| c * variance)
             .ok_or_else(|| not_free.clone())?;
-        let report = report(&motion, &covariance, &self.residuals, options, self.log_focal).ok_or(not_free)?;
+        let report = report(
+            &motion,
+            &covariance,
+            &self.residuals,
+            options,
+            self.log_focal,
+        )
+        .ok_or(not_free)?;
         let scale = self.log_focal.exp();
         let poses = (0..self.chosen.len()).map(|k| {
             let placement = tumbling.placement(k);

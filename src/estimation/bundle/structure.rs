@@ -21,13 +21,20 @@ const KEY_CHANGE: f64 = 0.2;
 
 /// Where to start: number of key frames, and where in the frames. A start where the motion shows little may be
 /// next to one where it shows much.
-const STARTS: [(usize, f64); 6] = [(6, 0.0), (6, 0.5), (12, 0.25), (12, 0.75), (24, 0.0), (48, 0.0)];
+const STARTS: [(usize, f64); 6] = [
+    (6, 0.0),
+    (6, 0.5),
+    (12, 0.25),
+    (12, 0.75),
+    (24, 0.0),
+    (48, 0.0),
+];
 
 /// The fewest points that key frames share.
 const MIN_COMMON: usize = 8;
 
 /// Frames that may be searched for the body in all attitudes before that is given up.
-const SEARCHES: usize = 30;
+const SEARCHES: usize = 8;
 
 /// A residual is believed up to this many times the noise.
 pub const BELIEVED: f64 = 6.0;
@@ -188,7 +195,12 @@ fn start(
         };
         adjust(&scene, &mut motion, &mut points, &effort)?;
         // Believed again is what agrees now.
-        believe(&mut scene, &motion, &points, 2.0 * BELIEVED * settings.noise);
+        believe(
+            &mut scene,
+            &motion,
+            &points,
+            2.0 * BELIEVED * settings.noise,
+        );
     }
     let mut segment = Segment {
         placements: vec![None; frames.list.len()],
@@ -274,7 +286,9 @@ fn rms(scene: &Scene, motion: &FreePlacements, points: &[Vector3<f64>]) -> f64 {
     // Unknowns fit some of the noise.
     let unknowns = 6 * motion.placements.len() + 3 * points.len();
     (sum / f64::from(count).max(1.0) * f64::from(count)
-        / (f64::from(count) - unknowns as f64).max(0.2 * f64::from(count)).max(1.0))
+        / (f64::from(count) - unknowns as f64)
+            .max(0.2 * f64::from(count))
+            .max(1.0))
     .sqrt()
 }
 
@@ -296,7 +310,10 @@ fn grow(
     settle(frames, &mut segment, settings, 8)?;
     while low > 0 || high + 1 < open.len() {
         let reach = (high - low + 1).max(6);
-        let (up, down) = ((high + reach / 2).min(open.len() - 1), low.saturating_sub(reach / 2));
+        let (up, down) = (
+            (high + reach / 2).min(open.len() - 1),
+            low.saturating_sub(reach / 2),
+        );
         for k in (high + 1)..=up {
             place_frame(frames, &mut segment, open[k], settings, &mut searches);
             if k % 8 == 0 {
@@ -431,7 +448,10 @@ fn settle(
     let known = |track: usize| segment.points[track].is_some();
     let (mut scene, tracks) = scene_of(frames, &chosen, known, settings.noise, 2);
     let mut points: Vec<_> = tracks.iter().filter_map(|t| segment.points[*t]).collect();
-    let placements = chosen.iter().filter_map(|i| segment.placements[*i]).collect();
+    let placements = chosen
+        .iter()
+        .filter_map(|i| segment.placements[*i])
+        .collect();
     let mut motion = FreePlacements::new(placements, settings.focal_free && chosen.len() > 12);
     motion.log_focal = segment.log_focal;
     let limit = BELIEVED * settings.noise;

@@ -2,9 +2,9 @@
 
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
 
+use super::Options;
 use super::dynamic::COMMON;
 use super::free_motion::{FreeMotion, PARAMETERS, shape_times};
-use super::Options;
 use crate::estimation::free_body::FreeRotation;
 use crate::estimation::{MotionEstimate, MotionModel};
 
@@ -32,7 +32,7 @@ pub struct Report {
 }
 
 /// Derivatives of `(J_x, J_y, J_z, alpha)` by the eight parameters, in the order of axes that `J` has.
-fn derivatives(motion: &FreeMotion, J: &Vector3<f64>) -> SMatrix<f64, 4, PARAMETERS> {
+pub fn derivatives(motion: &FreeMotion, J: &Vector3<f64>) -> SMatrix<f64, 4, PARAMETERS> {
     let eigen = motion.inertia.symmetric_eigen();
     let mut order = [0, 1, 2];
     order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
@@ -45,13 +45,17 @@ fn derivatives(motion: &FreeMotion, J: &Vector3<f64>) -> SMatrix<f64, 4, PARAMET
     let twice_energy = L.dot(&w_W);
     // 2E = Lᵀ R I⁻¹ Rᵀ L.
     let mut by_energy = SVector::<f64, PARAMETERS>::zeros();
-    by_energy.fixed_rows_mut::<5>(0).copy_from(&-shape_times(&w).tr_mul(&w));
+    by_energy
+        .fixed_rows_mut::<5>(0)
+        .copy_from(&-shape_times(&w).tr_mul(&w));
     by_energy.fixed_rows_mut::<3>(5).copy_from(&(w_W * 2.0));
     let mut out = SMatrix::<f64, 4, PARAMETERS>::zeros();
     for (row, &axis) in order.iter().enumerate() {
         let v: Vector3<f64> = eigen.eigenvectors.column(axis).into();
         let mut by_moment = SVector::<f64, PARAMETERS>::zeros();
-        by_moment.fixed_rows_mut::<5>(0).copy_from(&shape_times(&v).tr_mul(&v));
+        by_moment
+            .fixed_rows_mut::<5>(0)
+            .copy_from(&shape_times(&v).tr_mul(&v));
         let moment = eigen.eigenvalues[axis];
         let slope = by_moment / twice_energy - by_energy * (moment / twice_energy.powi(2));
         out.set_row(row, &slope.transpose());
@@ -79,7 +83,9 @@ fn nutation_significance(
     let w_W = R * w;
     let off = across * w_W;
     let mut slope = SMatrix::<f64, 3, PARAMETERS>::zeros();
-    slope.fixed_columns_mut::<5>(0).copy_from(&(across * R * -inverse * shape_times(&w)));
+    slope
+        .fixed_columns_mut::<5>(0)
+        .copy_from(&(across * R * -inverse * shape_times(&w)));
     // The direction that is across changes with the momentum, too.
     let turned = across * w_W.dot(&along) / motion.momentum.norm();
     let by_momentum = across * R * inverse * R.transpose() - turned;
@@ -87,7 +93,9 @@ fn nutation_significance(
     let spread = slope * covariance * slope.transpose();
     // In the plane across; along the momentum there is nothing to test.
     let tested = spread + along * along.transpose() * spread.trace().max(f64::MIN_POSITIVE);
-    tested.try_inverse().map_or(0.0, |i| off.dot(&(i * off)).max(0.0).sqrt())
+    tested
+        .try_inverse()
+        .map_or(0.0, |i| off.dot(&(i * off)).max(0.0).sqrt())
 }
 
 /// What the fitted motion amounts to. `None` if it is none (no rotation).
@@ -98,7 +106,9 @@ pub fn report(
     options: &Options,
     log_focal: f64,
 ) -> Option<Report> {
-    let parameters = covariance.fixed_view::<PARAMETERS, PARAMETERS>(0, 0).into_owned();
+    let parameters = covariance
+        .fixed_view::<PARAMETERS, PARAMETERS>(0, 0)
+        .into_owned();
     let w = motion.w_WB_B(&motion.R_WB);
     let rotation = FreeRotation::new(&motion.inertia, motion.R_WB, &w, motion.time).ok()?;
     let J = rotation.parameters().map(|p| p.J()).unwrap_or_else(|| {
