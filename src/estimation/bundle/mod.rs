@@ -33,6 +33,7 @@ mod rotations;
 mod scene;
 mod schur;
 mod solve;
+mod straight;
 mod structure;
 mod uncertainty;
 
@@ -96,8 +97,8 @@ pub struct BodyPose {
     pub time: f64,
     /// Body axes in the camera's axes of that frame.
     pub R_CB: UnitQuaternion<f64>,
-    /// The body's origin in the camera's axes, in units of the mean depth. The origin is a point of the body, but not
-    /// necessarily its centre of mass.
+    /// The body's origin in the camera's axes, in units of the mean depth: its centre of mass if that moves in a
+    /// straight line, else some point of the body.
     pub t_C: Vector3<f64>,
 }
 

@@ -57,7 +57,7 @@ pub fn relative_rotation_fit(
         if span >= whole {
             return Some(motion);
         }
-        span = (2.0 * span).min(whole);
+        span = (1.5 * span).min(whole);
     }
 }
 
@@ -119,7 +119,7 @@ fn chained_start(times: &[f64], turns: &[Turn]) -> Option<FreeMotion> {
     if chain.len() > best.len() {
         best = chain;
     }
-    momentum_start(&rates(&best))
+    momentum_start(&rates(&best), 0.5)
 }
 
 fn improve(motion: FreeMotion, times: &[f64], turns: &[Turn]) -> Option<FreeMotion> {

@@ -4,7 +4,7 @@ use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use rand::{SeedableRng, rngs::StdRng};
 
 use super::adjust::{Effort, Motion, adjust, information};
-use super::attitude_fit::{Sample, fit};
+use super::attitude_fit::{Fit, Sample, fit};
 use super::dynamic::{COMMON, Tumbling};
 use super::frames::Frames;
 use super::free_motion::FreeMotion;
@@ -13,6 +13,7 @@ use super::momentum_start::{Attitude, momentum_start, rates};
 use super::placing::{Mark, translation};
 use super::relative_rotation::relative_rotation_fit;
 use super::scene::{Scene, residual};
+use super::straight::{LINE, Straight, without_line};
 use super::structure::{BELIEVED, Segment, Settings, reconstruct, scene_of};
 use super::uncertainty::{Residuals, report};
 use super::{BodyPoint, BodyPose, MIN_FRAMES, MIN_POINTS, Options, Solution};
@@ -27,6 +28,9 @@ const SEGMENTS: usize = 6;
 
 /// Tracks that last fewer frames on average rarely build a structure.
 const SHORT_TRACK: usize = 6;
+
+/// A fit this near to the attitudes is a good start \[rad\].
+const CLOSE: f64 = 0.03;
 
 /// Below this angle between angular velocity and momentum \[rad\] it is asked whether there is any.
 const SLIGHT_NUTATION: f64 = 0.05;
@@ -55,7 +59,9 @@ pub(super) fn solve(
     let methods = [Method::Structure, Method::RelativeRotation];
     let levels = |method| (0..=DOUBLINGS).map(move |doubling| (method, doubling));
     for (method, doubling) in methods.into_iter().flat_map(levels) {
-        if method == Method::Structure && !lasting && doubling > 0 {
+        // Structure of a higher noise adds nothing once most frames are placed, and little if tracks are short.
+        let enough = 4 * placed >= 3 * frames.list.len() || !lasting;
+        if method == Method::Structure && enough && doubling > 0 && best.is_none() {
             continue;
         }
         let settings = Settings {
@@ -203,7 +209,7 @@ fn motion_of_segments(
         .clone()
         .filter_map(|i| attitude(segments.first()?, i))
         .collect();
-    let start = momentum_start(&rates(&series))?;
+    let rates = rates(&series);
     let samples: Vec<Sample> = all
         .filter_map(|i| {
             let mut each = segments.iter().enumerate();
@@ -213,8 +219,22 @@ fn motion_of_segments(
             })
         })
         .collect();
-    let fit = fit(&start, &samples, segments.len())?;
-    Some((fit.motion, fit.segments))
+    // Next to the separatrix it matters where the motion is stated, and that the span grows slowly.
+    let starts = [(0.5, 2.0), (0.5, 1.25), (0.25, 1.25), (0.75, 1.25)];
+    let mut best: Option<Fit> = None;
+    for (along, growth) in starts {
+        let found = momentum_start(&rates, along)
+            .and_then(|start| fit(&start, &samples, segments.len(), growth));
+        let Some(found) = found else { continue };
+        let done = found.rms < CLOSE;
+        if best.as_ref().is_none_or(|b| found.rms < b.rms) {
+            best = Some(found);
+        }
+        if done {
+            break;
+        }
+    }
+    best.map(|fit| (fit.motion, fit.segments))
 }
 
 /// The result of the dynamic adjustment.
@@ -228,6 +248,7 @@ struct Adjusted {
     points: Vec<Vector3<f64>>,
     log_focal: f64,
     residuals: Residuals,
+    straight: bool,
     settings: Settings,
 }
 
@@ -316,6 +337,8 @@ fn dynamic(
             (tumbling, points) = (sphere, placed);
         }
     }
+    let fixed = R_WC.iter().all(|R| *R == UnitQuaternion::identity());
+    let straight = fixed && straighten(&scene, &mut tumbling, &mut points, &residuals, settings);
     let Tumbling {
         motion,
         t_C,
@@ -332,8 +355,46 @@ fn dynamic(
         points,
         log_focal,
         residuals,
+        straight,
         settings: *settings,
     })
+}
+
+/// Lets the centre of mass move in a straight line if the images do not object; `points` then start there. Whether
+/// it does.
+fn straighten(
+    scene: &Scene,
+    tumbling: &mut Tumbling,
+    points: &mut Vec<Vector3<f64>>,
+    residuals: &Residuals,
+    settings: &Settings,
+) -> bool {
+    let effort = Effort {
+        huber: 4.0 * settings.noise,
+        steps: 8,
+        tolerance: 1e-7,
+    };
+    let mut free = points.clone();
+    let reference = adjust(scene, tumbling, &mut free, &Effort { steps: 1, ..effort });
+    let Some((mut straight, centre)) = Straight::new(tumbling.clone()) else {
+        return false;
+    };
+    let mut placed: Vec<_> = points.iter().map(|p| p - centre).collect();
+    let (Some(reference), Some(reached)) = (
+        reference,
+        adjust(scene, &mut straight, &mut placed, &effort),
+    ) else {
+        return false;
+    };
+    *points = free;
+    // What the positions' freedom takes from the cost if it is noise that they fit: half a variance each.
+    let fewer = (3 * scene.len()) as f64 - LINE as f64;
+    let expected = 0.5 * (fewer + 4.0 * (2.0 * fewer).sqrt()) * residuals.deviation.powi(2);
+    let accepted = reached.cost < reference.cost + expected;
+    if accepted {
+        (*tumbling, *points) = (straight.into_free(), placed);
+    }
+    accepted
 }
 
 type Known = (Vec<Option<Vector3<f64>>>, Vec<Option<Vector3<f64>>>);
@@ -441,7 +502,14 @@ impl Adjusted {
             rms: self.residuals.rms,
         };
         let variance = self.residuals.deviation.powi(2);
-        let covariance = information(&self.scene, &tumbling, &self.points, huber)
+        let known = if self.straight {
+            Straight::new(tumbling.clone())
+                .and_then(|(line, _)| information(&self.scene, &line, &self.points, huber))
+                .and_then(|all| without_line(&all))
+        } else {
+            information(&self.scene, &tumbling, &self.points, huber)
+        };
+        let covariance = known
             .and_then(|i| i.try_inverse())
             .map(|c| c * variance)
             .ok_or_else(|| not_free.clone())?;
