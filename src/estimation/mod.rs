@@ -7,13 +7,17 @@
 pub mod bundle;
 pub mod elliptic;
 mod error;
+pub mod errors;
 pub mod filter;
 pub mod free_body;
+pub mod masutani1995;
+mod method;
 mod motion;
 mod tracks;
 pub mod two_view;
 
 pub use crate::vision::{Feature, Sighting};
 pub use error::EstimateError;
+pub use method::{Estimated, Method, MethodError, estimate, from_rates};
 pub use motion::{MotionEstimate, MotionModel};
 pub use tracks::{Tracks, TracksError};

@@ -4,16 +4,20 @@ mod bag_check;
 mod bag_plot;
 mod chart;
 mod closed_loop;
+pub mod masutani_ch3;
+mod observations;
 mod performance;
 mod recorded;
 mod recorded_physics;
 mod simulated_bag;
 mod topic_health;
+pub mod tr942;
 
 pub use bag_check::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag};
 pub use bag_plot::plot_bag;
 pub use chart::{ChartError, Figure, Panel, Series};
 pub use closed_loop::{ClosedLoop, Moment};
+pub use observations::{Observations, ObservedTracks};
 pub use performance::{MomentumResidual, Performance, Summary};
 pub use recorded::{
     BaseSample, ControllerSample, JointSample, MomentumSample, RecordedRun, RecordedRuns,

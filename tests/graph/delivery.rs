@@ -10,6 +10,8 @@ use std::{
     time::{Duration, Instant},
 };
 
+use crate::waiting::PATIENCE;
+
 fn process(domain: u16) -> Process {
     let reach = Reach::Localhost;
     Process::new(RosArgs::default(), Domain { id: domain, reach })
@@ -32,7 +34,7 @@ fn meet(
     say: &[&Publisher<Text>],
     answers: &Subscription<Text>,
 ) -> Result<(), NodeError> {
-    for _ in 0..300 {
+    for _ in 0..600 {
         say.iter().for_each(|p| p.publish(&text(0)));
         if answers.wait_next(Duration::from_millis(100)).is_some() {
             return Ok(());
@@ -54,7 +56,7 @@ fn lockstep(domain: u16, steps: usize) {
             let beside = node.subscribe::<Text>("beside", DEEP)?;
             let done = node.advertise::<Text>("done", Qos::RELIABLE)?;
             let (mut stepped, mut came) = (Vec::new(), Vec::new());
-            let patience = Instant::now() + Duration::from_secs(60);
+            let patience = Instant::now() + 3 * PATIENCE;
             let mut met = false;
             while node.ok() && came.len().min(stepped.len()) < steps && Instant::now() < patience {
                 node.wait_for(Duration::from_millis(100));
@@ -86,7 +88,7 @@ fn lockstep(domain: u16, steps: usize) {
                 let mut ack = 0;
                 // What answers the zeros may come late.
                 while ack == 0 {
-                    let answer = done.wait_next(Duration::from_secs(30));
+                    let answer = done.wait_next(PATIENCE);
                     let answer = answer.ok_or(NodeError::Failed(format!("no answer to {n}")))?;
                     ack = number(&answer.message);
                 }
@@ -96,7 +98,7 @@ fn lockstep(domain: u16, steps: usize) {
             Ok(())
         })
         .unwrap();
-    let (stepped, came) = results.recv_timeout(Duration::from_secs(90)).unwrap();
+    let (stepped, came) = results.recv_timeout(4 * PATIENCE).unwrap();
     process.finish().unwrap();
     let expected: Vec<_> = (1..=steps).collect();
     assert!(stepped == expected, "{} of {steps} steps", stepped.len());
@@ -149,7 +151,7 @@ fn nothing_is_lost_while_the_receiver_is_held_up() {
         })
         .unwrap();
     let all: Vec<_> = (0..MESSAGES)
-        .map_while(|_| all.recv_timeout(Duration::from_secs(30)).ok())
+        .map_while(|_| all.recv_timeout(PATIENCE).ok())
         .collect();
     process.finish().unwrap();
     let expected: Vec<_> = (1..=MESSAGES).collect();

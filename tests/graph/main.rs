@@ -1,7 +1,11 @@
 //! The ROS layer in a real graph: nodes of this crate beside rclpy (Jazzy, Fast DDS) on loopback.
 
+#[path = "../support/measuring.rs"]
+mod measuring;
 #[path = "../support/peer.rs"]
 mod peer;
+#[path = "../support/waiting.rs"]
+mod waiting;
 
 mod delivery;
 mod isolation;

@@ -11,7 +11,8 @@ use fuyu::{
 use nix::sys::signal::{SigSet, SigmaskHow, Signal};
 use std::{
     fs,
-    process::{Child, Command, Stdio},
+    io::{BufRead, BufReader, Read},
+    process::{Child, ChildStderr, Command, Stdio},
     time::Duration,
 };
 
@@ -125,7 +126,13 @@ fn program(node: &Node) -> Result<(), NodeError> {
 }
 
 /// A probe as a process, killed when dropped.
-pub struct Probe(pub Child, #[expect(dead_code, reason = "held")] DomainClaim);
+pub struct Probe {
+    child: Child,
+    stderr: BufReader<ChildStderr>,
+    /// What of it has been read.
+    said: String,
+    _domain: DomainClaim,
+}
 
 impl Probe {
     /// On loopback in a DDS domain, with ROS arguments.
@@ -163,13 +170,31 @@ impl Probe {
         let before = taken
             .thread_swap_mask(SigmaskHow::SIG_BLOCK)
             .expect("masks can change");
-        let child = command.spawn().expect("the probe starts");
+        let mut child = command.spawn().expect("the probe starts");
         before.thread_set_mask().expect("masks can change");
-        Self(child, claim)
+        let stderr = child.stderr.take().expect("stderr is piped");
+        Self {
+            child,
+            stderr: BufReader::new(stderr),
+            said: String::new(),
+            _domain: claim,
+        }
+    }
+
+    pub fn id(&self) -> u32 {
+        self.child.id()
+    }
+
+    /// Waits until its program has made its endpoints.
+    pub fn runs(&mut self) {
+        while !self.said.contains("the probe runs") {
+            let read = self.stderr.read_line(&mut self.said);
+            assert!(read.expect("stderr is text") > 0, "it ended: {}", self.said);
+        }
     }
 
     pub fn signal(&self, name: &str) {
-        let pid = self.0.id().to_string();
+        let pid = self.child.id().to_string();
         let kill = Command::new("kill")
             .args([&format!("-{name}"), &pid])
             .status();
@@ -178,7 +203,7 @@ impl Probe {
 
     /// Signal masks of all threads but the harness's, by thread name.
     pub fn blocked_signals(&self) -> Vec<(String, u64)> {
-        let main = self.0.id().to_string();
+        let main = self.child.id().to_string();
         let tasks = fs::read_dir(format!("/proc/{main}/task")).expect("it runs");
         tasks
             .map(|task| task.expect("a task").path())
@@ -203,15 +228,16 @@ impl Probe {
 
     /// Waits for its end; what it said on stderr, and its exit code.
     pub fn finish(&mut self) -> (String, Option<i32>) {
-        let stderr = self.0.stderr.take().expect("stderr is piped");
-        let said = std::io::read_to_string(stderr).expect("stderr is text");
-        (said, self.0.wait().expect("it ends").code())
+        let rest = self.stderr.read_to_string(&mut self.said);
+        rest.expect("stderr is text");
+        let code = self.child.wait().expect("it ends").code();
+        (std::mem::take(&mut self.said), code)
     }
 }
 
 impl Drop for Probe {
     fn drop(&mut self) {
-        let _ = self.0.kill();
-        let _ = self.0.wait();
+        let _ = self.child.kill();
+        let _ = self.child.wait();
     }
 }

@@ -51,7 +51,7 @@ fn the_controller_of_the_readme_drives_the_robot() {
         .unwrap();
     // Time stands still until the first command, so this ends only if one comes.
     let launched = Command::new("timeout")
-        .args(["-k", "5", "90", env!("CARGO_BIN_EXE_fuyu"), "launch"])
+        .args(["-k", "5", "300", env!("CARGO_BIN_EXE_fuyu"), "launch"])
         .arg(&scenario)
         .args(["--duration", "4", "--bag"])
         .arg(&bag)

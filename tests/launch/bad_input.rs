@@ -1,9 +1,12 @@
 //! Wrong input is refused before anything runs: exit code 2 and lines that name the place, what is
 //! wrong and what would be right.
 
-use std::{fs, path::Path, time::Duration};
+use std::{fs, path::Path};
 
-use crate::process::{Ended, Running, command, fuyu, scenario, source};
+use crate::{
+    process::{Ended, Running, command, fuyu, scenario, source},
+    waiting::PATIENCE,
+};
 
 const POSITIONING: &str = "config/positioning.yaml";
 
@@ -166,7 +169,7 @@ const BROKEN: [Broken; 18] = [
 ];
 
 fn launch(config: &Path, more: &[&str]) -> Ended {
-    Running::launch(86, config, more).wait(Duration::from_secs(60))
+    Running::launch(86, config, more).wait(PATIENCE)
 }
 
 #[test]
@@ -216,7 +219,7 @@ fn broken_scenarios_are_refused_by_launch() {
     {
         let (_folder, path) = scenario(POSITIONING, &[(from, to)]);
         let mut launch = Running::launch(86, &path, &[]);
-        refused(what, &launch.wait(Duration::from_secs(60)), words);
+        refused(what, &launch.wait(PATIENCE), words);
         assert!(!launch.bag().exists(), "{what}: a bag was begun");
     }
     refused(
@@ -263,18 +266,10 @@ fn an_occupied_bag_folder_is_left_alone() {
     refused("simulate", &again, &words);
     let mut again = command("fuyu", 87);
     again.args(["launch", POSITIONING, "--bag", bag]);
-    refused(
-        "launch",
-        &Running::start(again).wait(Duration::from_secs(60)),
-        &words,
-    );
+    refused("launch", &Running::start(again).wait(PATIENCE), &words);
     let mut again = command("recorder", 87);
     again.args(["--ros-args", "-p", &format!("bag:={bag}")]);
-    refused(
-        "recorder",
-        &Running::start(again).wait(Duration::from_secs(60)),
-        &words,
-    );
+    refused("recorder", &Running::start(again).wait(PATIENCE), &words);
     assert!(contents() == before, "the bag has changed");
 }
 
@@ -314,7 +309,7 @@ fn wrong_arguments_are_refused() {
         ),
     ] {
         let mut launch = Running::launch(88, &config, args);
-        let ended = launch.wait(Duration::from_secs(60));
+        let ended = launch.wait(PATIENCE);
         let said = ended.stderr.lines().filter(|l| !l.starts_with('['));
         let said: Vec<_> = said.collect();
         println!("{what}: {}", said.join("\n"));
@@ -330,11 +325,7 @@ fn wrong_arguments_are_refused() {
     let dynamics = |what: &str, args: &[&str], words: &[&str]| {
         let mut dynamics = command("dynamics", 88);
         dynamics.args(args);
-        refused(
-            what,
-            &Running::start(dynamics).wait(Duration::from_secs(60)),
-            words,
-        );
+        refused(what, &Running::start(dynamics).wait(PATIENCE), words);
     };
     dynamics(
         "unknown parameter",
@@ -368,7 +359,7 @@ fn wrong_arguments_are_refused() {
     ] {
         let mut wrong = command("dynamics", 88);
         wrong.env("ROS_DOMAIN_ID", domain);
-        let ended = Running::start(wrong).wait(Duration::from_secs(60));
+        let ended = Running::start(wrong).wait(PATIENCE);
         refused(
             "ROS_DOMAIN_ID",
             &ended,
@@ -379,7 +370,7 @@ fn wrong_arguments_are_refused() {
     launch
         .args(["launch", POSITIONING, "--bag", "/nowhere/bag"])
         .env("ROS_DOMAIN_ID", "300");
-    let ended = Running::start(launch).wait(Duration::from_secs(60));
+    let ended = Running::start(launch).wait(PATIENCE);
     refused("ROS_DOMAIN_ID", &ended, &["ROS_DOMAIN_ID", "300"]);
     let ended = fuyu(&["simulate", POSITIONING, "--duration", "-1"]);
     refused_by_clap(&ended, &["--duration", "positive"]);

@@ -1,12 +1,14 @@
 //! Every node as a process of its own, in a namespace, as `ros2 run` starts them.
 
 use serde_json::json;
-use std::{fs, time::Duration};
+use std::fs;
 
 use crate::{
     peer::Peer,
-    process::{Check, Running, command, eventually, source},
+    process::{Check, Running, command, source},
+    starvation::in_time,
     view::{JOINT_STATE, fresh, numbers, tip_in_world, watch_tip},
+    waiting::{PATIENCE, eventually},
 };
 
 const NAMESPACE: &str = "/chaser";
@@ -22,74 +24,83 @@ fn node(name: &str, domain: u16, more: &[&str]) -> Running {
 
 #[test]
 fn four_processes_in_a_namespace_are_the_same_graph() {
-    let domain = 84;
-    let folder = tempfile::tempdir().unwrap();
-    let bag = folder.path().join("bag");
-    let mut recorder = node(
-        "recorder",
-        domain,
-        &["-p", &format!("bag:={}", bag.display())],
-    );
-    let mut camera = node("camera", domain, &[]);
-    let mut first = node("controller", domain, &[]);
-    let mut dynamics = node(
-        "dynamics",
-        domain,
-        &["-p", "real_time_factor:=2.0", "-p", "duration:=0.0"],
-    );
-    let mut peer = Peer::start("observer", domain);
-    watch_tip(&mut peer, NAMESPACE);
-    peer.subscribe("/chaser/joint_states", JOINT_STATE, "reliable");
+    in_time(|| {
+        let domain = 84;
+        let folder = tempfile::tempdir().unwrap();
+        let bag = folder.path().join("bag");
+        let mut recorder = node(
+            "recorder",
+            domain,
+            &["-p", &format!("bag:={}", bag.display())],
+        );
+        let mut camera = node("camera", domain, &[]);
+        let mut first = node("controller", domain, &[]);
+        let mut dynamics = node("dynamics", domain, &["-p", "duration:=0.0"]);
+        let mut peer = Peer::start("observer", domain);
+        watch_tip(&mut peer, NAMESPACE);
+        peer.subscribe("/chaser/joint_states", JOINT_STATE, "reliable");
 
-    let plumbing = [
-        "/clock",
-        "/tf",
-        "/tf_static",
-        "/rosout",
-        "/parameter_events",
-    ];
-    for name in ["dynamics", "camera", "controller", "recorder"] {
-        let graph = peer.does(json!({"do": "graph", "node": name, "namespace": NAMESPACE}));
-        assert!(graph.get("publishers").is_some(), "no {name} in {graph}");
-        for kind in ["publishers", "subscribers", "services"] {
-            for topic in graph[kind].as_object().unwrap().keys() {
-                let right = topic.starts_with("/chaser/") || plumbing.contains(&topic.as_str());
-                assert!(right, "{name} has {topic} among its {kind}");
+        let plumbing = [
+            "/clock",
+            "/tf",
+            "/tf_static",
+            "/rosout",
+            "/parameter_events",
+        ];
+        for (name, publishes, hears) in [
+            ("dynamics", "joint_states", "joint_commands"),
+            ("camera", "camera/tip_pose", "goal_pose"),
+            ("controller", "joint_commands", "camera/tip_pose"),
+            ("recorder", "diagnostics", "joint_states"),
+        ] {
+            let below = |topic: &str| [format!("{NAMESPACE}/{topic}")];
+            let expected = json!({
+                "publishers": below(publishes), "subscribers": below(hears),
+                "services": below(&format!("{name}/list_parameters")),
+            });
+            let graph = peer.graph(name, NAMESPACE, &expected);
+            for kind in ["publishers", "subscribers", "services"] {
+                for topic in graph[kind].as_object().unwrap().keys() {
+                    let right = topic.starts_with("/chaser/") || plumbing.contains(&topic.as_str());
+                    assert!(right, "{name} has {topic} among its {kind}");
+                }
             }
         }
-    }
-    let error = |peer: &mut Peer| {
-        let tip = tip_in_world(peer, NAMESPACE).translation.vector;
-        (tip - nalgebra::Vector3::from(GOAL)).norm()
-    };
-    let start = error(&mut peer);
-    eventually("the tip nears the goal", Duration::from_secs(60), || {
-        (error(&mut peer) < 0.7 * start).then_some(())
-    });
+        let error = |peer: &mut Peer| {
+            let tip = tip_in_world(peer, NAMESPACE).translation.vector;
+            (tip - nalgebra::Vector3::from(GOAL)).norm()
+        };
+        let start = error(&mut peer);
+        eventually("the tip nears the goal", 3 * PATIENCE, || {
+            (error(&mut peer) < 0.7 * start).then_some(())
+        });
 
-    // Killed in the middle of the motion: efforts end, the arm goes on by itself.
-    first.signal("KILL");
-    assert_eq!(first.wait(Duration::from_secs(10)).code, None);
-    let coasting = eventually("the efforts end", Duration::from_secs(20), || {
-        let state = fresh(&mut peer, "/chaser/joint_states", 1).pop()?;
-        (numbers(&state["effort"]) == [0.0; 6]).then_some(state)
-    });
-    let speed = numbers(&coasting["velocity"])
-        .iter()
-        .fold(0.0f64, |m, v| m.max(v.abs()));
-    assert!(speed > 1e-4, "{coasting}");
-    let lost = error(&mut peer);
+        // Killed in the middle of the motion: efforts end, the arm goes on by itself.
+        first.signal("KILL");
+        assert_eq!(first.wait(PATIENCE).code, None);
+        let coasting = eventually("the efforts end", PATIENCE, || {
+            let state = fresh(&mut peer, "/chaser/joint_states", 1).pop()?;
+            (numbers(&state["effort"]) == [0.0; 6]).then_some(state)
+        });
+        let speed = numbers(&coasting["velocity"])
+            .iter()
+            .fold(0.0f64, |m, v| m.max(v.abs()));
+        assert!(speed > 1e-4, "{coasting}");
+        let lost = error(&mut peer);
 
-    let mut second = node("controller", domain, &[]);
-    eventually("the tip is within 1 cm", Duration::from_secs(120), || {
-        (error(&mut peer) < 0.01).then_some(())
+        let mut second = node("controller", domain, &[]);
+        eventually("the tip is within 1 cm", 5 * PATIENCE, || {
+            (error(&mut peer) < 0.01).then_some(())
+        });
+        println!(
+            "error {start:.2} m at first, {lost:.2} m when the controller was gone, then 1 cm"
+        );
+        for process in [&mut dynamics, &mut second, &mut camera, &mut recorder] {
+            let ended = process.interrupt().well();
+            assert!(!ended.stderr.contains("ERROR"), "{}", ended.stderr);
+        }
+        let check = Check::of(&bag);
+        let report = fs::metadata(bag.join("metadata.yaml"));
+        assert!(report.is_ok(), "{:?}", check.failed());
     });
-    println!("error {start:.2} m at first, {lost:.2} m when the controller was gone, then 1 cm");
-    for process in [&mut dynamics, &mut second, &mut camera, &mut recorder] {
-        let ended = process.interrupt().well();
-        assert!(!ended.stderr.contains("ERROR"), "{}", ended.stderr);
-    }
-    let check = Check::of(&bag);
-    let report = fs::metadata(bag.join("metadata.yaml"));
-    assert!(report.is_ok(), "{:?}", check.failed());
 }

@@ -1,9 +1,12 @@
 //! In lockstep a run over DDS is the simulated one.
 
 use fuyu::msg::sensor_msgs::JointState;
-use std::{path::Path, time::Duration};
+use std::path::Path;
 
-use crate::process::{Running, fuyu, read, source};
+use crate::{
+    process::{Running, fuyu, read, source},
+    waiting::PATIENCE,
+};
 
 const CONFIG: &str = "config/positioning.yaml";
 /// Long enough for all of the saturated, the unsaturated and the damped part of the motion to begin.
@@ -19,7 +22,7 @@ fn states(bag: &Path) -> Vec<JointState> {
 fn over_dds(domain: u16) -> Vec<JointState> {
     let args = ["--lockstep", "--duration", DURATION];
     let mut launch = Running::launch(domain, &source(CONFIG), &args);
-    let ended = launch.wait(Duration::from_secs(180)).well();
+    let ended = launch.wait(5 * PATIENCE).well();
     println!("{}", ended.stdout);
     states(&launch.bag())
 }

@@ -1,11 +1,16 @@
 //! The running graph, end to end: `fuyu launch`, the nodes' own executables and `fuyu simulate`, with
 //! rclpy (Jazzy, Fast DDS) beside them. Every test has a DDS domain of its own, on loopback.
 
+#[path = "../support/measuring.rs"]
+mod measuring;
 #[path = "../support/peer.rs"]
 mod peer;
+#[path = "../support/waiting.rs"]
+mod waiting;
 
 mod bad_input;
 mod contract;
+mod estimator;
 mod executables;
 mod faults;
 mod joining;
@@ -13,5 +18,6 @@ mod lockstep;
 mod own_controller;
 mod positioning;
 mod process;
+mod starvation;
 mod survival;
 mod view;

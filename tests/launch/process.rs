@@ -13,6 +13,8 @@ use std::{
 };
 use tempfile::TempDir;
 
+use crate::waiting::PATIENCE;
+
 /// A file of the sources.
 pub fn source(path: &str) -> PathBuf {
     Path::new(env!("CARGO_MANIFEST_DIR")).join(path)
@@ -151,7 +153,7 @@ impl Running {
     /// Ends it with Ctrl-C.
     pub fn interrupt(&mut self) -> Ended {
         self.signal("INT");
-        self.wait(Duration::from_secs(30))
+        self.wait(PATIENCE)
     }
 }
 
@@ -222,18 +224,6 @@ pub fn read<M: Interface>(bag: &Path, topic: &str) -> Vec<M> {
     let bag = Bag::open(bag).expect("a bag");
     let messages = bag.read::<M>(topic).expect("messages that decode");
     messages.into_iter().map(|m| m.message).collect()
-}
-
-/// Polls until `done` gives something; panics after `patience`.
-pub fn eventually<T>(what: &str, patience: Duration, mut done: impl FnMut() -> Option<T>) -> T {
-    let deadline = Instant::now() + patience;
-    loop {
-        if let Some(found) = done() {
-            return found;
-        }
-        assert!(Instant::now() < deadline, "not within {patience:?}: {what}");
-        thread::sleep(Duration::from_millis(20));
-    }
 }
 
 /// A copy of a scenario with some text replaced; the file lives as long as the folder.

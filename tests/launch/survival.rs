@@ -1,13 +1,16 @@
 //! What happens to a process must not end the graph: stops, signals, Ctrl-C, kill -9.
 
-use fuyu::msg::sensor_msgs::JointState;
+use fuyu::{bag::Bag, msg::sensor_msgs::JointState};
 use serde_json::{Value, json};
 use std::{fs, path::Path, thread, time::Duration};
 
 use crate::{
+    measuring::once_below,
     peer::Peer,
-    process::{Check, Running, eventually, fuyu, read, source},
+    process::{Check, Running, fuyu, source},
+    starvation::in_time,
     view::{JOINT_STATE, POSE, now},
+    waiting::{PATIENCE, eventually},
 };
 
 /// Within this time after SIGCONT topics flow again \[s\].
@@ -24,10 +27,14 @@ fn stamp(message: &Value) -> f64 {
     stamp["sec"].as_f64().unwrap() + 1e-9 * stamp["nanosec"].as_f64().unwrap()
 }
 
+/// Of the last state in a bag, whether it is closed or not; before all others if there is none yet.
 fn last_stamp(bag: &Path) -> f64 {
-    let states = read::<JointState>(bag, "/joint_states");
-    let stamp = &states.last().expect("states").header.stamp;
-    f64::from(stamp.sec) + 1e-9 * f64::from(stamp.nanosec)
+    let states = Bag::open(bag).and_then(|bag| bag.read::<JointState>("/joint_states"));
+    let last = states.ok().and_then(|mut states| states.pop());
+    last.map_or(f64::MIN, |state| {
+        let stamp = &state.message.header.stamp;
+        f64::from(stamp.sec) + 1e-9 * f64::from(stamp.nanosec)
+    })
 }
 
 fn launch(domain: u16) -> (Running, Peer) {
@@ -46,122 +53,147 @@ fn launch(domain: u16) -> (Running, Peer) {
     (launch, peer)
 }
 
-/// Simulated time of the newest state and how long every topic of the loop took to flow, since `from`.
-fn flows(peer: &mut Peer, from: f64) -> (f64, f64) {
-    let (mut time, mut longest) = (0.0, 0.0f64);
+/// How long every topic of the loop took to flow, since `from`.
+fn flows(peer: &mut Peer, from: f64) -> f64 {
+    let mut longest = 0.0f64;
     for (topic, _) in LOOP {
         let wait = json!({"do": "wait", "topic": topic, "count": 5, "since": from + 0.05});
         let messages = peer.does(wait);
         let messages = messages.as_array().unwrap();
         assert!(messages.len() >= 5, "{topic} is silent");
         longest = longest.max(messages[4]["time"].as_f64().unwrap() - from);
-        time = stamp(&messages[messages.len() - 1]);
     }
-    (time, longest)
+    longest
+}
+
+/// When the newest state came, and its stamp.
+fn newest_state(peer: &mut Peer) -> (f64, f64) {
+    let states = peer.does(json!({"do": "wait", "topic": "joint_states", "since": now() - 10.0}));
+    let newest = states.as_array().unwrap().last().expect("states");
+    (newest["time"].as_f64().unwrap(), stamp(newest))
 }
 
 fn stopped_and_continued(domain: u16, signal: &str) {
+    /// Between the two signals \[s\].
+    const PAUSE: f64 = 3.0;
     let (mut launch, mut peer) = launch(domain);
-    let (before, _) = flows(&mut peer, now() - 1.0);
-    launch.signal(signal);
     let stat = format!("/proc/{}/stat", launch.id());
-    eventually("it stops", Duration::from_secs(5), || {
-        let stat = fs::read_to_string(&stat).unwrap();
-        (stat.split(' ').nth(2) == Some("T")).then_some(())
+    let what = format!("time until all topics flow after SIG{signal} and SIGCONT [s]");
+    once_below(&what, BACK_WITHIN, || {
+        let (came, before) = newest_state(&mut peer);
+        launch.signal(signal);
+        eventually("it stops", PATIENCE, || {
+            let stat = fs::read_to_string(&stat).unwrap();
+            (stat.split(' ').nth(2) == Some("T")).then_some(())
+        });
+        thread::sleep(Duration::from_secs_f64(PAUSE));
+        let continued = now();
+        launch.signal("CONT");
+        let longest = flows(&mut peer, continued);
+        let (later, after) = newest_state(&mut peer);
+        assert!(after > before, "time goes on: {before} {after}");
+        // The pause is not made up for: simulated time stood still with the process.
+        let elapsed = later - came;
+        assert!(
+            after - before < elapsed - 0.5 * PAUSE,
+            "from {before} to {after} in {elapsed} s"
+        );
+        longest
     });
-    thread::sleep(Duration::from_secs(3));
-    let continued = now();
-    launch.signal("CONT");
-    let (after, longest) = flows(&mut peer, continued);
-    println!("after SIG{signal} and SIGCONT all topics flow within {longest:.2} s");
-    assert!(longest < BACK_WITHIN, "{longest}");
-    assert!(after > before, "time goes on: {before} {after}");
-    // The pause is not made up for: simulated time stood still with the process.
-    assert!(after < before + 2.5, "{before} {after}");
-    thread::sleep(Duration::from_secs(1));
+    // The recorder, too, hears what comes later.
+    let (_, heard) = newest_state(&mut peer);
+    eventually("the recorder hears again", PATIENCE, || {
+        (last_stamp(&launch.bag()) > heard).then_some(())
+    });
     launch.interrupt().well();
-    // The recorder, too, heard what came later.
-    assert!(last_stamp(&launch.bag()) > after);
     Check::of(&launch.bag()).momentum_holds();
 }
 
 #[test]
 fn topics_flow_again_after_stop_and_continue() {
-    stopped_and_continued(77, "STOP");
+    in_time(|| stopped_and_continued(77, "STOP"));
 }
 
 #[test]
 fn topics_flow_again_after_ctrl_z_and_fg() {
-    stopped_and_continued(78, "TSTP");
+    in_time(|| stopped_and_continued(78, "TSTP"));
 }
 
 #[test]
 fn a_childs_exit_and_other_signals_harm_nothing() {
-    let (mut launch, mut peer) = launch(79);
-    for signal in ["CHLD", "WINCH", "URG", "USR1", "PIPE"] {
-        for _ in 0..5 {
-            launch.signal(signal);
+    in_time(|| {
+        let (mut launch, mut peer) = launch(79);
+        for signal in ["CHLD", "WINCH", "URG", "USR1", "PIPE"] {
+            for _ in 0..5 {
+                launch.signal(signal);
+            }
+            // A thread that a signal ends does not come back.
+            let longest = flows(&mut peer, now());
+            println!("after SIG{signal} all topics flow within {longest:.2} s");
         }
-        let (_, longest) = flows(&mut peer, now());
-        println!("after SIG{signal} all topics flow within {longest:.2} s");
-        assert!(longest < BACK_WITHIN, "{longest} after SIG{signal}");
-    }
-    launch.interrupt().well();
+        launch.interrupt().well();
+    });
 }
 
 #[test]
 fn ctrl_c_closes_the_bag() {
-    let (mut launch, _peer) = launch(80);
-    let ended = launch.interrupt().well();
-    for line in [
-        "positioning",
-        "stopped",
-        "simulated time",
-        "momentum residual",
-        "messages",
-    ] {
-        assert!(ended.stdout.contains(line), "{line} in {}", ended.stdout);
-    }
-    assert!(
-        !ended.stderr.contains("ERROR") && !ended.stderr.contains("panic"),
-        "{}",
-        ended.stderr
-    );
-    let bag = launch.bag();
-    let info = fuyu(&["bag", "info", "--json", bag.to_str().unwrap()])
-        .well()
-        .json();
-    assert_eq!(
-        (&info["complete"], &info["has_metadata"]),
-        (&json!(true), &json!(true)),
-        "{info}"
-    );
-    assert!(bag.join("metadata.yaml").exists());
+    in_time(|| {
+        let (mut launch, _peer) = launch(80);
+        let ended = launch.interrupt().well();
+        for line in [
+            "positioning",
+            "stopped",
+            "simulated time",
+            "momentum residual",
+            "messages",
+        ] {
+            assert!(ended.stdout.contains(line), "{line} in {}", ended.stdout);
+        }
+        assert!(
+            !ended.stderr.contains("ERROR") && !ended.stderr.contains("panic"),
+            "{}",
+            ended.stderr
+        );
+        let bag = launch.bag();
+        let info = fuyu(&["bag", "info", "--json", bag.to_str().unwrap()])
+            .well()
+            .json();
+        assert_eq!(
+            (&info["complete"], &info["has_metadata"]),
+            (&json!(true), &json!(true)),
+            "{info}"
+        );
+        assert!(bag.join("metadata.yaml").exists());
+    });
 }
 
 #[test]
 fn kill_9_leaves_a_bag_up_to_the_last_second() {
-    let (mut launch, mut peer) = launch(81);
-    thread::sleep(Duration::from_secs(5));
-    let (seen, _) = flows(&mut peer, now() - 0.5);
-    launch.signal("KILL");
-    let ended = launch.wait(Duration::from_secs(10));
-    assert_eq!(ended.code, None);
-    let bag = launch.bag();
-    let info = fuyu(&["bag", "info", "--json", bag.to_str().unwrap()])
-        .well()
-        .json();
-    assert_eq!(
-        (&info["complete"], &info["has_metadata"]),
-        (&json!(false), &json!(false)),
-        "{info}"
-    );
-    let lost = seen - last_stamp(&bag);
-    println!("kill -9 lost the last {lost:.2} s");
-    assert!(lost < 2.0, "{lost}");
-    let text = fuyu(&["bag", "info", bag.to_str().unwrap()]).well().stdout;
-    assert!(
-        text.contains("not closed") || text.contains("cut off") || text.contains("ends"),
-        "{text}"
-    );
+    in_time(|| {
+        once_below("what kill -9 loses [s]", 2.0, || {
+            let (mut launch, mut peer) = launch(81);
+            eventually("something is on the disk", PATIENCE, || {
+                (last_stamp(&launch.bag()) > 2.0).then_some(())
+            });
+            let (_, seen) = newest_state(&mut peer);
+            launch.signal("KILL");
+            let ended = launch.wait(PATIENCE);
+            assert_eq!(ended.code, None);
+            let bag = launch.bag();
+            let info = fuyu(&["bag", "info", "--json", bag.to_str().unwrap()])
+                .well()
+                .json();
+            assert_eq!(
+                (&info["complete"], &info["has_metadata"]),
+                (&json!(false), &json!(false)),
+                "{info}"
+            );
+            let text = fuyu(&["bag", "info", bag.to_str().unwrap()]).well().stdout;
+            assert!(
+                text.contains("not closed") || text.contains("cut off") || text.contains("ends"),
+                "{text}"
+            );
+            seen - last_stamp(&bag)
+        });
+    });
 }

@@ -6,9 +6,12 @@ use fuyu::{
     spatial::Pose,
 };
 use serde_json::{Value, json};
-use std::time::{Duration, SystemTime, UNIX_EPOCH};
+use std::time::{SystemTime, UNIX_EPOCH};
 
-use crate::{peer::Peer, process::eventually};
+use crate::{
+    peer::Peer,
+    waiting::{PATIENCE, eventually},
+};
 
 pub const JOINT_STATE: &str = "sensor_msgs/msg/JointState";
 pub const POSE: &str = "geometry_msgs/msg/PoseStamped";
@@ -47,26 +50,22 @@ fn pose(message: &Value) -> Pose {
 /// The tip in the world, from the base's pose and the camera's tip pose of the same stamp.
 pub fn tip_in_world(peer: &mut Peer, namespace: &str) -> Pose {
     let (odom, tip) = measured(namespace);
-    eventually(
-        "base and tip of the same stamp",
-        Duration::from_secs(20),
-        || {
-            let bases = fresh(peer, &odom, 5);
-            let since = json!({"do": "wait", "topic": &tip, "count": 1, "since": now() - 1.0});
-            let tips = peer.does(since);
-            let tips = tips
-                .as_array()
-                .expect("a list")
-                .iter()
-                .map(|m| &m["message"]);
-            let mut pairs = tips.filter_map(|tip| {
-                let same = |base: &&Value| base["header"]["stamp"] == tip["header"]["stamp"];
-                Some((bases.iter().find(same)?, tip))
-            });
-            let (base, tip) = pairs.next_back()?;
-            Some(pose(&base["pose"]["pose"]) * pose(&tip["pose"]))
-        },
-    )
+    eventually("base and tip of the same stamp", PATIENCE, || {
+        let bases = fresh(peer, &odom, 5);
+        let since = json!({"do": "wait", "topic": &tip, "count": 1, "since": now() - 1.0});
+        let tips = peer.does(since);
+        let tips = tips
+            .as_array()
+            .expect("a list")
+            .iter()
+            .map(|m| &m["message"]);
+        let mut pairs = tips.filter_map(|tip| {
+            let same = |base: &&Value| base["header"]["stamp"] == tip["header"]["stamp"];
+            Some((bases.iter().find(same)?, tip))
+        });
+        let (base, tip) = pairs.next_back()?;
+        Some(pose(&base["pose"]["pose"]) * pose(&tip["pose"]))
+    })
 }
 
 fn measured(namespace: &str) -> (String, String) {
@@ -81,11 +80,17 @@ pub fn watch_tip(peer: &mut Peer, namespace: &str) {
     peer.subscribe(&tip, POSE, "reliable");
 }
 
-/// The messages of diagnostics that a part of a node (`dynamics: commands`) gives from now on, until one
-/// of them satisfies `enough`; that one.
-pub fn diagnosed(peer: &mut Peer, part: &str, enough: impl Fn(u64, &str) -> bool) -> String {
-    let since = now();
-    eventually(part, Duration::from_secs(20), || {
+/// What a part of a node (`dynamics: commands`) tells in diagnostics: the first message after `since`
+/// (of [`now`]) that satisfies `enough`, if one comes within `patience` \[s\].
+pub fn told(
+    peer: &mut Peer,
+    part: &str,
+    since: f64,
+    patience: f64,
+    enough: impl Fn(u64, &str) -> bool,
+) -> Option<String> {
+    let deadline = now() + patience;
+    loop {
         let wait = json!({"do": "wait", "topic": "diagnostics", "since": since, "timeout": 0.5});
         let reports = peer.does(wait);
         let reports = reports.as_array().expect("a list").iter();
@@ -94,7 +99,19 @@ pub fn diagnosed(peer: &mut Peer, part: &str, enough: impl Fn(u64, &str) -> bool
             let level = status["level"][0].as_u64().expect("a level");
             let text = status["message"].as_str().expect("a text");
             status["name"] == part && enough(level, text)
-        })?;
-        Some(found["message"].as_str()?.to_owned())
-    })
+        });
+        if let Some(found) = found {
+            return Some(found["message"].as_str().expect("a text").to_owned());
+        }
+        if now() > deadline {
+            return None;
+        }
+    }
+}
+
+/// As [`told`], from now on; panics if it does not come.
+pub fn diagnosed(peer: &mut Peer, part: &str, enough: impl Fn(u64, &str) -> bool) -> String {
+    let patience = PATIENCE.as_secs_f64();
+    let text = told(peer, part, now(), patience, enough);
+    text.unwrap_or_else(|| panic!("not told in diagnostics: {part}"))
 }

@@ -24,7 +24,11 @@ from rcl_interfaces.srv import (
 )
 
 
-def qos(name, depth=50):
+# A command ends as soon as what it waits for is there; this long it waits on a machine that starves [s].
+PATIENCE = 60.0
+
+
+def qos(name, depth=1000):
     profile = QoSProfile(history=HistoryPolicy.KEEP_LAST, depth=depth)
     profile.reliability = (
         ReliabilityPolicy.BEST_EFFORT if name == "sensor_data" else ReliabilityPolicy.RELIABLE
@@ -86,7 +90,7 @@ class Peer:
 
         self.node.create_subscription(load(type), topic, take, qos(qos_name))
 
-    def wait(self, topic, count=1, since=0.0, timeout=15.0):
+    def wait(self, topic, count=1, since=0.0, timeout=PATIENCE):
         """The messages that came after `since`, as soon as there are `count` of them."""
         all = self.received[topic]
 
@@ -97,29 +101,35 @@ class Peer:
             self.arrived.wait_for(lambda: len(all) - first() >= count, timeout)
             return [{"time": t, "message": m} for t, m in all[first() :]]
 
-    def publish(self, topic, type, message, qos_name="reliable", matched=1, timeout=15.0):
+    def publish(self, topic, type, message, qos_name="reliable", matched=1, timeout=PATIENCE):
+        """Publishes once `matched` subscribers are there."""
         if topic not in self.publishers:
             self.publishers[topic] = self.node.create_publisher(load(type), topic, qos(qos_name))
         publisher = self.publishers[topic]
         deadline = time.time() + timeout
-        while publisher.get_subscription_count() < matched and time.time() < deadline:
+        while publisher.get_subscription_count() < matched:
+            if time.time() > deadline:
+                raise TimeoutError(f"{publisher.get_subscription_count()} subscribers of {topic}")
             time.sleep(0.02)
         publisher.publish(fill(load(type)(), message))
         return publisher.get_subscription_count()
 
-    def graph(self, node, namespace="/", timeout=30.0, settled=2.0):
-        """What the graph shows of a node, once that has not changed for a while: its endpoints appear one
-        by one."""
+    def graph(self, node, expected, namespace="/", timeout=PATIENCE):
+        """What the graph shows of a node, as soon as that has all names of `expected` (kind to names): its
+        endpoints appear one by one, and any pause between two of them may be long."""
         deadline = time.time() + timeout
-        seen, since = None, time.time()
-        while time.time() < deadline:
-            now = self.snapshot(node, namespace)
-            if now != seen:
-                seen, since = now, time.time()
-            if seen is not None and time.time() - since >= settled:
-                break
-            time.sleep(0.1)
-        return {**(seen or {}), "nodes": self.node.get_node_names_and_namespaces()}
+        while True:
+            seen = self.snapshot(node, namespace)
+            missing = {
+                kind: sorted(set(names) - set((seen or {}).get(kind, {})))
+                for kind, names in expected.items()
+            }
+            if seen is not None and not any(missing.values()):
+                return seen
+            if time.time() > deadline:
+                nodes = self.node.get_node_names_and_namespaces()
+                raise TimeoutError(f"{node} lacks {missing}, it has {seen}; nodes are {nodes}")
+            time.sleep(0.05)
 
     def snapshot(self, node, namespace):
         """Endpoints of a node as the graph shows them now; nothing if it does not show the node."""
@@ -138,25 +148,36 @@ class Peer:
         except rclpy.node.NodeNameNonExistentError:
             return None
 
-    def topic_info(self, topic):
+    def topic_info(self, topic, nodes, timeout=PATIENCE):
+        """Publishers of a topic, as soon as they are those of `nodes` (names, sorted), or else at last."""
+        deadline = time.time() + timeout
+        while True:
+            found = self.node.get_publishers_info_by_topic(topic)
+            if sorted(i.node_name for i in found) == nodes or time.time() > deadline:
+                break
+            time.sleep(0.05)
         return [
-            {"node": i.node_name, "namespace": i.node_namespace, "type": i.topic_type, "reliability": i.qos_profile.reliability.name,
-             "durability": i.qos_profile.durability.name}
-            for i in self.node.get_publishers_info_by_topic(topic)
+            {
+                "node": i.node_name,
+                "namespace": i.node_namespace,
+                "type": i.topic_type,
+                "reliability": i.qos_profile.reliability.name,
+                "durability": i.qos_profile.durability.name,
+            }
+            for i in found
         ]
 
-    def call(self, service, type, request, timeout=15.0):
+    def call(self, service, type, request, timeout=PATIENCE):
         client = self.node.create_client(load(type), service)
         try:
             if not client.wait_for_service(timeout):
                 return {"error": f"no service {service}"}
-            start = time.time()
             future = client.call_async(fill(load(type).Request(), request))
-            while not future.done() and time.time() - start < timeout:
-                time.sleep(0.002)
-            if not future.done():
+            answered = threading.Event()
+            future.add_done_callback(lambda _: answered.set())
+            if not answered.wait(timeout):
                 return {"error": f"no answer from {service}"}
-            return {"response": plain(future.result()), "seconds": time.time() - start}
+            return {"response": plain(future.result())}
         finally:
             self.node.destroy_client(client)
 

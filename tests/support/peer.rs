@@ -68,7 +68,7 @@ pub struct Peer {
 }
 
 /// Longest time that any command may take; `peer.py` itself gives up much earlier.
-const PATIENCE: Duration = Duration::from_secs(120);
+const PATIENCE: Duration = Duration::from_secs(180);
 
 impl Peer {
     /// Starts one on loopback in a DDS domain.
@@ -117,6 +117,14 @@ impl Peer {
         let answer = self.read(&command);
         assert!(answer.get("error").is_none(), "{command} gave {answer}");
         answer
+    }
+
+    /// What the graph shows of a node, as soon as it shows all that is expected: names by kind (publishers,
+    /// subscribers, services). Panics if it never does.
+    pub fn graph(&mut self, node: &str, namespace: &str, expected: &Value) -> Value {
+        self.does(json!({
+            "do": "graph", "node": node, "namespace": namespace, "expected": expected
+        }))
     }
 
     /// Subscribes to a topic.

@@ -10,9 +10,14 @@ mod fixtures;
 mod free_body;
 mod free_body_closed_form;
 mod generalized_jacobian;
+mod kane;
+mod masutani1995;
+mod newton_euler;
+mod masutani_ch3;
 mod no_allocation;
 #[cfg(feature = "ros")]
 mod pinocchio;
 mod positioning;
 mod random_trees;
+mod trees;
 mod tumbling;

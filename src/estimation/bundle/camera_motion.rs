@@ -27,13 +27,9 @@ impl CameraMotion {
                 let mut R_WC = UnitQuaternion::identity();
                 let mut all: Vec<_> = rates.first().map(|r| (r.0, R_WC)).into_iter().collect();
                 for pair in rates.windows(2) {
-                    let (from, to) = (pair[0], pair[1]);
-                    let h = to.0 - from.0;
-                    // Fourth-order Magnus for a linear rate: the mean, and how the axis turns.
-                    let turn = (from.1 + to.1) * (0.5 * h) + from.1.cross(&to.1) * (h * h / 12.0);
-                    R_WC *= exp_so3(&turn);
+                    R_WC *= rotation_between(&pair[0], &pair[1]);
                     R_WC.renormalize();
-                    all.push((to.0, R_WC));
+                    all.push((pair[1].0, R_WC));
                 }
                 all
             }
@@ -69,18 +65,35 @@ impl CameraMotion {
     }
 
     /// A function that tells the attitude at a time. Beyond the samples the camera goes on as in the last two.
-    pub(super) fn lookup(&self) -> impl Fn(f64) -> UnitQuaternion<f64> {
+    pub fn lookup(&self) -> impl Fn(f64) -> UnitQuaternion<f64> {
         let all = self.attitudes();
-        move |time| match all.as_slice() {
-            [] => UnitQuaternion::identity(),
-            [(_, only)] => *only,
-            several => {
-                let after = several.partition_point(|(t, _)| *t <= time);
-                let after = after.clamp(1, several.len() - 1);
-                let ((t0, R0), (t1, R1)) = (several[after - 1], several[after]);
-                let turn = (R0.inverse() * R1).scaled_axis();
-                R0 * exp_so3(&(turn * ((time - t0) / (t1 - t0))))
-            }
+        move |time| attitude_at(&all, time)
+    }
+}
+
+/// How a camera turns from one sample of its angular velocity (time \[s\], own axes \[rad/s\]) to the next, if
+/// that changes linearly.
+pub fn rotation_between(
+    (t0, w0): &(f64, Vector3<f64>),
+    (t1, w1): &(f64, Vector3<f64>),
+) -> UnitQuaternion<f64> {
+    let h = t1 - t0;
+    // Fourth-order Magnus for a linear rate: the mean, and how the axis turns.
+    exp_so3(&((w0 + w1) * (0.5 * h) + w0.cross(w1) * (h * h / 12.0)))
+}
+
+/// The attitude at `time` \[s\] among samples in the order of time: even turns between them, and beyond the
+/// ends as between the last two. No turn without samples.
+pub fn attitude_at(samples: &[(f64, UnitQuaternion<f64>)], time: f64) -> UnitQuaternion<f64> {
+    match samples {
+        [] => UnitQuaternion::identity(),
+        [(_, only)] => *only,
+        several => {
+            let after = several.partition_point(|(t, _)| *t <= time);
+            let after = after.clamp(1, several.len() - 1);
+            let ((t0, R0), (t1, R1)) = (several[after - 1], several[after]);
+            let turn = (R0.inverse() * R1).scaled_axis();
+            R0 * exp_so3(&(turn * ((time - t0) / (t1 - t0))))
         }
     }
 }

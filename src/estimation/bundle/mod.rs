@@ -39,7 +39,7 @@ mod uncertainty;
 
 use nalgebra::{SMatrix, UnitQuaternion, Vector3};
 
-pub use camera_motion::CameraMotion;
+pub use camera_motion::{CameraMotion, attitude_at, rotation_between};
 
 pub(super) use free_motion::{FreeMotion, PARAMETERS, shape_basis, shape_times};
 pub(super) use uncertainty::derivatives;

@@ -11,4 +11,5 @@ mod rotation;
 
 pub use herpolhode::Herpolhode;
 pub use parameters::{DynamicParameters, ParametersError};
+pub(crate) use rotation::frame;
 pub use rotation::{FreeRotation, FreeRotationError, SolutionKind};

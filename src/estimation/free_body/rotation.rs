@@ -184,6 +184,12 @@ impl FreeRotation {
 
     /// Attitude of the body `R_CB` at `time` \[s\].
     pub fn attitude(&self, time: f64) -> UnitQuaternion<f64> {
+        self.solution_attitude(time) * self.R_SB
+    }
+
+    /// Attitude at `time` \[s\] of the axes in which the solution is written: where the moments are known, the
+    /// principal axes in the thesis's order. z is the axis that the angular velocity circles.
+    pub fn solution_attitude(&self, time: f64) -> UnitQuaternion<f64> {
         let elapsed = time - self.reference_time;
         let R_RS = match &self.solution {
             Solution::Periodic { periodic, u0 } => {
@@ -195,7 +201,7 @@ impl FreeRotation {
                 UnitQuaternion::from_axis_angle(&Vector3::z_axis(), rate * elapsed)
             }
         };
-        self.R_CR * R_RS * self.R_SB
+        self.R_CR * R_RS
     }
 
     /// Angular velocity in C \[rad/s\] at `time` \[s\].
@@ -204,7 +210,7 @@ impl FreeRotation {
         match &self.solution {
             Solution::Periodic { periodic, u0 } => {
                 let w_T = periodic.rates(u0 + periodic.lambda * elapsed);
-                self.attitude(time) * self.R_SB.inverse_transform_vector(&w_T)
+                self.solution_attitude(time) * w_T
             }
             Solution::Aperiodic { aperiodic, s0 } => self.R_CR * aperiodic.velocity(s0 + elapsed),
             Solution::SingleAxis { rate, .. } => self.R_CR * Vector3::new(0.0, 0.0, *rate),
@@ -237,6 +243,17 @@ impl FreeRotation {
             Solution::Periodic { .. } => SolutionKind::Asymmetric,
             Solution::Aperiodic { .. } => SolutionKind::Aperiodic,
             Solution::SingleAxis { .. } => SolutionKind::SingleAxis,
+        }
+    }
+
+    /// Argument of the elliptic functions (of the hyperbolic ones in the aperiodic case) at `time` \[s\]; zero
+    /// for a single axis.
+    pub fn phase_at(&self, time: f64) -> f64 {
+        let elapsed = time - self.reference_time;
+        match &self.solution {
+            Solution::Periodic { periodic, u0 } => u0 + periodic.lambda * elapsed,
+            Solution::Aperiodic { aperiodic, s0 } => aperiodic.lambda * (s0 + elapsed),
+            Solution::SingleAxis { .. } => 0.0,
         }
     }
 
@@ -294,7 +311,7 @@ fn thesis_axes(axes: [usize; 3], w_P: &Vector3<f64>) -> UnitQuaternion<f64> {
 }
 
 /// The frame with z along `z_C` and x as near to `x_C` as can be; without that, any x.
-pub(super) fn frame(z_C: &Vector3<f64>, x_C: Option<&Vector3<f64>>) -> UnitQuaternion<f64> {
+pub(crate) fn frame(z_C: &Vector3<f64>, x_C: Option<&Vector3<f64>>) -> UnitQuaternion<f64> {
     let z = z_C.normalize();
     let towards = x_C.copied().unwrap_or_else(|| Vector3::ith(z.iamin(), 1.0));
     let x = (towards - z * z.dot(&towards)).normalize();
