@@ -12,8 +12,8 @@ mod free_body_closed_form;
 mod generalized_jacobian;
 mod kane;
 mod masutani1995;
-mod newton_euler;
 mod masutani_ch3;
+mod newton_euler;
 mod no_allocation;
 #[cfg(feature = "ros")]
 mod pinocchio;

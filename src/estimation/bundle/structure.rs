@@ -314,15 +314,11 @@ fn grow(
             (high + reach / 2).min(open.len() - 1),
             low.saturating_sub(reach / 2),
         );
-        for k in (high + 1)..=up {
-            place_frame(frames, &mut segment, open[k], settings, &mut searches);
-            if k % 8 == 0 {
-                add_points(frames, &mut segment, settings);
-            }
-        }
-        for k in (down..low).rev() {
-            place_frame(frames, &mut segment, open[k], settings, &mut searches);
-            if k % 8 == 0 {
+        let forwards = open[high + 1..=up].iter();
+        let backwards = open[down..low].iter().rev();
+        for (k, &i) in forwards.chain(backwards).enumerate() {
+            place_frame(frames, &mut segment, i, settings, &mut searches);
+            if k % 8 == 7 {
                 add_points(frames, &mut segment, settings);
             }
         }
