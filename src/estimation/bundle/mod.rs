@@ -9,7 +9,8 @@
 //! 2. `momentum_start`: inertia and momentum from the attitudes, linearly, since momentum is constant.
 //! 3. `attitude_fit`: the free motion nearest to the attitudes. Tracks too short for 1. give rotations between
 //!    neighbouring frames instead, and `relative_rotation` fits the motion to those.
-//! 4. `dynamic`: bundle adjustment of points and motion together, over all frames at once.
+//! 4. `dynamic`: bundle adjustment of points and motion together, over all frames at once; and with the centre of
+//!    mass on a straight line (`straight`) where the images agree.
 //!
 //! What comes out is a [`Solution`]: motion with covariance, shape, placements, and a diagnosis of what the data
 //! leave open. The motion is stated as inertia and momentum, without principal axes, so spheres, tops and
@@ -17,6 +18,7 @@
 
 mod adjust;
 mod attitude_fit;
+mod bootstrap;
 mod camera_motion;
 mod dynamic;
 mod envelope;
@@ -36,6 +38,7 @@ mod solve;
 mod straight;
 mod structure;
 mod uncertainty;
+mod whole;
 
 use nalgebra::{SMatrix, UnitQuaternion, Vector3};
 
