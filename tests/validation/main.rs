@@ -7,6 +7,7 @@ mod batch;
 mod bundle;
 mod conservation;
 mod elliptic;
+mod filter;
 mod fixtures;
 mod formulations;
 mod free_body;
