@@ -14,7 +14,7 @@
 //! | [`control`], [`vision`] | control laws; what a camera on the moving base measures | |
 //! | `msg`, `ros`, `bag` | ROS 2 messages; nodes over DDS; rosbag2 recordings | `ros` |
 //! | `nodes` | dynamics, camera, controller and recorder as ROS 2 nodes | `ros` |
-//! | `experiments` | closed loops without DDS; what recorded runs show | `ros` |
+//! | `experiments` | closed loops without DDS; what recorded runs show; published examples | `ros`, the last without |
 //! | `cli` | the command line | `ros` |
 //!
 //! # Features
@@ -67,7 +67,9 @@
 //! (升谷 保博), 浮遊型宇宙ロボットによる物体捕捉のための計測と制御 (measurement and control for the capture of objects
 //! by floating space robots), doctoral thesis, Osaka University, 1995,
 //! [doi:10.11501/3105001](https://doi.org/10.11501/3105001). Where the print is wrong, the corrected form
-//! stands and the comment says so.
+//! stands and the comment says so. "TR-942" is Y. Ohkami (狼 嘉彰) et al., Formulation methods of rigid multibody
+//! systems for large space structures and some results of computer simulation
+//! (多剛体宇宙構造物のモデリング手法とシミュレーション結果), Technical Report TR-942, National Aerospace Laboratory, 1987.
 
 pub mod control;
 pub mod dynamics;
@@ -81,6 +83,11 @@ pub mod bag;
 pub mod cli;
 #[cfg(feature = "ros")]
 pub mod experiments;
+/// Published examples; with the feature `ros` also closed loops and what recorded runs show.
+#[cfg(not(feature = "ros"))]
+pub mod experiments {
+    pub mod tr942;
+}
 #[cfg(feature = "ros")]
 pub mod msg;
 #[cfg(feature = "ros")]

@@ -50,14 +50,16 @@ impl Workspace {
     ) {
         self.set_bias_forces(input);
         let (force, torque) = self.base_reaction();
-        let acting = input.efforts.as_slice().iter().zip(state.qd.as_slice());
+        let motion = state.q.as_slice().iter().zip(state.qd.as_slice());
+        let acting = input.efforts.as_slice().iter().zip(motion);
         let moved = (model.joints().iter().zip(&self.joints)).zip(&self.bodies[1..]);
         let rhs = qdd.as_mut_slice();
-        for ((rhs, (effort, rate)), ((joint, terms), body)) in rhs.iter_mut().zip(acting).zip(moved)
+        for ((rhs, (effort, (q, qd))), ((joint, terms), body)) in
+            rhs.iter_mut().zip(acting).zip(moved)
         {
             let bias =
                 terms.axis.effort(&body.force) - terms.J_C.dot(&force) + terms.H_A.dot(&torque);
-            *rhs = effort - joint.damping * rate - bias;
+            *rhs = effort + joint.passive_effort(*q, *qd) - bias;
         }
         self.set_reduced_inertia();
         solve_positive_definite(self.reduced.as_mut_slice(), qdd.as_mut_slice());

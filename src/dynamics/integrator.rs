@@ -82,12 +82,12 @@ impl Rate {
         self.com = state.momentum_W.linear / workspace.mass;
         self.linear_momentum = state.R_WB * workspace.external.force;
         self.angular_momentum = state.R_WB * workspace.external.torque;
-        let qd = state.qd.as_slice();
+        let (q, qd) = (state.q.as_slice(), state.qd.as_slice());
         self.q.as_mut_slice().copy_from_slice(qd);
         self.work = workspace.external_power;
-        let actuated = model.joints().iter().zip(input.efforts.as_slice()).zip(qd);
-        for ((joint, effort), qd) in actuated {
-            self.work += (effort - joint.damping * qd) * qd;
+        let actuated = model.joints().iter().zip(input.efforts.as_slice());
+        for ((joint, effort), (q, qd)) in actuated.zip(q.iter().zip(qd)) {
+            self.work += (effort + joint.passive_effort(*q, *qd)) * qd;
         }
     }
 }

@@ -36,19 +36,27 @@
 //! ```
 
 mod floating;
+mod formulation;
 mod forward;
 mod integrator;
 mod jacobian;
 mod joint_map;
+mod kane;
 mod momentum;
 mod reduced;
+mod runge_kutta;
 mod state;
 mod tableau;
+mod vector_state;
 mod workspace;
 
 pub use floating::Floating;
+pub use formulation::{Formulation, TreeAcceleration, TreeMotion};
 pub use forward::Input;
 pub use integrator::{Forcing, Integrator, Method};
+pub use kane::{BaseSpeed, CutError, CutHinge, Kane};
+pub use runge_kutta::RungeKutta;
 pub use state::{Momentum, State};
 pub use tableau::Tableau;
+pub use vector_state::VectorState;
 pub use workspace::Workspace;

@@ -41,8 +41,8 @@ pub struct State {
     pub q: DVector<f64>,
     /// Joint rates \[rad/s or m/s\].
     pub qd: DVector<f64>,
-    /// Work done on the system since the start by joint efforts, damping and external wrenches \[J\]:
-    /// kinetic energy minus this is constant.
+    /// Work done on the system since the start by joint efforts, springs, damping and external wrenches
+    /// \[J\]: kinetic energy minus this is constant.
     pub work: f64,
 }
 

@@ -1,5 +1,7 @@
 //! Coefficients of the explicit Runge-Kutta methods.
 
+use std::f64::consts::FRAC_1_SQRT_2;
+
 /// An explicit Runge-Kutta method: lower-triangular `a` (row `i` has the `i` coefficients of stage `i`),
 /// weights `b`, nodes `c`.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -17,6 +19,26 @@ impl Tableau {
     pub const RK4: Self = Self {
         a: &[&[], &[0.5], &[0.0, 0.5], &[0.0, 0.0, 1.0]],
         b: &[1.0 / 6.0, 1.0 / 3.0, 1.0 / 3.0, 1.0 / 6.0],
+        c: &[0.0, 0.5, 0.5, 1.0],
+    };
+
+    /// The method of order 4 of S. Gill (A process for the step-by-step integration of differential equations in
+    /// an automatic digital computing machine, Proc. Cambridge Phil. Soc. 47, 1951, pp. 96-108). Its arrangement
+    /// for few registers is history; its truncation error is not that of [`Tableau::RK4`], which shows
+    /// where a published table was made with it.
+    pub const RK_GILL: Self = Self {
+        a: &[
+            &[],
+            &[0.5],
+            &[FRAC_1_SQRT_2 - 0.5, 1.0 - FRAC_1_SQRT_2],
+            &[0.0, -FRAC_1_SQRT_2, 1.0 + FRAC_1_SQRT_2],
+        ],
+        b: &[
+            1.0 / 6.0,
+            (1.0 - FRAC_1_SQRT_2) / 3.0,
+            (1.0 + FRAC_1_SQRT_2) / 3.0,
+            1.0 / 6.0,
+        ],
         c: &[0.0, 0.5, 0.5, 1.0],
     };
 
@@ -143,7 +165,7 @@ mod tests {
 
     #[test]
     fn rows_sum_to_the_nodes_and_quadrature_has_the_order() {
-        for (tableau, order) in [(Tableau::RK4, 4), (Tableau::DOP8, 8)] {
+        for (tableau, order) in [(Tableau::RK4, 4), (Tableau::RK_GILL, 4), (Tableau::DOP8, 8)] {
             assert_eq!(tableau.a.len(), tableau.c.len());
             for (row, c) in tableau.a.iter().zip(tableau.c) {
                 let scale: f64 = row.iter().map(|x| x.abs()).sum::<f64>().max(1.0);
@@ -160,6 +182,34 @@ mod tests {
                 assert!(
                     (sum - 1.0 / (f64::from(k) + 1.0)).abs() < 2e-15,
                     "order {order}, k {k}"
+                );
+            }
+        }
+    }
+    /// The conditions of order 3 and 4 that name `a`: a wrong digit in a row that still sums to its node
+    /// breaks one of them.
+    #[test]
+    fn stage_coefficients_have_the_order() {
+        for tableau in [Tableau::RK4, Tableau::RK_GILL, Tableau::DOP8] {
+            let times_a = |x: &[f64]| -> Vec<f64> {
+                let product = |row: &&[f64]| row.iter().zip(x).map(|(a, x)| a * x).sum();
+                tableau.a.iter().map(product).collect()
+            };
+            let weighed = |x: &[f64]| -> f64 { tableau.b.iter().zip(x).map(|(b, x)| b * x).sum() };
+            let c = tableau.c;
+            let squared: Vec<f64> = c.iter().map(|c| c * c).collect();
+            let ac = times_a(c);
+            let c_ac: Vec<f64> = c.iter().zip(&ac).map(|(c, x)| c * x).collect();
+            let conditions = [
+                (weighed(&ac), 6.0),
+                (weighed(&c_ac), 8.0),
+                (weighed(&times_a(&squared)), 12.0),
+                (weighed(&times_a(&ac)), 24.0),
+            ];
+            for (sum, denominator) in conditions {
+                assert!(
+                    (sum - 1.0 / denominator).abs() < 1e-14,
+                    "1/{denominator}: {sum}"
                 );
             }
         }

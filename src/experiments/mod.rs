@@ -9,6 +9,7 @@ mod recorded;
 mod recorded_physics;
 mod simulated_bag;
 mod topic_health;
+pub mod tr942;
 
 pub use bag_check::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag};
 pub use bag_plot::plot_bag;

@@ -2,7 +2,7 @@
 
 use nalgebra::{Unit, Vector3};
 
-use super::{Body, Frame, Joint, JointKind, JointLimits, Model};
+use super::{Body, Frame, Joint, JointKind, JointLimits, Model, Spring};
 use crate::spatial::{Pose, RigidInertia, SpatialInertia};
 
 /// Grows a tree body by body. Bodies must come depth first: a body's parent is the body added just
@@ -79,6 +79,7 @@ impl ModelBuilder {
             limits: JointLimits::NONE,
             damping: 0.0,
             friction: 0.0,
+            spring: Spring::default(),
         };
         self.joint(name, parent, joint, inertia)
     }

@@ -11,5 +11,5 @@ mod tree;
 mod urdf;
 
 pub use build::ModelBuilder;
-pub use tree::{Body, Frame, Joint, JointKind, JointLimits, Model};
+pub use tree::{Body, Frame, Joint, JointKind, JointLimits, Model, Spring};
 pub use urdf::{UrdfError, UrdfProblem};

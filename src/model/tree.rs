@@ -63,6 +63,25 @@ pub struct Joint {
     pub damping: f64,
     /// Coulomb friction \[N m or N\].
     pub friction: f64,
+    /// Spring in parallel with the actuator.
+    pub spring: Spring,
+}
+
+impl Joint {
+    /// Effort \[N m or N\] of spring and damper at position `q` and rate `qd`: TR-942 eq. (2.2.20).
+    #[inline]
+    pub fn passive_effort(&self, q: f64, qd: f64) -> f64 {
+        self.spring.stiffness * (self.spring.rest - q) - self.damping * qd
+    }
+}
+
+/// A linear spring that draws a joint to a position.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Spring {
+    /// Effort per displacement \[N m/rad or N/m\]; zero is no spring.
+    pub stiffness: f64,
+    /// Position at which the spring is slack \[rad or m\].
+    pub rest: f64,
 }
 
 /// One rigid body, everything that fixed joints weld together included.

@@ -6,8 +6,10 @@ mod conservation;
 mod fixtures;
 mod free_body;
 mod generalized_jacobian;
+mod kane;
 mod no_allocation;
 #[cfg(feature = "ros")]
 mod pinocchio;
 mod positioning;
 mod random_trees;
+mod trees;

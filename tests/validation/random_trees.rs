@@ -2,105 +2,13 @@
 //! bodies, and the balance of power.
 
 use fuyu::dynamics::{Input, Integrator, Method, Momentum, State, Workspace};
-use fuyu::model::{Joint, JointKind, JointLimits, Model, ModelBuilder};
-use fuyu::spatial::{Pose, RigidInertia, Wrench};
-use nalgebra::{
-    DVector, Matrix3, Matrix6xX, Rotation3, Translation3, Unit, UnitQuaternion, Vector3,
-};
+use fuyu::model::Model;
+use fuyu::spatial::{Pose, Wrench};
+use nalgebra::{DVector, Matrix6xX, Rotation3, UnitQuaternion, Vector3};
 use proptest::prelude::*;
 use proptest::test_runner::RngSeed;
 
-fn vector(scale: f64) -> impl Strategy<Value = Vector3<f64>> {
-    prop::array::uniform3(-scale..scale).prop_map(Vector3::from)
-}
-
-fn direction() -> impl Strategy<Value = Unit<Vector3<f64>>> {
-    vector(1.0)
-        .prop_filter("not zero", |v| v.norm() > 0.1)
-        .prop_map(Unit::new_normalize)
-}
-
-fn rotation() -> impl Strategy<Value = Rotation3<f64>> {
-    vector(2.0).prop_map(Rotation3::new)
-}
-
-/// Principal moments from three positive second moments, so the triangle inequality holds strictly.
-fn inertia(mass: std::ops::Range<f64>) -> impl Strategy<Value = RigidInertia> {
-    (
-        mass,
-        vector(0.5),
-        prop::array::uniform3(0.02..0.5f64),
-        rotation(),
-    )
-        .prop_map(|(mass, com, s, r)| {
-            let principal = Vector3::new(s[1] + s[2], s[0] + s[2], s[0] + s[1]) * mass;
-            let m = r.matrix();
-            let about_com = m * Matrix3::from_diagonal(&principal) * m.transpose();
-            RigidInertia {
-                mass,
-                com,
-                about_com: (about_com + about_com.transpose()) * 0.5,
-            }
-        })
-}
-
-#[derive(Debug, Clone)]
-struct Link {
-    up: usize,
-    prismatic: bool,
-    damping: f64,
-    axis: Unit<Vector3<f64>>,
-    placement: (Vector3<f64>, Rotation3<f64>),
-    inertia: RigidInertia,
-}
-
-fn link() -> impl Strategy<Value = Link> {
-    let placement = (vector(1.0), rotation());
-    (
-        0usize..4,
-        any::<bool>(),
-        0.0..5.0f64,
-        direction(),
-        placement,
-        inertia(1.0..20.0),
-    )
-        .prop_map(|(up, prismatic, damping, axis, placement, inertia)| Link {
-            up,
-            prismatic,
-            damping,
-            axis,
-            placement,
-            inertia,
-        })
-}
-
-/// Trees of 1 to 12 joints: each new body hangs `up` levels above the one before it.
-fn tree() -> impl Strategy<Value = Model> {
-    (inertia(5.0..500.0), prop::collection::vec(link(), 1..=12)).prop_map(|(base, links)| {
-        let mut builder = ModelBuilder::new("random", "base_link", base);
-        let mut path = vec![0];
-        for (k, link) in links.iter().enumerate() {
-            path.truncate(path.len().saturating_sub(link.up).max(1));
-            let (p, r) = link.placement;
-            let joint = Joint {
-                name: format!("joint{k}"),
-                kind: if link.prismatic {
-                    JointKind::Prismatic
-                } else {
-                    JointKind::Continuous
-                },
-                axis: link.axis,
-                X_PJ: Pose::from_parts(Translation3::from(p), r),
-                limits: JointLimits::NONE,
-                damping: link.damping,
-                friction: 0.0,
-            };
-            let parent = *path.last().unwrap();
-            path.push(builder.joint(&format!("link{k}"), parent, joint, link.inertia));
-        }
-        builder.build()
-    })
-}
+use crate::trees::{trees, vector};
 
 fn state(model: &Model, numbers: &[f64]) -> State {
     let n = model.dof();
@@ -169,7 +77,7 @@ proptest! {
     /// poses give that momentum back, and the kinetic energy. A wrong sign or term in (4.13)-(4.26)
     /// breaks this at first order; the tolerance is the difference's own error.
     #[test]
-    fn motion_carries_the_momentum_and_energy_of_the_state(model in tree(), numbers in numbers()) {
+    fn motion_carries_the_momentum_and_energy_of_the_state(model in trees(1..=12), numbers in numbers()) {
         let state = state(&model, &numbers);
         let input = Input::zero(&model);
         let h = 1e-4;
@@ -191,7 +99,7 @@ proptest! {
     /// The generalized Jacobian at zero momentum is the derivative of the tip's world pose by one joint,
     /// and the base map that of the base's centre of mass.
     #[test]
-    fn jacobians_are_derivatives_of_poses(model in tree(), numbers in numbers()) {
+    fn jacobians_are_derivatives_of_poses(model in trees(1..=12), numbers in numbers()) {
         let mut state = state(&model, &numbers);
         state.momentum_W = Momentum::default();
         let tip = model.frames().last().unwrap().clone();
@@ -242,7 +150,7 @@ proptest! {
     /// alone. Momentum is not zero. A wrong gyroscopic, Coriolis or elimination term breaks it at first order.
     #[test]
     fn accelerations_obey_newton_and_euler_on_every_subtree(
-        model in tree(), numbers in numbers(), push in vector(20.0), twist in vector(20.0)
+        model in trees(1..=12), numbers in numbers(), push in vector(20.0), twist in vector(20.0)
     ) {
         let state = state(&model, &numbers);
         let n = model.dof();
@@ -282,7 +190,8 @@ proptest! {
             let subtree = body..model.bodies()[body].subtree_end;
             let (force, torque, size) = needed(subtree, at[body].translation.vector);
             let along = if joint.kind.is_rotational() { torque.dot(&axis_W) } else { force.dot(&axis_W) };
-            let given = input.efforts[j] - joint.damping * state.qd[j];
+            let pull = joint.spring.stiffness * (joint.spring.rest - state.q[j]);
+            let given = input.efforts[j] + pull - joint.damping * state.qd[j];
             // Second differences over 0.3 ms leave some 1e-6 of the terms that they sum.
             prop_assert!((along - given).abs() < 3e-5 * (1.0 + size + given.abs()), "{} {} of {}", along, given, size);
         }

@@ -11,7 +11,7 @@ mod tests;
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Unit, Vector3};
 
-use super::{Joint, JointKind, JointLimits, Model, ModelBuilder};
+use super::{Joint, JointKind, JointLimits, Model, ModelBuilder, Spring};
 use crate::spatial::{InertiaError, Pose, RigidInertia};
 use arrange::arrange;
 use document::{ElementFacts, Facts, Source, subject};
@@ -200,6 +200,7 @@ impl Compiler<'_> {
             limits: self.limits(j, kind)?,
             damping,
             friction,
+            spring: Spring::default(),
         }))
     }
 

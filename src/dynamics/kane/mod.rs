@@ -1,0 +1,177 @@
+//! Kane's method as in TR-942, section 2.3.
+//!
+//! An independent witness for the reduced form of [`Workspace`](super::Workspace): it carries the base's
+//! twist instead of momentum, solves for all `6 + n` accelerations at once, and shares no code with it.
+
+mod bodies;
+mod cut;
+mod equations;
+mod error;
+mod pairing;
+
+use nalgebra::{DMatrix, DVector};
+
+use super::{Formulation, Input, TreeAcceleration, TreeMotion};
+use crate::model::Model;
+use crate::spatial::{Twist, Wrench};
+use bodies::KaneBody;
+use cut::Cut;
+
+pub use cut::CutHinge;
+pub use error::CutError;
+
+/// Forward dynamics by Kane's equations, recursively from composite bodies, with loops cut open.
+///
+/// The generalized speeds are the main body's velocity and angular velocity in world axes and the hinge
+/// rates, eq. (2.3.16). Loops take the naive solution (2.3.46): where their constraints lose rank (a pantograph
+/// that is stretched out, or directions constrained twice) the accelerations are wrong or not finite.
+///
+/// ```
+/// use fuyu::dynamics::{CutHinge, Formulation, Input, Kane, TreeAcceleration, TreeMotion};
+/// use fuyu::model::{JointKind, ModelBuilder};
+/// use fuyu::spatial::{Pose, RigidInertia, Twist};
+/// use nalgebra::{Matrix3, Translation3, UnitQuaternion, Vector3};
+///
+/// // A parallelogram: two cranks on the base, and a coupler that one of them carries.
+/// let ball = RigidInertia { mass: 1.0, com: Vector3::zeros(), about_com: Matrix3::identity() };
+/// let (z, at) = (Vector3::z_axis(), |x| Pose::from(Translation3::new(x, 0.0, 0.0)));
+/// let turn = JointKind::Continuous;
+/// let mut robot = ModelBuilder::new("parallelogram", "base_link", ball);
+/// let crank = robot.body("crank", 0, turn, z, at(0.0), ball);
+/// let coupler = robot.body("coupler", crank, turn, z, at(1.0), ball);
+/// let rocker = robot.body("rocker", 0, turn, z, Translation3::new(0.0, 2.0, 0.0).into(), ball);
+/// let model = robot.build();
+/// let pin = CutHinge {
+///     body_k: coupler,
+///     X_KH: Translation3::new(0.0, 2.0, 0.0).into(),
+///     body_l: rocker,
+///     X_LH: at(1.0),
+///     translations: [true, true, false],
+///     rotations: [false; 3],
+/// };
+/// let mut kane = Kane::with_cuts(&model, &[pin])?;
+/// let motion = TreeMotion {
+///     R_WB: UnitQuaternion::identity(),
+///     V_WB_B: Twist::ZERO,
+///     q: &[0.0; 3],
+///     qd: &[0.0; 3],
+/// };
+/// let mut input = Input::zero(&model);
+/// input.efforts[0] = 1.0;
+/// let mut out = TreeAcceleration::zero(&model);
+/// kane.accelerations(&model, &motion, &input, &mut out);
+/// // The cranks stay parallel; the pin pulls the rocker along.
+/// assert!((out.qdd[0] - out.qdd[2]).abs() < 1e-12 && out.qdd[0] > 0.0);
+/// assert!(kane.cut_wrench(0).force.norm() > 0.1);
+/// # Ok::<(), fuyu::dynamics::CutError>(())
+/// ```
+#[derive(Debug, Clone)]
+pub struct Kane {
+    speed: BaseSpeed,
+    bodies: Vec<KaneBody>,
+    cuts: Vec<Cut>,
+    /// `M`, lower triangle; afterwards its Cholesky factor `L`. Without the main body's velocity if the
+    /// system's centre of mass stands for it.
+    M: DMatrix<f64>,
+    /// `-g`; afterwards the derivatives of the generalized speeds.
+    speeds: DVector<f64>,
+    /// `G = -H` of (2.3.43); afterwards `L⁻¹ G`.
+    G: DMatrix<f64>,
+    /// `Gᵀ M⁻¹ G`.
+    GMG: DMatrix<f64>,
+    /// `Ġᵀ u`, afterwards `f_c`.
+    multipliers: DVector<f64>,
+}
+
+/// Whose velocity is the generalized speed of the translation; accelerations do not depend on it.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum BaseSpeed {
+    /// The main body's, (2.3.16).
+    #[default]
+    MainBody,
+    /// That of the whole system's centre of mass (end of section 2.3.2): its equation separates from the others,
+    /// which leaves `3 + n` to be solved.
+    SystemCom,
+}
+
+impl Kane {
+    /// For a tree.
+    pub fn new(model: &Model) -> Self {
+        Self::assemble(KaneBody::all(model), Vec::new(), BaseSpeed::default())
+    }
+
+    /// For a tree whose loops are closed by `cuts`. Motion given to it must satisfy their constraints; it
+    /// neither checks nor corrects that.
+    ///
+    /// # Errors
+    /// [`CutError`] for a cut that constrains nothing, names a missing body or one body twice, is not finite,
+    /// or constrains more directions than the hinges of the loops can meet.
+    pub fn with_cuts(model: &Model, cuts: &[CutHinge]) -> Result<Self, CutError> {
+        let cuts = Cut::all(model, cuts)?;
+        let bodies = KaneBody::all(model);
+        Ok(Self::assemble(bodies, cuts, BaseSpeed::default()))
+    }
+
+    /// The same with another generalized speed for the translation.
+    pub fn with_base_speed(self, speed: BaseSpeed) -> Self {
+        Self::assemble(self.bodies, self.cuts, speed)
+    }
+
+    fn assemble(bodies: Vec<KaneBody>, cuts: Vec<Cut>, speed: BaseSpeed) -> Self {
+        let base = match speed {
+            BaseSpeed::MainBody => 6,
+            BaseSpeed::SystemCom => 3,
+        };
+        let size = base + bodies.len() - 1;
+        let constraints = cuts.iter().map(Cut::count).sum();
+        Self {
+            speed,
+            bodies,
+            cuts,
+            M: DMatrix::zeros(size, size),
+            speeds: DVector::zeros(size),
+            G: DMatrix::zeros(size, constraints),
+            GMG: DMatrix::zeros(constraints, constraints),
+            multipliers: DVector::zeros(constraints),
+        }
+    }
+
+    /// Constraint force \[N\] and torque \[N m\] of cut `cut` on its body `k`, axes of the hinge frame, as of the
+    /// last accelerations; body `l` feels the opposite. Free directions are zero.
+    ///
+    /// # Panics
+    /// If there is no such cut.
+    pub fn cut_wrench(&self, cut: usize) -> Wrench {
+        self.cuts[cut].wrench(&self.multipliers)
+    }
+
+    /// Velocity of body `l` seen from body `k` at cut `cut`, axes of the hinge frame, as of the last
+    /// accelerations: in constrained directions zero, up to what integration has lost.
+    ///
+    /// # Panics
+    /// If there is no such cut.
+    pub fn cut_velocity(&self, cut: usize) -> Twist {
+        self.cuts[cut].opening(&self.bodies)
+    }
+}
+
+impl Formulation for Kane {
+    /// Steps (i)-(v) of section 2.3.4.
+    fn accelerations(
+        &mut self,
+        model: &Model,
+        motion: &TreeMotion,
+        input: &Input,
+        out: &mut TreeAcceleration,
+    ) {
+        KaneBody::move_all(&mut self.bodies, motion);
+        KaneBody::gather_all(&mut self.bodies, &input.wrenches);
+        // The hinges' efforts stand where their accelerations will.
+        let hinges = motion.q.iter().zip(motion.qd);
+        let acting = model.joints().iter().zip(input.efforts.iter()).zip(hinges);
+        for (total, ((joint, effort), (q, qd))) in out.qdd.iter_mut().zip(acting) {
+            *total = effort + joint.passive_effort(*q, *qd);
+        }
+        self.solve(out);
+    }
+}

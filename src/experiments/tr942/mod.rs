@@ -1,0 +1,44 @@
+//! The two examples of TR-942, chapter 3: what was simulated, and what was printed.
+//!
+//! The figures that define the body frames do not survive in the text; the frames here were found by search, and
+//! give the printed numbers. Where the table has rounded multiples of a degree, the exact ones stand.
+
+pub mod chain;
+pub mod pantograph;
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::model::{Joint, JointKind, JointLimits, Spring};
+use crate::spatial::{Pose, RigidInertia};
+
+/// A row `W`, `H` (about the centre of mass), `r` of a table of bodies.
+fn body(mass: f64, moments: [f64; 3], com: [f64; 3]) -> RigidInertia {
+    RigidInertia {
+        mass,
+        com: Vector3::from(com),
+        about_com: Matrix3::from_diagonal(&Vector3::from(moments)),
+    }
+}
+
+/// A hinge with its control law `-K q - D q̇`, (3.2.1), (3.3.1), (3.3.2).
+fn hinge(
+    name: &str,
+    kind: JointKind,
+    axis: nalgebra::UnitVector3<f64>,
+    X_PJ: Pose,
+    [stiffness, damping]: [f64; 2],
+) -> Joint {
+    Joint {
+        name: name.to_owned(),
+        kind,
+        axis,
+        X_PJ,
+        limits: JointLimits::NONE,
+        damping,
+        friction: 0.0,
+        spring: Spring {
+            stiffness,
+            rest: 0.0,
+        },
+    }
+}
