@@ -86,6 +86,7 @@ pub mod experiments;
 /// Published examples; with the feature `ros` also closed loops and what recorded runs show.
 #[cfg(not(feature = "ros"))]
 pub mod experiments {
+    pub mod masutani;
     pub mod tr942;
 }
 #[cfg(feature = "ros")]

@@ -47,11 +47,7 @@ fn warned(peer: &mut Peer, part: &str, send: &Value, words: &[&str]) -> String {
 fn wrong_messages_are_refused_and_named() {
     in_time(|| {
         let domain = 82;
-        let mut launch = Running::launch(
-            domain,
-            &source("config/positioning.yaml"),
-            &["--duration", "600"],
-        );
+        let mut launch = Running::gently(domain, &source("config/positioning.yaml"));
         let mut peer = Peer::start("fault", domain);
         peer.subscribe("joint_states", JOINT_STATE, "reliable");
         peer.subscribe("diagnostics", DIAGNOSTICS, "reliable");
