@@ -12,6 +12,7 @@
 //! | [`model`] | a URDF compiled into bodies, joints and frames | |
 //! | [`dynamics`] | kinematics, momentum, generalized Jacobian, forward dynamics, integrators | |
 //! | [`control`], [`vision`] | control laws; what a camera on the moving base measures | |
+//! | [`estimation`] | the motion of an unknown tumbling body | |
 //! | `msg`, `ros`, `bag` | ROS 2 messages; nodes over DDS; rosbag2 recordings | `ros` |
 //! | `nodes` | dynamics, camera, controller and recorder as ROS 2 nodes | `ros` |
 //! | `experiments` | closed loops without DDS; what recorded runs show; published examples | `ros`, the last without |
@@ -73,6 +74,7 @@
 
 pub mod control;
 pub mod dynamics;
+pub mod estimation;
 pub mod model;
 pub mod spatial;
 pub mod vision;
@@ -86,7 +88,8 @@ pub mod experiments;
 /// Published examples; with the feature `ros` also closed loops and what recorded runs show.
 #[cfg(not(feature = "ros"))]
 pub mod experiments {
-    pub mod masutani;
+    pub mod masutani_ch3;
+    pub mod masutani_ch5;
     pub mod tr942;
 }
 #[cfg(feature = "ros")]

@@ -99,7 +99,7 @@ fn simulate(
     let mut frames = Vec::new();
     loop {
         if let Some(bag) = bag.as_deref_mut() {
-            bag.state(&closed_loop.world)?;
+            bag.state(&mut closed_loop.world)?;
         }
         closed_loop.answer::<Stop>(&mut frames, |world, moment| {
             performance.see(world, moment);

@@ -2,9 +2,16 @@
 
 use crate::{
     control::{Acted, Controller, PoseError},
-    nodes::{dynamics::World, geometry::with_matrix, scenario::Scenario, tip_frame},
+    model::Frame,
+    nodes::{
+        camera::{Watch, camera_frame},
+        dynamics::World,
+        geometry::with_matrix,
+        scenario::Scenario,
+        tip_frame,
+    },
     spatial::Pose,
-    vision::{PoseCamera, PoseFrame},
+    vision::{PoseCamera, PoseFrame, Sighting},
 };
 
 /// The loop of a scenario: what its nodes do over topics, done in one thread. Each state is shown to the
@@ -14,17 +21,31 @@ pub struct ClosedLoop {
     /// The plant.
     pub world: World,
     camera: PoseCamera,
+    watch: Option<WatchedTarget>,
+    sightings: Vec<Sighting>,
     controller: Controller,
     X_WD: Pose,
     seen: Option<PoseFrame>,
     measurement_timeout: f64,
     duration: f64,
+    image: (u32, u32, f64),
+}
+
+/// The target that the camera tracks.
+struct WatchedTarget {
+    watch: Watch,
+    /// Which of the world's targets.
+    index: usize,
+    /// The camera's frame.
+    camera: Frame,
 }
 
 /// One state and how it was answered.
 pub struct Moment<'a> {
     /// Frames that the camera delivered at this state.
     pub frames: &'a [PoseFrame],
+    /// Frames of features that the camera delivered at this state.
+    pub sightings: &'a [Sighting],
     /// What the controller did.
     pub acted: Acted,
     /// Age of the measurement that the controller used \[s\].
@@ -62,15 +83,27 @@ impl ClosedLoop {
                     .to_owned(),
             )
         })?;
+        let watch = match &camera.features {
+            None => None,
+            Some(features) => Some(WatchedTarget {
+                watch: Watch::new(features),
+                index: (world.target_index(&features.target))
+                    .map_err(|e| at(format!("camera: parameter features.target: {e}")))?,
+                camera: camera_frame(model).map_err(at)?.clone(),
+            }),
+        };
         let config = controller.config.clone();
         Ok(Self {
             controller: Controller::new(model.clone(), tip, config)
                 .map_err(|e| at(format!("controller: parameter {e}")))?,
             camera: PoseCamera::new(camera.quality),
+            watch,
+            sightings: Vec::new(),
             X_WD: with_matrix(&goal),
             seen: None,
             measurement_timeout: controller.measurement_timeout,
             duration: dynamics.duration,
+            image: camera.image,
             world,
         })
     }
@@ -78,6 +111,11 @@ impl ClosedLoop {
     /// The duration that the scenario gives \[s\]; zero is none.
     pub fn duration(&self) -> f64 {
         self.duration
+    }
+
+    /// Width, height and focal length of the camera's image \[px\].
+    pub fn image(&self) -> (u32, u32, f64) {
+        self.image
     }
 
     /// The goal in the world.
@@ -103,11 +141,22 @@ impl ClosedLoop {
         let time = self.world.time();
         let robot = &self.world.robot;
         let X_BE = self.X_BE();
-        let X_BD = robot.state().X_WB(robot.workspace()).inverse() * self.X_WD;
+        let X_WB = robot.state().X_WB(robot.workspace());
+        let X_BD = X_WB.inverse() * self.X_WD;
         self.camera.show(time, &X_BE, Some(&X_BD));
         frames.clear();
         while let Some(frame) = self.camera.deliver(time) {
             frames.push(frame);
+        }
+        self.sightings.clear();
+        if let Some(watched) = &mut self.watch {
+            let X_WC = X_WB * robot.workspace().X_BF(&watched.camera);
+            let target = &self.world.targets[watched.index].body;
+            let X_WT = target.state().X_WB(target.workspace());
+            watched.watch.show(time, &X_WC, &X_WT);
+            while let Some(sighting) = watched.watch.deliver(time) {
+                self.sightings.push(sighting);
+            }
         }
         self.seen = frames.last().copied().or(self.seen);
         let age = self
@@ -128,6 +177,7 @@ impl ClosedLoop {
         let error = PoseError::between(&X_BE, &X_BD);
         let moment = Moment {
             frames,
+            sightings: &self.sightings,
             acted,
             age,
             error,

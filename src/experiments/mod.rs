@@ -4,7 +4,9 @@ mod bag_check;
 mod bag_plot;
 mod chart;
 mod closed_loop;
-pub mod masutani;
+pub mod masutani_ch3;
+pub mod masutani_ch5;
+mod observations;
 mod performance;
 mod recorded;
 mod recorded_physics;
@@ -17,6 +19,7 @@ pub use bag_check::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag};
 pub use bag_plot::plot_bag;
 pub use chart::{ChartError, Figure, Panel, Series};
 pub use closed_loop::{ClosedLoop, Moment};
+pub use observations::{Observations, ObservedTracks};
 pub use performance::{MomentumResidual, Performance, Summary};
 pub use recorded::{
     BaseSample, ControllerSample, JointSample, MomentumSample, RecordedRun, RecordedRuns,

@@ -9,7 +9,8 @@ use crate::{
     msg::{Interface, rosgraph_msgs, std_msgs},
     nodes::{
         camera, controller,
-        dynamics::{FrameTree, World, joint_states, momentum, odometry},
+        dynamics::{FrameTree, World, imu, joint_states, momentum, odometry},
+        features::sighting_to_msg,
         topics,
     },
     ros::Time,
@@ -24,9 +25,11 @@ pub struct SimulatedBag {
     odometry: TopicId,
     targets: Vec<TopicId>,
     momentum: TopicId,
+    imu: TopicId,
     tf: TopicId,
     tip_pose: TopicId,
     goal_pose: TopicId,
+    features: TopicId,
     commands: TopicId,
     state: TopicId,
 }
@@ -46,6 +49,8 @@ impl SimulatedBag {
         writer.write_message(latched, 0, &text)?;
         let tf_static = add(&mut writer, &topics::TF_STATIC)?;
         writer.write_message(tf_static, 0, &frames.static_transforms())?;
+        let camera_info = add(&mut writer, &topics::CAMERA_INFO)?;
+        writer.write_message(camera_info, 0, &camera::calibration(run.image()))?;
         let w = &mut writer;
         Ok(Self {
             clock: add(w, &topics::CLOCK)?,
@@ -55,9 +60,11 @@ impl SimulatedBag {
                 .map(|t| named(w, &t.odometry_topic(), &topics::ODOMETRY))
                 .collect::<Result<_, _>>()?,
             momentum: add(w, &topics::MOMENTUM)?,
+            imu: add(w, &topics::IMU)?,
             tf: add(w, &topics::TF)?,
             tip_pose: add(w, &topics::TIP_POSE)?,
             goal_pose: add(w, &topics::SEEN_GOAL)?,
+            features: add(w, &topics::FEATURES)?,
             commands: add(w, &topics::JOINT_COMMANDS)?,
             state: add(w, &topics::CONTROLLER_STATE)?,
             writer,
@@ -69,7 +76,7 @@ impl SimulatedBag {
     ///
     /// # Errors
     /// When the bag cannot be written.
-    pub fn state(&mut self, world: &World) -> Result<(), BagError> {
+    pub fn state(&mut self, world: &mut World) -> Result<(), BagError> {
         let stamp = Time::from_secs_f64(world.time());
         let log = log_time(stamp);
         let base = self.frames.base().to_owned();
@@ -87,6 +94,7 @@ impl SimulatedBag {
             w.write_message(*topic, log, &odometry(stamp, &target.name, &target.body))?;
         }
         w.write_message(self.momentum, log, &momentum(stamp, &world.robot))?;
+        w.write_message(self.imu, log, &imu(stamp, &base, world))?;
         w.write_message(self.tf, log, &self.frames.transforms(stamp, world))
     }
 
@@ -108,6 +116,10 @@ impl SimulatedBag {
             if let Some(X_BD) = &frame.X_BD {
                 w.write_message(self.goal_pose, log, &camera::seen(frame.time, &base, X_BD))?;
             }
+        }
+        for sighting in moment.sightings {
+            let message = sighting_to_msg(sighting, camera::CAMERA_FRAME);
+            w.write_message(self.features, log, &message)?;
         }
         let header = std_msgs::Header {
             stamp: stamp.into(),

@@ -1,7 +1,7 @@
 //! fuyu's own ROS package: what the packages of ROS have no message for. The `.msg` files in `msg/`
 //! are the text of these declarations.
 
-use super::geometry_msgs::Vector3;
+use super::geometry_msgs::{Quaternion, Vector3};
 use super::std_msgs::Header;
 
 super::declare::messages! {
@@ -66,5 +66,42 @@ super::declare::messages! {
         u: Vec<f64>,
         /// Vertical position of each point, downwards \[px\]; pixel centres are at integers.
         v: Vec<f64>,
+    }
+
+    /// How a body tumbles: the parameters of a free rotation, after Masutani 1995, and how well they fit.
+    message MotionEstimate {
+        /// The time at which the motion is stated; the camera's optical frame, whose axes at that time are
+        /// meant wherever this message says camera axes.
+        header: Header,
+        /// How it was estimated, `bundle` or `masutani1995`.
+        method: String,
+        /// Solution of Euler's equations that describes it: `asymmetric`, `aperiodic`, `axisymmetric` or
+        /// `single_axis`.
+        model: String,
+        /// The three principal moments of inertia over twice the kinetic energy \[s2\], in the thesis's
+        /// order; all zero where the model does not tell them.
+        j_x: f64,
+        /// Of the middle axis.
+        j_y: f64,
+        /// Of the third axis.
+        j_z: f64,
+        /// Square of the angular momentum over four times the square of the energy \[s2\].
+        alpha: f64,
+        /// Attitude of the body in camera axes; the body's axes are fixed to it, but otherwise arbitrary.
+        reference_attitude: Quaternion,
+        /// Argument of the elliptic functions \[rad\]; zero for a single axis.
+        phase: f64,
+        /// Angular velocity in camera axes \[rad/s\].
+        angular_velocity: Vector3,
+        /// Direction of the angular momentum in camera axes.
+        momentum_direction: Vector3,
+        /// Root mean square of what the fit leaves \[px\], or \[rad/s\] for masutani1995.
+        residual: f64,
+        /// Covariance of j_x, j_y, j_z and alpha, row by row \[s4\]; all zero where the method has none.
+        covariance: [f64; 16],
+        /// Frames that were used.
+        frames: u32,
+        /// Seconds that they span.
+        duration: f64,
     }
 }

@@ -14,6 +14,11 @@ pub fn vector_to_msg(v: &Vector3<f64>) -> geometry_msgs::Vector3 {
     }
 }
 
+/// A message as a vector.
+pub fn vector_from_msg(v: &geometry_msgs::Vector3) -> Vector3<f64> {
+    Vector3::new(v.x, v.y, v.z)
+}
+
 /// An attitude as a message.
 pub fn quaternion_to_msg(q: &UnitQuaternion<f64>) -> geometry_msgs::Quaternion {
     geometry_msgs::Quaternion {

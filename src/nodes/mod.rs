@@ -2,9 +2,10 @@
 //!
 //! | node | reads | writes |
 //! | --- | --- | --- |
-//! | [`dynamics`] | `joint_commands` | `/clock`, `robot_description`, `joint_states`, `/tf`, `/tf_static`, `ground_truth/...` |
+//! | [`dynamics`] | `joint_commands` | `/clock`, `robot_description`, `joint_states`, `imu`, `/tf`, `/tf_static`, `ground_truth/...` |
 //! | [`camera`] | `robot_description`, `joint_states`, `ground_truth/odom`, `goal_pose` | `camera/tip_pose`, `camera/goal_pose`, `camera/camera_info` |
 //! | [`controller`] | `robot_description`, `joint_states`, `camera/tip_pose`, `camera/goal_pose` | `joint_commands`, `controller/state` |
+//! | [`estimator`] | `camera/features`, `camera/camera_info`, `imu`, `/tf_static` | `estimator/...` |
 //! | [`recorder`] | any topic | a bag |
 //!
 //! A node is a program `fn(&Node) -> Result<(), NodeError>`; [`by_name`] finds it.
@@ -13,6 +14,8 @@ pub mod camera;
 mod choice;
 pub mod controller;
 pub mod dynamics;
+pub mod estimator;
+pub mod features;
 pub mod geometry;
 mod joint_vectors;
 mod placement;
@@ -31,8 +34,9 @@ use crate::ros::{Node, NodeError};
 pub type Program = fn(&Node) -> Result<(), NodeError>;
 
 /// All nodes, in the order in which a launch starts them: whoever listens comes first.
-pub const NODES: [(&str, Program); 4] = [
+pub const NODES: [(&str, Program); 5] = [
     ("recorder", recorder::program),
+    ("estimator", estimator::program),
     ("controller", controller::program),
     ("camera", camera::program),
     ("dynamics", dynamics::program),

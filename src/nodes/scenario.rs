@@ -6,9 +6,10 @@ use std::{
 };
 
 use super::{
-    camera::CameraParams,
+    camera::{CameraParams, camera_frame},
     controller::ControllerParams,
     dynamics::{DynamicsParams, World},
+    estimator::EstimatorParams,
     recorder::RecorderParams,
     resource, tip_frame,
 };
@@ -127,11 +128,21 @@ impl Scenario {
             }
             "camera" => {
                 let params = self.parameters_of(name, CameraParams::declare)?;
-                let robot = self.robot(name.namespace());
-                robot.map_or(Ok(()), |robot| {
-                    let tip = tip_frame(&robot, &params.tip_link);
-                    tip.map(drop).map_err(parameter)
-                })
+                let Some(dynamics) = self.dynamics_of(name.namespace()) else {
+                    return Ok(());
+                };
+                if let Ok(robot) = dynamics.robot.compile() {
+                    tip_frame(&robot, &params.tip_link).map_err(parameter)?;
+                    if params.features.is_some() {
+                        camera_frame(&robot).map_err(at)?;
+                    }
+                }
+                match (&params.features, World::new(&dynamics)) {
+                    (Some(features), Ok(world)) => (world.target_index(&features.target))
+                        .map(drop)
+                        .map_err(|e| parameter(format!("features.target: {e}"))),
+                    _ => Ok(()),
+                }
             }
             "controller" => {
                 let params = self.parameters_of(name, |d| Ok(ControllerParams::declare(d)))?;
@@ -142,6 +153,7 @@ impl Scenario {
                     gains.map_err(|e| parameter(e.to_string()))
                 })
             }
+            "estimator" => self.parameters_of(name, EstimatorParams::declare).map(drop),
             _ => {
                 let params = self.parameters_of(name, |d| Ok(RecorderParams::declare(d)));
                 params.map(drop)
@@ -151,12 +163,16 @@ impl Scenario {
 
     /// The robot that the dynamics node of a namespace simulates, if there is one and it is sound.
     fn robot(&self, namespace: &str) -> Option<Model> {
+        self.dynamics_of(namespace)?.robot.compile().ok()
+    }
+
+    /// Parameters of the dynamics node of a namespace, if there is one and they are sound.
+    fn dynamics_of(&self, namespace: &str) -> Option<DynamicsParams> {
         let dynamics = self
             .nodes
             .iter()
             .find(|n| n.name() == "dynamics" && n.namespace() == namespace)?;
-        let params = self.parameters_of(dynamics, DynamicsParams::declare).ok()?;
-        params.robot.compile().ok()
+        self.parameters_of(dynamics, DynamicsParams::declare).ok()
     }
 
     /// Reads the parameters of the first node that the program calls `node`.

@@ -7,11 +7,11 @@ use std::marker::PhantomData;
 use crate::{
     msg::{
         Interface,
-        fuyu_msgs::{ControllerState, Momentum},
-        geometry_msgs::PoseStamped,
-        nav_msgs::Odometry,
+        fuyu_msgs::{ControllerState, FeatureTracks, Momentum, MotionEstimate},
+        geometry_msgs::{PoseStamped, Vector3Stamped},
+        nav_msgs::{Odometry, Path},
         rosgraph_msgs::Clock,
-        sensor_msgs::{CameraInfo, JointState},
+        sensor_msgs::{CameraInfo, Imu, JointState},
         std_msgs::String as Text,
         tf2_msgs::TFMessage,
     },
@@ -88,16 +88,27 @@ pub const TF_STATIC: Topic<TFMessage> = Topic::new("/tf_static", Qos::TF_STATIC)
 pub const ODOMETRY: Topic<Odometry> = Topic::new("ground_truth/odom", Qos::RELIABLE);
 /// True momentum and energy.
 pub const MOMENTUM: Topic<Momentum> = Topic::new("ground_truth/momentum", Qos::RELIABLE);
+/// What the base's inertial measurement unit measures.
+pub const IMU: Topic<Imu> = Topic::new("imu", Qos::RELIABLE);
 /// Tip as the camera sees it, in the base frame.
 pub const TIP_POSE: Topic<PoseStamped> = Topic::new("camera/tip_pose", Qos::RELIABLE);
 /// Goal object as the camera sees it, in the base frame.
 pub const SEEN_GOAL: Topic<PoseStamped> = Topic::new("camera/goal_pose", Qos::RELIABLE);
 /// Calibration of the camera.
 pub const CAMERA_INFO: Topic<CameraInfo> = Topic::new("camera/camera_info", Qos::LATCHED);
+/// Feature points of the target in the image.
+pub const FEATURES: Topic<FeatureTracks> = Topic::new("camera/features", Qos::SENSOR_DATA);
 /// Where the goal object is in the world.
 pub const GOAL: Topic<PoseStamped> = Topic::new("goal_pose", Qos::RELIABLE);
 /// What the controller saw, decided and sent.
 pub const CONTROLLER_STATE: Topic<ControllerState> = Topic::new("controller/state", Qos::RELIABLE);
+/// Angular velocity of the target.
+pub const TARGET_RATE: Topic<Vector3Stamped> =
+    Topic::new("estimator/angular_velocity", Qos::RELIABLE);
+/// How the target tumbles.
+pub const TARGET_MOTION: Topic<MotionEstimate> = Topic::new("estimator/motion", Qos::RELIABLE);
+/// Attitude of the target over the time to come.
+pub const PREDICTION: Topic<Path> = Topic::new("estimator/prediction", Qos::RELIABLE);
 
 /// All of them but those of targets, whose names scenarios choose.
 pub fn all() -> Vec<Described> {
@@ -110,10 +121,15 @@ pub fn all() -> Vec<Described> {
         TF_STATIC.described(),
         ODOMETRY.described(),
         MOMENTUM.described(),
+        IMU.described(),
         TIP_POSE.described(),
         SEEN_GOAL.described(),
         CAMERA_INFO.described(),
+        FEATURES.described(),
         GOAL.described(),
         CONTROLLER_STATE.described(),
+        TARGET_RATE.described(),
+        TARGET_MOTION.described(),
+        PREDICTION.described(),
     ]
 }

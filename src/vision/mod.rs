@@ -1,5 +1,12 @@
 //! What a camera on the moving base measures.
 
+mod feature_camera;
+mod pinhole;
 mod pose_camera;
+mod shutter;
+mod sighting;
 
+pub use feature_camera::{BodyPoint, FeatureCamera, FeatureCameraConfig};
+pub use pinhole::{Pinhole, PinholeError};
 pub use pose_camera::{PoseCamera, PoseCameraConfig, PoseFrame};
+pub use sighting::{Feature, Sighting};

@@ -6,6 +6,7 @@ use nalgebra::{Rotation3, Translation3, Vector3};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 use rand_distr::StandardNormal;
 
+use super::shutter::{Instant, SLACK, Shutter};
 use crate::spatial::Pose;
 
 /// How good the camera is. All zero is an ideal one: every instant that it is shown, at once, exactly.
@@ -54,18 +55,10 @@ pub struct PoseFrame {
 pub struct PoseCamera {
     config: PoseCameraConfig,
     random: StdRng,
-    /// Index of the next exposure on the grid of exposure times.
-    next: u64,
-    /// When the grid of exposure times begins \[s\].
-    start: Option<f64>,
-    /// The last instant shown \[s\].
-    last_shown: Option<f64>,
+    shutter: Shutter,
     waiting: VecDeque<PoseFrame>,
     lost: u64,
 }
-
-/// Slack \[s\] when a sum of periods is compared with a time.
-const SLACK: f64 = 1e-9;
 
 impl PoseCamera {
     /// A camera.
@@ -74,9 +67,7 @@ impl PoseCamera {
         Self {
             config,
             random,
-            next: 0,
-            start: None,
-            last_shown: None,
+            shutter: Shutter::default(),
             waiting: VecDeque::new(),
             lost: 0,
         }
@@ -93,7 +84,7 @@ impl PoseCamera {
             self.random = StdRng::seed_from_u64(config.seed);
         }
         if config.rate != self.config.rate {
-            self.start = None;
+            self.shutter.restart();
         }
         self.config = config;
     }
@@ -105,38 +96,17 @@ impl PoseCamera {
 
     /// Whether an exposure is due at `time` \[s\].
     pub fn is_due(&self, time: f64) -> bool {
-        match self.start {
-            Some(start) if self.config.rate > 0.0 => {
-                time >= start + self.next as f64 / self.config.rate - SLACK
-            }
-            _ => true,
-        }
+        self.shutter.is_due(time, self.config.rate)
     }
 
     /// Shows the camera the truth at `time` \[s\]; it exposes if a frame is due. An instant that is shown
     /// again is not exposed again; when time runs backwards (a simulation began anew) so does the camera.
     pub fn show(&mut self, time: f64, X_BE: &Pose, X_BD: Option<&Pose>) {
-        match self.last_shown.replace(time) {
-            Some(last) if time < last - SLACK => {
-                self.waiting.clear();
-                self.start = None;
-            }
-            Some(last) if time <= last + SLACK => {
-                self.last_shown = Some(last);
-                return;
-            }
-            _ => {}
+        match self.shutter.show(time, self.config.rate) {
+            Instant::Idle => return,
+            Instant::Anew => self.waiting.clear(),
+            Instant::Exposure => {}
         }
-        if !self.is_due(time) {
-            return;
-        }
-        let start = *self.start.get_or_insert_with(|| {
-            self.next = 0;
-            time
-        });
-        // Exposures that no one showed are gone.
-        let shown = ((time - start + SLACK) * self.config.rate).floor() as u64;
-        self.next = shown.max(self.next) + 1;
         // The same number of random draws a frame, so that neither a loss nor a goal that is not there
         // changes the noise of later frames.
         let lost = self.random.random::<f64>() < self.config.dropout;

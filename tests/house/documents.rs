@@ -26,7 +26,7 @@ fn documented() -> BTreeSet<String> {
     for [topic, _, writers, readers, _] in table() {
         for (nodes, verb) in [(writers, "writes"), (readers, "reads")] {
             for node in nodes.split(", ") {
-                let fixed = ["dynamics", "camera", "controller"].contains(&node);
+                let fixed = ["dynamics", "camera", "controller", "estimator"].contains(&node);
                 if fixed && !topic.contains("NAME") {
                     endpoints.insert(format!("{node} {verb} {topic}"));
                 }
@@ -64,6 +64,7 @@ fn implemented() -> BTreeSet<String> {
             p if p.starts_with("nodes/dynamics") => &["dynamics"],
             p if p.starts_with("nodes/camera") => &["camera"],
             p if p.starts_with("nodes/controller") => &["controller"],
+            p if p.starts_with("nodes/estimator") => &["estimator"],
             // Shared by those who must know the robot.
             "nodes/robot_description.rs" => &["camera", "controller"],
             _ => continue,
@@ -102,6 +103,7 @@ fn types_and_qos_are_those_of_the_table() {
         assert_eq!(row[1], topic.type_name.replace("/msg/", "/"));
         let qos = match row[4].as_str() {
             "RELIABLE" => Qos::RELIABLE,
+            "SENSOR_DATA" => Qos::SENSOR_DATA,
             "LATCHED" => Qos::LATCHED,
             "TF" => Qos::TF,
             "TF_STATIC" => Qos::TF_STATIC,

@@ -2,29 +2,57 @@
 
 use crate::sources::sources;
 
-const PHYSICS: [&str; 5] = ["spatial", "model", "dynamics", "control", "vision"];
+const PHYSICS: [&str; 6] = [
+    "spatial",
+    "model",
+    "dynamics",
+    "control",
+    "vision",
+    "estimation",
+];
 const ROS: [&str; 3] = ["msg", "ros", "bag"];
 
 /// What each module may use, the lowest first; itself is understood.
-const LAYERS: [(&str, &[&str]); 11] = [
+const LAYERS: [(&str, &[&str]); 12] = [
     ("spatial", &[]),
     ("model", &["spatial"]),
     ("dynamics", &["spatial", "model"]),
     ("control", &["spatial", "model", "dynamics"]),
     ("vision", &["spatial", "model", "dynamics"]),
+    (
+        "estimation",
+        &["spatial", "model", "dynamics", "control", "vision"],
+    ),
     ("msg", &[]),
     ("bag", &["msg", "ros"]),
     ("ros", &["msg"]),
     (
         "nodes",
         &[
-            "spatial", "model", "dynamics", "control", "vision", "msg", "bag", "ros",
+            "spatial",
+            "model",
+            "dynamics",
+            "control",
+            "vision",
+            "estimation",
+            "msg",
+            "bag",
+            "ros",
         ],
     ),
     (
         "experiments",
         &[
-            "spatial", "model", "dynamics", "control", "vision", "msg", "bag", "ros", "nodes",
+            "spatial",
+            "model",
+            "dynamics",
+            "control",
+            "vision",
+            "estimation",
+            "msg",
+            "bag",
+            "ros",
+            "nodes",
         ],
     ),
     (
@@ -35,6 +63,7 @@ const LAYERS: [(&str, &[&str]); 11] = [
             "dynamics",
             "control",
             "vision",
+            "estimation",
             "msg",
             "bag",
             "ros",

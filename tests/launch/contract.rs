@@ -10,7 +10,7 @@ use crate::{
 };
 
 /// Topic, type, reliability, durability, publishers.
-const TOPICS: [(&str, &str, &str, &str, &[&str]); 15] = [
+const TOPICS: [(&str, &str, &str, &str, &[&str]); 20] = [
     (
         "/clock",
         "rosgraph_msgs/msg/Clock",
@@ -67,6 +67,7 @@ const TOPICS: [(&str, &str, &str, &str, &[&str]); 15] = [
         VOLATILE,
         DYNAMICS,
     ),
+    ("/imu", "sensor_msgs/msg/Imu", RELIABLE, VOLATILE, DYNAMICS),
     (
         "/joint_commands",
         "sensor_msgs/msg/JointState",
@@ -102,6 +103,34 @@ const TOPICS: [(&str, &str, &str, &str, &[&str]); 15] = [
         LATCHED,
         &["camera"],
     ),
+    (
+        "/camera/features",
+        "fuyu_msgs/msg/FeatureTracks",
+        "BEST_EFFORT",
+        VOLATILE,
+        &["camera"],
+    ),
+    (
+        "/estimator/angular_velocity",
+        "geometry_msgs/msg/Vector3Stamped",
+        RELIABLE,
+        VOLATILE,
+        &["estimator"],
+    ),
+    (
+        "/estimator/motion",
+        "fuyu_msgs/msg/MotionEstimate",
+        RELIABLE,
+        VOLATILE,
+        &["estimator"],
+    ),
+    (
+        "/estimator/prediction",
+        "nav_msgs/msg/Path",
+        RELIABLE,
+        VOLATILE,
+        &["estimator"],
+    ),
     // It is the user's to publish.
     (
         "/goal_pose",
@@ -119,6 +148,7 @@ const TOPICS: [(&str, &str, &str, &str, &[&str]); 15] = [
             "camera",
             "controller",
             "dynamics",
+            "estimator",
             "launch_monitor",
             "recorder",
         ],
@@ -129,13 +159,14 @@ const VOLATILE: &str = "VOLATILE";
 const LATCHED: &str = "TRANSIENT_LOCAL";
 const DYNAMICS: &[&str] = &["dynamics"];
 /// What the nodes may hear, beside `/clock` for time: the camera alone turns truth into measurements.
-const SUBSCRIPTIONS: [(&str, &[&str]); 3] = [
+const SUBSCRIPTIONS: [(&str, &[&str]); 4] = [
     ("dynamics", &["/joint_commands"]),
     (
         "camera",
         &[
             "/goal_pose",
             "/ground_truth/odom",
+            "/ground_truth/target/odom",
             "/joint_states",
             "/robot_description",
         ],
@@ -147,6 +178,15 @@ const SUBSCRIPTIONS: [(&str, &[&str]); 3] = [
             "/camera/tip_pose",
             "/joint_states",
             "/robot_description",
+        ],
+    ),
+    (
+        "estimator",
+        &[
+            "/camera/camera_info",
+            "/camera/features",
+            "/imu",
+            "/tf_static",
         ],
     ),
 ];

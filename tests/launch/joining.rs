@@ -35,6 +35,12 @@ fn rclpy_receives_what_the_robot_publishes() {
             ("/tf_static", "tf2_msgs/msg/TFMessage", "latched"),
             ("/clock", "rosgraph_msgs/msg/Clock", "reliable"),
             ("ground_truth/target/odom", ODOMETRY, "reliable"),
+            ("imu", "sensor_msgs/msg/Imu", "reliable"),
+            (
+                "camera/features",
+                "fuyu_msgs/msg/FeatureTracks",
+                "sensor_data",
+            ),
             (
                 "ground_truth/momentum",
                 "fuyu_msgs/msg/Momentum",
@@ -113,6 +119,15 @@ fn rclpy_receives_what_the_robot_publishes() {
             momentum["kinetic_energy"].as_f64().unwrap() > 0.0,
             "{momentum}"
         );
+        let imu = &fresh(&mut peer, "imu", 1)[0];
+        assert_eq!(imu["header"]["frame_id"], "base_link");
+        assert_eq!(imu["orientation_covariance"][0], -1.0, "{imu}");
+        let features = &fresh(&mut peer, "camera/features", 1)[0];
+        assert_eq!(features["header"]["frame_id"], "camera_optical_frame");
+        let (u, v) = (numbers(&features["u"]), numbers(&features["v"]));
+        assert_eq!((u.len(), v.len()), (20, 20), "{features}");
+        let inside = |x: &f64| (0.0..1024.0).contains(x) && x.fract() == 0.0;
+        assert!(u.iter().chain(&v).all(inside), "{features}");
         let control = &fresh(&mut peer, "controller/state", 1)[0];
         assert_eq!(control["law"], "transpose_jacobian");
         assert_eq!(
@@ -136,7 +151,7 @@ fn rclpy_sees_and_sets_parameters() {
         let mut launch = Running::launch(domain, &source(SERVICING), &["--duration", "600"]);
         let mut peer = Peer::start("operator", domain);
         peer.subscribe("joint_states", JOINT_STATE, "reliable");
-        for node in ["dynamics", "camera", "controller", "recorder"] {
+        for node in ["dynamics", "camera", "controller", "estimator", "recorder"] {
             let services = [format!("/{node}/list_parameters")];
             peer.graph(node, "/", &json!({ "services": services }));
         }

@@ -2,7 +2,7 @@
 //! against an independent simulation (`fixtures/masutani_ch5.json`: the law evaluated continuously).
 
 use fuyu::control::{JacobianKind, LawKind, PoseError};
-use fuyu::experiments::masutani::positioning;
+use fuyu::experiments::masutani_ch5 as positioning;
 use fuyu::spatial::{Pose, roll_pitch_yaw_intrinsic};
 use nalgebra::Vector3;
 use serde_json::Value;

@@ -5,7 +5,7 @@ use nalgebra::{Point3, Vector3};
 use super::Report;
 use crate::control::{JacobianKind, LawKind};
 use crate::dynamics::Workspace;
-use crate::experiments::masutani::positioning::{Moment, PERIOD, Run, model};
+use crate::experiments::masutani_ch5::{Moment, PERIOD, Run, model};
 use crate::experiments::{Figure, Panel, Series};
 use crate::spatial::{Pose, roll_pitch_yaw_intrinsic};
 

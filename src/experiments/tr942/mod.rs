@@ -7,7 +7,7 @@ pub mod chain;
 pub mod pantograph;
 mod run;
 
-pub use run::Run;
+pub use run::{MatrixRun, Run};
 
 use nalgebra::{Matrix3, Vector3};
 

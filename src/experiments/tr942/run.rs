@@ -3,6 +3,7 @@
 use nalgebra::{DVector, Isometry3, Translation3};
 
 use super::{chain, pantograph};
+use crate::dynamics::newton_euler::{Axis, Load, MatrixMethod, Start, System};
 use crate::dynamics::{
     Formulation, Input, Kane, Momentum, RungeKutta, State, Tableau, TreeAcceleration, VectorState,
     Workspace,
@@ -89,5 +90,72 @@ impl<F: Formulation> Run<F> {
         state.set_base(&self.model, &mut workspace, &X_WB, &motion.V_WB_B);
         workspace.set_motion(&state);
         (state.momentum_W, workspace.momentum_scale(&self.model))
+    }
+}
+
+/// A motion by the matrix method: 13 numbers a body.
+pub struct MatrixRun {
+    system: System,
+    method: MatrixMethod,
+    load: Load,
+    stepper: RungeKutta,
+    projected: bool,
+    time: f64,
+    state: Vec<f64>,
+}
+
+impl MatrixRun {
+    /// Example 1; `projected`: brought back to the constraints after every step.
+    pub fn chain(tableau: &'static Tableau, projected: bool) -> Self {
+        let system = System::from_model(&chain::model()).expect("a chain of five bodies");
+        let start = chain::start(&system);
+        Self::new(system, &start, tableau, projected)
+    }
+
+    /// Example 2.
+    pub fn pantograph(tableau: &'static Tableau, projected: bool) -> Self {
+        let system = pantograph::system(pantograph::IN_PLANE).build();
+        let system = system.expect("the pantograph is sound");
+        let mut run = Self::new(system, &pantograph::start(), tableau, projected);
+        // The later passages of the stretched state are slow, 1e-4 rad in a step.
+        run.method = run.method.with_tolerance(1e-5);
+        run
+    }
+
+    fn new(system: System, start: &Start, tableau: &'static Tableau, projected: bool) -> Self {
+        let state = system.assemble(start).expect("the printed state is sound");
+        Self {
+            method: MatrixMethod::new(&system),
+            load: Load::zero(&system),
+            stepper: RungeKutta::new(tableau, state.len()),
+            system,
+            projected,
+            time: 0.0,
+            state,
+        }
+    }
+
+    /// As [`Run::advance_to`].
+    pub fn advance_to(&mut self, time: f64, dt: f64) {
+        for _ in 0..((time - self.time) / dt).round() as usize {
+            let (system, method, load) = (&self.system, &mut self.method, &self.load);
+            self.stepper.step(&mut self.state, dt, |x, rates| {
+                method.derivative(system, x, load, rates);
+            });
+            if self.projected {
+                self.method.project(&self.system, &mut self.state);
+            }
+        }
+        self.time = time;
+    }
+
+    /// The angle of hinge `number` of the report \[rad\].
+    pub fn angle(&self, number: usize) -> f64 {
+        self.system.displacement(&self.state, number - 1)[Axis::RotationZ.index()]
+    }
+
+    /// Its rate \[rad/s\].
+    pub fn rate(&self, number: usize) -> f64 {
+        self.system.rate(&self.state, number - 1)[Axis::RotationZ.index()]
     }
 }

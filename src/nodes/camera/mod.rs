@@ -1,11 +1,17 @@
 //! The camera node: turns the truth into what a camera on the moving base measures.
 //!
 //! It is the only node that may know where the base is: the poses that it publishes are those of the tip
-//! and of the goal object in the base frame, with the rate, latency, noise and losses of its parameters.
+//! and of the goal object in the base frame, and the feature points of a target in the image, with the rate,
+//! latency, noise and losses of its parameters.
 
+mod feature_params;
 mod params;
+mod target;
+mod watch;
 
+pub use feature_params::{FeatureParams, pinhole};
 pub use params::CameraParams;
+pub use watch::{CAMERA_FRAME, Watch, camera_frame};
 
 use std::time::Duration;
 
@@ -21,8 +27,9 @@ use crate::{
     msg::{geometry_msgs::PoseStamped, nav_msgs, sensor_msgs, std_msgs::Header},
     ros::{Node, NodeError, Publisher, Status, Subscription, Time},
     spatial::Pose,
-    vision::{PoseCamera, PoseFrame},
+    vision::{Pinhole, PoseCamera, PoseFrame},
 };
+use target::TargetTopics;
 
 /// Silence of the truth that is worth a warning.
 const SILENCE: Duration = Duration::from_secs(1);
@@ -35,7 +42,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut declare = node.declare();
     let params = CameraParams::declare_live(&mut declare);
     declare.finish()?;
-    let (params, quality) =
+    let (params, quality, tracking) =
         params.map_err(|e| NodeError::Input(format!("node {}: {e}", node.name())))?;
     let mut description = RobotDescription::new(node, params.tip_link.clone())?;
     let mut topics = Topics::new(node, &params)?;
@@ -43,6 +50,13 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         return Ok(());
     };
     let mut sight = Sight::new(robot);
+    let mut watched = match &params.features {
+        None => None,
+        Some(features) => Some((
+            Watch::new(features),
+            TargetTopics::new(node, &features.target)?,
+        )),
+    };
     let mut camera = PoseCamera::new(params.quality.clone());
     let mut goal = params.goal.as_ref().map(with_matrix);
     while node.wait_for(SILENCE) {
@@ -55,9 +69,20 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         topics.take_goal(&mut goal);
         while let Some((stamp, joints, base)) = topics.next_instant() {
             match sight.look(&mut camera, stamp, &joints, &base, goal.as_ref()) {
-                Ok(()) => topics.publish(&mut camera, stamp, &sight.base),
+                Ok(X_WB) => {
+                    topics.publish(&mut camera, stamp, &sight.base);
+                    if let Some((_, target)) = &mut watched {
+                        target.camera_at(stamp, sight.X_WC(&X_WB));
+                    }
+                }
                 Err(problem) => topics.status.warn(problem),
             }
+        }
+        if let Some((watch, target)) = &mut watched {
+            if tracking.changed() {
+                watch.set_config(tracking.get(params.image));
+            }
+            target.watch(watch);
         }
         topics.report(&camera, goal.is_some());
     }
@@ -82,7 +107,7 @@ impl Sight {
         }
     }
 
-    /// Shows the camera the truth of one instant, unless that is unsound.
+    /// Shows the camera the truth of one instant, unless that is unsound; gives the base's pose.
     fn look(
         &mut self,
         camera: &mut PoseCamera,
@@ -90,15 +115,22 @@ impl Sight {
         joints: &sensor_msgs::JointState,
         base: &nav_msgs::Odometry,
         X_WD: Option<&Pose>,
-    ) -> Result<(), String> {
+    ) -> Result<Pose, String> {
         let q = joint_vectors::positions(&self.robot.model, joints)
             .map_err(|e| format!("joint_states: {e}"))?;
         let X_WB = pose_from_msg(&base.pose.pose).map_err(|e| format!("ground_truth/odom: {e}"))?;
         self.workspace.set_positions(&self.robot.model, &q);
         let X_BE = self.workspace.X_BF(&self.robot.tip);
-        let X_BD = X_WD.map(|X_WD| with_matrix(&X_WB).inverse() * X_WD);
+        let X_WB = with_matrix(&X_WB);
+        let X_BD = X_WD.map(|X_WD| X_WB.inverse() * X_WD);
         camera.show(stamp.as_secs_f64(), &X_BE, X_BD.as_ref());
-        Ok(())
+        Ok(X_WB)
+    }
+
+    /// Where the camera is in the world, for the instant that was last looked at.
+    fn X_WC(&self, X_WB: &Pose) -> Result<Pose, String> {
+        let camera = camera_frame(&self.robot.model)?;
+        Ok(X_WB * self.workspace.X_BF(camera))
     }
 }
 
@@ -218,13 +250,13 @@ pub fn seen(time: f64, base: &str, X: &Pose) -> PoseStamped {
     }
 }
 
-fn calibration((width, height, focal_length): (u32, u32, f64)) -> sensor_msgs::CameraInfo {
-    // Pixel centres are at integers, so the middle of the image is at half the size less a half.
-    let (cx, cy) = (0.5 * f64::from(width) - 0.5, 0.5 * f64::from(height) - 0.5);
-    let f = focal_length;
+/// The calibration of the camera of an image of (width, height, focal length) pixels.
+pub fn calibration(image: (u32, u32, f64)) -> sensor_msgs::CameraInfo {
+    let (width, height, f) = image;
+    let Pinhole { cx, cy, .. } = pinhole(image);
     sensor_msgs::CameraInfo {
         header: Header {
-            frame_id: "camera_optical_frame".to_owned(),
+            frame_id: CAMERA_FRAME.to_owned(),
             ..Header::default()
         },
         height,

@@ -2,6 +2,7 @@
 
 use nalgebra::Isometry3;
 
+use super::feature_params::{FeatureParams, FeatureQuality};
 use crate::{
     nodes::placement::declare_pose,
     ros::{Declare, Param},
@@ -19,6 +20,8 @@ pub struct CameraParams {
     pub quality: PoseCameraConfig,
     /// Image size \[px\] and focal length \[px\].
     pub image: (u32, u32, f64),
+    /// What is tracked on a target; `None` if nothing is.
+    pub features: Option<FeatureParams>,
 }
 
 /// The parameters of the camera's quality, which may change while it runs.
@@ -87,10 +90,12 @@ impl CameraParams {
     /// # Errors
     /// A line that names the parameter whose values do not fit together.
     pub fn declare(declare: &mut Declare) -> Result<Self, String> {
-        Self::declare_live(declare).map(|(params, _)| params)
+        Self::declare_live(declare).map(|(params, ..)| params)
     }
 
-    pub(super) fn declare_live(declare: &mut Declare) -> Result<(Self, Quality), String> {
+    pub(super) fn declare_live(
+        declare: &mut Declare,
+    ) -> Result<(Self, Quality, FeatureQuality), String> {
         let tip_link = declare
             .param("tip_link", "tool0", "Link whose frame is the tip")
             .read_only()
@@ -112,12 +117,16 @@ impl CameraParams {
             .range(1.0, 1e6)
             .read_only()
             .value();
+        let image = (width, height, focal_length);
+        let features = FeatureParams::declare(declare, image);
+        let (features, tracking) = features?;
         let params = Self {
             tip_link,
             goal: goal?,
             quality: quality.get(),
-            image: (width, height, focal_length),
+            image,
+            features,
         };
-        Ok((params, quality))
+        Ok((params, quality, tracking))
     }
 }

@@ -77,7 +77,7 @@ impl FrameTree {
     }
 }
 
-fn header(stamp: Time, frame_id: &str) -> std_msgs::Header {
+pub(super) fn header(stamp: Time, frame_id: &str) -> std_msgs::Header {
     std_msgs::Header {
         stamp: stamp.into(),
         frame_id: frame_id.to_owned(),

@@ -4,15 +4,17 @@
 //! old efforts first. In lockstep it acts from the state that it answers.
 
 mod commands;
+mod imu;
 mod messages;
 mod outputs;
 mod pace;
 mod params;
 mod world;
 
+pub use imu::{ImuParams, imu};
 pub use messages::{FrameTree, WORLD, joint_states, momentum, odometry};
 pub use params::{Description, DynamicsParams, Motion, TargetParams};
-pub use world::{Target, World};
+pub use world::{Target, World, odometry_topic};
 
 use std::time::{Duration, Instant};
 
@@ -101,7 +103,7 @@ impl Simulation<'_> {
             "no command has arrived on {} yet",
             self.commands.topic()
         ));
-        self.outputs.publish(&self.world)?;
+        self.outputs.publish(&mut self.world)?;
         if self.params.start_on_command {
             self.time_status
                 .warn("time is held until the first command");
@@ -125,7 +127,7 @@ impl Simulation<'_> {
             }
             self.check_command_age();
             self.step();
-            self.outputs.publish(&self.world)?;
+            self.outputs.publish(&mut self.world)?;
             match self.world.beyond_limits() {
                 Some(problem) => self.limit_status.warn(problem),
                 None => self.limit_status.ok("within the joints' limits"),
@@ -157,7 +159,7 @@ impl Simulation<'_> {
             self.node
                 .wait_for(next.saturating_duration_since(Instant::now()));
             if Instant::now() >= next {
-                self.outputs.publish(&self.world)?;
+                self.outputs.publish(&mut self.world)?;
                 next += REPEAT;
             }
         }

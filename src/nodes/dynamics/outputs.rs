@@ -1,6 +1,7 @@
 //! What the dynamics node publishes.
 
 use super::{
+    imu::imu,
     messages::{FrameTree, joint_states, momentum, odometry},
     world::World,
 };
@@ -20,6 +21,7 @@ pub struct Outputs {
     odometry: Publisher<nav_msgs::Odometry>,
     targets: Vec<Publisher<nav_msgs::Odometry>>,
     momentum: Publisher<fuyu_msgs::Momentum>,
+    imu: Publisher<sensor_msgs::Imu>,
     tf: Publisher<tf2_msgs::TFMessage>,
     /// Kept so that late joiners find the last message.
     _latched: (Publisher<std_msgs::String>, Publisher<tf2_msgs::TFMessage>),
@@ -48,6 +50,7 @@ impl Outputs {
                 .map(|t| node.advertise(&t.odometry_topic(), topics::ODOMETRY.qos))
                 .collect::<Result<_, _>>()?,
             momentum: topics::MOMENTUM.advertise(node)?,
+            imu: topics::IMU.advertise(node)?,
             tf: topics::TF.advertise(node)?,
             _latched: (latched_description, tf_static),
         })
@@ -57,7 +60,7 @@ impl Outputs {
     ///
     /// # Errors
     /// Says when the numbers were lost and what helps.
-    pub fn publish(&self, world: &World) -> Result<(), NodeError> {
+    pub fn publish(&self, world: &mut World) -> Result<(), NodeError> {
         world.check_finite().map_err(NodeError::Failed)?;
         let stamp = Time::from_secs_f64(world.time());
         self.time.drive(stamp);
@@ -72,6 +75,7 @@ impl Outputs {
             publisher.publish(&odometry(stamp, &target.name, &target.body));
         }
         self.momentum.publish(&momentum(stamp, &world.robot));
+        self.imu.publish(&imu(stamp, self.frames.base(), world));
         self.tf.publish(&self.frames.transforms(stamp, world));
         Ok(())
     }

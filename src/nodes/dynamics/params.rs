@@ -2,6 +2,7 @@
 
 use nalgebra::{DVector, Isometry3, Vector3};
 
+use super::imu::ImuParams;
 use crate::{
     dynamics::Method,
     nodes::{
@@ -25,6 +26,8 @@ pub struct DynamicsParams {
     pub base: Motion,
     /// Bodies that float free beside the robot.
     pub targets: Vec<TargetParams>,
+    /// The base's inertial measurement unit.
+    pub imu: ImuParams,
     /// Integration method.
     pub method: Method,
     /// Largest integration step \[s\].
@@ -130,6 +133,7 @@ impl DynamicsParams {
             let motion = Motion::declare(declare, &name, "target's frame");
             targets.push((name, key, file, motion));
         }
+        let imu = ImuParams::declare(declare);
         let method = choice::declare(declare, "integrator", &Method::NAMES, "Integration method")
             .read_only()
             .value();
@@ -240,6 +244,7 @@ impl DynamicsParams {
             initial_joint_velocities,
             base,
             targets,
+            imu,
             // Any other text has been refused by the declaration.
             method: choice::find(&Method::NAMES, &method).unwrap_or_default(),
             time_step,

@@ -2,6 +2,7 @@
 
 use nalgebra::Isometry3;
 
+use super::imu::ImuParams;
 use super::params::{Description, DynamicsParams, Motion, joint_vector};
 use crate::{
     dynamics::{Floating, State, Workspace},
@@ -20,8 +21,13 @@ pub struct Target {
 impl Target {
     /// Topic of its odometry.
     pub fn odometry_topic(&self) -> String {
-        format!("ground_truth/{}/odom", self.name)
+        odometry_topic(&self.name)
     }
+}
+
+/// Topic of the odometry of the target called `name`.
+pub fn odometry_topic(name: &str) -> String {
+    format!("ground_truth/{name}/odom")
 }
 
 /// The robot and the free bodies. They meet in nothing but time.
@@ -30,6 +36,7 @@ pub struct World {
     pub robot: Floating,
     /// The free bodies.
     pub targets: Vec<Target>,
+    imu: ImuParams,
     time_step: f64,
     /// Time is counted in steps of this, so that states fall on exact multiples \[s\].
     period: f64,
@@ -81,6 +88,7 @@ impl World {
             mean_efforts: zeros,
             robot,
             targets: targets.collect::<Result<_, _>>()?,
+            imu: params.imu,
             time_step: params.time_step,
             period: 1.0 / params.state_rate,
             ticks: 0,
@@ -91,6 +99,31 @@ impl World {
     /// Time \[s\].
     pub fn time(&self) -> f64 {
         self.tick_time(self.ticks) + self.past_tick
+    }
+
+    /// Position of the target called `name` among the targets.
+    ///
+    /// # Errors
+    /// Says which targets there are.
+    pub fn target_index(&self, name: &str) -> Result<usize, String> {
+        let found = self.targets.iter().position(|t| t.name == name);
+        found.ok_or_else(|| {
+            let known: Vec<_> = self.targets.iter().map(|t| t.name.as_str()).collect();
+            match known.as_slice() {
+                [] => format!("'{name}' is not there: the dynamics node has no targets"),
+                _ => format!("'{name}' is not one of {}", known.join(", ")),
+            }
+        })
+    }
+
+    /// Which state this is, or was the last before now.
+    pub fn ticks(&self) -> u64 {
+        self.ticks
+    }
+
+    /// How good the inertial measurement unit is.
+    pub fn imu(&self) -> &ImuParams {
+        &self.imu
     }
 
     /// Time of the next state to publish \[s\].

@@ -1,4 +1,4 @@
-//! The positioning runs of chapter 5: the servicer of Fig. 5.2 brings its tip to a goal that stands still in the
+//! The positioning runs of Masutani 1995, chapter 5: the servicer of Fig. 5.2 brings its tip to a goal that stands still in the
 //! world.
 //!
 //! Gains and limits are printed. Geometry, start and goal are not; they are recovered ones, with which the runs
@@ -30,7 +30,7 @@ pub const JOINT_STIFFNESS: f64 = 0.2;
 
 /// The robot of Fig. 5.2.
 pub fn model() -> Model {
-    let xml = include_str!("../../../urdf/servicer.urdf");
+    let xml = include_str!("../../urdf/servicer.urdf");
     Model::from_urdf(xml, "urdf/servicer.urdf").expect("the servicer is well formed")
 }
 

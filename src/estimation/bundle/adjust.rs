@@ -1,0 +1,363 @@
+//! Bundle adjustment: frames' poses, points and common parameters that explain the images best.
+//!
+//! Levenberg-Marquardt with Huber's loss on each image point and a weak prior on depths. Whether each frame has a
+//! pose of its own or a motion model gives its attitude is left to a [`Motion`].
+
+use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
+
+use super::scene::{NEAREST, Scene};
+use super::schur::{Step, System};
+
+/// Where the body is in one frame: `x_C = R_CB p_B + t_C`.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Placement {
+    /// Body axes in camera axes.
+    pub R_CB: UnitQuaternion<f64>,
+    /// The body's origin in camera axes; unit is the mean depth of what was seen.
+    pub t_C: Vector3<f64>,
+}
+
+/// What places the body in each frame: `L` unknowns of each frame (the last `L` of turn and shift) and `G`
+/// common ones, the last of which is the logarithm of the focal length's scale.
+pub trait Motion<const L: usize, const G: usize>: Sized {
+    /// Where the body is in frame `i`.
+    fn placement(&self, i: usize) -> Placement;
+    /// The body's turn (in body axes) in frame `i` by the common unknowns.
+    fn turn_by_common(&self, i: usize) -> SMatrix<f64, 3, G>;
+    /// Logarithm of the focal length over its nominal value.
+    fn log_focal(&self) -> f64;
+    /// The motion after a step; `None` if there is none such.
+    fn moved(&self, frames: &[SVector<f64, L>], common: &SVector<f64, G>) -> Option<Self>;
+    /// Weights of a prior on the common unknowns, and their distance from what it expects.
+    fn prior(&self) -> (SVector<f64, G>, SVector<f64, G>);
+}
+
+/// When to stop and what to believe.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Effort {
+    /// Residuals above this count linearly \[px\].
+    pub huber: f64,
+    /// Most steps.
+    pub steps: usize,
+    /// Stop when a step promises less than this part of the cost.
+    pub tolerance: f64,
+}
+
+/// What was reached.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Outcome {
+    /// ½ Σ of the losses \[px²\].
+    pub cost: f64,
+    /// Steps taken.
+    pub steps: usize,
+}
+
+/// Moves `motion` and `points` to where the images are explained best. `None` if a point lies behind the
+/// camera at the start, or nothing could be solved.
+pub fn adjust<const L: usize, const G: usize, M: Motion<L, G>>(
+    scene: &Scene,
+    motion: &mut M,
+    points: &mut Vec<Vector3<f64>>,
+    effort: &Effort,
+) -> Option<Outcome> {
+    let mut system = System::<L, G>::new(scene.points);
+    let mut cost = total_cost(scene, motion, points, effort.huber)?;
+    let (mut damping, mut growth) = (1e-5, 4.0);
+    let mut steps = 0;
+    let mut fresh = false;
+    while steps < effort.steps {
+        if !fresh {
+            linearise(scene, motion, points, effort.huber, &mut system);
+            fresh = true;
+        }
+        steps += 1;
+        let tried = system.step(damping).and_then(|step| {
+            let (moved, placed) = apply(motion, points, &step)?;
+            let reached = total_cost(scene, &moved, &placed, effort.huber)?;
+            Some((step.promised, moved, placed, reached))
+        });
+        match tried {
+            Some((promised, moved, placed, reached)) if reached < cost => {
+                let ratio = (cost - reached) / promised.max(f64::MIN_POSITIVE);
+                let done = cost - reached < effort.tolerance * cost;
+                (*motion, *points, cost) = (moved, placed, reached);
+                damping = (damping * (1.0 - (2.0 * ratio - 1.0).powi(3)).max(0.1)).max(1e-12);
+                growth = 4.0;
+                fresh = false;
+                if done {
+                    break;
+                }
+            }
+            Some((promised, ..)) if promised < effort.tolerance * cost => break,
+            _ => {
+                damping *= growth;
+                growth *= 2.0;
+                if damping > 1e8 {
+                    break;
+                }
+            }
+        }
+    }
+    Some(Outcome { cost, steps })
+}
+
+/// Information on the common parameters with everything else marginalised out \[per px²\].
+pub fn information<const L: usize, const G: usize, M: Motion<L, G>>(
+    scene: &Scene,
+    motion: &M,
+    points: &[Vector3<f64>],
+    huber: f64,
+) -> Option<SMatrix<f64, G, G>> {
+    let mut system = System::<L, G>::new(scene.points);
+    linearise(scene, motion, points, huber, &mut system);
+    system.marginal_information()
+}
+
+fn apply<const L: usize, const G: usize, M: Motion<L, G>>(
+    motion: &M,
+    points: &[Vector3<f64>],
+    step: &Step<L, G>,
+) -> Option<(M, Vec<Vector3<f64>>)> {
+    let moved = motion.moved(&step.frames, &step.common)?;
+    let placed = points.iter().zip(&step.points).map(|(p, d)| p + d);
+    Some((moved, placed.collect()))
+}
+
+/// `None` if a believed point lies behind the camera or a number is not finite.
+fn total_cost<const L: usize, const G: usize, M: Motion<L, G>>(
+    scene: &Scene,
+    motion: &M,
+    points: &[Vector3<f64>],
+    huber: f64,
+) -> Option<f64> {
+    let focal = scene.focal * motion.log_focal().exp();
+    let mut cost = 0.0;
+    for i in 0..scene.len() {
+        let Placement { R_CB, t_C } = motion.placement(i);
+        let R = R_CB.to_rotation_matrix();
+        for seen in scene.frame(i).iter().filter(|s| s.kept) {
+            let x = R * points[seen.point] + t_C;
+            if x.z < NEAREST {
+                return None;
+            }
+            let inverse = 1.0 / x.z;
+            let ru = focal.x * x.x * inverse - seen.pixel.x;
+            let rv = focal.y * x.y * inverse - seen.pixel.y;
+            let squared = ru * ru + rv * rv;
+            cost += if squared <= huber * huber {
+                0.5 * squared
+            } else {
+                huber * (squared.sqrt() - 0.5 * huber)
+            };
+            let depth = scene.anchor(seen.point) * (x.z - 1.0);
+            cost += 0.5 * depth * depth;
+        }
+    }
+    let (weights, distance) = motion.prior();
+    cost += 0.5 * weights.component_mul(&distance).dot(&distance);
+    cost.is_finite().then_some(cost)
+}
+
+fn linearise<const L: usize, const G: usize, M: Motion<L, G>>(
+    scene: &Scene,
+    motion: &M,
+    points: &[Vector3<f64>],
+    huber: f64,
+    system: &mut System<L, G>,
+) {
+    system.clear();
+    let focal = scene.focal * motion.log_focal().exp();
+    for i in 0..scene.len() {
+        let Placement { R_CB, t_C } = motion.placement(i);
+        let R = *R_CB.to_rotation_matrix().matrix();
+        let turn = motion.turn_by_common(i);
+        let mut H = SMatrix::<f64, 7, 7>::zeros();
+        let mut g = SVector::<f64, 7>::zeros();
+        for seen in scene.frame(i).iter().filter(|s| s.kept) {
+            let p = points[seen.point];
+            let Rp = R * p;
+            let x = Rp + t_C;
+            let inverse = 1.0 / x.z.max(NEAREST);
+            let (u, v) = (focal.x * x.x * inverse, focal.y * x.y * inverse);
+            let (ru, rv) = (u - seen.pixel.x, v - seen.pixel.y);
+            let size = ru.hypot(rv);
+            let root = if size > huber {
+                (huber / size).sqrt()
+            } else {
+                1.0
+            };
+            let anchor = scene.anchor(seen.point);
+            let r = Vector3::new(root * ru, root * rv, anchor * (x.z - 1.0));
+            #[rustfmt::skip]
+            let by_x = Matrix3::new(
+                root * focal.x * inverse, 0.0, -root * u * inverse,
+                0.0, root * focal.y * inverse, -root * v * inverse,
+                0.0, 0.0, anchor,
+            );
+            let by_p = by_x * R;
+            // x = R exp([θ×]) p + t: by θ it is -R [p×], and by_p [p×] has the rows of by_p crossed with p.
+            let mut J = SMatrix::<f64, 3, 7>::zeros();
+            for row in 0..3 {
+                let a = Vector3::new(by_p[(row, 0)], by_p[(row, 1)], by_p[(row, 2)]);
+                let c = p.cross(&a);
+                for k in 0..3 {
+                    J[(row, k)] = c[k];
+                    J[(row, 3 + k)] = by_x[(row, k)];
+                }
+            }
+            J[(0, 6)] = root * u;
+            J[(1, 6)] = root * v;
+            for a in 0..7 {
+                for b in 0..=a {
+                    H[(a, b)] +=
+                        J[(0, a)] * J[(0, b)] + J[(1, a)] * J[(1, b)] + J[(2, a)] * J[(2, b)];
+                }
+            }
+            g += J.tr_mul(&r);
+            system.add_point(seen.point, &by_p.tr_mul(&by_p), &by_p.tr_mul(&r));
+            let H_7p: SMatrix<f64, 7, 3> = J.tr_mul(&by_p);
+            let H_lp = SMatrix::<f64, L, 3>::from_fn(|a, b| H_7p[(6 - L + a, b)]);
+            let mut H_gp = turn.tr_mul(&H_7p.fixed_rows::<3>(0));
+            for b in 0..3 {
+                H_gp[(G - 1, b)] += H_7p[(6, b)];
+            }
+            system.couple(seen.point, H_lp, H_gp);
+        }
+        H.fill_upper_triangle_with_lower_triangle();
+        // The frame's seven unknowns by the common ones: the turn of the model, and the focal length itself.
+        let mut by_common = SMatrix::<f64, 7, G>::zeros();
+        by_common.fixed_rows_mut::<3>(0).copy_from(&turn);
+        by_common[(6, G - 1)] += 1.0;
+        let H_7g = H * by_common;
+        let floor = 1e-9 * (1.0 + H.trace());
+        let mut H_ll = SMatrix::<f64, L, L>::from_fn(|a, b| H[(6 - L + a, 6 - L + b)]);
+        for a in 0..L {
+            H_ll[(a, a)] += floor;
+        }
+        let H_lg = SMatrix::<f64, L, G>::from_fn(|a, b| H_7g[(6 - L + a, b)]);
+        let g_l = SVector::<f64, L>::from_fn(|a, _| g[6 - L + a]);
+        system.H_gg += by_common.tr_mul(&H_7g);
+        system.g_g += by_common.tr_mul(&g);
+        system.add_frame(H_ll, H_lg, g_l);
+    }
+    let (weights, distance) = motion.prior();
+    for a in 0..G {
+        system.H_gg[(a, a)] += weights[a];
+        system.g_g[a] += weights[a] * distance[a];
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::super::free_placements::FreePlacements;
+    use super::*;
+    use crate::estimation::bundle::scene::Seen;
+    use nalgebra::Vector2;
+
+    fn small() -> (Scene, FreePlacements, Vec<Vector3<f64>>) {
+        let points: Vec<_> = (0..6)
+            .map(|j| {
+                let a = f64::from(j);
+                Vector3::new(a.sin(), (1.7 * a).cos(), (2.3 * a).sin()) * 0.4
+            })
+            .collect();
+        let focal = Vector2::new(800.0, 780.0);
+        let placements = (0..4).map(|i| Placement {
+            R_CB: UnitQuaternion::from_scaled_axis(Vector3::new(0.1, 0.3, -0.2) * f64::from(i)),
+            t_C: Vector3::new(0.02 * f64::from(i), -0.1, 1.1),
+        });
+        let motion = FreePlacements::new(placements.collect(), true);
+        let frames = (0..4).map(|i| {
+            let placement = motion.placement(i);
+            let seen = points.iter().enumerate().map(|(j, p)| {
+                let x = placement.R_CB * p + placement.t_C;
+                let pixel = Vector2::new(focal.x * x.x, focal.y * x.y) / x.z;
+                // Off the truth, beyond Huber's threshold for some.
+                let off = Vector2::new((j as f64).cos(), (i as f64 + j as f64).sin()) * 1.5;
+                Seen {
+                    point: j,
+                    pixel: pixel + off,
+                    kept: true,
+                }
+            });
+            seen.collect()
+        });
+        let scene = Scene::new(focal, frames.collect(), 6, 0.3);
+        (scene, motion, points)
+    }
+
+    #[test]
+    fn gradients_are_those_of_differences() {
+        let (scene, motion, points) = small();
+        let mut system = System::<6, 1>::new(6);
+        linearise(&scene, &motion, &points, 1.2, &mut system);
+        let cost = |m: &FreePlacements, p: &[Vector3<f64>]| total_cost(&scene, m, p, 1.2).unwrap();
+        let h = 1e-6;
+        let close = |analytic: f64, up: f64, down: f64| {
+            let numeric = (up - down) / (2.0 * h);
+            assert!(
+                (analytic - numeric).abs() < 1e-4 * (1.0 + numeric.abs()),
+                "{analytic} {numeric}"
+            );
+        };
+        let zero = SVector::<f64, 1>::zeros();
+        for i in 0..4 {
+            for k in 0..6 {
+                let step = |h: f64| {
+                    let mut frames = vec![SVector::<f64, 6>::zeros(); 4];
+                    frames[i][k] = h;
+                    cost(&motion.moved(&frames, &zero).unwrap(), &points)
+                };
+                close(system.frame_gradient(i)[k], step(h), step(-h));
+            }
+        }
+        for j in 0..6 {
+            for k in 0..3 {
+                let step = |h: f64| {
+                    let mut points = points.clone();
+                    points[j][k] += h;
+                    cost(&motion, &points)
+                };
+                close(system.point_gradient(j)[k], step(h), step(-h));
+            }
+        }
+        let still = vec![SVector::<f64, 6>::zeros(); 4];
+        let step = |h: f64| {
+            let m = motion.moved(&still, &SVector::<f64, 1>::new(h)).unwrap();
+            cost(&m, &points)
+        };
+        close(system.g_g[0], step(h), step(-h));
+    }
+
+    #[test]
+    fn a_disturbed_scene_comes_back_to_its_images() {
+        let (mut scene, mut motion, mut points) = small();
+        for i in 0..scene.len() {
+            let placement = motion.placement(i);
+            let focal = scene.focal;
+            for seen in scene.frame_mut(i) {
+                let x = placement.R_CB * points[seen.point] + placement.t_C;
+                seen.pixel = Vector2::new(focal.x * x.x, focal.y * x.y) / x.z;
+            }
+        }
+        motion = FreePlacements::new((0..4).map(|i| motion.placement(i)).collect(), false);
+        for (j, p) in points.iter_mut().enumerate() {
+            *p += Vector3::new(0.02, -0.03, 0.025) * (j as f64).cos();
+        }
+        let effort = Effort {
+            huber: 1.2,
+            steps: 60,
+            tolerance: 1e-12,
+        };
+        adjust(&scene, &mut motion, &mut points, &effort).unwrap();
+        for i in 0..scene.len() {
+            let placement = motion.placement(i);
+            for seen in scene.frame(i) {
+                let x = placement.R_CB * points[seen.point] + placement.t_C;
+                let r = super::super::scene::residual(&scene.focal, &x, &seen.pixel).unwrap();
+                // The prior on depth leaves a trace.
+                assert!(r.norm() < 0.02, "{r}");
+            }
+        }
+    }
+}

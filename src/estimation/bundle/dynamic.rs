@@ -1,0 +1,124 @@
+//! Dynamic bundle adjustment: the rigid body's free motion gives the attitude in all frames.
+//!
+//! Unknown are the motion's eight parameters, the points, and in each frame where the body's origin is. The last
+//! is left free on purpose: it costs little, and neither the orbit nor the camera's path need be known.
+
+use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
+
+use super::adjust::{Motion, Placement};
+use super::free_motion::{FreeMotion, PARAMETERS, SHAPE_SPREAD, Sensitivity, shape_of};
+use super::free_placements::{FOCAL_SPREAD, HELD};
+
+/// Common unknowns: those of the motion, and the focal length.
+pub const COMMON: usize = PARAMETERS + 1;
+
+/// A free motion seen in frames.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Tumbling<'a> {
+    /// The motion.
+    pub motion: FreeMotion,
+    /// The body's origin in camera axes, in each frame.
+    pub t_C: Vec<Vector3<f64>>,
+    /// Logarithm of the focal length over its nominal value.
+    pub log_focal: f64,
+    times: &'a [f64],
+    R_WC: &'a [UnitQuaternion<f64>],
+    swept: Vec<(UnitQuaternion<f64>, Sensitivity)>,
+    focal_free: bool,
+    noise: f64,
+    shape_spread: f64,
+}
+
+impl<'a> Tumbling<'a> {
+    /// `motion` in frames at `times` (ascending) of a camera with attitudes `R_WC`.
+    pub fn new(
+        motion: FreeMotion,
+        t_C: Vec<Vector3<f64>>,
+        times: &'a [f64],
+        R_WC: &'a [UnitQuaternion<f64>],
+        noise: f64,
+        log_focal: Option<f64>,
+    ) -> Self {
+        Self {
+            swept: motion.attitudes_and_sensitivities(times),
+            motion,
+            t_C,
+            times,
+            R_WC,
+            log_focal: log_focal.unwrap_or(0.0),
+            focal_free: log_focal.is_some(),
+            noise,
+            shape_spread: SHAPE_SPREAD,
+        }
+    }
+
+    /// The same with a sphere as the body, which turns evenly about the momentum.
+    pub fn spherical(&self) -> Option<Self> {
+        let w = self.motion.R_WB * self.motion.w_WB_B(&self.motion.R_WB);
+        let along = self.motion.momentum.normalize();
+        let shape = SVector::<f64, 5>::zeros();
+        let momentum = along * along.dot(&w);
+        let motion = FreeMotion::new(&shape, momentum, self.motion.time, self.motion.R_WB)?;
+        Some(Self {
+            swept: motion.attitudes_and_sensitivities(self.times),
+            motion,
+            shape_spread: 1e-6,
+            ..self.clone()
+        })
+    }
+
+    /// How far the angular velocity leans from the momentum \[rad\].
+    pub fn nutation(&self) -> f64 {
+        let w = self.motion.R_WB * self.motion.w_WB_B(&self.motion.R_WB);
+        w.angle(&self.motion.momentum)
+    }
+}
+
+impl Motion<3, COMMON> for Tumbling<'_> {
+    fn placement(&self, i: usize) -> Placement {
+        Placement {
+            R_CB: self.R_WC[i].inverse() * self.swept[i].0,
+            t_C: self.t_C[i],
+        }
+    }
+
+    fn turn_by_common(&self, i: usize) -> SMatrix<f64, 3, COMMON> {
+        let mut turn = SMatrix::<f64, 3, COMMON>::zeros();
+        turn.fixed_columns_mut::<PARAMETERS>(0)
+            .copy_from(&self.swept[i].1);
+        turn
+    }
+
+    fn log_focal(&self) -> f64 {
+        self.log_focal
+    }
+
+    fn moved(&self, frames: &[SVector<f64, 3>], common: &SVector<f64, COMMON>) -> Option<Self> {
+        let step = common.fixed_rows::<PARAMETERS>(0).into_owned();
+        let motion = self.motion.moved(&step)?;
+        Some(Self {
+            swept: motion.attitudes_and_sensitivities(self.times),
+            motion,
+            t_C: self.t_C.iter().zip(frames).map(|(t, d)| t + d).collect(),
+            log_focal: self.log_focal + common[PARAMETERS],
+            ..self.clone()
+        })
+    }
+
+    /// Shapes are spherical, give or take [`SHAPE_SPREAD`]: this decides where the images do not.
+    fn prior(&self) -> (SVector<f64, COMMON>, SVector<f64, COMMON>) {
+        let (mut weights, mut distance) = (SVector::zeros(), SVector::zeros());
+        let shape = shape_of(&self.motion.inertia);
+        for k in 0..5 {
+            weights[k] = (self.noise / self.shape_spread).powi(2);
+            distance[k] = shape[k];
+        }
+        weights[PARAMETERS] = if self.focal_free {
+            (self.noise / FOCAL_SPREAD).powi(2)
+        } else {
+            HELD
+        };
+        distance[PARAMETERS] = self.log_focal;
+        (weights, distance)
+    }
+}

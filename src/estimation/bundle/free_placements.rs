@@ -1,0 +1,75 @@
+//! Frames that are each placed on their own: structure and motion without any dynamics.
+
+use nalgebra::{SMatrix, SVector};
+
+use super::adjust::{Motion, Placement};
+use crate::spatial::exp_so3;
+
+/// One placement a frame, and the focal length if it is to be found.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FreePlacements {
+    /// Of each frame.
+    pub placements: Vec<Placement>,
+    /// Logarithm of the focal length over its nominal value.
+    pub log_focal: f64,
+    focal_free: bool,
+}
+
+/// Weight that holds the focal length where it is \[px²\].
+pub const HELD: f64 = 1e14;
+
+/// How well the nominal focal length is known where it is to be estimated: 10 %.
+pub const FOCAL_SPREAD: f64 = 0.1;
+
+impl FreePlacements {
+    /// Placements with the nominal focal length, which is an unknown or not.
+    pub fn new(placements: Vec<Placement>, focal_free: bool) -> Self {
+        Self {
+            placements,
+            log_focal: 0.0,
+            focal_free,
+        }
+    }
+}
+
+impl Motion<6, 1> for FreePlacements {
+    fn placement(&self, i: usize) -> Placement {
+        self.placements[i]
+    }
+
+    fn turn_by_common(&self, _: usize) -> SMatrix<f64, 3, 1> {
+        SMatrix::zeros()
+    }
+
+    fn log_focal(&self) -> f64 {
+        self.log_focal
+    }
+
+    fn moved(&self, frames: &[SVector<f64, 6>], common: &SVector<f64, 1>) -> Option<Self> {
+        let moved = self.placements.iter().zip(frames).map(|(placement, step)| {
+            let turn = step.fixed_rows::<3>(0).into_owned();
+            let mut R_CB = placement.R_CB * exp_so3(&turn);
+            R_CB.renormalize_fast();
+            let t_C = placement.t_C + step.fixed_rows::<3>(3);
+            Placement { R_CB, t_C }
+        });
+        Some(Self {
+            placements: moved.collect(),
+            log_focal: self.log_focal + common[0],
+            focal_free: self.focal_free,
+        })
+    }
+
+    fn prior(&self) -> (SVector<f64, 1>, SVector<f64, 1>) {
+        let weight = if self.focal_free {
+            // One image error of 0.3 px against 10 %.
+            (0.3 / FOCAL_SPREAD).powi(2)
+        } else {
+            HELD
+        };
+        (
+            SVector::<f64, 1>::new(weight),
+            SVector::<f64, 1>::new(self.log_focal),
+        )
+    }
+}

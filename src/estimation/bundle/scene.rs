@@ -1,0 +1,100 @@
+//! What a bundle adjustment is about: which frame saw which point where.
+
+use std::ops::Range;
+
+use nalgebra::{Vector2, Vector3};
+
+/// One observation of a point in a frame.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Seen {
+    /// Which point.
+    pub point: usize,
+    /// Where, from the principal point \[px\].
+    pub pixel: Vector2<f64>,
+    /// Whether it is believed; what is not belongs to another point or to none.
+    pub kept: bool,
+}
+
+/// Observations by frame, and what is known of the camera. Points are numbered in the order in which they were
+/// first seen.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Scene {
+    /// Focal lengths along rows and columns \[px\].
+    pub focal: Vector2<f64>,
+    /// Number of points.
+    pub points: usize,
+    frames: Vec<Range<usize>>,
+    seen: Vec<Seen>,
+    /// How strongly each observation of a point holds its depth to 1 \[px\]: see [`DEPTH_SPREAD`].
+    anchors: Vec<f64>,
+}
+
+/// Standard deviation of the points' depths around their mean that is assumed, relative to the mean. It fixes
+/// the scale, and the depths that images leave open: those of a body that turns about the optical axis.
+const DEPTH_SPREAD: f64 = 0.5;
+
+impl Scene {
+    /// A scene of frames that show `(point, pixel)`, with image noise `noise` \[px\].
+    pub fn new(focal: Vector2<f64>, frames: Vec<Vec<Seen>>, points: usize, noise: f64) -> Self {
+        let mut scene = Self {
+            focal,
+            points,
+            frames: Vec::with_capacity(frames.len()),
+            seen: Vec::with_capacity(frames.iter().map(Vec::len).sum()),
+            anchors: vec![0.0; points],
+        };
+        for frame in frames {
+            let first = scene.seen.len();
+            for seen in frame {
+                scene.anchors[seen.point] += 1.0;
+                scene.seen.push(seen);
+            }
+            scene.frames.push(first..scene.seen.len());
+        }
+        for count in &mut scene.anchors {
+            *count = noise / (DEPTH_SPREAD * f64::max(*count, 1.0).sqrt());
+        }
+        scene
+    }
+
+    /// Number of frames.
+    pub fn len(&self) -> usize {
+        self.frames.len()
+    }
+
+    /// What frame `i` shows.
+    pub fn frame(&self, i: usize) -> &[Seen] {
+        &self.seen[self.frames[i].clone()]
+    }
+
+    /// As [`Scene::frame`], to change.
+    pub fn frame_mut(&mut self, i: usize) -> &mut [Seen] {
+        &mut self.seen[self.frames[i].clone()]
+    }
+
+    /// Strength of the depth prior of one observation of `point` \[px\].
+    pub fn anchor(&self, point: usize) -> f64 {
+        self.anchors[point]
+    }
+
+    /// All observations.
+    pub fn seen(&self) -> &[Seen] {
+        &self.seen
+    }
+}
+
+/// Residual of an observation \[px\], of a point at `x` in the camera's frame. `None` behind the camera.
+#[inline]
+pub fn residual(
+    focal: &Vector2<f64>,
+    x: &Vector3<f64>,
+    pixel: &Vector2<f64>,
+) -> Option<Vector2<f64>> {
+    (x.z > NEAREST).then(|| {
+        let inverse = 1.0 / x.z;
+        Vector2::new(focal.x * x.x * inverse, focal.y * x.y * inverse) - pixel
+    })
+}
+
+/// Nothing is nearer to the camera than this part of the mean distance.
+pub const NEAREST: f64 = 1e-3;

@@ -1,0 +1,378 @@
+//! A damped least-squares step of a problem with frames, points and a few parameters common to all.
+//!
+//! Each observation ties one frame to one point, so frames couple only through points and through the common
+//! parameters. Frames are eliminated (there are many, with `L` unknowns each); what remains couples only points
+//! that were seen together. With points in the order of their first sighting that is a matrix with a narrow
+//! envelope, which [`Envelope`] factors without touching what is zero. The `G` common parameters come last.
+
+use nalgebra::{Cholesky, Const, SMatrix, SVector, Vector3};
+
+use super::envelope::Envelope;
+
+/// Normal equations of one frame: its own unknowns, the common ones and the points that it shows.
+#[derive(Debug, Clone)]
+pub struct FrameNormal<const L: usize, const G: usize> {
+    /// Own unknowns with themselves.
+    pub H_ll: SMatrix<f64, L, L>,
+    /// Own unknowns with the common ones.
+    pub H_lg: SMatrix<f64, L, G>,
+    /// Gradient by the own unknowns.
+    pub g_l: SVector<f64, L>,
+    /// Where the points of this frame start in [`System::coupling`].
+    first: usize,
+    /// How many there are.
+    count: usize,
+}
+
+/// One observation's part: which point, and the point's coupling with the frame and the common unknowns.
+#[derive(Debug, Clone)]
+struct Coupling<const L: usize, const G: usize> {
+    point: usize,
+    H_lp: SMatrix<f64, L, 3>,
+    H_gp: SMatrix<f64, G, 3>,
+}
+
+/// Normal equations of the whole problem, of a cost `½ Σ r²`.
+#[derive(Debug, Clone)]
+pub struct System<const L: usize, const G: usize> {
+    frames: Vec<FrameNormal<L, G>>,
+    coupling: Vec<Coupling<L, G>>,
+    H_pp: Vec<SMatrix<f64, 3, 3>>,
+    g_p: Vec<Vector3<f64>>,
+    /// Common unknowns with themselves.
+    pub H_gg: SMatrix<f64, G, G>,
+    /// Gradient by the common unknowns.
+    pub g_g: SVector<f64, G>,
+    first_coupled: Vec<usize>,
+}
+
+/// A step in all unknowns.
+#[derive(Debug, Clone)]
+pub struct Step<const L: usize, const G: usize> {
+    /// Of each frame.
+    pub frames: Vec<SVector<f64, L>>,
+    /// Of each point.
+    pub points: Vec<Vector3<f64>>,
+    /// Of the common unknowns.
+    pub common: SVector<f64, G>,
+    /// By how much the linearised cost falls.
+    pub promised: f64,
+}
+
+impl<const L: usize, const G: usize> System<L, G> {
+    /// An empty system with `points` points.
+    pub fn new(points: usize) -> Self {
+        Self {
+            frames: Vec::new(),
+            coupling: Vec::new(),
+            H_pp: vec![SMatrix::zeros(); points],
+            g_p: vec![Vector3::zeros(); points],
+            H_gg: SMatrix::zeros(),
+            g_g: SVector::zeros(),
+            first_coupled: (0..points).collect(),
+        }
+    }
+
+    /// Empties the system but keeps its memory.
+    pub fn clear(&mut self) {
+        self.frames.clear();
+        self.coupling.clear();
+        self.H_pp.fill(SMatrix::zeros());
+        self.g_p.fill(Vector3::zeros());
+        self.H_gg.fill(0.0);
+        self.g_g.fill(0.0);
+    }
+
+    /// Adds to a point's own normal equations.
+    #[inline]
+    pub fn add_point(&mut self, point: usize, H: &SMatrix<f64, 3, 3>, g: &Vector3<f64>) {
+        self.H_pp[point] += H;
+        self.g_p[point] += g;
+    }
+
+    /// Adds the coupling of the frame that the next [`System::add_frame`] closes with a point.
+    #[inline]
+    pub fn couple(&mut self, point: usize, H_lp: SMatrix<f64, L, 3>, H_gp: SMatrix<f64, G, 3>) {
+        self.coupling.push(Coupling { point, H_lp, H_gp });
+    }
+
+    /// Closes a frame: the couplings since the last one are its own.
+    pub fn add_frame(
+        &mut self,
+        H_ll: SMatrix<f64, L, L>,
+        H_lg: SMatrix<f64, L, G>,
+        g_l: SVector<f64, L>,
+    ) {
+        let first = self.frames.last().map_or(0, |f| f.first + f.count);
+        let count = self.coupling.len() - first;
+        let own = &self.coupling[first..];
+        if let Some(least) = own.iter().map(|c| c.point).min() {
+            for c in own {
+                let coupled = &mut self.first_coupled[c.point];
+                *coupled = (*coupled).min(least);
+            }
+        }
+        self.frames.push(FrameNormal {
+            H_ll,
+            H_lg,
+            g_l,
+            first,
+            count,
+        });
+    }
+
+    /// The step that Levenberg and Marquardt take with damping `damping` (relative to each diagonal entry).
+    /// `None` if the damped matrix is not positive definite.
+    pub fn step(&self, damping: f64) -> Option<Step<L, G>> {
+        let eliminated = self.eliminate(damping)?;
+        let points = self.H_pp.len();
+        let mut rhs = eliminated.rhs.clone();
+        eliminated.reduced.solve(&mut rhs);
+        let common = SVector::<f64, G>::from_fn(|i, _| -rhs[3 * points + i]);
+        let points: Vec<_> = (0..points)
+            .map(|j| -Vector3::new(rhs[3 * j], rhs[3 * j + 1], rhs[3 * j + 2]))
+            .collect();
+        let mut frames = Vec::with_capacity(self.frames.len());
+        let mut promised = 0.0;
+        for (frame, chol) in self.frames.iter().zip(&eliminated.frames) {
+            let mut right = frame.g_l + frame.H_lg * common;
+            for c in &self.coupling[frame.first..frame.first + frame.count] {
+                right += c.H_lp * points[c.point];
+            }
+            let step = -chol.solve(&right);
+            promised -= step.dot(&frame.g_l);
+            promised += damping * diagonal(&frame.H_ll).component_mul(&step).dot(&step);
+            frames.push(step);
+        }
+        for ((H, g), step) in self.H_pp.iter().zip(&self.g_p).zip(&points) {
+            promised -= step.dot(g);
+            promised += damping * diagonal(H).component_mul(step).dot(step);
+        }
+        promised -= common.dot(&self.g_g);
+        promised += damping * diagonal(&self.H_gg).component_mul(&common).dot(&common);
+        Some(Step {
+            frames,
+            points,
+            common,
+            promised: 0.5 * promised,
+        })
+    }
+
+    /// Information that remains of the common unknowns when frames and points are marginalised out: the
+    /// inverse of their covariance, in units of the residuals' variance.
+    pub fn marginal_information(&self) -> Option<SMatrix<f64, G, G>> {
+        // Scale and origin of the scene may be free; the trace of damping holds them.
+        let eliminated = self.eliminate(1e-10)?;
+        let (n, first) = (3 * self.H_pp.len(), eliminated.reduced.rows() - G);
+        debug_assert_eq!(n, first);
+        // The last G rows of the factor are the factor of what remains.
+        let factor = SMatrix::<f64, G, G>::from_fn(|i, j| {
+            if j > i {
+                0.0
+            } else {
+                eliminated.reduced.entry(first + i, first + j)
+            }
+        });
+        Some(factor * factor.transpose())
+    }
+
+    /// Gradient by the unknowns of frame `i`.
+    #[cfg(test)]
+    pub fn frame_gradient(&self, i: usize) -> SVector<f64, L> {
+        self.frames[i].g_l
+    }
+
+    /// Gradient by point `j`.
+    #[cfg(test)]
+    pub fn point_gradient(&self, j: usize) -> Vector3<f64> {
+        self.g_p[j]
+    }
+
+    /// Factors of the frames' blocks and of the reduced matrix, with the reduced gradient.
+    fn eliminate(&self, damping: f64) -> Option<Eliminated<L>> {
+        let points = self.H_pp.len();
+        let size = 3 * points + G;
+        // A point's rows begin at the first point that it was seen together with.
+        let mut starts = Vec::with_capacity(size);
+        for first in &self.first_coupled {
+            starts.extend([3 * first; 3]);
+        }
+        starts.extend([0; G]);
+        let mut reduced = Envelope::new(starts);
+        let mut rhs = vec![0.0; size];
+        for (j, (H, g)) in self.H_pp.iter().zip(&self.g_p).enumerate() {
+            for a in 0..3 {
+                for b in 0..=a {
+                    *reduced.at(3 * j + a, 3 * j + b) += H[(a, b)];
+                }
+                *reduced.at(3 * j + a, 3 * j + a) += damping * H[(a, a)] + f64::MIN_POSITIVE;
+                rhs[3 * j + a] += g[a];
+            }
+        }
+        let c = 3 * points;
+        for a in 0..G {
+            for b in 0..=a {
+                *reduced.at(c + a, c + b) += self.H_gg[(a, b)];
+            }
+            *reduced.at(c + a, c + a) += damping * self.H_gg[(a, a)];
+            rhs[c + a] += self.g_g[a];
+        }
+        let mut frames = Vec::with_capacity(self.frames.len());
+        let mut scaled: Vec<(usize, SMatrix<f64, L, 3>)> = Vec::new();
+        for frame in &self.frames {
+            let mut H = frame.H_ll;
+            for i in 0..L {
+                H[(i, i)] += damping * frame.H_ll[(i, i)];
+            }
+            let chol = Cholesky::new(H)?;
+            let factor = chol.l_dirty();
+            let half = |m: SMatrix<f64, L, 3>| forward::<L, 3>(factor, m);
+            let g = forward::<L, 1>(factor, frame.g_l);
+            let wg = forward::<L, G>(factor, frame.H_lg);
+            scaled.clear();
+            let own = &self.coupling[frame.first..frame.first + frame.count];
+            scaled.extend(own.iter().map(|c| (c.point, half(c.H_lp))));
+            for (k, (j, w)) in scaled.iter().enumerate() {
+                for (i, v) in &scaled[..=k] {
+                    let (row, column, block) = if j >= i {
+                        (j, i, w.tr_mul(v))
+                    } else {
+                        (i, j, v.tr_mul(w))
+                    };
+                    reduced.subtract_block(3 * row, 3 * column, &block);
+                }
+                let by_g = wg.tr_mul(w);
+                for a in 0..G {
+                    for b in 0..3 {
+                        *reduced.at(c + a, 3 * j + b) += own[k].H_gp[(a, b)] - by_g[(a, b)];
+                    }
+                }
+                let r = w.tr_mul(&g);
+                for b in 0..3 {
+                    rhs[3 * j + b] -= r[b];
+                }
+            }
+            let gg = wg.tr_mul(&wg);
+            let r = wg.tr_mul(&g);
+            for a in 0..G {
+                for b in 0..=a {
+                    *reduced.at(c + a, c + b) -= gg[(a, b)];
+                }
+                rhs[c + a] -= r[a];
+            }
+            frames.push(chol);
+        }
+        reduced.factor().then_some(Eliminated {
+            frames,
+            reduced,
+            rhs,
+        })
+    }
+}
+
+struct Eliminated<const L: usize> {
+    frames: Vec<Cholesky<f64, Const<L>>>,
+    reduced: Envelope,
+    rhs: Vec<f64>,
+}
+
+fn diagonal<const N: usize>(H: &SMatrix<f64, N, N>) -> SVector<f64, N> {
+    SVector::from_fn(|i, _| H[(i, i)])
+}
+
+/// `factor⁻¹ right` for a lower-triangular factor of fixed size.
+#[inline]
+fn forward<const L: usize, const C: usize>(
+    factor: &SMatrix<f64, L, L>,
+    mut right: SMatrix<f64, L, C>,
+) -> SMatrix<f64, L, C> {
+    for i in 0..L {
+        let inverse = 1.0 / factor[(i, i)];
+        for c in 0..C {
+            let mut sum = right[(i, c)];
+            for j in 0..i {
+                sum -= factor[(i, j)] * right[(j, c)];
+            }
+            right[(i, c)] = sum * inverse;
+        }
+    }
+    right
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Vector2};
+
+    /// The same normal equations as a dense matrix: frames, points, common.
+    fn random(seed: u64) -> (System<2, 2>, DMatrix<f64>, DVector<f64>) {
+        use rand::{RngExt, SeedableRng, rngs::StdRng};
+        let mut rng = StdRng::seed_from_u64(seed);
+        let (frames, points) = (5, 4);
+        let n = 2 * frames + 3 * points + 2;
+        let (mut H, mut g) = (DMatrix::zeros(n, n), DVector::zeros(n));
+        let mut system = System::<2, 2>::new(points);
+        for i in 0..frames {
+            let (mut H_ll, mut H_lg) = (Matrix2::zeros(), Matrix2::zeros());
+            let mut g_l = Vector2::zeros();
+            for j in i.saturating_sub(2)..(i + 2).min(points) {
+                for _ in 0..4 {
+                    let mut random = || rng.random_range(-1.0..1.0);
+                    let (jl, jg) = (
+                        Vector2::from_fn(|_, _| random()),
+                        Vector2::from_fn(|_, _| random()),
+                    );
+                    let jp = Vector3::from_fn(|_, _| random());
+                    let r = random();
+                    let mut row = DVector::zeros(n);
+                    row.rows_mut(2 * i, 2).copy_from(&jl);
+                    row.rows_mut(2 * frames + 3 * j, 3).copy_from(&jp);
+                    row.rows_mut(n - 2, 2).copy_from(&jg);
+                    H += &row * row.transpose();
+                    g += row * r;
+                    H_ll += jl * jl.transpose();
+                    H_lg += jl * jg.transpose();
+                    g_l += jl * r;
+                    let H_pp: Matrix3<f64> = jp * jp.transpose();
+                    system.add_point(j, &H_pp, &(jp * r));
+                    system.couple(j, jl * jp.transpose(), jg * jp.transpose());
+                    system.H_gg += jg * jg.transpose();
+                    system.g_g += jg * r;
+                }
+            }
+            system.add_frame(H_ll, H_lg, g_l);
+        }
+        (system, H, g)
+    }
+
+    #[test]
+    fn the_step_is_that_of_the_dense_system() {
+        for damping in [1e-3, 0.5] {
+            let (system, H, g) = random(7);
+            let mut damped = H.clone();
+            for i in 0..H.nrows() {
+                damped[(i, i)] *= 1.0 + damping;
+            }
+            let dense = -damped.cholesky().unwrap().solve(&g);
+            let step = system.step(damping).unwrap();
+            let mut ours: Vec<f64> = step.frames.iter().flat_map(|s| [s.x, s.y]).collect();
+            ours.extend(step.points.iter().flat_map(|p| [p.x, p.y, p.z]));
+            ours.extend([step.common.x, step.common.y]);
+            let difference = (DVector::from_vec(ours) - &dense).norm();
+            assert!(difference < 1e-9 * dense.norm(), "{difference}");
+            let promised = -g.dot(&dense) - 0.5 * dense.dot(&(&H * &dense));
+            assert!((step.promised - promised).abs() < 1e-9 * promised.abs());
+        }
+    }
+
+    #[test]
+    fn the_marginal_is_that_of_the_dense_inverse() {
+        let (system, H, _) = random(11);
+        let n = H.nrows();
+        let covariance = H.try_inverse().unwrap();
+        let expected = covariance.view((n - 2, n - 2), (2, 2)).into_owned();
+        let ours = system.marginal_information().unwrap();
+        let ours = ours.try_inverse().unwrap();
+        assert!((ours - expected.fixed_view::<2, 2>(0, 0)).norm() < 1e-6 * expected.norm());
+    }
+}

@@ -1,0 +1,488 @@
+//! Structure bundle adjustment: shape of the body and its placement in every frame, without dynamics.
+//!
+//! A window of key frames starts it: two-view rotations, linear structure, bundle adjustment. From there frames are
+//! placed by what is known and points are added, and all is adjusted again whenever the number of frames has
+//! doubled.
+
+use nalgebra::{UnitQuaternion, Vector2, Vector3};
+use rand::Rng;
+
+use super::adjust::{Effort, Placement, adjust};
+use super::frames::Frames;
+use super::free_placements::FreePlacements;
+use super::known_rotation::{drop_hidden, structure as linear_structure, triangulate};
+use super::placing::{MIN_POINTS, Mark, place, translation};
+use super::relative_pose::relative_pose;
+use super::scene::{Scene, Seen, residual};
+use crate::spatial::exp_so3;
+
+/// Change of the arrangement from one key frame to the next; see [`Frames::change`].
+const KEY_CHANGE: f64 = 0.2;
+
+/// Where to start: number of key frames, and where in the frames. A start where the motion shows little may be
+/// next to one where it shows much.
+const STARTS: [(usize, f64); 6] = [
+    (6, 0.0),
+    (6, 0.5),
+    (12, 0.25),
+    (12, 0.75),
+    (24, 0.0),
+    (48, 0.0),
+];
+
+/// The fewest points that key frames share.
+const MIN_COMMON: usize = 8;
+
+/// Frames that may be searched for the body in all attitudes before that is given up.
+const SEARCHES: usize = 30;
+
+/// A residual is believed up to this many times the noise.
+pub const BELIEVED: f64 = 6.0;
+
+/// A part of the frames with the structure seen in it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Segment {
+    /// Where the body is in each frame, if known.
+    pub placements: Vec<Option<Placement>>,
+    /// Where each track's point is in the body, if known.
+    pub points: Vec<Option<Vector3<f64>>>,
+    /// Logarithm of the focal length over its nominal value.
+    pub log_focal: f64,
+    /// Root mean square of the believed residuals' components \[px\].
+    pub rms: f64,
+}
+
+/// What a reconstruction may assume.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Settings {
+    /// Image noise \[px\].
+    pub noise: f64,
+    /// Whether the focal length is an unknown.
+    pub focal_free: bool,
+}
+
+impl Segment {
+    /// How many frames it places.
+    pub fn placed(&self) -> usize {
+        self.placements.iter().flatten().count()
+    }
+
+    /// Whether its residuals are what the noise explains.
+    fn convinces(&self, settings: &Settings) -> bool {
+        self.rms < 1.7 * settings.noise
+    }
+}
+
+/// The largest part of the `open` frames that can be reconstructed. Beliefs in `frames` are renewed for the
+/// frames that it places.
+pub fn reconstruct(
+    frames: &mut Frames,
+    open: &[usize],
+    settings: &Settings,
+    rng: &mut impl Rng,
+) -> Option<Segment> {
+    let mut best: Option<(Segment, Frames)> = None;
+    let mut last_keys = Vec::new();
+    for (window, part) in STARTS {
+        let from = (part * open.len() as f64) as usize;
+        let keys = key_frames(frames, &open[from..], window);
+        // Where there are no more frames a longer window is the shorter one again.
+        if keys.len() < 3 || keys == last_keys {
+            continue;
+        }
+        let mut tried = frames.clone();
+        let started = start(&mut tried, &keys, settings, rng);
+        last_keys = keys;
+        let Some(segment) = started.and_then(|s| grow(&mut tried, s, open, settings)) else {
+            continue;
+        };
+        let enough = 2 * segment.placed() >= open.len();
+        let done = segment.convinces(settings) && enough;
+        let quality = |s: &Segment| (s.convinces(settings), s.placed());
+        let better = best.as_ref().is_none_or(|(b, _)| {
+            let (old, new) = (quality(b), quality(&segment));
+            new > old || (new == old && segment.rms < b.rms)
+        });
+        if better {
+            best = Some((segment, tried));
+        }
+        if done {
+            break;
+        }
+    }
+    let (segment, tried) = best?;
+    *frames = tried;
+    Some(segment)
+}
+
+/// Frames from the first of `open` on, each with a visible change from the one before.
+fn key_frames(frames: &Frames, open: &[usize], most: usize) -> Vec<usize> {
+    let mut keys: Vec<usize> = Vec::with_capacity(most);
+    let mut last_good = None;
+    for &i in open {
+        let Some(&last) = keys.last() else {
+            if frames.list[i].sights.len() >= MIN_COMMON {
+                keys.push(i);
+            }
+            continue;
+        };
+        match frames.change(last, i, MIN_COMMON) {
+            Some(change) if change >= KEY_CHANGE => {
+                keys.push(i);
+                last_good = None;
+            }
+            Some(_) => last_good = Some(i),
+            // The last frame that still shares enough, little as it changed.
+            None => {
+                if let Some(good) = last_good.take() {
+                    keys.push(good);
+                } else if keys.len() < 3 {
+                    keys.clear();
+                } else {
+                    break;
+                }
+            }
+        }
+        if keys.len() == most {
+            break;
+        }
+    }
+    keys
+}
+
+/// Structure of the key frames.
+fn start(
+    frames: &mut Frames,
+    keys: &[usize],
+    settings: &Settings,
+    rng: &mut impl Rng,
+) -> Option<Segment> {
+    let angle = settings.noise * frames.pixel_angle();
+    let mut attitudes = vec![UnitQuaternion::identity()];
+    let mut agreements = std::collections::HashMap::<(usize, usize), (u32, u32)>::new();
+    for pair in keys.windows(2) {
+        let both = frames.common(pair[0], pair[1]);
+        let pose = relative_pose(&frames.pairs(pair[0], pair[1]), angle, rng)?;
+        for ((track, ..), agrees) in both.iter().zip(&pose.agreeing) {
+            for key in pair {
+                let votes = agreements.entry((*key, *track)).or_default();
+                votes.0 += u32::from(*agrees);
+                votes.1 += 1;
+            }
+        }
+        let turn = UnitQuaternion::from_rotation_matrix(&pose.R);
+        let mut next = turn * attitudes.last()?;
+        next.renormalize();
+        attitudes.push(next);
+    }
+    for &key in keys {
+        for sight in &mut frames.list[key].sights {
+            let votes = agreements.get(&(key, sight.track));
+            sight.kept = votes.is_none_or(|(good, _)| *good > 0);
+        }
+    }
+    let (mut scene, tracks) = scene_of(frames, keys, |_| true, settings.noise, 2);
+    let (mut points, placements) = linear_structure(&scene, &attitudes, settings.noise)?;
+    if 4 * drop_hidden(&mut scene, &points, &placements) < 3 * scene.seen().len() {
+        return None;
+    }
+    let mut motion = FreePlacements::new(placements, false);
+    for huber in [10.0, 4.0] {
+        let effort = Effort {
+            huber: huber * settings.noise,
+            steps: 30,
+            tolerance: 1e-4,
+        };
+        adjust(&scene, &mut motion, &mut points, &effort)?;
+        // Believed again is what agrees now.
+        believe(
+            &mut scene,
+            &motion,
+            &points,
+            2.0 * BELIEVED * settings.noise,
+        );
+    }
+    let mut segment = Segment {
+        placements: vec![None; frames.list.len()],
+        points: vec![None; frames.ids.len()],
+        log_focal: 0.0,
+        rms: 0.0,
+    };
+    for (k, &i) in keys.iter().enumerate() {
+        segment.placements[i] = Some(motion.placements[k]);
+    }
+    for (point, &track) in points.iter().zip(&tracks) {
+        segment.points[track] = Some(*point);
+    }
+    segment.rms = rms(&scene, &motion, &points);
+    (segment.rms < 8.0 * settings.noise).then_some(segment)
+}
+
+/// The scene of the given frames with the tracks for which `wanted` holds and that at least `least` of them show;
+/// and which track each point is.
+pub fn scene_of(
+    frames: &Frames,
+    chosen: &[usize],
+    wanted: impl Fn(usize) -> bool,
+    noise: f64,
+    least: usize,
+) -> (Scene, Vec<usize>) {
+    let mut counts = vec![0; frames.ids.len()];
+    for sight in chosen.iter().flat_map(|&i| &frames.list[i].sights) {
+        counts[sight.track] += usize::from(sight.kept);
+    }
+    let mut numbers = vec![usize::MAX; frames.ids.len()];
+    let mut tracks = Vec::new();
+    let mut lists = Vec::with_capacity(chosen.len());
+    for &i in chosen {
+        let mut list = Vec::with_capacity(frames.list[i].sights.len());
+        for sight in &frames.list[i].sights {
+            let track = sight.track;
+            if counts[track] < least || !wanted(track) {
+                continue;
+            }
+            if numbers[track] == usize::MAX {
+                numbers[track] = tracks.len();
+                tracks.push(track);
+            }
+            list.push(Seen {
+                point: numbers[track],
+                pixel: sight.pixel,
+                kept: sight.kept,
+            });
+        }
+        lists.push(list);
+    }
+    let scene = Scene::new(frames.focal, lists, tracks.len(), noise);
+    (scene, tracks)
+}
+
+/// Believes what is less than `limit` \[px\] off, and nothing else.
+fn believe(scene: &mut Scene, motion: &FreePlacements, points: &[Vector3<f64>], limit: f64) {
+    let focal = scene.focal * motion.log_focal.exp();
+    for (i, placement) in motion.placements.iter().enumerate() {
+        let R = placement.R_CB.to_rotation_matrix();
+        for seen in scene.frame_mut(i) {
+            let x = R * points[seen.point] + placement.t_C;
+            let off = residual(&focal, &x, &seen.pixel);
+            seen.kept = off.is_some_and(|r| r.norm() < limit);
+        }
+    }
+}
+
+/// Root mean square of the believed residuals' components \[px\].
+fn rms(scene: &Scene, motion: &FreePlacements, points: &[Vector3<f64>]) -> f64 {
+    let focal = scene.focal * motion.log_focal.exp();
+    let (mut sum, mut count) = (0.0, 0);
+    for (i, placement) in motion.placements.iter().enumerate() {
+        for seen in scene.frame(i).iter().filter(|s| s.kept) {
+            let x = placement.R_CB * points[seen.point] + placement.t_C;
+            if let Some(r) = residual(&focal, &x, &seen.pixel) {
+                sum += r.norm_squared();
+                count += 2;
+            }
+        }
+    }
+    // Unknowns fit some of the noise.
+    let unknowns = 6 * motion.placements.len() + 3 * points.len();
+    (sum / f64::from(count).max(1.0) * f64::from(count)
+        / (f64::from(count) - unknowns as f64)
+            .max(0.2 * f64::from(count))
+            .max(1.0))
+    .sqrt()
+}
+
+/// Extends a segment over the `open` frames as far as it goes.
+fn grow(
+    frames: &mut Frames,
+    mut segment: Segment,
+    open: &[usize],
+    settings: &Settings,
+) -> Option<Segment> {
+    let mut searches = SEARCHES;
+    let at = |i: usize| open.partition_point(|o| *o < i);
+    let first = segment.placements.iter().position(Option::is_some)?;
+    let last = segment.placements.iter().rposition(Option::is_some)?;
+    let (mut low, mut high) = (at(first), at(last));
+    for &i in &open[low..=high] {
+        place_frame(frames, &mut segment, i, settings, &mut searches);
+    }
+    settle(frames, &mut segment, settings, 8)?;
+    while low > 0 || high + 1 < open.len() {
+        let reach = (high - low + 1).max(6);
+        let (up, down) = (
+            (high + reach / 2).min(open.len() - 1),
+            low.saturating_sub(reach / 2),
+        );
+        for k in (high + 1)..=up {
+            place_frame(frames, &mut segment, open[k], settings, &mut searches);
+            if k % 8 == 0 {
+                add_points(frames, &mut segment, settings);
+            }
+        }
+        for k in (down..low).rev() {
+            place_frame(frames, &mut segment, open[k], settings, &mut searches);
+            if k % 8 == 0 {
+                add_points(frames, &mut segment, settings);
+            }
+        }
+        (low, high) = (down, up);
+        settle(frames, &mut segment, settings, 4)?;
+    }
+    // What was refused in passing may fit the settled structure.
+    for &i in open {
+        if segment.placements[i].is_none() {
+            place_frame(frames, &mut segment, i, settings, &mut searches);
+        }
+    }
+    settle(frames, &mut segment, settings, 10)?;
+    Some(segment)
+}
+
+/// Places frame `i` if it is not placed and the known points allow it.
+fn place_frame(
+    frames: &mut Frames,
+    segment: &mut Segment,
+    i: usize,
+    settings: &Settings,
+    searches: &mut usize,
+) {
+    if segment.placements[i].is_some() {
+        return;
+    }
+    let focal = frames.focal * segment.log_focal.exp();
+    let known = |s: &super::frames::Sight| Some((segment.points[s.track]?, s.pixel));
+    let marks: Vec<Mark> = frames.list[i].sights.iter().filter_map(known).collect();
+    if marks.len() < MIN_POINTS {
+        return;
+    }
+    let R_CB = extrapolated(frames, segment, i);
+    let Some(t_C) = translation(&focal, &marks, &R_CB) else {
+        return;
+    };
+    let guess = Placement { R_CB, t_C };
+    let found = place(&focal, &marks, &guess, settings.noise, *searches > 0);
+    if let Some(placed) = found {
+        segment.placements[i] = Some(placed.placement);
+        let R = placed.placement.R_CB.to_rotation_matrix();
+        let limit = 2.0 * BELIEVED * settings.noise;
+        for sight in &mut frames.list[i].sights {
+            sight.kept = segment.points[sight.track].is_none_or(|p| {
+                let off = residual(&focal, &(R * p + placed.placement.t_C), &sight.pixel);
+                off.is_some_and(|r| r.norm() < limit)
+            });
+        }
+    } else {
+        *searches = searches.saturating_sub(1);
+    }
+}
+
+/// Attitude in frame `i` if the body went on turning as in the two placed frames next to it.
+fn extrapolated(frames: &Frames, segment: &Segment, i: usize) -> UnitQuaternion<f64> {
+    let placed = |k: &usize| segment.placements[*k].is_some();
+    let attitude = |k: usize| segment.placements[k].map_or(UnitQuaternion::identity(), |p| p.R_CB);
+    let time = |k: usize| frames.list[k].time;
+    let mut before = (0..i).rev().filter(placed).take(2);
+    let mut after = (i + 1..frames.list.len()).filter(placed).take(2);
+    let (b, a) = ((before.next(), before.next()), (after.next(), after.next()));
+    let extrapolate = |near: usize, far: usize| {
+        let turn = (attitude(far).inverse() * attitude(near)).scaled_axis();
+        let ratio = (time(i) - time(near)) / (time(near) - time(far));
+        attitude(near) * exp_so3(&(turn * ratio))
+    };
+    let distance = |k: Option<usize>| k.map_or(f64::INFINITY, |k| (time(k) - time(i)).abs());
+    match (b, a) {
+        ((Some(p), _), (Some(n), _)) if n - p <= 3 => {
+            let ratio = (time(i) - time(p)) / (time(n) - time(p));
+            let turn = (attitude(p).inverse() * attitude(n)).scaled_axis();
+            attitude(p) * exp_so3(&(turn * ratio))
+        }
+        ((near, Some(far)), (other, _)) if distance(near) <= distance(other) => {
+            extrapolate(near.unwrap_or(far), far)
+        }
+        (_, (Some(near), Some(far))) => extrapolate(near, far),
+        ((Some(near), Some(far)), _) => extrapolate(near, far),
+        ((Some(only), None), _) | (_, (Some(only), None)) => attitude(only),
+        _ => UnitQuaternion::identity(),
+    }
+}
+
+/// Adds the points that enough placed frames see from different sides.
+fn add_points(frames: &Frames, segment: &mut Segment, settings: &Settings) {
+    let mut sights: Vec<Vec<(Placement, Vector2<f64>)>> = vec![Vec::new(); frames.ids.len()];
+    let mut any = false;
+    for (frame, placement) in frames.list.iter().zip(&segment.placements) {
+        let Some(placement) = placement else { continue };
+        for s in frame.sights.iter().filter(|s| s.kept) {
+            if segment.points[s.track].is_none() {
+                sights[s.track].push((*placement, s.pixel));
+                any = true;
+            }
+        }
+    }
+    if !any {
+        return;
+    }
+    let focal = frames.focal * segment.log_focal.exp();
+    for (track, sights) in sights.iter().enumerate().filter(|(_, s)| s.len() >= 3) {
+        let side = |p: &Placement| p.R_CB.inverse_transform_vector(&p.t_C).normalize();
+        let first = side(&sights[0].0);
+        let widest = sights.iter().map(|(p, _)| side(p).angle(&first));
+        if widest.fold(0.0, f64::max) > 0.05 {
+            segment.points[track] = triangulate(sights, &focal, settings.noise);
+        }
+    }
+}
+
+/// Adjusts everything placed so far, and renews beliefs.
+fn settle(
+    frames: &mut Frames,
+    segment: &mut Segment,
+    settings: &Settings,
+    steps: usize,
+) -> Option<()> {
+    add_points(frames, segment, settings);
+    let chosen: Vec<usize> = (0..frames.list.len())
+        .filter(|i| segment.placements[*i].is_some())
+        .collect();
+    let known = |track: usize| segment.points[track].is_some();
+    let (mut scene, tracks) = scene_of(frames, &chosen, known, settings.noise, 2);
+    let mut points: Vec<_> = tracks.iter().filter_map(|t| segment.points[*t]).collect();
+    let placements = chosen
+        .iter()
+        .filter_map(|i| segment.placements[*i])
+        .collect();
+    let mut motion = FreePlacements::new(placements, settings.focal_free && chosen.len() > 12);
+    motion.log_focal = segment.log_focal;
+    let limit = BELIEVED * settings.noise;
+    believe(&mut scene, &motion, &points, 2.0 * limit);
+    let effort = Effort {
+        huber: 4.0 * settings.noise,
+        steps,
+        tolerance: 1e-4,
+    };
+    adjust(&scene, &mut motion, &mut points, &effort)?;
+    believe(&mut scene, &motion, &points, limit);
+    segment.log_focal = motion.log_focal;
+    segment.rms = rms(&scene, &motion, &points);
+    for (point, &track) in points.iter().zip(&tracks) {
+        segment.points[track] = Some(*point);
+    }
+    let mut number = vec![usize::MAX; frames.ids.len()];
+    for (k, &track) in tracks.iter().enumerate() {
+        number[track] = k;
+    }
+    for (k, &i) in chosen.iter().enumerate() {
+        let seen = scene.frame(k);
+        let kept = seen.iter().filter(|s| s.kept).count();
+        for sight in &mut frames.list[i].sights {
+            if let Some(s) = seen.iter().find(|s| s.point == number[sight.track]) {
+                sight.kept = s.kept;
+            }
+        }
+        // A frame that the rest no longer supports has to be placed anew.
+        let enough = kept >= MIN_POINTS && 2 * kept >= seen.len();
+        segment.placements[i] = enough.then_some(motion.placements[k]);
+    }
+    Some(())
+}

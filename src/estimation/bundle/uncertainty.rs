@@ -1,0 +1,214 @@
+//! What the data say about the motion, and what they leave open.
+
+use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
+
+use super::Options;
+use super::dynamic::COMMON;
+use super::free_motion::{FreeMotion, PARAMETERS, shape_times};
+use crate::estimation::free_body::FreeRotation;
+use crate::estimation::{MotionEstimate, MotionModel};
+
+/// A difference below this many standard deviations is none.
+const SIGNIFICANT: f64 = 3.0;
+
+/// How well the images are explained.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Residuals {
+    /// Root mean square of the components \[px\].
+    pub rms: f64,
+    /// The same per degree of freedom: what the noise is estimated to be \[px\].
+    pub deviation: f64,
+    /// Image points that are not believed, of all.
+    pub outliers: f64,
+}
+
+/// The motion with its covariance, and what to know about it.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Report {
+    /// The motion.
+    pub motion: MotionEstimate,
+    /// One line each.
+    pub diagnosis: Vec<String>,
+}
+
+/// Derivatives of `(J_x, J_y, J_z, alpha)` by the eight parameters, in the order of axes that `J` has.
+fn derivatives(motion: &FreeMotion, J: &Vector3<f64>) -> SMatrix<f64, 4, PARAMETERS> {
+    let eigen = motion.inertia.symmetric_eigen();
+    let mut order = [0, 1, 2];
+    order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
+    if J.x > J.z {
+        order.reverse();
+    }
+    let w = motion.w_WB_B(&motion.R_WB);
+    let w_W = motion.R_WB * w;
+    let L = motion.momentum;
+    let twice_energy = L.dot(&w_W);
+    // 2E = Lᵀ R I⁻¹ Rᵀ L.
+    let mut by_energy = SVector::<f64, PARAMETERS>::zeros();
+    by_energy
+        .fixed_rows_mut::<5>(0)
+        .copy_from(&-shape_times(&w).tr_mul(&w));
+    by_energy.fixed_rows_mut::<3>(5).copy_from(&(w_W * 2.0));
+    let mut out = SMatrix::<f64, 4, PARAMETERS>::zeros();
+    for (row, &axis) in order.iter().enumerate() {
+        let v: Vector3<f64> = eigen.eigenvectors.column(axis).into();
+        let mut by_moment = SVector::<f64, PARAMETERS>::zeros();
+        by_moment
+            .fixed_rows_mut::<5>(0)
+            .copy_from(&shape_times(&v).tr_mul(&v));
+        let moment = eigen.eigenvalues[axis];
+        let slope = by_moment / twice_energy - by_energy * (moment / twice_energy.powi(2));
+        out.set_row(row, &slope.transpose());
+    }
+    let square = L.norm_squared();
+    let mut slope = by_energy * (-2.0 * square / twice_energy.powi(3));
+    let mut by_momentum = slope.fixed_rows_mut::<3>(5);
+    by_momentum += L * (2.0 / twice_energy.powi(2));
+    out.set_row(3, &slope.transpose());
+    out
+}
+
+/// How many standard deviations the angular velocity is off the momentum's direction at the reference time.
+fn nutation_significance(
+    motion: &FreeMotion,
+    covariance: &SMatrix<f64, PARAMETERS, PARAMETERS>,
+) -> f64 {
+    let R = *motion.R_WB.to_rotation_matrix().matrix();
+    let Some(inverse) = motion.inertia.try_inverse() else {
+        return 0.0;
+    };
+    let w = motion.w_WB_B(&motion.R_WB);
+    let along = motion.momentum.normalize();
+    let across = Matrix3::identity() - along * along.transpose();
+    let w_W = R * w;
+    let off = across * w_W;
+    let mut slope = SMatrix::<f64, 3, PARAMETERS>::zeros();
+    slope
+        .fixed_columns_mut::<5>(0)
+        .copy_from(&(across * R * -inverse * shape_times(&w)));
+    // The direction that is across changes with the momentum, too.
+    let turned = across * w_W.dot(&along) / motion.momentum.norm();
+    let by_momentum = across * R * inverse * R.transpose() - turned;
+    slope.fixed_columns_mut::<3>(5).copy_from(&by_momentum);
+    let spread = slope * covariance * slope.transpose();
+    // In the plane across; along the momentum there is nothing to test.
+    let tested = spread + along * along.transpose() * spread.trace().max(f64::MIN_POSITIVE);
+    tested
+        .try_inverse()
+        .map_or(0.0, |i| off.dot(&(i * off)).max(0.0).sqrt())
+}
+
+/// What the fitted motion amounts to. `None` if it is none (no rotation).
+pub fn report(
+    motion: &FreeMotion,
+    covariance: &SMatrix<f64, COMMON, COMMON>,
+    residuals: &Residuals,
+    options: &Options,
+    log_focal: f64,
+) -> Option<Report> {
+    let parameters = covariance
+        .fixed_view::<PARAMETERS, PARAMETERS>(0, 0)
+        .into_owned();
+    let w = motion.w_WB_B(&motion.R_WB);
+    let rotation = FreeRotation::new(&motion.inertia, motion.R_WB, &w, motion.time).ok()?;
+    let J = rotation.parameters().map(|p| p.J()).unwrap_or_else(|| {
+        motion.inertia.symmetric_eigenvalues() / motion.momentum.dot(&(motion.R_WB * w))
+    });
+    let slopes = derivatives(motion, &J);
+    let spread: Matrix4<f64> = slopes * parameters * slopes.transpose();
+    let spread = (spread + spread.transpose()) * 0.5;
+    let off = |a: usize, b: usize, values: [f64; 2]| {
+        let variance = spread[(a, a)] + spread[(b, b)] - 2.0 * spread[(a, b)];
+        (values[0] - values[1]).abs() / variance.max(f64::MIN_POSITIVE).sqrt()
+    };
+    let alpha = rotation.alpha();
+    let mut diagnosis = Vec::new();
+    let deviation = |k: usize| spread[(k, k)].max(0.0).sqrt();
+    let model = if nutation_significance(motion, &parameters) < SIGNIFICANT {
+        diagnosis.push(format!(
+            "the axis of rotation does not move within the noise: alpha = {alpha:.4} s² is seen, the moments of \
+             inertia are not (J = {:.3} ± {:.3}, {:.3} ± {:.3}, {:.3} ± {:.3} s²)",
+            J.x, deviation(0), J.y, deviation(1), J.z, deviation(2)
+        ));
+        MotionModel::SingleAxis
+    } else if off(0, 1, [J.x, J.y]) < SIGNIFICANT {
+        diagnosis.push(format!(
+            "two moments are equal within the noise (J_x - J_y = {:.2e} ± {:.1e} s²): where the principal axes x \
+             and y lie is not seen",
+            J.x - J.y,
+            (J.x - J.y).abs() / off(0, 1, [J.x, J.y]).max(f64::MIN_POSITIVE)
+        ));
+        MotionModel::Axisymmetric
+    } else if off(1, 3, [J.y, alpha]) < SIGNIFICANT {
+        diagnosis.push(
+            "alpha equals the middle moment within the noise: when the body turns over next is not seen".to_owned(),
+        );
+        MotionModel::Aperiodic
+    } else {
+        MotionModel::Asymmetric
+    };
+    for (name, k, value) in [("J_x", 0, J.x), ("J_y", 1, J.y), ("J_z", 2, J.z)] {
+        if model != MotionModel::SingleAxis && deviation(k) > 0.1 * value {
+            diagnosis.push(format!(
+                "{name} = {value:.3} ± {:.3} s² is poorly known: observe longer",
+                deviation(k)
+            ));
+        }
+    }
+    if residuals.deviation > 1.3 * options.pixel_noise {
+        let cause = if options.estimate_focal_length {
+            "the images are noisier, or the lens distorts"
+        } else {
+            "the images are noisier, or the focal length is off (it can be estimated)"
+        };
+        diagnosis.push(format!(
+            "residuals of {:.2} px are more than the {:.2} px assumed: {cause}",
+            residuals.deviation, options.pixel_noise
+        ));
+    }
+    if residuals.outliers > 0.02 {
+        diagnosis.push(format!(
+            "{:.0} % of the image points were left out: they do not fit the rest",
+            100.0 * residuals.outliers
+        ));
+    }
+    if options.estimate_focal_length {
+        diagnosis.push(format!(
+            "focal length: {:+.3} % ± {:.3} % from the camera's",
+            100.0 * log_focal.exp_m1(),
+            100.0 * covariance[(COMMON - 1, COMMON - 1)].max(0.0).sqrt()
+        ));
+    }
+    Some(Report {
+        motion: MotionEstimate::new(model, rotation, residuals.rms, Some(spread)),
+        diagnosis,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::UnitQuaternion;
+
+    #[test]
+    fn derivatives_are_those_of_differences() {
+        let shape = SVector::<f64, 5>::new(0.3, -0.2, 0.1, 0.05, -0.15);
+        let R = UnitQuaternion::from_scaled_axis(Vector3::new(0.4, -0.7, 1.1));
+        let motion = FreeMotion::new(&shape, Vector3::new(0.3, -0.5, 0.6), 10.0, R).unwrap();
+        let values = |m: &FreeMotion| {
+            let w = m.w_WB_B(&m.R_WB);
+            let r = FreeRotation::new(&m.inertia, m.R_WB, &w, m.time).unwrap();
+            let J = r.parameters().unwrap().J();
+            nalgebra::Vector4::new(J.x, J.y, J.z, r.alpha())
+        };
+        let analytic = derivatives(&motion, &values(&motion).xyz());
+        for k in 0..PARAMETERS {
+            let mut step = SVector::<f64, PARAMETERS>::zeros();
+            step[k] = 1e-6;
+            let up = values(&motion.moved(&step).unwrap());
+            let down = values(&motion.moved(&-step).unwrap());
+            let numeric = (up - down) / 2e-6;
+            assert!((numeric - analytic.column(k)).norm() < 1e-6, "{k}");
+        }
+    }
+}

@@ -1,3 +1,0 @@
-//! Runs of Masutani 1995: what was simulated.
-
-pub mod positioning;

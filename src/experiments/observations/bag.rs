@@ -1,0 +1,127 @@
+//! Observations from what a graph recorded: `camera/features` with the camera's calibration, and the base's
+//! gyro with the camera's place on the base.
+
+use std::{collections::BTreeMap, path::Path};
+
+use nalgebra::Vector3;
+
+use super::ObservedTracks;
+use crate::{
+    bag::{Bag, BagError, Message},
+    estimation::Tracks,
+    msg::{
+        fuyu_msgs::FeatureTracks,
+        sensor_msgs::{CameraInfo, Imu},
+    },
+    nodes::{
+        estimator::StaticRotations,
+        features::{pinhole_from_msg, sighting_from_msg},
+        geometry::vector_from_msg,
+    },
+    ros::Time,
+    vision::{Pinhole, Sighting},
+};
+
+const FEATURES: &str = "/camera/features";
+
+/// Reads the features of the one camera in a bag.
+///
+/// # Errors
+/// A line that names the bag and the topic.
+pub(super) fn read(path: &Path) -> Result<ObservedTracks, String> {
+    let bag = Bag::open(path).map_err(|e| e.to_string())?;
+    let mut robots: BTreeMap<String, Recorded> = BTreeMap::new();
+    let mut frames = StaticRotations::default();
+    for message in bag.messages() {
+        let topic = &message.topic.name;
+        let at = |e: String| format!("{}: {topic}: {e}", path.display());
+        if topic.ends_with("/tf_static") {
+            decode(&message).and_then(|m| frames.take(m)).map_err(at)?;
+        }
+        for (suffix, take) in TOPICS {
+            if let Some(namespace) = topic.strip_suffix(suffix) {
+                let robot = robots.entry(namespace.to_owned()).or_default();
+                take(robot, &message).map_err(at)?;
+            }
+        }
+    }
+    robots.retain(|_, robot| !robot.sightings.is_empty());
+    let mut robots = robots.into_iter();
+    let at = |e: String| format!("{}: {e}", path.display());
+    match (robots.next(), robots.next()) {
+        (None, _) => Err(at(format!(
+            "holds no message on {FEATURES} (fuyu_msgs/msg/FeatureTracks)"
+        ))),
+        (Some((a, _)), Some((b, _))) => Err(at(format!(
+            "holds features of two cameras, {a}{FEATURES} and {b}{FEATURES}; give a bag of one"
+        ))),
+        (Some((namespace, robot)), None) => {
+            let rates = robot.camera_rates(&frames);
+            let tracks = Tracks::new(robot.sightings);
+            Ok(ObservedTracks {
+                tracks: tracks.map_err(|e| at(format!("{namespace}{FEATURES}: {e}")))?,
+                camera: robot.camera,
+                w_WC_C: rates,
+            })
+        }
+    }
+}
+
+/// What one robot's topics tell.
+#[derive(Default)]
+struct Recorded {
+    sightings: Vec<Sighting>,
+    camera_frame: String,
+    camera: Option<Pinhole>,
+    /// Angular velocity of the unit in its own axes.
+    gyro: Vec<(f64, Vector3<f64>)>,
+    gyro_frame: String,
+}
+
+type Take = fn(&mut Recorded, &Message) -> Result<(), String>;
+
+const TOPICS: [(&str, Take); 3] = [
+    (FEATURES, |robot, message| {
+        let features: FeatureTracks = decode(message)?;
+        let sighting = sighting_from_msg(&features)?;
+        // A state that was told again is seen again.
+        if robot.sightings.last().is_none_or(|last| *last != sighting) {
+            robot.sightings.push(sighting);
+        }
+        robot.camera_frame = features.header.frame_id;
+        Ok(())
+    }),
+    ("/camera/camera_info", |robot, message| {
+        robot.camera = Some(pinhole_from_msg(&decode::<CameraInfo>(message)?)?);
+        Ok(())
+    }),
+    ("/imu", |robot, message| {
+        let imu: Imu = decode(message)?;
+        let time = Time::from(&imu.header.stamp).as_secs_f64();
+        let w = vector_from_msg(&imu.angular_velocity);
+        if !w.iter().all(|w| w.is_finite()) {
+            return Err(format!("angular_velocity at {time} s is not finite"));
+        }
+        if robot.gyro.last().is_none_or(|(last, _)| *last < time) {
+            robot.gyro.push((time, w));
+        }
+        robot.gyro_frame = imu.header.frame_id;
+        Ok(())
+    }),
+];
+
+impl Recorded {
+    /// Angular velocity of the camera in its own axes; empty unless a gyro was recorded and the camera is
+    /// fixed to it.
+    fn camera_rates(&self, frames: &StaticRotations) -> Vec<(f64, Vector3<f64>)> {
+        let Some(R_IC) = frames.rotation(&self.gyro_frame, &self.camera_frame) else {
+            return Vec::new();
+        };
+        let in_camera_axes = |(time, w): &(f64, Vector3<f64>)| (*time, R_IC.inverse() * w);
+        self.gyro.iter().map(in_camera_axes).collect()
+    }
+}
+
+fn decode<M: crate::msg::Interface>(message: &Message) -> Result<M, String> {
+    message.decode().map_err(|e: BagError| e.to_string())
+}

@@ -1,0 +1,226 @@
+//! Observations as tables: `t,id,u,v` or `t,wx,wy,wz`, named by their first line.
+
+use std::{fs::File, io::Read, path::Path};
+
+use ::csv::{ReaderBuilder, StringRecord, Trim};
+use nalgebra::Vector3;
+
+use super::{Observations, ObservedTracks};
+use crate::{
+    estimation::Tracks,
+    vision::{Feature, Sighting},
+};
+
+const TRACKS: [&str; 4] = ["t", "id", "u", "v"];
+const RATES: [&str; 4] = ["t", "wx", "wy", "wz"];
+
+/// Reads a table. Columns may be in any order, and there may be others.
+///
+/// # Errors
+/// A line that names file, line and column.
+pub(super) fn read(path: &Path) -> Result<Observations, String> {
+    let at = |e: String| format!("{}: {e}", path.display());
+    let file = File::open(path).map_err(|e| at(format!("cannot be read: {e}")))?;
+    parse(file).map_err(at)
+}
+
+fn parse(file: impl Read) -> Result<Observations, String> {
+    let mut reader = ReaderBuilder::new()
+        .comment(Some(b'#'))
+        .trim(Trim::All)
+        .from_reader(file);
+    let names = reader.headers().map_err(|e| e.to_string())?.clone();
+    let columns = |wanted: [&'static str; 4]| -> Option<[Column; 4]> {
+        let find = |name| {
+            let index = names.iter().position(|n| n.eq_ignore_ascii_case(name));
+            index.map(|index| Column { name, index })
+        };
+        let found: Vec<_> = wanted.into_iter().map_while(find).collect();
+        found.try_into().ok()
+    };
+    if let Some(columns) = columns(TRACKS) {
+        return tracks(reader, columns);
+    }
+    if let Some(columns) = columns(RATES) {
+        return rates(reader, columns);
+    }
+    let found: Vec<_> = names.iter().collect();
+    Err(format!(
+        "its first line is '{}'; it must name the columns: t,id,u,v for feature tracks (s and px) or t,wx,wy,wz for angular velocity (s and rad/s)",
+        found.join(",")
+    ))
+}
+
+/// A column that was looked for by name.
+#[derive(Clone, Copy)]
+struct Column {
+    name: &'static str,
+    index: usize,
+}
+
+/// One row, with the line that it stands on.
+struct Row {
+    record: StringRecord,
+    line: u64,
+}
+
+impl Row {
+    fn text(&self, column: Column) -> &str {
+        self.record.get(column.index).unwrap_or("")
+    }
+
+    fn wrong(&self, column: Column, right: &str) -> String {
+        let (name, text) = (column.name, self.text(column));
+        format!("line {}: {name} is '{text}'; it must be {right}", self.line)
+    }
+
+    fn number(&self, column: Column) -> Result<f64, String> {
+        match self.text(column).parse::<f64>() {
+            Ok(x) if x.is_finite() => Ok(x),
+            _ => Err(self.wrong(column, "a finite number")),
+        }
+    }
+}
+
+fn rows<R: Read>(reader: ::csv::Reader<R>) -> impl Iterator<Item = Result<Row, String>> {
+    reader.into_records().map(|record| {
+        let record = record.map_err(|e| e.to_string())?;
+        let line = record.position().map_or(0, ::csv::Position::line);
+        Ok(Row { record, line })
+    })
+}
+
+fn tracks<R: Read>(
+    reader: ::csv::Reader<R>,
+    [t, id, u, v]: [Column; 4],
+) -> Result<Observations, String> {
+    let mut tracks = Tracks::default();
+    let mut frame: Option<(Sighting, u64)> = None;
+    let push = |tracks: &mut Tracks, (sighting, line): (Sighting, u64)| {
+        tracks
+            .push(sighting)
+            .map_err(|e| format!("line {line}: {e}"))
+    };
+    for row in rows(reader) {
+        let row = row?;
+        let time = row.number(t)?;
+        let feature = Feature {
+            id: (row.text(id).parse()).map_err(|_| row.wrong(id, "a whole number from 0"))?,
+            u: row.number(u)?,
+            v: row.number(v)?,
+        };
+        match &mut frame {
+            Some((sighting, _)) if sighting.time == time => sighting.features.push(feature),
+            _ => {
+                let next = (Sighting::new(time, vec![feature]), row.line);
+                if let Some(done) = frame.replace(next) {
+                    push(&mut tracks, done)?;
+                }
+            }
+        }
+    }
+    if let Some(done) = frame {
+        push(&mut tracks, done)?;
+    }
+    if tracks.sightings().is_empty() {
+        return Err("holds no feature".to_owned());
+    }
+    Ok(Observations::Tracks(ObservedTracks {
+        tracks,
+        camera: None,
+        w_WC_C: Vec::new(),
+    }))
+}
+
+fn rates<R: Read>(
+    reader: ::csv::Reader<R>,
+    [t, x, y, z]: [Column; 4],
+) -> Result<Observations, String> {
+    let mut rates: Vec<(f64, Vector3<f64>)> = Vec::new();
+    for row in rows(reader) {
+        let row = row?;
+        let time = row.number(t)?;
+        if let Some((before, _)) = rates.last()
+            && time <= *before
+        {
+            return Err(row.wrong(
+                t,
+                &format!("later than {before}, the time of the row before"),
+            ));
+        }
+        let w = Vector3::new(row.number(x)?, row.number(y)?, row.number(z)?);
+        rates.push((time, w));
+    }
+    if rates.is_empty() {
+        return Err("holds no angular velocity".to_owned());
+    }
+    Ok(Observations::AngularVelocity(rates))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn read(text: &str) -> Result<Observations, String> {
+        parse(text.as_bytes())
+    }
+
+    fn refused(text: &str) -> String {
+        read(text).unwrap_err()
+    }
+
+    #[test]
+    fn rows_of_one_time_are_one_frame() {
+        let text = "# made by hand\nid, t, v, u\n3, 0.0, 2.5, 1.5\n1, 0.0, 0, 1\n3, 0.6, 2, 1\n";
+        let Ok(Observations::Tracks(observed)) = read(text) else {
+            panic!("not tracks");
+        };
+        let sightings = observed.tracks.sightings();
+        assert_eq!(sightings.len(), 2);
+        let ids: Vec<_> = sightings[0].features.iter().map(|f| f.id).collect();
+        assert_eq!(ids, [1, 3]);
+        let third = sightings[0].feature(3).unwrap();
+        assert_eq!((third.u, third.v), (1.5, 2.5));
+    }
+
+    #[test]
+    fn angular_velocity_is_known_by_its_columns() {
+        let text = "t,wx,wy,wz\n0,0.1,0.2,0.3\n0.6,-0.1,0.2,0.3\n";
+        let Ok(Observations::AngularVelocity(rates)) = read(text) else {
+            panic!("not angular velocity");
+        };
+        assert_eq!(rates[1], (0.6, Vector3::new(-0.1, 0.2, 0.3)));
+    }
+
+    #[test]
+    fn what_is_wrong_is_named_with_its_line() {
+        let columns = refused("time,id,u,v\n0,1,2,3\n");
+        assert!(columns.contains("first line is 'time,id,u,v'") && columns.contains("t,id,u,v"));
+        assert!(refused("").contains("name the columns"));
+        assert!(refused("0.0,1,2,3\n").contains("name the columns"));
+        assert_eq!(refused("t,id,u,v\n"), "holds no feature");
+        assert_eq!(refused("t,wx,wy,wz\n"), "holds no angular velocity");
+        assert_eq!(
+            refused("t,id,u,v\n0,1,2,NaN\n"),
+            "line 2: v is 'NaN'; it must be a finite number"
+        );
+        assert!(refused("t,id,u,v\n0,1.5,2,3\n").contains("line 2: id is '1.5'"));
+        assert!(refused("t,id,u,v\n0,-1,2,3\n").contains("id is '-1'"));
+        assert!(refused("t,id,u,v\n0,1,2\n").contains("line: 2"));
+        let backwards = refused("t,id,u,v\n1,1,2,3\n1,2,2,3\n0.5,1,2,3\n");
+        assert!(
+            backwards.contains("line 4") && backwards.contains("must increase"),
+            "{backwards}"
+        );
+        let twice = refused("t,id,u,v\n1,1,2,3\n1,1,2,4\n");
+        assert!(
+            twice.contains("line 2") && twice.contains("twice"),
+            "{twice}"
+        );
+        let rates = refused("t,wx,wy,wz\n1,0,0,0\n1,0,0,0\n");
+        assert_eq!(
+            rates,
+            "line 3: t is '1'; it must be later than 1, the time of the row before"
+        );
+    }
+}

@@ -1,0 +1,46 @@
+//! What was observed of a tumbling body, from a bag or a CSV file.
+
+mod bag;
+mod csv;
+
+use std::path::Path;
+
+use nalgebra::Vector3;
+
+use crate::{estimation::Tracks, vision::Pinhole};
+
+/// What was observed of one body.
+#[derive(Debug, Clone, PartialEq)]
+pub enum Observations {
+    /// Image points over time.
+    Tracks(ObservedTracks),
+    /// Angular velocity over time: time \[s\] and components in the camera's axes \[rad/s\].
+    AngularVelocity(Vec<(f64, Vector3<f64>)>),
+}
+
+/// Image points of one body, and what is known of the camera.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ObservedTracks {
+    /// The points.
+    pub tracks: Tracks,
+    /// The camera, if the recording has its calibration.
+    pub camera: Option<Pinhole>,
+    /// The camera's own angular velocity over time, in its own axes \[rad/s\]; empty if nothing measured
+    /// it.
+    pub w_WC_C: Vec<(f64, Vector3<f64>)>,
+}
+
+impl Observations {
+    /// Reads a bag (a folder or a `.mcap` file) or, any other file, a CSV table.
+    ///
+    /// # Errors
+    /// A line that names the file, and topic or line and column.
+    pub fn read(path: &Path) -> Result<Self, String> {
+        let is_bag = path.is_dir() || path.extension().is_some_and(|e| e == "mcap");
+        if is_bag {
+            bag::read(path).map(Self::Tracks)
+        } else {
+            csv::read(path)
+        }
+    }
+}

@@ -1,0 +1,210 @@
+//! Parameters of what the camera tracks on a target.
+
+use nalgebra::Vector3;
+
+use crate::{
+    nodes::resource,
+    ros::{Declare, Param},
+    vision::{BodyPoint, FeatureCameraConfig, Pinhole},
+};
+
+/// What the camera tracks, and how well.
+#[derive(Debug, Clone)]
+pub struct FeatureParams {
+    /// Name of the target that is watched.
+    pub target: String,
+    /// Its feature points.
+    pub points: Vec<BodyPoint>,
+    /// How good the camera and its tracker are.
+    pub quality: FeatureCameraConfig,
+}
+
+/// The parameters of the tracker's quality, which may change while it runs.
+pub(super) struct FeatureQuality {
+    floats: [Param<f64>; 6],
+    quantised: Param<bool>,
+    occlusion: Param<bool>,
+    seed: Param<i64>,
+}
+
+impl FeatureQuality {
+    fn declare(declare: &mut Declare) -> Self {
+        let mut float = |name: &str, default: f64, to: f64, text: &str| {
+            let parameter = declare.param(&format!("features.{name}"), default, text);
+            parameter.range(0.0, to).live()
+        };
+        let floats = [
+            float(
+                "rate",
+                10.0,
+                1000.0,
+                "Frames of features per second [Hz]; 0 is a frame for every state",
+            ),
+            float(
+                "latency",
+                0.0,
+                10.0,
+                "Delay from exposure to publication of features [s]",
+            ),
+            float(
+                "dropout",
+                0.0,
+                1.0,
+                "Probability that a frame of features is lost",
+            ),
+            float(
+                "noise",
+                0.0,
+                1000.0,
+                "Standard deviation of each coordinate of a feature, before rounding [px]",
+            ),
+            float(
+                "outliers",
+                0.0,
+                1.0,
+                "Probability that a feature is found somewhere else in the image",
+            ),
+            float(
+                "losses",
+                0.0,
+                1.0,
+                "Probability that a feature's track ends at a frame; it comes back under another id",
+            ),
+        ];
+        Self {
+            floats,
+            quantised: (declare.param(
+                "features.quantised",
+                true,
+                "Whether coordinates of features are rounded to whole pixels",
+            ))
+            .live(),
+            occlusion: (declare.param(
+                "features.occlusion",
+                false,
+                "Whether the target hides its far side",
+            ))
+            .live(),
+            seed: (declare.param("features.seed", 1, "Seed of the features' noise and losses"))
+                .live(),
+        }
+    }
+
+    /// The tracker with an image of (width, height, focal length) pixels.
+    pub(super) fn get(&self, image: (u32, u32, f64)) -> FeatureCameraConfig {
+        let [rate, latency, dropout, noise, outliers, losses] =
+            self.floats.each_ref().map(Param::get);
+        FeatureCameraConfig {
+            pinhole: pinhole(image),
+            size: [image.0, image.1],
+            rate,
+            latency,
+            quantised: self.quantised.get(),
+            noise,
+            occlusion: self.occlusion.get(),
+            outliers,
+            losses,
+            dropout,
+            seed: self.seed.get().unsigned_abs(),
+        }
+    }
+
+    pub(super) fn changed(&self) -> bool {
+        // Every handle must be asked, or it will report its change later.
+        let floats = self.floats.iter().filter(|p| p.changed()).count();
+        let others = [
+            self.quantised.changed(),
+            self.occlusion.changed(),
+            self.seed.changed(),
+        ];
+        floats > 0 || others.contains(&true)
+    }
+}
+
+impl FeatureParams {
+    /// Declares the parameters and reads them; `None` without a target to watch.
+    ///
+    /// # Errors
+    /// A line that names the parameter whose mesh cannot be used.
+    pub(super) fn declare(
+        declare: &mut Declare,
+        image: (u32, u32, f64),
+    ) -> Result<(Option<Self>, FeatureQuality), String> {
+        let target = (declare.param(
+            "features.target",
+            "",
+            "Name of the target whose feature points are tracked; empty is none",
+        ))
+        .read_only()
+        .value();
+        let mesh = (declare.param(
+            "features.mesh",
+            "",
+            "STL file whose vertices, in the target's frame [m], are the feature points: a path or package://fuyu/PATH; empty is points on a sphere",
+        ))
+        .read_only()
+        .value();
+        let points = (declare.param("features.points", 20, "Feature points on the sphere"))
+            .range(1, 100_000)
+            .read_only()
+            .value();
+        let radius = (declare.param("features.radius", 1.0, "Radius of the sphere [m]"))
+            .range(1e-6, 1e6)
+            .read_only()
+            .value();
+        let layout = (declare.param(
+            "features.layout_seed",
+            1,
+            "Seed of where the points lie on the sphere",
+        ))
+        .read_only()
+        .value();
+        let quality = FeatureQuality::declare(declare);
+        if target.is_empty() {
+            return Ok((None, quality));
+        }
+        let points = if mesh.is_empty() {
+            let points = usize::try_from(points).unwrap_or(1);
+            BodyPoint::on_sphere(points, radius, layout.unsigned_abs())
+        } else {
+            let read = vertices(&mesh);
+            BodyPoint::of_vertices(&read.map_err(|e| format!("parameter features.mesh: {e}"))?)
+        };
+        let params = Self {
+            target,
+            points,
+            quality: quality.get(image),
+        };
+        Ok((Some(params), quality))
+    }
+}
+
+/// The vertices of an STL file, each once.
+fn vertices(name: &str) -> Result<Vec<Vector3<f64>>, String> {
+    let path = resource::resolve(name)?;
+    let at = |e: std::io::Error| format!("{}: cannot be read as STL: {e}", path.display());
+    let mut file = std::fs::File::open(&path).map_err(at)?;
+    let mesh = stl_io::read_stl(&mut file).map_err(at)?;
+    let vertices = mesh.vertices.iter();
+    let vertices: Vec<_> = vertices
+        .map(|v| Vector3::from(v.0.map(f64::from)))
+        .collect();
+    if vertices.is_empty() || vertices.iter().any(|v| !v.iter().all(|x| x.is_finite())) {
+        return Err(format!(
+            "{}: has no vertices, or one that is not finite",
+            path.display()
+        ));
+    }
+    Ok(vertices)
+}
+
+/// The camera of an image of `width` by `height` pixels with the axis through its middle.
+pub fn pinhole((width, height, focal_length): (u32, u32, f64)) -> Pinhole {
+    // Pixel centres are at integers, so the middle of the image is at half the size less a half.
+    Pinhole {
+        fx: focal_length,
+        fy: focal_length,
+        cx: 0.5 * f64::from(width) - 0.5,
+        cy: 0.5 * f64::from(height) - 0.5,
+    }
+}

@@ -1,0 +1,155 @@
+//! The inertial measurement unit at the origin of the base frame.
+
+use nalgebra::Vector3;
+use rand::{RngExt, SeedableRng, rngs::StdRng};
+use rand_distr::StandardNormal;
+
+use super::{messages::header, world::World};
+use crate::{
+    msg::sensor_msgs,
+    nodes::geometry::vector_to_msg,
+    ros::{Declare, Time},
+};
+
+/// How good the unit is. All zero is an ideal one.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ImuParams {
+    /// Standard deviation of each component of a measured angular velocity \[rad/s\].
+    pub gyro_noise: f64,
+    /// Standard deviation of each component of a measured acceleration \[m/s²\].
+    pub accelerometer_noise: f64,
+    /// Seed of the noise.
+    pub seed: u64,
+}
+
+impl ImuParams {
+    /// Declares the parameters and reads them.
+    pub fn declare(declare: &mut Declare) -> Self {
+        let mut noise = |name: &str, text: &str| {
+            let parameter = declare.param(name, 0.0, text).range(0.0, 10.0);
+            parameter.read_only().value()
+        };
+        Self {
+            gyro_noise: noise(
+                "imu.gyro_noise",
+                "Standard deviation of each component of the measured angular velocity [rad/s]",
+            ),
+            accelerometer_noise: noise(
+                "imu.accelerometer_noise",
+                "Standard deviation of each component of the measured acceleration [m/s2]",
+            ),
+            seed: (declare.param("imu.seed", 1, "Seed of the measurement noise"))
+                .read_only()
+                .value()
+                .unsigned_abs(),
+        }
+    }
+}
+
+/// What the unit measures now. Orientation is not measured. Nothing pulls at the base, so the
+/// accelerometer's reading is the acceleration of the base frame's origin.
+///
+/// The noise of a state depends on the seed and on which state it is, so that a state that is told again
+/// is measured alike.
+pub fn imu(stamp: Time, base: &str, world: &mut World) -> sensor_msgs::Imu {
+    let params = *world.imu();
+    world.robot.accelerations();
+    let workspace = world.robot.workspace();
+    let acceleration = workspace.A_WF_B(&world.robot.model().frames()[0]).linear;
+    let mut random = StdRng::seed_from_u64(params.seed.rotate_left(32) ^ world.ticks());
+    let mut disturbed = |truth: Vector3<f64>, noise: f64| {
+        let mut normal = || random.sample::<f64, _>(StandardNormal);
+        truth + Vector3::new(normal(), normal(), normal()) * noise
+    };
+    let angular_velocity = disturbed(workspace.V_WB_B().angular, params.gyro_noise);
+    let acceleration = disturbed(acceleration, params.accelerometer_noise);
+    sensor_msgs::Imu {
+        header: header(stamp, base),
+        orientation_covariance: [-1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
+        angular_velocity: vector_to_msg(&angular_velocity),
+        angular_velocity_covariance: isotropic(params.gyro_noise),
+        linear_acceleration: vector_to_msg(&acceleration),
+        linear_acceleration_covariance: isotropic(params.accelerometer_noise),
+        ..sensor_msgs::Imu::default()
+    }
+}
+
+fn isotropic(deviation: f64) -> [f64; 9] {
+    let v = deviation * deviation;
+    [v, 0.0, 0.0, 0.0, v, 0.0, 0.0, 0.0, v]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::nodes::scenario::Scenario;
+
+    fn world(imu: ImuParams) -> World {
+        let scenario = Scenario::read("package://fuyu/config/positioning.yaml").unwrap();
+        let mut params = scenario.dynamics().unwrap();
+        params.imu = imu;
+        let mut world = World::new(&params).unwrap();
+        world
+            .robot
+            .hold_efforts(&[50.0, -10.0, 20.0, 1.0, 0.5, -0.5]);
+        world
+    }
+
+    // Wrong axes, a wrong point, or the acceleration of another state would show as a difference from
+    // the velocity's change in the world.
+    #[test]
+    fn an_ideal_unit_measures_how_the_base_moves() {
+        let mut world = world(ImuParams::default());
+        let velocity = |world: &World| {
+            let workspace = world.robot.workspace();
+            world.robot.state().R_WB * workspace.V_WB_B().linear
+        };
+        for _ in 0..100 {
+            world.step_to_tick();
+        }
+        let measured = imu(Time::ZERO, "base_link", &mut world);
+        let workspace = world.robot.workspace();
+        let w = workspace.V_WB_B().angular;
+        assert!(w.norm() > 1e-3, "{w}");
+        assert_eq!(measured.angular_velocity, vector_to_msg(&w));
+        let (before, R_WB) = (velocity(&world), world.robot.state().R_WB);
+        let dt = 1e-5;
+        world.robot.step(dt, 1);
+        let a = R_WB.inverse() * ((velocity(&world) - before) / dt);
+        let read = &measured.linear_acceleration;
+        let read = Vector3::new(read.x, read.y, read.z);
+        // The acceleration changes by some 1e-5 of itself within dt.
+        assert!((read - a).norm() < 1e-4 * a.norm(), "{read} against {a}");
+    }
+
+    #[test]
+    fn noise_has_the_stated_size_and_repeats_with_the_state() {
+        let mut world = world(ImuParams {
+            gyro_noise: 1e-3,
+            accelerometer_noise: 0.1,
+            seed: 7,
+        });
+        let mut squares = [0.0; 2];
+        let states = 2000;
+        for _ in 0..states {
+            world.step_to_tick();
+            let truth = world.robot.workspace().V_WB_B().angular;
+            let measured = imu(Time::ZERO, "base_link", &mut world);
+            assert_eq!(measured, imu(Time::ZERO, "base_link", &mut world));
+            let w = &measured.angular_velocity;
+            squares[0] += (Vector3::new(w.x, w.y, w.z) - truth).norm_squared();
+            let base = &world.robot.model().frames()[0];
+            let a = world.robot.workspace().A_WF_B(base).linear;
+            let read = &measured.linear_acceleration;
+            squares[1] += (Vector3::new(read.x, read.y, read.z) - a).norm_squared();
+        }
+        // 6000 draws know their standard deviation to 1 %.
+        for (sum, noise) in squares.iter().zip([1e-3, 0.1]) {
+            let deviation = (sum / (3.0 * f64::from(states))).sqrt();
+            assert!(
+                (deviation / noise - 1.0).abs() < 0.05,
+                "{deviation} for {noise}"
+            );
+        }
+    }
+}

@@ -1,0 +1,136 @@
+//! Between what a camera sees of a body and the messages that carry it.
+
+use std::collections::BTreeSet;
+
+use crate::{
+    msg::{fuyu_msgs::FeatureTracks, sensor_msgs::CameraInfo, std_msgs::Header},
+    ros::Time,
+    vision::{Feature, Pinhole, Sighting},
+};
+
+/// A frame of features as a message; ids beyond 32 bits, which no camera of ours gives, are left out.
+pub fn sighting_to_msg(sighting: &Sighting, frame_id: &str) -> FeatureTracks {
+    let features = sighting.features.iter();
+    let known = features.filter_map(|f| Some((u32::try_from(f.id).ok()?, f)));
+    let mut message = FeatureTracks {
+        header: Header {
+            stamp: Time::from_secs_f64(sighting.time).into(),
+            frame_id: frame_id.to_owned(),
+        },
+        ..FeatureTracks::default()
+    };
+    for (id, feature) in known {
+        message.ids.push(id);
+        message.u.push(feature.u);
+        message.v.push(feature.v);
+    }
+    message
+}
+
+/// A message as a frame of features.
+///
+/// # Errors
+/// Says which list or pixel is wrong.
+pub fn sighting_from_msg(message: &FeatureTracks) -> Result<Sighting, String> {
+    let (ids, u, v) = (message.ids.len(), message.u.len(), message.v.len());
+    if ids != u || ids != v {
+        return Err(format!(
+            "ids, u and v have {ids}, {u} and {v} values; they must have one for each feature"
+        ));
+    }
+    let pixels = message.u.iter().zip(&message.v);
+    let features = message
+        .ids
+        .iter()
+        .zip(pixels)
+        .map(|(&id, (&u, &v))| Feature {
+            id: id.into(),
+            u,
+            v,
+        });
+    let features: Vec<_> = features.collect();
+    if let Some(bad) = features
+        .iter()
+        .find(|f| !(f.u.is_finite() && f.v.is_finite()))
+    {
+        return Err(format!(
+            "feature {} is at pixel ({}, {}); both must be finite",
+            bad.id, bad.u, bad.v
+        ));
+    }
+    let mut seen = BTreeSet::new();
+    if let Some(twice) = features.iter().find(|f| !seen.insert(f.id)) {
+        return Err(format!("feature {} is there twice", twice.id));
+    }
+    let time = Time::from(&message.header.stamp).as_secs_f64();
+    Ok(Sighting::new(time, features))
+}
+
+/// The camera that a calibration describes.
+///
+/// # Errors
+/// Says what cannot be: a focal length that is not positive, distortion (features must be rectified).
+pub fn pinhole_from_msg(info: &CameraInfo) -> Result<Pinhole, String> {
+    let camera = Pinhole {
+        fx: info.k[0],
+        fy: info.k[4],
+        cx: info.k[2],
+        cy: info.k[5],
+    };
+    camera.check().map_err(|e| e.to_string())?;
+    if info.d.iter().any(|d| *d != 0.0) {
+        return Err(format!(
+            "the lens distorts (d is {:?}); features must come from a rectified image, with d zero",
+            info.d
+        ));
+    }
+    Ok(camera)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn sighting() -> Sighting {
+        let feature = |id| Feature {
+            id,
+            u: 10.5 + id as f64,
+            v: 7.25,
+        };
+        Sighting::new(12.5, vec![feature(3), feature(8)])
+    }
+
+    #[test]
+    fn a_frame_survives_the_way_through_a_message() {
+        let message = sighting_to_msg(&sighting(), "camera_optical_frame");
+        assert_eq!(message.header.frame_id, "camera_optical_frame");
+        assert_eq!(sighting_from_msg(&message), Ok(sighting()));
+    }
+
+    #[test]
+    fn what_is_wrong_with_a_frame_is_named() {
+        let good = sighting_to_msg(&sighting(), "camera");
+        let refused = |change: fn(&mut FeatureTracks)| {
+            let mut message = good.clone();
+            change(&mut message);
+            sighting_from_msg(&message).unwrap_err()
+        };
+        assert!(refused(|m| m.u.truncate(1)).contains("2, 1 and 2"));
+        assert!(refused(|m| m.v[1] = f64::NAN).contains("feature 8 is at pixel (18.5, NaN)"));
+        assert!(refused(|m| m.ids[1] = 3).contains("feature 3 is there twice"));
+    }
+
+    #[test]
+    fn a_camera_that_cannot_be_is_refused() {
+        let mut info = CameraInfo {
+            k: [800.0, 0.0, 319.5, 0.0, 810.0, 239.5, 0.0, 0.0, 1.0],
+            ..CameraInfo::default()
+        };
+        let camera = pinhole_from_msg(&info).unwrap();
+        assert_eq!((camera.fx, camera.cy), (800.0, 239.5));
+        info.d = vec![0.1, 0.0, 0.0, 0.0, 0.0];
+        assert!(pinhole_from_msg(&info).unwrap_err().contains("distorts"));
+        info.k[0] = 0.0;
+        assert!(pinhole_from_msg(&info).unwrap_err().contains("fx is 0"));
+    }
+}

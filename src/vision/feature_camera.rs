@@ -1,0 +1,365 @@
+//! A camera that tracks points of a body, with the flaws of a real tracker.
+
+use std::collections::VecDeque;
+
+use nalgebra::{UnitVector3, Vector3};
+use rand::{RngExt, SeedableRng, rngs::StdRng};
+use rand_distr::StandardNormal;
+
+use super::shutter::{Instant, SLACK, Shutter};
+use super::{Feature, Pinhole, Sighting};
+use crate::spatial::Pose;
+
+/// A point of a body that can be tracked.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct BodyPoint {
+    /// Where it is in the body's frame \[m\].
+    pub p_B: Vector3<f64>,
+    /// Outward normal of the surface there: the point can be seen from the half space that it faces.
+    pub normal_B: UnitVector3<f64>,
+}
+
+impl BodyPoint {
+    /// `count` points spread evenly at random over a sphere about the body's origin (Masutani 1995 sec. 3.3).
+    pub fn on_sphere(count: usize, radius: f64, seed: u64) -> Vec<Self> {
+        let mut random = StdRng::seed_from_u64(seed);
+        let mut normal = || -> f64 { random.sample(StandardNormal) };
+        let points = (0..count).map(|_| {
+            let normal_B = UnitVector3::new_normalize(Vector3::new(normal(), normal(), normal()));
+            let p_B = normal_B.into_inner() * radius;
+            Self { p_B, normal_B }
+        });
+        points.collect()
+    }
+
+    /// Given points of a roughly convex body \[m\], such as a mesh's vertices: each faces away from their mean.
+    pub fn of_vertices(vertices: &[Vector3<f64>]) -> Vec<Self> {
+        let mean = vertices.iter().sum::<Vector3<f64>>() / vertices.len().max(1) as f64;
+        let facing =
+            |p: &Vector3<f64>| UnitVector3::try_new(p - mean, 0.0).unwrap_or_else(Vector3::z_axis);
+        let points = vertices.iter().map(|p| Self {
+            p_B: *p,
+            normal_B: facing(p),
+        });
+        points.collect()
+    }
+}
+
+/// How good the camera is. The default is an ideal one: it sees every point at every instant that it is shown,
+/// also those on the far side, at once and exactly.
+#[derive(Debug, Clone, PartialEq)]
+pub struct FeatureCameraConfig {
+    /// The lens.
+    pub pinhole: Pinhole,
+    /// Columns and rows of the image \[px\]; what falls outside is not seen.
+    pub size: [u32; 2],
+    /// Frames per second \[Hz\]; zero means a frame at every instant shown.
+    pub rate: f64,
+    /// Delay from exposure to delivery \[s\].
+    pub latency: f64,
+    /// Whether coordinates are rounded to whole pixels.
+    pub quantised: bool,
+    /// Standard deviation of each coordinate before rounding \[px\].
+    pub noise: f64,
+    /// Whether points on the far side are hidden.
+    pub occlusion: bool,
+    /// Probability, for each feature of each frame, that it is somewhere else in the image, in [0, 1].
+    pub outliers: f64,
+    /// Probability, for each feature of each frame, that its track is lost there, in [0, 1].
+    pub losses: f64,
+    /// Probability that a frame is lost, in [0, 1].
+    pub dropout: f64,
+    /// Seed of all that is random.
+    pub seed: u64,
+}
+
+impl FeatureCameraConfig {
+    /// An ideal camera with a square image of `resolution` pixels a side and `width` focal lengths.
+    pub fn ideal(resolution: u32, width: f64) -> Self {
+        Self {
+            pinhole: Pinhole::square(resolution, width),
+            size: [resolution; 2],
+            rate: 0.0,
+            latency: 0.0,
+            quantised: false,
+            noise: 0.0,
+            occlusion: false,
+            outliers: 0.0,
+            losses: 0.0,
+            dropout: 0.0,
+            seed: 1,
+        }
+    }
+}
+
+/// The camera: shown where the body is at successive instants, it delivers sightings. A point that was not
+/// seen in an exposure (lost, hidden, outside the image) comes back under a new id, as from a tracker that knows
+/// nothing of the body.
+#[derive(Debug)]
+pub struct FeatureCamera {
+    config: FeatureCameraConfig,
+    points: Vec<BodyPoint>,
+    /// The id of each point while it is tracked.
+    ids: Vec<Option<u64>>,
+    next_id: u64,
+    random: StdRng,
+    shutter: Shutter,
+    waiting: VecDeque<Sighting>,
+    lost: u64,
+}
+
+impl FeatureCamera {
+    /// A camera that looks for `points`. Those seen first get the ids 0, 1, ... in their order.
+    pub fn new(config: FeatureCameraConfig, points: Vec<BodyPoint>) -> Self {
+        Self {
+            random: StdRng::seed_from_u64(config.seed),
+            ids: vec![None; points.len()],
+            next_id: 0,
+            shutter: Shutter::default(),
+            waiting: VecDeque::new(),
+            lost: 0,
+            config,
+            points,
+        }
+    }
+
+    /// How good it is.
+    pub fn config(&self) -> &FeatureCameraConfig {
+        &self.config
+    }
+
+    /// Changes how good it is from now on; frames under way are kept.
+    pub fn set_config(&mut self, config: FeatureCameraConfig) {
+        if config.seed != self.config.seed {
+            self.random = StdRng::seed_from_u64(config.seed);
+        }
+        if config.rate != self.config.rate {
+            self.shutter.restart();
+        }
+        self.config = config;
+    }
+
+    /// Frames lost so far.
+    pub fn lost(&self) -> u64 {
+        self.lost
+    }
+
+    /// Whether an exposure is due at `time` \[s\].
+    pub fn is_due(&self, time: f64) -> bool {
+        self.shutter.is_due(time, self.config.rate)
+    }
+
+    /// Shows the camera the body's pose `X_CB` in its optical frame at `time` \[s\]; it exposes if a frame is
+    /// due. An instant shown again is not exposed again; when time runs backwards (a simulation began anew) the
+    /// camera begins anew too, with new ids.
+    pub fn show(&mut self, time: f64, X_CB: &Pose) {
+        match self.shutter.show(time, self.config.rate) {
+            Instant::Idle => return,
+            Instant::Anew => {
+                self.waiting.clear();
+                self.ids.fill(None);
+            }
+            Instant::Exposure => {}
+        }
+        // The same number of random draws a frame, so that no flaw changes the others' luck.
+        let dropped = self.random.random::<f64>() < self.config.dropout;
+        let mut features = Vec::with_capacity(self.points.len());
+        for i in 0..self.points.len() {
+            let point = self.points[i];
+            match self.see(&point, X_CB) {
+                Some([u, v]) => {
+                    let id = *self.ids[i].get_or_insert_with(|| {
+                        self.next_id += 1;
+                        self.next_id - 1
+                    });
+                    features.push(Feature { id, u, v });
+                }
+                None => self.ids[i] = None,
+            }
+        }
+        if dropped {
+            self.lost += 1;
+        } else {
+            self.waiting.push_back(Sighting::new(time, features));
+        }
+    }
+
+    /// The next sighting whose latency has passed at `time` \[s\], oldest first.
+    pub fn deliver(&mut self, time: f64) -> Option<Sighting> {
+        let due = self.waiting.front()?.time + self.config.latency <= time + SLACK;
+        if due { self.waiting.pop_front() } else { None }
+    }
+
+    /// Where the image shows a point \[px\], if it does.
+    fn see(&mut self, point: &BodyPoint, X_CB: &Pose) -> Option<[f64; 2]> {
+        let config = &self.config;
+        let noise = [(); 2].map(|()| -> f64 { self.random.sample(StandardNormal) });
+        let [outlier, loss, u, v] = [(); 4].map(|()| self.random.random::<f64>());
+        let p_C = X_CB.rotation * point.p_B + X_CB.translation.vector;
+        let faces_away = (X_CB.rotation * point.normal_B).dot(&p_C) >= 0.0;
+        if loss < config.losses || (config.occlusion && faces_away) {
+            return None;
+        }
+        let size = config.size.map(f64::from);
+        let [x, y] = config.pinhole.project(&p_C)?;
+        let mut pixel = if outlier < config.outliers {
+            [u * size[0] - 0.5, v * size[1] - 0.5]
+        } else {
+            [x + config.noise * noise[0], y + config.noise * noise[1]]
+        };
+        let inside = (0..2).all(|i| (-0.5..size[i] - 0.5).contains(&pixel[i]));
+        if config.quantised {
+            pixel = pixel.map(|x| (x + 0.5).floor());
+        }
+        inside.then_some(pixel)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use nalgebra::{Rotation3, Translation3};
+
+    /// A ball of 0.9 m at 0.9 m, as in ch. 3, that turns about y at 1 rad/s; frames at 10 Hz.
+    fn watch(config: FeatureCameraConfig, frames: u32) -> Vec<Sighting> {
+        let mut camera = FeatureCamera::new(config, BodyPoint::on_sphere(20, 0.45, 7));
+        let mut sightings = Vec::new();
+        for k in 0..frames {
+            let time = 0.1 * f64::from(k);
+            let turned = Rotation3::new(Vector3::new(0.0, time, 0.0));
+            camera.show(
+                time,
+                &Pose::from_parts(Translation3::new(0.0, 0.0, 0.9), turned),
+            );
+            while let Some(sighting) = camera.deliver(time) {
+                sightings.push(sighting);
+            }
+        }
+        sightings
+    }
+
+    fn ideal() -> FeatureCameraConfig {
+        FeatureCameraConfig::ideal(1024, 1.25)
+    }
+
+    /// Differences of each feature from the ideal camera's, by id \[px\].
+    fn deviations(config: FeatureCameraConfig, frames: u32) -> Vec<[f64; 2]> {
+        let exact = watch(ideal(), frames);
+        let seen = watch(config, frames);
+        assert_eq!(exact.len(), seen.len());
+        let pairs = exact.iter().zip(&seen).flat_map(|(a, b)| a.common(b));
+        pairs.map(|(a, b)| [b.u - a.u, b.v - a.v]).collect()
+    }
+
+    #[test]
+    fn an_ideal_camera_sees_every_point_at_every_instant() {
+        let sightings = watch(ideal(), 50);
+        assert_eq!(sightings.len(), 50);
+        assert!(sightings.iter().all(|s| s.features.len() == 20));
+        let ids = |s: &Sighting| s.features.iter().map(|f| f.id).collect::<Vec<_>>();
+        assert!(
+            sightings
+                .iter()
+                .all(|s| ids(s) == (0..20).collect::<Vec<_>>())
+        );
+    }
+
+    #[test]
+    fn rounding_is_to_the_nearest_pixel() {
+        let quantised = FeatureCameraConfig {
+            quantised: true,
+            ..ideal()
+        };
+        let off: Vec<_> = deviations(quantised, 100).concat();
+        assert_eq!(off.len(), 4000);
+        assert!(off.iter().all(|d| d.abs() <= 0.5));
+        let rms = (off.iter().map(|d| d * d).sum::<f64>() / off.len() as f64).sqrt();
+        assert!((rms - 1.0 / 12f64.sqrt()).abs() < 0.01, "{rms}");
+    }
+
+    #[test]
+    fn noise_and_outliers_have_the_stated_size_and_repeat() {
+        let noisy = FeatureCameraConfig {
+            noise: 0.4,
+            outliers: 0.1,
+            ..ideal()
+        };
+        let off = deviations(noisy.clone(), 300);
+        let is_near = |d: &&[f64; 2]| d[0].hypot(d[1]) < 3.0;
+        let (near, far): (Vec<&[f64; 2]>, Vec<_>) = off.iter().partition(is_near);
+        let share = far.len() as f64 / off.len() as f64;
+        assert!((share - 0.1).abs() < 0.012, "{share}");
+        let rms = (near.iter().map(|d| d[0] * d[0]).sum::<f64>() / near.len() as f64).sqrt();
+        assert!((rms - 0.4).abs() < 0.02, "{rms}");
+        assert_eq!(watch(noisy.clone(), 30), watch(noisy, 30));
+    }
+
+    #[test]
+    fn the_far_side_is_hidden_and_comes_back_under_new_ids() {
+        let occluded = FeatureCameraConfig {
+            occlusion: true,
+            ..ideal()
+        };
+        // Two turns.
+        let sightings = watch(occluded, 126);
+        let seen: usize = sightings.iter().map(|s| s.features.len()).sum();
+        // From a diameter's distance a quarter of a sphere faces the camera: (1 - r/d) / 2.
+        let share = seen as f64 / (126.0 * 20.0);
+        assert!((0.18..0.32).contains(&share), "{share}");
+        let last = sightings
+            .iter()
+            .flat_map(|s| &s.features)
+            .map(|f| f.id)
+            .max();
+        assert!(last > Some(25), "{last:?}");
+        // No id disappears for a while.
+        for id in 0..=last.unwrap() {
+            let frames: Vec<_> = (0..126)
+                .filter(|i| sightings[*i].feature(id).is_some())
+                .collect();
+            assert_eq!(
+                frames.len(),
+                frames[frames.len() - 1] - frames[0] + 1,
+                "{id}"
+            );
+        }
+    }
+
+    #[test]
+    fn lost_tracks_and_lost_frames_have_the_stated_share() {
+        let flawed = FeatureCameraConfig {
+            losses: 0.05,
+            dropout: 0.3,
+            ..ideal()
+        };
+        let sightings = watch(flawed, 1000);
+        assert!((650..750).contains(&sightings.len()), "{}", sightings.len());
+        let seen: usize = sightings.iter().map(|s| s.features.len()).sum();
+        let share = seen as f64 / (sightings.len() as f64 * 20.0);
+        assert!((share - 0.95).abs() < 0.01, "{share}");
+    }
+
+    #[test]
+    fn rate_and_latency_are_kept() {
+        let slow = FeatureCameraConfig {
+            rate: 5.0,
+            latency: 0.25,
+            ..ideal()
+        };
+        let sightings = watch(slow, 101);
+        // 51 exposures in 10 s, less the two under way at its end.
+        assert_eq!(sightings.len(), 49);
+        assert!((sightings[1].time - 0.2).abs() < 1e-9);
+    }
+
+    #[test]
+    fn vertices_face_away_from_their_mean() {
+        let corner = |i: usize| {
+            let sign = |bit: usize| if i & bit == 0 { -1.0 } else { 1.0 };
+            Vector3::new(2.0 + sign(1), sign(2), sign(4))
+        };
+        let points = BodyPoint::of_vertices(&[0, 1, 2, 3, 4, 5, 6, 7].map(corner));
+        let expected = Vector3::new(1.0, -1.0, 1.0).normalize();
+        assert!((points[5].normal_B.into_inner() - expected).norm() < 1e-15);
+    }
+}
