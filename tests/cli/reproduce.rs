@@ -12,10 +12,24 @@ fn names() -> Vec<String> {
     stdout.lines().map(str::to_owned).collect()
 }
 
+fn keys(object: &Value) -> Vec<&str> {
+    let mut keys: Vec<_> = object
+        .as_object()
+        .unwrap()
+        .keys()
+        .map(String::as_str)
+        .collect();
+    keys.sort_unstable();
+    keys
+}
+
 /// An object of the form that scripts rely on; true if all of its rows passed.
 fn well_formed(report: &Value) -> bool {
-    let keys: Vec<_> = report.as_object().unwrap().keys().collect();
-    assert_eq!(keys, ["name", "notes", "passed", "rows"], "{report}");
+    assert_eq!(
+        keys(report),
+        ["name", "notes", "passed", "rows"],
+        "{report}"
+    );
     assert!(
         report["notes"]
             .as_array()
@@ -26,9 +40,8 @@ fn well_formed(report: &Value) -> bool {
     let rows = report["rows"].as_array().unwrap();
     assert!(!rows.is_empty(), "{report}");
     for row in rows {
-        let keys: Vec<_> = row.as_object().unwrap().keys().collect();
         let expected = ["computed", "passed", "published", "quantity", "tolerance"];
-        assert_eq!(keys, expected, "{row}");
+        assert_eq!(keys(row), expected, "{row}");
         assert!(
             row["quantity"].is_string() && row["computed"].is_f64(),
             "{row}"

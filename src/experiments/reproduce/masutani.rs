@@ -55,20 +55,20 @@ pub(super) fn fig_5_3(mut report: Report) -> Report {
     );
     report.note(RECOVERED);
     let panel = |label: &str, run: &[Moment]| Panel {
-        y_label: format!("{label} y [m]"),
+        y_label: format!("{label} x [m]"),
         series: projection(run),
         ..Panel::default()
     };
     let figure = Figure {
         title: "Masutani 1995 Fig. 5.3: the arm every 3 s, seen along z".to_owned(),
-        x_label: "x [m]".to_owned(),
+        x_label: "y [m]".to_owned(),
         panels: vec![panel("(a)", &joint_pd), panel("(b)", &proposed)],
     };
     report.figures.push(("masutani-fig-5.3".to_owned(), figure));
     report
 }
 
-/// The arm in the plane of x and y: there and back along its links, so that one line is all of its postures.
+/// The arm in the plane of y and x: there and back along its links, so that one line is all of its postures.
 fn projection(run: &[Moment]) -> Vec<Series> {
     let model = model();
     let mut workspace = Workspace::new(&model);
@@ -82,7 +82,7 @@ fn projection(run: &[Moment]) -> Vec<Series> {
         let base = X_WB * Point3::origin();
         std::iter::once(base)
             .chain(origins)
-            .map(|p| (p.x, p.y))
+            .map(|p| (p.y, p.x))
             .collect()
     };
     let every = (3.0 / PERIOD).round() as usize;
@@ -92,7 +92,7 @@ fn projection(run: &[Moment]) -> Vec<Series> {
         arm.extend(&line);
         arm.extend(line.iter().rev());
     }
-    let tip = run.iter().map(|m| (m.p_WE.x, m.p_WE.y)).collect();
+    let tip = run.iter().map(|m| (m.p_WE.y, m.p_WE.x)).collect();
     let goal = Run::new(
         LawKind::TransposeJacobian,
         JacobianKind::Generalized,
@@ -101,11 +101,11 @@ fn projection(run: &[Moment]) -> Vec<Series> {
     let goal = goal.X_WD().translation.vector;
     let arms = 0.15;
     let cross = [
-        (goal.x - arms, goal.y),
-        (goal.x + arms, goal.y),
-        (goal.x, goal.y),
-        (goal.x, goal.y - arms),
-        (goal.x, goal.y + arms),
+        (goal.y - arms, goal.x),
+        (goal.y + arms, goal.x),
+        (goal.y, goal.x),
+        (goal.y, goal.x - arms),
+        (goal.y, goal.x + arms),
     ];
     let series = |name: &str, points| Series {
         name: name.to_owned(),

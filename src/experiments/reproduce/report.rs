@@ -187,17 +187,19 @@ impl Row {
             }
             _ => 3,
         };
-        let value = |x: f64| match x.abs() {
-            small if small != 0.0 && small < 0.01 * 0.1f64.powi(decimals as i32 - 2) => {
-                format!("{x:.2e}")
-            }
-            _ => format!("{x:.decimals$}"),
+        let value = |x: f64| match x != 0.0 && x.abs() < 0.1f64.powi(decimals as i32) {
+            true => format!("{x:.2e}"),
+            false => format!("{x:.decimals$}"),
+        };
+        let tolerance = |t: f64| match t < 1e-3 {
+            true => format!("{t:e}"),
+            false => t.to_string(),
         };
         [
             self.quantity.clone(),
             self.published.map_or_else(String::new, value),
             value(self.computed),
-            self.tolerance.map_or_else(String::new, |t| format!("{t}")),
+            self.tolerance.map_or_else(String::new, tolerance),
             if self.passed { "ok" } else { "DIFFERS" }.to_owned(),
         ]
     }
