@@ -227,7 +227,13 @@ fn figure(title: &str, y_label: &str, series: Vec<Series>) -> Figure {
 }
 
 /// All joints over time.
-struct Curves(Vec<(f64, Vec<f64>, Vec<f64>)>);
+struct Curves(Vec<Sample>);
+
+struct Sample {
+    time: f64,
+    q: Vec<f64>,
+    qd: Vec<f64>,
+}
 
 impl Curves {
     fn of<F: Formulation>(mut run: Run<F>, duration: f64, step: f64) -> Self {
@@ -235,27 +241,27 @@ impl Curves {
         let states = (0..=steps).map(|k| {
             let time = f64::from(k) * step;
             run.advance_to(time, step);
-            (time, run.q().to_vec(), run.qd().to_vec())
+            Sample {
+                time,
+                q: run.q().to_vec(),
+                qd: run.qd().to_vec(),
+            }
         });
         Self(states.collect())
     }
 
     fn angles(&self, joints: &[(&str, usize)]) -> Vec<Series> {
-        self.series(joints, |state, joint| state.1[joint])
+        self.series(joints, |sample, joint| sample.q[joint])
     }
 
     fn rates(&self, joints: &[(&str, usize)]) -> Vec<Series> {
-        self.series(joints, |state, joint| state.2[joint])
+        self.series(joints, |sample, joint| sample.qd[joint])
     }
 
-    fn series(
-        &self,
-        joints: &[(&str, usize)],
-        value: fn(&(f64, Vec<f64>, Vec<f64>), usize) -> f64,
-    ) -> Vec<Series> {
+    fn series(&self, joints: &[(&str, usize)], value: fn(&Sample, usize) -> f64) -> Vec<Series> {
         let one = |&(name, joint): &(&str, usize)| Series {
             name: name.to_owned(),
-            points: self.0.iter().map(|s| (s.0, value(s, joint))).collect(),
+            points: self.0.iter().map(|s| (s.time, value(s, joint))).collect(),
         };
         joints.iter().map(one).collect()
     }
