@@ -133,16 +133,12 @@ fn table(name: &str, s: &Summary) -> String {
             s.duration / s.wall_time
         ),
     );
-    row(
-        "tip position error",
-        format!("{:.3e} m", s.tip_position_error),
-    );
-    row(
-        "tip attitude error",
-        format!("{:.3e} rad", s.tip_attitude_error),
-    );
-    row("within 1 cm after", time(s.time_to_1cm));
-    row("within 2 degrees after", time(s.time_to_2deg));
+    if let (Some(position), Some(attitude)) = (s.tip_position_error, s.tip_attitude_error) {
+        row("tip position error", format!("{position:.3e} m"));
+        row("tip attitude error", format!("{attitude:.3e} rad"));
+        row("within 1 cm after", time(s.time_to_1cm));
+        row("within 2 degrees after", time(s.time_to_2deg));
+    }
     row("base displacement", format!("{x:.4}, {y:.4}, {z:.4} m"));
     row(
         "base roll, pitch, yaw",
@@ -156,11 +152,16 @@ fn table(name: &str, s: &Summary) -> String {
         ),
     );
     row("energy residual", format!("{:.1e}", s.energy_residual));
-    row("largest tip speed", format!("{:.3} m/s", s.max_tip_speed));
-    row(
-        "largest tip acceleration",
-        format!("{:.3} m/s2", s.max_tip_acceleration),
-    );
+    if let Some(gap) = s.loop_gap {
+        row("largest loop gap", format!("{gap:.1e} m or rad"));
+    }
+    if let (Some(speed), Some(acceleration)) = (s.max_tip_speed, s.max_tip_acceleration) {
+        row("largest tip speed", format!("{speed:.3} m/s"));
+        row(
+            "largest tip acceleration",
+            format!("{acceleration:.3} m/s2"),
+        );
+    }
     row(
         "largest base acceleration",
         format!("{:.4} rad/s2", s.max_base_angular_acceleration),

@@ -2,7 +2,8 @@
 
 use nalgebra::DVector;
 
-use super::{Input, Integrator, Method, State, Workspace};
+use super::newton_euler::SystemError;
+use super::{FormulationKind, Input, Integrator, Loops, Method, State, Workspace};
 use crate::model::Model;
 
 /// One free-floating tree with its state and scratch: the servicer, or a target (a tree without joints).
@@ -13,25 +14,39 @@ pub struct Floating {
     workspace: Workspace,
     integrator: Integrator,
     input: Input,
-    qdd: DVector<f64>,
-    /// Whether `qdd` is that of the present state under the held input.
+    /// Whether the integrator's last evaluation is that of the present state under the held input.
     qdd_is_known: bool,
 }
 
 impl Floating {
     /// A tree in a state, to be stepped with `method`.
     pub fn new(model: Model, state: State, method: Method) -> Self {
+        let loops = Loops::none(&model);
+        Self::with_loops(model, state, method, loops)
+    }
+
+    /// A tree with closed loops in a state assembled for them ([`Loops::assemble`]).
+    pub fn with_loops(model: Model, state: State, method: Method, loops: Loops) -> Self {
         let mut floating = Self {
             workspace: Workspace::new(&model),
-            integrator: Integrator::new(&model, method),
+            integrator: Integrator::with_loops(&model, method.tableau(), loops),
             input: Input::zero(&model),
-            qdd: DVector::zeros(model.dof()),
             qdd_is_known: false,
             model,
             state,
         };
         floating.refresh();
         floating
+    }
+
+    /// The same tree, with forward dynamics by another formulation.
+    ///
+    /// # Errors
+    /// [`SystemError`] as [`FormulationKind::prepare`].
+    pub fn by(mut self, kind: FormulationKind) -> Result<Self, SystemError> {
+        self.integrator = self.integrator.by(&self.model, kind)?;
+        self.qdd_is_known = false;
+        Ok(self)
     }
 
     /// The tree.
@@ -49,7 +64,20 @@ impl Floating {
         &self.workspace
     }
 
-    /// Replaces the state.
+    /// Its closed loops.
+    pub fn loops(&self) -> &Loops {
+        self.integrator.loops()
+    }
+
+    /// What the closures carry: see [`Loops::forces`].
+    pub fn closure_forces(&mut self) -> Vec<[Option<f64>; 6]> {
+        self.qdd_is_known = false;
+        let (state, input) = (&self.state, &self.input);
+        let loops = self.integrator.loops_mut();
+        loops.forces(&self.model, state, &mut self.workspace, input)
+    }
+
+    /// Replaces the state, which must be on the constraints of closed loops.
     pub fn set_state(&mut self, state: State) {
         self.state = state;
         self.refresh();
@@ -92,7 +120,6 @@ impl Floating {
                 &mut self.workspace,
                 dt,
                 &self.input,
-                &self.qdd,
             );
             self.qdd_is_known = false;
         }
@@ -102,15 +129,16 @@ impl Floating {
     /// accelerations are those of this instant too.
     pub fn accelerations(&mut self) -> &DVector<f64> {
         self.set_joint_accelerations();
-        self.workspace.set_accelerations(&self.qdd);
-        &self.qdd
+        let answer = self.integrator.answer();
+        self.workspace.spread_motion(self.state.qd.as_slice());
+        (self.workspace).spread_accelerations(answer.A_WB_B, answer.qdd.as_slice());
+        &answer.qdd
     }
 
     fn set_joint_accelerations(&mut self) {
         if !self.qdd_is_known {
             let (model, state, input) = (&self.model, &self.state, &self.input);
-            self.workspace
-                .accelerations(model, state, input, &mut self.qdd);
+            (self.integrator).evaluate(model, state, &mut self.workspace, input);
             self.qdd_is_known = true;
         }
     }

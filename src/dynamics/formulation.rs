@@ -2,7 +2,8 @@
 
 use nalgebra::{DVector, UnitQuaternion};
 
-use super::Input;
+use super::newton_euler::{NewtonEuler, SystemError};
+use super::{ArticulatedBody, Input, Kane, Reduced};
 use crate::model::Model;
 use crate::spatial::Twist;
 
@@ -52,4 +53,79 @@ pub trait Formulation {
         input: &Input,
         out: &mut TreeAcceleration,
     );
+}
+
+/// Formulations to choose from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub enum FormulationKind {
+    /// [`ArticulatedBody`]: the default, since it is the fastest and loses no digits in long chains.
+    #[default]
+    ArticulatedBody,
+    /// [`Reduced`].
+    Reduced,
+    /// [`Kane`].
+    Kane,
+    /// [`NewtonEuler`].
+    NewtonEuler,
+}
+
+impl FormulationKind {
+    /// All formulations by name, the default first.
+    pub const NAMES: [(&'static str, Self); 4] = [
+        ("articulated_body", Self::ArticulatedBody),
+        ("reduced", Self::Reduced),
+        ("kane", Self::Kane),
+        ("newton_euler", Self::NewtonEuler),
+    ];
+
+    /// Scratch of this formulation for `model`.
+    ///
+    /// # Errors
+    /// [`SystemError`] if the matrix method cannot take the model, such as one with a body without mass.
+    pub fn prepare(self, model: &Model) -> Result<ForwardDynamics, SystemError> {
+        Ok(match self {
+            Self::ArticulatedBody => ForwardDynamics::articulated_body(model),
+            Self::Reduced => ForwardDynamics::Reduced(Box::new(Reduced::new(model))),
+            Self::Kane => ForwardDynamics::Kane(Box::new(Kane::new(model))),
+            Self::NewtonEuler => ForwardDynamics::NewtonEuler(Box::new(NewtonEuler::new(model)?)),
+        })
+    }
+}
+
+/// A formulation that was chosen by name, prepared for a model.
+#[derive(Debug, Clone)]
+pub enum ForwardDynamics {
+    /// By articulated bodies.
+    ArticulatedBody(Box<ArticulatedBody>),
+    /// By the reduced system.
+    Reduced(Box<Reduced>),
+    /// By Kane's method.
+    Kane(Box<Kane>),
+    /// By the matrix method.
+    NewtonEuler(Box<NewtonEuler>),
+}
+
+impl ForwardDynamics {
+    /// The default formulation.
+    pub(super) fn articulated_body(model: &Model) -> Self {
+        Self::ArticulatedBody(Box::new(ArticulatedBody::new(model)))
+    }
+}
+
+impl Formulation for ForwardDynamics {
+    fn accelerations(
+        &mut self,
+        model: &Model,
+        motion: &TreeMotion,
+        input: &Input,
+        out: &mut TreeAcceleration,
+    ) {
+        let chosen: &mut dyn Formulation = match self {
+            Self::ArticulatedBody(formulation) => formulation.as_mut(),
+            Self::Reduced(formulation) => formulation.as_mut(),
+            Self::Kane(formulation) => formulation.as_mut(),
+            Self::NewtonEuler(formulation) => formulation.as_mut(),
+        };
+        chosen.accelerations(model, motion, input, out);
+    }
 }

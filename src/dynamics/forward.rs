@@ -48,18 +48,29 @@ impl Workspace {
         input: &Input,
         qdd: &mut DVector<f64>,
     ) {
+        let (q, qd) = (state.q.as_slice(), state.qd.as_slice());
+        self.solve(model, q, qd, input, qdd);
+    }
+
+    /// [`Workspace::accelerations`] from slices.
+    pub(super) fn solve(
+        &mut self,
+        model: &Model,
+        q: &[f64],
+        qd: &[f64],
+        input: &Input,
+        qdd: &mut DVector<f64>,
+    ) {
         self.set_bias_forces(input);
         let (force, torque) = self.base_reaction();
-        let motion = state.q.as_slice().iter().zip(state.qd.as_slice());
-        let acting = input.efforts.as_slice().iter().zip(motion);
-        let moved = (model.joints().iter().zip(&self.joints)).zip(&self.bodies[1..]);
+        let acting = input.efforts.as_slice().iter().zip(q.iter().zip(qd));
         let rhs = qdd.as_mut_slice();
-        for ((rhs, (effort, (q, qd))), ((joint, terms), body)) in
-            rhs.iter_mut().zip(acting).zip(moved)
-        {
+        for (j, (rhs, (effort, (q, qd)))) in rhs.iter_mut().zip(acting).enumerate() {
+            let place = &self.places[j + 1];
+            let (J_C, H_A) = (Vector3::from(place.J_C.0), Vector3::from(place.H_A.0));
             let bias =
-                terms.axis.effort(&body.force) - terms.J_C.dot(&force) + terms.H_A.dot(&torque);
-            *rhs = effort + joint.passive_effort(*q, *qd) - bias;
+                self.axis(j).effort(&self.bodies[j + 1].force) - J_C.dot(&force) + H_A.dot(&torque);
+            *rhs = effort + model.joints()[j].passive_effort(*q, *qd) - bias;
         }
         self.set_reduced_inertia();
         solve_positive_definite(self.reduced.as_mut_slice(), qdd.as_mut_slice());
@@ -68,27 +79,45 @@ impl Workspace {
     /// Newton's and Euler's equations of every body at its bias acceleration, external wrenches taken
     /// off, then summed from the tips: `force[b]` becomes what moves body `b`'s subtree.
     fn set_bias_forces(&mut self, input: &Input) {
-        self.external = Wrench::ZERO;
-        self.external_power = 0.0;
-        for (body, wrench) in self.bodies.iter_mut().zip(&input.wrenches) {
-            let (w, bias, inertia) = (&body.twist.angular, &body.bias, &body.inertia);
-            let h = &inertia.first_moment;
+        for (b, wrench) in input.wrenches.iter().enumerate() {
+            let inertia = self.tree.bodies[b].inertia.rotated(&self.R_BK(b));
+            let X_0B = (*wrench != Wrench::ZERO).then(|| self.X_0B(b));
+            let origin = Vector3::from(self.places[b].p_BK.0);
+            let body = &mut self.bodies[b];
+            let (w, bias, h) = (&body.twist.angular, &body.bias, &inertia.first_moment);
             body.force = Wrench {
                 torque: &inertia.about_origin * bias.angular
                     + w.cross(&(&inertia.about_origin * *w))
                     + h.cross(&bias.linear),
                 force: bias.linear * inertia.mass + bias.angular.cross(h) + w.cross(&w.cross(h)),
             };
-            if *wrench != Wrench::ZERO {
-                let wrench = Wrench::new(body.R_0B * wrench.torque, body.R_0B * wrench.force);
+            if let Some(X_0B) = X_0B {
+                let wrench = wrench.shifted_to_parent(&X_0B).shifted(&-origin);
                 body.force -= wrench;
-                self.external += wrench.shifted(&(body.p_0B - self.p_BC));
-                self.external_power += body.twist.dot(&wrench);
             }
         }
-        for (j, joint) in self.joints.iter().enumerate().rev() {
+        for j in (0..self.tree.dof()).rev() {
+            let p_PK = self.p_PK(j);
             let (earlier, rest) = self.bodies.split_at_mut(j + 1);
-            earlier[joint.parent].force += rest[0].force.shifted(&rest[0].p_PB);
+            earlier[self.tree.hops[j].parent].force += rest[0].force.shifted(&p_PK);
+        }
+    }
+
+    /// Sums up the external wrenches and their power. Spreads the motion to all bodies if there are any.
+    pub(super) fn set_external(&mut self, input: &Input, qd: &[f64]) {
+        self.external = Wrench::ZERO;
+        self.external_power = 0.0;
+        if !Wrench::any(&input.wrenches) {
+            return;
+        }
+        self.spread_motion(qd);
+        for (b, wrench) in input.wrenches.iter().enumerate() {
+            if *wrench != Wrench::ZERO {
+                let origin = Vector3::from(self.places[b].p_BK.0);
+                let wrench = wrench.shifted_to_parent(&self.X_0B(b)).shifted(&-origin);
+                self.external += wrench.shifted(&(origin - self.p_BC));
+                self.external_power += self.bodies[b].twist.dot(&wrench);
+            }
         }
     }
 
@@ -103,19 +132,26 @@ impl Workspace {
     pub fn set_accelerations(&mut self, qdd: &DVector<f64>) {
         let (force, mut torque) = self.base_reaction();
         let mut a_com = -force / self.mass;
-        for (joint, qdd) in self.joints.iter().zip(qdd.as_slice()) {
-            torque += joint.H_M * *qdd;
-            a_com -= joint.J_C * *qdd;
+        for (place, qdd) in self.places[1..].iter().zip(qdd.as_slice()) {
+            torque += Vector3::from(place.H_M.0) * *qdd;
+            a_com -= Vector3::from(place.J_C.0) * *qdd;
         }
         let angular = -(&self.H_B_inverse * torque);
-        self.bodies[0].acceleration = Twist::new(angular, a_com - angular.cross(&self.p_BC));
-        for (j, (joint, &qdd)) in self.joints.iter().zip(qdd.as_slice()).enumerate() {
+        let base = Twist::new(angular, a_com - angular.cross(&self.p_BC));
+        self.spread_accelerations(base, qdd.as_slice());
+    }
+
+    /// Accelerations of all bodies from the base's and the joints'.
+    pub(super) fn spread_accelerations(&mut self, base: Twist, qdd: &[f64]) {
+        self.bodies[0].acceleration = base;
+        for (j, &qdd) in qdd.iter().enumerate() {
+            let (p_PK, own) = (self.p_PK(j), self.axis(j).twist(qdd));
             let (earlier, rest) = self.bodies.split_at_mut(j + 1);
-            let (parent, body) = (&earlier[joint.parent], &mut rest[0]);
+            let (parent, body) = (&earlier[self.tree.hops[j].parent], &mut rest[0]);
             // What base and joints add to the bias acceleration spreads from body to body as a twist.
             let mut added = parent.acceleration - parent.bias;
-            added.linear += added.angular.cross(&body.p_PB);
-            body.acceleration = body.bias + added + joint.axis.twist(qdd);
+            added.linear += added.angular.cross(&p_PK);
+            body.acceleration = body.bias + added + own;
         }
     }
 
@@ -124,7 +160,7 @@ impl Workspace {
     pub fn A_WF_B(&self, frame: &Frame) -> Twist {
         let body = &self.bodies[frame.body];
         let (a, w) = (&body.acceleration, &body.twist.angular);
-        let r = body.R_0B * frame.X_BF.translation.vector;
+        let r = self.p_KF(frame);
         let linear = a.linear + a.angular.cross(&r) + w.cross(&w.cross(&r));
         Twist::new(a.angular, linear)
     }

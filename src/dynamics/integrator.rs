@@ -2,7 +2,11 @@
 
 use nalgebra::{DVector, Vector3};
 
-use super::{Input, State, Tableau, Workspace};
+use super::newton_euler::SystemError;
+use super::{
+    Formulation, FormulationKind, ForwardDynamics, Input, Loops, State, Tableau, TreeAcceleration,
+    TreeMotion, Workspace,
+};
 use crate::model::Model;
 use crate::spatial::{exp_so3, rotation_vector_rate};
 
@@ -102,22 +106,71 @@ pub struct Integrator {
     rates: Vec<Rate>,
     stage: State,
     input: Input,
+    plant: Plant,
 }
 
 impl Integrator {
-    /// An integrator for `model` with one of the library's methods.
+    /// An integrator for `model` with one of the library's methods and the default formulation.
     pub fn new(model: &Model, method: Method) -> Self {
         Self::with_tableau(model, method.tableau())
     }
 
     /// An integrator for `model` with any explicit tableau.
     pub fn with_tableau(model: &Model, tableau: &'static Tableau) -> Self {
+        Self::with_loops(model, tableau, Loops::none(model))
+    }
+
+    /// An integrator for `model` with closed loops: states are projected onto them at every stage. They
+    /// start from one that is assembled ([`Loops::assemble`]).
+    pub fn with_loops(model: &Model, tableau: &'static Tableau, loops: Loops) -> Self {
         Self {
+            plant: Plant {
+                dynamics: ForwardDynamics::articulated_body(model),
+                loops,
+                answer: TreeAcceleration::zero(model),
+            },
             tableau,
             rates: vec![Rate::zero(model.dof()); tableau.c.len()],
             stage: State::at_rest(model),
             input: Input::zero(model),
         }
+    }
+
+    /// The same integrator, with forward dynamics by another formulation. Closed loops keep to the reduced
+    /// form, in whose metric they are solved.
+    ///
+    /// # Errors
+    /// [`SystemError`] as [`FormulationKind::prepare`].
+    pub fn by(mut self, model: &Model, kind: FormulationKind) -> Result<Self, SystemError> {
+        self.plant.dynamics = kind.prepare(model)?;
+        Ok(self)
+    }
+
+    /// Accelerations of a state; afterwards `workspace` holds its positions, the base's motion, and what
+    /// external wrenches sum up to.
+    pub(super) fn evaluate(
+        &mut self,
+        model: &Model,
+        state: &State,
+        workspace: &mut Workspace,
+        input: &Input,
+    ) -> &TreeAcceleration {
+        self.plant.evaluate(model, state, workspace, input);
+        &self.plant.answer
+    }
+
+    /// What the last evaluation gave.
+    pub(super) fn answer(&self) -> &TreeAcceleration {
+        &self.plant.answer
+    }
+
+    /// The closed loops.
+    pub fn loops(&self) -> &Loops {
+        &self.plant.loops
+    }
+
+    pub(super) fn loops_mut(&mut self) -> &mut Loops {
+        &mut self.plant.loops
     }
 
     /// Advances `state` by `dt` \[s\]; `forcing` is asked at every stage. On return `workspace` holds
@@ -130,17 +183,14 @@ impl Integrator {
         dt: f64,
         forcing: &mut impl Forcing,
     ) {
+        self.plant.loops.project(model, state, workspace);
         forcing.apply(state.time, state, &mut self.input);
-        let rate = &mut self.rates[0];
-        workspace.set_positions(model, &state.q);
-        workspace.set_motion(state);
-        workspace.accelerations(model, state, &self.input, &mut rate.qd);
-        rate.complete(model, state, workspace, &self.input, &Vector3::zeros());
+        self.plant.evaluate(model, state, workspace, &self.input);
+        self.begin(model, state, workspace);
         self.finish(model, state, workspace, dt, forcing);
     }
 
-    /// A step under `input` held, from a state whose accelerations under it are `qdd`: the last that
-    /// `workspace` was asked for.
+    /// A step under `input` held, from the state that was evaluated last, under the same input.
     pub(super) fn step_held(
         &mut self,
         model: &Model,
@@ -148,14 +198,19 @@ impl Integrator {
         workspace: &mut Workspace,
         dt: f64,
         input: &Input,
-        qdd: &DVector<f64>,
     ) {
         self.input.copy_from(input);
-        let rate = &mut self.rates[0];
-        rate.qd.as_mut_slice().copy_from_slice(qdd.as_slice());
-        rate.complete(model, state, workspace, input, &Vector3::zeros());
+        self.begin(model, state, workspace);
         let mut held = |_: f64, _: &State, _: &mut Input| {};
         self.finish(model, state, workspace, dt, &mut held);
+    }
+
+    /// The first stage, from the last evaluation.
+    fn begin(&mut self, model: &Model, state: &State, workspace: &Workspace) {
+        let rate = &mut self.rates[0];
+        let qdd = self.plant.answer.qdd.as_slice();
+        rate.qd.as_mut_slice().copy_from_slice(qdd);
+        rate.complete(model, state, workspace, &self.input, &Vector3::zeros());
     }
 
     /// The stages after the first, and the new state.
@@ -169,22 +224,67 @@ impl Integrator {
     ) {
         let tableau = self.tableau;
         for (i, (a, c)) in tableau.a.iter().zip(tableau.c).enumerate().skip(1) {
-            let (earlier, current) = self.rates.split_at_mut(i);
-            let turned = advance(&mut self.stage, state, earlier, a, dt);
+            let turned = advance(&mut self.stage, state, &self.rates[..i], a, dt);
             self.stage.time = state.time + c * dt;
+            self.plant
+                .loops
+                .project(model, &mut self.stage, workspace);
             forcing.apply(self.stage.time, &self.stage, &mut self.input);
-            let (stage, rate) = (&self.stage, &mut current[0]);
-            workspace.set_positions(model, &stage.q);
-            workspace.set_motion(stage);
-            workspace.accelerations(model, stage, &self.input, &mut rate.qd);
-            rate.complete(model, stage, workspace, &self.input, &turned);
+            self.plant
+                .evaluate(model, &self.stage, workspace, &self.input);
+            let rate = &mut self.rates[i];
+            let qdd = self.plant.answer.qdd.as_slice();
+            rate.qd.as_mut_slice().copy_from_slice(qdd);
+            rate.complete(model, &self.stage, workspace, &self.input, &turned);
         }
         advance(&mut self.stage, state, &self.rates, tableau.b, dt);
         self.stage.time = state.time + dt;
         std::mem::swap(state, &mut self.stage);
+        self.plant.loops.project(model, state, workspace);
         state.R_WB.renormalize_fast();
         workspace.set_positions(model, &state.q);
         workspace.set_motion(state);
+    }
+}
+
+/// What accelerates the robot: a formulation of forward dynamics, and closed loops.
+#[derive(Debug, Clone)]
+struct Plant {
+    dynamics: ForwardDynamics,
+    loops: Loops,
+    answer: TreeAcceleration,
+}
+
+impl Plant {
+    fn evaluate(&mut self, model: &Model, state: &State, workspace: &mut Workspace, input: &Input) {
+        let Self {
+            dynamics,
+            loops,
+            answer,
+        } = self;
+        workspace.set_positions(model, &state.q);
+        if !loops.closures().is_empty() {
+            workspace.set_motion(state);
+            loops.accelerations(model, state, workspace, input, &mut answer.qdd);
+            workspace.set_accelerations(&answer.qdd);
+            answer.A_WB_B = workspace.bodies[0].acceleration;
+            workspace.set_external(input, state.qd.as_slice());
+            return;
+        }
+        workspace.set_base_motion(state);
+        workspace.set_external(input, state.qd.as_slice());
+        let motion = TreeMotion {
+            R_WB: state.R_WB,
+            V_WB_B: *workspace.V_WB_B(),
+            q: state.q.as_slice(),
+            qd: state.qd.as_slice(),
+        };
+        match dynamics {
+            ForwardDynamics::ArticulatedBody(dynamics) => {
+                dynamics.accelerations_at(&workspace.places, &motion, input, answer);
+            }
+            other => other.accelerations(model, &motion, input, answer),
+        }
     }
 }
 

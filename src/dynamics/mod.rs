@@ -10,7 +10,8 @@
 //! and then read: fixed-base and generalized Jacobians, base map, reduced inertia, frame poses.
 //! [`Workspace::set_motion`] adds what depends on rates and momentum: body twists, energy, momentum as
 //! the bodies carry it. [`Workspace::accelerations`] is the forward dynamics of the reduced system,
-//! eq. (4.49). [`Integrator`] steps a state. None of them allocates.
+//! eq. (4.49). [`Integrator`] steps a state. None of them allocates. [`Loops`] hold bodies of the tree to
+//! each other: closed loops.
 //!
 //! ```
 //! use fuyu::dynamics::{Input, Integrator, Method, State, Workspace};
@@ -35,13 +36,19 @@
 //! assert!(state.q[0] > 0.0 && state.R_WB.axis().unwrap().z < 0.0);
 //! ```
 
+mod articulated_body;
+mod axis;
+#[cfg(feature = "batch")]
+mod batch;
 mod floating;
 mod formulation;
 mod forward;
 mod integrator;
+mod inverse;
 mod jacobian;
-mod joint_map;
 mod kane;
+pub mod kernel;
+mod loops;
 mod momentum;
 pub mod newton_euler;
 mod reduced;
@@ -51,11 +58,19 @@ mod tableau;
 mod vector_state;
 mod workspace;
 
+pub use articulated_body::ArticulatedBody;
+#[cfg(feature = "batch")]
+pub use batch::Batch;
 pub use floating::Floating;
-pub use formulation::{Formulation, TreeAcceleration, TreeMotion};
+pub use formulation::{
+    Formulation, FormulationKind, ForwardDynamics, TreeAcceleration, TreeMotion,
+};
 pub use forward::Input;
 pub use integrator::{Forcing, Integrator, Method};
+pub use inverse::InverseDynamics;
 pub use kane::{BaseSpeed, CutError, CutHinge, Kane};
+pub use loops::{Direction, LoopClosure, LoopError, LoopGap, Loops};
+pub use reduced::Reduced;
 pub use runge_kutta::RungeKutta;
 pub use state::{Momentum, State};
 pub use tableau::Tableau;

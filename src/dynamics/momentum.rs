@@ -2,42 +2,19 @@
 
 use nalgebra::{DVector, Matrix6xX, Vector3};
 
-use super::workspace::BodyTerms;
 use super::{Momentum, Workspace};
 use crate::model::Model;
-use crate::spatial::{RigidInertia, SpatialInertia, Twist};
+use crate::spatial::{Pose, RigidInertia, Twist};
 
 impl Workspace {
-    /// Composite inertias by one sweep from the tips, then the columns of the momentum map: joint `j` at
-    /// unit rate with the base held gives the momentum of its subtree moving as one body. Linear in the
-    /// number of joints. Masutani 1995 eqs. (4.9)-(4.18), (4.25), (4.26).
-    pub(super) fn set_momentum_map(&mut self) {
-        for (j, joint) in self.joints.iter_mut().enumerate().rev() {
-            let (earlier, rest) = self.bodies.split_at_mut(j + 1);
-            let (parent, body) = (&mut earlier[joint.parent], &rest[0]);
-            parent.composite += body.composite.shifted(&body.p_PB);
-            joint.momentum = joint.axis.momentum(&body.composite);
-        }
-        let system: &SpatialInertia = &self.bodies[0].composite;
-        self.p_BC = system.first_moment / self.mass;
-        // Bodies are positive definite, so only a position that is not finite can make this fail, and
-        // that shows in every result.
-        self.H_B_inverse = system.shifted(&-self.p_BC).about_origin.inverse();
-        for (joint, body) in self.joints.iter_mut().zip(&self.bodies[1..]) {
-            joint.J_C = joint.momentum.force / self.mass;
-            joint.H_M = joint.momentum.shifted(&(body.p_0B - self.p_BC)).torque;
-            joint.H_A = -(&self.H_B_inverse * joint.H_M);
-        }
-    }
-
     /// Twist of the base frame for momentum and joint rates (all in base axes): Masutani 1995
     /// eqs. (4.13), (4.23) solved with the momentum kept.
     pub fn base_twist(&self, momentum_B: &Momentum, qd: &DVector<f64>) -> Twist {
         let mut angular_momentum = momentum_B.angular;
         let mut v_com = momentum_B.linear / self.mass;
-        for (joint, rate) in self.joints.iter().zip(qd.as_slice()) {
-            angular_momentum -= joint.H_M * *rate;
-            v_com -= joint.J_C * *rate;
+        for (place, rate) in self.places[1..].iter().zip(qd.as_slice()) {
+            angular_momentum -= Vector3::from(place.H_M.0) * *rate;
+            v_com -= Vector3::from(place.J_C.0) * *rate;
         }
         let angular = &self.H_B_inverse * angular_momentum;
         Twist::new(angular, v_com - angular.cross(&self.p_BC))
@@ -46,12 +23,15 @@ impl Workspace {
     /// Momentum (base axes) of the system whose base frame moves with `V_WB_B` while the joints move
     /// with `qd`: eq. (4.13). The inverse of [`Workspace::base_twist`].
     pub fn momentum_of(&self, V_WB_B: &Twist, qd: &DVector<f64>) -> Momentum {
-        let about_origin = self.bodies[0].composite.momentum(V_WB_B);
-        let mut linear = about_origin.force;
-        let mut angular = about_origin.torque - self.p_BC.cross(&about_origin.force);
-        for (joint, rate) in self.joints.iter().zip(qd.as_slice()) {
-            linear += joint.momentum.force * *rate;
-            angular += joint.H_M * *rate;
+        let Twist {
+            angular: w,
+            linear: v,
+        } = V_WB_B;
+        let mut linear = (v + w.cross(&self.p_BC)) * self.mass;
+        let mut angular = &self.H_B * *w;
+        for (place, rate) in self.places[1..].iter().zip(qd.as_slice()) {
+            linear += Vector3::from(place.force.0) * *rate;
+            angular += Vector3::from(place.H_M.0) * *rate;
         }
         Momentum { linear, angular }
     }
@@ -61,10 +41,12 @@ impl Workspace {
     /// Masutani 1995 eqs. (4.23), (4.24).
     pub fn base_map(&self, model: &Model, out: &mut Matrix6xX<f64>) {
         let r = self.p_BC - model.bodies()[0].inertia.com;
-        for (joint, mut column) in self.joints.iter().zip(out.column_iter_mut()) {
-            let linear = -joint.J_C - joint.H_A.cross(&r);
-            column.fixed_rows_mut::<3>(0).copy_from(&linear);
-            column.fixed_rows_mut::<3>(3).copy_from(&joint.H_A);
+        let (columns, _) = out.as_mut_slice().as_chunks_mut::<6>();
+        for (place, column) in self.places[1..].iter().zip(columns) {
+            let (J_C, H_A) = (Vector3::from(place.J_C.0), Vector3::from(place.H_A.0));
+            let linear = -J_C - H_A.cross(&r);
+            column[..3].copy_from_slice(linear.as_slice());
+            column[3..].copy_from_slice(H_A.as_slice());
         }
     }
 
@@ -86,13 +68,14 @@ impl Workspace {
     /// [`Workspace::carried_momentum`] and [`Workspace::momentum_scale`] in one sweep.
     pub fn carried_momentum_and_scale(&self, model: &Model) -> (Momentum, (f64, f64)) {
         let (mut sum, mut scale) = (Momentum::default(), (0.0, 0.0));
-        for (body, terms) in model.bodies().iter().zip(&self.bodies) {
-            let (R_0B, inertia) = (&terms.R_0B, &body.inertia);
+        for (b, (body, terms)) in model.bodies().iter().zip(&self.bodies).enumerate() {
+            let (X_0B, inertia) = (self.X_0B(b), &body.inertia);
+            let R_0B = X_0B.rotation.matrix();
             let spin = R_0B * (inertia.about_com * R_0B.tr_mul(&terms.twist.angular));
-            let linear = terms.v_com(inertia) * inertia.mass;
+            let linear = self.v_com(b, &X_0B, inertia) * inertia.mass;
             // The common motion carries no angular momentum about the centre of mass.
             let own = linear - self.v_WC * inertia.mass;
-            let arm = R_0B * inertia.com + terms.p_0B - self.p_BC;
+            let arm = R_0B * inertia.com + X_0B.translation.vector - self.p_BC;
             let angular = spin + arm.cross(&own);
             sum.linear += linear;
             sum.angular += angular;
@@ -101,11 +84,12 @@ impl Workspace {
         }
         (sum, scale)
     }
-}
 
-impl BodyTerms {
-    /// Velocity of the body's centre of mass.
-    pub(super) fn v_com(&self, inertia: &RigidInertia) -> Vector3<f64> {
-        self.twist.linear + self.twist.angular.cross(&(self.R_0B * inertia.com))
+    /// Velocity of the centre of mass of body `b`, whose pose is `X_0B`.
+    pub(super) fn v_com(&self, b: usize, X_0B: &Pose, inertia: &RigidInertia) -> Vector3<f64> {
+        let twist = &self.bodies[b].twist;
+        let com = X_0B * nalgebra::Point3::from(inertia.com);
+        let origin = Vector3::from(self.places[b].p_BK.0);
+        twist.linear + twist.angular.cross(&(com.coords - origin))
     }
 }

@@ -97,6 +97,17 @@ impl State {
         )
     }
 
+    /// Takes over `other`'s values without allocating; both must be of the same model.
+    pub fn copy_from(&mut self, other: &Self) {
+        self.time = other.time;
+        self.R_WB = other.R_WB;
+        self.p_WC = other.p_WC;
+        self.momentum_W = other.momentum_W;
+        self.q.as_mut_slice().copy_from_slice(other.q.as_slice());
+        self.qd.as_mut_slice().copy_from_slice(other.qd.as_slice());
+        self.work = other.work;
+    }
+
     /// Whether every number in the state is finite.
     pub fn is_finite(&self) -> bool {
         let m = &self.momentum_W;

@@ -12,6 +12,7 @@ use std::f64::consts::PI;
 pub struct Modulus {
     k: f64,
     complement: f64,
+    quarter_period: f64,
 }
 
 /// `sn`, `cn` and `dn` of one argument.
@@ -28,17 +29,19 @@ pub struct Jacobi {
 impl Modulus {
     /// The modulus `k` in [0, 1]; outside, everything that follows is NaN.
     pub fn new(k: f64) -> Self {
-        Self {
-            k,
-            complement: ((1.0 - k) * (1.0 + k)).sqrt(),
-        }
+        Self::with_complement(k, ((1.0 - k) * (1.0 + k)).sqrt())
     }
 
     /// The modulus from `k²` and `1 - k²`, each known to its own precision.
     pub fn from_squares(k_squared: f64, complement_squared: f64) -> Self {
+        Self::with_complement(k_squared.sqrt(), complement_squared.sqrt())
+    }
+
+    fn with_complement(k: f64, complement: f64) -> Self {
         Self {
-            k: k_squared.sqrt(),
-            complement: complement_squared.sqrt(),
+            k,
+            complement,
+            quarter_period: quarter_period(complement),
         }
     }
 
@@ -55,15 +58,7 @@ impl Modulus {
     /// The complete integral of the first kind `K(k)`, (C.5): a quarter of the period of sn and cn. Infinite
     /// at `k = 1`.
     pub fn quarter_period(&self) -> f64 {
-        if self.complement == 0.0 {
-            return f64::INFINITY;
-        }
-        let (mut a, mut b) = (1.0, self.complement);
-        // Quadratic: once the means agree to 1e-9, the next is exact to rounding.
-        while (a - b).abs() > 1e-9 * a {
-            (a, b) = (0.5 * (a + b), (a * b).sqrt());
-        }
-        PI / (a + b)
+        self.quarter_period
     }
 
     /// sn, cn and dn of `u`, (C.2)-(C.4).
@@ -79,7 +74,7 @@ impl Modulus {
 
     /// `u` less a whole number of half periods `2 K`, and that number; the rest is in [-K, K].
     fn reduce(&self, u: f64) -> (f64, f64) {
-        let half_period = 2.0 * self.quarter_period();
+        let half_period = 2.0 * self.quarter_period;
         if half_period.is_infinite() {
             return (u, 0.0);
         }
@@ -89,7 +84,7 @@ impl Modulus {
 
     /// The functions for `u` in [-K, K].
     fn jacobi_reduced(&self, u: f64) -> Jacobi {
-        let quarter = self.quarter_period();
+        let quarter = self.quarter_period;
         if quarter.is_infinite() {
             let sech = u.cosh().recip();
             return Jacobi {
@@ -152,7 +147,7 @@ impl Modulus {
         if cos >= 0.0 {
             first
         } else {
-            (2.0 * self.quarter_period()).copysign(sin) - first
+            (2.0 * self.quarter_period).copysign(sin) - first
         }
     }
 
@@ -175,6 +170,19 @@ impl Modulus {
     fn dn_squared(&self, sin: f64, cos: f64) -> f64 {
         (self.complement * sin).mul_add(self.complement * sin, cos * cos)
     }
+}
+
+/// `K` of the modulus with this complement, by the arithmetic-geometric mean.
+fn quarter_period(complement: f64) -> f64 {
+    if complement == 0.0 {
+        return f64::INFINITY;
+    }
+    let (mut a, mut b) = (1.0, complement);
+    // Quadratic: once the means agree to 1e-9, the next is exact to rounding.
+    while (a - b).abs() > 1e-9 * a {
+        (a, b) = (0.5 * (a + b), (a * b).sqrt());
+    }
+    PI / (a + b)
 }
 
 /// The modulus with `2 k K(k) = x`, eq. (2.32); `x ≥ 0`. `2 k K` grows without bound as `k` nears 1.

@@ -34,8 +34,8 @@ pub struct MotionEstimate {
 
 impl MotionEstimate {
     /// An estimate that the data support as `model` (the simplest that fits: a nearly symmetric body may be
-    /// called axisymmetric although its closed form is asymmetric), with RMS residual `rms`: \[px\] for
-    /// tracks, \[rad/s\] for angular velocities; and, where the method has one, the covariance of
+    /// called axisymmetric although its closed form is asymmetric), with RMS residual `rms` of what the method
+    /// fits: \[px\] of image points, \[rad/s\] of angular velocities; and, where the method has one, the covariance of
     /// `(J_x, J_y, J_z, alpha)` \[s⁴\].
     pub fn new(
         model: MotionModel,
@@ -97,7 +97,7 @@ impl MotionEstimate {
         self.rotation.angular_velocity(time)
     }
 
-    /// RMS residual: \[px\] for tracks, \[rad/s\] for angular velocities.
+    /// RMS residual of what the method fits: \[px\] of image points, \[rad/s\] of angular velocities.
     pub fn rms(&self) -> f64 {
         self.rms
     }

@@ -12,8 +12,8 @@ use crate::vision::{Pinhole, Sighting};
 pub const MIN_POINTS: usize = 8;
 
 /// Image points are on a line when they scatter across it less than this share of their scatter along it:
-/// a pixel in a few hundred.
-const COLLINEAR: f64 = 2e-3;
+/// a pixel in two hundred.
+const COLLINEAR: f64 = 5e-3;
 
 /// A view is constant when no ray moves by more than this \[rad\].
 const CONSTANT: f64 = 1e-9;

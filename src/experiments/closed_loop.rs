@@ -16,10 +16,17 @@ use crate::{
 
 /// The loop of a scenario: what its nodes do over topics, done in one thread. Each state is shown to the
 /// camera, the controller answers with what the camera has delivered, and the efforts are held until the
-/// next state: the order of a graph in lockstep.
+/// next state: the order of a graph in lockstep. A scenario that names neither camera nor controller is a
+/// free motion, under springs and dampers alone.
 pub struct ClosedLoop {
     /// The plant.
     pub world: World,
+    servo: Option<Servo>,
+    duration: f64,
+}
+
+/// Camera and controller.
+struct Servo {
     camera: PoseCamera,
     watch: Option<WatchedTarget>,
     sightings: Vec<Sighting>,
@@ -27,7 +34,6 @@ pub struct ClosedLoop {
     X_WD: Pose,
     seen: Option<PoseFrame>,
     measurement_timeout: f64,
-    duration: f64,
     image: (u32, u32, f64),
 }
 
@@ -44,11 +50,17 @@ struct WatchedTarget {
 pub struct Moment<'a> {
     /// Frames that the camera delivered at this state.
     pub frames: &'a [PoseFrame],
+    /// What the controller did, if there is one.
+    pub answer: Option<Answer<'a>>,
+}
+
+/// What the controller did with a state.
+pub struct Answer<'a> {
     /// Frames of features that the camera delivered at this state.
     pub sightings: &'a [Sighting],
-    /// What the controller did.
+    /// The kind of measurement that it acted on.
     pub acted: Acted,
-    /// Age of the measurement that the controller used \[s\].
+    /// Age of the measurement that it used \[s\].
     pub age: f64,
     /// True deviation of the tip from the goal.
     pub error: PoseError,
@@ -62,11 +74,64 @@ impl ClosedLoop {
     /// # Errors
     /// A line that names file, node and parameter.
     pub fn new(scenario: &Scenario) -> Result<Self, String> {
-        let (dynamics, camera) = (scenario.dynamics()?, scenario.camera()?);
-        let controller = scenario.controller()?;
+        let dynamics = scenario.dynamics()?;
         let at = |e: String| format!("{}: {e}", scenario.path().display());
         let world = World::new(&dynamics).map_err(at)?;
+        let servo = if scenario.has("camera") || scenario.has("controller") {
+            Some(Servo::new(scenario, &world)?)
+        } else {
+            None
+        };
+        Ok(Self {
+            world,
+            servo,
+            duration: dynamics.duration,
+        })
+    }
+
+    /// The duration that the scenario gives \[s\]; zero is none.
+    pub fn duration(&self) -> f64 {
+        self.duration
+    }
+
+    /// Width, height and focal length of the camera's image \[px\]; `None` in a free motion.
+    pub fn image(&self) -> Option<(u32, u32, f64)> {
+        self.servo.as_ref().map(|servo| servo.image)
+    }
+
+    /// Lets camera and controller answer the present state; `look` sees the moment, with the new efforts
+    /// acting but time not yet gone on.
+    ///
+    /// # Errors
+    /// Says why the controller gives no efforts, or what `look` refuses.
+    pub fn answer<E: From<String>>(
+        &mut self,
+        frames: &mut Vec<PoseFrame>,
+        look: impl FnOnce(&mut World, &Moment) -> Result<(), E>,
+    ) -> Result<(), E> {
+        frames.clear();
+        let answer = match &mut self.servo {
+            Some(servo) => Some(servo.answer(&mut self.world, frames)?),
+            None => None,
+        };
+        look(&mut self.world, &Moment { frames, answer })
+    }
+
+    /// Goes on to the next state.
+    ///
+    /// # Errors
+    /// When the state is no longer finite.
+    pub fn advance(&mut self) -> Result<(), String> {
+        self.world.step_to_tick();
+        self.world.check_finite()
+    }
+}
+
+impl Servo {
+    fn new(scenario: &Scenario, world: &World) -> Result<Self, String> {
         let model = world.robot.model();
+        let (camera, controller) = (scenario.camera()?, scenario.controller()?);
+        let at = |e: String| format!("{}: {e}", scenario.path().display());
         let tip = tip_frame(model, &controller.tip_link)
             .map_err(|e| at(format!("controller: parameter {e}")))?;
         let seen_tip =
@@ -102,56 +167,28 @@ impl ClosedLoop {
             X_WD: with_matrix(&goal),
             seen: None,
             measurement_timeout: controller.measurement_timeout,
-            duration: dynamics.duration,
             image: camera.image,
-            world,
         })
     }
 
-    /// The duration that the scenario gives \[s\]; zero is none.
-    pub fn duration(&self) -> f64 {
-        self.duration
-    }
-
-    /// Width, height and focal length of the camera's image \[px\].
-    pub fn image(&self) -> (u32, u32, f64) {
-        self.image
-    }
-
-    /// The goal in the world.
-    pub fn X_WD(&self) -> &Pose {
-        &self.X_WD
-    }
-
-    /// Pose of the tip in the base frame.
-    pub fn X_BE(&self) -> Pose {
-        self.world.robot.workspace().X_BF(self.controller.tip())
-    }
-
-    /// Lets camera and controller answer the present state; `look` sees the moment, with the new efforts
-    /// acting but time not yet gone on.
-    ///
-    /// # Errors
-    /// Says why the controller gives no efforts, or what `look` refuses.
-    pub fn answer<E: From<String>>(
+    fn answer(
         &mut self,
+        world: &mut World,
         frames: &mut Vec<PoseFrame>,
-        look: impl FnOnce(&mut World, &Moment) -> Result<(), E>,
-    ) -> Result<(), E> {
-        let time = self.world.time();
-        let robot = &self.world.robot;
-        let X_BE = self.X_BE();
+    ) -> Result<Answer<'_>, String> {
+        let time = world.time();
+        let robot = &world.robot;
+        let X_BE = robot.workspace().X_BF(self.controller.tip());
         let X_WB = robot.state().X_WB(robot.workspace());
         let X_BD = X_WB.inverse() * self.X_WD;
         self.camera.show(time, &X_BE, Some(&X_BD));
-        frames.clear();
         while let Some(frame) = self.camera.deliver(time) {
             frames.push(frame);
         }
         self.sightings.clear();
         if let Some(watched) = &mut self.watch {
             let X_WC = X_WB * robot.workspace().X_BF(&watched.camera);
-            let target = &self.world.targets[watched.index].body;
+            let target = &world.targets[watched.index].body;
             let X_WT = target.state().X_WB(target.workspace());
             watched.watch.show(time, &X_WC, &X_WT);
             while let Some(sighting) = watched.watch.deliver(time) {
@@ -171,27 +208,14 @@ impl ClosedLoop {
         let state = robot.state();
         let acted = (self.controller.update(&state.q, &state.qd, pair))
             .map_err(|e| format!("at {time:.2} s: {e}"))?;
-        self.world
-            .robot
-            .hold_efforts(self.controller.efforts().as_slice());
-        let error = PoseError::between(&X_BE, &X_BD);
-        let moment = Moment {
-            frames,
+        let efforts = self.controller.efforts().as_slice();
+        world.robot.hold_efforts(efforts);
+        Ok(Answer {
             sightings: &self.sightings,
             acted,
             age,
-            error,
+            error: PoseError::between(&X_BE, &X_BD),
             controller: &self.controller,
-        };
-        look(&mut self.world, &moment)
-    }
-
-    /// Goes on to the next state.
-    ///
-    /// # Errors
-    /// When the state is no longer finite.
-    pub fn advance(&mut self) -> Result<(), String> {
-        self.world.step_to_tick();
-        self.world.check_finite()
+        })
     }
 }

@@ -18,7 +18,7 @@ pub mod tr942;
 pub use bag_check::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag};
 pub use bag_plot::plot_bag;
 pub use chart::{ChartError, Figure, Panel, Series};
-pub use closed_loop::{ClosedLoop, Moment};
+pub use closed_loop::{Answer, ClosedLoop, Moment};
 pub use observations::{Observations, ObservedTracks};
 pub use performance::{MomentumResidual, Performance, Summary};
 pub use recorded::{

@@ -11,16 +11,18 @@ pub struct Performance {
     initial_base: Vector3<f64>,
     initial_momentum: Momentum,
     initial_energy: f64,
-    last: (f64, f64, f64),
+    time: f64,
+    /// Of the tip; `None` without a controller that has one.
+    last_error: Option<(f64, f64)>,
     position_settled: Settled,
     attitude_settled: Settled,
     momentum_change: (f64, f64),
     momentum_scale: (f64, f64),
     energy_change: f64,
     energy_scale: f64,
-    max_tip_speed: f64,
-    max_tip_acceleration: f64,
+    max_tip: Option<(f64, f64)>,
     max_base_angular_acceleration: f64,
+    loop_gap: Option<f64>,
 }
 
 /// Remembers since when a value has stayed below a bound.
@@ -52,15 +54,16 @@ pub struct MomentumResidual {
     pub angular: f64,
 }
 
-/// The figures of a run. Errors are true ones, whatever the camera saw.
+/// The figures of a run. Errors are true ones, whatever the camera saw; what is of the tip is `None` in a
+/// free motion.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Summary {
     /// Simulated time \[s\].
     pub duration: f64,
     /// Final distance of the tip from the goal \[m\].
-    pub tip_position_error: f64,
+    pub tip_position_error: Option<f64>,
     /// Final angle of the tip from the goal \[rad\].
-    pub tip_attitude_error: f64,
+    pub tip_attitude_error: Option<f64>,
     /// Time after which the tip stays within 1 cm \[s\].
     pub time_to_1cm: Option<f64>,
     /// Time after which the tip stays within 2 degrees \[s\].
@@ -76,9 +79,11 @@ pub struct Summary {
     /// system's centre of mass.
     pub energy_residual: f64,
     /// Largest speed of the tip in the world \[m/s\].
-    pub max_tip_speed: f64,
+    pub max_tip_speed: Option<f64>,
     /// Largest acceleration of the tip in the world \[m/s²\].
-    pub max_tip_acceleration: f64,
+    pub max_tip_acceleration: Option<f64>,
+    /// Largest gap of a closed loop \[m or rad\]; `None` without one.
+    pub loop_gap: Option<f64>,
     /// Largest angular acceleration of the base \[rad/s²\].
     pub max_base_angular_acceleration: f64,
     /// Time that the run took \[s\].
@@ -92,26 +97,29 @@ impl Performance {
             initial_base: base_com(world),
             initial_momentum: carried(world).0,
             initial_energy: energy(world),
-            last: (0.0, f64::NAN, f64::NAN),
+            time: 0.0,
+            last_error: None,
             position_settled: Settled::new(0.01),
             attitude_settled: Settled::new(2f64.to_radians()),
             momentum_change: (0.0, 0.0),
             momentum_scale: (0.0, 0.0),
             energy_change: 0.0,
             energy_scale: 0.0,
-            max_tip_speed: 0.0,
-            max_tip_acceleration: 0.0,
+            max_tip: None,
             max_base_angular_acceleration: 0.0,
+            loop_gap: None,
         }
     }
 
     /// Sees a state with the efforts that act from it on.
     pub fn see(&mut self, world: &mut World, moment: &Moment) {
-        let time = world.time();
-        let (position, attitude) = (moment.error.position.norm(), moment.error.angle);
-        self.last = (time, position, attitude);
-        self.position_settled.see(time, position);
-        self.attitude_settled.see(time, attitude);
+        self.time = world.time();
+        if let Some(answer) = &moment.answer {
+            let (position, attitude) = (answer.error.position.norm(), answer.error.angle);
+            self.last_error = Some((position, attitude));
+            self.position_settled.see(self.time, position);
+            self.attitude_settled.see(self.time, attitude);
+        }
 
         let (momentum, scale) = carried(world);
         let change = |a: Vector3<f64>, b: Vector3<f64>, worst| larger(worst, (a - b).norm());
@@ -127,14 +135,23 @@ impl Performance {
         let drift = 0.5 * momentum.linear.norm_squared() / world.robot.model().total_mass();
         self.energy_scale = larger(self.energy_scale, energy - drift);
 
+        let robot = &world.robot;
+        for (_, gap) in robot.loops().gaps(robot.workspace()) {
+            let open = larger(gap.translation, gap.rotation);
+            self.loop_gap = Some(larger(self.loop_gap.unwrap_or(0.0), open));
+        }
         world.robot.accelerations();
-        let tip = moment.controller.tip();
         let workspace = world.robot.workspace();
         let base = &world.robot.model().frames()[0];
         let largest = |so_far, v: Vector3<f64>| larger(so_far, v.norm());
-        self.max_tip_speed = largest(self.max_tip_speed, workspace.V_WF_B(tip).linear);
-        self.max_tip_acceleration =
-            largest(self.max_tip_acceleration, workspace.A_WF_B(tip).linear);
+        if let Some(answer) = &moment.answer {
+            let tip = answer.controller.tip();
+            let (speed, acceleration) = self.max_tip.unwrap_or_default();
+            self.max_tip = Some((
+                largest(speed, workspace.V_WF_B(tip).linear),
+                largest(acceleration, workspace.A_WF_B(tip).linear),
+            ));
+        }
         self.max_base_angular_acceleration = largest(
             self.max_base_angular_acceleration,
             workspace.A_WF_B(base).angular,
@@ -147,9 +164,9 @@ impl Performance {
         let X_WB = world.robot.state().X_WB(world.robot.workspace());
         let first = &self.initial_momentum;
         Summary {
-            duration: self.last.0,
-            tip_position_error: self.last.1,
-            tip_attitude_error: self.last.2,
+            duration: self.time,
+            tip_position_error: self.last_error.map(|e| e.0),
+            tip_attitude_error: self.last_error.map(|e| e.1),
             time_to_1cm: self.position_settled.since,
             time_to_2deg: self.attitude_settled.since,
             base_displacement: (base_com(world) - self.initial_base).into(),
@@ -165,8 +182,9 @@ impl Performance {
                 ),
             },
             energy_residual: relative(self.energy_change, self.energy_scale),
-            max_tip_speed: self.max_tip_speed,
-            max_tip_acceleration: self.max_tip_acceleration,
+            max_tip_speed: self.max_tip.map(|m| m.0),
+            max_tip_acceleration: self.max_tip.map(|m| m.1),
+            loop_gap: self.loop_gap,
             max_base_angular_acceleration: self.max_base_angular_acceleration,
             wall_time,
         }

@@ -1,11 +1,11 @@
 //! Momentum and energy of a recorded run.
 
-use nalgebra::{DVector, Vector3};
+use nalgebra::Vector3;
 use std::collections::HashMap;
 
 use super::recorded::{BaseSample, JointSample, MomentumSample, RecordedRun};
 use crate::dynamics::{Momentum, State, Workspace};
-use crate::model::Model;
+use crate::model::{Model, Spring};
 
 /// Change of a momentum since the start.
 pub struct Residual {
@@ -102,7 +102,7 @@ pub(super) struct EnergyBalance {
     pub peak: f64,
 }
 
-/// Kinetic energy against the work of joint efforts less the losses in joint damping.
+/// Kinetic energy against the work of joint efforts and springs less the losses in joint damping.
 pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'static str> {
     let energy: HashMap<i64, f64> = run
         .momentum
@@ -115,7 +115,7 @@ pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'stati
     if !run.joints.iter().any(|j| !j.effort.is_empty()) {
         return Err("joint_states carry no effort");
     }
-    let damping = damping(run);
+    let passive = passive(run);
     let mut start = None;
     let (mut work, mut flow, mut peak, mut residual) = (0.0, 0.0, 0.0f64, None);
     let usual = usual_period(&run.joints);
@@ -128,7 +128,7 @@ pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'stati
         if start.is_none() {
             start = energy.get(&pair[0].time).map(|e| (*e, work));
         }
-        let (step, moved) = work_between(&pair[0], &pair[1], &damping);
+        let (step, moved) = work_between(&pair[0], &pair[1], &passive);
         work += step;
         flow += moved;
         if let (Some((e0, w0)), Some(e1)) = (start, energy.get(&pair[1].time)) {
@@ -229,33 +229,36 @@ impl<'a> Motion<'a> {
     }
 }
 
-/// Viscous damping of each recorded joint.
-fn damping(run: &RecordedRun) -> DVector<f64> {
-    DVector::from_iterator(
-        run.joint_names.len(),
-        run.joint_names.iter().map(|name| match &run.model {
-            Some(Ok(model)) => model
-                .joint_index(name)
-                .map_or(0.0, |j| model.joints()[j].damping),
-            _ => 0.0,
+/// Damper and spring of each recorded joint.
+fn passive(run: &RecordedRun) -> Vec<(f64, Spring)> {
+    let of_joint = |name: &String| match &run.model {
+        Some(Ok(model)) => model.joint_index(name).map_or(Default::default(), |j| {
+            let joint = &model.joints()[j];
+            (joint.damping, joint.spring)
         }),
-    )
+        _ => Default::default(),
+    };
+    run.joint_names.iter().map(of_joint).collect()
 }
 
-/// Work of efforts less damping losses between two samples \[J\], and the sum of its parts without sign.
-fn work_between(a: &JointSample, b: &JointSample, damping: &DVector<f64>) -> (f64, f64) {
+/// Work of efforts and springs less damping losses between two samples \[J\], and the sum of its parts
+/// without sign.
+fn work_between(a: &JointSample, b: &JointSample, passive: &[(f64, Spring)]) -> (f64, f64) {
     let dt = (b.time - a.time) as f64 * 1e-9;
     let (mut work, mut flow) = (0.0, 0.0);
-    for (j, c) in damping.iter().enumerate() {
+    for (j, (damping, spring)) in passive.iter().enumerate() {
+        let moved = b.q[j] - a.q[j];
         // A sample's effort acted since the one before; rates in between are taken as linear.
-        let done = b.effort.get(j).copied().unwrap_or(0.0) * (b.q[j] - a.q[j]);
+        let done = b.effort.get(j).copied().unwrap_or(0.0) * moved;
+        // A spring's work depends on where it was and is, exactly.
+        let released = spring.stiffness * (spring.rest - 0.5 * (a.q[j] + b.q[j])) * moved;
         // Where nothing damps, rates do not count, not even bad ones.
-        let lost = match *c {
+        let lost = match *damping {
             0.0 => 0.0,
             c => c * dt * (a.qd[j] * a.qd[j] + a.qd[j] * b.qd[j] + b.qd[j] * b.qd[j]) / 3.0,
         };
-        work += done - lost;
-        flow += done.abs() + lost;
+        work += done + released - lost;
+        flow += done.abs() + released.abs() + lost;
     }
     (work, flow)
 }

@@ -27,6 +27,11 @@ pub struct SimulatedBag {
     momentum: TopicId,
     imu: TopicId,
     tf: TopicId,
+    servo: Option<ServoTopics>,
+}
+
+/// Topics of camera and controller.
+struct ServoTopics {
     tip_pose: TopicId,
     goal_pose: TopicId,
     features: TopicId,
@@ -49,8 +54,10 @@ impl SimulatedBag {
         writer.write_message(latched, 0, &text)?;
         let tf_static = add(&mut writer, &topics::TF_STATIC)?;
         writer.write_message(tf_static, 0, &frames.static_transforms())?;
-        let camera_info = add(&mut writer, &topics::CAMERA_INFO)?;
-        writer.write_message(camera_info, 0, &camera::calibration(run.image()))?;
+        if let Some(image) = run.image() {
+            let camera_info = add(&mut writer, &topics::CAMERA_INFO)?;
+            writer.write_message(camera_info, 0, &camera::calibration(image))?;
+        }
         let w = &mut writer;
         Ok(Self {
             clock: add(w, &topics::CLOCK)?,
@@ -62,11 +69,17 @@ impl SimulatedBag {
             momentum: add(w, &topics::MOMENTUM)?,
             imu: add(w, &topics::IMU)?,
             tf: add(w, &topics::TF)?,
-            tip_pose: add(w, &topics::TIP_POSE)?,
-            goal_pose: add(w, &topics::SEEN_GOAL)?,
-            features: add(w, &topics::FEATURES)?,
-            commands: add(w, &topics::JOINT_COMMANDS)?,
-            state: add(w, &topics::CONTROLLER_STATE)?,
+            servo: if run.image().is_some() {
+                Some(ServoTopics {
+                    tip_pose: add(w, &topics::TIP_POSE)?,
+                    goal_pose: add(w, &topics::SEEN_GOAL)?,
+                    features: add(w, &topics::FEATURES)?,
+                    commands: add(w, &topics::JOINT_COMMANDS)?,
+                    state: add(w, &topics::CONTROLLER_STATE)?,
+                })
+            } else {
+                None
+            },
             writer,
             frames,
         })
@@ -103,36 +116,34 @@ impl SimulatedBag {
     /// # Errors
     /// When the bag cannot be written.
     pub fn moment(&mut self, time: f64, moment: &Moment) -> Result<(), BagError> {
+        let (Some(servo), Some(answer)) = (&self.servo, &moment.answer) else {
+            return Ok(());
+        };
         let stamp = Time::from_secs_f64(time);
         let log = log_time(stamp);
         let base = self.frames.base().to_owned();
         let w = &mut self.writer;
         for frame in moment.frames {
-            w.write_message(
-                self.tip_pose,
-                log,
-                &camera::seen(frame.time, &base, &frame.X_BE),
-            )?;
+            let tip = camera::seen(frame.time, &base, &frame.X_BE);
+            w.write_message(servo.tip_pose, log, &tip)?;
             if let Some(X_BD) = &frame.X_BD {
-                w.write_message(self.goal_pose, log, &camera::seen(frame.time, &base, X_BD))?;
+                let goal = camera::seen(frame.time, &base, X_BD);
+                w.write_message(servo.goal_pose, log, &goal)?;
             }
         }
-        for sighting in moment.sightings {
+        for sighting in answer.sightings {
             let message = sighting_to_msg(sighting, camera::CAMERA_FRAME);
-            w.write_message(self.features, log, &message)?;
+            w.write_message(servo.features, log, &message)?;
         }
         let header = std_msgs::Header {
             stamp: stamp.into(),
             frame_id: base,
         };
-        w.write_message(
-            self.commands,
-            log,
-            &controller::command(moment.controller, &header),
-        )?;
-        let age = moment.age.min(1e9);
-        let state = controller::report(moment.controller, &header, &moment.acted, age);
-        w.write_message(self.state, log, &state)
+        let command = controller::command(answer.controller, &header);
+        w.write_message(servo.commands, log, &command)?;
+        let age = answer.age.min(1e9);
+        let state = controller::report(answer.controller, &header, &answer.acted, age);
+        w.write_message(servo.state, log, &state)
     }
 
     /// Closes the bag.

@@ -36,7 +36,8 @@ pub fn declare<'a, T: Copy + Send + Sync + 'static>(
         })
 }
 
-fn list<T>(names: &[(&'static str, T)]) -> String {
+/// All names, for a message.
+pub fn list<T>(names: &[(&'static str, T)]) -> String {
     let names: Vec<_> = names.iter().map(|(name, _)| *name).collect();
     names.join(", ")
 }

@@ -98,6 +98,17 @@ impl Wrench {
         Self { torque, force }
     }
 
+    /// Whether any of `wrenches` is not zero; without branches, since it is asked at every evaluation.
+    #[inline]
+    pub(crate) fn any(wrenches: &[Self]) -> bool {
+        let mut size = 0.0;
+        for Self { torque, force } in wrenches {
+            size += torque.x.abs() + torque.y.abs() + torque.z.abs();
+            size += force.x.abs() + force.y.abs() + force.z.abs();
+        }
+        size != 0.0
+    }
+
     /// The same wrench about a point from which its own point of reference lies at `p` (same axes).
     #[inline]
     pub fn shifted(&self, p: &Vector3<f64>) -> Self {

@@ -13,6 +13,7 @@ mod contract;
 mod estimator;
 mod executables;
 mod faults;
+mod free_motion;
 mod joining;
 mod lockstep;
 mod own_controller;

@@ -6,6 +6,7 @@ use fuyu::estimation::free_body::{FreeRotation, SolutionKind};
 use fuyu::model::ModelBuilder;
 use fuyu::spatial::RigidInertia;
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, Vector3};
+use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 /// Largest difference between closed form and integration over 360 s from `start`: attitude \[rad\], angular
 /// velocity \[rad/s\].
@@ -171,4 +172,69 @@ fn single_axis_rotation_moves_as_integrated() {
         Vector3::new(0.3, -0.2, 0.5),
         SingleAxis,
     );
+}
+
+/// Identities that hold for every body and start, the nearly degenerate ones above all: the start is what was
+/// asked for, momentum stays where it is, and the attitude turns as the angular velocity says.
+#[test]
+fn identities_hold_for_bodies_of_every_kind() {
+    let mut random = StdRng::seed_from_u64(20);
+    let (mut kinds, mut wrong) = ([0; 4], Vec::new());
+    for case in 0..4000 {
+        let mut uniform = || 2.0 * random.random::<f64>() - 1.0;
+        let mut moments = [0; 3].map(|_| 1.0 + 0.45 * uniform());
+        // Moments equal to rounding, to nine digits, or not at all.
+        let apart = [0.0, 1e-15, 1e-12, 1e-9, 1e-5, 1.0][case % 6];
+        moments[1] = moments[0] + apart * (moments[1] - moments[0]);
+        if case % 7 == 0 {
+            moments[2] = moments[1] + apart * (moments[2] - moments[1]);
+        }
+        moments.rotate_left(case % 3);
+        let mut w_B = Vector3::new(uniform(), uniform(), uniform());
+        // Along an axis, nearly along it, in a plane of symmetry, anywhere.
+        let aside = [1.0, 0.0, 1e-13, 1e-8, 1e-4][case % 5];
+        w_B[case % 2] *= aside;
+        w_B[(case % 2) + 1] *= [aside, 1.0][case % 11 % 2];
+        let turn = Rotation3::new(Vector3::new(uniform(), uniform(), uniform()));
+        let turn = if case % 4 == 0 {
+            Rotation3::identity()
+        } else {
+            turn
+        };
+        let I_B = turn * Matrix3::from_diagonal(&Vector3::from(moments)) * turn.inverse();
+        let I_B = 0.5 * (I_B + I_B.transpose());
+        let w_B = turn * w_B;
+        let R_CB = UnitQuaternion::from_euler_angles(uniform(), uniform(), 3.0 * uniform());
+        let motion = FreeRotation::new(&I_B, R_CB, &w_B, 5.0).unwrap();
+        kinds[motion.kind() as usize] += 1;
+
+        let label = format!("{case}: {moments:?} {w_B:?} {:?}", motion.kind());
+        let mut hold = |what: &str, error: f64, limit: f64| {
+            // A NaN is wrong, too.
+            if !error.lt(&limit) {
+                wrong.push(format!("{label}: {what} {error:e}"));
+            }
+        };
+        hold("attitude", motion.attitude(5.0).angle_to(&R_CB), 1e-7);
+        let velocity = motion.angular_velocity(5.0);
+        hold("velocity", (velocity - R_CB * w_B).norm(), 1e-7);
+        let momentum = R_CB * (I_B * w_B);
+        for time in [-40.0, 4.9, 6.0, 100.0] {
+            let R = motion.attitude(time);
+            let w = motion.angular_velocity(time);
+            let carried = R * (I_B * R.inverse_transform_vector(&w));
+            hold("momentum", (carried - momentum).norm(), 1e-7);
+            // A body that is symmetric to nine digits and turns across its axis has an attitude good to 1e-10.
+            let h = 1e-4;
+            let turned = (motion.attitude(time + h) / motion.attitude(time - h)).scaled_axis();
+            hold("turn", (turned / (2.0 * h) - w).norm(), 1e-5);
+        }
+    }
+    assert!(
+        wrong.is_empty(),
+        "{} wrong: {:#?}",
+        wrong.len(),
+        &wrong[..wrong.len().min(12)]
+    );
+    assert!(kinds.iter().filter(|n| **n > 50).count() >= 3, "{kinds:?}");
 }

@@ -2,18 +2,23 @@
 //!
 //! Each module names its source. Where a tolerance stands, the reason stands beside it.
 
+#[cfg(feature = "batch")]
+mod batch;
 mod bundle;
 mod conservation;
 mod elliptic;
 mod fixtures;
+mod formulations;
 mod free_body;
 mod free_body_closed_form;
 mod generalized_jacobian;
 mod kane;
+mod loops;
 mod masutani1995;
 mod masutani_ch3;
 mod newton_euler;
 mod no_allocation;
+mod operation_counts;
 #[cfg(feature = "ros")]
 mod pinocchio;
 mod positioning;

@@ -9,6 +9,7 @@ use fuyu::dynamics::{Floating, Input, Integrator, Method, State, Workspace};
 use nalgebra::{DVector, Matrix6xX};
 
 use crate::fixtures::servicer;
+use crate::loops::mechanisms::{HINGE, on_branch, pantograph, pantograph_loops};
 
 #[test]
 fn steps_jacobians_and_the_control_law_do_not_allocate() {
@@ -67,4 +68,17 @@ fn steps_jacobians_and_the_control_law_do_not_allocate() {
         });
         assert_eq!(used.count_total, 0, "{method:?}: {used:?}");
     }
+}
+
+/// Closed loops neither, from a singular state on.
+#[test]
+fn steps_of_closed_loops_do_not_allocate() {
+    let model = pantograph(1.0);
+    let mut state = on_branch(&model, 0.3, 0.0, 0.0, 0.3);
+    let mut loops = pantograph_loops(&model, HINGE);
+    loops.assemble(&model, &mut state, 1e-9).unwrap();
+    let mut floating = Floating::with_loops(model, state, Method::Dop8, loops);
+    let used = measure(|| floating.step(0.01, 20));
+    assert_eq!(used.count_total, 0, "{used:?}");
+    assert!(floating.state().q[1] > 0.01);
 }

@@ -70,11 +70,20 @@ impl DynamicParameters {
     /// The parameters of a body with positive principal `moments` (any unit) that turns with `w`, principal
     /// axes, not zero; and which of its axes become x, y and z.
     pub(super) fn from_motion(moments: &Vector3<f64>, w: &Vector3<f64>) -> (Self, [usize; 3]) {
+        let mut order = [0, 1, 2];
+        order.sort_by(|&a, &b| moments[a].total_cmp(&moments[b]));
+        let [low, middle, high] = order;
+        // Moments that are equal to rounding are made so: a difference in the last digit, with the body turning
+        // across its axis of symmetry, would feign a rate of the square root of that digit.
+        let mut moments = *moments;
+        for (a, b) in [(low, middle), (middle, high), (low, middle)] {
+            if moments[b] - moments[a] <= EQUAL * moments[high] {
+                let mean = 0.5 * (moments[a] + moments[b]);
+                (moments[a], moments[b]) = (mean, mean);
+            }
+        }
         let J = moments / moments.dot(&w.component_mul(w));
         let alpha = J.component_mul(w).norm_squared();
-        let mut order = [0, 1, 2];
-        order.sort_by(|&a, &b| J[a].total_cmp(&J[b]));
-        let [low, middle, high] = order;
         // J - alpha without cancellation, since Σ J w² = 1.
         let term = |i: usize, j: usize| J[j] * (J[i] - J[j]) * w[j] * w[j];
         let gap = |i: usize| {
@@ -83,11 +92,10 @@ impl DynamicParameters {
             let rounding = ROUNDING * terms.iter().map(|t| t.abs()).sum::<f64>();
             if sum.abs() <= rounding { 0.0 } else { sum }
         };
-        let close = |a: usize, b: usize| (J[a] - J[b]).abs() <= EQUAL * J[high];
-        let z_is_low = if close(middle, high) {
-            !close(low, middle) || gap(middle) > 0.0
+        let z_is_low = if moments[middle] == moments[high] {
+            true
         } else {
-            !close(low, middle) && gap(middle) > 0.0
+            moments[low] != moments[middle] && gap(middle) > 0.0
         };
         let axes = if z_is_low {
             [high, middle, low]

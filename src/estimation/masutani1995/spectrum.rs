@@ -6,6 +6,9 @@ use rustfft::{FftPlanner, num_complex::Complex};
 
 use super::Options;
 
+/// An amplitude below this share of the mean is rounding: `|w|²` is constant.
+const ROUNDING: f64 = 1e-9;
+
 /// The spectrum of `|w|²` and its main component `A cos(2π (t - t0)/T + phase)`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Spectrum {
@@ -23,7 +26,7 @@ pub struct Spectrum {
     pub phase: f64,
     /// Mean of `|w|²` \[rad²/s²\].
     pub mean: f64,
-    /// Whether no rival contests the main component.
+    /// Whether there is a main component that no rival contests.
     pub distinct: bool,
 }
 
@@ -78,7 +81,7 @@ impl Spectrum {
         // Between bins the phase falls by π n/N, the window being symmetric about its middle.
         let phase = data[bin].arg() - shift * PI * n as f64 * scale;
         Self {
-            distinct: rival <= options.rival,
+            distinct: rival <= options.rival && amplitude > ROUNDING * mean,
             magnitudes,
             bin,
             rival,

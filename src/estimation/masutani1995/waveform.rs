@@ -33,17 +33,17 @@ impl Waveform {
         let lag = (-spectrum.phase).rem_euclid(std::f64::consts::TAU);
         let delta = start.quarter_period() / std::f64::consts::PI * lag;
         let x = Vector3::new(spectrum.mean + amplitude, delta, start.k().min(0.999_999));
-        let model = |x: &Vector3<f64>, t: f64| {
+        let model = |x: &Vector3<f64>| {
             let [beta, delta, k]: [f64; 3] = (*x).into();
-            let (value, slope) = wave(beta, delta, k, period, t)?;
-            // (D.32): by differences, as there is no closed form.
             let step = 1e-6 * (1.0 - k).min(k);
-            let (above, _) = wave(beta, delta, k + step, period, t)?;
-            let (below, _) = wave(beta, delta, k - step, period, t)?;
-            Some((
-                value,
-                Vector3::new(1.0, slope, (above - below) / (2.0 * step)),
-            ))
+            let [wave, below, above] = [k, k - step, k + step].map(|k| Wave::new(beta, k, period));
+            let (wave, below, above) = (wave?, below?, above?);
+            Some(move |t: f64| {
+                let (value, by_delta) = wave.at(t, delta);
+                // (D.32): by differences, as there is no closed form.
+                let by_k = (above.at(t, delta).0 - below.at(t, delta).0) / (2.0 * step);
+                (value, Vector3::new(1.0, by_delta, by_k))
+            })
         };
         let (x, sum) = gauss_newton(x, samples, options, model)?;
         Some(Self {
@@ -74,20 +74,43 @@ impl Waveform {
 
     /// The value at `t` \[s\] after the first sample \[rad²/s²\].
     pub fn value(&self, t: f64) -> f64 {
-        wave(self.beta, self.delta, self.k, self.period, t).map_or(f64::NAN, |(value, _)| value)
+        let wave = Wave::new(self.beta, self.k, self.period);
+        wave.map_or(f64::NAN, |wave| wave.at(t, self.delta).0)
     }
 }
 
-/// (D.29) and its derivative by delta (D.31). `None` outside the moduli.
-fn wave(beta: f64, delta: f64, k: f64, period: f64, t: f64) -> Option<(f64, f64)> {
-    if !(k > 0.0 && k < 1.0) {
-        return None;
+/// (D.29) but for the phase.
+struct Wave {
+    beta: f64,
+    modulus: Modulus,
+    lambda: f64,
+    scale: f64,
+}
+
+impl Wave {
+    /// `None` outside the moduli.
+    fn new(beta: f64, k: f64, period: f64) -> Option<Self> {
+        if !(k > 0.0 && k < 1.0) {
+            return None;
+        }
+        let modulus = Modulus::new(k);
+        let lambda = 2.0 * modulus.quarter_period() / period;
+        Some(Self {
+            beta,
+            modulus,
+            lambda,
+            scale: (k * lambda).powi(2),
+        })
     }
-    let modulus = Modulus::new(k);
-    let lambda = 2.0 * modulus.quarter_period() / period;
-    let j = modulus.jacobi(lambda * t - delta);
-    let scale = (k * lambda).powi(2);
-    Some((beta - scale * j.sn * j.sn, 2.0 * scale * j.sn * j.cn * j.dn))
+
+    /// Value and derivative by delta, (D.29) and (D.31).
+    fn at(&self, t: f64, delta: f64) -> (f64, f64) {
+        let j = self.modulus.jacobi(self.lambda * t - delta);
+        (
+            self.beta - self.scale * j.sn * j.sn,
+            2.0 * self.scale * j.sn * j.cn * j.dn,
+        )
+    }
 }
 
 /// `|w|² = 1/alpha + λ² sech²(λ (t - t0) - delta)`, eq. (2.44).
@@ -107,17 +130,19 @@ impl Pulse {
         let floor = alpha.recip();
         let &(peak, height) = samples.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
         let lambda = (height - floor).max(1e-6 * floor).sqrt();
-        let model = |x: &Vector2<f64>, t: f64| {
+        let model = |x: &Vector2<f64>| {
             let [lambda, delta]: [f64; 2] = (*x).into();
-            let u = lambda * t - delta;
-            let sech = u.cosh().recip();
-            let square = sech * sech;
-            let slope = -2.0 * lambda * lambda * square * u.tanh();
-            let by_lambda = 2.0 * lambda * square + slope * t;
-            Some((
-                floor + lambda * lambda * square,
-                Vector2::new(by_lambda, -slope),
-            ))
+            Some(move |t: f64| {
+                let u = lambda * t - delta;
+                let sech = u.cosh().recip();
+                let square = sech * sech;
+                let slope = -2.0 * lambda * lambda * square * u.tanh();
+                let by_lambda = 2.0 * lambda * square + slope * t;
+                (
+                    floor + lambda * lambda * square,
+                    Vector2::new(by_lambda, -slope),
+                )
+            })
         };
         let start = Vector2::new(lambda, lambda * peak);
         let (x, sum) = gauss_newton(start, samples, options, model)?;
@@ -132,21 +157,23 @@ impl Pulse {
 /// Steps of the iteration at most.
 const STEPS: usize = 200;
 
-/// Damped Gauss-Newton, (D.20)-(D.26). `model` gives value and gradient at a time, `None` outside its domain.
+/// Damped Gauss-Newton, (D.20)-(D.26). `model` gives value and gradient as functions of time, `None` outside its
+/// domain.
 /// The print of (D.26) has the comparison the wrong way round: it ends when the sum hardly falls any more.
 /// Returns parameters and sum of squares; `None` if it cannot start.
-fn gauss_newton<const M: usize>(
+fn gauss_newton<const M: usize, F: Fn(f64) -> (f64, SVector<f64, M>)>(
     start: SVector<f64, M>,
     samples: &Samples,
     options: &Options,
-    model: impl Fn(&SVector<f64, M>, f64) -> Option<(f64, SVector<f64, M>)>,
+    model: impl Fn(&SVector<f64, M>) -> Option<F>,
 ) -> Option<(SVector<f64, M>, f64)> {
     let linearise = |x: &SVector<f64, M>| {
+        let at = model(x)?;
         let mut normal = SMatrix::<f64, M, M>::zeros();
         let mut right = SVector::<f64, M>::zeros();
         let mut sum = 0.0;
         for (t, y) in samples {
-            let (value, gradient) = model(x, *t)?;
+            let (value, gradient) = at(*t);
             let residual = y - value;
             normal += gradient * gradient.transpose();
             right += gradient * residual;

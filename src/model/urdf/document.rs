@@ -4,19 +4,24 @@
 //! know, drops words among numbers and forgets the place of everything. This pass over the same text
 //! refuses what it would let through and remembers what it would lose.
 
+use std::collections::HashMap;
+
 use nalgebra::{Quaternion, UnitQuaternion};
 use roxmltree::{Document, Node};
 
 use super::error::{UrdfError, UrdfProblem};
+use crate::model::Spring;
 
 /// URDF needs five levels; plugins' extensions a few more.
 const DEEPEST: usize = 64;
 
-/// What urdf-rs does not tell of a `<link>` or a `<joint>`, in document order.
+/// What urdf-rs does not tell: of links and joints in document order, and springs.
 #[derive(Default)]
 pub(super) struct Facts {
     pub links: Vec<ElementFacts>,
     pub joints: Vec<ElementFacts>,
+    /// Springs by the names of their joints.
+    pub springs: HashMap<String, Spring>,
 }
 
 /// Where a link or a joint stands and what it states.
@@ -36,7 +41,7 @@ pub(super) struct Source<'a> {
     doc: Document<'a>,
 }
 
-type Checked<T> = Result<T, UrdfError>;
+pub(super) type Checked<T> = Result<T, UrdfError>;
 
 impl<'a> Source<'a> {
     /// Parses the XML.
@@ -106,6 +111,7 @@ impl<'a> Source<'a> {
                 _ => {}
             }
         }
+        facts.springs = self.springs(robot)?;
         if facts.links.is_empty() {
             return Err(self.error(robot, UrdfProblem::NoLinks));
         }

@@ -89,6 +89,27 @@ pub enum UrdfProblem {
         /// What would be right.
         wanted: &'static str,
     },
+    /// An element whose text must be a number.
+    #[error("<{element}>{value}</{element}> must be {wanted}")]
+    Text {
+        /// The element.
+        element: String,
+        /// Its text.
+        value: String,
+        /// What would be right.
+        wanted: &'static str,
+    },
+    /// A spring for a joint that does not exist.
+    #[error("<gazebo reference=\"{name}\"> gives a spring to no joint; the joints are {known}")]
+    SpringOfNoJoint {
+        /// The name given.
+        name: String,
+        /// The names that exist.
+        known: String,
+    },
+    /// A spring for a joint that does not move.
+    #[error("a fixed joint cannot have a spring; make it a moving one or drop <springStiffness>")]
+    SpringOfFixedJoint,
     /// Two orientations for one frame, or one that this URDF version does not know.
     #[error("<origin> quat_xyzw=\"{value}\" {reason}")]
     Quaternion {
@@ -128,7 +149,7 @@ pub enum UrdfProblem {
     SelfJoint(String),
     /// A link with two parents.
     #[error(
-        "link '{link}' is already the child of joint '{other}'; a link has one parent (closed loops cannot be described)"
+        "link '{link}' is already the child of joint '{other}'; a link has one parent (a closed loop is cut here and closed by the dynamics node's loop_closures)"
     )]
     TwoParents {
         /// The link.

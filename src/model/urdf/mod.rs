@@ -6,12 +6,13 @@
 mod arrange;
 mod document;
 mod error;
+mod gazebo;
 #[cfg(test)]
 mod tests;
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Unit, Vector3};
 
-use super::{Joint, JointKind, JointLimits, Model, ModelBuilder, Spring};
+use super::{Joint, JointKind, JointLimits, Model, ModelBuilder};
 use crate::spatial::{InertiaError, Pose, RigidInertia};
 use arrange::arrange;
 use document::{ElementFacts, Facts, Source, subject};
@@ -26,7 +27,8 @@ impl Model {
     /// Any tree of revolute, continuous, prismatic and fixed joints is accepted. Bodies and joints are
     /// numbered depth first, siblings in document order. A link without `<inertial>` is a massless frame;
     /// fixed to a body it changes nothing but gets a name. The root needs no mass of its own if something
-    /// fixed to it has some. Limits that the description does not state are infinite.
+    /// fixed to it has some. Limits that the description does not state are infinite. Joints get springs from
+    /// Gazebo's `<springStiffness>` and `<springReference>`.
     ///
     /// # Errors
     /// [`UrdfError`], one line with the place, the value and what would be right. Nothing is guessed:
@@ -200,7 +202,7 @@ impl Compiler<'_> {
             limits: self.limits(j, kind)?,
             damping,
             friction,
-            spring: Spring::default(),
+            spring: (self.facts.springs.get(&urdf.name).copied()).unwrap_or_default(),
         }))
     }
 

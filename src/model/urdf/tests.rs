@@ -265,3 +265,25 @@ proptest::proptest! {
         }
     }
 }
+
+#[test]
+fn springs_are_those_of_gazebo() {
+    let spring = |inside: &str| {
+        let arm = joint("j", "continuous", "a", "b", "");
+        let inside =
+            format!("<link name=\"a\">BODY</link><link name=\"b\">BODY</link>{inside}{arm}");
+        compile(&inside).joints()[0].spring
+    };
+    let block = |text: &str| format!("<gazebo reference=\"j\">{text}</gazebo>");
+    let given = block(
+        "<springStiffness> 4.5 </springStiffness><springReference>-0.2</springReference><kp>1</kp>",
+    );
+    let expected = crate::model::Spring {
+        stiffness: 4.5,
+        rest: -0.2,
+    };
+    assert_eq!(spring(&given), expected);
+    let slack_at_zero = spring(&block("<springStiffness>4.5</springStiffness>"));
+    assert_eq!((slack_at_zero.stiffness, slack_at_zero.rest), (4.5, 0.0));
+    assert_eq!(spring(&block("<kp>1</kp>")), Default::default());
+}

@@ -5,6 +5,7 @@
 
 mod commands;
 mod imu;
+mod loops;
 mod messages;
 mod outputs;
 mod pace;
@@ -12,6 +13,7 @@ mod params;
 mod world;
 
 pub use imu::{ImuParams, imu};
+pub use loops::{EndParams, LoopParams};
 pub use messages::{FrameTree, WORLD, joint_states, momentum, odometry};
 pub use params::{Description, DynamicsParams, Motion, TargetParams};
 pub use world::{Target, World, odometry_topic};
@@ -29,6 +31,9 @@ use pace::Pace;
 
 /// How often a state that waits for its answer is published again: the peer may have joined late.
 const REPEAT: Duration = Duration::from_millis(100);
+
+/// A closed loop that is open by more is not simulated as it should be \[m or rad\].
+const LARGEST_GAP: f64 = 1e-6;
 
 /// How long diagnostics tell of a refused command while others are obeyed.
 const REFUSAL_SHOWN: Duration = Duration::from_secs(5);
@@ -54,6 +59,15 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
             params.state_rate
         );
     }
+    let loops = world.robot.loops();
+    if !loops.closures().is_empty() {
+        tracing::info!(
+            "{} loop closures leave {} of {} joints free",
+            loops.closures().len(),
+            loops.mobility(),
+            robot.dof()
+        );
+    }
     tracing::info!(
         "{}: {} bodies, {} joints, {} kg; {} free bodies beside it",
         params.robot.source,
@@ -69,6 +83,8 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         command_status: node.diagnostics().status("commands"),
         time_status: node.diagnostics().status("time"),
         limit_status: node.diagnostics().status("limits"),
+        loop_status: (!params.loop_closures.is_empty())
+            .then(|| node.diagnostics().status("loop closures")),
         last_command: None,
         refused: 0,
         refused_at: None,
@@ -89,6 +105,8 @@ struct Simulation<'a> {
     command_status: Status,
     time_status: Status,
     limit_status: Status,
+    /// `None` without closed loops.
+    loop_status: Option<Status>,
     /// Simulated time at which the last valid command came \[s\].
     last_command: Option<f64>,
     refused: u64,
@@ -132,9 +150,31 @@ impl Simulation<'_> {
                 Some(problem) => self.limit_status.warn(problem),
                 None => self.limit_status.ok("within the joints' limits"),
             }
+            self.report_loops();
             self.report_time();
         }
         Ok(())
+    }
+
+    fn report_loops(&self) {
+        let (Some(status), robot) = (&self.loop_status, &self.world.robot) else {
+            return;
+        };
+        let mut open = None;
+        for (closure, gap) in robot.loops().gaps(robot.workspace()) {
+            let (name, m, rad) = (&closure.name, gap.translation, gap.rotation);
+            status.set(&format!("{name} gap [m]"), format!("{m:.1e}"));
+            status.set(&format!("{name} gap [rad]"), format!("{rad:.1e}"));
+            if m.max(rad) > LARGEST_GAP {
+                open = Some(format!(
+                    "loop closure '{name}' is open by {m:.1e} m, {rad:.1e} rad: lower time_step"
+                ));
+            }
+        }
+        match open {
+            Some(problem) => status.warn(problem),
+            None => status.ok("closed"),
+        }
     }
 
     /// Steps to the next state. One that is not finite is given up: the robot stays as it was, with zero

@@ -3,8 +3,9 @@
 use nalgebra::{DVector, Isometry3, Vector3};
 
 use super::imu::ImuParams;
+use super::loops::LoopParams;
 use crate::{
-    dynamics::Method,
+    dynamics::{FormulationKind, Method},
     nodes::{
         choice,
         placement::{declare_pose, declare_vector, finite},
@@ -22,6 +23,11 @@ pub struct DynamicsParams {
     pub initial_joint_positions: Vec<f64>,
     /// Joint rates at the start \[rad/s or m/s\]; empty means zero.
     pub initial_joint_velocities: Vec<f64>,
+    /// Closures that make closed loops of the robot's tree.
+    pub loop_closures: Vec<LoopParams>,
+    /// Gap up to which joints given approximately are moved to close a loop \[m or rad\], and the same for
+    /// rates.
+    pub loop_tolerance: f64,
     /// Pose and motion of the base at the start.
     pub base: Motion,
     /// Bodies that float free beside the robot.
@@ -30,6 +36,8 @@ pub struct DynamicsParams {
     pub imu: ImuParams,
     /// Integration method.
     pub method: Method,
+    /// Formulation of forward dynamics.
+    pub formulation: FormulationKind,
     /// Largest integration step \[s\].
     pub time_step: f64,
     /// States published per second of simulated time \[Hz\].
@@ -110,6 +118,16 @@ impl DynamicsParams {
             "initial_joint_velocities",
             "Joint rates at the start [rad/s or m/s]; empty is zero",
         );
+        let loop_closures = LoopParams::declare(declare);
+        let loop_tolerance = declare
+            .param(
+                "loop_tolerance",
+                1e-3,
+                "Gap up to which the joints are moved at the start to close a loop [m or rad]; the same for rates",
+            )
+            .range(1e-12, 1.0)
+            .read_only()
+            .value();
         let base = Motion::declare(declare, "base", "base frame");
         let names = declare
             .param(
@@ -135,6 +153,23 @@ impl DynamicsParams {
         }
         let imu = ImuParams::declare(declare);
         let method = choice::declare(declare, "integrator", &Method::NAMES, "Integration method")
+            .read_only()
+            .value();
+        let formulations = choice::list(&FormulationKind::NAMES);
+        // Closed loops are solved in the metric of the reduced form.
+        let usual = match &loop_closures {
+            Ok(closures) if !closures.is_empty() => FormulationKind::Reduced,
+            _ => FormulationKind::default(),
+        };
+        let formulation = declare
+            .param(
+                "formulation",
+                choice::name_of(&FormulationKind::NAMES, &usual),
+                &format!("Formulation of forward dynamics: {formulations}; reduced with loop_closures"),
+            )
+            .check(&format!("one of {formulations}"), |text| {
+                choice::find(&FormulationKind::NAMES, text).map(|_| ())
+            })
             .read_only()
             .value();
         let time_step = declare
@@ -219,7 +254,16 @@ impl DynamicsParams {
             );
         }
 
-        let base = base?;
+        let (base, loop_closures) = (base?, loop_closures?);
+        // Any other text has been refused by the declaration.
+        let formulation =
+            choice::find(&FormulationKind::NAMES, &formulation).unwrap_or_default();
+        if !loop_closures.is_empty() && formulation != FormulationKind::Reduced {
+            let name = choice::name_of(&FormulationKind::NAMES, &formulation);
+            return Err(format!(
+                "parameter formulation is '{name}', which knows no closed loops; loop_closures need 'reduced'"
+            ));
+        }
         let robot = if xml.is_empty() {
             Description::read("urdf", &urdf)?
         } else {
@@ -242,11 +286,14 @@ impl DynamicsParams {
             robot,
             initial_joint_positions,
             initial_joint_velocities,
+            loop_closures,
+            loop_tolerance,
             base,
             targets,
             imu,
             // Any other text has been refused by the declaration.
             method: choice::find(&Method::NAMES, &method).unwrap_or_default(),
+            formulation,
             time_step,
             state_rate,
             real_time_factor,

@@ -3,10 +3,12 @@
 use nalgebra::Isometry3;
 
 use super::imu::ImuParams;
+use super::loops::LoopParams;
 use super::params::{Description, DynamicsParams, Motion, joint_vector};
 use crate::{
-    dynamics::{Floating, State, Workspace},
+    dynamics::{Floating, FormulationKind, State, Workspace},
     model::Model,
+    nodes::choice,
     spatial::Twist,
 };
 
@@ -63,8 +65,15 @@ impl World {
         );
         let qd = &params.initial_joint_velocities;
         state.qd = joint_vector("initial_joint_velocities", qd, model.dof())?;
+        let mut loops =
+            LoopParams::loops(&params.loop_closures, &model).map_err(|e| e.to_string())?;
+        (loops.assemble(&model, &mut state, params.loop_tolerance)).map_err(|e| e.to_string())?;
         place(&model, &mut state, &params.base);
-        let robot = Floating::new(model, state, params.method);
+        let robot = Floating::with_loops(model, state, params.method, loops);
+        let robot = robot.by(params.formulation).map_err(|e| {
+            let name = choice::name_of(&FormulationKind::NAMES, &params.formulation);
+            format!("parameter formulation is '{name}': {e}")
+        })?;
         let targets = params.targets.iter().map(|target| {
             let model = target.description.compile()?;
             if model.dof() > 0 {

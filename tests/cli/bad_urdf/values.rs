@@ -271,3 +271,59 @@ fn limits_and_damping() {
         ],
     );
 }
+
+#[test]
+fn springs() {
+    let block = |joint: &str, inside: &str| {
+        format!("<link name=\"tool0\"/>\n<gazebo reference=\"{joint}\">{inside}</gazebo>")
+    };
+    let stiffness = |value: &str| format!("<springStiffness>{value}</springStiffness>");
+    let spoil = |with: &str, at: &str, says: &[&str]| {
+        refused("<link name=\"tool0\"/>", with, at, says);
+    };
+    let at = "<gazebo";
+    spoil(
+        &block("elbow", &stiffness("3")),
+        at,
+        &["reference=\"elbow\"", "no joint", "boom, flange, shoulder"],
+    );
+    spoil(&block("", &stiffness("3")), at, &["no joint"]);
+    // Links may be referenced too, but have no springs.
+    spoil(&block("lower", &stiffness("3")), at, &["no joint"]);
+    spoil(
+        &block("flange", &stiffness("3")),
+        at,
+        &["joint 'flange'", "a fixed joint cannot have a spring"],
+    );
+    for (bad, wanted) in [
+        ("-3", "zero or positive"),
+        ("NaN", "a finite number"),
+        ("1e999", "a finite number"),
+        ("3 N/m", "a finite number"),
+        ("", "a finite number"),
+    ] {
+        let says = format!("<springStiffness>{bad}</springStiffness> must be {wanted}");
+        spoil(
+            &block("shoulder", &stiffness(bad)),
+            at,
+            &["joint 'shoulder'", &says],
+        );
+    }
+    spoil(
+        &block("shoulder", "<springReference>0.1</springReference>"),
+        at,
+        &["joint 'shoulder'", "no <springStiffness>"],
+    );
+    spoil(
+        &block("shoulder", &(stiffness("3") + &stiffness("4"))),
+        at,
+        &["joint 'shoulder'", "more than one <springStiffness>"],
+    );
+    let twice = block("boom", &stiffness("3"))
+        + "<gazebo reference=\"boom\">\n<springStiffness>4</springStiffness></gazebo>";
+    spoil(
+        &twice,
+        "<springStiffness>4",
+        &["joint 'boom'", "more than one <springStiffness>"],
+    );
+}

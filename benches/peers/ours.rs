@@ -1,0 +1,228 @@
+//! What fuyu offers for each kernel.
+
+use std::hint::black_box;
+
+use fuyu::control::{Gains, JacobianKind, Measurement, Saturation, TransposeJacobian};
+use fuyu::dynamics::{
+    Formulation, FormulationKind, ForwardDynamics, Input, Integrator, Method, State,
+    TreeAcceleration, TreeMotion, Workspace,
+};
+use fuyu::model::{Frame, Model};
+use fuyu::spatial::Pose;
+use nalgebra::{DVector, Matrix6xX, Rotation3, Translation3};
+
+use super::robots::{Moving, Robot};
+
+/// Step of the integrators \[s\], that of the peers.
+const DT: f64 = 1e-3;
+
+/// A way to compute a kernel.
+pub trait Program {
+    /// Computes it for a state.
+    fn call(&mut self, state: &Moving);
+
+    /// What it computes, as the peers tell it.
+    fn answer(&mut self, state: &Moving) -> Vec<f64>;
+
+    /// Computes it for one state after the other.
+    fn calls(&mut self, states: &[Moving], calls: usize) {
+        for state in states.iter().cycle().take(calls) {
+            self.call(black_box(state));
+        }
+    }
+}
+
+/// Every formulation of forward dynamics, by name.
+pub fn forward(model: &Model) -> Vec<(&'static str, Box<dyn Program + '_>)> {
+    let formulations = FormulationKind::NAMES.into_iter().map(|(name, kind)| {
+        let program = Forward {
+            model,
+            dynamics: kind.prepare(model).expect("robots have masses"),
+            answer: TreeAcceleration::zero(model),
+        };
+        (name, Box::new(program) as Box<dyn Program + '_>)
+    });
+    formulations.collect()
+}
+
+/// Generalized Jacobian of the tip; momentum map and base map come with it.
+pub fn jacobian(robot: &Robot) -> Box<dyn Program + '_> {
+    Box::new(Jacobian {
+        model: &robot.model,
+        tip: robot.model.frame(&robot.tip).expect("robots have tips"),
+        workspace: Workspace::new(&robot.model),
+        jacobian: Matrix6xX::zeros(robot.model.dof()),
+    })
+}
+
+/// A step.
+pub fn step(model: &Model, method: Method) -> Box<dyn Program + '_> {
+    Box::new(Step {
+        model,
+        integrator: Integrator::new(model, method),
+        workspace: Workspace::new(model),
+        state: State::at_rest(model),
+    })
+}
+
+/// The reduced inertia from joint positions.
+pub fn reduced_inertia(model: &Model) -> Box<dyn Program + '_> {
+    Box::new(ReducedInertia {
+        model,
+        workspace: Workspace::new(model),
+    })
+}
+
+/// Efforts of the transpose-Jacobian law for a measurement.
+pub fn control_law(robot: &Robot) -> Box<dyn Program + '_> {
+    let model = &robot.model;
+    let gains = Gains {
+        k_p: 75.0,
+        k_o: 100.0,
+        k_v: vec![10.0; model.dof()],
+        saturation: Saturation {
+            position: 0.2,
+            orientation: 0.1,
+        },
+    };
+    let tip = model.frame(&robot.tip).expect("robots have tips");
+    let law = TransposeJacobian::new(model, tip, gains, JacobianKind::Generalized);
+    let workspace = Workspace::new(model);
+    Box::new(ControlLaw {
+        model,
+        law: law.expect("gains are positive"),
+        X_BE: workspace.X_BF(tip),
+        workspace,
+        efforts: DVector::zeros(model.dof()),
+    })
+}
+
+struct Forward<'a> {
+    model: &'a Model,
+    dynamics: ForwardDynamics,
+    answer: TreeAcceleration,
+}
+
+impl Program for Forward<'_> {
+    fn call(&mut self, s: &Moving) {
+        let motion = TreeMotion {
+            R_WB: s.state.R_WB,
+            V_WB_B: s.V_WB_B,
+            q: s.state.q.as_slice(),
+            qd: s.state.qd.as_slice(),
+        };
+        self.dynamics
+            .accelerations(self.model, &motion, &s.input, &mut self.answer);
+        black_box(&self.answer);
+    }
+
+    fn answer(&mut self, s: &Moving) -> Vec<f64> {
+        self.call(s);
+        let base = &self.answer.A_WB_B;
+        let base = base.angular.iter().chain(&base.linear);
+        base.chain(&self.answer.qdd).copied().collect()
+    }
+}
+
+struct Jacobian<'a> {
+    model: &'a Model,
+    tip: &'a Frame,
+    workspace: Workspace,
+    jacobian: Matrix6xX<f64>,
+}
+
+impl Program for Jacobian<'_> {
+    fn call(&mut self, s: &Moving) {
+        self.workspace.set_positions(self.model, &s.state.q);
+        self.workspace
+            .generalized_jacobian(self.tip, &mut self.jacobian);
+        black_box(&self.jacobian);
+    }
+
+    fn answer(&mut self, s: &Moving) -> Vec<f64> {
+        self.call(s);
+        self.jacobian.iter().copied().collect()
+    }
+}
+
+struct Step<'a> {
+    model: &'a Model,
+    integrator: Integrator,
+    workspace: Workspace,
+    state: State,
+}
+
+impl Program for Step<'_> {
+    fn call(&mut self, s: &Moving) {
+        let mut hold =
+            |_: f64, _: &State, input: &mut Input| input.efforts.copy_from(&s.input.efforts);
+        self.integrator.step(
+            self.model,
+            &mut self.state,
+            &mut self.workspace,
+            DT,
+            &mut hold,
+        );
+    }
+
+    fn answer(&mut self, s: &Moving) -> Vec<f64> {
+        self.state.clone_from(&s.state);
+        self.call(s);
+        let after = self.state.q.iter().chain(&self.state.qd);
+        after.copied().collect()
+    }
+
+    /// One step after the other, from the first state.
+    fn calls(&mut self, states: &[Moving], calls: usize) {
+        self.state.clone_from(&states[0].state);
+        for _ in 0..calls {
+            self.call(&states[0]);
+        }
+        black_box(&self.state);
+    }
+}
+
+struct ReducedInertia<'a> {
+    model: &'a Model,
+    workspace: Workspace,
+}
+
+impl Program for ReducedInertia<'_> {
+    fn call(&mut self, s: &Moving) {
+        self.workspace.set_positions(self.model, &s.state.q);
+        black_box(self.workspace.reduced_inertia());
+    }
+
+    fn answer(&mut self, s: &Moving) -> Vec<f64> {
+        self.call(s);
+        self.workspace.reduced_inertia().iter().copied().collect()
+    }
+}
+
+struct ControlLaw<'a> {
+    model: &'a Model,
+    law: TransposeJacobian,
+    X_BE: Pose,
+    workspace: Workspace,
+    efforts: DVector<f64>,
+}
+
+impl Program for ControlLaw<'_> {
+    fn call(&mut self, s: &Moving) {
+        let goal = Translation3::new(1.0, 2.0, 0.5);
+        let seen = Measurement {
+            q: &s.state.q,
+            qd: &s.state.qd,
+            X_BE: &self.X_BE,
+            X_BD: &Pose::from_parts(goal, Rotation3::identity()),
+        };
+        self.law
+            .efforts(self.model, &mut self.workspace, &seen, &mut self.efforts);
+        black_box(&self.efforts);
+    }
+
+    fn answer(&mut self, s: &Moving) -> Vec<f64> {
+        self.call(s);
+        self.efforts.iter().copied().collect()
+    }
+}

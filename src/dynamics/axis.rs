@@ -1,0 +1,34 @@
+//! The direction in which a joint moves.
+
+use nalgebra::Vector3;
+
+use crate::spatial::{Twist, Wrench};
+
+/// Axis along which a joint moves, in base axes.
+#[derive(Debug, Clone, Copy)]
+pub(super) enum Axis {
+    /// The moved body turns about this direction.
+    Turn(Vector3<f64>),
+    /// The moved body slides along this direction.
+    Slide(Vector3<f64>),
+}
+
+impl Axis {
+    /// What moving along the axis takes of `wrench`: joint effort.
+    #[inline]
+    pub(super) fn effort(&self, wrench: &Wrench) -> f64 {
+        match self {
+            Self::Turn(direction) => direction.dot(&wrench.torque),
+            Self::Slide(direction) => direction.dot(&wrench.force),
+        }
+    }
+
+    /// What moving at `rate` adds to the body's twist.
+    #[inline]
+    pub(super) fn twist(&self, rate: f64) -> Twist {
+        match self {
+            Self::Turn(direction) => Twist::new(direction * rate, Vector3::zeros()),
+            Self::Slide(direction) => Twist::new(Vector3::zeros(), direction * rate),
+        }
+    }
+}

@@ -1,0 +1,329 @@
+//! Poses, composite inertias, momentum map and generalized Jacobian, linear in the number of joints.
+//!
+//! Masutani 1995 eqs. (4.9)-(4.26), (4.36), (4.37), and what App. G does with matrices. A body's inertia
+//! with its whole subtree is gathered in link frames, where the momentum that a joint gives to its subtree
+//! is a row of it and costs nothing. Only these columns are brought to the base's axes.
+
+use super::hop::{ArticulatedInertia, Path, on_path};
+use super::tree::{Body, Hop, QUARTER, STRAIGHT, Tree};
+use super::vector::others;
+use super::{Scalar, Sym3, Turn, Vec3};
+
+/// What positions imply for a body and the joint that moves it. Axes are the base's (frame B) where
+/// nothing else is said.
+#[derive(Debug, Clone, Copy)]
+pub struct Place<S> {
+    /// Joint position: an input.
+    pub q: S,
+    /// Turn of the body's frame against its parent's, before the bend: an input.
+    pub turn: Turn<S>,
+    /// Axes of the body's kernel frame.
+    pub axes: [Vec3<S>; 3],
+    /// Origin of the kernel frame from the base's.
+    pub p_BK: Vec3<S>,
+    /// First moment of the subtree, kernel frame.
+    first_moment: Vec3<S>,
+    /// Moment of inertia of the subtree about the kernel frame's origin, kernel frame.
+    inertia: Sym3<S>,
+    /// Angular momentum of the subtree at unit joint rate with the base held, about the kernel frame's
+    /// origin.
+    pub torque: Vec3<S>,
+    /// Linear momentum of the subtree at unit joint rate with the base held.
+    pub force: Vec3<S>,
+    /// Column of `J_C`, eq. (4.12).
+    pub J_C: Vec3<S>,
+    /// Column of `H_M`, eq. (4.26).
+    pub H_M: Vec3<S>,
+    /// Column of `H_A = -H_B⁻¹ H_M`, eq. (4.24).
+    pub H_A: Vec3<S>,
+}
+
+/// What positions imply for the whole tree, base axes.
+#[derive(Debug, Clone, Copy)]
+pub struct System<S> {
+    /// Centre of mass from the base frame's origin.
+    pub p_BC: Vec3<S>,
+    /// Inertia about the centre of mass, `H_B` of eq. (4.25).
+    pub H_B: Sym3<S>,
+    /// `H_B⁻¹`.
+    pub H_B_inverse: Sym3<S>,
+}
+
+impl<S: Scalar> Place<S> {
+    /// A place with nothing in it, numbers of the kind of `like`.
+    pub fn new(like: S) -> Self {
+        let (zero, none) = (like.constant(0.0), Vec3::zero(like));
+        Self {
+            q: zero,
+            turn: Turn::new(like.constant(1.0), zero),
+            axes: [none; 3],
+            p_BK: none,
+            first_moment: none,
+            inertia: Sym3 {
+                diagonal: [zero; 3],
+                off: [zero; 3],
+            },
+            torque: none,
+            force: none,
+            J_C: none,
+            H_M: none,
+            H_A: none,
+        }
+    }
+
+    /// A vector of the kernel frame in the base's axes.
+    #[inline(always)]
+    pub fn turned(&self, v: Vec3<S>) -> Vec3<S> {
+        let [x, y, z] = self.axes;
+        x.mul_add(v[0], y.mul_add(v[1], z.scaled(v[2])))
+    }
+
+    /// The base's inertia with all joints locked, kernel frame.
+    #[inline(always)]
+    pub(crate) fn inertia_of(&self, tree: &Tree) -> ArticulatedInertia<S> {
+        let mass = self.q.constant(tree.bodies[0].subtree_mass);
+        ArticulatedInertia::rigid(mass, self.first_moment, self.inertia)
+    }
+
+    /// Begins what is gathered with the body alone.
+    #[inline(always)]
+    fn begin(&mut self, body: &Body, like: S) {
+        let h = &body.inertia.first_moment;
+        self.first_moment = Vec3::constant(like, &[h.x, h.y, h.z]);
+        self.inertia = Sym3::constant(like, &body.inertia.about_origin);
+    }
+
+    #[inline(always)]
+    fn follow(&mut self, hop: &Hop, parent: &Self) {
+        on_path!(hop, path => (self.axes, self.p_BK) = path.place(hop, &self.turn, self.q, parent));
+    }
+
+    /// Momentum at unit rate, then what the parent gathers.
+    #[inline(always)]
+    fn gather(&mut self, hop: &Hop, mass: f64, parent: &mut Self) {
+        let (h, J) = (self.first_moment, self.inertia);
+        let [x, y, z] = self.axes;
+        if hop.slides {
+            self.torque = x.mul_add(h[1], y.scaled(-h[0]));
+            self.force = z.scaled(self.q.constant(mass));
+        } else {
+            self.torque = self.turned(J.row(2));
+            self.force = y.mul_add(h[0], x.scaled(-h[1]));
+        }
+        let (h, J) = on_path!(hop, path => path.composite_out(hop, &self.turn, self.q, mass, h, J));
+        parent.first_moment = parent.first_moment + h;
+        parent.inertia = parent.inertia + J;
+    }
+}
+
+impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GENERAL, BEND, D, A> {
+    /// Axes and origin of a body from its parent's.
+    #[inline(always)]
+    fn place<S: Scalar>(
+        self,
+        hop: &Hop,
+        turn: &Turn<S>,
+        q: S,
+        parent: &Place<S>,
+    ) -> ([Vec3<S>; 3], Vec3<S>) {
+        let [mut x, mut y, mut z] = parent.axes;
+        let mut origin = parent.p_BK;
+        let [p0, p1, p2] = hop.p.map(|p| q.constant(p));
+        if GENERAL {
+            (x, y) = columns(&Turn::constant(q, &hop.swing), x, y);
+            origin = y.mul_add(p1, z.mul_add(p2, origin));
+        }
+        if A || GENERAL {
+            origin = x.mul_add(p0, origin);
+        }
+        match BEND {
+            STRAIGHT => {}
+            QUARTER => (y, z) = (z, -y),
+            _ => (y, z) = columns(&Turn::constant(q, &hop.bend), y, z),
+        }
+        (x, y) = columns(turn, x, y);
+        if D || GENERAL {
+            origin = z.mul_add(hop.distance(q), origin);
+        }
+        ([x, y, z], origin)
+    }
+
+    /// First moment and inertia of a subtree of mass `mass` as its parent sees them.
+    #[inline(always)]
+    fn composite_out<S: Scalar>(
+        self,
+        hop: &Hop,
+        turn: &Turn<S>,
+        q: S,
+        mass: f64,
+        h: Vec3<S>,
+        J: Sym3<S>,
+    ) -> (Vec3<S>, Sym3<S>) {
+        let (mut h, mut J) = (h, J);
+        if hop.slides {
+            let d = hop.distance(q);
+            (h, J) = shifted::<2, S>(h, J, d, d.times(0.5 * mass));
+        } else if D || GENERAL {
+            (h, J) = shifted::<2, S>(h, J, q.constant(hop.d), q.constant(0.5 * mass * hop.d));
+        }
+        (h, J) = (turn.out::<2>(h), turn.sym::<2>(J));
+        if BEND != STRAIGHT {
+            (h, J) = (self.bent_out(hop, h), self.bent_sym_out(hop, J));
+        }
+        let (p, half) = (
+            hop.p.map(|p| q.constant(p)),
+            hop.p.map(|p| q.constant(0.5 * mass * p)),
+        );
+        if A || GENERAL {
+            (h, J) = shifted::<0, S>(h, J, p[0], half[0]);
+        }
+        if GENERAL {
+            (h, J) = shifted::<1, S>(h, J, p[1], half[1]);
+            (h, J) = shifted::<2, S>(h, J, p[2], half[2]);
+            let swing = Turn::constant(q, &hop.swing);
+            (h, J) = (swing.out::<2>(h), swing.sym::<2>(J));
+        }
+        (h, J)
+    }
+}
+
+/// Two columns of a rotation after a turn in their plane.
+#[inline(always)]
+fn columns<S: Scalar>(turn: &Turn<S>, x: Vec3<S>, y: Vec3<S>) -> (Vec3<S>, Vec3<S>) {
+    (
+        x.mul_add(turn.cos, y.scaled(turn.sin)),
+        y.mul_add(turn.cos, x.scaled(-turn.sin)),
+    )
+}
+
+/// First moment and inertia about a point from which the present one lies at `p` along one axis; `half`
+/// is `m p / 2`.
+#[inline(always)]
+fn shifted<const AXIS: usize, S: Scalar>(
+    mut h: Vec3<S>,
+    mut J: Sym3<S>,
+    p: S,
+    half: S,
+) -> (Vec3<S>, Sym3<S>) {
+    let (i, (j, k)) = (AXIS, others(AXIS));
+    let g = h[i] + half;
+    let twice = p * (g + g);
+    J.diagonal[j] = J.diagonal[j] + twice;
+    J.diagonal[k] = J.diagonal[k] + twice;
+    J.off[k] = p.mul_sub_from(h[j], J.off[k]);
+    J.off[j] = p.mul_sub_from(h[k], J.off[j]);
+    h[i] = g + half;
+    (h, J)
+}
+
+/// Poses, composite inertias and momentum map. `places`, one per body, hold positions and turns.
+///
+/// # Panics
+/// If `places` is shorter than the tree needs.
+#[inline(always)]
+pub fn momentum_map<S: Scalar>(tree: &Tree, places: &mut [Place<S>]) -> System<S> {
+    let count = tree.bodies.len();
+    let (places, bodies) = (&mut places[..count], &tree.bodies[..count]);
+    let like = places[0].q;
+    let R_BK = bodies[0].X_BK.rotation.matrix();
+    places[0].axes = [0, 1, 2].map(|c| Vec3::constant(like, &R_BK.column(c).into_owned().into()));
+    places[0].p_BK = Vec3::zero(like);
+    places[0].begin(&bodies[0], like);
+    for (j, hop) in tree.hops.iter().enumerate() {
+        let (before, rest) = places.split_at_mut(j + 1);
+        rest[0].follow(hop, &before[hop.parent]);
+        rest[0].begin(&bodies[j + 1], like);
+    }
+    for (j, hop) in tree.hops.iter().enumerate().rev() {
+        let (before, rest) = places.split_at_mut(j + 1);
+        rest[0].gather(hop, bodies[j + 1].subtree_mass, &mut before[hop.parent]);
+    }
+    let system = System::new(&places[0], bodies[0].subtree_mass);
+    let per_mass = like.constant(1.0 / bodies[0].subtree_mass);
+    let answer = Sym3 {
+        diagonal: system.H_B_inverse.diagonal.map(|x| -x),
+        off: system.H_B_inverse.off.map(|x| -x),
+    };
+    for place in &mut places[1..] {
+        place.J_C = place.force.scaled(per_mass);
+        place.H_M = place.torque + (place.p_BK - system.p_BC).cross(place.force);
+        place.H_A = answer.mul(place.H_M);
+    }
+    system
+}
+
+impl<S: Scalar> System<S> {
+    #[inline(always)]
+    fn new(base: &Place<S>, mass: f64) -> Self {
+        let (h, mut J) = (base.first_moment, base.inertia);
+        let p = h.scaled(h[0].constant(1.0 / mass));
+        let squares = [p[0] * h[0], p[1] * h[1], p[2] * h[2]];
+        for i in 0..3 {
+            let (j, k) = others(i);
+            J.diagonal[i] = J.diagonal[i] - (squares[j] + squares[k]);
+            J.off[i] = p[j].mul_add(h[k], J.off[i]);
+        }
+        let H_B = rotated(J, &base.axes);
+        Self {
+            p_BC: base.turned(p),
+            H_B,
+            H_B_inverse: H_B.inverse(),
+        }
+    }
+}
+
+/// A tensor of the kernel frame in the axes in which those of the frame are given.
+#[inline(always)]
+fn rotated<S: Scalar>(m: Sym3<S>, axes: &[Vec3<S>; 3]) -> Sym3<S> {
+    let rows = [0, 1, 2].map(|i| Vec3([axes[0][i], axes[1][i], axes[2][i]]));
+    let images = rows.map(|row| m.mul(row));
+    let mut turned = m;
+    for i in 0..3 {
+        let (j, k) = others(i);
+        turned.diagonal[i] = rows[i].dot(images[i]);
+        turned.off[i] = rows[j].dot(images[k]);
+    }
+    turned
+}
+
+/// Generalized Jacobian of a point fixed to `body` at `p_KE` in its kernel frame: one column per joint,
+/// linear rows first, after [`momentum_map`]. Masutani 1995 eqs. (4.36), (4.37).
+///
+/// # Panics
+/// If there are fewer columns than joints.
+#[inline(always)]
+pub fn generalized_jacobian<S: Scalar>(
+    tree: &Tree,
+    places: &[Place<S>],
+    system: &System<S>,
+    body: usize,
+    p_KE: &[f64; 3],
+    columns: &mut [[S; 6]],
+) {
+    let end = &places[body];
+    let p_BE = end.turned(Vec3::constant(end.q, p_KE)) + end.p_BK;
+    let r_CE = p_BE - system.p_BC;
+    for (place, column) in places[1..].iter().zip(columns.iter_mut()) {
+        let Vec3([x, y, z]) = place.H_A.cross(r_CE) - place.J_C;
+        let Vec3([a, b, c]) = place.H_A;
+        *column = [x, y, z, a, b, c];
+    }
+    let mut body = body;
+    while body > 0 {
+        let (place, column) = (&places[body], &mut columns[body - 1]);
+        let hop = &tree.hops[body - 1];
+        let axis = place.axes[2];
+        let linear = if hop.slides {
+            axis
+        } else {
+            for (entry, axis) in column[3..].iter_mut().zip(axis.0) {
+                *entry = *entry + axis;
+            }
+            axis.cross(p_BE - place.p_BK)
+        };
+        for (entry, linear) in column[..3].iter_mut().zip(linear.0) {
+            *entry = *entry + linear;
+        }
+        body = hop.parent;
+    }
+}

@@ -1,0 +1,96 @@
+//! Several numbers side by side in one register.
+
+use std::ops::{Add, Mul, Neg, Sub};
+
+use pulp::Simd;
+
+use super::Scalar;
+
+/// As many `f64` as the machine's registers hold. Each lane is computed as an `f64` alone would be.
+#[derive(Debug, Clone, Copy)]
+pub struct Lanes<S: Simd> {
+    simd: S,
+    value: S::f64s,
+}
+
+impl<S: Simd> Lanes<S> {
+    /// The same number in every lane.
+    #[inline(always)]
+    pub fn splat(simd: S, value: f64) -> Self {
+        let value = simd.splat_f64s(value);
+        Self { simd, value }
+    }
+
+    /// The first numbers of a slice, which holds enough.
+    #[inline(always)]
+    pub fn load(simd: S, from: &[f64]) -> Self {
+        let (lanes, _) = S::as_simd_f64s(from);
+        let value = lanes[0];
+        Self { simd, value }
+    }
+
+    /// Writes the lanes to the first numbers of a slice, which holds enough.
+    #[inline(always)]
+    pub fn store(self, into: &mut [f64]) {
+        let (lanes, _) = S::as_mut_simd_f64s(into);
+        lanes[0] = self.value;
+    }
+}
+
+impl<S: Simd> Add for Lanes<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn add(self, other: Self) -> Self {
+        let value = self.simd.add_f64s(self.value, other.value);
+        Self { value, ..self }
+    }
+}
+
+impl<S: Simd> Sub for Lanes<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn sub(self, other: Self) -> Self {
+        let value = self.simd.sub_f64s(self.value, other.value);
+        Self { value, ..self }
+    }
+}
+
+impl<S: Simd> Mul for Lanes<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn mul(self, other: Self) -> Self {
+        let value = self.simd.mul_f64s(self.value, other.value);
+        Self { value, ..self }
+    }
+}
+
+impl<S: Simd> Neg for Lanes<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        let value = self.simd.neg_f64s(self.value);
+        Self { value, ..self }
+    }
+}
+
+impl<S: Simd> Scalar for Lanes<S> {
+    #[inline(always)]
+    fn constant(self, value: f64) -> Self {
+        Self::splat(self.simd, value)
+    }
+
+    #[inline(always)]
+    fn recip(self) -> Self {
+        let one = self.simd.splat_f64s(1.0);
+        let value = self.simd.div_f64s(one, self.value);
+        Self { value, ..self }
+    }
+
+    #[inline(always)]
+    fn mul_add(self, factor: Self, addend: Self) -> Self {
+        let value = self
+            .simd
+            .mul_add_f64s(self.value, factor.value, addend.value);
+        Self { value, ..self }
+    }
+}

@@ -1,0 +1,307 @@
+//! A model in the frames that suit the recursions.
+//!
+//! Every body gets a frame of its own beside the one of its description: z along the axis of the joint
+//! that moves it, x along the common normal with the axis of the body that follows it, origin on the
+//! axis. Then the way from a body to its parent is a turn about z, a turn about x (often none, or a
+//! quarter, which costs nothing) and a shift along few axes, as in Denavit and Hartenberg's convention;
+//! a turn about the parent's z comes in where bodies branch. Only the description's frames are seen
+//! from outside.
+
+use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
+
+use super::{Force, GROUP, Turn, Vec3, sin_cos};
+use crate::model::{Frame, Joint, Model};
+use crate::spatial::{Pose, SpatialInertia, Wrench};
+
+/// Entries of a rotation below this are rounding.
+const ROUNDING: f64 = 1e-15;
+
+/// A [`Model`] compiled for the kernels.
+#[derive(Debug, Clone)]
+pub struct Tree {
+    /// Body 0 is the base.
+    pub(crate) bodies: Vec<Body>,
+    /// Hop `j` joins body `j + 1` to its parent.
+    pub(crate) hops: Vec<Hop>,
+}
+
+/// One body in its kernel frame K.
+#[derive(Debug, Clone)]
+pub(crate) struct Body {
+    /// Pose of the kernel frame in the body's frame B.
+    pub X_BK: Pose,
+    /// Its inverse.
+    pub X_KB: Pose,
+    /// Inertia about the kernel frame's origin.
+    pub inertia: SpatialInertia,
+    /// Whether its inertia has entries off the diagonal.
+    pub is_oblique: bool,
+    /// Whether its centre of mass is off the kernel frame's origin.
+    pub is_heavy: bool,
+    /// Mass of the body with its whole subtree.
+    pub subtree_mass: f64,
+}
+
+/// How a body moves against its parent: `R_PK = Rz(swing) Rx(bend) Rz(home + q)`, and the origin at
+/// `Rz(swing) (p + d z)` with K's z before the swing; a slide adds its position to `d`.
+#[derive(Debug, Clone)]
+pub(crate) struct Hop {
+    pub parent: usize,
+    pub slides: bool,
+    /// What of the hop has to be computed: 4 times the bend, 2 for a shift along K's z, 1 for one along the
+    /// common normal. With a swing or any other shift it is [`GENERAL`], and everything is computed.
+    pub shape: u8,
+    pub swing: Turn<f64>,
+    pub bend: Turn<f64>,
+    pub home: [f64; 2],
+    /// Whether that is no turn.
+    pub is_home: bool,
+    pub p: [f64; 3],
+    pub d: f64,
+    /// Origin in the parent (a slide at zero), in the parent's axes.
+    pub p_PK: [f64; 3],
+    /// K's z in the parent's axes.
+    pub axis_P: [f64; 3],
+    pub damping: f64,
+    pub stiffness: f64,
+    pub rest: f64,
+}
+
+/// Parallel axes.
+pub(crate) const STRAIGHT: u8 = 0;
+/// Axes at a right angle.
+pub(crate) const QUARTER: u8 = 1;
+/// Axes at any angle.
+pub(crate) const BENT: u8 = 2;
+/// A shape that is none of the others.
+pub(crate) const GENERAL: u8 = 12;
+
+impl Tree {
+    /// Compiles `model`.
+    pub fn new(model: &Model) -> Self {
+        let frames = kernel_frames(model);
+        let bodies = (model.bodies().iter().zip(&frames))
+            .enumerate()
+            .map(|(b, (body, X_BK))| {
+                let subtree = &model.bodies()[b..body.subtree_end];
+                let inertia = without_rounding(SpatialInertia::from(
+                    &body.inertia.expressed_in(&X_BK.inverse()),
+                ));
+                Body {
+                    X_BK: *X_BK,
+                    X_KB: X_BK.inverse(),
+                    is_oblique: inertia.about_origin.off_diagonal != Vector3::zeros(),
+                    is_heavy: inertia.first_moment != Vector3::zeros(),
+                    inertia,
+                    subtree_mass: subtree.iter().map(|b| b.inertia.mass).sum(),
+                }
+            })
+            .collect();
+        let hops = model.joints().iter().enumerate().map(|(j, joint)| {
+            let parent = model.joint_parent(j);
+            Hop::new(joint, parent, &frames[parent], &frames[j + 1])
+        });
+        let hops = hops.collect();
+        Self { bodies, hops }
+    }
+
+    /// Number of joints.
+    pub fn dof(&self) -> usize {
+        self.hops.len()
+    }
+
+    /// Tells the turn of every joint at positions `q`.
+    #[inline(always)]
+    pub(crate) fn turns(&self, q: &[f64], mut tell: impl FnMut(usize, f64, Turn<f64>)) {
+        for (group, (q, hops)) in q.chunks(GROUP).zip(self.hops.chunks(GROUP)).enumerate() {
+            let mut angles = [0.0; GROUP];
+            angles[..q.len()].copy_from_slice(q);
+            let (cos, sin) = sin_cos(&angles);
+            for (i, (&q, hop)) in q.iter().zip(hops).enumerate() {
+                tell(group * GROUP + i, q, hop.turn(cos[i], sin[i]));
+            }
+        }
+    }
+
+    /// Takes over wrenches on the bodies into the kernel frames. Says whether there is any.
+    #[inline(always)]
+    pub(crate) fn load(&self, wrenches: &[Wrench], external: &mut [Force<f64>]) -> bool {
+        if !Wrench::any(wrenches) {
+            return false;
+        }
+        for ((into, wrench), body) in external.iter_mut().zip(wrenches).zip(&self.bodies) {
+            let wrench = wrench.shifted_to_child(&body.X_BK);
+            *into = Force {
+                torque: Vec3(wrench.torque.into()),
+                force: Vec3(wrench.force.into()),
+            };
+        }
+        true
+    }
+
+    /// `frame`'s origin in its body's kernel frame.
+    pub(crate) fn p_KF(&self, frame: &Frame) -> Vector3<f64> {
+        let p_BF = nalgebra::Point3::from(frame.X_BF.translation.vector);
+        (self.bodies[frame.body].X_KB * p_BF).coords
+    }
+
+    /// Effort that joint `j` feels: the actuator's and those of spring and damper.
+    #[inline(always)]
+    pub(crate) fn effort(&self, j: usize, actuator: f64, q: f64, qd: f64) -> f64 {
+        let hop = &self.hops[j];
+        actuator + (hop.stiffness * (hop.rest - q) - hop.damping * qd)
+    }
+}
+
+/// Zeros that a change of axes has smeared are zeros again.
+fn without_rounding(mut inertia: SpatialInertia) -> SpatialInertia {
+    let moment = inertia.about_origin.diagonal.amax();
+    let first = (moment * inertia.mass).sqrt();
+    let clean = |x: f64, size: f64| if x.abs() < ROUNDING * size { 0.0 } else { x };
+    let tensor = &mut inertia.about_origin;
+    tensor.off_diagonal.apply(|x| *x = clean(*x, moment));
+    inertia.first_moment.apply(|x| *x = clean(*x, first));
+    inertia
+}
+
+/// `X_BK` of every body.
+fn kernel_frames(model: &Model) -> Vec<Pose> {
+    let bodies = model.bodies();
+    let mut frames = vec![Pose::identity(); bodies.len()];
+    for b in (0..bodies.len()).rev() {
+        let own = b.checked_sub(1).map(|j| &model.joints()[j]);
+        let next = (bodies[b].subtree_end > b + 1).then(|| &model.joints()[b]);
+        frames[b] = match (own, next) {
+            (None, None) => Pose::identity(),
+            // The base has no axis of its own; it takes that of the first joint.
+            (None, Some(next)) => {
+                let z = next.X_PJ.rotation * next.axis;
+                let p = (next.X_PJ * frames[b + 1]).translation.vector;
+                Pose::from_parts(Translation3::identity(), axes(&z, &(p - *z * z.dot(&p))))
+            }
+            (Some(own), None) => {
+                Pose::from_parts(Translation3::identity(), axes(&own.axis, &Vector3::zeros()))
+            }
+            (Some(own), Some(next)) => {
+                let at = next.X_PJ * frames[b + 1];
+                let (z, w) = (*own.axis, *(next.X_PJ.rotation * next.axis));
+                let p = at.translation.vector;
+                let normal = z.cross(&w);
+                let sine = normal.norm_squared();
+                let (x, along) = if sine < 1e-12 {
+                    (p - z * z.dot(&p), z.dot(&p))
+                } else {
+                    // Where the common normal meets this body's axis.
+                    (normal, normal.dot(&p.cross(&w)) / sine)
+                };
+                // Nearly parallel axes have their normal far away, which would cost digits.
+                let size = p.norm() + bodies[b].inertia.com.norm();
+                let along = if along.abs() <= size { along } else { 0.0 };
+                Pose::from_parts(Translation3::from(z * along), axes(&z, &x))
+            }
+        };
+    }
+    frames
+}
+
+/// Axes with the given z, and x as near to `x` as can be (anywhere if that is zero).
+fn axes(z: &Vector3<f64>, x: &Vector3<f64>) -> Rotation3<f64> {
+    let z = z.normalize();
+    let mut x = x - z * z.dot(x);
+    if x.norm() <= 1e-9 {
+        let mut least = Vector3::zeros();
+        least[z.iamin()] = 1.0;
+        x = least - z * z.dot(&least);
+    }
+    let x = x.normalize();
+    let y = z.cross(&x).normalize();
+    Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[y.cross(&z), y, z]))
+}
+
+impl Hop {
+    fn new(joint: &Joint, parent: usize, X_PF: &Pose, X_BK: &Pose) -> Self {
+        let X_FK = X_PF.inverse() * joint.X_PJ * X_BK;
+        let R = X_FK.rotation.matrix();
+        let clean = |x: f64| if x.abs() < ROUNDING { 0.0 } else { x };
+        // K's z is (sin bend sin swing, -sin bend cos swing, cos bend).
+        let sine = clean(R[(0, 2)].hypot(R[(1, 2)]));
+        let (swing, bend) = if sine == 0.0 {
+            (Turn::new(1.0, 0.0), Turn::new(R[(2, 2)].signum(), 0.0))
+        } else {
+            let (cos, sin) = (-R[(1, 2)] / sine, R[(0, 2)] / sine);
+            let swings = clean(R[(0, 2)]) != 0.0 || cos < 0.0;
+            let swing = if swings {
+                Turn::new(cos, sin)
+            } else {
+                Turn::new(1.0, 0.0)
+            };
+            (
+                swing,
+                Turn::new(
+                    clean(R[(2, 2)]),
+                    if R[(2, 2)].abs() < ROUNDING {
+                        1.0
+                    } else {
+                        sine
+                    },
+                ),
+            )
+        };
+        let swung = turn_matrix(2, &swing);
+        let bent = turn_matrix(0, &bend);
+        // What the two leave over is the turn about z.
+        let rest = (swung * bent).transpose() * R;
+        let scale = rest[(0, 0)].hypot(rest[(1, 0)]);
+        let home = [rest[(0, 0)], rest[(1, 0)]].map(|x| clean(x / scale));
+
+        let p_PK = X_FK.translation.vector;
+        let size = p_PK.norm().max(1e-3);
+        let mut p = swung.transpose() * p_PK;
+        let z = bent.column(2).into_owned();
+        let d = p.yz().dot(&z.yz());
+        let across = p - z * d;
+        let is_dh = across.y.abs().max(across.z.abs()) < 4.0 * ROUNDING * size;
+        let d = if is_dh { d } else { 0.0 };
+        if is_dh {
+            p = Vector3::new(p.x, 0.0, 0.0);
+        }
+        let clean = |x: f64| if x.abs() < ROUNDING * size { 0.0 } else { x };
+        let (p, d) = (p.map(clean), clean(d));
+        let bend_kind = match (bend.cos, bend.sin) {
+            (1.0, 0.0) => STRAIGHT,
+            (0.0, 1.0) => QUARTER,
+            _ => BENT,
+        };
+        let slides = !joint.kind.is_rotational();
+        Self {
+            parent,
+            slides,
+            shape: if swing.cos != 1.0 || !is_dh {
+                GENERAL
+            } else {
+                4 * bend_kind + 2 * u8::from(slides || d != 0.0) + u8::from(p.x != 0.0)
+            },
+            swing,
+            bend,
+            home,
+            is_home: home == [1.0, 0.0],
+            p: p.into(),
+            d,
+            p_PK: (swung * (p + z * d)).into(),
+            axis_P: (swung * z).into(),
+            damping: joint.damping,
+            stiffness: joint.spring.stiffness,
+            rest: joint.spring.rest,
+        }
+    }
+}
+
+fn turn_matrix(axis: usize, turn: &Turn<f64>) -> Matrix3<f64> {
+    let (j, k) = super::vector::others(axis);
+    let mut m = Matrix3::identity();
+    m[(j, j)] = turn.cos;
+    m[(k, k)] = turn.cos;
+    m[(j, k)] = -turn.sin;
+    m[(k, j)] = turn.sin;
+    m
+}

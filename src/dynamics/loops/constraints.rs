@@ -1,0 +1,269 @@
+//! The closures of one model: projection and accelerations.
+
+use nalgebra::{DMatrix, DVector, Matrix6xX};
+
+use super::normals::Normals;
+use super::singular::Aside;
+use super::{LoopClosure, LoopError, LoopGap};
+use crate::dynamics::{Input, Momentum, State, Workspace};
+use crate::model::Model;
+use crate::spatial::exp_so3;
+
+/// Normals that depend on others up to this part of their size are dropped. Positions close a loop to
+/// rounding, some 1e-15; towards a singular state the direction of a normal that vanishes is then lost with
+/// the square of this.
+const DEPENDENT: f64 = 5e-4;
+
+/// Where positions are off the constraints by a gap, normals are off by as much: those smaller than some
+/// gaps have no meaning.
+const GAPS: f64 = 10.0;
+
+/// However wide open a loop is, normals larger than this are kept.
+const INDEPENDENT: f64 = 0.03;
+
+/// Gaps below this, relative to the size of the mechanism, are rounding.
+const CLOSED: f64 = 4e-15;
+
+/// Newton's method doubles the digits each time; what needs more than this does not converge.
+const CORRECTIONS: usize = 8;
+
+/// The loop closures of one model, and their scratch. Part of an
+/// [`Integrator`](crate::dynamics::Integrator) or [`Floating`](crate::dynamics::Floating); by hand:
+/// [`Loops::assemble`] a state, then [`Loops::accelerations`] instead of those of the workspace.
+#[derive(Debug, Clone)]
+pub struct Loops {
+    pub(super) closures: Vec<LoopClosure>,
+    pub(super) normals: Normals,
+    pub(super) gradients: DMatrix<f64>,
+    jacobians: (Matrix6xX<f64>, Matrix6xX<f64>),
+    /// A value for every constraint.
+    pub(super) wanted: DVector<f64>,
+    /// A change of joint positions.
+    pub(super) change: DVector<f64>,
+    /// What makes an angle comparable with a translation: the size of the mechanism \[m\].
+    pub(super) length: f64,
+    /// Positions that `normals` stand for.
+    pub(super) normals_at: DVector<f64>,
+    /// Gap that the positions had before they were projected.
+    pub(super) gap_before: f64,
+    /// Independent constraints of the mechanism wherever it is not singular.
+    pub(super) rank: usize,
+    /// Taken while in use.
+    pub(super) aside: Option<Box<Aside>>,
+}
+
+impl Loops {
+    /// Constraints for `model`; without closures they cost next to nothing and change nothing.
+    ///
+    /// # Errors
+    /// [`LoopError`] for a closure without directions, between frames of one body, or with a name given
+    /// twice.
+    ///
+    /// # Panics
+    /// If a frame belongs to a body that the model does not have.
+    pub fn new(model: &Model, closures: Vec<LoopClosure>) -> Result<Self, LoopError> {
+        for (i, closure) in closures.iter().enumerate() {
+            let name = || closure.name.clone();
+            if closures[..i].iter().any(|c| c.name == closure.name) {
+                return Err(LoopError::DuplicateName(name()));
+            }
+            if closure.directions().next().is_none() {
+                return Err(LoopError::NoDirection(name()));
+            }
+            let body = &model.bodies()[closure.frame_b.body];
+            if closure.frame_a.body == closure.frame_b.body {
+                return Err(LoopError::SameBody {
+                    closure: name(),
+                    frame_a: closure.frame_a.name.clone(),
+                    frame_b: closure.frame_b.name.clone(),
+                    body: body.name.clone(),
+                });
+            }
+        }
+        Ok(Self::with_valid(model, closures))
+    }
+
+    fn with_valid(model: &Model, closures: Vec<LoopClosure>) -> Self {
+        let n = model.dof();
+        let closure_of_row = |(i, c): (usize, &LoopClosure)| vec![i; c.directions().count()];
+        let rows: Vec<usize> = (closures.iter().enumerate())
+            .flat_map(closure_of_row)
+            .collect();
+        let m = rows.len();
+        let length = model
+            .joints()
+            .iter()
+            .map(|joint| joint.X_PJ.translation.vector.norm())
+            .fold(0.0, f64::max);
+        Self {
+            closures,
+            normals: Normals::new(n, rows),
+            gradients: DMatrix::zeros(n, m),
+            jacobians: (Matrix6xX::zeros(n), Matrix6xX::zeros(n)),
+            wanted: DVector::zeros(m),
+            change: DVector::zeros(n),
+            length: if length > 0.0 { length } else { 1.0 },
+            normals_at: DVector::from_element(n, f64::NAN),
+            gap_before: 0.0,
+            rank: 0,
+            aside: Some(Box::new(Aside::new(model))),
+        }
+    }
+
+    /// No closures: a tree.
+    pub(in crate::dynamics) fn none(model: &Model) -> Self {
+        Self::with_valid(model, Vec::new())
+    }
+
+    /// The closures.
+    pub fn closures(&self) -> &[LoopClosure] {
+        &self.closures
+    }
+
+    /// Degrees of freedom that the joints keep: their number less the independent constraints (known
+    /// after [`Loops::assemble`]).
+    pub fn mobility(&self) -> usize {
+        self.change.len() - self.rank
+    }
+
+    /// How far each closure is open at the positions that `workspace` holds.
+    pub fn gaps(&self, workspace: &Workspace) -> impl Iterator<Item = (&LoopClosure, LoopGap)> {
+        let gap = |closure: &LoopClosure| closure.gap(workspace);
+        self.closures.iter().map(move |c| (c, gap(c)))
+    }
+
+    /// Moves positions and rates of `state` onto the constraints by the shortest way in the metric of the
+    /// reduced inertia, without momentum: centre of mass and momentum stay, the base's attitude answers
+    /// the joints. On return `workspace` holds the new positions.
+    pub fn project(&mut self, model: &Model, state: &mut State, workspace: &mut Workspace) {
+        if self.closures.is_empty() {
+            return;
+        }
+        self.project_positions(model, state, workspace);
+        self.normals.remove_normal(&mut state.qd);
+        if self.normals.rank() < self.rank {
+            self.limit_rates(model, state, workspace);
+        }
+    }
+
+    /// Joint accelerations \[rad/s² or m/s²\] of `state`, which must be on the constraints, under `input` and
+    /// the constraint forces. `workspace` holds positions and motion of `state`, before and after.
+    pub fn accelerations(
+        &mut self,
+        model: &Model,
+        state: &State,
+        workspace: &mut Workspace,
+        input: &Input,
+        qdd: &mut DVector<f64>,
+    ) {
+        if self.closures.is_empty() {
+            workspace.accelerations(model, state, input, qdd);
+            return;
+        }
+        if self.normals_at != state.q {
+            self.gap_before = 0.0;
+            self.set_normals(workspace, &state.q);
+        }
+        self.constrained_accelerations(model, state, workspace, input, qdd);
+        if self.normals.rank() < self.rank {
+            self.limit_accelerations(model, state, workspace, input, qdd);
+        }
+    }
+
+    /// The accelerations where no constraint is about to lose its rank.
+    pub(super) fn constrained_accelerations(
+        &mut self,
+        model: &Model,
+        state: &State,
+        workspace: &mut Workspace,
+        input: &Input,
+        qdd: &mut DVector<f64>,
+    ) {
+        workspace.accelerations(model, state, input, qdd);
+        // What the tree would do at the closures is what the constraint forces must prevent.
+        workspace.set_accelerations(qdd);
+        let mut row = 0;
+        for closure in &self.closures {
+            let opening = closure.acceleration(workspace);
+            for direction in closure.directions() {
+                self.wanted[row] = -opening[direction as usize] * scale(direction, self.length);
+                row += 1;
+            }
+        }
+        self.normals.add_shortest(&self.wanted, qdd);
+    }
+
+    /// Newton's method towards the constraints, then the normals there.
+    pub(super) fn project_positions(
+        &mut self,
+        model: &Model,
+        state: &mut State,
+        workspace: &mut Workspace,
+    ) {
+        workspace.set_positions(model, &state.q);
+        if self.normals_at == state.q {
+            return;
+        }
+        let mut gap = self.set_wanted(workspace);
+        self.gap_before = gap;
+        for correction in 0..CORRECTIONS {
+            if gap <= CLOSED * self.length || gap.is_nan() {
+                break;
+            }
+            // Far from closed the normals turn on the way; near, the first ones do.
+            if correction == 0 || gap > 1e-4 * self.length {
+                self.set_normals(workspace, &state.q);
+            }
+            self.change.fill(0.0);
+            self.normals.add_shortest(&self.wanted, &mut self.change);
+            let turned = workspace.base_twist(&Momentum::default(), &self.change);
+            state.q += &self.change;
+            state.R_WB *= exp_so3(&turned.angular);
+            workspace.set_positions(model, &state.q);
+            let before = gap;
+            gap = self.set_wanted(workspace);
+            if gap > 0.5 * before {
+                // The rest is rounding, or in a direction that is not held here.
+                break;
+            }
+        }
+        self.set_normals(workspace, &state.q);
+    }
+
+    /// Fills `wanted` with what closes the gaps; returns the largest \[m\].
+    pub(super) fn set_wanted(&mut self, workspace: &Workspace) -> f64 {
+        let (mut row, mut largest) = (0, 0.0);
+        for closure in &self.closures {
+            let displacement = closure.displacement(workspace);
+            for direction in closure.directions() {
+                let open = displacement[direction as usize] * scale(direction, self.length);
+                self.wanted[row] = -open;
+                row += 1;
+                if open.abs() > largest || open.is_nan() {
+                    largest = open.abs();
+                }
+            }
+        }
+        largest
+    }
+
+    /// Sets the normals at positions `q`, which `workspace` holds.
+    pub(super) fn set_normals(&mut self, workspace: &mut Workspace, q: &DVector<f64>) {
+        let mut row = 0;
+        for closure in &self.closures {
+            let (J_A, J_B) = &mut self.jacobians;
+            let out = &mut self.gradients;
+            closure.gradients(workspace, self.length, (J_A, J_B), row, out);
+            row += closure.directions().count();
+        }
+        let tolerance = (GAPS * self.gap_before / self.length).clamp(DEPENDENT, INDEPENDENT);
+        let inertia = workspace.reduced_inertia();
+        self.normals.set(inertia, &self.gradients, tolerance);
+        self.normals_at.copy_from(q);
+    }
+}
+
+/// What makes a displacement in `direction` a length.
+pub(super) fn scale(direction: super::Direction, length: f64) -> f64 {
+    if direction.is_rotation() { length } else { 1.0 }
+}

@@ -1,0 +1,47 @@
+//! What the closures carry.
+
+use nalgebra::DVector;
+
+use super::Loops;
+use super::constraints::scale;
+use crate::dynamics::{Input, State, Workspace};
+use crate::model::Model;
+
+impl Loops {
+    /// What each closure exerts on frame B (and the other way round on frame A) in each of
+    /// [`Direction::ALL`](super::Direction::ALL) \[N, N m\], in A's axes and about A's origin; zero in free
+    /// directions. `None` where it is not defined: rigid bodies do not say how redundant constraints share
+    /// a load, and in a singular state forces have no limit.
+    ///
+    /// `state` must be on the constraints, `workspace` hold its positions and motion. Meant for output: it
+    /// allocates.
+    pub fn forces(
+        &mut self,
+        model: &Model,
+        state: &State,
+        workspace: &mut Workspace,
+        input: &Input,
+    ) -> Vec<[Option<f64>; 6]> {
+        if self.closures.is_empty() {
+            return Vec::new();
+        }
+        let mut qdd = DVector::zeros(model.dof());
+        if self.normals_at != state.q {
+            self.gap_before = 0.0;
+            self.set_normals(workspace, &state.q);
+        }
+        self.constrained_accelerations(model, state, workspace, input, &mut qdd);
+        let singular = self.normals.rank() < self.rank;
+        let mut multipliers = self.normals.multipliers().into_iter();
+        let length = self.length;
+        let closures = self.closures.iter().map(|closure| {
+            let mut forces = [Some(0.0); 6];
+            for (direction, (value, defined)) in closure.directions().zip(&mut multipliers) {
+                forces[direction as usize] =
+                    (defined && !singular).then_some(value * scale(direction, length));
+            }
+            forces
+        });
+        closures.collect()
+    }
+}

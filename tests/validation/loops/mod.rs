@@ -1,0 +1,8 @@
+//! Closed loops: TR-942's pantograph through its singular states, linkages against their loop-free
+//! equations, redundant constraints, and what is refused.
+
+mod kinds;
+mod linkages;
+pub mod mechanisms;
+mod pantograph;
+mod refusals;
