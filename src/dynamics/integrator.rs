@@ -226,9 +226,7 @@ impl Integrator {
         for (i, (a, c)) in tableau.a.iter().zip(tableau.c).enumerate().skip(1) {
             let turned = advance(&mut self.stage, state, &self.rates[..i], a, dt);
             self.stage.time = state.time + c * dt;
-            self.plant
-                .loops
-                .project(model, &mut self.stage, workspace);
+            self.plant.loops.project(model, &mut self.stage, workspace);
             forcing.apply(self.stage.time, &self.stage, &mut self.input);
             self.plant
                 .evaluate(model, &self.stage, workspace, &self.input);

@@ -37,6 +37,7 @@ pub fn command(executable: &str, domain: u16) -> Command {
         "dynamics" => env!("CARGO_BIN_EXE_dynamics"),
         "camera" => env!("CARGO_BIN_EXE_camera"),
         "controller" => env!("CARGO_BIN_EXE_controller"),
+        "estimator" => env!("CARGO_BIN_EXE_estimator"),
         "recorder" => env!("CARGO_BIN_EXE_recorder"),
         other => panic!("{other} is no executable of fuyu"),
     };

@@ -165,7 +165,9 @@ impl DynamicsParams {
             .param(
                 "formulation",
                 choice::name_of(&FormulationKind::NAMES, &usual),
-                &format!("Formulation of forward dynamics: {formulations}; reduced with loop_closures"),
+                &format!(
+                    "Formulation of forward dynamics: {formulations}; reduced with loop_closures"
+                ),
             )
             .check(&format!("one of {formulations}"), |text| {
                 choice::find(&FormulationKind::NAMES, text).map(|_| ())
@@ -256,8 +258,7 @@ impl DynamicsParams {
 
         let (base, loop_closures) = (base?, loop_closures?);
         // Any other text has been refused by the declaration.
-        let formulation =
-            choice::find(&FormulationKind::NAMES, &formulation).unwrap_or_default();
+        let formulation = choice::find(&FormulationKind::NAMES, &formulation).unwrap_or_default();
         if !loop_closures.is_empty() && formulation != FormulationKind::Reduced {
             let name = choice::name_of(&FormulationKind::NAMES, &formulation);
             return Err(format!(
