@@ -89,6 +89,7 @@ pub mod experiments;
 #[cfg(not(feature = "ros"))]
 pub mod experiments {
     pub mod masutani_ch3;
+    pub mod masutani_ch5;
     pub mod tr942;
 }
 #[cfg(feature = "ros")]

@@ -4,6 +4,7 @@ mod bag;
 mod estimate;
 mod inspect;
 mod launch;
+mod reproduce;
 mod simulate;
 mod table;
 
@@ -32,6 +33,7 @@ enum Command {
     Estimate(estimate::Args),
     Inspect(inspect::Args),
     Launch(launch::Args),
+    Reproduce(reproduce::Args),
     Simulate(simulate::Args),
 }
 
@@ -46,6 +48,7 @@ impl Command {
             Self::Bag(args) => bag::run(args),
             Self::Estimate(args) => estimate::run(&args),
             Self::Inspect(args) => inspect::run(args),
+            Self::Reproduce(args) => reproduce::run(&args),
             Self::Simulate(args) => simulate::run(&args),
         }
     }

@@ -5,3 +5,4 @@ mod estimate;
 mod free_motion;
 mod fuyu;
 mod inspect;
+mod reproduce;

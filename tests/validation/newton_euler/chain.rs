@@ -1,23 +1,16 @@
 //! TR-942 section 3.2: satellite with a manipulator of four links.
 
-use fuyu::dynamics::newton_euler::{Axis, Load, MatrixMethod, Start, System};
+use fuyu::dynamics::newton_euler::{Axis, Load, MatrixMethod, System};
 use fuyu::dynamics::{RungeKutta, Tableau};
 use fuyu::experiments::tr942::chain::{self, Angles};
 
 use super::largest;
 
-fn start(system: &System) -> Vec<f64> {
-    let angles = (1..).zip(chain::INITIAL);
-    let start = angles.fold(Start::new(), |start, (hinge, angle)| {
-        start.with(&system.hinges()[hinge].name, Axis::RotationZ, angle, 0.0)
-    });
-    system.assemble(&start).unwrap()
-}
-
 /// θ2 and θ3 at 2, 4, 6 and 8 s, and the largest momentum on the way \[N s, N m s\].
 fn run(tableau: &'static Tableau, step: f64, project: bool) -> ([[f64; 2]; 4], f64) {
     let system = System::from_model(&chain::model()).unwrap();
-    let (mut state, load) = (start(&system), Load::zero(&system));
+    let mut state = system.assemble(&chain::start(&system)).unwrap();
+    let load = Load::zero(&system);
     let mut method = MatrixMethod::new(&system);
     let mut stepper = RungeKutta::new(tableau, state.len());
     let steps = (2.0 / step).round() as usize;

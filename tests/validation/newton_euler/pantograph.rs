@@ -1,63 +1,12 @@
 //! TR-942 section 3.3: satellite with a pantograph, whose two loops are closed by the hinges h6 and h7.
 
-use fuyu::dynamics::newton_euler::{
-    Axis, Freedom, Hinge, INERTIAL, Load, MatrixMethod, Start, System, SystemBuilder,
-};
+use fuyu::dynamics::newton_euler::{Axis, Freedom, Load, MatrixMethod, Start, System};
 use fuyu::dynamics::{RungeKutta, Tableau};
-use fuyu::experiments::tr942::pantograph::{PRINTED, Printed, STEP};
-use fuyu::spatial::{Pose, RigidInertia};
-use nalgebra::{Matrix3, Vector3};
+use fuyu::experiments::tr942::pantograph::{
+    IN_PLANE, PRINTED, Printed, STEP, start, system as builder,
+};
 
 use super::largest;
-
-const SLIDING: Freedom = Freedom::REVOLUTE.and(Axis::TranslationY);
-/// Holds only what the plane of motion needs; three whole revolute hinges in a plane repeat each other.
-const IN_PLANE: Freedom = Freedom::SPHERICAL.and(Axis::TranslationZ);
-
-/// Tables 3.3.1 and 3.3.2.
-fn builder(closing: Freedom) -> SystemBuilder {
-    let body = |mass, x, moments| RigidInertia {
-        mass,
-        com: Vector3::new(x, 0.0, 0.0),
-        about_com: Matrix3::from_diagonal(&Vector3::from(moments)),
-    };
-    let x = |x| Pose::translation(x, 0.0, 0.0);
-    let hinge = Hinge::new;
-    let mut system = SystemBuilder::new();
-    system
-        .body("1", body(200.0, 0.0, [20.0; 3]))
-        .body("2", body(20.0, 1.0, [1.0, 5.0, 5.0]))
-        .body("3", body(20.0, 1.0, [1.0, 5.0, 5.0]))
-        .body("4", body(10.0, 0.5, [0.2, 1.0, 1.0]))
-        .body("5", body(10.0, 0.5, [0.2, 1.0, 1.0]))
-        .hinge(hinge("h1", INERTIAL, "1", Freedom::FREE))
-        .hinge(
-            hinge("h2", "1", "2", SLIDING)
-                .at(x(1.0), x(0.0))
-                .spring(Axis::RotationZ, 4.0, 0.0)
-                .damper(Axis::RotationZ, 10.0)
-                .spring(Axis::TranslationY, 1.0, 0.0)
-                .damper(Axis::TranslationY, 10.0),
-        )
-        .hinge(hinge("h3", "1", "3", SLIDING).at(x(1.0), x(0.0)))
-        .hinge(hinge("h4", "3", "4", Freedom::REVOLUTE).at(x(2.0), x(0.0)))
-        .hinge(hinge("h5", "2", "5", Freedom::REVOLUTE).at(x(2.0), x(0.0)))
-        .hinge(hinge("h6", "2", "3", closing).at(x(1.0), x(1.0)))
-        .hinge(hinge("h7", "4", "5", closing).at(x(1.0), x(1.0)));
-    system
-}
-
-/// Table 3.3.3: folded but for 2 degrees.
-fn start() -> Start {
-    let (fold, slide) = (88f64.to_radians(), 2f64.to_radians().cos());
-    Start::new()
-        .with("h2", Axis::RotationZ, -fold, 0.0)
-        .with("h2", Axis::TranslationY, slide, 0.0)
-        .with("h3", Axis::RotationZ, fold, 0.0)
-        .with("h3", Axis::TranslationY, -slide, 0.0)
-        .with("h4", Axis::RotationZ, -2.0 * fold, 0.0)
-        .with("h5", Axis::RotationZ, 2.0 * fold, 0.0)
-}
 
 /// θ2, θ3, θ5 and the rates of θ3, θ5 at the end of every 2 s, and the largest momentum on the way.
 fn run(

@@ -1,0 +1,76 @@
+//! Published results beside what fuyu computes: what `fuyu reproduce` prints.
+
+mod masutani;
+mod report;
+mod tr942;
+
+pub use report::{Report, Row};
+
+/// A published result that can be computed anew.
+#[derive(Debug, Clone, Copy)]
+pub struct Reproduction {
+    /// How it is called on the command line.
+    pub name: &'static str,
+    /// What it shows, and where it was published.
+    pub shows: &'static str,
+    compute: fn(Report) -> Report,
+}
+
+/// All of them, in the order in which `fuyu reproduce all` computes them.
+pub const ALL: &[Reproduction] = &[
+    Reproduction {
+        name: "masutani-fig-5.3",
+        shows: "Masutani 1995 Fig. 5.3: joint PD misses the goal, the transpose of the generalized Jacobian reaches it",
+        compute: masutani::fig_5_3,
+    },
+    Reproduction {
+        name: "masutani-fig-5.4",
+        shows: "Masutani 1995 Fig. 5.4: deviation of the tip over time, and how far the base drifts",
+        compute: masutani::fig_5_4,
+    },
+    Reproduction {
+        name: "masutani-fig-5.5",
+        shows: "Masutani 1995 Fig. 5.5: angular acceleration of the base, and the moment behind it",
+        compute: masutani::fig_5_5,
+    },
+    Reproduction {
+        name: "tr942-chain",
+        shows: "TR-942 section 3.2: a satellite with a manipulator of four links",
+        compute: tr942::chain,
+    },
+    Reproduction {
+        name: "tr942-pantograph",
+        shows: "TR-942 section 3.3: a satellite that unfolds a pantograph, two closed loops",
+        compute: tr942::pantograph,
+    },
+];
+
+impl Reproduction {
+    /// The one of a name.
+    pub fn named(name: &str) -> Option<&'static Self> {
+        ALL.iter().find(|r| r.name == name)
+    }
+
+    /// Computes the result; takes seconds.
+    pub fn compute(&self) -> Report {
+        (self.compute)(Report::new(self.name, self.shows))
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn names_are_file_names_and_differ() {
+        for (i, one) in ALL.iter().enumerate() {
+            let plain = |c: char| c.is_ascii_lowercase() || c.is_ascii_digit() || "-.".contains(c);
+            assert!(
+                one.name.chars().all(plain) && one.name != "all",
+                "{}",
+                one.name
+            );
+            assert!(ALL[i + 1..].iter().all(|other| other.name != one.name));
+        }
+    }
+}
