@@ -3,6 +3,7 @@
 mod bag;
 mod inspect;
 mod launch;
+mod reproduce;
 mod simulate;
 mod table;
 
@@ -30,6 +31,7 @@ enum Command {
     Bag(bag::Args),
     Inspect(inspect::Args),
     Launch(launch::Args),
+    Reproduce(reproduce::Args),
     Simulate(simulate::Args),
 }
 
@@ -43,6 +45,7 @@ impl Command {
             )),
             Self::Bag(args) => bag::run(args),
             Self::Inspect(args) => inspect::run(args),
+            Self::Reproduce(args) => reproduce::run(&args),
             Self::Simulate(args) => simulate::run(&args),
         }
     }

@@ -1,0 +1,234 @@
+//! A published result beside a computed one.
+
+use serde::Serialize;
+use std::fmt::Write;
+use std::path::{Path, PathBuf};
+
+use crate::experiments::{ChartError, Figure, MapFigure, PlaneFigure};
+
+/// One number, published and computed.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Row {
+    /// What it is, with its unit.
+    pub quantity: String,
+    /// As published; `None` where the source says something that is no number.
+    pub published: Option<f64>,
+    /// As computed here.
+    pub computed: f64,
+    /// How far the two may be apart; `None` where nothing was published to be near to.
+    pub tolerance: Option<f64>,
+    /// Whether the result is reproduced.
+    pub passed: bool,
+}
+
+/// A published result beside what fuyu computes: table, pictures, verdict.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Report {
+    /// Name of the reproduction.
+    pub name: String,
+    /// Whether every row is.
+    pub passed: bool,
+    /// The table.
+    pub rows: Vec<Row>,
+    /// What a reader of the table should know.
+    pub notes: Vec<String>,
+    /// What it shows, and where it was published.
+    #[serde(skip)]
+    pub shows: String,
+    /// Pictures by the stem of their file names.
+    #[serde(skip)]
+    pub figures: Vec<(String, Figure)>,
+    /// Maps by the stem of their file names.
+    #[serde(skip)]
+    pub maps: Vec<(String, MapFigure)>,
+    /// Curves in a plane by the stem of their file names.
+    #[serde(skip)]
+    pub planes: Vec<(String, PlaneFigure)>,
+    /// Tables of another shape, laid out as they are printed.
+    #[serde(skip)]
+    pub listings: Vec<String>,
+}
+
+impl Report {
+    /// Without rows; `shows` says what it will be about.
+    pub fn new(name: &str, shows: &str) -> Self {
+        Self {
+            name: name.to_owned(),
+            passed: true,
+            rows: Vec::new(),
+            notes: Vec::new(),
+            shows: shows.to_owned(),
+            figures: Vec::new(),
+            maps: Vec::new(),
+            planes: Vec::new(),
+            listings: Vec::new(),
+        }
+    }
+
+    /// A published number and how near the computed one must be to it.
+    pub(super) fn near(&mut self, quantity: &str, published: f64, computed: f64, tolerance: f64) {
+        // Not a number is not near.
+        let passed = (computed - published).abs() <= tolerance;
+        self.push(quantity, Some(published), computed, Some(tolerance), passed);
+    }
+
+    /// A statement without a number (its words in `quantity`) and the number that bears it out.
+    pub(super) fn holds(&mut self, quantity: &str, computed: f64, holds: bool) {
+        self.push(
+            quantity,
+            None,
+            computed,
+            None,
+            holds && computed.is_finite(),
+        );
+    }
+
+    fn push(
+        &mut self,
+        quantity: &str,
+        published: Option<f64>,
+        computed: f64,
+        tolerance: Option<f64>,
+        passed: bool,
+    ) {
+        self.passed &= passed;
+        self.rows.push(Row {
+            quantity: quantity.to_owned(),
+            published,
+            computed,
+            tolerance,
+            passed,
+        });
+    }
+
+    pub(super) fn note(&mut self, text: &str) {
+        self.notes.push(text.to_owned());
+    }
+
+    /// The table for a terminal, with the verdict.
+    pub fn table(&self) -> String {
+        let mut out = format!("{}: {}\n\n", self.name, self.shows);
+        let cells: Vec<[String; 5]> = std::iter::once(HEADER.map(str::to_owned))
+            .chain(self.rows.iter().map(Row::cells))
+            .collect();
+        let width = |column: usize| {
+            let lengths = cells.iter().map(|row| row[column].chars().count());
+            lengths.max().unwrap_or(0)
+        };
+        let widths: [usize; 5] = std::array::from_fn(width);
+        for row in &cells {
+            let mut line = format!("  {:w$}", row[0], w = widths[0]);
+            for (cell, w) in row[1..4].iter().zip(&widths[1..4]) {
+                let _ = write!(line, "  {cell:>w$}");
+            }
+            let _ = writeln!(out, "{line}  {}", row[4]);
+        }
+        for listing in &self.listings {
+            out.push('\n');
+            for line in listing.lines() {
+                let _ = writeln!(out, "  {line}");
+            }
+        }
+        for note in &self.notes {
+            let _ = writeln!(out, "\n  {note}");
+        }
+        let failed = self.rows.iter().filter(|row| !row.passed).count();
+        let verdict = match failed {
+            0 => "reproduced".to_owned(),
+            n => format!("not reproduced: {n} of {} rows differ", self.rows.len()),
+        };
+        let _ = writeln!(out, "\n  {verdict}");
+        out
+    }
+
+    /// Writes the pictures (SVG and PNG) and the table (`NAME.md`, `NAME.csv`) into an existing folder; returns
+    /// the paths.
+    ///
+    /// # Errors
+    /// One line that names the file that cannot be written.
+    pub fn save(&self, folder: &Path) -> Result<Vec<PathBuf>, String> {
+        let mut paths = Vec::new();
+        // A name may have a dot, which is no extension.
+        let path = |stem: &str| folder.join(format!("{stem}.svg"));
+        let line = |e: ChartError| e.to_string();
+        for (stem, figure) in &self.figures {
+            paths.extend(figure.save(&path(stem)).map_err(line)?);
+        }
+        for (stem, map) in &self.maps {
+            paths.extend(map.save(&path(stem)).map_err(line)?);
+        }
+        for (stem, plane) in &self.planes {
+            paths.extend(plane.save(&path(stem)).map_err(line)?);
+        }
+        for (ending, text) in [("csv", self.csv()), ("md", self.markdown())] {
+            let path = folder.join(format!("{}.{ending}", self.name));
+            std::fs::write(&path, text).map_err(|e| format!("{}: {e}", path.display()))?;
+            paths.push(path);
+        }
+        Ok(paths)
+    }
+
+    fn csv(&self) -> String {
+        let mut out = "quantity,published,computed,tolerance,passed\n".to_owned();
+        let number = |x: Option<f64>| x.map_or_else(String::new, |x| x.to_string());
+        for row in &self.rows {
+            let quantity = row.quantity.replace('"', "\"\"");
+            let (published, tolerance) = (number(row.published), number(row.tolerance));
+            let (computed, passed) = (row.computed, row.passed);
+            let _ = writeln!(
+                out,
+                "\"{quantity}\",{published},{computed},{tolerance},{passed}"
+            );
+        }
+        out
+    }
+
+    fn markdown(&self) -> String {
+        let mut out = format!("# {}\n\n{}\n\n", self.name, self.shows);
+        let _ = writeln!(out, "| {} |", HEADER.join(" | "));
+        out.push_str("| --- | ---: | ---: | ---: | --- |\n");
+        for row in &self.rows {
+            let _ = writeln!(out, "| {} |", row.cells().join(" | "));
+        }
+        for listing in &self.listings {
+            let _ = writeln!(out, "\n```\n{}\n```", listing.trim_end());
+        }
+        for note in &self.notes {
+            let _ = writeln!(out, "\n{note}");
+        }
+        let figures = self.figures.iter().map(|(stem, f)| (stem, &f.title));
+        let maps = self.maps.iter().map(|(stem, m)| (stem, &m.title));
+        let planes = self.planes.iter().map(|(stem, p)| (stem, &p.title));
+        for (stem, title) in figures.chain(maps).chain(planes) {
+            let _ = writeln!(out, "\n![{title}]({stem}.svg)");
+        }
+        out
+    }
+}
+
+const HEADER: [&str; 5] = ["quantity", "published", "computed", "tolerance", ""];
+
+impl Row {
+    fn cells(&self) -> [String; 5] {
+        // As many digits as the tolerance makes worth reading, and one more.
+        let decimals = match self.tolerance {
+            Some(tolerance) if tolerance > 0.0 => {
+                (1.0 - tolerance.log10().floor()).clamp(0.0, 15.0) as usize
+            }
+            _ => 3,
+        };
+        let value = |x: f64| match x.abs() {
+            small if small != 0.0 && small < 0.01 * 0.1f64.powi(decimals as i32 - 2) => {
+                format!("{x:.2e}")
+            }
+            _ => format!("{x:.decimals$}"),
+        };
+        [
+            self.quantity.clone(),
+            self.published.map_or_else(String::new, value),
+            value(self.computed),
+            self.tolerance.map_or_else(String::new, |t| format!("{t}")),
+            if self.passed { "ok" } else { "DIFFERS" }.to_owned(),
+        ]
+    }
+}
