@@ -88,6 +88,8 @@ pub mod experiments;
 /// Published examples; with the feature `ros` also closed loops and what recorded runs show.
 #[cfg(not(feature = "ros"))]
 pub mod experiments {
+    pub mod masutani_ch3;
+    pub mod masutani_ch5;
     pub mod tr942;
 }
 #[cfg(feature = "ros")]

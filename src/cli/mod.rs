@@ -1,6 +1,7 @@
 //! The `fuyu` command line: one file a command, each with its `Args` and its `run`.
 
 mod bag;
+mod estimate;
 mod inspect;
 mod launch;
 mod reproduce;
@@ -29,6 +30,7 @@ struct Cli {
 #[derive(Subcommand)]
 enum Command {
     Bag(bag::Args),
+    Estimate(estimate::Args),
     Inspect(inspect::Args),
     Launch(launch::Args),
     Reproduce(reproduce::Args),
@@ -44,6 +46,7 @@ impl Command {
                 "--ros-args: only `fuyu launch` starts nodes that could take them".to_owned(),
             )),
             Self::Bag(args) => bag::run(args),
+            Self::Estimate(args) => estimate::run(&args),
             Self::Inspect(args) => inspect::run(args),
             Self::Reproduce(args) => reproduce::run(&args),
             Self::Simulate(args) => simulate::run(&args),
@@ -143,6 +146,14 @@ impl std::str::FromStr for Numbers {
             .map(number)
             .collect::<Result<_, _>>()
             .map(Self)
+    }
+}
+
+/// A number above zero.
+fn positive(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x > 0.0 && x.is_finite() => Ok(x),
+        _ => Err("give a positive number".to_owned()),
     }
 }
 

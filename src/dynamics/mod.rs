@@ -43,6 +43,7 @@ mod jacobian;
 mod joint_map;
 mod kane;
 mod momentum;
+pub mod newton_euler;
 mod reduced;
 mod runge_kutta;
 mod state;

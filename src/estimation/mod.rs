@@ -12,7 +12,6 @@ pub mod free_body;
 pub mod masutani1995;
 mod method;
 mod motion;
-pub mod sweep;
 mod tracks;
 pub mod two_view;
 

@@ -186,7 +186,7 @@ fn deviation(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::estimation::sweep::Motion;
+    use crate::experiments::masutani_ch3::Motion;
 
     const SECOND: i64 = 1_000_000_000;
 

@@ -5,6 +5,8 @@ mod bag_plot;
 mod chart;
 mod closed_loop;
 mod estimation_plot;
+pub mod masutani_ch3;
+pub mod masutani_ch5;
 mod observations;
 mod performance;
 mod recorded;

@@ -285,11 +285,11 @@ mod tests {
             ..ideal()
         };
         let off = deviations(noisy.clone(), 300);
-        let (near, far): (Vec<_>, Vec<_>) = off.iter().partition(|d| d[0].hypot(d[1]) < 3.0);
+        let is_near = |d: &&[f64; 2]| d[0].hypot(d[1]) < 3.0;
+        let (near, far): (Vec<&[f64; 2]>, Vec<_>) = off.iter().partition(is_near);
         let share = far.len() as f64 / off.len() as f64;
         assert!((share - 0.1).abs() < 0.012, "{share}");
-        let rms =
-            (near.iter().map(|d: &[f64; 2]| d[0] * d[0]).sum::<f64>() / near.len() as f64).sqrt();
+        let rms = (near.iter().map(|d| d[0] * d[0]).sum::<f64>() / near.len() as f64).sqrt();
         assert!((rms - 0.4).abs() < 0.02, "{rms}");
         assert_eq!(watch(noisy.clone(), 30), watch(noisy, 30));
     }

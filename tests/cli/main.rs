@@ -3,3 +3,4 @@
 mod bad_urdf;
 mod fuyu;
 mod inspect;
+mod reproduce;

@@ -195,8 +195,7 @@ const SUBSCRIPTIONS: [(&str, &[&str]); 4] = [
 fn topics_types_and_qos_are_those_of_the_description() {
     in_time(|| {
         let domain = 85;
-        let args = ["--duration", "600"];
-        let mut launch = Running::launch(domain, &source("config/servicing.yaml"), &args);
+        let mut launch = Running::gently(domain, &source("config/servicing.yaml"));
         let mut peer = Peer::start("auditor", domain);
         for (topic, kind, reliability, durability, nodes) in TOPICS {
             // Which node an endpoint belongs to is known a little later than the endpoint.

@@ -5,7 +5,7 @@ use std::fs;
 
 use crate::{
     peer::Peer,
-    process::{Check, Running, command, source},
+    process::{Check, GENTLE, Running, command, source},
     starvation::in_time,
     view::{JOINT_STATE, fresh, numbers, tip_in_world, watch_tip},
     waiting::{PATIENCE, eventually},
@@ -34,7 +34,10 @@ fn four_processes_in_a_namespace_are_the_same_graph() {
             &["-p", &format!("bag:={}", bag.display())],
         );
         let mut camera = node("camera", domain, &[]);
-        let mut first = node("controller", domain, &[]);
+        // Without the name of the node before the parameter.
+        let gentle = GENTLE.map(|word| word.trim_start_matches("controller:"));
+        let gentle = &gentle[1..];
+        let mut first = node("controller", domain, gentle);
         let mut dynamics = node("dynamics", domain, &["-p", "duration:=0.0"]);
         let mut peer = Peer::start("observer", domain);
         watch_tip(&mut peer, NAMESPACE);
@@ -88,7 +91,7 @@ fn four_processes_in_a_namespace_are_the_same_graph() {
         assert!(speed > 1e-4, "{coasting}");
         let lost = error(&mut peer);
 
-        let mut second = node("controller", domain, &[]);
+        let mut second = node("controller", domain, gentle);
         eventually("the tip is within 1 cm", 5 * PATIENCE, || {
             (error(&mut peer) < 0.01).then_some(())
         });

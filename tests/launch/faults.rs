@@ -47,11 +47,7 @@ fn warned(peer: &mut Peer, part: &str, send: &Value, words: &[&str]) -> String {
 fn wrong_messages_are_refused_and_named() {
     in_time(|| {
         let domain = 82;
-        let mut launch = Running::launch(
-            domain,
-            &source("config/positioning.yaml"),
-            &["--duration", "600"],
-        );
+        let mut launch = Running::gently(domain, &source("config/positioning.yaml"));
         let mut peer = Peer::start("fault", domain);
         peer.subscribe("joint_states", JOINT_STATE, "reliable");
         peer.subscribe("diagnostics", DIAGNOSTICS, "reliable");
@@ -128,58 +124,60 @@ fn wrong_messages_are_refused_and_named() {
 
 #[test]
 fn without_commands_efforts_end_and_come_back() {
-    let domain = 83;
-    let (_folder, config) = without_controller();
-    let mut launch = Running::launch(domain, &config, &["--duration", "600"]);
-    let mut peer = Peer::start("pilot", domain);
-    peer.subscribe("joint_states", JOINT_STATE, "reliable");
-    peer.subscribe("diagnostics", DIAGNOSTICS, "reliable");
-    peer.receive("joint_states", 1);
-    let push = |peer: &mut Peer, effort: f64| {
-        let sent = now();
-        let command = json!({"name": ["joint1"], "effort": [effort]});
-        peer.does(json!({"do": "publish", "topic": "joint_commands", "type": JOINT_STATE, "message": command}));
-        // In the middle of a run of states between two commands the effort is the last one. It acts for no
-        // longer than the timeout, so every state since counts.
-        let state = eventually("the command acts", PATIENCE, || {
-            let wait =
-                json!({"do": "wait", "topic": "joint_states", "since": sent, "timeout": 1.0});
-            let states = peer.does(wait);
-            let mut states = states.as_array().unwrap().iter().map(|s| &s["message"]);
-            let state = states.rfind(|state| numbers(&state["effort"])[0] == effort);
-            state.cloned()
+    in_time(|| {
+        let domain = 83;
+        let (_folder, config) = without_controller();
+        let mut launch = Running::launch(domain, &config, &["--duration", "600"]);
+        let mut peer = Peer::start("pilot", domain);
+        peer.subscribe("joint_states", JOINT_STATE, "reliable");
+        peer.subscribe("diagnostics", DIAGNOSTICS, "reliable");
+        peer.receive("joint_states", 1);
+        let push = |peer: &mut Peer, effort: f64| {
+            let sent = now();
+            let command = json!({"name": ["joint1"], "effort": [effort]});
+            peer.does(json!({"do": "publish", "topic": "joint_commands", "type": JOINT_STATE, "message": command}));
+            // In the middle of a run of states between two commands the effort is the last one. It acts for no
+            // longer than the timeout, so every state since counts.
+            let state = eventually("the command acts", PATIENCE, || {
+                let wait =
+                    json!({"do": "wait", "topic": "joint_states", "since": sent, "timeout": 1.0});
+                let states = peer.does(wait);
+                let mut states = states.as_array().unwrap().iter().map(|s| &s["message"]);
+                let state = states.rfind(|state| numbers(&state["effort"])[0] == effort);
+                state.cloned()
+            });
+            assert_eq!(numbers(&state["effort"])[1..], [0.0; 5]);
+        };
+        for _ in 0..20 {
+            push(&mut peer, 3.0);
+        }
+        let stopped = now();
+        let told = diagnosed(&mut peer, "dynamics: commands", |level, text| {
+            level == WARN && text.contains("command_timeout")
         });
-        assert_eq!(numbers(&state["effort"])[1..], [0.0; 5]);
-    };
-    for _ in 0..20 {
-        push(&mut peer, 3.0);
-    }
-    let stopped = now();
-    let told = diagnosed(&mut peer, "dynamics: commands", |level, text| {
-        level == WARN && text.contains("command_timeout")
-    });
-    println!("{told}");
-    assert!(
-        told.contains("command_timeout is 0.5 s") && told.contains("joint_commands"),
-        "{told}"
-    );
-    let coasting = fresh(&mut peer, "joint_states", 10);
-    all_finite(&coasting);
-    for state in &coasting {
-        assert_eq!(
-            numbers(&state["effort"]),
-            [0.0; 6],
-            "{:.1} s later",
-            now() - stopped
+        println!("{told}");
+        assert!(
+            told.contains("command_timeout is 0.5 s") && told.contains("joint_commands"),
+            "{told}"
         );
-    }
-    // The servicer's joints have no damping: a free arm does not come to rest by itself.
-    assert!(
-        numbers(&coasting[9]["velocity"])[0] > 1e-4,
-        "{}",
-        coasting[9]
-    );
-    push(&mut peer, -2.0);
-    launch.interrupt().well();
-    Check::of(&launch.bag()).momentum_holds();
+        let coasting = fresh(&mut peer, "joint_states", 10);
+        all_finite(&coasting);
+        for state in &coasting {
+            assert_eq!(
+                numbers(&state["effort"]),
+                [0.0; 6],
+                "{:.1} s later",
+                now() - stopped
+            );
+        }
+        // The servicer's joints have no damping: a free arm does not come to rest by itself.
+        assert!(
+            numbers(&coasting[9]["velocity"])[0] > 1e-4,
+            "{}",
+            coasting[9]
+        );
+        push(&mut peer, -2.0);
+        launch.interrupt().well();
+        Check::of(&launch.bag()).momentum_holds();
+    });
 }

@@ -5,7 +5,7 @@ use std::{process::Command, time::Instant};
 
 use crate::{
     peer::Peer,
-    process::{Running, source},
+    process::{GENTLE, Running, source},
     starvation::in_time,
     view::{DIAGNOSTICS, JOINT_STATE, ODOMETRY, POSE, fresh, numbers, tip_in_world, watch_tip},
     waiting::{PATIENCE, eventually},
@@ -27,7 +27,7 @@ const SERVICING: &str = "config/servicing.yaml";
 fn rclpy_receives_what_the_robot_publishes() {
     in_time(|| {
         let domain = 73;
-        let _launch = Running::launch(domain, &source(SERVICING), &["--duration", "600"]);
+        let _launch = Running::gently(domain, &source(SERVICING));
         let mut peer = peer_with_interfaces("ground", domain);
         for (topic, kind, qos) in [
             ("joint_states", JOINT_STATE, "reliable"),
@@ -288,13 +288,8 @@ fn rclpy_sees_and_sets_parameters() {
 fn the_tip_goes_where_rclpy_says() {
     in_time(|| {
         let domain = 75;
-        let args = [
-            "--duration",
-            "600",
-            "--ros-args",
-            "-p",
-            "dynamics:real_time_factor:=2.0",
-        ];
+        let twice = ["-p", "dynamics:real_time_factor:=2.0"];
+        let args = [&["--duration", "600"], &GENTLE[..], &twice].concat();
         let mut launch = Running::launch(domain, &source(SERVICING), &args);
         let mut peer = Peer::start("pilot", domain);
         watch_tip(&mut peer, "");

@@ -5,6 +5,7 @@ use std::path::Path;
 
 use crate::{
     process::{Running, fuyu, read, source},
+    starvation::in_time,
     waiting::PATIENCE,
 };
 
@@ -29,22 +30,24 @@ fn over_dds(domain: u16) -> Vec<JointState> {
 
 #[test]
 fn a_run_over_dds_equals_the_simulated_one() {
-    let folder = tempfile::tempdir().unwrap();
-    let output = folder.path().join("bag");
-    let args = ["simulate", CONFIG, "--duration", DURATION, "--output"];
-    fuyu(&[&args[..], &[output.to_str().unwrap()]].concat()).well();
-    let simulated = states(&output);
-    let (one, two) = (over_dds(71), over_dds(72));
-    assert!(one == two, "two runs over DDS differ");
-    assert_eq!((simulated.len(), one.len()), (2001, 2001));
-    let mut worst = 0.0f64;
-    for (ours, theirs) in simulated.iter().zip(&one) {
-        assert_eq!((&ours.header, &ours.name), (&theirs.header, &theirs.name));
-        let pairs = |of: fn(&JointState) -> &Vec<f64>| of(ours).iter().zip(of(theirs));
-        let all = pairs(|s| &s.position).chain(pairs(|s| &s.velocity));
-        worst = all.fold(worst, |worst, (a, b)| worst.max((a - b).abs()));
-    }
-    // Not to the bit: on topics attitudes are quaternions.
-    println!("largest difference of a position or rate between DDS and simulation: {worst:e}");
-    assert!(worst <= 1e-12, "{worst:e}");
+    in_time(|| {
+        let folder = tempfile::tempdir().unwrap();
+        let output = folder.path().join("bag");
+        let args = ["simulate", CONFIG, "--duration", DURATION, "--output"];
+        fuyu(&[&args[..], &[output.to_str().unwrap()]].concat()).well();
+        let simulated = states(&output);
+        let (one, two) = (over_dds(71), over_dds(72));
+        assert!(one == two, "two runs over DDS differ");
+        assert_eq!((simulated.len(), one.len()), (2001, 2001));
+        let mut worst = 0.0f64;
+        for (ours, theirs) in simulated.iter().zip(&one) {
+            assert_eq!((&ours.header, &ours.name), (&theirs.header, &theirs.name));
+            let pairs = |of: fn(&JointState) -> &Vec<f64>| of(ours).iter().zip(of(theirs));
+            let all = pairs(|s| &s.position).chain(pairs(|s| &s.velocity));
+            worst = all.fold(worst, |worst, (a, b)| worst.max((a - b).abs()));
+        }
+        // Not to the bit: on topics attitudes are quaternions.
+        println!("largest difference of a position or rate between DDS and simulation: {worst:e}");
+        assert!(worst <= 1e-12, "{worst:e}");
+    });
 }

@@ -10,6 +10,7 @@ mod waiting;
 
 mod bad_input;
 mod contract;
+mod estimator;
 mod executables;
 mod faults;
 mod joining;

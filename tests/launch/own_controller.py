@@ -12,8 +12,8 @@ class JointPd(Node):
     def __init__(self):
         super().__init__("own_controller")
         self.posture = self.declare_parameter("posture", [1.2, 1.5, -1.4, -0.2, 0.2, -0.5]).value
-        self.stiffness = self.declare_parameter("stiffness", [160.0, 40.0, 80.0, 4.0, 0.8, 0.8]).value
-        self.damping = self.declare_parameter("damping", [400.0, 100.0, 200.0, 10.0, 2.0, 2.0]).value
+        self.stiffness = self.declare_parameter("stiffness", [160.0, 40.0, 80.0, 4.0, 0.8, 0.08]).value
+        self.damping = self.declare_parameter("damping", [400.0, 100.0, 200.0, 10.0, 2.0, 0.2]).value
         self.commands = self.create_publisher(JointState, "joint_commands", 10)
         self.create_subscription(JointState, "joint_states", self.answer, 10)
 

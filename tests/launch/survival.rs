@@ -38,11 +38,7 @@ fn last_stamp(bag: &Path) -> f64 {
 }
 
 fn launch(domain: u16) -> (Running, Peer) {
-    let launch = Running::launch(
-        domain,
-        &source("config/positioning.yaml"),
-        &["--duration", "600"],
-    );
+    let launch = Running::gently(domain, &source("config/positioning.yaml"));
     let mut peer = Peer::start("observer", domain);
     for (topic, kind) in LOOP {
         peer.subscribe(topic, kind, "reliable");

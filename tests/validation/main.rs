@@ -11,6 +11,8 @@ mod free_body_closed_form;
 mod generalized_jacobian;
 mod kane;
 mod masutani1995;
+mod masutani_ch3;
+mod newton_euler;
 mod no_allocation;
 #[cfg(feature = "ros")]
 mod pinocchio;
@@ -18,4 +20,3 @@ mod positioning;
 mod random_trees;
 mod trees;
 mod tumbling;
-mod tumbling_sweep;

@@ -1,15 +1,13 @@
 //! The positioning runs of Masutani 1995 chapter 5, with the law sampled at 100 Hz as the nodes do,
 //! against an independent simulation (`fixtures/masutani_ch5.json`: the law evaluated continuously).
 
-use fuyu::control::{
-    Controller, ControllerConfig, Gains, JacobianKind, LawKind, PoseError, Saturation,
-};
-use fuyu::dynamics::{Floating, Method, State, Workspace};
+use fuyu::control::{JacobianKind, LawKind, PoseError};
+use fuyu::experiments::masutani_ch5 as positioning;
 use fuyu::spatial::{Pose, roll_pitch_yaw_intrinsic};
 use nalgebra::Vector3;
 use serde_json::Value;
 
-use crate::fixtures::{degrees, numbers, servicer};
+use crate::fixtures::numbers;
 
 struct Run {
     /// Time after which the tip stays within 1 cm \[s\].
@@ -23,71 +21,23 @@ struct Run {
     samples: Vec<(Vec<f64>, Vector3<f64>)>,
 }
 
-const K_V: [f64; 6] = [400.0, 100.0, 200.0, 10.0, 2.0, 2.0];
-
 fn run(law: LawKind, jacobian: JacobianKind, period: f64) -> Run {
-    let model = servicer();
-    let tip = model.frame("tool0").unwrap().clone();
-    let mut workspace = Workspace::new(&model);
-    workspace.set_positions(&model, &degrees(&[87.0, 62.0, -41.0, 51.0, 28.0, 68.0]));
-    let X_WD = workspace.X_BF(&tip);
-    let gains = Gains {
-        k_p: 75.0,
-        k_o: 100.0,
-        k_v: K_V.to_vec(),
-        saturation: Saturation {
-            position: 0.2,
-            orientation: 0.1,
-        },
-    };
-    let joint_k_p = K_V.iter().map(|k| 0.2 * k).collect();
-    let config = ControllerConfig {
-        law,
-        jacobian,
-        gains,
-        joint_k_p,
-    };
-    let mut controller = Controller::new(model.clone(), tip.clone(), config).unwrap();
-    let start = State::at_rest_with(&model, &degrees(&[65.0, 99.0, -95.0, -22.0, 3.0, -42.0]));
-    let mut robot = Floating::new(model, start, Method::Rk4);
-    let per_sample = (3.0 / period).round() as usize;
-    let mut out = Run {
-        settled: 0.0,
-        error: PoseError::between(&X_WD, &X_WD),
-        base: Pose::identity(),
-        max_tip_speed: 0.0,
-        max_tip_acceleration: 0.0,
-        max_base_angular_acceleration: 0.0,
-        samples: Vec::new(),
-    };
-    for k in 0..=20 * per_sample {
-        out.base = robot.state().X_WB(robot.workspace());
-        let X_BE = robot.workspace().X_BF(&tip);
-        let X_BD = out.base.inverse() * X_WD;
-        out.error = PoseError::between(&X_BE, &X_BD);
-        if out.error.position.norm() > 0.01 {
-            out.settled = (k + 1) as f64 * period;
-        }
-        if k % per_sample == 0 {
-            let p = (out.base * X_BE).translation.vector;
-            out.samples.push((robot.state().q.as_slice().to_vec(), p));
-        }
-        let (q, qd) = (robot.state().q.clone(), robot.state().qd.clone());
-        controller.update(&q, &qd, Some((&X_BE, &X_BD))).unwrap();
-        robot.hold_efforts(controller.efforts().as_slice());
-        robot.accelerations();
-        let seen = robot.workspace();
-        let base_link = &robot.model().frames()[0];
-        out.max_tip_speed = out.max_tip_speed.max(seen.V_WF_B(&tip).linear.norm());
-        out.max_tip_acceleration = out
-            .max_tip_acceleration
-            .max(seen.A_WF_B(&tip).linear.norm());
-        out.max_base_angular_acceleration = out
-            .max_base_angular_acceleration
-            .max(seen.A_WF_B(base_link).angular.norm());
-        robot.step(period, 1);
+    let moments = positioning::Run::new(law, jacobian, period).moments(60.0);
+    let largest =
+        |figure: fn(&positioning::Moment) -> f64| moments.iter().map(figure).fold(0.0, f64::max);
+    let far = moments.iter().rposition(|m| m.error.position.norm() > 0.01);
+    let every_3_s = (3.0 / period).round() as usize;
+    let samples = moments.iter().step_by(every_3_s);
+    let last = moments.last().unwrap();
+    Run {
+        settled: far.map_or(0.0, |k| (k + 1) as f64 * period),
+        error: last.error,
+        base: last.X_WB,
+        max_tip_speed: largest(|m| m.tip_speed),
+        max_tip_acceleration: largest(|m| m.tip_acceleration),
+        max_base_angular_acceleration: largest(|m| m.alpha_WB_B.norm()),
+        samples: samples.map(|m| (m.q.as_slice().to_vec(), m.p_WE)).collect(),
     }
-    out
 }
 
 fn fixture(name: &str) -> Value {

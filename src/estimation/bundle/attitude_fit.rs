@@ -3,7 +3,7 @@
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{DMatrix, DVector, Dyn, Owned, SVector, UnitQuaternion, Vector3};
 
-use super::free_motion::{FreeMotion, PARAMETERS, Sensitivity};
+use super::free_motion::{FreeMotion, PARAMETERS, SHAPE_SPREAD, Sensitivity, shape_of};
 use super::momentum_start::Attitude;
 use super::rotations::{right_jacobian, right_jacobian_inverse};
 use crate::spatial::exp_so3;
@@ -100,6 +100,7 @@ fn improve(fit: Fit, samples: &[Sample]) -> Option<Fit> {
     let mut sorted = errors.clone();
     sorted.sort_by(f64::total_cmp);
     let width = (3.0 * sorted[sorted.len() / 2]).max(1e-6);
+    problem.prior = width / SHAPE_SPREAD;
     problem.weights = errors
         .iter()
         .map(|e| 1.0 / (1.0 + (e / width).powi(2)).sqrt())
@@ -126,6 +127,8 @@ struct Problem<'a> {
     samples: &'a [Sample],
     times: Vec<f64>,
     weights: Vec<f64>,
+    /// Holds the inertia's shape to a sphere where the attitudes say nothing \[rad\].
+    prior: f64,
     start: Fit,
     parameters: DVector<f64>,
 }
@@ -136,6 +139,7 @@ impl<'a> Problem<'a> {
             samples,
             times: samples.iter().map(|s| s.attitude.time).collect(),
             weights: vec![1.0; samples.len()],
+            prior: 0.0,
             parameters: DVector::zeros(PARAMETERS + 3 * start.segments.len()),
             start,
         }
@@ -185,13 +189,15 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     fn residuals(&self) -> Option<DVector<f64>> {
         // Where there is no such body the way back is shown by residuals that are too large.
         let Some(errors) = self.errors() else {
-            return Some(DVector::from_element(3 * self.samples.len(), 10.0));
+            return Some(DVector::from_element(3 * self.samples.len() + 5, 10.0));
         };
         let weighted = errors
             .iter()
             .zip(&self.weights)
             .flat_map(|(e, w)| [e.x * w, e.y * w, e.z * w]);
-        Some(DVector::from_iterator(3 * self.samples.len(), weighted))
+        let shape = shape_of(&self.current()?.motion.inertia) * self.prior;
+        let all = weighted.chain(shape.iter().copied());
+        Some(DVector::from_iterator(3 * self.samples.len() + 5, all))
     }
 
     fn jacobian(&self) -> Option<DMatrix<f64>> {
@@ -201,7 +207,10 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
         let turns: Vec<_> = (0..now.segments.len())
             .map(|k| right_jacobian(&self.turn(k)))
             .collect();
-        let mut J = DMatrix::zeros(3 * self.samples.len(), self.parameters.len());
+        let mut J = DMatrix::zeros(3 * self.samples.len() + 5, self.parameters.len());
+        for k in 0..5 {
+            J[(3 * self.samples.len() + k, k)] = self.prior;
+        }
         for (i, (sample, (R, S))) in self.samples.iter().zip(&swept).enumerate() {
             let k = sample.segment;
             let error = (sample.attitude.R_WB.inverse() * R * now.segments[k]).scaled_axis();
@@ -263,6 +272,7 @@ mod tests {
         let mut problem = Problem::new(start, &samples[80..180]);
         let x = DVector::from_fn(PARAMETERS + 6, |i, _| 0.004 * (i as f64 - 5.0));
         problem.set_params(&x);
+        problem.prior = 0.5;
         let analytic = problem.jacobian().unwrap();
         let numeric = levenberg_marquardt::differentiate_numerically(&mut problem).unwrap();
         assert!((&analytic - &numeric).norm() < 1e-5 * numeric.norm());

@@ -6,7 +6,7 @@
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::adjust::{Motion, Placement};
-use super::free_motion::{FreeMotion, PARAMETERS, Sensitivity, shape_of};
+use super::free_motion::{FreeMotion, PARAMETERS, SHAPE_SPREAD, Sensitivity, shape_of};
 use super::free_placements::{FOCAL_SPREAD, HELD};
 
 /// Common unknowns: those of the motion, and the focal length.
@@ -26,6 +26,7 @@ pub struct Tumbling<'a> {
     swept: Vec<(UnitQuaternion<f64>, Sensitivity)>,
     focal_free: bool,
     noise: f64,
+    shape_spread: f64,
 }
 
 impl<'a> Tumbling<'a> {
@@ -47,7 +48,29 @@ impl<'a> Tumbling<'a> {
             log_focal: log_focal.unwrap_or(0.0),
             focal_free: log_focal.is_some(),
             noise,
+            shape_spread: SHAPE_SPREAD,
         }
+    }
+
+    /// The same with a sphere as the body, which turns evenly about the momentum.
+    pub fn spherical(&self) -> Option<Self> {
+        let w = self.motion.R_WB * self.motion.w_WB_B(&self.motion.R_WB);
+        let along = self.motion.momentum.normalize();
+        let shape = SVector::<f64, 5>::zeros();
+        let momentum = along * along.dot(&w);
+        let motion = FreeMotion::new(&shape, momentum, self.motion.time, self.motion.R_WB)?;
+        Some(Self {
+            swept: motion.attitudes_and_sensitivities(self.times),
+            motion,
+            shape_spread: 1e-6,
+            ..self.clone()
+        })
+    }
+
+    /// How far the angular velocity leans from the momentum \[rad\].
+    pub fn nutation(&self) -> f64 {
+        let w = self.motion.R_WB * self.motion.w_WB_B(&self.motion.R_WB);
+        w.angle(&self.motion.momentum)
     }
 }
 
@@ -82,12 +105,12 @@ impl Motion<3, COMMON> for Tumbling<'_> {
         })
     }
 
-    /// Shapes are spherical give or take the sphere's own size: this decides where the images do not.
+    /// Shapes are spherical, give or take [`SHAPE_SPREAD`]: this decides where the images do not.
     fn prior(&self) -> (SVector<f64, COMMON>, SVector<f64, COMMON>) {
         let (mut weights, mut distance) = (SVector::zeros(), SVector::zeros());
         let shape = shape_of(&self.motion.inertia);
         for k in 0..5 {
-            weights[k] = self.noise * self.noise;
+            weights[k] = (self.noise / self.shape_spread).powi(2);
             distance[k] = shape[k];
         }
         weights[PARAMETERS] = if self.focal_free {

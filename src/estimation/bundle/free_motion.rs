@@ -16,11 +16,19 @@ pub const PARAMETERS: usize = 8;
 /// A rotation vector's derivative by the eight parameters.
 pub type Sensitivity = SMatrix<f64, 3, PARAMETERS>;
 
+/// How far each component of an inertia's shape is from a sphere's, before anything is seen: one standard
+/// deviation. A thin plate's are 0.9 together, a thin rod's 1.2.
+pub const SHAPE_SPREAD: f64 = 0.5;
+
 /// Largest turn in one integration step \[rad\]. The order-8 method then errs by less than 1e-10 a step.
 const LARGEST_TURN: f64 = 0.5;
 
-/// The least principal moment that is accepted, of a trace of 3. A rod 50 times as long as thick has more.
-const LEAST_MOMENT: f64 = 1e-4;
+/// The least principal moment that is accepted, of a trace of 3. A rod ten times as long as thick has more.
+const LEAST_MOMENT: f64 = 5e-3;
+
+/// The largest one. No moment of a body exceeds the sum of the others, 1.5; noise may show a thin plate
+/// on the wrong side.
+const LARGEST_MOMENT: f64 = 1.6;
 
 /// A torque-free rotation: everything but a choice of time and attitude to start from.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -72,9 +80,7 @@ pub fn shape_times(v: &Vector3<f64>) -> SMatrix<f64, 3, 5> {
 }
 
 impl FreeMotion {
-    /// The motion with inertia `1 + Σ shape_k E_k`. `None` if no body has such an inertia: a moment that is
-    /// not positive. (That no moment exceeds the sum of the others is not asked for: a thin plate's estimate
-    /// falls on either side.)
+    /// The motion with inertia `1 + Σ shape_k E_k`. `None` if no body has such an inertia.
     pub fn new(
         shape: &SVector<f64, 5>,
         momentum: Vector3<f64>,
@@ -85,9 +91,10 @@ impl FreeMotion {
         for (e, d) in shape_basis().iter().zip(shape.iter()) {
             inertia += e * *d;
         }
-        let least = inertia.symmetric_eigenvalues().min();
+        let moments = inertia.symmetric_eigenvalues();
+        let possible = moments.min() > LEAST_MOMENT && moments.max() < LARGEST_MOMENT;
         let finite = momentum.iter().all(|x| x.is_finite());
-        (least > LEAST_MOMENT && finite).then_some(Self {
+        (possible && finite).then_some(Self {
             inertia,
             momentum,
             time,
@@ -96,10 +103,14 @@ impl FreeMotion {
     }
 
     /// The motion with its eight parameters changed by `step`; attitude and time stay. `None` as in
-    /// [`FreeMotion::new`].
+    /// [`FreeMotion::new`], or if the momentum would change by half: no linearisation holds so far.
     pub fn moved(&self, step: &SVector<f64, PARAMETERS>) -> Option<Self> {
         let shape = shape_of(&self.inertia) + step.fixed_rows::<5>(0);
-        let momentum = self.momentum + step.fixed_rows::<3>(5);
+        let change = step.fixed_rows::<3>(5).into_owned();
+        if change.norm() > 0.5 * self.momentum.norm() {
+            return None;
+        }
+        let momentum = self.momentum + change;
         Self::new(&shape, momentum, self.time, self.R_WB)
     }
 
@@ -159,7 +170,9 @@ impl FreeMotion {
 
     /// Advances by `span` \[s\], which may be negative, in as many steps as the rate asks for.
     fn carry(&self, inverse: &Matrix3<f64>, flow: &mut Flow, span: f64) {
-        let fastest = self.momentum.norm() * inverse.norm();
+        // All energy about the axis of the least moment.
+        let L = flow.R.inverse_transform_vector(&self.momentum);
+        let fastest = (L.dot(&(inverse * L)) * inverse.norm()).sqrt();
         let steps = (fastest * span.abs() / LARGEST_TURN).ceil().max(1.0);
         if span == 0.0 || !steps.is_finite() {
             return;

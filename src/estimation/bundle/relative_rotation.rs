@@ -8,7 +8,7 @@ use nalgebra::{Const, Dyn, Matrix3, OMatrix, OVector, Owned, SVector, UnitQuater
 use rand::Rng;
 
 use super::frames::Frames;
-use super::free_motion::{FreeMotion, PARAMETERS, Sensitivity};
+use super::free_motion::{FreeMotion, PARAMETERS, SHAPE_SPREAD, Sensitivity, shape_of};
 use super::momentum_start::{Attitude, momentum_start, rates};
 use super::relative_pose::relative_pose;
 use super::rotations::right_jacobian_inverse;
@@ -186,17 +186,23 @@ impl LeastSquaresProblem<f64, Dyn, Const<PARAMETERS>> for Problem<'_> {
         let rows = 3 * self.turns.len();
         let Some(errors) = self.errors() else {
             // No body has this inertia: too large to be accepted.
-            return Some(OVector::<f64, Dyn>::from_element(rows, 1e6));
+            return Some(OVector::<f64, Dyn>::from_element(rows + 5, 1e6));
         };
         let each = errors.iter().zip(&self.weights);
         let weighted = each.flat_map(|(e, w)| [e.x * w, e.y * w, e.z * w]);
-        Some(OVector::<f64, Dyn>::from_iterator(rows, weighted))
+        // The errors are whitened, and so is the prior.
+        let shape = shape_of(&self.current()?.inertia) / SHAPE_SPREAD;
+        let all = weighted.chain(shape.iter().copied());
+        Some(OVector::<f64, Dyn>::from_iterator(rows + 5, all))
     }
 
     fn jacobian(&self) -> Option<OMatrix<f64, Dyn, Const<PARAMETERS>>> {
         let swept: Vec<(UnitQuaternion<f64>, Sensitivity)> =
             self.current()?.attitudes_and_sensitivities(self.times);
-        let mut J = OMatrix::<f64, Dyn, Const<PARAMETERS>>::zeros(3 * self.turns.len());
+        let mut J = OMatrix::<f64, Dyn, Const<PARAMETERS>>::zeros(3 * self.turns.len() + 5);
+        for k in 0..5 {
+            J[(3 * self.turns.len() + k, k)] = 1.0 / SHAPE_SPREAD;
+        }
         for (i, (t, weight)) in self.turns.iter().zip(&self.weights).enumerate() {
             let ((from, S_from), (to, S_to)) = (&swept[t.from], &swept[t.to]);
             let E = to.inverse() * t.turn * from;

@@ -25,6 +25,16 @@ const DOUBLINGS: i32 = 3;
 /// Segments that are sought.
 const SEGMENTS: usize = 6;
 
+/// Tracks that last fewer frames on average rarely build a structure.
+const SHORT_TRACK: usize = 6;
+
+/// Below this angle between angular velocity and momentum \[rad\] it is asked whether there is any.
+const SLIGHT_NUTATION: f64 = 0.05;
+
+/// By how much a shape must lower the cost (in units of the noise) to be believed rather than a sphere: its five
+/// parameters lower it by 2.5 if there is nothing to see.
+const WORTH: f64 = 20.0;
+
 pub(super) fn solve(
     tracks: &Tracks,
     camera: &Pinhole,
@@ -39,41 +49,54 @@ pub(super) fn solve(
     );
     check(&frames, options)?;
     let mut best: Option<Adjusted> = None;
-    let mut failure = None;
-    for doubling in 0..=DOUBLINGS {
+    let mut placed = 0;
+    let sights: usize = frames.list.iter().map(|f| f.sights.len()).sum();
+    let lasting = sights >= SHORT_TRACK * frames.ids.len();
+    let methods = [Method::Structure, Method::RelativeRotation];
+    let levels = |method| (0..=DOUBLINGS).map(move |doubling| (method, doubling));
+    for (method, doubling) in methods.into_iter().flat_map(levels) {
+        if method == Method::Structure && !lasting && doubling > 0 {
+            continue;
+        }
         let settings = Settings {
             noise: options.pixel_noise.max(1e-3) * f64::from(1 << doubling),
             focal_free: options.estimate_focal_length,
         };
-        match attempt(frames.clone(), &settings, options) {
-            Ok(found) => {
-                // Tracks noisier than assumed lose many good points as if they were wrong.
-                let done = found.residuals.outliers < 0.3;
-                let better =
-                    (best.as_ref()).is_none_or(|b| found.residuals.outliers < b.residuals.outliers);
-                if better {
-                    best = Some(found);
-                }
-                if done {
-                    break;
-                }
-            }
-            Err(error) => {
-                failure.get_or_insert(error);
-            }
+        let mut rng = StdRng::seed_from_u64(options.seed);
+        let frames = frames.clone();
+        let found = match method {
+            Method::Structure => from_structure(frames, &settings, &mut rng, &mut placed),
+            Method::RelativeRotation => relative_rotation_fit(&frames, settings.noise, &mut rng)
+                .and_then(|motion| dynamic(frames, motion, &[], &[], &settings)),
+        };
+        let Some(found) = found else { continue };
+        // Tracks noisier than assumed lose many good points as if they were wrong.
+        let done = found.residuals.outliers < 0.3;
+        let better = |b: &Adjusted| found.residuals.outliers < b.residuals.outliers;
+        if best.as_ref().is_none_or(better) {
+            best = Some(found);
+        }
+        if done {
+            break;
         }
     }
-    match (best, failure) {
-        (Some(best), _) if best.residuals.outliers < 0.5 => best.finish(camera, options),
-        (Some(best), _) => Err(EstimateError::NotFree {
+    match best {
+        Some(best) if best.residuals.outliers < 0.5 => best.finish(camera, options),
+        Some(best) if 3 * placed >= frames.list.len() => Err(EstimateError::NotFree {
             rms: best.residuals.rms,
         }),
-        (None, Some(error)) => Err(error),
-        (None, None) => Err(EstimateError::NotRigid {
-            placed: 0,
+        _ => Err(EstimateError::NotRigid {
+            placed,
             frames: frames.list.len(),
         }),
     }
+}
+
+/// Where the motion comes from that the dynamic adjustment starts with.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Method {
+    Structure,
+    RelativeRotation,
 }
 
 /// Refuses what cannot succeed, and says why.
@@ -128,30 +151,21 @@ fn on_a_line(points: impl Iterator<Item = Vector2<f64>> + Clone) -> bool {
     eigenvalues.min() <= (4e-3f64).powi(2) * eigenvalues.max()
 }
 
-/// One pass through all stages with one belief about the noise.
-fn attempt(
+/// The solution that starts from structure; `placed` is told how many frames that placed.
+fn from_structure(
     mut frames: Frames,
     settings: &Settings,
-    options: &Options,
-) -> Result<Adjusted, EstimateError> {
-    let mut rng = StdRng::seed_from_u64(options.seed);
-    let segments = segments(&mut frames, settings, &mut rng);
-    let placed: usize = segments.iter().map(Segment::placed).sum();
-    let not_rigid = EstimateError::NotRigid {
-        placed,
-        frames: frames.list.len(),
-    };
-    let from_structure = (3 * placed >= frames.list.len())
-        .then(|| motion_of_segments(&frames, &segments))
-        .flatten()
-        .and_then(|(motion, turns)| dynamic(frames.clone(), motion, &segments, &turns, settings));
-    let good = |a: &Adjusted| a.residuals.outliers < 0.3;
-    if let Some(found) = from_structure.filter(good) {
-        return Ok(found);
+    rng: &mut StdRng,
+    placed: &mut usize,
+) -> Option<Adjusted> {
+    let segments = segments(&mut frames, settings, rng);
+    let count: usize = segments.iter().map(Segment::placed).sum();
+    *placed = count.max(*placed);
+    if 3 * count < frames.list.len() {
+        return None;
     }
-    let motion =
-        relative_rotation_fit(&frames, settings.noise, &mut rng).ok_or(not_rigid.clone())?;
-    dynamic(frames, motion, &[], &[], settings).ok_or(not_rigid)
+    let (motion, turns) = motion_of_segments(&frames, &segments)?;
+    dynamic(frames, motion, &segments, &turns, settings)
 }
 
 /// Parts of the frames that could be reconstructed, the largest first.
@@ -281,6 +295,27 @@ fn dynamic(
         adjust(&scene, &mut tumbling, &mut points, &effort)?;
     }
     let residuals = residuals?;
+    if tumbling.nutation() < SLIGHT_NUTATION
+        && let Some(mut sphere) = tumbling.spherical()
+    {
+        let effort = Effort {
+            huber: 4.0 * settings.noise,
+            steps: 10,
+            tolerance: 1e-7,
+        };
+        let mut placed = points.clone();
+        let with_shape = adjust(
+            &scene,
+            &mut tumbling,
+            &mut points,
+            &Effort { steps: 1, ..effort },
+        )?;
+        let without = adjust(&scene, &mut sphere, &mut placed, &effort);
+        let worth = WORTH * residuals.deviation.powi(2);
+        if without.is_some_and(|o| o.cost < with_shape.cost + worth) {
+            (tumbling, points) = (sphere, placed);
+        }
+    }
     let Tumbling {
         motion,
         t_C,

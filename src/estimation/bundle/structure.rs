@@ -19,8 +19,16 @@ use crate::spatial::exp_so3;
 /// Change of the arrangement from one key frame to the next; see [`Frames::change`].
 const KEY_CHANGE: f64 = 0.2;
 
-/// Numbers of key frames that are tried to start from.
-const WINDOWS: [usize; 4] = [6, 12, 24, 48];
+/// Where to start: number of key frames, and where in the frames. A start where the motion shows little may be
+/// next to one where it shows much.
+const STARTS: [(usize, f64); 6] = [
+    (6, 0.0),
+    (6, 0.5),
+    (12, 0.25),
+    (12, 0.75),
+    (24, 0.0),
+    (48, 0.0),
+];
 
 /// The fewest points that key frames share.
 const MIN_COMMON: usize = 8;
@@ -74,40 +82,31 @@ pub fn reconstruct(
     rng: &mut impl Rng,
 ) -> Option<Segment> {
     let mut best: Option<(Segment, Frames)> = None;
-    for window in WINDOWS {
-        // The halving sequence 0, 1/2, 1/4, 3/4: a start where the motion shows little may be next to one
-        // where it shows much.
-        for part in [0.0, 0.5, 0.25, 0.75] {
-            let from = (part * open.len() as f64) as usize;
-            let keys = key_frames(frames, &open[from..], window);
-            if keys.len() < 3 {
-                continue;
-            }
-            let mut tried = frames.clone();
-            let Some(segment) = start(&mut tried, &keys, settings, rng) else {
-                continue;
-            };
-            let Some(segment) = grow(&mut tried, segment, open, settings) else {
-                continue;
-            };
-            let enough = 2 * segment.placed() >= open.len();
-            let done = segment.convinces(settings) && enough;
-            let quality = |s: &Segment| (s.convinces(settings), s.placed());
-            let better = best.as_ref().is_none_or(|(b, _)| {
-                let (old, new) = (quality(b), quality(&segment));
-                new > old || (new == old && segment.rms < b.rms)
-            });
-            if better {
-                best = Some((segment, tried));
-            }
-            if done {
-                let (segment, tried) = best?;
-                *frames = tried;
-                return Some(segment);
-            }
+    let mut last_keys = Vec::new();
+    for (window, part) in STARTS {
+        let from = (part * open.len() as f64) as usize;
+        let keys = key_frames(frames, &open[from..], window);
+        // Where there are no more frames a longer window is the shorter one again.
+        if keys.len() < 3 || keys == last_keys {
+            continue;
         }
-        // A longer window repeats the shorter one's frames where there are no more.
-        if open.len() <= window {
+        let mut tried = frames.clone();
+        let started = start(&mut tried, &keys, settings, rng);
+        last_keys = keys;
+        let Some(segment) = started.and_then(|s| grow(&mut tried, s, open, settings)) else {
+            continue;
+        };
+        let enough = 2 * segment.placed() >= open.len();
+        let done = segment.convinces(settings) && enough;
+        let quality = |s: &Segment| (s.convinces(settings), s.placed());
+        let better = best.as_ref().is_none_or(|(b, _)| {
+            let (old, new) = (quality(b), quality(&segment));
+            new > old || (new == old && segment.rms < b.rms)
+        });
+        if better {
+            best = Some((segment, tried));
+        }
+        if done {
             break;
         }
     }

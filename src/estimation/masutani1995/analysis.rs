@@ -85,11 +85,10 @@ impl Analysis {
         let plane = InvariablePlane::fit(rates)?;
         let n = rates.len() as f64;
         let mean = rates.iter().map(|(_, w)| w).sum::<Vector3<f64>>() / n;
-        let squares = rates.iter().map(|(_, w)| (w - mean).norm_squared());
-        let scatter = (squares.sum::<f64>() / (n - 1.0)).sqrt();
+        let deviations = rates.iter().map(|(_, w)| (w - mean).norm_squared());
+        let scatter = (deviations.sum::<f64>() / (n - 1.0)).sqrt();
         let duration = rates[rates.len() - 1].0 - rates[0].0;
-        let values: Vec<_> = rates.iter().map(|(_, w)| w.norm_squared()).collect();
-        let spectrum = Spectrum::of(&values, duration, options);
+        let spectrum = Spectrum::of(&squares(rates), options);
         let constant = scatter < CONSTANT * mean.norm();
         let model = if constant || scatter < options.single_axis * plane.scatter {
             MotionModel::SingleAxis

@@ -28,8 +28,11 @@ pub struct Spectrum {
 }
 
 impl Spectrum {
-    /// The spectrum of `values` \[rad²/s²\], at least four, evenly spaced over `duration` \[s\].
-    pub fn of(values: &[f64], duration: f64, options: &Options) -> Self {
+    /// The spectrum of `|w|²` \[rad²/s²\] over time \[s\]; at least four samples in the order of time. Uneven
+    /// ones, where frames were lost, are made even by linear interpolation first.
+    pub fn of(samples: &[(f64, f64)], options: &Options) -> Self {
+        let values = evenly(samples);
+        let duration = samples[samples.len() - 1].0 - samples[0].0;
         let n = values.len();
         let size = n.next_power_of_two();
         let mean = values.iter().sum::<f64>() / n as f64;
@@ -85,4 +88,31 @@ impl Spectrum {
             mean,
         }
     }
+}
+
+/// The values at even times from the first to the last: as many as the usual interval allows.
+fn evenly(samples: &[(f64, f64)]) -> Vec<f64> {
+    let mut intervals: Vec<_> = samples.windows(2).map(|p| p[1].0 - p[0].0).collect();
+    intervals.sort_by(f64::total_cmp);
+    let usual = intervals[intervals.len() / 2];
+    let even = |d: &f64| (d - usual).abs() < 0.01 * usual;
+    if intervals.iter().all(even) {
+        return samples.iter().map(|(_, x)| *x).collect();
+    }
+    let (start, end) = (samples[0].0, samples[samples.len() - 1].0);
+    // Bounded, should the usual interval be a tiny one among large ones.
+    let count = ((end - start) / usual)
+        .round()
+        .min(20.0 * samples.len() as f64) as usize;
+    let mut after = 1;
+    (0..=count)
+        .map(|i| {
+            let time = start + (end - start) * i as f64 / count as f64;
+            while after + 1 < samples.len() && samples[after].0 < time {
+                after += 1;
+            }
+            let ((t0, x0), (t1, x1)) = (samples[after - 1], samples[after]);
+            x0 + (x1 - x0) * (time - t0) / (t1 - t0)
+        })
+        .collect()
 }

@@ -44,7 +44,8 @@ pub struct MapPanel {
 pub enum MapScale {
     /// A quantity with its unit, on a colour bar of equal steps.
     Linear(String),
-    /// A quantity with its unit, on a colour bar of equal factors.
+    /// A quantity with its unit, on a colour bar of equal factors; what is more than six powers of ten below
+    /// the largest gets the colour of the least.
     Logarithms(String),
     /// Names of the classes 0, 1, ...
     Classes(Vec<String>),
@@ -58,6 +59,8 @@ const MAP_WIDTH: i32 = 350;
 const MAP_HEIGHT: i32 = 420;
 const BOTTOM: i32 = 62;
 const EMPTY: RGBColor = RGBColor(222, 222, 222);
+/// Most powers of ten on a colour bar.
+const DECADES: f64 = 6.0;
 /// Most labels on an axis.
 const LABELS: usize = 11;
 
@@ -84,7 +87,7 @@ impl MapFigure {
         let values = self.panels.iter().flat_map(|p| &p.values);
         let (low, high) = bounds(values.map(|v| self.level(*v))).unwrap_or((0.0, 1.0));
         let (low, high) = match self.scale {
-            MapScale::Logarithms(_) => (low.floor(), high.ceil()),
+            MapScale::Logarithms(_) => (low.floor().max(high.ceil() - DECADES), high.ceil()),
             _ => (low, high),
         };
         if low < high {
@@ -330,6 +333,12 @@ mod tests {
         let svg = svg(&map);
         let drawn = |text: &str| svg.matches(text).count();
         assert_eq!(drawn("#DEDEDE"), 2, "two cells without a value");
+        // Rounding errors do not take the colours from the rest.
+        let map = figure(
+            MapScale::Logarithms("r [-]".into()),
+            [1e-15, 1e-3, 1.0, 1.0, 0.1, 0.1],
+        );
+        assert_eq!(map.range(), (-6.0, 0.0));
         for text in ["A map", "left", "r [-]", "1e-3", "1e0", "0.25", "-1.00"] {
             assert!(drawn(text) > 0, "no {text:?}");
         }

@@ -4,6 +4,7 @@ use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 use std::f64::consts::{FRAC_PI_2, PI};
 
 use super::{body, hinge};
+use crate::dynamics::newton_euler::{Axis, Start, System};
 use crate::model::{JointKind, Model, ModelBuilder};
 use crate::spatial::Pose;
 
@@ -96,4 +97,12 @@ pub fn model() -> Model {
         robot.joint(&format!("body{number}"), number - 2, joint, inertia);
     }
     robot.build()
+}
+
+/// [`INITIAL`] for the matrix method, with `System::from_model` of [`model`].
+pub fn start(system: &System) -> Start {
+    let hinges = (1..).zip(INITIAL);
+    hinges.fold(Start::new(), |start, (hinge, angle)| {
+        start.with(&system.hinges()[hinge].name, Axis::RotationZ, angle, 0.0)
+    })
 }

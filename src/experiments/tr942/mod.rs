@@ -5,6 +5,9 @@
 
 pub mod chain;
 pub mod pantograph;
+mod run;
+
+pub use run::{MatrixRun, Run};
 
 use nalgebra::{Matrix3, Vector3};
 

@@ -4,6 +4,7 @@ use nalgebra::{Translation3, Vector3};
 
 use super::{body, hinge};
 use crate::dynamics::CutHinge;
+use crate::dynamics::newton_euler::{Axis, Freedom, Hinge, INERTIAL, Start, SystemBuilder};
 use crate::model::{JointKind, Model, ModelBuilder};
 use crate::spatial::{Pose, RigidInertia};
 
@@ -258,4 +259,52 @@ pub fn cuts(model: &Model) -> [CutHinge; 2] {
             rotations: [false; 3],
         }
     })
+}
+
+/// The same robot for the matrix method, its loops closed by hinges 6 and 7 of the freedom `closing`:
+/// [`IN_PLANE`], or whole revolute ones, which hold in a plane what is held already.
+pub fn system(closing: Freedom) -> SystemBuilder {
+    const SLIDING: Freedom = Freedom::REVOLUTE.and(Axis::TranslationY);
+    let base = body(200.0, [20.0; 3], [0.0; 3]);
+    let long = body(20.0, [1.0, 5.0, 5.0], [1.0, 0.0, 0.0]);
+    let short = body(10.0, [0.2, 1.0, 1.0], [0.5, 0.0, 0.0]);
+    let x = |x| Pose::translation(x, 0.0, 0.0);
+    let hinge = Hinge::new;
+    let mut system = SystemBuilder::new();
+    system
+        .body("1", base)
+        .body("2", long)
+        .body("3", long)
+        .body("4", short)
+        .body("5", short)
+        .hinge(hinge("h1", INERTIAL, "1", Freedom::FREE))
+        .hinge(
+            hinge("h2", "1", "2", SLIDING)
+                .at(x(1.0), x(0.0))
+                .spring(Axis::RotationZ, 4.0, 0.0)
+                .damper(Axis::RotationZ, 10.0)
+                .spring(Axis::TranslationY, 1.0, 0.0)
+                .damper(Axis::TranslationY, 10.0),
+        )
+        .hinge(hinge("h3", "1", "3", SLIDING).at(x(1.0), x(0.0)))
+        .hinge(hinge("h4", "3", "4", Freedom::REVOLUTE).at(x(2.0), x(0.0)))
+        .hinge(hinge("h5", "2", "5", Freedom::REVOLUTE).at(x(2.0), x(0.0)))
+        .hinge(hinge("h6", "2", "3", closing).at(x(1.0), x(1.0)))
+        .hinge(hinge("h7", "4", "5", closing).at(x(1.0), x(1.0)));
+    system
+}
+
+/// Freedom of a pin that holds only what the plane of motion needs.
+pub const IN_PLANE: Freedom = Freedom::SPHERICAL.and(Axis::TranslationZ);
+
+/// [`initial`] for [`system`].
+pub fn start() -> Start {
+    let [s_2, theta_2, theta_5, s_3, theta_3, theta_4] = initial();
+    Start::new()
+        .with("h2", Axis::RotationZ, theta_2, 0.0)
+        .with("h2", Axis::TranslationY, s_2, 0.0)
+        .with("h3", Axis::RotationZ, theta_3, 0.0)
+        .with("h3", Axis::TranslationY, s_3, 0.0)
+        .with("h4", Axis::RotationZ, theta_4, 0.0)
+        .with("h5", Axis::RotationZ, theta_5, 0.0)
 }

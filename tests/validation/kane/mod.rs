@@ -20,7 +20,7 @@ use proptest::test_runner::RngSeed;
 use crate::trees::{trees, vector};
 
 /// The reduced form's state and workspace for the same motion.
-fn reduced_state(model: &Model, motion: &TreeMotion) -> (State, Workspace) {
+pub fn reduced_state(model: &Model, motion: &TreeMotion) -> (State, Workspace) {
     let mut state = State::at_rest_with(model, &DVector::from_column_slice(motion.q));
     state.qd.copy_from_slice(motion.qd);
     let mut workspace = Workspace::new(model);
@@ -31,7 +31,7 @@ fn reduced_state(model: &Model, motion: &TreeMotion) -> (State, Workspace) {
 }
 
 /// The reduced form's answer.
-fn reduced_form(model: &Model, motion: &TreeMotion, input: &Input) -> TreeAcceleration {
+pub fn reduced_form(model: &Model, motion: &TreeMotion, input: &Input) -> TreeAcceleration {
     let (state, mut workspace) = reduced_state(model, motion);
     let mut out = TreeAcceleration::zero(model);
     workspace.accelerations(model, &state, input, &mut out.qdd);
@@ -41,7 +41,7 @@ fn reduced_form(model: &Model, motion: &TreeMotion, input: &Input) -> TreeAccele
 }
 
 /// Difference relative to the size of the whole answer.
-fn difference(a: &TreeAcceleration, b: &TreeAcceleration) -> f64 {
+pub fn difference(a: &TreeAcceleration, b: &TreeAcceleration) -> f64 {
     let squares = |x: Twist, qdd: &DVector<f64>| {
         x.angular.norm_squared() + x.linear.norm_squared() + qdd.norm_squared()
     };

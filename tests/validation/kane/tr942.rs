@@ -1,83 +1,7 @@
 //! The two examples of TR-942, by its own method and step, digit by digit; and beyond its digits.
 
-use fuyu::dynamics::{
-    Input, Kane, Momentum, RungeKutta, State, Tableau, TreeAcceleration, VectorState, Workspace,
-};
-use fuyu::experiments::tr942::{chain, pantograph};
-use fuyu::model::Model;
-use nalgebra::{DVector, Isometry3, Translation3};
-
-/// Kane's equations integrated as the report did.
-struct Run {
-    model: Model,
-    kane: Kane,
-    layout: VectorState,
-    stepper: RungeKutta,
-    time: f64,
-    x: Vec<f64>,
-    scratch: TreeAcceleration,
-    input: Input,
-}
-
-impl Run {
-    fn new(model: Model, kane: Kane, tableau: &'static Tableau, q: &[f64]) -> Self {
-        let layout = VectorState::new(&model);
-        Self {
-            layout,
-            stepper: RungeKutta::new(tableau, layout.length()),
-            time: 0.0,
-            x: layout.at_rest_with(q),
-            scratch: TreeAcceleration::zero(&model),
-            input: Input::zero(&model),
-            kane,
-            model,
-        }
-    }
-
-    fn chain(tableau: &'static Tableau) -> Self {
-        let model = chain::model();
-        let kane = Kane::new(&model);
-        Self::new(model, kane, tableau, &chain::INITIAL)
-    }
-
-    fn pantograph(tableau: &'static Tableau) -> Self {
-        let model = pantograph::model();
-        let kane = Kane::with_cuts(&model, &pantograph::cuts(&model)).unwrap();
-        Self::new(model, kane, tableau, &pantograph::initial())
-    }
-
-    fn advance_to(&mut self, time: f64, dt: f64) {
-        for _ in 0..((time - self.time) / dt).round() as usize {
-            self.stepper.step(&mut self.x, dt, |x, rate| {
-                let (model, input) = (&self.model, &self.input);
-                self.layout
-                    .rate(model, &mut self.kane, input, x, &mut self.scratch, rate);
-            });
-        }
-        self.time = time;
-    }
-
-    fn q(&self) -> &[f64] {
-        &self.x[self.layout.q()]
-    }
-
-    fn qd(&self) -> &[f64] {
-        &self.x[self.layout.qd()]
-    }
-
-    /// Momentum as the bodies have it, and the sums of their own momenta, against which to judge it.
-    fn momentum(&self) -> (Momentum, (f64, f64)) {
-        let motion = self.layout.motion(&self.x);
-        let mut state = State::at_rest_with(&self.model, &DVector::from_column_slice(motion.q));
-        state.qd.copy_from_slice(motion.qd);
-        let position = Translation3::new(self.x[0], self.x[1], self.x[2]);
-        let X_WB = Isometry3::from_parts(position, motion.R_WB);
-        let mut workspace = Workspace::new(&self.model);
-        state.set_base(&self.model, &mut workspace, &X_WB, &motion.V_WB_B);
-        workspace.set_motion(&state);
-        (state.momentum_W, workspace.momentum_scale(&self.model))
-    }
-}
+use fuyu::dynamics::Tableau;
+use fuyu::experiments::tr942::{Run, chain, pantograph};
 
 /// The largest difference; not lost if it is not a number.
 fn worst<'a>(
@@ -179,7 +103,7 @@ fn pantograph_follows_the_exact_branch_before_it_is_stretched() {
 #[test]
 fn naive_multipliers_lose_the_branch_in_the_stretched_state() {
     let mut run = Run::pantograph(&Tableau::RK_GILL);
-    let off_at = |run: &mut Run, row: &pantograph::Exact| {
+    let off_at = |run: &mut Run<_>, row: &pantograph::Exact| {
         run.advance_to(row.time, pantograph::STEP);
         worst(run.q(), pantograph::joints(row.position))
     };

@@ -4,8 +4,8 @@ use super::model_tables::SEEDS;
 use super::statistics::{largest, list_errors, median};
 use super::study::{Cell, Source, Study};
 use super::{Report, map, number};
-use crate::estimation::sweep::Motion;
 use crate::estimation::{Method, MotionModel};
+use crate::experiments::masutani_ch3::Motion;
 use crate::experiments::{MapPanel, MapScale};
 
 /// Which error a figure shows: its place in [`Cell::errors`].
@@ -79,7 +79,7 @@ fn case(figure: usize) -> (Quantity, Study, usize) {
     }
 }
 
-pub(in crate::experiments::reproduce) fn error_map(mut report: Report) -> Report {
+pub(super) fn error_map(mut report: Report) -> Report {
     let number = number(&report).to_owned();
     let figure = number.strip_prefix("3.").and_then(|n| n.parse().ok());
     let (quantity, study, i) = case(figure.unwrap_or_default());
@@ -103,7 +103,7 @@ pub(in crate::experiments::reproduce) fn error_map(mut report: Report) -> Report
          text says of it. Grey: no estimate.",
     );
     let panel = |method: &Method| MapPanel {
-        title: method.name().to_owned(),
+        title: format!("{}: {}", method.name(), study.condition()),
         values: study
             .cells(*method)
             .iter()
@@ -349,7 +349,7 @@ fn reference(report: &mut Report, quantity: Quantity, study: &Study) {
         },
         Source::Images { .. } => None,
     };
-    let expected = match (known, quantity) {
+    let expected: f64 = match (known, quantity) {
         (Some((r, _)), Parameters) => r,
         (Some((_, phi)), Axis) => phi,
         _ => return,
@@ -362,7 +362,10 @@ fn reference(report: &mut Report, quantity: Quantity, study: &Study) {
         "median {} of an independent implementation",
         quantity.label()
     );
-    report.near(&quantity, expected, computed, 0.1 * expected);
+    // A tenth, to two digits.
+    let unit = 0.01 * 10f64.powf(expected.log10().floor());
+    let tolerance = (0.1 * expected / unit).round() * unit;
+    report.near(&quantity, expected, computed, tolerance);
 }
 
 /// What bundle adjustment makes of the same images.

@@ -5,6 +5,7 @@
 //! (Python, numpy and scipy) of the same method is known, to its medians. Beside the thesis's method stands bundle
 //! adjustment on the same images.
 
+mod catalogue;
 mod error_maps;
 mod model_tables;
 mod pliers;
@@ -12,10 +13,7 @@ mod statistics;
 mod study;
 mod waveforms;
 
-pub(super) use error_maps::error_map;
-pub(super) use model_tables::model_table;
-pub(super) use pliers::pliers;
-pub(super) use waveforms::{amplitude_map, buried_spectrum, buried_wave, period_map};
+pub(super) use catalogue::TUMBLING;
 
 use super::Report;
 use crate::experiments::{MapFigure, MapPanel, MapScale};

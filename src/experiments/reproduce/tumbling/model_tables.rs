@@ -5,10 +5,10 @@ use std::fmt::Write;
 use super::statistics::{list_errors, median};
 use super::study::{Cell, Grid, Source, Study};
 use super::{Report, map, number};
-use crate::estimation::sweep::{
+use crate::estimation::{Method, MotionModel};
+use crate::experiments::masutani_ch3::{
     MOMENTA, ModelTable, TABLE_3_2, TABLE_3_3, TABLE_3_4, TABLE_3_5, TABLE_3_6, TABLE_3_7,
 };
-use crate::estimation::{Method, MotionModel};
 use crate::experiments::{MapPanel, MapScale};
 
 /// Sets of points that a result from images is the median of: which ones the thesis took is not known.
@@ -37,7 +37,7 @@ fn case(number: &str) -> Case {
     }
 }
 
-pub(in crate::experiments::reproduce) fn model_table(mut report: Report) -> Report {
+pub(super) fn model_table(mut report: Report) -> Report {
     let Case {
         table,
         study,

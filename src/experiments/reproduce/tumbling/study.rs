@@ -6,8 +6,8 @@ use std::time::Instant;
 
 use crate::estimation::bundle;
 use crate::estimation::free_body::FreeRotation;
-use crate::estimation::sweep::{self, Condition, Motion, in_parallel};
 use crate::estimation::{Method, MotionModel};
+use crate::experiments::masutani_ch3::{self as chapter, Condition, Motion, in_parallel};
 
 /// What the estimation gets.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -136,7 +136,7 @@ impl Study {
     fn sweep(&self, method: Method) -> Vec<Cell> {
         let motions = self.motions();
         let points = match self.source {
-            Source::Images { points, seed, .. } => sweep::points(points, seed),
+            Source::Images { points, seed, .. } => chapter::points(points, seed),
             _ => Vec::new(),
         };
         let condition = match self.source {
@@ -169,6 +169,17 @@ impl Study {
         cells
     }
 
+    /// The condition in a few words.
+    pub fn condition(&self) -> String {
+        match self.source {
+            Source::TrueRates => "true w".to_owned(),
+            Source::TrueRotations => "true R".to_owned(),
+            Source::Images {
+                resolution, points, ..
+            } => format!("{resolution} px, {points} points, beta {}", self.beta),
+        }
+    }
+
     fn describe(&self, method: Method) -> String {
         let source = match self.source {
             Source::TrueRates => "true angular velocities".to_owned(),
@@ -199,13 +210,13 @@ impl Cell {
     }
 }
 
-fn errors(errors: &sweep::CellErrors) -> [f64; 3] {
+fn errors(errors: &chapter::CellErrors) -> [f64; 3] {
     let prediction = &errors.prediction;
     [errors.parameters, prediction.attitude, prediction.axis]
 }
 
 fn by_thesis(truth: &FreeRotation, condition: Condition<'_>) -> Cell {
-    let cell = sweep::cell(truth, condition);
+    let cell = chapter::cell(truth, condition);
     Cell {
         model: cell.model,
         errors: cell.result.map_or([f64::NAN; 3], |e| errors(&e)),
@@ -216,13 +227,13 @@ fn by_bundle(truth: &FreeRotation, condition: Condition<'_>) -> Cell {
     let Condition::Images { resolution, points } = condition else {
         return Cell::NONE;
     };
-    let tracks = sweep::tracks(truth, resolution, points);
-    let camera = sweep::camera(resolution);
+    let tracks = chapter::tracks(truth, resolution, points);
+    let camera = chapter::camera(resolution);
     match bundle::estimate(&tracks, &camera, &bundle::Options::default()) {
         Err(_) => Cell::NONE,
         Ok(solution) => Cell {
             model: Some(solution.motion.model()),
-            errors: errors(&sweep::judge(&solution.motion, truth)),
+            errors: errors(&chapter::judge(&solution.motion, truth)),
         },
     }
 }
@@ -243,7 +254,7 @@ mod tests {
     #[test]
     fn the_grids_are_those_of_the_text() {
         let fine = Study::of(Source::TrueRates);
-        assert_eq!(fine.motions(), sweep::grid(0.8));
+        assert_eq!(fine.motions(), chapter::grid(0.8));
         let coarse = Study {
             coarse: true,
             ..fine

@@ -4,7 +4,7 @@ use super::study::{SEED, Source, Study};
 use super::{Report, map, number};
 use crate::estimation::free_body::{DynamicParameters, FreeRotation};
 use crate::estimation::masutani1995::Analysis;
-use crate::estimation::sweep::{self, Condition, Motion};
+use crate::experiments::masutani_ch3::{self as chapter, Condition, Motion};
 use crate::experiments::{Figure, MapPanel, MapScale, Panel, Series};
 
 /// A quantity of the closed form over the grid of motions.
@@ -57,7 +57,7 @@ fn rounder(a: &Motion, b: &Motion) -> bool {
     swings(a) && swings(b) && a.s_alpha == b.s_alpha && b.e - a.e > 0.01 && b.e - a.e < 0.06
 }
 
-pub(in crate::experiments::reproduce) fn period_map(mut report: Report) -> Report {
+pub(super) fn period_map(mut report: Report) -> Report {
     let values = closed_form(&mut report, "T [s]", DynamicParameters::period);
     let longer = 100.0 * share(&values, rounder, |a, b| b > a);
     report.holds(
@@ -86,7 +86,7 @@ pub(in crate::experiments::reproduce) fn period_map(mut report: Report) -> Repor
     report
 }
 
-pub(in crate::experiments::reproduce) fn amplitude_map(mut report: Report) -> Report {
+pub(super) fn amplitude_map(mut report: Report) -> Report {
     let values = closed_form(&mut report, "beta - gamma [rad²/s²]", |p| {
         p.beta() - p.gamma()
     });
@@ -109,13 +109,13 @@ fn seen(s_alpha: f64) -> Option<(FreeRotation, Vec<(f64, f64)>, Analysis)> {
         beta: 0.8,
     };
     let truth = motion.rotation().ok()?;
-    let points = sweep::points(20, SEED);
+    let points = chapter::points(20, SEED);
     let condition = Condition::Images {
         resolution: 1024,
         points: &points,
     };
-    let rates = sweep::rates(&truth, condition).ok()?;
-    let analysis = Analysis::new(&rates, &sweep::options()).ok()?;
+    let rates = chapter::rates(&truth, condition).ok()?;
+    let analysis = Analysis::new(&rates, &chapter::options()).ok()?;
     let squares = rates.iter().map(|(t, w)| (*t, w.norm_squared())).collect();
     Some((truth, squares, analysis))
 }
@@ -149,7 +149,7 @@ fn buried(report: &mut Report) -> Vec<(f64, FreeRotation, Vec<(f64, f64)>, Analy
     all
 }
 
-pub(in crate::experiments::reproduce) fn buried_wave(mut report: Report) -> Report {
+pub(super) fn buried_wave(mut report: Report) -> Report {
     let all = buried(&mut report);
     let panels = all.iter().map(|(s_alpha, truth, squares, _)| {
         let exact = squares
@@ -179,7 +179,7 @@ pub(in crate::experiments::reproduce) fn buried_wave(mut report: Report) -> Repo
     report
 }
 
-pub(in crate::experiments::reproduce) fn buried_spectrum(mut report: Report) -> Report {
+pub(super) fn buried_spectrum(mut report: Report) -> Report {
     let all = buried(&mut report);
     for (s_alpha, _, _, analysis) in &all {
         let rival = analysis.spectrum.rival;

@@ -1,0 +1,274 @@
+//! The equations of all bodies and hinges together, and their solution.
+
+use nalgebra::{DVector, Vector3};
+
+use super::bodies::Bodies;
+use super::hinge_motion::{HingeMotion, Placed};
+use super::orthogonal::Factors;
+use super::{Axis, BodyState, System};
+use crate::spatial::{Twist, Wrench};
+
+/// Constraints count as repeating others where less than this is left of them beside those.
+const TOLERANCE: f64 = 1e-8;
+
+/// What acts on a system, beside springs and dampers.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Load {
+    /// For each hinge the forces and torques of actuators along its free axes \[N, N m\]; they push the outer
+    /// body forward and the inner one back. Constrained axes ignore theirs.
+    pub efforts: Vec<[f64; 6]>,
+    /// For each hinge the accelerations that its constrained axes are driven with \[m/s², rad/s²\], `α` and `γ` of
+    /// TR-942 eqs. (2.2.3)-(2.2.4); zero holds them. Free axes ignore theirs.
+    pub driven: Vec<[f64; 6]>,
+    /// Force on each body at its centre of mass and torque, body axes: `f_j` and `t_j` of eqs. (2.2.1)-(2.2.2).
+    pub wrenches: Vec<Wrench>,
+}
+
+impl Load {
+    /// Nothing acts, constrained axes hold.
+    pub fn zero(system: &System) -> Self {
+        Self {
+            efforts: vec![[0.0; 6]; system.hinges.len()],
+            driven: vec![[0.0; 6]; system.hinges.len()],
+            wrenches: vec![Wrench::ZERO; system.bodies.len()],
+        }
+    }
+}
+
+/// Solves the equations of one system; scratch that every evaluation reuses without allocating.
+///
+/// The unknowns of TR-942 eq. (2.2.10), accelerations and constraint forces, are found together. The rows of
+/// the free axes, whose forces are known (2.2.5), are eliminated first; the others become `Gᵀ z = γ` in
+/// accelerations weighted by the roots of the masses, which an orthogonal factorization of `G` solves with the
+/// least deviation from the unconstrained accelerations (Gauss's principle). In a singular position, where
+/// constraints come to repeat others, the factorization finds the rank and leaves out what repeats.
+#[derive(Debug, Clone)]
+pub struct MatrixMethod {
+    pub(super) bodies: Bodies,
+    pub(super) motions: Vec<HingeMotion>,
+    /// Constrained axes, hinge by hinge, and their columns' lengths.
+    constrained: Vec<(usize, Axis)>,
+    lengths: Vec<f64>,
+    columns: Factors,
+    tolerance: f64,
+    /// Weighted accelerations, linear and angular of each body in turn.
+    pub(super) z: Vec<f64>,
+    right: Vec<f64>,
+    pivoted: Vec<f64>,
+    efforts: Vec<[f64; 6]>,
+}
+
+impl MatrixMethod {
+    /// Scratch for `system`.
+    pub fn new(system: &System) -> Self {
+        let axes = (0..system.hinges.len()).flat_map(|i| Axis::ALL.map(|axis| (i, axis)));
+        let constrained: Vec<_> = axes.filter(|(i, axis)| system.holds(*i, *axis)).collect();
+        let rest = vec![0.0; system.state_len()];
+        let (rows, columns) = (6 * system.bodies.len(), constrained.len());
+        Self {
+            bodies: Bodies::new(system),
+            motions: (0..system.hinges.len())
+                .map(|i| system.hinge_motion(&rest, i))
+                .collect(),
+            constrained,
+            lengths: vec![0.0; columns],
+            columns: Factors::new(rows, columns),
+            tolerance: TOLERANCE,
+            z: vec![0.0; rows],
+            right: vec![0.0; columns],
+            pivoted: vec![0.0; rows.max(columns)],
+            efforts: vec![[0.0; 6]; system.hinges.len()],
+        }
+    }
+
+    /// Leaves out constraints of which less than `tolerance` is left beside others, as a share of their length in the
+    /// measure of the masses; 1e-8 unless this is called. A system that passes singular positions needs 1e-5 to 1e-4, the more the faster:
+    /// within a step loops are open by a little, and near such a position constraints that should agree then
+    /// contradict each other. A light body between heavy ones needs less than the root of the ratio of masses.
+    pub fn with_tolerance(mut self, tolerance: f64) -> Self {
+        self.tolerance = tolerance;
+        self
+    }
+
+    /// Accelerations of all bodies and forces in all hinges, under `load`, of a system in `state`.
+    ///
+    /// # Panics
+    /// If `state` or `load` is of another system.
+    pub fn solve(&mut self, system: &System, state: &[f64], load: &Load) {
+        self.set_motion(system, state);
+        self.set_unconstrained(system, load);
+        self.set_right(|motion, i, k| load.driven[i][k] - motion.bias[k]);
+        self.constrain(system);
+        for ((i, axis), force) in self.constrained.iter().zip(&self.right) {
+            self.efforts[*i][axis.index()] = *force;
+        }
+    }
+
+    /// The rates of all 13 numbers of all bodies: TR-942 eq. (2.2.10) solved, and the kinematic equations.
+    /// What [`MatrixMethod::solve`] gives can be read afterwards.
+    ///
+    /// # Panics
+    /// If `state`, `load` or `rates` is of another system.
+    pub fn derivative(&mut self, system: &System, state: &[f64], load: &Load, rates: &mut [f64]) {
+        self.solve(system, state, load);
+        for b in 0..system.bodies.len() {
+            let at = BodyState::read(state, b);
+            let acceleration = self.acceleration(b);
+            let (p_WC, Q_WB) = at.rates();
+            let rate = BodyState {
+                p_WC,
+                Q_WB,
+                v_WC_B: acceleration.linear - at.w_WB_B.cross(&at.v_WC_B),
+                w_WB_B: acceleration.angular,
+            };
+            rate.write(rates, b);
+        }
+    }
+
+    /// Angular acceleration of body `body` and acceleration of its centre of mass, body axes.
+    pub fn acceleration(&self, body: usize) -> Twist {
+        self.bodies.motion(body, &self.z)
+    }
+
+    /// Accelerations along and about the axes of a hinge, in the order of [`Axis::ALL`].
+    pub fn hinge_acceleration(&self, system: &System, hinge: usize) -> [f64; 6] {
+        let motion = &self.motions[hinge];
+        Axis::ALL.map(|axis| {
+            let bodies = self.bodies.acted_on(&system.joined[hinge], motion, axis);
+            let moved = bodies.map(|(b, unit)| self.acceleration(b).dot(&unit));
+            moved.sum::<f64>() + motion.bias[axis.index()]
+        })
+    }
+
+    /// Forces and torques that the hinge transmits along and about its axes \[N, N m\], in the order of
+    /// [`Axis::ALL`]: those of constraints, and of springs, dampers and actuators on free axes. They push the
+    /// outer body forward. (TR-942 defines `f` as acting on the inner body, but eq. (2.2.20) is a restoring
+    /// force only for the outer.)
+    pub fn hinge_efforts(&self, hinge: usize) -> &[f64; 6] {
+        &self.efforts[hinge]
+    }
+
+    /// What the inner body exerts on the outer through the hinge: force at N's origin and torque, in M's axes.
+    pub fn hinge_wrench(&self, system: &System, hinge: usize) -> Wrench {
+        let (efforts, joined) = (&self.efforts[hinge], &system.joined[hinge]);
+        let inner = self.bodies.get(joined.inner);
+        let directions = &self.motions[hinge].directions;
+        let sum = |axes: std::ops::Range<usize>| -> Vector3<f64> {
+            let sum_W: Vector3<f64> = axes.map(|k| directions[k] * efforts[k]).sum();
+            joined.R_BM.inverse() * inner.R.tr_mul(&sum_W)
+        };
+        Wrench::new(sum(3..6), sum(0..3))
+    }
+
+    /// How many constraints were independent when last solved.
+    pub fn rank(&self) -> usize {
+        self.columns.rank
+    }
+
+    pub(super) fn set_motion(&mut self, system: &System, state: &[f64]) {
+        for (b, placed) in self.bodies.placed.iter_mut().enumerate() {
+            *placed = Placed::new(&BodyState::read(state, b));
+        }
+        for (i, motion) in self.motions.iter_mut().enumerate() {
+            let joined = &system.joined[i];
+            let inner = self.bodies.get(joined.inner);
+            let outer = self.bodies.get(joined.outer);
+            *motion = HingeMotion::new(&system.hinges[i], joined, &inner, &outer);
+        }
+    }
+
+    /// Accelerations as they would be without constraints, weighted: eqs. (2.2.14)-(2.2.17), (2.2.20)-(2.2.21).
+    fn set_unconstrained(&mut self, system: &System, load: &Load) {
+        self.z.fill(0.0);
+        for (b, (body, wrench)) in system.bodies.iter().zip(&load.wrenches).enumerate() {
+            let at = &self.bodies.placed[b];
+            let w = at.R.tr_mul(&at.w);
+            let torque = wrench.torque - w.cross(&(body.inertia.about_com * w));
+            let wrench = Wrench::new(torque, wrench.force);
+            self.bodies.add_weighted(b, &wrench, &mut self.z);
+        }
+        for (i, hinge) in system.hinges.iter().enumerate() {
+            let (joined, motion) = (&system.joined[i], &self.motions[i]);
+            for axis in Axis::ALL.into_iter().filter(|a| hinge.freedom.is_free(*a)) {
+                let k = axis.index();
+                let (spring, y) = (&hinge.springs[k], motion.displacement[k]);
+                let passive =
+                    spring.stiffness * (spring.rest - y) - hinge.damping[k] * motion.rate[k];
+                let effort = passive + load.efforts[i][k];
+                self.efforts[i][k] = effort;
+                if effort != 0.0 {
+                    for (b, unit) in self.bodies.acted_on(joined, motion, axis) {
+                        self.bodies.add_weighted(b, &(unit * effort), &mut self.z);
+                    }
+                }
+            }
+        }
+    }
+
+    /// Fills in `G = L⁻¹Jᵀ`, its columns brought to unit length.
+    fn set_columns(&mut self, system: &System) {
+        self.columns.clear();
+        for (j, (i, axis)) in self.constrained.iter().enumerate() {
+            let (column, motion) = (self.columns.column_mut(j), &self.motions[*i]);
+            for (b, unit) in self.bodies.acted_on(&system.joined[*i], motion, *axis) {
+                self.bodies.add_weighted(b, &unit, column);
+            }
+            let length = column.iter().map(|x| x * x).sum::<f64>().sqrt();
+            column.iter_mut().for_each(|x| *x /= length);
+            self.lengths[j] = length;
+        }
+    }
+
+    /// The columns of `G` for a system in `state`, as the hinges come, and whose they are.
+    pub(super) fn constraint_columns(
+        &mut self,
+        system: &System,
+        state: &[f64],
+    ) -> Vec<(usize, Axis, DVector<f64>)> {
+        self.set_motion(system, state);
+        self.set_columns(system);
+        let columns = self.constrained.iter().enumerate();
+        columns
+            .map(|(j, (i, axis))| {
+                let column = self.columns.column_mut(j);
+                (*i, *axis, DVector::from_column_slice(column))
+            })
+            .collect()
+    }
+
+    /// Sets what the constrained axes demand; returns the largest demand.
+    pub(super) fn set_right(&mut self, demand: impl Fn(&HingeMotion, usize, usize) -> f64) -> f64 {
+        let mut largest = 0.0_f64;
+        for (right, (i, axis)) in self.right.iter_mut().zip(&self.constrained) {
+            *right = demand(&self.motions[*i], *i, axis.index());
+            // Not a number if one of them is not.
+            if right.abs().total_cmp(&largest).is_gt() {
+                largest = right.abs();
+            }
+        }
+        largest
+    }
+
+    /// Changes `z` as little as the demands on the constrained axes take; the demands become the multipliers. A
+    /// constraint that repeats others is left out and has none.
+    pub(super) fn constrain(&mut self, system: &System) {
+        self.set_columns(system);
+        self.columns.factor(self.tolerance);
+        let (rank, order) = (self.columns.rank, &self.columns.order);
+        let pivoted = &mut self.pivoted[..rank];
+        for (pivoted, j) in pivoted.iter_mut().zip(order) {
+            *pivoted = self.right[*j] / self.lengths[*j];
+        }
+        self.columns.solve_transposed(pivoted);
+        self.columns.transpose_multiply(&mut self.z);
+        for (pivoted, z) in pivoted.iter_mut().zip(&mut self.z) {
+            (*pivoted, *z) = (*pivoted - *z, *pivoted);
+        }
+        self.columns.multiply(&mut self.z);
+        self.columns.solve(pivoted);
+        self.right.fill(0.0);
+        for (pivoted, j) in pivoted.iter().zip(order) {
+            self.right[*j] = *pivoted / self.lengths[*j];
+        }
+    }
+}

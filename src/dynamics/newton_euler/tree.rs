@@ -1,0 +1,173 @@
+//! The matrix method for a free-floating tree.
+
+use nalgebra::{Rotation3, Translation3, Unit, Vector3};
+
+use super::{
+    Axis, BodyState, Freedom, Hinge, INERTIAL, Load, MatrixMethod, System, SystemBuilder,
+    SystemError,
+};
+use crate::dynamics::{Formulation, Input, TreeAcceleration, TreeMotion};
+use crate::model::{JointKind, Model};
+use crate::spatial::{Pose, Twist};
+
+impl System {
+    /// The bodies and joints of `model`, springs and dampers included, its base joined to inertial space by a
+    /// free hinge. Hinge 0 is the base's, hinge `j + 1` joint `j`, which moves along or about the hinge's z axis.
+    ///
+    /// # Errors
+    /// [`SystemError`] if the model has what no system can have, such as a body without mass. Moments of inertia that
+    /// break the triangle inequality are the model's business.
+    pub fn from_model(model: &Model) -> Result<Self, SystemError> {
+        builder(model, true).build()
+    }
+}
+
+fn builder(model: &Model, passive: bool) -> SystemBuilder {
+    let mut system = SystemBuilder::new();
+    system.any_moments = true;
+    for body in model.bodies() {
+        system.body(&body.name, body.inertia);
+    }
+    let base = &model.bodies()[0].name;
+    // No joint has an empty name or this one twice: slashes are not in the names of URDF joints.
+    system.hinge(Hinge::new("inertial/base", INERTIAL, base, Freedom::FREE));
+    for (j, joint) in model.joints().iter().enumerate() {
+        let (parent, body) = (model.joint_parent(j), &model.bodies()[j + 1]);
+        let along_z = Pose::from_parts(Translation3::identity(), turned_to(&joint.axis));
+        let (freedom, axis) = moves(joint.kind);
+        let mut hinge = Hinge::new(
+            &joint.name,
+            &model.bodies()[parent].name,
+            &body.name,
+            freedom,
+        )
+        .at(joint.X_PJ * along_z, along_z);
+        if passive {
+            let spring = &joint.spring;
+            hinge = (hinge.spring(axis, spring.stiffness, spring.rest)).damper(axis, joint.damping);
+        }
+        system.hinge(hinge);
+    }
+    system
+}
+
+fn moves(kind: JointKind) -> (Freedom, Axis) {
+    if kind.is_rotational() {
+        (Freedom::REVOLUTE, Axis::RotationZ)
+    } else {
+        (Freedom::PRISMATIC, Axis::TranslationZ)
+    }
+}
+
+/// A rotation that takes z to `axis`.
+fn turned_to(axis: &Unit<Vector3<f64>>) -> Rotation3<f64> {
+    let half_turn = || Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
+    Rotation3::rotation_between(&Vector3::z(), axis).unwrap_or_else(half_turn)
+}
+
+/// Forward dynamics of a tree by the matrix method: all bodies by themselves, all hinge forces as unknowns. It
+/// shares neither kinematics nor equations with the reduced form. Costs O(n³).
+#[derive(Debug, Clone)]
+pub struct NewtonEuler {
+    system: System,
+    method: MatrixMethod,
+    load: Load,
+    state: Vec<f64>,
+    placed: Vec<(Pose, Twist)>,
+}
+
+impl NewtonEuler {
+    /// Scratch for `model`.
+    ///
+    /// # Errors
+    /// [`SystemError`] as [`System::from_model`].
+    pub fn new(model: &Model) -> Result<Self, SystemError> {
+        let system = builder(model, false).build()?;
+        Ok(Self {
+            method: MatrixMethod::new(&system),
+            load: Load::zero(&system),
+            state: vec![0.0; system.state_len()],
+            placed: vec![(Pose::identity(), Twist::ZERO); system.bodies.len()],
+            system,
+        })
+    }
+
+    /// The system that stands for the model; hinge `j + 1` is joint `j`. Springs and dampers act as efforts.
+    pub fn system(&self) -> &System {
+        &self.system
+    }
+
+    /// What was last solved, for forces in the hinges.
+    pub fn method(&self) -> &MatrixMethod {
+        &self.method
+    }
+
+    /// Poses and twists from the base outward, the base frame at the world's origin with its axes; then each
+    /// body's 13 numbers.
+    fn set_state(&mut self, model: &Model, motion: &TreeMotion) {
+        self.placed[0] = (Pose::identity(), motion.V_WB_B);
+        for (j, joint) in model.joints().iter().enumerate() {
+            let (X_WP, V_P) = self.placed[model.joint_parent(j)];
+            let (q, qd) = (motion.q[j], motion.qd[j]);
+            let moved = if joint.kind.is_rotational() {
+                let turned = Rotation3::from_axis_angle(&joint.axis, q);
+                Pose::from_parts(Translation3::identity(), turned)
+            } else {
+                Pose::from_parts(joint.axis.scale(q).into(), Rotation3::identity())
+            };
+            let X_WB = X_WP * joint.X_PJ * moved;
+            let axis_W = X_WB.rotation * joint.axis.into_inner();
+            let arm = X_WB.translation.vector - X_WP.translation.vector;
+            let mut V = Twist::new(V_P.angular, V_P.linear + V_P.angular.cross(&arm));
+            if joint.kind.is_rotational() {
+                V.angular += axis_W * qd;
+            } else {
+                V.linear += axis_W * qd;
+            }
+            self.placed[j + 1] = (X_WB, V);
+        }
+        for (b, ((X_WB, V), body)) in self.placed.iter().zip(model.bodies()).enumerate() {
+            let R = &X_WB.rotation;
+            let com = R * body.inertia.com;
+            let at = BodyState {
+                p_WC: X_WB.translation.vector + com,
+                Q_WB: nalgebra::UnitQuaternion::from(*R).into_inner(),
+                v_WC_B: R.inverse() * (V.linear + V.angular.cross(&com)),
+                w_WB_B: R.inverse() * V.angular,
+            };
+            at.write(&mut self.state, b);
+        }
+    }
+}
+
+impl Formulation for NewtonEuler {
+    fn accelerations(
+        &mut self,
+        model: &Model,
+        motion: &TreeMotion,
+        input: &Input,
+        out: &mut TreeAcceleration,
+    ) {
+        self.set_state(model, motion);
+        let acting = self.load.wrenches.iter_mut().zip(&input.wrenches);
+        for ((wrench, given), body) in acting.zip(model.bodies()) {
+            *wrench = given.shifted(&-body.inertia.com);
+        }
+        for (j, joint) in model.joints().iter().enumerate() {
+            let (_, axis) = moves(joint.kind);
+            let passive = joint.passive_effort(motion.q[j], motion.qd[j]);
+            self.load.efforts[j + 1][axis.index()] = input.efforts[j] + passive;
+        }
+        self.method.solve(&self.system, &self.state, &self.load);
+        for (j, joint) in model.joints().iter().enumerate() {
+            let (_, axis) = moves(joint.kind);
+            out.qdd[j] = self.method.hinge_acceleration(&self.system, j + 1)[axis.index()];
+        }
+        let (com, w) = (&model.bodies()[0].inertia.com, &motion.V_WB_B.angular);
+        let base = self.method.acceleration(0);
+        out.A_WB_B = Twist::new(
+            base.angular,
+            base.linear - base.angular.cross(com) - w.cross(&w.cross(com)),
+        );
+    }
+}

@@ -1,0 +1,84 @@
+//! What the estimation gets: true values or images. Masutani 1995 sec. 3.3 and table 3.1.
+
+use nalgebra::Translation3;
+
+use super::{INTERVAL, INTERVALS};
+use crate::estimation::Tracks;
+use crate::estimation::free_body::FreeRotation;
+use crate::estimation::masutani1995::{self, EstimateError, Rate, mean_rate};
+use crate::spatial::Pose;
+use crate::vision::{BodyPoint, FeatureCamera, FeatureCameraConfig, Pinhole};
+
+/// Width of the image plane over the focal length: 10 mm over 8 mm.
+const WIDTH: f64 = 10.0 / 8.0;
+/// Distance of the body from the camera and radius of the sphere that carries its points \[m\].
+const DISTANCE: f64 = 0.9;
+const RADIUS: f64 = 0.45;
+
+/// What the estimation gets (Fig. 3.17).
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Condition<'a> {
+    /// True angular velocities, one for each interval, at its beginning.
+    TrueRates,
+    /// True rotations between the frames.
+    TrueRotations,
+    /// Whole pixels of points on a sphere, all of them seen in each frame.
+    Images {
+        /// Pixels along each side of the image.
+        resolution: u32,
+        /// The points.
+        points: &'a [BodyPoint],
+    },
+}
+
+/// The camera of table 3.1.
+pub fn camera(resolution: u32) -> Pinhole {
+    Pinhole::square(resolution, WIDTH)
+}
+
+/// Points on the sphere of table 3.1, which are others for every `seed`.
+pub fn points(count: usize, seed: u64) -> Vec<BodyPoint> {
+    BodyPoint::on_sphere(count, RADIUS, seed)
+}
+
+/// The tracks that the camera of table 3.1 makes of a motion about a fixed centre on its axis.
+pub fn tracks(motion: &FreeRotation, resolution: u32, points: &[BodyPoint]) -> Tracks {
+    let config = FeatureCameraConfig {
+        quantised: true,
+        ..FeatureCameraConfig::ideal(resolution, WIDTH)
+    };
+    let mut camera = FeatureCamera::new(config, points.to_vec());
+    let mut tracks = Tracks::default();
+    for i in 0..=INTERVALS {
+        let time = INTERVAL * f64::from(i);
+        let centre = Translation3::new(0.0, 0.0, DISTANCE);
+        let attitude = motion.attitude(time).to_rotation_matrix();
+        camera.show(time, &Pose::from_parts(centre, attitude));
+        if let Some(sighting) = camera.deliver(time) {
+            // Its times increase, its pixels are finite, its ids differ.
+            let _ = tracks.push(sighting);
+        }
+    }
+    tracks
+}
+
+/// The angular velocities that the estimation gets under a condition.
+///
+/// # Errors
+/// [`EstimateError`] if the images show too little.
+pub fn rates(motion: &FreeRotation, condition: Condition<'_>) -> Result<Vec<Rate>, EstimateError> {
+    let time = |i: u32| INTERVAL * f64::from(i);
+    let at = |i: u32| (time(i), motion.attitude(time(i)));
+    Ok(match condition {
+        Condition::TrueRates => (0..INTERVALS)
+            .map(|i| (time(i), motion.angular_velocity(time(i))))
+            .collect(),
+        Condition::TrueRotations => (0..INTERVALS)
+            .map(|i| mean_rate(at(i), at(i + 1)))
+            .collect(),
+        Condition::Images { resolution, points } => {
+            let tracks = tracks(motion, resolution, points);
+            masutani1995::rates_from_tracks(&tracks, &camera(resolution))?
+        }
+    })
+}

@@ -1,0 +1,142 @@
+//! `fuyu reproduce`: names, tables, JSON, pictures, exit codes. What the numbers must be is in the command
+//! itself and in tests/validation.
+
+use serde_json::Value;
+use std::fs;
+
+use crate::fuyu::{Run, fuyu};
+
+fn names() -> Vec<String> {
+    let Run { code, stdout, .. } = fuyu(&["reproduce", "--list"]);
+    assert_eq!(code, 0);
+    stdout.lines().map(str::to_owned).collect()
+}
+
+/// An object of the form that scripts rely on; true if all of its rows passed.
+fn well_formed(report: &Value) -> bool {
+    let keys: Vec<_> = report.as_object().unwrap().keys().collect();
+    assert_eq!(keys, ["name", "notes", "passed", "rows"], "{report}");
+    assert!(
+        report["notes"]
+            .as_array()
+            .unwrap()
+            .iter()
+            .all(Value::is_string)
+    );
+    let rows = report["rows"].as_array().unwrap();
+    assert!(!rows.is_empty(), "{report}");
+    for row in rows {
+        let keys: Vec<_> = row.as_object().unwrap().keys().collect();
+        let expected = ["computed", "passed", "published", "quantity", "tolerance"];
+        assert_eq!(keys, expected, "{row}");
+        assert!(
+            row["quantity"].is_string() && row["computed"].is_f64(),
+            "{row}"
+        );
+        if let (Some(published), Some(tolerance)) =
+            (row["published"].as_f64(), row["tolerance"].as_f64())
+        {
+            let near = (row["computed"].as_f64().unwrap() - published).abs() <= tolerance;
+            assert_eq!(row["passed"], near, "{row}");
+        }
+    }
+    let passed = rows.iter().all(|row| row["passed"] == true);
+    assert_eq!(report["passed"], passed);
+    passed
+}
+
+/// Those that sweep over hundreds of motions, some of them for minutes.
+fn sweeps(name: &str) -> bool {
+    name.starts_with("masutani-fig-3.") || name.starts_with("masutani-table-3.")
+}
+
+#[test]
+fn all_that_is_published_is_reproduced() {
+    let names = names();
+    for name in names.iter().filter(|name| !sweeps(name)) {
+        let json = fuyu(&["reproduce", name, "--json"]).json();
+        assert_eq!(json["name"], name.as_str());
+        assert!(well_formed(&json), "{json}");
+    }
+    for number in 2..=7 {
+        assert!(names.contains(&format!("masutani-table-3.{number}")));
+    }
+    for number in 18..=52 {
+        assert!(names.contains(&format!("masutani-fig-3.{number}")));
+    }
+}
+
+/// A sweep by the thesis's method: a second on two cores.
+#[test]
+fn a_table_of_models_is_reproduced_cell_by_cell() {
+    let name = "masutani-table-3.3";
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().to_str().unwrap();
+    let run = fuyu(&["reproduce", name, "--output", output]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    // Rows of letters: printed, computed, and where they differ.
+    assert!(
+        run.stdout
+            .contains("OOOOOOOOOOOOOv   OOOOOOOOOOOOO/   .............x")
+    );
+    let svg = fs::read_to_string(folder.path().join(format!("{name}.svg"))).unwrap();
+    assert!(svg.contains("printed") && svg.contains("axisymmetric"));
+    let run = fuyu(&["reproduce", name, "--json"]);
+    let json: Value = serde_json::from_str(&run.stdout).expect("one JSON object");
+    assert!(run.code == 0 && well_formed(&json), "{json}");
+}
+
+#[test]
+fn one_is_a_table_an_object_and_files() {
+    let name = "masutani-fig-5.3";
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().join("new").join("folder");
+    let output = output.to_str().unwrap();
+    let json = fuyu(&["reproduce", name, "--json", "--output", output]).json();
+    assert_eq!(json["name"], name);
+    assert!(well_formed(&json));
+
+    let read = |ending: &str| fs::read(format!("{output}/{name}.{ending}")).unwrap();
+    let text = |ending: &str| String::from_utf8(read(ending)).unwrap();
+    assert!(text("svg").contains("path of the tip"));
+    let png = read("png");
+    assert!(png.starts_with(b"\x89PNG") && png.len() > 10_000);
+    let rows = json["rows"].as_array().unwrap();
+    assert_eq!(text("csv").lines().count(), 1 + rows.len());
+
+    let table = fuyu(&["reproduce", name]);
+    assert_eq!((table.code, table.stderr.as_str()), (0, ""));
+    for row in rows {
+        let quantity = row["quantity"].as_str().unwrap();
+        assert!(table.stdout.contains(quantity), "{}", table.stdout);
+        assert!(text("md").contains(quantity));
+    }
+    assert!(
+        table.stdout.contains("\n  reproduced\n"),
+        "{}",
+        table.stdout
+    );
+}
+
+#[test]
+fn an_unknown_name_is_refused_with_those_that_are_known() {
+    let run = fuyu(&["reproduce", "masutani-fig-53"]);
+    let refusal = run.refusal();
+    assert!(
+        refusal.contains("did you mean masutani-fig-5.3?"),
+        "{refusal}"
+    );
+    for name in names() {
+        assert!(refusal.contains(&name), "{name} is not in {refusal}");
+        let help = fuyu(&["reproduce", "--help"]).stdout;
+        assert!(help.contains(&name), "{name} is not in {help}");
+    }
+    assert!(
+        !fuyu(&["reproduce", "moon"])
+            .refusal()
+            .contains("did you mean")
+    );
+    assert_eq!(fuyu(&["reproduce"]).code, 2);
+    let run = fuyu(&["reproduce", "tr942-chain", "--output", "/dev/null/folder"]);
+    assert!(run.refusal().contains("--output /dev/null/folder"));
+}
