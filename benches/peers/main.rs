@@ -2,13 +2,15 @@
 //!
 //! ```sh
 //! scripts/bench-peers.sh                                # once: installs and compiles the peers
-//! cargo bench --bench peers --no-default-features       # the tables of docs/performance.md
+//! cargo bench --bench peers                             # the tables of docs/performance.md
 //! cargo bench --bench peers -- servicer                 # only robots with this word in their name
 //! cargo bench --bench peers -- --draw docs/img/links    # and the picture
 //! ```
 //!
 //! Without the peers only fuyu is measured. Before anything is timed, all programs must compute the same.
 
+#[cfg(feature = "batch")]
+mod many;
 mod measure;
 mod ours;
 mod peer;
@@ -23,8 +25,11 @@ use robots::{Moving, Robot};
 /// States that every kernel goes through in turn.
 const STATES: usize = 16;
 
-/// Programs agree to this, of the largest number of an answer; a step's to that of its order.
-const AGREEMENT: f64 = 1e-9;
+/// How closely programs agree, of the largest number of an answer. Those that solve a dense system lose
+/// digits with the links: some 1e-9 at 300, 2e-8 at 1000.
+fn agreement(links: usize) -> f64 {
+    if links <= 300 { 1e-9 } else { 1e-7 }
+}
 
 /// Whose program it is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -58,27 +63,39 @@ enum Kernel {
     Forward,
     Jacobian,
     Rk4,
+    ForwardOfMany,
+    Rk4OfMany,
 }
 
 impl Kernel {
-    const ALL: [Self; 3] = [Self::Forward, Self::Jacobian, Self::Rk4];
+    const ALL: [Self; 5] = [
+        Self::Forward,
+        Self::Jacobian,
+        Self::Rk4,
+        Self::ForwardOfMany,
+        Self::Rk4OfMany,
+    ];
 
     fn name(self) -> &'static str {
         match self {
             Self::Forward => "forward dynamics",
             Self::Jacobian => "generalized Jacobian, momentum map",
             Self::Rk4 => "RK4 step",
+            Self::ForwardOfMany => "joint accelerations, of a batch",
+            Self::Rk4OfMany => "RK4 step, of a batch",
         }
     }
 
     /// How Pinocchio and MuJoCo can do it, by the names that their programs know.
     fn of_peer(self, maker: Maker) -> &'static [&'static str] {
         match (self, maker) {
-            (Self::Forward, Maker::Pinocchio) => &["forward_local", "forward_world"],
+            (Self::Forward | Self::ForwardOfMany, Maker::Pinocchio) => {
+                &["forward_local", "forward_world"]
+            }
             (Self::Jacobian, Maker::Pinocchio) => &["jacobian"],
-            (Self::Rk4, Maker::Pinocchio) => &["rk4_local", "rk4_world"],
-            (Self::Forward, Maker::Mujoco) => &["forward", "forward_parts"],
-            (Self::Rk4, Maker::Mujoco) => &["rk4"],
+            (Self::Rk4 | Self::Rk4OfMany, Maker::Pinocchio) => &["rk4_local", "rk4_world"],
+            (Self::Forward | Self::ForwardOfMany, Maker::Mujoco) => &["forward", "forward_parts"],
+            (Self::Rk4 | Self::Rk4OfMany, Maker::Mujoco) => &["rk4"],
             _ => &[],
         }
     }
@@ -88,13 +105,25 @@ impl Kernel {
             Self::Forward => ours::forward(&robot.model),
             Self::Jacobian => vec![("", ours::jacobian(robot))],
             Self::Rk4 => vec![("", ours::step(&robot.model, Method::Rk4))],
+            #[cfg(feature = "batch")]
+            Self::ForwardOfMany | Self::Rk4OfMany => {
+                let task = match self {
+                    Self::ForwardOfMany => many::Task::Accelerate,
+                    _ => many::Task::Step,
+                };
+                vec![("", Box::new(many::Many::new(&robot.model, task)))]
+            }
+            #[cfg(not(feature = "batch"))]
+            Self::ForwardOfMany | Self::Rk4OfMany => Vec::new(),
         }
     }
 }
 
-/// Largest difference, of the largest number.
+/// Largest difference, of the largest number. An answer may lack what the other begins with: the base.
 fn difference(a: &[f64], b: &[f64]) -> f64 {
-    assert_eq!(a.len(), b.len());
+    let n = a.len().min(b.len());
+    assert!(n > 0, "no answer");
+    let (a, b) = (&a[a.len() - n..], &b[b.len() - n..]);
     let scale = b.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
     let differences = a.iter().zip(b).map(|(a, b)| (a - b).abs() / scale);
     // Whatever is not a number is a difference.
@@ -109,7 +138,8 @@ fn row(robot: &Robot, states: &[Moving], kernel: Kernel, peers: &[Peer], exact: 
         runners.push(Runner::Ours(program));
     }
     for peer in peers {
-        let (maker, compiler) = match peer.name.strip_prefix("pinocchio-") {
+        let name = peer.name();
+        let (maker, compiler) = match name.strip_prefix("pinocchio-") {
             Some(compiler) => (Maker::Pinocchio, compiler),
             None => (Maker::Mujoco, ""),
         };
@@ -127,7 +157,7 @@ fn row(robot: &Robot, states: &[Moving], kernel: Kernel, peers: &[Peer], exact: 
             let answer = runner.answer(states, index);
             let apart = difference(&answer, &first);
             assert!(
-                apart <= AGREEMENT,
+                apart <= agreement(robot.model.dof()),
                 "{}, {}, state {index}: {name:?} is {apart:.1e} apart from fuyu",
                 robot.name,
                 kernel.name()
@@ -203,6 +233,9 @@ fn main() {
             peer.load(&robot, &states);
         }
         for kernel in Kernel::ALL {
+            if kernel.ours(&robot).is_empty() {
+                continue;
+            }
             rows.push(row(&robot, &states, kernel, &peers, &exact));
         }
         if robot.model.dof() <= 30 {

@@ -10,8 +10,8 @@ use super::robots::Moving;
 const ROUNDS: usize = 201;
 /// ... of this length: shorter than a scheduler's slice ...
 const TURN: Duration = Duration::from_millis(1);
-/// ... unless programs are so slow that all of it would take longer than this.
-const PATIENCE: Duration = Duration::from_secs(8);
+/// ... but a program that is so slow that all its turns would take longer than this has only the first ones.
+const PATIENCE: Duration = Duration::from_secs(1);
 const FEWEST_ROUNDS: usize = 5;
 
 /// What takes a turn.
@@ -29,7 +29,7 @@ impl Runner<'_> {
         match self {
             Self::Ours(program) => {
                 let start = Instant::now();
-                program.calls(states, calls);
+                let calls = program.calls(states, calls);
                 start.elapsed().as_nanos() as f64 / calls as f64
             }
             Self::Peer { peer, kernel } => peer.time(kernel, calls),
@@ -66,29 +66,31 @@ fn quartiles(mut values: Vec<f64>) -> [f64; 3] {
 
 /// Times of all runners, round by round.
 pub fn measure(runners: &mut [Runner], states: &[Moving]) -> Vec<Times> {
-    let turns: Vec<_> = runners
+    // Calls in a turn, and turns.
+    let plan: Vec<_> = runners
         .iter_mut()
         .map(|runner| {
+            let turn = TURN.as_nanos() as f64;
             // The first calls take memory and warm caches.
             let once = runner.time(states, 1).min(runner.time(states, 2));
-            let few = ((TURN.as_nanos() as f64 / once) as usize / 10).max(1);
-            let call = runner.time(states, few);
-            let calls = ((TURN.as_nanos() as f64 / call) as usize).max(1);
-            (calls, calls as f64 * call)
+            let call = runner.time(states, (turn / once / 10.0).max(1.0) as usize);
+            let calls = (turn / call).max(1.0);
+            let affordable = (PATIENCE.as_nanos() as f64 / (calls * call)) as usize;
+            (calls as usize, affordable.clamp(FEWEST_ROUNDS, ROUNDS))
         })
         .collect();
-    let round: f64 = turns.iter().map(|(_, took)| took).sum();
-    let affordable = (PATIENCE.as_nanos() as f64 / round) as usize;
-    let rounds = affordable.clamp(FEWEST_ROUNDS, ROUNDS);
     let mut times: Vec<_> = runners.iter().map(|_| Times(Vec::new())).collect();
-    for round in 0..rounds {
+    for round in 0..ROUNDS {
         for i in 0..runners.len() {
             // There and back, so that nobody always follows the same one.
             let i = match round % 2 {
                 0 => i,
                 _ => runners.len() - 1 - i,
             };
-            times[i].0.push(runners[i].time(states, turns[i].0));
+            let (calls, rounds) = plan[i];
+            if round < rounds {
+                times[i].0.push(runners[i].time(states, calls));
+            }
         }
     }
     times

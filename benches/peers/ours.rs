@@ -14,7 +14,7 @@ use nalgebra::{DVector, Matrix6xX, Rotation3, Translation3};
 use super::robots::{Moving, Robot};
 
 /// Step of the integrators \[s\], that of the peers.
-const DT: f64 = 1e-3;
+pub const DT: f64 = 1e-3;
 
 /// A way to compute a kernel.
 pub trait Program {
@@ -24,11 +24,12 @@ pub trait Program {
     /// What it computes, as the peers tell it.
     fn answer(&mut self, state: &Moving) -> Vec<f64>;
 
-    /// Computes it for one state after the other.
-    fn calls(&mut self, states: &[Moving], calls: usize) {
+    /// Computes it for one state after the other, `calls` times or a few more; returns how often.
+    fn calls(&mut self, states: &[Moving], calls: usize) -> usize {
         for state in states.iter().cycle().take(calls) {
             self.call(black_box(state));
         }
+        calls
     }
 }
 
@@ -173,12 +174,13 @@ impl Program for Step<'_> {
     }
 
     /// One step after the other, from the first state.
-    fn calls(&mut self, states: &[Moving], calls: usize) {
+    fn calls(&mut self, states: &[Moving], calls: usize) -> usize {
         self.state.clone_from(&states[0].state);
         for _ in 0..calls {
             self.call(&states[0]);
         }
         black_box(&self.state);
+        calls
     }
 }
 

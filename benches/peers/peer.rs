@@ -11,13 +11,11 @@ use fuyu::model::JointKind;
 use super::robots::{Moving, Robot};
 
 /// A program beside ours.
-pub struct Peer {
-    /// Such as `pinocchio-clang`.
-    pub name: String,
-    process: RefCell<Process>,
-}
+pub struct Peer(RefCell<Process>);
 
 struct Process {
+    /// Such as `pinocchio-clang`.
+    name: String,
     child: Child,
     stdin: ChildStdin,
     stdout: BufReader<ChildStdout>,
@@ -26,15 +24,17 @@ struct Process {
 impl Process {
     fn tell(&mut self, text: &str) {
         let written = self.stdin.write_all(text.as_bytes());
-        written.and_then(|()| self.stdin.flush()).expect("it reads");
+        let written = written.and_then(|()| self.stdin.flush());
+        written.unwrap_or_else(|e| panic!("{} does not read: {e}", self.name));
     }
 
     fn answer(&mut self) -> Vec<f64> {
         let mut line = String::new();
-        let read = self.stdout.read_line(&mut line).expect("it writes");
-        assert!(read > 0, "it ended");
+        let read = self.stdout.read_line(&mut line);
+        assert!(matches!(read, Ok(1..)), "{} ended", self.name);
         let numbers = line.split_whitespace().map(str::parse);
-        numbers.collect::<Result<_, _>>().expect("it tells numbers")
+        let numbers = numbers.collect::<Result<_, _>>();
+        numbers.unwrap_or_else(|e| panic!("{} tells no numbers: {e}", self.name))
     }
 }
 
@@ -56,21 +56,24 @@ impl Peer {
             let mut child = child.ok()?;
             let (stdin, stdout) = (child.stdin.take()?, child.stdout.take()?);
             let process = Process {
+                name: (*name).to_owned(),
                 child,
                 stdin,
                 stdout: BufReader::new(stdout),
             };
-            Some(Self {
-                name: (*name).to_owned(),
-                process: RefCell::new(process),
-            })
+            Some(Self(RefCell::new(process)))
         });
         started.collect()
     }
 
+    /// Such as `pinocchio-clang`.
+    pub fn name(&self) -> String {
+        self.0.borrow().name.clone()
+    }
+
     /// Gives it a robot and its states.
     pub fn load(&self, robot: &Robot, states: &[Moving]) {
-        let mut process = self.process.borrow_mut();
+        let mut process = self.0.borrow_mut();
         process.tell(&describe(robot));
         process.answer();
         process.tell(&tell_states(states));
@@ -79,14 +82,14 @@ impl Peer {
 
     /// What it computes; nothing if it does not know the kernel.
     pub fn ask(&self, kernel: &str, state: usize) -> Vec<f64> {
-        let mut process = self.process.borrow_mut();
+        let mut process = self.0.borrow_mut();
         process.tell(&format!("ask {kernel} {state}\n"));
         process.answer()
     }
 
     /// Nanoseconds a call, measured by itself.
     pub fn time(&self, kernel: &str, calls: usize) -> f64 {
-        let mut process = self.process.borrow_mut();
+        let mut process = self.0.borrow_mut();
         process.tell(&format!("time {kernel} {calls}\n"));
         process.answer()[0]
     }

@@ -62,13 +62,14 @@ fn with_variant(measured: &Measured) -> String {
 fn ratio(ours: &Measured, theirs: Option<&Measured>) -> String {
     theirs.map_or("".to_owned(), |theirs| {
         let [low, median, high] = ours.times.over(&theirs.times);
-        format!("**{median:.2}** ({low:.2}-{high:.2})")
+        let digits = if median < 0.095 { 4 } else { 2 };
+        format!("**{median:.digits$}** ({low:.digits$}-{high:.digits$})")
     })
 }
 
 fn ratio_of_errors(measured: &Measured, pinocchio: Option<f64>) -> String {
     match (measured.error, pinocchio) {
-        (Some(error), Some(of_pinocchio)) => format!("{error:.1e} ({:.1})", error / of_pinocchio),
+        (Some(error), Some(of_pinocchio)) => format!("{error:.1e} ({:.2})", error / of_pinocchio),
         _ => String::new(),
     }
 }

@@ -1,6 +1,6 @@
 //! The robots of the benchmark, and states in which everything moves.
 
-use fuyu::dynamics::{Input, State, TreeMotion, Workspace};
+use fuyu::dynamics::{Input, State, Workspace};
 use fuyu::model::{JointKind, Model, ModelBuilder};
 use fuyu::spatial::{Pose, RigidInertia, Twist};
 use nalgebra::{DVector, Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
@@ -91,7 +91,7 @@ fn arms(name: &str, mounts: &[Vector3<f64>]) -> Robot {
 
 /// A chain of equal links, each turned against the one before it.
 fn chain(links: usize) -> Robot {
-    let name = format!("chain of {links}");
+    let name = format!("chain of {links} links");
     let base = RigidInertia {
         mass: 1000.0,
         com: Vector3::new(0.2, 0.01, 0.0),
@@ -126,17 +126,6 @@ pub struct Moving {
     pub V_WB_B: Twist,
     pub state: State,
     pub input: Input,
-}
-
-impl Moving {
-    pub fn motion(&self) -> TreeMotion<'_> {
-        TreeMotion {
-            R_WB: self.state.R_WB,
-            V_WB_B: self.V_WB_B,
-            q: self.state.q.as_slice(),
-            qd: self.state.qd.as_slice(),
-        }
-    }
 }
 
 /// States of `model`, the same in every run.

@@ -25,7 +25,7 @@ enum Command {
     Info(InfoArgs),
     /// Momentum, energy, final tip error, gaps in time, stamps and numbers; exit code 1 if one fails
     Check(CheckArgs),
-    /// Tip error, base drift, momentum residual and joint rates over time, as SVG and PNG
+    /// Tip error, base drift, momentum residual, joint rates, and what was estimated of a target, as SVG and PNG
     Plot(PlotArgs),
 }
 
@@ -288,7 +288,7 @@ fn plot(args: &PlotArgs) -> Result<(), Failure> {
     let pictures = plot_bag(&bag, &folder).map_err(|e| Failure::Runtime(e.to_string()))?;
     if pictures.is_empty() {
         return Err(Failure::Input(format!(
-            "bag {}: nothing to draw: no controller/state, ground_truth/odom, ground_truth/momentum or joint_states",
+            "bag {}: nothing to draw: no controller/state, ground_truth/odom, ground_truth/momentum, joint_states or estimator/motion",
             args.bag.display()
         )));
     }

@@ -156,11 +156,8 @@ impl Batch {
             blocks,
             ..
         } = self;
-        // Some pieces for each thread, since not all of them are equally fast.
-        let size = blocks
-            .len()
-            .div_ceil(4 * rayon::current_num_threads())
-            .max(1);
+        // One piece for each thread: a piece has to take scratch of its own.
+        let size = blocks.len().div_ceil(rayon::current_num_threads()).max(1);
         blocks.par_chunks_mut(size).for_each(|blocks| {
             arch.dispatch(Blocks {
                 tree,
@@ -272,8 +269,8 @@ impl<'a, S: Simd> Evaluation<'a, S> {
         for (i, row) in rows.iter_mut().enumerate() {
             w[i].store(row);
         }
-        for lane in 0..S::F64_LANES {
-            self.w_WB_B[lane] = Vector3::new(rows[0][lane], rows[1][lane], rows[2][lane]);
+        for (lane, w) in self.w_WB_B.iter_mut().enumerate().take(S::F64_LANES) {
+            *w = Vector3::from(rows.map(|row| row[lane]));
         }
         let axes = self.places[0].axes;
         self.slots[0].w = Vec3(axes.map(|axis| axis.dot(w)));
@@ -293,15 +290,15 @@ impl<'a, S: Simd> Evaluation<'a, S> {
         for lane in 0..S::F64_LANES {
             let angular_W = &block.momentum_W[first + lane].angular;
             let angular = R_WB[first + lane].inverse_transform_vector(angular_W);
-            for i in 0..3 {
-                rows[i][lane] = angular[i];
+            for (row, component) in rows.iter_mut().zip(&angular) {
+                row[lane] = *component;
             }
         }
         let mut angular = Vec3(rows.map(|row| Lanes::load(self.simd, &row)));
         for (place, slot) in self.places[1..].iter().zip(&self.slots[1..]) {
             angular = angular - place.H_M.scaled(slot.qd);
         }
-        system.H_B_inverse.mul(angular)
+        system.H_B_inverse.times(angular)
     }
 
     /// One step of the states from `first` on.

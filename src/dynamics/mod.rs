@@ -10,6 +10,8 @@
 //! and then read: fixed-base and generalized Jacobians, base map, reduced inertia, frame poses.
 //! [`Workspace::set_motion`] adds what depends on rates and momentum: body twists, energy, momentum as
 //! the bodies carry it. [`Workspace::accelerations`] is the forward dynamics of the reduced system,
+//! eq. (4.49). [`FormulationKind`] names the others; the default, by articulated bodies, is the fastest.
+//! [`InverseDynamics`] goes the other way. [`Integrator`] steps a state. None of them allocates.
 //! eq. (4.49). [`Integrator`] steps a state. None of them allocates. [`Loops`] hold bodies of the tree to
 //! each other: closed loops.
 //!

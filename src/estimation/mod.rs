@@ -8,6 +8,7 @@ pub mod bundle;
 pub mod elliptic;
 mod error;
 pub mod errors;
+pub mod filter;
 pub mod free_body;
 pub mod masutani1995;
 mod method;

@@ -1,12 +1,16 @@
 //! Pictures of a recorded run: what `fuyu bag plot` draws.
 
+use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
 
 use super::chart::{ChartError, Figure, Panel, Series};
+use super::estimation_plot::{Mount, herpolhode, prediction_error, squared_rates};
 use super::recorded::{RecordedRun, RecordedRuns, seconds_since};
+use super::recorded_estimation::RecordedEstimation;
 use super::recorded_physics::{Residual, momentum_residuals};
-use crate::bag::Bag;
+use crate::bag::{Bag, Message};
 use crate::model::JointKind;
+use crate::nodes::estimator::StaticRotations;
 use crate::spatial::roll_pitch_yaw_intrinsic;
 
 /// A residual of exactly zero has no logarithm; it is drawn here, below all rounding.
@@ -18,10 +22,13 @@ const RESIDUAL_FLOOR: f64 = 1e-17;
 /// [`ChartError`] if a picture cannot be written.
 pub fn plot_bag(bag: &Bag, folder: &Path) -> Result<Vec<PathBuf>, ChartError> {
     let mut runs = RecordedRuns::default();
-    bag.messages().for_each(|m| runs.accept(&m));
+    let mut estimations = Estimations::default();
+    bag.messages().for_each(|m| {
+        runs.accept(&m);
+        estimations.accept(&m);
+    });
     let mut paths = Vec::new();
     for (namespace, run) in runs.robots() {
-        let robot = namespace.trim_matches('/').replace('/', "_");
         let pictures = [
             ("tip_error", tip_error(run)),
             ("base_attitude", base_motion(run)),
@@ -30,15 +37,88 @@ pub fn plot_bag(bag: &Bag, folder: &Path) -> Result<Vec<PathBuf>, ChartError> {
         ];
         for (name, figure) in pictures {
             let Some(mut figure) = figure else { continue };
-            let mut stem = name.to_owned();
-            if !robot.is_empty() {
-                stem = format!("{robot}_{name}");
-                figure.title = format!("{namespace}: {}", figure.title);
-            }
+            let stem = entitle(namespace, name, &mut figure.title);
+            paths.extend(figure.save(&folder.join(stem))?);
+        }
+    }
+    for (namespace, estimation) in &estimations.robots {
+        if estimation.is_empty() {
+            continue;
+        }
+        let start = estimations.start(estimation);
+        let mount = estimations.mount(estimation);
+        if let Some(mut figure) = squared_rates(estimation, start) {
+            let stem = entitle(namespace, "target_squared_rate", &mut figure.title);
+            paths.extend(figure.save(&folder.join(stem))?);
+        }
+        if let Some(mut figure) = herpolhode(estimation, mount) {
+            let stem = entitle(namespace, "herpolhode", &mut figure.title);
+            paths.extend(figure.save(&folder.join(stem))?);
+        }
+        for (target, truth) in &estimation.targets {
+            let figure = prediction_error(estimation, truth, mount, start);
+            let Some(mut figure) = figure else { continue };
+            let stem = match estimation.targets.len() {
+                1 => "prediction_error".to_owned(),
+                _ => format!("{target}_prediction_error"),
+            };
+            let stem = entitle(namespace, &stem, &mut figure.title);
             paths.extend(figure.save(&folder.join(stem))?);
         }
     }
     Ok(paths)
+}
+
+/// The stem of a picture's files; in a bag of namespaces both stem and title tell which.
+fn entitle(namespace: &str, name: &str, title: &mut String) -> String {
+    let robot = namespace.trim_matches('/').replace('/', "_");
+    if robot.is_empty() {
+        return name.to_owned();
+    }
+    *title = format!("{namespace}: {title}");
+    format!("{robot}_{name}")
+}
+
+/// Estimates by namespace, and how frames sit on each other.
+#[derive(Default)]
+struct Estimations {
+    robots: BTreeMap<String, RecordedEstimation>,
+    frames: StaticRotations,
+}
+
+impl Estimations {
+    fn accept(&mut self, message: &Message) {
+        if message.topic.name.ends_with("/tf_static") {
+            if let Ok(frames) = message.decode() {
+                // A rotation that is none leaves its frame without a place.
+                let _ = self.frames.take(frames);
+            }
+            return;
+        }
+        let robots = &mut self.robots;
+        RecordedEstimation::accept(message, |namespace| {
+            robots.entry(namespace.to_owned()).or_default()
+        });
+    }
+
+    /// How the camera sits on the base.
+    fn mount(&self, estimation: &RecordedEstimation) -> Mount {
+        let (base, camera) = (&estimation.base_frame, &estimation.camera_frame);
+        self.frames.rotation(base, camera)
+    }
+
+    /// The earliest stamp \[ns\].
+    fn start(&self, estimation: &RecordedEstimation) -> i64 {
+        let truth = estimation.targets.values().filter_map(|t| t.first());
+        let times = truth.map(|t| t.time);
+        let times = times.chain(estimation.base.first().map(|t| t.time));
+        let times = times.chain(estimation.rates.first().map(|r| r.0));
+        let times = times.chain(estimation.predictions.first().map(|p| p.time));
+        times
+            .chain(estimation.motions.first().map(|m| m.time))
+            .min()
+            .unwrap_or(0)
+    }
 }
 
 fn figure(title: &str, panels: Vec<Panel>) -> Option<Figure> {

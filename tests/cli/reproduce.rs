@@ -58,28 +58,45 @@ fn well_formed(report: &Value) -> bool {
     passed
 }
 
+/// Those that sweep over hundreds of motions, some of them for minutes.
+fn sweeps(name: &str) -> bool {
+    name.starts_with("masutani-fig-3.") || name.starts_with("masutani-table-3.")
+}
+
 #[test]
 fn all_that_is_published_is_reproduced() {
-    let run = fuyu(&["reproduce", "all", "--json"]);
-    let all: Value = serde_json::from_str(&run.stdout).expect("one JSON object");
-    let reports = all["reports"].as_array().unwrap();
-    let found: Vec<_> = reports
-        .iter()
-        .map(|r| r["name"].as_str().unwrap())
-        .collect();
-    assert_eq!(found, names());
-    assert!(reports.iter().all(well_formed), "{}", run.stderr);
-    assert_eq!(
-        (run.code, &all["passed"]),
-        (0, &Value::Bool(true)),
-        "{}",
-        run.stderr
-    );
-    // Who waits is told how far it is.
-    for name in found {
-        let told = run.stderr.lines().any(|line| line.contains(name));
-        assert!(told, "{name} is not in {}", run.stderr);
+    let names = names();
+    for name in names.iter().filter(|name| !sweeps(name)) {
+        let json = fuyu(&["reproduce", name, "--json"]).json();
+        assert_eq!(json["name"], name.as_str());
+        assert!(well_formed(&json), "{json}");
     }
+    for number in 2..=7 {
+        assert!(names.contains(&format!("masutani-table-3.{number}")));
+    }
+    for number in 18..=52 {
+        assert!(names.contains(&format!("masutani-fig-3.{number}")));
+    }
+}
+
+/// A sweep by the thesis's method: a second on two cores.
+#[test]
+fn a_table_of_models_is_reproduced_cell_by_cell() {
+    let name = "masutani-table-3.3";
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().to_str().unwrap();
+    let run = fuyu(&["reproduce", name, "--output", output]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    // Rows of letters: printed, computed, and where they differ.
+    assert!(
+        run.stdout
+            .contains("OOOOOOOOOOOOOv   OOOOOOOOOOOOO/   .............x")
+    );
+    let svg = fs::read_to_string(folder.path().join(format!("{name}.svg"))).unwrap();
+    assert!(svg.contains("printed") && svg.contains("axisymmetric"));
+    let run = fuyu(&["reproduce", name, "--json"]);
+    let json: Value = serde_json::from_str(&run.stdout).expect("one JSON object");
+    assert!(run.code == 0 && well_formed(&json), "{json}");
 }
 
 #[test]

@@ -7,6 +7,7 @@ mod batch;
 mod bundle;
 mod conservation;
 mod elliptic;
+mod filter;
 mod fixtures;
 mod formulations;
 mod free_body;
@@ -22,6 +23,7 @@ mod operation_counts;
 #[cfg(feature = "ros")]
 mod pinocchio;
 mod positioning;
+mod precision;
 mod random_trees;
 mod trees;
 mod tumbling;

@@ -105,7 +105,7 @@ impl Body {
         Force {
             torque,
             force: if self.is_heavy {
-                spin.mul(Vec3::constant(like, &[h.x, h.y, h.z]))
+                spin.times(Vec3::constant(like, &[h.x, h.y, h.z]))
             } else {
                 Vec3::zero(like)
             },
@@ -224,7 +224,7 @@ impl<S: Scalar> Slot<S> {
         if shifts {
             left.torque[0] = left.torque[0] + hx.dot(a);
             left.torque[1] = left.torque[1] + hy.dot(a);
-            left.force = left.force + M.mul(a);
+            left.force = left.force + M.times(a);
         }
         let rest = ArticulatedInertia {
             turning: J,
@@ -387,7 +387,7 @@ impl<S: Scalar> ArticulatedInertia<S> {
     #[inline(always)]
     pub(crate) fn answer(&self, force: Force<S>) -> Motion<S> {
         let (H, inverse) = (self.coupling, self.mass.inverse());
-        let eliminated = Mat3(H.0.map(|row| inverse.mul(row)));
+        let eliminated = Mat3(H.0.map(|row| inverse.times(row)));
         let mut left = self.turning;
         for i in 0..3 {
             let (j, k) = others(i);
@@ -396,8 +396,8 @@ impl<S: Scalar> ArticulatedInertia<S> {
         }
         let angular = left
             .inverse()
-            .mul(eliminated.mul(force.force) - force.torque);
-        let linear = -inverse.mul(force.force + H.tr_mul(angular));
+            .times(eliminated.times(force.force) - force.torque);
+        let linear = -inverse.times(force.force + H.tr_mul(angular));
         Motion { angular, linear }
     }
 }

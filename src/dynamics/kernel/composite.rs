@@ -98,21 +98,29 @@ impl<S: Scalar> Place<S> {
         on_path!(hop, path => (self.axes, self.p_BK) = path.place(hop, &self.turn, self.q, parent));
     }
 
-    /// Momentum at unit rate, then what the parent gathers.
+    /// Adds the subtree to what the parent gathers.
     #[inline(always)]
-    fn gather(&mut self, hop: &Hop, mass: f64, parent: &mut Self) {
+    fn gather(&self, hop: &Hop, mass: f64, parent: &mut Self) {
         let (h, J) = (self.first_moment, self.inertia);
-        let [x, y, z] = self.axes;
-        if hop.slides {
-            self.torque = x.mul_add(h[1], y.scaled(-h[0]));
-            self.force = z.scaled(self.q.constant(mass));
-        } else {
-            self.torque = self.turned(J.row(2));
-            self.force = y.mul_add(h[0], x.scaled(-h[1]));
-        }
         let (h, J) = on_path!(hop, path => path.composite_out(hop, &self.turn, self.q, mass, h, J));
         parent.first_moment = parent.first_moment + h;
         parent.inertia = parent.inertia + J;
+    }
+
+    /// Column of the momentum map.
+    #[inline(always)]
+    fn set_column(&mut self, hop: &Hop, mass: f64, system: &System<S>, answer: &Sym3<S>, per: S) {
+        let (h, [x, y, z]) = (self.first_moment, self.axes);
+        if hop.slides {
+            self.torque = x.mul_add(h[1], y.scaled(-h[0]));
+            self.force = z.scaled(per.constant(mass));
+        } else {
+            self.torque = self.turned(self.inertia.row(2));
+            self.force = y.mul_add(h[0], x.scaled(-h[1]));
+        }
+        self.J_C = self.force.scaled(per);
+        self.H_M = self.torque + (self.p_BK - system.p_BC).cross(self.force);
+        self.H_A = answer.times(self.H_M);
     }
 }
 
@@ -228,26 +236,27 @@ pub fn momentum_map<S: Scalar>(tree: &Tree, places: &mut [Place<S>]) -> System<S
     let R_BK = bodies[0].X_BK.rotation.matrix();
     places[0].axes = [0, 1, 2].map(|c| Vec3::constant(like, &R_BK.column(c).into_owned().into()));
     places[0].p_BK = Vec3::zero(like);
-    places[0].begin(&bodies[0], like);
-    for (j, hop) in tree.hops.iter().enumerate() {
-        let (before, rest) = places.split_at_mut(j + 1);
-        rest[0].follow(hop, &before[hop.parent]);
-        rest[0].begin(&bodies[j + 1], like);
+    for (place, body) in places.iter_mut().zip(bodies) {
+        place.begin(body, like);
     }
-    for (j, hop) in tree.hops.iter().enumerate().rev() {
-        let (before, rest) = places.split_at_mut(j + 1);
-        rest[0].gather(hop, bodies[j + 1].subtree_mass, &mut before[hop.parent]);
+    // Poses go outward while inertias are gathered inward: neither has to wait for the other.
+    let n = tree.hops.len();
+    for (outward, hop) in tree.hops.iter().enumerate() {
+        let (before, rest) = places.split_at_mut(outward + 1);
+        rest[0].follow(hop, &before[hop.parent]);
+        let inward = n - 1 - outward;
+        let (hop, mass) = (&tree.hops[inward], bodies[inward + 1].subtree_mass);
+        let (before, rest) = places.split_at_mut(inward + 1);
+        rest[0].gather(hop, mass, &mut before[hop.parent]);
     }
     let system = System::new(&places[0], bodies[0].subtree_mass);
-    let per_mass = like.constant(1.0 / bodies[0].subtree_mass);
+    let per = like.constant(1.0 / bodies[0].subtree_mass);
     let answer = Sym3 {
         diagonal: system.H_B_inverse.diagonal.map(|x| -x),
         off: system.H_B_inverse.off.map(|x| -x),
     };
-    for place in &mut places[1..] {
-        place.J_C = place.force.scaled(per_mass);
-        place.H_M = place.torque + (place.p_BK - system.p_BC).cross(place.force);
-        place.H_A = answer.mul(place.H_M);
+    for ((place, body), hop) in places[1..].iter_mut().zip(&bodies[1..]).zip(&tree.hops) {
+        place.set_column(hop, body.subtree_mass, &system, &answer, per);
     }
     system
 }
@@ -276,7 +285,7 @@ impl<S: Scalar> System<S> {
 #[inline(always)]
 fn rotated<S: Scalar>(m: Sym3<S>, axes: &[Vec3<S>; 3]) -> Sym3<S> {
     let rows = [0, 1, 2].map(|i| Vec3([axes[0][i], axes[1][i], axes[2][i]]));
-    let images = rows.map(|row| m.mul(row));
+    let images = rows.map(|row| m.times(row));
     let mut turned = m;
     for i in 0..3 {
         let (j, k) = others(i);

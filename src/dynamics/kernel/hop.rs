@@ -270,7 +270,7 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
         if A && !D && !GENERAL && !hop.slides {
             m.row(0).scaled(q.constant(hop.p[0]))
         } else {
-            m.mul(hop.p_PK(q))
+            m.times(hop.p_PK(q))
         }
     }
 

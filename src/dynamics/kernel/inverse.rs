@@ -13,7 +13,7 @@ impl Body {
         let h = Vec3::constant(like, &[h.x, h.y, h.z]);
         let turning = Sym3::constant(like, &self.inertia.about_origin);
         Force {
-            torque: turning.mul(m.angular) + h.cross(m.linear),
+            torque: turning.times(m.angular) + h.cross(m.linear),
             force: m
                 .linear
                 .mul_add(like.constant(self.inertia.mass), m.angular.cross(h)),

@@ -1,4 +1,12 @@
 //! The recursions over the tree, for any kind of number.
+//!
+//! A [`Tree`] is a model in the frames that suit them. [`forward_dynamics`] and [`inverse_dynamics`] sweep over
+//! one [`Slot`] per body, [`momentum_map`] and [`generalized_jacobian`] over one [`Place`]. All cost time
+//! linear in the number of joints, take no memory and have no errors: what is not finite shows in the results.
+//! The number is any [`Scalar`]: `f64`, [`Lanes`] of it, or one's own.
+//!
+//! They are what `Workspace`, `ArticulatedBody` and `Batch` are made of, and open to those who bring their own
+//! number; everybody else is better served by these.
 
 mod articulated;
 mod composite;

@@ -10,9 +10,9 @@ const LARGEST: f64 = 1e5;
 
 /// π/2 in three parts of which the first two have 33 bits, so that their multiples are exact.
 const QUARTER: [f64; 3] = [
-    1.570_796_326_734_125_614_17,
-    6.077_100_506_303_965_976_6e-11,
-    2.022_266_248_795_950_631_54e-21,
+    1.570_796_326_734_125_6,
+    6.077_100_506_303_966e-11,
+    2.022_266_248_795_950_6e-21,
 ];
 
 /// Minimax polynomials on ±π/4 (Sun's fdlibm): `sin x = x + x³ S(x²)`, `cos x = 1 - x²/2 + x⁴ C(x²)`.

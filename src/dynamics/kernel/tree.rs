@@ -9,7 +9,7 @@
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 
-use super::{Force, GROUP, Turn, Vec3, sin_cos};
+use super::{Force, GROUP, Scalar, Turn, Vec3, sin_cos};
 use crate::model::{Frame, Joint, Model};
 use crate::spatial::{Pose, SpatialInertia, Wrench};
 
@@ -108,6 +108,17 @@ impl Tree {
     /// Number of joints.
     pub fn dof(&self) -> usize {
         self.hops.len()
+    }
+
+    /// Turn of the body that joint `j` moves, for cosine and sine of the joint's position.
+    #[inline(always)]
+    pub fn turn<S: Scalar>(&self, j: usize, cos: S, sin: S) -> Turn<S> {
+        self.hops[j].turn(cos, sin)
+    }
+
+    /// Axes of the base's kernel frame in the base frame; the origins are the same.
+    pub fn base_axes(&self) -> &Rotation3<f64> {
+        &self.bodies[0].X_BK.rotation
     }
 
     /// Tells the turn of every joint at positions `q`.

@@ -137,7 +137,7 @@ impl<S: Scalar> Sym3<S> {
 
     /// Matrix times vector.
     #[inline(always)]
-    pub fn mul(self, v: Vec3<S>) -> Vec3<S> {
+    pub fn times(self, v: Vec3<S>) -> Vec3<S> {
         Vec3([self.row(0).dot(v), self.row(1).dot(v), self.row(2).dot(v)])
     }
 
@@ -206,7 +206,7 @@ impl<S: Scalar> Mat3<S> {
 
     /// Matrix times vector.
     #[inline(always)]
-    pub fn mul(self, v: Vec3<S>) -> Vec3<S> {
+    pub fn times(self, v: Vec3<S>) -> Vec3<S> {
         Vec3(self.0.map(|row| row.dot(v)))
     }
 

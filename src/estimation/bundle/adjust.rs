@@ -22,8 +22,12 @@ pub struct Placement {
 pub trait Motion<const L: usize, const G: usize>: Sized {
     /// Where the body is in frame `i`.
     fn placement(&self, i: usize) -> Placement;
-    /// The body's turn (in body axes) in frame `i` by the common unknowns.
-    fn turn_by_common(&self, i: usize) -> SMatrix<f64, 3, G>;
+    /// The body's turn (in body axes) and shift (in camera axes) in frame `i` by the common unknowns.
+    fn pose_by_common(&self, i: usize) -> SMatrix<f64, 6, G>;
+    /// Weight that holds a frame's own unknowns where they are; 0 if they are free.
+    fn hold(&self) -> f64 {
+        0.0
+    }
     /// Logarithm of the focal length over its nominal value.
     fn log_focal(&self) -> f64;
     /// The motion after a step; `None` if there is none such.
@@ -170,7 +174,7 @@ fn linearise<const L: usize, const G: usize, M: Motion<L, G>>(
     for i in 0..scene.len() {
         let Placement { R_CB, t_C } = motion.placement(i);
         let R = *R_CB.to_rotation_matrix().matrix();
-        let turn = motion.turn_by_common(i);
+        let pose = motion.pose_by_common(i);
         let mut H = SMatrix::<f64, 7, 7>::zeros();
         let mut g = SVector::<f64, 7>::zeros();
         for seen in scene.frame(i).iter().filter(|s| s.kept) {
@@ -180,7 +184,7 @@ fn linearise<const L: usize, const G: usize, M: Motion<L, G>>(
             let inverse = 1.0 / x.z.max(NEAREST);
             let (u, v) = (focal.x * x.x * inverse, focal.y * x.y * inverse);
             let (ru, rv) = (u - seen.pixel.x, v - seen.pixel.y);
-            let size = ru.hypot(rv);
+            let size = (ru * ru + rv * rv).sqrt();
             let root = if size > huber {
                 (huber / size).sqrt()
             } else {
@@ -217,19 +221,19 @@ fn linearise<const L: usize, const G: usize, M: Motion<L, G>>(
             system.add_point(seen.point, &by_p.tr_mul(&by_p), &by_p.tr_mul(&r));
             let H_7p: SMatrix<f64, 7, 3> = J.tr_mul(&by_p);
             let H_lp = SMatrix::<f64, L, 3>::from_fn(|a, b| H_7p[(6 - L + a, b)]);
-            let mut H_gp = turn.tr_mul(&H_7p.fixed_rows::<3>(0));
+            let mut H_gp = pose.tr_mul(&H_7p.fixed_rows::<6>(0));
             for b in 0..3 {
                 H_gp[(G - 1, b)] += H_7p[(6, b)];
             }
             system.couple(seen.point, H_lp, H_gp);
         }
         H.fill_upper_triangle_with_lower_triangle();
-        // The frame's seven unknowns by the common ones: the turn of the model, and the focal length itself.
+        // The frame's seven unknowns by the common ones: the model's pose, and the focal length itself.
         let mut by_common = SMatrix::<f64, 7, G>::zeros();
-        by_common.fixed_rows_mut::<3>(0).copy_from(&turn);
+        by_common.fixed_rows_mut::<6>(0).copy_from(&pose);
         by_common[(6, G - 1)] += 1.0;
         let H_7g = H * by_common;
-        let floor = 1e-9 * (1.0 + H.trace());
+        let floor = 1e-9 * (1.0 + H.trace()) + motion.hold();
         let mut H_ll = SMatrix::<f64, L, L>::from_fn(|a, b| H[(6 - L + a, 6 - L + b)]);
         for a in 0..L {
             H_ll[(a, a)] += floor;

@@ -29,8 +29,9 @@ pub struct Fit {
 }
 
 /// Fits the motion to `samples` (in the order of time), from a start that need only hold near its own time: the
-/// span that is fitted doubles until it holds all.
-pub fn fit(start: &FreeMotion, samples: &[Sample], segments: usize) -> Option<Fit> {
+/// span that is fitted grows by the factor `growth` until it holds all. Next to the separatrix errors grow
+/// exponentially, and so must the span grow slowly.
+pub fn fit(start: &FreeMotion, samples: &[Sample], segments: usize, growth: f64) -> Option<Fit> {
     let mut current = Fit {
         motion: *start,
         segments: vec![UnitQuaternion::identity(); segments],
@@ -55,7 +56,7 @@ pub fn fit(start: &FreeMotion, samples: &[Sample], segments: usize) -> Option<Fi
         if span >= whole {
             return Some(current);
         }
-        span = (2.0 * span).min(whole);
+        span = (growth * span).min(whole);
     }
 }
 
@@ -255,7 +256,7 @@ mod tests {
         let step =
             SVector::<f64, PARAMETERS>::from([0.01, -0.02, 0.01, 0.0, 0.02, 0.005, 0.01, -0.005]);
         let start = truth().moved(&step).unwrap();
-        let fit = fit(&start, &samples(&other), 2).unwrap();
+        let fit = fit(&start, &samples(&other), 2, 2.0).unwrap();
         assert!((fit.motion.inertia - truth().inertia).norm() < 1e-6);
         assert!(fit.segments[1].angle_to(&other) < 1e-6);
         assert!(fit.rms < 1e-6);

@@ -67,6 +67,11 @@ impl<'a> Tumbling<'a> {
         })
     }
 
+    /// The frames' times \[s\].
+    pub fn times(&self) -> &[f64] {
+        self.times
+    }
+
     /// How far the angular velocity leans from the momentum \[rad\].
     pub fn nutation(&self) -> f64 {
         let w = self.motion.R_WB * self.motion.w_WB_B(&self.motion.R_WB);
@@ -82,11 +87,11 @@ impl Motion<3, COMMON> for Tumbling<'_> {
         }
     }
 
-    fn turn_by_common(&self, i: usize) -> SMatrix<f64, 3, COMMON> {
-        let mut turn = SMatrix::<f64, 3, COMMON>::zeros();
-        turn.fixed_columns_mut::<PARAMETERS>(0)
+    fn pose_by_common(&self, i: usize) -> SMatrix<f64, 6, COMMON> {
+        let mut pose = SMatrix::<f64, 6, COMMON>::zeros();
+        pose.fixed_view_mut::<3, PARAMETERS>(0, 0)
             .copy_from(&self.swept[i].1);
-        turn
+        pose
     }
 
     fn log_focal(&self) -> f64 {

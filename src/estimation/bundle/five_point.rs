@@ -96,14 +96,11 @@ pub fn essential_matrices(rays: &[(Vector3<f64>, Vector3<f64>); 5]) -> Vec<Matri
         .plus(&product(&E[0][1], &minor(0, 2)), -1.0)
         .plus(&product(&E[0][2], &minor(0, 1)), 1.0);
     constraints.push(determinant);
-    let mut square = [[Cubic::ZERO; 3]; 3];
-    for i in 0..3 {
-        for j in 0..3 {
-            for k in 0..3 {
-                square[i][j] = square[i][j].plus(&product(&E[i][k], &E[j][k]), 1.0);
-            }
-        }
-    }
+    let along = |a: &[Cubic; 3], b: &[Cubic; 3]| {
+        let each = a.iter().zip(b);
+        each.fold(Cubic::ZERO, |sum, (a, b)| sum.plus(&product(a, b), 1.0))
+    };
+    let mut square = E.map(|a| E.map(|b| along(&a, &b)));
     let trace = square[0][0]
         .plus(&square[1][1], 1.0)
         .plus(&square[2][2], 1.0);
@@ -112,10 +109,7 @@ pub fn essential_matrices(rays: &[(Vector3<f64>, Vector3<f64>); 5]) -> Vec<Matri
     }
     for row in &square {
         for j in 0..3 {
-            let sum = (0..3).fold(Cubic::ZERO, |sum, k| {
-                sum.plus(&product(&row[k], &E[k][j]), 1.0)
-            });
-            constraints.push(sum);
+            constraints.push(along(row, &E.map(|e| e[j])));
         }
     }
 

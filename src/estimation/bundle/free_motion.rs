@@ -20,7 +20,8 @@ pub type Sensitivity = SMatrix<f64, 3, PARAMETERS>;
 /// deviation. A thin plate's are 0.9 together, a thin rod's 1.2.
 pub const SHAPE_SPREAD: f64 = 0.5;
 
-/// Largest turn in one integration step \[rad\]. The order-8 method then errs by less than 1e-10 a step.
+/// Largest turn in one integration step \[rad\]. The order-8 method then errs by less than 1e-10 a step,
+/// which motions next to the separatrix need: they multiply it a million times.
 const LARGEST_TURN: f64 = 0.5;
 
 /// The least principal moment that is accepted, of a trace of 3. A rod ten times as long as thick has more.

@@ -37,7 +37,7 @@ impl Motion<6, 1> for FreePlacements {
         self.placements[i]
     }
 
-    fn turn_by_common(&self, _: usize) -> SMatrix<f64, 3, 1> {
+    fn pose_by_common(&self, _: usize) -> SMatrix<f64, 6, 1> {
         SMatrix::zeros()
     }
 

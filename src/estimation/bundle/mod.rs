@@ -9,7 +9,8 @@
 //! 2. `momentum_start`: inertia and momentum from the attitudes, linearly, since momentum is constant.
 //! 3. `attitude_fit`: the free motion nearest to the attitudes. Tracks too short for 1. give rotations between
 //!    neighbouring frames instead, and `relative_rotation` fits the motion to those.
-//! 4. `dynamic`: bundle adjustment of points and motion together, over all frames at once.
+//! 4. `dynamic`: bundle adjustment of points and motion together, over all frames at once; and with the centre of
+//!    mass on a straight line (`straight`) where the images agree.
 //!
 //! What comes out is a [`Solution`]: motion with covariance, shape, placements, and a diagnosis of what the data
 //! leave open. The motion is stated as inertia and momentum, without principal axes, so spheres, tops and
@@ -17,6 +18,7 @@
 
 mod adjust;
 mod attitude_fit;
+mod bootstrap;
 mod camera_motion;
 mod dynamic;
 mod envelope;
@@ -33,14 +35,17 @@ mod rotations;
 mod scene;
 mod schur;
 mod solve;
+mod straight;
 mod structure;
 mod uncertainty;
+mod whole;
 
 use nalgebra::{SMatrix, UnitQuaternion, Vector3};
 
 pub use camera_motion::{CameraMotion, attitude_at, rotation_between};
 
-pub(super) use free_motion::{FreeMotion, PARAMETERS};
+pub(super) use free_motion::{FreeMotion, PARAMETERS, shape_basis, shape_times};
+pub(super) use uncertainty::derivatives;
 
 use super::{EstimateError, MotionEstimate, Tracks};
 use crate::vision::Pinhole;
@@ -95,8 +100,8 @@ pub struct BodyPose {
     pub time: f64,
     /// Body axes in the camera's axes of that frame.
     pub R_CB: UnitQuaternion<f64>,
-    /// The body's origin in the camera's axes, in units of the mean depth. The origin is a point of the body, but not
-    /// necessarily its centre of mass.
+    /// The body's origin in the camera's axes, in units of the mean depth: its centre of mass if that moves in a
+    /// straight line, else some point of the body.
     pub t_C: Vector3<f64>,
 }
 

@@ -88,9 +88,10 @@ fn rate_at(series: &[Attitude], i: usize, least: usize, degree: usize) -> Option
     })
 }
 
-/// The free motion that agrees best with `rates`, stated at the one in the middle. `None` without rates.
-pub fn momentum_start(rates: &[Rate]) -> Option<FreeMotion> {
-    let middle = rates.get(rates.len() / 2)?.attitude;
+/// The free motion that agrees best with `rates`, stated at the one that far (0 to 1) along them. `None` without
+/// rates.
+pub fn momentum_start(rates: &[Rate], along: f64) -> Option<FreeMotion> {
+    let middle = rates.get((along * rates.len() as f64) as usize)?.attitude;
     let size = rates.iter().map(|r| r.w_WB_B.norm()).sum::<f64>() / rates.len() as f64;
     let mut weights = vec![1.0; rates.len()];
     let mut solution = SVector::<f64, PARAMETERS>::zeros();
@@ -161,7 +162,7 @@ mod tests {
         let series: Vec<_> = (truth.attitudes(&times).into_iter().zip(&times))
             .map(|(R_WB, &time)| Attitude { time, R_WB })
             .collect();
-        let found = momentum_start(&rates(&series)).unwrap();
+        let found = momentum_start(&rates(&series), 0.5).unwrap();
         assert!(
             (found.inertia - truth.inertia).norm() < 5e-3,
             "{}",
@@ -179,9 +180,9 @@ mod tests {
                 Attitude { time, R_WB }
             })
             .collect();
-        let found = momentum_start(&rates(&series)).unwrap();
+        let found = momentum_start(&rates(&series), 0.5).unwrap();
         let w = found.w_WB_B(&found.R_WB);
         assert!((w - Vector3::new(0.0, 0.3, 0.4)).norm() < 1e-6, "{w}");
-        assert_eq!(momentum_start(&[]), None);
+        assert_eq!(momentum_start(&[], 0.5), None);
     }
 }

@@ -41,15 +41,14 @@ pub fn place(
     if !search {
         return None;
     }
-    let starts = attitudes().into_iter().filter_map(|R_CB| {
+    let mut starts = attitudes().into_iter().filter_map(|R_CB| {
         let start = Placement {
             R_CB,
             t_C: translation(focal, marks, &R_CB)?,
         };
         refine(focal, marks, start, noise)
     });
-    // The most agreeing marks win.
-    starts.max_by_key(|p| p.agreeing).filter(convinces)
+    starts.find(convinces)
 }
 
 /// Iteratively reweighted least squares with Cauchy's loss, whose width shrinks to a few times the noise.

@@ -127,7 +127,7 @@ fn decompose(E: &Matrix3<f64>, pairs: &[Pair]) -> Option<Candidate> {
     debug_assert_eq!(smallest, 2);
     let T = UnitVector3::new_normalize(U.column(2).into_owned());
     let both = [U * W * Vt, U * W.transpose() * Vt];
-    let rotations = both.map(|R| Rotation3::from_matrix_unchecked(R));
+    let rotations = both.map(Rotation3::from_matrix_unchecked);
     let all = rotations.into_iter().flat_map(|R| [(R, T), (R, -T)]);
     let before = |(R, T): &Candidate| pairs.iter().filter(|p| in_front(R, T, p)).count();
     all.max_by_key(before)

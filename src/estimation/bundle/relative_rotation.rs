@@ -57,7 +57,7 @@ pub fn relative_rotation_fit(
         if span >= whole {
             return Some(motion);
         }
-        span = (2.0 * span).min(whole);
+        span = (1.5 * span).min(whole);
     }
 }
 
@@ -119,7 +119,7 @@ fn chained_start(times: &[f64], turns: &[Turn]) -> Option<FreeMotion> {
     if chain.len() > best.len() {
         best = chain;
     }
-    momentum_start(&rates(&best))
+    momentum_start(&rates(&best), 0.5)
 }
 
 fn improve(motion: FreeMotion, times: &[f64], turns: &[Turn]) -> Option<FreeMotion> {
@@ -250,7 +250,8 @@ mod tests {
             R * m.w_WB_B(&R)
         };
         for k in [0, 50, 99] {
-            assert!((w(&motion, k) - w(&truth, k)).norm() < 1e-7);
+            // The prior on the shape leaves a trace.
+            assert!((w(&motion, k) - w(&truth, k)).norm() < 1e-5);
         }
         let mut problem = Problem {
             start: motion,

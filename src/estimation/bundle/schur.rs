@@ -90,7 +90,8 @@ impl<const L: usize, const G: usize> System<L, G> {
         self.g_p[point] += g;
     }
 
-    /// Adds the coupling of the frame that the next [`System::add_frame`] closes with a point.
+    /// Adds the coupling of the frame that the next [`System::add_frame`] closes with a point, which may be coupled
+    /// to it only once.
     #[inline]
     pub fn couple(&mut self, point: usize, H_lp: SMatrix<f64, L, 3>, H_gp: SMatrix<f64, G, 3>) {
         self.coupling.push(Coupling { point, H_lp, H_gp });
@@ -316,6 +317,7 @@ mod tests {
             let (mut H_ll, mut H_lg) = (Matrix2::zeros(), Matrix2::zeros());
             let mut g_l = Vector2::zeros();
             for j in i.saturating_sub(2)..(i + 2).min(points) {
+                let (mut H_lp, mut H_gp) = (SMatrix::zeros(), SMatrix::zeros());
                 for _ in 0..4 {
                     let mut random = || rng.random_range(-1.0..1.0);
                     let (jl, jg) = (
@@ -335,10 +337,12 @@ mod tests {
                     g_l += jl * r;
                     let H_pp: Matrix3<f64> = jp * jp.transpose();
                     system.add_point(j, &H_pp, &(jp * r));
-                    system.couple(j, jl * jp.transpose(), jg * jp.transpose());
+                    H_lp += jl * jp.transpose();
+                    H_gp += jg * jp.transpose();
                     system.H_gg += jg * jg.transpose();
                     system.g_g += jg * r;
                 }
+                system.couple(j, H_lp, H_gp);
             }
             system.add_frame(H_ll, H_lg, g_l);
         }

@@ -8,16 +8,13 @@ use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use rand::Rng;
 
 use super::adjust::{Effort, Placement, adjust};
+use super::bootstrap::{key_frames, start};
 use super::frames::Frames;
 use super::free_placements::FreePlacements;
-use super::known_rotation::{drop_hidden, structure as linear_structure, triangulate};
+use super::known_rotation::triangulate;
 use super::placing::{MIN_POINTS, Mark, place, translation};
-use super::relative_pose::relative_pose;
 use super::scene::{Scene, Seen, residual};
 use crate::spatial::exp_so3;
-
-/// Change of the arrangement from one key frame to the next; see [`Frames::change`].
-const KEY_CHANGE: f64 = 0.2;
 
 /// Where to start: number of key frames, and where in the frames. A start where the motion shows little may be
 /// next to one where it shows much.
@@ -30,11 +27,8 @@ const STARTS: [(usize, f64); 6] = [
     (48, 0.0),
 ];
 
-/// The fewest points that key frames share.
-const MIN_COMMON: usize = 8;
-
 /// Frames that may be searched for the body in all attitudes before that is given up.
-const SEARCHES: usize = 30;
+const SEARCHES: usize = 8;
 
 /// A residual is believed up to this many times the noise.
 pub const BELIEVED: f64 = 6.0;
@@ -115,109 +109,6 @@ pub fn reconstruct(
     Some(segment)
 }
 
-/// Frames from the first of `open` on, each with a visible change from the one before.
-fn key_frames(frames: &Frames, open: &[usize], most: usize) -> Vec<usize> {
-    let mut keys: Vec<usize> = Vec::with_capacity(most);
-    let mut last_good = None;
-    for &i in open {
-        let Some(&last) = keys.last() else {
-            if frames.list[i].sights.len() >= MIN_COMMON {
-                keys.push(i);
-            }
-            continue;
-        };
-        match frames.change(last, i, MIN_COMMON) {
-            Some(change) if change >= KEY_CHANGE => {
-                keys.push(i);
-                last_good = None;
-            }
-            Some(_) => last_good = Some(i),
-            // The last frame that still shares enough, little as it changed.
-            None => {
-                if let Some(good) = last_good.take() {
-                    keys.push(good);
-                } else if keys.len() < 3 {
-                    keys.clear();
-                } else {
-                    break;
-                }
-            }
-        }
-        if keys.len() == most {
-            break;
-        }
-    }
-    keys
-}
-
-/// Structure of the key frames.
-fn start(
-    frames: &mut Frames,
-    keys: &[usize],
-    settings: &Settings,
-    rng: &mut impl Rng,
-) -> Option<Segment> {
-    let angle = settings.noise * frames.pixel_angle();
-    let mut attitudes = vec![UnitQuaternion::identity()];
-    let mut agreements = std::collections::HashMap::<(usize, usize), (u32, u32)>::new();
-    for pair in keys.windows(2) {
-        let both = frames.common(pair[0], pair[1]);
-        let pose = relative_pose(&frames.pairs(pair[0], pair[1]), angle, rng)?;
-        for ((track, ..), agrees) in both.iter().zip(&pose.agreeing) {
-            for key in pair {
-                let votes = agreements.entry((*key, *track)).or_default();
-                votes.0 += u32::from(*agrees);
-                votes.1 += 1;
-            }
-        }
-        let turn = UnitQuaternion::from_rotation_matrix(&pose.R);
-        let mut next = turn * attitudes.last()?;
-        next.renormalize();
-        attitudes.push(next);
-    }
-    for &key in keys {
-        for sight in &mut frames.list[key].sights {
-            let votes = agreements.get(&(key, sight.track));
-            sight.kept = votes.is_none_or(|(good, _)| *good > 0);
-        }
-    }
-    let (mut scene, tracks) = scene_of(frames, keys, |_| true, settings.noise, 2);
-    let (mut points, placements) = linear_structure(&scene, &attitudes, settings.noise)?;
-    if 4 * drop_hidden(&mut scene, &points, &placements) < 3 * scene.seen().len() {
-        return None;
-    }
-    let mut motion = FreePlacements::new(placements, false);
-    for huber in [10.0, 4.0] {
-        let effort = Effort {
-            huber: huber * settings.noise,
-            steps: 30,
-            tolerance: 1e-4,
-        };
-        adjust(&scene, &mut motion, &mut points, &effort)?;
-        // Believed again is what agrees now.
-        believe(
-            &mut scene,
-            &motion,
-            &points,
-            2.0 * BELIEVED * settings.noise,
-        );
-    }
-    let mut segment = Segment {
-        placements: vec![None; frames.list.len()],
-        points: vec![None; frames.ids.len()],
-        log_focal: 0.0,
-        rms: 0.0,
-    };
-    for (k, &i) in keys.iter().enumerate() {
-        segment.placements[i] = Some(motion.placements[k]);
-    }
-    for (point, &track) in points.iter().zip(&tracks) {
-        segment.points[track] = Some(*point);
-    }
-    segment.rms = rms(&scene, &motion, &points);
-    (segment.rms < 8.0 * settings.noise).then_some(segment)
-}
-
 /// The scene of the given frames with the tracks for which `wanted` holds and that at least `least` of them show;
 /// and which track each point is.
 pub fn scene_of(
@@ -258,7 +149,7 @@ pub fn scene_of(
 }
 
 /// Believes what is less than `limit` \[px\] off, and nothing else.
-fn believe(scene: &mut Scene, motion: &FreePlacements, points: &[Vector3<f64>], limit: f64) {
+pub fn believe(scene: &mut Scene, motion: &FreePlacements, points: &[Vector3<f64>], limit: f64) {
     let focal = scene.focal * motion.log_focal.exp();
     for (i, placement) in motion.placements.iter().enumerate() {
         let R = placement.R_CB.to_rotation_matrix();
@@ -271,7 +162,7 @@ fn believe(scene: &mut Scene, motion: &FreePlacements, points: &[Vector3<f64>], 
 }
 
 /// Root mean square of the believed residuals' components \[px\].
-fn rms(scene: &Scene, motion: &FreePlacements, points: &[Vector3<f64>]) -> f64 {
+pub fn rms(scene: &Scene, motion: &FreePlacements, points: &[Vector3<f64>]) -> f64 {
     let focal = scene.focal * motion.log_focal.exp();
     let (mut sum, mut count) = (0.0, 0);
     for (i, placement) in motion.placements.iter().enumerate() {
@@ -314,15 +205,11 @@ fn grow(
             (high + reach / 2).min(open.len() - 1),
             low.saturating_sub(reach / 2),
         );
-        for k in (high + 1)..=up {
-            place_frame(frames, &mut segment, open[k], settings, &mut searches);
-            if k % 8 == 0 {
-                add_points(frames, &mut segment, settings);
-            }
-        }
-        for k in (down..low).rev() {
-            place_frame(frames, &mut segment, open[k], settings, &mut searches);
-            if k % 8 == 0 {
+        let forwards = open[high + 1..=up].iter();
+        let backwards = open[down..low].iter().rev();
+        for (k, &i) in forwards.chain(backwards).enumerate() {
+            place_frame(frames, &mut segment, i, settings, &mut searches);
+            if k % 8 == 7 {
                 add_points(frames, &mut segment, settings);
             }
         }

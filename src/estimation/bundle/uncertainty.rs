@@ -32,7 +32,7 @@ pub struct Report {
 }
 
 /// Derivatives of `(J_x, J_y, J_z, alpha)` by the eight parameters, in the order of axes that `J` has.
-fn derivatives(motion: &FreeMotion, J: &Vector3<f64>) -> SMatrix<f64, 4, PARAMETERS> {
+pub fn derivatives(motion: &FreeMotion, J: &Vector3<f64>) -> SMatrix<f64, 4, PARAMETERS> {
     let eigen = motion.inertia.symmetric_eigen();
     let mut order = [0, 1, 2];
     order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));

@@ -45,6 +45,13 @@ impl Axis {
     }
 }
 
+impl Axis {
+    /// The ticks with their names.
+    pub fn labels(&self) -> impl Iterator<Item = (f64, String)> {
+        self.ticks.iter().map(|v| (*v, self.format_ext(v)))
+    }
+}
+
 impl Ranged for Axis {
     type FormatOption = NoDefaultFormatting;
     type ValueType = f64;

@@ -1,16 +1,23 @@
-//! Line charts as SVG and PNG, the same on every machine: the font is compiled in.
+//! Charts of curves over a common axis, maps over a grid and curves in a plane, as SVG and PNG.
 
 mod axis;
+mod canvas;
+mod map;
+mod plane;
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
+use plotters::style::FontStyle;
 use plotters::style::text_anchor::{HPos, Pos, VPos};
-use plotters::style::{FontStyle, register_font};
 use std::ops::Range;
 use std::path::{Path, PathBuf};
-use std::sync::Once;
 
 use axis::Axis;
+use canvas::{Drawing, FAINT, FONT, Pen, TEXT};
+
+pub use canvas::ChartError;
+pub use map::{MapFigure, MapPanel, MapScale};
+pub use plane::PlaneFigure;
 
 /// A picture: panels one below the other over a common horizontal axis.
 #[derive(Debug, Clone, PartialEq)]
@@ -45,25 +52,10 @@ pub struct Series {
     pub points: Vec<(f64, f64)>,
 }
 
-/// A picture that could not be made.
-#[derive(Debug, thiserror::Error)]
-#[error("{}: {problem}", path.display())]
-pub struct ChartError {
-    path: PathBuf,
-    problem: String,
-}
-
 const WIDTH: u32 = 1000;
 const TITLE_HEIGHT: u32 = 48;
 const PANEL_HEIGHT: u32 = 300;
 const LEGEND_WIDTH: u32 = 190;
-/// PNGs have this many pixels to a unit of length, so that they are sharp on any screen ...
-const PNG_SCALE: u32 = 2;
-/// ... each the mean of a square of this many, since plotters does not smooth wide lines.
-const OVERSAMPLING: u32 = 2;
-const FONT: &str = "sans-serif";
-const TEXT: RGBColor = RGBColor(38, 38, 38);
-const FAINT: RGBColor = RGBColor(110, 110, 110);
 const GRID: RGBColor = RGBColor(226, 226, 226);
 
 /// Okabe and Ito's colours, which colour-blind readers tell apart, without the yellow that white swallows.
@@ -77,104 +69,13 @@ const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 0, 0),
 ];
 
-/// How lines are drawn.
-#[derive(Clone, Copy)]
-struct Pen {
-    /// Pixels to a unit of length.
-    scale: u32,
-    /// Joints of wide lines are drawn as discs, where the backend would draw spikes without end.
-    discs: bool,
-}
-
-impl Pen {
-    const SVG: Self = Self {
-        scale: 1,
-        discs: false,
-    };
-    const PNG: Self = Self {
-        scale: PNG_SCALE * OVERSAMPLING,
-        discs: true,
-    };
-}
-
 impl Figure {
     /// Draws the figure to `stem.svg` and `stem.png`; returns both paths.
     ///
     /// # Errors
     /// [`ChartError`] if a file cannot be written.
     pub fn save(&self, stem: &Path) -> Result<[PathBuf; 2], ChartError> {
-        use_own_font();
-        let (svg, png) = (stem.with_extension("svg"), stem.with_extension("png"));
-        let (width, height) = self.size();
-        self.draw(
-            &SVGBackend::new(&svg, (width, height)).into_drawing_area(),
-            Pen::SVG,
-        )
-        .map_err(|e| ChartError::new(&svg, e))?;
-        self.save_png(&png).map_err(|e| ChartError::new(&png, e))?;
-        Ok([svg, png])
-    }
-
-    fn save_png(&self, path: &Path) -> Result<(), Box<dyn std::error::Error>> {
-        let (width, height) = self.size();
-        let scale = Pen::PNG.scale;
-        let size = (width * scale, height * scale);
-        let mut pixels = vec![0; (size.0 * size.1 * 3) as usize];
-        {
-            let area = BitMapBackend::with_buffer(&mut pixels, size).into_drawing_area();
-            // The error borrows the pixels; its text does not.
-            self.draw(&area, Pen::PNG).map_err(|e| e.to_string())?;
-        }
-        let (width, height) = (width * PNG_SCALE, height * PNG_SCALE);
-        let smooth = image::RgbImage::from_fn(width, height, |x, y| {
-            let mut sum = [0; 3];
-            for i in 0..OVERSAMPLING * OVERSAMPLING {
-                let (x, y) = (
-                    x * OVERSAMPLING + i % OVERSAMPLING,
-                    y * OVERSAMPLING + i / OVERSAMPLING,
-                );
-                let at = ((y * size.0 + x) * 3) as usize;
-                for (s, p) in sum.iter_mut().zip(&pixels[at..at + 3]) {
-                    *s += u32::from(*p);
-                }
-            }
-            image::Rgb(sum.map(|s| (s / (OVERSAMPLING * OVERSAMPLING)) as u8))
-        });
-        Ok(smooth.save(path)?)
-    }
-
-    fn size(&self) -> (u32, u32) {
-        (
-            WIDTH,
-            TITLE_HEIGHT + PANEL_HEIGHT * self.panels.len() as u32,
-        )
-    }
-
-    fn draw<B: DrawingBackend>(
-        &self,
-        area: &DrawingArea<B, Shift>,
-        pen: Pen,
-    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
-        let scale = pen.scale;
-        area.fill(&WHITE)?;
-        let (title, body) = area.split_vertically(TITLE_HEIGHT * scale);
-        let style = (FONT, 22 * scale, FontStyle::Bold, &TEXT)
-            .into_text_style(&title)
-            .pos(Pos::new(HPos::Left, VPos::Center));
-        let at = (20 * scale as i32, (TITLE_HEIGHT * scale / 2) as i32);
-        title.draw_text(&self.title, &style, at)?;
-        let x = self.x_range();
-        let last = self.panels.len().saturating_sub(1);
-        for (i, (panel, area)) in self
-            .panels
-            .iter()
-            .zip(body.split_evenly((self.panels.len().max(1), 1)))
-            .enumerate()
-        {
-            let x_label = if i == last { self.x_label.as_str() } else { "" };
-            panel.draw(&area, pen, x.clone(), x_label)?;
-        }
-        area.present()
+        canvas::save(self, stem)
     }
 
     fn x_range(&self) -> Range<f64> {
@@ -190,6 +91,51 @@ impl Figure {
             low - 0.5..high + 0.5
         }
     }
+}
+
+impl Drawing for Figure {
+    fn size(&self) -> (u32, u32) {
+        (
+            WIDTH,
+            TITLE_HEIGHT + PANEL_HEIGHT * self.panels.len() as u32,
+        )
+    }
+
+    fn draw<B: DrawingBackend>(
+        &self,
+        area: &DrawingArea<B, Shift>,
+        pen: Pen,
+    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
+        let body = draw_title(area, pen, &self.title)?;
+        let x = self.x_range();
+        let last = self.panels.len().saturating_sub(1);
+        for (i, (panel, area)) in self
+            .panels
+            .iter()
+            .zip(body.split_evenly((self.panels.len().max(1), 1)))
+            .enumerate()
+        {
+            let x_label = if i == last { self.x_label.as_str() } else { "" };
+            panel.draw(&area, pen, x.clone(), x_label)?;
+        }
+        Ok(())
+    }
+}
+
+/// Draws a figure's title; returns what is left of its area.
+fn draw_title<B: DrawingBackend>(
+    area: &DrawingArea<B, Shift>,
+    pen: Pen,
+    text: &str,
+) -> Result<DrawingArea<B, Shift>, DrawingAreaErrorKind<B::ErrorType>> {
+    let scale = pen.scale;
+    let (title, body) = area.split_vertically(TITLE_HEIGHT * scale);
+    let style = (FONT, 22 * scale, FontStyle::Bold, &TEXT)
+        .into_text_style(&title)
+        .pos(Pos::new(HPos::Left, VPos::Center));
+    let at = (20 * scale as i32, (TITLE_HEIGHT * scale / 2) as i32);
+    title.draw_text(text, &style, at)?;
+    Ok(body)
 }
 
 impl Panel {
@@ -280,68 +226,45 @@ impl Panel {
                 chart.draw_series(LineSeries::new(points, style))?;
             }
         }
-        self.draw_legend(&legend, scale)
+        let names = self.series.iter().map(|s| s.name.as_str());
+        let marks = self.marks.iter().map(|(_, name)| name.as_str());
+        draw_legend(&legend, scale, names, marks)
     }
+}
 
-    /// Beside the plot, where it hides nothing.
-    fn draw_legend<B: DrawingBackend>(
-        &self,
-        area: &DrawingArea<B, Shift>,
-        scale: u32,
-    ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
-        let style = (FONT, 15 * scale)
-            .into_text_style(area)
-            .color(&TEXT)
-            .pos(Pos::new(HPos::Left, VPos::Center));
-        let unit = scale as i32;
-        let curves = self
-            .series
-            .iter()
-            .enumerate()
-            .map(|(i, s)| (Some(i), &s.name));
-        let marks = self.marks.iter().map(|(_, name)| (None, name));
-        for (row, (curve, name)) in curves.chain(marks).enumerate() {
-            let y = unit * (22 + 24 * row as i32);
-            let ends = vec![(4 * unit, y), (30 * unit, y)];
-            match curve {
-                Some(i) => area.draw(&PathElement::new(ends, line(i, scale)))?,
-                None => {
-                    for x in [4, 14, 24] {
-                        let dash = vec![(x * unit, y), ((x + 6) * unit, y)];
-                        area.draw(&PathElement::new(dash, FAINT.stroke_width(scale)))?;
-                    }
+/// Names of curves and of limits beside a plot, where they hide nothing.
+fn draw_legend<'a, B: DrawingBackend>(
+    area: &DrawingArea<B, Shift>,
+    scale: u32,
+    curves: impl Iterator<Item = &'a str>,
+    marks: impl Iterator<Item = &'a str>,
+) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
+    let style = (FONT, 15 * scale)
+        .into_text_style(area)
+        .color(&TEXT)
+        .pos(Pos::new(HPos::Left, VPos::Center));
+    let unit = scale as i32;
+    let curves = curves.enumerate().map(|(i, name)| (Some(i), name));
+    let marks = marks.map(|name| (None, name));
+    for (row, (curve, name)) in curves.chain(marks).enumerate() {
+        let y = unit * (22 + 24 * row as i32);
+        let ends = vec![(4 * unit, y), (30 * unit, y)];
+        match curve {
+            Some(i) => area.draw(&PathElement::new(ends, line(i, scale)))?,
+            None => {
+                for x in [4, 14, 24] {
+                    let dash = vec![(x * unit, y), ((x + 6) * unit, y)];
+                    area.draw(&PathElement::new(dash, FAINT.stroke_width(scale)))?;
                 }
             }
-            area.draw_text(name, &style, (38 * unit, y))?;
         }
-        Ok(())
+        area.draw_text(name, &style, (38 * unit, y))?;
     }
+    Ok(())
 }
 
 fn line(i: usize, scale: u32) -> ShapeStyle {
     COLOURS[i % COLOURS.len()].stroke_width(2 * scale)
-}
-
-impl ChartError {
-    fn new(path: &Path, problem: impl std::fmt::Display) -> Self {
-        Self {
-            path: path.to_owned(),
-            problem: problem.to_string(),
-        }
-    }
-}
-
-fn use_own_font() {
-    static ONCE: Once = Once::new();
-    ONCE.call_once(|| {
-        for (style, bytes) in [
-            (FontStyle::Normal, notosans::REGULAR_TTF),
-            (FontStyle::Bold, notosans::BOLD_TTF),
-        ] {
-            // The bytes are a font, as a test of this file shows.
-            let _ = register_font(FONT, style, bytes);
-        }
-    });
 }
 
 fn bounds(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {

@@ -3,6 +3,9 @@
 mod masutani;
 mod report;
 mod tr942;
+mod tumbling;
+
+use tumbling::TUMBLING;
 
 pub use report::{Report, Row};
 
@@ -17,7 +20,21 @@ pub struct Reproduction {
 }
 
 /// All of them, in the order in which `fuyu reproduce all` computes them.
-pub const ALL: &[Reproduction] = &[
+pub const ALL: &[Reproduction] = &{
+    let mut all = [QUICK[0]; QUICK.len() + TUMBLING.len()];
+    let mut i = 0;
+    while i < all.len() {
+        all[i] = match i < QUICK.len() {
+            true => QUICK[i],
+            false => TUMBLING[i - QUICK.len()],
+        };
+        i += 1;
+    }
+    all
+};
+
+/// Those of a few runs each.
+const QUICK: &[Reproduction] = &[
     Reproduction {
         name: "masutani-fig-5.3",
         shows: "Masutani 1995 Fig. 5.3: joint PD misses the goal, the transpose of the generalized Jacobian reaches it",

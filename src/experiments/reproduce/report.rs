@@ -4,7 +4,7 @@ use serde::Serialize;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use crate::experiments::{ChartError, Figure};
+use crate::experiments::{ChartError, Figure, MapFigure, PlaneFigure};
 
 /// One number, published and computed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -38,6 +38,15 @@ pub struct Report {
     /// Pictures by the stem of their file names.
     #[serde(skip)]
     pub figures: Vec<(String, Figure)>,
+    /// Maps by the stem of their file names.
+    #[serde(skip)]
+    pub maps: Vec<(String, MapFigure)>,
+    /// Curves in a plane by the stem of their file names.
+    #[serde(skip)]
+    pub planes: Vec<(String, PlaneFigure)>,
+    /// Tables of another shape, laid out as they are printed.
+    #[serde(skip)]
+    pub listings: Vec<String>,
 }
 
 impl Report {
@@ -50,6 +59,9 @@ impl Report {
             notes: Vec::new(),
             shows: shows.to_owned(),
             figures: Vec::new(),
+            maps: Vec::new(),
+            planes: Vec::new(),
+            listings: Vec::new(),
         }
     }
 
@@ -111,6 +123,12 @@ impl Report {
             }
             let _ = writeln!(out, "{line}  {}", row[4]);
         }
+        for listing in &self.listings {
+            out.push('\n');
+            for line in listing.lines() {
+                let _ = writeln!(out, "  {line}");
+            }
+        }
         for note in &self.notes {
             let _ = writeln!(out, "\n  {note}");
         }
@@ -130,11 +148,17 @@ impl Report {
     /// One line that names the file that cannot be written.
     pub fn save(&self, folder: &Path) -> Result<Vec<PathBuf>, String> {
         let mut paths = Vec::new();
+        // A name may have a dot, which is no extension.
+        let path = |stem: &str| folder.join(format!("{stem}.svg"));
+        let line = |e: ChartError| e.to_string();
         for (stem, figure) in &self.figures {
-            // A name may have a dot, which is no extension.
-            let stem = folder.join(format!("{stem}.svg"));
-            let pair = figure.save(&stem).map_err(|e: ChartError| e.to_string())?;
-            paths.extend(pair);
+            paths.extend(figure.save(&path(stem)).map_err(line)?);
+        }
+        for (stem, map) in &self.maps {
+            paths.extend(map.save(&path(stem)).map_err(line)?);
+        }
+        for (stem, plane) in &self.planes {
+            paths.extend(plane.save(&path(stem)).map_err(line)?);
         }
         for (ending, text) in [("csv", self.csv()), ("md", self.markdown())] {
             let path = folder.join(format!("{}.{ending}", self.name));
@@ -166,11 +190,17 @@ impl Report {
         for row in &self.rows {
             let _ = writeln!(out, "| {} |", row.cells().join(" | "));
         }
+        for listing in &self.listings {
+            let _ = writeln!(out, "\n```\n{}\n```", listing.trim_end());
+        }
         for note in &self.notes {
             let _ = writeln!(out, "\n{note}");
         }
-        for (stem, figure) in &self.figures {
-            let _ = writeln!(out, "\n![{}]({stem}.svg)", figure.title);
+        let figures = self.figures.iter().map(|(stem, f)| (stem, &f.title));
+        let maps = self.maps.iter().map(|(stem, m)| (stem, &m.title));
+        let planes = self.planes.iter().map(|(stem, p)| (stem, &p.title));
+        for (stem, title) in figures.chain(maps).chain(planes) {
+            let _ = writeln!(out, "\n![{title}]({stem}.svg)");
         }
         out
     }

@@ -1,0 +1,147 @@
+//! A free motion whose centre of mass moves in a straight line before a camera that does not move.
+//!
+//! It replaces three unknowns of every frame by six in all, so attitudes are known better: a turn about an axis across
+//! the line of sight is no longer taken for a shift. Whether the body does move so (no orbit's curvature, no
+//! accelerated camera) is for the images to say.
+
+use nalgebra::{SMatrix, SVector, Vector3};
+
+use super::adjust::{Motion, Placement};
+use super::dynamic::{COMMON, Tumbling};
+use super::free_motion::PARAMETERS;
+use super::free_placements::HELD;
+
+/// Unknowns of the line: a position and a velocity.
+pub const LINE: usize = 6;
+
+/// All common unknowns: the motion's, the line's, and the focal length last.
+const ALL: usize = COMMON + LINE;
+
+/// A free motion along a straight line. The body's origin is its centre of mass.
+#[derive(Debug, Clone)]
+pub struct Straight<'a> {
+    rotation: Tumbling<'a>,
+    start: Vector3<f64>,
+    /// Displacement over the whole time.
+    displacement: Vector3<f64>,
+}
+
+impl<'a> Straight<'a> {
+    /// The line nearest to where `free` has the body, and where the centre of mass is in the body's axes so far. The
+    /// centre's component along an axis that never turns is not seen; it stays.
+    pub fn new(free: Tumbling<'a>) -> Option<(Self, Vector3<f64>)> {
+        // t_i = c + τ_i d - R_i b, linear in c, d and b.
+        let mut H = SMatrix::<f64, 9, 9>::zeros();
+        let mut g = SVector::<f64, 9>::zeros();
+        for (i, t_C) in free.t_C.iter().enumerate() {
+            let R = free.placement(i).R_CB.to_rotation_matrix();
+            let mut J = SMatrix::<f64, 3, 9>::zeros();
+            J.fixed_columns_mut::<3>(0).fill_with_identity();
+            J.fixed_columns_mut::<3>(3).fill_diagonal(part(&free, i));
+            J.fixed_columns_mut::<3>(6).copy_from(&-R.matrix());
+            H += J.tr_mul(&J);
+            g += J.tr_mul(t_C);
+        }
+        for k in 6..9 {
+            H[(k, k)] += 1e-9 * free.t_C.len() as f64;
+        }
+        let solved = H.cholesky()?.solve(&g);
+        let straight = Self {
+            rotation: free,
+            start: solved.fixed_rows::<3>(0).into_owned(),
+            displacement: solved.fixed_rows::<3>(3).into_owned(),
+        };
+        Some((straight, solved.fixed_rows::<3>(6).into_owned()))
+    }
+
+    fn position(&self, i: usize) -> Vector3<f64> {
+        self.start + self.displacement * part(&self.rotation, i)
+    }
+
+    /// The same motion with a position for each frame.
+    pub fn into_free(self) -> Tumbling<'a> {
+        let t_C = (0..self.rotation.t_C.len())
+            .map(|i| self.position(i))
+            .collect();
+        let mut rotation = self.rotation;
+        rotation.t_C = t_C;
+        rotation
+    }
+}
+
+/// What is known of the motion's common unknowns when the line is marginalised out.
+pub fn without_line(information: &SMatrix<f64, ALL, ALL>) -> Option<SMatrix<f64, COMMON, COMMON>> {
+    let kept = |k: usize| if k < PARAMETERS { k } else { ALL - 1 };
+    let own = SMatrix::<f64, COMMON, COMMON>::from_fn(|a, b| information[(kept(a), kept(b))]);
+    let cross =
+        SMatrix::<f64, COMMON, LINE>::from_fn(|a, b| information[(kept(a), PARAMETERS + b)]);
+    let mut line = information
+        .fixed_view::<LINE, LINE>(PARAMETERS, PARAMETERS)
+        .into_owned();
+    // Along an axis that never turns points and line may shift together.
+    let floor = 1e-9 * line.trace();
+    for k in 0..LINE {
+        line[(k, k)] += floor;
+    }
+    Some(own - cross * line.try_inverse()? * cross.transpose())
+}
+
+/// Time of frame `i` as a part of the whole, from 0 to 1.
+fn part(rotation: &Tumbling, i: usize) -> f64 {
+    let times = rotation.times();
+    let whole = times[times.len() - 1] - times[0];
+    (times[i] - times[0]) / whole.max(f64::MIN_POSITIVE)
+}
+
+impl Motion<3, ALL> for Straight<'_> {
+    fn placement(&self, i: usize) -> Placement {
+        Placement {
+            t_C: self.position(i),
+            ..self.rotation.placement(i)
+        }
+    }
+
+    fn pose_by_common(&self, i: usize) -> SMatrix<f64, 6, ALL> {
+        let mut pose = SMatrix::<f64, 6, ALL>::zeros();
+        let turn = self.rotation.pose_by_common(i);
+        let turn = turn.fixed_view::<3, PARAMETERS>(0, 0);
+        pose.fixed_view_mut::<3, PARAMETERS>(0, 0).copy_from(&turn);
+        let mut start = pose.fixed_view_mut::<3, 3>(3, PARAMETERS);
+        start.fill_with_identity();
+        let mut displacement = pose.fixed_view_mut::<3, 3>(3, PARAMETERS + 3);
+        displacement.fill_diagonal(part(&self.rotation, i));
+        pose
+    }
+
+    fn hold(&self) -> f64 {
+        HELD
+    }
+
+    fn log_focal(&self) -> f64 {
+        self.rotation.log_focal
+    }
+
+    fn moved(&self, _: &[SVector<f64, 3>], common: &SVector<f64, ALL>) -> Option<Self> {
+        let mut of_rotation = SVector::<f64, COMMON>::zeros();
+        of_rotation
+            .fixed_rows_mut::<PARAMETERS>(0)
+            .copy_from(&common.fixed_rows::<PARAMETERS>(0));
+        of_rotation[COMMON - 1] = common[ALL - 1];
+        let still = vec![SVector::<f64, 3>::zeros(); self.rotation.t_C.len()];
+        Some(Self {
+            rotation: self.rotation.moved(&still, &of_rotation)?,
+            start: self.start + common.fixed_rows::<3>(PARAMETERS),
+            displacement: self.displacement + common.fixed_rows::<3>(PARAMETERS + 3),
+        })
+    }
+
+    fn prior(&self) -> (SVector<f64, ALL>, SVector<f64, ALL>) {
+        let (own, off) = self.rotation.prior();
+        let (mut weights, mut distance) = (SVector::zeros(), SVector::zeros());
+        for k in 0..PARAMETERS {
+            (weights[k], distance[k]) = (own[k], off[k]);
+        }
+        (weights[ALL - 1], distance[ALL - 1]) = (own[COMMON - 1], off[COMMON - 1]);
+        (weights, distance)
+    }
+}

@@ -1,0 +1,359 @@
+//! Maps: a colour for each cell of a grid, several grids side by side under one scale.
+
+use plotters::coord::Shift;
+use plotters::prelude::*;
+use plotters::style::text_anchor::{HPos, Pos, VPos};
+use std::path::{Path, PathBuf};
+
+use super::canvas::{self, Drawing, FAINT, FONT, Pen, TEXT};
+use super::{COLOURS, ChartError, TITLE_HEIGHT, bounds, draw_title};
+
+/// A picture of maps side by side over the same axes.
+#[derive(Debug, Clone, PartialEq)]
+pub struct MapFigure {
+    /// Title.
+    pub title: String,
+    /// Quantity and unit of the horizontal axis.
+    pub x_label: String,
+    /// Quantity and unit of the vertical axis.
+    pub y_label: String,
+    /// Columns, from left to right.
+    pub x: Vec<f64>,
+    /// Rows, from the bottom up.
+    pub y: Vec<f64>,
+    /// What the colours mean.
+    pub scale: MapScale,
+    /// The maps, from left to right.
+    pub panels: Vec<MapPanel>,
+}
+
+/// One map.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct MapPanel {
+    /// Title.
+    pub title: String,
+    /// All rows of the first column from the bottom up, then of the next. What is not finite, and on a scale of
+    /// logarithms not positive, is drawn as a grey cell with a stroke: no value. For classes, their numbers.
+    pub values: Vec<f64>,
+    /// Cells that get a cross: their places in `values`.
+    pub crosses: Vec<usize>,
+}
+
+/// What colours mean.
+#[derive(Debug, Clone, PartialEq)]
+pub enum MapScale {
+    /// A quantity with its unit, on a colour bar of equal steps.
+    Linear(String),
+    /// A quantity with its unit, on a colour bar of equal factors; what is more than six powers of ten below
+    /// the largest gets the colour of the least.
+    Logarithms(String),
+    /// Names of the classes 0, 1, ...
+    Classes(Vec<String>),
+}
+
+const PANEL_WIDTH: i32 = 430;
+const BAR_WIDTH: i32 = 140;
+const LEFT: i32 = 66;
+const TOP: i32 = 28;
+const MAP_WIDTH: i32 = 350;
+const MAP_HEIGHT: i32 = 420;
+const BOTTOM: i32 = 62;
+const EMPTY: RGBColor = RGBColor(222, 222, 222);
+/// Most powers of ten on a colour bar.
+const DECADES: f64 = 6.0;
+/// Most labels on an axis.
+const LABELS: usize = 11;
+
+impl MapFigure {
+    /// Draws the figure to `stem.svg` and `stem.png`; returns both paths.
+    ///
+    /// # Errors
+    /// [`ChartError`] if a file cannot be written.
+    pub fn save(&self, stem: &Path) -> Result<[PathBuf; 2], ChartError> {
+        canvas::save(self, stem)
+    }
+
+    /// Height of a value on the colour bar; not finite for what has none.
+    fn level(&self, value: f64) -> f64 {
+        match self.scale {
+            MapScale::Logarithms(_) if value > 0.0 => value.log10(),
+            MapScale::Logarithms(_) => f64::NAN,
+            _ => value,
+        }
+    }
+
+    /// The ends of the colour bar.
+    fn range(&self) -> (f64, f64) {
+        let values = self.panels.iter().flat_map(|p| &p.values);
+        let (low, high) = bounds(values.map(|v| self.level(*v))).unwrap_or((0.0, 1.0));
+        let (low, high) = match self.scale {
+            MapScale::Logarithms(_) => (low.floor().max(high.ceil() - DECADES), high.ceil()),
+            _ => (low, high),
+        };
+        if low < high {
+            (low, high)
+        } else {
+            (low, low + 1.0)
+        }
+    }
+
+    fn colour(&self, value: f64, (low, high): (f64, f64)) -> Option<RGBColor> {
+        let level = self.level(value);
+        if !level.is_finite() {
+            return None;
+        }
+        Some(match self.scale {
+            MapScale::Classes(_) => COLOURS[level as usize % COLOURS.len()],
+            _ => ViridisRGB.get_color(((level - low) / (high - low)).clamp(0.0, 1.0) as f32),
+        })
+    }
+}
+
+/// An area that is addressed in units of length.
+struct Sheet<'a, B: DrawingBackend> {
+    area: &'a DrawingArea<B, Shift>,
+    scale: i32,
+    /// Where the origin is.
+    at: (i32, i32),
+}
+
+type Drawn<B> = Result<(), DrawingAreaErrorKind<<B as DrawingBackend>::ErrorType>>;
+
+impl<B: DrawingBackend> Sheet<'_, B> {
+    fn place(&self, (x, y): (f64, f64)) -> (i32, i32) {
+        let scaled =
+            |v: f64, origin: i32| ((v + f64::from(origin)) * f64::from(self.scale)).round();
+        (scaled(x, self.at.0) as i32, scaled(y, self.at.1) as i32)
+    }
+
+    fn fill(&self, a: (f64, f64), b: (f64, f64), colour: RGBColor) -> Drawn<B> {
+        let corners = [self.place(a), self.place(b)];
+        self.area.draw(&Rectangle::new(corners, colour.filled()))
+    }
+
+    fn line(&self, a: (f64, f64), b: (f64, f64), colour: RGBColor, width: u32) -> Drawn<B> {
+        let style = colour.stroke_width(width * self.scale as u32);
+        let ends = vec![self.place(a), self.place(b)];
+        self.area.draw(&PathElement::new(ends, style))
+    }
+
+    fn text(&self, text: &str, at: (f64, f64), size: u32, anchor: Pos, turned: bool) -> Drawn<B> {
+        let font = (FONT, size * self.scale as u32).into_font();
+        let font = match turned {
+            true => font.transform(FontTransform::Rotate270),
+            false => font,
+        };
+        let style = font.color(&TEXT).pos(anchor);
+        self.area.draw_text(text, &style, self.place(at))
+    }
+}
+
+impl Drawing for MapFigure {
+    fn size(&self) -> (u32, u32) {
+        let panels = self.panels.len().max(1) as i32;
+        (
+            (panels * PANEL_WIDTH + BAR_WIDTH) as u32,
+            TITLE_HEIGHT + (TOP + MAP_HEIGHT + BOTTOM) as u32,
+        )
+    }
+
+    fn draw<B: DrawingBackend>(&self, area: &DrawingArea<B, Shift>, pen: Pen) -> Drawn<B> {
+        let body = draw_title(area, pen, &self.title)?;
+        let mut sheet = Sheet {
+            area: &body,
+            scale: pen.scale as i32,
+            at: (0, 0),
+        };
+        let range = self.range();
+        for panel in &self.panels {
+            self.draw_panel(&sheet, panel, range)?;
+            sheet.at.0 += PANEL_WIDTH;
+        }
+        match &self.scale {
+            MapScale::Classes(names) => self.draw_classes(&sheet, names),
+            MapScale::Linear(label) => draw_bar(&sheet, label, range, false),
+            MapScale::Logarithms(label) => draw_bar(&sheet, label, range, true),
+        }
+    }
+}
+
+impl MapFigure {
+    fn draw_panel<B: DrawingBackend>(
+        &self,
+        sheet: &Sheet<'_, B>,
+        panel: &MapPanel,
+        range: (f64, f64),
+    ) -> Drawn<B> {
+        let (columns, rows) = (self.x.len().max(1), self.y.len().max(1));
+        let width = f64::from(MAP_WIDTH) / columns as f64;
+        let height = f64::from(MAP_HEIGHT) / rows as f64;
+        let (left, bottom) = (f64::from(LEFT), f64::from(TOP + MAP_HEIGHT));
+        for (i, value) in panel.values.iter().take(columns * rows).enumerate() {
+            let (column, row) = ((i / rows) as f64, (i % rows) as f64);
+            let low = (left + column * width, bottom - row * height);
+            let high = (low.0 + width, low.1 - height);
+            match self.colour(*value, range) {
+                Some(colour) => sheet.fill((low.0, high.1), (high.0, low.1), colour)?,
+                None => {
+                    sheet.fill((low.0, high.1), (high.0, low.1), EMPTY)?;
+                    sheet.line(low, high, FAINT, 1)?;
+                }
+            }
+        }
+        for &i in &panel.crosses {
+            let (column, row) = ((i / rows) as f64, (i % rows) as f64);
+            let middle = (left + (column + 0.5) * width, bottom - (row + 0.5) * height);
+            let arm = 0.3 * width.min(height);
+            for side in [arm, -arm] {
+                let (a, b) = (
+                    (middle.0 - arm, middle.1 - side),
+                    (middle.0 + arm, middle.1 + side),
+                );
+                sheet.line(a, b, BLACK, 2)?;
+            }
+        }
+        let middle = left + 0.5 * f64::from(MAP_WIDTH);
+        let above = Pos::new(HPos::Center, VPos::Center);
+        sheet.text(
+            &panel.title,
+            (middle, 0.5 * f64::from(TOP)),
+            16,
+            above,
+            false,
+        )?;
+        let below = Pos::new(HPos::Center, VPos::Top);
+        for (i, label) in labels(&self.x) {
+            let x = left + (i as f64 + 0.5) * width;
+            sheet.line((x, bottom), (x, bottom + 4.0), FAINT, 1)?;
+            sheet.text(&label, (x, bottom + 7.0), 14, below, false)?;
+        }
+        sheet.text(&self.x_label, (middle, bottom + 32.0), 16, below, false)?;
+        let beside = Pos::new(HPos::Right, VPos::Center);
+        for (i, label) in labels(&self.y) {
+            let y = bottom - (i as f64 + 0.5) * height;
+            sheet.line((left - 4.0, y), (left, y), FAINT, 1)?;
+            sheet.text(&label, (left - 8.0, y), 14, beside, false)?;
+        }
+        let centre = Pos::new(HPos::Center, VPos::Center);
+        let half = bottom - 0.5 * f64::from(MAP_HEIGHT);
+        sheet.text(&self.y_label, (14.0, half), 16, centre, true)
+    }
+
+    fn draw_classes<B: DrawingBackend>(&self, sheet: &Sheet<'_, B>, names: &[String]) -> Drawn<B> {
+        let beside = Pos::new(HPos::Left, VPos::Center);
+        for (i, name) in names.iter().enumerate() {
+            let y = f64::from(TOP) + 26.0 * i as f64;
+            sheet.fill((0.0, y), (18.0, y + 18.0), COLOURS[i % COLOURS.len()])?;
+            sheet.text(name, (26.0, y + 9.0), 14, beside, false)?;
+        }
+        Ok(())
+    }
+}
+
+fn draw_bar<B: DrawingBackend>(
+    sheet: &Sheet<'_, B>,
+    label: &str,
+    (low, high): (f64, f64),
+    logarithms: bool,
+) -> Drawn<B> {
+    const STEPS: i32 = 140;
+    let (top, height) = (f64::from(TOP), f64::from(MAP_HEIGHT));
+    for i in 0..STEPS {
+        let part = f64::from(i) / f64::from(STEPS);
+        let y = top + height * (1.0 - part);
+        let next = y - height / f64::from(STEPS);
+        let colour = ViridisRGB.get_color((part + 0.5 / f64::from(STEPS)) as f32);
+        sheet.fill((0.0, next), (20.0, y), colour)?;
+    }
+    let axis = match logarithms {
+        true => super::Axis::logarithms(low..high),
+        false => super::Axis::linear(low..high, 8),
+    };
+    let beside = Pos::new(HPos::Left, VPos::Center);
+    for (value, name) in axis.labels() {
+        let y = top + height * (1.0 - (value - low) / (high - low));
+        sheet.line((20.0, y), (25.0, y), FAINT, 1)?;
+        sheet.text(&name, (29.0, y), 14, beside, false)?;
+    }
+    let centre = Pos::new(HPos::Center, VPos::Center);
+    sheet.text(label, (88.0, top + 0.5 * height), 16, centre, true)
+}
+
+/// The values that are named on an axis, with their places: every one, or every second, ...
+fn labels(values: &[f64]) -> impl Iterator<Item = (usize, String)> {
+    let step = values.len().div_ceil(LABELS).max(1);
+    let named = values.iter().enumerate().step_by(step);
+    // Adding zero turns -0 into 0.
+    named.map(|(i, v)| (i, format!("{:.2}", v + 0.0)))
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn figure(scale: MapScale, values: [f64; 6]) -> MapFigure {
+        MapFigure {
+            title: "A map".into(),
+            x_label: "e".into(),
+            y_label: "s".into(),
+            x: vec![0.25, 0.5],
+            y: vec![-1.0, 0.0, 1.0],
+            scale,
+            panels: vec![MapPanel {
+                title: "left".into(),
+                values: values.to_vec(),
+                crosses: vec![1],
+            }],
+        }
+    }
+
+    fn svg(figure: &MapFigure) -> String {
+        let dir = tempfile::tempdir().unwrap();
+        let [svg, png] = figure.save(&dir.path().join("map")).unwrap();
+        assert!(std::fs::read(png).unwrap().starts_with(b"\x89PNG"));
+        std::fs::read_to_string(svg).unwrap()
+    }
+
+    /// The corners of the colour scale go to the least and largest value; what has no logarithm is grey.
+    #[test]
+    fn colours_follow_the_values() {
+        let values = [1e-3, 1e-2, 1e-1, 0.0, f64::NAN, 1.0];
+        let map = figure(MapScale::Logarithms("r [-]".into()), values);
+        let range = map.range();
+        assert_eq!(range, (-3.0, 0.0));
+        let ends = [ViridisRGB.get_color(0.0f32), ViridisRGB.get_color(1.0f32)];
+        assert_eq!(
+            [map.colour(1e-3, range), map.colour(1.0, range)],
+            ends.map(Some)
+        );
+        assert_eq!(
+            [0.0, -1.0, f64::NAN].map(|v| map.colour(v, range)),
+            [None; 3]
+        );
+        let svg = svg(&map);
+        let drawn = |text: &str| svg.matches(text).count();
+        assert_eq!(drawn("#DEDEDE"), 2, "two cells without a value");
+        // Rounding errors do not take the colours from the rest.
+        let map = figure(
+            MapScale::Logarithms("r [-]".into()),
+            [1e-15, 1e-3, 1.0, 1.0, 0.1, 0.1],
+        );
+        assert_eq!(map.range(), (-6.0, 0.0));
+        for text in ["A map", "left", "r [-]", "1e-3", "1e0", "0.25", "-1.00"] {
+            assert!(drawn(text) > 0, "no {text:?}");
+        }
+    }
+
+    #[test]
+    fn classes_have_a_legend_and_maps_may_be_empty() {
+        let names = ["one", "two", "three"].map(String::from).to_vec();
+        let map = figure(MapScale::Classes(names), [0.0, 1.0, 2.0, 0.0, 1.0, 1.0]);
+        let svg_text = svg(&map);
+        for text in ["one", "two", "three"] {
+            assert!(svg_text.contains(text), "no {text:?}");
+        }
+        svg(&figure(MapScale::Linear("T [s]".into()), [7.0; 6]));
+        svg(&figure(MapScale::Linear("T [s]".into()), [f64::NAN; 6]));
+        assert!(map.save(Path::new("/nowhere/map")).is_err());
+    }
+}
