@@ -2,7 +2,8 @@
 //!
 //! With the gains of the thesis the loop over the graph is stable up to a delay of 20 ms (the fastest rate of
 //! joint damping over reduced inertia is 80 1/s, at joint 6). A machine that runs the nodes later than that
-//! makes the robot diverge, which is no fault of theirs.
+//! makes the robot diverge, which is no fault of theirs. Tests that only need a living loop run it with
+//! `process::GENTLE` gains, which bear 150 ms.
 
 use std::{
     panic::{AssertUnwindSafe, catch_unwind, resume_unwind},
