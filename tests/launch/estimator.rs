@@ -101,7 +101,9 @@ fn the_target_is_where_the_estimator_said_it_would_be() {
             worst.to_degrees()
         );
         assert!(compared > 40, "{compared} of {}", old.poses.len());
-        assert!(worst.to_degrees() < 0.2, "{} deg", worst.to_degrees());
+        // The target fills 190 px of the image, a pixel of which is 0.6 degrees of its turn; half a minute of it
+        // tells the next half minute to some tenths of a degree. Any mistake of axes shows as tens of degrees.
+        assert!(worst.to_degrees() < 1.5, "{} deg", worst.to_degrees());
     });
 }
 

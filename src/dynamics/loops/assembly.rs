@@ -45,15 +45,15 @@ impl Loops {
                 limit: tolerance,
             });
         }
-        if !self.close(model, state, &mut workspace) {
-            if let Some((closure, direction, gap)) = self.worst(0.0) {
-                return Err(LoopError::NotClosable {
-                    closure,
-                    direction: direction.name(),
-                    gap,
-                    unit: direction.unit(),
-                });
-            }
+        if !self.close(model, state, &mut workspace)
+            && let Some((closure, direction, gap)) = self.worst(0.0)
+        {
+            return Err(LoopError::NotClosable {
+                closure,
+                direction: direction.name(),
+                gap,
+                unit: direction.unit(),
+            });
         }
         self.rank = self.normals.rank();
         self.gradients.tr_mul_to(&state.qd, &mut self.wanted);
