@@ -11,6 +11,8 @@ use rand::{RngExt, SeedableRng, rngs::StdRng};
 pub struct Motion {
     /// `J` \[s²\].
     pub J: Vector3<f64>,
+    /// `alpha` \[s²\].
+    pub alpha: f64,
     /// Body rates at the start \[rad/s\].
     pub w_B: Vector3<f64>,
     /// Attitude at the start.
@@ -53,6 +55,7 @@ impl Motion {
         });
         Self {
             J,
+            alpha,
             w_B,
             R_WB,
         }
