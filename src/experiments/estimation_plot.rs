@@ -134,7 +134,8 @@ pub fn prediction_error(
     let some = curves.iter().step_by(curves.len().div_ceil(PREDICTIONS));
     let some = some.map(|curve| {
         let name = format!("made at {:.1} s", seconds_since(start, curve[0].0));
-        series(name, curve.iter().map(drawn).collect())
+        // Where it begins there is no error, which has no logarithm.
+        series(name, curve.iter().skip(1).map(drawn).collect())
     });
     let worst = curves.iter().map(|curve| {
         let most = curve.iter().map(|(_, e)| *e).fold(0.0, f64::max);

@@ -30,7 +30,8 @@ fn case(number: &str) -> Case {
     match number {
         "3.2" => of(&TABLE_3_2, Study::of(Source::TrueRates), 0.97),
         "3.3" => of(&TABLE_3_3, Study::of(Source::TrueRotations), 0.98),
-        "3.4" => of(&TABLE_3_4, Study::images(1024, 20), 0.87),
+        // Its twin, Table 3.5, differs from it in 7.5 % of the cells as printed.
+        "3.4" => of(&TABLE_3_4, Study::images(1024, 20), 0.80),
         "3.5" => of(&TABLE_3_5, Study::images(1024, 20), 0.87),
         "3.6" => of(&TABLE_3_6, Study::images(512, 20), 0.80),
         _ => of(&TABLE_3_7, Study::images(256, 20), 0.84),
