@@ -36,12 +36,9 @@ pub(super) fn list_errors(report: &mut Report, study: &Study, methods: &[Method]
     );
     for &method in methods {
         let cells = study.cells(method);
-        let rows: [(&str, fn(&Cell) -> bool); 2] = [
-            ("asymmetric", |c| c.model == Some(MotionModel::Asymmetric)),
-            ("all", |_| true),
-        ];
-        for (over, belongs) in rows {
-            let cells: Vec<_> = cells.iter().filter(|c| belongs(c)).collect();
+        for (over, model) in [("asymmetric", Some(MotionModel::Asymmetric)), ("all", None)] {
+            let belongs = |c: &&Cell| model.is_none() || c.model == model;
+            let cells: Vec<_> = cells.iter().filter(belongs).collect();
             let answered = cells.iter().filter(|c| c.estimated()).count();
             let pair = |i: usize, unit: f64| {
                 let values = || cells.iter().map(|c| c.errors[i] * unit);

@@ -100,8 +100,11 @@ pub(super) fn amplitude_map(mut report: Report) -> Report {
     report
 }
 
+/// A motion, `|w|²` over time as it was seen, and what the thesis makes of that.
+type Seen = (FreeRotation, Vec<(f64, f64)>, Analysis);
+
 /// The motion of Figs. 3.29 and 3.30, or its mirror image in momentum.
-fn seen(s_alpha: f64) -> Option<(FreeRotation, Vec<(f64, f64)>, Analysis)> {
+fn seen(s_alpha: f64) -> Option<Seen> {
     let motion = Motion {
         e: 0.9,
         s: 0.0,
@@ -121,12 +124,10 @@ fn seen(s_alpha: f64) -> Option<(FreeRotation, Vec<(f64, f64)>, Analysis)> {
 }
 
 /// What is seen of both motions, and rows that both figures share.
-fn buried(report: &mut Report) -> Vec<(f64, FreeRotation, Vec<(f64, f64)>, Analysis)> {
+fn buried(report: &mut Report) -> Vec<(f64, Seen)> {
     let all = [-0.8, 0.8].into_iter();
-    let all: Vec<_> = all
-        .filter_map(|s| seen(s).map(|(truth, squares, analysis)| (s, truth, squares, analysis)))
-        .collect();
-    for (s_alpha, truth, squares, _) in &all {
+    let all: Vec<_> = all.filter_map(|s| Some((s, seen(s)?))).collect();
+    for (s_alpha, (truth, squares, _)) in &all {
         let swing = truth
             .parameters()
             .map_or(f64::NAN, |p| p.beta() - p.gamma());
@@ -151,7 +152,7 @@ fn buried(report: &mut Report) -> Vec<(f64, FreeRotation, Vec<(f64, f64)>, Analy
 
 pub(super) fn buried_wave(mut report: Report) -> Report {
     let all = buried(&mut report);
-    let panels = all.iter().map(|(s_alpha, truth, squares, _)| {
+    let panels = all.iter().map(|(s_alpha, (truth, squares, _))| {
         let exact = squares
             .iter()
             .map(|(t, _)| (*t, truth.angular_velocity(*t).norm_squared()));
@@ -181,7 +182,7 @@ pub(super) fn buried_wave(mut report: Report) -> Report {
 
 pub(super) fn buried_spectrum(mut report: Report) -> Report {
     let all = buried(&mut report);
-    for (s_alpha, _, _, analysis) in &all {
+    for (s_alpha, (_, _, analysis)) in &all {
         let rival = analysis.spectrum.rival;
         report.holds(
             &format!("s_alpha = {s_alpha:+}: another component above 0.333 of the main one: its share [-]"),
@@ -189,7 +190,7 @@ pub(super) fn buried_spectrum(mut report: Report) -> Report {
             rival > 0.333,
         );
     }
-    let panels = all.iter().map(|(s_alpha, _, _, analysis)| {
+    let panels = all.iter().map(|(s_alpha, (_, _, analysis))| {
         let bins = analysis.spectrum.magnitudes.iter().enumerate();
         Panel {
             y_label: format!("|G| [rad²/s²], {s_alpha:+}"),
