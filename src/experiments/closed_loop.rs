@@ -99,6 +99,12 @@ impl ClosedLoop {
         self.servo.as_ref().map(|servo| servo.image)
     }
 
+    /// Whether the camera tracks feature points of a target.
+    pub fn watches_target(&self) -> bool {
+        let watch = self.servo.as_ref().and_then(|servo| servo.watch.as_ref());
+        watch.is_some()
+    }
+
     /// Lets camera and controller answer the present state; `look` sees the moment, with the new efforts
     /// acting but time not yet gone on.
     ///

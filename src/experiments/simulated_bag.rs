@@ -34,7 +34,8 @@ pub struct SimulatedBag {
 struct ServoTopics {
     tip_pose: TopicId,
     goal_pose: TopicId,
-    features: TopicId,
+    /// If the camera watches a target.
+    features: Option<TopicId>,
     commands: TopicId,
     state: TopicId,
 }
@@ -73,7 +74,10 @@ impl SimulatedBag {
                 Some(ServoTopics {
                     tip_pose: add(w, &topics::TIP_POSE)?,
                     goal_pose: add(w, &topics::SEEN_GOAL)?,
-                    features: add(w, &topics::FEATURES)?,
+                    features: match run.watches_target() {
+                        true => Some(add(w, &topics::FEATURES)?),
+                        false => None,
+                    },
                     commands: add(w, &topics::JOINT_COMMANDS)?,
                     state: add(w, &topics::CONTROLLER_STATE)?,
                 })
@@ -132,8 +136,10 @@ impl SimulatedBag {
             }
         }
         for sighting in answer.sightings {
-            let message = sighting_to_msg(sighting, camera::CAMERA_FRAME);
-            w.write_message(servo.features, log, &message)?;
+            if let Some(features) = servo.features {
+                let message = sighting_to_msg(sighting, camera::CAMERA_FRAME);
+                w.write_message(features, log, &message)?;
+            }
         }
         let header = std_msgs::Header {
             stamp: stamp.into(),

@@ -139,19 +139,19 @@ fn loop_closures_that_cannot_be() {
         &["h6.frame_b is not given", "second end"],
     );
     refused(
-        "constrained: [x, y, z, roll, pitch]",
+        "constrained: [along_x, along_y, along_z, about_x, about_y]",
         "constrained: []",
         &["'h6' constrains no direction"],
     );
     refused(
-        "constrained: [x, y, z, roll, pitch]",
-        "constrained: [x, why]",
-        &["h6.constrained", "'why' is not one of", "yaw"],
+        "constrained: [along_x, along_y, along_z, about_x, about_y]",
+        "constrained: [along_x, why]",
+        &["h6.constrained", "'why' is not one of", "about_z"],
     );
     refused(
-        "constrained: [x, y, z, roll, pitch]",
-        "constrained: [x, y, x]",
-        &["h6.constrained", "'x' is given twice"],
+        "constrained: [along_x, along_y, along_z, about_x, about_y]",
+        "constrained: [along_x, along_y, along_x]",
+        &["h6.constrained", "'along_x' is given twice"],
     );
     refused(
         "loop_closures: [h6, h7]",

@@ -180,7 +180,7 @@ fn features_that_an_rclpy_node_publishes_are_enough() {
         let frames = recorded(300);
         // Too little to tell a motion, and said so.
         publish(&mut peer, &frames[0]);
-        let told = diagnosed(&mut peer, "/estimator: motion", |level, _| level == 1);
+        let told = diagnosed(&mut peer, "estimator: motion", |level, _| level == 1);
         assert!(told.starts_with("not estimated yet"), "{told}");
         for frame in &frames[1..] {
             publish(&mut peer, frame);
@@ -202,13 +202,13 @@ fn features_that_an_rclpy_node_publishes_are_enough() {
         let mut wrong = frames[0].clone();
         wrong["u"] = json!([1.0]);
         publish(&mut peer, &wrong);
-        let told = diagnosed(&mut peer, "/estimator: features", |level, _| level == 1);
+        let told = diagnosed(&mut peer, "estimator: features", |level, _| level == 1);
         assert!(told.contains("20, 1 and 20"), "{told}");
         // The recording again from its start: time goes back, and the estimator begins anew.
         for frame in &frames[..5] {
             publish(&mut peer, frame);
         }
-        let told = diagnosed(&mut peer, "/estimator: motion", |level, text| {
+        let told = diagnosed(&mut peer, "estimator: motion", |level, text| {
             level == 1 && text.contains("not estimated yet")
         });
         println!("{told}");

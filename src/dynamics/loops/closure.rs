@@ -34,14 +34,14 @@ impl Direction {
         Self::Yaw,
     ];
 
-    /// All directions by name.
+    /// All directions by name. A bare `y` would be a boolean in a ROS parameter file.
     pub const NAMES: [(&'static str, Self); 6] = [
-        ("x", Self::X),
-        ("y", Self::Y),
-        ("z", Self::Z),
-        ("roll", Self::Roll),
-        ("pitch", Self::Pitch),
-        ("yaw", Self::Yaw),
+        ("along_x", Self::X),
+        ("along_y", Self::Y),
+        ("along_z", Self::Z),
+        ("about_x", Self::Roll),
+        ("about_y", Self::Pitch),
+        ("about_z", Self::Yaw),
     ];
 
     /// Its name.

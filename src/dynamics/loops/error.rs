@@ -16,7 +16,7 @@ pub enum LoopError {
     },
     /// Nothing to close.
     #[error(
-        "loop closure '{0}' constrains no direction; give at least one of x, y, z, roll, pitch, yaw"
+        "loop closure '{0}' constrains no direction; give at least one of along_x, along_y, along_z, about_x, about_y, about_z"
     )]
     NoDirection(String),
     /// Both ends move as one.
@@ -38,7 +38,7 @@ pub enum LoopError {
     DuplicateName(String),
     /// The joints do not close the loop.
     #[error(
-        "loop closure '{closure}' is open by {gap} {unit} in {direction} at the initial joint positions; up to {limit} {unit} is closed by moving the joints"
+        "loop closure '{closure}' is open by {gap} {unit} {direction} at the initial joint positions; up to {limit} {unit} is closed by moving the joints"
     )]
     Open {
         /// The closure.
@@ -54,7 +54,7 @@ pub enum LoopError {
     },
     /// No joint positions near those given close the loop.
     #[error(
-        "loop closure '{closure}' cannot be closed near the initial joint positions: {gap:.3e} {unit} are left in {direction}"
+        "loop closure '{closure}' cannot be closed near the initial joint positions: {gap:.3e} {unit} are left {direction}"
     )]
     NotClosable {
         /// The closure.
@@ -68,7 +68,7 @@ pub enum LoopError {
     },
     /// The joint rates tear the loop open.
     #[error(
-        "loop closure '{closure}' opens at {rate} {unit}/s in {direction} with the initial joint rates; up to {limit} {unit}/s is taken off them"
+        "loop closure '{closure}' opens at {rate} {unit}/s {direction} with the initial joint rates; up to {limit} {unit}/s is taken off them"
     )]
     Opening {
         /// The closure.

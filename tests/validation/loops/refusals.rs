@@ -47,7 +47,10 @@ fn ends_and_directions() {
         four_bar_with(("coupler_tip", "roker_tip"), IN_PLANE),
         &["'cut'", "no link 'roker_tip'", "rocker_tip"],
     );
-    says(four_bar_with(ENDS, &[]), &["'cut'", "no direction", "yaw"]);
+    says(
+        four_bar_with(ENDS, &[]),
+        &["'cut'", "no direction", "about_z"],
+    );
     says(
         four_bar_with(("coupler_tip", "coupler"), IN_PLANE),
         &["'cut'", "'coupler_tip'", "same body 'coupler'"],
@@ -72,7 +75,7 @@ fn joints_that_do_not_close_the_loop() {
     );
     says(
         assembled(q, [0.0; 3], &[Direction::Yaw]),
-        &["'cut'", "rad in yaw", "up to 0.001 rad"],
+        &["'cut'", "rad about_z", "up to 0.001 rad"],
     );
     q[0] = f64::NAN;
     says(assembled(q, [0.0; 3], HINGE), &["'cut'", "open by NaN"]);
