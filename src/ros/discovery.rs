@@ -17,6 +17,7 @@ use std::{
 use super::{
     Gid, NodeName, Qos,
     endpoint::{Counters, EndpointSpec, Endpoints},
+    newcomers::Newcomers,
 };
 
 /// Publishes `ros_discovery_info`: a participant, its node, and what belongs to it.
@@ -121,10 +122,12 @@ pub(super) fn report_status(
     node: &NodeName,
     endpoints: &Mutex<Endpoints>,
     peers: &mut Peers,
+    newcomers: &Newcomers,
 ) {
     while let Some(event) = listener.try_recv_status() {
         let all = endpoints.lock().unwrap_or_else(PoisonError::into_inner);
         match event {
+            Event::ParticipantDiscovered { dpd } => newcomers.came(&dpd.guid),
             Event::RemoteReaderMatched {
                 local_writer,
                 remote_reader,

@@ -70,6 +70,7 @@ mod endpoint;
 mod error;
 pub mod logging;
 pub mod names;
+mod newcomers;
 mod node;
 pub mod params;
 pub mod params_file;

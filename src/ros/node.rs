@@ -14,6 +14,7 @@ use super::{
     discovery::{self, DiscoveredPublisher},
     endpoint::{Counters, EndpointSpec, Endpoints, Reader, Sink, Writer},
     names::Names,
+    newcomers::Newcomers,
     params::ParameterStore,
     publisher::Outbox,
     service::ServiceServer,
@@ -66,6 +67,7 @@ pub(super) struct Core {
     pub(super) outbox: Outbox,
     pub(super) endpoints: Arc<Mutex<Endpoints>>,
     pub(super) session: Mutex<Connection>,
+    newcomers: Arc<Newcomers>,
     pub(super) params: Arc<ParameterStore>,
     pub(super) clock: Clock,
     pub(super) diagnostics: Diagnostics,
@@ -88,6 +90,7 @@ impl Core {
             outbox: Outbox::default(),
             endpoints: Arc::default(),
             session: Mutex::default(),
+            newcomers: Arc::default(),
             params,
             diagnostics: Diagnostics::default(),
             seen: AtomicU64::new(0),
@@ -122,7 +125,8 @@ impl Core {
             Connection::Apart => {}
         }
         let node = self.names.node();
-        let open = || Session::open(self.domain, node, &self.endpoints, &self.fate);
+        let (endpoints, newcomers) = (&self.endpoints, &self.newcomers);
+        let open = || Session::open(self.domain, node, endpoints, &self.fate, newcomers);
         let new = signals::with_blocked(open)
             .map_err(|e| NodeError::dds(node, "join the DDS domain", e))?;
         *connection = Connection::Joined(Box::new(new));
@@ -147,6 +151,7 @@ impl Core {
 
     pub(super) fn add_writer(&self, spec: EndpointSpec) -> Result<Arc<Writer>, NodeError> {
         let writer = Arc::new(Writer::new(spec));
+        self.newcomers.let_settle();
         let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
         self.lock_endpoints().writers.push(Arc::clone(&writer));
         if let Some(session) = session.session() {
@@ -163,6 +168,7 @@ impl Core {
         sink: Sink,
     ) -> Result<Arc<Reader>, NodeError> {
         let reader = Arc::new(Reader::new(spec, sink));
+        self.newcomers.let_settle();
         let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
         self.lock_endpoints().readers.push(Arc::clone(&reader));
         if let Some(session) = session.session() {

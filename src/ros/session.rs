@@ -22,6 +22,7 @@ use super::{
     Domain, Gid, NodeName, Qos, RawSample,
     discovery::{self, Announcer, DiscoveredPublisher, Peers, report_status},
     endpoint::{EndpointSpec, Endpoints, Reader, Writer},
+    newcomers::Newcomers,
     wait::Fate,
     wire::{Opaque, RawReader},
 };
@@ -61,6 +62,7 @@ impl Session {
         node: &NodeName,
         endpoints: &Arc<Mutex<Endpoints>>,
         fate: &Arc<Fate>,
+        newcomers: &Arc<Newcomers>,
     ) -> Result<Self, String> {
         let text = |e: rustdds::dds::CreateError| e.to_string();
         let participant = domain.participant()?;
@@ -80,6 +82,7 @@ impl Session {
             participant: participant.clone(),
             node: node.clone(),
             endpoints: Arc::clone(endpoints),
+            newcomers: Arc::clone(newcomers),
         };
         let receiver = thread::Builder::new()
             .name(format!("{}.receive", node.name()))
@@ -237,6 +240,7 @@ struct Receiver {
     participant: DomainParticipant,
     node: NodeName,
     endpoints: Arc<Mutex<Endpoints>>,
+    newcomers: Arc<Newcomers>,
 }
 
 impl Receiver {
@@ -262,7 +266,13 @@ impl Receiver {
             for event in &events {
                 match event.token() {
                     WAKER => {}
-                    STATUS => report_status(&status, &self.node, &self.endpoints, &mut peers),
+                    STATUS => report_status(
+                        &status,
+                        &self.node,
+                        &self.endpoints,
+                        &mut peers,
+                        &self.newcomers,
+                    ),
                     Token(token) => {
                         if let Some(receiving) = readers.get_mut(&token) {
                             receiving.take_all();
