@@ -155,8 +155,8 @@ fn loop_closures_that_cannot_be() {
     );
     refused(
         "loop_closures: [h6, h7]",
-        "loop_closures: [h6, h6]",
-        &["h6"],
+        "loop_closures: [h6, h7, h6]",
+        &["loop_closures", "'h6' is given twice"],
     );
     refused(
         "1.53588974175501, -3.0717",

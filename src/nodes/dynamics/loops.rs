@@ -1,5 +1,7 @@
 //! Loop closures as parameters: what URDF, which is a tree, cannot say.
 
+use std::collections::BTreeSet;
+
 use nalgebra::{Rotation3, Translation3};
 
 use crate::{
@@ -45,9 +47,16 @@ impl LoopParams {
                 "Names of the closures that make closed loops of the robot's tree",
             )
             .read_only()
+            .check("names that differ", |names| {
+                let mut seen = BTreeSet::new();
+                let twice = names.iter().find(|name| !seen.insert(*name));
+                twice.map_or(Ok(()), |name| Err(format!("'{name}' is given twice")))
+            })
             .value();
+        let mut seen = BTreeSet::new();
         // All are declared before the first is refused, so that none is called unknown.
         let closures: Vec<_> = (names.into_iter())
+            .filter(|name| seen.insert(name.clone()))
             .map(|name| Self::declare_one(declare, name))
             .collect();
         closures.into_iter().collect()
