@@ -47,18 +47,17 @@ impl LoopParams {
                 "Names of the closures that make closed loops of the robot's tree",
             )
             .read_only()
-            .check("names that differ", |names| {
-                let mut seen = BTreeSet::new();
-                let twice = names.iter().find(|name| !seen.insert(*name));
-                twice.map_or(Ok(()), |name| Err(format!("'{name}' is given twice")))
-            })
             .value();
         let mut seen = BTreeSet::new();
+        let (once, twice): (Vec<_>, Vec<_>) =
+            (names.into_iter()).partition(|n| seen.insert(n.clone()));
         // All are declared before the first is refused, so that none is called unknown.
-        let closures: Vec<_> = (names.into_iter())
-            .filter(|name| seen.insert(name.clone()))
+        let closures: Vec<_> = (once.into_iter())
             .map(|name| Self::declare_one(declare, name))
             .collect();
+        if let Some(name) = twice.first() {
+            return Err(format!("parameter loop_closures: '{name}' is given twice"));
+        }
         closures.into_iter().collect()
     }
 
