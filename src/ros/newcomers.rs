@@ -13,7 +13,7 @@ use std::{
 };
 
 /// Time that a peer needs to learn what there is; 60 ms were seen.
-const SETTLING: Duration = Duration::from_millis(500);
+const SETTLING: Duration = Duration::from_millis(150);
 /// Longest time that an endpoint is kept waiting, however many peers come.
 const PATIENCE: Duration = Duration::from_secs(2);
 /// How GUIDs of rustdds begin: its vendor number. Between its own kind nothing is lost.

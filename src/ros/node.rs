@@ -154,10 +154,10 @@ impl Core {
         self.newcomers.let_settle();
         let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
         self.lock_endpoints().writers.push(Arc::clone(&writer));
-        if let Some(session) = session.session() {
-            session
-                .add_writer(&writer)
-                .map_err(|e| self.endpoint_error("publish", &writer.spec, &e))?;
+        let added = session.session().map(|session| session.add_writer(&writer));
+        drop(session);
+        if let Some(Err(e)) = added {
+            self.replace_session(|| self.endpoint_error("publish", &writer.spec, &e))?;
         }
         Ok(writer)
     }
@@ -171,12 +171,18 @@ impl Core {
         self.newcomers.let_settle();
         let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
         self.lock_endpoints().readers.push(Arc::clone(&reader));
-        if let Some(session) = session.session() {
-            session
-                .add_reader(&reader)
-                .map_err(|e| self.endpoint_error("subscribe to", &reader.spec, &e))?;
+        let added = session.session().map(|session| session.add_reader(&reader));
+        drop(session);
+        if let Some(Err(e)) = added {
+            self.replace_session(|| self.endpoint_error("subscribe to", &reader.spec, &e))?;
         }
         Ok(reader)
+    }
+
+    /// When an endpoint cannot be added: a signal may have ended the participant's threads while the node was
+    /// being made. A participant made anew has all endpoints, this one too; what it cannot have is an error.
+    fn replace_session(&self, error: impl FnOnce() -> NodeError) -> Result<(), NodeError> {
+        self.open_session().map(drop).map_err(|_| error())
     }
 
     fn endpoint_error(&self, verb: &str, spec: &EndpointSpec, reason: &str) -> NodeError {
