@@ -71,7 +71,7 @@ fn joints_that_do_not_close_the_loop() {
     q[2] += 0.1;
     says(
         assembled(q, [0.0; 3], HINGE),
-        &["'cut'", "open by 0.0", " m in ", "up to 0.001 m"],
+        &["'cut'", "open by 0.0", " m along_", "up to 0.001 m"],
     );
     says(
         assembled(q, [0.0; 3], &[Direction::Yaw]),
@@ -99,7 +99,7 @@ fn joints_that_almost_close_the_loop_are_moved() {
 fn rates_that_open_the_loop() {
     says(
         assembled(upright(), [0.0, 0.0, 0.5], HINGE),
-        &["'cut' opens at 0.", " m/s in ", "up to 0.001 m/s"],
+        &["'cut' opens at 0.", " m/s along_", "up to 0.001 m/s"],
     );
 }
 
