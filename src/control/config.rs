@@ -1,7 +1,7 @@
 //! Settings of a controller.
 
 use super::gains::check_not_negative;
-use super::{GainError, Gains, JacobianKind, JointPdGains, LawKind};
+use super::{GainError, Gains, JacobianKind, JointPdGains, LawKind, StraightPathConfig};
 
 /// Settings of a [`Controller`](super::Controller): which law, what all laws share, and what each has for
 /// itself.
@@ -18,6 +18,8 @@ pub struct ControllerConfig {
     pub hand_over: f64,
     /// The joint PD's own.
     pub joint_pd: JointPdGains,
+    /// The straight-path law's own.
+    pub straight_path: StraightPathConfig,
 }
 
 impl ControllerConfig {
@@ -30,6 +32,7 @@ impl ControllerConfig {
             gains,
             hand_over: 0.5,
             joint_pd: JointPdGains::default(),
+            straight_path: StraightPathConfig::default(),
         }
     }
 
@@ -43,6 +46,7 @@ impl ControllerConfig {
         match self.law {
             LawKind::TransposeJacobian => Ok(()),
             LawKind::JointPd => self.joint_pd.check(joints),
+            LawKind::StraightPath => self.straight_path.check(),
         }
     }
 }

@@ -4,7 +4,9 @@ use std::fmt;
 
 use nalgebra::DVector;
 
-use super::{ControllerConfig, IkError, JointPd, Measurement, PoseError, TransposeJacobian};
+use super::{
+    ControllerConfig, IkError, JointPd, Measurement, PoseError, StraightPath, TransposeJacobian,
+};
 use crate::dynamics::Workspace;
 use crate::model::{Frame, Model};
 
@@ -41,12 +43,15 @@ pub enum LawKind {
     TransposeJacobian,
     /// Joint PD towards joint positions found by inverse kinematics when it starts, [`JointPd`].
     JointPd,
+    /// Transpose-Jacobian control whose tip keeps to a straight line, [`StraightPath`].
+    StraightPath,
 }
 
 impl LawKind {
     /// All laws by name.
-    pub const NAMES: [(&'static str, Self); 2] = [
+    pub const NAMES: [(&'static str, Self); 3] = [
         ("transpose_jacobian", Self::TransposeJacobian),
+        ("straight_path", Self::StraightPath),
         ("joint_pd", Self::JointPd),
     ];
 
@@ -55,6 +60,7 @@ impl LawKind {
         match self {
             Self::TransposeJacobian => Box::new(TransposeJacobian::new(config, joints)),
             Self::JointPd => Box::new(JointPd::new(config)),
+            Self::StraightPath => Box::new(StraightPath::new(config, joints)),
         }
     }
 }
