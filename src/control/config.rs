@@ -1,7 +1,9 @@
 //! Settings of a controller.
 
 use super::gains::check_not_negative;
-use super::{GainError, Gains, JacobianKind, JointPdGains, LawKind, StraightPathConfig};
+use super::{
+    GainError, Gains, JacobianKind, JointPdGains, LawKind, RecoveryConfig, StraightPathConfig,
+};
 
 /// Settings of a [`Controller`](super::Controller): which law, what all laws share, and what each has for
 /// itself.
@@ -16,6 +18,8 @@ pub struct ControllerConfig {
     /// Time constant with which the difference decays that a change of settings makes \[s\]; zero lets the
     /// efforts jump.
     pub hand_over: f64,
+    /// What happens when the tip rests away from its goal.
+    pub recovery: RecoveryConfig,
     /// The joint PD's own.
     pub joint_pd: JointPdGains,
     /// The straight-path law's own.
@@ -31,6 +35,7 @@ impl ControllerConfig {
             jacobian: JacobianKind::Generalized,
             gains,
             hand_over: 0.5,
+            recovery: RecoveryConfig::default(),
             joint_pd: JointPdGains::default(),
             straight_path: StraightPathConfig::default(),
         }
@@ -43,6 +48,7 @@ impl ControllerConfig {
     pub fn check(&self, joints: usize) -> Result<(), GainError> {
         self.gains.check(joints)?;
         check_not_negative("hand_over", self.hand_over)?;
+        self.recovery.check()?;
         match self.law {
             LawKind::TransposeJacobian => Ok(()),
             LawKind::JointPd => self.joint_pd.check(joints),

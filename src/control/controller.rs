@@ -3,7 +3,10 @@
 use nalgebra::DVector;
 
 use super::hand_over::HandOver;
-use super::{Acted, Arm, ControllerConfig, GainError, Law, LawError, Measurement};
+use super::recovery::{Trouble, Watch};
+use super::{
+    Acted, Arm, ControllerConfig, GainError, Law, LawError, Measurement, farthest_from_com,
+};
 use crate::model::{Frame, Model};
 
 /// Joint states and base-frame measurements in, joint efforts out.
@@ -13,8 +16,14 @@ pub struct Controller {
     config: ControllerConfig,
     law: Box<dyn Law>,
     hand_over: HandOver,
+    watch: Watch,
+    /// What the tip's distance from the centre of mass cannot exceed \[m\].
+    reach: Option<f64>,
     efforts: DVector<f64>,
 }
+
+/// A goal that is so much too far is within what a camera may err by \[m\].
+const BEYOND: f64 = 0.01;
 
 impl Controller {
     /// A controller for `model` with its tip at the frame `tip`.
@@ -27,6 +36,8 @@ impl Controller {
         Ok(Self {
             law: config.law.start(&config, joints),
             hand_over: HandOver::new(joints, config.hand_over),
+            watch: Watch::new(config.recovery),
+            reach: farthest_from_com(&model, &tip),
             efforts: DVector::zeros(joints),
             arm: Arm::new(model, tip),
             config,
@@ -64,6 +75,8 @@ impl Controller {
         }
         self.hand_over.time_constant = config.hand_over;
         self.hand_over.begin();
+        self.watch.config = config.recovery;
+        self.watch.forget();
         self.config = config;
         Ok(())
     }
@@ -79,8 +92,11 @@ impl Controller {
     /// # Errors
     /// [`LawError`] when the law has no efforts to give; the joints are then damped.
     pub fn update(&mut self, seen: &Measurement<'_>) -> Result<Acted, LawError> {
+        let mut acted = self.law.pull(&mut self.arm, seen, &mut self.efforts);
+        if let Ok(acted) = &mut acted {
+            acted.trouble = self.watch(seen, acted);
+        }
         let k_v = &self.config.gains.k_v;
-        let acted = self.law.pull(&mut self.arm, seen, &mut self.efforts);
         if acted.as_ref().is_ok_and(|acted| acted.pulls) {
             let part = self.law.joint_damping();
             (self.hand_over).blend(seen.time, &mut self.efforts, k_v, part);
@@ -90,8 +106,30 @@ impl Controller {
         }
         for (j, effort) in self.efforts.iter_mut().enumerate() {
             *effort -= self.hand_over.k_v(j) * seen.qd[j];
+            *effort += self.watch.kick(seen.time, j, k_v[j]);
         }
         acted
+    }
+
+    /// Looks whether the law's pull, in `efforts`, brings the tip nearer.
+    fn watch(&mut self, seen: &Measurement<'_>, acted: &Acted) -> Option<Trouble> {
+        let (Some(sight), Some(error), true) = (
+            seen.sight,
+            &acted.error,
+            acted.pulls && self.law.seeks_the_goal(),
+        ) else {
+            self.watch.forget();
+            return None;
+        };
+        let Arm {
+            model, workspace, ..
+        } = &mut self.arm;
+        workspace.set_positions(model, seen.q);
+        let distance = (sight.X_BD.translation.vector - workspace.p_BC()).norm();
+        let short = self.reach.map(|reach| distance - reach);
+        let short = short.filter(|short| *short > BEYOND);
+        let gains = &self.config.gains;
+        (self.watch).look(seen, gains, error, &self.efforts, short)
     }
 }
 

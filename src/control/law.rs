@@ -5,7 +5,7 @@ use std::fmt;
 use nalgebra::DVector;
 
 use super::{
-    ControllerConfig, IkError, JointPd, Measurement, PoseError, StraightPath, TransposeJacobian,
+    ControllerConfig, IkError, JointPd, Measurement, PoseError, StraightPath, TransposeJacobian, Trouble,
 };
 use crate::dynamics::Workspace;
 use crate::model::{Frame, Model};
@@ -33,6 +33,12 @@ pub trait Law: fmt::Debug + Send {
     /// The part of `K_V` that is added while the law pulls, 0 to 1: less for a law that damps by itself.
     fn joint_damping(&self) -> f64 {
         1.0
+    }
+
+    /// Whether the pull is that of the potential of chapter 5 (or less), so that a tip that comes no nearer is in
+    /// trouble.
+    fn seeks_the_goal(&self) -> bool {
+        true
     }
 }
 
@@ -96,6 +102,8 @@ pub struct Acted {
     pub position_saturated: bool,
     /// Whether the orientation error was saturated.
     pub orientation_saturated: bool,
+    /// Why the tip does not arrive, if it does not.
+    pub trouble: Option<Trouble>,
     /// Whether the law had all that it needs; else the joints are only damped.
     pub pulls: bool,
 }

@@ -25,8 +25,11 @@ impl LyapunovFunction {
 
     /// `U` \[J\].
     pub fn potential(&self, error: &PoseError) -> f64 {
-        let Gains { k_p, k_o, .. } = self.gains;
-        self.gains.saturation.potential(error, k_p, k_o)
+        Self::potential_of(&self.gains, error)
+    }
+
+    pub(super) fn potential_of(gains: &Gains, error: &PoseError) -> f64 {
+        gains.saturation.potential(error, gains.k_p, gains.k_o)
     }
 
     /// `W` \[J\] for a deviation and joint rates; `workspace` stands at the joint positions.

@@ -17,6 +17,8 @@ mod linearised;
 mod lyapunov;
 mod measurement;
 mod pose_error;
+mod reach;
+mod recovery;
 mod straight_path;
 mod transpose_jacobian;
 
@@ -30,5 +32,7 @@ pub use linearised::LinearisedLoop;
 pub use lyapunov::LyapunovFunction;
 pub use measurement::{Measurement, Sight};
 pub use pose_error::{HALF_TURN_CAP, PoseError, Saturation};
+pub use reach::farthest_from_com;
+pub use recovery::{RecoveryConfig, Trouble};
 pub use straight_path::{Shaping, StraightPath, StraightPathConfig};
 pub use transpose_jacobian::{JacobianKind, TransposeJacobian};

@@ -53,6 +53,12 @@ impl ContinuousLoop {
         })
     }
 
+    /// The same with another integration method than the default.
+    pub fn by(mut self, method: Method) -> Self {
+        self.integrator = Integrator::new(&self.model, method);
+        self
+    }
+
     /// Goes on by `dt` \[s\].
     ///
     /// # Panics

@@ -72,9 +72,19 @@ impl Planar {
         let first = builder.body("link1", 0, kind, z, at(mount), link);
         let second = builder.body("link2", first, kind, z, at(LINK), link);
         builder.frame("tool0", second, Some("link2".to_owned()), at(LINK));
-        let model = builder.build();
+        Self::new(builder.build(), mount)
+    }
+
+    /// The robot of Table 6.2, as printed: mass ratio 5, rounded.
+    pub fn table_6_2() -> Self {
+        let xml = include_str!("../../urdf/planar_two_link.urdf");
+        let model = Model::from_urdf(xml, "urdf/planar_two_link.urdf");
+        Self::new(model.expect("the planar robot is well formed"), 1.1)
+    }
+
+    fn new(model: Model, mount: f64) -> Self {
         Self {
-            tip: model.frame("tool0").expect("it was just added").clone(),
+            tip: model.frame("tool0").expect("the arm has a tip").clone(),
             workspace: Workspace::new(&model),
             model,
             mount,
@@ -168,13 +178,13 @@ pub const STABLE: Example = Example {
 /// Fig. 6.3: a start in the unstable region. Start and goal are not printed.
 pub const UNSTABLE: Example = Example {
     start: [-1.25, 2.96],
-    offset: [-0.1, -0.1732],
+    offset: [-0.1, -0.17320508],
 };
 
 impl Example {
     /// The closed loop at its start.
     pub fn start(&self, jacobian: JacobianKind) -> ContinuousLoop {
-        let robot = Planar::with_mass_ratio(5.0);
+        let robot = Planar::table_6_2();
         let [x, y] = robot.tip_at(self.start);
         let [dx, dy] = self.offset;
         let goal = Translation3::new(x + dx, y + dy, 0.0);

@@ -61,8 +61,9 @@ pub const FIG_7_3: Task = Task {
     goal: [0.0, 6.080127018922194, 0.0],
 };
 
-/// Fig. 7.3 and eleven more tasks, drawn at random: both ends within reach of the arm at the base's first place, at
-/// least a metre apart, elbow bent by 20 to 150 degrees at either end.
+/// Fig. 7.3 and eleven more tasks, drawn at random: ends that the arm has with its base at its first place, one to
+/// four metres apart, the elbow bent by 30 to 140 degrees, and a line between them that keeps a metre away from the
+/// axis of joint 1, about which the arm yields to everything.
 pub fn tasks() -> Vec<Task> {
     let model = model();
     let tip = model.frame("tool0").expect("the servicer's tip").clone();
@@ -74,16 +75,18 @@ pub fn tasks() -> Vec<Task> {
     };
     let mut posture = || {
         [
-            random.random_range(-1.5..1.5),
-            random.random_range(-1.0..1.5),
-            random.random_range(-150f64..-20.0).to_radians(),
+            random.random_range(-3.0..3.0),
+            random.random_range(-1.0..2.5),
+            random.random_range(-140f64..-30.0).to_radians(),
         ]
     };
     let mut tasks = vec![FIG_7_3];
     while tasks.len() < 12 {
         let (start, end) = (posture(), posture());
-        let goal = place(&end);
-        if (goal - place(&start)).norm() >= 1.0 {
+        let (tip, goal) = (place(&start), place(&end));
+        let line = (0..=20).map(|k| tip.lerp(&goal, f64::from(k) / 20.0));
+        let nearest = line.map(|p| p.xz().norm()).fold(f64::INFINITY, f64::min);
+        if (1.0..4.0).contains(&(goal - tip).norm()) && nearest >= 1.0 {
             tasks.push(Task {
                 start,
                 goal: goal.into(),

@@ -1,7 +1,9 @@
 //! Parameters of the controller node: what all laws share, and a file for the group of each.
 
 mod joint_pd;
+mod recovery;
 mod shared;
+mod straight_path;
 
 use std::sync::{
     Arc,
@@ -57,7 +59,11 @@ const LARGEST_GAIN: f64 = 1e9;
 impl Live {
     fn declare(declare: &mut Declare) -> Self {
         let shared = shared::Shared::declare(declare);
-        let groups: Vec<Box<dyn Group>> = vec![Box::new(joint_pd::JointPd::declare(declare))];
+        let groups: Vec<Box<dyn Group>> = vec![
+            Box::new(joint_pd::JointPd::declare(declare)),
+            Box::new(straight_path::StraightPath::declare(declare)),
+            Box::new(recovery::Recovery::declare(declare)),
+        ];
         let joints = Arc::new(AtomicUsize::new(0));
         let robot = Arc::clone(&joints);
         declare.check_together(move |get| fit_the_robot(&robot, get));
