@@ -5,7 +5,8 @@ use std::fmt;
 use nalgebra::DVector;
 
 use super::{
-    ControllerConfig, IkError, JointPd, Measurement, PoseError, StraightPath, TransposeJacobian, Trouble,
+    ControllerConfig, IkError, JointPd, Measurement, PoseError, StraightPath, TransposeJacobian,
+    Trouble,
 };
 use crate::dynamics::Workspace;
 use crate::model::{Frame, Model};

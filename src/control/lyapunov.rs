@@ -36,9 +36,7 @@ impl LyapunovFunction {
     pub fn value(&self, workspace: &mut Workspace, qd: &DVector<f64>, error: &PoseError) -> f64 {
         let inertia = workspace.reduced_inertia();
         let n = qd.len();
-        let twice: f64 = (0..n)
-            .map(|i| qd[i] * inertia.column(i).dot(qd))
-            .sum();
+        let twice: f64 = (0..n).map(|i| qd[i] * inertia.column(i).dot(qd)).sum();
         self.potential(error) + 0.5 * twice
     }
 

@@ -4,10 +4,10 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::{DVector, Matrix6xX, Rotation3, Unit, Vector3};
 
+use super::Measurement;
 use super::gains::{check_not_negative, check_positive};
 use super::transpose_jacobian::transpose_times;
 use super::{Acted, Arm, ControllerConfig, GainError, Gains, JacobianKind, Law, LawError};
-use super::Measurement;
 
 /// How the path is kept straight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]

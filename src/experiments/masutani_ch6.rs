@@ -7,9 +7,7 @@
 use nalgebra::{DVector, Matrix3, Matrix6xX, Rotation3, Translation3, Vector3};
 
 use super::continuous_loop::ContinuousLoop;
-use crate::control::{
-    ControllerConfig, Gains, JacobianKind, LawKind, LinearisedLoop, Saturation,
-};
+use crate::control::{ControllerConfig, Gains, JacobianKind, LawKind, LinearisedLoop, Saturation};
 use crate::dynamics::Workspace;
 use crate::model::{Frame, JointKind, Model, ModelBuilder};
 use crate::spatial::{Pose, RigidInertia};

@@ -57,7 +57,11 @@ pub struct Task {
 
 /// Fig. 7.3.
 pub const FIG_7_3: Task = Task {
-    start: [0.0, std::f64::consts::FRAC_PI_3, -2.0 * std::f64::consts::FRAC_PI_3],
+    start: [
+        0.0,
+        std::f64::consts::FRAC_PI_3,
+        -2.0 * std::f64::consts::FRAC_PI_3,
+    ],
     goal: [0.0, 6.080127018922194, 0.0],
 };
 

@@ -174,8 +174,7 @@ fn counter_examples_with_the_approximate_jacobian_are_the_unstable_region() {
         let mut run = |jacobian| {
             let goal = Pose::from_parts(goal, Rotation3::identity());
             let (model, start) = (planar.model.clone(), DVector::from_row_slice(&q));
-            let robot =
-                ContinuousLoop::new(model, &planar.tip, config(jacobian), &start, goal);
+            let robot = ContinuousLoop::new(model, &planar.tip, config(jacobian), &start, goal);
             let mut robot = robot.unwrap();
             let first = robot.error().position.norm();
             robot.run_to(SECONDS, 0.02);
@@ -184,7 +183,11 @@ fn counter_examples_with_the_approximate_jacobian_are_the_unstable_region() {
         let (approximate, generalized) =
             (run(JacobianKind::FixedBase), run(JacobianKind::Generalized));
         assert!(generalized < 1.0, "{q:?}: {generalized}");
-        assert_eq!(approximate > 1.0, growth > 0.0, "{q:?}: {approximate}, {growth}");
+        assert_eq!(
+            approximate > 1.0,
+            growth > 0.0,
+            "{q:?}: {approximate}, {growth}"
+        );
         if growth > 0.0 {
             leaving += 1;
         } else {

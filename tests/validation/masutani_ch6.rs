@@ -40,9 +40,8 @@ fn jacobians_inertias_and_roots_are_those_of_the_reference() {
         let roots = near.eigenvalues().unwrap();
         for theirs in spot["eig"].as_array().unwrap() {
             let theirs = numbers(theirs);
-            let off = |root: &nalgebra::Complex<f64>| {
-                (root.re - theirs[0]).hypot(root.im - theirs[1])
-            };
+            let off =
+                |root: &nalgebra::Complex<f64>| (root.re - theirs[0]).hypot(root.im - theirs[1]);
             let nearest = roots.iter().map(off).fold(f64::INFINITY, f64::min);
             assert!(nearest < 1e-9, "{theirs:?} {roots:?}");
         }
@@ -98,8 +97,7 @@ fn gains_do_not_move_the_unstable_region() {
 /// Every 10 s: deviation, joints, rates, base and tip, all within 1e-6. The reference integrates by RK4 with 20 ms.
 #[test]
 fn the_runs_go_as_the_reference_in_the_stable_and_the_unstable_region() {
-    let all: Value =
-        serde_json::from_str(include_str!("fixtures/masutani_ch6_runs.json")).unwrap();
+    let all: Value = serde_json::from_str(include_str!("fixtures/masutani_ch6_runs.json")).unwrap();
     for (name, example) in [("stable_approx", STABLE), ("unstable_approx", UNSTABLE)] {
         let mut run = example.start(JacobianKind::FixedBase).by(Method::Rk4);
         for sample in all[name]["samples"].as_array().unwrap() {
@@ -147,7 +145,11 @@ fn in_the_unstable_region_the_tip_leaves_first_and_arrives_later() {
     let approximate = deviations(UNSTABLE, JacobianKind::FixedBase, 110);
     let most = (0..approximate.len()).max_by(|a, b| approximate[*a].total_cmp(&approximate[*b]));
     let most = most.unwrap();
-    assert!((approximate[most] - 0.332).abs() < 1e-3, "{}", approximate[most]);
+    assert!(
+        (approximate[most] - 0.332).abs() < 1e-3,
+        "{}",
+        approximate[most]
+    );
     assert!((0.1 * most as f64 - 59.7).abs() < 0.5, "{most}");
     assert!((settled(&approximate) - 98.3).abs() < 0.2);
     // The generalized Jacobian never lets it go.

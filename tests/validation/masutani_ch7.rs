@@ -39,7 +39,10 @@ fn the_plain_and_the_rotated_law_go_as_the_reference() {
             let stiff = steering == ROTATION && task != FIG_7_3 && theirs[0] > 28.0;
             let tolerance = if stiff { 1e-5 } else { 1e-6 };
             for (ours, theirs) in ours.iter().zip(&theirs[1..]) {
-                assert!((ours - theirs).abs() < tolerance, "{steering:?} {ours} {theirs}");
+                assert!(
+                    (ours - theirs).abs() < tolerance,
+                    "{steering:?} {ours} {theirs}"
+                );
             }
         }
     }
@@ -49,10 +52,26 @@ fn the_plain_and_the_rotated_law_go_as_the_reference() {
 fn the_example_becomes_straight() {
     let run = |steering| FIG_7_3.run(config(steering), 60.0);
     let (plain, rotated) = (run(Steering::Plain), run(ROTATION));
-    assert!((plain.deviation - 0.466).abs() < 1e-3, "{}", plain.deviation);
-    assert!((plain.path_ratio - 1.228).abs() < 2e-3, "{}", plain.path_ratio);
-    assert!((rotated.deviation - 0.044).abs() < 2e-3, "{}", rotated.deviation);
-    assert!((rotated.path_ratio - 1.001).abs() < 2e-3, "{}", rotated.path_ratio);
+    assert!(
+        (plain.deviation - 0.466).abs() < 1e-3,
+        "{}",
+        plain.deviation
+    );
+    assert!(
+        (plain.path_ratio - 1.228).abs() < 2e-3,
+        "{}",
+        plain.path_ratio
+    );
+    assert!(
+        (rotated.deviation - 0.044).abs() < 2e-3,
+        "{}",
+        rotated.deviation
+    );
+    assert!(
+        (rotated.path_ratio - 1.001).abs() < 2e-3,
+        "{}",
+        rotated.path_ratio
+    );
 }
 
 /// Rotation straightens every path but crawls on some; damping straightens them more and is through with each within

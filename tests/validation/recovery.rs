@@ -68,7 +68,10 @@ fn a_kick_leaves_a_singular_position() {
     let (stretched, goal) = ([0.0, 0.0], [4.5, 0.0]);
     let resting = planar(0.0, stretched, goal);
     assert!((resting.error.position.norm() - 1.6).abs() < 1e-9);
-    assert!(matches!(resting.trouble, Some(Trouble::AtRest { kicks: 0, .. })));
+    assert!(matches!(
+        resting.trouble,
+        Some(Trouble::AtRest { kicks: 0, .. })
+    ));
     let kicked = planar(0.1, stretched, goal);
     assert!(kicked.error.position.norm() < 0.01, "{:?}", kicked.error);
     assert_eq!(kicked.trouble, None);
@@ -86,7 +89,10 @@ fn a_goal_out_of_reach_is_named_and_the_arm_rests() {
     assert!(left > short && left < short + 0.15, "{left} {short}");
     assert!(far.fastest_joint < 2.0, "{}", far.fastest_joint);
     let said = far.trouble.unwrap().to_string();
-    assert!(said.contains("farther from the system's centre of mass"), "{said}");
+    assert!(
+        said.contains("farther from the system's centre of mass"),
+        "{said}"
+    );
 }
 
 /// The tip must turn by half a turn exactly: eq. (5.2) vanishes, and the thesis's law does not turn it at all.

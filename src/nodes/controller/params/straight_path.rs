@@ -30,10 +30,7 @@ impl StraightPath {
         .live();
         let mut number = |name: &str, default: f64, most: f64, text: &str| {
             let name = format!("straight_path.{name}");
-            declare
-                .param(&name, default, text)
-                .range(0.0, most)
-                .live()
+            declare.param(&name, default, text).range(0.0, most).live()
         };
         Self {
             shaping,
