@@ -52,7 +52,7 @@ pub struct DynamicsParams {
     pub duration: f64,
     /// Age of the last command beyond which efforts are zero \[s\].
     pub command_timeout: f64,
-    /// Time for which a due state waits for the answer to the one before, from who has answered so far \[s\].
+    /// Time for which a due state waits for the answer to the one before, from who answers states \[s\].
     pub answer_timeout: f64,
     /// Largest effort that a command may ask for \[N m or N\].
     pub max_effort: f64,
@@ -245,7 +245,7 @@ impl DynamicsParams {
             .param(
                 "answer_timeout",
                 0.5,
-                "How long time waits for the answer to the last state [s of the computer's clock], if the ten states before were answered; 0 keeps the pace whatever comes late",
+                "How long time waits for the answer to the last state [s of the computer's clock], from a commander that answers states; 0 keeps the pace whatever comes late",
             )
             .range(0.0, 60.0)
             .read_only()
