@@ -171,7 +171,7 @@ fn counter_examples_with_the_approximate_jacobian_are_the_unstable_region() {
             jacobian,
             ..ControllerConfig::new(LawKind::TransposeJacobian, law.clone())
         };
-        let mut run = |jacobian| {
+        let run = |jacobian| {
             let goal = Pose::from_parts(goal, Rotation3::identity());
             let (model, start) = (planar.model.clone(), DVector::from_row_slice(&q));
             let robot = ContinuousLoop::new(model, &planar.tip, config(jacobian), &start, goal);
