@@ -56,9 +56,12 @@ pub(super) fn fig_6_1(mut report: Report) -> Report {
         "Elbow on one side (q2 > 0), positions in the base frame. The base of mass ratio 20 has 2000 kg, 1500 kg m² \
          and joint 1 at 1.75 m; the others are similar to it. Grey is out of reach.",
     );
-    let axis: Vec<f64> = (0..76).map(|k| -7.5 + 0.2 * f64::from(k)).collect();
+    let axis = |first: f64, count: u32| -> Vec<f64> {
+        (0..count).map(|k| first + 0.15 * f64::from(k)).collect()
+    };
+    let (x, y) = (axis(-4.2, 75), axis(-5.25, 71));
     let panels = RATIOS.into_iter().zip(robots).map(|(ratio, mut robot)| {
-        let cells = axis.iter().flat_map(|x| axis.iter().map(move |y| (*x, *y)));
+        let cells = x.iter().flat_map(|x| y.iter().map(move |y| (*x, *y)));
         let values = cells.map(|(x, y)| match robot.region(x, y, &gains) {
             Region::Stable => 0.0,
             Region::Unstable => 1.0,
@@ -75,8 +78,8 @@ pub(super) fn fig_6_1(mut report: Report) -> Report {
         x_label: "x [m]".to_owned(),
         y_label: "y [m]".to_owned(),
         panels: panels.collect(),
-        x: axis.clone(),
-        y: axis,
+        x: x.clone(),
+        y: y.clone(),
         scale: MapScale::Classes(vec!["stable".to_owned(), "unstable".to_owned()]),
     };
     report.maps.push(("masutani-fig-6.1".to_owned(), figure));

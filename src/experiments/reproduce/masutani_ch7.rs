@@ -128,8 +128,11 @@ fn picture(outcome: &Outcome, title: &str) -> PlaneFigure {
     let mut workspace = Workspace::new(&model);
     let mut posture = |(q, X_WB): &(DVector<f64>, Pose)| -> Vec<(f64, f64)> {
         workspace.set_positions(&model, q);
-        let origins = model.frames().iter().map(|f| X_WB * workspace.X_BF(f));
-        let points = origins.map(|X| X * Point3::origin()).map(|p| (p.y, p.z));
+        let arm = |name: &str| name.starts_with("link") || name == "tool0";
+        let frames = model.frames().iter().filter(|f| arm(&f.name));
+        let origins = frames.map(|f| X_WB * workspace.X_BF(f));
+        let poses = std::iter::once(*X_WB).chain(origins);
+        let points = poses.map(|X| X * Point3::origin()).map(|p| (p.y, p.z));
         points.chain([(f64::NAN, f64::NAN)]).collect()
     };
     let series = |name: &str, points| Series {
