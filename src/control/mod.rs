@@ -6,14 +6,24 @@
 mod controller;
 mod inverse_kinematics;
 mod joint_pd;
+mod operability;
+mod operator;
 mod pose_error;
+mod resolved_rate;
 mod transpose_jacobian;
+mod velocity_servo;
 
 pub use controller::{Acted, Controller, ControllerConfig, LawKind};
 pub use inverse_kinematics::{IkError, inverse_kinematics};
 pub use joint_pd::JointPd;
+pub use operability::{MapError, MapPoint, Mapping, Operability, OperabilityMap};
+pub use operator::{Operator, OperatorConfig};
 pub use pose_error::{PoseError, Saturation};
+pub use resolved_rate::{
+    Limited, RateLimits, Resolution, Resolved, ResolvedRate, ResolvedRateConfig, limit_twist,
+};
 pub use transpose_jacobian::{Gains, JacobianKind, TransposeJacobian};
+pub use velocity_servo::{ServoGains, VelocityServo, VelocityServoConfig};
 
 use nalgebra::DVector;
 
