@@ -90,6 +90,7 @@ pub mod experiments;
 pub mod experiments {
     pub mod masutani_ch3;
     pub mod masutani_ch5;
+    pub mod masutani_ch8;
     pub mod tr942;
 }
 #[cfg(feature = "ros")]

@@ -7,7 +7,9 @@ mod closed_loop;
 mod estimation_plot;
 pub mod masutani_ch3;
 pub mod masutani_ch5;
+pub mod masutani_ch8;
 mod observations;
+mod operated;
 mod performance;
 mod recorded;
 mod recorded_estimation;
@@ -22,6 +24,7 @@ pub use bag_plot::plot_bag;
 pub use chart::{ChartError, Figure, MapFigure, MapPanel, MapScale, Panel, PlaneFigure, Series};
 pub use closed_loop::{Answer, ClosedLoop, Moment};
 pub use observations::{Observations, ObservedTracks};
+pub use operated::{Drive, Operated};
 pub use performance::{MomentumResidual, Performance, Summary};
 pub use recorded::{
     BaseSample, ControllerSample, JointSample, MomentumSample, RecordedRun, RecordedRuns,

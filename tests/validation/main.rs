@@ -25,5 +25,6 @@ mod pinocchio;
 mod positioning;
 mod precision;
 mod random_trees;
+mod teleoperation;
 mod trees;
 mod tumbling;

@@ -51,7 +51,7 @@ pub(super) struct Live {
     fixed: ResolvedRateConfig,
 }
 
-const COMPONENTS: [&str; 6] = ["x", "y", "z", "roll", "pitch", "yaw"];
+const COMPONENTS: [&str; 6] = ["vx", "vy", "vz", "wx", "wy", "wz"];
 
 impl Live {
     fn declare(declare: &mut Declare) -> Self {
