@@ -10,9 +10,10 @@ pub struct OperatorConfig {
     pub reaction: f64,
     /// Time from one picture to the next \[s\].
     pub picture_period: f64,
-    /// Command per distance \[1/s\]: with a tip that moves as commanded, the crossover frequency in rad/s.
-    pub gain: f64,
-    /// Command of a joystick that is pushed all the way \[m/s\].
+    /// Command per distance along each axis of the picture \[1/s\]: with a tip that moves as commanded, the crossover
+    /// frequency in rad/s.
+    pub gain: Vector3<f64>,
+    /// Command of a joystick's axis that is pushed all the way \[m/s\].
     pub full_speed: f64,
 }
 
@@ -23,7 +24,7 @@ impl Default for OperatorConfig {
         Self {
             reaction: 0.25,
             picture_period: 0.1,
-            gain: 1.0,
+            gain: Vector3::repeat(1.0),
             full_speed: 0.5,
         }
     }
@@ -76,7 +77,7 @@ impl Operator {
             self.acted_on = *seen;
             self.pictures.pop_front();
         }
-        (self.acted_on * gain).cap_magnitude(full_speed)
+        (self.acted_on.component_mul(&gain)).map(|v| v.clamp(-full_speed, full_speed))
     }
 }
 
@@ -97,7 +98,7 @@ mod tests {
             }
             // The newest picture that is 0.25 s old, 10 of them a second.
             let shown = ((time - 0.25 + 1e-6) * 10.0).floor() / 10.0;
-            let expected = way(shown).cap_magnitude(0.5);
+            let expected = way(shown).map(|v| v.min(0.5));
             assert!((command - expected).norm() < 1e-9, "{time}: {command}");
         }
     }

@@ -2,6 +2,7 @@
 
 mod masutani;
 mod report;
+mod teleoperation;
 mod tr942;
 mod tumbling;
 
@@ -49,6 +50,16 @@ const QUICK: &[Reproduction] = &[
         name: "masutani-fig-5.5",
         shows: "Masutani 1995 Fig. 5.5: angular acceleration of the base, and the moment behind it",
         compute: masutani::fig_5_5,
+    },
+    Reproduction {
+        name: "masutani-fig-8.7",
+        shows: "Masutani 1995 Fig. 8.7: how long an operator takes to position the tip, by six methods",
+        compute: teleoperation::fig_8_7,
+    },
+    Reproduction {
+        name: "masutani-fig-8.10",
+        shows: "Masutani 1995 Fig. 8.10: how much a free base distorts an operator's commands over the work space",
+        compute: teleoperation::fig_8_10,
     },
     Reproduction {
         name: "tr942-chain",

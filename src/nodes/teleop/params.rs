@@ -321,17 +321,17 @@ fn declare_operator(declare: &mut Declare) -> Option<SimulatedOperator> {
             1e-3,
             10.0,
         ),
-        gain: number(
+        gain: Vector3::repeat(number(
             "operator.gain",
-            usual.gain,
+            usual.gain.x,
             "Speed that the operator commands per distance [1/s]",
             1e-3,
             100.0,
-        ),
+        )),
         full_speed: number(
             "operator.full_speed",
             usual.full_speed,
-            "Largest speed that the operator commands [m/s]",
+            "Largest speed that the operator commands along each axis [m/s]",
             1e-6,
             100.0,
         ),
