@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::{GainError, check_joint_gains, check_positive};
+use super::gains::{GainError, check_joint_gains, check_positive};
 use crate::{
     dynamics::{State, Workspace},
     model::Model,

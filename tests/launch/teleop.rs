@@ -245,7 +245,7 @@ fn wrong_messages_stop_the_arm_and_are_named() {
             ),
             (
                 "teleop: operator",
-                wrong_joy(json!([0.0; 5]), json!([])),
+                wrong_joy(json!([0.0, 0.0, 0.0, 0.0, 0.0]), json!([])),
                 ["/joy", "0 buttons; enable_button is 0"],
             ),
             (
