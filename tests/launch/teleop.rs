@@ -92,6 +92,19 @@ fn an_rclpy_joystick_moves_the_tip_and_its_loss_stops_it() {
         assert_eq!(state["header"]["stamp"]["sec"], 0, "{state}");
         let said = diagnosed(&mut peer, "teleop: operator", |level, _| level == WARN);
         assert!(said.contains("/joy") && said.contains("/cmd_vel"), "{said}");
+        // Nothing but its gyro tells the node of the base.
+        let hears = [
+            "/joy",
+            "/cmd_vel",
+            "/imu",
+            "/joint_states",
+            "/robot_description",
+        ];
+        let graph = peer.graph("teleop", "/", &json!({"subscribers": hears}));
+        for topic in graph["subscribers"].as_object().unwrap().keys() {
+            let known = hears.contains(&topic.as_str()) || topic == "/clock";
+            assert!(known, "the teleop node hears {topic}");
+        }
         let mut stick = joystick(domain, &["push"]);
         // Axis 0 is y. It is halfway beyond a deadband of 0.05.
         let asked = Vector3::new(0.0, 0.5 * (0.5 - 0.05) / 0.95, 0.0);

@@ -11,14 +11,14 @@ use crate::experiments::masutani_ch8::{
 };
 use crate::experiments::{Figure, MapFigure, MapPanel, MapScale, Panel, PlaneFigure, Series};
 
-/// How the table below Fig. 8.7 calls the experiments.
+/// The experiments of the table below Fig. 8.7, in letters that the pictures' font has.
 const NAMES: [&str; 6] = [
-    "fixed base, J⁻¹",
-    "fixed base, Jᵀ",
-    "free base, Ĵ⁻¹",
-    "free base, J⁻¹",
-    "free base, Ĵᵀ",
-    "free base, Jᵀ",
+    "fixed base, inverse J",
+    "fixed base, transpose J",
+    "free base, inverse Ĵ",
+    "free base, inverse J",
+    "free base, transpose Ĵ",
+    "free base, transpose J",
 ];
 
 fn mean(values: &[f64]) -> f64 {
@@ -127,7 +127,7 @@ fn listing(runs: &[[Attempt; 8]; 6], times: &[Vec<f64>; 6]) -> String {
     let mut out = String::from("time [s] to each target, mean and standard deviation\n");
     // Writing to a string cannot fail.
     for (name, times) in NAMES.iter().zip(times) {
-        let _ = write!(out, "{name:16}");
+        let _ = write!(out, "{name:24}");
         for time in times {
             let _ = write!(out, "{time:7.2}");
         }
@@ -144,7 +144,7 @@ fn listing(runs: &[[Attempt; 8]; 6], times: &[Vec<f64>; 6]) -> String {
             Base::Free => format!("{:.2} deg", most(|r| r.base_turn).to_degrees()),
         };
         let off = most(|r| r.deviation);
-        let _ = writeln!(out, "{name:16}{:7.3}{off:9.4} m  {turn}", mean(&paths));
+        let _ = writeln!(out, "{name:24}{:7.3}{off:9.4} m  {turn}", mean(&paths));
     }
     let way = targets()[2] - Vector3::from(START);
     let _ = write!(

@@ -218,18 +218,19 @@ impl<'a> Teleop<'a> {
             return;
         }
         let Some(arm) = &mut self.arm else { return };
-        let time = self.node.now();
+        let stamp = self.node.now();
+        let time = stamp.as_secs_f64();
         let status = &self.steering_status;
-        match steer(arm, &wish, &self.attitude, time.as_secs_f64(), timeout) {
+        match steer(arm, &wish, &self.attitude, time, timeout) {
             Ok(Some(steered)) => say(status, &arm.steering, &steered),
             Ok(None) => status.ok("the arm stands still"),
             Err(problem) => {
-                arm.steering.stop();
+                arm.steering.stop(time);
                 status.warn(format!("{problem}; the arm is stopped"));
             }
         }
         let header = Header {
-            stamp: time.into(),
+            stamp: stamp.into(),
             frame_id: arm.names.base.clone(),
         };
         self.commands.publish(&message(&arm.steering, header));
@@ -269,7 +270,7 @@ fn steer(
     timeout: Duration,
 ) -> Result<Option<Steered>, String> {
     let Wish::Move(command) = wish else {
-        arm.steering.stop();
+        arm.steering.stop(time);
         return Ok(None);
     };
     let (at, q) = (arm.state.as_ref()).ok_or("no joint_states have arrived yet")?;

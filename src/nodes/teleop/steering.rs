@@ -95,10 +95,10 @@ impl Steering {
         &self.rates
     }
 
-    /// Stops at once.
-    pub fn stop(&mut self) {
+    /// Stops at once, at `time` \[s\].
+    pub fn stop(&mut self, time: f64) {
         self.rates.fill(0.0);
-        self.last = None;
+        self.last = Some(time);
     }
 
     /// The command's twist in the base's axes, at joint positions `q` and base attitude `R_WB` if anybody knows it.
@@ -222,7 +222,7 @@ mod tests {
             assert!((steering.rates() - settled).amax() < 1e-12);
             assert!(steering.rates().amax() > 0.01);
         }
-        steering.stop();
+        steering.stop(time);
         assert_eq!(steering.rates().amax(), 0.0);
     }
 }
