@@ -93,6 +93,7 @@ pub mod experiments {
     pub mod masutani_ch5;
     pub mod masutani_ch6;
     pub mod masutani_ch7;
+    pub mod masutani_ch8;
     pub mod masutani_g;
     pub mod operation_counts;
     pub mod tr942;

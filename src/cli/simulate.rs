@@ -144,11 +144,15 @@ fn table(name: &str, s: &Summary) -> String {
             s.duration / s.wall_time
         ),
     );
-    if let (Some(position), Some(attitude)) = (s.tip_position_error, s.tip_attitude_error) {
+    if let Some(position) = s.tip_position_error {
         row("tip position error", format!("{position:.3e} m"));
-        row("tip attitude error", format!("{attitude:.3e} rad"));
+        if let Some(attitude) = s.tip_attitude_error {
+            row("tip attitude error", format!("{attitude:.3e} rad"));
+        }
         row("within 1 cm after", time(s.time_to_1cm));
-        row("within 2 degrees after", time(s.time_to_2deg));
+        if s.tip_attitude_error.is_some() {
+            row("within 2 degrees after", time(s.time_to_2deg));
+        }
     }
     row("base displacement", format!("{x:.4}, {y:.4}, {z:.4} m"));
     row(

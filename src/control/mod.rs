@@ -16,11 +16,15 @@ mod law;
 mod linearised;
 mod lyapunov;
 mod measurement;
+mod operability;
+mod operator;
 mod pose_error;
 mod reach;
 mod recovery;
+mod resolved_rate;
 mod straight_path;
 mod transpose_jacobian;
+mod velocity_servo;
 
 pub use config::ControllerConfig;
 pub use controller::Controller;
@@ -31,8 +35,14 @@ pub use law::{Acted, Arm, Law, LawError, LawKind};
 pub use linearised::LinearisedLoop;
 pub use lyapunov::LyapunovFunction;
 pub use measurement::{Measurement, Sight};
+pub use operability::{MapError, MapPoint, Mapping, Operability, OperabilityMap};
+pub use operator::{Operator, OperatorConfig};
 pub use pose_error::{HALF_TURN_CAP, PoseError, Saturation};
 pub use reach::farthest_from_com;
 pub use recovery::{RecoveryConfig, Trouble};
+pub use resolved_rate::{
+    Limited, RateLimits, Resolution, Resolved, ResolvedRate, ResolvedRateConfig, limit_twist,
+};
 pub use straight_path::{Shaping, StraightPath, StraightPathConfig};
 pub use transpose_jacobian::{JacobianKind, TransposeJacobian};
+pub use velocity_servo::{ServoGains, VelocityServo, VelocityServoConfig};

@@ -10,8 +10,10 @@ pub mod masutani_ch3;
 pub mod masutani_ch5;
 pub mod masutani_ch6;
 pub mod masutani_ch7;
+pub mod masutani_ch8;
 pub mod masutani_g;
 mod observations;
+mod operated;
 pub mod operation_counts;
 mod performance;
 mod recorded;
@@ -28,6 +30,7 @@ pub use chart::{ChartError, Figure, MapFigure, MapPanel, MapScale, Panel, PlaneF
 pub use closed_loop::{Answer, ClosedLoop, Moment};
 pub use continuous_loop::ContinuousLoop;
 pub use observations::{Observations, ObservedTracks};
+pub use operated::{Drive, Operated};
 pub use performance::{MomentumResidual, Performance, Summary};
 pub use recorded::{
     BaseSample, ControllerSample, JointSample, MomentumSample, RecordedRun, RecordedRuns,

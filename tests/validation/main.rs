@@ -29,5 +29,6 @@ mod positioning;
 mod precision;
 mod random_trees;
 mod recovery;
+mod teleoperation;
 mod trees;
 mod tumbling;

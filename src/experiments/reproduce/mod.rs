@@ -6,6 +6,7 @@ mod masutani_ch6;
 mod masutani_ch7;
 mod masutani_g;
 mod report;
+mod teleoperation;
 mod tr942;
 mod tumbling;
 
@@ -83,6 +84,16 @@ const QUICK: &[Reproduction] = &[
         name: "masutani-table-g.1",
         shows: "Masutani 1995 Table G.1 (6.1): operations that the generalized Jacobian takes",
         compute: masutani_g::table_g_1,
+    },
+    Reproduction {
+        name: "masutani-fig-8.7",
+        shows: "Masutani 1995 Fig. 8.7: how long an operator takes to position the tip, by six methods",
+        compute: teleoperation::fig_8_7,
+    },
+    Reproduction {
+        name: "masutani-fig-8.10",
+        shows: "Masutani 1995 Fig. 8.10: how much a free base distorts an operator's commands over the work space",
+        compute: teleoperation::fig_8_10,
     },
     Reproduction {
         name: "tr942-chain",
