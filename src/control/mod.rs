@@ -4,12 +4,15 @@
 //! rates from encoders, tip and goal poses as a sensor on the base sees them.
 
 mod controller;
+mod feed_forward;
 mod inverse_kinematics;
 mod joint_pd;
 mod pose_error;
+pub mod prediction;
 mod transpose_jacobian;
 
 pub use controller::{Acted, Controller, ControllerConfig, LawKind};
+pub use feed_forward::{AHEAD, DAMPING, FeedForward, GoalRates};
 pub use inverse_kinematics::{IkError, inverse_kinematics};
 pub use joint_pd::JointPd;
 pub use pose_error::{PoseError, Saturation};
