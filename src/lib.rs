@@ -91,6 +91,7 @@ pub mod experiments {
     pub mod masutani_ch3;
     pub mod masutani_ch5;
     pub mod tr942;
+    pub mod tracking;
 }
 #[cfg(feature = "ros")]
 pub mod msg;

@@ -39,9 +39,11 @@ use crate::spatial::Twist;
 /// the change of `q̇_D` along the motion, by a difference over [`AHEAD`]: so it holds for the damped inverse too.
 #[derive(Debug, Clone)]
 pub struct FeedForward {
-    /// Damping of the inverse of `Ĵ`: rates that the goal's motion calls for are at most its speed over twice
-    /// this \[m or rad\]. Nearer to a singularity than this the tip falls behind.
+    /// Damping of the inverse of `Ĵ` \[m or rad\]: nearer to a singularity than this the tip falls behind.
     pub damping: f64,
+    /// Largest joint rate that is fed forward \[rad/s or m/s\]: a goal that moves out of reach shall not fling
+    /// the arm after it.
+    pub fastest: f64,
     tip: Frame,
     ahead: Workspace,
     jacobian: Matrix6xX<f64>,
@@ -58,8 +60,11 @@ pub struct FeedForward {
 /// How far ahead the rates are compared \[s\]: truncation and rounding are both some 1e-7 of the rates here.
 pub const AHEAD: f64 = 1e-6;
 
-/// Damping that leaves 1 % of the goal's velocity to the law where the smallest singular value is 0.1.
-pub const DAMPING: f64 = 0.01;
+/// Damping that leaves 4 % of the goal's velocity to the law where the smallest singular value is 0.1.
+pub const DAMPING: f64 = 0.02;
+
+/// Some ten times what a servicer's joints need to follow what it can catch.
+pub const FASTEST: f64 = 0.3;
 
 /// How the goal moves, and the robot.
 #[derive(Debug, Clone, Copy)]
@@ -82,6 +87,7 @@ impl FeedForward {
         let zero = DVector::zeros(model.dof());
         Self {
             damping: DAMPING,
+            fastest: FASTEST,
             tip: tip.clone(),
             ahead: Workspace::new(model),
             jacobian: Matrix6xX::zeros(model.dof()),
@@ -126,13 +132,13 @@ impl FeedForward {
         self.ahead.set_positions(model, &self.q_later);
         self.trial.fill(0.0);
         let still = &self.trial;
-        let (J, damping) = (&mut self.jacobian, self.damping);
+        let (J, damping, fastest) = (&mut self.jacobian, self.damping, self.fastest);
         rates(
             workspace,
             &self.tip,
             goal.V_ID_B,
             &L_B,
-            damping,
+            (damping, fastest),
             still,
             J,
             &mut self.rates,
@@ -142,7 +148,7 @@ impl FeedForward {
             &self.tip,
             &V_later,
             &L_later,
-            damping,
+            (damping, fastest),
             still,
             J,
             &mut self.later,
@@ -197,7 +203,7 @@ fn rates(
     tip: &Frame,
     V_ID_B: &Twist,
     L_B: &Vector3<f64>,
-    damping: f64,
+    (damping, fastest): (f64, f64),
     still: &DVector<f64>,
     J: &mut Matrix6xX<f64>,
     out: &mut DVector<f64>,
@@ -213,6 +219,10 @@ fn rates(
     let w = V_ID_B.angular - base.angular;
     let wanted = Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z);
     damped_inverse(J, &wanted, damping, out);
+    let most = out.amax();
+    if most > fastest {
+        *out *= fastest / most;
+    }
 }
 
 /// `Jᵀ (J Jᵀ + λ²)⁻¹ v`: the least rates among those that come nearest to `v`, damped.

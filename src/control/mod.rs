@@ -7,15 +7,19 @@ mod controller;
 mod feed_forward;
 mod inverse_kinematics;
 mod joint_pd;
+mod operational_space;
 mod pose_error;
 pub mod prediction;
+mod task_priority;
 mod transpose_jacobian;
 
 pub use controller::{Acted, Controller, ControllerConfig, LawKind};
-pub use feed_forward::{AHEAD, DAMPING, FeedForward, GoalRates};
+pub use feed_forward::{AHEAD, DAMPING, FASTEST, FeedForward, GoalRates};
 pub use inverse_kinematics::{IkError, inverse_kinematics};
 pub use joint_pd::JointPd;
+pub use operational_space::{BaseTask, OperationalGains, OperationalSpace, Robot, TipTask};
 pub use pose_error::{PoseError, Saturation};
+pub use task_priority::{Rows, TaskPriority};
 pub use transpose_jacobian::{Gains, JacobianKind, TransposeJacobian};
 
 use nalgebra::DVector;

@@ -51,8 +51,9 @@ impl Predicted {
     }
 }
 
-/// Time over which differences between camera and encoders are averaged \[s\].
-const AVERAGED: f64 = 1.0;
+/// Time over which differences between camera and encoders are averaged \[s\]: they are errors of the kinematics,
+/// which last.
+const AVERAGED: f64 = 10.0;
 
 /// Carries what the camera has seen on to the present.
 #[derive(Debug, Clone)]
@@ -69,6 +70,8 @@ struct Seen {
     X_ID: Pose,
     /// What the camera saw of the tip beside what the encoders told: an error of the kinematics, in the tip's axes.
     X_EE: Pose,
+    /// Frames so far.
+    count: f64,
 }
 
 impl Predictor {
@@ -106,12 +109,19 @@ impl Predictor {
         };
         let X_ID = then.X_IB() * X_BD;
         let mut X_EE = then.X_BE.inverse() * X_BE;
+        let mut count = 1.0;
         if let Some(last) = &self.last {
+            count += last.count;
             let part = 1.0 - (-(time - last.time) / AVERAGED).exp();
-            X_EE = last.X_EE.lerp_slerp(&X_EE, part);
+            X_EE = last.X_EE.lerp_slerp(&X_EE, part.max(1.0 / count));
         }
         self.goal.see(time, &X_ID);
-        self.last = Some(Seen { time, X_ID, X_EE });
+        self.last = Some(Seen {
+            time,
+            X_ID,
+            X_EE,
+            count,
+        });
     }
 
     /// Takes in the goal's angular velocity `w_ID_B` \[rad/s\] at `time` \[s\], in base axes of that time, as
