@@ -2,8 +2,12 @@
 
 use nalgebra::{DVector, Matrix6xX, UnitQuaternion, Vector3, Vector6};
 
+use super::gains::check_positive;
 use super::prediction::Predicted;
-use super::{GainError, PoseError, Saturation, TaskPriority, check_positive};
+use super::{
+    Acted, Arm, ControllerConfig, GainError, Law, LawError, Measurement, PoseError, Present,
+    Saturation, TaskPriority,
+};
 use crate::dynamics::{Input, Momentum, State, Workspace};
 use crate::model::{Frame, Model};
 use crate::spatial::Twist;
@@ -51,33 +55,33 @@ impl BaseTask {
 }
 
 /// Settings of [`OperationalSpace`].
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct OperationalGains {
+#[derive(Debug, Clone, PartialEq)]
+pub struct OperationalConfig {
     /// Natural frequency of the tips' deviations, and of the base's \[rad/s\].
     pub frequency: f64,
     /// Damping ratio of the same.
     pub damping_ratio: f64,
     /// Rate at which joint motion dies out that no task has use of \[1/s\].
     pub null_space_damping: f64,
-    /// Saturation of the deviations.
-    pub saturation: Saturation,
+    /// What each tip is to do; a tip beyond the end holds its pose.
+    pub tips: Vec<TipTask>,
+    /// What the base is to do.
+    pub base: BaseTask,
 }
 
-impl Default for OperationalGains {
+impl Default for OperationalConfig {
     fn default() -> Self {
         Self {
             frequency: 1.0,
             damping_ratio: 1.0,
             null_space_damping: 0.5,
-            saturation: Saturation {
-                position: 0.2,
-                orientation: 0.2,
-            },
+            tips: Vec::new(),
+            base: BaseTask::Free,
         }
     }
 }
 
-impl OperationalGains {
+impl OperationalConfig {
     /// Refuses gains that do not make a stable motion.
     ///
     /// # Errors
@@ -85,8 +89,7 @@ impl OperationalGains {
     pub fn check(&self) -> Result<(), GainError> {
         check_positive("frequency", self.frequency)?;
         check_positive("damping_ratio", self.damping_ratio)?;
-        check_positive("null_space_damping", self.null_space_damping)?;
-        self.saturation.check()
+        check_positive("null_space_damping", self.null_space_damping)
     }
 }
 
@@ -112,13 +115,8 @@ impl OperationalGains {
 /// somewhere, so with it the arm moves on for ever.
 #[derive(Debug, Clone)]
 pub struct OperationalSpace {
-    /// Gains; may change between calls.
-    pub gains: OperationalGains,
-    /// What each tip is to do; may change between calls.
-    pub tasks: Vec<TipTask>,
-    /// What the base is to do; may change between calls, after [`OperationalSpace::set_base_task`].
-    base: BaseTask,
-    tips: Vec<Frame>,
+    config: OperationalConfig,
+    saturation: Saturation,
     state: State,
     still: Input,
     acceleration: DVector<f64>,
@@ -128,111 +126,69 @@ pub struct OperationalSpace {
     held: Option<UnitQuaternion<f64>>,
 }
 
-/// The robot as it knows itself.
-#[derive(Debug, Clone, Copy)]
-pub struct Robot<'a> {
-    /// Joint positions \[rad or m\].
-    pub q: &'a DVector<f64>,
-    /// Joint rates \[rad/s or m/s\].
-    pub qd: &'a DVector<f64>,
-    /// Angular velocity of the base, base axes \[rad/s\].
-    pub w_IB_B: &'a Vector3<f64>,
-    /// Attitude of the base in I ([`super::prediction::BaseMotion`]).
-    pub R_IB: &'a UnitQuaternion<f64>,
-}
-
 impl OperationalSpace {
-    /// The law for `model` with its tips, each to hold its pose.
-    ///
-    /// # Errors
-    /// [`GainError`] as [`OperationalGains::check`].
-    pub fn new(model: &Model, tips: &[Frame], gains: OperationalGains) -> Result<Self, GainError> {
-        gains.check()?;
-        let n = model.dof();
-        Ok(Self {
-            gains,
-            tasks: vec![TipTask::Pose; tips.len()],
-            base: BaseTask::Free,
-            tips: tips.to_vec(),
-            state: State::at_rest(model),
-            still: Input::zero(model),
+    /// The law for an arm, or for several.
+    pub fn new(config: &ControllerConfig, arm: &Arm) -> Self {
+        let n = arm.model.dof();
+        Self {
+            config: config.operational.clone(),
+            saturation: config.gains.saturation,
+            state: State::at_rest(&arm.model),
+            still: Input::zero(&arm.model),
             acceleration: DVector::zeros(n),
             jacobian: Matrix6xX::zeros(n),
-            priority: TaskPriority::new(n, tips.len() + 1),
+            priority: TaskPriority::new(n, arm.tips().count() + 1),
             held: None,
-        })
-    }
-
-    /// Says what the base is to do; the attitude to hold is the one of the next call.
-    pub fn set_base_task(&mut self, base: BaseTask) {
-        if base != self.base {
-            self.held = None;
         }
-        self.base = base;
     }
 
-    /// Writes joint efforts \[N m or N\] for goals, one for each tip; a tip without one is braked. `workspace` is scratch.
-    ///
-    /// # Panics
-    /// If there is not one goal entry per tip.
-    pub fn efforts(
-        &mut self,
-        model: &Model,
-        workspace: &mut Workspace,
-        robot: &Robot,
-        goals: &[Option<Predicted>],
-        efforts: &mut DVector<f64>,
-    ) {
-        assert_eq!(goals.len(), self.tips.len(), "one goal per tip");
-        workspace.set_positions(model, robot.q);
-        let turning = Twist::new(*robot.w_IB_B, Vector3::zeros());
-        self.state.q.copy_from(robot.q);
-        self.state.qd.copy_from(robot.qd);
-        self.state.R_WB = UnitQuaternion::identity();
+    /// What the `k`th tip is to do.
+    fn task(&self, k: usize) -> TipTask {
+        self.config.tips.get(k).copied().unwrap_or_default()
+    }
+
+    /// Sets up the free motion, beside which efforts act.
+    fn prepare(&mut self, arm: &mut Arm, seen: &Measurement<'_>, now: &Present<'_>) {
+        let Arm {
+            model, workspace, ..
+        } = arm;
+        workspace.set_positions(model, seen.q);
+        let turning = Twist::new(*now.w_IB_B, Vector3::zeros());
+        self.state.q.copy_from(seen.q);
+        self.state.qd.copy_from(seen.qd);
         self.state.momentum_W = Momentum {
             linear: Vector3::zeros(),
-            angular: workspace.momentum_of(&turning, robot.qd).angular,
+            angular: workspace.momentum_of(&turning, seen.qd).angular,
         };
         workspace.set_motion(&self.state);
         workspace.accelerations(model, &self.state, &self.still, &mut self.acceleration);
         workspace.set_accelerations(&self.acceleration);
         self.priority.begin(workspace.reduced_inertia());
-        if self.base == BaseTask::BeforeTips {
-            self.hold_base(model, workspace, robot);
-        }
-        for (k, goal) in goals.iter().enumerate() {
-            self.steer(workspace, k, goal.as_ref());
-        }
-        if self.base == BaseTask::AfterTips {
-            self.hold_base(model, workspace, robot);
-        }
-        // Efforts in proportion to momentum let all joint motion die out alike.
-        let inertia = workspace.reduced_inertia();
-        let rate = -self.gains.null_space_damping;
-        self.acceleration.gemv(rate, inertia, robot.qd, 0.0);
-        self.priority.add_in_null_space(&self.acceleration);
-        self.priority.efforts(efforts);
     }
-
-    fn steer(&mut self, workspace: &Workspace, k: usize, goal: Option<&Predicted>) {
-        let (task, tip) = (self.tasks[k], &self.tips[k]);
+    /// A tip is to follow its goal; one without is braked.
+    fn steer(
+        &mut self,
+        workspace: &Workspace,
+        tip: &Frame,
+        task: TipTask,
+        goal: Option<&Predicted>,
+    ) {
         if task == TipTask::Free {
             return;
         }
         let (V, A_0) = (workspace.V_WF_B(tip), workspace.A_WF_B(tip));
-        let OperationalGains {
+        let OperationalConfig {
             frequency,
             damping_ratio,
-            saturation,
             ..
-        } = &self.gains;
+        } = &self.config;
         let brake = 2.0 * damping_ratio * frequency;
         let mut A = (Twist::ZERO - V) * brake;
         if let Some(goal) = goal {
             let error = PoseError::between(&goal.X_BE, &goal.X_BD);
             let pull = Twist::new(
-                saturation.orientation_error(&error).0,
-                saturation.position_error(&error).0,
+                self.saturation.orientation_error(&error).0,
+                self.saturation.position_error(&error).0,
             );
             A += goal.A_ID_B + goal.V_ID_B * brake + pull * frequency.powi(2);
         }
@@ -248,21 +204,68 @@ impl OperationalSpace {
         self.priority.add(&self.jacobian, &wanted);
     }
 
-    fn hold_base(&mut self, model: &Model, workspace: &Workspace, robot: &Robot) {
+    /// The base is to keep its attitude.
+    fn hold_base(&mut self, model: &Model, workspace: &Workspace, robot: &Present<'_>) {
         let held = *self.held.get_or_insert(*robot.R_IB);
         let base = &model.frames()[0];
         let (w, A_0) = (robot.w_IB_B, workspace.A_WF_B(base));
         let off = (robot.R_IB.inverse() * held).scaled_axis();
-        let OperationalGains {
+        let OperationalConfig {
             frequency,
             damping_ratio,
             ..
-        } = self.gains;
+        } = self.config;
         let alpha = off * frequency.powi(2) - w * (2.0 * damping_ratio * frequency) - A_0.angular;
         workspace.base_map(model, &mut self.jacobian);
         self.jacobian.fixed_rows_mut::<3>(0).fill(0.0);
         let mut wanted = Vector6::zeros();
         wanted.fixed_rows_mut::<3>(3).copy_from(&alpha);
         self.priority.add(&self.jacobian, &wanted);
+    }
+}
+
+impl Law for OperationalSpace {
+    fn configure(&mut self, config: &ControllerConfig) {
+        if config.operational.base != self.config.base {
+            // The attitude to hold is the one of now.
+            self.held = None;
+        }
+        self.config.clone_from(&config.operational);
+        self.saturation = config.gains.saturation;
+    }
+
+    fn joint_damping(&self) -> f64 {
+        0.0
+    }
+
+    fn pull(
+        &mut self,
+        arm: &mut Arm,
+        seen: &Measurement<'_>,
+        pull: &mut DVector<f64>,
+    ) -> Result<Acted, LawError> {
+        let mut acted = Acted::on(seen);
+        let (Some(now), Some(error)) = (&seen.present, &acted.error) else {
+            return Ok(acted);
+        };
+        acted.position_saturated = self.saturation.position_error(error).1;
+        acted.orientation_saturated = self.saturation.orientation_error(error).1;
+        self.prepare(arm, seen, now);
+        if self.config.base == BaseTask::BeforeTips {
+            self.hold_base(&arm.model, &arm.workspace, now);
+        }
+        for (k, (tip, goal)) in arm.tips().zip(now.goals).enumerate() {
+            self.steer(&arm.workspace, tip, self.task(k), goal.as_ref());
+        }
+        if self.config.base == BaseTask::AfterTips {
+            self.hold_base(&arm.model, &arm.workspace, now);
+        }
+        // Efforts in proportion to momentum let all joint motion die out alike.
+        let inertia = arm.workspace.reduced_inertia();
+        let rate = -self.config.null_space_damping;
+        self.acceleration.gemv(rate, inertia, seen.qd, 0.0);
+        self.priority.add_in_null_space(&self.acceleration);
+        self.priority.efforts(pull);
+        Ok(acted)
     }
 }

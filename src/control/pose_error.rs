@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::{GainError, check_positive};
+use super::gains::{GainError, check_positive};
 use crate::spatial::Pose;
 
 /// Deviation of the tip E from the goal D, in base axes.

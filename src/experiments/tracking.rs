@@ -8,10 +8,9 @@ use nalgebra::{DVector, Isometry3, Rotation3, Translation3, UnitQuaternion, Vect
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 use rand_distr::StandardNormal;
 
-use crate::control::prediction::{GoalMotionConfig, Predicted, Prediction, Predictor};
+use crate::control::prediction::{GoalMotionConfig, Prediction};
 use crate::control::{
-    FeedForward, Gains, GoalRates, JacobianKind, Measurement, OperationalGains, OperationalSpace,
-    PoseError, Robot, Saturation, TransposeJacobian,
+    Controller, ControllerConfig, Gains, LawKind, Measurement, PoseError, Saturation, Sight,
 };
 use crate::dynamics::{Floating, Method, State, Workspace};
 use crate::experiments::masutani_ch5::K_V;
@@ -22,20 +21,11 @@ use crate::vision::{PoseCamera, PoseCameraConfig, PoseFrame};
 /// Period at which the law is sampled \[s\].
 pub const PERIOD: f64 = 0.01;
 
-/// Which law follows the goal.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Law {
-    /// The thesis's, with what the goal's motion takes fed forward when it is predicted.
-    TransposeJacobian,
-    /// Resolved acceleration with the generalized inertia.
-    OperationalSpace,
-}
-
 /// The run's conditions.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone)]
 pub struct Setup {
     /// Which law.
-    pub law: Law,
+    pub law: LawKind,
     /// What is done about what the camera has seen.
     pub prediction: Prediction,
     /// How good the camera is.
@@ -44,6 +34,8 @@ pub struct Setup {
     pub goal: GoalMotionConfig,
     /// Standard deviation of each component of the gyro \[rad/s\].
     pub gyro_noise: f64,
+    /// The robot as the controller believes it to be, if that is not the truth.
+    pub known_robot: Option<Model>,
     /// Whether the target moves and the servicer has momentum.
     pub moving: bool,
 }
@@ -52,7 +44,7 @@ impl Setup {
     /// Sees every state at once and exactly.
     pub fn ideal(prediction: Prediction) -> Self {
         Self {
-            law: Law::TransposeJacobian,
+            law: LawKind::TransposeJacobian,
             prediction,
             camera: PoseCameraConfig::default(),
             goal: GoalMotionConfig {
@@ -61,6 +53,7 @@ impl Setup {
                 ..GoalMotionConfig::default()
             },
             gyro_noise: 0.0,
+            known_robot: None,
             moving: true,
         }
     }
@@ -78,13 +71,8 @@ pub struct Run {
     camera: PoseCamera,
     gyro: StdRng,
     setup: Setup,
-    predictor: Predictor,
-    law: TransposeJacobian,
-    feed_forward: FeedForward,
-    operational: OperationalSpace,
-    workspace: Workspace,
-    seen: Option<PoseFrame>,
-    efforts: DVector<f64>,
+    controller: Controller,
+    seen: Option<Sight>,
     steps: u32,
 }
 
@@ -162,14 +150,15 @@ impl Run {
                 orientation: 0.1,
             },
         };
-        let law = TransposeJacobian::new(&servicer, &tip, gains, JacobianKind::Generalized);
-        let tips = std::slice::from_ref(&tip);
-        let operational = OperationalSpace::new(&servicer, tips, OperationalGains::default());
+        let config = ControllerConfig {
+            prediction: setup.prediction,
+            goal: setup.goal,
+            ..ControllerConfig::new(setup.law, gains)
+        };
+        let known = setup.known_robot.as_ref().unwrap_or(&servicer).clone();
+        let controller = Controller::new(known, tip.clone(), config);
         Self {
-            operational: operational.expect("gains are positive"),
-            feed_forward: FeedForward::new(&servicer, &tip),
-            law: law.expect("gains for six joints"),
-            predictor: Predictor::new(setup.goal),
+            controller: controller.expect("gains for six joints"),
             camera: PoseCamera::new(setup.camera.clone()),
             gyro: StdRng::seed_from_u64(7),
             robot: Floating::new(servicer, state, Method::Rk4),
@@ -177,11 +166,14 @@ impl Run {
             tip,
             X_TD: grasp(),
             setup,
-            workspace,
             seen: None,
-            efforts: DVector::zeros(6),
             steps: 0,
         }
+    }
+
+    /// The controller, whose settings may be changed on the way.
+    pub fn controller_mut(&mut self) -> &mut Controller {
+        &mut self.controller
     }
 
     /// Evaluates the law; its efforts act until the next time.
@@ -193,62 +185,19 @@ impl Run {
         let X_WT = self.target.state().X_WB(self.target.workspace());
         let X_BD = X_WB.inverse() * X_WT * self.X_TD;
         self.camera.show(time, &X_BE, Some(&X_BD));
+        while let Some(PoseFrame { time, X_BE, X_BD }) = self.camera.deliver(time) {
+            self.seen = X_BD.map(|X_BD| Sight::new(time, X_BE, X_BD));
+        }
         // What the servicer knows: encoders, gyro, frames.
-        let (q, qd) = (robot.state().q.clone(), robot.state().qd.clone());
         let mut noise = || self.gyro.sample::<f64, _>(StandardNormal) * self.setup.gyro_noise;
         let w = robot.workspace().V_WB_B().angular + Vector3::new(noise(), noise(), noise());
-        let model = robot.model();
-        self.workspace.set_positions(model, &q);
-        let by_encoders = self.workspace.X_BF(&self.tip);
-        let p_BC = *self.workspace.p_BC();
-        self.predictor.advance(time, &w, &p_BC, &by_encoders);
-        while let Some(frame) = self.camera.deliver(time) {
-            if let Some(X_BD) = &frame.X_BD {
-                self.predictor.see(frame.time, &frame.X_BE, X_BD);
-            }
-            self.seen = Some(frame);
-        }
-        let as_seen = |frame: &PoseFrame| Some(Predicted::as_seen(frame.X_BE, frame.X_BD?));
-        let known = match self.setup.prediction {
-            Prediction::None => self.seen.as_ref().and_then(as_seen),
-            other => self.predictor.now(other),
-        };
-        self.efforts.fill(0.0);
-        match (known, self.predictor.present()) {
-            (Some(known), Some(now)) if self.setup.law == Law::OperationalSpace => {
-                let robot = Robot {
-                    q: &q,
-                    qd: &qd,
-                    w_IB_B: &w,
-                    R_IB: &now.R_IB,
-                };
-                let (scratch, efforts) = (&mut self.workspace, &mut self.efforts);
-                (self.operational).efforts(model, scratch, &robot, &[Some(known)], efforts);
-            }
-            (Some(known), _) => {
-                let seen = Measurement {
-                    q: &q,
-                    qd: &qd,
-                    X_BE: &known.X_BE,
-                    X_BD: &known.X_BD,
-                };
-                let (scratch, efforts) = (&mut self.workspace, &mut self.efforts);
-                self.law.efforts(model, scratch, &seen, efforts);
-                if self.setup.prediction == Prediction::Motion {
-                    let goal = GoalRates {
-                        q: &q,
-                        qd: &qd,
-                        w_IB_B: &w,
-                        V_ID_B: &known.V_ID_B,
-                        A_ID_B: &known.A_ID_B,
-                    };
-                    let k_v = &self.law.gains.k_v;
-                    (self.feed_forward).add(model, &self.workspace, &goal, k_v, &mut self.efforts);
-                }
-            }
-            (None, _) => {}
-        }
-        self.robot.hold_efforts(self.efforts.as_slice());
+        let state = robot.state();
+        let seen = Measurement::new(time, &state.q, &state.qd)
+            .with_sight(self.seen.as_ref())
+            .with_gyro(Some(&w));
+        (self.controller.update(&seen)).expect("the laws of this run need no joint positions");
+        self.robot
+            .hold_efforts(self.controller.efforts().as_slice());
         let v_WC = self.robot.state().momentum_W.linear / self.robot.model().total_mass();
         let V_WT = self.target.workspace().V_WB_B();
         let arm = self.X_TD.translation.vector;
@@ -257,7 +206,7 @@ impl Run {
             time,
             error: PoseError::between(&X_BE, &X_BD),
             goal_speed: (v_WD - v_WC).norm(),
-            efforts: self.efforts.clone(),
+            efforts: self.controller.efforts().clone(),
         }
     }
 

@@ -2,6 +2,7 @@
 
 use nalgebra::{Matrix3, RowVector3, Translation3, UnitQuaternion, Vector3};
 
+use crate::control::gains::{GainError, check_positive};
 use crate::spatial::{Pose, Twist, exp_so3};
 
 /// What is known of goals and of the sensor before any is seen.
@@ -30,33 +31,16 @@ impl Default for GoalMotionConfig {
     }
 }
 
-/// Why a [`GoalMotionConfig`] cannot be used.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-#[error("{name} is {value}; it must be positive and finite")]
-pub struct GoalMotionError {
-    /// Which setting.
-    pub name: &'static str,
-    /// Its value.
-    pub value: f64,
-}
-
 impl GoalMotionConfig {
     /// Refuses what no filter can work with.
     ///
     /// # Errors
-    /// [`GoalMotionError`] names the setting.
-    pub fn check(&self) -> Result<(), GoalMotionError> {
-        for (name, value) in [
-            ("goal_position_noise", self.position_noise),
-            ("goal_attitude_noise", self.attitude_noise),
-            ("goal_jerk", self.jerk),
-            ("goal_angular_jerk", self.angular_jerk),
-        ] {
-            if !(value > 0.0 && value.is_finite()) {
-                return Err(GoalMotionError { name, value });
-            }
-        }
-        Ok(())
+    /// [`GainError`] names the setting.
+    pub fn check(&self) -> Result<(), GainError> {
+        check_positive("goal_position_noise", self.position_noise)?;
+        check_positive("goal_attitude_noise", self.attitude_noise)?;
+        check_positive("goal_jerk", self.jerk)?;
+        check_positive("goal_angular_jerk", self.angular_jerk)
     }
 }
 

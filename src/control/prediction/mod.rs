@@ -16,5 +16,5 @@ mod goal_motion;
 mod predictor;
 
 pub use base_motion::{BaseMotion, Moment};
-pub use goal_motion::{GoalMotion, GoalMotionConfig, GoalMotionError, GoalState};
+pub use goal_motion::{GoalMotion, GoalMotionConfig, GoalState};
 pub use predictor::{Predicted, Prediction, Predictor};
