@@ -1,6 +1,6 @@
 //! Several tasks for one set of joints, the more important first.
 
-use nalgebra::{Cholesky, DMatrix, DVector, Matrix6, Matrix6xX, U6, Vector6};
+use nalgebra::{DMatrix, DVector, Matrix6, Matrix6xX, Vector6};
 
 /// Rows of a task: a pose has six. Those that a task leaves out are zero.
 pub type Rows = Matrix6xX<f64>;
@@ -12,18 +12,21 @@ pub type Rows = Matrix6xX<f64>;
 /// solved in the space that those before it leave free, by least squares in this metric:
 ///
 /// ```text
-/// B = N J L⁻ᵀ,   z += Bᵀ (B Bᵀ + λ²)⁻¹ (b - J L⁻ᵀ z),   N becomes N - Bᵀ (B Bᵀ + λ²)⁻¹ B
+/// B = J L⁻ᵀ N,   z += B⁺ (b - J L⁻ᵀ z),   N becomes N - B⁺ B
 /// ```
 ///
 /// For one task `τ = L z` is Khatib's operational-space law, `τ = Jᵀ Λ b` with the generalized inertia
 /// `Λ = (J Ĥ⁻¹ Jᵀ)⁻¹`, and what follows acts in the null space of its dynamically consistent inverse
 /// (O. Khatib, A unified approach for motion and force control of robot manipulators, IEEE J. Robotics and
-/// Automation 3, 1987); the recursion is that of B. Siciliano and J.-J. Slotine (ICAR 1991). Rows are scaled to unit
-/// length, so that metres and radians, heavy and light directions are damped alike.
+/// Automation 3, 1987); the recursion is that of B. Siciliano and J.-J. Slotine (ICAR 1991).
+///
+/// Rows are scaled to unit length, so that metres and radians, heavy and light directions count alike. `B⁺` is the
+/// pseudo-inverse with directions damped whose singular value `σ` is below `damping` (A. Maciejewski and C. Klein, J. Robotic
+/// Systems 5, 1988): `σ / (σ² + λ²)` with `λ² = damping² - σ²`, no more than `1 / damping`, and exact where the robot is not
+/// near a singularity of its own or of the tasks' conflict.
 #[derive(Debug, Clone)]
 pub struct TaskPriority {
-    /// Damping `λ` of a row of unit length: near a singularity, efforts stay below `1 / 2λ` of what the task alone
-    /// would take.
+    /// Singular value below which a direction is damped, for rows of unit length.
     pub damping: f64,
     /// `L`, lower triangle.
     factor: DMatrix<f64>,
@@ -38,18 +41,19 @@ pub struct TaskPriority {
 struct Level {
     /// `B`.
     rows: Rows,
-    factor: Option<Cholesky<f64, U6>>,
+    /// `(B Bᵀ)⁻¹`, damped.
+    inverse: Matrix6<f64>,
 }
 
-/// Damping that slows a task by 1 % where a row has a tenth of its length left.
-const DAMPING: f64 = 0.01;
+/// Efforts stay within ten times what a task takes alone and far from singularities.
+const DAMPING: f64 = 0.1;
 
 impl TaskPriority {
     /// For at most `tasks` tasks of a robot with `joints` joints; the only place where memory is taken.
     pub fn new(joints: usize, tasks: usize) -> Self {
         let level = Level {
             rows: Rows::zeros(joints),
-            factor: None,
+            inverse: Matrix6::zeros(),
         };
         Self {
             damping: DAMPING,
@@ -106,15 +110,9 @@ impl TaskPriority {
                 .for_each(|level| level.take_off(&mut self.row));
             level.rows.row_mut(i).tr_copy_from(&self.row);
         }
-        let mut square = Matrix6::from_diagonal_element(self.damping * self.damping);
-        for column in level.rows.column_iter() {
-            square.ger(1.0, &column, &column, 1.0);
-        }
-        // Positive definite by its damping; what is not finite takes no part.
-        level.factor = square.cholesky();
-        if let Some(factor) = &level.factor {
-            self.z.gemv_tr(1.0, &level.rows, &factor.solve(&off), 1.0);
-        }
+        level.invert(self.damping);
+        self.z
+            .gemv_tr(1.0, &level.rows, &(level.inverse * off), 1.0);
         self.used += 1;
     }
 
@@ -137,11 +135,34 @@ impl TaskPriority {
 }
 
 impl Level {
-    /// Takes off `y` what this task has use of.
-    fn take_off(&self, y: &mut DVector<f64>) {
-        if let Some(factor) = &self.factor {
-            let along = factor.solve(&(&self.rows * &*y));
-            y.gemv_tr(-1.0, &self.rows, &along, 1.0);
+    /// Inverts `B Bᵀ`; a direction without length has no part in it, nor has what is not finite.
+    fn invert(&mut self, damping: f64) {
+        self.inverse.fill(0.0);
+        let mut square = Matrix6::zeros();
+        for column in self.rows.column_iter() {
+            square.ger(1.0, &column, &column, 1.0);
+        }
+        if !square.iter().all(|x| x.is_finite()) {
+            return;
+        }
+        let Some(eigen) = square.try_symmetric_eigen(1e-14, 200) else {
+            return;
+        };
+        for (direction, size) in eigen.eigenvectors.column_iter().zip(&eigen.eigenvalues) {
+            // 1 / (σ² + λ²) is even below the threshold.
+            let gain = 1.0 / size.max(damping * damping);
+            if *size > LENGTHLESS {
+                self.inverse.ger(gain, &direction, &direction, 1.0);
+            }
         }
     }
+
+    /// Takes off `y` what this task has use of.
+    fn take_off(&self, y: &mut DVector<f64>) {
+        let along = self.inverse * (&self.rows * &*y);
+        y.gemv_tr(-1.0, &self.rows, &along, 1.0);
+    }
 }
+
+/// Square of a length that is nothing but rounding.
+const LENGTHLESS: f64 = 1e-20;
