@@ -64,7 +64,7 @@ impl Foresight {
                 predictor.see(*time, X_BE, X_BD);
             }
             if let (Some(rate), 0) = (rate, k) {
-                predictor.see_rate(rate.time, &rate.w_ID_B, rate.noise);
+                predictor.see_rate(rate.time, &rate.w_ID_B);
             }
             self.goals[k] = sight.map(|sight| {
                 let as_seen = || Predicted::as_seen(sight.X_BE, sight.X_BD);

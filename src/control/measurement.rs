@@ -34,8 +34,6 @@ pub struct GoalRate {
     pub time: f64,
     /// Angular velocity in base axes of that time \[rad/s\].
     pub w_ID_B: Vector3<f64>,
-    /// Standard deviation of each component \[rad/s\].
-    pub noise: f64,
 }
 
 /// Base and goals at present, in or seen from the frame I of [`super::prediction`].

@@ -32,5 +32,5 @@ pub use law::{Acted, Arm, Law, LawError, LawKind};
 pub use measurement::{GoalRate, Measurement, Present, Sight};
 pub use operational_space::{BaseTask, OperationalConfig, OperationalSpace, TipTask};
 pub use pose_error::{PoseError, Saturation};
-pub use task_priority::{Rows, TaskPriority};
+pub use task_priority::{Rows, TASK_DAMPING, TaskPriority};
 pub use transpose_jacobian::{JacobianKind, TransposeJacobian};

@@ -1,12 +1,12 @@
 //! Control of one tip or several in operational space, with the inertia that they have on a free-floating robot.
 
-use nalgebra::{DVector, Matrix6xX, UnitQuaternion, Vector3, Vector6};
+use nalgebra::{DMatrix, DVector, Matrix6xX, UnitQuaternion, Vector3, Vector6};
 
 use super::gains::check_positive;
 use super::prediction::Predicted;
 use super::{
     Acted, Arm, ControllerConfig, GainError, Law, LawError, Measurement, PoseError, Present,
-    Saturation, TaskPriority,
+    Saturation, TASK_DAMPING, TaskPriority,
 };
 use crate::dynamics::{Input, Momentum, State, Workspace};
 use crate::model::{Frame, Model};
@@ -61,8 +61,14 @@ pub struct OperationalConfig {
     pub frequency: f64,
     /// Damping ratio of the same.
     pub damping_ratio: f64,
-    /// Rate at which joint motion dies out that no task has use of \[1/s\].
+    /// Rate at which joint motion dies out that no task has use of \[1/s\]. Tasks drive such motion by
+    /// centrifugal forces, so it must be larger than the joints are fast.
     pub null_space_damping: f64,
+    /// Joint rate beyond which joints are braked whatever the tasks want \[rad/s or m/s\]: tasks that contradict each other
+    /// otherwise drive self-motion without bounds.
+    pub fastest: f64,
+    /// Singular value below which a task's directions are damped, [`TaskPriority::damping`].
+    pub task_damping: f64,
     /// What each tip is to do; a tip beyond the end holds its pose.
     pub tips: Vec<TipTask>,
     /// What the base is to do.
@@ -74,7 +80,9 @@ impl Default for OperationalConfig {
         Self {
             frequency: 1.0,
             damping_ratio: 1.0,
-            null_space_damping: 0.5,
+            null_space_damping: 5.0,
+            fastest: 1.0,
+            task_damping: TASK_DAMPING,
             tips: Vec::new(),
             base: BaseTask::Free,
         }
@@ -89,9 +97,17 @@ impl OperationalConfig {
     pub fn check(&self) -> Result<(), GainError> {
         check_positive("frequency", self.frequency)?;
         check_positive("damping_ratio", self.damping_ratio)?;
-        check_positive("null_space_damping", self.null_space_damping)
+        check_positive("null_space_damping", self.null_space_damping)?;
+        check_positive("fastest", self.fastest)?;
+        check_positive("task_damping", self.task_damping)
     }
 }
+
+/// Rate at which joints are braked that are too fast \[1/s\].
+const BRAKE: f64 = 20.0;
+
+/// Deviation of the base's attitude that acts in full \[rad\]: arms turn a base slowly.
+const LARGEST_TURN: f64 = 0.02;
 
 /// Resolved acceleration in operational space, for one arm or several and for redundant ones.
 ///
@@ -122,6 +138,10 @@ pub struct OperationalSpace {
     acceleration: DVector<f64>,
     jacobian: Matrix6xX<f64>,
     priority: TaskPriority,
+    /// The same tasks as seen by joint rates, all of which count alike.
+    rates: TaskPriority,
+    one: DMatrix<f64>,
+    idle: DVector<f64>,
     /// Attitude of the base in I that is to be held.
     held: Option<UnitQuaternion<f64>>,
 }
@@ -130,6 +150,7 @@ impl OperationalSpace {
     /// The law for an arm, or for several.
     pub fn new(config: &ControllerConfig, arm: &Arm) -> Self {
         let n = arm.model.dof();
+        let priority = TaskPriority::new(n, arm.tips().count() + 1);
         Self {
             config: config.operational.clone(),
             saturation: config.gains.saturation,
@@ -137,7 +158,10 @@ impl OperationalSpace {
             still: Input::zero(&arm.model),
             acceleration: DVector::zeros(n),
             jacobian: Matrix6xX::zeros(n),
-            priority: TaskPriority::new(n, arm.tips().count() + 1),
+            rates: priority.clone(),
+            priority,
+            one: DMatrix::identity(n, n),
+            idle: DVector::zeros(n),
             held: None,
         }
     }
@@ -163,7 +187,10 @@ impl OperationalSpace {
         workspace.set_motion(&self.state);
         workspace.accelerations(model, &self.state, &self.still, &mut self.acceleration);
         workspace.set_accelerations(&self.acceleration);
+        self.priority.damping = self.config.task_damping;
+        self.rates.damping = self.config.task_damping;
         self.priority.begin(workspace.reduced_inertia());
+        self.rates.begin(&self.one);
     }
     /// A tip is to follow its goal; one without is braked.
     fn steer(
@@ -202,6 +229,19 @@ impl OperationalSpace {
             self.jacobian.fixed_rows_mut::<3>(3).fill(0.0);
         }
         self.priority.add(&self.jacobian, &wanted);
+        self.rates.add(&self.jacobian, &Vector6::zeros());
+    }
+
+    /// Brakes joints that are too fast.
+    fn brake(&mut self, arm: &mut Arm, seen: &Measurement<'_>, pull: &mut DVector<f64>) {
+        let fastest = self.config.fastest;
+        if seen.qd.amax() > fastest {
+            for (excess, rate) in self.idle.iter_mut().zip(seen.qd) {
+                *excess = rate - rate.clamp(-fastest, fastest);
+            }
+            let inertia = arm.workspace.reduced_inertia();
+            pull.gemv(-BRAKE, inertia, &self.idle, 1.0);
+        }
     }
 
     /// The base is to keep its attitude.
@@ -209,7 +249,9 @@ impl OperationalSpace {
         let held = *self.held.get_or_insert(*robot.R_IB);
         let base = &model.frames()[0];
         let (w, A_0) = (robot.w_IB_B, workspace.A_WF_B(base));
-        let off = (robot.R_IB.inverse() * held).scaled_axis();
+        let off = (robot.R_IB.inverse() * held)
+            .scaled_axis()
+            .cap_magnitude(LARGEST_TURN);
         let OperationalConfig {
             frequency,
             damping_ratio,
@@ -221,6 +263,7 @@ impl OperationalSpace {
         let mut wanted = Vector6::zeros();
         wanted.fixed_rows_mut::<3>(3).copy_from(&alpha);
         self.priority.add(&self.jacobian, &wanted);
+        self.rates.add(&self.jacobian, &Vector6::zeros());
     }
 }
 
@@ -260,12 +303,16 @@ impl Law for OperationalSpace {
         if self.config.base == BaseTask::AfterTips {
             self.hold_base(&arm.model, &arm.workspace, now);
         }
-        // Efforts in proportion to momentum let all joint motion die out alike.
+        // Joint motion that moves none of these dies out. It is told by rates, all of which count alike: in the metric
+        // of the inertia light wrists would do what heavy shoulders should.
+        self.idle.copy_from(seen.qd);
+        self.rates.take_off(&mut self.idle);
         let inertia = arm.workspace.reduced_inertia();
         let rate = -self.config.null_space_damping;
-        self.acceleration.gemv(rate, inertia, seen.qd, 0.0);
+        self.acceleration.gemv(rate, inertia, &self.idle, 0.0);
         self.priority.add_in_null_space(&self.acceleration);
         self.priority.efforts(pull);
+        self.brake(arm, seen, pull);
         Ok(acted)
     }
 }

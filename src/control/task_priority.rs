@@ -45,8 +45,8 @@ struct Level {
     inverse: Matrix6<f64>,
 }
 
-/// Efforts stay within ten times what a task takes alone and far from singularities.
-const DAMPING: f64 = 0.1;
+/// Efforts stay within some ten times what a task takes alone and far from singularities.
+pub const TASK_DAMPING: f64 = 0.1;
 
 impl TaskPriority {
     /// For at most `tasks` tasks of a robot with `joints` joints; the only place where memory is taken.
@@ -56,7 +56,7 @@ impl TaskPriority {
             inverse: Matrix6::zeros(),
         };
         Self {
-            damping: DAMPING,
+            damping: TASK_DAMPING,
             factor: DMatrix::zeros(joints, joints),
             levels: vec![level; tasks],
             used: 0,
@@ -114,6 +114,13 @@ impl TaskPriority {
         self.z
             .gemv_tr(1.0, &level.rows, &(level.inverse * off), 1.0);
         self.used += 1;
+    }
+
+    /// Takes off `y` all that the tasks have use of, in the coordinates `Lᵀ q̇`: joint rates if the inertia is one.
+    pub fn take_off(&self, y: &mut DVector<f64>) {
+        for level in &self.levels[..self.used] {
+            level.take_off(y);
+        }
     }
 
     /// Adds the efforts `τ_0` \[N m or N\] as far as they disturb none of the tasks.

@@ -57,6 +57,20 @@ impl Setup {
             moving: true,
         }
     }
+
+    /// Sees what [`late_camera`] delivers.
+    pub fn late(prediction: Prediction) -> Self {
+        let camera = late_camera();
+        Self {
+            goal: GoalMotionConfig {
+                position_noise: camera.position_noise,
+                attitude_noise: camera.attitude_noise,
+                ..GoalMotionConfig::default()
+            },
+            camera,
+            ..Self::ideal(prediction)
+        }
+    }
 }
 
 /// Joint angles at the start \[deg\]: from there on the arm stays clear of singularities for a minute.
@@ -78,26 +92,35 @@ pub fn late_camera() -> PoseCameraConfig {
 /// Latencies that [`latency_margin`] tries \[s\].
 pub const LATENCIES: [f64; 10] = [0.0, 0.01, 0.02, 0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4];
 
-/// The least of [`LATENCIES`] at which the tip does not settle at a goal at rest, for a camera of `rate` \[Hz\] (zero:
-/// every state); `None` if it settles at all of them. Not settled is what is still a degree away after 40 s.
+/// Largest angle \[rad\] between tip and a goal at rest from 38 s to 40 s, for a camera of `rate` \[Hz\] (zero: every
+/// state) that is late by `latency` \[s\]; infinite if the motion is lost.
+pub fn angle_left(prediction: Prediction, law: LawKind, rate: f64, latency: f64) -> f64 {
+    let camera = PoseCameraConfig {
+        rate,
+        latency,
+        ..PoseCameraConfig::default()
+    };
+    let setup = Setup {
+        law,
+        camera,
+        moving: false,
+        ..Setup::ideal(prediction)
+    };
+    let moments = Run::new(setup).moments(40.0);
+    if moments.len() < 4001 {
+        return f64::INFINITY;
+    }
+    moments[3800..]
+        .iter()
+        .map(|m| m.error.angle)
+        .fold(0.0, f64::max)
+}
+
+/// The least of [`LATENCIES`] at which the tip does not settle at a goal at rest; `None` if it settles at all of them.
+/// Not settled is what is still a degree away after 40 s.
 pub fn latency_margin(prediction: Prediction, law: LawKind, rate: f64) -> Option<f64> {
-    LATENCIES.into_iter().find(|&latency| {
-        let camera = PoseCameraConfig {
-            rate,
-            latency,
-            ..PoseCameraConfig::default()
-        };
-        let moments = Run::new(Setup {
-            law,
-            camera,
-            moving: false,
-            ..Setup::ideal(prediction)
-        })
-        .moments(40.0);
-        let last = &moments[moments.len().saturating_sub(200)..];
-        let settled = |m: &Moment| m.error.angle < 1f64.to_radians();
-        moments.len() < 4001 || !last.iter().all(settled)
-    })
+    let settles = |latency| angle_left(prediction, law, rate, latency) < 1f64.to_radians();
+    LATENCIES.into_iter().find(|latency| !settles(*latency))
 }
 
 /// A run.

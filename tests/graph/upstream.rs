@@ -156,7 +156,13 @@ fn a_signal_ends_the_threads() {
     // Stopped and continued, as by Ctrl-Z and fg: nothing has happened to it but that its polls end with EINTR.
     for signal in ["-STOP", "-CONT"] {
         let id = victim.id().to_string();
-        assert!(Command::new("kill").args([signal, &id]).status().unwrap().success());
+        assert!(
+            Command::new("kill")
+                .args([signal, &id])
+                .status()
+                .unwrap()
+                .success()
+        );
         thread::sleep(Duration::from_millis(100));
     }
     let after = threads.find(|count| *count == 0);

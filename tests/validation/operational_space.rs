@@ -47,7 +47,8 @@ fn resolved_acceleration_gives_the_tip_the_acceleration_that_it_asks_for() {
     let mut robot = moving();
     let model = robot.model().clone();
     let tip = model.frame("tool0").unwrap().clone();
-    let config = ControllerConfig::new(LawKind::OperationalSpace, gains());
+    let mut config = ControllerConfig::new(LawKind::OperationalSpace, gains());
+    config.operational.task_damping = 1e-3;
     let mut controller = Controller::new(model.clone(), tip.clone(), config).unwrap();
     let X_BE = robot.workspace().X_BF(&tip);
     let X_BD = Pose::from_parts(
@@ -71,14 +72,13 @@ fn resolved_acceleration_gives_the_tip_the_acceleration_that_it_asks_for() {
     let A = robot.workspace().A_WF_B(&tip);
     let linear = error.position - (V.linear - v_WC_B) * 2.0;
     let angular = error.orientation - V.angular * 2.0;
-    // The damping of the inverse leaves some 1e-4 of it.
     assert!(
-        (A.linear - linear).norm() < 1e-3 * linear.norm(),
+        (A.linear - linear).norm() < 1e-9 * linear.norm(),
         "{} {linear}",
         A.linear
     );
     assert!(
-        (A.angular - angular).norm() < 1e-3 * angular.norm(),
+        (A.angular - angular).norm() < 1e-9 * angular.norm(),
         "{} {angular}",
         A.angular
     );

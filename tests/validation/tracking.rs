@@ -1,9 +1,12 @@
 //! Following a grasp point that tumbles and drifts, with momentum, by what a base can sense.
 
-use fuyu::control::prediction::{GoalMotionConfig, Prediction};
+use fuyu::control::prediction::Prediction;
 use fuyu::control::{ControllerConfig, LawKind};
 use fuyu::experiments::tracking::{Moment, Run, Setup, late_camera, target_rate};
 use fuyu::model::Model;
+use fuyu::spatial::Pose;
+use fuyu::vision::PoseAccuracy;
+use nalgebra::{Rotation3, Translation3, Vector3};
 
 /// Largest position error \[m\] and angle \[deg\] in the last 20 s of a minute.
 fn steady(moments: &[Moment]) -> (f64, f64) {
@@ -41,39 +44,27 @@ fn with_ideal_sensing_the_tip_stays_within_millimetres() {
 
 #[test]
 fn with_a_late_and_slow_camera_it_stays_within_two_centimetres() {
-    let late = |prediction| Setup {
-        camera: late_camera(),
-        goal: GoalMotionConfig {
-            position_noise: late_camera().position_noise,
-            attitude_noise: late_camera().attitude_noise,
-            ..GoalMotionConfig::default()
-        },
-        ..Setup::ideal(prediction)
-    };
     for seed in 1..=5 {
-        let mut setup = late(Prediction::Motion);
+        let mut setup = Setup::late(Prediction::Motion);
         setup.camera.seed = seed;
         let (position, angle) = run(setup);
         assert!(position < 0.02 && angle < 1.0, "{seed}: {position} {angle}");
     }
-    let (position, angle) = run(late(Prediction::None));
+    let (position, angle) = run(Setup::late(Prediction::None));
     assert!(position > 0.2 && angle > 45.0, "{position} {angle}");
     // What the tip and the base did since the exposure is most of it; the goal's own motion is the rest.
-    let (position, angle) = run(late(Prediction::Latency));
+    let (position, angle) = run(Setup::late(Prediction::Latency));
     assert!(position > 0.04 && angle < 5.0, "{position} {angle}");
 }
 
 #[test]
 fn resolved_acceleration_follows_as_well() {
-    for (camera, tolerance) in [(None, (5e-3, 0.5)), (Some(late_camera()), (0.02, 1.0))] {
-        let mut setup = Setup::ideal(Prediction::Motion);
-        setup.law = LawKind::OperationalSpace;
-        if let Some(camera) = camera {
-            setup.goal.position_noise = camera.position_noise;
-            setup.goal.attitude_noise = camera.attitude_noise;
-            setup.camera = camera;
-        }
-        let (position, angle) = run(setup);
+    for (setup, tolerance) in [
+        (Setup::ideal(Prediction::Motion), (5e-3, 0.5)),
+        (Setup::late(Prediction::Motion), (0.02, 1.0)),
+    ] {
+        let law = LawKind::OperationalSpace;
+        let (position, angle) = run(Setup { law, ..setup });
         assert!(
             position < tolerance.0 && angle < tolerance.1,
             "{position} {angle}"
@@ -90,13 +81,7 @@ fn wrong_masses_and_a_noisy_gyro_cost_little() {
     let setup = Setup {
         known_robot: Some(Model::from_urdf(&lighter, "a lighter servicer").unwrap()),
         gyro_noise: 1e-4,
-        camera: late_camera(),
-        goal: GoalMotionConfig {
-            position_noise: late_camera().position_noise,
-            attitude_noise: late_camera().attitude_noise,
-            ..GoalMotionConfig::default()
-        },
-        ..Setup::ideal(Prediction::Motion)
+        ..Setup::late(Prediction::Motion)
     };
     let (position, angle) = run(setup);
     assert!(position < 0.03 && angle < 1.0, "{position} {angle}");
@@ -135,4 +120,27 @@ fn laws_and_predictions_change_without_a_step_in_the_efforts() {
             assert!(moment.error.position.norm() < 5e-3);
         }
     }
+}
+
+/// The camera's noise is that of one pixel: points of an even spread over a body of 1 m, 5 m away.
+#[test]
+fn the_late_camera_has_the_noise_of_one_pixel() {
+    let golden = std::f64::consts::PI * (3.0 - 5f64.sqrt());
+    // The grasp point is the frame's origin, at the edge of the body.
+    let points: Vec<_> = (0..20)
+        .map(|k| {
+            let (z, turn) = (
+                1.0 - (2.0 * f64::from(k) + 1.0) / 20.0,
+                golden * f64::from(k),
+            );
+            let r = (1.0 - z * z).sqrt();
+            Vector3::new(r * turn.cos() + 0.95, r * turn.sin(), z)
+        })
+        .collect();
+    let X_CD = Pose::from_parts(Translation3::new(-0.95, 0.0, 5.0), Rotation3::identity());
+    let one = PoseAccuracy::of_points(&X_CD, &points, 1024.0, 1.0).unwrap();
+    let camera = late_camera();
+    let within = |noise: f64, worst: f64| (0.9..1.3).contains(&(noise / worst));
+    assert!(within(camera.position_noise, one.position.max()), "{one:?}");
+    assert!(within(camera.attitude_noise, one.attitude.max()), "{one:?}");
 }

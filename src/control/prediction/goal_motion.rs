@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, RowVector3, Translation3, UnitQuaternion, Vector3};
 
-use crate::control::gains::{GainError, check_positive};
+use crate::control::gains::{GainError, check_not_negative, check_positive};
 use crate::spatial::{Pose, Twist, exp_so3};
 
 /// What is known of goals and of the sensor before any is seen.
@@ -16,6 +16,9 @@ pub struct GoalMotionConfig {
     pub jerk: f64,
     /// The same of the attitude \[rad/s^2.5\].
     pub angular_jerk: f64,
+    /// Standard deviation of each component of an angular velocity that somebody else has estimated \[rad/s\];
+    /// zero: none is heeded.
+    pub rate_noise: f64,
 }
 
 impl Default for GoalMotionConfig {
@@ -27,6 +30,7 @@ impl Default for GoalMotionConfig {
             attitude_noise: 1e-3,
             jerk: 3e-4,
             angular_jerk: 3e-4,
+            rate_noise: 0.0,
         }
     }
 }
@@ -40,7 +44,8 @@ impl GoalMotionConfig {
         check_positive("goal_position_noise", self.position_noise)?;
         check_positive("goal_attitude_noise", self.attitude_noise)?;
         check_positive("goal_jerk", self.jerk)?;
-        check_positive("goal_angular_jerk", self.angular_jerk)
+        check_positive("goal_angular_jerk", self.angular_jerk)?;
+        check_not_negative("goal_rate_noise", self.rate_noise)
     }
 }
 
@@ -148,9 +153,10 @@ impl GoalMotion {
     }
 
     /// Takes in an angular velocity `w_ID_I` \[rad/s\] at `time` \[s\] that somebody else has estimated (axes of
-    /// I), with the standard deviation `noise` of each component \[rad/s\].
-    pub fn see_rate(&mut self, time: f64, w_ID_I: &Vector3<f64>, noise: f64) {
-        if let Some(known) = &mut self.known {
+    /// I).
+    pub fn see_rate(&mut self, time: f64, w_ID_I: &Vector3<f64>) {
+        let noise = self.config.rate_noise;
+        if let Some(known) = self.known.as_mut().filter(|_| noise > 0.0) {
             let dt = time - known.time;
             let off = w_ID_I - (known.w + known.alpha * dt);
             let gain = correct(&mut known.attitude, &RowVector3::new(0.0, 1.0, dt), noise);
@@ -306,13 +312,14 @@ mod tests {
     fn a_known_rate_is_heeded() {
         let noisy = GoalMotionConfig {
             attitude_noise: 0.1,
+            rate_noise: 1e-4,
             ..GoalMotionConfig::default()
         };
         let mut motion = GoalMotion::new(noisy);
         motion.see(0.0, &goal(0.0).0);
         let w = goal(0.0).1.angular;
         for _ in 0..3 {
-            motion.see_rate(0.0, &w, 1e-4);
+            motion.see_rate(0.0, &w);
         }
         assert!((motion.at(0.0).unwrap().V_ID_I.angular - w).norm() < 1e-5);
     }

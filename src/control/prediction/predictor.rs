@@ -126,9 +126,9 @@ impl Predictor {
 
     /// Takes in the goal's angular velocity `w_ID_B` \[rad/s\] at `time` \[s\], in base axes of that time, as
     /// somebody else has estimated it.
-    pub fn see_rate(&mut self, time: f64, w_ID_B: &Vector3<f64>, noise: f64) {
+    pub fn see_rate(&mut self, time: f64, w_ID_B: &Vector3<f64>) {
         if let Some(then) = self.base.at(time) {
-            self.goal.see_rate(time, &(then.R_IB * w_ID_B), noise);
+            self.goal.see_rate(time, &(then.R_IB * w_ID_B));
         }
     }
 
