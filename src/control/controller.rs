@@ -115,7 +115,7 @@ impl Controller {
             if let (Prediction::Motion, true, Some(goal)) = (
                 prediction,
                 self.law.feeds_forward(),
-                self.foresight.goal_rates(seen),
+                self.foresight.moving_goal(seen),
             ) {
                 let Arm {
                     model, workspace, ..

@@ -36,7 +36,7 @@ use crate::spatial::Twist;
 ///
 /// `C s = Γ(q̇, s)` is bilinear and symmetric, so it comes from inverse dynamics at two rates:
 /// `Γ(q̇, s) = ¼ (c(q̇ + s) - c(q̇ - s))` with `c(v) = Γ(v, v)` the efforts of steady rates at zero momentum. `q̈_D` is
-/// the change of `q̇_D` along the motion, by a difference over [`AHEAD`]: so it holds for the damped inverse too.
+/// the change of `q̇_D` along the motion, by a difference over a microsecond: so it holds for the damped inverse too.
 #[derive(Debug, Clone)]
 pub struct FeedForward {
     /// Damping of the inverse of `Ĵ` \[m or rad\]: nearer to a singularity than this the tip falls behind.
@@ -58,17 +58,17 @@ pub struct FeedForward {
 }
 
 /// How far ahead the rates are compared \[s\]: truncation and rounding are both some 1e-7 of the rates here.
-pub const AHEAD: f64 = 1e-6;
+const AHEAD: f64 = 1e-6;
 
 /// Damping that leaves 4 % of the goal's velocity to the law where the smallest singular value is 0.1.
-pub const DAMPING: f64 = 0.02;
+const DAMPING: f64 = 0.02;
 
 /// Some ten times what a servicer's joints need to follow what it can catch.
-pub const FASTEST: f64 = 0.3;
+const FASTEST: f64 = 0.3;
 
-/// How the goal moves, and the robot.
+/// A goal that moves, and the robot that follows it.
 #[derive(Debug, Clone, Copy)]
-pub struct GoalRates<'a> {
+pub struct MovingGoal<'a> {
     /// Joint positions \[rad or m\].
     pub q: &'a DVector<f64>,
     /// Joint rates \[rad/s or m/s\].
@@ -112,7 +112,7 @@ impl FeedForward {
         &mut self,
         model: &Model,
         workspace: &Workspace,
-        goal: &GoalRates,
+        goal: &MovingGoal,
         k_v: &[f64],
         efforts: &mut DVector<f64>,
     ) {

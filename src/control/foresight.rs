@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::prediction::{GoalMotionConfig, Predicted, Prediction, Predictor};
-use super::{Arm, GoalRates, Measurement, Present, Sight};
+use super::{Arm, Measurement, MovingGoal, Present, Sight};
 use crate::dynamics::Momentum;
 
 /// Tips and goals at present. It listens whatever the prediction is, so that a change of it acts at once.
@@ -93,9 +93,9 @@ impl Foresight {
     }
 
     /// How the first tip's goal moves.
-    pub fn goal_rates<'a>(&'a self, seen: &Measurement<'a>) -> Option<GoalRates<'a>> {
+    pub fn moving_goal<'a>(&'a self, seen: &Measurement<'a>) -> Option<MovingGoal<'a>> {
         let goal = self.goals[0].as_ref()?;
-        Some(GoalRates {
+        Some(MovingGoal {
             q: seen.q,
             qd: seen.qd,
             w_IB_B: &self.w_IB_B,

@@ -24,7 +24,7 @@ mod transpose_jacobian;
 
 pub use config::ControllerConfig;
 pub use controller::Controller;
-pub use feed_forward::{AHEAD, DAMPING, FASTEST, FeedForward, GoalRates};
+pub use feed_forward::{FeedForward, MovingGoal};
 pub use gains::{GainError, Gains};
 pub use inverse_kinematics::{IkError, inverse_kinematics};
 pub use joint_pd::{JointPd, JointPdGains};

@@ -131,6 +131,20 @@ impl Scenario {
                 let Some(dynamics) = self.dynamics_of(name.namespace()) else {
                     return Ok(());
                 };
+                let flaws = [
+                    ("rate", params.quality.rate),
+                    ("latency", params.quality.latency),
+                    ("dropout", params.quality.dropout),
+                ];
+                // Every state would wait for a frame that does not come.
+                if let (true, Some((flaw, value))) = (
+                    dynamics.lockstep,
+                    flaws.iter().find(|(_, value)| *value > 0.0),
+                ) {
+                    return Err(parameter(format!(
+                        "{flaw} is {value}; in lockstep every state needs its frame at once, so give 0"
+                    )));
+                }
                 if let Ok(robot) = dynamics.robot.compile() {
                     tip_frame(&robot, &params.tip_link).map_err(parameter)?;
                     second_tip(&robot, &params.second_tip_link).map_err(parameter)?;

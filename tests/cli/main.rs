@@ -6,3 +6,4 @@ mod free_motion;
 mod fuyu;
 mod inspect;
 mod reproduce;
+mod tracking;
