@@ -102,8 +102,7 @@ mod tests {
         let mut X = *start;
         for _ in 0..4 {
             let h = 1e-6;
-            let J = DMatrix::from_fn(seen.len(), 6, |_, _| 0.0);
-            let mut J = J;
+            let mut J = DMatrix::zeros(seen.len(), 6);
             for k in 0..6 {
                 let mut by = [0.0; 6];
                 by[k] = h;
@@ -167,10 +166,7 @@ mod tests {
         let X = Pose::from_parts(Translation3::new(0.0, 0.0, 5.0), Rotation3::identity());
         let line = [Vector3::x(), Vector3::zeros(), -Vector3::x()];
         assert_eq!(PoseAccuracy::of_points(&X, &line, 1024.0, 1.0), None);
-        assert_eq!(
-            PoseAccuracy::of_points(&X, &points(), 1024.0, 1.0).is_some(),
-            true
-        );
+        assert!(PoseAccuracy::of_points(&X, &points(), 1024.0, 1.0).is_some());
         let behind = Pose::from_parts(Translation3::new(0.0, 0.0, -5.0), Rotation3::identity());
         assert_eq!(
             PoseAccuracy::of_points(&behind, &points(), 1024.0, 1.0),
