@@ -2,7 +2,10 @@
 
 use super::gains::check_not_negative;
 use super::prediction::{GoalMotionConfig, Prediction};
-use super::{GainError, Gains, JacobianKind, JointPdGains, LawKind, OperationalConfig};
+use super::{
+    GainError, Gains, JacobianKind, JointPdGains, LawKind, OperationalConfig, RecoveryConfig,
+    StraightPathConfig,
+};
 
 /// Settings of a [`Controller`](super::Controller): which law, what all laws share, and what each has for
 /// itself.
@@ -23,8 +26,12 @@ pub struct ControllerConfig {
     pub goal: GoalMotionConfig,
     /// The operational-space law's own.
     pub operational: OperationalConfig,
+    /// What happens when the tip rests away from its goal.
+    pub recovery: RecoveryConfig,
     /// The joint PD's own.
     pub joint_pd: JointPdGains,
+    /// The straight-path law's own.
+    pub straight_path: StraightPathConfig,
 }
 
 impl ControllerConfig {
@@ -39,7 +46,9 @@ impl ControllerConfig {
             prediction: Prediction::None,
             goal: GoalMotionConfig::default(),
             operational: OperationalConfig::default(),
+            recovery: RecoveryConfig::default(),
             joint_pd: JointPdGains::default(),
+            straight_path: StraightPathConfig::default(),
         }
     }
 
@@ -51,10 +60,12 @@ impl ControllerConfig {
         self.gains.check(joints)?;
         check_not_negative("hand_over", self.hand_over)?;
         self.goal.check()?;
+        self.recovery.check()?;
         match self.law {
             LawKind::TransposeJacobian => Ok(()),
             LawKind::OperationalSpace => self.operational.check(),
             LawKind::JointPd => self.joint_pd.check(joints),
+            LawKind::StraightPath => self.straight_path.check(),
         }
     }
 }

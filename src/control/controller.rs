@@ -5,7 +5,11 @@ use nalgebra::DVector;
 use super::foresight::Foresight;
 use super::hand_over::HandOver;
 use super::prediction::Prediction;
-use super::{Acted, Arm, ControllerConfig, FeedForward, GainError, Law, LawError, Measurement};
+use super::recovery::{Trouble, Watch};
+use super::{
+    Acted, Arm, ControllerConfig, FeedForward, GainError, Gains, Law, LawError, Measurement,
+    farthest_from_com,
+};
 use crate::model::{Frame, Model};
 
 /// Joint states and base-frame measurements in, joint efforts out.
@@ -17,8 +21,14 @@ pub struct Controller {
     foresight: Foresight,
     feed_forward: FeedForward,
     hand_over: HandOver,
+    watch: Watch,
+    /// What the tip's distance from the centre of mass cannot exceed \[m\].
+    reach: Option<f64>,
     efforts: DVector<f64>,
 }
+
+/// A goal that is so much too far is within what a camera may err by \[m\].
+const BEYOND: f64 = 0.01;
 
 impl Controller {
     /// A controller for `model` with its tip at the frame `tip`.
@@ -51,6 +61,8 @@ impl Controller {
             foresight: Foresight::new(&arm, config.goal),
             feed_forward: FeedForward::new(&arm.model, &arm.tip),
             hand_over: HandOver::new(joints, config.hand_over),
+            watch: Watch::new(config.recovery),
+            reach: farthest_from_com(&arm.model, &arm.tip),
             efforts: DVector::zeros(joints),
             arm,
             config,
@@ -89,6 +101,8 @@ impl Controller {
         self.foresight.set_config(config.goal);
         self.hand_over.time_constant = config.hand_over;
         self.hand_over.begin();
+        self.watch.config = config.recovery;
+        self.watch.forget();
         self.config = config;
         Ok(())
     }
@@ -110,7 +124,16 @@ impl Controller {
         let k_v = &gains.k_v;
         self.foresight.look(&mut self.arm, seen, *prediction);
         let seen = &self.foresight.at_present(seen);
-        let acted = self.law.pull(&mut self.arm, seen, &mut self.efforts);
+        let mut acted = self.law.pull(&mut self.arm, seen, &mut self.efforts);
+        if let Ok(acted) = &mut acted {
+            acted.trouble = if self.law.seeks_the_goal() {
+                let (watch, arm) = (&mut self.watch, &mut self.arm);
+                trouble(watch, self.reach, arm, gains, &self.efforts, seen, acted)
+            } else {
+                self.watch.forget();
+                None
+            };
+        }
         if acted.as_ref().is_ok_and(|acted| acted.pulls) {
             if let (Prediction::Motion, true, Some(goal)) = (
                 prediction,
@@ -131,9 +154,34 @@ impl Controller {
         }
         for (j, effort) in self.efforts.iter_mut().enumerate() {
             *effort -= self.hand_over.k_v(j) * seen.qd[j];
+            *effort += self.watch.kick(seen.time, j, k_v[j]);
         }
         acted
     }
+}
+
+/// Looks whether the law's pull, in `efforts`, brings the tip nearer.
+fn trouble(
+    watch: &mut Watch,
+    reach: Option<f64>,
+    arm: &mut Arm,
+    gains: &Gains,
+    efforts: &DVector<f64>,
+    seen: &Measurement<'_>,
+    acted: &Acted,
+) -> Option<Trouble> {
+    let (Some(sight), Some(error), true) = (seen.sight, &acted.error, acted.pulls) else {
+        watch.forget();
+        return None;
+    };
+    let Arm {
+        model, workspace, ..
+    } = arm;
+    workspace.set_positions(model, seen.q);
+    let distance = (sight.X_BD.translation.vector - workspace.p_BC()).norm();
+    let short = reach.map(|reach| distance - reach);
+    let short = short.filter(|short| *short > BEYOND);
+    watch.look(seen, gains, error, efforts, short)
 }
 
 #[cfg(test)]

@@ -5,7 +5,8 @@ use std::fmt;
 use nalgebra::DVector;
 
 use super::{
-    ControllerConfig, IkError, JointPd, Measurement, OperationalSpace, PoseError, TransposeJacobian,
+    ControllerConfig, IkError, JointPd, Measurement, OperationalSpace, PoseError, StraightPath,
+    TransposeJacobian, Trouble,
 };
 use crate::dynamics::Workspace;
 use crate::model::{Frame, Model};
@@ -35,6 +36,12 @@ pub trait Law: fmt::Debug + Send {
         1.0
     }
 
+    /// Whether the pull is that of the potential of chapter 5 (or less), so that a tip that comes no nearer is in
+    /// trouble.
+    fn seeks_the_goal(&self) -> bool {
+        true
+    }
+
     /// Whether the controller adds what a moving goal takes, [`FeedForward`](super::FeedForward), when it predicts the goal's motion.
     fn feeds_forward(&self) -> bool {
         false
@@ -50,12 +57,15 @@ pub enum LawKind {
     JointPd,
     /// Resolved acceleration with the generalized inertia, [`OperationalSpace`].
     OperationalSpace,
+    /// Transpose-Jacobian control whose tip keeps to a straight line, [`StraightPath`].
+    StraightPath,
 }
 
 impl LawKind {
     /// All laws by name.
-    pub const NAMES: [(&'static str, Self); 3] = [
+    pub const NAMES: [(&'static str, Self); 4] = [
         ("transpose_jacobian", Self::TransposeJacobian),
+        ("straight_path", Self::StraightPath),
         ("joint_pd", Self::JointPd),
         ("operational_space", Self::OperationalSpace),
     ];
@@ -67,6 +77,7 @@ impl LawKind {
             Self::TransposeJacobian => Box::new(TransposeJacobian::new(config, joints)),
             Self::OperationalSpace => Box::new(OperationalSpace::new(config, arm)),
             Self::JointPd => Box::new(JointPd::new(config)),
+            Self::StraightPath => Box::new(StraightPath::new(config, joints)),
         }
     }
 }
@@ -110,6 +121,8 @@ pub struct Acted {
     pub position_saturated: bool,
     /// Whether the orientation error was saturated.
     pub orientation_saturated: bool,
+    /// Why the tip does not arrive, if it does not.
+    pub trouble: Option<Trouble>,
     /// Whether the law had all that it needs; else the joints are only damped.
     pub pulls: bool,
 }

@@ -281,6 +281,10 @@ impl Law for OperationalSpace {
         0.0
     }
 
+    fn seeks_the_goal(&self) -> bool {
+        false
+    }
+
     fn pull(
         &mut self,
         arm: &mut Arm,

@@ -1,5 +1,6 @@
 //! Plant, camera and controller in one loop, without DDS.
 
+use super::{Drive, Operated};
 use crate::{
     control::{Acted, Controller, Measurement, PoseError, Sight},
     dynamics::Workspace,
@@ -19,12 +20,13 @@ use crate::{
 
 /// The loop of a scenario: what its nodes do over topics, done in one thread. Each state is shown to the
 /// camera, the controller answers with what the camera has delivered, and the efforts are held until the
-/// next state: the order of a graph in lockstep. A scenario that names neither camera nor controller is a
-/// free motion, under springs and dampers alone.
+/// next state: the order of a graph in lockstep. Where a scenario names a teleop node, a simulated operator steers.
+/// A scenario that names neither camera nor controller nor teleop is a free motion, under springs and dampers alone.
 pub struct ClosedLoop {
     /// The plant.
     pub world: World,
     servo: Option<Servo>,
+    operated: Option<Operated>,
     duration: f64,
 }
 
@@ -67,6 +69,8 @@ pub struct Moment<'a> {
     pub frames: &'a [PoseFrame],
     /// What the controller did, if there is one.
     pub answer: Option<Answer<'a>>,
+    /// What the operator did, if there is one.
+    pub drive: Option<Drive<'a>>,
 }
 
 /// What the controller did with a state.
@@ -92,7 +96,12 @@ impl ClosedLoop {
         let dynamics = scenario.dynamics()?;
         let at = |e: String| format!("{}: {e}", scenario.path().display());
         let world = World::new(&dynamics).map_err(at)?;
-        let servo = if scenario.has("camera") || scenario.has("controller") {
+        let operated = match scenario.has("teleop") {
+            true => Some(Operated::new(scenario, &world)?),
+            false => None,
+        };
+        let steered = scenario.has("camera") && operated.is_none();
+        let servo = if steered || scenario.has("controller") {
             Some(Servo::new(scenario, &world)?)
         } else {
             None
@@ -100,6 +109,7 @@ impl ClosedLoop {
         Ok(Self {
             world,
             servo,
+            operated,
             duration: dynamics.duration,
         })
     }
@@ -112,6 +122,11 @@ impl ClosedLoop {
     /// Width, height and focal length of the camera's image \[px\]; `None` in a free motion.
     pub fn image(&self) -> Option<(u32, u32, f64)> {
         self.servo.as_ref().map(|servo| servo.image)
+    }
+
+    /// Whether an operator steers.
+    pub fn is_operated(&self) -> bool {
+        self.operated.is_some()
     }
 
     /// Whether the camera tracks feature points of a target.
@@ -135,7 +150,14 @@ impl ClosedLoop {
             Some(servo) => Some(servo.answer(&mut self.world, frames)?),
             None => None,
         };
-        look(&mut self.world, &Moment { frames, answer })
+        let operated = self.operated.as_mut();
+        let drive = operated.map(|operated| operated.answer(&mut self.world));
+        let moment = Moment {
+            frames,
+            answer,
+            drive,
+        };
+        look(&mut self.world, &moment)
     }
 
     /// Goes on to the next state.

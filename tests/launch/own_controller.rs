@@ -120,7 +120,7 @@ fn largest_rate_under_a_late_controller(domain: u16, answer_timeout: &str) -> f6
         .env("ROS_DOMAIN_ID", domain.to_string())
         .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST");
     let mut own = Running::start(own);
-    launch.wait(5 * PATIENCE).well();
+    launch.wait(5 * PATIENCE);
     own.interrupt().well();
     let states = read::<JointState>(&launch.bag(), "/joint_states");
     let rates = states.iter().flat_map(|s| &s.velocity);

@@ -303,6 +303,7 @@ impl Topics {
             (Ok(_), Some(age)) if age.abs() > timeout => self.status.warn(format!(
                 "the last camera measurement is {age:.2} s old (measurement_timeout is {timeout} s): only damping"
             )),
+            (Ok(Acted { trouble: Some(trouble), .. }), Some(_)) => self.status.warn(trouble.to_string()),
             (Ok(_), Some(_)) => self.status.ok("steering the tip to the goal"),
         }
         self.commands.publish(&command(controller, &joints.header));

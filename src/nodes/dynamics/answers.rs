@@ -1,45 +1,81 @@
 //! Whether states are being answered.
 
+use std::collections::VecDeque;
+
 use crate::ros::Time;
 
-/// States in a row that must have been answered before one is waited for.
-const TRUSTED_AFTER: u32 = 10;
+/// States that an answer may be late by and still count as one.
+const REMEMBERED: usize = 64;
+/// So many states answered in a row make up for those that were not.
+const FORGIVEN_AFTER: u32 = 100;
 
 /// Keeps count of the states that commands answer: a command answers the state whose stamp it carries.
 ///
 /// A computer that is late delays commands, and a loop that is stable on time may not be stable then. So
-/// simulated time can wait for an answer, but only for a commander that is known to give one: others, who
-/// command when they please, must not hold time up.
-#[derive(Debug, Default)]
+/// simulated time can wait for an answer, but only for a commander that answers states. Those who command when
+/// they please, or answer some states only, must not hold time up: each state that was waited for in vain
+/// doubles the number of answers that it takes until one is waited for again.
+#[derive(Debug)]
 pub struct Answers {
-    /// Stamp of the state that is to be answered.
-    state: Time,
-    answered: bool,
-    /// States before it that were answered, without one between that was not.
+    /// Stamps of the last states, the newest at the end.
+    states: VecDeque<Time>,
+    /// Stamp of the newest state that has an answer.
+    newest: Option<Time>,
+    /// Answers since one was waited for in vain.
+    answers: u32,
+    /// Answers that it takes until one is waited for.
+    needed: u32,
+    /// States answered in a row.
     in_a_row: u32,
 }
 
+impl Default for Answers {
+    fn default() -> Self {
+        Self {
+            states: VecDeque::with_capacity(REMEMBERED),
+            newest: None,
+            answers: 0,
+            needed: 1,
+            in_a_row: 0,
+        }
+    }
+}
+
 impl Answers {
-    /// A new state has been published.
+    /// A new state is published; what was due has not come.
     pub fn expect(&mut self, state: Time) {
-        self.in_a_row = match self.answered {
-            true => self.in_a_row.saturating_add(1),
+        if self.due() {
+            self.answers = 0;
+            self.needed = self.needed.saturating_mul(2);
+        }
+        self.in_a_row = match self.answered() {
+            true => self.in_a_row + 1,
             false => 0,
         };
-        self.state = state;
-        self.answered = false;
+        if self.in_a_row == FORGIVEN_AFTER {
+            (self.in_a_row, self.needed) = (0, 1);
+        }
+        if self.states.len() == REMEMBERED {
+            self.states.pop_front();
+        }
+        self.states.push_back(state);
     }
 
-    /// A command with this stamp has come; gives whether it answers the present state.
-    pub fn note(&mut self, command: Time) -> bool {
-        let answers = command == self.state;
-        self.answered |= answers;
-        answers
+    /// A command with this stamp has come.
+    pub fn note(&mut self, command: Time) {
+        if self.states.contains(&command) && self.newest.is_none_or(|newest| command > newest) {
+            self.newest = Some(command);
+            self.answers = self.answers.saturating_add(1);
+        }
     }
 
-    /// Whether the present state has no answer yet but is likely to get one.
+    /// Whether the last state has no answer yet but is likely to get one.
     pub fn due(&self) -> bool {
-        !self.answered && self.in_a_row >= TRUSTED_AFTER
+        !self.answered() && self.answers >= self.needed
+    }
+
+    fn answered(&self) -> bool {
+        self.states.back().copied() == self.newest
     }
 }
 
@@ -52,29 +88,69 @@ mod tests {
     }
 
     #[test]
-    fn an_answer_is_due_from_who_has_answered_ten_in_a_row() {
+    fn who_has_answered_is_waited_for_however_late() {
         let mut answers = Answers::default();
-        for i in 1..=TRUSTED_AFTER {
+        for i in 0..5 {
             answers.expect(state(i));
-            assert!(!answers.due(), "{i}");
-            assert!(answers.note(state(i)));
+            assert!(!answers.due(), "nobody has answered yet");
         }
-        answers.expect(state(11));
+        answers.note(state(1));
         assert!(answers.due());
-        assert!(!answers.note(state(10)) && answers.due());
-        assert!(answers.note(state(11)) && !answers.due());
-        // One that is not answered, and the trust is gone.
-        answers.expect(state(12));
-        answers.expect(state(13));
+        answers.note(state(1));
+        answers.note(state(3));
+        assert!(answers.due());
+        answers.note(state(4));
         assert!(!answers.due());
+        answers.expect(state(5));
+        assert!(answers.due());
+    }
+
+    /// States of a thousand that are waited for in vain, if a commander answers one in `every`.
+    fn in_vain(every: u32) -> usize {
+        let mut answers = Answers::default();
+        let waits = (0..1000).filter(|&i| {
+            answers.expect(state(i));
+            if i % every == 0 {
+                answers.note(state(i));
+            }
+            answers.due()
+        });
+        waits.count()
     }
 
     #[test]
-    fn nothing_is_due_from_who_commands_without_stamps() {
+    fn who_leaves_states_out_soon_is_not() {
+        assert_eq!(in_vain(1), 0);
+        assert_eq!(in_vain(2), 8);
+        assert_eq!(in_vain(10), 6);
+    }
+
+    #[test]
+    fn trust_comes_back() {
+        let mut answers = Answers::default();
+        let mut i = 0;
+        let mut answer = |answers: &mut Answers, count: u32, every: u32| {
+            for _ in 0..count {
+                answers.expect(state(i));
+                if i % every == 0 {
+                    answers.note(state(i));
+                }
+                i += 1;
+            }
+        };
+        answer(&mut answers, 400, 2);
+        assert!(answers.needed > 64);
+        answer(&mut answers, 2 * FORGIVEN_AFTER, 1);
+        assert_eq!(answers.needed, 1);
+    }
+
+    #[test]
+    fn stamps_that_are_no_state_s_are_no_answers() {
         let mut answers = Answers::default();
         for i in 1..100 {
             answers.expect(state(i));
-            assert!(!answers.note(Time::ZERO) && !answers.due());
+            answers.note(Time::ZERO);
+            assert!(!answers.due());
         }
     }
 }

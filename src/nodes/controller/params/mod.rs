@@ -3,7 +3,9 @@
 mod joint_pd;
 mod operational;
 mod prediction;
+mod recovery;
 mod shared;
+mod straight_path;
 
 use std::sync::{
     Arc,
@@ -65,6 +67,8 @@ impl Live {
             Box::new(joint_pd::JointPd::declare(declare)),
             Box::new(prediction::Predictions::declare(declare)),
             Box::new(operational::Operational::declare(declare)),
+            Box::new(straight_path::StraightPath::declare(declare)),
+            Box::new(recovery::Recovery::declare(declare)),
         ];
         let joints = Arc::new(AtomicUsize::new(0));
         let robot = Arc::clone(&joints);
