@@ -97,6 +97,7 @@ pub mod experiments {
     pub mod masutani_g;
     pub mod operation_counts;
     pub mod tr942;
+    pub mod tracking;
 
     pub use continuous_loop::ContinuousLoop;
 }

@@ -4,6 +4,7 @@ use std::f64::consts::{PI, SQRT_2};
 
 use nalgebra::{Matrix3, Vector3};
 
+use super::gains::{GainError, check_positive};
 use crate::spatial::Pose;
 
 /// Deviation of the tip E from the goal D, in base axes.
@@ -90,6 +91,19 @@ impl Saturation {
         position: f64::INFINITY,
         orientation: f64::INFINITY,
     };
+
+    /// Refuses bounds that are not positive; infinite means no saturation.
+    ///
+    /// # Errors
+    /// [`GainError`] names the bound.
+    pub fn check(&self) -> Result<(), GainError> {
+        for (name, bound) in [("e_p_max", self.position), ("e_o_max", self.orientation)] {
+            if bound != f64::INFINITY {
+                check_positive(name, bound)?;
+            }
+        }
+        Ok(())
+    }
 
     /// Saturated position error, Masutani 1995 eq. (5.25), and whether it was cut.
     pub fn position_error(&self, error: &PoseError) -> (Vector3<f64>, bool) {

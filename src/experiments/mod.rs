@@ -23,6 +23,7 @@ pub mod reproduce;
 mod simulated_bag;
 mod topic_health;
 pub mod tr942;
+pub mod tracking;
 
 pub use bag_check::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag};
 pub use bag_plot::plot_bag;

@@ -7,3 +7,4 @@ mod free_motion;
 mod fuyu;
 mod inspect;
 mod reproduce;
+mod tracking;

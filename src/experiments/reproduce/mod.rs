@@ -8,6 +8,7 @@ mod masutani_g;
 mod report;
 mod teleoperation;
 mod tr942;
+mod tracking;
 mod tumbling;
 
 use tumbling::TUMBLING;
@@ -104,6 +105,11 @@ const QUICK: &[Reproduction] = &[
         name: "tr942-pantograph",
         shows: "TR-942 section 3.3: a satellite that unfolds a pantograph, two closed loops",
         compute: tr942::pantograph,
+    },
+    Reproduction {
+        name: "tracking",
+        shows: "fuyu's own: following a tumbling grasp point, and how late a camera may be",
+        compute: tracking::tracking,
     },
 ];
 
