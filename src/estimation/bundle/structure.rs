@@ -12,6 +12,7 @@ use super::bootstrap::{key_frames, start};
 use super::frames::Frames;
 use super::free_placements::FreePlacements;
 use super::known_rotation::triangulate;
+use super::loss::Loss;
 use super::placing::{MIN_POINTS, Mark, place, translation};
 use super::scene::{Scene, Seen, residual};
 use crate::spatial::exp_so3;
@@ -344,7 +345,7 @@ fn settle(
     let limit = BELIEVED * settings.noise;
     believe(&mut scene, &motion, &points, 2.0 * limit);
     let effort = Effort {
-        huber: 4.0 * settings.noise,
+        loss: Loss::Huber(4.0 * settings.noise),
         steps,
         tolerance: 1e-4,
     };
