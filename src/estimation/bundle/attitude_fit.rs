@@ -8,6 +8,12 @@ use super::momentum_start::Attitude;
 use super::rotations::{right_jacobian, right_jacobian_inverse};
 use crate::spatial::exp_so3;
 
+/// Most attitudes that are fitted at once: what follows takes them all.
+const MOST_SAMPLES: usize = 200;
+
+/// A motion that leaves so much \[rad\] does not hold, and no longer span helps it.
+const LOST: f64 = 0.5;
+
 /// An attitude of the body axes of one segment: each segment has axes of its own.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
@@ -50,10 +56,12 @@ pub fn fit(start: &FreeMotion, samples: &[Sample], segments: usize, growth: f64)
             .copied()
             .collect();
         align(&mut current, &within, &mut known);
+        let stride = within.len().div_ceil(MOST_SAMPLES);
+        let within: Vec<Sample> = within.into_iter().step_by(stride.max(1)).collect();
         for _ in 0..2 {
             current = improve(current, &within)?;
         }
-        if span >= whole {
+        if span >= whole || current.rms > LOST {
             return Some(current);
         }
         span = (growth * span).min(whole);
@@ -106,7 +114,7 @@ fn improve(fit: Fit, samples: &[Sample]) -> Option<Fit> {
         .iter()
         .map(|e| 1.0 / (1.0 + (e / width).powi(2)).sqrt())
         .collect();
-    let solver = LevenbergMarquardt::new().with_patience(4).with_tol(1e-8);
+    let solver = LevenbergMarquardt::new().with_patience(2).with_tol(1e-5);
     let (solved, _) = solver.minimize(problem);
     let errors = solved.errors()?;
     let mut squares: Vec<f64> = errors.iter().map(|e| e.norm_squared()).collect();

@@ -55,16 +55,15 @@ pub fn settle<const L: usize, const G: usize, M: Motion<L, G>>(
     for (round, width) in widths.into_iter().enumerate() {
         let limit = width * BELIEVED * settings.noise;
         let now = judge(scene, &motion, &points, limit);
-        // What believes all that the round before believed has nothing to change.
         let settled = round >= 2 && (now.outliers - outliers).abs() < 1e-9;
         outliers = now.outliers;
-        if settled && round == 3 {
+        if settled {
             break;
         }
         let effort = Effort {
             loss: Loss::Huber(width * 4.0 * settings.noise),
             steps: if round == 0 { 25 } else { 8 },
-            tolerance: if round < 2 { 1e-3 } else { 1e-6 },
+            tolerance: if round < 1 { 1e-3 } else { 1e-5 },
         };
         cost = adjust(scene, &mut motion, &mut points, &effort)?.cost;
     }
@@ -91,8 +90,8 @@ pub fn simplest<const L: usize, const G: usize, M: Motion<L, G> + Shaped>(
     };
     let effort = Effort {
         loss: Loss::Huber(4.0 * settings.noise),
-        steps: 10,
-        tolerance: 1e-6,
+        steps: 6,
+        tolerance: 1e-4,
     };
     let mut points = fit.points.clone();
     let worth = WORTH * fit.residuals.deviation.powi(2);
@@ -128,8 +127,8 @@ pub fn sharpen<const L: usize, const G: usize, M: Motion<L, G> + Clone>(
         let tried = Loss::Rounded(rounding);
         let effort = Effort {
             loss: tried,
-            steps: 8,
-            tolerance: 1e-4,
+            steps: 6,
+            tolerance: 1e-3,
         };
         if adjust(scene, &mut motion, &mut points, &effort).is_none() {
             break;

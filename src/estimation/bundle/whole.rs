@@ -168,7 +168,7 @@ fn straightened<'a>(
     let effort = Effort {
         loss: Loss::Huber(4.0 * settings.noise),
         steps: 8,
-        tolerance: 1e-6,
+        tolerance: 1e-5,
     };
     let (mut motion, centre) = Straight::new(free.motion.clone())?;
     let mut points: Vec<_> = free.points.iter().map(|p| p - centre).collect();
