@@ -29,6 +29,8 @@ pub struct Adjusted {
     log_focal: f64,
     /// How well the images are explained.
     pub residuals: Residuals,
+    /// The time from which on the frames fit one motion, if not all do \[s\].
+    pub since: Option<f64>,
     loss: Loss,
     dispersion: f64,
     straight: bool,
@@ -121,6 +123,7 @@ pub fn dynamic(
         points,
         log_focal,
         residuals,
+        since: None,
         loss,
         dispersion,
         straight,
@@ -214,7 +217,7 @@ impl Adjusted {
             .and_then(|i| i.try_inverse())
             .map(|c| c * self.dispersion)
             .ok_or_else(|| not_free.clone())?;
-        let report = report(
+        let mut report = report(
             &motion,
             &covariance,
             &self.residuals,
@@ -222,6 +225,12 @@ impl Adjusted {
             self.log_focal,
         )
         .ok_or(not_free)?;
+        if let Some(since) = self.since {
+            report.diagnosis.push(format!(
+                "frames before {since:.1} s fit no free motion together with later ones, and were left out: next to \
+                 turning over the least disturbance decides"
+            ));
+        }
         let scale = self.log_focal.exp();
         let poses = (0..self.chosen.len()).map(|k| {
             let placement = tumbling.placement(k);
