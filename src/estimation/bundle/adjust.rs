@@ -285,7 +285,9 @@ mod tests {
         let (scene, motion, points) = small();
         let mut system = System::<6, 1>::new(6);
         linearise(&scene, &motion, &points, &Loss::Huber(1.2), &mut system);
-        let cost = |m: &FreePlacements, p: &[Vector3<f64>]| total_cost(&scene, m, p, &Loss::Huber(1.2)).unwrap();
+        let cost = |m: &FreePlacements, p: &[Vector3<f64>]| {
+            total_cost(&scene, m, p, &Loss::Huber(1.2)).unwrap()
+        };
         let h = 1e-6;
         let close = |analytic: f64, up: f64, down: f64| {
             let numeric = (up - down) / (2.0 * h);

@@ -19,6 +19,9 @@ const DOUBLINGS: i32 = 3;
 /// A motion that leaves more of the image points unexplained than this part is not that of the body.
 const MOST_OUTLIERS: f64 = 0.3;
 
+/// So many times the noise assumed may the residuals be.
+const MOST_NOISE: f64 = 6.0;
+
 /// Segments that are sought.
 const SEGMENTS: usize = 6;
 
@@ -28,7 +31,7 @@ const SHORT_TRACK: usize = 6;
 /// Where along the frames the motion is stated if only their last part is one motion, and the least part of the
 /// whole time that this must be.
 const LAST: f64 = 0.97;
-const LEAST_PART: f64 = 0.2;
+const LEAST_PART: f64 = 0.1;
 
 /// A fit this near to the attitudes is a good start \[rad\].
 const CLOSE: f64 = 0.03;
@@ -50,6 +53,8 @@ pub(super) fn solve(
     let mut placed = 0;
     let sights: usize = frames.list.iter().map(|f| f.sights.len()).sum();
     let lasting = sights >= SHORT_TRACK * frames.ids.len();
+    // What is noisier than this has been fitted wrongly.
+    let quiet = |b: &Adjusted| b.residuals.deviation < MOST_NOISE * options.pixel_noise.max(1e-3);
     let methods = [Method::Structure, Method::RelativeRotation];
     let levels = |method| (0..=DOUBLINGS).map(move |doubling| (method, doubling));
     for (method, doubling) in methods.into_iter().flat_map(levels) {
@@ -81,7 +86,9 @@ pub(super) fn solve(
         }
     }
     match best {
-        Some(best) if best.residuals.outliers < MOST_OUTLIERS => best.finish(camera, options),
+        Some(best) if best.residuals.outliers < MOST_OUTLIERS && quiet(&best) => {
+            best.finish(camera, options)
+        }
         Some(best) if 3 * placed >= frames.list.len() => Err(EstimateError::NotFree {
             rms: best.residuals.rms,
         }),
@@ -196,10 +203,7 @@ fn segments(frames: &mut Frames, settings: &Settings, rng: &mut StdRng) -> Vec<S
 }
 
 /// The motion that fits the attitudes of all segments, and each segment's axes in the body's.
-fn motion_of_segments(
-    frames: &Frames,
-    segments: &[Segment],
-) -> Option<Fit> {
+fn motion_of_segments(frames: &Frames, segments: &[Segment]) -> Option<Fit> {
     let attitude = |segment: &Segment, i: usize| {
         let placement = segment.placements[i]?;
         Some(Attitude {
