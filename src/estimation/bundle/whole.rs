@@ -1,6 +1,6 @@
 //! The dynamic adjustment from a motion that is nearly right to the solution.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{SMatrix, UnitQuaternion, Vector3};
 
 use super::adjust::{Effort, Motion, adjust, information};
 use super::carried::{carried_over, from_rotations};
@@ -213,8 +213,10 @@ impl Adjusted {
         } else {
             information(&self.scene, &tumbling, &self.points, &self.loss)
         };
+        // The residuals tell how exact the images are, not what was known before.
+        let prior = tumbling.prior().0 * (self.dispersion / self.settings.noise.powi(2) - 1.0);
         let covariance = known
-            .and_then(|i| i.try_inverse())
+            .and_then(|i| (i + SMatrix::from_diagonal(&prior)).try_inverse())
             .map(|c| c * self.dispersion)
             .ok_or_else(|| not_free.clone())?;
         let mut report = report(
