@@ -1,0 +1,200 @@
+//! What is held to be the motion from frame to frame: the last batch solution, and the filter that carries it on.
+
+use nalgebra::UnitQuaternion;
+
+use crate::{
+    estimation::{
+        Estimated, Method, MotionEstimate,
+        filter::{Filter, Update},
+    },
+    vision::Sighting,
+};
+
+/// After so many frames in a row that show the body where it cannot be, it moves otherwise than it did.
+const MISFITS: u32 = 10;
+
+/// Fewer known points than these do not tell that the body is elsewhere.
+pub const TELLING: usize = 8;
+
+/// A filter whose future is this many times more certain than that of a new batch solution is kept.
+const SURER: f64 = 3.0;
+
+/// A batch solution, and what it was found from.
+#[derive(Debug, Clone)]
+pub struct Batch {
+    /// The solution.
+    pub estimated: Estimated,
+    /// Frames of its window.
+    pub frames: usize,
+    /// Time of the first and of the last of them \[s\].
+    pub span: (f64, f64),
+}
+
+/// Where an answer comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Source {
+    /// The last batch solution: there is no filter, or no frame since.
+    Batch,
+    /// The filter, corrected by the newest frame.
+    Filter,
+    /// Whichever there is, carried on without a frame that could correct it.
+    Coasting,
+}
+
+impl Source {
+    /// Its name in diagnostics.
+    pub fn name(self) -> &'static str {
+        match self {
+            Self::Batch => "batch",
+            Self::Filter => "filter",
+            Self::Coasting => "coasting",
+        }
+    }
+}
+
+/// The present motion.
+#[derive(Debug, Clone)]
+pub struct Belief {
+    batch: Batch,
+    filter: Option<Filter>,
+    motion: MotionEstimate,
+    /// Axes F of the body that stay from one solution to the next, in those that this solution took.
+    R_BF: UnitQuaternion<f64>,
+    /// Time of the newest frame that told something \[s\].
+    corrected: f64,
+    /// Frames since the batch's.
+    since: usize,
+    last: Option<Update>,
+    misfits: Misfits,
+}
+
+/// Frames in a row that do not fit.
+#[derive(Debug, Clone, Copy, Default)]
+struct Misfits {
+    count: u32,
+    /// Time of the first \[s\].
+    since: f64,
+}
+
+impl Belief {
+    /// Starts at a batch solution. With `disturbance` ([`Filter::new`]) a filter carries it on through the frames
+    /// `later`, each with the camera's attitude; only bundle adjustment can start one.
+    pub fn new<'a>(
+        batch: Batch,
+        disturbance: Option<f64>,
+        later: impl Iterator<Item = (&'a Sighting, UnitQuaternion<f64>)>,
+    ) -> Self {
+        let solution = batch.estimated.solution.as_ref();
+        let filter = disturbance
+            .zip(solution)
+            .and_then(|(disturbance, solution)| Filter::new(solution, disturbance));
+        let mut belief = Self {
+            motion: batch.estimated.motion.clone(),
+            corrected: batch.span.1,
+            batch,
+            filter,
+            R_BF: UnitQuaternion::identity(),
+            since: 0,
+            last: None,
+            misfits: Misfits::default(),
+        };
+        for (frame, R_IC) in later {
+            belief.see(frame, &R_IC);
+        }
+        belief
+    }
+
+    /// The better of the two at `time` \[s\], judged by their next `horizon` seconds: `next`, in the axes of the
+    /// body that this one has, unless it knows much less. It does where few frames have come since a gap.
+    pub fn or(self, mut next: Self, time: f64, horizon: f64) -> Self {
+        let foresight = |belief: &Self| Some(belief.filter.as_ref()?.foresight(horizon));
+        if let (Some(ours), Some(theirs)) = (foresight(&self), foresight(&next))
+            && self.misfits.count == 0
+            && ours * SURER < theirs
+        {
+            return self;
+        }
+        next.R_BF = next.motion.attitude(time).inverse() * self.motion.attitude(time) * self.R_BF;
+        next
+    }
+
+    /// Takes in a frame, later than all before. If the body has not been where it should be for some frames,
+    /// the answer is the time of the first of them.
+    pub fn see(&mut self, frame: &Sighting, R_IC: &UnitQuaternion<f64>) -> Option<f64> {
+        self.since += 1;
+        let Some(filter) = &mut self.filter else {
+            if !frame.features.is_empty() {
+                self.corrected = frame.time;
+            }
+            return None;
+        };
+        if frame.time <= filter.time() {
+            return None;
+        }
+        let update = filter.update(frame, R_IC);
+        if let Some(motion) = filter.estimate() {
+            self.motion = motion;
+        }
+        self.last = Some(update);
+        if update.used > 0 {
+            self.corrected = frame.time;
+        }
+        let known = update.used + update.rejected;
+        if known < TELLING {
+            return None;
+        }
+        if 2 * update.used >= known {
+            self.misfits.count = 0;
+            return None;
+        }
+        if self.misfits.count == 0 {
+            self.misfits.since = frame.time;
+        }
+        self.misfits.count += 1;
+        (self.misfits.count >= MISFITS).then_some(self.misfits.since)
+    }
+
+    /// The motion, in the axes that are inertial.
+    pub fn motion(&self) -> &MotionEstimate {
+        &self.motion
+    }
+
+    /// The body's lasting axes F, in those of [`Belief::motion`].
+    pub fn R_BF(&self) -> UnitQuaternion<f64> {
+        self.R_BF
+    }
+
+    /// How the batch solution was found.
+    pub fn method(&self) -> Method {
+        self.batch.estimated.method
+    }
+
+    /// The batch solution.
+    pub fn batch(&self) -> &Batch {
+        &self.batch
+    }
+
+    /// Where the motion at `time` \[s\] comes from.
+    pub fn source(&self, time: f64) -> Source {
+        match self.last {
+            _ if time > self.corrected => Source::Coasting,
+            Some(_) => Source::Filter,
+            None => Source::Batch,
+        }
+    }
+
+    /// Time of the newest frame that told something \[s\].
+    pub fn corrected(&self) -> f64 {
+        self.corrected
+    }
+
+    /// Frames that it rests on.
+    pub fn frames(&self) -> usize {
+        self.batch.frames + self.since
+    }
+
+    /// What the newest frame contributed to the filter, if there is one.
+    pub fn last(&self) -> Option<&Update> {
+        self.last.as_ref()
+    }
+}
