@@ -123,7 +123,8 @@ impl Filter {
     }
 
     /// How certain the next `span` seconds are: standard deviation of the turn from now to then \[rad\], all axes
-    /// together. What is not known of the present attitude does not count, except for what it makes of the future.
+    /// together. What is not known of the present attitude does not count, except for what it makes of the future. It is
+    /// on the safe side, since the points' common error counts as one of the attitude.
     pub fn foresight(&self, span: f64) -> f64 {
         let then = self.motion.time + span;
         let Some(&(_, S)) = self.motion.attitudes_and_sensitivities(&[then]).first() else {

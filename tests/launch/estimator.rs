@@ -11,12 +11,12 @@ use fuyu::{
 };
 use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use serde_json::{Value, json};
-use std::collections::BTreeMap;
+use std::{collections::BTreeMap, time::Duration};
 
 use crate::{
     joining::peer_with_interfaces,
     peer::Peer,
-    process::{Running, command, read, scenario},
+    process::{Running, command, fuyu, read, scenario},
     starvation::in_time,
     view::{diagnosed, numbers},
     waiting::{PATIENCE, eventually},
@@ -71,6 +71,30 @@ fn the_target_is_where_the_estimator_said_it_would_be() {
             assert!((moment / sum - part / 14.0).abs() < 2e-3, "{J:?}");
         }
 
+        // All of it is drawn beside the truth.
+        let pictures = tempfile::tempdir().unwrap();
+        let folder = pictures.path().to_str().unwrap();
+        let plotted = fuyu(&["bag", "plot", bag.to_str().unwrap(), "--output", folder]).well();
+        for (name, curves) in [
+            (
+                "target_squared_rate",
+                &["at each frame", "fit, the last motion", "true, target"][..],
+            ),
+            ("herpolhode", &["estimated", "true, target"]),
+            ("prediction_error", &["made at", "by when it was made"]),
+        ] {
+            assert!(
+                plotted.stdout.contains(&format!("{name}.png")),
+                "{plotted:?}"
+            );
+            let svg = std::fs::read_to_string(pictures.path().join(format!("{name}.svg"))).unwrap();
+            for curve in curves {
+                assert!(svg.contains(curve), "{name} has no {curve:?}");
+            }
+            let png = std::fs::read(pictures.path().join(format!("{name}.png"))).unwrap();
+            assert!(png.starts_with(b"\x89PNG") && png.len() > 10_000, "{name}");
+        }
+
         // A prediction made when half a minute had been seen, held against what came then.
         let predictions = read::<nav_msgs::Path>(&bag, "/estimator/prediction");
         let made = |p: &nav_msgs::Path| Time::from(&p.header.stamp).as_secs_f64();
@@ -107,11 +131,16 @@ fn the_target_is_where_the_estimator_said_it_would_be() {
     });
 }
 
-/// Frames of a tumbling ball as a camera at rest sees them, 10 a second, as messages in JSON.
-fn recorded(frames: u32) -> Vec<Value> {
+/// How the ball of [`recorded`] tumbles.
+fn truth() -> FreeRotation {
     let inertia = Matrix3::from_diagonal(&Vector3::new(7.0, 4.0, 3.0));
     let rate = Vector3::new(0.1, 0.35, 0.2);
-    let motion = FreeRotation::new(&inertia, UnitQuaternion::identity(), &rate, 0.0).unwrap();
+    FreeRotation::new(&inertia, UnitQuaternion::identity(), &rate, 0.0).unwrap()
+}
+
+/// Frames of a tumbling ball as a camera at rest sees them, 10 a second, as messages in JSON.
+fn recorded(frames: u32) -> Vec<Value> {
+    let motion = truth();
     let config = FeatureCameraConfig {
         quantised: true,
         ..FeatureCameraConfig::ideal(1024, 1.25)
@@ -144,23 +173,218 @@ fn publish(peer: &mut Peer, message: &Value) {
     }));
 }
 
+/// An estimator that knows the camera of [`recorded`], with a name space and more parameters.
+fn estimator(domain: u16, namespace: &str, parameters: &[&str]) -> Running {
+    let mut command = command("estimator", domain);
+    let remap = format!("__ns:={namespace}");
+    command.args([
+        "--ros-args",
+        "-r",
+        &remap,
+        "-r",
+        "camera/features:=/camera/features",
+    ]);
+    let camera = [
+        "camera.fx:=819.2",
+        "camera.fy:=819.2",
+        "camera.cx:=511.5",
+        "camera.cy:=511.5",
+    ];
+    for parameter in camera.iter().chain(parameters) {
+        command.args(["-p", parameter]);
+    }
+    Running::start(command)
+}
+
+fn stamp(message: &Value) -> f64 {
+    let stamp = &message["header"]["stamp"];
+    stamp["sec"].as_f64().unwrap() + 1e-9 * stamp["nanosec"].as_f64().unwrap()
+}
+
+/// Errors of the angular velocities that `topic` has told for times after `from` \[rad/s\].
+fn rate_errors(peer: &mut Peer, topic: &str, from: f64) -> Vec<f64> {
+    let told = peer.receive(topic, 1);
+    let told = told.iter().map(|m| &m["message"]);
+    let error = |m: &Value| {
+        let w = &m["vector"];
+        let w = ["x", "y", "z"].map(|axis| w[axis].as_f64().unwrap());
+        (Vector3::from(w) - truth().angular_velocity(stamp(m))).norm()
+    };
+    // What was told while no frames came is for other times than theirs.
+    let of_a_frame = |m: &&Value| (10.0 * stamp(m) - (10.0 * stamp(m)).round()).abs() < 1e-6;
+    let told = told.filter(of_a_frame);
+    told.filter(|m| stamp(m) > from).map(error).collect()
+}
+
+/// Whether `topic` has told an angular velocity for this time.
+fn told_for(peer: &mut Peer, topic: &str, time: f64) -> Option<()> {
+    let told = peer.does(json!({"do": "wait", "topic": topic, "count": 1, "timeout": 1.0}));
+    let mut told = told.as_array().expect("a list").iter();
+    told.any(|m| (stamp(&m["message"]) - time).abs() < 1e-6)
+        .then_some(())
+}
+
+fn rms(errors: &[f64]) -> f64 {
+    let squares: f64 = errors.iter().map(|e| e * e).sum();
+    (squares / errors.len() as f64).sqrt()
+}
+
+const VECTOR: &str = "geometry_msgs/msg/Vector3Stamped";
+
+// Two estimators that see the same frames and solve their batches at the same times, 20 s apart; one has the filter.
+// Breaks when the filter does worse than none, is lost in a gap, or takes new ids for a new body.
+#[test]
+fn between_solutions_and_after_gaps_the_filter_knows_more() {
+    in_time(|| {
+        let domain = 92;
+        let topics = [
+            "/with/estimator/angular_velocity",
+            "/without/estimator/angular_velocity",
+        ];
+        let mut with = estimator(
+            domain,
+            "/with",
+            &["solve_period:=20.0", "prediction_period:=1.0"],
+        );
+        let mut without = estimator(domain, "/without", &["solve_period:=20.0", "filter:=false"]);
+        let mut peer = peer_with_interfaces("eye", domain);
+        for topic in topics {
+            peer.subscribe(topic, VECTOR, "reliable");
+        }
+        peer.subscribe(
+            "/with/estimator/prediction",
+            "nav_msgs/msg/Path",
+            "reliable",
+        );
+        peer.subscribe(
+            "diagnostics",
+            "diagnostic_msgs/msg/DiagnosticArray",
+            "reliable",
+        );
+        let frames = recorded(700);
+        let mut show = |peer: &mut Peer, from: usize, to: usize, ids: u64| {
+            for frame in &frames[from..to] {
+                let mut frame = frame.clone();
+                let known = frame["ids"].as_array().unwrap().iter();
+                frame["ids"] = known.map(|id| json!(id.as_u64().unwrap() + ids)).collect();
+                let sent = peer.does(json!({
+                    "do": "publish", "topic": "/camera/features", "type": "fuyu_msgs/msg/FeatureTracks",
+                    "message": frame, "qos_name": "sensor_data", "matched": 2
+                }));
+                assert_eq!(sent, 2);
+                // The frames come twenty times as fast as they were taken, which leaves the solver its time.
+                std::thread::sleep(Duration::from_millis(5));
+            }
+        };
+        // Six seconds are enough for a first solution; they are shown frame by frame until both have one.
+        show(&mut peer, 0, 60, 0);
+        for topic in topics {
+            eventually("a first motion", 4 * PATIENCE, || {
+                let told = json!({"do": "wait", "topic": topic, "count": 1, "timeout": 1.0});
+                (!peer.does(told).as_array().unwrap().is_empty()).then_some(())
+            });
+        }
+        // The next batch is due 20 s after the last of the first ones, which ended at 2 s at the earliest.
+        show(&mut peer, 60, 120, 0);
+        show(&mut peer, 170, 220, 0);
+        for topic in topics {
+            eventually("the last frame's", PATIENCE, || {
+                told_for(&mut peer, topic, 21.9)
+            });
+        }
+        let [filtered, batch] = topics.map(|topic| rate_errors(&mut peer, topic, 10.0));
+        println!(
+            "with {:.2e}, without {:.2e} rad/s",
+            rms(&filtered),
+            rms(&batch)
+        );
+        assert!(filtered.len() > 60 && batch.len() > 60);
+        assert!(rms(&filtered) < 0.5 * rms(&batch));
+        let after_gap = topics.map(|topic| rms(&rate_errors(&mut peer, topic, 16.95)));
+        println!("after the gap {after_gap:?}");
+        assert!(after_gap[0] < 0.5 * after_gap[1]);
+        // Predictions come in their period, not with every frame.
+        let paths = peer.receive("/with/estimator/prediction", 1);
+        let times: Vec<f64> = paths.iter().map(|p| stamp(&p["message"])).collect();
+        assert!(times.len() > 5 && times.len() < 40, "{times:?}");
+        for path in &paths {
+            let poses = path["message"]["poses"].as_array().unwrap();
+            assert_eq!(poses.len(), 61);
+            let last = stamp(&poses[60]) - stamp(&path["message"]);
+            assert!((last - 30.0).abs() < 1e-6, "{last}");
+        }
+
+        // All ids change, as with a tracker that starts anew: the filter coasts until a batch has the new ones.
+        show(&mut peer, 220, 280, 0);
+        show(&mut peer, 280, 300, 100);
+        let told = diagnosed(&mut peer, "with/estimator: motion", |level, text| {
+            level == 1 && text.contains("coasting")
+        });
+        assert!(told.contains("not those of the structure"), "{told}");
+        show(&mut peer, 300, 690, 100);
+        let told = diagnosed(&mut peer, "with/estimator: motion", |level, text| {
+            level == 0 && text == "asymmetric"
+        });
+        println!("{told}");
+        show(&mut peer, 690, 700, 100);
+        eventually("the last frame's", PATIENCE, || {
+            told_for(&mut peer, topics[0], 69.9)
+        });
+        let last = rms(&rate_errors(&mut peer, topics[0], 68.95));
+        println!("with new ids {last:.2e} rad/s");
+        assert!(last < 1e-3);
+        with.interrupt().well();
+        without.interrupt().well();
+    });
+}
+
+// A body that something has touched moves otherwise, and is known anew; breaks when the estimator holds on to what
+// it knew.
+#[test]
+fn a_push_is_noticed_and_the_new_motion_found() {
+    in_time(|| {
+        let domain = 93;
+        let mut estimator = estimator(domain, "/", &["solve_period:=5.0"]);
+        let mut peer = peer_with_interfaces("eye", domain);
+        peer.subscribe(
+            "estimator/motion",
+            "fuyu_msgs/msg/MotionEstimate",
+            "reliable",
+        );
+        peer.subscribe("estimator/angular_velocity", VECTOR, "reliable");
+        let frames = recorded(600);
+        for frame in &frames[..200] {
+            publish(&mut peer, frame);
+        }
+        eventually("the motion of 20 s", 4 * PATIENCE, || {
+            let motion = peer.receive("estimator/motion", 1).pop()?["message"].clone();
+            (motion["duration"].as_f64()? > 19.0).then_some(())
+        });
+        // From here on it turns the other way: the frames before 60 s, backwards.
+        let mut pushed: Vec<Value> = frames[200..].iter().rev().cloned().collect();
+        for (frame, at) in pushed.iter_mut().zip(&frames[200..]) {
+            frame["header"] = at["header"].clone();
+            publish(&mut peer, frame);
+        }
+        eventually("the new motion", 4 * PATIENCE, || {
+            let told = peer.receive("estimator/angular_velocity", 1).pop()?["message"].clone();
+            let w = ["x", "y", "z"].map(|axis| told["vector"][axis].as_f64().unwrap());
+            let right = -truth().angular_velocity(79.9 - stamp(&told));
+            let found = (Vector3::from(w) - right).norm() < 2e-3 && stamp(&told) > 59.0;
+            found.then_some(())
+        });
+        // It was noticed, rather than taken for outliers until the window had passed.
+        let (_, said) = estimator.said();
+        assert!(said.contains("the target moves otherwise"), "{said}");
+        estimator.interrupt().well();
+    });
+}
+
 #[test]
 fn features_that_an_rclpy_node_publishes_are_enough() {
     in_time(|| {
         let domain = 91;
-        let mut estimator = command("estimator", domain);
-        let parameters = [
-            "camera.fx:=819.2",
-            "camera.fy:=819.2",
-            "camera.cx:=511.5",
-            "camera.cy:=511.5",
-            "solve_period:=1.0",
-        ];
-        estimator.arg("--ros-args");
-        for parameter in parameters {
-            estimator.args(["-p", parameter]);
-        }
-        let mut estimator = Running::start(estimator);
+        let mut estimator = estimator(domain, "/", &["solve_period:=1.0"]);
         let mut peer = peer_with_interfaces("eye", domain);
         peer.subscribe(
             "estimator/motion",

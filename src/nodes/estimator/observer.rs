@@ -18,6 +18,9 @@ use crate::{
 /// Without frames for so many of their intervals the motion is told without them.
 const MISSED: f64 = 3.0;
 
+/// While there is no motion yet, batches follow each other at least this fast \[s\].
+const RETRY: f64 = 2.0;
+
 /// From frames to what is published.
 pub struct Observer {
     params: EstimatorParams,
@@ -218,9 +221,11 @@ impl Observer {
         let (Some(camera), Some((_, newest))) = (self.camera, self.tracks.span()) else {
             return;
         };
-        let due = self
-            .solved_at
-            .is_none_or(|at| newest >= at + self.params.solve_period);
+        let period = match &self.belief {
+            Some(_) => self.params.solve_period,
+            None => self.params.solve_period.min(RETRY),
+        };
+        let due = self.solved_at.is_none_or(|at| newest >= at + period);
         if self.solver.is_busy() || !due {
             return;
         }

@@ -106,14 +106,15 @@ pub(super) fn error_map(mut report: Report) -> Report {
         "The figure is a picture of a surface without readable values: the rows hold the computed map to what the \
          text says of it. Grey: no estimate.",
     );
-    let panel = |method: &Method| MapPanel {
-        title: format!("{}: {}", method.name(), study.condition()),
-        values: study
-            .cells(*method)
-            .iter()
-            .map(|c| quantity.of(c))
-            .collect(),
-        crosses: Vec::new(),
+    let panel = |method: &Method| {
+        let cells = study.cells(*method);
+        let asked = (0..cells.len()).filter(|k| study.is_answered(*k, *method));
+        MapPanel {
+            title: format!("{}: {}", method.name(), study.condition()),
+            values: asked.map(|k| quantity.of(&cells[k])).collect(),
+            crosses: Vec::new(),
+            grid: study.part(*method).map(|g| (g.isotropies, g.momenta)),
+        }
     };
     let picture = map(
         format!("Masutani 1995 Fig. {number}: {}", quantity.label()),

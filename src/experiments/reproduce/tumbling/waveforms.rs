@@ -28,6 +28,7 @@ fn closed_form(
             title: "closed form, beta = 0.8".to_owned(),
             values: values.iter().map(|(_, v)| *v).collect(),
             crosses: Vec::new(),
+            grid: None,
         }],
     );
     report.maps.push((report.name.clone(), picture));
