@@ -198,3 +198,101 @@ impl Belief {
         self.last.as_ref()
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        estimation::{Tracks, bundle, estimate, free_body::FreeRotation},
+        spatial::Pose,
+        vision::{BodyPoint, FeatureCamera, FeatureCameraConfig, Pinhole},
+    };
+    use nalgebra::{Matrix3, Translation3, Vector3};
+
+    /// Frames of a tumbling ball, 10 a second.
+    fn frames(range: std::ops::Range<u32>) -> Vec<Sighting> {
+        let inertia = Matrix3::from_diagonal(&Vector3::new(7.0, 4.0, 3.0));
+        let rate = Vector3::new(0.1, 0.35, 0.2);
+        let motion = FreeRotation::new(&inertia, UnitQuaternion::identity(), &rate, 0.0).unwrap();
+        let config = FeatureCameraConfig {
+            quantised: true,
+            ..FeatureCameraConfig::ideal(1024, 1.25)
+        };
+        let mut camera = FeatureCamera::new(config, BodyPoint::on_sphere(20, 0.45, 5));
+        let frame = |k: u32| {
+            let time = 0.1 * f64::from(k);
+            let R_CB = motion.attitude(time).to_rotation_matrix();
+            let X_CB = Pose::from_parts(Translation3::new(0.0, 0.0, 0.9), R_CB);
+            camera.show(time, &X_CB);
+            camera.deliver(time).unwrap()
+        };
+        range.map(frame).collect()
+    }
+
+    /// What follows from a batch of the first frames and a filter through the later ones.
+    fn belief(first: Vec<Sighting>, later: &[Sighting]) -> Belief {
+        let tracks = Tracks::new(first).unwrap();
+        let camera = Pinhole::square(1024, 1.25);
+        let options = bundle::Options::default();
+        let batch = Batch {
+            estimated: estimate(Method::Bundle, &tracks, &camera, &options).unwrap(),
+            frames: tracks.sightings().len(),
+            span: tracks.span().unwrap(),
+        };
+        let still = later.iter().map(|f| (f, UnitQuaternion::identity()));
+        Belief::new(batch, Some(1e-6), still)
+    }
+
+    // Whoever follows a point of the target must not see it jump with every solution.
+    #[test]
+    fn the_axes_of_the_body_stay_from_one_solution_to_the_next() {
+        let first = belief(frames(0..150), &frames(150..200));
+        let next = belief(frames(60..200), &[]);
+        let turned = |belief: &Belief, t: f64| belief.motion().attitude(t) * belief.R_BF();
+        let before = turned(&first, 30.0);
+        assert!(
+            turned(&next, 30.0).angle_to(&before) > 0.01,
+            "each takes axes of its own"
+        );
+        let kept = first.or(next, 19.9, 30.0);
+        assert_eq!(kept.batch().frames, 140);
+        let after = turned(&kept, 30.0);
+        assert!(
+            after.angle_to(&before) < 2e-3,
+            "{}",
+            after.angle_to(&before)
+        );
+    }
+
+    #[test]
+    fn a_batch_that_knows_much_less_does_not_replace_the_filter() {
+        let seen = frames(500..515);
+        let long = belief(frames(0..300), &seen);
+        let short = belief(seen, &[]);
+        assert_eq!(
+            (long.source(51.4), long.source(52.0)),
+            (Source::Filter, Source::Coasting)
+        );
+        assert_eq!(short.source(51.4), Source::Batch);
+        assert_eq!(
+            long.clone().or(short.clone(), 51.4, 30.0).batch().frames,
+            300
+        );
+        assert_eq!(short.or(long, 51.4, 30.0).batch().frames, 300);
+    }
+
+    #[test]
+    fn a_body_that_jumps_is_noticed_after_some_frames() {
+        let mut belief = belief(frames(0..150), &[]);
+        let mut noticed = Vec::new();
+        for (k, mut frame) in (0..).zip(frames(300..330)) {
+            frame.time = 15.0 + 0.1 * f64::from(k);
+            noticed.extend(
+                belief
+                    .see(&frame, &UnitQuaternion::identity())
+                    .map(|since| (k, since)),
+            );
+        }
+        assert_eq!(noticed[0], (9, 15.0));
+    }
+}

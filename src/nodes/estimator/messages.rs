@@ -64,7 +64,7 @@ impl Moment<'_> {
             residual: motion.rms(),
             covariance,
             frames: u32::try_from(self.belief.frames()).unwrap_or(u32::MAX),
-            duration: self.time - self.belief.batch().span.0,
+            duration: self.belief.corrected() - self.belief.batch().span.0,
         }
     }
 

@@ -202,12 +202,28 @@ fn preprocessing(report: &mut Report, quantity: Quantity, source: usize) {
                 most,
                 most <= 33.0,
             );
+            let of_all = |seed| {
+                let cells = images.with_seed(seed).cells(Method::Masutani1995);
+                largest(cells.iter().map(|c| Axis.of(c)))
+            };
+            report.near(
+                "largest Phi, whatever the model, median of five sets of points [deg]",
+                30.0,
+                median(SEEDS.map(of_all)),
+                3.0,
+            );
             let symmetric = |_: &Motion, c: &Cell| c.model == Some(MotionModel::Axisymmetric);
             let ratio = typical(&images, Axis, symmetric) / typical(&images, Attitude, symmetric);
             report.holds(
-                "small where the axisymmetric model answers: median Phi over median Theta there [-]",
+                "small where the axisymmetric model answers: median Phi over median Theta there, below 0.5 [-]",
                 ratio,
                 ratio < 0.5,
+            );
+            report.note(
+                "The text finds Phi much smaller than Theta where the axisymmetric model answers. Here it is so only \
+                 next to s_alpha = 0 (e = 0.9: 15 for 28 deg); elsewhere it is the direction of the nutation that is \
+                 off, which both errors see. The largest are at e = 0.9 and 0.95, where the wave drowns: which model \
+                 answers, and how well, depends on the points.",
             );
         }
     }
@@ -258,28 +274,24 @@ fn resolution(report: &mut Report, quantity: Quantity, i: usize) {
     }
     difference_dominates(report, &study, Parameters);
     if i > 0 {
-        // What quantisation alone adds: the difference from the estimate with true rotations.
-        let exact = Study::of(Source::TrueRotations);
-        let added = |study: &Study| {
-            let motions = study.motions();
-            let all = [exact, of(1024), *study].map(|s| s.cells(Method::Masutani1995));
-            let cells = (0..motions.len()).filter(|k| {
-                let of_all = all.iter().map(|cells| &cells[*k]);
-                of_all.into_iter().all(|c| nearly_round(&motions[*k], c))
-            });
-            let both: Vec<_> = cells.collect();
-            let excess = |j: usize| {
-                let cells = both.iter();
-                median(cells.map(|k| (all[j][*k].errors[0] - all[0][*k].errors[0]).abs()))
-            };
-            excess(2) / excess(1)
+        // What quantisation adds: the rise over the estimate from true rotations.
+        let any = |_: &Motion, c: &Cell| asymmetric(c);
+        let exact = typical(&Study::of(Source::TrueRotations), Parameters, any);
+        let rise = |resolution: u32| {
+            let seeds = SEEDS.map(|seed| of(resolution).with_seed(seed));
+            median(seeds.map(|study| typical(&study, Parameters, any))) - exact
         };
         let published = f64::from(RESOLUTIONS[0]) / f64::from(RESOLUTIONS[i]);
         report.near(
-            "quantisation's part grows as 1/resolution: over that with 1024 px, e from 0.75 [-]",
+            "quantisation's part grows as 1/resolution: rise of median r over that from true rotations, over the \
+             rise with 1024 px [-]",
             published,
-            added(&study),
+            rise(RESOLUTIONS[i]) / rise(RESOLUTIONS[0]),
             0.5 * published,
+        );
+        report.note(
+            "Motion by motion, where the asymmetric model answers at every resolution, quantisation's part grows \
+             faster: by some 4 at 512 px and 12 at 256 px, as the square of a pixel.",
         );
     }
 }
@@ -289,17 +301,26 @@ fn points(report: &mut Report, quantity: Quantity, i: usize) {
     let study = Study::images(1024, POINTS[i]);
     let twenty = Study::images(1024, 20);
     let ratio = typical(&study, quantity, nearly_round) / typical(&twenty, quantity, nearly_round);
+    // With 10 points the asymmetric model answers hardly any of them.
+    let near_one = |study: &Study| {
+        let near_one = |m: &Motion, c: &Cell| c.estimated() && m.e > 0.74 && m.e < 0.99;
+        let seeds = SEEDS.map(|seed| study.with_seed(seed));
+        median(seeds.map(|study| typical(&study, quantity, near_one)))
+    };
     match i {
         0 => report.holds(
             "no great difference from 20 points: ratio of the medians at e from 0.75, 0.5 to 1.5 [-]",
             ratio,
             (0.5..=1.5).contains(&ratio),
         ),
-        2 => report.holds(
-            "larger near e = 1 than with 20 points: ratio of the medians at e from 0.75 [-]",
-            ratio,
-            ratio > 1.0,
-        ),
+        2 => {
+            let ratio = near_one(&study) / near_one(&twenty);
+            report.holds(
+                "larger near e = 1 than with 20 points: ratio of the medians at e from 0.75 to 0.95, any model [-]",
+                ratio,
+                ratio > 1.0,
+            );
+        }
         _ => difference_dominates(report, &study, quantity),
     }
 }
