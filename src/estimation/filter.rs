@@ -243,9 +243,13 @@ impl Filter {
                 ..predicted.0
             };
             let Some(moved) = start.moved(&step) else {
+                // Points that ask for what no body does fit no more than points that are far off.
                 (self.motion, self.covariance) = predicted;
-                update.used = 0;
-                return update;
+                return Update {
+                    used: 0,
+                    rejected: all,
+                    ..update
+                };
             };
             error = next;
             self.rms = view.rms;

@@ -284,7 +284,7 @@ fn between_solutions_and_after_gaps_the_filter_knows_more() {
             "reliable",
         );
         let frames = recorded(700);
-        let mut show = |peer: &mut Peer, from: usize, to: usize, ids: u64| {
+        let show = |peer: &mut Peer, from: usize, to: usize, ids: u64| {
             for frame in &frames[from..to] {
                 let mut frame = frame.clone();
                 let known = frame["ids"].as_array().unwrap().iter();

@@ -13,6 +13,9 @@ use crate::{
 /// After so many frames in a row that show the body where it cannot be, it moves otherwise than it did.
 const MISFITS: u32 = 10;
 
+/// So many frames that fit confirm a solution.
+const CONFIRMED: u32 = 20;
+
 /// Fewer known points than these do not tell that the body is elsewhere.
 pub const TELLING: usize = 8;
 
@@ -65,7 +68,18 @@ pub struct Belief {
     /// Frames since the batch's.
     since: usize,
     last: Option<Update>,
+    /// Frames that fitted, those of the solutions before included.
+    fits: u32,
     misfits: Misfits,
+}
+
+/// Why frames no longer fit.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Loss {
+    /// They did for long; since this time \[s\] the body moves otherwise.
+    Pushed(f64),
+    /// They never did: the batch solution is wrong.
+    Unconfirmed,
 }
 
 /// Frames in a row that do not fit.
@@ -96,6 +110,7 @@ impl Belief {
             R_BF: UnitQuaternion::identity(),
             since: 0,
             last: None,
+            fits: 0,
             misfits: Misfits::default(),
         };
         for (frame, R_IC) in later {
@@ -114,13 +129,15 @@ impl Belief {
         {
             return self;
         }
+        if self.misfits.count == 0 {
+            next.fits = next.fits.saturating_add(self.fits);
+        }
         next.R_BF = next.motion.attitude(time).inverse() * self.motion.attitude(time) * self.R_BF;
         next
     }
 
-    /// Takes in a frame, later than all before. If the body has not been where it should be for some frames,
-    /// the answer is the time of the first of them.
-    pub fn see(&mut self, frame: &Sighting, R_IC: &UnitQuaternion<f64>) -> Option<f64> {
+    /// Takes in a frame, later than all before; tells if the body has not been where it should be for some frames.
+    pub fn see(&mut self, frame: &Sighting, R_IC: &UnitQuaternion<f64>) -> Option<Loss> {
         self.since += 1;
         let Some(filter) = &mut self.filter else {
             if !frame.features.is_empty() {
@@ -145,13 +162,18 @@ impl Belief {
         }
         if 2 * update.used >= known {
             self.misfits.count = 0;
+            self.fits = self.fits.saturating_add(1);
             return None;
         }
         if self.misfits.count == 0 {
             self.misfits.since = frame.time;
         }
         self.misfits.count += 1;
-        (self.misfits.count >= MISFITS).then_some(self.misfits.since)
+        let loss = match self.fits >= CONFIRMED {
+            true => Loss::Pushed(self.misfits.since),
+            false => Loss::Unconfirmed,
+        };
+        (self.misfits.count >= MISFITS).then_some(loss)
     }
 
     /// The motion, in the axes that are inertial.
@@ -281,18 +303,27 @@ mod tests {
         assert_eq!(short.or(long, 51.4, 30.0).batch().frames, 300);
     }
 
+    /// After which frame, and as what, a jump at 15 s is noticed.
+    fn jump(belief: &mut Belief) -> Option<(u32, Loss)> {
+        (0..).zip(frames(300..330)).find_map(|(k, mut frame)| {
+            frame.time = 15.0 + 0.1 * f64::from(k);
+            let loss = belief.see(&frame, &UnitQuaternion::identity());
+            loss.map(|loss| (k, loss))
+        })
+    }
+
     #[test]
     fn a_body_that_jumps_is_noticed_after_some_frames() {
-        let mut belief = belief(frames(0..150), &[]);
-        let mut noticed = Vec::new();
-        for (k, mut frame) in (0..).zip(frames(300..330)) {
-            frame.time = 15.0 + 0.1 * f64::from(k);
-            noticed.extend(
-                belief
-                    .see(&frame, &UnitQuaternion::identity())
-                    .map(|since| (k, since)),
-            );
-        }
-        assert_eq!(noticed[0], (9, 15.0));
+        let mut fresh = fresh_at_15();
+        assert_eq!(jump(&mut fresh), Some((9, Loss::Unconfirmed)));
+        let mut confirmed = belief(frames(0..120), &frames(120..150));
+        assert_eq!(jump(&mut confirmed), Some((9, Loss::Pushed(15.0))));
+        // Confirmed is what has been confirmed before.
+        let mut renewed = belief(frames(0..120), &frames(120..150)).or(fresh_at_15(), 14.9, 30.0);
+        assert_eq!(jump(&mut renewed), Some((9, Loss::Pushed(15.0))));
+    }
+
+    fn fresh_at_15() -> Belief {
+        belief(frames(0..150), &[])
     }
 }

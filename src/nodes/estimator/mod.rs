@@ -11,7 +11,7 @@ mod observer;
 mod params;
 mod solver;
 
-pub use belief::{Batch, Belief, Source};
+pub use belief::{Batch, Belief, Loss, Source};
 pub use camera_attitude::StaticRotations;
 pub use params::EstimatorParams;
 

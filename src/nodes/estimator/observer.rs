@@ -179,27 +179,39 @@ impl Observer {
         self.motion_status.warn(format!("not estimated yet: {why}"));
     }
 
-    /// Publishes the motion at `time` \[s\]: the angular velocity always, the rest in its period.
+    /// Publishes the angular velocity at `time` \[s\], and the motion if that is due.
     fn publish(&mut self, time: f64, topics: &Topics) {
-        let Some(belief) = &self.belief else {
-            return;
-        };
-        let moment = Moment {
-            belief,
-            time,
-            camera: &self.camera_frame,
-            R_IC: self.attitude.R_GC(time),
-        };
-        topics.angular_velocity.publish(&moment.angular_velocity());
+        if let Some(moment) = self.moment(time) {
+            topics.angular_velocity.publish(&moment.angular_velocity());
+        }
         let period = self.params.prediction_period;
         // A frame that is due by rounding is due.
         if self.told_at.is_none_or(|at| time > at + period - 1e-6) {
-            topics.motion.publish(&moment.motion());
-            let (horizon, rate) = (self.params.horizon, self.params.prediction_rate);
-            topics.prediction.publish(&moment.prediction(horizon, rate));
-            self.told_at = Some(time);
+            self.publish_motion(time, topics);
         }
-        health::tell(&self.motion_status, belief, time, self.unsolved.as_deref());
+        if let Some(belief) = &self.belief {
+            health::tell(&self.motion_status, belief, time, self.unsolved.as_deref());
+        }
+    }
+
+    /// Publishes motion and prediction as at `time` \[s\].
+    fn publish_motion(&mut self, time: f64, topics: &Topics) {
+        let Some(moment) = self.moment(time) else {
+            return;
+        };
+        topics.motion.publish(&moment.motion());
+        let (horizon, rate) = (self.params.horizon, self.params.prediction_rate);
+        topics.prediction.publish(&moment.prediction(horizon, rate));
+        self.told_at = Some(time);
+    }
+
+    fn moment(&self, time: f64) -> Option<Moment<'_>> {
+        Some(Moment {
+            belief: self.belief.as_ref()?,
+            time,
+            camera: &self.camera_frame,
+            R_IC: self.attitude.R_GC(time),
+        })
     }
 
     /// Tells the motion when no frames come, until the last prediction ends. `now` is the node's time.
@@ -282,7 +294,10 @@ impl Observer {
         });
         self.unsolved = None;
         // Coasting may have gone on meanwhile.
-        let told_at = self.told_at.take().unwrap_or(newest);
-        self.publish(newest.max(told_at), topics);
+        let time = newest.max(self.told_at.unwrap_or(newest));
+        self.publish_motion(time, topics);
+        if let Some(belief) = &self.belief {
+            health::tell(&self.motion_status, belief, time, None);
+        }
     }
 }
