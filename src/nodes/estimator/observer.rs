@@ -2,7 +2,7 @@
 
 use super::{
     EstimatorParams, Topics,
-    belief::{Batch, Belief},
+    belief::{Batch, Belief, Loss},
     camera_attitude::CameraAttitude,
     health,
     messages::Moment,
@@ -151,14 +151,22 @@ impl Observer {
         }
         let R_IC = self.attitude.R_GC(time);
         let frame = self.tracks.sightings().last();
-        if let (Some(belief), Some(frame)) = (&mut self.belief, frame)
-            && let Some(since) = belief.see(frame, &R_IC)
-        {
-            tracing::info!("since {since:.3} s the target moves otherwise: starting anew");
-            self.tracks.forget_before(since);
-            self.forget_solutions(
-                "the target does not move as it did before; did something touch it?",
-            );
+        let loss = match (&mut self.belief, frame) {
+            (Some(belief), Some(frame)) => belief.see(frame, &R_IC),
+            _ => None,
+        };
+        match loss {
+            Some(Loss::Pushed(since)) => {
+                tracing::info!("since {since:.3} s the target moves otherwise: starting anew");
+                self.tracks.forget_before(since);
+                self.forget_solutions(
+                    "the target moves otherwise than before; did something touch it?",
+                );
+            }
+            Some(Loss::Unconfirmed) => {
+                self.forget_solutions("a first solution did not hold for the frames that followed");
+            }
+            None => {}
         }
         self.publish(time, topics);
     }
