@@ -2,6 +2,7 @@
 
 mod bad_urdf;
 mod estimate;
+mod estimate_bad_input;
 mod free_motion;
 mod fuyu;
 mod inspect;
