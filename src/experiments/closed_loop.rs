@@ -1,7 +1,7 @@
 //! Plant, camera and controller in one loop, without DDS.
 
 use crate::{
-    control::{Acted, Controller, PoseError},
+    control::{Acted, Controller, Measurement, PoseError, Sight},
     model::Frame,
     nodes::{
         camera::{Watch, camera_frame},
@@ -210,10 +210,10 @@ impl Servo {
             .seen
             .as_ref()
             .filter(|_| age <= self.measurement_timeout);
-        let pair = young.and_then(|frame| Some((&frame.X_BE, frame.X_BD.as_ref()?)));
+        let sight = young.and_then(|frame| Some(Sight::new(frame.time, frame.X_BE, frame.X_BD?)));
         let state = robot.state();
-        let acted = (self.controller.update(&state.q, &state.qd, pair))
-            .map_err(|e| format!("at {time:.2} s: {e}"))?;
+        let seen = Measurement::new(time, &state.q, &state.qd).with_sight(sight.as_ref());
+        let acted = (self.controller.update(&seen)).map_err(|e| format!("at {time:.2} s: {e}"))?;
         let efforts = self.controller.efforts().as_slice();
         world.robot.hold_efforts(efforts);
         Ok(Answer {

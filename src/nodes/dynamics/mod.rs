@@ -1,8 +1,10 @@
 //! The dynamics node: integrates the free-floating robot and owns time.
 //!
 //! A command acts from the moment it arrives: in real time the world is stepped to that moment under the
-//! old efforts first. In lockstep it acts from the state that it answers.
+//! old efforts first. In lockstep it acts from the state that it answers. In between is the usual case: time
+//! keeps the pace of the clock, but waits up to `answer_timeout` for a commander that has answered so far.
 
+mod answers;
 mod commands;
 mod imu;
 mod loops;
@@ -25,6 +27,7 @@ use crate::{
     nodes::topics,
     ros::{Node, NodeError, Received, Status, Subscription, Time},
 };
+use answers::Answers;
 use commands::Command;
 use outputs::Outputs;
 use pace::Pace;
@@ -88,6 +91,8 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         last_command: None,
         refused: 0,
         refused_at: None,
+        answers: Answers::default(),
+        waited: 0,
         efforts: vec![0.0; robot.dof()],
         pace: Pace::new(params.real_time_factor),
         world,
@@ -111,6 +116,9 @@ struct Simulation<'a> {
     last_command: Option<f64>,
     refused: u64,
     refused_at: Option<Instant>,
+    answers: Answers,
+    /// States for whose answers time has waited.
+    waited: u64,
     efforts: Vec<f64>,
     pace: Pace,
 }
@@ -145,6 +153,7 @@ impl Simulation<'_> {
             }
             self.check_command_age();
             self.step();
+            self.answers.expect(Time::from_secs_f64(self.world.time()));
             self.outputs.publish(&mut self.world)?;
             match self.world.beyond_limits() {
                 Some(problem) => self.limit_status.warn(problem),
@@ -236,21 +245,28 @@ impl Simulation<'_> {
         }
     }
 
-    /// Real time: lets commands act as they arrive, until the next state is due.
+    /// Real time: lets commands act as they arrive, until the next state is due, or longer while the answer
+    /// to the last one is.
     fn await_tick(&mut self) {
         let due = self.pace.instant(self.world.next_tick());
+        let patience = due + Duration::from_secs_f64(self.params.answer_timeout);
+        let mut late = false;
         loop {
             self.take_commands(self.pace.time(Instant::now()));
-            let Some(left) = due
-                .checked_duration_since(Instant::now())
-                .filter(|d| !d.is_zero())
-            else {
-                return;
+            let now = Instant::now();
+            let end = match now >= due && self.answers.due() {
+                true => patience,
+                false => due,
             };
-            if !self.node.wait_for(left) {
-                return;
+            if now >= end {
+                break;
+            }
+            late |= now >= due;
+            if !self.node.wait_for(end - now) {
+                break;
             }
         }
+        self.waited += u64::from(late);
     }
 
     /// Obeys the commands that wait, from simulated time `now` on; gives how many were valid.
@@ -277,6 +293,8 @@ impl Simulation<'_> {
                 }
                 let cut = self.world.robot.hold_efforts(&self.efforts);
                 self.last_command = Some(now);
+                self.answers
+                    .note(Time::from(&received.message.header.stamp));
                 if cut {
                     self.command_status
                         .warn("the last command exceeds an effort limit and was cut");
@@ -324,6 +342,8 @@ impl Simulation<'_> {
                 .set("simulated time [s]", format!("{:.2}", self.world.time()));
             self.time_status
                 .set("real time factor", format!("{achieved:.3}"));
+            self.time_status
+                .set("states that waited for their answer", self.waited);
             let wanted = self.params.real_time_factor;
             if self.params.lockstep || wanted == 0.0 {
                 return;

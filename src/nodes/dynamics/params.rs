@@ -52,6 +52,8 @@ pub struct DynamicsParams {
     pub duration: f64,
     /// Age of the last command beyond which efforts are zero \[s\].
     pub command_timeout: f64,
+    /// Time for which a due state waits for the answer to the one before, from who answers states \[s\].
+    pub answer_timeout: f64,
     /// Largest effort that a command may ask for \[N m or N\].
     pub max_effort: f64,
 }
@@ -239,7 +241,15 @@ impl DynamicsParams {
             .range(1e-3, 1e6)
             .read_only()
             .value();
-
+        let answer_timeout = declare
+            .param(
+                "answer_timeout",
+                0.5,
+                "How long time waits for the answer to the last state [s of the computer's clock], from a commander that answers states; 0 keeps the pace whatever comes late",
+            )
+            .range(0.0, 60.0)
+            .read_only()
+            .value();
         let max_effort = declare
             .param(
                 "max_effort",
@@ -302,6 +312,7 @@ impl DynamicsParams {
             start_on_command,
             duration,
             command_timeout,
+            answer_timeout,
             max_effort,
         })
     }
