@@ -1,27 +1,32 @@
 //! Plant, camera and controller in one loop, without DDS.
 
+use super::{Drive, Operated};
 use crate::{
     control::{Acted, Controller, Measurement, PoseError, Sight},
+    dynamics::Workspace,
     model::Frame,
     nodes::{
-        camera::{Watch, camera_frame},
-        dynamics::World,
-        geometry::with_matrix,
+        camera::{Watch, camera_frame, second_camera},
+        controller::second_tip,
+        dynamics::{World, imu},
+        geometry::{vector_from_msg, with_matrix},
         scenario::Scenario,
         tip_frame,
     },
+    ros::Time,
     spatial::Pose,
     vision::{PoseCamera, PoseFrame, Sighting},
 };
 
 /// The loop of a scenario: what its nodes do over topics, done in one thread. Each state is shown to the
 /// camera, the controller answers with what the camera has delivered, and the efforts are held until the
-/// next state: the order of a graph in lockstep. A scenario that names neither camera nor controller is a
-/// free motion, under springs and dampers alone.
+/// next state: the order of a graph in lockstep. Where a scenario names a teleop node, a simulated operator steers.
+/// A scenario that names neither camera nor controller nor teleop is a free motion, under springs and dampers alone.
 pub struct ClosedLoop {
     /// The plant.
     pub world: World,
     servo: Option<Servo>,
+    operated: Option<Operated>,
     duration: f64,
 }
 
@@ -31,10 +36,22 @@ struct Servo {
     watch: Option<WatchedTarget>,
     sightings: Vec<Sighting>,
     controller: Controller,
-    X_WD: Pose,
+    /// The goal in its frame.
+    X_FD: Pose,
+    /// Which of the world's targets is that frame; `None` for the world itself.
+    carrier: Option<usize>,
+    second: Option<SecondArm>,
     seen: Option<PoseFrame>,
     measurement_timeout: f64,
     image: (u32, u32, f64),
+}
+
+/// What the camera sees of a second arm.
+struct SecondArm {
+    tip: Frame,
+    camera: PoseCamera,
+    X_WD: Pose,
+    seen: Option<Sight>,
 }
 
 /// The target that the camera tracks.
@@ -52,6 +69,8 @@ pub struct Moment<'a> {
     pub frames: &'a [PoseFrame],
     /// What the controller did, if there is one.
     pub answer: Option<Answer<'a>>,
+    /// What the operator did, if there is one.
+    pub drive: Option<Drive<'a>>,
 }
 
 /// What the controller did with a state.
@@ -77,7 +96,12 @@ impl ClosedLoop {
         let dynamics = scenario.dynamics()?;
         let at = |e: String| format!("{}: {e}", scenario.path().display());
         let world = World::new(&dynamics).map_err(at)?;
-        let servo = if scenario.has("camera") || scenario.has("controller") {
+        let operated = match scenario.has("teleop") {
+            true => Some(Operated::new(scenario, &world)?),
+            false => None,
+        };
+        let steered = scenario.has("camera") && operated.is_none();
+        let servo = if steered || scenario.has("controller") {
             Some(Servo::new(scenario, &world)?)
         } else {
             None
@@ -85,6 +109,7 @@ impl ClosedLoop {
         Ok(Self {
             world,
             servo,
+            operated,
             duration: dynamics.duration,
         })
     }
@@ -97,6 +122,11 @@ impl ClosedLoop {
     /// Width, height and focal length of the camera's image \[px\]; `None` in a free motion.
     pub fn image(&self) -> Option<(u32, u32, f64)> {
         self.servo.as_ref().map(|servo| servo.image)
+    }
+
+    /// Whether an operator steers.
+    pub fn is_operated(&self) -> bool {
+        self.operated.is_some()
     }
 
     /// Whether the camera tracks feature points of a target.
@@ -120,7 +150,14 @@ impl ClosedLoop {
             Some(servo) => Some(servo.answer(&mut self.world, frames)?),
             None => None,
         };
-        look(&mut self.world, &Moment { frames, answer })
+        let operated = self.operated.as_mut();
+        let drive = operated.map(|operated| operated.answer(&mut self.world));
+        let moment = Moment {
+            frames,
+            answer,
+            drive,
+        };
+        look(&mut self.world, &moment)
     }
 
     /// Goes on to the next state.
@@ -130,6 +167,19 @@ impl ClosedLoop {
     pub fn advance(&mut self) -> Result<(), String> {
         self.world.step_to_tick();
         self.world.check_finite()
+    }
+}
+
+impl SecondArm {
+    /// What has been seen of it last.
+    fn look(&mut self, time: f64, X_WB: &Pose, workspace: &Workspace) -> Option<Sight> {
+        let X_BE = workspace.X_BF(&self.tip);
+        self.camera
+            .show(time, &X_BE, Some(&(X_WB.inverse() * self.X_WD)));
+        while let Some(PoseFrame { time, X_BE, X_BD }) = self.camera.deliver(time) {
+            self.seen = X_BD.map(|X_BD| Sight::new(time, X_BE, X_BD));
+        }
+        self.seen
     }
 }
 
@@ -164,13 +214,42 @@ impl Servo {
             }),
         };
         let config = controller.config.clone();
+        let carrier = (camera.goal_target.as_ref())
+            .map(|target| world.target_index(target))
+            .transpose()
+            .map_err(|e| at(format!("camera: parameter goal.frame: {e}")))?;
+        let more_tips = second_tip(model, &controller.second_tip_link)
+            .map_err(|e| at(format!("controller: parameter {e}")))?;
+        if camera.second_tip_link != controller.second_tip_link {
+            return Err(at(format!(
+                "the camera's second_tip_link is '{}' but the controller's is '{}'; they must be the same",
+                camera.second_tip_link, controller.second_tip_link
+            )));
+        }
+        let second = match (more_tips.first(), camera.second_goal) {
+            (Some(tip), Some(goal)) => Some(SecondArm {
+                tip: tip.clone(),
+                camera: PoseCamera::new(second_camera(camera.quality.clone())),
+                X_WD: with_matrix(&goal),
+                seen: None,
+            }),
+            (Some(_), None) => {
+                return Err(at(
+                    "camera: parameter second_goal.position is not given; a simulation needs a goal"
+                        .to_owned(),
+                ));
+            }
+            (None, _) => None,
+        };
         Ok(Self {
-            controller: Controller::new(model.clone(), tip, config)
+            controller: Controller::with_tips(model.clone(), tip, more_tips, config)
                 .map_err(|e| at(format!("controller: parameter {e}")))?,
+            carrier,
+            second,
             camera: PoseCamera::new(camera.quality),
             watch,
             sightings: Vec::new(),
-            X_WD: with_matrix(&goal),
+            X_FD: with_matrix(&goal),
             seen: None,
             measurement_timeout: controller.measurement_timeout,
             image: camera.image,
@@ -183,10 +262,17 @@ impl Servo {
         frames: &mut Vec<PoseFrame>,
     ) -> Result<Answer<'_>, String> {
         let time = world.time();
+        // As it is measured in a graph, noise and all.
+        let gyro = imu(Time::from_secs_f64(time), "", world).angular_velocity;
+        let w_WB_B = vector_from_msg(&gyro);
         let robot = &world.robot;
         let X_BE = robot.workspace().X_BF(self.controller.tip());
         let X_WB = robot.state().X_WB(robot.workspace());
-        let X_BD = X_WB.inverse() * self.X_WD;
+        let X_WF = self.carrier.map_or_else(Pose::identity, |index| {
+            let target = &world.targets[index].body;
+            target.state().X_WB(target.workspace())
+        });
+        let X_BD = X_WB.inverse() * X_WF * self.X_FD;
         self.camera.show(time, &X_BE, Some(&X_BD));
         while let Some(frame) = self.camera.deliver(time) {
             frames.push(frame);
@@ -211,8 +297,15 @@ impl Servo {
             .as_ref()
             .filter(|_| age <= self.measurement_timeout);
         let sight = young.and_then(|frame| Some(Sight::new(frame.time, frame.X_BE, frame.X_BD?)));
+        let more_sights = [(self.second.as_mut())
+            .and_then(|second| second.look(time, &X_WB, robot.workspace()))
+            .filter(|sight| time - sight.time <= self.measurement_timeout)];
         let state = robot.state();
-        let seen = Measurement::new(time, &state.q, &state.qd).with_sight(sight.as_ref());
+        let seen = Measurement {
+            more_sights: &more_sights,
+            ..Measurement::new(time, &state.q, &state.qd)
+        };
+        let seen = seen.with_sight(sight.as_ref()).with_gyro(Some(&w_WB_B));
         let acted = (self.controller.update(&seen)).map_err(|e| format!("at {time:.2} s: {e}"))?;
         let efforts = self.controller.efforts().as_slice();
         world.robot.hold_efforts(efforts);

@@ -8,10 +8,10 @@ use crate::{
     msg::{
         Interface,
         fuyu_msgs::{ControllerState, FeatureTracks, Momentum, MotionEstimate},
-        geometry_msgs::{PoseStamped, Vector3Stamped},
+        geometry_msgs::{PoseStamped, TwistStamped, Vector3Stamped},
         nav_msgs::{Odometry, Path},
         rosgraph_msgs::Clock,
-        sensor_msgs::{CameraInfo, Imu, JointState},
+        sensor_msgs::{CameraInfo, Imu, JointState, Joy},
         std_msgs::String as Text,
         tf2_msgs::TFMessage,
     },
@@ -78,7 +78,7 @@ pub const CLOCK: Topic<Clock> = Topic::new("/clock", Qos::CLOCK);
 pub const ROBOT_DESCRIPTION: Topic<Text> = Topic::new("robot_description", Qos::LATCHED);
 /// Joint positions, rates and efforts.
 pub const JOINT_STATES: Topic<JointState> = Topic::new("joint_states", Qos::RELIABLE);
-/// Joint efforts to apply.
+/// Joint efforts to apply, or rates to drive to.
 pub const JOINT_COMMANDS: Topic<JointState> = Topic::new("joint_commands", Qos::RELIABLE);
 /// Frames that move.
 pub const TF: Topic<TFMessage> = Topic::new("/tf", Qos::TF);
@@ -94,12 +94,21 @@ pub const IMU: Topic<Imu> = Topic::new("imu", Qos::RELIABLE);
 pub const TIP_POSE: Topic<PoseStamped> = Topic::new("camera/tip_pose", Qos::RELIABLE);
 /// Goal object as the camera sees it, in the base frame.
 pub const SEEN_GOAL: Topic<PoseStamped> = Topic::new("camera/goal_pose", Qos::RELIABLE);
+/// Second tip as the camera sees it, in the base frame.
+pub const SECOND_TIP_POSE: Topic<PoseStamped> = Topic::new("camera/second/tip_pose", Qos::RELIABLE);
+/// The second tip's goal as the camera sees it, in the base frame.
+pub const SECOND_SEEN_GOAL: Topic<PoseStamped> =
+    Topic::new("camera/second/goal_pose", Qos::RELIABLE);
 /// Calibration of the camera.
 pub const CAMERA_INFO: Topic<CameraInfo> = Topic::new("camera/camera_info", Qos::LATCHED);
 /// Feature points of the target in the image.
 pub const FEATURES: Topic<FeatureTracks> = Topic::new("camera/features", Qos::SENSOR_DATA);
 /// Where the goal object is in the world.
 pub const GOAL: Topic<PoseStamped> = Topic::new("goal_pose", Qos::RELIABLE);
+/// The operator's joystick.
+pub const JOY: Topic<Joy> = Topic::new("joy", Qos::RELIABLE);
+/// Twists of the tip that an operator asks for.
+pub const CMD_VEL: Topic<TwistStamped> = Topic::new("cmd_vel", Qos::RELIABLE);
 /// What the controller saw, decided and sent.
 pub const CONTROLLER_STATE: Topic<ControllerState> = Topic::new("controller/state", Qos::RELIABLE);
 /// Angular velocity of the target.
@@ -124,9 +133,13 @@ pub fn all() -> Vec<Described> {
         IMU.described(),
         TIP_POSE.described(),
         SEEN_GOAL.described(),
+        SECOND_TIP_POSE.described(),
+        SECOND_SEEN_GOAL.described(),
         CAMERA_INFO.described(),
         FEATURES.described(),
         GOAL.described(),
+        JOY.described(),
+        CMD_VEL.described(),
         CONTROLLER_STATE.described(),
         TARGET_RATE.described(),
         TARGET_MOTION.described(),

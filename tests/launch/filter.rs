@@ -51,11 +51,10 @@ fn between_solutions_and_after_gaps_the_filter_knows_more() {
                 let mut frame = frame.clone();
                 let known = frame["ids"].as_array().unwrap().iter();
                 frame["ids"] = known.map(|id| json!(id.as_u64().unwrap() + ids)).collect();
-                let sent = peer.does(json!({
+                peer.does(json!({
                     "do": "publish", "topic": "/camera/features", "type": "fuyu_msgs/msg/FeatureTracks",
                     "message": frame, "qos_name": "sensor_data", "matched": 2
                 }));
-                assert_eq!(sent, 2);
                 // The frames come twenty times as fast as they were taken, which leaves the solver its time.
                 std::thread::sleep(Duration::from_millis(5));
             }

@@ -23,5 +23,6 @@ mod process;
 mod starvation;
 mod strangers;
 mod survival;
+mod teleop;
 mod tumbling;
 mod view;

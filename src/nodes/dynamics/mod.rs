@@ -3,6 +3,12 @@
 //! A command acts from the moment it arrives: in real time the world is stepped to that moment under the
 //! old efforts first. In lockstep it acts from the state that it answers. In between is the usual case: time
 //! keeps the pace of the clock, but waits up to `answer_timeout` for a commander that has answered so far.
+//!
+//! What a command fills decides what it is: `effort` is held as it is, `velocity` is what a servo in the robot's drives
+//! ([`VelocityServo`](crate::control::VelocityServo)) drives the joints' rates to, with a bandwidth of its own and no more
+//! effort than they have. The last command is for the whole robot: joints that it does not name keep their effort or rate,
+//! or get zero if the command before was of the other kind. When commands end, held efforts become zero, which lets the arm
+//! coast, and driven rates become zero, which stops it.
 
 mod answers;
 mod commands;
@@ -28,7 +34,7 @@ use crate::{
     ros::{Node, NodeError, Received, Status, Subscription, Time},
 };
 use answers::Answers;
-use commands::Command;
+use commands::{Command, CommandLimits};
 use outputs::Outputs;
 use pace::Pace;
 
@@ -194,7 +200,7 @@ impl Simulation<'_> {
         if let Err(problem) = self.world.check_finite() {
             self.efforts.fill(0.0);
             self.world.robot.set_state(before);
-            self.world.robot.hold_efforts(&self.efforts);
+            self.world.hold_efforts(&self.efforts);
             tracing::error!("{problem}; the robot stays as it was, efforts are zero");
             self.command_status
                 .error(format!("{problem}; efforts are zero"));
@@ -282,22 +288,31 @@ impl Simulation<'_> {
     }
 
     fn obey(&mut self, received: &Received<JointState>, now: f64) -> bool {
-        match Command::from_msg(
-            &received.message,
-            self.world.robot.model(),
-            self.params.max_effort,
-        ) {
+        let limits = CommandLimits {
+            effort: self.params.max_effort,
+            rate: self.params.max_rate,
+        };
+        match Command::from_msg(&received.message, self.world.robot.model(), limits) {
             Ok(command) => {
-                for (joint, effort) in command.efforts {
-                    self.efforts[joint] = effort;
-                }
-                let cut = self.world.robot.hold_efforts(&self.efforts);
+                let (cut, limit) = match command {
+                    Command::Efforts(efforts) => {
+                        if self.world.rates_driven() {
+                            self.efforts.fill(0.0);
+                        }
+                        for (joint, effort) in efforts {
+                            self.efforts[joint] = effort;
+                        }
+                        (self.world.hold_efforts(&self.efforts), "an effort")
+                    }
+                    Command::Rates(rates) => (self.world.drive_rates(&rates), "a velocity"),
+                };
                 self.last_command = Some(now);
                 self.answers
                     .note(Time::from(&received.message.header.stamp));
                 if cut {
-                    self.command_status
-                        .warn("the last command exceeds an effort limit and was cut");
+                    self.command_status.warn(format!(
+                        "the last command exceeds {limit} limit and was cut"
+                    ));
                 } else if self
                     .refused_at
                     .is_none_or(|at| at.elapsed() > REFUSAL_SHOWN)
@@ -327,9 +342,13 @@ impl Simulation<'_> {
         let age = self.world.time() - last;
         if age > self.params.command_timeout && !self.params.lockstep {
             self.efforts.fill(0.0);
-            self.world.robot.hold_efforts(&self.efforts);
+            self.world.halt();
+            let zero = match self.world.rates_driven() {
+                true => "the joints are stopped",
+                false => "efforts are zero",
+            };
             self.command_status.warn(format!(
-                "no command on {} for {age:.1} s (command_timeout is {} s): efforts are zero",
+                "no command on {} for {age:.1} s (command_timeout is {} s): {zero}",
                 self.commands.topic(),
                 self.params.command_timeout
             ));
