@@ -1,10 +1,5 @@
 //! From tracks to the solution, stage by stage.
 
-<<<<<<< HEAD
-use nalgebra::UnitQuaternion;
-=======
-use nalgebra::{Matrix2, Vector2};
->>>>>>> main
 use rand::{SeedableRng, rngs::StdRng};
 
 use super::attitude_fit::{Fit, Sample, fit};
