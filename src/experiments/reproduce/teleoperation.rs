@@ -258,6 +258,7 @@ pub(super) fn fig_8_10(mut report: Report) -> Report {
                 .map(|cell| cell.as_ref().map_or(f64::NAN, value))
                 .collect(),
             crosses: Vec::new(),
+            grid: None,
         }],
     };
     for (stem, title, scale, value) in [
