@@ -71,6 +71,7 @@ pub(super) fn fig_6_1(mut report: Report) -> Report {
             title: format!("mass ratio {ratio}"),
             values: values.collect(),
             crosses: Vec::new(),
+            grid: None,
         }
     });
     let figure = MapFigure {
