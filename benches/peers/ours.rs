@@ -9,7 +9,7 @@ use fuyu::dynamics::{
 };
 use fuyu::model::{Frame, Model};
 use fuyu::spatial::Pose;
-use nalgebra::{DVector, Matrix6xX, Rotation3, Translation3};
+use nalgebra::{Matrix6xX, Rotation3, Translation3};
 
 use super::robots::{Moving, Robot};
 

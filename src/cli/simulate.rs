@@ -5,6 +5,7 @@ use std::{fmt::Write as _, path::PathBuf, time::Instant};
 use super::{Failure, print};
 use crate::{
     bag::BagError,
+    control::Trouble,
     experiments::{ClosedLoop, Performance, SimulatedBag, Summary},
     nodes::scenario::Scenario,
 };
@@ -71,12 +72,17 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         }
     };
     let start = Instant::now();
-    let performance = simulate(&mut closed_loop, duration, bag.as_mut()).map_err(|stop| {
+    let simulated = simulate(&mut closed_loop, duration, bag.as_mut());
+    let (performance, trouble) = simulated.map_err(|stop| {
         Failure::Runtime(match stop {
             Stop::Physics(problem) => format!("{}: {problem}", scenario.path().display()),
             Stop::Bag(problem) => problem.to_string(),
         })
     })?;
+    if let Some((time, trouble)) = trouble {
+        let path = scenario.path().display();
+        eprintln!("fuyu: warning: {path}: from {time:.2} s on: {trouble}");
+    }
     let summary = performance.summary(&closed_loop.world, start.elapsed().as_secs_f64());
     if let Some(bag) = bag {
         bag.finish().map_err(|e| Failure::Runtime(e.to_string()))?;
@@ -90,12 +96,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     print(&text)
 }
 
+/// How it went, and since when the tip does not arrive, if at the end it does not.
 fn simulate(
     closed_loop: &mut ClosedLoop,
     duration: f64,
     mut bag: Option<&mut SimulatedBag>,
-) -> Result<Performance, Stop> {
+) -> Result<(Performance, Option<(f64, Trouble)>), Stop> {
     let mut performance = Performance::new(&closed_loop.world);
+    let mut trouble = None;
     let mut frames = Vec::new();
     loop {
         if let Some(bag) = bag.as_deref_mut() {
@@ -103,13 +111,16 @@ fn simulate(
         }
         closed_loop.answer::<Stop>(&mut frames, |world, moment| {
             performance.see(world, moment);
+            let now = moment.answer.as_ref().and_then(|a| a.acted.trouble);
+            let since = trouble.map_or(world.time(), |(since, _)| since);
+            trouble = now.map(|now| (since, now));
             if let Some(bag) = bag.as_deref_mut() {
                 bag.moment(world.time(), moment)?;
             }
             Ok(())
         })?;
         if closed_loop.world.time() >= duration - 1e-9 {
-            return Ok(performance);
+            return Ok((performance, trouble));
         }
         closed_loop.advance()?;
     }

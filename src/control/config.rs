@@ -1,7 +1,11 @@
 //! Settings of a controller.
 
 use super::gains::check_not_negative;
-use super::{GainError, Gains, JacobianKind, JointPdGains, LawKind};
+use super::prediction::{GoalMotionConfig, Prediction};
+use super::{
+    GainError, Gains, JacobianKind, JointPdGains, LawKind, OperationalConfig, RecoveryConfig,
+    StraightPathConfig,
+};
 
 /// Settings of a [`Controller`](super::Controller): which law, what all laws share, and what each has for
 /// itself.
@@ -16,8 +20,18 @@ pub struct ControllerConfig {
     /// Time constant with which the difference decays that a change of settings makes \[s\]; zero lets the
     /// efforts jump.
     pub hand_over: f64,
+    /// What is done about the age of what the camera has seen.
+    pub prediction: Prediction,
+    /// What is known of goals and camera, to predict how a goal moves.
+    pub goal: GoalMotionConfig,
+    /// The operational-space law's own.
+    pub operational: OperationalConfig,
+    /// What happens when the tip rests away from its goal.
+    pub recovery: RecoveryConfig,
     /// The joint PD's own.
     pub joint_pd: JointPdGains,
+    /// The straight-path law's own.
+    pub straight_path: StraightPathConfig,
 }
 
 impl ControllerConfig {
@@ -29,7 +43,12 @@ impl ControllerConfig {
             jacobian: JacobianKind::Generalized,
             gains,
             hand_over: 0.5,
+            prediction: Prediction::None,
+            goal: GoalMotionConfig::default(),
+            operational: OperationalConfig::default(),
+            recovery: RecoveryConfig::default(),
             joint_pd: JointPdGains::default(),
+            straight_path: StraightPathConfig::default(),
         }
     }
 
@@ -40,9 +59,13 @@ impl ControllerConfig {
     pub fn check(&self, joints: usize) -> Result<(), GainError> {
         self.gains.check(joints)?;
         check_not_negative("hand_over", self.hand_over)?;
+        self.goal.check()?;
+        self.recovery.check()?;
         match self.law {
             LawKind::TransposeJacobian => Ok(()),
+            LawKind::OperationalSpace => self.operational.check(),
             LawKind::JointPd => self.joint_pd.check(joints),
+            LawKind::StraightPath => self.straight_path.check(),
         }
     }
 }

@@ -2,8 +2,14 @@
 
 use nalgebra::DVector;
 
+use super::foresight::Foresight;
 use super::hand_over::HandOver;
-use super::{Acted, Arm, ControllerConfig, GainError, Law, LawError, Measurement};
+use super::prediction::Prediction;
+use super::recovery::{Trouble, Watch};
+use super::{
+    Acted, Arm, ControllerConfig, FeedForward, GainError, Gains, Law, LawError, Measurement,
+    farthest_from_com,
+};
 use crate::model::{Frame, Model};
 
 /// Joint states and base-frame measurements in, joint efforts out.
@@ -12,9 +18,17 @@ pub struct Controller {
     arm: Arm,
     config: ControllerConfig,
     law: Box<dyn Law>,
+    foresight: Foresight,
+    feed_forward: FeedForward,
     hand_over: HandOver,
+    watch: Watch,
+    /// What the tip's distance from the centre of mass cannot exceed \[m\].
+    reach: Option<f64>,
     efforts: DVector<f64>,
 }
+
+/// A goal that is so much too far is within what a camera may err by \[m\].
+const BEYOND: f64 = 0.01;
 
 impl Controller {
     /// A controller for `model` with its tip at the frame `tip`.
@@ -22,13 +36,35 @@ impl Controller {
     /// # Errors
     /// [`GainError`] when the settings do not fit the robot.
     pub fn new(model: Model, tip: Frame, config: ControllerConfig) -> Result<Self, GainError> {
+        Self::with_tips(model, tip, Vec::new(), config)
+    }
+
+    /// A controller for a robot with several arms, each with its tip and its goal. All laws move the first; those that know of
+    /// several ([`OperationalSpace`](super::OperationalSpace)) move the others too.
+    ///
+    /// # Errors
+    /// [`GainError`] when the settings do not fit the robot.
+    pub fn with_tips(
+        model: Model,
+        tip: Frame,
+        more_tips: Vec<Frame>,
+        config: ControllerConfig,
+    ) -> Result<Self, GainError> {
         let joints = model.dof();
         config.check(joints)?;
+        let arm = Arm {
+            more_tips,
+            ..Arm::new(model, tip)
+        };
         Ok(Self {
-            law: config.law.start(&config, joints),
+            law: config.law.start(&config, &arm),
+            foresight: Foresight::new(&arm, config.goal),
+            feed_forward: FeedForward::new(&arm.model, &arm.tip),
             hand_over: HandOver::new(joints, config.hand_over),
+            watch: Watch::new(config.recovery),
+            reach: farthest_from_com(&arm.model, &arm.tip),
             efforts: DVector::zeros(joints),
-            arm: Arm::new(model, tip),
+            arm,
             config,
         })
     }
@@ -60,10 +96,13 @@ impl Controller {
         if config.law == self.config.law {
             self.law.configure(&config);
         } else {
-            self.law = config.law.start(&config, joints);
+            self.law = config.law.start(&config, &self.arm);
         }
+        self.foresight.set_config(config.goal);
         self.hand_over.time_constant = config.hand_over;
         self.hand_over.begin();
+        self.watch.config = config.recovery;
+        self.watch.forget();
         self.config = config;
         Ok(())
     }
@@ -79,9 +118,34 @@ impl Controller {
     /// # Errors
     /// [`LawError`] when the law has no efforts to give; the joints are then damped.
     pub fn update(&mut self, seen: &Measurement<'_>) -> Result<Acted, LawError> {
-        let k_v = &self.config.gains.k_v;
-        let acted = self.law.pull(&mut self.arm, seen, &mut self.efforts);
+        let ControllerConfig {
+            gains, prediction, ..
+        } = &self.config;
+        let k_v = &gains.k_v;
+        self.foresight.look(&mut self.arm, seen, *prediction);
+        let seen = &self.foresight.at_present(seen);
+        let mut acted = self.law.pull(&mut self.arm, seen, &mut self.efforts);
+        if let Ok(acted) = &mut acted {
+            acted.trouble = if self.law.seeks_the_goal() {
+                let (watch, arm) = (&mut self.watch, &mut self.arm);
+                trouble(watch, self.reach, arm, gains, &self.efforts, seen, acted)
+            } else {
+                self.watch.forget();
+                None
+            };
+        }
         if acted.as_ref().is_ok_and(|acted| acted.pulls) {
+            if let (Prediction::Motion, true, Some(goal)) = (
+                prediction,
+                self.law.feeds_forward(),
+                self.foresight.moving_goal(seen),
+            ) {
+                let Arm {
+                    model, workspace, ..
+                } = &mut self.arm;
+                workspace.set_positions(model, seen.q);
+                (self.feed_forward).add(model, workspace, &goal, k_v, &mut self.efforts);
+            }
             let part = self.law.joint_damping();
             (self.hand_over).blend(seen.time, &mut self.efforts, k_v, part);
         } else {
@@ -90,9 +154,34 @@ impl Controller {
         }
         for (j, effort) in self.efforts.iter_mut().enumerate() {
             *effort -= self.hand_over.k_v(j) * seen.qd[j];
+            *effort += self.watch.kick(seen.time, j, k_v[j]);
         }
         acted
     }
+}
+
+/// Looks whether the law's pull, in `efforts`, brings the tip nearer.
+fn trouble(
+    watch: &mut Watch,
+    reach: Option<f64>,
+    arm: &mut Arm,
+    gains: &Gains,
+    efforts: &DVector<f64>,
+    seen: &Measurement<'_>,
+    acted: &Acted,
+) -> Option<Trouble> {
+    let (Some(sight), Some(error), true) = (seen.sight, &acted.error, acted.pulls) else {
+        watch.forget();
+        return None;
+    };
+    let Arm {
+        model, workspace, ..
+    } = arm;
+    workspace.set_positions(model, seen.q);
+    let distance = (sight.X_BD.translation.vector - workspace.p_BC()).norm();
+    let short = reach.map(|reach| distance - reach);
+    let short = short.filter(|short| *short > BEYOND);
+    watch.look(seen, gains, error, efforts, short)
 }
 
 #[cfg(test)]

@@ -24,16 +24,7 @@ impl Gains {
         check_positive("k_p", self.k_p)?;
         check_not_negative("k_o", self.k_o)?;
         check_joint_gains("k_v", &self.k_v, joints)?;
-        for (name, bound) in [
-            ("e_p_max", self.saturation.position),
-            ("e_o_max", self.saturation.orientation),
-        ] {
-            // Infinite means no saturation.
-            if bound != f64::INFINITY {
-                check_positive(name, bound)?;
-            }
-        }
-        Ok(())
+        self.saturation.check()
     }
 }
 

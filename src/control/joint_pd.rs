@@ -85,4 +85,9 @@ impl Law for JointPd {
             ..Acted::on(seen)
         })
     }
+
+    /// It ends beside the goal, as it must.
+    fn seeks_the_goal(&self) -> bool {
+        false
+    }
 }

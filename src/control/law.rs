@@ -4,7 +4,10 @@ use std::fmt;
 
 use nalgebra::DVector;
 
-use super::{ControllerConfig, IkError, JointPd, Measurement, PoseError, TransposeJacobian};
+use super::{
+    ControllerConfig, IkError, JointPd, Measurement, OperationalSpace, PoseError, StraightPath,
+    TransposeJacobian, Trouble,
+};
 use crate::dynamics::Workspace;
 use crate::model::{Frame, Model};
 
@@ -32,6 +35,17 @@ pub trait Law: fmt::Debug + Send {
     fn joint_damping(&self) -> f64 {
         1.0
     }
+
+    /// Whether the pull is that of the potential of chapter 5 (or less), so that a tip that comes no nearer is in
+    /// trouble.
+    fn seeks_the_goal(&self) -> bool {
+        true
+    }
+
+    /// Whether the controller adds what a moving goal takes, [`FeedForward`](super::FeedForward), when it predicts the goal's motion.
+    fn feeds_forward(&self) -> bool {
+        false
+    }
 }
 
 /// Which law drives the arm.
@@ -41,20 +55,29 @@ pub enum LawKind {
     TransposeJacobian,
     /// Joint PD towards joint positions found by inverse kinematics when it starts, [`JointPd`].
     JointPd,
+    /// Resolved acceleration with the generalized inertia, [`OperationalSpace`].
+    OperationalSpace,
+    /// Transpose-Jacobian control whose tip keeps to a straight line, [`StraightPath`].
+    StraightPath,
 }
 
 impl LawKind {
     /// All laws by name.
-    pub const NAMES: [(&'static str, Self); 2] = [
+    pub const NAMES: [(&'static str, Self); 4] = [
         ("transpose_jacobian", Self::TransposeJacobian),
+        ("straight_path", Self::StraightPath),
         ("joint_pd", Self::JointPd),
+        ("operational_space", Self::OperationalSpace),
     ];
 
-    /// The law with its settings, for an arm with so many joints.
-    pub(super) fn start(self, config: &ControllerConfig, joints: usize) -> Box<dyn Law> {
+    /// The law with its settings, for an arm.
+    pub(super) fn start(self, config: &ControllerConfig, arm: &Arm) -> Box<dyn Law> {
+        let joints = arm.model.dof();
         match self {
             Self::TransposeJacobian => Box::new(TransposeJacobian::new(config, joints)),
+            Self::OperationalSpace => Box::new(OperationalSpace::new(config, arm)),
             Self::JointPd => Box::new(JointPd::new(config)),
+            Self::StraightPath => Box::new(StraightPath::new(config, joints)),
         }
     }
 }
@@ -66,6 +89,8 @@ pub struct Arm {
     pub model: Model,
     /// The tip's frame E.
     pub tip: Frame,
+    /// The tips of further arms, in order.
+    pub more_tips: Vec<Frame>,
     /// Scratch; a law sets the positions from what is measured before it reads.
     pub workspace: Workspace,
 }
@@ -77,7 +102,13 @@ impl Arm {
             workspace: Workspace::new(&model),
             model,
             tip,
+            more_tips: Vec::new(),
         }
+    }
+
+    /// All tips, the first one first.
+    pub fn tips(&self) -> impl Iterator<Item = &Frame> {
+        std::iter::once(&self.tip).chain(&self.more_tips)
     }
 }
 
@@ -90,6 +121,8 @@ pub struct Acted {
     pub position_saturated: bool,
     /// Whether the orientation error was saturated.
     pub orientation_saturated: bool,
+    /// Why the tip does not arrive, if it does not.
+    pub trouble: Option<Trouble>,
     /// Whether the law had all that it needs; else the joints are only damped.
     pub pulls: bool,
 }

@@ -1,7 +1,8 @@
 //! What a law may know.
 
-use nalgebra::DVector;
+use nalgebra::{DVector, UnitQuaternion, Vector3};
 
+use super::prediction::Predicted;
 use crate::spatial::Pose;
 
 /// Everything that a law may know at one instant.
@@ -15,6 +16,35 @@ pub struct Measurement<'a> {
     pub qd: &'a DVector<f64>,
     /// What the camera saw last; `None` if that is too old to act on, or nothing has come yet.
     pub sight: Option<&'a Sight>,
+    /// The same of the second tip and those after it, of a robot with several arms.
+    pub more_sights: &'a [Option<Sight>],
+    /// What the gyro of the base measures, base axes \[rad/s\]. Without it the robot is taken to have no angular
+    /// momentum.
+    pub w_IB_B: Option<&'a Vector3<f64>>,
+    /// How the goal turns, if somebody has estimated it.
+    pub goal_rate: Option<&'a GoalRate>,
+    /// Base and goals at present, which the [`Controller`](super::Controller) finds out for the laws.
+    pub present: Option<Present<'a>>,
+}
+
+/// The goal's angular velocity at one time.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct GoalRate {
+    /// The time \[s\], on the clock of [`Measurement::time`].
+    pub time: f64,
+    /// Angular velocity in base axes of that time \[rad/s\].
+    pub w_ID_B: Vector3<f64>,
+}
+
+/// Base and goals at present, in or seen from the frame I of [`super::prediction`].
+#[derive(Debug, Clone, Copy)]
+pub struct Present<'a> {
+    /// Angular velocity of the base, base axes \[rad/s\].
+    pub w_IB_B: &'a Vector3<f64>,
+    /// Attitude of the base.
+    pub R_IB: &'a UnitQuaternion<f64>,
+    /// Tip and goal for each tip; `None` for one that is not seen.
+    pub goals: &'a [Option<Predicted>],
 }
 
 impl<'a> Measurement<'a> {
@@ -25,7 +55,16 @@ impl<'a> Measurement<'a> {
             q,
             qd,
             sight: None,
+            more_sights: &[],
+            w_IB_B: None,
+            goal_rate: None,
+            present: None,
         }
+    }
+
+    /// The same with what the gyro measures \[rad/s\].
+    pub fn with_gyro(self, w_IB_B: Option<&'a Vector3<f64>>) -> Self {
+        Self { w_IB_B, ..self }
     }
 
     /// The same with what the camera saw.

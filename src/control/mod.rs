@@ -8,31 +8,49 @@
 
 mod config;
 mod controller;
+mod feed_forward;
+mod foresight;
 mod gains;
 mod hand_over;
 mod inverse_kinematics;
 mod joint_pd;
 mod law;
+mod linearised;
+mod lyapunov;
 mod measurement;
 mod operability;
+mod operational_space;
 mod operator;
 mod pose_error;
+pub mod prediction;
+mod reach;
+mod recovery;
 mod resolved_rate;
+mod straight_path;
+mod task_priority;
 mod transpose_jacobian;
 mod velocity_servo;
 
 pub use config::ControllerConfig;
 pub use controller::Controller;
+pub use feed_forward::{FeedForward, MovingGoal};
 pub use gains::{GainError, Gains};
 pub use inverse_kinematics::{IkError, inverse_kinematics};
 pub use joint_pd::{JointPd, JointPdGains};
 pub use law::{Acted, Arm, Law, LawError, LawKind};
-pub use measurement::{Measurement, Sight};
+pub use linearised::LinearisedLoop;
+pub use lyapunov::LyapunovFunction;
+pub use measurement::{GoalRate, Measurement, Present, Sight};
 pub use operability::{MapError, MapPoint, Mapping, Operability, OperabilityMap};
+pub use operational_space::{BaseTask, OperationalConfig, OperationalSpace, TipTask};
 pub use operator::{Operator, OperatorConfig};
-pub use pose_error::{PoseError, Saturation};
+pub use pose_error::{HALF_TURN_CAP, PoseError, Saturation};
+pub use reach::farthest_from_com;
+pub use recovery::{RecoveryConfig, Trouble};
 pub use resolved_rate::{
     Limited, RateLimits, Resolution, Resolved, ResolvedRate, ResolvedRateConfig, limit_twist,
 };
+pub use straight_path::{Shaping, StraightPath, StraightPathConfig};
+pub use task_priority::{Rows, TASK_DAMPING, TaskPriority};
 pub use transpose_jacobian::{JacobianKind, TransposeJacobian};
 pub use velocity_servo::{ServoGains, VelocityServo, VelocityServoConfig};

@@ -59,6 +59,10 @@ impl Law for TransposeJacobian {
         self.jacobian = config.jacobian;
     }
 
+    fn feeds_forward(&self) -> bool {
+        true
+    }
+
     fn pull(
         &mut self,
         arm: &mut Arm,

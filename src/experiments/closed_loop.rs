@@ -3,14 +3,17 @@
 use super::{Drive, Operated};
 use crate::{
     control::{Acted, Controller, Measurement, PoseError, Sight},
+    dynamics::Workspace,
     model::Frame,
     nodes::{
-        camera::{Watch, camera_frame},
-        dynamics::World,
-        geometry::with_matrix,
+        camera::{Watch, camera_frame, second_camera},
+        controller::second_tip,
+        dynamics::{World, imu},
+        geometry::{vector_from_msg, with_matrix},
         scenario::Scenario,
         tip_frame,
     },
+    ros::Time,
     spatial::Pose,
     vision::{PoseCamera, PoseFrame, Sighting},
 };
@@ -33,10 +36,22 @@ struct Servo {
     watch: Option<WatchedTarget>,
     sightings: Vec<Sighting>,
     controller: Controller,
-    X_WD: Pose,
+    /// The goal in its frame.
+    X_FD: Pose,
+    /// Which of the world's targets is that frame; `None` for the world itself.
+    carrier: Option<usize>,
+    second: Option<SecondArm>,
     seen: Option<PoseFrame>,
     measurement_timeout: f64,
     image: (u32, u32, f64),
+}
+
+/// What the camera sees of a second arm.
+struct SecondArm {
+    tip: Frame,
+    camera: PoseCamera,
+    X_WD: Pose,
+    seen: Option<Sight>,
 }
 
 /// The target that the camera tracks.
@@ -155,6 +170,19 @@ impl ClosedLoop {
     }
 }
 
+impl SecondArm {
+    /// What has been seen of it last.
+    fn look(&mut self, time: f64, X_WB: &Pose, workspace: &Workspace) -> Option<Sight> {
+        let X_BE = workspace.X_BF(&self.tip);
+        self.camera
+            .show(time, &X_BE, Some(&(X_WB.inverse() * self.X_WD)));
+        while let Some(PoseFrame { time, X_BE, X_BD }) = self.camera.deliver(time) {
+            self.seen = X_BD.map(|X_BD| Sight::new(time, X_BE, X_BD));
+        }
+        self.seen
+    }
+}
+
 impl Servo {
     fn new(scenario: &Scenario, world: &World) -> Result<Self, String> {
         let model = world.robot.model();
@@ -186,13 +214,42 @@ impl Servo {
             }),
         };
         let config = controller.config.clone();
+        let carrier = (camera.goal_target.as_ref())
+            .map(|target| world.target_index(target))
+            .transpose()
+            .map_err(|e| at(format!("camera: parameter goal.frame: {e}")))?;
+        let more_tips = second_tip(model, &controller.second_tip_link)
+            .map_err(|e| at(format!("controller: parameter {e}")))?;
+        if camera.second_tip_link != controller.second_tip_link {
+            return Err(at(format!(
+                "the camera's second_tip_link is '{}' but the controller's is '{}'; they must be the same",
+                camera.second_tip_link, controller.second_tip_link
+            )));
+        }
+        let second = match (more_tips.first(), camera.second_goal) {
+            (Some(tip), Some(goal)) => Some(SecondArm {
+                tip: tip.clone(),
+                camera: PoseCamera::new(second_camera(camera.quality.clone())),
+                X_WD: with_matrix(&goal),
+                seen: None,
+            }),
+            (Some(_), None) => {
+                return Err(at(
+                    "camera: parameter second_goal.position is not given; a simulation needs a goal"
+                        .to_owned(),
+                ));
+            }
+            (None, _) => None,
+        };
         Ok(Self {
-            controller: Controller::new(model.clone(), tip, config)
+            controller: Controller::with_tips(model.clone(), tip, more_tips, config)
                 .map_err(|e| at(format!("controller: parameter {e}")))?,
+            carrier,
+            second,
             camera: PoseCamera::new(camera.quality),
             watch,
             sightings: Vec::new(),
-            X_WD: with_matrix(&goal),
+            X_FD: with_matrix(&goal),
             seen: None,
             measurement_timeout: controller.measurement_timeout,
             image: camera.image,
@@ -205,10 +262,17 @@ impl Servo {
         frames: &mut Vec<PoseFrame>,
     ) -> Result<Answer<'_>, String> {
         let time = world.time();
+        // As it is measured in a graph, noise and all.
+        let gyro = imu(Time::from_secs_f64(time), "", world).angular_velocity;
+        let w_WB_B = vector_from_msg(&gyro);
         let robot = &world.robot;
         let X_BE = robot.workspace().X_BF(self.controller.tip());
         let X_WB = robot.state().X_WB(robot.workspace());
-        let X_BD = X_WB.inverse() * self.X_WD;
+        let X_WF = self.carrier.map_or_else(Pose::identity, |index| {
+            let target = &world.targets[index].body;
+            target.state().X_WB(target.workspace())
+        });
+        let X_BD = X_WB.inverse() * X_WF * self.X_FD;
         self.camera.show(time, &X_BE, Some(&X_BD));
         while let Some(frame) = self.camera.deliver(time) {
             frames.push(frame);
@@ -233,8 +297,15 @@ impl Servo {
             .as_ref()
             .filter(|_| age <= self.measurement_timeout);
         let sight = young.and_then(|frame| Some(Sight::new(frame.time, frame.X_BE, frame.X_BD?)));
+        let more_sights = [(self.second.as_mut())
+            .and_then(|second| second.look(time, &X_WB, robot.workspace()))
+            .filter(|sight| time - sight.time <= self.measurement_timeout)];
         let state = robot.state();
-        let seen = Measurement::new(time, &state.q, &state.qd).with_sight(sight.as_ref());
+        let seen = Measurement {
+            more_sights: &more_sights,
+            ..Measurement::new(time, &state.q, &state.qd)
+        };
+        let seen = seen.with_sight(sight.as_ref()).with_gyro(Some(&w_WB_B));
         let acted = (self.controller.update(&seen)).map_err(|e| format!("at {time:.2} s: {e}"))?;
         let efforts = self.controller.efforts().as_slice();
         world.robot.hold_efforts(efforts);

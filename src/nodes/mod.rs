@@ -3,8 +3,8 @@
 //! | node | reads | writes |
 //! | --- | --- | --- |
 //! | [`dynamics`] | `joint_commands` | `/clock`, `robot_description`, `joint_states`, `imu`, `/tf`, `/tf_static`, `ground_truth/...` |
-//! | [`camera`] | `robot_description`, `joint_states`, `ground_truth/odom`, `goal_pose` | `camera/tip_pose`, `camera/goal_pose`, `camera/camera_info` |
-//! | [`controller`] | `robot_description`, `joint_states`, `camera/tip_pose`, `camera/goal_pose` | `joint_commands`, `controller/state` |
+//! | [`camera`] | `robot_description`, `joint_states`, `ground_truth/odom`, `goal_pose` | `camera/tip_pose`, `camera/goal_pose`, `camera/second/...`, `camera/camera_info` |
+//! | [`controller`] | `robot_description`, `joint_states`, `imu`, `camera/tip_pose`, `camera/goal_pose`, `camera/second/...`, `estimator/angular_velocity` | `joint_commands`, `controller/state` |
 //! | [`estimator`] | `camera/features`, `camera/camera_info`, `imu`, `/tf_static` | `estimator/...` |
 //! | [`teleop`] | `robot_description`, `joint_states`, `imu`, `joy`, `cmd_vel` | `joint_commands` |
 //! | [`recorder`] | any topic | a bag |

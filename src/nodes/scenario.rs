@@ -7,7 +7,7 @@ use std::{
 
 use super::{
     camera::{CameraParams, camera_frame},
-    controller::ControllerParams,
+    controller::{ControllerParams, second_tip},
     dynamics::{DynamicsParams, World},
     estimator::EstimatorParams,
     recorder::RecorderParams,
@@ -133,24 +133,48 @@ impl Scenario {
                 let Some(dynamics) = self.dynamics_of(name.namespace()) else {
                     return Ok(());
                 };
+                let flaws = [
+                    ("rate", params.quality.rate),
+                    ("latency", params.quality.latency),
+                    ("dropout", params.quality.dropout),
+                ];
+                // Every state would wait for a frame that does not come.
+                if let (true, Some((flaw, value))) = (
+                    dynamics.lockstep,
+                    flaws.iter().find(|(_, value)| *value > 0.0),
+                ) {
+                    return Err(parameter(format!(
+                        "{flaw} is {value}; in lockstep every state needs its frame at once, so give 0"
+                    )));
+                }
                 if let Ok(robot) = dynamics.robot.compile() {
                     tip_frame(&robot, &params.tip_link).map_err(parameter)?;
+                    second_tip(&robot, &params.second_tip_link).map_err(parameter)?;
                     if params.features.is_some() {
                         camera_frame(&robot).map_err(at)?;
                     }
                 }
-                match (&params.features, World::new(&dynamics)) {
-                    (Some(features), Ok(world)) => (world.target_index(&features.target))
+                let Ok(world) = World::new(&dynamics) else {
+                    return Ok(());
+                };
+                let is_there = |key: &str, target: Option<&String>| match target {
+                    Some(target) => (world.target_index(target))
                         .map(drop)
-                        .map_err(|e| parameter(format!("features.target: {e}"))),
-                    _ => Ok(()),
-                }
+                        .map_err(|e| parameter(format!("{key}: {e}"))),
+                    None => Ok(()),
+                };
+                is_there(
+                    "features.target",
+                    params.features.as_ref().map(|f| &f.target),
+                )?;
+                is_there("goal.frame", params.goal_target.as_ref())
             }
             "controller" => {
                 let params = self.parameters_of(name, |d| Ok(ControllerParams::declare(d)))?;
                 let robot = self.robot(name.namespace());
                 robot.map_or(Ok(()), |robot| {
                     tip_frame(&robot, &params.tip_link).map_err(parameter)?;
+                    second_tip(&robot, &params.second_tip_link).map_err(parameter)?;
                     let gains = params.config.check(robot.dof());
                     gains.map_err(|e| parameter(e.to_string()))
                 })

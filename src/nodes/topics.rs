@@ -94,6 +94,11 @@ pub const IMU: Topic<Imu> = Topic::new("imu", Qos::RELIABLE);
 pub const TIP_POSE: Topic<PoseStamped> = Topic::new("camera/tip_pose", Qos::RELIABLE);
 /// Goal object as the camera sees it, in the base frame.
 pub const SEEN_GOAL: Topic<PoseStamped> = Topic::new("camera/goal_pose", Qos::RELIABLE);
+/// Second tip as the camera sees it, in the base frame.
+pub const SECOND_TIP_POSE: Topic<PoseStamped> = Topic::new("camera/second/tip_pose", Qos::RELIABLE);
+/// The second tip's goal as the camera sees it, in the base frame.
+pub const SECOND_SEEN_GOAL: Topic<PoseStamped> =
+    Topic::new("camera/second/goal_pose", Qos::RELIABLE);
 /// Calibration of the camera.
 pub const CAMERA_INFO: Topic<CameraInfo> = Topic::new("camera/camera_info", Qos::LATCHED);
 /// Feature points of the target in the image.
@@ -128,6 +133,8 @@ pub fn all() -> Vec<Described> {
         IMU.described(),
         TIP_POSE.described(),
         SEEN_GOAL.described(),
+        SECOND_TIP_POSE.described(),
+        SECOND_SEEN_GOAL.described(),
         CAMERA_INFO.described(),
         FEATURES.described(),
         GOAL.described(),

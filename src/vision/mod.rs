@@ -2,11 +2,13 @@
 
 mod feature_camera;
 mod pinhole;
+mod pixel_noise;
 mod pose_camera;
 mod shutter;
 mod sighting;
 
 pub use feature_camera::{BodyPoint, FeatureCamera, FeatureCameraConfig};
 pub use pinhole::{Pinhole, PinholeError};
+pub use pixel_noise::PoseAccuracy;
 pub use pose_camera::{PoseCamera, PoseCameraConfig, PoseFrame};
 pub use sighting::{Feature, Sighting};

@@ -30,14 +30,16 @@ fn median(mut values: Vec<f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// Among them a plate, a sphere, spins about each axis and a body next to the separatrix, which the thesis leaves
-/// out.
-const MOTIONS: [(f64, f64); 8] = [
+/// Among them a plate, a sphere, spins about each axis and bodies next to the separatrix, which the thesis leaves
+/// out; and those of the grid that err most.
+const MOTIONS: [(f64, f64); 10] = [
     (0.35, -0.9),
     (0.35, 0.3),
     (0.5, 0.1),
     (0.55, 1.0),
     (0.45, 0.0),
+    (0.8, 0.0),
+    (0.85, 0.0),
     (0.8, 0.4),
     (0.95, -0.2),
     (1.0, 0.5),
@@ -45,7 +47,8 @@ const MOTIONS: [(f64, f64); 8] = [
 
 #[test]
 fn motions_of_chapter_3_are_predicted() {
-    for (resolution, limit) in [(1024, 0.02), (256, 0.08)] {
+    // Least squares would err three times as much: that whole pixels bound the truth is worth so much.
+    for (resolution, limit) in [(1024, 0.005), (256, 0.02)] {
         for (e, s_alpha) in MOTIONS {
             let motion = chapter_3(e, s_alpha);
             let phi = phi(&View::chapter_3(resolution), &motion, &Options::default());
@@ -62,7 +65,7 @@ fn motions_of_chapter_3_are_predicted() {
 #[test]
 #[ignore = "minutes"]
 fn every_motion_of_chapter_3_is_predicted() {
-    for (resolution, limit) in [(1024, 0.02), (256, 0.08)] {
+    for (resolution, limit) in [(1024, 0.01), (256, 0.05)] {
         let view = View::chapter_3(resolution);
         let cells = (0..14).flat_map(|i| (-10..=10).map(move |k| (i, k)));
         let (mut all, mut above) = (Vec::new(), Vec::new());
@@ -163,23 +166,53 @@ fn tracks_of_a_few_frames_give_the_motion_through_relative_rotations() {
     assert!(phi < 0.2, "{phi}");
 }
 
+/// On the separatrix rounding decides when the simulated body turns over, so it is on no orbit for long. The last part
+/// is, and what was left out is said.
 #[test]
-fn half_a_minute_suffices() {
+fn a_body_that_is_not_on_one_orbit_is_known_by_its_last_part() {
+    let (view, motion) = (View::chapter_3(1024), chapter_3(0.65, 0.0));
+    let solution = solve(&view, &motion, &Options::default());
+    let said = |d: &String| d.contains("were left out");
+    assert!(
+        solution.diagnosis.iter().any(said),
+        "{:?}",
+        solution.diagnosis
+    );
+    let phi = prediction_errors(&motion, view.duration, |t| solution.motion.attitude(t)).1;
+    assert!(phi < 0.02, "{phi}");
+}
+
+/// Every third motion of the grid. Those of nearly round bodies (e from 0.9 on) are not determined to 0.1 degrees by 51
+/// frames: the deviation that the solution itself tells is then as large.
+#[test]
+fn half_a_minute_suffices_unless_the_solution_says_otherwise() {
     let view = View {
         duration: 30.0,
         ..View::chapter_3(1024)
     };
-    let motions = [
-        (0.35, 0.3),
-        (0.5, -0.4),
-        (0.65, 0.5),
-        (0.8, 0.6),
-        (1.0, 0.2),
-    ];
-    for (e, s_alpha) in motions {
-        let phi = phi(&view, &chapter_3(e, s_alpha), &Options::default());
-        assert!(phi < 0.1, "e {e}, s_alpha {s_alpha}: {phi}");
+    let cells = (0..14).flat_map(|i| (-10..=10).map(move |k| (i, k)));
+    let mut all = Vec::new();
+    for (i, k) in cells.step_by(3) {
+        let (e, s_alpha) = (0.35 + 0.05 * f64::from(i), 0.1 * f64::from(k));
+        let motion = chapter_3(e, s_alpha);
+        let solution = solve(&view, &motion, &Options::default());
+        let phi = prediction_errors(&motion, 30.0, |t| solution.motion.attitude(t)).1;
+        let spread = solution.turn_covariance(30.0, 60.0).trace();
+        let deviation = spread.sqrt().to_degrees();
+        assert!(
+            phi < f64::max(0.1, 4.0 * deviation),
+            "e {e}, s_alpha {s_alpha}: {phi} {deviation}"
+        );
+        assert!(
+            phi < 0.1 || e > 0.89,
+            "e {e}, s_alpha {s_alpha}: {phi} {deviation}"
+        );
+        all.push(phi);
     }
+    let above = all.iter().filter(|phi| **phi > 0.1).count();
+    println!("{above} of {} above 0.1 deg", all.len());
+    assert!(10 * above <= all.len(), "{above}");
+    assert!(median(all) < 0.02);
 }
 
 #[test]

@@ -118,3 +118,22 @@ fn coarse_images_err_as_much_as_the_reference_does() {
     });
     check(medians(&cells), [0.0105, 4.8]);
 }
+
+/// Sets of points of our own. Over them r is .0086 to .0158, median .0123: the reference's .0105 is what some choice of
+/// points gives. Phi is 4.85 to 6.97 degrees, median 5.08.
+#[test]
+fn coarse_images_err_by_the_choice_of_points() {
+    let runs = [1, 2, 3, 4, 5].map(|seed| {
+        let points = points(20, seed);
+        medians(&sweep(Condition::Images {
+            resolution: 256,
+            points: &points,
+        }))
+    });
+    println!("{runs:?}");
+    let least = runs.iter().map(|run| run[0]).fold(f64::INFINITY, f64::min);
+    let largest = runs.iter().map(|run| run[0]).fold(0.0, f64::max);
+    assert!(least < 0.0105 && 0.0105 < largest, "{least} to {largest}");
+    let phi = median(runs.iter().map(|run| run[1]).collect());
+    assert!((phi / 4.8 - 1.0).abs() < 0.1, "{phi}");
+}

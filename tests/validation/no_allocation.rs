@@ -1,6 +1,7 @@
 //! The step loop takes no memory.
 
 use allocation_counter::measure;
+use fuyu::control::prediction::Prediction;
 use fuyu::control::{
     Controller, ControllerConfig, Gains, JacobianKind, JointPdGains, LawKind, Measurement,
     Saturation, Sight,
@@ -29,6 +30,7 @@ fn steps_jacobians_and_the_control_law_do_not_allocate() {
     let mut controllers = LawKind::NAMES.map(|(_, law)| {
         let config = ControllerConfig {
             joint_pd: JointPdGains { k_p: vec![1.0; 6] },
+            prediction: Prediction::Motion,
             ..ControllerConfig::new(law, gains.clone())
         };
         let mut controller = Controller::new(model.clone(), tip.clone(), config.clone()).unwrap();

@@ -1,10 +1,11 @@
 //! Bundle adjustment: frames' poses, points and common parameters that explain the images best.
 //!
-//! Levenberg-Marquardt with Huber's loss on each image point and a weak prior on depths. Whether each frame has a
+//! Levenberg-Marquardt with a [`Loss`] on each image point and a weak prior on depths. Whether each frame has a
 //! pose of its own or a motion model gives its attitude is left to a [`Motion`].
 
-use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 
+use super::loss::Loss;
 use super::scene::{NEAREST, Scene};
 use super::schur::{Step, System};
 
@@ -17,17 +18,13 @@ pub struct Placement {
     pub t_C: Vector3<f64>,
 }
 
-/// What places the body in each frame: `L` unknowns of each frame (the last `L` of turn and shift) and `G`
-/// common ones, the last of which is the logarithm of the focal length's scale.
+/// What places the body in each frame: `L` unknowns of each frame (the last `L` of turn and shift; none if
+/// the common ones tell all) and `G` common ones, the last of which is the logarithm of the focal length's scale.
 pub trait Motion<const L: usize, const G: usize>: Sized {
     /// Where the body is in frame `i`.
     fn placement(&self, i: usize) -> Placement;
     /// The body's turn (in body axes) and shift (in camera axes) in frame `i` by the common unknowns.
     fn pose_by_common(&self, i: usize) -> SMatrix<f64, 6, G>;
-    /// Weight that holds a frame's own unknowns where they are; 0 if they are free.
-    fn hold(&self) -> f64 {
-        0.0
-    }
     /// Logarithm of the focal length over its nominal value.
     fn log_focal(&self) -> f64;
     /// The motion after a step; `None` if there is none such.
@@ -39,8 +36,8 @@ pub trait Motion<const L: usize, const G: usize>: Sized {
 /// When to stop and what to believe.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Effort {
-    /// Residuals above this count linearly \[px\].
-    pub huber: f64,
+    /// What residuals cost.
+    pub loss: Loss,
     /// Most steps.
     pub steps: usize,
     /// Stop when a step promises less than this part of the cost.
@@ -65,19 +62,19 @@ pub fn adjust<const L: usize, const G: usize, M: Motion<L, G>>(
     effort: &Effort,
 ) -> Option<Outcome> {
     let mut system = System::<L, G>::new(scene.points);
-    let mut cost = total_cost(scene, motion, points, effort.huber)?;
-    let (mut damping, mut growth) = (1e-5, 4.0);
+    let mut cost = total_cost(scene, motion, points, &effort.loss)?;
+    let (mut damping, mut growth) = (1e-7, 4.0);
     let mut steps = 0;
     let mut fresh = false;
     while steps < effort.steps {
         if !fresh {
-            linearise(scene, motion, points, effort.huber, &mut system);
+            linearise(scene, motion, points, &effort.loss, &mut system);
             fresh = true;
         }
         steps += 1;
         let tried = system.step(damping).and_then(|step| {
             let (moved, placed) = apply(motion, points, &step)?;
-            let reached = total_cost(scene, &moved, &placed, effort.huber)?;
+            let reached = total_cost(scene, &moved, &placed, &effort.loss)?;
             Some((step.promised, moved, placed, reached))
         });
         match tried {
@@ -110,10 +107,10 @@ pub fn information<const L: usize, const G: usize, M: Motion<L, G>>(
     scene: &Scene,
     motion: &M,
     points: &[Vector3<f64>],
-    huber: f64,
+    loss: &Loss,
 ) -> Option<SMatrix<f64, G, G>> {
     let mut system = System::<L, G>::new(scene.points);
-    linearise(scene, motion, points, huber, &mut system);
+    linearise(scene, motion, points, loss, &mut system);
     system.marginal_information()
 }
 
@@ -132,7 +129,7 @@ fn total_cost<const L: usize, const G: usize, M: Motion<L, G>>(
     scene: &Scene,
     motion: &M,
     points: &[Vector3<f64>],
-    huber: f64,
+    loss: &Loss,
 ) -> Option<f64> {
     let focal = scene.focal * motion.log_focal().exp();
     let mut cost = 0.0;
@@ -145,14 +142,10 @@ fn total_cost<const L: usize, const G: usize, M: Motion<L, G>>(
                 return None;
             }
             let inverse = 1.0 / x.z;
-            let ru = focal.x * x.x * inverse - seen.pixel.x;
-            let rv = focal.y * x.y * inverse - seen.pixel.y;
-            let squared = ru * ru + rv * rv;
-            cost += if squared <= huber * huber {
-                0.5 * squared
-            } else {
-                huber * (squared.sqrt() - 0.5 * huber)
-            };
+            cost += loss.cost(&Vector2::new(
+                focal.x * x.x * inverse - seen.pixel.x,
+                focal.y * x.y * inverse - seen.pixel.y,
+            ));
             let depth = scene.anchor(seen.point) * (x.z - 1.0);
             cost += 0.5 * depth * depth;
         }
@@ -166,7 +159,7 @@ fn linearise<const L: usize, const G: usize, M: Motion<L, G>>(
     scene: &Scene,
     motion: &M,
     points: &[Vector3<f64>],
-    huber: f64,
+    loss: &Loss,
     system: &mut System<L, G>,
 ) {
     system.clear();
@@ -183,19 +176,16 @@ fn linearise<const L: usize, const G: usize, M: Motion<L, G>>(
             let x = Rp + t_C;
             let inverse = 1.0 / x.z.max(NEAREST);
             let (u, v) = (focal.x * x.x * inverse, focal.y * x.y * inverse);
-            let (ru, rv) = (u - seen.pixel.x, v - seen.pixel.y);
-            let size = (ru * ru + rv * rv).sqrt();
-            let root = if size > huber {
-                (huber / size).sqrt()
-            } else {
-                1.0
-            };
+            let pull = loss.pull(&(Vector2::new(u, v) - seen.pixel));
+            // Scaled to residuals whose squares have this slope and curvature.
+            let root = pull.curvature.map(f64::sqrt);
             let anchor = scene.anchor(seen.point);
-            let r = Vector3::new(root * ru, root * rv, anchor * (x.z - 1.0));
+            let scaled = pull.slope.component_div(&root);
+            let r = Vector3::new(scaled.x, scaled.y, anchor * (x.z - 1.0));
             #[rustfmt::skip]
             let by_x = Matrix3::new(
-                root * focal.x * inverse, 0.0, -root * u * inverse,
-                0.0, root * focal.y * inverse, -root * v * inverse,
+                root.x * focal.x * inverse, 0.0, -root.x * u * inverse,
+                0.0, root.y * focal.y * inverse, -root.y * v * inverse,
                 0.0, 0.0, anchor,
             );
             let by_p = by_x * R;
@@ -209,8 +199,8 @@ fn linearise<const L: usize, const G: usize, M: Motion<L, G>>(
                     J[(row, 3 + k)] = by_x[(row, k)];
                 }
             }
-            J[(0, 6)] = root * u;
-            J[(1, 6)] = root * v;
+            J[(0, 6)] = root.x * u;
+            J[(1, 6)] = root.y * v;
             for a in 0..7 {
                 for b in 0..=a {
                     H[(a, b)] +=
@@ -233,7 +223,7 @@ fn linearise<const L: usize, const G: usize, M: Motion<L, G>>(
         by_common.fixed_rows_mut::<6>(0).copy_from(&pose);
         by_common[(6, G - 1)] += 1.0;
         let H_7g = H * by_common;
-        let floor = 1e-9 * (1.0 + H.trace()) + motion.hold();
+        let floor = 1e-9 * (1.0 + H.trace());
         let mut H_ll = SMatrix::<f64, L, L>::from_fn(|a, b| H[(6 - L + a, 6 - L + b)]);
         for a in 0..L {
             H_ll[(a, a)] += floor;
@@ -294,8 +284,10 @@ mod tests {
     fn gradients_are_those_of_differences() {
         let (scene, motion, points) = small();
         let mut system = System::<6, 1>::new(6);
-        linearise(&scene, &motion, &points, 1.2, &mut system);
-        let cost = |m: &FreePlacements, p: &[Vector3<f64>]| total_cost(&scene, m, p, 1.2).unwrap();
+        linearise(&scene, &motion, &points, &Loss::Huber(1.2), &mut system);
+        let cost = |m: &FreePlacements, p: &[Vector3<f64>]| {
+            total_cost(&scene, m, p, &Loss::Huber(1.2)).unwrap()
+        };
         let h = 1e-6;
         let close = |analytic: f64, up: f64, down: f64| {
             let numeric = (up - down) / (2.0 * h);
@@ -349,7 +341,7 @@ mod tests {
             *p += Vector3::new(0.02, -0.03, 0.025) * (j as f64).cos();
         }
         let effort = Effort {
-            huber: 1.2,
+            loss: Loss::Huber(1.2),
             steps: 60,
             tolerance: 1e-12,
         };

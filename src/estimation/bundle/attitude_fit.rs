@@ -8,6 +8,28 @@ use super::momentum_start::Attitude;
 use super::rotations::{right_jacobian, right_jacobian_inverse};
 use crate::spatial::exp_so3;
 
+/// Most attitudes that are fitted at once: what follows takes them all.
+const MOST_SAMPLES: usize = 200;
+
+/// By what factor the span grows at most, and at least.
+const GROWTH: f64 = 2.0;
+const SLOWEST: f64 = 1.05;
+
+/// A longer span that leaves so many times what a shorter one left, and more than the least \[rad\] that counts, is
+/// fitted wrongly; one that leaves hardly more is surely not.
+const WORSE: f64 = 2.5;
+const AS_GOOD: f64 = 1.2;
+const LEAST: f64 = 2e-4;
+
+/// How often a fit may be worse than a shorter one before it is given up.
+const PATIENCE: usize = 1;
+
+/// Angles \[rad\] that do not yet count as wrong when the span has just grown.
+const TOLERATED: f64 = 0.3;
+
+/// A motion that leaves so much \[rad\] does not hold, and no longer span helps it.
+const LOST: f64 = 0.5;
+
 /// An attitude of the body axes of one segment: each segment has axes of its own.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Sample {
@@ -26,16 +48,23 @@ pub struct Fit {
     pub segments: Vec<UnitQuaternion<f64>>,
     /// Root mean square of the angles left, over samples that agree \[rad\].
     pub rms: f64,
+    /// How far from the motion's time it holds \[s\]: a longer span leaves more than shorter ones do.
+    pub span: f64,
+    /// Whether that is all.
+    pub holds: bool,
 }
 
 /// Fits the motion to `samples` (in the order of time), from a start that need only hold near its own time: the
-/// span that is fitted grows by the factor `growth` until it holds all. Next to the separatrix errors grow
-/// exponentially, and so must the span grow slowly.
-pub fn fit(start: &FreeMotion, samples: &[Sample], segments: usize, growth: f64) -> Option<Fit> {
+/// span that is fitted grows until it holds all. Next to the separatrix errors grow exponentially: where the fit
+/// becomes worse the span is to grow more slowly. If it never holds all, the fit is that of the longest span
+/// that it held.
+pub fn fit(start: &FreeMotion, samples: &[Sample], segments: usize) -> Option<Fit> {
     let mut current = Fit {
         motion: *start,
         segments: vec![UnitQuaternion::identity(); segments],
         rms: f64::INFINITY,
+        span: 0.0,
+        holds: true,
     };
     let reach = |s: &Sample| (s.attitude.time - start.time).abs();
     let whole = samples.iter().map(reach).fold(0.0, f64::max);
@@ -43,19 +72,45 @@ pub fn fit(start: &FreeMotion, samples: &[Sample], segments: usize, growth: f64)
     let rate = start.w_WB_B(&start.R_WB).norm();
     let mut span = (12.0 / rate.max(1e-9)).max(0.02 * whole).min(whole);
     let mut known = vec![false; segments];
+    let mut growth = GROWTH;
+    let (mut least, mut worse) = (f64::INFINITY, 0);
+    let mut held = None;
     loop {
+        let before = (current.clone(), known.clone());
         let within: Vec<Sample> = samples
             .iter()
             .filter(|s| reach(s) <= span)
             .copied()
             .collect();
         align(&mut current, &within, &mut known);
-        for _ in 0..2 {
-            current = improve(current, &within)?;
+        let stride = within.len().div_ceil(MOST_SAMPLES);
+        let within: Vec<Sample> = within.into_iter().step_by(stride.max(1)).collect();
+        for tolerated in [TOLERATED, 0.0] {
+            current = improve(current, &within, tolerated)?;
         }
-        if span >= whole {
-            return Some(current);
+        current.holds = current.rms < WORSE * least.max(LEAST);
+        if !current.holds && growth > SLOWEST {
+            let reached = span / growth;
+            (current, known) = before;
+            growth = 1.0 + 0.4 * (growth - 1.0);
+            span = growth * reached;
+            continue;
         }
+        if current.rms < AS_GOOD * least.max(LEAST) {
+            current.span = span;
+            held = Some(Fit {
+                holds: false,
+                ..current.clone()
+            });
+        }
+        least = least.min(current.rms);
+        worse += usize::from(!current.holds);
+        if span >= whole || worse > PATIENCE || current.rms > LOST {
+            current.holds &= span >= whole;
+            // A motion that the rest has not bent.
+            return if current.holds { Some(current) } else { held };
+        }
+        growth = (1.2 * growth).min(GROWTH).min(whole / span);
         span = (growth * span).min(whole);
     }
 }
@@ -94,32 +149,30 @@ fn middle(turns: &[(f64, UnitQuaternion<f64>)]) -> Option<UnitQuaternion<f64>> {
     all.min_by(|a, b| spread(a).total_cmp(&spread(b)))
 }
 
-/// One round of least squares with weights from the residuals before.
-fn improve(fit: Fit, samples: &[Sample]) -> Option<Fit> {
+/// One round of least squares with weights from the residuals before; angles below `tolerated` \[rad\] keep theirs.
+fn improve(fit: Fit, samples: &[Sample], tolerated: f64) -> Option<Fit> {
     let mut problem = Problem::new(fit, samples);
     let errors: Vec<f64> = problem.errors()?.iter().map(|e| e.norm()).collect();
     let mut sorted = errors.clone();
     sorted.sort_by(f64::total_cmp);
-    let width = (3.0 * sorted[sorted.len() / 2]).max(1e-6);
-    problem.prior = width / SHAPE_SPREAD;
+    let typical = sorted[sorted.len() / 2].max(3e-7);
+    // Half of the vectors of three such errors are longer than 1.5 deviations.
+    problem.prior = typical / 1.5 / SHAPE_SPREAD;
+    let width = (3.0 * typical).max(tolerated);
     problem.weights = errors
         .iter()
         .map(|e| 1.0 / (1.0 + (e / width).powi(2)).sqrt())
         .collect();
-    let solver = LevenbergMarquardt::new().with_patience(4).with_tol(1e-8);
+    let solver = LevenbergMarquardt::new().with_patience(2).with_tol(1e-5);
     let (solved, _) = solver.minimize(problem);
     let errors = solved.errors()?;
     let mut squares: Vec<f64> = errors.iter().map(|e| e.norm_squared()).collect();
     squares.sort_by(f64::total_cmp);
     let most = &squares[..(9 * squares.len()).div_ceil(10)];
     let rms = (most.iter().sum::<f64>() / most.len() as f64).sqrt();
-    let Fit {
-        motion, segments, ..
-    } = solved.current()?;
     Some(Fit {
-        motion,
-        segments,
         rms,
+        ..solved.current()?
     })
 }
 
@@ -159,6 +212,8 @@ impl<'a> Problem<'a> {
             motion: self.start.motion.moved(&step)?,
             segments: segments.map(|(k, R)| R * exp_so3(&self.turn(k))).collect(),
             rms: self.start.rms,
+            span: self.start.span,
+            holds: self.start.holds,
         })
     }
 
@@ -256,7 +311,7 @@ mod tests {
         let step =
             SVector::<f64, PARAMETERS>::from([0.01, -0.02, 0.01, 0.0, 0.02, 0.005, 0.01, -0.005]);
         let start = truth().moved(&step).unwrap();
-        let fit = fit(&start, &samples(&other), 2, 2.0).unwrap();
+        let fit = fit(&start, &samples(&other), 2).unwrap();
         assert!((fit.motion.inertia - truth().inertia).norm() < 1e-6);
         assert!(fit.segments[1].angle_to(&other) < 1e-6);
         assert!(fit.rms < 1e-6);
@@ -269,6 +324,8 @@ mod tests {
             motion: truth(),
             segments: vec![UnitQuaternion::identity(); 2],
             rms: 0.0,
+            span: 0.0,
+            holds: true,
         };
         let mut problem = Problem::new(start, &samples[80..180]);
         let x = DVector::from_fn(PARAMETERS + 6, |i, _| 0.004 * (i as f64 - 5.0));

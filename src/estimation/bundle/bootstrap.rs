@@ -9,6 +9,7 @@ use super::adjust::{Effort, adjust};
 use super::frames::Frames;
 use super::free_placements::FreePlacements;
 use super::known_rotation::{drop_hidden, structure as linear_structure};
+use super::loss::Loss;
 use super::relative_pose::relative_pose;
 use super::structure::{BELIEVED, Segment, Settings, believe, rms, scene_of};
 
@@ -90,9 +91,9 @@ pub fn start(
         return None;
     }
     let mut motion = FreePlacements::new(placements, false);
-    for huber in [10.0, 4.0] {
+    for width in [10.0, 4.0] {
         let effort = Effort {
-            huber: huber * settings.noise,
+            loss: Loss::Huber(width * settings.noise),
             steps: 30,
             tolerance: 1e-4,
         };

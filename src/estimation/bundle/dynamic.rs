@@ -6,6 +6,7 @@
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::adjust::{Motion, Placement};
+use super::fit::Shaped;
 use super::free_motion::{FreeMotion, PARAMETERS, SHAPE_SPREAD, Sensitivity, shape_of};
 use super::free_placements::{FOCAL_SPREAD, HELD};
 
@@ -52,8 +53,20 @@ impl<'a> Tumbling<'a> {
         }
     }
 
-    /// The same with a sphere as the body, which turns evenly about the momentum.
-    pub fn spherical(&self) -> Option<Self> {
+    /// The frames' times \[s\].
+    pub fn times(&self) -> &[f64] {
+        self.times
+    }
+}
+
+impl Shaped for Tumbling<'_> {
+    fn nutation(&self) -> f64 {
+        let w = self.motion.R_WB * self.motion.w_WB_B(&self.motion.R_WB);
+        w.angle(&self.motion.momentum)
+    }
+
+    /// A sphere turns evenly about the momentum.
+    fn spherical(&self) -> Option<Self> {
         let w = self.motion.R_WB * self.motion.w_WB_B(&self.motion.R_WB);
         let along = self.motion.momentum.normalize();
         let shape = SVector::<f64, 5>::zeros();
@@ -65,17 +78,6 @@ impl<'a> Tumbling<'a> {
             shape_spread: 1e-6,
             ..self.clone()
         })
-    }
-
-    /// The frames' times \[s\].
-    pub fn times(&self) -> &[f64] {
-        self.times
-    }
-
-    /// How far the angular velocity leans from the momentum \[rad\].
-    pub fn nutation(&self) -> f64 {
-        let w = self.motion.R_WB * self.motion.w_WB_B(&self.motion.R_WB);
-        w.angle(&self.motion.momentum)
     }
 }
 

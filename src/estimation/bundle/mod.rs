@@ -20,13 +20,16 @@ mod adjust;
 mod attitude_fit;
 mod bootstrap;
 mod camera_motion;
+mod carried;
 mod dynamic;
 mod envelope;
+mod fit;
 mod five_point;
 mod frames;
 mod free_motion;
 mod free_placements;
 mod known_rotation;
+mod loss;
 mod momentum_start;
 mod placing;
 mod relative_pose;
@@ -40,7 +43,7 @@ mod structure;
 mod uncertainty;
 mod whole;
 
-use nalgebra::{SMatrix, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 
 pub use camera_motion::{CameraMotion, attitude_at, rotation_between};
 
@@ -126,6 +129,25 @@ pub struct Solution {
     pub(super) free: FreeMotion,
     /// Covariance of its eight parameters.
     pub(super) covariance: SMatrix<f64, PARAMETERS, PARAMETERS>,
+}
+
+impl Solution {
+    /// Covariance of the turn from `from` to `to` \[s\] as [`Solution::motion`] tells it: of the error's rotation
+    /// vector, in body axes at `to` \[rad²\]. With both times after the last frame it is that of a prediction.
+    pub fn turn_covariance(&self, from: f64, to: f64) -> Matrix3<f64> {
+        let (first, last) = (from.min(to), from.max(to));
+        let swept = self.free.attitudes_and_sensitivities(&[first, last]);
+        let (R_first, S_first) = swept[0];
+        let (R_last, S_last) = swept[1];
+        let turn = R_last.inverse() * R_first;
+        let across = S_last - turn.to_rotation_matrix() * S_first;
+        let covariance = across * self.covariance * across.transpose();
+        if from <= to {
+            return covariance;
+        }
+        let back = turn.inverse().to_rotation_matrix();
+        back * covariance * back.transpose()
+    }
 }
 
 /// Estimates the motion of the one rigid body that `tracks` show.

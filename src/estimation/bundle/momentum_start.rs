@@ -88,6 +88,16 @@ fn rate_at(series: &[Attitude], i: usize, least: usize, degree: usize) -> Option
     })
 }
 
+/// Where along the rates (0 to 1) the body turns over fastest: where the angular velocity changes most in body axes.
+pub fn turning_over(rates: &[Rate]) -> f64 {
+    // Over a few rates each, so that no single wrong one decides.
+    let apart = rates.len() / 40 + 2;
+    let change = |i: usize| (rates[i + apart].w_WB_B - rates[i].w_WB_B).norm();
+    let pairs = 0..rates.len().saturating_sub(apart);
+    let fastest = pairs.max_by(|a, b| change(*a).total_cmp(&change(*b)));
+    fastest.map_or(0.5, |i| (i + apart / 2) as f64 / rates.len() as f64)
+}
+
 /// The free motion that agrees best with `rates`, stated at the one that far (0 to 1) along them. `None` without
 /// rates.
 pub fn momentum_start(rates: &[Rate], along: f64) -> Option<FreeMotion> {

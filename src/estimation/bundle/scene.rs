@@ -33,6 +33,9 @@ pub struct Scene {
 /// the scale, and the depths that images leave open: those of a body that turns about the optical axis.
 const DEPTH_SPREAD: f64 = 0.5;
 
+/// A coordinate this near to a whole number \[px\] is one, in single precision, too.
+const WHOLE: f64 = 1e-3;
+
 impl Scene {
     /// A scene of frames that show `(point, pixel)`, with image noise `noise` \[px\].
     pub fn new(focal: Vector2<f64>, frames: Vec<Vec<Seen>>, points: usize, noise: f64) -> Self {
@@ -70,6 +73,20 @@ impl Scene {
     /// As [`Scene::frame`], to change.
     pub fn frame_mut(&mut self, i: usize) -> &mut [Seen] {
         &mut self.seen[self.frames[i].clone()]
+    }
+
+    /// Whether pixels are whole numbers, but for a shift of all; some outliers may not be.
+    pub fn is_rounded(&self) -> bool {
+        let seen: Vec<&Seen> = self.seen.iter().filter(|s| s.kept).collect();
+        (0..2).all(|axis| {
+            let off = |a: f64, b: f64| (a - b - (a - b).round()).abs();
+            let agreeing = |shift: f64| {
+                let agree = |s: &&&Seen| off(s.pixel[axis], shift) < WHOLE;
+                seen.iter().filter(agree).count()
+            };
+            let mut shifts = seen.iter().step_by(1 + seen.len() / 5);
+            shifts.any(|s| 10 * agreeing(s.pixel[axis]) >= 9 * seen.len())
+        })
     }
 
     /// Strength of the depth prior of one observation of `point` \[px\].

@@ -107,7 +107,9 @@ impl<const L: usize, const G: usize> System<L, G> {
         let first = self.frames.last().map_or(0, |f| f.first + f.count);
         let count = self.coupling.len() - first;
         let own = &self.coupling[first..];
-        if let Some(least) = own.iter().map(|c| c.point).min() {
+        if L > 0
+            && let Some(least) = own.iter().map(|c| c.point).min()
+        {
             for c in own {
                 let coupled = &mut self.first_coupled[c.point];
                 *coupled = (*coupled).min(least);
@@ -221,6 +223,17 @@ impl<const L: usize, const G: usize> System<L, G> {
         let mut frames = Vec::with_capacity(self.frames.len());
         let mut scaled: Vec<(usize, SMatrix<f64, L, 3>)> = Vec::new();
         for frame in &self.frames {
+            let own = &self.coupling[frame.first..frame.first + frame.count];
+            if L == 0 {
+                for coupling in own {
+                    for a in 0..G {
+                        for b in 0..3 {
+                            *reduced.at(c + a, 3 * coupling.point + b) += coupling.H_gp[(a, b)];
+                        }
+                    }
+                }
+                continue;
+            }
             let mut H = frame.H_ll;
             for i in 0..L {
                 H[(i, i)] += damping * frame.H_ll[(i, i)];
@@ -231,7 +244,6 @@ impl<const L: usize, const G: usize> System<L, G> {
             let g = forward::<L, 1>(factor, frame.g_l);
             let wg = forward::<L, G>(factor, frame.H_lg);
             scaled.clear();
-            let own = &self.coupling[frame.first..frame.first + frame.count];
             scaled.extend(own.iter().map(|c| (c.point, half(c.H_lp))));
             for (k, (j, w)) in scaled.iter().enumerate() {
                 for (i, v) in &scaled[..=k] {

@@ -1,12 +1,11 @@
 //! From tracks to the solution, stage by stage.
 
-use nalgebra::{Matrix2, UnitQuaternion, Vector2};
+use nalgebra::{Matrix2, Vector2};
 use rand::{SeedableRng, rngs::StdRng};
 
 use super::attitude_fit::{Fit, Sample, fit};
 use super::frames::Frames;
-use super::free_motion::FreeMotion;
-use super::momentum_start::{Attitude, momentum_start, rates};
+use super::momentum_start::{Attitude, momentum_start, rates, turning_over};
 use super::relative_rotation::relative_rotation_fit;
 use super::structure::{Segment, Settings, reconstruct};
 use super::whole::{Adjusted, dynamic};
@@ -17,11 +16,22 @@ use crate::vision::Pinhole;
 /// The noise is doubled up to so many times if the tracks do not fit together.
 const DOUBLINGS: i32 = 3;
 
+/// A motion that leaves more of the image points unexplained than this part is not that of the body.
+const MOST_OUTLIERS: f64 = 0.3;
+
+/// So many times the noise assumed may the residuals be.
+const MOST_NOISE: f64 = 6.0;
+
 /// Segments that are sought.
 const SEGMENTS: usize = 6;
 
 /// Tracks that last fewer frames on average rarely build a structure.
 const SHORT_TRACK: usize = 6;
+
+/// Where along the frames the motion is stated if only their last part is one motion, and the least part of the
+/// whole time that this must be.
+const LAST: f64 = 0.97;
+const LEAST_PART: f64 = 0.1;
 
 /// A fit this near to the attitudes is a good start \[rad\].
 const CLOSE: f64 = 0.03;
@@ -43,6 +53,8 @@ pub(super) fn solve(
     let mut placed = 0;
     let sights: usize = frames.list.iter().map(|f| f.sights.len()).sum();
     let lasting = sights >= SHORT_TRACK * frames.ids.len();
+    // What is noisier than this has been fitted wrongly.
+    let quiet = |b: &Adjusted| b.residuals.deviation < MOST_NOISE * options.pixel_noise.max(1e-3);
     let methods = [Method::Structure, Method::RelativeRotation];
     let levels = |method| (0..=DOUBLINGS).map(move |doubling| (method, doubling));
     for (method, doubling) in methods.into_iter().flat_map(levels) {
@@ -64,7 +76,7 @@ pub(super) fn solve(
         };
         let Some(found) = found else { continue };
         // Tracks noisier than assumed lose many good points as if they were wrong.
-        let done = found.residuals.outliers < 0.3;
+        let done = found.residuals.outliers < MOST_OUTLIERS;
         let better = |b: &Adjusted| found.residuals.outliers < b.residuals.outliers;
         if best.as_ref().is_none_or(better) {
             best = Some(found);
@@ -74,7 +86,9 @@ pub(super) fn solve(
         }
     }
     match best {
-        Some(best) if best.residuals.outliers < 0.5 => best.finish(camera, options),
+        Some(best) if best.residuals.outliers < MOST_OUTLIERS && quiet(&best) => {
+            best.finish(camera, options)
+        }
         Some(best) if 3 * placed >= frames.list.len() => Err(EstimateError::NotFree {
             rms: best.residuals.rms,
         }),
@@ -157,8 +171,17 @@ fn from_structure(
     if 3 * count < frames.list.len() {
         return None;
     }
-    let (motion, turns) = motion_of_segments(&frames, &segments)?;
-    dynamic(frames, motion, &segments, &turns, settings)
+    let fit = motion_of_segments(&frames, &segments)?;
+    let (first, last) = (frames.list.first()?.time, frames.list.last()?.time);
+    let from = fit.motion.time - fit.span;
+    let tail = last - from > LEAST_PART * (last - first) && last < fit.motion.time + fit.span;
+    let since = (!fit.holds && tail).then_some(from);
+    for frame in frames.list.iter_mut().filter(|f| Some(f.time) < since) {
+        frame.sights.clear();
+    }
+    let mut found = dynamic(frames, fit.motion, &segments, &fit.segments, settings)?;
+    found.since = since;
+    Some(found)
 }
 
 /// Parts of the frames that could be reconstructed, the largest first.
@@ -180,10 +203,7 @@ fn segments(frames: &mut Frames, settings: &Settings, rng: &mut StdRng) -> Vec<S
 }
 
 /// The motion that fits the attitudes of all segments, and each segment's axes in the body's.
-fn motion_of_segments(
-    frames: &Frames,
-    segments: &[Segment],
-) -> Option<(FreeMotion, Vec<UnitQuaternion<f64>>)> {
+fn motion_of_segments(frames: &Frames, segments: &[Segment]) -> Option<Fit> {
     let attitude = |segment: &Segment, i: usize| {
         let placement = segment.placements[i]?;
         Some(Attitude {
@@ -197,6 +217,7 @@ fn motion_of_segments(
         .filter_map(|i| attitude(segments.first()?, i))
         .collect();
     let rates = rates(&series);
+    let whole = series.last()?.time - series.first()?.time;
     let samples: Vec<Sample> = all
         .filter_map(|i| {
             let mut each = segments.iter().enumerate();
@@ -206,20 +227,21 @@ fn motion_of_segments(
             })
         })
         .collect();
-    // Next to the separatrix it matters where the motion is stated, and that the span grows slowly.
-    let starts = [(0.5, 2.0), (0.5, 1.25), (0.25, 1.25), (0.75, 1.25)];
+    // Next to the separatrix it matters where the motion is stated: best while the body turns over. Where that
+    // does not help either the motion is not one, and its last part counts.
     let mut best: Option<Fit> = None;
-    for (along, growth) in starts {
-        let found = momentum_start(&rates, along)
-            .and_then(|start| fit(&start, &samples, segments.len(), growth));
+    for along in [0.5, turning_over(&rates), LAST] {
+        let found =
+            momentum_start(&rates, along).and_then(|start| fit(&start, &samples, segments.len()));
         let Some(found) = found else { continue };
-        let done = found.rms < CLOSE;
-        if best.as_ref().is_none_or(|b| found.rms < b.rms) {
+        let holds = found.holds && found.rms < CLOSE;
+        let last = along == LAST && found.rms < CLOSE && found.span > LEAST_PART * whole;
+        if holds || last || best.as_ref().is_none_or(|b| found.rms < b.rms) {
             best = Some(found);
         }
-        if done {
+        if holds {
             break;
         }
     }
-    best.map(|fit| (fit.motion, fit.segments))
+    best
 }

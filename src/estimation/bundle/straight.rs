@@ -8,8 +8,8 @@ use nalgebra::{SMatrix, SVector, Vector3};
 
 use super::adjust::{Motion, Placement};
 use super::dynamic::{COMMON, Tumbling};
+use super::fit::Shaped;
 use super::free_motion::PARAMETERS;
-use super::free_placements::HELD;
 
 /// Unknowns of the line: a position and a velocity.
 pub const LINE: usize = 6;
@@ -93,7 +93,20 @@ fn part(rotation: &Tumbling, i: usize) -> f64 {
     (times[i] - times[0]) / whole.max(f64::MIN_POSITIVE)
 }
 
-impl Motion<3, ALL> for Straight<'_> {
+impl Shaped for Straight<'_> {
+    fn nutation(&self) -> f64 {
+        self.rotation.nutation()
+    }
+
+    fn spherical(&self) -> Option<Self> {
+        Some(Self {
+            rotation: self.rotation.spherical()?,
+            ..self.clone()
+        })
+    }
+}
+
+impl Motion<0, ALL> for Straight<'_> {
     fn placement(&self, i: usize) -> Placement {
         Placement {
             t_C: self.position(i),
@@ -113,15 +126,11 @@ impl Motion<3, ALL> for Straight<'_> {
         pose
     }
 
-    fn hold(&self) -> f64 {
-        HELD
-    }
-
     fn log_focal(&self) -> f64 {
         self.rotation.log_focal
     }
 
-    fn moved(&self, _: &[SVector<f64, 3>], common: &SVector<f64, ALL>) -> Option<Self> {
+    fn moved(&self, _: &[SVector<f64, 0>], common: &SVector<f64, ALL>) -> Option<Self> {
         let mut of_rotation = SVector::<f64, COMMON>::zeros();
         of_rotation
             .fixed_rows_mut::<PARAMETERS>(0)

@@ -12,6 +12,7 @@ use super::bootstrap::{key_frames, start};
 use super::frames::Frames;
 use super::free_placements::FreePlacements;
 use super::known_rotation::triangulate;
+use super::loss::Loss;
 use super::placing::{MIN_POINTS, Mark, place, translation};
 use super::scene::{Scene, Seen, residual};
 use crate::spatial::exp_so3;
@@ -76,6 +77,10 @@ pub fn reconstruct(
     rng: &mut impl Rng,
 ) -> Option<Segment> {
     let mut best: Option<(Segment, Frames)> = None;
+    let placeable = open
+        .iter()
+        .filter(|i| frames.list[**i].sights.len() >= MIN_POINTS)
+        .count();
     let mut last_keys = Vec::new();
     for (window, part) in STARTS {
         let from = (part * open.len() as f64) as usize;
@@ -90,7 +95,7 @@ pub fn reconstruct(
         let Some(segment) = started.and_then(|s| grow(&mut tried, s, open, settings)) else {
             continue;
         };
-        let enough = 2 * segment.placed() >= open.len();
+        let enough = 10 * segment.placed() >= 9 * placeable;
         let done = segment.convinces(settings) && enough;
         let quality = |s: &Segment| (s.convinces(settings), s.placed());
         let better = best.as_ref().is_none_or(|(b, _)| {
@@ -222,7 +227,7 @@ fn grow(
             place_frame(frames, &mut segment, i, settings, &mut searches);
         }
     }
-    settle(frames, &mut segment, settings, 10)?;
+    settle(frames, &mut segment, settings, 4)?;
     Some(segment)
 }
 
@@ -344,9 +349,10 @@ fn settle(
     let limit = BELIEVED * settings.noise;
     believe(&mut scene, &motion, &points, 2.0 * limit);
     let effort = Effort {
-        huber: 4.0 * settings.noise,
+        loss: Loss::Huber(4.0 * settings.noise),
         steps,
-        tolerance: 1e-4,
+        // The dynamic adjustment makes it exact.
+        tolerance: 1e-3,
     };
     adjust(&scene, &mut motion, &mut points, &effort)?;
     believe(&mut scene, &motion, &points, limit);

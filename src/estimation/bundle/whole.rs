@@ -1,27 +1,21 @@
 //! The dynamic adjustment from a motion that is nearly right to the solution.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::{SMatrix, UnitQuaternion, Vector3};
 
-use super::adjust::{Effort, Motion, Placement, adjust, information};
+use super::adjust::{Effort, Motion, adjust, information};
+use super::carried::{carried_over, from_rotations};
 use super::dynamic::{COMMON, Tumbling};
-use super::frames::{Frames, Sight};
+use super::fit::{Fit, dispersion, settle, sharpen, simplest};
+use super::frames::Frames;
 use super::free_motion::FreeMotion;
-use super::known_rotation::{structure as linear_structure, triangulate};
-use super::placing::{Mark, translation};
-use super::scene::{Scene, residual};
+use super::loss::Loss;
+use super::scene::Scene;
 use super::straight::{LINE, Straight, without_line};
-use super::structure::{BELIEVED, Segment, Settings, scene_of};
+use super::structure::{Segment, Settings, scene_of};
 use super::uncertainty::{Residuals, report};
 use super::{BodyPoint, BodyPose, Options, Solution};
 use crate::estimation::EstimateError;
 use crate::vision::Pinhole;
-
-/// Below this angle between angular velocity and momentum \[rad\] it is asked whether there is any.
-const SLIGHT_NUTATION: f64 = 0.05;
-
-/// By how much a shape must lower the cost (in units of the noise) to be believed rather than a sphere: its five
-/// parameters lower it by 2.5 if there is nothing to see.
-const WORTH: f64 = 20.0;
 
 /// The result of the dynamic adjustment.
 pub struct Adjusted {
@@ -35,6 +29,10 @@ pub struct Adjusted {
     log_focal: f64,
     /// How well the images are explained.
     pub residuals: Residuals,
+    /// The time from which on the frames fit one motion, if not all do \[s\].
+    pub since: Option<f64>,
+    loss: Loss,
+    dispersion: f64,
     straight: bool,
     settings: Settings,
 }
@@ -61,11 +59,10 @@ pub fn dynamic(
         log_focal = s.log_focal;
         carried_over(&frames, s, &turns[0], &attitudes, settings)
     });
-    let known = match known {
+    let (point_of, position_of) = match known {
         Some(known) => known,
         None => from_rotations(&frames, &attitudes, settings)?,
     };
-    let (point_of, position_of) = known;
     let chosen: Vec<usize> = (0..frames.list.len())
         .filter(|&i| {
             let marks = frames.list[i]
@@ -77,55 +74,39 @@ pub fn dynamic(
         .collect();
     let wanted = |track: usize| point_of[track].is_some();
     let (mut scene, tracks) = scene_of(&frames, &chosen, wanted, settings.noise, 2);
-    let mut points: Vec<_> = tracks.iter().filter_map(|t| point_of[*t]).collect();
+    let points: Vec<_> = tracks.iter().filter_map(|t| point_of[*t]).collect();
     let t_C: Vec<_> = chosen.iter().filter_map(|i| position_of[*i]).collect();
     let times: Vec<f64> = chosen.iter().map(|i| times[*i]).collect();
     let R_WC: Vec<_> = chosen.iter().map(|i| frames.list[*i].R_WC).collect();
     let focal = settings.focal_free.then_some(log_focal);
-    let mut tumbling = Tumbling::new(motion, t_C, &times, &R_WC, settings.noise, focal);
-    // The start may be off by much; each round believes what is less far off than in the one before.
-    let mut outliers = f64::INFINITY;
-    let mut residuals = None;
-    for (round, width) in [8.0, 2.0, 1.0, 1.0].into_iter().enumerate() {
-        let limit = width * BELIEVED * settings.noise;
-        let now = judge(&mut scene, &tumbling, &points, limit);
-        let settled = round == 3 && (now.outliers - outliers).abs() < 1e-9;
-        outliers = now.outliers;
-        residuals = Some(now);
-        if settled {
-            break;
-        }
-        let effort = Effort {
-            huber: width * 4.0 * settings.noise,
-            steps: if round == 0 { 25 } else { 8 },
-            tolerance: if round < 2 { 1e-4 } else { 1e-7 },
-        };
-        adjust(&scene, &mut tumbling, &mut points, &effort)?;
-    }
-    let residuals = residuals?;
-    if tumbling.nutation() < SLIGHT_NUTATION
-        && let Some(mut sphere) = tumbling.spherical()
-    {
-        let effort = Effort {
-            huber: 4.0 * settings.noise,
-            steps: 10,
-            tolerance: 1e-7,
-        };
-        let mut placed = points.clone();
-        let with_shape = adjust(
-            &scene,
-            &mut tumbling,
-            &mut points,
-            &Effort { steps: 1, ..effort },
-        )?;
-        let without = adjust(&scene, &mut sphere, &mut placed, &effort);
-        let worth = WORTH * residuals.deviation.powi(2);
-        if without.is_some_and(|o| o.cost < with_shape.cost + worth) {
-            (tumbling, points) = (sphere, placed);
-        }
-    }
+    let tumbling = Tumbling::new(motion, t_C, &times, &R_WC, settings.noise, focal);
     let fixed = R_WC.iter().all(|R| *R == UnitQuaternion::identity());
-    let straight = fixed && straighten(&scene, &mut tumbling, &mut points, &residuals, settings);
+    let line = single
+        .filter(|_| fixed)
+        .and_then(|s| along_line(&mut scene, &tumbling, &points, s.rms, settings));
+    let fitted = match line {
+        Some(line) => Fitted::Straight(line),
+        None => {
+            let free = settle(&mut scene, tumbling, points, settings)?;
+            let free = simplest(&scene, free, settings);
+            let line = fixed.then(|| straightened(&scene, &free, settings));
+            line.flatten().map_or(Fitted::Free(free), Fitted::Straight)
+        }
+    };
+    let straight = matches!(fitted, Fitted::Straight(_));
+    let (tumbling, points, residuals, loss, dispersion) = match fitted {
+        Fitted::Straight(mut fit) => {
+            let loss = sharpen(&scene, &mut fit, settings);
+            let dispersion = dispersion(&scene, &fit, &loss);
+            let free = fit.motion.into_free();
+            (free, fit.points, fit.residuals, loss, dispersion)
+        }
+        Fitted::Free(mut fit) => {
+            let loss = sharpen(&scene, &mut fit, settings);
+            let dispersion = dispersion(&scene, &fit, &loss);
+            (fit.motion, fit.points, fit.residuals, loss, dispersion)
+        }
+    };
     let Tumbling {
         motion,
         t_C,
@@ -142,131 +123,68 @@ pub fn dynamic(
         points,
         log_focal,
         residuals,
+        since: None,
+        loss,
+        dispersion,
         straight,
         settings: *settings,
     })
 }
 
-/// Lets the centre of mass move in a straight line if the images do not object; `points` then start there. Whether
-/// it does.
-fn straighten(
-    scene: &Scene,
-    tumbling: &mut Tumbling,
-    points: &mut Vec<Vector3<f64>>,
-    residuals: &Residuals,
+/// How the centre of mass moves.
+enum Fitted<'a> {
+    Straight(Fit<Straight<'a>>),
+    Free(Fit<Tumbling<'a>>),
+}
+
+/// The motion with its centre of mass on a straight line, from a start that may be off. `None` if that leaves more
+/// than the noise \[px\] that placements of their own leave.
+fn along_line<'a>(
+    scene: &mut Scene,
+    start: &Tumbling<'a>,
+    points: &[Vector3<f64>],
+    noise: f64,
     settings: &Settings,
-) -> bool {
+) -> Option<Fit<Straight<'a>>> {
+    let mut judged = scene.clone();
+    let (line, centre) = Straight::new(start.clone())?;
+    let points = points.iter().map(|p| p - centre).collect();
+    let fit = settle(&mut judged, line, points, settings)?;
+    let fit = simplest(&judged, fit, settings);
+    // A variance from so many residuals is known so well.
+    let spread = (2.0 / (2 * judged.seen().len()).max(1) as f64).sqrt();
+    let accepted = fit.residuals.deviation.powi(2) < noise.powi(2) * (1.0 + 4.0 * spread)
+        && fit.residuals.outliers < 0.3;
+    if !accepted {
+        return None;
+    }
+    *scene = judged;
+    Some(fit)
+}
+
+/// The fit with its centre of mass on a straight line, if the images do not object.
+fn straightened<'a>(
+    scene: &Scene,
+    free: &Fit<Tumbling<'a>>,
+    settings: &Settings,
+) -> Option<Fit<Straight<'a>>> {
     let effort = Effort {
-        huber: 4.0 * settings.noise,
+        loss: Loss::Huber(4.0 * settings.noise),
         steps: 8,
-        tolerance: 1e-7,
+        tolerance: 1e-5,
     };
-    let mut free = points.clone();
-    let reference = adjust(scene, tumbling, &mut free, &Effort { steps: 1, ..effort });
-    let Some((mut straight, centre)) = Straight::new(tumbling.clone()) else {
-        return false;
-    };
-    let mut placed: Vec<_> = points.iter().map(|p| p - centre).collect();
-    let (Some(reference), Some(reached)) = (
-        reference,
-        adjust(scene, &mut straight, &mut placed, &effort),
-    ) else {
-        return false;
-    };
-    *points = free;
+    let (mut motion, centre) = Straight::new(free.motion.clone())?;
+    let mut points: Vec<_> = free.points.iter().map(|p| p - centre).collect();
+    let reached = adjust(scene, &mut motion, &mut points, &effort)?;
     // What the positions' freedom takes from the cost if it is noise that they fit: half a variance each.
     let fewer = (3 * scene.len()) as f64 - LINE as f64;
-    let expected = 0.5 * (fewer + 4.0 * (2.0 * fewer).sqrt()) * residuals.deviation.powi(2);
-    let accepted = reached.cost < reference.cost + expected;
-    if accepted {
-        (*tumbling, *points) = (straight.into_free(), placed);
-    }
-    accepted
-}
-
-type Known = (Vec<Option<Vector3<f64>>>, Vec<Option<Vector3<f64>>>);
-
-/// Points and positions of a segment in the motion's body axes, `turn` taking segment axes to those; what it
-/// lacks is found from the motion's attitudes.
-fn carried_over(
-    frames: &Frames,
-    segment: &Segment,
-    turn: &UnitQuaternion<f64>,
-    attitudes: &[UnitQuaternion<f64>],
-    settings: &Settings,
-) -> Option<Known> {
-    let focal = frames.focal * segment.log_focal.exp();
-    let mut points: Vec<_> = segment.points.iter().map(|p| p.map(|p| turn * p)).collect();
-    let position = |i: usize| {
-        let known = |s: &Sight| Some((points[s.track]?, s.pixel));
-        let marks: Vec<Mark> = frames.list[i].sights.iter().filter_map(known).collect();
-        (marks.len() >= 2)
-            .then(|| translation(&focal, &marks, &attitudes[i]))
-            .flatten()
-    };
-    let positions: Vec<_> = (0..frames.list.len()).map(position).collect();
-    let mut missing: Vec<Vec<_>> = vec![Vec::new(); frames.ids.len()];
-    for ((frame, position), R_CB) in frames.list.iter().zip(&positions).zip(attitudes) {
-        let Some(t_C) = *position else { continue };
-        let placement = Placement { R_CB: *R_CB, t_C };
-        for s in frame.sights.iter().filter(|s| points[s.track].is_none()) {
-            missing[s.track].push((placement, s.pixel));
-        }
-    }
-    for (track, sights) in missing.iter().enumerate().filter(|(_, s)| s.len() >= 2) {
-        points[track] = triangulate(sights, &focal, settings.noise);
-    }
-    Some((points, positions))
-}
-
-/// Points and positions from the motion's attitudes alone.
-fn from_rotations(
-    frames: &Frames,
-    attitudes: &[UnitQuaternion<f64>],
-    settings: &Settings,
-) -> Option<Known> {
-    let all: Vec<usize> = (0..frames.list.len())
-        .filter(|i| frames.list[*i].sights.len() >= 3)
-        .collect();
-    let (scene, tracks) = scene_of(frames, &all, |_| true, settings.noise, 2);
-    let chosen: Vec<_> = all.iter().map(|i| attitudes[*i]).collect();
-    let (solved, placements) = linear_structure(&scene, &chosen, settings.noise)?;
-    let mut points = vec![None; frames.ids.len()];
-    for (point, track) in solved.iter().zip(tracks) {
-        points[track] = Some(*point);
-    }
-    let mut positions = vec![None; frames.list.len()];
-    for (placement, i) in placements.iter().zip(all) {
-        positions[i] = Some(placement.t_C);
-    }
-    Some((points, positions))
-}
-
-/// Believes what is less than `limit` \[px\] off; how far off it is.
-fn judge(scene: &mut Scene, motion: &Tumbling, points: &[Vector3<f64>], limit: f64) -> Residuals {
-    let focal = scene.focal * motion.log_focal.exp();
-    let (mut sum, mut kept, mut all) = (0.0, 0usize, 0usize);
-    for i in 0..scene.len() {
-        let placement = motion.placement(i);
-        let R = placement.R_CB.to_rotation_matrix();
-        for seen in scene.frame_mut(i) {
-            let x = R * points[seen.point] + placement.t_C;
-            let off = residual(&focal, &x, &seen.pixel).map(|r| r.norm_squared());
-            seen.kept = off.is_some_and(|o| o < limit * limit);
-            all += 1;
-            if let Some(off) = off.filter(|_| seen.kept) {
-                kept += 1;
-                sum += off;
-            }
-        }
-    }
-    let unknowns = 3 * scene.len() + 3 * scene.points + COMMON;
-    let freedom = (2 * kept).saturating_sub(unknowns).max(1) as f64;
-    Residuals {
-        rms: (sum / (2 * kept.max(1)) as f64).sqrt(),
-        deviation: (sum / freedom).sqrt(),
-        outliers: 1.0 - kept as f64 / all.max(1) as f64,
-    }
+    let expected = 0.5 * (fewer + 4.0 * (2.0 * fewer).sqrt()) * free.residuals.deviation.powi(2);
+    (reached.cost < free.cost + expected).then_some(Fit {
+        motion,
+        points,
+        residuals: free.residuals,
+        cost: reached.cost,
+    })
 }
 
 impl Adjusted {
@@ -285,23 +203,23 @@ impl Adjusted {
         let focal = self.settings.focal_free.then_some(self.log_focal);
         let motion = self.motion;
         let tumbling = Tumbling::new(motion, self.t_C, &times, &R_WC, self.settings.noise, focal);
-        let huber = 4.0 * self.settings.noise;
         let not_free = EstimateError::NotFree {
             rms: self.residuals.rms,
         };
-        let variance = self.residuals.deviation.powi(2);
         let known = if self.straight {
             Straight::new(tumbling.clone())
-                .and_then(|(line, _)| information(&self.scene, &line, &self.points, huber))
+                .and_then(|(line, _)| information(&self.scene, &line, &self.points, &self.loss))
                 .and_then(|all| without_line(&all))
         } else {
-            information(&self.scene, &tumbling, &self.points, huber)
+            information(&self.scene, &tumbling, &self.points, &self.loss)
         };
+        // The residuals tell how exact the images are, not what was known before.
+        let prior = tumbling.prior().0 * (self.dispersion / self.settings.noise.powi(2) - 1.0);
         let covariance = known
-            .and_then(|i| i.try_inverse())
-            .map(|c| c * variance)
+            .and_then(|i| (i + SMatrix::from_diagonal(&prior)).try_inverse())
+            .map(|c| c * self.dispersion)
             .ok_or_else(|| not_free.clone())?;
-        let report = report(
+        let mut report = report(
             &motion,
             &covariance,
             &self.residuals,
@@ -309,6 +227,12 @@ impl Adjusted {
             self.log_focal,
         )
         .ok_or(not_free)?;
+        if let Some(since) = self.since {
+            report.diagnosis.push(format!(
+                "frames before {since:.1} s fit no free motion together with later ones, and were left out: next to \
+                 turning over the least disturbance decides"
+            ));
+        }
         let scale = self.log_focal.exp();
         let poses = (0..self.chosen.len()).map(|k| {
             let placement = tumbling.placement(k);

@@ -6,16 +6,19 @@
 
 mod feature_params;
 mod params;
+mod second_arm;
 mod target;
 mod watch;
 
 pub use feature_params::{FeatureParams, pinhole};
 pub use params::CameraParams;
+pub use second_arm::second_camera;
 pub use watch::{CAMERA_FRAME, Watch, camera_frame};
 
 use std::time::Duration;
 
 use super::{
+    dynamics::odometry_topic,
     geometry::{pose_from_msg, pose_to_msg, with_matrix},
     joint_vectors,
     robot_description::{Robot, RobotDescription},
@@ -29,6 +32,7 @@ use crate::{
     spatial::Pose,
     vision::{Pinhole, PoseCamera, PoseFrame},
 };
+use second_arm::SecondArm;
 use target::TargetTopics;
 
 /// Silence of the truth that is worth a warning.
@@ -58,6 +62,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         )),
     };
     let mut camera = PoseCamera::new(params.quality.clone());
+    let mut second = SecondArm::new(node, &params)?;
     let mut goal = params.goal.as_ref().map(with_matrix);
     while node.wait_for(SILENCE) {
         if let Some(robot) = description.changed() {
@@ -65,12 +70,16 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         }
         if quality.changed() {
             camera.set_config(quality.get());
+            second.set_config(quality.get());
         }
         topics.take_goal(&mut goal);
-        while let Some((stamp, joints, base)) = topics.next_instant() {
-            match sight.look(&mut camera, stamp, &joints, &base, goal.as_ref()) {
+        while let Some((stamp, joints, base, X_WT)) = topics.next_instant() {
+            // A goal on a target moves with it.
+            let X_WD = goal.map(|X_TD| X_WT * X_TD);
+            match sight.look(&mut camera, stamp, &joints, &base, X_WD.as_ref()) {
                 Ok(X_WB) => {
                     topics.publish(&mut camera, stamp, &sight.base);
+                    second.look(&sight, stamp, &X_WB, &topics.status);
                     if let Some((_, target)) = &mut watched {
                         target.camera_at(stamp, sight.X_WC(&X_WB));
                     }
@@ -139,10 +148,16 @@ struct Topics {
     joint_states: Subscription<sensor_msgs::JointState>,
     odometry: Subscription<nav_msgs::Odometry>,
     goal: Subscription<PoseStamped>,
+    /// Frame that the goal is given in.
+    goal_frame: String,
+    /// Odometry of the target that carries the goal.
+    carrier: Option<Subscription<nav_msgs::Odometry>>,
     tip_pose: Publisher<PoseStamped>,
     goal_pose: Publisher<PoseStamped>,
     _camera_info: Publisher<sensor_msgs::CameraInfo>,
     truth: StampPairs<sensor_msgs::JointState, nav_msgs::Odometry>,
+    /// The same with the carrier's pose.
+    carried: StampPairs<(sensor_msgs::JointState, nav_msgs::Odometry), Pose>,
     /// Frames of the last instant, to answer a state that is published again.
     last: Option<(Time, Vec<PoseFrame>)>,
     status: Status,
@@ -159,10 +174,15 @@ impl Topics {
             joint_states: topics::JOINT_STATES.subscribe(node)?,
             odometry: topics::ODOMETRY.subscribe(node)?,
             goal: topics::GOAL.subscribe(node)?,
+            goal_frame: (params.goal_target.clone()).unwrap_or_else(|| params::WORLD.to_owned()),
+            carrier: (params.goal_target.as_ref())
+                .map(|target| node.subscribe(&odometry_topic(target), topics::ODOMETRY.qos))
+                .transpose()?,
             tip_pose: topics::TIP_POSE.advertise(node)?,
             goal_pose: topics::SEEN_GOAL.advertise(node)?,
             _camera_info: camera_info,
             truth: StampPairs::default(),
+            carried: StampPairs::default(),
             last: None,
             status,
             goal_status: node.diagnostics().status("goal"),
@@ -173,8 +193,13 @@ impl Topics {
         while let Some(received) = self.goal.take() {
             let message = received.message;
             let pose = match message.header.frame_id.as_str() {
-                "world" | "" => pose_from_msg(&message.pose),
-                other => Err(format!("frame_id is '{other}'; give the goal in world")),
+                frame if frame.is_empty() || frame == self.goal_frame => {
+                    pose_from_msg(&message.pose)
+                }
+                other => Err(format!(
+                    "frame_id is '{other}'; give the goal in {}",
+                    self.goal_frame
+                )),
             };
             match pose {
                 Ok(pose) => {
@@ -190,8 +215,10 @@ impl Topics {
         }
     }
 
-    /// The next instant of which both joint states and base pose have come.
-    fn next_instant(&mut self) -> Option<(Time, sensor_msgs::JointState, nav_msgs::Odometry)> {
+    /// The next instant of which joint states and base pose have come, and the pose of the frame that the goal is in.
+    fn next_instant(
+        &mut self,
+    ) -> Option<(Time, sensor_msgs::JointState, nav_msgs::Odometry, Pose)> {
         while let Some(received) = self.joint_states.take() {
             let stamp = Time::from(&received.message.header.stamp);
             self.truth.push_first(stamp, received.message);
@@ -200,7 +227,22 @@ impl Topics {
             let stamp = Time::from(&received.message.header.stamp);
             self.truth.push_second(stamp, received.message);
         }
-        self.truth.pop()
+        let Some(carrier) = &self.carrier else {
+            let (stamp, joints, base) = self.truth.pop()?;
+            return Some((stamp, joints, base, Pose::identity()));
+        };
+        while let Some(received) = carrier.take() {
+            let stamp = Time::from(&received.message.header.stamp);
+            match pose_from_msg(&received.message.pose.pose) {
+                Ok(X_WT) => self.carried.push_second(stamp, with_matrix(&X_WT)),
+                Err(e) => self.status.warn(format!("{}: {e}", carrier.topic())),
+            }
+        }
+        while let Some((stamp, joints, base)) = self.truth.pop() {
+            self.carried.push_first(stamp, (joints, base));
+        }
+        let (stamp, (joints, base), X_WT) = self.carried.pop()?;
+        Some((stamp, joints, base, X_WT))
     }
 
     fn publish(&mut self, camera: &mut PoseCamera, stamp: Time, base: &str) {

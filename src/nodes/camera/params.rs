@@ -14,8 +14,14 @@ use crate::{
 pub struct CameraParams {
     /// Link whose frame is the tip.
     pub tip_link: String,
-    /// Goal in the world until `goal_pose` gives another.
+    /// Goal in its frame until `goal_pose` gives another.
     pub goal: Option<Isometry3<f64>>,
+    /// Target that carries the goal; `None` is the world.
+    pub goal_target: Option<String>,
+    /// Link whose frame is the tip of a second arm; empty if there is none.
+    pub second_tip_link: String,
+    /// Goal of the second tip in the world.
+    pub second_goal: Option<Isometry3<f64>>,
     /// How good the camera is.
     pub quality: PoseCameraConfig,
     /// Image size \[px\] and focal length \[px\].
@@ -23,6 +29,9 @@ pub struct CameraParams {
     /// What is tracked on a target; `None` if nothing is.
     pub features: Option<FeatureParams>,
 }
+
+/// The frame of a goal that no target carries.
+pub const WORLD: &str = "world";
 
 /// The parameters of the camera's quality, which may change while it runs.
 pub(super) struct Quality {
@@ -101,6 +110,23 @@ impl CameraParams {
             .read_only()
             .value();
         let goal = declare_pose(declare, "goal", "goal object", true);
+        let goal_frame = declare
+            .param(
+                "goal.frame",
+                WORLD,
+                "Frame that the goal is given in and moves with: world, or the name of a target",
+            )
+            .read_only()
+            .value();
+        let second_tip_link = declare
+            .param(
+                "second_tip_link",
+                "",
+                "Link whose frame is the tip of a second arm; empty: there is none",
+            )
+            .read_only()
+            .value();
+        let second_goal = declare_pose(declare, "second_goal", "second tip's goal", true);
         let quality = Quality::declare(declare);
         let mut pixels = |name: &str, text: &str| {
             let value = declare
@@ -123,6 +149,9 @@ impl CameraParams {
         let params = Self {
             tip_link,
             goal: goal?,
+            goal_target: (goal_frame != WORLD).then_some(goal_frame),
+            second_tip_link,
+            second_goal: second_goal?,
             quality: quality.get(),
             image,
             features,

@@ -8,18 +8,23 @@ pub use params::ControllerParams;
 
 use std::{collections::VecDeque, time::Duration};
 
+use nalgebra::Vector3;
+
 use super::{
     choice,
-    geometry::{pose_from_msg, vector_to_msg, with_matrix},
+    geometry::{pose_from_msg, vector_from_msg, vector_to_msg, with_matrix},
     joint_vectors,
-    robot_description::{Robot, RobotDescription},
+    robot_description::{Robot, RobotDescription, tip_frame},
     stamp_pairs::StampPairs,
     topics,
 };
 use crate::{
-    control::{Acted, Controller, ControllerConfig, GainError, LawKind, Measurement, Sight},
+    control::{Acted, Controller, ControllerConfig, GoalRate, LawKind, Measurement, Sight},
+    model::{Frame, Model},
     msg::{
-        fuyu_msgs::ControllerState, geometry_msgs::PoseStamped, sensor_msgs::JointState,
+        fuyu_msgs::ControllerState,
+        geometry_msgs::{PoseStamped, Vector3Stamped},
+        sensor_msgs::{Imu, JointState},
         std_msgs::Header,
     },
     ros::{Node, NodeError, Publisher, Received, Status, Subscription, Time},
@@ -38,16 +43,17 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let (params, mut live) = ControllerParams::declare_live(&mut declare);
     declare.finish()?;
     let mut description = RobotDescription::new(node, params.tip_link.clone())?;
-    let mut topics = Topics::new(node)?;
+    let second = &params.second_tip_link;
+    let mut topics = Topics::new(node, !second.is_empty())?;
     let Some(robot) = description.wait(node) else {
         return Ok(());
     };
-    let mut controller = controller(robot, live.get())
+    let mut controller = controller(robot, second, live.get())
         .map_err(|e| NodeError::Input(format!("node {}: parameter {e}", node.name())))?;
     live.fit(controller.model().dof());
     while node.wait_for(SILENCE) {
         if let Some(robot) = description.changed() {
-            match self::controller(robot, live.get()) {
+            match self::controller(robot, second, live.get()) {
                 Ok(new) => {
                     live.fit(new.model().dof());
                     controller = new;
@@ -71,8 +77,21 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     Ok(())
 }
 
-fn controller(robot: Robot, config: ControllerConfig) -> Result<Controller, GainError> {
-    Controller::new(robot.model, robot.tip, config)
+fn controller(robot: Robot, second: &str, config: ControllerConfig) -> Result<Controller, String> {
+    let more_tips = second_tip(&robot.model, second)?;
+    Controller::with_tips(robot.model, robot.tip, more_tips, config).map_err(|e| e.to_string())
+}
+
+/// The frame of the second tip, if `link` names one.
+///
+/// # Errors
+/// Names the links that there are.
+pub fn second_tip(model: &Model, link: &str) -> Result<Vec<Frame>, String> {
+    if link.is_empty() {
+        return Ok(Vec::new());
+    }
+    let tip = tip_frame(model, link).map_err(|e| format!("second_{e}"))?;
+    Ok(vec![tip])
 }
 
 /// Endpoints of the controller node and what has come from them.
@@ -80,33 +99,70 @@ struct Topics {
     joint_states: Subscription<JointState>,
     tip_pose: Subscription<PoseStamped>,
     goal_pose: Subscription<PoseStamped>,
+    second: Option<SecondArm>,
+    imu: Subscription<Imu>,
+    target_rate: Subscription<Vector3Stamped>,
     commands: Publisher<JointState>,
     state: Publisher<ControllerState>,
     states: VecDeque<JointState>,
     poses: StampPairs<Pose, Pose>,
     /// The newest pair of camera poses, with its stamp.
     seen: Option<(Time, Sight)>,
+    /// What the gyro measured last, with its stamp.
+    gyro: Option<(Time, Vector3<f64>)>,
+    /// The estimator's last answer, in the axes of the camera that it names.
+    rate: Option<Vector3Stamped>,
     /// Stamp of the newest joint state.
     last_state: Time,
     status: Status,
+}
+
+/// What the camera sees of a second tip.
+struct SecondArm {
+    tip_pose: Subscription<PoseStamped>,
+    goal_pose: Subscription<PoseStamped>,
+    poses: StampPairs<Pose, Pose>,
+    seen: Option<(Time, Sight)>,
+}
+
+impl SecondArm {
+    fn new(node: &Node) -> Result<Self, NodeError> {
+        Ok(Self {
+            tip_pose: topics::SECOND_TIP_POSE.subscribe(node)?,
+            goal_pose: topics::SECOND_SEEN_GOAL.subscribe(node)?,
+            poses: StampPairs::default(),
+            seen: None,
+        })
+    }
+
+    fn listen(&mut self, status: &Status) {
+        if let Some(sight) = newest_pair(&self.tip_pose, &self.goal_pose, &mut self.poses, status) {
+            self.seen = Some(sight);
+        }
+    }
 }
 
 /// Joint states kept, in lockstep, until their camera frame comes.
 const WAITING: usize = 64;
 
 impl Topics {
-    fn new(node: &Node) -> Result<Self, NodeError> {
+    fn new(node: &Node, two_arms: bool) -> Result<Self, NodeError> {
         let status = node.diagnostics().status("control");
         status.warn("no joint_states have arrived yet");
         Ok(Self {
             joint_states: topics::JOINT_STATES.subscribe(node)?,
             tip_pose: topics::TIP_POSE.subscribe(node)?,
             goal_pose: topics::SEEN_GOAL.subscribe(node)?,
+            second: two_arms.then(|| SecondArm::new(node)).transpose()?,
+            imu: topics::IMU.subscribe(node)?,
+            target_rate: topics::TARGET_RATE.subscribe(node)?,
             commands: topics::JOINT_COMMANDS.advertise(node)?,
             state: topics::CONTROLLER_STATE.advertise(node)?,
             states: VecDeque::new(),
             poses: StampPairs::default(),
             seen: None,
+            gyro: None,
+            rate: None,
             last_state: Time::ZERO,
             status,
         })
@@ -120,7 +176,11 @@ impl Topics {
                 // A simulation that began anew: what was seen before is of another run.
                 self.states.clear();
                 self.poses.clear();
-                self.seen = None;
+                (self.seen, self.gyro, self.rate) = (None, None, None);
+                if let Some(second) = &mut self.second {
+                    second.poses.clear();
+                    second.seen = None;
+                }
             }
             self.last_state = stamp;
             if self.states.len() == WAITING {
@@ -128,16 +188,41 @@ impl Topics {
             }
             self.states.push_back(received.message);
         }
-        while let Some((stamp, pose)) = next_pose(&self.tip_pose, &self.status) {
-            self.poses.push_first(stamp, pose);
+        let (tip, goal) = (&self.tip_pose, &self.goal_pose);
+        if let Some(sight) = newest_pair(tip, goal, &mut self.poses, &self.status) {
+            self.seen = Some(sight);
         }
-        while let Some((stamp, pose)) = next_pose(&self.goal_pose, &self.status) {
-            self.poses.push_second(stamp, pose);
+        if let Some(second) = &mut self.second {
+            second.listen(&self.status);
         }
-        while let Some((stamp, X_BE, X_BD)) = self.poses.pop() {
-            let sight = Sight::new(stamp.as_secs_f64(), X_BE, X_BD);
-            self.seen = Some((stamp, sight));
+        while let Some(received) = self.imu.take() {
+            let stamp = Time::from(&received.message.header.stamp);
+            let w = vector_from_msg(&received.message.angular_velocity);
+            if w.iter().all(|w| w.is_finite()) {
+                self.gyro = Some((stamp, w));
+            } else {
+                let topic = self.imu.topic();
+                self.status.warn(format!(
+                    "{topic}: angular_velocity is not finite; it is ignored"
+                ));
+            }
         }
+        while let Some(received) = self.target_rate.take() {
+            let w = vector_from_msg(&received.message.vector);
+            if w.iter().all(|w| w.is_finite()) {
+                self.rate = Some(received.message);
+            }
+        }
+    }
+
+    /// The goal's angular velocity in base axes, if the estimator tells it for a camera that the base carries.
+    fn goal_rate(&self, model: &Model) -> Option<GoalRate> {
+        let rate = self.rate.as_ref()?;
+        let camera = model.frame(&rate.header.frame_id).filter(|f| f.body == 0)?;
+        Some(GoalRate {
+            time: Time::from(&rate.header.stamp).as_secs_f64(),
+            w_ID_B: camera.X_BF.rotation * vector_from_msg(&rate.vector),
+        })
     }
 
     /// The joint state to answer now: the newest, or in lockstep the one of the camera's last frame.
@@ -148,6 +233,15 @@ impl Topics {
             return newest;
         }
         let seen = self.seen.as_ref()?.0;
+        // Whatever else belongs to that state has to be there.
+        if let Some(second) = &self.second
+            && second.seen.as_ref()?.0 < seen
+        {
+            return None;
+        }
+        if self.gyro?.0 < seen {
+            return None;
+        }
         while let Some(state) = self.states.pop_front() {
             let stamp = Time::from(&state.header.stamp);
             if stamp == seen {
@@ -190,14 +284,26 @@ impl Topics {
             .seen
             .as_ref()
             .filter(|_| age.is_some_and(|age| age.abs() <= timeout));
-        let seen = Measurement::new(now.as_secs_f64(), &q, &qd);
-        let acted = controller.update(&seen.with_sight(young.map(|(_, sight)| sight)));
+        let second = self.second.as_ref().and_then(|second| second.seen.as_ref());
+        let second = second.filter(|(stamp, _)| (now - *stamp).abs() <= timeout);
+        let more_sights = [second.map(|(_, sight)| *sight)];
+        let goal_rate = self.goal_rate(model);
+        let seen = Measurement {
+            more_sights: &more_sights,
+            goal_rate: goal_rate.as_ref(),
+            ..Measurement::new(now.as_secs_f64(), &q, &qd)
+        };
+        let seen = seen
+            .with_sight(young.map(|(_, sight)| sight))
+            .with_gyro(self.gyro.as_ref().map(|(_, w)| w));
+        let acted = controller.update(&seen);
         match (&acted, age) {
             (Err(e), _) => self.status.error(format!("no effort is given: {e}")),
             (Ok(_), None) => self.status.warn("no camera measurement has come yet: only damping"),
             (Ok(_), Some(age)) if age.abs() > timeout => self.status.warn(format!(
                 "the last camera measurement is {age:.2} s old (measurement_timeout is {timeout} s): only damping"
             )),
+            (Ok(Acted { trouble: Some(trouble), .. }), Some(_)) => self.status.warn(trouble.to_string()),
             (Ok(_), Some(_)) => self.status.ok("steering the tip to the goal"),
         }
         self.commands.publish(&command(controller, &joints.header));
@@ -257,6 +363,24 @@ pub fn report(
         state.attitude_error_angle = error.angle;
     }
     state
+}
+
+/// What came last of tip and goal poses of one stamp.
+fn newest_pair(
+    tip: &Subscription<PoseStamped>,
+    goal: &Subscription<PoseStamped>,
+    poses: &mut StampPairs<Pose, Pose>,
+    status: &Status,
+) -> Option<(Time, Sight)> {
+    while let Some((stamp, pose)) = next_pose(tip, status) {
+        poses.push_first(stamp, pose);
+    }
+    while let Some((stamp, pose)) = next_pose(goal, status) {
+        poses.push_second(stamp, pose);
+    }
+    let pairs = std::iter::from_fn(|| poses.pop());
+    let (stamp, X_BE, X_BD) = pairs.last()?;
+    Some((stamp, Sight::new(stamp.as_secs_f64(), X_BE, X_BD)))
 }
 
 /// The next sound pose that waits, with its stamp; an unsound one is reported.

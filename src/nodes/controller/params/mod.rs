@@ -1,7 +1,11 @@
 //! Parameters of the controller node: what all laws share, and a file for the group of each.
 
 mod joint_pd;
+mod operational;
+mod prediction;
+mod recovery;
 mod shared;
+mod straight_path;
 
 use std::sync::{
     Arc,
@@ -19,6 +23,8 @@ use crate::{
 pub struct ControllerParams {
     /// Link whose frame is the tip.
     pub tip_link: String,
+    /// Link whose frame is the tip of a second arm; empty if there is none.
+    pub second_tip_link: String,
     /// Law and gains.
     pub config: ControllerConfig,
     /// Age of the camera's measurement beyond which the joints are only damped \[s\].
@@ -57,7 +63,13 @@ const LARGEST_GAIN: f64 = 1e9;
 impl Live {
     fn declare(declare: &mut Declare) -> Self {
         let shared = shared::Shared::declare(declare);
-        let groups: Vec<Box<dyn Group>> = vec![Box::new(joint_pd::JointPd::declare(declare))];
+        let groups: Vec<Box<dyn Group>> = vec![
+            Box::new(joint_pd::JointPd::declare(declare)),
+            Box::new(prediction::Predictions::declare(declare)),
+            Box::new(operational::Operational::declare(declare)),
+            Box::new(straight_path::StraightPath::declare(declare)),
+            Box::new(recovery::Recovery::declare(declare)),
+        ];
         let joints = Arc::new(AtomicUsize::new(0));
         let robot = Arc::clone(&joints);
         declare.check_together(move |get| fit_the_robot(&robot, get));
@@ -126,6 +138,14 @@ impl ControllerParams {
             .param("tip_link", "tool0", "Link whose frame is the tip")
             .read_only()
             .value();
+        let second_tip_link = declare
+            .param(
+                "second_tip_link",
+                "",
+                "Link whose frame is the tip of a second arm; empty: there is none",
+            )
+            .read_only()
+            .value();
         let live = Live::declare(declare);
         let measurement_timeout = declare
             .param(
@@ -148,6 +168,7 @@ impl ControllerParams {
         (
             Self {
                 tip_link,
+                second_tip_link,
                 config,
                 measurement_timeout,
                 lockstep,

@@ -1,0 +1,239 @@
+//! What a moving goal takes beside what the deviation from it calls for.
+
+use nalgebra::{DVector, Matrix6, Matrix6xX, UnitQuaternion, Vector3, Vector6};
+
+use crate::dynamics::{InverseDynamics, Momentum, TreeMotion, Workspace};
+use crate::model::{Frame, Model};
+use crate::spatial::Twist;
+
+/// Lets [`TransposeJacobian`](super::TransposeJacobian) follow a goal that moves, whatever the robot's momentum.
+///
+/// The thesis's law keeps its tip at a goal that stands still, at zero momentum. It damps all joint motion, so a
+/// goal that moves runs ahead of the tip until the pull balances the damping. Let `q̇_D` be the joint rates that
+/// move the tip with the goal,
+///
+/// ```text
+/// Ĵ q̇_D = V_D - V_0
+/// ```
+///
+/// with the goal's twist `V_D` and that of the tip under momentum alone, `V_0 = (H_B⁻¹ L, H_B⁻¹ L × r)`, both beside
+/// the system's centre of mass. Let `s = q̇ - q̇_D` and add to the law
+///
+/// ```text
+/// τ_f = K_V q̇_D + Ĥ q̈_D + C(q, q̇) q̇_D + g(q, q̇, L)
+/// ```
+///
+/// where `Ĥ` is the reduced inertia (4.48), `C` its Christoffel matrix and `g` all that momentum adds to the
+/// joints' equations (zero for `L = 0`). Robot and law together are then
+///
+/// ```text
+/// Ĥ ṡ + C s = Ĵᵀ (k_p ē_p, k_o ē_o) - K_V s
+/// ```
+///
+/// which is the thesis's closed loop with `s` for `q̇`: since `dU/dt = -(k_p ē_p, k_o ē_o)ᵀ Ĵ s`, the function
+/// `½ sᵀ Ĥ s + U` of eqs. (5.13), (5.27) falls at `sᵀ K_V s`, and its proof holds wherever `Ĵ` has full rank. For a
+/// goal at rest and zero momentum nothing is added.
+///
+/// `C s = Γ(q̇, s)` is bilinear and symmetric, so it comes from inverse dynamics at two rates:
+/// `Γ(q̇, s) = ¼ (c(q̇ + s) - c(q̇ - s))` with `c(v) = Γ(v, v)` the efforts of steady rates at zero momentum. `q̈_D` is
+/// the change of `q̇_D` along the motion, by a difference over a microsecond: so it holds for the damped inverse too.
+#[derive(Debug, Clone)]
+pub struct FeedForward {
+    /// Damping of the inverse of `Ĵ` \[m or rad\]: nearer to a singularity than this the tip falls behind.
+    pub damping: f64,
+    /// Largest joint rate that is fed forward \[rad/s or m/s\]: a goal that moves out of reach shall not fling
+    /// the arm after it.
+    pub fastest: f64,
+    tip: Frame,
+    ahead: Workspace,
+    jacobian: Matrix6xX<f64>,
+    /// `q̇_D` now and a moment later.
+    rates: DVector<f64>,
+    later: DVector<f64>,
+    q_later: DVector<f64>,
+    trial: DVector<f64>,
+    acceleration: DVector<f64>,
+    inverse: InverseDynamics,
+    forces: [DVector<f64>; 3],
+}
+
+/// How far ahead the rates are compared \[s\]: truncation and rounding are both some 1e-7 of the rates here.
+const AHEAD: f64 = 1e-6;
+
+/// Damping that leaves 4 % of the goal's velocity to the law where the smallest singular value is 0.1.
+const DAMPING: f64 = 0.02;
+
+/// Some ten times what a servicer's joints need to follow what it can catch.
+const FASTEST: f64 = 0.3;
+
+/// A goal that moves, and the robot that follows it.
+#[derive(Debug, Clone, Copy)]
+pub struct MovingGoal<'a> {
+    /// Joint positions \[rad or m\].
+    pub q: &'a DVector<f64>,
+    /// Joint rates \[rad/s or m/s\].
+    pub qd: &'a DVector<f64>,
+    /// Angular velocity of the base, base axes \[rad/s\].
+    pub w_IB_B: &'a Vector3<f64>,
+    /// Twist of the goal in I, base axes.
+    pub V_ID_B: &'a Twist,
+    /// Its rate of change in I, base axes.
+    pub A_ID_B: &'a Twist,
+}
+
+impl FeedForward {
+    /// For `model` with its tip at `tip`.
+    pub fn new(model: &Model, tip: &Frame) -> Self {
+        let zero = DVector::zeros(model.dof());
+        Self {
+            damping: DAMPING,
+            fastest: FASTEST,
+            tip: tip.clone(),
+            ahead: Workspace::new(model),
+            jacobian: Matrix6xX::zeros(model.dof()),
+            rates: zero.clone(),
+            later: zero.clone(),
+            q_later: zero.clone(),
+            trial: zero.clone(),
+            acceleration: zero.clone(),
+            inverse: InverseDynamics::new(model),
+            forces: [zero.clone(), zero.clone(), zero],
+        }
+    }
+
+    /// Joint rates `q̇_D` of the last call \[rad/s or m/s\].
+    pub fn rates(&self) -> &DVector<f64> {
+        &self.rates
+    }
+
+    /// Adds `τ_f` to `efforts` \[N m or N\]. `workspace` has the positions of `goal.q`; `k_v` are the law's
+    /// velocity gains.
+    pub fn add(
+        &mut self,
+        model: &Model,
+        workspace: &Workspace,
+        goal: &MovingGoal,
+        k_v: &[f64],
+        efforts: &mut DVector<f64>,
+    ) {
+        let (q, qd, w) = (goal.q, goal.qd, goal.w_IB_B);
+        let L_B = workspace
+            .momentum_of(&Twist::new(*w, Vector3::zeros()), qd)
+            .angular;
+        // A moment later; vectors that stand still turn in base axes.
+        let turned = |v: &Vector3<f64>, rate: Vector3<f64>| v + (rate - w.cross(v)) * AHEAD;
+        let V_later = Twist::new(
+            turned(&goal.V_ID_B.angular, goal.A_ID_B.angular),
+            turned(&goal.V_ID_B.linear, goal.A_ID_B.linear),
+        );
+        let L_later = turned(&L_B, Vector3::zeros());
+        self.q_later.copy_from(q);
+        self.q_later.axpy(AHEAD, qd, 1.0);
+        self.ahead.set_positions(model, &self.q_later);
+        self.trial.fill(0.0);
+        let still = &self.trial;
+        let (J, damping, fastest) = (&mut self.jacobian, self.damping, self.fastest);
+        rates(
+            workspace,
+            &self.tip,
+            goal.V_ID_B,
+            &L_B,
+            (damping, fastest),
+            still,
+            J,
+            &mut self.rates,
+        );
+        rates(
+            &self.ahead,
+            &self.tip,
+            &V_later,
+            &L_later,
+            (damping, fastest),
+            still,
+            J,
+            &mut self.later,
+        );
+        self.acceleration.copy_from(&self.later);
+        self.acceleration -= &self.rates;
+        self.acceleration /= AHEAD;
+
+        // Ĥ q̈_D + c(q̇) + g, then c at q̇ + s and at q̇ - s = q̇_D.
+        let Self {
+            inverse,
+            forces,
+            trial,
+            acceleration,
+            rates,
+            ..
+        } = self;
+        let mut efforts_of =
+            |qd: &DVector<f64>, L: Vector3<f64>, qdd: &[f64], out: &mut DVector<f64>| {
+                let momentum = Momentum {
+                    linear: Vector3::zeros(),
+                    angular: L,
+                };
+                let motion = TreeMotion {
+                    R_WB: UnitQuaternion::identity(),
+                    V_WB_B: workspace.base_twist(&momentum, qd),
+                    q: q.as_slice(),
+                    qd: qd.as_slice(),
+                };
+                inverse.free_floating_efforts(&motion, qdd, &[], out.as_mut_slice());
+            };
+        let [all, fast, slow] = forces;
+        efforts_of(qd, L_B, acceleration.as_slice(), all);
+        trial.copy_from(qd);
+        trial.axpy(-1.0, rates, 2.0);
+        acceleration.fill(0.0);
+        efforts_of(trial, Vector3::zeros(), acceleration.as_slice(), fast);
+        efforts_of(rates, Vector3::zeros(), acceleration.as_slice(), slow);
+        for j in 0..efforts.len() {
+            efforts[j] += k_v[j] * rates[j] + all[j] - 0.25 * (fast[j] - slow[j]);
+        }
+    }
+}
+
+/// Joint rates that move the tip with the twist `V_ID_B` in I while the system has the angular momentum `L_B`.
+#[expect(
+    clippy::too_many_arguments,
+    reason = "two sets of one function's variables"
+)]
+fn rates(
+    workspace: &Workspace,
+    tip: &Frame,
+    V_ID_B: &Twist,
+    L_B: &Vector3<f64>,
+    (damping, fastest): (f64, f64),
+    still: &DVector<f64>,
+    J: &mut Matrix6xX<f64>,
+    out: &mut DVector<f64>,
+) {
+    workspace.generalized_jacobian(tip, J);
+    let momentum = Momentum {
+        linear: Vector3::zeros(),
+        angular: *L_B,
+    };
+    let base = workspace.base_twist(&momentum, still);
+    let p_BE = workspace.X_BF(tip).translation.vector;
+    let v = V_ID_B.linear - base.linear - base.angular.cross(&p_BE);
+    let w = V_ID_B.angular - base.angular;
+    let wanted = Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z);
+    damped_inverse(J, &wanted, damping, out);
+    let most = out.amax();
+    if most > fastest {
+        *out *= fastest / most;
+    }
+}
+
+/// `Jᵀ (J Jᵀ + λ²)⁻¹ v`: the least rates among those that come nearest to `v`, damped.
+fn damped_inverse(J: &Matrix6xX<f64>, v: &Vector6<f64>, damping: f64, out: &mut DVector<f64>) {
+    let mut square = Matrix6::from_diagonal_element(damping * damping);
+    for column in J.column_iter() {
+        square.ger(1.0, &column, &column, 1.0);
+    }
+    // Positive definite by its damping; a Jacobian that is not finite gives no rates.
+    match square.cholesky() {
+        Some(factor) => out.gemv_tr(1.0, J, &factor.solve(v), 0.0),
+        None => out.fill(0.0),
+    }
+}

@@ -1,0 +1,231 @@
+//! A motion fitted to a scene: adjusted, judged, made no more complicated than it need be.
+
+use nalgebra::Vector3;
+
+use super::adjust::{Effort, Motion, adjust};
+use super::loss::{Loss, Rounding};
+use super::scene::{Scene, residual};
+use super::structure::{BELIEVED, Settings};
+use super::uncertainty::Residuals;
+
+/// Below this angle between angular velocity and momentum \[rad\] it is asked whether there is any.
+const SLIGHT_NUTATION: f64 = 0.05;
+
+/// By how much a shape must lower the cost (in units of the noise) to be believed rather than a sphere: its five
+/// parameters lower it by 2.5 if there is nothing to see.
+const WORTH: f64 = 20.0;
+
+/// Noise before rounding that is tried, in pixels: ever less, as long as the images become more likely.
+const SOFTNESS: [f64; 3] = [0.06, 0.02, 0.007];
+
+/// So many coordinates next to the edges of their pixels must there be for each unknown.
+const BOUNDED: f64 = 0.7;
+
+/// A motion of which it may be asked whether it does without a shape.
+pub trait Shaped: Sized {
+    /// How far the angular velocity leans from the momentum \[rad\].
+    fn nutation(&self) -> f64;
+    /// The same with a sphere as the body.
+    fn spherical(&self) -> Option<Self>;
+}
+
+/// A motion and the points that belong to it.
+#[derive(Debug, Clone)]
+pub struct Fit<M> {
+    /// The motion.
+    pub motion: M,
+    /// The points.
+    pub points: Vec<Vector3<f64>>,
+    /// How well the images are explained.
+    pub residuals: Residuals,
+    /// ½ Σ of the losses \[px²\].
+    pub cost: f64,
+}
+
+/// Fits from a start that may be off by much: each round believes what is less far off than in the one before.
+pub fn settle<const L: usize, const G: usize, M: Motion<L, G>>(
+    scene: &mut Scene,
+    mut motion: M,
+    mut points: Vec<Vector3<f64>>,
+    settings: &Settings,
+) -> Option<Fit<M>> {
+    let mut outliers = f64::INFINITY;
+    let mut cost = f64::INFINITY;
+    let widths = [8.0, 2.0, 1.0, 1.0];
+    for (round, width) in widths.into_iter().enumerate() {
+        let limit = width * BELIEVED * settings.noise;
+        let now = judge(scene, &motion, &points, limit);
+        let settled = round >= 2 && (now.outliers - outliers).abs() < 1e-9;
+        outliers = now.outliers;
+        if settled {
+            break;
+        }
+        let effort = Effort {
+            loss: Loss::Huber(width * 4.0 * settings.noise),
+            steps: if round == 0 { 25 } else { 8 },
+            tolerance: if round < 1 { 1e-3 } else { 1e-5 },
+        };
+        cost = adjust(scene, &mut motion, &mut points, &effort)?.cost;
+    }
+    let residuals = judge(scene, &motion, &points, BELIEVED * settings.noise);
+    Some(Fit {
+        motion,
+        points,
+        residuals,
+        cost,
+    })
+}
+
+/// The fit with a sphere as the body if the images do not ask for more.
+pub fn simplest<const L: usize, const G: usize, M: Motion<L, G> + Shaped>(
+    scene: &Scene,
+    fit: Fit<M>,
+    settings: &Settings,
+) -> Fit<M> {
+    if fit.motion.nutation() > SLIGHT_NUTATION {
+        return fit;
+    }
+    let Some(mut motion) = fit.motion.spherical() else {
+        return fit;
+    };
+    let effort = Effort {
+        loss: Loss::Huber(4.0 * settings.noise),
+        steps: 6,
+        tolerance: 1e-4,
+    };
+    let mut points = fit.points.clone();
+    let worth = WORTH * fit.residuals.deviation.powi(2);
+    match adjust(scene, &mut motion, &mut points, &effort) {
+        Some(reached) if reached.cost < fit.cost + worth => Fit {
+            motion,
+            points,
+            cost: reached.cost,
+            ..fit
+        },
+        _ => fit,
+    }
+}
+
+/// Refines the fit by what rounding tells, if the pixels are whole and the noise before rounding is less than what
+/// rounding does. The loss that it minimises then.
+pub fn sharpen<const L: usize, const G: usize, M: Motion<L, G> + Clone>(
+    scene: &Scene,
+    fit: &mut Fit<M>,
+    settings: &Settings,
+) -> Loss {
+    let mut loss = Loss::Huber(4.0 * settings.noise);
+    if !scene.is_rounded() {
+        return loss;
+    }
+    let variance = fit.residuals.rms.powi(2).max(f64::MIN_POSITIVE);
+    let gaussian = 0.5 * (1.0 + (std::f64::consts::TAU * variance).ln());
+    let unknowns = unknowns::<L, G>(scene);
+    let mut least = f64::INFINITY;
+    let (mut motion, mut points) = (fit.motion.clone(), fit.points.clone());
+    for softness in SOFTNESS {
+        let rounding = Rounding::new(0.5, softness, settings.noise.powi(2));
+        let tried = Loss::Rounded(rounding);
+        let effort = Effort {
+            loss: tried,
+            steps: 6,
+            tolerance: 1e-3,
+        };
+        if adjust(scene, &mut motion, &mut points, &effort).is_none() {
+            break;
+        }
+        let (mut sum, mut bounded, mut count) = (0.0, 0.0, 0usize);
+        each_residual(scene, &motion, &points, |r| {
+            sum += rounding.surprise(r);
+            bounded += rounding.bounded(r);
+            count += 1;
+        });
+        let surprise = sum / count.max(1) as f64;
+        if surprise > least || bounded < BOUNDED * unknowns {
+            break;
+        }
+        least = surprise;
+        if surprise < gaussian {
+            loss = tried;
+            (fit.motion, fit.points) = (motion.clone(), points.clone());
+        }
+    }
+    loss
+}
+
+/// Covariance of a fit by `loss` over the inverse of its information \[px²\]: the residuals' squared slopes over
+/// their curvatures.
+pub fn dispersion<const L: usize, const G: usize, M: Motion<L, G>>(
+    scene: &Scene,
+    fit: &Fit<M>,
+    loss: &Loss,
+) -> f64 {
+    let Loss::Rounded(rounding) = loss else {
+        return fit.residuals.deviation.powi(2);
+    };
+    let (mut squares, mut curvature, mut bounded) = (0.0, 0.0, 0.0);
+    each_residual(scene, &fit.motion, &fit.points, |r| {
+        let pull = loss.pull(r);
+        squares += pull.slope.norm_squared();
+        curvature += pull.curvature.sum();
+        bounded += rounding.bounded(r);
+    });
+    // What the unknowns could fit of the few that bound them is not seen in their slopes.
+    let unknowns = unknowns::<L, G>(scene);
+    squares / curvature * (1.0 + unknowns / f64::max(bounded, 1.0))
+}
+
+/// How many unknowns a fit to the scene has.
+fn unknowns<const L: usize, const G: usize>(scene: &Scene) -> f64 {
+    (L * scene.len() + 3 * scene.points + G) as f64
+}
+
+/// Calls `visit` with every believed residual \[px\].
+fn each_residual<const L: usize, const G: usize, M: Motion<L, G>>(
+    scene: &Scene,
+    motion: &M,
+    points: &[Vector3<f64>],
+    mut visit: impl FnMut(&nalgebra::Vector2<f64>),
+) {
+    let focal = scene.focal * motion.log_focal().exp();
+    for i in 0..scene.len() {
+        let placement = motion.placement(i);
+        let R = placement.R_CB.to_rotation_matrix();
+        for seen in scene.frame(i).iter().filter(|s| s.kept) {
+            let x = R * points[seen.point] + placement.t_C;
+            if let Some(r) = residual(&focal, &x, &seen.pixel) {
+                visit(&r);
+            }
+        }
+    }
+}
+
+/// Believes what is less than `limit` \[px\] off; how far off it is.
+fn judge<const L: usize, const G: usize, M: Motion<L, G>>(
+    scene: &mut Scene,
+    motion: &M,
+    points: &[Vector3<f64>],
+    limit: f64,
+) -> Residuals {
+    let focal = scene.focal * motion.log_focal().exp();
+    let (mut sum, mut kept, mut all) = (0.0, 0usize, 0usize);
+    for i in 0..scene.len() {
+        let placement = motion.placement(i);
+        let R = placement.R_CB.to_rotation_matrix();
+        for seen in scene.frame_mut(i) {
+            let x = R * points[seen.point] + placement.t_C;
+            let off = residual(&focal, &x, &seen.pixel).map(|r| r.norm_squared());
+            seen.kept = off.is_some_and(|o| o < limit * limit);
+            all += 1;
+            if let Some(off) = off.filter(|_| seen.kept) {
+                kept += 1;
+                sum += off;
+            }
+        }
+    }
+    let freedom = (2.0 * kept as f64 - unknowns::<L, G>(scene)).max(1.0);
+    Residuals {
+        rms: (sum / (2 * kept.max(1)) as f64).sqrt(),
+        deviation: (sum / freedom).sqrt(),
+        outliers: 1.0 - kept as f64 / all.max(1) as f64,
+    }
+}
