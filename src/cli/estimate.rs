@@ -13,6 +13,7 @@ use crate::{
         estimate, from_rates,
     },
     experiments::{Observations, ObservedTracks},
+    spatial::unwound,
     vision::Pinhole,
 };
 
@@ -226,14 +227,11 @@ impl Report {
         let (estimated, R_CI) = (&found.estimated, found.R_IC.inverse());
         let motion = &estimated.motion;
         let steps = (args.predict * args.predict_rate + 1e-9).floor() as u32;
-        let prediction = (0..=steps).map(|k| {
-            let t = found.end + f64::from(k) / args.predict_rate;
-            let (R_CB, _) = estimated.seen_from(&found.R_IC, t);
-            let q = R_CB.coords;
-            Attitude {
-                t,
-                q: [q.x, q.y, q.z, q.w],
-            }
+        let time = |k: u32| found.end + f64::from(k) / args.predict_rate;
+        let attitudes = (0..=steps).map(|k| estimated.seen_from(&found.R_IC, time(k)).0);
+        let prediction = (0..).zip(unwound(attitudes)).map(|(k, q)| Attitude {
+            t: time(k),
+            q: [q.i, q.j, q.k, q.w],
         });
         let rates = estimated.w_IB_I.iter();
         Self {

@@ -12,7 +12,7 @@ pub enum EstimateError {
     #[error("camera motion: {0}")]
     CameraMotion(String),
     /// There are too few frames.
-    #[error("{have} frames show features; at least {need} are needed")]
+    #[error("too few frames show features: {have}; at least {need} are needed")]
     TooFewFrames {
         /// Frames with features.
         have: usize,

@@ -122,7 +122,26 @@ impl Filter {
         (R * w, slope * self.covariance * slope.transpose())
     }
 
-    /// The motion as an estimate, with the model that the batch found. `None` if the state is no rotation.
+    /// How certain the next `span` seconds are: standard deviation of the turn from now to then \[rad\], all axes
+    /// together. What is not known of the present attitude does not count, except for what it makes of the future. It is
+    /// on the safe side, since the points' common error counts as one of the attitude.
+    pub fn foresight(&self, span: f64) -> f64 {
+        let then = self.motion.time + span;
+        let Some(&(_, S)) = self.motion.attitudes_and_sensitivities(&[then]).first() else {
+            return f64::INFINITY;
+        };
+        let mut turn = SMatrix::<f64, 3, STATES>::zeros();
+        let by_turn = S.fixed_columns::<5>(0) * self.shape_by_turn();
+        turn.fixed_columns_mut::<3>(0).copy_from(&by_turn);
+        turn.fixed_columns_mut::<PARAMETERS>(3).copy_from(&S);
+        (turn * self.covariance * turn.transpose())
+            .trace()
+            .max(0.0)
+            .sqrt()
+    }
+
+    /// The motion as an estimate, with the model that the batch found and the residual of the last frame that was
+    /// used. `None` if the state is no rotation.
     pub fn estimate(&self) -> Option<MotionEstimate> {
         let w = self.motion.w_WB_B(&self.motion.R_WB);
         let rotation =
@@ -196,7 +215,11 @@ impl Filter {
         for round in 0..3 {
             let Some(view) = self.look(&mut marks, R_WC, round < 2) else {
                 (self.motion, self.covariance) = predicted;
-                return update;
+                return Update {
+                    used: 0,
+                    rejected: all,
+                    ..update
+                };
             };
             update.used = marks.len();
             update.rejected = all - marks.len();
@@ -220,11 +243,16 @@ impl Filter {
                 ..predicted.0
             };
             let Some(moved) = start.moved(&step) else {
+                // Points that ask for what no body does fit no more than points that are far off.
                 (self.motion, self.covariance) = predicted;
-                update.used = 0;
-                return update;
+                return Update {
+                    used: 0,
+                    rejected: all,
+                    ..update
+                };
             };
             error = next;
+            self.rms = view.rms;
             self.motion = moved;
             self.covariance = (reduced + reduced.transpose()) * 0.5;
         }

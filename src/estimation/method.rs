@@ -5,9 +5,13 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::{
     EstimateError, MotionEstimate, Tracks, TracksError,
     bundle::{self, CameraMotion},
+    degenerate,
     masutani1995::{self, Rate},
 };
 use crate::vision::{Feature, Pinhole, Sighting};
+
+/// A motion that leaves this share of the angular velocities is not that of the body.
+const UNLIKE: f64 = 0.3;
 
 /// How a motion is estimated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -42,6 +46,9 @@ pub enum MethodError {
     /// By the thesis's method.
     #[error(transparent)]
     Masutani1995(#[from] masutani1995::EstimateError),
+    /// No method could tell one from these tracks.
+    #[error(transparent)]
+    Degenerate(EstimateError),
     /// Nothing is left once the camera's own rotation is taken out.
     #[error("with the camera's own rotation taken out: {0}")]
     Derotated(#[from] TracksError),
@@ -89,6 +96,7 @@ pub fn estimate(
             })
         }
         Method::Masutani1995 => {
+            degenerate::check(tracks, options.pixel_noise).map_err(MethodError::Degenerate)?;
             let at_rest = options.camera_motion == CameraMotion::Fixed;
             let derotated = match at_rest {
                 true => None,
@@ -105,12 +113,20 @@ pub fn estimate(
 /// # Errors
 /// [`MethodError`] if they do not tell a motion.
 pub fn from_rates(rates: &[Rate]) -> Result<Estimated, MethodError> {
+    let motion = masutani1995::estimate(rates, &masutani1995::Options::default())?;
+    let squares: f64 = rates.iter().map(|(_, w)| w.norm_squared()).sum();
+    let fastest = (squares / rates.len().max(1) as f64).sqrt();
+    let unlike = motion.rms() > UNLIKE * fastest;
+    let note = format!(
+        "the motion found leaves {:.3} rad/s of angular velocities of {fastest:.3} rad/s: it is not that of the body",
+        motion.rms()
+    );
     Ok(Estimated {
         method: Method::Masutani1995,
-        motion: masutani1995::estimate(rates, &masutani1995::Options::default())?,
+        motion,
         w_IB_I: rates.to_vec(),
         solution: None,
-        diagnosis: Vec::new(),
+        diagnosis: unlike.then_some(note).into_iter().collect(),
     })
 }
 

@@ -5,6 +5,7 @@
 //! taken to be inertial; B is fixed to the body, but otherwise arbitrary.
 
 pub mod bundle;
+mod degenerate;
 pub mod elliptic;
 mod error;
 pub mod errors;

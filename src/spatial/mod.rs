@@ -23,7 +23,8 @@ mod vector;
 
 pub use inertia::{InertiaError, RigidInertia, SpatialInertia};
 pub use rotation::{
-    exp_so3, roll_pitch_yaw_intrinsic, rotation_from_roll_pitch_yaw_intrinsic, rotation_vector_rate,
+    exp_so3, roll_pitch_yaw_intrinsic, rotation_from_roll_pitch_yaw_intrinsic,
+    rotation_vector_rate, unwound,
 };
 pub use symmetric::Symmetric3;
 pub use vector::{Twist, Wrench};

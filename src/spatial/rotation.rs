@@ -21,6 +21,22 @@ pub fn exp_so3(u: &Vector3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::new_unchecked(nalgebra::Quaternion::from_parts(c, v))
 }
 
+/// The same attitudes in quaternions that do not jump: `q` and `-q` are one attitude, and of the two each is the
+/// one nearer to that before.
+pub fn unwound(
+    attitudes: impl Iterator<Item = UnitQuaternion<f64>>,
+) -> impl Iterator<Item = UnitQuaternion<f64>> {
+    attitudes.scan(None, |before, q| {
+        let opposite = before.is_some_and(|b: UnitQuaternion<f64>| b.coords.dot(&q.coords) < 0.0);
+        let q = match opposite {
+            true => UnitQuaternion::new_unchecked(-q.into_inner()),
+            false => q,
+        };
+        *before = Some(q);
+        Some(q)
+    })
+}
+
 /// Rate `u'` of the exponential coordinates of `R(t) = R0 exp([u×])` that turns with body-frame
 /// angular velocity `w` (`R' = R [w×]`): the inverse right differential of the exponential,
 /// `u' = w + ½ u × w + (1 - (θ/2) cot(θ/2))/θ² u × (u × w)`, `θ = |u|`.
@@ -114,6 +130,23 @@ mod tests {
         let w = Vector3::new(0.3, -0.8, 0.5);
         let at = |th: f64| rotation_vector_rate(&(Vector3::new(0.6, 0.0, 0.8) * th), &w);
         assert!((at(0.1 - 1e-9) - at(0.1 + 1e-9)).norm() < 2e-9);
+    }
+
+    #[test]
+    fn unwound_quaternions_are_the_same_attitudes_and_do_not_jump() {
+        // From a matrix, the real part is never negative: it jumps at half a turn.
+        let turned = |k: u32| Rotation3::from_axis_angle(&Vector3::y_axis(), 0.3 * f64::from(k));
+        let wound = || (0..100).map(|k| UnitQuaternion::from_rotation_matrix(&turned(k)));
+        let apart = |q: Vec<UnitQuaternion<f64>>| {
+            let steps = q.windows(2).map(|w| (w[1].coords - w[0].coords).norm());
+            steps.fold(0.0, f64::max)
+        };
+        assert!(apart(wound().collect()) > 1.0);
+        let unwound: Vec<_> = unwound(wound()).collect();
+        assert!(apart(unwound.clone()) < 0.16);
+        for (a, b) in wound().zip(&unwound) {
+            assert!(a.angle_to(b) < 1e-7);
+        }
     }
 
     #[test]

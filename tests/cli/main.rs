@@ -3,6 +3,7 @@
 mod bad_urdf;
 mod control;
 mod estimate;
+mod estimate_bad_input;
 mod free_motion;
 mod fuyu;
 mod inspect;

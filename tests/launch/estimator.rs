@@ -1,25 +1,19 @@
-//! The estimator in the graph: what it says of the target beside the truth, and features from a stranger.
+//! The estimator in the graph: what it says of the target beside the truth.
 
 use fuyu::{
-    estimation::free_body::FreeRotation,
     model::Model,
     msg::{fuyu_msgs::MotionEstimate, nav_msgs, std_msgs},
     nodes::geometry::{pose_from_msg, with_matrix},
     ros::Time,
     spatial::Pose,
-    vision::{BodyPoint, FeatureCamera, FeatureCameraConfig},
 };
-use nalgebra::{Matrix3, Rotation3, Translation3, UnitQuaternion, Vector3};
-use serde_json::{Value, json};
+use nalgebra::{Rotation3, UnitQuaternion};
 use std::collections::BTreeMap;
 
 use crate::{
-    joining::peer_with_interfaces,
-    peer::Peer,
-    process::{Running, command, read, scenario},
+    process::{Running, fuyu, read, scenario},
     starvation::in_time,
-    view::{diagnosed, numbers},
-    waiting::{PATIENCE, eventually},
+    waiting::PATIENCE,
 };
 
 /// Poses of an odometry topic by stamp \[ns\].
@@ -71,6 +65,30 @@ fn the_target_is_where_the_estimator_said_it_would_be() {
             assert!((moment / sum - part / 14.0).abs() < 2e-3, "{J:?}");
         }
 
+        // All of it is drawn beside the truth.
+        let pictures = tempfile::tempdir().unwrap();
+        let folder = pictures.path().to_str().unwrap();
+        let plotted = fuyu(&["bag", "plot", bag.to_str().unwrap(), "--output", folder]).well();
+        for (name, curves) in [
+            (
+                "target_squared_rate",
+                &["at each frame", "fit, the last motion", "true, target"][..],
+            ),
+            ("herpolhode", &["estimated", "true, target"]),
+            ("prediction_error", &["made at", "by when it was made"]),
+        ] {
+            assert!(
+                plotted.stdout.contains(&format!("{name}.png")),
+                "{plotted:?}"
+            );
+            let svg = std::fs::read_to_string(pictures.path().join(format!("{name}.svg"))).unwrap();
+            for curve in curves {
+                assert!(svg.contains(curve), "{name} has no {curve:?}");
+            }
+            let png = std::fs::read(pictures.path().join(format!("{name}.png"))).unwrap();
+            assert!(png.starts_with(b"\x89PNG") && png.len() > 10_000, "{name}");
+        }
+
         // A prediction made when half a minute had been seen, held against what came then.
         let predictions = read::<nav_msgs::Path>(&bag, "/estimator/prediction");
         let made = |p: &nav_msgs::Path| Time::from(&p.header.stamp).as_secs_f64();
@@ -104,118 +122,5 @@ fn the_target_is_where_the_estimator_said_it_would_be() {
         // The target fills 190 px of the image, a pixel of which is 0.6 degrees of its turn; half a minute of it
         // tells the next half minute to some tenths of a degree. Any mistake of axes shows as tens of degrees.
         assert!(worst.to_degrees() < 1.5, "{} deg", worst.to_degrees());
-    });
-}
-
-/// Frames of a tumbling ball as a camera at rest sees them, 10 a second, as messages in JSON.
-fn recorded(frames: u32) -> Vec<Value> {
-    let inertia = Matrix3::from_diagonal(&Vector3::new(7.0, 4.0, 3.0));
-    let rate = Vector3::new(0.1, 0.35, 0.2);
-    let motion = FreeRotation::new(&inertia, UnitQuaternion::identity(), &rate, 0.0).unwrap();
-    let config = FeatureCameraConfig {
-        quantised: true,
-        ..FeatureCameraConfig::ideal(1024, 1.25)
-    };
-    let mut camera = FeatureCamera::new(config, BodyPoint::on_sphere(20, 0.45, 5));
-    let frame = |k: u32| {
-        let time = 0.1 * f64::from(k);
-        let R_CB = motion.attitude(time).to_rotation_matrix();
-        camera.show(
-            time,
-            &Pose::from_parts(Translation3::new(0.0, 0.0, 0.9), R_CB),
-        );
-        let seen = camera.deliver(time).expect("a frame");
-        let list = |of: fn(&fuyu::vision::Feature) -> f64| -> Vec<f64> {
-            seen.features.iter().map(of).collect()
-        };
-        json!({
-            "header": {"frame_id": "their_camera", "stamp": {"sec": k / 10, "nanosec": k % 10 * 100_000_000}},
-            "ids": seen.features.iter().map(|f| f.id).collect::<Vec<_>>(),
-            "u": list(|f| f.u), "v": list(|f| f.v),
-        })
-    };
-    (0..frames).map(frame).collect()
-}
-
-fn publish(peer: &mut Peer, message: &Value) {
-    peer.does(json!({
-        "do": "publish", "topic": "camera/features", "type": "fuyu_msgs/msg/FeatureTracks",
-        "message": message, "qos_name": "sensor_data"
-    }));
-}
-
-#[test]
-fn features_that_an_rclpy_node_publishes_are_enough() {
-    in_time(|| {
-        let domain = 91;
-        let mut estimator = command("estimator", domain);
-        let parameters = [
-            "camera.fx:=819.2",
-            "camera.fy:=819.2",
-            "camera.cx:=511.5",
-            "camera.cy:=511.5",
-            "solve_period:=1.0",
-        ];
-        estimator.arg("--ros-args");
-        for parameter in parameters {
-            estimator.args(["-p", parameter]);
-        }
-        let mut estimator = Running::start(estimator);
-        let mut peer = peer_with_interfaces("eye", domain);
-        peer.subscribe(
-            "estimator/motion",
-            "fuyu_msgs/msg/MotionEstimate",
-            "reliable",
-        );
-        peer.subscribe(
-            "estimator/angular_velocity",
-            "geometry_msgs/msg/Vector3Stamped",
-            "reliable",
-        );
-        peer.subscribe(
-            "diagnostics",
-            "diagnostic_msgs/msg/DiagnosticArray",
-            "reliable",
-        );
-        let frames = recorded(300);
-        // Too little to tell a motion, and said so.
-        publish(&mut peer, &frames[0]);
-        let told = diagnosed(&mut peer, "estimator: motion", |level, _| level == 1);
-        assert!(told.starts_with("not estimated yet"), "{told}");
-        for frame in &frames[1..] {
-            publish(&mut peer, frame);
-        }
-        let motion = eventually("the motion of 20 s", 4 * PATIENCE, || {
-            let motion = peer.receive("estimator/motion", 1).pop()?["message"].clone();
-            (motion["duration"].as_f64()? > 20.0).then_some(motion)
-        });
-        assert_eq!(motion["header"]["frame_id"], "their_camera");
-        let of = |name: &str| motion[name].as_f64().unwrap();
-        let sum = of("j_x") + of("j_y") + of("j_z");
-        let mut parts = ["j_x", "j_y", "j_z"].map(|j| of(j) / sum);
-        parts.sort_by(f64::total_cmp);
-        for (part, right) in parts.iter().zip([3.0, 4.0, 7.0]) {
-            assert!((part - right / 14.0).abs() < 2e-3, "{motion}");
-        }
-        assert!(of("residual") < 0.5, "{motion}");
-        // A frame that cannot be is refused, named, and harms nothing.
-        let mut wrong = frames[0].clone();
-        wrong["u"] = json!([1.0]);
-        publish(&mut peer, &wrong);
-        let told = diagnosed(&mut peer, "estimator: features", |level, _| level == 1);
-        assert!(told.contains("20, 1 and 20"), "{told}");
-        // The recording again from its start: time goes back, and the estimator begins anew.
-        for frame in &frames[..5] {
-            publish(&mut peer, frame);
-        }
-        let told = diagnosed(&mut peer, "estimator: motion", |level, text| {
-            level == 1 && text.contains("not estimated yet")
-        });
-        println!("{told}");
-        let rates = peer.receive("estimator/angular_velocity", 1);
-        let w = &rates.last().unwrap()["message"]["vector"];
-        let w = numbers(&json!([w["x"], w["y"], w["z"]]));
-        assert!(w.iter().all(|w| w.is_finite()), "{w:?}");
-        estimator.interrupt().well();
     });
 }

@@ -64,6 +64,10 @@ def fill(message, values):
         inner = getattr(message, field)
         if isinstance(value, dict):
             fill(inner, value)
+        elif isinstance(value, list) and value and isinstance(value[0], dict):
+            element = message.get_fields_and_field_types()[field]
+            element = element.removeprefix("sequence<").removesuffix(">").replace("/", "/msg/")
+            setattr(message, field, [fill(load(element)(), v) for v in value])
         elif isinstance(value, list):
             setattr(message, field, [nan if v is None else v for v in value])
         else:

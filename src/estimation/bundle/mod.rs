@@ -9,8 +9,9 @@
 //! 2. `momentum_start`: inertia and momentum from the attitudes, linearly, since momentum is constant.
 //! 3. `attitude_fit`: the free motion nearest to the attitudes. Tracks too short for 1. give rotations between
 //!    neighbouring frames instead, and `relative_rotation` fits the motion to those.
-//! 4. `dynamic`: bundle adjustment of points and motion together, over all frames at once; and with the centre of
-//!    mass on a straight line (`straight`) where the images agree.
+//! 4. `whole`: bundle adjustment of points and motion together, over all frames at once (`fit`): with the centre of
+//!    mass on a straight line (`straight`), or, where the images object, anywhere in each frame (`dynamic`). If
+//!    pixels are whole numbers, it ends with the likelihood of that (`loss`).
 //!
 //! What comes out is a [`Solution`]: motion with covariance, shape, placements, and a diagnosis of what the data
 //! leave open. The motion is stated as inertia and momentum, without principal axes, so spheres, tops and

@@ -164,8 +164,9 @@ impl<const L: usize, const G: usize> System<L, G> {
     /// Information that remains of the common unknowns when frames and points are marginalised out: the
     /// inverse of their covariance, in units of the residuals' variance.
     pub fn marginal_information(&self) -> Option<SMatrix<f64, G, G>> {
-        // Scale and origin of the scene may be free; the trace of damping holds them.
-        let eliminated = self.eliminate(1e-10)?;
+        // Scale and origin of the scene may be free; a trace of damping holds them.
+        let trace = 1e-10;
+        let eliminated = self.eliminate(trace)?;
         let (n, first) = (3 * self.H_pp.len(), eliminated.reduced.rows() - G);
         debug_assert_eq!(n, first);
         // The last G rows of the factor are the factor of what remains.
@@ -176,7 +177,9 @@ impl<const L: usize, const G: usize> System<L, G> {
                 eliminated.reduced.entry(first + i, first + j)
             }
         });
-        Some(factor * factor.transpose())
+        // That of the common unknowns' own would pass for information where there is hardly any.
+        let own = SMatrix::from_diagonal(&(diagonal(&self.H_gg) * trace));
+        Some(factor * factor.transpose() - own)
     }
 
     /// Gradient by the unknowns of frame `i`.

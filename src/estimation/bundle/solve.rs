@@ -1,6 +1,5 @@
 //! From tracks to the solution, stage by stage.
 
-use nalgebra::{Matrix2, Vector2};
 use rand::{SeedableRng, rngs::StdRng};
 
 use super::attitude_fit::{Fit, Sample, fit};
@@ -10,7 +9,7 @@ use super::relative_rotation::relative_rotation_fit;
 use super::structure::{Segment, Settings, reconstruct};
 use super::whole::{Adjusted, dynamic};
 use super::{MIN_FRAMES, MIN_POINTS, Options, Solution};
-use crate::estimation::{EstimateError, Tracks};
+use crate::estimation::{EstimateError, Tracks, degenerate};
 use crate::vision::Pinhole;
 
 /// The noise is doubled up to so many times if the tracks do not fit together.
@@ -48,7 +47,8 @@ pub(super) fn solve(
         options.points_per_frame.max(MIN_POINTS),
         lookup,
     );
-    check(&frames, options)?;
+    check(&frames)?;
+    degenerate::check(tracks, options.pixel_noise)?;
     let mut best: Option<Adjusted> = None;
     let mut placed = 0;
     let sights: usize = frames.list.iter().map(|f| f.sights.len()).sum();
@@ -107,7 +107,7 @@ enum Method {
 }
 
 /// Refuses what cannot succeed, and says why.
-fn check(frames: &Frames, options: &Options) -> Result<(), EstimateError> {
+fn check(frames: &Frames) -> Result<(), EstimateError> {
     let have = frames.list.iter().filter(|f| !f.sights.is_empty()).count();
     if have < MIN_FRAMES {
         return Err(EstimateError::TooFewFrames {
@@ -124,38 +124,7 @@ fn check(frames: &Frames, options: &Options) -> Result<(), EstimateError> {
             need: MIN_POINTS,
         });
     }
-    if frames
-        .list
-        .iter()
-        .all(|f| on_a_line(f.sights.iter().map(|s| s.pixel)))
-    {
-        return Err(EstimateError::Collinear);
-    }
-    let mut first: Vec<Option<Vector2<f64>>> = vec![None; frames.ids.len()];
-    let mut largest = vec![0.0f64; frames.ids.len()];
-    for sight in frames.list.iter().flat_map(|f| &f.sights) {
-        let start = *first[sight.track].get_or_insert(sight.pixel);
-        largest[sight.track] = largest[sight.track].max((sight.pixel - start).norm());
-    }
-    // A few points may jump to where they do not belong.
-    largest.sort_by(f64::total_cmp);
-    let typical = largest[largest.len() * 3 / 4];
-    if typical < 8.0 * options.pixel_noise {
-        return Err(EstimateError::Constant { largest: typical });
-    }
     Ok(())
-}
-
-/// Whether points scatter across their line by less than a pixel in a few hundred along it.
-fn on_a_line(points: impl Iterator<Item = Vector2<f64>> + Clone) -> bool {
-    let count = points.clone().count();
-    if count < 3 {
-        return true;
-    }
-    let mean = points.clone().sum::<Vector2<f64>>() / count as f64;
-    let scatter: Matrix2<f64> = points.map(|p| (p - mean) * (p - mean).transpose()).sum();
-    let eigenvalues = scatter.symmetric_eigenvalues();
-    eigenvalues.min() <= (4e-3f64).powi(2) * eigenvalues.max()
 }
 
 /// The solution that starts from structure; `placed` is told how many frames that placed.

@@ -79,7 +79,7 @@ pub fn without_line(information: &SMatrix<f64, ALL, ALL>) -> Option<SMatrix<f64,
         .fixed_view::<LINE, LINE>(PARAMETERS, PARAMETERS)
         .into_owned();
     // Along an axis that never turns points and line may shift together.
-    let floor = 1e-9 * line.trace();
+    let floor = 1e-13 * line.trace();
     for k in 0..LINE {
         line[(k, k)] += floor;
     }

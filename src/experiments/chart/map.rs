@@ -37,6 +37,8 @@ pub struct MapPanel {
     pub values: Vec<f64>,
     /// Cells that get a cross: their places in `values`.
     pub crosses: Vec<usize>,
+    /// Columns and rows of this map, if they are not the figure's: a coarser grid over the same area.
+    pub grid: Option<(Vec<f64>, Vec<f64>)>,
 }
 
 /// What colours mean.
@@ -44,8 +46,9 @@ pub struct MapPanel {
 pub enum MapScale {
     /// A quantity with its unit, on a colour bar of equal steps.
     Linear(String),
-    /// A quantity with its unit, on a colour bar of equal factors; what is more than six powers of ten below
-    /// the largest gets the colour of the least.
+    /// A quantity with its unit, on a colour bar of equal factors. It reaches over the whole powers of ten between
+    /// which nine tenths of the values of each map lie, so that a few that went astray do not take the colours from
+    /// the rest; what lies beyond has the colour of the end, which is then marked as such.
     Logarithms(String),
     /// Names of the classes 0, 1, ...
     Classes(Vec<String>),
@@ -60,7 +63,9 @@ const MAP_HEIGHT: i32 = 420;
 const BOTTOM: i32 = 62;
 const EMPTY: RGBColor = RGBColor(222, 222, 222);
 /// Most powers of ten on a colour bar.
-const DECADES: f64 = 6.0;
+const DECADES: f64 = 8.0;
+/// The share of a map's values that may lie beyond either end of a colour bar of logarithms.
+const ASTRAY: f64 = 0.05;
 /// Most labels on an axis.
 const LABELS: usize = 11;
 
@@ -82,19 +87,37 @@ impl MapFigure {
         }
     }
 
+    /// Lowest and highest level of all panels.
+    fn extremes(&self) -> Option<(f64, f64)> {
+        let values = self.panels.iter().flat_map(|p| &p.values);
+        bounds(values.map(|v| self.level(*v)))
+    }
+
     /// The ends of the colour bar.
     fn range(&self) -> (f64, f64) {
-        let values = self.panels.iter().flat_map(|p| &p.values);
-        let (low, high) = bounds(values.map(|v| self.level(*v))).unwrap_or((0.0, 1.0));
         let (low, high) = match self.scale {
-            MapScale::Logarithms(_) => (low.floor().max(high.ceil() - DECADES), high.ceil()),
-            _ => (low, high),
+            MapScale::Logarithms(_) => {
+                let ends = self.panels.iter().filter_map(|p| self.bulk(p));
+                let (low, high) = bounds(ends.flat_map(|(a, b)| [a, b])).unwrap_or((0.0, 1.0));
+                (low.floor().max(high.ceil() - DECADES), high.ceil())
+            }
+            _ => self.extremes().unwrap_or((0.0, 1.0)),
         };
         if low < high {
             (low, high)
         } else {
             (low, low + 1.0)
         }
+    }
+
+    /// The levels between which most values of a map lie.
+    fn bulk(&self, panel: &MapPanel) -> Option<(f64, f64)> {
+        let levels = panel.values.iter().map(|v| self.level(*v));
+        let mut levels: Vec<_> = levels.filter(|l| l.is_finite()).collect();
+        levels.sort_by(f64::total_cmp);
+        let skipped = (ASTRAY * levels.len() as f64) as usize;
+        let low = levels.get(skipped)?;
+        Some((*low, levels[levels.len() - 1 - skipped]))
     }
 
     fn colour(&self, value: f64, (low, high): (f64, f64)) -> Option<RGBColor> {
@@ -171,8 +194,11 @@ impl Drawing for MapFigure {
         }
         match &self.scale {
             MapScale::Classes(names) => self.draw_classes(&sheet, names),
-            MapScale::Linear(label) => draw_bar(&sheet, label, range, false),
-            MapScale::Logarithms(label) => draw_bar(&sheet, label, range, true),
+            MapScale::Linear(label) => draw_bar(&sheet, label, range, None),
+            MapScale::Logarithms(label) => {
+                let extremes = self.extremes().unwrap_or(range);
+                draw_bar(&sheet, label, range, Some(extremes))
+            }
         }
     }
 }
@@ -184,7 +210,9 @@ impl MapFigure {
         panel: &MapPanel,
         range: (f64, f64),
     ) -> Drawn<B> {
-        let (columns, rows) = (self.x.len().max(1), self.y.len().max(1));
+        let own = panel.grid.as_ref();
+        let (x, y) = own.map_or((&self.x, &self.y), |(x, y)| (x, y));
+        let (columns, rows) = (x.len().max(1), y.len().max(1));
         let width = f64::from(MAP_WIDTH) / columns as f64;
         let height = f64::from(MAP_HEIGHT) / rows as f64;
         let (left, bottom) = (f64::from(LEFT), f64::from(TOP + MAP_HEIGHT));
@@ -222,14 +250,14 @@ impl MapFigure {
             false,
         )?;
         let below = Pos::new(HPos::Center, VPos::Top);
-        for (i, label) in labels(&self.x) {
+        for (i, label) in labels(x) {
             let x = left + (i as f64 + 0.5) * width;
             sheet.line((x, bottom), (x, bottom + 4.0), FAINT, 1)?;
             sheet.text(&label, (x, bottom + 7.0), 14, below, false)?;
         }
         sheet.text(&self.x_label, (middle, bottom + 32.0), 16, below, false)?;
         let beside = Pos::new(HPos::Right, VPos::Center);
-        for (i, label) in labels(&self.y) {
+        for (i, label) in labels(y) {
             let y = bottom - (i as f64 + 0.5) * height;
             sheet.line((left - 4.0, y), (left, y), FAINT, 1)?;
             sheet.text(&label, (left - 8.0, y), 14, beside, false)?;
@@ -250,11 +278,12 @@ impl MapFigure {
     }
 }
 
+/// The colour bar: of logarithms if the `extremes` of what it is for are given, which may lie beyond its ends.
 fn draw_bar<B: DrawingBackend>(
     sheet: &Sheet<'_, B>,
     label: &str,
     (low, high): (f64, f64),
-    logarithms: bool,
+    extremes: Option<(f64, f64)>,
 ) -> Drawn<B> {
     const STEPS: i32 = 140;
     let (top, height) = (f64::from(TOP), f64::from(MAP_HEIGHT));
@@ -265,14 +294,20 @@ fn draw_bar<B: DrawingBackend>(
         let colour = ViridisRGB.get_color((part + 0.5 / f64::from(STEPS)) as f32);
         sheet.fill((0.0, next), (20.0, y), colour)?;
     }
-    let axis = match logarithms {
-        true => super::Axis::logarithms(low..high),
-        false => super::Axis::linear(low..high, 8),
+    let axis = match extremes {
+        Some(_) => super::Axis::logarithms(low..high),
+        None => super::Axis::linear(low..high, 8),
     };
+    let (least, most) = extremes.unwrap_or((low, high));
     let beside = Pos::new(HPos::Left, VPos::Center);
     for (value, name) in axis.labels() {
         let y = top + height * (1.0 - (value - low) / (high - low));
         sheet.line((20.0, y), (25.0, y), FAINT, 1)?;
+        let name = match value {
+            _ if value >= high && most > high => format!("≥ {name}"),
+            _ if value <= low && least < low => format!("≤ {name}"),
+            _ => name,
+        };
         sheet.text(&name, (29.0, y), 14, beside, false)?;
     }
     let centre = Pos::new(HPos::Center, VPos::Center);
@@ -303,6 +338,7 @@ mod tests {
                 title: "left".into(),
                 values: values.to_vec(),
                 crosses: vec![1],
+                grid: None,
             }],
         }
     }
@@ -334,14 +370,40 @@ mod tests {
         let drawn = |text: &str| svg.matches(text).count();
         assert_eq!(drawn("#DEDEDE"), 2, "two cells without a value");
         // Rounding errors do not take the colours from the rest.
-        let map = figure(
-            MapScale::Logarithms("r [-]".into()),
-            [1e-15, 1e-3, 1.0, 1.0, 0.1, 0.1],
-        );
-        assert_eq!(map.range(), (-6.0, 0.0));
+        let label = || MapScale::Logarithms("r [-]".into());
+        let map = figure(label(), [1e-15, 1e-3, 1.0, 1.0, 0.1, 0.1]);
+        assert_eq!(map.range(), (-8.0, 0.0));
         for text in ["A map", "left", "r [-]", "1e-3", "1e0", "0.25", "-1.00"] {
             assert!(drawn(text) > 0, "no {text:?}");
         }
+    }
+
+    /// A value that went astray has the colour of the end, which is marked.
+    #[test]
+    fn a_few_values_do_not_set_the_colours_of_the_rest() {
+        let mut map = figure(MapScale::Logarithms("r [-]".into()), [0.0; 6]);
+        map.x = (0..7).map(f64::from).collect();
+        map.panels[0].values = (0..21).map(|i| 2e-3 * f64::from(i + 1)).collect();
+        assert_eq!(map.range(), (-3.0, -1.0));
+        assert!(!svg(&map).contains('≥'));
+        map.panels[0].values[4] = 1e7;
+        assert_eq!(map.range(), (-3.0, -1.0));
+        assert_eq!(map.colour(1e7, map.range()), map.colour(0.1, map.range()));
+        let drawn = svg(&map);
+        assert!(drawn.contains("≥ 1e-1") && !drawn.contains('≤'), "{drawn}");
+    }
+
+    /// A coarser map covers the same area with larger cells, under its own numbers.
+    #[test]
+    fn a_map_may_have_a_coarser_grid() {
+        let mut map = figure(MapScale::Linear("T [s]".into()), [1.0; 6]);
+        map.panels.push(MapPanel {
+            values: vec![2.0],
+            grid: Some((vec![7.5], vec![8.5])),
+            ..MapPanel::default()
+        });
+        let drawn = svg(&map);
+        assert!(drawn.contains("7.50") && drawn.contains("8.50"), "{drawn}");
     }
 
     #[test]

@@ -1,6 +1,6 @@
 //! Observations as tables: `t,id,u,v` or `t,wx,wy,wz`, named by their first line.
 
-use std::{fs::File, io::Read, path::Path};
+use std::{collections::BTreeMap, fs::File, io::Read, path::Path};
 
 use ::csv::{ReaderBuilder, StringRecord, Trim};
 use nalgebra::Vector3;
@@ -13,6 +13,9 @@ use crate::{
 
 const TRACKS: [&str; 4] = ["t", "id", "u", "v"];
 const RATES: [&str; 4] = ["t", "wx", "wy", "wz"];
+
+const COLUMNS: &str = "its first line must name the columns: t,id,u,v for feature tracks (s and px) or t,wx,wy,wz for \
+                       angular velocity (s and rad/s)";
 
 /// Reads a table. Columns may be in any order, and there may be others.
 ///
@@ -28,8 +31,13 @@ fn parse(file: impl Read) -> Result<Observations, String> {
     let mut reader = ReaderBuilder::new()
         .comment(Some(b'#'))
         .trim(Trim::All)
+        // Rows of other lengths are refused below, in plain words.
+        .flexible(true)
         .from_reader(file);
     let names = reader.headers().map_err(|e| e.to_string())?.clone();
+    if names.iter().all(str::is_empty) {
+        return Err(format!("is empty; {COLUMNS}"));
+    }
     let columns = |wanted: [&'static str; 4]| -> Option<[Column; 4]> {
         let find = |name| {
             let index = names.iter().position(|n| n.eq_ignore_ascii_case(name));
@@ -38,17 +46,16 @@ fn parse(file: impl Read) -> Result<Observations, String> {
         let found: Vec<_> = wanted.into_iter().map_while(find).collect();
         found.try_into().ok()
     };
-    if let Some(columns) = columns(TRACKS) {
-        return tracks(reader, columns);
+    let found = || names.iter().collect::<Vec<_>>().join(",");
+    match (columns(TRACKS), columns(RATES)) {
+        (Some(columns), None) => tracks(rows(reader, names.len()), columns),
+        (None, Some(columns)) => rates(rows(reader, names.len()), columns),
+        (Some(_), Some(_)) => Err(format!(
+            "its first line is '{}': feature tracks and angular velocity; leave out u,v or wx,wy,wz",
+            found()
+        )),
+        (None, None) => Err(format!("its first line is '{}'; {COLUMNS}", found())),
     }
-    if let Some(columns) = columns(RATES) {
-        return rates(reader, columns);
-    }
-    let found: Vec<_> = names.iter().collect();
-    Err(format!(
-        "its first line is '{}'; it must name the columns: t,id,u,v for feature tracks (s and px) or t,wx,wy,wz for angular velocity (s and rad/s)",
-        found.join(",")
-    ))
 }
 
 /// A column that was looked for by name.
@@ -74,6 +81,12 @@ impl Row {
         format!("line {}: {name} is '{text}'; it must be {right}", self.line)
     }
 
+    /// The row is earlier than the one before.
+    fn early(&self, column: Column, before: f64) -> String {
+        let right = format!("{before}, the time of the row before, or later; sort the rows by it");
+        self.wrong(column, &right)
+    }
+
     fn number(&self, column: Column) -> Result<f64, String> {
         match self.text(column).parse::<f64>() {
             Ok(x) if x.is_finite() => Ok(x),
@@ -82,26 +95,32 @@ impl Row {
     }
 }
 
-fn rows<R: Read>(reader: ::csv::Reader<R>) -> impl Iterator<Item = Result<Row, String>> {
-    reader.into_records().map(|record| {
+/// The rows after the first line, which names so many `columns`.
+fn rows<R: Read>(
+    reader: ::csv::Reader<R>,
+    columns: usize,
+) -> impl Iterator<Item = Result<Row, String>> {
+    reader.into_records().map(move |record| {
         let record = record.map_err(|e| e.to_string())?;
         let line = record.position().map_or(0, ::csv::Position::line);
+        if record.len() != columns {
+            return Err(format!(
+                "line {line} has {} values, but the first line names {columns} columns",
+                record.len()
+            ));
+        }
         Ok(Row { record, line })
     })
 }
 
-fn tracks<R: Read>(
-    reader: ::csv::Reader<R>,
+fn tracks(
+    rows: impl Iterator<Item = Result<Row, String>>,
     [t, id, u, v]: [Column; 4],
 ) -> Result<Observations, String> {
-    let mut tracks = Tracks::default();
-    let mut frame: Option<(Sighting, u64)> = None;
-    let push = |tracks: &mut Tracks, (sighting, line): (Sighting, u64)| {
-        tracks
-            .push(sighting)
-            .map_err(|e| format!("line {line}: {e}"))
-    };
-    for row in rows(reader) {
+    let mut frames: Vec<Sighting> = Vec::new();
+    // Ids of the newest frame, and where they stand.
+    let mut lines = BTreeMap::new();
+    for row in rows {
         let row = row?;
         let time = row.number(t)?;
         let feature = Feature {
@@ -109,44 +128,44 @@ fn tracks<R: Read>(
             u: row.number(u)?,
             v: row.number(v)?,
         };
-        match &mut frame {
-            Some((sighting, _)) if sighting.time == time => sighting.features.push(feature),
+        match frames.last_mut() {
+            Some(frame) if time < frame.time => return Err(row.early(t, frame.time)),
+            Some(frame) if time == frame.time => frame.features.push(feature),
             _ => {
-                let next = (Sighting::new(time, vec![feature]), row.line);
-                if let Some(done) = frame.replace(next) {
-                    push(&mut tracks, done)?;
-                }
+                lines.clear();
+                frames.push(Sighting::new(time, vec![feature]));
             }
         }
+        if let Some(line) = lines.insert(feature.id, row.line) {
+            let right = format!("another than on line {line}, which has the same t");
+            return Err(row.wrong(id, &right));
+        }
     }
-    if let Some(done) = frame {
-        push(&mut tracks, done)?;
-    }
-    if tracks.sightings().is_empty() {
+    if frames.is_empty() {
         return Err("holds no feature".to_owned());
     }
     Ok(Observations::Tracks(ObservedTracks {
-        tracks,
+        tracks: Tracks::new(frames).map_err(|e| e.to_string())?,
         camera: None,
         w_WC_C: Vec::new(),
     }))
 }
 
-fn rates<R: Read>(
-    reader: ::csv::Reader<R>,
+fn rates(
+    rows: impl Iterator<Item = Result<Row, String>>,
     [t, x, y, z]: [Column; 4],
 ) -> Result<Observations, String> {
     let mut rates: Vec<(f64, Vector3<f64>)> = Vec::new();
-    for row in rows(reader) {
+    for row in rows {
         let row = row?;
         let time = row.number(t)?;
-        if let Some((before, _)) = rates.last()
-            && time <= *before
-        {
-            return Err(row.wrong(
-                t,
-                &format!("later than {before}, the time of the row before"),
-            ));
+        match rates.last() {
+            Some((before, _)) if time < *before => return Err(row.early(t, *before)),
+            Some((before, _)) if time == *before => {
+                let right = format!("later than {before}, the time of the row before");
+                return Err(row.wrong(t, &right));
+            }
+            _ => {}
         }
         let w = Vector3::new(row.number(x)?, row.number(y)?, row.number(z)?);
         rates.push((time, w));
@@ -196,7 +215,9 @@ mod tests {
     fn what_is_wrong_is_named_with_its_line() {
         let columns = refused("time,id,u,v\n0,1,2,3\n");
         assert!(columns.contains("first line is 'time,id,u,v'") && columns.contains("t,id,u,v"));
-        assert!(refused("").contains("name the columns"));
+        assert!(refused("").contains("is empty") && refused("\n\n").contains("is empty"));
+        let both = refused("t,id,u,v,wx,wy,wz\n0,1,2,3,4,5,6\n");
+        assert!(both.contains("leave out u,v or wx,wy,wz"), "{both}");
         assert!(refused("0.0,1,2,3\n").contains("name the columns"));
         assert_eq!(refused("t,id,u,v\n"), "holds no feature");
         assert_eq!(refused("t,wx,wy,wz\n"), "holds no angular velocity");
@@ -206,17 +227,22 @@ mod tests {
         );
         assert!(refused("t,id,u,v\n0,1.5,2,3\n").contains("line 2: id is '1.5'"));
         assert!(refused("t,id,u,v\n0,-1,2,3\n").contains("id is '-1'"));
-        assert!(refused("t,id,u,v\n0,1,2\n").contains("line: 2"));
+        assert_eq!(
+            refused("t,id,u,v\n0,0,2,3\n0,1,2\n"),
+            "line 3 has 3 values, but the first line names 4 columns"
+        );
         let backwards = refused("t,id,u,v\n1,1,2,3\n1,2,2,3\n0.5,1,2,3\n");
-        assert!(
-            backwards.contains("line 4") && backwards.contains("must increase"),
-            "{backwards}"
+        assert_eq!(
+            backwards,
+            "line 4: t is '0.5'; it must be 1, the time of the row before, or later; sort the rows by it"
         );
-        let twice = refused("t,id,u,v\n1,1,2,3\n1,1,2,4\n");
-        assert!(
-            twice.contains("line 2") && twice.contains("twice"),
-            "{twice}"
+        let twice = refused("t,id,u,v\n1,1,2,3\n1,2,2,3\n1,1,2,4\n");
+        assert_eq!(
+            twice,
+            "line 4: id is '1'; it must be another than on line 2, which has the same t"
         );
+        // In another frame it is the same feature.
+        assert!(read("t,id,u,v\n1,1,2,3\n2,1,2,4\n").is_ok());
         let rates = refused("t,wx,wy,wz\n1,0,0,0\n1,0,0,0\n");
         assert_eq!(
             rates,

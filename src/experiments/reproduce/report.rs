@@ -223,7 +223,8 @@ impl Row {
         };
         let tolerance = |t: f64| match t < 1e-3 {
             true => format!("{t:e}"),
-            false => t.to_string(),
+            // What arithmetic leaves behind the last digit is not shown.
+            false => ((t * 1e9).round() / 1e9).to_string(),
         };
         [
             self.quantity.clone(),

@@ -1,23 +1,24 @@
 //! Estimates as messages. All of one time are in the camera's axes C as they are at that time.
 
-use nalgebra::UnitQuaternion;
+use nalgebra::{UnitQuaternion, Vector3};
 
+use super::belief::Belief;
 use crate::{
-    estimation::Estimated,
     msg::{fuyu_msgs, geometry_msgs, nav_msgs, std_msgs::Header},
     nodes::geometry::{quaternion_to_msg, vector_to_msg},
     ros::Time,
+    spatial::unwound,
 };
 
-/// What an estimate says of one moment, for those who look from a camera there.
+/// What the motion is at one moment, for those who look from a camera there.
 pub struct Moment<'a> {
-    /// The estimate.
-    pub estimated: &'a Estimated,
+    /// The motion.
+    pub belief: &'a Belief,
     /// The time \[s\].
     pub time: f64,
     /// Name of the camera's optical frame.
     pub camera: &'a str,
-    /// Attitude of the camera at that time in the axes of the estimate.
+    /// Attitude of the camera at that time in the axes of the motion.
     pub R_IC: UnitQuaternion<f64>,
 }
 
@@ -29,11 +30,18 @@ impl Moment<'_> {
         }
     }
 
-    /// `estimator/motion`, found from `frames` frames over `duration` \[s\].
-    pub fn motion(&self, frames: usize, duration: f64) -> fuyu_msgs::MotionEstimate {
-        let estimated = self.estimated;
-        let motion = &estimated.motion;
-        let (R_CB, w_C) = estimated.seen_from(&self.R_IC, self.time);
+    /// Attitude of the body's lasting axes F at `time` \[s\].
+    fn attitude(&self, time: f64) -> UnitQuaternion<f64> {
+        self.R_IC.inverse() * self.belief.motion().attitude(time) * self.belief.R_BF()
+    }
+
+    fn w_C(&self) -> Vector3<f64> {
+        self.R_IC.inverse() * self.belief.motion().angular_velocity(self.time)
+    }
+
+    /// `estimator/motion`.
+    pub fn motion(&self) -> fuyu_msgs::MotionEstimate {
+        let motion = self.belief.motion();
         let J = motion.J().unwrap_or_default();
         let mut covariance = [0.0; 16];
         if let Some(known) = motion.covariance() {
@@ -43,44 +51,43 @@ impl Moment<'_> {
         let direction = self.R_IC.inverse() * motion.momentum_direction();
         fuyu_msgs::MotionEstimate {
             header: self.header(self.time),
-            method: estimated.method.name().to_owned(),
+            method: self.belief.method().name().to_owned(),
             model: motion.model().name().to_owned(),
             j_x: J.x,
             j_y: J.y,
             j_z: J.z,
             alpha: motion.alpha(),
-            reference_attitude: quaternion_to_msg(&R_CB),
+            reference_attitude: quaternion_to_msg(&self.attitude(self.time)),
             phase: motion.rotation().phase_at(self.time),
-            angular_velocity: vector_to_msg(&w_C),
+            angular_velocity: vector_to_msg(&self.w_C()),
             momentum_direction: vector_to_msg(&direction),
             residual: motion.rms(),
             covariance,
-            frames: u32::try_from(frames).unwrap_or(u32::MAX),
-            duration,
+            frames: u32::try_from(self.belief.frames()).unwrap_or(u32::MAX),
+            duration: self.belief.corrected() - self.belief.batch().span.0,
         }
     }
 
     /// `estimator/angular_velocity`.
     pub fn angular_velocity(&self) -> geometry_msgs::Vector3Stamped {
-        let (_, w_C) = self.estimated.seen_from(&self.R_IC, self.time);
         geometry_msgs::Vector3Stamped {
             header: self.header(self.time),
-            vector: vector_to_msg(&w_C),
+            vector: vector_to_msg(&self.w_C()),
         }
     }
 
-    /// `estimator/prediction`: attitudes from this time on over `horizon` \[s\], `rate` of them a second, in
+    /// `estimator/prediction`: attitudes of F from this time on over `horizon` \[s\], `rate` of them a second, in
     /// the camera's axes of this time. Positions are not estimated; they are zero.
     pub fn prediction(&self, horizon: f64, rate: f64) -> nav_msgs::Path {
-        let steps = (horizon * rate).floor() as u32;
-        let poses = (0..=steps).map(|k| {
-            let time = self.time + f64::from(k) / rate;
-            let (R_CB, _) = self.estimated.seen_from(&self.R_IC, time);
+        let steps = (horizon * rate + 1e-9).floor() as u32;
+        let time = |k: u32| self.time + f64::from(k) / rate;
+        let attitudes = (0..=steps).map(|k| self.attitude(time(k)));
+        let poses = (0..).zip(unwound(attitudes)).map(|(k, R_CF)| {
             let mut pose = geometry_msgs::PoseStamped {
-                header: self.header(time),
+                header: self.header(time(k)),
                 ..geometry_msgs::PoseStamped::default()
             };
-            pose.pose.orientation = quaternion_to_msg(&R_CB);
+            pose.pose.orientation = quaternion_to_msg(&R_CF);
             pose
         });
         nav_msgs::Path {

@@ -11,6 +11,12 @@ pub struct EstimatorParams {
     pub window: f64,
     /// Time between the starts of two batch solutions \[s\].
     pub solve_period: f64,
+    /// Whether a filter goes on from a batch solution with every frame.
+    pub filter: bool,
+    /// What torques do to the momentum: its random walk over the momentum \[1/√s\].
+    pub disturbance: f64,
+    /// Time between two messages of motion and prediction \[s\].
+    pub prediction_period: f64,
     /// How far the prediction reaches \[s\].
     pub horizon: f64,
     /// Attitudes per second of the prediction \[Hz\].
@@ -24,6 +30,9 @@ pub struct EstimatorParams {
     /// The camera, if it is not to come from `camera/camera_info`.
     pub camera: Option<Pinhole>,
 }
+
+/// Most attitudes that a prediction may hold: 1 MB in a message.
+const MOST_PREDICTED: f64 = 1e4;
 
 impl EstimatorParams {
     /// Declares the parameters and reads them. `finish` of `declare` is the caller's.
@@ -51,6 +60,20 @@ impl EstimatorParams {
             0.05,
             3600.0,
             "Time between the starts of two batch solutions [s]",
+        );
+        let disturbance = number(
+            "disturbance",
+            1e-6,
+            0.0,
+            1.0,
+            "What torques do to the target's momentum, for the filter: random walk over the momentum [1/sqrt(s)]",
+        );
+        let prediction_period = number(
+            "prediction_period",
+            0.5,
+            0.02,
+            3600.0,
+            "Time between two messages of motion and prediction [s]",
         );
         let horizon = number(
             "horizon",
@@ -96,6 +119,11 @@ impl EstimatorParams {
             false,
             "Whether the focal length is estimated, too",
         );
+        let filter = flag(
+            "filter",
+            true,
+            "Whether a filter corrects the last batch solution by every frame (method bundle)",
+        );
         let use_imu = flag(
             "use_imu",
             true,
@@ -108,11 +136,20 @@ impl EstimatorParams {
         if let Some(camera) = &camera {
             camera.check().map_err(|e| format!("parameter {e}"))?;
         }
+        if horizon * prediction_rate > MOST_PREDICTED {
+            return Err(format!(
+                "parameters horizon {horizon} and prediction_rate {prediction_rate} are more than \
+                 {MOST_PREDICTED} attitudes a message; lower one of them"
+            ));
+        }
         Ok(Self {
             // Any other text has been refused by the declaration.
             method: choice::find(&Method::NAMES, &method).unwrap_or_default(),
             window,
             solve_period,
+            filter,
+            disturbance,
+            prediction_period,
             horizon,
             prediction_rate,
             estimate_focal_length,
@@ -120,5 +157,10 @@ impl EstimatorParams {
             use_imu,
             camera,
         })
+    }
+
+    /// The filter's disturbance, if there is to be one.
+    pub fn filter_disturbance(&self) -> Option<f64> {
+        self.filter.then_some(self.disturbance)
     }
 }

@@ -6,6 +6,7 @@
 //! adjustment on the same images.
 
 mod catalogue;
+mod claims;
 mod error_maps;
 mod model_tables;
 mod pliers;

@@ -107,11 +107,13 @@ pub(super) fn model_table(mut report: Report) -> Report {
                 title: "printed".to_owned(),
                 values: printed.iter().map(|m| class(Some(*m))).collect(),
                 crosses: Vec::new(),
+                grid: None,
             },
             MapPanel {
                 title: "fuyu, masutani1995 (cross: differs)".to_owned(),
                 values: cells.iter().map(|c| class(c.model)).collect(),
                 crosses: cells.iter().enumerate().filter_map(differ).collect(),
+                grid: None,
             },
         ],
     );

@@ -53,6 +53,9 @@ pub(super) struct Cell {
     pub errors: [f64; 3],
 }
 
+/// Bundle adjustment answers one in so many isotropies and momenta.
+const STEPS: (usize, usize) = (2, 2);
+
 /// The seed of the points that the figures show.
 pub(super) const SEED: u64 = 1;
 
@@ -123,16 +126,26 @@ impl Study {
         cells.map(motion).collect()
     }
 
-    /// Whether a method answers motion `index`. Bundle adjustment takes seconds for each, so it answers every
-    /// second isotropy and every fifth momentum.
+    /// The isotropies and momenta that a method is asked for, if not all: bundle adjustment takes seconds for some
+    /// motions, so it answers a part of them.
+    pub fn part(&self, method: Method) -> Option<Grid> {
+        let Grid {
+            isotropies,
+            momenta,
+        } = self.grid();
+        let every = |values: Vec<f64>, step| values.into_iter().step_by(step).collect();
+        (method == Method::Bundle).then(|| Grid {
+            isotropies: every(isotropies, STEPS.0),
+            momenta: every(momenta, STEPS.1),
+        })
+    }
+
+    /// Whether a method answers motion `index`.
     pub fn is_answered(&self, index: usize, method: Method) -> bool {
         let momenta = self.grid().momenta.len();
-        match method {
-            Method::Masutani1995 => true,
-            Method::Bundle => {
-                (index / momenta).is_multiple_of(2) && (index % momenta).is_multiple_of(5)
-            }
-        }
+        method != Method::Bundle
+            || ((index / momenta).is_multiple_of(STEPS.0)
+                && (index % momenta).is_multiple_of(STEPS.1))
     }
 
     /// The sweep by one method, computed once; bundle adjustment needs images. Motions that the method is not

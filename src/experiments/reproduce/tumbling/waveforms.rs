@@ -28,6 +28,7 @@ fn closed_form(
             title: "closed form, beta = 0.8".to_owned(),
             values: values.iter().map(|(_, v)| *v).collect(),
             crosses: Vec::new(),
+            grid: None,
         }],
     );
     report.maps.push((report.name.clone(), picture));
@@ -88,7 +89,12 @@ pub(super) fn period_map(mut report: Report) -> Report {
 
 pub(super) fn amplitude_map(mut report: Report) -> Report {
     let values = closed_form(&mut report, "beta - gamma [rad²/s²]", |p| {
-        p.beta() - p.gamma()
+        let amplitude = p.beta() - p.gamma();
+        // What rounding leaves of none is none.
+        match amplitude > 1e-12 * p.beta() {
+            true => amplitude,
+            false => f64::NAN,
+        }
     });
     let smaller = 100.0 * share(&values, rounder, |a, b| b < a);
     report.holds(

@@ -1,0 +1,178 @@
+//! The estimator between batch solutions: what the filter knows, what it costs, and what makes it start anew.
+
+use nalgebra::Vector3;
+use serde_json::{Value, json};
+use std::time::{Duration, Instant};
+
+use crate::{
+    joining::peer_with_interfaces,
+    peer::Peer,
+    starvation::in_time,
+    tumbling::{
+        VECTOR, cpu_time, estimator, publish, rate_errors, recorded, rms, stamp, told_for, truth,
+    },
+    view::diagnosed,
+    waiting::{PATIENCE, eventually},
+};
+
+// Two estimators that see the same frames and solve their batches at the same times, 20 s apart; one has the filter.
+// Breaks when the filter does worse than none, is lost in a gap, or takes new ids for a new body.
+#[test]
+fn between_solutions_and_after_gaps_the_filter_knows_more() {
+    in_time(|| {
+        let domain = 92;
+        let topics = [
+            "/with/estimator/angular_velocity",
+            "/without/estimator/angular_velocity",
+        ];
+        let mut with = estimator(
+            domain,
+            "/with",
+            &["solve_period:=20.0", "prediction_period:=1.0"],
+        );
+        let mut without = estimator(domain, "/without", &["solve_period:=20.0", "filter:=false"]);
+        let mut peer = peer_with_interfaces("eye", domain);
+        for topic in topics {
+            peer.subscribe(topic, VECTOR, "reliable");
+        }
+        peer.subscribe(
+            "/with/estimator/prediction",
+            "nav_msgs/msg/Path",
+            "reliable",
+        );
+        peer.subscribe(
+            "diagnostics",
+            "diagnostic_msgs/msg/DiagnosticArray",
+            "reliable",
+        );
+        let frames = recorded(700);
+        let show = |peer: &mut Peer, from: usize, to: usize, ids: u64| {
+            for frame in &frames[from..to] {
+                let mut frame = frame.clone();
+                let known = frame["ids"].as_array().unwrap().iter();
+                frame["ids"] = known.map(|id| json!(id.as_u64().unwrap() + ids)).collect();
+                peer.does(json!({
+                    "do": "publish", "topic": "/camera/features", "type": "fuyu_msgs/msg/FeatureTracks",
+                    "message": frame, "qos_name": "sensor_data", "matched": 2
+                }));
+                // The frames come twenty times as fast as they were taken, which leaves the solver its time.
+                std::thread::sleep(Duration::from_millis(5));
+            }
+        };
+        // Six seconds are enough for a first solution; they are shown frame by frame until both have one.
+        show(&mut peer, 0, 60, 0);
+        for topic in topics {
+            eventually("a first motion", 4 * PATIENCE, || {
+                let told = json!({"do": "wait", "topic": topic, "count": 1, "timeout": 1.0});
+                (!peer.does(told).as_array().unwrap().is_empty()).then_some(())
+            });
+        }
+        let (before, started) = (cpu_time(&with), Instant::now());
+        // The next batch is due 20 s after the last of the first ones, which ended at 2 s at the earliest.
+        show(&mut peer, 60, 120, 0);
+        show(&mut peer, 170, 220, 0);
+        for topic in topics {
+            eventually("the last frame's", PATIENCE, || {
+                told_for(&mut peer, topic, 21.9)
+            });
+        }
+        // At 30 frames a second a quarter of a core is 8 ms a frame; looking for messages takes its time, too.
+        let taken = cpu_time(&with) - before - 0.05 * started.elapsed().as_secs_f64();
+        println!("{:.2} ms of processor time a frame", 1e3 * taken / 110.0);
+        assert!(taken / 110.0 < 0.25 / 30.0, "{taken} s");
+        let [filtered, batch] = topics.map(|topic| rate_errors(&mut peer, topic, 10.0));
+        println!(
+            "with {:.2e}, without {:.2e} rad/s",
+            rms(&filtered),
+            rms(&batch)
+        );
+        assert!(filtered.len() > 60 && batch.len() > 60);
+        assert!(rms(&filtered) < 0.5 * rms(&batch));
+        let after_gap = topics.map(|topic| rms(&rate_errors(&mut peer, topic, 16.95)));
+        println!("after the gap {after_gap:?}");
+        assert!(after_gap[0] < 0.5 * after_gap[1]);
+        // Predictions come in their period, not with every frame.
+        let paths = peer.receive("/with/estimator/prediction", 1);
+        let times: Vec<f64> = paths.iter().map(|p| stamp(&p["message"])).collect();
+        assert!(times.len() > 5 && times.len() < 40, "{times:?}");
+        for path in &paths {
+            let poses = path["message"]["poses"].as_array().unwrap();
+            assert_eq!(poses.len(), 61);
+            let last = stamp(&poses[60]) - stamp(&path["message"]);
+            assert!((last - 30.0).abs() < 1e-6, "{last}");
+        }
+
+        // All ids change, as with a tracker that starts anew: the filter coasts until a batch has the new ones.
+        show(&mut peer, 220, 280, 0);
+        show(&mut peer, 280, 300, 100);
+        let told = diagnosed(&mut peer, "with/estimator: motion", |level, text| {
+            level == 1 && text.contains("coasting")
+        });
+        assert!(told.contains("not those of the structure"), "{told}");
+        show(&mut peer, 300, 690, 100);
+        let told = diagnosed(&mut peer, "with/estimator: motion", |level, text| {
+            level == 0 && text == "asymmetric"
+        });
+        println!("{told}");
+        show(&mut peer, 690, 700, 100);
+        eventually("the last frame's", PATIENCE, || {
+            told_for(&mut peer, topics[0], 69.9)
+        });
+        let last = rms(&rate_errors(&mut peer, topics[0], 68.95));
+        println!("with new ids {last:.2e} rad/s");
+        assert!(last < 1e-3);
+        with.interrupt().well();
+        without.interrupt().well();
+    });
+}
+
+// A body that something has touched moves otherwise, and is known anew; breaks when the estimator holds on to what
+// it knew.
+#[test]
+fn a_push_is_noticed_and_the_new_motion_found() {
+    in_time(|| {
+        let domain = 93;
+        let mut estimator = estimator(domain, "/", &["solve_period:=5.0"]);
+        let mut peer = peer_with_interfaces("eye", domain);
+        peer.subscribe(
+            "estimator/motion",
+            "fuyu_msgs/msg/MotionEstimate",
+            "reliable",
+        );
+        peer.subscribe("estimator/angular_velocity", VECTOR, "reliable");
+        let frames = recorded(600);
+        for frame in &frames[..200] {
+            publish(&mut peer, frame);
+        }
+        eventually("the motion of 20 s", 4 * PATIENCE, || {
+            let motion = peer.receive("estimator/motion", 1).pop()?["message"].clone();
+            (motion["duration"].as_f64()? > 19.0).then_some(())
+        });
+        // From here on it turns the other way: the frames before 60 s, backwards.
+        let mut pushed: Vec<Value> = frames[200..].iter().rev().cloned().collect();
+        for (frame, at) in pushed.iter_mut().zip(&frames[200..]) {
+            frame["header"] = at["header"].clone();
+            publish(&mut peer, frame);
+        }
+        eventually("the new motion", 4 * PATIENCE, || {
+            let told = peer.receive("estimator/angular_velocity", 1).pop()?["message"].clone();
+            let w = ["x", "y", "z"].map(|axis| told["vector"][axis].as_f64().unwrap());
+            let right = -truth().angular_velocity(79.9 - stamp(&told));
+            let found = (Vector3::from(w) - right).norm() < 2e-3 && stamp(&told) > 59.0;
+            found.then_some(())
+        });
+        // It was noticed, rather than taken for outliers until the window had passed.
+        let (_, said) = estimator.said();
+        assert!(said.contains("the target moves otherwise"), "{said}");
+        estimator.interrupt().well();
+    });
+}
+
+#[test]
+fn a_prediction_that_would_flood_the_graph_is_refused() {
+    let mut estimator = estimator(95, "/", &["horizon:=3600.0", "prediction_rate:=100.0"]);
+    let ended = estimator.wait(PATIENCE);
+    assert_eq!(ended.code, Some(2), "{ended:?}");
+    let said = "horizon 3600 and prediction_rate 100 are more than 10000 attitudes";
+    assert!(ended.stderr.contains(said), "{}", ended.stderr);
+}

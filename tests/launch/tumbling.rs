@@ -1,0 +1,126 @@
+//! A tumbling ball as a stranger's camera sees it, and what estimators tell of it.
+
+use fuyu::{
+    estimation::free_body::FreeRotation,
+    spatial::Pose,
+    vision::{BodyPoint, FeatureCamera, FeatureCameraConfig},
+};
+use nalgebra::{Matrix3, Translation3, UnitQuaternion, Vector3};
+use serde_json::{Value, json};
+
+use crate::{
+    peer::Peer,
+    process::{Running, command},
+};
+
+/// How the ball of [`recorded`] tumbles.
+pub fn truth() -> FreeRotation {
+    let inertia = Matrix3::from_diagonal(&Vector3::new(7.0, 4.0, 3.0));
+    let rate = Vector3::new(0.1, 0.35, 0.2);
+    FreeRotation::new(&inertia, UnitQuaternion::identity(), &rate, 0.0).unwrap()
+}
+
+/// Frames of a tumbling ball as a camera at rest sees them, 10 a second, as messages in JSON.
+pub fn recorded(frames: u32) -> Vec<Value> {
+    let motion = truth();
+    let config = FeatureCameraConfig {
+        quantised: true,
+        ..FeatureCameraConfig::ideal(1024, 1.25)
+    };
+    let mut camera = FeatureCamera::new(config, BodyPoint::on_sphere(20, 0.45, 5));
+    let frame = |k: u32| {
+        let time = 0.1 * f64::from(k);
+        let R_CB = motion.attitude(time).to_rotation_matrix();
+        camera.show(
+            time,
+            &Pose::from_parts(Translation3::new(0.0, 0.0, 0.9), R_CB),
+        );
+        let seen = camera.deliver(time).expect("a frame");
+        let list = |of: fn(&fuyu::vision::Feature) -> f64| -> Vec<f64> {
+            seen.features.iter().map(of).collect()
+        };
+        json!({
+            "header": {"frame_id": "their_camera", "stamp": {"sec": k / 10, "nanosec": k % 10 * 100_000_000}},
+            "ids": seen.features.iter().map(|f| f.id).collect::<Vec<_>>(),
+            "u": list(|f| f.u), "v": list(|f| f.v),
+        })
+    };
+    (0..frames).map(frame).collect()
+}
+
+pub fn publish(peer: &mut Peer, message: &Value) {
+    peer.does(json!({
+        "do": "publish", "topic": "camera/features", "type": "fuyu_msgs/msg/FeatureTracks",
+        "message": message, "qos_name": "sensor_data"
+    }));
+}
+
+/// An estimator that knows the camera of [`recorded`], with a name space and more parameters.
+pub fn estimator(domain: u16, namespace: &str, parameters: &[&str]) -> Running {
+    let mut command = command("estimator", domain);
+    let remap = format!("__ns:={namespace}");
+    command.args([
+        "--ros-args",
+        "-r",
+        &remap,
+        "-r",
+        "camera/features:=/camera/features",
+    ]);
+    let camera = [
+        "camera.fx:=819.2",
+        "camera.fy:=819.2",
+        "camera.cx:=511.5",
+        "camera.cy:=511.5",
+    ];
+    for parameter in camera.iter().chain(parameters) {
+        command.args(["-p", parameter]);
+    }
+    Running::start(command)
+}
+
+pub fn stamp(message: &Value) -> f64 {
+    let stamp = &message["header"]["stamp"];
+    stamp["sec"].as_f64().unwrap() + 1e-9 * stamp["nanosec"].as_f64().unwrap()
+}
+
+/// Errors of the angular velocities that `topic` has told for times after `from` \[rad/s\].
+pub fn rate_errors(peer: &mut Peer, topic: &str, from: f64) -> Vec<f64> {
+    let told = peer.receive(topic, 1);
+    let told = told.iter().map(|m| &m["message"]);
+    let error = |m: &Value| {
+        let w = &m["vector"];
+        let w = ["x", "y", "z"].map(|axis| w[axis].as_f64().unwrap());
+        (Vector3::from(w) - truth().angular_velocity(stamp(m))).norm()
+    };
+    // What was told while no frames came is for other times than theirs.
+    let of_a_frame = |m: &&Value| (10.0 * stamp(m) - (10.0 * stamp(m)).round()).abs() < 1e-6;
+    let told = told.filter(of_a_frame);
+    told.filter(|m| stamp(m) > from).map(error).collect()
+}
+
+/// Whether `topic` has told an angular velocity for this time.
+pub fn told_for(peer: &mut Peer, topic: &str, time: f64) -> Option<()> {
+    let told = peer.does(json!({"do": "wait", "topic": topic, "count": 1, "timeout": 1.0}));
+    let mut told = told.as_array().expect("a list").iter();
+    told.any(|m| (stamp(&m["message"]) - time).abs() < 1e-6)
+        .then_some(())
+}
+
+/// Processor time that a process has taken \[s\].
+pub fn cpu_time(process: &Running) -> f64 {
+    let stat = std::fs::read_to_string(format!("/proc/{}/stat", process.id())).expect("it runs");
+    // The name, in parentheses, may hold blanks; then times in user and in system mode are the 12th and 13th, in
+    // hundredths of a second.
+    let (_, rest) = stat.rsplit_once(')').expect("a name");
+    let ticks = rest.split_whitespace().skip(11).take(2);
+    ticks
+        .map(|t| t.parse::<f64>().expect("ticks") / 100.0)
+        .sum()
+}
+
+pub fn rms(errors: &[f64]) -> f64 {
+    let squares: f64 = errors.iter().map(|e| e * e).sum();
+    (squares / errors.len() as f64).sqrt()
+}
+
+pub const VECTOR: &str = "geometry_msgs/msg/Vector3Stamped";
