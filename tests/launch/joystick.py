@@ -67,6 +67,7 @@ def main():
         # Pushes at odds with all periods.
         time.sleep(0.7 + 0.0037 * (trial % 7))
     print(json.dumps(latencies[1:]), flush=True)
+    rclpy.shutdown()
 
 
 try:

@@ -105,7 +105,7 @@ fn an_rclpy_joystick_moves_the_tip_and_its_loss_stops_it() {
             let known = hears.contains(&topic.as_str()) || topic == "/clock";
             assert!(known, "the teleop node hears {topic}");
         }
-        let mut stick = joystick(domain, &["push"]);
+        let stick = joystick(domain, &["push"]);
         // Axis 0 is y. It is halfway beyond a deadband of 0.05.
         let asked = Vector3::new(0.0, 0.5 * (0.5 - 0.05) / 0.95, 0.0);
         let off = eventually("the tip moves as commanded", PATIENCE, || {

@@ -143,22 +143,20 @@ impl<'a> Teleop<'a> {
         });
     }
 
-    /// When the next command is due.
-    fn due(&self) -> Instant {
-        let Some(last) = self.commanded else {
-            return Instant::now();
-        };
+    /// How long it is until the next command is due.
+    fn until_due(&self) -> Duration {
         let period = match self.news {
             true => CLOSEST,
             false => Duration::from_secs_f64(1.0 / self.params.rate),
         };
-        last + period
+        let since = self.commanded.map_or(Duration::MAX, |last| last.elapsed());
+        period.saturating_sub(since)
     }
 
     fn wait(&self) -> bool {
         // Before the first command there is nothing to be in time for.
         let patience = match self.input.began() {
-            true => self.due().saturating_duration_since(Instant::now()),
+            true => self.until_due(),
             false => Duration::from_millis(100),
         };
         self.node.wait_for(patience)
@@ -214,7 +212,7 @@ impl<'a> Teleop<'a> {
         let timeout = self.params.command_timeout;
         let wish = self.input.wish(self.live.frame(), timeout, now);
         self.report(&wish);
-        if !self.input.began() || now < self.due() {
+        if !self.input.began() || !self.until_due().is_zero() {
             return;
         }
         let Some(arm) = &mut self.arm else { return };
