@@ -93,7 +93,7 @@ impl Body {
             torque[i] = spin.off[i].times(m.diagonal[k] - m.diagonal[j]);
         }
         if self.is_oblique {
-            let off = [0, 1, 2].map(|i| like.constant(m.off_diagonal[i]));
+            let Vec3(off) = Vec3::constant(like, &m.off_diagonal.into());
             for i in 0..3 {
                 let (j, k) = others(i);
                 let squares = spin.diagonal[j] - spin.diagonal[k];
@@ -347,18 +347,21 @@ pub fn forward_dynamics<S: Scalar>(
     let (slots, bodies) = (&mut slots[..count], &tree.bodies[..count]);
     let external = external.map(|e| &e[..count]);
     slots[0].begin(&bodies[0], external.map(|e| &e[0]));
-    for (j, hop) in tree.hops.iter().enumerate() {
+    for &j in &tree.outward {
+        let hop = &tree.hops[j];
         let (before, rest) = slots.split_at_mut(j + 1);
         let slot = &mut rest[0];
         slot.set_motion(hop, &before[hop.parent]);
         slot.begin(&bodies[j + 1], external.map(|e| &e[j + 1]));
     }
-    for (j, hop) in tree.hops.iter().enumerate().rev() {
+    for &j in tree.outward.iter().rev() {
+        let hop = &tree.hops[j];
         let (before, rest) = slots.split_at_mut(j + 1);
         rest[0].release(hop, &mut before[hop.parent]);
     }
     slots[0].acceleration = slots[0].inertia.answer(slots[0].force);
-    for (j, hop) in tree.hops.iter().enumerate() {
+    for &j in &tree.outward {
+        let hop = &tree.hops[j];
         let (before, rest) = slots.split_at_mut(j + 1);
         rest[0].accelerate(hop, &before[hop.parent].acceleration);
     }
@@ -387,7 +390,8 @@ impl<S: Scalar> ArticulatedInertia<S> {
     #[inline(always)]
     pub(crate) fn answer(&self, force: Force<S>) -> Motion<S> {
         let (H, inverse) = (self.coupling, self.mass.inverse());
-        let eliminated = Mat3(H.0.map(|row| inverse.times(row)));
+        let Mat3([x, y, z]) = H;
+        let eliminated = Mat3([inverse.times(x), inverse.times(y), inverse.times(z)]);
         let mut left = self.turning;
         for i in 0..3 {
             let (j, k) = others(i);

@@ -136,7 +136,7 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
     ) -> ([Vec3<S>; 3], Vec3<S>) {
         let [mut x, mut y, mut z] = parent.axes;
         let mut origin = parent.p_BK;
-        let [p0, p1, p2] = hop.p.map(|p| q.constant(p));
+        let Vec3([p0, p1, p2]) = Vec3::constant(q, &hop.p);
         if GENERAL {
             (x, y) = columns(&Turn::constant(q, &hop.swing), x, y);
             origin = y.mul_add(p1, z.mul_add(p2, origin));
@@ -158,7 +158,7 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
 
     /// First moment and inertia of a subtree of mass `mass` as its parent sees them.
     #[inline(always)]
-    fn composite_out<S: Scalar>(
+    pub(super) fn composite_out<S: Scalar>(
         self,
         hop: &Hop,
         turn: &Turn<S>,
@@ -178,10 +178,10 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
         if BEND != STRAIGHT {
             (h, J) = (self.bent_out(hop, h), self.bent_sym_out(hop, J));
         }
-        let (p, half) = (
-            hop.p.map(|p| q.constant(p)),
-            hop.p.map(|p| q.constant(0.5 * mass * p)),
-        );
+        let p = Vec3::constant(q, &hop.p);
+        let half = 0.5 * mass;
+        let half = [half * hop.p[0], half * hop.p[1], half * hop.p[2]];
+        let half = Vec3::constant(q, &half);
         if A || GENERAL {
             (h, J) = shifted::<0, S>(h, J, p[0], half[0]);
         }
@@ -234,27 +234,27 @@ pub fn momentum_map<S: Scalar>(tree: &Tree, places: &mut [Place<S>]) -> System<S
     let (places, bodies) = (&mut places[..count], &tree.bodies[..count]);
     let like = places[0].q;
     let R_BK = bodies[0].X_BK.rotation.matrix();
-    places[0].axes = [0, 1, 2].map(|c| Vec3::constant(like, &R_BK.column(c).into_owned().into()));
+    places[0].axes = [
+        Vec3::constant(like, &R_BK.column(0).into_owned().into()),
+        Vec3::constant(like, &R_BK.column(1).into_owned().into()),
+        Vec3::constant(like, &R_BK.column(2).into_owned().into()),
+    ];
     places[0].p_BK = Vec3::zero(like);
     for (place, body) in places.iter_mut().zip(bodies) {
         place.begin(body, like);
     }
     // Poses go outward while inertias are gathered inward: neither has to wait for the other.
-    let n = tree.hops.len();
-    for (outward, hop) in tree.hops.iter().enumerate() {
+    for (&outward, &inward) in tree.outward.iter().zip(tree.outward.iter().rev()) {
+        let hop = &tree.hops[outward];
         let (before, rest) = places.split_at_mut(outward + 1);
         rest[0].follow(hop, &before[hop.parent]);
-        let inward = n - 1 - outward;
         let (hop, mass) = (&tree.hops[inward], bodies[inward + 1].subtree_mass);
         let (before, rest) = places.split_at_mut(inward + 1);
         rest[0].gather(hop, mass, &mut before[hop.parent]);
     }
     let system = System::new(&places[0], bodies[0].subtree_mass);
     let per = like.constant(1.0 / bodies[0].subtree_mass);
-    let answer = Sym3 {
-        diagonal: system.H_B_inverse.diagonal.map(|x| -x),
-        off: system.H_B_inverse.off.map(|x| -x),
-    };
+    let answer = -system.H_B_inverse;
     for ((place, body), hop) in places[1..].iter_mut().zip(&bodies[1..]).zip(&tree.hops) {
         place.set_column(hop, body.subtree_mass, &system, &answer, per);
     }
@@ -264,14 +264,7 @@ pub fn momentum_map<S: Scalar>(tree: &Tree, places: &mut [Place<S>]) -> System<S
 impl<S: Scalar> System<S> {
     #[inline(always)]
     fn new(base: &Place<S>, mass: f64) -> Self {
-        let (h, mut J) = (base.first_moment, base.inertia);
-        let p = h.scaled(h[0].constant(1.0 / mass));
-        let squares = [p[0] * h[0], p[1] * h[1], p[2] * h[2]];
-        for i in 0..3 {
-            let (j, k) = others(i);
-            J.diagonal[i] = J.diagonal[i] - (squares[j] + squares[k]);
-            J.off[i] = p[j].mul_add(h[k], J.off[i]);
-        }
+        let (p, J) = about_com(base.first_moment, base.inertia, mass);
         let H_B = rotated(J, &base.axes);
         Self {
             p_BC: base.turned(p),
@@ -281,11 +274,29 @@ impl<S: Scalar> System<S> {
     }
 }
 
+/// Centre of mass, and the inertia about it instead of about the origin.
+#[inline(always)]
+pub(super) fn about_com<S: Scalar>(h: Vec3<S>, mut J: Sym3<S>, mass: f64) -> (Vec3<S>, Sym3<S>) {
+    let p = h.scaled(h[0].constant(1.0 / mass));
+    let squares = [p[0] * h[0], p[1] * h[1], p[2] * h[2]];
+    for i in 0..3 {
+        let (j, k) = others(i);
+        J.diagonal[i] = J.diagonal[i] - (squares[j] + squares[k]);
+        J.off[i] = p[j].mul_add(h[k], J.off[i]);
+    }
+    (p, J)
+}
+
 /// A tensor of the kernel frame in the axes in which those of the frame are given.
 #[inline(always)]
 fn rotated<S: Scalar>(m: Sym3<S>, axes: &[Vec3<S>; 3]) -> Sym3<S> {
-    let rows = [0, 1, 2].map(|i| Vec3([axes[0][i], axes[1][i], axes[2][i]]));
-    let images = rows.map(|row| m.times(row));
+    let [x, y, z] = *axes;
+    let rows = [
+        Vec3([x[0], y[0], z[0]]),
+        Vec3([x[1], y[1], z[1]]),
+        Vec3([x[2], y[2], z[2]]),
+    ];
+    let images = [m.times(rows[0]), m.times(rows[1]), m.times(rows[2])];
     let mut turned = m;
     for i in 0..3 {
         let (j, k) = others(i);

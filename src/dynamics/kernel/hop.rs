@@ -187,7 +187,7 @@ impl Hop {
     /// The turn about z at a joint position whose cosine and sine are known.
     #[inline(always)]
     pub(crate) fn turn<S: Scalar>(&self, cos: S, sin: S) -> Turn<S> {
-        let [c, s] = self.home.map(|x| cos.constant(x));
+        let (c, s) = (cos.constant(self.home[0]), cos.constant(self.home[1]));
         if self.slides {
             Turn::new(c, s)
         } else if self.is_home {
@@ -292,7 +292,7 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
             torque: self.bent_out(hop, turn.out::<2>(f.torque)),
             force: self.bent_out(hop, turn.out::<2>(f.force)),
         };
-        let p = hop.p.map(|x| q.constant(x));
+        let p = Vec3::constant(q, &hop.p);
         if A || GENERAL {
             f = f.shifted::<0>(p[0]);
         }
@@ -316,7 +316,7 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
         q: S,
         mut m: Motion<S>,
     ) -> Motion<S> {
-        let p = hop.p.map(|x| q.constant(x));
+        let p = Vec3::constant(q, &hop.p);
         if GENERAL {
             let swing = Turn::constant(q, &hop.swing);
             m = Motion {
@@ -367,7 +367,7 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
             QUARTER => inertia = inertia.quarter_turned(),
             _ => inertia = inertia.turned::<0>(&Turn::constant(like, &hop.bend)),
         }
-        let p = hop.p.map(|x| like.constant(x));
+        let p = Vec3::constant(like, &hop.p);
         if A || GENERAL {
             inertia = inertia.shifted::<0>(p[0]);
         }

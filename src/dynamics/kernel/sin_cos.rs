@@ -34,7 +34,7 @@ const COS: [f64; 6] = [
 ];
 
 /// Cosines and sines of eight angles to one unit in the last place of 1. The compiler makes wide
-/// instructions of it where it may.
+/// instructions of it where it may, as everywhere in the kernels ([`super::Scalar`]).
 #[inline(always)]
 pub fn sin_cos(angles: &[f64; GROUP]) -> ([f64; GROUP], [f64; GROUP]) {
     let mut cos = [0.0; GROUP];
@@ -60,21 +60,23 @@ pub fn sin_cos(angles: &[f64; GROUP]) -> ([f64; GROUP], [f64; GROUP]) {
 fn reduced(angle: f64) -> (f64, f64) {
     // Adding this rounds to an integer, which then stands in the lowest bits.
     const ROUND: f64 = 6_755_399_441_055_744.0;
-    let shifted = angle * FRAC_2_PI + ROUND;
+    let shifted = angle.mul_add(FRAC_2_PI, ROUND);
     let quarters = shifted.to_bits();
     let turns = shifted - ROUND;
-    let x = angle - turns * QUARTER[0] - turns * QUARTER[1] - turns * QUARTER[2];
+    let x = turns.mul_add(-QUARTER[0], angle);
+    let x = turns.mul_add(-QUARTER[1], x);
+    let x = turns.mul_add(-QUARTER[2], x);
     let z = x * x;
     let mut s = SIN[0];
     let mut c = COS[0];
     for i in 1..6 {
-        s = s * z + SIN[i];
-        c = c * z + COS[i];
+        s = s.mul_add(z, SIN[i]);
+        c = c.mul_add(z, COS[i]);
     }
-    let sin = x + x * z * s;
+    let sin = (x * z).mul_add(s, x);
     let half = 0.5 * z;
     let head = 1.0 - half;
-    let cos = head + ((1.0 - head - half) + z * z * c);
+    let cos = head + (z * z).mul_add(c, 1.0 - head - half);
     let (cos, sin) = if quarters & 1 == 0 {
         (cos, sin)
     } else {

@@ -9,7 +9,7 @@
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 
-use super::{Force, GROUP, Scalar, Turn, Vec3, sin_cos};
+use super::{Force, GROUP, Mat3, Scalar, Turn, Vec3, sin_cos};
 use crate::model::{Frame, Joint, Model};
 use crate::spatial::{Pose, SpatialInertia, Wrench};
 
@@ -23,6 +23,9 @@ pub struct Tree {
     pub(crate) bodies: Vec<Body>,
     /// Hop `j` joins body `j + 1` to its parent.
     pub(crate) hops: Vec<Hop>,
+    /// The hops by their distance from the base. In this order branches are taken side by side, and the
+    /// processor works on one while another waits for its last result.
+    pub(crate) outward: Vec<usize>,
 }
 
 /// One body in its kernel frame K.
@@ -101,8 +104,18 @@ impl Tree {
             let parent = model.joint_parent(j);
             Hop::new(joint, parent, &frames[parent], &frames[j + 1])
         });
-        let hops = hops.collect();
-        Self { bodies, hops }
+        let hops: Vec<Hop> = hops.collect();
+        let mut depths = vec![0; hops.len() + 1];
+        for (j, hop) in hops.iter().enumerate() {
+            depths[j + 1] = depths[hop.parent] + 1;
+        }
+        let mut outward: Vec<usize> = (0..hops.len()).collect();
+        outward.sort_by_key(|&j| depths[j + 1]);
+        Self {
+            bodies,
+            hops,
+            outward,
+        }
     }
 
     /// Number of joints.
@@ -119,6 +132,29 @@ impl Tree {
     /// Axes of the base's kernel frame in the base frame; the origins are the same.
     pub fn base_axes(&self) -> &Rotation3<f64> {
         &self.bodies[0].X_BK.rotation
+    }
+
+    /// A vector of the base frame's axes in those of its kernel frame.
+    #[inline(always)]
+    pub(crate) fn into_base_kernel<S: Scalar>(&self, v: Vec3<S>) -> Vec3<S> {
+        self.base_rotation(v[0]).tr_mul(v)
+    }
+
+    /// A vector of the base's kernel frame in the axes of the base frame.
+    #[inline(always)]
+    pub(crate) fn from_base_kernel<S: Scalar>(&self, v: Vec3<S>) -> Vec3<S> {
+        self.base_rotation(v[0]).times(v)
+    }
+
+    #[inline(always)]
+    fn base_rotation<S: Scalar>(&self, like: S) -> Mat3<S> {
+        let R = self.base_axes().matrix();
+        let row = |i| [R[(i, 0)], R[(i, 1)], R[(i, 2)]];
+        Mat3([
+            Vec3::constant(like, &row(0)),
+            Vec3::constant(like, &row(1)),
+            Vec3::constant(like, &row(2)),
+        ])
     }
 
     /// Tells the turn of every joint at positions `q`.
