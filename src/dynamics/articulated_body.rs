@@ -1,7 +1,7 @@
 //! The articulated-body formulation: what the kernels need to serve one model and one state.
 
 use nalgebra::Vector3;
-use pulp::{Arch, NullaryFnOnce};
+use pulp::{Arch, Simd, WithSimd};
 
 use super::kernel::{Carried, Force, Slot, Tree, Vec3, base_spin, forward_dynamics};
 use super::{Formulation, Input, State, TreeAcceleration, TreeMotion};
@@ -37,11 +37,12 @@ impl ArticulatedBody {
     #[inline(always)]
     pub(super) fn accelerate_free(
         &mut self,
+        simd: impl Simd,
         state: &State,
         efforts: &[f64],
         out: &mut TreeAcceleration,
     ) -> Vector3<f64> {
-        self.set_joints(state.q.as_slice(), state.qd.as_slice(), efforts);
+        self.set_joints(simd, state.q.as_slice(), state.qd.as_slice(), efforts);
         let momentum_B = (state.R_WB).inverse_transform_vector(&state.momentum_W.angular);
         let momentum = self.tree.into_base_kernel(Vec3(momentum_B.into()));
         let w = base_spin(&self.tree, &self.slots, &mut self.carried, momentum);
@@ -62,11 +63,13 @@ impl ArticulatedBody {
     }
 
     #[inline(always)]
-    fn set_joints(&mut self, q: &[f64], qd: &[f64], efforts: &[f64]) {
+    fn set_joints(&mut self, simd: impl Simd, q: &[f64], qd: &[f64], efforts: &[f64]) {
         let n = self.tree.dof();
         let (q, qd, efforts) = (&q[..n], &qd[..n], &efforts[..n]);
         let slots = &mut self.slots[1..];
-        (self.tree).turns(q, |j, q, turn| (slots[j].q, slots[j].turn) = (q, turn));
+        (self.tree).turns(simd, q, |j, q, turn| {
+            (slots[j].q, slots[j].turn) = (q, turn)
+        });
         for (j, slot) in slots.iter_mut().enumerate() {
             slot.qd = qd[j];
             slot.effort = self.tree.effort(j, efforts[j], q[j], qd[j]);
@@ -112,12 +115,12 @@ struct Evaluation<'a> {
     out: &'a mut TreeAcceleration,
 }
 
-impl NullaryFnOnce for Evaluation<'_> {
+impl WithSimd for Evaluation<'_> {
     type Output = ();
     #[inline(always)]
-    fn call(self) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let (dynamics, motion, input) = (self.dynamics, self.motion, self.input);
-        dynamics.set_joints(motion.q, motion.qd, input.efforts.as_slice());
+        dynamics.set_joints(simd, motion.q, motion.qd, input.efforts.as_slice());
         let w = Vec3(motion.V_WB_B.angular.into());
         dynamics.slots[0].w = dynamics.tree.into_base_kernel(w);
         let loaded = dynamics.tree.load(&input.wrenches, &mut dynamics.external);

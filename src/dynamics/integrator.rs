@@ -1,7 +1,7 @@
 //! Fixed-step explicit Runge-Kutta on the state's own manifold.
 
 use nalgebra::Vector3;
-use pulp::{Arch, NullaryFnOnce};
+use pulp::{Arch, Simd, WithSimd};
 
 use super::newton_euler::SystemError;
 use super::rate::{Rate, advance};
@@ -250,10 +250,10 @@ struct FreeStage<'a> {
     is_known: bool,
 }
 
-impl NullaryFnOnce for FreeStage<'_> {
+impl WithSimd for FreeStage<'_> {
     type Output = Vector3<f64>;
     #[inline(always)]
-    fn call(self) -> Vector3<f64> {
+    fn with_simd<S: Simd>(self, simd: S) -> Vector3<f64> {
         let (i, integrator) = (self.i, self.integrator);
         let at = if i == 0 {
             self.start
@@ -266,7 +266,7 @@ impl NullaryFnOnce for FreeStage<'_> {
         };
         if !self.is_known {
             let efforts = integrator.input.efforts.as_slice();
-            plant.w_WB_B = dynamics.accelerate_free(at, efforts, &mut plant.answer);
+            plant.w_WB_B = dynamics.accelerate_free(simd, at, efforts, &mut plant.answer);
         }
         let rate = &mut integrator.rates[i];
         let qdd = &plant.answer.qdd;
@@ -285,11 +285,11 @@ struct FreeEvaluation<'a> {
     answer: &'a mut TreeAcceleration,
 }
 
-impl NullaryFnOnce for FreeEvaluation<'_> {
+impl WithSimd for FreeEvaluation<'_> {
     type Output = Vector3<f64>;
     #[inline(always)]
-    fn call(self) -> Vector3<f64> {
-        (self.dynamics).accelerate_free(self.state, self.efforts, self.answer)
+    fn with_simd<S: Simd>(self, simd: S) -> Vector3<f64> {
+        (self.dynamics).accelerate_free(simd, self.state, self.efforts, self.answer)
     }
 }
 

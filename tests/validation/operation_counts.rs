@@ -3,7 +3,7 @@
 use std::cell::Cell;
 use std::ops::{Add, Mul, Neg, Sub};
 
-use fuyu::dynamics::kernel::{Place, Scalar, Tree, generalized_jacobian, momentum_map};
+use fuyu::dynamics::kernel::{Column, Place, Scalar, Tree, generalized_jacobian, momentum_map};
 use fuyu::model::{JointKind, Model, ModelBuilder};
 use fuyu::spatial::{Pose, RigidInertia};
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
@@ -88,6 +88,7 @@ fn counts(model: &Model) -> [usize; 2] {
         place.turn.cos = Counted(0.8);
         place.turn.sin = Counted(0.6);
     }
+    let mut map = vec![Column::zero(zero); model.dof()];
     let mut columns = vec![[zero; 6]; model.dof()];
     MULTIPLICATIONS.set(0);
     ADDITIONS.set(0);
@@ -95,11 +96,12 @@ fn counts(model: &Model) -> [usize; 2] {
     for place in &mut places[1..] {
         place.turn = fuyu::dynamics::kernel::Turn::new(place.turn.cos, place.turn.sin);
     }
-    let system = momentum_map(&tree, &mut places);
+    let system = momentum_map(&tree, &mut places, &mut map);
     let last = model.dof();
     generalized_jacobian(
         &tree,
         &places,
+        &map,
         &system,
         last,
         &[0.3, 0.1, 0.2],

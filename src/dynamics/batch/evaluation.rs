@@ -19,22 +19,21 @@ const STAGES: [[f64; 2]; 4] = [
 ];
 
 /// Scratch for as many states as there are lanes.
-pub(super) struct Evaluation<'a, S: Simd> {
+#[derive(Debug)]
+pub(super) struct Evaluation<S: Simd> {
     simd: S,
-    tree: &'a Tree,
     slots: Vec<Slot<Lanes<S>>>,
     carried: Vec<Carried<Lanes<S>>>,
     /// Sums of the stages' rates of positions and rates.
     sums: Vec<[Lanes<S>; 2]>,
 }
 
-impl<'a, S: Simd> Evaluation<'a, S> {
+impl<S: Simd> Evaluation<S> {
     #[inline(always)]
-    pub(super) fn new(simd: S, tree: &'a Tree) -> Self {
+    pub(super) fn new(simd: S, tree: &Tree) -> Self {
         let zero = Lanes::splat(simd, 0.0);
         Self {
             simd,
-            tree,
             slots: vec![Slot::new(zero); tree.bodies.len()],
             carried: vec![Carried::new(zero); tree.bodies.len()],
             sums: vec![[zero; 2]; tree.dof()],
@@ -43,7 +42,14 @@ impl<'a, S: Simd> Evaluation<'a, S> {
 
     /// The task for the states from `first` on.
     #[inline(always)]
-    pub(super) fn run(&mut self, block: &mut Block, first: usize, task: Task, mass: f64) {
+    pub(super) fn run(
+        &mut self,
+        tree: &Tree,
+        block: &mut Block,
+        first: usize,
+        task: Task,
+        mass: f64,
+    ) {
         let (steps, dt, stages) = match task {
             Task::Accelerate => (1, 0.0, &STAGES[..1]),
             Task::Step { dt, steps } => (steps, dt, &STAGES[..]),
@@ -51,15 +57,15 @@ impl<'a, S: Simd> Evaluation<'a, S> {
         for _ in 0..steps {
             let zero = Lanes::splat(self.simd, 0.0);
             for (j, slot) in self.slots[1..].iter_mut().enumerate() {
-                slot.q = Lanes::load(self.simd, &block.q[j][first..]);
-                slot.qd = Lanes::load(self.simd, &block.qd[j][first..]);
+                slot.q = Lanes::load(self.simd, &block.q[j].0[first..]);
+                slot.qd = Lanes::load(self.simd, &block.qd[j].0[first..]);
                 self.sums[j] = [zero; 2];
             }
             let start = self.attitude(block, first);
             let (mut attitude, mut turned) = (start, Vec3::zero(zero));
             let mut sum_turned = turned;
             for &[weight, lead] in stages {
-                let w = self.evaluate(block, first, attitude);
+                let w = self.evaluate(tree, block, first, attitude);
                 // This stage's share of the step, and how far its rates lead to the next stage.
                 let share = Lanes::splat(self.simd, weight * dt);
                 let lead = Lanes::splat(self.simd, lead * dt);
@@ -67,8 +73,9 @@ impl<'a, S: Simd> Evaluation<'a, S> {
                     let (q_rate, qd_rate) = (slot.qd, slot.qdd);
                     sum[0] = q_rate.mul_add(share, sum[0]);
                     sum[1] = qd_rate.mul_add(share, sum[1]);
-                    slot.q = q_rate.mul_add(lead, Lanes::load(self.simd, &block.q[j][first..]));
-                    slot.qd = qd_rate.mul_add(lead, Lanes::load(self.simd, &block.qd[j][first..]));
+                    slot.q = q_rate.mul_add(lead, Lanes::load(self.simd, &block.q[j].0[first..]));
+                    slot.qd =
+                        qd_rate.mul_add(lead, Lanes::load(self.simd, &block.qd[j].0[first..]));
                 }
                 let rate = self.turn_rate(turned, w);
                 sum_turned = rate.mul_add(share, sum_turned);
@@ -89,33 +96,34 @@ impl<'a, S: Simd> Evaluation<'a, S> {
     #[inline(always)]
     fn evaluate(
         &mut self,
+        tree: &Tree,
         block: &Block,
         first: usize,
         attitude: Attitude<Lanes<S>>,
     ) -> Vec3<Lanes<S>> {
         let simd = self.simd;
-        for (j, hop) in self.tree.hops.iter().enumerate() {
+        for (j, hop) in tree.hops.iter().enumerate() {
             let slot = &mut self.slots[j + 1];
-            let mut angles = [0.0; GROUP];
-            slot.q.store(&mut angles);
-            let (cos, sin) = sin_cos(&angles);
+            let mut angles = Eight::ZERO;
+            slot.q.store(&mut angles.0);
+            let (cos, sin) = sin_cos(&angles.0);
             slot.turn = hop.turn(Lanes::load(simd, &cos), Lanes::load(simd, &sin));
-            let actuator = Lanes::load(simd, &block.efforts[j][first..]);
+            let actuator = Lanes::load(simd, &block.efforts[j].0[first..]);
             let slack = (-slot.q).plus(hop.rest).times(hop.stiffness);
             slot.effort = actuator + (slack - slot.qd.times(hop.damping));
         }
         let momentum_B = attitude.back(self.load(&block.angular_momentum_W, first));
-        let momentum = self.tree.into_base_kernel(momentum_B);
-        let w = base_spin(self.tree, &self.slots, &mut self.carried, momentum);
+        let momentum = tree.into_base_kernel(momentum_B);
+        let w = base_spin(tree, &self.slots, &mut self.carried, momentum);
         self.slots[0].w = w;
-        forward_dynamics(self.tree, &mut self.slots, None);
-        self.tree.from_base_kernel(w)
+        forward_dynamics(tree, &mut self.slots, None);
+        tree.from_base_kernel(w)
     }
 
     #[inline(always)]
     fn tell_accelerations(&self, block: &mut Block, first: usize) {
         for (slot, qdd) in self.slots[1..].iter().zip(&mut block.qdd) {
-            slot.qdd.store(&mut qdd[first..]);
+            slot.qdd.store(&mut qdd.0[first..]);
         }
     }
 
@@ -130,7 +138,7 @@ impl<'a, S: Simd> Evaluation<'a, S> {
     ) {
         let simd = self.simd;
         for (j, sum) in self.sums.iter().enumerate() {
-            let (q, qd) = (&mut block.q[j][first..], &mut block.qd[j][first..]);
+            let (q, qd) = (&mut block.q[j].0[first..], &mut block.qd[j].0[first..]);
             (Lanes::load(simd, q) + sum[0]).store(q);
             (Lanes::load(simd, qd) + sum[1]).store(qd);
         }
@@ -138,17 +146,17 @@ impl<'a, S: Simd> Evaluation<'a, S> {
         let (v, w) = (attitude.v, attitude.w);
         let scale = w.mul_add(w, v.dot(v)).times(-0.5).plus(1.5);
         let [i, j, k, l] = &mut block.R_WB;
-        v.scaled(scale).0[0].store(&mut i[first..]);
-        v.scaled(scale).0[1].store(&mut j[first..]);
-        v.scaled(scale).0[2].store(&mut k[first..]);
-        (w * scale).store(&mut l[first..]);
+        (v[0] * scale).store(&mut i.0[first..]);
+        (v[1] * scale).store(&mut j.0[first..]);
+        (v[2] * scale).store(&mut k.0[first..]);
+        (w * scale).store(&mut l.0[first..]);
         for (p, momentum) in block.p_WC.iter_mut().zip(&block.linear_momentum_W) {
-            let rate = Lanes::load(simd, &momentum[first..]);
-            let from = Lanes::load(simd, &p[first..]);
+            let rate = Lanes::load(simd, &momentum.0[first..]);
+            let from = Lanes::load(simd, &p.0[first..]);
             rate.mul_add(Lanes::splat(simd, dt / mass), from)
-                .store(&mut p[first..]);
+                .store(&mut p.0[first..]);
         }
-        for time in &mut block.time[first..first + S::F64_LANES] {
+        for time in &mut block.time.0[first..first + S::F64_LANES] {
             *time += dt;
         }
     }
@@ -157,37 +165,37 @@ impl<'a, S: Simd> Evaluation<'a, S> {
     fn load(&self, rows: &[Eight; 3], first: usize) -> Vec3<Lanes<S>> {
         let [x, y, z] = rows;
         Vec3([
-            Lanes::load(self.simd, &x[first..]),
-            Lanes::load(self.simd, &y[first..]),
-            Lanes::load(self.simd, &z[first..]),
+            Lanes::load(self.simd, &x.0[first..]),
+            Lanes::load(self.simd, &y.0[first..]),
+            Lanes::load(self.simd, &z.0[first..]),
         ])
     }
 
     #[inline(always)]
     fn attitude(&self, block: &Block, first: usize) -> Attitude<Lanes<S>> {
-        let [i, j, k, w] = block.R_WB;
+        let [i, j, k, w] = &block.R_WB;
         Attitude {
-            w: Lanes::load(self.simd, &w[first..]),
-            v: self.load(&[i, j, k], first),
+            w: Lanes::load(self.simd, &w.0[first..]),
+            v: self.load(&[*i, *j, *k], first),
         }
     }
 
     #[inline(always)]
     fn rows(v: Vec3<Lanes<S>>) -> [Eight; 3] {
-        let mut rows = [[0.0; GROUP]; 3];
-        v[0].store(&mut rows[0]);
-        v[1].store(&mut rows[1]);
-        v[2].store(&mut rows[2]);
+        let mut rows = [Eight::ZERO; 3];
+        v[0].store(&mut rows[0].0);
+        v[1].store(&mut rows[1].0);
+        v[2].store(&mut rows[2].0);
         rows
     }
 
     /// Whether a rotation vector is too large for the series in some lane.
     #[inline(always)]
     fn is_large(u: Vec3<Lanes<S>>) -> bool {
-        let mut squares = [0.0; GROUP];
-        u.dot(u).store(&mut squares);
+        let mut squares = Eight::ZERO;
+        u.dot(u).store(&mut squares.0);
         let mut is_large = false;
-        for square in squares {
+        for square in squares.0 {
             is_large |= !(square <= SMALL_TURN);
         }
         is_large
@@ -200,11 +208,11 @@ impl<'a, S: Simd> Evaluation<'a, S> {
             return small;
         }
         let mut v = Self::rows(small.v);
-        let mut w = [0.0; GROUP];
-        small.w.store(&mut w);
+        let mut w = Eight::ZERO;
+        small.w.store(&mut w.0);
         turn_far(&Self::rows(u), &mut v, &mut w);
         Attitude {
-            w: Lanes::load(self.simd, &w),
+            w: Lanes::load(self.simd, &w.0),
             v: self.load(&v, 0),
         }
     }
@@ -229,7 +237,7 @@ fn turn_far(u: &[Eight; 3], v: &mut [Eight; 3], w: &mut Eight) {
         if !(u.norm_squared() <= SMALL_TURN) {
             let turn = exp_so3(&u);
             put(v, lane, turn.imag().as_slice());
-            w[lane] = turn.w;
+            w.0[lane] = turn.w;
         }
     }
 }

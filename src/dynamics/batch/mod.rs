@@ -2,6 +2,8 @@
 
 mod evaluation;
 
+use std::any::Any;
+
 use nalgebra::{DVector, Quaternion, UnitQuaternion};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
@@ -23,21 +25,28 @@ pub struct Batch {
     mass: f64,
     count: usize,
     blocks: Vec<Block>,
+    scratch: Vec<Scratch>,
 }
 
-/// One number of each of eight states.
-type Eight = [f64; GROUP];
+/// One number of each of eight states, in one cache line.
+#[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
+struct Eight([f64; GROUP]);
+
+impl Eight {
+    const ZERO: Self = Self([0.0; GROUP]);
+}
 
 /// Writes a state's numbers into its lane.
 fn put(rows: &mut [Eight], lane: usize, values: &[f64]) {
     for (row, value) in rows.iter_mut().zip(values) {
-        row[lane] = *value;
+        row.0[lane] = *value;
     }
 }
 
 /// A state's numbers.
 fn get<const N: usize>(rows: &[Eight; N], lane: usize) -> [f64; N] {
-    rows.map(|row| row[lane])
+    rows.map(|row| row.0[lane])
 }
 
 /// Eight states.
@@ -60,15 +69,15 @@ impl Batch {
     pub fn new(model: &Model, count: usize) -> Self {
         let rest = State::at_rest(model);
         let block = Block {
-            time: [0.0; GROUP],
-            q: vec![[0.0; GROUP]; model.dof()],
-            qd: vec![[0.0; GROUP]; model.dof()],
-            qdd: vec![[0.0; GROUP]; model.dof()],
-            efforts: vec![[0.0; GROUP]; model.dof()],
-            R_WB: [0.0, 0.0, 0.0, 1.0].map(|entry| [entry; GROUP]),
-            p_WC: <[f64; 3]>::from(rest.p_WC).map(|entry| [entry; GROUP]),
-            linear_momentum_W: [[0.0; GROUP]; 3],
-            angular_momentum_W: [[0.0; GROUP]; 3],
+            time: Eight::ZERO,
+            q: vec![Eight::ZERO; model.dof()],
+            qd: vec![Eight::ZERO; model.dof()],
+            qdd: vec![Eight::ZERO; model.dof()],
+            efforts: vec![Eight::ZERO; model.dof()],
+            R_WB: [0.0, 0.0, 0.0, 1.0].map(|entry| Eight([entry; GROUP])),
+            p_WC: <[f64; 3]>::from(rest.p_WC).map(|entry| Eight([entry; GROUP])),
+            linear_momentum_W: [Eight::ZERO; 3],
+            angular_momentum_W: [Eight::ZERO; 3],
         };
         Self {
             tree: Tree::new(model),
@@ -76,6 +85,7 @@ impl Batch {
             mass: model.total_mass(),
             count,
             blocks: vec![block; count.div_ceil(GROUP)],
+            scratch: Vec::new(),
         }
     }
 
@@ -103,7 +113,7 @@ impl Batch {
         assert_eq!(state.q.len(), self.tree.dof(), "one position per joint");
         let (block, lane) = self.find(index);
         let block = &mut self.blocks[block];
-        block.time[lane] = state.time;
+        block.time.0[lane] = state.time;
         put(&mut block.R_WB, lane, state.R_WB.coords.as_slice());
         put(&mut block.p_WC, lane, state.p_WC.as_slice());
         let Momentum { linear, angular } = &state.momentum_W;
@@ -120,9 +130,10 @@ impl Batch {
     pub fn state(&self, index: usize) -> State {
         let (block, lane) = self.find(index);
         let block = &self.blocks[block];
-        let of = |rows: &[Eight]| DVector::from_iterator(rows.len(), rows.iter().map(|r| r[lane]));
+        let of =
+            |rows: &[Eight]| DVector::from_iterator(rows.len(), rows.iter().map(|r| r.0[lane]));
         State {
-            time: block.time[lane],
+            time: block.time.0[lane],
             R_WB: UnitQuaternion::new_unchecked(Quaternion::from(get(&block.R_WB, lane))),
             p_WC: get(&block.p_WC, lane).into(),
             momentum_W: Momentum {
@@ -156,7 +167,7 @@ impl Batch {
     /// If there is no such state or joint.
     pub fn qdd(&self, index: usize, joint: usize) -> f64 {
         let (block, lane) = self.find(index);
-        self.blocks[block].qdd[joint][lane]
+        self.blocks[block].qdd[joint].0[lane]
     }
 
     /// Advances all states by `steps` steps of `dt` \[s\] with the classical Runge-Kutta method.
@@ -170,18 +181,47 @@ impl Batch {
             arch,
             mass,
             blocks,
+            scratch,
             ..
         } = self;
-        // One piece for each thread: a piece has to take scratch of its own.
-        let size = blocks.len().div_ceil(rayon::current_num_threads()).max(1);
-        blocks.par_chunks_mut(size).for_each(|blocks| {
+        // One piece for each thread: a piece has scratch of its own.
+        let threads = rayon::current_num_threads();
+        let size = blocks.len().div_ceil(threads).max(1);
+        if scratch.len() < threads {
+            scratch.resize_with(threads, Scratch::default);
+        }
+        let pieces = blocks.par_chunks_mut(size).zip(scratch);
+        pieces.for_each(|(blocks, scratch)| {
             arch.dispatch(Blocks {
                 tree,
                 mass: *mass,
                 blocks,
+                scratch,
                 task,
             });
         });
+    }
+}
+
+/// An [`Evaluation`] kept from call to call. Its type depends on the machine's lanes.
+#[derive(Debug, Default)]
+struct Scratch(Option<Box<dyn Any + Send + Sync>>);
+
+impl Scratch {
+    fn of<S: Simd>(&mut self, simd: S, tree: &Tree) -> &mut Evaluation<S> {
+        let Self(kept) = self;
+        if !kept.as_ref().is_some_and(|kept| kept.is::<Evaluation<S>>()) {
+            *kept = Some(Box::new(Evaluation::new(simd, tree)));
+        }
+        let kept = kept.as_mut().and_then(|kept| kept.downcast_mut());
+        kept.expect("of the type that was just made")
+    }
+}
+
+impl Clone for Scratch {
+    /// There is nothing in it that another would need.
+    fn clone(&self) -> Self {
+        Self::default()
     }
 }
 
@@ -197,6 +237,7 @@ struct Blocks<'a> {
     tree: &'a Tree,
     mass: f64,
     blocks: &'a mut [Block],
+    scratch: &'a mut Scratch,
     task: Task,
 }
 
@@ -204,10 +245,10 @@ impl WithSimd for Blocks<'_> {
     type Output = ();
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let mut evaluation = Evaluation::new(simd, self.tree);
+        let evaluation = self.scratch.of(simd, self.tree);
         for block in self.blocks {
             for first in (0..GROUP).step_by(S::F64_LANES) {
-                evaluation.run(block, first, self.task, self.mass);
+                evaluation.run(self.tree, block, first, self.task, self.mass);
             }
         }
     }

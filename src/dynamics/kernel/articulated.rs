@@ -11,8 +11,9 @@ use super::vector::others;
 use super::{Mat3, Scalar, Sym3, Turn, Vec3};
 
 /// What the sweeps keep of a body and of the joint that moves it, in the body's kernel frame. Slot 0 is the
-/// base's, which no joint moves.
+/// base's, which no joint moves. Numbers as wide as a cache line shall not lie across two.
 #[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
 pub struct Slot<S> {
     /// Joint position \[rad or m\].
     pub q: S,

@@ -4,6 +4,7 @@
 //! with its whole subtree is gathered in link frames, where the momentum that a joint gives to its subtree
 //! is a row of it and costs nothing. Only these columns are brought to the base's axes.
 
+use super::columns::{Column, Lever, Moves};
 use super::hop::{ArticulatedInertia, Path, on_path};
 use super::tree::{Body, Hop, QUARTER, STRAIGHT, Tree};
 use super::vector::others;
@@ -25,17 +26,6 @@ pub struct Place<S> {
     first_moment: Vec3<S>,
     /// Moment of inertia of the subtree about the kernel frame's origin, kernel frame.
     inertia: Sym3<S>,
-    /// Angular momentum of the subtree at unit joint rate with the base held, about the kernel frame's
-    /// origin.
-    pub torque: Vec3<S>,
-    /// Linear momentum of the subtree at unit joint rate with the base held.
-    pub force: Vec3<S>,
-    /// Column of `J_C`, eq. (4.12).
-    pub J_C: Vec3<S>,
-    /// Column of `H_M`, eq. (4.26).
-    pub H_M: Vec3<S>,
-    /// Column of `H_A = -H_B⁻¹ H_M`, eq. (4.24).
-    pub H_A: Vec3<S>,
 }
 
 /// What positions imply for the whole tree, base axes.
@@ -63,11 +53,6 @@ impl<S: Scalar> Place<S> {
                 diagonal: [zero; 3],
                 off: [zero; 3],
             },
-            torque: none,
-            force: none,
-            J_C: none,
-            H_M: none,
-            H_A: none,
         }
     }
 
@@ -107,20 +92,15 @@ impl<S: Scalar> Place<S> {
         parent.inertia = parent.inertia + J;
     }
 
-    /// Column of the momentum map.
+    /// What the joint's columns are made of.
     #[inline(always)]
-    fn set_column(&mut self, hop: &Hop, mass: f64, system: &System<S>, answer: &Sym3<S>, per: S) {
-        let (h, [x, y, z]) = (self.first_moment, self.axes);
-        if hop.slides {
-            self.torque = x.mul_add(h[1], y.scaled(-h[0]));
-            self.force = z.scaled(per.constant(mass));
-        } else {
-            self.torque = self.turned(self.inertia.row(2));
-            self.force = y.mul_add(h[0], x.scaled(-h[1]));
+    pub(super) fn lever(&self) -> Lever<S> {
+        Lever {
+            axes: self.axes,
+            p_BK: self.p_BK,
+            across: [self.first_moment[0], self.first_moment[1]],
+            inertia: self.inertia.row(2),
         }
-        self.J_C = self.force.scaled(per);
-        self.H_M = self.torque + (self.p_BK - system.p_BC).cross(self.force);
-        self.H_A = answer.times(self.H_M);
     }
 }
 
@@ -224,12 +204,12 @@ fn shifted<const AXIS: usize, S: Scalar>(
     (h, J)
 }
 
-/// Poses, composite inertias and momentum map. `places`, one per body, hold positions and turns.
+/// Poses and composite inertias. `places`, one per body, hold positions and turns.
 ///
 /// # Panics
 /// If `places` is shorter than the tree needs.
 #[inline(always)]
-pub fn momentum_map<S: Scalar>(tree: &Tree, places: &mut [Place<S>]) -> System<S> {
+pub(crate) fn set_places<S: Scalar>(tree: &Tree, places: &mut [Place<S>]) {
     let count = tree.bodies.len();
     let (places, bodies) = (&mut places[..count], &tree.bodies[..count]);
     let like = places[0].q;
@@ -252,18 +232,39 @@ pub fn momentum_map<S: Scalar>(tree: &Tree, places: &mut [Place<S>]) -> System<S
         let (before, rest) = places.split_at_mut(inward + 1);
         rest[0].gather(hop, mass, &mut before[hop.parent]);
     }
-    let system = System::new(&places[0], bodies[0].subtree_mass);
-    let per = like.constant(1.0 / bodies[0].subtree_mass);
+}
+
+/// Poses, composite inertias and momentum map. `places`, one per body, hold positions and turns; `columns`,
+/// one per joint, receive the map.
+///
+/// # Panics
+/// If a slice is shorter than the tree needs.
+#[inline(always)]
+pub fn momentum_map<S: Scalar>(
+    tree: &Tree,
+    places: &mut [Place<S>],
+    columns: &mut [Column<S>],
+) -> System<S> {
+    set_places(tree, places);
+    let (count, like) = (tree.dof(), places[0].q);
+    let (levers, columns) = (&places[1..=count], &mut columns[..count]);
+    let system = System::new(&places[0], tree.bodies[0].subtree_mass);
+    let per = like.constant(1.0 / tree.bodies[0].subtree_mass);
     let answer = -system.H_B_inverse;
-    for ((place, body), hop) in places[1..].iter_mut().zip(&bodies[1..]).zip(&tree.hops) {
-        place.set_column(hop, body.subtree_mass, &system, &answer, per);
+    for (j, (place, column)) in levers.iter().zip(columns).enumerate() {
+        let moves = if tree.hops[j].slides {
+            Moves::Sliding(like.constant(tree.bodies[j + 1].subtree_mass))
+        } else {
+            Moves::Turning
+        };
+        *column = Column::new(&place.lever(), moves, system.p_BC, &answer, per);
     }
     system
 }
 
 impl<S: Scalar> System<S> {
     #[inline(always)]
-    fn new(base: &Place<S>, mass: f64) -> Self {
+    pub(super) fn new(base: &Place<S>, mass: f64) -> Self {
         let (p, J) = about_com(base.first_moment, base.inertia, mass);
         let H_B = rotated(J, &base.axes);
         Self {
@@ -310,38 +311,38 @@ fn rotated<S: Scalar>(m: Sym3<S>, axes: &[Vec3<S>; 3]) -> Sym3<S> {
 /// linear rows first, after [`momentum_map`]. Masutani 1995 eqs. (4.36), (4.37).
 ///
 /// # Panics
-/// If there are fewer columns than joints.
+/// If a slice is shorter than the tree needs.
 #[inline(always)]
 pub fn generalized_jacobian<S: Scalar>(
     tree: &Tree,
     places: &[Place<S>],
+    columns: &[Column<S>],
     system: &System<S>,
     body: usize,
     p_KE: &[f64; 3],
-    columns: &mut [[S; 6]],
+    out: &mut [[S; 6]],
 ) {
     let end = &places[body];
     let p_BE = end.turned(Vec3::constant(end.q, p_KE)) + end.p_BK;
     let r_CE = p_BE - system.p_BC;
-    for (place, column) in places[1..].iter().zip(columns.iter_mut()) {
-        let Vec3([x, y, z]) = place.H_A.cross(r_CE) - place.J_C;
-        let Vec3([a, b, c]) = place.H_A;
-        *column = [x, y, z, a, b, c];
+    for (column, out) in columns.iter().zip(out.iter_mut()) {
+        let [Vec3([x, y, z]), Vec3([a, b, c])] = column.of_base(r_CE);
+        *out = [x, y, z, a, b, c];
     }
     let mut body = body;
     while body > 0 {
-        let (place, column) = (&places[body], &mut columns[body - 1]);
+        let (place, out) = (&places[body], &mut out[body - 1]);
         let hop = &tree.hops[body - 1];
         let axis = place.axes[2];
         let linear = if hop.slides {
             axis
         } else {
-            for (entry, axis) in column[3..].iter_mut().zip(axis.0) {
+            for (entry, axis) in out[3..].iter_mut().zip(axis.0) {
                 *entry = *entry + axis;
             }
             axis.cross(p_BE - place.p_BK)
         };
-        for (entry, linear) in column[..3].iter_mut().zip(linear.0) {
+        for (entry, linear) in out[..3].iter_mut().zip(linear.0) {
             *entry = *entry + linear;
         }
         body = hop.parent;

@@ -2,7 +2,7 @@
 //!
 //! A [`Tree`] is a model in the frames that suit them. [`forward_dynamics`] and [`inverse_dynamics`] sweep over
 //! one [`Slot`] per body, [`base_spin`] over one [`Carried`], [`momentum_map`] and [`generalized_jacobian`] over one
-//! [`Place`]. All cost time
+//! [`Place`] and one [`Column`]. All cost time
 //! linear in the number of joints, take no memory and have no errors: what is not finite shows in the results.
 //! The number is any [`Scalar`]: `f64`, [`Lanes`] of it, or one's own.
 //!
@@ -11,6 +11,7 @@
 
 mod articulated;
 mod attitude;
+mod columns;
 mod composite;
 mod hop;
 mod inverse;
@@ -24,6 +25,9 @@ mod vector;
 
 pub use articulated::{Slot, forward_dynamics};
 pub use attitude::{Attitude, SMALL_TURN, small_turn_rate};
+pub use columns::Column;
+pub(crate) use columns::{JointGroup, set_columns, set_jacobian};
+pub(crate) use composite::set_places;
 pub use composite::{Place, System, generalized_jacobian, momentum_map};
 pub use hop::{ArticulatedInertia, Force, Motion};
 pub use inverse::inverse_dynamics;

@@ -11,6 +11,7 @@ use super::{Scalar, Slot, Sym3, Vec3};
 
 /// What the sweep keeps of a body with its whole subtree, in the body's kernel frame.
 #[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
 pub struct Carried<S> {
     first_moment: Vec3<S>,
     /// Moment of inertia about the frame's origin.

@@ -8,6 +8,7 @@
 //! from outside.
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
+use pulp::Simd;
 
 use super::{Force, GROUP, Mat3, Scalar, Turn, Vec3, sin_cos};
 use crate::model::{Frame, Joint, Model};
@@ -159,10 +160,18 @@ impl Tree {
 
     /// Tells the turn of every joint at positions `q`.
     #[inline(always)]
-    pub(crate) fn turns(&self, q: &[f64], mut tell: impl FnMut(usize, f64, Turn<f64>)) {
+    pub(crate) fn turns<V: Simd>(
+        &self,
+        simd: V,
+        q: &[f64],
+        mut tell: impl FnMut(usize, f64, Turn<f64>),
+    ) {
         for (group, (q, hops)) in q.chunks(GROUP).zip(self.hops.chunks(GROUP)).enumerate() {
+            // Copied by wide instructions: what is written in pieces takes long to be read at once.
             let mut angles = [0.0; GROUP];
-            angles[..q.len()].copy_from_slice(q);
+            for (q, angles) in q.chunks(V::F64_LANES).zip(angles.chunks_mut(V::F64_LANES)) {
+                simd.partial_store_f64s(angles, simd.partial_load_f64s(q));
+            }
             let (cos, sin) = sin_cos(&angles);
             for (i, (&q, hop)) in q.iter().zip(hops).enumerate() {
                 tell(group * GROUP + i, q, hop.turn(cos[i], sin[i]));
