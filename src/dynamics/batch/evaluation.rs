@@ -3,9 +3,9 @@
 use nalgebra::Vector3;
 use pulp::Simd;
 
-use super::{Block, Eight, Task, get, put};
+use super::{Block, Task, get, put};
 use crate::dynamics::kernel::{
-    Attitude, Carried, GROUP, Lanes, SMALL_TURN, Scalar, Slot, Tree, Vec3, base_spin,
+    Attitude, Carried, Eight, GROUP, Lanes, SMALL_TURN, Scalar, Slot, Tree, Vec3, base_spin,
     forward_dynamics, sin_cos, small_turn_rate,
 };
 use crate::spatial::{exp_so3, rotation_vector_rate};
@@ -106,8 +106,8 @@ impl<S: Simd> Evaluation<S> {
             let slot = &mut self.slots[j + 1];
             let mut angles = Eight::ZERO;
             slot.q.store(&mut angles.0);
-            let (cos, sin) = sin_cos(&angles.0);
-            slot.turn = hop.turn(Lanes::load(simd, &cos), Lanes::load(simd, &sin));
+            let (cos, sin) = sin_cos(&angles);
+            slot.turn = hop.turn(Lanes::load(simd, &cos.0), Lanes::load(simd, &sin.0));
             let actuator = Lanes::load(simd, &block.efforts[j].0[first..]);
             let slack = (-slot.q).plus(hop.rest).times(hop.stiffness);
             slot.effort = actuator + (slack - slot.qd.times(hop.damping));

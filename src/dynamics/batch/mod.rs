@@ -9,7 +9,7 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use self::evaluation::Evaluation;
-use super::kernel::{GROUP, Tree};
+use super::kernel::{Eight, GROUP, Tree};
 use super::{Momentum, State};
 use crate::model::Model;
 
@@ -26,15 +26,6 @@ pub struct Batch {
     count: usize,
     blocks: Vec<Block>,
     scratch: Vec<Scratch>,
-}
-
-/// One number of each of eight states, in one cache line.
-#[derive(Debug, Clone, Copy)]
-#[repr(align(64))]
-struct Eight([f64; GROUP]);
-
-impl Eight {
-    const ZERO: Self = Self([0.0; GROUP]);
 }
 
 /// Writes a state's numbers into its lane.

@@ -4,7 +4,7 @@ use pulp::Simd;
 
 use super::composite::{Place, System};
 use super::tree::Tree;
-use super::{GROUP, Lanes, Scalar, Sym3, Vec3};
+use super::{Eight, GROUP, Lanes, Scalar, Sym3, Vec3};
 
 /// A joint with the subtree that it moves: what its columns are made of. Base axes.
 #[derive(Debug, Clone, Copy)]
@@ -102,12 +102,8 @@ impl<S: Scalar> Column<S> {
     }
 }
 
-/// One number of each of eight joints.
-type Eight = [f64; GROUP];
-
 /// Eight joints side by side: their levers, and their columns.
 #[derive(Debug, Clone)]
-#[repr(align(64))]
 pub(crate) struct JointGroup {
     axes: [[Eight; 3]; 3],
     p_BK: [Eight; 3],
@@ -128,23 +124,23 @@ impl JointGroup {
     pub(crate) fn of(tree: &Tree) -> Vec<Self> {
         let groups = tree.hops.chunks(GROUP).enumerate().map(|(group, hops)| {
             let mut made = Self {
-                axes: [[[0.0; GROUP]; 3]; 3],
-                p_BK: [[0.0; GROUP]; 3],
-                across: [[0.0; GROUP]; 2],
-                inertia: [[0.0; GROUP]; 3],
-                turning: [1.0; GROUP],
-                sliding: [0.0; GROUP],
+                axes: [[Eight::ZERO; 3]; 3],
+                p_BK: [Eight::ZERO; 3],
+                across: [Eight::ZERO; 2],
+                inertia: [Eight::ZERO; 3],
+                turning: Eight([1.0; GROUP]),
+                sliding: Eight::ZERO,
                 is_mixed: hops.iter().any(|hop| hop.slides),
-                torque: [[0.0; GROUP]; 3],
-                force: [[0.0; GROUP]; 3],
-                J_C: [[0.0; GROUP]; 3],
-                H_M: [[0.0; GROUP]; 3],
-                H_A: [[0.0; GROUP]; 3],
+                torque: [Eight::ZERO; 3],
+                force: [Eight::ZERO; 3],
+                J_C: [Eight::ZERO; 3],
+                H_M: [Eight::ZERO; 3],
+                H_A: [Eight::ZERO; 3],
             };
             for (i, hop) in hops.iter().enumerate() {
                 if hop.slides {
-                    made.turning[i] = 0.0;
-                    made.sliding[i] = tree.bodies[group * GROUP + i + 1].subtree_mass;
+                    made.turning.0[i] = 0.0;
+                    made.sliding.0[i] = tree.bodies[group * GROUP + i + 1].subtree_mass;
                 }
             }
             made
@@ -171,8 +167,8 @@ impl JointGroup {
         }
         put(&mut self.p_BK, i, lever.p_BK);
         put(&mut self.inertia, i, lever.inertia);
-        self.across[0][i] = lever.across[0];
-        self.across[1][i] = lever.across[1];
+        self.across[0].0[i] = lever.across[0];
+        self.across[1].0[i] = lever.across[1];
     }
 
     #[inline(always)]
@@ -187,8 +183,8 @@ impl JointGroup {
             ],
             p_BK: load(simd, &self.p_BK, first),
             across: [
-                Lanes::load(simd, &h[first..]),
-                Lanes::load(simd, &k[first..]),
+                Lanes::load(simd, &h.0[first..]),
+                Lanes::load(simd, &k.0[first..]),
             ],
             inertia: load(simd, &self.inertia, first),
         }
@@ -207,8 +203,8 @@ impl JointGroup {
             let lever = self.lever(simd, first);
             let moves = if self.is_mixed {
                 Moves::Mixed {
-                    turning: Lanes::load(simd, &self.turning[first..]),
-                    sliding: Lanes::load(simd, &self.sliding[first..]),
+                    turning: Lanes::load(simd, &self.turning.0[first..]),
+                    sliding: Lanes::load(simd, &self.sliding.0[first..]),
                 }
             } else {
                 Moves::Turning
@@ -233,7 +229,7 @@ impl JointGroup {
         columns: &mut [[f64; 6]],
     ) {
         let (r_CE, p_BE) = (splat(simd, r_CE), splat(simd, p_BE));
-        let mut rows = [[[0.0; GROUP]; 3]; 2];
+        let mut rows = [[Eight::ZERO; 3]; 2];
         for first in (0..GROUP).step_by(S::F64_LANES) {
             let column = Column {
                 torque: r_CE,
@@ -245,9 +241,9 @@ impl JointGroup {
             let [mut linear, mut angular] = column.of_base(r_CE);
             let axis = load(simd, &self.axes[2], first);
             let arm = p_BE - load(simd, &self.p_BK, first);
-            let carries = Lanes::load(simd, &carries[first..]);
+            let carries = Lanes::load(simd, &carries.0[first..]);
             if self.is_mixed {
-                let turns = carries * Lanes::load(simd, &self.turning[first..]);
+                let turns = carries * Lanes::load(simd, &self.turning.0[first..]);
                 linear = axis.mul_add(carries - turns, linear);
                 linear = axis.cross(arm).mul_add(turns, linear);
                 angular = axis.mul_add(turns, angular);
@@ -305,10 +301,14 @@ pub(crate) fn set_jacobian<S: Simd>(
         .enumerate()
         .rev()
     {
-        let mut carries = [0.0; GROUP];
+        let mut path = 0_u64;
         while body > g * GROUP {
-            carries[body - 1 - g * GROUP] = 1.0;
+            path |= 1 << (body - 1 - g * GROUP);
             body = tree.hops[body - 1].parent;
+        }
+        let mut carries = Eight::ZERO;
+        for (i, carries) in carries.0.iter_mut().enumerate() {
+            *carries = if path & (1 << i) == 0 { 0.0 } else { 1.0 };
         }
         group.jacobian(simd, r_CE, p_BE, &carries, columns);
     }
@@ -316,12 +316,12 @@ pub(crate) fn set_jacobian<S: Simd>(
 
 #[inline(always)]
 fn one(rows: &[Eight; 3], i: usize) -> Vec3<f64> {
-    Vec3([rows[0][i], rows[1][i], rows[2][i]])
+    Vec3([rows[0].0[i], rows[1].0[i], rows[2].0[i]])
 }
 
 #[inline(always)]
 fn put(rows: &mut [Eight; 3], i: usize, v: Vec3<f64>) {
-    (rows[0][i], rows[1][i], rows[2][i]) = (v[0], v[1], v[2]);
+    (rows[0].0[i], rows[1].0[i], rows[2].0[i]) = (v[0], v[1], v[2]);
 }
 
 #[inline(always)]
@@ -336,15 +336,15 @@ fn splat<S: Simd>(simd: S, v: Vec3<f64>) -> Vec3<Lanes<S>> {
 #[inline(always)]
 fn load<S: Simd>(simd: S, rows: &[Eight; 3], first: usize) -> Vec3<Lanes<S>> {
     Vec3([
-        Lanes::load(simd, &rows[0][first..]),
-        Lanes::load(simd, &rows[1][first..]),
-        Lanes::load(simd, &rows[2][first..]),
+        Lanes::load(simd, &rows[0].0[first..]),
+        Lanes::load(simd, &rows[1].0[first..]),
+        Lanes::load(simd, &rows[2].0[first..]),
     ])
 }
 
 #[inline(always)]
 fn store<S: Simd>(v: Vec3<Lanes<S>>, rows: &mut [Eight; 3], first: usize) {
-    v[0].store(&mut rows[0][first..]);
-    v[1].store(&mut rows[1][first..]);
-    v[2].store(&mut rows[2][first..]);
+    v[0].store(&mut rows[0].0[first..]);
+    v[1].store(&mut rows[1].0[first..]);
+    v[2].store(&mut rows[2].0[first..]);
 }

@@ -13,6 +13,7 @@ use super::{Scalar, Sym3, Turn, Vec3};
 /// What positions imply for a body and the joint that moves it. Axes are the base's (frame B) where
 /// nothing else is said.
 #[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
 pub struct Place<S> {
     /// Joint position: an input.
     pub q: S,
@@ -149,25 +150,29 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
     ) -> (Vec3<S>, Sym3<S>) {
         let (mut h, mut J) = (h, J);
         if hop.slides {
-            let d = hop.distance(q);
-            (h, J) = shifted::<2, S>(h, J, d, d.times(0.5 * mass));
+            let p = hop.distance(q);
+            let moment = p.times(mass);
+            let (twice, square) = (p + p, p * moment);
+            let shift = Shift {
+                p,
+                twice,
+                moment,
+                square,
+            };
+            (h, J) = shift.apply::<2>(h, J);
         } else if D || GENERAL {
-            (h, J) = shifted::<2, S>(h, J, q.constant(hop.d), q.constant(0.5 * mass * hop.d));
+            (h, J) = Shift::by(q, hop.d, mass).apply::<2>(h, J);
         }
         (h, J) = (turn.out::<2>(h), turn.sym::<2>(J));
         if BEND != STRAIGHT {
             (h, J) = (self.bent_out(hop, h), self.bent_sym_out(hop, J));
         }
-        let p = Vec3::constant(q, &hop.p);
-        let half = 0.5 * mass;
-        let half = [half * hop.p[0], half * hop.p[1], half * hop.p[2]];
-        let half = Vec3::constant(q, &half);
         if A || GENERAL {
-            (h, J) = shifted::<0, S>(h, J, p[0], half[0]);
+            (h, J) = Shift::by(q, hop.p[0], mass).apply::<0>(h, J);
         }
         if GENERAL {
-            (h, J) = shifted::<1, S>(h, J, p[1], half[1]);
-            (h, J) = shifted::<2, S>(h, J, p[2], half[2]);
+            (h, J) = Shift::by(q, hop.p[1], mass).apply::<1>(h, J);
+            (h, J) = Shift::by(q, hop.p[2], mass).apply::<2>(h, J);
             let swing = Turn::constant(q, &hop.swing);
             (h, J) = (swing.out::<2>(h), swing.sym::<2>(J));
         }
@@ -184,24 +189,40 @@ fn columns<S: Scalar>(turn: &Turn<S>, x: Vec3<S>, y: Vec3<S>) -> (Vec3<S>, Vec3<
     )
 }
 
-/// First moment and inertia about a point from which the present one lies at `p` along one axis; `half`
-/// is `m p / 2`.
-#[inline(always)]
-fn shifted<const AXIS: usize, S: Scalar>(
-    mut h: Vec3<S>,
-    mut J: Sym3<S>,
+/// To a point from which the present one lies at `p` along one axis, of a mass `m`.
+struct Shift<S> {
     p: S,
-    half: S,
-) -> (Vec3<S>, Sym3<S>) {
-    let (i, (j, k)) = (AXIS, others(AXIS));
-    let g = h[i] + half;
-    let twice = p * (g + g);
-    J.diagonal[j] = J.diagonal[j] + twice;
-    J.diagonal[k] = J.diagonal[k] + twice;
-    J.off[k] = p.mul_sub_from(h[j], J.off[k]);
-    J.off[j] = p.mul_sub_from(h[k], J.off[j]);
-    h[i] = g + half;
-    (h, J)
+    /// `2 p`.
+    twice: S,
+    /// `m p`.
+    moment: S,
+    /// `m p²`.
+    square: S,
+}
+
+impl<S: Scalar> Shift<S> {
+    #[inline(always)]
+    fn by(like: S, p: f64, mass: f64) -> Self {
+        Self {
+            p: like.constant(p),
+            twice: like.constant(p + p),
+            moment: like.constant(mass * p),
+            square: like.constant(mass * p * p),
+        }
+    }
+
+    /// First moment and inertia about that point.
+    #[inline(always)]
+    fn apply<const AXIS: usize>(&self, mut h: Vec3<S>, mut J: Sym3<S>) -> (Vec3<S>, Sym3<S>) {
+        let (i, (j, k)) = (AXIS, others(AXIS));
+        let more = self.twice.mul_add(h[i], self.square);
+        J.diagonal[j] = J.diagonal[j] + more;
+        J.diagonal[k] = J.diagonal[k] + more;
+        J.off[k] = self.p.mul_sub_from(h[j], J.off[k]);
+        J.off[j] = self.p.mul_sub_from(h[k], J.off[j]);
+        h[i] = h[i] + self.moment;
+        (h, J)
+    }
 }
 
 /// Poses and composite inertias. `places`, one per body, hold positions and turns.

@@ -10,7 +10,7 @@
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 use pulp::Simd;
 
-use super::{Force, GROUP, Mat3, Scalar, Turn, Vec3, sin_cos};
+use super::{Eight, Force, GROUP, Mat3, Scalar, Turn, Vec3, sin_cos};
 use crate::model::{Frame, Joint, Model};
 use crate::spatial::{Pose, SpatialInertia, Wrench};
 
@@ -31,6 +31,7 @@ pub struct Tree {
 
 /// One body in its kernel frame K.
 #[derive(Debug, Clone)]
+#[repr(align(64))]
 pub(crate) struct Body {
     /// Pose of the kernel frame in the body's frame B.
     pub X_BK: Pose,
@@ -168,11 +169,14 @@ impl Tree {
     ) {
         for (group, (q, hops)) in q.chunks(GROUP).zip(self.hops.chunks(GROUP)).enumerate() {
             // Copied by wide instructions: what is written in pieces takes long to be read at once.
-            let mut angles = [0.0; GROUP];
-            for (q, angles) in q.chunks(V::F64_LANES).zip(angles.chunks_mut(V::F64_LANES)) {
+            let mut angles = Eight::ZERO;
+            for (q, angles) in q
+                .chunks(V::F64_LANES)
+                .zip(angles.0.chunks_mut(V::F64_LANES))
+            {
                 simd.partial_store_f64s(angles, simd.partial_load_f64s(q));
             }
-            let (cos, sin) = sin_cos(&angles);
+            let (Eight(cos), Eight(sin)) = sin_cos(&angles);
             for (i, (&q, hop)) in q.iter().zip(hops).enumerate() {
                 tell(group * GROUP + i, q, hop.turn(cos[i], sin[i]));
             }
