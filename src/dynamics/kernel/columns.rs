@@ -270,8 +270,10 @@ pub(crate) fn set_columns<S: Simd>(
     places: &[Place<f64>],
     groups: &mut [JointGroup],
 ) -> System<f64> {
-    for (j, place) in places[1..].iter().enumerate() {
-        groups[j / GROUP].set_lever(j % GROUP, &place.lever());
+    for (group, places) in groups.iter_mut().zip(places[1..].chunks(GROUP)) {
+        for (i, place) in places.iter().enumerate().take(GROUP) {
+            group.set_lever(i, &place.lever());
+        }
     }
     let mass = tree.bodies[0].subtree_mass;
     let system = System::new(&places[0], mass);

@@ -5,7 +5,8 @@
 //! is a row of it and costs nothing. Only these columns are brought to the base's axes.
 
 use super::columns::{Column, Lever, Moves};
-use super::hop::{ArticulatedInertia, Path, on_path};
+use super::hop::{Path, on_path};
+use super::inertia::ArticulatedInertia;
 use super::tree::{Body, Hop, QUARTER, STRAIGHT, Tree};
 use super::vector::others;
 use super::{Scalar, Sym3, Turn, Vec3};
@@ -39,6 +40,9 @@ pub struct System<S> {
     /// `H_B⁻¹`.
     pub H_B_inverse: Sym3<S>,
 }
+
+/// Axes and origin of a kernel frame, base axes.
+type Pose<S> = ([Vec3<S>; 3], Vec3<S>);
 
 impl<S: Scalar> Place<S> {
     /// A place with nothing in it, numbers of the kind of `like`.
@@ -80,17 +84,17 @@ impl<S: Scalar> Place<S> {
     }
 
     #[inline(always)]
-    fn follow(&mut self, hop: &Hop, parent: &Self) {
+    fn follow(&mut self, hop: &Hop, parent: Pose<S>) -> Pose<S> {
         on_path!(hop, path => (self.axes, self.p_BK) = path.place(hop, &self.turn, self.q, parent));
+        (self.axes, self.p_BK)
     }
 
-    /// Adds the subtree to what the parent gathers.
+    /// First moment and inertia of the subtree, which are these in the body's frame, as the parent feels
+    /// them.
     #[inline(always)]
-    fn gather(&self, hop: &Hop, mass: f64, parent: &mut Self) {
-        let (h, J) = (self.first_moment, self.inertia);
-        let (h, J) = on_path!(hop, path => path.composite_out(hop, &self.turn, self.q, mass, h, J));
-        parent.first_moment = parent.first_moment + h;
-        parent.inertia = parent.inertia + J;
+    fn gather(&mut self, hop: &Hop, mass: f64, (h, J): (Vec3<S>, Sym3<S>)) -> (Vec3<S>, Sym3<S>) {
+        (self.first_moment, self.inertia) = (h, J);
+        on_path!(hop, path => path.composite_out(hop, &self.turn, self.q, mass, h, J))
     }
 
     /// What the joint's columns are made of.
@@ -113,10 +117,8 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
         hop: &Hop,
         turn: &Turn<S>,
         q: S,
-        parent: &Place<S>,
-    ) -> ([Vec3<S>; 3], Vec3<S>) {
-        let [mut x, mut y, mut z] = parent.axes;
-        let mut origin = parent.p_BK;
+        ([mut x, mut y, mut z], mut origin): Pose<S>,
+    ) -> Pose<S> {
         let Vec3([p0, p1, p2]) = Vec3::constant(q, &hop.p);
         if GENERAL {
             (x, y) = columns(&Turn::constant(q, &hop.swing), x, y);
@@ -245,14 +247,26 @@ pub(crate) fn set_places<S: Scalar>(tree: &Tree, places: &mut [Place<S>]) {
         place.begin(body, like);
     }
     // Poses go outward while inertias are gathered inward: neither has to wait for the other.
+    let mut pose = (places[0].axes, places[0].p_BK);
+    let last = &places[tree.outward.last().map_or(0, |j| j + 1)];
+    let mut gathered = (last.first_moment, last.inertia);
     for (&outward, &inward) in tree.outward.iter().zip(tree.outward.iter().rev()) {
         let hop = &tree.hops[outward];
-        let (before, rest) = places.split_at_mut(outward + 1);
-        rest[0].follow(hop, &before[hop.parent]);
+        if !hop.follows {
+            pose = (places[hop.parent].axes, places[hop.parent].p_BK);
+        }
+        pose = places[outward + 1].follow(hop, pose);
         let (hop, mass) = (&tree.hops[inward], bodies[inward + 1].subtree_mass);
-        let (before, rest) = places.split_at_mut(inward + 1);
-        rest[0].gather(hop, mass, &mut before[hop.parent]);
+        let (h, J) = places[inward + 1].gather(hop, mass, gathered);
+        let parent = &mut places[hop.parent];
+        gathered = (parent.first_moment + h, parent.inertia + J);
+        if !hop.follows {
+            (parent.first_moment, parent.inertia) = gathered;
+            let next = &places[hop.before];
+            gathered = (next.first_moment, next.inertia);
+        }
     }
+    (places[0].first_moment, places[0].inertia) = gathered;
 }
 
 /// Poses, composite inertias and momentum map. `places`, one per body, hold positions and turns; `columns`,

@@ -42,9 +42,9 @@ impl<S: Scalar> Carried<S> {
         self.momentum = Force::zero(like);
     }
 
-    /// Adds the subtree, moved by its joint, to what the parent carries.
+    /// The subtree, moved by its joint, as the parent carries it.
     #[inline(always)]
-    fn pass_on(&self, hop: &Hop, mass: f64, slot: &Slot<S>, parent: &mut Self) {
+    fn passed_on(self, hop: &Hop, mass: f64, slot: &Slot<S>) -> Self {
         let (h, J, q, qd) = (self.first_moment, self.inertia, slot.q, slot.qd);
         let mut momentum = self.momentum;
         if hop.slides {
@@ -59,11 +59,21 @@ impl<S: Scalar> Carried<S> {
         }
         on_path!(hop, path => {
             let (h, J) = path.composite_out(hop, &slot.turn, q, mass, h, J);
-            parent.first_moment = parent.first_moment + h;
-            parent.inertia = parent.inertia + J;
-            let passed = path.force_out(hop, &slot.turn, q, momentum);
-            parent.momentum = parent.momentum.plus(passed);
-        });
+            Self {
+                first_moment: h,
+                inertia: J,
+                momentum: path.force_out(hop, &slot.turn, q, momentum),
+            }
+        })
+    }
+
+    #[inline(always)]
+    fn plus(self, o: Self) -> Self {
+        Self {
+            first_moment: self.first_moment + o.first_moment,
+            inertia: self.inertia + o.inertia,
+            momentum: self.momentum.plus(o.momentum),
+        }
     }
 }
 
@@ -86,12 +96,17 @@ pub fn base_spin<S: Scalar>(
     for (carried, body) in carried.iter_mut().zip(bodies) {
         carried.begin(body, angular_momentum[0]);
     }
+    let mut gathered = carried[tree.outward.last().map_or(0, |j| j + 1)];
     for &j in tree.outward.iter().rev() {
         let (hop, mass) = (&tree.hops[j], bodies[j + 1].subtree_mass);
-        let (before, rest) = carried.split_at_mut(j + 1);
-        rest[0].pass_on(hop, mass, &slots[j + 1], &mut before[hop.parent]);
+        let passed = gathered.passed_on(hop, mass, &slots[j + 1]);
+        gathered = carried[hop.parent].plus(passed);
+        if !hop.follows {
+            carried[hop.parent] = gathered;
+            gathered = carried[hop.before];
+        }
     }
-    let base = &carried[0];
+    let base = &gathered;
     let (p, inertia) = about_com(base.first_moment, base.inertia, bodies[0].subtree_mass);
     let Force { torque, force } = base.momentum;
     // Without the moment of the linear momentum, the joints' share is about the centre of mass too.

@@ -61,6 +61,11 @@ pub(crate) struct Hop {
     pub home: [f64; 2],
     /// Whether that is no turn.
     pub is_home: bool,
+    /// Whether the parent is the body that comes before this one in [`Tree::outward`]: a sweep then hands on
+    /// what it found in registers, since to write it and to read it again takes longer than a sum.
+    pub follows: bool,
+    /// The body that comes before there.
+    pub before: usize,
     pub p: [f64; 3],
     pub d: f64,
     /// Origin in the parent (a slide at zero), in the parent's axes.
@@ -106,13 +111,18 @@ impl Tree {
             let parent = model.joint_parent(j);
             Hop::new(joint, parent, &frames[parent], &frames[j + 1])
         });
-        let hops: Vec<Hop> = hops.collect();
+        let mut hops: Vec<Hop> = hops.collect();
         let mut depths = vec![0; hops.len() + 1];
         for (j, hop) in hops.iter().enumerate() {
             depths[j + 1] = depths[hop.parent] + 1;
         }
         let mut outward: Vec<usize> = (0..hops.len()).collect();
         outward.sort_by_key(|&j| depths[j + 1]);
+        let mut before = 0;
+        for &j in &outward {
+            (hops[j].before, hops[j].follows) = (before, hops[j].parent == before);
+            before = j + 1;
+        }
         Self {
             bodies,
             hops,
@@ -345,6 +355,8 @@ impl Hop {
             bend,
             home,
             is_home: home == [1.0, 0.0],
+            follows: false,
+            before: 0,
             p: p.into(),
             d,
             p_PK: (swung * (p + z * d)).into(),
