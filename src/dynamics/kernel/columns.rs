@@ -270,13 +270,14 @@ pub(crate) fn set_columns<S: Simd>(
     places: &[Place<f64>],
     groups: &mut [JointGroup],
 ) -> System<f64> {
+    let mass = tree.bodies[0].subtree_mass;
+    // First, since all columns wait for it, and while it waits for itself levers can be set.
+    let system = System::new(&places[0], mass);
     for (group, places) in groups.iter_mut().zip(places[1..].chunks(GROUP)) {
         for (i, place) in places.iter().enumerate().take(GROUP) {
             group.set_lever(i, &place.lever());
         }
     }
-    let mass = tree.bodies[0].subtree_mass;
-    let system = System::new(&places[0], mass);
     for group in groups {
         group.set_columns(simd, &system, mass);
     }
