@@ -88,9 +88,17 @@ pub mod experiments;
 /// Published examples; with the feature `ros` also closed loops and what recorded runs show.
 #[cfg(not(feature = "ros"))]
 pub mod experiments {
+    mod continuous_loop;
     pub mod masutani_ch3;
     pub mod masutani_ch5;
+    pub mod masutani_ch6;
+    pub mod masutani_ch7;
+    pub mod masutani_ch8;
+    pub mod masutani_g;
+    pub mod operation_counts;
     pub mod tr942;
+
+    pub use continuous_loop::ContinuousLoop;
 }
 #[cfg(feature = "ros")]
 pub mod msg;

@@ -2,14 +2,14 @@
 
 use std::hint::black_box;
 
-use fuyu::control::{Gains, JacobianKind, Measurement, Saturation, TransposeJacobian};
+use fuyu::control::{Controller, ControllerConfig, Gains, LawKind, Measurement, Saturation, Sight};
 use fuyu::dynamics::{
     Formulation, FormulationKind, ForwardDynamics, Input, Integrator, Method, State,
     TreeAcceleration, TreeMotion, Workspace,
 };
 use fuyu::model::{Frame, Model};
 use fuyu::spatial::Pose;
-use nalgebra::{DVector, Matrix6xX, Rotation3, Translation3};
+use nalgebra::{Matrix6xX, Rotation3, Translation3};
 
 use super::robots::{Moving, Robot};
 
@@ -88,14 +88,16 @@ pub fn control_law(robot: &Robot) -> Box<dyn Program + '_> {
         },
     };
     let tip = model.frame(&robot.tip).expect("robots have tips");
-    let law = TransposeJacobian::new(model, tip, gains, JacobianKind::Generalized);
-    let workspace = Workspace::new(model);
+    let config = ControllerConfig::new(LawKind::TransposeJacobian, gains);
+    let controller = Controller::new(model.clone(), tip.clone(), config);
+    let goal = Translation3::new(1.0, 2.0, 0.5);
     Box::new(ControlLaw {
-        model,
-        law: law.expect("gains are positive"),
-        X_BE: workspace.X_BF(tip),
-        workspace,
-        efforts: DVector::zeros(model.dof()),
+        controller: controller.expect("gains are positive"),
+        sight: Sight::new(
+            0.0,
+            Workspace::new(model).X_BF(tip),
+            Pose::from_parts(goal, Rotation3::identity()),
+        ),
     })
 }
 
@@ -215,30 +217,21 @@ impl Program for ReducedInertia<'_> {
     }
 }
 
-struct ControlLaw<'a> {
-    model: &'a Model,
-    law: TransposeJacobian,
-    X_BE: Pose,
-    workspace: Workspace,
-    efforts: DVector<f64>,
+struct ControlLaw {
+    controller: Controller,
+    sight: Sight,
 }
 
-impl Program for ControlLaw<'_> {
+impl Program for ControlLaw {
     fn call(&mut self, s: &Moving) {
-        let goal = Translation3::new(1.0, 2.0, 0.5);
-        let seen = Measurement {
-            q: &s.state.q,
-            qd: &s.state.qd,
-            X_BE: &self.X_BE,
-            X_BD: &Pose::from_parts(goal, Rotation3::identity()),
-        };
-        self.law
-            .efforts(self.model, &mut self.workspace, &seen, &mut self.efforts);
-        black_box(&self.efforts);
+        let seen = Measurement::new(0.0, &s.state.q, &s.state.qd);
+        let acted = (self.controller).update(&seen.with_sight(Some(&self.sight)));
+        black_box(acted.is_ok());
+        black_box(self.controller.efforts());
     }
 
     fn answer(&mut self, s: &Moving) -> Vec<f64> {
         self.call(s);
-        self.efforts.iter().copied().collect()
+        self.controller.efforts().iter().copied().collect()
     }
 }

@@ -5,6 +5,7 @@ use std::{fmt::Write as _, path::PathBuf, time::Instant};
 use super::{Failure, print};
 use crate::{
     bag::BagError,
+    control::Trouble,
     experiments::{ClosedLoop, Performance, SimulatedBag, Summary},
     nodes::scenario::Scenario,
 };
@@ -71,12 +72,17 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         }
     };
     let start = Instant::now();
-    let performance = simulate(&mut closed_loop, duration, bag.as_mut()).map_err(|stop| {
+    let simulated = simulate(&mut closed_loop, duration, bag.as_mut());
+    let (performance, trouble) = simulated.map_err(|stop| {
         Failure::Runtime(match stop {
             Stop::Physics(problem) => format!("{}: {problem}", scenario.path().display()),
             Stop::Bag(problem) => problem.to_string(),
         })
     })?;
+    if let Some((time, trouble)) = trouble {
+        let path = scenario.path().display();
+        eprintln!("fuyu: warning: {path}: from {time:.2} s on: {trouble}");
+    }
     let summary = performance.summary(&closed_loop.world, start.elapsed().as_secs_f64());
     if let Some(bag) = bag {
         bag.finish().map_err(|e| Failure::Runtime(e.to_string()))?;
@@ -90,12 +96,14 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     print(&text)
 }
 
+/// How it went, and since when the tip does not arrive, if at the end it does not.
 fn simulate(
     closed_loop: &mut ClosedLoop,
     duration: f64,
     mut bag: Option<&mut SimulatedBag>,
-) -> Result<Performance, Stop> {
+) -> Result<(Performance, Option<(f64, Trouble)>), Stop> {
     let mut performance = Performance::new(&closed_loop.world);
+    let mut trouble = None;
     let mut frames = Vec::new();
     loop {
         if let Some(bag) = bag.as_deref_mut() {
@@ -103,13 +111,16 @@ fn simulate(
         }
         closed_loop.answer::<Stop>(&mut frames, |world, moment| {
             performance.see(world, moment);
+            let now = moment.answer.as_ref().and_then(|a| a.acted.trouble);
+            let since = trouble.map_or(world.time(), |(since, _)| since);
+            trouble = now.map(|now| (since, now));
             if let Some(bag) = bag.as_deref_mut() {
                 bag.moment(world.time(), moment)?;
             }
             Ok(())
         })?;
         if closed_loop.world.time() >= duration - 1e-9 {
-            return Ok(performance);
+            return Ok((performance, trouble));
         }
         closed_loop.advance()?;
     }
@@ -133,11 +144,15 @@ fn table(name: &str, s: &Summary) -> String {
             s.duration / s.wall_time
         ),
     );
-    if let (Some(position), Some(attitude)) = (s.tip_position_error, s.tip_attitude_error) {
+    if let Some(position) = s.tip_position_error {
         row("tip position error", format!("{position:.3e} m"));
-        row("tip attitude error", format!("{attitude:.3e} rad"));
+        if let Some(attitude) = s.tip_attitude_error {
+            row("tip attitude error", format!("{attitude:.3e} rad"));
+        }
         row("within 1 cm after", time(s.time_to_1cm));
-        row("within 2 degrees after", time(s.time_to_2deg));
+        if s.tip_attitude_error.is_some() {
+            row("within 2 degrees after", time(s.time_to_2deg));
+        }
     }
     row("base displacement", format!("{x:.4}, {y:.4}, {z:.4} m"));
     row(

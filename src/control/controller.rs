@@ -2,82 +2,28 @@
 
 use nalgebra::DVector;
 
+use super::hand_over::HandOver;
+use super::recovery::{Trouble, Watch};
 use super::{
-    GainError, Gains, IkError, JacobianKind, JointPd, Measurement, PoseError, TransposeJacobian,
-    check_joint_gains, inverse_kinematics,
+    Acted, Arm, ControllerConfig, GainError, Law, LawError, Measurement, farthest_from_com,
 };
-use crate::dynamics::Workspace;
 use crate::model::{Frame, Model};
-use crate::spatial::Pose;
-
-/// Which law drives the arm.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum LawKind {
-    /// Transpose-Jacobian control, [`TransposeJacobian`].
-    TransposeJacobian,
-    /// Joint PD towards joint positions found by inverse kinematics when it starts, [`JointPd`].
-    JointPd,
-}
-
-impl LawKind {
-    /// All laws by name.
-    pub const NAMES: [(&'static str, Self); 2] = [
-        ("transpose_jacobian", Self::TransposeJacobian),
-        ("joint_pd", Self::JointPd),
-    ];
-}
-
-/// Settings of a [`Controller`].
-#[derive(Debug, Clone, PartialEq)]
-pub struct ControllerConfig {
-    /// Which law.
-    pub law: LawKind,
-    /// Which Jacobian the transpose-Jacobian law uses.
-    pub jacobian: JacobianKind,
-    /// Gains of the transpose-Jacobian law; `k_v` damps the joints under every law.
-    pub gains: Gains,
-    /// Position gains of the joint PD \[N m/rad or N/m\], one per joint.
-    pub joint_k_p: Vec<f64>,
-}
-
-impl ControllerConfig {
-    /// Refuses settings that do not fit a robot with `joints` joints.
-    ///
-    /// # Errors
-    /// [`GainError`] naming the gain.
-    pub fn check(&self, joints: usize) -> Result<(), GainError> {
-        self.gains.check(joints)?;
-        match self.law {
-            LawKind::TransposeJacobian => Ok(()),
-            LawKind::JointPd => check_joint_gains("joint_k_p", &self.joint_k_p, joints),
-        }
-    }
-}
-
-/// What the controller did at one instant.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Acted {
-    /// Deviation that it acted on; `None` while no camera measurement was given.
-    pub error: Option<PoseError>,
-    /// Whether the position error was saturated.
-    pub position_saturated: bool,
-    /// Whether the orientation error was saturated.
-    pub orientation_saturated: bool,
-}
 
 /// Joint states and base-frame measurements in, joint efforts out.
-#[derive(Debug, Clone)]
+#[derive(Debug)]
 pub struct Controller {
-    model: Model,
-    tip: Frame,
+    arm: Arm,
     config: ControllerConfig,
-    workspace: Workspace,
-    transpose_jacobian: TransposeJacobian,
-    joint_pd: Option<JointPd>,
-    /// A goal for which the joint PD found no joint positions, and why.
-    out_of_reach: Option<(Pose, IkError)>,
+    law: Box<dyn Law>,
+    hand_over: HandOver,
+    watch: Watch,
+    /// What the tip's distance from the centre of mass cannot exceed \[m\].
+    reach: Option<f64>,
     efforts: DVector<f64>,
 }
+
+/// A goal that is so much too far is within what a camera may err by \[m\].
+const BEYOND: f64 = 0.01;
 
 impl Controller {
     /// A controller for `model` with its tip at the frame `tip`.
@@ -85,16 +31,15 @@ impl Controller {
     /// # Errors
     /// [`GainError`] when the settings do not fit the robot.
     pub fn new(model: Model, tip: Frame, config: ControllerConfig) -> Result<Self, GainError> {
-        config.check(model.dof())?;
-        let gains = config.gains.clone();
+        let joints = model.dof();
+        config.check(joints)?;
         Ok(Self {
-            workspace: Workspace::new(&model),
-            transpose_jacobian: TransposeJacobian::new(&model, &tip, gains, config.jacobian)?,
-            joint_pd: None,
-            out_of_reach: None,
-            efforts: DVector::zeros(model.dof()),
-            model,
-            tip,
+            law: config.law.start(&config, joints),
+            hand_over: HandOver::new(joints, config.hand_over),
+            watch: Watch::new(config.recovery),
+            reach: farthest_from_com(&model, &tip),
+            efforts: DVector::zeros(joints),
+            arm: Arm::new(model, tip),
             config,
         })
     }
@@ -106,29 +51,32 @@ impl Controller {
 
     /// The robot.
     pub fn model(&self) -> &Model {
-        &self.model
+        &self.arm.model
     }
 
     /// The tip's frame.
     pub fn tip(&self) -> &Frame {
-        &self.tip
+        &self.arm.tip
     }
 
-    /// Changes the settings; the joint PD forgets its joint goal when the law changes.
+    /// Changes the settings. The efforts go over to those of the new ones without a step, within a few times
+    /// [`ControllerConfig::hand_over`]. A law that is given up forgets what it has found out, such as the joint
+    /// PD its joint goal.
     ///
     /// # Errors
     /// [`GainError`] when they do not fit the robot; nothing has changed then.
     pub fn set_config(&mut self, config: ControllerConfig) -> Result<(), GainError> {
-        config.check(self.model.dof())?;
-        self.transpose_jacobian.gains = config.gains.clone();
-        self.transpose_jacobian.jacobian = config.jacobian;
-        if config.law != self.config.law || config.law == LawKind::TransposeJacobian {
-            self.joint_pd = None;
-            self.out_of_reach = None;
-        } else if let Some(pd) = &mut self.joint_pd {
-            pd.k_p.clone_from(&config.joint_k_p);
-            pd.k_v.clone_from(&config.gains.k_v);
+        let joints = self.arm.model.dof();
+        config.check(joints)?;
+        if config.law == self.config.law {
+            self.law.configure(&config);
+        } else {
+            self.law = config.law.start(&config, joints);
         }
+        self.hand_over.time_constant = config.hand_over;
+        self.hand_over.begin();
+        self.watch.config = config.recovery;
+        self.watch.forget();
         self.config = config;
         Ok(())
     }
@@ -138,82 +86,59 @@ impl Controller {
         &self.efforts
     }
 
-    /// One control step. `seen` is the pair of tip and goal poses (`X_BE`, `X_BD`) of the latest camera
-    /// frame that is young enough. Without it the joints are only damped, unless the law has all that it
-    /// needs: the joint PD looks at the camera when it starts and never again.
+    /// One control step. Without [`Measurement::sight`] the joints are only damped, unless the law has all
+    /// that it needs: the joint PD looks at the camera when it starts and never again.
     ///
     /// # Errors
-    /// [`IkError`] when the joint PD finds no joint positions for its goal; the joints are then damped.
-    pub fn update(
-        &mut self,
-        q: &DVector<f64>,
-        qd: &DVector<f64>,
-        seen: Option<(&Pose, &Pose)>,
-    ) -> Result<Acted, IkError> {
-        let error = seen.map(|(X_BE, X_BD)| PoseError::between(X_BE, X_BD));
-        let mut acted = Acted {
-            error,
-            position_saturated: false,
-            orientation_saturated: false,
+    /// [`LawError`] when the law has no efforts to give; the joints are then damped.
+    pub fn update(&mut self, seen: &Measurement<'_>) -> Result<Acted, LawError> {
+        let mut acted = self.law.pull(&mut self.arm, seen, &mut self.efforts);
+        if let Ok(acted) = &mut acted {
+            acted.trouble = self.watch(seen, acted);
+        }
+        let k_v = &self.config.gains.k_v;
+        if acted.as_ref().is_ok_and(|acted| acted.pulls) {
+            let part = self.law.joint_damping();
+            (self.hand_over).blend(seen.time, &mut self.efforts, k_v, part);
+        } else {
+            self.efforts.fill(0.0);
+            self.hand_over.release(seen.time, k_v);
+        }
+        for (j, effort) in self.efforts.iter_mut().enumerate() {
+            *effort -= self.hand_over.k_v(j) * seen.qd[j];
+            *effort += self.watch.kick(seen.time, j, k_v[j]);
+        }
+        acted
+    }
+
+    /// Looks whether the law's pull, in `efforts`, brings the tip nearer.
+    fn watch(&mut self, seen: &Measurement<'_>, acted: &Acted) -> Option<Trouble> {
+        let (Some(sight), Some(error), true) = (
+            seen.sight,
+            &acted.error,
+            acted.pulls && self.law.seeks_the_goal(),
+        ) else {
+            self.watch.forget();
+            return None;
         };
-        match (self.config.law, seen) {
-            (LawKind::TransposeJacobian, Some((X_BE, X_BD))) => {
-                let measurement = Measurement { q, qd, X_BE, X_BD };
-                let Self {
-                    model,
-                    workspace,
-                    transpose_jacobian,
-                    efforts,
-                    ..
-                } = self;
-                let error = transpose_jacobian.efforts(model, workspace, &measurement, efforts);
-                let saturation = &transpose_jacobian.gains.saturation;
-                acted.position_saturated = saturation.position_error(&error).1;
-                acted.orientation_saturated = saturation.orientation_error(&error).1;
-            }
-            (LawKind::JointPd, _) => {
-                if let (None, Some((_, X_BD))) = (&self.joint_pd, seen) {
-                    self.damp(qd);
-                    self.joint_pd = Some(self.start_joint_pd(X_BD, q)?);
-                }
-                match &self.joint_pd {
-                    Some(pd) => pd.efforts(q, qd, &mut self.efforts),
-                    None => self.damp(qd),
-                }
-            }
-            (LawKind::TransposeJacobian, None) => self.damp(qd),
-        }
-        Ok(acted)
-    }
-
-    fn damp(&mut self, qd: &DVector<f64>) {
-        for ((effort, k), rate) in self.efforts.iter_mut().zip(&self.config.gains.k_v).zip(qd) {
-            *effort = -k * rate;
-        }
-    }
-
-    fn start_joint_pd(&mut self, X_BD: &Pose, q: &DVector<f64>) -> Result<JointPd, IkError> {
-        // The search is long where it fails: it is not made again for the same goal.
-        if let Some((goal, error)) = &self.out_of_reach {
-            let moved = PoseError::between(goal, X_BD);
-            if moved.position.norm() < 1e-3 && moved.angle < 1e-3 {
-                return Err(error.clone());
-            }
-        }
-        let goal = inverse_kinematics(&self.model, &self.tip, X_BD, q)
-            .inspect_err(|error| self.out_of_reach = Some((*X_BD, error.clone())))?;
-        Ok(JointPd {
-            k_p: self.config.joint_k_p.clone(),
-            k_v: self.config.gains.k_v.clone(),
-            goal,
-        })
+        let Arm {
+            model, workspace, ..
+        } = &mut self.arm;
+        workspace.set_positions(model, seen.q);
+        let distance = (sight.X_BD.translation.vector - workspace.p_BC()).norm();
+        let short = self.reach.map(|reach| distance - reach);
+        let short = short.filter(|short| *short > BEYOND);
+        let gains = &self.config.gains;
+        (self.watch).look(seen, gains, error, &self.efforts, short)
     }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::Saturation;
+    use crate::control::{Gains, IkError, JointPdGains, LawKind, Saturation, Sight};
+    use crate::dynamics::Workspace;
+    use crate::spatial::Pose;
     use nalgebra::Translation3;
 
     fn planar(law: LawKind) -> Controller {
@@ -224,20 +149,21 @@ mod tests {
     }
 
     fn config(law: LawKind) -> ControllerConfig {
+        let gains = Gains {
+            k_p: 100.0,
+            k_o: 1.0,
+            k_v: vec![200.0, 1000.0],
+            saturation: Saturation::NONE,
+        };
         ControllerConfig {
-            law,
-            jacobian: JacobianKind::Generalized,
-            gains: Gains {
-                k_p: 100.0,
-                k_o: 1.0,
-                k_v: vec![200.0, 1000.0],
-                saturation: Saturation::NONE,
+            joint_pd: JointPdGains {
+                k_p: vec![40.0, 200.0],
             },
-            joint_k_p: vec![40.0, 200.0],
+            ..ControllerConfig::new(law, gains)
         }
     }
 
-    fn poses(controller: &Controller, q: [f64; 2], goal: [f64; 2]) -> (DVector<f64>, Pose, Pose) {
+    fn poses(controller: &Controller, q: [f64; 2], goal: [f64; 2]) -> (DVector<f64>, Sight) {
         let mut workspace = Workspace::new(controller.model());
         let mut pose = |q: &DVector<f64>| {
             workspace.set_positions(controller.model(), q);
@@ -246,17 +172,27 @@ mod tests {
         let q = DVector::from_row_slice(&q);
         let tip = pose(&q);
         let goal = pose(&DVector::from_row_slice(&goal));
-        (q, tip, goal)
+        (q, Sight::new(0.0, tip, goal))
+    }
+
+    fn update(
+        controller: &mut Controller,
+        time: f64,
+        q: &DVector<f64>,
+        qd: &DVector<f64>,
+        sight: &Sight,
+    ) -> Result<Acted, LawError> {
+        controller.update(&Measurement::new(time, q, qd).with_sight(Some(sight)))
     }
 
     #[test]
     fn without_a_measurement_the_joints_are_damped() {
         let mut controller = planar(LawKind::TransposeJacobian);
-        let (q, tip, goal) = poses(&controller, [0.3, 1.0], [0.5, 0.8]);
+        let (q, sight) = poses(&controller, [0.3, 1.0], [0.5, 0.8]);
         let qd = DVector::from_row_slice(&[0.1, -0.2]);
-        controller.update(&q, &qd, None).unwrap();
+        controller.update(&Measurement::new(0.0, &q, &qd)).unwrap();
         assert_eq!(controller.efforts().as_slice(), [-20.0, 200.0]);
-        let acted = controller.update(&q, &qd, Some((&tip, &goal))).unwrap();
+        let acted = update(&mut controller, 0.01, &q, &qd, &sight).unwrap();
         assert!(acted.error.is_some());
         assert_ne!(controller.efforts().as_slice(), [-20.0, 200.0]);
     }
@@ -264,25 +200,71 @@ mod tests {
     #[test]
     fn joint_pd_pulls_to_the_joint_goal_of_its_start_and_needs_no_camera_after() {
         let mut controller = planar(LawKind::JointPd);
-        let (q, tip, goal) = poses(&controller, [0.3, 1.0], [0.5, 0.8]);
+        let (q, sight) = poses(&controller, [0.3, 1.0], [0.5, 0.8]);
         let rest = DVector::zeros(2);
-        controller.update(&q, &rest, Some((&tip, &goal))).unwrap();
+        update(&mut controller, 0.0, &q, &rest, &sight).unwrap();
         let pulled = controller.efforts().clone();
         assert!((pulled[0] - 40.0 * 0.2).abs() < 1e-6 && (pulled[1] + 200.0 * 0.2).abs() < 1e-6);
-        controller.update(&q, &rest, None).unwrap();
+        controller
+            .update(&Measurement::new(0.01, &q, &rest))
+            .unwrap();
         assert_eq!(controller.efforts(), &pulled);
     }
 
     #[test]
     fn a_goal_out_of_reach_is_an_error_and_leaves_damping() {
         let mut controller = planar(LawKind::JointPd);
-        let (q, tip, _) = poses(&controller, [0.3, 1.0], [0.5, 0.8]);
-        let far = Pose::from_parts(Translation3::new(20.0, 0.0, 0.0), tip.rotation);
+        let (q, mut sight) = poses(&controller, [0.3, 1.0], [0.5, 0.8]);
+        sight.X_BD = Pose::from_parts(Translation3::new(20.0, 0.0, 0.0), sight.X_BE.rotation);
         let qd = DVector::from_row_slice(&[0.1, 0.0]);
         for _ in 0..2 {
-            let refused = controller.update(&q, &qd, Some((&tip, &far)));
-            assert!(matches!(refused, Err(IkError::NotFound { .. })));
+            let refused = update(&mut controller, 0.0, &q, &qd, &sight);
+            let LawError::Unreachable(IkError::NotFound { position, .. }) = refused.unwrap_err();
+            assert!(position > 10.0);
             assert_eq!(controller.efforts().as_slice(), [-20.0, 0.0]);
+        }
+    }
+
+    /// Efforts that step at a switch, a difference that never decays, or damping that jumps break this.
+    #[test]
+    fn changed_settings_take_over_without_a_jump() {
+        let mut controller = planar(LawKind::TransposeJacobian);
+        let (q, sight) = poses(&controller, [0.3, 1.0], [0.5, 0.8]);
+        let qd = DVector::from_row_slice(&[0.1, -0.2]);
+        let mut time = 0.0;
+        let mut step = |controller: &mut Controller, dt: f64| {
+            time += dt;
+            update(controller, time, &q, &qd, &sight).unwrap();
+            controller.efforts().clone()
+        };
+        let law = config(LawKind::TransposeJacobian);
+        let stronger = ControllerConfig {
+            gains: Gains {
+                k_p: 300.0,
+                k_v: vec![20.0, 3000.0],
+                ..law.gains.clone()
+            },
+            ..law.clone()
+        };
+        let approximate = ControllerConfig {
+            jacobian: crate::control::JacobianKind::FixedBase,
+            ..law
+        };
+        for settings in [config(LawKind::JointPd), stronger, approximate] {
+            let before = step(&mut controller, 0.01);
+            let mut fresh = planar(settings.law);
+            fresh.set_config(settings.clone()).unwrap();
+            let after = step(&mut fresh, 0.0);
+            let jump = (&after - &before).norm();
+            assert!(jump > 5.0, "{jump}: nothing to hand over");
+            controller.set_config(settings).unwrap();
+            let mut last = before;
+            for _ in 0..500 {
+                let now = step(&mut controller, 0.01);
+                assert!((&now - &last).norm() < 0.021 * jump.max(700.0), "{now}");
+                last = now;
+            }
+            assert!((last - after).norm() < 1e-3 * jump.max(700.0));
         }
     }
 
@@ -317,7 +299,7 @@ mod tests {
             },
             ControllerConfig {
                 law: LawKind::JointPd,
-                joint_k_p: vec![],
+                joint_pd: JointPdGains::default(),
                 ..before.clone()
             },
         ] {

@@ -2,76 +2,47 @@
 //!
 //! No law here ever sees the pose of the base. A [`Measurement`] is all there is: joint positions and
 //! rates from encoders, tip and goal poses as a sensor on the base sees them.
+//!
+//! A [`Law`] says how the joints are pulled. A [`Controller`] runs one of them, adds damping of the joints,
+//! and hands over from law to law and from gains to gains without a step in the efforts.
 
+mod config;
 mod controller;
+mod gains;
+mod hand_over;
 mod inverse_kinematics;
 mod joint_pd;
+mod law;
+mod linearised;
+mod lyapunov;
+mod measurement;
+mod operability;
+mod operator;
 mod pose_error;
+mod reach;
+mod recovery;
+mod resolved_rate;
+mod straight_path;
 mod transpose_jacobian;
+mod velocity_servo;
 
-pub use controller::{Acted, Controller, ControllerConfig, LawKind};
+pub use config::ControllerConfig;
+pub use controller::Controller;
+pub use gains::{GainError, Gains};
 pub use inverse_kinematics::{IkError, inverse_kinematics};
-pub use joint_pd::JointPd;
-pub use pose_error::{PoseError, Saturation};
-pub use transpose_jacobian::{Gains, JacobianKind, TransposeJacobian};
-
-use nalgebra::DVector;
-
-use crate::spatial::Pose;
-
-/// Everything that a law may know at one instant.
-#[derive(Debug, Clone, Copy)]
-pub struct Measurement<'a> {
-    /// Joint positions \[rad or m\].
-    pub q: &'a DVector<f64>,
-    /// Joint rates \[rad/s or m/s\].
-    pub qd: &'a DVector<f64>,
-    /// Tip pose in the base frame.
-    pub X_BE: &'a Pose,
-    /// Goal pose in the base frame.
-    pub X_BD: &'a Pose,
-}
-
-/// Why a set of gains cannot be used.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum GainError {
-    /// A vector of gains does not fit the robot.
-    #[error("{name} has {got} values; the robot has {joints} joints, so give {joints}")]
-    Length {
-        /// Which gain.
-        name: &'static str,
-        /// How many values were given.
-        got: usize,
-        /// How many joints the robot has.
-        joints: usize,
-    },
-    /// A gain that must be positive and finite is not.
-    #[error("{name} is {value}; it must be positive and finite")]
-    NotPositive {
-        /// Which gain.
-        name: &'static str,
-        /// Its value.
-        value: f64,
-    },
-}
-
-fn check_positive(name: &'static str, value: f64) -> Result<(), GainError> {
-    if value > 0.0 && value.is_finite() {
-        Ok(())
-    } else {
-        Err(GainError::NotPositive { name, value })
-    }
-}
-
-fn check_joint_gains(name: &'static str, values: &[f64], joints: usize) -> Result<(), GainError> {
-    if values.len() != joints {
-        return Err(GainError::Length {
-            name,
-            got: values.len(),
-            joints,
-        });
-    }
-    values
-        .iter()
-        .try_for_each(|&value| check_positive(name, value))
-}
+pub use joint_pd::{JointPd, JointPdGains};
+pub use law::{Acted, Arm, Law, LawError, LawKind};
+pub use linearised::LinearisedLoop;
+pub use lyapunov::LyapunovFunction;
+pub use measurement::{Measurement, Sight};
+pub use operability::{MapError, MapPoint, Mapping, Operability, OperabilityMap};
+pub use operator::{Operator, OperatorConfig};
+pub use pose_error::{HALF_TURN_CAP, PoseError, Saturation};
+pub use reach::farthest_from_com;
+pub use recovery::{RecoveryConfig, Trouble};
+pub use resolved_rate::{
+    Limited, RateLimits, Resolution, Resolved, ResolvedRate, ResolvedRateConfig, limit_twist,
+};
+pub use straight_path::{Shaping, StraightPath, StraightPathConfig};
+pub use transpose_jacobian::{JacobianKind, TransposeJacobian};
+pub use velocity_servo::{ServoGains, VelocityServo, VelocityServoConfig};

@@ -1,6 +1,8 @@
 //! Deviation of the tip from the goal, and its saturation.
 
-use nalgebra::Vector3;
+use std::f64::consts::{PI, SQRT_2};
+
+use nalgebra::{Matrix3, Vector3};
 
 use crate::spatial::Pose;
 
@@ -17,7 +19,18 @@ pub struct PoseError {
     pub axes_norm: f64,
     /// Angle from E to D \[rad\], in [0, π].
     pub angle: f64,
+    /// Within [`HALF_TURN_CAP`] of half a turn, the unit vector along the axis of the rotation from E to D:
+    /// `e_o` loses it there. Zero elsewhere.
+    pub half_turn_axis: Vector3<f64>,
 }
+
+/// Nearness to half a turn within which the pull on the attitude no longer weakens \[rad\].
+///
+/// Half a turn from the goal `e_o` vanishes, eq. (5.5), and the law of the thesis rests there although the goal is
+/// not reached. Within this distance of it, the pull is therefore that of its edge, about the axis of the rotation:
+/// the potential becomes a cone with a ridge at half a turn, from which it falls to both sides. Continuity and the
+/// proof of stability stay, and the ridge can be left by itself; on it either way round is as good.
+pub const HALF_TURN_CAP: f64 = 0.05;
 
 impl PoseError {
     /// Deviation of the tip pose `X_BE` from the goal pose `X_BD`.
@@ -33,13 +46,33 @@ impl PoseError {
         // sin θ = |e_o| and 2 - 2 cos θ = |E_o|²/2: the arc tangent is accurate near 0 and near π.
         let angle = orientation.norm().atan2(1.0 - 0.25 * axes_sq);
         let position = X_BD.translation.vector - X_BE.translation.vector;
+        let half_turn_axis = if angle > PI - HALF_TURN_CAP {
+            axis_of(&(d * e.transpose()), &orientation)
+        } else {
+            Vector3::zeros()
+        };
         Self {
             position,
             orientation,
             axes_norm,
             angle,
+            half_turn_axis,
         }
     }
+}
+
+/// Unit vector along the axis of a rotation of nearly half a turn, on the side of `sense`.
+fn axis_of(rotation: &Matrix3<f64>, sense: &Vector3<f64>) -> Vector3<f64> {
+    // R + Rᵀ = 2 cos θ + 2 (1 - cos θ) n nᵀ, whose longest column is the most accurate.
+    let cos = 0.5 * (rotation.trace() - 1.0);
+    let outer = (rotation + rotation.transpose()) * 0.5 - Matrix3::identity() * cos;
+    let n = outer.column(outer.diagonal().imax()).normalize();
+    if n.dot(sense) < 0.0 { -n } else { n }
+}
+
+/// `|E_o|/√2` at the edge of the cap.
+fn edge() -> f64 {
+    2.0 * (0.5 * HALF_TURN_CAP).cos()
 }
 
 /// Largest deviations that act in full: the composite potential, parabolic within and conical beyond.
@@ -68,17 +101,23 @@ impl Saturation {
         }
     }
 
-    /// Saturated orientation error, Masutani 1995 eq. (5.26), and whether it was cut.
+    /// Saturated orientation error, Masutani 1995 eq. (5.26), and whether it was cut. Near half a turn it is
+    /// that of [`HALF_TURN_CAP`].
     pub fn orientation_error(&self, error: &PoseError) -> (Vector3<f64>, bool) {
-        let scaled = error.axes_norm / std::f64::consts::SQRT_2;
-        if scaled > self.orientation {
-            (error.orientation * (self.orientation / scaled), true)
+        let (e_o, scaled) = if error.angle > PI - HALF_TURN_CAP {
+            (error.half_turn_axis * HALF_TURN_CAP.sin(), edge())
         } else {
-            (error.orientation, false)
+            (error.orientation, error.axes_norm / SQRT_2)
+        };
+        if scaled > self.orientation {
+            (e_o * (self.orientation / scaled), true)
+        } else {
+            (e_o, false)
         }
     }
 
-    /// Artificial potential `U` \[J\] of Masutani 1995 eqs. (5.22)-(5.24) for gains `k_p`, `k_o`.
+    /// Artificial potential `U` \[J\] of Masutani 1995 eqs. (5.22)-(5.24) for gains `k_p`, `k_o`, with the
+    /// slope of its edge within [`HALF_TURN_CAP`] of half a turn.
     pub fn potential(&self, error: &PoseError, k_p: f64, k_o: f64) -> f64 {
         let composite = |x: f64, max: f64| {
             if x <= max {
@@ -88,8 +127,15 @@ impl Saturation {
             }
         };
         // |E_o|²/4 = (|E_o|/√2)²/2, and the conical branch of (5.24) follows the same substitution.
+        let within = error.angle - (PI - HALF_TURN_CAP);
+        let (scaled, cap) = if within > 0.0 {
+            let slope = HALF_TURN_CAP.sin() * (self.orientation / edge()).min(1.0);
+            (edge(), slope * within)
+        } else {
+            (error.axes_norm / SQRT_2, 0.0)
+        };
         k_p * composite(error.position.norm(), self.position)
-            + k_o * composite(error.axes_norm / std::f64::consts::SQRT_2, self.orientation)
+            + k_o * (composite(scaled, self.orientation) + cap)
     }
 }
 
@@ -116,6 +162,36 @@ mod tests {
                 "{angle} {}",
                 error.angle
             );
+            let along = error.half_turn_axis.dot(&axis);
+            assert!(angle < 3.1 && along == 0.0 || (along.abs() - 1.0).abs() < 1e-14);
+        }
+    }
+
+    fn turned_from(d: &Pose, angle: f64) -> Pose {
+        let axis = Vector3::new(0.36, 0.48, 0.8);
+        Pose::from_parts(d.translation, Rotation3::new(axis * angle) * d.rotation)
+    }
+
+    /// Eq. (5.5): half a turn from the goal the thesis's pull is nothing. Without the cap this fails.
+    #[test]
+    fn half_a_turn_from_the_goal_the_attitude_is_still_pulled() {
+        let d = pose([0.3, 0.1, -0.2], [0.2, 0.5, -0.4]);
+        for saturation in [
+            Saturation::NONE,
+            Saturation {
+                position: 0.2,
+                orientation: 0.1,
+            },
+        ] {
+            let pull = |angle: f64| {
+                let error = PoseError::between(&turned_from(&d, angle), &d);
+                saturation.orientation_error(&error).0
+            };
+            let (edge, ridge) = (pull(PI - HALF_TURN_CAP), pull(PI));
+            assert!(edge.norm() > 1e-3 && (edge.norm() - ridge.norm()).abs() < 1e-12);
+            // Continuous at the edge, and opposite on the two sides of the ridge.
+            assert!((pull(PI - HALF_TURN_CAP + 1e-9) - edge).norm() < 1e-9);
+            assert!((pull(PI - 1e-6) + pull(PI + 1e-6)).norm() < 1e-6);
         }
     }
 
@@ -140,6 +216,14 @@ mod tests {
                 pose([0.31, 0.1, -0.2], [0.21, 0.5, -0.4]),
             ),
             (Saturation::NONE, pose([1.0, 0.0, 0.0], [0.4, -1.0, 0.2])),
+            (
+                Saturation {
+                    position: 0.2,
+                    orientation: 0.1,
+                },
+                turned_from(&d, 3.12),
+            ),
+            (Saturation::NONE, turned_from(&d, 3.12)),
         ] {
             let u = |e: &Pose| saturation.potential(&PoseError::between(e, &d), k_p, k_o);
             let error = PoseError::between(&tip, &d);

@@ -1,10 +1,10 @@
 //! Transpose-Jacobian control.
 
-use nalgebra::{DVector, Matrix6xX};
+use nalgebra::{DVector, Matrix6xX, Vector3};
 
-use super::{GainError, Measurement, PoseError, Saturation, check_joint_gains, check_positive};
+use super::{Acted, Arm, ControllerConfig, Gains, Law, LawError, Measurement};
 use crate::dynamics::Workspace;
-use crate::model::{Frame, Model};
+use crate::model::Frame;
 
 /// Which Jacobian turns the tip's wrench into joint efforts.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -22,40 +22,14 @@ impl JacobianKind {
         ("generalized", Self::Generalized),
         ("fixed_base", Self::FixedBase),
     ];
-}
 
-/// Gains of the law.
-#[derive(Debug, Clone, PartialEq)]
-pub struct Gains {
-    /// Position gain `k_p` \[N/m\] (the thesis prints N).
-    pub k_p: f64,
-    /// Orientation gain `k_o` \[N m\].
-    pub k_o: f64,
-    /// Diagonal of the velocity gain `K_V` \[N m s/rad or N s/m\], one per joint.
-    pub k_v: Vec<f64>,
-    /// Saturation of the errors.
-    pub saturation: Saturation,
-}
-
-impl Gains {
-    /// Refuses gains that break the law's stability proof.
-    ///
-    /// # Errors
-    /// [`GainError`] when a gain is not positive or `k_v` does not have one value per joint.
-    pub fn check(&self, joints: usize) -> Result<(), GainError> {
-        check_positive("k_p", self.k_p)?;
-        check_positive("k_o", self.k_o)?;
-        check_joint_gains("k_v", &self.k_v, joints)?;
-        for (name, bound) in [
-            ("e_p_max", self.saturation.position),
-            ("e_o_max", self.saturation.orientation),
-        ] {
-            // Infinite means no saturation.
-            if bound != f64::INFINITY {
-                check_positive(name, bound)?;
-            }
+    /// Writes the Jacobian of `tip` for the positions that `workspace` holds (6 × n, linear rows first, base
+    /// axes).
+    pub fn write(self, workspace: &mut Workspace, tip: &Frame, out: &mut Matrix6xX<f64>) {
+        match self {
+            Self::Generalized => workspace.generalized_jacobian(tip, out),
+            Self::FixedBase => workspace.fixed_base_jacobian(tip, out),
         }
-        Ok(())
     }
 }
 
@@ -63,62 +37,59 @@ impl Gains {
 /// eqs. (5.25), (5.26).
 #[derive(Debug, Clone)]
 pub struct TransposeJacobian {
-    /// Gains; may change between calls.
-    pub gains: Gains,
-    /// Which Jacobian; may change between calls.
-    pub jacobian: JacobianKind,
-    tip: Frame,
+    gains: Gains,
+    jacobian: JacobianKind,
     matrix: Matrix6xX<f64>,
 }
 
 impl TransposeJacobian {
-    /// The law for `model` with its tip at `tip`.
-    ///
-    /// # Errors
-    /// [`GainError`] as in [`Gains::check`].
-    pub fn new(
-        model: &Model,
-        tip: &Frame,
-        gains: Gains,
-        jacobian: JacobianKind,
-    ) -> Result<Self, GainError> {
-        gains.check(model.dof())?;
-        let matrix = Matrix6xX::zeros(model.dof());
-        Ok(Self {
-            gains,
-            jacobian,
-            tip: tip.clone(),
-            matrix,
-        })
+    /// The law for an arm with so many joints.
+    pub fn new(config: &ControllerConfig, joints: usize) -> Self {
+        Self {
+            gains: config.gains.clone(),
+            jacobian: config.jacobian,
+            matrix: Matrix6xX::zeros(joints),
+        }
+    }
+}
+
+impl Law for TransposeJacobian {
+    fn configure(&mut self, config: &ControllerConfig) {
+        self.gains.clone_from(&config.gains);
+        self.jacobian = config.jacobian;
     }
 
-    /// Writes joint efforts \[N m or N\] for `seen` and returns the deviation acted on. `workspace` is
-    /// scratch: its positions are set here from the encoders.
-    pub fn efforts(
+    fn pull(
         &mut self,
-        model: &Model,
-        workspace: &mut Workspace,
-        seen: &Measurement,
-        efforts: &mut DVector<f64>,
-    ) -> PoseError {
-        let error = PoseError::between(seen.X_BE, seen.X_BD);
+        arm: &mut Arm,
+        seen: &Measurement<'_>,
+        pull: &mut DVector<f64>,
+    ) -> Result<Acted, LawError> {
+        let mut acted = Acted::on(seen);
+        let Some(error) = &acted.error else {
+            return Ok(acted);
+        };
         let saturation = &self.gains.saturation;
-        let force = saturation.position_error(&error).0 * self.gains.k_p;
-        let torque = saturation.orientation_error(&error).0 * self.gains.k_o;
-        workspace.set_positions(model, seen.q);
-        match self.jacobian {
-            JacobianKind::Generalized => {
-                workspace.generalized_jacobian(&self.tip, &mut self.matrix);
-            }
-            JacobianKind::FixedBase => {
-                workspace.fixed_base_jacobian(&self.tip, &mut self.matrix);
-            }
-        }
-        for (j, column) in self.matrix.column_iter().enumerate() {
-            efforts[j] = column.fixed_rows::<3>(0).dot(&force)
-                + column.fixed_rows::<3>(3).dot(&torque)
-                - self.gains.k_v[j] * seen.qd[j];
-        }
-        error
+        let (e_p, position_saturated) = saturation.position_error(error);
+        let (e_o, orientation_saturated) = saturation.orientation_error(error);
+        acted.position_saturated = position_saturated;
+        acted.orientation_saturated = orientation_saturated;
+        arm.workspace.set_positions(&arm.model, seen.q);
+        (self.jacobian).write(&mut arm.workspace, &arm.tip, &mut self.matrix);
+        let (force, torque) = (e_p * self.gains.k_p, e_o * self.gains.k_o);
+        transpose_times(&self.matrix, &force, &torque, pull);
+        Ok(acted)
+    }
+}
+
+/// Joint efforts of a force and a torque on the tip, through the transpose of a Jacobian.
+pub(super) fn transpose_times(
+    jacobian: &Matrix6xX<f64>,
+    force: &Vector3<f64>,
+    torque: &Vector3<f64>,
+    efforts: &mut DVector<f64>,
+) {
+    for (j, column) in jacobian.column_iter().enumerate() {
+        efforts[j] = column.fixed_rows::<3>(0).dot(force) + column.fixed_rows::<3>(3).dot(torque);
     }
 }

@@ -104,6 +104,12 @@ impl Floating {
         cut
     }
 
+    /// Holds no efforts from now on.
+    pub fn release(&mut self) {
+        self.qdd_is_known = false;
+        self.input.efforts.fill(0.0);
+    }
+
     /// What acts: external wrenches can be set here.
     pub fn input_mut(&mut self) -> &mut Input {
         self.qdd_is_known = false;

@@ -1,7 +1,8 @@
 //! Plant, camera and controller in one loop, without DDS.
 
+use super::{Drive, Operated};
 use crate::{
-    control::{Acted, Controller, PoseError},
+    control::{Acted, Controller, Measurement, PoseError, Sight},
     model::Frame,
     nodes::{
         camera::{Watch, camera_frame},
@@ -16,12 +17,13 @@ use crate::{
 
 /// The loop of a scenario: what its nodes do over topics, done in one thread. Each state is shown to the
 /// camera, the controller answers with what the camera has delivered, and the efforts are held until the
-/// next state: the order of a graph in lockstep. A scenario that names neither camera nor controller is a
-/// free motion, under springs and dampers alone.
+/// next state: the order of a graph in lockstep. Where a scenario names a teleop node, a simulated operator steers.
+/// A scenario that names neither camera nor controller nor teleop is a free motion, under springs and dampers alone.
 pub struct ClosedLoop {
     /// The plant.
     pub world: World,
     servo: Option<Servo>,
+    operated: Option<Operated>,
     duration: f64,
 }
 
@@ -52,6 +54,8 @@ pub struct Moment<'a> {
     pub frames: &'a [PoseFrame],
     /// What the controller did, if there is one.
     pub answer: Option<Answer<'a>>,
+    /// What the operator did, if there is one.
+    pub drive: Option<Drive<'a>>,
 }
 
 /// What the controller did with a state.
@@ -77,7 +81,12 @@ impl ClosedLoop {
         let dynamics = scenario.dynamics()?;
         let at = |e: String| format!("{}: {e}", scenario.path().display());
         let world = World::new(&dynamics).map_err(at)?;
-        let servo = if scenario.has("camera") || scenario.has("controller") {
+        let operated = match scenario.has("teleop") {
+            true => Some(Operated::new(scenario, &world)?),
+            false => None,
+        };
+        let steered = scenario.has("camera") && operated.is_none();
+        let servo = if steered || scenario.has("controller") {
             Some(Servo::new(scenario, &world)?)
         } else {
             None
@@ -85,6 +94,7 @@ impl ClosedLoop {
         Ok(Self {
             world,
             servo,
+            operated,
             duration: dynamics.duration,
         })
     }
@@ -97,6 +107,11 @@ impl ClosedLoop {
     /// Width, height and focal length of the camera's image \[px\]; `None` in a free motion.
     pub fn image(&self) -> Option<(u32, u32, f64)> {
         self.servo.as_ref().map(|servo| servo.image)
+    }
+
+    /// Whether an operator steers.
+    pub fn is_operated(&self) -> bool {
+        self.operated.is_some()
     }
 
     /// Whether the camera tracks feature points of a target.
@@ -120,7 +135,14 @@ impl ClosedLoop {
             Some(servo) => Some(servo.answer(&mut self.world, frames)?),
             None => None,
         };
-        look(&mut self.world, &Moment { frames, answer })
+        let operated = self.operated.as_mut();
+        let drive = operated.map(|operated| operated.answer(&mut self.world));
+        let moment = Moment {
+            frames,
+            answer,
+            drive,
+        };
+        look(&mut self.world, &moment)
     }
 
     /// Goes on to the next state.
@@ -210,10 +232,10 @@ impl Servo {
             .seen
             .as_ref()
             .filter(|_| age <= self.measurement_timeout);
-        let pair = young.and_then(|frame| Some((&frame.X_BE, frame.X_BD.as_ref()?)));
+        let sight = young.and_then(|frame| Some(Sight::new(frame.time, frame.X_BE, frame.X_BD?)));
         let state = robot.state();
-        let acted = (self.controller.update(&state.q, &state.qd, pair))
-            .map_err(|e| format!("at {time:.2} s: {e}"))?;
+        let seen = Measurement::new(time, &state.q, &state.qd).with_sight(sight.as_ref());
+        let acted = (self.controller.update(&seen)).map_err(|e| format!("at {time:.2} s: {e}"))?;
         let efforts = self.controller.efforts().as_slice();
         world.robot.hold_efforts(efforts);
         Ok(Answer {

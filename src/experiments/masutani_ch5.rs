@@ -7,7 +7,8 @@
 use nalgebra::{DVector, Vector3};
 
 use crate::control::{
-    Controller, ControllerConfig, Gains, JacobianKind, LawKind, PoseError, Saturation,
+    Controller, ControllerConfig, Gains, JacobianKind, JointPdGains, LawKind, Measurement,
+    PoseError, Saturation, Sight,
 };
 use crate::dynamics::{Floating, Method, State, Workspace};
 use crate::model::{Frame, Model};
@@ -45,11 +46,11 @@ pub fn config(law: LawKind, jacobian: JacobianKind) -> ControllerConfig {
             orientation: 0.1,
         },
     };
+    let k_p = K_V.iter().map(|k| JOINT_STIFFNESS * k).collect();
     ControllerConfig {
-        law,
         jacobian,
-        gains,
-        joint_k_p: K_V.iter().map(|k| JOINT_STIFFNESS * k).collect(),
+        joint_pd: JointPdGains { k_p },
+        ..ControllerConfig::new(law, gains)
     }
 }
 
@@ -122,7 +123,10 @@ impl Run {
         let X_BE = robot.workspace().X_BF(&self.tip);
         let X_BD = X_WB.inverse() * self.X_WD;
         let (q, qd) = (robot.state().q.clone(), robot.state().qd.clone());
-        let updated = self.controller.update(&q, &qd, Some((&X_BE, &X_BD)));
+        let time = f64::from(self.steps) * self.period;
+        let sight = Sight::new(time, X_BE, X_BD);
+        let seen = Measurement::new(time, &q, &qd).with_sight(Some(&sight));
+        let updated = self.controller.update(&seen);
         updated.expect("the goal is within reach");
         robot.hold_efforts(self.controller.efforts().as_slice());
         robot.accelerations();
@@ -131,7 +135,7 @@ impl Run {
         let (w, alpha) = (seen.V_WB_B().angular, seen.A_WF_B(base).angular);
         let inertia = model.bodies()[0].inertia.about_com;
         Moment {
-            time: f64::from(self.steps) * self.period,
+            time,
             X_WB,
             p_WE: (X_WB * X_BE).translation.vector,
             error: PoseError::between(&X_BE, &X_BD),

@@ -4,10 +4,17 @@ mod bag_check;
 mod bag_plot;
 mod chart;
 mod closed_loop;
+mod continuous_loop;
 mod estimation_plot;
 pub mod masutani_ch3;
 pub mod masutani_ch5;
+pub mod masutani_ch6;
+pub mod masutani_ch7;
+pub mod masutani_ch8;
+pub mod masutani_g;
 mod observations;
+mod operated;
+pub mod operation_counts;
 mod performance;
 mod recorded;
 mod recorded_estimation;
@@ -21,7 +28,9 @@ pub use bag_check::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag};
 pub use bag_plot::plot_bag;
 pub use chart::{ChartError, Figure, MapFigure, MapPanel, MapScale, Panel, PlaneFigure, Series};
 pub use closed_loop::{Answer, ClosedLoop, Moment};
+pub use continuous_loop::ContinuousLoop;
 pub use observations::{Observations, ObservedTracks};
+pub use operated::{Drive, Operated};
 pub use performance::{MomentumResidual, Performance, Summary};
 pub use recorded::{
     BaseSample, ControllerSample, JointSample, MomentumSample, RecordedRun, RecordedRuns,

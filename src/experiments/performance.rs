@@ -13,7 +13,7 @@ pub struct Performance {
     initial_energy: f64,
     time: f64,
     /// Of the tip; `None` without a controller that has one.
-    last_error: Option<(f64, f64)>,
+    last_error: Option<(f64, Option<f64>)>,
     position_settled: Settled,
     attitude_settled: Settled,
     momentum_change: (f64, f64),
@@ -55,7 +55,7 @@ pub struct MomentumResidual {
 }
 
 /// The figures of a run. Errors are true ones, whatever the camera saw; what is of the tip is `None` in a
-/// free motion.
+/// free motion, what is of its attitude also under an operator, whose goal is a point.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Summary {
     /// Simulated time \[s\].
@@ -116,9 +116,14 @@ impl Performance {
         self.time = world.time();
         if let Some(answer) = &moment.answer {
             let (position, attitude) = (answer.error.position.norm(), answer.error.angle);
-            self.last_error = Some((position, attitude));
+            self.last_error = Some((position, Some(attitude)));
             self.position_settled.see(self.time, position);
             self.attitude_settled.see(self.time, attitude);
+        }
+        if let Some(drive) = &moment.drive {
+            // An operator's goal is a point.
+            self.last_error = Some((drive.distance, None));
+            self.position_settled.see(self.time, drive.distance);
         }
 
         let (momentum, scale) = carried(world);
@@ -144,8 +149,12 @@ impl Performance {
         let workspace = world.robot.workspace();
         let base = &world.robot.model().frames()[0];
         let largest = |so_far, v: Vector3<f64>| larger(so_far, v.norm());
-        if let Some(answer) = &moment.answer {
-            let tip = answer.controller.tip();
+        let tip = match (&moment.answer, &moment.drive) {
+            (Some(answer), _) => Some(answer.controller.tip()),
+            (None, Some(drive)) => Some(drive.steering.tip()),
+            (None, None) => None,
+        };
+        if let Some(tip) = tip {
             let (speed, acceleration) = self.max_tip.unwrap_or_default();
             self.max_tip = Some((
                 largest(speed, workspace.V_WF_B(tip).linear),
@@ -166,7 +175,7 @@ impl Performance {
         Summary {
             duration: self.time,
             tip_position_error: self.last_error.map(|e| e.0),
-            tip_attitude_error: self.last_error.map(|e| e.1),
+            tip_attitude_error: self.last_error.and_then(|e| e.1),
             time_to_1cm: self.position_settled.since,
             time_to_2deg: self.attitude_settled.since,
             base_displacement: (base_com(world) - self.initial_base).into(),

@@ -11,7 +11,7 @@ use crate::{
         camera, controller,
         dynamics::{FrameTree, World, imu, joint_states, momentum, odometry},
         features::sighting_to_msg,
-        topics,
+        teleop, topics,
     },
     ros::Time,
 };
@@ -28,6 +28,8 @@ pub struct SimulatedBag {
     imu: TopicId,
     tf: TopicId,
     servo: Option<ServoTopics>,
+    /// Commands of an operator's steering.
+    rates: Option<TopicId>,
 }
 
 /// Topics of camera and controller.
@@ -84,6 +86,10 @@ impl SimulatedBag {
             } else {
                 None
             },
+            rates: match run.is_operated() {
+                true => Some(add(w, &topics::JOINT_COMMANDS)?),
+                false => None,
+            },
             writer,
             frames,
         })
@@ -115,11 +121,20 @@ impl SimulatedBag {
         w.write_message(self.tf, log, &self.frames.transforms(stamp, world))
     }
 
-    /// Writes what camera and controller publish in answer to a state.
+    /// Writes what camera and controller, or an operator's steering, publish in answer to a state.
     ///
     /// # Errors
     /// When the bag cannot be written.
     pub fn moment(&mut self, time: f64, moment: &Moment) -> Result<(), BagError> {
+        if let (Some(rates), Some(drive)) = (self.rates, &moment.drive) {
+            let stamp = Time::from_secs_f64(time);
+            let header = std_msgs::Header {
+                stamp: stamp.into(),
+                frame_id: self.frames.base().to_owned(),
+            };
+            let command = teleop::message(drive.steering, header);
+            (self.writer).write_message(rates, log_time(stamp), &command)?;
+        }
         let (Some(servo), Some(answer)) = (&self.servo, &moment.answer) else {
             return Ok(());
         };

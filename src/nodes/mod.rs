@@ -6,6 +6,7 @@
 //! | [`camera`] | `robot_description`, `joint_states`, `ground_truth/odom`, `goal_pose` | `camera/tip_pose`, `camera/goal_pose`, `camera/camera_info` |
 //! | [`controller`] | `robot_description`, `joint_states`, `camera/tip_pose`, `camera/goal_pose` | `joint_commands`, `controller/state` |
 //! | [`estimator`] | `camera/features`, `camera/camera_info`, `imu`, `/tf_static` | `estimator/...` |
+//! | [`teleop`] | `robot_description`, `joint_states`, `imu`, `joy`, `cmd_vel` | `joint_commands` |
 //! | [`recorder`] | any topic | a bag |
 //!
 //! A node is a program `fn(&Node) -> Result<(), NodeError>`; [`by_name`] finds it.
@@ -24,6 +25,7 @@ pub mod resource;
 mod robot_description;
 pub mod scenario;
 mod stamp_pairs;
+pub mod teleop;
 pub mod topics;
 
 pub use robot_description::tip_frame;
@@ -34,10 +36,11 @@ use crate::ros::{Node, NodeError};
 pub type Program = fn(&Node) -> Result<(), NodeError>;
 
 /// All nodes, in the order in which a launch starts them: whoever listens comes first.
-pub const NODES: [(&str, Program); 5] = [
+pub const NODES: [(&str, Program); 6] = [
     ("recorder", recorder::program),
     ("estimator", estimator::program),
     ("controller", controller::program),
+    ("teleop", teleop::program),
     ("camera", camera::program),
     ("dynamics", dynamics::program),
 ];

@@ -11,7 +11,9 @@ use super::{
     dynamics::{DynamicsParams, World},
     estimator::EstimatorParams,
     recorder::RecorderParams,
-    resource, tip_frame,
+    resource,
+    teleop::TeleopParams,
+    tip_frame,
 };
 use crate::{
     model::Model,
@@ -153,6 +155,21 @@ impl Scenario {
                     gains.map_err(|e| parameter(e.to_string()))
                 })
             }
+            "teleop" => {
+                let params = self.parameters_of(name, TeleopParams::declare)?;
+                let rival =
+                    |n: &&NodeName| n.name() == "controller" && n.namespace() == name.namespace();
+                if let Some(rival) = self.nodes.iter().find(rival) {
+                    return Err(at(format!(
+                        "{rival} commands the same joints; name one of the two"
+                    )));
+                }
+                let robot = self.robot(name.namespace());
+                robot.map_or(Ok(()), |robot| {
+                    let tip = tip_frame(&robot, &params.tip_link);
+                    tip.map(drop).map_err(parameter)
+                })
+            }
             "estimator" => self.parameters_of(name, EstimatorParams::declare).map(drop),
             _ => {
                 let params = self.parameters_of(name, |d| Ok(RecorderParams::declare(d)));
@@ -229,6 +246,14 @@ impl Scenario {
     /// A line per wrong parameter.
     pub fn controller(&self) -> Result<ControllerParams, String> {
         self.parameters("controller", |d| Ok(ControllerParams::declare(d)))
+    }
+
+    /// Parameters of the teleop node.
+    ///
+    /// # Errors
+    /// A line per wrong parameter.
+    pub fn teleop(&self) -> Result<TeleopParams, String> {
+        self.parameters("teleop", TeleopParams::declare)
     }
 
     /// Parameters of the recorder node.

@@ -8,10 +8,10 @@ use crate::{
     msg::{
         Interface,
         fuyu_msgs::{ControllerState, FeatureTracks, Momentum, MotionEstimate},
-        geometry_msgs::{PoseStamped, Vector3Stamped},
+        geometry_msgs::{PoseStamped, TwistStamped, Vector3Stamped},
         nav_msgs::{Odometry, Path},
         rosgraph_msgs::Clock,
-        sensor_msgs::{CameraInfo, Imu, JointState},
+        sensor_msgs::{CameraInfo, Imu, JointState, Joy},
         std_msgs::String as Text,
         tf2_msgs::TFMessage,
     },
@@ -78,7 +78,7 @@ pub const CLOCK: Topic<Clock> = Topic::new("/clock", Qos::CLOCK);
 pub const ROBOT_DESCRIPTION: Topic<Text> = Topic::new("robot_description", Qos::LATCHED);
 /// Joint positions, rates and efforts.
 pub const JOINT_STATES: Topic<JointState> = Topic::new("joint_states", Qos::RELIABLE);
-/// Joint efforts to apply.
+/// Joint efforts to apply, or rates to drive to.
 pub const JOINT_COMMANDS: Topic<JointState> = Topic::new("joint_commands", Qos::RELIABLE);
 /// Frames that move.
 pub const TF: Topic<TFMessage> = Topic::new("/tf", Qos::TF);
@@ -100,6 +100,10 @@ pub const CAMERA_INFO: Topic<CameraInfo> = Topic::new("camera/camera_info", Qos:
 pub const FEATURES: Topic<FeatureTracks> = Topic::new("camera/features", Qos::SENSOR_DATA);
 /// Where the goal object is in the world.
 pub const GOAL: Topic<PoseStamped> = Topic::new("goal_pose", Qos::RELIABLE);
+/// The operator's joystick.
+pub const JOY: Topic<Joy> = Topic::new("joy", Qos::RELIABLE);
+/// Twists of the tip that an operator asks for.
+pub const CMD_VEL: Topic<TwistStamped> = Topic::new("cmd_vel", Qos::RELIABLE);
 /// What the controller saw, decided and sent.
 pub const CONTROLLER_STATE: Topic<ControllerState> = Topic::new("controller/state", Qos::RELIABLE);
 /// Angular velocity of the target.
@@ -127,6 +131,8 @@ pub fn all() -> Vec<Described> {
         CAMERA_INFO.described(),
         FEATURES.described(),
         GOAL.described(),
+        JOY.described(),
+        CMD_VEL.described(),
         CONTROLLER_STATE.described(),
         TARGET_RATE.described(),
         TARGET_MOTION.described(),

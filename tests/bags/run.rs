@@ -2,7 +2,7 @@
 
 use fuyu::bag::{Recording, Topic, TopicId, Writer, WriterOptions};
 use fuyu::control::{
-    Controller, ControllerConfig, Gains, JacobianKind, LawKind, PoseError, Saturation,
+    Controller, ControllerConfig, Gains, LawKind, Measurement, PoseError, Saturation, Sight,
 };
 use fuyu::dynamics::{Floating, Method, State, Workspace};
 use fuyu::model::Model;
@@ -144,12 +144,7 @@ pub fn write(folder: &Path, setup: &Setup) -> Recording {
             orientation: 0.1,
         },
     };
-    let config = ControllerConfig {
-        law: LawKind::TransposeJacobian,
-        jacobian: JacobianKind::Generalized,
-        gains,
-        joint_k_p: vec![1.0; 6],
-    };
+    let config = ControllerConfig::new(LawKind::TransposeJacobian, gains);
     let mut controller = Controller::new(model.clone(), tip.clone(), config).unwrap();
     let start = State::at_rest_with(&model, &degrees([65.0, 99.0, -95.0, -22.0, 3.0, -42.0]));
     let names: Vec<String> = model.joints().iter().map(|j| j.name.clone()).collect();
@@ -227,9 +222,9 @@ pub fn write(folder: &Path, setup: &Setup) -> Recording {
             w.write_message(topic, time, &message).unwrap();
         }
         let error = PoseError::between(&X_BE, &X_BD);
-        controller
-            .update(&state.q, &state.qd, Some((&X_BE, &X_BD)))
-            .unwrap();
+        let sight = Sight::new(state.time, X_BE, X_BD);
+        let seen = Measurement::new(state.time, &state.q, &state.qd).with_sight(Some(&sight));
+        controller.update(&seen).unwrap();
         let message = ControllerState {
             header: header(time, "base_link"),
             law: "transpose_jacobian".into(),

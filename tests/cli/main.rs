@@ -1,6 +1,7 @@
 //! The `fuyu` executable as a user meets it: exit codes, what it prints, what it says about bad input.
 
 mod bad_urdf;
+mod control;
 mod estimate;
 mod free_motion;
 mod fuyu;

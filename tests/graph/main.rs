@@ -14,3 +14,4 @@ mod probe;
 mod processes;
 mod survival;
 mod topics;
+mod upstream;

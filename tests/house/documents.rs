@@ -26,7 +26,8 @@ fn documented() -> BTreeSet<String> {
     for [topic, _, writers, readers, _] in table() {
         for (nodes, verb) in [(writers, "writes"), (readers, "reads")] {
             for node in nodes.split(", ") {
-                let fixed = ["dynamics", "camera", "controller", "estimator"].contains(&node);
+                let fixed =
+                    ["dynamics", "camera", "controller", "estimator", "teleop"].contains(&node);
                 if fixed && !topic.contains("NAME") {
                     endpoints.insert(format!("{node} {verb} {topic}"));
                 }
@@ -65,8 +66,9 @@ fn implemented() -> BTreeSet<String> {
             p if p.starts_with("nodes/camera") => &["camera"],
             p if p.starts_with("nodes/controller") => &["controller"],
             p if p.starts_with("nodes/estimator") => &["estimator"],
+            p if p.starts_with("nodes/teleop") => &["teleop"],
             // Shared by those who must know the robot.
-            "nodes/robot_description.rs" => &["camera", "controller"],
+            "nodes/robot_description.rs" => &["camera", "controller", "teleop"],
             _ => continue,
         };
         for (method, verb) in [("advertise", "writes"), ("subscribe", "reads")] {

@@ -52,7 +52,7 @@ const fn broken(
     }
 }
 
-const BROKEN: [Broken; 18] = [
+const BROKEN: [Broken; 20] = [
     broken(
         "no YAML",
         "duration: 60.0",
@@ -159,6 +159,18 @@ const BROKEN: [Broken; 18] = [
         "k_v: [400.0, ",
         "k_v: [",
         &["scenario.yaml", "k_v", "5 values", "6"],
+    ),
+    broken(
+        "negative damping",
+        "k_v: [400.0, 100.0",
+        "k_v: [400.0, -100.0",
+        &["scenario.yaml:", "k_v", "-100"],
+    ),
+    broken(
+        "a kick of no size",
+        "    joint_k_p:",
+        "    kick_rate: -1.0\n    joint_k_p:",
+        &["scenario.yaml:", "kick_rate", "-1"],
     ),
     broken(
         "two at once",

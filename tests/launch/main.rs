@@ -21,4 +21,5 @@ mod positioning;
 mod process;
 mod starvation;
 mod survival;
+mod teleop;
 mod view;

@@ -3,6 +3,8 @@
 Run it beside `fuyu launch` of a scenario that names no controller; any node that answers `joint_states`
 with `joint_commands` will do."""
 
+import time
+
 import rclpy
 from rclpy.node import Node
 from sensor_msgs.msg import JointState
@@ -14,11 +16,13 @@ class JointPd(Node):
         self.posture = self.declare_parameter("posture", [1.2, 1.5, -1.4, -0.2, 0.2, -0.5]).value
         self.stiffness = self.declare_parameter("stiffness", [160.0, 40.0, 80.0, 4.0, 0.8, 0.08]).value
         self.damping = self.declare_parameter("damping", [400.0, 100.0, 200.0, 10.0, 2.0, 0.2]).value
+        self.delay = self.declare_parameter("delay", 0.0).value
         self.commands = self.create_publisher(JointState, "joint_commands", 10)
         self.create_subscription(JointState, "joint_states", self.answer, 10)
 
     def answer(self, state):
         gains = zip(self.stiffness, self.damping, self.posture, state.position, state.velocity)
+        time.sleep(self.delay)
         efforts = [k * (goal - q) - d * qd for k, d, goal, q, qd in gains]
         self.commands.publish(JointState(header=state.header, name=state.name, effort=efforts))
 

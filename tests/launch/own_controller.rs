@@ -105,3 +105,37 @@ fn a_python_node_takes_the_controllers_place() {
         assert!((com_after - com_before).norm() < 1e-9);
     });
 }
+
+/// The largest joint rate \[rad/s\] of two seconds under a controller that needs 50 ms for an answer, with damping
+/// that is unstable beyond 20 ms.
+fn largest_rate_under_a_late_controller(domain: u16, answer_timeout: &str) -> f64 {
+    let (_folder, config) = without_controller();
+    let timeout = format!("dynamics:answer_timeout:={answer_timeout}");
+    let args = ["--duration", "2", "--ros-args", "-p", &timeout];
+    let mut launch = Running::launch(domain, &config, &args);
+    let mut own = Command::new(python());
+    own.arg(source("tests/launch/own_controller.py"))
+        .args(["--ros-args", "-p", "delay:=0.05"])
+        .args(["-p", "damping:=[400.0, 100.0, 200.0, 10.0, 2.0, 2.0]"])
+        .env("ROS_DOMAIN_ID", domain.to_string())
+        .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST");
+    let mut own = Running::start(own);
+    launch.wait(5 * PATIENCE);
+    own.interrupt().well();
+    let states = read::<JointState>(&launch.bag(), "/joint_states");
+    let rates = states.iter().flat_map(|s| &s.velocity);
+    rates.fold(0.0, |most, rate| rate.abs().max(most))
+}
+
+#[test]
+fn time_waits_for_a_controller_that_is_late() {
+    in_time(|| {
+        let rate = largest_rate_under_a_late_controller(96, "0.5");
+        println!("largest rate {rate} rad/s");
+        assert!(rate < 1.0, "{rate}");
+        // The same without patience: time goes its way, and the robot diverges.
+        let rate = largest_rate_under_a_late_controller(97, "0.0");
+        println!("without patience {rate} rad/s");
+        assert!(rate > 10.0, "{rate}");
+    });
+}

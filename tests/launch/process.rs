@@ -38,6 +38,7 @@ pub fn command(executable: &str, domain: u16) -> Command {
         "camera" => env!("CARGO_BIN_EXE_camera"),
         "controller" => env!("CARGO_BIN_EXE_controller"),
         "estimator" => env!("CARGO_BIN_EXE_estimator"),
+        "teleop" => env!("CARGO_BIN_EXE_teleop"),
         "recorder" => env!("CARGO_BIN_EXE_recorder"),
         other => panic!("{other} is no executable of fuyu"),
     };

@@ -2,11 +2,11 @@
 
 use allocation_counter::measure;
 use fuyu::control::{
-    Controller, ControllerConfig, Gains, JacobianKind, LawKind, Measurement, Saturation,
-    TransposeJacobian,
+    Controller, ControllerConfig, Gains, JacobianKind, JointPdGains, LawKind, Measurement,
+    Saturation, Sight,
 };
 use fuyu::dynamics::{Floating, Input, Integrator, Method, State, Workspace};
-use nalgebra::{DVector, Matrix6xX};
+use nalgebra::Matrix6xX;
 
 use crate::fixtures::servicer;
 use crate::loops::mechanisms::{HINGE, on_branch, pantograph, pantograph_loops};
@@ -17,7 +17,6 @@ fn steps_jacobians_and_the_control_law_do_not_allocate() {
     let tip = model.frame("tool0").unwrap().clone();
     let mut state = State::at_rest(&model);
     let mut workspace = Workspace::new(&model);
-    let mut efforts = DVector::zeros(6);
     let gains = Gains {
         k_p: 75.0,
         k_o: 100.0,
@@ -27,19 +26,23 @@ fn steps_jacobians_and_the_control_law_do_not_allocate() {
             orientation: 0.1,
         },
     };
-    let mut controller = Controller::new(
-        model.clone(),
-        tip.clone(),
-        ControllerConfig {
-            law: LawKind::TransposeJacobian,
-            jacobian: JacobianKind::Generalized,
-            gains: gains.clone(),
-            joint_k_p: Vec::new(),
-        },
-    )
-    .unwrap();
+    let mut controllers = LawKind::NAMES.map(|(_, law)| {
+        let config = ControllerConfig {
+            joint_pd: JointPdGains { k_p: vec![1.0; 6] },
+            ..ControllerConfig::new(law, gains.clone())
+        };
+        let mut controller = Controller::new(model.clone(), tip.clone(), config.clone()).unwrap();
+        // The joint PD searches its joint goal at its first step, and every law hands over in the next ones.
+        let X_BE = Workspace::new(&model).X_BF(&tip);
+        let sight = Sight::new(0.0, X_BE, X_BE);
+        let seen = Measurement::new(0.0, &state.q, &state.qd).with_sight(Some(&sight));
+        controller.update(&seen).unwrap();
+        let jacobian = JacobianKind::FixedBase;
+        let approximate = ControllerConfig { jacobian, ..config };
+        controller.set_config(approximate).unwrap();
+        controller
+    });
     let mut matrix = Matrix6xX::zeros(6);
-    let mut law = TransposeJacobian::new(&model, &tip, gains, JacobianKind::Generalized).unwrap();
     let mut push = |_: f64, _: &State, input: &mut Input| input.efforts.fill(0.1);
     for method in [Method::Rk4, Method::Dop8] {
         let mut integrator = Integrator::new(&model, method);
@@ -48,20 +51,15 @@ fn steps_jacobians_and_the_control_law_do_not_allocate() {
             for _ in 0..100 {
                 integrator.step(&model, &mut state, &mut workspace, 0.01, &mut push);
                 let X_BE = workspace.X_BF(&tip);
-                let seen = Measurement {
-                    q: &state.q,
-                    qd: &state.qd,
-                    X_BE: &X_BE,
-                    X_BD: &X_BE,
-                };
-                law.efforts(&model, &mut workspace, &seen, &mut efforts);
-                controller
-                    .update(&state.q, &state.qd, Some((&X_BE, &X_BE)))
-                    .unwrap();
+                let sight = Sight::new(state.time, X_BE, X_BE);
+                let seen = Measurement::new(state.time, &state.q, &state.qd);
+                for controller in &mut controllers {
+                    controller.update(&seen.with_sight(Some(&sight))).unwrap();
+                }
                 workspace.base_map(&model, &mut matrix);
                 workspace.generalized_jacobian(&tip, &mut matrix);
                 workspace.reduced_inertia();
-                floating.hold_efforts(efforts.as_slice());
+                floating.hold_efforts(controllers[0].efforts().as_slice());
                 floating.step(0.01, 1);
                 floating.accelerations();
             }

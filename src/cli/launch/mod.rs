@@ -133,7 +133,7 @@ fn watch(process: &mut Process, plan: &Plan, progress: &Progress) {
             told = Instant::now();
         }
         if !warned && seen.last.is_none() && begin.elapsed() > Duration::from_secs(5) {
-            tracing::warn!("simulated time does not run: is a controller missing?");
+            tracing::warn!("simulated time does not run: is a controller missing, or an operator?");
             warned = true;
         }
     }

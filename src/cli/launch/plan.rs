@@ -57,6 +57,11 @@ impl Plan {
         if scenario.has("dynamics") {
             let dynamics = scenario.dynamics()?;
             duration = dynamics.duration;
+            if dynamics.lockstep && scenario.has("teleop") {
+                return Err(format!(
+                    "{path}: an operator keeps real time; with the node teleop the dynamics node's lockstep must be false"
+                ));
+            }
             if dynamics.lockstep && scenario.has("camera") {
                 let quality = scenario.camera()?.quality;
                 if quality.rate != 0.0 || quality.latency != 0.0 || quality.dropout != 0.0 {

@@ -20,7 +20,7 @@ pub struct PlaneFigure {
     pub x_label: String,
     /// Quantity and unit of the vertical axis.
     pub y_label: String,
-    /// Curves; points that are not finite are left out.
+    /// Curves; a point that is not finite ends a stretch of its curve.
     pub series: Vec<Series>,
 }
 
@@ -86,13 +86,12 @@ impl Drawing for PlaneFigure {
             .draw()?;
         for (i, series) in self.series.iter().enumerate() {
             let style = line(i, scale);
-            let points = series.points.iter().copied();
-            let finite = points.filter(|p| p.0.is_finite() && p.1.is_finite());
-            let points: Vec<_> = finite.collect();
-            let pairs = points.windows(2);
+            let finite = |p: &&(f64, f64)| p.0.is_finite() && p.1.is_finite();
+            let pairs = series.points.windows(2);
+            let pairs = pairs.filter(|pair| pair.iter().all(|p| finite(&p)));
             chart.draw_series(pairs.map(|p| PathElement::new(p.to_vec(), style)))?;
             if pen.discs {
-                let discs = points.iter();
+                let discs = series.points.iter().filter(finite);
                 chart.draw_series(discs.map(|&p| Circle::new(p, scale, style.filled())))?;
             }
         }

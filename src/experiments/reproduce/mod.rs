@@ -1,7 +1,12 @@
 //! Published results beside what fuyu computes: what `fuyu reproduce` prints.
 
 mod masutani;
+mod masutani_ch4;
+mod masutani_ch6;
+mod masutani_ch7;
+mod masutani_g;
 mod report;
+mod teleoperation;
 mod tr942;
 mod tumbling;
 
@@ -36,6 +41,11 @@ pub const ALL: &[Reproduction] = &{
 /// Those of a few runs each.
 const QUICK: &[Reproduction] = &[
     Reproduction {
+        name: "masutani-fig-4.5",
+        shows: "Masutani 1995 Fig. 4.5: manipulability ellipses of a planar arm, base fixed and floating",
+        compute: masutani_ch4::fig_4_5,
+    },
+    Reproduction {
         name: "masutani-fig-5.3",
         shows: "Masutani 1995 Fig. 5.3: joint PD misses the goal, the transpose of the generalized Jacobian reaches it",
         compute: masutani::fig_5_3,
@@ -49,6 +59,41 @@ const QUICK: &[Reproduction] = &[
         name: "masutani-fig-5.5",
         shows: "Masutani 1995 Fig. 5.5: angular acceleration of the base, and the moment behind it",
         compute: masutani::fig_5_5,
+    },
+    Reproduction {
+        name: "masutani-fig-6.1",
+        shows: "Masutani 1995 Fig. 6.1: where the fixed-base Jacobian is stable, for six sizes of the base",
+        compute: masutani_ch6::fig_6_1,
+    },
+    Reproduction {
+        name: "masutani-fig-6.2",
+        shows: "Masutani 1995 Fig. 6.2: in the stable region both Jacobians steer alike",
+        compute: masutani_ch6::fig_6_2,
+    },
+    Reproduction {
+        name: "masutani-fig-6.3",
+        shows: "Masutani 1995 Fig. 6.3: in the unstable region the fixed-base Jacobian leads away first",
+        compute: masutani_ch6::fig_6_3,
+    },
+    Reproduction {
+        name: "masutani-fig-7.3",
+        shows: "Masutani 1995 Fig. 7.3: a rotation of the pull straightens the path; twelve tasks beside it",
+        compute: masutani_ch7::fig_7_3,
+    },
+    Reproduction {
+        name: "masutani-table-g.1",
+        shows: "Masutani 1995 Table G.1 (6.1): operations that the generalized Jacobian takes",
+        compute: masutani_g::table_g_1,
+    },
+    Reproduction {
+        name: "masutani-fig-8.7",
+        shows: "Masutani 1995 Fig. 8.7: how long an operator takes to position the tip, by six methods",
+        compute: teleoperation::fig_8_7,
+    },
+    Reproduction {
+        name: "masutani-fig-8.10",
+        shows: "Masutani 1995 Fig. 8.10: how much a free base distorts an operator's commands over the work space",
+        compute: teleoperation::fig_8_10,
     },
     Reproduction {
         name: "tr942-chain",

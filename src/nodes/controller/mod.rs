@@ -17,7 +17,7 @@ use super::{
     topics,
 };
 use crate::{
-    control::{Acted, Controller, ControllerConfig, GainError, LawKind},
+    control::{Acted, Controller, ControllerConfig, GainError, LawKind, Measurement, Sight},
     msg::{
         fuyu_msgs::ControllerState, geometry_msgs::PoseStamped, sensor_msgs::JointState,
         std_msgs::Header,
@@ -35,7 +35,7 @@ const SILENCE: Duration = Duration::from_secs(1);
 /// For wrong parameters, or when DDS refuses.
 pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut declare = node.declare();
-    let (params, live) = ControllerParams::declare_live(&mut declare);
+    let (params, mut live) = ControllerParams::declare_live(&mut declare);
     declare.finish()?;
     let mut description = RobotDescription::new(node, params.tip_link.clone())?;
     let mut topics = Topics::new(node)?;
@@ -55,8 +55,8 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
                 Err(e) => description.refuse(&format!("parameter {e}")),
             }
         }
-        if live.changed()
-            && let Err(e) = controller.set_config(live.get())
+        if let Some(config) = live.changed()
+            && let Err(e) = controller.set_config(config)
         {
             topics
                 .status
@@ -75,13 +75,6 @@ fn controller(robot: Robot, config: ControllerConfig) -> Result<Controller, Gain
     Controller::new(robot.model, robot.tip, config)
 }
 
-/// A camera measurement: tip and goal in the base frame, of one exposure.
-struct Seen {
-    stamp: Time,
-    X_BE: Pose,
-    X_BD: Pose,
-}
-
 /// Endpoints of the controller node and what has come from them.
 struct Topics {
     joint_states: Subscription<JointState>,
@@ -91,7 +84,8 @@ struct Topics {
     state: Publisher<ControllerState>,
     states: VecDeque<JointState>,
     poses: StampPairs<Pose, Pose>,
-    seen: Option<Seen>,
+    /// The newest pair of camera poses, with its stamp.
+    seen: Option<(Time, Sight)>,
     /// Stamp of the newest joint state.
     last_state: Time,
     status: Status,
@@ -141,7 +135,8 @@ impl Topics {
             self.poses.push_second(stamp, pose);
         }
         while let Some((stamp, X_BE, X_BD)) = self.poses.pop() {
-            self.seen = Some(Seen { stamp, X_BE, X_BD });
+            let sight = Sight::new(stamp.as_secs_f64(), X_BE, X_BD);
+            self.seen = Some((stamp, sight));
         }
     }
 
@@ -152,7 +147,7 @@ impl Topics {
             self.states.clear();
             return newest;
         }
-        let seen = self.seen.as_ref()?.stamp;
+        let seen = self.seen.as_ref()?.0;
         while let Some(state) = self.states.pop_front() {
             let stamp = Time::from(&state.header.stamp);
             if stamp == seen {
@@ -190,18 +185,20 @@ impl Topics {
             }
         };
         let now = Time::from(&joints.header.stamp);
-        let age = self.seen.as_ref().map(|seen| now - seen.stamp);
+        let age = self.seen.as_ref().map(|(stamp, _)| now - *stamp);
         let young = self
             .seen
             .as_ref()
             .filter(|_| age.is_some_and(|age| age.abs() <= timeout));
-        let acted = controller.update(&q, &qd, young.map(|seen| (&seen.X_BE, &seen.X_BD)));
+        let seen = Measurement::new(now.as_secs_f64(), &q, &qd);
+        let acted = controller.update(&seen.with_sight(young.map(|(_, sight)| sight)));
         match (&acted, age) {
             (Err(e), _) => self.status.error(format!("no effort is given: {e}")),
             (Ok(_), None) => self.status.warn("no camera measurement has come yet: only damping"),
             (Ok(_), Some(age)) if age.abs() > timeout => self.status.warn(format!(
                 "the last camera measurement is {age:.2} s old (measurement_timeout is {timeout} s): only damping"
             )),
+            (Ok(Acted { trouble: Some(trouble), .. }), Some(_)) => self.status.warn(trouble.to_string()),
             (Ok(_), Some(_)) => self.status.ok("steering the tip to the goal"),
         }
         self.commands.publish(&command(controller, &joints.header));

@@ -2,55 +2,96 @@
 
 use crate::{model::Model, msg::sensor_msgs::JointState};
 
-/// Efforts for some of the robot's joints.
+/// Efforts, or rates, for some of the robot's joints.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Command {
+pub enum Command {
     /// Joint index and effort \[N m or N\].
-    pub efforts: Vec<(usize, f64)>,
+    Efforts(Vec<(usize, f64)>),
+    /// Joint index and rate \[rad/s or m/s\].
+    Rates(Vec<(usize, f64)>),
+}
+
+/// The largest values that a command may have.
+#[derive(Debug, Clone, Copy)]
+pub struct CommandLimits {
+    /// Effort, `max_effort` \[N m or N\].
+    pub effort: f64,
+    /// Rate, `velocity_servo.max_rate` \[rad/s or m/s\].
+    pub rate: f64,
 }
 
 impl Command {
-    /// Reads a message: efforts by joint name, at most `max_effort` \[N m or N\]; joints that it does not name
-    /// keep theirs.
+    /// Reads a message: efforts or rates by joint name; joints that it does not name keep theirs. Which of the two
+    /// it commands is told by the list that it fills.
     ///
     /// # Errors
     /// A line that names what is wrong and what would be right; nothing of such a message acts.
-    pub fn from_msg(message: &JointState, model: &Model, max_effort: f64) -> Result<Self, String> {
+    pub fn from_msg(
+        message: &JointState,
+        model: &Model,
+        limits: CommandLimits,
+    ) -> Result<Self, String> {
         if message.name.is_empty() {
             return Err(format!(
                 "names no joint; expected some of {}",
                 joint_names(model)
             ));
         }
-        if message.effort.len() != message.name.len() {
+        match (message.effort.is_empty(), message.velocity.is_empty()) {
+            (false, false) => Err(
+                "has both effort and velocity; a command is one or the other, so leave one list empty"
+                    .to_owned(),
+            ),
+            (true, false) => {
+                let limit = ("velocity_servo.max_rate", limits.rate);
+                let words = ("velocity", "velocities");
+                by_name(message, &message.velocity, model, words, limit).map(Self::Rates)
+            }
+            _ => {
+                let limit = ("max_effort", limits.effort);
+                let words = ("effort", "efforts");
+                by_name(message, &message.effort, model, words, limit).map(Self::Efforts)
+            }
+        }
+    }
+}
+
+/// Values by joint index, none beyond the limit of that name.
+fn by_name(
+    message: &JointState,
+    values: &[f64],
+    model: &Model,
+    (one, many): (&str, &str),
+    (limit_name, limit): (&str, f64),
+) -> Result<Vec<(usize, f64)>, String> {
+    if values.len() != message.name.len() {
+        return Err(format!(
+            "has {} names but {} {many}; give one {one} per name",
+            message.name.len(),
+            values.len()
+        ));
+    }
+    let mut found: Vec<(usize, f64)> = Vec::with_capacity(message.name.len());
+    for (name, &value) in message.name.iter().zip(values) {
+        let Some(joint) = model.joint_index(name) else {
             return Err(format!(
-                "has {} names but {} efforts; give one effort per name",
-                message.name.len(),
-                message.effort.len()
+                "names '{name}'; the robot has {}",
+                joint_names(model)
+            ));
+        };
+        // Not a number is not below it either.
+        let sound = value.abs() <= limit;
+        if !sound {
+            return Err(format!(
+                "gives joint '{name}' the {one} {value}; it must be finite and at most {limit} ({limit_name})"
             ));
         }
-        let mut efforts: Vec<(usize, f64)> = Vec::with_capacity(message.name.len());
-        for (name, &effort) in message.name.iter().zip(&message.effort) {
-            let Some(joint) = model.joint_index(name) else {
-                return Err(format!(
-                    "names '{name}'; the robot has {}",
-                    joint_names(model)
-                ));
-            };
-            // Not a number is not below it either.
-            let sound = effort.abs() <= max_effort;
-            if !sound {
-                return Err(format!(
-                    "gives joint '{name}' the effort {effort}; it must be finite and at most {max_effort} (max_effort)"
-                ));
-            }
-            if efforts.iter().any(|(seen, _)| *seen == joint) {
-                return Err(format!("names joint '{name}' twice"));
-            }
-            efforts.push((joint, effort));
+        if found.iter().any(|(seen, _)| *seen == joint) {
+            return Err(format!("names joint '{name}' twice"));
         }
-        Ok(Self { efforts })
+        found.push((joint, value));
     }
+    Ok(found)
 }
 
 fn joint_names(model: &Model) -> String {
@@ -74,18 +115,29 @@ mod tests {
         }
     }
 
+    const LIMITS: CommandLimits = CommandLimits {
+        effort: 1e6,
+        rate: 100.0,
+    };
+
     #[test]
     fn a_command_acts_by_name_in_any_order() {
-        let command =
-            Command::from_msg(&message(&["joint2", "joint1"], &[2.0, -1.0]), &model(), 1e6);
-        assert_eq!(command.unwrap().efforts, [(1, 2.0), (0, -1.0)]);
+        let efforts = message(&["joint2", "joint1"], &[2.0, -1.0]);
+        let command = Command::from_msg(&efforts, &model(), LIMITS).unwrap();
+        assert_eq!(command, Command::Efforts(vec![(1, 2.0), (0, -1.0)]));
+        let rates = JointState {
+            velocity: vec![0.1],
+            ..message(&["joint2"], &[])
+        };
+        let command = Command::from_msg(&rates, &model(), LIMITS).unwrap();
+        assert_eq!(command, Command::Rates(vec![(1, 0.1)]));
     }
 
     #[test]
     fn what_cannot_act_is_refused_with_the_reason() {
         let model = model();
         let refusal = |names: &[&str], effort: &[f64]| {
-            Command::from_msg(&message(names, effort), &model, 1e6).unwrap_err()
+            Command::from_msg(&message(names, effort), &model, LIMITS).unwrap_err()
         };
         assert!(refusal(&["elbow"], &[1.0]).contains("'elbow'; the robot has joint1, joint2"));
         assert!(refusal(&["joint1"], &[f64::NAN]).contains("joint 'joint1' the effort NaN"));
@@ -93,5 +145,16 @@ mod tests {
         assert!(refusal(&["joint1", "joint2"], &[1.0]).contains("2 names but 1 efforts"));
         assert!(refusal(&["joint1", "joint1"], &[1.0, 2.0]).contains("twice"));
         assert!(refusal(&[], &[]).contains("names no joint"));
+        let rates = |velocity: &[f64], effort: &[f64]| {
+            let message = JointState {
+                velocity: velocity.to_vec(),
+                ..message(&["joint1"], effort)
+            };
+            Command::from_msg(&message, &model, LIMITS).unwrap_err()
+        };
+        assert!(rates(&[f64::NAN], &[]).contains("joint 'joint1' the velocity NaN"));
+        assert!(rates(&[101.0], &[]).contains("at most 100 (velocity_servo.max_rate)"));
+        assert!(rates(&[1.0, 2.0], &[]).contains("1 names but 2 velocities"));
+        assert!(rates(&[1.0], &[1.0]).contains("both effort and velocity"));
     }
 }

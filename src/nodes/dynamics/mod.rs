@@ -1,8 +1,16 @@
 //! The dynamics node: integrates the free-floating robot and owns time.
 //!
 //! A command acts from the moment it arrives: in real time the world is stepped to that moment under the
-//! old efforts first. In lockstep it acts from the state that it answers.
+//! old efforts first. In lockstep it acts from the state that it answers. In between is the usual case: time
+//! keeps the pace of the clock, but waits up to `answer_timeout` for a commander that has answered so far.
+//!
+//! What a command fills decides what it is: `effort` is held as it is, `velocity` is what a servo in the robot's drives
+//! ([`VelocityServo`](crate::control::VelocityServo)) drives the joints' rates to, with a bandwidth of its own and no more
+//! effort than they have. The last command is for the whole robot: joints that it does not name keep their effort or rate,
+//! or get zero if the command before was of the other kind. When commands end, held efforts become zero, which lets the arm
+//! coast, and driven rates become zero, which stops it.
 
+mod answers;
 mod commands;
 mod imu;
 mod loops;
@@ -25,7 +33,8 @@ use crate::{
     nodes::topics,
     ros::{Node, NodeError, Received, Status, Subscription, Time},
 };
-use commands::Command;
+use answers::Answers;
+use commands::{Command, CommandLimits};
 use outputs::Outputs;
 use pace::Pace;
 
@@ -88,6 +97,8 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         last_command: None,
         refused: 0,
         refused_at: None,
+        answers: Answers::default(),
+        waited: 0,
         efforts: vec![0.0; robot.dof()],
         pace: Pace::new(params.real_time_factor),
         world,
@@ -111,6 +122,9 @@ struct Simulation<'a> {
     last_command: Option<f64>,
     refused: u64,
     refused_at: Option<Instant>,
+    answers: Answers,
+    /// States for whose answers time has waited.
+    waited: u64,
     efforts: Vec<f64>,
     pace: Pace,
 }
@@ -145,6 +159,7 @@ impl Simulation<'_> {
             }
             self.check_command_age();
             self.step();
+            self.answers.expect(Time::from_secs_f64(self.world.time()));
             self.outputs.publish(&mut self.world)?;
             match self.world.beyond_limits() {
                 Some(problem) => self.limit_status.warn(problem),
@@ -185,7 +200,7 @@ impl Simulation<'_> {
         if let Err(problem) = self.world.check_finite() {
             self.efforts.fill(0.0);
             self.world.robot.set_state(before);
-            self.world.robot.hold_efforts(&self.efforts);
+            self.world.hold_efforts(&self.efforts);
             tracing::error!("{problem}; the robot stays as it was, efforts are zero");
             self.command_status
                 .error(format!("{problem}; efforts are zero"));
@@ -236,21 +251,28 @@ impl Simulation<'_> {
         }
     }
 
-    /// Real time: lets commands act as they arrive, until the next state is due.
+    /// Real time: lets commands act as they arrive, until the next state is due, or longer while the answer
+    /// to the last one is.
     fn await_tick(&mut self) {
         let due = self.pace.instant(self.world.next_tick());
+        let patience = due + Duration::from_secs_f64(self.params.answer_timeout);
+        let mut late = false;
         loop {
             self.take_commands(self.pace.time(Instant::now()));
-            let Some(left) = due
-                .checked_duration_since(Instant::now())
-                .filter(|d| !d.is_zero())
-            else {
-                return;
+            let now = Instant::now();
+            let end = match now >= due && self.answers.due() {
+                true => patience,
+                false => due,
             };
-            if !self.node.wait_for(left) {
-                return;
+            if now >= end {
+                break;
+            }
+            late |= now >= due;
+            if !self.node.wait_for(end - now) {
+                break;
             }
         }
+        self.waited += u64::from(late);
     }
 
     /// Obeys the commands that wait, from simulated time `now` on; gives how many were valid.
@@ -266,20 +288,31 @@ impl Simulation<'_> {
     }
 
     fn obey(&mut self, received: &Received<JointState>, now: f64) -> bool {
-        match Command::from_msg(
-            &received.message,
-            self.world.robot.model(),
-            self.params.max_effort,
-        ) {
+        let limits = CommandLimits {
+            effort: self.params.max_effort,
+            rate: self.params.max_rate,
+        };
+        match Command::from_msg(&received.message, self.world.robot.model(), limits) {
             Ok(command) => {
-                for (joint, effort) in command.efforts {
-                    self.efforts[joint] = effort;
-                }
-                let cut = self.world.robot.hold_efforts(&self.efforts);
+                let (cut, limit) = match command {
+                    Command::Efforts(efforts) => {
+                        if self.world.rates_driven() {
+                            self.efforts.fill(0.0);
+                        }
+                        for (joint, effort) in efforts {
+                            self.efforts[joint] = effort;
+                        }
+                        (self.world.hold_efforts(&self.efforts), "an effort")
+                    }
+                    Command::Rates(rates) => (self.world.drive_rates(&rates), "a velocity"),
+                };
                 self.last_command = Some(now);
+                self.answers
+                    .note(Time::from(&received.message.header.stamp));
                 if cut {
-                    self.command_status
-                        .warn("the last command exceeds an effort limit and was cut");
+                    self.command_status.warn(format!(
+                        "the last command exceeds {limit} limit and was cut"
+                    ));
                 } else if self
                     .refused_at
                     .is_none_or(|at| at.elapsed() > REFUSAL_SHOWN)
@@ -309,9 +342,13 @@ impl Simulation<'_> {
         let age = self.world.time() - last;
         if age > self.params.command_timeout && !self.params.lockstep {
             self.efforts.fill(0.0);
-            self.world.robot.hold_efforts(&self.efforts);
+            self.world.halt();
+            let zero = match self.world.rates_driven() {
+                true => "the joints are stopped",
+                false => "efforts are zero",
+            };
             self.command_status.warn(format!(
-                "no command on {} for {age:.1} s (command_timeout is {} s): efforts are zero",
+                "no command on {} for {age:.1} s (command_timeout is {} s): {zero}",
                 self.commands.topic(),
                 self.params.command_timeout
             ));
@@ -324,6 +361,8 @@ impl Simulation<'_> {
                 .set("simulated time [s]", format!("{:.2}", self.world.time()));
             self.time_status
                 .set("real time factor", format!("{achieved:.3}"));
+            self.time_status
+                .set("states that waited for their answer", self.waited);
             let wanted = self.params.real_time_factor;
             if self.params.lockstep || wanted == 0.0 {
                 return;

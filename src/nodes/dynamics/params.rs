@@ -5,6 +5,7 @@ use nalgebra::{DVector, Isometry3, Vector3};
 use super::imu::ImuParams;
 use super::loops::LoopParams;
 use crate::{
+    control::{ServoGains, VelocityServoConfig},
     dynamics::{FormulationKind, Method},
     nodes::{
         choice,
@@ -50,10 +51,16 @@ pub struct DynamicsParams {
     pub start_on_command: bool,
     /// Simulated time after which time stands still \[s\]; zero is never.
     pub duration: f64,
-    /// Age of the last command beyond which efforts are zero \[s\].
+    /// Age of the last command beyond which efforts, or driven rates, are zero \[s\].
     pub command_timeout: f64,
+    /// Time for which a due state waits for the answer to the one before, from who answers states \[s\].
+    pub answer_timeout: f64,
     /// Largest effort that a command may ask for \[N m or N\].
     pub max_effort: f64,
+    /// The servo that obeys commands of rates.
+    pub servo: VelocityServoConfig,
+    /// Largest rate that a command may ask for \[rad/s or m/s\].
+    pub max_rate: f64,
 }
 
 /// A robot description: its text, and where it came from for messages.
@@ -234,17 +241,35 @@ impl DynamicsParams {
             .param(
                 "command_timeout",
                 0.5,
-                "Efforts are zero when the last command is older [s]",
+                "Efforts, or rates if the last command was one of rates, are zero when it is older [s]",
             )
             .range(1e-3, 1e6)
             .read_only()
             .value();
-
+        let answer_timeout = declare
+            .param(
+                "answer_timeout",
+                0.5,
+                "How long time waits for the answer to the last state [s of the computer's clock], from a commander that answers states; 0 keeps the pace whatever comes late",
+            )
+            .range(0.0, 60.0)
+            .read_only()
+            .value();
         let max_effort = declare
             .param(
                 "max_effort",
                 1e6,
                 "Largest effort that a command may ask of a joint; a larger one is refused [N m or N]",
+            )
+            .range(1e-9, 1e9)
+            .read_only()
+            .value();
+        let servo = declare_servo(declare);
+        let max_rate = declare
+            .param(
+                "velocity_servo.max_rate",
+                100.0,
+                "Largest rate that a command may ask of a joint; a larger one is refused [rad/s or m/s]",
             )
             .range(1e-9, 1e9)
             .read_only()
@@ -302,7 +327,10 @@ impl DynamicsParams {
             start_on_command,
             duration,
             command_timeout,
+            answer_timeout,
             max_effort,
+            servo,
+            max_rate,
         })
     }
 }
@@ -331,6 +359,43 @@ impl Motion {
             velocity_W,
             angular_velocity_B,
         })
+    }
+}
+
+fn declare_servo(declare: &mut Declare) -> VelocityServoConfig {
+    let bandwidth = declare
+        .param(
+            "velocity_servo.bandwidth",
+            10.0,
+            "Bandwidth of the servo that obeys commands of joint rates, in all postures [rad/s]",
+        )
+        .range(1e-3, 1e4)
+        .read_only()
+        .value();
+    let gains = declare
+        .param(
+            "velocity_servo.gains",
+            Vec::<f64>::new(),
+            "Its gains, one per joint, instead of a bandwidth [N m s/rad or N s/m]; empty is the bandwidth",
+        )
+        .range(1e-9, 1e9)
+        .read_only()
+        .value();
+    let integral = declare
+        .param(
+            "velocity_servo.integral",
+            0.0,
+            "Inverse time of its integral part [rad/s]; 0 is a proportional servo",
+        )
+        .range(0.0, 1e4)
+        .read_only()
+        .value();
+    VelocityServoConfig {
+        gains: match gains.is_empty() {
+            true => ServoGains::Bandwidth(bandwidth),
+            false => ServoGains::PerJoint(gains),
+        },
+        integral,
     }
 }
 

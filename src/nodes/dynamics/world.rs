@@ -6,6 +6,7 @@ use super::imu::ImuParams;
 use super::loops::LoopParams;
 use super::params::{Description, DynamicsParams, Motion, joint_vector};
 use crate::{
+    control::VelocityServo,
     dynamics::{Floating, FormulationKind, State, Workspace},
     model::Model,
     nodes::choice,
@@ -27,6 +28,10 @@ impl Target {
     }
 }
 
+/// Length of the servo's steps over the time constant of its fastest motion at the start: it overshoots beyond one, and
+/// is unstable beyond two.
+const SERVO_STEP: f64 = 0.5;
+
 /// Topic of the odometry of the target called `name`.
 pub fn odometry_topic(name: &str) -> String {
     format!("ground_truth/{name}/odom")
@@ -39,6 +44,11 @@ pub struct World {
     /// The free bodies.
     pub targets: Vec<Target>,
     imu: ImuParams,
+    /// Drives the joints' rates while `rates_driven`; else efforts are held.
+    servo: VelocityServo,
+    rates_driven: bool,
+    /// Longest step that the servo bears \[s\].
+    servo_step: f64,
     time_step: f64,
     /// Time is counted in steps of this, so that states fall on exact multiples \[s\].
     period: f64,
@@ -92,7 +102,13 @@ impl World {
             })
         });
         let zeros = vec![0.0; robot.model().dof()];
+        let servo = VelocityServo::new(robot.model(), params.servo.clone())
+            .map_err(|e| format!("parameter velocity_servo.{e}"))?;
+        let fastest = servo.fastest(robot.model(), &robot.state().q);
         Ok(Self {
+            servo,
+            rates_driven: false,
+            servo_step: SERVO_STEP / fastest,
             impulses: zeros.clone(),
             mean_efforts: zeros,
             robot,
@@ -229,16 +245,67 @@ impl World {
         }
     }
 
+    /// Holds joint efforts from now on, as [`Floating::hold_efforts`]; rates are not driven any more.
+    pub fn hold_efforts(&mut self, efforts: &[f64]) -> bool {
+        self.rates_driven = false;
+        self.robot.hold_efforts(efforts)
+    }
+
+    /// Lets the servo drive the joints' rates from now on: those of `rates` (joint index, rate) to these \[rad/s or
+    /// m/s\], cut to the joints' limits, the others as before or, if efforts were held until now, to zero. Returns
+    /// whether any was cut.
+    pub fn drive_rates(&mut self, rates: &[(usize, f64)]) -> bool {
+        if !self.rates_driven {
+            self.rates_driven = true;
+            self.servo.reset();
+        }
+        let model = self.robot.model();
+        let mut cut = false;
+        for &(joint, rate) in rates {
+            cut |= self.servo.refer(model, joint, rate);
+        }
+        cut
+    }
+
+    /// Whether rates are driven, not efforts held.
+    pub fn rates_driven(&self) -> bool {
+        self.rates_driven
+    }
+
+    /// What is done without a command: driven rates become zero, held efforts too.
+    pub fn halt(&mut self) {
+        self.servo.halt();
+        if !self.rates_driven {
+            self.robot.release();
+        }
+    }
+
     fn step_by(&mut self, seconds: f64) {
         // A rounding more than a whole number of steps must not cost one more.
-        let steps = (seconds / self.time_step - 1e-6).ceil().max(1.0) as usize;
-        let dt = seconds / steps as f64;
+        let count = |longest: f64| (seconds / longest - 1e-6).ceil().max(1.0) as usize;
+        let steps = count(self.time_step);
+        if self.rates_driven {
+            let steps = count(self.time_step.min(self.servo_step));
+            let dt = seconds / steps as f64;
+            for _ in 0..steps {
+                let (model, state) = (self.robot.model(), self.robot.state());
+                let efforts = self.servo.efforts(model, state, dt);
+                self.robot.hold_efforts(efforts.as_slice());
+                self.count_impulses(dt);
+                self.robot.step(dt, 1);
+            }
+        } else {
+            self.count_impulses(seconds);
+            self.robot.step(seconds / steps as f64, steps);
+        }
+        for target in &mut self.targets {
+            target.body.step(seconds / steps as f64, steps);
+        }
+    }
+
+    fn count_impulses(&mut self, seconds: f64) {
         for (impulse, effort) in self.impulses.iter_mut().zip(self.robot.efforts().iter()) {
             *impulse += effort * seconds;
-        }
-        self.robot.step(dt, steps);
-        for target in &mut self.targets {
-            target.body.step(dt, steps);
         }
     }
 }

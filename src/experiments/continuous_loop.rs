@@ -1,0 +1,140 @@
+//! A law evaluated all the time: the closed loop of the theorems, without sampling.
+
+use nalgebra::DVector;
+
+use crate::control::{
+    Controller, ControllerConfig, GainError, LyapunovFunction, Measurement, PoseError, Sight,
+};
+use crate::dynamics::{Input, Integrator, Method, State, Workspace};
+use crate::model::{Frame, Model};
+use crate::spatial::Pose;
+
+/// A robot and its law as one differential equation; the goal rests in the world, sensing is ideal.
+#[derive(Debug)]
+pub struct ContinuousLoop {
+    model: Model,
+    tip: Frame,
+    state: State,
+    workspace: Workspace,
+    integrator: Integrator,
+    controller: Controller,
+    /// What the law sees of the integrator's stages.
+    seen: Workspace,
+    X_WD: Pose,
+    lyapunov: LyapunovFunction,
+}
+
+impl ContinuousLoop {
+    /// At rest at joint positions `q`, the base frame at the world's origin.
+    ///
+    /// # Errors
+    /// [`GainError`] when the settings do not fit the robot.
+    pub fn new(
+        model: Model,
+        tip: &Frame,
+        config: ControllerConfig,
+        q: &DVector<f64>,
+        X_WD: Pose,
+    ) -> Result<Self, GainError> {
+        let mut workspace = Workspace::new(&model);
+        let state = State::at_rest_with(&model, q);
+        workspace.set_positions(&model, q);
+        workspace.set_motion(&state);
+        Ok(Self {
+            integrator: Integrator::new(&model, Method::Dop8),
+            seen: workspace.clone(),
+            lyapunov: LyapunovFunction::new(config.gains.clone()),
+            controller: Controller::new(model.clone(), tip.clone(), config)?,
+            tip: tip.clone(),
+            state,
+            workspace,
+            X_WD,
+            model,
+        })
+    }
+
+    /// The same with another integration method than the default.
+    pub fn by(mut self, method: Method) -> Self {
+        self.integrator = Integrator::new(&self.model, method);
+        self
+    }
+
+    /// Goes on by `dt` \[s\].
+    ///
+    /// # Panics
+    /// If the law has no efforts to give.
+    pub fn step(&mut self, dt: f64) {
+        let Self {
+            model,
+            tip,
+            state,
+            workspace,
+            integrator,
+            controller,
+            seen,
+            X_WD,
+            ..
+        } = self;
+        let mut law = |time: f64, state: &State, input: &mut Input| {
+            seen.set_positions(model, &state.q);
+            let X_BD = state.X_WB(seen).inverse() * *X_WD;
+            let sight = Sight::new(time, seen.X_BF(tip), X_BD);
+            let measurement = Measurement::new(time, &state.q, &state.qd);
+            let acted = controller.update(&measurement.with_sight(Some(&sight)));
+            acted.expect("the law has efforts to give");
+            input.efforts.copy_from(controller.efforts());
+        };
+        integrator.step(model, state, workspace, dt, &mut law);
+    }
+
+    /// Goes on to `time` \[s\] in steps of at most `dt` \[s\].
+    pub fn run_to(&mut self, time: f64, dt: f64) {
+        let steps = ((time - self.state.time) / dt - 1e-9).ceil().max(1.0);
+        let h = (time - self.state.time) / steps;
+        for _ in 0..steps as usize {
+            self.step(h);
+        }
+    }
+
+    /// The state.
+    pub fn state(&self) -> &State {
+        &self.state
+    }
+
+    /// Kinematics and motion of the state.
+    pub fn workspace(&self) -> &Workspace {
+        &self.workspace
+    }
+
+    /// The robot.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// Where the tip shall be.
+    pub fn X_WD(&self) -> &Pose {
+        &self.X_WD
+    }
+
+    /// Pose of the base.
+    pub fn X_WB(&self) -> Pose {
+        self.state.X_WB(&self.workspace)
+    }
+
+    /// Pose of the tip in the world.
+    pub fn X_WE(&self) -> Pose {
+        self.X_WB() * self.workspace.X_BF(&self.tip)
+    }
+
+    /// Deviation of the tip from the goal, base axes.
+    pub fn error(&self) -> PoseError {
+        let X_BD = self.X_WB().inverse() * self.X_WD;
+        PoseError::between(&self.workspace.X_BF(&self.tip), &X_BD)
+    }
+
+    /// The Lyapunov function \[J\].
+    pub fn lyapunov(&mut self) -> f64 {
+        let error = self.error();
+        (self.lyapunov).value(&mut self.workspace, &self.state.qd, &error)
+    }
+}

@@ -1,0 +1,37 @@
+//! Parameters of the joint PD.
+
+use super::{Group, LARGEST_GAIN, PerJoint, SMALLEST_GAIN};
+use crate::{
+    control::{ControllerConfig, LawKind},
+    ros::{Declare, Param},
+};
+
+pub(super) const PER_JOINT: &[PerJoint] = &[PerJoint {
+    name: "joint_k_p",
+    law: Some(LawKind::JointPd),
+}];
+
+#[derive(Debug)]
+pub(super) struct JointPd {
+    k_p: Param<Vec<f64>>,
+}
+
+impl JointPd {
+    pub(super) fn declare(declare: &mut Declare) -> Self {
+        let k_p = declare
+            .param(
+                "joint_k_p",
+                Vec::<f64>::new(),
+                "Gains on the joint positions for joint_pd, one per joint [N m/rad or N/m]",
+            )
+            .range(SMALLEST_GAIN, LARGEST_GAIN)
+            .live();
+        Self { k_p }
+    }
+}
+
+impl Group for JointPd {
+    fn write(&self, config: &mut ControllerConfig) {
+        config.joint_pd.k_p = self.k_p.get();
+    }
+}

@@ -1,0 +1,164 @@
+//! Parameters of the controller node: what all laws share, and a file for the group of each.
+
+mod joint_pd;
+mod recovery;
+mod shared;
+mod straight_path;
+
+use std::sync::{
+    Arc,
+    atomic::{AtomicUsize, Ordering},
+};
+
+use crate::{
+    control::{ControllerConfig, LawKind},
+    nodes::choice,
+    ros::{Declare, ParameterValue, params::Parameter},
+};
+
+/// What the controller node is told at its start.
+#[derive(Debug, Clone)]
+pub struct ControllerParams {
+    /// Link whose frame is the tip.
+    pub tip_link: String,
+    /// Law and gains.
+    pub config: ControllerConfig,
+    /// Age of the camera's measurement beyond which the joints are only damped \[s\].
+    pub measurement_timeout: f64,
+    /// Whether every joint state waits for the camera frame of the same time.
+    pub lockstep: bool,
+}
+
+/// Parameters of one law, which may change while the node runs.
+trait Group: std::fmt::Debug {
+    /// Puts their values into `config`.
+    fn write(&self, config: &mut ControllerConfig);
+}
+
+/// A parameter with one value per joint.
+struct PerJoint {
+    name: &'static str,
+    /// The law that needs it; `None` for all.
+    law: Option<LawKind>,
+}
+
+/// Law and gains, which may change while the node runs.
+#[derive(Debug)]
+pub(super) struct Live {
+    shared: shared::Shared,
+    groups: Vec<Box<dyn Group>>,
+    /// As it was when last asked for.
+    known: ControllerConfig,
+    /// The robot's number of joints, which gains must fit; zero while it is not known.
+    joints: Arc<AtomicUsize>,
+}
+
+const SMALLEST_GAIN: f64 = 1e-9;
+const LARGEST_GAIN: f64 = 1e9;
+
+impl Live {
+    fn declare(declare: &mut Declare) -> Self {
+        let shared = shared::Shared::declare(declare);
+        let groups: Vec<Box<dyn Group>> = vec![
+            Box::new(joint_pd::JointPd::declare(declare)),
+            Box::new(straight_path::StraightPath::declare(declare)),
+            Box::new(recovery::Recovery::declare(declare)),
+        ];
+        let joints = Arc::new(AtomicUsize::new(0));
+        let robot = Arc::clone(&joints);
+        declare.check_together(move |get| fit_the_robot(&robot, get));
+        let mut live = Self {
+            known: shared.config(),
+            shared,
+            groups,
+            joints,
+        };
+        live.known = live.get();
+        live
+    }
+
+    /// From here on gains that do not fit a robot with so many joints are refused.
+    pub(super) fn fit(&self, joints: usize) {
+        self.joints.store(joints, Ordering::Relaxed);
+    }
+
+    pub(super) fn get(&self) -> ControllerConfig {
+        let mut config = self.shared.config();
+        for group in &self.groups {
+            group.write(&mut config);
+        }
+        config
+    }
+
+    /// The configuration, if it has changed since the last call.
+    pub(super) fn changed(&mut self) -> Option<ControllerConfig> {
+        let now = self.get();
+        let changed = now != self.known;
+        changed.then(|| {
+            self.known = now.clone();
+            now
+        })
+    }
+}
+
+/// Refuses gains whose number is not that of the joints, where they are needed.
+fn fit_the_robot(joints: &AtomicUsize, get: &dyn Fn(&str) -> ParameterValue) -> Result<(), String> {
+    let joints = joints.load(Ordering::Relaxed);
+    if joints == 0 {
+        return Ok(());
+    }
+    let law = String::from_value(&get("law"));
+    let law = law.and_then(|law| choice::find(&LawKind::NAMES, &law).ok());
+    let lists = [shared::PER_JOINT, joint_pd::PER_JOINT];
+    for PerJoint { name, law: needs } in lists.into_iter().flatten() {
+        let got = Vec::<f64>::from_value(&get(name)).map_or(0, |v| v.len());
+        if (needs.is_none() || *needs == law) && got != joints {
+            return Err(format!(
+                "{name} has {got} values; the robot has {joints} joints, so give {joints}"
+            ));
+        }
+    }
+    Ok(())
+}
+
+impl ControllerParams {
+    /// Declares the parameters and reads them. `finish` of `declare` is the caller's.
+    pub fn declare(declare: &mut Declare) -> Self {
+        Self::declare_live(declare).0
+    }
+
+    pub(super) fn declare_live(declare: &mut Declare) -> (Self, Live) {
+        let tip_link = declare
+            .param("tip_link", "tool0", "Link whose frame is the tip")
+            .read_only()
+            .value();
+        let live = Live::declare(declare);
+        let measurement_timeout = declare
+            .param(
+                "measurement_timeout",
+                1.0,
+                "Age of the camera's measurement beyond which the joints are only damped [s]",
+            )
+            .range(1e-3, 1e6)
+            .read_only()
+            .value();
+        let lockstep = declare
+            .param(
+                "lockstep",
+                false,
+                "Answer a joint state only once its camera frame has come",
+            )
+            .read_only()
+            .value();
+        let config = live.get();
+        (
+            Self {
+                tip_link,
+                config,
+                measurement_timeout,
+                lockstep,
+            },
+            live,
+        )
+    }
+}

@@ -1,0 +1,116 @@
+//! Which law, and what all laws share.
+
+use super::{LARGEST_GAIN, PerJoint, SMALLEST_GAIN};
+use crate::{
+    control::{ControllerConfig, Gains, JacobianKind, LawKind, Saturation},
+    nodes::choice,
+    ros::{Declare, Param},
+};
+
+pub(super) const PER_JOINT: &[PerJoint] = &[PerJoint {
+    name: "k_v",
+    law: None,
+}];
+
+#[derive(Debug)]
+pub(super) struct Shared {
+    law: Param<String>,
+    jacobian: Param<String>,
+    k_p: Param<f64>,
+    k_o: Param<f64>,
+    k_v: Param<Vec<f64>>,
+    e_p_max: Param<f64>,
+    e_o_max: Param<f64>,
+    hand_over: Param<f64>,
+}
+
+impl Shared {
+    pub(super) fn declare(declare: &mut Declare) -> Self {
+        let law = choice::declare(declare, "law", &LawKind::NAMES, "Control law").live();
+        let jacobian = choice::declare(
+            declare,
+            "jacobian",
+            &JacobianKind::NAMES,
+            "Jacobian of the law",
+        )
+        .live();
+        let mut number = |name: &str, default: f64, least: f64, text: &str| {
+            declare
+                .param(name, default, text)
+                .range(least, LARGEST_GAIN)
+                .live()
+        };
+        let k_p = number(
+            "k_p",
+            75.0,
+            SMALLEST_GAIN,
+            "Gain on the position error [N/m]",
+        );
+        let k_o = number(
+            "k_o",
+            100.0,
+            0.0,
+            "Gain on the orientation error; 0 leaves the attitude of the tip free [N m]",
+        );
+        let e_p_max = number(
+            "e_p_max",
+            0.2,
+            SMALLEST_GAIN,
+            "Position error beyond which the pull is constant [m]",
+        );
+        let e_o_max = number(
+            "e_o_max",
+            0.1,
+            SMALLEST_GAIN,
+            "Orientation error beyond which the pull is constant",
+        );
+        let hand_over = declare
+            .param(
+                "hand_over",
+                0.5,
+                "Time constant with which efforts go over to those of changed settings [s]",
+            )
+            .range(0.0, 1e3)
+            .live();
+        let k_v = declare
+            .param(
+                "k_v",
+                Vec::<f64>::new(),
+                "Gains on the joint rates, one per joint [N m s/rad or N s/m]",
+            )
+            .range(SMALLEST_GAIN, LARGEST_GAIN)
+            .live();
+        Self {
+            law,
+            jacobian,
+            k_p,
+            k_o,
+            k_v,
+            e_p_max,
+            e_o_max,
+            hand_over,
+        }
+    }
+
+    /// The configuration with defaults for what single laws have for themselves.
+    pub(super) fn config(&self) -> ControllerConfig {
+        // Any other text has been refused by the declaration.
+        let law =
+            choice::find(&LawKind::NAMES, &self.law.get()).unwrap_or(LawKind::TransposeJacobian);
+        let gains = Gains {
+            k_p: self.k_p.get(),
+            k_o: self.k_o.get(),
+            k_v: self.k_v.get(),
+            saturation: Saturation {
+                position: self.e_p_max.get(),
+                orientation: self.e_o_max.get(),
+            },
+        };
+        ControllerConfig {
+            jacobian: choice::find(&JacobianKind::NAMES, &self.jacobian.get())
+                .unwrap_or(JacobianKind::Generalized),
+            hand_over: self.hand_over.get(),
+            ..ControllerConfig::new(law, gains)
+        }
+    }
+}

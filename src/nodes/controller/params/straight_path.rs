@@ -1,0 +1,88 @@
+//! Parameters of the straight-path law.
+
+use super::{Group, LARGEST_GAIN};
+use crate::{
+    control::{ControllerConfig, Shaping, StraightPathConfig},
+    nodes::choice,
+    ros::{Declare, Param},
+};
+
+#[derive(Debug)]
+pub(super) struct StraightPath {
+    shaping: Param<String>,
+    k_r: Param<f64>,
+    psi_max: Param<f64>,
+    d_along: Param<f64>,
+    d_across: Param<f64>,
+    d_turn: Param<f64>,
+    joint_part: Param<f64>,
+}
+
+impl StraightPath {
+    pub(super) fn declare(declare: &mut Declare) -> Self {
+        let default = StraightPathConfig::default();
+        let shaping = choice::declare(
+            declare,
+            "straight_path.shaping",
+            &Shaping::NAMES,
+            "How straight_path keeps the path straight",
+        )
+        .live();
+        let mut number = |name: &str, default: f64, most: f64, text: &str| {
+            let name = format!("straight_path.{name}");
+            declare.param(&name, default, text).range(0.0, most).live()
+        };
+        Self {
+            shaping,
+            k_r: number("k_r", default.k_r, 1e3, "Gain of the rotation of the pull"),
+            psi_max: number(
+                "psi_max",
+                default.psi_max,
+                std::f64::consts::PI,
+                "Most that the pull is turned [rad]",
+            ),
+            d_along: number(
+                "d_along",
+                default.d_along,
+                LARGEST_GAIN,
+                "Damping of the tip along the line to the goal [N s/m]",
+            ),
+            d_across: number(
+                "d_across",
+                default.d_across,
+                LARGEST_GAIN,
+                "Damping of the tip across the line [N s/m]",
+            ),
+            d_turn: number(
+                "d_turn",
+                default.d_turn,
+                LARGEST_GAIN,
+                "Damping of the turning tip, where k_o is not 0 [N m s/rad]",
+            ),
+            joint_part: declare
+                .param(
+                    "straight_path.joint_part",
+                    default.joint_part,
+                    "Part of k_v that stays on the joints while the tip is damped",
+                )
+                .range(1e-3, 1.0)
+                .live(),
+        }
+    }
+}
+
+impl Group for StraightPath {
+    fn write(&self, config: &mut ControllerConfig) {
+        config.straight_path = StraightPathConfig {
+            // Any other text has been refused by the declaration.
+            shaping: choice::find(&Shaping::NAMES, &self.shaping.get())
+                .unwrap_or(Shaping::Rotation),
+            k_r: self.k_r.get(),
+            psi_max: self.psi_max.get(),
+            d_along: self.d_along.get(),
+            d_across: self.d_across.get(),
+            d_turn: self.d_turn.get(),
+            joint_part: self.joint_part.get(),
+        };
+    }
+}

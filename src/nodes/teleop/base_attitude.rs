@@ -1,0 +1,130 @@
+//! How the base is turned in the world, from its gyro alone.
+
+use nalgebra::{UnitQuaternion, Vector3};
+
+use crate::{
+    estimation::bundle::rotation_between, msg::sensor_msgs::Imu, nodes::geometry::vector_from_msg,
+    ros::Time,
+};
+
+/// Measurements further apart than this say nothing about the time between \[s\].
+const GAP: f64 = 0.5;
+
+/// The base's attitude since the first measurement, when it was a given one: a gyro tells turns, not attitudes.
+#[derive(Debug)]
+pub struct BaseAttitude {
+    initial: UnitQuaternion<f64>,
+    R_WB: UnitQuaternion<f64>,
+    /// Time and angular velocity of the last measurement, base axes.
+    last: Option<(f64, Vector3<f64>)>,
+    lost: Option<String>,
+}
+
+impl BaseAttitude {
+    /// `initial` is the attitude at the first measurement.
+    pub fn new(initial: UnitQuaternion<f64>) -> Self {
+        Self {
+            initial,
+            R_WB: initial,
+            last: None,
+            lost: None,
+        }
+    }
+
+    /// Takes in a measurement of a unit in the axes of the frame `base`.
+    ///
+    /// # Errors
+    /// Says what is wrong with it.
+    pub fn take(&mut self, imu: &Imu, base: &str) -> Result<(), String> {
+        let unit = &imu.header.frame_id;
+        if unit != base {
+            return Err(format!("frame_id is '{unit}'; expected {base}"));
+        }
+        let w = vector_from_msg(&imu.angular_velocity);
+        if !w.iter().all(|w| w.is_finite()) {
+            return Err("angular_velocity is not finite".to_owned());
+        }
+        let sample = (Time::from(&imu.header.stamp).as_secs_f64(), w);
+        match self.last {
+            // Told again, or overtaken on its way.
+            Some(last) if sample.0 <= last.0 && sample.0 >= last.0 - GAP => return Ok(()),
+            Some(last) if sample.0 > last.0 => {
+                let gap = sample.0 - last.0;
+                if gap > GAP {
+                    self.lost = Some(format!(
+                        "{gap:.1} s without imu: where the world's axes are is lost until the node starts anew"
+                    ));
+                }
+                self.R_WB *= rotation_between(&last, &sample);
+                self.R_WB.renormalize();
+            }
+            // The first, or a simulation that began anew.
+            _ => *self = Self::new(self.initial),
+        }
+        self.last = Some(sample);
+        Ok(())
+    }
+
+    /// The attitude.
+    ///
+    /// # Errors
+    /// Says why it is not known.
+    pub fn R_WB(&self) -> Result<UnitQuaternion<f64>, String> {
+        match (&self.lost, self.last) {
+            (Some(lost), _) => Err(lost.clone()),
+            (None, None) => Err(
+                "no imu has arrived yet, so nothing tells where the world's axes are".to_owned(),
+            ),
+            (None, Some(_)) => Ok(self.R_WB),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::nodes::geometry::vector_to_msg;
+
+    fn imu(time: f64, w: Vector3<f64>) -> Imu {
+        let mut imu = Imu {
+            angular_velocity: vector_to_msg(&w),
+            ..Imu::default()
+        };
+        imu.header.stamp = Time::from_secs_f64(time).into();
+        imu.header.frame_id = "base_link".to_owned();
+        imu
+    }
+
+    #[test]
+    fn turns_add_up_from_the_initial_attitude() {
+        let initial = UnitQuaternion::from_euler_angles(0.3, 0.0, 1.0);
+        let mut attitude = BaseAttitude::new(initial);
+        assert!(attitude.R_WB().unwrap_err().contains("no imu"));
+        let w = Vector3::new(0.1, -0.2, 0.05);
+        for i in 0..=100 {
+            for _ in 0..2 {
+                attitude
+                    .take(&imu(f64::from(i) * 0.01, w), "base_link")
+                    .unwrap();
+            }
+        }
+        let expected = initial * UnitQuaternion::from_scaled_axis(w);
+        assert!(attitude.R_WB().unwrap().angle_to(&expected) < 1e-9);
+    }
+
+    #[test]
+    fn what_cannot_be_known_is_said() {
+        let mut attitude = BaseAttitude::new(UnitQuaternion::identity());
+        let still = Vector3::zeros();
+        let wrong = attitude.take(&imu(0.0, still), "hull").unwrap_err();
+        assert!(wrong.contains("'base_link'; expected hull"), "{wrong}");
+        let nan = attitude.take(&imu(0.0, Vector3::repeat(f64::NAN)), "base_link");
+        assert!(nan.unwrap_err().contains("finite"));
+        attitude.take(&imu(10.0, still), "base_link").unwrap();
+        attitude.take(&imu(11.0, still), "base_link").unwrap();
+        assert!(attitude.R_WB().unwrap_err().contains("1.0 s without imu"));
+        // Time that begins anew is another run.
+        attitude.take(&imu(0.0, still), "base_link").unwrap();
+        assert!(attitude.R_WB().is_ok());
+    }
+}

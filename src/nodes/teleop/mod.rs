@@ -1,0 +1,330 @@
+//! The teleop node: an operator's joystick or twists in, joint rates out.
+//!
+//! The last sound message of `joy` or `cmd_vel` counts for `command_timeout`. While the joystick's button is pressed it
+//! goes before twists. A button that is released, a message that is wrong, and silence stop the arm: zero rates, at once.
+//! Nothing is commanded before somebody has moved the arm.
+//!
+//! Commands are in the axes of the base, of the tip or of the world. The node is told nothing of the base but its gyro: the
+//! world's axes are those that follow from `base_orientation` at the first measurement and from what `imu` has measured
+//! since. They drift as the gyro does. What the command means, motion in inertial space or relative to the base, is the
+//! method's ([`Resolution`]).
+
+mod base_attitude;
+mod command;
+mod operator;
+mod params;
+mod steering;
+
+pub use command::{Command, CommandFrame};
+pub use params::{SimulatedOperator, TeleopParams};
+pub use steering::{Steered, Steering, SteeringConfig};
+
+use nalgebra::DVector;
+use std::time::{Duration, Instant};
+
+use super::{
+    choice, joint_vectors,
+    robot_description::{Robot, RobotDescription},
+    topics,
+};
+use crate::{
+    control::Resolution,
+    model::Model,
+    msg::{
+        geometry_msgs::TwistStamped,
+        sensor_msgs::{Imu, JointState, Joy},
+        std_msgs::Header,
+    },
+    ros::{Node, NodeError, Publisher, Status, Subscription},
+};
+use base_attitude::BaseAttitude;
+use command::FrameNames;
+use operator::{OperatorInput, Wish};
+use params::Live;
+
+/// Commands are no closer than this, however fast the operator's messages are.
+const CLOSEST: Duration = Duration::from_millis(10);
+
+/// How long diagnostics tell of a wrong message while others are sound.
+const REFUSAL_SHOWN: Duration = Duration::from_secs(5);
+
+/// The node's program.
+///
+/// # Errors
+/// For wrong parameters, or when DDS refuses.
+pub fn program(node: &Node) -> Result<(), NodeError> {
+    let mut declare = node.declare();
+    let declared = TeleopParams::declare_live(&mut declare);
+    declare.finish()?;
+    let (params, live) =
+        declared.map_err(|e| NodeError::Input(format!("node {}: {e}", node.name())))?;
+    let mut description = RobotDescription::new(node, params.tip_link.clone())?;
+    let mut teleop = Teleop::new(node, params, live)?;
+    let Some(robot) = description.wait(node) else {
+        return Ok(());
+    };
+    teleop.take_robot(robot);
+    while teleop.wait() {
+        if let Some(robot) = description.changed() {
+            teleop.take_robot(robot);
+        }
+        teleop.listen();
+        teleop.command_if_due();
+    }
+    Ok(())
+}
+
+/// The robot, as far as it is known.
+struct Arm {
+    steering: Steering,
+    names: FrameNames,
+    /// Joint positions, when they came, or what is wrong with them.
+    state: Option<(Instant, Result<DVector<f64>, String>)>,
+}
+
+struct Teleop<'a> {
+    node: &'a Node,
+    params: TeleopParams,
+    live: Live,
+    joint_states: Subscription<JointState>,
+    imu: Subscription<Imu>,
+    joy: Subscription<Joy>,
+    cmd_vel: Subscription<TwistStamped>,
+    commands: Publisher<JointState>,
+    arm: Option<Arm>,
+    attitude: BaseAttitude,
+    input: OperatorInput,
+    /// Whether the operator has said something since the last command.
+    news: bool,
+    commanded: Option<Instant>,
+    operator_status: Status,
+    steering_status: Status,
+    imu_status: Status,
+    refused: u64,
+    /// When and why a message was last refused.
+    refusal: Option<(Instant, String)>,
+}
+
+impl<'a> Teleop<'a> {
+    fn new(node: &'a Node, params: TeleopParams, live: Live) -> Result<Self, NodeError> {
+        let imu_status = node.diagnostics().status("imu");
+        imu_status.ok("not measured yet; needed for commands in the world's axes only");
+        Ok(Self {
+            joint_states: topics::JOINT_STATES.subscribe(node)?,
+            imu: topics::IMU.subscribe(node)?,
+            joy: topics::JOY.subscribe(node)?,
+            cmd_vel: topics::CMD_VEL.subscribe(node)?,
+            commands: topics::JOINT_COMMANDS.advertise(node)?,
+            operator_status: node.diagnostics().status("operator"),
+            steering_status: node.diagnostics().status("steering"),
+            imu_status,
+            attitude: BaseAttitude::new(params.base_orientation),
+            arm: None,
+            input: OperatorInput::default(),
+            news: false,
+            commanded: None,
+            refused: 0,
+            refusal: None,
+            node,
+            params,
+            live,
+        })
+    }
+
+    fn take_robot(&mut self, Robot { model, tip }: Robot) {
+        let names = FrameNames {
+            base: model.frames()[0].name.clone(),
+            tip: tip.name.clone(),
+        };
+        self.arm = Some(Arm {
+            steering: Steering::new(model, &tip, self.live.steering()),
+            names,
+            state: None,
+        });
+    }
+
+    /// When the next command is due.
+    fn due(&self) -> Instant {
+        let Some(last) = self.commanded else {
+            return Instant::now();
+        };
+        let period = match self.news {
+            true => CLOSEST,
+            false => Duration::from_secs_f64(1.0 / self.params.rate),
+        };
+        last + period
+    }
+
+    fn wait(&self) -> bool {
+        // Before the first command there is nothing to be in time for.
+        let patience = match self.input.began() {
+            true => self.due().saturating_duration_since(Instant::now()),
+            false => Duration::from_millis(100),
+        };
+        self.node.wait_for(patience)
+    }
+
+    /// Takes in what has arrived.
+    fn listen(&mut self) {
+        let Some(arm) = &mut self.arm else { return };
+        if self.live.changed() {
+            arm.steering.set_config(self.live.steering());
+        }
+        let now = Instant::now();
+        if let Some(received) = self.joint_states.latest() {
+            let q = joint_vectors::positions(arm.steering.model(), &received.message);
+            arm.state = Some((now, q));
+        }
+        while let Some(received) = self.imu.take() {
+            match self.attitude.take(&received.message, &arm.names.base) {
+                Ok(()) => match self.attitude.R_WB() {
+                    Ok(_) => self.imu_status.ok("the base's attitude is followed"),
+                    Err(lost) => self.imu_status.warn(lost),
+                },
+                Err(problem) => (self.imu_status).warn(format!("{}: {problem}", self.imu.topic())),
+            }
+        }
+        let mut refuse = |topic: &str, problem: String| {
+            let told = format!("{topic}: {problem}; the arm is stopped");
+            self.refused += 1;
+            if self.refused == 1 {
+                tracing::warn!("{told}");
+            }
+            self.refusal = Some((now, told));
+        };
+        while let Some(received) = self.joy.take() {
+            self.news = true;
+            let taken = (self.input).take_joy(&received.message, &self.params.joystick, now);
+            if let Err(problem) = taken {
+                refuse(self.joy.topic(), problem);
+            }
+        }
+        while let Some(received) = self.cmd_vel.take() {
+            self.news = true;
+            let (message, frame) = (&received.message, self.live.frame());
+            let taken = self.input.take_cmd_vel(message, &arm.names, frame, now);
+            if let Err(problem) = taken {
+                refuse(self.cmd_vel.topic(), problem);
+            }
+        }
+    }
+
+    fn command_if_due(&mut self) {
+        let now = Instant::now();
+        let timeout = self.params.command_timeout;
+        let wish = self.input.wish(self.live.frame(), timeout, now);
+        self.report(&wish);
+        if !self.input.began() || now < self.due() {
+            return;
+        }
+        let Some(arm) = &mut self.arm else { return };
+        let stamp = self.node.now();
+        let time = stamp.as_secs_f64();
+        let status = &self.steering_status;
+        match steer(arm, &wish, &self.attitude, time, timeout) {
+            Ok(Some(steered)) => say(status, &arm.steering, &steered),
+            Ok(None) => status.ok("the arm stands still"),
+            Err(problem) => {
+                arm.steering.stop(time);
+                status.warn(format!("{problem}; the arm is stopped"));
+            }
+        }
+        let header = Header {
+            stamp: stamp.into(),
+            frame_id: arm.names.base.clone(),
+        };
+        self.commands.publish(&message(&arm.steering, header));
+        self.commanded = Some(now);
+        self.news = false;
+    }
+
+    /// Says who steers.
+    fn report(&self, wish: &Wish) {
+        let status = &self.operator_status;
+        status.set("refused", self.refused);
+        if let Some((at, told)) = &self.refusal
+            && at.elapsed() < REFUSAL_SHOWN
+        {
+            status.warn(told.clone());
+            return;
+        }
+        match wish {
+            Wish::Nothing => status.warn(format!(
+                "nothing has come on {} or {} yet",
+                self.joy.topic(),
+                self.cmd_vel.topic()
+            )),
+            Wish::Move(_) => status.ok("steering"),
+            Wish::Released => status.ok("enable_button is not pressed: the arm stands still"),
+            Wish::Lost(problem) => status.warn(format!("{problem}: the arm is stopped")),
+        }
+    }
+}
+
+/// Sets the rates for what is wished; gives what became of it, or `None` if the arm is to stand still.
+fn steer(
+    arm: &mut Arm,
+    wish: &Wish,
+    attitude: &BaseAttitude,
+    time: f64,
+    timeout: Duration,
+) -> Result<Option<Steered>, String> {
+    let Wish::Move(command) = wish else {
+        arm.steering.stop(time);
+        return Ok(None);
+    };
+    let (at, q) = (arm.state.as_ref()).ok_or("no joint_states have arrived yet")?;
+    let q = q.as_ref().map_err(|e| format!("joint_states: {e}"))?;
+    let age = at.elapsed();
+    if age > timeout {
+        let seconds = age.as_secs_f64();
+        return Err(format!("joint_states has been silent for {seconds:.1} s"));
+    }
+    let V_B = (arm.steering).in_base_axes(command, q, attitude.R_WB())?;
+    Ok(Some(arm.steering.steer(time, q, &V_B)))
+}
+
+/// Says what stands in the way of a command.
+fn say(status: &Status, steering: &Steering, steered: &Steered) {
+    let config = steering.config();
+    let method = choice::name_of(&Resolution::NAMES, &config.resolution.method);
+    let weakest = steered.resolved.smallest_singular_value;
+    status.set("method", method);
+    status.set("smallest singular value [m]", format!("{weakest:.4}"));
+    let joint = |j: usize| joint_name(steering.model(), j);
+    if let Some(j) = steered.limited.position {
+        status.warn(format!(
+            "joint '{}' is near its position limit: the arm slows down",
+            joint(j)
+        ));
+    } else if steered.resolved.damped {
+        status.warn(format!(
+            "near a singular posture (singular value {weakest:.4} m, damping_threshold is {} m): the tip does not quite follow",
+            config.resolution.damping_threshold
+        ));
+    } else if let Some(j) = steered.limited.rate {
+        status.warn(format!(
+            "joint '{}' is at its largest rate: the tip is slower than commanded",
+            joint(j)
+        ));
+    } else if steered.too_fast {
+        status.warn("the command is faster than max_linear_speed or max_angular_speed: it is cut");
+    } else {
+        status.ok(format!("steering by {method}"));
+    }
+}
+
+fn joint_name(model: &Model, j: usize) -> &str {
+    &model.joints()[j].name
+}
+
+/// The rates that are commanded now.
+pub fn message(steering: &Steering, header: Header) -> JointState {
+    let joints = steering.model().joints().iter();
+    JointState {
+        header,
+        name: joints.map(|j| j.name.clone()).collect(),
+        velocity: steering.rates().as_slice().to_vec(),
+        ..JointState::default()
+    }
+}

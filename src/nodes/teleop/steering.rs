@@ -1,0 +1,228 @@
+//! From a command of the tip to limited joint rates: all of the node that needs no graph.
+
+use nalgebra::{DVector, UnitQuaternion};
+
+use super::command::{Command, CommandFrame};
+use crate::{
+    control::{Limited, RateLimits, Resolved, ResolvedRate, ResolvedRateConfig, limit_twist},
+    dynamics::Workspace,
+    model::{Frame, Model},
+    spatial::Twist,
+};
+
+/// How the arm is steered.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SteeringConfig {
+    /// From the tip's twist to joint rates.
+    pub resolution: ResolvedRateConfig,
+    /// Largest speed that may be commanded \[m/s\].
+    pub max_linear_speed: f64,
+    /// Largest angular speed that may be commanded \[rad/s\].
+    pub max_angular_speed: f64,
+    /// Largest rate of any joint, beside its own limit \[rad/s or m/s\].
+    pub max_joint_rate: f64,
+    /// Largest change of any joint's rate \[rad/s² or m/s²\].
+    pub max_joint_acceleration: f64,
+}
+
+/// What became of a command.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Steered {
+    /// What the posture allows.
+    pub resolved: Resolved,
+    /// What the joints' limits took.
+    pub limited: Limited,
+    /// Whether the command was faster than it may be.
+    pub too_fast: bool,
+}
+
+/// Longest time for which one change of rates is reckoned \[s\].
+const LONGEST_STEP: f64 = 0.1;
+
+/// Steers a robot's tip.
+pub struct Steering {
+    model: Model,
+    workspace: Workspace,
+    config: SteeringConfig,
+    resolver: ResolvedRate,
+    limits: RateLimits,
+    /// Rates commanded last.
+    rates: DVector<f64>,
+    before: DVector<f64>,
+    last: Option<f64>,
+}
+
+impl Steering {
+    /// At rest.
+    pub fn new(model: Model, tip: &Frame, config: SteeringConfig) -> Self {
+        let rest = DVector::zeros(model.dof());
+        Self {
+            workspace: Workspace::new(&model),
+            resolver: ResolvedRate::new(&model, tip, config.resolution),
+            limits: limits(&model, &config),
+            rates: rest.clone(),
+            before: rest,
+            last: None,
+            config,
+            model,
+        }
+    }
+
+    /// Other settings from now on; rates go over to what they ask for no faster than they may.
+    pub fn set_config(&mut self, config: SteeringConfig) {
+        self.resolver.config = config.resolution;
+        self.limits = limits(&self.model, &config);
+        self.config = config;
+    }
+
+    /// The robot.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
+    /// The tip.
+    pub fn tip(&self) -> &Frame {
+        self.resolver.tip()
+    }
+
+    /// The settings.
+    pub fn config(&self) -> &SteeringConfig {
+        &self.config
+    }
+
+    /// Joint rates commanded last \[rad/s or m/s\].
+    pub fn rates(&self) -> &DVector<f64> {
+        &self.rates
+    }
+
+    /// Stops at once, at `time` \[s\].
+    pub fn stop(&mut self, time: f64) {
+        self.rates.fill(0.0);
+        self.last = Some(time);
+    }
+
+    /// The command's twist in the base's axes, at joint positions `q` and base attitude `R_WB` if anybody knows it.
+    ///
+    /// # Errors
+    /// The reason why the base's attitude is not known, if the command needs it.
+    pub fn in_base_axes(
+        &mut self,
+        command: &Command,
+        q: &DVector<f64>,
+        R_WB: Result<UnitQuaternion<f64>, String>,
+    ) -> Result<Twist, String> {
+        let V = &command.twist;
+        Ok(match command.frame {
+            CommandFrame::Base => *V,
+            CommandFrame::Tip => {
+                self.workspace.set_positions(&self.model, q);
+                let R_BE = self.workspace.X_BF(self.resolver.tip()).rotation;
+                Twist::new(R_BE * V.angular, R_BE * V.linear)
+            }
+            CommandFrame::World => {
+                let R_BW = R_WB?.inverse();
+                Twist::new(R_BW * V.angular, R_BW * V.linear)
+            }
+        })
+    }
+
+    /// Steers for the twist `V_B` (base axes) at joint positions `q` and `time` \[s\]; [`Self::rates`] has the rates.
+    pub fn steer(&mut self, time: f64, q: &DVector<f64>, V_B: &Twist) -> Steered {
+        let config = &self.config;
+        let (V, too_fast) = limit_twist(V_B, config.max_linear_speed, config.max_angular_speed);
+        let since = self.last.map_or(0.0, |last| time - last);
+        self.last = Some(time);
+        self.before.copy_from(&self.rates);
+        let (model, rates) = (&self.model, &mut self.rates);
+        let resolved = (self.resolver).rates(model, &mut self.workspace, q, &V, rates);
+        let dt = since.clamp(0.0, LONGEST_STEP);
+        let limited = self.limits.apply(model, q, &self.before, dt, rates);
+        Steered {
+            resolved,
+            limited,
+            too_fast,
+        }
+    }
+}
+
+fn limits(model: &Model, config: &SteeringConfig) -> RateLimits {
+    RateLimits::new(model, config.max_joint_rate, config.max_joint_acceleration)
+}
+
+#[cfg(test)]
+mod tests {
+    use nalgebra::Vector3;
+
+    use super::*;
+    use crate::control::Resolution;
+
+    fn steering() -> Steering {
+        let xml = include_str!("../../../urdf/servicer.urdf");
+        let model = Model::from_urdf(xml, "servicer").unwrap();
+        let tip = model.frame("tool0").unwrap().clone();
+        let config = SteeringConfig {
+            resolution: ResolvedRateConfig::default(),
+            max_linear_speed: 0.5,
+            max_angular_speed: 0.2,
+            max_joint_rate: 0.5,
+            max_joint_acceleration: 1.0,
+        };
+        Steering::new(model, &tip, config)
+    }
+
+    fn posture() -> DVector<f64> {
+        DVector::from_row_slice(&[1.13, 1.73, -1.66, -0.38, 0.5, -0.73])
+    }
+
+    #[test]
+    fn axes_of_a_command_are_those_of_its_frame() {
+        let mut steering = steering();
+        let q = posture();
+        let ahead = Twist::new(Vector3::zeros(), Vector3::x());
+        let R_WB = UnitQuaternion::from_euler_angles(0.2, -0.4, 1.0);
+        let mut workspace = Workspace::new(steering.model());
+        workspace.set_positions(steering.model(), &q);
+        let R_BE = workspace.X_BF(steering.tip()).rotation;
+        for (frame, expected) in [
+            (CommandFrame::Base, Vector3::x()),
+            (CommandFrame::Tip, R_BE * Vector3::x()),
+            (CommandFrame::World, R_WB.inverse() * Vector3::x()),
+        ] {
+            let command = Command {
+                frame,
+                twist: ahead,
+            };
+            let V = steering.in_base_axes(&command, &q, Ok(R_WB)).unwrap();
+            assert!((V.linear - expected).norm() < 1e-14);
+            let unknown = steering.in_base_axes(&command, &q, Err("lost".to_owned()));
+            assert_eq!(unknown.is_err(), frame == CommandFrame::World);
+        }
+    }
+
+    // A step of the rates would be a step of the servo's torque.
+    #[test]
+    fn a_change_of_method_does_not_make_rates_jump() {
+        let mut steering = steering();
+        let q = posture();
+        let V = Twist::new(Vector3::zeros(), Vector3::new(0.1, 0.2, 0.0));
+        let mut time = 0.0;
+        for (_, method) in Resolution::NAMES.iter().cycle().take(8) {
+            let mut config = *steering.config();
+            config.resolution.method = *method;
+            steering.set_config(config);
+            for _ in 0..200 {
+                let before = steering.rates().clone();
+                steering.steer(time, &q, &V);
+                let jump = (steering.rates() - before).amax();
+                assert!(jump <= 0.01 + 1e-12, "{jump}");
+                time += 0.01;
+            }
+            let settled = steering.rates().clone();
+            steering.steer(time, &q, &V);
+            assert!((steering.rates() - settled).amax() < 1e-12);
+            assert!(steering.rates().amax() > 0.01);
+        }
+        steering.stop(time);
+        assert_eq!(steering.rates().amax(), 0.0);
+    }
+}
