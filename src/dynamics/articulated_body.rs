@@ -44,12 +44,12 @@ impl ArticulatedBody {
     ) -> Vector3<f64> {
         self.set_joints(simd, state.q.as_slice(), state.qd.as_slice(), efforts);
         let momentum_B = (state.R_WB).inverse_transform_vector(&state.momentum_W.angular);
-        let momentum = self.tree.into_base_kernel(Vec3(momentum_B.into()));
+        let momentum = self.tree.to_base_kernel(Vec3(momentum_B.into()));
         let w = base_spin(&self.tree, &self.slots, &mut self.carried, momentum);
         self.slots[0].w = w;
         forward_dynamics(&self.tree, &mut self.slots, None);
         self.tell(out);
-        self.tree.from_base_kernel(w).0.into()
+        self.tree.to_base_frame(w).0.into()
     }
 
     /// Power of all joints' efforts, springs and dampers included, after an evaluation \[W\].
@@ -80,8 +80,8 @@ impl ArticulatedBody {
     fn tell(&self, out: &mut TreeAcceleration) {
         let base = &self.slots[0].acceleration;
         out.A_WB_B = Twist::new(
-            self.tree.from_base_kernel(base.angular).0.into(),
-            self.tree.from_base_kernel(base.linear).0.into(),
+            self.tree.to_base_frame(base.angular).0.into(),
+            self.tree.to_base_frame(base.linear).0.into(),
         );
         let qdd = out.qdd.as_mut_slice().iter_mut();
         for (qdd, slot) in qdd.zip(&self.slots[1..]) {
@@ -122,7 +122,7 @@ impl WithSimd for Evaluation<'_> {
         let (dynamics, motion, input) = (self.dynamics, self.motion, self.input);
         dynamics.set_joints(simd, motion.q, motion.qd, input.efforts.as_slice());
         let w = Vec3(motion.V_WB_B.angular.into());
-        dynamics.slots[0].w = dynamics.tree.into_base_kernel(w);
+        dynamics.slots[0].w = dynamics.tree.to_base_kernel(w);
         let loaded = dynamics.tree.load(&input.wrenches, &mut dynamics.external);
         let external = loaded.then_some(&dynamics.external[..]);
         forward_dynamics(&dynamics.tree, &mut dynamics.slots, external);

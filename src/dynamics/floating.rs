@@ -121,13 +121,13 @@ impl Floating {
         if steps == 0 {
             return;
         }
+        self.integrator.hold(&self.input);
         self.integrator.steps_held(
             &self.model,
             &mut self.state,
             &mut self.workspace,
             dt,
             steps,
-            &self.input,
             self.qdd_is_known,
         );
         self.qdd_is_known = false;

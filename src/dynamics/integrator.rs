@@ -160,8 +160,13 @@ impl Integrator {
         workspace.set_motion(state);
     }
 
-    /// [`Integrator::steps`] under `input` held. The first may start from the last evaluation, which then was
-    /// of this state under the same input.
+    /// Takes over what acts in [`Integrator::steps_held`].
+    pub(super) fn hold(&mut self, input: &Input) {
+        self.input.copy_from(input);
+    }
+
+    /// [`Integrator::steps`] under the input held. The first starts from the last evaluation if that `is_known`
+    /// to be of this state under the same input.
     pub(super) fn steps_held(
         &mut self,
         model: &Model,
@@ -169,10 +174,8 @@ impl Integrator {
         workspace: &mut Workspace,
         dt: f64,
         count: usize,
-        input: &Input,
         is_known: bool,
     ) {
-        self.input.copy_from(input);
         let mut held = |_: f64, _: &State, _: &mut Input| {};
         for step in 0..count {
             let is_known = is_known && step == 0;

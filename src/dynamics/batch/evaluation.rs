@@ -113,11 +113,11 @@ impl<S: Simd> Evaluation<S> {
             slot.effort = actuator + (slack - slot.qd.times(hop.damping));
         }
         let momentum_B = attitude.back(self.load(&block.angular_momentum_W, first));
-        let momentum = tree.into_base_kernel(momentum_B);
+        let momentum = tree.to_base_kernel(momentum_B);
         let w = base_spin(tree, &self.slots, &mut self.carried, momentum);
         self.slots[0].w = w;
         forward_dynamics(tree, &mut self.slots, None);
-        tree.from_base_kernel(w)
+        tree.to_base_frame(w)
     }
 
     #[inline(always)]
@@ -196,7 +196,7 @@ impl<S: Simd> Evaluation<S> {
         u.dot(u).store(&mut squares.0);
         let mut is_large = false;
         for square in squares.0 {
-            is_large |= !(square <= SMALL_TURN);
+            is_large |= is_far(square);
         }
         is_large
     }
@@ -229,12 +229,18 @@ impl<S: Simd> Evaluation<S> {
     }
 }
 
+/// Whether an angle of this square is none for the series.
+#[inline(always)]
+fn is_far(square: f64) -> bool {
+    square > SMALL_TURN || square.is_nan()
+}
+
 /// What a step turns in lanes where that is too much for the series.
 #[cold]
 fn turn_far(u: &[Eight; 3], v: &mut [Eight; 3], w: &mut Eight) {
     for lane in 0..GROUP {
         let u = Vector3::from(get(u, lane));
-        if !(u.norm_squared() <= SMALL_TURN) {
+        if is_far(u.norm_squared()) {
             let turn = exp_so3(&u);
             put(v, lane, turn.imag().as_slice());
             w.0[lane] = turn.w;
@@ -247,7 +253,7 @@ fn turn_far(u: &[Eight; 3], v: &mut [Eight; 3], w: &mut Eight) {
 fn turn_rate_far(u: &[Eight; 3], w: &[Eight; 3], rates: &mut [Eight; 3]) {
     for lane in 0..GROUP {
         let u = Vector3::from(get(u, lane));
-        if !(u.norm_squared() <= SMALL_TURN) {
+        if is_far(u.norm_squared()) {
             let rate = rotation_vector_rate(&u, &get(w, lane).into());
             put(rates, lane, rate.as_slice());
         }

@@ -148,13 +148,13 @@ impl Tree {
 
     /// A vector of the base frame's axes in those of its kernel frame.
     #[inline(always)]
-    pub(crate) fn into_base_kernel<S: Scalar>(&self, v: Vec3<S>) -> Vec3<S> {
+    pub(crate) fn to_base_kernel<S: Scalar>(&self, v: Vec3<S>) -> Vec3<S> {
         self.base_rotation(v[0]).tr_mul(v)
     }
 
     /// A vector of the base's kernel frame in the axes of the base frame.
     #[inline(always)]
-    pub(crate) fn from_base_kernel<S: Scalar>(&self, v: Vec3<S>) -> Vec3<S> {
+    pub(crate) fn to_base_frame<S: Scalar>(&self, v: Vec3<S>) -> Vec3<S> {
         self.base_rotation(v[0]).times(v)
     }
 
