@@ -33,21 +33,22 @@ const COS: [f64; 6] = [
 #[inline(always)]
 pub fn sin_cos(angles: &Eight) -> (Eight, Eight) {
     let Eight(angles) = angles;
-    let (mut cos, mut sin) = (Eight::ZERO, Eight::ZERO);
+    let (mut cosines, mut sines) = (Eight::ZERO, Eight::ZERO);
+    let (Eight(cos), Eight(sin)) = (&mut cosines, &mut sines);
     let mut in_range = true;
     for angle in angles {
         in_range &= angle.abs() <= LARGEST;
     }
     if in_range {
         for i in 0..GROUP {
-            (cos.0[i], sin.0[i]) = reduced(angles[i]);
+            (cos[i], sin[i]) = reduced(angles[i]);
         }
     } else {
         for i in 0..GROUP {
-            (sin.0[i], cos.0[i]) = angles[i].sin_cos();
+            (sin[i], cos[i]) = angles[i].sin_cos();
         }
     }
-    (cos, sin)
+    (cosines, sines)
 }
 
 /// Terms are put together in pairs, so that few wait for others.
