@@ -33,9 +33,18 @@ pub trait Program {
     }
 }
 
+/// Robots with more joints are too much for formulations that solve for all bodies' motion at once.
+const DENSE: usize = 30;
+
 /// Every formulation of forward dynamics, by name.
 pub fn forward(model: &Model) -> Vec<(&'static str, Box<dyn Program + '_>)> {
-    let formulations = FormulationKind::NAMES.into_iter().map(|(name, kind)| {
+    let is_affordable = |kind| match kind {
+        FormulationKind::Kane | FormulationKind::NewtonEuler => model.dof() <= DENSE,
+        FormulationKind::ArticulatedBody | FormulationKind::Reduced => true,
+    };
+    let affordable = FormulationKind::NAMES.into_iter();
+    let affordable = affordable.filter(|(_, kind)| is_affordable(*kind));
+    let formulations = affordable.map(|(name, kind)| {
         let program = Forward {
             model,
             dynamics: kind.prepare(model).expect("robots have masses"),
