@@ -267,37 +267,44 @@ fn the_servo_has_no_more_torque_than_the_drives() {
     assert_eq!(servo.reference().amax(), 0.0);
 }
 
-/// Fig. 8.10's arm at postures (q), with I1, I2 in degrees, manipulability and tip: computed with an independent
-/// program (numpy) for the recovered parameters.
-const SPOTS: [([f64; 2], f64, f64, f64, [f64; 2]); 4] = [
-    (
-        [0.3, 1.0],
-        0.6226656538383813,
-        37.142384122437186,
-        2.499223684414348,
-        [4.807088294375483, 3.1476959801963313],
-    ),
-    (
-        [2.5, 0.8],
-        0.21666649847151725,
-        10.569191844739285,
-        3.650510169788483,
-        [-2.7215584636394965, 1.1018161249017708],
-    ),
-    (
-        [-2.0, 1.5],
-        0.2839073484772043,
-        13.25251673558333,
-        4.567005189462052,
-        [2.9035893133580757, -3.471807413574712],
-    ),
-    (
-        [0.0, 1.5],
-        0.5146889259886976,
-        26.83157224085779,
-        3.2398809135524513,
-        [4.426843004169258, 2.493737466510136],
-    ),
+/// A posture of Fig. 8.10's arm, and what an independent program (numpy) finds there for the recovered parameters.
+struct Spot {
+    q: [f64; 2],
+    distortion: f64,
+    misdirection_degrees: f64,
+    manipulability: f64,
+    tip: [f64; 2],
+}
+
+const SPOTS: [Spot; 4] = [
+    Spot {
+        q: [0.3, 1.0],
+        distortion: 0.6226656538383813,
+        misdirection_degrees: 37.142384122437186,
+        manipulability: 2.499223684414348,
+        tip: [4.807088294375483, 3.1476959801963313],
+    },
+    Spot {
+        q: [2.5, 0.8],
+        distortion: 0.21666649847151725,
+        misdirection_degrees: 10.569191844739285,
+        manipulability: 3.650510169788483,
+        tip: [-2.7215584636394965, 1.1018161249017708],
+    },
+    Spot {
+        q: [-2.0, 1.5],
+        distortion: 0.2839073484772043,
+        misdirection_degrees: 13.25251673558333,
+        manipulability: 4.567005189462052,
+        tip: [2.9035893133580757, -3.471807413574712],
+    },
+    Spot {
+        q: [0.0, 1.5],
+        distortion: 0.5146889259886976,
+        misdirection_degrees: 26.83157224085779,
+        manipulability: 3.2398809135524513,
+        tip: [4.426843004169258, 2.493737466510136],
+    },
 ];
 
 #[test]
@@ -305,12 +312,13 @@ fn indices_of_operability_are_those_of_an_independent_program() {
     let model = planar_model();
     let tip = model.frame("tool0").unwrap();
     let mut mapping = Mapping::new(&model, tip, [0, 1]).unwrap();
-    for (q, distortion, misdirection, manipulability, [x, y]) in SPOTS {
+    for spot in SPOTS {
+        let (q, [x, y]) = (spot.q, spot.tip);
         let point = mapping.at(q);
         let found = point.operability;
-        assert!((found.distortion - distortion).abs() < 1e-13);
-        assert!((found.misdirection.to_degrees() - misdirection).abs() < 1e-11);
-        assert!((found.manipulability - manipulability).abs() < 1e-13);
+        assert!((found.distortion - spot.distortion).abs() < 1e-13);
+        assert!((found.misdirection.to_degrees() - spot.misdirection_degrees).abs() < 1e-11);
+        assert!((found.manipulability - spot.manipulability).abs() < 1e-13);
         assert!((point.tip - Vector2::new(x, y)).norm() < 1e-13);
         let found = planar_posture(x, y).unwrap();
         for (found, q) in found.iter().zip(q) {
@@ -350,7 +358,7 @@ fn indices_are_the_worst_over_all_commands() {
             misdirection = misdirection.max(done.angle(&command));
         }
         let found = mapping.at(q).operability;
-        assert!((found.distortion - distortion).abs() < 1e-6 * distortion);
+        assert!((found.distortion - spot.distortion).abs() < 1e-6 * distortion);
         assert!((found.misdirection - misdirection).abs() < 1e-4, "{q:?}");
     }
 }
