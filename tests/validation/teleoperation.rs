@@ -267,9 +267,11 @@ fn the_servo_has_no_more_torque_than_the_drives() {
     assert_eq!(servo.reference().amax(), 0.0);
 }
 
+type Spot = ([f64; 2], f64, f64, f64, [f64; 2]);
+
 /// Fig. 8.10's arm at postures (q), with I1, I2 in degrees, manipulability and tip: computed with an independent
 /// program (numpy) for the recovered parameters.
-const SPOTS: [([f64; 2], f64, f64, f64, [f64; 2]); 4] = [
+const SPOTS: [Spot; 4] = [
     (
         [0.3, 1.0],
         0.6226656538383813,

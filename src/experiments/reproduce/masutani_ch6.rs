@@ -70,7 +70,7 @@ pub(super) fn fig_6_1(mut report: Report) -> Report {
         MapPanel {
             title: format!("mass ratio {ratio}"),
             values: values.collect(),
-            crosses: Vec::new(),
+            ..MapPanel::default()
         }
     });
     let figure = MapFigure {

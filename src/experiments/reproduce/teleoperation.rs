@@ -257,7 +257,7 @@ pub(super) fn fig_8_10(mut report: Report) -> Report {
             values: (cells.iter())
                 .map(|cell| cell.as_ref().map_or(f64::NAN, value))
                 .collect(),
-            crosses: Vec::new(),
+            ..MapPanel::default()
         }],
     };
     for (stem, title, scale, value) in [
