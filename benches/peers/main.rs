@@ -104,7 +104,7 @@ impl Kernel {
         match self {
             Self::Forward => ours::forward(&robot.model),
             Self::Jacobian => vec![("", ours::jacobian(robot))],
-            Self::Rk4 => vec![("", ours::step(&robot.model, Method::Rk4))],
+            Self::Rk4 => vec![("", ours::step(&robot.model, Method::Rk4, false))],
             #[cfg(feature = "batch")]
             Self::ForwardOfMany | Self::Rk4OfMany => {
                 let task = match self {
@@ -191,8 +191,12 @@ fn alone(robot: &Robot, states: &[Moving]) -> Vec<(&'static str, f64)> {
         ("reduced inertia", ours::reduced_inertia(&robot.model)),
         ("transpose-Jacobian control law", ours::control_law(robot)),
         (
+            "RK4 step, the workspace read after each",
+            ours::step(&robot.model, Method::Rk4, true),
+        ),
+        (
             "order-8 step (`dop8`)",
-            ours::step(&robot.model, Method::Dop8),
+            ours::step(&robot.model, Method::Dop8, false),
         ),
     ];
     let mut runners = Vec::new();

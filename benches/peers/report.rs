@@ -142,11 +142,15 @@ fn chains(rows: &[Row], kernel: Kernel) -> Vec<(String, Vec<(f64, f64)>)> {
     let Some(first) = chains().next() else {
         return curves;
     };
-    for (i, ours) in first.measured.iter().enumerate() {
-        if ours.maker == Maker::Fuyu {
-            let points = chains().map(|row| (row.links as f64, row.measured[i].times.median()));
-            curves.push((format!("fuyu {}", ours.variant), points.collect()));
-        }
+    for ours in first.all_of(Maker::Fuyu) {
+        // Long chains are too much for some.
+        let points = chains().filter_map(|row| {
+            let same = row
+                .all_of(Maker::Fuyu)
+                .find(|m| m.variant == ours.variant)?;
+            Some((row.links as f64, same.times.median()))
+        });
+        curves.push((format!("fuyu {}", ours.variant), points.collect()));
     }
     for (name, maker) in [("Pinocchio", Maker::Pinocchio), ("MuJoCo", Maker::Mujoco)] {
         let best = chains().filter_map(|row| {
@@ -190,7 +194,8 @@ pub fn growth(rows: &[Row]) {
         );
         println!("| --- |{} ---: |", " ---: |".repeat(links.len()));
         for (name, points) in curves {
-            let costs: Vec<_> = points.iter().map(|p| time(p.1)).collect();
+            let mut costs: Vec<_> = points.iter().map(|p| time(p.1)).collect();
+            costs.resize(links.len(), String::new());
             let exponent = exponent(&points);
             println!("| {name} | {} | {exponent:.2} |", costs.join(" | "));
         }

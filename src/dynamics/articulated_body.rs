@@ -1,10 +1,10 @@
 //! The articulated-body formulation: what the kernels need to serve one model and one state.
 
 use nalgebra::Vector3;
-use pulp::{Arch, NullaryFnOnce};
+use pulp::{Arch, Simd, WithSimd};
 
-use super::kernel::{Force, Place, Slot, Tree, Vec3, forward_dynamics};
-use super::{Formulation, Input, TreeAcceleration, TreeMotion};
+use super::kernel::{Carried, Force, Slot, Tree, Vec3, base_spin, forward_dynamics};
+use super::{Formulation, Input, State, TreeAcceleration, TreeMotion};
 use crate::model::Model;
 use crate::spatial::Twist;
 
@@ -15,6 +15,7 @@ pub struct ArticulatedBody {
     tree: Tree,
     arch: Arch,
     slots: Vec<Slot<f64>>,
+    carried: Vec<Carried<f64>>,
     external: Vec<Force<f64>>,
 }
 
@@ -25,29 +26,67 @@ impl ArticulatedBody {
         Self {
             arch: Arch::new(),
             slots: vec![Slot::new(0.0); tree.bodies.len()],
+            carried: vec![Carried::new(0.0); tree.bodies.len()],
             external: vec![Force::zero(0.0); tree.bodies.len()],
             tree,
         }
     }
 
-    /// [`Formulation::accelerations`] where the joints' turns are known already.
-    pub(super) fn accelerations_at(
+    /// Accelerations of a state on which no external wrench acts; returns the base's angular velocity, base
+    /// axes, which follows from the momentum. To be called inside a dispatch.
+    #[inline(always)]
+    pub(super) fn accelerate_free(
         &mut self,
-        places: &[Place<f64>],
-        motion: &TreeMotion,
-        input: &Input,
+        simd: impl Simd,
+        state: &State,
+        efforts: &[f64],
         out: &mut TreeAcceleration,
-    ) {
-        for (slot, place) in self.slots.iter_mut().zip(places) {
-            (slot.q, slot.turn) = (place.q, place.turn);
+    ) -> Vector3<f64> {
+        self.set_joints(simd, state.q.as_slice(), state.qd.as_slice(), efforts);
+        let momentum_B = (state.R_WB).inverse_transform_vector(&state.momentum_W.angular);
+        let momentum = self.tree.to_base_kernel(Vec3(momentum_B.into()));
+        let w = base_spin(&self.tree, &self.slots, &mut self.carried, momentum);
+        self.slots[0].w = w;
+        forward_dynamics(&self.tree, &mut self.slots, None);
+        self.tell(out);
+        self.tree.to_base_frame(w).0.into()
+    }
+
+    /// Power of all joints' efforts, springs and dampers included, after an evaluation \[W\].
+    #[inline(always)]
+    pub(super) fn joint_power(&self) -> f64 {
+        let mut power = 0.0;
+        for slot in &self.slots[1..] {
+            power += slot.effort * slot.qd;
         }
-        self.arch.dispatch(Evaluation {
-            dynamics: self,
-            motion,
-            is_placed: true,
-            input,
-            out,
+        power
+    }
+
+    #[inline(always)]
+    fn set_joints(&mut self, simd: impl Simd, q: &[f64], qd: &[f64], efforts: &[f64]) {
+        let n = self.tree.dof();
+        let (q, qd, efforts) = (&q[..n], &qd[..n], &efforts[..n]);
+        let slots = &mut self.slots[1..];
+        (self.tree).turns(simd, q, |j, q, turn| {
+            (slots[j].q, slots[j].turn) = (q, turn)
         });
+        for (j, slot) in slots.iter_mut().enumerate() {
+            slot.qd = qd[j];
+            slot.effort = self.tree.effort(j, efforts[j], q[j], qd[j]);
+        }
+    }
+
+    #[inline(always)]
+    fn tell(&self, out: &mut TreeAcceleration) {
+        let base = &self.slots[0].acceleration;
+        out.A_WB_B = Twist::new(
+            self.tree.to_base_frame(base.angular).0.into(),
+            self.tree.to_base_frame(base.linear).0.into(),
+        );
+        let qdd = out.qdd.as_mut_slice().iter_mut();
+        for (qdd, slot) in qdd.zip(&self.slots[1..]) {
+            *qdd = slot.qdd;
+        }
     }
 }
 
@@ -62,7 +101,6 @@ impl Formulation for ArticulatedBody {
         self.arch.dispatch(Evaluation {
             dynamics: self,
             motion,
-            is_placed: false,
             input,
             out,
         });
@@ -73,49 +111,21 @@ impl Formulation for ArticulatedBody {
 struct Evaluation<'a> {
     dynamics: &'a mut ArticulatedBody,
     motion: &'a TreeMotion<'a>,
-    /// Whether the slots know the joints' turns.
-    is_placed: bool,
     input: &'a Input,
     out: &'a mut TreeAcceleration,
 }
 
-impl NullaryFnOnce for Evaluation<'_> {
+impl WithSimd for Evaluation<'_> {
     type Output = ();
     #[inline(always)]
-    fn call(self) {
-        let (dynamics, input) = (self.dynamics, self.input);
-        let n = dynamics.tree.dof();
-        let (q, qd) = (&self.motion.q[..n], &self.motion.qd[..n]);
-        if !self.is_placed {
-            let slots = &mut dynamics.slots[1..];
-            (dynamics.tree).turns(q, |j, q, turn| (slots[j].q, slots[j].turn) = (q, turn));
-        }
-        let efforts = &input.efforts.as_slice()[..n];
-        for (j, slot) in dynamics.slots[1..].iter_mut().enumerate() {
-            slot.qd = qd[j];
-            slot.effort = dynamics.tree.effort(j, efforts[j], q[j], qd[j]);
-        }
+    fn with_simd<S: Simd>(self, simd: S) {
+        let (dynamics, motion, input) = (self.dynamics, self.motion, self.input);
+        dynamics.set_joints(simd, motion.q, motion.qd, input.efforts.as_slice());
+        let w = Vec3(motion.V_WB_B.angular.into());
+        dynamics.slots[0].w = dynamics.tree.to_base_kernel(w);
         let loaded = dynamics.tree.load(&input.wrenches, &mut dynamics.external);
-        let R_BK = &dynamics.tree.bodies[0].X_BK.rotation;
-        dynamics.slots[0].w = Vec3(
-            R_BK.inverse_transform_vector(&self.motion.V_WB_B.angular)
-                .into(),
-        );
         let external = loaded.then_some(&dynamics.external[..]);
         forward_dynamics(&dynamics.tree, &mut dynamics.slots, external);
-        let base = &dynamics.slots[0].acceleration;
-        self.out.A_WB_B = Twist::new(
-            R_BK * Vector3::from(base.angular.0),
-            R_BK * Vector3::from(base.linear.0),
-        );
-        for (qdd, slot) in self
-            .out
-            .qdd
-            .as_mut_slice()
-            .iter_mut()
-            .zip(&dynamics.slots[1..])
-        {
-            *qdd = slot.qdd;
-        }
+        dynamics.tell(self.out);
     }
 }

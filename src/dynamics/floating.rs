@@ -118,17 +118,19 @@ impl Floating {
 
     /// Advances by `steps` steps of `dt` \[s\] under the held input.
     pub fn step(&mut self, dt: f64, steps: usize) {
-        for _ in 0..steps {
-            self.set_joint_accelerations();
-            self.integrator.step_held(
-                &self.model,
-                &mut self.state,
-                &mut self.workspace,
-                dt,
-                &self.input,
-            );
-            self.qdd_is_known = false;
+        if steps == 0 {
+            return;
         }
+        self.integrator.hold(&self.input);
+        self.integrator.steps_held(
+            &self.model,
+            &mut self.state,
+            &mut self.workspace,
+            dt,
+            steps,
+            self.qdd_is_known,
+        );
+        self.qdd_is_known = false;
     }
 
     /// Joint accelerations at this instant under the held input; afterwards the workspace's
@@ -136,7 +138,8 @@ impl Floating {
     pub fn accelerations(&mut self) -> &DVector<f64> {
         self.set_joint_accelerations();
         let answer = self.integrator.answer();
-        self.workspace.spread_motion(self.state.qd.as_slice());
+        self.workspace.set_positions(&self.model, &self.state.q);
+        self.workspace.set_motion(&self.state);
         (self.workspace).spread_accelerations(answer.A_WB_B, answer.qdd.as_slice());
         &answer.qdd
     }

@@ -66,8 +66,8 @@ impl Workspace {
         let acting = input.efforts.as_slice().iter().zip(q.iter().zip(qd));
         let rhs = qdd.as_mut_slice();
         for (j, (rhs, (effort, (q, qd)))) in rhs.iter_mut().zip(acting).enumerate() {
-            let place = &self.places[j + 1];
-            let (J_C, H_A) = (Vector3::from(place.J_C.0), Vector3::from(place.H_A.0));
+            let column = self.column(j);
+            let (J_C, H_A) = (Vector3::from(column.J_C.0), Vector3::from(column.H_A.0));
             let bias =
                 self.axis(j).effort(&self.bodies[j + 1].force) - J_C.dot(&force) + H_A.dot(&torque);
             *rhs = effort + model.joints()[j].passive_effort(*q, *qd) - bias;
@@ -132,9 +132,10 @@ impl Workspace {
     pub fn set_accelerations(&mut self, qdd: &DVector<f64>) {
         let (force, mut torque) = self.base_reaction();
         let mut a_com = -force / self.mass;
-        for (place, qdd) in self.places[1..].iter().zip(qdd.as_slice()) {
-            torque += Vector3::from(place.H_M.0) * *qdd;
-            a_com -= Vector3::from(place.J_C.0) * *qdd;
+        for (j, qdd) in qdd.as_slice().iter().enumerate() {
+            let column = self.column(j);
+            torque += Vector3::from(column.H_M.0) * *qdd;
+            a_com -= Vector3::from(column.J_C.0) * *qdd;
         }
         let angular = -(&self.H_B_inverse * torque);
         let base = Twist::new(angular, a_com - angular.cross(&self.p_BC));

@@ -1,14 +1,16 @@
 //! Fixed-step explicit Runge-Kutta on the state's own manifold.
 
-use nalgebra::{DVector, Vector3};
+use nalgebra::Vector3;
+use pulp::{Arch, Simd, WithSimd};
 
 use super::newton_euler::SystemError;
+use super::rate::{Rate, advance};
 use super::{
-    Formulation, FormulationKind, ForwardDynamics, Input, Loops, State, Tableau, TreeAcceleration,
-    TreeMotion, Workspace,
+    ArticulatedBody, Formulation, FormulationKind, ForwardDynamics, Input, Loops, State, Tableau,
+    TreeAcceleration, TreeMotion, Workspace,
 };
 use crate::model::Model;
-use crate::spatial::{exp_so3, rotation_vector_rate};
+use crate::spatial::Wrench;
 
 /// Integration methods to choose from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -47,55 +49,6 @@ impl<F: FnMut(f64, &State, &mut Input)> Forcing for F {
     }
 }
 
-/// The state's rate of change at one stage. The attitude's is that of the rotation vector turned
-/// since the step began.
-#[derive(Debug, Clone)]
-struct Rate {
-    turned: Vector3<f64>,
-    com: Vector3<f64>,
-    linear_momentum: Vector3<f64>,
-    angular_momentum: Vector3<f64>,
-    q: DVector<f64>,
-    qd: DVector<f64>,
-    work: f64,
-}
-
-impl Rate {
-    fn zero(n: usize) -> Self {
-        Self {
-            turned: Vector3::zeros(),
-            com: Vector3::zeros(),
-            linear_momentum: Vector3::zeros(),
-            angular_momentum: Vector3::zeros(),
-            q: DVector::zeros(n),
-            qd: DVector::zeros(n),
-            work: 0.0,
-        }
-    }
-
-    /// Fills in all but the joint accelerations, for which `workspace` was last asked.
-    fn complete(
-        &mut self,
-        model: &Model,
-        state: &State,
-        workspace: &Workspace,
-        input: &Input,
-        turned: &Vector3<f64>,
-    ) {
-        self.turned = rotation_vector_rate(turned, &workspace.V_WB_B().angular);
-        self.com = state.momentum_W.linear / workspace.mass;
-        self.linear_momentum = state.R_WB * workspace.external.force;
-        self.angular_momentum = state.R_WB * workspace.external.torque;
-        let (q, qd) = (state.q.as_slice(), state.qd.as_slice());
-        self.q.as_mut_slice().copy_from_slice(qd);
-        self.work = workspace.external_power;
-        let actuated = model.joints().iter().zip(input.efforts.as_slice());
-        for ((joint, effort), (q, qd)) in actuated.zip(q.iter().zip(qd)) {
-            self.work += (effort + joint.passive_effort(*q, *qd)) * qd;
-        }
-    }
-}
-
 /// Steps a [`State`]; owns the stage memory. Attitude is integrated on the rotation group
 /// (Munthe-Kaas: the rotation vector turned within the step is the coordinate), so any tableau keeps
 /// its order and the quaternion needs no correction; momentum is integrated as state, so without
@@ -103,6 +56,7 @@ impl Rate {
 #[derive(Debug, Clone)]
 pub struct Integrator {
     tableau: &'static Tableau,
+    arch: Arch,
     rates: Vec<Rate>,
     stage: State,
     input: Input,
@@ -128,8 +82,11 @@ impl Integrator {
                 dynamics: ForwardDynamics::articulated_body(model),
                 loops,
                 answer: TreeAcceleration::zero(model),
+                w_WB_B: Vector3::zeros(),
+                mass: model.total_mass(),
             },
             tableau,
+            arch: Arch::new(),
             rates: vec![Rate::zero(model.dof()); tableau.c.len()],
             stage: State::at_rest(model),
             input: Input::zero(model),
@@ -146,17 +103,16 @@ impl Integrator {
         Ok(self)
     }
 
-    /// Accelerations of a state; afterwards `workspace` holds its positions, the base's motion, and what
-    /// external wrenches sum up to.
+    /// Accelerations of a state under `input`, which is held for the next step. If there are closed loops or
+    /// external wrenches, `workspace` holds positions and motion of the state afterwards.
     pub(super) fn evaluate(
         &mut self,
         model: &Model,
         state: &State,
         workspace: &mut Workspace,
         input: &Input,
-    ) -> &TreeAcceleration {
+    ) {
         self.plant.evaluate(model, state, workspace, input);
-        &self.plant.answer
     }
 
     /// What the last evaluation gave.
@@ -174,7 +130,7 @@ impl Integrator {
     }
 
     /// Advances `state` by `dt` \[s\]; `forcing` is asked at every stage. On return `workspace` holds
-    /// positions and motion of the new state, so that the next step's first stage starts from them.
+    /// positions and motion of the new state.
     pub fn step(
         &mut self,
         model: &Model,
@@ -183,65 +139,160 @@ impl Integrator {
         dt: f64,
         forcing: &mut impl Forcing,
     ) {
-        self.plant.loops.project(model, state, workspace);
-        forcing.apply(state.time, state, &mut self.input);
-        self.plant.evaluate(model, state, workspace, &self.input);
-        self.begin(model, state, workspace);
-        self.finish(model, state, workspace, dt, forcing);
+        self.steps(model, state, workspace, dt, 1, forcing);
     }
 
-    /// A step under `input` held, from the state that was evaluated last, under the same input.
-    pub(super) fn step_held(
+    /// As many steps of `dt` \[s\], the same to the bit as one after the other; only after the last one is
+    /// `workspace` brought to the new state.
+    pub fn steps(
         &mut self,
         model: &Model,
         state: &mut State,
         workspace: &mut Workspace,
         dt: f64,
-        input: &Input,
+        count: usize,
+        forcing: &mut impl Forcing,
     ) {
+        for _ in 0..count {
+            self.take_step(model, state, workspace, dt, false, forcing);
+        }
+        workspace.set_positions(model, &state.q);
+        workspace.set_motion(state);
+    }
+
+    /// Takes over what acts in [`Integrator::steps_held`].
+    pub(super) fn hold(&mut self, input: &Input) {
         self.input.copy_from(input);
-        self.begin(model, state, workspace);
-        let mut held = |_: f64, _: &State, _: &mut Input| {};
-        self.finish(model, state, workspace, dt, &mut held);
     }
 
-    /// The first stage, from the last evaluation.
-    fn begin(&mut self, model: &Model, state: &State, workspace: &Workspace) {
-        let rate = &mut self.rates[0];
-        let qdd = self.plant.answer.qdd.as_slice();
-        rate.qd.as_mut_slice().copy_from_slice(qdd);
-        rate.complete(model, state, workspace, &self.input, &Vector3::zeros());
-    }
-
-    /// The stages after the first, and the new state.
-    fn finish(
+    /// [`Integrator::steps`] under the input held. The first starts from the last evaluation if that `is_known`
+    /// to be of this state under the same input.
+    pub(super) fn steps_held(
         &mut self,
         model: &Model,
         state: &mut State,
         workspace: &mut Workspace,
         dt: f64,
+        count: usize,
+        is_known: bool,
+    ) {
+        let mut held = |_: f64, _: &State, _: &mut Input| {};
+        for step in 0..count {
+            let is_known = is_known && step == 0;
+            self.take_step(model, state, workspace, dt, is_known, &mut held);
+        }
+        workspace.set_positions(model, &state.q);
+        workspace.set_motion(state);
+    }
+
+    /// One step; `is_known` if the first stage was evaluated already.
+    fn take_step(
+        &mut self,
+        model: &Model,
+        state: &mut State,
+        workspace: &mut Workspace,
+        dt: f64,
+        is_known: bool,
         forcing: &mut impl Forcing,
     ) {
         let tableau = self.tableau;
-        for (i, (a, c)) in tableau.a.iter().zip(tableau.c).enumerate().skip(1) {
-            let turned = advance(&mut self.stage, state, &self.rates[..i], a, dt);
+        self.plant.loops.project(model, state, workspace);
+        let mut turned = Vector3::zeros();
+        for (i, c) in tableau.c.iter().enumerate() {
             self.stage.time = state.time + c * dt;
-            self.plant.loops.project(model, &mut self.stage, workspace);
-            forcing.apply(self.stage.time, &self.stage, &mut self.input);
-            self.plant
-                .evaluate(model, &self.stage, workspace, &self.input);
-            let rate = &mut self.rates[i];
-            let qdd = self.plant.answer.qdd.as_slice();
-            rate.qd.as_mut_slice().copy_from_slice(qdd);
-            rate.complete(model, &self.stage, workspace, &self.input, &turned);
+            let at = if i == 0 { &*state } else { &self.stage };
+            forcing.apply(at.time, at, &mut self.input);
+            let is_known = is_known && i == 0;
+            if self.plant.is_free(&self.input) {
+                let stage = FreeStage {
+                    integrator: self,
+                    start: state,
+                    turned,
+                    i,
+                    dt,
+                    is_known,
+                };
+                turned = stage.integrator.arch.dispatch(stage);
+            } else {
+                if !is_known {
+                    (self.plant).evaluate(model, at, workspace, &self.input);
+                }
+                let Plant { answer, w_WB_B, .. } = &self.plant;
+                let (rates, mass) = (&mut self.rates, self.plant.mass);
+                rates[i].set_motion(at, &answer.qdd, mass, w_WB_B, &turned);
+                rates[i].set_driven(model, at, workspace, &self.input);
+                let weights = next_weights(tableau, i);
+                turned = advance(&mut self.stage, state, &rates[..=i], weights, dt);
+            }
+            if i + 1 < tableau.c.len() {
+                self.plant.loops.project(model, &mut self.stage, workspace);
+            }
         }
-        advance(&mut self.stage, state, &self.rates, tableau.b, dt);
         self.stage.time = state.time + dt;
         std::mem::swap(state, &mut self.stage);
         self.plant.loops.project(model, state, workspace);
         state.R_WB.renormalize_fast();
-        workspace.set_positions(model, &state.q);
-        workspace.set_motion(state);
+    }
+}
+
+/// How the stages up to `i` lead to the next one, or to the step's end.
+#[inline(always)]
+fn next_weights(tableau: &Tableau, i: usize) -> &'static [f64] {
+    tableau.a.get(i + 1).copied().unwrap_or(tableau.b)
+}
+
+/// One stage of free motion by articulated bodies, and the way to the next, for `pulp` to compile.
+struct FreeStage<'a> {
+    integrator: &'a mut Integrator,
+    /// Where the step began.
+    start: &'a State,
+    /// Rotation vector turned since then.
+    turned: Vector3<f64>,
+    i: usize,
+    dt: f64,
+    is_known: bool,
+}
+
+impl WithSimd for FreeStage<'_> {
+    type Output = Vector3<f64>;
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Vector3<f64> {
+        let (i, integrator) = (self.i, self.integrator);
+        let at = if i == 0 {
+            self.start
+        } else {
+            &integrator.stage
+        };
+        let plant = &mut integrator.plant;
+        let ForwardDynamics::ArticulatedBody(dynamics) = &mut plant.dynamics else {
+            unreachable!("free motion is by articulated bodies");
+        };
+        if !self.is_known {
+            let efforts = integrator.input.efforts.as_slice();
+            plant.w_WB_B = dynamics.accelerate_free(simd, at, efforts, &mut plant.answer);
+        }
+        let rate = &mut integrator.rates[i];
+        let qdd = &plant.answer.qdd;
+        rate.set_motion(at, qdd, plant.mass, &plant.w_WB_B, &self.turned);
+        rate.set_free(dynamics.joint_power());
+        let (rates, weights) = (&integrator.rates[..=i], next_weights(integrator.tableau, i));
+        advance(&mut integrator.stage, self.start, rates, weights, self.dt)
+    }
+}
+
+/// [`ArticulatedBody::accelerate_free`], for `pulp` to compile.
+struct FreeEvaluation<'a> {
+    dynamics: &'a mut ArticulatedBody,
+    state: &'a State,
+    efforts: &'a [f64],
+    answer: &'a mut TreeAcceleration,
+}
+
+impl WithSimd for FreeEvaluation<'_> {
+    type Output = Vector3<f64>;
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> Vector3<f64> {
+        (self.dynamics).accelerate_free(simd, self.state, self.efforts, self.answer)
     }
 }
 
@@ -251,15 +302,38 @@ struct Plant {
     dynamics: ForwardDynamics,
     loops: Loops,
     answer: TreeAcceleration,
+    /// Angular velocity of the base, base axes, as the last evaluation found it.
+    w_WB_B: Vector3<f64>,
+    mass: f64,
 }
 
 impl Plant {
+    /// Whether nothing but actuators, springs and dampers acts on a tree in the default formulation: then
+    /// no poses are needed.
+    fn is_free(&self, input: &Input) -> bool {
+        matches!(self.dynamics, ForwardDynamics::ArticulatedBody(_))
+            && self.loops.closures().is_empty()
+            && !Wrench::any(&input.wrenches)
+    }
+
     fn evaluate(&mut self, model: &Model, state: &State, workspace: &mut Workspace, input: &Input) {
+        let is_free = self.is_free(input);
         let Self {
             dynamics,
             loops,
             answer,
+            w_WB_B,
+            ..
         } = self;
+        if let (true, ForwardDynamics::ArticulatedBody(dynamics)) = (is_free, &mut *dynamics) {
+            *w_WB_B = workspace.arch().dispatch(FreeEvaluation {
+                dynamics,
+                state,
+                efforts: input.efforts.as_slice(),
+                answer,
+            });
+            return;
+        }
         workspace.set_positions(model, &state.q);
         if !loops.closures().is_empty() {
             workspace.set_motion(state);
@@ -267,6 +341,7 @@ impl Plant {
             workspace.set_accelerations(&answer.qdd);
             answer.A_WB_B = workspace.bodies[0].acceleration;
             workspace.set_external(input, state.qd.as_slice());
+            *w_WB_B = workspace.V_WB_B().angular;
             return;
         }
         workspace.set_base_motion(state);
@@ -277,46 +352,7 @@ impl Plant {
             q: state.q.as_slice(),
             qd: state.qd.as_slice(),
         };
-        match dynamics {
-            ForwardDynamics::ArticulatedBody(dynamics) => {
-                dynamics.accelerations_at(&workspace.places, &motion, input, answer);
-            }
-            other => other.accelerations(model, &motion, input, answer),
-        }
+        *w_WB_B = motion.V_WB_B.angular;
+        dynamics.accelerations(model, &motion, input, answer);
     }
-}
-
-/// `into = from + dt Σ weights rates`; returns the rotation vector turned.
-fn advance(
-    into: &mut State,
-    from: &State,
-    rates: &[Rate],
-    weights: &[f64],
-    dt: f64,
-) -> Vector3<f64> {
-    into.p_WC = from.p_WC;
-    into.momentum_W = from.momentum_W;
-    into.work = from.work;
-    let (q, qd) = (into.q.as_mut_slice(), into.qd.as_mut_slice());
-    q.copy_from_slice(from.q.as_slice());
-    qd.copy_from_slice(from.qd.as_slice());
-    let mut turned = Vector3::zeros();
-    for (rate, weight) in rates.iter().zip(weights) {
-        if *weight == 0.0 {
-            continue;
-        }
-        let k = dt * weight;
-        turned += rate.turned * k;
-        into.p_WC += rate.com * k;
-        into.momentum_W.linear += rate.linear_momentum * k;
-        into.momentum_W.angular += rate.angular_momentum * k;
-        into.work += rate.work * k;
-        let joints = rate.q.as_slice().iter().zip(rate.qd.as_slice());
-        for ((q, qd), (q_rate, qd_rate)) in q.iter_mut().zip(&mut *qd).zip(joints) {
-            *q += q_rate * k;
-            *qd += qd_rate * k;
-        }
-    }
-    into.R_WB = from.R_WB * exp_so3(&turned);
-    turned
 }

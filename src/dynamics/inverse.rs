@@ -1,10 +1,10 @@
 //! What efforts a motion takes.
 
 use nalgebra::Vector3;
-use pulp::{Arch, NullaryFnOnce};
+use pulp::{Arch, Simd, WithSimd};
 
 use super::TreeMotion;
-use super::kernel::{Force, Motion, Place, Slot, Tree, Vec3, inverse_dynamics, momentum_map};
+use super::kernel::{Force, Motion, Place, Slot, Tree, Vec3, inverse_dynamics, set_places};
 use crate::model::Model;
 use crate::spatial::{Twist, Wrench};
 
@@ -97,10 +97,10 @@ struct Evaluation<'a> {
     efforts: &'a mut [f64],
 }
 
-impl NullaryFnOnce for Evaluation<'_> {
+impl WithSimd for Evaluation<'_> {
     type Output = Wrench;
     #[inline(always)]
-    fn call(self) -> Wrench {
+    fn with_simd<S: Simd>(self, simd: S) -> Wrench {
         let InverseDynamics {
             tree,
             slots,
@@ -111,7 +111,7 @@ impl NullaryFnOnce for Evaluation<'_> {
         let n = tree.dof();
         let (q, qd, qdd) = (&self.motion.q[..n], &self.motion.qd[..n], &self.qdd[..n]);
         let efforts = &mut self.efforts[..n];
-        tree.turns(q, |j, q, turn| {
+        tree.turns(simd, q, |j, q, turn| {
             (slots[j + 1].q, slots[j + 1].turn) = (q, turn);
             (slots[j + 1].qd, slots[j + 1].qdd) = (qd[j], qdd[j]);
             (places[j + 1].q, places[j + 1].turn) = (q, turn);
@@ -129,7 +129,7 @@ impl NullaryFnOnce for Evaluation<'_> {
             None => {
                 slots[0].acceleration = Motion::zero(0.0);
                 let held = inverse_dynamics(tree, slots, external);
-                momentum_map(tree, places);
+                set_places(tree, places);
                 places[0].inertia_of(tree).answer(held)
             }
         };

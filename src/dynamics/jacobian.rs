@@ -1,11 +1,11 @@
 //! Fixed-base and generalized Jacobians.
 
 use nalgebra::{Matrix6xX, Vector3};
-use pulp::NullaryFnOnce;
+use pulp::{Simd, WithSimd};
 
 use super::Workspace;
 use super::axis::Axis;
-use super::kernel::generalized_jacobian;
+use super::kernel::{Vec3, set_jacobian};
 use crate::model::Frame;
 
 impl Workspace {
@@ -52,18 +52,20 @@ struct Generalized<'a> {
     columns: &'a mut [[f64; 6]],
 }
 
-impl NullaryFnOnce for Generalized<'_> {
+impl WithSimd for Generalized<'_> {
     type Output = ();
     #[inline(always)]
-    fn call(self) {
+    fn with_simd<S: Simd>(self, simd: S) {
         let Workspace {
             tree,
             places,
+            groups,
             system,
             ..
         } = self.workspace;
-        let p_KE = tree.p_KF(self.frame).into();
-        generalized_jacobian(tree, places, system, self.frame.body, &p_KE, self.columns);
+        let (body, p_KE) = (self.frame.body, Vec3(tree.p_KF(self.frame).into()));
+        let p_BE = places[body].turned(p_KE) + places[body].p_BK;
+        set_jacobian(simd, tree, groups, system, body, p_BE, self.columns);
     }
 }
 

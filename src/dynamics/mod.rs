@@ -12,7 +12,7 @@
 //! the bodies carry it. [`Workspace::accelerations`] is the forward dynamics of the reduced system,
 //! eq. (4.49). [`FormulationKind`] names the others; the default, by articulated bodies, is the fastest.
 //! [`InverseDynamics`] goes the other way. [`Integrator`] steps a state. None of them allocates.
-//! eq. (4.49). [`Integrator`] steps a state. None of them allocates. [`Loops`] hold bodies of the tree to
+//! [`Loops`] hold bodies of the tree to
 //! each other: closed loops.
 //!
 //! ```
@@ -53,6 +53,7 @@ pub mod kernel;
 mod loops;
 mod momentum;
 pub mod newton_euler;
+mod rate;
 mod reduced;
 mod runge_kutta;
 mod state;

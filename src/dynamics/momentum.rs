@@ -12,9 +12,10 @@ impl Workspace {
     pub fn base_twist(&self, momentum_B: &Momentum, qd: &DVector<f64>) -> Twist {
         let mut angular_momentum = momentum_B.angular;
         let mut v_com = momentum_B.linear / self.mass;
-        for (place, rate) in self.places[1..].iter().zip(qd.as_slice()) {
-            angular_momentum -= Vector3::from(place.H_M.0) * *rate;
-            v_com -= Vector3::from(place.J_C.0) * *rate;
+        for (j, rate) in qd.as_slice().iter().enumerate() {
+            let column = self.column(j);
+            angular_momentum -= Vector3::from(column.H_M.0) * *rate;
+            v_com -= Vector3::from(column.J_C.0) * *rate;
         }
         let angular = &self.H_B_inverse * angular_momentum;
         Twist::new(angular, v_com - angular.cross(&self.p_BC))
@@ -29,9 +30,10 @@ impl Workspace {
         } = V_WB_B;
         let mut linear = (v + w.cross(&self.p_BC)) * self.mass;
         let mut angular = &self.H_B * *w;
-        for (place, rate) in self.places[1..].iter().zip(qd.as_slice()) {
-            linear += Vector3::from(place.force.0) * *rate;
-            angular += Vector3::from(place.H_M.0) * *rate;
+        for (j, rate) in qd.as_slice().iter().enumerate() {
+            let column = self.column(j);
+            linear += Vector3::from(column.force.0) * *rate;
+            angular += Vector3::from(column.H_M.0) * *rate;
         }
         Momentum { linear, angular }
     }
@@ -42,8 +44,9 @@ impl Workspace {
     pub fn base_map(&self, model: &Model, out: &mut Matrix6xX<f64>) {
         let r = self.p_BC - model.bodies()[0].inertia.com;
         let (columns, _) = out.as_mut_slice().as_chunks_mut::<6>();
-        for (place, column) in self.places[1..].iter().zip(columns) {
-            let (J_C, H_A) = (Vector3::from(place.J_C.0), Vector3::from(place.H_A.0));
+        for (j, column) in columns.iter_mut().enumerate().take(self.tree.dof()) {
+            let of_joint = self.column(j);
+            let (J_C, H_A) = (Vector3::from(of_joint.J_C.0), Vector3::from(of_joint.H_A.0));
             let linear = -J_C - H_A.cross(&r);
             column[..3].copy_from_slice(linear.as_slice());
             column[3..].copy_from_slice(H_A.as_slice());

@@ -2,6 +2,7 @@
 
 use nalgebra::{DMatrix, Vector3};
 
+use super::kernel::GROUP;
 use super::{Formulation, Input, TreeAcceleration, TreeMotion, Workspace};
 use crate::model::Model;
 use crate::spatial::Wrench;
@@ -52,13 +53,14 @@ impl Workspace {
     pub(super) fn set_reduced_inertia(&mut self) {
         let n = self.tree.dof();
         for j in 0..n {
-            let place = &self.places[j + 1];
+            let column = self.column(j);
             // The momentum that joint j alone gives to the free-floating system, in terms of which the
             // base's share of every pair (i, j) is one dot product: m J_Cᵀ J_C + H_Mᵀ H_B⁻¹ H_M.
-            let (mut torque, force) = (place.torque.0.into(), Vector3::from(place.force.0));
-            let answer = Vector3::from(place.H_A.0);
-            let column = &mut self.reduced.as_mut_slice()[j * n..=j * n + j];
-            for (entry, other) in column.iter_mut().zip(&self.places[1..]) {
+            let (mut torque, force) = (column.torque.0.into(), Vector3::from(column.force.0));
+            let answer = Vector3::from(column.H_A.0);
+            let entries = &mut self.reduced.as_mut_slice()[j * n..=j * n + j];
+            for (i, entry) in entries.iter_mut().enumerate() {
+                let other = self.groups[i / GROUP].column(i % GROUP);
                 let (H_M, J_C) = (Vector3::from(other.H_M.0), Vector3::from(other.J_C.0));
                 *entry = H_M.dot(&answer) - J_C.dot(&force);
             }

@@ -1,11 +1,11 @@
 //! Scratch memory for one model, and the kinematics that everything else reads.
 
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Translation3, Vector3};
-use pulp::{Arch, NullaryFnOnce};
+use pulp::{Arch, Simd, WithSimd};
 
 use super::State;
 use super::axis::Axis;
-use super::kernel::{Place, System, Tree, momentum_map};
+use super::kernel::{Column, GROUP, JointGroup, Place, System, Tree, set_columns, set_places};
 use crate::model::{Frame, Model};
 use crate::spatial::{Pose, Symmetric3, Twist, Wrench};
 
@@ -23,6 +23,8 @@ pub struct Workspace {
     pub(super) tree: Tree,
     /// What positions imply, one per body.
     pub(super) places: Vec<Place<f64>>,
+    /// And for the joints, eight side by side.
+    pub(super) groups: Vec<JointGroup>,
     /// What motion implies, one per body.
     pub(super) bodies: Vec<BodyTerms>,
     /// System centre of mass in the base frame, `r_C` of eq. (4.11) from the base frame's origin \[m\].
@@ -55,21 +57,23 @@ pub(super) struct BodyTerms {
     pub(super) force: Wrench,
 }
 
-/// [`momentum_map`] and what comes before it, for `pulp` to compile.
+/// What positions imply, for `pulp` to compile.
 struct Placement<'a> {
     tree: &'a Tree,
     places: &'a mut [Place<f64>],
+    groups: &'a mut [JointGroup],
     q: &'a [f64],
 }
 
-impl NullaryFnOnce for Placement<'_> {
+impl WithSimd for Placement<'_> {
     type Output = System<f64>;
     #[inline(always)]
-    fn call(self) -> System<f64> {
-        self.tree.turns(self.q, |j, q, turn| {
+    fn with_simd<S: Simd>(self, simd: S) -> System<f64> {
+        self.tree.turns(simd, self.q, |j, q, turn| {
             (self.places[j + 1].q, self.places[j + 1].turn) = (q, turn);
         });
-        momentum_map(self.tree, self.places)
+        set_places(self.tree, self.places);
+        set_columns(simd, self.tree, self.places, self.groups)
     }
 }
 
@@ -79,11 +83,13 @@ impl Workspace {
         let n = model.dof();
         let tree = Tree::new(model);
         let mut places = vec![Place::new(0.0); n + 1];
+        let mut groups = JointGroup::of(&tree);
         let q = DVector::zeros(n);
         let arch = Arch::new();
         let system = arch.dispatch(Placement {
             tree: &tree,
             places: &mut places,
+            groups: &mut groups,
             q: q.as_slice(),
         });
         let mut workspace = Self {
@@ -91,6 +97,7 @@ impl Workspace {
             arch,
             tree,
             places,
+            groups,
             bodies: vec![BodyTerms::default(); n + 1],
             p_BC: Vector3::zeros(),
             v_WC: Vector3::zeros(),
@@ -122,6 +129,7 @@ impl Workspace {
             let system = self.arch.dispatch(Placement {
                 tree: &self.tree,
                 places: &mut self.places,
+                groups: &mut self.groups,
                 q,
             });
             self.take_over(system);
@@ -179,6 +187,11 @@ impl Workspace {
     /// The system's centre of mass in the base frame \[m\].
     pub fn p_BC(&self) -> &Vector3<f64> {
         &self.p_BC
+    }
+
+    /// Columns of the momentum map of joint `j`.
+    pub(super) fn column(&self, j: usize) -> Column<f64> {
+        self.groups[j / GROUP].column(j % GROUP)
     }
 
     /// Axis of joint `j`.

@@ -3,7 +3,9 @@
 use std::cell::Cell;
 use std::ops::{Add, Mul, Neg, Sub};
 
-use crate::dynamics::kernel::{Place, Scalar, Tree, Turn, generalized_jacobian, momentum_map};
+use crate::dynamics::kernel::{
+    Column, Place, Scalar, Tree, Turn, generalized_jacobian, momentum_map,
+};
 use crate::model::Model;
 
 thread_local! {
@@ -85,14 +87,15 @@ pub fn recursion(model: &Model) -> Counts {
     let tree = Tree::new(model);
     let zero = Counted(0.0);
     let mut places = vec![Place::new(zero); model.dof() + 1];
+    let mut map = vec![Column::zero(zero); model.dof()];
     let mut columns = vec![[zero; 6]; model.dof()];
     let ((), counts) = counted(|| {
         for place in &mut places[1..] {
             place.turn = Turn::new(Counted(0.8), Counted(0.6));
         }
-        let system = momentum_map(&tree, &mut places);
-        let tip = [0.3, 0.1, 0.2];
-        generalized_jacobian(&tree, &places, &system, model.dof(), &tip, &mut columns);
+        let system = momentum_map(&tree, &mut places, &mut map);
+        let (end, tip) = (model.dof(), [0.3, 0.1, 0.2]);
+        generalized_jacobian(&tree, &places, &map, &system, end, &tip, &mut columns);
     });
     counts
 }

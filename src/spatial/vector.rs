@@ -101,12 +101,14 @@ impl Wrench {
     /// Whether any of `wrenches` is not zero; without branches, since it is asked at every evaluation.
     #[inline]
     pub(crate) fn any(wrenches: &[Self]) -> bool {
-        let mut size = 0.0;
+        // All bits but the sign's, put together: nothing waits for a sum.
+        let mut bits = 0;
         for Self { torque, force } in wrenches {
-            size += torque.x.abs() + torque.y.abs() + torque.z.abs();
-            size += force.x.abs() + force.y.abs() + force.z.abs();
+            for part in [torque, force] {
+                bits |= part.x.to_bits() | part.y.to_bits() | part.z.to_bits();
+            }
         }
-        size != 0.0
+        bits << 1 != 0
     }
 
     /// The same wrench about a point from which its own point of reference lies at `p` (same axes).

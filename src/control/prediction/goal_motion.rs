@@ -282,12 +282,15 @@ mod tests {
         }
         let (now, ahead) = (motion.at(30.0).unwrap(), motion.at(31.0).unwrap());
         let (_, V) = goal(30.0);
-        assert!((now.V_ID_I - V).linear.norm() < 1e-4 && (now.V_ID_I - V).angular.norm() < 1e-6);
+        // The point's jerk, 1.6e-4 m/s³, is what the filter does not follow.
+        let off = now.V_ID_I - V;
+        assert!(off.linear.norm() < 4e-4, "{}", off.linear.norm());
+        assert!(off.angular.norm() < 1e-5, "{}", off.angular.norm());
         let truth = goal(31.0).0;
         let off = ahead.X_ID.translation.vector - truth.translation.vector;
-        // Without velocity it would be 0.06 m, without acceleration 1.5 mm.
-        assert!(off.norm() < 2e-4, "{}", off.norm());
-        assert!(ahead.X_ID.rotation.angle_to(&truth.rotation) < 1e-6);
+        // Without velocity it would be 59 mm, without acceleration 1.5 mm.
+        assert!(off.norm() < 8e-4, "{}", off.norm());
+        assert!(ahead.X_ID.rotation.angle_to(&truth.rotation) < 1e-5);
     }
 
     #[test]

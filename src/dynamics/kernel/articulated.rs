@@ -5,14 +5,16 @@
 //! body's inertia is kept in its three blocks, and what a joint makes zero is not computed. The joint
 //! itself takes no part beyond one row: its axis is a coordinate axis.
 
-use super::hop::{ArticulatedInertia, Force, Motion, Path, on_path};
+use super::hop::{Force, Motion, Path, on_path};
+use super::inertia::ArticulatedInertia;
 use super::tree::{BENT, Body, Hop, Tree};
 use super::vector::others;
 use super::{Mat3, Scalar, Sym3, Turn, Vec3};
 
 /// What the sweeps keep of a body and of the joint that moves it, in the body's kernel frame. Slot 0 is the
-/// base's, which no joint moves.
+/// base's, which no joint moves. Numbers as wide as a cache line shall not lie across two.
 #[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
 pub struct Slot<S> {
     /// Joint position \[rad or m\].
     pub q: S,
@@ -29,7 +31,7 @@ pub struct Slot<S> {
     /// Angular velocity; the base's is an input.
     pub w: Vec3<S>,
     /// `[w×]²`.
-    spin: Sym3<S>,
+    pub(super) spin: Sym3<S>,
     /// Acceleration that the body has beyond its parent's at zero joint acceleration.
     pub(super) own: Motion<S>,
     /// Force that the body and what hangs on it take, gathered.
@@ -93,7 +95,7 @@ impl Body {
             torque[i] = spin.off[i].times(m.diagonal[k] - m.diagonal[j]);
         }
         if self.is_oblique {
-            let off = [0, 1, 2].map(|i| like.constant(m.off_diagonal[i]));
+            let Vec3(off) = Vec3::constant(like, &m.off_diagonal.into());
             for i in 0..3 {
                 let (j, k) = others(i);
                 let squares = spin.diagonal[j] - spin.diagonal[k];
@@ -123,16 +125,19 @@ impl Body {
     }
 }
 
+/// Inertia of a body and what hangs on it, and the force that they take.
+type Gathered<S> = (ArticulatedInertia<S>, Force<S>);
+
 impl<S: Scalar> Slot<S> {
-    /// Turns the body as positions and rates imply, against a parent whose slot is done.
+    /// Turns the body as positions and rates imply, against a parent that turns at `w`, whose spin this is.
     #[inline(always)]
-    pub(super) fn set_motion(&mut self, hop: &Hop, parent: &Self) {
+    pub(super) fn set_motion(&mut self, hop: &Hop, w: Vec3<S>, spin: Sym3<S>) {
         let mut w = on_path!(hop, path => {
             if path.shifts() || hop.slides {
-                let centripetal = path.times_origin(hop, self.q, parent.spin);
+                let centripetal = path.times_origin(hop, self.q, spin);
                 self.own.linear = path.back(hop, &self.turn, centripetal);
             }
-            path.back(hop, &self.turn, parent.w)
+            path.back(hop, &self.turn, w)
         });
         let across = [w[1] * self.qd, -(w[0] * self.qd)];
         if hop.slides {
@@ -160,35 +165,30 @@ impl<S: Scalar> Slot<S> {
         self.inertia = body.alone(self.w[0]);
     }
 
-    /// Lets the joint give way and passes on to the parent what is left of inertia and force.
+    /// Lets the joint give way; what is left of inertia and force, as the parent feels it.
     #[inline(always)]
-    fn release(&mut self, hop: &Hop, parent: &mut Self) {
+    fn release(&mut self, hop: &Hop, gathered: Gathered<S>) -> Gathered<S> {
         if hop.slides {
-            let (inertia, force) = self.release_slide();
+            let (inertia, force) = self.release_slide(gathered);
             let path = Path::<true, BENT, true, true>;
             let inertia = path.inertia_out::<S, true>(hop, &self.turn, self.q, inertia);
-            parent.inertia = parent.inertia.plus(inertia);
-            parent.force = parent
-                .force
-                .plus(path.force_out(hop, &self.turn, self.q, force));
+            (inertia, path.force_out(hop, &self.turn, self.q, force))
         } else {
             on_path!(hop, path => {
-                let (inertia, force) = self.release_turn(path.shifts());
+                let (inertia, force) = self.release_turn(path.shifts(), gathered);
                 let inertia = path.inertia_out::<S, false>(hop, &self.turn, self.q, inertia);
-                parent.inertia = parent.inertia.plus(inertia);
-                parent.force = parent.force.plus(path.force_out(hop, &self.turn, self.q, force));
-            });
+                (inertia, path.force_out(hop, &self.turn, self.q, force))
+            })
         }
     }
 
     #[inline(always)]
-    fn release_turn(&mut self, shifts: bool) -> (ArticulatedInertia<S>, Force<S>) {
-        let force = self.force;
+    fn release_turn(&mut self, shifts: bool, (inertia, force): Gathered<S>) -> Gathered<S> {
         let ArticulatedInertia {
             turning: mut J,
             coupling: Mat3([mut hx, mut hy, u]),
             mass: mut M,
-        } = self.inertia;
+        } = inertia;
         let (ux, uy) = (J.off[1], J.off[0]);
         let inverse = J.diagonal[2].recip();
         let (kx, ky, k) = (ux * inverse, uy * inverse, u.scaled(inverse));
@@ -235,13 +235,12 @@ impl<S: Scalar> Slot<S> {
     }
 
     #[inline(always)]
-    fn release_slide(&mut self) -> (ArticulatedInertia<S>, Force<S>) {
-        let force = self.force;
+    fn release_slide(&mut self, (inertia, force): Gathered<S>) -> Gathered<S> {
         let ArticulatedInertia {
             turning: mut J,
             coupling: mut H,
             mass: mut M,
-        } = self.inertia;
+        } = inertia;
         let u = H.column(2);
         let (ux, uy) = (M.off[1], M.off[0]);
         let inverse = M.diagonal[2].recip();
@@ -288,7 +287,7 @@ impl<S: Scalar> Slot<S> {
 
     /// Joint acceleration for the parent's, and the body's own.
     #[inline(always)]
-    fn accelerate(&mut self, hop: &Hop, parent: &Motion<S>) {
+    fn accelerate(&mut self, hop: &Hop, parent: &Motion<S>) -> Motion<S> {
         if hop.slides {
             let path = Path::<true, BENT, true, true>;
             let mut m = path.motion_back(hop, &self.turn, self.q, *parent);
@@ -298,16 +297,17 @@ impl<S: Scalar> Slot<S> {
             self.qdd = (self.free - m.linear[2]) - (along + g.torque.dot(m.angular));
             m.linear[2] = m.linear[2] + self.qdd;
             self.acceleration = m;
+            m
         } else {
             on_path!(hop, path => {
                 let m = path.motion_back(hop, &self.turn, self.q, *parent);
-                self.turn_free(path.shifts(), m);
-            });
+                self.turn_free(path.shifts(), m)
+            })
         }
     }
 
     #[inline(always)]
-    fn turn_free(&mut self, shifts: bool, mut m: Motion<S>) {
+    fn turn_free(&mut self, shifts: bool, mut m: Motion<S>) -> Motion<S> {
         let (g, own) = (&self.gain, &self.own);
         m.angular[0] = m.angular[0] + own.angular[0];
         m.angular[1] = m.angular[1] + own.angular[1];
@@ -318,6 +318,7 @@ impl<S: Scalar> Slot<S> {
         self.qdd = (self.free - m.angular[2]) - (along + g.force.dot(m.linear));
         m.angular[2] = m.angular[2] + self.qdd;
         self.acceleration = m;
+        m
     }
 }
 
@@ -347,57 +348,38 @@ pub fn forward_dynamics<S: Scalar>(
     let (slots, bodies) = (&mut slots[..count], &tree.bodies[..count]);
     let external = external.map(|e| &e[..count]);
     slots[0].begin(&bodies[0], external.map(|e| &e[0]));
-    for (j, hop) in tree.hops.iter().enumerate() {
-        let (before, rest) = slots.split_at_mut(j + 1);
-        let slot = &mut rest[0];
-        slot.set_motion(hop, &before[hop.parent]);
+    let mut before = (slots[0].w, slots[0].spin);
+    for &j in &tree.outward {
+        let hop = &tree.hops[j];
+        if !hop.follows {
+            before = (slots[hop.parent].w, slots[hop.parent].spin);
+        }
+        let slot = &mut slots[j + 1];
+        slot.set_motion(hop, before.0, before.1);
         slot.begin(&bodies[j + 1], external.map(|e| &e[j + 1]));
+        before = (slot.w, slot.spin);
     }
-    for (j, hop) in tree.hops.iter().enumerate().rev() {
-        let (before, rest) = slots.split_at_mut(j + 1);
-        rest[0].release(hop, &mut before[hop.parent]);
-    }
-    slots[0].acceleration = slots[0].inertia.answer(slots[0].force);
-    for (j, hop) in tree.hops.iter().enumerate() {
-        let (before, rest) = slots.split_at_mut(j + 1);
-        rest[0].accelerate(hop, &before[hop.parent].acceleration);
-    }
-}
-
-impl<S: Scalar> ArticulatedInertia<S> {
-    /// Of a rigid body, from its mass and moments about the frame's origin.
-    #[inline(always)]
-    pub(super) fn rigid(mass: S, first_moment: Vec3<S>, inertia: Sym3<S>) -> Self {
-        let (zero, Vec3([x, y, z])) = (mass.constant(0.0), first_moment);
-        Self {
-            turning: inertia,
-            coupling: Mat3([
-                Vec3([zero, -z, y]),
-                Vec3([z, zero, -x]),
-                Vec3([-y, x, zero]),
-            ]),
-            mass: Sym3 {
-                diagonal: [mass; 3],
-                off: [zero; 3],
-            },
+    let last = &slots[tree.outward.last().map_or(0, |j| j + 1)];
+    let mut gathered = (last.inertia, last.force);
+    for &j in tree.outward.iter().rev() {
+        let hop = &tree.hops[j];
+        let (inertia, force) = slots[j + 1].release(hop, gathered);
+        let parent = &mut slots[hop.parent];
+        gathered = (parent.inertia.plus(inertia), parent.force.plus(force));
+        if !hop.follows {
+            (parent.inertia, parent.force) = gathered;
+            let next = &slots[hop.before];
+            gathered = (next.inertia, next.force);
         }
     }
-
-    /// Acceleration of a free body with this inertia that needs `force` to stay where it is.
-    #[inline(always)]
-    pub(crate) fn answer(&self, force: Force<S>) -> Motion<S> {
-        let (H, inverse) = (self.coupling, self.mass.inverse());
-        let eliminated = Mat3(H.0.map(|row| inverse.times(row)));
-        let mut left = self.turning;
-        for i in 0..3 {
-            let (j, k) = others(i);
-            left.diagonal[i] = left.diagonal[i] - eliminated.0[i].dot(H.0[i]);
-            left.off[i] = left.off[i] - eliminated.0[j].dot(H.0[k]);
+    let (inertia, force) = gathered;
+    let mut acceleration = inertia.answer(force);
+    slots[0].acceleration = acceleration;
+    for &j in &tree.outward {
+        let hop = &tree.hops[j];
+        if !hop.follows {
+            acceleration = slots[hop.parent].acceleration;
         }
-        let angular = left
-            .inverse()
-            .times(eliminated.times(force.force) - force.torque);
-        let linear = -inverse.times(force.force + H.tr_mul(angular));
-        Motion { angular, linear }
+        acceleration = slots[j + 1].accelerate(hop, &acceleration);
     }
 }

@@ -4,7 +4,9 @@
 //! with its whole subtree is gathered in link frames, where the momentum that a joint gives to its subtree
 //! is a row of it and costs nothing. Only these columns are brought to the base's axes.
 
-use super::hop::{ArticulatedInertia, Path, on_path};
+use super::columns::{Column, Lever, Moves};
+use super::hop::{Path, on_path};
+use super::inertia::ArticulatedInertia;
 use super::tree::{Body, Hop, QUARTER, STRAIGHT, Tree};
 use super::vector::others;
 use super::{Scalar, Sym3, Turn, Vec3};
@@ -12,6 +14,7 @@ use super::{Scalar, Sym3, Turn, Vec3};
 /// What positions imply for a body and the joint that moves it. Axes are the base's (frame B) where
 /// nothing else is said.
 #[derive(Debug, Clone, Copy)]
+#[repr(align(64))]
 pub struct Place<S> {
     /// Joint position: an input.
     pub q: S,
@@ -25,17 +28,6 @@ pub struct Place<S> {
     first_moment: Vec3<S>,
     /// Moment of inertia of the subtree about the kernel frame's origin, kernel frame.
     inertia: Sym3<S>,
-    /// Angular momentum of the subtree at unit joint rate with the base held, about the kernel frame's
-    /// origin.
-    pub torque: Vec3<S>,
-    /// Linear momentum of the subtree at unit joint rate with the base held.
-    pub force: Vec3<S>,
-    /// Column of `J_C`, eq. (4.12).
-    pub J_C: Vec3<S>,
-    /// Column of `H_M`, eq. (4.26).
-    pub H_M: Vec3<S>,
-    /// Column of `H_A = -H_B⁻¹ H_M`, eq. (4.24).
-    pub H_A: Vec3<S>,
 }
 
 /// What positions imply for the whole tree, base axes.
@@ -48,6 +40,9 @@ pub struct System<S> {
     /// `H_B⁻¹`.
     pub H_B_inverse: Sym3<S>,
 }
+
+/// Axes and origin of a kernel frame, base axes.
+type Pose<S> = ([Vec3<S>; 3], Vec3<S>);
 
 impl<S: Scalar> Place<S> {
     /// A place with nothing in it, numbers of the kind of `like`.
@@ -63,11 +58,6 @@ impl<S: Scalar> Place<S> {
                 diagonal: [zero; 3],
                 off: [zero; 3],
             },
-            torque: none,
-            force: none,
-            J_C: none,
-            H_M: none,
-            H_A: none,
         }
     }
 
@@ -94,33 +84,28 @@ impl<S: Scalar> Place<S> {
     }
 
     #[inline(always)]
-    fn follow(&mut self, hop: &Hop, parent: &Self) {
+    fn follow(&mut self, hop: &Hop, parent: Pose<S>) -> Pose<S> {
         on_path!(hop, path => (self.axes, self.p_BK) = path.place(hop, &self.turn, self.q, parent));
+        (self.axes, self.p_BK)
     }
 
-    /// Adds the subtree to what the parent gathers.
+    /// First moment and inertia of the subtree, which are these in the body's frame, as the parent feels
+    /// them.
     #[inline(always)]
-    fn gather(&self, hop: &Hop, mass: f64, parent: &mut Self) {
-        let (h, J) = (self.first_moment, self.inertia);
-        let (h, J) = on_path!(hop, path => path.composite_out(hop, &self.turn, self.q, mass, h, J));
-        parent.first_moment = parent.first_moment + h;
-        parent.inertia = parent.inertia + J;
+    fn gather(&mut self, hop: &Hop, mass: f64, (h, J): (Vec3<S>, Sym3<S>)) -> (Vec3<S>, Sym3<S>) {
+        (self.first_moment, self.inertia) = (h, J);
+        on_path!(hop, path => path.composite_out(hop, &self.turn, self.q, mass, h, J))
     }
 
-    /// Column of the momentum map.
+    /// What the joint's columns are made of.
     #[inline(always)]
-    fn set_column(&mut self, hop: &Hop, mass: f64, system: &System<S>, answer: &Sym3<S>, per: S) {
-        let (h, [x, y, z]) = (self.first_moment, self.axes);
-        if hop.slides {
-            self.torque = x.mul_add(h[1], y.scaled(-h[0]));
-            self.force = z.scaled(per.constant(mass));
-        } else {
-            self.torque = self.turned(self.inertia.row(2));
-            self.force = y.mul_add(h[0], x.scaled(-h[1]));
+    pub(super) fn lever(&self) -> Lever<S> {
+        Lever {
+            axes: self.axes,
+            p_BK: self.p_BK,
+            across: [self.first_moment[0], self.first_moment[1]],
+            inertia: self.inertia.row(2),
         }
-        self.J_C = self.force.scaled(per);
-        self.H_M = self.torque + (self.p_BK - system.p_BC).cross(self.force);
-        self.H_A = answer.times(self.H_M);
     }
 }
 
@@ -132,11 +117,9 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
         hop: &Hop,
         turn: &Turn<S>,
         q: S,
-        parent: &Place<S>,
-    ) -> ([Vec3<S>; 3], Vec3<S>) {
-        let [mut x, mut y, mut z] = parent.axes;
-        let mut origin = parent.p_BK;
-        let [p0, p1, p2] = hop.p.map(|p| q.constant(p));
+        ([mut x, mut y, mut z], mut origin): Pose<S>,
+    ) -> Pose<S> {
+        let Vec3([p0, p1, p2]) = Vec3::constant(q, &hop.p);
         if GENERAL {
             (x, y) = columns(&Turn::constant(q, &hop.swing), x, y);
             origin = y.mul_add(p1, z.mul_add(p2, origin));
@@ -158,7 +141,7 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
 
     /// First moment and inertia of a subtree of mass `mass` as its parent sees them.
     #[inline(always)]
-    fn composite_out<S: Scalar>(
+    pub(super) fn composite_out<S: Scalar>(
         self,
         hop: &Hop,
         turn: &Turn<S>,
@@ -169,25 +152,29 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
     ) -> (Vec3<S>, Sym3<S>) {
         let (mut h, mut J) = (h, J);
         if hop.slides {
-            let d = hop.distance(q);
-            (h, J) = shifted::<2, S>(h, J, d, d.times(0.5 * mass));
+            let p = hop.distance(q);
+            let moment = p.times(mass);
+            let (twice, square) = (p + p, p * moment);
+            let shift = Shift {
+                p,
+                twice,
+                moment,
+                square,
+            };
+            (h, J) = shift.apply::<2>(h, J);
         } else if D || GENERAL {
-            (h, J) = shifted::<2, S>(h, J, q.constant(hop.d), q.constant(0.5 * mass * hop.d));
+            (h, J) = Shift::by(q, hop.d, mass).apply::<2>(h, J);
         }
         (h, J) = (turn.out::<2>(h), turn.sym::<2>(J));
         if BEND != STRAIGHT {
             (h, J) = (self.bent_out(hop, h), self.bent_sym_out(hop, J));
         }
-        let (p, half) = (
-            hop.p.map(|p| q.constant(p)),
-            hop.p.map(|p| q.constant(0.5 * mass * p)),
-        );
         if A || GENERAL {
-            (h, J) = shifted::<0, S>(h, J, p[0], half[0]);
+            (h, J) = Shift::by(q, hop.p[0], mass).apply::<0>(h, J);
         }
         if GENERAL {
-            (h, J) = shifted::<1, S>(h, J, p[1], half[1]);
-            (h, J) = shifted::<2, S>(h, J, p[2], half[2]);
+            (h, J) = Shift::by(q, hop.p[1], mass).apply::<1>(h, J);
+            (h, J) = Shift::by(q, hop.p[2], mass).apply::<2>(h, J);
             let swing = Turn::constant(q, &hop.swing);
             (h, J) = (swing.out::<2>(h), swing.sym::<2>(J));
         }
@@ -204,74 +191,116 @@ fn columns<S: Scalar>(turn: &Turn<S>, x: Vec3<S>, y: Vec3<S>) -> (Vec3<S>, Vec3<
     )
 }
 
-/// First moment and inertia about a point from which the present one lies at `p` along one axis; `half`
-/// is `m p / 2`.
-#[inline(always)]
-fn shifted<const AXIS: usize, S: Scalar>(
-    mut h: Vec3<S>,
-    mut J: Sym3<S>,
+/// To a point from which the present one lies at `p` along one axis, of a mass `m`.
+struct Shift<S> {
     p: S,
-    half: S,
-) -> (Vec3<S>, Sym3<S>) {
-    let (i, (j, k)) = (AXIS, others(AXIS));
-    let g = h[i] + half;
-    let twice = p * (g + g);
-    J.diagonal[j] = J.diagonal[j] + twice;
-    J.diagonal[k] = J.diagonal[k] + twice;
-    J.off[k] = p.mul_sub_from(h[j], J.off[k]);
-    J.off[j] = p.mul_sub_from(h[k], J.off[j]);
-    h[i] = g + half;
-    (h, J)
+    /// `2 p`.
+    twice: S,
+    /// `m p`.
+    moment: S,
+    /// `m p²`.
+    square: S,
 }
 
-/// Poses, composite inertias and momentum map. `places`, one per body, hold positions and turns.
+impl<S: Scalar> Shift<S> {
+    #[inline(always)]
+    fn by(like: S, p: f64, mass: f64) -> Self {
+        Self {
+            p: like.constant(p),
+            twice: like.constant(p + p),
+            moment: like.constant(mass * p),
+            square: like.constant(mass * p * p),
+        }
+    }
+
+    /// First moment and inertia about that point.
+    #[inline(always)]
+    fn apply<const AXIS: usize>(&self, mut h: Vec3<S>, mut J: Sym3<S>) -> (Vec3<S>, Sym3<S>) {
+        let (i, (j, k)) = (AXIS, others(AXIS));
+        let more = self.twice.mul_add(h[i], self.square);
+        J.diagonal[j] = J.diagonal[j] + more;
+        J.diagonal[k] = J.diagonal[k] + more;
+        J.off[k] = self.p.mul_sub_from(h[j], J.off[k]);
+        J.off[j] = self.p.mul_sub_from(h[k], J.off[j]);
+        h[i] = h[i] + self.moment;
+        (h, J)
+    }
+}
+
+/// Poses and composite inertias. `places`, one per body, hold positions and turns.
 ///
 /// # Panics
 /// If `places` is shorter than the tree needs.
 #[inline(always)]
-pub fn momentum_map<S: Scalar>(tree: &Tree, places: &mut [Place<S>]) -> System<S> {
+pub(crate) fn set_places<S: Scalar>(tree: &Tree, places: &mut [Place<S>]) {
     let count = tree.bodies.len();
     let (places, bodies) = (&mut places[..count], &tree.bodies[..count]);
     let like = places[0].q;
     let R_BK = bodies[0].X_BK.rotation.matrix();
-    places[0].axes = [0, 1, 2].map(|c| Vec3::constant(like, &R_BK.column(c).into_owned().into()));
+    places[0].axes = [
+        Vec3::constant(like, &R_BK.column(0).into_owned().into()),
+        Vec3::constant(like, &R_BK.column(1).into_owned().into()),
+        Vec3::constant(like, &R_BK.column(2).into_owned().into()),
+    ];
     places[0].p_BK = Vec3::zero(like);
     for (place, body) in places.iter_mut().zip(bodies) {
         place.begin(body, like);
     }
     // Poses go outward while inertias are gathered inward: neither has to wait for the other.
-    let n = tree.hops.len();
-    for (outward, hop) in tree.hops.iter().enumerate() {
-        let (before, rest) = places.split_at_mut(outward + 1);
-        rest[0].follow(hop, &before[hop.parent]);
-        let inward = n - 1 - outward;
+    let mut pose = (places[0].axes, places[0].p_BK);
+    let last = &places[tree.outward.last().map_or(0, |j| j + 1)];
+    let mut gathered = (last.first_moment, last.inertia);
+    for (&outward, &inward) in tree.outward.iter().zip(tree.outward.iter().rev()) {
+        let hop = &tree.hops[outward];
+        if !hop.follows {
+            pose = (places[hop.parent].axes, places[hop.parent].p_BK);
+        }
+        pose = places[outward + 1].follow(hop, pose);
         let (hop, mass) = (&tree.hops[inward], bodies[inward + 1].subtree_mass);
-        let (before, rest) = places.split_at_mut(inward + 1);
-        rest[0].gather(hop, mass, &mut before[hop.parent]);
+        let (h, J) = places[inward + 1].gather(hop, mass, gathered);
+        let parent = &mut places[hop.parent];
+        gathered = (parent.first_moment + h, parent.inertia + J);
+        if !hop.follows {
+            (parent.first_moment, parent.inertia) = gathered;
+            let next = &places[hop.before];
+            gathered = (next.first_moment, next.inertia);
+        }
     }
-    let system = System::new(&places[0], bodies[0].subtree_mass);
-    let per = like.constant(1.0 / bodies[0].subtree_mass);
-    let answer = Sym3 {
-        diagonal: system.H_B_inverse.diagonal.map(|x| -x),
-        off: system.H_B_inverse.off.map(|x| -x),
-    };
-    for ((place, body), hop) in places[1..].iter_mut().zip(&bodies[1..]).zip(&tree.hops) {
-        place.set_column(hop, body.subtree_mass, &system, &answer, per);
+    (places[0].first_moment, places[0].inertia) = gathered;
+}
+
+/// Poses, composite inertias and momentum map. `places`, one per body, hold positions and turns; `columns`,
+/// one per joint, receive the map.
+///
+/// # Panics
+/// If a slice is shorter than the tree needs.
+#[inline(always)]
+pub fn momentum_map<S: Scalar>(
+    tree: &Tree,
+    places: &mut [Place<S>],
+    columns: &mut [Column<S>],
+) -> System<S> {
+    set_places(tree, places);
+    let (count, like) = (tree.dof(), places[0].q);
+    let (levers, columns) = (&places[1..=count], &mut columns[..count]);
+    let system = System::new(&places[0], tree.bodies[0].subtree_mass);
+    let per = like.constant(1.0 / tree.bodies[0].subtree_mass);
+    let answer = -system.H_B_inverse;
+    for (j, (place, column)) in levers.iter().zip(columns).enumerate() {
+        let moves = if tree.hops[j].slides {
+            Moves::Sliding(like.constant(tree.bodies[j + 1].subtree_mass))
+        } else {
+            Moves::Turning
+        };
+        *column = Column::new(&place.lever(), moves, system.p_BC, &answer, per);
     }
     system
 }
 
 impl<S: Scalar> System<S> {
     #[inline(always)]
-    fn new(base: &Place<S>, mass: f64) -> Self {
-        let (h, mut J) = (base.first_moment, base.inertia);
-        let p = h.scaled(h[0].constant(1.0 / mass));
-        let squares = [p[0] * h[0], p[1] * h[1], p[2] * h[2]];
-        for i in 0..3 {
-            let (j, k) = others(i);
-            J.diagonal[i] = J.diagonal[i] - (squares[j] + squares[k]);
-            J.off[i] = p[j].mul_add(h[k], J.off[i]);
-        }
+    pub(super) fn new(base: &Place<S>, mass: f64) -> Self {
+        let (p, J) = about_com(base.first_moment, base.inertia, mass);
         let H_B = rotated(J, &base.axes);
         Self {
             p_BC: base.turned(p),
@@ -281,11 +310,29 @@ impl<S: Scalar> System<S> {
     }
 }
 
+/// Centre of mass, and the inertia about it instead of about the origin.
+#[inline(always)]
+pub(super) fn about_com<S: Scalar>(h: Vec3<S>, mut J: Sym3<S>, mass: f64) -> (Vec3<S>, Sym3<S>) {
+    let p = h.scaled(h[0].constant(1.0 / mass));
+    let squares = [p[0] * h[0], p[1] * h[1], p[2] * h[2]];
+    for i in 0..3 {
+        let (j, k) = others(i);
+        J.diagonal[i] = J.diagonal[i] - (squares[j] + squares[k]);
+        J.off[i] = p[j].mul_add(h[k], J.off[i]);
+    }
+    (p, J)
+}
+
 /// A tensor of the kernel frame in the axes in which those of the frame are given.
 #[inline(always)]
 fn rotated<S: Scalar>(m: Sym3<S>, axes: &[Vec3<S>; 3]) -> Sym3<S> {
-    let rows = [0, 1, 2].map(|i| Vec3([axes[0][i], axes[1][i], axes[2][i]]));
-    let images = rows.map(|row| m.times(row));
+    let [x, y, z] = *axes;
+    let rows = [
+        Vec3([x[0], y[0], z[0]]),
+        Vec3([x[1], y[1], z[1]]),
+        Vec3([x[2], y[2], z[2]]),
+    ];
+    let images = [m.times(rows[0]), m.times(rows[1]), m.times(rows[2])];
     let mut turned = m;
     for i in 0..3 {
         let (j, k) = others(i);
@@ -299,38 +346,38 @@ fn rotated<S: Scalar>(m: Sym3<S>, axes: &[Vec3<S>; 3]) -> Sym3<S> {
 /// linear rows first, after [`momentum_map`]. Masutani 1995 eqs. (4.36), (4.37).
 ///
 /// # Panics
-/// If there are fewer columns than joints.
+/// If a slice is shorter than the tree needs.
 #[inline(always)]
 pub fn generalized_jacobian<S: Scalar>(
     tree: &Tree,
     places: &[Place<S>],
+    columns: &[Column<S>],
     system: &System<S>,
     body: usize,
     p_KE: &[f64; 3],
-    columns: &mut [[S; 6]],
+    out: &mut [[S; 6]],
 ) {
     let end = &places[body];
     let p_BE = end.turned(Vec3::constant(end.q, p_KE)) + end.p_BK;
     let r_CE = p_BE - system.p_BC;
-    for (place, column) in places[1..].iter().zip(columns.iter_mut()) {
-        let Vec3([x, y, z]) = place.H_A.cross(r_CE) - place.J_C;
-        let Vec3([a, b, c]) = place.H_A;
-        *column = [x, y, z, a, b, c];
+    for (column, out) in columns.iter().zip(out.iter_mut()) {
+        let [Vec3([x, y, z]), Vec3([a, b, c])] = column.of_base(r_CE);
+        *out = [x, y, z, a, b, c];
     }
     let mut body = body;
     while body > 0 {
-        let (place, column) = (&places[body], &mut columns[body - 1]);
+        let (place, out) = (&places[body], &mut out[body - 1]);
         let hop = &tree.hops[body - 1];
         let axis = place.axes[2];
         let linear = if hop.slides {
             axis
         } else {
-            for (entry, axis) in column[3..].iter_mut().zip(axis.0) {
+            for (entry, axis) in out[3..].iter_mut().zip(axis.0) {
                 *entry = *entry + axis;
             }
             axis.cross(p_BE - place.p_BK)
         };
-        for (entry, linear) in column[..3].iter_mut().zip(linear.0) {
+        for (entry, linear) in out[..3].iter_mut().zip(linear.0) {
             *entry = *entry + linear;
         }
         body = hop.parent;

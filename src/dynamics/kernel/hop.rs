@@ -1,8 +1,9 @@
 //! Motions and forces from a body to its parent and back.
 
+use super::inertia::{ArticulatedInertia, quarter_sym};
 use super::tree::{Hop, QUARTER, STRAIGHT};
 use super::vector::others;
-use super::{Mat3, Scalar, Sym3, Turn, Vec3};
+use super::{Scalar, Sym3, Turn, Vec3};
 
 /// A force with its moment about a frame's origin.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -71,89 +72,9 @@ impl<S: Scalar> Motion<S> {
     }
 }
 
-/// Inertia of a body with everything that hangs on it by joints that give way: `torque = turning ·
-/// angular + coupling · linear`, `force = couplingᵀ · angular + mass · linear`.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct ArticulatedInertia<S> {
-    /// Torque per angular acceleration \[kg m²\].
-    pub turning: Sym3<S>,
-    /// Torque per linear acceleration \[kg m\].
-    pub coupling: Mat3<S>,
-    /// Force per linear acceleration \[kg\].
-    pub mass: Sym3<S>,
-}
-
-impl<S: Scalar> ArticulatedInertia<S> {
-    /// Two that move together.
-    #[inline(always)]
-    pub fn plus(self, o: Self) -> Self {
-        Self {
-            turning: self.turning + o.turning,
-            coupling: self.coupling + o.coupling,
-            mass: self.mass + o.mass,
-        }
-    }
-
-    /// About a point from which the present one lies at `p` along one axis.
-    #[inline(always)]
-    pub(super) fn shifted<const AXIS: usize>(mut self, p: S) -> Self {
-        let (i, (j, k)) = (AXIS, others(AXIS));
-        // J becomes J - H [p×] + [p×] H'ᵀ with H' = H + [p×] M.
-        let old = self.coupling.0;
-        let (to_j, to_k) = (self.mass.row(k), self.mass.row(j));
-        for c in 0..3 {
-            self.coupling.0[j][c] = p.mul_sub_from(to_j[c], old[j][c]);
-            self.coupling.0[k][c] = p.mul_add(to_k[c], old[k][c]);
-        }
-        let new = self.coupling.0;
-        let t = &mut self.turning;
-        t.off[k] = p.mul_sub_from(old[i][k], t.off[k]);
-        t.off[j] = p.mul_add(old[i][j], t.off[j]);
-        t.diagonal[j] = p.mul_sub_from(old[j][k] + new[j][k], t.diagonal[j]);
-        t.diagonal[k] = p.mul_add(old[k][j] + new[k][j], t.diagonal[k]);
-        t.off[i] = p.mul_add(old[j][j] - new[k][k], t.off[i]);
-        self
-    }
-
-    /// [`Self::shifted`] along z by `d`, of an inertia that feels nothing about z.
-    #[inline(always)]
-    fn shifted_in_plane(mut self, d: S) -> Self {
-        let old = self.coupling.0;
-        let (to_x, to_y) = (self.mass.row(1), self.mass.row(0));
-        for c in 0..3 {
-            self.coupling.0[0][c] = d.mul_sub_from(to_x[c], old[0][c]);
-            self.coupling.0[1][c] = d.mul_add(to_y[c], old[1][c]);
-        }
-        let new = self.coupling.0;
-        let t = &mut self.turning;
-        t.diagonal[0] = d.mul_sub_from(old[0][1] + new[0][1], t.diagonal[0]);
-        t.diagonal[1] = d.mul_add(old[1][0] + new[1][0], t.diagonal[1]);
-        t.off[2] = d.mul_add(old[0][0] - new[1][1], t.off[2]);
-        self
-    }
-
-    #[inline(always)]
-    fn turned<const AXIS: usize>(self, turn: &Turn<S>) -> Self {
-        Self {
-            turning: turn.sym::<AXIS>(self.turning),
-            coupling: turn.mat::<AXIS>(self.coupling),
-            mass: turn.sym::<AXIS>(self.mass),
-        }
-    }
-
-    #[inline(always)]
-    fn quarter_turned(self) -> Self {
-        Self {
-            turning: quarter_sym(self.turning),
-            coupling: quarter_mat(self.coupling),
-            mass: quarter_sym(self.mass),
-        }
-    }
-}
-
 /// `Rx(90°) v`.
 #[inline(always)]
-fn quarter<S: Scalar>(v: Vec3<S>) -> Vec3<S> {
+pub(super) fn quarter<S: Scalar>(v: Vec3<S>) -> Vec3<S> {
     Vec3([v[0], -v[2], v[1]])
 }
 
@@ -161,21 +82,6 @@ fn quarter<S: Scalar>(v: Vec3<S>) -> Vec3<S> {
 #[inline(always)]
 fn quarter_back<S: Scalar>(v: Vec3<S>) -> Vec3<S> {
     Vec3([v[0], v[2], -v[1]])
-}
-
-#[inline(always)]
-fn quarter_sym<S: Scalar>(m: Sym3<S>) -> Sym3<S> {
-    let ([x, y, z], [yz, xz, xy]) = (m.diagonal, m.off);
-    Sym3 {
-        diagonal: [x, z, y],
-        off: [-yz, xy, -xz],
-    }
-}
-
-#[inline(always)]
-fn quarter_mat<S: Scalar>(m: Mat3<S>) -> Mat3<S> {
-    let [x, y, z] = m.0;
-    Mat3([quarter(x), -quarter(z), quarter(y)])
 }
 
 /// What of a hop is computed, known to the compiler: the bend, and whether there are shifts along the
@@ -187,7 +93,7 @@ impl Hop {
     /// The turn about z at a joint position whose cosine and sine are known.
     #[inline(always)]
     pub(crate) fn turn<S: Scalar>(&self, cos: S, sin: S) -> Turn<S> {
-        let [c, s] = self.home.map(|x| cos.constant(x));
+        let (c, s) = (cos.constant(self.home[0]), cos.constant(self.home[1]));
         if self.slides {
             Turn::new(c, s)
         } else if self.is_home {
@@ -292,7 +198,7 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
             torque: self.bent_out(hop, turn.out::<2>(f.torque)),
             force: self.bent_out(hop, turn.out::<2>(f.force)),
         };
-        let p = hop.p.map(|x| q.constant(x));
+        let p = Vec3::constant(q, &hop.p);
         if A || GENERAL {
             f = f.shifted::<0>(p[0]);
         }
@@ -316,7 +222,7 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
         q: S,
         mut m: Motion<S>,
     ) -> Motion<S> {
-        let p = hop.p.map(|x| q.constant(x));
+        let p = Vec3::constant(q, &hop.p);
         if GENERAL {
             let swing = Turn::constant(q, &hop.swing);
             m = Motion {
@@ -367,7 +273,7 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
             QUARTER => inertia = inertia.quarter_turned(),
             _ => inertia = inertia.turned::<0>(&Turn::constant(like, &hop.bend)),
         }
-        let p = hop.p.map(|x| like.constant(x));
+        let p = Vec3::constant(like, &hop.p);
         if A || GENERAL {
             inertia = inertia.shifted::<0>(p[0]);
         }

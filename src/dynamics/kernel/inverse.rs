@@ -63,7 +63,7 @@ pub fn inverse_dynamics<S: Scalar>(
     for (j, hop) in tree.hops.iter().enumerate() {
         let (before, rest) = slots.split_at_mut(j + 1);
         let (parent, slot) = (&before[hop.parent], &mut rest[0]);
-        slot.set_motion(hop, parent);
+        slot.set_motion(hop, parent.w, parent.spin);
         slot.begin(&bodies[j + 1], external.map(|e| &e[j + 1]));
         slot.follow(hop, &parent.acceleration);
         slot.resist(&bodies[j + 1]);

@@ -6,6 +6,19 @@ use pulp::Simd;
 
 use super::Scalar;
 
+/// How many numbers lie side by side in memory: as many as the widest registers hold.
+pub const GROUP: usize = 8;
+
+/// Such a group of numbers, in one cache line: to read or write wide registers across two costs twice.
+#[derive(Debug, Clone, Copy, PartialEq)]
+#[repr(align(64))]
+pub struct Eight(pub [f64; GROUP]);
+
+impl Eight {
+    /// All zero.
+    pub const ZERO: Self = Self([0.0; GROUP]);
+}
+
 /// As many `f64` as the machine's registers hold. Each lane is computed as an `f64` alone would be.
 #[derive(Debug, Clone, Copy)]
 pub struct Lanes<S: Simd> {

@@ -1,19 +1,14 @@
 //! Sine and cosine of many angles at once.
 
-use std::f64::consts::FRAC_2_PI;
+use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
 
-/// How many angles go together.
-pub const GROUP: usize = 8;
+use super::{Eight, GROUP};
 
 /// Above this the quarter turns are no longer counted exactly; the standard library takes over.
 const LARGEST: f64 = 1e5;
 
-/// π/2 in three parts of which the first two have 33 bits, so that their multiples are exact.
-const QUARTER: [f64; 3] = [
-    1.570_796_326_734_125_6,
-    6.077_100_506_303_966e-11,
-    2.022_266_248_795_950_6e-21,
-];
+/// π/2 and what it lacks: with one rounding an operation this is enough for angles in range.
+const QUARTER: [f64; 2] = [FRAC_PI_2, 6.123_233_995_736_766e-17];
 
 /// Minimax polynomials on ±π/4 (Sun's fdlibm): `sin x = x + x³ S(x²)`, `cos x = 1 - x²/2 + x⁴ C(x²)`.
 const SIN: [f64; 6] = [
@@ -34,11 +29,12 @@ const COS: [f64; 6] = [
 ];
 
 /// Cosines and sines of eight angles to one unit in the last place of 1. The compiler makes wide
-/// instructions of it where it may.
+/// instructions of it where it may, as everywhere in the kernels ([`super::Scalar`]).
 #[inline(always)]
-pub fn sin_cos(angles: &[f64; GROUP]) -> ([f64; GROUP], [f64; GROUP]) {
-    let mut cos = [0.0; GROUP];
-    let mut sin = [0.0; GROUP];
+pub fn sin_cos(angles: &Eight) -> (Eight, Eight) {
+    let Eight(angles) = angles;
+    let (mut cosines, mut sines) = (Eight::ZERO, Eight::ZERO);
+    let (Eight(cos), Eight(sin)) = (&mut cosines, &mut sines);
     let mut in_range = true;
     for angle in angles {
         in_range &= angle.abs() <= LARGEST;
@@ -52,7 +48,19 @@ pub fn sin_cos(angles: &[f64; GROUP]) -> ([f64; GROUP], [f64; GROUP]) {
             (sin[i], cos[i]) = angles[i].sin_cos();
         }
     }
-    (cos, sin)
+    (cosines, sines)
+}
+
+/// Terms are put together in pairs, so that few wait for others.
+#[inline(always)]
+fn polynomial(c: &[f64; 6], z: f64) -> f64 {
+    let zz = z * z;
+    let (high, middle, low) = (
+        c[0].mul_add(z, c[1]),
+        c[2].mul_add(z, c[3]),
+        c[4].mul_add(z, c[5]),
+    );
+    high.mul_add(zz, middle).mul_add(zz, low)
 }
 
 /// Cosine and sine of one angle within the range.
@@ -60,21 +68,17 @@ pub fn sin_cos(angles: &[f64; GROUP]) -> ([f64; GROUP], [f64; GROUP]) {
 fn reduced(angle: f64) -> (f64, f64) {
     // Adding this rounds to an integer, which then stands in the lowest bits.
     const ROUND: f64 = 6_755_399_441_055_744.0;
-    let shifted = angle * FRAC_2_PI + ROUND;
+    let shifted = angle.mul_add(FRAC_2_PI, ROUND);
     let quarters = shifted.to_bits();
     let turns = shifted - ROUND;
-    let x = angle - turns * QUARTER[0] - turns * QUARTER[1] - turns * QUARTER[2];
+    let x = turns.mul_add(-QUARTER[0], angle);
+    let x = turns.mul_add(-QUARTER[1], x);
     let z = x * x;
-    let mut s = SIN[0];
-    let mut c = COS[0];
-    for i in 1..6 {
-        s = s * z + SIN[i];
-        c = c * z + COS[i];
-    }
-    let sin = x + x * z * s;
+    let (s, c) = (polynomial(&SIN, z), polynomial(&COS, z));
+    let sin = (x * z).mul_add(s, x);
     let half = 0.5 * z;
     let head = 1.0 - half;
-    let cos = head + ((1.0 - head - half) + z * z * c);
+    let cos = head + (z * z).mul_add(c, 1.0 - head - half);
     let (cos, sin) = if quarters & 1 == 0 {
         (cos, sin)
     } else {
@@ -98,7 +102,7 @@ mod tests {
         let mut worst: f64 = 0.0;
         while angle < 1.0e5 {
             let angles = std::array::from_fn(|i| angle + 0.61 * i as f64);
-            let (cos, sin) = sin_cos(&angles);
+            let (Eight(cos), Eight(sin)) = sin_cos(&Eight(angles));
             for i in 0..GROUP {
                 let (s, c) = angles[i].sin_cos();
                 worst = worst.max((sin[i] - s).abs()).max((cos[i] - c).abs());
@@ -107,9 +111,9 @@ mod tests {
         }
         assert!(worst <= 2.3e-16, "{worst:e}");
         for angle in [0.0, -1e-300, 1e-9, 1e6, -1e22] {
-            let (cos, sin) = sin_cos(&[angle; GROUP]);
-            assert_eq!((sin[3], cos[3]), angle.sin_cos());
+            let (cos, sin) = sin_cos(&Eight([angle; GROUP]));
+            assert_eq!((sin.0[3], cos.0[3]), angle.sin_cos());
         }
-        assert!(sin_cos(&[f64::NAN; GROUP]).0[0].is_nan());
+        assert!(sin_cos(&Eight([f64::NAN; GROUP])).0.0[0].is_nan());
     }
 }

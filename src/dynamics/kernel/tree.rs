@@ -8,8 +8,9 @@
 //! from outside.
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
+use pulp::Simd;
 
-use super::{Force, GROUP, Scalar, Turn, Vec3, sin_cos};
+use super::{Eight, Force, GROUP, Mat3, Scalar, Turn, Vec3, sin_cos};
 use crate::model::{Frame, Joint, Model};
 use crate::spatial::{Pose, SpatialInertia, Wrench};
 
@@ -23,10 +24,14 @@ pub struct Tree {
     pub(crate) bodies: Vec<Body>,
     /// Hop `j` joins body `j + 1` to its parent.
     pub(crate) hops: Vec<Hop>,
+    /// The hops by their distance from the base. In this order branches are taken side by side, and the
+    /// processor works on one while another waits for its last result.
+    pub(crate) outward: Vec<usize>,
 }
 
 /// One body in its kernel frame K.
 #[derive(Debug, Clone)]
+#[repr(align(64))]
 pub(crate) struct Body {
     /// Pose of the kernel frame in the body's frame B.
     pub X_BK: Pose,
@@ -56,6 +61,11 @@ pub(crate) struct Hop {
     pub home: [f64; 2],
     /// Whether that is no turn.
     pub is_home: bool,
+    /// Whether the parent is the body that comes before this one in [`Tree::outward`]: a sweep then hands on
+    /// what it found in registers, since to write it and to read it again takes longer than a sum.
+    pub follows: bool,
+    /// The body that comes before there.
+    pub before: usize,
     pub p: [f64; 3],
     pub d: f64,
     /// Origin in the parent (a slide at zero), in the parent's axes.
@@ -101,8 +111,23 @@ impl Tree {
             let parent = model.joint_parent(j);
             Hop::new(joint, parent, &frames[parent], &frames[j + 1])
         });
-        let hops = hops.collect();
-        Self { bodies, hops }
+        let mut hops: Vec<Hop> = hops.collect();
+        let mut depths = vec![0; hops.len() + 1];
+        for (j, hop) in hops.iter().enumerate() {
+            depths[j + 1] = depths[hop.parent] + 1;
+        }
+        let mut outward: Vec<usize> = (0..hops.len()).collect();
+        outward.sort_by_key(|&j| depths[j + 1]);
+        let mut before = 0;
+        for &j in &outward {
+            (hops[j].before, hops[j].follows) = (before, hops[j].parent == before);
+            before = j + 1;
+        }
+        Self {
+            bodies,
+            hops,
+            outward,
+        }
     }
 
     /// Number of joints.
@@ -121,13 +146,47 @@ impl Tree {
         &self.bodies[0].X_BK.rotation
     }
 
+    /// A vector of the base frame's axes in those of its kernel frame.
+    #[inline(always)]
+    pub(crate) fn to_base_kernel<S: Scalar>(&self, v: Vec3<S>) -> Vec3<S> {
+        self.base_rotation(v[0]).tr_mul(v)
+    }
+
+    /// A vector of the base's kernel frame in the axes of the base frame.
+    #[inline(always)]
+    pub(crate) fn to_base_frame<S: Scalar>(&self, v: Vec3<S>) -> Vec3<S> {
+        self.base_rotation(v[0]).times(v)
+    }
+
+    #[inline(always)]
+    fn base_rotation<S: Scalar>(&self, like: S) -> Mat3<S> {
+        let R = self.base_axes().matrix();
+        let row = |i| [R[(i, 0)], R[(i, 1)], R[(i, 2)]];
+        Mat3([
+            Vec3::constant(like, &row(0)),
+            Vec3::constant(like, &row(1)),
+            Vec3::constant(like, &row(2)),
+        ])
+    }
+
     /// Tells the turn of every joint at positions `q`.
     #[inline(always)]
-    pub(crate) fn turns(&self, q: &[f64], mut tell: impl FnMut(usize, f64, Turn<f64>)) {
+    pub(crate) fn turns<V: Simd>(
+        &self,
+        simd: V,
+        q: &[f64],
+        mut tell: impl FnMut(usize, f64, Turn<f64>),
+    ) {
         for (group, (q, hops)) in q.chunks(GROUP).zip(self.hops.chunks(GROUP)).enumerate() {
-            let mut angles = [0.0; GROUP];
-            angles[..q.len()].copy_from_slice(q);
-            let (cos, sin) = sin_cos(&angles);
+            // Copied by wide instructions: what is written in pieces takes long to be read at once.
+            let mut angles = Eight::ZERO;
+            for (q, angles) in q
+                .chunks(V::F64_LANES)
+                .zip(angles.0.chunks_mut(V::F64_LANES))
+            {
+                simd.partial_store_f64s(angles, simd.partial_load_f64s(q));
+            }
+            let (Eight(cos), Eight(sin)) = sin_cos(&angles);
             for (i, (&q, hop)) in q.iter().zip(hops).enumerate() {
                 tell(group * GROUP + i, q, hop.turn(cos[i], sin[i]));
             }
@@ -296,6 +355,8 @@ impl Hop {
             bend,
             home,
             is_home: home == [1.0, 0.0],
+            follows: false,
+            before: 0,
             p: p.into(),
             d,
             p_PK: (swung * (p + z * d)).into(),

@@ -16,17 +16,24 @@ pub struct Turn<S> {
     pub sin_sin: S,
     /// `sin cos`.
     pub sin_cos: S,
+    /// Sine of twice the angle.
+    pub sin_twice: S,
+    /// Cosine of twice the angle.
+    pub cos_twice: S,
 }
 
 impl<S: Scalar> Turn<S> {
     /// From cosine and sine of the angle.
     #[inline(always)]
     pub fn new(cos: S, sin: S) -> Self {
+        let (sin_sin, sin_cos) = (sin * sin, sin * cos);
         Self {
             cos,
             sin,
-            sin_sin: sin * sin,
-            sin_cos: sin * cos,
+            sin_sin,
+            sin_cos,
+            sin_twice: sin_cos + sin_cos,
+            cos_twice: cos.mul_add(cos, -sin_sin),
         }
     }
 
@@ -38,6 +45,8 @@ impl<S: Scalar> Turn<S> {
             sin: like.constant(turn.sin),
             sin_sin: like.constant(turn.sin_sin),
             sin_cos: like.constant(turn.sin_cos),
+            sin_twice: like.constant(turn.sin_twice),
+            cos_twice: like.constant(turn.cos_twice),
         }
     }
 
@@ -66,15 +75,13 @@ impl<S: Scalar> Turn<S> {
     #[inline(always)]
     pub fn sym_in_plane<const AXIS: usize>(&self, m: Sym3<S>) -> Sym3<S> {
         let (j, k) = others(AXIS);
-        let (difference, twice) = (m.diagonal[j] - m.diagonal[k], m.off[AXIS] + m.off[AXIS]);
+        let (difference, off) = (m.diagonal[j] - m.diagonal[k], m.off[AXIS]);
         // The trace stays, so one number corrects both entries of the diagonal.
-        let moved = self.sin_sin.mul_add(difference, self.sin_cos * twice);
+        let moved = self.sin_sin.mul_add(difference, self.sin_twice * off);
         let mut turned = m;
         turned.diagonal[j] = m.diagonal[j] - moved;
         turned.diagonal[k] = m.diagonal[k] + moved;
-        turned.off[AXIS] = self
-            .sin_sin
-            .mul_sub_from(twice, self.sin_cos.mul_add(difference, m.off[AXIS]));
+        turned.off[AXIS] = self.sin_cos.mul_add(difference, self.cos_twice * off);
         turned
     }
 

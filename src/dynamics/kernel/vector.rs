@@ -1,4 +1,8 @@
 //! Vectors and 3 × 3 matrices of any [`Scalar`].
+//!
+//! Here and in all kernels numbers do not go through closures (no `map` over arrays of them): what the
+//! compiler leaves of such a call may not use the wide instructions that the kernel around it may, and
+//! every operation in it becomes a call.
 
 use std::ops::{Add, Index, IndexMut, Neg, Sub};
 
@@ -38,7 +42,11 @@ impl<S: Scalar> Vec3<S> {
     /// `v` as numbers of the kind of `like`.
     #[inline(always)]
     pub fn constant(like: S, v: &[f64; 3]) -> Self {
-        Self(v.map(|x| like.constant(x)))
+        Self([
+            like.constant(v[0]),
+            like.constant(v[1]),
+            like.constant(v[2]),
+        ])
     }
 
     /// Scalar product.
@@ -69,7 +77,8 @@ impl<S: Scalar> Vec3<S> {
     /// `self · k`.
     #[inline(always)]
     pub fn scaled(self, k: S) -> Self {
-        Self(self.0.map(|x| x * k))
+        let [x, y, z] = self.0;
+        Self([x * k, y * k, z * k])
     }
 }
 
@@ -110,7 +119,8 @@ impl<S: Scalar> Neg for Vec3<S> {
     type Output = Self;
     #[inline(always)]
     fn neg(self) -> Self {
-        Self(self.0.map(|x| -x))
+        let [x, y, z] = self.0;
+        Self([-x, -y, -z])
     }
 }
 
@@ -118,10 +128,10 @@ impl<S: Scalar> Sym3<S> {
     /// `m` as numbers of the kind of `like`.
     #[inline(always)]
     pub fn constant(like: S, m: &Symmetric3) -> Self {
-        let of = |v: &nalgebra::Vector3<f64>| [v.x, v.y, v.z].map(|x| like.constant(x));
+        let (d, o) = (&m.diagonal, &m.off_diagonal);
         Self {
-            diagonal: of(&m.diagonal),
-            off: of(&m.off_diagonal),
+            diagonal: Vec3::constant(like, &[d.x, d.y, d.z]).0,
+            off: Vec3::constant(like, &[o.x, o.y, o.z]).0,
         }
     }
 
@@ -171,8 +181,8 @@ impl<S: Scalar> Sym3<S> {
             .mul_add(diagonal[0], c.mul_add(off[2], b * off[1]))
             .recip();
         Self {
-            diagonal: diagonal.map(|x| x * scale),
-            off: off.map(|x| x * scale),
+            diagonal: Vec3(diagonal).scaled(scale).0,
+            off: Vec3(off).scaled(scale).0,
         }
     }
 }
@@ -197,6 +207,17 @@ impl<S: Scalar> Add for Sym3<S> {
     }
 }
 
+impl<S: Scalar> Neg for Sym3<S> {
+    type Output = Self;
+    #[inline(always)]
+    fn neg(self) -> Self {
+        Self {
+            diagonal: (-Vec3(self.diagonal)).0,
+            off: (-Vec3(self.off)).0,
+        }
+    }
+}
+
 impl<S: Scalar> Mat3<S> {
     /// Column `j`.
     #[inline(always)]
@@ -207,7 +228,8 @@ impl<S: Scalar> Mat3<S> {
     /// Matrix times vector.
     #[inline(always)]
     pub fn times(self, v: Vec3<S>) -> Vec3<S> {
-        Vec3(self.0.map(|row| row.dot(v)))
+        let [x, y, z] = self.0;
+        Vec3([x.dot(v), y.dot(v), z.dot(v)])
     }
 
     /// Transposed matrix times vector.

@@ -327,7 +327,7 @@ mod tests {
             span: 0.0,
             holds: true,
         };
-        let mut problem = Problem::new(start, &samples[80..180]);
+        let mut problem = Problem::new(start, &samples[145..157]);
         let x = DVector::from_fn(PARAMETERS + 6, |i, _| 0.004 * (i as f64 - 5.0));
         problem.set_params(&x);
         problem.prior = 0.5;

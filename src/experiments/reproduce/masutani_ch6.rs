@@ -70,7 +70,8 @@ pub(super) fn fig_6_1(mut report: Report) -> Report {
         MapPanel {
             title: format!("mass ratio {ratio}"),
             values: values.collect(),
-            ..MapPanel::default()
+            crosses: Vec::new(),
+            grid: None,
         }
     });
     let figure = MapFigure {

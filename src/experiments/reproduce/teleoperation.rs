@@ -257,7 +257,8 @@ pub(super) fn fig_8_10(mut report: Report) -> Report {
             values: (cells.iter())
                 .map(|cell| cell.as_ref().map_or(f64::NAN, value))
                 .collect(),
-            ..MapPanel::default()
+            crosses: Vec::new(),
+            grid: None,
         }],
     };
     for (stem, title, scale, value) in [

@@ -1,0 +1,133 @@
+//! Rates of change of a state, and how they carry it on.
+
+use nalgebra::{DVector, Quaternion, UnitQuaternion, Vector3};
+
+use super::kernel::{Attitude, SMALL_TURN, Vec3, small_turn_rate};
+use super::{Input, State, Workspace};
+use crate::model::Model;
+use crate::spatial::{exp_so3, rotation_vector_rate};
+
+/// A state's rate of change at one stage. The attitude's is that of the rotation vector turned since the
+/// step began.
+#[derive(Debug, Clone)]
+pub(super) struct Rate {
+    turned: Vector3<f64>,
+    com: Vector3<f64>,
+    linear_momentum: Vector3<f64>,
+    angular_momentum: Vector3<f64>,
+    q: DVector<f64>,
+    qd: DVector<f64>,
+    work: f64,
+}
+
+impl Rate {
+    pub(super) fn zero(n: usize) -> Self {
+        Self {
+            turned: Vector3::zeros(),
+            com: Vector3::zeros(),
+            linear_momentum: Vector3::zeros(),
+            angular_momentum: Vector3::zeros(),
+            q: DVector::zeros(n),
+            qd: DVector::zeros(n),
+            work: 0.0,
+        }
+    }
+
+    /// What follows from the motion alone: `qdd` are the joint accelerations, `w_WB_B` the base's angular
+    /// velocity, `turned` what was turned since the step began.
+    #[inline(always)]
+    pub(super) fn set_motion(
+        &mut self,
+        state: &State,
+        qdd: &DVector<f64>,
+        mass: f64,
+        w_WB_B: &Vector3<f64>,
+        turned: &Vector3<f64>,
+    ) {
+        self.turned = if turned.norm_squared() <= SMALL_TURN {
+            let (turned, w) = (Vec3((*turned).into()), Vec3((*w_WB_B).into()));
+            small_turn_rate(turned, w).0.into()
+        } else {
+            rotation_vector_rate(turned, w_WB_B)
+        };
+        self.com = state.momentum_W.linear / mass;
+        self.q.as_mut_slice().copy_from_slice(state.qd.as_slice());
+        self.qd.as_mut_slice().copy_from_slice(qdd.as_slice());
+    }
+
+    /// Nothing acts from outside, and the joints have this power.
+    #[inline(always)]
+    pub(super) fn set_free(&mut self, joint_power: f64) {
+        self.linear_momentum = Vector3::zeros();
+        self.angular_momentum = Vector3::zeros();
+        self.work = joint_power;
+    }
+
+    /// What external wrenches and joints do, from the workspace's sums of the former.
+    pub(super) fn set_driven(
+        &mut self,
+        model: &Model,
+        state: &State,
+        workspace: &Workspace,
+        input: &Input,
+    ) {
+        self.linear_momentum = state.R_WB * workspace.external.force;
+        self.angular_momentum = state.R_WB * workspace.external.torque;
+        self.work = workspace.external_power;
+        let motion = state.q.as_slice().iter().zip(state.qd.as_slice());
+        let actuated = model.joints().iter().zip(input.efforts.as_slice());
+        for ((joint, effort), (q, qd)) in actuated.zip(motion) {
+            self.work += (effort + joint.passive_effort(*q, *qd)) * qd;
+        }
+    }
+}
+
+/// `into = from + dt Σ weights rates`; returns the rotation vector turned.
+#[inline(always)]
+pub(super) fn advance(
+    into: &mut State,
+    from: &State,
+    rates: &[Rate],
+    weights: &[f64],
+    dt: f64,
+) -> Vector3<f64> {
+    into.p_WC = from.p_WC;
+    into.momentum_W = from.momentum_W;
+    into.work = from.work;
+    let (q, qd) = (into.q.as_mut_slice(), into.qd.as_mut_slice());
+    q.copy_from_slice(from.q.as_slice());
+    qd.copy_from_slice(from.qd.as_slice());
+    let mut turned = Vector3::zeros();
+    for (rate, weight) in rates.iter().zip(weights) {
+        if *weight == 0.0 {
+            continue;
+        }
+        let k = dt * weight;
+        turned += rate.turned * k;
+        into.p_WC += rate.com * k;
+        into.momentum_W.linear += rate.linear_momentum * k;
+        into.momentum_W.angular += rate.angular_momentum * k;
+        into.work += rate.work * k;
+        let joints = rate.q.as_slice().iter().zip(rate.qd.as_slice());
+        for ((q, qd), (q_rate, qd_rate)) in q.iter_mut().zip(&mut *qd).zip(joints) {
+            *q += q_rate * k;
+            *qd += qd_rate * k;
+        }
+    }
+    into.R_WB = turn(&from.R_WB, &turned);
+    turned
+}
+
+/// An attitude after turning by a rotation vector.
+#[inline(always)]
+fn turn(R_WB: &UnitQuaternion<f64>, turned: &Vector3<f64>) -> UnitQuaternion<f64> {
+    if turned.norm_squared() <= SMALL_TURN {
+        let [i, j, k, w] = R_WB.coords.into();
+        let v = Vec3([i, j, k]);
+        let after = Attitude { w, v }.then(Attitude::of_small(Vec3((*turned).into())));
+        let [i, j, k] = after.v.0;
+        UnitQuaternion::new_unchecked(Quaternion::new(after.w, i, j, k))
+    } else {
+        R_WB * exp_so3(turned)
+    }
+}
