@@ -84,7 +84,7 @@ fn resolved(method: Resolution, state: &Value, velocity: Vector3<f64>) -> DVecto
 #[test]
 fn an_rclpy_joystick_moves_the_tip_and_its_loss_stops_it() {
     in_time(|| {
-        let domain = 92;
+        let domain = 65;
         let mut launch = launch(domain);
         let mut peer = observer(domain);
         // Time waits for the operator, and so does the arm.
@@ -151,7 +151,7 @@ fn an_rclpy_joystick_moves_the_tip_and_its_loss_stops_it() {
 #[test]
 fn motion_follows_the_stick_at_once() {
     in_time(|| {
-        let domain = 93;
+        let domain = 66;
         let _claim = DomainClaim::new(domain);
         let mut launch = launch(domain);
         let trials = std::env::var("FUYU_LATENCY_TRIALS").unwrap_or_else(|_| "20".to_owned());
@@ -199,7 +199,7 @@ fn steer_until(
 #[test]
 fn twists_steer_by_the_method_that_is_set() {
     in_time(|| {
-        let domain = 94;
+        let domain = 67;
         let mut launch = launch(domain);
         let mut peer = observer(domain);
         for (name, method) in Resolution::NAMES {
@@ -240,7 +240,7 @@ fn twists_steer_by_the_method_that_is_set() {
 #[test]
 fn wrong_messages_stop_the_arm_and_are_named() {
     in_time(|| {
-        let domain = 95;
+        let domain = 68;
         let mut launch = launch(domain);
         let mut peer = observer(domain);
         let wrong_joy = |axes: Value, buttons: Value| json!({"do": "publish", "topic": "joy", "type": JOY, "message": {"axes": axes, "buttons": buttons}});
