@@ -38,7 +38,7 @@ const DENSE: usize = 30;
 
 /// Every formulation of forward dynamics, by name.
 pub fn forward(model: &Model) -> Vec<(&'static str, Box<dyn Program + '_>)> {
-    let is_affordable = |kind| match kind {
+    let is_affordable = |kind: FormulationKind| match kind {
         FormulationKind::Kane | FormulationKind::NewtonEuler => model.dof() <= DENSE,
         FormulationKind::ArticulatedBody | FormulationKind::Reduced => true,
     };
