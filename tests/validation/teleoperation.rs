@@ -358,7 +358,7 @@ fn indices_are_the_worst_over_all_commands() {
             misdirection = misdirection.max(done.angle(&command));
         }
         let found = mapping.at(q).operability;
-        assert!((found.distortion - spot.distortion).abs() < 1e-6 * distortion);
+        assert!((found.distortion - distortion).abs() < 1e-6 * distortion);
         assert!((found.misdirection - misdirection).abs() < 1e-4, "{q:?}");
     }
 }
