@@ -23,6 +23,7 @@ mod process;
 mod starvation;
 mod strangers;
 mod survival;
+mod switching;
 mod teleop;
 mod tumbling;
 mod view;
