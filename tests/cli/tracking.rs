@@ -27,7 +27,7 @@ fn error(run: &Value) -> (f64, f64) {
 fn a_grasp_point_on_a_tumbling_target_is_followed() {
     let (position, angle) = error(&simulated(TRACKING, "", "").json());
     assert!(position < 0.02 && angle < 1.0, "{position} {angle}");
-    let blind = simulated(TRACKING, "prediction: motion", "prediction: none");
+    let blind = simulated(TRACKING, "    prediction: motion", "    prediction: none");
     let (position, _) = error(&blind.json());
     assert!(position > 0.1, "{position}");
 }
@@ -60,8 +60,8 @@ fn what_does_not_exist_is_named() {
         ),
         (
             TRACKING,
-            "prediction: motion",
-            "prediction: oracle",
+            "    prediction: motion",
+            "    prediction: oracle",
             ["'oracle' is not one of", "none, latency, motion"],
         ),
         (

@@ -176,6 +176,8 @@ const SUBSCRIPTIONS: [(&str, &[&str]); 4] = [
         &[
             "/camera/goal_pose",
             "/camera/tip_pose",
+            "/estimator/angular_velocity",
+            "/imu",
             "/joint_states",
             "/robot_description",
         ],
