@@ -27,7 +27,7 @@ fn largest_change(domain: u16, hand_over: &str) -> f64 {
     peer.subscribe("joint_commands", JOINT_STATE, "reliable");
     let services = ["/controller/set_parameters"];
     peer.graph("controller", "/", &json!({ "services": services }));
-    let mut wait_until = |peer: &mut Peer, due: f64| {
+    let wait_until = |peer: &mut Peer, due: f64| {
         eventually("simulated time", 2 * PATIENCE, || {
             let command = fresh(peer, "joint_commands", 1).pop()?;
             (time(&command) >= due).then_some(())
