@@ -1,7 +1,7 @@
 //! Law and gains change while the arm moves: the efforts go over without a jump. (Straight paths are left out: at
 //! 100 Hz they are too stiff for this arm's light wrist, and chatter by themselves.)
 
-use fuyu::msg::{fuyu_msgs::ControllerState, sensor_msgs::JointState};
+use fuyu::msg::fuyu_msgs::ControllerState;
 use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
