@@ -2,11 +2,11 @@
 
 use std::fmt;
 
-use nalgebra::DVector;
+use nalgebra::{DVector, Vector3};
 
 use super::{
-    ControllerConfig, IkError, JointPd, Measurement, OperationalSpace, PoseError, StraightPath,
-    TransposeJacobian, Trouble,
+    ControllerConfig, IkError, JointPd, Measurement, OperationalSpace, PoseError, Saturation,
+    StraightPath, TransposeJacobian, Trouble,
 };
 use crate::dynamics::Workspace;
 use crate::model::{Frame, Model};
@@ -135,6 +135,16 @@ impl Acted {
             pulls: seen.sight.is_some(),
             ..Self::default()
         }
+    }
+
+    /// Position and orientation error as they act, if anything was seen; notes what of them was cut.
+    pub fn saturate(&mut self, saturation: &Saturation) -> Option<(Vector3<f64>, Vector3<f64>)> {
+        let error = self.error.as_ref()?;
+        let (e_p, position_saturated) = saturation.position_error(error);
+        let (e_o, orientation_saturated) = saturation.orientation_error(error);
+        self.position_saturated = position_saturated;
+        self.orientation_saturated = orientation_saturated;
+        Some((e_p, e_o))
     }
 }
 

@@ -292,11 +292,12 @@ impl Law for OperationalSpace {
         pull: &mut DVector<f64>,
     ) -> Result<Acted, LawError> {
         let mut acted = Acted::on(seen);
-        let (Some(now), Some(error)) = (&seen.present, &acted.error) else {
+        let Some(now) = &seen.present else {
             return Ok(acted);
         };
-        acted.position_saturated = self.saturation.position_error(error).1;
-        acted.orientation_saturated = self.saturation.orientation_error(error).1;
+        if acted.saturate(&self.saturation).is_none() {
+            return Ok(acted);
+        }
         self.prepare(arm, seen, now);
         if self.config.base == BaseTask::BeforeTips {
             self.hold_base(&arm.model, &arm.workspace, now);

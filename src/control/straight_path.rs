@@ -141,14 +141,9 @@ impl Law for StraightPath {
         pull: &mut DVector<f64>,
     ) -> Result<Acted, LawError> {
         let mut acted = Acted::on(seen);
-        let Some(error) = &acted.error else {
+        let Some((e_p, e_o)) = acted.saturate(&self.gains.saturation) else {
             return Ok(acted);
         };
-        let saturation = &self.gains.saturation;
-        let (e_p, position_saturated) = saturation.position_error(error);
-        let (e_o, orientation_saturated) = saturation.orientation_error(error);
-        acted.position_saturated = position_saturated;
-        acted.orientation_saturated = orientation_saturated;
         arm.workspace.set_positions(&arm.model, seen.q);
         (arm.workspace).generalized_jacobian(&arm.tip, &mut self.tip_moves);
         let (mut V_E, mut W_E) = (Vector3::zeros(), Vector3::zeros());

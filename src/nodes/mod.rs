@@ -26,9 +26,10 @@ mod robot_description;
 pub mod scenario;
 mod stamp_pairs;
 pub mod teleop;
+mod tip;
 pub mod topics;
 
-pub use robot_description::tip_frame;
+pub use tip::tip_frame;
 
 use crate::ros::{Node, NodeError};
 

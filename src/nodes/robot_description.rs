@@ -5,7 +5,7 @@ use std::time::Duration;
 use crate::{
     model::{Frame, Model},
     msg::std_msgs,
-    nodes::topics,
+    nodes::{tip::tip_frame, topics},
     ros::{Node, NodeError, Status, Subscription},
 };
 
@@ -92,19 +92,4 @@ impl RobotDescription {
             }
         }
     }
-}
-
-/// The frame of the tip link.
-///
-/// # Errors
-/// Names the links that there are.
-pub fn tip_frame(model: &Model, tip_link: &str) -> Result<Frame, String> {
-    model.frame(tip_link).cloned().ok_or_else(|| {
-        let links: Vec<_> = model.frames().iter().map(|f| f.name.as_str()).collect();
-        format!(
-            "tip_link '{tip_link}' is no link of robot '{}'; it has {}",
-            model.name(),
-            links.join(", ")
-        )
-    })
 }

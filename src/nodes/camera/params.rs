@@ -4,7 +4,10 @@ use nalgebra::Isometry3;
 
 use super::feature_params::{FeatureParams, FeatureQuality};
 use crate::{
-    nodes::placement::declare_pose,
+    nodes::{
+        placement::declare_pose,
+        tip::{declare_second_tip_link, declare_tip_link},
+    },
     ros::{Declare, Param},
     vision::PoseCameraConfig,
 };
@@ -105,10 +108,7 @@ impl CameraParams {
     pub(super) fn declare_live(
         declare: &mut Declare,
     ) -> Result<(Self, Quality, FeatureQuality), String> {
-        let tip_link = declare
-            .param("tip_link", "tool0", "Link whose frame is the tip")
-            .read_only()
-            .value();
+        let tip_link = declare_tip_link(declare);
         let goal = declare_pose(declare, "goal", "goal object", true);
         let goal_frame = declare
             .param(
@@ -118,14 +118,7 @@ impl CameraParams {
             )
             .read_only()
             .value();
-        let second_tip_link = declare
-            .param(
-                "second_tip_link",
-                "",
-                "Link whose frame is the tip of a second arm; empty: there is none",
-            )
-            .read_only()
-            .value();
+        let second_tip_link = declare_second_tip_link(declare);
         let second_goal = declare_pose(declare, "second_goal", "second tip's goal", true);
         let quality = Quality::declare(declare);
         let mut pixels = |name: &str, text: &str| {

@@ -14,9 +14,9 @@ use super::{
     choice,
     geometry::{pose_from_msg, vector_from_msg, vector_to_msg, with_matrix},
     joint_vectors,
-    robot_description::{Robot, RobotDescription, tip_frame},
+    robot_description::{Robot, RobotDescription},
     stamp_pairs::StampPairs,
-    topics,
+    tip_frame, topics,
 };
 use crate::{
     control::{Acted, Controller, ControllerConfig, GoalRate, LawKind, Measurement, Sight},

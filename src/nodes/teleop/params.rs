@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     control::{OperatorConfig, Resolution, ResolvedRateConfig},
-    nodes::{choice, geometry::unit_quaternion, placement::finite},
+    nodes::{choice, geometry::unit_quaternion, placement::finite, tip::declare_tip_link},
     ros::{Declare, Param},
 };
 
@@ -192,10 +192,7 @@ impl TeleopParams {
     }
 
     pub(super) fn declare_live(declare: &mut Declare) -> Result<(Self, Live), String> {
-        let tip_link = declare
-            .param("tip_link", "tool0", "Link whose frame is the tip")
-            .read_only()
-            .value();
+        let tip_link = declare_tip_link(declare);
         let rate = declare
             .param(
                 "rate",

@@ -14,7 +14,10 @@ use std::sync::{
 
 use crate::{
     control::{ControllerConfig, LawKind},
-    nodes::choice,
+    nodes::{
+        choice,
+        tip::{declare_second_tip_link, declare_tip_link},
+    },
     ros::{Declare, ParameterValue, params::Parameter},
 };
 
@@ -134,18 +137,8 @@ impl ControllerParams {
     }
 
     pub(super) fn declare_live(declare: &mut Declare) -> (Self, Live) {
-        let tip_link = declare
-            .param("tip_link", "tool0", "Link whose frame is the tip")
-            .read_only()
-            .value();
-        let second_tip_link = declare
-            .param(
-                "second_tip_link",
-                "",
-                "Link whose frame is the tip of a second arm; empty: there is none",
-            )
-            .read_only()
-            .value();
+        let tip_link = declare_tip_link(declare);
+        let second_tip_link = declare_second_tip_link(declare);
         let live = Live::declare(declare);
         let measurement_timeout = declare
             .param(
