@@ -77,7 +77,7 @@ impl LawKind {
             Self::TransposeJacobian => Box::new(TransposeJacobian::new(config, joints)),
             Self::OperationalSpace => Box::new(OperationalSpace::new(config, arm)),
             Self::JointPd => Box::new(JointPd::new(config)),
-            Self::StraightPath => Box::new(StraightPath::new(config, joints)),
+            Self::StraightPath => Box::new(StraightPath::new(config, arm)),
         }
     }
 }

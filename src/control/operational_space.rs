@@ -64,8 +64,8 @@ pub struct OperationalConfig {
     /// Rate at which joint motion dies out that no task has use of \[1/s\]. Tasks drive such motion by
     /// centrifugal forces, so it must be larger than the joints are fast.
     pub null_space_damping: f64,
-    /// Joint rate beyond which joints are braked whatever the tasks want \[rad/s or m/s\]: tasks that contradict each other
-    /// otherwise drive self-motion without bounds.
+    /// Largest joint rate, whatever the tasks want \[rad/s or m/s\]: tasks that contradict each other otherwise drive
+    /// self-motion without bounds.
     pub fastest: f64,
     /// Singular value below which a task's directions are damped, [`TaskPriority::damping`].
     pub task_damping: f64,
@@ -103,7 +103,7 @@ impl OperationalConfig {
     }
 }
 
-/// Rate at which joints are braked that are too fast \[1/s\].
+/// How fast a joint may approach its largest rate, and is brought back to it \[1/s\].
 const BRAKE: f64 = 20.0;
 
 /// Deviation of the base's attitude that acts in full \[rad\]: arms turn a base slowly.
@@ -135,6 +135,8 @@ pub struct OperationalSpace {
     saturation: Saturation,
     state: State,
     still: Input,
+    /// Joint accelerations of the motion without efforts.
+    free: DVector<f64>,
     acceleration: DVector<f64>,
     jacobian: Matrix6xX<f64>,
     priority: TaskPriority,
@@ -156,6 +158,7 @@ impl OperationalSpace {
             saturation: config.gains.saturation,
             state: State::at_rest(&arm.model),
             still: Input::zero(&arm.model),
+            free: DVector::zeros(n),
             acceleration: DVector::zeros(n),
             jacobian: Matrix6xX::zeros(n),
             rates: priority.clone(),
@@ -185,8 +188,8 @@ impl OperationalSpace {
             angular: workspace.momentum_of(&turning, seen.qd).angular,
         };
         workspace.set_motion(&self.state);
-        workspace.accelerations(model, &self.state, &self.still, &mut self.acceleration);
-        workspace.set_accelerations(&self.acceleration);
+        workspace.accelerations(model, &self.state, &self.still, &mut self.free);
+        workspace.set_accelerations(&self.free);
         self.priority.damping = self.config.task_damping;
         self.rates.damping = self.config.task_damping;
         self.priority.begin(workspace.reduced_inertia());
@@ -232,15 +235,23 @@ impl OperationalSpace {
         self.rates.add(&self.jacobian, &Vector6::zeros());
     }
 
-    /// Brakes joints that are too fast.
-    fn brake(&mut self, arm: &mut Arm, seen: &Measurement<'_>, pull: &mut DVector<f64>) {
+    /// Keeps every joint's rate within the largest one `f`: of the acceleration that motion and tasks come to it gets what lies
+    /// within `-BRAKE (f + q̇)` and `BRAKE (f - q̇)`. Tasks give way as far as they want more.
+    fn limit(&mut self, workspace: &mut Workspace, rates: &DVector<f64>, pull: &mut DVector<f64>) {
         let fastest = self.config.fastest;
-        if seen.qd.amax() > fastest {
-            for (excess, rate) in self.idle.iter_mut().zip(seen.qd) {
-                *excess = rate - rate.clamp(-fastest, fastest);
-            }
-            let inertia = arm.workspace.reduced_inertia();
-            pull.gemv(-BRAKE, inertia, &self.idle, 1.0);
+        self.priority.accelerations(&mut self.idle);
+        let mut cut = false;
+        let joints = self.idle.iter_mut().zip(&self.free).zip(rates);
+        for ((change, free), rate) in joints {
+            let wanted = *change + free;
+            let within = wanted
+                .max(-BRAKE * (fastest + rate))
+                .min(BRAKE * (fastest - rate));
+            *change = within - wanted;
+            cut |= *change != 0.0;
+        }
+        if cut {
+            pull.gemv(1.0, workspace.reduced_inertia(), &self.idle, 1.0);
         }
     }
 
@@ -317,7 +328,7 @@ impl Law for OperationalSpace {
         self.acceleration.gemv(rate, inertia, &self.idle, 0.0);
         self.priority.add_in_null_space(&self.acceleration);
         self.priority.efforts(pull);
-        self.brake(arm, seen, pull);
+        self.limit(&mut arm.workspace, seen.qd, pull);
         Ok(acted)
     }
 }
