@@ -138,6 +138,7 @@ impl Controller {
             self.law.pull(&mut self.arm, seen, &mut self.efforts)
         };
         if let Ok(acted) = &mut acted {
+            acted.second_error = self.foresight.second_error();
             acted.trouble = if self.law.seeks_the_goal() {
                 let (watch, arm) = (&mut self.watch, &mut self.arm);
                 trouble(watch, self.reach, arm, gains, &self.efforts, seen, acted)

@@ -117,6 +117,8 @@ impl Arm {
 pub struct Acted {
     /// Deviation that it acted on; `None` while no camera measurement was given.
     pub error: Option<PoseError>,
+    /// Deviation of the second tip, of a robot with several arms; `None` while it is not seen.
+    pub second_error: Option<PoseError>,
     /// Whether the position error was saturated.
     pub position_saturated: bool,
     /// Whether the orientation error was saturated.

@@ -137,6 +137,9 @@ pub struct OperationalSpace {
     still: Input,
     /// Joint accelerations of the motion without efforts.
     free: DVector<f64>,
+    /// What the first task adds to that, and what all of them add.
+    first: DVector<f64>,
+    tasks: DVector<f64>,
     acceleration: DVector<f64>,
     jacobian: Matrix6xX<f64>,
     priority: TaskPriority,
@@ -159,6 +162,8 @@ impl OperationalSpace {
             state: State::at_rest(&arm.model),
             still: Input::zero(&arm.model),
             free: DVector::zeros(n),
+            first: DVector::zeros(n),
+            tasks: DVector::zeros(n),
             acceleration: DVector::zeros(n),
             jacobian: Matrix6xX::zeros(n),
             rates: priority.clone(),
@@ -236,22 +241,39 @@ impl OperationalSpace {
     }
 
     /// Keeps every joint's rate within the largest one `f`: of the acceleration that motion and tasks come to it gets what lies
-    /// within `-BRAKE (f + q̇)` and `BRAKE (f - q̇)`. Tasks give way as far as they want more.
+    /// within `-BRAKE (f + q̇)` and `BRAKE (f - q̇)`. The tasks after the first are shortened until all joints keep to that,
+    /// so that the first one is served; only what is still too much is cut joint by joint.
     fn limit(&mut self, workspace: &mut Workspace, rates: &DVector<f64>, pull: &mut DVector<f64>) {
         let fastest = self.config.fastest;
+        let bounds = |rate: f64| (-BRAKE * (fastest + rate), BRAKE * (fastest - rate));
         self.priority.accelerations(&mut self.idle);
+        let Self {
+            free,
+            first,
+            tasks,
+            idle: all,
+            ..
+        } = self;
+        let mut share = 1.0f64;
+        for (j, rate) in rates.iter().enumerate() {
+            let (least, most) = bounds(*rate);
+            let later = tasks[j] - first[j];
+            let rest = free[j] + all[j] - later;
+            let bound = if later > 0.0 { most } else { least };
+            if later != 0.0 && (rest + later < least || rest + later > most) {
+                share = share.min(((bound - rest) / later).max(0.0));
+            }
+        }
         let mut cut = false;
-        let joints = self.idle.iter_mut().zip(&self.free).zip(rates);
-        for ((change, free), rate) in joints {
-            let wanted = *change + free;
-            let within = wanted
-                .max(-BRAKE * (fastest + rate))
-                .min(BRAKE * (fastest - rate));
-            *change = within - wanted;
-            cut |= *change != 0.0;
+        for (j, rate) in rates.iter().enumerate() {
+            let (least, most) = bounds(*rate);
+            let wanted = free[j] + all[j];
+            let shortened = wanted - (1.0 - share) * (tasks[j] - first[j]);
+            all[j] = shortened.max(least).min(most) - wanted;
+            cut |= all[j] != 0.0;
         }
         if cut {
-            pull.gemv(1.0, workspace.reduced_inertia(), &self.idle, 1.0);
+            pull.gemv(1.0, workspace.reduced_inertia(), all, 1.0);
         }
     }
 
@@ -312,13 +334,18 @@ impl Law for OperationalSpace {
         self.prepare(arm, seen, now);
         if self.config.base == BaseTask::BeforeTips {
             self.hold_base(&arm.model, &arm.workspace, now);
+            self.priority.accelerations(&mut self.first);
         }
         for (k, (tip, goal)) in arm.tips().zip(now.goals).enumerate() {
             self.steer(&arm.workspace, tip, self.task(k), goal.as_ref());
+            if k == 0 && self.config.base != BaseTask::BeforeTips {
+                self.priority.accelerations(&mut self.first);
+            }
         }
         if self.config.base == BaseTask::AfterTips {
             self.hold_base(&arm.model, &arm.workspace, now);
         }
+        self.priority.accelerations(&mut self.tasks);
         // Joint motion that moves none of these dies out. It is told by rates, all of which count alike: in the metric
         // of the inertia light wrists would do what heavy shoulders should.
         self.idle.copy_from(seen.qd);
