@@ -140,7 +140,7 @@ impl Controller {
         if let Ok(acted) = &mut acted {
             acted.second_error = self.foresight.second_error();
             acted.trouble = if self.law.seeks_the_goal() {
-                let (watch, arm) = (&mut self.watch, &mut self.arm);
+                let (watch, arm) = (&mut self.watch, &self.arm);
                 trouble(watch, self.reach, arm, gains, &self.efforts, seen, acted)
             } else {
                 self.watch.forget();
@@ -170,7 +170,7 @@ impl Controller {
 fn trouble(
     watch: &mut Watch,
     reach: Option<f64>,
-    arm: &mut Arm,
+    arm: &Arm,
     gains: &Gains,
     efforts: &DVector<f64>,
     seen: &Measurement<'_>,
@@ -180,11 +180,7 @@ fn trouble(
         watch.forget();
         return None;
     };
-    let Arm {
-        model, workspace, ..
-    } = arm;
-    workspace.set_positions(model, seen.q);
-    let distance = (sight.X_BD.translation.vector - workspace.p_BC()).norm();
+    let distance = (sight.X_BD.translation.vector - arm.workspace.p_BC()).norm();
     let short = reach.map(|reach| distance - reach);
     let short = short.filter(|short| *short > BEYOND);
     watch.look(seen, gains, error, efforts, short)

@@ -19,8 +19,9 @@ pub trait Law: fmt::Debug + Send {
     /// Takes over settings that have been checked. What the law has found out meanwhile stays.
     fn configure(&mut self, config: &ControllerConfig);
 
-    /// Writes the joint efforts without damping \[N m or N\]. Where the law lacks what it needs, such as
-    /// [`Measurement::sight`], it says so in [`Acted::pulls`] and what it writes is not used.
+    /// Writes the joint efforts without damping \[N m or N\]. The arm's workspace has the positions of `seen`, and keeps
+    /// them. Where the law lacks what it needs, such as [`Measurement::sight`], it says so in [`Acted::pulls`] and what it
+    /// writes is not used.
     ///
     /// # Errors
     /// [`LawError`] when there are no efforts; the joints are only damped then.
@@ -91,7 +92,7 @@ pub struct Arm {
     pub tip: Frame,
     /// The tips of further arms, in order.
     pub more_tips: Vec<Frame>,
-    /// Scratch; a law sets the positions from what is measured before it reads.
+    /// Scratch; at the positions that are measured while a law pulls.
     pub workspace: Workspace,
 }
 

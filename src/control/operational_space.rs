@@ -184,7 +184,6 @@ impl OperationalSpace {
         let Arm {
             model, workspace, ..
         } = arm;
-        workspace.set_positions(model, seen.q);
         let turning = Twist::new(*now.w_IB_B, Vector3::zeros());
         self.state.q.copy_from(seen.q);
         self.state.qd.copy_from(seen.qd);

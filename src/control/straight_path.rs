@@ -195,7 +195,6 @@ impl Law for StraightPath {
         let Some((e_p, e_o)) = acted.saturate(&self.gains.saturation) else {
             return Ok(acted);
         };
-        arm.workspace.set_positions(&arm.model, seen.q);
         (arm.workspace).generalized_jacobian(&arm.tip, &mut self.tip_moves);
         self.rates.copy_from(seen.qd);
         if let Some(lead) = seen.lead {
