@@ -28,6 +28,9 @@ fn process() {
     };
     let program: fn(&Node) -> Result<(), NodeError> = match program.as_str() {
         "echo" => crate::echo::program,
+        "hostile" => crate::hostile::program,
+        "send" => crate::speed::send,
+        "take" => crate::speed::take,
         other => panic!("no program {other}"),
     };
     let arguments = std::env::var("FUYU_INTEROP_ARGS").unwrap_or_default();

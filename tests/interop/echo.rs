@@ -116,8 +116,8 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         "sensor_msgs/msg/JointState",
         Qos::RELIABLE.depth(4000),
         move |sample| {
-            let number = cdr::decode::<sensor_msgs::JointState>(&sample.cdr).map(|m| numbered(&m));
-            if number == Ok(NEXT.load(Relaxed)) {
+            let state = cdr::decode::<sensor_msgs::JointState>(&sample.cdr);
+            if state.is_ok_and(|state| numbered(&state) == NEXT.load(Relaxed)) {
                 NEXT.fetch_add(1, Relaxed);
             }
             let heard = NEXT.load(Relaxed);

@@ -27,7 +27,7 @@ const PEERS: [&str; 3] = ["rclpy Jazzy", "rclpy Kilted", "CycloneDDS"];
 const ROW_PATIENCE: Duration = Duration::from_secs(300);
 
 /// A Python environment that a script makes on first use, and prints.
-fn python(script: &str, args: &[&str]) -> PathBuf {
+pub fn python(script: &str, args: &[&str]) -> PathBuf {
     let path = format!("{}/scripts/{script}", env!("CARGO_MANIFEST_DIR"));
     let mut command = Command::new(path);
     let output = command.args(args).stderr(Stdio::inherit()).output();

@@ -26,6 +26,11 @@ impl Namespace {
         }
     }
 
+    /// Its name, as `ip` knows it.
+    pub fn name(&self) -> &str {
+        &self.0
+    }
+
     /// Runs `ip` inside.
     pub fn ip(&self, args: &[&str]) -> Result<(), String> {
         ip(&[&["-n", &self.0], args].concat())
