@@ -10,7 +10,7 @@ workspace=$target/colcon
 python=$("$root/scripts/test-interfaces.sh")
 ros=$(dirname "$(dirname "$python")")
 colcon=$(dirname "$("$root/scripts/test-venv.sh" colcon \
-  colcon-core==0.21.3 colcon-cmake==0.2.30 colcon-ros==0.5.0 colcon-recursive-crawl==0.2.3 \
+  colcon-core==0.21.3 colcon-bash==0.5.0 colcon-cmake==0.2.30 colcon-ros==0.5.0 colcon-recursive-crawl==0.2.3 \
   colcon-python-setup-py==0.2.9 colcon-library-path==0.2.1 colcon-pkg-config==0.1.0 \
   colcon-cargo==0.2.0 colcon-ros-cargo==0.2.0 cargo-ament-build==0.1.11 setuptools==79.0.1)")
 

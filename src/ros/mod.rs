@@ -66,6 +66,7 @@ mod clock;
 mod context;
 mod diagnostics;
 mod discovery;
+mod duplicates;
 mod endpoint;
 mod error;
 pub mod logging;

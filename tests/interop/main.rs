@@ -13,6 +13,7 @@ mod waiting;
 mod child;
 mod deaths;
 mod echo;
+mod hashes;
 mod hostile;
 mod launch_files;
 mod lossy;

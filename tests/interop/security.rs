@@ -57,7 +57,7 @@ fn launch_speaks_on_loopback_only() {
 /// Versions of which `docs/security.md` says that DDS Security is of no use.
 const MEASURED: [(&str, &str); 2] = [("ros2-client", "0.12.1"), ("rustdds", "0.15.1")];
 
-// Breaks when the stack below changes: then `scripts/test-security.sh` tells whether DDS Security works by now.
+// Breaks when the stack below changes: then it is time to try protection `ENCRYPT` again.
 #[test]
 fn the_stack_is_the_one_that_was_measured() {
     let lock = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.lock"));
@@ -66,7 +66,7 @@ fn the_stack_is_the_one_that_was_measured() {
         let entry = format!("name = \"{name}\"\nversion = \"{version}\"");
         assert!(
             lock.contains(&entry),
-            "{name} is not {version} any more: run scripts/test-security.sh, and bring docs/security.md up to date"
+            "{name} is not {version} any more: try whether DDS Security protects by now, and bring docs/security.md up to date"
         );
     }
 }
