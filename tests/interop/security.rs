@@ -42,7 +42,7 @@ fn launch_speaks_on_loopback_only() {
     };
     let before = namespace.sent_packets("wire0");
     let run = launch("");
-    run.says("launch_monitor");
+    run.says("recording to");
     thread::sleep(Duration::from_secs(3));
     run.interrupt();
     assert_eq!(namespace.sent_packets("wire0") - before, 0);

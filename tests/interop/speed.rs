@@ -236,7 +236,7 @@ fn the_default_graph_costs_less_than_a_core() {
     command.args(["launch", "--duration", "600", "--bag"]).arg(bag).stdout(Stdio::null());
     command.current_dir(env!("CARGO_MANIFEST_DIR"));
     let launch = Running::start(command, DOMAIN);
-    launch.says("launch_monitor");
+    launch.says("recording to");
     thread::sleep(Duration::from_secs(5));
     once_below("processor time of the default graph over real time", 1.0, || {
         let (begin, before) = (Instant::now(), used(launch.id()));
