@@ -54,7 +54,10 @@ pub(super) fn watch(core: &Arc<Core>) -> Result<(), NodeError> {
 
 /// Whether the node's own participant is meant, which it hears where there is more than loopback.
 fn is_ours(core: &Core, whose: [u8; 12]) -> bool {
-    let all = core.endpoints.lock().unwrap_or_else(PoisonError::into_inner);
+    let all = core
+        .endpoints
+        .lock()
+        .unwrap_or_else(PoisonError::into_inner);
     // The one that hears this is among them.
     all.readers
         .iter()

@@ -181,7 +181,10 @@ fn it_announces_itself_every_ten_seconds() {
         gaps.extend(gap.filter(|gap| *gap > Duration::from_secs(1)));
     }
     println!("announced again after {gaps:?}");
-    assert!(gaps[0] > Duration::from_secs(5), "it announces itself more often: {gaps:?}");
+    assert!(
+        gaps[0] > Duration::from_secs(5),
+        "it announces itself more often: {gaps:?}"
+    );
 }
 
 /// A reader that listens until it is killed; by itself it is no test.
@@ -217,7 +220,9 @@ fn a_reader_that_died_holds_up_the_writer() {
     eventually("the listener hears", PATIENCE, || {
         writer.write(vec![0], None).unwrap();
         thread::sleep(Duration::from_millis(100));
-        heard |= said.next().is_some_and(|line| line.is_ok_and(|line| line == "listening"));
+        heard |= said
+            .next()
+            .is_some_and(|line| line.is_ok_and(|line| line == "listening"));
         heard.then_some(())
     });
     listener.kill().unwrap();

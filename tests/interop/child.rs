@@ -127,17 +127,24 @@ impl Running {
 
     /// Waits until it has said a word.
     pub fn says(&self, word: &str) {
-        eventually(word, 3 * PATIENCE, || self.said().contains(word).then_some(()));
+        eventually(word, 3 * PATIENCE, || {
+            self.said().contains(word).then_some(())
+        });
     }
 
     pub fn runs(&mut self) -> bool {
-        self.child.try_wait().expect("it can be waited for").is_none()
+        self.child
+            .try_wait()
+            .expect("it can be waited for")
+            .is_none()
     }
 
     /// Sends a signal by its name without SIG.
     pub fn signal(&self, name: &str) {
         let id = self.id().to_string();
-        let kill = Command::new("kill").args([&format!("-{name}"), &id]).status();
+        let kill = Command::new("kill")
+            .args([&format!("-{name}"), &id])
+            .status();
         assert!(kill.expect("kill is there").success());
     }
 

@@ -31,7 +31,9 @@ fn node(name: &str, more: &[&str]) -> Running {
     };
     let config = concat!(env!("CARGO_MANIFEST_DIR"), "/config/positioning.yaml");
     let mut command = Command::new(executable);
-    command.args(["--ros-args", "--params-file", config]).args(more);
+    command
+        .args(["--ros-args", "--params-file", config])
+        .args(more);
     Running::start(command, DOMAIN)
 }
 
@@ -42,36 +44,47 @@ fn since(peer: &mut Peer, topic: &str, time: f64, count: usize) -> Vec<Value> {
 }
 
 fn seconds(message: &Value) -> f64 {
-    message["message"]["header"]["stamp"]["sec"].as_f64().expect("a stamp")
+    message["message"]["header"]["stamp"]["sec"]
+        .as_f64()
+        .expect("a stamp")
 }
 
 // Breaks when camera or controller end with the dynamics node, hold on to its old time, or do not find a new one.
 #[test]
 fn a_new_dynamics_node_is_found_and_time_starts_anew() {
     let _camera = node("camera", &[]);
-    let gentle = ["-p", "k_o:=2.0", "-p", "k_v:=[400.0, 100.0, 200.0, 10.0, 2.0, 0.2]"];
+    let gentle = [
+        "-p",
+        "k_o:=2.0",
+        "-p",
+        "k_v:=[400.0, 100.0, 200.0, 10.0, 2.0, 0.2]",
+    ];
     let mut controller = node("controller", &gentle);
     let mut dynamics = node("dynamics", &["-p", "duration:=0.0"]);
     let mut peer = Peer::start("observer", DOMAIN);
     peer.subscribe("joint_states", STATE, "reliable");
     peer.subscribe("joint_commands", STATE, "reliable");
-    once_below("until commands answer a new dynamics node [s]", BACK_WITHIN, || {
-        eventually("some seconds of simulated time", 3 * PATIENCE, || {
-            let last = since(&mut peer, "joint_commands", 0.0, 1).pop()?;
-            (seconds(&last) >= 2.0).then_some(())
-        });
-        dynamics.signal("KILL");
-        assert_eq!(dynamics.wait(PATIENCE), None);
-        let killed = now();
-        dynamics = node("dynamics", &["-p", "duration:=0.0"]);
-        // What was under way when it was killed is of the old time.
-        let answered = eventually("an answer in the new time", PATIENCE, || {
-            let answers = since(&mut peer, "joint_commands", killed, 1);
-            answers.iter().find(|m| seconds(m) < 2.0)?["time"].as_f64()
-        });
-        assert!(controller.runs());
-        answered - killed
-    });
+    once_below(
+        "until commands answer a new dynamics node [s]",
+        BACK_WITHIN,
+        || {
+            eventually("some seconds of simulated time", 3 * PATIENCE, || {
+                let last = since(&mut peer, "joint_commands", 0.0, 1).pop()?;
+                (seconds(&last) >= 2.0).then_some(())
+            });
+            dynamics.signal("KILL");
+            assert_eq!(dynamics.wait(PATIENCE), None);
+            let killed = now();
+            dynamics = node("dynamics", &["-p", "duration:=0.0"]);
+            // What was under way when it was killed is of the old time.
+            let answered = eventually("an answer in the new time", PATIENCE, || {
+                let answers = since(&mut peer, "joint_commands", killed, 1);
+                answers.iter().find(|m| seconds(m) < 2.0)?["time"].as_f64()
+            });
+            assert!(controller.runs());
+            answered - killed
+        },
+    );
     controller.interrupt();
     dynamics.interrupt();
 }

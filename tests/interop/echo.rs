@@ -73,12 +73,15 @@ fn echo<M: Interface>(node: &Node) -> Result<fuyu::ros::RawSubscription, NodeErr
     let topic = format!("{}/{}", M::DEFINITION.package, M::DEFINITION.name);
     let out = node.advertise::<M>(&format!("out/{topic}"), Qos::RELIABLE)?;
     let type_name = M::DEFINITION.type_name();
-    node.subscribe_raw(&format!("in/{topic}"), &type_name, Qos::RELIABLE, move |sample| {
-        match cdr::decode::<M>(&sample.cdr) {
+    node.subscribe_raw(
+        &format!("in/{topic}"),
+        &type_name,
+        Qos::RELIABLE,
+        move |sample| match cdr::decode::<M>(&sample.cdr) {
             Ok(message) => out.publish(&message),
             Err(e) => tracing::error!("{}: {e}", M::DEFINITION.type_name()),
-        }
-    })
+        },
+    )
 }
 
 pub fn program(node: &Node) -> Result<(), NodeError> {

@@ -9,14 +9,20 @@ use crate::matrix::python;
 
 /// Type name to hash, of all interfaces in an environment.
 fn rosidl(python: &Path) -> BTreeMap<String, String> {
-    let share = python.ancestors().nth(2).expect("an environment").join("share");
+    let share = python
+        .ancestors()
+        .nth(2)
+        .expect("an environment")
+        .join("share");
     let below = |folder: &Path| {
         let entries = fs::read_dir(folder).into_iter().flatten();
-        entries.filter_map(|e| Some(e.ok()?.path())).collect::<Vec<_>>()
+        entries
+            .filter_map(|e| Some(e.ok()?.path()))
+            .collect::<Vec<_>>()
     };
-    let folders = below(&share).into_iter().flat_map(|package| {
-        ["msg", "srv"].map(|kind| package.join(kind))
-    });
+    let folders = below(&share)
+        .into_iter()
+        .flat_map(|package| ["msg", "srv"].map(|kind| package.join(kind)));
     let files = folders.flat_map(|folder| below(&folder));
     let texts = files
         .filter(|file| file.extension().is_some_and(|e| e == "json"))
@@ -43,15 +49,28 @@ fn hashes_are_those_of_rosidl() {
             let name = definition.type_name();
             // Not every package of ROS has a wheel.
             let package = definition.package;
-            if !theirs.keys().any(|known| known.starts_with(&format!("{package}/"))) {
+            if !theirs
+                .keys()
+                .any(|known| known.starts_with(&format!("{package}/")))
+            {
                 println!("{distribution} has no {package} here");
                 continue;
             }
-            assert_eq!(Some(&definition.type_hash()), theirs.get(&name), "{distribution} {name}");
+            assert_eq!(
+                Some(&definition.type_hash()),
+                theirs.get(&name),
+                "{distribution} {name}"
+            );
             count += 1;
         }
         println!("{count} hashes of {distribution}");
-        for package in ["fuyu_msgs", "tf2_msgs", "sensor_msgs", "rcl_interfaces", "std_srvs"] {
+        for package in [
+            "fuyu_msgs",
+            "tf2_msgs",
+            "sensor_msgs",
+            "rcl_interfaces",
+            "std_srvs",
+        ] {
             let some = theirs.keys().any(|known| known.starts_with(package));
             assert!(some, "{distribution} has no {package}");
         }

@@ -81,7 +81,11 @@ fn invented(header: &[u8], random: &mut StdRng) -> Vec<u8> {
     let mut bytes = header[..20].to_vec();
     for _ in 0..random.random_range(1..4) {
         let length = random.random_range(0..120usize);
-        let said = if random.random_bool(0.8) { length } else { random.random_range(0..65_536) };
+        let said = if random.random_bool(0.8) {
+            length
+        } else {
+            random.random_range(0..65_536)
+        };
         bytes.push(KINDS[random.random_range(0..KINDS.len())]);
         bytes.push(random.random_range(0..16));
         bytes.extend((said as u16).to_le_bytes());
@@ -97,7 +101,9 @@ fn shell(domain: u16, seeds: &[Vec<u8>], random: &mut StdRng) {
         let seed = &seeds[i % seeds.len()];
         let datagram = match i % 4 {
             // Not even a header.
-            0 => (0..random.random_range(0..200)).map(|_| random.random_range(0..=255)).collect(),
+            0 => (0..random.random_range(0..200))
+                .map(|_| random.random_range(0..=255))
+                .collect(),
             1 => invented(seed, random),
             2 => spoilt(seed, 0, random),
             // The header stays, so that all of the rest is looked at.
@@ -118,7 +124,8 @@ fn shell(domain: u16, seeds: &[Vec<u8>], random: &mut StdRng) {
 
 /// Publishes malformed samples of three types, then says so.
 pub fn program(node: &Node) -> Result<(), NodeError> {
-    let states = node.advertise::<JointState>("in/sensor_msgs/JointState", Qos::RELIABLE.depth(100))?;
+    let states =
+        node.advertise::<JointState>("in/sensor_msgs/JointState", Qos::RELIABLE.depth(100))?;
     let commands = node.advertise::<JointState>("joint_commands", Qos::RELIABLE.depth(100))?;
     let goals = node.advertise::<PoseStamped>("goal_pose", Qos::RELIABLE.depth(100))?;
     let numbers = node.subscribe::<Int64>("shell", Qos::RELIABLE)?;
@@ -208,7 +215,11 @@ fn malformed_samples_harm_nothing() {
         let mut command = Command::new(executable);
         command
             .args(["--ros-args", "--params-file", config, "-p"])
-            .arg(if executable.ends_with("dynamics") { "duration:=0.0" } else { "use_sim_time:=true" })
+            .arg(if executable.ends_with("dynamics") {
+                "duration:=0.0"
+            } else {
+                "use_sim_time:=true"
+            })
             .current_dir(folder.path());
         Running::start(command, domain)
     };
@@ -226,7 +237,9 @@ fn malformed_samples_harm_nothing() {
     }
     let shelled = |peer: &mut Peer, seed: i64| {
         let kind = "std_msgs/msg/Int64";
-        peer.does(json!({"do": "publish", "topic": "shell", "type": kind, "message": {"data": seed}}));
+        peer.does(
+            json!({"do": "publish", "topic": "shell", "type": kind, "message": {"data": seed}}),
+        );
         peer.receive("shelled", seed as usize);
         echoes(peer, seed);
     };
@@ -247,7 +260,12 @@ fn malformed_samples_harm_nothing() {
     for state in &states {
         for field in ["position", "velocity", "effort"] {
             let values = state["message"][field].as_array().expect("a list");
-            assert!(values.iter().all(|x| x.as_f64().is_some_and(f64::is_finite)), "{state}");
+            assert!(
+                values
+                    .iter()
+                    .all(|x| x.as_f64().is_some_and(f64::is_finite)),
+                "{state}"
+            );
         }
     }
     for process in [echo, dynamics, camera, shell] {

@@ -148,7 +148,10 @@ impl Scope {
             match name {
                 "arg" => {
                     assert!(!self.needed(element, "description").is_empty());
-                    let (key, default) = (self.needed(element, "name"), self.attribute(element, "default"));
+                    let (key, default) = (
+                        self.needed(element, "name"),
+                        self.attribute(element, "default"),
+                    );
                     let default = default.unwrap_or_else(|| panic!("{key} must be given"));
                     self.variables.entry(key).or_insert(default);
                 }
@@ -168,8 +171,10 @@ impl Scope {
                     // Arguments of an include are set for what comes after it, too.
                     for argument in element.children().filter(Element::is_element) {
                         assert!(argument.has_tag_name("arg"), "{argument:?}");
-                        let (name, value) =
-                            (self.needed(argument, "name"), self.needed(argument, "value"));
+                        let (name, value) = (
+                            self.needed(argument, "name"),
+                            self.needed(argument, "value"),
+                        );
                         self.variables.insert(name, value);
                     }
                     let file = self.needed(element, "file");
@@ -238,7 +243,11 @@ fn named(scenario: &Path) -> Vec<String> {
 #[test]
 fn every_scenario_has_a_launch_file() {
     for scenario in scenarios() {
-        let stem = scenario.file_stem().expect("a name").to_str().expect("text");
+        let stem = scenario
+            .file_stem()
+            .expect("a name")
+            .to_str()
+            .expect("text");
         let file = root().join(format!("launch/{stem}.launch.xml"));
         let starts = starts(&file, &[("namespace", "chaser")]);
         let mut names: Vec<_> = starts.iter().map(|s| s.name.clone()).collect();
@@ -278,7 +287,11 @@ fn two_robots_share_a_graph() {
             peer.subscribe(&format!("{robot}/{topic}"), kind, "reliable");
         }
     }
-    for topic in ["/chaser1/joint_commands", "/chaser2/joint_commands", "/chaser1/clock"] {
+    for topic in [
+        "/chaser1/joint_commands",
+        "/chaser2/joint_commands",
+        "/chaser1/clock",
+    ] {
         peer.receive(topic, 20);
     }
     // One robot loses its controller and its dynamics; the other does not notice.
@@ -327,7 +340,10 @@ fn the_launch_file_in_python_starts_what_a_scenario_names() {
             .expect("python can be started");
         let found: Vec<Value> = serde_json::from_slice(&output.stdout).expect("JSON");
         let field = |name: &str| {
-            let mut all: Vec<_> = found.iter().map(|n| n[name].as_str().expect("text")).collect();
+            let mut all: Vec<_> = found
+                .iter()
+                .map(|n| n[name].as_str().expect("text"))
+                .collect();
             all.sort_unstable();
             all.into_iter().map(str::to_owned).collect::<Vec<_>>()
         };

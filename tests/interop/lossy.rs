@@ -35,7 +35,8 @@ impl Wire {
             .spawn()
             .expect("python can be started");
         let mut line = String::new();
-        let said = BufReader::new(relay.stdout.as_mut().expect("stdout is piped")).read_line(&mut line);
+        let said =
+            BufReader::new(relay.stdout.as_mut().expect("stdout is piped")).read_line(&mut line);
         let wire = Self { ends, relay };
         if said.is_err() || line.trim() != "ready" {
             assert!(!must_work(), "no TAP interface can be made here");
@@ -80,12 +81,17 @@ fn reliable_topics_survive_loss_and_delay() {
     echo.says("echoes");
     let mut command = far.command("env");
     // Behind what the peer's own start sets.
-    command.arg("ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET").arg(python());
+    command
+        .arg("ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET")
+        .arg(python());
     let mut peer = Peer::start_with(command, "far", domain);
     let number = "std_msgs/msg/Int64";
     peer.subscribe("retained", "std_msgs/msg/String", "latched");
     peer.subscribe("out/std_msgs/Int64", number, "reliable");
-    assert_eq!(peer.receive("retained", 1)[0]["message"]["data"], "from before");
+    assert_eq!(
+        peer.receive("retained", 1)[0]["message"]["data"],
+        "from before"
+    );
     let publish = |peer: &mut Peer, value: i64| {
         peer.does(json!({
             "do": "publish", "topic": "in/std_msgs/Int64", "type": number, "message": {"data": value}
@@ -103,10 +109,18 @@ fn reliable_topics_survive_loss_and_delay() {
     let numbers = eventually("all numbers", 3 * PATIENCE, || {
         let wait = json!({"do": "wait", "topic": "out/std_msgs/Int64", "timeout": 1.0});
         let came = peer.does(wait);
-        let numbers: Vec<_> = came.as_array()?.iter().map(|m| m["message"]["data"].clone()).collect();
+        let numbers: Vec<_> = came
+            .as_array()?
+            .iter()
+            .map(|m| m["message"]["data"].clone())
+            .collect();
         (numbers.last() == Some(&Value::from(199))).then_some(numbers)
     });
-    let numbers: Vec<_> = numbers.iter().filter_map(Value::as_i64).filter(|n| *n >= 0).collect();
+    let numbers: Vec<_> = numbers
+        .iter()
+        .filter_map(Value::as_i64)
+        .filter(|n| *n >= 0)
+        .collect();
     assert_eq!(numbers, (0..200).collect::<Vec<_>>());
     assert_eq!(echo.said().matches("ERROR").count(), 0);
     echo.interrupt();

@@ -32,7 +32,10 @@ pub fn python(script: &str, args: &[&str]) -> PathBuf {
     let mut command = Command::new(path);
     let output = command.args(args).stderr(Stdio::inherit()).output();
     let output = output.expect("the script can be started");
-    assert!(output.status.success(), "scripts/{script} failed, see above");
+    assert!(
+        output.status.success(),
+        "scripts/{script} failed, see above"
+    );
     String::from_utf8_lossy(&output.stdout).trim().into()
 }
 
@@ -44,7 +47,12 @@ fn column(script: &str, python: PathBuf, domain: u16) -> Vec<(String, bool, Stri
         None => Command::new(program),
     };
     // Every endpoint is there before the peer comes.
-    let echo = Running::program(command(executable()), "echo", domain, &["--ros-args", "-r", "__node:=echo"]);
+    let echo = Running::program(
+        command(executable()),
+        "echo",
+        domain,
+        &["--ros-args", "-r", "__node:=echo"],
+    );
     echo.says("echoes");
 
     let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/interop");
@@ -88,7 +96,10 @@ fn column(script: &str, python: PathBuf, domain: u16) -> Vec<(String, bool, Stri
     }
     for (row, topic) in [
         ("reliable asked of best effort: fuyu warns", "/best_effort"),
-        ("best effort offered to reliable: fuyu warns", "/reliable_please"),
+        (
+            "best effort offered to reliable: fuyu warns",
+            "/reliable_please",
+        ),
     ] {
         let words = format!("topic {topic} is not exchanged with a peer");
         let warned = (0..600).any(|_| {
@@ -99,7 +110,9 @@ fn column(script: &str, python: PathBuf, domain: u16) -> Vec<(String, bool, Stri
         rows.push((row.to_owned(), warned, String::new()));
     }
     writeln!(stdin, "{{}}").expect("it waits");
-    eventually("the peer ends", PATIENCE, || peer.try_wait().expect("it can be waited for"));
+    eventually("the peer ends", PATIENCE, || {
+        peer.try_wait().expect("it can be waited for")
+    });
     echo.interrupt();
     rows
 }
@@ -117,7 +130,11 @@ fn table() -> Vec<(String, Vec<String>)> {
     let (_, rest) = text.split_once(BEGIN).expect("where the table begins");
     let (table, _) = rest.split_once(END).expect("where the table ends");
     let rows = table.lines().filter(|line| line.starts_with('|')).skip(2);
-    let cells = rows.map(|line| line.trim_matches('|').split('|').map(|c| c.trim().to_owned()));
+    let cells = rows.map(|line| {
+        line.trim_matches('|')
+            .split('|')
+            .map(|c| c.trim().to_owned())
+    });
     cells
         .map(|mut cells| (cells.next().unwrap_or_default(), cells.collect()))
         .collect()
@@ -127,7 +144,11 @@ fn table() -> Vec<(String, Vec<String>)> {
 static UPDATE: Mutex<()> = Mutex::new(());
 
 fn written(rows: &[(String, Vec<String>)]) -> String {
-    let mut text = format!("| | {} |\n| --- |{}\n", PEERS.join(" | "), " --- |".repeat(PEERS.len()));
+    let mut text = format!(
+        "| | {} |\n| --- |{}\n",
+        PEERS.join(" | "),
+        " --- |".repeat(PEERS.len())
+    );
     for (row, cells) in rows {
         text += &format!("| {row} | {} |\n", cells.join(" | "));
     }
@@ -166,13 +187,19 @@ fn hold(peer: usize, found: &[(String, bool, String)]) {
         fs::write(document(), text).expect("docs/interop.md can be written");
         return;
     }
-    let target = executable().ancestors().nth(3).expect("target").join("interop-matrix.md");
+    let target = executable()
+        .ancestors()
+        .nth(3)
+        .expect("target")
+        .join("interop-matrix.md");
     fs::write(&target, written(&rows)).expect("target can be written");
     let differing: Vec<_> = found
         .iter()
         .filter(|(name, verdict, _)| {
             let cell = if *verdict { "yes" } else { "no" };
-            !before.iter().any(|(row, cells)| row == name && cells[peer] == cell)
+            !before
+                .iter()
+                .any(|(row, cells)| row == name && cells[peer] == cell)
         })
         .collect();
     panic!(

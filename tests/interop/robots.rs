@@ -55,7 +55,14 @@ fn eight_robots_share_a_graph() {
             command
                 .args(["launch", &config, "--ros-args", "-r"])
                 .arg(format!("__ns:=/robot{robot}"))
-                .args(["-r", "/clock:=clock", "-r", "/tf:=tf", "-r", "/tf_static:=tf_static"])
+                .args([
+                    "-r",
+                    "/clock:=clock",
+                    "-r",
+                    "/tf:=tf",
+                    "-r",
+                    "/tf_static:=tf_static",
+                ])
                 .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET")
                 .current_dir(folder.path())
                 .stdout(std::process::Stdio::null());
@@ -63,7 +70,9 @@ fn eight_robots_share_a_graph() {
         })
         .collect();
     let mut command = namespace.command("env");
-    command.arg("ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET").arg(python());
+    command
+        .arg("ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET")
+        .arg(python());
     let mut peer = Peer::start_with(command, "observer", domain);
     for robot in 1..=ROBOTS {
         for topic in ["joint_states", "joint_commands"] {

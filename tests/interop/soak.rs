@@ -30,7 +30,15 @@ fn joint_states_at_1_khz_with_a_bag() {
     let told = format!("count:={count}");
     let program = |name: &str| {
         let node = format!("__node:={name}");
-        let args = ["--ros-args", "-r", &node, "-p", &told, "-p", "reliable:=true"];
+        let args = [
+            "--ros-args",
+            "-r",
+            &node,
+            "-p",
+            &told,
+            "-p",
+            "reliable:=true",
+        ];
         Running::program(namespace.command(executable()), name, DOMAIN, &args)
     };
     let send = program("send");
@@ -44,7 +52,10 @@ fn joint_states_at_1_khz_with_a_bag() {
     let after_all = [&send, &take, &recorder].map(Running::resident);
     let said = take.interrupt();
     println!("{said}{before:?} kB after a third, {after_all:?} kB at the end");
-    let line = said.lines().find(|line| line.contains(" p99 ")).expect("it was said");
+    let line = said
+        .lines()
+        .find(|line| line.contains(" p99 "))
+        .expect("it was said");
     assert_eq!(after(line, "lost"), 0.0, "{line}");
     assert_eq!(after(line, "backwards"), 0.0, "{line}");
     assert_eq!(after(line, "took"), count as f64, "{line}");
@@ -55,13 +66,24 @@ fn joint_states_at_1_khz_with_a_bag() {
     assert!(!said.contains("another node of this name"), "{said}");
     for (before, after) in before.into_iter().zip(after_all) {
         // Two parts in a hundred and a page or so of a short run.
-        assert!(after as f64 <= 1.02 * before as f64 + 1000.0, "from {before} to {after} kB");
+        assert!(
+            after as f64 <= 1.02 * before as f64 + 1000.0,
+            "from {before} to {after} kB"
+        );
     }
-    let states = Bag::open(&bag).and_then(|bag| bag.read::<JointState>("/speed")).expect("a bag");
+    let states = Bag::open(&bag)
+        .and_then(|bag| bag.read::<JointState>("/speed"))
+        .expect("a bag");
     // The recorder may find the topic a little later than the first message; from then on it has all.
     let numbers: Vec<_> = states.iter().map(|s| s.message.position[0]).collect();
-    assert!(numbers.windows(2).all(|pair| pair[1] == pair[0] + 1.0), "the bag lacks messages");
+    assert!(
+        numbers.windows(2).all(|pair| pair[1] == pair[0] + 1.0),
+        "the bag lacks messages"
+    );
     assert_eq!(numbers.last(), Some(&((count - 1) as f64)));
     println!("the bag has {} of {count}", numbers.len());
-    assert!(states.is_sorted_by_key(|s| s.log_time), "the bag's time goes backwards");
+    assert!(
+        states.is_sorted_by_key(|s| s.log_time),
+        "the bag's time goes backwards"
+    );
 }

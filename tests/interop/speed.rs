@@ -37,7 +37,9 @@ fn quality(reliable: bool) -> Qos {
 fn told(node: &Node) -> Result<(i64, bool), NodeError> {
     let mut declare = node.declare();
     let count = declare.param("count", 5000, "Messages").value();
-    let reliable = declare.param("reliable", false, "Whether none may be lost").value();
+    let reliable = declare
+        .param("reliable", false, "Whether none may be lost")
+        .value();
     declare.finish()?;
     Ok((count, reliable))
 }
@@ -190,16 +192,27 @@ fn joint_states_come_sooner_than_in_python() {
     let Some(namespace) = Namespace::new("speed") else {
         return;
     };
-    let count = std::env::var("FUYU_SPEED_COUNT").ok().and_then(|n| n.parse().ok()).unwrap_or(3000);
+    let count = std::env::var("FUYU_SPEED_COUNT")
+        .ok()
+        .and_then(|n| n.parse().ok())
+        .unwrap_or(3000);
     let rclpy = peer::python();
     let cyclone = python("test-venv.sh", &["cyclone", "cyclonedds==11.0.1"]);
     once_below("p50 over that of rclpy", 1.0, || {
         let lines = [
             ("fuyu to fuyu", fuyu(&namespace, count)),
-            ("rclpy to rclpy (Fast DDS)", other(&namespace, &rclpy, "rclpy", count)),
-            ("CycloneDDS to CycloneDDS, Python", other(&namespace, &cyclone, "cyclone", count)),
+            (
+                "rclpy to rclpy (Fast DDS)",
+                other(&namespace, &rclpy, "rclpy", count),
+            ),
+            (
+                "CycloneDDS to CycloneDDS, Python",
+                other(&namespace, &cyclone, "cyclone", count),
+            ),
         ];
-        let mut table = "| one way at 1 kHz | p50 [us] | p99 [us] | taken |\n| --- | --- | --- | --- |\n".to_owned();
+        let mut table =
+            "| one way at 1 kHz | p50 [us] | p99 [us] | taken |\n| --- | --- | --- | --- |\n"
+                .to_owned();
         for (who, line) in &lines {
             let figure = |word| after(line, word);
             writeln!(
@@ -220,7 +233,11 @@ fn joint_states_come_sooner_than_in_python() {
 fn used(id: u32) -> f64 {
     let stat = fs::read_to_string(format!("/proc/{id}/stat")).expect("it runs");
     let (_, fields) = stat.rsplit_once(") ").expect("fields");
-    let ticks = fields.split(' ').skip(11).take(2).map(|t| t.parse::<f64>().expect("ticks"));
+    let ticks = fields
+        .split(' ')
+        .skip(11)
+        .take(2)
+        .map(|t| t.parse::<f64>().expect("ticks"));
     ticks.sum::<f64>() / 100.0
 }
 
@@ -233,15 +250,22 @@ fn the_default_graph_costs_less_than_a_core() {
     let folder = tempfile::tempdir().expect("a folder");
     let mut command: Command = namespace.command(env!("CARGO_BIN_EXE_fuyu"));
     let bag = folder.path().join("bag");
-    command.args(["launch", "--duration", "600", "--bag"]).arg(bag).stdout(Stdio::null());
+    command
+        .args(["launch", "--duration", "600", "--bag"])
+        .arg(bag)
+        .stdout(Stdio::null());
     command.current_dir(env!("CARGO_MANIFEST_DIR"));
     let launch = Running::start(command, DOMAIN);
     launch.says("recording to");
     thread::sleep(Duration::from_secs(5));
-    once_below("processor time of the default graph over real time", 1.0, || {
-        let (begin, before) = (Instant::now(), used(launch.id()));
-        thread::sleep(Duration::from_secs(10));
-        (used(launch.id()) - before) / begin.elapsed().as_secs_f64()
-    });
+    once_below(
+        "processor time of the default graph over real time",
+        1.0,
+        || {
+            let (begin, before) = (Instant::now(), used(launch.id()));
+            thread::sleep(Duration::from_secs(10));
+            (used(launch.id()) - before) / begin.elapsed().as_secs_f64()
+        },
+    );
     launch.interrupt();
 }
