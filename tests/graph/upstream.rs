@@ -128,26 +128,6 @@ fn kept(depth: i32, durability: Durability) -> QosPolicies {
 }
 
 #[test]
-fn a_reader_keeps_64_samples_whatever_its_history() {
-    let domain = 12;
-    let _claim = DomainClaim::new(domain);
-    let (here, there) = (participant(domain), participant(domain));
-    let history = kept(1000, Durability::Volatile);
-    let (writer, mut reader) = (writer_with(&here, &history), reader_with(&there, &history));
-    connect(&writer, &mut reader);
-    for length in 1..=500 {
-        writer.write(vec![0; length], None).unwrap();
-    }
-    // All of them are there before the first is taken.
-    let patience = Duration::from_secs(60);
-    let acknowledged = writer.wait_for_acknowledgments(patience);
-    assert!(acknowledged.is_ok_and(|all| all), "not acknowledged");
-    let taken = std::iter::from_fn(|| length(&mut reader, SILENCE)).count();
-    println!("{taken} of 500 samples");
-    assert!(taken < 500, "all of them are kept");
-}
-
-#[test]
 fn transient_local_gives_more_than_its_depth() {
     let domain = 13;
     let _claim = DomainClaim::new(domain);

@@ -45,7 +45,7 @@ impl Wire {
         }
         for (i, (name, end)) in names.iter().zip(&wire.ends).enumerate() {
             let moved = Command::new("ip")
-                .args(["link", "set", name, "netns", end.name()])
+                .args(["link", "set", name, "netns", &end.0])
                 .status();
             assert!(moved.expect("ip is there").success());
             let address = format!("10.98.0.{}/24", i + 1);

@@ -7,8 +7,8 @@ pub fn must_work() -> bool {
     std::env::var_os("CI").is_some() && fs::metadata("/proc/self").is_ok_and(|me| me.uid() == 0)
 }
 
-/// A network namespace that is deleted when dropped.
-pub struct Namespace(String);
+/// A network namespace, by its name for `ip`, that is deleted when dropped.
+pub struct Namespace(pub String);
 
 impl Namespace {
     /// With loopback up; `None`, and the reason printed, where that is not permitted.
@@ -24,11 +24,6 @@ impl Namespace {
                 None
             }
         }
-    }
-
-    /// Its name, as `ip` knows it.
-    pub fn name(&self) -> &str {
-        &self.0
     }
 
     /// Runs `ip` inside.
