@@ -21,7 +21,13 @@ ln -s "$target" "$workspace/build/fuyu"
 cd "$workspace"
 # The wheels of ROS are the underlay that /opt/ros is elsewhere.
 export AMENT_PREFIX_PATH=$ros CMAKE_PREFIX_PATH=$ros PATH=$colcon:$ros/bin:$PATH
-build() { colcon --log-base log build --event-handlers console_cohesion+ "$@" >&2; }
+build() {
+  colcon --log-base log build "$@" >&2 || {
+    tail -n 100 log/latest_build/*/stdout_stderr.log >&2
+    echo "test-colcon.sh: colcon build $* failed, see above" >&2
+    exit 1
+  }
+}
 build --base-paths src/fuyu --packages-select fuyu --cargo-args --release --locked --features ros
 build --base-paths src/fuyu/msg --cmake-args -DPython3_EXECUTABLE="$python" -DBUILD_TESTING=OFF
 
