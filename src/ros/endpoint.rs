@@ -56,6 +56,8 @@ pub(super) struct Counters {
     pub(super) last: AtomicI64,
     /// Peers that this endpoint is matched with.
     pub(super) matched: AtomicUsize,
+    /// Who they are.
+    pub(super) peers: Mutex<Vec<Gid>>,
 }
 
 impl Counters {
