@@ -242,10 +242,7 @@ impl<A: Action> Shared<A> {
     fn ask(&self, id: &UUID, reply: Reply<A::GetResult>) {
         let mut goals = self.lock();
         match goals.iter_mut().find(|k| k.info.goal_id == *id) {
-            None => reply.send(&A::ended(
-                GoalStatus::STATUS_UNKNOWN,
-                A::Outcome::default(),
-            )),
+            None => reply.send(&A::ended(GoalStatus::STATUS_UNKNOWN, A::Outcome::default())),
             Some(known) => match &known.outcome {
                 Some(outcome) => reply.send(&A::ended(known.status, outcome.clone())),
                 None => known.asking.push(reply),

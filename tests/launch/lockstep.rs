@@ -20,9 +20,9 @@ fn states(bag: &Path) -> Vec<JointState> {
     states
 }
 
-fn over_dds(domain: u16) -> Vec<JointState> {
-    let args = ["--lockstep", "--duration", DURATION];
-    let mut launch = Running::launch(domain, &source(CONFIG), &args);
+fn over_dds(domain: u16, config: &str, duration: &str) -> Vec<JointState> {
+    let args = ["--lockstep", "--duration", duration];
+    let mut launch = Running::launch(domain, &source(config), &args);
     let ended = launch.wait(5 * PATIENCE).well();
     println!("{}", ended.stdout);
     states(&launch.bag())
@@ -30,15 +30,21 @@ fn over_dds(domain: u16) -> Vec<JointState> {
 
 #[test]
 fn a_run_over_dds_equals_the_simulated_one() {
+    equals_the_simulated_one(CONFIG, DURATION, 2001);
+    // Beside a camera that sends features and an estimator that solves for seconds.
+    equals_the_simulated_one("config/servicing.yaml", "5", 501);
+}
+
+fn equals_the_simulated_one(config: &str, duration: &str, count: usize) {
     in_time(|| {
         let folder = tempfile::tempdir().unwrap();
         let output = folder.path().join("bag");
-        let args = ["simulate", CONFIG, "--duration", DURATION, "--output"];
+        let args = ["simulate", config, "--duration", duration, "--output"];
         fuyu(&[&args[..], &[output.to_str().unwrap()]].concat()).well();
         let simulated = states(&output);
-        let (one, two) = (over_dds(71), over_dds(72));
+        let [one, two] = [71, 72].map(|domain| over_dds(domain, config, duration));
         assert!(one == two, "two runs over DDS differ");
-        assert_eq!((simulated.len(), one.len()), (2001, 2001));
+        assert_eq!((simulated.len(), one.len()), (count, count));
         let mut worst = 0.0f64;
         for (ours, theirs) in simulated.iter().zip(&one) {
             assert_eq!((&ours.header, &ours.name), (&theirs.header, &theirs.name));

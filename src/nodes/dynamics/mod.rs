@@ -23,6 +23,7 @@ mod control;
 mod imu;
 mod loops;
 mod messages;
+mod obedience;
 mod outputs;
 mod pace;
 mod params;

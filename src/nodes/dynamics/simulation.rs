@@ -5,7 +5,6 @@ use std::time::{Duration, Instant};
 use super::{
     answers::Answers,
     commander::Commander,
-    commands::{Command, CommandLimits},
     control::{Control, Stepping},
     outputs::Outputs,
     pace::Pace,
@@ -15,7 +14,7 @@ use super::{
 use crate::{
     msg::sensor_msgs::JointState,
     nodes::topics,
-    ros::{Lifecycle, Node, NodeError, Owners, Received, Status, Subscription, Time},
+    ros::{Lifecycle, Node, NodeError, Owners, Status, Subscription, Time},
 };
 
 /// How often a state that waits for its answer is published again: the peer may have joined late.
@@ -23,9 +22,6 @@ const REPEAT: Duration = Duration::from_millis(100);
 
 /// A closed loop that is open by more is not simulated as it should be \[m or rad\].
 const LARGEST_GAP: f64 = 1e-6;
-
-/// How long diagnostics tell of a refused command while others are obeyed.
-const REFUSAL_SHOWN: Duration = Duration::from_secs(5);
 
 /// What time does when nobody steps it.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -53,29 +49,29 @@ pub struct Simulation<'a> {
     pub(super) changed: bool,
     /// Whether a call wants the node to end.
     pub(super) quitting: bool,
-    commands: Subscription<JointState>,
-    commander: Commander,
+    pub(super) commands: Subscription<JointState>,
+    pub(super) commander: Commander,
     /// Who commanders are.
-    owners: Owners,
-    command_status: Status,
+    pub(super) owners: Owners,
+    pub(super) command_status: Status,
     time_status: Status,
     limit_status: Status,
     /// `None` without closed loops.
     loop_status: Option<Status>,
     /// Whether time may go on: it need not wait for a first command any more.
-    started: bool,
+    pub(super) started: bool,
     /// Lockstep: whether the last state has its answer.
-    answered: bool,
+    pub(super) answered: bool,
     /// Whether time goes on since the pace was set.
     paced: bool,
     /// Simulated time at which the last valid command came \[s\].
-    last_command: Option<f64>,
-    refused: u64,
-    refused_at: Option<Instant>,
-    answers: Answers,
+    pub(super) last_command: Option<f64>,
+    pub(super) refused: u64,
+    pub(super) refused_at: Option<Instant>,
+    pub(super) answers: Answers,
     /// States for whose answers time has waited.
     waited: u64,
-    efforts: Vec<f64>,
+    pub(super) efforts: Vec<f64>,
     pace: Pace,
 }
 
@@ -203,6 +199,7 @@ impl<'a> Simulation<'a> {
     pub fn let_go(&mut self) {
         self.efforts.fill(0.0);
         self.world.halt();
+        self.answered = false;
         self.commander.forget();
         self.end_steps("the node was deactivated");
     }
@@ -375,109 +372,6 @@ impl<'a> Simulation<'a> {
         }
         self.waited += u64::from(late);
         Ok(())
-    }
-
-    /// Obeys the commands that wait, from simulated time `now` on. In lockstep one of them is the answer to
-    /// the last state, and those that come after it are too late.
-    fn take_commands(&mut self, now: f64) {
-        let lockstep = self.params.lockstep;
-        while let Some(received) = self.commands.take() {
-            if lockstep && self.answered {
-                continue;
-            }
-            if self.started && !lockstep {
-                self.world.step_within_tick(now);
-            }
-            let time = self.world.time();
-            if self.obey(&received, time) {
-                self.started = true;
-                let stamp = Time::from(&received.message.header.stamp);
-                self.answered = stamp == Time::from_secs_f64(time);
-            }
-        }
-    }
-
-    fn obey(&mut self, received: &Received<JointState>, now: f64) -> bool {
-        let limits = CommandLimits {
-            effort: self.params.max_effort,
-            rate: self.params.max_rate,
-        };
-        let command =
-            match Command::from_msg(&received.message, self.world.robot.model(), limits) {
-                Ok(command) => command,
-                Err(problem) => {
-                    self.refuse(&format!("it {problem}"));
-                    return false;
-                }
-            };
-        let there = |gid| self.commands.is_matched(gid);
-        if !self.commander.admit(received.publisher, there) {
-            let name = |gid| self.owners.name_of(gid);
-            let holder = self.commander.holder().map(name).unwrap_or_default();
-            self.refuse(&format!(
-                "it is from {}, while {holder} commands the robot (until it ends, or is silent for command_timeout, {} s)",
-                name(received.publisher),
-                self.params.command_timeout
-            ));
-            return false;
-        }
-        let (cut, limit) = match command {
-            Command::Efforts(efforts) => {
-                if self.world.rates_driven() {
-                    self.efforts.fill(0.0);
-                }
-                for (joint, effort) in efforts {
-                    self.efforts[joint] = effort;
-                }
-                (self.world.hold_efforts(&self.efforts), "an effort")
-            }
-            Command::Rates(rates) => (self.world.drive_rates(&rates), "a velocity"),
-        };
-        self.last_command = Some(now);
-        self.answers
-            .note(Time::from(&received.message.header.stamp));
-        if cut {
-            self.command_status.warn(format!(
-                "the last command exceeds {limit} limit and was cut"
-            ));
-        } else if self
-            .refused_at
-            .is_none_or(|at| at.elapsed() > REFUSAL_SHOWN)
-        {
-            self.command_status.ok("obeying joint_commands");
-        }
-        true
-    }
-
-    fn refuse(&mut self, problem: &str) {
-        self.refused += 1;
-        self.refused_at = Some(Instant::now());
-        let told = format!("{}: refused, {problem}", self.commands.topic());
-        if self.refused == 1 {
-            tracing::warn!("{told}");
-        }
-        self.command_status.warn(told);
-        self.command_status.set("refused", self.refused);
-    }
-
-    fn check_command_age(&mut self) {
-        let Some(last) = self.last_command else {
-            return;
-        };
-        let age = self.world.time() - last;
-        if age > self.params.command_timeout && !self.params.lockstep {
-            self.efforts.fill(0.0);
-            self.world.halt();
-            let zero = match self.world.rates_driven() {
-                true => "the joints are stopped",
-                false => "efforts are zero",
-            };
-            self.command_status.warn(format!(
-                "no command on {} for {age:.1} s (command_timeout is {} s): {zero}",
-                self.commands.topic(),
-                self.params.command_timeout
-            ));
-        }
     }
 
     fn report_time(&mut self) {

@@ -50,7 +50,10 @@ impl World {
         let known: Vec<_> = self.entities().collect();
         Outcome::new(
             Outcome::NOT_FOUND,
-            format!("no entity is called '{entity}'; there is {}", known.join(", ")),
+            format!(
+                "no entity is called '{entity}'; there is {}",
+                known.join(", ")
+            ),
         )
     }
 
@@ -278,7 +281,12 @@ impl Simulation<'_> {
         let R_BW = X_WB.rotation.inverse();
         let V_WB_B = Twist::new(R_BW * w_W, R_BW * v_W);
         let mut state = body.state().clone();
-        state.set_base(body.model(), &mut Workspace::new(body.model()), &X_WB, &V_WB_B);
+        state.set_base(
+            body.model(),
+            &mut Workspace::new(body.model()),
+            &X_WB,
+            &V_WB_B,
+        );
         if !state.is_finite() {
             return Err(Outcome::new(
                 Outcome::OPERATION_FAILED,

@@ -86,7 +86,9 @@ fn region(bounds: &Bounds) -> Result<Region, Outcome> {
         ))),
         (kind, _) => Err(Outcome::new(
             Outcome::FEATURE_UNSUPPORTED,
-            format!("bounds of type {kind} are not supported; give 0 (none), 1 (box) or 3 (sphere)"),
+            format!(
+                "bounds of type {kind} are not supported; give 0 (none), 1 (box) or 3 (sphere)"
+            ),
         )),
     }
 }

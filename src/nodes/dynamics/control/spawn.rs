@@ -197,7 +197,9 @@ fn read(resource: &Resource) -> Result<Description, Outcome> {
             ));
         }
         ("", text) => (text.to_owned(), "resource_string".to_owned()),
-        (uri, _) => resource::read(uri.strip_prefix("file://").unwrap_or(uri)).map_err(unreadable)?,
+        (uri, _) => {
+            resource::read(uri.strip_prefix("file://").unwrap_or(uri)).map_err(unreadable)?
+        }
     };
     let other = ["sdf", "mujoco", "mujocoinclude"]
         .into_iter()
