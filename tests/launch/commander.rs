@@ -20,7 +20,8 @@ fn until(watcher: &mut Peer, value: f64, mut commander: impl FnMut(&mut Peer)) {
     eventually(&format!("an effort of {value}"), PATIENCE, || {
         commander(watcher);
         let state = fresh(watcher, "joint_states", 1).pop()?;
-        (numbers(&state["effort"])[0] == value).then_some(())
+        let off = numbers(&state["effort"])[0] - value;
+        (off.abs() < 1e-9).then_some(())
     });
 }
 

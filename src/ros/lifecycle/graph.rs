@@ -5,7 +5,7 @@ use crate::msg::lifecycle_msgs::{
 };
 
 /// States by number, as rcl registers and names them.
-pub(super) const STATES: [(u8, &str); 11] = [
+pub(super) const STATES: [(u8, &str); 10] = [
     (State::PRIMARY_STATE_UNKNOWN, "unknown"),
     (State::PRIMARY_STATE_UNCONFIGURED, "unconfigured"),
     (State::PRIMARY_STATE_INACTIVE, "inactive"),
@@ -16,15 +16,14 @@ pub(super) const STATES: [(u8, &str); 11] = [
     (State::TRANSITION_STATE_SHUTTINGDOWN, "shuttingdown"),
     (State::TRANSITION_STATE_ACTIVATING, "activating"),
     (State::TRANSITION_STATE_DEACTIVATING, "deactivating"),
-    (State::TRANSITION_STATE_ERRORPROCESSING, "errorprocessing"),
 ];
 
 pub(super) const SUCCESS: &str = "transition_success";
 pub(super) const FAILURE: &str = "transition_failure";
-const ERROR: &str = "transition_error";
 
-/// The state machine of rcl: number, name, from, to.
-pub(super) const GRAPH: [(u8, &str, u8, u8); 25] = {
+/// The state machine of rcl: number, name, from, to. Without its processing of errors: here what cannot be done is a
+/// failure. (The whole would not fit into one datagram either, and larger replies do not reach rclpy.)
+pub(super) const GRAPH: [(u8, &str, u8, u8); 17] = {
     use State as S;
     use Way as W;
     let unconfigured = S::PRIMARY_STATE_UNCONFIGURED;
@@ -36,7 +35,6 @@ pub(super) const GRAPH: [(u8, &str, u8, u8); 25] = {
     let shutting = S::TRANSITION_STATE_SHUTTINGDOWN;
     let activating = S::TRANSITION_STATE_ACTIVATING;
     let deactivating = S::TRANSITION_STATE_DEACTIVATING;
-    let error = S::TRANSITION_STATE_ERRORPROCESSING;
     [
         (
             W::TRANSITION_CONFIGURE,
@@ -56,7 +54,6 @@ pub(super) const GRAPH: [(u8, &str, u8, u8); 25] = {
             configuring,
             unconfigured,
         ),
-        (W::TRANSITION_ON_CONFIGURE_ERROR, ERROR, configuring, error),
         (W::TRANSITION_CLEANUP, "cleanup", inactive, cleaning),
         (
             W::TRANSITION_ON_CLEANUP_SUCCESS,
@@ -70,7 +67,6 @@ pub(super) const GRAPH: [(u8, &str, u8, u8); 25] = {
             cleaning,
             inactive,
         ),
-        (W::TRANSITION_ON_CLEANUP_ERROR, ERROR, cleaning, error),
         (W::TRANSITION_ACTIVATE, "activate", inactive, activating),
         (
             W::TRANSITION_ON_ACTIVATE_SUCCESS,
@@ -84,7 +80,6 @@ pub(super) const GRAPH: [(u8, &str, u8, u8); 25] = {
             activating,
             inactive,
         ),
-        (W::TRANSITION_ON_ACTIVATE_ERROR, ERROR, activating, error),
         (W::TRANSITION_DEACTIVATE, "deactivate", active, deactivating),
         (
             W::TRANSITION_ON_DEACTIVATE_SUCCESS,
@@ -97,12 +92,6 @@ pub(super) const GRAPH: [(u8, &str, u8, u8); 25] = {
             FAILURE,
             deactivating,
             active,
-        ),
-        (
-            W::TRANSITION_ON_DEACTIVATE_ERROR,
-            ERROR,
-            deactivating,
-            error,
         ),
         (
             W::TRANSITION_UNCONFIGURED_SHUTDOWN,
@@ -129,10 +118,6 @@ pub(super) const GRAPH: [(u8, &str, u8, u8); 25] = {
             shutting,
             finalized,
         ),
-        (W::TRANSITION_ON_SHUTDOWN_ERROR, ERROR, shutting, error),
-        (W::TRANSITION_ON_ERROR_SUCCESS, SUCCESS, error, unconfigured),
-        (W::TRANSITION_ON_ERROR_FAILURE, FAILURE, error, finalized),
-        (W::TRANSITION_ON_ERROR_ERROR, ERROR, error, finalized),
     ]
 };
 
