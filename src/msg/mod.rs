@@ -18,6 +18,7 @@ mod type_hash;
 
 pub mod cdr;
 pub mod scan;
+pub mod schema;
 
 pub mod builtin_interfaces;
 pub mod diagnostic_msgs;
@@ -25,6 +26,7 @@ pub mod fuyu_msgs;
 pub mod geometry_msgs;
 pub mod nav_msgs;
 pub mod rcl_interfaces;
+pub mod rosbag2_interfaces;
 pub mod rosgraph_msgs;
 pub mod sensor_msgs;
 pub mod std_msgs;
@@ -55,7 +57,11 @@ pub fn definitions() -> impl Iterator<Item = &'static Definition> {
 
 /// Requests and responses of every service that fuyu knows.
 pub fn service_definitions() -> impl Iterator<Item = &'static Definition> {
-    [rcl_interfaces::services::DEFINITIONS, std_srvs::DEFINITIONS]
+    [
+        rcl_interfaces::services::DEFINITIONS,
+        rosbag2_interfaces::DEFINITIONS,
+        std_srvs::DEFINITIONS,
+    ]
         .into_iter()
         .flatten()
         .copied()

@@ -18,6 +18,7 @@ fn whole(dir: &Path, compression: Compression) -> Whole {
     let options = WriterOptions {
         compression,
         chunk_size: 3000,
+        ..Default::default()
     };
     sample::write(&path, 400, options);
     let file = format!("{}_0.mcap", path.file_name().unwrap().display());

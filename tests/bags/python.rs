@@ -63,6 +63,7 @@ fn python_decodes_every_message() {
         let options = WriterOptions {
             compression,
             chunk_size: 20_000,
+            ..Default::default()
         };
         sample::write(&path, 1000, options);
         let text = run("read_bag.py", &[path.to_str().unwrap()], "");
