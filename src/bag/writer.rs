@@ -258,7 +258,10 @@ impl Writer {
         };
         let age = Duration::from_nanos(log_time.saturating_sub(start));
         self.options.max_duration.is_some_and(|max| age >= max)
-            || self.options.max_size.is_some_and(|max| self.part.size() >= max)
+            || self
+                .options
+                .max_size
+                .is_some_and(|max| self.part.size() >= max)
     }
 
     /// Closes the present file and begins another.
@@ -300,7 +303,12 @@ impl Writer {
         let last = self.part.path().to_owned();
         let size = self.closed_size + self.part.finish(&metadata)?;
         let on_disk = |path: &Path| File::open(path).and_then(|f| f.sync_all());
-        for file in self.closed.iter().map(|f| self.folder.join(&f.path)).chain([last]) {
+        for file in self
+            .closed
+            .iter()
+            .map(|f| self.folder.join(&f.path))
+            .chain([last])
+        {
             on_disk(&file).map_err(BagError::io(&file))?;
         }
         let yaml = self.folder.join(metadata::FILE);
@@ -311,7 +319,11 @@ impl Writer {
         Ok(Recording {
             size: size + text.len() as u64,
             messages: self.messages,
-            topics: self.topics.into_iter().map(|e| (e.topic.name, e.count)).collect(),
+            topics: self
+                .topics
+                .into_iter()
+                .map(|e| (e.topic.name, e.count))
+                .collect(),
             dropped: 0,
             bounds: self.bounds,
             path: self.folder,
@@ -321,7 +333,12 @@ impl Writer {
     /// What the bag holds so far.
     fn metadata(&self) -> Metadata {
         let (starting_time, duration) = metadata::span(self.bounds);
-        let files: Vec<_> = self.closed.iter().cloned().chain([self.part.information()]).collect();
+        let files: Vec<_> = self
+            .closed
+            .iter()
+            .cloned()
+            .chain([self.part.information()])
+            .collect();
         let topic = |e: &Entry| TopicCount {
             topic_metadata: TopicMetadata {
                 name: e.topic.name.clone(),

@@ -32,6 +32,7 @@ pub mod sensor_msgs;
 pub mod std_msgs;
 pub mod std_srvs;
 pub mod tf2_msgs;
+pub mod visualization_msgs;
 
 pub use definition::{Constant, Definition, FieldDefinition, Kind};
 pub use field::{Base, Bounded, Byte, Field, FieldType, Interface, Service, Shape};
@@ -49,6 +50,7 @@ pub fn definitions() -> impl Iterator<Item = &'static Definition> {
         sensor_msgs::DEFINITIONS,
         std_msgs::DEFINITIONS,
         tf2_msgs::DEFINITIONS,
+        visualization_msgs::DEFINITIONS,
     ]
     .into_iter()
     .flatten()
@@ -62,9 +64,9 @@ pub fn service_definitions() -> impl Iterator<Item = &'static Definition> {
         rosbag2_interfaces::DEFINITIONS,
         std_srvs::DEFINITIONS,
     ]
-        .into_iter()
-        .flatten()
-        .copied()
+    .into_iter()
+    .flatten()
+    .copied()
 }
 
 /// The definition of the message type `type_name` (`"pkg/msg/Name"`), if fuyu knows it.

@@ -96,7 +96,7 @@ pub use node::{Node, NodeOptions};
 pub use params::{Declare, Param, ParameterValue};
 pub use params_file::ParamsFile;
 pub use process::{Process, Stopper, run};
-pub use publisher::Publisher;
+pub use publisher::{Publisher, RawPublisher};
 pub use qos::Qos;
 pub use service::ServiceServer;
 pub use subscription::{RawSubscription, Received, Subscription};

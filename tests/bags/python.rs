@@ -10,8 +10,14 @@ use crate::sample;
 
 /// Interpreter of the tests' virtual environment, made on first use.
 fn interpreter() -> PathBuf {
+    environment(&[])
+}
+
+/// Interpreter of an environment of its own: its name and packages.
+pub fn environment(packages: &[&str]) -> PathBuf {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/scripts/test-venv.sh");
     let output = Command::new(script)
+        .args(packages)
         .stderr(Stdio::inherit())
         .output()
         .unwrap();

@@ -85,10 +85,19 @@ impl Layout {
         self.cut
     }
 
+    /// Number of columns so far.
+    pub fn width(&self) -> usize {
+        self.columns.len()
+    }
+
     /// All columns. No further message may be met.
     pub fn columns(&mut self) -> Vec<Column> {
-        let number: HashMap<&Vec<u32>, usize> =
-            self.columns.keys().enumerate().map(|(i, k)| (k, i)).collect();
+        let number: HashMap<&Vec<u32>, usize> = self
+            .columns
+            .keys()
+            .enumerate()
+            .map(|(i, k)| (k, i))
+            .collect();
         let to_numbers = |places: &Vec<Option<Vec<u32>>>| {
             let of = |place: &Option<Vec<u32>>| place.as_ref().and_then(|p| number.get(p).copied());
             places.iter().map(of).collect()
@@ -184,7 +193,9 @@ impl Walk<'_> {
             return;
         }
         let column = || Column { name, kind };
-        self.columns.entry(self.place.clone()).or_insert_with(column);
+        self.columns
+            .entry(self.place.clone())
+            .or_insert_with(column);
         self.places.push(Some(self.place.clone()));
     }
 }

@@ -77,7 +77,9 @@ impl Deck {
         let handle = recorder.handle();
         let finished = recorder.finish();
         for (topic, dropped) in handle.status().dropped_topics {
-            tracing::warn!("{topic}: {dropped} messages were dropped: the disk was too slow or full");
+            tracing::warn!(
+                "{topic}: {dropped} messages were dropped: the disk was too slow or full"
+            );
         }
         let recording = finished?;
         let path = recording.path.display();
@@ -105,7 +107,14 @@ impl Deck {
     pub fn pause(&self, paused: bool) {
         let before = self.paused.swap(paused, Ordering::AcqRel);
         if before != paused {
-            tracing::info!("{}", if paused { "paused" } else { "recording goes on" });
+            tracing::info!(
+                "{}",
+                if paused {
+                    "paused"
+                } else {
+                    "recording goes on"
+                }
+            );
         }
     }
 

@@ -170,12 +170,15 @@ fn declare_options(declare: &mut Declare) -> WriterOptions {
             0,
             "Size at which another file is begun, give or take a chunk [bytes]; 0 is never",
         )
-        .check(&format!("0 or at least {SMALLEST_FILE}"), |&size| {
-            match size {
+        .check(
+            &format!("0 or at least {SMALLEST_FILE}"),
+            |&size| match size {
                 0 | SMALLEST_FILE.. => Ok(()),
-                _ => Err(format!("{size}: it must be 0 or at least {SMALLEST_FILE} bytes")),
-            }
-        })
+                _ => Err(format!(
+                    "{size}: it must be 0 or at least {SMALLEST_FILE} bytes"
+                )),
+            },
+        )
         .read_only();
     let max_size = unsigned(max_size);
     let max_duration = declare
