@@ -37,7 +37,7 @@ pub fn recover(
     // By name and type: a topic that has two of them keeps the first.
     let mut ids: BTreeMap<(String, String), Option<TopicId>> = BTreeMap::new();
     let mut messages = bag.messages();
-    while let Some(message) = messages.next() {
+    for message in messages.by_ref() {
         let topic = &message.topic;
         let key = (topic.name.clone(), topic.type_name.clone());
         let id = match ids.get(&key) {

@@ -54,7 +54,9 @@ fn foxglove_gets_every_topic_and_draws_on_the_image() {
         .unwrap();
     let report: Value = serde_json::from_slice(&client.stdout)
         .unwrap_or_else(|e| panic!("{e}: {}", String::from_utf8_lossy(&client.stderr)));
-    let sent = Command::new("kill").args(["-INT", &launch.id().to_string()]).status();
+    let sent = Command::new("kill")
+        .args(["-INT", &launch.id().to_string()])
+        .status();
     assert!(sent.unwrap().success());
     let status = eventually("the launch ends", PATIENCE, || launch.try_wait().unwrap());
     assert!(status.success(), "{:?}", rest.join().unwrap());
@@ -77,5 +79,8 @@ fn foxglove_gets_every_topic_and_draws_on_the_image() {
     let text = &of("/camera/annotations/tip")["texts"][0];
     assert_eq!(text["text"], "tip");
     assert!(text["position"]["x"].is_number());
-    assert!(report["time"].as_u64().unwrap() > 0, "simulated time is told");
+    assert!(
+        report["time"].as_u64().unwrap() > 0,
+        "simulated time is told"
+    );
 }

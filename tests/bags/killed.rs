@@ -93,7 +93,9 @@ fn lost_by_a_kill(split: bool) -> f64 {
     let bag = Bag::open(&folder).unwrap();
     // 10 ms of the bag's time pass with every message.
     let files = 1 + joint_states(&bag).len().saturating_sub(1) / 200;
-    assert_eq!(bag.files().len().max(1), if split { files } else { 1 });
+    // The last file may have no closed chunk yet.
+    let expected = if split { files..=files + 1 } else { 1..=1 };
+    assert!(expected.contains(&bag.files().len()), "{:?}", bag.files());
     let info = bag.info().unwrap();
     assert!(!info.complete && !info.has_metadata);
     let joints = bag.read::<JointState>("/joint_states").unwrap();

@@ -4,7 +4,7 @@ import sys
 from pathlib import Path
 
 import numpy as np
-from rosbags.rosbag2 import StoragePlugin, Writer
+from rosbags.rosbag2 import CompressionFormat, CompressionMode, StoragePlugin, Writer
 from rosbags.typesys import Stores, get_types_from_msg, get_typestore
 
 store = get_typestore(Stores.ROS2_JAZZY)
@@ -19,16 +19,16 @@ Point = store.types["geometry_msgs/msg/Point"]
 Finger = store.types["acme_msgs/msg/Finger"]
 Gripper = store.types["acme_msgs/msg/Gripper"]
 
-Mode, Format = Writer.CompressionMode, Writer.CompressionFormat
+
 for name, storage, mode in [
     ("plain", StoragePlugin.MCAP, None),
-    ("by_file", StoragePlugin.MCAP, Mode.FILE),
-    ("by_message", StoragePlugin.MCAP, Mode.MESSAGE),
+    ("by_file", StoragePlugin.MCAP, CompressionMode.FILE),
+    ("by_message", StoragePlugin.MCAP, CompressionMode.MESSAGE),
     ("sqlite", StoragePlugin.SQLITE3, None),
 ]:
     writer = Writer(Path(sys.argv[1]) / name, version=9, storage_plugin=storage)
     if mode:
-        writer.set_compression(mode, Format.ZSTD)
+        writer.set_compression(mode, CompressionFormat.ZSTD)
     with writer:
         point = writer.add_connection("/point", Point.__msgtype__, typestore=store)
         gripper = writer.add_connection("/gripper", Gripper.__msgtype__, typestore=store)

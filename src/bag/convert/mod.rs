@@ -98,7 +98,7 @@ pub fn convert(
     let mut left_out = BTreeMap::new();
     let mut sources: BTreeMap<String, Source> = BTreeMap::new();
     let mut messages = bag.messages();
-    while let Some(message) = messages.next() {
+    for message in messages.by_ref() {
         let name = &message.topic.name;
         if !takes(name) || left_out.contains_key(name) {
             continue;

@@ -164,7 +164,7 @@ impl Stage<'_> {
     fn once(&mut self, begin: u64, pace: &mut Pace<'_>) -> Result<(), NodeError> {
         let mut latched: BTreeMap<String, Message> = BTreeMap::new();
         let mut messages = self.player.bag.messages();
-        while let Some(message) = messages.next() {
+        for message in messages.by_ref() {
             if !self.player.takes(&message.topic.name) {
                 continue;
             }
