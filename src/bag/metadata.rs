@@ -131,6 +131,11 @@ pub(super) struct Found {
 }
 
 impl Found {
+    /// Whether every message is compressed by itself.
+    pub fn is_packed(&self) -> bool {
+        self.compression_mode.eq_ignore_ascii_case("message")
+    }
+
     /// Reads `metadata.yaml` in a bag's folder; `None` if there is none.
     pub fn read(folder: &Path) -> Result<Option<Self>, BagError> {
         #[derive(Deserialize)]

@@ -94,7 +94,11 @@ impl Bag {
     pub fn open_files(path: impl Into<PathBuf>) -> Result<Self, BagError> {
         let path = path.into();
         let files = present_files(&path)?;
-        Self::with_files(path, files, None)
+        let mut bag = Self::with_files(path, files, None)?;
+        // All that is believed of it, if it can be read: the files themselves do not tell.
+        bag.packed = bag.path.is_dir()
+            && Found::read(&bag.path).is_ok_and(|found| found.is_some_and(|m| m.is_packed()));
+        Ok(bag)
     }
 
     fn with_files(
@@ -109,9 +113,7 @@ impl Bag {
             path,
             files,
             has_metadata: found.is_some(),
-            packed: found
-                .as_ref()
-                .is_some_and(|m| m.compression_mode.eq_ignore_ascii_case("message")),
+            packed: found.as_ref().is_some_and(Found::is_packed),
             ros_distro: found
                 .map(|m| m.ros_distro)
                 .filter(|distro| !distro.is_empty()),

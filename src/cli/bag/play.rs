@@ -4,7 +4,7 @@ use std::path::PathBuf;
 use std::sync::{Arc, Mutex, PoisonError};
 use std::time::Duration;
 
-use super::super::{Failure, positive, print};
+use super::super::{Failure, print};
 use super::failure;
 use crate::bag::Bag;
 use crate::nodes::player::{NAME, Played, Player};
@@ -19,13 +19,13 @@ pub struct PlayArgs {
     /// Folder or .mcap file
     bag: PathBuf,
     /// Recorded seconds that pass in one second
-    #[arg(short, long, value_name = "FACTOR", default_value_t = 1.0, value_parser = positive)]
+    #[arg(short, long, value_name = "FACTOR", default_value_t = 1.0, value_parser = factor)]
     rate: f64,
     /// Begin anew at the end, until Ctrl-C
     #[arg(short, long = "loop")]
     repeat: bool,
     /// Publish /clock so often, instead of the one in the bag [Hz]; 40 without a value
-    #[arg(long, value_name = "HZ", num_args = 0..=1, default_missing_value = "40", value_parser = positive)]
+    #[arg(long, value_name = "HZ", num_args = 0..=1, default_missing_value = "40", value_parser = factor)]
     clock: Option<f64>,
     /// Topics to play; all without it
     #[arg(long, value_name = "TOPIC", num_args = 1.., value_delimiter = ',')]
@@ -42,6 +42,13 @@ pub struct PlayArgs {
     /// Wait for a call of the service resume
     #[arg(short = 'p', long)]
     start_paused: bool,
+}
+
+fn factor(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(factor) if (1e-3..=1e3).contains(&factor) => Ok(factor),
+        _ => Err("give a positive number, 0.001 to 1000".to_owned()),
+    }
 }
 
 fn seconds(text: &str) -> Result<f64, String> {

@@ -71,12 +71,12 @@ impl Layout {
 
     /// Makes room for a message with sequences of these lengths.
     pub fn meet(&mut self, lengths: &[u32]) {
-        if lengths.iter().any(|&n| n > self.limit) {
-            self.cut += 1;
-        }
         if !self.places.contains_key(lengths) {
             let places = self.walk(lengths);
             self.places.insert(lengths.to_vec(), places);
+        }
+        if self.places[lengths].contains(&None) {
+            self.cut += 1;
         }
     }
 

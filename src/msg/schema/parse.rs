@@ -72,27 +72,49 @@ impl Schema {
         };
         let structs = sections.into_iter().map(read).collect::<Result<_, _>>()?;
         let schema = Self { structs };
-        schema.check_depth(0, &mut Vec::new())?;
+        schema.count(0, &mut vec![Count::Unknown; names.len()])?;
         Ok(schema)
     }
 
-    /// A message cannot contain itself.
-    fn check_depth(&self, at: usize, above: &mut Vec<usize>) -> Result<(), SchemaError> {
-        if above.contains(&at) {
-            return Err(SchemaError::Unsupported {
-                type_name: self.structs[at].name.clone(),
-                what: "it contains itself".into(),
+    /// How many values a struct has at least, those of sequences not counted. A message cannot contain itself,
+    /// and what has more values than any message is a trap.
+    fn count(&self, at: usize, known: &mut [Count]) -> Result<usize, SchemaError> {
+        let refused = |what: &str| SchemaError::Unsupported {
+            type_name: self.structs[at].name.clone(),
+            what: what.to_owned(),
+        };
+        match known[at] {
+            Count::Done(count) => return Ok(count),
+            Count::Begun => return Err(refused("it contains itself")),
+            Count::Unknown => known[at] = Count::Begun,
+        }
+        let mut total = 0usize;
+        for field in &self.structs[at].fields {
+            let one = match field.base {
+                Base::Struct(inner) => self.count(inner, known)?,
+                _ => 1,
+            };
+            total = total.saturating_add(match field.shape {
+                Shape::Array(n) if !field.is_bytes() => one.saturating_mul(n),
+                _ => one,
             });
         }
-        above.push(at);
-        for field in &self.structs[at].fields {
-            if let Base::Struct(inner) = field.base {
-                self.check_depth(inner, above)?;
-            }
+        if total > MOST_VALUES {
+            return Err(refused("it has more than a million values"));
         }
-        above.pop();
-        Ok(())
+        known[at] = Count::Done(total);
+        Ok(total)
     }
+}
+
+/// Values of a message without its sequences.
+const MOST_VALUES: usize = 1_000_000;
+
+#[derive(Clone, Copy)]
+enum Count {
+    Unknown,
+    Begun,
+    Done(usize),
 }
 
 /// `pkg/msg/Name` to `pkg/Name`.
@@ -245,5 +267,6 @@ mod tests {
         assert!(error("B b").contains("contains itself"));
         assert!(error("wstring w").contains("wstring"));
         assert!(error("float64[x] w").contains("float64[x]"));
+        assert!(error("float64[99999999999] w").contains("a million values"));
     }
 }

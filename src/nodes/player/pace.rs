@@ -83,9 +83,11 @@ impl<'a> Pace<'a> {
                 continue;
             }
             let (instant, recorded) = self.origin;
-            let ahead = Duration::from_nanos(time.saturating_sub(recorded)).div_f64(self.rate);
-            let due = instant + ahead;
-            let left = due.saturating_duration_since(now);
+            let ahead = time.saturating_sub(recorded) as f64 * 1e-9 / self.rate;
+            let passed = now.saturating_duration_since(instant);
+            let left = Duration::try_from_secs_f64(ahead)
+                .unwrap_or(Duration::MAX)
+                .saturating_sub(passed);
             self.publish_clock(now, self.recorded(now).min(time));
             if left.is_zero() {
                 return true;
@@ -101,8 +103,9 @@ impl<'a> Pace<'a> {
     /// The recorded time at `now`.
     fn recorded(&self, now: Instant) -> u64 {
         let (instant, recorded) = self.origin;
-        let passed = now.saturating_duration_since(instant).mul_f64(self.rate);
-        recorded.saturating_add(u64::try_from(passed.as_nanos()).unwrap_or(u64::MAX))
+        let passed = now.saturating_duration_since(instant).as_secs_f64();
+        // A cast of floats stops at the largest number.
+        recorded.saturating_add((passed * self.rate * 1e9) as u64)
     }
 
     fn publish_clock(&mut self, now: Instant, time: u64) {
