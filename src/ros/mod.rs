@@ -103,7 +103,7 @@ pub use owners::Owners;
 pub use params::{Declare, Param, ParameterValue};
 pub use params_file::ParamsFile;
 pub use process::{Process, Stopper, run};
-pub use publisher::Publisher;
+pub use publisher::{Publisher, RawPublisher};
 pub use qos::Qos;
 pub use service::{Call, Calls, Reply, ServiceServer};
 pub use subscription::{RawSubscription, Received, Subscription};
