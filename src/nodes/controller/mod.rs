@@ -83,7 +83,7 @@ impl Work {
     fn new(node: &Node, params: &ControllerParams) -> Result<Self, NodeError> {
         Ok(Self {
             description: RobotDescription::new(node, params.tip_link.clone())?,
-            topics: Topics::new(node, !params.second_tip_link.is_empty())?,
+            topics: Topics::new(node, !params.second_tip_link.is_empty(), params.lockstep)?,
             controller: None,
         })
     }
@@ -118,7 +118,7 @@ impl Work {
             (self.topics.status).warn(format!("parameter {e}; the gains before stay in force"));
         }
         self.topics.listen();
-        while let Some(joints) = self.topics.next_state(params.lockstep) {
+        while let Some(joints) = self.topics.next_state() {
             self.topics
                 .answer(controller, &joints, params.measurement_timeout);
         }
@@ -164,6 +164,7 @@ struct Topics {
     rate: Option<Vector3Stamped>,
     /// Stamp of the newest joint state.
     last_state: Time,
+    lockstep: bool,
     status: Status,
 }
 
@@ -196,7 +197,7 @@ impl SecondArm {
 const WAITING: usize = 64;
 
 impl Topics {
-    fn new(node: &Node, two_arms: bool) -> Result<Self, NodeError> {
+    fn new(node: &Node, two_arms: bool, lockstep: bool) -> Result<Self, NodeError> {
         let status = node.diagnostics().status("control");
         status.warn("no joint_states have arrived yet");
         Ok(Self {
@@ -214,6 +215,7 @@ impl Topics {
             gyro: None,
             rate: None,
             last_state: Time::ZERO,
+            lockstep,
             status,
         })
     }
@@ -265,9 +267,10 @@ impl Topics {
         }
     }
 
-    /// The goal's angular velocity in base axes, if the estimator tells it for a camera that the base carries.
+    /// The goal's angular velocity in base axes, if the estimator tells it for a camera that the base carries. Not in lockstep:
+    /// the estimator answers when it is done, so that no two runs would be the same.
     fn goal_rate(&self, model: &Model) -> Option<GoalRate> {
-        let rate = self.rate.as_ref()?;
+        let rate = self.rate.as_ref().filter(|_| !self.lockstep)?;
         let camera = model.frame(&rate.header.frame_id).filter(|f| f.body == 0)?;
         Some(GoalRate {
             time: Time::from(&rate.header.stamp).as_secs_f64(),
@@ -276,8 +279,8 @@ impl Topics {
     }
 
     /// The joint state to answer now: the newest, or in lockstep the one of the camera's last frame.
-    fn next_state(&mut self, lockstep: bool) -> Option<JointState> {
-        if !lockstep {
+    fn next_state(&mut self) -> Option<JointState> {
+        if !self.lockstep {
             let newest = self.states.pop_back();
             self.states.clear();
             return newest;
@@ -419,6 +422,13 @@ pub fn report(
         state.orientation_error = vector_to_msg(&error.orientation);
         state.position_error_norm = error.position.norm();
         state.attitude_error_angle = error.angle;
+    }
+    if let Some(error) = &acted.second_error {
+        state.second_tip_seen = true;
+        state.second_position_error = vector_to_msg(&error.position);
+        state.second_orientation_error = vector_to_msg(&error.orientation);
+        state.second_position_error_norm = error.position.norm();
+        state.second_attitude_error_angle = error.angle;
     }
     state
 }

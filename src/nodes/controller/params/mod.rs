@@ -155,7 +155,7 @@ impl ControllerParams {
             .param(
                 "lockstep",
                 false,
-                "Answer a joint state only once its camera frame has come",
+                "Answer a joint state only once its camera frame has come, and heed no estimator",
             )
             .read_only()
             .value();
