@@ -67,6 +67,7 @@ mod clock;
 mod context;
 mod diagnostics;
 mod discovery;
+mod duplicates;
 mod endpoint;
 mod error;
 mod lifecycle;
