@@ -13,6 +13,7 @@ mod formulations;
 mod free_body;
 mod free_body_closed_form;
 mod generalized_jacobian;
+mod half_a_minute;
 mod kane;
 mod latency;
 mod loops;

@@ -5,6 +5,7 @@ use rand::{SeedableRng, rngs::StdRng};
 use super::attitude_fit::{Fit, Sample, fit};
 use super::frames::Frames;
 use super::momentum_start::{Attitude, momentum_start, rates, turning_over};
+use super::relative_pose::noise_between;
 use super::relative_rotation::relative_rotation_fit;
 use super::structure::{Segment, Settings, reconstruct};
 use super::whole::{Adjusted, dynamic};
@@ -14,6 +15,10 @@ use crate::vision::Pinhole;
 
 /// The noise is doubled up to so many times if the tracks do not fit together.
 const DOUBLINGS: i32 = 3;
+
+/// Pairs of frames in which the noise is looked for, and how many times the noise assumed it must be to be believed.
+const PAIRS: usize = 24;
+const NOISIER: f64 = 1.4;
 
 /// A motion that leaves more of the image points unexplained than this part is not that of the body.
 const MOST_OUTLIERS: f64 = 0.3;
@@ -54,17 +59,23 @@ pub(super) fn solve(
     let sights: usize = frames.list.iter().map(|f| f.sights.len()).sum();
     let lasting = sights >= SHORT_TRACK * frames.ids.len();
     // What is noisier than this has been fitted wrongly.
-    let quiet = |b: &Adjusted| b.residuals.deviation < MOST_NOISE * options.pixel_noise.max(1e-3);
+    let assumed = options.pixel_noise.max(1e-3);
+    let quiet = |b: &Adjusted| b.residuals.deviation < MOST_NOISE * assumed;
+    let first = noise_to_start_with(&frames, assumed);
     let methods = [Method::Structure, Method::RelativeRotation];
-    let levels = |method| (0..=DOUBLINGS).map(move |doubling| (method, doubling));
-    for (method, doubling) in methods.into_iter().flat_map(levels) {
+    let most = assumed * f64::from(1 << DOUBLINGS);
+    let levels = |method| {
+        let noises = (0..=DOUBLINGS).map(|doubling| first * f64::from(1 << doubling));
+        noises.filter(move |n| *n <= most).map(move |n| (method, n))
+    };
+    for (method, noise) in methods.into_iter().flat_map(levels) {
         // Structure of a higher noise adds nothing once most frames are placed, and little if tracks are short.
         let enough = 4 * placed >= 3 * frames.list.len() || !lasting;
-        if method == Method::Structure && enough && doubling > 0 && best.is_none() {
+        if method == Method::Structure && enough && noise > first && best.is_none() {
             continue;
         }
         let settings = Settings {
-            noise: options.pixel_noise.max(1e-3) * f64::from(1 << doubling),
+            noise,
             focal_free: options.estimate_focal_length,
         };
         let mut rng = StdRng::seed_from_u64(options.seed);
@@ -97,6 +108,23 @@ pub(super) fn solve(
             frames: frames.list.len(),
         }),
     }
+}
+
+/// The noise that most pairs of neighbouring frames show \[px\], if it is clearly more than what is assumed.
+fn noise_to_start_with(frames: &Frames, assumed: f64) -> f64 {
+    let last = frames.list.len() - 1;
+    let angle = frames.pixel_angle();
+    let seen = |k: usize| {
+        let i = k * last / PAIRS;
+        noise_between(&frames.pairs(i, i + 1), assumed * angle)
+    };
+    let mut seen: Vec<f64> = (0..PAIRS).filter_map(seen).collect();
+    seen.sort_by(f64::total_cmp);
+    let middle = seen.get(seen.len() / 2).map_or(0.0, |n| n / angle);
+    if middle < NOISIER * assumed {
+        return assumed;
+    }
+    middle.min(assumed * f64::from(1 << DOUBLINGS))
 }
 
 /// Where the motion comes from that the dynamic adjustment starts with.
