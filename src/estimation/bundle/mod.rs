@@ -35,6 +35,7 @@ mod momentum_start;
 mod placing;
 mod relative_pose;
 mod relative_rotation;
+mod rivals;
 mod rotations;
 mod scene;
 mod schur;

@@ -5,10 +5,11 @@ use nalgebra::{SMatrix, UnitQuaternion, Vector3};
 use super::adjust::{Effort, Motion, adjust, information};
 use super::carried::{carried_over, from_rotations};
 use super::dynamic::{COMMON, Tumbling};
-use super::fit::{Fit, dispersion, settle, sharpen, simplest};
+use super::fit::{Fit, Shaped, dispersion, settle, sharpen, simplest};
 use super::frames::Frames;
 use super::free_motion::FreeMotion;
 use super::loss::Loss;
+use super::rivals::best_of_rivals;
 use super::scene::Scene;
 use super::straight::{LINE, Straight, without_line};
 use super::structure::{Segment, Settings, scene_of};
@@ -34,6 +35,8 @@ pub struct Adjusted {
     loss: Loss,
     dispersion: f64,
     straight: bool,
+    /// Another rate that explains the images as well \[rad/s\].
+    rival: Option<f64>,
     settings: Settings,
 }
 
@@ -94,14 +97,19 @@ pub fn dynamic(
         }
     };
     let straight = matches!(fitted, Fitted::Straight(_));
+    let rival;
     let (tumbling, points, residuals, loss, dispersion) = match fitted {
-        Fitted::Straight(mut fit) => {
+        Fitted::Straight(fit) => {
+            let (mut fit, other) = best_of_rivals(&mut scene, fit, settings);
+            rival = other;
             let loss = sharpen(&scene, &mut fit, settings);
             let dispersion = dispersion(&scene, &fit, &loss);
             let free = fit.motion.into_free();
             (free, fit.points, fit.residuals, loss, dispersion)
         }
-        Fitted::Free(mut fit) => {
+        Fitted::Free(fit) => {
+            let (mut fit, other) = best_of_rivals(&mut scene, fit, settings);
+            rival = other;
             let loss = sharpen(&scene, &mut fit, settings);
             let dispersion = dispersion(&scene, &fit, &loss);
             (fit.motion, fit.points, fit.residuals, loss, dispersion)
@@ -127,6 +135,7 @@ pub fn dynamic(
         loss,
         dispersion,
         straight,
+        rival,
         settings: *settings,
     })
 }
@@ -203,6 +212,13 @@ impl Adjusted {
         let focal = self.settings.focal_free.then_some(self.log_focal);
         let motion = self.motion;
         let tumbling = Tumbling::new(motion, self.t_C, &times, &R_WC, self.settings.noise, focal);
+        if let Some(other) = self.rival {
+            let rate = tumbling.rate().norm();
+            return Err(EstimateError::Ambiguous {
+                turn: tumbling.turn(),
+                rates: [rate.min(other), rate.max(other)],
+            });
+        }
         let not_free = EstimateError::NotFree {
             rms: self.residuals.rms,
         };
