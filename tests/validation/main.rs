@@ -5,6 +5,7 @@
 #[cfg(feature = "batch")]
 mod batch;
 mod bundle;
+mod certainty;
 mod conservation;
 mod elliptic;
 mod filter;

@@ -14,7 +14,7 @@ use super::structure::{BELIEVED, Settings};
 use super::uncertainty::Residuals;
 
 /// A turn by more than this \[rad\] has no rivals.
-const LONG_TURN: f64 = 1.0;
+pub const LONG_TURN: f64 = 1.0;
 
 /// Depths to try, as multiples of those that make the body as deep as it is wide.
 const DEPTHS: [f64; 6] = [1.0, -1.0, 0.5, -0.5, 2.0, -2.0];

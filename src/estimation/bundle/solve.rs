@@ -7,6 +7,7 @@ use super::frames::Frames;
 use super::momentum_start::{Attitude, momentum_start, rates, turning_over};
 use super::relative_pose::noise_between;
 use super::relative_rotation::relative_rotation_fit;
+use super::rivals::LONG_TURN;
 use super::structure::{Segment, Settings, reconstruct};
 use super::whole::{Adjusted, dynamic};
 use super::{MIN_FRAMES, MIN_POINTS, Options, Solution};
@@ -25,6 +26,9 @@ const MOST_OUTLIERS: f64 = 0.3;
 
 /// So many times the noise assumed may the residuals be.
 const MOST_NOISE: f64 = 6.0;
+
+/// The same of the noise between neighbouring frames, if the body has turned by little.
+const MOST_AFTER_SHORT_TURN: f64 = 1.5;
 
 /// Segments that are sought.
 const SEGMENTS: usize = 6;
@@ -62,6 +66,10 @@ pub(super) fn solve(
     let assumed = options.pixel_noise.max(1e-3);
     let quiet = |b: &Adjusted| b.residuals.deviation < MOST_NOISE * assumed;
     let first = noise_to_start_with(&frames, assumed);
+    // After a short turn what is wrong may hide in a wrong motion.
+    let trusted = |b: &Adjusted| {
+        b.turn() > LONG_TURN || b.residuals.deviation < MOST_AFTER_SHORT_TURN * first
+    };
     let methods = [Method::Structure, Method::RelativeRotation];
     let most = assumed * f64::from(1 << DOUBLINGS);
     let levels = |method| {
@@ -87,7 +95,7 @@ pub(super) fn solve(
         };
         let Some(found) = found else { continue };
         // Tracks noisier than assumed lose many good points as if they were wrong.
-        let done = found.residuals.outliers < MOST_OUTLIERS;
+        let done = found.residuals.outliers < MOST_OUTLIERS && trusted(&found);
         let better = |b: &Adjusted| found.residuals.outliers < b.residuals.outliers;
         if best.as_ref().is_none_or(better) {
             best = Some(found);
@@ -97,7 +105,7 @@ pub(super) fn solve(
         }
     }
     match best {
-        Some(best) if best.residuals.outliers < MOST_OUTLIERS && quiet(&best) => {
+        Some(best) if best.residuals.outliers < MOST_OUTLIERS && quiet(&best) && trusted(&best) => {
             best.finish(camera, options)
         }
         Some(best) if 3 * placed >= frames.list.len() => Err(EstimateError::NotFree {

@@ -1,0 +1,106 @@
+//! Whether the bundle is as sure as it is right: random bodies, cameras and flaws of tracks.
+
+use fuyu::estimation::EstimateError;
+use fuyu::estimation::bundle::{Options, estimate};
+use fuyu::vision::Pinhole;
+use nalgebra::{UnitQuaternion, Vector3};
+use rand::{RngExt, SeedableRng, rngs::StdRng};
+
+use crate::tumbling::{Motion, View};
+
+/// A random problem: what is seen, how the body moves, and by how much the focal length told is off.
+fn problem(seed: u64) -> (View, Motion, f64) {
+    let mut rng = StdRng::seed_from_u64(seed);
+    let mut random = |low: f64, high: f64| rng.random_range(low..high);
+    let (e, s) = (random(0.3, 1.0), random(-1.0, 1.0));
+    let s_alpha = random(-1.0, 1.0);
+    let duration = [20.0, 30.0, 60.0][random(0.0, 2.99) as usize];
+    let interval = duration / [60.0, 150.0, 250.0][random(0.0, 2.99) as usize];
+    // Not more than half a radian a frame, and more than a radian in all.
+    let rate = random(1.0 / duration, (0.5 / interval).min(0.8));
+    let direction = Vector3::new(random(-1.0, 1.0), random(-1.0, 1.0), random(-1.0, 1.0));
+    let motion = Motion::new(e, s, s_alpha, rate * rate, direction.normalize());
+    let occlusion = random(0.0, 1.0) < 0.4;
+    let view = View {
+        duration,
+        interval,
+        points: random(if occlusion { 30.0 } else { 12.0 }, 40.0) as usize,
+        noise: [0.0, 0.3, 1.0][random(0.0, 2.99) as usize],
+        outliers: [0.0, 0.02, 0.1][random(0.0, 2.99) as usize],
+        dropped: [0.0, 0.3][random(0.0, 1.99) as usize],
+        lifetime: (random(0.0, 1.0) < 0.3).then_some(40.0),
+        distance: random(2.0, 6.0),
+        occlusion,
+        seed,
+        ..View::chapter_3(1024)
+    };
+    let focal = [0.0, 0.01, -0.01, 0.0][random(0.0, 3.99) as usize];
+    (view, motion, focal)
+}
+
+/// The normalised squared error (NEES) of the predicted turn after the observation, a quarter as long as it: of three
+/// components, so 3 on average if the covariance is right.
+fn nees(seed: u64, estimate_focal_length: bool) -> Result<f64, EstimateError> {
+    let (view, motion, focal) = problem(seed);
+    let tracks = view.tracks(&motion, &view.sphere());
+    let camera = Pinhole {
+        fx: view.camera.fx * (1.0 + focal),
+        fy: view.camera.fy * (1.0 + focal),
+        ..view.camera
+    };
+    let options = Options {
+        estimate_focal_length,
+        ..Options::default()
+    };
+    let solution = estimate(&tracks, &camera, &options)?;
+    let times = [view.duration, 1.25 * view.duration];
+    let truth = motion.attitudes(&times);
+    let turn = |R: [UnitQuaternion<f64>; 2]| R[1] * R[0].inverse();
+    let ours = turn(times.map(|t| solution.motion.attitude(t)));
+    let error = (ours.inverse() * turn([truth[0], truth[1]])).scaled_axis();
+    let R = solution.motion.attitude(times[1]).to_rotation_matrix();
+    let covariance = R * solution.turn_covariance(times[0], times[1]) * R.inverse();
+    // The error is in the axes of the turn's start.
+    let back = ours.inverse().to_rotation_matrix();
+    let covariance = back * covariance * back.inverse();
+    let inverse = covariance.try_inverse().unwrap();
+    Ok(error.dot(&(inverse * error)))
+}
+
+/// Problems that are refused count for nothing, but most must be solved.
+fn values(seeds: std::ops::Range<u64>, estimate_focal_length: bool) -> Vec<f64> {
+    let all = seeds.end - seeds.start;
+    let each = seeds.filter_map(|seed| match nees(seed, estimate_focal_length) {
+        Ok(nees) => Some(nees),
+        Err(e) => {
+            println!("{seed}: {e}");
+            None
+        }
+    });
+    let mut values: Vec<f64> = each.collect();
+    assert!(
+        4 * values.len() as u64 >= 3 * all,
+        "{} of {all}",
+        values.len()
+    );
+    values.sort_by(f64::total_cmp);
+    println!("{values:.1?}");
+    values
+}
+
+#[test]
+fn it_is_as_sure_as_it_is_right() {
+    let values = values(0..40, true);
+    let median = values[values.len() / 2];
+    // A median of 2.4 is right; residuals trimmed at six times a noise that is too small made it ten times as much.
+    assert!((0.5..6.0).contains(&median), "{median}");
+    // Six deviations in one of three components.
+    assert!(values[values.len() - 1] < 36.0, "{values:.1?}");
+}
+
+/// A focal length that is 1 % off and trusted makes errors that no residual averages out.
+#[test]
+fn a_wrong_focal_length_makes_it_less_sure() {
+    let values = values(0..40, false);
+    assert!(values[values.len() - 1] < 64.0, "{values:.1?}");
+}
