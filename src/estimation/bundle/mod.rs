@@ -33,6 +33,7 @@ mod known_rotation;
 mod loss;
 mod momentum_start;
 mod placing;
+mod reborn;
 mod relative_pose;
 mod relative_rotation;
 mod rivals;

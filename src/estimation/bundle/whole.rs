@@ -301,7 +301,10 @@ impl Adjusted {
                 t_C: placement.t_C,
             }
         });
-        let points = self.points.iter().zip(&self.tracks);
+        // Of a track that was cut, the last part has the id now, and the lowest number.
+        let ids = &self.frames.ids;
+        let points = (self.points.iter().zip(&self.tracks))
+            .filter(|(_, track)| ids.iter().position(|id| *id == ids[**track]) == Some(**track));
         Ok(Solution {
             motion: report.motion,
             points: points
