@@ -14,6 +14,7 @@ use crate::{
         sensor_msgs::{CameraInfo, Imu, JointState, Joy},
         std_msgs::String as Text,
         tf2_msgs::TFMessage,
+        visualization_msgs::MarkerArray,
     },
     ros::{Node, NodeError, Publisher, Qos, Subscription},
 };
@@ -50,6 +51,14 @@ impl<M: Interface> Topic<M> {
     /// When the node cannot subscribe.
     pub fn subscribe(&self, node: &Node) -> Result<Subscription<M>, NodeError> {
         node.subscribe(self.name, self.qos)
+    }
+
+    /// Subscribes to it with room for `depth` messages that wait, for who needs every one of them.
+    ///
+    /// # Errors
+    /// When the node cannot subscribe.
+    pub fn subscribe_deep(&self, node: &Node, depth: usize) -> Result<Subscription<M>, NodeError> {
+        node.subscribe(self.name, self.qos.depth(depth))
     }
 
     /// What somebody needs who knows its type by name only.
@@ -119,6 +128,9 @@ pub const TARGET_MOTION: Topic<MotionEstimate> = Topic::new("estimator/motion", 
 /// Attitude of the target over the time to come.
 pub const PREDICTION: Topic<Path> = Topic::new("estimator/prediction", Qos::RELIABLE);
 
+/// Things to draw, for people.
+pub const MARKERS: Topic<MarkerArray> = Topic::new("markers", Qos::RELIABLE);
+
 /// All of them but those of targets, whose names scenarios choose.
 pub fn all() -> Vec<Described> {
     vec![
@@ -144,5 +156,6 @@ pub fn all() -> Vec<Described> {
         TARGET_RATE.described(),
         TARGET_MOTION.described(),
         PREDICTION.described(),
+        MARKERS.described(),
     ]
 }
