@@ -1,13 +1,13 @@
 //! Whether the bundle is as sure as it is right: random bodies, cameras and flaws of tracks.
 
-use fuyu::estimation::EstimateError;
 use fuyu::estimation::bundle::{Options, estimate};
 use fuyu::estimation::filter::Filter;
+use fuyu::estimation::{EstimateError, Feature, Sighting, Tracks};
 use fuyu::vision::Pinhole;
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
-use crate::tumbling::{Motion, View};
+use crate::tumbling::{Motion, View, prediction_errors};
 
 /// A random problem: what is seen, how the body moves, and by how much the focal length told is off.
 fn problem(seed: u64) -> (View, Motion, f64) {
@@ -149,4 +149,48 @@ fn a_short_turn_seen_from_afar_is_known_or_refused() {
         }
     }
     assert!(solved >= 16, "{solved} of 24");
+}
+
+/// A tracker that gives ids of lost points to others: every fortieth image point on average, or all at once.
+#[test]
+fn ids_given_to_other_points_are_told_apart() {
+    let view = View {
+        duration: 30.0,
+        interval: 0.1,
+        points: 60,
+        ..View::chapter_3(1024)
+    };
+    let motion = Motion::new(0.6, 0.0, 0.3, 0.1, Vector3::z());
+    let full = view.tracks(&motion, &view.sphere());
+    let half = full.sightings().len() / 2;
+    for gradually in [true, false] {
+        let mut rng = StdRng::seed_from_u64(3);
+        let mut shown: Vec<u64> = (0..20).collect();
+        let sightings = full.sightings().iter().enumerate().map(|(i, sighting)| {
+            for k in 0..20 {
+                let lost = gradually && rng.random_range(0.0..1.0) < 1.0 / 40.0;
+                let other = rng.random_range(0..60);
+                if lost && !shown.contains(&other) {
+                    shown[k] = other;
+                }
+            }
+            if !gradually && i == half {
+                shown = (20..40).collect();
+            }
+            let features = shown.iter().zip(0..).filter_map(|(point, id)| {
+                let seen = sighting.feature(*point)?;
+                Some(Feature { id, ..*seen })
+            });
+            Sighting::new(sighting.time, features.collect())
+        });
+        let tracks = Tracks::new(sightings).unwrap();
+        let solution = estimate(&tracks, &view.camera, &Options::default()).unwrap();
+        let (_, phi) = prediction_errors(&motion, 30.0, |t| solution.motion.attitude(t));
+        assert!(phi < 0.3, "{gradually}: {phi}");
+        // Each id stands for one point, the one that has it now.
+        let mut ids: Vec<u64> = solution.points.iter().map(|p| p.id).collect();
+        ids.sort_unstable();
+        ids.dedup();
+        assert_eq!(ids.len(), solution.points.len());
+    }
 }
