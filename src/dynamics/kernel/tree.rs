@@ -10,7 +10,7 @@
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 use pulp::Simd;
 
-use super::{Eight, Force, GROUP, Mat3, Scalar, Turn, Vec3, sin_cos};
+use super::{Eight, Force, GROUP, Mat3, Scalar, Turn, Vec3};
 use crate::model::{Frame, Joint, Model};
 use crate::spatial::{Pose, SpatialInertia, Wrench};
 
@@ -27,6 +27,10 @@ pub struct Tree {
     /// The hops by their distance from the base. In this order branches are taken side by side, and the
     /// processor works on one while another waits for its last result.
     pub(crate) outward: Vec<usize>,
+    /// Bodies that carry no other.
+    pub(super) leaves: Vec<usize>,
+    /// What joints turn by beyond their positions, eight side by side.
+    homes: Vec<Homes>,
 }
 
 /// One body in its kernel frame K.
@@ -39,6 +43,13 @@ pub(crate) struct Body {
     pub X_KB: Pose,
     /// Inertia about the kernel frame's origin.
     pub inertia: SpatialInertia,
+    /// Where the kernel frame's origin is on the axis of the joint that moves the body, from the foot of the
+    /// common normal with the parent's axis (0 for a slide: it has its foot at the origin).
+    pub rise: f64,
+    /// Inertia about that foot.
+    pub about_foot: SpatialInertia,
+    /// First of the bodies beyond the subtree.
+    pub subtree_end: usize,
     /// Whether its inertia has entries off the diagonal.
     pub is_oblique: bool,
     /// Whether its centre of mass is off the kernel frame's origin.
@@ -72,9 +83,44 @@ pub(crate) struct Hop {
     pub p_PK: [f64; 3],
     /// K's z in the parent's axes.
     pub axis_P: [f64; 3],
+    /// The moved body's foot from the parent's foot (a slide's before it slides), in the parent's axes.
+    pub foot: [f64; 3],
+    /// What the parent's inertia about its foot has more than the moved subtree's first moment and inertia as it
+    /// was about its own, turned: all of it known beforehand. The inertia is in the axes before bend and swing.
+    pub arrival: SpatialInertia,
+    /// Whether the inward sweep meets the parent here for the first time: `arrival` then brings in its own
+    /// inertia.
+    pub arrives_first: bool,
     pub damping: f64,
     pub stiffness: f64,
     pub rest: f64,
+}
+
+/// Eight joints side by side: cosines and sines of what they turn by at position zero.
+#[derive(Debug, Clone)]
+struct Homes {
+    turns: [Eight; 2],
+    /// Whether any of them is not zero.
+    is_any: bool,
+    /// 1 where a joint turns, 0 where it slides.
+    turning: Eight,
+    is_mixed: bool,
+}
+
+impl Homes {
+    fn of(hops: &[Hop]) -> Self {
+        let mut homes = Self {
+            turns: [Eight([1.0; GROUP]), Eight::ZERO],
+            is_any: hops.iter().any(|hop| !hop.is_home),
+            turning: Eight([1.0; GROUP]),
+            is_mixed: hops.iter().any(|hop| hop.slides),
+        };
+        for (i, hop) in hops.iter().enumerate() {
+            (homes.turns[0].0[i], homes.turns[1].0[i]) = (hop.home[0], hop.home[1]);
+            homes.turning.0[i] = if hop.slides { 0.0 } else { 1.0 };
+        }
+        homes
+    }
 }
 
 /// Parallel axes.
@@ -90,28 +136,33 @@ impl Tree {
     /// Compiles `model`.
     pub fn new(model: &Model) -> Self {
         let frames = kernel_frames(model);
-        let bodies = (model.bodies().iter().zip(&frames))
+        let hops = model.joints().iter().enumerate().map(|(j, joint)| {
+            let parent = model.joint_parent(j);
+            Hop::new(joint, parent, &frames[parent], &frames[j + 1])
+        });
+        let mut hops: Vec<Hop> = hops.collect();
+        let bodies: Vec<Body> = (model.bodies().iter().zip(&frames))
             .enumerate()
             .map(|(b, (body, X_BK))| {
                 let subtree = &model.bodies()[b..body.subtree_end];
                 let inertia = without_rounding(SpatialInertia::from(
                     &body.inertia.expressed_in(&X_BK.inverse()),
                 ));
+                let own = b.checked_sub(1).map(|j| &hops[j]);
+                let rise = own.map_or(0.0, |hop| if hop.slides { 0.0 } else { hop.d });
                 Body {
                     X_BK: *X_BK,
                     X_KB: X_BK.inverse(),
                     is_oblique: inertia.about_origin.off_diagonal != Vector3::zeros(),
                     is_heavy: inertia.first_moment != Vector3::zeros(),
+                    about_foot: inertia.shifted(&Vector3::new(0.0, 0.0, rise)),
                     inertia,
+                    rise,
+                    subtree_end: body.subtree_end,
                     subtree_mass: subtree.iter().map(|b| b.inertia.mass).sum(),
                 }
             })
             .collect();
-        let hops = model.joints().iter().enumerate().map(|(j, joint)| {
-            let parent = model.joint_parent(j);
-            Hop::new(joint, parent, &frames[parent], &frames[j + 1])
-        });
-        let mut hops: Vec<Hop> = hops.collect();
         let mut depths = vec![0; hops.len() + 1];
         for (j, hop) in hops.iter().enumerate() {
             depths[j + 1] = depths[hop.parent] + 1;
@@ -123,7 +174,15 @@ impl Tree {
             (hops[j].before, hops[j].follows) = (before, hops[j].parent == before);
             before = j + 1;
         }
+        let mut is_met = vec![false; bodies.len()];
+        for &j in outward.iter().rev() {
+            let hop = &mut hops[j];
+            hop.arrives_first = !std::mem::replace(&mut is_met[hop.parent], true);
+            hop.prepare_arrival(&bodies[hop.parent], bodies[j + 1].subtree_mass);
+        }
         Self {
+            leaves: (0..bodies.len()).filter(|&b| !is_met[b]).collect(),
+            homes: hops.chunks(GROUP).map(Homes::of).collect(),
             bodies,
             hops,
             outward,
@@ -169,15 +228,15 @@ impl Tree {
         ])
     }
 
-    /// Tells the turn of every joint at positions `q`.
+    /// Tells the turns of the joints at positions `q`, eight at a time.
     #[inline(always)]
-    pub(crate) fn turns<V: Simd>(
+    pub(crate) fn turn_groups<V: Simd>(
         &self,
         simd: V,
         q: &[f64],
-        mut tell: impl FnMut(usize, f64, Turn<f64>),
+        mut tell: impl FnMut(usize, Turn<Eight>),
     ) {
-        for (group, (q, hops)) in q.chunks(GROUP).zip(self.hops.chunks(GROUP)).enumerate() {
+        for (group, (q, homes)) in q.chunks(GROUP).zip(&self.homes).enumerate() {
             // Copied by wide instructions: what is written in pieces takes long to be read at once.
             let mut angles = Eight::ZERO;
             for (q, angles) in q
@@ -186,11 +245,29 @@ impl Tree {
             {
                 simd.partial_store_f64s(angles, simd.partial_load_f64s(q));
             }
-            let (Eight(cos), Eight(sin)) = sin_cos(&angles);
-            for (i, (&q, hop)) in q.iter().zip(hops).enumerate() {
-                tell(group * GROUP + i, q, hop.turn(cos[i], sin[i]));
+            if homes.is_mixed {
+                for (angle, turning) in angles.0.iter_mut().zip(homes.turning.0) {
+                    *angle *= turning;
+                }
             }
+            tell(group, Turn::by(&angles, homes.is_any.then_some(&homes.turns)));
         }
+    }
+
+    /// Tells the turn of every joint at positions `q`.
+    #[inline(always)]
+    pub(crate) fn turns<V: Simd>(
+        &self,
+        simd: V,
+        q: &[f64],
+        mut tell: impl FnMut(usize, f64, Turn<f64>),
+    ) {
+        self.turn_groups(simd, q, |group, turns| {
+            let first = group * GROUP;
+            for (i, &q) in q[first..].iter().enumerate().take(GROUP) {
+                tell(first + i, q, turns.at(i));
+            }
+        });
     }
 
     /// Takes over wrenches on the bodies into the kernel frames. Says whether there is any.
@@ -361,10 +438,29 @@ impl Hop {
             d,
             p_PK: (swung * (p + z * d)).into(),
             axis_P: (swung * z).into(),
+            foot: (swung * p).into(),
+            arrival: SpatialInertia::ZERO,
+            arrives_first: false,
             damping: joint.damping,
             stiffness: joint.spring.stiffness,
             rest: joint.spring.rest,
         }
+    }
+
+    /// What is known of the moved subtree of mass `mass` once it is the parent's, before positions are known.
+    fn prepare_arrival(&mut self, parent: &Body, mass: f64) {
+        self.foot[2] += parent.rise;
+        let point = SpatialInertia {
+            mass,
+            ..SpatialInertia::ZERO
+        };
+        let mut arrival = point.shifted(&self.foot.into());
+        if self.arrives_first {
+            arrival += parent.about_foot;
+        }
+        let R = turn_matrix(2, &self.swing) * turn_matrix(0, &self.bend);
+        arrival.about_origin = arrival.about_origin.rotated(&R.transpose());
+        self.arrival = arrival;
     }
 }
 

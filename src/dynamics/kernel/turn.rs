@@ -1,7 +1,7 @@
 //! Turning about a coordinate axis: what makes a hop from body to body cheap.
 
 use super::vector::others;
-use super::{Mat3, Scalar, Sym3, Vec3};
+use super::{Eight, GROUP, Mat3, Scalar, Sym3, Vec3, sin_cos};
 
 /// A turn by an angle about a coordinate axis, with the products that tensors need. For a turn of frame B
 /// against frame A, `out` takes components in B to components in A and `back` goes back. The axis is the
@@ -96,6 +96,27 @@ impl<S: Scalar> Turn<S> {
         turned
     }
 
+    /// [`Self::sym`] plus a tensor of A that is ready before `m`: the sum does not make anybody wait.
+    #[inline(always)]
+    pub fn sym_onto<const AXIS: usize>(&self, m: Sym3<S>, more: Sym3<S>) -> Sym3<S> {
+        let (i, (j, k)) = (AXIS, others(AXIS));
+        let (difference, across) = (m.diagonal[j] - m.diagonal[k], m.off[i]);
+        let moved = self.sin_sin.mul_add(difference, self.sin_twice * across);
+        let mut sum = more;
+        sum.diagonal[i] = m.diagonal[i] + more.diagonal[i];
+        sum.diagonal[j] = (m.diagonal[j] + more.diagonal[j]) - moved;
+        sum.diagonal[k] = (m.diagonal[k] + more.diagonal[k]) + moved;
+        let across = self.cos_twice.mul_add(across, more.off[i]);
+        sum.off[i] = self.sin_cos.mul_add(difference, across);
+        let (to_k, to_j) = (
+            self.cos.mul_add(m.off[k], more.off[k]),
+            self.cos.mul_add(m.off[j], more.off[j]),
+        );
+        sum.off[k] = self.sin.mul_sub_from(m.off[j], to_k);
+        sum.off[j] = self.sin.mul_add(m.off[k], to_j);
+        sum
+    }
+
     /// Components in A of the tensor whose components in B are `m`, but for its row along the axis,
     /// which is left as it is.
     #[inline(always)]
@@ -123,5 +144,49 @@ impl<S: Scalar> Turn<S> {
         let Mat3(mut turned) = self.mat_across::<AXIS>(m);
         turned[AXIS] = self.out::<AXIS>(m.0[AXIS]);
         Mat3(turned)
+    }
+}
+
+impl Turn<Eight> {
+    /// The turns of eight joints by these angles beyond those whose cosines and sines are in `home`.
+    #[inline(always)]
+    pub(super) fn by(angles: &Eight, home: Option<&[Eight; 2]>) -> Self {
+        let (mut cos, mut sin) = sin_cos(angles);
+        if let Some([Eight(home_cos), Eight(home_sin)]) = home {
+            for i in 0..GROUP {
+                let (c, s) = (cos.0[i], sin.0[i]);
+                cos.0[i] = home_sin[i].mul_sub_from(s, home_cos[i] * c);
+                sin.0[i] = home_sin[i].mul_add(c, home_cos[i] * s);
+            }
+        }
+        let mut turns = Self {
+            cos,
+            sin,
+            sin_sin: Eight::ZERO,
+            sin_cos: Eight::ZERO,
+            sin_twice: Eight::ZERO,
+            cos_twice: Eight::ZERO,
+        };
+        for i in 0..GROUP {
+            let turn = Turn::new(cos.0[i], sin.0[i]);
+            turns.sin_sin.0[i] = turn.sin_sin;
+            turns.sin_cos.0[i] = turn.sin_cos;
+            turns.sin_twice.0[i] = turn.sin_twice;
+            turns.cos_twice.0[i] = turn.cos_twice;
+        }
+        turns
+    }
+
+    /// That of one of them.
+    #[inline(always)]
+    pub(super) fn at(&self, i: usize) -> Turn<f64> {
+        Turn {
+            cos: self.cos.0[i],
+            sin: self.sin.0[i],
+            sin_sin: self.sin_sin.0[i],
+            sin_cos: self.sin_cos.0[i],
+            sin_twice: self.sin_twice.0[i],
+            cos_twice: self.cos_twice.0[i],
+        }
     }
 }
