@@ -5,7 +5,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::State;
 use super::axis::Axis;
-use super::kernel::{Column, Joints, System, Tree};
+use super::kernel::{Column, Joints, Tree};
 use crate::model::{Frame, Model};
 use crate::spatial::{Pose, Symmetric3, Twist, Wrench};
 
@@ -57,13 +57,21 @@ struct Placement<'a> {
     tree: &'a Tree,
     joints: &'a mut Joints,
     q: &'a [f64],
+    p_BC: &'a mut Vector3<f64>,
+    H_B: &'a mut Symmetric3,
+    H_B_inverse: &'a mut Symmetric3,
 }
 
 impl WithSimd for Placement<'_> {
-    type Output = System<f64>;
+    type Output = ();
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> System<f64> {
-        self.joints.set(simd, self.tree, self.q)
+    fn with_simd<S: Simd>(self, simd: S) {
+        let system = self.joints.set(simd, self.tree, self.q);
+        *self.p_BC = system.p_BC.0.into();
+        *self.H_B = system.H_B.into();
+        // Bodies are positive definite, so only a position that is not finite can make this fail, and
+        // that shows in every result.
+        *self.H_B_inverse = system.H_B_inverse.into();
     }
 }
 
@@ -107,20 +115,14 @@ impl Workspace {
     }
 
     fn move_to(&mut self, q: &[f64]) {
-        let System {
-            p_BC,
-            H_B,
-            H_B_inverse,
-        } = self.arch.dispatch(Placement {
+        self.arch.dispatch(Placement {
             tree: &self.tree,
             joints: &mut self.joints,
             q,
+            p_BC: &mut self.p_BC,
+            H_B: &mut self.H_B,
+            H_B_inverse: &mut self.H_B_inverse,
         });
-        self.p_BC = p_BC.0.into();
-        self.H_B = H_B.into();
-        // Bodies are positive definite, so only a position that is not finite can make this fail, and
-        // that shows in every result.
-        self.H_B_inverse = H_B_inverse.into();
     }
 
     /// Adds what depends on motion: the twist of every body, for joint rates and momentum of `state`.

@@ -33,7 +33,7 @@ impl JointGroup {
     pub(crate) fn of(tree: &Tree) -> Vec<Self> {
         let groups = tree.hops.chunks(GROUP).enumerate().map(|(group, hops)| {
             let mut made = Self {
-                turn: Turn::by(&Eight::ZERO, None),
+                turn: Turn::NONE,
                 ends: [0; GROUP],
                 axes: [[Eight::ZERO; 3]; 3],
                 p_BK: [Eight::ZERO; 3],
@@ -102,14 +102,8 @@ impl JointGroup {
     }
 
     #[inline(always)]
-    fn set_columns<S: Simd>(&mut self, simd: S, system: &System<f64>, mass: f64) {
-        let p_BC = splat(simd, system.p_BC);
-        let inverse = &system.H_B_inverse;
-        let answer = Sym3 {
-            diagonal: splat(simd, -Vec3(inverse.diagonal)).0,
-            off: splat(simd, -Vec3(inverse.off)).0,
-        };
-        let per = Lanes::splat(simd, 1.0 / mass);
+    fn set_columns<S: Simd>(&mut self, simd: S, system: &System<Lanes<S>>, per: Lanes<S>) {
+        let (p_BC, answer) = (system.p_BC, -system.H_B_inverse);
         for first in (0..GROUP).step_by(S::F64_LANES) {
             let lever = self.lever(simd, first);
             let moves = if self.is_mixed {
@@ -215,14 +209,31 @@ impl Joints {
     #[inline(always)]
     pub(crate) fn set<S: Simd>(&mut self, simd: S, tree: &Tree, q: &[f64]) -> System<f64> {
         self.q.copy_from_slice(q);
-        tree.turn_groups(simd, q, |group, turns| self.groups[group].turn = turns);
-        let whole = set_places(tree, 0.0, self);
-        let mass = tree.bodies[0].subtree_mass;
-        let system = System::new(whole, &self.base, mass);
-        for group in &mut self.groups {
-            group.set_columns(simd, &system, mass);
+        let groups = self.groups.iter_mut().zip(q.chunks(GROUP));
+        for (g, (group, q)) in groups.enumerate() {
+            tree.set_turns(simd, g, q, &mut group.turn);
         }
-        system
+        let whole = set_places(tree, 0.0, self);
+        let (mass, base) = (tree.bodies[0].subtree_mass, &self.base);
+        // In lanes that are all alike, for the columns of which each holds one.
+        let whole = Composite {
+            first_moment: splat(simd, whole.first_moment),
+            inertia: Sym3 {
+                diagonal: splat(simd, Vec3(whole.inertia.diagonal)).0,
+                off: splat(simd, Vec3(whole.inertia.off)).0,
+            },
+        };
+        let [x, y, z] = base.axes;
+        let base = Pose {
+            axes: [splat(simd, x), splat(simd, y), splat(simd, z)],
+            p_BK: splat(simd, base.p_BK),
+        };
+        let system = System::new(whole, &base, mass);
+        let per = Lanes::splat(simd, 1.0 / mass);
+        for group in &mut self.groups {
+            group.set_columns(simd, &system, per);
+        }
+        system.first()
     }
 
     /// The columns of joint `j`.
@@ -308,6 +319,31 @@ impl Places<f64> for Joints {
     #[inline(always)]
     fn set_gathered(&mut self, body: usize, subtree: Composite<f64>) {
         self.gathered[body] = subtree;
+    }
+}
+
+impl<S: Simd> System<Lanes<S>> {
+    /// That of the first lane.
+    #[inline(always)]
+    fn first(&self) -> System<f64> {
+        System {
+            p_BC: first(self.p_BC),
+            H_B: first_sym(self.H_B),
+            H_B_inverse: first_sym(self.H_B_inverse),
+        }
+    }
+}
+
+#[inline(always)]
+fn first<S: Simd>(v: Vec3<Lanes<S>>) -> Vec3<f64> {
+    Vec3([v[0].first(), v[1].first(), v[2].first()])
+}
+
+#[inline(always)]
+fn first_sym<S: Simd>(m: Sym3<Lanes<S>>) -> Sym3<f64> {
+    Sym3 {
+        diagonal: first(Vec3(m.diagonal)).0,
+        off: first(Vec3(m.off)).0,
     }
 }
 

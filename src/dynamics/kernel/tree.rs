@@ -10,7 +10,7 @@
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 use pulp::Simd;
 
-use super::{Eight, Force, GROUP, Mat3, Scalar, Turn, Vec3};
+use super::{Eight, Force, GROUP, Lanes, Mat3, Scalar, Turn, Vec3, sin_cos};
 use crate::model::{Frame, Joint, Model};
 use crate::spatial::{Pose, SpatialInertia, Wrench};
 
@@ -228,29 +228,30 @@ impl Tree {
         ])
     }
 
-    /// Tells the turns of the joints at positions `q`, eight at a time.
+    /// Sets the turns of the joints of a group, which are at positions `q`.
     #[inline(always)]
-    pub(crate) fn turn_groups<V: Simd>(
+    pub(super) fn set_turns<V: Simd>(
         &self,
         simd: V,
+        group: usize,
         q: &[f64],
-        mut tell: impl FnMut(usize, Turn<Eight>),
+        turns: &mut Turn<Eight>,
     ) {
-        for (group, (q, homes)) in q.chunks(GROUP).zip(&self.homes).enumerate() {
-            // Copied by wide instructions: what is written in pieces takes long to be read at once.
-            let mut angles = Eight::ZERO;
-            for (q, angles) in q
-                .chunks(V::F64_LANES)
-                .zip(angles.0.chunks_mut(V::F64_LANES))
-            {
-                simd.partial_store_f64s(angles, simd.partial_load_f64s(q));
-            }
+        let homes = &self.homes[group];
+        for (k, q) in q.chunks(V::F64_LANES).enumerate() {
+            let first = k * V::F64_LANES;
+            let mut angles = Lanes::load_some(simd, q);
             if homes.is_mixed {
-                for (angle, turning) in angles.0.iter_mut().zip(homes.turning.0) {
-                    *angle *= turning;
-                }
+                angles = angles * Lanes::load(simd, &homes.turning.0[first..]);
             }
-            tell(group, Turn::by(&angles, homes.is_any.then_some(&homes.turns)));
+            let (mut cos, mut sin) = sin_cos(angles);
+            if homes.is_any {
+                let home = &homes.turns;
+                let c = Lanes::load(simd, &home[0].0[first..]);
+                let s = Lanes::load(simd, &home[1].0[first..]);
+                (cos, sin) = (s.mul_sub_from(sin, c * cos), s.mul_add(cos, c * sin));
+            }
+            turns.set(first, &Turn::new(cos, sin));
         }
     }
 
@@ -262,12 +263,13 @@ impl Tree {
         q: &[f64],
         mut tell: impl FnMut(usize, f64, Turn<f64>),
     ) {
-        self.turn_groups(simd, q, |group, turns| {
-            let first = group * GROUP;
-            for (i, &q) in q[first..].iter().enumerate().take(GROUP) {
-                tell(first + i, q, turns.at(i));
+        for (group, q) in q.chunks(GROUP).enumerate() {
+            let mut turns = Turn::NONE;
+            self.set_turns(simd, group, q, &mut turns);
+            for (i, &q) in q.iter().enumerate() {
+                tell(group * GROUP + i, q, turns.at(i));
             }
-        });
+        }
     }
 
     /// Takes over wrenches on the bodies into the kernel frames. Says whether there is any.

@@ -1,7 +1,9 @@
 //! Turning about a coordinate axis: what makes a hop from body to body cheap.
 
+use pulp::Simd;
+
 use super::vector::others;
-use super::{Eight, GROUP, Mat3, Scalar, Sym3, Vec3, sin_cos};
+use super::{Eight, GROUP, Lanes, Mat3, Scalar, Sym3, Vec3};
 
 /// A turn by an angle about a coordinate axis, with the products that tensors need. For a turn of frame B
 /// against frame A, `out` takes components in B to components in A and `back` goes back. The axis is the
@@ -148,33 +150,25 @@ impl<S: Scalar> Turn<S> {
 }
 
 impl Turn<Eight> {
-    /// The turns of eight joints by these angles beyond those whose cosines and sines are in `home`.
+    /// Eight that are none.
+    pub(super) const NONE: Self = Self {
+        cos: Eight([1.0; GROUP]),
+        sin: Eight::ZERO,
+        sin_sin: Eight::ZERO,
+        sin_cos: Eight::ZERO,
+        sin_twice: Eight::ZERO,
+        cos_twice: Eight([1.0; GROUP]),
+    };
+
+    /// Takes over several side by side, the first of which comes to `first`.
     #[inline(always)]
-    pub(super) fn by(angles: &Eight, home: Option<&[Eight; 2]>) -> Self {
-        let (mut cos, mut sin) = sin_cos(angles);
-        if let Some([Eight(home_cos), Eight(home_sin)]) = home {
-            for i in 0..GROUP {
-                let (c, s) = (cos.0[i], sin.0[i]);
-                cos.0[i] = home_sin[i].mul_sub_from(s, home_cos[i] * c);
-                sin.0[i] = home_sin[i].mul_add(c, home_cos[i] * s);
-            }
-        }
-        let mut turns = Self {
-            cos,
-            sin,
-            sin_sin: Eight::ZERO,
-            sin_cos: Eight::ZERO,
-            sin_twice: Eight::ZERO,
-            cos_twice: Eight::ZERO,
-        };
-        for i in 0..GROUP {
-            let turn = Turn::new(cos.0[i], sin.0[i]);
-            turns.sin_sin.0[i] = turn.sin_sin;
-            turns.sin_cos.0[i] = turn.sin_cos;
-            turns.sin_twice.0[i] = turn.sin_twice;
-            turns.cos_twice.0[i] = turn.cos_twice;
-        }
-        turns
+    pub(super) fn set<S: Simd>(&mut self, first: usize, turns: &Turn<Lanes<S>>) {
+        turns.cos.store(&mut self.cos.0[first..]);
+        turns.sin.store(&mut self.sin.0[first..]);
+        turns.sin_sin.store(&mut self.sin_sin.0[first..]);
+        turns.sin_cos.store(&mut self.sin_cos.0[first..]);
+        turns.sin_twice.store(&mut self.sin_twice.0[first..]);
+        turns.cos_twice.store(&mut self.cos_twice.0[first..]);
     }
 
     /// That of one of them.
