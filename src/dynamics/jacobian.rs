@@ -20,7 +20,7 @@ impl Workspace {
     /// origin in base axes per unit joint rate, base reaction included, at zero momentum.
     /// Masutani 1995 eqs. (4.36), (4.37).
     pub fn generalized_jacobian(&self, frame: &Frame, out: &mut Matrix6xX<f64>) {
-        self.arch().dispatch(Generalized {
+        self.arch.dispatch(Generalized {
             workspace: self,
             frame,
             columns: out.as_mut_slice().as_chunks_mut().0,

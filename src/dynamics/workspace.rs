@@ -17,7 +17,8 @@ use crate::spatial::{Pose, Symmetric3, Twist, Wrench};
 /// are lost to a distant point of reference.
 #[derive(Debug, Clone)]
 pub struct Workspace {
-    arch: Arch,
+    /// What the processor can do.
+    pub(super) arch: Arch,
     pub(super) tree: Tree,
     /// What positions imply for the joints and the bodies that they move.
     pub(super) joints: Joints,
@@ -233,10 +234,5 @@ impl Workspace {
     /// (needs [`Workspace::set_motion`]).
     pub fn V_WB_B(&self) -> &Twist {
         &self.bodies[0].twist
-    }
-
-    /// What the processor can do.
-    pub(super) fn arch(&self) -> Arch {
-        self.arch
     }
 }

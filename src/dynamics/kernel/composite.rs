@@ -163,13 +163,7 @@ impl<S: Scalar> Places<S> for [Place<S>] {
 impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GENERAL, BEND, D, A> {
     /// Axes and origin of a body from its parent's.
     #[inline(always)]
-    fn place<S: Scalar>(
-        self,
-        hop: &Hop,
-        turn: &Turn<S>,
-        q: S,
-        parent: Pose<S>,
-    ) -> Pose<S> {
+    fn place<S: Scalar>(self, hop: &Hop, turn: &Turn<S>, q: S, parent: Pose<S>) -> Pose<S> {
         let ([mut x, mut y, mut z], mut origin) = (parent.axes, parent.p_BK);
         let Vec3([p0, p1, p2]) = Vec3::constant(q, &hop.p);
         if GENERAL {
@@ -219,16 +213,20 @@ pub(super) fn set_places<S: Scalar>(
     // Poses go outward while inertias are gathered inward: neither has to wait for the other.
     let mut pose = Pose::of_base(tree, like);
     places.set_pose(0, pose);
-    let mut subtree = places.gathered(tree.outward.last().map_or(0, |j| j + 1));
-    for (&outward, &inward) in tree.outward.iter().zip(tree.outward.iter().rev()) {
+    let joints = tree.dof();
+    let mut subtree = places.gathered(joints);
+    for outward in 0..joints {
         let (hop, body) = (&tree.hops[outward], outward + 1);
-        if !hop.follows {
+        if hop.parent != outward {
             pose = places.pose(hop.parent);
         }
         let (turn, q) = (places.turn(body), places.q(body));
         pose = on_path!(hop, path => path.place(hop, &turn, q, pose));
         places.set_pose(body, pose);
 
+        // Inward, the body that is next is always the one with the next lower number; if it is not the parent, it
+        // is the tip of another branch.
+        let inward = joints - 1 - outward;
         let (hop, body) = (&tree.hops[inward], inward + 1);
         let across = [subtree.first_moment[0], subtree.first_moment[1]];
         places.set_subtree(body, across, subtree.along_axis(bodies[body].rise));
@@ -237,9 +235,9 @@ pub(super) fn set_places<S: Scalar>(
         if !hop.arrives_first {
             subtree = subtree.plus(places.gathered(hop.parent));
         }
-        if !hop.follows {
+        if hop.parent != inward {
             places.set_gathered(hop.parent, subtree);
-            subtree = places.gathered(hop.before);
+            subtree = places.gathered(inward);
         }
     }
     subtree
@@ -276,10 +274,14 @@ pub fn momentum_map<S: Scalar>(
 impl<S: Scalar> System<S> {
     #[inline(always)]
     pub(super) fn new(whole: Composite<S>, base: &Pose<S>, mass: f64) -> Self {
-        let (p, J) = about_com(whole, mass);
-        let H_B = rotated(J, &base.axes);
+        // Turned first: the centre of mass is then found meanwhile.
+        let turned = Composite {
+            first_moment: base.turned(whole.first_moment),
+            inertia: rotated(whole.inertia, &base.axes),
+        };
+        let (p_BC, H_B) = about_com(turned, mass);
         Self {
-            p_BC: base.turned(p),
+            p_BC,
             H_B,
             H_B_inverse: H_B.inverse(),
         }

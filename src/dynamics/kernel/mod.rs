@@ -13,6 +13,7 @@ mod articulated;
 mod attitude;
 mod columns;
 mod composite;
+mod frames;
 mod gather;
 mod group;
 mod hop;

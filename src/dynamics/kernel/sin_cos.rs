@@ -36,13 +36,17 @@ pub fn sin_cos<S: Simd>(angles: Lanes<S>) -> (Lanes<S>, Lanes<S>) {
     let simd = angles.simd;
     let sizes = simd.abs_f64s(angles.value);
     let in_range = simd.less_than_or_equal_f64s(sizes, simd.splat_f64s(LARGEST));
+    let near = reduced(angles);
     if simd.first_true_m64s(simd.not_m64s(in_range)) < S::F64_LANES {
         let mut numbers = Eight::ZERO;
         angles.store(&mut numbers.0);
         let [cos, sin] = far(&numbers);
-        (Lanes::load(simd, &cos.0), Lanes::load(simd, &sin.0))
+        let (cos, sin) = (Lanes::load(simd, &cos.0), Lanes::load(simd, &sin.0));
+        let cos = simd.select_f64s(in_range, near.0.value, cos.value);
+        let sin = simd.select_f64s(in_range, near.1.value, sin.value);
+        (Lanes { simd, value: cos }, Lanes { simd, value: sin })
     } else {
-        reduced(angles)
+        near
     }
 }
 

@@ -7,9 +7,10 @@
 //! a turn about the parent's z comes in where bodies branch. Only the description's frames are seen
 //! from outside.
 
-use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 use pulp::Simd;
 
+use super::frames::kernel_frames;
 use super::{Eight, Force, GROUP, Lanes, Mat3, Scalar, Turn, Vec3, sin_cos};
 use crate::model::{Frame, Joint, Model};
 use crate::spatial::{Pose, SpatialInertia, Wrench};
@@ -88,8 +89,8 @@ pub(crate) struct Hop {
     /// What the parent's inertia about its foot has more than the moved subtree's first moment and inertia as it
     /// was about its own, turned: all of it known beforehand. The inertia is in the axes before bend and swing.
     pub arrival: SpatialInertia,
-    /// Whether the inward sweep meets the parent here for the first time: `arrival` then brings in its own
-    /// inertia.
+    /// Whether it leads to the parent's last child, which all sweeps inward meet before its others: `arrival` then
+    /// brings in the parent's own inertia.
     pub arrives_first: bool,
     pub damping: f64,
     pub stiffness: f64,
@@ -175,7 +176,7 @@ impl Tree {
             before = j + 1;
         }
         let mut is_met = vec![false; bodies.len()];
-        for &j in outward.iter().rev() {
+        for j in (0..hops.len()).rev() {
             let hop = &mut hops[j];
             hop.arrives_first = !std::mem::replace(&mut is_met[hop.parent], true);
             hop.prepare_arrival(&bodies[hop.parent], bodies[j + 1].subtree_mass);
@@ -311,60 +312,6 @@ fn without_rounding(mut inertia: SpatialInertia) -> SpatialInertia {
     tensor.off_diagonal.apply(|x| *x = clean(*x, moment));
     inertia.first_moment.apply(|x| *x = clean(*x, first));
     inertia
-}
-
-/// `X_BK` of every body.
-fn kernel_frames(model: &Model) -> Vec<Pose> {
-    let bodies = model.bodies();
-    let mut frames = vec![Pose::identity(); bodies.len()];
-    for b in (0..bodies.len()).rev() {
-        let own = b.checked_sub(1).map(|j| &model.joints()[j]);
-        let next = (bodies[b].subtree_end > b + 1).then(|| &model.joints()[b]);
-        frames[b] = match (own, next) {
-            (None, None) => Pose::identity(),
-            // The base has no axis of its own; it takes that of the first joint.
-            (None, Some(next)) => {
-                let z = next.X_PJ.rotation * next.axis;
-                let p = (next.X_PJ * frames[b + 1]).translation.vector;
-                Pose::from_parts(Translation3::identity(), axes(&z, &(p - *z * z.dot(&p))))
-            }
-            (Some(own), None) => {
-                Pose::from_parts(Translation3::identity(), axes(&own.axis, &Vector3::zeros()))
-            }
-            (Some(own), Some(next)) => {
-                let at = next.X_PJ * frames[b + 1];
-                let (z, w) = (*own.axis, *(next.X_PJ.rotation * next.axis));
-                let p = at.translation.vector;
-                let normal = z.cross(&w);
-                let sine = normal.norm_squared();
-                let (x, along) = if sine < 1e-12 {
-                    (p - z * z.dot(&p), z.dot(&p))
-                } else {
-                    // Where the common normal meets this body's axis.
-                    (normal, normal.dot(&p.cross(&w)) / sine)
-                };
-                // Nearly parallel axes have their normal far away, which would cost digits.
-                let size = p.norm() + bodies[b].inertia.com.norm();
-                let along = if along.abs() <= size { along } else { 0.0 };
-                Pose::from_parts(Translation3::from(z * along), axes(&z, &x))
-            }
-        };
-    }
-    frames
-}
-
-/// Axes with the given z, and x as near to `x` as can be (anywhere if that is zero).
-fn axes(z: &Vector3<f64>, x: &Vector3<f64>) -> Rotation3<f64> {
-    let z = z.normalize();
-    let mut x = x - z * z.dot(x);
-    if x.norm() <= 1e-9 {
-        let mut least = Vector3::zeros();
-        least[z.iamin()] = 1.0;
-        x = least - z * z.dot(&least);
-    }
-    let x = x.normalize();
-    let y = z.cross(&x).normalize();
-    Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[y.cross(&z), y, z]))
 }
 
 impl Hop {
