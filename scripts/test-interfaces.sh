@@ -1,12 +1,12 @@
 #!/usr/bin/env bash
 # Adds to the tests' Python environment (test-venv.sh) the interface packages that have no wheel: fuyu_msgs,
-# built from msg/ as colcon would, and tf2_msgs. Once; prints the path of the environment's python.
+# built from msg/ as colcon would, tf2_msgs and simulation_interfaces. Once; prints the path of the environment's python.
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
 python=$("$root/scripts/test-venv.sh")
 venv=$(dirname "$(dirname "$python")")
-packages=("$root/msg" "$root/tests/support/tf2_msgs")
+packages=("$root/msg" "$root/tests/support/tf2_msgs" "$root/tests/support/simulation_interfaces")
 generators=(
   ros-jazzy-rosidl-{default,core}-generators ros-jazzy-python-cmake-module
   ros-jazzy-ament-{package,cmake,cmake-ros,lint}

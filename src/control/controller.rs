@@ -124,10 +124,23 @@ impl Controller {
         let k_v = &gains.k_v;
         self.foresight.look(&mut self.arm, seen, *prediction);
         let seen = &self.foresight.at_present(seen);
-        let mut acted = self.law.pull(&mut self.arm, seen, &mut self.efforts);
+        let follows = *prediction == Prediction::Motion && self.law.feeds_forward();
+        let goal = follows.then(|| self.foresight.moving_goal(seen)).flatten();
+        if let Some(goal) = &goal {
+            let Arm {
+                model, workspace, ..
+            } = &self.arm;
+            self.feed_forward.lead(model, workspace, goal);
+        }
+        let mut acted = {
+            let lead = goal.is_some().then(|| self.feed_forward.rates());
+            let seen = &Measurement { lead, ..*seen };
+            self.law.pull(&mut self.arm, seen, &mut self.efforts)
+        };
         if let Ok(acted) = &mut acted {
+            acted.second_error = self.foresight.second_error();
             acted.trouble = if self.law.seeks_the_goal() {
-                let (watch, arm) = (&mut self.watch, &mut self.arm);
+                let (watch, arm) = (&mut self.watch, &self.arm);
                 trouble(watch, self.reach, arm, gains, &self.efforts, seen, acted)
             } else {
                 self.watch.forget();
@@ -135,18 +148,11 @@ impl Controller {
             };
         }
         if acted.as_ref().is_ok_and(|acted| acted.pulls) {
-            if let (Prediction::Motion, true, Some(goal)) = (
-                prediction,
-                self.law.feeds_forward(),
-                self.foresight.moving_goal(seen),
-            ) {
-                let Arm {
-                    model, workspace, ..
-                } = &mut self.arm;
-                workspace.set_positions(model, seen.q);
-                (self.feed_forward).add(model, workspace, &goal, k_v, &mut self.efforts);
-            }
             let part = self.law.joint_damping();
+            if let Some(goal) = &goal {
+                let workspace = &self.arm.workspace;
+                (self.feed_forward).add(workspace, goal, k_v, part, &mut self.efforts);
+            }
             (self.hand_over).blend(seen.time, &mut self.efforts, k_v, part);
         } else {
             self.efforts.fill(0.0);
@@ -164,7 +170,7 @@ impl Controller {
 fn trouble(
     watch: &mut Watch,
     reach: Option<f64>,
-    arm: &mut Arm,
+    arm: &Arm,
     gains: &Gains,
     efforts: &DVector<f64>,
     seen: &Measurement<'_>,
@@ -174,11 +180,7 @@ fn trouble(
         watch.forget();
         return None;
     };
-    let Arm {
-        model, workspace, ..
-    } = arm;
-    workspace.set_positions(model, seen.q);
-    let distance = (sight.X_BD.translation.vector - workspace.p_BC()).norm();
+    let distance = (sight.X_BD.translation.vector - arm.workspace.p_BC()).norm();
     let short = reach.map(|reach| distance - reach);
     let short = short.filter(|short| *short > BEYOND);
     watch.look(seen, gains, error, efforts, short)

@@ -6,7 +6,8 @@ use crate::dynamics::{InverseDynamics, Momentum, TreeMotion, Workspace};
 use crate::model::{Frame, Model};
 use crate::spatial::Twist;
 
-/// Lets [`TransposeJacobian`](super::TransposeJacobian) follow a goal that moves, whatever the robot's momentum.
+/// Lets [`TransposeJacobian`](super::TransposeJacobian) and [`StraightPath`](super::StraightPath) follow a goal that
+/// moves, whatever the robot's momentum.
 ///
 /// The thesis's law keeps its tip at a goal that stands still, at zero momentum. It damps all joint motion, so a
 /// goal that moves runs ahead of the tip until the pull balances the damping. Let `q̇_D` be the joint rates that
@@ -45,6 +46,8 @@ pub struct FeedForward {
     /// the arm after it.
     pub fastest: f64,
     tip: Frame,
+    /// Angular momentum, base axes.
+    L_B: Vector3<f64>,
     ahead: Workspace,
     jacobian: Matrix6xX<f64>,
     /// `q̇_D` now and a moment later.
@@ -89,6 +92,7 @@ impl FeedForward {
             damping: DAMPING,
             fastest: FASTEST,
             tip: tip.clone(),
+            L_B: Vector3::zeros(),
             ahead: Workspace::new(model),
             jacobian: Matrix6xX::zeros(model.dof()),
             rates: zero.clone(),
@@ -101,25 +105,17 @@ impl FeedForward {
         }
     }
 
-    /// Joint rates `q̇_D` of the last call \[rad/s or m/s\].
+    /// Joint rates `q̇_D` of the last [`lead`](Self::lead) \[rad/s or m/s\].
     pub fn rates(&self) -> &DVector<f64> {
         &self.rates
     }
 
-    /// Adds `τ_f` to `efforts` \[N m or N\]. `workspace` has the positions of `goal.q`; `k_v` are the law's
-    /// velocity gains.
-    pub fn add(
-        &mut self,
-        model: &Model,
-        workspace: &Workspace,
-        goal: &MovingGoal,
-        k_v: &[f64],
-        efforts: &mut DVector<f64>,
-    ) {
+    /// Finds out `q̇_D` and `q̈_D` for a goal; `workspace` has the positions of `goal.q`.
+    pub fn lead(&mut self, model: &Model, workspace: &Workspace, goal: &MovingGoal) {
         let (q, qd, w) = (goal.q, goal.qd, goal.w_IB_B);
-        let L_B = workspace
-            .momentum_of(&Twist::new(*w, Vector3::zeros()), qd)
-            .angular;
+        let turning = Twist::new(*w, Vector3::zeros());
+        self.L_B = workspace.momentum_of(&turning, qd).angular;
+        let L_B = self.L_B;
         // A moment later; vectors that stand still turn in base axes.
         let turned = |v: &Vector3<f64>, rate: Vector3<f64>| v + (rate - w.cross(v)) * AHEAD;
         let V_later = Twist::new(
@@ -156,7 +152,19 @@ impl FeedForward {
         self.acceleration.copy_from(&self.later);
         self.acceleration -= &self.rates;
         self.acceleration /= AHEAD;
+    }
 
+    /// Adds `τ_f` to `efforts` \[N m or N\], after [`lead`](Self::lead) for the same goal; `part` of `k_v` are the law's
+    /// velocity gains.
+    pub fn add(
+        &mut self,
+        workspace: &Workspace,
+        goal: &MovingGoal,
+        k_v: &[f64],
+        part: f64,
+        efforts: &mut DVector<f64>,
+    ) {
+        let (qd, L_B) = (goal.qd, self.L_B);
         // Ĥ q̈_D + c(q̇) + g, then c at q̇ + s and at q̇ - s = q̇_D.
         let Self {
             inverse,
@@ -175,7 +183,7 @@ impl FeedForward {
                 let motion = TreeMotion {
                     R_WB: UnitQuaternion::identity(),
                     V_WB_B: workspace.base_twist(&momentum, qd),
-                    q: q.as_slice(),
+                    q: goal.q.as_slice(),
                     qd: qd.as_slice(),
                 };
                 inverse.free_floating_efforts(&motion, qdd, &[], out.as_mut_slice());
@@ -188,7 +196,7 @@ impl FeedForward {
         efforts_of(trial, Vector3::zeros(), acceleration.as_slice(), fast);
         efforts_of(rates, Vector3::zeros(), acceleration.as_slice(), slow);
         for j in 0..efforts.len() {
-            efforts[j] += k_v[j] * rates[j] + all[j] - 0.25 * (fast[j] - slow[j]);
+            efforts[j] += part * k_v[j] * rates[j] + all[j] - 0.25 * (fast[j] - slow[j]);
         }
     }
 }

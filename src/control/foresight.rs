@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 
 use super::prediction::{GoalMotionConfig, Predicted, Prediction, Predictor};
-use super::{Arm, Measurement, MovingGoal, Present, Sight};
+use super::{Arm, Measurement, MovingGoal, PoseError, Present, Sight};
 use crate::dynamics::Momentum;
 
 /// Tips and goals at present. It listens whatever the prediction is, so that a change of it acts at once.
@@ -90,6 +90,12 @@ impl Foresight {
             present,
             ..*seen
         }
+    }
+
+    /// Deviation of the second tip at present, if there is one and it is seen.
+    pub fn second_error(&self) -> Option<PoseError> {
+        let second = self.goals.get(1)?.as_ref()?;
+        Some(PoseError::between(&second.X_BE, &second.X_BD))
     }
 
     /// How the first tip's goal moves.

@@ -19,8 +19,9 @@ pub trait Law: fmt::Debug + Send {
     /// Takes over settings that have been checked. What the law has found out meanwhile stays.
     fn configure(&mut self, config: &ControllerConfig);
 
-    /// Writes the joint efforts without damping \[N m or N\]. Where the law lacks what it needs, such as
-    /// [`Measurement::sight`], it says so in [`Acted::pulls`] and what it writes is not used.
+    /// Writes the joint efforts without damping \[N m or N\]. The arm's workspace has the positions of `seen`, and keeps
+    /// them. Where the law lacks what it needs, such as [`Measurement::sight`], it says so in [`Acted::pulls`] and what it
+    /// writes is not used.
     ///
     /// # Errors
     /// [`LawError`] when there are no efforts; the joints are only damped then.
@@ -77,7 +78,7 @@ impl LawKind {
             Self::TransposeJacobian => Box::new(TransposeJacobian::new(config, joints)),
             Self::OperationalSpace => Box::new(OperationalSpace::new(config, arm)),
             Self::JointPd => Box::new(JointPd::new(config)),
-            Self::StraightPath => Box::new(StraightPath::new(config, joints)),
+            Self::StraightPath => Box::new(StraightPath::new(config, arm)),
         }
     }
 }
@@ -91,7 +92,7 @@ pub struct Arm {
     pub tip: Frame,
     /// The tips of further arms, in order.
     pub more_tips: Vec<Frame>,
-    /// Scratch; a law sets the positions from what is measured before it reads.
+    /// Scratch; at the positions that are measured while a law pulls.
     pub workspace: Workspace,
 }
 
@@ -117,6 +118,8 @@ impl Arm {
 pub struct Acted {
     /// Deviation that it acted on; `None` while no camera measurement was given.
     pub error: Option<PoseError>,
+    /// Deviation of the second tip, of a robot with several arms; `None` while it is not seen.
+    pub second_error: Option<PoseError>,
     /// Whether the position error was saturated.
     pub position_saturated: bool,
     /// Whether the orientation error was saturated.

@@ -23,6 +23,9 @@ pub struct Measurement<'a> {
     pub w_IB_B: Option<&'a Vector3<f64>>,
     /// How the goal turns, if somebody has estimated it.
     pub goal_rate: Option<&'a GoalRate>,
+    /// Joint rates that move the tip with its goal \[rad/s or m/s\], where the [`Controller`](super::Controller) feeds them
+    /// forward.
+    pub lead: Option<&'a DVector<f64>>,
     /// Base and goals at present, which the [`Controller`](super::Controller) finds out for the laws.
     pub present: Option<Present<'a>>,
 }
@@ -58,6 +61,7 @@ impl<'a> Measurement<'a> {
             more_sights: &[],
             w_IB_B: None,
             goal_rate: None,
+            lead: None,
             present: None,
         }
     }

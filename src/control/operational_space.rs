@@ -64,8 +64,8 @@ pub struct OperationalConfig {
     /// Rate at which joint motion dies out that no task has use of \[1/s\]. Tasks drive such motion by
     /// centrifugal forces, so it must be larger than the joints are fast.
     pub null_space_damping: f64,
-    /// Joint rate beyond which joints are braked whatever the tasks want \[rad/s or m/s\]: tasks that contradict each other
-    /// otherwise drive self-motion without bounds.
+    /// Largest joint rate, whatever the tasks want \[rad/s or m/s\]: tasks that contradict each other otherwise drive
+    /// self-motion without bounds.
     pub fastest: f64,
     /// Singular value below which a task's directions are damped, [`TaskPriority::damping`].
     pub task_damping: f64,
@@ -103,7 +103,7 @@ impl OperationalConfig {
     }
 }
 
-/// Rate at which joints are braked that are too fast \[1/s\].
+/// How fast a joint may approach its largest rate, and is brought back to it \[1/s\].
 const BRAKE: f64 = 20.0;
 
 /// Deviation of the base's attitude that acts in full \[rad\]: arms turn a base slowly.
@@ -135,6 +135,11 @@ pub struct OperationalSpace {
     saturation: Saturation,
     state: State,
     still: Input,
+    /// Joint accelerations of the motion without efforts.
+    free: DVector<f64>,
+    /// What the first task adds to that, and what all of them add.
+    first: DVector<f64>,
+    tasks: DVector<f64>,
     acceleration: DVector<f64>,
     jacobian: Matrix6xX<f64>,
     priority: TaskPriority,
@@ -156,6 +161,9 @@ impl OperationalSpace {
             saturation: config.gains.saturation,
             state: State::at_rest(&arm.model),
             still: Input::zero(&arm.model),
+            free: DVector::zeros(n),
+            first: DVector::zeros(n),
+            tasks: DVector::zeros(n),
             acceleration: DVector::zeros(n),
             jacobian: Matrix6xX::zeros(n),
             rates: priority.clone(),
@@ -176,7 +184,6 @@ impl OperationalSpace {
         let Arm {
             model, workspace, ..
         } = arm;
-        workspace.set_positions(model, seen.q);
         let turning = Twist::new(*now.w_IB_B, Vector3::zeros());
         self.state.q.copy_from(seen.q);
         self.state.qd.copy_from(seen.qd);
@@ -185,8 +192,8 @@ impl OperationalSpace {
             angular: workspace.momentum_of(&turning, seen.qd).angular,
         };
         workspace.set_motion(&self.state);
-        workspace.accelerations(model, &self.state, &self.still, &mut self.acceleration);
-        workspace.set_accelerations(&self.acceleration);
+        workspace.accelerations(model, &self.state, &self.still, &mut self.free);
+        workspace.set_accelerations(&self.free);
         self.priority.damping = self.config.task_damping;
         self.rates.damping = self.config.task_damping;
         self.priority.begin(workspace.reduced_inertia());
@@ -232,15 +239,40 @@ impl OperationalSpace {
         self.rates.add(&self.jacobian, &Vector6::zeros());
     }
 
-    /// Brakes joints that are too fast.
-    fn brake(&mut self, arm: &mut Arm, seen: &Measurement<'_>, pull: &mut DVector<f64>) {
+    /// Keeps every joint's rate within the largest one `f`: of the acceleration that motion and tasks come to it gets what lies
+    /// within `-BRAKE (f + q̇)` and `BRAKE (f - q̇)`. The tasks after the first are shortened until all joints keep to that,
+    /// so that the first one is served; only what is still too much is cut joint by joint.
+    fn limit(&mut self, workspace: &mut Workspace, rates: &DVector<f64>, pull: &mut DVector<f64>) {
         let fastest = self.config.fastest;
-        if seen.qd.amax() > fastest {
-            for (excess, rate) in self.idle.iter_mut().zip(seen.qd) {
-                *excess = rate - rate.clamp(-fastest, fastest);
+        let bounds = |rate: f64| (-BRAKE * (fastest + rate), BRAKE * (fastest - rate));
+        self.priority.accelerations(&mut self.idle);
+        let Self {
+            free,
+            first,
+            tasks,
+            idle: all,
+            ..
+        } = self;
+        let mut share = 1.0f64;
+        for (j, rate) in rates.iter().enumerate() {
+            let (least, most) = bounds(*rate);
+            let later = tasks[j] - first[j];
+            let rest = free[j] + all[j] - later;
+            let bound = if later > 0.0 { most } else { least };
+            if later != 0.0 && (rest + later < least || rest + later > most) {
+                share = share.min(((bound - rest) / later).max(0.0));
             }
-            let inertia = arm.workspace.reduced_inertia();
-            pull.gemv(-BRAKE, inertia, &self.idle, 1.0);
+        }
+        let mut cut = false;
+        for (j, rate) in rates.iter().enumerate() {
+            let (least, most) = bounds(*rate);
+            let wanted = free[j] + all[j];
+            let shortened = wanted - (1.0 - share) * (tasks[j] - first[j]);
+            all[j] = shortened.max(least).min(most) - wanted;
+            cut |= all[j] != 0.0;
+        }
+        if cut {
+            pull.gemv(1.0, workspace.reduced_inertia(), all, 1.0);
         }
     }
 
@@ -301,13 +333,18 @@ impl Law for OperationalSpace {
         self.prepare(arm, seen, now);
         if self.config.base == BaseTask::BeforeTips {
             self.hold_base(&arm.model, &arm.workspace, now);
+            self.priority.accelerations(&mut self.first);
         }
         for (k, (tip, goal)) in arm.tips().zip(now.goals).enumerate() {
             self.steer(&arm.workspace, tip, self.task(k), goal.as_ref());
+            if k == 0 && self.config.base != BaseTask::BeforeTips {
+                self.priority.accelerations(&mut self.first);
+            }
         }
         if self.config.base == BaseTask::AfterTips {
             self.hold_base(&arm.model, &arm.workspace, now);
         }
+        self.priority.accelerations(&mut self.tasks);
         // Joint motion that moves none of these dies out. It is told by rates, all of which count alike: in the metric
         // of the inertia light wrists would do what heavy shoulders should.
         self.idle.copy_from(seen.qd);
@@ -317,7 +354,7 @@ impl Law for OperationalSpace {
         self.acceleration.gemv(rate, inertia, &self.idle, 0.0);
         self.priority.add_in_null_space(&self.acceleration);
         self.priority.efforts(pull);
-        self.brake(arm, seen, pull);
+        self.limit(&mut arm.workspace, seen.qd, pull);
         Ok(acted)
     }
 }

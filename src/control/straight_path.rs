@@ -4,10 +4,12 @@ use std::f64::consts::{FRAC_PI_2, PI};
 
 use nalgebra::{DVector, Matrix6xX, Rotation3, Unit, Vector3};
 
-use super::Measurement;
 use super::gains::{check_not_negative, check_positive};
+use super::load::TipLoad;
 use super::transpose_jacobian::transpose_times;
-use super::{Acted, Arm, ControllerConfig, GainError, Gains, JacobianKind, Law, LawError};
+use super::{
+    Acted, Arm, ControllerConfig, GainError, Gains, JacobianKind, Law, LawError, Load, Measurement,
+};
 
 /// How the path is kept straight.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -43,10 +45,16 @@ pub struct StraightPathConfig {
     pub d_turn: f64,
     /// Part of `K_V` that stays on the joints while the tip is damped, above 0 to 1.
     pub joint_part: f64,
+    /// Time from one answer of the law to the next \[s\], by which damping is bounded; zero: it answers all the time.
+    pub period: f64,
 }
 
+/// Damping takes at most this part of a tip's velocity away in one period. From 2 on it is unstable, and from 2/3 on if efforts
+/// come a period late.
+const MOST_DAMPED: f64 = 0.5;
+
 impl Default for StraightPathConfig {
-    /// The thesis's rotation; damping for a time constant of 3 s with its `k_p` of 20 N/m.
+    /// The thesis's rotation, continuous; damping for a time constant of 3 s with its `k_p` of 20 N/m.
     fn default() -> Self {
         Self {
             shaping: Shaping::Rotation,
@@ -54,8 +62,9 @@ impl Default for StraightPathConfig {
             psi_max: 0.45 * PI,
             d_along: 60.0,
             d_across: 600.0,
-            d_turn: 300.0,
+            d_turn: 60.0,
             joint_part: 0.05,
+            period: 0.0,
         }
     }
 }
@@ -71,8 +80,20 @@ impl StraightPathConfig {
         check_not_negative("straight_path.d_along", self.d_along)?;
         check_not_negative("straight_path.d_across", self.d_across)?;
         check_not_negative("straight_path.d_turn", self.d_turn)?;
+        check_not_negative("straight_path.period", self.period)?;
         check_positive("straight_path.joint_part", self.joint_part)?;
         check_not_negative("1 - straight_path.joint_part", 1.0 - self.joint_part)
+    }
+
+    /// The load that the tip is made to feel under gains with `k_o`: with it the damping stays bounded by
+    /// [`period`](Self::period), whatever the posture is.
+    pub fn load(&self, k_o: f64) -> Load {
+        let period = self.period / MOST_DAMPED;
+        let turns = self.shaping == Shaping::Damping && k_o > 0.0;
+        Load {
+            mass: period * self.d_along.max(self.d_across),
+            inertia: if turns { period * self.d_turn } else { 0.0 },
+        }
     }
 }
 
@@ -91,6 +112,15 @@ impl StraightPathConfig {
 /// Slow motion is then `D V_E = k_p ē_p`: along the line at a pace that depends on the distance alone, not on the
 /// posture, whereas under `K_V` it is `V_E = k_p Ĵ_L K_V⁻¹ Ĵ_Lᵀ ē_p`, bent towards where the arm yields, and a
 /// rotation of the pull that straightens it leaves little of it along stiff directions: that is why it crawls.
+///
+/// Both take the tip's velocity away faster than a law can bear that answers once a period, where the wrist is light.
+/// So with [`StraightPathConfig::period`] the tip feels a load ([`StraightPathConfig::load`]): the damping is then stable in
+/// every posture, and slow motion is as before. The rotation is as stiff as damping of `k_p |e_p| k_r / |V_E|`, without bounds
+/// at rest, so its gain is bounded too, `k_r ≤ ½ d_across |V_E| / k_p |e_p|`; any turn from zero to `2π - 2φ` keeps (7.3).
+/// Half, because the turned pull changes up to twice as fast with the direction of `V_E` as that damping would.
+///
+/// For a goal that moves `q̇` is `s = q̇ - q̇_D` in all of this, see [`FeedForward`](super::FeedForward): the path is straight
+/// beside the goal.
 #[derive(Debug, Clone)]
 pub struct StraightPath {
     gains: Gains,
@@ -98,17 +128,23 @@ pub struct StraightPath {
     config: StraightPathConfig,
     law: Matrix6xX<f64>,
     tip_moves: Matrix6xX<f64>,
+    /// `s`.
+    rates: DVector<f64>,
+    load: TipLoad,
 }
 
 impl StraightPath {
-    /// The law for an arm with so many joints.
-    pub fn new(config: &ControllerConfig, joints: usize) -> Self {
+    /// The law for an arm.
+    pub fn new(config: &ControllerConfig, arm: &Arm) -> Self {
+        let joints = arm.model.dof();
         Self {
             gains: config.gains.clone(),
             jacobian: config.jacobian,
             config: config.straight_path.clone(),
             law: Matrix6xX::zeros(joints),
             tip_moves: Matrix6xX::zeros(joints),
+            rates: DVector::zeros(joints),
+            load: TipLoad::new(arm),
         }
     }
 
@@ -120,7 +156,18 @@ impl StraightPath {
         };
         let phi = V_E.angle(e_p);
         let wanted = if phi <= FRAC_PI_2 { phi } else { PI - phi };
-        let psi = (self.config.k_r * wanted)
+        let StraightPathConfig {
+            k_r,
+            d_across,
+            period,
+            ..
+        } = self.config;
+        let k_r = if period > 0.0 {
+            k_r.min(0.5 * d_across * V_E.norm() / (self.gains.k_p * e_p.norm()))
+        } else {
+            k_r
+        };
+        let psi = (k_r * wanted)
             .min(2.0 * (PI - phi))
             .min(self.config.psi_max);
         Rotation3::from_axis_angle(&axis, psi) * e_p
@@ -134,6 +181,10 @@ impl Law for StraightPath {
         self.config.clone_from(&config.straight_path);
     }
 
+    fn feeds_forward(&self) -> bool {
+        true
+    }
+
     fn pull(
         &mut self,
         arm: &mut Arm,
@@ -144,12 +195,15 @@ impl Law for StraightPath {
         let Some((e_p, e_o)) = acted.saturate(&self.gains.saturation) else {
             return Ok(acted);
         };
-        arm.workspace.set_positions(&arm.model, seen.q);
         (arm.workspace).generalized_jacobian(&arm.tip, &mut self.tip_moves);
+        self.rates.copy_from(seen.qd);
+        if let Some(lead) = seen.lead {
+            self.rates -= lead;
+        }
         let (mut V_E, mut W_E) = (Vector3::zeros(), Vector3::zeros());
-        for (column, qd) in self.tip_moves.column_iter().zip(seen.qd) {
-            V_E += column.fixed_rows::<3>(0) * *qd;
-            W_E += column.fixed_rows::<3>(3) * *qd;
+        for (column, rate) in self.tip_moves.column_iter().zip(&self.rates) {
+            V_E += column.fixed_rows::<3>(0) * *rate;
+            W_E += column.fixed_rows::<3>(3) * *rate;
         }
         let mut torque = e_o * self.gains.k_o;
         let force = match self.config.shaping {
@@ -172,6 +226,14 @@ impl Law for StraightPath {
             }
         };
         transpose_times(jacobian, &force, &torque, pull);
+        let load = self.config.load(self.gains.k_o);
+        if load.mass > 0.0 {
+            let (part, k_v) = (self.joint_damping(), &self.gains.k_v);
+            let rates = &self.rates;
+            let efforts = |j: usize| pull[j] - part * k_v[j] * rates[j];
+            let wrench = (self.load).wrench(load, arm, seen, &self.tip_moves, rates, efforts);
+            pull.gemv_tr(1.0, jacobian, &wrench, 1.0);
+        }
         Ok(acted)
     }
 

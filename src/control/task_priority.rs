@@ -67,21 +67,7 @@ impl TaskPriority {
 
     /// Begins anew with the reduced inertia `Ĥ` of the present position.
     pub fn begin(&mut self, inertia: &DMatrix<f64>) {
-        let n = inertia.nrows();
-        for j in 0..n {
-            for i in j..n {
-                let known: f64 = (0..j)
-                    .map(|k| self.factor[(i, k)] * self.factor[(j, k)])
-                    .sum();
-                let left = inertia[(i, j)] - known;
-                // Positive for every physical model.
-                self.factor[(i, j)] = if i == j {
-                    left.sqrt()
-                } else {
-                    left / self.factor[(j, j)]
-                };
-            }
-        }
+        factorize(inertia, &mut self.factor);
         self.z.fill(0.0);
         self.used = 0;
     }
@@ -133,6 +119,12 @@ impl TaskPriority {
         self.z += &self.row;
     }
 
+    /// Writes the joint accelerations `Ĥ⁻¹ τ = L⁻ᵀ z` \[rad/s² or m/s²\] that the efforts of all tasks make.
+    pub fn accelerations(&self, out: &mut DVector<f64>) {
+        out.copy_from(&self.z);
+        self.factor.tr_solve_lower_triangular_mut(out);
+    }
+
     /// Writes the joint efforts `τ = L z` \[N m or N\] of all tasks.
     pub fn efforts(&self, out: &mut DVector<f64>) {
         for i in 0..out.len() {
@@ -168,6 +160,23 @@ impl Level {
     fn take_off(&self, y: &mut DVector<f64>) {
         let along = self.inverse * (&self.rows * &*y);
         y.gemv_tr(-1.0, &self.rows, &along, 1.0);
+    }
+}
+
+/// Writes the lower triangle `L` of `inertia = L Lᵀ`.
+pub(super) fn factorize(inertia: &DMatrix<f64>, factor: &mut DMatrix<f64>) {
+    let n = inertia.nrows();
+    for j in 0..n {
+        for i in j..n {
+            let known: f64 = (0..j).map(|k| factor[(i, k)] * factor[(j, k)]).sum();
+            let left = inertia[(i, j)] - known;
+            // Positive for every physical model.
+            factor[(i, j)] = if i == j {
+                left.sqrt()
+            } else {
+                left / factor[(j, j)]
+            };
+        }
     }
 }
 

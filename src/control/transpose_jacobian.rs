@@ -73,7 +73,6 @@ impl Law for TransposeJacobian {
         let Some((e_p, e_o)) = acted.saturate(&self.gains.saturation) else {
             return Ok(acted);
         };
-        arm.workspace.set_positions(&arm.model, seen.q);
         (self.jacobian).write(&mut arm.workspace, &arm.tip, &mut self.matrix);
         let (force, torque) = (e_p * self.gains.k_p, e_o * self.gains.k_o);
         transpose_times(&self.matrix, &force, &torque, pull);

@@ -10,7 +10,8 @@ use rand_distr::StandardNormal;
 
 use crate::control::prediction::{GoalMotionConfig, Prediction};
 use crate::control::{
-    Controller, ControllerConfig, Gains, LawKind, Measurement, PoseError, Saturation, Sight,
+    Controller, ControllerConfig, Gains, LawKind, Measurement, PoseError, Saturation, Shaping,
+    Sight, StraightPathConfig,
 };
 use crate::dynamics::{Floating, Method, State, Workspace};
 use crate::experiments::masutani_ch5::K_V;
@@ -214,6 +215,12 @@ impl Run {
         let config = ControllerConfig {
             prediction: setup.prediction,
             goal: setup.goal,
+            straight_path: StraightPathConfig {
+                shaping: Shaping::Damping,
+                d_along: 225.0,
+                period: PERIOD,
+                ..StraightPathConfig::default()
+            },
             ..ControllerConfig::new(setup.law, gains)
         };
         let known = setup.known_robot.as_ref().unwrap_or(&servicer).clone();

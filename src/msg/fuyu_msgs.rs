@@ -54,6 +54,16 @@ super::declare::messages! {
         tip_pose_age: f64,
         /// Age of the goal pose that was used \[s\].
         goal_pose_age: f64,
+        /// A second tip and its goal are seen; without them the fields below are zero.
+        second_tip_seen: bool,
+        /// Position of the second goal from the second tip \[m\], base axes.
+        second_position_error: Vector3,
+        /// As orientation_error, of the second tip.
+        second_orientation_error: Vector3,
+        /// Length of second_position_error \[m\].
+        second_position_error_norm: f64,
+        /// As attitude_error_angle, of the second tip \[rad\].
+        second_attitude_error_angle: f64,
     }
 
     /// Feature points of one camera image, each with an identity that lasts from image to image.

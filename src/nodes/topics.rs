@@ -52,6 +52,14 @@ impl<M: Interface> Topic<M> {
         node.subscribe(self.name, self.qos)
     }
 
+    /// Subscribes to it with room for `depth` messages that wait, for who needs every one of them.
+    ///
+    /// # Errors
+    /// When the node cannot subscribe.
+    pub fn subscribe_deep(&self, node: &Node, depth: usize) -> Result<Subscription<M>, NodeError> {
+        node.subscribe(self.name, self.qos.depth(depth))
+    }
+
     /// What somebody needs who knows its type by name only.
     pub fn described(&self) -> Described {
         Described {

@@ -15,9 +15,10 @@ use super::{
     endpoint::{Counters, EndpointSpec, Endpoints, Reader, Sink, Writer},
     names::Names,
     newcomers::Newcomers,
+    owners::Owners,
     params::ParameterStore,
     publisher::Outbox,
-    service::ServiceServer,
+    service::{Calls, Reply, ServiceServer},
     session::Session,
     signals,
     subscription::Inbox,
@@ -360,8 +361,30 @@ impl Node {
         name: &str,
         handler: impl Fn(S::Request) -> S::Response + Send + Sync + 'static,
     ) -> Result<ServiceServer, NodeError> {
+        self.serve_later::<S>(name, move |request, reply| reply.send(&handler(request)))
+    }
+
+    /// As [`Self::serve`], but the handler may send the reply later, from any thread.
+    ///
+    /// # Errors
+    /// As [`Self::serve`].
+    pub fn serve_later<S: Service>(
+        &self,
+        name: &str,
+        handler: impl Fn(S::Request, Reply<S>) + Send + Sync + 'static,
+    ) -> Result<ServiceServer, NodeError> {
         let full_name = self.core.names.service(name)?;
         ServiceServer::new::<S>(&self.core, &full_name, handler)
+    }
+
+    /// Lets the program answer calls of the service `name`, which is expanded and remapped, when it gets to
+    /// it: they wait in a queue.
+    ///
+    /// # Errors
+    /// As [`Self::serve`].
+    pub fn serve_calls<S: Service>(&self, name: &str) -> Result<Calls<S>, NodeError> {
+        let full_name = self.core.names.service(name)?;
+        Calls::new(&self.core, &full_name)
     }
 
     /// The full name of a topic, expanded and remapped.
@@ -383,6 +406,14 @@ impl Node {
             .session()
             .map(|s| s.discovered_publishers(self.name()))
             .unwrap_or_default()
+    }
+
+    /// Begins to listen whose publishers are.
+    ///
+    /// # Errors
+    /// When DDS refuses.
+    pub fn owners(&self) -> Result<Owners, NodeError> {
+        Owners::new(&self.core)
     }
 
     /// What the node says of its health.

@@ -61,7 +61,7 @@ impl<M: Interface> Publisher<M> {
 }
 
 /// How long a publisher that ends waits for its last messages to leave, and then to be acknowledged.
-const LAST_MESSAGES: Duration = Duration::from_millis(200);
+pub(super) const LAST_MESSAGES: Duration = Duration::from_millis(200);
 
 impl<M> Drop for Publisher<M> {
     /// The last messages reach living subscribers before the publisher leaves the graph.
@@ -175,7 +175,7 @@ impl Outbox {
     }
 
     /// Waits until every message of `writer` has gone to DDS, at most `patience`.
-    fn flush_writer(&self, writer: &Arc<Writer>, patience: Duration) {
+    pub(super) fn flush_writer(&self, writer: &Arc<Writer>, patience: Duration) {
         let deadline = Instant::now() + patience;
         let mut queue = self.lock();
         let busy = |queue: &Queue| {

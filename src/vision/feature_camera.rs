@@ -1,12 +1,11 @@
 //! A camera that tracks points of a body, with the flaws of a real tracker.
 
-use std::collections::VecDeque;
-
 use nalgebra::{UnitVector3, Vector3};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 use rand_distr::StandardNormal;
 
-use super::shutter::{Instant, SLACK, Shutter};
+use super::shutter::{Instant, Shutter};
+use super::transit::Transit;
 use super::{Feature, Pinhole, Sighting};
 use crate::spatial::Pose;
 
@@ -104,8 +103,7 @@ pub struct FeatureCamera {
     next_id: u64,
     random: StdRng,
     shutter: Shutter,
-    waiting: VecDeque<Sighting>,
-    lost: u64,
+    transit: Transit<Sighting>,
 }
 
 impl FeatureCamera {
@@ -116,8 +114,7 @@ impl FeatureCamera {
             ids: vec![None; points.len()],
             next_id: 0,
             shutter: Shutter::default(),
-            waiting: VecDeque::new(),
-            lost: 0,
+            transit: Transit::default(),
             config,
             points,
         }
@@ -141,7 +138,7 @@ impl FeatureCamera {
 
     /// Frames lost so far.
     pub fn lost(&self) -> u64 {
-        self.lost
+        self.transit.lost()
     }
 
     /// Whether an exposure is due at `time` \[s\].
@@ -156,7 +153,7 @@ impl FeatureCamera {
         match self.shutter.show(time, self.config.rate) {
             Instant::Idle => return,
             Instant::Anew => {
-                self.waiting.clear();
+                self.transit.clear();
                 self.ids.fill(None);
             }
             Instant::Exposure => {}
@@ -177,17 +174,13 @@ impl FeatureCamera {
                 None => self.ids[i] = None,
             }
         }
-        if dropped {
-            self.lost += 1;
-        } else {
-            self.waiting.push_back(Sighting::new(time, features));
-        }
+        let sighting = Sighting::new(time, features);
+        self.transit.send(time, sighting, dropped);
     }
 
     /// The next sighting whose latency has passed at `time` \[s\], oldest first.
     pub fn deliver(&mut self, time: f64) -> Option<Sighting> {
-        let due = self.waiting.front()?.time + self.config.latency <= time + SLACK;
-        if due { self.waiting.pop_front() } else { None }
+        self.transit.arrive(time, self.config.latency)
     }
 
     /// Where the image shows a point \[px\], if it does.

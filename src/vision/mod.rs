@@ -6,6 +6,7 @@ mod pixel_noise;
 mod pose_camera;
 mod shutter;
 mod sighting;
+mod transit;
 
 pub use feature_camera::{BodyPoint, FeatureCamera, FeatureCameraConfig};
 pub use pinhole::{Pinhole, PinholeError};

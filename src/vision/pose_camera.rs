@@ -1,12 +1,11 @@
 //! A camera that measures the poses of the arm tip and of the goal object, with the flaws of a real one.
 
-use std::collections::VecDeque;
-
 use nalgebra::{Rotation3, Translation3, Vector3};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 use rand_distr::StandardNormal;
 
-use super::shutter::{Instant, SLACK, Shutter};
+use super::shutter::{Instant, Shutter};
+use super::transit::Transit;
 use crate::spatial::Pose;
 
 /// How good the camera is. All zero is an ideal one: every instant that it is shown, at once, exactly.
@@ -56,8 +55,7 @@ pub struct PoseCamera {
     config: PoseCameraConfig,
     random: StdRng,
     shutter: Shutter,
-    waiting: VecDeque<PoseFrame>,
-    lost: u64,
+    transit: Transit<PoseFrame>,
 }
 
 impl PoseCamera {
@@ -68,8 +66,7 @@ impl PoseCamera {
             config,
             random,
             shutter: Shutter::default(),
-            waiting: VecDeque::new(),
-            lost: 0,
+            transit: Transit::default(),
         }
     }
 
@@ -91,7 +88,7 @@ impl PoseCamera {
 
     /// Frames lost so far.
     pub fn lost(&self) -> u64 {
-        self.lost
+        self.transit.lost()
     }
 
     /// Whether an exposure is due at `time` \[s\].
@@ -104,7 +101,7 @@ impl PoseCamera {
     pub fn show(&mut self, time: f64, X_BE: &Pose, X_BD: Option<&Pose>) {
         match self.shutter.show(time, self.config.rate) {
             Instant::Idle => return,
-            Instant::Anew => self.waiting.clear(),
+            Instant::Anew => self.transit.clear(),
             Instant::Exposure => {}
         }
         // The same number of random draws a frame, so that neither a loss nor a goal that is not there
@@ -113,17 +110,13 @@ impl PoseCamera {
         let X_BE = self.disturb(X_BE);
         let seen_goal = self.disturb(X_BD.unwrap_or(&Pose::identity()));
         let X_BD = X_BD.map(|_| seen_goal);
-        if lost {
-            self.lost += 1;
-        } else {
-            self.waiting.push_back(PoseFrame { time, X_BE, X_BD });
-        }
+        let frame = PoseFrame { time, X_BE, X_BD };
+        self.transit.send(time, frame, lost);
     }
 
     /// The next frame whose latency has passed at `time` \[s\], oldest first.
     pub fn deliver(&mut self, time: f64) -> Option<PoseFrame> {
-        let due = self.waiting.front()?.time + self.config.latency <= time + SLACK;
-        if due { self.waiting.pop_front() } else { None }
+        self.transit.arrive(time, self.config.latency)
     }
 
     fn disturb(&mut self, pose: &Pose) -> Pose {

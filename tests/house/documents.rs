@@ -71,7 +71,11 @@ fn implemented() -> BTreeSet<String> {
             "nodes/robot_description.rs" => &["camera", "controller", "teleop"],
             _ => continue,
         };
-        for (method, verb) in [("advertise", "writes"), ("subscribe", "reads")] {
+        for (method, verb) in [
+            ("advertise", "writes"),
+            ("subscribe", "reads"),
+            ("subscribe_deep", "reads"),
+        ] {
             for topic in called(&source.text, method) {
                 endpoints.extend(nodes.iter().map(|node| format!("{node} {verb} {topic}")));
             }

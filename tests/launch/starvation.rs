@@ -24,7 +24,8 @@ const TOO_MANY: f64 = 0.01;
 /// Held by tests that run beside each other, taken by one that has failed beside others.
 static MACHINE: RwLock<()> = RwLock::new(());
 
-/// Runs a test again, twice at most and then alone, if it fails while threads of this machine wake up late.
+/// Runs a test that failed beside others once more alone, for they share two processors with it; and that again once
+/// if threads of this machine still wake up late.
 pub fn in_time(test: impl Fn()) {
     for attempt in 1.. {
         let watched = || while_watching(|| catch_unwind(AssertUnwindSafe(&test)));
@@ -38,7 +39,8 @@ pub fn in_time(test: impl Fn()) {
         println!("{:.2} % of wake-ups are late", 100.0 * late);
         match outcome {
             Ok(()) => return,
-            Err(_) if late > TOO_MANY && attempt < 3 => println!("starved; once more"),
+            Err(_) if attempt == 1 => println!("failed beside others; once more alone"),
+            Err(_) if late > TOO_MANY && attempt == 2 => println!("starved; once more"),
             Err(failure) => resume_unwind(failure),
         }
     }

@@ -3,11 +3,14 @@
 use allocation_counter::measure;
 use fuyu::control::prediction::Prediction;
 use fuyu::control::{
-    Controller, ControllerConfig, Gains, JacobianKind, JointPdGains, LawKind, Measurement,
-    Saturation, Sight,
+    BaseTask, Controller, ControllerConfig, Gains, JacobianKind, JointPdGains, LawKind,
+    Measurement, OperationalConfig, RecoveryConfig, Resolution, ResolvedRate, ResolvedRateConfig,
+    Saturation, Shaping, Sight, StraightPathConfig,
 };
 use fuyu::dynamics::{Floating, Input, Integrator, Method, State, Workspace};
-use nalgebra::Matrix6xX;
+use fuyu::model::Model;
+use fuyu::spatial::{Pose, Twist};
+use nalgebra::{DVector, Matrix6xX, Translation3, Vector3};
 
 use crate::fixtures::servicer;
 use crate::loops::mechanisms::{HINGE, on_branch, pantograph, pantograph_loops};
@@ -67,6 +70,149 @@ fn steps_jacobians_and_the_control_law_do_not_allocate() {
             }
         });
         assert_eq!(used.count_total, 0, "{method:?}: {used:?}");
+    }
+}
+
+/// All settings that make a control step do something else: shapes of straight paths, tasks, predictions. The settings
+/// change just before every measured stretch, so that efforts are handed over in it.
+#[test]
+fn control_steps_take_no_memory_whatever_they_do() {
+    let model = servicer();
+    let tip = model.frame("tool0").unwrap().clone();
+    let gains = Gains {
+        k_p: 75.0,
+        k_o: 100.0,
+        k_v: vec![400.0, 100.0, 200.0, 10.0, 2.0, 2.0],
+        saturation: Saturation {
+            position: 0.2,
+            orientation: 0.1,
+        },
+    };
+    let mut configs = Vec::new();
+    for (_, prediction) in Prediction::NAMES {
+        for (_, shaping) in Shaping::NAMES {
+            let straight_path = StraightPathConfig {
+                shaping,
+                period: 0.01,
+                ..StraightPathConfig::default()
+            };
+            configs.push(ControllerConfig {
+                prediction,
+                straight_path,
+                ..ControllerConfig::new(LawKind::StraightPath, gains.clone())
+            });
+        }
+        for (_, base) in BaseTask::NAMES {
+            let operational = OperationalConfig {
+                base,
+                // Joints are braked too.
+                fastest: 0.01,
+                ..OperationalConfig::default()
+            };
+            configs.push(ControllerConfig {
+                prediction,
+                operational,
+                ..ControllerConfig::new(LawKind::OperationalSpace, gains.clone())
+            });
+        }
+        configs.push(ControllerConfig {
+            prediction,
+            ..ControllerConfig::new(LawKind::TransposeJacobian, gains.clone())
+        });
+    }
+    let q = DVector::from_fn(6, |j, _| 0.3 + 0.2 * j as f64);
+    let qd = DVector::from_element(6, 0.02);
+    let mut workspace = Workspace::new(&model);
+    workspace.set_positions(&model, &q);
+    let X_BE = workspace.X_BF(&tip);
+    let X_BD = |time: f64| {
+        let p = X_BE.translation.vector + Vector3::new(0.3 - 0.05 * time, 0.1, 0.0);
+        Pose::from_parts(Translation3::from(p), X_BE.rotation)
+    };
+    let w = Vector3::new(0.001, 0.002, 0.0);
+    let mut controller = Controller::new(model, tip, configs[0].clone()).unwrap();
+    let mut time = 0.0;
+    for config in configs {
+        let what = format!("{:?} {:?}", config.law, config.prediction);
+        controller.set_config(config).unwrap();
+        let used = measure(|| {
+            for _ in 0..50 {
+                time += 0.01;
+                let sight = Sight::new(time, X_BE, X_BD(time));
+                let seen = Measurement::new(time, &q, &qd).with_gyro(Some(&w));
+                controller.update(&seen.with_sight(Some(&sight))).unwrap();
+            }
+            // Nothing is seen: damping.
+            time += 0.01;
+            let blind = Measurement::new(time, &q, &qd);
+            controller.update(&blind).unwrap();
+        });
+        assert_eq!(used.count_total, 0, "{what}: {used:?}");
+        assert!(controller.efforts().iter().all(|e| e.is_finite()), "{what}");
+    }
+}
+
+/// A stretched arm whose goal is on its own line: the law moves no joint, and kicks come.
+#[test]
+fn kicks_take_no_memory() {
+    let xml = include_str!("../../urdf/planar_two_link.urdf");
+    let model = Model::from_urdf(xml, "urdf/planar_two_link.urdf").unwrap();
+    let tip = model.frame("tool0").unwrap().clone();
+    let (q, qd) = (DVector::zeros(2), DVector::zeros(2));
+    let mut workspace = Workspace::new(&model);
+    workspace.set_positions(&model, &q);
+    let X_BE = workspace.X_BF(&tip);
+    let inwards = -(X_BE.translation.vector - workspace.p_BC()).normalize();
+    let nearer = Translation3::from(X_BE.translation.vector + inwards);
+    let gains = Gains {
+        k_p: 100.0,
+        k_o: 0.0,
+        k_v: vec![200.0, 1000.0],
+        saturation: Saturation::NONE,
+    };
+    let config = ControllerConfig {
+        recovery: RecoveryConfig {
+            patience: 0.5,
+            ..RecoveryConfig::default()
+        },
+        ..ControllerConfig::new(LawKind::TransposeJacobian, gains)
+    };
+    let mut controller = Controller::new(model, tip, config).unwrap();
+    let X_BD = Pose::from_parts(nearer, X_BE.rotation);
+    let mut kicked = 0.0f64;
+    let mut update = |k: u32| {
+        let time = 0.01 * f64::from(k);
+        let sight = Sight::new(time, X_BE, X_BD);
+        let seen = Measurement::new(time, &q, &qd).with_sight(Some(&sight));
+        controller.update(&seen).unwrap();
+        kicked = kicked.max(controller.efforts().amax());
+    };
+    update(0);
+    let used = measure(|| (1..400).for_each(&mut update));
+    assert_eq!(used.count_total, 0, "{used:?}");
+    // A tenth of a radian a second against 200 and 1000 N m s/rad.
+    assert!(kicked > 10.0, "{kicked}");
+}
+
+#[test]
+fn resolved_rates_take_no_memory() {
+    let model = servicer();
+    let tip = model.frame("tool0").unwrap().clone();
+    let mut workspace = Workspace::new(&model);
+    let q = DVector::from_fn(6, |j, _| 0.3 + 0.2 * j as f64);
+    let mut rates = DVector::zeros(6);
+    let wanted = Twist::new(Vector3::zeros(), Vector3::new(0.0, 0.05, 0.0));
+    for (name, method) in Resolution::NAMES {
+        let config = ResolvedRateConfig {
+            method,
+            ..ResolvedRateConfig::default()
+        };
+        let mut resolved = ResolvedRate::new(&model, &tip, config);
+        let used = measure(|| {
+            resolved.rates(&model, &mut workspace, &q, &wanted, &mut rates);
+        });
+        assert_eq!(used.count_total, 0, "{name}: {used:?}");
+        assert!(rates.amax() > 0.0, "{name}");
     }
 }
 

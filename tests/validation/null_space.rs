@@ -122,8 +122,8 @@ fn in_the_reaction_null_space_the_base_stands_still() {
 #[test]
 fn tasks_that_cannot_all_be_met_do_not_run_away() {
     let end = run([TipTask::Pose, TipTask::Position], BaseTask::BeforeTips);
-    // Without the brake the joints end faster than numbers go.
-    assert!(end.fastest_joint < 8.0, "{}", end.fastest_joint);
+    // Without the bound the joints end faster than numbers go. What sampling leaves is beyond it.
+    assert!(end.fastest_joint < 1.1, "{}", end.fastest_joint);
     assert!(end.most.to_degrees() < 1.0, "{}", end.most.to_degrees());
 }
 
@@ -146,6 +146,9 @@ fn the_more_important_task_is_served_first() {
     assert!(tips.errors.iter().all(near), "{:?}", tips.errors);
     let base = run([TipTask::Pose; 2], BaseTask::BeforeTips);
     assert!(base.most.to_degrees() < 1.0, "{}", base.most.to_degrees());
+    for run in [&tips, &base] {
+        assert!(run.fastest_joint < 1.1, "{}", run.fastest_joint);
+    }
     assert!(base.errors[0].position.norm() < 5e-3, "{:?}", base.errors);
     let free = run([TipTask::Pose; 2], BaseTask::Free);
     // Two degrees of freedom are left for the base's three.

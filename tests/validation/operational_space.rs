@@ -115,7 +115,8 @@ fn what_is_fed_forward_moves_the_tip_with_the_goal() {
         A_ID_B: &A_ID_B,
     };
     let mut efforts = DVector::zeros(6);
-    feed_forward.add(&model, robot.workspace(), &goal, &K_V, &mut efforts);
+    feed_forward.lead(&model, robot.workspace(), &goal);
+    feed_forward.add(robot.workspace(), &goal, &K_V, 1.0, &mut efforts);
     assert!(
         (feed_forward.rates() - &qd).amax() < 1e-10,
         "the rates are those of the goal"
@@ -182,7 +183,8 @@ fn the_lyapunov_function_falls_at_the_rate_that_the_proof_says() {
         let (force, torque) = (error.position * gains.k_p, error.orientation * gains.k_o);
         let mut efforts =
             J.fixed_rows::<3>(0).tr_mul(&force) + J.fixed_rows::<3>(3).tr_mul(&torque);
-        feed_forward.add(&model, &scratch, &goal, &K_V, &mut efforts);
+        feed_forward.lead(&model, &scratch, &goal);
+        feed_forward.add(&scratch, &goal, &K_V, 1.0, &mut efforts);
         for j in 0..6 {
             efforts[j] -= K_V[j] * qd[j];
         }
@@ -223,7 +225,9 @@ fn nothing_is_fed_forward_to_a_goal_at_rest() {
         A_ID_B: &at_rest.A_ID_B,
     };
     let mut efforts = DVector::zeros(6);
-    FeedForward::new(&model, &tip).add(&model, &workspace, &goal, &K_V, &mut efforts);
+    let mut feed_forward = FeedForward::new(&model, &tip);
+    feed_forward.lead(&model, &workspace, &goal);
+    feed_forward.add(&workspace, &goal, &K_V, 1.0, &mut efforts);
     assert!(efforts.amax() < 1e-9, "{efforts}");
     assert_eq!(Prediction::default(), Prediction::None);
 }

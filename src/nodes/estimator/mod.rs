@@ -28,6 +28,10 @@ use observer::Observer;
 /// How long the node waits for something to arrive before it looks after the solver.
 const PATIENCE: Duration = Duration::from_millis(50);
 
+/// How many frames or samples of the gyro may wait, as they do while a recording is played fast: a lost sample is a
+/// turn of the camera that nobody has seen.
+const WAITING: usize = 1000;
+
 /// Silence of the features that is worth a warning.
 const SILENCE: Duration = Duration::from_secs(2);
 
@@ -69,13 +73,13 @@ struct Topics {
 
 impl Topics {
     fn new(node: &Node) -> Result<Self, NodeError> {
-        let features = topics::FEATURES.subscribe(node)?;
+        let features = topics::FEATURES.subscribe_deep(node, WAITING)?;
         let status = node.diagnostics().status("features");
         status.warn(format!("nothing has arrived on {} yet", features.topic()));
         Ok(Self {
             features,
             camera_info: topics::CAMERA_INFO.subscribe(node)?,
-            imu: topics::IMU.subscribe(node)?,
+            imu: topics::IMU.subscribe_deep(node, WAITING)?,
             tf_static: topics::TF_STATIC.subscribe(node)?,
             angular_velocity: topics::TARGET_RATE.advertise(node)?,
             motion: topics::TARGET_MOTION.advertise(node)?,

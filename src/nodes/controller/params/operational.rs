@@ -48,7 +48,7 @@ impl Operational {
             "fastest",
             usual.fastest,
             1e3,
-            "Joint rate beyond which joints are braked whatever the tasks want [rad/s or m/s]",
+            "Largest joint rate, whatever the tasks want [rad/s or m/s]",
         );
         let task_damping = number(
             "task_damping",

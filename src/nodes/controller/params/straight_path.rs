@@ -16,6 +16,7 @@ pub(super) struct StraightPath {
     d_across: Param<f64>,
     d_turn: Param<f64>,
     joint_part: Param<f64>,
+    period: Param<f64>,
 }
 
 impl StraightPath {
@@ -67,6 +68,14 @@ impl StraightPath {
                 )
                 .range(1e-3, 1.0)
                 .live(),
+            period: declare
+                .param(
+                    "straight_path.period",
+                    0.01,
+                    "Time from one joint state to the next, by which damping of the tip is bounded; 0 does not bound it [s]",
+                )
+                .range(0.0, 1.0)
+                .live(),
         }
     }
 }
@@ -83,6 +92,7 @@ impl Group for StraightPath {
             d_across: self.d_across.get(),
             d_turn: self.d_turn.get(),
             joint_part: self.joint_part.get(),
+            period: self.period.get(),
         };
     }
 }
