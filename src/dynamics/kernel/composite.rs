@@ -274,14 +274,10 @@ pub fn momentum_map<S: Scalar>(
 impl<S: Scalar> System<S> {
     #[inline(always)]
     pub(super) fn new(whole: Composite<S>, base: &Pose<S>, mass: f64) -> Self {
-        // Turned first: the centre of mass is then found meanwhile.
-        let turned = Composite {
-            first_moment: base.turned(whole.first_moment),
-            inertia: rotated(whole.inertia, &base.axes),
-        };
-        let (p_BC, H_B) = about_com(turned, mass);
+        let (p, J) = about_com(whole, mass);
+        let H_B = rotated(J, &base.axes);
         Self {
-            p_BC,
+            p_BC: base.turned(p),
             H_B,
             H_B_inverse: H_B.inverse(),
         }

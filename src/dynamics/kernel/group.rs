@@ -102,13 +102,8 @@ impl JointGroup {
     }
 
     #[inline(always)]
-    fn set_columns<S: Simd>(
-        &mut self,
-        simd: S,
-        p_BC: Vec3<Lanes<S>>,
-        answer: &Sym3<Lanes<S>>,
-        per: Lanes<S>,
-    ) {
+    fn set_columns<S: Simd>(&mut self, simd: S, system: &System<Lanes<S>>, per: Lanes<S>) {
+        let (p_BC, answer) = (system.p_BC, -system.H_B_inverse);
         for first in (0..GROUP).step_by(S::F64_LANES) {
             let lever = self.lever(simd, first);
             let moves = if self.is_mixed {
@@ -119,7 +114,7 @@ impl JointGroup {
             } else {
                 Moves::Turning
             };
-            let column = Column::new(&lever, moves, p_BC, answer, per);
+            let column = Column::new(&lever, moves, p_BC, &answer, per);
             store(column.torque, &mut self.torque, first);
             store(column.force, &mut self.force, first);
             store(column.J_C, &mut self.J_C, first);
@@ -234,12 +229,11 @@ impl Joints {
             p_BK: splat(simd, base.p_BK),
         };
         let system = System::new(whole, &base, mass);
-        let (answer, per) = (-system.H_B_inverse, Lanes::splat(simd, 1.0 / mass));
-        let found = system.first();
+        let per = Lanes::splat(simd, 1.0 / mass);
         for group in &mut self.groups {
-            group.set_columns(simd, system.p_BC, &answer, per);
+            group.set_columns(simd, &system, per);
         }
-        found
+        system.first()
     }
 
     /// The columns of joint `j`.
