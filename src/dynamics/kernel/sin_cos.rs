@@ -141,11 +141,11 @@ mod tests {
         let mut angle = -1.0e5;
         let mut worst: f64 = 0.0;
         while angle < 1.0e5 {
-            let angles = std::array::from_fn(|i| angle + 0.61 * i as f64);
+            let angles: [f64; GROUP] = std::array::from_fn(|i| angle + 0.61 * i as f64);
             let [cos, sin] = Arch::new().dispatch(Task(Eight(angles)));
             assert_eq!([cos, sin], Arch::Scalar.dispatch(Task(Eight(angles))));
-            for i in 0..GROUP {
-                let (s, c) = angles[i].sin_cos();
+            for (i, angle) in angles.iter().enumerate() {
+                let (s, c) = angle.sin_cos();
                 worst = worst.max((sin.0[i] - s).abs()).max((cos.0[i] - c).abs());
             }
             angle += 4.9;
