@@ -100,8 +100,6 @@ pub(super) struct EnergyBalance {
     pub flow: f64,
     /// Largest kinetic energy \[J\].
     pub peak: f64,
-    /// What efforts may have done unseen that changed between two samples \[J\].
-    pub unseen: f64,
 }
 
 /// Kinetic energy against the work of joint efforts and springs less the losses in joint damping.
@@ -120,7 +118,6 @@ pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'stati
     let passive = passive(run);
     let mut start = None;
     let (mut work, mut flow, mut peak, mut residual) = (0.0, 0.0, 0.0f64, None);
-    let mut unseen = 0.0;
     let usual = usual_period(&run.joints);
     for pair in run.joints.windows(2) {
         if pair[1].time - pair[0].time > usual * 3 / 2 {
@@ -134,7 +131,6 @@ pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'stati
         let (step, moved) = work_between(&pair[0], &pair[1], &passive);
         work += step;
         flow += moved;
-        unseen += unseen_between(&pair[0], &pair[1]);
         if let (Some((e0, w0)), Some(e1)) = (start, energy.get(&pair[1].time)) {
             let difference = ((e1 - e0) - (work - w0)).abs();
             residual = Some(max([residual.unwrap_or(0.0), difference].into_iter()));
@@ -145,7 +141,6 @@ pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'stati
         residual: residual.ok_or("no joint_states and ground_truth/momentum of the same time")?,
         flow: peak.max(flow),
         peak,
-        unseen,
     })
 }
 
@@ -244,18 +239,6 @@ fn passive(run: &RecordedRun) -> Vec<(f64, Spring)> {
         _ => Default::default(),
     };
     run.joint_names.iter().map(of_joint).collect()
-}
-
-/// Work that a mean effort does not show \[J\]: an effort that steps by `Δτ` while the rate changes by `Δq̇` does up to
-/// `Δτ Δq̇ dt / 4` beside it. The step is taken to be that between the means.
-fn unseen_between(a: &JointSample, b: &JointSample) -> f64 {
-    let dt = (b.time - a.time) as f64 * 1e-9;
-    let efforts = a.effort.iter().zip(&b.effort);
-    let rates = a.qd.iter().zip(&b.qd);
-    let each = efforts
-        .zip(rates)
-        .map(|((e0, e1), (v0, v1))| ((e1 - e0) * (v1 - v0)).abs());
-    0.25 * dt * each.sum::<f64>()
 }
 
 /// Work of efforts and springs less damping losses between two samples \[J\], and the sum of its parts

@@ -18,6 +18,7 @@ mod type_hash;
 
 pub mod cdr;
 pub mod scan;
+pub mod schema;
 
 pub mod action_msgs;
 pub mod builtin_interfaces;
@@ -27,6 +28,7 @@ pub mod geometry_msgs;
 pub mod lifecycle_msgs;
 pub mod nav_msgs;
 pub mod rcl_interfaces;
+pub mod rosbag2_interfaces;
 pub mod rosgraph_msgs;
 pub mod sensor_msgs;
 pub mod simulation_interfaces;
@@ -34,6 +36,7 @@ pub mod std_msgs;
 pub mod std_srvs;
 pub mod tf2_msgs;
 pub mod unique_identifier_msgs;
+pub mod visualization_msgs;
 
 pub use definition::{Constant, Definition, FieldDefinition, Kind};
 pub use field::{Action, Base, Bounded, Byte, Field, FieldType, Interface, Service, Shape};
@@ -55,6 +58,7 @@ pub fn definitions() -> impl Iterator<Item = &'static Definition> {
         std_msgs::DEFINITIONS,
         tf2_msgs::DEFINITIONS,
         unique_identifier_msgs::DEFINITIONS,
+        visualization_msgs::DEFINITIONS,
     ]
     .into_iter()
     .flatten()
@@ -67,6 +71,7 @@ pub fn service_definitions() -> impl Iterator<Item = &'static Definition> {
         action_msgs::services::DEFINITIONS,
         lifecycle_msgs::services::DEFINITIONS,
         rcl_interfaces::services::DEFINITIONS,
+        rosbag2_interfaces::DEFINITIONS,
         simulation_interfaces::services::DEFINITIONS,
         simulation_interfaces::simulate_steps::DEFINITIONS,
         std_srvs::DEFINITIONS,

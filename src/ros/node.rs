@@ -9,8 +9,8 @@ use std::{
 };
 
 use super::{
-    Clock, Declare, Diagnostics, Domain, NodeError, NodeName, Publisher, Qos, RawSample,
-    RawSubscription, RosArgs, Subscription, Time, Timer,
+    Clock, Declare, Diagnostics, Domain, NodeError, NodeName, Publisher, Qos, RawPublisher,
+    RawSample, RawSubscription, RosArgs, Subscription, Time, Timer,
     discovery::{self, DiscoveredPublisher},
     endpoint::{Counters, EndpointSpec, Endpoints, Reader, Sink, Writer},
     names::Names,
@@ -272,6 +272,22 @@ impl Node {
         Ok(Publisher::new(Arc::clone(&self.core), writer))
     }
 
+    /// Publishes bytes on `topic`, which is expanded and remapped, of a type (`pkg/msg/Name`) that need not be
+    /// known to fuyu.
+    ///
+    /// # Errors
+    /// As [`Self::subscribe_raw`].
+    pub fn advertise_raw(
+        &self,
+        topic: &str,
+        type_name: &str,
+        qos: Qos,
+    ) -> Result<RawPublisher, NodeError> {
+        let spec = raw_spec(self.core.names.topic(topic)?, type_name, qos)?;
+        let writer = self.core.add_writer(spec)?;
+        Ok(RawPublisher::new(Arc::clone(&self.core), writer))
+    }
+
     /// Subscribes to `topic`, which is expanded and remapped; messages queue up to the depth of `qos`.
     ///
     /// # Errors
@@ -331,18 +347,7 @@ impl Node {
         qos: Qos,
         handler: impl Fn(RawSample) + Send + Sync + 'static,
     ) -> Result<RawSubscription, NodeError> {
-        let Some(dds_type) = discovery::dds_type(type_name) else {
-            return Err(NodeError::Input(format!(
-                "topic {name}: type {type_name:?} is not of the form pkg/msg/Name"
-            )));
-        };
-        let spec = EndpointSpec {
-            dds_topic: format!("rt{name}"),
-            name,
-            dds_type,
-            qos,
-            internal: false,
-        };
+        let spec = raw_spec(name, type_name, qos)?;
         let sink = move |sample: RawSample, _: &Counters| {
             handler(sample);
             true
@@ -490,4 +495,20 @@ impl Node {
             ..EndpointSpec::topic::<M>(&name, qos)
         })
     }
+}
+
+/// An endpoint of a type that is known by name only.
+fn raw_spec(name: String, type_name: &str, qos: Qos) -> Result<EndpointSpec, NodeError> {
+    let Some(dds_type) = discovery::dds_type(type_name) else {
+        return Err(NodeError::Input(format!(
+            "topic {name}: type {type_name:?} is not of the form pkg/msg/Name"
+        )));
+    };
+    Ok(EndpointSpec {
+        dds_topic: format!("rt{name}"),
+        name,
+        dds_type,
+        qos,
+        internal: false,
+    })
 }

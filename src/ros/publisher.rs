@@ -72,6 +72,44 @@ impl<M> Drop for Publisher<M> {
     }
 }
 
+/// Publishes bytes whose type need not be known to fuyu; ends when dropped.
+pub struct RawPublisher {
+    publisher: Publisher<()>,
+}
+
+impl RawPublisher {
+    pub(super) fn new(core: Arc<Core>, writer: Arc<Writer>) -> Self {
+        Self {
+            publisher: Publisher {
+                core,
+                writer,
+                message: PhantomData,
+            },
+        }
+    }
+
+    /// Sends CDR bytes with their encapsulation header. Where so many wait that more would be dropped, it
+    /// waits for them, but not for ever.
+    pub fn publish(&self, cdr: Vec<u8>) {
+        let Publisher { core, writer, .. } = &self.publisher;
+        if writer.queued.load(Relaxed) >= writer.spec.qos.depth.clamp(1, RELIABLE_QUEUE / 2) {
+            core.outbox.flush_writer(writer, LAST_MESSAGES);
+        }
+        core.outbox.push(writer, cdr.into(), None);
+    }
+
+    /// Full name of the topic.
+    pub fn topic(&self) -> &str {
+        &self.publisher.writer.spec.name
+    }
+
+    /// How many messages were dropped because the queue or the window of a subscriber was full.
+    pub fn dropped(&self) -> u64 {
+        let counters = &self.publisher.writer.counters;
+        counters.dropped.load(Relaxed) + counters.failed.load(Relaxed)
+    }
+}
+
 struct Outgoing {
     writer: Arc<Writer>,
     cdr: Bytes,

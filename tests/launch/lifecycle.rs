@@ -5,6 +5,7 @@ use serde_json::{Value, json};
 use std::{thread, time::Duration};
 
 use crate::{
+    joining::peer_with_interfaces,
     peer::Peer,
     process::{Running, command, read, source},
     starvation::in_time,
@@ -136,7 +137,7 @@ fn a_controller_commands_while_it_is_active() {
             "controller:autostart:=false",
         ];
         let mut launch = Running::launch(domain, &source("config/positioning.yaml"), &args);
-        let mut peer = Peer::start("manager", domain);
+        let mut peer = peer_with_interfaces("manager", domain);
         peer.subscribe("diagnostics", DIAGNOSTICS, "reliable");
         peer.subscribe("joint_states", JOINT_STATE, "reliable");
         let node = "controller";
@@ -149,7 +150,21 @@ fn a_controller_commands_while_it_is_active() {
         assert_eq!(change(&mut peer, node, "activate"), (true, ACTIVE));
         eventually("time goes on", PATIENCE, || {
             let state = fresh(&mut peer, "joint_states", 1).pop()?;
-            (seconds(&state) > 0.1).then_some(())
+            (seconds(&state) > 3.0).then_some(())
+        });
+        // Everybody follows a simulation that begins anew.
+        let reset = peer.does(json!({
+            "do": "call", "service": "dynamics/reset_simulation",
+            "type": "simulation_interfaces/srv/ResetSimulation", "request": {"scope": 0},
+        }));
+        assert_eq!(reset["response"]["result"]["result"], 1, "{reset}");
+        let again = eventually("time begins anew", PATIENCE, || {
+            let state = fresh(&mut peer, "joint_states", 1).pop()?;
+            (seconds(&state) < 3.0).then(|| seconds(&state))
+        });
+        eventually("time goes on from there", PATIENCE, || {
+            let state = fresh(&mut peer, "joint_states", 1).pop()?;
+            (seconds(&state) > again + 0.1).then_some(())
         });
         assert_eq!(change(&mut peer, node, "deactivate"), (true, INACTIVE));
         diagnosed(&mut peer, "dynamics: commands", |level, text| {
