@@ -20,11 +20,15 @@ test *ARGS:
 bench *ARGS:
     cargo bench {{ARGS}}
 
+# an hour of joint states at 1 kHz with a bag, or as many seconds as given
+soak *SECONDS:
+    scripts/soak.sh {{SECONDS}}
+
 # format the sources
 format:
     cargo fmt --all
 
-# one or more steps of CI: fmt, lint, doc, test, embed, bench
+# one or more steps of CI: fmt, lint, doc, test, colcon, embed, bench
 step +STEPS:
     .ci/run {{STEPS}}
 
@@ -36,6 +40,9 @@ lint: (step "lint")
 
 # the documentation, without a warning
 doc: (step "doc")
+
+# both packages as a colcon workspace builds them
+colcon: (step "colcon")
 
 # all that CI does
 ci:

@@ -1,16 +1,33 @@
 #!/usr/bin/env bash
-# Adds to the tests' Python environment (test-venv.sh) the interface packages that have no wheel: fuyu_msgs,
-# built from msg/ as colcon would, and tf2_msgs. Once; prints the path of the environment's python.
+# Adds to a Python environment of the tests (test-venv.sh) the interface packages that have no wheel: fuyu_msgs,
+# built from msg/ as colcon would, tf2_msgs and simulation_interfaces. Once; prints the path of the environment's python.
+# Usage: test-interfaces.sh [jazzy|kilted]
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
-python=$("$root/scripts/test-venv.sh")
+distribution=${1:-jazzy}
+case $distribution in
+  jazzy)
+    python=$("$root/scripts/test-venv.sh")
+    more=(ros-jazzy-python-cmake-module)
+    ;;
+  kilted)
+    python=$("$root/scripts/test-venv.sh" kilted ros-kilted-{rclpy,rmw-fastrtps-cpp,rmw-dds-common,fastdds} \
+      ros-kilted-{std,sensor,geometry,nav,diagnostic,trajectory,visualization,rosgraph,test}-msgs \
+      ros-kilted-std-srvs ros-kilted-rcl-interfaces)
+    more=(ros-kilted-ament-cmake-ros-core)
+    ;;
+  *)
+    echo "test-interfaces.sh: no distribution $distribution; there are jazzy and kilted" >&2
+    exit 2
+    ;;
+esac
 venv=$(dirname "$(dirname "$python")")
-packages=("$root/msg" "$root/tests/support/tf2_msgs")
+packages=("$root/msg" "$root/tests/support/tf2_msgs" "$root/tests/support/simulation_interfaces")
 generators=(
-  ros-jazzy-rosidl-{default,core}-generators ros-jazzy-python-cmake-module
-  ros-jazzy-ament-{package,cmake,cmake-ros,lint}
-  ros-jazzy-ament-cmake-{include-directories,export-interfaces,gtest,gmock,pytest}
+  "ros-$distribution-rosidl-"{default,core}-generators "${more[@]}"
+  "ros-$distribution-ament-"{package,cmake,cmake-ros,lint}
+  "ros-$distribution-ament-cmake-"{include-directories,export-interfaces,gtest,gmock,pytest}
   cmake catkin-pkg ninja
 )
 sources=$(find "${packages[@]}" -type f -print0 | sort -z | xargs -0 cat | cksum | cut -d' ' -f1)

@@ -36,8 +36,9 @@ pub struct Damage {
 /// Reads the messages of one file in the order in which they stand there.
 pub(super) struct McapFile {
     path: PathBuf,
-    input: BufReader<File>,
-    size: u64,
+    input: Box<dyn Read + Send>,
+    /// Size \[bytes\]; unknown for a file that is compressed as a whole.
+    size: Option<u64>,
     at: u64,
     body: Vec<u8>,
     chunk: std::vec::IntoIter<Record<'static>>,
@@ -51,13 +52,28 @@ pub(super) struct McapFile {
 impl McapFile {
     pub fn open(path: &Path) -> Result<Self, BagError> {
         let file = File::open(path).map_err(BagError::io(path))?;
-        let size = file.metadata().map_err(BagError::io(path))?.len();
-        let mut input = BufReader::with_capacity(1 << 16, file);
+        let (mut input, size): (Box<dyn Read + Send>, _) = if is_compressed(path) {
+            let decoder = zstd::Decoder::new(file).map_err(BagError::io(path))?;
+            (Box::new(BufReader::with_capacity(1 << 16, decoder)), None)
+        } else {
+            let size = file.metadata().map_err(BagError::io(path))?.len();
+            (
+                Box::new(BufReader::with_capacity(1 << 16, file)),
+                Some(size),
+            )
+        };
         let mut magic = Vec::new();
         (&mut input)
             .take(mcap::MAGIC.len() as u64)
             .read_to_end(&mut magic)
             .map_err(BagError::io(path))?;
+        if magic.starts_with(b"SQLite f") {
+            return Err(BagError::Unsupported {
+                path: path.to_owned(),
+                what: "its storage is sqlite3; fuyu reads mcap (`ros2 bag convert` makes one of the other)"
+                    .into(),
+            });
+        }
         if !mcap::MAGIC.starts_with(&magic) {
             return Err(BagError::NotABag {
                 path: path.to_owned(),
@@ -133,39 +149,49 @@ impl McapFile {
         }
     }
 
+    fn read_to(&mut self, n: u64, buffer: &mut Vec<u8>) -> io::Result<usize> {
+        (&mut self.input).take(n).read_to_end(buffer)
+    }
+
     /// Reads a record into `self.body` and returns its opcode; `None` at the end.
     fn next_record(&mut self) -> Option<u8> {
         if self.done {
             return None;
         }
-        let mut header = [0; RECORD_HEADER];
-        let left = self.size - self.at.min(self.size);
-        if left == 0 {
-            self.stop("the recording was not closed: there is no footer");
-            return None;
-        }
-        if left < RECORD_HEADER as u64 {
-            self.stop("the file ends inside a record");
-            return None;
-        }
-        if let Err(e) = self.input.read_exact(&mut header) {
-            self.stop(format!("cannot be read: {e}"));
-            return None;
-        }
+        let mut header = Vec::with_capacity(RECORD_HEADER);
+        let read = self.read_to(RECORD_HEADER as u64, &mut header);
+        let header: [u8; RECORD_HEADER] = match (read, header.try_into()) {
+            (Err(e), _) => {
+                self.stop(format!("cannot be read: {e}"));
+                return None;
+            }
+            (Ok(0), _) => {
+                self.stop("the recording was not closed: there is no footer");
+                return None;
+            }
+            (Ok(_), Err(_)) => {
+                self.stop("the file ends inside a record");
+                return None;
+            }
+            (Ok(_), Ok(header)) => header,
+        };
         let [opcode, length @ ..] = header;
         let length = u64::from_le_bytes(length);
-        if length > left - RECORD_HEADER as u64 {
-            self.stop(format!(
-                "the file ends inside a record: {} of {length} bytes are there",
-                left - RECORD_HEADER as u64
-            ));
-            return None;
-        }
-        self.body.clear();
-        match (&mut self.input).take(length).read_to_end(&mut self.body) {
+        let left = match self.size {
+            Some(size) => size.saturating_sub(self.at + RECORD_HEADER as u64),
+            // A length that is wrong must not be believed.
+            None => 2 * MAX_CHUNK,
+        };
+        let mut body = std::mem::take(&mut self.body);
+        body.clear();
+        let read = self.read_to(length.min(left), &mut body);
+        self.body = body;
+        match read {
             Ok(n) if n as u64 == length => {}
-            Ok(_) => {
-                self.stop("the file shrinks while it is read");
+            Ok(n) => {
+                self.stop(format!(
+                    "the file ends inside a record: {n} of {length} bytes are there"
+                ));
                 return None;
             }
             Err(e) => {
@@ -241,7 +267,8 @@ impl McapFile {
         }
     }
 
-    fn damaged(&mut self, what: impl Into<String>) {
+    /// Notes that something is wrong at the present place.
+    pub fn damaged(&mut self, what: impl Into<String>) {
         self.damage.push(Damage {
             file: self.path.clone(),
             at: self.at,
@@ -253,6 +280,11 @@ impl McapFile {
         self.damaged(what);
         self.done = true;
     }
+}
+
+/// Whether rosbag2 has compressed the file as a whole.
+fn is_compressed(path: &Path) -> bool {
+    path.extension().is_some_and(|e| e == "zstd")
 }
 
 /// A chunk's compression and its records.
@@ -300,6 +332,9 @@ fn unpack(body: &[u8]) -> Result<(String, Vec<Record<'static>>), String> {
 
 /// The summary that a closed file ends with; `None` if there is none.
 pub(super) fn summary(path: &Path) -> Result<Option<mcap::Summary>, BagError> {
+    if is_compressed(path) {
+        return Ok(None);
+    }
     let mut file = File::open(path).map_err(BagError::io(path))?;
     let size = file.metadata().map_err(BagError::io(path))?.len();
     let options = mcap::sans_io::summary_reader::SummaryReaderOptions::default()

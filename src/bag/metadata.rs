@@ -24,12 +24,12 @@ pub(super) struct Metadata {
     pub ros_distro: &'static str,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Clone, Serialize)]
 pub(super) struct Nanoseconds {
     pub nanoseconds: u64,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Clone, Serialize)]
 pub(super) struct SinceEpoch {
     pub nanoseconds_since_epoch: u64,
 }
@@ -45,12 +45,12 @@ pub(super) struct TopicMetadata {
     pub name: String,
     #[serde(rename = "type")]
     pub type_name: String,
-    pub serialization_format: &'static str,
+    pub serialization_format: String,
     pub offered_qos_profiles: Vec<Qos>,
     pub type_description_hash: String,
 }
 
-#[derive(Debug, Serialize)]
+#[derive(Debug, Clone, Serialize)]
 pub(super) struct FileInformation {
     pub path: String,
     pub starting_time: SinceEpoch,
@@ -72,7 +72,33 @@ pub(super) fn span(bounds: Option<(u64, u64)>) -> (SinceEpoch, Nanoseconds) {
     )
 }
 
+/// `bounds` with `time` in them \[ns\].
+pub(super) fn extend(bounds: Option<(u64, u64)>, time: u64) -> Option<(u64, u64)> {
+    let (start, end) = bounds.unwrap_or((time, time));
+    Some((start.min(time), end.max(time)))
+}
+
 impl Metadata {
+    /// Those of a bag in which nothing is.
+    pub fn empty() -> Self {
+        let (starting_time, duration) = span(None);
+        Self {
+            version: 9,
+            storage_identifier: "mcap",
+            duration,
+            starting_time,
+            message_count: 0,
+            topics_with_message_count: Vec::new(),
+            // Chunks are compressed within the file, which is no business of rosbag2's own compression.
+            compression_format: "",
+            compression_mode: "",
+            relative_file_paths: Vec::new(),
+            files: Vec::new(),
+            custom_data: None,
+            ros_distro: "jazzy",
+        }
+    }
+
     /// The metadata themselves, as the MCAP file carries them.
     pub fn to_yaml(&self) -> String {
         serde_saphyr::to_string(self).expect("metadata have a YAML form")
@@ -105,6 +131,11 @@ pub(super) struct Found {
 }
 
 impl Found {
+    /// Whether every message is compressed by itself.
+    pub fn is_packed(&self) -> bool {
+        self.compression_mode.eq_ignore_ascii_case("message")
+    }
+
     /// Reads `metadata.yaml` in a bag's folder; `None` if there is none.
     pub fn read(folder: &Path) -> Result<Option<Self>, BagError> {
         #[derive(Deserialize)]

@@ -4,6 +4,8 @@
 //! | --- | --- |
 //! | [`Writer`] | writes a bag on the caller's thread; the same calls give the same file |
 //! | [`Recorder`] | a [`Writer`] on a thread of its own, behind a bounded queue, for live topics |
+//! | [`convert()`] | makes tables of a bag |
+//! | [`recover()`] | makes a whole bag of a broken one |
 //! | [`Bag`] | reads a bag, its own or one that rosbag2 wrote, also one that was cut off |
 //!
 //! Nothing here knows what the messages mean; see [`crate::experiments`] for that.
@@ -29,19 +31,24 @@
 //! # Ok::<(), Box<dyn std::error::Error>>(())
 //! ```
 
+mod convert;
 mod error;
 mod info;
 mod mcap_file;
 mod metadata;
+mod part;
 mod qos;
 mod reader;
 mod recorder;
+mod recover;
 mod writer;
 
+pub use convert::{Conversion, ELEMENTS, Table, TableFormat, convert};
 pub use error::BagError;
 pub use info::{Info, TopicSummary};
 pub use mcap_file::Damage;
 pub use qos::{Durability, History, Liveliness, Qos, QosDuration, Reliability};
 pub use reader::{Bag, Message, Messages, RecordedTopic, Stamped};
-pub use recorder::{Recorder, RecorderHandle, RecorderStatus, RecorderTopic};
+pub use recorder::{QUEUE_BYTES, Recorder, RecorderHandle, RecorderStatus, RecorderTopic};
+pub use recover::{Recovery, recover};
 pub use writer::{Compression, Recording, Topic, TopicId, Writer, WriterOptions};

@@ -79,6 +79,33 @@ impl From<ros::Qos> for Qos {
     }
 }
 
+impl Qos {
+    /// What one publisher has to offer in place of several that offered these: what each of them did, and
+    /// where they differ what most subscribers take. Deadlines and lifespans are left out, since time may run
+    /// at another rate.
+    pub fn offer(profiles: &[Self]) -> ros::Qos {
+        let all = |is: fn(&Self) -> bool| !profiles.is_empty() && profiles.iter().all(is);
+        let depth = profiles.iter().map(|q| q.depth).max().unwrap_or(0);
+        let default = ros::Qos::RELIABLE;
+        ros::Qos {
+            reliability: match all(|q| q.reliability == Reliability::BestEffort) {
+                true => ros::qos::Reliability::BestEffort,
+                false => ros::qos::Reliability::Reliable,
+            },
+            durability: match all(|q| q.durability == Durability::TransientLocal) {
+                true => ros::qos::Durability::TransientLocal,
+                false => ros::qos::Durability::Volatile,
+            },
+            // Zero is what was not known.
+            depth: match usize::try_from(depth) {
+                Ok(depth @ 1..=100_000) => depth,
+                _ => default.depth,
+            },
+            ..default
+        }
+    }
+}
+
 // Bags before version 9 number the policies as rmw does; later ones name them.
 macro_rules! policy {
     ($(#[doc = $doc:literal])* $policy:ident {

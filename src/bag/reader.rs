@@ -15,6 +15,8 @@ pub struct Bag {
     files: Vec<PathBuf>,
     has_metadata: bool,
     ros_distro: Option<String>,
+    /// Whether rosbag2 has compressed every message by itself.
+    packed: bool,
 }
 
 /// A topic as a bag states it.
@@ -64,6 +66,7 @@ pub struct Messages {
     current: Option<McapFile>,
     damage: Vec<Damage>,
     topics: Vec<Arc<RecordedTopic>>,
+    packed: bool,
 }
 
 impl Bag {
@@ -73,29 +76,36 @@ impl Bag {
     /// If there is nothing, or nothing that is a bag in MCAP: see [`BagError`].
     pub fn open(path: impl Into<PathBuf>) -> Result<Self, BagError> {
         let path = path.into();
-        if path.is_file() {
-            McapFile::open(&path)?;
-            return Ok(Self {
-                files: vec![path.clone()],
-                path,
-                has_metadata: false,
-                ros_distro: None,
-            });
-        }
-        if !path.is_dir() {
-            return Err(BagError::NotFound(path));
-        }
-        let found = Found::read(&path)?;
+        let found = match path.is_dir() {
+            true => Found::read(&path)?,
+            false => None,
+        };
         let files = match &found {
             Some(metadata) => listed_files(&path, metadata)?,
-            None => mcap_files(&path)?,
+            None => present_files(&path)?,
         };
-        if files.is_empty() {
-            return Err(BagError::NotABag {
-                path,
-                what: "no .mcap file in this folder".into(),
-            });
-        }
+        Self::with_files(path, files, found)
+    }
+
+    /// As [`Self::open`], with all the files that are there and whatever `metadata.yaml` says.
+    ///
+    /// # Errors
+    /// As [`Self::open`].
+    pub fn open_files(path: impl Into<PathBuf>) -> Result<Self, BagError> {
+        let path = path.into();
+        let files = present_files(&path)?;
+        let mut bag = Self::with_files(path, files, None)?;
+        // All that is believed of it, if it can be read: the files themselves do not tell.
+        bag.packed = bag.path.is_dir()
+            && Found::read(&bag.path).is_ok_and(|found| found.is_some_and(|m| m.is_packed()));
+        Ok(bag)
+    }
+
+    fn with_files(
+        path: PathBuf,
+        files: Vec<PathBuf>,
+        found: Option<Found>,
+    ) -> Result<Self, BagError> {
         for file in &files {
             McapFile::open(file)?;
         }
@@ -103,6 +113,7 @@ impl Bag {
             path,
             files,
             has_metadata: found.is_some(),
+            packed: found.as_ref().is_some_and(Found::is_packed),
             ros_distro: found
                 .map(|m| m.ros_distro)
                 .filter(|distro| !distro.is_empty()),
@@ -144,6 +155,7 @@ impl Bag {
             current: None,
             damage: Vec::new(),
             topics: Vec::new(),
+            packed: self.packed,
         }
     }
 
@@ -176,11 +188,10 @@ fn listed_files(folder: &Path, metadata: &Found) -> Result<Vec<PathBuf>, BagErro
             metadata.storage_identifier
         )));
     }
-    if !metadata.compression_mode.is_empty()
-        && !metadata.compression_mode.eq_ignore_ascii_case("none")
-    {
+    let mode = metadata.compression_mode.to_ascii_lowercase();
+    if !["", "none"].contains(&mode.as_str()) && metadata.compression_format != "zstd" {
         return Err(unsupported(format!(
-            "rosbag2 compressed it with {} by {}; fuyu reads the compression of MCAP chunks (`ros2 bag convert` makes one of the other)",
+            "rosbag2 compressed it with {} by {}; fuyu reads zstd and the compression of MCAP chunks (`ros2 bag convert` makes one of the other)",
             metadata.compression_format, metadata.compression_mode
         )));
     }
@@ -191,30 +202,65 @@ fn listed_files(folder: &Path, metadata: &Found) -> Result<Vec<PathBuf>, BagErro
             // Old versions write paths from the folder's parent; rosbag2 itself takes the name alone.
             let name = Path::new(relative).file_name().unwrap_or_default();
             let file = folder.join(name);
-            if file.is_file() {
-                Ok(file)
-            } else {
-                Err(BagError::NotFound(file))
-            }
+            // Some writers list the names that the files had before they were compressed.
+            let compressed = folder.join(format!("{}.zstd", name.to_string_lossy()));
+            [file.clone(), compressed]
+                .into_iter()
+                .find(|f| f.is_file())
+                .ok_or(BagError::NotFound(file))
         })
         .collect()
 }
 
-fn mcap_files(folder: &Path) -> Result<Vec<PathBuf>, BagError> {
+/// The file `path`, or the MCAP files in the folder `path`.
+fn present_files(path: &Path) -> Result<Vec<PathBuf>, BagError> {
+    if path.is_file() {
+        return Ok(vec![path.to_owned()]);
+    }
+    if !path.is_dir() {
+        return Err(BagError::NotFound(path.to_owned()));
+    }
     let mut files = Vec::new();
-    for entry in std::fs::read_dir(folder).map_err(BagError::io(folder))? {
-        let path = entry.map_err(BagError::io(folder))?.path();
-        if path.extension().is_some_and(|e| e == "mcap") && path.is_file() {
-            files.push(path);
+    let mut sqlite = false;
+    for entry in std::fs::read_dir(path).map_err(BagError::io(path))? {
+        let file = entry.map_err(BagError::io(path))?.path();
+        let name = file.to_string_lossy();
+        sqlite |= name.ends_with(".db3");
+        if (name.ends_with(".mcap") || name.ends_with(".mcap.zstd")) && file.is_file() {
+            files.push(file);
         }
     }
+    if files.is_empty() {
+        return Err(BagError::NotABag {
+            path: path.to_owned(),
+            what: match sqlite {
+                false => "no .mcap file in this folder".into(),
+                true => "no .mcap file in this folder; .db3 is the storage sqlite3, which `ros2 bag convert` makes mcap of".into(),
+            },
+        });
+    }
     // NAME_2.mcap comes before NAME_10.mcap.
-    files.sort_by_key(|path| {
-        let stem = path.file_stem().unwrap_or_default().to_string_lossy();
+    files.sort_by_key(|file| {
+        let name = file.file_name().unwrap_or_default().to_string_lossy();
+        let stem = name.split(".mcap").next().unwrap_or_default();
         let number = stem.rsplit('_').next().and_then(|n| n.parse::<u64>().ok());
-        (number, path.clone())
+        (number, file.clone())
     });
     Ok(files)
+}
+
+/// Unpacks the data of a message that was compressed by itself.
+fn unpack(message: &mut Message) -> Result<(), String> {
+    match zstd::decode_all(message.data.as_slice()) {
+        Ok(data) => {
+            message.data = data;
+            Ok(())
+        }
+        Err(e) => Err(format!(
+            "{}: a message does not unpack: {e}",
+            message.topic.name
+        )),
+    }
 }
 
 impl Messages {
@@ -243,7 +289,16 @@ impl Iterator for Messages {
 
     fn next(&mut self) -> Option<Message> {
         loop {
-            if let Some(message) = self.current.as_mut().and_then(McapFile::next_message) {
+            if let Some(mut message) = self.current.as_mut().and_then(McapFile::next_message) {
+                if self.packed
+                    && let Err(what) = unpack(&mut message)
+                {
+                    self.current
+                        .as_mut()
+                        .into_iter()
+                        .for_each(|f| f.damaged(&what));
+                    continue;
+                }
                 return Some(message);
             }
             self.close();

@@ -15,7 +15,7 @@ use super::{BagError, Recording, Topic, Writer};
 const CHUNK_AGE: Duration = Duration::from_secs(1);
 
 /// Bytes that wait for the disk before messages are dropped: more than three seconds at 20 MB/s.
-const QUEUE_BYTES: usize = 64 << 20;
+pub const QUEUE_BYTES: usize = 64 << 20;
 
 /// Memory of a message that waits [B], with what the queue itself needs for it.
 fn weight(cdr: &Bytes) -> usize {
@@ -52,6 +52,7 @@ struct Shared {
     capacity: usize,
     queued: AtomicUsize,
     written: AtomicU64,
+    files: AtomicUsize,
     topics: Mutex<HashMap<String, (Topic, Arc<RecorderTopic>)>>,
     failure: Mutex<Option<String>>,
 }
@@ -65,6 +66,7 @@ enum Entry {
         cdr: Bytes,
     },
     Flush(Sender<()>),
+    Split(Sender<()>),
     Finish,
 }
 
@@ -77,6 +79,10 @@ pub struct RecorderStatus {
     pub written: u64,
     /// Messages dropped since the queue was full or the disk refused.
     pub dropped: u64,
+    /// The same by topic, as far as there are any.
+    pub dropped_topics: Vec<(String, u64)>,
+    /// Files that the bag has.
+    pub files: usize,
     /// Bytes that wait in the queue.
     pub queued_bytes: usize,
     /// Bytes that the queue can hold.
@@ -106,6 +112,7 @@ impl Recorder {
             capacity,
             queued: AtomicUsize::new(0),
             written: AtomicU64::new(0),
+            files: AtomicUsize::new(1),
             topics: Mutex::default(),
             failure: Mutex::default(),
         });
@@ -227,14 +234,33 @@ impl RecorderHandle {
         wait.recv().map_err(|_| gone())
     }
 
+    /// Begins another file of the bag and waits until that is done.
+    ///
+    /// # Errors
+    /// As [`Self::flush`].
+    pub fn split(&self) -> Result<(), BagError> {
+        let (done, wait) = mpsc::channel();
+        let gone = || BagError::ThreadGone(self.shared.folder.clone());
+        self.sender.send(Entry::Split(done)).map_err(|_| gone())?;
+        wait.recv().map_err(|_| gone())
+    }
+
     /// How the recording fares.
     pub fn status(&self) -> RecorderStatus {
         let topics = lock(&self.shared.topics);
         let total = |count: fn(&RecorderTopic) -> u64| topics.values().map(|(_, t)| count(t)).sum();
+        let mut dropped_topics: Vec<_> = topics
+            .values()
+            .map(|(_, t)| (t.name.clone(), t.dropped()))
+            .filter(|(_, dropped)| *dropped > 0)
+            .collect();
+        dropped_topics.sort();
         RecorderStatus {
+            dropped_topics,
             accepted: total(RecorderTopic::accepted),
             dropped: total(RecorderTopic::dropped),
             written: self.shared.written.load(Ordering::Relaxed),
+            files: self.shared.files.load(Ordering::Relaxed),
             queued_bytes: self.shared.queued.load(Ordering::Relaxed),
             queue_capacity: self.shared.capacity,
             failure: lock(&self.shared.failure).clone(),
@@ -283,6 +309,7 @@ fn run(
                 shared.queued.fetch_sub(weight(&cdr), Ordering::Relaxed);
                 result?;
                 shared.written.fetch_add(1, Ordering::Relaxed);
+                shared.files.store(writer.files(), Ordering::Relaxed);
                 due.get_or_insert_with(|| Instant::now() + CHUNK_AGE);
             }
             Ok(Entry::Topic(topic)) => topics.push(writer.add_topic(topic)?),
@@ -290,6 +317,12 @@ fn run(
                 writer.flush()?;
                 due = None;
                 // Nobody waits any more: nothing to tell.
+                let _ = done.send(());
+            }
+            Ok(Entry::Split(done)) => {
+                writer.split()?;
+                shared.files.store(writer.files(), Ordering::Relaxed);
+                due = None;
                 let _ = done.send(());
             }
             Err(RecvTimeoutError::Timeout) => {}

@@ -1,14 +1,13 @@
 //! Writing a bag.
 
-use mcap::records::{MessageHeader, Metadata as MetadataRecord};
-use std::collections::BTreeMap;
 use std::fs::{self, File};
-use std::io::BufWriter;
 use std::path::{Path, PathBuf};
+use std::time::Duration;
 
 use super::metadata::{self, FileInformation, Metadata, TopicCount, TopicMetadata};
-use super::{BagError, Qos, qos};
-use crate::msg::{self, Definition, Interface, cdr};
+use super::part::Part;
+use super::{BagError, Qos, RecordedTopic};
+use crate::msg::{self, Interface, cdr};
 
 /// How chunks are compressed.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
@@ -27,16 +26,26 @@ pub enum Compression {
 pub struct WriterOptions {
     /// How chunks are compressed.
     pub compression: Compression,
+    /// How hard it is tried: 1 to 22 for zstd, 0 to 12 for lz4. 0 is what the library likes.
+    pub compression_level: u32,
     /// Size at which a chunk is closed \[bytes, before compression\]. What is not in a closed chunk is
     /// lost if the process is killed.
     pub chunk_size: u64,
+    /// Size at which another file is begun \[bytes\]; the open chunk does not count.
+    pub max_size: Option<u64>,
+    /// Time of recording after which another file is begun.
+    pub max_duration: Option<Duration>,
 }
 
 impl Default for WriterOptions {
     fn default() -> Self {
         Self {
             compression: Compression::Zstd,
+            // The fastest of zstd: states of a robot are nearly noise to it, the next ones gain little.
+            compression_level: 1,
             chunk_size: 1 << 20,
+            max_size: None,
+            max_duration: None,
         }
     }
 }
@@ -74,14 +83,17 @@ impl Topic {
         }
     }
 
-    fn definition(&self) -> Option<&'static Definition> {
-        msg::find(&self.type_name)
-    }
-
-    fn hash(&self) -> String {
-        match self.definition() {
-            Some(d) => d.type_hash(),
-            None => self.type_hash.clone().unwrap_or_default(),
+    /// The topic with the schema that fuyu has for its type.
+    pub fn described(self) -> RecordedTopic {
+        let known = msg::find(&self.type_name);
+        RecordedTopic {
+            name: self.name,
+            encoding: "cdr".into(),
+            schema_encoding: known.map_or("", |_| "ros2msg").into(),
+            schema: known.map_or_else(Vec::new, |d| d.schema_text().into_bytes()),
+            type_hash: known.map(|d| d.type_hash()).or(self.type_hash),
+            qos: self.qos,
+            type_name: self.type_name,
         }
     }
 }
@@ -91,8 +103,7 @@ impl Topic {
 pub struct TopicId(usize);
 
 struct Entry {
-    topic: Topic,
-    channel: u16,
+    topic: RecordedTopic,
     count: u64,
 }
 
@@ -116,9 +127,12 @@ pub struct Recording {
 /// Writes a bag on the caller's thread. The same calls give the same bytes, whatever the clock says.
 pub struct Writer {
     folder: PathBuf,
-    file_name: String,
-    path: PathBuf,
-    mcap: mcap::Writer<BufWriter<File>>,
+    name: String,
+    options: WriterOptions,
+    part: Part,
+    /// The files before that one, and their size.
+    closed: Vec<FileInformation>,
+    closed_size: u64,
     topics: Vec<Entry>,
     messages: u64,
     bounds: Option<(u64, u64)>,
@@ -149,40 +163,14 @@ impl Writer {
             std::io::ErrorKind::AlreadyExists => BagError::Exists(folder.clone()),
             _ => BagError::io(&folder)(e),
         })?;
-
-        let file_name = format!("{name}_0.mcap");
-        let path = folder.join(&file_name);
-        let file = File::create_new(&path).map_err(BagError::io(&path))?;
-        let mut mcap = mcap::WriteOptions::new()
-            .profile("ros2")
-            .library(concat!("fuyu ", env!("CARGO_PKG_VERSION")))
-            .compression(match options.compression {
-                Compression::None => None,
-                Compression::Lz4 => Some(mcap::Compression::Lz4),
-                Compression::Zstd => Some(mcap::Compression::Zstd),
-            })
-            // One thread: compression is far faster than any topic, and its output must not vary.
-            .compression_threads(0)
-            // The fastest level: states of a robot are nearly noise to zstd, the next ones gain little.
-            .compression_level(1)
-            .chunk_size(Some(options.chunk_size))
-            // Chunks reach the file whole, so that a killed process leaves whole chunks behind.
-            .disable_seeking(true)
-            .create(BufWriter::new(file))
-            .map_err(BagError::mcap(&path))?;
-        // rosbag2 looks for its version before anything else, also in a bag that was never closed.
-        let start = Metadata {
-            relative_file_paths: vec![file_name.clone()],
-            ..empty_metadata()
-        };
-        mcap.write_metadata(&metadata_record(&start))
-            .map_err(BagError::mcap(&path))?;
-        mcap.flush().map_err(BagError::mcap(&path))?;
+        let part = open_part(&folder, &name, 0, &options)?;
         Ok(Self {
             folder,
-            file_name,
-            path,
-            mcap,
+            name,
+            options,
+            part,
+            closed: Vec::new(),
+            closed_size: 0,
             topics: Vec::new(),
             messages: 0,
             bounds: None,
@@ -201,6 +189,14 @@ impl Writer {
     /// [`BagError::TopicConflict`] if it was declared with another type; [`BagError::Mcap`] if the file
     /// cannot be written.
     pub fn add_topic(&mut self, topic: Topic) -> Result<TopicId, BagError> {
+        self.add_described(topic.described())
+    }
+
+    /// Declares a topic with whatever schema it comes with.
+    ///
+    /// # Errors
+    /// As [`Self::add_topic`].
+    pub fn add_described(&mut self, topic: RecordedTopic) -> Result<TopicId, BagError> {
         if let Some(i) = self.topics.iter().position(|e| e.topic.name == topic.name) {
             let first = &self.topics[i].topic.type_name;
             if *first != topic.type_name {
@@ -212,27 +208,8 @@ impl Writer {
             }
             return Ok(TopicId(i));
         }
-        let (encoding, text) = match topic.definition() {
-            Some(d) => ("ros2msg", d.schema_text()),
-            None => ("", String::new()),
-        };
-        let schema = self
-            .mcap
-            .add_schema(&topic.type_name, encoding, text.as_bytes())
-            .map_err(BagError::mcap(&self.path))?;
-        let channel_metadata = BTreeMap::from([
-            ("offered_qos_profiles".to_owned(), qos::to_yaml(&topic.qos)),
-            ("topic_type_hash".to_owned(), topic.hash()),
-        ]);
-        let channel = self
-            .mcap
-            .add_channel(schema, &topic.name, "cdr", &channel_metadata)
-            .map_err(BagError::mcap(&self.path))?;
-        self.topics.push(Entry {
-            topic,
-            channel,
-            count: 0,
-        });
+        self.part.add_topic(&topic)?;
+        self.topics.push(Entry { topic, count: 0 });
         Ok(TopicId(self.topics.len() - 1))
     }
 
@@ -254,10 +231,10 @@ impl Writer {
     }
 
     /// Records CDR bytes (with their encapsulation header) that were received at `log_time` and sent at
-    /// `publish_time` \[ns\].
+    /// `publish_time` \[ns\], in another file if the present one is long or large enough.
     ///
     /// # Errors
-    /// [`BagError::Mcap`] if the file cannot be written.
+    /// [`BagError::Mcap`] or [`BagError::Io`] if a file cannot be written.
     pub fn write_cdr(
         &mut self,
         topic: TopicId,
@@ -265,21 +242,48 @@ impl Writer {
         publish_time: u64,
         cdr: &[u8],
     ) -> Result<(), BagError> {
-        let entry = &mut self.topics[topic.0];
-        let header = MessageHeader {
-            channel_id: entry.channel,
-            sequence: entry.count as u32,
-            log_time,
-            publish_time,
-        };
-        self.mcap
-            .write_to_known_channel(&header, cdr)
-            .map_err(BagError::mcap(&self.path))?;
-        entry.count += 1;
+        if self.is_full(log_time) {
+            self.split()?;
+        }
+        self.part.write(topic.0, log_time, publish_time, cdr)?;
+        self.topics[topic.0].count += 1;
         self.messages += 1;
-        let (start, end) = self.bounds.unwrap_or((log_time, log_time));
-        self.bounds = Some((start.min(log_time), end.max(log_time)));
+        self.bounds = metadata::extend(self.bounds, log_time);
         Ok(())
+    }
+
+    fn is_full(&self, log_time: u64) -> bool {
+        let Some((start, _)) = self.part.bounds() else {
+            return false;
+        };
+        let age = Duration::from_nanos(log_time.saturating_sub(start));
+        self.options.max_duration.is_some_and(|max| age >= max)
+            || self
+                .options
+                .max_size
+                .is_some_and(|max| self.part.size() >= max)
+    }
+
+    /// Closes the present file and begins another.
+    ///
+    /// # Errors
+    /// [`BagError::Mcap`] or [`BagError::Io`] if a file cannot be written.
+    pub fn split(&mut self) -> Result<(), BagError> {
+        let number = self.closed.len() + 1;
+        let mut part = open_part(&self.folder, &self.name, number, &self.options)?;
+        for entry in &self.topics {
+            part.add_topic(&entry.topic)?;
+        }
+        let metadata = self.metadata();
+        let full = std::mem::replace(&mut self.part, part);
+        self.closed.push(full.information());
+        self.closed_size += full.finish(&metadata)?;
+        Ok(())
+    }
+
+    /// How many files there are.
+    pub fn files(&self) -> usize {
+        self.closed.len() + 1
     }
 
     /// Closes the open chunk and hands it to the operating system: from then on it survives the process.
@@ -287,95 +291,87 @@ impl Writer {
     /// # Errors
     /// [`BagError::Mcap`] if the file cannot be written.
     pub fn flush(&mut self) -> Result<(), BagError> {
-        self.mcap.flush().map_err(BagError::mcap(&self.path))
+        self.part.flush()
     }
 
     /// Closes the bag: index, `metadata.yaml`, everything on disk.
     ///
     /// # Errors
     /// [`BagError::Mcap`] or [`BagError::Io`] if the files cannot be written.
-    pub fn finish(mut self) -> Result<Recording, BagError> {
+    pub fn finish(self) -> Result<Recording, BagError> {
         let metadata = self.metadata();
-        self.mcap
-            .write_metadata(&metadata_record(&metadata))
-            .map_err(BagError::mcap(&self.path))?;
-        self.mcap.finish().map_err(BagError::mcap(&self.path))?;
+        let last = self.part.path().to_owned();
+        let size = self.closed_size + self.part.finish(&metadata)?;
         let on_disk = |path: &Path| File::open(path).and_then(|f| f.sync_all());
-        on_disk(&self.path).map_err(BagError::io(&self.path))?;
+        for file in self
+            .closed
+            .iter()
+            .map(|f| self.folder.join(&f.path))
+            .chain([last])
+        {
+            on_disk(&file).map_err(BagError::io(&file))?;
+        }
         let yaml = self.folder.join(metadata::FILE);
-        fs::write(&yaml, metadata.file_text())
+        let text = metadata.file_text();
+        fs::write(&yaml, &text)
             .and_then(|()| on_disk(&yaml))
             .map_err(BagError::io(&yaml))?;
-        let size = |path: &Path| fs::metadata(path).map_or(0, |m| m.len());
         Ok(Recording {
-            size: size(&self.path) + size(&yaml),
+            size: size + text.len() as u64,
             messages: self.messages,
             topics: self
                 .topics
-                .drain(..)
+                .into_iter()
                 .map(|e| (e.topic.name, e.count))
                 .collect(),
             dropped: 0,
             bounds: self.bounds,
-            path: std::mem::take(&mut self.folder),
+            path: self.folder,
         })
     }
 
+    /// What the bag holds so far.
     fn metadata(&self) -> Metadata {
         let (starting_time, duration) = metadata::span(self.bounds);
-        let (file_start, file_duration) = metadata::span(self.bounds);
+        let files: Vec<_> = self
+            .closed
+            .iter()
+            .cloned()
+            .chain([self.part.information()])
+            .collect();
+        let topic = |e: &Entry| TopicCount {
+            topic_metadata: TopicMetadata {
+                name: e.topic.name.clone(),
+                type_name: e.topic.type_name.clone(),
+                serialization_format: e.topic.encoding.clone(),
+                offered_qos_profiles: e.topic.qos.clone(),
+                type_description_hash: e.topic.type_hash.clone().unwrap_or_default(),
+            },
+            message_count: e.count,
+        };
         Metadata {
             duration,
             starting_time,
             message_count: self.messages,
-            topics_with_message_count: self
-                .topics
-                .iter()
-                .map(|e| TopicCount {
-                    topic_metadata: TopicMetadata {
-                        name: e.topic.name.clone(),
-                        type_name: e.topic.type_name.clone(),
-                        serialization_format: "cdr",
-                        offered_qos_profiles: e.topic.qos.clone(),
-                        type_description_hash: e.topic.hash(),
-                    },
-                    message_count: e.count,
-                })
-                .collect(),
-            relative_file_paths: vec![self.file_name.clone()],
-            files: vec![FileInformation {
-                path: self.file_name.clone(),
-                starting_time: file_start,
-                duration: file_duration,
-                message_count: self.messages,
-            }],
-            ..empty_metadata()
+            topics_with_message_count: self.topics.iter().map(topic).collect(),
+            relative_file_paths: files.iter().map(|f| f.path.clone()).collect(),
+            files,
+            ..Metadata::empty()
         }
     }
 }
 
-fn empty_metadata() -> Metadata {
-    let (starting_time, duration) = metadata::span(None);
-    Metadata {
-        version: 9,
-        storage_identifier: "mcap",
-        duration,
-        starting_time,
-        message_count: 0,
-        topics_with_message_count: Vec::new(),
-        // Chunks are compressed within the file, which is no business of rosbag2's own compression.
-        compression_format: "",
-        compression_mode: "",
-        relative_file_paths: Vec::new(),
-        files: Vec::new(),
-        custom_data: None,
-        ros_distro: "jazzy",
-    }
-}
-
-fn metadata_record(metadata: &Metadata) -> MetadataRecord {
-    MetadataRecord {
-        name: "rosbag2".into(),
-        metadata: BTreeMap::from([("serialized_metadata".into(), metadata.to_yaml())]),
-    }
+/// The `number`-th file of the bag `name` in `folder`.
+fn open_part(
+    folder: &Path,
+    name: &str,
+    number: usize,
+    options: &WriterOptions,
+) -> Result<Part, BagError> {
+    let file_name = format!("{name}_{number}.mcap");
+    let start = Metadata {
+        relative_file_paths: vec![file_name.clone()],
+        ..Metadata::empty()
+    };
+    Part::create(folder, file_name, options, &start)
 }

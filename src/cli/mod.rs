@@ -42,10 +42,8 @@ impl Command {
     fn run(self, ros_args: Vec<String>) -> Result<(), Failure> {
         match self {
             Self::Launch(args) => launch::run(&args, ros_args),
-            _ if !ros_args.is_empty() => Err(Failure::Input(
-                "--ros-args: only `fuyu launch` starts nodes that could take them".to_owned(),
-            )),
-            Self::Bag(args) => bag::run(args),
+            Self::Bag(args) => bag::run(args, ros_args),
+            _ if !ros_args.is_empty() => Err(no_ros_args()),
             Self::Estimate(args) => estimate::run(&args),
             Self::Inspect(args) => inspect::run(args),
             Self::Reproduce(args) => reproduce::run(&args),
@@ -98,6 +96,12 @@ pub fn main() -> ExitCode {
             failure.exit_code()
         }
     }
+}
+
+fn no_ros_args() -> Failure {
+    let text =
+        "--ros-args: only `fuyu launch` and `fuyu bag play` start nodes that could take them";
+    Failure::Input(text.to_owned())
 }
 
 /// Reads and compiles a robot description.

@@ -58,4 +58,16 @@ pub enum EstimateError {
         /// Root mean square of the residuals \[px\].
         rms: f64,
     },
+    /// Other motions look alike.
+    #[error(
+        "the body has turned by only {turn:.2} rad: rates from {:.3} to {:.3} rad/s, with other depths of the body, explain \
+         the images alike; observe longer, or from nearer",
+        .rates[0], .rates[1]
+    )]
+    Ambiguous {
+        /// By how much the body turned in the best of them \[rad\].
+        turn: f64,
+        /// The least and the largest rate \[rad/s\].
+        rates: [f64; 2],
+    },
 }

@@ -2,6 +2,7 @@
 //! CDR (XCDR1).
 
 use byteorder::{BigEndian, LittleEndian};
+use serde::de::DeserializeOwned;
 
 use super::Interface;
 
@@ -45,9 +46,14 @@ pub fn encode_into<M: Interface>(message: &M, bytes: &mut Vec<u8>) {
 /// # Errors
 /// [`CdrError`] if the header is not that of plain CDR, or the rest ends early or holds what the type cannot.
 pub fn decode<M: Interface>(bytes: &[u8]) -> Result<M, CdrError> {
+    decode_as(bytes, &M::DEFINITION.type_name())
+}
+
+/// The same for what is not declared as a message, with the name of its type for errors.
+pub(crate) fn decode_as<T: DeserializeOwned>(bytes: &[u8], type_name: &str) -> Result<T, CdrError> {
     let decoded = match bytes {
-        [0, 0, _, _, body @ ..] => cdr_encoding::from_bytes::<M, BigEndian>(body),
-        [0, 1, _, _, body @ ..] => cdr_encoding::from_bytes::<M, LittleEndian>(body),
+        [0, 0, _, _, body @ ..] => cdr_encoding::from_bytes::<T, BigEndian>(body),
+        [0, 1, _, _, body @ ..] => cdr_encoding::from_bytes::<T, LittleEndian>(body),
         _ => {
             return Err(CdrError::Encapsulation(
                 bytes.iter().take(4).copied().collect(),
@@ -57,7 +63,7 @@ pub fn decode<M: Interface>(bytes: &[u8]) -> Result<M, CdrError> {
     match decoded {
         Ok((message, _)) => Ok(message),
         Err(source) => Err(CdrError::Body {
-            type_name: M::DEFINITION.type_name(),
+            type_name: type_name.to_owned(),
             source,
         }),
     }

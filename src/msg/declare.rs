@@ -1,4 +1,4 @@
-//! The macros that declare messages and services.
+//! The macros that declare messages, services and actions.
 
 /// Declares the messages of one ROS package. Doc comments become the comments of the `.msg` text.
 ///
@@ -77,6 +77,159 @@ macro_rules! services {
             <$request as $crate::msg::Interface>::DEFINITION,
             <$response as $crate::msg::Interface>::DEFINITION,
         )*];
+    };
+}
+
+/// Declares an action of a ROS package, in a module of its own: a type that names it, `Goal`, `Outcome` and
+/// `Feedback` as declared, and the messages that carry them.
+macro_rules! action {
+    (
+        package $package:ident;
+        $(#[doc = $doc:literal])*
+        action $action:ident {
+            goal { $($goal:tt)* }
+            outcome { $($outcome:tt)* }
+            feedback { $($feedback:tt)* }
+        }
+    ) => {
+        $(#[doc = $doc])*
+        #[derive(Debug, Clone, Copy)]
+        pub struct $action;
+
+        $crate::msg::declare::interface! {
+            [$package Action concat!(stringify!($action), "_Goal")]
+            ["What a client of the action asks for."]
+            Goal { $($goal)* } {}
+        }
+        $crate::msg::declare::interface! {
+            [$package Action concat!(stringify!($action), "_Result")]
+            ["What it gets in the end."]
+            Outcome { $($outcome)* } {}
+        }
+        $crate::msg::declare::interface! {
+            [$package Action concat!(stringify!($action), "_Feedback")]
+            ["What it is told meanwhile."]
+            Feedback { $($feedback)* } {}
+        }
+
+        /// The service that takes goals.
+        #[derive(Debug, Clone, Copy)]
+        pub struct SendGoal;
+
+        impl $crate::msg::Service for SendGoal {
+            const PACKAGE: &'static str = stringify!($package);
+            const NAME: &'static str = concat!(stringify!($action), "_SendGoal");
+            type Request = SendGoalRequest;
+            type Response = SendGoalResponse;
+        }
+
+        $crate::msg::declare::interface! {
+            [$package Action concat!(stringify!($action), "_SendGoal_Request")]
+            ["A goal."]
+            SendGoalRequest {
+                /// The client's choice.
+                goal_id: $crate::msg::unique_identifier_msgs::UUID,
+                /// The goal.
+                goal: Goal,
+            } {}
+        }
+        $crate::msg::declare::interface! {
+            [$package Action concat!(stringify!($action), "_SendGoal_Response")]
+            ["Whether it is taken."]
+            SendGoalResponse {
+                /// It is.
+                accepted: bool,
+                /// When.
+                stamp: $crate::msg::builtin_interfaces::Time,
+            } {}
+        }
+
+        /// The service that gives outcomes, each when it is there.
+        #[derive(Debug, Clone, Copy)]
+        pub struct GetResult;
+
+        impl $crate::msg::Service for GetResult {
+            const PACKAGE: &'static str = stringify!($package);
+            const NAME: &'static str = concat!(stringify!($action), "_GetResult");
+            type Request = GetResultRequest;
+            type Response = GetResultResponse;
+        }
+
+        $crate::msg::declare::interface! {
+            [$package Action concat!(stringify!($action), "_GetResult_Request")]
+            ["Which outcome."]
+            GetResultRequest {
+                /// That of this goal.
+                goal_id: $crate::msg::unique_identifier_msgs::UUID,
+            } {}
+        }
+        $crate::msg::declare::interface! {
+            [$package Action concat!(stringify!($action), "_GetResult_Response")]
+            ["An outcome."]
+            GetResultResponse {
+                /// A constant of `action_msgs/GoalStatus`.
+                status: i8,
+                /// The outcome.
+                result: Outcome,
+            } {}
+        }
+        $crate::msg::declare::interface! {
+            [$package Action concat!(stringify!($action), "_FeedbackMessage")]
+            ["Feedback of a goal."]
+            FeedbackMessage {
+                /// Which goal.
+                goal_id: $crate::msg::unique_identifier_msgs::UUID,
+                /// The feedback.
+                feedback: Feedback,
+            } {}
+        }
+
+        impl $crate::msg::Action for $action {
+            type Goal = Goal;
+            type Outcome = Outcome;
+            type Feedback = Feedback;
+            type SendGoal = SendGoal;
+            type GetResult = GetResult;
+            type FeedbackMessage = FeedbackMessage;
+
+            fn goal(r: SendGoalRequest) -> ($crate::msg::unique_identifier_msgs::UUID, Goal) {
+                (r.goal_id, r.goal)
+            }
+
+            fn taken(
+                accepted: bool,
+                stamp: $crate::msg::builtin_interfaces::Time,
+            ) -> SendGoalResponse {
+                SendGoalResponse { accepted, stamp }
+            }
+
+            fn asked(r: GetResultRequest) -> $crate::msg::unique_identifier_msgs::UUID {
+                r.goal_id
+            }
+
+            fn ended(status: i8, result: Outcome) -> GetResultResponse {
+                GetResultResponse { status, result }
+            }
+
+            fn told(
+                goal_id: $crate::msg::unique_identifier_msgs::UUID,
+                feedback: Feedback,
+            ) -> FeedbackMessage {
+                FeedbackMessage { goal_id, feedback }
+            }
+        }
+
+        /// Every message declared here.
+        pub(in $crate::msg) const DEFINITIONS: &[&$crate::msg::Definition] = &[
+            <Goal as $crate::msg::Interface>::DEFINITION,
+            <Outcome as $crate::msg::Interface>::DEFINITION,
+            <Feedback as $crate::msg::Interface>::DEFINITION,
+            <SendGoalRequest as $crate::msg::Interface>::DEFINITION,
+            <SendGoalResponse as $crate::msg::Interface>::DEFINITION,
+            <GetResultRequest as $crate::msg::Interface>::DEFINITION,
+            <GetResultResponse as $crate::msg::Interface>::DEFINITION,
+            <FeedbackMessage as $crate::msg::Interface>::DEFINITION,
+        ];
     };
 }
 
@@ -163,4 +316,4 @@ macro_rules! default_text {
     };
 }
 
-pub(super) use {default_text, default_value, interface, messages, services};
+pub(super) use {action, default_text, default_value, interface, messages, services};

@@ -31,6 +31,19 @@ pub enum Kind {
     Msg,
     /// A `.srv` file; the type is its request or response.
     Srv,
+    /// An `.action` file; the type is one of those that follow from it.
+    Action,
+}
+
+impl Kind {
+    /// As it stands in the names of types, `msg`.
+    pub const fn name(self) -> &'static str {
+        match self {
+            Self::Msg => "msg",
+            Self::Srv => "srv",
+            Self::Action => "action",
+        }
+    }
 }
 
 /// A constant of a message.
@@ -62,11 +75,7 @@ pub struct FieldDefinition {
 impl Definition {
     /// Full ROS name, `geometry_msgs/msg/Pose`.
     pub fn type_name(&self) -> String {
-        let kind = match self.kind {
-            Kind::Msg => "msg",
-            Kind::Srv => "srv",
-        };
-        format!("{}/{kind}/{}", self.package, self.name)
+        format!("{}/{}/{}", self.package, self.kind.name(), self.name)
     }
 
     /// The text of the `.msg` file: comments, constants, fields; other messages with their package.

@@ -3,7 +3,7 @@
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
-use super::Definition;
+use super::{Definition, builtin_interfaces::Time, unique_identifier_msgs::UUID};
 
 /// A ROS 2 message (or the request or response of a service): a Rust struct that carries its own
 /// ROS definition.
@@ -26,6 +26,33 @@ pub trait Service: 'static {
     type Request: Interface;
     /// What the server answers.
     type Response: Interface;
+}
+
+/// A ROS 2 action: a goal, feedback on the way and an outcome, and the messages that carry them.
+pub trait Action: 'static {
+    /// What a client asks for.
+    type Goal: Interface;
+    /// What it gets in the end.
+    type Outcome: Interface;
+    /// What it is told meanwhile.
+    type Feedback: Interface;
+    /// The service that takes goals.
+    type SendGoal: Service;
+    /// The service that gives outcomes.
+    type GetResult: Service;
+    /// Feedback with the goal that it belongs to.
+    type FeedbackMessage: Interface;
+
+    /// The goal in a request, with its identity.
+    fn goal(request: <Self::SendGoal as Service>::Request) -> (UUID, Self::Goal);
+    /// The answer to a goal.
+    fn taken(accepted: bool, stamp: Time) -> <Self::SendGoal as Service>::Response;
+    /// Which outcome is asked for.
+    fn asked(request: <Self::GetResult as Service>::Request) -> UUID;
+    /// An outcome with the status of its goal, a constant of `GoalStatus`.
+    fn ended(status: i8, outcome: Self::Outcome) -> <Self::GetResult as Service>::Response;
+    /// Feedback of a goal.
+    fn told(goal: UUID, feedback: Self::Feedback) -> Self::FeedbackMessage;
 }
 
 /// A Rust type that a field of a message can have.

@@ -18,47 +18,67 @@ mod type_hash;
 
 pub mod cdr;
 pub mod scan;
+pub mod schema;
 
+pub mod action_msgs;
 pub mod builtin_interfaces;
 pub mod diagnostic_msgs;
 pub mod fuyu_msgs;
 pub mod geometry_msgs;
+pub mod lifecycle_msgs;
 pub mod nav_msgs;
 pub mod rcl_interfaces;
+pub mod rosbag2_interfaces;
 pub mod rosgraph_msgs;
 pub mod sensor_msgs;
+pub mod simulation_interfaces;
 pub mod std_msgs;
 pub mod std_srvs;
 pub mod tf2_msgs;
+pub mod unique_identifier_msgs;
+pub mod visualization_msgs;
 
 pub use definition::{Constant, Definition, FieldDefinition, Kind};
-pub use field::{Base, Bounded, Byte, Field, FieldType, Interface, Service, Shape};
+pub use field::{Action, Base, Bounded, Byte, Field, FieldType, Interface, Service, Shape};
 
 /// Every message type that fuyu knows, package by package.
 pub fn definitions() -> impl Iterator<Item = &'static Definition> {
     [
+        action_msgs::DEFINITIONS,
         builtin_interfaces::DEFINITIONS,
         diagnostic_msgs::DEFINITIONS,
         fuyu_msgs::DEFINITIONS,
         geometry_msgs::DEFINITIONS,
+        lifecycle_msgs::DEFINITIONS,
         nav_msgs::DEFINITIONS,
         rcl_interfaces::DEFINITIONS,
         rosgraph_msgs::DEFINITIONS,
         sensor_msgs::DEFINITIONS,
+        simulation_interfaces::DEFINITIONS,
         std_msgs::DEFINITIONS,
         tf2_msgs::DEFINITIONS,
+        unique_identifier_msgs::DEFINITIONS,
+        visualization_msgs::DEFINITIONS,
     ]
     .into_iter()
     .flatten()
     .copied()
 }
 
-/// Requests and responses of every service that fuyu knows.
+/// Requests and responses of every service, and all parts of every action, that fuyu knows.
 pub fn service_definitions() -> impl Iterator<Item = &'static Definition> {
-    [rcl_interfaces::services::DEFINITIONS, std_srvs::DEFINITIONS]
-        .into_iter()
-        .flatten()
-        .copied()
+    [
+        action_msgs::services::DEFINITIONS,
+        lifecycle_msgs::services::DEFINITIONS,
+        rcl_interfaces::services::DEFINITIONS,
+        rosbag2_interfaces::DEFINITIONS,
+        simulation_interfaces::services::DEFINITIONS,
+        simulation_interfaces::simulate_steps::DEFINITIONS,
+        std_srvs::DEFINITIONS,
+    ]
+    .into_iter()
+    .flatten()
+    .copied()
 }
 
 /// The definition of the message type `type_name` (`"pkg/msg/Name"`), if fuyu knows it.

@@ -115,6 +115,32 @@ mod tests {
                 std_srvs::SetBoolRequest::DEFINITION,
                 "RIHS01_c62fbb99d94e1b25e8ef9e109f9581956bb1b3361a45a4e5810c36a90d29932e",
             ),
+            (
+                // Of simulation_interfaces 2.1, as rosidl hashes it: filters, bounds, tags.
+                simulation_interfaces::services::GetEntitiesStatesRequest::DEFINITION,
+                "RIHS01_0af5302d3526834e83bd9861fbcc5214af2b9a4b0c93a965840fb1a6c2891724",
+            ),
+            (
+                simulation_interfaces::services::GetEntitiesStatesResponse::DEFINITION,
+                "RIHS01_b651848f4d93a2b0ec5ec3f36659297ca30547c499f933eb279b60f8be434315",
+            ),
+            (
+                simulation_interfaces::services::SpawnEntitiesRequest::DEFINITION,
+                "RIHS01_03f070057ac2ab26d723fe9f07c7d57bd39ace34ad34bb043cdbca36825c98d9",
+            ),
+            (
+                simulation_interfaces::services::GetSimulatorFeaturesResponse::DEFINITION,
+                "RIHS01_ede4dc8227cbb2f86a24612c999dcaa67d17dab21dab566cefdc233e7a2a65d1",
+            ),
+            (
+                // Parts of an action.
+                simulation_interfaces::simulate_steps::SendGoalRequest::DEFINITION,
+                "RIHS01_275e6fd2fafc5d33dcdc83bdea6de5cf29f30b9df74a3b9514a8c5d501fd0fe3",
+            ),
+            (
+                simulation_interfaces::simulate_steps::FeedbackMessage::DEFINITION,
+                "RIHS01_a30dee7ee7380769e616406ec5067b238aa2b27e1dbd7a5957fba1d908d7754d",
+            ),
         ];
         for (definition, hash) in cases {
             assert_eq!(definition.type_hash(), hash, "{}", definition.type_name());

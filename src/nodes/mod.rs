@@ -8,6 +8,7 @@
 //! | [`estimator`] | `camera/features`, `camera/camera_info`, `imu`, `/tf_static` | `estimator/...` |
 //! | [`teleop`] | `robot_description`, `joint_states`, `imu`, `joy`, `cmd_vel` | `joint_commands` |
 //! | [`recorder`] | any topic | a bag |
+//! | [`views`] | `goal_pose`, `camera/goal_pose`, `ground_truth/...`, `estimator/prediction` | `markers` |
 //!
 //! A node is a program `fn(&Node) -> Result<(), NodeError>`; [`by_name`] finds it.
 
@@ -17,9 +18,11 @@ pub mod controller;
 pub mod dynamics;
 pub mod estimator;
 pub mod features;
+pub mod foxglove;
 pub mod geometry;
 mod joint_vectors;
 mod placement;
+pub mod player;
 pub mod recorder;
 pub mod resource;
 mod robot_description;
@@ -28,6 +31,7 @@ mod stamp_pairs;
 pub mod teleop;
 mod tip;
 pub mod topics;
+pub mod views;
 
 pub use tip::tip_frame;
 
@@ -37,8 +41,9 @@ use crate::ros::{Node, NodeError};
 pub type Program = fn(&Node) -> Result<(), NodeError>;
 
 /// All nodes, in the order in which a launch starts them: whoever listens comes first.
-pub const NODES: [(&str, Program); 6] = [
+pub const NODES: [(&str, Program); 7] = [
     ("recorder", recorder::program),
+    ("views", views::program),
     ("estimator", estimator::program),
     ("controller", controller::program),
     ("teleop", teleop::program),

@@ -14,6 +14,7 @@ use super::{
     resource,
     teleop::TeleopParams,
     tip_frame,
+    views::ViewsParams,
 };
 use crate::{
     model::Model,
@@ -195,6 +196,10 @@ impl Scenario {
                 })
             }
             "estimator" => self.parameters_of(name, EstimatorParams::declare).map(drop),
+            "views" => {
+                let params = self.parameters_of(name, |d| Ok(ViewsParams::declare(d)));
+                params.map(drop)
+            }
             _ => {
                 let params = self.parameters_of(name, |d| Ok(RecorderParams::declare(d)));
                 params.map(drop)

@@ -14,6 +14,7 @@ use crate::{
         sensor_msgs::{CameraInfo, Imu, JointState, Joy},
         std_msgs::String as Text,
         tf2_msgs::TFMessage,
+        visualization_msgs::MarkerArray,
     },
     ros::{Node, NodeError, Publisher, Qos, Subscription},
 };
@@ -127,6 +128,9 @@ pub const TARGET_MOTION: Topic<MotionEstimate> = Topic::new("estimator/motion", 
 /// Attitude of the target over the time to come.
 pub const PREDICTION: Topic<Path> = Topic::new("estimator/prediction", Qos::RELIABLE);
 
+/// Things to draw, for people.
+pub const MARKERS: Topic<MarkerArray> = Topic::new("markers", Qos::RELIABLE);
+
 /// All of them but those of targets, whose names scenarios choose.
 pub fn all() -> Vec<Described> {
     vec![
@@ -152,5 +156,6 @@ pub fn all() -> Vec<Described> {
         TARGET_RATE.described(),
         TARGET_MOTION.described(),
         PREDICTION.described(),
+        MARKERS.described(),
     ]
 }

@@ -111,7 +111,13 @@ impl Peers {
 
     fn count(&self, all: &Endpoints, local: Gid) {
         if let Some((counters, _)) = find(all, local) {
-            counters.matched.store(self.0[&local].len(), Relaxed);
+            let peers = &self.0[&local];
+            counters.matched.store(peers.len(), Relaxed);
+            *counters
+                .peers
+                .lock()
+                .unwrap_or_else(PoisonError::into_inner) =
+                peers.iter().map(|&guid| guid.into()).collect();
         }
     }
 }
@@ -213,8 +219,9 @@ pub struct DiscoveredPublisher {
     pub gid: Gid,
 }
 
-/// Every ROS topic publisher of other participants. What has the prefix of ROS but not its form is left
-/// out; `strange` remembers what was warned of.
+/// Every ROS topic publisher of other participants but those of hidden topics (a part of the name begins with
+/// `_`, as those of actions do). What has the prefix of ROS but not its form is left out; `strange` remembers
+/// what was warned of.
 pub(super) fn publishers(
     participant: &DomainParticipant,
     node: &NodeName,
@@ -223,7 +230,7 @@ pub(super) fn publishers(
     let mut publishers = Vec::new();
     for writer in participant.discovered_writers() {
         let data = &writer.publication_topic_data;
-        let Some(topic) = ros_topic(&data.topic_name) else {
+        let Some(topic) = ros_topic(&data.topic_name).filter(|topic| !topic.contains("/_")) else {
             continue;
         };
         let type_name = ros_type(&data.type_name).filter(|_| node.expand(topic).is_ok());

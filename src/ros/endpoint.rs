@@ -33,7 +33,12 @@ impl EndpointSpec {
         Self {
             name: name.to_owned(),
             dds_topic: format!("rt{name}"),
-            dds_type: format!("{}::msg::dds_::{}_", M::PACKAGE, M::NAME),
+            dds_type: format!(
+                "{}::{}::dds_::{}_",
+                M::PACKAGE,
+                M::DEFINITION.kind.name(),
+                M::NAME
+            ),
             qos,
             internal: true,
         }
@@ -56,6 +61,8 @@ pub(super) struct Counters {
     pub(super) last: AtomicI64,
     /// Peers that this endpoint is matched with.
     pub(super) matched: AtomicUsize,
+    /// Who they are.
+    pub(super) peers: Mutex<Vec<Gid>>,
 }
 
 impl Counters {

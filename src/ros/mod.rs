@@ -61,17 +61,21 @@
 //! participant is replaced below handles that live on. From ros2-client come the ROS conventions on the
 //! wire: mangled type names and the `ros_discovery_info` that tells peers which endpoint is whose.
 
+mod action;
 pub mod args;
 mod clock;
 mod context;
 mod diagnostics;
 mod discovery;
+mod duplicates;
 mod endpoint;
 mod error;
+mod lifecycle;
 pub mod logging;
 pub mod names;
 mod newcomers;
 mod node;
+mod owners;
 pub mod params;
 pub mod params_file;
 mod process;
@@ -85,20 +89,23 @@ mod time;
 mod wait;
 mod wire;
 
+pub use action::{ActionServer, Goal};
 pub use args::RosArgs;
 pub use clock::{Clock, Timer};
 pub use context::{Domain, DomainError, Reach};
 pub use diagnostics::{Diagnostics, Status};
 pub use discovery::DiscoveredPublisher;
 pub use error::NodeError;
+pub use lifecycle::{Lifecycle, Stage, Transition};
 pub use names::NodeName;
 pub use node::{Node, NodeOptions};
+pub use owners::Owners;
 pub use params::{Declare, Param, ParameterValue};
 pub use params_file::ParamsFile;
 pub use process::{Process, Stopper, run};
-pub use publisher::Publisher;
+pub use publisher::{Publisher, RawPublisher};
 pub use qos::Qos;
-pub use service::ServiceServer;
+pub use service::{Call, Calls, Reply, ServiceServer};
 pub use subscription::{RawSubscription, Received, Subscription};
 pub use time::Time;
 pub use wire::{Gid, RawSample};

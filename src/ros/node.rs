@@ -9,15 +9,16 @@ use std::{
 };
 
 use super::{
-    Clock, Declare, Diagnostics, Domain, NodeError, NodeName, Publisher, Qos, RawSample,
-    RawSubscription, RosArgs, Subscription, Time, Timer,
+    Clock, Declare, Diagnostics, Domain, NodeError, NodeName, Publisher, Qos, RawPublisher,
+    RawSample, RawSubscription, RosArgs, Subscription, Time, Timer,
     discovery::{self, DiscoveredPublisher},
     endpoint::{Counters, EndpointSpec, Endpoints, Reader, Sink, Writer},
     names::Names,
     newcomers::Newcomers,
+    owners::Owners,
     params::ParameterStore,
     publisher::Outbox,
-    service::ServiceServer,
+    service::{Calls, Reply, ServiceServer},
     session::Session,
     signals,
     subscription::Inbox,
@@ -271,6 +272,22 @@ impl Node {
         Ok(Publisher::new(Arc::clone(&self.core), writer))
     }
 
+    /// Publishes bytes on `topic`, which is expanded and remapped, of a type (`pkg/msg/Name`) that need not be
+    /// known to fuyu.
+    ///
+    /// # Errors
+    /// As [`Self::subscribe_raw`].
+    pub fn advertise_raw(
+        &self,
+        topic: &str,
+        type_name: &str,
+        qos: Qos,
+    ) -> Result<RawPublisher, NodeError> {
+        let spec = raw_spec(self.core.names.topic(topic)?, type_name, qos)?;
+        let writer = self.core.add_writer(spec)?;
+        Ok(RawPublisher::new(Arc::clone(&self.core), writer))
+    }
+
     /// Subscribes to `topic`, which is expanded and remapped; messages queue up to the depth of `qos`.
     ///
     /// # Errors
@@ -330,18 +347,7 @@ impl Node {
         qos: Qos,
         handler: impl Fn(RawSample) + Send + Sync + 'static,
     ) -> Result<RawSubscription, NodeError> {
-        let Some(dds_type) = discovery::dds_type(type_name) else {
-            return Err(NodeError::Input(format!(
-                "topic {name}: type {type_name:?} is not of the form pkg/msg/Name"
-            )));
-        };
-        let spec = EndpointSpec {
-            dds_topic: format!("rt{name}"),
-            name,
-            dds_type,
-            qos,
-            internal: false,
-        };
+        let spec = raw_spec(name, type_name, qos)?;
         let sink = move |sample: RawSample, _: &Counters| {
             handler(sample);
             true
@@ -360,8 +366,30 @@ impl Node {
         name: &str,
         handler: impl Fn(S::Request) -> S::Response + Send + Sync + 'static,
     ) -> Result<ServiceServer, NodeError> {
+        self.serve_later::<S>(name, move |request, reply| reply.send(&handler(request)))
+    }
+
+    /// As [`Self::serve`], but the handler may send the reply later, from any thread.
+    ///
+    /// # Errors
+    /// As [`Self::serve`].
+    pub fn serve_later<S: Service>(
+        &self,
+        name: &str,
+        handler: impl Fn(S::Request, Reply<S>) + Send + Sync + 'static,
+    ) -> Result<ServiceServer, NodeError> {
         let full_name = self.core.names.service(name)?;
         ServiceServer::new::<S>(&self.core, &full_name, handler)
+    }
+
+    /// Lets the program answer calls of the service `name`, which is expanded and remapped, when it gets to
+    /// it: they wait in a queue.
+    ///
+    /// # Errors
+    /// As [`Self::serve`].
+    pub fn serve_calls<S: Service>(&self, name: &str) -> Result<Calls<S>, NodeError> {
+        let full_name = self.core.names.service(name)?;
+        Calls::new(&self.core, &full_name)
     }
 
     /// The full name of a topic, expanded and remapped.
@@ -383,6 +411,14 @@ impl Node {
             .session()
             .map(|s| s.discovered_publishers(self.name()))
             .unwrap_or_default()
+    }
+
+    /// Begins to listen whose publishers are.
+    ///
+    /// # Errors
+    /// When DDS refuses.
+    pub fn owners(&self) -> Result<Owners, NodeError> {
+        Owners::new(&self.core)
     }
 
     /// What the node says of its health.
@@ -459,4 +495,20 @@ impl Node {
             ..EndpointSpec::topic::<M>(&name, qos)
         })
     }
+}
+
+/// An endpoint of a type that is known by name only.
+fn raw_spec(name: String, type_name: &str, qos: Qos) -> Result<EndpointSpec, NodeError> {
+    let Some(dds_type) = discovery::dds_type(type_name) else {
+        return Err(NodeError::Input(format!(
+            "topic {name}: type {type_name:?} is not of the form pkg/msg/Name"
+        )));
+    };
+    Ok(EndpointSpec {
+        dds_topic: format!("rt{name}"),
+        name,
+        dds_type,
+        qos,
+        internal: false,
+    })
 }

@@ -14,6 +14,7 @@ use std::{
 use super::{
     Domain, Node, NodeError, NodeOptions, Qos, Reach, RosArgs,
     diagnostics::Reporter,
+    duplicates,
     endpoint::EndpointSpec,
     logging,
     names::Names,
@@ -352,6 +353,7 @@ impl Infrastructure {
             core: Arc::clone(&core),
         };
         core.open_session()?;
+        duplicates::watch(&core)?;
         let services = params::serve(&node)?;
         // Last, since every declaration is announced.
         let simulated = node

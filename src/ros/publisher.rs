@@ -61,7 +61,7 @@ impl<M: Interface> Publisher<M> {
 }
 
 /// How long a publisher that ends waits for its last messages to leave, and then to be acknowledged.
-const LAST_MESSAGES: Duration = Duration::from_millis(200);
+pub(super) const LAST_MESSAGES: Duration = Duration::from_millis(200);
 
 impl<M> Drop for Publisher<M> {
     /// The last messages reach living subscribers before the publisher leaves the graph.
@@ -69,6 +69,44 @@ impl<M> Drop for Publisher<M> {
         self.core.outbox.flush_writer(&self.writer, LAST_MESSAGES);
         self.writer.settle(LAST_MESSAGES);
         self.core.remove_writer(&self.writer);
+    }
+}
+
+/// Publishes bytes whose type need not be known to fuyu; ends when dropped.
+pub struct RawPublisher {
+    publisher: Publisher<()>,
+}
+
+impl RawPublisher {
+    pub(super) fn new(core: Arc<Core>, writer: Arc<Writer>) -> Self {
+        Self {
+            publisher: Publisher {
+                core,
+                writer,
+                message: PhantomData,
+            },
+        }
+    }
+
+    /// Sends CDR bytes with their encapsulation header. Where so many wait that more would be dropped, it
+    /// waits for them, but not for ever.
+    pub fn publish(&self, cdr: Vec<u8>) {
+        let Publisher { core, writer, .. } = &self.publisher;
+        if writer.queued.load(Relaxed) >= writer.spec.qos.depth.clamp(1, RELIABLE_QUEUE / 2) {
+            core.outbox.flush_writer(writer, LAST_MESSAGES);
+        }
+        core.outbox.push(writer, cdr.into(), None);
+    }
+
+    /// Full name of the topic.
+    pub fn topic(&self) -> &str {
+        &self.publisher.writer.spec.name
+    }
+
+    /// How many messages were dropped because the queue or the window of a subscriber was full.
+    pub fn dropped(&self) -> u64 {
+        let counters = &self.publisher.writer.counters;
+        counters.dropped.load(Relaxed) + counters.failed.load(Relaxed)
     }
 }
 
@@ -175,7 +213,7 @@ impl Outbox {
     }
 
     /// Waits until every message of `writer` has gone to DDS, at most `patience`.
-    fn flush_writer(&self, writer: &Arc<Writer>, patience: Duration) {
+    pub(super) fn flush_writer(&self, writer: &Arc<Writer>, patience: Duration) {
         let deadline = Instant::now() + patience;
         let mut queue = self.lock();
         let busy = |queue: &Queue| {

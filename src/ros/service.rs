@@ -1,14 +1,22 @@
 //! Services: a request topic, a reply topic, and the identity that binds an answer to its question.
 
 use rustdds::{SequenceNumber, rpc::SampleIdentity};
-use std::sync::Arc;
+use std::{
+    collections::VecDeque,
+    marker::PhantomData,
+    sync::{Arc, Mutex, PoisonError, Weak, atomic::Ordering::Relaxed},
+};
 
 use super::{
     NodeError, Qos, RawSample,
     endpoint::{Counters, EndpointSpec, Reader, Writer},
     node::Core,
+    publisher::LAST_MESSAGES,
 };
-use crate::msg::{Service, cdr};
+use crate::msg::{Interface, Service, cdr};
+
+/// Calls that wait for the program; more are left unanswered.
+const WAITING: usize = 64;
 
 /// Answers calls of a service until it is dropped.
 pub struct ServiceServer {
@@ -18,16 +26,17 @@ pub struct ServiceServer {
 }
 
 impl ServiceServer {
-    /// `handler` runs on the node's receiving thread: it should be quick.
+    /// `handler` runs on the node's receiving thread: it should be quick. The reply may be sent later.
     pub(super) fn new<S: Service>(
         core: &Arc<Core>,
         full_name: &str,
-        handler: impl Fn(S::Request) -> S::Response + Send + Sync + 'static,
+        handler: impl Fn(S::Request, Reply<S>) + Send + Sync + 'static,
     ) -> Result<Self, NodeError> {
+        let kind = S::Request::DEFINITION.kind.name();
         let spec = |prefix: &str, suffix: &str, part: &str| EndpointSpec {
             name: full_name.to_owned(),
             dds_topic: format!("{prefix}{full_name}{suffix}"),
-            dds_type: format!("{}::srv::dds_::{}_{part}_", S::PACKAGE, S::NAME),
+            dds_type: format!("{}::{kind}::dds_::{}_{part}_", S::PACKAGE, S::NAME),
             qos: Qos::SERVICES,
             internal: true,
         };
@@ -38,11 +47,13 @@ impl ServiceServer {
             let Ok(request) = cdr::decode::<S::Request>(&sample.cdr) else {
                 return false;
             };
-            let response = cdr::encode(&handler(request));
-            if let Some(core) = weak.upgrade() {
-                let asked = Some(question(&sample));
-                core.outbox.push(&replies, response.into(), asked);
-            }
+            let reply = Reply {
+                core: Weak::clone(&weak),
+                writer: Arc::clone(&replies),
+                question: question(&sample),
+                service: PhantomData,
+            };
+            handler(request, reply);
             true
         };
         let reader = core.add_reader(spec("rq", "Request", "Request"), Box::new(sink))?;
@@ -60,9 +71,79 @@ impl ServiceServer {
 }
 
 impl Drop for ServiceServer {
+    /// The last answers reach living clients before the service leaves the graph.
     fn drop(&mut self) {
         self.core.remove_reader(&self.reader);
+        self.core.outbox.flush_writer(&self.writer, LAST_MESSAGES);
+        if self.writer.counters.messages.load(Relaxed) > 0 {
+            self.writer.settle(LAST_MESSAGES);
+        }
         self.core.remove_writer(&self.writer);
+    }
+}
+
+/// The answer that a call waits for, to be sent at any time and from any thread. A client whose reply is
+/// dropped waits in vain.
+pub struct Reply<S> {
+    core: Weak<Core>,
+    writer: Arc<Writer>,
+    question: SampleIdentity,
+    service: PhantomData<fn(S)>,
+}
+
+impl<S: Service> Reply<S> {
+    /// Answers the call.
+    pub fn send(self, response: &S::Response) {
+        if let Some(core) = self.core.upgrade() {
+            let cdr = cdr::encode(response).into();
+            core.outbox.push(&self.writer, cdr, Some(self.question));
+        }
+    }
+}
+
+/// A call that waits for its answer.
+pub struct Call<S: Service> {
+    /// What is asked.
+    pub request: S::Request,
+    /// How to answer.
+    pub reply: Reply<S>,
+}
+
+/// A service that the node's program answers itself, when it gets to it: calls wait in a queue, as messages
+/// of a subscription do, and wake the program.
+pub struct Calls<S: Service> {
+    queue: Arc<Mutex<VecDeque<Call<S>>>>,
+    _server: ServiceServer,
+}
+
+impl<S: Service> Calls<S> {
+    pub(super) fn new(core: &Arc<Core>, full_name: &str) -> Result<Self, NodeError> {
+        let queue = Arc::new(Mutex::new(VecDeque::new()));
+        let (waiting, events) = (Arc::clone(&queue), Arc::clone(&core.events));
+        let server = ServiceServer::new::<S>(core, full_name, move |request, reply| {
+            let mut waiting = waiting.lock().unwrap_or_else(PoisonError::into_inner);
+            if waiting.len() < WAITING {
+                waiting.push_back(Call { request, reply });
+            }
+            drop(waiting);
+            events.notify();
+        })?;
+        Ok(Self {
+            queue,
+            _server: server,
+        })
+    }
+
+    /// Whether no call waits.
+    pub fn is_empty(&self) -> bool {
+        let queue = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
+        queue.is_empty()
+    }
+
+    /// The oldest call that waits.
+    pub fn take(&self) -> Option<Call<S>> {
+        let mut queue = self.queue.lock().unwrap_or_else(PoisonError::into_inner);
+        queue.pop_front()
     }
 }
 

@@ -139,6 +139,13 @@ impl<M> Subscription<M> {
         &self.reader.spec.qos
     }
 
+    /// Whether `publisher` is known to be there: discovered, matched and not gone.
+    pub fn is_matched(&self, publisher: Gid) -> bool {
+        let peers = &self.reader.counters.peers;
+        let peers = peers.lock().unwrap_or_else(PoisonError::into_inner);
+        peers.contains(&publisher)
+    }
+
     /// How long ago the last message came (wall time); `None` before the first.
     pub fn age(&self) -> Option<Duration> {
         let last = self.reader.counters.last.load(Relaxed);

@@ -18,6 +18,7 @@ fn whole(dir: &Path, compression: Compression) -> Whole {
     let options = WriterOptions {
         compression,
         chunk_size: 3000,
+        ..Default::default()
     };
     sample::write(&path, 400, options);
     let file = format!("{}_0.mcap", path.file_name().unwrap().display());
@@ -135,11 +136,8 @@ fn noise_is_not_a_bag_and_does_no_harm() {
         fs::write(&file, bytes).unwrap();
         Bag::open(&file).err().map(|e| e.to_string())
     };
-    assert!(
-        error(b"SQLite format 3\0")
-            .unwrap()
-            .contains("not an MCAP file")
-    );
+    assert!(error(b"PK\x03\x04").unwrap().contains("not an MCAP file"));
+    assert!(error(b"SQLite format 3\0").unwrap().contains("sqlite3"));
     for _ in 0..2000 {
         // The right start, then records of every kind with lengths that lie and bodies of noise.
         let mut bytes = mcap::MAGIC.to_vec();

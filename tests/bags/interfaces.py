@@ -16,6 +16,8 @@ for file in share.glob("*/*/*.json"):
 def reference(name):
     """The text of a message, or of the part of a service."""
     package, kind, type_name = name.split("/")
+    if kind == "action":  # its parts follow from one file; their hashes are compared
+        return None
     if kind == "msg":
         return (share / package / "msg" / f"{type_name}.msg").read_text()
     service, part = type_name.rsplit("_", 1)
@@ -39,6 +41,6 @@ for name, ours in json.load(sys.stdin).items():
     report["compared"].append(name)
     if hashes[name] != ours["hash"]:
         report["differing"].append(f"{name}: hash {ours['hash']} instead of {hashes[name]}")
-    if parsed(ours["text"], name) != parsed(reference(name), name):
+    if reference(name) and parsed(ours["text"], name) != parsed(reference(name), name):
         report["differing"].append(f"{name}: {parsed(ours['text'], name)} instead of {parsed(reference(name), name)}")
 json.dump(report, sys.stdout)

@@ -1,4 +1,5 @@
-//! A recorder that is killed leaves everything but its last second behind.
+//! A recorder that is killed leaves everything but its last second behind, and one whose disk is full all
+//! that was written.
 
 use fuyu::bag::{Bag, Recorder, Topic, Writer, WriterOptions};
 use fuyu::msg::cdr;
@@ -11,6 +12,8 @@ use std::time::{Duration, Instant};
 use crate::{measuring::once_below, sample};
 
 const FOLDER: &str = "FUYU_TEST_KILLED_BAG";
+/// Set if the bag is to have several files.
+const SPLIT: &str = "FUYU_TEST_KILLED_SPLIT";
 
 /// Not a test of its own: records until it is killed, when the test below starts it with a folder.
 #[test]
@@ -18,7 +21,11 @@ fn child_records_until_it_is_killed() {
     let Some(folder) = std::env::var_os(FOLDER) else {
         return;
     };
-    let writer = Writer::create(folder, WriterOptions::default()).unwrap();
+    let options = WriterOptions {
+        max_duration: std::env::var_os(SPLIT).map(|_| Duration::from_secs(2)),
+        ..WriterOptions::default()
+    };
+    let writer = Writer::create(folder, options).unwrap();
     let recorder = Recorder::start(writer).unwrap();
     let handle = recorder.handle();
     let topic = handle
@@ -44,23 +51,31 @@ fn child_records_until_it_is_killed() {
 #[test]
 fn a_killed_recorder_loses_a_second_at_most() {
     // A second, and a little more until the flush is done.
-    once_below("what a killed recorder loses [s]", 1.3, lost_by_a_kill);
+    once_below("what a killed recorder loses [s]", 1.3, || {
+        lost_by_a_kill(false)
+    });
+    once_below("what it loses of a split bag [s]", 1.3, || {
+        lost_by_a_kill(true)
+    });
 }
 
 /// How long before the kill the first message was sent that is not in the bag \[s\].
-fn lost_by_a_kill() -> f64 {
+fn lost_by_a_kill(split: bool) -> f64 {
     let dir = tempfile::tempdir().unwrap();
     let folder = dir.path().join("run");
-    let mut child = Command::new(std::env::current_exe().unwrap())
+    let mut command = Command::new(std::env::current_exe().unwrap());
+    command
         .args([
             "--exact",
             "killed::child_records_until_it_is_killed",
             "--nocapture",
         ])
         .env(FOLDER, &folder)
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
+        .stdout(Stdio::piped());
+    if split {
+        command.env(SPLIT, "1");
+    }
+    let mut child = command.spawn().unwrap();
     let mut sent = Vec::new();
     for line in BufReader::new(child.stdout.take().unwrap()).lines() {
         if line.unwrap().starts_with("sent ") {
@@ -76,6 +91,11 @@ fn lost_by_a_kill() -> f64 {
     let killed = *sent.last().expect("the child records");
 
     let bag = Bag::open(&folder).unwrap();
+    // 10 ms of the bag's time pass with every message.
+    let files = 1 + joint_states(&bag).len().saturating_sub(1) / 200;
+    // The last file may have no closed chunk yet.
+    let expected = if split { files..=files + 1 } else { 1..=1 };
+    assert!(expected.contains(&bag.files().len()), "{:?}", bag.files());
     let info = bag.info().unwrap();
     assert!(!info.complete && !info.has_metadata);
     let joints = bag.read::<JointState>("/joint_states").unwrap();
@@ -84,4 +104,77 @@ fn lost_by_a_kill() -> f64 {
     }
     let lost = sent.get(joints.len());
     lost.map_or(0.0, |at| (killed - *at).as_secs_f64())
+}
+
+fn joint_states(bag: &Bag) -> Vec<fuyu::bag::Stamped<JointState>> {
+    bag.read("/joint_states").unwrap()
+}
+
+const FULL: &str = "FUYU_TEST_FULL_DISK_BAG";
+
+/// Not a test of its own: records to a disk on which files may not grow, when the test below starts it.
+#[test]
+fn child_records_until_the_disk_is_full() {
+    let Some(folder) = std::env::var_os(FULL) else {
+        return;
+    };
+    let options = WriterOptions {
+        chunk_size: 10_000,
+        ..WriterOptions::default()
+    };
+    let recorder = Recorder::start(Writer::create(folder, options).unwrap()).unwrap();
+    let handle = recorder.handle();
+    let topic = handle
+        .add_topic(Topic::of::<JointState>("/joint_states", Qos::RELIABLE))
+        .unwrap();
+    let begin = Instant::now();
+    for i in 0.. {
+        let cdr = cdr::encode(&sample::joint_state(i));
+        handle.write(&topic, sample::time(i), sample::time(i), cdr);
+        // The process goes on, and what comes now is counted as dropped.
+        if handle.status().failure.is_some() && handle.status().dropped > 100 {
+            println!("\nfailure: {}", handle.status().failure.unwrap());
+            println!("finish: {}", recorder.finish().unwrap_err());
+            return;
+        }
+        if i % 100 == 0 {
+            std::thread::sleep(Duration::from_millis(1));
+        }
+        assert!(begin.elapsed() < Duration::from_secs(60), "nothing fails");
+    }
+}
+
+#[test]
+fn a_full_disk_is_told_and_keeps_what_was_written() {
+    let dir = tempfile::tempdir().unwrap();
+    let folder = dir.path().join("run");
+    // 200 kB; the signal is ignored, so that writing fails as it does on a full disk.
+    let script = "trap '' XFSZ; ulimit -f 200; exec \"$@\"";
+    let output = Command::new("bash")
+        .args(["-c", script, "bash"])
+        .arg(std::env::current_exe().unwrap())
+        .args([
+            "--exact",
+            "killed::child_records_until_the_disk_is_full",
+            "--nocapture",
+        ])
+        .env(FULL, &folder)
+        .output()
+        .unwrap();
+    let text = String::from_utf8_lossy(&output.stdout);
+    assert!(output.status.success(), "{text}");
+    for who in ["failure: ", "finish: "] {
+        let told = text
+            .lines()
+            .find(|l| l.starts_with(who))
+            .unwrap_or_default();
+        assert!(told.contains("run_0.mcap"), "{text}");
+    }
+    let bag = Bag::open(&folder).unwrap();
+    let joints = joint_states(&bag);
+    // 200 kB hold many more than a few chunks of 50.
+    assert!(joints.len() > 500, "{} are left", joints.len());
+    for (i, m) in (0..).zip(&joints) {
+        assert_eq!(m.message, sample::joint_state(i));
+    }
 }

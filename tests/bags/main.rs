@@ -2,13 +2,25 @@
 
 #[path = "../support/measuring.rs"]
 mod measuring;
+#[path = "../support/peer.rs"]
+#[expect(dead_code, reason = "no rclpy here, only its domains")]
+mod peer;
+#[path = "../support/waiting.rs"]
+mod waiting;
 
 mod check;
 mod command;
+mod convert;
 mod damage;
+mod foreign;
+mod foxglove;
 mod interfaces;
 mod killed;
+mod play;
 mod python;
+mod recover;
 mod run;
 mod sample;
+mod services;
+mod splitting;
 mod writing;

@@ -10,8 +10,14 @@ use crate::sample;
 
 /// Interpreter of the tests' virtual environment, made on first use.
 fn interpreter() -> PathBuf {
+    environment(&[])
+}
+
+/// Interpreter of an environment of its own: its name and packages.
+pub fn environment(packages: &[&str]) -> PathBuf {
     let script = concat!(env!("CARGO_MANIFEST_DIR"), "/scripts/test-venv.sh");
     let output = Command::new(script)
+        .args(packages)
         .stderr(Stdio::inherit())
         .output()
         .unwrap();
@@ -63,6 +69,7 @@ fn python_decodes_every_message() {
         let options = WriterOptions {
             compression,
             chunk_size: 20_000,
+            ..Default::default()
         };
         sample::write(&path, 1000, options);
         let text = run("read_bag.py", &[path.to_str().unwrap()], "");

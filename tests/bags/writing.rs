@@ -17,6 +17,7 @@ fn what_is_written_is_read_back() {
         let options = WriterOptions {
             compression,
             chunk_size: 10_000,
+            ..Default::default()
         };
         let recording = sample::write(&path, 500, options);
         let bag = Bag::open(&path).unwrap();

@@ -2,6 +2,8 @@
 
 #[path = "../support/measuring.rs"]
 mod measuring;
+#[path = "../support/namespace.rs"]
+mod namespace;
 #[path = "../support/peer.rs"]
 mod peer;
 #[path = "../support/waiting.rs"]

@@ -5,13 +5,13 @@ use rustdds::{
     DomainParticipant, DomainParticipantBuilder, GUID, QosPolicies, QosPolicyBuilder,
     SequenceNumber, TopicKind, WriteOptionsBuilder,
     no_key::{DataReader, DataWriter},
-    policy::{History, Reliability},
+    policy::{Durability, History, Reliability},
     rpc::SampleIdentity,
 };
 use std::{
     fs,
     io::{BufRead, BufReader},
-    net::Ipv4Addr,
+    net::{Ipv4Addr, UdpSocket},
     process::{Command, Stdio},
     thread,
     time::{Duration, Instant},
@@ -40,15 +40,23 @@ fn qos() -> QosPolicies {
 }
 
 fn writer(participant: &DomainParticipant) -> DataWriter<Vec<u8>> {
-    let topic = participant.create_topic("bytes".into(), "Bytes".into(), &qos(), TopicKind::NoKey);
-    let publisher = participant.create_publisher(&qos()).unwrap();
+    writer_with(participant, &qos())
+}
+
+fn writer_with(participant: &DomainParticipant, qos: &QosPolicies) -> DataWriter<Vec<u8>> {
+    let topic = participant.create_topic("bytes".into(), "Bytes".into(), qos, TopicKind::NoKey);
+    let publisher = participant.create_publisher(qos).unwrap();
     let writer = publisher.create_datawriter_no_key_cdr(&topic.unwrap(), None);
     writer.unwrap()
 }
 
 fn reader(participant: &DomainParticipant) -> DataReader<Vec<u8>> {
-    let topic = participant.create_topic("bytes".into(), "Bytes".into(), &qos(), TopicKind::NoKey);
-    let subscriber = participant.create_subscriber(&qos()).unwrap();
+    reader_with(participant, &qos())
+}
+
+fn reader_with(participant: &DomainParticipant, qos: &QosPolicies) -> DataReader<Vec<u8>> {
+    let topic = participant.create_topic("bytes".into(), "Bytes".into(), qos, TopicKind::NoKey);
+    let subscriber = participant.create_subscriber(qos).unwrap();
     let reader = subscriber.create_datareader_no_key_cdr(&topic.unwrap(), None);
     reader.unwrap()
 }
@@ -109,6 +117,105 @@ fn a_fragmented_reply_does_not_arrive() {
     assert_eq!(length(&mut reader, PATIENCE), Some(60_000));
     reply(long).unwrap();
     assert_eq!(length(&mut reader, SILENCE), None);
+}
+
+/// Reliable, with the last `depth` kept.
+fn kept(depth: i32, durability: Durability) -> QosPolicies {
+    let more = QosPolicyBuilder::new()
+        .history(History::KeepLast { depth })
+        .durability(durability);
+    qos().modify_by(&more.build())
+}
+
+#[test]
+fn transient_local_gives_more_than_its_depth() {
+    let domain = 13;
+    let _claim = DomainClaim::new(domain);
+    let (here, there) = (participant(domain), participant(domain));
+    let writer = writer_with(&here, &kept(1, Durability::TransientLocal));
+    for length in 1..=5 {
+        writer.write(vec![0; length], None).unwrap();
+    }
+    let mut late = reader_with(&there, &kept(10, Durability::TransientLocal));
+    let first = length(&mut late, PATIENCE).expect("what was retained");
+    assert!(first < 5, "the last one alone is given, as its depth says");
+}
+
+#[test]
+fn it_announces_itself_every_ten_seconds() {
+    let domain = 14;
+    let _claim = DomainClaim::new(domain);
+    // Where the third participant of this computer would listen.
+    let port = 7410 + 250 * domain + 2 * 2;
+    let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, port)).unwrap();
+    socket.set_read_timeout(Some(PATIENCE)).unwrap();
+    let _participant = participant(domain);
+    let mut buffer = [0; 65_536];
+    let mut gaps = Vec::new();
+    let mut last = None;
+    // The first ones may come together.
+    while gaps.is_empty() {
+        socket.recv(&mut buffer).expect("it announces itself");
+        let now = Instant::now();
+        let gap = last.replace(now).map(|last| now - last);
+        gaps.extend(gap.filter(|gap| *gap > Duration::from_secs(1)));
+    }
+    println!("announced again after {gaps:?}");
+    assert!(
+        gaps[0] > Duration::from_secs(5),
+        "it announces itself more often: {gaps:?}"
+    );
+}
+
+/// A reader that listens until it is killed; by itself it is no test.
+#[test]
+#[ignore = "started by another test"]
+fn listener() {
+    if std::env::var_os(VICTIM).is_none() {
+        return;
+    }
+    let participant = participant(15);
+    let mut reader = reader(&participant);
+    loop {
+        let _ = length(&mut reader, SILENCE);
+        eprintln!("listening");
+    }
+}
+
+#[test]
+fn a_reader_that_died_holds_up_the_writer() {
+    let _claim = DomainClaim::new(15);
+    let here = participant(15);
+    let writer = writer(&here);
+    let mut listener = Command::new(std::env::current_exe().unwrap())
+        .args(["--exact", "upstream::listener", "--ignored", "--nocapture"])
+        .env(VICTIM, "1")
+        .stdout(Stdio::null())
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    // It takes samples one after the other, so it says a word after each.
+    let mut said = BufReader::new(listener.stderr.take().unwrap()).lines();
+    let mut heard = false;
+    eventually("the listener hears", PATIENCE, || {
+        writer.write(vec![0], None).unwrap();
+        thread::sleep(Duration::from_millis(100));
+        heard |= said
+            .next()
+            .is_some_and(|line| line.is_ok_and(|line| line == "listening"));
+        heard.then_some(())
+    });
+    listener.kill().unwrap();
+    listener.wait().unwrap();
+    // More than its window, in much less time than its lease.
+    let begin = Instant::now();
+    let blocked = (0..20_000).find(|_| {
+        let begin = Instant::now();
+        let written = writer.write(vec![0], None);
+        written.is_err() || begin.elapsed() >= Duration::from_millis(90)
+    });
+    println!("blocked at sample {blocked:?} after {:?}", begin.elapsed());
+    assert!(blocked.is_some(), "nothing holds the writer up");
 }
 
 /// Threads of rustdds in this process.

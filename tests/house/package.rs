@@ -1,6 +1,7 @@
 //! `package.xml` beside `Cargo.toml`.
 
 use roxmltree::Document;
+use std::path::PathBuf;
 
 use crate::sources::{read, sources};
 
@@ -58,7 +59,9 @@ fn interface_packages(text: &str) -> Vec<String> {
     let packages = modules
         .iter()
         .filter(|s| s.module() == "msg")
-        .filter_map(|s| s.path.file_stem()?.to_str().map(str::to_owned))
+        // A file, or a folder, below msg.
+        .filter_map(|s| s.path.iter().nth(1).map(PathBuf::from))
+        .filter_map(|part| part.file_stem()?.to_str().map(str::to_owned))
         .filter(|name| name.contains('_') && name != "type_hash");
     let code: Vec<_> = text
         .lines()

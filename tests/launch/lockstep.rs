@@ -53,16 +53,19 @@ fn assert_same(simulated: &[JointState], over_dds: &[JointState], states: usize,
 
 #[test]
 fn a_run_over_dds_equals_the_simulated_one() {
+    equals_the_simulated_one(CONFIG, DURATION, 2001);
+    // Beside a camera that sends features and an estimator that solves for seconds.
+    equals_the_simulated_one("config/servicing.yaml", "5", 501);
+    in_time(a_moving_goal_seen_with_noise);
+}
+
+fn equals_the_simulated_one(config: &str, duration: &str, count: usize) {
     in_time(|| {
-        let config = source(CONFIG);
-        let simulated = simulated(&config, DURATION);
-        let (one, two) = (
-            over_dds(71, &config, DURATION),
-            over_dds(72, &config, DURATION),
-        );
+        let config = source(config);
+        let simulated = simulated(&config, duration);
+        let [one, two] = [71, 72].map(|domain| over_dds(domain, &config, duration));
         assert!(one == two, "two runs over DDS differ");
-        assert_same(&simulated, &one, 2001, 1e-12);
-        a_moving_goal_seen_with_noise();
+        assert_same(&simulated, &one, count, 1e-12);
     });
 }
 

@@ -10,6 +10,7 @@ import threading
 import time
 
 import rclpy
+from rclpy.action import ActionClient
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -184,6 +185,51 @@ class Peer:
             return {"response": plain(future.result())}
         finally:
             self.node.destroy_client(client)
+
+    def done(self, future, timeout):
+        """What a future gives."""
+        ready = threading.Event()
+        future.add_done_callback(lambda _: ready.set())
+        if not ready.wait(timeout):
+            raise TimeoutError("no answer")
+        return future.result()
+
+    def act(self, action, type, goal, cancel_after=None, timeout=PATIENCE):
+        """Feedback and outcome of a goal, which is cancelled after so many feedbacks."""
+        feedback, enough = [], threading.Event()
+
+        def hear(message):
+            feedback.append(plain(message.feedback))
+            if len(feedback) == cancel_after:
+                enough.set()
+
+        client = ActionClient(self.node, load(type), action)
+        try:
+            if not client.wait_for_server(timeout):
+                return {"error": f"no action {action}"}
+            goal = fill(load(type).Goal(), goal)
+            handle = self.done(client.send_goal_async(goal, feedback_callback=hear), timeout)
+            if not handle.accepted:
+                return {"accepted": False}
+            cancelled = None
+            if cancel_after is not None:
+                if not enough.wait(timeout):
+                    raise TimeoutError(f"{len(feedback)} feedbacks")
+                cancelled = self.done(handle.cancel_goal_async(), timeout).return_code
+            outcome = self.done(handle.get_result_async(), timeout)
+            return {
+                "accepted": True,
+                "cancelled": cancelled,
+                "status": outcome.status,
+                "result": plain(outcome.result),
+                "feedback": list(feedback),
+            }
+        finally:
+            client.destroy()
+
+    def withdraw(self, topic):
+        """Ends the publisher of a topic."""
+        self.node.destroy_publisher(self.publishers.pop(topic))
 
     def set_parameters(self, node, values, atomically=False):
         messages = [Parameter(name, value=value).to_parameter_msg() for name, value in values]

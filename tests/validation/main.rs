@@ -5,6 +5,7 @@
 #[cfg(feature = "batch")]
 mod batch;
 mod bundle;
+mod certainty;
 mod conservation;
 mod elliptic;
 mod filter;
@@ -13,6 +14,7 @@ mod formulations;
 mod free_body;
 mod free_body_closed_form;
 mod generalized_jacobian;
+mod half_a_minute;
 mod kane;
 mod latency;
 mod loops;

@@ -7,6 +7,7 @@ mod summary;
 use std::{
     fmt::Write as _,
     io::IsTerminal,
+    net::SocketAddr,
     path::PathBuf,
     sync::Arc,
     time::{Duration, Instant},
@@ -15,6 +16,7 @@ use std::{
 use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{Failure, print};
+use crate::nodes::foxglove;
 use crate::ros::{NodeError, NodeOptions, Process, Reach};
 use monitor::Progress;
 use plan::Plan;
@@ -37,6 +39,16 @@ pub struct Args {
     /// New folder for the bag, instead of one in bags/
     #[arg(long, value_name = "DIR")]
     bag: Option<PathBuf>,
+    /// Show the run in Foxglove: all topics over a WebSocket, on 127.0.0.1:8765 unless given; starts the node
+    /// views, too
+    #[arg(
+        long,
+        value_name = "ADDR:PORT",
+        num_args = 0..=1,
+        require_equals = true,
+        default_missing_value = "127.0.0.1:8765"
+    )]
+    foxglove: Option<SocketAddr>,
 }
 
 /// Runs the command.
@@ -87,10 +99,16 @@ fn start(process: &mut Process, plan: &Plan, progress: &Arc<Progress>) -> Result
         args: Arc::clone(&args),
         domain,
     };
+    let namespace = plan.nodes.last().map_or("/", |(name, _)| name.namespace());
+    if let Some(address) = plan.foxglove {
+        // Before those that speak, so that nothing is missed.
+        process.start_with(options("foxglove", namespace), move |node| {
+            foxglove::program(node, address)
+        })?;
+    }
     for (name, program) in &plan.nodes {
         process.start_with(options(name.name(), name.namespace()), *program)?;
     }
-    let namespace = plan.nodes.last().map_or("/", |(name, _)| name.namespace());
     let (shared, duration) = (Arc::clone(progress), plan.duration);
     process.start_with(options("launch_monitor", namespace), move |node| {
         monitor::program(node, duration, &shared)

@@ -1,6 +1,6 @@
 //! What is to be run.
 
-use std::path::PathBuf;
+use std::{net::SocketAddr, path::PathBuf};
 
 use super::Args;
 use crate::{
@@ -18,6 +18,8 @@ pub struct Plan {
     pub duration: f64,
     /// Where the recorder writes, if there is one.
     pub bag: Option<PathBuf>,
+    /// Where Foxglove finds the run, if it is to.
+    pub foxglove: Option<SocketAddr>,
 }
 
 impl Plan {
@@ -76,11 +78,17 @@ impl Plan {
             let named = scenario.nodes().iter().filter(|n| n.name() == name);
             nodes.extend(named.map(|n| (n.clone(), program)));
         }
+        if args.foxglove.is_some() && !scenario.has("views") {
+            let namespace = nodes.last().map_or("/", |(name, _)| name.namespace());
+            let views = NodeName::new(namespace, "views").map_err(|e| e.to_string())?;
+            nodes.insert(0, (views, nodes::views::program));
+        }
         Ok(Self {
             scenario,
             nodes,
             duration,
             bag,
+            foxglove: args.foxglove,
         })
     }
 }

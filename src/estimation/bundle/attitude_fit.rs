@@ -13,7 +13,7 @@ const MOST_SAMPLES: usize = 200;
 
 /// By what factor the span grows at most, and at least.
 const GROWTH: f64 = 2.0;
-const SLOWEST: f64 = 1.05;
+const SLOWEST: f64 = 1.1;
 
 /// A longer span that leaves so many times what a shorter one left, and more than the least \[rad\] that counts, is
 /// fitted wrongly; one that leaves hardly more is surely not.
@@ -163,7 +163,12 @@ fn improve(fit: Fit, samples: &[Sample], tolerated: f64) -> Option<Fit> {
         .iter()
         .map(|e| 1.0 / (1.0 + (e / width).powi(2)).sqrt())
         .collect();
-    let solver = LevenbergMarquardt::new().with_patience(2).with_tol(1e-5);
+    // What follows starts here; no more digits are needed.
+    let solver = LevenbergMarquardt::new()
+        .with_patience(1)
+        .with_ftol(1e-3)
+        .with_xtol(1e-5)
+        .with_gtol(0.0);
     let (solved, _) = solver.minimize(problem);
     let errors = solved.errors()?;
     let mut squares: Vec<f64> = errors.iter().map(|e| e.norm_squared()).collect();

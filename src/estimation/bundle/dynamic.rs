@@ -60,6 +60,37 @@ impl<'a> Tumbling<'a> {
 }
 
 impl Shaped for Tumbling<'_> {
+    fn turn(&self) -> f64 {
+        let whole = self.times.last().zip(self.times.first());
+        self.rate().norm() * whole.map_or(0.0, |(last, first)| last - first)
+    }
+
+    fn rate(&self) -> Vector3<f64> {
+        let R_WB = self.swept[self.times.len() / 2].0;
+        R_WB * self.motion.w_WB_B(&R_WB)
+    }
+
+    fn middle(&self) -> UnitQuaternion<f64> {
+        self.placement(self.times.len() / 2).R_CB
+    }
+
+    fn with_depths(&self, times: f64, centre: &Vector3<f64>) -> Option<Self> {
+        let i = self.times.len() / 2;
+        let mut rate = self.R_WC[i].inverse() * self.rate();
+        rate.x /= times;
+        rate.y /= times;
+        let shape = SVector::<f64, 5>::zeros();
+        let (R_WB, time) = (self.swept[i].0, self.times[i]);
+        let motion = FreeMotion::new(&shape, self.R_WC[i] * rate, time, R_WB)?;
+        let shifted = |i: usize| self.placement(i).R_CB * centre + self.t_C[i];
+        Some(Self {
+            t_C: (0..self.t_C.len()).map(shifted).collect(),
+            swept: motion.attitudes_and_sensitivities(self.times),
+            motion,
+            ..self.clone()
+        })
+    }
+
     fn nutation(&self) -> f64 {
         let w = self.motion.R_WB * self.motion.w_WB_B(&self.motion.R_WB);
         w.angle(&self.motion.momentum)

@@ -1,6 +1,6 @@
 //! A motion fitted to a scene: adjusted, judged, made no more complicated than it need be.
 
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 
 use super::adjust::{Effort, Motion, adjust};
 use super::loss::{Loss, Rounding};
@@ -21,8 +21,17 @@ const SOFTNESS: [f64; 3] = [0.06, 0.02, 0.007];
 /// So many coordinates next to the edges of their pixels must there be for each unknown.
 const BOUNDED: f64 = 0.7;
 
-/// A motion of which it may be asked whether it does without a shape.
+/// A motion of which it may be asked whether another looks alike.
 pub trait Shaped: Sized {
+    /// By how much the body turns over all frames \[rad\].
+    fn turn(&self) -> f64;
+    /// Angular velocity in the frame in the middle, inertial axes \[rad/s\].
+    fn rate(&self) -> Vector3<f64>;
+    /// Body axes in camera axes in the frame in the middle.
+    fn middle(&self) -> UnitQuaternion<f64>;
+    /// With a sphere as the body, its origin at `centre` (body axes), and so much less of the rate across the line of
+    /// sight as depths become more.
+    fn with_depths(&self, times: f64, centre: &Vector3<f64>) -> Option<Self>;
     /// How far the angular velocity leans from the momentum \[rad\].
     fn nutation(&self) -> f64;
     /// The same with a sphere as the body.

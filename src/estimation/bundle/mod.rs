@@ -11,7 +11,10 @@
 //!    neighbouring frames instead, and `relative_rotation` fits the motion to those.
 //! 4. `whole`: bundle adjustment of points and motion together, over all frames at once (`fit`): with the centre of
 //!    mass on a straight line (`straight`), or, where the images object, anywhere in each frame (`dynamic`). If
-//!    pixels are whole numbers, it ends with the likelihood of that (`loss`).
+//!    pixels are whole numbers, it ends with the likelihood of that (`loss`). A short turn is tried with other depths,
+//!    too (`rivals`).
+//!
+//! Where that fails, tracks whose id was given to another point are cut (`reborn`), and it starts again.
 //!
 //! What comes out is a [`Solution`]: motion with covariance, shape, placements, and a diagnosis of what the data
 //! leave open. The motion is stated as inertia and momentum, without principal axes, so spheres, tops and
@@ -33,8 +36,10 @@ mod known_rotation;
 mod loss;
 mod momentum_start;
 mod placing;
+mod reborn;
 mod relative_pose;
 mod relative_rotation;
+mod rivals;
 mod rotations;
 mod scene;
 mod schur;

@@ -48,14 +48,7 @@ pub fn relative_pose(pairs: &[Pair], noise: f64, rng: &mut impl Rng) -> Option<R
         return None;
     }
     let scale = 3.0 * noise;
-    let mut candidates: Vec<(Rotation3<f64>, UnitVector3<f64>)> = Vec::new();
-    if let Ok(linear) = two_view_motion(pairs) {
-        candidates.push((linear.R, linear.direction));
-    }
-    let turned = rotation_between_rays(pairs, scale);
-    candidates
-        .extend([Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()].map(|T| (turned, T)));
-    let mut best = finish(best_of(candidates, pairs, scale)?, pairs, noise);
+    let mut best = finish(best_of(starts(pairs, scale), pairs, scale)?, pairs, noise);
     let doubtful = |found: &Option<RelativePose>| {
         (found.as_ref()).is_none_or(|f| {
             let agreeing = f.agreeing.iter().filter(|a| **a).count();
@@ -83,7 +76,31 @@ pub fn relative_pose(pairs: &[Pair], noise: f64, rng: &mut impl Rng) -> Option<R
     best
 }
 
+/// Standard deviation of an image point in the rays' units, as far as the two views tell: from the median of
+/// Sampson's errors, so that some may be wrong. `noise` is what it is at least. `None` if they hold too little.
+pub fn noise_between(pairs: &[Pair], noise: f64) -> Option<f64> {
+    // Five unknowns fit some of it.
+    let freedom = pairs.len().checked_sub(5).filter(|f| *f >= 5)? as f64;
+    let scale = 3.0 * noise;
+    let found = best_of(starts(pairs, scale), pairs, scale)?;
+    let E = essential(&found);
+    let mut errors: Vec<f64> = pairs.iter().map(|p| sampson(&E, p).abs()).collect();
+    let middle = errors.len() / 2;
+    let median = *errors.select_nth_unstable_by(middle, f64::total_cmp).1;
+    // The median of a Gaussian's sizes is 0.6745 deviations.
+    Some(median / 0.6745 * (pairs.len() as f64 / freedom).sqrt())
+}
+
 type Candidate = (Rotation3<f64>, UnitVector3<f64>);
+
+/// Candidates that need no luck: the linear solution, and rotation alone.
+fn starts(pairs: &[Pair], scale: f64) -> Vec<Candidate> {
+    let linear = two_view_motion(pairs).ok().map(|m| (m.R, m.direction));
+    let turned = rotation_between_rays(pairs, scale);
+    let axes = [Vector3::x_axis(), Vector3::y_axis(), Vector3::z_axis()];
+    let turns = axes.map(|T| (turned, T));
+    linear.into_iter().chain(turns).collect()
+}
 
 /// The candidate with the least loss after refinement.
 fn best_of(candidates: Vec<Candidate>, pairs: &[Pair], scale: f64) -> Option<Candidate> {

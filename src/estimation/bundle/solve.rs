@@ -5,7 +5,10 @@ use rand::{SeedableRng, rngs::StdRng};
 use super::attitude_fit::{Fit, Sample, fit};
 use super::frames::Frames;
 use super::momentum_start::{Attitude, momentum_start, rates, turning_over};
+use super::reborn::cut_reborn;
+use super::relative_pose::noise_between;
 use super::relative_rotation::relative_rotation_fit;
+use super::rivals::LONG_TURN;
 use super::structure::{Segment, Settings, reconstruct};
 use super::whole::{Adjusted, dynamic};
 use super::{MIN_FRAMES, MIN_POINTS, Options, Solution};
@@ -15,11 +18,21 @@ use crate::vision::Pinhole;
 /// The noise is doubled up to so many times if the tracks do not fit together.
 const DOUBLINGS: i32 = 3;
 
+/// Pairs of frames in which the noise is looked for, and how many times the noise assumed it must be to be believed.
+const PAIRS: usize = 24;
+const NOISIER: f64 = 1.4;
+
+/// Neighbouring frames that differ by more than so many times the noise assumed show no rigid body.
+const HOPELESS: f64 = 30.0;
+
 /// A motion that leaves more of the image points unexplained than this part is not that of the body.
 const MOST_OUTLIERS: f64 = 0.3;
 
 /// So many times the noise assumed may the residuals be.
 const MOST_NOISE: f64 = 6.0;
+
+/// The same of the noise between neighbouring frames, if the body has turned by little.
+const MOST_AFTER_SHORT_TURN: f64 = 1.5;
 
 /// Segments that are sought.
 const SEGMENTS: usize = 6;
@@ -41,7 +54,7 @@ pub(super) fn solve(
     options: &Options,
 ) -> Result<Solution, EstimateError> {
     let lookup = options.camera_motion.lookup();
-    let frames = Frames::new(
+    let mut frames = Frames::new(
         tracks,
         camera,
         options.points_per_frame.max(MIN_POINTS),
@@ -52,31 +65,55 @@ pub(super) fn solve(
     let mut best: Option<Adjusted> = None;
     let mut placed = 0;
     let sights: usize = frames.list.iter().map(|f| f.sights.len()).sum();
-    let lasting = sights >= SHORT_TRACK * frames.ids.len();
     // What is noisier than this has been fitted wrongly.
-    let quiet = |b: &Adjusted| b.residuals.deviation < MOST_NOISE * options.pixel_noise.max(1e-3);
+    let assumed = options.pixel_noise.max(1e-3);
+    let quiet = |b: &Adjusted| b.residuals.deviation < MOST_NOISE * assumed;
+    let seen = noise_of_neighbours(&frames, assumed);
+    if seen > HOPELESS * assumed {
+        return Err(EstimateError::NotRigid {
+            placed: 0,
+            frames: frames.list.len(),
+        });
+    }
+    let first = match seen < NOISIER * assumed {
+        true => assumed,
+        false => seen.min(assumed * f64::from(1 << DOUBLINGS)),
+    };
+    // After a short turn what is wrong may hide in a wrong motion.
+    let trusted = |b: &Adjusted| {
+        b.turn() > LONG_TURN || b.residuals.deviation < MOST_AFTER_SHORT_TURN * first
+    };
     let methods = [Method::Structure, Method::RelativeRotation];
-    let levels = |method| (0..=DOUBLINGS).map(move |doubling| (method, doubling));
-    for (method, doubling) in methods.into_iter().flat_map(levels) {
+    // Whether it has been asked if ids were given to other points.
+    let mut searched = false;
+    let most = assumed * f64::from(1 << DOUBLINGS);
+    let levels = |method| {
+        let noises = (0..=DOUBLINGS).map(|doubling| first * f64::from(1 << doubling));
+        noises.filter(move |n| *n <= most).map(move |n| (method, n))
+    };
+    for (method, noise) in methods.into_iter().flat_map(levels) {
         // Structure of a higher noise adds nothing once most frames are placed, and little if tracks are short.
+        let lasting = sights >= SHORT_TRACK * frames.ids.len();
         let enough = 4 * placed >= 3 * frames.list.len() || !lasting;
-        if method == Method::Structure && enough && doubling > 0 && best.is_none() {
+        if method == Method::Structure && enough && noise > first && best.is_none() {
             continue;
         }
         let settings = Settings {
-            noise: options.pixel_noise.max(1e-3) * f64::from(1 << doubling),
+            noise,
             focal_free: options.estimate_focal_length,
         };
         let mut rng = StdRng::seed_from_u64(options.seed);
-        let frames = frames.clone();
-        let found = match method {
-            Method::Structure => from_structure(frames, &settings, &mut rng, &mut placed),
-            Method::RelativeRotation => relative_rotation_fit(&frames, settings.noise, &mut rng)
-                .and_then(|motion| dynamic(frames, motion, &[], &[], &settings)),
-        };
-        let Some(found) = found else { continue };
+        let mut found = attempt(&frames, method, &settings, &mut rng, &mut placed);
         // Tracks noisier than assumed lose many good points as if they were wrong.
-        let done = found.residuals.outliers < MOST_OUTLIERS;
+        let holds = |f: &Adjusted| f.residuals.outliers < MOST_OUTLIERS && trusted(f);
+        if !found.as_ref().is_some_and(holds) && !searched {
+            searched = true;
+            if cut_reborn(&mut frames, noise, &mut rng) > 0 {
+                found = attempt(&frames, method, &settings, &mut rng, &mut placed);
+            }
+        }
+        let Some(found) = found else { continue };
+        let done = holds(&found);
         let better = |b: &Adjusted| found.residuals.outliers < b.residuals.outliers;
         if best.as_ref().is_none_or(better) {
             best = Some(found);
@@ -86,7 +123,7 @@ pub(super) fn solve(
         }
     }
     match best {
-        Some(best) if best.residuals.outliers < MOST_OUTLIERS && quiet(&best) => {
+        Some(best) if best.residuals.outliers < MOST_OUTLIERS && quiet(&best) && trusted(&best) => {
             best.finish(camera, options)
         }
         Some(best) if 3 * placed >= frames.list.len() => Err(EstimateError::NotFree {
@@ -96,6 +133,36 @@ pub(super) fn solve(
             placed,
             frames: frames.list.len(),
         }),
+    }
+}
+
+/// The noise that most pairs of neighbouring frames show \[px\]; zero if none can tell.
+fn noise_of_neighbours(frames: &Frames, assumed: f64) -> f64 {
+    let last = frames.list.len() - 1;
+    let angle = frames.pixel_angle();
+    let seen = |k: usize| {
+        let i = k * last / PAIRS;
+        noise_between(&frames.pairs(i, i + 1), assumed * angle)
+    };
+    let mut seen: Vec<f64> = (0..PAIRS).filter_map(seen).collect();
+    seen.sort_by(f64::total_cmp);
+    seen.get(seen.len() / 2).map_or(0.0, |n| n / angle)
+}
+
+/// One way at one noise.
+fn attempt(
+    frames: &Frames,
+    method: Method,
+    settings: &Settings,
+    rng: &mut StdRng,
+    placed: &mut usize,
+) -> Option<Adjusted> {
+    match method {
+        Method::Structure => from_structure(frames.clone(), settings, rng, placed),
+        Method::RelativeRotation => {
+            let motion = relative_rotation_fit(frames, settings.noise, rng)?;
+            dynamic(frames.clone(), motion, &[], &[], settings)
+        }
     }
 }
 

@@ -4,7 +4,7 @@
 //! the line of sight is no longer taken for a shift. Whether the body does move so (no orbit's curvature, no
 //! accelerated camera) is for the images to say.
 
-use nalgebra::{SMatrix, SVector, Vector3};
+use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::adjust::{Motion, Placement};
 use super::dynamic::{COMMON, Tumbling};
@@ -94,6 +94,28 @@ fn part(rotation: &Tumbling, i: usize) -> f64 {
 }
 
 impl Shaped for Straight<'_> {
+    fn turn(&self) -> f64 {
+        self.rotation.turn()
+    }
+
+    fn rate(&self) -> Vector3<f64> {
+        self.rotation.rate()
+    }
+
+    fn middle(&self) -> UnitQuaternion<f64> {
+        self.rotation.middle()
+    }
+
+    fn with_depths(&self, times: f64, centre: &Vector3<f64>) -> Option<Self> {
+        let at = |i: usize| self.placement(i).R_CB * centre + self.position(i);
+        let (first, last) = (at(0), at(self.rotation.times().len() - 1));
+        Some(Self {
+            rotation: self.rotation.with_depths(times, centre)?,
+            start: first,
+            displacement: last - first,
+        })
+    }
+
     fn nutation(&self) -> f64 {
         self.rotation.nutation()
     }

@@ -5,10 +5,11 @@ use nalgebra::{SMatrix, UnitQuaternion, Vector3};
 use super::adjust::{Effort, Motion, adjust, information};
 use super::carried::{carried_over, from_rotations};
 use super::dynamic::{COMMON, Tumbling};
-use super::fit::{Fit, dispersion, settle, sharpen, simplest};
+use super::fit::{Fit, Shaped, dispersion, settle, sharpen, simplest};
 use super::frames::Frames;
 use super::free_motion::FreeMotion;
 use super::loss::Loss;
+use super::rivals::best_of_rivals;
 use super::scene::Scene;
 use super::straight::{LINE, Straight, without_line};
 use super::structure::{Segment, Settings, scene_of};
@@ -34,6 +35,10 @@ pub struct Adjusted {
     loss: Loss,
     dispersion: f64,
     straight: bool,
+    /// What each frame leaves with a placement of its own \[px\].
+    unmodelled: Option<f64>,
+    /// Another rate that explains the images as well \[rad/s\].
+    rival: Option<f64>,
     settings: Settings,
 }
 
@@ -94,14 +99,19 @@ pub fn dynamic(
         }
     };
     let straight = matches!(fitted, Fitted::Straight(_));
+    let rival;
     let (tumbling, points, residuals, loss, dispersion) = match fitted {
-        Fitted::Straight(mut fit) => {
+        Fitted::Straight(fit) => {
+            let (mut fit, other) = best_of_rivals(&mut scene, fit, settings);
+            rival = other;
             let loss = sharpen(&scene, &mut fit, settings);
             let dispersion = dispersion(&scene, &fit, &loss);
             let free = fit.motion.into_free();
             (free, fit.points, fit.residuals, loss, dispersion)
         }
-        Fitted::Free(mut fit) => {
+        Fitted::Free(fit) => {
+            let (mut fit, other) = best_of_rivals(&mut scene, fit, settings);
+            rival = other;
             let loss = sharpen(&scene, &mut fit, settings);
             let dispersion = dispersion(&scene, &fit, &loss);
             (fit.motion, fit.points, fit.residuals, loss, dispersion)
@@ -127,8 +137,17 @@ pub fn dynamic(
         loss,
         dispersion,
         straight,
+        unmodelled: unmodelled(segments),
+        rival,
         settings: *settings,
     })
+}
+
+/// What frames with placements of their own leave \[px\].
+fn unmodelled(segments: &[Segment]) -> Option<f64> {
+    let placed: usize = segments.iter().map(Segment::placed).sum();
+    let sum = |s: &Segment| s.placed() as f64 * s.rms.powi(2);
+    (placed > 0).then(|| (segments.iter().map(sum).sum::<f64>() / placed as f64).sqrt())
 }
 
 /// How the centre of mass moves.
@@ -188,8 +207,32 @@ fn straightened<'a>(
 }
 
 impl Adjusted {
+    /// By how much the body turned \[rad\].
+    pub fn turn(&self) -> f64 {
+        let time = |i: Option<&usize>| i.map_or(0.0, |i| self.frames.list[*i].time);
+        let whole = time(self.chosen.last()) - time(self.chosen.first());
+        self.motion.w_WB_B(&self.motion.R_WB).norm() * whole
+    }
+
+    /// By how much the covariance is to be larger than that of independent residuals. What the motion leaves and
+    /// placements of the frames' own do not is no noise: it is the same in all frames, which then tell no more than
+    /// one does.
+    fn widening(&self) -> f64 {
+        let Some(noise) = self.unmodelled else {
+            return 1.0;
+        };
+        let count = self.scene.seen().len().max(1) as f64;
+        let excess = (self.residuals.deviation / noise).powi(2) - 1.0;
+        // A variance from so many residuals is known so well.
+        if excess < 4.0 * count.recip().sqrt() {
+            return 1.0;
+        }
+        1.0 + excess * count / self.points.len().max(1) as f64
+    }
+
     /// The solution, with covariance and diagnosis.
     pub fn finish(self, camera: &Pinhole, options: &Options) -> Result<Solution, EstimateError> {
+        let widening = self.widening();
         let times: Vec<f64> = self
             .chosen
             .iter()
@@ -203,6 +246,13 @@ impl Adjusted {
         let focal = self.settings.focal_free.then_some(self.log_focal);
         let motion = self.motion;
         let tumbling = Tumbling::new(motion, self.t_C, &times, &R_WC, self.settings.noise, focal);
+        if let Some(other) = self.rival {
+            let rate = tumbling.rate().norm();
+            return Err(EstimateError::Ambiguous {
+                turn: tumbling.turn(),
+                rates: [rate.min(other), rate.max(other)],
+            });
+        }
         let not_free = EstimateError::NotFree {
             rms: self.residuals.rms,
         };
@@ -217,7 +267,7 @@ impl Adjusted {
         let prior = tumbling.prior().0 * (self.dispersion / self.settings.noise.powi(2) - 1.0);
         let covariance = known
             .and_then(|i| (i + SMatrix::from_diagonal(&prior)).try_inverse())
-            .map(|c| c * self.dispersion)
+            .map(|c| c * (self.dispersion * widening))
             .ok_or_else(|| not_free.clone())?;
         let mut report = report(
             &motion,
@@ -227,6 +277,15 @@ impl Adjusted {
             self.log_focal,
         )
         .ok_or(not_free)?;
+        if widening > 1.0 {
+            report.diagnosis.push(format!(
+                "the motion leaves {:.2} px where frames by themselves leave {:.2} px: what is wrong is the same in many \
+                 frames (focal length? lens?), so the deviations told are {:.1} times as large",
+                self.residuals.deviation,
+                self.unmodelled.unwrap_or_default(),
+                widening.sqrt()
+            ));
+        }
         if let Some(since) = self.since {
             report.diagnosis.push(format!(
                 "frames before {since:.1} s fit no free motion together with later ones, and were left out: next to \
@@ -242,7 +301,10 @@ impl Adjusted {
                 t_C: placement.t_C,
             }
         });
-        let points = self.points.iter().zip(&self.tracks);
+        // Of a track that was cut, the last part has the id now, and the lowest number.
+        let ids = &self.frames.ids;
+        let points = (self.points.iter().zip(&self.tracks))
+            .filter(|(_, track)| ids.iter().position(|id| *id == ids[**track]) == Some(**track));
         Ok(Solution {
             motion: report.motion,
             points: points

@@ -5,6 +5,7 @@
 mod params;
 
 pub use params::ControllerParams;
+use params::Live;
 
 use std::{collections::VecDeque, time::Duration};
 
@@ -27,7 +28,9 @@ use crate::{
         sensor_msgs::{Imu, JointState},
         std_msgs::Header,
     },
-    ros::{Node, NodeError, Publisher, Received, Status, Subscription, Time},
+    ros::{
+        Lifecycle, Node, NodeError, Publisher, Received, Status, Subscription, Time, Transition,
+    },
     spatial::Pose,
 };
 
@@ -42,39 +45,86 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut declare = node.declare();
     let (params, mut live) = ControllerParams::declare_live(&mut declare);
     declare.finish()?;
-    let mut description = RobotDescription::new(node, params.tip_link.clone())?;
-    let second = &params.second_tip_link;
-    let mut topics = Topics::new(node, !second.is_empty(), params.lockstep)?;
-    let Some(robot) = description.wait(node) else {
-        return Ok(());
+    let lifecycle = Lifecycle::new(node)?;
+    let mut work: Option<Work> = None;
+    let pass = |transition, work: &mut Option<Work>| {
+        match transition {
+            Transition::Configure => *work = Some(Work::new(node, &params)?),
+            Transition::CleanUp | Transition::Shutdown => *work = None,
+            Transition::Activate | Transition::Deactivate => {}
+        }
+        Ok(())
     };
-    let mut controller = controller(robot, second, live.get())
-        .map_err(|e| NodeError::Input(format!("node {}: parameter {e}", node.name())))?;
-    live.fit(controller.model().dof());
-    while node.wait_for(SILENCE) {
-        if let Some(robot) = description.changed() {
-            match self::controller(robot, second, live.get()) {
+    if params.autostart {
+        lifecycle.start(|transition| pass(transition, &mut work))?;
+    }
+    loop {
+        lifecycle.follow(|transition| pass(transition, &mut work));
+        match &mut work {
+            Some(work) if lifecycle.is_active() => work.turn(node, &params, &mut live)?,
+            Some(work) => work.topics.ignore(),
+            None => {}
+        }
+        if !node.wait_for(SILENCE) {
+            return Ok(());
+        }
+    }
+}
+
+/// A controller and what it hears and tells.
+struct Work {
+    description: RobotDescription,
+    topics: Topics,
+    /// `None` before the robot is known.
+    controller: Option<Controller>,
+}
+
+impl Work {
+    fn new(node: &Node, params: &ControllerParams) -> Result<Self, NodeError> {
+        Ok(Self {
+            description: RobotDescription::new(node, params.tip_link.clone())?,
+            topics: Topics::new(node, !params.second_tip_link.is_empty(), params.lockstep)?,
+            controller: None,
+        })
+    }
+
+    /// Takes in what has come, and answers the states that are to be answered.
+    fn turn(
+        &mut self,
+        node: &Node,
+        params: &ControllerParams,
+        live: &mut Live,
+    ) -> Result<(), NodeError> {
+        let second = &params.second_tip_link;
+        if let Some(robot) = self.description.changed() {
+            match controller(robot, second, live.get()) {
                 Ok(new) => {
                     live.fit(new.model().dof());
-                    controller = new;
+                    self.controller = Some(new);
                 }
-                Err(e) => description.refuse(&format!("parameter {e}")),
+                Err(e) if self.controller.is_none() => {
+                    let node = node.name();
+                    return Err(NodeError::Input(format!("node {node}: parameter {e}")));
+                }
+                Err(e) => self.description.refuse(&format!("parameter {e}")),
             }
         }
+        let Some(controller) = &mut self.controller else {
+            return Ok(());
+        };
         if let Some(config) = live.changed()
             && let Err(e) = controller.set_config(config)
         {
-            topics
-                .status
-                .warn(format!("parameter {e}; the gains before stay in force"));
+            (self.topics.status).warn(format!("parameter {e}; the gains before stay in force"));
         }
-        topics.listen();
-        while let Some(joints) = topics.next_state() {
-            topics.answer(&mut controller, &joints, params.measurement_timeout);
+        self.topics.listen();
+        while let Some(joints) = self.topics.next_state() {
+            self.topics
+                .answer(controller, &joints, params.measurement_timeout);
         }
-        topics.notice_silence();
+        self.topics.notice_silence();
+        Ok(())
     }
-    Ok(())
 }
 
 fn controller(robot: Robot, second: &str, config: ControllerConfig) -> Result<Controller, String> {
@@ -257,6 +307,14 @@ impl Topics {
             }
         }
         None
+    }
+
+    /// Takes in what has arrived, and leaves it unanswered: the node is not active.
+    fn ignore(&mut self) {
+        self.listen();
+        self.states.clear();
+        self.status
+            .warn("the node is not active: no commands are given");
     }
 
     fn notice_silence(&self) {

@@ -3,7 +3,7 @@
 use super::{
     imu::imu,
     messages::{FrameTree, joint_states, momentum, odometry},
-    world::World,
+    world::{Target, World},
 };
 use crate::{
     msg::{fuyu_msgs, nav_msgs, rosgraph_msgs, sensor_msgs, std_msgs, tf2_msgs},
@@ -19,7 +19,8 @@ pub struct Outputs {
     clock: Publisher<rosgraph_msgs::Clock>,
     joint_states: Publisher<sensor_msgs::JointState>,
     odometry: Publisher<nav_msgs::Odometry>,
-    targets: Vec<Publisher<nav_msgs::Odometry>>,
+    /// One for each target, in their order.
+    targets: Vec<(String, Publisher<nav_msgs::Odometry>)>,
     momentum: Publisher<fuyu_msgs::Momentum>,
     imu: Publisher<sensor_msgs::Imu>,
     tf: Publisher<tf2_msgs::TFMessage>,
@@ -47,13 +48,35 @@ impl Outputs {
             joint_states: topics::JOINT_STATES.advertise(node)?,
             odometry: topics::ODOMETRY.advertise(node)?,
             targets: (world.targets.iter())
-                .map(|t| node.advertise(&t.odometry_topic(), topics::ODOMETRY.qos))
+                .map(|target| target_topic(node, target))
                 .collect::<Result<_, _>>()?,
             momentum: topics::MOMENTUM.advertise(node)?,
             imu: topics::IMU.advertise(node)?,
             tf: topics::TF.advertise(node)?,
             _latched: (latched_description, tf_static),
         })
+    }
+
+    /// No topics for targets that are not there any more.
+    pub fn forget_targets(&mut self, world: &World) {
+        self.targets
+            .retain(|(name, _)| world.targets.iter().any(|t| t.name == *name));
+    }
+
+    /// A topic for each target, those that are there already and new ones.
+    ///
+    /// # Errors
+    /// When the node cannot publish.
+    pub fn follow_targets(&mut self, node: &Node, world: &World) -> Result<(), NodeError> {
+        let mut before = std::mem::take(&mut self.targets);
+        for target in &world.targets {
+            let there = before.iter().position(|(name, _)| *name == target.name);
+            self.targets.push(match there {
+                Some(i) => before.swap_remove(i),
+                None => target_topic(node, target)?,
+            });
+        }
+        Ok(())
     }
 
     /// Publishes the world as it is. A state that is not finite is not published: it is an error.
@@ -71,7 +94,7 @@ impl Outputs {
             .publish(&joint_states(stamp, self.frames.base(), world));
         self.odometry
             .publish(&odometry(stamp, self.frames.base(), &world.robot));
-        for (publisher, target) in self.targets.iter().zip(&world.targets) {
+        for ((_, publisher), target) in self.targets.iter().zip(&world.targets) {
             publisher.publish(&odometry(stamp, &target.name, &target.body));
         }
         self.momentum.publish(&momentum(stamp, &world.robot));
@@ -79,4 +102,12 @@ impl Outputs {
         self.tf.publish(&self.frames.transforms(stamp, world));
         Ok(())
     }
+}
+
+fn target_topic(
+    node: &Node,
+    target: &Target,
+) -> Result<(String, Publisher<nav_msgs::Odometry>), NodeError> {
+    let publisher = node.advertise(&target.odometry_topic(), topics::ODOMETRY.qos)?;
+    Ok((target.name.clone(), publisher))
 }

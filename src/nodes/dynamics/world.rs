@@ -7,7 +7,7 @@ use super::loops::LoopParams;
 use super::params::{Description, DynamicsParams, Motion, joint_vector};
 use crate::{
     control::VelocityServo,
-    dynamics::{Floating, FormulationKind, State, Workspace},
+    dynamics::{Floating, FormulationKind, Method, State, Workspace},
     model::Model,
     nodes::choice,
     spatial::Twist,
@@ -19,9 +19,40 @@ pub struct Target {
     pub name: String,
     /// The body.
     pub body: Floating,
+    /// Whether it came after the start.
+    pub spawned: bool,
+    start: State,
 }
 
 impl Target {
+    /// The free body that `description` tells of.
+    ///
+    /// # Errors
+    /// A line that names the description's source: it is not sound, or not a single body.
+    pub fn new(
+        name: &str,
+        description: &Description,
+        motion: &Motion,
+        method: Method,
+    ) -> Result<Self, String> {
+        let model = description.compile()?;
+        if model.dof() > 0 {
+            let source = &description.source;
+            let joints = model.dof();
+            return Err(format!(
+                "{source}: target {name} has {joints} joints; a target must be a single body"
+            ));
+        }
+        let mut start = State::at_rest(&model);
+        place(&model, &mut start, motion);
+        Ok(Self {
+            name: name.to_owned(),
+            body: Floating::new(model, start.clone(), method),
+            spawned: false,
+            start,
+        })
+    }
+
     /// Topic of its odometry.
     pub fn odometry_topic(&self) -> String {
         odometry_topic(&self.name)
@@ -32,9 +63,12 @@ impl Target {
 /// is unstable beyond two.
 const SERVO_STEP: f64 = 0.5;
 
-/// Topic of the odometry of the target called `name`.
+/// Topic of the odometry of the target called `name`, in its namespace if the name has one.
 pub fn odometry_topic(name: &str) -> String {
-    format!("ground_truth/{name}/odom")
+    match name.rsplit_once('/') {
+        Some((namespace, name)) => format!("{namespace}/ground_truth/{name}/odom"),
+        None => format!("ground_truth/{name}/odom"),
+    }
 }
 
 /// The robot and the free bodies. They meet in nothing but time.
@@ -43,6 +77,8 @@ pub struct World {
     pub robot: Floating,
     /// The free bodies.
     pub targets: Vec<Target>,
+    /// The robot's state at the start.
+    start: State,
     imu: ImuParams,
     /// Drives the joints' rates while `rates_driven`; else efforts are held.
     servo: VelocityServo,
@@ -85,21 +121,12 @@ impl World {
             format!("parameter formulation is '{name}': {e}")
         })?;
         let targets = params.targets.iter().map(|target| {
-            let model = target.description.compile()?;
-            if model.dof() > 0 {
-                let source = &target.description.source;
-                let joints = model.dof();
-                return Err(format!(
-                    "{source}: target {} has {joints} joints; a target must be a single body",
-                    target.name
-                ));
-            }
-            let mut state = State::at_rest(&model);
-            place(&model, &mut state, &target.motion);
-            Ok(Target {
-                name: target.name.clone(),
-                body: Floating::new(model, state, params.method),
-            })
+            Target::new(
+                &target.name,
+                &target.description,
+                &target.motion,
+                params.method,
+            )
         });
         let zeros = vec![0.0; robot.model().dof()];
         let servo = VelocityServo::new(robot.model(), params.servo.clone())
@@ -111,6 +138,7 @@ impl World {
             servo_step: SERVO_STEP / fastest,
             impulses: zeros.clone(),
             mean_efforts: zeros,
+            start: robot.state().clone(),
             robot,
             targets: targets.collect::<Result<_, _>>()?,
             imu: params.imu,
@@ -139,6 +167,26 @@ impl World {
                 _ => format!("'{name}' is not one of {}", known.join(", ")),
             }
         })
+    }
+
+    /// Time begins at zero again.
+    pub fn reset_time(&mut self) {
+        (self.ticks, self.past_tick) = (0, 0.0);
+    }
+
+    /// Robot and free bodies are where they were at the start, or where they were put, and move so. Nothing
+    /// acts on them.
+    pub fn reset_state(&mut self) {
+        self.robot.set_state(self.start.clone());
+        self.rates_driven = false;
+        self.servo.reset();
+        self.servo.halt();
+        self.robot.release();
+        self.impulses.fill(0.0);
+        self.mean_efforts.fill(0.0);
+        for target in &mut self.targets {
+            target.body.set_state(target.start.clone());
+        }
     }
 
     /// Which state this is, or was the last before now.

@@ -18,7 +18,7 @@ use crate::{
         choice,
         tip::{declare_second_tip_link, declare_tip_link},
     },
-    ros::{Declare, ParameterValue, params::Parameter},
+    ros::{Declare, Lifecycle, ParameterValue, params::Parameter},
 };
 
 /// What the controller node is told at its start.
@@ -34,6 +34,8 @@ pub struct ControllerParams {
     pub measurement_timeout: f64,
     /// Whether every joint state waits for the camera frame of the same time.
     pub lockstep: bool,
+    /// Whether the node configures and activates itself.
+    pub autostart: bool,
 }
 
 /// Parameters of one law, which may change while the node runs.
@@ -165,6 +167,7 @@ impl ControllerParams {
                 config,
                 measurement_timeout,
                 lockstep,
+                autostart: Lifecycle::declare_autostart(declare),
             },
             live,
         )

@@ -1,19 +1,21 @@
 //! Parameters of the dynamics node.
 
-use nalgebra::{DVector, Isometry3, Vector3};
+mod bodies;
+mod servo;
+
+pub(super) use bodies::joint_vector;
+pub use bodies::{Description, Motion, TargetParams};
 
 use super::imu::ImuParams;
 use super::loops::LoopParams;
 use crate::{
-    control::{ServoGains, VelocityServoConfig},
+    control::VelocityServoConfig,
     dynamics::{FormulationKind, Method},
-    nodes::{
-        choice,
-        placement::{declare_pose, declare_vector, finite},
-        resource,
-    },
-    ros::Declare,
+    nodes::choice,
+    ros::{Declare, Lifecycle},
 };
+use bodies::finite_list;
+use servo::declare_servo;
 
 /// What the dynamics node is told; read once, at the start.
 #[derive(Debug, Clone)]
@@ -49,6 +51,10 @@ pub struct DynamicsParams {
     pub lockstep: bool,
     /// Whether time stands still until the first command.
     pub start_on_command: bool,
+    /// Whether the simulation is paused at the start.
+    pub start_paused: bool,
+    /// Whether the node configures and activates itself.
+    pub autostart: bool,
     /// Simulated time after which time stands still \[s\]; zero is never.
     pub duration: f64,
     /// Age of the last command beyond which efforts, or driven rates, are zero \[s\].
@@ -61,37 +67,6 @@ pub struct DynamicsParams {
     pub servo: VelocityServoConfig,
     /// Largest rate that a command may ask for \[rad/s or m/s\].
     pub max_rate: f64,
-}
-
-/// A robot description: its text, and where it came from for messages.
-#[derive(Debug, Clone)]
-pub struct Description {
-    /// URDF.
-    pub xml: String,
-    /// File or parameter that gave it.
-    pub source: String,
-}
-
-/// Where a frame is at the start and how it moves.
-#[derive(Debug, Clone)]
-pub struct Motion {
-    /// Pose in the world.
-    pub pose: Isometry3<f64>,
-    /// Velocity of the frame's origin in world axes \[m/s\].
-    pub velocity_W: Vector3<f64>,
-    /// Angular velocity in the body's own axes \[rad/s\].
-    pub angular_velocity_B: Vector3<f64>,
-}
-
-/// A free body beside the robot.
-#[derive(Debug, Clone)]
-pub struct TargetParams {
-    /// Name: its frame, and `ground_truth/NAME/odom`.
-    pub name: String,
-    /// Its description: a single body.
-    pub description: Description,
-    /// Start.
-    pub motion: Motion,
 }
 
 impl DynamicsParams {
@@ -228,6 +203,15 @@ impl DynamicsParams {
             )
             .read_only()
             .value();
+        let start_paused = declare
+            .param(
+                "start_paused",
+                false,
+                "Begin paused, until set_simulation_state or step_simulation lets time go on",
+            )
+            .read_only()
+            .value();
+        let autostart = Lifecycle::declare_autostart(declare);
         let duration = declare
             .param(
                 "duration",
@@ -325,6 +309,8 @@ impl DynamicsParams {
             real_time_factor,
             lockstep,
             start_on_command,
+            start_paused,
+            autostart,
             duration,
             command_timeout,
             answer_timeout,
@@ -332,93 +318,5 @@ impl DynamicsParams {
             servo,
             max_rate,
         })
-    }
-}
-
-impl Description {
-    fn read(parameter: &str, file: &str) -> Result<Self, String> {
-        let read = resource::read(file).map_err(|e| format!("parameter {parameter}: {e}"))?;
-        Ok(Self {
-            xml: read.0,
-            source: read.1,
-        })
-    }
-}
-
-impl Motion {
-    fn declare(declare: &mut Declare, prefix: &str, what: &str) -> Result<Self, String> {
-        let pose = declare_pose(declare, prefix, what, false);
-        let velocity = format!("Velocity of the {what} in world axes at the start [m/s]");
-        let velocity_W = declare_vector(declare, &format!("{prefix}.velocity"), &velocity);
-        let angular =
-            format!("Angular velocity of the {what} in its own axes at the start [rad/s]");
-        let angular_velocity_B =
-            declare_vector(declare, &format!("{prefix}.angular_velocity"), &angular);
-        Ok(Self {
-            pose: pose?.unwrap_or_default(),
-            velocity_W,
-            angular_velocity_B,
-        })
-    }
-}
-
-fn declare_servo(declare: &mut Declare) -> VelocityServoConfig {
-    let bandwidth = declare
-        .param(
-            "velocity_servo.bandwidth",
-            10.0,
-            "Bandwidth of the servo that obeys commands of joint rates, in all postures [rad/s]",
-        )
-        .range(1e-3, 1e4)
-        .read_only()
-        .value();
-    let gains = declare
-        .param(
-            "velocity_servo.gains",
-            Vec::<f64>::new(),
-            "Its gains, one per joint, instead of a bandwidth [N m s/rad or N s/m]; empty is the bandwidth",
-        )
-        .range(1e-9, 1e9)
-        .read_only()
-        .value();
-    let integral = declare
-        .param(
-            "velocity_servo.integral",
-            0.0,
-            "Inverse time of its integral part [rad/s]; 0 is a proportional servo",
-        )
-        .range(0.0, 1e4)
-        .read_only()
-        .value();
-    VelocityServoConfig {
-        gains: match gains.is_empty() {
-            true => ServoGains::Bandwidth(bandwidth),
-            false => ServoGains::PerJoint(gains),
-        },
-        integral,
-    }
-}
-
-fn finite_list(declare: &mut Declare, name: &str, description: &str) -> Vec<f64> {
-    (declare.param(name, Vec::<f64>::new(), description))
-        .read_only()
-        .check("finite numbers, one per joint, or none", |v| {
-            finite(v, v.len())
-        })
-        .value()
-}
-
-/// A joint vector of the right length from a list that may be empty.
-pub(super) fn joint_vector(
-    name: &str,
-    values: &[f64],
-    joints: usize,
-) -> Result<DVector<f64>, String> {
-    match values.len() {
-        0 => Ok(DVector::zeros(joints)),
-        n if n == joints => Ok(DVector::from_row_slice(values)),
-        n => Err(format!(
-            "parameter {name} has {n} values; the robot has {joints} joints"
-        )),
     }
 }

@@ -1,4 +1,8 @@
-//! `fuyu bag`: what a recording holds, whether its physics holds, its pictures.
+//! `fuyu bag`: what a recording holds, whether its physics holds, its pictures, and what else is made of it.
+
+mod convert;
+mod play;
+mod recover;
 
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -9,7 +13,7 @@ use super::{Failure, print};
 use crate::bag::{Bag, BagError, Info};
 use crate::experiments::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag, plot_bag};
 
-/// What a bag holds, whether its physics holds, its pictures
+/// What a bag holds, whether its physics holds, its pictures; play, convert or recover it
 ///
 /// BAG is a folder in the layout of rosbag2 or a single .mcap file, recorded by fuyu or by rosbag2. One that
 /// was cut off (a killed recorder, a full disk) is read up to its last whole chunk.
@@ -27,6 +31,9 @@ enum Command {
     Check(CheckArgs),
     /// Tip error, base drift, momentum residual, joint rates, and what was estimated of a target, as SVG and PNG
     Plot(PlotArgs),
+    Play(play::PlayArgs),
+    Convert(convert::ConvertArgs),
+    Recover(recover::RecoverArgs),
 }
 
 #[derive(Debug, clap::Args)]
@@ -72,12 +79,16 @@ struct PlotArgs {
 ///
 /// # Errors
 /// [`Failure::Input`] for what is no bag, [`Failure::Check`] if a check fails, [`Failure::Runtime`] if a
-/// picture cannot be written.
-pub fn run(args: Args) -> Result<(), Failure> {
+/// picture or table cannot be written or DDS refuses.
+pub fn run(args: Args, ros_args: Vec<String>) -> Result<(), Failure> {
     match args.command {
+        Command::Play(args) => play::run(&args, ros_args),
+        _ if !ros_args.is_empty() => Err(super::no_ros_args()),
         Command::Info(args) => info(&args),
         Command::Check(args) => check(&args),
         Command::Plot(args) => plot(&args),
+        Command::Convert(args) => convert::run(&args),
+        Command::Recover(args) => recover::run(&args),
     }
 }
 

@@ -1,0 +1,6 @@
+#!/usr/bin/env bash
+# An hour of joint states at 1 kHz with a bag: growth of memory, lost messages, time. Usage: soak.sh [SECONDS]
+set -euo pipefail
+
+cd "$(dirname "${BASH_SOURCE[0]}")/.."
+FUYU_SOAK_SECONDS=${1:-3600} cargo test --locked --release --test interop soak -- --nocapture

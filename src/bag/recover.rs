@@ -1,0 +1,79 @@
+//! Making a whole bag of what is left of a broken one.
+
+use std::collections::BTreeMap;
+use std::path::PathBuf;
+
+use serde::Serialize;
+
+use super::{Bag, BagError, Damage, TopicId, Writer, WriterOptions};
+
+/// What was made of a broken bag.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Recovery {
+    /// The new bag.
+    pub path: PathBuf,
+    /// Messages in it.
+    pub messages: u64,
+    /// First and last log time \[ns\].
+    pub bounds: Option<(u64, u64)>,
+    /// Where the old one is broken: what was there is lost.
+    pub damage: Vec<Damage>,
+    /// Topics that are left out, each with the reason.
+    pub left_out: BTreeMap<String, String>,
+}
+
+/// Writes all messages of `bag` that can be read to a new bag in `folder`, with index, summary and
+/// `metadata.yaml`. Types, schemas, hashes, quality of service and times stay what they are.
+///
+/// # Errors
+/// [`BagError`] if the new bag cannot be written.
+pub fn recover(
+    bag: &Bag,
+    folder: impl Into<PathBuf>,
+    options: WriterOptions,
+) -> Result<Recovery, BagError> {
+    let mut writer = Writer::create(folder, options)?;
+    let mut left_out = BTreeMap::new();
+    // By name and type: a topic that has two of them keeps the first.
+    let mut ids: BTreeMap<(String, String), Option<TopicId>> = BTreeMap::new();
+    let mut messages = bag.messages();
+    for message in messages.by_ref() {
+        let topic = &message.topic;
+        let key = (topic.name.clone(), topic.type_name.clone());
+        let id = match ids.get(&key) {
+            Some(id) => *id,
+            None => {
+                let id = match writer.add_described((**topic).clone()) {
+                    Ok(id) => Some(id),
+                    Err(e @ BagError::TopicConflict { .. }) => {
+                        left_out.insert(topic.name.clone(), e.to_string());
+                        None
+                    }
+                    Err(e) => return Err(e),
+                };
+                ids.insert(key, id);
+                id
+            }
+        };
+        if let Some(id) = id {
+            writer.write_cdr(id, message.log_time, message.publish_time, &message.data)?;
+        }
+    }
+    let silent: Vec<_> = messages.topics().map(|t| (**t).clone()).collect();
+    for topic in silent {
+        if let Err(e) = writer.add_described(topic)
+            && !matches!(e, BagError::TopicConflict { .. })
+        {
+            return Err(e);
+        }
+    }
+    let damage = messages.damage();
+    let recording = writer.finish()?;
+    Ok(Recovery {
+        path: recording.path,
+        messages: recording.messages,
+        bounds: recording.bounds,
+        damage,
+        left_out,
+    })
+}

@@ -1,0 +1,103 @@
+//! `fuyu bag convert`.
+
+use std::fmt::Write;
+use std::path::PathBuf;
+
+use super::super::{Failure, print};
+use super::{failure, json};
+use crate::bag::{Bag, BagError, ELEMENTS, TableFormat, convert};
+
+/// Write every topic to a table: one row a message, one column a value, of any type
+///
+/// Types are read from the schemas in the bag. log_time is when a message was recorded and publish_time when
+/// it was sent, in nanoseconds. Sequences have columns NAME[0], NAME[1] and so on, as many as the longest one
+/// has elements.
+#[derive(Debug, clap::Args)]
+pub struct ConvertArgs {
+    /// Folder or .mcap file
+    bag: PathBuf,
+    /// Kind of table
+    #[arg(long, value_name = "FORMAT")]
+    to: Format,
+    /// Folder for the tables, made if needed; beside the bag if not given
+    #[arg(long, value_name = "DIR")]
+    output: Option<PathBuf>,
+    /// Topics; all without it
+    #[arg(long, value_name = "TOPIC", num_args = 1.., value_delimiter = ',')]
+    topics: Vec<String>,
+    /// One JSON object on stdout
+    #[arg(long)]
+    json: bool,
+}
+
+#[derive(Debug, Clone, Copy, clap::ValueEnum)]
+enum Format {
+    Csv,
+    Parquet,
+}
+
+/// Runs the command.
+pub fn run(args: &ConvertArgs) -> Result<(), Failure> {
+    let bag = Bag::open(&args.bag).map_err(failure)?;
+    let (format, suffix) = match args.to {
+        Format::Csv => (TableFormat::Csv, "csv"),
+        Format::Parquet => (TableFormat::Parquet, "parquet"),
+    };
+    let folder = args.output.clone().unwrap_or_else(|| {
+        let name = args.bag.file_name().unwrap_or_default().to_string_lossy();
+        let stem = name.split(".mcap").next().unwrap_or_default();
+        args.bag.with_file_name(format!("{stem}_{suffix}"))
+    });
+    let takes = |topic: &str| args.topics.is_empty() || args.topics.iter().any(|t| t == topic);
+    let made = convert(&bag, &folder, format, takes).map_err(|e| match e {
+        BagError::Exists(path) => Failure::Input(format!(
+            "{}: there is a file of this name already; move it away or choose another --output",
+            path.display()
+        )),
+        e => Failure::Runtime(e.to_string()),
+    })?;
+    if made.tables.is_empty() {
+        let why = made.left_out.values().next();
+        return Err(Failure::Input(format!(
+            "bag {}: no table can be made of it: {}",
+            args.bag.display(),
+            why.map_or("it has no message of these topics", String::as_str)
+        )));
+    }
+    for damage in &made.damage {
+        eprintln!("fuyu: warning: {damage}");
+    }
+    for (topic, why) in &made.left_out {
+        eprintln!("fuyu: warning: {topic} is left out: {why}");
+    }
+    for table in &made.tables {
+        let topic = &table.topic;
+        if table.cut > 0 {
+            eprintln!(
+                "fuyu: warning: {topic}: {} messages have sequences of more than {ELEMENTS} elements, whose rest is left out",
+                table.cut
+            );
+        }
+        if table.undecoded > 0 {
+            eprintln!(
+                "fuyu: warning: {topic}: {} messages are no {} and left out",
+                table.undecoded, table.type_name
+            );
+        }
+    }
+    if args.json {
+        return print(&json(&made)?);
+    }
+    let mut text = String::new();
+    for table in &made.tables {
+        // Writing to a string cannot fail.
+        let _ = writeln!(
+            text,
+            "{}  {} rows, {} columns",
+            table.path.display(),
+            table.rows,
+            table.columns
+        );
+    }
+    print(&text)
+}

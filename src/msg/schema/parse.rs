@@ -1,0 +1,272 @@
+//! From `ros2msg` text to a [`Schema`].
+
+use super::{Base, Field, Schema, Shape, Struct};
+
+/// A text that is no schema.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+pub enum SchemaError {
+    /// A line that is neither a field nor a constant.
+    #[error("{type_name}: '{line}' is not a field of a message")]
+    Line {
+        /// Type in whose definition it stands.
+        type_name: String,
+        /// The line.
+        line: String,
+    },
+    /// A type that is referred to and not defined.
+    #[error("{type_name}: field {field} is of type {missing}, whose definition is not there")]
+    Missing {
+        /// Type that refers to it.
+        type_name: String,
+        /// Field.
+        field: String,
+        /// What is missing.
+        missing: String,
+    },
+    /// A type that contains itself, or one that fuyu does not read.
+    #[error("{type_name}: {what}")]
+    Unsupported {
+        /// Type.
+        type_name: String,
+        /// What it has.
+        what: String,
+    },
+}
+
+/// A type of a field as it is written.
+struct Written {
+    base: String,
+    shape: Shape,
+}
+
+impl Schema {
+    /// Reads the definition of `type_name` (`pkg/msg/Name` or `pkg/Name`), which `text` begins with; those
+    /// of other types follow behind lines of `=` and `MSG: pkg/Name`.
+    ///
+    /// # Errors
+    /// [`SchemaError`] names the type and the line or field.
+    pub fn parse(type_name: &str, text: &str) -> Result<Self, SchemaError> {
+        let mut sections = vec![(short(type_name), Vec::new())];
+        let mut lines = text.lines();
+        while let Some(line) = lines.next() {
+            if line.len() >= 3 && line.bytes().all(|b| b == b'=') {
+                let name = lines.next().and_then(|l| l.trim().strip_prefix("MSG:"));
+                let Some(name) = name else {
+                    return Err(SchemaError::Line {
+                        type_name: sections[0].0.clone(),
+                        line: line.to_owned(),
+                    });
+                };
+                sections.push((short(name.trim()), Vec::new()));
+            } else if let Some((_, lines)) = sections.last_mut() {
+                lines.push(line);
+            }
+        }
+        let names: Vec<_> = sections.iter().map(|(name, _)| name.clone()).collect();
+        let read = |(name, lines): (String, Vec<&str>)| {
+            let fields = lines
+                .iter()
+                .filter_map(|line| field(&name, line, &names).transpose())
+                .collect::<Result<_, _>>()?;
+            Ok(Struct { name, fields })
+        };
+        let structs = sections.into_iter().map(read).collect::<Result<_, _>>()?;
+        let schema = Self { structs };
+        schema.count(0, &mut vec![Count::Unknown; names.len()])?;
+        Ok(schema)
+    }
+
+    /// How many values a struct has at least, those of sequences not counted. A message cannot contain itself,
+    /// and what has more values than any message is a trap.
+    fn count(&self, at: usize, known: &mut [Count]) -> Result<usize, SchemaError> {
+        let refused = |what: &str| SchemaError::Unsupported {
+            type_name: self.structs[at].name.clone(),
+            what: what.to_owned(),
+        };
+        match known[at] {
+            Count::Done(count) => return Ok(count),
+            Count::Begun => return Err(refused("it contains itself")),
+            Count::Unknown => known[at] = Count::Begun,
+        }
+        let mut total = 0usize;
+        for field in &self.structs[at].fields {
+            let one = match field.base {
+                Base::Struct(inner) => self.count(inner, known)?,
+                _ => 1,
+            };
+            total = total.saturating_add(match field.shape {
+                Shape::Array(n) if !field.is_bytes() => one.saturating_mul(n),
+                _ => one,
+            });
+        }
+        if total > MOST_VALUES {
+            return Err(refused("it has more than a million values"));
+        }
+        known[at] = Count::Done(total);
+        Ok(total)
+    }
+}
+
+/// Values of a message without its sequences.
+const MOST_VALUES: usize = 1_000_000;
+
+#[derive(Clone, Copy)]
+enum Count {
+    Unknown,
+    Begun,
+    Done(usize),
+}
+
+/// `pkg/msg/Name` to `pkg/Name`.
+fn short(type_name: &str) -> String {
+    type_name.replacen("/msg/", "/", 1)
+}
+
+/// The field that a line declares; nothing for comments, constants and empty lines.
+fn field(type_name: &str, line: &str, names: &[String]) -> Result<Option<Field>, SchemaError> {
+    let wrong = || SchemaError::Line {
+        type_name: type_name.to_owned(),
+        line: line.trim().to_owned(),
+    };
+    // Text in quotes may hold a #, but stands behind type and name.
+    let words = line.trim_start();
+    if words.is_empty() || words.starts_with('#') {
+        return Ok(None);
+    }
+    let (written, rest) = words.split_once(char::is_whitespace).ok_or_else(wrong)?;
+    let rest = rest.trim_start();
+    let is_word = |c: char| c.is_ascii_alphanumeric() || c == '_';
+    let end = rest.find(|c| !is_word(c)).unwrap_or(rest.len());
+    let (name, behind) = rest.split_at(end);
+    if name.is_empty() {
+        return Err(wrong());
+    }
+    if behind.trim_start().starts_with('=') {
+        return Ok(None);
+    }
+    let written = written_type(written).ok_or_else(wrong)?;
+    let base = match primitive(&written.base) {
+        Some(base) => base,
+        None if written.base == "wstring" => {
+            return Err(SchemaError::Unsupported {
+                type_name: type_name.to_owned(),
+                what: format!("field {name} is a wstring, whose encoding differs between makers"),
+            });
+        }
+        None => {
+            let package = type_name.split('/').next().unwrap_or_default();
+            let full = match written.base.as_str() {
+                "Header" => "std_msgs/Header".to_owned(),
+                base if base.contains('/') => short(base),
+                base => format!("{package}/{base}"),
+            };
+            let place = names.iter().position(|n| *n == full);
+            Base::Struct(place.ok_or_else(|| SchemaError::Missing {
+                type_name: type_name.to_owned(),
+                field: name.to_owned(),
+                missing: full,
+            })?)
+        }
+    };
+    Ok(Some(Field {
+        name: name.to_owned(),
+        base,
+        shape: written.shape,
+    }))
+}
+
+/// `float64[<=3]`, `string<=10[2]` and the like.
+fn written_type(text: &str) -> Option<Written> {
+    let (base, shape) = match text.strip_suffix(']') {
+        None => (text, Shape::One),
+        Some(text) => {
+            let (base, size) = text.rsplit_once('[')?;
+            let shape = match size {
+                "" => Shape::Sequence,
+                bound if bound.starts_with("<=") => Shape::Sequence,
+                size => Shape::Array(size.parse().ok()?),
+            };
+            (base, shape)
+        }
+    };
+    let base = base.split("<=").next().unwrap_or_default();
+    let is_part = |c: char| c.is_ascii_alphanumeric() || c == '_' || c == '/';
+    let is_name = !base.is_empty() && base.chars().all(is_part);
+    is_name.then(|| Written {
+        base: base.to_owned(),
+        shape,
+    })
+}
+
+fn primitive(name: &str) -> Option<Base> {
+    Some(match name {
+        "bool" => Base::Bool,
+        "byte" | "char" | "uint8" => Base::Uint(1),
+        "int8" => Base::Int(1),
+        "int16" => Base::Int(2),
+        "uint16" => Base::Uint(2),
+        "int32" => Base::Int(4),
+        "uint32" => Base::Uint(4),
+        "int64" => Base::Int(8),
+        "uint64" => Base::Uint(8),
+        "float32" => Base::Float32,
+        "float64" => Base::Float64,
+        "string" => Base::Text,
+        _ => return None,
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::msg;
+
+    #[test]
+    fn every_schema_that_fuyu_writes_is_read() {
+        for definition in msg::definitions() {
+            let name = definition.type_name();
+            let schema = Schema::parse(&name, &definition.schema_text());
+            let fields = schema.unwrap_or_else(|e| panic!("{name}: {e}")).structs[0]
+                .fields
+                .len();
+            assert_eq!(fields, definition.fields.len(), "{name}");
+        }
+    }
+
+    #[test]
+    fn what_ros_writes_is_understood() {
+        let text = "# Comment = none\nint32 A=1\nstring B = \"x = y\"\nstring<=10[<=4] names  # many\n\
+                    uint8[16] id\nstring s \"a=b#c\"\nHeader header\nPart[] parts\n\
+                    ================================================================================\n\
+                    MSG: acme/Part\nfloat64 x 0.5\n\
+                    ================================================================================\n\
+                    MSG: std_msgs/Header\nstring frame_id\n";
+        let schema = Schema::parse("acme/msg/Thing", text).unwrap();
+        let field = |name: &str, base, shape| Field {
+            name: name.into(),
+            base,
+            shape,
+        };
+        assert_eq!(
+            schema.structs[0].fields,
+            [
+                field("names", Base::Text, Shape::Sequence),
+                field("id", Base::Uint(1), Shape::Array(16)),
+                field("s", Base::Text, Shape::One),
+                field("header", Base::Struct(2), Shape::One),
+                field("parts", Base::Struct(1), Shape::Sequence),
+            ]
+        );
+    }
+
+    #[test]
+    fn what_is_no_schema_is_told() {
+        let error = |text| Schema::parse("a/msg/B", text).unwrap_err().to_string();
+        assert!(error("Other x").contains("a/Other"));
+        assert!(error("float64").contains("'float64'"));
+        assert!(error("B b").contains("contains itself"));
+        assert!(error("wstring w").contains("wstring"));
+        assert!(error("float64[x] w").contains("float64[x]"));
+        assert!(error("float64[99999999999] w").contains("a million values"));
+    }
+}

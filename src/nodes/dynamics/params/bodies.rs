@@ -1,0 +1,93 @@
+//! Bodies and how they move at the start.
+
+use nalgebra::{DVector, Isometry3, Vector3};
+
+use crate::{
+    nodes::{
+        placement::{declare_pose, declare_vector, finite},
+        resource,
+    },
+    ros::Declare,
+};
+
+/// A robot description: its text, and where it came from for messages.
+#[derive(Debug, Clone)]
+pub struct Description {
+    /// URDF.
+    pub xml: String,
+    /// File or parameter that gave it.
+    pub source: String,
+}
+
+/// Where a frame is at the start and how it moves.
+#[derive(Debug, Clone)]
+pub struct Motion {
+    /// Pose in the world.
+    pub pose: Isometry3<f64>,
+    /// Velocity of the frame's origin in world axes \[m/s\].
+    pub velocity_W: Vector3<f64>,
+    /// Angular velocity in the body's own axes \[rad/s\].
+    pub angular_velocity_B: Vector3<f64>,
+}
+
+/// A free body beside the robot.
+#[derive(Debug, Clone)]
+pub struct TargetParams {
+    /// Name: its frame, and `ground_truth/NAME/odom`.
+    pub name: String,
+    /// Its description: a single body.
+    pub description: Description,
+    /// Start.
+    pub motion: Motion,
+}
+
+impl Description {
+    pub(super) fn read(parameter: &str, file: &str) -> Result<Self, String> {
+        let read = resource::read(file).map_err(|e| format!("parameter {parameter}: {e}"))?;
+        Ok(Self {
+            xml: read.0,
+            source: read.1,
+        })
+    }
+}
+
+impl Motion {
+    pub(super) fn declare(declare: &mut Declare, prefix: &str, what: &str) -> Result<Self, String> {
+        let pose = declare_pose(declare, prefix, what, false);
+        let velocity = format!("Velocity of the {what} in world axes at the start [m/s]");
+        let velocity_W = declare_vector(declare, &format!("{prefix}.velocity"), &velocity);
+        let angular =
+            format!("Angular velocity of the {what} in its own axes at the start [rad/s]");
+        let angular_velocity_B =
+            declare_vector(declare, &format!("{prefix}.angular_velocity"), &angular);
+        Ok(Self {
+            pose: pose?.unwrap_or_default(),
+            velocity_W,
+            angular_velocity_B,
+        })
+    }
+}
+
+pub(super) fn finite_list(declare: &mut Declare, name: &str, description: &str) -> Vec<f64> {
+    (declare.param(name, Vec::<f64>::new(), description))
+        .read_only()
+        .check("finite numbers, one per joint, or none", |v| {
+            finite(v, v.len())
+        })
+        .value()
+}
+
+/// A joint vector of the right length from a list that may be empty.
+pub(in crate::nodes::dynamics) fn joint_vector(
+    name: &str,
+    values: &[f64],
+    joints: usize,
+) -> Result<DVector<f64>, String> {
+    match values.len() {
+        0 => Ok(DVector::zeros(joints)),
+        n if n == joints => Ok(DVector::from_row_slice(values)),
+        n => Err(format!(
+            "parameter {name} has {n} values; the robot has {joints} joints"
+        )),
+    }
+}

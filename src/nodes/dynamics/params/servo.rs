@@ -1,0 +1,43 @@
+//! The servo that obeys commands of rates.
+
+use crate::{
+    control::{ServoGains, VelocityServoConfig},
+    ros::Declare,
+};
+
+pub(super) fn declare_servo(declare: &mut Declare) -> VelocityServoConfig {
+    let bandwidth = declare
+        .param(
+            "velocity_servo.bandwidth",
+            10.0,
+            "Bandwidth of the servo that obeys commands of joint rates, in all postures [rad/s]",
+        )
+        .range(1e-3, 1e4)
+        .read_only()
+        .value();
+    let gains = declare
+        .param(
+            "velocity_servo.gains",
+            Vec::<f64>::new(),
+            "Its gains, one per joint, instead of a bandwidth [N m s/rad or N s/m]; empty is the bandwidth",
+        )
+        .range(1e-9, 1e9)
+        .read_only()
+        .value();
+    let integral = declare
+        .param(
+            "velocity_servo.integral",
+            0.0,
+            "Inverse time of its integral part [rad/s]; 0 is a proportional servo",
+        )
+        .range(0.0, 1e4)
+        .read_only()
+        .value();
+    VelocityServoConfig {
+        gains: match gains.is_empty() {
+            true => ServoGains::Bandwidth(bandwidth),
+            false => ServoGains::PerJoint(gains),
+        },
+        integral,
+    }
+}

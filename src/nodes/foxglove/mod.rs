@@ -1,0 +1,209 @@
+//! Shows the graph in Foxglove: every topic over a WebSocket, bytes as they are, and annotations of the
+//! camera's image.
+
+mod annotations;
+mod server;
+
+use std::{
+    collections::BTreeMap,
+    net::SocketAddr,
+    sync::{Arc, Mutex, OnceLock, PoisonError},
+    time::Duration,
+};
+
+use super::topics;
+use crate::{
+    msg::{
+        self, Interface, cdr, fuyu_msgs::FeatureTracks, geometry_msgs::PoseStamped,
+        rosgraph_msgs::Clock, sensor_msgs::CameraInfo, tf2_msgs::TFMessage,
+    },
+    ros::{Node, NodeError, Qos, RawSample, RawSubscription, Time, qos::Durability},
+};
+use annotations::Overlay;
+pub use server::{Channel, ChannelId, Server};
+
+/// How often new topics are looked for.
+const LOOK: Duration = Duration::from_millis(200);
+
+/// What the topics of the annotations begin with: a viewer shows the last message of each.
+const ANNOTATIONS: &str = "camera/annotations";
+
+/// The node's program: serves the graph on `address`.
+///
+/// # Errors
+/// When the address cannot be listened on, or DDS refuses.
+pub fn program(node: &Node, address: SocketAddr) -> Result<(), NodeError> {
+    let server = Server::start(address).map_err(|e| {
+        NodeError::Input(format!(
+            "--foxglove={address}: cannot listen there: {e}; give another ADDR:PORT"
+        ))
+    })?;
+    tracing::info!("Foxglove: open ws://{}", server.address());
+    let server = Arc::new(server);
+    let camera = Arc::new(Camera {
+        channels: Mutex::default(),
+        topic: node.resolve_topic(ANNOTATIONS)?,
+        overlay: Mutex::default(),
+        server: Arc::clone(&server),
+    });
+    let mut subscriptions: BTreeMap<String, Option<RawSubscription>> = BTreeMap::new();
+    let status = node.diagnostics().status("foxglove");
+    for topic in topics::all() {
+        let name = node.resolve_topic(topic.name)?;
+        let sink = Sink::new(node, &server, &camera, &name, &topic.type_name, topic.qos);
+        let Some(sink) = sink else { continue };
+        let take = move |sample| sink.take(sample);
+        let subscription =
+            node.subscribe_raw(topic.name, &topic.type_name, reading(topic.qos), take)?;
+        subscriptions.insert(name, Some(subscription));
+    }
+    while node.ok() {
+        for publisher in node.discovered_publishers() {
+            if subscriptions.contains_key(&publisher.topic) {
+                continue;
+            }
+            let (name, kind) = (&publisher.topic, &publisher.type_name);
+            let sink = Sink::new(node, &server, &camera, name, kind, publisher.qos);
+            let subscription = match sink {
+                Some(sink) => {
+                    let take = move |sample| sink.take(sample);
+                    Some(node.subscribe_discovered(&publisher, reading(publisher.qos), take)?)
+                }
+                None => {
+                    tracing::info!("{name} is not shown: fuyu has no definition of {kind}");
+                    None
+                }
+            };
+            subscriptions.insert(publisher.topic, subscription);
+        }
+        status.set("address", server.address());
+        status.set("clients", server.clients());
+        status.set("dropped", server.dropped());
+        status.ok("serving");
+        std::thread::sleep(LOOK);
+    }
+    Ok(())
+}
+
+/// As much as a subscriber can ask for of what is offered.
+fn reading(offered: Qos) -> Qos {
+    offered.depth(offered.depth.max(100))
+}
+
+/// Where the samples of one topic go.
+struct Sink {
+    node: Node,
+    server: Arc<Server>,
+    camera: Arc<Camera>,
+    description: Channel,
+    /// Advertised with the first message.
+    channel: OnceLock<ChannelId>,
+}
+
+impl Sink {
+    /// `None` if fuyu does not know the type: nobody could read it.
+    fn new(
+        node: &Node,
+        server: &Arc<Server>,
+        camera: &Arc<Camera>,
+        topic: &str,
+        type_name: &str,
+        qos: Qos,
+    ) -> Option<Self> {
+        let definition = msg::find(type_name)?;
+        Some(Self {
+            node: node.clone(),
+            server: Arc::clone(server),
+            camera: Arc::clone(camera),
+            description: Channel {
+                topic: topic.to_owned(),
+                encoding: "cdr".into(),
+                schema_name: type_name.to_owned(),
+                schema: definition.schema_text(),
+                schema_encoding: "ros2msg".into(),
+                latched: qos.durability == Durability::TransientLocal,
+            },
+            channel: OnceLock::new(),
+        })
+    }
+
+    fn take(&self, sample: RawSample) {
+        let channel = self
+            .channel
+            .get_or_init(|| self.server.add_channel(self.description.clone()));
+        let simulated = self.node.clock().is_simulated();
+        let time = nanos(match simulated {
+            true => self.node.now(),
+            false => sample.received_time,
+        });
+        if self.description.topic == topics::CLOCK.name
+            && let Ok(clock) = cdr::decode::<Clock>(&sample.cdr)
+        {
+            self.server.tell_time(nanos(clock.clock.into()));
+        }
+        self.camera.see(&self.description, &sample, time);
+        self.server.publish(*channel, time, sample.cdr);
+    }
+}
+
+fn nanos(time: Time) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(0)
+}
+
+/// What is drawn on the image of the node's camera.
+struct Camera {
+    /// By what they show.
+    channels: Mutex<BTreeMap<&'static str, ChannelId>>,
+    topic: String,
+    overlay: Mutex<Overlay>,
+    server: Arc<Server>,
+}
+
+impl Camera {
+    /// Looks whether a message has something for the image.
+    fn see(&self, channel: &Channel, sample: &RawSample, time: u64) {
+        let mut overlay = self.overlay.lock().unwrap_or_else(PoisonError::into_inner);
+        if channel.topic == topics::TF_STATIC.name {
+            if let Some(message) = decode::<TFMessage>(sample) {
+                overlay.set_transforms(message);
+            }
+            return;
+        }
+        let prefix = self.topic.trim_end_matches(ANNOTATIONS);
+        let Some(own) = channel.topic.strip_prefix(prefix) else {
+            return;
+        };
+        let place = |name: &'static str, overlay: &Overlay| {
+            let drawn = overlay.place(name, &decode::<PoseStamped>(sample)?)?;
+            Some((name, drawn))
+        };
+        let drawn = if own == topics::CAMERA_INFO.name {
+            if let Some(info) = decode::<CameraInfo>(sample) {
+                overlay.set_info(info);
+            }
+            None
+        } else if own == topics::FEATURES.name {
+            decode::<FeatureTracks>(sample).map(|m| ("features", annotations::features(&m)))
+        } else if own == topics::TIP_POSE.name {
+            place("tip", &overlay)
+        } else if own == topics::SEEN_GOAL.name {
+            place("goal", &overlay)
+        } else {
+            None
+        };
+        drop(overlay);
+        if let Some((name, drawn)) = drawn {
+            let mut channels = self.channels.lock().unwrap_or_else(PoisonError::into_inner);
+            let id = *channels.entry(name).or_insert_with(|| {
+                let topic = format!("{}/{name}", self.topic);
+                self.server.add_channel(annotations::channel(topic))
+            });
+            let json = drawn.to_string().into_bytes();
+            self.server.publish(id, time, json.into());
+        }
+    }
+}
+
+fn decode<M: Interface>(sample: &RawSample) -> Option<M> {
+    cdr::decode(&sample.cdr).ok()
+}

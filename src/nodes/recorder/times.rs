@@ -1,0 +1,89 @@
+//! The time under which a message is recorded.
+
+use std::sync::{Arc, Mutex, PoisonError};
+
+use crate::{
+    bag::{RecorderHandle, RecorderTopic},
+    ros::{Clock, RawSample, Time},
+};
+
+/// The time of the log: the computer's, or with use_sim_time that of `/clock`, as with
+/// `ros2 bag record --use-sim-time`.
+pub struct Times {
+    clock: Clock,
+    /// What came before the first `/clock`, and so has no time yet; `None` once that has come.
+    early: Mutex<Option<Vec<Early>>>,
+}
+
+/// A sample that has no time yet, and where it goes.
+struct Early {
+    handle: RecorderHandle,
+    topic: Arc<RecorderTopic>,
+    sample: RawSample,
+}
+
+/// Samples that may wait for the first `/clock`.
+const EARLY: usize = 10_000;
+
+impl Times {
+    /// Those of `clock`.
+    pub fn new(clock: Clock) -> Self {
+        Self {
+            clock,
+            early: Mutex::new(Some(Vec::new())),
+        }
+    }
+
+    /// Writes a sample, now or as soon as there is a time.
+    pub fn write(&self, handle: &RecorderHandle, topic: &Arc<RecorderTopic>, sample: RawSample) {
+        let mut early = self.early.lock().unwrap_or_else(PoisonError::into_inner);
+        match early.as_mut() {
+            Some(waiting) if self.clock.is_simulated() && waiting.len() < EARLY => {
+                let (handle, topic) = (handle.clone(), Arc::clone(topic));
+                waiting.push(Early {
+                    handle,
+                    topic,
+                    sample,
+                });
+            }
+            _ => self.write_now(handle, topic, sample),
+        }
+    }
+
+    /// The first `/clock` has come, or none will: `now`.
+    pub fn begin(&self, now: Time) {
+        let early = self
+            .early
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .take();
+        for Early {
+            handle,
+            topic,
+            sample,
+        } in early.into_iter().flatten()
+        {
+            let nanos = nanos(now);
+            handle.write(&topic, nanos, nanos, sample.cdr);
+        }
+    }
+
+    fn write_now(&self, handle: &RecorderHandle, topic: &RecorderTopic, sample: RawSample) {
+        let simulated = self.clock.is_simulated();
+        let received = if simulated {
+            self.clock.now()
+        } else {
+            sample.received_time
+        };
+        let sent = if simulated {
+            received
+        } else {
+            sample.source_time.unwrap_or(received)
+        };
+        handle.write(topic, nanos(received), nanos(sent), sample.cdr);
+    }
+}
+
+fn nanos(time: Time) -> u64 {
+    u64::try_from(time.as_nanos()).unwrap_or(0)
+}

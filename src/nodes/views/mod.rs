@@ -1,0 +1,210 @@
+//! The views node: what RViz and Foxglove have no display for, as `markers`.
+//!
+//! It shows truth to people, and nothing that it publishes is read by another node.
+
+mod draw;
+
+use std::time::Duration;
+
+use super::{geometry::pose_from_msg, topics};
+use crate::{
+    msg::{nav_msgs::Odometry, std_msgs::Header, visualization_msgs::MarkerArray},
+    ros::{Declare, Node, NodeError, Qos, Subscription},
+};
+use draw::{arrow, axes, curve};
+
+/// What the views node is told; read once, at the start.
+#[derive(Debug, Clone)]
+pub struct ViewsParams {
+    /// How often markers are published \[Hz\].
+    pub rate: f64,
+    /// Names of the targets, as the dynamics node has them.
+    pub targets: Vec<String>,
+    /// Length of the axes of targets and goal \[m\].
+    pub size: f64,
+    /// Length of the arrow of a linear momentum \[m/(N s)\].
+    pub linear_scale: f64,
+    /// Length of the arrow of an angular momentum \[m/(N m s)\].
+    pub angular_scale: f64,
+    /// Length of the arrow of an angular velocity \[m/(rad/s)\].
+    pub rate_scale: f64,
+    /// How far before the camera the prediction is drawn \[m\].
+    pub prediction_distance: f64,
+}
+
+impl ViewsParams {
+    /// Declares the parameters and reads them. `finish` of `declare` is the caller's.
+    pub fn declare(declare: &mut Declare) -> Self {
+        let mut length = |name: &str, default: f64, description: &str| {
+            let declaration = declare.param(name, default, description);
+            declaration.range(0.0, 1e6).read_only().value()
+        };
+        let size = length("size", 0.5, "Length of the axes of targets and goal [m]");
+        let linear_scale = length(
+            "linear_scale",
+            0.01,
+            "Length of the arrow of a linear momentum [m/(N s)]",
+        );
+        let angular_scale = length(
+            "angular_scale",
+            0.01,
+            "Length of the arrow of an angular momentum [m/(N m s)]",
+        );
+        let rate_scale = length(
+            "rate_scale",
+            5.0,
+            "Length of the arrow of an angular velocity [m/(rad/s)]",
+        );
+        let prediction_distance = length(
+            "prediction_distance",
+            5.0,
+            "How far before the camera the prediction is drawn [m]",
+        );
+        let rate = declare
+            .param("rate", 10.0, "How often markers are published [Hz]")
+            .range(0.1, 60.0)
+            .read_only()
+            .value();
+        let targets = declare
+            .param(
+                "targets",
+                vec!["target".to_owned()],
+                "Names of the targets, as the dynamics node has them",
+            )
+            .read_only()
+            .value();
+        Self {
+            rate,
+            targets,
+            size,
+            linear_scale,
+            angular_scale,
+            rate_scale,
+            prediction_distance,
+        }
+    }
+}
+
+/// The node's program.
+///
+/// # Errors
+/// For wrong parameters, or when DDS refuses.
+pub fn program(node: &Node) -> Result<(), NodeError> {
+    let mut declare = node.declare();
+    let params = ViewsParams::declare(&mut declare);
+    declare.finish()?;
+    let period = Duration::from_secs_f64(1.0 / params.rate);
+    let mut scene = Scene::new(node, params)?;
+    let markers = topics::MARKERS.advertise(node)?;
+    let drawn = node.diagnostics().status("markers");
+    while node.ok() {
+        let array = scene.draw();
+        drawn.set("markers", array.markers.len());
+        if !array.markers.is_empty() {
+            markers.publish(&array);
+        }
+        std::thread::sleep(period);
+    }
+    Ok(())
+}
+
+/// What is shown, and where it comes from.
+struct Scene {
+    params: ViewsParams,
+    goal: Subscription<crate::msg::geometry_msgs::PoseStamped>,
+    seen_goal: Subscription<crate::msg::geometry_msgs::PoseStamped>,
+    momentum: Subscription<crate::msg::fuyu_msgs::Momentum>,
+    odometry: Subscription<Odometry>,
+    prediction: Subscription<crate::msg::nav_msgs::Path>,
+    targets: Vec<Subscription<Odometry>>,
+    base: Option<Odometry>,
+}
+
+impl Scene {
+    fn new(node: &Node, params: ViewsParams) -> Result<Self, NodeError> {
+        let odometry = |name: &String| {
+            node.subscribe::<Odometry>(&format!("ground_truth/{name}/odom"), Qos::RELIABLE)
+        };
+        Ok(Self {
+            goal: topics::GOAL.subscribe(node)?,
+            seen_goal: topics::SEEN_GOAL.subscribe(node)?,
+            momentum: topics::MOMENTUM.subscribe(node)?,
+            odometry: topics::ODOMETRY.subscribe(node)?,
+            prediction: topics::PREDICTION.subscribe(node)?,
+            targets: params
+                .targets
+                .iter()
+                .map(odometry)
+                .collect::<Result<_, _>>()?,
+            base: None,
+            params,
+        })
+    }
+
+    /// Markers of all that is new. Viewers keep the others as they are.
+    fn draw(&mut self) -> MarkerArray {
+        let p = &self.params;
+        let mut markers = Vec::new();
+        for (id, goal) in (0..).zip([&self.goal, &self.seen_goal]) {
+            if let Some(received) = goal.latest() {
+                let message = received.message;
+                markers.push(axes("goal", id, message.header, message.pose, p.size));
+            }
+        }
+        for (name, target) in p.targets.iter().zip(&self.targets) {
+            if let Some(received) = target.latest() {
+                let Odometry {
+                    header,
+                    pose,
+                    twist,
+                    ..
+                } = received.message;
+                let group = format!("target {name}");
+                // The twist is in the target's own axes.
+                let Ok(X_WT) = pose_from_msg(&pose.pose) else {
+                    continue;
+                };
+                let w_T = super::geometry::vector_from_msg(&twist.twist.angular);
+                let from = X_WT.translation.vector;
+                let to = from + X_WT.rotation * w_T * p.rate_scale;
+                markers.push(arrow(&group, 1, header.clone(), [from, to], draw::ORANGE));
+                markers.push(axes(&group, 0, header, pose.pose, p.size));
+            }
+        }
+        if let Some(received) = self.odometry.latest() {
+            self.base = Some(received.message);
+        }
+        if let (Some(received), Some(base)) = (self.momentum.latest(), &self.base) {
+            let momentum = received.message;
+            if let Ok(X_WB) = pose_from_msg(&base.pose.pose) {
+                let from = X_WB.translation.vector;
+                for (id, vector, scale, colour) in [
+                    (0, &momentum.linear, p.linear_scale, draw::BLUE),
+                    (1, &momentum.angular, p.angular_scale, draw::ORANGE),
+                ] {
+                    let to = from + super::geometry::vector_from_msg(vector) * scale;
+                    let header = Header {
+                        frame_id: base.header.frame_id.clone(),
+                        ..momentum.header.clone()
+                    };
+                    markers.push(arrow("momentum", id, header, [from, to], colour));
+                }
+            }
+        }
+        if let Some(received) = self.prediction.latest() {
+            let path = received.message;
+            let attitudes: Vec<_> = path
+                .poses
+                .iter()
+                .filter_map(|pose| Some(pose_from_msg(&pose.pose).ok()?.rotation))
+                .collect();
+            for (id, colour) in (0..).zip([draw::RED, draw::GREEN, draw::BLUE]) {
+                let axis = nalgebra::Vector3::ith_axis(id as usize).into_inner() * p.size;
+                let centre = nalgebra::Vector3::z() * p.prediction_distance;
+                let points = attitudes.iter().map(|R| centre + R * axis);
+                markers.push(curve("prediction", id, path.header.clone(), points, colour));
+            }
+        }
+        MarkerArray { markers }
+    }
+}

@@ -1,0 +1,285 @@
+//! Actions: goals that take a while, with feedback on the way, an outcome, and a way to cancel them.
+//!
+//! On the wire an action is three services and two topics below `NAME/_action/`, as rcl_action has them.
+
+use std::{
+    collections::VecDeque,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant},
+};
+
+use super::{
+    Clock, Node, NodeError, Publisher, Qos,
+    service::{Reply, ServiceServer},
+};
+use crate::msg::{
+    Action,
+    action_msgs::{
+        GoalInfo, GoalStatus, GoalStatusArray,
+        services::{CancelGoal, CancelGoalRequest, CancelGoalResponse},
+    },
+    unique_identifier_msgs::UUID,
+};
+
+/// How long the outcome of a goal can be asked for after its end, as rcl has it.
+const KEPT: Duration = Duration::from_secs(15 * 60);
+/// Goals that are known at a time; beyond that the oldest that have ended are forgotten, and if none has, no
+/// goal is taken.
+const KNOWN: usize = 64;
+
+/// Serves an action until it is dropped. Goals wait in a queue until the program takes them, and wake it.
+pub struct ActionServer<A: Action> {
+    shared: Arc<Shared<A>>,
+    _services: [ServiceServer; 3],
+}
+
+struct Shared<A: Action> {
+    goals: Mutex<Vec<Known<A>>>,
+    waiting: Mutex<VecDeque<(UUID, A::Goal)>>,
+    feedback: Publisher<A::FeedbackMessage>,
+    status: Publisher<GoalStatusArray>,
+    clock: Clock,
+}
+
+/// A goal as clients may ask for it.
+struct Known<A: Action> {
+    info: GoalInfo,
+    status: i8,
+    outcome: Option<A::Outcome>,
+    ended: Option<Instant>,
+    asking: Vec<Reply<A::GetResult>>,
+}
+
+impl<A: Action> ActionServer<A> {
+    /// Serves the action `name`, which is expanded and remapped.
+    ///
+    /// # Errors
+    /// [`NodeError::Name`] for a name against the rules, [`NodeError::Dds`] if DDS refuses.
+    pub fn new(node: &Node, name: &str) -> Result<Self, NodeError> {
+        let below = |part: &str| format!("{name}/_action/{part}");
+        let shared = Arc::new(Shared {
+            goals: Mutex::default(),
+            waiting: Mutex::default(),
+            feedback: node.advertise(&below("feedback"), Qos::RELIABLE)?,
+            status: node.advertise(&below("status"), Qos::LATCHED)?,
+            clock: node.clock().clone(),
+        });
+        let send = {
+            let (shared, events) = (Arc::downgrade(&shared), Arc::clone(&node.core.events));
+            node.serve_later::<A::SendGoal>(&below("send_goal"), move |request, reply| {
+                if let Some(shared) = shared.upgrade() {
+                    let (id, goal) = A::goal(request);
+                    let stamp = shared.accept(&id, goal);
+                    reply.send(&A::taken(stamp.is_some(), stamp.unwrap_or_default()));
+                    events.notify();
+                }
+            })?
+        };
+        let cancel = {
+            let (shared, events) = (Arc::downgrade(&shared), Arc::clone(&node.core.events));
+            node.serve_later::<CancelGoal>(&below("cancel_goal"), move |request, reply| {
+                if let Some(shared) = shared.upgrade() {
+                    reply.send(&shared.cancel(&request));
+                    events.notify();
+                }
+            })?
+        };
+        let result = {
+            let shared = Arc::downgrade(&shared);
+            node.serve_later::<A::GetResult>(&below("get_result"), move |request, reply| {
+                if let Some(shared) = shared.upgrade() {
+                    shared.ask(&A::asked(request), reply);
+                }
+            })?
+        };
+        Ok(Self {
+            shared,
+            _services: [send, cancel, result],
+        })
+    }
+
+    /// The oldest goal that waits; from now on it is being executed.
+    pub fn take(&self) -> Option<Goal<A>> {
+        let waiting = &self.shared.waiting;
+        let next = waiting
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .pop_front();
+        let (id, goal) = next?;
+        // One that was cancelled while it waited stays so.
+        self.shared
+            .change(&id, GoalStatus::STATUS_EXECUTING, |status| {
+                status == GoalStatus::STATUS_ACCEPTED
+            });
+        Some(Goal {
+            goal,
+            id,
+            shared: Arc::clone(&self.shared),
+            ended: false,
+        })
+    }
+}
+
+/// A goal that is being executed. One that is dropped without an end is aborted.
+pub struct Goal<A: Action> {
+    /// What the client asks for.
+    pub goal: A::Goal,
+    id: UUID,
+    shared: Arc<Shared<A>>,
+    ended: bool,
+}
+
+impl<A: Action> Goal<A> {
+    /// Tells the client how far it is.
+    pub fn feedback(&self, feedback: A::Feedback) {
+        let message = A::told(self.id.clone(), feedback);
+        self.shared.feedback.publish(&message);
+    }
+
+    /// Whether a client wants it cancelled.
+    pub fn is_canceling(&self) -> bool {
+        let goals = self.shared.lock();
+        let known = goals.iter().find(|k| k.info.goal_id == self.id);
+        known.is_some_and(|k| k.status == GoalStatus::STATUS_CANCELING)
+    }
+
+    /// It is reached.
+    pub fn succeed(self, outcome: A::Outcome) {
+        self.end(GoalStatus::STATUS_SUCCEEDED, outcome);
+    }
+
+    /// It was cancelled, as a client wanted.
+    pub fn canceled(self, outcome: A::Outcome) {
+        self.end(GoalStatus::STATUS_CANCELED, outcome);
+    }
+
+    /// It is given up.
+    pub fn abort(self, outcome: A::Outcome) {
+        self.end(GoalStatus::STATUS_ABORTED, outcome);
+    }
+
+    fn end(mut self, status: i8, outcome: A::Outcome) {
+        self.ended = true;
+        self.shared.end(&self.id, status, outcome);
+    }
+}
+
+impl<A: Action> Drop for Goal<A> {
+    fn drop(&mut self) {
+        if !self.ended {
+            let outcome = A::Outcome::default();
+            self.shared
+                .end(&self.id, GoalStatus::STATUS_ABORTED, outcome);
+        }
+    }
+}
+
+impl<A: Action> Shared<A> {
+    fn lock(&self) -> MutexGuard<'_, Vec<Known<A>>> {
+        self.goals.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Takes a goal in; gives when, or nothing if it is not taken.
+    fn accept(&self, id: &UUID, goal: A::Goal) -> Option<crate::msg::builtin_interfaces::Time> {
+        let mut goals = self.lock();
+        let old = |k: &Known<A>| k.ended.is_some_and(|at| at.elapsed() > KEPT);
+        goals.retain(|k| !old(k));
+        if goals.len() >= KNOWN {
+            let ended = goals.iter().position(|k| k.ended.is_some())?;
+            goals.remove(ended);
+        }
+        if goals.iter().any(|k| k.info.goal_id == *id) {
+            return None;
+        }
+        let stamp: crate::msg::builtin_interfaces::Time = self.clock.now().into();
+        goals.push(Known {
+            info: GoalInfo {
+                goal_id: id.clone(),
+                stamp: stamp.clone(),
+            },
+            status: GoalStatus::STATUS_ACCEPTED,
+            outcome: None,
+            ended: None,
+            asking: Vec::new(),
+        });
+        let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
+        waiting.push_back((id.clone(), goal));
+        drop(waiting);
+        self.publish(&goals);
+        Some(stamp)
+    }
+
+    /// As rcl_action selects: by identity, by time, by both, or all.
+    fn cancel(&self, request: &CancelGoalRequest) -> CancelGoalResponse {
+        let (id, until) = (&request.goal_info.goal_id, request.goal_info.stamp.nanos());
+        let by_id = *id != UUID::default();
+        let mut goals = self.lock();
+        let known = goals.iter().find(|k| k.info.goal_id == *id);
+        let over = known.is_some_and(|k| k.ended.is_some());
+        let unknown = known.is_none();
+        let mut canceling = Vec::new();
+        for known in goals.iter_mut().filter(|k| k.ended.is_none()) {
+            let named = known.info.goal_id == *id;
+            let early = until != 0 && known.info.stamp.nanos() <= until;
+            if named || early || (!by_id && until == 0) {
+                known.status = GoalStatus::STATUS_CANCELING;
+                canceling.push(known.info.clone());
+            }
+        }
+        self.publish(&goals);
+        let return_code = match (by_id && canceling.is_empty(), unknown, over) {
+            (true, true, _) => CancelGoalResponse::ERROR_UNKNOWN_GOAL_ID,
+            (true, _, true) => CancelGoalResponse::ERROR_GOAL_TERMINATED,
+            _ => CancelGoalResponse::ERROR_NONE,
+        };
+        CancelGoalResponse {
+            return_code,
+            goals_canceling: canceling,
+        }
+    }
+
+    /// Answers at once if the goal has ended or is unknown, else when it ends.
+    fn ask(&self, id: &UUID, reply: Reply<A::GetResult>) {
+        let mut goals = self.lock();
+        match goals.iter_mut().find(|k| k.info.goal_id == *id) {
+            None => reply.send(&A::ended(GoalStatus::STATUS_UNKNOWN, A::Outcome::default())),
+            Some(known) => match &known.outcome {
+                Some(outcome) => reply.send(&A::ended(known.status, outcome.clone())),
+                None => known.asking.push(reply),
+            },
+        }
+    }
+
+    fn change(&self, id: &UUID, status: i8, from: impl Fn(i8) -> bool) {
+        let mut goals = self.lock();
+        let known = goals.iter_mut().find(|k| k.info.goal_id == *id);
+        if let Some(known) = known.filter(|k| from(k.status)) {
+            known.status = status;
+            self.publish(&goals);
+        }
+    }
+
+    fn end(&self, id: &UUID, status: i8, outcome: A::Outcome) {
+        let mut goals = self.lock();
+        let Some(known) = goals.iter_mut().find(|k| k.info.goal_id == *id) else {
+            return;
+        };
+        known.status = status;
+        known.ended = Some(Instant::now());
+        for reply in known.asking.drain(..) {
+            reply.send(&A::ended(status, outcome.clone()));
+        }
+        known.outcome = Some(outcome);
+        self.publish(&goals);
+    }
+
+    fn publish(&self, goals: &[Known<A>]) {
+        let statuses = goals.iter().map(|k| GoalStatus {
+            goal_info: k.info.clone(),
+            status: k.status,
+        });
+        self.status.publish(&GoalStatusArray {
+            status_list: statuses.collect(),
+        });
+    }
+}

@@ -1,0 +1,208 @@
+//! Managed nodes: a node's program sets up, starts, stops and takes down its work when it is told to, by the
+//! services and in the states that rclcpp's lifecycle nodes have.
+
+mod graph;
+
+use std::sync::{
+    Arc,
+    atomic::{AtomicU8, Ordering},
+};
+
+use super::{
+    Declare, Node, NodeError, Publisher, Qos, Time,
+    service::{Calls, ServiceServer},
+};
+use crate::msg::lifecycle_msgs::{
+    State, Transition as Way, TransitionDescription, TransitionEvent,
+    services::{
+        ChangeState, ChangeStateResponse, GetAvailableStates, GetAvailableStatesResponse,
+        GetAvailableTransitions, GetAvailableTransitionsResponse, GetState, GetStateResponse,
+    },
+};
+use graph::{Edge, FAILURE, GRAPH, STATES, SUCCESS, available, describe, edge, requested, state};
+
+/// What a node is to do.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Transition {
+    /// Make endpoints and whatever the work needs.
+    Configure,
+    /// Let go of it.
+    CleanUp,
+    /// Start to work.
+    Activate,
+    /// Stop.
+    Deactivate,
+    /// Stop and let go, for good.
+    Shutdown,
+}
+
+/// Where a node is.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Stage {
+    /// It has nothing but its parameters and these services.
+    Unconfigured,
+    /// It is set up but does nothing.
+    Inactive,
+    /// It works.
+    Active,
+    /// It will do nothing any more.
+    Finalized,
+}
+
+impl Stage {
+    fn of(id: u8) -> Self {
+        match id {
+            State::PRIMARY_STATE_INACTIVE => Self::Inactive,
+            State::PRIMARY_STATE_ACTIVE => Self::Active,
+            State::PRIMARY_STATE_FINALIZED => Self::Finalized,
+            _ => Self::Unconfigured,
+        }
+    }
+}
+
+/// The life of a managed node. Its program asks [`Self::follow`] often what clients want, and does it.
+pub struct Lifecycle {
+    node: Node,
+    state: Arc<AtomicU8>,
+    changes: Calls<ChangeState>,
+    events: Publisher<TransitionEvent>,
+    _services: [ServiceServer; 4],
+}
+
+impl Lifecycle {
+    /// Declares whether a node configures and activates itself, and reads it.
+    pub fn declare_autostart(declare: &mut Declare) -> bool {
+        declare
+            .param(
+                "autostart",
+                true,
+                "Configure and activate the node at its start; else it waits for ~/change_state",
+            )
+            .read_only()
+            .value()
+    }
+
+    /// An unconfigured node, with its services.
+    ///
+    /// # Errors
+    /// When DDS refuses.
+    pub fn new(node: &Node) -> Result<Self, NodeError> {
+        let now = Arc::new(AtomicU8::new(State::PRIMARY_STATE_UNCONFIGURED));
+        let (seen, leaving) = (Arc::clone(&now), Arc::clone(&now));
+        let transitions = |edges: Vec<Edge>| GetAvailableTransitionsResponse {
+            available_transitions: edges.into_iter().map(describe).collect(),
+        };
+        Ok(Self {
+            changes: node.serve_calls("~/change_state")?,
+            events: node.advertise("~/transition_event", Qos::RELIABLE)?,
+            _services: [
+                node.serve::<GetState>("~/get_state", move |_| GetStateResponse {
+                    current_state: state(seen.load(Ordering::Acquire)),
+                })?,
+                node.serve::<GetAvailableStates>("~/get_available_states", |_| {
+                    GetAvailableStatesResponse {
+                        available_states: STATES.iter().map(|&(id, _)| state(id)).collect(),
+                    }
+                })?,
+                node.serve::<GetAvailableTransitions>("~/get_available_transitions", move |_| {
+                    transitions(available(leaving.load(Ordering::Acquire)).collect())
+                })?,
+                node.serve::<GetAvailableTransitions>("~/get_transition_graph", move |_| {
+                    transitions(GRAPH.to_vec())
+                })?,
+            ],
+            state: now,
+            node: node.clone(),
+        })
+    }
+
+    /// Where the node is.
+    pub fn stage(&self) -> Stage {
+        Stage::of(self.now())
+    }
+
+    /// Whether the node is to work.
+    pub fn is_active(&self) -> bool {
+        self.stage() == Stage::Active
+    }
+
+    /// Whether somebody waits for a transition.
+    pub fn is_asked(&self) -> bool {
+        !self.changes.is_empty()
+    }
+
+    /// Makes the transitions that clients ask for; `work` does each. What it cannot do leaves the node where it
+    /// was (or finalized, for a shutdown), and is told in the log.
+    pub fn follow(&self, mut work: impl FnMut(Transition) -> Result<(), NodeError>) {
+        while let Some(call) = self.changes.take() {
+            let outcome = match requested(&call.request, self.now()) {
+                Ok(edge) => self.pass(edge, &mut work).map_err(|e| e.to_string()),
+                Err(problem) => Err(problem),
+            };
+            if let Err(problem) = &outcome {
+                tracing::warn!("node {}: {problem}", self.node.name());
+            }
+            let success = outcome.is_ok();
+            call.reply.send(&ChangeStateResponse { success });
+        }
+    }
+
+    /// Configures and activates an unconfigured node.
+    ///
+    /// # Errors
+    /// What `work` could not do.
+    pub fn start(
+        &self,
+        mut work: impl FnMut(Transition) -> Result<(), NodeError>,
+    ) -> Result<(), NodeError> {
+        for label in ["configure", "activate"] {
+            if let Some(edge) = edge(label, self.now()) {
+                self.pass(edge, &mut work)?;
+            }
+        }
+        Ok(())
+    }
+
+    fn now(&self) -> u8 {
+        self.state.load(Ordering::Acquire)
+    }
+
+    /// Goes along an edge, does what belongs to it, and goes on to where its outcome leads.
+    fn pass(
+        &self,
+        way: Edge,
+        work: &mut impl FnMut(Transition) -> Result<(), NodeError>,
+    ) -> Result<(), NodeError> {
+        self.go(way);
+        let outcome = work(match way.0 {
+            Way::TRANSITION_CONFIGURE => Transition::Configure,
+            Way::TRANSITION_CLEANUP => Transition::CleanUp,
+            Way::TRANSITION_ACTIVATE => Transition::Activate,
+            Way::TRANSITION_DEACTIVATE => Transition::Deactivate,
+            _ => Transition::Shutdown,
+        });
+        let label = match outcome {
+            Ok(()) => SUCCESS,
+            Err(_) => FAILURE,
+        };
+        if let Some(way) = edge(label, self.now()) {
+            self.go(way);
+        }
+        outcome
+    }
+
+    fn go(&self, way: Edge) {
+        self.state.store(way.3, Ordering::Release);
+        let TransitionDescription {
+            transition,
+            start_state,
+            goal_state,
+        } = describe(way);
+        self.events.publish(&TransitionEvent {
+            timestamp: Time::wall().as_nanos().unsigned_abs(),
+            transition,
+            start_state,
+            goal_state,
+        });
+    }
+}

@@ -1,0 +1,92 @@
+//! The node that owns time dies, and comes back at time zero: the others wait, and go on with it.
+
+use serde_json::{Value, json};
+use std::{
+    process::Command,
+    time::{SystemTime, UNIX_EPOCH},
+};
+
+use crate::{
+    child::Running,
+    measuring::once_below,
+    peer::Peer,
+    waiting::{PATIENCE, eventually},
+};
+
+const DOMAIN: u16 = 16;
+/// From the start of the new process until commands answer it \[s\].
+const BACK_WITHIN: f64 = 3.0;
+const STATE: &str = "sensor_msgs/msg/JointState";
+
+fn now() -> f64 {
+    let since = SystemTime::now().duration_since(UNIX_EPOCH);
+    since.expect("after 1970").as_secs_f64()
+}
+
+fn node(name: &str, more: &[&str]) -> Running {
+    let executable = match name {
+        "dynamics" => env!("CARGO_BIN_EXE_dynamics"),
+        "camera" => env!("CARGO_BIN_EXE_camera"),
+        _ => env!("CARGO_BIN_EXE_controller"),
+    };
+    let config = concat!(env!("CARGO_MANIFEST_DIR"), "/config/positioning.yaml");
+    let mut command = Command::new(executable);
+    command
+        .args(["--ros-args", "--params-file", config])
+        .args(more);
+    Running::start(command, DOMAIN)
+}
+
+/// Messages that came since a time.
+fn since(peer: &mut Peer, topic: &str, time: f64, count: usize) -> Vec<Value> {
+    let wait = json!({"do": "wait", "topic": topic, "since": time, "count": count});
+    peer.does(wait).as_array().expect("a list").clone()
+}
+
+fn seconds(message: &Value) -> f64 {
+    message["message"]["header"]["stamp"]["sec"]
+        .as_f64()
+        .expect("a stamp")
+}
+
+// Breaks when camera or controller end with the dynamics node, hold on to its old time, or do not find a new one.
+#[test]
+fn a_new_dynamics_node_is_found_and_time_starts_anew() {
+    let _camera = node("camera", &[]);
+    let gentle = [
+        "-p",
+        "k_o:=2.0",
+        "-p",
+        "k_v:=[400.0, 100.0, 200.0, 10.0, 2.0, 0.2]",
+    ];
+    let mut controller = node("controller", &gentle);
+    let mut dynamics = node("dynamics", &["-p", "duration:=0.0"]);
+    // A peer of Fast DDS may miss endpoints that are made while it comes.
+    dynamics.says("bodies");
+    let mut peer = Peer::start("observer", DOMAIN);
+    peer.subscribe("joint_states", STATE, "reliable");
+    peer.subscribe("joint_commands", STATE, "reliable");
+    once_below(
+        "until commands answer a new dynamics node [s]",
+        BACK_WITHIN,
+        || {
+            eventually("some seconds of simulated time", 3 * PATIENCE, || {
+                let last = since(&mut peer, "joint_commands", 0.0, 1).pop()?;
+                (seconds(&last) >= 2.0).then_some(())
+            });
+            dynamics.signal("KILL");
+            assert_eq!(dynamics.wait(PATIENCE), None);
+            let killed = now();
+            dynamics = node("dynamics", &["-p", "duration:=0.0"]);
+            // What was under way when it was killed is of the old time.
+            let answered = eventually("an answer in the new time", PATIENCE, || {
+                let answers = since(&mut peer, "joint_commands", killed, 1);
+                answers.iter().find(|m| seconds(m) < 2.0)?["time"].as_f64()
+            });
+            assert!(controller.runs());
+            answered - killed
+        },
+    );
+    controller.interrupt();
+    dynamics.interrupt();
+}

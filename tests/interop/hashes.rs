@@ -1,0 +1,78 @@
+//! Type hashes (RIHS01) of every type that fuyu knows, beside those that rosidl computed: for the wheels of ROS 2, and for
+//! fuyu_msgs and tf2_msgs, which have none and are built here.
+
+use fuyu::msg;
+use serde_json::Value;
+use std::{collections::BTreeMap, fs, path::Path};
+
+use crate::matrix::python;
+
+/// Type name to hash, of all interfaces in an environment.
+fn rosidl(python: &Path) -> BTreeMap<String, String> {
+    let share = python
+        .ancestors()
+        .nth(2)
+        .expect("an environment")
+        .join("share");
+    let below = |folder: &Path| {
+        let entries = fs::read_dir(folder).into_iter().flatten();
+        entries
+            .filter_map(|e| Some(e.ok()?.path()))
+            .collect::<Vec<_>>()
+    };
+    let folders = below(&share)
+        .into_iter()
+        .flat_map(|package| ["msg", "srv", "action"].map(|kind| package.join(kind)));
+    let files = folders.flat_map(|folder| below(&folder));
+    let texts = files
+        .filter(|file| file.extension().is_some_and(|e| e == "json"))
+        .map(|file| fs::read_to_string(file).expect("text"));
+    let mut hashes = BTreeMap::new();
+    for text in texts {
+        let description: Value = serde_json::from_str(&text).expect("JSON");
+        for entry in description["type_hashes"].as_array().into_iter().flatten() {
+            let field = |name: &str| entry[name].as_str().expect("text").to_owned();
+            hashes.insert(field("type_name"), field("hash_string"));
+        }
+    }
+    hashes
+}
+
+// Breaks when a hash is not the one that every other ROS node computes for the type.
+#[test]
+fn hashes_are_those_of_rosidl() {
+    for distribution in ["jazzy", "kilted"] {
+        let theirs = rosidl(&python("test-interfaces.sh", &[distribution]));
+        let definitions = msg::definitions().chain(msg::service_definitions());
+        let mut count = 0;
+        for definition in definitions {
+            let name = definition.type_name();
+            // Not every package of ROS has a wheel.
+            let package = definition.package;
+            if !theirs
+                .keys()
+                .any(|known| known.starts_with(&format!("{package}/")))
+            {
+                println!("{distribution} has no {package} here");
+                continue;
+            }
+            assert_eq!(
+                Some(&definition.type_hash()),
+                theirs.get(&name),
+                "{distribution} {name}"
+            );
+            count += 1;
+        }
+        println!("{count} hashes of {distribution}");
+        for package in [
+            "fuyu_msgs",
+            "tf2_msgs",
+            "sensor_msgs",
+            "rcl_interfaces",
+            "std_srvs",
+        ] {
+            let some = theirs.keys().any(|known| known.starts_with(package));
+            assert!(some, "{distribution} has no {package}");
+        }
+    }
+}

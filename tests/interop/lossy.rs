@@ -1,0 +1,127 @@
+//! A network that loses a fifth of all packets and delays the others by 50 ms.
+
+use serde_json::{Value, json};
+use std::{
+    io::{BufRead, BufReader},
+    process::{Child, Command, Stdio},
+};
+
+use crate::{
+    child::{Running, executable},
+    namespace::{Namespace, must_work},
+    peer::{Peer, python},
+    waiting::{PATIENCE, eventually},
+};
+
+/// Two namespaces and the wire between them.
+struct Wire {
+    ends: [Namespace; 2],
+    relay: Child,
+}
+
+impl Wire {
+    /// `None`, and the reason printed, where that is not permitted.
+    fn new(loss: f64, delay: f64) -> Option<Self> {
+        let ends = [Namespace::new("near")?, Namespace::new("far")?];
+        let id = std::process::id();
+        let names = [format!("fyn{id}"), format!("fyf{id}")];
+        let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/interop/lossy_wire.py");
+        let mut relay = Command::new(python())
+            .arg(script)
+            .args(&names)
+            .args([loss.to_string(), delay.to_string()])
+            .stdin(Stdio::piped())
+            .stdout(Stdio::piped())
+            .spawn()
+            .expect("python can be started");
+        let mut line = String::new();
+        let said =
+            BufReader::new(relay.stdout.as_mut().expect("stdout is piped")).read_line(&mut line);
+        let wire = Self { ends, relay };
+        if said.is_err() || line.trim() != "ready" {
+            assert!(!must_work(), "no TAP interface can be made here");
+            println!("skipped: no TAP interface can be made here");
+            return None;
+        }
+        for (i, (name, end)) in names.iter().zip(&wire.ends).enumerate() {
+            let moved = Command::new("ip")
+                .args(["link", "set", name, "netns", &end.0])
+                .status();
+            assert!(moved.expect("ip is there").success());
+            let address = format!("10.98.0.{}/24", i + 1);
+            for args in [
+                &["addr", "add", &address, "dev", name][..],
+                &["link", "set", name, "up", "multicast", "on"],
+            ] {
+                end.ip(args).expect("the interface takes it");
+            }
+        }
+        Some(wire)
+    }
+}
+
+impl Drop for Wire {
+    fn drop(&mut self) {
+        let _ = self.relay.kill();
+        let _ = self.relay.wait();
+    }
+}
+
+// Breaks when a lost datagram is not repaired, comes twice, or comes out of order.
+#[test]
+fn reliable_topics_survive_loss_and_delay() {
+    let Some(wire) = Wire::new(0.2, 0.05) else {
+        return;
+    };
+    let domain = 17;
+    let [near, far] = &wire.ends;
+    let mut echo = near.command(executable());
+    echo.env("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET");
+    let echo = Running::program(echo, "echo", domain, &["--ros-args", "-r", "__node:=echo"]);
+    echo.says("echoes");
+    let mut command = far.command("env");
+    // Behind what the peer's own start sets.
+    command
+        .arg("ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET")
+        .arg(python());
+    let mut peer = Peer::start_with(command, "far", domain);
+    let number = "std_msgs/msg/Int64";
+    peer.subscribe("retained", "std_msgs/msg/String", "latched");
+    peer.subscribe("out/std_msgs/Int64", number, "reliable");
+    assert_eq!(
+        peer.receive("retained", 1)[0]["message"]["data"],
+        "from before"
+    );
+    let publish = |peer: &mut Peer, value: i64| {
+        peer.does(json!({
+            "do": "publish", "topic": "in/std_msgs/Int64", "type": number, "message": {"data": value}
+        }))
+    };
+    eventually("the way there and back", 3 * PATIENCE, || {
+        publish(&mut peer, -1);
+        let wait = json!({"do": "wait", "topic": "out/std_msgs/Int64", "timeout": 2.0});
+        let came = peer.does(wait);
+        (!came.as_array()?.is_empty()).then_some(())
+    });
+    for value in 0..200 {
+        publish(&mut peer, value);
+    }
+    let numbers = eventually("all numbers", 3 * PATIENCE, || {
+        let wait = json!({"do": "wait", "topic": "out/std_msgs/Int64", "timeout": 1.0});
+        let came = peer.does(wait);
+        let numbers: Vec<_> = came
+            .as_array()?
+            .iter()
+            .map(|m| m["message"]["data"].clone())
+            .collect();
+        (numbers.last() == Some(&Value::from(199))).then_some(numbers)
+    });
+    let numbers: Vec<_> = numbers
+        .iter()
+        .filter_map(Value::as_i64)
+        .filter(|n| *n >= 0)
+        .collect();
+    assert_eq!(numbers, (0..200).collect::<Vec<_>>());
+    assert_eq!(echo.said().matches("ERROR").count(), 0);
+    echo.interrupt();
+}

@@ -1,0 +1,228 @@
+//! The interop matrix: what works with which peer. `docs/interop.md` has the table; a run that finds another one fails
+//! and leaves what it found in `target/interop-matrix.md`. `FUYU_UPDATE_INTEROP=1` writes it into the document.
+
+use fuyu::msg;
+use serde_json::{Value, json};
+use std::{
+    collections::BTreeMap,
+    fs,
+    io::{BufRead, BufReader, Write},
+    path::{Path, PathBuf},
+    process::{Command, Stdio},
+    sync::{Mutex, PoisonError, mpsc},
+    thread,
+    time::Duration,
+};
+
+use crate::{
+    child::{Running, executable},
+    echo,
+    namespace::Namespace,
+    waiting::{PATIENCE, eventually},
+};
+
+/// Columns of the table.
+const PEERS: [&str; 3] = ["rclpy Jazzy", "rclpy Kilted", "CycloneDDS"];
+/// Longest time that one row may take; the peer itself gives up much earlier.
+const ROW_PATIENCE: Duration = Duration::from_secs(300);
+
+/// A Python environment that a script makes on first use, and prints.
+pub fn python(script: &str, args: &[&str]) -> PathBuf {
+    let path = format!("{}/scripts/{script}", env!("CARGO_MANIFEST_DIR"));
+    let mut command = Command::new(path);
+    let output = command.args(args).stderr(Stdio::inherit()).output();
+    let output = output.expect("the script can be started");
+    assert!(
+        output.status.success(),
+        "scripts/{script} failed, see above"
+    );
+    String::from_utf8_lossy(&output.stdout).trim().into()
+}
+
+/// Rows and verdicts of one peer, in a namespace with nothing but `lo` where one can be made.
+fn column(script: &str, python: PathBuf, domain: u16) -> Vec<(String, bool, String)> {
+    let namespace = Namespace::new(&format!("matrix{domain}"));
+    let command = |program: PathBuf| match &namespace {
+        Some(namespace) => namespace.command(program),
+        None => Command::new(program),
+    };
+    // Every endpoint is there before the peer comes.
+    let echo = Running::program(
+        command(executable()),
+        "echo",
+        domain,
+        &["--ros-args", "-r", "__node:=echo"],
+    );
+    echo.says("echoes");
+
+    let here = Path::new(env!("CARGO_MANIFEST_DIR")).join("tests/interop");
+    let mut peer = command(python)
+        .arg(here.join(script))
+        .env("ROS_DOMAIN_ID", domain.to_string())
+        .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        .env("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
+        .env_remove("ROS_LOCALHOST_ONLY")
+        .env_remove("AMENT_PREFIX_PATH")
+        .stdin(Stdio::piped())
+        .stdout(Stdio::piped())
+        .spawn()
+        .expect("python can be started");
+    let mut stdin = peer.stdin.take().expect("stdin is piped");
+    let texts: BTreeMap<_, _> = msg::definitions()
+        .map(|d| (d.type_name(), d.msg_text()))
+        .collect();
+    writeln!(stdin, "{}", json!({"types": echo::types(), "texts": texts})).expect("it reads");
+    let stdout = BufReader::new(peer.stdout.take().expect("stdout is piped"));
+    let (lines, told) = mpsc::channel();
+    // Ends with the pipe, thus with the peer.
+    thread::spawn(move || {
+        for line in stdout.lines().map_while(Result::ok) {
+            if lines.send(line).is_err() {
+                return;
+            }
+        }
+    });
+    let mut rows = Vec::new();
+    loop {
+        let line = told.recv_timeout(ROW_PATIENCE);
+        let line = line.unwrap_or_else(|e| panic!("{script} ends after {:?}: {e}", rows.last()));
+        let told: Value = serde_json::from_str(&line).expect("a row");
+        let Some(row) = told["row"].as_str() else {
+            break;
+        };
+        let (verdict, detail) = (told["verdict"] == true, told["detail"].to_string());
+        println!("{script}: {row}: {verdict} {detail}");
+        rows.push((row.to_owned(), verdict, detail));
+    }
+    for (row, topic) in [
+        ("reliable asked of best effort: fuyu warns", "/best_effort"),
+        (
+            "best effort offered to reliable: fuyu warns",
+            "/reliable_please",
+        ),
+    ] {
+        let words = format!("topic {topic} is not exchanged with a peer");
+        let warned = (0..600).any(|_| {
+            let warned = echo.said().contains(&words);
+            thread::sleep(Duration::from_millis(if warned { 0 } else { 100 }));
+            warned
+        });
+        rows.push((row.to_owned(), warned, String::new()));
+    }
+    writeln!(stdin, "{{}}").expect("it waits");
+    eventually("the peer ends", PATIENCE, || {
+        peer.try_wait().expect("it can be waited for")
+    });
+    echo.interrupt();
+    rows
+}
+
+fn document() -> PathBuf {
+    Path::new(env!("CARGO_MANIFEST_DIR")).join("docs/interop.md")
+}
+
+const BEGIN: &str = "<!-- The table between these lines is made by tests/interop/matrix.rs. -->\n";
+const END: &str = "<!-- End of the table. -->\n";
+
+/// Rows of the table in the document: their names, and a cell for each peer.
+fn table() -> Vec<(String, Vec<String>)> {
+    let text = fs::read_to_string(document()).expect("docs/interop.md");
+    let (_, rest) = text.split_once(BEGIN).expect("where the table begins");
+    let (table, _) = rest.split_once(END).expect("where the table ends");
+    let rows = table.lines().filter(|line| line.starts_with('|')).skip(2);
+    let cells = rows.map(|line| {
+        line.trim_matches('|')
+            .split('|')
+            .map(|c| c.trim().to_owned())
+    });
+    cells
+        .map(|mut cells| (cells.next().unwrap_or_default(), cells.collect()))
+        .collect()
+}
+
+/// Columns that are known by now write the document together.
+static UPDATE: Mutex<()> = Mutex::new(());
+
+fn written(rows: &[(String, Vec<String>)]) -> String {
+    let mut text = format!(
+        "| | {} |\n| --- |{}\n",
+        PEERS.join(" | "),
+        " --- |".repeat(PEERS.len())
+    );
+    for (row, cells) in rows {
+        text += &format!("| {row} | {} |\n", cells.join(" | "));
+    }
+    text
+}
+
+/// Compares a column with the table, whose rows are those of all peers.
+fn hold(peer: usize, found: &[(String, bool, String)]) {
+    let _one = UPDATE.lock().unwrap_or_else(PoisonError::into_inner);
+    let mut rows = table();
+    let before = rows.clone();
+    for (row, cells) in &mut rows {
+        if !found.iter().any(|(name, ..)| name == row) {
+            cells[peer] = "–".to_owned();
+        }
+    }
+    for (name, verdict, _) in found {
+        let cell = if *verdict { "yes" } else { "no" };
+        match rows.iter_mut().find(|(row, _)| row == name) {
+            Some((_, cells)) => cells[peer] = cell.to_owned(),
+            None => {
+                let mut cells = vec!["–".to_owned(); PEERS.len()];
+                cells[peer] = cell.to_owned();
+                rows.push((name.clone(), cells));
+            }
+        }
+    }
+    if rows == before {
+        return;
+    }
+    if std::env::var_os("FUYU_UPDATE_INTEROP").is_some() {
+        let text = fs::read_to_string(document()).expect("docs/interop.md");
+        let (head, rest) = text.split_once(BEGIN).expect("where the table begins");
+        let (_, tail) = rest.split_once(END).expect("where the table ends");
+        let text = format!("{head}{BEGIN}\n{}\n{END}{tail}", written(&rows));
+        fs::write(document(), text).expect("docs/interop.md can be written");
+        return;
+    }
+    let target = executable()
+        .ancestors()
+        .nth(3)
+        .expect("target")
+        .join("interop-matrix.md");
+    fs::write(&target, written(&rows)).expect("target can be written");
+    let differing: Vec<_> = found
+        .iter()
+        .filter(|(name, verdict, _)| {
+            let cell = if *verdict { "yes" } else { "no" };
+            !before
+                .iter()
+                .any(|(row, cells)| row == name && cells[peer] == cell)
+        })
+        .collect();
+    panic!(
+        "docs/interop.md says otherwise of {}: {differing:#?}; the table of this run is {}",
+        PEERS[peer],
+        target.display()
+    );
+}
+
+#[test]
+fn rclpy_jazzy() {
+    let python = python("test-interfaces.sh", &[]);
+    hold(0, &column("rclpy_peer.py", python, 11));
+}
+
+#[test]
+fn rclpy_kilted() {
+    let python = python("test-interfaces.sh", &["kilted"]);
+    hold(1, &column("rclpy_peer.py", python, 12));
+}
+
+#[test]
+fn cyclone() {
+    let python = python("test-venv.sh", &["cyclone", "cyclonedds==11.0.1"]);
+    hold(2, &column("cyclone_peer.py", python, 13));
+}

@@ -1,0 +1,89 @@
+//! Joint states at 1 kHz with a bag, for a minute; `scripts/soak.sh` does an hour of it.
+
+use fuyu::{bag::Bag, msg::sensor_msgs::JointState};
+use std::{process::Command, thread, time::Duration};
+
+use crate::{
+    child::{Running, executable},
+    namespace::Namespace,
+    speed::{DOMAIN, after},
+    waiting::eventually,
+};
+
+// Breaks when a reliable message is lost, time goes backwards, or memory grows.
+#[test]
+fn joint_states_at_1_khz_with_a_bag() {
+    let Some(namespace) = Namespace::new("soak") else {
+        return;
+    };
+    let seconds = std::env::var("FUYU_SOAK_SECONDS").ok();
+    let seconds: u64 = seconds.map_or(60, |s| s.parse().expect("FUYU_SOAK_SECONDS is a number"));
+    let count = 1000 * seconds;
+    let folder = tempfile::tempdir().expect("a folder");
+    let bag = folder.path().join("bag");
+    let mut command: Command = namespace.command(env!("CARGO_BIN_EXE_recorder"));
+    command
+        .args(["--ros-args", "-p", "topics:=[/speed]", "-p"])
+        .arg(format!("bag:={}", bag.display()))
+        .current_dir(folder.path());
+    let recorder = Running::start(command, DOMAIN);
+    let told = format!("count:={count}");
+    let program = |name: &str| {
+        let node = format!("__node:={name}");
+        let args = [
+            "--ros-args",
+            "-r",
+            &node,
+            "-p",
+            &told,
+            "-p",
+            "reliable:=true",
+        ];
+        Running::program(namespace.command(executable()), name, DOMAIN, &args)
+    };
+    let send = program("send");
+    let take = program("take");
+    // What grows at first is what is kept: windows, chunks, queues. A third of the time is enough for that.
+    thread::sleep(Duration::from_secs(seconds / 3 + 5));
+    let before = [&send, &take, &recorder].map(Running::resident);
+    eventually("the end", Duration::from_secs(3 * seconds + 120), || {
+        take.said().contains(" p99 ").then_some(())
+    });
+    let after_all = [&send, &take, &recorder].map(Running::resident);
+    let said = take.interrupt();
+    println!("{said}{before:?} kB after a third, {after_all:?} kB at the end");
+    let line = said
+        .lines()
+        .find(|line| line.contains(" p99 "))
+        .expect("it was said");
+    assert_eq!(after(line, "lost"), 0.0, "{line}");
+    assert_eq!(after(line, "backwards"), 0.0, "{line}");
+    assert_eq!(after(line, "took"), count as f64, "{line}");
+    for process in [send, recorder] {
+        process.interrupt();
+    }
+    // Here a participant hears itself, which is no namesake.
+    assert!(!said.contains("another node of this name"), "{said}");
+    for (before, after) in before.into_iter().zip(after_all) {
+        // Two parts in a hundred and a page or so of a short run.
+        assert!(
+            after as f64 <= 1.02 * before as f64 + 1000.0,
+            "from {before} to {after} kB"
+        );
+    }
+    let states = Bag::open(&bag)
+        .and_then(|bag| bag.read::<JointState>("/speed"))
+        .expect("a bag");
+    // The recorder may find the topic a little later than the first message; from then on it has all.
+    let numbers: Vec<_> = states.iter().map(|s| s.message.position[0]).collect();
+    assert!(
+        numbers.windows(2).all(|pair| pair[1] == pair[0] + 1.0),
+        "the bag lacks messages"
+    );
+    assert_eq!(numbers.last(), Some(&((count - 1) as f64)));
+    println!("the bag has {} of {count}", numbers.len());
+    assert!(
+        states.is_sorted_by_key(|s| s.log_time),
+        "the bag's time goes backwards"
+    );
+}
