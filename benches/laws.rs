@@ -19,8 +19,9 @@ use nalgebra::{DVector, Matrix6xX, Translation3, Vector3};
 
 /// States that every step goes through in turn.
 const STATES: usize = 16;
-const STEPS: usize = 400;
-const BATCHES: usize = 41;
+/// Few enough for most batches to go undisturbed on a busy computer.
+const STEPS: usize = 32;
+const BATCHES: usize = 401;
 
 struct Robot {
     model: Model,

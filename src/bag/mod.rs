@@ -4,8 +4,8 @@
 //! | --- | --- |
 //! | [`Writer`] | writes a bag on the caller's thread; the same calls give the same file |
 //! | [`Recorder`] | a [`Writer`] on a thread of its own, behind a bounded queue, for live topics |
-//! | [`convert`] | makes tables of a bag |
-//! | [`recover`] | makes a whole bag of a broken one |
+//! | [`convert()`] | makes tables of a bag |
+//! | [`recover()`] | makes a whole bag of a broken one |
 //! | [`Bag`] | reads a bag, its own or one that rosbag2 wrote, also one that was cut off |
 //!
 //! Nothing here knows what the messages mean; see [`crate::experiments`] for that.

@@ -13,7 +13,7 @@ use crate::spatial::Twist;
 #[derive(Debug, Clone)]
 pub struct ArticulatedBody {
     tree: Tree,
-    arch: Arch,
+    pub(super) arch: Arch,
     slots: Vec<Slot<f64>>,
     carried: Vec<Carried<f64>>,
     external: Vec<Force<f64>>,

@@ -82,7 +82,7 @@ impl Workspace {
         for (b, wrench) in input.wrenches.iter().enumerate() {
             let inertia = self.tree.bodies[b].inertia.rotated(&self.R_BK(b));
             let X_0B = (*wrench != Wrench::ZERO).then(|| self.X_0B(b));
-            let origin = Vector3::from(self.places[b].p_BK.0);
+            let origin = self.p_BK(b);
             let body = &mut self.bodies[b];
             let (w, bias, h) = (&body.twist.angular, &body.bias, &inertia.first_moment);
             body.force = Wrench {
@@ -113,7 +113,7 @@ impl Workspace {
         self.spread_motion(qd);
         for (b, wrench) in input.wrenches.iter().enumerate() {
             if *wrench != Wrench::ZERO {
-                let origin = Vector3::from(self.places[b].p_BK.0);
+                let origin = self.p_BK(b);
                 let wrench = wrench.shifted_to_parent(&self.X_0B(b)).shifted(&-origin);
                 self.external += wrench.shifted(&(origin - self.p_BC));
                 self.external_power += self.bodies[b].twist.dot(&wrench);

@@ -56,7 +56,7 @@ impl<F: FnMut(f64, &State, &mut Input)> Forcing for F {
 #[derive(Debug, Clone)]
 pub struct Integrator {
     tableau: &'static Tableau,
-    arch: Arch,
+    pub(super) arch: Arch,
     rates: Vec<Rate>,
     stage: State,
     input: Input,
@@ -326,7 +326,7 @@ impl Plant {
             ..
         } = self;
         if let (true, ForwardDynamics::ArticulatedBody(dynamics)) = (is_free, &mut *dynamics) {
-            *w_WB_B = workspace.arch().dispatch(FreeEvaluation {
+            *w_WB_B = workspace.arch.dispatch(FreeEvaluation {
                 dynamics,
                 state,
                 efforts: input.efforts.as_slice(),

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
 
 use super::TreeMotion;
-use super::kernel::{Force, Motion, Place, Slot, Tree, Vec3, inverse_dynamics, set_places};
+use super::kernel::{Carried, Force, Motion, Slot, Tree, Vec3, inverse_dynamics, whole_inertia};
 use crate::model::Model;
 use crate::spatial::{Twist, Wrench};
 
@@ -15,7 +15,7 @@ pub struct InverseDynamics {
     tree: Tree,
     arch: Arch,
     slots: Vec<Slot<f64>>,
-    places: Vec<Place<f64>>,
+    carried: Vec<Carried<f64>>,
     external: Vec<Force<f64>>,
 }
 
@@ -26,7 +26,7 @@ impl InverseDynamics {
         Self {
             arch: Arch::new(),
             slots: vec![Slot::new(0.0); tree.bodies.len()],
-            places: vec![Place::new(0.0); tree.bodies.len()],
+            carried: vec![Carried::new(0.0); tree.bodies.len()],
             external: vec![Force::zero(0.0); tree.bodies.len()],
             tree,
         }
@@ -104,7 +104,7 @@ impl WithSimd for Evaluation<'_> {
         let InverseDynamics {
             tree,
             slots,
-            places,
+            carried,
             external,
             ..
         } = self.dynamics;
@@ -114,7 +114,6 @@ impl WithSimd for Evaluation<'_> {
         tree.turns(simd, q, |j, q, turn| {
             (slots[j + 1].q, slots[j + 1].turn) = (q, turn);
             (slots[j + 1].qd, slots[j + 1].qdd) = (qd[j], qdd[j]);
-            (places[j + 1].q, places[j + 1].turn) = (q, turn);
         });
         let loaded = tree.load(self.wrenches, external);
         let external = loaded.then_some(&external[..]);
@@ -129,8 +128,7 @@ impl WithSimd for Evaluation<'_> {
             None => {
                 slots[0].acceleration = Motion::zero(0.0);
                 let held = inverse_dynamics(tree, slots, external);
-                set_places(tree, places);
-                places[0].inertia_of(tree).answer(held)
+                whole_inertia(tree, slots, carried).answer(held)
             }
         };
         let base = inverse_dynamics(tree, slots, external);

@@ -5,7 +5,7 @@ use pulp::{Simd, WithSimd};
 
 use super::Workspace;
 use super::axis::Axis;
-use super::kernel::{Vec3, set_jacobian};
+use super::kernel::Vec3;
 use crate::model::Frame;
 
 impl Workspace {
@@ -20,7 +20,7 @@ impl Workspace {
     /// origin in base axes per unit joint rate, base reaction included, at zero momentum.
     /// Masutani 1995 eqs. (4.36), (4.37).
     pub fn generalized_jacobian(&self, frame: &Frame, out: &mut Matrix6xX<f64>) {
-        self.arch().dispatch(Generalized {
+        self.arch.dispatch(Generalized {
             workspace: self,
             frame,
             columns: out.as_mut_slice().as_chunks_mut().0,
@@ -28,14 +28,14 @@ impl Workspace {
     }
 
     fn add_fixed_base_jacobian(&self, frame: &Frame, out: &mut Matrix6xX<f64>) {
-        let tip = self.p_KF(frame) + Vector3::from(self.places[frame.body].p_BK.0);
+        let tip = self.p_KF(frame) + self.p_BK(frame.body);
         let out = out.as_mut_slice();
         let mut body = frame.body;
         while body > 0 {
             let column = &mut out[6 * (body - 1)..6 * body];
             match &self.axis(body - 1) {
                 Axis::Turn(axis) => {
-                    let origin = Vector3::from(self.places[body].p_BK.0);
+                    let origin = self.p_BK(body);
                     add(column, &axis.cross(&(tip - origin)), axis);
                 }
                 Axis::Slide(axis) => add(column, axis, &Vector3::zeros()),
@@ -57,15 +57,11 @@ impl WithSimd for Generalized<'_> {
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let Workspace {
-            tree,
-            places,
-            groups,
-            system,
-            ..
+            tree, joints, p_BC, ..
         } = self.workspace;
-        let (body, p_KE) = (self.frame.body, Vec3(tree.p_KF(self.frame).into()));
-        let p_BE = places[body].turned(p_KE) + places[body].p_BK;
-        set_jacobian(simd, tree, groups, system, body, p_BE, self.columns);
+        let p_KE = Vec3(tree.p_KF(self.frame).into());
+        let (body, p_BC) = (self.frame.body, Vec3((*p_BC).into()));
+        joints.set_jacobian(simd, p_BC, body, p_KE, self.columns);
     }
 }
 

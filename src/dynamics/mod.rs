@@ -59,6 +59,8 @@ mod runge_kutta;
 mod state;
 mod tableau;
 mod vector_state;
+#[cfg(test)]
+mod widths;
 mod workspace;
 
 pub use articulated_body::ArticulatedBody;

@@ -92,7 +92,7 @@ impl Workspace {
     pub(super) fn v_com(&self, b: usize, X_0B: &Pose, inertia: &RigidInertia) -> Vector3<f64> {
         let twist = &self.bodies[b].twist;
         let com = X_0B * nalgebra::Point3::from(inertia.com);
-        let origin = Vector3::from(self.places[b].p_BK.0);
+        let origin = self.p_BK(b);
         twist.linear + twist.angular.cross(&(com.coords - origin))
     }
 }

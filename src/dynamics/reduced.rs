@@ -2,7 +2,6 @@
 
 use nalgebra::{DMatrix, Vector3};
 
-use super::kernel::GROUP;
 use super::{Formulation, Input, TreeAcceleration, TreeMotion, Workspace};
 use crate::model::Model;
 use crate::spatial::Wrench;
@@ -60,7 +59,7 @@ impl Workspace {
             let answer = Vector3::from(column.H_A.0);
             let entries = &mut self.reduced.as_mut_slice()[j * n..=j * n + j];
             for (i, entry) in entries.iter_mut().enumerate() {
-                let other = self.groups[i / GROUP].column(i % GROUP);
+                let other = self.joints.column(i);
                 let (H_M, J_C) = (Vector3::from(other.H_M.0), Vector3::from(other.J_C.0));
                 *entry = H_M.dot(&answer) - J_C.dot(&force);
             }

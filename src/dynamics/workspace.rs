@@ -5,7 +5,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::State;
 use super::axis::Axis;
-use super::kernel::{Column, GROUP, JointGroup, Place, System, Tree, set_columns, set_places};
+use super::kernel::{Column, Joints, Tree};
 use crate::model::{Frame, Model};
 use crate::spatial::{Pose, Symmetric3, Twist, Wrench};
 
@@ -17,14 +17,11 @@ use crate::spatial::{Pose, Symmetric3, Twist, Wrench};
 /// are lost to a distant point of reference.
 #[derive(Debug, Clone)]
 pub struct Workspace {
-    /// The positions that all of this stands for.
-    q: DVector<f64>,
-    arch: Arch,
+    /// What the processor can do.
+    pub(super) arch: Arch,
     pub(super) tree: Tree,
-    /// What positions imply, one per body.
-    pub(super) places: Vec<Place<f64>>,
-    /// And for the joints, eight side by side.
-    pub(super) groups: Vec<JointGroup>,
+    /// What positions imply for the joints and the bodies that they move.
+    pub(super) joints: Joints,
     /// What motion implies, one per body.
     pub(super) bodies: Vec<BodyTerms>,
     /// System centre of mass in the base frame, `r_C` of eq. (4.11) from the base frame's origin \[m\].
@@ -32,7 +29,6 @@ pub struct Workspace {
     /// Velocity of the system's centre of mass in the world.
     pub(super) v_WC: Vector3<f64>,
     pub(super) mass: f64,
-    pub(super) system: System<f64>,
     /// `H_B`, eq. (4.25), and its inverse.
     pub(super) H_B: Symmetric3,
     pub(super) H_B_inverse: Symmetric3,
@@ -60,20 +56,23 @@ pub(super) struct BodyTerms {
 /// What positions imply, for `pulp` to compile.
 struct Placement<'a> {
     tree: &'a Tree,
-    places: &'a mut [Place<f64>],
-    groups: &'a mut [JointGroup],
+    joints: &'a mut Joints,
     q: &'a [f64],
+    p_BC: &'a mut Vector3<f64>,
+    H_B: &'a mut Symmetric3,
+    H_B_inverse: &'a mut Symmetric3,
 }
 
 impl WithSimd for Placement<'_> {
-    type Output = System<f64>;
+    type Output = ();
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> System<f64> {
-        self.tree.turns(simd, self.q, |j, q, turn| {
-            (self.places[j + 1].q, self.places[j + 1].turn) = (q, turn);
-        });
-        set_places(self.tree, self.places);
-        set_columns(simd, self.tree, self.places, self.groups)
+    fn with_simd<S: Simd>(self, simd: S) {
+        let system = self.joints.set(simd, self.tree, self.q);
+        *self.p_BC = system.p_BC.0.into();
+        *self.H_B = system.H_B.into();
+        // Bodies are positive definite, so only a position that is not finite can make this fail, and
+        // that shows in every result.
+        *self.H_B_inverse = system.H_B_inverse.into();
     }
 }
 
@@ -82,34 +81,21 @@ impl Workspace {
     pub fn new(model: &Model) -> Self {
         let n = model.dof();
         let tree = Tree::new(model);
-        let mut places = vec![Place::new(0.0); n + 1];
-        let mut groups = JointGroup::of(&tree);
-        let q = DVector::zeros(n);
-        let arch = Arch::new();
-        let system = arch.dispatch(Placement {
-            tree: &tree,
-            places: &mut places,
-            groups: &mut groups,
-            q: q.as_slice(),
-        });
         let mut workspace = Self {
-            q,
-            arch,
+            arch: Arch::new(),
+            joints: Joints::new(&tree),
             tree,
-            places,
-            groups,
             bodies: vec![BodyTerms::default(); n + 1],
             p_BC: Vector3::zeros(),
             v_WC: Vector3::zeros(),
             mass: model.total_mass(),
-            system,
             H_B: Symmetric3::ZERO,
             H_B_inverse: Symmetric3::ZERO,
             external: Wrench::ZERO,
             external_power: 0.0,
             reduced: DMatrix::zeros(n, n),
         };
-        workspace.take_over(system);
+        workspace.move_to(&vec![0.0; n]);
         workspace
     }
 
@@ -124,25 +110,20 @@ impl Workspace {
 
     /// [`Workspace::set_positions`] from a slice.
     pub(super) fn place(&mut self, q: &[f64]) {
-        if self.q.as_slice() != q {
-            self.q.as_mut_slice().copy_from_slice(q);
-            let system = self.arch.dispatch(Placement {
-                tree: &self.tree,
-                places: &mut self.places,
-                groups: &mut self.groups,
-                q,
-            });
-            self.take_over(system);
+        if self.joints.q() != q {
+            self.move_to(q);
         }
     }
 
-    fn take_over(&mut self, system: System<f64>) {
-        self.system = system;
-        self.p_BC = system.p_BC.0.into();
-        self.H_B = system.H_B.into();
-        // Bodies are positive definite, so only a position that is not finite can make this fail, and
-        // that shows in every result.
-        self.H_B_inverse = system.H_B_inverse.into();
+    fn move_to(&mut self, q: &[f64]) {
+        self.arch.dispatch(Placement {
+            tree: &self.tree,
+            joints: &mut self.joints,
+            q,
+            p_BC: &mut self.p_BC,
+            H_B: &mut self.H_B,
+            H_B_inverse: &mut self.H_B_inverse,
+        });
     }
 
     /// Adds what depends on motion: the twist of every body, for joint rates and momentum of `state`.
@@ -164,7 +145,8 @@ impl Workspace {
         for (j, (hop, &rate)) in self.tree.hops.iter().zip(qd).enumerate() {
             let (earlier, rest) = self.bodies.split_at_mut(j + 1);
             let (parent, body) = (&earlier[hop.parent], &mut rest[0]);
-            let p = Vector3::from((self.places[j + 1].p_BK - self.places[hop.parent].p_BK).0);
+            let p = self.joints.p_BK(j + 1) - self.joints.p_BK(hop.parent);
+            let p = Vector3::from(p.0);
             let w = parent.twist.angular;
             let turned = w.cross(&p);
             body.twist = Twist::new(w, parent.twist.linear + turned);
@@ -173,7 +155,7 @@ impl Workspace {
                 parent.bias.linear + parent.bias.angular.cross(&p) + w.cross(&turned),
             );
             // The axis turns with the parent.
-            let own = Vector3::from(self.places[j + 1].axes[2].0) * rate;
+            let own = Vector3::from(self.joints.axes(j + 1)[2].0) * rate;
             if hop.slides {
                 body.twist.linear += own;
                 body.bias.linear += w.cross(&own) * 2.0;
@@ -191,12 +173,12 @@ impl Workspace {
 
     /// Columns of the momentum map of joint `j`.
     pub(super) fn column(&self, j: usize) -> Column<f64> {
-        self.groups[j / GROUP].column(j % GROUP)
+        self.joints.column(j)
     }
 
     /// Axis of joint `j`.
     pub(super) fn axis(&self, j: usize) -> Axis {
-        let direction = Vector3::from(self.places[j + 1].axes[2].0);
+        let direction = Vector3::from(self.joints.axes(j + 1)[2].0);
         if self.tree.hops[j].slides {
             Axis::Slide(direction)
         } else {
@@ -206,14 +188,17 @@ impl Workspace {
 
     /// Origin of the kernel frame of the body that joint `j` moves, from that of its parent's.
     pub(super) fn p_PK(&self, j: usize) -> Vector3<f64> {
-        (self.places[j + 1].p_BK - self.places[self.tree.hops[j].parent].p_BK)
-            .0
-            .into()
+        self.p_BK(j + 1) - self.p_BK(self.tree.hops[j].parent)
     }
 
     /// Axes of a body's kernel frame.
     pub(super) fn R_BK(&self, body: usize) -> Matrix3<f64> {
-        Matrix3::from_columns(&self.places[body].axes.map(|axis| axis.0.into()))
+        Matrix3::from_columns(&self.joints.axes(body).map(|axis| axis.0.into()))
+    }
+
+    /// Origin of a body's kernel frame from the base's.
+    pub(super) fn p_BK(&self, body: usize) -> Vector3<f64> {
+        self.joints.p_BK(body).0.into()
     }
 
     /// Pose of a body in the base frame.
@@ -223,7 +208,7 @@ impl Workspace {
 
     fn X_0K(&self, body: usize) -> Pose {
         Pose::from_parts(
-            Translation3::from(self.places[body].p_BK.0),
+            Translation3::from(self.p_BK(body)),
             Rotation3::from_matrix_unchecked(self.R_BK(body)),
         )
     }
@@ -249,10 +234,5 @@ impl Workspace {
     /// (needs [`Workspace::set_motion`]).
     pub fn V_WB_B(&self) -> &Twist {
         &self.bodies[0].twist
-    }
-
-    /// What the processor can do.
-    pub(super) fn arch(&self) -> Arch {
-        self.arch
     }
 }

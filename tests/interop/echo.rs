@@ -4,11 +4,12 @@ use fuyu::{
     msg::{
         Interface, cdr, diagnostic_msgs, fuyu_msgs, geometry_msgs, nav_msgs, rcl_interfaces,
         rosgraph_msgs, sensor_msgs,
+        simulation_interfaces::simulate_steps::{Feedback, Outcome, SimulateSteps},
         std_msgs::{self, Int32, Int64, String as Text},
         std_srvs::{Trigger, TriggerResponse},
         tf2_msgs,
     },
-    ros::{Node, NodeError, Qos},
+    ros::{ActionServer, Node, NodeError, Qos},
 };
 use std::{
     sync::atomic::{AtomicI64, Ordering::Relaxed},
@@ -129,6 +130,9 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
             }
         },
     )?;
+    // A goal of many steps takes until it is cancelled.
+    let actions = ActionServer::<SimulateSteps>::new(node, "steps")?;
+    let (mut goal, mut done) = (None, 0);
     let late = node.subscribe::<Int32>("come_late", Qos::RELIABLE)?;
     let mut latecomer = None;
     let heard = node.advertise::<Text>("heard", Qos::RELIABLE)?;
@@ -150,6 +154,24 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         {
             stream.publish(&joint_state(number));
             due += Duration::from_millis(1);
+        }
+        if goal.is_none() {
+            (goal, done) = (actions.take(), 0);
+        }
+        if let Some(running) = goal.take() {
+            let total = running.goal.steps;
+            done += 1;
+            running.feedback(Feedback {
+                completed_steps: done,
+                remaining_steps: total - done,
+            });
+            if running.is_canceling() {
+                running.canceled(Outcome::default());
+            } else if done == total {
+                running.succeed(Outcome::default());
+            } else {
+                goal = Some(running);
+            }
         }
         if late.take().is_some() {
             latecomer = Some(node.subscribe::<Text>("peer_retained", Qos::LATCHED)?);

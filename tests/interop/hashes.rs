@@ -22,7 +22,7 @@ fn rosidl(python: &Path) -> BTreeMap<String, String> {
     };
     let folders = below(&share)
         .into_iter()
-        .flat_map(|package| ["msg", "srv"].map(|kind| package.join(kind)));
+        .flat_map(|package| ["msg", "srv", "action"].map(|kind| package.join(kind)));
     let files = folders.flat_map(|folder| below(&folder));
     let texts = files
         .filter(|file| file.extension().is_some_and(|e| e == "json"))

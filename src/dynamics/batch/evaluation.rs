@@ -104,10 +104,8 @@ impl<S: Simd> Evaluation<S> {
         let simd = self.simd;
         for (j, hop) in tree.hops.iter().enumerate() {
             let slot = &mut self.slots[j + 1];
-            let mut angles = Eight::ZERO;
-            slot.q.store(&mut angles.0);
-            let (cos, sin) = sin_cos(&angles);
-            slot.turn = hop.turn(Lanes::load(simd, &cos.0), Lanes::load(simd, &sin.0));
+            let (cos, sin) = sin_cos(slot.q);
+            slot.turn = hop.turn(cos, sin);
             let actuator = Lanes::load(simd, &block.efforts[j].0[first..]);
             let slack = (-slot.q).plus(hop.rest).times(hop.stiffness);
             slot.effort = actuator + (slack - slot.qd.times(hop.damping));

@@ -21,7 +21,7 @@ use crate::model::Model;
 #[derive(Debug, Clone)]
 pub struct Batch {
     tree: Tree,
-    arch: Arch,
+    pub(super) arch: Arch,
     mass: f64,
     count: usize,
     blocks: Vec<Block>,

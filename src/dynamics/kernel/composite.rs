@@ -5,9 +5,9 @@
 //! is a row of it and costs nothing. Only these columns are brought to the base's axes.
 
 use super::columns::{Column, Lever, Moves};
+use super::gather::Composite;
 use super::hop::{Path, on_path};
-use super::inertia::ArticulatedInertia;
-use super::tree::{Body, Hop, QUARTER, STRAIGHT, Tree};
+use super::tree::{Hop, QUARTER, STRAIGHT, Tree};
 use super::vector::others;
 use super::{Scalar, Sym3, Turn, Vec3};
 
@@ -24,10 +24,27 @@ pub struct Place<S> {
     pub axes: [Vec3<S>; 3],
     /// Origin of the kernel frame from the base's.
     pub p_BK: Vec3<S>,
-    /// First moment of the subtree, kernel frame.
-    first_moment: Vec3<S>,
-    /// Moment of inertia of the subtree about the kernel frame's origin, kernel frame.
-    inertia: Sym3<S>,
+    /// First moment of the subtree across the joint's axis, kernel frame.
+    across: [S; 2],
+    /// Row of the subtree's inertia along the joint's axis, kernel frame.
+    inertia: Vec3<S>,
+    /// The subtree, as far as gathered, where branches meet.
+    subtree: Composite<S>,
+}
+
+/// Where the sweeps find turns and leave what they find, body by body.
+pub(super) trait Places<S> {
+    /// Position of the joint that moves a body.
+    fn q(&self, body: usize) -> S;
+    /// The body's turn.
+    fn turn(&self, body: usize) -> Turn<S>;
+    fn pose(&self, body: usize) -> Pose<S>;
+    fn set_pose(&mut self, body: usize, pose: Pose<S>);
+    /// What the columns need of a joint's subtree: the first moment across its axis and the inertia along it.
+    fn set_subtree(&mut self, body: usize, across: [S; 2], inertia: Vec3<S>);
+    /// The subtree, as far as gathered.
+    fn gathered(&self, body: usize) -> Composite<S>;
+    fn set_gathered(&mut self, body: usize, subtree: Composite<S>);
 }
 
 /// What positions imply for the whole tree, base axes.
@@ -42,7 +59,35 @@ pub struct System<S> {
 }
 
 /// Axes and origin of a kernel frame, base axes.
-type Pose<S> = ([Vec3<S>; 3], Vec3<S>);
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Pose<S> {
+    pub axes: [Vec3<S>; 3],
+    pub p_BK: Vec3<S>,
+}
+
+impl<S: Scalar> Pose<S> {
+    /// The base's.
+    #[inline(always)]
+    pub(super) fn of_base(tree: &Tree, like: S) -> Self {
+        let R_BK = tree.base_axes().matrix();
+        let axis = |i| [R_BK[(0, i)], R_BK[(1, i)], R_BK[(2, i)]];
+        Self {
+            axes: [
+                Vec3::constant(like, &axis(0)),
+                Vec3::constant(like, &axis(1)),
+                Vec3::constant(like, &axis(2)),
+            ],
+            p_BK: Vec3::zero(like),
+        }
+    }
+
+    /// A vector of the kernel frame in the base's axes.
+    #[inline(always)]
+    pub(super) fn turned(&self, v: Vec3<S>) -> Vec3<S> {
+        let [x, y, z] = self.axes;
+        x.mul_add(v[0], y.mul_add(v[1], z.scaled(v[2])))
+    }
+}
 
 impl<S: Scalar> Place<S> {
     /// A place with nothing in it, numbers of the kind of `like`.
@@ -53,72 +98,73 @@ impl<S: Scalar> Place<S> {
             turn: Turn::new(like.constant(1.0), zero),
             axes: [none; 3],
             p_BK: none,
-            first_moment: none,
-            inertia: Sym3 {
-                diagonal: [zero; 3],
-                off: [zero; 3],
+            across: [zero; 2],
+            inertia: none,
+            subtree: Composite {
+                first_moment: none,
+                inertia: Sym3 {
+                    diagonal: [zero; 3],
+                    off: [zero; 3],
+                },
             },
         }
     }
 
-    /// A vector of the kernel frame in the base's axes.
-    #[inline(always)]
-    pub fn turned(&self, v: Vec3<S>) -> Vec3<S> {
-        let [x, y, z] = self.axes;
-        x.mul_add(v[0], y.mul_add(v[1], z.scaled(v[2])))
-    }
-
-    /// The base's inertia with all joints locked, kernel frame.
-    #[inline(always)]
-    pub(crate) fn inertia_of(&self, tree: &Tree) -> ArticulatedInertia<S> {
-        let mass = self.q.constant(tree.bodies[0].subtree_mass);
-        ArticulatedInertia::rigid(mass, self.first_moment, self.inertia)
-    }
-
-    /// Begins what is gathered with the body alone.
-    #[inline(always)]
-    fn begin(&mut self, body: &Body, like: S) {
-        let h = &body.inertia.first_moment;
-        self.first_moment = Vec3::constant(like, &[h.x, h.y, h.z]);
-        self.inertia = Sym3::constant(like, &body.inertia.about_origin);
-    }
-
-    #[inline(always)]
-    fn follow(&mut self, hop: &Hop, parent: Pose<S>) -> Pose<S> {
-        on_path!(hop, path => (self.axes, self.p_BK) = path.place(hop, &self.turn, self.q, parent));
-        (self.axes, self.p_BK)
-    }
-
-    /// First moment and inertia of the subtree, which are these in the body's frame, as the parent feels
-    /// them.
-    #[inline(always)]
-    fn gather(&mut self, hop: &Hop, mass: f64, (h, J): (Vec3<S>, Sym3<S>)) -> (Vec3<S>, Sym3<S>) {
-        (self.first_moment, self.inertia) = (h, J);
-        on_path!(hop, path => path.composite_out(hop, &self.turn, self.q, mass, h, J))
-    }
-
     /// What the joint's columns are made of.
     #[inline(always)]
-    pub(super) fn lever(&self) -> Lever<S> {
+    fn lever(&self) -> Lever<S> {
         Lever {
             axes: self.axes,
             p_BK: self.p_BK,
-            across: [self.first_moment[0], self.first_moment[1]],
-            inertia: self.inertia.row(2),
+            across: self.across,
+            inertia: self.inertia,
         }
+    }
+}
+
+impl<S: Scalar> Places<S> for [Place<S>] {
+    #[inline(always)]
+    fn q(&self, body: usize) -> S {
+        self[body].q
+    }
+
+    #[inline(always)]
+    fn turn(&self, body: usize) -> Turn<S> {
+        self[body].turn
+    }
+
+    #[inline(always)]
+    fn pose(&self, body: usize) -> Pose<S> {
+        let Place { axes, p_BK, .. } = self[body];
+        Pose { axes, p_BK }
+    }
+
+    #[inline(always)]
+    fn set_pose(&mut self, body: usize, pose: Pose<S>) {
+        (self[body].axes, self[body].p_BK) = (pose.axes, pose.p_BK);
+    }
+
+    #[inline(always)]
+    fn set_subtree(&mut self, body: usize, across: [S; 2], inertia: Vec3<S>) {
+        (self[body].across, self[body].inertia) = (across, inertia);
+    }
+
+    #[inline(always)]
+    fn gathered(&self, body: usize) -> Composite<S> {
+        self[body].subtree
+    }
+
+    #[inline(always)]
+    fn set_gathered(&mut self, body: usize, subtree: Composite<S>) {
+        self[body].subtree = subtree;
     }
 }
 
 impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GENERAL, BEND, D, A> {
     /// Axes and origin of a body from its parent's.
     #[inline(always)]
-    fn place<S: Scalar>(
-        self,
-        hop: &Hop,
-        turn: &Turn<S>,
-        q: S,
-        ([mut x, mut y, mut z], mut origin): Pose<S>,
-    ) -> Pose<S> {
+    fn place<S: Scalar>(self, hop: &Hop, turn: &Turn<S>, q: S, parent: Pose<S>) -> Pose<S> {
+        let ([mut x, mut y, mut z], mut origin) = (parent.axes, parent.p_BK);
         let Vec3([p0, p1, p2]) = Vec3::constant(q, &hop.p);
         if GENERAL {
             (x, y) = columns(&Turn::constant(q, &hop.swing), x, y);
@@ -136,49 +182,10 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
         if D || GENERAL {
             origin = z.mul_add(hop.distance(q), origin);
         }
-        ([x, y, z], origin)
-    }
-
-    /// First moment and inertia of a subtree of mass `mass` as its parent sees them.
-    #[inline(always)]
-    pub(super) fn composite_out<S: Scalar>(
-        self,
-        hop: &Hop,
-        turn: &Turn<S>,
-        q: S,
-        mass: f64,
-        h: Vec3<S>,
-        J: Sym3<S>,
-    ) -> (Vec3<S>, Sym3<S>) {
-        let (mut h, mut J) = (h, J);
-        if hop.slides {
-            let p = hop.distance(q);
-            let moment = p.times(mass);
-            let (twice, square) = (p + p, p * moment);
-            let shift = Shift {
-                p,
-                twice,
-                moment,
-                square,
-            };
-            (h, J) = shift.apply::<2>(h, J);
-        } else if D || GENERAL {
-            (h, J) = Shift::by(q, hop.d, mass).apply::<2>(h, J);
+        Pose {
+            axes: [x, y, z],
+            p_BK: origin,
         }
-        (h, J) = (turn.out::<2>(h), turn.sym::<2>(J));
-        if BEND != STRAIGHT {
-            (h, J) = (self.bent_out(hop, h), self.bent_sym_out(hop, J));
-        }
-        if A || GENERAL {
-            (h, J) = Shift::by(q, hop.p[0], mass).apply::<0>(h, J);
-        }
-        if GENERAL {
-            (h, J) = Shift::by(q, hop.p[1], mass).apply::<1>(h, J);
-            (h, J) = Shift::by(q, hop.p[2], mass).apply::<2>(h, J);
-            let swing = Turn::constant(q, &hop.swing);
-            (h, J) = (swing.out::<2>(h), swing.sym::<2>(J));
-        }
-        (h, J)
     }
 }
 
@@ -191,82 +198,49 @@ fn columns<S: Scalar>(turn: &Turn<S>, x: Vec3<S>, y: Vec3<S>) -> (Vec3<S>, Vec3<
     )
 }
 
-/// To a point from which the present one lies at `p` along one axis, of a mass `m`.
-struct Shift<S> {
-    p: S,
-    /// `2 p`.
-    twice: S,
-    /// `m p`.
-    moment: S,
-    /// `m p²`.
-    square: S,
-}
-
-impl<S: Scalar> Shift<S> {
-    #[inline(always)]
-    fn by(like: S, p: f64, mass: f64) -> Self {
-        Self {
-            p: like.constant(p),
-            twice: like.constant(p + p),
-            moment: like.constant(mass * p),
-            square: like.constant(mass * p * p),
-        }
-    }
-
-    /// First moment and inertia about that point.
-    #[inline(always)]
-    fn apply<const AXIS: usize>(&self, mut h: Vec3<S>, mut J: Sym3<S>) -> (Vec3<S>, Sym3<S>) {
-        let (i, (j, k)) = (AXIS, others(AXIS));
-        let more = self.twice.mul_add(h[i], self.square);
-        J.diagonal[j] = J.diagonal[j] + more;
-        J.diagonal[k] = J.diagonal[k] + more;
-        J.off[k] = self.p.mul_sub_from(h[j], J.off[k]);
-        J.off[j] = self.p.mul_sub_from(h[k], J.off[j]);
-        h[i] = h[i] + self.moment;
-        (h, J)
-    }
-}
-
-/// Poses and composite inertias. `places`, one per body, hold positions and turns.
-///
-/// # Panics
-/// If `places` is shorter than the tree needs.
+/// Poses and composite inertias. `places` hold positions and turns. Returns the inertia of the whole tree, about
+/// the base's origin in the axes of its kernel frame.
 #[inline(always)]
-pub(crate) fn set_places<S: Scalar>(tree: &Tree, places: &mut [Place<S>]) {
-    let count = tree.bodies.len();
-    let (places, bodies) = (&mut places[..count], &tree.bodies[..count]);
-    let like = places[0].q;
-    let R_BK = bodies[0].X_BK.rotation.matrix();
-    places[0].axes = [
-        Vec3::constant(like, &R_BK.column(0).into_owned().into()),
-        Vec3::constant(like, &R_BK.column(1).into_owned().into()),
-        Vec3::constant(like, &R_BK.column(2).into_owned().into()),
-    ];
-    places[0].p_BK = Vec3::zero(like);
-    for (place, body) in places.iter_mut().zip(bodies) {
-        place.begin(body, like);
+pub(super) fn set_places<S: Scalar>(
+    tree: &Tree,
+    like: S,
+    places: &mut (impl Places<S> + ?Sized),
+) -> Composite<S> {
+    let bodies = &tree.bodies[..];
+    for &leaf in &tree.leaves {
+        places.set_gathered(leaf, Composite::constant(like, &bodies[leaf].about_foot));
     }
     // Poses go outward while inertias are gathered inward: neither has to wait for the other.
-    let mut pose = (places[0].axes, places[0].p_BK);
-    let last = &places[tree.outward.last().map_or(0, |j| j + 1)];
-    let mut gathered = (last.first_moment, last.inertia);
-    for (&outward, &inward) in tree.outward.iter().zip(tree.outward.iter().rev()) {
-        let hop = &tree.hops[outward];
-        if !hop.follows {
-            pose = (places[hop.parent].axes, places[hop.parent].p_BK);
+    let mut pose = Pose::of_base(tree, like);
+    places.set_pose(0, pose);
+    let joints = tree.dof();
+    let mut subtree = places.gathered(joints);
+    for outward in 0..joints {
+        let (hop, body) = (&tree.hops[outward], outward + 1);
+        if hop.parent != outward {
+            pose = places.pose(hop.parent);
         }
-        pose = places[outward + 1].follow(hop, pose);
-        let (hop, mass) = (&tree.hops[inward], bodies[inward + 1].subtree_mass);
-        let (h, J) = places[inward + 1].gather(hop, mass, gathered);
-        let parent = &mut places[hop.parent];
-        gathered = (parent.first_moment + h, parent.inertia + J);
-        if !hop.follows {
-            (parent.first_moment, parent.inertia) = gathered;
-            let next = &places[hop.before];
-            gathered = (next.first_moment, next.inertia);
+        let (turn, q) = (places.turn(body), places.q(body));
+        pose = on_path!(hop, path => path.place(hop, &turn, q, pose));
+        places.set_pose(body, pose);
+
+        // Inward, the body that is next is always the one with the next lower number; if it is not the parent, it
+        // is the tip of another branch.
+        let inward = joints - 1 - outward;
+        let (hop, body) = (&tree.hops[inward], inward + 1);
+        let across = [subtree.first_moment[0], subtree.first_moment[1]];
+        places.set_subtree(body, across, subtree.along_axis(bodies[body].rise));
+        let (turn, q) = (places.turn(body), places.q(body));
+        subtree = subtree.handed_on(hop, &turn, q, bodies[body].subtree_mass);
+        if !hop.arrives_first {
+            subtree = subtree.plus(places.gathered(hop.parent));
+        }
+        if hop.parent != inward {
+            places.set_gathered(hop.parent, subtree);
+            subtree = places.gathered(inward);
         }
     }
-    (places[0].first_moment, places[0].inertia) = gathered;
+    subtree
 }
 
 /// Poses, composite inertias and momentum map. `places`, one per body, hold positions and turns; `columns`,
@@ -280,10 +254,10 @@ pub fn momentum_map<S: Scalar>(
     places: &mut [Place<S>],
     columns: &mut [Column<S>],
 ) -> System<S> {
-    set_places(tree, places);
     let (count, like) = (tree.dof(), places[0].q);
+    let whole = set_places(tree, like, places);
     let (levers, columns) = (&places[1..=count], &mut columns[..count]);
-    let system = System::new(&places[0], tree.bodies[0].subtree_mass);
+    let system = System::new(whole, &places.pose(0), tree.bodies[0].subtree_mass);
     let per = like.constant(1.0 / tree.bodies[0].subtree_mass);
     let answer = -system.H_B_inverse;
     for (j, (place, column)) in levers.iter().zip(columns).enumerate() {
@@ -299,8 +273,8 @@ pub fn momentum_map<S: Scalar>(
 
 impl<S: Scalar> System<S> {
     #[inline(always)]
-    pub(super) fn new(base: &Place<S>, mass: f64) -> Self {
-        let (p, J) = about_com(base.first_moment, base.inertia, mass);
+    pub(super) fn new(whole: Composite<S>, base: &Pose<S>, mass: f64) -> Self {
+        let (p, J) = about_com(whole, mass);
         let H_B = rotated(J, &base.axes);
         Self {
             p_BC: base.turned(p),
@@ -312,7 +286,8 @@ impl<S: Scalar> System<S> {
 
 /// Centre of mass, and the inertia about it instead of about the origin.
 #[inline(always)]
-pub(super) fn about_com<S: Scalar>(h: Vec3<S>, mut J: Sym3<S>, mass: f64) -> (Vec3<S>, Sym3<S>) {
+pub(super) fn about_com<S: Scalar>(whole: Composite<S>, mass: f64) -> (Vec3<S>, Sym3<S>) {
+    let (h, mut J) = (whole.first_moment, whole.inertia);
     let p = h.scaled(h[0].constant(1.0 / mass));
     let squares = [p[0] * h[0], p[1] * h[1], p[2] * h[2]];
     for i in 0..3 {
@@ -357,8 +332,8 @@ pub fn generalized_jacobian<S: Scalar>(
     p_KE: &[f64; 3],
     out: &mut [[S; 6]],
 ) {
-    let end = &places[body];
-    let p_BE = end.turned(Vec3::constant(end.q, p_KE)) + end.p_BK;
+    let end = places.pose(body);
+    let p_BE = end.turned(Vec3::constant(places[body].q, p_KE)) + end.p_BK;
     let r_CE = p_BE - system.p_BC;
     for (column, out) in columns.iter().zip(out.iter_mut()) {
         let [Vec3([x, y, z]), Vec3([a, b, c])] = column.of_base(r_CE);

@@ -44,7 +44,7 @@ impl<S: Scalar> Force<S> {
 
     /// About a point from which the present one lies at `p` along one axis.
     #[inline(always)]
-    fn shifted<const AXIS: usize>(mut self, p: S) -> Self {
+    pub(super) fn shifted<const AXIS: usize>(mut self, p: S) -> Self {
         let (j, k) = others(AXIS);
         self.torque[j] = p.mul_sub_from(self.force[k], self.torque[j]);
         self.torque[k] = p.mul_add(self.force[j], self.torque[k]);

@@ -22,8 +22,8 @@ impl Eight {
 /// As many `f64` as the machine's registers hold. Each lane is computed as an `f64` alone would be.
 #[derive(Debug, Clone, Copy)]
 pub struct Lanes<S: Simd> {
-    simd: S,
-    value: S::f64s,
+    pub(super) simd: S,
+    pub(super) value: S::f64s,
 }
 
 impl<S: Simd> Lanes<S> {
@@ -40,6 +40,21 @@ impl<S: Simd> Lanes<S> {
         let (lanes, _) = S::as_simd_f64s(from);
         let value = lanes[0];
         Self { simd, value }
+    }
+
+    /// As many numbers as a slice holds, or as there are lanes; the rest is zero.
+    #[inline(always)]
+    pub fn load_some(simd: S, from: &[f64]) -> Self {
+        let value = simd.partial_load_f64s(from);
+        Self { simd, value }
+    }
+
+    /// The number in the first lane.
+    #[inline(always)]
+    pub fn first(self) -> f64 {
+        let mut numbers = Eight::ZERO;
+        self.store(&mut numbers.0);
+        numbers.0[0]
     }
 
     /// Writes the lanes to the first numbers of a slice, which holds enough.

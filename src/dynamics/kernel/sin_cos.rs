@@ -2,7 +2,9 @@
 
 use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
 
-use super::{Eight, GROUP};
+use pulp::Simd;
+
+use super::{Eight, Lanes, Scalar};
 
 /// Above this the quarter turns are no longer counted exactly; the standard library takes over.
 const LARGEST: f64 = 1e5;
@@ -28,92 +30,134 @@ const COS: [f64; 6] = [
     4.166_666_666_666_66e-2,
 ];
 
-/// Cosines and sines of eight angles to one unit in the last place of 1. The compiler makes wide
-/// instructions of it where it may, as everywhere in the kernels ([`super::Scalar`]).
+/// Cosines and sines to one unit in the last place of 1.
 #[inline(always)]
-pub fn sin_cos(angles: &Eight) -> (Eight, Eight) {
-    let Eight(angles) = angles;
-    let (mut cosines, mut sines) = (Eight::ZERO, Eight::ZERO);
-    let (Eight(cos), Eight(sin)) = (&mut cosines, &mut sines);
-    let mut in_range = true;
-    for angle in angles {
-        in_range &= angle.abs() <= LARGEST;
-    }
-    if in_range {
-        for i in 0..GROUP {
-            (cos[i], sin[i]) = reduced(angles[i]);
-        }
+pub fn sin_cos<S: Simd>(angles: Lanes<S>) -> (Lanes<S>, Lanes<S>) {
+    let simd = angles.simd;
+    let sizes = simd.abs_f64s(angles.value);
+    let in_range = simd.less_than_or_equal_f64s(sizes, simd.splat_f64s(LARGEST));
+    let near = reduced(angles);
+    if simd.first_true_m64s(simd.not_m64s(in_range)) < S::F64_LANES {
+        let mut numbers = Eight::ZERO;
+        angles.store(&mut numbers.0);
+        let [cos, sin] = far(&numbers);
+        let (cos, sin) = (Lanes::load(simd, &cos.0), Lanes::load(simd, &sin.0));
+        let cos = simd.select_f64s(in_range, near.0.value, cos.value);
+        let sin = simd.select_f64s(in_range, near.1.value, sin.value);
+        (Lanes { simd, value: cos }, Lanes { simd, value: sin })
     } else {
-        for i in 0..GROUP {
-            (sin[i], cos[i]) = angles[i].sin_cos();
-        }
+        near
     }
-    (cosines, sines)
+}
+
+/// Where an angle is beyond the range.
+#[cold]
+fn far(angles: &Eight) -> [Eight; 2] {
+    let (mut cos, mut sin) = (Eight::ZERO, Eight::ZERO);
+    for (i, angle) in angles.0.iter().enumerate() {
+        (sin.0[i], cos.0[i]) = angle.sin_cos();
+    }
+    [cos, sin]
 }
 
 /// Terms are put together in pairs, so that few wait for others.
 #[inline(always)]
-fn polynomial(c: &[f64; 6], z: f64) -> f64 {
+fn polynomial<S: Simd>(c: &[f64; 6], z: Lanes<S>) -> Lanes<S> {
     let zz = z * z;
-    let (high, middle, low) = (
-        c[0].mul_add(z, c[1]),
-        c[2].mul_add(z, c[3]),
-        c[4].mul_add(z, c[5]),
-    );
+    let high = z.constant(c[0]).mul_add(z, z.constant(c[1]));
+    let middle = z.constant(c[2]).mul_add(z, z.constant(c[3]));
+    let low = z.constant(c[4]).mul_add(z, z.constant(c[5]));
     high.mul_add(zz, middle).mul_add(zz, low)
 }
 
-/// Cosine and sine of one angle within the range.
+/// Cosines and sines of angles within the range.
 #[inline(always)]
-fn reduced(angle: f64) -> (f64, f64) {
+fn reduced<S: Simd>(angle: Lanes<S>) -> (Lanes<S>, Lanes<S>) {
     // Adding this rounds to an integer, which then stands in the lowest bits.
     const ROUND: f64 = 6_755_399_441_055_744.0;
-    let shifted = angle.mul_add(FRAC_2_PI, ROUND);
-    let quarters = shifted.to_bits();
-    let turns = shifted - ROUND;
-    let x = turns.mul_add(-QUARTER[0], angle);
-    let x = turns.mul_add(-QUARTER[1], x);
+    let simd = angle.simd;
+    let shifted = angle.mul_add(angle.constant(FRAC_2_PI), angle.constant(ROUND));
+    let turns = shifted - angle.constant(ROUND);
+    let x = turns.mul_add(angle.constant(-QUARTER[0]), angle);
+    let x = turns.mul_add(angle.constant(-QUARTER[1]), x);
     let z = x * x;
     let (s, c) = (polynomial(&SIN, z), polynomial(&COS, z));
     let sin = (x * z).mul_add(s, x);
-    let half = 0.5 * z;
-    let head = 1.0 - half;
-    let cos = head + (z * z).mul_add(c, 1.0 - head - half);
-    let (cos, sin) = if quarters & 1 == 0 {
-        (cos, sin)
-    } else {
-        (sin, cos)
-    };
-    let sign = |value: f64, negative: u64| f64::from_bits(value.to_bits() ^ (negative << 63));
-    (
-        sign(cos, (quarters ^ (quarters >> 1)) & 1),
-        sign(sin, (quarters >> 1) & 1),
-    )
+    let (one, half) = (angle.constant(1.0), z.times(0.5));
+    let head = one - half;
+    let cos = head + (z * z).mul_add(c, one - head - half);
+    // The quadrant: sines and cosines change places in every other one and their signs every two.
+    let quarters = simd.transmute_u64s_f64s(shifted.value);
+    let is_odd = has_bit(simd, quarters, 1);
+    let next = simd.add_u64s(quarters, simd.splat_u64s(1));
+    let [cos, sin] = [
+        simd.select_f64s(is_odd, sin.value, cos.value),
+        simd.select_f64s(is_odd, cos.value, sin.value),
+    ];
+    (negated(simd, cos, next), negated(simd, sin, quarters))
+}
+
+#[inline(always)]
+fn has_bit<S: Simd>(simd: S, bits: S::u64s, bit: u64) -> S::m64s {
+    let bit = simd.splat_u64s(bit);
+    simd.equal_u64s(simd.and_u64s(bits, bit), bit)
+}
+
+/// With the other sign where the second bit of `quarters` is set.
+#[inline(always)]
+fn negated<S: Simd>(simd: S, value: S::f64s, quarters: S::u64s) -> Lanes<S> {
+    let is_negated = has_bit(simd, quarters, 2);
+    let value = simd.select_f64s(is_negated, simd.neg_f64s(value), value);
+    Lanes { simd, value }
 }
 
 #[cfg(test)]
 mod tests {
     use super::*;
 
-    /// A wrong digit of a polynomial or of π/2, or a wrong quadrant, shows.
+    use crate::dynamics::kernel::GROUP;
+    use pulp::{Arch, WithSimd};
+
+    /// Cosines and sines of any eight angles.
+    struct Task(Eight);
+
+    impl WithSimd for Task {
+        type Output = [Eight; 2];
+        fn with_simd<S: Simd>(self, simd: S) -> [Eight; 2] {
+            let mut found = [Eight::ZERO; 2];
+            for first in (0..GROUP).step_by(S::F64_LANES) {
+                let (cos, sin) = sin_cos(Lanes::load(simd, &self.0.0[first..]));
+                cos.store(&mut found[0].0[first..]);
+                sin.store(&mut found[1].0[first..]);
+            }
+            found
+        }
+    }
+
+    /// A wrong digit of a polynomial or of π/2, or a wrong quadrant, shows; so does a width of instructions
+    /// that computes anything else.
     #[test]
     fn all_quadrants_agree_with_the_standard_library() {
         let mut angle = -1.0e5;
         let mut worst: f64 = 0.0;
         while angle < 1.0e5 {
-            let angles = std::array::from_fn(|i| angle + 0.61 * i as f64);
-            let (Eight(cos), Eight(sin)) = sin_cos(&Eight(angles));
-            for i in 0..GROUP {
-                let (s, c) = angles[i].sin_cos();
-                worst = worst.max((sin[i] - s).abs()).max((cos[i] - c).abs());
+            let angles: [f64; GROUP] = std::array::from_fn(|i| angle + 0.61 * i as f64);
+            let [cos, sin] = Arch::new().dispatch(Task(Eight(angles)));
+            assert_eq!([cos, sin], Arch::Scalar.dispatch(Task(Eight(angles))));
+            for (i, angle) in angles.iter().enumerate() {
+                let (s, c) = angle.sin_cos();
+                worst = worst.max((sin.0[i] - s).abs()).max((cos.0[i] - c).abs());
             }
             angle += 4.9;
         }
         assert!(worst <= 2.3e-16, "{worst:e}");
         for angle in [0.0, -1e-300, 1e-9, 1e6, -1e22] {
-            let (cos, sin) = sin_cos(&Eight([angle; GROUP]));
+            let [cos, sin] = Arch::new().dispatch(Task(Eight([angle; GROUP])));
             assert_eq!((sin.0[3], cos.0[3]), angle.sin_cos());
         }
-        assert!(sin_cos(&Eight([f64::NAN; GROUP])).0.0[0].is_nan());
+        let mut angles = Eight::ZERO;
+        angles.0[5] = f64::NAN;
+        let [cos, sin] = Arch::new().dispatch(Task(angles));
+        assert!(cos.0[5].is_nan() && sin.0[5].is_nan() && cos.0[4] == 1.0);
     }
 }

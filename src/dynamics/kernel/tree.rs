@@ -7,10 +7,11 @@
 //! a turn about the parent's z comes in where bodies branch. Only the description's frames are seen
 //! from outside.
 
-use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
+use nalgebra::{Matrix3, Rotation3, Vector3};
 use pulp::Simd;
 
-use super::{Eight, Force, GROUP, Mat3, Scalar, Turn, Vec3, sin_cos};
+use super::frames::kernel_frames;
+use super::{Eight, Force, GROUP, Lanes, Mat3, Scalar, Turn, Vec3, sin_cos};
 use crate::model::{Frame, Joint, Model};
 use crate::spatial::{Pose, SpatialInertia, Wrench};
 
@@ -27,6 +28,10 @@ pub struct Tree {
     /// The hops by their distance from the base. In this order branches are taken side by side, and the
     /// processor works on one while another waits for its last result.
     pub(crate) outward: Vec<usize>,
+    /// Bodies that carry no other.
+    pub(super) leaves: Vec<usize>,
+    /// What joints turn by beyond their positions, eight side by side.
+    homes: Vec<Homes>,
 }
 
 /// One body in its kernel frame K.
@@ -39,6 +44,13 @@ pub(crate) struct Body {
     pub X_KB: Pose,
     /// Inertia about the kernel frame's origin.
     pub inertia: SpatialInertia,
+    /// Where the kernel frame's origin is on the axis of the joint that moves the body, from the foot of the
+    /// common normal with the parent's axis (0 for a slide: it has its foot at the origin).
+    pub rise: f64,
+    /// Inertia about that foot.
+    pub about_foot: SpatialInertia,
+    /// First of the bodies beyond the subtree.
+    pub subtree_end: usize,
     /// Whether its inertia has entries off the diagonal.
     pub is_oblique: bool,
     /// Whether its centre of mass is off the kernel frame's origin.
@@ -72,9 +84,44 @@ pub(crate) struct Hop {
     pub p_PK: [f64; 3],
     /// K's z in the parent's axes.
     pub axis_P: [f64; 3],
+    /// The moved body's foot from the parent's foot (a slide's before it slides), in the parent's axes.
+    pub foot: [f64; 3],
+    /// What the parent's inertia about its foot has more than the moved subtree's first moment and inertia as it
+    /// was about its own, turned: all of it known beforehand. The inertia is in the axes before bend and swing.
+    pub arrival: SpatialInertia,
+    /// Whether it leads to the parent's last child, which all sweeps inward meet before its others: `arrival` then
+    /// brings in the parent's own inertia.
+    pub arrives_first: bool,
     pub damping: f64,
     pub stiffness: f64,
     pub rest: f64,
+}
+
+/// Eight joints side by side: cosines and sines of what they turn by at position zero.
+#[derive(Debug, Clone)]
+struct Homes {
+    turns: [Eight; 2],
+    /// Whether any of them is not zero.
+    is_any: bool,
+    /// 1 where a joint turns, 0 where it slides.
+    turning: Eight,
+    is_mixed: bool,
+}
+
+impl Homes {
+    fn of(hops: &[Hop]) -> Self {
+        let mut homes = Self {
+            turns: [Eight([1.0; GROUP]), Eight::ZERO],
+            is_any: hops.iter().any(|hop| !hop.is_home),
+            turning: Eight([1.0; GROUP]),
+            is_mixed: hops.iter().any(|hop| hop.slides),
+        };
+        for (i, hop) in hops.iter().enumerate() {
+            (homes.turns[0].0[i], homes.turns[1].0[i]) = (hop.home[0], hop.home[1]);
+            homes.turning.0[i] = if hop.slides { 0.0 } else { 1.0 };
+        }
+        homes
+    }
 }
 
 /// Parallel axes.
@@ -90,28 +137,33 @@ impl Tree {
     /// Compiles `model`.
     pub fn new(model: &Model) -> Self {
         let frames = kernel_frames(model);
-        let bodies = (model.bodies().iter().zip(&frames))
+        let hops = model.joints().iter().enumerate().map(|(j, joint)| {
+            let parent = model.joint_parent(j);
+            Hop::new(joint, parent, &frames[parent], &frames[j + 1])
+        });
+        let mut hops: Vec<Hop> = hops.collect();
+        let bodies: Vec<Body> = (model.bodies().iter().zip(&frames))
             .enumerate()
             .map(|(b, (body, X_BK))| {
                 let subtree = &model.bodies()[b..body.subtree_end];
                 let inertia = without_rounding(SpatialInertia::from(
                     &body.inertia.expressed_in(&X_BK.inverse()),
                 ));
+                let own = b.checked_sub(1).map(|j| &hops[j]);
+                let rise = own.map_or(0.0, |hop| if hop.slides { 0.0 } else { hop.d });
                 Body {
                     X_BK: *X_BK,
                     X_KB: X_BK.inverse(),
                     is_oblique: inertia.about_origin.off_diagonal != Vector3::zeros(),
                     is_heavy: inertia.first_moment != Vector3::zeros(),
+                    about_foot: inertia.shifted(&Vector3::new(0.0, 0.0, rise)),
                     inertia,
+                    rise,
+                    subtree_end: body.subtree_end,
                     subtree_mass: subtree.iter().map(|b| b.inertia.mass).sum(),
                 }
             })
             .collect();
-        let hops = model.joints().iter().enumerate().map(|(j, joint)| {
-            let parent = model.joint_parent(j);
-            Hop::new(joint, parent, &frames[parent], &frames[j + 1])
-        });
-        let mut hops: Vec<Hop> = hops.collect();
         let mut depths = vec![0; hops.len() + 1];
         for (j, hop) in hops.iter().enumerate() {
             depths[j + 1] = depths[hop.parent] + 1;
@@ -123,7 +175,15 @@ impl Tree {
             (hops[j].before, hops[j].follows) = (before, hops[j].parent == before);
             before = j + 1;
         }
+        let mut is_met = vec![false; bodies.len()];
+        for j in (0..hops.len()).rev() {
+            let hop = &mut hops[j];
+            hop.arrives_first = !std::mem::replace(&mut is_met[hop.parent], true);
+            hop.prepare_arrival(&bodies[hop.parent], bodies[j + 1].subtree_mass);
+        }
         Self {
+            leaves: (0..bodies.len()).filter(|&b| !is_met[b]).collect(),
+            homes: hops.chunks(GROUP).map(Homes::of).collect(),
             bodies,
             hops,
             outward,
@@ -169,6 +229,33 @@ impl Tree {
         ])
     }
 
+    /// Sets the turns of the joints of a group, which are at positions `q`.
+    #[inline(always)]
+    pub(super) fn set_turns<V: Simd>(
+        &self,
+        simd: V,
+        group: usize,
+        q: &[f64],
+        turns: &mut Turn<Eight>,
+    ) {
+        let homes = &self.homes[group];
+        for (k, q) in q.chunks(V::F64_LANES).enumerate() {
+            let first = k * V::F64_LANES;
+            let mut angles = Lanes::load_some(simd, q);
+            if homes.is_mixed {
+                angles = angles * Lanes::load(simd, &homes.turning.0[first..]);
+            }
+            let (mut cos, mut sin) = sin_cos(angles);
+            if homes.is_any {
+                let home = &homes.turns;
+                let c = Lanes::load(simd, &home[0].0[first..]);
+                let s = Lanes::load(simd, &home[1].0[first..]);
+                (cos, sin) = (s.mul_sub_from(sin, c * cos), s.mul_add(cos, c * sin));
+            }
+            turns.set(first, &Turn::new(cos, sin));
+        }
+    }
+
     /// Tells the turn of every joint at positions `q`.
     #[inline(always)]
     pub(crate) fn turns<V: Simd>(
@@ -177,18 +264,11 @@ impl Tree {
         q: &[f64],
         mut tell: impl FnMut(usize, f64, Turn<f64>),
     ) {
-        for (group, (q, hops)) in q.chunks(GROUP).zip(self.hops.chunks(GROUP)).enumerate() {
-            // Copied by wide instructions: what is written in pieces takes long to be read at once.
-            let mut angles = Eight::ZERO;
-            for (q, angles) in q
-                .chunks(V::F64_LANES)
-                .zip(angles.0.chunks_mut(V::F64_LANES))
-            {
-                simd.partial_store_f64s(angles, simd.partial_load_f64s(q));
-            }
-            let (Eight(cos), Eight(sin)) = sin_cos(&angles);
-            for (i, (&q, hop)) in q.iter().zip(hops).enumerate() {
-                tell(group * GROUP + i, q, hop.turn(cos[i], sin[i]));
+        for (group, q) in q.chunks(GROUP).enumerate() {
+            let mut turns = Turn::NONE;
+            self.set_turns(simd, group, q, &mut turns);
+            for (i, &q) in q.iter().enumerate() {
+                tell(group * GROUP + i, q, turns.at(i));
             }
         }
     }
@@ -232,60 +312,6 @@ fn without_rounding(mut inertia: SpatialInertia) -> SpatialInertia {
     tensor.off_diagonal.apply(|x| *x = clean(*x, moment));
     inertia.first_moment.apply(|x| *x = clean(*x, first));
     inertia
-}
-
-/// `X_BK` of every body.
-fn kernel_frames(model: &Model) -> Vec<Pose> {
-    let bodies = model.bodies();
-    let mut frames = vec![Pose::identity(); bodies.len()];
-    for b in (0..bodies.len()).rev() {
-        let own = b.checked_sub(1).map(|j| &model.joints()[j]);
-        let next = (bodies[b].subtree_end > b + 1).then(|| &model.joints()[b]);
-        frames[b] = match (own, next) {
-            (None, None) => Pose::identity(),
-            // The base has no axis of its own; it takes that of the first joint.
-            (None, Some(next)) => {
-                let z = next.X_PJ.rotation * next.axis;
-                let p = (next.X_PJ * frames[b + 1]).translation.vector;
-                Pose::from_parts(Translation3::identity(), axes(&z, &(p - *z * z.dot(&p))))
-            }
-            (Some(own), None) => {
-                Pose::from_parts(Translation3::identity(), axes(&own.axis, &Vector3::zeros()))
-            }
-            (Some(own), Some(next)) => {
-                let at = next.X_PJ * frames[b + 1];
-                let (z, w) = (*own.axis, *(next.X_PJ.rotation * next.axis));
-                let p = at.translation.vector;
-                let normal = z.cross(&w);
-                let sine = normal.norm_squared();
-                let (x, along) = if sine < 1e-12 {
-                    (p - z * z.dot(&p), z.dot(&p))
-                } else {
-                    // Where the common normal meets this body's axis.
-                    (normal, normal.dot(&p.cross(&w)) / sine)
-                };
-                // Nearly parallel axes have their normal far away, which would cost digits.
-                let size = p.norm() + bodies[b].inertia.com.norm();
-                let along = if along.abs() <= size { along } else { 0.0 };
-                Pose::from_parts(Translation3::from(z * along), axes(&z, &x))
-            }
-        };
-    }
-    frames
-}
-
-/// Axes with the given z, and x as near to `x` as can be (anywhere if that is zero).
-fn axes(z: &Vector3<f64>, x: &Vector3<f64>) -> Rotation3<f64> {
-    let z = z.normalize();
-    let mut x = x - z * z.dot(x);
-    if x.norm() <= 1e-9 {
-        let mut least = Vector3::zeros();
-        least[z.iamin()] = 1.0;
-        x = least - z * z.dot(&least);
-    }
-    let x = x.normalize();
-    let y = z.cross(&x).normalize();
-    Rotation3::from_matrix_unchecked(Matrix3::from_columns(&[y.cross(&z), y, z]))
 }
 
 impl Hop {
@@ -361,10 +387,29 @@ impl Hop {
             d,
             p_PK: (swung * (p + z * d)).into(),
             axis_P: (swung * z).into(),
+            foot: (swung * p).into(),
+            arrival: SpatialInertia::ZERO,
+            arrives_first: false,
             damping: joint.damping,
             stiffness: joint.spring.stiffness,
             rest: joint.spring.rest,
         }
+    }
+
+    /// What is known of the moved subtree of mass `mass` once it is the parent's, before positions are known.
+    fn prepare_arrival(&mut self, parent: &Body, mass: f64) {
+        self.foot[2] += parent.rise;
+        let point = SpatialInertia {
+            mass,
+            ..SpatialInertia::ZERO
+        };
+        let mut arrival = point.shifted(&self.foot.into());
+        if self.arrives_first {
+            arrival += parent.about_foot;
+        }
+        let R = turn_matrix(2, &self.swing) * turn_matrix(0, &self.bend);
+        arrival.about_origin = arrival.about_origin.rotated(&R.transpose());
+        self.arrival = arrival;
     }
 }
 

@@ -1,7 +1,9 @@
 //! Turning about a coordinate axis: what makes a hop from body to body cheap.
 
+use pulp::Simd;
+
 use super::vector::others;
-use super::{Mat3, Scalar, Sym3, Vec3};
+use super::{Eight, GROUP, Lanes, Mat3, Scalar, Sym3, Vec3};
 
 /// A turn by an angle about a coordinate axis, with the products that tensors need. For a turn of frame B
 /// against frame A, `out` takes components in B to components in A and `back` goes back. The axis is the
@@ -96,6 +98,27 @@ impl<S: Scalar> Turn<S> {
         turned
     }
 
+    /// [`Self::sym`] plus a tensor of A that is ready before `m`: the sum does not make anybody wait.
+    #[inline(always)]
+    pub fn sym_onto<const AXIS: usize>(&self, m: Sym3<S>, more: Sym3<S>) -> Sym3<S> {
+        let (i, (j, k)) = (AXIS, others(AXIS));
+        let (difference, across) = (m.diagonal[j] - m.diagonal[k], m.off[i]);
+        let moved = self.sin_sin.mul_add(difference, self.sin_twice * across);
+        let mut sum = more;
+        sum.diagonal[i] = m.diagonal[i] + more.diagonal[i];
+        sum.diagonal[j] = (m.diagonal[j] + more.diagonal[j]) - moved;
+        sum.diagonal[k] = (m.diagonal[k] + more.diagonal[k]) + moved;
+        let across = self.cos_twice.mul_add(across, more.off[i]);
+        sum.off[i] = self.sin_cos.mul_add(difference, across);
+        let (to_k, to_j) = (
+            self.cos.mul_add(m.off[k], more.off[k]),
+            self.cos.mul_add(m.off[j], more.off[j]),
+        );
+        sum.off[k] = self.sin.mul_sub_from(m.off[j], to_k);
+        sum.off[j] = self.sin.mul_add(m.off[k], to_j);
+        sum
+    }
+
     /// Components in A of the tensor whose components in B are `m`, but for its row along the axis,
     /// which is left as it is.
     #[inline(always)]
@@ -123,5 +146,41 @@ impl<S: Scalar> Turn<S> {
         let Mat3(mut turned) = self.mat_across::<AXIS>(m);
         turned[AXIS] = self.out::<AXIS>(m.0[AXIS]);
         Mat3(turned)
+    }
+}
+
+impl Turn<Eight> {
+    /// Eight that are none.
+    pub(super) const NONE: Self = Self {
+        cos: Eight([1.0; GROUP]),
+        sin: Eight::ZERO,
+        sin_sin: Eight::ZERO,
+        sin_cos: Eight::ZERO,
+        sin_twice: Eight::ZERO,
+        cos_twice: Eight([1.0; GROUP]),
+    };
+
+    /// Takes over several side by side, the first of which comes to `first`.
+    #[inline(always)]
+    pub(super) fn set<S: Simd>(&mut self, first: usize, turns: &Turn<Lanes<S>>) {
+        turns.cos.store(&mut self.cos.0[first..]);
+        turns.sin.store(&mut self.sin.0[first..]);
+        turns.sin_sin.store(&mut self.sin_sin.0[first..]);
+        turns.sin_cos.store(&mut self.sin_cos.0[first..]);
+        turns.sin_twice.store(&mut self.sin_twice.0[first..]);
+        turns.cos_twice.store(&mut self.cos_twice.0[first..]);
+    }
+
+    /// That of one of them.
+    #[inline(always)]
+    pub(super) fn at(&self, i: usize) -> Turn<f64> {
+        Turn {
+            cos: self.cos.0[i],
+            sin: self.sin.0[i],
+            sin_sin: self.sin_sin.0[i],
+            sin_cos: self.sin_cos.0[i],
+            sin_twice: self.sin_twice.0[i],
+            cos_twice: self.cos_twice.0[i],
+        }
     }
 }
