@@ -5,9 +5,7 @@
 //! allow, and from there in the direction in which the prediction changes most, both ways, as long as every point
 //! stays in its pixel, by Newton's method on high powers of the residuals. It shares no code with the estimator.
 
-use nalgebra::{
-    DMatrix, DVector, Matrix2, Matrix3, Matrix3x2, SMatrix, UnitQuaternion, Vector2, Vector3,
-};
+use nalgebra::{DMatrix, DVector, Matrix2, Matrix3x2, SMatrix, UnitQuaternion, Vector2, Vector3};
 
 use crate::tumbling::{Motion, View, prediction_errors};
 
