@@ -229,7 +229,10 @@ mod tests {
             let fields = schema.unwrap_or_else(|e| panic!("{name}: {e}")).structs[0]
                 .fields
                 .len();
-            assert_eq!(fields, definition.fields.len(), "{name}");
+            // The octet of an empty message is on the wire and not in the text.
+            let in_text = |f: &&msg::FieldDefinition| !f.name.starts_with("structure_needs");
+            let expected = definition.fields.iter().filter(in_text).count();
+            assert_eq!(fields, expected, "{name}");
         }
     }
 
