@@ -9,7 +9,7 @@ use crate::{
         camera::{Watch, camera_frame, second_camera},
         controller::second_tip,
         dynamics::{World, imu},
-        geometry::{vector_from_msg, with_matrix},
+        geometry::{told, vector_from_msg, with_matrix},
         scenario::Scenario,
         tip_frame,
     },
@@ -177,7 +177,7 @@ impl SecondArm {
         self.camera
             .show(time, &X_BE, Some(&(X_WB.inverse() * self.X_WD)));
         while let Some(PoseFrame { time, X_BE, X_BD }) = self.camera.deliver(time) {
-            self.seen = X_BD.map(|X_BD| Sight::new(time, X_BE, X_BD));
+            self.seen = X_BD.map(|X_BD| Sight::new(time, told(&X_BE), told(&X_BD)));
         }
         self.seen
     }
@@ -261,28 +261,31 @@ impl Servo {
         world: &mut World,
         frames: &mut Vec<PoseFrame>,
     ) -> Result<Answer<'_>, String> {
-        let time = world.time();
-        // As it is measured in a graph, noise and all.
+        // As stamps and messages tell it in a graph, noise and all, so that a run there in lockstep is this one.
+        let time = Time::from_secs_f64(world.time()).as_secs_f64();
         let gyro = imu(Time::from_secs_f64(time), "", world).angular_velocity;
         let w_WB_B = vector_from_msg(&gyro);
         let robot = &world.robot;
         let X_BE = robot.workspace().X_BF(self.controller.tip());
-        let X_WB = robot.state().X_WB(robot.workspace());
-        let X_WF = self.carrier.map_or_else(Pose::identity, |index| {
+        let X_WB = told(&robot.state().X_WB(robot.workspace()));
+        let of_target = |index: usize| {
             let target = &world.targets[index].body;
-            target.state().X_WB(target.workspace())
-        });
-        let X_BD = X_WB.inverse() * X_WF * self.X_FD;
+            told(&target.state().X_WB(target.workspace()))
+        };
+        let X_WF = self.carrier.map_or_else(Pose::identity, of_target);
+        let X_BD = X_WB.inverse() * (X_WF * self.X_FD);
         self.camera.show(time, &X_BE, Some(&X_BD));
         while let Some(frame) = self.camera.deliver(time) {
-            frames.push(frame);
+            frames.push(PoseFrame {
+                X_BE: told(&frame.X_BE),
+                X_BD: frame.X_BD.as_ref().map(told),
+                ..frame
+            });
         }
         self.sightings.clear();
         if let Some(watched) = &mut self.watch {
             let X_WC = X_WB * robot.workspace().X_BF(&watched.camera);
-            let target = &world.targets[watched.index].body;
-            let X_WT = target.state().X_WB(target.workspace());
-            watched.watch.show(time, &X_WC, &X_WT);
+            watched.watch.show(time, &X_WC, &of_target(watched.index));
             while let Some(sighting) = watched.watch.deliver(time) {
                 self.sightings.push(sighting);
             }

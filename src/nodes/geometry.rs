@@ -97,6 +97,13 @@ pub fn with_matrix(X: &Isometry3<f64>) -> Pose {
     Pose::from_parts(X.translation, Rotation3::from(X.rotation))
 }
 
+/// What is left of a pose that has been a message: the last bit of its rotation may differ.
+pub fn told(X: &Pose) -> Pose {
+    let q = UnitQuaternion::from_rotation_matrix(&X.rotation);
+    let q = UnitQuaternion::new_normalize(q.into_inner());
+    with_matrix(&Isometry3::from_parts(X.translation, q))
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -109,6 +116,7 @@ mod tests {
         );
         let back = with_matrix(&pose_from_msg(&pose_to_msg(&X)).unwrap());
         assert!((back.to_homogeneous() - X.to_homogeneous()).amax() < 1e-15);
+        assert_eq!(told(&X), back);
     }
 
     #[test]

@@ -15,17 +15,26 @@ fn interpreter() -> PathBuf {
 
 /// Interpreter of an environment of its own: its name and packages.
 pub fn environment(packages: &[&str]) -> PathBuf {
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/scripts/test-venv.sh");
-    let output = Command::new(script)
-        .args(packages)
+    made_by("test-venv.sh", packages)
+}
+
+/// Interpreter of the environment that a script of `scripts/` makes.
+fn made_by(script: &str, args: &[&str]) -> PathBuf {
+    let output = Command::new(format!("{}/scripts/{script}", env!("CARGO_MANIFEST_DIR")))
+        .args(args)
         .stderr(Stdio::inherit())
         .output()
         .unwrap();
     assert!(
         output.status.success(),
-        "scripts/test-venv.sh failed: see above"
+        "scripts/{script} failed: see above"
     );
     String::from_utf8(output.stdout).unwrap().trim().into()
+}
+
+/// Builds the packages of interfaces that have no wheel into the virtual environment.
+pub fn build_interfaces() {
+    made_by("test-interfaces.sh", &[]);
 }
 
 /// Runs a script beside this file; returns what it prints.
