@@ -8,6 +8,7 @@ import time
 
 import rclpy
 from rcl_interfaces.srv import DescribeParameters, GetParameters, ListParameters, SetParameters
+from rclpy._rclpy_pybind11 import InvalidHandle
 from rclpy.event_handler import PublisherEventCallbacks, SubscriptionEventCallbacks
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
@@ -62,7 +63,17 @@ rclpy.init()
 node = rclpy.create_node("peer")
 executor = SingleThreadedExecutor()
 executor.add_node(node)
-threading.Thread(target=executor.spin, daemon=True).start()
+
+
+def spin():
+    while rclpy.ok():
+        try:
+            executor.spin()
+        except InvalidHandle:
+            pass  # It was about to wait for what a row has just destroyed.
+
+
+threading.Thread(target=spin, daemon=True).start()
 asked = request()
 
 

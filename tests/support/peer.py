@@ -11,6 +11,7 @@ import time
 
 import rclpy
 from rclpy.action import ActionClient
+from rclpy._rclpy_pybind11 import InvalidHandle
 from rclpy.executors import SingleThreadedExecutor
 from rclpy.parameter import Parameter
 from rclpy.qos import DurabilityPolicy, HistoryPolicy, QoSProfile, ReliabilityPolicy
@@ -85,7 +86,14 @@ class Peer:
         self.received = collections.defaultdict(list)
         self.arrived = threading.Condition()
         self.publishers = {}
-        threading.Thread(target=self.executor.spin, daemon=True).start()
+        threading.Thread(target=self.spin, daemon=True).start()
+
+    def spin(self):
+        while rclpy.ok():
+            try:
+                self.executor.spin()
+            except InvalidHandle:
+                pass  # It was about to wait for what a command has just destroyed.
 
     def subscribe(self, topic, type, qos_name="reliable"):
         def take(message):
