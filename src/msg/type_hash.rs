@@ -104,7 +104,7 @@ mod tests {
             ),
             (
                 fuyu_msgs::ControllerState::DEFINITION,
-                "RIHS01_8b9cd5f6d5d93f5bb763cd2597ae8f7668a32cf7088fb565e4cd113200148462",
+                "RIHS01_a22a1ca073e5b5b0a89623dcd865e2980cfbc9537acb8cceb87382ca5d136a23",
             ),
             (
                 fuyu_msgs::FeatureTracks::DEFINITION,
