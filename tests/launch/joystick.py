@@ -9,7 +9,6 @@ import threading
 import time
 
 import rclpy
-from rclpy.executors import ExternalShutdownException
 from rclpy.node import Node
 from sensor_msgs.msg import JointState, Joy
 
@@ -72,5 +71,9 @@ def main():
 
 try:
     main()
-except (KeyboardInterrupt, ExternalShutdownException):
+except KeyboardInterrupt:
     pass
+except Exception:
+    # Ctrl-C may come between any two lines, and what follows finds no context.
+    if rclpy.ok():
+        raise

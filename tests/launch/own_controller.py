@@ -30,5 +30,9 @@ class JointPd(Node):
 rclpy.init()
 try:
     rclpy.spin(JointPd())
-except (KeyboardInterrupt, rclpy.executors.ExternalShutdownException):
+except KeyboardInterrupt:
     pass
+except Exception:
+    # Ctrl-C may come between any two lines, and what follows finds no context.
+    if rclpy.ok():
+        raise
