@@ -38,7 +38,8 @@ fn foxglove_gets_every_topic_and_draws_on_the_image() {
     // Nobody may wait for this log to be read.
     let rest = std::thread::spawn(move || lines.map_while(Result::ok).collect::<Vec<_>>());
 
-    let interpreter = python::environment(&["foxglove", "websockets", "mcap-ros2-support"]);
+    let interpreter =
+        python::environment(&["foxglove", "websockets", "mcap-ros2-support", "protobuf"]);
     let client = Command::new(interpreter)
         .arg(format!("{root}/tests/bags/foxglove_client.py"))
         .args([
@@ -61,7 +62,7 @@ fn foxglove_gets_every_topic_and_draws_on_the_image() {
     let status = eventually("the launch ends", PATIENCE, || launch.try_wait().unwrap());
     assert!(status.success(), "{:?}", rest.join().unwrap());
 
-    assert_eq!(report["subprotocol"], "foxglove.websocket.v1");
+    assert_eq!(report["subprotocol"], "foxglove.sdk.v1");
     assert_eq!(report["refused"], 400, "a client of another protocol");
     let of = |topic: &str| &report["messages"][topic];
     let urdf = of("/robot_description")["data"].as_str().unwrap();

@@ -1,5 +1,5 @@
-//! Shows the graph in Foxglove: every topic over a WebSocket, bytes as they are, and annotations of the
-//! camera's image.
+//! Shows the graph in Foxglove: every topic through its SDK's WebSocket server, bytes as they are, and
+//! annotations of the camera's image.
 
 mod annotations;
 mod server;
@@ -11,6 +11,8 @@ use std::{
     time::Duration,
 };
 
+use foxglove::{Channel, PartialMetadata, RawChannel, messages::ImageAnnotations};
+
 use super::topics;
 use crate::{
     msg::{
@@ -20,7 +22,7 @@ use crate::{
     ros::{Node, NodeError, Qos, RawSample, RawSubscription, Time, qos::Durability},
 };
 use annotations::Overlay;
-pub use server::{Channel, ChannelId, Server};
+use server::Server;
 
 /// How often new topics are looked for.
 const LOOK: Duration = Duration::from_millis(200);
@@ -78,7 +80,6 @@ pub fn program(node: &Node, address: SocketAddr) -> Result<(), NodeError> {
         }
         status.set("address", server.address());
         status.set("clients", server.clients());
-        status.set("dropped", server.dropped());
         status.ok("serving");
         std::thread::sleep(LOOK);
     }
@@ -95,9 +96,13 @@ struct Sink {
     node: Node,
     server: Arc<Server>,
     camera: Arc<Camera>,
-    description: Channel,
-    /// Advertised with the first message.
-    channel: OnceLock<ChannelId>,
+    topic: String,
+    type_name: String,
+    definition: String,
+    /// Whether who subscribes later gets the last message, too.
+    latched: bool,
+    /// Advertised with the first message; `None` if it could not be.
+    channel: OnceLock<Option<Arc<RawChannel>>>,
 }
 
 impl Sink {
@@ -110,39 +115,42 @@ impl Sink {
         type_name: &str,
         qos: Qos,
     ) -> Option<Self> {
-        let definition = msg::find(type_name)?;
         Some(Self {
             node: node.clone(),
             server: Arc::clone(server),
             camera: Arc::clone(camera),
-            description: Channel {
-                topic: topic.to_owned(),
-                encoding: "cdr".into(),
-                schema_name: type_name.to_owned(),
-                schema: definition.schema_text(),
-                schema_encoding: "ros2msg".into(),
-                latched: qos.durability == Durability::TransientLocal,
-            },
+            topic: topic.to_owned(),
+            type_name: type_name.to_owned(),
+            definition: msg::find(type_name)?.schema_text(),
+            latched: qos.durability == Durability::TransientLocal,
             channel: OnceLock::new(),
         })
     }
 
     fn take(&self, sample: RawSample) {
-        let channel = self
-            .channel
-            .get_or_init(|| self.server.add_channel(self.description.clone()));
+        let channel = self.channel.get_or_init(|| {
+            let definition = self.definition.clone();
+            (self.server)
+                .advertise(&self.topic, &self.type_name, definition)
+                .inspect_err(|e| tracing::warn!("{} is not shown: {e}", self.topic))
+                .ok()
+        });
+        let Some(channel) = channel else { return };
         let simulated = self.node.clock().is_simulated();
         let time = nanos(match simulated {
             true => self.node.now(),
             false => sample.received_time,
         });
-        if self.description.topic == topics::CLOCK.name
+        if self.topic == topics::CLOCK.name
             && let Ok(clock) = cdr::decode::<Clock>(&sample.cdr)
         {
             self.server.tell_time(nanos(clock.clock.into()));
         }
-        self.camera.see(&self.description, &sample, time);
-        self.server.publish(*channel, time, sample.cdr);
+        self.camera.see(&self.topic, &sample, time);
+        channel.log_with_meta(&sample.cdr, PartialMetadata::with_log_time(time));
+        if self.latched {
+            self.server.keep(channel, time, sample.cdr);
+        }
     }
 }
 
@@ -153,7 +161,7 @@ fn nanos(time: Time) -> u64 {
 /// What is drawn on the image of the node's camera.
 struct Camera {
     /// By what they show.
-    channels: Mutex<BTreeMap<&'static str, ChannelId>>,
+    channels: Mutex<BTreeMap<&'static str, Channel<ImageAnnotations>>>,
     topic: String,
     overlay: Mutex<Overlay>,
     server: Arc<Server>,
@@ -161,16 +169,16 @@ struct Camera {
 
 impl Camera {
     /// Looks whether a message has something for the image.
-    fn see(&self, channel: &Channel, sample: &RawSample, time: u64) {
+    fn see(&self, topic: &str, sample: &RawSample, time: u64) {
         let mut overlay = self.overlay.lock().unwrap_or_else(PoisonError::into_inner);
-        if channel.topic == topics::TF_STATIC.name {
+        if topic == topics::TF_STATIC.name {
             if let Some(message) = decode::<TFMessage>(sample) {
                 overlay.set_transforms(message);
             }
             return;
         }
         let prefix = self.topic.trim_end_matches(ANNOTATIONS);
-        let Some(own) = channel.topic.strip_prefix(prefix) else {
+        let Some(own) = topic.strip_prefix(prefix) else {
             return;
         };
         let place = |name: &'static str, overlay: &Overlay| {
@@ -194,12 +202,11 @@ impl Camera {
         drop(overlay);
         if let Some((name, drawn)) = drawn {
             let mut channels = self.channels.lock().unwrap_or_else(PoisonError::into_inner);
-            let id = *channels.entry(name).or_insert_with(|| {
+            let channel = channels.entry(name).or_insert_with(|| {
                 let topic = format!("{}/{name}", self.topic);
-                self.server.add_channel(annotations::channel(topic))
+                self.server.advertise_own(&topic)
             });
-            let json = drawn.to_string().into_bytes();
-            self.server.publish(id, time, json.into());
+            channel.log_with_meta(&drawn, PartialMetadata::with_log_time(time));
         }
     }
 }
