@@ -310,30 +310,29 @@ def told(number, until):
 
 
 def goal_taken():
-    answer = send_goal(1, 40)
+    answer = send_goal(1, 1_000_000)
     return answer.accepted and answer.stamp.sec > 0, answer
 
 
+def goal_cancelled():
+    heard = told(1, lambda heard: len(heard) >= 3)
+    steps()["result"].send(goal_id=identity(1))
+    when = struct("builtin_interfaces/msg/Time")(sec=0, nanosec=0)
+    which = struct("action_msgs/msg/GoalInfo")(goal_id=identity(1), stamp=when)
+    named = [list(info.goal_id.uuid) for info in steps()["cancel"].call(goal_info=which).goals_canceling]
+    status = steps()["result"].answer().status
+    return named == [[1] * 16] and status == CANCELED and len(heard) >= 3, f"{status} {len(heard)}"
+
+
 def goal_feedback():
-    heard = told(1, lambda heard: heard[-1:] == [40])
-    return heard == list(range(1, 41)), heard
+    taken = send_goal(2, 40).accepted
+    heard = told(2, lambda heard: heard[-1:] == [40])
+    return taken and heard == list(range(1, 41)), heard
 
 
 def goal_outcome():
-    answer = steps()["result"].call(goal_id=identity(1))
+    answer = steps()["result"].call(goal_id=identity(2))
     return answer.status == SUCCEEDED and answer.result.result.error_message == "40 steps", answer
-
-
-def goal_cancelled():
-    taken = send_goal(2, 1_000_000)
-    heard = told(2, lambda heard: len(heard) >= 3)
-    steps()["result"].send(goal_id=identity(2))
-    when = struct("builtin_interfaces/msg/Time")(sec=0, nanosec=0)
-    which = struct("action_msgs/msg/GoalInfo")(goal_id=identity(2), stamp=when)
-    named = [list(info.goal_id.uuid) for info in steps()["cancel"].call(goal_info=which).goals_canceling]
-    status = steps()["result"].answer().status
-    ours = taken.accepted and named == [[2] * 16]
-    return ours and status == CANCELED and len(heard) >= 3, f"{status} {len(heard)}"
 
 
 def goal_refused():

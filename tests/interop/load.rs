@@ -21,13 +21,13 @@ use crate::{
 
 /// In a namespace of its own.
 const DOMAIN: u16 = 3;
-/// Numbers in a message of 20 kB, of which 1000 a second are 20 MB/s.
-const NUMBERS: usize = 2500;
-const PERIOD: Duration = Duration::from_millis(1);
-const MESSAGES: u64 = 8000;
-/// How many may be on their way. What waits for the disk is 40 MB then, less than the recorder has room for; on a
-/// computer that keeps up, its reports come often enough to hold nobody up.
-const WINDOW: u64 = 2000;
+/// Numbers in a message of 40 kB, of which 500 a second are 20 MB/s.
+const NUMBERS: usize = 5000;
+const PERIOD: Duration = Duration::from_millis(2);
+const MESSAGES: u64 = 4000;
+/// How many may be on their way: less than a reader keeps, and less than waits for the disk before any are dropped. On
+/// a computer that keeps up, the recorder's reports come often enough to hold nobody up.
+const WINDOW: u64 = 950;
 /// Images of 900 kB, best effort: 20 MB/s, too.
 const IMAGES: u32 = 100;
 const IMAGE_PERIOD: Duration = Duration::from_millis(45);

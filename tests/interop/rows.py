@@ -18,10 +18,11 @@ BEFORE = [
 AFTER = [
     ("service of fuyu", "service"),
     ("parameters of fuyu", "parameters"),
+    # In this order: when the goal that goes on for ever has given feedback, both sides know all there is.
     ("action of fuyu: a goal is taken", "goal_taken"),
+    ("action of fuyu: cancelled", "goal_cancelled"),
     ("action of fuyu: feedback", "goal_feedback"),
     ("action of fuyu: outcome", "goal_outcome"),
-    ("action of fuyu: cancelled", "goal_cancelled"),
     ("action of fuyu: a goal is refused", "goal_refused"),
     ("images of 900 kB", "image"),
     ("1 kHz joint states from fuyu, reliable", "stream_from_fuyu"),
