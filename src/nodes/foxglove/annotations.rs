@@ -6,10 +6,11 @@ use serde_json::{Value, json};
 use super::server::Channel;
 use crate::{
     msg::{
+        Interface,
         builtin_interfaces::Time,
         fuyu_msgs::FeatureTracks,
         geometry_msgs::{Point, Pose, PoseStamped, TransformStamped, Vector3},
-        sensor_msgs::CameraInfo,
+        sensor_msgs::{CameraInfo, Image},
         tf2_msgs::TFMessage,
     },
     nodes::geometry::pose_from_msg,
@@ -57,21 +58,54 @@ impl Overlay {
         seen.then(|| [k[0] * p_CP.x / p_CP.z + k[2], k[4] * p_CP.y / p_CP.z + k[5]])
     }
 
+    /// Pixels that can be told apart when the image fills a panel, about a thousandth of its longer side.
+    fn unit(&self) -> f64 {
+        let info = self.info.as_ref();
+        info.map_or(1.0, |i| f64::from(i.width.max(i.height)) / 1024.0)
+    }
+
     /// A named point where the origin of `pose` is seen; nothing if that is not known.
     pub fn place(&self, name: &str, pose: &PoseStamped) -> Option<Value> {
         let [x, y] = self.pixel(pose)?;
-        let time = stamp(&pose.header.stamp);
+        let width = f64::from(self.info.as_ref()?.width);
+        let (time, unit) = (stamp(&pose.header.stamp), self.unit());
+        let (gap, font) = (20.0 * unit, 36.0 * unit);
+        // Letters are about half as wide as high; the name must not lie beyond the image's right edge.
+        let length = 0.6 * font * name.len() as f64;
+        let start = match x + gap + length > width {
+            true => x - gap - length,
+            false => x + gap,
+        };
         let text = json!({
-            "timestamp": time, "position": {"x": x + 8.0, "y": y}, "text": name, "font_size": 16,
-            "text_color": COLOUR_OF_PLACES, "background_color": {"r": 0, "g": 0, "b": 0, "a": 0.4},
+            "timestamp": time, "position": {"x": start, "y": y + 0.3 * font}, "text": name,
+            "font_size": font, "text_color": COLOUR_OF_PLACES, "background_color": NOTHING,
         });
         let circle = json!({
-            "timestamp": time, "position": {"x": x, "y": y}, "diameter": 12, "thickness": 2,
-            "fill_color": NOTHING, "outline_color": COLOUR_OF_PLACES,
+            "timestamp": time, "position": {"x": x, "y": y}, "diameter": 24.0 * unit,
+            "thickness": 4.0 * unit, "fill_color": NOTHING, "outline_color": COLOUR_OF_PLACES,
         });
         Some(json!({"circles": [circle], "points": [], "texts": [text]}))
     }
+
+    /// Feature points as dots.
+    pub fn features(&self, message: &FeatureTracks) -> Value {
+        let points: Vec<_> = message
+            .u
+            .iter()
+            .zip(&message.v)
+            .map(|(u, v)| json!({"x": u, "y": v}))
+            .collect();
+        let dots = json!({
+            "timestamp": stamp(&message.header.stamp), "type": 1, "points": points,
+            "outline_color": COLOUR_OF_FEATURES, "outline_colors": [], "fill_color": NOTHING,
+            "thickness": 8.0 * self.unit(),
+        });
+        json!({"circles": [], "points": [dots], "texts": []})
+    }
 }
+
+/// Of a background.
+const MOST_PIXELS: usize = 1 << 24;
 
 const NOTHING: Rgba = Rgba(0.0, 0.0, 0.0, 0.0);
 const COLOUR_OF_PLACES: Rgba = Rgba(0.95, 0.6, 0.1, 1.0);
@@ -86,20 +120,32 @@ impl serde::Serialize for Rgba {
     }
 }
 
-/// Feature points as dots.
-pub fn features(message: &FeatureTracks) -> Value {
-    let points: Vec<_> = message
-        .u
-        .iter()
-        .zip(&message.v)
-        .map(|(u, v)| json!({"x": u, "y": v}))
-        .collect();
-    let dots = json!({
-        "timestamp": stamp(&message.header.stamp), "type": 1, "points": points,
-        "outline_color": COLOUR_OF_FEATURES, "outline_colors": [], "fill_color": NOTHING,
-        "thickness": 4,
-    });
-    json!({"circles": [], "points": [dots], "texts": []})
+/// An image as large as the camera's that shows nothing but a dark grey; none if that has no pixels, or more
+/// than anyone should be sent.
+pub fn background(info: &CameraInfo) -> Option<Image> {
+    let (width, height) = (info.width, info.height);
+    let pixels = width as usize * height as usize;
+    (1..=MOST_PIXELS).contains(&pixels).then(|| Image {
+        header: info.header.clone(),
+        height,
+        width,
+        encoding: "mono8".into(),
+        is_bigendian: 0,
+        step: width,
+        data: vec![24; pixels],
+    })
+}
+
+/// The channel of the background under the name `topic`.
+pub fn background_channel(topic: String) -> Channel {
+    Channel {
+        topic,
+        encoding: "cdr".into(),
+        schema_name: Image::DEFINITION.type_name(),
+        schema: Image::DEFINITION.schema_text(),
+        schema_encoding: "ros2msg".into(),
+        latched: true,
+    }
 }
 
 fn stamp(time: &Time) -> Value {

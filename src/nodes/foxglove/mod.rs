@@ -28,6 +28,9 @@ const LOOK: Duration = Duration::from_millis(200);
 /// What the topics of the annotations begin with: a viewer shows the last message of each.
 const ANNOTATIONS: &str = "camera/annotations";
 
+/// Under that, what they are drawn on: the camera makes no pixels, and a viewer draws nothing without an image.
+const BACKGROUND: &str = "background";
+
 /// The node's program: serves the graph on `address`.
 ///
 /// # Errors
@@ -179,11 +182,15 @@ impl Camera {
         };
         let drawn = if own == topics::CAMERA_INFO.name {
             if let Some(info) = decode::<CameraInfo>(sample) {
+                if let Some(image) = annotations::background(&info) {
+                    let image = cdr::encode(&image);
+                    self.show(BACKGROUND, annotations::background_channel, time, image);
+                }
                 overlay.set_info(info);
             }
             None
         } else if own == topics::FEATURES.name {
-            decode::<FeatureTracks>(sample).map(|m| ("features", annotations::features(&m)))
+            decode::<FeatureTracks>(sample).map(|m| ("features", overlay.features(&m)))
         } else if own == topics::TIP_POSE.name {
             place("tip", &overlay)
         } else if own == topics::SEEN_GOAL.name {
@@ -193,14 +200,23 @@ impl Camera {
         };
         drop(overlay);
         if let Some((name, drawn)) = drawn {
-            let mut channels = self.channels.lock().unwrap_or_else(PoisonError::into_inner);
-            let id = *channels.entry(name).or_insert_with(|| {
-                let topic = format!("{}/{name}", self.topic);
-                self.server.add_channel(annotations::channel(topic))
-            });
-            let json = drawn.to_string().into_bytes();
-            self.server.publish(id, time, json.into());
+            self.show(
+                name,
+                annotations::channel,
+                time,
+                drawn.to_string().into_bytes(),
+            );
         }
+    }
+
+    /// Sends `data` on the channel `name`, which `describe` describes under its topic if it is new.
+    fn show(&self, name: &'static str, describe: fn(String) -> Channel, time: u64, data: Vec<u8>) {
+        let mut channels = self.channels.lock().unwrap_or_else(PoisonError::into_inner);
+        let id = *channels.entry(name).or_insert_with(|| {
+            let topic = format!("{}/{name}", self.topic);
+            self.server.add_channel(describe(topic))
+        });
+        self.server.publish(id, time, data.into());
     }
 }
 
