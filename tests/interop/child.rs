@@ -30,6 +30,7 @@ fn process() {
         "echo" => crate::echo::program,
         "hostile" => crate::hostile::program,
         "leap" => crate::leaps::program,
+        "push" => crate::load::push,
         "send" => crate::speed::send,
         "take" => crate::speed::take,
         other => panic!("no program {other}"),

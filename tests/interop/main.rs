@@ -17,6 +17,7 @@ mod hashes;
 mod hostile;
 mod launch_files;
 mod leaps;
+mod load;
 mod lossy;
 mod matrix;
 mod names;
