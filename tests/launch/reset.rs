@@ -82,9 +82,19 @@ fn after_a_reset_all_is_as_at_the_start() {
             let expected = simulated(&config, "8");
             let (runs, files, _launch) = twice(&config);
             for run in &runs {
-                assert!(run.len() > 200, "{} states", run.len());
-                for (ours, theirs) in expected.iter().zip(run) {
-                    assert_eq!(ours, theirs, "{}", config.display());
+                assert!(run.len() > 100, "{} states", run.len());
+                for state in run {
+                    // A recorder that is late misses the first states; one that waits for long is answered twice, which
+                    // changes what is predicted by rounding.
+                    let Some(expected) = expected.get((100.0 * stamp(state)).round() as usize)
+                    else {
+                        break;
+                    };
+                    assert_eq!(expected.header, state.header);
+                    for (ours, theirs) in expected.position.iter().zip(&state.position) {
+                        let off = (ours - theirs).abs();
+                        assert!(off < 1e-9, "{}: {off} at {state:?}", config.display());
+                    }
                 }
             }
             // In each file of the bag time goes on.
