@@ -4,6 +4,7 @@
 
 mod fragments;
 mod histories;
+mod newcomers;
 mod words;
 
 use rustdds::{
