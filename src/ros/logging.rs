@@ -17,7 +17,7 @@ use tracing_subscriber::{
     util::SubscriberInitExt,
 };
 
-use super::{RosArgs, Time, node::Core};
+use super::{RosArgs, Time, core::Core};
 use crate::msg::{cdr, rcl_interfaces::Log};
 
 /// Libraries that speak of their own affairs, at shutdown above all, and how loud they may be unless asked by name.

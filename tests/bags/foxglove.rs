@@ -50,6 +50,7 @@ fn foxglove_gets_every_topic_and_draws_on_the_image() {
             "/markers",
             "/controller/state",
             "/camera/annotations/tip",
+            "/camera/annotations/background",
         ])
         .output()
         .unwrap();
@@ -80,6 +81,11 @@ fn foxglove_gets_every_topic_and_draws_on_the_image() {
     let text = &of("/camera/annotations/tip")["texts"][0];
     assert_eq!(text["text"], "tip");
     assert!(text["position"]["x"].is_number());
+    // Viewers draw on nothing but an image; one as large as the camera's calibration says.
+    let image = of("/camera/annotations/background");
+    let pixels = image["data"].as_array().unwrap();
+    assert_eq!([&image["width"], &image["height"]], [1024, 1024]);
+    assert_eq!(pixels.len(), 1024 * 1024);
     assert!(
         report["time"].as_u64().unwrap() > 0,
         "simulated time is told"

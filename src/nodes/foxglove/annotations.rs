@@ -11,7 +11,7 @@ use crate::{
         builtin_interfaces::Time,
         fuyu_msgs::FeatureTracks,
         geometry_msgs::{Point, Pose, PoseStamped, TransformStamped, Vector3},
-        sensor_msgs::CameraInfo,
+        sensor_msgs::{CameraInfo, Image},
         tf2_msgs::TFMessage,
     },
     nodes::geometry::pose_from_msg,
@@ -59,24 +59,42 @@ impl Overlay {
         seen.then(|| [k[0] * p_CP.x / p_CP.z + k[2], k[4] * p_CP.y / p_CP.z + k[5]])
     }
 
+    /// Pixels that can be told apart when the image fills a panel, about a thousandth of its longer side.
+    fn unit(&self) -> f64 {
+        let info = self.info.as_ref();
+        info.map_or(1.0, |i| f64::from(i.width.max(i.height)) / 1024.0)
+    }
+
     /// A named point where the origin of `pose` is seen; nothing if that is not known.
     pub fn place(&self, name: &str, pose: &PoseStamped) -> Option<ImageAnnotations> {
         let [x, y] = self.pixel(pose)?;
         let timestamp = Some(stamp(&pose.header.stamp));
+        let width = f64::from(self.info.as_ref()?.width);
+        let unit = self.unit();
+        let (gap, font) = (20.0 * unit, 36.0 * unit);
+        // Letters are about half as wide as high; the name must not lie beyond the image's right edge.
+        let length = 0.6 * font * name.len() as f64;
+        let start = match x + gap + length > width {
+            true => x - gap - length,
+            false => x + gap,
+        };
         let text = TextAnnotation {
             timestamp,
-            position: Some(Point2 { x: x + 8.0, y }),
+            position: Some(Point2 {
+                x: start,
+                y: y + 0.3 * font,
+            }),
             text: name.to_owned(),
-            font_size: 16.0,
+            font_size: font,
             text_color: Some(COLOUR_OF_PLACES),
-            background_color: Some(SHADE),
+            background_color: Some(NOTHING),
             ..Default::default()
         };
         let circle = CircleAnnotation {
             timestamp,
             position: Some(Point2 { x, y }),
-            diameter: 12.0,
-            thickness: 2.0,
+            diameter: 24.0 * unit,
+            thickness: 4.0 * unit,
             fill_color: Some(NOTHING),
             outline_color: Some(COLOUR_OF_PLACES),
             ..Default::default()
@@ -87,10 +105,30 @@ impl Overlay {
             ..Default::default()
         })
     }
+
+    /// Feature points as dots.
+    pub fn features(&self, message: &FeatureTracks) -> ImageAnnotations {
+        let points = message.u.iter().zip(&message.v);
+        let dots = PointsAnnotation {
+            timestamp: Some(stamp(&message.header.stamp)),
+            r#type: points_annotation::Type::Points.into(),
+            points: points.map(|(&u, &v)| Point2 { x: u, y: v }).collect(),
+            outline_color: Some(COLOUR_OF_FEATURES),
+            fill_color: Some(NOTHING),
+            thickness: 8.0 * self.unit(),
+            ..Default::default()
+        };
+        ImageAnnotations {
+            points: vec![dots],
+            ..Default::default()
+        }
+    }
 }
 
+/// Of a background.
+const MOST_PIXELS: usize = 1 << 24;
+
 const NOTHING: Color = rgba(0.0, 0.0, 0.0, 0.0);
-const SHADE: Color = rgba(0.0, 0.0, 0.0, 0.4);
 const COLOUR_OF_PLACES: Color = rgba(0.95, 0.6, 0.1, 1.0);
 const COLOUR_OF_FEATURES: Color = rgba(0.2, 0.9, 0.4, 1.0);
 
@@ -98,22 +136,20 @@ const fn rgba(r: f64, g: f64, b: f64, a: f64) -> Color {
     Color { r, g, b, a }
 }
 
-/// Feature points as dots.
-pub fn features(message: &FeatureTracks) -> ImageAnnotations {
-    let points = message.u.iter().zip(&message.v);
-    let dots = PointsAnnotation {
-        timestamp: Some(stamp(&message.header.stamp)),
-        r#type: points_annotation::Type::Points.into(),
-        points: points.map(|(&u, &v)| Point2 { x: u, y: v }).collect(),
-        outline_color: Some(COLOUR_OF_FEATURES),
-        fill_color: Some(NOTHING),
-        thickness: 4.0,
-        ..Default::default()
-    };
-    ImageAnnotations {
-        points: vec![dots],
-        ..Default::default()
-    }
+/// An image as large as the camera's that shows nothing but a dark grey; none if that has no pixels, or more
+/// than anyone should be sent.
+pub fn background(info: &CameraInfo) -> Option<Image> {
+    let (width, height) = (info.width, info.height);
+    let pixels = width as usize * height as usize;
+    (1..=MOST_PIXELS).contains(&pixels).then(|| Image {
+        header: info.header.clone(),
+        height,
+        width,
+        encoding: "mono8".into(),
+        is_bigendian: 0,
+        step: width,
+        data: vec![24; pixels],
+    })
 }
 
 /// Times before 1970, which Foxglove does not know, are its zero.

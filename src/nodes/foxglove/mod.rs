@@ -16,8 +16,12 @@ use foxglove::{Channel, PartialMetadata, RawChannel, messages::ImageAnnotations}
 use super::topics;
 use crate::{
     msg::{
-        self, Interface, cdr, fuyu_msgs::FeatureTracks, geometry_msgs::PoseStamped,
-        rosgraph_msgs::Clock, sensor_msgs::CameraInfo, tf2_msgs::TFMessage,
+        self, Interface, cdr,
+        fuyu_msgs::FeatureTracks,
+        geometry_msgs::PoseStamped,
+        rosgraph_msgs::Clock,
+        sensor_msgs::{CameraInfo, Image},
+        tf2_msgs::TFMessage,
     },
     ros::{Node, NodeError, Qos, RawSample, RawSubscription, Time, qos::Durability},
 };
@@ -29,6 +33,9 @@ const LOOK: Duration = Duration::from_millis(200);
 
 /// What the topics of the annotations begin with: a viewer shows the last message of each.
 const ANNOTATIONS: &str = "camera/annotations";
+
+/// Under that, what they are drawn on: the camera makes no pixels, and a viewer draws nothing without an image.
+const BACKGROUND: &str = "background";
 
 /// The node's program: serves the graph on `address`.
 ///
@@ -44,6 +51,7 @@ pub fn program(node: &Node, address: SocketAddr) -> Result<(), NodeError> {
     let server = Arc::new(server);
     let camera = Arc::new(Camera {
         channels: Mutex::default(),
+        background: OnceLock::new(),
         topic: node.resolve_topic(ANNOTATIONS)?,
         overlay: Mutex::default(),
         server: Arc::clone(&server),
@@ -162,6 +170,8 @@ fn nanos(time: Time) -> u64 {
 struct Camera {
     /// By what they show.
     channels: Mutex<BTreeMap<&'static str, Channel<ImageAnnotations>>>,
+    /// `None` if it could not be advertised.
+    background: OnceLock<Option<Arc<RawChannel>>>,
     topic: String,
     overlay: Mutex<Overlay>,
     server: Arc<Server>,
@@ -187,11 +197,12 @@ impl Camera {
         };
         let drawn = if own == topics::CAMERA_INFO.name {
             if let Some(info) = decode::<CameraInfo>(sample) {
+                self.show_background(&info, time);
                 overlay.set_info(info);
             }
             None
         } else if own == topics::FEATURES.name {
-            decode::<FeatureTracks>(sample).map(|m| ("features", annotations::features(&m)))
+            decode::<FeatureTracks>(sample).map(|m| ("features", overlay.features(&m)))
         } else if own == topics::TIP_POSE.name {
             place("tip", &overlay)
         } else if own == topics::SEEN_GOAL.name {
@@ -202,11 +213,34 @@ impl Camera {
         drop(overlay);
         if let Some((name, drawn)) = drawn {
             let mut channels = self.channels.lock().unwrap_or_else(PoisonError::into_inner);
-            let channel = channels.entry(name).or_insert_with(|| {
-                let topic = format!("{}/{name}", self.topic);
-                self.server.advertise_own(&topic)
-            });
+            let channel = channels
+                .entry(name)
+                .or_insert_with(|| self.server.advertise_own(&self.below(name)));
             channel.log_with_meta(&drawn, PartialMetadata::with_log_time(time));
+        }
+    }
+
+    /// The topic of one of the annotations.
+    fn below(&self, name: &str) -> String {
+        format!("{}/{name}", self.topic)
+    }
+
+    /// Sends an image to draw on.
+    fn show_background(&self, info: &CameraInfo, time: u64) {
+        let Some(image) = annotations::background(info) else {
+            return;
+        };
+        let channel = self.background.get_or_init(|| {
+            let (kind, definition) = (Image::DEFINITION.type_name(), Image::DEFINITION);
+            (self.server)
+                .advertise(&self.below(BACKGROUND), &kind, definition.schema_text())
+                .inspect_err(|e| tracing::warn!("{BACKGROUND} is not shown: {e}"))
+                .ok()
+        });
+        if let Some(channel) = channel {
+            let image = cdr::encode(&image);
+            channel.log_with_meta(&image, PartialMetadata::with_log_time(time));
+            self.server.keep(channel, time, image.into());
         }
     }
 }
