@@ -194,7 +194,7 @@ impl Analysis {
 
     /// Sec. 2.4.3.
     fn axisymmetric(&self, rates: &[Rate]) -> Result<(FreeRotation, Fit), EstimateError> {
-        let precession = MeanPrecession::fit(rates, &self.plane);
+        let precession = MeanPrecession::steady(rates, &self.plane);
         let J = moments::axisymmetric(self.plane.alpha, self.spectrum.mean, precession.rate);
         let parameters = self.body(J)?;
         let towards = precession.direction(precession.phase);
