@@ -85,8 +85,7 @@ impl MeanPrecession {
 
     /// The same for a herpolhode that is a circle, as the axisymmetric model has it. Where its radius drowns in noise
     /// an angle compared with the one before slips by whole turns, and takes the mean rate with it. So each is the
-    /// turn nearest to a line: at first that of the rate that, taken away, leaves the ends closest together. The text
-    /// does not say how angles become turns; with slips the largest errors that it reports do not come out.
+    /// turn nearest to a line: at first that of the rate that, taken away, leaves the ends closest together.
     pub fn steady(rates: &[Rate], plane: &InvariablePlane) -> Self {
         let mut line = Self::rough(rates, plane);
         for _ in 0..ROUNDS {
