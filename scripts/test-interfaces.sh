@@ -1,6 +1,6 @@
 #!/usr/bin/env bash
 # Adds to a Python environment of the tests (test-venv.sh) the interface packages that have no wheel: fuyu_msgs,
-# built from msg/ as colcon would, tf2_msgs and simulation_interfaces. Once; prints the path of the environment's python.
+# built from msg/ as colcon would, and those in tests/support. Once; prints the path of the environment's python.
 # Usage: test-interfaces.sh [jazzy|kilted]
 set -euo pipefail
 
@@ -23,7 +23,7 @@ case $distribution in
     ;;
 esac
 venv=$(dirname "$(dirname "$python")")
-packages=("$root/msg" "$root/tests/support/tf2_msgs" "$root/tests/support/simulation_interfaces")
+packages=("$root/msg" "$root/tests/support/"{tf2_msgs,simulation_interfaces,rosbag2_interfaces})
 generators=(
   "ros-$distribution-rosidl-"{default,core}-generators "${more[@]}"
   "ros-$distribution-ament-"{package,cmake,cmake-ros,lint}

@@ -52,11 +52,16 @@ impl Controller {
     ) -> Result<Self, GainError> {
         let joints = model.dof();
         config.check(joints)?;
+        Ok(Self::start(model, tip, more_tips, config))
+    }
+
+    fn start(model: Model, tip: Frame, more_tips: Vec<Frame>, config: ControllerConfig) -> Self {
+        let joints = model.dof();
         let arm = Arm {
             more_tips,
             ..Arm::new(model, tip)
         };
-        Ok(Self {
+        Self {
             law: config.law.start(&config, &arm),
             foresight: Foresight::new(&arm, config.goal),
             feed_forward: FeedForward::new(&arm.model, &arm.tip),
@@ -66,7 +71,19 @@ impl Controller {
             efforts: DVector::zeros(joints),
             arm,
             config,
-        })
+        }
+    }
+
+    /// Forgets all but the settings in force: what follows is another run, in which time begins anew.
+    pub fn restart(&mut self) {
+        let Arm {
+            model,
+            tip,
+            more_tips,
+            ..
+        } = &self.arm;
+        let (model, tip, more_tips) = (model.clone(), tip.clone(), more_tips.clone());
+        *self = Self::start(model, tip, more_tips, self.config.clone());
     }
 
     /// Settings in force.
@@ -262,6 +279,30 @@ mod tests {
             .update(&Measurement::new(0.01, &q, &rest))
             .unwrap();
         assert_eq!(controller.efforts(), &pulled);
+    }
+
+    // Would break if anything of the run before were left: a joint goal, a difference that decays, a pending kick.
+    #[test]
+    fn a_restarted_controller_does_what_a_new_one_does() {
+        for (_, law) in LawKind::NAMES {
+            let mut used = planar(law);
+            let (q, sight) = poses(&used, [0.3, 1.0], [0.5, 0.8]);
+            let (_, other) = poses(&used, [0.3, 1.0], [1.5, -0.8]);
+            let qd = DVector::from_row_slice(&[0.1, -0.2]);
+            for k in 0..500 {
+                update(&mut used, 0.01 * f64::from(k), &q, &qd, &other).ok();
+            }
+            used.set_config(config(law)).unwrap();
+            update(&mut used, 5.0, &q, &qd, &other).ok();
+            used.restart();
+            let mut fresh = planar(law);
+            for k in 0..100 {
+                let time = 0.01 * f64::from(k);
+                update(&mut used, time, &q, &qd, &sight).ok();
+                update(&mut fresh, time, &q, &qd, &sight).ok();
+                assert_eq!(used.efforts(), fresh.efforts(), "{law:?} at {time} s");
+            }
+        }
     }
 
     #[test]

@@ -17,6 +17,7 @@ use std::{
 use super::{
     Gid, NodeName, Qos,
     endpoint::{Counters, EndpointSpec, Endpoints},
+    neighbours::Neighbours,
     newcomers::Newcomers,
 };
 
@@ -128,7 +129,7 @@ pub(super) fn report_status(
     node: &NodeName,
     endpoints: &Mutex<Endpoints>,
     peers: &mut Peers,
-    newcomers: &Newcomers,
+    (neighbours, newcomers): (&Neighbours, &Newcomers),
 ) {
     while let Some(event) = listener.try_recv_status() {
         let all = endpoints.lock().unwrap_or_else(PoisonError::into_inner);
@@ -145,7 +146,10 @@ pub(super) fn report_status(
             Event::ReaderLost { guid, .. } | Event::WriterLost { guid, .. } => {
                 peers.lost(&all, |g| *g == guid);
             }
-            Event::ParticipantLost { id, .. } => peers.lost(&all, |g| g.prefix == id),
+            Event::ParticipantLost { id, .. } => {
+                peers.lost(&all, |g| g.prefix == id);
+                neighbours.lose(|g| g.prefix == id);
+            }
             Event::RemoteReaderQosIncompatible {
                 local_writer,
                 requested_qos,
@@ -204,6 +208,27 @@ fn warn_incompatible(
         requested.reliability,
         requested.durability
     );
+}
+
+/// What rustdds keeps of a datagram for all but the payload \[bytes\].
+const AROUND_PAYLOAD: usize = 80;
+/// What it sends in one datagram over loopback, and what to a peer that also listens elsewhere \[bytes\].
+const LOOPBACK: usize = 65_488;
+const ELSEWHERE: usize = 1_452;
+
+/// The longest sample with inline QoS, as replies are, that reaches all readers of a topic \[bytes\]. rustdds spoils
+/// those that need more than one datagram (docs/upstream.md), and sends the same datagrams to all.
+pub(super) fn longest_reply(participant: &DomainParticipant, dds_topic: &str) -> usize {
+    let readers = participant.discovered_readers();
+    let mut readers = readers
+        .iter()
+        .filter(|reader| reader.subscription_topic_data.topic_name() == dds_topic)
+        .map(|reader| &reader.reader_proxy.unicast_locator_list)
+        .peekable();
+    let is_near = readers.peek().is_some()
+        && readers.all(|all| !all.is_empty() && all.iter().all(|locator| locator.is_loopback()));
+    let datagram = if is_near { LOOPBACK } else { ELSEWHERE };
+    datagram - AROUND_PAYLOAD
 }
 
 /// A publisher somewhere in the graph.

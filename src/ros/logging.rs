@@ -17,11 +17,15 @@ use tracing_subscriber::{
     util::SubscriberInitExt,
 };
 
-use super::{RosArgs, Time, node::Core};
+use super::{RosArgs, Time, core::Core};
 use crate::msg::{cdr, rcl_interfaces::Log};
 
-/// Libraries that speak of their own affairs, at shutdown above all; heard only when asked for by name.
-const QUIET: [&str; 2] = ["rustdds", "ros2_client"];
+/// Libraries that speak of their own affairs, at shutdown above all, and how loud they may be unless asked by name.
+const QUIET: [(&str, LevelFilter); 3] = [
+    ("rustdds", LevelFilter::OFF),
+    ("ros2_client", LevelFilter::OFF),
+    ("foxglove", LevelFilter::WARN),
+];
 
 thread_local! {
     /// The node whose work this thread does.
@@ -63,11 +67,11 @@ impl RosLog {
         let fits =
             |logger: &str| is_within(target, logger) || node.is_some_and(|n| is_within(n, logger));
         let named = self.loggers.iter().filter(|(logger, _)| fits(logger));
-        match named.max_by_key(|(logger, _)| logger.len()) {
-            Some((_, level)) => *level,
-            None if QUIET.iter().any(|q| is_within(target, q)) => LevelFilter::OFF,
-            None => self.level,
+        if let Some((_, level)) = named.max_by_key(|(logger, _)| logger.len()) {
+            return *level;
         }
+        let quiet = QUIET.iter().find(|(q, _)| is_within(target, q));
+        quiet.map_or(self.level, |(_, most)| self.level.min(*most))
     }
 }
 
@@ -194,6 +198,8 @@ mod tests {
         assert_eq!(node("chaser.camera"), LevelFilter::DEBUG);
         assert_eq!(node("chaser2"), LevelFilter::INFO);
         assert_eq!(log.level_of("rustdds::discovery", None), LevelFilter::OFF);
+        let sdk = log.level_of("foxglove::websocket::server", None);
+        assert_eq!(sdk, LevelFilter::WARN);
         assert_eq!(
             log.level_of("rustdds::rtps::writer", None),
             LevelFilter::ERROR

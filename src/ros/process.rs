@@ -13,12 +13,12 @@ use std::{
 
 use super::{
     Domain, Node, NodeError, NodeOptions, Qos, Reach, RosArgs,
+    core::Core,
     diagnostics::Reporter,
-    duplicates,
     endpoint::EndpointSpec,
     logging,
     names::Names,
-    node::Core,
+    neighbours::Neighbours,
     params::{self, ParameterStore, USE_SIM_TIME},
     service::ServiceServer,
     signals::{self, Told},
@@ -353,7 +353,7 @@ impl Infrastructure {
             core: Arc::clone(&core),
         };
         core.open_session()?;
-        duplicates::watch(&core)?;
+        Neighbours::listen(&core)?;
         let services = params::serve(&node)?;
         // Last, since every declaration is announced.
         let simulated = node

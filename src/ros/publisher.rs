@@ -8,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::{Qos, endpoint::Writer, node::Core};
+use super::{Qos, core::Core, endpoint::Writer};
 use crate::msg::{Interface, cdr};
 
 /// Queue of a reliable publisher that asks for less: room for what piles up while DDS waits for a slow

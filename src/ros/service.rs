@@ -1,6 +1,6 @@
 //! Services: a request topic, a reply topic, and the identity that binds an answer to its question.
 
-use rustdds::{SequenceNumber, rpc::SampleIdentity};
+use rustdds::{SequenceNumber, bytes::Bytes, rpc::SampleIdentity};
 use std::{
     collections::VecDeque,
     marker::PhantomData,
@@ -9,11 +9,14 @@ use std::{
 
 use super::{
     NodeError, Qos, RawSample,
+    core::Core,
     endpoint::{Counters, EndpointSpec, Reader, Writer},
-    node::Core,
     publisher::LAST_MESSAGES,
 };
 use crate::msg::{Interface, Service, cdr};
+
+/// Nobody need ask how far an answer gets that is no longer than this \[bytes\].
+const ALWAYS_REACHES: usize = 1_024;
 
 /// Calls that wait for the program; more are left unanswered.
 const WAITING: usize = 64;
@@ -94,9 +97,42 @@ pub struct Reply<S> {
 impl<S: Service> Reply<S> {
     /// Answers the call.
     pub fn send(self, response: &S::Response) {
-        if let Some(core) = self.core.upgrade() {
-            let cdr = cdr::encode(response).into();
-            core.outbox.push(&self.writer, cdr, Some(self.question));
+        let Some(core) = self.core.upgrade() else {
+            return;
+        };
+        let cdr: Bytes = cdr::encode(response).into();
+        if let Err(longest) = self.fits(&core, cdr.len()) {
+            tracing::warn!(
+                "node {}: service {}: an answer of {} bytes may not reach the client, which takes {longest} from this \
+                 version of rustdds; ask for less at a time",
+                core.names.node(),
+                self.writer.spec.name,
+                cdr.len()
+            );
+        }
+        core.outbox.push(&self.writer, cdr, Some(self.question));
+    }
+
+    /// Whether an answer reaches the client: long ones do not (docs/upstream.md).
+    pub(super) fn reaches(&self, response: &S::Response) -> bool {
+        let length = cdr::encode(response).len();
+        let core = self.core.upgrade();
+        core.is_some_and(|core| self.fits(&core, length).is_ok())
+    }
+
+    /// Refuses what is too long, with what is not.
+    fn fits(&self, core: &Core, length: usize) -> Result<(), usize> {
+        if length <= ALWAYS_REACHES {
+            return Ok(());
+        }
+        let mut connection = core.session.lock().unwrap_or_else(PoisonError::into_inner);
+        let longest = (connection.session()).map_or(ALWAYS_REACHES, |session| {
+            session.longest_reply(&self.writer.spec.dds_topic)
+        });
+        if length <= longest {
+            Ok(())
+        } else {
+            Err(longest)
         }
     }
 }

@@ -22,6 +22,7 @@ use super::{
     Domain, Gid, NodeName, Qos, RawSample,
     discovery::{self, Announcer, DiscoveredPublisher, Peers, report_status},
     endpoint::{EndpointSpec, Endpoints, Reader, Writer},
+    neighbours::Neighbours,
     newcomers::Newcomers,
     wait::Fate,
     wire::{Opaque, RawReader},
@@ -62,10 +63,11 @@ impl Session {
         node: &NodeName,
         endpoints: &Arc<Mutex<Endpoints>>,
         fate: &Arc<Fate>,
-        newcomers: &Arc<Newcomers>,
+        (neighbours, newcomers): (&Arc<Neighbours>, &Arc<Newcomers>),
     ) -> Result<Self, String> {
         let text = |e: rustdds::dds::CreateError| e.to_string();
         let participant = domain.participant()?;
+        neighbours.begin(participant.guid().into());
         let qos = QosPolicies::from(&Qos::RELIABLE);
         let publisher = participant.create_publisher(&qos).map_err(text)?;
         let subscriber = participant.create_subscriber(&qos).map_err(text)?;
@@ -82,6 +84,7 @@ impl Session {
             participant: participant.clone(),
             node: node.clone(),
             endpoints: Arc::clone(endpoints),
+            neighbours: Arc::clone(neighbours),
             newcomers: Arc::clone(newcomers),
         };
         let receiver = thread::Builder::new()
@@ -152,6 +155,11 @@ impl Session {
 
     pub(super) fn discovered_publishers(&mut self, node: &NodeName) -> Vec<DiscoveredPublisher> {
         discovery::publishers(&self.participant, node, &mut self.strange)
+    }
+
+    /// The longest reply \[bytes\] that reaches every client of the service with this reply topic.
+    pub(super) fn longest_reply(&self, dds_topic: &str) -> usize {
+        discovery::longest_reply(&self.participant, dds_topic)
     }
 
     fn send(&self, command: Command) {
@@ -240,6 +248,7 @@ struct Receiver {
     participant: DomainParticipant,
     node: NodeName,
     endpoints: Arc<Mutex<Endpoints>>,
+    neighbours: Arc<Neighbours>,
     newcomers: Arc<Newcomers>,
 }
 
@@ -271,7 +280,7 @@ impl Receiver {
                         &self.node,
                         &self.endpoints,
                         &mut peers,
-                        &self.newcomers,
+                        (&self.neighbours, &self.newcomers),
                     ),
                     Token(token) => {
                         if let Some(receiving) = readers.get_mut(&token) {

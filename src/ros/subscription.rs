@@ -8,8 +8,8 @@ use std::{
 
 use super::{
     Gid, Qos, RawSample, Time,
+    core::Core,
     endpoint::{Counters, Reader},
-    node::Core,
 };
 use crate::msg::{Interface, cdr};
 

@@ -148,13 +148,14 @@ impl FeatureCamera {
 
     /// Shows the camera the body's pose `X_CB` in its optical frame at `time` \[s\]; it exposes if a frame is
     /// due. An instant shown again is not exposed again; when time runs backwards (a simulation began anew) the
-    /// camera begins anew too, with new ids.
+    /// camera begins anew too, with the same noise but new ids.
     pub fn show(&mut self, time: f64, X_CB: &Pose) {
         match self.shutter.show(time, self.config.rate) {
             Instant::Idle => return,
             Instant::Anew => {
                 self.transit.clear();
                 self.ids.fill(None);
+                self.random = StdRng::seed_from_u64(self.config.seed);
             }
             Instant::Exposure => {}
         }

@@ -97,11 +97,14 @@ impl PoseCamera {
     }
 
     /// Shows the camera the truth at `time` \[s\]; it exposes if a frame is due. An instant that is shown
-    /// again is not exposed again; when time runs backwards (a simulation began anew) so does the camera.
+    /// again is not exposed again; when time runs backwards (a simulation began anew) so does the camera, its noise included.
     pub fn show(&mut self, time: f64, X_BE: &Pose, X_BD: Option<&Pose>) {
         match self.shutter.show(time, self.config.rate) {
             Instant::Idle => return,
-            Instant::Anew => self.transit.clear(),
+            Instant::Anew => {
+                self.transit.clear();
+                self.random = StdRng::seed_from_u64(self.config.seed);
+            }
             Instant::Exposure => {}
         }
         // The same number of random draws a frame, so that neither a loss nor a goal that is not there
@@ -227,6 +230,7 @@ mod tests {
     fn a_simulation_that_begins_anew_is_seen_from_its_start() {
         let mut camera = PoseCamera::new(PoseCameraConfig {
             rate: 10.0,
+            position_noise: 0.01,
             ..Default::default()
         });
         let tip = Pose::identity();
@@ -234,7 +238,7 @@ mod tests {
             let times = (0..=20).map(|k| 0.05 * f64::from(k));
             let seen = times.filter_map(|time| {
                 camera.show(time, &tip, None);
-                camera.deliver(time).map(|frame| frame.time)
+                camera.deliver(time)
             });
             seen.collect::<Vec<_>>()
         };

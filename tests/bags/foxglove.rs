@@ -38,7 +38,8 @@ fn foxglove_gets_every_topic_and_draws_on_the_image() {
     // Nobody may wait for this log to be read.
     let rest = std::thread::spawn(move || lines.map_while(Result::ok).collect::<Vec<_>>());
 
-    let interpreter = python::environment(&["foxglove", "websockets", "mcap-ros2-support"]);
+    let interpreter =
+        python::environment(&["foxglove", "websockets", "mcap-ros2-support", "protobuf"]);
     let client = Command::new(interpreter)
         .arg(format!("{root}/tests/bags/foxglove_client.py"))
         .args([
@@ -49,6 +50,7 @@ fn foxglove_gets_every_topic_and_draws_on_the_image() {
             "/markers",
             "/controller/state",
             "/camera/annotations/tip",
+            "/camera/annotations/background",
         ])
         .output()
         .unwrap();
@@ -61,7 +63,7 @@ fn foxglove_gets_every_topic_and_draws_on_the_image() {
     let status = eventually("the launch ends", PATIENCE, || launch.try_wait().unwrap());
     assert!(status.success(), "{:?}", rest.join().unwrap());
 
-    assert_eq!(report["subprotocol"], "foxglove.websocket.v1");
+    assert_eq!(report["subprotocol"], "foxglove.sdk.v1");
     assert_eq!(report["refused"], 400, "a client of another protocol");
     let of = |topic: &str| &report["messages"][topic];
     let urdf = of("/robot_description")["data"].as_str().unwrap();
@@ -79,6 +81,11 @@ fn foxglove_gets_every_topic_and_draws_on_the_image() {
     let text = &of("/camera/annotations/tip")["texts"][0];
     assert_eq!(text["text"], "tip");
     assert!(text["position"]["x"].is_number());
+    // Viewers draw on nothing but an image; one as large as the camera's calibration says.
+    let image = of("/camera/annotations/background");
+    let pixels = image["data"].as_array().unwrap();
+    assert_eq!([&image["width"], &image["height"]], [1024, 1024]);
+    assert_eq!(pixels.len(), 1024 * 1024);
     assert!(
         report["time"].as_u64().unwrap() > 0,
         "simulated time is told"

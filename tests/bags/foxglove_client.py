@@ -1,10 +1,12 @@
-"""A client of foxglove.websocket.v1: subscribes to topics, decodes a message of each, prints them."""
+"""A client of foxglove.sdk.v1: subscribes to topics, decodes a message of each, prints them."""
 
+import base64
 import json
 import struct
 import sys
 import time
 
+from google.protobuf import descriptor_pb2, descriptor_pool, json_format, message_factory
 from mcap_ros2._dynamic import generate_dynamic
 from websockets.exceptions import InvalidStatus
 from websockets.sync.client import connect
@@ -23,6 +25,16 @@ def plain(value):
     return value
 
 
+def protobuf(channel, data):
+    """A message of a type that its channel describes."""
+    pool = descriptor_pool.DescriptorPool()
+    files = descriptor_pb2.FileDescriptorSet.FromString(base64.b64decode(channel["schema"] + "=="))
+    for file in files.file:
+        pool.Add(file)
+    kind = message_factory.GetMessageClass(pool.FindMessageTypeByName(channel["schemaName"]))
+    return json_format.MessageToDict(kind.FromString(data), preserving_proto_field_name=True)
+
+
 report = {"messages": {}, "time": 0}
 try:
     connect(url, subprotocols=["chat"])
@@ -30,7 +42,7 @@ except InvalidStatus as e:
     report["refused"] = e.response.status_code
 
 deadline = time.monotonic() + 120
-with connect(url, subprotocols=["foxglove.websocket.v1"], max_size=None) as socket:
+with connect(url, subprotocols=["foxglove.sdk.v1"], max_size=None) as socket:
     report["subprotocol"] = socket.subprotocol
     channels = {}
     while set(report["messages"]) != topics or not report["time"]:
@@ -54,8 +66,8 @@ with connect(url, subprotocols=["foxglove.websocket.v1"], max_size=None) as sock
             channel, data = channels[subscription - 1000], message[13:]
             if channel["topic"] in report["messages"]:
                 continue
-            if channel["encoding"] == "json":
-                decoded = json.loads(data)
+            if channel["encoding"] == "protobuf":
+                decoded = protobuf(channel, data)
             else:
                 assert channel["schemaEncoding"] == "ros2msg", channel
                 decoders = generate_dynamic(channel["schemaName"], channel["schema"])

@@ -9,3 +9,4 @@ mod fuyu;
 mod inspect;
 mod reproduce;
 mod tracking;
+mod views;

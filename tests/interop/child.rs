@@ -29,6 +29,8 @@ fn process() {
     let program: fn(&Node) -> Result<(), NodeError> = match program.as_str() {
         "echo" => crate::echo::program,
         "hostile" => crate::hostile::program,
+        "leap" => crate::leaps::program,
+        "push" => crate::load::push,
         "send" => crate::speed::send,
         "take" => crate::speed::take,
         other => panic!("no program {other}"),

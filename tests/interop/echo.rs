@@ -4,7 +4,10 @@ use fuyu::{
     msg::{
         Interface, cdr, diagnostic_msgs, fuyu_msgs, geometry_msgs, nav_msgs, rcl_interfaces,
         rosgraph_msgs, sensor_msgs,
-        simulation_interfaces::simulate_steps::{Feedback, Outcome, SimulateSteps},
+        simulation_interfaces::{
+            self,
+            simulate_steps::{Feedback, Outcome, SimulateSteps},
+        },
         std_msgs::{self, Int32, Int64, String as Text},
         std_srvs::{Trigger, TriggerResponse},
         tf2_msgs,
@@ -165,10 +168,16 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
                 completed_steps: done,
                 remaining_steps: total - done,
             });
+            let outcome = Outcome {
+                result: simulation_interfaces::Result {
+                    result: simulation_interfaces::Result::OK,
+                    error_message: format!("{done} steps"),
+                },
+            };
             if running.is_canceling() {
-                running.canceled(Outcome::default());
+                running.canceled(outcome);
             } else if done == total {
-                running.succeed(Outcome::default());
+                running.succeed(outcome);
             } else {
                 goal = Some(running);
             }

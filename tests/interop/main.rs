@@ -16,6 +16,8 @@ mod echo;
 mod hashes;
 mod hostile;
 mod launch_files;
+mod leaps;
+mod load;
 mod lossy;
 mod matrix;
 mod names;

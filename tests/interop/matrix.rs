@@ -69,6 +69,7 @@ fn column(script: &str, python: PathBuf, domain: u16) -> Vec<(String, bool, Stri
         .expect("python can be started");
     let mut stdin = peer.stdin.take().expect("stdin is piped");
     let texts: BTreeMap<_, _> = msg::definitions()
+        .chain(msg::service_definitions())
         .map(|d| (d.type_name(), d.msg_text()))
         .collect();
     writeln!(stdin, "{}", json!({"types": echo::types(), "texts": texts})).expect("it reads");

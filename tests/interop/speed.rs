@@ -230,7 +230,7 @@ fn joint_states_come_sooner_than_in_python() {
 }
 
 /// Seconds of processor that a process has used.
-fn used(id: u32) -> f64 {
+pub fn used(id: u32) -> f64 {
     let stat = fs::read_to_string(format!("/proc/{id}/stat")).expect("it runs");
     let (_, fields) = stat.rsplit_once(") ").expect("fields");
     let ticks = fields

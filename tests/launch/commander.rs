@@ -25,16 +25,21 @@ fn until(watcher: &mut Peer, value: f64, mut commander: impl FnMut(&mut Peer)) {
     });
 }
 
-#[test]
-fn a_second_commander_is_refused_by_name_until_the_first_ends() {
-    in_time(|| {
-        let domain = 4;
+/// The dynamics node, a commander that it obeys, and another that it does not: it names both.
+struct Rivals {
+    dynamics: Running,
+    alpha: Peer,
+    beta: Peer,
+}
+
+impl Rivals {
+    fn start(domain: u16, timeout: &str) -> Self {
         let mut dynamics = command("dynamics", domain);
         dynamics
             .args(["--ros-args", "--params-file"])
             .arg(source("config/positioning.yaml"))
-            .args(["-p", "duration:=0.0", "-p", "command_timeout:=3600.0"]);
-        let mut dynamics = Running::start(dynamics);
+            .args(["-p", "duration:=0.0", "-p", timeout]);
+        let dynamics = Running::start(dynamics);
         let mut alpha = Peer::start("alpha", domain);
         let mut beta = Peer::start("beta", domain);
         alpha.subscribe("joint_states", JOINT_STATE, "reliable");
@@ -44,6 +49,7 @@ fn a_second_commander_is_refused_by_name_until_the_first_ends() {
         // Names come with discovery, a little later than commands may.
         let since = now();
         let text = eventually("both are named", PATIENCE, || {
+            alpha.does(effort(0.5));
             beta.does(effort(-0.5));
             told(
                 &mut alpha,
@@ -54,10 +60,66 @@ fn a_second_commander_is_refused_by_name_until_the_first_ends() {
             )
         });
         println!("{text}");
-        until(&mut alpha, 0.5, |_| {});
+        Self {
+            dynamics,
+            alpha,
+            beta,
+        }
+    }
+}
 
+// Breaks when two can command by turns, when a publisher that has ended holds the robot, or when nobody is named.
+#[test]
+fn a_second_commander_is_refused_by_name_until_the_first_ends() {
+    in_time(|| {
+        let Rivals {
+            mut dynamics,
+            mut alpha,
+            mut beta,
+        } = Rivals::start(4, "command_timeout:=3600.0");
+        until(&mut alpha, 0.5, |_| {});
         alpha.does(json!({"do": "withdraw", "topic": "joint_commands"}));
         until(&mut alpha, -0.5, |_| drop(beta.does(effort(-0.5))));
+        dynamics.interrupt().well();
+    });
+}
+
+// Breaks when a commander that is there but silent holds the robot for ever, or loses it before its time.
+#[test]
+fn a_commander_that_is_silent_for_too_long_yields() {
+    const TIMEOUT: f64 = 5.0;
+    in_time(|| {
+        let Rivals {
+            mut dynamics,
+            mut alpha,
+            mut beta,
+        } = Rivals::start(55, "command_timeout:=5.0");
+        // Whoever had it meanwhile on a late machine: it is the first one's now, and was not silent before this.
+        let spoken = now();
+        until(&mut alpha, 0.5, |alpha| drop(alpha.does(effort(0.5))));
+        let yielded = eventually("the second one has its way", PATIENCE, || {
+            beta.does(effort(-0.5));
+            let wait =
+                json!({"do": "wait", "topic": "joint_states", "since": spoken, "timeout": 0.2});
+            let states = alpha.does(wait);
+            let states = states.as_array().expect("a list");
+            let pushed = |state: &&Value| numbers(&state["message"]["effort"])[0] < -0.4;
+            states.iter().find(pushed)?["time"].as_f64()
+        });
+        let silent = yielded - spoken;
+        println!("yielded after {silent:.1} s");
+        assert!(silent > TIMEOUT, "{silent} s");
+        // It is the other one's turn now.
+        let since = now();
+        eventually("the first one is refused", PATIENCE, || {
+            beta.does(effort(-0.5));
+            alpha.does(effort(0.5));
+            let words = "node /alpha, while node /beta commands";
+            let part = "dynamics: commands";
+            told(&mut alpha, part, since, 0.0, |level, text| {
+                level == 1 && text.contains(words)
+            })
+        });
         dynamics.interrupt().well();
     });
 }

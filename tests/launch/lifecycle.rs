@@ -70,7 +70,7 @@ fn dynamics_goes_through_its_states() {
         );
         assert_eq!(
             answer["available_states"].as_array().map(Vec::len),
-            Some(10)
+            Some(11)
         );
         let ways = |peer: &mut Peer, service: &str| -> Vec<String> {
             let answer = call(peer, node, service, "GetAvailableTransitions", json!({}));
@@ -90,7 +90,7 @@ fn dynamics_goes_through_its_states() {
             ways(&mut peer, "get_available_transitions"),
             ["configure", "shutdown"]
         );
-        assert_eq!(ways(&mut peer, "get_transition_graph").len(), 17);
+        assert_eq!(ways(&mut peer, "get_transition_graph").len(), 25);
 
         assert_eq!(change(&mut peer, node, "activate"), (false, UNCONFIGURED));
         assert_eq!(change(&mut peer, node, "configure"), (true, INACTIVE));

@@ -1,7 +1,8 @@
 //! In lockstep a run over DDS is the simulated one.
 
 use fuyu::msg::sensor_msgs::JointState;
-use std::path::Path;
+use std::path::{Path, PathBuf};
+use tempfile::TempDir;
 
 use crate::{
     process::{Running, fuyu, read, source},
@@ -14,7 +15,7 @@ const CONFIG: &str = "config/positioning.yaml";
 const DURATION: &str = "20";
 
 /// The joint states of a bag, without those that were published again to wake a late joiner.
-fn states(bag: &Path) -> Vec<JointState> {
+pub fn states(bag: &Path) -> Vec<JointState> {
     let mut states = read::<JointState>(bag, "/joint_states");
     states.dedup();
     states
@@ -29,7 +30,7 @@ fn over_dds(domain: u16, config: &Path, duration: &str) -> Vec<JointState> {
 }
 
 /// What `fuyu simulate` makes of a scenario.
-fn simulated(config: &Path, duration: &str) -> Vec<JointState> {
+pub fn simulated(config: &Path, duration: &str) -> Vec<JointState> {
     let folder = tempfile::tempdir().unwrap();
     let (output, config) = (folder.path().join("bag"), config.to_str().unwrap());
     let args = ["simulate", config, "--duration", duration, "--output"];
@@ -65,7 +66,8 @@ fn equals_the_simulated_one(config: &str, duration: &str, count: usize) {
 
 /// `config/tracking.yaml` as far as lockstep allows, every state seen at once: noise of camera and gyro, a target that tumbles,
 /// prediction, feed-forward. An estimator whose answers came into it, when it is done, would make every run another by 1e-4.
-fn a_moving_goal_seen_with_noise() {
+/// The file lives as long as the folder.
+pub fn tracking() -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let config = folder.path().join("tracking.yaml");
     let mut text = std::fs::read_to_string(source("config/tracking.yaml")).unwrap();
@@ -77,6 +79,11 @@ fn a_moving_goal_seen_with_noise() {
         text = text.replacen(late, at_once, 1);
     }
     std::fs::write(&config, text).unwrap();
+    (folder, config)
+}
+
+fn a_moving_goal_seen_with_noise() {
+    let (_folder, config) = tracking();
     let (simulated, over_dds) = (simulated(&config, "5"), over_dds(71, &config, "5"));
     assert_same(&simulated, &over_dds, 501);
 }

@@ -22,6 +22,7 @@ mod lockstep;
 mod own_controller;
 mod positioning;
 mod process;
+mod reset;
 mod simulation_control;
 mod starvation;
 mod strangers;

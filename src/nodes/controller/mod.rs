@@ -62,7 +62,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         lifecycle.follow(|transition| pass(transition, &mut work));
         match &mut work {
             Some(work) if lifecycle.is_active() => work.turn(node, &params, &mut live)?,
-            Some(work) => work.topics.ignore(),
+            Some(work) => work.ignore(),
             None => {}
         }
         if !node.wait_for(SILENCE) {
@@ -83,7 +83,7 @@ impl Work {
     fn new(node: &Node, params: &ControllerParams) -> Result<Self, NodeError> {
         Ok(Self {
             description: RobotDescription::new(node, params.tip_link.clone())?,
-            topics: Topics::new(node, !params.second_tip_link.is_empty(), params.lockstep)?,
+            topics: Topics::new(node, params)?,
             controller: None,
         })
     }
@@ -117,13 +117,25 @@ impl Work {
         {
             (self.topics.status).warn(format!("parameter {e}; the gains before stay in force"));
         }
-        self.topics.listen();
+        if self.topics.listen() {
+            controller.restart();
+        }
         while let Some(joints) = self.topics.next_state() {
-            self.topics
-                .answer(controller, &joints, params.measurement_timeout);
+            self.topics.answer(controller, &joints);
         }
         self.topics.notice_silence();
         Ok(())
+    }
+
+    /// Takes in what has come, and leaves it unanswered: the node is not active.
+    fn ignore(&mut self) {
+        if self.topics.listen()
+            && let Some(controller) = &mut self.controller
+        {
+            controller.restart();
+        }
+        self.topics.states.clear();
+        (self.topics.status).warn("the node is not active: no commands are given");
     }
 }
 
@@ -163,7 +175,9 @@ struct Topics {
     /// The estimator's last answer, in the axes of the camera that it names.
     rate: Option<Vector3Stamped>,
     /// Stamp of the newest joint state.
-    last_state: Time,
+    last_state: Option<Time>,
+    /// A pair of poses that is further from a joint state is not acted on \[s\].
+    timeout: f64,
     lockstep: bool,
     status: Status,
 }
@@ -186,8 +200,9 @@ impl SecondArm {
         })
     }
 
-    fn listen(&mut self, status: &Status) {
-        if let Some(sight) = newest_pair(&self.tip_pose, &self.goal_pose, &mut self.poses, status) {
+    fn listen(&mut self, latest: Time, status: &Status) {
+        let sight = newest_pair(&self.tip_pose, &self.goal_pose, &mut self.poses, status);
+        if let Some(sight) = sight.filter(|(stamp, _)| *stamp <= latest) {
             self.seen = Some(sight);
         }
     }
@@ -197,7 +212,8 @@ impl SecondArm {
 const WAITING: usize = 64;
 
 impl Topics {
-    fn new(node: &Node, two_arms: bool, lockstep: bool) -> Result<Self, NodeError> {
+    fn new(node: &Node, params: &ControllerParams) -> Result<Self, NodeError> {
+        let two_arms = !params.second_tip_link.is_empty();
         let status = node.diagnostics().status("control");
         status.warn("no joint_states have arrived yet");
         Ok(Self {
@@ -214,18 +230,20 @@ impl Topics {
             seen: None,
             gyro: None,
             rate: None,
-            last_state: Time::ZERO,
-            lockstep,
+            last_state: None,
+            timeout: params.measurement_timeout,
+            lockstep: params.lockstep,
             status,
         })
     }
 
-    /// Takes in what has arrived.
-    fn listen(&mut self) {
+    /// Takes in what has arrived. Gives whether time began anew: what went before is of another run.
+    fn listen(&mut self) -> bool {
+        let mut anew = false;
         while let Some(received) = self.joint_states.take() {
             let stamp = Time::from(&received.message.header.stamp);
-            if stamp < self.last_state {
-                // A simulation that began anew: what was seen before is of another run.
+            if self.last_state.is_some_and(|last| stamp < last) {
+                anew = true;
                 self.states.clear();
                 self.poses.clear();
                 (self.seen, self.gyro, self.rate) = (None, None, None);
@@ -234,18 +252,22 @@ impl Topics {
                     second.seen = None;
                 }
             }
-            self.last_state = stamp;
+            self.last_state = Some(stamp);
             if self.states.len() == WAITING {
                 self.states.pop_front();
             }
             self.states.push_back(received.message);
         }
+        // Poses may overtake their joint state, but what is much later is left over from another run.
+        let timeout = Duration::try_from_secs_f64(self.timeout).unwrap_or(Duration::MAX);
+        let latest = self.last_state.map_or(Time::MAX, |last| last + timeout);
         let (tip, goal) = (&self.tip_pose, &self.goal_pose);
-        if let Some(sight) = newest_pair(tip, goal, &mut self.poses, &self.status) {
+        let sight = newest_pair(tip, goal, &mut self.poses, &self.status);
+        if let Some(sight) = sight.filter(|(stamp, _)| *stamp <= latest) {
             self.seen = Some(sight);
         }
         if let Some(second) = &mut self.second {
-            second.listen(&self.status);
+            second.listen(latest, &self.status);
         }
         while let Some(received) = self.imu.take() {
             let stamp = Time::from(&received.message.header.stamp);
@@ -265,6 +287,7 @@ impl Topics {
                 self.rate = Some(received.message);
             }
         }
+        anew
     }
 
     /// The goal's angular velocity in base axes, if the estimator tells it for a camera that the base carries. Not in lockstep:
@@ -309,14 +332,6 @@ impl Topics {
         None
     }
 
-    /// Takes in what has arrived, and leaves it unanswered: the node is not active.
-    fn ignore(&mut self) {
-        self.listen();
-        self.states.clear();
-        self.status
-            .warn("the node is not active: no commands are given");
-    }
-
     fn notice_silence(&self) {
         if let Some(age) = self.joint_states.age().filter(|age| *age > SILENCE) {
             self.status.warn(format!(
@@ -327,7 +342,8 @@ impl Topics {
         }
     }
 
-    fn answer(&mut self, controller: &mut Controller, joints: &JointState, timeout: f64) {
+    fn answer(&mut self, controller: &mut Controller, joints: &JointState) {
+        let timeout = self.timeout;
         let model = controller.model();
         let vectors = joint_vectors::positions(model, joints)
             .and_then(|q| Ok((q, joint_vectors::velocities(model, joints)?)));

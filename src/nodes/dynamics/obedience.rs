@@ -20,7 +20,9 @@ impl Simulation<'_> {
     pub(super) fn take_commands(&mut self, now: f64) {
         let lockstep = self.params.lockstep;
         while let Some(received) = self.commands.take() {
-            if lockstep && self.answered {
+            let stamp = Time::from(&received.message.header.stamp);
+            let present = Time::from_secs_f64(self.world.time());
+            if self.answers.is_of_before(stamp, present) || (lockstep && self.answered) {
                 continue;
             }
             if self.started && !lockstep {
@@ -29,7 +31,6 @@ impl Simulation<'_> {
             let time = self.world.time();
             if self.obey(&received, time) {
                 self.started = true;
-                let stamp = Time::from(&received.message.header.stamp);
                 self.answered = stamp == Time::from_secs_f64(time);
             }
         }
@@ -49,7 +50,7 @@ impl Simulation<'_> {
         };
         let there = |gid| self.commands.is_matched(gid);
         if !self.commander.admit(received.publisher, there) {
-            let name = |gid| self.owners.name_of(gid);
+            let name = |gid| self.node.owner_of(gid);
             let holder = self.commander.holder().map(name).unwrap_or_default();
             self.refuse(&format!(
                 "it is from {}, while {holder} commands the robot (until it ends, or is silent for command_timeout, {} s)",

@@ -14,7 +14,7 @@ use super::{
 use crate::{
     msg::sensor_msgs::JointState,
     nodes::topics,
-    ros::{Lifecycle, Node, NodeError, Owners, Status, Subscription, Time},
+    ros::{Lifecycle, Node, NodeError, Status, Subscription, Time},
 };
 
 /// How often a state that waits for its answer is published again: the peer may have joined late.
@@ -51,8 +51,6 @@ pub struct Simulation<'a> {
     pub(super) quitting: bool,
     pub(super) commands: Subscription<JointState>,
     pub(super) commander: Commander,
-    /// Who commanders are.
-    pub(super) owners: Owners,
     pub(super) command_status: Status,
     time_status: Status,
     limit_status: Status,
@@ -107,7 +105,6 @@ impl<'a> Simulation<'a> {
             quitting: false,
             commands,
             commander: Commander::new(Duration::from_secs_f64(params.command_timeout)),
-            owners: node.owners()?,
             command_status,
             time_status: diagnostics.status("time"),
             limit_status: diagnostics.status("limits"),
@@ -233,7 +230,7 @@ impl<'a> Simulation<'a> {
     /// What was to come belongs to a world that is no more.
     pub(super) fn begin_anew(&mut self) {
         while self.commands.take().is_some() {}
-        self.answers = Answers::default();
+        self.answers.begin_anew();
         self.answered = false;
         self.paced = false;
         self.efforts.fill(0.0);

@@ -28,6 +28,8 @@ pub struct Observer {
     /// Name of the camera's optical frame.
     pub camera_frame: String,
     attitude: CameraAttitude,
+    /// Beginnings of that when the newest frame came.
+    beginnings: u32,
     tracks: Tracks,
     solver: Solver,
     /// Time of the newest frame when the last job was given \[s\].
@@ -41,6 +43,8 @@ pub struct Observer {
     told_at: Option<f64>,
     /// Why the last batch has no solution.
     unsolved: Option<String>,
+    /// Why what was known was given up, if it was.
+    anew: Option<String>,
     camera_status: Status,
     motion_status: Status,
 }
@@ -54,6 +58,7 @@ impl Observer {
             camera: params.camera,
             camera_frame: CAMERA_FRAME.to_owned(),
             attitude: CameraAttitude::default(),
+            beginnings: 0,
             tracks: Tracks::default(),
             solver: Solver::start(),
             solved_at: None,
@@ -62,6 +67,7 @@ impl Observer {
             interval: 0.0,
             told_at: None,
             unsolved: None,
+            anew: None,
             camera_status: node.diagnostics().status("camera"),
             motion_status,
             params,
@@ -133,6 +139,12 @@ impl Observer {
                 tracing::info!("time went back from {last:.3} s to {time:.3} s: starting anew");
                 self.restart();
             }
+            Some((_, last)) if time > last + self.params.window.max(self.params.horizon) => {
+                let gap = format!("the target was out of sight for {:.0} s", time - last);
+                tracing::info!("{gap}: starting anew");
+                self.tracks = Tracks::default();
+                self.forget_solutions(&gap);
+            }
             _ => {}
         }
         if let Err(e) = self.tracks.push(sighting) {
@@ -140,6 +152,7 @@ impl Observer {
             topics.status.warn(format!("{e}; the frame is ignored"));
             return;
         }
+        self.beginnings = self.attitude.beginnings();
         let before = self.newest.replace((time, now));
         self.interval = before.map_or(0.0, |(last, _)| time - last);
         let oldest = time - self.params.window;
@@ -173,7 +186,10 @@ impl Observer {
 
     fn restart(&mut self) {
         self.tracks = Tracks::default();
-        self.attitude.clear();
+        // The gyro's measurements may have gone back already, and are needed from the first frame on.
+        if self.attitude.beginnings() == self.beginnings {
+            self.attitude.clear();
+        }
         self.forget_solutions("time went back");
     }
 
@@ -185,6 +201,7 @@ impl Observer {
         self.solved_at = None;
         self.solver = Solver::start();
         self.motion_status.warn(format!("not estimated yet: {why}"));
+        self.anew = Some(why.to_owned());
     }
 
     /// Publishes the angular velocity at `time` \[s\], and the motion if that is due.
@@ -281,7 +298,10 @@ impl Observer {
             Err(e) => {
                 match &self.belief {
                     Some(_) => self.unsolved = Some(e.to_string()),
-                    None => self.motion_status.warn(format!("not estimated yet: {e}")),
+                    None => self.motion_status.warn(match &self.anew {
+                        Some(why) => format!("not estimated yet: {e} (begun anew: {why})"),
+                        None => format!("not estimated yet: {e}"),
+                    }),
                 }
                 return;
             }

@@ -1,15 +1,17 @@
 //! What is drawn on the camera's image: feature points, and where tip and goal are seen.
 
+use foxglove::messages::{
+    CircleAnnotation, Color, ImageAnnotations, Point2, PointsAnnotation, TextAnnotation, Timestamp,
+    points_annotation,
+};
 use nalgebra::Point3;
-use serde_json::{Value, json};
 
-use super::server::Channel;
 use crate::{
     msg::{
         builtin_interfaces::Time,
         fuyu_msgs::FeatureTracks,
         geometry_msgs::{Point, Pose, PoseStamped, TransformStamped, Vector3},
-        sensor_msgs::CameraInfo,
+        sensor_msgs::{CameraInfo, Image},
         tf2_msgs::TFMessage,
     },
     nodes::geometry::pose_from_msg,
@@ -57,91 +59,101 @@ impl Overlay {
         seen.then(|| [k[0] * p_CP.x / p_CP.z + k[2], k[4] * p_CP.y / p_CP.z + k[5]])
     }
 
+    /// Pixels that can be told apart when the image fills a panel, about a thousandth of its longer side.
+    fn unit(&self) -> f64 {
+        let info = self.info.as_ref();
+        info.map_or(1.0, |i| f64::from(i.width.max(i.height)) / 1024.0)
+    }
+
     /// A named point where the origin of `pose` is seen; nothing if that is not known.
-    pub fn place(&self, name: &str, pose: &PoseStamped) -> Option<Value> {
+    pub fn place(&self, name: &str, pose: &PoseStamped) -> Option<ImageAnnotations> {
         let [x, y] = self.pixel(pose)?;
-        let time = stamp(&pose.header.stamp);
-        let text = json!({
-            "timestamp": time, "position": {"x": x + 8.0, "y": y}, "text": name, "font_size": 16,
-            "text_color": COLOUR_OF_PLACES, "background_color": {"r": 0, "g": 0, "b": 0, "a": 0.4},
-        });
-        let circle = json!({
-            "timestamp": time, "position": {"x": x, "y": y}, "diameter": 12, "thickness": 2,
-            "fill_color": NOTHING, "outline_color": COLOUR_OF_PLACES,
-        });
-        Some(json!({"circles": [circle], "points": [], "texts": [text]}))
+        let timestamp = Some(stamp(&pose.header.stamp));
+        let width = f64::from(self.info.as_ref()?.width);
+        let unit = self.unit();
+        let (gap, font) = (20.0 * unit, 36.0 * unit);
+        // Letters are about half as wide as high; the name must not lie beyond the image's right edge.
+        let length = 0.6 * font * name.len() as f64;
+        let start = match x + gap + length > width {
+            true => x - gap - length,
+            false => x + gap,
+        };
+        let text = TextAnnotation {
+            timestamp,
+            position: Some(Point2 {
+                x: start,
+                y: y + 0.3 * font,
+            }),
+            text: name.to_owned(),
+            font_size: font,
+            text_color: Some(COLOUR_OF_PLACES),
+            background_color: Some(NOTHING),
+            ..Default::default()
+        };
+        let circle = CircleAnnotation {
+            timestamp,
+            position: Some(Point2 { x, y }),
+            diameter: 24.0 * unit,
+            thickness: 4.0 * unit,
+            fill_color: Some(NOTHING),
+            outline_color: Some(COLOUR_OF_PLACES),
+            ..Default::default()
+        };
+        Some(ImageAnnotations {
+            circles: vec![circle],
+            texts: vec![text],
+            ..Default::default()
+        })
+    }
+
+    /// Feature points as dots.
+    pub fn features(&self, message: &FeatureTracks) -> ImageAnnotations {
+        let points = message.u.iter().zip(&message.v);
+        let dots = PointsAnnotation {
+            timestamp: Some(stamp(&message.header.stamp)),
+            r#type: points_annotation::Type::Points.into(),
+            points: points.map(|(&u, &v)| Point2 { x: u, y: v }).collect(),
+            outline_color: Some(COLOUR_OF_FEATURES),
+            fill_color: Some(NOTHING),
+            thickness: 8.0 * self.unit(),
+            ..Default::default()
+        };
+        ImageAnnotations {
+            points: vec![dots],
+            ..Default::default()
+        }
     }
 }
 
-const NOTHING: Rgba = Rgba(0.0, 0.0, 0.0, 0.0);
-const COLOUR_OF_PLACES: Rgba = Rgba(0.95, 0.6, 0.1, 1.0);
-const COLOUR_OF_FEATURES: Rgba = Rgba(0.2, 0.9, 0.4, 1.0);
+/// Of a background.
+const MOST_PIXELS: usize = 1 << 24;
 
-#[derive(Clone, Copy)]
-struct Rgba(f64, f64, f64, f64);
+const NOTHING: Color = rgba(0.0, 0.0, 0.0, 0.0);
+const COLOUR_OF_PLACES: Color = rgba(0.95, 0.6, 0.1, 1.0);
+const COLOUR_OF_FEATURES: Color = rgba(0.2, 0.9, 0.4, 1.0);
 
-impl serde::Serialize for Rgba {
-    fn serialize<S: serde::Serializer>(&self, serializer: S) -> Result<S::Ok, S::Error> {
-        json!({"r": self.0, "g": self.1, "b": self.2, "a": self.3}).serialize(serializer)
-    }
+const fn rgba(r: f64, g: f64, b: f64, a: f64) -> Color {
+    Color { r, g, b, a }
 }
 
-/// Feature points as dots.
-pub fn features(message: &FeatureTracks) -> Value {
-    let points: Vec<_> = message
-        .u
-        .iter()
-        .zip(&message.v)
-        .map(|(u, v)| json!({"x": u, "y": v}))
-        .collect();
-    let dots = json!({
-        "timestamp": stamp(&message.header.stamp), "type": 1, "points": points,
-        "outline_color": COLOUR_OF_FEATURES, "outline_colors": [], "fill_color": NOTHING,
-        "thickness": 4,
-    });
-    json!({"circles": [], "points": [dots], "texts": []})
+/// An image as large as the camera's that shows nothing but a dark grey; none if that has no pixels, or more
+/// than anyone should be sent.
+pub fn background(info: &CameraInfo) -> Option<Image> {
+    let (width, height) = (info.width, info.height);
+    let pixels = width as usize * height as usize;
+    (1..=MOST_PIXELS).contains(&pixels).then(|| Image {
+        header: info.header.clone(),
+        height,
+        width,
+        encoding: "mono8".into(),
+        is_bigendian: 0,
+        step: width,
+        data: vec![24; pixels],
+    })
 }
 
-fn stamp(time: &Time) -> Value {
-    json!({"sec": time.sec, "nsec": time.nanosec})
-}
-
-/// The channel of what is drawn under the name `topic`.
-pub fn channel(topic: String) -> Channel {
-    Channel {
-        topic,
-        encoding: "json".into(),
-        schema_name: "foxglove.ImageAnnotations".into(),
-        schema: schema().to_string(),
-        schema_encoding: "jsonschema".into(),
-        latched: false,
-    }
-}
-
-/// The parts of `foxglove.ImageAnnotations`, which are public, as JSON schema.
-fn schema() -> Value {
-    let object = |properties: Value| json!({"type": "object", "properties": properties});
-    let list = |items: &Value| json!({"type": "array", "items": items});
-    let number = json!({"type": "number"});
-    let integer = json!({"type": "integer"});
-    let time = object(json!({"sec": integer, "nsec": integer}));
-    let point = object(json!({"x": number, "y": number}));
-    let colour = object(json!({"r": number, "g": number, "b": number, "a": number}));
-    let circle = object(json!({
-        "timestamp": time, "position": point, "diameter": number, "thickness": number,
-        "fill_color": colour, "outline_color": colour,
-    }));
-    let points = object(json!({
-        "timestamp": time, "type": integer, "points": list(&point), "outline_color": colour,
-        "outline_colors": list(&colour), "fill_color": colour, "thickness": number,
-    }));
-    let text = object(json!({
-        "timestamp": time, "position": point, "text": {"type": "string"}, "font_size": number,
-        "text_color": colour, "background_color": colour,
-    }));
-    let mut schema = object(json!({
-        "circles": list(&circle), "points": list(&points), "texts": list(&text),
-    }));
-    schema["title"] = "foxglove.ImageAnnotations".into();
-    schema
+/// Times before 1970, which Foxglove does not know, are its zero.
+fn stamp(time: &Time) -> Timestamp {
+    let sec = u32::try_from(time.sec).unwrap_or(0);
+    Timestamp::new_checked(sec, time.nanosec).unwrap_or(Timestamp::MIN)
 }

@@ -1,5 +1,5 @@
-//! Shows the graph in Foxglove: every topic over a WebSocket, bytes as they are, and annotations of the
-//! camera's image.
+//! Shows the graph in Foxglove: every topic through its SDK's WebSocket server, bytes as they are, and
+//! annotations of the camera's image.
 
 mod annotations;
 mod server;
@@ -11,22 +11,31 @@ use std::{
     time::Duration,
 };
 
+use foxglove::{Channel, PartialMetadata, RawChannel, messages::ImageAnnotations};
+
 use super::topics;
 use crate::{
     msg::{
-        self, Interface, cdr, fuyu_msgs::FeatureTracks, geometry_msgs::PoseStamped,
-        rosgraph_msgs::Clock, sensor_msgs::CameraInfo, tf2_msgs::TFMessage,
+        self, Interface, cdr,
+        fuyu_msgs::FeatureTracks,
+        geometry_msgs::PoseStamped,
+        rosgraph_msgs::Clock,
+        sensor_msgs::{CameraInfo, Image},
+        tf2_msgs::TFMessage,
     },
     ros::{Node, NodeError, Qos, RawSample, RawSubscription, Time, qos::Durability},
 };
 use annotations::Overlay;
-pub use server::{Channel, ChannelId, Server};
+use server::Server;
 
 /// How often new topics are looked for.
 const LOOK: Duration = Duration::from_millis(200);
 
 /// What the topics of the annotations begin with: a viewer shows the last message of each.
 const ANNOTATIONS: &str = "camera/annotations";
+
+/// Under that, what they are drawn on: the camera makes no pixels, and a viewer draws nothing without an image.
+const BACKGROUND: &str = "background";
 
 /// The node's program: serves the graph on `address`.
 ///
@@ -42,6 +51,7 @@ pub fn program(node: &Node, address: SocketAddr) -> Result<(), NodeError> {
     let server = Arc::new(server);
     let camera = Arc::new(Camera {
         channels: Mutex::default(),
+        background: OnceLock::new(),
         topic: node.resolve_topic(ANNOTATIONS)?,
         overlay: Mutex::default(),
         server: Arc::clone(&server),
@@ -78,7 +88,6 @@ pub fn program(node: &Node, address: SocketAddr) -> Result<(), NodeError> {
         }
         status.set("address", server.address());
         status.set("clients", server.clients());
-        status.set("dropped", server.dropped());
         status.ok("serving");
         std::thread::sleep(LOOK);
     }
@@ -95,9 +104,13 @@ struct Sink {
     node: Node,
     server: Arc<Server>,
     camera: Arc<Camera>,
-    description: Channel,
-    /// Advertised with the first message.
-    channel: OnceLock<ChannelId>,
+    topic: String,
+    type_name: String,
+    definition: String,
+    /// Whether who subscribes later gets the last message, too.
+    latched: bool,
+    /// Advertised with the first message; `None` if it could not be.
+    channel: OnceLock<Option<Arc<RawChannel>>>,
 }
 
 impl Sink {
@@ -110,39 +123,42 @@ impl Sink {
         type_name: &str,
         qos: Qos,
     ) -> Option<Self> {
-        let definition = msg::find(type_name)?;
         Some(Self {
             node: node.clone(),
             server: Arc::clone(server),
             camera: Arc::clone(camera),
-            description: Channel {
-                topic: topic.to_owned(),
-                encoding: "cdr".into(),
-                schema_name: type_name.to_owned(),
-                schema: definition.schema_text(),
-                schema_encoding: "ros2msg".into(),
-                latched: qos.durability == Durability::TransientLocal,
-            },
+            topic: topic.to_owned(),
+            type_name: type_name.to_owned(),
+            definition: msg::find(type_name)?.schema_text(),
+            latched: qos.durability == Durability::TransientLocal,
             channel: OnceLock::new(),
         })
     }
 
     fn take(&self, sample: RawSample) {
-        let channel = self
-            .channel
-            .get_or_init(|| self.server.add_channel(self.description.clone()));
+        let channel = self.channel.get_or_init(|| {
+            let definition = self.definition.clone();
+            (self.server)
+                .advertise(&self.topic, &self.type_name, definition)
+                .inspect_err(|e| tracing::warn!("{} is not shown: {e}", self.topic))
+                .ok()
+        });
+        let Some(channel) = channel else { return };
         let simulated = self.node.clock().is_simulated();
         let time = nanos(match simulated {
             true => self.node.now(),
             false => sample.received_time,
         });
-        if self.description.topic == topics::CLOCK.name
+        if self.topic == topics::CLOCK.name
             && let Ok(clock) = cdr::decode::<Clock>(&sample.cdr)
         {
             self.server.tell_time(nanos(clock.clock.into()));
         }
-        self.camera.see(&self.description, &sample, time);
-        self.server.publish(*channel, time, sample.cdr);
+        self.camera.see(&self.topic, &sample, time);
+        channel.log_with_meta(&sample.cdr, PartialMetadata::with_log_time(time));
+        if self.latched {
+            self.server.keep(channel, time, sample.cdr);
+        }
     }
 }
 
@@ -153,7 +169,9 @@ fn nanos(time: Time) -> u64 {
 /// What is drawn on the image of the node's camera.
 struct Camera {
     /// By what they show.
-    channels: Mutex<BTreeMap<&'static str, ChannelId>>,
+    channels: Mutex<BTreeMap<&'static str, Channel<ImageAnnotations>>>,
+    /// `None` if it could not be advertised.
+    background: OnceLock<Option<Arc<RawChannel>>>,
     topic: String,
     overlay: Mutex<Overlay>,
     server: Arc<Server>,
@@ -161,16 +179,16 @@ struct Camera {
 
 impl Camera {
     /// Looks whether a message has something for the image.
-    fn see(&self, channel: &Channel, sample: &RawSample, time: u64) {
+    fn see(&self, topic: &str, sample: &RawSample, time: u64) {
         let mut overlay = self.overlay.lock().unwrap_or_else(PoisonError::into_inner);
-        if channel.topic == topics::TF_STATIC.name {
+        if topic == topics::TF_STATIC.name {
             if let Some(message) = decode::<TFMessage>(sample) {
                 overlay.set_transforms(message);
             }
             return;
         }
         let prefix = self.topic.trim_end_matches(ANNOTATIONS);
-        let Some(own) = channel.topic.strip_prefix(prefix) else {
+        let Some(own) = topic.strip_prefix(prefix) else {
             return;
         };
         let place = |name: &'static str, overlay: &Overlay| {
@@ -179,11 +197,12 @@ impl Camera {
         };
         let drawn = if own == topics::CAMERA_INFO.name {
             if let Some(info) = decode::<CameraInfo>(sample) {
+                self.show_background(&info, time);
                 overlay.set_info(info);
             }
             None
         } else if own == topics::FEATURES.name {
-            decode::<FeatureTracks>(sample).map(|m| ("features", annotations::features(&m)))
+            decode::<FeatureTracks>(sample).map(|m| ("features", overlay.features(&m)))
         } else if own == topics::TIP_POSE.name {
             place("tip", &overlay)
         } else if own == topics::SEEN_GOAL.name {
@@ -194,12 +213,34 @@ impl Camera {
         drop(overlay);
         if let Some((name, drawn)) = drawn {
             let mut channels = self.channels.lock().unwrap_or_else(PoisonError::into_inner);
-            let id = *channels.entry(name).or_insert_with(|| {
-                let topic = format!("{}/{name}", self.topic);
-                self.server.add_channel(annotations::channel(topic))
-            });
-            let json = drawn.to_string().into_bytes();
-            self.server.publish(id, time, json.into());
+            let channel = channels
+                .entry(name)
+                .or_insert_with(|| self.server.advertise_own(&self.below(name)));
+            channel.log_with_meta(&drawn, PartialMetadata::with_log_time(time));
+        }
+    }
+
+    /// The topic of one of the annotations.
+    fn below(&self, name: &str) -> String {
+        format!("{}/{name}", self.topic)
+    }
+
+    /// Sends an image to draw on.
+    fn show_background(&self, info: &CameraInfo, time: u64) {
+        let Some(image) = annotations::background(info) else {
+            return;
+        };
+        let channel = self.background.get_or_init(|| {
+            let (kind, definition) = (Image::DEFINITION.type_name(), Image::DEFINITION);
+            (self.server)
+                .advertise(&self.below(BACKGROUND), &kind, definition.schema_text())
+                .inspect_err(|e| tracing::warn!("{BACKGROUND} is not shown: {e}"))
+                .ok()
+        });
+        if let Some(channel) = channel {
+            let image = cdr::encode(&image);
+            channel.log_with_meta(&image, PartialMetadata::with_log_time(time));
+            self.server.keep(channel, time, image.into());
         }
     }
 }

@@ -1,6 +1,9 @@
 //! The time under which a message is recorded.
 
-use std::sync::{Arc, Mutex, PoisonError};
+use std::sync::{
+    Arc, Mutex, PoisonError,
+    atomic::{AtomicU64, Ordering::Relaxed},
+};
 
 use crate::{
     bag::{RecorderHandle, RecorderTopic},
@@ -13,6 +16,8 @@ pub struct Times {
     clock: Clock,
     /// What came before the first `/clock`, and so has no time yet; `None` once that has come.
     early: Mutex<Option<Vec<Early>>>,
+    /// Of the last message \[ns\].
+    last: AtomicU64,
 }
 
 /// A sample that has no time yet, and where it goes.
@@ -31,6 +36,7 @@ impl Times {
         Self {
             clock,
             early: Mutex::new(Some(Vec::new())),
+            last: AtomicU64::new(0),
         }
     }
 
@@ -80,7 +86,20 @@ impl Times {
         } else {
             sample.source_time.unwrap_or(received)
         };
-        handle.write(topic, nanos(received), nanos(sent), sample.cdr);
+        let (received, sent) = (nanos(received), nanos(sent));
+        let last = self.last.swap(received, Relaxed);
+        if simulated && received < last {
+            // Whoever reads a file in the order of time would mix two runs.
+            tracing::info!(
+                "/clock went back from {} s to {} s: another file of the bag begins",
+                Time::from_nanos(last as i64),
+                Time::from_nanos(received as i64)
+            );
+            if let Err(e) = handle.split() {
+                tracing::error!("{e}");
+            }
+        }
+        handle.write(topic, received, sent, sample.cdr);
     }
 }
 

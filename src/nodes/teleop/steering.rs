@@ -131,6 +131,10 @@ impl Steering {
         let config = &self.config;
         let (V, too_fast) = limit_twist(V_B, config.max_linear_speed, config.max_angular_speed);
         let since = self.last.map_or(0.0, |last| time - last);
+        if since < 0.0 {
+            // A simulation that began anew, with joints at rest.
+            self.rates.fill(0.0);
+        }
         self.last = Some(time);
         self.before.copy_from(&self.rates);
         let (model, rates) = (&self.model, &mut self.rates);
@@ -222,7 +226,12 @@ mod tests {
             assert!((steering.rates() - settled).amax() < 1e-12);
             assert!(steering.rates().amax() > 0.01);
         }
-        steering.stop(time);
+        // When time begins anew, so do the rates.
+        steering.steer(0.0, &q, &V);
+        assert_eq!(steering.rates().amax(), 0.0);
+        steering.steer(0.01, &q, &V);
+        assert!(steering.rates().amax() > 0.0);
+        steering.stop(0.02);
         assert_eq!(steering.rates().amax(), 0.0);
     }
 }

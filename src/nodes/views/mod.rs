@@ -9,7 +9,7 @@ use std::time::Duration;
 use super::{geometry::pose_from_msg, topics};
 use crate::{
     msg::{nav_msgs::Odometry, std_msgs::Header, visualization_msgs::MarkerArray},
-    ros::{Declare, Node, NodeError, Qos, Subscription},
+    ros::{Declare, Node, NodeError, Qos, Subscription, Time},
 };
 use draw::{arrow, axes, curve};
 
@@ -118,6 +118,8 @@ struct Scene {
     prediction: Subscription<crate::msg::nav_msgs::Path>,
     targets: Vec<Subscription<Odometry>>,
     base: Option<Odometry>,
+    /// When that was.
+    last: Time,
 }
 
 impl Scene {
@@ -137,6 +139,7 @@ impl Scene {
                 .map(odometry)
                 .collect::<Result<_, _>>()?,
             base: None,
+            last: Time::ZERO,
             params,
         })
     }
@@ -172,6 +175,16 @@ impl Scene {
             }
         }
         if let Some(received) = self.odometry.latest() {
+            let stamp = Time::from(&received.message.header.stamp);
+            if stamp < self.last {
+                // Time began anew: the prediction of the run before is none any more.
+                let gone = |id| {
+                    let header = received.message.header.clone();
+                    curve("prediction", id, header, std::iter::empty(), draw::BLUE)
+                };
+                markers.extend((0..3).map(gone));
+            }
+            self.last = stamp;
             self.base = Some(received.message);
         }
         if let (Some(received), Some(base)) = (self.momentum.latest(), &self.base) {

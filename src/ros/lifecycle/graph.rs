@@ -5,7 +5,7 @@ use crate::msg::lifecycle_msgs::{
 };
 
 /// States by number, as rcl registers and names them.
-pub(super) const STATES: [(u8, &str); 10] = [
+pub(super) const STATES: [(u8, &str); 11] = [
     (State::PRIMARY_STATE_UNKNOWN, "unknown"),
     (State::PRIMARY_STATE_UNCONFIGURED, "unconfigured"),
     (State::PRIMARY_STATE_INACTIVE, "inactive"),
@@ -16,13 +16,15 @@ pub(super) const STATES: [(u8, &str); 10] = [
     (State::TRANSITION_STATE_SHUTTINGDOWN, "shuttingdown"),
     (State::TRANSITION_STATE_ACTIVATING, "activating"),
     (State::TRANSITION_STATE_DEACTIVATING, "deactivating"),
+    (State::TRANSITION_STATE_ERRORPROCESSING, "errorprocessing"),
 ];
 
 pub(super) const SUCCESS: &str = "transition_success";
 pub(super) const FAILURE: &str = "transition_failure";
+const ERROR: &str = "transition_error";
 
-/// The state machine of rcl: number, name, from, to. Without its processing of errors: here what cannot be done is a
-/// failure. (The whole would not fit into one datagram either, and larger replies do not reach rclpy.)
+/// The state machine of rcl: number, name, from, to. Without its processing of errors ([`ERRORS`]): here what cannot be
+/// done is a failure.
 pub(super) const GRAPH: [(u8, &str, u8, u8); 17] = {
     use State as S;
     use Way as W;
@@ -117,6 +119,64 @@ pub(super) const GRAPH: [(u8, &str, u8, u8); 17] = {
             FAILURE,
             shutting,
             finalized,
+        ),
+    ]
+};
+
+/// What rcl's machine has beside [`GRAPH`]. Nothing goes along these edges here, but whoever asks for the graph looks for
+/// them.
+pub(super) const ERRORS: [(u8, &str, u8, u8); 8] = {
+    use State as S;
+    use Way as W;
+    let errors = S::TRANSITION_STATE_ERRORPROCESSING;
+    [
+        (
+            W::TRANSITION_ON_CONFIGURE_ERROR,
+            ERROR,
+            S::TRANSITION_STATE_CONFIGURING,
+            errors,
+        ),
+        (
+            W::TRANSITION_ON_CLEANUP_ERROR,
+            ERROR,
+            S::TRANSITION_STATE_CLEANINGUP,
+            errors,
+        ),
+        (
+            W::TRANSITION_ON_ACTIVATE_ERROR,
+            ERROR,
+            S::TRANSITION_STATE_ACTIVATING,
+            errors,
+        ),
+        (
+            W::TRANSITION_ON_DEACTIVATE_ERROR,
+            ERROR,
+            S::TRANSITION_STATE_DEACTIVATING,
+            errors,
+        ),
+        (
+            W::TRANSITION_ON_SHUTDOWN_ERROR,
+            ERROR,
+            S::TRANSITION_STATE_SHUTTINGDOWN,
+            errors,
+        ),
+        (
+            W::TRANSITION_ON_ERROR_SUCCESS,
+            SUCCESS,
+            errors,
+            S::PRIMARY_STATE_UNCONFIGURED,
+        ),
+        (
+            W::TRANSITION_ON_ERROR_FAILURE,
+            FAILURE,
+            errors,
+            S::PRIMARY_STATE_FINALIZED,
+        ),
+        (
+            W::TRANSITION_ON_ERROR_ERROR,
+            ERROR,
+            errors,
+            S::PRIMARY_STATE_FINALIZED,
         ),
     ]
 };
@@ -221,7 +281,7 @@ mod tests {
 
     #[test]
     fn every_way_ends_in_states_that_there_are() {
-        for (number, _, from, to) in GRAPH {
+        for (number, _, from, to) in GRAPH.into_iter().chain(ERRORS) {
             for id in [from, to] {
                 assert!(STATES.iter().any(|s| s.0 == id), "{number}: {id}");
             }

@@ -19,7 +19,9 @@ use crate::msg::lifecycle_msgs::{
         GetAvailableTransitions, GetAvailableTransitionsResponse, GetState, GetStateResponse,
     },
 };
-use graph::{Edge, FAILURE, GRAPH, STATES, SUCCESS, available, describe, edge, requested, state};
+use graph::{
+    ERRORS, Edge, FAILURE, GRAPH, STATES, SUCCESS, available, describe, edge, requested, state,
+};
 
 /// What a node is to do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -107,9 +109,17 @@ impl Lifecycle {
                 node.serve::<GetAvailableTransitions>("~/get_available_transitions", move |_| {
                     transitions(available(leaving.load(Ordering::Acquire)).collect())
                 })?,
-                node.serve::<GetAvailableTransitions>("~/get_transition_graph", move |_| {
-                    transitions(GRAPH.to_vec())
-                })?,
+                node.serve_later::<GetAvailableTransitions>(
+                    "~/get_transition_graph",
+                    move |_, reply| {
+                        let all = transitions([&GRAPH[..], &ERRORS].concat());
+                        match reply.reaches(&all) {
+                            true => reply.send(&all),
+                            // What this node goes along is better than no answer.
+                            false => reply.send(&transitions(GRAPH.to_vec())),
+                        }
+                    },
+                )?,
             ],
             state: now,
             node: node.clone(),

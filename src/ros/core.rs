@@ -1,0 +1,216 @@
+//! What a node is made of, below its handles: a participant that comes and goes, and all that outlives it.
+
+use std::sync::{Arc, Mutex, OnceLock, PoisonError, atomic::AtomicU64};
+
+use super::{
+    Clock, Diagnostics, Domain, NodeError, Qos, RawSample,
+    endpoint::{Counters, EndpointSpec, Endpoints, Reader, Sink, Writer},
+    names::Names,
+    neighbours::Neighbours,
+    newcomers::Newcomers,
+    params::ParameterStore,
+    publisher::Outbox,
+    session::Session,
+    signals,
+    wait::{Events, Fate},
+};
+use crate::msg::{cdr, rosgraph_msgs};
+
+/// Whether a node is in the graph.
+#[derive(Default)]
+pub(super) enum Connection {
+    /// Not yet, or not any more since DDS refused; it may join.
+    #[default]
+    Apart,
+    Joined(Box<Session>),
+    /// It has left for good: nothing may bring it back, since nobody would end it then.
+    Left,
+}
+
+impl Connection {
+    pub(super) fn session(&mut self) -> Option<&mut Session> {
+        match self {
+            Self::Joined(session) => Some(session),
+            Self::Apart | Self::Left => None,
+        }
+    }
+}
+
+/// What a node is made of; shared by its handle, its endpoints and its threads.
+pub(super) struct Core {
+    pub(super) names: Names,
+    pub(super) domain: Domain,
+    pub(super) events: Arc<Events>,
+    pub(super) fate: Arc<Fate>,
+    pub(super) outbox: Outbox,
+    pub(super) endpoints: Arc<Mutex<Endpoints>>,
+    pub(super) session: Mutex<Connection>,
+    pub(super) neighbours: Arc<Neighbours>,
+    newcomers: Arc<Newcomers>,
+    pub(super) params: Arc<ParameterStore>,
+    pub(super) clock: Clock,
+    pub(super) diagnostics: Diagnostics,
+    /// Events that the program has seen.
+    pub(super) seen: AtomicU64,
+    follows_clock: Mutex<bool>,
+    /// Where `/rosout` is published, if it is.
+    log: OnceLock<Arc<Writer>>,
+}
+
+impl Core {
+    pub(super) fn new(names: Names, domain: Domain, params: Arc<ParameterStore>) -> Self {
+        let events = Arc::new(Events::default());
+        Self {
+            clock: Clock::new(Arc::clone(&events)),
+            fate: Arc::new(Fate::new(Arc::clone(&events))),
+            neighbours: Arc::new(Neighbours::of(names.node())),
+            names,
+            domain,
+            events,
+            outbox: Outbox::default(),
+            endpoints: Arc::default(),
+            session: Mutex::default(),
+            newcomers: Arc::default(),
+            params,
+            diagnostics: Diagnostics::default(),
+            seen: AtomicU64::new(0),
+            follows_clock: Mutex::new(false),
+            log: OnceLock::new(),
+        }
+    }
+
+    pub(super) fn set_log(&self, writer: Arc<Writer>) {
+        // A node starts once.
+        let _ = self.log.set(writer);
+    }
+
+    pub(super) fn log(&self) -> Option<&Arc<Writer>> {
+        self.log.get()
+    }
+
+    /// Makes a participant with all endpoints, in place of the one that is there, if any. Gives false
+    /// if the node has left the graph, where it stays.
+    pub(super) fn open_session(&self) -> Result<bool, NodeError> {
+        let mut connection = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        match std::mem::take(&mut *connection) {
+            Connection::Left => {
+                *connection = Connection::Left;
+                return Ok(false);
+            }
+            Connection::Joined(old) => {
+                Session::detach(&self.lock_endpoints());
+                // It may wait for threads that are no more; nobody waits for it.
+                std::thread::spawn(move || drop(old));
+            }
+            Connection::Apart => {}
+        }
+        let node = self.names.node();
+        let others = (&self.neighbours, &self.newcomers);
+        let open = || Session::open(self.domain, node, &self.endpoints, &self.fate, others);
+        let new = signals::with_blocked(open)
+            .map_err(|e| NodeError::dds(node, "join the DDS domain", e))?;
+        *connection = Connection::Joined(Box::new(new));
+        Ok(true)
+    }
+
+    /// Leaves the graph for good.
+    pub(super) fn close_session(&self) {
+        let connection = {
+            let mut connection = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+            std::mem::replace(&mut *connection, Connection::Left)
+        };
+        Session::detach(&self.lock_endpoints());
+        drop(connection);
+    }
+
+    fn lock_endpoints(&self) -> std::sync::MutexGuard<'_, Endpoints> {
+        self.endpoints
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+    }
+
+    pub(super) fn add_writer(&self, spec: EndpointSpec) -> Result<Arc<Writer>, NodeError> {
+        let writer = Arc::new(Writer::new(spec));
+        self.newcomers.let_settle();
+        let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        self.lock_endpoints().writers.push(Arc::clone(&writer));
+        let added = session.session().map(|session| session.add_writer(&writer));
+        drop(session);
+        if let Some(Err(e)) = added {
+            self.replace_session(|| self.endpoint_error("publish", &writer.spec, &e))?;
+        }
+        Ok(writer)
+    }
+
+    pub(super) fn add_reader(
+        &self,
+        spec: EndpointSpec,
+        sink: Sink,
+    ) -> Result<Arc<Reader>, NodeError> {
+        let reader = Arc::new(Reader::new(spec, sink));
+        self.newcomers.let_settle();
+        let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        self.lock_endpoints().readers.push(Arc::clone(&reader));
+        let added = session.session().map(|session| session.add_reader(&reader));
+        drop(session);
+        if let Some(Err(e)) = added {
+            self.replace_session(|| self.endpoint_error("subscribe to", &reader.spec, &e))?;
+        }
+        Ok(reader)
+    }
+
+    /// When an endpoint cannot be added: a signal may have ended the participant's threads while the node was
+    /// being made. A participant made anew has all endpoints, this one too; what it cannot have is an error.
+    fn replace_session(&self, error: impl FnOnce() -> NodeError) -> Result<(), NodeError> {
+        self.open_session().map(drop).map_err(|_| error())
+    }
+
+    fn endpoint_error(&self, verb: &str, spec: &EndpointSpec, reason: &str) -> NodeError {
+        NodeError::dds(self.names.node(), format!("{verb} {}", spec.name), reason)
+    }
+
+    pub(super) fn remove_writer(&self, writer: &Arc<Writer>) {
+        let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(session) = session.session() {
+            session.remove_writer(writer);
+        }
+        self.lock_endpoints()
+            .writers
+            .retain(|w| !Arc::ptr_eq(w, writer));
+    }
+
+    pub(super) fn remove_reader(&self, reader: &Arc<Reader>) {
+        let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        if let Some(session) = session.session() {
+            session.remove_reader(reader);
+        }
+        self.lock_endpoints()
+            .readers
+            .retain(|r| !Arc::ptr_eq(r, reader));
+    }
+
+    /// Changes between the computer's time and that of `/clock`, which is subscribed to from then on.
+    pub(super) fn use_sim_time(&self, simulated: bool) -> Result<(), NodeError> {
+        let mut following = self
+            .follows_clock
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
+        if simulated && !*following {
+            let topic = self.names.topic("/clock")?;
+            let spec = EndpointSpec::topic::<rosgraph_msgs::Clock>(&topic, Qos::CLOCK_SUBSCRIPTION);
+            let clock = self.clock.clone();
+            let sink = move |sample: RawSample, _: &Counters| {
+                let message = cdr::decode::<rosgraph_msgs::Clock>(&sample.cdr);
+                message.map(|m| clock.set(m.clock.into())).is_ok()
+            };
+            self.add_reader(spec, Box::new(sink))?;
+            *following = true;
+        }
+        self.clock.simulate(simulated);
+        Ok(())
+    }
+
+    pub(super) fn request_stop(&self) {
+        self.fate.stop();
+    }
+}

@@ -1,0 +1,244 @@
+//! The nodes of other participants: what they are called and which publishers are theirs, as `ros_discovery_info`
+//! tells it.
+//!
+//! ROS lets two nodes have one name, and whoever calls a service or sets a parameter then reaches one of them by
+//! chance; so a node that hears of a namesake says so.
+
+use rustdds::GUID;
+use serde::Deserialize;
+use std::{
+    collections::HashMap,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+};
+
+use super::{
+    Gid, NodeError, NodeName, Qos, RawSample,
+    core::Core,
+    endpoint::{Counters, EndpointSpec},
+};
+use crate::msg::cdr::{self, CdrError};
+
+const TYPE: &str = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_";
+
+/// Participants whose messages may wait while they are taken in.
+const WAITING: usize = 100;
+
+/// `rmw_dds_common/ParticipantEntitiesInfo`.
+#[derive(Deserialize)]
+struct Told {
+    #[expect(dead_code, reason = "who sent it tells as much, and cannot be forged")]
+    gid: Gid,
+    nodes: Vec<Entities>,
+}
+
+#[derive(Deserialize)]
+struct Entities {
+    namespace: String,
+    name: String,
+    #[expect(dead_code, reason = "stands before what is read")]
+    readers: Vec<Gid>,
+    writers: Vec<Gid>,
+}
+
+impl Entities {
+    /// What others write has not passed [`NodeName::new`].
+    fn full_name(&self) -> String {
+        format!("{}/{}", self.namespace.trim_end_matches('/'), self.name)
+    }
+}
+
+/// What all endpoints of a participant have in common.
+type Prefix = [u8; 12];
+
+fn prefix(gid: Gid) -> Prefix {
+    let bytes = gid.to_bytes16();
+    std::array::from_fn(|i| bytes[i])
+}
+
+#[derive(Default)]
+struct Participant {
+    /// Publishers, with the full names of their nodes.
+    publishers: Vec<(Gid, String)>,
+    has_namesake: bool,
+}
+
+/// What is known of the nodes of other participants.
+pub(super) struct Neighbours {
+    node: String,
+    known: Mutex<Known>,
+}
+
+#[derive(Default)]
+struct Known {
+    /// The node's own participant, which it hears where there is more than loopback.
+    own: Option<Prefix>,
+    others: HashMap<Prefix, Participant>,
+}
+
+impl Neighbours {
+    /// Those of a node, none yet.
+    pub(super) fn of(node: &NodeName) -> Self {
+        Self {
+            node: node.full(),
+            known: Mutex::default(),
+        }
+    }
+
+    /// Listens from now on.
+    pub(super) fn listen(core: &Arc<Core>) -> Result<(), NodeError> {
+        let spec = EndpointSpec {
+            name: "ros_discovery_info".to_owned(),
+            dds_topic: "ros_discovery_info".to_owned(),
+            dds_type: TYPE.to_owned(),
+            qos: Qos::LATCHED.depth(WAITING),
+            internal: true,
+        };
+        let neighbours = Arc::clone(&core.neighbours);
+        let sink = move |sample: RawSample, _: &Counters| {
+            let taken = neighbours.take_in(sample.publisher, &sample.cdr);
+            if let Ok(true) = taken {
+                tracing::warn!(
+                    "node {}: another node of this name is in the graph, and services and parameters reach either of \
+                     them; give one another name (-r __node:=NAME) or namespace (-r __ns:=/NAMESPACE)",
+                    neighbours.node
+                );
+            }
+            taken.is_ok()
+        };
+        core.add_reader(spec, Box::new(sink)).map(drop)
+    }
+
+    /// The node has a new participant, which is going to hear all others anew.
+    pub(super) fn begin(&self, own: Gid) {
+        *self.lock() = Known {
+            own: Some(prefix(own)),
+            others: HashMap::new(),
+        };
+    }
+
+    /// Takes in what the participant of `publisher` tells of its nodes. Gives whether one of them has this node's name
+    /// and none had before.
+    fn take_in(&self, publisher: Gid, cdr: &[u8]) -> Result<bool, CdrError> {
+        let Told { nodes, .. } = cdr::decode_as(cdr, TYPE)?;
+        let participant = prefix(publisher);
+        let mut known = self.lock();
+        if known.own == Some(participant) {
+            return Ok(false);
+        }
+        let has_namesake = nodes.iter().any(|node| node.full_name() == self.node);
+        let publishers: Vec<_> = nodes
+            .into_iter()
+            .flat_map(|node| {
+                let name = node.full_name();
+                node.writers.into_iter().map(move |gid| (gid, name.clone()))
+            })
+            // Nobody tells of others than itself.
+            .filter(|(gid, _)| prefix(*gid) == participant)
+            .collect();
+        if publishers.is_empty() && !has_namesake {
+            known.others.remove(&participant);
+            return Ok(false);
+        }
+        let told = known.others.entry(participant).or_default();
+        told.publishers = publishers;
+        Ok(has_namesake && !std::mem::replace(&mut told.has_namesake, has_namesake))
+    }
+
+    /// A participant has left, or died.
+    pub(super) fn lose(&self, is_lost: impl Fn(&GUID) -> bool) {
+        let any_endpoint = |prefix: &Prefix| {
+            let mut bytes = [0; 16];
+            bytes[..12].copy_from_slice(prefix);
+            GUID::from_bytes(bytes)
+        };
+        let others = &mut self.lock().others;
+        others.retain(|prefix, _| !is_lost(&any_endpoint(prefix)));
+    }
+
+    /// Full name of the node that `publisher` belongs to, if it has been told.
+    pub(super) fn owner_of(&self, publisher: Gid) -> Option<String> {
+        let known = self.lock();
+        let told = known.others.get(&prefix(publisher))?;
+        let mut all = told.publishers.iter();
+        let (_, name) = all.find(|(gid, _)| *gid == publisher)?;
+        Some(name.clone())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Known> {
+        self.known.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use ros2_client::{
+        NodeName as WireNodeName,
+        entities_info::{NodeEntitiesInfo, ParticipantEntitiesInfo},
+    };
+
+    /// Endpoint `entity` of participant `participant`.
+    fn gid(participant: u8, entity: u8) -> Gid {
+        let mut bytes = [participant; 16];
+        bytes[12..].fill(entity);
+        bytes.into()
+    }
+
+    /// What a participant tells: a node's namespace and name, and its publishers.
+    fn told(nodes: &[(&str, &str, &[Gid])]) -> Vec<u8> {
+        let nodes = nodes.iter().map(|(namespace, name, writers)| {
+            let mut node = NodeEntitiesInfo::new(WireNodeName::new(namespace, name).unwrap());
+            writers.iter().for_each(|&gid| node.add_writer(gid));
+            node
+        });
+        let told = ParticipantEntitiesInfo::new(gid(9, 9), nodes.collect());
+        let body = cdr_encoding::to_vec::<_, byteorder::LittleEndian>(&told).unwrap();
+        [&[0, 1, 0, 0], body.as_slice()].concat()
+    }
+
+    fn neighbours() -> Neighbours {
+        let neighbours = Neighbours::of(&NodeName::new("/chaser", "arm").unwrap());
+        neighbours.begin(gid(1, 0));
+        neighbours
+    }
+
+    // Would break if a publisher kept a node that is gone, or could be claimed by somebody else.
+    #[test]
+    fn publishers_belong_to_the_nodes_that_tell_of_them() {
+        let all = neighbours();
+        let two: &[(&str, &str, &[Gid])] = &[
+            ("/", "alpha", &[gid(2, 1), gid(3, 1)]),
+            ("/chaser", "beta", &[gid(2, 2)]),
+        ];
+        assert_eq!(all.take_in(gid(2, 7), &told(two)).ok(), Some(false));
+        let owner = |publisher| all.owner_of(publisher);
+        assert_eq!(owner(gid(2, 1)).as_deref(), Some("/alpha"));
+        assert_eq!(owner(gid(2, 2)).as_deref(), Some("/chaser/beta"));
+        assert_eq!(owner(gid(3, 1)), None, "of another participant");
+        assert!(all.take_in(gid(2, 7), &told(two)[..40]).is_err());
+        assert_eq!(owner(gid(2, 1)).as_deref(), Some("/alpha"));
+        assert_eq!(all.take_in(gid(2, 7), &told(&two[..1])).ok(), Some(false));
+        assert_eq!(owner(gid(2, 2)), None);
+        all.take_in(gid(3, 7), &told(&[("/", "gamma", &[gid(3, 1)])]))
+            .unwrap();
+        all.lose(|guid| Gid::from(*guid).to_bytes16()[0] == 2);
+        assert_eq!(owner(gid(2, 1)), None);
+        assert_eq!(owner(gid(3, 1)).as_deref(), Some("/gamma"));
+        all.take_in(gid(3, 7), &told(&[])).unwrap();
+        assert!(all.lock().others.is_empty());
+    }
+
+    // Would break if a node took itself for another, or warned with every message.
+    #[test]
+    fn a_namesake_is_new_once() {
+        let all = neighbours();
+        let own = told(&[("/chaser", "arm", &[])]);
+        assert_eq!(all.take_in(gid(1, 7), &own).ok(), Some(false));
+        let elsewhere = told(&[("/", "arm", &[gid(4, 1)])]);
+        assert_eq!(all.take_in(gid(4, 7), &elsewhere).ok(), Some(false));
+        for participant in [2, 3] {
+            assert_eq!(all.take_in(gid(participant, 7), &own).ok(), Some(true));
+            assert_eq!(all.take_in(gid(participant, 7), &own).ok(), Some(false));
+        }
+    }
+}
