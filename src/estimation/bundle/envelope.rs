@@ -228,8 +228,8 @@ fn three(rows: &[f64], length: usize, width: usize) -> [&[f64]; 3] {
 #[inline(always)]
 fn products<S: Simd>(simd: S, a: [&[f64]; 3], b: [&[f64]; 3]) -> [[f64; 3]; 3] {
     let mut sums = [[simd.splat_f64s(0.0); 3]; 3];
-    let (a0, a1, a2) = lanes::<S>(a);
-    let (b0, b1, b2) = lanes::<S>(b);
+    let [a0, a1, a2] = lanes::<S>(a);
+    let [b0, b1, b2] = lanes::<S>(b);
     for c in 0..a0.len() {
         add(
             simd,
@@ -265,14 +265,14 @@ fn products<S: Simd>(simd: S, a: [&[f64]; 3], b: [&[f64]; 3]) -> [[f64; 3]; 3] {
 
 /// As many whole registers of each row as the first has.
 #[inline(always)]
-fn lanes<S: Simd>(rows: [&[f64]; 3]) -> (&[S::f64s], &[S::f64s], &[S::f64s]) {
+fn lanes<S: Simd>(rows: [&[f64]; 3]) -> [&[S::f64s]; 3] {
     let first = S::as_simd_f64s(rows[0]).0;
     let count = first.len();
-    (
+    [
         first,
         &S::as_simd_f64s(rows[1]).0[..count],
         &S::as_simd_f64s(rows[2]).0[..count],
-    )
+    ]
 }
 
 #[inline(always)]
