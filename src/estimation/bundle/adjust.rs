@@ -168,6 +168,7 @@ fn linearise<const L: usize, const G: usize, M: Motion<L, G>>(
         let Placement { R_CB, t_C } = motion.placement(i);
         let R = *R_CB.to_rotation_matrix().matrix();
         let pose = motion.pose_by_common(i);
+        let common_by_pose = pose.transpose();
         let mut H = SMatrix::<f64, 7, 7>::zeros();
         let mut g = SVector::<f64, 7>::zeros();
         for seen in scene.frame(i).iter().filter(|s| s.kept) {
@@ -211,11 +212,16 @@ fn linearise<const L: usize, const G: usize, M: Motion<L, G>>(
             system.add_point(seen.point, &by_p.tr_mul(&by_p), &by_p.tr_mul(&r));
             let H_7p: SMatrix<f64, 7, 3> = J.tr_mul(&by_p);
             let H_lp = SMatrix::<f64, L, 3>::from_fn(|a, b| H_7p[(6 - L + a, b)]);
-            let mut H_gp = pose.tr_mul(&H_7p.fixed_rows::<6>(0));
-            for b in 0..3 {
-                H_gp[(G - 1, b)] += H_7p[(6, b)];
+            system.couple(seen.point, H_lp);
+            let H_gp = system.with_common(seen.point);
+            for (b, column) in H_gp.as_mut_slice().chunks_exact_mut(G).enumerate() {
+                for (k, common) in common_by_pose.as_slice().chunks_exact(G).enumerate() {
+                    for (sum, part) in column.iter_mut().zip(common) {
+                        *sum += part * H_7p[(k, b)];
+                    }
+                }
+                column[G - 1] += H_7p[(6, b)];
             }
-            system.couple(seen.point, H_lp, H_gp);
         }
         H.fill_upper_triangle_with_lower_triangle();
         // The frame's seven unknowns by the common ones: the model's pose, and the focal length itself.

@@ -1,5 +1,7 @@
 //! The free motion nearest to measured attitudes, by least squares on the rotation group.
 
+use std::cell::OnceCell;
+
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{DMatrix, DVector, Dyn, Owned, SVector, UnitQuaternion, Vector3};
 
@@ -152,7 +154,7 @@ fn middle(turns: &[(f64, UnitQuaternion<f64>)]) -> Option<UnitQuaternion<f64>> {
 /// One round of least squares with weights from the residuals before; angles below `tolerated` \[rad\] keep theirs.
 fn improve(fit: Fit, samples: &[Sample], tolerated: f64) -> Option<Fit> {
     let mut problem = Problem::new(fit, samples);
-    let errors: Vec<f64> = problem.errors()?.iter().map(|e| e.norm()).collect();
+    let errors: Vec<f64> = (problem.errors().as_ref()?.iter().map(|e| e.norm())).collect();
     let mut sorted = errors.clone();
     sorted.sort_by(f64::total_cmp);
     let typical = sorted[sorted.len() / 2].max(3e-7);
@@ -170,7 +172,7 @@ fn improve(fit: Fit, samples: &[Sample], tolerated: f64) -> Option<Fit> {
         .with_xtol(1e-5)
         .with_gtol(0.0);
     let (solved, _) = solver.minimize(problem);
-    let errors = solved.errors()?;
+    let errors = solved.errors().as_ref()?;
     let mut squares: Vec<f64> = errors.iter().map(|e| e.norm_squared()).collect();
     squares.sort_by(f64::total_cmp);
     let most = &squares[..(9 * squares.len()).div_ceil(10)];
@@ -190,6 +192,8 @@ struct Problem<'a> {
     prior: f64,
     start: Fit,
     parameters: DVector<f64>,
+    /// What the parameters leave, once it has been asked for.
+    errors: OnceCell<Option<Vec<Vector3<f64>>>>,
 }
 
 impl<'a> Problem<'a> {
@@ -201,6 +205,7 @@ impl<'a> Problem<'a> {
             prior: 0.0,
             parameters: DVector::zeros(PARAMETERS + 3 * start.segments.len()),
             start,
+            errors: OnceCell::new(),
         }
     }
 
@@ -223,7 +228,11 @@ impl<'a> Problem<'a> {
     }
 
     /// Rotation vectors from measured to modelled attitudes.
-    fn errors(&self) -> Option<Vec<Vector3<f64>>> {
+    fn errors(&self) -> &Option<Vec<Vector3<f64>>> {
+        self.errors.get_or_init(|| self.find_errors())
+    }
+
+    fn find_errors(&self) -> Option<Vec<Vector3<f64>>> {
         let now = self.current()?;
         let attitudes = now.motion.attitudes(&self.times);
         let each = self.samples.iter().zip(&attitudes);
@@ -241,6 +250,7 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
 
     fn set_params(&mut self, x: &DVector<f64>) {
         self.parameters.copy_from(x);
+        self.errors.take();
     }
 
     fn params(&self) -> DVector<f64> {

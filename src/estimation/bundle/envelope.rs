@@ -1,113 +1,285 @@
-//! A symmetric positive matrix stored from the first entry of each row that is not zero to the diagonal.
+//! A symmetric positive matrix of 3 × 3 blocks, stored from the first block of each row that is not zero to the diagonal.
+//!
+//! Three rows that begin together share what is loaded: nine sums of products at a time, as wide as the machine is.
 
-use nalgebra::Matrix3;
+use pulp::{Arch, Simd, WithSimd};
 
-/// Lower triangle of a symmetric matrix by rows; each row starts where it has its first entry. A Cholesky factor
-/// fits into the same envelope.
+/// Lower triangle of a symmetric matrix by rows of blocks; each starts where it has its first entry. A Cholesky
+/// factor fits into the same envelope. Above the diagonal of a block on the diagonal anything may stand.
 #[derive(Debug, Clone)]
 pub struct Envelope {
-    starts: Vec<usize>,
-    /// Position of row `i`'s column 0 in `values`, were it stored.
-    offsets: Vec<isize>,
+    /// The first block that each row of blocks stores.
+    firsts: Vec<usize>,
+    /// Where in `values` it begins: three rows, one after the other.
+    begins: Vec<usize>,
     values: Vec<f64>,
+    /// Inverse diagonal of the factor.
+    pivots: Vec<f64>,
+    arch: Arch,
 }
 
 impl Envelope {
-    /// Zeros, with row `i` stored from column `starts[i] <= i`.
-    pub fn new(starts: Vec<usize>) -> Self {
-        let mut offsets = Vec::with_capacity(starts.len());
+    /// Zeros, with row `i` of blocks stored from block `firsts[i] <= i`.
+    pub fn new(firsts: Vec<usize>) -> Self {
+        let mut begins = Vec::with_capacity(firsts.len());
         let mut length = 0;
-        for (i, start) in starts.iter().enumerate() {
-            offsets.push(length as isize - *start as isize);
-            length += i + 1 - start;
+        for (i, first) in firsts.iter().enumerate() {
+            begins.push(length);
+            length += 9 * (i + 1 - first);
         }
         Self {
-            starts,
-            offsets,
+            pivots: vec![0.0; 3 * firsts.len()],
+            firsts,
+            begins,
             values: vec![0.0; length],
+            arch: Arch::new(),
         }
     }
 
     /// Number of rows.
     pub fn rows(&self) -> usize {
-        self.starts.len()
+        3 * self.firsts.len()
     }
 
+    /// Where a row stands in `values`.
     #[inline]
-    fn position(&self, row: usize, column: usize) -> usize {
-        debug_assert!(column <= row && column >= self.starts[row]);
-        (self.offsets[row] + column as isize) as usize
+    fn range(&self, row: usize) -> std::ops::Range<usize> {
+        let block = row / 3;
+        let length = 3 * (block + 1 - self.firsts[block]);
+        let begin = self.begins[block] + row % 3 * length;
+        begin..begin + length
+    }
+
+    /// The column where a row begins, and its entries.
+    #[inline]
+    pub fn row_mut(&mut self, row: usize) -> (usize, &mut [f64]) {
+        let range = self.range(row);
+        (3 * self.firsts[row / 3], &mut self.values[range])
     }
 
     /// The entry in a row and a column of its envelope.
     #[inline]
     pub fn at(&mut self, row: usize, column: usize) -> &mut f64 {
-        let position = self.position(row, column);
-        &mut self.values[position]
+        let (start, values) = self.row_mut(row);
+        &mut values[column - start]
     }
 
     /// The value there; zero outside the envelope.
     pub fn entry(&self, row: usize, column: usize) -> f64 {
-        if column < self.starts[row] {
-            return 0.0;
+        let start = 3 * self.firsts[row / 3];
+        match column < start {
+            true => 0.0,
+            false => self.values[self.range(row)][column - start],
         }
-        self.values[self.position(row, column)]
     }
 
-    /// Subtracts a 3 × 3 block whose first entry is (`row`, `column`), `row >= column`; on the diagonal only
-    /// its lower half.
-    #[inline]
-    pub fn subtract_block(&mut self, row: usize, column: usize, block: &Matrix3<f64>) {
-        for a in 0..3 {
-            let width = if row == column { a + 1 } else { 3 };
-            let position = self.position(row + a, column);
-            let into = &mut self.values[position..position + width];
-            for (b, value) in into.iter_mut().enumerate() {
-                *value -= block[(a, b)];
+    /// Subtracts `Wᵀ W`, where the columns of `W`, three for each of `blocks` (ascending), belong to the rows of those
+    /// blocks. The rows of `W` follow one another, each [`row_length`] long and zero at its end.
+    pub fn subtract_product(&mut self, blocks: &[usize], w: &[f64], line: &mut Vec<f64>) {
+        let stride = row_length(blocks.len());
+        line.resize(stride, 0.0);
+        for row in 0..3 * blocks.len() {
+            let (k, width) = (row / 3, row_length(row / 3 + 1));
+            let product = Product {
+                w,
+                stride,
+                row,
+                into: &mut line[..width],
+            };
+            self.arch.dispatch(product);
+            let (start, values) = self.row_mut(3 * blocks[k] + row % 3);
+            for (block, product) in blocks[..=k].iter().zip(line.chunks_exact(3)) {
+                let at = 3 * block - start;
+                let into = &mut values[at..at + 3];
+                into[0] -= product[0];
+                into[1] -= product[1];
+                into[2] -= product[2];
             }
         }
     }
 
     /// Replaces the matrix by its Cholesky factor; false if it is not positive definite.
     pub fn factor(&mut self) -> bool {
-        for i in 0..self.rows() {
-            let start = self.starts[i];
-            let row = (self.offsets[i] + start as isize) as usize;
-            let (above, own) = self.values.split_at_mut(row);
-            for j in start..i {
-                let from = start.max(self.starts[j]);
-                let other = (self.offsets[j] + from as isize) as usize;
-                let (left, right) = (&own[from - start..j - start], &above[other..]);
-                let sum = own[j - start] - dot(left, &right[..j - from]);
-                own[j - start] = sum / above[(self.offsets[j] + j as isize) as usize];
-            }
-            let pivot = own[i - start] - dot(&own[..i - start], &own[..i - start]);
-            if !(pivot > 0.0 && pivot.is_finite()) {
-                return false;
-            }
-            own[i - start] = pivot.sqrt();
-        }
-        true
+        self.arch.dispatch(Factor(self))
     }
 
     /// Solves with the factor, in place.
     pub fn solve(&self, x: &mut [f64]) {
         for i in 0..self.rows() {
-            let start = self.starts[i];
-            let row = (self.offsets[i] + start as isize) as usize;
-            let own = &self.values[row..=row + i - start];
-            let sum = x[i] - dot(&own[..i - start], &x[start..i]);
-            x[i] = sum / own[i - start];
+            let (start, own) = (3 * self.firsts[i / 3], &self.values[self.range(i)]);
+            x[i] = (x[i] - dot(&own[..i - start], &x[start..i])) * self.pivots[i];
         }
         for i in (0..self.rows()).rev() {
-            let start = self.starts[i];
-            let row = (self.offsets[i] + start as isize) as usize;
-            let own = &self.values[row..=row + i - start];
-            x[i] /= own[i - start];
-            let value = x[i];
+            let (start, own) = (3 * self.firsts[i / 3], &self.values[self.range(i)]);
+            let value = x[i] * self.pivots[i];
+            x[i] = value;
             for (x, factor) in x[start..i].iter_mut().zip(own) {
                 *x -= factor * value;
             }
+        }
+    }
+}
+
+/// How long a row of `W` in [`Envelope::subtract_product`] is for so many blocks: whole registers.
+pub const fn row_length(blocks: usize) -> usize {
+    (3 * blocks).next_multiple_of(8)
+}
+
+/// One row of `Wᵀ W`, for `pulp` to compile.
+struct Product<'a> {
+    w: &'a [f64],
+    stride: usize,
+    row: usize,
+    into: &'a mut [f64],
+}
+
+impl WithSimd for Product<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let (into, _) = S::as_mut_simd_f64s(self.into);
+        for (c, into) in into.iter_mut().enumerate() {
+            let mut sum = simd.splat_f64s(0.0);
+            for w in self.w.chunks_exact(self.stride) {
+                let factor = simd.splat_f64s(w[self.row]);
+                sum = simd.mul_add_e_f64s(factor, S::as_simd_f64s(w).0[c], sum);
+            }
+            *into = sum;
+        }
+    }
+}
+
+/// The factorisation, for `pulp` to compile.
+struct Factor<'a>(&'a mut Envelope);
+
+impl WithSimd for Factor<'_> {
+    type Output = bool;
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) -> bool {
+        let Envelope {
+            firsts,
+            begins,
+            values,
+            pivots,
+            ..
+        } = self.0;
+        for (j, &first) in firsts.iter().enumerate() {
+            let length = 3 * (j + 1 - first);
+            let (above, own) = values.split_at_mut(begins[j]);
+            for k in first..=j {
+                let from = first.max(firsts[k]);
+                let (at, width) = (3 * (from - first), 3 * (k - from));
+                // No closures: `pulp` compiles only what is inlined.
+                let here = three(&own[at..], length, width);
+                let other_length = 3 * (k + 1 - firsts[k]);
+                let sums = if k == j {
+                    products(simd, here, here)
+                } else {
+                    let begin = begins[k] + 3 * (from - firsts[k]);
+                    products(simd, here, three(&above[begin..], other_length, width))
+                };
+                let column = 3 * (k - first);
+                if k < j {
+                    let pivots = &pivots[3 * k..3 * k + 3];
+                    let [_, second, third] = three(&above[begins[k]..], other_length, other_length);
+                    let diagonal = other_length - 3;
+                    let (l10, l20, l21) = (second[diagonal], third[diagonal], third[diagonal + 1]);
+                    for (a, sums) in sums.iter().enumerate() {
+                        let row = &mut own[a * length + column..][..3];
+                        row[0] = (row[0] - sums[0]) * pivots[0];
+                        row[1] = (row[1] - sums[1] - row[0] * l10) * pivots[1];
+                        row[2] = (row[2] - sums[2] - row[0] * l20 - row[1] * l21) * pivots[2];
+                    }
+                    continue;
+                }
+                for a in 0..3 {
+                    for b in 0..=a {
+                        let mut sum = own[a * length + column + b] - sums[a][b];
+                        for c in 0..b {
+                            sum -= own[a * length + column + c] * own[b * length + column + c];
+                        }
+                        if a > b {
+                            own[a * length + column + b] = sum * pivots[3 * j + b];
+                        } else if sum > 0.0 && sum.is_finite() {
+                            own[a * length + column + a] = sum.sqrt();
+                            pivots[3 * j + a] = sum.sqrt().recip();
+                        } else {
+                            return false;
+                        }
+                    }
+                }
+            }
+        }
+        true
+    }
+}
+
+/// The beginnings of three rows that follow one another.
+#[inline(always)]
+fn three(rows: &[f64], length: usize, width: usize) -> [&[f64]; 3] {
+    [
+        &rows[..width],
+        &rows[length..][..width],
+        &rows[2 * length..][..width],
+    ]
+}
+
+/// Products of each of three rows with each of three others.
+#[inline(always)]
+fn products<S: Simd>(simd: S, a: [&[f64]; 3], b: [&[f64]; 3]) -> [[f64; 3]; 3] {
+    let mut sums = [[simd.splat_f64s(0.0); 3]; 3];
+    let [a0, a1, a2] = lanes::<S>(a);
+    let [b0, b1, b2] = lanes::<S>(b);
+    for c in 0..a0.len() {
+        add(
+            simd,
+            &mut sums,
+            [a0[c], a1[c], a2[c]],
+            [b0[c], b1[c], b2[c]],
+        );
+    }
+    let whole = a0.len() * S::F64_LANES;
+    if whole < a[0].len() {
+        let last = [
+            [
+                simd.partial_load_f64s(&a[0][whole..]),
+                simd.partial_load_f64s(&a[1][whole..]),
+                simd.partial_load_f64s(&a[2][whole..]),
+            ],
+            [
+                simd.partial_load_f64s(&b[0][whole..]),
+                simd.partial_load_f64s(&b[1][whole..]),
+                simd.partial_load_f64s(&b[2][whole..]),
+            ],
+        ];
+        add(simd, &mut sums, last[0], last[1]);
+    }
+    let mut out = [[0.0; 3]; 3];
+    for i in 0..3 {
+        for j in 0..3 {
+            out[i][j] = simd.reduce_sum_f64s(sums[i][j]);
+        }
+    }
+    out
+}
+
+/// As many whole registers of each row as the first has.
+#[inline(always)]
+fn lanes<S: Simd>(rows: [&[f64]; 3]) -> [&[S::f64s]; 3] {
+    let first = S::as_simd_f64s(rows[0]).0;
+    let count = first.len();
+    [
+        first,
+        &S::as_simd_f64s(rows[1]).0[..count],
+        &S::as_simd_f64s(rows[2]).0[..count],
+    ]
+}
+
+#[inline(always)]
+fn add<S: Simd>(simd: S, sums: &mut [[S::f64s; 3]; 3], x: [S::f64s; 3], y: [S::f64s; 3]) {
+    for i in 0..3 {
+        for j in 0..3 {
+            sums[i][j] = simd.mul_add_e_f64s(x[i], y[j], sums[i][j]);
         }
     }
 }
@@ -133,16 +305,16 @@ mod tests {
     use super::*;
     use nalgebra::{DMatrix, DVector};
 
-    #[test]
-    fn factor_and_solution_are_those_of_the_dense_matrix() {
-        let starts = vec![0, 0, 1, 1, 3, 0, 4, 7];
-        let n = starts.len();
+    /// A matrix whose rows of blocks begin at different ones, and the same stored.
+    fn matrix() -> (DMatrix<f64>, Envelope) {
+        let firsts = vec![0, 0, 1, 1, 3, 0, 4, 7, 2, 0];
+        let n = 3 * firsts.len();
         let mut dense = DMatrix::<f64>::zeros(n, n);
-        let mut envelope = Envelope::new(starts.clone());
+        let mut envelope = Envelope::new(firsts.clone());
         for i in 0..n {
-            for j in starts[i]..=i {
+            for j in 3 * firsts[i / 3]..=i {
                 let value = if i == j {
-                    9.0
+                    40.0
                 } else {
                     ((3 * i + 5 * j) % 7) as f64 - 3.0
                 };
@@ -151,22 +323,59 @@ mod tests {
                 *envelope.at(i, j) = value;
             }
         }
+        (dense, envelope)
+    }
+
+    #[test]
+    fn factor_and_solution_are_those_of_the_dense_matrix_at_every_width() {
+        let (dense, stored) = matrix();
+        let n = dense.nrows();
         let right = DVector::from_fn(n, |i, _| i as f64 - 2.5);
-        assert!(envelope.factor());
-        let mut x: Vec<f64> = right.iter().copied().collect();
-        envelope.solve(&mut x);
         let expected = dense.cholesky().unwrap();
-        assert!((DVector::from_vec(x) - expected.solve(&right)).norm() < 1e-12);
-        assert!((envelope.entry(6, 4) - expected.l()[(6, 4)]).abs() < 1e-13);
-        assert_eq!(envelope.entry(6, 2), 0.0);
+        for arch in [Arch::Scalar, Arch::new()] {
+            let mut envelope = stored.clone();
+            envelope.arch = arch;
+            assert!(envelope.factor());
+            let mut x: Vec<f64> = right.iter().copied().collect();
+            envelope.solve(&mut x);
+            assert!((DVector::from_vec(x) - expected.solve(&right)).norm() < 1e-12);
+            for (row, column) in [(16, 4), (29, 28), (29, 0), (25, 8)] {
+                let off = envelope.entry(row, column) - expected.l()[(row, column)];
+                assert!(off.abs() < 1e-13, "{row} {column}");
+            }
+            assert_eq!(envelope.entry(13, 2), 0.0);
+        }
+    }
+
+    #[test]
+    fn a_product_is_subtracted_where_its_blocks_are() {
+        let blocks = [0, 1, 5];
+        let stride = row_length(blocks.len());
+        let mut w = vec![0.0; 2 * stride];
+        let mut spread = DMatrix::<f64>::zeros(2, 30);
+        for (l, row) in w.chunks_exact_mut(stride).enumerate() {
+            for (k, w) in row[..9].iter_mut().enumerate() {
+                *w = ((5 * k + 3 * l) % 11) as f64 - 4.0;
+                spread[(l, 3 * blocks[k / 3] + k % 3)] = *w;
+            }
+        }
+        let (dense, mut envelope) = matrix();
+        envelope.subtract_product(&blocks, &w, &mut Vec::new());
+        let expected = dense - spread.tr_mul(&spread);
+        for i in 0..30 {
+            for j in 0..=i {
+                assert_eq!(envelope.entry(i, j), expected[(i, j)], "{i} {j}");
+            }
+        }
     }
 
     #[test]
     fn an_indefinite_matrix_is_told() {
-        let mut envelope = Envelope::new(vec![0, 0]);
-        *envelope.at(0, 0) = 1.0;
+        let mut envelope = Envelope::new(vec![0]);
+        for i in 0..3 {
+            *envelope.at(i, i) = 1.0;
+        }
         *envelope.at(1, 0) = 2.0;
-        *envelope.at(1, 1) = 1.0;
         assert!(!envelope.factor());
     }
 }

@@ -5,9 +5,10 @@
 //! attitude `R` at one time, `R' = R [w×]`, `w = I⁻¹ Rᵀ L`. No principal axes are chosen, so nothing
 //! becomes singular where two or three of the moments are equal.
 
-use nalgebra::{Matrix3, Quaternion, SMatrix, SVector, UnitQuaternion, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
+use pulp::Arch;
 
-use crate::dynamics::Tableau;
+use super::flow::{Carry, Flow};
 
 /// Parameters: five of the inertia's shape, three of the momentum.
 pub const PARAMETERS: usize = 8;
@@ -123,7 +124,7 @@ impl FreeMotion {
     /// Attitudes at `times` (ascending).
     pub fn attitudes(&self, times: &[f64]) -> Vec<UnitQuaternion<f64>> {
         let mut out = Vec::with_capacity(times.len());
-        self.walk(times, |_| Flow::default(), |flow| out.push(flow.R));
+        self.walk::<false>(times, |flow| out.push(flow.R));
         out
     }
 
@@ -134,16 +135,12 @@ impl FreeMotion {
         times: &[f64],
     ) -> Vec<(UnitQuaternion<f64>, Sensitivity)> {
         let mut out = Vec::with_capacity(times.len());
-        let start = |_| Flow {
-            S: Some(Sensitivity::zeros()),
-            ..Flow::default()
-        };
-        self.walk(times, start, |f| out.push((f.R, f.S.unwrap_or_default())));
+        self.walk::<true>(times, |flow| out.push((flow.R, flow.sensitivity())));
         out
     }
 
     /// From the reference time backwards and forwards through `times`, in the order of time.
-    fn walk(&self, times: &[f64], start: impl Fn(()) -> Flow, mut visit: impl FnMut(&Flow)) {
+    fn walk<const SENSITIVE: bool>(&self, times: &[f64], mut visit: impl FnMut(&Flow)) {
         let Some(inverse) = self.inertia.try_inverse() else {
             return;
         };
@@ -151,151 +148,36 @@ impl FreeMotion {
         let h = self.R_WB.inverse_transform_vector(&self.momentum);
         let fastest = (h.dot(&(inverse * h)) * inverse.symmetric_eigenvalues().max()).sqrt();
         let split = times.partition_point(|t| *t < self.time);
-        let begin = Flow {
-            R: self.R_WB,
-            ..start(())
+        let begin = Flow::new(self.R_WB);
+        let arch = Arch::new();
+        let carry = |flow: &mut Flow, span: f64| {
+            let steps = (fastest * span.abs() / LARGEST_TURN).ceil().max(1.0);
+            if span == 0.0 || !steps.is_finite() {
+                return;
+            }
+            let carry = Carry::<SENSITIVE> {
+                inverse: &inverse,
+                momentum: &self.momentum,
+                flow,
+                h: span / steps,
+                steps: steps as usize,
+            };
+            carry.run(arch);
         };
         let mut now = (self.time, begin);
         let mut before = Vec::with_capacity(split);
         for &t in times[..split].iter().rev() {
-            self.carry(&inverse, fastest, &mut now.1, t - now.0);
+            carry(&mut now.1, t - now.0);
             now.0 = t;
             before.push(now.1);
         }
         before.iter().rev().for_each(&mut visit);
         now = (self.time, begin);
         for &t in &times[split..] {
-            self.carry(&inverse, fastest, &mut now.1, t - now.0);
+            carry(&mut now.1, t - now.0);
             now.0 = t;
             visit(&now.1);
         }
-    }
-
-    /// Advances by `span` \[s\], which may be negative, in as many steps as the rate `fastest` \[rad/s\] asks for.
-    fn carry(&self, inverse: &Matrix3<f64>, fastest: f64, flow: &mut Flow, span: f64) {
-        let steps = (fastest * span.abs() / LARGEST_TURN).ceil().max(1.0);
-        if span == 0.0 || !steps.is_finite() {
-            return;
-        }
-        let h = span / steps;
-        for _ in 0..steps as usize {
-            self.step(inverse, flow, h);
-        }
-    }
-
-    fn step(&self, inverse: &Matrix3<f64>, flow: &mut Flow, h: f64) {
-        let tableau = &Tableau::DOP8;
-        let begin = Turning {
-            h: flow.R.inverse_transform_vector(&self.momentum),
-            v: Vector3::zeros(),
-            s: 1.0,
-        };
-        let R = *flow.R.to_rotation_matrix().matrix();
-        let mut turning = [Turning::default(); STAGES];
-        let mut spreading = [Sensitivity::zeros(); STAGES];
-        for i in 0..STAGES {
-            let mut now = begin;
-            for (weight, rate) in tableau.a[i]
-                .iter()
-                .zip(&turning)
-                .filter(|(a, _)| **a != 0.0)
-            {
-                now.add(rate, h * weight);
-            }
-            let w = inverse * now.h;
-            turning[i] = now.rate(&w);
-            if let Some(S) = &flow.S {
-                let mut S = *S;
-                for (weight, rate) in tableau.a[i].iter().zip(&spreading) {
-                    if *weight != 0.0 {
-                        add(&mut S, rate, h * weight);
-                    }
-                }
-                spreading[i] = spread_rate(inverse, &(R * now.matrix()), &now.h, &w, &S);
-            }
-        }
-        let mut end = begin;
-        for (i, weight) in tableau.b.iter().enumerate().filter(|(_, b)| **b != 0.0) {
-            end.add(&turning[i], h * weight);
-            if let Some(S) = &mut flow.S {
-                add(S, &spreading[i], h * weight);
-            }
-        }
-        flow.R *= UnitQuaternion::new_normalize(Quaternion::from_parts(end.s, end.v));
-        flow.R.renormalize_fast();
-    }
-}
-
-/// `S += weight rate`.
-#[inline]
-fn add(S: &mut Sensitivity, rate: &Sensitivity, weight: f64) {
-    for (s, r) in S.as_mut_slice().iter_mut().zip(rate.as_slice()) {
-        *s += weight * r;
-    }
-}
-
-/// Rate of the sensitivities at attitude `R`, body momentum `h` and rate `w`: a small turn `θ` of the body obeys
-/// `θ' = θ × w + δw` with `δw = I⁻¹ (Rᵀ δL + h × θ - δI w)`.
-fn spread_rate(
-    inverse: &Matrix3<f64>,
-    R: &Matrix3<f64>,
-    h: &Vector3<f64>,
-    w: &Vector3<f64>,
-    S: &Sensitivity,
-) -> Sensitivity {
-    let homogeneous = inverse * h.cross_matrix() - w.cross_matrix();
-    let mut rate = homogeneous * S;
-    let by_shape = inverse * shape_times(w);
-    let by_momentum = inverse * R.transpose();
-    let mut left = rate.fixed_columns_mut::<5>(0);
-    left -= by_shape;
-    let mut right = rate.fixed_columns_mut::<3>(5);
-    right += by_momentum;
-    rate
-}
-
-const STAGES: usize = 12;
-
-/// What is carried along the motion.
-#[derive(Clone, Copy, Default)]
-struct Flow {
-    R: UnitQuaternion<f64>,
-    S: Option<Sensitivity>,
-}
-
-/// What a step integrates, without angles: momentum in body axes, and the turn since the step's beginning as a
-/// quaternion of vector `v` and scalar `s`.
-#[derive(Clone, Copy, Default)]
-struct Turning {
-    h: Vector3<f64>,
-    v: Vector3<f64>,
-    s: f64,
-}
-
-impl Turning {
-    #[inline]
-    fn add(&mut self, rate: &Self, weight: f64) {
-        self.h += rate.h * weight;
-        self.v += rate.v * weight;
-        self.s += rate.s * weight;
-    }
-
-    /// The rate of all at angular velocity `w`, body axes.
-    #[inline]
-    fn rate(&self, w: &Vector3<f64>) -> Self {
-        Self {
-            h: self.h.cross(w),
-            v: (w * self.s + self.v.cross(w)) * 0.5,
-            s: -0.5 * self.v.dot(w),
-        }
-    }
-
-    /// The turn as a matrix.
-    #[inline]
-    fn matrix(&self) -> Matrix3<f64> {
-        let (v, s) = (self.v, self.s);
-        let x = v.cross_matrix();
-        Matrix3::identity() + x * (2.0 * s) + x * x * 2.0
     }
 }
 

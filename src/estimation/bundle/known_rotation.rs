@@ -50,7 +50,7 @@ pub fn structure(
                 let r = by_x * x - Vector3::new(0.0, 0.0, anchor);
                 let by_p = by_x * R;
                 system.add_point(seen.point, &by_p.tr_mul(&by_p), &by_p.tr_mul(&r));
-                system.couple(seen.point, by_x.tr_mul(&by_p), SMatrix::zeros());
+                system.couple(seen.point, by_x.tr_mul(&by_p));
                 H += by_x.tr_mul(&by_x);
                 g += by_x.tr_mul(&r);
             }

@@ -29,6 +29,7 @@ mod dynamic;
 mod envelope;
 mod fit;
 mod five_point;
+mod flow;
 mod frames;
 mod free_motion;
 mod free_placements;

@@ -64,8 +64,7 @@ pub fn relative_pose(pairs: &[Pair], noise: f64, rng: &mut impl Rng) -> Option<R
                 drawn.extend(decompose(&E, &sample));
             }
         }
-        drawn.sort_by(|a, b| score(a, pairs, scale).total_cmp(&score(b, pairs, scale)));
-        drawn.truncate(5);
+        let drawn = best_first(drawn, pairs, scale).take(5).collect();
         let sampled = best_of(drawn, pairs, scale).and_then(|m| finish(m, pairs, noise));
         let quality = |f: &RelativePose| score(&(f.R, f.direction), pairs, scale);
         best = match (best, sampled) {
@@ -104,10 +103,20 @@ fn starts(pairs: &[Pair], scale: f64) -> Vec<Candidate> {
 
 /// The candidate with the least loss after refinement.
 fn best_of(candidates: Vec<Candidate>, pairs: &[Pair], scale: f64) -> Option<Candidate> {
-    candidates
-        .into_iter()
-        .map(|c| refine(c, pairs, scale))
-        .min_by(|a, b| score(a, pairs, scale).total_cmp(&score(b, pairs, scale)))
+    let refined = candidates.into_iter().map(|c| refine(c, pairs, scale));
+    best_first(refined.collect(), pairs, scale).next()
+}
+
+/// By ascending loss.
+fn best_first(
+    candidates: Vec<Candidate>,
+    pairs: &[Pair],
+    scale: f64,
+) -> impl Iterator<Item = Candidate> {
+    let scored = candidates.into_iter().map(|c| (score(&c, pairs, scale), c));
+    let mut scored: Vec<_> = scored.collect();
+    scored.sort_by(|(a, _), (b, _)| a.total_cmp(b));
+    scored.into_iter().map(|(_, candidate)| candidate)
 }
 
 /// Cauchy's loss over all pairs.

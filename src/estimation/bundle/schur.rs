@@ -7,7 +7,7 @@
 
 use nalgebra::{Cholesky, Const, SMatrix, SVector, Vector3};
 
-use super::envelope::Envelope;
+use super::envelope::{Envelope, row_length};
 
 /// Normal equations of one frame: its own unknowns, the common ones and the points that it shows.
 #[derive(Debug, Clone)]
@@ -24,20 +24,21 @@ pub struct FrameNormal<const L: usize, const G: usize> {
     count: usize,
 }
 
-/// One observation's part: which point, and the point's coupling with the frame and the common unknowns.
+/// One observation's part: which point, and the point's coupling with the frame.
 #[derive(Debug, Clone)]
-struct Coupling<const L: usize, const G: usize> {
+struct Coupling<const L: usize> {
     point: usize,
     H_lp: SMatrix<f64, L, 3>,
-    H_gp: SMatrix<f64, G, 3>,
 }
 
 /// Normal equations of the whole problem, of a cost `½ Σ r²`.
 #[derive(Debug, Clone)]
 pub struct System<const L: usize, const G: usize> {
     frames: Vec<FrameNormal<L, G>>,
-    coupling: Vec<Coupling<L, G>>,
+    coupling: Vec<Coupling<L>>,
     H_pp: Vec<SMatrix<f64, 3, 3>>,
+    /// Points' coupling with the common unknowns, of all frames together.
+    H_gp: Vec<SMatrix<f64, G, 3>>,
     g_p: Vec<Vector3<f64>>,
     /// Common unknowns with themselves.
     pub H_gg: SMatrix<f64, G, G>,
@@ -66,6 +67,7 @@ impl<const L: usize, const G: usize> System<L, G> {
             frames: Vec::new(),
             coupling: Vec::new(),
             H_pp: vec![SMatrix::zeros(); points],
+            H_gp: vec![SMatrix::zeros(); points],
             g_p: vec![Vector3::zeros(); points],
             H_gg: SMatrix::zeros(),
             g_g: SVector::zeros(),
@@ -78,6 +80,7 @@ impl<const L: usize, const G: usize> System<L, G> {
         self.frames.clear();
         self.coupling.clear();
         self.H_pp.fill(SMatrix::zeros());
+        self.H_gp.fill(SMatrix::zeros());
         self.g_p.fill(Vector3::zeros());
         self.H_gg.fill(0.0);
         self.g_g.fill(0.0);
@@ -93,8 +96,16 @@ impl<const L: usize, const G: usize> System<L, G> {
     /// Adds the coupling of the frame that the next [`System::add_frame`] closes with a point, which may be coupled
     /// to it only once.
     #[inline]
-    pub fn couple(&mut self, point: usize, H_lp: SMatrix<f64, L, 3>, H_gp: SMatrix<f64, G, 3>) {
-        self.coupling.push(Coupling { point, H_lp, H_gp });
+    pub fn couple(&mut self, point: usize, H_lp: SMatrix<f64, L, 3>) {
+        if L > 0 {
+            self.coupling.push(Coupling { point, H_lp });
+        }
+    }
+
+    /// A point's coupling with the common unknowns, to add to.
+    #[inline]
+    pub fn with_common(&mut self, point: usize) -> &mut SMatrix<f64, G, 3> {
+        &mut self.H_gp[point]
     }
 
     /// Closes a frame: the couplings since the last one are its own.
@@ -106,10 +117,9 @@ impl<const L: usize, const G: usize> System<L, G> {
     ) {
         let first = self.frames.last().map_or(0, |f| f.first + f.count);
         let count = self.coupling.len() - first;
-        let own = &self.coupling[first..];
-        if L > 0
-            && let Some(least) = own.iter().map(|c| c.point).min()
-        {
+        let own = &mut self.coupling[first..];
+        own.sort_unstable_by_key(|c| c.point);
+        if let Some(least) = own.first().map(|c| c.point) {
             for c in own {
                 let coupled = &mut self.first_coupled[c.point];
                 *coupled = (*coupled).min(least);
@@ -167,9 +177,8 @@ impl<const L: usize, const G: usize> System<L, G> {
         // Scale and origin of the scene may be free; a trace of damping holds them.
         let trace = 1e-10;
         let eliminated = self.eliminate(trace)?;
-        let (n, first) = (3 * self.H_pp.len(), eliminated.reduced.rows() - G);
-        debug_assert_eq!(n, first);
-        // The last G rows of the factor are the factor of what remains.
+        // The rows after the points' are the factor of what remains.
+        let first = 3 * self.H_pp.len();
         let factor = SMatrix::<f64, G, G>::from_fn(|i, j| {
             if j > i {
                 0.0
@@ -197,86 +206,77 @@ impl<const L: usize, const G: usize> System<L, G> {
     /// Factors of the frames' blocks and of the reduced matrix, with the reduced gradient.
     fn eliminate(&self, damping: f64) -> Option<Eliminated<L>> {
         let points = self.H_pp.len();
-        let size = 3 * points + G;
-        // A point's rows begin at the first point that it was seen together with.
-        let mut starts = Vec::with_capacity(size);
-        for first in &self.first_coupled {
-            starts.extend([3 * first; 3]);
-        }
-        starts.extend([0; G]);
-        let mut reduced = Envelope::new(starts);
-        let mut rhs = vec![0.0; size];
+        // A point's rows begin at the first point that it was seen together with. What is common fills whole blocks.
+        let mut firsts = self.first_coupled.clone();
+        firsts.extend(std::iter::repeat_n(0, G.div_ceil(3)));
+        let mut reduced = Envelope::new(firsts);
+        let mut rhs = vec![0.0; reduced.rows()];
         for (j, (H, g)) in self.H_pp.iter().zip(&self.g_p).enumerate() {
             for a in 0..3 {
                 for b in 0..=a {
-                    *reduced.at(3 * j + a, 3 * j + b) += H[(a, b)];
+                    *reduced.at(3 * j + a, 3 * j + b) = H[(a, b)];
                 }
                 *reduced.at(3 * j + a, 3 * j + a) += damping * H[(a, a)] + f64::MIN_POSITIVE;
-                rhs[3 * j + a] += g[a];
+                rhs[3 * j + a] = g[a];
             }
         }
-        let c = 3 * points;
+        let mut common = self.H_gg;
         for a in 0..G {
-            for b in 0..=a {
-                *reduced.at(c + a, c + b) += self.H_gg[(a, b)];
-            }
-            *reduced.at(c + a, c + a) += damping * self.H_gg[(a, a)];
-            rhs[c + a] += self.g_g[a];
+            common[(a, a)] += damping * self.H_gg[(a, a)];
         }
+        let mut with_points = self.H_gp.clone();
+        let mut gradient = self.g_g;
         let mut frames = Vec::with_capacity(self.frames.len());
-        let mut scaled: Vec<(usize, SMatrix<f64, L, 3>)> = Vec::new();
-        for frame in &self.frames {
+        let mut scratch = Scratch::default();
+        for frame in self.frames.iter().filter(|_| L > 0) {
             let own = &self.coupling[frame.first..frame.first + frame.count];
-            if L == 0 {
-                for coupling in own {
-                    for a in 0..G {
-                        for b in 0..3 {
-                            *reduced.at(c + a, 3 * coupling.point + b) += coupling.H_gp[(a, b)];
-                        }
-                    }
-                }
-                continue;
-            }
             let mut H = frame.H_ll;
             for i in 0..L {
                 H[(i, i)] += damping * frame.H_ll[(i, i)];
             }
             let chol = Cholesky::new(H)?;
             let factor = chol.l_dirty();
-            let half = |m: SMatrix<f64, L, 3>| forward::<L, 3>(factor, m);
             let g = forward::<L, 1>(factor, frame.g_l);
             let wg = forward::<L, G>(factor, frame.H_lg);
-            scaled.clear();
-            scaled.extend(own.iter().map(|c| (c.point, half(c.H_lp))));
-            for (k, (j, w)) in scaled.iter().enumerate() {
-                for (i, v) in &scaled[..=k] {
-                    let (row, column, block) = if j >= i {
-                        (j, i, w.tr_mul(v))
-                    } else {
-                        (i, j, v.tr_mul(w))
-                    };
-                    reduced.subtract_block(3 * row, 3 * column, &block);
-                }
-                let by_g = wg.tr_mul(w);
-                for a in 0..G {
+            let stride = row_length(own.len());
+            scratch.w.clear();
+            scratch.w.resize(L * stride, 0.0);
+            scratch.points.clear();
+            for (k, c) in own.iter().enumerate() {
+                let w = forward::<L, 3>(factor, c.H_lp);
+                for l in 0..L {
                     for b in 0..3 {
-                        *reduced.at(c + a, 3 * j + b) += own[k].H_gp[(a, b)] - by_g[(a, b)];
+                        scratch.w[l * stride + 3 * k + b] = w[(l, b)];
                     }
                 }
+                scratch.points.push(c.point);
+                with_points[c.point] -= wg.tr_mul(&w);
                 let r = w.tr_mul(&g);
                 for b in 0..3 {
-                    rhs[3 * j + b] -= r[b];
+                    rhs[3 * c.point + b] -= r[b];
                 }
             }
-            let gg = wg.tr_mul(&wg);
-            let r = wg.tr_mul(&g);
-            for a in 0..G {
-                for b in 0..=a {
-                    *reduced.at(c + a, c + b) -= gg[(a, b)];
-                }
-                rhs[c + a] -= r[a];
-            }
+            reduced.subtract_product(&scratch.points, &scratch.w, &mut scratch.line);
+            common -= wg.tr_mul(&wg);
+            gradient -= wg.tr_mul(&g);
             frames.push(chol);
+        }
+        let c = 3 * points;
+        for a in 0..G {
+            let (_, row) = reduced.row_mut(c + a);
+            for (into, from) in row.chunks_exact_mut(3).zip(&with_points) {
+                for b in 0..3 {
+                    into[b] = from[(a, b)];
+                }
+            }
+            for b in 0..=a {
+                row[c + b] = common[(a, b)];
+            }
+            rhs[c + a] = gradient[a];
+        }
+        // Blocks are whole: rows that belong to no unknown are those of the identity.
+        for a in c + G..reduced.rows() {
+            *reduced.at(a, a) = 1.0;
         }
         reduced.factor().then_some(Eliminated {
             frames,
@@ -284,6 +284,15 @@ impl<const L: usize, const G: usize> System<L, G> {
             rhs,
         })
     }
+}
+
+/// Memory for the elimination of a frame.
+#[derive(Default)]
+struct Scratch {
+    points: Vec<usize>,
+    /// The frame's coupling with its points over the factor of its own block, by rows.
+    w: Vec<f64>,
+    line: Vec<f64>,
 }
 
 struct Eliminated<const L: usize> {
@@ -332,7 +341,7 @@ mod tests {
             let (mut H_ll, mut H_lg) = (Matrix2::zeros(), Matrix2::zeros());
             let mut g_l = Vector2::zeros();
             for j in i.saturating_sub(2)..(i + 2).min(points) {
-                let (mut H_lp, mut H_gp) = (SMatrix::zeros(), SMatrix::zeros());
+                let mut H_lp = SMatrix::zeros();
                 for _ in 0..4 {
                     let mut random = || rng.random_range(-1.0..1.0);
                     let (jl, jg) = (
@@ -353,11 +362,11 @@ mod tests {
                     let H_pp: Matrix3<f64> = jp * jp.transpose();
                     system.add_point(j, &H_pp, &(jp * r));
                     H_lp += jl * jp.transpose();
-                    H_gp += jg * jp.transpose();
+                    *system.with_common(j) += jg * jp.transpose();
                     system.H_gg += jg * jg.transpose();
                     system.g_g += jg * r;
                 }
-                system.couple(j, H_lp, H_gp);
+                system.couple(j, H_lp);
             }
             system.add_frame(H_ll, H_lg, g_l);
         }

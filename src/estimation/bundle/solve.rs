@@ -225,7 +225,8 @@ fn segments(frames: &mut Frames, settings: &Settings, rng: &mut StdRng) -> Vec<S
     let mut open: Vec<usize> = (0..frames.list.len()).collect();
     let mut found: Vec<Segment> = Vec::new();
     while found.len() < SEGMENTS && open.len() >= MIN_FRAMES {
-        let Some(segment) = reconstruct(frames, &open, settings, rng) else {
+        let before = found.first().map(Segment::placed);
+        let Some(segment) = reconstruct(frames, &open, before, settings, rng) else {
             break;
         };
         if segment.placed() < MIN_FRAMES {

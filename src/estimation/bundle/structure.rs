@@ -68,11 +68,12 @@ impl Segment {
     }
 }
 
-/// The largest part of the `open` frames that can be reconstructed. Beliefs in `frames` are renewed for the
-/// frames that it places.
+/// The largest part of the `open` frames that can be reconstructed; where the first segment already placed `before`
+/// frames, one that is about as large will do. Beliefs in `frames` are renewed for the frames that it places.
 pub fn reconstruct(
     frames: &mut Frames,
     open: &[usize],
+    before: Option<usize>,
     settings: &Settings,
     rng: &mut impl Rng,
 ) -> Option<Segment> {
@@ -81,6 +82,8 @@ pub fn reconstruct(
         .iter()
         .filter(|i| frames.list[**i].sights.len() >= MIN_POINTS)
         .count();
+    // A segment that is all is worth every start; one of several is not.
+    let enough = before.map_or(9 * placeable / 10, |b| b.min(placeable) / 2);
     let mut last_keys = Vec::new();
     for (window, part) in STARTS {
         let from = (part * open.len() as f64) as usize;
@@ -95,8 +98,7 @@ pub fn reconstruct(
         let Some(segment) = started.and_then(|s| grow(&mut tried, s, open, settings)) else {
             continue;
         };
-        let enough = 10 * segment.placed() >= 9 * placeable;
-        let done = segment.convinces(settings) && enough;
+        let done = segment.convinces(settings) && segment.placed() >= enough;
         let quality = |s: &Segment| (s.convinces(settings), s.placed());
         let better = best.as_ref().is_none_or(|(b, _)| {
             let (old, new) = (quality(b), quality(&segment));
