@@ -220,13 +220,14 @@ const ELSEWHERE: usize = 1_452;
 /// those that need more than one datagram (docs/upstream.md), and sends the same datagrams to all.
 pub(super) fn longest_reply(participant: &DomainParticipant, dds_topic: &str) -> usize {
     let readers = participant.discovered_readers();
-    let mut readers = readers
+    let mut locators = readers
         .iter()
         .filter(|reader| reader.subscription_topic_data.topic_name() == dds_topic)
-        .map(|reader| &reader.reader_proxy.unicast_locator_list)
+        .flat_map(|reader| &reader.reader_proxy.unicast_locator_list)
+        // Shared memory is none of rustdds's.
+        .filter(|locator| locator.is_udp())
         .peekable();
-    let is_near = readers.peek().is_some()
-        && readers.all(|all| !all.is_empty() && all.iter().all(|locator| locator.is_loopback()));
+    let is_near = locators.peek().is_some() && locators.all(|locator| locator.is_loopback());
     let datagram = if is_near { LOOPBACK } else { ELSEWHERE };
     datagram - AROUND_PAYLOAD
 }

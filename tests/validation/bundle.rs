@@ -3,10 +3,12 @@
 
 use fuyu::estimation::bundle::{CameraMotion, Options, Solution, estimate};
 use fuyu::estimation::{EstimateError, Feature, MotionModel, Sighting, Tracks};
+use fuyu::experiments::masutani_ch3::in_parallel;
 use fuyu::vision::Pinhole;
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
+use crate::half_a_minute::MISSED;
 use crate::tumbling::{Motion, View, prediction_errors};
 
 /// A motion of chapter 3: s = 0, momentum along the optical axis, largest |w|² 0.8.
@@ -60,29 +62,38 @@ fn motions_of_chapter_3_are_predicted() {
     }
 }
 
-/// All 294 motions, which takes minutes: `cargo test --release --test validation every_motion -- --ignored
-/// --nocapture`.
+/// Chapter 3's grid: isotropy and momentum of all 294 motions.
+fn grid() -> Vec<(f64, f64)> {
+    let cells = (0..14).flat_map(|i| (-10..=10).map(move |k| (i, k)));
+    cells
+        .map(|(i, k)| (0.35 + 0.05 * f64::from(i), 0.1 * f64::from(k)))
+        .collect()
+}
+
+/// On all processors.
+fn of_all<R: Send>(work: impl Fn(f64, f64) -> R + Sync) -> Vec<R> {
+    let threads = std::thread::available_parallelism().map_or(1, usize::from);
+    in_parallel(&grid(), threads, |&(e, s_alpha)| work(e, s_alpha))
+}
+
+/// All 294 motions: `cargo test --release --test validation every_motion -- --ignored --nocapture`.
 #[test]
-#[ignore = "minutes"]
+#[ignore = "a minute or two"]
 fn every_motion_of_chapter_3_is_predicted() {
     for (resolution, limit) in [(1024, 0.01), (256, 0.05)] {
         let view = View::chapter_3(resolution);
-        let cells = (0..14).flat_map(|i| (-10..=10).map(move |k| (i, k)));
-        let (mut all, mut above) = (Vec::new(), Vec::new());
-        for (i, k) in cells {
-            let (e, s_alpha) = (0.35 + 0.05 * f64::from(i), 0.1 * f64::from(k));
-            let phi = phi(&view, &chapter_3(e, s_alpha), &Options::default());
-            if phi > limit {
-                above.push((e, s_alpha, phi));
-            }
-            all.push(phi);
-        }
+        let all = of_all(|e, s_alpha| phi(&view, &chapter_3(e, s_alpha), &Options::default()));
         let largest = all.iter().copied().fold(0.0, f64::max);
+        let above: Vec<_> = grid()
+            .into_iter()
+            .zip(&all)
+            .filter(|(_, phi)| **phi > limit)
+            .collect();
         println!(
             "{resolution} px: median {:.4}, largest {largest:.4} deg",
-            median(all)
+            median(all.clone())
         );
-        assert_eq!(above, [], "{resolution} px");
+        assert!(above.is_empty(), "{resolution} px: {above:?}");
     }
 }
 
@@ -182,37 +193,50 @@ fn a_body_that_is_not_on_one_orbit_is_known_by_its_last_part() {
     assert!(phi < 0.02, "{phi}");
 }
 
-/// Every third motion of the grid. Those of nearly round bodies (e from 0.9 on) are not determined to 0.1 degrees by 51
-/// frames: the deviation that the solution itself tells is then as large.
-#[test]
-fn half_a_minute_suffices_unless_the_solution_says_otherwise() {
+/// Φ \[deg\] from 30 s, and the deviation of the predicted turn \[deg\] that the solution tells.
+fn from_half_a_minute(e: f64, s_alpha: f64) -> (f64, f64) {
     let view = View {
         duration: 30.0,
         ..View::chapter_3(1024)
     };
-    let cells = (0..14).flat_map(|i| (-10..=10).map(move |k| (i, k)));
-    let mut all = Vec::new();
-    for (i, k) in cells.step_by(3) {
-        let (e, s_alpha) = (0.35 + 0.05 * f64::from(i), 0.1 * f64::from(k));
-        let motion = chapter_3(e, s_alpha);
-        let solution = solve(&view, &motion, &Options::default());
-        let phi = prediction_errors(&motion, 30.0, |t| solution.motion.attitude(t)).1;
-        let spread = solution.turn_covariance(30.0, 60.0).trace();
-        let deviation = spread.sqrt().to_degrees();
+    let motion = chapter_3(e, s_alpha);
+    let solution = solve(&view, &motion, &Options::default());
+    let phi = prediction_errors(&motion, 30.0, |t| solution.motion.attitude(t)).1;
+    let spread = solution.turn_covariance(30.0, 60.0).trace();
+    (phi, spread.sqrt().to_degrees())
+}
+
+/// Every third motion of the grid. Those that 51 frames do not determine to 0.1 degrees are left open by the pixels
+/// themselves (`half_a_minute`), and the deviation that the solution tells is as large.
+#[test]
+fn half_a_minute_suffices_unless_the_solution_says_otherwise() {
+    let all: Vec<_> = grid()
+        .into_iter()
+        .step_by(3)
+        .map(|(e, s_alpha)| ((e, s_alpha), from_half_a_minute(e, s_alpha)))
+        .collect();
+    told_or_left_open(&all);
+}
+
+/// All 294: `cargo test --release --test validation every_half_minute -- --ignored --nocapture`.
+#[test]
+#[ignore = "ten seconds"]
+fn every_half_minute_is_predicted_or_left_open() {
+    let all: Vec<_> = grid().into_iter().zip(of_all(from_half_a_minute)).collect();
+    told_or_left_open(&all);
+}
+
+fn told_or_left_open(all: &[((f64, f64), (f64, f64))]) {
+    for ((e, s_alpha), (phi, deviation)) in all {
+        let is = |(a, b): &(f64, f64)| (a - e).abs() < 0.01 && (b - s_alpha).abs() < 0.01;
         assert!(
-            phi < f64::max(0.1, 4.0 * deviation),
+            *phi < 0.1 || MISSED.iter().any(is) && *phi < 4.0 * deviation,
             "e {e}, s_alpha {s_alpha}: {phi} {deviation}"
         );
-        assert!(
-            phi < 0.1 || e > 0.89,
-            "e {e}, s_alpha {s_alpha}: {phi} {deviation}"
-        );
-        all.push(phi);
     }
-    let above = all.iter().filter(|phi| **phi > 0.1).count();
+    let above = all.iter().filter(|(_, (phi, _))| *phi > 0.1).count();
     println!("{above} of {} above 0.1 deg", all.len());
-    assert!(10 * above <= all.len(), "{above}");
-    assert!(median(all) < 0.02);
+    assert!(median(all.iter().map(|(_, (phi, _))| *phi).collect()) < 0.02);
 }
 
 #[test]

@@ -255,17 +255,48 @@ fn farthest_apart(e: f64, s_alpha: f64, seed: u64) -> f64 {
     phi(a, b).min(phi(b, a))
 }
 
+/// Of chapter 3's 294 motions those whose prediction, from 30 s of 1024 px, the estimator misses by more than 0.1 degrees
+/// (`every_half_minute_is_predicted_or_left_open`), so (e, s_alpha).
+pub const MISSED: [(f64, f64); 12] = [
+    (0.9, 0.1),
+    (0.9, 0.2),
+    (0.9, 0.4),
+    (0.9, 0.6),
+    (0.9, 0.8),
+    (0.95, -0.8),
+    (0.95, -0.7),
+    (0.95, -0.6),
+    (0.95, -0.3),
+    (0.95, 0.4),
+    (0.95, 0.5),
+    (0.95, 0.9),
+];
+
 /// For nearly round bodies no estimate from these pixels can be sure to predict to 0.1 degrees: of two bodies that are
 /// both as they show, at least one is farther than half their difference from any answer. It is measured from the
-/// truth's own images, so the truth is one of many such bodies. For a body that is less round the pixels do enclose it.
+/// truth's own images, so the truth is one of many such bodies.
+fn is_left_open((e, s_alpha): (f64, f64)) {
+    let apart = farthest_apart(e, s_alpha, 1);
+    println!("e {e}, s_alpha {s_alpha}: {apart:.2} deg apart");
+    assert!(apart > 0.2, "e {e}, s_alpha {s_alpha}: {apart}");
+}
+
+/// For a body that is less round the pixels do enclose the motion.
 #[test]
 fn whole_pixels_of_half_a_minute_leave_nearly_round_bodies_open() {
-    for (e, s_alpha) in [(0.9, 0.1), (0.9, 0.4)] {
-        let apart = farthest_apart(e, s_alpha, 1);
-        println!("e {e}, s_alpha {s_alpha}: {apart:.2} deg apart");
-        assert!(apart > 0.4, "e {e}, s_alpha {s_alpha}: {apart}");
+    for missed in [MISSED[0], MISSED[8]] {
+        is_left_open(missed);
     }
     let apart = farthest_apart(0.5, 0.3, 1);
     println!("e 0.5, s_alpha 0.3: {apart:.2} deg apart");
     assert!((0.01..0.2).contains(&apart), "{apart}");
+}
+
+/// `cargo test --release --test validation left_open -- --ignored --nocapture`.
+#[test]
+#[ignore = "ten seconds"]
+fn every_motion_that_half_a_minute_does_not_tell_is_left_open() {
+    for missed in MISSED {
+        is_left_open(missed);
+    }
 }

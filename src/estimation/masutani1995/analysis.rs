@@ -120,7 +120,7 @@ impl Analysis {
         let (rotation, fit) = match self.model {
             MotionModel::Asymmetric => self.asymmetric(rates, options)?,
             MotionModel::Aperiodic => self.aperiodic(rates, options)?,
-            MotionModel::Axisymmetric => self.axisymmetric(rates)?,
+            MotionModel::Axisymmetric => self.axisymmetric(rates, options)?,
             MotionModel::SingleAxis => (
                 FreeRotation::single_axis(&self.mean, rates[0].0),
                 Fit::SingleAxis,
@@ -193,8 +193,15 @@ impl Analysis {
     }
 
     /// Sec. 2.4.3.
-    fn axisymmetric(&self, rates: &[Rate]) -> Result<(FreeRotation, Fit), EstimateError> {
-        let precession = MeanPrecession::fit(rates, &self.plane);
+    fn axisymmetric(
+        &self,
+        rates: &[Rate],
+        options: &Options,
+    ) -> Result<(FreeRotation, Fit), EstimateError> {
+        let precession = match options.steady_turns {
+            true => MeanPrecession::steady(rates, &self.plane),
+            false => MeanPrecession::fit(rates, &self.plane),
+        };
         let J = moments::axisymmetric(self.plane.alpha, self.spectrum.mean, precession.rate);
         let parameters = self.body(J)?;
         let towards = precession.direction(precession.phase);

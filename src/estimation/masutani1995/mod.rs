@@ -34,6 +34,9 @@ pub struct Options {
     pub periods: f64,
     /// Whether the aperiodic model may be chosen; chapter 3 does without.
     pub aperiodic: bool,
+    /// How the axisymmetric model takes the herpolhode's angles, which the text does not say: each as the turn nearest
+    /// to their common line rather than to the angle before, from which some slip in noise.
+    pub steady_turns: bool,
     /// `Theta_damp`: factor on a Gauss-Newton step that made things worse.
     pub damping: f64,
     /// `Theta_eps`: the fit ends when the sum of squares falls by less than this share.
@@ -48,6 +51,7 @@ impl Default for Options {
             single_axis: 2.0,
             periods: 2.0,
             aperiodic: true,
+            steady_turns: false,
             damping: 0.5,
             convergence: 1e-8,
         }

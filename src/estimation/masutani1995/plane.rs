@@ -1,9 +1,15 @@
 //! The invariable plane, in which the angular velocity ends, and the angle about its normal.
 
+use std::f64::consts::TAU;
+
 use nalgebra::{Matrix3, UnitVector3, Vector3};
+use rustfft::num_complex::Complex;
 
 use super::{EstimateError, Rate};
 use crate::estimation::free_body::frame;
+
+/// A line moves the turns of few angles, and these the line hardly; it settles in two or three rounds.
+const ROUNDS: usize = 10;
 
 /// The plane `n · w = 1/√alpha`: Masutani 1995 eqs. (2.26), (2.27).
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -66,21 +72,46 @@ pub struct MeanPrecession {
 }
 
 impl MeanPrecession {
-    /// Fits the angle of the herpolhode by linear least squares.
+    /// Fits the angle of the herpolhode by linear least squares. Of the turns that an angle may be, it is the one
+    /// nearest to the sample before.
     pub fn fit(rates: &[Rate], plane: &InvariablePlane) -> Self {
-        let axes = frame(&plane.normal, None).to_rotation_matrix().into_inner();
-        let start = rates[0].0;
         let mut last = None;
+        Self::through(rates, plane, |_, angle| {
+            let angle = last.map_or(angle, |before| nearest(angle, before));
+            last = Some(angle);
+            angle
+        })
+    }
+
+    /// The same for a herpolhode that is a circle, as the axisymmetric model has it. Where its radius drowns in noise
+    /// an angle compared with the one before slips by whole turns, and takes the mean rate with it. So each is the
+    /// turn nearest to a line: at first that of the rate that, taken away, leaves the ends closest together.
+    pub fn steady(rates: &[Rate], plane: &InvariablePlane) -> Self {
+        let mut line = Self::rough(rates, plane);
+        for _ in 0..ROUNDS {
+            let Self { rate, phase, .. } = line;
+            let next = Self::through(rates, plane, |t, angle| nearest(angle, rate * t + phase));
+            if next == line {
+                break;
+            }
+            line = next;
+        }
+        line
+    }
+
+    /// The line through the angles, each turned into what `turn` makes of its time since the start and itself.
+    fn through(
+        rates: &[Rate],
+        plane: &InvariablePlane,
+        mut turn: impl FnMut(f64, f64) -> f64,
+    ) -> Self {
+        let axes = axes(plane);
+        let start = rates[0].0;
         let (mut n, mut st, mut sc, mut stt, mut stc) = (0.0, 0.0, 0.0, 0.0, 0.0);
         for (t, w) in rates {
             let (x, y) = (axes.column(0).dot(w), axes.column(1).dot(w));
-            let angle = y.atan2(x);
-            // The turn nearest to the angle before.
-            let angle = last.map_or(angle, |before: f64| {
-                angle + std::f64::consts::TAU * ((before - angle) / std::f64::consts::TAU).round()
-            });
-            last = Some(angle);
             let t = t - start;
+            let angle = turn(t, y.atan2(x));
             n += 1.0;
             st += t;
             sc += angle;
@@ -95,8 +126,96 @@ impl MeanPrecession {
         }
     }
 
+    /// Of rates between 0 and 2/√alpha, which no axisymmetric body leaves, the one that agrees best with all ends, to
+    /// a quarter turn over the whole time.
+    fn rough(rates: &[Rate], plane: &InvariablePlane) -> Self {
+        let axes = axes(plane);
+        let (start, end) = (rates[0].0, rates[rates.len() - 1].0);
+        let step = 0.25 * TAU / (end - start);
+        let count = (2.0 / (plane.alpha.sqrt() * step)) as usize;
+        let end_of = |w: &Vector3<f64>| Complex::new(axes.column(0).dot(w), axes.column(1).dot(w));
+        // Of each sample where it ends, turned back so far, and by how much from one rate to the next.
+        let back = |t: f64| Complex::from_polar(1.0, -step * (t - start));
+        let mut ends: Vec<_> = rates.iter().map(|(t, w)| (end_of(w), back(*t))).collect();
+        let mut best = (0.0, 0.0, 0.0);
+        for k in 0..=count {
+            let sum: Complex<f64> = ends.iter().map(|(end, _)| end).sum();
+            if sum.norm_sqr() > best.0 {
+                best = (sum.norm_sqr(), step * k as f64, sum.arg());
+            }
+            for (end, back) in &mut ends {
+                *end *= *back;
+            }
+        }
+        Self {
+            rate: best.1,
+            phase: best.2,
+            axes,
+        }
+    }
+
     /// The direction in the plane that has angle `angle` \[rad\].
     pub fn direction(&self, angle: f64) -> Vector3<f64> {
         self.axes.column(0) * angle.cos() + self.axes.column(1) * angle.sin()
+    }
+}
+
+/// Axes x, y, z = normal, as columns.
+fn axes(plane: &InvariablePlane) -> Matrix3<f64> {
+    frame(&plane.normal, None).to_rotation_matrix().into_inner()
+}
+
+/// The angle, by as many turns more as bring it nearest to `goal`.
+fn nearest(angle: f64, goal: f64) -> f64 {
+    angle + TAU * ((goal - angle) / TAU).round()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use rand::{RngExt, SeedableRng, rngs::StdRng};
+
+    /// Rates whose ends circle about z with this radius \[rad/s\], as seen with noise.
+    fn circling(radius: f64, noise: f64) -> Vec<Rate> {
+        let mut rng = StdRng::seed_from_u64(3);
+        let mut gauss = || (0..12).map(|_| rng.random_range(-0.5..0.5)).sum::<f64>() * noise;
+        let rate = |i: u32| {
+            let t = 0.6 * f64::from(i);
+            let (sin, cos) = (RATE * t + PHASE).sin_cos();
+            let noise = Vector3::new(gauss(), gauss(), 0.0);
+            (t, Vector3::new(radius * cos, radius * sin, 0.9) + noise)
+        };
+        (0..600).map(rate).collect()
+    }
+
+    const RATE: f64 = 0.83;
+    const PHASE: f64 = 0.4;
+
+    #[test]
+    fn a_small_circle_in_noise_keeps_its_rate() {
+        let plane = InvariablePlane {
+            normal: Vector3::z_axis(),
+            alpha: 1.0 / 0.81,
+            scatter: 0.0,
+        };
+        let start = Vector3::new(PHASE.cos(), PHASE.sin(), 0.0);
+        let clean = circling(0.02, 0.0);
+        for found in [
+            MeanPrecession::fit(&clean, &plane),
+            MeanPrecession::steady(&clean, &plane),
+        ] {
+            assert!((found.rate - RATE).abs() < 1e-12, "{found:?}");
+            assert!(
+                found.direction(found.phase).angle(&start) < 1e-9,
+                "{found:?}"
+            );
+        }
+        let drowned = circling(0.02, 0.015);
+        // Some angle slips, and the rate is off by a turn or more in 360 s.
+        let slipped = MeanPrecession::fit(&drowned, &plane).rate - RATE;
+        assert!(slipped.abs() > TAU / 360.0, "{slipped}");
+        let kept = MeanPrecession::steady(&drowned, &plane);
+        assert!((kept.rate - RATE).abs() < 2e-3, "{kept:?}");
+        assert!(kept.direction(kept.phase).angle(&start) < 0.4, "{kept:?}");
     }
 }

@@ -60,7 +60,7 @@ pub struct Simulation<'a> {
     pub(super) started: bool,
     /// Lockstep: whether the last state has its answer.
     pub(super) answered: bool,
-    /// Whether time goes on since the pace was set.
+    /// Whether time goes on since the pace was set, and has not begun anew.
     paced: bool,
     /// Simulated time at which the last valid command came \[s\].
     pub(super) last_command: Option<f64>,
@@ -173,7 +173,9 @@ impl<'a> Simulation<'a> {
         } else {
             self.await_tick()?;
         }
-        if self.runs() && self.node.ok() {
+        // A call may have changed the state meanwhile, or begun it anew: then it waits for its own answer and time.
+        let settled = self.paced && (self.answered || !self.params.lockstep);
+        if settled && self.runs() && self.node.ok() {
             self.tick()?;
         }
         Ok(())
@@ -327,14 +329,14 @@ impl<'a> Simulation<'a> {
                 ));
             }
             s.take_commands(f64::NEG_INFINITY);
-            s.answered || !s.runs()
+            s.answered || !s.runs() || !s.paced
         })
     }
 
     /// Lockstep in real time: waits for the next state to be due.
     fn await_pace(&mut self) -> Result<(), NodeError> {
         let due = self.pace.instant(self.world.next_tick());
-        while self.node.ok() && self.runs() && Instant::now() < due {
+        while self.node.ok() && self.runs() && self.paced && Instant::now() < due {
             self.node
                 .wait_for(due.saturating_duration_since(Instant::now()));
             self.attend()?;
@@ -350,7 +352,7 @@ impl<'a> Simulation<'a> {
         let mut late = false;
         loop {
             self.attend()?;
-            if !self.runs() {
+            if !self.runs() || !self.paced {
                 break;
             }
             self.take_commands(self.pace.time(Instant::now()));

@@ -227,15 +227,19 @@ mod tests {
     use crate::{
         estimation::{Tracks, bundle, estimate, free_body::FreeRotation},
         spatial::Pose,
-        vision::{BodyPoint, FeatureCamera, FeatureCameraConfig, Pinhole},
+        vision::{BodyPoint, Feature, FeatureCamera, FeatureCameraConfig, Pinhole},
     };
     use nalgebra::{Matrix3, Translation3, Vector3};
 
-    /// Frames of a tumbling ball, 10 a second.
-    fn frames(range: std::ops::Range<u32>) -> Vec<Sighting> {
+    fn truth() -> FreeRotation {
         let inertia = Matrix3::from_diagonal(&Vector3::new(7.0, 4.0, 3.0));
         let rate = Vector3::new(0.1, 0.35, 0.2);
-        let motion = FreeRotation::new(&inertia, UnitQuaternion::identity(), &rate, 0.0).unwrap();
+        FreeRotation::new(&inertia, UnitQuaternion::identity(), &rate, 0.0).unwrap()
+    }
+
+    /// Frames of a tumbling ball, 10 a second.
+    fn frames(range: std::ops::Range<u32>) -> Vec<Sighting> {
+        let motion = truth();
         let config = FeatureCameraConfig {
             quantised: true,
             ..FeatureCameraConfig::ideal(1024, 1.25)
@@ -325,5 +329,112 @@ mod tests {
 
     fn fresh_at_15() -> Belief {
         belief(frames(0..150), &[])
+    }
+
+    /// Frames whose first points, so many, have their ids passed round: each has that of its neighbour.
+    fn mixed_up(frames: Vec<Sighting>, points: u64) -> Vec<Sighting> {
+        let pass = |id: u64| if id < points { (id + 1) % points } else { id };
+        renamed(frames, |_, id| pass(id))
+    }
+
+    /// Frames with other ids; the frame's place comes with each.
+    fn renamed(frames: Vec<Sighting>, other: impl Fn(u64, u64) -> u64) -> Vec<Sighting> {
+        let renamed = |(k, frame): (u64, Sighting)| {
+            let features = frame.features.iter().map(|f| Feature {
+                id: other(k, f.id),
+                ..*f
+            });
+            Sighting::new(frame.time, features.collect())
+        };
+        (0..).zip(frames).map(renamed).collect()
+    }
+
+    /// How far the turn from one time to another \[s\] is off \[rad\].
+    fn off(belief: &Belief, from: f64, to: f64) -> f64 {
+        let motion = belief.motion();
+        let told = motion.attitude(to) / motion.attitude(from);
+        let truth = truth();
+        told.angle_to(&(truth.attitude(to) / truth.attitude(from)))
+    }
+
+    fn see_all(belief: &mut Belief, frames: &[Sighting]) -> Option<(usize, Loss)> {
+        let mut losses = frames.iter().enumerate().filter_map(|(k, frame)| {
+            let loss = belief.see(frame, &UnitQuaternion::identity());
+            loss.map(|loss| (k, loss))
+        });
+        losses.next()
+    }
+
+    // Fewer than half: the others still tell the motion, and those that are elsewhere do not draw it with them.
+    #[test]
+    fn a_few_ids_given_to_other_points_are_left_out() {
+        let mut belief = belief(frames(0..120), &frames(120..150));
+        let frames = mixed_up(frames(150..350), 6);
+        assert_eq!(see_all(&mut belief, &frames), None);
+        let last = *belief.last().unwrap();
+        assert_eq!((last.used, last.rejected), (14, 6));
+        assert_eq!(belief.source(34.9), Source::Filter);
+        let off = off(&belief, 34.9, 64.9);
+        assert!(off < 3e-3, "{off}");
+    }
+
+    // A tracker that gives every id to another point, once or in every frame. No frame may pull the motion away, and
+    // after the tenth the tracks before are given up: those since are a window of their own.
+    #[test]
+    fn when_every_id_is_given_to_another_point_the_motion_is_kept_and_then_begun_anew() {
+        let before = belief(frames(0..120), &frames(120..150));
+        let once = mixed_up(frames(150..350), 20);
+        let always = renamed(frames(150..350), |k, id| (id + 1 + k % 19) % 20);
+        for wrong in [&once, &always] {
+            let mut kept = before.clone();
+            assert_eq!(see_all(&mut kept, &wrong[..9]), None);
+            assert_eq!(kept.source(15.8), Source::Coasting);
+            assert_eq!(kept.corrected(), 14.9);
+            // Exactly as without those frames.
+            let [without, with] = [&before, &kept].map(|b| off(b, 14.9, 44.9));
+            assert!(
+                with < 3e-3 && (with - without).abs() < 1e-9,
+                "{with} {without}"
+            );
+            let lost = see_all(&mut kept, &wrong[9..]);
+            assert_eq!(lost, Some((0, Loss::Pushed(15.0))));
+        }
+        let mut tracks = Tracks::new([frames(0..150), once].concat()).unwrap();
+        tracks.forget_before(15.0);
+        let anew = belief(tracks.sightings().to_vec(), &[]);
+        assert_eq!(anew.frames(), 200);
+        let off = off(&anew, 34.9, 64.9);
+        assert!(off < 3e-3, "{off}");
+    }
+
+    // The same, but to a motion that no frame has confirmed yet: then it is the motion that is not believed.
+    #[test]
+    fn ids_given_to_other_points_at_once_refute_a_first_solution() {
+        let mut fresh = fresh_at_15();
+        let wrong = mixed_up(frames(150..160), 20);
+        assert_eq!(see_all(&mut fresh, &wrong), Some((9, Loss::Unconfirmed)));
+    }
+
+    // A tracker that starts anew gives ids that were never seen. That says nothing against the motion, which is carried
+    // on for as long as it takes the next batch to know the new points, and its axes stay.
+    #[test]
+    fn ids_never_seen_before_leave_the_motion_as_it_is_until_the_next_batch() {
+        let mut old = belief(frames(0..120), &frames(120..150));
+        let new = renamed(frames(150..250), |_, id| id + 100);
+        assert_eq!(see_all(&mut old, &new), None);
+        let last = *old.last().unwrap();
+        assert_eq!((last.used, last.rejected, last.unknown), (0, 0, 20));
+        assert_eq!(old.source(24.9), Source::Coasting);
+        let before = off(&old, 24.9, 54.9);
+        assert!(before < 3e-3, "{before}");
+        let next = belief([frames(0..150), new[..60].to_vec()].concat(), &new[60..]);
+        assert_eq!(next.source(24.9), Source::Filter);
+        let seam = |b: &Belief| b.motion().attitude(24.9) * b.R_BF();
+        let was = seam(&old);
+        let renewed = old.or(next, 24.9, 30.0);
+        assert!(seam(&renewed).angle_to(&was) < 1e-9);
+        assert_eq!(renewed.last().unwrap().used, 20);
+        let after = off(&renewed, 24.9, 54.9);
+        assert!(after < 3e-3, "{after}");
     }
 }
