@@ -103,13 +103,14 @@ pub(super) fn solve(
             focal_free: options.estimate_focal_length,
         };
         let mut rng = StdRng::seed_from_u64(options.seed);
-        let mut found = attempt(&frames, method, &settings, &mut rng, &mut placed);
         // Tracks noisier than assumed lose many good points as if they were wrong.
         let holds = |f: &Adjusted| f.residuals.outliers < MOST_OUTLIERS && trusted(f);
+        let good = |f: &Adjusted| holds(f) && quiet(f);
+        let mut found = attempt(&frames, method, &settings, good, &mut rng, &mut placed);
         if !found.as_ref().is_some_and(holds) && !searched {
             searched = true;
             if cut_reborn(&mut frames, noise, &mut rng) > 0 {
-                found = attempt(&frames, method, &settings, &mut rng, &mut placed);
+                found = attempt(&frames, method, &settings, good, &mut rng, &mut placed);
             }
         }
         let Some(found) = found else { continue };
@@ -149,16 +150,24 @@ fn noise_of_neighbours(frames: &Frames, assumed: f64) -> f64 {
     seen.get(seen.len() / 2).map_or(0.0, |n| n / angle)
 }
 
-/// One way at one noise.
+/// One way at one noise. Structure that is built in haste is built with care where the result is not good.
 fn attempt(
     frames: &Frames,
     method: Method,
     settings: &Settings,
+    good: impl Fn(&Adjusted) -> bool,
     rng: &mut StdRng,
     placed: &mut usize,
 ) -> Option<Adjusted> {
     match method {
-        Method::Structure => from_structure(frames.clone(), settings, rng, placed),
+        Method::Structure => {
+            let mut seek = |care| from_structure(frames.clone(), settings, care, rng, placed);
+            let (found, several) = seek(Care::Little);
+            if !several || found.as_ref().is_some_and(good) {
+                return found;
+            }
+            seek(Care::Much).0.or(found)
+        }
         Method::RelativeRotation => {
             let motion = relative_rotation_fit(frames, settings.noise, rng)?;
             dynamic(frames.clone(), motion, &[], &[], settings)
@@ -171,6 +180,15 @@ fn attempt(
 enum Method {
     Structure,
     RelativeRotation,
+}
+
+/// What it takes for a segment after the first to be large enough.
+#[derive(Debug, Clone, Copy, PartialEq)]
+enum Care {
+    /// Half of the first.
+    Little,
+    /// That no start gives a larger one, unless it has nearly all.
+    Much,
 }
 
 /// Refuses what cannot succeed, and says why.
@@ -194,20 +212,29 @@ fn check(frames: &Frames) -> Result<(), EstimateError> {
     Ok(())
 }
 
-/// The solution that starts from structure; `placed` is told how many frames that placed.
+/// The solution that starts from structure, and whether that has several segments; `placed` is told how many frames
+/// they placed.
 fn from_structure(
     mut frames: Frames,
     settings: &Settings,
+    care: Care,
     rng: &mut StdRng,
     placed: &mut usize,
-) -> Option<Adjusted> {
-    let segments = segments(&mut frames, settings, rng);
+) -> (Option<Adjusted>, bool) {
+    let segments = segments(&mut frames, settings, care, rng);
     let count: usize = segments.iter().map(Segment::placed).sum();
     *placed = count.max(*placed);
-    if 3 * count < frames.list.len() {
-        return None;
-    }
-    let fit = motion_of_segments(&frames, &segments)?;
+    let enough = 3 * count >= frames.list.len();
+    let found = enough.then(|| from_segments(frames, &segments, settings));
+    (found.flatten(), segments.len() > 1)
+}
+
+fn from_segments(
+    mut frames: Frames,
+    segments: &[Segment],
+    settings: &Settings,
+) -> Option<Adjusted> {
+    let fit = motion_of_segments(&frames, segments)?;
     let (first, last) = (frames.list.first()?.time, frames.list.last()?.time);
     let from = fit.motion.time - fit.span;
     let tail = last - from > LEAST_PART * (last - first) && last < fit.motion.time + fit.span;
@@ -215,17 +242,23 @@ fn from_structure(
     for frame in frames.list.iter_mut().filter(|f| Some(f.time) < since) {
         frame.sights.clear();
     }
-    let mut found = dynamic(frames, fit.motion, &segments, &fit.segments, settings)?;
+    let mut found = dynamic(frames, fit.motion, segments, &fit.segments, settings)?;
     found.since = since;
     Some(found)
 }
 
 /// Parts of the frames that could be reconstructed, the largest first.
-fn segments(frames: &mut Frames, settings: &Settings, rng: &mut StdRng) -> Vec<Segment> {
+fn segments(
+    frames: &mut Frames,
+    settings: &Settings,
+    care: Care,
+    rng: &mut StdRng,
+) -> Vec<Segment> {
     let mut open: Vec<usize> = (0..frames.list.len()).collect();
     let mut found: Vec<Segment> = Vec::new();
     while found.len() < SEGMENTS && open.len() >= MIN_FRAMES {
-        let before = found.first().map(Segment::placed);
+        let first = found.first().filter(|_| care == Care::Little);
+        let before = first.map(Segment::placed);
         let Some(segment) = reconstruct(frames, &open, before, settings, rng) else {
             break;
         };
