@@ -146,9 +146,8 @@ const MAX_BLOCKING: Duration = Duration::from_millis(5);
 
 /// How many samples a reliable subscription keeps below its queue. After a lost datagram is repaired all
 /// that waited for it is there at once, and rustdds throws away what is beyond this (64 unless told)
-/// before it can be taken. A second of the fastest stream in the graph, ten of the others. It keeps what has been
-/// taken, too, so this is memory: a state message takes about a kilobyte.
-const KEPT: i32 = 1024;
+/// before it can be taken. Seconds of any stream in the graph; a state message takes about a kilobyte.
+const KEPT: i32 = 4096;
 
 impl Qos {
     /// For a subscription. Messages of a `bulky` type would fill the memory long before they are many;
