@@ -151,6 +151,49 @@ fn a_short_turn_seen_from_afar_is_known_or_refused() {
     assert!(solved >= 16, "{solved} of 24");
 }
 
+/// Two radians are no short turn, yet from eight radii, with the far side hidden, an adjustment from one start may end
+/// in a motion that is 80 degrees off in half the time again, and sure of it to 3.
+#[test]
+fn two_radians_seen_from_afar_are_known_or_refused() {
+    let (mut solved, mut off) = (0, Vec::new());
+    for seed in 0..12 {
+        let motion = Motion::new(0.58, -0.51, -0.88, 0.074, Vector3::new(0.3, -0.5, 0.8));
+        let view = View {
+            camera: Pinhole::square(256, 0.38),
+            points: 36,
+            duration: 8.0,
+            interval: 1.0 / 15.0,
+            distance: 7.8,
+            dropped: 0.3,
+            occlusion: true,
+            seed,
+            ..View::chapter_3(256)
+        };
+        // An elongated body.
+        let points = (view.sphere().iter())
+            .map(|p| Vector3::new(0.15 * p.x, 0.15 * p.y, p.z))
+            .collect::<Vec<_>>();
+        let tracks = view.tracks(&motion, &points);
+        let Ok(solution) = estimate(&tracks, &view.camera, &Options::default()) else {
+            continue;
+        };
+        solved += 1;
+        let times = [view.duration, 1.5 * view.duration];
+        let truth = motion.attitudes(&times);
+        let ours = times.map(|t| solution.motion.attitude(t));
+        let error = (ours[1] * ours[0].inverse()).angle_to(&(truth[1] * truth[0].inverse()));
+        let told = solution.turn_covariance(times[0], times[1]).trace().sqrt();
+        println!(
+            "{seed}: {:.2} deg, {:.2} told",
+            error.to_degrees(),
+            told.to_degrees()
+        );
+        off.push(error / told);
+    }
+    assert!(solved >= 6, "{solved} of 12");
+    assert!(off.iter().all(|off| *off < 6.0), "{off:.1?}");
+}
+
 /// A tracker that gives ids of lost points to others: every fortieth image point on average, or all at once.
 #[test]
 fn ids_given_to_other_points_are_told_apart() {

@@ -13,8 +13,9 @@ use super::scene::Scene;
 use super::structure::{BELIEVED, Settings};
 use super::uncertainty::Residuals;
 
-/// A turn by more than this \[rad\] has no rivals.
-pub const LONG_TURN: f64 = 1.0;
+/// A turn by more than this \[rad\] has no rivals. (Between one and this it is from afar, or with the far side hidden,
+/// that it has some.)
+pub const LONG_TURN: f64 = 3.0;
 
 /// Depths to try, as multiples of those that make the body as deep as it is wide.
 const DEPTHS: [f64; 6] = [1.0, -1.0, 0.5, -0.5, 2.0, -2.0];
