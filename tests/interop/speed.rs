@@ -116,7 +116,7 @@ pub fn take(node: &Node) -> Result<(), NodeError> {
         if begin.elapsed() > Duration::from_secs(3) && last.0.is_none() {
             ready.publish(&JointState::default());
         }
-        let heard = heard.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut heard = heard.lock().unwrap_or_else(PoisonError::into_inner);
         let newest = heard.last.map(|(number, _)| number);
         if newest != last.0 {
             last = (newest, Instant::now());
@@ -124,8 +124,8 @@ pub fn take(node: &Node) -> Result<(), NodeError> {
         let over = newest.is_some_and(|n| n >= (count - 1) as f64)
             || newest.is_some() && last.1.elapsed() > Duration::from_secs(20);
         if over {
-            let mut delays = heard.delays.clone();
-            delays.sort_unstable();
+            heard.delays.sort_unstable();
+            let delays = &heard.delays;
             let at = |part: f64| delays[((delays.len() - 1) as f64 * part) as usize] as f64 * 1e-3;
             tracing::info!(
                 "took {} lost {} backwards {} p50 {:.1} p99 {:.1} us",
