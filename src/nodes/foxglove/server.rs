@@ -89,8 +89,13 @@ impl Server {
 
     /// Keeps a message of `time` \[ns\] for those who subscribe later.
     pub fn keep(&self, channel: &Arc<RawChannel>, time: u64, data: Bytes) {
-        let last = (Arc::clone(channel), time, data);
-        self.latched.lock().insert(channel.id(), last);
+        let channel = Arc::clone(channel);
+        let kept = Kept {
+            channel,
+            time,
+            data,
+        };
+        self.latched.lock().insert(kept.channel.id(), kept);
     }
 
     /// Tells all clients what time it is \[ns\].
@@ -109,12 +114,20 @@ impl Drop for Server {
     }
 }
 
-/// The last message of each channel that has one for late joiners, and its time \[ns\].
+/// A message and its time \[ns\].
+#[derive(Clone)]
+struct Kept {
+    channel: Arc<RawChannel>,
+    time: u64,
+    data: Bytes,
+}
+
+/// The last message of each channel that has one for late joiners.
 #[derive(Default)]
-struct Latched(Mutex<HashMap<ChannelId, (Arc<RawChannel>, u64, Bytes)>>);
+struct Latched(Mutex<HashMap<ChannelId, Kept>>);
 
 impl Latched {
-    fn lock(&self) -> MutexGuard<'_, HashMap<ChannelId, (Arc<RawChannel>, u64, Bytes)>> {
+    fn lock(&self) -> MutexGuard<'_, HashMap<ChannelId, Kept>> {
         self.0.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -122,7 +135,12 @@ impl Latched {
 impl ServerListener for Latched {
     fn on_subscribe(&self, client: Client, channel: ChannelView) {
         let last = self.lock().get(&channel.id()).cloned();
-        if let Some((channel, time, data)) = last {
+        if let Some(Kept {
+            channel,
+            time,
+            data,
+        }) = last
+        {
             let time = PartialMetadata::with_log_time(time);
             channel.log_with_meta_to_sink(&data, time, client.sink_id());
         }
