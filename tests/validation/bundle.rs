@@ -193,8 +193,14 @@ fn a_body_that_is_not_on_one_orbit_is_known_by_its_last_part() {
     assert!(phi < 0.02, "{phi}");
 }
 
-/// Φ \[deg\] from 30 s, and the deviation of the predicted turn \[deg\] that the solution tells.
-fn from_half_a_minute(e: f64, s_alpha: f64) -> (f64, f64) {
+/// e and s_alpha.
+type Cell = (f64, f64);
+
+/// Φ \[deg\], and the deviation of the predicted turn \[deg\] that the solution tells.
+type Predicted = (f64, f64);
+
+/// From 30 s.
+fn from_half_a_minute(e: f64, s_alpha: f64) -> Predicted {
     let view = View {
         duration: 30.0,
         ..View::chapter_3(1024)
@@ -226,7 +232,7 @@ fn every_half_minute_is_predicted_or_left_open() {
     told_or_left_open(&all);
 }
 
-fn told_or_left_open(all: &[((f64, f64), (f64, f64))]) {
+fn told_or_left_open(all: &[(Cell, Predicted)]) {
     for ((e, s_alpha), (phi, deviation)) in all {
         let is = |(a, b): &(f64, f64)| (a - e).abs() < 0.01 && (b - s_alpha).abs() < 0.01;
         assert!(
