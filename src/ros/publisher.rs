@@ -120,8 +120,10 @@ struct Outgoing {
 #[derive(Default)]
 struct Queue {
     items: VecDeque<Outgoing>,
-    /// The writer of the message that is being sent.
+    /// The writer of the message that is being sent, by whichever thread.
     sending: Option<Arc<Writer>>,
+    /// Whether the sending thread is there, which takes over what cannot go at once.
+    running: bool,
     closed: bool,
 }
 
@@ -141,6 +143,21 @@ impl Outbox {
     pub(super) fn push(&self, writer: &Arc<Writer>, cdr: Bytes, related: Option<SampleIdentity>) {
         let published = rustdds::Timestamp::now();
         let mut queue = self.lock();
+        // Nothing waits, and best effort never does: handing it over costs less than waking a thread for it.
+        let is_free = queue.running && queue.items.is_empty() && queue.sending.is_none();
+        if is_free && !writer.spec.qos.is_reliable() {
+            queue.sending = Some(Arc::clone(writer));
+            drop(queue);
+            writer.write(cdr, published, related);
+            let mut queue = self.lock();
+            queue.sending = None;
+            if !queue.items.is_empty() || queue.closed {
+                self.filled.notify_one();
+            }
+            drop(queue);
+            self.emptied.notify_all();
+            return;
+        }
         let limit = match writer.spec.qos.is_reliable() {
             true => writer.spec.qos.depth.max(RELIABLE_QUEUE),
             false => writer.spec.qos.depth.max(1),
@@ -174,6 +191,7 @@ impl Outbox {
     /// `period`.
     pub(super) fn run(&self, period: Duration, mut tick: impl FnMut()) {
         let mut next_tick = Instant::now() + period;
+        self.lock().running = true;
         loop {
             let now = Instant::now();
             if now >= next_tick {
@@ -181,9 +199,9 @@ impl Outbox {
                 next_tick = (next_tick + period).max(now);
             }
             let mut queue = self.lock();
-            if queue.items.is_empty() {
+            if queue.items.is_empty() || queue.sending.is_some() {
                 self.emptied.notify_all();
-                if queue.closed {
+                if queue.closed && queue.sending.is_none() {
                     return;
                 }
                 let wait = next_tick.saturating_duration_since(Instant::now());
@@ -253,6 +271,27 @@ mod tests {
 
     fn waiting(outbox: &Outbox) -> Vec<u8> {
         outbox.lock().items.iter().map(|o| o.cdr[0]).collect()
+    }
+
+    // Would break if a message overtook one that waits, or if one that need not wait did.
+    #[test]
+    fn best_effort_goes_at_once_where_nothing_waits() {
+        let (outbox, writer) = fill(Qos::SENSOR_DATA, 0);
+        let reliable = Arc::new(Writer::new(EndpointSpec::topic::<Text>(
+            "/r",
+            Qos::RELIABLE,
+        )));
+        outbox.lock().running = true;
+        let handed_over = || writer.counters.failed.load(Relaxed);
+        outbox.push(&writer, vec![0].into(), None);
+        assert_eq!((waiting(&outbox).len(), handed_over()), (0, 1));
+        outbox.push(&reliable, vec![1].into(), None);
+        outbox.push(&writer, vec![2].into(), None);
+        assert_eq!(waiting(&outbox), [1, 2]);
+        outbox.lock().items.clear();
+        outbox.lock().sending = Some(reliable);
+        outbox.push(&writer, vec![3].into(), None);
+        assert_eq!((waiting(&outbox), handed_over()), (vec![3], 1));
     }
 
     // Would break if a full queue blocked, grew, or lost messages without counting them.
