@@ -56,7 +56,15 @@ impl SimulatedBag {
         };
         writer.write_message(latched, 0, &text)?;
         let tf_static = add(&mut writer, &topics::TF_STATIC)?;
-        writer.write_message(tf_static, 0, &frames.static_transforms())?;
+        writer.write_message(tf_static, 0, &frames.static_transforms(&run.world.targets))?;
+        for target in &run.world.targets {
+            let described = target.description_topic();
+            let latched = named(&mut writer, &described, &topics::ROBOT_DESCRIPTION)?;
+            let text = std_msgs::String {
+                data: target.description.clone(),
+            };
+            writer.write_message(latched, 0, &text)?;
+        }
         if let Some(image) = run.image() {
             let camera_info = add(&mut writer, &topics::CAMERA_INFO)?;
             writer.write_message(camera_info, 0, &camera::calibration(image))?;

@@ -2,7 +2,10 @@
 
 use fuyu::{
     msg::{self, Base, Definition},
-    nodes::topics::{self, Described},
+    nodes::{
+        dynamics::description_topic,
+        topics::{self, Described},
+    },
     ros::qos::{Durability, Reliability},
 };
 use serde_json::Value;
@@ -12,10 +15,16 @@ fn text(name: &str) -> String {
     std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{path}: {e}"))
 }
 
-/// The topic called `name`, with or without the slash that RViz's layout leaves to the namespace.
+/// The topic called `name`, with or without the slash that RViz's layout leaves to the namespace. The robot's topic stands
+/// for those of targets' descriptions, which are of its kind.
 fn topic(name: &str) -> Described {
+    let name = name.trim_start_matches('/');
+    let name = match name == description_topic("target") {
+        true => topics::ROBOT_DESCRIPTION.name,
+        false => name,
+    };
     let mut all = topics::all().into_iter();
-    all.find(|t| t.name.trim_start_matches('/') == name.trim_start_matches('/'))
+    all.find(|t| t.name.trim_start_matches('/') == name)
         .unwrap_or_else(|| panic!("no node publishes {name}"))
 }
 
@@ -64,6 +73,11 @@ fn foxglove_layout_names_what_is_published() {
         };
         assert!(drawn, "{name}");
     }
+    let target = &panels["3D!fuyu"]["layers"]["target"];
+    assert_eq!(
+        topic(target["topic"].as_str().unwrap()).type_name,
+        "std_msgs/msg/String"
+    );
     let image = &panels["Image!fuyu"]["imageMode"];
     let calibration = topic(image["calibrationTopic"].as_str().unwrap());
     assert_eq!(calibration.type_name, "sensor_msgs/msg/CameraInfo");
@@ -103,5 +117,5 @@ fn rviz_layout_asks_for_what_is_offered() {
         assert_eq!(offered.qos.reliability, Reliability::Reliable, "{class}");
         topics += 1;
     }
-    assert_eq!(topics, 4);
+    assert_eq!(topics, 5);
 }

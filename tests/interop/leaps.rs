@@ -54,7 +54,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         data: params.robot.xml.clone(),
     });
     let fixed = topics::TF_STATIC.advertise(node)?;
-    fixed.publish(&frames.static_transforms());
+    fixed.publish(&frames.static_transforms(&world.targets));
     let clock = topics::CLOCK.advertise(node)?;
     let states = topics::JOINT_STATES.advertise(node)?;
     let bases = topics::ODOMETRY.advertise(node)?;

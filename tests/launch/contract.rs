@@ -10,7 +10,7 @@ use crate::{
 };
 
 /// Topic, type, reliability, durability, publishers.
-const TOPICS: [(&str, &str, &str, &str, &[&str]); 20] = [
+const TOPICS: [(&str, &str, &str, &str, &[&str]); 21] = [
     (
         "/clock",
         "rosgraph_msgs/msg/Clock",
@@ -58,6 +58,13 @@ const TOPICS: [(&str, &str, &str, &str, &[&str]); 20] = [
         "nav_msgs/msg/Odometry",
         RELIABLE,
         VOLATILE,
+        DYNAMICS,
+    ),
+    (
+        "/ground_truth/target/robot_description",
+        "std_msgs/msg/String",
+        RELIABLE,
+        LATCHED,
         DYNAMICS,
     ),
     (

@@ -368,6 +368,12 @@ fn entities_are_found_moved_added_and_removed() {
             sim.peer.subscribe(topic, ODOMETRY, "reliable");
             sim.peer.receive(topic, 1);
         }
+        // What a viewer shows of it, under the name of its frame.
+        let description = "/chaser/far/ground_truth/debris/robot_description";
+        (sim.peer).subscribe(description, "std_msgs/msg/String", "latched");
+        let urdf = &sim.peer.receive(description, 1)[0]["message"]["data"];
+        let urdf = urdf.as_str().expect("text");
+        assert!(urdf.contains(r#"<link name="far/debris">"#), "{urdf}");
         let spawnables = json!({"sources": ["/no/such"]});
         let response = sim.gets(OK, "get_spawnables", "GetSpawnables", spawnables);
         assert!(

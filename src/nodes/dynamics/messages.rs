@@ -1,6 +1,6 @@
 //! The world as messages.
 
-use super::world::World;
+use super::{target::Target, world::World};
 use crate::{
     dynamics::Floating,
     model::{Frame, Model},
@@ -48,14 +48,18 @@ impl FrameTree {
         &self.base
     }
 
-    /// What `/tf_static` holds.
-    pub fn static_transforms(&self) -> tf2_msgs::TFMessage {
-        let transforms = self.fixed.iter().map(|(frame, parent)| {
+    /// What `/tf_static` holds beside these targets.
+    pub fn static_transforms(&self, targets: &[Target]) -> tf2_msgs::TFMessage {
+        let robots = self.fixed.iter().map(|(frame, parent)| {
             let X_PF = parent.X_BF.inverse() * frame.X_BF;
             transform(Time::ZERO, &parent.name, &frame.name, &X_PF)
         });
+        let targets = targets.iter().flat_map(|target| {
+            let frames = target.fixed_frames();
+            frames.map(|(name, X_TF)| transform(Time::ZERO, &target.name, &name, &X_TF))
+        });
         tf2_msgs::TFMessage {
-            transforms: transforms.collect(),
+            transforms: robots.chain(targets).collect(),
         }
     }
 

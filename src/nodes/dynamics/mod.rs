@@ -28,13 +28,15 @@ mod outputs;
 mod pace;
 mod params;
 mod simulation;
+mod target;
 mod world;
 
 pub use imu::{ImuParams, imu};
 pub use loops::{EndParams, LoopParams};
 pub use messages::{FrameTree, WORLD, joint_states, momentum, odometry};
 pub use params::{Description, DynamicsParams, Motion, TargetParams};
-pub use world::{Target, World, odometry_topic};
+pub use target::{Target, description_topic, odometry_topic};
+pub use world::World;
 
 use crate::ros::{Lifecycle, Node, NodeError, Transition};
 use simulation::Simulation;

@@ -4,72 +4,19 @@ use nalgebra::Isometry3;
 
 use super::imu::ImuParams;
 use super::loops::LoopParams;
-use super::params::{Description, DynamicsParams, Motion, joint_vector};
+use super::params::{DynamicsParams, Motion, joint_vector};
+use super::target::Target;
 use crate::{
     control::VelocityServo,
-    dynamics::{Floating, FormulationKind, Method, State, Workspace},
+    dynamics::{Floating, FormulationKind, State, Workspace},
     model::Model,
     nodes::choice,
     spatial::Twist,
 };
 
-/// A free body beside the robot.
-pub struct Target {
-    /// Its name and frame.
-    pub name: String,
-    /// The body.
-    pub body: Floating,
-    /// Whether it came after the start.
-    pub spawned: bool,
-    start: State,
-}
-
-impl Target {
-    /// The free body that `description` tells of.
-    ///
-    /// # Errors
-    /// A line that names the description's source: it is not sound, or not a single body.
-    pub fn new(
-        name: &str,
-        description: &Description,
-        motion: &Motion,
-        method: Method,
-    ) -> Result<Self, String> {
-        let model = description.compile()?;
-        if model.dof() > 0 {
-            let source = &description.source;
-            let joints = model.dof();
-            return Err(format!(
-                "{source}: target {name} has {joints} joints; a target must be a single body"
-            ));
-        }
-        let mut start = State::at_rest(&model);
-        place(&model, &mut start, motion);
-        Ok(Self {
-            name: name.to_owned(),
-            body: Floating::new(model, start.clone(), method),
-            spawned: false,
-            start,
-        })
-    }
-
-    /// Topic of its odometry.
-    pub fn odometry_topic(&self) -> String {
-        odometry_topic(&self.name)
-    }
-}
-
 /// Length of the servo's steps over the time constant of its fastest motion at the start: it overshoots beyond one, and
 /// is unstable beyond two.
 const SERVO_STEP: f64 = 0.5;
-
-/// Topic of the odometry of the target called `name`, in its namespace if the name has one.
-pub fn odometry_topic(name: &str) -> String {
-    match name.rsplit_once('/') {
-        Some((namespace, name)) => format!("{namespace}/ground_truth/{name}/odom"),
-        None => format!("ground_truth/{name}/odom"),
-    }
-}
 
 /// The robot and the free bodies. They meet in nothing but time.
 pub struct World {
@@ -185,7 +132,7 @@ impl World {
         self.impulses.fill(0.0);
         self.mean_efforts.fill(0.0);
         for target in &mut self.targets {
-            target.body.set_state(target.start.clone());
+            target.reset();
         }
     }
 
@@ -358,17 +305,7 @@ impl World {
     }
 }
 
-impl Description {
-    /// The model that this describes.
-    ///
-    /// # Errors
-    /// The compiler's, which names the source.
-    pub fn compile(&self) -> Result<Model, String> {
-        Model::from_urdf(&self.xml, &self.source).map_err(|e| e.to_string())
-    }
-}
-
-fn place(model: &Model, state: &mut State, motion: &Motion) {
+pub(super) fn place(model: &Model, state: &mut State, motion: &Motion) {
     let X_WB: &Isometry3<f64> = &motion.pose;
     let linear_B = X_WB.rotation.inverse() * motion.velocity_W;
     let V_WB_B = Twist::new(motion.angular_velocity_B, linear_B);

@@ -17,7 +17,7 @@ use crate::{
         dynamics::{
             params::{Description, Motion},
             simulation::Simulation,
-            world::Target,
+            target::Target,
         },
         geometry::pose_from_msg,
         resource,

@@ -3,6 +3,7 @@
 use nalgebra::{DVector, Isometry3, Vector3};
 
 use crate::{
+    model::Model,
     nodes::{
         placement::{declare_pose, declare_vector, finite},
         resource,
@@ -48,6 +49,14 @@ impl Description {
             xml: read.0,
             source: read.1,
         })
+    }
+
+    /// The model that this describes.
+    ///
+    /// # Errors
+    /// The compiler's, which names the source.
+    pub fn compile(&self) -> Result<Model, String> {
+        Model::from_urdf(&self.xml, &self.source).map_err(|e| e.to_string())
     }
 }
 

@@ -1,0 +1,186 @@
+//! A free body beside the robot, under its own name: topics, frames, description.
+
+use roxmltree::{Document, Node};
+
+use super::{
+    params::{Description, Motion},
+    world::place,
+};
+use crate::{
+    dynamics::{Floating, Method, State},
+    spatial::Pose,
+};
+
+/// A free body beside the robot.
+pub struct Target {
+    /// Its name and frame.
+    pub name: String,
+    /// The body.
+    pub body: Floating,
+    /// Its description as URDF, for people to look at: the root link is called `name`, any other link L `name/L`, as
+    /// their frames are. Two targets of one description thus share no frame.
+    pub description: String,
+    /// Whether it came after the start.
+    pub spawned: bool,
+    start: State,
+}
+
+impl Target {
+    /// The free body that `description` tells of.
+    ///
+    /// # Errors
+    /// A line that names the description's source: it is not sound, or not a single body.
+    pub fn new(
+        name: &str,
+        description: &Description,
+        motion: &Motion,
+        method: Method,
+    ) -> Result<Self, String> {
+        let model = description.compile()?;
+        if model.dof() > 0 {
+            let source = &description.source;
+            let joints = model.dof();
+            return Err(format!(
+                "{source}: target {name} has {joints} joints; a target must be a single body"
+            ));
+        }
+        let mut start = State::at_rest(&model);
+        place(&model, &mut start, motion);
+        Ok(Self {
+            name: name.to_owned(),
+            body: Floating::new(model, start.clone(), method),
+            description: under(name, &description.xml),
+            spawned: false,
+            start,
+        })
+    }
+
+    /// Is where it was at the start, or where it was put, and moves so.
+    pub fn reset(&mut self) {
+        self.body.set_state(self.start.clone());
+    }
+
+    /// Topic of its odometry.
+    pub fn odometry_topic(&self) -> String {
+        odometry_topic(&self.name)
+    }
+
+    /// Topic of its description.
+    pub fn description_topic(&self) -> String {
+        description_topic(&self.name)
+    }
+
+    /// Frames fixed in its own: name and pose.
+    pub fn fixed_frames(&self) -> impl Iterator<Item = (String, Pose)> + '_ {
+        let links = self.body.model().frames().iter().skip(1);
+        links.map(|link| (format!("{}/{}", self.name, link.name), link.X_BF))
+    }
+}
+
+/// Topic of the odometry of the target called `name`, in its namespace if the name has one.
+pub fn odometry_topic(name: &str) -> String {
+    topic(name, "odom")
+}
+
+/// Topic of its description.
+pub fn description_topic(name: &str) -> String {
+    topic(name, "robot_description")
+}
+
+fn topic(name: &str, what: &str) -> String {
+    match name.rsplit_once('/') {
+        Some((namespace, name)) => format!("{namespace}/ground_truth/{name}/{what}"),
+        None => format!("ground_truth/{name}/{what}"),
+    }
+}
+
+/// A sound URDF with its links renamed: the root to `name`, any other to `name/L`.
+fn under(name: &str, xml: &str) -> String {
+    // The model was made of it: it is XML.
+    let Ok(document) = Document::parse(xml) else {
+        return xml.to_owned();
+    };
+    let robot = document.root_element();
+    let elements = |tag: &'static str| robot.children().filter(move |e| e.has_tag_name(tag));
+    let ends = |tag: &'static str| {
+        (elements("joint"))
+            .flat_map(move |joint| joint.children().filter(move |e| e.has_tag_name(tag)))
+    };
+    let links: Vec<&str> = elements("link")
+        .filter_map(|e| e.attribute("name"))
+        .collect();
+    let children: Vec<&str> = ends("child").filter_map(|e| e.attribute("link")).collect();
+    let mentions = (elements("link").map(|e| (e, "name")))
+        .chain(ends("parent").map(|e| (e, "link")))
+        .chain(ends("child").map(|e| (e, "link")))
+        .chain(elements("gazebo").map(|e| (e, "reference")))
+        .filter_map(|(element, key): (Node, _)| element.attribute_node(key));
+    // References of Gazebo may be to joints, which keep their names.
+    let mut mentions: Vec<_> = mentions.filter(|a| links.contains(&a.value())).collect();
+    mentions.sort_by_key(|attribute| attribute.range_value().start);
+    let mut renamed = String::with_capacity(xml.len() + mentions.len() * (name.len() + 1));
+    let mut done = 0;
+    for mention in mentions {
+        let range = mention.range_value();
+        renamed += &xml[done..range.start];
+        renamed += name;
+        if children.contains(&mention.value()) {
+            renamed += "/";
+            renamed += &xml[range.clone()];
+        }
+        done = range.end;
+    }
+    renamed + &xml[done..]
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::Model;
+
+    const STATION: &str = r#"<robot name="station"><!-- <link name="hull"/> -->
+        <link name='hull'><inertial><mass value="2"/>
+            <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <link name="mast"/>
+        <joint name="hull" type="fixed"><origin xyz="0 0 3"/><parent link="hull"/><child link="mast"/></joint>
+        <gazebo reference="mast"/>
+    </robot>"#;
+
+    // Breaks when a link is left behind, or when a joint or a comment of a link's name is taken for the link.
+    #[test]
+    fn links_are_called_by_the_entity() {
+        let renamed = under("far/debris", STATION);
+        assert_eq!(
+            renamed,
+            STATION
+                .replace("'hull'", "'far/debris'")
+                .replace(r#"parent link="hull""#, r#"parent link="far/debris""#)
+                .replace(r#""mast""#, r#""far/debris/mast""#)
+        );
+        let model = Model::from_urdf(&renamed, "station").unwrap();
+        let names: Vec<_> = model.frames().iter().map(|f| f.name.as_str()).collect();
+        assert_eq!(names, ["far/debris", "far/debris/mast"]);
+    }
+
+    #[test]
+    fn fixed_frames_are_those_of_the_description() {
+        let description = Description {
+            xml: STATION.to_owned(),
+            source: "station".to_owned(),
+        };
+        let motion = Motion {
+            pose: nalgebra::Isometry3::identity(),
+            velocity_W: nalgebra::Vector3::zeros(),
+            angular_velocity_B: nalgebra::Vector3::zeros(),
+        };
+        let target = Target::new("debris", &description, &motion, Method::Rk4).unwrap();
+        let frames: Vec<_> = target.fixed_frames().collect();
+        assert_eq!(frames.len(), 1);
+        assert_eq!(frames[0].0, "debris/mast");
+        assert_eq!(frames[0].1.translation.vector.z, 3.0);
+        assert_eq!(
+            target.description_topic(),
+            "ground_truth/debris/robot_description"
+        );
+    }
+}
