@@ -4,7 +4,7 @@ use fuyu::ros::{Node, NodeError, Process, Reach};
 use nix::sys::signal::{SigSet, SigmaskHow, Signal};
 use std::{
     io::{BufRead, BufReader},
-    path::PathBuf,
+    path::{Path, PathBuf},
     process::{Child, Command, Stdio},
     sync::{Arc, Mutex, PoisonError},
     thread,
@@ -12,6 +12,8 @@ use std::{
 };
 
 use crate::{
+    binaries::binary,
+    namespace::Namespace,
     peer::DomainClaim,
     waiting::{PATIENCE, eventually},
 };
@@ -67,6 +69,33 @@ impl Running {
             .env(PROGRAM, program)
             .env("FUYU_INTEROP_ARGS", args.join("\n"))
             .stdout(Stdio::null());
+        Self::start(command, domain)
+    }
+
+    /// A node of fuyu by one of its scenarios.
+    pub fn node(name: &str, config: &str, domain: u16, more: &[&str]) -> Self {
+        let config = format!("{}/{config}", env!("CARGO_MANIFEST_DIR"));
+        let mut command = Command::new(binary(name));
+        command
+            .args(["--ros-args", "--params-file", &config])
+            .args(more);
+        Self::start(command, domain)
+    }
+
+    /// A recorder of these topics into a new folder `bag`.
+    pub fn recorder(
+        namespace: &Namespace,
+        domain: u16,
+        topics: &str,
+        bag: &Path,
+        more: &[&str],
+    ) -> Self {
+        let mut command: Command = namespace.command(binary("recorder"));
+        command
+            .args(["--ros-args", "-p", &format!("topics:=[{topics}]")])
+            .args(["-p", &format!("bag:={}", bag.display())])
+            .args(more)
+            .current_dir(bag.parent().expect("a folder"));
         Self::start(command, domain)
     }
 

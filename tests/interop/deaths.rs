@@ -1,10 +1,7 @@
 //! The node that owns time dies, and comes back at time zero: the others wait, and go on with it.
 
 use serde_json::{Value, json};
-use std::{
-    process::Command,
-    time::{SystemTime, UNIX_EPOCH},
-};
+use std::time::{SystemTime, UNIX_EPOCH};
 
 use crate::{
     child::Running,
@@ -18,28 +15,19 @@ const DOMAIN: u16 = 16;
 const BACK_WITHIN: f64 = 3.0;
 const STATE: &str = "sensor_msgs/msg/JointState";
 
-fn now() -> f64 {
+fn node(name: &str, more: &[&str]) -> Running {
+    Running::node(name, "config/positioning.yaml", DOMAIN, more)
+}
+
+/// The peer's time [s].
+pub fn now() -> f64 {
     let since = SystemTime::now().duration_since(UNIX_EPOCH);
     since.expect("after 1970").as_secs_f64()
 }
 
-fn node(name: &str, more: &[&str]) -> Running {
-    let executable = match name {
-        "dynamics" => env!("CARGO_BIN_EXE_dynamics"),
-        "camera" => env!("CARGO_BIN_EXE_camera"),
-        _ => env!("CARGO_BIN_EXE_controller"),
-    };
-    let config = concat!(env!("CARGO_MANIFEST_DIR"), "/config/positioning.yaml");
-    let mut command = Command::new(executable);
-    command
-        .args(["--ros-args", "--params-file", config])
-        .args(more);
-    Running::start(command, DOMAIN)
-}
-
-/// Messages that came since a time.
-fn since(peer: &mut Peer, topic: &str, time: f64, count: usize) -> Vec<Value> {
-    let wait = json!({"do": "wait", "topic": topic, "since": time, "count": count});
+/// Messages that came since a time, at least one if there is patience enough.
+pub fn since(peer: &mut Peer, topic: &str, time: f64) -> Vec<Value> {
+    let wait = json!({"do": "wait", "topic": topic, "since": time, "timeout": 1.0});
     peer.does(wait).as_array().expect("a list").clone()
 }
 
@@ -71,7 +59,7 @@ fn a_new_dynamics_node_is_found_and_time_starts_anew() {
         BACK_WITHIN,
         || {
             eventually("some seconds of simulated time", 3 * PATIENCE, || {
-                let last = since(&mut peer, "joint_commands", 0.0, 1).pop()?;
+                let last = since(&mut peer, "joint_commands", 0.0).pop()?;
                 (seconds(&last) >= 2.0).then_some(())
             });
             dynamics.signal("KILL");
@@ -80,7 +68,7 @@ fn a_new_dynamics_node_is_found_and_time_starts_anew() {
             dynamics = node("dynamics", &["-p", "duration:=0.0"]);
             // What was under way when it was killed is of the old time.
             let answered = eventually("an answer in the new time", PATIENCE, || {
-                let answers = since(&mut peer, "joint_commands", killed, 1);
+                let answers = since(&mut peer, "joint_commands", killed);
                 answers.iter().find(|m| seconds(m) < 2.0)?["time"].as_f64()
             });
             assert!(controller.runs());

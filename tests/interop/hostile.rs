@@ -14,6 +14,7 @@ use std::{
 };
 
 use crate::{
+    binaries::binary,
     child::{Running, executable},
     echo::joint_state,
     peer::Peer,
@@ -223,8 +224,8 @@ fn malformed_samples_harm_nothing() {
             .current_dir(folder.path());
         Running::start(command, domain)
     };
-    let mut dynamics = node(env!("CARGO_BIN_EXE_dynamics"));
-    let mut camera = node(env!("CARGO_BIN_EXE_camera"));
+    let mut dynamics = node(binary("dynamics"));
+    let mut camera = node(binary("camera"));
     let shell = Running::program(Command::new(executable()), "hostile", domain, &[]);
     shell.says("ready to shell");
     let mut peer = Peer::start("peer", domain);

@@ -12,6 +12,7 @@ use std::{
 };
 
 use crate::{
+    binaries::binary,
     child::Running,
     peer::{Peer, python},
     waiting::{PATIENCE, eventually},
@@ -19,18 +20,6 @@ use crate::{
 
 fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
-}
-
-fn executable(name: &str) -> &'static str {
-    match name {
-        "dynamics" => env!("CARGO_BIN_EXE_dynamics"),
-        "camera" => env!("CARGO_BIN_EXE_camera"),
-        "controller" => env!("CARGO_BIN_EXE_controller"),
-        "estimator" => env!("CARGO_BIN_EXE_estimator"),
-        "teleop" => env!("CARGO_BIN_EXE_teleop"),
-        "recorder" => env!("CARGO_BIN_EXE_recorder"),
-        other => panic!("{other} is no node of fuyu"),
-    }
 }
 
 /// A node as a launch file starts it.
@@ -47,7 +36,7 @@ struct Start {
 impl Start {
     /// The command line that `launch_ros` makes; parameters with a value go into a file for all nodes.
     fn command(&self, folder: &Path) -> Command {
-        let mut command = Command::new(executable(&self.exec));
+        let mut command = Command::new(binary(&self.exec));
         command.arg("--ros-args");
         let mut remap = |from: &str, to: &str| {
             command.args(["-r", &format!("{from}:={to}")]);
@@ -254,7 +243,7 @@ fn every_scenario_has_a_launch_file() {
         names.sort();
         assert_eq!(names, named(&scenario), "{stem}");
         for start in starts {
-            executable(&start.exec);
+            binary(&start.exec);
             assert_eq!(start.exec, start.name);
             assert_eq!(start.namespace, "/chaser");
             assert_eq!(start.files, [scenario.display().to_string()]);

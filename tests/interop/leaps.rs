@@ -14,13 +14,11 @@ use fuyu::{
     ros::{Node, NodeError, Qos, Time},
 };
 use serde_json::{Value, json};
-use std::{
-    process::Command,
-    time::{Duration, SystemTime, UNIX_EPOCH},
-};
+use std::{process::Command, time::Duration};
 
 use crate::{
     child::{Running, executable},
+    deaths::{now, since},
     measuring::once_below,
     peer::Peer,
     waiting::{PATIENCE, eventually},
@@ -88,30 +86,8 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     Ok(())
 }
 
-fn now() -> f64 {
-    let since = SystemTime::now().duration_since(UNIX_EPOCH);
-    since.expect("after 1970").as_secs_f64()
-}
-
 fn node(name: &str, more: &[&str]) -> Running {
-    let executable = match name {
-        "camera" => env!("CARGO_BIN_EXE_camera"),
-        "controller" => env!("CARGO_BIN_EXE_controller"),
-        "estimator" => env!("CARGO_BIN_EXE_estimator"),
-        _ => env!("CARGO_BIN_EXE_recorder"),
-    };
-    let config = format!("{}/{CONFIG}", env!("CARGO_MANIFEST_DIR"));
-    let mut command = Command::new(executable);
-    command
-        .args(["--ros-args", "--params-file", &config])
-        .args(more);
-    Running::start(command, DOMAIN)
-}
-
-/// Messages that came since a time, at least one if there is patience enough.
-fn since(peer: &mut Peer, topic: &str, time: f64) -> Vec<Value> {
-    let wait = json!({"do": "wait", "topic": topic, "since": time, "timeout": 1.0});
-    peer.does(wait).as_array().expect("a list").clone()
+    Running::node(name, CONFIG, DOMAIN, more)
 }
 
 fn stamp(message: &Value) -> f64 {

@@ -7,7 +7,6 @@ use fuyu::{
 };
 use rand::{Rng, RngExt, SeedableRng, rngs::SmallRng};
 use std::{
-    process::Command,
     thread,
     time::{Duration, Instant},
 };
@@ -163,12 +162,7 @@ fn twenty_megabytes_a_second_are_recorded() {
     };
     let folder = tempfile::tempdir().expect("a folder");
     let bag = folder.path().join("bag");
-    let mut command: Command = namespace.command(env!("CARGO_BIN_EXE_recorder"));
-    command
-        .args(["--ros-args", "-p", "topics:=[/load,/images]", "-p"])
-        .arg(format!("bag:={}", bag.display()))
-        .current_dir(folder.path());
-    let recorder = Running::start(command, DOMAIN);
+    let recorder = Running::recorder(&namespace, DOMAIN, "/load,/images", &bag, &[]);
     recorder.says("recording to");
     let args = ["--ros-args", "-r", "__node:=push"];
     let push = Running::program(namespace.command(executable()), "push", DOMAIN, &args);

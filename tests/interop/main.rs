@@ -1,6 +1,8 @@
 //! fuyu beside stacks that no one here wrote (rclpy of Jazzy and Kilted on Fast DDS, CycloneDDS), on networks that
 //! lose and delay, with peers that die, lie or share a name; and for as long as it takes.
 
+#[path = "../support/binaries.rs"]
+mod binaries;
 #[path = "../support/measuring.rs"]
 mod measuring;
 #[path = "../support/namespace.rs"]

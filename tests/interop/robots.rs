@@ -4,6 +4,7 @@ use serde_json::json;
 use std::{fs, path::Path};
 
 use crate::{
+    binaries::binary,
     child::Running,
     namespace::{Namespace, must_work},
     peer::{Peer, python},
@@ -51,7 +52,7 @@ fn eight_robots_share_a_graph() {
     let config = config(folder.path());
     let robots: Vec<_> = (1..=ROBOTS)
         .map(|robot| {
-            let mut command = namespace.command(env!("CARGO_BIN_EXE_fuyu"));
+            let mut command = namespace.command(binary("fuyu"));
             command
                 .args(["launch", &config, "--ros-args", "-r"])
                 .arg(format!("__ns:=/robot{robot}"))

@@ -3,6 +3,7 @@
 use std::{fs, thread, time::Duration};
 
 use crate::{
+    binaries::binary,
     child::Running,
     namespace::{Namespace, must_work},
     waiting::{PATIENCE, eventually},
@@ -31,7 +32,7 @@ fn launch_speaks_on_loopback_only() {
     let folder = tempfile::tempdir().expect("a folder");
     let config = concat!(env!("CARGO_MANIFEST_DIR"), "/config/positioning.yaml");
     let launch = |range: &str| {
-        let mut command = namespace.command(env!("CARGO_BIN_EXE_fuyu"));
+        let mut command = namespace.command(binary("fuyu"));
         command
             .args(["launch", config, "--duration", "600"])
             .current_dir(folder.path())

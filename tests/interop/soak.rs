@@ -1,7 +1,7 @@
 //! Joint states at 1 kHz with a bag, for a minute; `scripts/soak.sh` does an hour of it.
 
 use fuyu::{bag::Bag, msg::sensor_msgs::JointState};
-use std::{process::Command, thread, time::Duration};
+use std::{thread, time::Duration};
 
 use crate::{
     child::{Running, executable},
@@ -21,14 +21,9 @@ fn joint_states_at_1_khz_with_a_bag() {
     let count = 1000 * seconds;
     let folder = tempfile::tempdir().expect("a folder");
     let bag = folder.path().join("bag");
-    let mut command: Command = namespace.command(env!("CARGO_BIN_EXE_recorder"));
-    command
-        .args(["--ros-args", "-p", "topics:=[/speed]"])
-        // A file's index stays in memory until the file is closed: 17 kB a minute, of a chunk a second.
-        .args(["-p", "max_bagfile_duration:=300.0", "-p"])
-        .arg(format!("bag:={}", bag.display()))
-        .current_dir(folder.path());
-    let recorder = Running::start(command, DOMAIN);
+    // A file's index stays in memory until the file is closed: 17 kB a minute, of a chunk a second.
+    let split = ["-p", "max_bagfile_duration:=300.0"];
+    let recorder = Running::recorder(&namespace, DOMAIN, "/speed", &bag, &split);
     let told = format!("count:={count}");
     let program = |name: &str| {
         let node = format!("__node:={name}");

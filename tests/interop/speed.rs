@@ -14,6 +14,7 @@ use std::{
 };
 
 use crate::{
+    binaries::binary,
     child::{Running, executable},
     echo::joint_state,
     matrix::python,
@@ -248,7 +249,7 @@ fn the_default_graph_costs_less_than_a_core() {
         return;
     };
     let folder = tempfile::tempdir().expect("a folder");
-    let mut command: Command = namespace.command(env!("CARGO_BIN_EXE_fuyu"));
+    let mut command: Command = namespace.command(binary("fuyu"));
     let bag = folder.path().join("bag");
     command
         .args(["launch", "--duration", "600", "--bag"])

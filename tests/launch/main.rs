@@ -1,6 +1,8 @@
 //! The running graph, end to end: `fuyu launch`, the nodes' own executables and `fuyu simulate`, with
 //! rclpy (Jazzy, Fast DDS) beside them. Every test has a DDS domain of its own, on loopback.
 
+#[path = "../support/binaries.rs"]
+mod binaries;
 #[path = "../support/measuring.rs"]
 mod measuring;
 #[path = "../support/peer.rs"]

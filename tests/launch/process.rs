@@ -13,6 +13,7 @@ use std::{
 };
 use tempfile::TempDir;
 
+use crate::binaries::binary;
 use crate::waiting::PATIENCE;
 
 /// Gains with which the loop bears a delay of 150 ms instead of 20 ms (see `starvation.rs`), for tests that
@@ -32,17 +33,7 @@ pub fn source(path: &str) -> PathBuf {
 
 /// One of fuyu's executables, on loopback in a DDS domain.
 pub fn command(executable: &str, domain: u16) -> Command {
-    let path = match executable {
-        "fuyu" => env!("CARGO_BIN_EXE_fuyu"),
-        "dynamics" => env!("CARGO_BIN_EXE_dynamics"),
-        "camera" => env!("CARGO_BIN_EXE_camera"),
-        "controller" => env!("CARGO_BIN_EXE_controller"),
-        "estimator" => env!("CARGO_BIN_EXE_estimator"),
-        "teleop" => env!("CARGO_BIN_EXE_teleop"),
-        "recorder" => env!("CARGO_BIN_EXE_recorder"),
-        other => panic!("{other} is no executable of fuyu"),
-    };
-    let mut command = Command::new(path);
+    let mut command = Command::new(binary(executable));
     command
         .current_dir(env!("CARGO_MANIFEST_DIR"))
         .env("ROS_DOMAIN_ID", domain.to_string())
