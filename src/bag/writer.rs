@@ -59,7 +59,7 @@ pub struct Topic {
     pub type_name: String,
     /// What its publishers offer.
     pub qos: Vec<Qos>,
-    /// RIHS01 hash that its publishers state, for types that fuyu does not know.
+    /// RIHS01 hash that its publishers state. If it is not that of fuyu's definition, fuyu does not know the type.
     pub type_hash: Option<String>,
 }
 
@@ -85,7 +85,9 @@ impl Topic {
 
     /// The topic with the schema that fuyu has for its type.
     pub fn described(self) -> RecordedTopic {
-        let known = msg::find(&self.type_name);
+        let stated = self.type_hash.as_ref();
+        let known =
+            msg::find(&self.type_name).filter(|d| stated.is_none_or(|hash| *hash == d.type_hash()));
         RecordedTopic {
             name: self.name,
             encoding: "cdr".into(),

@@ -16,6 +16,7 @@ use std::{
 
 use super::{
     Gid, NodeName, Qos,
+    definitions::{self, Definitions},
     endpoint::{Counters, EndpointSpec, Endpoints},
     neighbours::Neighbours,
     newcomers::Newcomers,
@@ -93,26 +94,37 @@ impl Announcer {
     }
 }
 
-/// The endpoints of other participants that each of this node's is matched with.
+/// The endpoints of other participants.
 #[derive(Default)]
-pub(super) struct Peers(HashMap<Gid, HashSet<GUID>>);
+pub(super) struct Peers {
+    /// Those that each of this node's is matched with.
+    matches: HashMap<Gid, HashSet<GUID>>,
+    definitions: Definitions,
+}
 
 impl Peers {
-    fn matched(&mut self, all: &Endpoints, local: GUID, remote: GUID) {
+    fn matched(&mut self, node: &NodeName, all: &Endpoints, local: GUID, remote: GUID) {
         let local = Gid::from(local);
         // Told again after each change of the peer.
-        self.0.entry(local).or_default().insert(remote);
+        self.matches.entry(local).or_default().insert(remote);
         self.count(all, local);
+        if let Some((_, spec)) = find(all, local) {
+            self.definitions.compare(node, spec, remote);
+        }
     }
 
     fn lost(&mut self, all: &Endpoints, is_lost: impl Fn(&GUID) -> bool) {
-        self.0.values_mut().for_each(|r| r.retain(|g| !is_lost(g)));
-        self.0.keys().for_each(|&local| self.count(all, local));
+        let matches = &mut self.matches;
+        matches.values_mut().for_each(|r| r.retain(|g| !is_lost(g)));
+        self.definitions.lose(is_lost);
+        self.matches
+            .keys()
+            .for_each(|&local| self.count(all, local));
     }
 
     fn count(&self, all: &Endpoints, local: Gid) {
         if let Some((counters, _)) = find(all, local) {
-            let peers = &self.0[&local];
+            let peers = &self.matches[&local];
             counters.matched.store(peers.len(), Relaxed);
             *counters
                 .peers
@@ -135,14 +147,17 @@ pub(super) fn report_status(
         let all = endpoints.lock().unwrap_or_else(PoisonError::into_inner);
         match event {
             Event::ParticipantDiscovered { dpd } => newcomers.came(&dpd.guid),
+            Event::ReaderDetected { reader: found } | Event::WriterDetected { writer: found } => {
+                peers.definitions.found(found.guid, &found.user_data);
+            }
             Event::RemoteReaderMatched {
                 local_writer,
                 remote_reader,
-            } => peers.matched(&all, local_writer, remote_reader),
+            } => peers.matched(node, &all, local_writer, remote_reader),
             Event::RemoteWriterMatched {
                 local_reader,
                 remote_writer,
-            } => peers.matched(&all, local_reader, remote_writer),
+            } => peers.matched(node, &all, local_reader, remote_writer),
             Event::ReaderLost { guid, .. } | Event::WriterLost { guid, .. } => {
                 peers.lost(&all, |g| *g == guid);
             }
@@ -241,6 +256,8 @@ pub struct DiscoveredPublisher {
     pub type_name: String,
     /// What it offers.
     pub qos: Qos,
+    /// Hash of its definition of the type, if it states one.
+    pub type_hash: Option<String>,
     /// Who it is.
     pub gid: Gid,
 }
@@ -265,6 +282,7 @@ pub(super) fn publishers(
                 topic: topic.to_owned(),
                 type_name,
                 qos: Qos::from(&data.qos()),
+                type_hash: definitions::stated(&writer.user_data),
                 gid: data.key.into(),
             });
         } else if strange.insert((data.topic_name.clone(), data.type_name.clone())) {
@@ -284,7 +302,7 @@ fn ros_topic(dds: &str) -> Option<&str> {
 }
 
 /// `pkg::msg::dds_::Name_` to `pkg/msg/Name`.
-fn ros_type(dds: &str) -> Option<String> {
+pub(super) fn ros_type(dds: &str) -> Option<String> {
     let (path, name) = dds.rsplit_once("::dds_::")?;
     let (package, kind) = path.split_once("::")?;
     let name = name.strip_suffix('_')?;

@@ -23,4 +23,5 @@ mod run;
 mod sample;
 mod services;
 mod splitting;
+mod strangers;
 mod writing;

@@ -14,10 +14,10 @@ use ros2_client::{Context, Message, Name, NodeName, NodeOptions, ServiceMapping,
 use crate::peer::DomainClaim;
 use crate::waiting::{PATIENCE, eventually};
 
-struct Recorder(Child);
+pub struct Recorder(Child);
 
 impl Recorder {
-    fn start(domain: u16, bag: &Path, parameters: &[&str]) -> Self {
+    pub fn start(domain: u16, bag: &Path, parameters: &[&str]) -> Self {
         let mut command = Command::new(env!("CARGO_BIN_EXE_recorder"));
         command
             .env("ROS_DOMAIN_ID", domain.to_string())

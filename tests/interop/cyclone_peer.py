@@ -119,9 +119,10 @@ def reader(topic, name, *how, prefix="rt", **more):
     return DataReader(participant, Topic(participant, f"{prefix}/{topic}", struct(name), qos=policies), qos=policies)
 
 
-def writer(topic, name, *how, prefix="rt", **more):
+def writer(topic, name, *how, prefix="rt", states=(), **more):
     policies = qos(*how, **more)
-    return DataWriter(participant, Topic(participant, f"{prefix}/{topic}", struct(name), qos=policies), qos=policies)
+    topic = Topic(participant, f"{prefix}/{topic}", struct(name), qos=policies)
+    return DataWriter(participant, topic, qos=Qos(*states, base=policies))
 
 
 def matched(endpoint, status):
@@ -378,5 +379,10 @@ def publisher_refused():
     eventually(refused)
     return refused(), ""
 
+
+
+# What a node of ROS states that has another definition of a type; fuyu is to notice.
+OTHER = Policy.Userdata(b"typehash=RIHS01_" + 64 * b"0" + b";")
+other_definition = writer("start_stream", INT32, states=[OTHER])
 
 run(globals(), asked["types"])

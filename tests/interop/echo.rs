@@ -141,6 +141,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let heard = node.advertise::<Text>("heard", Qos::RELIABLE)?;
     tracing::info!("echoes {} types", types().len());
 
+    let mut told = false;
     let mut left = 0..0;
     let (mut due, mut tick) = (Instant::now(), 0);
     while node.wait_for(Duration::from_millis(if left.is_empty() { 50 } else { 1 })) {
@@ -180,6 +181,15 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
                 running.succeed(outcome);
             } else {
                 goal = Some(running);
+            }
+        }
+        if !told && tick % 20 == 0 {
+            let publishers = node.discovered_publishers().into_iter();
+            let mut hashes = publishers.filter(|p| p.topic == "/upstream");
+            if let Some((publisher, hash)) = hashes.find_map(|p| Some((p.type_name, p.type_hash?)))
+            {
+                tracing::info!("/upstream comes with {publisher} {hash}");
+                told = true;
             }
         }
         if late.take().is_some() {

@@ -23,6 +23,7 @@ use crate::{
 
 /// Columns of the table.
 const PEERS: [&str; 3] = ["rclpy Jazzy", "rclpy Kilted", "CycloneDDS"];
+const CYCLONE: &str = "cyclone_peer.py";
 /// Longest time that one row may take; the peer itself gives up much earlier.
 const ROW_PATIENCE: Duration = Duration::from_secs(300);
 
@@ -95,16 +96,9 @@ fn column(script: &str, python: PathBuf, domain: u16) -> Vec<(String, bool, Stri
         println!("{script}: {row}: {verdict} {detail}");
         rows.push((row.to_owned(), verdict, detail));
     }
-    for (row, topic) in [
-        ("reliable asked of best effort: fuyu warns", "/best_effort"),
-        (
-            "best effort offered to reliable: fuyu warns",
-            "/reliable_please",
-        ),
-    ] {
-        let words = format!("topic {topic} is not exchanged with a peer");
+    for (row, words) in noticed(script) {
         let warned = (0..600).any(|_| {
-            let warned = echo.said().contains(&words);
+            let warned = echo.said().contains(words);
             thread::sleep(Duration::from_millis(if warned { 0 } else { 100 }));
             warned
         });
@@ -114,7 +108,37 @@ fn column(script: &str, python: PathBuf, domain: u16) -> Vec<(String, bool, Stri
     eventually("the peer ends", PATIENCE, || {
         peer.try_wait().expect("it can be waited for")
     });
-    echo.interrupt();
+    let said = echo.interrupt();
+    let others = said.matches("another definition of");
+    let expected = usize::from(script == CYCLONE);
+    assert_eq!(others.count(), expected, "definitions are the same: {said}");
+    rows
+}
+
+/// Rows of what fuyu says of a peer, with its words.
+fn noticed(script: &str) -> Vec<(&'static str, &'static str)> {
+    let mut rows = vec![
+        (
+            "reliable asked of best effort: fuyu warns",
+            "topic /best_effort is not exchanged with a peer",
+        ),
+        (
+            "best effort offered to reliable: fuyu warns",
+            "topic /reliable_please is not exchanged with a peer",
+        ),
+    ];
+    rows.push(match script {
+        // It states what it is told to.
+        CYCLONE => (
+            "another definition of a type: fuyu warns",
+            "topic /start_stream: a peer has another definition of std_msgs/msg/Int32 (RIHS01_0000",
+        ),
+        // As rosidl's generators have it in the wheels.
+        _ => (
+            "type hash of the peer: fuyu reads it",
+            "/upstream comes with sensor_msgs/msg/JointState RIHS01_a13ee3a3",
+        ),
+    });
     rows
 }
 
@@ -225,5 +249,5 @@ fn rclpy_kilted() {
 #[test]
 fn cyclone() {
     let python = python("test-venv.sh", &["cyclone", "cyclonedds==11.0.1"]);
-    hold(2, &column("cyclone_peer.py", python, 13));
+    hold(2, &column(CYCLONE, python, 13));
 }

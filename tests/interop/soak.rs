@@ -1,7 +1,10 @@
 //! Joint states at 1 kHz with a bag, for a minute; `scripts/soak.sh` does an hour of it.
 
 use fuyu::{bag::Bag, msg::sensor_msgs::JointState};
-use std::{thread, time::Duration};
+use std::{
+    thread,
+    time::{Duration, Instant},
+};
 
 use crate::{
     child::{Running, executable},
@@ -9,6 +12,22 @@ use crate::{
     speed::{DOMAIN, after},
     waiting::eventually,
 };
+
+/// Memory that processes have in use \[kB\]: medians over ten seconds, in which chunks fill and are written.
+fn usual(processes: &[&Running]) -> Vec<u64> {
+    let mut samples = vec![Vec::new(); processes.len()];
+    for _ in 0..20 {
+        for (process, samples) in processes.iter().zip(&mut samples) {
+            samples.push(process.resident());
+        }
+        thread::sleep(Duration::from_millis(500));
+    }
+    let median = |mut samples: Vec<u64>| {
+        samples.sort_unstable();
+        samples[samples.len() / 2]
+    };
+    samples.into_iter().map(median).collect()
+}
 
 // Breaks when a reliable message is lost, time goes backwards, or memory grows.
 #[test]
@@ -41,12 +60,17 @@ fn joint_states_at_1_khz_with_a_bag() {
     let send = program("send");
     let take = program("take");
     // What grows at first is what is kept: windows, chunks, queues. A third of the time is enough for that.
-    thread::sleep(Duration::from_secs(seconds / 3 + 5));
-    let before = [&send, &take, &recorder].map(Running::resident);
+    let begin = Instant::now();
+    let memory = |second: u64| {
+        let left = Duration::from_secs(second).saturating_sub(begin.elapsed());
+        thread::sleep(left);
+        usual(&[&send, &take, &recorder])
+    };
+    let before = memory(seconds / 3 + 5);
+    let after_all = memory(seconds - 12);
     eventually("the end", Duration::from_secs(3 * seconds + 120), || {
         take.said().contains(" p99 ").then_some(())
     });
-    let after_all = [&send, &take, &recorder].map(Running::resident);
     let said = take.interrupt();
     println!("{said}{before:?} kB after a third, {after_all:?} kB at the end");
     let line = said

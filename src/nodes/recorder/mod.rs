@@ -118,8 +118,9 @@ impl Session<'_> {
         for publisher in self.node.discovered_publishers() {
             let new = !self.subscriptions.contains_key(&publisher.topic);
             if new && self.selection.takes(&publisher.topic) {
-                let topic =
+                let mut topic =
                     bag::Topic::named(&publisher.topic, &publisher.type_name, publisher.qos);
+                topic.type_hash.clone_from(&publisher.type_hash);
                 let sink = self.deck.sink(topic);
                 let take = move |sample| sink.take(sample);
                 let subscription =

@@ -11,6 +11,7 @@ use std::{
 };
 
 use super::*;
+use crate::peer::Peer;
 
 /// What `observer` is told of an endpoint of another participant.
 fn described(observer: &DomainParticipant, topic: &str) -> EndpointDescription {
@@ -35,6 +36,19 @@ fn endpoints_cannot_be_announced_with_user_data() {
     // When there is a way to give some, the hashes can be seen.
     let policies = format!("{:?}", QosPolicyBuilder::new().build());
     assert!(!policies.contains("user_data"), "{policies}");
+}
+
+#[test]
+fn user_data_is_told_with_its_length_before_it() {
+    let domain = 98;
+    let observer = participant(domain);
+    // A node of ROS has a writer of this topic, and states the hash of its type.
+    let _peer = Peer::start("peer", domain);
+    let user_data = described(&observer, "rt/rosout").user_data;
+    let (length, text) = user_data.split_at(4);
+    assert!(text.starts_with(b"typehash=RIHS01_"), "{user_data:?}");
+    let length = u32::from_le_bytes(length.try_into().unwrap()) as usize;
+    assert_eq!(text.len(), length.next_multiple_of(4));
 }
 
 #[test]

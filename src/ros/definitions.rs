@@ -1,0 +1,98 @@
+//! What peers mean by the name of a type: the hashes (REP-2016) that their endpoints state in their user data, as
+//! `typehash=RIHS01_...;`. rustdds hears them, and cannot send any.
+
+use rustdds::GUID;
+use std::collections::{HashMap, HashSet};
+
+use super::{NodeName, discovery::ros_type, endpoint::EndpointSpec};
+use crate::msg;
+
+/// Bytes of a sequence's length, which rustdds leaves before user data (docs/upstream.md).
+const LENGTH: usize = 4;
+
+/// The type hash in an endpoint's user data.
+pub(super) fn stated(user_data: &[u8]) -> Option<String> {
+    let text = str::from_utf8(user_data.get(LENGTH..)?).ok()?;
+    let hash = (text.split(';')).find_map(|pair| pair.trim().strip_prefix("typehash="))?;
+    let digits = hash.strip_prefix("RIHS01_")?;
+    let is_hash = digits.len() == 64 && digits.bytes().all(|b| b.is_ascii_hexdigit());
+    is_hash.then(|| hash.to_owned())
+}
+
+/// What the endpoints of peers have stated.
+#[derive(Default)]
+pub(super) struct Definitions {
+    stated: HashMap<GUID, String>,
+    /// Topic and hash of what was warned of.
+    warned: HashSet<(String, String)>,
+}
+
+impl Definitions {
+    pub(super) fn found(&mut self, endpoint: GUID, user_data: &[u8]) {
+        if let Some(hash) = stated(user_data) {
+            self.stated.insert(endpoint, hash);
+        }
+    }
+
+    pub(super) fn lose(&mut self, is_lost: impl Fn(&GUID) -> bool) {
+        self.stated.retain(|endpoint, _| !is_lost(endpoint));
+    }
+
+    /// Warns if a peer's endpoint, which exchanges messages with this node's, reads another type out of them.
+    pub(super) fn compare(&mut self, node: &NodeName, spec: &EndpointSpec, peer: GUID) {
+        let Some(stated) = self.stated.get(&peer) else {
+            return;
+        };
+        // What rmw states of a service's endpoints is the hash of the service.
+        let is_topic = spec.dds_topic.starts_with("rt/");
+        let type_name = ros_type(&spec.dds_type).filter(|_| is_topic);
+        let Some(known) = type_name.as_deref().and_then(msg::find) else {
+            return;
+        };
+        let here = known.type_hash();
+        if *stated != here && self.warned.insert((spec.name.clone(), stated.clone())) {
+            tracing::warn!(
+                "node {node}: topic {}: a peer has another definition of {} ({stated}, here {here}): messages may be \
+                 misread",
+                spec.name,
+                known.type_name()
+            );
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    /// As it is on the wire, padded to four bytes.
+    fn sequence(text: &str) -> Vec<u8> {
+        let mut bytes = u32::try_from(text.len()).unwrap().to_le_bytes().to_vec();
+        bytes.extend(text.bytes());
+        bytes.resize(bytes.len().next_multiple_of(4), 0);
+        bytes
+    }
+
+    // Breaks when the form that rmw gives user data is not read, or something else is taken for a hash.
+    #[test]
+    fn a_hash_is_found_among_what_else_is_stated() {
+        let hash = format!("RIHS01_{}", "0a".repeat(32));
+        for text in [
+            format!("typehash={hash};"),
+            format!("enclave=/;typehash={hash};"),
+        ] {
+            assert_eq!(stated(&sequence(&text)), Some(hash.clone()), "{text}");
+        }
+        for text in [
+            "",
+            "typehash=;",
+            "typehash=RIHS01_00;",
+            "typehash=INVALID;",
+            "enclave=/;",
+        ] {
+            assert_eq!(stated(&sequence(text)), None, "{text}");
+        }
+        assert_eq!(stated(&[]), None);
+        assert_eq!(stated(&[2, 0, 0, 0, 0xff, 0xfe]), None);
+    }
+}

@@ -1,0 +1,15 @@
+//! The executables under test.
+
+/// Path of an executable of fuyu.
+pub fn binary(name: &str) -> &'static str {
+    match name {
+        "fuyu" => env!("CARGO_BIN_EXE_fuyu"),
+        "dynamics" => env!("CARGO_BIN_EXE_dynamics"),
+        "camera" => env!("CARGO_BIN_EXE_camera"),
+        "controller" => env!("CARGO_BIN_EXE_controller"),
+        "estimator" => env!("CARGO_BIN_EXE_estimator"),
+        "teleop" => env!("CARGO_BIN_EXE_teleop"),
+        "recorder" => env!("CARGO_BIN_EXE_recorder"),
+        other => panic!("{other} is no executable of fuyu"),
+    }
+}
