@@ -14,7 +14,7 @@ const CHAR: &str = "RIHS01_3ad2d04dd29ba19d04b16659afa3ccaedd691914b02a64e82e252
 #[test]
 fn a_type_that_only_its_publisher_knows_is_recorded_with_its_hash() {
     assert!(fuyu::msg::find("std_msgs/msg/Char").is_none());
-    let domain = 17;
+    let domain = 6;
     let folder = tempfile::tempdir().unwrap();
     let bag = folder.path().join("bag");
     let mut peer = Peer::start("stranger", domain);

@@ -2,10 +2,7 @@
 
 use roxmltree::{Document, Node};
 
-use super::{
-    params::{Description, Motion},
-    world::place,
-};
+use super::params::{Description, Motion};
 use crate::{
     dynamics::{Floating, Method, State},
     spatial::Pose,
@@ -45,7 +42,7 @@ impl Target {
             ));
         }
         let mut start = State::at_rest(&model);
-        place(&model, &mut start, motion);
+        motion.place(&model, &mut start);
         Ok(Self {
             name: name.to_owned(),
             body: Floating::new(model, start.clone(), method),

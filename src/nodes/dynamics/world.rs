@@ -1,17 +1,13 @@
 //! The simulated world: the robot and the free bodies, at one time.
 
-use nalgebra::Isometry3;
-
 use super::imu::ImuParams;
 use super::loops::LoopParams;
-use super::params::{DynamicsParams, Motion, joint_vector};
+use super::params::{DynamicsParams, joint_vector};
 use super::target::Target;
 use crate::{
     control::VelocityServo,
-    dynamics::{Floating, FormulationKind, State, Workspace},
-    model::Model,
+    dynamics::{Floating, FormulationKind, State},
     nodes::choice,
-    spatial::Twist,
 };
 
 /// Length of the servo's steps over the time constant of its fastest motion at the start: it overshoots beyond one, and
@@ -61,7 +57,7 @@ impl World {
         let mut loops =
             LoopParams::loops(&params.loop_closures, &model).map_err(|e| e.to_string())?;
         (loops.assemble(&model, &mut state, params.loop_tolerance)).map_err(|e| e.to_string())?;
-        place(&model, &mut state, &params.base);
+        params.base.place(&model, &mut state);
         let robot = Floating::with_loops(model, state, params.method, loops);
         let robot = robot.by(params.formulation).map_err(|e| {
             let name = choice::name_of(&FormulationKind::NAMES, &params.formulation);
@@ -303,11 +299,4 @@ impl World {
             *impulse += effort * seconds;
         }
     }
-}
-
-pub(super) fn place(model: &Model, state: &mut State, motion: &Motion) {
-    let X_WB: &Isometry3<f64> = &motion.pose;
-    let linear_B = X_WB.rotation.inverse() * motion.velocity_W;
-    let V_WB_B = Twist::new(motion.angular_velocity_B, linear_B);
-    state.set_base(model, &mut Workspace::new(model), X_WB, &V_WB_B);
 }

@@ -3,12 +3,14 @@
 use nalgebra::{DVector, Isometry3, Vector3};
 
 use crate::{
+    dynamics::{State, Workspace},
     model::Model,
     nodes::{
         placement::{declare_pose, declare_vector, finite},
         resource,
     },
     ros::Declare,
+    spatial::Twist,
 };
 
 /// A robot description: its text, and where it came from for messages.
@@ -74,6 +76,13 @@ impl Motion {
             velocity_W,
             angular_velocity_B,
         })
+    }
+
+    /// Puts the base of `model` there, and lets it move so.
+    pub fn place(&self, model: &Model, state: &mut State) {
+        let linear_B = self.pose.rotation.inverse() * self.velocity_W;
+        let V_WB_B = Twist::new(self.angular_velocity_B, linear_B);
+        state.set_base(model, &mut Workspace::new(model), &self.pose, &V_WB_B);
     }
 }
 
