@@ -127,6 +127,7 @@ fn a_participant_on_loopback_does_not_hear_itself() {
     connect(&writer, &mut theirs);
     writer.write(vec![0; 5], None).unwrap();
     assert_eq!(length(&mut theirs, PATIENCE), Some(5));
+    // It would if `lo` were a multicast interface, which takes an `ip link set lo multicast on`.
     assert_eq!(length(&mut own, SILENCE), None);
 }
 
