@@ -5,6 +5,7 @@ use std::sync::{Arc, Mutex, OnceLock, PoisonError, atomic::AtomicU64};
 use super::{
     Clock, Diagnostics, Domain, NodeError, Qos, RawSample,
     endpoint::{Counters, EndpointSpec, Endpoints, Reader, Sink, Writer},
+    lockups::{Refusal, Stuck},
     names::Names,
     neighbours::Neighbours,
     newcomers::Newcomers,
@@ -15,6 +16,9 @@ use super::{
     wait::{Events, Fate},
 };
 use crate::msg::{cdr, rosgraph_msgs};
+
+/// Participants that may lock themselves up, one after the other, before a node gives up.
+const ATTEMPTS: usize = 5;
 
 /// Whether a node is in the graph.
 #[derive(Default)]
@@ -91,24 +95,34 @@ impl Core {
     /// Makes a participant with all endpoints, in place of the one that is there, if any. Gives false
     /// if the node has left the graph, where it stays.
     pub(super) fn open_session(&self) -> Result<bool, NodeError> {
+        self.replace_session(Stuck::default())
+    }
+
+    /// The same in place of one that may have locked itself up.
+    fn replace_session(&self, mut old: Stuck) -> Result<bool, NodeError> {
         let mut connection = self.session.lock().unwrap_or_else(PoisonError::into_inner);
         match std::mem::take(&mut *connection) {
             Connection::Left => {
                 *connection = Connection::Left;
                 return Ok(false);
             }
-            Connection::Joined(old) => {
-                Session::detach(&self.lock_endpoints());
-                // It may wait for threads that are no more; nobody waits for it.
-                std::thread::spawn(move || drop(old));
+            // It may wait for threads that are no more; nobody waits for it.
+            Connection::Joined(session) => {
+                old.keep((Session::detach(&self.lock_endpoints()), session));
             }
             Connection::Apart => {}
         }
+        drop(old);
         let node = self.names.node();
         let others = (&self.neighbours, &self.newcomers);
         let open = || Session::open(self.domain, node, &self.endpoints, &self.fate, others);
-        let new = signals::with_blocked(open)
-            .map_err(|e| NodeError::dds(node, "join the DDS domain", e))?;
+        let mut new = signals::with_blocked(open);
+        for _ in 1..ATTEMPTS {
+            if let Err(Refusal::LockedUp(_)) = new {
+                new = signals::with_blocked(open);
+            }
+        }
+        let new = new.map_err(|e| NodeError::dds(node, "join the DDS domain", e))?;
         *connection = Connection::Joined(Box::new(new));
         Ok(true)
     }
@@ -137,7 +151,7 @@ impl Core {
         let added = session.session().map(|session| session.add_writer(&writer));
         drop(session);
         if let Some(Err(e)) = added {
-            self.replace_session(|| self.endpoint_error("publish", &writer.spec, &e))?;
+            self.add_anew("publish", &writer.spec, e)?;
         }
         Ok(writer)
     }
@@ -154,19 +168,25 @@ impl Core {
         let added = session.session().map(|session| session.add_reader(&reader));
         drop(session);
         if let Some(Err(e)) = added {
-            self.replace_session(|| self.endpoint_error("subscribe to", &reader.spec, &e))?;
+            self.add_anew("subscribe to", &reader.spec, e)?;
         }
         Ok(reader)
     }
 
-    /// When an endpoint cannot be added: a signal may have ended the participant's threads while the node was
-    /// being made. A participant made anew has all endpoints, this one too; what it cannot have is an error.
-    fn replace_session(&self, error: impl FnOnce() -> NodeError) -> Result<(), NodeError> {
-        self.open_session().map(drop).map_err(|_| error())
-    }
-
-    fn endpoint_error(&self, verb: &str, spec: &EndpointSpec, reason: &str) -> NodeError {
-        NodeError::dds(self.names.node(), format!("{verb} {}", spec.name), reason)
+    /// When an endpoint cannot be added: the participant may have locked itself up, or a signal may have ended its
+    /// threads while the node was being made. A participant made anew has all endpoints, this one too; what it
+    /// cannot have is an error.
+    fn add_anew(&self, verb: &str, spec: &EndpointSpec, why: Refusal) -> Result<(), NodeError> {
+        let (node, topic) = (self.names.node(), &spec.name);
+        let error = NodeError::dds(node, format!("{verb} {topic}"), &why);
+        let old = match why {
+            Refusal::LockedUp(stuck) => {
+                tracing::warn!("{error}; joining the graph anew");
+                stuck
+            }
+            Refusal::Dds(_) => Stuck::default(),
+        };
+        self.replace_session(old).map(drop).map_err(|_| error)
     }
 
     pub(super) fn remove_writer(&self, writer: &Arc<Writer>) {

@@ -18,6 +18,7 @@ use super::{
     Gid, NodeName, Qos,
     definitions::{self, Definitions},
     endpoint::{Counters, EndpointSpec, Endpoints},
+    lockups::{self, Refusal},
     neighbours::Neighbours,
     newcomers::Newcomers,
 };
@@ -36,20 +37,19 @@ impl Announcer {
         participant: &DomainParticipant,
         publisher: &rustdds::Publisher,
         node: &NodeName,
-    ) -> Result<Self, String> {
+    ) -> Result<Self, Refusal> {
         let qos = QosPolicies::from(&Qos::LATCHED);
-        let topic = participant
-            .create_topic(
+        let (all, publisher) = (participant.clone(), publisher.clone());
+        let writer = lockups::make(participant, move || {
+            let topic = all.create_topic(
                 "ros_discovery_info".to_owned(),
                 "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_".to_owned(),
                 &qos,
                 TopicKind::NoKey,
-            )
-            .map_err(|e| e.to_string())?;
-        let writer = publisher
-            .create_datawriter_no_key_cdr(&topic, Some(qos))
-            .map_err(|e| e.to_string())?;
-        let node = WireNodeName::new(node.namespace(), node.name()).map_err(|e| e.to_string())?;
+            )?;
+            publisher.create_datawriter_no_key_cdr(&topic, Some(qos))
+        })?;
+        let node = WireNodeName::new(node.namespace(), node.name()).map_err(Refusal::dds)?;
         Ok(Self {
             writers: BTreeSet::from([Gid::from(writer.guid())]),
             readers: BTreeSet::new(),

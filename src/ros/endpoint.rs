@@ -150,7 +150,8 @@ impl Writer {
         }
     }
 
-    pub(super) fn attach(&self, dds: Option<Arc<RawWriter>>) {
+    /// Replaces the DDS writer, and gives the one that was there.
+    pub(super) fn attach(&self, dds: Option<Arc<RawWriter>>) -> Option<Arc<RawWriter>> {
         // Held until the end, so that what is published meanwhile goes to one of the two.
         let mut latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
         if let Some(new) = &dds {
@@ -164,7 +165,8 @@ impl Writer {
                 }
             }
         }
-        *self.dds.write().unwrap_or_else(PoisonError::into_inner) = dds;
+        let mut current = self.dds.write().unwrap_or_else(PoisonError::into_inner);
+        std::mem::replace(&mut *current, dds)
     }
 }
 

@@ -1,9 +1,9 @@
 //! Letting peers that have just come learn what there is before more is added.
 //!
 //! A participant of Fast DDS that has just matched ours asks for the endpoints that we announced before it
-//! came. If we announce one more while it waits for those, it acknowledges all of them but keeps that one
-//! alone: the others stay unknown to it for ever. (Fast DDS of Jazzy with rustdds 0.15.1; seen on the wire.) So
-//! no endpoint is made shortly after such a peer has come.
+//! came. If we announce one more while it waits for those, it takes that one, which it has first, and passes over
+//! all before it for ever: it orders them by source timestamps, which rustdds does not give them
+//! (docs/upstream.md). So no endpoint is made shortly after such a peer has come.
 
 use rustdds::GUID;
 use std::{

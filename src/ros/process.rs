@@ -17,7 +17,7 @@ use super::{
     diagnostics::Reporter,
     endpoint::EndpointSpec,
     logging,
-    memory::return_large_blocks,
+    memory::return_free_memory,
     names::Names,
     neighbours::Neighbours,
     params::{self, ParameterStore, USE_SIM_TIME},
@@ -37,7 +37,7 @@ pub fn run(
     name: &str,
     program: impl FnOnce(&Node) -> Result<(), NodeError> + Send + 'static,
 ) -> ExitCode {
-    return_large_blocks();
+    return_free_memory();
     let outcome = Process::from_env(std::env::args().skip(1), Reach::Subnet).and_then(
         |(mut process, rest)| {
             if let Some(unknown) = rest.first() {

@@ -22,10 +22,11 @@ use super::{
     Domain, Gid, NodeName, Qos, RawSample,
     discovery::{self, Announcer, DiscoveredPublisher, Peers, report_status},
     endpoint::{EndpointSpec, Endpoints, Reader, Writer},
+    lockups::{self, Refusal},
     neighbours::Neighbours,
     newcomers::Newcomers,
     wait::Fate,
-    wire::{Opaque, RawReader},
+    wire::{Opaque, RawReader, RawWriter},
 };
 
 /// Types whose messages have a megabyte rather than a kilobyte.
@@ -64,17 +65,16 @@ impl Session {
         endpoints: &Arc<Mutex<Endpoints>>,
         fate: &Arc<Fate>,
         (neighbours, newcomers): (&Arc<Neighbours>, &Arc<Newcomers>),
-    ) -> Result<Self, String> {
-        let text = |e: rustdds::dds::CreateError| e.to_string();
-        let participant = domain.participant()?;
+    ) -> Result<Self, Refusal> {
+        let participant = domain.participant().map_err(Refusal::Dds)?;
         neighbours.begin(participant.guid().into());
         let qos = QosPolicies::from(&Qos::RELIABLE);
-        let publisher = participant.create_publisher(&qos).map_err(text)?;
-        let subscriber = participant.create_subscriber(&qos).map_err(text)?;
+        let publisher = participant.create_publisher(&qos).map_err(Refusal::dds)?;
+        let subscriber = participant.create_subscriber(&qos).map_err(Refusal::dds)?;
         let announcer = Announcer::new(&participant, &publisher, node)?;
 
-        let poll = Poll::new().map_err(|e| e.to_string())?;
-        let waker = Waker::new(poll.registry(), WAKER).map_err(|e| e.to_string())?;
+        let poll = Poll::new().map_err(Refusal::dds)?;
+        let waker = Waker::new(poll.registry(), WAKER).map_err(Refusal::dds)?;
         let (commands, inbox) = mpsc::channel();
         let stop = Arc::new(AtomicBool::new(false));
         let receiver = Receiver {
@@ -98,7 +98,7 @@ impl Session {
                     Err(_) => fate.fail(format!("node {node}: a handler has panicked")),
                 }
             })
-            .map_err(|e| e.to_string())?;
+            .map_err(Refusal::dds)?;
         let mut session = Self {
             participant,
             publisher,
@@ -111,27 +111,30 @@ impl Session {
             stop,
             receiver: Some(receiver),
         };
-        let (writers, readers) = {
-            let all = endpoints.lock().unwrap_or_else(PoisonError::into_inner);
-            (all.writers.clone(), all.readers.clone())
-        };
-        for writer in &writers {
-            session.create_writer(writer)?;
-        }
-        for reader in &readers {
-            session.create_reader(reader)?;
+        if let Err(e) = session.create_all(endpoints) {
+            let writers = Self::detach(&endpoints.lock().unwrap_or_else(PoisonError::into_inner));
+            return Err(e.letting_go_of((writers, session)));
         }
         session.announcer.announce();
         Ok(session)
     }
 
-    pub(super) fn add_writer(&mut self, writer: &Writer) -> Result<(), String> {
+    fn create_all(&mut self, endpoints: &Mutex<Endpoints>) -> Result<(), Refusal> {
+        let (writers, readers) = {
+            let all = endpoints.lock().unwrap_or_else(PoisonError::into_inner);
+            (all.writers.clone(), all.readers.clone())
+        };
+        writers.iter().try_for_each(|w| self.create_writer(w))?;
+        readers.iter().try_for_each(|r| self.create_reader(r))
+    }
+
+    pub(super) fn add_writer(&mut self, writer: &Writer) -> Result<(), Refusal> {
         self.create_writer(writer)?;
         self.announcer.announce();
         Ok(())
     }
 
-    pub(super) fn add_reader(&mut self, reader: &Arc<Reader>) -> Result<(), String> {
+    pub(super) fn add_reader(&mut self, reader: &Arc<Reader>) -> Result<(), Refusal> {
         self.create_reader(reader)?;
         self.announcer.announce();
         Ok(())
@@ -169,44 +172,41 @@ impl Session {
         }
     }
 
-    fn topic(&mut self, spec: &EndpointSpec) -> Result<Topic, String> {
+    fn topic(&mut self, spec: &EndpointSpec) -> Result<Topic, Refusal> {
         if let Some(topic) = self.topics.get(&spec.dds_topic) {
             return Ok(topic.clone());
         }
-        let topic = self
-            .participant
-            .create_topic(
-                spec.dds_topic.clone(),
-                spec.dds_type.clone(),
-                &QosPolicies::from(&spec.qos),
-                TopicKind::NoKey,
-            )
-            .map_err(|e| e.to_string())?;
+        let (name, kind) = (spec.dds_topic.clone(), spec.dds_type.clone());
+        let qos = QosPolicies::from(&spec.qos);
+        let participant = self.participant.clone();
+        let topic = lockups::make(&self.participant, move || {
+            participant.create_topic(name, kind, &qos, TopicKind::NoKey)
+        })?;
         self.topics.insert(spec.dds_topic.clone(), topic.clone());
         Ok(topic)
     }
 
-    fn create_writer(&mut self, writer: &Writer) -> Result<(), String> {
+    fn create_writer(&mut self, writer: &Writer) -> Result<(), Refusal> {
         let topic = self.topic(&writer.spec)?;
         let qos = QosPolicies::from(&writer.spec.qos);
-        let dds = self
-            .publisher
-            .create_datawriter_no_key::<Bytes, Opaque>(&topic, Some(qos))
-            .map_err(|e| e.to_string())?;
+        let publisher = self.publisher.clone();
+        let dds = lockups::make(&self.participant, move || {
+            publisher.create_datawriter_no_key::<Bytes, Opaque>(&topic, Some(qos))
+        })?;
         self.announcer.add_writer(dds.guid().into());
         writer.counters.matched.store(0, Relaxed);
         writer.attach(Some(Arc::new(dds)));
         Ok(())
     }
 
-    fn create_reader(&mut self, reader: &Arc<Reader>) -> Result<(), String> {
+    fn create_reader(&mut self, reader: &Arc<Reader>) -> Result<(), Refusal> {
         let topic = self.topic(&reader.spec)?;
         let bulky = BULKY.contains(&reader.spec.dds_type.as_str());
         let qos = reader.spec.qos.for_reader(bulky);
-        let dds = self
-            .subscriber
-            .create_simple_datareader_no_key::<Bytes, Opaque>(&topic, Some(qos))
-            .map_err(|e| e.to_string())?;
+        let subscriber = self.subscriber.clone();
+        let dds = lockups::make(&self.participant, move || {
+            subscriber.create_simple_datareader_no_key::<Bytes, Opaque>(&topic, Some(qos))
+        })?;
         let gid = dds.guid().into();
         self.announcer.add_reader(gid);
         reader.counters.matched.store(0, Relaxed);
@@ -215,11 +215,10 @@ impl Session {
         Ok(())
     }
 
-    /// Lets go of every DDS writer, so that the participant can end.
-    pub(super) fn detach(endpoints: &Endpoints) {
-        for writer in &endpoints.writers {
-            writer.attach(None);
-        }
+    /// Takes away every DDS writer, so that the participant can end when they do.
+    pub(super) fn detach(endpoints: &Endpoints) -> Vec<Arc<RawWriter>> {
+        let writers = endpoints.writers.iter();
+        writers.filter_map(|writer| writer.attach(None)).collect()
     }
 }
 

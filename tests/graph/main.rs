@@ -11,6 +11,7 @@ mod waiting;
 
 mod delivery;
 mod isolation;
+mod lockups;
 mod parameters;
 mod probe;
 mod processes;

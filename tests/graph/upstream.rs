@@ -4,11 +4,13 @@
 
 mod fragments;
 mod histories;
+pub mod lockups;
 mod newcomers;
 mod words;
 
 use rustdds::{
-    DomainParticipant, DomainParticipantBuilder, QosPolicies, QosPolicyBuilder, TopicKind,
+    DomainParticipant, DomainParticipantBuilder, QosPolicies, QosPolicyBuilder, RTPSEntity,
+    TopicKind,
     no_key::{DataReader, DataWriter},
     policy::{Durability, History, Reliability},
 };

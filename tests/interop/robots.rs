@@ -1,17 +1,21 @@
 //! Eight robots in one graph. Loopback shows no more than 12 participants, so they meet on a wire of their own.
 
 use serde_json::json;
-use std::{fs, path::Path};
+use std::{fs, path::Path, time::Instant};
 
 use crate::{
     binaries::binary,
     child::Running,
     namespace::{Namespace, must_work},
     peer::{Peer, python},
-    waiting::{PATIENCE, eventually},
+    waiting::PATIENCE,
 };
 
 const ROBOTS: usize = 8;
+/// Peers that may come, one after the other. What 32 participants tell a newcomer of themselves at once does not fit into
+/// its socket's buffer when it has to wait for the processor, and Fast DDS forgets what comes after what followed it
+/// (docs/upstream.md): on one core for all, a newcomer in four misses some robot for ever, another one each time.
+const NEWCOMERS: usize = 6;
 
 /// The positioning run without a recorder, slowly and with gains that bear it.
 fn config(folder: &Path) -> String {
@@ -34,6 +38,40 @@ fn config(folder: &Path) -> String {
     let path = folder.join("robot.yaml");
     fs::write(&path, text).expect("a file");
     path.display().to_string()
+}
+
+/// Those of these robots of which an rclpy node that comes now does not see 20 commands that answer a state each.
+fn newcomer_does_not_hear(namespace: &Namespace, domain: u16, robots: &[usize]) -> Vec<usize> {
+    let mut command = namespace.command("env");
+    command
+        .arg("ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET")
+        .arg(python());
+    let mut peer = Peer::start_with(command, "observer", domain);
+    for robot in robots {
+        for topic in ["joint_states", "joint_commands"] {
+            let topic = format!("/robot{robot}/{topic}");
+            peer.subscribe(&topic, "sensor_msgs/msg/JointState", "reliable");
+        }
+    }
+    let mut stamps = |robot: usize, topic: &str| {
+        let topic = format!("/robot{robot}/{topic}");
+        let wait = json!({"do": "wait", "topic": topic, "count": 20, "timeout": 2.0});
+        let all = peer.does(wait);
+        let all = all.as_array().expect("a list").iter();
+        let stamps = all.map(|m| m["message"]["header"]["stamp"].to_string());
+        stamps.collect::<Vec<_>>()
+    };
+    let mut unheard = robots.to_vec();
+    let deadline = Instant::now() + PATIENCE;
+    while !unheard.is_empty() && Instant::now() < deadline {
+        unheard.retain(|&robot| {
+            let states = stamps(robot, "joint_states");
+            let answers = stamps(robot, "joint_commands");
+            let right = answers.iter().filter(|stamp| states.contains(stamp));
+            right.count() < 20
+        });
+    }
+    unheard
 }
 
 // Breaks when participants beyond the first are not discovered, or when one robot answers another's states.
@@ -70,38 +108,19 @@ fn eight_robots_share_a_graph() {
             Running::start(command, domain)
         })
         .collect();
-    // A peer of Fast DDS may miss endpoints that are made while it comes (docs/upstream.md). Each robot tells of its
-    // progress once its loop is closed.
+    // Each robot tells of its progress once its loop is closed.
     for robot in &robots {
         robot.says("tip error");
     }
-    let mut command = namespace.command("env");
-    command
-        .arg("ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET")
-        .arg(python());
-    let mut peer = Peer::start_with(command, "observer", domain);
-    for robot in 1..=ROBOTS {
-        for topic in ["joint_states", "joint_commands"] {
-            let topic = format!("/robot{robot}/{topic}");
-            peer.subscribe(&topic, "sensor_msgs/msg/JointState", "reliable");
+    let mut unheard: Vec<usize> = (1..=ROBOTS).collect();
+    for _ in 0..NEWCOMERS {
+        unheard = newcomer_does_not_hear(&namespace, domain, &unheard);
+        if unheard.is_empty() {
+            break;
         }
+        println!("a newcomer has not heard the robots {unheard:?} out");
     }
-    for robot in 1..=ROBOTS {
-        let stamps = |peer: &mut Peer, topic: &str| {
-            let topic = format!("/robot{robot}/{topic}");
-            let wait = json!({"do": "wait", "topic": topic, "count": 20, "timeout": 2.0});
-            let all = peer.does(wait);
-            let all = all.as_array().expect("a list").iter();
-            let stamps = all.map(|m| m["message"]["header"]["stamp"].to_string());
-            stamps.collect::<Vec<_>>()
-        };
-        eventually("commands that answer states", 3 * PATIENCE, || {
-            let states = stamps(&mut peer, "joint_states");
-            let answers = stamps(&mut peer, "joint_commands");
-            let right = answers.iter().filter(|stamp| states.contains(stamp));
-            (right.count() >= 20).then_some(())
-        });
-    }
+    assert!(unheard.is_empty(), "no newcomer hears {unheard:?} out");
     for robot in robots {
         robot.interrupt();
     }

@@ -17,7 +17,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{Failure, print};
 use crate::nodes::foxglove;
-use crate::ros::{NodeError, NodeOptions, Process, Reach, return_large_blocks};
+use crate::ros::{NodeError, NodeOptions, Process, Reach, return_free_memory};
 use monitor::Progress;
 use plan::Plan;
 
@@ -56,7 +56,7 @@ pub struct Args {
 /// # Errors
 /// [`Failure::Input`] for a wrong scenario, argument or folder; [`Failure::Runtime`] when a node fails.
 pub fn run(args: &Args, ros_args: Vec<String>) -> Result<(), Failure> {
-    return_large_blocks();
+    return_free_memory();
     let (mut process, rest) = Process::from_env(ros_args, Reach::Localhost).map_err(failure)?;
     if let Some(unknown) = rest.first() {
         return Err(Failure::Input(format!(
