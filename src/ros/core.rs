@@ -95,13 +95,16 @@ impl Core {
     /// Makes a participant with all endpoints, in place of the one that is there, if any. Gives false
     /// if the node has left the graph, where it stays.
     pub(super) fn open_session(&self) -> Result<bool, NodeError> {
-        self.replace_session(Stuck::default())
+        self.replace_session(&mut self.lock_session(), Stuck::default())
     }
 
     /// The same in place of one that may have locked itself up.
-    fn replace_session(&self, mut old: Stuck) -> Result<bool, NodeError> {
-        let mut connection = self.session.lock().unwrap_or_else(PoisonError::into_inner);
-        match std::mem::take(&mut *connection) {
+    fn replace_session(
+        &self,
+        connection: &mut Connection,
+        mut old: Stuck,
+    ) -> Result<bool, NodeError> {
+        match std::mem::take(connection) {
             Connection::Left => {
                 *connection = Connection::Left;
                 return Ok(false);
@@ -129,12 +132,13 @@ impl Core {
 
     /// Leaves the graph for good.
     pub(super) fn close_session(&self) {
-        let connection = {
-            let mut connection = self.session.lock().unwrap_or_else(PoisonError::into_inner);
-            std::mem::replace(&mut *connection, Connection::Left)
-        };
+        let connection = std::mem::replace(&mut *self.lock_session(), Connection::Left);
         Session::detach(&self.lock_endpoints());
         drop(connection);
+    }
+
+    pub(super) fn lock_session(&self) -> std::sync::MutexGuard<'_, Connection> {
+        self.session.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn lock_endpoints(&self) -> std::sync::MutexGuard<'_, Endpoints> {
@@ -146,12 +150,10 @@ impl Core {
     pub(super) fn add_writer(&self, spec: EndpointSpec) -> Result<Arc<Writer>, NodeError> {
         let writer = Arc::new(Writer::new(spec));
         self.newcomers.let_settle();
-        let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut connection = self.lock_session();
         self.lock_endpoints().writers.push(Arc::clone(&writer));
-        let added = session.session().map(|session| session.add_writer(&writer));
-        drop(session);
-        if let Some(Err(e)) = added {
-            self.add_anew("publish", &writer.spec, e)?;
+        if let Some(Err(e)) = connection.session().map(|s| s.add_writer(&writer)) {
+            self.add_anew(&mut connection, "publish", &writer.spec, e)?;
         }
         Ok(writer)
     }
@@ -163,12 +165,10 @@ impl Core {
     ) -> Result<Arc<Reader>, NodeError> {
         let reader = Arc::new(Reader::new(spec, sink));
         self.newcomers.let_settle();
-        let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut connection = self.lock_session();
         self.lock_endpoints().readers.push(Arc::clone(&reader));
-        let added = session.session().map(|session| session.add_reader(&reader));
-        drop(session);
-        if let Some(Err(e)) = added {
-            self.add_anew("subscribe to", &reader.spec, e)?;
+        if let Some(Err(e)) = connection.session().map(|s| s.add_reader(&reader)) {
+            self.add_anew(&mut connection, "subscribe to", &reader.spec, e)?;
         }
         Ok(reader)
     }
@@ -176,7 +176,13 @@ impl Core {
     /// When an endpoint cannot be added: the participant may have locked itself up, or a signal may have ended its
     /// threads while the node was being made. A participant made anew has all endpoints, this one too; what it
     /// cannot have is an error.
-    fn add_anew(&self, verb: &str, spec: &EndpointSpec, why: Refusal) -> Result<(), NodeError> {
+    fn add_anew(
+        &self,
+        connection: &mut Connection,
+        verb: &str,
+        spec: &EndpointSpec,
+        why: Refusal,
+    ) -> Result<(), NodeError> {
         let (node, topic) = (self.names.node(), &spec.name);
         let error = NodeError::dds(node, format!("{verb} {topic}"), &why);
         let old = match why {
@@ -186,11 +192,13 @@ impl Core {
             }
             Refusal::Dds(_) => Stuck::default(),
         };
-        self.replace_session(old).map(drop).map_err(|_| error)
+        self.replace_session(connection, old)
+            .map(drop)
+            .map_err(|_| error)
     }
 
     pub(super) fn remove_writer(&self, writer: &Arc<Writer>) {
-        let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut session = self.lock_session();
         if let Some(session) = session.session() {
             session.remove_writer(writer);
         }
@@ -200,7 +208,7 @@ impl Core {
     }
 
     pub(super) fn remove_reader(&self, reader: &Arc<Reader>) {
-        let mut session = self.session.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut session = self.lock_session();
         if let Some(session) = session.session() {
             session.remove_reader(reader);
         }

@@ -125,7 +125,7 @@ impl<S: Service> Reply<S> {
         if length <= ALWAYS_REACHES {
             return Ok(());
         }
-        let mut connection = core.session.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut connection = core.lock_session();
         let longest = (connection.session()).map_or(ALWAYS_REACHES, |session| {
             session.longest_reply(&self.writer.spec.dds_topic)
         });
