@@ -14,7 +14,7 @@ use crate::{
 const ROBOTS: usize = 8;
 /// Peers that may come, one after the other. What 32 participants tell a newcomer of themselves at once does not fit into
 /// its socket's buffer when it has to wait for the processor, and Fast DDS forgets what comes after what followed it
-/// (docs/upstream.md): on one core for all, a newcomer in four misses some robot for ever, another one each time.
+/// (docs/upstream.md): on one core for all, a newcomer in five misses some robot for ever, another one each time.
 const NEWCOMERS: usize = 6;
 
 /// The positioning run without a recorder, slowly and with gains that bear it.
