@@ -1,6 +1,6 @@
 //! What a node is made of, below its handles: a participant that comes and goes, and all that outlives it.
 
-use std::sync::{Arc, Mutex, OnceLock, PoisonError, atomic::AtomicU64};
+use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, atomic::AtomicU64};
 
 use super::{
     Clock, Diagnostics, Domain, NodeError, Qos, RawSample,
@@ -48,7 +48,7 @@ pub(super) struct Core {
     pub(super) fate: Arc<Fate>,
     pub(super) outbox: Outbox,
     pub(super) endpoints: Arc<Mutex<Endpoints>>,
-    pub(super) session: Mutex<Connection>,
+    session: Mutex<Connection>,
     pub(super) neighbours: Arc<Neighbours>,
     newcomers: Arc<Newcomers>,
     pub(super) params: Arc<ParameterStore>,
@@ -137,11 +137,11 @@ impl Core {
         drop(connection);
     }
 
-    pub(super) fn lock_session(&self) -> std::sync::MutexGuard<'_, Connection> {
+    pub(super) fn lock_session(&self) -> MutexGuard<'_, Connection> {
         self.session.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn lock_endpoints(&self) -> std::sync::MutexGuard<'_, Endpoints> {
+    fn lock_endpoints(&self) -> MutexGuard<'_, Endpoints> {
         self.endpoints
             .lock()
             .unwrap_or_else(PoisonError::into_inner)

@@ -39,9 +39,9 @@ impl Announcer {
         node: &NodeName,
     ) -> Result<Self, Refusal> {
         let qos = QosPolicies::from(&Qos::LATCHED);
-        let (all, publisher) = (participant.clone(), publisher.clone());
-        let writer = lockups::make(participant, move || {
-            let topic = all.create_topic(
+        let publisher = publisher.clone();
+        let writer = lockups::make(participant, move |participant| {
+            let topic = participant.create_topic(
                 "ros_discovery_info".to_owned(),
                 "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_".to_owned(),
                 &qos,

@@ -85,11 +85,11 @@ impl Drop for Stuck {
 /// What `make` makes of a participant, unless that locks itself up.
 pub(super) fn make<T: Send + 'static>(
     participant: &DomainParticipant,
-    make: impl FnOnce() -> Result<T, CreateError> + Send + 'static,
+    make: impl FnOnce(&DomainParticipant) -> Result<T, CreateError> + Send + 'static,
 ) -> Result<T, Refusal> {
     let participant = participant.clone();
     within(PATIENCE, move || {
-        let made = make();
+        let made = make(&participant);
         // Never the last one, unless this comes too late.
         drop(participant);
         made

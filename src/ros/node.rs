@@ -1,7 +1,7 @@
 //! The handle that a node's program works with.
 
 use std::{
-    sync::{Arc, PoisonError, atomic::Ordering},
+    sync::{Arc, atomic::Ordering},
     time::{Duration, Instant},
 };
 
@@ -196,11 +196,7 @@ impl Node {
 
     /// Publishers of other nodes, as far as they are discovered.
     pub fn discovered_publishers(&self) -> Vec<DiscoveredPublisher> {
-        let mut connection = self
-            .core
-            .session
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner);
+        let mut connection = self.core.lock_session();
         connection
             .session()
             .map(|s| s.discovered_publishers(self.name()))

@@ -178,8 +178,7 @@ impl Session {
         }
         let (name, kind) = (spec.dds_topic.clone(), spec.dds_type.clone());
         let qos = QosPolicies::from(&spec.qos);
-        let participant = self.participant.clone();
-        let topic = lockups::make(&self.participant, move || {
+        let topic = lockups::make(&self.participant, move |participant| {
             participant.create_topic(name, kind, &qos, TopicKind::NoKey)
         })?;
         self.topics.insert(spec.dds_topic.clone(), topic.clone());
@@ -190,7 +189,7 @@ impl Session {
         let topic = self.topic(&writer.spec)?;
         let qos = QosPolicies::from(&writer.spec.qos);
         let publisher = self.publisher.clone();
-        let dds = lockups::make(&self.participant, move || {
+        let dds = lockups::make(&self.participant, move |_| {
             publisher.create_datawriter_no_key::<Bytes, Opaque>(&topic, Some(qos))
         })?;
         self.announcer.add_writer(dds.guid().into());
@@ -204,7 +203,7 @@ impl Session {
         let bulky = BULKY.contains(&reader.spec.dds_type.as_str());
         let qos = reader.spec.qos.for_reader(bulky);
         let subscriber = self.subscriber.clone();
-        let dds = lockups::make(&self.participant, move || {
+        let dds = lockups::make(&self.participant, move |_| {
             subscriber.create_simple_datareader_no_key::<Bytes, Opaque>(&topic, Some(qos))
         })?;
         let gid = dds.guid().into();

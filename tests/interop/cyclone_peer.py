@@ -380,7 +380,6 @@ def publisher_refused():
     return refused(), ""
 
 
-
 # What a node of ROS states that has another definition of a type; fuyu is to notice.
 OTHER = Policy.Userdata(b"typehash=RIHS01_" + 64 * b"0" + b";")
 other_definition = writer("start_stream", INT32, states=[OTHER])
