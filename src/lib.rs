@@ -72,15 +72,10 @@
 //! systems for large space structures and some results of computer simulation
 //! (多剛体宇宙構造物のモデリング手法とシミュレーション結果), Technical Report TR-942, National Aerospace Laboratory, 1987.
 
-pub mod control;
-pub mod dynamics;
-pub mod estimation;
-pub mod model;
-pub mod spatial;
-pub mod vision;
-
+pub use fuyu_physics::{control, dynamics, estimation, model, spatial, vision};
 #[cfg(feature = "ros")]
-pub mod bag;
+pub use fuyu_ros::{bag, msg, ros};
+
 #[cfg(feature = "ros")]
 pub mod cli;
 #[cfg(feature = "ros")]
@@ -102,8 +97,4 @@ pub mod experiments {
     pub use continuous_loop::ContinuousLoop;
 }
 #[cfg(feature = "ros")]
-pub mod msg;
-#[cfg(feature = "ros")]
 pub mod nodes;
-#[cfg(feature = "ros")]
-pub mod ros;

@@ -53,7 +53,7 @@ mod tests {
 
     #[test]
     fn the_stretched_planar_arm_is_as_far_as_it_can_be() {
-        let xml = include_str!("../../urdf/planar_two_link.urdf");
+        let xml = include_str!("../../../../urdf/planar_two_link.urdf");
         let model = Model::from_urdf(xml, "planar_two_link.urdf").unwrap();
         let tip = model.frame("tool0").unwrap();
         let reach = farthest_from_com(&model, tip).unwrap();
@@ -63,7 +63,7 @@ mod tests {
 
     #[test]
     fn no_posture_of_the_servicer_is_beyond_its_reach() {
-        let xml = include_str!("../../urdf/servicer.urdf");
+        let xml = include_str!("../../../../urdf/servicer.urdf");
         let model = Model::from_urdf(xml, "servicer.urdf").unwrap();
         let tip = model.frame("tool0").unwrap();
         let reach = farthest_from_com(&model, tip).unwrap();

@@ -94,7 +94,7 @@ mod tests {
     use super::*;
 
     fn model(limits: &str) -> Model {
-        let xml = include_str!("../../../urdf/planar_two_link.urdf");
+        let xml = include_str!("../../../../../urdf/planar_two_link.urdf");
         let joint2 = "<joint name=\"joint2\" type=\"continuous\">";
         let limited = format!("<joint name=\"joint2\" type=\"revolute\">{limits}");
         assert!(xml.contains(joint2));

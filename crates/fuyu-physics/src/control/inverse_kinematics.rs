@@ -178,7 +178,7 @@ mod tests {
     use super::*;
 
     fn servicer() -> (Model, Frame) {
-        let model = Model::from_urdf(include_str!("../../urdf/servicer.urdf"), "servicer").unwrap();
+        let model = Model::from_urdf(include_str!("../../../../urdf/servicer.urdf"), "servicer").unwrap();
         let tip = model.frame("tool0").unwrap().clone();
         (model, tip)
     }
@@ -209,7 +209,7 @@ mod tests {
 
     #[test]
     fn limits_are_kept() {
-        let xml = include_str!("../../urdf/servicer.urdf").replacen(
+        let xml = include_str!("../../../../urdf/servicer.urdf").replacen(
             "<joint name=\"joint3\" type=\"continuous\">",
             "<joint name=\"joint3\" type=\"revolute\">\
              <limit lower=\"0.2\" upper=\"2.5\" effort=\"1e3\" velocity=\"1\"/>",

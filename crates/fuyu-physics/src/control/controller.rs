@@ -212,7 +212,7 @@ mod tests {
     use nalgebra::Translation3;
 
     fn planar(law: LawKind) -> Controller {
-        let xml = include_str!("../../urdf/planar_two_link.urdf");
+        let xml = include_str!("../../../../urdf/planar_two_link.urdf");
         let model = Model::from_urdf(xml, "planar_two_link.urdf").unwrap();
         let tip = model.frame("tool0").unwrap().clone();
         Controller::new(model, tip, config(law)).unwrap()

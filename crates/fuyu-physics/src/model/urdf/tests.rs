@@ -246,7 +246,7 @@ proptest::proptest! {
             "", "<", ">", "/>", "\"", "0", "-1", "1e999", "nan", "<link name=\"link1\"/>", "<joint>", "</robot>",
             "&amp;", "&x;", "link2", "\u{1f6f0}",
         ];
-        let mut text = include_str!("../../../urdf/servicer.urdf").to_owned();
+        let mut text = include_str!("../../../../../urdf/servicer.urdf").to_owned();
         for (place, length, word) in edits {
             let boundary = |mut at: usize| {
                 while !text.is_char_boundary(at) {

@@ -81,7 +81,7 @@ mod tests {
     /// Any spatial arm: with the generalized Jacobian no root lies on the right, whatever the posture.
     #[test]
     fn with_the_generalized_jacobian_every_posture_is_stable() {
-        let xml = include_str!("../../urdf/servicer.urdf");
+        let xml = include_str!("../../../../urdf/servicer.urdf");
         let model = Model::from_urdf(xml, "urdf/servicer.urdf").unwrap();
         let tip = model.frame("tool0").unwrap();
         let mut workspace = Workspace::new(&model);
