@@ -70,7 +70,7 @@ impl Robot {
         // What is seen beside each state: a goal a hand's breadth from the tip.
         let sights: Vec<Vec<Sight>> = (self.states.iter())
             .map(|(q, _)| {
-                workspace.set_positions(&self.model, q);
+                workspace.set_positions(q);
                 let see = |tip: &Frame| {
                     let X_BE = workspace.X_BF(tip);
                     let p = X_BE.translation.vector + Vector3::new(0.1, 0.05, -0.02);
@@ -204,7 +204,7 @@ fn jacobian(robot: &Robot) -> f64 {
     let mut batch = || {
         let began = Instant::now();
         for k in 0..STEPS {
-            workspace.set_positions(&robot.model, &robot.states[k % STATES].0);
+            workspace.set_positions(&robot.states[k % STATES].0);
             JacobianKind::Generalized.write(&mut workspace, &robot.tips[0], &mut out);
             std::hint::black_box(&out);
         }

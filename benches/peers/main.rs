@@ -17,7 +17,7 @@ mod peer;
 mod report;
 mod robots;
 
-use fuyu::dynamics::Method;
+use fuyu::dynamics::IntegrationMethod;
 use measure::{Runner, Times, measure};
 use peer::Peer;
 use robots::{Moving, Robot};
@@ -104,7 +104,7 @@ impl Kernel {
         match self {
             Self::Forward => ours::forward(&robot.model),
             Self::Jacobian => vec![("", ours::jacobian(robot))],
-            Self::Rk4 => vec![("", ours::step(&robot.model, Method::Rk4, false))],
+            Self::Rk4 => vec![("", ours::step(&robot.model, IntegrationMethod::Rk4, false))],
             #[cfg(feature = "batch")]
             Self::ForwardOfMany | Self::Rk4OfMany => {
                 let task = match self {
@@ -192,11 +192,11 @@ fn alone(robot: &Robot, states: &[Moving]) -> Vec<(&'static str, f64)> {
         ("transpose-Jacobian control law", ours::control_law(robot)),
         (
             "RK4 step, the workspace read after each",
-            ours::step(&robot.model, Method::Rk4, true),
+            ours::step(&robot.model, IntegrationMethod::Rk4, true),
         ),
         (
             "order-8 step (`dop8`)",
-            ours::step(&robot.model, Method::Dop8, false),
+            ours::step(&robot.model, IntegrationMethod::Dop8, false),
         ),
     ];
     let mut runners = Vec::new();

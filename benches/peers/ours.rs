@@ -4,7 +4,7 @@ use std::hint::black_box;
 
 use fuyu::control::{Controller, ControllerConfig, Gains, LawKind, Measurement, Saturation, Sight};
 use fuyu::dynamics::{
-    Formulation, FormulationKind, ForwardDynamics, Input, Integrator, Method, State,
+    Formulation, FormulationKind, ForwardDynamics, Input, Integrator, IntegrationMethod, State,
     TreeAcceleration, TreeMotion, Workspace,
 };
 use fuyu::model::{Frame, Model};
@@ -66,7 +66,7 @@ pub fn jacobian(robot: &Robot) -> Box<dyn Program + '_> {
 }
 
 /// A step, one of many or one after which the workspace is read.
-pub fn step(model: &Model, method: Method, is_read: bool) -> Box<dyn Program + '_> {
+pub fn step(model: &Model, method: IntegrationMethod, is_read: bool) -> Box<dyn Program + '_> {
     Box::new(Step {
         model,
         is_read,
@@ -125,7 +125,7 @@ impl Program for Forward<'_> {
             qd: s.state.qd.as_slice(),
         };
         self.dynamics
-            .accelerations(self.model, &motion, &s.input, &mut self.answer);
+            .accelerations(&motion, &s.input, &mut self.answer);
         black_box(&self.answer);
     }
 
@@ -146,7 +146,7 @@ struct Jacobian<'a> {
 
 impl Program for Jacobian<'_> {
     fn call(&mut self, s: &Moving) {
-        self.workspace.set_positions(self.model, &s.state.q);
+        self.workspace.set_positions(&s.state.q);
         self.workspace
             .generalized_jacobian(self.tip, &mut self.jacobian);
         black_box(&self.jacobian);
@@ -199,7 +199,6 @@ impl Step<'_> {
         let mut hold =
             |_: f64, _: &State, input: &mut Input| input.efforts.copy_from(&s.input.efforts);
         self.integrator.steps(
-            self.model,
             &mut self.state,
             &mut self.workspace,
             DT,
@@ -216,7 +215,7 @@ struct ReducedInertia<'a> {
 
 impl Program for ReducedInertia<'_> {
     fn call(&mut self, s: &Moving) {
-        self.workspace.set_positions(self.model, &s.state.q);
+        self.workspace.set_positions(&s.state.q);
         black_box(self.workspace.reduced_inertia());
     }
 

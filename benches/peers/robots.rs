@@ -146,7 +146,6 @@ pub fn states(model: &Model, count: usize) -> Vec<Moving> {
             let X_WB = UnitQuaternion::new(turn);
             let V_WB_B = Twist::new(angular, linear);
             state.set_base(
-                model,
                 &mut workspace,
                 &nalgebra::Isometry3::from_parts(Translation3::identity(), X_WB),
                 &V_WB_B,

@@ -5,7 +5,7 @@ use nalgebra::DVector;
 use crate::control::{
     Controller, ControllerConfig, GainError, LyapunovFunction, Measurement, PoseError, Sight,
 };
-use crate::dynamics::{Input, Integrator, Method, State, Workspace};
+use crate::dynamics::{Input, Integrator, IntegrationMethod, State, Workspace};
 use crate::model::{Frame, Model};
 use crate::spatial::Pose;
 
@@ -38,10 +38,10 @@ impl ContinuousLoop {
     ) -> Result<Self, GainError> {
         let mut workspace = Workspace::new(&model);
         let state = State::at_rest_with(&model, q);
-        workspace.set_positions(&model, q);
+        workspace.set_positions(q);
         workspace.set_motion(&state);
         Ok(Self {
-            integrator: Integrator::new(&model, Method::Dop8),
+            integrator: Integrator::new(&model, IntegrationMethod::Dop8),
             seen: workspace.clone(),
             lyapunov: LyapunovFunction::new(config.gains.clone()),
             controller: Controller::new(model.clone(), tip.clone(), config)?,
@@ -54,7 +54,7 @@ impl ContinuousLoop {
     }
 
     /// The same with another integration method than the default.
-    pub fn by(mut self, method: Method) -> Self {
+    pub fn with_method(mut self, method: IntegrationMethod) -> Self {
         self.integrator = Integrator::new(&self.model, method);
         self
     }
@@ -76,7 +76,7 @@ impl ContinuousLoop {
             ..
         } = self;
         let mut law = |time: f64, state: &State, input: &mut Input| {
-            seen.set_positions(model, &state.q);
+            seen.set_positions(&state.q);
             let X_BD = state.X_WB(seen).inverse() * *X_WD;
             let sight = Sight::new(time, seen.X_BF(tip), X_BD);
             let measurement = Measurement::new(time, &state.q, &state.qd);
@@ -84,7 +84,7 @@ impl ContinuousLoop {
             acted.expect("the law has efforts to give");
             input.efforts.copy_from(controller.efforts());
         };
-        integrator.step(model, state, workspace, dt, &mut law);
+        integrator.step(state, workspace, dt, &mut law);
     }
 
     /// Goes on to `time` \[s\] in steps of at most `dt` \[s\].

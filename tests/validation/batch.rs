@@ -1,6 +1,6 @@
 //! Many states at once give what each gives alone.
 
-use fuyu::dynamics::{Batch, Floating, Method, State};
+use fuyu::dynamics::{Batch, Floating, IntegrationMethod, State};
 use nalgebra::{DVector, UnitQuaternion};
 
 use crate::formulations::Draw;
@@ -21,7 +21,7 @@ fn run(threads: usize) -> (Vec<State>, Vec<State>) {
         state.momentum_W.angular = draw.vector(20.0);
         batch.set_state(index, &state);
         batch.hold_efforts(index, motion.input.efforts.as_slice());
-        let mut robot = Floating::new(model.clone(), state, Method::Rk4);
+        let mut robot = Floating::new(model.clone(), state, IntegrationMethod::Rk4);
         robot.hold_efforts(motion.input.efforts.as_slice());
         alone.push(robot);
     }

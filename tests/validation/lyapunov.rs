@@ -72,7 +72,7 @@ impl Chance {
         let n = model.dof();
         let q = DVector::from_fn(n, |_, _| self.number(2.0));
         let mut workspace = Workspace::new(&model);
-        workspace.set_positions(&model, &q);
+        workspace.set_positions(&q);
         let X_BE = workspace.X_BF(&tip);
         let goal = Pose::from_parts(
             Translation3::from(X_BE.translation.vector + self.vector(0.8)),

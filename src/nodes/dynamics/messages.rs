@@ -127,12 +127,12 @@ pub fn odometry(stamp: Time, child: &str, body: &Floating) -> nav_msgs::Odometry
 /// Momentum and energy as the bodies carry them, world axes.
 pub fn momentum(stamp: Time, robot: &Floating) -> fuyu_msgs::Momentum {
     let (model, workspace) = (robot.model(), robot.workspace());
-    let carried = workspace.carried_momentum(model);
+    let carried = workspace.carried_momentum();
     let R_WB = robot.state().R_WB;
     fuyu_msgs::Momentum {
         header: header(stamp, WORLD),
         linear: vector_to_msg(&(R_WB * carried.linear)),
         angular: vector_to_msg(&(R_WB * carried.angular)),
-        kinetic_energy: workspace.kinetic_energy(model),
+        kinetic_energy: workspace.kinetic_energy(),
     }
 }

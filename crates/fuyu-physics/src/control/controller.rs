@@ -147,7 +147,7 @@ impl Controller {
             let Arm {
                 model, workspace, ..
             } = &self.arm;
-            self.feed_forward.lead(model, workspace, goal);
+            self.feed_forward.lead(workspace, goal);
         }
         let mut acted = {
             let lead = goal.is_some().then(|| self.feed_forward.rates());
@@ -236,7 +236,7 @@ mod tests {
     fn poses(controller: &Controller, q: [f64; 2], goal: [f64; 2]) -> (DVector<f64>, Sight) {
         let mut workspace = Workspace::new(controller.model());
         let mut pose = |q: &DVector<f64>| {
-            workspace.set_positions(controller.model(), q);
+            workspace.set_positions(q);
             workspace.X_BF(controller.tip())
         };
         let q = DVector::from_row_slice(&q);

@@ -113,13 +113,13 @@ impl FeedForward {
     }
 
     /// Finds out `q̇_D` and `q̈_D` for a goal; `workspace` has the positions of `goal.q`.
-    pub fn lead(&mut self, model: &Model, workspace: &Workspace, goal: &MovingGoal) {
+    pub fn lead(&mut self, workspace: &Workspace, goal: &MovingGoal) {
         let turning = Twist::new(*goal.w_IB_B, Vector3::zeros());
         self.L_B = workspace.momentum_of(&turning, goal.qd).angular;
         self.trial.fill(0.0);
-        self.look_ahead(model, goal, AHEAD);
+        self.look_ahead(goal, AHEAD);
         self.acceleration.copy_from(&self.beside);
-        self.look_ahead(model, goal, -AHEAD);
+        self.look_ahead(goal, -AHEAD);
         self.acceleration -= &self.beside;
         self.acceleration /= 2.0 * AHEAD;
         rates(
@@ -135,7 +135,7 @@ impl FeedForward {
     }
 
     /// What `q̇_D` is a time `dt` \[s\] from now, if robot and goal go on as they do.
-    fn look_ahead(&mut self, model: &Model, goal: &MovingGoal, dt: f64) {
+    fn look_ahead(&mut self, goal: &MovingGoal, dt: f64) {
         // Vectors that stand still turn in base axes.
         let w = goal.w_IB_B;
         let turned = |v: &Vector3<f64>, rate: Vector3<f64>| v + (rate - w.cross(v)) * dt;
@@ -146,7 +146,7 @@ impl FeedForward {
         let L_B = turned(&self.L_B, Vector3::zeros());
         self.q_beside.copy_from(goal.q);
         self.q_beside.axpy(dt, goal.qd, 1.0);
-        self.ahead.set_positions(model, &self.q_beside);
+        self.ahead.set_positions(&self.q_beside);
         rates(
             &self.ahead,
             &self.tip,

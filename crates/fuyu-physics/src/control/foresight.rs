@@ -39,12 +39,12 @@ impl Foresight {
     /// Takes in what is measured, and finds out how tips and goals are now.
     pub fn look(&mut self, arm: &mut Arm, seen: &Measurement<'_>, prediction: Prediction) {
         let Arm {
-            model,
             tip,
             more_tips,
             workspace,
+            ..
         } = arm;
-        workspace.set_positions(model, seen.q);
+        workspace.set_positions(seen.q);
         self.w_IB_B = match seen.w_IB_B {
             Some(measured) => *measured,
             None => workspace.base_twist(&Momentum::default(), seen.qd).angular,

@@ -67,19 +67,14 @@ impl TipLoad {
         rates: &DVector<f64>,
         efforts: impl Fn(usize) -> f64,
     ) -> Vector6<f64> {
-        let Arm {
-            model,
-            tip,
-            workspace,
-            ..
-        } = arm;
+        let Arm { tip, workspace, .. } = arm;
         self.state.q.copy_from(seen.q);
         self.state.qd.copy_from(rates);
         for (j, effort) in self.free.efforts.iter_mut().enumerate() {
             *effort = efforts(j);
         }
         workspace.set_motion(&self.state);
-        workspace.accelerations(model, &self.state, &self.free, &mut self.acceleration);
+        workspace.accelerations(&self.state, &self.free, &mut self.acceleration);
         workspace.set_accelerations(&self.acceleration);
         let A = workspace.A_WF_B(tip);
         factorize(workspace.reduced_inertia(), &mut self.factor);

@@ -181,9 +181,7 @@ impl OperationalSpace {
 
     /// Sets up the free motion, beside which efforts act.
     fn prepare(&mut self, arm: &mut Arm, seen: &Measurement<'_>, now: &Present<'_>) {
-        let Arm {
-            model, workspace, ..
-        } = arm;
+        let workspace = &mut arm.workspace;
         let turning = Twist::new(*now.w_IB_B, Vector3::zeros());
         self.state.q.copy_from(seen.q);
         self.state.qd.copy_from(seen.qd);
@@ -192,7 +190,7 @@ impl OperationalSpace {
             angular: workspace.momentum_of(&turning, seen.qd).angular,
         };
         workspace.set_motion(&self.state);
-        workspace.accelerations(model, &self.state, &self.still, &mut self.free);
+        workspace.accelerations(&self.state, &self.still, &mut self.free);
         workspace.set_accelerations(&self.free);
         self.priority.damping = self.config.task_damping;
         self.rates.damping = self.config.task_damping;
@@ -290,7 +288,7 @@ impl OperationalSpace {
             ..
         } = self.config;
         let alpha = off * frequency.powi(2) - w * (2.0 * damping_ratio * frequency) - A_0.angular;
-        workspace.base_map(model, &mut self.jacobian);
+        workspace.base_map(&mut self.jacobian);
         self.jacobian.fixed_rows_mut::<3>(0).fill(0.0);
         let mut wanted = Vector6::zeros();
         wanted.fixed_rows_mut::<3>(3).copy_from(&alpha);

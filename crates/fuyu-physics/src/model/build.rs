@@ -10,8 +10,8 @@ use crate::spatial::{Pose, RigidInertia, SpatialInertia};
 /// before it or one of that body's ancestors.
 ///
 /// ```
-/// use fuyu::model::{JointKind, ModelBuilder};
-/// use fuyu::spatial::{Pose, RigidInertia};
+/// use fuyu_physics::model::{JointKind, ModelBuilder};
+/// use fuyu_physics::spatial::{Pose, RigidInertia};
 /// use nalgebra::{Matrix3, Vector3};
 ///
 /// let ball = RigidInertia { mass: 1.0, com: Vector3::zeros(), about_com: Matrix3::identity() };

@@ -282,7 +282,6 @@ impl Simulation<'_> {
         let V_WB_B = Twist::new(R_BW * w_W, R_BW * v_W);
         let mut state = body.state().clone();
         state.set_base(
-            body.model(),
             &mut Workspace::new(body.model()),
             &X_WB,
             &V_WB_B,

@@ -1,6 +1,6 @@
 //! Many free-floating robots of one model at once, for Monte Carlo studies.
 
-mod evaluation;
+mod lanes;
 
 use std::any::Any;
 
@@ -8,7 +8,7 @@ use nalgebra::{DVector, Quaternion, UnitQuaternion};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-use self::evaluation::Evaluation;
+use self::lanes::Evaluation;
 use super::kernel::{Eight, GROUP, Tree};
 use super::{Momentum, State};
 use crate::model::Model;
@@ -20,7 +20,7 @@ use crate::model::Model;
 /// External wrenches and limits are not part of it: momentum is that of free motion, kept to the bit.
 #[derive(Debug, Clone)]
 pub struct Batch {
-    tree: Tree,
+    tree: std::sync::Arc<Tree>,
     pub(super) arch: Arch,
     mass: f64,
     count: usize,
@@ -71,7 +71,7 @@ impl Batch {
             angular_momentum_W: [Eight::ZERO; 3],
         };
         Self {
-            tree: Tree::new(model),
+            tree: Tree::shared(model),
             arch: Arch::new(),
             mass: model.total_mass(),
             count,

@@ -7,6 +7,8 @@
 //! a turn about the parent's z comes in where bodies branch. Only the description's frames are seen
 //! from outside.
 
+use std::sync::Arc;
+
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use pulp::Simd;
 
@@ -188,6 +190,11 @@ impl Tree {
             hops,
             outward,
         }
+    }
+
+    /// The compiled form of `model` that all its users share.
+    pub(crate) fn shared(model: &Model) -> Arc<Self> {
+        model.compiled(Self::new)
     }
 
     /// Number of joints.

@@ -2,8 +2,7 @@
 
 use super::constraints::scale;
 use super::{Direction, LoopError, Loops};
-use crate::dynamics::{State, Workspace};
-use crate::model::Model;
+use crate::dynamics::{State, Workspace, checks};
 
 /// A loop is closed when its gap is below this, relative to the size of the mechanism.
 const CLOSED: f64 = 1e-12;
@@ -26,15 +25,15 @@ impl Loops {
     /// the closures lock all joints.
     pub fn assemble(
         &mut self,
-        model: &Model,
         state: &mut State,
         tolerance: f64,
     ) -> Result<(), LoopError> {
         if self.closures.is_empty() {
             return Ok(());
         }
-        let mut workspace = Workspace::new(model);
-        workspace.set_positions(model, &state.q);
+        checks::state(state, &self.model);
+        let mut workspace = Workspace::new(&self.model);
+        workspace.set_positions(&state.q);
         self.set_wanted(&workspace);
         if let Some((closure, direction, gap)) = self.worst(tolerance) {
             return Err(LoopError::Open {
@@ -45,7 +44,7 @@ impl Loops {
                 limit: tolerance,
             });
         }
-        if !self.close(model, state, &mut workspace)
+        if !self.close(state, &mut workspace)
             && let Some((closure, direction, gap)) = self.worst(0.0)
         {
             return Err(LoopError::NotClosable {
@@ -67,12 +66,12 @@ impl Loops {
             });
         }
         self.normals.remove_normal(&mut state.qd);
-        self.explore(model, state, &mut workspace);
+        self.explore(state, &mut workspace);
         if self.mobility() == 0 {
             let names: Vec<_> = self.closures.iter().map(|c| c.name.as_str()).collect();
             return Err(LoopError::Locked {
                 closures: names.join(", "),
-                joints: model.dof(),
+                joints: self.model.dof(),
                 rank: self.rank,
             });
         }
@@ -81,10 +80,10 @@ impl Loops {
 
     /// Projects positions until the loops are closed; whether they are. Normals are then those of a state
     /// without any gap.
-    fn close(&mut self, model: &Model, state: &mut State, workspace: &mut Workspace) -> bool {
+    fn close(&mut self, state: &mut State, workspace: &mut Workspace) -> bool {
         let closed = (0..ATTEMPTS).any(|_| {
             self.normals_at.fill(f64::NAN);
-            self.project_positions(model, state, workspace);
+            self.project_positions(state, workspace);
             self.set_wanted(workspace) <= CLOSED * self.length
         });
         self.gap_before = 0.0;
@@ -104,8 +103,8 @@ impl Loops {
 
     /// Looks around a state whose constraints depend on each other: if more are independent nearby, the
     /// state is a singular one of a mechanism with that many constraints.
-    fn explore(&mut self, model: &Model, state: &State, workspace: &mut Workspace) {
-        let (n, m) = (model.dof(), self.wanted.len());
+    fn explore(&mut self, state: &State, workspace: &mut Workspace) {
+        let (n, m) = (self.model.dof(), self.wanted.len());
         let mut nearby = state.clone();
         // First where it goes, then where it could.
         for attempt in 0..=n {
@@ -122,10 +121,10 @@ impl Loops {
             if size > 1e-9 {
                 nearby.q.copy_from(&state.q);
                 nearby.q.axpy(NEARBY / size, &way, 1.0);
-                if self.close(model, &mut nearby, workspace) {
+                if self.close(&mut nearby, workspace) {
                     self.rank = self.rank.max(self.normals.rank());
                 }
-                workspace.set_positions(model, &state.q);
+                workspace.set_positions(&state.q);
                 self.set_normals(workspace, &state.q);
             }
         }

@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector, Matrix6xX};
 use super::normals::Normals;
 use super::singular::Aside;
 use super::{LoopClosure, LoopError, LoopGap};
-use crate::dynamics::{Input, Momentum, State, Workspace};
+use crate::dynamics::{Input, Momentum, State, Workspace, checks};
 use crate::model::Model;
 use crate::spatial::exp_so3;
 
@@ -32,6 +32,7 @@ const CORRECTIONS: usize = 8;
 /// [`Loops::assemble`] a state, then [`Loops::accelerations`] instead of those of the workspace.
 #[derive(Debug, Clone)]
 pub struct Loops {
+    pub(in crate::dynamics) model: Model,
     pub(super) closures: Vec<LoopClosure>,
     pub(super) normals: Normals,
     pub(super) gradients: DMatrix<f64>,
@@ -96,6 +97,7 @@ impl Loops {
             .map(|joint| joint.X_PJ.translation.vector.norm())
             .fold(0.0, f64::max);
         Self {
+            model: model.clone(),
             closures,
             normals: Normals::new(n, rows),
             gradients: DMatrix::zeros(n, m),
@@ -135,14 +137,16 @@ impl Loops {
     /// Moves positions and rates of `state` onto the constraints by the shortest way in the metric of the
     /// reduced inertia, without momentum: centre of mass and momentum stay, the base's attitude answers
     /// the joints. On return `workspace` holds the new positions.
-    pub fn project(&mut self, model: &Model, state: &mut State, workspace: &mut Workspace) {
+    pub fn project(&mut self, state: &mut State, workspace: &mut Workspace) {
         if self.closures.is_empty() {
             return;
         }
-        self.project_positions(model, state, workspace);
+        checks::same_robot("the loops", &self.model, "the workspace", workspace.model());
+        checks::state(state, &self.model);
+        self.project_positions(state, workspace);
         self.normals.remove_normal(&mut state.qd);
         if self.normals.rank() < self.rank {
-            self.limit_rates(model, state, workspace);
+            self.limit_rates(state, workspace);
         }
     }
 
@@ -150,36 +154,36 @@ impl Loops {
     /// the constraint forces. `workspace` holds positions and motion of `state`, before and after.
     pub fn accelerations(
         &mut self,
-        model: &Model,
         state: &State,
         workspace: &mut Workspace,
         input: &Input,
         qdd: &mut DVector<f64>,
     ) {
         if self.closures.is_empty() {
-            workspace.accelerations(model, state, input, qdd);
+            workspace.accelerations(state, input, qdd);
             return;
         }
+        checks::same_robot("the loops", &self.model, "the workspace", workspace.model());
+        checks::state(state, &self.model);
         if self.normals_at != state.q {
             self.gap_before = 0.0;
             self.set_normals(workspace, &state.q);
         }
-        self.constrained_accelerations(model, state, workspace, input, qdd);
+        self.constrained_accelerations(state, workspace, input, qdd);
         if self.normals.rank() < self.rank {
-            self.limit_accelerations(model, state, workspace, input, qdd);
+            self.limit_accelerations(state, workspace, input, qdd);
         }
     }
 
     /// The accelerations where no constraint is about to lose its rank.
     pub(super) fn constrained_accelerations(
         &mut self,
-        model: &Model,
         state: &State,
         workspace: &mut Workspace,
         input: &Input,
         qdd: &mut DVector<f64>,
     ) {
-        workspace.accelerations(model, state, input, qdd);
+        workspace.accelerations(state, input, qdd);
         // What the tree would do at the closures is what the constraint forces must prevent.
         workspace.set_accelerations(qdd);
         let mut row = 0;
@@ -196,11 +200,10 @@ impl Loops {
     /// Newton's method towards the constraints, then the normals there.
     pub(super) fn project_positions(
         &mut self,
-        model: &Model,
         state: &mut State,
         workspace: &mut Workspace,
     ) {
-        workspace.set_positions(model, &state.q);
+        workspace.set_positions(&state.q);
         if self.normals_at == state.q {
             return;
         }
@@ -219,7 +222,7 @@ impl Loops {
             let turned = workspace.base_twist(&Momentum::default(), &self.change);
             state.q += &self.change;
             state.R_WB *= exp_so3(&turned.angular);
-            workspace.set_positions(model, &state.q);
+            workspace.set_positions(&state.q);
             let before = gap;
             gap = self.set_wanted(workspace);
             if gap > 0.5 * before {

@@ -52,7 +52,6 @@ impl Loops {
     /// but not to either side along the motion.
     pub(super) fn limit_rates(
         &mut self,
-        model: &Model,
         state: &mut State,
         workspace: &mut Workspace,
     ) {
@@ -61,7 +60,7 @@ impl Loops {
         };
         let size = state.qd.amax();
         if size > STILL
-            && self.interpolate(model, state, workspace, &state.qd, &BOTH_SIDES, rates)
+            && self.interpolate(state, workspace, &state.qd, &BOTH_SIDES, rates)
             && let Some(aside) = &self.aside
         {
             state.qd.copy_from(&aside.limit);
@@ -74,7 +73,6 @@ impl Loops {
     /// from the side to which the mechanism starts. Where nothing moves, nothing is replaced.
     pub(super) fn limit_accelerations(
         &mut self,
-        model: &Model,
         state: &State,
         workspace: &mut Workspace,
         input: &Input,
@@ -87,14 +85,14 @@ impl Loops {
         } else {
             return;
         };
-        let found = self.interpolate(model, state, workspace, way, places, |s, there, w, out| {
+        let found = self.interpolate(state, workspace, way, places, |s, there, w, out| {
             w.set_motion(there);
-            s.constrained_accelerations(model, there, w, input, out);
+            s.constrained_accelerations(there, w, input, out);
         });
         workspace.set_motion(state);
         if let Some(aside) = &mut self.aside {
             // The workspace is to hold what acts here.
-            workspace.accelerations(model, state, input, &mut aside.value);
+            workspace.accelerations(state, input, &mut aside.value);
             if found {
                 qdd.copy_from(&aside.limit);
             }
@@ -106,7 +104,6 @@ impl Loops {
     /// positions of `state` before and after.
     fn interpolate(
         &mut self,
-        model: &Model,
         state: &State,
         workspace: &mut Workspace,
         way: &DVector<f64>,
@@ -131,7 +128,7 @@ impl Loops {
             found = places.iter().all(|(place, weight)| {
                 there.copy_from(state);
                 there.q.axpy(place * step, way, 1.0);
-                self.project(model, there, workspace);
+                self.project(there, workspace);
                 value(self, there, workspace, f);
                 limit.axpy(*weight, f, 1.0);
                 self.normals.rank() >= self.rank
@@ -141,7 +138,7 @@ impl Loops {
             }
             distance *= 3.0;
         }
-        workspace.set_positions(model, &state.q);
+        workspace.set_positions(&state.q);
         self.gap_before = gap;
         self.set_normals(workspace, &state.q);
         self.aside = Some(aside);

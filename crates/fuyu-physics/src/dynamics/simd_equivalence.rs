@@ -4,7 +4,7 @@ use nalgebra::{DVector, Matrix3, Matrix6xX, Rotation3, Translation3, UnitQuatern
 use pulp::Arch;
 
 use super::{
-    ArticulatedBody, Formulation, Input, Integrator, Method, State, TreeAcceleration, TreeMotion,
+    ArticulatedBody, Formulation, Input, Integrator, IntegrationMethod, State, TreeAcceleration, TreeMotion,
     Workspace,
 };
 use crate::model::{JointKind, Model, ModelBuilder};
@@ -59,16 +59,16 @@ fn all_results(model: &Model, arch: Arch) -> Vec<f64> {
 
     let mut workspace = Workspace::new(model);
     workspace.arch = arch;
-    workspace.set_positions(model, &q);
+    workspace.set_positions(&q);
     let mut jacobian = Matrix6xX::zeros(n);
     workspace.generalized_jacobian(model.frame("tip").unwrap(), &mut jacobian);
     let mut results = jacobian.as_slice().to_vec();
-    workspace.base_map(model, &mut jacobian);
+    workspace.base_map(&mut jacobian);
     results.extend(jacobian.as_slice());
     results.extend(workspace.reduced_inertia().as_slice());
 
     let mut dynamics = ArticulatedBody::new(model);
-    dynamics.arch = arch;
+    dynamics.scratch.arch = arch;
     let motion = TreeMotion {
         R_WB: state.R_WB,
         V_WB_B: Twist::new(Vector3::new(0.1, 0.2, -0.3), Vector3::zeros()),
@@ -76,13 +76,13 @@ fn all_results(model: &Model, arch: Arch) -> Vec<f64> {
         qd: state.qd.as_slice(),
     };
     let mut answer = TreeAcceleration::zero(model);
-    dynamics.accelerations(model, &motion, &input, &mut answer);
+    dynamics.accelerations(&motion, &input, &mut answer);
     results.extend(answer.qdd.as_slice());
 
-    let mut integrator = Integrator::new(model, Method::Rk4);
-    integrator.arch = arch;
+    let mut integrator = Integrator::new(model, IntegrationMethod::Rk4);
+    integrator.set_arch(arch);
     let mut hold = |_: f64, _: &State, into: &mut Input| into.copy_from(&input);
-    integrator.steps(model, &mut state, &mut workspace, 0.01, 5, &mut hold);
+    integrator.steps(&mut state, &mut workspace, 0.01, 5, &mut hold);
     results.extend(state.q.as_slice());
     results.extend(state.R_WB.coords.as_slice());
     results
