@@ -1,6 +1,6 @@
 //! Many states at once, on one thread.
 
-use fuyu::dynamics::Batch;
+use fuyu::dynamics::{Batch, IntegrationMethod};
 use fuyu::model::Model;
 
 use super::ours::{DT, Program};
@@ -28,7 +28,7 @@ impl Many {
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1);
         let _ = pool.use_current_thread().build_global();
         Self {
-            batch: Batch::new(model, STATES),
+            batch: Batch::new(model, IntegrationMethod::Rk4, STATES),
             task,
         }
     }

@@ -144,10 +144,7 @@ impl Controller {
         let follows = *prediction == Prediction::Motion && self.law.feeds_forward();
         let goal = follows.then(|| self.foresight.moving_goal(seen)).flatten();
         if let Some(goal) = &goal {
-            let Arm {
-                model, workspace, ..
-            } = &self.arm;
-            self.feed_forward.lead(workspace, goal);
+            self.feed_forward.lead(&self.arm.workspace, goal);
         }
         let mut acted = {
             let lead = goal.is_some().then(|| self.feed_forward.rates());

@@ -46,12 +46,7 @@ impl Workspace {
     ///
     /// # Panics
     /// If a length does not fit the robot.
-    pub fn accelerations(
-        &mut self,
-        state: &State,
-        input: &Input,
-        qdd: &mut DVector<f64>,
-    ) {
+    pub fn accelerations(&mut self, state: &State, input: &Input, qdd: &mut DVector<f64>) {
         checks::state(state, &self.model);
         checks::input(input, &self.model);
         checks::joint_vector("qdd", qdd.len(), &self.model);
@@ -60,13 +55,7 @@ impl Workspace {
     }
 
     /// [`Workspace::accelerations`] from slices.
-    pub(super) fn solve(
-        &mut self,
-        q: &[f64],
-        qd: &[f64],
-        input: &Input,
-        qdd: &mut DVector<f64>,
-    ) {
+    pub(super) fn solve(&mut self, q: &[f64], qd: &[f64], input: &Input, qdd: &mut DVector<f64>) {
         self.set_bias_forces(input);
         let (force, torque) = self.base_reaction();
         let acting = input.efforts.as_slice().iter().zip(q.iter().zip(qd));

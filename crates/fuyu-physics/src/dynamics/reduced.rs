@@ -22,12 +22,7 @@ impl Reduced {
 }
 
 impl Formulation for Reduced {
-    fn accelerations(
-        &mut self,
-        motion: &TreeMotion,
-        input: &Input,
-        out: &mut TreeAcceleration,
-    ) {
+    fn accelerations(&mut self, motion: &TreeMotion, input: &Input, out: &mut TreeAcceleration) {
         let workspace = &mut self.workspace;
         checks::formulation(motion, input, out, &workspace.model);
         workspace.set_positions_from(motion.q);

@@ -1,94 +1,169 @@
-//! As many states of a batch as there are lanes, evaluated and stepped together.
+//! Steps of as many states of a batch as one register has lanes.
+//!
+//! Every lane is computed with the operations of [`Integrator`](crate::dynamics::Integrator), in the same order, so its
+//! result is bit-identical. Where the integrator calls nalgebra, the functions below repeat nalgebra's operations.
 
-use nalgebra::Vector3;
+use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use pulp::Simd;
 
-use super::{Block, Task, get, put};
+use super::block::{Block, get, put, read};
+use super::{Forced, Setup, Task};
+use crate::dynamics::State;
 use crate::dynamics::kernel::{
     Attitude, Carried, Eight, GROUP, Lanes, SMALL_TURN, Scalar, Slot, Tree, Vec3, base_spin,
     forward_dynamics, sin_cos, small_turn_rate,
 };
 use crate::spatial::{exp_so3, rotation_vector_rate};
 
-/// The classical method's stages: weight, and the part of the step that leads to the next one.
-const STAGES: [[f64; 2]; 4] = [
-    [1.0 / 6.0, 0.5],
-    [1.0 / 3.0, 0.5],
-    [1.0 / 3.0, 1.0],
-    [1.0 / 6.0, 0.0],
-];
+/// Rates of change of the states at one stage, except those of the joints.
+#[derive(Debug, Clone, Copy)]
+struct StageRate<S: Simd> {
+    /// Rate of the rotation vector since the start of the step.
+    turned: Vec3<Lanes<S>>,
+    work: Lanes<S>,
+}
 
-/// Scratch for as many states as there are lanes.
+/// Scratch memory for as many states as there are lanes.
 #[derive(Debug)]
-pub(super) struct Evaluation<S: Simd> {
+pub(super) struct LaneStepper<S: Simd> {
     simd: S,
     slots: Vec<Slot<Lanes<S>>>,
     carried: Vec<Carried<Lanes<S>>>,
-    /// Sums of the stages' rates of positions and rates.
-    sums: Vec<[Lanes<S>; 2]>,
+    rates: Vec<StageRate<S>>,
+    /// Rates of positions and rates of all joints, stage by stage.
+    joint_rates: Vec<[Lanes<S>; 2]>,
+    /// The stage's states, for a forcing.
+    stage: Block,
+    state: State,
+    efforts: Vec<f64>,
 }
 
-impl<S: Simd> Evaluation<S> {
+/// The parts of the states that the sweeps do not need.
+#[derive(Debug, Clone, Copy)]
+struct Floating<S: Simd> {
+    attitude: Attitude<Lanes<S>>,
+    p_WC: Vec3<Lanes<S>>,
+    work: Lanes<S>,
+}
+
+impl<S: Simd> LaneStepper<S> {
     #[inline(always)]
-    pub(super) fn new(simd: S, tree: &Tree) -> Self {
+    pub(super) fn new(simd: S, setup: &Setup) -> Self {
+        let (tree, stages) = (&setup.tree, setup.tableau.c.len());
         let zero = Lanes::splat(simd, 0.0);
+        let rate = StageRate {
+            turned: Vec3::zero(zero),
+            work: zero,
+        };
+        let state = State::at_rest(&setup.model);
         Self {
             simd,
             slots: vec![Slot::new(zero); tree.bodies.len()],
             carried: vec![Carried::new(zero); tree.bodies.len()],
-            sums: vec![[zero; 2]; tree.dof()],
+            rates: vec![rate; stages],
+            joint_rates: vec![[zero; 2]; stages * tree.dof()],
+            stage: Block::repeating(&state),
+            state,
+            efforts: vec![0.0; tree.dof()],
         }
     }
 
-    /// The task for the states from `first` on.
+    /// The task for the states of a block from lane `first` on; `index` is the number of the block's first state in its
+    /// piece of the batch.
     #[inline(always)]
     pub(super) fn run(
         &mut self,
-        tree: &Tree,
+        setup: &Setup,
         block: &mut Block,
-        first: usize,
+        (first, index): (usize, usize),
         task: Task,
-        mass: f64,
+        forced: &mut Option<Forced>,
     ) {
-        let (steps, dt, stages) = match task {
-            Task::Accelerate => (1, 0.0, &STAGES[..1]),
-            Task::Step { dt, steps } => (steps, dt, &STAGES[..]),
-        };
-        for _ in 0..steps {
-            let zero = Lanes::splat(self.simd, 0.0);
-            for (j, slot) in self.slots[1..].iter_mut().enumerate() {
-                slot.q = Lanes::load(self.simd, &block.q[j].0[first..]);
-                slot.qd = Lanes::load(self.simd, &block.qd[j].0[first..]);
-                self.sums[j] = [zero; 2];
-            }
-            let start = self.attitude(block, first);
-            let (mut attitude, mut turned) = (start, Vec3::zero(zero));
-            let mut sum_turned = turned;
-            for &[weight, lead] in stages {
-                let w = self.evaluate(tree, block, first, attitude);
-                // This stage's share of the step, and how far its rates lead to the next stage.
-                let share = Lanes::splat(self.simd, weight * dt);
-                let lead = Lanes::splat(self.simd, lead * dt);
-                for (j, (slot, sum)) in self.slots[1..].iter_mut().zip(&mut self.sums).enumerate() {
-                    let (q_rate, qd_rate) = (slot.qd, slot.qdd);
-                    sum[0] = q_rate.mul_add(share, sum[0]);
-                    sum[1] = qd_rate.mul_add(share, sum[1]);
-                    slot.q = q_rate.mul_add(lead, Lanes::load(self.simd, &block.q[j].0[first..]));
-                    slot.qd =
-                        qd_rate.mul_add(lead, Lanes::load(self.simd, &block.qd[j].0[first..]));
-                }
-                let rate = self.turn_rate(turned, w);
-                sum_turned = rate.mul_add(share, sum_turned);
-                turned = rate.scaled(lead);
-                attitude = start.then(self.turn(turned));
-            }
-            match task {
-                Task::Accelerate => self.tell_accelerations(block, first),
-                Task::Step { dt, .. } => {
-                    attitude = start.then(self.turn(sum_turned));
-                    self.finish_step(block, first, attitude, dt, mass);
+        match task {
+            Task::Accelerate => self.accelerate(&setup.tree, block, first),
+            Task::Step { dt, steps } => {
+                for _ in 0..steps {
+                    self.step(setup, block, (first, index), dt, forced);
                 }
             }
+        }
+    }
+
+    #[inline(always)]
+    fn accelerate(&mut self, tree: &Tree, block: &mut Block, first: usize) {
+        self.set_joints(block, first);
+        let start = self.load_floating(block, first);
+        self.evaluate(tree, block, first, start.attitude);
+        for (slot, qdd) in self.slots[1..].iter().zip(&mut block.qdd) {
+            slot.qdd.store(&mut qdd.0[first..]);
+        }
+    }
+
+    #[inline(always)]
+    fn step(
+        &mut self,
+        setup: &Setup,
+        block: &mut Block,
+        (first, index): (usize, usize),
+        dt: f64,
+        forced: &mut Option<Forced>,
+    ) {
+        let n = setup.tree.dof();
+        self.set_joints(block, first);
+        let start = self.load_floating(block, first);
+        let com_rate = self.com_rate(block, first, setup.mass);
+        let (mut now, mut turned) = (start, Vec3::zero(start.work));
+        for (i, c) in setup.tableau.c.iter().enumerate() {
+            if let Some(forced) = forced {
+                if i > 0 {
+                    self.store_stage(block, first, now, c * dt);
+                }
+                self.apply(block, (first, index), i > 0, forced);
+            }
+            let w = self.evaluate(&setup.tree, block, first, now.attitude);
+            let mut power = Lanes::splat(self.simd, 0.0);
+            let joint_rates = &mut self.joint_rates[i * n..][..n];
+            for (slot, rate) in self.slots[1..].iter().zip(joint_rates) {
+                power = power + slot.effort * slot.qd;
+                *rate = [slot.qd, slot.qdd];
+            }
+            self.rates[i] = StageRate {
+                turned: self.turn_rate(turned, w),
+                work: power,
+            };
+            let weights = setup.tableau.weights_after(i);
+            (now, turned) = self.advance(block, first, (start, com_rate), weights, dt);
+        }
+        self.finish_step(block, first, now, dt);
+    }
+
+    /// Positions and rates of the block into the slots.
+    #[inline(always)]
+    fn set_joints(&mut self, block: &Block, first: usize) {
+        for (j, slot) in self.slots[1..].iter_mut().enumerate() {
+            slot.q = Lanes::load(self.simd, &block.q[j].0[first..]);
+            slot.qd = Lanes::load(self.simd, &block.qd[j].0[first..]);
+        }
+    }
+
+    /// Evaluates the forcing at the states of the block, or of the stage if `is_within_step`.
+    #[inline(always)]
+    fn apply(
+        &mut self,
+        block: &mut Block,
+        (first, index): (usize, usize),
+        is_within_step: bool,
+        forced: &mut Forced,
+    ) {
+        for lane in first..first + S::F64_LANES {
+            if index + lane >= forced.count {
+                break;
+            }
+            let from = if is_within_step { &self.stage } else { &*block };
+            from.read_state(lane, &mut self.state);
+            read(&block.efforts, lane, &mut self.efforts);
+            (forced.apply)(index + lane, &self.state, &mut self.efforts);
+            put(&mut block.efforts, lane, &self.efforts);
         }
     }
 
@@ -110,50 +185,106 @@ impl<S: Simd> Evaluation<S> {
             let slack = (-slot.q).plus(hop.rest).times(hop.stiffness);
             slot.effort = actuator + (slack - slot.qd.times(hop.damping));
         }
-        let momentum_B = attitude.back(self.load(&block.angular_momentum_W, first));
-        let momentum = tree.to_base_kernel(momentum_B);
+        let momentum_W = self.load(&block.angular_momentum_W, first);
+        let momentum = tree.to_base_kernel(inverse_transform(attitude, momentum_W));
         let w = base_spin(tree, &self.slots, &mut self.carried, momentum);
         self.slots[0].w = w;
         forward_dynamics(tree, &mut self.slots, None);
         tree.to_base_frame(w)
     }
 
+    /// The states of the next stage, or of the end of the step, and the rotation vectors since its start.
     #[inline(always)]
-    fn tell_accelerations(&self, block: &mut Block, first: usize) {
-        for (slot, qdd) in self.slots[1..].iter().zip(&mut block.qdd) {
-            slot.qdd.store(&mut qdd.0[first..]);
+    fn advance(
+        &mut self,
+        block: &Block,
+        first: usize,
+        (start, com_rate): (Floating<S>, Vec3<Lanes<S>>),
+        weights: &[f64],
+        dt: f64,
+    ) -> (Floating<S>, Vec3<Lanes<S>>) {
+        let n = self.slots.len() - 1;
+        let (mut next, mut turned) = (start, Vec3::zero(start.work));
+        let mut is_at_start = false;
+        for (stage, weight) in weights.iter().enumerate() {
+            if *weight == 0.0 {
+                continue;
+            }
+            let (rate, k) = (self.rates[stage], Lanes::splat(self.simd, dt * weight));
+            turned = turned + rate.turned.scaled(k);
+            next.p_WC = next.p_WC + com_rate.scaled(k);
+            next.work = next.work + rate.work * k;
+            let joint_rates = &self.joint_rates[stage * n..][..n];
+            let joints = self.slots[1..].iter_mut().zip(joint_rates).enumerate();
+            for (j, (slot, [q_rate, qd_rate])) in joints {
+                if !is_at_start {
+                    slot.q = Lanes::load(self.simd, &block.q[j].0[first..]);
+                    slot.qd = Lanes::load(self.simd, &block.qd[j].0[first..]);
+                }
+                slot.q = slot.q + *q_rate * k;
+                slot.qd = slot.qd + *qd_rate * k;
+            }
+            is_at_start = true;
+        }
+        if !is_at_start {
+            self.set_joints(block, first);
+        }
+        next.attitude = self.turned(start.attitude, turned);
+        (next, turned)
+    }
+
+    /// Velocity of the centre of mass, which nothing changes within a step.
+    #[inline(always)]
+    fn com_rate(&self, block: &Block, first: usize, mass: f64) -> Vec3<Lanes<S>> {
+        let mut rates = [Eight::ZERO; 3];
+        for (rate, momentum) in rates.iter_mut().zip(&block.linear_momentum_W) {
+            for lane in 0..S::F64_LANES {
+                rate.0[lane] = momentum.0[first + lane] / mass;
+            }
+        }
+        self.load(&rates, 0)
+    }
+
+    /// Stores the stage's states, a time `dt` after those of `block`, for a forcing.
+    #[inline(always)]
+    fn store_stage(&mut self, block: &Block, first: usize, now: Floating<S>, dt: f64) {
+        for (j, slot) in self.slots[1..].iter().enumerate() {
+            slot.q.store(&mut self.stage.q[j].0[first..]);
+            slot.qd.store(&mut self.stage.qd[j].0[first..]);
+        }
+        let Attitude { w, v } = now.attitude;
+        let [i, j, k, l] = &mut self.stage.R_WB;
+        v[0].store(&mut i.0[first..]);
+        v[1].store(&mut j.0[first..]);
+        v[2].store(&mut k.0[first..]);
+        w.store(&mut l.0[first..]);
+        for (axis, p) in self.stage.p_WC.iter_mut().enumerate() {
+            now.p_WC[axis].store(&mut p.0[first..]);
+        }
+        now.work.store(&mut self.stage.work.0[first..]);
+        self.stage.linear_momentum_W = block.linear_momentum_W;
+        self.stage.angular_momentum_W = block.angular_momentum_W;
+        for lane in first..first + S::F64_LANES {
+            self.stage.time.0[lane] = block.time.0[lane] + dt;
         }
     }
 
     #[inline(always)]
-    fn finish_step(
-        &self,
-        block: &mut Block,
-        first: usize,
-        attitude: Attitude<Lanes<S>>,
-        dt: f64,
-        mass: f64,
-    ) {
-        let simd = self.simd;
-        for (j, sum) in self.sums.iter().enumerate() {
-            let (q, qd) = (&mut block.q[j].0[first..], &mut block.qd[j].0[first..]);
-            (Lanes::load(simd, q) + sum[0]).store(q);
-            (Lanes::load(simd, qd) + sum[1]).store(qd);
+    fn finish_step(&self, block: &mut Block, first: usize, end: Floating<S>, dt: f64) {
+        for (j, slot) in self.slots[1..].iter().enumerate() {
+            slot.q.store(&mut block.q[j].0[first..]);
+            slot.qd.store(&mut block.qd[j].0[first..]);
         }
-        // A step leaves the norm within rounding of one.
-        let (v, w) = (attitude.v, attitude.w);
-        let scale = w.mul_add(w, v.dot(v)).times(-0.5).plus(1.5);
+        let Attitude { w, v } = renormalized(end.attitude);
         let [i, j, k, l] = &mut block.R_WB;
-        (v[0] * scale).store(&mut i.0[first..]);
-        (v[1] * scale).store(&mut j.0[first..]);
-        (v[2] * scale).store(&mut k.0[first..]);
-        (w * scale).store(&mut l.0[first..]);
-        for (p, momentum) in block.p_WC.iter_mut().zip(&block.linear_momentum_W) {
-            let rate = Lanes::load(simd, &momentum.0[first..]);
-            let from = Lanes::load(simd, &p.0[first..]);
-            rate.mul_add(Lanes::splat(simd, dt / mass), from)
-                .store(&mut p.0[first..]);
+        v[0].store(&mut i.0[first..]);
+        v[1].store(&mut j.0[first..]);
+        v[2].store(&mut k.0[first..]);
+        w.store(&mut l.0[first..]);
+        for (axis, p) in block.p_WC.iter_mut().enumerate() {
+            end.p_WC[axis].store(&mut p.0[first..]);
         }
+        end.work.store(&mut block.work.0[first..]);
         for time in &mut block.time.0[first..first + S::F64_LANES] {
             *time += dt;
         }
@@ -170,28 +301,23 @@ impl<S: Simd> Evaluation<S> {
     }
 
     #[inline(always)]
-    fn attitude(&self, block: &Block, first: usize) -> Attitude<Lanes<S>> {
+    fn load_floating(&self, block: &Block, first: usize) -> Floating<S> {
         let [i, j, k, w] = &block.R_WB;
-        Attitude {
-            w: Lanes::load(self.simd, &w.0[first..]),
-            v: self.load(&[*i, *j, *k], first),
+        Floating {
+            attitude: Attitude {
+                w: Lanes::load(self.simd, &w.0[first..]),
+                v: self.load(&[*i, *j, *k], first),
+            },
+            p_WC: self.load(&block.p_WC, first),
+            work: Lanes::load(self.simd, &block.work.0[first..]),
         }
-    }
-
-    #[inline(always)]
-    fn rows(v: Vec3<Lanes<S>>) -> [Eight; 3] {
-        let mut rows = [Eight::ZERO; 3];
-        v[0].store(&mut rows[0].0);
-        v[1].store(&mut rows[1].0);
-        v[2].store(&mut rows[2].0);
-        rows
     }
 
     /// Whether a rotation vector is too large for the series in some lane.
     #[inline(always)]
     fn is_large(u: Vec3<Lanes<S>>) -> bool {
         let mut squares = Eight::ZERO;
-        u.dot(u).store(&mut squares.0);
+        (u[0] * u[0] + u[1] * u[1] + u[2] * u[2]).store(&mut squares.0);
         let mut is_large = false;
         for square in squares.0 {
             is_large |= is_far(square);
@@ -199,19 +325,19 @@ impl<S: Simd> Evaluation<S> {
         is_large
     }
 
+    /// `attitude exp([u×])`.
     #[inline(always)]
-    fn turn(&self, u: Vec3<Lanes<S>>) -> Attitude<Lanes<S>> {
-        let small = Attitude::of_small(u);
+    fn turned(&self, attitude: Attitude<Lanes<S>>, u: Vec3<Lanes<S>>) -> Attitude<Lanes<S>> {
+        let small = attitude.then(Attitude::of_small(u));
         if !Self::is_large(u) {
             return small;
         }
-        let mut v = Self::rows(small.v);
-        let mut w = Eight::ZERO;
-        small.w.store(&mut w.0);
-        turn_far(&Self::rows(u), &mut v, &mut w);
+        let mut after = rows(small);
+        turn_far(&rows(attitude), &vector_rows(u), &mut after);
+        let [i, j, k, w] = after;
         Attitude {
             w: Lanes::load(self.simd, &w.0),
-            v: self.load(&v, 0),
+            v: self.load(&[i, j, k], 0),
         }
     }
 
@@ -221,32 +347,79 @@ impl<S: Simd> Evaluation<S> {
         if !Self::is_large(u) {
             return small;
         }
-        let mut rates = Self::rows(small);
-        turn_rate_far(&Self::rows(u), &Self::rows(w), &mut rates);
+        let mut rates = vector_rows(small);
+        turn_rate_far(&vector_rows(u), &vector_rows(w), &mut rates);
         self.load(&rates, 0)
     }
 }
 
-/// Whether an angle of this square is none for the series.
+/// [`UnitQuaternion::inverse_transform_vector`] in lanes.
+#[inline(always)]
+fn inverse_transform<S: Simd>(attitude: Attitude<Lanes<S>>, x: Vec3<Lanes<S>>) -> Vec3<Lanes<S>> {
+    let v = -attitude.v;
+    let t = cross(v, x);
+    let t = t + t;
+    t.scaled(attitude.w) + cross(v, t) + x
+}
+
+/// [`Vector3::cross`] in lanes: every product is rounded.
+#[inline(always)]
+fn cross<S: Simd>(a: Vec3<Lanes<S>>, b: Vec3<Lanes<S>>) -> Vec3<Lanes<S>> {
+    Vec3([
+        a[1] * b[2] - a[2] * b[1],
+        a[2] * b[0] - a[0] * b[2],
+        a[0] * b[1] - a[1] * b[0],
+    ])
+}
+
+/// [`UnitQuaternion::renormalize_fast`] in lanes.
+#[inline(always)]
+fn renormalized<S: Simd>(attitude: Attitude<Lanes<S>>) -> Attitude<Lanes<S>> {
+    let Attitude { w, v } = attitude;
+    let square = (v[0] * v[0] + v[2] * v[2]) + (v[1] * v[1] + w * w);
+    let scale = (-square).plus(3.0).times(0.5);
+    Attitude {
+        w: w * scale,
+        v: v.scaled(scale),
+    }
+}
+
+#[inline(always)]
+fn vector_rows<S: Simd>(v: Vec3<Lanes<S>>) -> [Eight; 3] {
+    let mut rows = [Eight::ZERO; 3];
+    v[0].store(&mut rows[0].0);
+    v[1].store(&mut rows[1].0);
+    v[2].store(&mut rows[2].0);
+    rows
+}
+
+#[inline(always)]
+fn rows<S: Simd>(attitude: Attitude<Lanes<S>>) -> [Eight; 4] {
+    let [i, j, k] = vector_rows(attitude.v);
+    let mut w = Eight::ZERO;
+    attitude.w.store(&mut w.0);
+    [i, j, k, w]
+}
+
+/// Whether the square of an angle is too large for the series.
 #[inline(always)]
 fn is_far(square: f64) -> bool {
     square > SMALL_TURN || square.is_nan()
 }
 
-/// What a step turns in lanes where that is too much for the series.
+/// `from exp([u×])` in the lanes where `u` is too large for the series.
 #[cold]
-fn turn_far(u: &[Eight; 3], v: &mut [Eight; 3], w: &mut Eight) {
+fn turn_far(from: &[Eight; 4], u: &[Eight; 3], into: &mut [Eight; 4]) {
     for lane in 0..GROUP {
         let u = Vector3::from(get(u, lane));
         if is_far(u.norm_squared()) {
-            let turn = exp_so3(&u);
-            put(v, lane, turn.imag().as_slice());
-            w.0[lane] = turn.w;
+            let from = UnitQuaternion::new_unchecked(Quaternion::from(get(from, lane)));
+            put(into, lane, (from * exp_so3(&u)).coords.as_slice());
         }
     }
 }
 
-/// The rate of a rotation vector in such lanes.
+/// The rate of the rotation vector in those lanes.
 #[cold]
 fn turn_rate_far(u: &[Eight; 3], w: &[Eight; 3], rates: &mut [Eight; 3]) {
     for lane in 0..GROUP {

@@ -98,7 +98,12 @@ pub enum BaseSpeed {
 impl Kane {
     /// For a tree.
     pub fn new(model: &Model) -> Self {
-        Self::assemble(model.clone(), KaneBody::all(model), Vec::new(), BaseSpeed::default())
+        Self::assemble(
+            model.clone(),
+            KaneBody::all(model),
+            Vec::new(),
+            BaseSpeed::default(),
+        )
     }
 
     /// For a tree whose loops are closed by `cuts`. Motion given to it must satisfy their constraints; it
@@ -110,7 +115,12 @@ impl Kane {
     pub fn with_cuts(model: &Model, cuts: &[CutHinge]) -> Result<Self, CutError> {
         let cuts = Cut::all(model, cuts)?;
         let bodies = KaneBody::all(model);
-        Ok(Self::assemble(model.clone(), bodies, cuts, BaseSpeed::default()))
+        Ok(Self::assemble(
+            model.clone(),
+            bodies,
+            cuts,
+            BaseSpeed::default(),
+        ))
     }
 
     /// The same with another generalized speed for the translation.
@@ -159,18 +169,18 @@ impl Kane {
 
 impl Formulation for Kane {
     /// Steps (i)-(v) of section 2.3.4.
-    fn accelerations(
-        &mut self,
-        motion: &TreeMotion,
-        input: &Input,
-        out: &mut TreeAcceleration,
-    ) {
+    fn accelerations(&mut self, motion: &TreeMotion, input: &Input, out: &mut TreeAcceleration) {
         checks::formulation(motion, input, out, &self.model);
         KaneBody::move_all(&mut self.bodies, motion);
         KaneBody::gather_all(&mut self.bodies, &input.wrenches);
         // The hinges' efforts stand where their accelerations will.
         let hinges = motion.q.iter().zip(motion.qd);
-        let acting = self.model.joints().iter().zip(input.efforts.iter()).zip(hinges);
+        let acting = self
+            .model
+            .joints()
+            .iter()
+            .zip(input.efforts.iter())
+            .zip(hinges);
         for (total, ((joint, effort), (q, qd))) in out.qdd.iter_mut().zip(acting) {
             *total = effort + joint.passive_effort(*q, *qd);
         }

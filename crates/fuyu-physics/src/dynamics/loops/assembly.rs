@@ -23,11 +23,7 @@ impl Loops {
     /// # Errors
     /// [`LoopError`] when a loop is open by more, cannot be closed nearby, opens at the given rates, or when
     /// the closures lock all joints.
-    pub fn assemble(
-        &mut self,
-        state: &mut State,
-        tolerance: f64,
-    ) -> Result<(), LoopError> {
+    pub fn assemble(&mut self, state: &mut State, tolerance: f64) -> Result<(), LoopError> {
         if self.closures.is_empty() {
             return Ok(());
         }

@@ -198,11 +198,7 @@ impl Loops {
     }
 
     /// Newton's method towards the constraints, then the normals there.
-    pub(super) fn project_positions(
-        &mut self,
-        state: &mut State,
-        workspace: &mut Workspace,
-    ) {
+    pub(super) fn project_positions(&mut self, state: &mut State, workspace: &mut Workspace) {
         workspace.set_positions(&state.q);
         if self.normals_at == state.q {
             return;

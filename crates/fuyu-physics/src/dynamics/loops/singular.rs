@@ -50,11 +50,7 @@ const AHEAD: [(f64, f64); 2] = [(1.0, 2.0), (2.0, -1.0)];
 impl Loops {
     /// Takes off the rates of `state` also what moves against a constraint that depends on the others here,
     /// but not to either side along the motion.
-    pub(super) fn limit_rates(
-        &mut self,
-        state: &mut State,
-        workspace: &mut Workspace,
-    ) {
+    pub(super) fn limit_rates(&mut self, state: &mut State, workspace: &mut Workspace) {
         let rates = |_: &mut Self, there: &State, _: &mut Workspace, out: &mut DVector<f64>| {
             out.copy_from(&there.qd);
         };

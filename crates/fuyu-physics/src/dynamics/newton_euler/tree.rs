@@ -144,12 +144,7 @@ impl NewtonEuler {
 }
 
 impl Formulation for NewtonEuler {
-    fn accelerations(
-        &mut self,
-        motion: &TreeMotion,
-        input: &Input,
-        out: &mut TreeAcceleration,
-    ) {
+    fn accelerations(&mut self, motion: &TreeMotion, input: &Input, out: &mut TreeAcceleration) {
         checks::formulation(motion, input, out, &self.model);
         self.set_state(motion);
         let model = &self.model;
