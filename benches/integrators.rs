@@ -2,12 +2,12 @@
 //! `cargo bench --bench integrators` prints the tables; a path after `--` also draws them there
 //! (`-- docs/integrators` makes the picture of the document).
 //!
-//! The rivals of the library's methods are tableaux too, so that every method runs through the same
-//! stepper: coordinates, momentum and cost of an evaluation are the same for all.
+//! The methods that the library does not have are tableaux too, so that all methods use the same stepper:
+//! coordinates, momentum and cost of an evaluation are the same.
 
 use std::time::Instant;
 
-use fuyu::dynamics::{Input, Integrator, IntegrationMethod, Momentum, State, Tableau, Workspace};
+use fuyu::dynamics::{Input, IntegrationMethod, Integrator, Momentum, State, Tableau, Workspace};
 use fuyu::experiments::{Figure, Panel, Series};
 use fuyu::model::Model;
 use nalgebra::{DVector, UnitQuaternion, Vector3};

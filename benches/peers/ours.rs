@@ -1,10 +1,10 @@
-//! What fuyu offers for each kernel.
+//! fuyu's programs for each kernel.
 
 use std::hint::black_box;
 
 use fuyu::control::{Controller, ControllerConfig, Gains, LawKind, Measurement, Saturation, Sight};
 use fuyu::dynamics::{
-    Formulation, FormulationKind, ForwardDynamics, Input, Integrator, IntegrationMethod, State,
+    Formulation, FormulationKind, ForwardDynamics, Input, IntegrationMethod, Integrator, State,
     TreeAcceleration, TreeMotion, Workspace,
 };
 use fuyu::model::{Frame, Model};
@@ -21,7 +21,7 @@ pub trait Program {
     /// Computes it for a state.
     fn call(&mut self, state: &Moving);
 
-    /// What it computes, as the peers tell it.
+    /// The result, in the same order as that of the peers.
     fn answer(&mut self, state: &Moving) -> Vec<f64>;
 
     /// Computes it for one state after the other, `calls` times or a few more; returns how often.
@@ -33,7 +33,7 @@ pub trait Program {
     }
 }
 
-/// Robots with more joints are too much for formulations that solve for all bodies' motion at once.
+/// Most joints for formulations that solve for the motion of all bodies at once: their cost is cubic.
 const DENSE: usize = 30;
 
 /// Every formulation of forward dynamics, by name.
@@ -46,7 +46,6 @@ pub fn forward(model: &Model) -> Vec<(&'static str, Box<dyn Program + '_>)> {
     let affordable = affordable.filter(|(_, kind)| is_affordable(*kind));
     let formulations = affordable.map(|(name, kind)| {
         let program = Forward {
-            model,
             dynamics: kind.prepare(model).expect("robots have masses"),
             answer: TreeAcceleration::zero(model),
         };
@@ -58,7 +57,6 @@ pub fn forward(model: &Model) -> Vec<(&'static str, Box<dyn Program + '_>)> {
 /// Generalized Jacobian of the tip; momentum map and base map come with it.
 pub fn jacobian(robot: &Robot) -> Box<dyn Program + '_> {
     Box::new(Jacobian {
-        model: &robot.model,
         tip: robot.model.frame(&robot.tip).expect("robots have tips"),
         workspace: Workspace::new(&robot.model),
         jacobian: Matrix6xX::zeros(robot.model.dof()),
@@ -68,7 +66,6 @@ pub fn jacobian(robot: &Robot) -> Box<dyn Program + '_> {
 /// A step, one of many or one after which the workspace is read.
 pub fn step(model: &Model, method: IntegrationMethod, is_read: bool) -> Box<dyn Program + '_> {
     Box::new(Step {
-        model,
         is_read,
         integrator: Integrator::new(model, method),
         workspace: Workspace::new(model),
@@ -79,7 +76,6 @@ pub fn step(model: &Model, method: IntegrationMethod, is_read: bool) -> Box<dyn 
 /// The reduced inertia from joint positions.
 pub fn reduced_inertia(model: &Model) -> Box<dyn Program + '_> {
     Box::new(ReducedInertia {
-        model,
         workspace: Workspace::new(model),
     })
 }
@@ -110,13 +106,12 @@ pub fn control_law(robot: &Robot) -> Box<dyn Program + '_> {
     })
 }
 
-struct Forward<'a> {
-    model: &'a Model,
+struct Forward {
     dynamics: ForwardDynamics,
     answer: TreeAcceleration,
 }
 
-impl Program for Forward<'_> {
+impl Program for Forward {
     fn call(&mut self, s: &Moving) {
         let motion = TreeMotion {
             R_WB: s.state.R_WB,
@@ -138,7 +133,6 @@ impl Program for Forward<'_> {
 }
 
 struct Jacobian<'a> {
-    model: &'a Model,
     tip: &'a Frame,
     workspace: Workspace,
     jacobian: Matrix6xX<f64>,
@@ -158,16 +152,15 @@ impl Program for Jacobian<'_> {
     }
 }
 
-struct Step<'a> {
-    model: &'a Model,
-    /// Whether somebody reads the workspace after every step.
+struct Step {
+    /// Whether the workspace is read after every step.
     is_read: bool,
     integrator: Integrator,
     workspace: Workspace,
     state: State,
 }
 
-impl Program for Step<'_> {
+impl Program for Step {
     fn call(&mut self, s: &Moving) {
         self.steps(s, 1);
     }
@@ -194,26 +187,20 @@ impl Program for Step<'_> {
     }
 }
 
-impl Step<'_> {
+impl Step {
     fn steps(&mut self, s: &Moving, count: usize) {
         let mut hold =
             |_: f64, _: &State, input: &mut Input| input.efforts.copy_from(&s.input.efforts);
-        self.integrator.steps(
-            &mut self.state,
-            &mut self.workspace,
-            DT,
-            count,
-            &mut hold,
-        );
+        self.integrator
+            .steps(&mut self.state, &mut self.workspace, DT, count, &mut hold);
     }
 }
 
-struct ReducedInertia<'a> {
-    model: &'a Model,
+struct ReducedInertia {
     workspace: Workspace,
 }
 
-impl Program for ReducedInertia<'_> {
+impl Program for ReducedInertia {
     fn call(&mut self, s: &Moving) {
         self.workspace.set_positions(&s.state.q);
         black_box(self.workspace.reduced_inertia());
