@@ -10,7 +10,7 @@
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use pulp::Simd;
 
-use super::frames::kernel_frames;
+use super::kernel_frames::kernel_frames;
 use super::{Eight, Force, GROUP, Lanes, Mat3, Scalar, Turn, Vec3, sin_cos};
 use crate::model::{Frame, Joint, Model};
 use crate::spatial::{Pose, SpatialInertia, Wrench};

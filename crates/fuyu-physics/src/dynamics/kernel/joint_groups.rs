@@ -2,9 +2,9 @@
 
 use pulp::Simd;
 
-use super::columns::{Column, Lever, Moves};
-use super::composite::{Places, Pose, System, set_places};
-use super::gather::Composite;
+use super::composite_inertia::Composite;
+use super::momentum_columns::{Column, Lever, Moves};
+use super::momentum_map::{Places, Pose, System, set_places};
 use super::tree::Tree;
 use super::{Eight, GROUP, Lanes, Sym3, Turn, Vec3};
 

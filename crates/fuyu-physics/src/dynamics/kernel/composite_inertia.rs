@@ -5,7 +5,7 @@
 //! inertia included ([`Hop::arrival`]), and goes into the sums that the turn makes anyway: what has to wait
 //! for the subtree before it is one turn and, of each shift that there is, one product.
 
-use super::hop::{Path, on_path};
+use super::joint_transform::{Path, on_path};
 use super::tree::Hop;
 use super::vector::others;
 use super::{ArticulatedInertia, Force, Scalar, Sym3, Turn, Vec3};

@@ -4,9 +4,9 @@
 //! with its whole subtree is gathered in link frames, where the momentum that a joint gives to its subtree
 //! is a row of it and costs nothing. Only these columns are brought to the base's axes.
 
-use super::columns::{Column, Lever, Moves};
-use super::gather::Composite;
-use super::hop::{Path, on_path};
+use super::composite_inertia::Composite;
+use super::joint_transform::{Path, on_path};
+use super::momentum_columns::{Column, Lever, Moves};
 use super::tree::{Hop, QUARTER, STRAIGHT, Tree};
 use super::vector::others;
 use super::{Scalar, Sym3, Turn, Vec3};

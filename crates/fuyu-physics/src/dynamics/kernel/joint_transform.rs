@@ -1,6 +1,6 @@
 //! Motions and forces from a body to its parent and back.
 
-use super::inertia::{ArticulatedInertia, quarter_sym};
+use super::articulated_inertia::{ArticulatedInertia, quarter_sym};
 use super::tree::{Hop, QUARTER, STRAIGHT};
 use super::vector::others;
 use super::{Scalar, Sym3, Turn, Vec3};
@@ -288,7 +288,7 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
 /// Runs the expression with the [`Path`] of a hop, by the hop's `shape`.
 macro_rules! on_path {
     ($hop:expr, $path:ident => $run:expr) => {{
-        use crate::dynamics::kernel::hop::Path;
+        use crate::dynamics::kernel::joint_transform::Path;
         use crate::dynamics::kernel::tree::{BENT, QUARTER, STRAIGHT};
         match $hop.shape {
             0 => {

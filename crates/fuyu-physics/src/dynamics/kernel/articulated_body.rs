@@ -5,8 +5,8 @@
 //! body's inertia is kept in its three blocks, and what a joint makes zero is not computed. The joint
 //! itself takes no part beyond one row: its axis is a coordinate axis.
 
-use super::hop::{Force, Motion, Path, on_path};
-use super::inertia::ArticulatedInertia;
+use super::articulated_inertia::ArticulatedInertia;
+use super::joint_transform::{Force, Motion, Path, on_path};
 use super::tree::{BENT, Body, Hop, Tree};
 use super::vector::others;
 use super::{Mat3, Scalar, Sym3, Turn, Vec3};

@@ -1,6 +1,6 @@
 //! The inertia of a body with what hangs on it, and how it looks from elsewhere.
 
-use super::hop::{Force, Motion, quarter};
+use super::joint_transform::{Force, Motion, quarter};
 use super::vector::others;
 use super::{Mat3, Scalar, Sym3, Turn, Vec3};
 

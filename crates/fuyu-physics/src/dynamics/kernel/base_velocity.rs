@@ -4,9 +4,9 @@
 //! momentum that it has while the base is held; the base takes what is left. It needs neither poses nor
 //! the columns of a momentum map.
 
-use super::composite::about_com;
-use super::gather::Composite;
-use super::hop::{Force, on_path};
+use super::composite_inertia::Composite;
+use super::joint_transform::{Force, on_path};
+use super::momentum_map::about_com;
 use super::tree::{Hop, Tree};
 use super::{ArticulatedInertia, Scalar, Slot, Sym3, Vec3};
 

@@ -1,6 +1,6 @@
 //! Inverse dynamics by recursive Newton-Euler, linear in the number of joints.
 
-use super::hop::{Force, Motion, on_path};
+use super::joint_transform::{Force, Motion, on_path};
 use super::tree::{Body, Hop, Tree};
 use super::{Scalar, Slot, Sym3, Vec3};
 
