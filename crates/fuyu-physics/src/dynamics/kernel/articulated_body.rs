@@ -1,113 +1,43 @@
-//! Forward dynamics by articulated bodies, linear in the number of joints.
+//! Forward dynamics by the articulated-body algorithm, linear in the number of joints.
 //!
-//! Featherstone's algorithm in link frames, with three things done otherwise than in the textbook.
-//! Accelerations are those of the frames' origins as points, so that linear velocities are never needed. A
-//! body's inertia is kept in its three blocks, and what a joint makes zero is not computed. The joint
-//! itself takes no part beyond one row: its axis is a coordinate axis.
+//! Featherstone's algorithm in link frames, with three differences from the textbook. Accelerations are those of the
+//! frames' origins as points, so that linear velocities are not needed. Inertias are kept in three 3 × 3 blocks, and
+//! entries that a joint makes zero are not computed. Since every joint axis is the z axis, a joint's motion subspace
+//! selects one row.
 
 use super::articulated_inertia::ArticulatedInertia;
-use super::joint_transform::{Force, Motion, Path, on_path};
-use super::tree::{BENT, Body, Hop, Tree};
-use super::vector::others;
-use super::{Mat3, Scalar, Sym3, Turn, Vec3};
-
-/// What the sweeps keep of a body and of the joint that moves it, in the body's kernel frame. Slot 0 is the
-/// base's, which no joint moves. Numbers as wide as a cache line shall not lie across two.
-#[derive(Debug, Clone, Copy)]
-#[repr(align(64))]
-pub struct Slot<S> {
-    /// Joint position \[rad or m\].
-    pub q: S,
-    /// Joint rate.
-    pub qd: S,
-    /// Joint effort, springs and dampers included.
-    pub effort: S,
-    /// Turn of the body's frame against its parent's, before the bend.
-    pub turn: Turn<S>,
-    /// Joint acceleration: a result.
-    pub qdd: S,
-    /// Acceleration of the body: a result.
-    pub acceleration: Motion<S>,
-    /// Angular velocity; the base's is an input.
-    pub w: Vec3<S>,
-    /// `[w×]²`.
-    pub(super) spin: Sym3<S>,
-    /// Acceleration that the body has beyond its parent's at zero joint acceleration.
-    pub(super) own: Motion<S>,
-    /// Force that the body and what hangs on it take, gathered.
-    pub(super) force: Force<S>,
-    /// Inertia of the body and what hangs on it, gathered.
-    inertia: ArticulatedInertia<S>,
-    /// What the parent's acceleration takes of the joint's.
-    gain: Force<S>,
-    /// Joint acceleration while the parent does not accelerate.
-    free: S,
-}
-
-impl<S: Scalar> Slot<S> {
-    /// A slot with nothing in it, numbers of the kind of `like`.
-    pub fn new(like: S) -> Self {
-        let (zero, none) = (like.constant(0.0), Vec3::zero(like));
-        let sym = spin(none);
-        Self {
-            q: zero,
-            qd: zero,
-            effort: zero,
-            turn: Turn::new(like.constant(1.0), zero),
-            qdd: zero,
-            acceleration: Motion::zero(like),
-            w: none,
-            spin: sym,
-            own: Motion::zero(like),
-            force: Force::zero(like),
-            inertia: ArticulatedInertia {
-                turning: sym,
-                coupling: Mat3([none; 3]),
-                mass: sym,
-            },
-            gain: Force::zero(like),
-            free: zero,
-        }
-    }
-}
-
-/// `[w×]²`, the tensor of centripetal acceleration.
-#[inline(always)]
-pub(super) fn spin<S: Scalar>(w: Vec3<S>) -> Sym3<S> {
-    let [x, y, z] = w.0;
-    let (xx, yy, zz) = (x * x, y * y, z * z);
-    Sym3 {
-        diagonal: [-(yy + zz), -(xx + zz), -(xx + yy)],
-        off: [y * z, x * z, x * y],
-    }
-}
+use super::joint_transform::{SpatialForce, SpatialMotion, TransformShape, with_shape};
+use super::link_scratch::centripetal_tensor;
+use super::tree::{ALPHA_GENERAL, Body, JointTransform, Tree};
+use super::vector::other_axes;
+use super::{LinkScratch, Mat3, Scalar, Sym3, Vec3};
 
 impl Body {
-    /// Force that keeps the body's origin from accelerating while it spins.
+    /// Velocity-product force: the force on the body that its rotation requires while its origin does not accelerate.
     #[inline(always)]
-    pub(super) fn centrifugal<S: Scalar>(&self, spin: Sym3<S>) -> Force<S> {
-        let like = spin.off[0];
+    pub(super) fn centrifugal_force<S: Scalar>(&self, centripetal: Sym3<S>) -> SpatialForce<S> {
+        let like = centripetal.off[0];
         let m = &self.inertia.about_origin;
         let mut torque = Vec3([like; 3]);
         for i in 0..3 {
-            let (j, k) = others(i);
-            // w × I w in terms of the same products of w.
-            torque[i] = spin.off[i].times(m.diagonal[k] - m.diagonal[j]);
+            let (j, k) = other_axes(i);
+            // w × I w from the products of w in the tensor.
+            torque[i] = centripetal.off[i].times(m.diagonal[k] - m.diagonal[j]);
         }
-        if self.is_oblique {
+        if self.inertia_is_non_diagonal {
             let Vec3(off) = Vec3::constant(like, &m.off_diagonal.into());
             for i in 0..3 {
-                let (j, k) = others(i);
-                let squares = spin.diagonal[j] - spin.diagonal[k];
-                let sum = squares.mul_add(off[i], spin.off[k].mul_add(off[j], torque[i]));
-                torque[i] = spin.off[j].mul_sub_from(off[k], sum);
+                let (j, k) = other_axes(i);
+                let squares = centripetal.diagonal[j] - centripetal.diagonal[k];
+                let sum = squares.mul_add(off[i], centripetal.off[k].mul_add(off[j], torque[i]));
+                torque[i] = centripetal.off[j].mul_sub_from(off[k], sum);
             }
         }
         let h = &self.inertia.first_moment;
-        Force {
+        SpatialForce {
             torque,
-            force: if self.is_heavy {
-                spin.times(Vec3::constant(like, &[h.x, h.y, h.z]))
+            force: if self.com_is_off_origin {
+                centripetal.times(Vec3::constant(like, &[h.x, h.y, h.z]))
             } else {
                 Vec3::zero(like)
             },
@@ -115,7 +45,7 @@ impl Body {
     }
 
     #[inline(always)]
-    fn alone<S: Scalar>(&self, like: S) -> ArticulatedInertia<S> {
+    fn rigid_inertia<S: Scalar>(&self, like: S) -> ArticulatedInertia<S> {
         let h = &self.inertia.first_moment;
         ArticulatedInertia::rigid(
             like.constant(self.inertia.mass),
@@ -125,67 +55,86 @@ impl Body {
     }
 }
 
-/// Inertia of a body and what hangs on it, and the force that they take.
-type Gathered<S> = (ArticulatedInertia<S>, Force<S>);
+/// Articulated inertia and bias force of a subtree.
+type ArticulatedSubtree<S> = (ArticulatedInertia<S>, SpatialForce<S>);
 
-impl<S: Scalar> Slot<S> {
-    /// Turns the body as positions and rates imply, against a parent that turns at `w`, whose spin this is.
+impl<S: Scalar> LinkScratch<S> {
+    /// Sets angular velocity and bias acceleration from the parent's angular velocity `w` and its centripetal tensor.
     #[inline(always)]
-    pub(super) fn set_motion(&mut self, hop: &Hop, w: Vec3<S>, spin: Sym3<S>) {
-        let mut w = on_path!(hop, path => {
-            if path.shifts() || hop.slides {
-                let centripetal = path.times_origin(hop, self.q, spin);
-                self.own.linear = path.back(hop, &self.turn, centripetal);
+    pub(super) fn set_velocity(
+        &mut self,
+        joint: &JointTransform,
+        w: Vec3<S>,
+        centripetal: Sym3<S>,
+    ) {
+        let mut w = with_shape!(joint, shape => {
+            if shape.has_translation() || joint.is_prismatic {
+                let acceleration = shape.times_child_origin(joint, self.q, centripetal);
+                self.bias.linear = shape.to_child(joint, &self.rotation, acceleration);
             }
-            path.back(hop, &self.turn, w)
+            shape.to_child(joint, &self.rotation, w)
         });
-        let across = [w[1] * self.qd, -(w[0] * self.qd)];
-        if hop.slides {
-            for (own, across) in self.own.linear.0.iter_mut().zip(across) {
-                *own = across.times(2.0) + *own;
+        let coriolis = [w[1] * self.qd, -(w[0] * self.qd)];
+        if joint.is_prismatic {
+            for (bias, coriolis) in self.bias.linear.0.iter_mut().zip(coriolis) {
+                *bias = coriolis.times(2.0) + *bias;
             }
         } else {
-            (self.own.angular[0], self.own.angular[1]) = (across[0], across[1]);
+            (self.bias.angular[0], self.bias.angular[1]) = (coriolis[0], coriolis[1]);
             w[2] = w[2] + self.qd;
         }
         self.w = w;
     }
 
-    /// Begins what is gathered with the body alone.
+    /// Initializes the subtree's inertia and force with those of the body alone.
     #[inline(always)]
-    pub(super) fn begin(&mut self, body: &Body, external: Option<&Force<S>>) {
-        self.spin = spin(self.w);
-        self.force = body.centrifugal(self.spin);
+    pub(super) fn start_subtree(&mut self, body: &Body, external: Option<&SpatialForce<S>>) {
+        self.centripetal = centripetal_tensor(self.w);
+        self.force = body.centrifugal_force(self.centripetal);
         if let Some(external) = external {
-            self.force = Force {
+            self.force = SpatialForce {
                 torque: self.force.torque - external.torque,
                 force: self.force.force - external.force,
             };
         }
-        self.inertia = body.alone(self.w[0]);
+        self.inertia = body.rigid_inertia(self.w[0]);
     }
 
-    /// Lets the joint give way; what is left of inertia and force, as the parent feels it.
+    /// Projects inertia and force of the subtree onto the directions that the joint transmits, and transforms them to the
+    /// parent's frame.
     #[inline(always)]
-    fn release(&mut self, hop: &Hop, gathered: Gathered<S>) -> Gathered<S> {
-        if hop.slides {
-            let (inertia, force) = self.release_slide(gathered);
-            let path = Path::<true, BENT, true, true>;
-            let inertia = path.inertia_out::<S, true>(hop, &self.turn, self.q, inertia);
-            (inertia, path.force_out(hop, &self.turn, self.q, force))
+    fn project(
+        &mut self,
+        joint: &JointTransform,
+        subtree: ArticulatedSubtree<S>,
+    ) -> ArticulatedSubtree<S> {
+        if joint.is_prismatic {
+            let (inertia, force) = self.project_prismatic(subtree);
+            let shape = TransformShape::<true, ALPHA_GENERAL, true, true>;
+            let inertia =
+                shape.inertia_to_parent::<S, true>(joint, &self.rotation, self.q, inertia);
+            (
+                inertia,
+                shape.force_to_parent(joint, &self.rotation, self.q, force),
+            )
         } else {
-            on_path!(hop, path => {
-                let (inertia, force) = self.release_turn(path.shifts(), gathered);
-                let inertia = path.inertia_out::<S, false>(hop, &self.turn, self.q, inertia);
-                (inertia, path.force_out(hop, &self.turn, self.q, force))
+            with_shape!(joint, shape => {
+                let (inertia, force) = self.project_revolute(shape.has_translation(), subtree);
+                let inertia = shape.inertia_to_parent::<S, false>(joint, &self.rotation, self.q, inertia);
+                (inertia, shape.force_to_parent(joint, &self.rotation, self.q, force))
             })
         }
     }
 
+    /// [`Self::project`] in the body's frame, for a revolute joint.
     #[inline(always)]
-    fn release_turn(&mut self, shifts: bool, (inertia, force): Gathered<S>) -> Gathered<S> {
+    fn project_revolute(
+        &mut self,
+        has_translation: bool,
+        (inertia, force): ArticulatedSubtree<S>,
+    ) -> ArticulatedSubtree<S> {
         let ArticulatedInertia {
-            turning: mut J,
+            rotational: mut J,
             coupling: Mat3([mut hx, mut hy, u]),
             mass: mut M,
         } = inertia;
@@ -199,18 +148,18 @@ impl<S: Scalar> Slot<S> {
             hx[c] = kx.mul_sub_from(u[c], hx[c]);
             hy[c] = ky.mul_sub_from(u[c], hy[c]);
         }
-        take_product(&mut M, u, k);
+        subtract_outer_product(&mut M, u, k);
         let zero = inverse.constant(0.0);
         (J.off[0], J.off[1], J.diagonal[2]) = (zero, zero, zero);
 
         let effort = self.effort - force.torque[2];
-        self.free = effort * inverse;
-        self.gain = Force {
+        self.free_qdd = effort * inverse;
+        self.gain = SpatialForce {
             torque: Vec3([kx, ky, zero]),
             force: k,
         };
-        let ([ax, ay, _], a) = (self.own.angular.0, self.own.linear);
-        let mut left = Force {
+        let ([ax, ay, _], a) = (self.bias.angular.0, self.bias.linear);
+        let mut transmitted = SpatialForce {
             torque: Vec3([
                 J.diagonal[0].mul_add(ax, J.off[2].mul_add(ay, force.torque[0])),
                 J.off[2].mul_add(ax, J.diagonal[1].mul_add(ay, force.torque[1])),
@@ -218,26 +167,30 @@ impl<S: Scalar> Slot<S> {
             ]),
             force: hx.mul_add(ax, hy.mul_add(ay, force.force)),
         };
-        left.torque[0] = kx.mul_add(effort, left.torque[0]);
-        left.torque[1] = ky.mul_add(effort, left.torque[1]);
-        left.force = k.mul_add(effort, left.force);
-        if shifts {
-            left.torque[0] = left.torque[0] + hx.dot(a);
-            left.torque[1] = left.torque[1] + hy.dot(a);
-            left.force = left.force + M.times(a);
+        transmitted.torque[0] = kx.mul_add(effort, transmitted.torque[0]);
+        transmitted.torque[1] = ky.mul_add(effort, transmitted.torque[1]);
+        transmitted.force = k.mul_add(effort, transmitted.force);
+        if has_translation {
+            transmitted.torque[0] = transmitted.torque[0] + hx.dot(a);
+            transmitted.torque[1] = transmitted.torque[1] + hy.dot(a);
+            transmitted.force = transmitted.force + M.times(a);
         }
-        let rest = ArticulatedInertia {
-            turning: J,
+        let projected = ArticulatedInertia {
+            rotational: J,
             coupling: Mat3([hx, hy, Vec3([zero; 3])]),
             mass: M,
         };
-        (rest, left)
+        (projected, transmitted)
     }
 
+    /// [`Self::project`] in the body's frame, for a prismatic joint.
     #[inline(always)]
-    fn release_slide(&mut self, (inertia, force): Gathered<S>) -> Gathered<S> {
+    fn project_prismatic(
+        &mut self,
+        (inertia, force): ArticulatedSubtree<S>,
+    ) -> ArticulatedSubtree<S> {
         let ArticulatedInertia {
-            turning: mut J,
+            rotational: mut J,
             coupling: mut H,
             mass: mut M,
         } = inertia;
@@ -254,17 +207,17 @@ impl<S: Scalar> Slot<S> {
             H.0[r][1] = u[r].mul_sub_from(ky, H.0[r][1]);
             H.0[r][2] = zero;
         }
-        take_product(&mut J, u, k);
+        subtract_outer_product(&mut J, u, k);
         (M.off[0], M.off[1], M.diagonal[2]) = (zero, zero, zero);
 
         let effort = self.effort - force.force[2];
-        self.free = effort * inverse;
-        self.gain = Force {
+        self.free_qdd = effort * inverse;
+        self.gain = SpatialForce {
             torque: k,
             force: Vec3([kx, ky, zero]),
         };
-        let [ax, ay, _] = self.own.linear.0;
-        let mut left = Force {
+        let [ax, ay, _] = self.bias.linear.0;
+        let mut transmitted = SpatialForce {
             torque: H
                 .column(0)
                 .mul_add(ax, H.column(1).mul_add(ay, force.torque)),
@@ -274,112 +227,121 @@ impl<S: Scalar> Slot<S> {
                 self.effort,
             ]),
         };
-        left.torque = k.mul_add(effort, left.torque);
-        left.force[0] = kx.mul_add(effort, left.force[0]);
-        left.force[1] = ky.mul_add(effort, left.force[1]);
-        let rest = ArticulatedInertia {
-            turning: J,
+        transmitted.torque = k.mul_add(effort, transmitted.torque);
+        transmitted.force[0] = kx.mul_add(effort, transmitted.force[0]);
+        transmitted.force[1] = ky.mul_add(effort, transmitted.force[1]);
+        let projected = ArticulatedInertia {
+            rotational: J,
             coupling: H,
             mass: M,
         };
-        (rest, left)
+        (projected, transmitted)
     }
 
-    /// Joint acceleration for the parent's, and the body's own.
+    /// Sets the joint's and the body's acceleration from the parent's; returns the body's.
     #[inline(always)]
-    fn accelerate(&mut self, hop: &Hop, parent: &Motion<S>) -> Motion<S> {
-        if hop.slides {
-            let path = Path::<true, BENT, true, true>;
-            let mut m = path.motion_back(hop, &self.turn, self.q, *parent);
-            m.linear = m.linear + self.own.linear;
+    fn solve_acceleration(
+        &mut self,
+        joint: &JointTransform,
+        parent: &SpatialMotion<S>,
+    ) -> SpatialMotion<S> {
+        if joint.is_prismatic {
+            let shape = TransformShape::<true, ALPHA_GENERAL, true, true>;
+            let mut m = shape.motion_to_child(joint, &self.rotation, self.q, *parent);
+            m.linear = m.linear + self.bias.linear;
             let g = &self.gain;
-            let along = g.force[0].mul_add(m.linear[0], g.force[1] * m.linear[1]);
-            self.qdd = (self.free - m.linear[2]) - (along + g.torque.dot(m.angular));
+            let in_plane = g.force[0].mul_add(m.linear[0], g.force[1] * m.linear[1]);
+            self.qdd = (self.free_qdd - m.linear[2]) - (in_plane + g.torque.dot(m.angular));
             m.linear[2] = m.linear[2] + self.qdd;
             self.acceleration = m;
             m
         } else {
-            on_path!(hop, path => {
-                let m = path.motion_back(hop, &self.turn, self.q, *parent);
-                self.turn_free(path.shifts(), m)
+            with_shape!(joint, shape => {
+                let m = shape.motion_to_child(joint, &self.rotation, self.q, *parent);
+                self.solve_revolute_acceleration(shape.has_translation(), m)
             })
         }
     }
 
+    /// [`Self::solve_acceleration`] for a revolute joint, from the parent's motion in the body's frame.
     #[inline(always)]
-    fn turn_free(&mut self, shifts: bool, mut m: Motion<S>) -> Motion<S> {
-        let (g, own) = (&self.gain, &self.own);
-        m.angular[0] = m.angular[0] + own.angular[0];
-        m.angular[1] = m.angular[1] + own.angular[1];
-        if shifts {
-            m.linear = m.linear + own.linear;
+    fn solve_revolute_acceleration(
+        &mut self,
+        has_translation: bool,
+        mut m: SpatialMotion<S>,
+    ) -> SpatialMotion<S> {
+        let (g, bias) = (&self.gain, &self.bias);
+        m.angular[0] = m.angular[0] + bias.angular[0];
+        m.angular[1] = m.angular[1] + bias.angular[1];
+        if has_translation {
+            m.linear = m.linear + bias.linear;
         }
-        let along = g.torque[0].mul_add(m.angular[0], g.torque[1] * m.angular[1]);
-        self.qdd = (self.free - m.angular[2]) - (along + g.force.dot(m.linear));
+        let in_plane = g.torque[0].mul_add(m.angular[0], g.torque[1] * m.angular[1]);
+        self.qdd = (self.free_qdd - m.angular[2]) - (in_plane + g.force.dot(m.linear));
         m.angular[2] = m.angular[2] + self.qdd;
         self.acceleration = m;
         m
     }
 }
 
-/// `m -= u kᵀ`, which is symmetric.
+/// `m -= u kᵀ` for a symmetric `u kᵀ`.
 #[inline(always)]
-fn take_product<S: Scalar>(m: &mut Sym3<S>, u: Vec3<S>, k: Vec3<S>) {
+fn subtract_outer_product<S: Scalar>(m: &mut Sym3<S>, u: Vec3<S>, k: Vec3<S>) {
     for i in 0..3 {
-        let (a, b) = others(i);
+        let (a, b) = other_axes(i);
         m.diagonal[i] = u[i].mul_sub_from(k[i], m.diagonal[i]);
         m.off[i] = u[a].mul_sub_from(k[b], m.off[i]);
     }
 }
 
-/// Accelerations of a free-floating tree. `slots`, one per body, hold positions (with their turns), rates
-/// and efforts of the joints and the base's angular velocity, and receive the accelerations. `external`
-/// gives wrenches on the bodies. All in kernel frames.
+/// Accelerations of a free-floating tree. `links`, one per body, hold positions (with their rotations), rates and efforts
+/// of the joints and the base's angular velocity, and receive the accelerations. `external` are wrenches on the bodies.
+/// Everything is in kernel frames.
 ///
 /// # Panics
 /// If a slice is shorter than the tree needs.
 #[inline(always)]
 pub fn forward_dynamics<S: Scalar>(
     tree: &Tree,
-    slots: &mut [Slot<S>],
-    external: Option<&[Force<S>]>,
+    links: &mut [LinkScratch<S>],
+    external: Option<&[SpatialForce<S>]>,
 ) {
     let count = tree.bodies.len();
-    let (slots, bodies) = (&mut slots[..count], &tree.bodies[..count]);
+    let (links, bodies) = (&mut links[..count], &tree.bodies[..count]);
     let external = external.map(|e| &e[..count]);
-    slots[0].begin(&bodies[0], external.map(|e| &e[0]));
-    let mut before = (slots[0].w, slots[0].spin);
+    links[0].start_subtree(&bodies[0], external.map(|e| &e[0]));
+    let mut previous = (links[0].w, links[0].centripetal);
     for &j in &tree.outward {
-        let hop = &tree.hops[j];
-        if !hop.follows {
-            before = (slots[hop.parent].w, slots[hop.parent].spin);
+        let joint = &tree.joints[j];
+        if !joint.parent_is_previous {
+            previous = (links[joint.parent].w, links[joint.parent].centripetal);
         }
-        let slot = &mut slots[j + 1];
-        slot.set_motion(hop, before.0, before.1);
-        slot.begin(&bodies[j + 1], external.map(|e| &e[j + 1]));
-        before = (slot.w, slot.spin);
+        let link = &mut links[j + 1];
+        link.set_velocity(joint, previous.0, previous.1);
+        link.start_subtree(&bodies[j + 1], external.map(|e| &e[j + 1]));
+        previous = (link.w, link.centripetal);
     }
-    let last = &slots[tree.outward.last().map_or(0, |j| j + 1)];
-    let mut gathered = (last.inertia, last.force);
+    let last = &links[tree.outward.last().map_or(0, |j| j + 1)];
+    let mut subtree = (last.inertia, last.force);
     for &j in tree.outward.iter().rev() {
-        let hop = &tree.hops[j];
-        let (inertia, force) = slots[j + 1].release(hop, gathered);
-        let parent = &mut slots[hop.parent];
-        gathered = (parent.inertia.plus(inertia), parent.force.plus(force));
-        if !hop.follows {
-            (parent.inertia, parent.force) = gathered;
-            let next = &slots[hop.before];
-            gathered = (next.inertia, next.force);
+        let joint = &tree.joints[j];
+        let (inertia, force) = links[j + 1].project(joint, subtree);
+        let parent = &mut links[joint.parent];
+        subtree = (parent.inertia.plus(inertia), parent.force.plus(force));
+        if !joint.parent_is_previous {
+            (parent.inertia, parent.force) = subtree;
+            let next = &links[joint.previous];
+            subtree = (next.inertia, next.force);
         }
     }
-    let (inertia, force) = gathered;
-    let mut acceleration = inertia.answer(force);
-    slots[0].acceleration = acceleration;
+    let (inertia, force) = subtree;
+    let mut acceleration = inertia.free_acceleration(force);
+    links[0].acceleration = acceleration;
     for &j in &tree.outward {
-        let hop = &tree.hops[j];
-        if !hop.follows {
-            acceleration = slots[hop.parent].acceleration;
+        let joint = &tree.joints[j];
+        if !joint.parent_is_previous {
+            acceleration = links[joint.parent].acceleration;
         }
-        acceleration = slots[j + 1].accelerate(hop, &acceleration);
+        acceleration = links[j + 1].solve_acceleration(joint, &acceleration);
     }
 }

@@ -1,29 +1,30 @@
-//! The base's angular velocity from the momentum that the system keeps.
+//! The base's angular velocity from the system's momentum.
 //!
-//! Masutani 1995 eq. (4.23) without its matrices: one sweep inward gathers every subtree's inertia and the
-//! momentum that it has while the base is held; the base takes what is left. It needs neither poses nor
-//! the columns of a momentum map.
+//! Masutani 1995 eq. (4.23) without its matrices: one inward sweep sums up composite inertias and the momentum of each
+//! subtree at the given joint rates with the base at rest. The base's motion accounts for the rest of the momentum. Neither
+//! poses nor a momentum map are needed.
 
-use super::composite_inertia::Composite;
-use super::joint_transform::{Force, on_path};
+use super::composite_inertia::CompositeInertia;
+use super::joint_transform::{SpatialForce, with_shape};
 use super::momentum_map::about_com;
-use super::tree::{Hop, Tree};
-use super::{ArticulatedInertia, Scalar, Slot, Sym3, Vec3};
+use super::tree::{JointTransform, Tree};
+use super::{ArticulatedInertia, LinkScratch, Scalar, Sym3, Vec3};
 
-/// What the sweep keeps of a body with its whole subtree where branches meet, in the body's kernel frame.
+/// Composite inertia and momentum of a subtree, in the kernel frame of its first body. Scratch of
+/// [`base_angular_velocity`], one element per body.
 #[derive(Debug, Clone, Copy)]
 #[repr(align(64))]
-pub struct Carried<S> {
-    subtree: Composite<S>,
-    /// Momentum at the joints' rates while the base is held, about the subtree's foot.
-    momentum: Force<S>,
+pub struct SubtreeMomentum<S> {
+    subtree: CompositeInertia<S>,
+    /// Momentum at the given joint rates with the base at rest, about the subtree's reference point.
+    momentum: SpatialForce<S>,
 }
 
-impl<S: Scalar> Carried<S> {
-    /// With nothing in it, numbers of the kind of `like`.
+impl<S: Scalar> SubtreeMomentum<S> {
+    /// All zero, with numbers of the kind of `like`.
     pub fn new(like: S) -> Self {
         let zero = like.constant(0.0);
-        let subtree = Composite {
+        let subtree = CompositeInertia {
             first_moment: Vec3::zero(like),
             inertia: Sym3 {
                 diagonal: [zero; 3],
@@ -32,19 +33,19 @@ impl<S: Scalar> Carried<S> {
         };
         Self {
             subtree,
-            momentum: Force::zero(like),
+            momentum: SpatialForce::zero(like),
         }
     }
 
-    /// The subtree, moved by its joint, as the parent carries it.
+    /// Adds the joint's motion, and transforms to the parent's frame and reference point.
     #[inline(always)]
-    fn handed_on(self, hop: &Hop, mass: f64, slot: &Slot<S>) -> Self {
-        let Composite {
+    fn to_parent(self, joint: &JointTransform, mass: f64, link: &LinkScratch<S>) -> Self {
+        let CompositeInertia {
             first_moment: h,
             inertia: J,
         } = self.subtree;
-        let (q, qd, mut momentum) = (slot.q, slot.qd, self.momentum);
-        if hop.slides {
+        let (q, qd, mut momentum) = (link.q, link.qd, self.momentum);
+        if joint.is_prismatic {
             let [x, y, _] = &mut momentum.torque.0;
             *x = h[1].mul_add(qd, *x);
             *y = h[0].mul_sub_from(qd, *y);
@@ -54,9 +55,9 @@ impl<S: Scalar> Carried<S> {
             momentum.force[0] = h[1].mul_sub_from(qd, momentum.force[0]);
             momentum.force[1] = h[0].mul_add(qd, momentum.force[1]);
         }
-        on_path!(hop, path => Self {
-            subtree: path.hand_on(hop, &slot.turn, q, mass, self.subtree),
-            momentum: path.force_on_foot(hop, &slot.turn, q, momentum),
+        with_shape!(joint, shape => Self {
+            subtree: shape.inertia_about_parent_reference(joint, &link.rotation, q, mass, self.subtree),
+            momentum: shape.force_about_parent_reference(joint, &link.rotation, q, momentum),
         })
     }
 
@@ -69,63 +70,66 @@ impl<S: Scalar> Carried<S> {
     }
 }
 
-/// The whole tree as the base carries it. `carried`, one per body, is scratch; `slots` hold positions (with
-/// their turns) and rates of the joints.
+/// Inertia and momentum of the whole tree in the base's kernel frame. `subtrees`, one per body, is scratch; `links` hold
+/// positions (with their rotations) and rates of the joints.
 #[inline(always)]
-fn carry<S: Scalar>(tree: &Tree, slots: &[Slot<S>], carried: &mut [Carried<S>]) -> Carried<S> {
+fn sweep_inward<S: Scalar>(
+    tree: &Tree,
+    links: &[LinkScratch<S>],
+    subtrees: &mut [SubtreeMomentum<S>],
+) -> SubtreeMomentum<S> {
     let count = tree.bodies.len();
-    let (slots, carried) = (&slots[..count], &mut carried[..count]);
-    let (bodies, like) = (&tree.bodies[..count], slots[0].q);
+    let (links, subtrees) = (&links[..count], &mut subtrees[..count]);
+    let (bodies, like) = (&tree.bodies[..count], links[0].q);
     for &leaf in &tree.leaves {
-        carried[leaf] = Carried {
-            subtree: Composite::constant(like, &bodies[leaf].about_foot),
-            momentum: Force::zero(like),
+        subtrees[leaf] = SubtreeMomentum {
+            subtree: CompositeInertia::constant(like, &bodies[leaf].about_reference),
+            momentum: SpatialForce::zero(like),
         };
     }
-    let mut gathered = carried[tree.outward.last().map_or(0, |j| j + 1)];
+    let mut subtree = subtrees[tree.outward.last().map_or(0, |j| j + 1)];
     for &j in tree.outward.iter().rev() {
-        let (hop, mass) = (&tree.hops[j], bodies[j + 1].subtree_mass);
-        gathered = gathered.handed_on(hop, mass, &slots[j + 1]);
-        if !hop.arrives_first {
-            gathered = carried[hop.parent].plus(gathered);
+        let (joint, mass) = (&tree.joints[j], bodies[j + 1].subtree_mass);
+        subtree = subtree.to_parent(joint, mass, &links[j + 1]);
+        if !joint.adds_parent_inertia {
+            subtree = subtrees[joint.parent].plus(subtree);
         }
-        if !hop.follows {
-            carried[hop.parent] = gathered;
-            gathered = carried[hop.before];
+        if !joint.parent_is_previous {
+            subtrees[joint.parent] = subtree;
+            subtree = subtrees[joint.previous];
         }
     }
-    gathered
+    subtree
 }
 
-/// Inertia of the whole tree, all joints locked, in the base's kernel frame. `slots` hold positions (with their
-/// turns) and rates of the joints; `carried`, one per body, is scratch.
+/// Inertia of the whole tree with all joints locked, in the base's kernel frame. `links` hold positions (with their
+/// rotations) and rates of the joints; `subtrees`, one per body, is scratch.
 #[inline(always)]
-pub(crate) fn whole_inertia<S: Scalar>(
+pub(crate) fn locked_inertia<S: Scalar>(
     tree: &Tree,
-    slots: &[Slot<S>],
-    carried: &mut [Carried<S>],
+    links: &[LinkScratch<S>],
+    subtrees: &mut [SubtreeMomentum<S>],
 ) -> ArticulatedInertia<S> {
-    let whole = carry(tree, slots, carried).subtree;
-    whole.with_mass(tree.bodies[0].subtree_mass)
+    let whole = sweep_inward(tree, links, subtrees).subtree;
+    whole.to_rigid(tree.bodies[0].subtree_mass)
 }
 
-/// Angular velocity of the base when the system has an angular momentum about its centre of mass, both in
-/// the base's kernel frame. `slots` hold positions (with their turns) and rates of the joints; `carried`,
-/// one per body, is scratch.
+/// Angular velocity of the base for the system's angular momentum about its centre of mass, both in the base's kernel
+/// frame. `links` hold positions (with their rotations) and rates of the joints; `subtrees`, one per body, is scratch.
 ///
 /// # Panics
 /// If a slice is shorter than the tree needs.
 #[inline(always)]
-pub fn base_spin<S: Scalar>(
+pub fn base_angular_velocity<S: Scalar>(
     tree: &Tree,
-    slots: &[Slot<S>],
-    carried: &mut [Carried<S>],
+    links: &[LinkScratch<S>],
+    subtrees: &mut [SubtreeMomentum<S>],
     angular_momentum: Vec3<S>,
 ) -> Vec3<S> {
-    let Carried { subtree, momentum } = carry(tree, slots, carried);
+    let SubtreeMomentum { subtree, momentum } = sweep_inward(tree, links, subtrees);
     let (p, inertia) = about_com(subtree, tree.bodies[0].subtree_mass);
-    let Force { torque, force } = momentum;
-    // Without the moment of the linear momentum, the joints' share is about the centre of mass too.
-    let left = (angular_momentum - torque) + p.cross(force);
-    inertia.inverse().times(left)
+    let SpatialForce { torque, force } = momentum;
+    // Subtracting the moment of the linear momentum moves the joints' share to the centre of mass.
+    let of_base = (angular_momentum - torque) + p.cross(force);
+    inertia.inverse().times(of_base)
 }

@@ -1,27 +1,28 @@
-//! The inertia of a subtree, handed on from body to body towards the base.
+//! Composite inertia of a subtree, and its transform towards the base.
 //!
-//! A subtree is held about the foot of the common normal that its joint's axis has with the parent's axis,
-//! not about the origin of the frame. Then all that a hop adds is known beforehand, the parent's own
-//! inertia included ([`Hop::arrival`]), and goes into the sums that the turn makes anyway: what has to wait
-//! for the subtree before it is one turn and, of each shift that there is, one product.
+//! The reference point of a subtree's inertia is not the origin of the frame but the point where the common normal with
+//! the parent's axis meets the joint axis. Everything that a joint transform adds, the parent's own inertia included, is
+//! then precomputed ([`JointTransform::parent_term`]) and added within the rotation. The chain of dependent operations is
+//! one rotation per joint, plus one product for each translation.
 
-use super::joint_transform::{Path, on_path};
-use super::tree::Hop;
-use super::vector::others;
-use super::{ArticulatedInertia, Force, Scalar, Sym3, Turn, Vec3};
+use super::joint_transform::{TransformShape, with_shape};
+use super::tree::JointTransform;
+use super::vector::other_axes;
+use super::{ArticulatedInertia, PlanarRotation, Scalar, SpatialForce, Sym3, Vec3};
 use crate::spatial::SpatialInertia;
 
-/// A body with its whole subtree, in the axes of the body's kernel frame. Its mass is known to the tree.
+/// Composite inertia of a subtree about its reference point, in the axes of its first body's kernel frame. The mass is in
+/// the tree.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Composite<S> {
-    /// First moment about the foot.
+pub(super) struct CompositeInertia<S> {
+    /// First moment \[kg m\].
     pub first_moment: Vec3<S>,
-    /// Moment of inertia about the foot.
+    /// Moment of inertia \[kg m²\].
     pub inertia: Sym3<S>,
 }
 
-impl<S: Scalar> Composite<S> {
-    /// A body whose inertia does not depend on positions, numbers of the kind of `like`.
+impl<S: Scalar> CompositeInertia<S> {
+    /// A constant inertia, with numbers of the kind of `like`.
     #[inline(always)]
     pub(super) fn constant(like: S, body: &SpatialInertia) -> Self {
         Self {
@@ -30,7 +31,7 @@ impl<S: Scalar> Composite<S> {
         }
     }
 
-    /// Two that hang on the same body.
+    /// Sum of two inertias about the same point.
     #[inline(always)]
     pub(super) fn plus(self, o: Self) -> Self {
         Self {
@@ -39,35 +40,41 @@ impl<S: Scalar> Composite<S> {
         }
     }
 
-    /// Row of the moment of inertia along the joint's axis, about the frame's origin, which lies `rise`
-    /// along the axis from the foot.
+    /// Row z, the joint's axis, of the moment of inertia about the frame's origin, which lies at `d_from_reference` on
+    /// that axis.
     #[inline(always)]
-    pub(super) fn along_axis(&self, rise: f64) -> Vec3<S> {
+    pub(super) fn axis_row(&self, d_from_reference: f64) -> Vec3<S> {
         let (Vec3([x, y, _]), Sym3 { diagonal, off }) = (self.first_moment, self.inertia);
-        let rise = x.constant(rise);
+        let d_from_reference = x.constant(d_from_reference);
         Vec3([
-            x.mul_add(rise, off[1]),
-            y.mul_add(rise, off[0]),
+            x.mul_add(d_from_reference, off[1]),
+            y.mul_add(d_from_reference, off[0]),
             diagonal[2],
         ])
     }
 
-    /// The whole tree's, all joints locked.
+    /// As the inertia of a rigid body of this mass: all joints locked.
     #[inline(always)]
-    pub(crate) fn with_mass(&self, mass: f64) -> ArticulatedInertia<S> {
+    pub(crate) fn to_rigid(&self, mass: f64) -> ArticulatedInertia<S> {
         let mass = self.first_moment[0].constant(mass);
         ArticulatedInertia::rigid(mass, self.first_moment, self.inertia)
     }
 
-    /// The subtree of the body that a joint moves, as a part of its parent's subtree.
+    /// Transforms the inertia to the parent's frame and reference point, `parent_term` added.
     #[inline(always)]
-    pub(super) fn handed_on(self, hop: &Hop, turn: &Turn<S>, q: S, mass: f64) -> Self {
-        on_path!(hop, path => path.hand_on(hop, turn, q, mass, self))
+    pub(super) fn to_parent(
+        self,
+        joint: &JointTransform,
+        rotation: &PlanarRotation<S>,
+        q: S,
+        mass: f64,
+    ) -> Self {
+        with_shape!(joint, shape => shape.inertia_about_parent_reference(joint, rotation, q, mass, self))
     }
 
-    /// To the place where a slide's foot is, from which the present one lies at `p` along z.
+    /// The same inertia about a point from which the present reference point lies at `p` along z.
     #[inline(always)]
-    fn slid(mut self, p: S, mass: f64) -> Self {
+    fn shifted_along_z(mut self, p: S, mass: f64) -> Self {
         let moment = p.times(mass);
         let (h, J) = (&mut self.first_moment, &mut self.inertia);
         let more = (p + p).mul_add(h[2], p * moment);
@@ -80,62 +87,68 @@ impl<S: Scalar> Composite<S> {
     }
 }
 
-impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GENERAL, BEND, D, A> {
+impl<const GENERAL: bool, const ALPHA: u8, const D: bool, const A: bool>
+    TransformShape<GENERAL, ALPHA, D, A>
+{
+    /// [`CompositeInertia::to_parent`] of `subtree`, which has mass `mass`.
     #[inline(always)]
-    pub(super) fn hand_on<S: Scalar>(
+    pub(super) fn inertia_about_parent_reference<S: Scalar>(
         self,
-        hop: &Hop,
-        turn: &Turn<S>,
+        joint: &JointTransform,
+        rotation: &PlanarRotation<S>,
         q: S,
         mass: f64,
-        mut subtree: Composite<S>,
-    ) -> Composite<S> {
-        if hop.slides {
-            subtree = subtree.slid(hop.distance(q), mass);
+        mut subtree: CompositeInertia<S>,
+    ) -> CompositeInertia<S> {
+        if joint.is_prismatic {
+            subtree = subtree.shifted_along_z(joint.d_at(q), mass);
         }
-        let h = turn.out::<2>(subtree.first_moment);
-        let more = Sym3::constant(q, &hop.arrival.about_origin);
-        let J = turn.sym_onto::<2>(subtree.inertia, more);
-        let (mut h, mut J) = (self.bent_out(hop, h), self.bent_sym_out(hop, J));
+        let h = rotation.apply::<2>(subtree.first_moment);
+        let parent_term = Sym3::constant(q, &joint.parent_term.about_origin);
+        let J = rotation.rotate_sym_and_add::<2>(subtree.inertia, parent_term);
+        let (mut h, mut J) = (
+            self.rotate_by_alpha(joint, h),
+            self.rotate_sym_by_alpha(joint, J),
+        );
         if GENERAL {
-            let swing = Turn::constant(q, &hop.swing);
-            (h, J) = (swing.out::<2>(h), swing.sym::<2>(J));
-            J = seen_from::<S, 1>(hop.foot[1], h, J);
+            let gamma = PlanarRotation::constant(q, &joint.gamma);
+            (h, J) = (gamma.apply::<2>(h), gamma.rotate_sym::<2>(J));
+            J = add_first_moment::<S, 1>(joint.p_reference[1], h, J);
         }
         if A || GENERAL {
-            J = seen_from::<S, 0>(hop.foot[0], h, J);
+            J = add_first_moment::<S, 0>(joint.p_reference[0], h, J);
         }
-        if hop.foot[2] != 0.0 {
-            J = seen_from::<S, 2>(hop.foot[2], h, J);
+        if joint.p_reference[2] != 0.0 {
+            J = add_first_moment::<S, 2>(joint.p_reference[2], h, J);
         }
-        Composite {
-            first_moment: h + Vec3::constant(q, &hop.arrival.first_moment.into()),
+        CompositeInertia {
+            first_moment: h + Vec3::constant(q, &joint.parent_term.first_moment.into()),
             inertia: J,
         }
     }
 
-    /// A force about the moved body's foot as one about the parent's.
+    /// Transforms a force about the body's reference point to the parent's reference point and axes.
     #[inline(always)]
-    pub(super) fn force_on_foot<S: Scalar>(
+    pub(super) fn force_about_parent_reference<S: Scalar>(
         self,
-        hop: &Hop,
-        turn: &Turn<S>,
+        joint: &JointTransform,
+        rotation: &PlanarRotation<S>,
         q: S,
-        mut f: Force<S>,
-    ) -> Force<S> {
-        if hop.slides {
-            f = f.shifted::<2>(hop.distance(q));
+        mut f: SpatialForce<S>,
+    ) -> SpatialForce<S> {
+        if joint.is_prismatic {
+            f = f.shifted::<2>(joint.d_at(q));
         }
-        f = Force {
-            torque: self.bent_out(hop, turn.out::<2>(f.torque)),
-            force: self.bent_out(hop, turn.out::<2>(f.force)),
+        f = SpatialForce {
+            torque: self.rotate_by_alpha(joint, rotation.apply::<2>(f.torque)),
+            force: self.rotate_by_alpha(joint, rotation.apply::<2>(f.force)),
         };
-        let [x, y, z] = hop.foot;
+        let [x, y, z] = joint.p_reference;
         if GENERAL {
-            let swing = Turn::constant(q, &hop.swing);
-            f = Force {
-                torque: swing.out::<2>(f.torque),
-                force: swing.out::<2>(f.force),
+            let gamma = PlanarRotation::constant(q, &joint.gamma);
+            f = SpatialForce {
+                torque: gamma.apply::<2>(f.torque),
+                force: gamma.apply::<2>(f.force),
             };
             f = f.shifted::<1>(q.constant(y));
         }
@@ -149,11 +162,11 @@ impl<const GENERAL: bool, const BEND: u8, const D: bool, const A: bool> Path<GEN
     }
 }
 
-/// `J + 2 (p·h) 1 - p hᵀ - h pᵀ` for a `p` along one axis: what the first moment adds to an inertia about a point
-/// from which its own lies at `p`.
+/// `J + 2 (p·h) 1 - p hᵀ - h pᵀ` for a `p` along one axis: the terms in the first moment of an inertia about a point from
+/// which its reference point lies at `p`.
 #[inline(always)]
-fn seen_from<S: Scalar, const AXIS: usize>(p: f64, h: Vec3<S>, mut J: Sym3<S>) -> Sym3<S> {
-    let (i, (j, k)) = (AXIS, others(AXIS));
+fn add_first_moment<S: Scalar, const AXIS: usize>(p: f64, h: Vec3<S>, mut J: Sym3<S>) -> Sym3<S> {
+    let (i, (j, k)) = (AXIS, other_axes(AXIS));
     let (once, twice) = (h[i].constant(p), h[i].constant(p + p));
     J.diagonal[j] = twice.mul_add(h[i], J.diagonal[j]);
     J.diagonal[k] = twice.mul_add(h[i], J.diagonal[k]);

@@ -1,19 +1,19 @@
-//! Inverse dynamics by recursive Newton-Euler, linear in the number of joints.
+//! Inverse dynamics by the recursive Newton-Euler algorithm, linear in the number of joints.
 
-use super::joint_transform::{Force, Motion, on_path};
-use super::tree::{Body, Hop, Tree};
-use super::{Scalar, Slot, Sym3, Vec3};
+use super::joint_transform::{SpatialForce, SpatialMotion, with_shape};
+use super::tree::{Body, JointTransform, Tree};
+use super::{LinkScratch, Scalar, Sym3, Vec3};
 
 impl Body {
-    /// Force that accelerates the body, its spin aside.
+    /// Force on the body that its acceleration requires, without the velocity-product force.
     #[inline(always)]
-    fn resists<S: Scalar>(&self, m: &Motion<S>) -> Force<S> {
+    fn inertial_force<S: Scalar>(&self, m: &SpatialMotion<S>) -> SpatialForce<S> {
         let like = m.angular[0];
         let h = &self.inertia.first_moment;
         let h = Vec3::constant(like, &[h.x, h.y, h.z]);
-        let turning = Sym3::constant(like, &self.inertia.about_origin);
-        Force {
-            torque: turning.times(m.angular) + h.cross(m.linear),
+        let rotational = Sym3::constant(like, &self.inertia.about_origin);
+        SpatialForce {
+            torque: rotational.times(m.angular) + h.cross(m.linear),
             force: m
                 .linear
                 .mul_add(like.constant(self.inertia.mass), m.angular.cross(h)),
@@ -21,64 +21,65 @@ impl Body {
     }
 }
 
-impl<S: Scalar> Slot<S> {
-    /// Acceleration for the parent's and the joint's.
+impl<S: Scalar> LinkScratch<S> {
+    /// Sets the body's acceleration from the parent's and the joint's.
     #[inline(always)]
-    fn follow(&mut self, hop: &Hop, parent: &Motion<S>) {
-        let m = on_path!(hop, path => path.motion_back(hop, &self.turn, self.q, *parent));
-        self.acceleration = Motion {
-            angular: m.angular + self.own.angular,
-            linear: m.linear + self.own.linear,
+    fn set_acceleration(&mut self, joint: &JointTransform, parent: &SpatialMotion<S>) {
+        let m = with_shape!(joint, shape => shape.motion_to_child(joint, &self.rotation, self.q, *parent));
+        self.acceleration = SpatialMotion {
+            angular: m.angular + self.bias.angular,
+            linear: m.linear + self.bias.linear,
         };
-        let along = if hop.slides {
+        let axis = if joint.is_prismatic {
             &mut self.acceleration.linear[2]
         } else {
             &mut self.acceleration.angular[2]
         };
-        *along = *along + self.qdd;
+        *axis = *axis + self.qdd;
     }
 
+    /// Adds the inertial force to that of the subtree.
     #[inline(always)]
-    fn resist(&mut self, body: &Body) {
-        self.force = self.force.plus(body.resists(&self.acceleration));
+    fn add_inertial_force(&mut self, body: &Body) {
+        self.force = self.force.plus(body.inertial_force(&self.acceleration));
     }
 }
 
-/// Joint efforts that go with accelerations. `slots`, one per body, hold positions (with their turns),
-/// rates and accelerations of the joints, and angular velocity and acceleration of the base; they receive
-/// the efforts. Returns the wrench that the base needs besides the external ones. All in kernel frames.
+/// Joint efforts for given accelerations. `links`, one per body, hold positions (with their rotations), rates and
+/// accelerations of the joints, and angular velocity and acceleration of the base; they receive the total efforts. Returns
+/// the wrench on the base that is needed in addition to the external ones. Everything is in kernel frames.
 ///
 /// # Panics
 /// If a slice is shorter than the tree needs.
 #[inline(always)]
 pub fn inverse_dynamics<S: Scalar>(
     tree: &Tree,
-    slots: &mut [Slot<S>],
-    external: Option<&[Force<S>]>,
-) -> Force<S> {
+    links: &mut [LinkScratch<S>],
+    external: Option<&[SpatialForce<S>]>,
+) -> SpatialForce<S> {
     let count = tree.bodies.len();
-    let (slots, bodies) = (&mut slots[..count], &tree.bodies[..count]);
-    slots[0].begin(&bodies[0], external.map(|e| &e[0]));
-    slots[0].resist(&bodies[0]);
-    for (j, hop) in tree.hops.iter().enumerate() {
-        let (before, rest) = slots.split_at_mut(j + 1);
-        let (parent, slot) = (&before[hop.parent], &mut rest[0]);
-        slot.set_motion(hop, parent.w, parent.spin);
-        slot.begin(&bodies[j + 1], external.map(|e| &e[j + 1]));
-        slot.follow(hop, &parent.acceleration);
-        slot.resist(&bodies[j + 1]);
+    let (links, bodies) = (&mut links[..count], &tree.bodies[..count]);
+    links[0].start_subtree(&bodies[0], external.map(|e| &e[0]));
+    links[0].add_inertial_force(&bodies[0]);
+    for (j, joint) in tree.joints.iter().enumerate() {
+        let (inward, rest) = links.split_at_mut(j + 1);
+        let (parent, link) = (&inward[joint.parent], &mut rest[0]);
+        link.set_velocity(joint, parent.w, parent.centripetal);
+        link.start_subtree(&bodies[j + 1], external.map(|e| &e[j + 1]));
+        link.set_acceleration(joint, &parent.acceleration);
+        link.add_inertial_force(&bodies[j + 1]);
     }
-    for (j, hop) in tree.hops.iter().enumerate().rev() {
-        let (before, rest) = slots.split_at_mut(j + 1);
-        let (parent, slot) = (&mut before[hop.parent], &mut rest[0]);
-        let force = slot.force;
-        slot.effort = if hop.slides {
+    for (j, joint) in tree.joints.iter().enumerate().rev() {
+        let (inward, rest) = links.split_at_mut(j + 1);
+        let (parent, link) = (&mut inward[joint.parent], &mut rest[0]);
+        let force = link.force;
+        link.effort = if joint.is_prismatic {
             force.force[2]
         } else {
             force.torque[2]
         };
-        let passed = on_path!(hop, path => path.force_out(hop, &slot.turn, slot.q, force));
-        parent.force = parent.force.plus(passed);
+        let transmitted = with_shape!(joint, shape => shape.force_to_parent(joint, &link.rotation, link.q, force));
+        parent.force = parent.force.plus(transmitted);
     }
-    slots[0].force
+    links[0].force
 }

@@ -1,4 +1,4 @@
-//! Which frames suit the recursions: see [`super::tree`].
+//! Placement of the kernel frames on the bodies: see [`super::tree`].
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 
@@ -14,7 +14,7 @@ pub(super) fn kernel_frames(model: &Model) -> Vec<Pose> {
         let next = (bodies[b].subtree_end > b + 1).then(|| &model.joints()[b]);
         frames[b] = match (own, next) {
             (None, None) => Pose::identity(),
-            // The base has no axis of its own; it takes that of the first joint.
+            // The base is moved by no joint; its z is the axis of the first joint.
             (None, Some(next)) => {
                 let z = next.X_PJ.rotation * next.axis;
                 let p = (next.X_PJ * frames[b + 1]).translation.vector;
@@ -35,7 +35,7 @@ pub(super) fn kernel_frames(model: &Model) -> Vec<Pose> {
                     // Where the common normal meets this body's axis.
                     (normal, normal.dot(&p.cross(&w)) / sine)
                 };
-                // Nearly parallel axes have their normal far away, which would cost digits.
+                // The common normal of nearly parallel axes is far away, which would cost digits.
                 let size = p.norm() + bodies[b].inertia.com.norm();
                 let along = if along.abs() <= size { along } else { 0.0 };
                 Pose::from_parts(Translation3::from(z * along), axes(&z, &x))
@@ -45,7 +45,7 @@ pub(super) fn kernel_frames(model: &Model) -> Vec<Pose> {
     frames
 }
 
-/// Axes with the given z, and x as near to `x` as can be (anywhere if that is zero).
+/// Axes with the given z, and x as close to `x` as possible (arbitrary if `x` is parallel to z).
 fn axes(z: &Vector3<f64>, x: &Vector3<f64>) -> Rotation3<f64> {
     let z = z.normalize();
     let mut x = x - z * z.dot(x);

@@ -1,41 +1,43 @@
-//! A joint's columns of the momentum map and of the generalized Jacobian.
+//! Columns of the momentum map: the momentum that each joint gives to its subtree.
 
 use super::{Scalar, Sym3, Vec3};
 
-/// A joint with the subtree that it moves: what its columns are made of. Base axes.
+/// A joint and the subtree that it moves, from which its columns follow. Base axes unless stated otherwise.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Lever<S> {
+pub(super) struct JointSubtree<S> {
     /// Axes of the kernel frame of the body that the joint moves.
     pub axes: [Vec3<S>; 3],
     /// Origin of that frame from the base's.
     pub p_BK: Vec3<S>,
-    /// First moment of the subtree across the joint's axis, kernel frame.
-    pub across: [S; 2],
-    /// Row of the subtree's inertia along the joint's axis, kernel frame.
-    pub inertia: Vec3<S>,
+    /// First moment of the subtree, its x and y components in the kernel frame.
+    pub first_moment_xy: [S; 2],
+    /// Row z (the joint's axis) of the subtree's moment of inertia, kernel frame.
+    pub inertia_z: Vec3<S>,
 }
 
-/// How a joint moves.
+/// Type of a joint, or of a group of joints.
 #[derive(Debug, Clone, Copy)]
-pub(super) enum Moves<S> {
-    Turning,
-    /// Carrying this mass.
-    Sliding(S),
-    /// Some of several joints turn (1 there) and some slide: the mass that they carry, or 0.
+pub(super) enum JointMotion<S> {
+    /// Revolute.
+    Revolute,
+    /// Prismatic, with the mass of the subtree.
+    Prismatic(S),
+    /// A group with joints of both types.
     Mixed {
-        turning: S,
-        sliding: S,
+        /// 1 for revolute joints, 0 for prismatic ones.
+        is_revolute: S,
+        /// Mass of the subtree for prismatic joints, 0 for revolute ones.
+        prismatic_mass: S,
     },
 }
 
-/// A joint's columns of the momentum map and of what follows from it, base axes.
+/// One joint's columns of the momentum map and of the matrices that follow from it, base axes.
 #[derive(Debug, Clone, Copy)]
-pub struct Column<S> {
-    /// Angular momentum of the subtree at unit joint rate with the base held, about the kernel frame's
-    /// origin.
-    pub torque: Vec3<S>,
-    /// Linear momentum of the subtree at unit joint rate with the base held.
-    pub force: Vec3<S>,
+pub struct MomentumColumn<S> {
+    /// Angular momentum of the subtree about the kernel frame's origin, at unit joint rate with the base at rest.
+    pub angular_momentum: Vec3<S>,
+    /// Linear momentum of the subtree, at unit joint rate with the base at rest.
+    pub linear_momentum: Vec3<S>,
     /// Column of `J_C`, eq. (4.12).
     pub J_C: Vec3<S>,
     /// Column of `H_M`, eq. (4.26).
@@ -44,56 +46,61 @@ pub struct Column<S> {
     pub H_A: Vec3<S>,
 }
 
-impl<S: Scalar> Column<S> {
-    /// A column of zeros, numbers of the kind of `like`.
+impl<S: Scalar> MomentumColumn<S> {
+    /// All zero, with numbers of the kind of `like`.
     pub fn zero(like: S) -> Self {
-        let none = Vec3::zero(like);
+        let zeros = Vec3::zero(like);
         Self {
-            torque: none,
-            force: none,
-            J_C: none,
-            H_M: none,
-            H_A: none,
+            angular_momentum: zeros,
+            linear_momentum: zeros,
+            J_C: zeros,
+            H_M: zeros,
+            H_A: zeros,
         }
     }
 
-    /// `answer` is `-H_B⁻¹`, `per` one over the whole mass.
+    /// The columns of a joint, from its subtree; `inverse_mass` is that of the whole tree.
     #[inline(always)]
     pub(super) fn new(
-        lever: &Lever<S>,
-        moves: Moves<S>,
+        subtree: &JointSubtree<S>,
+        motion: JointMotion<S>,
         p_BC: Vec3<S>,
-        answer: &Sym3<S>,
-        per: S,
+        minus_H_B_inverse: &Sym3<S>,
+        inverse_mass: S,
     ) -> Self {
-        let ([x, y, z], [h, k], inertia) = (lever.axes, lever.across, lever.inertia);
-        let spun = || x.mul_add(inertia[0], y.mul_add(inertia[1], z.scaled(inertia[2])));
-        let swept = || y.mul_add(h, x.scaled(-k));
-        let (torque, force) = match moves {
-            Moves::Turning => (spun(), swept()),
-            Moves::Sliding(mass) => (-swept(), z.scaled(mass)),
-            Moves::Mixed { turning, sliding } => {
-                let swept = swept();
-                let slides = turning.mul_sub_from(turning, turning.constant(1.0));
+        let ([x, y, z], [hx, hy], I) = (subtree.axes, subtree.first_moment_xy, subtree.inertia_z);
+        // I z and z × h in base axes.
+        let I_z = || x.mul_add(I[0], y.mul_add(I[1], z.scaled(I[2])));
+        let z_h = || y.mul_add(hx, x.scaled(-hy));
+        let (angular_momentum, linear_momentum) = match motion {
+            JointMotion::Revolute => (I_z(), z_h()),
+            JointMotion::Prismatic(mass) => (-z_h(), z.scaled(mass)),
+            JointMotion::Mixed {
+                is_revolute,
+                prismatic_mass,
+            } => {
+                let z_h = z_h();
+                let is_prismatic = is_revolute.mul_sub_from(is_revolute, is_revolute.constant(1.0));
                 (
-                    spun().mul_add(turning, -swept.scaled(slides)),
-                    swept.mul_add(turning, z.scaled(sliding)),
+                    I_z().mul_add(is_revolute, -z_h.scaled(is_prismatic)),
+                    z_h.mul_add(is_revolute, z.scaled(prismatic_mass)),
                 )
             }
         };
-        let H_M = torque + (lever.p_BK - p_BC).cross(force);
+        let H_M = angular_momentum + (subtree.p_BK - p_BC).cross(linear_momentum);
         Self {
-            torque,
-            force,
-            J_C: force.scaled(per),
+            angular_momentum,
+            linear_momentum,
+            J_C: linear_momentum.scaled(inverse_mass),
             H_M,
-            H_A: answer.times(H_M),
+            H_A: minus_H_B_inverse.times(H_M),
         }
     }
 
-    /// Motion of a point of the base at `r_CE` from the centre of mass, linear part first.
+    /// Linear and angular velocity, at unit joint rate and zero momentum, of a point fixed to the base at `r_CE` from the
+    /// centre of mass.
     #[inline(always)]
-    pub(super) fn of_base(&self, r_CE: Vec3<S>) -> [Vec3<S>; 2] {
+    pub(super) fn base_motion(&self, r_CE: Vec3<S>) -> [Vec3<S>; 2] {
         [self.H_A.cross(r_CE) - self.J_C, self.H_A]
     }
 }

@@ -1,15 +1,15 @@
-//! Turning about a coordinate axis: what makes a hop from body to body cheap.
+//! Rotation about a coordinate axis, which costs less than a general one.
 
 use pulp::Simd;
 
-use super::vector::others;
-use super::{Eight, GROUP, Lanes, Mat3, Scalar, Sym3, Vec3};
+use super::vector::other_axes;
+use super::{F64x8, GROUP_SIZE, Lanes, Mat3, Scalar, Sym3, Vec3};
 
-/// A turn by an angle about a coordinate axis, with the products that tensors need. For a turn of frame B
-/// against frame A, `out` takes components in B to components in A and `back` goes back. The axis is the
-/// const parameter: 0 is x, 1 is y, 2 is z.
+/// Rotation `R_AB` by an angle about a coordinate axis, with the products that tensors need. `apply` takes components in
+/// B to components in A, `apply_inverse` the reverse. The axis is the const parameter of the methods: 0 is x, 1 is y,
+/// 2 is z.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Turn<S> {
+pub struct PlanarRotation<S> {
     /// Cosine of the angle.
     pub cos: S,
     /// Sine of the angle.
@@ -24,7 +24,7 @@ pub struct Turn<S> {
     pub cos_twice: S,
 }
 
-impl<S: Scalar> Turn<S> {
+impl<S: Scalar> PlanarRotation<S> {
     /// From cosine and sine of the angle.
     #[inline(always)]
     pub fn new(cos: S, sin: S) -> Self {
@@ -39,142 +39,146 @@ impl<S: Scalar> Turn<S> {
         }
     }
 
-    /// A turn that is known beforehand, as numbers of the kind of `like`.
+    /// A constant rotation, with numbers of the kind of `like`.
     #[inline(always)]
-    pub fn constant(like: S, turn: &Turn<f64>) -> Self {
+    pub fn constant(like: S, rotation: &PlanarRotation<f64>) -> Self {
         Self {
-            cos: like.constant(turn.cos),
-            sin: like.constant(turn.sin),
-            sin_sin: like.constant(turn.sin_sin),
-            sin_cos: like.constant(turn.sin_cos),
-            sin_twice: like.constant(turn.sin_twice),
-            cos_twice: like.constant(turn.cos_twice),
+            cos: like.constant(rotation.cos),
+            sin: like.constant(rotation.sin),
+            sin_sin: like.constant(rotation.sin_sin),
+            sin_cos: like.constant(rotation.sin_cos),
+            sin_twice: like.constant(rotation.sin_twice),
+            cos_twice: like.constant(rotation.cos_twice),
         }
     }
 
     /// Components in A of a vector given in B.
     #[inline(always)]
-    pub fn out<const AXIS: usize>(&self, v: Vec3<S>) -> Vec3<S> {
-        let (j, k) = others(AXIS);
-        let mut turned = v;
-        turned[j] = self.sin.mul_sub_from(v[k], self.cos * v[j]);
-        turned[k] = self.sin.mul_add(v[j], self.cos * v[k]);
-        turned
+    pub fn apply<const AXIS: usize>(&self, v: Vec3<S>) -> Vec3<S> {
+        let (j, k) = other_axes(AXIS);
+        let mut rotated = v;
+        rotated[j] = self.sin.mul_sub_from(v[k], self.cos * v[j]);
+        rotated[k] = self.sin.mul_add(v[j], self.cos * v[k]);
+        rotated
     }
 
     /// Components in B of a vector given in A.
     #[inline(always)]
-    pub fn back<const AXIS: usize>(&self, v: Vec3<S>) -> Vec3<S> {
-        let (j, k) = others(AXIS);
-        let mut turned = v;
-        turned[j] = self.sin.mul_add(v[k], self.cos * v[j]);
-        turned[k] = self.sin.mul_sub_from(v[j], self.cos * v[k]);
-        turned
+    pub fn apply_inverse<const AXIS: usize>(&self, v: Vec3<S>) -> Vec3<S> {
+        let (j, k) = other_axes(AXIS);
+        let mut rotated = v;
+        rotated[j] = self.sin.mul_add(v[k], self.cos * v[j]);
+        rotated[k] = self.sin.mul_sub_from(v[j], self.cos * v[k]);
+        rotated
     }
 
-    /// Components in A of the symmetric tensor whose components in B are `m`, all of them in the plane
-    /// of the turn (those along the axis are left as they are).
+    /// Components in A of the symmetric tensor whose components in B are `m`, if its entries off the diagonal in the
+    /// axis's row are zero (that row is not changed).
     #[inline(always)]
-    pub fn sym_in_plane<const AXIS: usize>(&self, m: Sym3<S>) -> Sym3<S> {
-        let (j, k) = others(AXIS);
+    pub fn rotate_sym_in_plane<const AXIS: usize>(&self, m: Sym3<S>) -> Sym3<S> {
+        let (j, k) = other_axes(AXIS);
         let (difference, off) = (m.diagonal[j] - m.diagonal[k], m.off[AXIS]);
         // The trace stays, so one number corrects both entries of the diagonal.
-        let moved = self.sin_sin.mul_add(difference, self.sin_twice * off);
-        let mut turned = m;
-        turned.diagonal[j] = m.diagonal[j] - moved;
-        turned.diagonal[k] = m.diagonal[k] + moved;
-        turned.off[AXIS] = self.sin_cos.mul_add(difference, self.cos_twice * off);
-        turned
+        let change = self.sin_sin.mul_add(difference, self.sin_twice * off);
+        let mut rotated = m;
+        rotated.diagonal[j] = m.diagonal[j] - change;
+        rotated.diagonal[k] = m.diagonal[k] + change;
+        rotated.off[AXIS] = self.sin_cos.mul_add(difference, self.cos_twice * off);
+        rotated
     }
 
     /// Components in A of the symmetric tensor whose components in B are `m`.
     #[inline(always)]
-    pub fn sym<const AXIS: usize>(&self, m: Sym3<S>) -> Sym3<S> {
-        let (j, k) = others(AXIS);
-        let mut turned = self.sym_in_plane::<AXIS>(m);
-        // Entries (axis, j) and (axis, k) turn as a vector.
-        turned.off[k] = self.sin.mul_sub_from(m.off[j], self.cos * m.off[k]);
-        turned.off[j] = self.sin.mul_add(m.off[k], self.cos * m.off[j]);
-        turned
+    pub fn rotate_sym<const AXIS: usize>(&self, m: Sym3<S>) -> Sym3<S> {
+        let (j, k) = other_axes(AXIS);
+        let mut rotated = self.rotate_sym_in_plane::<AXIS>(m);
+        // Entries (axis, j) and (axis, k) rotate as a vector.
+        rotated.off[k] = self.sin.mul_sub_from(m.off[j], self.cos * m.off[k]);
+        rotated.off[j] = self.sin.mul_add(m.off[k], self.cos * m.off[j]);
+        rotated
     }
 
-    /// [`Self::sym`] plus a tensor of A that is ready before `m`: the sum does not make anybody wait.
+    /// [`Self::rotate_sym`] of `m`, plus a tensor in A. The additions use values that are known before `m`, so that they
+    /// do not lengthen the chain of dependent operations.
     #[inline(always)]
-    pub fn sym_onto<const AXIS: usize>(&self, m: Sym3<S>, more: Sym3<S>) -> Sym3<S> {
-        let (i, (j, k)) = (AXIS, others(AXIS));
+    pub fn rotate_sym_and_add<const AXIS: usize>(&self, m: Sym3<S>, addend: Sym3<S>) -> Sym3<S> {
+        let (i, (j, k)) = (AXIS, other_axes(AXIS));
         let (difference, across) = (m.diagonal[j] - m.diagonal[k], m.off[i]);
-        let moved = self.sin_sin.mul_add(difference, self.sin_twice * across);
-        let mut sum = more;
-        sum.diagonal[i] = m.diagonal[i] + more.diagonal[i];
-        sum.diagonal[j] = (m.diagonal[j] + more.diagonal[j]) - moved;
-        sum.diagonal[k] = (m.diagonal[k] + more.diagonal[k]) + moved;
-        let across = self.cos_twice.mul_add(across, more.off[i]);
+        let change = self.sin_sin.mul_add(difference, self.sin_twice * across);
+        let mut sum = addend;
+        sum.diagonal[i] = m.diagonal[i] + addend.diagonal[i];
+        sum.diagonal[j] = (m.diagonal[j] + addend.diagonal[j]) - change;
+        sum.diagonal[k] = (m.diagonal[k] + addend.diagonal[k]) + change;
+        let across = self.cos_twice.mul_add(across, addend.off[i]);
         sum.off[i] = self.sin_cos.mul_add(difference, across);
         let (to_k, to_j) = (
-            self.cos.mul_add(m.off[k], more.off[k]),
-            self.cos.mul_add(m.off[j], more.off[j]),
+            self.cos.mul_add(m.off[k], addend.off[k]),
+            self.cos.mul_add(m.off[j], addend.off[j]),
         );
         sum.off[k] = self.sin.mul_sub_from(m.off[j], to_k);
         sum.off[j] = self.sin.mul_add(m.off[k], to_j);
         sum
     }
 
-    /// Components in A of the tensor whose components in B are `m`, but for its row along the axis,
-    /// which is left as it is.
+    /// Components in A of the tensor whose components in B are `m`, except for the axis's row, which is not changed.
     #[inline(always)]
-    pub fn mat_across<const AXIS: usize>(&self, m: Mat3<S>) -> Mat3<S> {
-        let (j, k) = others(AXIS);
+    pub fn rotate_mat_except_axis_row<const AXIS: usize>(&self, m: Mat3<S>) -> Mat3<S> {
+        let (j, k) = other_axes(AXIS);
         let Mat3(rows) = m;
         let difference = rows[j][j] - rows[k][k];
         let sum = rows[j][k] + rows[k][j];
-        let moved = self.sin_sin.mul_add(difference, self.sin_cos * sum);
+        let change = self.sin_sin.mul_add(difference, self.sin_cos * sum);
         let sheared = self.sin_sin.mul_sub_from(sum, self.sin_cos * difference);
-        let mut turned = rows;
-        turned[j][j] = rows[j][j] - moved;
-        turned[k][k] = rows[k][k] + moved;
-        turned[j][k] = rows[j][k] + sheared;
-        turned[k][j] = rows[k][j] + sheared;
+        let mut rotated = rows;
+        rotated[j][j] = rows[j][j] - change;
+        rotated[k][k] = rows[k][k] + change;
+        rotated[j][k] = rows[j][k] + sheared;
+        rotated[k][j] = rows[k][j] + sheared;
         let (a, b) = (rows[j][AXIS], rows[k][AXIS]);
-        turned[j][AXIS] = self.sin.mul_sub_from(b, self.cos * a);
-        turned[k][AXIS] = self.sin.mul_add(a, self.cos * b);
-        Mat3(turned)
+        rotated[j][AXIS] = self.sin.mul_sub_from(b, self.cos * a);
+        rotated[k][AXIS] = self.sin.mul_add(a, self.cos * b);
+        Mat3(rotated)
     }
 
     /// Components in A of the tensor whose components in B are `m`.
     #[inline(always)]
-    pub fn mat<const AXIS: usize>(&self, m: Mat3<S>) -> Mat3<S> {
-        let Mat3(mut turned) = self.mat_across::<AXIS>(m);
-        turned[AXIS] = self.out::<AXIS>(m.0[AXIS]);
-        Mat3(turned)
+    pub fn rotate_mat<const AXIS: usize>(&self, m: Mat3<S>) -> Mat3<S> {
+        let Mat3(mut rotated) = self.rotate_mat_except_axis_row::<AXIS>(m);
+        rotated[AXIS] = self.apply::<AXIS>(m.0[AXIS]);
+        Mat3(rotated)
     }
 }
 
-impl Turn<Eight> {
-    /// Eight that are none.
-    pub(super) const NONE: Self = Self {
-        cos: Eight([1.0; GROUP]),
-        sin: Eight::ZERO,
-        sin_sin: Eight::ZERO,
-        sin_cos: Eight::ZERO,
-        sin_twice: Eight::ZERO,
-        cos_twice: Eight([1.0; GROUP]),
+impl PlanarRotation<F64x8> {
+    /// Eight rotations by zero.
+    pub(super) const IDENTITY: Self = Self {
+        cos: F64x8([1.0; GROUP_SIZE]),
+        sin: F64x8::ZERO,
+        sin_sin: F64x8::ZERO,
+        sin_cos: F64x8::ZERO,
+        sin_twice: F64x8::ZERO,
+        cos_twice: F64x8([1.0; GROUP_SIZE]),
     };
 
-    /// Takes over several side by side, the first of which comes to `first`.
+    /// Stores `rotations` at index `first` and after.
     #[inline(always)]
-    pub(super) fn set<S: Simd>(&mut self, first: usize, turns: &Turn<Lanes<S>>) {
-        turns.cos.store(&mut self.cos.0[first..]);
-        turns.sin.store(&mut self.sin.0[first..]);
-        turns.sin_sin.store(&mut self.sin_sin.0[first..]);
-        turns.sin_cos.store(&mut self.sin_cos.0[first..]);
-        turns.sin_twice.store(&mut self.sin_twice.0[first..]);
-        turns.cos_twice.store(&mut self.cos_twice.0[first..]);
+    pub(super) fn store_lanes<S: Simd>(
+        &mut self,
+        first: usize,
+        rotations: &PlanarRotation<Lanes<S>>,
+    ) {
+        rotations.cos.store(&mut self.cos.0[first..]);
+        rotations.sin.store(&mut self.sin.0[first..]);
+        rotations.sin_sin.store(&mut self.sin_sin.0[first..]);
+        rotations.sin_cos.store(&mut self.sin_cos.0[first..]);
+        rotations.sin_twice.store(&mut self.sin_twice.0[first..]);
+        rotations.cos_twice.store(&mut self.cos_twice.0[first..]);
     }
 
-    /// That of one of them.
+    /// Rotation `i`.
     #[inline(always)]
-    pub(super) fn at(&self, i: usize) -> Turn<f64> {
-        Turn {
+    pub(super) fn lane(&self, i: usize) -> PlanarRotation<f64> {
+        PlanarRotation {
             cos: self.cos.0[i],
             sin: self.sin.0[i],
             sin_sin: self.sin_sin.0[i],

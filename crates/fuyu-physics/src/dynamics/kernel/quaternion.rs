@@ -1,18 +1,18 @@
-//! Small turns and what they do to vectors, for any kind of number.
+//! Unit quaternions and the exponential map by series, for any [`Scalar`].
 
 use super::{Scalar, Vec3};
 
 /// A unit quaternion.
 #[derive(Debug, Clone, Copy)]
-pub struct Attitude<S> {
+pub struct Quat<S> {
     /// Scalar part.
     pub w: S,
     /// Vector part.
     pub v: Vec3<S>,
 }
 
-/// Up to this square of an angle \[rad²\] the series below are exact to rounding.
-pub const SMALL_TURN: f64 = 0.25;
+/// Up to this square of the rotation angle \[rad²\] the series below are exact to rounding.
+pub const SERIES_LIMIT: f64 = 0.25;
 
 /// `cos(θ/2)` by powers of `-θ²`: `1 / (4ᵏ (2k)!)`.
 const COS: [f64; 7] = [
@@ -56,10 +56,10 @@ fn series<S: Scalar>(coefficients: &[f64; 7], x: S) -> S {
     sum
 }
 
-impl<S: Scalar> Attitude<S> {
-    /// The turn of a rotation vector whose square is at most [`SMALL_TURN`].
+impl<S: Scalar> Quat<S> {
+    /// Exponential map of a rotation vector whose square is at most [`SERIES_LIMIT`].
     #[inline(always)]
-    pub fn of_small(u: Vec3<S>) -> Self {
+    pub fn exp_series(u: Vec3<S>) -> Self {
         let x = -u.dot(u);
         Self {
             w: series(&COS, x),
@@ -67,9 +67,9 @@ impl<S: Scalar> Attitude<S> {
         }
     }
 
-    /// First `self`, then in the turned axes `o`.
+    /// `self · o`: first `self`, then `o` in the rotated axes.
     #[inline(always)]
-    pub fn then(self, o: Self) -> Self {
+    pub fn compose(self, o: Self) -> Self {
         let w = self.v.dot(o.v);
         Self {
             w: self.w * o.w - w,
@@ -77,18 +77,18 @@ impl<S: Scalar> Attitude<S> {
         }
     }
 
-    /// Components in the turned axes of a vector given in the others.
+    /// Inverse rotation of a vector: for `R_AB` from components in A to components in B.
     #[inline(always)]
-    pub fn back(self, x: Vec3<S>) -> Vec3<S> {
+    pub fn apply_inverse(self, x: Vec3<S>) -> Vec3<S> {
         let t = x.cross(self.v);
         let t = t + t;
         t.mul_add(self.w, t.cross(self.v) + x)
     }
 }
 
-/// [`crate::spatial::rotation_vector_rate`] where the square of `u` is at most [`SMALL_TURN`].
+/// [`crate::spatial::rotation_vector_rate`] where the square of `u` is at most [`SERIES_LIMIT`].
 #[inline(always)]
-pub fn small_turn_rate<S: Scalar>(u: Vec3<S>, w: Vec3<S>) -> Vec3<S> {
+pub fn rotation_vector_rate_series<S: Scalar>(u: Vec3<S>, w: Vec3<S>) -> Vec3<S> {
     let (k, uw) = (series(&COT, u.dot(u)), u.cross(w));
     u.cross(uw).mul_add(k, uw.mul_add(w[0].constant(0.5), w))
 }
@@ -99,34 +99,34 @@ mod tests {
     use crate::spatial::{exp_so3, rotation_vector_rate};
     use nalgebra::Vector3;
 
-    /// A wrong coefficient, sign or order of products shows; so does a series that is too short.
+    /// Catches a wrong coefficient, sign or order of products, and a series that is too short.
     #[test]
-    fn small_turns_are_those_of_the_closed_forms() {
+    fn series_agree_with_the_closed_forms() {
         let (w, x) = (Vector3::new(0.3, -2.0, 1.1), Vector3::new(-0.4, 0.9, 2.0));
         let first = exp_so3(&Vector3::new(1.0, -2.0, 0.5));
-        let parts = |q: &nalgebra::UnitQuaternion<f64>| Attitude {
+        let parts = |q: &nalgebra::UnitQuaternion<f64>| Quat {
             w: q.w,
             v: Vec3([q.i, q.j, q.k]),
         };
         for size in [0.0, 1e-3, 0.05, 0.2, 0.5] {
             let u = Vector3::new(2.0, -1.0, 2.0) / 3.0 * size;
-            let (exact, ours) = (exp_so3(&u), Attitude::of_small(Vec3(u.into())));
+            let (exact, series) = (exp_so3(&u), Quat::exp_series(Vec3(u.into())));
             // Four roundings.
             let near = |a: f64, b: f64| {
                 let limit = 1e-15 * a.abs().max(1.0);
                 assert!((a - b).abs() <= limit, "{size}: {a} {b}");
             };
-            let both = parts(&first).then(ours);
+            let both = parts(&first).compose(series);
             let product = first * exact;
-            for (a, b) in [(ours, exact), (both, product)] {
+            for (a, b) in [(series, exact), (both, product)] {
                 near(a.w, b.w);
                 [b.i, b.j, b.k]
                     .iter()
                     .zip(a.v.0)
                     .for_each(|(b, a)| near(a, *b));
             }
-            let rate = small_turn_rate(Vec3(u.into()), Vec3(w.into()));
-            let back = both.back(Vec3(x.into()));
+            let rate = rotation_vector_rate_series(Vec3(u.into()), Vec3(w.into()));
+            let back = both.apply_inverse(Vec3(x.into()));
             for i in 0..3 {
                 near(rate[i], rotation_vector_rate(&u, &w)[i]);
                 near(back[i], product.inverse_transform_vector(&x)[i]);
