@@ -1,24 +1,24 @@
-//! Orthogonal factorization of the constraints.
+//! QR factorization of the constraints, with column pivoting.
 //!
-//! The Schur complement of the augmented inertia matrix is `GᵀG` with `G = L⁻¹Jᵀ`. Factoring `G` itself keeps
-//! twice as many digits of the accelerations as factoring the complement would. The pivots choose columns by
-//! their norm, which tells the rank; nalgebra's own choose single elements and allocate.
+//! The Schur complement of the augmented inertia matrix is `GᵀG` with `G = L⁻¹Jᵀ`. Factorizing `G` itself keeps
+//! twice as many digits of the accelerations as factorizing the complement. Pivoting selects columns by their norm, which
+//! reveals the rank; nalgebra's pivoted QR selects single elements and allocates.
 
 /// `G P = Q R` by Householder reflections with column pivoting, in place.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Factors {
+pub(super) struct QrFactorization {
     rows: usize,
     columns: usize,
     /// Column by column: `R` on and above the diagonal, reflection vectors from the diagonal on in `heads`.
     data: Vec<f64>,
-    /// First entry of each reflection vector, which shares its place with `R`'s diagonal; `2/|v|²` follows.
+    /// First entry of each reflection vector, whose place in `data` `R`'s diagonal takes, and `2/|v|²`.
     heads: Vec<(f64, f64)>,
     norms: Vec<f64>,
     pub order: Vec<usize>,
     pub rank: usize,
 }
 
-impl Factors {
+impl QrFactorization {
     pub fn new(rows: usize, columns: usize) -> Self {
         Self {
             rows,
@@ -31,7 +31,7 @@ impl Factors {
         }
     }
 
-    /// All zero, to be filled.
+    /// Sets all entries to zero.
     pub fn clear(&mut self) {
         self.data.fill(0.0);
     }
@@ -41,8 +41,8 @@ impl Factors {
         &mut self.data[j * self.rows..(j + 1) * self.rows]
     }
 
-    /// Factors what was filled in; columns of unit norm. Stops where all that is left of every column is
-    /// shorter than `tolerance`.
+    /// Factorizes the matrix, whose columns must have unit norm. Stops where the remainders of all columns are shorter than
+    /// `tolerance`.
     pub fn factor(&mut self, tolerance: f64) {
         let (rows, columns) = (self.rows, self.columns);
         self.heads.clear();
