@@ -8,12 +8,12 @@
 //! | [`recover()`] | makes a whole bag of a broken one |
 //! | [`Bag`] | reads a bag, its own or one that rosbag2 wrote, also one that was cut off |
 //!
-//! Nothing here knows what the messages mean; see [`crate::experiments`] for that.
+//! Nothing here knows what the messages mean; that is up to the reader.
 //!
 //! ```
-//! use fuyu::bag::{Bag, Topic, Writer, WriterOptions};
-//! use fuyu::msg::std_msgs::Float64;
-//! use fuyu::ros::Qos;
+//! use fuyu_ros::bag::{Bag, Topic, Writer, WriterOptions};
+//! use fuyu_ros::msg::std_msgs::Float64;
+//! use fuyu_ros::ros::Qos;
 //!
 //! # let folder = tempfile::tempdir()?;
 //! # let path = folder.path().join("run");
