@@ -70,8 +70,9 @@ impl McapFile {
         if magic.starts_with(b"SQLite f") {
             return Err(BagError::Unsupported {
                 path: path.to_owned(),
-                what: "its storage is sqlite3; fuyu reads mcap (convert it with `ros2 bag convert`)"
-                    .into(),
+                what:
+                    "its storage is sqlite3; fuyu reads mcap (convert it with `ros2 bag convert`)"
+                        .into(),
             });
         }
         if !mcap::MAGIC.starts_with(&magic) {
