@@ -193,8 +193,8 @@ impl LoopClosure {
         let normal = self.rotation_normal(&(to_A * X_BB.rotation));
         for (j, (a, b)) in J_A.column_iter().zip(J_B.column_iter()).enumerate() {
             let angular = to_A * (b.fixed_rows::<3>(3) - a.fixed_rows::<3>(3));
-            let swept = Vector3::from(a.fixed_rows::<3>(3)).cross(&d);
-            let linear = to_A * (b.fixed_rows::<3>(0) - a.fixed_rows::<3>(0) - swept);
+            let w_cross_d = Vector3::from(a.fixed_rows::<3>(3)).cross(&d);
+            let linear = to_A * (b.fixed_rows::<3>(0) - a.fixed_rows::<3>(0) - w_cross_d);
             for (k, direction) in self.directions().enumerate() {
                 out[(j, first + k)] = match direction {
                     Direction::X => linear.x,
@@ -224,13 +224,13 @@ impl LoopClosure {
         let d = X_BB.translation.vector - X_BA.translation.vector;
         let to_A = X_BA.rotation.inverse();
         let w_A = V_A.angular;
-        let swept = w_A.cross(&d);
-        let v = V_B.linear - V_A.linear - swept;
+        let w_cross_d = w_A.cross(&d);
+        let v = V_B.linear - V_A.linear - w_cross_d;
         let linear = to_A
             * (A_B.linear
                 - A_A.linear
                 - A_A.angular.cross(&d)
-                - w_A.cross(&swept)
+                - w_A.cross(&w_cross_d)
                 - w_A.cross(&v) * 2.0);
         let w = V_B.angular - w_A;
         let angular = to_A * (A_B.angular - A_A.angular - w_A.cross(&w));

@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector, Matrix6xX};
 
 use super::normals::Normals;
-use super::singular_states::NearbyState;
+use super::singular::NearbyState;
 use super::{LoopClosure, LoopError, LoopGap};
 use crate::dynamics::{Input, Momentum, State, Workspace};
 use crate::model::Model;

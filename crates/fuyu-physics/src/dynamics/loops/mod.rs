@@ -20,7 +20,7 @@ mod constraints;
 mod error;
 mod forces;
 mod normals;
-mod singular_states;
+mod singular;
 
 pub use closure::{Direction, LoopClosure, LoopGap};
 pub use constraints::Loops;
