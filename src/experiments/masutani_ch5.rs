@@ -7,8 +7,9 @@
 use nalgebra::{DVector, Vector3};
 
 use crate::control::{
-    Controller, ControllerConfig, Gains, JacobianKind, JointPdGains, LawKind, Measurement,
-    PoseError, Saturation, TipMeasurement,
+    Controller, ControllerConfig, Gains, JacobianKind, JointPdConfig, LawConfig, LawKind,
+    Measurement, PoseError, Saturation, StraightPathConfig, TipMeasurement,
+    TransposeJacobianConfig,
 };
 use crate::dynamics::{Floating, Method, State, Workspace};
 use crate::model::{Frame, Model};
@@ -46,12 +47,20 @@ pub fn config(law: LawKind, jacobian: JacobianKind) -> ControllerConfig {
             orientation: 0.1,
         },
     };
-    let k_p = K_V.iter().map(|k| JOINT_STIFFNESS * k).collect();
-    ControllerConfig {
-        jacobian,
-        joint_pd: JointPdGains { k_p },
-        ..ControllerConfig::new(law, gains)
-    }
+    let law = match law {
+        LawKind::TransposeJacobian => TransposeJacobianConfig { jacobian }.into(),
+        LawKind::StraightPath => StraightPathConfig {
+            jacobian,
+            ..StraightPathConfig::default()
+        }
+        .into(),
+        LawKind::JointPd => {
+            let k_p = K_V.iter().map(|k| JOINT_STIFFNESS * k).collect();
+            JointPdConfig { k_p }.into()
+        }
+        LawKind::OperationalSpace => LawConfig::from(law),
+    };
+    ControllerConfig::new(law, gains)
 }
 
 /// A run with the law sampled, its efforts held in between.

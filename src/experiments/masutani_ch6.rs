@@ -186,10 +186,7 @@ impl Example {
         let [x, y] = robot.tip_at(self.start);
         let [dx, dy] = self.offset;
         let goal = Translation3::new(x + dx, y + dy, 0.0);
-        let config = ControllerConfig {
-            jacobian,
-            ..ControllerConfig::new(LawKind::TransposeJacobian, gains(0.1))
-        };
+        let config = ControllerConfig::new(TransposeJacobianConfig { jacobian }, gains(0.1));
         let q = DVector::from_row_slice(&self.start);
         let X_WD = Pose::from_parts(goal, Rotation3::identity());
         ContinuousLoop::new(robot.model, &robot.tip, config, &q, X_WD)

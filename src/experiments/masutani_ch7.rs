@@ -36,13 +36,13 @@ pub fn config(steering: Steering) -> ControllerConfig {
     };
     match steering {
         Steering::Plain => ControllerConfig::new(LawKind::TransposeJacobian, gains),
-        Steering::Straight(shaping) => ControllerConfig {
-            straight_path: StraightPathConfig {
+        Steering::Straight(shaping) => {
+            let law = StraightPathConfig {
                 shaping,
                 ..StraightPathConfig::default()
-            },
-            ..ControllerConfig::new(LawKind::StraightPath, gains)
-        },
+            };
+            ControllerConfig::new(law, gains)
+        }
     }
 }
 

@@ -10,8 +10,8 @@ use rand_distr::StandardNormal;
 
 use crate::control::prediction::{GoalMotionConfig, Prediction};
 use crate::control::{
-    Controller, ControllerConfig, Gains, LawKind, Measurement, PoseError, Saturation, Shaping,
-    StraightPathConfig, TipMeasurement,
+    Controller, ControllerConfig, Gains, LawConfig, LawKind, Measurement, PoseError, Saturation,
+    Shaping, StraightPathConfig, TipMeasurement,
 };
 use crate::dynamics::{Floating, Method, State, Workspace};
 use crate::experiments::masutani_ch5::K_V;
@@ -212,16 +212,19 @@ impl Run {
                 orientation: 0.1,
             },
         };
-        let config = ControllerConfig {
-            prediction: setup.prediction,
-            goal: setup.goal,
-            straight_path: StraightPathConfig {
+        let law = match setup.law {
+            LawKind::StraightPath => LawConfig::from(StraightPathConfig {
                 shaping: Shaping::Damping,
                 d_along: 225.0,
                 period: PERIOD,
                 ..StraightPathConfig::default()
-            },
-            ..ControllerConfig::new(setup.law, gains)
+            }),
+            law => law.into(),
+        };
+        let config = ControllerConfig {
+            prediction: setup.prediction,
+            goal: setup.goal,
+            ..ControllerConfig::new(law, gains)
         };
         let known = setup.known_robot.as_ref().unwrap_or(&servicer).clone();
         let controller = Controller::new(known, tip.clone(), config);

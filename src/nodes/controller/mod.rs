@@ -20,9 +20,7 @@ use super::{
     tip_frame, topics,
 };
 use crate::{
-    control::{
-        ControlReport, Controller, ControllerConfig, GoalRate, LawKind, Measurement, TipMeasurement,
-    },
+    control::{ControlReport, Controller, ControllerConfig, GoalRate, Measurement, TipMeasurement},
     model::{Frame, Model},
     msg::{
         fuyu_msgs::ControllerState,
@@ -427,7 +425,7 @@ pub fn state_message(
     let config = controller.config();
     let mut state = ControllerState {
         header: header.clone(),
-        law: choice::name_of(&LawKind::NAMES, &config.law).to_owned(),
+        law: config.law.name().to_owned(),
         position_saturated: report.position_saturated,
         orientation_saturated: report.orientation_saturated,
         k_p: config.gains.k_p,

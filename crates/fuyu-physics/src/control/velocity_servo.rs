@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use super::gains::{GainError, check_joint_gains, check_positive};
+use super::gains::{ConfigError, check_joint_gains, check_positive};
 use crate::{
     dynamics::{State, Workspace},
     model::Model,
@@ -32,8 +32,8 @@ impl VelocityServoConfig {
     /// Refuses what no servo can be made of.
     ///
     /// # Errors
-    /// [`GainError`] for gains that are not positive or do not fit the robot.
-    pub fn check(&self, joints: usize) -> Result<(), GainError> {
+    /// [`ConfigError`] for gains that are not positive or do not fit the robot.
+    pub fn check(&self, joints: usize) -> Result<(), ConfigError> {
         match &self.gains {
             ServoGains::Bandwidth(omega) => check_positive("bandwidth", *omega)?,
             ServoGains::PerJoint(gains) => check_joint_gains("gains", gains, joints)?,
@@ -64,8 +64,8 @@ impl VelocityServo {
     /// At rest.
     ///
     /// # Errors
-    /// [`GainError`] as [`VelocityServoConfig::check`].
-    pub fn new(model: &Model, config: VelocityServoConfig) -> Result<Self, GainError> {
+    /// [`ConfigError`] as [`VelocityServoConfig::check`].
+    pub fn new(model: &Model, config: VelocityServoConfig) -> Result<Self, ConfigError> {
         let n = model.dof();
         config.check(n)?;
         Ok(Self {
