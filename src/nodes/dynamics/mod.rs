@@ -16,17 +16,17 @@
 //! The node is a managed one ([`Lifecycle`]): configured it has its world and endpoints, active it simulates. Others
 //! control the simulation by `simulation_interfaces` (`control`).
 
-mod answers;
-mod commander;
-mod commands;
-mod control;
+mod command_arbiter;
+mod command_handling;
 mod imu;
+mod joint_command;
 mod loops;
 mod messages;
-mod obedience;
 mod outputs;
-mod pace;
 mod params;
+mod real_time_pacing;
+mod response_tracking;
+mod services;
 mod simulation;
 mod target;
 mod world;
@@ -34,7 +34,7 @@ mod world;
 pub use imu::{ImuParams, imu};
 pub use loops::{EndParams, LoopParams};
 pub use messages::{FrameTree, WORLD, joint_states, momentum, odometry};
-pub use params::{Description, DynamicsParams, Motion, TargetParams};
+pub use params::{Description, DynamicsParams, InitialMotion, TargetParams};
 pub use target::{Target, description_topic, odometry_topic};
 pub use world::World;
 

@@ -3,12 +3,12 @@
 use std::time::{Duration, Instant};
 
 use super::{
-    answers::Answers,
-    commander::Commander,
-    control::{Control, Stepping},
+    command_arbiter::CommandArbiter,
     outputs::Outputs,
-    pace::Pace,
     params::DynamicsParams,
+    real_time_pacing::RealTimePacing,
+    response_tracking::ResponseTracker,
+    services::{Control, Stepping},
     world::World,
 };
 use crate::{
@@ -50,7 +50,7 @@ pub struct Simulation<'a> {
     /// Whether a call wants the node to end.
     pub(super) quitting: bool,
     pub(super) commands: Subscription<JointState>,
-    pub(super) commander: Commander,
+    pub(super) commander: CommandArbiter,
     pub(super) command_status: Status,
     time_status: Status,
     limit_status: Status,
@@ -66,11 +66,11 @@ pub struct Simulation<'a> {
     pub(super) last_command: Option<f64>,
     pub(super) refused: u64,
     pub(super) refused_at: Option<Instant>,
-    pub(super) answers: Answers,
+    pub(super) answers: ResponseTracker,
     /// States for whose answers time has waited.
     waited: u64,
     pub(super) efforts: Vec<f64>,
-    pace: Pace,
+    pace: RealTimePacing,
 }
 
 impl<'a> Simulation<'a> {
@@ -104,7 +104,7 @@ impl<'a> Simulation<'a> {
             changed: false,
             quitting: false,
             commands,
-            commander: Commander::new(Duration::from_secs_f64(params.command_timeout)),
+            commander: CommandArbiter::new(Duration::from_secs_f64(params.command_timeout)),
             command_status,
             time_status: diagnostics.status("time"),
             limit_status: diagnostics.status("limits"),
@@ -116,10 +116,10 @@ impl<'a> Simulation<'a> {
             last_command: None,
             refused: 0,
             refused_at: None,
-            answers: Answers::default(),
+            answers: ResponseTracker::default(),
             waited: 0,
             efforts: vec![0.0; world.robot.model().dof()],
-            pace: Pace::new(params.real_time_factor),
+            pace: RealTimePacing::new(params.real_time_factor),
             world,
             lifecycle,
             params,
@@ -299,7 +299,7 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// Answers calls and publishes the state again and again, until `done` says so, the node is to stop or a
+    /// ResponseTracker calls and publishes the state again and again, until `done` says so, the node is to stop or a
     /// transition of its lifecycle is asked for.
     fn repeat_until(&mut self, mut done: impl FnMut(&mut Self) -> bool) -> Result<(), NodeError> {
         let mut next = Instant::now() + REPEAT;

@@ -2,7 +2,7 @@
 
 use roxmltree::{Document, Node};
 
-use super::params::{Description, Motion};
+use super::params::{Description, InitialMotion};
 use crate::{
     dynamics::{Floating, Method, State},
     spatial::Pose,
@@ -30,7 +30,7 @@ impl Target {
     pub fn new(
         name: &str,
         description: &Description,
-        motion: &Motion,
+        motion: &InitialMotion,
         method: Method,
     ) -> Result<Self, String> {
         let model = description.compile()?;
@@ -165,7 +165,7 @@ mod tests {
             xml: STATION.to_owned(),
             source: "station".to_owned(),
         };
-        let motion = Motion {
+        let motion = InitialMotion {
             pose: nalgebra::Isometry3::identity(),
             velocity_W: nalgebra::Vector3::zeros(),
             angular_velocity_B: nalgebra::Vector3::zeros(),

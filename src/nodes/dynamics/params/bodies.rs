@@ -24,7 +24,7 @@ pub struct Description {
 
 /// Where a frame is at the start and how it moves.
 #[derive(Debug, Clone)]
-pub struct Motion {
+pub struct InitialMotion {
     /// Pose in the world.
     pub pose: Isometry3<f64>,
     /// Velocity of the frame's origin in world axes \[m/s\].
@@ -41,7 +41,7 @@ pub struct TargetParams {
     /// Its description: a single body.
     pub description: Description,
     /// Start.
-    pub motion: Motion,
+    pub motion: InitialMotion,
 }
 
 impl Description {
@@ -62,7 +62,7 @@ impl Description {
     }
 }
 
-impl Motion {
+impl InitialMotion {
     pub(super) fn declare(declare: &mut Declare, prefix: &str, what: &str) -> Result<Self, String> {
         let pose = declare_pose(declare, prefix, what, false);
         let velocity = format!("Velocity of the {what} in world axes at the start [m/s]");

@@ -1,10 +1,10 @@
 //! Parameters of the dynamics node.
 
 mod bodies;
-mod servo;
+mod velocity_servo;
 
 pub(super) use bodies::joint_vector;
-pub use bodies::{Description, Motion, TargetParams};
+pub use bodies::{Description, InitialMotion, TargetParams};
 
 use super::imu::ImuParams;
 use super::loops::LoopParams;
@@ -15,7 +15,7 @@ use crate::{
     ros::{Declare, Lifecycle},
 };
 use bodies::finite_list;
-use servo::declare_servo;
+use velocity_servo::declare_servo;
 
 /// What the dynamics node is told; read once, at the start.
 #[derive(Debug, Clone)]
@@ -32,7 +32,7 @@ pub struct DynamicsParams {
     /// rates.
     pub loop_tolerance: f64,
     /// Pose and motion of the base at the start.
-    pub base: Motion,
+    pub base: InitialMotion,
     /// Bodies that float free beside the robot.
     pub targets: Vec<TargetParams>,
     /// The base's inertial measurement unit.
@@ -110,7 +110,7 @@ impl DynamicsParams {
             .range(1e-12, 1.0)
             .read_only()
             .value();
-        let base = Motion::declare(declare, "base", "base frame");
+        let base = InitialMotion::declare(declare, "base", "base frame");
         let names = declare
             .param(
                 "targets",
@@ -130,7 +130,7 @@ impl DynamicsParams {
                 )
                 .read_only()
                 .value();
-            let motion = Motion::declare(declare, &name, "target's frame");
+            let motion = InitialMotion::declare(declare, &name, "target's frame");
             targets.push((name, key, file, motion));
         }
         let imu = ImuParams::declare(declare);

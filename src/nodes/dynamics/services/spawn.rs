@@ -15,7 +15,7 @@ use crate::{
     },
     nodes::{
         dynamics::{
-            params::{Description, Motion},
+            params::{Description, InitialMotion},
             simulation::Simulation,
             target::Target,
         },
@@ -84,7 +84,7 @@ impl Simulation<'_> {
         let pose = &request.initial_pose;
         let X_WR = self.world.frame(&pose.header.frame_id)?;
         let invalid = |e: String| Outcome::new(Code::INVALID_POSE, format!("initial_pose: {e}"));
-        let motion = Motion {
+        let motion = InitialMotion {
             pose: X_WR * pose_from_msg(&pose.pose).map_err(invalid)?,
             velocity_W: Vector3::zeros(),
             angular_velocity_B: Vector3::zeros(),

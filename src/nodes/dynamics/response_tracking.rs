@@ -16,14 +16,14 @@ const FORGIVEN_AFTER: u32 = 100;
 /// they please, or answer some states only, must not hold time up: each state that was waited for in vain
 /// doubles the number of answers that it takes until one is waited for again.
 #[derive(Debug)]
-pub struct Answers {
+pub struct ResponseTracker {
     /// Stamps of the last states, the newest at the end.
     states: VecDeque<Time>,
     /// Stamp of the newest state that has an answer.
     newest: Option<Time>,
-    /// Answers since one was waited for in vain.
+    /// ResponseTracker since one was waited for in vain.
     answers: u32,
-    /// Answers that it takes until one is waited for.
+    /// ResponseTracker that it takes until one is waited for.
     needed: u32,
     /// States answered in a row.
     in_a_row: u32,
@@ -31,7 +31,7 @@ pub struct Answers {
     before: Vec<Time>,
 }
 
-impl Default for Answers {
+impl Default for ResponseTracker {
     fn default() -> Self {
         Self {
             states: VecDeque::with_capacity(REMEMBERED),
@@ -44,7 +44,7 @@ impl Default for Answers {
     }
 }
 
-impl Answers {
+impl ResponseTracker {
     /// A new state is published; what was due has not come.
     pub fn expect(&mut self, state: Time) {
         if self.due() {
@@ -64,7 +64,7 @@ impl Answers {
         self.states.push_back(state);
     }
 
-    /// Time begins anew. Answers to states of the run before may still be under way.
+    /// Time begins anew. ResponseTracker to states of the run before may still be under way.
     pub fn begin_anew(&mut self) {
         let mut before = std::mem::take(&mut self.before);
         before.extend(&self.states);
@@ -109,7 +109,7 @@ mod tests {
 
     #[test]
     fn who_has_answered_is_waited_for_however_late() {
-        let mut answers = Answers::default();
+        let mut answers = ResponseTracker::default();
         for i in 0..5 {
             answers.expect(state(i));
             assert!(!answers.due(), "nobody has answered yet");
@@ -127,7 +127,7 @@ mod tests {
 
     /// States of a thousand that are waited for in vain, if a commander answers one in `every`.
     fn in_vain(every: u32) -> usize {
-        let mut answers = Answers::default();
+        let mut answers = ResponseTracker::default();
         let waits = (0..1000).filter(|&i| {
             answers.expect(state(i));
             if i % every == 0 {
@@ -147,9 +147,9 @@ mod tests {
 
     #[test]
     fn trust_comes_back() {
-        let mut answers = Answers::default();
+        let mut answers = ResponseTracker::default();
         let mut i = 0;
-        let mut answer = |answers: &mut Answers, count: u32, every: u32| {
+        let mut answer = |answers: &mut ResponseTracker, count: u32, every: u32| {
             for _ in 0..count {
                 answers.expect(state(i));
                 if i % every == 0 {
@@ -167,7 +167,7 @@ mod tests {
     // Would break if an effort of the run before moved the arm of the next, or if one of the next were taken for it.
     #[test]
     fn answers_to_the_run_before_are_known() {
-        let mut answers = Answers::default();
+        let mut answers = ResponseTracker::default();
         for i in 0..300 {
             answers.expect(state(i));
         }
@@ -185,7 +185,7 @@ mod tests {
 
     #[test]
     fn stamps_that_are_no_state_s_are_no_answers() {
-        let mut answers = Answers::default();
+        let mut answers = ResponseTracker::default();
         for i in 1..100 {
             answers.expect(state(i));
             answers.note(Time::ZERO);

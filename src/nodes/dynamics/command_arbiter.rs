@@ -9,14 +9,14 @@ use crate::ros::Gid;
 /// A publisher is known by its identity on the wire, which names and messages cannot forge by accident: a
 /// second controller of the same name is another publisher.
 #[derive(Debug)]
-pub struct Commander {
+pub struct CommandArbiter {
     holder: Option<Gid>,
     /// When its last command came.
     heard: Instant,
     timeout: Duration,
 }
 
-impl Commander {
+impl CommandArbiter {
     /// Nobody commands; whoever is silent for `timeout` loses the robot.
     pub fn new(timeout: Duration) -> Self {
         Self {
@@ -63,7 +63,7 @@ mod tests {
     // Would break if two publishers could command by turns.
     #[test]
     fn one_commands_until_it_is_silent_or_gone() {
-        let mut commander = Commander::new(Duration::from_secs(3600));
+        let mut commander = CommandArbiter::new(Duration::from_secs(3600));
         let there = |_| true;
         assert!(commander.admit(gid(1), there));
         assert!(!commander.admit(gid(2), there));

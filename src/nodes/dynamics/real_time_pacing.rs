@@ -7,14 +7,14 @@ const GIVE_UP: Duration = Duration::from_millis(200);
 
 /// Maps simulated time to instants.
 #[derive(Debug)]
-pub struct Pace {
+pub struct RealTimePacing {
     factor: f64,
     origin: (Instant, f64),
     /// Where the measurement of the achieved factor began.
     mark: (Instant, f64),
 }
 
-impl Pace {
+impl RealTimePacing {
     /// Simulated seconds per second; zero is as fast as possible.
     pub fn new(factor: f64) -> Self {
         let origin = (Instant::now(), 0.0);
@@ -76,7 +76,7 @@ mod tests {
 
     #[test]
     fn instants_and_times_are_inverse() {
-        let mut pace = Pace::new(2.0);
+        let mut pace = RealTimePacing::new(2.0);
         let before = Instant::now();
         pace.start(10.0);
         let due = pace.instant(11.0);
@@ -86,7 +86,7 @@ mod tests {
 
     #[test]
     fn a_long_pause_is_not_caught_up_with() {
-        let mut pace = Pace::new(1.0);
+        let mut pace = RealTimePacing::new(1.0);
         pace.start(0.0);
         pace.origin.0 -= Duration::from_secs(5);
         let before = Instant::now();

@@ -2,7 +2,7 @@
 
 use nalgebra::{Isometry3, UnitQuaternion};
 
-use super::filters::Filters;
+use super::entity_filters::Filters;
 use crate::{
     dynamics::{Floating, Workspace},
     msg::{

@@ -3,7 +3,7 @@
 use std::time::{Duration, Instant};
 
 use super::{
-    commands::{Command, CommandLimits},
+    joint_command::{CommandLimits, JointCommand},
     simulation::Simulation,
 };
 use crate::{
@@ -41,13 +41,14 @@ impl Simulation<'_> {
             effort: self.params.max_effort,
             rate: self.params.max_rate,
         };
-        let command = match Command::from_msg(&received.message, self.world.robot.model(), limits) {
-            Ok(command) => command,
-            Err(problem) => {
-                self.refuse(&format!("it {problem}"));
-                return false;
-            }
-        };
+        let command =
+            match JointCommand::from_msg(&received.message, self.world.robot.model(), limits) {
+                Ok(command) => command,
+                Err(problem) => {
+                    self.refuse(&format!("it {problem}"));
+                    return false;
+                }
+            };
         let there = |gid| self.commands.is_matched(gid);
         if !self.commander.admit(received.publisher, there) {
             let name = |gid| self.node.owner_of(gid);
@@ -60,7 +61,7 @@ impl Simulation<'_> {
             return false;
         }
         let (cut, limit) = match command {
-            Command::Efforts(efforts) => {
+            JointCommand::Efforts(efforts) => {
                 if self.world.rates_driven() {
                     self.efforts.fill(0.0);
                 }
@@ -69,7 +70,7 @@ impl Simulation<'_> {
                 }
                 (self.world.hold_efforts(&self.efforts), "an effort")
             }
-            Command::Rates(rates) => (self.world.drive_rates(&rates), "a velocity"),
+            JointCommand::Rates(rates) => (self.world.drive_rates(&rates), "a velocity"),
         };
         self.last_command = Some(now);
         self.answers

@@ -4,7 +4,7 @@
 //! several simulations in one graph do not clash. Calls are answered by the thread that simulates, in between steps.
 
 mod entities;
-mod filters;
+mod entity_filters;
 mod spawn;
 mod states;
 mod steps;
@@ -83,7 +83,7 @@ impl Control {
 }
 
 impl Simulation<'_> {
-    /// Answers the calls that wait.
+    /// ResponseTracker the calls that wait.
     ///
     /// # Errors
     /// When the state is no longer finite.
@@ -106,7 +106,7 @@ impl Simulation<'_> {
         Ok(())
     }
 
-    /// Answers the calls of one service. A world that one of them changes is published before the answer.
+    /// ResponseTracker the calls of one service. A world that one of them changes is published before the answer.
     fn answer<S: Service>(
         &mut self,
         calls: impl Fn(&Control) -> &Calls<S>,

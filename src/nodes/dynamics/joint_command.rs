@@ -4,7 +4,7 @@ use crate::{model::Model, msg::sensor_msgs::JointState};
 
 /// Efforts, or rates, for some of the robot's joints.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Command {
+pub enum JointCommand {
     /// Joint index and effort \[N m or N\].
     Efforts(Vec<(usize, f64)>),
     /// Joint index and rate \[rad/s or m/s\].
@@ -20,7 +20,7 @@ pub struct CommandLimits {
     pub rate: f64,
 }
 
-impl Command {
+impl JointCommand {
     /// Reads a message: efforts or rates by joint name; joints that it does not name keep theirs. Which of the two
     /// it commands is told by the list that it fills.
     ///
@@ -123,21 +123,21 @@ mod tests {
     #[test]
     fn a_command_acts_by_name_in_any_order() {
         let efforts = message(&["joint2", "joint1"], &[2.0, -1.0]);
-        let command = Command::from_msg(&efforts, &model(), LIMITS).unwrap();
-        assert_eq!(command, Command::Efforts(vec![(1, 2.0), (0, -1.0)]));
+        let command = JointCommand::from_msg(&efforts, &model(), LIMITS).unwrap();
+        assert_eq!(command, JointCommand::Efforts(vec![(1, 2.0), (0, -1.0)]));
         let rates = JointState {
             velocity: vec![0.1],
             ..message(&["joint2"], &[])
         };
-        let command = Command::from_msg(&rates, &model(), LIMITS).unwrap();
-        assert_eq!(command, Command::Rates(vec![(1, 0.1)]));
+        let command = JointCommand::from_msg(&rates, &model(), LIMITS).unwrap();
+        assert_eq!(command, JointCommand::Rates(vec![(1, 0.1)]));
     }
 
     #[test]
     fn what_cannot_act_is_refused_with_the_reason() {
         let model = model();
         let refusal = |names: &[&str], effort: &[f64]| {
-            Command::from_msg(&message(names, effort), &model, LIMITS).unwrap_err()
+            JointCommand::from_msg(&message(names, effort), &model, LIMITS).unwrap_err()
         };
         assert!(refusal(&["elbow"], &[1.0]).contains("'elbow'; the robot has joint1, joint2"));
         assert!(refusal(&["joint1"], &[f64::NAN]).contains("joint 'joint1' the effort NaN"));
@@ -150,7 +150,7 @@ mod tests {
                 velocity: velocity.to_vec(),
                 ..message(&["joint1"], effort)
             };
-            Command::from_msg(&message, &model, LIMITS).unwrap_err()
+            JointCommand::from_msg(&message, &model, LIMITS).unwrap_err()
         };
         assert!(rates(&[f64::NAN], &[]).contains("joint 'joint1' the velocity NaN"));
         assert!(rates(&[101.0], &[]).contains("at most 100 (velocity_servo.max_rate)"));
