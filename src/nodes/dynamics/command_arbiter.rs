@@ -1,53 +1,54 @@
-//! Who may command the robot: one at a time.
+//! Command arbiter: one publisher at a time commands the robot.
 
 use std::time::{Duration, Instant};
 
 use crate::ros::Gid;
 
-/// Keeps the robot for the publisher that commands it, until that is gone or has been silent for too long.
+/// Reserves the robot for the publisher that commands it, until that publisher has left the graph or has been silent for
+/// too long.
 ///
-/// A publisher is known by its identity on the wire, which names and messages cannot forge by accident: a
-/// second controller of the same name is another publisher.
+/// A publisher is known by its GUID, not by the name of its node: a second controller of the same name is another
+/// publisher.
 #[derive(Debug)]
 pub struct CommandArbiter {
     holder: Option<Gid>,
-    /// When its last command came.
-    heard: Instant,
+    /// When the holder's last command arrived.
+    last_command: Instant,
     timeout: Duration,
 }
 
 impl CommandArbiter {
-    /// Nobody commands; whoever is silent for `timeout` loses the robot.
+    /// No publisher holds the robot; one that is silent for `timeout` loses it.
     pub fn new(timeout: Duration) -> Self {
         Self {
             holder: None,
-            heard: Instant::now(),
+            last_command: Instant::now(),
             timeout,
         }
     }
 
-    /// A sound command of `publisher` has come. Gives whether it may act; `is_there` tells whether a publisher is
-    /// still in the graph.
-    pub fn admit(&mut self, publisher: Gid, is_there: impl Fn(Gid) -> bool) -> bool {
+    /// Decides whether a valid command of `publisher` may act. `is_present` says whether a publisher is still in the
+    /// graph.
+    pub fn admit(&mut self, publisher: Gid, is_present: impl Fn(Gid) -> bool) -> bool {
         if let Some(holder) = self.holder
             && holder != publisher
-            && self.heard.elapsed() <= self.timeout
-            && is_there(holder)
+            && self.last_command.elapsed() <= self.timeout
+            && is_present(holder)
         {
             return false;
         }
         self.holder = Some(publisher);
-        self.heard = Instant::now();
+        self.last_command = Instant::now();
         true
     }
 
-    /// Who commands.
+    /// The publisher that holds the robot.
     pub fn holder(&self) -> Option<Gid> {
         self.holder
     }
 
-    /// Nobody commands any more.
-    pub fn forget(&mut self) {
+    /// Frees the robot.
+    pub fn release(&mut self) {
         self.holder = None;
     }
 }
@@ -60,19 +61,28 @@ mod tests {
         Gid::from([n; 16])
     }
 
-    // Would break if two publishers could command by turns.
+    // Would break if two publishers could command alternately.
     #[test]
-    fn one_commands_until_it_is_silent_or_gone() {
-        let mut commander = CommandArbiter::new(Duration::from_secs(3600));
-        let there = |_| true;
-        assert!(commander.admit(gid(1), there));
-        assert!(!commander.admit(gid(2), there));
-        assert!(commander.admit(gid(1), there));
-        assert_eq!(commander.holder(), Some(gid(1)));
-        assert!(commander.admit(gid(2), |holder| holder != gid(1)));
-        assert!(!commander.admit(gid(1), there));
-        commander.timeout = Duration::ZERO;
-        commander.heard -= Duration::from_millis(1);
-        assert!(commander.admit(gid(1), there));
+    fn one_publisher_commands_until_it_is_silent_or_gone() {
+        let mut arbiter = CommandArbiter::new(Duration::from_secs(3600));
+        let present = |_| true;
+        assert!(arbiter.admit(gid(1), present));
+        assert!(!arbiter.admit(gid(2), present));
+        assert!(arbiter.admit(gid(1), present));
+        assert_eq!(arbiter.holder(), Some(gid(1)));
+        assert!(arbiter.admit(gid(2), |holder| holder != gid(1)));
+        assert!(!arbiter.admit(gid(1), present));
+        arbiter.timeout = Duration::ZERO;
+        arbiter.last_command -= Duration::from_millis(1);
+        assert!(arbiter.admit(gid(1), present));
+    }
+
+    #[test]
+    fn a_released_robot_is_free_for_all() {
+        let mut arbiter = CommandArbiter::new(Duration::from_secs(3600));
+        assert!(arbiter.admit(gid(1), |_| true));
+        arbiter.release();
+        assert_eq!(arbiter.holder(), None);
+        assert!(arbiter.admit(gid(2), |_| true));
     }
 }

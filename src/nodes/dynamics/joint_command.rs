@@ -1,14 +1,31 @@
-//! What arrives on `joint_commands`, checked before it may act.
+//! Messages on `joint_commands`, validated before they act.
 
 use crate::{model::Model, msg::sensor_msgs::JointState};
 
-/// Efforts, or rates, for some of the robot's joints.
-#[derive(Debug, Clone, PartialEq)]
-pub enum JointCommand {
-    /// Joint index and effort \[N m or N\].
-    Efforts(Vec<(usize, f64)>),
-    /// Joint index and rate \[rad/s or m/s\].
-    Rates(Vec<(usize, f64)>),
+/// What a command gives for joints.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum CommandKind {
+    /// Efforts \[N m or N\].
+    Effort,
+    /// Rates \[rad/s or m/s\].
+    Rate,
+}
+
+/// A valid command for some of the robot's joints. It borrows its values from the message.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct JointCommand<'a> {
+    /// What the values are.
+    pub kind: CommandKind,
+    joints: &'a [usize],
+    values: &'a [f64],
+}
+
+impl<'a> JointCommand<'a> {
+    /// Joint index and value of each joint that the command names.
+    pub fn values(&self) -> impl Iterator<Item = (usize, f64)> + use<'a> {
+        let joints = self.joints.iter().copied();
+        joints.zip(self.values.iter().copied())
+    }
 }
 
 /// The largest values that a command may have.
@@ -20,78 +37,99 @@ pub struct CommandLimits {
     pub rate: f64,
 }
 
-impl JointCommand {
-    /// Reads a message: efforts or rates by joint name; joints that it does not name keep theirs. Which of the two
-    /// it commands is told by the list that it fills.
+/// Validates messages. Keeps the memory for joint indices between them.
+#[derive(Debug)]
+pub struct CommandReader {
+    limits: CommandLimits,
+    joints: Vec<usize>,
+}
+
+impl CommandReader {
+    /// A reader with these limits.
+    pub fn new(limits: CommandLimits) -> Self {
+        Self {
+            limits,
+            joints: Vec::new(),
+        }
+    }
+
+    /// Reads a message: efforts or rates by joint name. The list that is not empty decides which of the two it commands.
     ///
     /// # Errors
-    /// A line that names what is wrong and what would be right; nothing of such a message acts.
-    pub fn from_msg(
-        message: &JointState,
+    /// A line that names what is wrong and what would be right; such a message has no effect.
+    pub fn read<'a>(
+        &'a mut self,
+        message: &'a JointState,
         model: &Model,
-        limits: CommandLimits,
-    ) -> Result<Self, String> {
+    ) -> Result<JointCommand<'a>, String> {
         if message.name.is_empty() {
             return Err(format!(
                 "names no joint; expected some of {}",
                 joint_names(model)
             ));
         }
-        match (message.effort.is_empty(), message.velocity.is_empty()) {
-            (false, false) => Err(
-                "has both effort and velocity; a command is one or the other, so leave one list empty"
-                    .to_owned(),
-            ),
-            (true, false) => {
-                let limit = ("velocity_servo.max_rate", limits.rate);
-                let words = ("velocity", "velocities");
-                by_name(message, &message.velocity, model, words, limit).map(Self::Rates)
+        let (kind, values) = match (message.effort.is_empty(), message.velocity.is_empty()) {
+            (false, false) => {
+                return Err(
+                    "has both effort and velocity; a command is one or the other, so leave one list empty"
+                        .to_owned(),
+                );
             }
-            _ => {
-                let limit = ("max_effort", limits.effort);
-                let words = ("effort", "efforts");
-                by_name(message, &message.effort, model, words, limit).map(Self::Efforts)
-            }
-        }
-    }
-}
-
-/// Values by joint index, none beyond the limit of that name.
-fn by_name(
-    message: &JointState,
-    values: &[f64],
-    model: &Model,
-    (one, many): (&str, &str),
-    (limit_name, limit): (&str, f64),
-) -> Result<Vec<(usize, f64)>, String> {
-    if values.len() != message.name.len() {
-        return Err(format!(
-            "has {} names but {} {many}; give one {one} per name",
-            message.name.len(),
-            values.len()
-        ));
-    }
-    let mut found: Vec<(usize, f64)> = Vec::with_capacity(message.name.len());
-    for (name, &value) in message.name.iter().zip(values) {
-        let Some(joint) = model.joint_index(name) else {
-            return Err(format!(
-                "names '{name}'; the robot has {}",
-                joint_names(model)
-            ));
+            (true, false) => (CommandKind::Rate, &message.velocity),
+            _ => (CommandKind::Effort, &message.effort),
         };
-        // Not a number is not below it either.
-        let sound = value.abs() <= limit;
-        if !sound {
+        self.check(message, kind, values, model)?;
+        Ok(JointCommand {
+            kind,
+            joints: &self.joints,
+            values,
+        })
+    }
+
+    /// Checks `values` and finds their joints.
+    fn check(
+        &mut self,
+        message: &JointState,
+        kind: CommandKind,
+        values: &[f64],
+        model: &Model,
+    ) -> Result<(), String> {
+        let (one, many, limit, parameter) = match kind {
+            CommandKind::Effort => ("effort", "efforts", self.limits.effort, "max_effort"),
+            CommandKind::Rate => {
+                let parameter = "velocity_servo.max_rate";
+                ("velocity", "velocities", self.limits.rate, parameter)
+            }
+        };
+        if values.len() != message.name.len() {
             return Err(format!(
-                "gives joint '{name}' the {one} {value}; it must be finite and at most {limit} ({limit_name})"
+                "has {} names but {} {many}; give one {one} per name",
+                message.name.len(),
+                values.len()
             ));
         }
-        if found.iter().any(|(seen, _)| *seen == joint) {
-            return Err(format!("names joint '{name}' twice"));
+        self.joints.clear();
+        for (name, &value) in message.name.iter().zip(values) {
+            let Some(joint) = model.joint_index(name) else {
+                return Err(format!(
+                    "names '{name}'; the robot has {}",
+                    joint_names(model)
+                ));
+            };
+            // NaN is not within the limit either.
+            let is_valid = value.abs() <= limit;
+            if !is_valid {
+                return Err(format!(
+                    "gives joint '{name}' the {one} {value}; it must be finite and at most {limit} ({parameter})"
+                ));
+            }
+            if self.joints.contains(&joint) {
+                return Err(format!("names joint '{name}' twice"));
+            }
+            self.joints.push(joint);
         }
-        found.push((joint, value));
+        Ok(())
     }
-    Ok(found)
 }
 
 fn joint_names(model: &Model) -> String {
@@ -115,42 +153,48 @@ mod tests {
         }
     }
 
-    const LIMITS: CommandLimits = CommandLimits {
-        effort: 1e6,
-        rate: 100.0,
-    };
+    fn reader() -> CommandReader {
+        CommandReader::new(CommandLimits {
+            effort: 1e6,
+            rate: 100.0,
+        })
+    }
+
+    fn refusal(message: &JointState) -> String {
+        reader().read(message, &model()).unwrap_err()
+    }
 
     #[test]
     fn a_command_acts_by_name_in_any_order() {
+        let (model, mut reader) = (model(), reader());
         let efforts = message(&["joint2", "joint1"], &[2.0, -1.0]);
-        let command = JointCommand::from_msg(&efforts, &model(), LIMITS).unwrap();
-        assert_eq!(command, JointCommand::Efforts(vec![(1, 2.0), (0, -1.0)]));
+        let command = reader.read(&efforts, &model).unwrap();
+        assert_eq!(command.kind, CommandKind::Effort);
+        let values: Vec<_> = command.values().collect();
+        assert_eq!(values, [(1, 2.0), (0, -1.0)]);
         let rates = JointState {
             velocity: vec![0.1],
             ..message(&["joint2"], &[])
         };
-        let command = JointCommand::from_msg(&rates, &model(), LIMITS).unwrap();
-        assert_eq!(command, JointCommand::Rates(vec![(1, 0.1)]));
+        let command = reader.read(&rates, &model).unwrap();
+        assert_eq!(command.kind, CommandKind::Rate);
+        assert_eq!(command.values().collect::<Vec<_>>(), [(1, 0.1)]);
     }
 
     #[test]
-    fn what_cannot_act_is_refused_with_the_reason() {
-        let model = model();
-        let refusal = |names: &[&str], effort: &[f64]| {
-            JointCommand::from_msg(&message(names, effort), &model, LIMITS).unwrap_err()
-        };
-        assert!(refusal(&["elbow"], &[1.0]).contains("'elbow'; the robot has joint1, joint2"));
-        assert!(refusal(&["joint1"], &[f64::NAN]).contains("joint 'joint1' the effort NaN"));
-        assert!(refusal(&["joint1"], &[1e300]).contains("at most 1000000"));
-        assert!(refusal(&["joint1", "joint2"], &[1.0]).contains("2 names but 1 efforts"));
-        assert!(refusal(&["joint1", "joint1"], &[1.0, 2.0]).contains("twice"));
-        assert!(refusal(&[], &[]).contains("names no joint"));
+    fn an_invalid_command_is_refused_with_the_reason() {
+        let efforts = |names: &[&str], effort: &[f64]| refusal(&message(names, effort));
+        assert!(efforts(&["elbow"], &[1.0]).contains("'elbow'; the robot has joint1, joint2"));
+        assert!(efforts(&["joint1"], &[f64::NAN]).contains("joint 'joint1' the effort NaN"));
+        assert!(efforts(&["joint1"], &[1e300]).contains("at most 1000000"));
+        assert!(efforts(&["joint1", "joint2"], &[1.0]).contains("2 names but 1 efforts"));
+        assert!(efforts(&["joint1", "joint1"], &[1.0, 2.0]).contains("twice"));
+        assert!(efforts(&[], &[]).contains("names no joint"));
         let rates = |velocity: &[f64], effort: &[f64]| {
-            let message = JointState {
+            refusal(&JointState {
                 velocity: velocity.to_vec(),
                 ..message(&["joint1"], effort)
-            };
-            JointCommand::from_msg(&message, &model, LIMITS).unwrap_err()
+            })
         };
         assert!(rates(&[f64::NAN], &[]).contains("joint 'joint1' the velocity NaN"));
         assert!(rates(&[101.0], &[]).contains("at most 100 (velocity_servo.max_rate)"));

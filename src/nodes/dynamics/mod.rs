@@ -16,26 +16,33 @@
 //! The node is a managed one ([`Lifecycle`]): configured it has its world and endpoints, active it simulates. Others
 //! control the simulation by `simulation_interfaces` (`control`).
 
+mod clock;
 mod command_arbiter;
 mod command_handling;
 mod imu;
 mod joint_command;
+mod joint_drive;
 mod loops;
+mod mean_efforts;
 mod messages;
 mod outputs;
 mod params;
 mod real_time_pacing;
 mod response_tracking;
+mod robot_status;
 mod services;
 mod simulation;
+mod step_status;
 mod target;
+mod tick_time;
+mod time_status;
 mod world;
 
 pub use imu::{ImuParams, imu};
 pub use loops::{EndParams, LoopParams};
 pub use messages::{FrameTree, WORLD, joint_states, momentum, odometry};
 pub use params::{Description, DynamicsParams, InitialMotion, TargetParams};
-pub use target::{Target, description_topic, odometry_topic};
+pub use target::Target;
 pub use world::World;
 
 use crate::ros::{Lifecycle, Node, NodeError, Transition};
@@ -64,7 +71,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     while node.ok() {
         lifecycle.follow(|transition| pass(transition, &mut simulation));
         match &mut simulation {
-            Some(simulation) if lifecycle.is_active() => simulation.turn()?,
+            Some(simulation) if lifecycle.is_active() => simulation.run_once()?,
             Some(simulation) => simulation.idle()?,
             None => {
                 node.wait();
@@ -83,7 +90,7 @@ fn pass<'a>(
     match (transition, simulation) {
         (Transition::Configure, simulation) => *simulation = Some(new()?),
         (Transition::Activate, Some(simulation)) => simulation.publish()?,
-        (Transition::Deactivate, Some(simulation)) => simulation.let_go(),
+        (Transition::Deactivate, Some(simulation)) => simulation.deactivate(),
         (Transition::CleanUp | Transition::Shutdown, simulation) => *simulation = None,
         (_, None) => {}
     }

@@ -9,7 +9,7 @@ use std::time::Duration;
 use super::{geometry::pose_from_msg, topics};
 use crate::{
     msg::{nav_msgs::Odometry, std_msgs::Header, visualization_msgs::MarkerArray},
-    ros::{Declare, Node, NodeError, Qos, Subscription, Time},
+    ros::{Declare, Node, NodeError, Subscription, Time},
 };
 use draw::{arrow, axes, curve};
 
@@ -124,19 +124,14 @@ struct Scene {
 
 impl Scene {
     fn new(node: &Node, params: ViewsParams) -> Result<Self, NodeError> {
-        let odometry = |name: &String| {
-            node.subscribe::<Odometry>(&format!("ground_truth/{name}/odom"), Qos::RELIABLE)
-        };
         Ok(Self {
             goal: topics::GOAL.subscribe(node)?,
             seen_goal: topics::SEEN_GOAL.subscribe(node)?,
             momentum: topics::MOMENTUM.subscribe(node)?,
             odometry: topics::ODOMETRY.subscribe(node)?,
             prediction: topics::PREDICTION.subscribe(node)?,
-            targets: params
-                .targets
-                .iter()
-                .map(odometry)
+            targets: (params.targets.iter())
+                .map(|target| topics::TARGET_ODOMETRY.subscribe(node, target))
                 .collect::<Result<_, _>>()?,
             base: None,
             last: Time::ZERO,

@@ -4,6 +4,7 @@ use std::path::{Path, PathBuf};
 
 use nalgebra::Vector3;
 
+use super::check_active;
 use crate::{
     model::Model,
     msg::simulation_interfaces::{
@@ -18,6 +19,7 @@ use crate::{
             params::{Description, InitialMotion},
             simulation::Simulation,
             target::Target,
+            world::World,
         },
         geometry::pose_from_msg,
         resource,
@@ -27,155 +29,160 @@ use crate::{
 /// Folder of the descriptions that come with fuyu.
 const OURS: &str = "package://fuyu/urdf";
 
-impl Simulation<'_> {
-    pub(super) fn spawn_entity(&mut self, request: SpawnEntityRequest) -> SpawnEntityResponse {
-        let Code {
-            result,
-            entity_name,
-        } = self.spawn(&SpawnEntity {
-            name: request.name,
-            allow_renaming: request.allow_renaming,
-            entity_resource: request.entity_resource,
-            entity_namespace: request.entity_namespace,
-            initial_pose: request.initial_pose,
-        });
-        SpawnEntityResponse {
-            result,
-            entity_name,
-        }
+/// Adds one free body.
+pub fn spawn_one(simulation: &mut Simulation, request: SpawnEntityRequest) -> SpawnEntityResponse {
+    let request = SpawnEntity {
+        name: request.name,
+        allow_renaming: request.allow_renaming,
+        entity_resource: request.entity_resource,
+        entity_namespace: request.entity_namespace,
+        initial_pose: request.initial_pose,
+    };
+    let Code {
+        result,
+        entity_name,
+    } = spawn(simulation, &request);
+    SpawnEntityResponse {
+        result,
+        entity_name,
     }
+}
 
-    pub(super) fn spawn_entities(
-        &mut self,
-        request: SpawnEntitiesRequest,
-    ) -> SpawnEntitiesResponse {
-        let spawned = request.spawn_requests.iter().map(|r| self.spawn(r));
-        let results: Vec<Code> = spawned.collect();
-        let failed = results.iter().filter(|r| r.result.result != Outcome::OK);
-        let result = match failed.count() {
-            0 => Outcome::ok(),
-            n => Outcome::new(
-                SpawnEntitiesResponse::ENTITIES_SPAWN_FAILED,
-                format!("{n} of {} entities could not be added", results.len()),
+/// Adds several free bodies.
+pub fn spawn_all(
+    simulation: &mut Simulation,
+    request: &SpawnEntitiesRequest,
+) -> SpawnEntitiesResponse {
+    let requests = request.spawn_requests.iter();
+    let results: Vec<Code> = requests.map(|r| spawn(simulation, r)).collect();
+    let failed = results.iter().filter(|r| r.result.result != Outcome::OK);
+    let result = match failed.count() {
+        0 => Outcome::ok(),
+        n => Outcome::new(
+            SpawnEntitiesResponse::ENTITIES_SPAWN_FAILED,
+            format!("{n} of {} entities could not be added", results.len()),
+        ),
+    };
+    SpawnEntitiesResponse { result, results }
+}
+
+fn spawn(simulation: &mut Simulation, request: &SpawnEntity) -> Code {
+    match add(simulation, request) {
+        Ok(entity_name) => Code {
+            result: Outcome::ok(),
+            entity_name,
+        },
+        Err(result) => Code {
+            result,
+            ..Code::default()
+        },
+    }
+}
+
+fn add(simulation: &mut Simulation, request: &SpawnEntity) -> Result<String, Outcome> {
+    check_active(simulation)?;
+    let (world, method) = (&mut simulation.world, simulation.params.method);
+    let description = read(&request.entity_resource)?;
+    let parsed = |e: String| Outcome::new(Code::RESOURCE_PARSE_ERROR, e);
+    let model = description.compile().map_err(parsed)?;
+    let name = free_name(world, request, &model)?;
+    let pose = &request.initial_pose;
+    let X_WR = world.frame(&pose.header.frame_id)?;
+    let invalid = |e: String| Outcome::new(Code::INVALID_POSE, format!("initial_pose: {e}"));
+    let motion = InitialMotion {
+        pose: X_WR * pose_from_msg(&pose.pose).map_err(invalid)?,
+        velocity_W: Vector3::zeros(),
+        angular_velocity_B: Vector3::zeros(),
+    };
+    let mut target = Target::new(&name, &description, &motion, method)
+        .map_err(|e| Outcome::new(Code::UNSUPPORTED_ASSETS, e))?;
+    target.spawned = true;
+    world.targets.push(target);
+    if let Err(e) = simulation.outputs.replace_targets(simulation.node, world) {
+        world.targets.pop();
+        return Err(Outcome::new(Outcome::OPERATION_FAILED, e.to_string()));
+    }
+    simulation.outputs.invalidate();
+    Ok(name)
+}
+
+/// The name that an entity gets, with its namespace.
+fn free_name(world: &World, request: &SpawnEntity, model: &Model) -> Result<String, Outcome> {
+    let namespace = request.entity_namespace.trim_matches('/');
+    if !namespace.is_empty() && !namespace.split('/').all(is_name) {
+        return Err(Outcome::new(
+            Code::NAMESPACE_INVALID,
+            format!(
+                "entity_namespace '{}' must be names of letters, digits and underscores, with slashes between",
+                request.entity_namespace
             ),
-        };
-        SpawnEntitiesResponse { result, results }
+        ));
     }
-
-    fn spawn(&mut self, request: &SpawnEntity) -> Code {
-        match self.add(request) {
-            Ok(entity_name) => Code {
-                result: Outcome::ok(),
-                entity_name,
-            },
-            Err(result) => Code {
-                result,
-                ..Code::default()
-            },
-        }
-    }
-
-    fn add(&mut self, request: &SpawnEntity) -> Result<String, Outcome> {
-        self.check_active()?;
-        let description = read(&request.entity_resource)?;
-        let parsed = |e: String| Outcome::new(Code::RESOURCE_PARSE_ERROR, e);
-        let model = description.compile().map_err(parsed)?;
-        let name = self.free_name(request, &model)?;
-        let pose = &request.initial_pose;
-        let X_WR = self.world.frame(&pose.header.frame_id)?;
-        let invalid = |e: String| Outcome::new(Code::INVALID_POSE, format!("initial_pose: {e}"));
-        let motion = InitialMotion {
-            pose: X_WR * pose_from_msg(&pose.pose).map_err(invalid)?,
-            velocity_W: Vector3::zeros(),
-            angular_velocity_B: Vector3::zeros(),
-        };
-        let mut target = Target::new(&name, &description, &motion, self.params.method)
-            .map_err(|e| Outcome::new(Code::UNSUPPORTED_ASSETS, e))?;
-        target.spawned = true;
-        self.world.targets.push(target);
-        if let Err(e) = self.outputs.follow_targets(self.node, &self.world) {
-            self.world.targets.pop();
-            return Err(Outcome::new(Outcome::OPERATION_FAILED, e.to_string()));
-        }
-        self.changed = true;
-        Ok(name)
-    }
-
-    /// The name that an entity gets, with its namespace.
-    fn free_name(&self, request: &SpawnEntity, model: &Model) -> Result<String, Outcome> {
-        let namespace = request.entity_namespace.trim_matches('/');
-        if !namespace.is_empty() && !namespace.split('/').all(is_name) {
+    let full = |name: &str| match namespace {
+        "" => name.to_owned(),
+        namespace => format!("{namespace}/{name}"),
+    };
+    let wanted = match request.name.as_str() {
+        "" => model.name(),
+        name => name,
+    };
+    if !is_name(wanted) {
+        if !request.allow_renaming {
             return Err(Outcome::new(
-                Code::NAMESPACE_INVALID,
+                Code::NAME_INVALID,
                 format!(
-                    "entity_namespace '{}' must be names of letters, digits and underscores, with slashes between",
-                    request.entity_namespace
+                    "name '{wanted}' must be letters, digits and underscores, and not begin with a digit; it is part of a topic's"
                 ),
             ));
         }
-        let full = |name: &str| match namespace {
-            "" => name.to_owned(),
-            namespace => format!("{namespace}/{name}"),
-        };
-        let wanted = match request.name.as_str() {
-            "" => model.name(),
-            name => name,
-        };
-        if !is_name(wanted) {
-            if !request.allow_renaming {
-                return Err(Outcome::new(
-                    Code::NAME_INVALID,
-                    format!(
-                        "name '{wanted}' must be letters, digits and underscores, and not begin with a digit; it is part of a topic's"
-                    ),
-                ));
-            }
-            return Ok(self.numbered(&full("entity")));
-        }
-        let name = full(wanted);
-        match (self.is_taken(&name), request.allow_renaming) {
-            (false, _) => Ok(name),
-            (true, true) => Ok(self.numbered(&name)),
-            (true, false) => Err(Outcome::new(
-                Code::NAME_NOT_UNIQUE,
-                format!("name '{name}' is taken; give another one, or allow_renaming"),
-            )),
-        }
+        return Ok(numbered(world, &full("entity")));
     }
+    let name = full(wanted);
+    match (is_taken(world, &name), request.allow_renaming) {
+        (false, _) => Ok(name),
+        (true, true) => Ok(numbered(world, &name)),
+        (true, false) => Err(Outcome::new(
+            Code::NAME_NOT_UNIQUE,
+            format!("name '{name}' is taken; give another one, or allow_renaming"),
+        )),
+    }
+}
 
-    /// Frames have the names of entities, so those of links are taken too.
-    fn is_taken(&self, name: &str) -> bool {
-        self.world.frame(name).is_ok()
-    }
+/// Whether a frame has this name: the world, an entity, or a link of the robot. Entities and their frames share names.
+fn is_taken(world: &World, name: &str) -> bool {
+    world.frame(name).is_ok()
+}
 
-    fn numbered(&self, name: &str) -> String {
-        let mut numbered = (1_u32..).map(|i| format!("{name}_{i}"));
-        let free = numbered.find(|name| !self.is_taken(name));
-        free.unwrap_or_else(|| name.to_owned())
-    }
+/// `name` with the first free number.
+fn numbered(world: &World, name: &str) -> String {
+    let mut numbered = (1_u32..).map(|i| format!("{name}_{i}"));
+    let free = numbered.find(|name| !is_taken(world, name));
+    free.unwrap_or_else(|| name.to_owned())
+}
 
-    pub(super) fn delete_entity(&mut self, request: &DeleteEntityRequest) -> DeleteEntityResponse {
-        let result = self.remove(&request.entity);
-        DeleteEntityResponse {
-            result: result.err().unwrap_or_else(Outcome::ok),
-        }
+/// Removes a free body.
+pub fn delete(simulation: &mut Simulation, request: &DeleteEntityRequest) -> DeleteEntityResponse {
+    let result = remove(simulation, &request.entity);
+    DeleteEntityResponse {
+        result: result.err().unwrap_or_else(Outcome::ok),
     }
+}
 
-    fn remove(&mut self, entity: &str) -> Result<(), Outcome> {
-        self.check_active()?;
-        if self.world.robot.model().name() == entity {
-            return Err(Outcome::new(
-                Outcome::OPERATION_FAILED,
-                format!("'{entity}' is the robot that is simulated; it cannot be deleted"),
-            ));
-        }
-        let index = self.world.target_index(entity);
-        let index = index.map_err(|_| self.world.unknown(entity))?;
-        self.world.targets.remove(index);
-        self.outputs.forget_targets(&self.world);
-        self.changed = true;
-        Ok(())
+fn remove(simulation: &mut Simulation, entity: &str) -> Result<(), Outcome> {
+    check_active(simulation)?;
+    let world = &mut simulation.world;
+    if world.robot.model().name() == entity {
+        return Err(Outcome::new(
+            Outcome::OPERATION_FAILED,
+            format!("'{entity}' is the robot that is simulated; it cannot be deleted"),
+        ));
     }
+    let index = world.target_index(entity);
+    let index = index.map_err(|_| world.unknown(entity))?;
+    world.targets.remove(index);
+    simulation.outputs.remove_targets(world);
+    simulation.outputs.invalidate();
+    Ok(())
 }
 
 fn is_name(text: &str) -> bool {

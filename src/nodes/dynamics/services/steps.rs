@@ -1,4 +1,4 @@
-//! Steps of a paused simulation.
+//! Requests for steps of a paused simulation: a service and an action.
 
 use crate::{
     msg::simulation_interfaces::{
@@ -6,12 +6,19 @@ use crate::{
         services::{StepSimulation, StepSimulationResponse},
         simulate_steps::{Feedback, Outcome as StepsOutcome, SimulateSteps},
     },
-    nodes::dynamics::simulation::{Phase, Simulation},
-    ros::{Goal, Reply},
+    nodes::dynamics::clock::Phase,
+    ros::{ActionServer, Calls, Goal, Node, NodeError, Reply},
 };
 
-/// Steps that somebody waits for.
-pub struct Stepping {
+/// Endpoints for steps, and the request that is being worked off. There is one at a time.
+pub struct StepRequests {
+    service: Calls<StepSimulation>,
+    action: ActionServer<SimulateSteps>,
+    pending: Option<StepRequest>,
+}
+
+/// Steps that a client waits for.
+struct StepRequest {
     done: u64,
     total: u64,
     client: Client,
@@ -34,40 +41,64 @@ impl Client {
     }
 }
 
-impl Simulation<'_> {
-    /// Takes in who wants steps, or does not any more.
-    pub(super) fn attend_steps(&mut self) {
-        while let Some(call) = self.control.step.take() {
-            self.begin_steps(call.request.steps, Client::Service(call.reply));
+impl StepRequests {
+    /// Offers service and action.
+    ///
+    /// # Errors
+    /// When DDS refuses.
+    pub fn new(node: &Node) -> Result<Self, NodeError> {
+        Ok(Self {
+            service: node.serve_calls("~/step_simulation")?,
+            action: ActionServer::new(node, "~/simulate_steps")?,
+            pending: None,
+        })
+    }
+
+    /// Whether a client waits for steps.
+    pub fn is_pending(&self) -> bool {
+        self.pending.is_some()
+    }
+
+    /// Accepts or refuses new requests, in this phase of a node that is `active` or says why it is not. Ends a cancelled
+    /// request: then returns true.
+    pub(super) fn take_requests(&mut self, phase: Phase, active: &Result<(), Outcome>) -> bool {
+        while let Some(call) = self.service.take() {
+            self.begin(
+                call.request.steps,
+                Client::Service(call.reply),
+                phase,
+                active,
+            );
         }
-        while let Some(goal) = self.control.steps.take() {
-            self.begin_steps(goal.goal.steps, Client::Action(goal));
+        while let Some(goal) = self.action.take() {
+            self.begin(goal.goal.steps, Client::Action(goal), phase, active);
         }
-        let cancelled = |s: &mut Stepping| match &s.client {
+        let is_cancelled = |request: &mut StepRequest| match &request.client {
             Client::Action(goal) => goal.is_canceling(),
             Client::Service(_) => false,
         };
-        if let Some(Stepping {
+        let Some(StepRequest {
             done,
             total,
             client: Client::Action(goal),
-        }) = self.stepping.take_if(cancelled)
-        {
-            goal.canceled(StepsOutcome {
-                result: Outcome::new(
-                    Outcome::OPERATION_FAILED,
-                    format!("cancelled after {done} of {total} steps"),
-                ),
-            });
-            self.pause(Phase::Paused);
-        }
+        }) = self.pending.take_if(is_cancelled)
+        else {
+            return false;
+        };
+        goal.canceled(StepsOutcome {
+            result: Outcome::new(
+                Outcome::OPERATION_FAILED,
+                format!("cancelled after {done} of {total} steps"),
+            ),
+        });
+        true
     }
 
-    fn begin_steps(&mut self, total: u64, client: Client) {
-        let refused = self
-            .check_active()
+    fn begin(&mut self, total: u64, client: Client, phase: Phase, active: &Result<(), Outcome>) {
+        let refused = active
+            .clone()
             .err()
-            .or_else(|| match (self.phase, &self.stepping) {
+            .or_else(|| match (phase, &self.pending) {
                 (Phase::Paused, None) => None,
                 (Phase::Paused, Some(other)) => Some(Outcome::new(
                     Outcome::OPERATION_FAILED,
@@ -89,7 +120,7 @@ impl Simulation<'_> {
             Some(problem) => client.end(problem),
             None if total == 0 => client.end(Outcome::ok()),
             None => {
-                self.stepping = Some(Stepping {
+                self.pending = Some(StepRequest {
                     done: 0,
                     total,
                     client,
@@ -98,33 +129,33 @@ impl Simulation<'_> {
         }
     }
 
-    /// Time has gone on by a step.
-    pub(in crate::nodes::dynamics) fn count_step(&mut self) {
-        let Some(stepping) = &mut self.stepping else {
-            return;
+    /// Counts a step that was simulated, and sends feedback. If it was the last one requested, answers the client and
+    /// returns true.
+    pub fn count(&mut self) -> bool {
+        let Some(request) = &mut self.pending else {
+            return false;
         };
-        stepping.done += 1;
-        if let Client::Action(goal) = &stepping.client {
+        request.done += 1;
+        if let Client::Action(goal) = &request.client {
             goal.feedback(Feedback {
-                completed_steps: stepping.done,
-                remaining_steps: stepping.total - stepping.done,
+                completed_steps: request.done,
+                remaining_steps: request.total - request.done,
             });
         }
-        if let Some(stepping) = self.stepping.take_if(|s| s.done == s.total) {
-            stepping.client.end(Outcome::ok());
-            self.pause(Phase::Paused);
+        let finished = self.pending.take_if(|s| s.done == s.total);
+        let is_finished = finished.is_some();
+        if let Some(request) = finished {
+            request.client.end(Outcome::ok());
         }
+        is_finished
     }
 
-    /// Gives up steps that are still to be simulated.
-    pub(in crate::nodes::dynamics) fn end_steps(&mut self, reason: &str) {
-        if let Some(stepping) = self.stepping.take() {
-            let text = format!(
-                "{reason} after {} of {} steps",
-                stepping.done, stepping.total
-            );
+    /// Ends the pending request before its last step.
+    pub fn end(&mut self, reason: &str) {
+        if let Some(request) = self.pending.take() {
+            let text = format!("{reason} after {} of {} steps", request.done, request.total);
             let result = Outcome::new(Outcome::OPERATION_FAILED, text);
-            stepping.client.end(result);
+            request.client.end(result);
         }
     }
 }
