@@ -1,4 +1,4 @@
-//! The ROS 2 nodes: physics joined to topics, services and parameters.
+//! The ROS 2 nodes: physics with topics, services and parameters.
 //!
 //! | node | reads | writes |
 //! | --- | --- | --- |
@@ -9,6 +9,9 @@
 //! | [`teleop`] | `robot_description`, `joint_states`, `imu`, `joy`, `cmd_vel` | `joint_commands` |
 //! | [`recorder`] | any topic | a bag |
 //! | [`views`] | `goal_pose`, `camera/goal_pose`, `ground_truth/...`, `estimator/prediction` | `markers` |
+//!
+//! The table is generated from the declarations in [`topics`]; `NAME` stands for the name of a target. Every node also
+//! publishes `diagnostics`. [`foxglove`] and [`player`] are programs of their own that take any topic.
 //!
 //! A node is a program `fn(&Node) -> Result<(), NodeError>`; [`by_name`] finds it.
 
@@ -40,7 +43,7 @@ use crate::ros::{Node, NodeError};
 /// The program of a node.
 pub type Program = fn(&Node) -> Result<(), NodeError>;
 
-/// All nodes, in the order in which a launch starts them: whoever listens comes first.
+/// All nodes, in the order in which `fuyu launch` starts them: subscribers before publishers.
 pub const NODES: [(&str, Program); 7] = [
     ("recorder", recorder::program),
     ("views", views::program),

@@ -1,6 +1,8 @@
 //! The order of the house: what the documents and the layout promise about the sources.
 
 mod documents;
+#[cfg(feature = "ros")]
+mod generated;
 mod layers;
 mod package;
 #[cfg(feature = "ros")]

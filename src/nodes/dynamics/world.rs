@@ -77,12 +77,12 @@ impl World {
     }
 
     /// Time of the next state to publish \[s\].
-    pub fn next_tick(&self) -> f64 {
+    pub(super) fn next_tick(&self) -> f64 {
         self.time.next_tick()
     }
 
     /// Number of the last state that was due for publication.
-    pub fn ticks(&self) -> u64 {
+    pub(super) fn ticks(&self) -> u64 {
         self.time.ticks()
     }
 
@@ -102,13 +102,13 @@ impl World {
     }
 
     /// Time is zero again; the bodies stay as they are.
-    pub fn reset_time(&mut self) {
+    pub(super) fn reset_time(&mut self) {
         self.time.reset();
     }
 
     /// Robot and free bodies return to their states at the start, or to those in which they were spawned. Nothing acts
     /// on them.
-    pub fn reset_state(&mut self) {
+    pub(super) fn reset_state(&mut self) {
         self.robot.set_state(self.start.clone());
         self.drive.reset(&mut self.robot);
         for target in &mut self.targets {
@@ -117,7 +117,7 @@ impl World {
     }
 
     /// Errors of the inertial measurement unit.
-    pub fn imu(&self) -> &ImuParams {
+    pub(super) fn imu(&self) -> &ImuParams {
         &self.imu
     }
 
@@ -167,7 +167,7 @@ impl World {
     ///
     /// # Errors
     /// As [`Self::check_finite`] before the robot's state was replaced.
-    pub fn step_to_tick_or_restore(&mut self) -> Result<(), String> {
+    pub(super) fn step_to_tick_or_restore(&mut self) -> Result<(), String> {
         self.step_to_tick();
         self.check_finite().inspect_err(|_| {
             self.robot.set_state(self.last_finite.clone());
@@ -177,34 +177,36 @@ impl World {
     }
 
     /// Steps to `time` \[s\], but not beyond the next tick. Does nothing if `time` is in the past.
-    pub fn step_within_tick(&mut self, time: f64) {
+    pub(super) fn step_within_tick(&mut self, time: f64) {
         if let Some(seconds) = self.time.advance_within_tick(time) {
             self.step_by(seconds);
         }
     }
 
     /// Mean joint efforts between the last two ticks \[N m or N\].
-    pub fn mean_efforts(&self) -> &[f64] {
+    pub(super) fn mean_efforts(&self) -> &[f64] {
         self.drive.mean_efforts()
     }
 
-    /// Holds joint efforts from now on, as [`JointDrive::hold_efforts`]. Returns whether any was cut.
+    /// Holds joint `efforts` (joint index, effort \[N m or N\]) from now on, cut to the joints' limits. Other joints keep
+    /// their effort, or get zero if rates were driven until now. Returns whether any was cut.
     pub fn hold_efforts(&mut self, efforts: impl IntoIterator<Item = (usize, f64)>) -> bool {
         self.drive.hold_efforts(&mut self.robot, efforts)
     }
 
-    /// Drives joint rates from now on, as [`JointDrive::drive_rates`]. Returns whether any was cut.
+    /// Lets a servo drive the joints to `rates` (joint index, rate \[rad/s or m/s\]) from now on, cut to the joints'
+    /// limits. Other joints keep their reference, or get zero if efforts were held until now. Returns whether any was cut.
     pub fn drive_rates(&mut self, rates: impl IntoIterator<Item = (usize, f64)>) -> bool {
         self.drive.drive_rates(&self.robot, rates)
     }
 
     /// What the joints' drives do.
-    pub fn drive_mode(&self) -> DriveMode {
+    pub(super) fn drive_mode(&self) -> DriveMode {
         self.drive.mode()
     }
 
     /// Puts the joints' drives into their safe state, as [`JointDrive::halt`].
-    pub fn halt(&mut self) {
+    pub(super) fn halt(&mut self) {
         self.drive.halt(&mut self.robot);
     }
 
