@@ -1,4 +1,4 @@
-//! Published results beside what fuyu computes: what `fuyu reproduce` prints.
+//! Published results compared with computed ones: `fuyu reproduce`.
 
 mod masutani;
 mod masutani_ch4;
@@ -15,17 +15,17 @@ use tumbling::TUMBLING;
 
 pub use report::{Report, Row};
 
-/// A published result that can be computed anew.
+/// A published result that can be reproduced.
 #[derive(Debug, Clone, Copy)]
 pub struct Reproduction {
-    /// How it is called on the command line.
+    /// Name on the command line.
     pub name: &'static str,
-    /// What it shows, and where it was published.
+    /// Content and source.
     pub shows: &'static str,
     compute: fn(Report) -> Report,
 }
 
-/// All of them, in the order in which `fuyu reproduce all` computes them.
+/// All results, in the order of `fuyu reproduce all`.
 pub const ALL: &[Reproduction] = &{
     let mut all = [QUICK[0]; QUICK.len() + TUMBLING.len()];
     let mut i = 0;
@@ -39,7 +39,7 @@ pub const ALL: &[Reproduction] = &{
     all
 };
 
-/// Those of a few runs each.
+/// Results that need only a few runs each.
 const QUICK: &[Reproduction] = &[
     Reproduction {
         name: "masutani-fig-4.5",
@@ -114,7 +114,7 @@ const QUICK: &[Reproduction] = &[
 ];
 
 impl Reproduction {
-    /// The one of a name.
+    /// Finds a result by name.
     pub fn named(name: &str) -> Option<&'static Self> {
         ALL.iter().find(|r| r.name == name)
     }
