@@ -169,7 +169,7 @@ mod tests {
         clock.run(1.0);
         let now = Instant::now();
         assert!((clock.time_of(now) - 1.0).abs() < 0.01);
-        // Without an interruption the pacing goes on.
+        // Without an interruption the pacing continues.
         clock.run(5.0);
         assert!(clock.time_of(now) < 2.0);
     }

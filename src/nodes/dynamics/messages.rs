@@ -197,3 +197,59 @@ pub(super) fn update_momentum(message: &mut fuyu_msgs::Momentum, stamp: Time, ro
     message.angular = vector_to_msg(&(R_WB * carried.angular));
     message.kinetic_energy = workspace.kinetic_energy(model);
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::nodes::scenario::Scenario;
+
+    fn world() -> World {
+        let scenario = Scenario::read("package://fuyu/config/servicing.yaml").unwrap();
+        let mut world = World::new(&scenario.dynamics().unwrap()).unwrap();
+        world.hold_efforts([(0, 5.0), (2, -1.0)]);
+        world.step_to_tick();
+        world
+    }
+
+    #[test]
+    fn updated_messages_equal_new_ones() {
+        let mut world = world();
+        let frames = FrameTree::new(world.robot.model());
+        let body = frames.base().to_owned();
+        let of = |stamp: Time, world: &World| {
+            (
+                joint_states(stamp, &body, world),
+                odometry(stamp, &body, &world.robot),
+                momentum(stamp, &world.robot),
+                frames.transforms(stamp, world),
+            )
+        };
+        let mut updated = of(Time::ZERO, &world);
+        world.step_to_tick();
+        let stamp = Time::from_secs_f64(world.time());
+        update_joint_states(&mut updated.0, stamp, &world);
+        update_odometry(&mut updated.1, stamp, &world.robot);
+        update_momentum(&mut updated.2, stamp, &world.robot);
+        frames.update_transforms(&mut updated.3, stamp, &world);
+        assert!(updated == of(stamp, &world));
+    }
+
+    // Would break if names were copied for every state.
+    #[test]
+    fn updates_do_not_allocate() {
+        let world = world();
+        let frames = FrameTree::new(world.robot.model());
+        let stamp = Time::from_secs_f64(world.time());
+        let mut joints = joint_states(stamp, frames.base(), &world);
+        let mut base = odometry(stamp, frames.base(), &world.robot);
+        let mut carried = momentum(stamp, &world.robot);
+        let mut tf = frames.transforms(stamp, &world);
+        let used = allocation_counter::measure(|| {
+            update_joint_states(&mut joints, stamp, &world);
+            update_odometry(&mut base, stamp, &world.robot);
+            update_momentum(&mut carried, stamp, &world.robot);
+            frames.update_transforms(&mut tf, stamp, &world);
+        });
+        assert_eq!(used.count_total, 0);
+    }
+}

@@ -264,6 +264,21 @@ mod tests {
         assert!((world.targets[0].body.state().time - 0.01).abs() < 1e-15);
     }
 
+    // Would break if a step copied states or efforts into new memory.
+    #[test]
+    fn steps_and_commands_do_not_allocate() {
+        let mut world = world("servicing");
+        let mut steps = || {
+            world.hold_efforts([(0, 0.1)]);
+            world.step_within_tick(world.time() + 0.003);
+            world.step_to_tick_or_restore().unwrap();
+            world.drive_rates([(1, 0.01)]);
+            world.step_to_tick_or_restore().unwrap();
+        };
+        steps();
+        assert_eq!(allocation_counter::measure(steps).count_total, 0);
+    }
+
     #[test]
     fn a_reset_restores_the_start() {
         let mut world = world("servicing");

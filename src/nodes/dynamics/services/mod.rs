@@ -5,7 +5,8 @@
 
 mod entities;
 mod entity_filters;
-mod set_state;
+mod entity_motion;
+
 mod spawn;
 mod states;
 mod steps;
@@ -106,7 +107,7 @@ pub fn answer_calls(simulation: &mut Simulation) -> Result<(), NodeError> {
         |c| &c.entity_state,
         |s, r| entities::state(&mut s.world, &r),
     )?;
-    answer(s, |c| &c.set_entity_state, |s, r| set_state::set(s, &r))?;
+    answer(s, |c| &c.set_entity_state, |s, r| entity_motion::set(s, &r))?;
     answer(s, |c| &c.spawn, |s, r| spawn::spawn_one(s, r))?;
     answer(s, |c| &c.spawn_all, |s, r| spawn::spawn_all(s, &r))?;
     answer(s, |c| &c.delete, |s, r| spawn::delete(s, &r))?;

@@ -27,7 +27,7 @@ use crate::{
 };
 
 /// Folder of the descriptions that come with fuyu.
-const OURS: &str = "package://fuyu/urdf";
+const DESCRIPTIONS: &str = "package://fuyu/urdf";
 
 /// Adds one free body.
 pub fn spawn_one(simulation: &mut Simulation, request: SpawnEntityRequest) -> SpawnEntityResponse {
@@ -227,7 +227,7 @@ fn read(resource: &Resource) -> Result<Description, Outcome> {
 pub fn spawnables(sources: &[String]) -> GetSpawnablesResponse {
     let mut found = Vec::new();
     let mut missing = Vec::new();
-    for source in std::iter::once(OURS).chain(sources.iter().map(String::as_str)) {
+    for source in std::iter::once(DESCRIPTIONS).chain(sources.iter().map(String::as_str)) {
         match files(source) {
             Ok(files) => found.extend(files.into_iter().filter_map(spawnable)),
             Err(e) => missing.push(e),
