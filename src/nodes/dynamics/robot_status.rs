@@ -99,16 +99,24 @@ mod tests {
 
     #[test]
     fn a_joint_beyond_a_limit_is_named() {
-        let urdf = include_str!("../../../urdf/servicer.urdf");
-        let model = Model::from_urdf(urdf, "servicer").unwrap();
+        let joint = r#"<joint name="joint1" type="continuous">"#;
+        let limited = r#"<joint name="joint1" type="revolute">
+            <limit lower="-1" upper="1" effort="5" velocity="2"/>"#;
+        let urdf = include_str!("../../../urdf/planar_two_link.urdf").replace(joint, limited);
+        let model = Model::from_urdf(&urdf, "planar").unwrap();
         let mut state = State::at_rest(&model);
         assert_eq!(beyond_limits(&model, &state), None);
-        let joint = &model.joints()[1];
-        state.qd[1] = 1.01 * joint.limits.velocity;
+        state.qd[0] = -2.1;
         let line = beyond_limits(&model, &state).unwrap();
-        assert!(line.contains(&joint.name) && line.contains("faster than its limit"));
-        state.q[1] = joint.limits.upper + 0.1;
+        assert!(
+            line.contains("'joint1' moves at -2.1000, faster than its limit 2"),
+            "{line}"
+        );
+        state.q[0] = 1.1;
         let line = beyond_limits(&model, &state).unwrap();
-        assert!(line.contains("beyond its limits"), "{line}");
+        assert!(
+            line.contains("'joint1' is at 1.1000, beyond its limits -1 to 1"),
+            "{line}"
+        );
     }
 }
