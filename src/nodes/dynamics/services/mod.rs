@@ -1,40 +1,39 @@
-//! Control of the simulation by others: the services and the action of `simulation_interfaces`.
+//! Control of the simulation from outside: the services and the action of `simulation_interfaces`.
 //!
-//! They are private names of the node (`/dynamics/step_simulation`), as those of Gazebo's server are, so that
-//! several simulations in one graph do not clash. Calls are answered by the thread that simulates, in between steps.
+//! Their names are private to the node (`/dynamics/step_simulation`), as those of Gazebo's server are, so that several
+//! simulations in one graph do not clash. Calls are answered by the thread that simulates, between two steps.
 
 mod entities;
-mod filters;
+mod entity_filters;
+mod entity_motion;
+
 mod spawn;
 mod states;
 mod steps;
 
-pub use steps::Stepping;
+pub use steps::StepRequests;
 
-use super::simulation::Simulation;
+use super::{clock::Phase, simulation::Simulation};
 use crate::{
     msg::{
         Service,
         simulation_interfaces::{
-            SimulatorFeatures,
+            Result as Outcome, SimulatorFeatures,
             services::{
                 DeleteEntity, GetEntities, GetEntitiesStates, GetEntityInfo, GetEntityState,
                 GetSimulationState, GetSimulatorFeatures, GetSimulatorFeaturesResponse,
                 GetSpawnables, ResetSimulation, SetEntityState, SetSimulationState, SpawnEntities,
-                SpawnEntity, StepSimulation,
+                SpawnEntity,
             },
-            simulate_steps::SimulateSteps,
         },
     },
-    ros::{ActionServer, Calls, Node, NodeError, ServiceServer},
+    ros::{Calls, Node, NodeError, ServiceServer},
 };
 
-/// Endpoints by which others control the simulation.
-pub struct Control {
+/// The services that answer at once. Requests for steps, which take longer, are [`StepRequests`].
+pub struct Services {
     get_state: Calls<GetSimulationState>,
     set_state: Calls<SetSimulationState>,
-    step: Calls<StepSimulation>,
-    steps: ActionServer<SimulateSteps>,
     reset: Calls<ResetSimulation>,
     entities: Calls<GetEntities>,
     entities_states: Calls<GetEntitiesStates>,
@@ -44,12 +43,14 @@ pub struct Control {
     spawn: Calls<SpawnEntity>,
     spawn_all: Calls<SpawnEntities>,
     delete: Calls<DeleteEntity>,
-    /// What no simulation is needed for.
-    _always: [ServiceServer; 2],
+    /// Whether the node is to stop once the present call is answered.
+    quit_requested: bool,
+    /// Services that do not depend on the simulation.
+    _stateless: [ServiceServer; 2],
 }
 
-impl Control {
-    /// Makes them.
+impl Services {
+    /// Offers the services.
     ///
     /// # Errors
     /// When DDS refuses.
@@ -57,8 +58,6 @@ impl Control {
         Ok(Self {
             get_state: node.serve_calls("~/get_simulation_state")?,
             set_state: node.serve_calls("~/set_simulation_state")?,
-            step: node.serve_calls("~/step_simulation")?,
-            steps: ActionServer::new(node, "~/simulate_steps")?,
             reset: node.serve_calls("~/reset_simulation")?,
             entities: node.serve_calls("~/get_entities")?,
             entities_states: node.serve_calls("~/get_entities_states")?,
@@ -68,7 +67,8 @@ impl Control {
             spawn: node.serve_calls("~/spawn_entity")?,
             spawn_all: node.serve_calls("~/spawn_entities")?,
             delete: node.serve_calls("~/delete_entity")?,
-            _always: [
+            quit_requested: false,
+            _stateless: [
                 node.serve::<GetSimulatorFeatures>("~/get_simulator_features", |_| {
                     GetSimulatorFeaturesResponse {
                         features: features(),
@@ -82,45 +82,66 @@ impl Control {
     }
 }
 
-impl Simulation<'_> {
-    /// Answers the calls that wait.
-    ///
-    /// # Errors
-    /// When the state is no longer finite.
-    pub(super) fn attend(&mut self) -> Result<(), NodeError> {
-        self.answer(|c| &c.get_state, |s, _| s.get_simulation_state())?;
-        self.answer(|c| &c.set_state, |s, r| s.set_simulation_state(&r))?;
-        self.attend_steps();
-        self.answer(|c| &c.reset, |s, r| s.reset_simulation(&r))?;
-        self.answer(|c| &c.entities, |s, r| s.get_entities(&r))?;
-        self.answer(|c| &c.entities_states, |s, r| s.get_entities_states(&r))?;
-        self.answer(|c| &c.entity_info, |s, r| s.get_entity_info(&r))?;
-        self.answer(|c| &c.entity_state, |s, r| s.get_entity_state(&r))?;
-        self.answer(|c| &c.set_entity_state, |s, r| s.set_entity_state(&r))?;
-        self.answer(|c| &c.spawn, |s, r| s.spawn_entity(r))?;
-        self.answer(|c| &c.spawn_all, |s, r| s.spawn_entities(r))?;
-        self.answer(|c| &c.delete, |s, r| s.delete_entity(&r))?;
-        if self.quitting {
-            self.node.request_stop();
-        }
-        Ok(())
+/// Answers the calls that wait, and takes in requests for steps.
+///
+/// # Errors
+/// When the state is no longer finite.
+pub fn answer_calls(simulation: &mut Simulation) -> Result<(), NodeError> {
+    let s = simulation;
+    answer(s, |c| &c.get_state, |s, _| states::get(s))?;
+    answer(s, |c| &c.set_state, |s, r| states::set(s, &r))?;
+    let active = check_active(s);
+    if s.steps.take_requests(s.clock.phase(), &active) {
+        s.pause(Phase::Paused);
     }
+    answer(s, |c| &c.reset, |s, r| states::reset(s, &r))?;
+    answer(s, |c| &c.entities, |s, r| entities::names(&s.world, &r))?;
+    answer(
+        s,
+        |c| &c.entities_states,
+        |s, r| entities::states(&mut s.world, &r),
+    )?;
+    answer(s, |c| &c.entity_info, |s, r| entities::info(&s.world, &r))?;
+    answer(
+        s,
+        |c| &c.entity_state,
+        |s, r| entities::state(&mut s.world, &r),
+    )?;
+    answer(s, |c| &c.set_entity_state, |s, r| entity_motion::set(s, &r))?;
+    answer(s, |c| &c.spawn, |s, r| spawn::spawn_one(s, r))?;
+    answer(s, |c| &c.spawn_all, |s, r| spawn::spawn_all(s, &r))?;
+    answer(s, |c| &c.delete, |s, r| spawn::delete(s, &r))?;
+    if s.services.quit_requested {
+        s.node.request_stop();
+    }
+    Ok(())
+}
 
-    /// Answers the calls of one service. A world that one of them changes is published before the answer.
-    fn answer<S: Service>(
-        &mut self,
-        calls: impl Fn(&Control) -> &Calls<S>,
-        work: impl Fn(&mut Self, S::Request) -> S::Response,
-    ) -> Result<(), NodeError> {
-        while let Some(call) = calls(&self.control).take() {
-            let response = work(self, call.request);
-            if std::mem::take(&mut self.changed) {
-                self.expect_answer();
-                self.publish()?;
-            }
-            call.reply.send(&response);
+/// Answers the calls of one service. A world that one of them changes is published before the answer is sent.
+fn answer<S: Service>(
+    simulation: &mut Simulation,
+    calls: impl Fn(&Services) -> &Calls<S>,
+    handler: impl Fn(&mut Simulation, S::Request) -> S::Response,
+) -> Result<(), NodeError> {
+    while let Some(call) = calls(&simulation.services).take() {
+        let response = handler(simulation, call.request);
+        if simulation.outputs.is_outdated() {
+            simulation.commands.expect_response_again();
+            simulation.publish()?;
         }
-        Ok(())
+        call.reply.send(&response);
+    }
+    Ok(())
+}
+
+/// Refuses what needs an active node.
+fn check_active(simulation: &Simulation) -> Result<(), Outcome> {
+    match simulation.is_active() {
+        true => Ok(()),
+        false => Err(Outcome::new(
+            Outcome::INCORRECT_STATE,
+            "the node is inactive; activate it by ~/change_state first",
+        )),
     }
 }
 

@@ -1,4 +1,4 @@
-//! Which entities a caller asks for.
+//! Filters for entities: by name, category, tags and bounds.
 
 use nalgebra::Vector3;
 use regex::Regex;
@@ -10,7 +10,7 @@ use crate::{
     nodes::geometry::vector_from_msg,
 };
 
-/// Filters that have been understood.
+/// Validated filters.
 pub struct Filters<'a> {
     name: Option<Regex>,
     filters: &'a EntityFilters,
@@ -24,10 +24,10 @@ enum Region {
 }
 
 impl<'a> Filters<'a> {
-    /// Reads them.
+    /// Validates the filters of a request.
     ///
     /// # Errors
-    /// Says what cannot be understood, with its code.
+    /// The result code and a line that names the invalid filter.
     pub fn new(filters: &'a EntityFilters) -> Result<Self, Outcome> {
         let name = match filters.filter.as_str() {
             "" => None,
@@ -154,7 +154,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_understood_has_its_code() {
+    fn an_invalid_filter_has_its_result_code() {
         let code = |f: &EntityFilters| Filters::new(f).err().map(|e| e.result);
         let hull = bounds(2, &[[0.0; 3]; 4]);
         assert_eq!(code(&hull), Some(Outcome::FEATURE_UNSUPPORTED));

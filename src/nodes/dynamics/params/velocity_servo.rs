@@ -1,16 +1,17 @@
-//! The servo that obeys commands of rates.
+//! Parameters of the servo that drives joint rates.
 
 use crate::{
     control::{ServoGains, VelocityServoConfig},
     ros::Declare,
 };
 
+/// Declares `velocity_servo.*` and reads them.
 pub(super) fn declare_servo(declare: &mut Declare) -> VelocityServoConfig {
     let bandwidth = declare
         .param(
             "velocity_servo.bandwidth",
             10.0,
-            "Bandwidth of the servo that obeys commands of joint rates, in all postures [rad/s]",
+            "Bandwidth of the servo that drives commanded joint rates, the same in all postures [rad/s]",
         )
         .range(1e-3, 1e4)
         .read_only()
@@ -19,7 +20,7 @@ pub(super) fn declare_servo(declare: &mut Declare) -> VelocityServoConfig {
         .param(
             "velocity_servo.gains",
             Vec::<f64>::new(),
-            "Its gains, one per joint, instead of a bandwidth [N m s/rad or N s/m]; empty is the bandwidth",
+            "Gains of the servo, one per joint [N m s/rad or N s/m]; empty uses the bandwidth instead",
         )
         .range(1e-9, 1e9)
         .read_only()
@@ -28,7 +29,7 @@ pub(super) fn declare_servo(declare: &mut Declare) -> VelocityServoConfig {
         .param(
             "velocity_servo.integral",
             0.0,
-            "Inverse time of its integral part [rad/s]; 0 is a proportional servo",
+            "Inverse time constant of the servo's integral part [rad/s]; 0 is a proportional servo",
         )
         .range(0.0, 1e4)
         .read_only()
