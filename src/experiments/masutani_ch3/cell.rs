@@ -1,7 +1,7 @@
 //! One motion under one condition: the model chosen and the errors made. Masutani 1995 sec. 3.5.
 
 use super::{Condition, HORIZON, INTERVAL, INTERVALS, rates};
-use crate::estimation::errors::{PredictionError, parameter_error, prediction_error};
+use crate::estimation::evaluation::{PredictionError, parameter_error, prediction_error};
 use crate::estimation::free_body::FreeRotation;
 use crate::estimation::masutani1995::{Analysis, EstimateError, Options};
 use crate::estimation::{MotionEstimate, MotionModel};

@@ -8,7 +8,7 @@ pub mod bundle;
 mod degenerate;
 pub mod elliptic;
 mod error;
-pub mod errors;
+pub mod evaluation;
 pub mod filter;
 pub mod free_body;
 pub mod masutani1995;

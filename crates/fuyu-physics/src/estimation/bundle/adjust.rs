@@ -5,7 +5,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 
-use super::loss::Loss;
+use super::pixel_likelihood::Loss;
 use super::scene::{NEAREST, Scene};
 use super::schur::{Step, System};
 
@@ -249,7 +249,7 @@ fn linearise<const L: usize, const G: usize, M: Motion<L, G>>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::free_placements::FreePlacements;
+    use super::super::pose_model::independent_poses::FreePlacements;
     use super::*;
     use crate::estimation::bundle::scene::Seen;
     use nalgebra::Vector2;

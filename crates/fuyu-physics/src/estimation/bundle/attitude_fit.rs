@@ -6,7 +6,7 @@ use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{DMatrix, DVector, Dyn, Owned, SVector, UnitQuaternion, Vector3};
 
 use super::free_motion::{FreeMotion, PARAMETERS, SHAPE_SPREAD, Sensitivity, shape_of};
-use super::momentum_start::Attitude;
+use super::linear_inertia::Attitude;
 use super::rotations::{right_jacobian, right_jacobian_inverse};
 use crate::spatial::exp_so3;
 

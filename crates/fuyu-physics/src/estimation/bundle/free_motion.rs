@@ -8,7 +8,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 use pulp::Arch;
 
-use super::flow::{Carry, Flow};
+use super::sensitivity_propagation::{Carry, Flow};
 
 /// Parameters: five of the inertia's shape, three of the momentum.
 pub const PARAMETERS: usize = 8;

@@ -21,34 +21,32 @@
 //! spins about one axis are no special cases; their ambiguity is told, not hidden.
 
 mod adjust;
+mod ambiguity;
 mod attitude_fit;
-mod bootstrap;
 mod camera_motion;
-mod carried;
-mod dynamic;
 mod envelope;
-mod fit;
 mod five_point;
-mod flow;
 mod frames;
 mod free_motion;
-mod free_placements;
+mod global_adjustment;
+mod key_frames;
 mod known_rotation;
-mod loss;
-mod momentum_start;
-mod placing;
-mod reborn;
+mod linear_inertia;
+mod model_fit;
+mod pixel_likelihood;
+mod pose_model;
 mod relative_pose;
 mod relative_rotation;
-mod rivals;
+mod resection;
+mod reused_track_ids;
 mod rotations;
 mod scene;
 mod schur;
+mod sensitivity_propagation;
 mod solve;
-mod straight;
 mod structure;
+mod transferred_structure;
 mod uncertainty;
-mod whole;
 
 use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 

@@ -9,7 +9,7 @@ use rand::Rng;
 
 use super::frames::Frames;
 use super::free_motion::{FreeMotion, PARAMETERS, SHAPE_SPREAD, Sensitivity, shape_of};
-use super::momentum_start::{Attitude, momentum_start, rates};
+use super::linear_inertia::{Attitude, momentum_start, rates};
 use super::relative_pose::relative_pose;
 use super::rotations::right_jacobian_inverse;
 

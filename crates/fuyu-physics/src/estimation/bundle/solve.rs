@@ -4,13 +4,13 @@ use rand::{SeedableRng, rngs::StdRng};
 
 use super::attitude_fit::{Fit, Sample, fit};
 use super::frames::Frames;
-use super::momentum_start::{Attitude, momentum_start, rates, turning_over};
-use super::reborn::cut_reborn;
+use super::linear_inertia::{Attitude, momentum_start, rates, turning_over};
+use super::reused_track_ids::cut_reborn;
 use super::relative_pose::noise_between;
 use super::relative_rotation::relative_rotation_fit;
-use super::rivals::LONG_TURN;
+use super::ambiguity::LONG_TURN;
 use super::structure::{Segment, Settings, reconstruct};
-use super::whole::{Adjusted, dynamic};
+use super::global_adjustment::{Adjusted, dynamic};
 use super::{MIN_FRAMES, MIN_POINTS, Options, Solution};
 use crate::estimation::{EstimateError, Tracks, degenerate};
 use crate::vision::Pinhole;

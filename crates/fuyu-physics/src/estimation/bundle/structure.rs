@@ -8,12 +8,12 @@ use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use rand::Rng;
 
 use super::adjust::{Effort, Placement, adjust};
-use super::bootstrap::{key_frames, start};
+use super::key_frames::{key_frames, start};
 use super::frames::Frames;
-use super::free_placements::FreePlacements;
+use super::pose_model::independent_poses::FreePlacements;
 use super::known_rotation::triangulate;
-use super::loss::Loss;
-use super::placing::{MIN_POINTS, Mark, place, translation};
+use super::pixel_likelihood::Loss;
+use super::resection::{MIN_POINTS, Mark, place, translation};
 use super::scene::{Scene, Seen, residual};
 use crate::spatial::exp_so3;
 

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
 
 use super::Options;
-use super::dynamic::COMMON;
+use super::pose_model::free_positions::COMMON;
 use super::free_motion::{FreeMotion, PARAMETERS, shape_times};
 use crate::estimation::free_body::FreeRotation;
 use crate::estimation::{MotionEstimate, MotionModel};

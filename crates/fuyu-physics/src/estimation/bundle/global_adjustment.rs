@@ -3,15 +3,15 @@
 use nalgebra::{SMatrix, UnitQuaternion, Vector3};
 
 use super::adjust::{Effort, Motion, adjust, information};
-use super::carried::{carried_over, from_rotations};
-use super::dynamic::{COMMON, Tumbling};
-use super::fit::{Fit, Shaped, dispersion, settle, sharpen, simplest};
+use super::transferred_structure::{carried_over, from_rotations};
+use super::pose_model::free_positions::{COMMON, Tumbling};
+use super::model_fit::{Fit, Shaped, dispersion, settle, sharpen, simplest};
 use super::frames::Frames;
 use super::free_motion::FreeMotion;
-use super::loss::Loss;
-use super::rivals::best_of_rivals;
+use super::pixel_likelihood::Loss;
+use super::ambiguity::best_of_rivals;
 use super::scene::Scene;
-use super::straight::{LINE, Straight, without_line};
+use super::pose_model::linear_com_motion::{LINE, Straight, without_line};
 use super::structure::{Segment, Settings, scene_of};
 use super::uncertainty::{Residuals, report};
 use super::{BodyPoint, BodyPose, Options, Solution};

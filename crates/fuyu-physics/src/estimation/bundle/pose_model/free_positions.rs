@@ -5,10 +5,10 @@
 
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 
-use super::adjust::{Motion, Placement};
-use super::fit::Shaped;
-use super::free_motion::{FreeMotion, PARAMETERS, SHAPE_SPREAD, Sensitivity, shape_of};
-use super::free_placements::{FOCAL_SPREAD, HELD};
+use super::super::adjust::{Motion, Placement};
+use super::super::model_fit::Shaped;
+use super::super::free_motion::{FreeMotion, PARAMETERS, SHAPE_SPREAD, Sensitivity, shape_of};
+use super::independent_poses::{FOCAL_SPREAD, HELD};
 
 /// Common unknowns: those of the motion, and the focal length.
 pub const COMMON: usize = PARAMETERS + 1;

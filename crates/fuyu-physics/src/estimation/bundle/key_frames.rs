@@ -7,9 +7,9 @@ use rand::Rng;
 
 use super::adjust::{Effort, adjust};
 use super::frames::Frames;
-use super::free_placements::FreePlacements;
+use super::pose_model::independent_poses::FreePlacements;
 use super::known_rotation::{drop_hidden, structure as linear_structure};
-use super::loss::Loss;
+use super::pixel_likelihood::Loss;
 use super::relative_pose::relative_pose;
 use super::structure::{BELIEVED, Segment, Settings, believe, rms, scene_of};
 

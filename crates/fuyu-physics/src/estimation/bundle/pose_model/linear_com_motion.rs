@@ -6,10 +6,10 @@
 
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 
-use super::adjust::{Motion, Placement};
-use super::dynamic::{COMMON, Tumbling};
-use super::fit::Shaped;
-use super::free_motion::PARAMETERS;
+use super::super::adjust::{Motion, Placement};
+use super::free_positions::{COMMON, Tumbling};
+use super::super::model_fit::Shaped;
+use super::super::free_motion::PARAMETERS;
 
 /// Unknowns of the line: a position and a velocity.
 pub const LINE: usize = 6;

@@ -7,8 +7,8 @@
 use nalgebra::Vector3;
 
 use super::adjust::{Effort, Motion, adjust};
-use super::fit::{Fit, Shaped, settle};
-use super::loss::Loss;
+use super::model_fit::{Fit, Shaped, settle};
+use super::pixel_likelihood::Loss;
 use super::scene::Scene;
 use super::structure::{BELIEVED, Settings};
 use super::uncertainty::Residuals;

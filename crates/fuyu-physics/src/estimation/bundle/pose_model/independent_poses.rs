@@ -2,7 +2,7 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::adjust::{Motion, Placement};
+use super::super::adjust::{Motion, Placement};
 use crate::spatial::exp_so3;
 
 /// One placement a frame, and the focal length if it is to be found.

@@ -5,7 +5,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::adjust::Placement;
 use super::frames::{Frames, Sight};
 use super::known_rotation::{structure as linear_structure, triangulate};
-use super::placing::{Mark, translation};
+use super::resection::{Mark, translation};
 use super::structure::{Segment, Settings, scene_of};
 
 /// Of each track the point, of each frame the body's position; as far as they are known.

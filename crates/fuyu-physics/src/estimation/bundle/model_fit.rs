@@ -3,7 +3,7 @@
 use nalgebra::{UnitQuaternion, Vector3};
 
 use super::adjust::{Effort, Motion, adjust};
-use super::loss::{Loss, Rounding};
+use super::pixel_likelihood::{Loss, Rounding};
 use super::scene::{Scene, residual};
 use super::structure::{BELIEVED, Settings};
 use super::uncertainty::Residuals;
