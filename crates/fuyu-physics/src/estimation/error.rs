@@ -40,12 +40,12 @@ pub enum EstimateError {
     },
     /// No rigid body explains the images.
     #[error(
-        "no turning rigid body explains the tracks ({placed} of {frames} frames fit together); are the ids right, \
+        "no turning rigid body explains the tracks ({consistent} of {frames} frames fit together); are the ids right, \
          and is the camera's focal length?"
     )]
     NotRigid {
         /// Frames that fit together.
-        placed: usize,
+        consistent: usize,
         /// All frames.
         frames: usize,
     },

@@ -6,7 +6,7 @@ use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{DMatrix, DVector, Dyn, Owned, SVector, UnitQuaternion, Vector3};
 
 use super::free_motion::{FreeMotion, PARAMETERS, SHAPE_SPREAD, Sensitivity, shape_of};
-use super::linear_inertia::Attitude;
+use super::linear_inertia::AttitudeSample;
 use super::rotations::{right_jacobian, right_jacobian_inverse};
 use crate::spatial::exp_so3;
 
@@ -34,16 +34,16 @@ const LOST: f64 = 0.5;
 
 /// An attitude of the body axes of one segment: each segment has axes of its own.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sample {
+pub struct SegmentAttitude {
     /// Time, and the segment's axes in inertial axes.
-    pub attitude: Attitude,
+    pub attitude: AttitudeSample,
     /// Which segment, from 0.
     pub segment: usize,
 }
 
 /// A motion, and each segment's axes in its body axes.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Fit {
+pub struct AttitudeFit {
     /// The motion.
     pub motion: FreeMotion,
     /// `R_BS` of each segment.
@@ -60,15 +60,19 @@ pub struct Fit {
 /// span that is fitted grows until it holds all. Next to the separatrix errors grow exponentially: where the fit
 /// becomes worse the span is to grow more slowly. If it never holds all, the fit is that of the longest span
 /// that it held.
-pub fn fit(start: &FreeMotion, samples: &[Sample], segments: usize) -> Option<Fit> {
-    let mut current = Fit {
+pub fn fit_attitudes(
+    start: &FreeMotion,
+    samples: &[SegmentAttitude],
+    segments: usize,
+) -> Option<AttitudeFit> {
+    let mut current = AttitudeFit {
         motion: *start,
         segments: vec![UnitQuaternion::identity(); segments],
         rms: f64::INFINITY,
         span: 0.0,
         holds: true,
     };
-    let reach = |s: &Sample| (s.attitude.time - start.time).abs();
+    let reach = |s: &SegmentAttitude| (s.attitude.time - start.time).abs();
     let whole = samples.iter().map(reach).fold(0.0, f64::max);
     // A few turns are short enough for any start.
     let rate = start.w_WB_B(&start.R_WB).norm();
@@ -79,14 +83,14 @@ pub fn fit(start: &FreeMotion, samples: &[Sample], segments: usize) -> Option<Fi
     let mut held = None;
     loop {
         let before = (current.clone(), known.clone());
-        let within: Vec<Sample> = samples
+        let within: Vec<SegmentAttitude> = samples
             .iter()
             .filter(|s| reach(s) <= span)
             .copied()
             .collect();
         align(&mut current, &within, &mut known);
         let stride = within.len().div_ceil(MOST_SAMPLES);
-        let within: Vec<Sample> = within.into_iter().step_by(stride.max(1)).collect();
+        let within: Vec<SegmentAttitude> = within.into_iter().step_by(stride.max(1)).collect();
         for tolerated in [TOLERATED, 0.0] {
             current = improve(current, &within, tolerated)?;
         }
@@ -100,7 +104,7 @@ pub fn fit(start: &FreeMotion, samples: &[Sample], segments: usize) -> Option<Fi
         }
         if current.rms < AS_GOOD * least.max(LEAST) {
             current.span = span;
-            held = Some(Fit {
+            held = Some(AttitudeFit {
                 holds: false,
                 ..current.clone()
             });
@@ -118,7 +122,7 @@ pub fn fit(start: &FreeMotion, samples: &[Sample], segments: usize) -> Option<Fi
 }
 
 /// Axes of the segments that come into reach, from the motion so far.
-fn align(fit: &mut Fit, samples: &[Sample], known: &mut [bool]) {
+fn align(fit: &mut AttitudeFit, samples: &[SegmentAttitude], known: &mut [bool]) {
     let times: Vec<f64> = samples.iter().map(|s| s.attitude.time).collect();
     let attitudes = fit.motion.attitudes(&times);
     for (segment, known) in known.iter_mut().enumerate().filter(|(_, k)| !**k) {
@@ -152,7 +156,7 @@ fn middle(turns: &[(f64, UnitQuaternion<f64>)]) -> Option<UnitQuaternion<f64>> {
 }
 
 /// One round of least squares with weights from the residuals before; angles below `tolerated` \[rad\] keep theirs.
-fn improve(fit: Fit, samples: &[Sample], tolerated: f64) -> Option<Fit> {
+fn improve(fit: AttitudeFit, samples: &[SegmentAttitude], tolerated: f64) -> Option<AttitudeFit> {
     let mut problem = Problem::new(fit, samples);
     let errors: Vec<f64> = (problem.errors().as_ref()?.iter().map(|e| e.norm())).collect();
     let mut sorted = errors.clone();
@@ -177,7 +181,7 @@ fn improve(fit: Fit, samples: &[Sample], tolerated: f64) -> Option<Fit> {
     squares.sort_by(f64::total_cmp);
     let most = &squares[..(9 * squares.len()).div_ceil(10)];
     let rms = (most.iter().sum::<f64>() / most.len() as f64).sqrt();
-    Some(Fit {
+    Some(AttitudeFit {
         rms,
         ..solved.current()?
     })
@@ -185,19 +189,19 @@ fn improve(fit: Fit, samples: &[Sample], tolerated: f64) -> Option<Fit> {
 
 /// Parameters: steps of the motion's eight, then a rotation vector for each segment.
 struct Problem<'a> {
-    samples: &'a [Sample],
+    samples: &'a [SegmentAttitude],
     times: Vec<f64>,
     weights: Vec<f64>,
     /// Holds the inertia's shape to a sphere where the attitudes say nothing \[rad\].
     prior: f64,
-    start: Fit,
+    start: AttitudeFit,
     parameters: DVector<f64>,
     /// What the parameters leave, once it has been asked for.
     errors: OnceCell<Option<Vec<Vector3<f64>>>>,
 }
 
 impl<'a> Problem<'a> {
-    fn new(start: Fit, samples: &'a [Sample]) -> Self {
+    fn new(start: AttitudeFit, samples: &'a [SegmentAttitude]) -> Self {
         Self {
             samples,
             times: samples.iter().map(|s| s.attitude.time).collect(),
@@ -214,11 +218,11 @@ impl<'a> Problem<'a> {
         self.parameters.fixed_rows::<3>(at).into_owned()
     }
 
-    fn current(&self) -> Option<Fit> {
+    fn current(&self) -> Option<AttitudeFit> {
         let step: SVector<f64, PARAMETERS> =
             self.parameters.fixed_rows::<PARAMETERS>(0).into_owned();
         let segments = self.start.segments.iter().enumerate();
-        Some(Fit {
+        Some(AttitudeFit {
             motion: self.start.motion.moved(&step)?,
             segments: segments.map(|(k, R)| R * exp_so3(&self.turn(k))).collect(),
             rms: self.start.rms,
@@ -236,7 +240,7 @@ impl<'a> Problem<'a> {
         let now = self.current()?;
         let attitudes = now.motion.attitudes(&self.times);
         let each = self.samples.iter().zip(&attitudes);
-        let error = |(s, R): (&Sample, &UnitQuaternion<f64>)| {
+        let error = |(s, R): (&SegmentAttitude, &UnitQuaternion<f64>)| {
             (s.attitude.R_WB.inverse() * R * now.segments[s.segment]).scaled_axis()
         };
         Some(each.map(error).collect())
@@ -306,14 +310,14 @@ mod tests {
         FreeMotion::new(&shape, Vector3::new(0.3, -0.5, 0.6), 60.0, R).unwrap()
     }
 
-    fn samples(other: &UnitQuaternion<f64>) -> Vec<Sample> {
+    fn samples(other: &UnitQuaternion<f64>) -> Vec<SegmentAttitude> {
         let times: Vec<f64> = (0..200).map(|i| 0.6 * f64::from(i)).collect();
         let all = truth().attitudes(&times).into_iter().zip(times);
         all.map(|(R, time)| {
             let segment = usize::from(time > 90.0);
             let R_WB = if segment == 1 { R * other } else { R };
-            Sample {
-                attitude: Attitude { time, R_WB },
+            SegmentAttitude {
+                attitude: AttitudeSample { time, R_WB },
                 segment,
             }
         })
@@ -326,7 +330,7 @@ mod tests {
         let step =
             SVector::<f64, PARAMETERS>::from([0.01, -0.02, 0.01, 0.0, 0.02, 0.005, 0.01, -0.005]);
         let start = truth().moved(&step).unwrap();
-        let fit = fit(&start, &samples(&other), 2).unwrap();
+        let fit = fit_attitudes(&start, &samples(&other), 2).unwrap();
         assert!((fit.motion.inertia - truth().inertia).norm() < 1e-6);
         assert!(fit.segments[1].angle_to(&other) < 1e-6);
         assert!(fit.rms < 1e-6);
@@ -335,7 +339,7 @@ mod tests {
     #[test]
     fn the_jacobian_is_that_of_differences() {
         let samples = samples(&UnitQuaternion::identity());
-        let start = Fit {
+        let start = AttitudeFit {
             motion: truth(),
             segments: vec![UnitQuaternion::identity(); 2],
             rms: 0.0,

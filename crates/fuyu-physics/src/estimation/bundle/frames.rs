@@ -10,13 +10,13 @@ use crate::vision::Pinhole;
 
 /// An image point of a numbered track.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sight {
+pub struct Observation {
     /// Which track, numbered by first appearance.
     pub track: usize,
     /// Where, from the principal point \[px\].
     pub pixel: Vector2<f64>,
     /// Whether it is believed.
-    pub kept: bool,
+    pub inlier: bool,
 }
 
 /// One frame.
@@ -27,7 +27,7 @@ pub struct Frame {
     /// The camera's axes in inertial axes.
     pub R_WC: UnitQuaternion<f64>,
     /// What it shows, by ascending track.
-    pub sights: Vec<Sight>,
+    pub observations: Vec<Observation>,
 }
 
 /// All frames, and what they have in common.
@@ -62,21 +62,25 @@ impl Frames {
                 features.sort_by_key(|f| (std::cmp::Reverse(lengths[&f.id]), f.id));
                 features.truncate(most);
             }
-            let mut sights = Vec::with_capacity(features.len());
+            let mut observations = Vec::with_capacity(features.len());
             for feature in features {
                 let track = *numbers.entry(feature.id).or_insert_with(|| {
                     ids.push(feature.id);
                     ids.len() - 1
                 });
                 let pixel = Vector2::new(feature.u - camera.cx, feature.v - camera.cy);
-                let kept = true;
-                sights.push(Sight { track, pixel, kept });
+                let inlier = true;
+                observations.push(Observation {
+                    track,
+                    pixel,
+                    inlier,
+                });
             }
-            sights.sort_by_key(|s| s.track);
+            observations.sort_by_key(|s| s.track);
             list.push(Frame {
                 time: sighting.time,
                 R_WC: R_WC(sighting.time),
-                sights,
+                observations,
             });
         }
         Self {
@@ -88,12 +92,12 @@ impl Frames {
 
     /// The believed points that frames `i` and `j` share: track, pixel in each.
     pub fn common(&self, i: usize, j: usize) -> Vec<(usize, Vector2<f64>, Vector2<f64>)> {
-        let (a, b) = (&self.list[i].sights, &self.list[j].sights);
+        let (a, b) = (&self.list[i].observations, &self.list[j].observations);
         let mut rest = b.iter().peekable();
         let mut both = Vec::with_capacity(a.len().min(b.len()));
-        for s in a.iter().filter(|s| s.kept) {
+        for s in a.iter().filter(|s| s.inlier) {
             while rest.next_if(|o| o.track < s.track).is_some() {}
-            if let Some(o) = rest.peek().filter(|o| o.track == s.track && o.kept) {
+            if let Some(o) = rest.peek().filter(|o| o.track == s.track && o.inlier) {
                 both.push((s.track, s.pixel, o.pixel));
             }
         }

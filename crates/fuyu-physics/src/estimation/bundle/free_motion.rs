@@ -8,7 +8,7 @@
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 use pulp::Arch;
 
-use super::sensitivity_propagation::{Carry, Flow};
+use super::sensitivity_propagation::{PropagatedAttitude, Propagation};
 
 /// Parameters: five of the inertia's shape, three of the momentum.
 pub const PARAMETERS: usize = 8;
@@ -124,7 +124,7 @@ impl FreeMotion {
     /// Attitudes at `times` (ascending).
     pub fn attitudes(&self, times: &[f64]) -> Vec<UnitQuaternion<f64>> {
         let mut out = Vec::with_capacity(times.len());
-        self.walk::<false>(times, |flow| out.push(flow.R));
+        self.propagate::<false>(times, |propagated| out.push(propagated.R));
         out
     }
 
@@ -135,12 +135,18 @@ impl FreeMotion {
         times: &[f64],
     ) -> Vec<(UnitQuaternion<f64>, Sensitivity)> {
         let mut out = Vec::with_capacity(times.len());
-        self.walk::<true>(times, |flow| out.push((flow.R, flow.sensitivity())));
+        self.propagate::<true>(times, |propagated| {
+            out.push((propagated.R, propagated.sensitivity()))
+        });
         out
     }
 
     /// From the reference time backwards and forwards through `times`, in the order of time.
-    fn walk<const SENSITIVE: bool>(&self, times: &[f64], mut visit: impl FnMut(&Flow)) {
+    fn propagate<const SENSITIVE: bool>(
+        &self,
+        times: &[f64],
+        mut visit: impl FnMut(&PropagatedAttitude),
+    ) {
         let Some(inverse) = self.inertia.try_inverse() else {
             return;
         };
@@ -148,33 +154,33 @@ impl FreeMotion {
         let h = self.R_WB.inverse_transform_vector(&self.momentum);
         let fastest = (h.dot(&(inverse * h)) * inverse.symmetric_eigenvalues().max()).sqrt();
         let split = times.partition_point(|t| *t < self.time);
-        let begin = Flow::new(self.R_WB);
+        let begin = PropagatedAttitude::new(self.R_WB);
         let arch = Arch::new();
-        let carry = |flow: &mut Flow, span: f64| {
+        let advance = |propagated: &mut PropagatedAttitude, span: f64| {
             let steps = (fastest * span.abs() / LARGEST_TURN).ceil().max(1.0);
             if span == 0.0 || !steps.is_finite() {
                 return;
             }
-            let carry = Carry::<SENSITIVE> {
+            let advance = Propagation::<SENSITIVE> {
                 inverse: &inverse,
                 momentum: &self.momentum,
-                flow,
+                propagated,
                 h: span / steps,
                 steps: steps as usize,
             };
-            carry.run(arch);
+            advance.run(arch);
         };
         let mut now = (self.time, begin);
         let mut before = Vec::with_capacity(split);
         for &t in times[..split].iter().rev() {
-            carry(&mut now.1, t - now.0);
+            advance(&mut now.1, t - now.0);
             now.0 = t;
             before.push(now.1);
         }
         before.iter().rev().for_each(&mut visit);
         now = (self.time, begin);
         for &t in &times[split..] {
-            carry(&mut now.1, t - now.0);
+            advance(&mut now.1, t - now.0);
             now.0 = t;
             visit(&now.1);
         }

@@ -2,24 +2,24 @@
 
 use nalgebra::{SMatrix, UnitQuaternion, Vector3};
 
-use super::adjust::{Effort, Motion, adjust, information};
-use super::transferred_structure::{carried_over, from_rotations};
-use super::pose_model::free_positions::{COMMON, Tumbling};
-use super::model_fit::{Fit, Shaped, dispersion, settle, sharpen, simplest};
+use super::adjust::{AdjustOptions, PoseModel, adjust, information};
+use super::ambiguity::best_hypothesis;
 use super::frames::Frames;
 use super::free_motion::FreeMotion;
-use super::pixel_likelihood::Loss;
-use super::ambiguity::best_of_rivals;
+use super::model_fit::{ModelFit, TumblingModel, dispersion, settle, sharpen, simplest};
+use super::pixel_likelihood::PixelLikelihood;
+use super::pose_model::free_positions::{COMMON, FreePositions};
+use super::pose_model::linear_com_motion::{LINE, LinearComMotion, marginalise_line};
 use super::scene::Scene;
-use super::pose_model::linear_com_motion::{LINE, Straight, without_line};
-use super::structure::{Segment, Settings, scene_of};
+use super::structure::{Segment, SolverSettings, scene_of};
+use super::transferred_structure::{structure_from_attitudes, transfer_structure};
 use super::uncertainty::{Residuals, report};
 use super::{BodyPoint, BodyPose, Options, Solution};
 use crate::estimation::EstimateError;
 use crate::vision::Pinhole;
 
 /// The result of the dynamic adjustment.
-pub struct Adjusted {
+pub struct GlobalFit {
     frames: Frames,
     chosen: Vec<usize>,
     tracks: Vec<usize>,
@@ -32,49 +32,49 @@ pub struct Adjusted {
     pub residuals: Residuals,
     /// The time from which on the frames fit one motion, if not all do \[s\].
     pub since: Option<f64>,
-    loss: Loss,
+    loss: PixelLikelihood,
     dispersion: f64,
-    straight: bool,
-    /// What each frame leaves with a placement of its own \[px\].
+    linear_com: bool,
+    /// What each frame leaves with a pose of its own \[px\].
     unmodelled: Option<f64>,
     /// Another rate that explains the images as well \[rad/s\].
-    rival: Option<f64>,
-    settings: Settings,
+    alternative: Option<f64>,
+    settings: SolverSettings,
 }
 
 /// Adjusts motion, points and positions together, from a motion that is nearly right.
-pub fn dynamic(
+pub fn adjust_globally(
     mut frames: Frames,
     motion: FreeMotion,
     segments: &[Segment],
     turns: &[UnitQuaternion<f64>],
-    settings: &Settings,
-) -> Option<Adjusted> {
+    settings: &SolverSettings,
+) -> Option<GlobalFit> {
     let times: Vec<f64> = frames.list.iter().map(|f| f.time).collect();
     let attitudes: Vec<_> = (motion.attitudes(&times).into_iter().zip(&frames.list))
         .map(|(R_WB, f)| f.R_WC.inverse() * R_WB)
         .collect();
-    // The segments judged points by placements of their own; here the motion judges.
-    for sight in frames.list.iter_mut().flat_map(|f| &mut f.sights) {
-        sight.kept = true;
+    // The segments judged points by poses of their own; here the motion judges.
+    for observation in frames.list.iter_mut().flat_map(|f| &mut f.observations) {
+        observation.inlier = true;
     }
     let mut log_focal = 0.0;
     let single = (segments.len() == 1).then(|| &segments[0]);
     let known = single.and_then(|s| {
         log_focal = s.log_focal;
-        carried_over(&frames, s, &turns[0], &attitudes, settings)
+        transfer_structure(&frames, s, &turns[0], &attitudes, settings)
     });
     let (point_of, position_of) = match known {
         Some(known) => known,
-        None => from_rotations(&frames, &attitudes, settings)?,
+        None => structure_from_attitudes(&frames, &attitudes, settings)?,
     };
     let chosen: Vec<usize> = (0..frames.list.len())
         .filter(|&i| {
-            let marks = frames.list[i]
-                .sights
+            let correspondences = frames.list[i]
+                .observations
                 .iter()
                 .filter(|s| point_of[s.track].is_some());
-            position_of[i].is_some() && marks.count() >= 2
+            position_of[i].is_some() && correspondences.count() >= 2
         })
         .collect();
     let wanted = |track: usize| point_of[track].is_some();
@@ -84,46 +84,47 @@ pub fn dynamic(
     let times: Vec<f64> = chosen.iter().map(|i| times[*i]).collect();
     let R_WC: Vec<_> = chosen.iter().map(|i| frames.list[*i].R_WC).collect();
     let focal = settings.focal_free.then_some(log_focal);
-    let tumbling = Tumbling::new(motion, t_C, &times, &R_WC, settings.noise, focal);
+    let free_positions = FreePositions::new(motion, t_C, &times, &R_WC, settings.noise, focal);
     let fixed = R_WC.iter().all(|R| *R == UnitQuaternion::identity());
     let line = single
         .filter(|_| fixed)
-        .and_then(|s| along_line(&mut scene, &tumbling, &points, s.rms, settings));
+        .and_then(|s| fit_linear_com(&mut scene, &free_positions, &points, s.rms, settings));
     let fitted = match line {
-        Some(line) => Fitted::Straight(line),
+        Some(line) => ComMotion::Linear(line),
         None => {
-            let free = settle(&mut scene, tumbling, points, settings)?;
+            let free = settle(&mut scene, free_positions, points, settings)?;
             let free = simplest(&scene, free, settings);
-            let line = fixed.then(|| straightened(&scene, &free, settings));
-            line.flatten().map_or(Fitted::Free(free), Fitted::Straight)
+            let line = fixed.then(|| try_linear_com(&scene, &free, settings));
+            line.flatten()
+                .map_or(ComMotion::Free(free), ComMotion::Linear)
         }
     };
-    let straight = matches!(fitted, Fitted::Straight(_));
-    let rival;
-    let (tumbling, points, residuals, loss, dispersion) = match fitted {
-        Fitted::Straight(fit) => {
-            let (mut fit, other) = best_of_rivals(&mut scene, fit, settings);
-            rival = other;
+    let linear_com = matches!(fitted, ComMotion::Linear(_));
+    let alternative;
+    let (free_positions, points, residuals, loss, dispersion) = match fitted {
+        ComMotion::Linear(fit) => {
+            let (mut fit, other) = best_hypothesis(&mut scene, fit, settings);
+            alternative = other;
             let loss = sharpen(&scene, &mut fit, settings);
             let dispersion = dispersion(&scene, &fit, &loss);
             let free = fit.motion.into_free();
             (free, fit.points, fit.residuals, loss, dispersion)
         }
-        Fitted::Free(fit) => {
-            let (mut fit, other) = best_of_rivals(&mut scene, fit, settings);
-            rival = other;
+        ComMotion::Free(fit) => {
+            let (mut fit, other) = best_hypothesis(&mut scene, fit, settings);
+            alternative = other;
             let loss = sharpen(&scene, &mut fit, settings);
             let dispersion = dispersion(&scene, &fit, &loss);
             (fit.motion, fit.points, fit.residuals, loss, dispersion)
         }
     };
-    let Tumbling {
+    let FreePositions {
         motion,
         t_C,
         log_focal,
         ..
-    } = tumbling;
-    Some(Adjusted {
+    } = free_positions;
+    Some(GlobalFit {
         frames,
         chosen,
         tracks,
@@ -136,42 +137,42 @@ pub fn dynamic(
         since: None,
         loss,
         dispersion,
-        straight,
+        linear_com,
         unmodelled: unmodelled(segments),
-        rival,
+        alternative,
         settings: *settings,
     })
 }
 
-/// What frames with placements of their own leave \[px\].
+/// What frames with poses of their own leave \[px\].
 fn unmodelled(segments: &[Segment]) -> Option<f64> {
-    let placed: usize = segments.iter().map(Segment::placed).sum();
-    let sum = |s: &Segment| s.placed() as f64 * s.rms.powi(2);
-    (placed > 0).then(|| (segments.iter().map(sum).sum::<f64>() / placed as f64).sqrt())
+    let resected: usize = segments.iter().map(Segment::resected).sum();
+    let sum = |s: &Segment| s.resected() as f64 * s.rms.powi(2);
+    (resected > 0).then(|| (segments.iter().map(sum).sum::<f64>() / resected as f64).sqrt())
 }
 
 /// How the centre of mass moves.
-enum Fitted<'a> {
-    Straight(Fit<Straight<'a>>),
-    Free(Fit<Tumbling<'a>>),
+enum ComMotion<'a> {
+    Linear(ModelFit<LinearComMotion<'a>>),
+    Free(ModelFit<FreePositions<'a>>),
 }
 
-/// The motion with its centre of mass on a straight line, from a start that may be off. `None` if that leaves more
-/// than the noise \[px\] that placements of their own leave.
-fn along_line<'a>(
+/// The motion with its centre of mass on a linear_com line, from a start that may be off. `None` if that leaves more
+/// than the noise \[px\] that poses of their own leave.
+fn fit_linear_com<'a>(
     scene: &mut Scene,
-    start: &Tumbling<'a>,
+    start: &FreePositions<'a>,
     points: &[Vector3<f64>],
     noise: f64,
-    settings: &Settings,
-) -> Option<Fit<Straight<'a>>> {
+    settings: &SolverSettings,
+) -> Option<ModelFit<LinearComMotion<'a>>> {
     let mut judged = scene.clone();
-    let (line, centre) = Straight::new(start.clone())?;
+    let (line, centre) = LinearComMotion::new(start.clone())?;
     let points = points.iter().map(|p| p - centre).collect();
     let fit = settle(&mut judged, line, points, settings)?;
     let fit = simplest(&judged, fit, settings);
     // A variance from so many residuals is known so well.
-    let spread = (2.0 / (2 * judged.seen().len()).max(1) as f64).sqrt();
+    let spread = (2.0 / (2 * judged.observations().len()).max(1) as f64).sqrt();
     let accepted = fit.residuals.deviation.powi(2) < noise.powi(2) * (1.0 + 4.0 * spread)
         && fit.residuals.outliers < 0.3;
     if !accepted {
@@ -181,24 +182,24 @@ fn along_line<'a>(
     Some(fit)
 }
 
-/// The fit with its centre of mass on a straight line, if the images do not object.
-fn straightened<'a>(
+/// The fit with its centre of mass on a linear_com line, if the images do not object.
+fn try_linear_com<'a>(
     scene: &Scene,
-    free: &Fit<Tumbling<'a>>,
-    settings: &Settings,
-) -> Option<Fit<Straight<'a>>> {
-    let effort = Effort {
-        loss: Loss::Huber(4.0 * settings.noise),
+    free: &ModelFit<FreePositions<'a>>,
+    settings: &SolverSettings,
+) -> Option<ModelFit<LinearComMotion<'a>>> {
+    let adjust_options = AdjustOptions {
+        loss: PixelLikelihood::Huber(4.0 * settings.noise),
         steps: 8,
         tolerance: 1e-5,
     };
-    let (mut motion, centre) = Straight::new(free.motion.clone())?;
+    let (mut motion, centre) = LinearComMotion::new(free.motion.clone())?;
     let mut points: Vec<_> = free.points.iter().map(|p| p - centre).collect();
-    let reached = adjust(scene, &mut motion, &mut points, &effort)?;
+    let reached = adjust(scene, &mut motion, &mut points, &adjust_options)?;
     // What the positions' freedom takes from the cost if it is noise that they fit: half a variance each.
     let fewer = (3 * scene.len()) as f64 - LINE as f64;
     let expected = 0.5 * (fewer + 4.0 * (2.0 * fewer).sqrt()) * free.residuals.deviation.powi(2);
-    (reached.cost < free.cost + expected).then_some(Fit {
+    (reached.cost < free.cost + expected).then_some(ModelFit {
         motion,
         points,
         residuals: free.residuals,
@@ -206,7 +207,7 @@ fn straightened<'a>(
     })
 }
 
-impl Adjusted {
+impl GlobalFit {
     /// By how much the body turned \[rad\].
     pub fn turn(&self) -> f64 {
         let time = |i: Option<&usize>| i.map_or(0.0, |i| self.frames.list[*i].time);
@@ -215,13 +216,13 @@ impl Adjusted {
     }
 
     /// By how much the covariance is to be larger than that of independent residuals. What the motion leaves and
-    /// placements of the frames' own do not is no noise: it is the same in all frames, which then tell no more than
+    /// poses of the frames' own do not is no noise: it is the same in all frames, which then tell no more than
     /// one does.
     fn widening(&self) -> f64 {
         let Some(noise) = self.unmodelled else {
             return 1.0;
         };
-        let count = self.scene.seen().len().max(1) as f64;
+        let count = self.scene.observations().len().max(1) as f64;
         let excess = (self.residuals.deviation / noise).powi(2) - 1.0;
         // A variance from so many residuals is known so well.
         if excess < 4.0 * count.recip().sqrt() {
@@ -245,26 +246,28 @@ impl Adjusted {
             .collect();
         let focal = self.settings.focal_free.then_some(self.log_focal);
         let motion = self.motion;
-        let tumbling = Tumbling::new(motion, self.t_C, &times, &R_WC, self.settings.noise, focal);
-        if let Some(other) = self.rival {
-            let rate = tumbling.rate().norm();
+        let free_positions =
+            FreePositions::new(motion, self.t_C, &times, &R_WC, self.settings.noise, focal);
+        if let Some(other) = self.alternative {
+            let rate = free_positions.rate().norm();
             return Err(EstimateError::Ambiguous {
-                turn: tumbling.turn(),
+                turn: free_positions.turn(),
                 rates: [rate.min(other), rate.max(other)],
             });
         }
         let not_free = EstimateError::NotFree {
             rms: self.residuals.rms,
         };
-        let known = if self.straight {
-            Straight::new(tumbling.clone())
+        let known = if self.linear_com {
+            LinearComMotion::new(free_positions.clone())
                 .and_then(|(line, _)| information(&self.scene, &line, &self.points, &self.loss))
-                .and_then(|all| without_line(&all))
+                .and_then(|all| marginalise_line(&all))
         } else {
-            information(&self.scene, &tumbling, &self.points, &self.loss)
+            information(&self.scene, &free_positions, &self.points, &self.loss)
         };
         // The residuals tell how exact the images are, not what was known before.
-        let prior = tumbling.prior().0 * (self.dispersion / self.settings.noise.powi(2) - 1.0);
+        let prior =
+            free_positions.prior().0 * (self.dispersion / self.settings.noise.powi(2) - 1.0);
         let covariance = known
             .and_then(|i| (i + SMatrix::from_diagonal(&prior)).try_inverse())
             .map(|c| c * (self.dispersion * widening))
@@ -294,11 +297,11 @@ impl Adjusted {
         }
         let scale = self.log_focal.exp();
         let poses = (0..self.chosen.len()).map(|k| {
-            let placement = tumbling.placement(k);
+            let pose = free_positions.pose(k);
             BodyPose {
                 time: times[k],
-                R_CB: placement.R_CB,
-                t_C: placement.t_C,
+                R_CB: pose.R_CB,
+                t_C: pose.t_C,
             }
         });
         // Of a track that was cut, the last part has the id now, and the lowest number.

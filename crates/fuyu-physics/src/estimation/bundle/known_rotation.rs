@@ -6,17 +6,17 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
-use super::adjust::Placement;
+use super::adjust::FramePose;
 use super::scene::{NEAREST, Scene, residual};
 use super::schur::System;
 
-/// Points and placements from the attitudes `R_CB` of all frames. `None` if the images do not determine them, or
+/// Points and poses from the attitudes `R_CB` of all frames. `None` if the images do not determine them, or
 /// only with points behind the camera.
 pub fn structure(
     scene: &Scene,
     attitudes: &[UnitQuaternion<f64>],
     noise: f64,
-) -> Option<(Vec<Vector3<f64>>, Vec<Placement>)> {
+) -> Option<(Vec<Vector3<f64>>, Vec<FramePose>)> {
     let mut points = vec![Vector3::zeros(); scene.points];
     let mut translations = vec![Vector3::z(); scene.len()];
     // The start takes all points to be at depth one; later rounds weigh with the depths found, and with
@@ -27,9 +27,9 @@ pub fn structure(
             let R = *R_CB.to_rotation_matrix().matrix();
             let mut H = Matrix3::identity() * 1e-9;
             let mut g = Vector3::zeros();
-            for seen in scene.frame(i).iter().filter(|s| s.kept) {
-                let m = seen.pixel;
-                let x = R * points[seen.point] + translations[i];
+            for observation in scene.frame(i).iter().filter(|s| s.inlier) {
+                let m = observation.pixel;
+                let x = R * points[observation.point] + translations[i];
                 let weight = if round == 0 {
                     1.0
                 } else {
@@ -40,7 +40,7 @@ pub fn structure(
                     loss.sqrt() / x.z.max(0.2)
                 };
                 // The prior counts less than ten times the images' noise once there are images.
-                let anchor = 10.0 * scene.anchor(seen.point);
+                let anchor = 10.0 * scene.anchor(observation.point);
                 #[rustfmt::skip]
                 let by_x = Matrix3::new(
                     weight * scene.focal.x, 0.0, -weight * m.x,
@@ -49,8 +49,8 @@ pub fn structure(
                 );
                 let r = by_x * x - Vector3::new(0.0, 0.0, anchor);
                 let by_p = by_x * R;
-                system.add_point(seen.point, &by_p.tr_mul(&by_p), &by_p.tr_mul(&r));
-                system.couple(seen.point, by_x.tr_mul(&by_p));
+                system.add_point(observation.point, &by_p.tr_mul(&by_p), &by_p.tr_mul(&r));
+                system.couple(observation.point, by_x.tr_mul(&by_p));
                 H += by_x.tr_mul(&by_x);
                 g += by_x.tr_mul(&r);
             }
@@ -66,43 +66,43 @@ pub fn structure(
             *t += d;
         }
     }
-    let placements: Vec<_> = attitudes
+    let poses: Vec<_> = attitudes
         .iter()
         .zip(&translations)
-        .map(|(&R_CB, &t_C)| Placement { R_CB, t_C })
+        .map(|(&R_CB, &t_C)| FramePose { R_CB, t_C })
         .collect();
     let finite = points.iter().chain(&translations).all(|v| v.norm() < 1e3);
-    finite.then_some((points, placements))
+    finite.then_some((points, poses))
 }
 
 /// Forgets observations that lie behind the camera; how many are left.
-pub fn drop_hidden(scene: &mut Scene, points: &[Vector3<f64>], placements: &[Placement]) -> usize {
+pub fn drop_hidden(scene: &mut Scene, points: &[Vector3<f64>], poses: &[FramePose]) -> usize {
     let mut left = 0;
-    for (i, placement) in placements.iter().enumerate() {
-        for seen in scene.frame_mut(i) {
-            let x = placement.R_CB * points[seen.point] + placement.t_C;
-            seen.kept &= x.z > 10.0 * NEAREST;
-            left += usize::from(seen.kept);
+    for (i, pose) in poses.iter().enumerate() {
+        for observation in scene.frame_mut(i) {
+            let x = pose.R_CB * points[observation.point] + pose.t_C;
+            observation.inlier &= x.z > 10.0 * NEAREST;
+            left += usize::from(observation.inlier);
         }
     }
     left
 }
 
-/// A point from the frames that see it, whose placements are known. `None` if they see it from one side only.
+/// A point from the frames that see it, whose poses are known. `None` if they see it from one side only.
 pub fn triangulate(
-    sights: &[(Placement, nalgebra::Vector2<f64>)],
+    observations: &[(FramePose, nalgebra::Vector2<f64>)],
     focal: &nalgebra::Vector2<f64>,
     noise: f64,
 ) -> Option<Vector3<f64>> {
     let mut p = Vector3::zeros();
-    let anchor = 2.0 * noise / (sights.len().max(1) as f64).sqrt();
+    let anchor = 2.0 * noise / (observations.len().max(1) as f64).sqrt();
     for round in 0..5 {
         let (mut H, mut g) = (Matrix3::zeros(), Vector3::zeros());
-        for (placement, m) in sights {
-            let R = *placement.R_CB.to_rotation_matrix().matrix();
-            let x = R * p + placement.t_C;
+        for (pose, m) in observations {
+            let R = *pose.R_CB.to_rotation_matrix().matrix();
+            let x = R * p + pose.t_C;
             let weight = if round == 0 {
-                1.0 / placement.t_C.z.max(0.2)
+                1.0 / pose.t_C.z.max(0.2)
             } else {
                 let width = noise * f64::from(80 >> round).max(3.0);
                 let off = residual(focal, &x, m);
@@ -115,14 +115,14 @@ pub fn triangulate(
                 0.0, weight * focal.y, -weight * m.y,
                 0.0, 0.0, anchor,
             );
-            let r = by_x * x - Vector3::new(0.0, 0.0, anchor * placement.t_C.z);
+            let r = by_x * x - Vector3::new(0.0, 0.0, anchor * pose.t_C.z);
             let by_p = by_x * R;
             H += by_p.tr_mul(&by_p);
             g += by_p.tr_mul(&r);
         }
         p -= H.cholesky()?.solve(&g);
     }
-    let ahead = sights
+    let ahead = observations
         .iter()
         .all(|(s, _)| (s.R_CB * p + s.t_C).z > 10.0 * NEAREST);
     (ahead && p.norm() < 1e3).then_some(p)

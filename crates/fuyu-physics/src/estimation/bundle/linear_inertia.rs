@@ -10,7 +10,7 @@ use super::free_motion::{FreeMotion, PARAMETERS, shape_times};
 
 /// An attitude that was measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Attitude {
+pub struct AttitudeSample {
     /// When \[s\].
     pub time: f64,
     /// Body axes in inertial axes.
@@ -19,9 +19,9 @@ pub struct Attitude {
 
 /// A rate that was measured, and the attitude with it.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Rate {
+pub struct BodyRate {
     /// When \[s\], with the body axes.
-    pub attitude: Attitude,
+    pub attitude: AttitudeSample,
     /// Angular velocity in body axes \[rad/s\].
     pub w_WB_B: Vector3<f64>,
 }
@@ -37,10 +37,10 @@ const NEIGHBOURS: usize = 8;
 
 /// Angular velocities along a series: at each attitude the slope of a polynomial through the rotation vectors
 /// to its neighbours.
-pub fn rates(series: &[Attitude]) -> Vec<Rate> {
+pub fn rates(series: &[AttitudeSample]) -> Vec<BodyRate> {
     let stride = series.len().div_ceil(MOST_RATES).max(1);
     for (least, degree) in [(5, 4), (3, 2)] {
-        let rate = |i: usize| rate_at(series, i, least, degree);
+        let rate = |i: usize| body_rate_at(series, i, least, degree);
         let found: Vec<_> = (0..series.len()).step_by(stride).filter_map(rate).collect();
         if found.len() >= 8 || least == 3 {
             return found;
@@ -49,10 +49,15 @@ pub fn rates(series: &[Attitude]) -> Vec<Rate> {
     Vec::new()
 }
 
-fn rate_at(series: &[Attitude], i: usize, least: usize, degree: usize) -> Option<Rate> {
+fn body_rate_at(
+    series: &[AttitudeSample],
+    i: usize,
+    least: usize,
+    degree: usize,
+) -> Option<BodyRate> {
     let here = series[i];
-    let vector = |a: &Attitude| (here.R_WB.inverse() * a.R_WB).scaled_axis();
-    let side = |others: &mut dyn Iterator<Item = &Attitude>| -> Vec<(f64, Vector3<f64>)> {
+    let vector = |a: &AttitudeSample| (here.R_WB.inverse() * a.R_WB).scaled_axis();
+    let side = |others: &mut dyn Iterator<Item = &AttitudeSample>| -> Vec<(f64, Vector3<f64>)> {
         let mut all: Vec<(f64, Vector3<f64>)> = Vec::new();
         for a in others {
             let v = vector(a);
@@ -82,14 +87,14 @@ fn rate_at(series: &[Attitude], i: usize, least: usize, degree: usize) -> Option
     let b = DMatrix::from_fn(samples.len(), 3, |r, c| samples[r].1[c]);
     let fit = A.svd(true, true).solve(&b, 1e-9).ok()?;
     let w = Vector3::new(fit[(1, 0)], fit[(1, 1)], fit[(1, 2)]) / span;
-    w.iter().all(|w| w.is_finite()).then_some(Rate {
+    w.iter().all(|w| w.is_finite()).then_some(BodyRate {
         attitude: here,
         w_WB_B: w,
     })
 }
 
 /// Where along the rates (0 to 1) the body turns over fastest: where the angular velocity changes most in body axes.
-pub fn turning_over(rates: &[Rate]) -> f64 {
+pub fn fastest_tumbling(rates: &[BodyRate]) -> f64 {
     // Over a few rates each, so that no single wrong one decides.
     let apart = rates.len() / 40 + 2;
     let change = |i: usize| (rates[i + apart].w_WB_B - rates[i].w_WB_B).norm();
@@ -100,7 +105,7 @@ pub fn turning_over(rates: &[Rate]) -> f64 {
 
 /// The free motion that agrees best with `rates`, stated at the one that far (0 to 1) along them. `None` without
 /// rates.
-pub fn momentum_start(rates: &[Rate], along: f64) -> Option<FreeMotion> {
+pub fn fit_inertia_and_momentum(rates: &[BodyRate], along: f64) -> Option<FreeMotion> {
     let middle = rates.get((along * rates.len() as f64) as usize)?.attitude;
     let size = rates.iter().map(|r| r.w_WB_B.norm()).sum::<f64>() / rates.len() as f64;
     let mut weights = vec![1.0; rates.len()];
@@ -108,7 +113,7 @@ pub fn momentum_start(rates: &[Rate], along: f64) -> Option<FreeMotion> {
     for _ in 0..4 {
         let mut H = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
         let mut g = SVector::<f64, PARAMETERS>::zeros();
-        let rows = |rate: &Rate| {
+        let rows = |rate: &BodyRate| {
             let mut J = SMatrix::<f64, 3, PARAMETERS>::zeros();
             J.fixed_columns_mut::<5>(0)
                 .copy_from(&shape_times(&rate.w_WB_B));
@@ -170,9 +175,9 @@ mod tests {
         .unwrap();
         let times: Vec<f64> = (0..300).map(|i| 0.3 * f64::from(i)).collect();
         let series: Vec<_> = (truth.attitudes(&times).into_iter().zip(&times))
-            .map(|(R_WB, &time)| Attitude { time, R_WB })
+            .map(|(R_WB, &time)| AttitudeSample { time, R_WB })
             .collect();
-        let found = momentum_start(&rates(&series), 0.5).unwrap();
+        let found = fit_inertia_and_momentum(&rates(&series), 0.5).unwrap();
         assert!(
             (found.inertia - truth.inertia).norm() < 5e-3,
             "{}",
@@ -187,12 +192,12 @@ mod tests {
             .map(|i| {
                 let time = 0.2 * f64::from(i);
                 let R_WB = UnitQuaternion::from_scaled_axis(Vector3::new(0.0, 0.3, 0.4) * time);
-                Attitude { time, R_WB }
+                AttitudeSample { time, R_WB }
             })
             .collect();
-        let found = momentum_start(&rates(&series), 0.5).unwrap();
+        let found = fit_inertia_and_momentum(&rates(&series), 0.5).unwrap();
         let w = found.w_WB_B(&found.R_WB);
         assert!((w - Vector3::new(0.0, 0.3, 0.4)).norm() < 1e-6, "{w}");
-        assert_eq!(momentum_start(&[], 0.5), None);
+        assert_eq!(fit_inertia_and_momentum(&[], 0.5), None);
     }
 }

@@ -3,10 +3,10 @@
 //! It goes from what needs no start to what needs a good one (Masutani 1995 estimates from angular velocities alone;
 //! this uses every image point):
 //!
-//! 1. `structure`: shape and placement in each frame. Rotations between key frames (`relative_pose`: Weng's
+//! 1. `structure`: shape and pose in each frame. Rotations between key frames (`relative_pose`: Weng's
 //!    linear method, five points with RANSAC where correspondences are wrong), linear structure
 //!    (`known_rotation`), bundle adjustment (`adjust`, on the block solver `schur`).
-//! 2. `momentum_start`: inertia and momentum from the attitudes, linearly, since momentum is constant.
+//! 2. `fit_inertia_and_momentum`: inertia and momentum from the attitudes, linearly, since momentum is constant.
 //! 3. `attitude_fit`: the free motion nearest to the attitudes. Tracks too short for 1. give rotations between
 //!    neighbouring frames instead, and `relative_rotation` fits the motion to those.
 //! 4. `whole`: bundle adjustment of points and motion together, over all frames at once (`fit`): with the centre of
@@ -16,7 +16,7 @@
 //!
 //! Where that fails, tracks whose id was given to another point are cut (`reborn`), and it starts again.
 //!
-//! What comes out is a [`Solution`]: motion with covariance, shape, placements, and a diagnosis of what the data
+//! What comes out is a [`Solution`]: motion with covariance, shape, poses, and a diagnosis of what the data
 //! leave open. The motion is stated as inertia and momentum, without principal axes, so spheres, tops and
 //! spins about one axis are no special cases; their ambiguity is told, not hidden.
 

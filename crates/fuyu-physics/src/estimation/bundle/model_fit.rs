@@ -2,10 +2,10 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::adjust::{Effort, Motion, adjust};
-use super::pixel_likelihood::{Loss, Rounding};
+use super::adjust::{AdjustOptions, PoseModel, adjust};
+use super::pixel_likelihood::{PixelLikelihood, Rounding};
 use super::scene::{Scene, residual};
-use super::structure::{BELIEVED, Settings};
+use super::structure::{INLIER_GATE, SolverSettings};
 use super::uncertainty::Residuals;
 
 /// Below this angle between angular velocity and momentum \[rad\] it is asked whether there is any.
@@ -22,7 +22,7 @@ const SOFTNESS: [f64; 3] = [0.06, 0.02, 0.007];
 const BOUNDED: f64 = 0.7;
 
 /// A motion of which it may be asked whether another looks alike.
-pub trait Shaped: Sized {
+pub trait TumblingModel: Sized {
     /// By how much the body turns over all frames \[rad\].
     fn turn(&self) -> f64;
     /// Angular velocity in the frame in the middle, inertial axes \[rad/s\].
@@ -30,7 +30,7 @@ pub trait Shaped: Sized {
     /// Body axes in camera axes in the frame in the middle.
     fn middle(&self) -> UnitQuaternion<f64>;
     /// With a sphere as the body, its origin at `centre` (body axes), and so much less of the rate across the line of
-    /// sight as depths become more.
+    /// observation as depths become more.
     fn with_depths(&self, times: f64, centre: &Vector3<f64>) -> Option<Self>;
     /// How far the angular velocity leans from the momentum \[rad\].
     fn nutation(&self) -> f64;
@@ -40,7 +40,7 @@ pub trait Shaped: Sized {
 
 /// A motion and the points that belong to it.
 #[derive(Debug, Clone)]
-pub struct Fit<M> {
+pub struct ModelFit<M> {
     /// The motion.
     pub motion: M,
     /// The points.
@@ -52,32 +52,32 @@ pub struct Fit<M> {
 }
 
 /// Fits from a start that may be off by much: each round believes what is less far off than in the one before.
-pub fn settle<const L: usize, const G: usize, M: Motion<L, G>>(
+pub fn settle<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &mut Scene,
     mut motion: M,
     mut points: Vec<Vector3<f64>>,
-    settings: &Settings,
-) -> Option<Fit<M>> {
+    settings: &SolverSettings,
+) -> Option<ModelFit<M>> {
     let mut outliers = f64::INFINITY;
     let mut cost = f64::INFINITY;
     let widths = [8.0, 2.0, 1.0, 1.0];
     for (round, width) in widths.into_iter().enumerate() {
-        let limit = width * BELIEVED * settings.noise;
+        let limit = width * INLIER_GATE * settings.noise;
         let now = judge(scene, &motion, &points, limit);
         let settled = round >= 2 && (now.outliers - outliers).abs() < 1e-9;
         outliers = now.outliers;
         if settled {
             break;
         }
-        let effort = Effort {
-            loss: Loss::Huber(width * 4.0 * settings.noise),
+        let adjust_options = AdjustOptions {
+            loss: PixelLikelihood::Huber(width * 4.0 * settings.noise),
             steps: if round == 0 { 25 } else { 8 },
             tolerance: if round < 1 { 1e-3 } else { 1e-5 },
         };
-        cost = adjust(scene, &mut motion, &mut points, &effort)?.cost;
+        cost = adjust(scene, &mut motion, &mut points, &adjust_options)?.cost;
     }
-    let residuals = judge(scene, &motion, &points, BELIEVED * settings.noise);
-    Some(Fit {
+    let residuals = judge(scene, &motion, &points, INLIER_GATE * settings.noise);
+    Some(ModelFit {
         motion,
         points,
         residuals,
@@ -86,26 +86,26 @@ pub fn settle<const L: usize, const G: usize, M: Motion<L, G>>(
 }
 
 /// The fit with a sphere as the body if the images do not ask for more.
-pub fn simplest<const L: usize, const G: usize, M: Motion<L, G> + Shaped>(
+pub fn simplest<const L: usize, const G: usize, M: PoseModel<L, G> + TumblingModel>(
     scene: &Scene,
-    fit: Fit<M>,
-    settings: &Settings,
-) -> Fit<M> {
+    fit: ModelFit<M>,
+    settings: &SolverSettings,
+) -> ModelFit<M> {
     if fit.motion.nutation() > SLIGHT_NUTATION {
         return fit;
     }
     let Some(mut motion) = fit.motion.spherical() else {
         return fit;
     };
-    let effort = Effort {
-        loss: Loss::Huber(4.0 * settings.noise),
+    let adjust_options = AdjustOptions {
+        loss: PixelLikelihood::Huber(4.0 * settings.noise),
         steps: 6,
         tolerance: 1e-4,
     };
     let mut points = fit.points.clone();
     let worth = WORTH * fit.residuals.deviation.powi(2);
-    match adjust(scene, &mut motion, &mut points, &effort) {
-        Some(reached) if reached.cost < fit.cost + worth => Fit {
+    match adjust(scene, &mut motion, &mut points, &adjust_options) {
+        Some(reached) if reached.cost < fit.cost + worth => ModelFit {
             motion,
             points,
             cost: reached.cost,
@@ -117,12 +117,12 @@ pub fn simplest<const L: usize, const G: usize, M: Motion<L, G> + Shaped>(
 
 /// Refines the fit by what rounding tells, if the pixels are whole and the noise before rounding is less than what
 /// rounding does. The loss that it minimises then.
-pub fn sharpen<const L: usize, const G: usize, M: Motion<L, G> + Clone>(
+pub fn sharpen<const L: usize, const G: usize, M: PoseModel<L, G> + Clone>(
     scene: &Scene,
-    fit: &mut Fit<M>,
-    settings: &Settings,
-) -> Loss {
-    let mut loss = Loss::Huber(4.0 * settings.noise);
+    fit: &mut ModelFit<M>,
+    settings: &SolverSettings,
+) -> PixelLikelihood {
+    let mut loss = PixelLikelihood::Huber(4.0 * settings.noise);
     if !scene.is_rounded() {
         return loss;
     }
@@ -133,13 +133,13 @@ pub fn sharpen<const L: usize, const G: usize, M: Motion<L, G> + Clone>(
     let (mut motion, mut points) = (fit.motion.clone(), fit.points.clone());
     for softness in SOFTNESS {
         let rounding = Rounding::new(0.5, softness, settings.noise.powi(2));
-        let tried = Loss::Rounded(rounding);
-        let effort = Effort {
+        let tried = PixelLikelihood::Rounded(rounding);
+        let adjust_options = AdjustOptions {
             loss: tried,
             steps: 6,
             tolerance: 1e-3,
         };
-        if adjust(scene, &mut motion, &mut points, &effort).is_none() {
+        if adjust(scene, &mut motion, &mut points, &adjust_options).is_none() {
             break;
         }
         let (mut sum, mut bounded, mut count) = (0.0, 0.0, 0usize);
@@ -163,19 +163,19 @@ pub fn sharpen<const L: usize, const G: usize, M: Motion<L, G> + Clone>(
 
 /// Covariance of a fit by `loss` over the inverse of its information \[px²\]: the residuals' squared slopes over
 /// their curvatures.
-pub fn dispersion<const L: usize, const G: usize, M: Motion<L, G>>(
+pub fn dispersion<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &Scene,
-    fit: &Fit<M>,
-    loss: &Loss,
+    fit: &ModelFit<M>,
+    loss: &PixelLikelihood,
 ) -> f64 {
-    let Loss::Rounded(rounding) = loss else {
+    let PixelLikelihood::Rounded(rounding) = loss else {
         return fit.residuals.deviation.powi(2);
     };
     let (mut squares, mut curvature, mut bounded) = (0.0, 0.0, 0.0);
     each_residual(scene, &fit.motion, &fit.points, |r| {
-        let pull = loss.pull(r);
-        squares += pull.slope.norm_squared();
-        curvature += pull.curvature.sum();
+        let expansion = loss.expand(r);
+        squares += expansion.slope.norm_squared();
+        curvature += expansion.curvature.sum();
         bounded += rounding.bounded(r);
     });
     // What the unknowns could fit of the few that bound them is not seen in their slopes.
@@ -189,7 +189,7 @@ fn unknowns<const L: usize, const G: usize>(scene: &Scene) -> f64 {
 }
 
 /// Calls `visit` with every believed residual \[px\].
-fn each_residual<const L: usize, const G: usize, M: Motion<L, G>>(
+fn each_residual<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &Scene,
     motion: &M,
     points: &[Vector3<f64>],
@@ -197,11 +197,11 @@ fn each_residual<const L: usize, const G: usize, M: Motion<L, G>>(
 ) {
     let focal = scene.focal * motion.log_focal().exp();
     for i in 0..scene.len() {
-        let placement = motion.placement(i);
-        let R = placement.R_CB.to_rotation_matrix();
-        for seen in scene.frame(i).iter().filter(|s| s.kept) {
-            let x = R * points[seen.point] + placement.t_C;
-            if let Some(r) = residual(&focal, &x, &seen.pixel) {
+        let pose = motion.pose(i);
+        let R = pose.R_CB.to_rotation_matrix();
+        for observation in scene.frame(i).iter().filter(|s| s.inlier) {
+            let x = R * points[observation.point] + pose.t_C;
+            if let Some(r) = residual(&focal, &x, &observation.pixel) {
                 visit(&r);
             }
         }
@@ -209,7 +209,7 @@ fn each_residual<const L: usize, const G: usize, M: Motion<L, G>>(
 }
 
 /// Believes what is less than `limit` \[px\] off; how far off it is.
-fn judge<const L: usize, const G: usize, M: Motion<L, G>>(
+fn judge<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &mut Scene,
     motion: &M,
     points: &[Vector3<f64>],
@@ -218,14 +218,14 @@ fn judge<const L: usize, const G: usize, M: Motion<L, G>>(
     let focal = scene.focal * motion.log_focal().exp();
     let (mut sum, mut kept, mut all) = (0.0, 0usize, 0usize);
     for i in 0..scene.len() {
-        let placement = motion.placement(i);
-        let R = placement.R_CB.to_rotation_matrix();
-        for seen in scene.frame_mut(i) {
-            let x = R * points[seen.point] + placement.t_C;
-            let off = residual(&focal, &x, &seen.pixel).map(|r| r.norm_squared());
-            seen.kept = off.is_some_and(|o| o < limit * limit);
+        let pose = motion.pose(i);
+        let R = pose.R_CB.to_rotation_matrix();
+        for observation in scene.frame_mut(i) {
+            let x = R * points[observation.point] + pose.t_C;
+            let off = residual(&focal, &x, &observation.pixel).map(|r| r.norm_squared());
+            observation.inlier = off.is_some_and(|o| o < limit * limit);
             all += 1;
-            if let Some(off) = off.filter(|_| seen.kept) {
+            if let Some(off) = off.filter(|_| observation.inlier) {
                 kept += 1;
                 sum += off;
             }

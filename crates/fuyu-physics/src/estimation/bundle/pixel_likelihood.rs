@@ -8,7 +8,7 @@ use nalgebra::Vector2;
 
 /// Cost of a residual \[px²\]: the variance of the noise times minus the logarithm of the likelihood.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Loss {
+pub enum PixelLikelihood {
     /// Half the square up to this length \[px\], linear beyond.
     Huber(f64),
     /// Of rounded coordinates.
@@ -34,7 +34,7 @@ pub struct Rounding {
 
 /// A loss near a residual, for each coordinate.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Pull {
+pub struct CostExpansion {
     /// Its value.
     pub cost: f64,
     /// First derivatives.
@@ -85,7 +85,7 @@ impl Rounding {
     }
 }
 
-impl Loss {
+impl PixelLikelihood {
     /// The loss of a residual \[px\].
     #[inline]
     pub fn cost(&self, r: &Vector2<f64>) -> f64 {
@@ -106,12 +106,12 @@ impl Loss {
 
     /// The loss near a residual \[px\].
     #[inline]
-    pub fn pull(&self, r: &Vector2<f64>) -> Pull {
+    pub fn expand(&self, r: &Vector2<f64>) -> CostExpansion {
         match self {
             Self::Huber(limit) => {
                 let size = r.norm();
                 let weight = if size > *limit { limit / size } else { 1.0 };
-                Pull {
+                CostExpansion {
                     cost: self.cost(r),
                     slope: r * weight,
                     curvature: Vector2::repeat(weight),
@@ -120,7 +120,7 @@ impl Loss {
             Self::Rounded(rounding) => {
                 let (u, v) = (rounding.at(r.x), rounding.at(r.y));
                 let scaled = |k: usize| Vector2::new(u[k], v[k]) * rounding.variance;
-                Pull {
+                CostExpansion {
                     cost: scaled(0).sum(),
                     slope: scaled(1),
                     curvature: scaled(2),
@@ -136,24 +136,24 @@ mod tests {
 
     #[test]
     fn slopes_and_curvatures_are_those_of_differences() {
-        let rounded = |s| Loss::Rounded(Rounding::new(0.5, s, 0.09));
+        let rounded = |s| PixelLikelihood::Rounded(Rounding::new(0.5, s, 0.09));
         for (loss, exact) in [
-            (Loss::Huber(1.2), false),
+            (PixelLikelihood::Huber(1.2), false),
             (rounded(0.3), true),
             (rounded(0.05), true),
         ] {
             for r in [[0.1, -0.3], [0.47, 0.53], [-0.9, 0.0], [3.0, -2.0]] {
                 let r = Vector2::from(r);
-                let pull = loss.pull(&r);
-                assert!((pull.cost - loss.cost(&r)).abs() < 1e-15);
+                let expansion = loss.expand(&r);
+                assert!((expansion.cost - loss.cost(&r)).abs() < 1e-15);
                 for k in 0..2 {
                     let mut h = Vector2::zeros();
                     h[k] = 1e-5;
                     let slope = (loss.cost(&(r + h)) - loss.cost(&(r - h))) / 2e-5;
-                    assert!((slope - pull.slope[k]).abs() < 1e-6, "{loss:?} {r}");
+                    assert!((slope - expansion.slope[k]).abs() < 1e-6, "{loss:?} {r}");
                     let curvature =
-                        (loss.pull(&(r + h)).slope[k] - loss.pull(&(r - h)).slope[k]) / 2e-5;
-                    let off = (curvature - pull.curvature[k]).abs();
+                        (loss.expand(&(r + h)).slope[k] - loss.expand(&(r - h)).slope[k]) / 2e-5;
+                    let off = (curvature - expansion.curvature[k]).abs();
                     assert!(!exact || off < 1e-4 * (1.0 + curvature), "{loss:?} {r}");
                 }
             }

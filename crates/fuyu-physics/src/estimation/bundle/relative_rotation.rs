@@ -9,7 +9,7 @@ use rand::Rng;
 
 use super::frames::Frames;
 use super::free_motion::{FreeMotion, PARAMETERS, SHAPE_SPREAD, Sensitivity, shape_of};
-use super::linear_inertia::{Attitude, momentum_start, rates};
+use super::linear_inertia::{AttitudeSample, fit_inertia_and_momentum, rates};
 use super::relative_pose::relative_pose;
 use super::rotations::right_jacobian_inverse;
 
@@ -21,7 +21,7 @@ const CHAIN: usize = 80;
 
 /// A measured rotation between two frames, in inertial axes: `R_WB(to) = turn R_WB(from)`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Turn {
+struct RelativeRotation {
     from: usize,
     to: usize,
     turn: UnitQuaternion<f64>,
@@ -44,13 +44,14 @@ pub fn relative_rotation_fit(
     }
     let times: Vec<f64> = frames.list.iter().map(|f| f.time).collect();
     let start = chained_start(&times, &turns)?;
-    let reach = |t: &Turn| (times[t.from] - start.time).abs();
+    let reach = |t: &RelativeRotation| (times[t.from] - start.time).abs();
     let whole = turns.iter().map(reach).fold(0.0, f64::max);
     let rate = start.w_WB_B(&start.R_WB).norm();
     let mut span = (12.0 / rate.max(1e-9)).min(whole);
     let mut motion = start;
     loop {
-        let within: Vec<Turn> = turns.iter().filter(|t| reach(t) <= span).copied().collect();
+        let within: Vec<RelativeRotation> =
+            turns.iter().filter(|t| reach(t) <= span).copied().collect();
         for _ in 0..3 {
             motion = improve(motion, &times, &within)?;
         }
@@ -67,7 +68,7 @@ fn measure(
     to: usize,
     angle: f64,
     rng: &mut impl Rng,
-) -> Option<Turn> {
+) -> Option<RelativeRotation> {
     let pose = relative_pose(&frames.pairs(from, to), angle, rng)?;
     let (first, second) = (frames.list[from].R_WC, frames.list[to].R_WC);
     let turn = second * UnitQuaternion::from_rotation_matrix(&pose.R) * first.inverse();
@@ -77,7 +78,7 @@ fn measure(
     let eigen = pose.information.symmetric_eigen();
     let root = eigen.eigenvalues.map(|e| e.max(0.0).sqrt() * scale);
     let whitening = Matrix3::from_diagonal(&root) * (R.matrix() * eigen.eigenvectors).transpose();
-    Some(Turn {
+    Some(RelativeRotation {
         from,
         to,
         turn,
@@ -86,22 +87,22 @@ fn measure(
 }
 
 /// Motion from the longest chain of rotations, at most [`CHAIN`] frames of it.
-fn chained_start(times: &[f64], turns: &[Turn]) -> Option<FreeMotion> {
-    let mut best: Vec<Attitude> = Vec::new();
-    let mut chain: Vec<Attitude> = Vec::new();
+fn chained_start(times: &[f64], turns: &[RelativeRotation]) -> Option<FreeMotion> {
+    let mut best: Vec<AttitudeSample> = Vec::new();
+    let mut chain: Vec<AttitudeSample> = Vec::new();
     let mut at = usize::MAX;
     for turn in turns {
         // The shortest step from a frame comes first in the list; later ones bridge what it cannot.
         if turn.from == at || chain.is_empty() {
             if chain.is_empty() {
-                chain.push(Attitude {
+                chain.push(AttitudeSample {
                     time: times[turn.from],
                     R_WB: UnitQuaternion::identity(),
                 });
             }
             let mut R_WB = turn.turn * chain[chain.len() - 1].R_WB;
             R_WB.renormalize();
-            chain.push(Attitude {
+            chain.push(AttitudeSample {
                 time: times[turn.to],
                 R_WB,
             });
@@ -119,10 +120,10 @@ fn chained_start(times: &[f64], turns: &[Turn]) -> Option<FreeMotion> {
     if chain.len() > best.len() {
         best = chain;
     }
-    momentum_start(&rates(&best), 0.5)
+    fit_inertia_and_momentum(&rates(&best), 0.5)
 }
 
-fn improve(motion: FreeMotion, times: &[f64], turns: &[Turn]) -> Option<FreeMotion> {
+fn improve(motion: FreeMotion, times: &[f64], turns: &[RelativeRotation]) -> Option<FreeMotion> {
     let mut problem = Problem {
         start: motion,
         times,
@@ -146,7 +147,7 @@ fn improve(motion: FreeMotion, times: &[f64], turns: &[Turn]) -> Option<FreeMoti
 struct Problem<'a> {
     start: FreeMotion,
     times: &'a [f64],
-    turns: &'a [Turn],
+    turns: &'a [RelativeRotation],
     weights: Vec<f64>,
     parameters: OVector<f64, Const<PARAMETERS>>,
 }
@@ -160,7 +161,7 @@ impl Problem<'_> {
     /// Whitened rotation vectors between measured and modelled turns.
     fn errors(&self) -> Option<Vec<Vector3<f64>>> {
         let attitudes = self.current()?.attitudes(self.times);
-        let error = |t: &Turn| {
+        let error = |t: &RelativeRotation| {
             let (from, to) = (attitudes[t.from], attitudes[t.to]);
             let off = (to.inverse() * t.turn * from).scaled_axis();
             t.whitening * (from * off)
@@ -232,7 +233,7 @@ mod tests {
         let mut turns = Vec::new();
         for from in 0..98 {
             for to in from + 1..from + 3 {
-                turns.push(Turn {
+                turns.push(RelativeRotation {
                     from,
                     to,
                     turn: attitudes[to] * attitudes[from].inverse(),

@@ -13,7 +13,7 @@ const FARTHEST: f64 = 6.0;
 ///
 /// At a cut the track agrees neither with the next frame nor with the one after that, and these two agree with each
 /// other. A single wrong image point does not look so.
-pub fn cut_reborn(frames: &mut Frames, noise: f64, rng: &mut impl Rng) -> usize {
+pub fn split_reused_tracks(frames: &mut Frames, noise: f64, rng: &mut impl Rng) -> usize {
     let angle = noise * frames.pixel_angle();
     let mut agreeing = |i: usize, j: usize| -> Vec<usize> {
         let pose = relative_pose(&frames.pairs(i, j), angle, rng);
@@ -50,10 +50,10 @@ pub fn cut_reborn(frames: &mut Frames, noise: f64, rng: &mut impl Rng) -> usize 
         let fresh = frames.ids.len();
         frames.ids.push(frames.ids[*track]);
         for frame in &mut frames.list[..*from] {
-            for sight in frame.sights.iter_mut().filter(|s| s.track == *track) {
-                sight.track = fresh;
+            for observation in frame.observations.iter_mut().filter(|s| s.track == *track) {
+                observation.track = fresh;
             }
-            frame.sights.sort_by_key(|s| s.track);
+            frame.observations.sort_by_key(|s| s.track);
         }
     }
     cuts.len()

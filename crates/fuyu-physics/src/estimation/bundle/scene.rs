@@ -6,13 +6,13 @@ use nalgebra::{Vector2, Vector3};
 
 /// One observation of a point in a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Seen {
+pub struct SceneObservation {
     /// Which point.
     pub point: usize,
     /// Where, from the principal point \[px\].
     pub pixel: Vector2<f64>,
     /// Whether it is believed; what is not belongs to another point or to none.
-    pub kept: bool,
+    pub inlier: bool,
 }
 
 /// Observations by frame, and what is known of the camera. Points are numbered in the order in which they were
@@ -24,7 +24,7 @@ pub struct Scene {
     /// Number of points.
     pub points: usize,
     frames: Vec<Range<usize>>,
-    seen: Vec<Seen>,
+    observations: Vec<SceneObservation>,
     /// How strongly each observation of a point holds its depth to 1 \[px\]: see [`DEPTH_SPREAD`].
     anchors: Vec<f64>,
 }
@@ -38,21 +38,26 @@ const WHOLE: f64 = 1e-3;
 
 impl Scene {
     /// A scene of frames that show `(point, pixel)`, with image noise `noise` \[px\].
-    pub fn new(focal: Vector2<f64>, frames: Vec<Vec<Seen>>, points: usize, noise: f64) -> Self {
+    pub fn new(
+        focal: Vector2<f64>,
+        frames: Vec<Vec<SceneObservation>>,
+        points: usize,
+        noise: f64,
+    ) -> Self {
         let mut scene = Self {
             focal,
             points,
             frames: Vec::with_capacity(frames.len()),
-            seen: Vec::with_capacity(frames.iter().map(Vec::len).sum()),
+            observations: Vec::with_capacity(frames.iter().map(Vec::len).sum()),
             anchors: vec![0.0; points],
         };
         for frame in frames {
-            let first = scene.seen.len();
-            for seen in frame {
-                scene.anchors[seen.point] += 1.0;
-                scene.seen.push(seen);
+            let first = scene.observations.len();
+            for observation in frame {
+                scene.anchors[observation.point] += 1.0;
+                scene.observations.push(observation);
             }
-            scene.frames.push(first..scene.seen.len());
+            scene.frames.push(first..scene.observations.len());
         }
         for count in &mut scene.anchors {
             *count = noise / (DEPTH_SPREAD * f64::max(*count, 1.0).sqrt());
@@ -66,26 +71,27 @@ impl Scene {
     }
 
     /// What frame `i` shows.
-    pub fn frame(&self, i: usize) -> &[Seen] {
-        &self.seen[self.frames[i].clone()]
+    pub fn frame(&self, i: usize) -> &[SceneObservation] {
+        &self.observations[self.frames[i].clone()]
     }
 
     /// As [`Scene::frame`], to change.
-    pub fn frame_mut(&mut self, i: usize) -> &mut [Seen] {
-        &mut self.seen[self.frames[i].clone()]
+    pub fn frame_mut(&mut self, i: usize) -> &mut [SceneObservation] {
+        &mut self.observations[self.frames[i].clone()]
     }
 
     /// Whether pixels are whole numbers, but for a shift of all; some outliers may not be.
     pub fn is_rounded(&self) -> bool {
-        let seen: Vec<&Seen> = self.seen.iter().filter(|s| s.kept).collect();
+        let inliers: Vec<&SceneObservation> =
+            self.observations.iter().filter(|s| s.inlier).collect();
         (0..2).all(|axis| {
             let off = |a: f64, b: f64| (a - b - (a - b).round()).abs();
             let agreeing = |shift: f64| {
-                let agree = |s: &&&Seen| off(s.pixel[axis], shift) < WHOLE;
-                seen.iter().filter(agree).count()
+                let agree = |s: &&&SceneObservation| off(s.pixel[axis], shift) < WHOLE;
+                inliers.iter().filter(agree).count()
             };
-            let mut shifts = seen.iter().step_by(1 + seen.len() / 5);
-            shifts.any(|s| 10 * agreeing(s.pixel[axis]) >= 9 * seen.len())
+            let mut shifts = inliers.iter().step_by(1 + inliers.len() / 5);
+            shifts.any(|s| 10 * agreeing(s.pixel[axis]) >= 9 * inliers.len())
         })
     }
 
@@ -95,8 +101,8 @@ impl Scene {
     }
 
     /// All observations.
-    pub fn seen(&self) -> &[Seen] {
-        &self.seen
+    pub fn observations(&self) -> &[SceneObservation] {
+        &self.observations
     }
 }
 

@@ -57,7 +57,7 @@ pub struct Step<const L: usize, const G: usize> {
     /// Of the common unknowns.
     pub common: SVector<f64, G>,
     /// By how much the linearised cost falls.
-    pub promised: f64,
+    pub predicted_decrease: f64,
 }
 
 impl<const L: usize, const G: usize> System<L, G> {
@@ -146,28 +146,28 @@ impl<const L: usize, const G: usize> System<L, G> {
             .map(|j| -Vector3::new(rhs[3 * j], rhs[3 * j + 1], rhs[3 * j + 2]))
             .collect();
         let mut frames = Vec::with_capacity(self.frames.len());
-        let mut promised = 0.0;
+        let mut predicted_decrease = 0.0;
         for (frame, chol) in self.frames.iter().zip(&eliminated.frames) {
             let mut right = frame.g_l + frame.H_lg * common;
             for c in &self.coupling[frame.first..frame.first + frame.count] {
                 right += c.H_lp * points[c.point];
             }
             let step = -chol.solve(&right);
-            promised -= step.dot(&frame.g_l);
-            promised += damping * diagonal(&frame.H_ll).component_mul(&step).dot(&step);
+            predicted_decrease -= step.dot(&frame.g_l);
+            predicted_decrease += damping * diagonal(&frame.H_ll).component_mul(&step).dot(&step);
             frames.push(step);
         }
         for ((H, g), step) in self.H_pp.iter().zip(&self.g_p).zip(&points) {
-            promised -= step.dot(g);
-            promised += damping * diagonal(H).component_mul(step).dot(step);
+            predicted_decrease -= step.dot(g);
+            predicted_decrease += damping * diagonal(H).component_mul(step).dot(step);
         }
-        promised -= common.dot(&self.g_g);
-        promised += damping * diagonal(&self.H_gg).component_mul(&common).dot(&common);
+        predicted_decrease -= common.dot(&self.g_g);
+        predicted_decrease += damping * diagonal(&self.H_gg).component_mul(&common).dot(&common);
         Some(Step {
             frames,
             points,
             common,
-            promised: 0.5 * promised,
+            predicted_decrease: 0.5 * predicted_decrease,
         })
     }
 
@@ -388,8 +388,11 @@ mod tests {
             ours.extend([step.common.x, step.common.y]);
             let difference = (DVector::from_vec(ours) - &dense).norm();
             assert!(difference < 1e-9 * dense.norm(), "{difference}");
-            let promised = -g.dot(&dense) - 0.5 * dense.dot(&(&H * &dense));
-            assert!((step.promised - promised).abs() < 1e-9 * promised.abs());
+            let predicted_decrease = -g.dot(&dense) - 0.5 * dense.dot(&(&H * &dense));
+            assert!(
+                (step.predicted_decrease - predicted_decrease).abs()
+                    < 1e-9 * predicted_decrease.abs()
+            );
         }
     }
 

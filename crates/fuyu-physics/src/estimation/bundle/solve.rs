@@ -2,15 +2,15 @@
 
 use rand::{SeedableRng, rngs::StdRng};
 
-use super::attitude_fit::{Fit, Sample, fit};
+use super::ambiguity::UNAMBIGUOUS_TURN;
+use super::attitude_fit::{AttitudeFit, SegmentAttitude, fit_attitudes};
 use super::frames::Frames;
-use super::linear_inertia::{Attitude, momentum_start, rates, turning_over};
-use super::reused_track_ids::cut_reborn;
+use super::global_adjustment::{GlobalFit, adjust_globally};
+use super::linear_inertia::{AttitudeSample, fastest_tumbling, fit_inertia_and_momentum, rates};
 use super::relative_pose::noise_between;
 use super::relative_rotation::relative_rotation_fit;
-use super::ambiguity::LONG_TURN;
-use super::structure::{Segment, Settings, reconstruct};
-use super::global_adjustment::{Adjusted, dynamic};
+use super::reused_track_ids::split_reused_tracks;
+use super::structure::{Segment, SolverSettings, reconstruct};
 use super::{MIN_FRAMES, MIN_POINTS, Options, Solution};
 use crate::estimation::{EstimateError, Tracks, degenerate};
 use crate::vision::Pinhole;
@@ -62,60 +62,77 @@ pub(super) fn solve(
     );
     check(&frames)?;
     degenerate::check(tracks, options.pixel_noise)?;
-    let mut best: Option<Adjusted> = None;
-    let mut placed = 0;
-    let sights: usize = frames.list.iter().map(|f| f.sights.len()).sum();
+    let mut best: Option<GlobalFit> = None;
+    let mut resected = 0;
+    let observations: usize = frames.list.iter().map(|f| f.observations.len()).sum();
     // What is noisier than this has been fitted wrongly.
     let assumed = options.pixel_noise.max(1e-3);
-    let quiet = |b: &Adjusted| b.residuals.deviation < MOST_NOISE * assumed;
-    let seen = noise_of_neighbours(&frames, assumed);
-    if seen > HOPELESS * assumed {
+    let quiet = |b: &GlobalFit| b.residuals.deviation < MOST_NOISE * assumed;
+    let measured = noise_of_neighbours(&frames, assumed);
+    if measured > HOPELESS * assumed {
         return Err(EstimateError::NotRigid {
-            placed: 0,
+            consistent: 0,
             frames: frames.list.len(),
         });
     }
-    let first = match seen < NOISIER * assumed {
+    let first = match measured < NOISIER * assumed {
         true => assumed,
-        false => seen.min(assumed * f64::from(1 << DOUBLINGS)),
+        false => measured.min(assumed * f64::from(1 << DOUBLINGS)),
     };
     // After a short turn what is wrong may hide in a wrong motion.
-    let trusted = |b: &Adjusted| {
-        b.turn() > LONG_TURN || b.residuals.deviation < MOST_AFTER_SHORT_TURN * first
+    let trusted = |b: &GlobalFit| {
+        b.turn() > UNAMBIGUOUS_TURN || b.residuals.deviation < MOST_AFTER_SHORT_TURN * first
     };
-    let methods = [Method::Structure, Method::RelativeRotation];
+    let initialisations = [Initialisation::Structure, Initialisation::RelativeRotation];
     // Whether it has been asked if ids were given to other points.
     let mut searched = false;
     let most = assumed * f64::from(1 << DOUBLINGS);
-    let levels = |method| {
+    let levels = |initialisation| {
         let noises = (0..=DOUBLINGS).map(|doubling| first * f64::from(1 << doubling));
-        noises.filter(move |n| *n <= most).map(move |n| (method, n))
+        noises
+            .filter(move |n| *n <= most)
+            .map(move |n| (initialisation, n))
     };
-    for (method, noise) in methods.into_iter().flat_map(levels) {
-        // Structure of a higher noise adds nothing once most frames are placed, and little if tracks are short.
-        let lasting = sights >= SHORT_TRACK * frames.ids.len();
-        let enough = 4 * placed >= 3 * frames.list.len() || !lasting;
-        if method == Method::Structure && enough && noise > first && best.is_none() {
+    for (initialisation, noise) in initialisations.into_iter().flat_map(levels) {
+        // Structure of a higher noise adds nothing once most frames are resected, and little if tracks are short.
+        let lasting = observations >= SHORT_TRACK * frames.ids.len();
+        let enough = 4 * resected >= 3 * frames.list.len() || !lasting;
+        if initialisation == Initialisation::Structure && enough && noise > first && best.is_none()
+        {
             continue;
         }
-        let settings = Settings {
+        let settings = SolverSettings {
             noise,
             focal_free: options.estimate_focal_length,
         };
         let mut rng = StdRng::seed_from_u64(options.seed);
         // Tracks noisier than assumed lose many good points as if they were wrong.
-        let holds = |f: &Adjusted| f.residuals.outliers < MOST_OUTLIERS && trusted(f);
-        let good = |f: &Adjusted| holds(f) && quiet(f);
-        let mut found = attempt(&frames, method, &settings, good, &mut rng, &mut placed);
+        let holds = |f: &GlobalFit| f.residuals.outliers < MOST_OUTLIERS && trusted(f);
+        let good = |f: &GlobalFit| holds(f) && quiet(f);
+        let mut found = attempt(
+            &frames,
+            initialisation,
+            &settings,
+            good,
+            &mut rng,
+            &mut resected,
+        );
         if !found.as_ref().is_some_and(holds) && !searched {
             searched = true;
-            if cut_reborn(&mut frames, noise, &mut rng) > 0 {
-                found = attempt(&frames, method, &settings, good, &mut rng, &mut placed);
+            if split_reused_tracks(&mut frames, noise, &mut rng) > 0 {
+                found = attempt(
+                    &frames,
+                    initialisation,
+                    &settings,
+                    good,
+                    &mut rng,
+                    &mut resected,
+                );
             }
         }
         let Some(found) = found else { continue };
         let done = holds(&found);
-        let better = |b: &Adjusted| found.residuals.outliers < b.residuals.outliers;
+        let better = |b: &GlobalFit| found.residuals.outliers < b.residuals.outliers;
         if best.as_ref().is_none_or(better) {
             best = Some(found);
         }
@@ -127,11 +144,11 @@ pub(super) fn solve(
         Some(best) if best.residuals.outliers < MOST_OUTLIERS && quiet(&best) && trusted(&best) => {
             best.finish(camera, options)
         }
-        Some(best) if 3 * placed >= frames.list.len() => Err(EstimateError::NotFree {
+        Some(best) if 3 * resected >= frames.list.len() => Err(EstimateError::NotFree {
             rms: best.residuals.rms,
         }),
         _ => Err(EstimateError::NotRigid {
-            placed,
+            consistent: resected,
             frames: frames.list.len(),
         }),
     }
@@ -150,50 +167,56 @@ fn noise_of_neighbours(frames: &Frames, assumed: f64) -> f64 {
     seen.get(seen.len() / 2).map_or(0.0, |n| n / angle)
 }
 
-/// One way at one noise. Structure that is built in haste is built with care where the result is not good.
+/// One way at one noise. Structure that is built in haste is built with thoroughness where the result is not good.
 fn attempt(
     frames: &Frames,
-    method: Method,
-    settings: &Settings,
-    good: impl Fn(&Adjusted) -> bool,
+    initialisation: Initialisation,
+    settings: &SolverSettings,
+    good: impl Fn(&GlobalFit) -> bool,
     rng: &mut StdRng,
-    placed: &mut usize,
-) -> Option<Adjusted> {
-    match method {
-        Method::Structure => {
-            let mut seek = |care| from_structure(frames.clone(), settings, care, rng, placed);
-            let (found, several) = seek(Care::Little);
+    resected: &mut usize,
+) -> Option<GlobalFit> {
+    match initialisation {
+        Initialisation::Structure => {
+            let mut seek = |thoroughness| {
+                from_structure(frames.clone(), settings, thoroughness, rng, resected)
+            };
+            let (found, several) = seek(Thoroughness::Quick);
             if !several || found.as_ref().is_some_and(good) {
                 return found;
             }
-            seek(Care::Much).0.or(found)
+            seek(Thoroughness::Thorough).0.or(found)
         }
-        Method::RelativeRotation => {
+        Initialisation::RelativeRotation => {
             let motion = relative_rotation_fit(frames, settings.noise, rng)?;
-            dynamic(frames.clone(), motion, &[], &[], settings)
+            adjust_globally(frames.clone(), motion, &[], &[], settings)
         }
     }
 }
 
 /// Where the motion comes from that the dynamic adjustment starts with.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Method {
+enum Initialisation {
     Structure,
     RelativeRotation,
 }
 
 /// What it takes for a segment after the first to be large enough.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Care {
+enum Thoroughness {
     /// Half of the first.
-    Little,
+    Quick,
     /// That no start gives a larger one, unless it has nearly all.
-    Much,
+    Thorough,
 }
 
 /// Refuses what cannot succeed, and says why.
 fn check(frames: &Frames) -> Result<(), EstimateError> {
-    let have = frames.list.iter().filter(|f| !f.sights.is_empty()).count();
+    let have = frames
+        .list
+        .iter()
+        .filter(|f| !f.observations.is_empty())
+        .count();
     if have < MIN_FRAMES {
         return Err(EstimateError::TooFewFrames {
             have,
@@ -212,18 +235,18 @@ fn check(frames: &Frames) -> Result<(), EstimateError> {
     Ok(())
 }
 
-/// The solution that starts from structure, and whether that has several segments; `placed` is told how many frames
-/// they placed.
+/// The solution that starts from structure, and whether that has several segments; `resected` is told how many frames
+/// they resected.
 fn from_structure(
     mut frames: Frames,
-    settings: &Settings,
-    care: Care,
+    settings: &SolverSettings,
+    thoroughness: Thoroughness,
     rng: &mut StdRng,
-    placed: &mut usize,
-) -> (Option<Adjusted>, bool) {
-    let segments = segments(&mut frames, settings, care, rng);
-    let count: usize = segments.iter().map(Segment::placed).sum();
-    *placed = count.max(*placed);
+    resected: &mut usize,
+) -> (Option<GlobalFit>, bool) {
+    let segments = segments(&mut frames, settings, thoroughness, rng);
+    let count: usize = segments.iter().map(Segment::resected).sum();
+    *resected = count.max(*resected);
     let enough = 3 * count >= frames.list.len();
     let found = enough.then(|| from_segments(frames, &segments, settings));
     (found.flatten(), segments.len() > 1)
@@ -232,17 +255,17 @@ fn from_structure(
 fn from_segments(
     mut frames: Frames,
     segments: &[Segment],
-    settings: &Settings,
-) -> Option<Adjusted> {
+    settings: &SolverSettings,
+) -> Option<GlobalFit> {
     let fit = motion_of_segments(&frames, segments)?;
     let (first, last) = (frames.list.first()?.time, frames.list.last()?.time);
     let from = fit.motion.time - fit.span;
     let tail = last - from > LEAST_PART * (last - first) && last < fit.motion.time + fit.span;
     let since = (!fit.holds && tail).then_some(from);
     for frame in frames.list.iter_mut().filter(|f| Some(f.time) < since) {
-        frame.sights.clear();
+        frame.observations.clear();
     }
-    let mut found = dynamic(frames, fit.motion, segments, &fit.segments, settings)?;
+    let mut found = adjust_globally(frames, fit.motion, segments, &fit.segments, settings)?;
     found.since = since;
     Some(found)
 }
@@ -250,59 +273,61 @@ fn from_segments(
 /// Parts of the frames that could be reconstructed, the largest first.
 fn segments(
     frames: &mut Frames,
-    settings: &Settings,
-    care: Care,
+    settings: &SolverSettings,
+    thoroughness: Thoroughness,
     rng: &mut StdRng,
 ) -> Vec<Segment> {
     let mut open: Vec<usize> = (0..frames.list.len()).collect();
     let mut found: Vec<Segment> = Vec::new();
     while found.len() < SEGMENTS && open.len() >= MIN_FRAMES {
-        let first = found.first().filter(|_| care == Care::Little);
-        let before = first.map(Segment::placed);
+        let first = found
+            .first()
+            .filter(|_| thoroughness == Thoroughness::Quick);
+        let before = first.map(Segment::resected);
         let Some(segment) = reconstruct(frames, &open, before, settings, rng) else {
             break;
         };
-        if segment.placed() < MIN_FRAMES {
+        if segment.resected() < MIN_FRAMES {
             break;
         }
-        open.retain(|i| segment.placements[*i].is_none());
+        open.retain(|i| segment.poses[*i].is_none());
         found.push(segment);
     }
-    found.sort_by_key(|s| std::cmp::Reverse(s.placed()));
+    found.sort_by_key(|s| std::cmp::Reverse(s.resected()));
     found
 }
 
 /// The motion that fits the attitudes of all segments, and each segment's axes in the body's.
-fn motion_of_segments(frames: &Frames, segments: &[Segment]) -> Option<Fit> {
+fn motion_of_segments(frames: &Frames, segments: &[Segment]) -> Option<AttitudeFit> {
     let attitude = |segment: &Segment, i: usize| {
-        let placement = segment.placements[i]?;
-        Some(Attitude {
+        let pose = segment.poses[i]?;
+        Some(AttitudeSample {
             time: frames.list[i].time,
-            R_WB: frames.list[i].R_WC * placement.R_CB,
+            R_WB: frames.list[i].R_WC * pose.R_CB,
         })
     };
     let all = 0..frames.list.len();
-    let series: Vec<Attitude> = all
+    let series: Vec<AttitudeSample> = all
         .clone()
         .filter_map(|i| attitude(segments.first()?, i))
         .collect();
     let rates = rates(&series);
     let whole = series.last()?.time - series.first()?.time;
-    let samples: Vec<Sample> = all
+    let samples: Vec<SegmentAttitude> = all
         .filter_map(|i| {
             let mut each = segments.iter().enumerate();
             each.find_map(|(segment, s)| {
                 let attitude = attitude(s, i)?;
-                Some(Sample { attitude, segment })
+                Some(SegmentAttitude { attitude, segment })
             })
         })
         .collect();
     // Next to the separatrix it matters where the motion is stated: best while the body turns over. Where that
     // does not help either the motion is not one, and its last part counts.
-    let mut best: Option<Fit> = None;
-    for along in [0.5, turning_over(&rates), LAST] {
-        let found =
-            momentum_start(&rates, along).and_then(|start| fit(&start, &samples, segments.len()));
+    let mut best: Option<AttitudeFit> = None;
+    for along in [0.5, fastest_tumbling(&rates), LAST] {
+        let found = fit_inertia_and_momentum(&rates, along)
+            .and_then(|start| fit_attitudes(&start, &samples, segments.len()));
         let Some(found) = found else { continue };
         let holds = found.holds && found.rms < CLOSE;
         let last = along == LAST && found.rms < CLOSE && found.span > LEAST_PART * whole;

@@ -3,8 +3,8 @@
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
 
 use super::Options;
-use super::pose_model::free_positions::COMMON;
 use super::free_motion::{FreeMotion, PARAMETERS, shape_times};
+use super::pose_model::free_positions::COMMON;
 use crate::estimation::free_body::FreeRotation;
 use crate::estimation::{MotionEstimate, MotionModel};
 

@@ -5,9 +5,9 @@
 
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 
-use super::super::adjust::{Motion, Placement};
-use super::super::model_fit::Shaped;
+use super::super::adjust::{FramePose, PoseModel};
 use super::super::free_motion::{FreeMotion, PARAMETERS, SHAPE_SPREAD, Sensitivity, shape_of};
+use super::super::model_fit::TumblingModel;
 use super::independent_poses::{FOCAL_SPREAD, HELD};
 
 /// Common unknowns: those of the motion, and the focal length.
@@ -15,7 +15,7 @@ pub const COMMON: usize = PARAMETERS + 1;
 
 /// A free motion seen in frames.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Tumbling<'a> {
+pub struct FreePositions<'a> {
     /// The motion.
     pub motion: FreeMotion,
     /// The body's origin in camera axes, in each frame.
@@ -30,7 +30,7 @@ pub struct Tumbling<'a> {
     shape_spread: f64,
 }
 
-impl<'a> Tumbling<'a> {
+impl<'a> FreePositions<'a> {
     /// `motion` in frames at `times` (ascending) of a camera with attitudes `R_WC`.
     pub fn new(
         motion: FreeMotion,
@@ -59,7 +59,7 @@ impl<'a> Tumbling<'a> {
     }
 }
 
-impl Shaped for Tumbling<'_> {
+impl TumblingModel for FreePositions<'_> {
     fn turn(&self) -> f64 {
         let whole = self.times.last().zip(self.times.first());
         self.rate().norm() * whole.map_or(0.0, |(last, first)| last - first)
@@ -71,7 +71,7 @@ impl Shaped for Tumbling<'_> {
     }
 
     fn middle(&self) -> UnitQuaternion<f64> {
-        self.placement(self.times.len() / 2).R_CB
+        self.pose(self.times.len() / 2).R_CB
     }
 
     fn with_depths(&self, times: f64, centre: &Vector3<f64>) -> Option<Self> {
@@ -82,7 +82,7 @@ impl Shaped for Tumbling<'_> {
         let shape = SVector::<f64, 5>::zeros();
         let (R_WB, time) = (self.swept[i].0, self.times[i]);
         let motion = FreeMotion::new(&shape, self.R_WC[i] * rate, time, R_WB)?;
-        let shifted = |i: usize| self.placement(i).R_CB * centre + self.t_C[i];
+        let shifted = |i: usize| self.pose(i).R_CB * centre + self.t_C[i];
         Some(Self {
             t_C: (0..self.t_C.len()).map(shifted).collect(),
             swept: motion.attitudes_and_sensitivities(self.times),
@@ -112,9 +112,9 @@ impl Shaped for Tumbling<'_> {
     }
 }
 
-impl Motion<3, COMMON> for Tumbling<'_> {
-    fn placement(&self, i: usize) -> Placement {
-        Placement {
+impl PoseModel<3, COMMON> for FreePositions<'_> {
+    fn pose(&self, i: usize) -> FramePose {
+        FramePose {
             R_CB: self.R_WC[i].inverse() * self.swept[i].0,
             t_C: self.t_C[i],
         }

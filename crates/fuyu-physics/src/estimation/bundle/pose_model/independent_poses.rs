@@ -2,14 +2,14 @@
 
 use nalgebra::{SMatrix, SVector};
 
-use super::super::adjust::{Motion, Placement};
+use super::super::adjust::{FramePose, PoseModel};
 use crate::spatial::exp_so3;
 
-/// One placement a frame, and the focal length if it is to be found.
+/// One pose a frame, and the focal length if it is to be found.
 #[derive(Debug, Clone, PartialEq)]
-pub struct FreePlacements {
+pub struct IndependentPoses {
     /// Of each frame.
-    pub placements: Vec<Placement>,
+    pub poses: Vec<FramePose>,
     /// Logarithm of the focal length over its nominal value.
     pub log_focal: f64,
     focal_free: bool,
@@ -21,20 +21,20 @@ pub const HELD: f64 = 1e14;
 /// How well the nominal focal length is known where it is to be estimated: 10 %.
 pub const FOCAL_SPREAD: f64 = 0.1;
 
-impl FreePlacements {
+impl IndependentPoses {
     /// Placements with the nominal focal length, which is an unknown or not.
-    pub fn new(placements: Vec<Placement>, focal_free: bool) -> Self {
+    pub fn new(poses: Vec<FramePose>, focal_free: bool) -> Self {
         Self {
-            placements,
+            poses,
             log_focal: 0.0,
             focal_free,
         }
     }
 }
 
-impl Motion<6, 1> for FreePlacements {
-    fn placement(&self, i: usize) -> Placement {
-        self.placements[i]
+impl PoseModel<6, 1> for IndependentPoses {
+    fn pose(&self, i: usize) -> FramePose {
+        self.poses[i]
     }
 
     fn pose_by_common(&self, _: usize) -> SMatrix<f64, 6, 1> {
@@ -46,15 +46,15 @@ impl Motion<6, 1> for FreePlacements {
     }
 
     fn moved(&self, frames: &[SVector<f64, 6>], common: &SVector<f64, 1>) -> Option<Self> {
-        let moved = self.placements.iter().zip(frames).map(|(placement, step)| {
+        let moved = self.poses.iter().zip(frames).map(|(pose, step)| {
             let turn = step.fixed_rows::<3>(0).into_owned();
-            let mut R_CB = placement.R_CB * exp_so3(&turn);
+            let mut R_CB = pose.R_CB * exp_so3(&turn);
             R_CB.renormalize_fast();
-            let t_C = placement.t_C + step.fixed_rows::<3>(3);
-            Placement { R_CB, t_C }
+            let t_C = pose.t_C + step.fixed_rows::<3>(3);
+            FramePose { R_CB, t_C }
         });
         Some(Self {
-            placements: moved.collect(),
+            poses: moved.collect(),
             log_focal: self.log_focal + common[0],
             focal_free: self.focal_free,
         })

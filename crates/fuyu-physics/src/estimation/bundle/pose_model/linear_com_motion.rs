@@ -1,15 +1,15 @@
 //! A free motion whose centre of mass moves in a straight line before a camera that does not move.
 //!
 //! It replaces three unknowns of every frame by six in all, so attitudes are known better: a turn about an axis across
-//! the line of sight is no longer taken for a shift. Whether the body does move so (no orbit's curvature, no
+//! the line of observation is no longer taken for a shift. Whether the body does move so (no orbit's curvature, no
 //! accelerated camera) is for the images to say.
 
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 
-use super::super::adjust::{Motion, Placement};
-use super::free_positions::{COMMON, Tumbling};
-use super::super::model_fit::Shaped;
+use super::super::adjust::{FramePose, PoseModel};
 use super::super::free_motion::PARAMETERS;
+use super::super::model_fit::TumblingModel;
+use super::free_positions::{COMMON, FreePositions};
 
 /// Unknowns of the line: a position and a velocity.
 pub const LINE: usize = 6;
@@ -19,22 +19,22 @@ const ALL: usize = COMMON + LINE;
 
 /// A free motion along a straight line. The body's origin is its centre of mass.
 #[derive(Debug, Clone)]
-pub struct Straight<'a> {
-    rotation: Tumbling<'a>,
+pub struct LinearComMotion<'a> {
+    rotation: FreePositions<'a>,
     start: Vector3<f64>,
     /// Displacement over the whole time.
     displacement: Vector3<f64>,
 }
 
-impl<'a> Straight<'a> {
+impl<'a> LinearComMotion<'a> {
     /// The line nearest to where `free` has the body, and where the centre of mass is in the body's axes so far. The
     /// centre's component along an axis that never turns is not seen; it stays.
-    pub fn new(free: Tumbling<'a>) -> Option<(Self, Vector3<f64>)> {
+    pub fn new(free: FreePositions<'a>) -> Option<(Self, Vector3<f64>)> {
         // t_i = c + τ_i d - R_i b, linear in c, d and b.
         let mut H = SMatrix::<f64, 9, 9>::zeros();
         let mut g = SVector::<f64, 9>::zeros();
         for (i, t_C) in free.t_C.iter().enumerate() {
-            let R = free.placement(i).R_CB.to_rotation_matrix();
+            let R = free.pose(i).R_CB.to_rotation_matrix();
             let mut J = SMatrix::<f64, 3, 9>::zeros();
             J.fixed_columns_mut::<3>(0).fill_with_identity();
             J.fixed_columns_mut::<3>(3).fill_diagonal(part(&free, i));
@@ -59,7 +59,7 @@ impl<'a> Straight<'a> {
     }
 
     /// The same motion with a position for each frame.
-    pub fn into_free(self) -> Tumbling<'a> {
+    pub fn into_free(self) -> FreePositions<'a> {
         let t_C = (0..self.rotation.t_C.len())
             .map(|i| self.position(i))
             .collect();
@@ -70,7 +70,9 @@ impl<'a> Straight<'a> {
 }
 
 /// What is known of the motion's common unknowns when the line is marginalised out.
-pub fn without_line(information: &SMatrix<f64, ALL, ALL>) -> Option<SMatrix<f64, COMMON, COMMON>> {
+pub fn marginalise_line(
+    information: &SMatrix<f64, ALL, ALL>,
+) -> Option<SMatrix<f64, COMMON, COMMON>> {
     let kept = |k: usize| if k < PARAMETERS { k } else { ALL - 1 };
     let own = SMatrix::<f64, COMMON, COMMON>::from_fn(|a, b| information[(kept(a), kept(b))]);
     let cross =
@@ -87,13 +89,13 @@ pub fn without_line(information: &SMatrix<f64, ALL, ALL>) -> Option<SMatrix<f64,
 }
 
 /// Time of frame `i` as a part of the whole, from 0 to 1.
-fn part(rotation: &Tumbling, i: usize) -> f64 {
+fn part(rotation: &FreePositions, i: usize) -> f64 {
     let times = rotation.times();
     let whole = times[times.len() - 1] - times[0];
     (times[i] - times[0]) / whole.max(f64::MIN_POSITIVE)
 }
 
-impl Shaped for Straight<'_> {
+impl TumblingModel for LinearComMotion<'_> {
     fn turn(&self) -> f64 {
         self.rotation.turn()
     }
@@ -107,7 +109,7 @@ impl Shaped for Straight<'_> {
     }
 
     fn with_depths(&self, times: f64, centre: &Vector3<f64>) -> Option<Self> {
-        let at = |i: usize| self.placement(i).R_CB * centre + self.position(i);
+        let at = |i: usize| self.pose(i).R_CB * centre + self.position(i);
         let (first, last) = (at(0), at(self.rotation.times().len() - 1));
         Some(Self {
             rotation: self.rotation.with_depths(times, centre)?,
@@ -128,11 +130,11 @@ impl Shaped for Straight<'_> {
     }
 }
 
-impl Motion<0, ALL> for Straight<'_> {
-    fn placement(&self, i: usize) -> Placement {
-        Placement {
+impl PoseModel<0, ALL> for LinearComMotion<'_> {
+    fn pose(&self, i: usize) -> FramePose {
+        FramePose {
             t_C: self.position(i),
-            ..self.rotation.placement(i)
+            ..self.rotation.pose(i)
         }
     }
 
