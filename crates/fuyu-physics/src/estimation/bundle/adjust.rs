@@ -1,60 +1,37 @@
-//! Bundle adjustment: frames' poses, points and common parameters that explain the images best.
+//! Bundle adjustment: the poses, points and common parameters with the least reprojection cost.
 //!
-//! Levenberg-Marquardt with a [`PixelLikelihood`] on each image point and a weak prior on depths. Whether each frame has a
-//! pose of its own or a motion model gives its attitude is left to a [`Motion`].
+//! Levenberg-Marquardt with a [`PixelLikelihood`] for each image point and a weak prior on depths. A [`PoseModel`]
+//! gives the poses: one independent pose per frame, or attitudes from a motion model.
 
-use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 use super::pixel_likelihood::PixelLikelihood;
+use super::pose_model::{FramePose, PoseModel};
 use super::scene::{NEAREST, Scene};
 use super::schur::{Step, System};
 
-/// Where the body is in one frame: `x_C = R_CB p_B + t_C`.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct FramePose {
-    /// Body axes in camera axes.
-    pub R_CB: UnitQuaternion<f64>,
-    /// The body's origin in camera axes; unit is the mean depth of what was seen.
-    pub t_C: Vector3<f64>,
-}
-
-/// What places the body in each frame: `L` unknowns of each frame (the last `L` of turn and shift; none if
-/// the common ones tell all) and `G` common ones, the last of which is the logarithm of the focal length's scale.
-pub trait PoseModel<const L: usize, const G: usize>: Sized {
-    /// Where the body is in frame `i`.
-    fn pose(&self, i: usize) -> FramePose;
-    /// The body's turn (in body axes) and shift (in camera axes) in frame `i` by the common unknowns.
-    fn pose_by_common(&self, i: usize) -> SMatrix<f64, 6, G>;
-    /// Logarithm of the focal length over its nominal value.
-    fn log_focal(&self) -> f64;
-    /// The motion after a step; `None` if there is none such.
-    fn moved(&self, frames: &[SVector<f64, L>], common: &SVector<f64, G>) -> Option<Self>;
-    /// Weights of a prior on the common unknowns, and their distance from what it expects.
-    fn prior(&self) -> (SVector<f64, G>, SVector<f64, G>);
-}
-
-/// When to stop and what to believe.
+/// Cost function and stopping criteria of an adjustment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AdjustOptions {
-    /// What residuals cost.
-    pub loss: PixelLikelihood,
-    /// Most steps.
+    /// Cost of an image residual.
+    pub likelihood: PixelLikelihood,
+    /// Largest number of steps.
     pub steps: usize,
-    /// Stop when a step promises less than this part of the cost.
+    /// Stop when the predicted or the actual decrease is less than this share of the cost.
     pub tolerance: f64,
 }
 
-/// What was reached.
+/// Result of an adjustment.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AdjustOutcome {
-    /// ½ Σ of the losses \[px²\].
+    /// Cost of all image residuals, with the priors \[px²\].
     pub cost: f64,
     /// Steps taken.
     pub steps: usize,
 }
 
-/// Moves `motion` and `points` to where the images are explained best. `None` if a point lies behind the
-/// camera at the start, or nothing could be solved.
+/// Moves `motion` and `points` to the least cost. `None` if an inlier lies behind the camera at the start, or the
+/// normal equations cannot be solved.
 pub fn adjust<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &Scene,
     motion: &mut M,
@@ -62,19 +39,25 @@ pub fn adjust<const L: usize, const G: usize, M: PoseModel<L, G>>(
     adjust_options: &AdjustOptions,
 ) -> Option<AdjustOutcome> {
     let mut system = System::<L, G>::new(scene.points);
-    let mut cost = total_cost(scene, motion, points, &adjust_options.loss)?;
+    let mut cost = total_cost(scene, motion, points, &adjust_options.likelihood)?;
     let (mut damping, mut growth) = (1e-7, 4.0);
     let mut steps = 0;
-    let mut fresh = false;
+    let mut is_linearised = false;
     while steps < adjust_options.steps {
-        if !fresh {
-            linearise(scene, motion, points, &adjust_options.loss, &mut system);
-            fresh = true;
+        if !is_linearised {
+            linearise(
+                scene,
+                motion,
+                points,
+                &adjust_options.likelihood,
+                &mut system,
+            );
+            is_linearised = true;
         }
         steps += 1;
         let tried = system.step(damping).and_then(|step| {
             let (moved, moved_points) = apply(motion, points, &step)?;
-            let reached = total_cost(scene, &moved, &moved_points, &adjust_options.loss)?;
+            let reached = total_cost(scene, &moved, &moved_points, &adjust_options.likelihood)?;
             Some((step.predicted_decrease, moved, moved_points, reached))
         });
         match tried {
@@ -84,7 +67,7 @@ pub fn adjust<const L: usize, const G: usize, M: PoseModel<L, G>>(
                 (*motion, *points, cost) = (moved, moved_points, reached);
                 damping = (damping * (1.0 - (2.0 * ratio - 1.0).powi(3)).max(0.1)).max(1e-12);
                 growth = 4.0;
-                fresh = false;
+                is_linearised = false;
                 if done {
                     break;
                 }
@@ -111,10 +94,10 @@ pub fn information<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &Scene,
     motion: &M,
     points: &[Vector3<f64>],
-    loss: &PixelLikelihood,
+    likelihood: &PixelLikelihood,
 ) -> Option<SMatrix<f64, G, G>> {
     let mut system = System::<L, G>::new(scene.points);
-    linearise(scene, motion, points, loss, &mut system);
+    linearise(scene, motion, points, likelihood, &mut system);
     system.marginal_information()
 }
 
@@ -128,12 +111,12 @@ fn apply<const L: usize, const G: usize, M: PoseModel<L, G>>(
     Some((moved, moved_points.collect()))
 }
 
-/// `None` if a believed point lies behind the camera or a number is not finite.
+/// `None` if an inlier lies behind the camera or the cost is not finite.
 fn total_cost<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &Scene,
     motion: &M,
     points: &[Vector3<f64>],
-    loss: &PixelLikelihood,
+    likelihood: &PixelLikelihood,
 ) -> Option<f64> {
     let focal = scene.focal * motion.log_focal().exp();
     let mut cost = 0.0;
@@ -146,7 +129,7 @@ fn total_cost<const L: usize, const G: usize, M: PoseModel<L, G>>(
                 return None;
             }
             let inverse = 1.0 / x.z;
-            cost += loss.cost(&Vector2::new(
+            cost += likelihood.cost(&Vector2::new(
                 focal.x * x.x * inverse - observation.pixel.x,
                 focal.y * x.y * inverse - observation.pixel.y,
             ));
@@ -163,7 +146,7 @@ fn linearise<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &Scene,
     motion: &M,
     points: &[Vector3<f64>],
-    loss: &PixelLikelihood,
+    likelihood: &PixelLikelihood,
     system: &mut System<L, G>,
 ) {
     system.clear();
@@ -181,8 +164,8 @@ fn linearise<const L: usize, const G: usize, M: PoseModel<L, G>>(
             let x = Rp + t_C;
             let inverse = 1.0 / x.z.max(NEAREST);
             let (u, v) = (focal.x * x.x * inverse, focal.y * x.y * inverse);
-            let expansion = loss.expand(&(Vector2::new(u, v) - observation.pixel));
-            // Scaled to residuals whose squares have this slope and curvature.
+            let expansion = likelihood.expand(&(Vector2::new(u, v) - observation.pixel));
+            // Scaled residuals and rows of J, so that ½ r² has the slope and curvature of the cost.
             let root = expansion.curvature.map(f64::sqrt);
             let anchor = scene.anchor(observation.point);
             let scaled = expansion.slope.component_div(&root);
@@ -228,7 +211,7 @@ fn linearise<const L: usize, const G: usize, M: PoseModel<L, G>>(
             }
         }
         H.fill_upper_triangle_with_lower_triangle();
-        // The frame's seven unknowns by the common ones: the model's pose, and the focal length itself.
+        // Derivatives of the frame's pose and focal length (7) by the common unknowns.
         let mut by_common = SMatrix::<f64, 7, G>::zeros();
         by_common.fixed_rows_mut::<6>(0).copy_from(&pose);
         by_common[(6, G - 1)] += 1.0;
@@ -276,7 +259,7 @@ mod tests {
             let seen = points.iter().enumerate().map(|(j, p)| {
                 let x = pose.R_CB * p + pose.t_C;
                 let pixel = Vector2::new(focal.x * x.x, focal.y * x.y) / x.z;
-                // Off the truth, beyond Huber's threshold for some.
+                // Errors, some beyond Huber's threshold.
                 let off = Vector2::new((j as f64).cos(), (i as f64 + j as f64).sin()) * 1.5;
                 SceneObservation {
                     point: j,
@@ -291,7 +274,7 @@ mod tests {
     }
 
     #[test]
-    fn gradients_are_those_of_differences() {
+    fn gradients_match_finite_differences() {
         let (scene, motion, points) = small();
         let mut system = System::<6, 1>::new(6);
         linearise(
@@ -342,7 +325,7 @@ mod tests {
     }
 
     #[test]
-    fn a_disturbed_scene_comes_back_to_its_images() {
+    fn a_disturbed_scene_converges_to_its_images() {
         let (mut scene, mut motion, mut points) = small();
         for i in 0..scene.len() {
             let pose = motion.pose(i);
@@ -357,7 +340,7 @@ mod tests {
             *p += Vector3::new(0.02, -0.03, 0.025) * (j as f64).cos();
         }
         let adjust_options = AdjustOptions {
-            loss: PixelLikelihood::Huber(1.2),
+            likelihood: PixelLikelihood::Huber(1.2),
             steps: 60,
             tolerance: 1e-12,
         };
@@ -368,7 +351,7 @@ mod tests {
                 let x = pose.R_CB * points[observation.point] + pose.t_C;
                 let r =
                     super::super::scene::residual(&scene.focal, &x, &observation.pixel).unwrap();
-                // The prior on depth leaves a trace.
+                // The depth prior shifts the solution a little.
                 assert!(r.norm() < 0.02, "{r}");
             }
         }

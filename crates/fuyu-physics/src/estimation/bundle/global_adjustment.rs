@@ -1,24 +1,26 @@
-//! The dynamic adjustment from a motion that is nearly right to the solution.
+//! Global bundle adjustment: motion, points and positions of all frames together, from an approximate motion.
 
 use nalgebra::{SMatrix, UnitQuaternion, Vector3};
 
-use super::adjust::{AdjustOptions, PoseModel, adjust, information};
+use super::adjust::{AdjustOptions, adjust, information};
 use super::ambiguity::best_hypothesis;
 use super::frames::Frames;
 use super::free_motion::FreeMotion;
-use super::model_fit::{ModelFit, TumblingModel, dispersion, settle, sharpen, simplest};
+use super::inlier_gate::Residuals;
+use super::model_fit::{ModelFit, dispersion, fit_robustly, prefer_sphere, refine_with_rounding};
 use super::pixel_likelihood::PixelLikelihood;
 use super::pose_model::free_positions::{COMMON, FreePositions};
 use super::pose_model::linear_com_motion::{LINE, LinearComMotion, marginalise_line};
+use super::pose_model::{PoseModel, TumblingModel};
 use super::scene::Scene;
 use super::structure::{Segment, SolverSettings, scene_of};
 use super::transferred_structure::{structure_from_attitudes, transfer_structure};
-use super::uncertainty::{Residuals, report};
+use super::uncertainty::report;
 use super::{BodyPoint, BodyPose, Options, Solution};
 use crate::estimation::EstimateError;
 use crate::vision::Pinhole;
 
-/// The result of the dynamic adjustment.
+/// Result of the global adjustment.
 pub struct GlobalFit {
     frames: Frames,
     chosen: Vec<usize>,
@@ -28,21 +30,22 @@ pub struct GlobalFit {
     t_C: Vec<Vector3<f64>>,
     points: Vec<Vector3<f64>>,
     log_focal: f64,
-    /// How well the images are explained.
+    /// Statistics of the residuals.
     pub residuals: Residuals,
-    /// The time from which on the frames fit one motion, if not all do \[s\].
+    /// Time from which the frames fit one motion, if not all of them do \[s\].
     pub since: Option<f64>,
-    loss: PixelLikelihood,
+    likelihood: PixelLikelihood,
     dispersion: f64,
     linear_com: bool,
-    /// What each frame leaves with a pose of its own \[px\].
-    unmodelled: Option<f64>,
-    /// Another rate that explains the images as well \[rad/s\].
+    /// RMS residual with one independent pose per frame \[px\].
+    independent_rms: Option<f64>,
+    /// Another angular rate that explains the images equally well \[rad/s\].
     alternative: Option<f64>,
     settings: SolverSettings,
 }
 
-/// Adjusts motion, points and positions together, from a motion that is nearly right.
+/// Adjusts motion, points and positions together, from an approximate motion. `turns` takes the axes of each segment
+/// to the body axes of `motion`.
 pub fn adjust_globally(
     mut frames: Frames,
     motion: FreeMotion,
@@ -54,7 +57,7 @@ pub fn adjust_globally(
     let attitudes: Vec<_> = (motion.attitudes(&times).into_iter().zip(&frames.list))
         .map(|(R_WB, f)| f.R_WC.inverse() * R_WB)
         .collect();
-    // The segments judged points by poses of their own; here the motion judges.
+    // The inlier gates of the segments used independent poses; start again with all observations.
     for observation in frames.list.iter_mut().flat_map(|f| &mut f.observations) {
         observation.inlier = true;
     }
@@ -92,8 +95,8 @@ pub fn adjust_globally(
     let fitted = match line {
         Some(line) => ComMotion::Linear(line),
         None => {
-            let free = settle(&mut scene, free_positions, points, settings)?;
-            let free = simplest(&scene, free, settings);
+            let free = fit_robustly(&mut scene, free_positions, points, settings)?;
+            let free = prefer_sphere(&scene, free, settings);
             let line = fixed.then(|| try_linear_com(&scene, &free, settings));
             line.flatten()
                 .map_or(ComMotion::Free(free), ComMotion::Linear)
@@ -101,21 +104,27 @@ pub fn adjust_globally(
     };
     let linear_com = matches!(fitted, ComMotion::Linear(_));
     let alternative;
-    let (free_positions, points, residuals, loss, dispersion) = match fitted {
+    let (free_positions, points, residuals, likelihood, dispersion) = match fitted {
         ComMotion::Linear(fit) => {
             let (mut fit, other) = best_hypothesis(&mut scene, fit, settings);
             alternative = other;
-            let loss = sharpen(&scene, &mut fit, settings);
-            let dispersion = dispersion(&scene, &fit, &loss);
-            let free = fit.motion.into_free();
-            (free, fit.points, fit.residuals, loss, dispersion)
+            let likelihood = refine_with_rounding(&scene, &mut fit, settings);
+            let dispersion = dispersion(&scene, &fit, &likelihood);
+            let free = fit.motion.into_free_positions();
+            (free, fit.points, fit.residuals, likelihood, dispersion)
         }
         ComMotion::Free(fit) => {
             let (mut fit, other) = best_hypothesis(&mut scene, fit, settings);
             alternative = other;
-            let loss = sharpen(&scene, &mut fit, settings);
-            let dispersion = dispersion(&scene, &fit, &loss);
-            (fit.motion, fit.points, fit.residuals, loss, dispersion)
+            let likelihood = refine_with_rounding(&scene, &mut fit, settings);
+            let dispersion = dispersion(&scene, &fit, &likelihood);
+            (
+                fit.motion,
+                fit.points,
+                fit.residuals,
+                likelihood,
+                dispersion,
+            )
         }
     };
     let FreePositions {
@@ -135,30 +144,30 @@ pub fn adjust_globally(
         log_focal,
         residuals,
         since: None,
-        loss,
+        likelihood,
         dispersion,
         linear_com,
-        unmodelled: unmodelled(segments),
+        independent_rms: independent_rms(segments),
         alternative,
         settings: *settings,
     })
 }
 
-/// What frames with poses of their own leave \[px\].
-fn unmodelled(segments: &[Segment]) -> Option<f64> {
+/// RMS residual of all segments, with one independent pose per frame \[px\].
+fn independent_rms(segments: &[Segment]) -> Option<f64> {
     let resected: usize = segments.iter().map(Segment::resected).sum();
     let sum = |s: &Segment| s.resected() as f64 * s.rms.powi(2);
     (resected > 0).then(|| (segments.iter().map(sum).sum::<f64>() / resected as f64).sqrt())
 }
 
-/// How the centre of mass moves.
+/// Fit with one of the models of the centre of mass's motion.
 enum ComMotion<'a> {
     Linear(ModelFit<LinearComMotion<'a>>),
     Free(ModelFit<FreePositions<'a>>),
 }
 
-/// The motion with its centre of mass on a linear_com line, from a start that may be off. `None` if that leaves more
-/// than the noise \[px\] that poses of their own leave.
+/// Fit with linear motion of the centre of mass, from a rough start. `None` if the residuals are larger than `noise`
+/// \[px\], those of independent poses.
 fn fit_linear_com<'a>(
     scene: &mut Scene,
     start: &FreePositions<'a>,
@@ -169,9 +178,9 @@ fn fit_linear_com<'a>(
     let mut judged = scene.clone();
     let (line, centre) = LinearComMotion::new(start.clone())?;
     let points = points.iter().map(|p| p - centre).collect();
-    let fit = settle(&mut judged, line, points, settings)?;
-    let fit = simplest(&judged, fit, settings);
-    // A variance from so many residuals is known so well.
+    let fit = fit_robustly(&mut judged, line, points, settings)?;
+    let fit = prefer_sphere(&judged, fit, settings);
+    // Relative standard deviation of a variance estimated from this many residuals.
     let spread = (2.0 / (2 * judged.observations().len()).max(1) as f64).sqrt();
     let accepted = fit.residuals.deviation.powi(2) < noise.powi(2) * (1.0 + 4.0 * spread)
         && fit.residuals.outliers < 0.3;
@@ -182,21 +191,22 @@ fn fit_linear_com<'a>(
     Some(fit)
 }
 
-/// The fit with its centre of mass on a linear_com line, if the images do not object.
+/// The fit with linear motion of the centre of mass, if the residuals do not contradict it.
 fn try_linear_com<'a>(
     scene: &Scene,
     free: &ModelFit<FreePositions<'a>>,
     settings: &SolverSettings,
 ) -> Option<ModelFit<LinearComMotion<'a>>> {
     let adjust_options = AdjustOptions {
-        loss: PixelLikelihood::Huber(4.0 * settings.noise),
+        likelihood: PixelLikelihood::Huber(4.0 * settings.noise),
         steps: 8,
         tolerance: 1e-5,
     };
     let (mut motion, centre) = LinearComMotion::new(free.motion.clone())?;
     let mut points: Vec<_> = free.points.iter().map(|p| p - centre).collect();
     let reached = adjust(scene, &mut motion, &mut points, &adjust_options)?;
-    // What the positions' freedom takes from the cost if it is noise that they fit: half a variance each.
+    // Expected increase of the cost if the freedom of the positions fitted noise only: half a variance each, plus four
+    // standard deviations.
     let fewer = (3 * scene.len()) as f64 - LINE as f64;
     let expected = 0.5 * (fewer + 4.0 * (2.0 * fewer).sqrt()) * free.residuals.deviation.powi(2);
     (reached.cost < free.cost + expected).then_some(ModelFit {
@@ -208,23 +218,22 @@ fn try_linear_com<'a>(
 }
 
 impl GlobalFit {
-    /// By how much the body turned \[rad\].
+    /// Angle that the body turned \[rad\].
     pub fn turn(&self) -> f64 {
         let time = |i: Option<&usize>| i.map_or(0.0, |i| self.frames.list[*i].time);
         let whole = time(self.chosen.last()) - time(self.chosen.first());
         self.motion.w_WB_B(&self.motion.R_WB).norm() * whole
     }
 
-    /// By how much the covariance is to be larger than that of independent residuals. What the motion leaves and
-    /// poses of the frames' own do not is no noise: it is the same in all frames, which then tell no more than
-    /// one does.
-    fn widening(&self) -> f64 {
-        let Some(noise) = self.unmodelled else {
+    /// Factor on the covariance of independent residuals. If the motion leaves larger residuals than independent poses
+    /// do, the difference is a systematic error common to all frames, and all frames count as one.
+    fn covariance_inflation(&self) -> f64 {
+        let Some(noise) = self.independent_rms else {
             return 1.0;
         };
         let count = self.scene.observations().len().max(1) as f64;
         let excess = (self.residuals.deviation / noise).powi(2) - 1.0;
-        // A variance from so many residuals is known so well.
+        // Relative standard deviation of a variance estimated from this many residuals.
         if excess < 4.0 * count.recip().sqrt() {
             return 1.0;
         }
@@ -233,7 +242,7 @@ impl GlobalFit {
 
     /// The solution, with covariance and diagnosis.
     pub fn finish(self, camera: &Pinhole, options: &Options) -> Result<Solution, EstimateError> {
-        let widening = self.widening();
+        let inflation = self.covariance_inflation();
         let times: Vec<f64> = self
             .chosen
             .iter()
@@ -260,17 +269,19 @@ impl GlobalFit {
         };
         let known = if self.linear_com {
             LinearComMotion::new(free_positions.clone())
-                .and_then(|(line, _)| information(&self.scene, &line, &self.points, &self.loss))
+                .and_then(|(line, _)| {
+                    information(&self.scene, &line, &self.points, &self.likelihood)
+                })
                 .and_then(|all| marginalise_line(&all))
         } else {
-            information(&self.scene, &free_positions, &self.points, &self.loss)
+            information(&self.scene, &free_positions, &self.points, &self.likelihood)
         };
-        // The residuals tell how exact the images are, not what was known before.
+        // The residuals scale the information of the images, not that of the prior.
         let prior =
             free_positions.prior().0 * (self.dispersion / self.settings.noise.powi(2) - 1.0);
         let covariance = known
             .and_then(|i| (i + SMatrix::from_diagonal(&prior)).try_inverse())
-            .map(|c| c * (self.dispersion * widening))
+            .map(|c| c * (self.dispersion * inflation))
             .ok_or_else(|| not_free.clone())?;
         let mut report = report(
             &motion,
@@ -280,19 +291,19 @@ impl GlobalFit {
             self.log_focal,
         )
         .ok_or(not_free)?;
-        if widening > 1.0 {
+        if inflation > 1.0 {
             report.diagnosis.push(format!(
-                "the motion leaves {:.2} px where frames by themselves leave {:.2} px: what is wrong is the same in many \
-                 frames (focal length? lens?), so the deviations told are {:.1} times as large",
+                "the motion leaves residuals of {:.2} px, independent poses {:.2} px: an error common to many frames (focal \
+                 length? lens distortion?); standard deviations are {:.1} times as large for it",
                 self.residuals.deviation,
-                self.unmodelled.unwrap_or_default(),
-                widening.sqrt()
+                self.independent_rms.unwrap_or_default(),
+                inflation.sqrt()
             ));
         }
         if let Some(since) = self.since {
             report.diagnosis.push(format!(
-                "frames before {since:.1} s fit no free motion together with later ones, and were left out: next to \
-                 turning over the least disturbance decides"
+                "frames before {since:.1} s do not fit one free motion with the later ones and were left out: near the \
+                 separatrix the smallest disturbance decides when the body turns over"
             ));
         }
         let scale = self.log_focal.exp();
@@ -304,7 +315,7 @@ impl GlobalFit {
                 t_C: pose.t_C,
             }
         });
-        // Of a track that was cut, the last part has the id now, and the lowest number.
+        // The last part of a split track has its current id, and the lowest number.
         let ids = &self.frames.ids;
         let points = (self.points.iter().zip(&self.tracks))
             .filter(|(_, track)| ids.iter().position(|id| *id == ids[**track]) == Some(**track));

@@ -1,4 +1,5 @@
-//! The first structure: that of a few key frames.
+//! Key frames, and the first structure, which is reconstructed from them: two-view rotations, linear structure, bundle
+//! adjustment.
 
 use std::collections::HashMap;
 
@@ -7,19 +8,20 @@ use rand::Rng;
 
 use super::adjust::{AdjustOptions, adjust};
 use super::frames::Frames;
+use super::inlier_gate::{INLIER_GATE, gate_inliers, rms};
 use super::known_rotation::{drop_hidden, structure as linear_structure};
 use super::pixel_likelihood::PixelLikelihood;
 use super::pose_model::independent_poses::IndependentPoses;
 use super::relative_pose::relative_pose;
-use super::structure::{INLIER_GATE, Segment, SolverSettings, gate_inliers, rms, scene_of};
+use super::structure::{Segment, SolverSettings, scene_of};
 
-/// Change of the arrangement from one key frame to the next; see [`Frames::change`].
+/// Least change of the points' arrangement from one key frame to the next; see [`Frames::change`].
 const KEY_CHANGE: f64 = 0.2;
 
-/// The fewest points that key frames share.
+/// Least number of points that consecutive key frames share.
 const MIN_COMMON: usize = 8;
 
-/// Frames from the first of `open` on, each with a visible change from the one before.
+/// At most `most` frames of `open`, from its first on, each with a visible change from the one before.
 pub fn key_frames(frames: &Frames, open: &[usize], most: usize) -> Vec<usize> {
     let mut keys: Vec<usize> = Vec::with_capacity(most);
     let mut last_good = None;
@@ -36,7 +38,7 @@ pub fn key_frames(frames: &Frames, open: &[usize], most: usize) -> Vec<usize> {
                 last_good = None;
             }
             Some(_) => last_good = Some(i),
-            // The last frame that still shares enough, little as it changed.
+            // Fall back to the last frame that shares enough points, although it changed little.
             None => {
                 if let Some(good) = last_good.take() {
                     keys.push(good);
@@ -93,12 +95,12 @@ pub fn structure_of_key_frames(
     let mut motion = IndependentPoses::new(poses, false);
     for width in [10.0, 4.0] {
         let adjust_options = AdjustOptions {
-            loss: PixelLikelihood::Huber(width * settings.noise),
+            likelihood: PixelLikelihood::Huber(width * settings.noise),
             steps: 30,
             tolerance: 1e-4,
         };
         adjust(&scene, &mut motion, &mut points, &adjust_options)?;
-        // Believed again is what agrees now.
+        // Outliers that agree now are inliers again.
         gate_inliers(
             &mut scene,
             &motion,

@@ -6,7 +6,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
-use super::adjust::FramePose;
+use super::pose_model::FramePose;
 use super::scene::{NEAREST, Scene, residual};
 use super::schur::System;
 

@@ -29,6 +29,8 @@ mod five_point;
 mod frames;
 mod free_motion;
 mod global_adjustment;
+mod inlier_gate;
+mod intrinsics;
 mod key_frames;
 mod known_rotation;
 mod linear_inertia;

@@ -1,58 +1,44 @@
-//! A motion fitted to a scene: adjusted, judged, made no more complicated than it need be.
+//! Fit of a pose model to a scene: robust adjustment, choice of the simpler body, refinement by pixel rounding.
 
-use nalgebra::{UnitQuaternion, Vector3};
+use nalgebra::Vector3;
 
-use super::adjust::{AdjustOptions, PoseModel, adjust};
+use super::adjust::{AdjustOptions, adjust};
+use super::inlier_gate::{
+    INLIER_GATE, Residuals, each_inlier_residual, gate_and_evaluate, unknowns,
+};
 use super::pixel_likelihood::{PixelLikelihood, Rounding};
-use super::scene::{Scene, residual};
-use super::structure::{INLIER_GATE, SolverSettings};
-use super::uncertainty::Residuals;
+use super::pose_model::{PoseModel, TumblingModel};
+use super::scene::Scene;
+use super::structure::SolverSettings;
 
-/// Below this angle between angular velocity and momentum \[rad\] it is asked whether there is any.
-const SLIGHT_NUTATION: f64 = 0.05;
+/// Below this angle between angular velocity and angular momentum \[rad\] a spherical body is tried.
+const SMALL_NUTATION: f64 = 0.05;
 
-/// By how much a shape must lower the cost (in units of the noise) to be believed rather than a sphere: its five
-/// parameters lower it by 2.5 if there is nothing to see.
-const WORTH: f64 = 20.0;
+/// An inertia shape is preferred to a sphere if it lowers the cost by more than this (in units of the noise variance).
+/// Its five parameters lower the cost by 2.5 if the body is a sphere.
+const SHAPE_GAIN: f64 = 20.0;
 
-/// Noise before rounding that is tried, in pixels: ever less, as long as the images become more likely.
-const SOFTNESS: [f64; 3] = [0.06, 0.02, 0.007];
+/// Scales of the noise before rounding that are tried \[px\], in descending order while the likelihood rises.
+const NOISE_SCALES: [f64; 3] = [0.06, 0.02, 0.007];
 
-/// So many coordinates next to the edges of their pixels must there be for each unknown.
-const BOUNDED: f64 = 0.7;
+/// Least number of coordinates near the edges of their pixels, per unknown.
+const BOUNDED_PER_UNKNOWN: f64 = 0.7;
 
-/// A motion of which it may be asked whether another looks alike.
-pub trait TumblingModel: Sized {
-    /// By how much the body turns over all frames \[rad\].
-    fn turn(&self) -> f64;
-    /// Angular velocity in the frame in the middle, inertial axes \[rad/s\].
-    fn rate(&self) -> Vector3<f64>;
-    /// Body axes in camera axes in the frame in the middle.
-    fn middle(&self) -> UnitQuaternion<f64>;
-    /// With a sphere as the body, its origin at `centre` (body axes), and so much less of the rate across the line of
-    /// observation as depths become more.
-    fn with_depths(&self, times: f64, centre: &Vector3<f64>) -> Option<Self>;
-    /// How far the angular velocity leans from the momentum \[rad\].
-    fn nutation(&self) -> f64;
-    /// The same with a sphere as the body.
-    fn spherical(&self) -> Option<Self>;
-}
-
-/// A motion and the points that belong to it.
+/// A fitted pose model with its points.
 #[derive(Debug, Clone)]
 pub struct ModelFit<M> {
-    /// The motion.
+    /// The pose model.
     pub motion: M,
-    /// The points.
+    /// The points in body axes.
     pub points: Vec<Vector3<f64>>,
-    /// How well the images are explained.
+    /// Statistics of the residuals.
     pub residuals: Residuals,
-    /// ½ Σ of the losses \[px²\].
+    /// Cost of all image residuals, with the priors \[px²\].
     pub cost: f64,
 }
 
-/// Fits from a start that may be off by much: each round believes what is less far off than in the one before.
-pub fn settle<const L: usize, const G: usize, M: PoseModel<L, G>>(
+/// Robust fit from a rough start: each round has a narrower inlier gate than the one before.
+pub fn fit_robustly<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &mut Scene,
     mut motion: M,
     mut points: Vec<Vector3<f64>>,
@@ -63,20 +49,20 @@ pub fn settle<const L: usize, const G: usize, M: PoseModel<L, G>>(
     let widths = [8.0, 2.0, 1.0, 1.0];
     for (round, width) in widths.into_iter().enumerate() {
         let limit = width * INLIER_GATE * settings.noise;
-        let now = judge(scene, &motion, &points, limit);
-        let settled = round >= 2 && (now.outliers - outliers).abs() < 1e-9;
-        outliers = now.outliers;
-        if settled {
+        let current = gate_and_evaluate(scene, &motion, &points, limit);
+        let converged = round >= 2 && (current.outliers - outliers).abs() < 1e-9;
+        outliers = current.outliers;
+        if converged {
             break;
         }
         let adjust_options = AdjustOptions {
-            loss: PixelLikelihood::Huber(width * 4.0 * settings.noise),
+            likelihood: PixelLikelihood::Huber(width * 4.0 * settings.noise),
             steps: if round == 0 { 25 } else { 8 },
             tolerance: if round < 1 { 1e-3 } else { 1e-5 },
         };
         cost = adjust(scene, &mut motion, &mut points, &adjust_options)?.cost;
     }
-    let residuals = judge(scene, &motion, &points, INLIER_GATE * settings.noise);
+    let residuals = gate_and_evaluate(scene, &motion, &points, INLIER_GATE * settings.noise);
     Some(ModelFit {
         motion,
         points,
@@ -85,27 +71,27 @@ pub fn settle<const L: usize, const G: usize, M: PoseModel<L, G>>(
     })
 }
 
-/// The fit with a sphere as the body if the images do not ask for more.
-pub fn simplest<const L: usize, const G: usize, M: PoseModel<L, G> + TumblingModel>(
+/// The fit with spherical inertia, if the images support no other shape; otherwise `fit`.
+pub fn prefer_sphere<const L: usize, const G: usize, M: PoseModel<L, G> + TumblingModel>(
     scene: &Scene,
     fit: ModelFit<M>,
     settings: &SolverSettings,
 ) -> ModelFit<M> {
-    if fit.motion.nutation() > SLIGHT_NUTATION {
+    if fit.motion.nutation() > SMALL_NUTATION {
         return fit;
     }
-    let Some(mut motion) = fit.motion.spherical() else {
+    let Some(mut motion) = fit.motion.with_spherical_inertia() else {
         return fit;
     };
     let adjust_options = AdjustOptions {
-        loss: PixelLikelihood::Huber(4.0 * settings.noise),
+        likelihood: PixelLikelihood::Huber(4.0 * settings.noise),
         steps: 6,
         tolerance: 1e-4,
     };
     let mut points = fit.points.clone();
-    let worth = WORTH * fit.residuals.deviation.powi(2);
+    let gain = SHAPE_GAIN * fit.residuals.deviation.powi(2);
     match adjust(scene, &mut motion, &mut points, &adjust_options) {
-        Some(reached) if reached.cost < fit.cost + worth => ModelFit {
+        Some(reached) if reached.cost < fit.cost + gain => ModelFit {
             motion,
             points,
             cost: reached.cost,
@@ -115,27 +101,27 @@ pub fn simplest<const L: usize, const G: usize, M: PoseModel<L, G> + TumblingMod
     }
 }
 
-/// Refines the fit by what rounding tells, if the pixels are whole and the noise before rounding is less than what
-/// rounding does. The loss that it minimises then.
-pub fn sharpen<const L: usize, const G: usize, M: PoseModel<L, G> + Clone>(
+/// Refines the fit with the likelihood of rounded pixels, if the pixels are whole numbers and the noise before
+/// rounding is less than the rounding error. Returns the likelihood that the fit maximises.
+pub fn refine_with_rounding<const L: usize, const G: usize, M: PoseModel<L, G> + Clone>(
     scene: &Scene,
     fit: &mut ModelFit<M>,
     settings: &SolverSettings,
 ) -> PixelLikelihood {
-    let mut loss = PixelLikelihood::Huber(4.0 * settings.noise);
+    let mut likelihood = PixelLikelihood::Huber(4.0 * settings.noise);
     if !scene.is_rounded() {
-        return loss;
+        return likelihood;
     }
     let variance = fit.residuals.rms.powi(2).max(f64::MIN_POSITIVE);
     let gaussian = 0.5 * (1.0 + (std::f64::consts::TAU * variance).ln());
     let unknowns = unknowns::<L, G>(scene);
     let mut least = f64::INFINITY;
     let (mut motion, mut points) = (fit.motion.clone(), fit.points.clone());
-    for softness in SOFTNESS {
-        let rounding = Rounding::new(0.5, softness, settings.noise.powi(2));
+    for scale in NOISE_SCALES {
+        let rounding = Rounding::new(0.5, scale, settings.noise.powi(2));
         let tried = PixelLikelihood::Rounded(rounding);
         let adjust_options = AdjustOptions {
-            loss: tried,
+            likelihood: tried,
             steps: 6,
             tolerance: 1e-3,
         };
@@ -143,98 +129,42 @@ pub fn sharpen<const L: usize, const G: usize, M: PoseModel<L, G> + Clone>(
             break;
         }
         let (mut sum, mut bounded, mut count) = (0.0, 0.0, 0usize);
-        each_residual(scene, &motion, &points, |r| {
-            sum += rounding.surprise(r);
+        each_inlier_residual(scene, &motion, &points, |r| {
+            sum += rounding.negative_log_density(r);
             bounded += rounding.bounded(r);
             count += 1;
         });
-        let surprise = sum / count.max(1) as f64;
-        if surprise > least || bounded < BOUNDED * unknowns {
+        let negative_log_density = sum / count.max(1) as f64;
+        if negative_log_density > least || bounded < BOUNDED_PER_UNKNOWN * unknowns {
             break;
         }
-        least = surprise;
-        if surprise < gaussian {
-            loss = tried;
+        least = negative_log_density;
+        if negative_log_density < gaussian {
+            likelihood = tried;
             (fit.motion, fit.points) = (motion.clone(), points.clone());
         }
     }
-    loss
+    likelihood
 }
 
-/// Covariance of a fit by `loss` over the inverse of its information \[px²\]: the residuals' squared slopes over
-/// their curvatures.
+/// Factor between the inverse of a fit's information and its covariance \[px²\]: the mean square of the cost's slopes
+/// over the mean of its curvatures.
 pub fn dispersion<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &Scene,
     fit: &ModelFit<M>,
-    loss: &PixelLikelihood,
+    likelihood: &PixelLikelihood,
 ) -> f64 {
-    let PixelLikelihood::Rounded(rounding) = loss else {
+    let PixelLikelihood::Rounded(rounding) = likelihood else {
         return fit.residuals.deviation.powi(2);
     };
     let (mut squares, mut curvature, mut bounded) = (0.0, 0.0, 0.0);
-    each_residual(scene, &fit.motion, &fit.points, |r| {
-        let expansion = loss.expand(r);
+    each_inlier_residual(scene, &fit.motion, &fit.points, |r| {
+        let expansion = likelihood.expand(r);
         squares += expansion.slope.norm_squared();
         curvature += expansion.curvature.sum();
         bounded += rounding.bounded(r);
     });
-    // What the unknowns could fit of the few that bound them is not seen in their slopes.
+    // The unknowns fit part of the few bounding coordinates, which reduces the slopes; this corrects for it.
     let unknowns = unknowns::<L, G>(scene);
     squares / curvature * (1.0 + unknowns / f64::max(bounded, 1.0))
-}
-
-/// How many unknowns a fit to the scene has.
-fn unknowns<const L: usize, const G: usize>(scene: &Scene) -> f64 {
-    (L * scene.len() + 3 * scene.points + G) as f64
-}
-
-/// Calls `visit` with every believed residual \[px\].
-fn each_residual<const L: usize, const G: usize, M: PoseModel<L, G>>(
-    scene: &Scene,
-    motion: &M,
-    points: &[Vector3<f64>],
-    mut visit: impl FnMut(&nalgebra::Vector2<f64>),
-) {
-    let focal = scene.focal * motion.log_focal().exp();
-    for i in 0..scene.len() {
-        let pose = motion.pose(i);
-        let R = pose.R_CB.to_rotation_matrix();
-        for observation in scene.frame(i).iter().filter(|s| s.inlier) {
-            let x = R * points[observation.point] + pose.t_C;
-            if let Some(r) = residual(&focal, &x, &observation.pixel) {
-                visit(&r);
-            }
-        }
-    }
-}
-
-/// Believes what is less than `limit` \[px\] off; how far off it is.
-fn judge<const L: usize, const G: usize, M: PoseModel<L, G>>(
-    scene: &mut Scene,
-    motion: &M,
-    points: &[Vector3<f64>],
-    limit: f64,
-) -> Residuals {
-    let focal = scene.focal * motion.log_focal().exp();
-    let (mut sum, mut kept, mut all) = (0.0, 0usize, 0usize);
-    for i in 0..scene.len() {
-        let pose = motion.pose(i);
-        let R = pose.R_CB.to_rotation_matrix();
-        for observation in scene.frame_mut(i) {
-            let x = R * points[observation.point] + pose.t_C;
-            let off = residual(&focal, &x, &observation.pixel).map(|r| r.norm_squared());
-            observation.inlier = off.is_some_and(|o| o < limit * limit);
-            all += 1;
-            if let Some(off) = off.filter(|_| observation.inlier) {
-                kept += 1;
-                sum += off;
-            }
-        }
-    }
-    let freedom = (2.0 * kept as f64 - unknowns::<L, G>(scene)).max(1.0);
-    Residuals {
-        rms: (sum / (2 * kept.max(1)) as f64).sqrt(),
-        deviation: (sum / freedom).sqrt(),
-        outliers: 1.0 - kept as f64 / all.max(1) as f64,
-    }
 }

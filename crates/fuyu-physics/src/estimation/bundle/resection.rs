@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 
-use super::adjust::FramePose;
+use super::pose_model::FramePose;
 use super::scene::residual;
 use crate::spatial::exp_so3;
 

@@ -1,4 +1,4 @@
-//! From tracks to the solution, stage by stage.
+//! The solver: from tracks to the solution, stage by stage.
 
 use rand::{SeedableRng, rngs::StdRng};
 
@@ -15,37 +15,38 @@ use super::{MIN_FRAMES, MIN_POINTS, Options, Solution};
 use crate::estimation::{EstimateError, Tracks, degenerate};
 use crate::vision::Pinhole;
 
-/// The noise is doubled up to so many times if the tracks do not fit together.
+/// Number of times that the assumed noise is doubled, at most, if the tracks do not fit together.
 const DOUBLINGS: i32 = 3;
 
-/// Pairs of frames in which the noise is looked for, and how many times the noise assumed it must be to be believed.
+/// Number of pairs of neighbouring frames from which the noise is measured, and the ratio to the assumed noise above
+/// which the measured noise is used.
 const PAIRS: usize = 24;
 const NOISIER: f64 = 1.4;
 
-/// Neighbouring frames that differ by more than so many times the noise assumed show no rigid body.
-const HOPELESS: f64 = 30.0;
+/// Above this ratio of measured to assumed noise, neighbouring frames show no rigid body.
+const NOT_RIGID: f64 = 30.0;
 
-/// A motion that leaves more of the image points unexplained than this part is not that of the body.
+/// Largest accepted share of outliers.
 const MOST_OUTLIERS: f64 = 0.3;
 
-/// So many times the noise assumed may the residuals be.
+/// Largest accepted ratio of residuals to assumed noise.
 const MOST_NOISE: f64 = 6.0;
 
-/// The same of the noise between neighbouring frames, if the body has turned by little.
+/// The same relative to the measured noise, after a short rotation.
 const MOST_AFTER_SHORT_TURN: f64 = 1.5;
 
-/// Segments that are sought.
+/// Largest number of segments.
 const SEGMENTS: usize = 6;
 
-/// Tracks that last fewer frames on average rarely build a structure.
+/// Tracks that last fewer frames on average rarely allow a structure to be reconstructed.
 const SHORT_TRACK: usize = 6;
 
-/// Where along the frames the motion is stated if only their last part is one motion, and the least part of the
-/// whole time that this must be.
+/// If only the last part of the frames is one motion: its reference time as a share of the whole time, and the least
+/// share that this part must have.
 const LAST: f64 = 0.97;
-const LEAST_PART: f64 = 0.1;
+const LEAST_SHARE: f64 = 0.1;
 
-/// A fit this near to the attitudes is a good start \[rad\].
+/// A fit with at most this RMS angle to the attitudes is a good start \[rad\].
 const CLOSE: f64 = 0.03;
 
 pub(super) fn solve(
@@ -65,11 +66,11 @@ pub(super) fn solve(
     let mut best: Option<GlobalFit> = None;
     let mut resected = 0;
     let observations: usize = frames.list.iter().map(|f| f.observations.len()).sum();
-    // What is noisier than this has been fitted wrongly.
+    // Larger residuals come from a wrong fit.
     let assumed = options.pixel_noise.max(1e-3);
     let quiet = |b: &GlobalFit| b.residuals.deviation < MOST_NOISE * assumed;
     let measured = noise_of_neighbours(&frames, assumed);
-    if measured > HOPELESS * assumed {
+    if measured > NOT_RIGID * assumed {
         return Err(EstimateError::NotRigid {
             consistent: 0,
             frames: frames.list.len(),
@@ -79,13 +80,12 @@ pub(super) fn solve(
         true => assumed,
         false => measured.min(assumed * f64::from(1 << DOUBLINGS)),
     };
-    // After a short turn what is wrong may hide in a wrong motion.
+    // After a short rotation a wrong motion may absorb most of the error.
     let trusted = |b: &GlobalFit| {
         b.turn() > UNAMBIGUOUS_TURN || b.residuals.deviation < MOST_AFTER_SHORT_TURN * first
     };
     let initialisations = [Initialisation::Structure, Initialisation::RelativeRotation];
-    // Whether it has been asked if ids were given to other points.
-    let mut searched = false;
+    let mut searched_reused_ids = false;
     let most = assumed * f64::from(1 << DOUBLINGS);
     let levels = |initialisation| {
         let noises = (0..=DOUBLINGS).map(|doubling| first * f64::from(1 << doubling));
@@ -94,7 +94,7 @@ pub(super) fn solve(
             .map(move |n| (initialisation, n))
     };
     for (initialisation, noise) in initialisations.into_iter().flat_map(levels) {
-        // Structure of a higher noise adds nothing once most frames are resected, and little if tracks are short.
+        // Structure with a higher noise adds nothing once most frames are resected, and little if tracks are short.
         let lasting = observations >= SHORT_TRACK * frames.ids.len();
         let enough = 4 * resected >= 3 * frames.list.len() || !lasting;
         if initialisation == Initialisation::Structure && enough && noise > first && best.is_none()
@@ -106,7 +106,7 @@ pub(super) fn solve(
             focal_free: options.estimate_focal_length,
         };
         let mut rng = StdRng::seed_from_u64(options.seed);
-        // Tracks noisier than assumed lose many good points as if they were wrong.
+        // With too small a noise the inlier gate rejects many correct points.
         let holds = |f: &GlobalFit| f.residuals.outliers < MOST_OUTLIERS && trusted(f);
         let good = |f: &GlobalFit| holds(f) && quiet(f);
         let mut found = attempt(
@@ -117,8 +117,8 @@ pub(super) fn solve(
             &mut rng,
             &mut resected,
         );
-        if !found.as_ref().is_some_and(holds) && !searched {
-            searched = true;
+        if !found.as_ref().is_some_and(holds) && !searched_reused_ids {
+            searched_reused_ids = true;
             if split_reused_tracks(&mut frames, noise, &mut rng) > 0 {
                 found = attempt(
                     &frames,
@@ -154,20 +154,21 @@ pub(super) fn solve(
     }
 }
 
-/// The noise that most pairs of neighbouring frames show \[px\]; zero if none can tell.
+/// Median of the noise measured between neighbouring frames \[px\]; zero if no pair has enough points.
 fn noise_of_neighbours(frames: &Frames, assumed: f64) -> f64 {
     let last = frames.list.len() - 1;
     let angle = frames.pixel_angle();
-    let seen = |k: usize| {
+    let noise = |k: usize| {
         let i = k * last / PAIRS;
         noise_between(&frames.pairs(i, i + 1), assumed * angle)
     };
-    let mut seen: Vec<f64> = (0..PAIRS).filter_map(seen).collect();
-    seen.sort_by(f64::total_cmp);
-    seen.get(seen.len() / 2).map_or(0.0, |n| n / angle)
+    let mut noises: Vec<f64> = (0..PAIRS).filter_map(noise).collect();
+    noises.sort_by(f64::total_cmp);
+    noises.get(noises.len() / 2).map_or(0.0, |n| n / angle)
 }
 
-/// One way at one noise. Structure that is built in haste is built with thoroughness where the result is not good.
+/// Solves with one initialisation and one noise. If quickly built structure gives no good result, it is built again
+/// thoroughly.
 fn attempt(
     frames: &Frames,
     initialisation: Initialisation,
@@ -178,14 +179,14 @@ fn attempt(
 ) -> Option<GlobalFit> {
     match initialisation {
         Initialisation::Structure => {
-            let mut seek = |thoroughness| {
+            let mut attempt_with = |thoroughness| {
                 from_structure(frames.clone(), settings, thoroughness, rng, resected)
             };
-            let (found, several) = seek(Thoroughness::Quick);
+            let (found, several) = attempt_with(Thoroughness::Quick);
             if !several || found.as_ref().is_some_and(good) {
                 return found;
             }
-            seek(Thoroughness::Thorough).0.or(found)
+            attempt_with(Thoroughness::Thorough).0.or(found)
         }
         Initialisation::RelativeRotation => {
             let motion = relative_rotation_fit(frames, settings.noise, rng)?;
@@ -194,23 +195,23 @@ fn attempt(
     }
 }
 
-/// Where the motion comes from that the dynamic adjustment starts with.
+/// Source of the motion that the global adjustment starts from.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Initialisation {
     Structure,
     RelativeRotation,
 }
 
-/// What it takes for a segment after the first to be large enough.
+/// Size at which a segment after the first is accepted without trying further windows of key frames.
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Thoroughness {
-    /// Half of the first.
+    /// Half of the first segment.
     Quick,
-    /// That no start gives a larger one, unless it has nearly all.
+    /// Nearly all remaining frames; otherwise the largest of all windows.
     Thorough,
 }
 
-/// Refuses what cannot succeed, and says why.
+/// Refuses tracks with too few frames or too few common points.
 fn check(frames: &Frames) -> Result<(), EstimateError> {
     let have = frames
         .list
@@ -235,8 +236,8 @@ fn check(frames: &Frames) -> Result<(), EstimateError> {
     Ok(())
 }
 
-/// The solution that starts from structure, and whether that has several segments; `resected` is told how many frames
-/// they resected.
+/// The fit that starts from structure, and whether that has several segments. Raises `resected` to the number of frames
+/// with a pose.
 fn from_structure(
     mut frames: Frames,
     settings: &SolverSettings,
@@ -260,7 +261,7 @@ fn from_segments(
     let fit = motion_of_segments(&frames, segments)?;
     let (first, last) = (frames.list.first()?.time, frames.list.last()?.time);
     let from = fit.motion.time - fit.span;
-    let tail = last - from > LEAST_PART * (last - first) && last < fit.motion.time + fit.span;
+    let tail = last - from > LEAST_SHARE * (last - first) && last < fit.motion.time + fit.span;
     let since = (!fit.holds && tail).then_some(from);
     for frame in frames.list.iter_mut().filter(|f| Some(f.time) < since) {
         frame.observations.clear();
@@ -270,7 +271,7 @@ fn from_segments(
     Some(found)
 }
 
-/// Parts of the frames that could be reconstructed, the largest first.
+/// Segments that could be reconstructed, the largest first.
 fn segments(
     frames: &mut Frames,
     settings: &SolverSettings,
@@ -297,7 +298,7 @@ fn segments(
     found
 }
 
-/// The motion that fits the attitudes of all segments, and each segment's axes in the body's.
+/// The motion that fits the attitudes of all segments, with the axes of each segment in body axes.
 fn motion_of_segments(frames: &Frames, segments: &[Segment]) -> Option<AttitudeFit> {
     let attitude = |segment: &Segment, i: usize| {
         let pose = segment.poses[i]?;
@@ -322,15 +323,15 @@ fn motion_of_segments(frames: &Frames, segments: &[Segment]) -> Option<AttitudeF
             })
         })
         .collect();
-    // Next to the separatrix it matters where the motion is stated: best while the body turns over. Where that
-    // does not help either the motion is not one, and its last part counts.
+    // Near the separatrix the reference time matters: best while the body turns over. If that does not help either, the
+    // frames do not show one motion, and their last part counts.
     let mut best: Option<AttitudeFit> = None;
     for along in [0.5, fastest_tumbling(&rates), LAST] {
         let found = fit_inertia_and_momentum(&rates, along)
             .and_then(|start| fit_attitudes(&start, &samples, segments.len()));
         let Some(found) = found else { continue };
         let holds = found.holds && found.rms < CLOSE;
-        let last = along == LAST && found.rms < CLOSE && found.span > LEAST_PART * whole;
+        let last = along == LAST && found.rms < CLOSE && found.span > LEAST_SHARE * whole;
         if holds || last || best.as_ref().is_none_or(|b| found.rms < b.rms) {
             best = Some(found);
         }

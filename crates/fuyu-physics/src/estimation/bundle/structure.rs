@@ -1,25 +1,26 @@
-//! Structure bundle adjustment: shape of the body and its pose in every frame, without dynamics.
+//! Structure from motion: shape of the body and its pose in every frame, without dynamics.
 //!
-//! A window of key frames starts it: two-view rotations, linear structure, bundle adjustment. From there frames are
-//! resected by what is known and points are added, and all is adjusted again whenever the number of frames has
-//! doubled.
+//! It starts from a window of key frames ([`super::key_frames`]). Further frames are resected from the known points,
+//! points are added, and everything is adjusted again whenever the number of frames has doubled.
 
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use rand::Rng;
 
-use super::adjust::{AdjustOptions, FramePose, adjust};
+use super::adjust::{AdjustOptions, adjust};
 use super::frames::Frames;
+use super::inlier_gate::{INLIER_GATE, gate_inliers, rms};
 use super::key_frames::{key_frames, structure_of_key_frames};
 use super::known_rotation::triangulate;
 use super::pixel_likelihood::PixelLikelihood;
+use super::pose_model::FramePose;
 use super::pose_model::independent_poses::IndependentPoses;
 use super::resection::{Correspondence, MIN_POINTS, resect, translation};
 use super::scene::{Scene, SceneObservation, residual};
 use crate::spatial::exp_so3;
 
-/// Where to start: number of key frames, and where in the frames. A start where the motion shows little may be
-/// next to one where it shows much.
-const STARTS: [(usize, f64); 6] = [
+/// Windows of key frames that are tried: their number, and where they start as a share of the frames. Where one window
+/// shows little of the motion, another may show more.
+const WINDOWS: [(usize, f64); 6] = [
     (6, 0.0),
     (6, 0.5),
     (12, 0.25),
@@ -28,26 +29,23 @@ const STARTS: [(usize, f64); 6] = [
     (48, 0.0),
 ];
 
-/// Frames that may be searched for the body in all attitudes before that is given up.
+/// Number of frames whose resection may fail before the search over all attitudes is given up.
 const SEARCHES: usize = 8;
 
-/// A residual is believed up to this many times the noise.
-pub const INLIER_GATE: f64 = 6.0;
-
-/// A part of the frames with the structure seen in it.
+/// A part of the frames, with the structure reconstructed from it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Segment {
-    /// Where the body is in each frame, if known.
+    /// The body's pose by frame, where known.
     pub poses: Vec<Option<FramePose>>,
-    /// Where each track's point is in the body, if known.
+    /// The point of each track in body axes, where known.
     pub points: Vec<Option<Vector3<f64>>>,
     /// Logarithm of the focal length over its nominal value.
     pub log_focal: f64,
-    /// Root mean square of the believed residuals' components \[px\].
+    /// Root mean square of the inliers' residual components \[px\].
     pub rms: f64,
 }
 
-/// What a reconstruction may assume.
+/// Assumptions of the solver about noise and camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SolverSettings {
     /// Image noise \[px\].
@@ -57,19 +55,19 @@ pub struct SolverSettings {
 }
 
 impl Segment {
-    /// How many frames it places.
+    /// Number of frames with a known pose.
     pub fn resected(&self) -> usize {
         self.poses.iter().flatten().count()
     }
 
-    /// Whether its residuals are what the noise explains.
+    /// Whether the noise explains the residuals.
     fn fits_noise(&self, settings: &SolverSettings) -> bool {
         self.rms < 1.7 * settings.noise
     }
 }
 
-/// The largest part of the `open` frames that can be reconstructed; where the first segment already resected `before`
-/// frames, one that is about as large will do. Beliefs in `frames` are renewed for the frames that it places.
+/// The largest segment of the `open` frames that can be reconstructed. `before` is the number of frames of the first
+/// segment, if half of that is enough. Updates the inliers of the frames that it resects.
 pub fn reconstruct(
     frames: &mut Frames,
     open: &[usize],
@@ -82,13 +80,13 @@ pub fn reconstruct(
         .iter()
         .filter(|i| frames.list[**i].observations.len() >= MIN_POINTS)
         .count();
-    // A segment that is all is worth every start; one of several is not.
+    // Without a first segment nearly all frames are wanted, and every window is tried for them.
     let enough = before.map_or(9 * placeable / 10, |b| b.min(placeable) / 2);
     let mut last_keys = Vec::new();
-    for (window, part) in STARTS {
+    for (window, part) in WINDOWS {
         let from = (part * open.len() as f64) as usize;
         let keys = key_frames(frames, &open[from..], window);
-        // Where there are no more frames a longer window is the shorter one again.
+        // With too few frames a longer window has the same key frames as a shorter one.
         if keys.len() < 3 || keys == last_keys {
             continue;
         }
@@ -116,8 +114,8 @@ pub fn reconstruct(
     Some(segment)
 }
 
-/// The scene of the given frames with the tracks for which `wanted` holds and that at least `least` of them show;
-/// and which track each point is.
+/// The scene of the `chosen` frames, with the tracks for which `wanted` holds and that at least `least` of them show;
+/// and the track of each point.
 pub fn scene_of(
     frames: &Frames,
     chosen: &[usize],
@@ -155,46 +153,6 @@ pub fn scene_of(
     (scene, tracks)
 }
 
-/// Believes what is less than `limit` \[px\] off, and nothing else.
-pub fn gate_inliers(
-    scene: &mut Scene,
-    motion: &IndependentPoses,
-    points: &[Vector3<f64>],
-    limit: f64,
-) {
-    let focal = scene.focal * motion.log_focal.exp();
-    for (i, pose) in motion.poses.iter().enumerate() {
-        let R = pose.R_CB.to_rotation_matrix();
-        for observation in scene.frame_mut(i) {
-            let x = R * points[observation.point] + pose.t_C;
-            let off = residual(&focal, &x, &observation.pixel);
-            observation.inlier = off.is_some_and(|r| r.norm() < limit);
-        }
-    }
-}
-
-/// Root mean square of the believed residuals' components \[px\].
-pub fn rms(scene: &Scene, motion: &IndependentPoses, points: &[Vector3<f64>]) -> f64 {
-    let focal = scene.focal * motion.log_focal.exp();
-    let (mut sum, mut count) = (0.0, 0);
-    for (i, pose) in motion.poses.iter().enumerate() {
-        for observation in scene.frame(i).iter().filter(|s| s.inlier) {
-            let x = pose.R_CB * points[observation.point] + pose.t_C;
-            if let Some(r) = residual(&focal, &x, &observation.pixel) {
-                sum += r.norm_squared();
-                count += 2;
-            }
-        }
-    }
-    // Unknowns fit some of the noise.
-    let unknowns = 6 * motion.poses.len() + 3 * points.len();
-    (sum / f64::from(count).max(1.0) * f64::from(count)
-        / (f64::from(count) - unknowns as f64)
-            .max(0.2 * f64::from(count))
-            .max(1.0))
-    .sqrt()
-}
-
 /// Extends a segment over the `open` frames as far as it goes.
 fn grow(
     frames: &mut Frames,
@@ -210,7 +168,7 @@ fn grow(
     for &i in &open[low..=high] {
         resect_frame(frames, &mut segment, i, settings, &mut searches);
     }
-    settle(frames, &mut segment, settings, 8)?;
+    adjust_segment(frames, &mut segment, settings, 8)?;
     while low > 0 || high + 1 < open.len() {
         let reach = (high - low + 1).max(6);
         let (up, down) = (
@@ -226,19 +184,19 @@ fn grow(
             }
         }
         (low, high) = (down, up);
-        settle(frames, &mut segment, settings, 4)?;
+        adjust_segment(frames, &mut segment, settings, 4)?;
     }
-    // What was refused in passing may fit the settled structure.
+    // Frames that could not be resected before may fit the adjusted structure.
     for &i in open {
         if segment.poses[i].is_none() {
             resect_frame(frames, &mut segment, i, settings, &mut searches);
         }
     }
-    settle(frames, &mut segment, settings, 4)?;
+    adjust_segment(frames, &mut segment, settings, 4)?;
     Some(segment)
 }
 
-/// Places frame `i` if it is not resected and the known points allow it.
+/// Resects frame `i` from the known points, if it has no pose yet.
 fn resect_frame(
     frames: &mut Frames,
     segment: &mut Segment,
@@ -286,7 +244,7 @@ fn resect_frame(
     }
 }
 
-/// Attitude in frame `i` if the body went on turning as in the two resected frames next to it.
+/// Attitude in frame `i`, interpolated or extrapolated at a constant rate from the nearest frames with a pose.
 fn extrapolated(frames: &Frames, segment: &Segment, i: usize) -> UnitQuaternion<f64> {
     let resected = |k: &usize| segment.poses[*k].is_some();
     let attitude = |k: usize| segment.poses[k].map_or(UnitQuaternion::identity(), |p| p.R_CB);
@@ -316,7 +274,7 @@ fn extrapolated(frames: &Frames, segment: &Segment, i: usize) -> UnitQuaternion<
     }
 }
 
-/// Adds the points that enough resected frames see from different sides.
+/// Triangulates the points that at least three frames with a pose show from different directions.
 fn add_points(frames: &Frames, segment: &mut Segment, settings: &SolverSettings) {
     let mut observations: Vec<Vec<(FramePose, Vector2<f64>)>> = vec![Vec::new(); frames.ids.len()];
     let mut any = false;
@@ -347,8 +305,8 @@ fn add_points(frames: &Frames, segment: &mut Segment, settings: &SolverSettings)
     }
 }
 
-/// Adjusts everything resected so far, and renews beliefs.
-fn settle(
+/// Adjusts all known poses and points together, and updates the inliers.
+fn adjust_segment(
     frames: &mut Frames,
     segment: &mut Segment,
     settings: &SolverSettings,
@@ -367,9 +325,9 @@ fn settle(
     let limit = INLIER_GATE * settings.noise;
     gate_inliers(&mut scene, &motion, &points, 2.0 * limit);
     let adjust_options = AdjustOptions {
-        loss: PixelLikelihood::Huber(4.0 * settings.noise),
+        likelihood: PixelLikelihood::Huber(4.0 * settings.noise),
         steps,
-        // The dynamic adjustment makes it exact.
+        // The global adjustment refines it.
         tolerance: 1e-3,
     };
     adjust(&scene, &mut motion, &mut points, &adjust_options)?;
@@ -384,15 +342,18 @@ fn settle(
         number[track] = k;
     }
     for (k, &i) in chosen.iter().enumerate() {
-        let seen = scene.frame(k);
-        let kept = seen.iter().filter(|s| s.inlier).count();
+        let observed = scene.frame(k);
+        let inliers = observed.iter().filter(|s| s.inlier).count();
         for observation in &mut frames.list[i].observations {
-            if let Some(s) = seen.iter().find(|s| s.point == number[observation.track]) {
+            if let Some(s) = observed
+                .iter()
+                .find(|s| s.point == number[observation.track])
+            {
                 observation.inlier = s.inlier;
             }
         }
-        // A frame that the rest no longer supports has to be resected anew.
-        let enough = kept >= MIN_POINTS && 2 * kept >= seen.len();
+        // A frame with too few inliers has to be resected again.
+        let enough = inliers >= MIN_POINTS && 2 * inliers >= observed.len();
         segment.poses[i] = enough.then_some(motion.poses[k]);
     }
     Some(())

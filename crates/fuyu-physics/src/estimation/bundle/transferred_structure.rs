@@ -1,25 +1,25 @@
-//! Points and positions for a motion's attitudes: what the dynamic adjustment starts with.
+//! Structure transferred to a motion: points and positions that the global adjustment starts from.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::adjust::FramePose;
 use super::frames::{Frames, Observation};
 use super::known_rotation::{structure as linear_structure, triangulate};
+use super::pose_model::FramePose;
 use super::resection::{Correspondence, translation};
 use super::structure::{Segment, SolverSettings, scene_of};
 
-/// Of each track the point, of each frame the body's position; as far as they are known.
-pub type Known = (Vec<Option<Vector3<f64>>>, Vec<Option<Vector3<f64>>>);
+/// The point of each track (body axes) and the body's position in each frame (camera axes), where known.
+pub type PointsAndPositions = (Vec<Option<Vector3<f64>>>, Vec<Option<Vector3<f64>>>);
 
-/// Points and positions of a segment in the motion's body axes, `turn` taking segment axes to those; what it
-/// lacks is found from the motion's attitudes.
+/// Transfers the points of a segment to the motion's body axes; `turn` takes segment axes to these. Positions and missing
+/// points are computed from the motion's attitudes.
 pub fn transfer_structure(
     frames: &Frames,
     segment: &Segment,
     turn: &UnitQuaternion<f64>,
     attitudes: &[UnitQuaternion<f64>],
     settings: &SolverSettings,
-) -> Option<Known> {
+) -> Option<PointsAndPositions> {
     let focal = frames.focal * segment.log_focal.exp();
     let mut points: Vec<_> = segment.points.iter().map(|p| p.map(|p| turn * p)).collect();
     let position = |i: usize| {
@@ -52,12 +52,12 @@ pub fn transfer_structure(
     Some((points, positions))
 }
 
-/// Points and positions from the motion's attitudes alone.
+/// Points and positions from the motion's attitudes alone, by linear least squares.
 pub fn structure_from_attitudes(
     frames: &Frames,
     attitudes: &[UnitQuaternion<f64>],
     settings: &SolverSettings,
-) -> Option<Known> {
+) -> Option<PointsAndPositions> {
     let all: Vec<usize> = (0..frames.list.len())
         .filter(|i| frames.list[*i].observations.len() >= 3)
         .collect();

@@ -1,28 +1,26 @@
-//! Frames that are each placed on their own: structure and motion without any dynamics.
+//! One independent pose per frame: structure and motion without dynamics.
 
 use nalgebra::{SMatrix, SVector};
 
-use super::super::adjust::{FramePose, PoseModel};
+use super::super::intrinsics::focal_prior_weight;
+use super::{FramePose, PoseModel};
 use crate::spatial::exp_so3;
 
-/// One pose a frame, and the focal length if it is to be found.
+/// A pose for each frame, and the focal length.
 #[derive(Debug, Clone, PartialEq)]
 pub struct IndependentPoses {
-    /// Of each frame.
+    /// By frame.
     pub poses: Vec<FramePose>,
     /// Logarithm of the focal length over its nominal value.
     pub log_focal: f64,
     focal_free: bool,
 }
 
-/// Weight that holds the focal length where it is \[px²\].
-pub const HELD: f64 = 1e14;
-
-/// How well the nominal focal length is known where it is to be estimated: 10 %.
-pub const FOCAL_SPREAD: f64 = 0.1;
+/// Image noise for the weight of the focal length's prior \[px\]: rounding to whole pixels.
+const NOISE: f64 = 0.3;
 
 impl IndependentPoses {
-    /// Placements with the nominal focal length, which is an unknown or not.
+    /// Poses with the nominal focal length; `focal_free`: whether that is an unknown.
     pub fn new(poses: Vec<FramePose>, focal_free: bool) -> Self {
         Self {
             poses,
@@ -61,12 +59,7 @@ impl PoseModel<6, 1> for IndependentPoses {
     }
 
     fn prior(&self) -> (SVector<f64, 1>, SVector<f64, 1>) {
-        let weight = if self.focal_free {
-            // One image error of 0.3 px against 10 %.
-            (0.3 / FOCAL_SPREAD).powi(2)
-        } else {
-            HELD
-        };
+        let weight = focal_prior_weight(self.focal_free, NOISE);
         (
             SVector::<f64, 1>::new(weight),
             SVector::<f64, 1>::new(self.log_focal),
