@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
 use super::pixel_likelihood::PixelLikelihood;
 use super::pose_model::{FramePose, PoseModel};
-use super::scene::{NEAREST, Scene};
+use super::scene::{MIN_DEPTH, Scene};
 use super::schur::{Step, System};
 
 /// Cost function and stopping criteria of an adjustment.
@@ -125,7 +125,7 @@ fn total_cost<const L: usize, const G: usize, M: PoseModel<L, G>>(
         let R = R_CB.to_rotation_matrix();
         for observation in scene.frame(i).iter().filter(|s| s.inlier) {
             let x = R * points[observation.point] + t_C;
-            if x.z < NEAREST {
+            if x.z < MIN_DEPTH {
                 return None;
             }
             let inverse = 1.0 / x.z;
@@ -162,7 +162,7 @@ fn linearise<const L: usize, const G: usize, M: PoseModel<L, G>>(
             let p = points[observation.point];
             let Rp = R * p;
             let x = Rp + t_C;
-            let inverse = 1.0 / x.z.max(NEAREST);
+            let inverse = 1.0 / x.z.max(MIN_DEPTH);
             let (u, v) = (focal.x * x.x * inverse, focal.y * x.y * inverse);
             let expansion = likelihood.expand(&(Vector2::new(u, v) - observation.pixel));
             // Scaled residuals and rows of J, so that ½ r² has the slope and curvature of the cost.

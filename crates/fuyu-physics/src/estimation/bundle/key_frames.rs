@@ -9,7 +9,7 @@ use rand::Rng;
 use super::adjust::{AdjustOptions, adjust};
 use super::frames::Frames;
 use super::inlier_gate::{INLIER_GATE, gate_inliers, rms};
-use super::known_rotation::{drop_hidden, structure as linear_structure};
+use super::known_rotation::{drop_points_behind_camera, structure as linear_structure};
 use super::pixel_likelihood::PixelLikelihood;
 use super::pose_model::independent_poses::IndependentPoses;
 use super::relative_pose::relative_pose;
@@ -89,7 +89,7 @@ pub fn structure_of_key_frames(
     }
     let (mut scene, tracks) = scene_of(frames, keys, |_| true, settings.noise, 2);
     let (mut points, poses) = linear_structure(&scene, &attitudes, settings.noise)?;
-    if 4 * drop_hidden(&mut scene, &points, &poses) < 3 * scene.observations().len() {
+    if 4 * drop_points_behind_camera(&mut scene, &points, &poses) < 3 * scene.observations().len() {
         return None;
     }
     let mut motion = IndependentPoses::new(poses, false);

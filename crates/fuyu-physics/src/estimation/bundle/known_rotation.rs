@@ -1,17 +1,17 @@
-//! Structure from known rotations: linear in points and translations.
+//! Structure from known rotations, by linear least squares in points and translations.
 //!
-//! With `R` known, `f x = u z` for `x = R p + t` is linear in all `p` and `t` at once, so no start is needed. The
-//! weak prior on depths (see [`Scene`]) sets the scale and keeps apart what the images leave open: nearly pure
-//! rotation about the optical axis, where two views show no depth at all.
+//! With `R` known, `f x = u z` for `x = R p + t` is linear in all `p` and `t` together, so no start is needed. The
+//! weak prior on depths (see [`Scene`]) fixes the scale, and the depths that the images do not determine: in a nearly
+//! pure rotation about the optical axis two views contain no depth.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::pose_model::FramePose;
-use super::scene::{NEAREST, Scene, residual};
+use super::scene::{MIN_DEPTH, Scene, residual};
 use super::schur::System;
 
 /// Points and poses from the attitudes `R_CB` of all frames. `None` if the images do not determine them, or
-/// only with points behind the camera.
+/// only with points far outside the scene.
 pub fn structure(
     scene: &Scene,
     attitudes: &[UnitQuaternion<f64>],
@@ -19,8 +19,8 @@ pub fn structure(
 ) -> Option<(Vec<Vector3<f64>>, Vec<FramePose>)> {
     let mut points = vec![Vector3::zeros(); scene.points];
     let mut translations = vec![Vector3::z(); scene.len()];
-    // The start takes all points to be at depth one; later rounds weigh with the depths found, and with
-    // Cauchy's loss.
+    // The first round assumes depth one for all points; later rounds weight with the depths found and with Cauchy's
+    // weights.
     for round in 0..6 {
         let mut system = System::<3, 1>::new(scene.points);
         for (i, R_CB) in attitudes.iter().enumerate() {
@@ -39,7 +39,7 @@ pub fn structure(
                         off.map_or(1e-3, |r| 1.0 / (1.0 + r.norm_squared() / (width * width)));
                     loss.sqrt() / x.z.max(0.2)
                 };
-                // The prior counts less than ten times the images' noise once there are images.
+                // Ten times as strong as in the adjustment, but still weak compared with the images.
                 let anchor = 10.0 * scene.anchor(observation.point);
                 #[rustfmt::skip]
                 let by_x = Matrix3::new(
@@ -75,20 +75,25 @@ pub fn structure(
     finite.then_some((points, poses))
 }
 
-/// Forgets observations that lie behind the camera; how many are left.
-pub fn drop_hidden(scene: &mut Scene, points: &[Vector3<f64>], poses: &[FramePose]) -> usize {
-    let mut left = 0;
+/// Marks observations of points behind the camera as outliers; returns the number of inliers.
+pub fn drop_points_behind_camera(
+    scene: &mut Scene,
+    points: &[Vector3<f64>],
+    poses: &[FramePose],
+) -> usize {
+    let mut inliers = 0;
     for (i, pose) in poses.iter().enumerate() {
         for observation in scene.frame_mut(i) {
             let x = pose.R_CB * points[observation.point] + pose.t_C;
-            observation.inlier &= x.z > 10.0 * NEAREST;
-            left += usize::from(observation.inlier);
+            observation.inlier &= x.z > 10.0 * MIN_DEPTH;
+            inliers += usize::from(observation.inlier);
         }
     }
-    left
+    inliers
 }
 
-/// A point from the frames that see it, whose poses are known. `None` if they see it from one side only.
+/// Triangulates a point from observations in frames with known poses. `None` if they do not determine it in front of
+/// the camera.
 pub fn triangulate(
     observations: &[(FramePose, nalgebra::Vector2<f64>)],
     focal: &nalgebra::Vector2<f64>,
@@ -122,8 +127,8 @@ pub fn triangulate(
         }
         p -= H.cholesky()?.solve(&g);
     }
-    let ahead = observations
+    let in_front = observations
         .iter()
-        .all(|(s, _)| (s.R_CB * p + s.t_C).z > 10.0 * NEAREST);
-    (ahead && p.norm() < 1e3).then_some(p)
+        .all(|(s, _)| (s.R_CB * p + s.t_C).z > 10.0 * MIN_DEPTH);
+    (in_front && p.norm() < 1e3).then_some(p)
 }

@@ -1,44 +1,44 @@
-//! Inertia and momentum from a series of attitudes, linearly.
+//! Inertia and angular momentum from a series of attitudes, by linear least squares.
 //!
 //! Angular momentum is the same at all times: `R_i I R_iᵀ w_i = L`, linear in `I` and `L`. With `I = 1 + Σ d_k E_k`
 //! (scale is not observable, so the trace is fixed) it is an ordinary least-squares problem with eight unknowns and
-//! needs no start, which every later stage does.
+//! needs no start, unlike every later stage.
 
 use nalgebra::{DMatrix, DVector, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::free_motion::{FreeMotion, PARAMETERS, shape_times};
 
-/// An attitude that was measured.
+/// A measured attitude.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct AttitudeSample {
-    /// When \[s\].
+    /// Time \[s\].
     pub time: f64,
     /// Body axes in inertial axes.
     pub R_WB: UnitQuaternion<f64>,
 }
 
-/// A rate that was measured, and the attitude with it.
+/// A measured angular velocity, with the attitude at that time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BodyRate {
-    /// When \[s\], with the body axes.
+    /// Time and attitude.
     pub attitude: AttitudeSample,
     /// Angular velocity in body axes \[rad/s\].
     pub w_WB_B: Vector3<f64>,
 }
 
-/// Most rates that are taken from a series.
-const MOST_RATES: usize = 240;
+/// Largest number of angular velocities taken from a series.
+const MAX_RATES: usize = 240;
 
-/// Largest turn on either side that a polynomial is laid through \[rad\].
-const REACH: f64 = 1.7;
+/// Largest rotation on either side that a polynomial is fitted to \[rad\].
+const MAX_TURN: f64 = 1.7;
 
-/// Most neighbours on either side.
+/// Largest number of neighbours on either side.
 const NEIGHBOURS: usize = 8;
 
 /// Angular velocities along a series: at each attitude the slope of a polynomial through the rotation vectors
 /// to its neighbours.
 pub fn rates(series: &[AttitudeSample]) -> Vec<BodyRate> {
-    let stride = series.len().div_ceil(MOST_RATES).max(1);
+    let stride = series.len().div_ceil(MAX_RATES).max(1);
     for (least, degree) in [(5, 4), (3, 2)] {
         let rate = |i: usize| body_rate_at(series, i, least, degree);
         let found: Vec<_> = (0..series.len()).step_by(stride).filter_map(rate).collect();
@@ -61,8 +61,8 @@ fn body_rate_at(
         let mut all: Vec<(f64, Vector3<f64>)> = Vec::new();
         for a in others {
             let v = vector(a);
-            // Stop where the rotation vector may be that of the turn the other way round.
-            if v.norm() > REACH || all.last().is_some_and(|(_, last)| v.norm() < last.norm()) {
+            // Stop where the rotation vector may be that of a rotation in the opposite direction.
+            if v.norm() > MAX_TURN || all.last().is_some_and(|(_, last)| v.norm() < last.norm()) {
                 break;
             }
             all.push((a.time - here.time, v));
@@ -93,9 +93,9 @@ fn body_rate_at(
     })
 }
 
-/// Where along the rates (0 to 1) the body turns over fastest: where the angular velocity changes most in body axes.
+/// Position along the rates (0 to 1) where the body turns over: the angular velocity in body axes changes fastest there.
 pub fn fastest_tumbling(rates: &[BodyRate]) -> f64 {
-    // Over a few rates each, so that no single wrong one decides.
+    // Differences over several rates, so that no single wrong one decides.
     let apart = rates.len() / 40 + 2;
     let change = |i: usize| (rates[i + apart].w_WB_B - rates[i].w_WB_B).norm();
     let pairs = 0..rates.len().saturating_sub(apart);
@@ -103,8 +103,8 @@ pub fn fastest_tumbling(rates: &[BodyRate]) -> f64 {
     fastest.map_or(0.5, |i| (i + apart / 2) as f64 / rates.len() as f64)
 }
 
-/// The free motion that agrees best with `rates`, stated at the one that far (0 to 1) along them. `None` without
-/// rates.
+/// The torque-free motion that agrees best with `rates`. Its reference is the rate at position `along` (0 to 1). `None`
+/// without rates.
 pub fn fit_inertia_and_momentum(rates: &[BodyRate], along: f64) -> Option<FreeMotion> {
     let middle = rates.get((along * rates.len() as f64) as usize)?.attitude;
     let size = rates.iter().map(|r| r.w_WB_B.norm()).sum::<f64>() / rates.len() as f64;
@@ -127,7 +127,7 @@ pub fn fit_inertia_and_momentum(rates: &[BodyRate], along: f64) -> Option<FreeMo
             H += J.tr_mul(&J) * *weight;
             g -= J.tr_mul(&rate.w_WB_B) * *weight;
         }
-        // Shapes that the motion leaves open (an isotropic body, one axis) stay spherical.
+        // Shapes that the motion does not determine (isotropic body, single axis) stay spherical.
         let ridge = 1e-6 * size * size * rates.len() as f64;
         for k in 0..5 {
             H[(k, k)] += ridge;
@@ -149,7 +149,7 @@ pub fn fit_inertia_and_momentum(rates: &[BodyRate], along: f64) -> Option<FreeMo
     }
     let mut shape: SVector<f64, 5> = solution.fixed_rows::<5>(0).into_owned();
     let momentum = solution.fixed_rows::<3>(5).into_owned();
-    // Noise may ask for an inertia that no body has: halfway to a sphere until one could.
+    // Noise may give an inertia that no body has: move towards a sphere until one can have it.
     for _ in 0..20 {
         if let Some(motion) = FreeMotion::new(&shape, momentum, middle.time, middle.R_WB) {
             return Some(motion);

@@ -1,4 +1,4 @@
-//! Where the body is in one frame, from points of known position, wrong correspondences among them.
+//! Resection (perspective-n-point): the body's pose in one frame from known points, with wrong correspondences among them.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 
@@ -6,23 +6,23 @@ use super::pose_model::FramePose;
 use super::scene::residual;
 use crate::spatial::exp_so3;
 
-/// The fewest points from which a body is resected; three determine it, more tell whether it holds.
+/// Least number of points for a resection; three determine the pose, the others test it.
 pub const MIN_POINTS: usize = 5;
 
-/// A known point and where the frame shows it, from the principal point \[px\].
+/// A point in body axes and its image, relative to the principal point \[px\].
 pub type Correspondence = (Vector3<f64>, Vector2<f64>);
 
-/// A pose and how many correspondences agree with it.
+/// A pose with the number of correspondences that agree.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Resection {
     /// The pose.
     pub pose: FramePose,
-    /// Marks that are less than `6 noise` off.
+    /// Number of correspondences with a residual below `6 noise`.
     pub inliers: usize,
 }
 
-/// Places the body near `guess`; if most correspondences disagree there and `search` is set, anywhere. `None` if no pose convinces two
-/// thirds of the correspondences, and five.
+/// Pose of the body from `correspondences`, searched near `guess`; if most disagree there and `search` is set, in all
+/// attitudes. `None` if no pose agrees with two thirds of the correspondences, and with five.
 pub fn resect(
     focal: &Vector2<f64>,
     correspondences: &[Correspondence],
@@ -33,10 +33,10 @@ pub fn resect(
     if correspondences.len() < MIN_POINTS {
         return None;
     }
-    let convinces =
+    let is_accepted =
         |p: &Resection| p.inliers >= MIN_POINTS && 3 * p.inliers >= 2 * correspondences.len();
     let near = refine(focal, correspondences, *guess, noise);
-    if let Some(resected) = near.filter(convinces) {
+    if let Some(resected) = near.filter(is_accepted) {
         return Some(resected);
     }
     if !search {
@@ -49,10 +49,10 @@ pub fn resect(
         };
         refine(focal, correspondences, start, noise)
     });
-    starts.find(convinces)
+    starts.find(is_accepted)
 }
 
-/// Iteratively reweighted least squares with Cauchy's loss, whose width shrinks to a few times the noise.
+/// Iteratively reweighted least squares with Cauchy weights, whose width shrinks to a few times the noise.
 fn refine(
     focal: &Vector2<f64>,
     correspondences: &[Correspondence],
@@ -76,7 +76,7 @@ fn refine(
         if sizes.len() < MIN_POINTS {
             return None;
         }
-        // Half of the correspondences are closer than the median: the loss may always tell them from the rest.
+        // Half of the correspondences are closer than the median: the width need not be larger to keep them.
         let middle = sizes.len() / 2;
         let median = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
         width = (3.0 * noise).max(3.0 * median).min(width);
@@ -104,7 +104,7 @@ fn refine(
             H[(k, k)] *= 1.0 + 1e-6;
         }
         let mut step = -H.cholesky()?.solve(&g);
-        // Not farther than the linearisation may hold.
+        // Limit the rotation to where the linearisation is valid.
         let turn = step.fixed_rows::<3>(0).norm();
         step *= (0.7 / turn).min(1.0);
         pose.R_CB *= exp_so3(&step.fixed_rows::<3>(0).into_owned());
@@ -123,7 +123,7 @@ fn refine(
     finite.then_some(Resection { pose, inliers })
 }
 
-/// The translation that fits a given attitude best: linear in `f (x + t_x) - u (z + t_z) = 0`.
+/// The translation that fits a given attitude best, by linear least squares: `f (x + t_x) - u (z + t_z) = 0`.
 pub fn translation(
     focal: &Vector2<f64>,
     correspondences: &[Correspondence],
@@ -159,7 +159,7 @@ pub fn translation(
     t.iter().all(|t| t.is_finite()).then_some(t)
 }
 
-/// Sixty attitudes that leave none farther than 45 degrees: the rotations of an icosahedron.
+/// Sixty attitudes, the rotations of an icosahedron: every attitude is within 45 degrees of one.
 fn attitudes() -> Vec<UnitQuaternion<f64>> {
     let golden = 0.5 * (1.0 + 5f64.sqrt());
     let by_fifth = UnitQuaternion::new(
@@ -167,7 +167,7 @@ fn attitudes() -> Vec<UnitQuaternion<f64>> {
     );
     let by_third =
         UnitQuaternion::new(Vector3::new(1.0, 1.0, 1.0).normalize() * std::f64::consts::TAU / 3.0);
-    // What the two generate.
+    // The group that the two generate.
     let mut all = vec![UnitQuaternion::identity()];
     let mut next = 0;
     while next < all.len() {
@@ -213,7 +213,7 @@ mod tests {
     }
 
     #[test]
-    fn a_body_is_found_from_any_attitude_and_with_wrong_marks() {
+    fn a_body_is_resected_from_any_attitude_with_wrong_correspondences() {
         let t_C = Vector3::new(0.05, -0.03, 1.1);
         for k in 0..20 {
             let a = f64::from(k);
@@ -239,7 +239,7 @@ mod tests {
     }
 
     #[test]
-    fn marks_that_fit_no_placement_are_refused() {
+    fn correspondences_that_fit_no_pose_are_refused() {
         let R_CB = UnitQuaternion::identity();
         let correspondences = correspondences(&R_CB, &Vector3::z(), 12);
         let guess = FramePose {

@@ -1,38 +1,38 @@
-//! Ids that a tracker gives to another point: where a track jumps for good, it is two.
+//! Reused track ids: a tracker may give the id of a lost point to another one. Such a track is split in two.
 
 use rand::Rng;
 
 use super::frames::Frames;
 use super::relative_pose::relative_pose;
 
-/// No point goes so many times as far as most of them do.
-const FARTHEST: f64 = 6.0;
+/// Largest displacement of a point, as a multiple of the median.
+const MAX_DISPLACEMENT: f64 = 6.0;
 
-/// Cuts the tracks that begin to show another point of the body; what was before gets a number of its own, higher than
-/// that of what follows. How many were cut.
+/// Splits the tracks that change to another point of the body. The part before the change gets a new, higher track number.
+/// Returns the number of splits.
 ///
-/// At a cut the track agrees neither with the next frame nor with the one after that, and these two agree with each
-/// other. A single wrong image point does not look so.
+/// At a change the track agrees neither with the next frame nor with the one after it, while these two agree with each
+/// other. A single wrong image point does not show this pattern.
 pub fn split_reused_tracks(frames: &mut Frames, noise: f64, rng: &mut impl Rng) -> usize {
     let angle = noise * frames.pixel_angle();
     let mut agreeing = |i: usize, j: usize| -> Vec<usize> {
         let pose = relative_pose(&frames.pairs(i, j), angle, rng);
         let common = frames.common(i, j);
         let kept = pose.iter().flat_map(|p| &p.agreeing);
-        // Where the body hardly turned, a jump along a ray's line is no less one.
-        let ways: Vec<f64> = common.iter().map(|(_, a, b)| (b - a).norm()).collect();
-        let mut sorted = ways.clone();
+        // If the body hardly turned, a jump along the epipolar line satisfies the two-view geometry.
+        let displacements: Vec<f64> = common.iter().map(|(_, a, b)| (b - a).norm()).collect();
+        let mut sorted = displacements.clone();
         sorted.sort_by(f64::total_cmp);
-        let usual = sorted.get(sorted.len() / 2).copied().unwrap_or_default();
-        let farthest = FARTHEST * usual + 12.0 * noise;
-        (common.iter().zip(kept).zip(&ways))
-            .filter(|((_, agrees), way)| **agrees && **way < farthest)
+        let median = sorted.get(sorted.len() / 2).copied().unwrap_or_default();
+        let farthest = MAX_DISPLACEMENT * median + 12.0 * noise;
+        (common.iter().zip(kept).zip(&displacements))
+            .filter(|((_, agrees), displacement)| **agrees && **displacement < farthest)
             .map(|(((track, ..), _), _)| *track)
             .collect()
     };
     let count = frames.list.len();
     let next: Vec<Vec<usize>> = (0..count - 1).map(|i| agreeing(i, i + 1)).collect();
-    let mut cuts = Vec::new();
+    let mut splits = Vec::new();
     for i in 0..count.saturating_sub(2) {
         let suspects: Vec<usize> = (frames.common(i, i + 1).iter())
             .map(|(track, ..)| *track)
@@ -41,12 +41,12 @@ pub fn split_reused_tracks(frames: &mut Frames, noise: f64, rng: &mut impl Rng) 
         if suspects.is_empty() {
             continue;
         }
-        let past = agreeing(i, i + 2);
-        let reborn = suspects.into_iter().filter(|t| !past.contains(t));
-        cuts.extend(reborn.map(|track| (i + 1, track)));
+        let after_next = agreeing(i, i + 2);
+        let reused = suspects.into_iter().filter(|t| !after_next.contains(t));
+        splits.extend(reused.map(|track| (i + 1, track)));
     }
-    for (from, track) in &cuts {
-        // What was before gets the new number, and of that the next cut finds nothing left.
+    for (from, track) in &splits {
+        // Earlier frames get the new number, so a later split of the same track starts after this one.
         let fresh = frames.ids.len();
         frames.ids.push(frames.ids[*track]);
         for frame in &mut frames.list[..*from] {
@@ -56,5 +56,5 @@ pub fn split_reused_tracks(frames: &mut Frames, noise: f64, rng: &mut impl Rng) 
             frame.observations.sort_by_key(|s| s.track);
         }
     }
-    cuts.len()
+    splits.len()
 }

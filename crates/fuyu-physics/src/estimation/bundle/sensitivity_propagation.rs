@@ -1,4 +1,4 @@
-//! A free motion carried on in time by the order-8 method: the attitude, and if asked for how it turns with the
+//! Propagation of a torque-free rotation by the order-8 method: attitude, and optionally its sensitivities to the
 //! parameters.
 
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
@@ -9,14 +9,13 @@ use crate::dynamics::Tableau;
 
 const STAGES: usize = 12;
 
-/// Sensitivities by rows, as wide registers like them.
+/// Sensitivities by rows, which fill SIMD registers.
 const ROWS: usize = 3 * PARAMETERS;
 
-/// Momentum in body axes, the turn since a step's beginning as a quaternion (vector, then scalar) without angles, and
-/// a zero.
+/// Momentum in body axes (3), rotation since the beginning of the step as a quaternion (vector, then scalar), and a zero.
 type AttitudeState = [f64; 8];
 
-/// What is carried along the motion.
+/// The attitude at a time, with its sensitivities.
 #[derive(Clone, Copy)]
 pub struct PropagatedAttitude {
     /// Body axes in inertial axes.
@@ -25,35 +24,34 @@ pub struct PropagatedAttitude {
 }
 
 impl PropagatedAttitude {
-    /// At an attitude that does not depend on the parameters.
+    /// An attitude that does not depend on the parameters.
     pub fn new(R: UnitQuaternion<f64>) -> Self {
         let rows = [0.0; ROWS];
         Self { R, rows }
     }
 
-    /// How the attitude turns with the parameters.
+    /// Sensitivity of the attitude to the parameters.
     pub fn sensitivity(&self) -> Sensitivity {
         Sensitivity::from_row_slice(&self.rows)
     }
 }
 
-/// `steps` steps of length `h` \[s\] of a body with the inverse inertia and the momentum (inertial axes) given;
-/// sensitivities only if `SENSITIVE`.
+/// `steps` integration steps of length `h` \[s\]; with sensitivities if `SENSITIVE`.
 pub struct Propagation<'a, const SENSITIVE: bool> {
     /// Inverse of the inertia matrix.
     pub inverse: &'a Matrix3<f64>,
     /// Angular momentum in inertial axes.
     pub momentum: &'a Vector3<f64>,
-    /// From where, and to where.
+    /// The attitude that is advanced.
     pub propagated: &'a mut PropagatedAttitude,
-    /// Length of a step \[s\].
+    /// Step length \[s\]; negative for backwards.
     pub h: f64,
-    /// How many.
+    /// Number of steps.
     pub steps: usize,
 }
 
 impl<const SENSITIVE: bool> Propagation<'_, SENSITIVE> {
-    /// Takes the steps.
+    /// Takes the steps with the processor's SIMD instructions.
     pub fn run(self, arch: Arch) {
         arch.dispatch(self);
     }
@@ -132,7 +130,7 @@ fn combined<S: Simd, const N: usize>(
     out
 }
 
-/// The rate of momentum and turn at angular velocity `w`, body axes.
+/// Time derivative of momentum and rotation at angular velocity `w`, body axes.
 #[inline(always)]
 fn rate(now: &AttitudeState, h: &Vector3<f64>, w: &Vector3<f64>) -> AttitudeState {
     let (v, s) = (Vector3::new(now[3], now[4], now[5]), now[6]);
@@ -140,7 +138,7 @@ fn rate(now: &AttitudeState, h: &Vector3<f64>, w: &Vector3<f64>) -> AttitudeStat
     [dh.x, dh.y, dh.z, dv.x, dv.y, dv.z, -0.5 * v.dot(w), 0.0]
 }
 
-/// The turn as a matrix.
+/// The rotation since the beginning of the step, as a matrix.
 #[inline(always)]
 fn turn(now: &AttitudeState) -> Matrix3<f64> {
     let ([x, y, z], s) = ([now[3], now[4], now[5]], now[6]);
@@ -153,7 +151,7 @@ fn turn(now: &AttitudeState) -> Matrix3<f64> {
     m
 }
 
-/// Rate of the sensitivities at attitude `R`, body momentum `h` and rate `w`: a small turn `θ` of the body obeys
+/// Time derivative of the sensitivities at attitude `R`, body momentum `h` and rate `w`: a small rotation `θ` obeys
 /// `θ' = θ × w + δw` with `δw = I⁻¹ (Rᵀ δL + h × θ - δI w)`.
 #[inline(always)]
 fn sensitivity_rate<S: Simd>(

@@ -262,7 +262,7 @@ fn from_segments(
     let (first, last) = (frames.list.first()?.time, frames.list.last()?.time);
     let from = fit.motion.time - fit.span;
     let tail = last - from > LEAST_SHARE * (last - first) && last < fit.motion.time + fit.span;
-    let since = (!fit.holds && tail).then_some(from);
+    let since = (!fit.fits_all && tail).then_some(from);
     for frame in frames.list.iter_mut().filter(|f| Some(f.time) < since) {
         frame.observations.clear();
     }
@@ -330,12 +330,12 @@ fn motion_of_segments(frames: &Frames, segments: &[Segment]) -> Option<AttitudeF
         let found = fit_inertia_and_momentum(&rates, along)
             .and_then(|start| fit_attitudes(&start, &samples, segments.len()));
         let Some(found) = found else { continue };
-        let holds = found.holds && found.rms < CLOSE;
+        let fits_all = found.fits_all && found.rms < CLOSE;
         let last = along == LAST && found.rms < CLOSE && found.span > LEAST_SHARE * whole;
-        if holds || last || best.as_ref().is_none_or(|b| found.rms < b.rms) {
+        if fits_all || last || best.as_ref().is_none_or(|b| found.rms < b.rms) {
             best = Some(found);
         }
-        if holds {
+        if fits_all {
             break;
         }
     }
