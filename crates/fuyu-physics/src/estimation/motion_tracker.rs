@@ -1,50 +1,48 @@
-//! What is held to be the motion from frame to frame: the last batch solution, and the filter that carries it on.
+//! Motion tracker: the current motion from frame to frame, from the last batch solution and a filter that continues it.
 
 use nalgebra::UnitQuaternion;
 
-use crate::{
-    estimation::{
-        Estimated, Method, MotionEstimate,
-        filter::{Filter, Update},
-    },
-    vision::Sighting,
+use super::{
+    Estimated, EstimationMethod, MotionEstimate,
+    filter::{Filter, Update},
 };
+use crate::vision::Sighting;
 
-/// After so many frames in a row that show the body where it cannot be, it moves otherwise than it did.
-const MISFITS: u32 = 10;
+/// Number of consecutive frames that contradict the motion before it is lost.
+const MISFITS_FOR_LOSS: u32 = 10;
 
-/// So many frames that fit confirm a solution.
-const CONFIRMED: u32 = 20;
+/// Number of fitting frames that confirm a solution.
+const FITS_FOR_CONFIRMATION: u32 = 20;
 
-/// Fewer known points than these do not tell that the body is elsewhere.
-pub const TELLING: usize = 8;
+/// Least number of known points in a frame that may contradict the motion.
+pub const MIN_KNOWN_POINTS: usize = 8;
 
-/// A filter whose future is this many times more certain than that of a new batch solution is kept.
-const SURER: f64 = 3.0;
+/// A filter is kept if its prediction is this many times more certain than that of a new batch solution.
+const CERTAINTY_RATIO: f64 = 3.0;
 
-/// A batch solution, and what it was found from.
+/// A batch solution, with the frames that it was estimated from.
 #[derive(Debug, Clone)]
-pub struct Batch {
-    /// The solution.
+pub struct BatchSolution {
+    /// The estimate.
     pub estimated: Estimated,
-    /// Frames of its window.
+    /// Number of frames of its window.
     pub frames: usize,
     /// Time of the first and of the last of them \[s\].
     pub span: (f64, f64),
 }
 
-/// Where an answer comes from.
+/// Source of the current motion.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Source {
-    /// The last batch solution: there is no filter, or no frame since.
+pub enum MotionSource {
+    /// The last batch solution: without a filter, or without a frame since.
     Batch,
     /// The filter, corrected by the newest frame.
     Filter,
-    /// Whichever there is, carried on without a frame that could correct it.
+    /// Filter or batch solution, extrapolated without a frame that could correct it.
     Coasting,
 }
 
-impl Source {
+impl MotionSource {
     /// Its name in diagnostics.
     pub fn name(self) -> &'static str {
         match self {
@@ -55,34 +53,34 @@ impl Source {
     }
 }
 
-/// The present motion.
+/// The current motion: a batch solution, and a filter that continues it.
 #[derive(Debug, Clone)]
-pub struct Belief {
-    batch: Batch,
+pub struct MotionTracker {
+    batch: BatchSolution,
     filter: Option<Filter>,
     motion: MotionEstimate,
-    /// Axes F of the body that stay from one solution to the next, in those that this solution took.
+    /// From body axes F, which persist from one solution to the next, to the body axes B of this solution.
     R_BF: UnitQuaternion<f64>,
-    /// Time of the newest frame that told something \[s\].
+    /// Time of the newest frame that corrected the motion \[s\].
     corrected: f64,
-    /// Frames since the batch's.
+    /// Number of frames since the batch solution.
     since: usize,
     last: Option<Update>,
-    /// Frames that fitted, those of the solutions before included.
+    /// Number of frames that fitted, with those of earlier solutions.
     fits: u32,
     misfits: Misfits,
 }
 
-/// Why frames no longer fit.
+/// Why the track of the motion was lost.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub enum Loss {
-    /// They did for long; since this time \[s\] the body moves otherwise.
-    Pushed(f64),
-    /// They never did: the batch solution is wrong.
+pub enum TrackLoss {
+    /// The motion was confirmed by frames, and has changed since this time \[s\].
+    MotionChanged(f64),
+    /// The motion was never confirmed: the batch solution is wrong.
     Unconfirmed,
 }
 
-/// Frames in a row that do not fit.
+/// Consecutive frames that do not fit.
 #[derive(Debug, Clone, Copy, Default)]
 struct Misfits {
     count: u32,
@@ -90,11 +88,11 @@ struct Misfits {
     since: f64,
 }
 
-impl Belief {
-    /// Starts at a batch solution. With `disturbance` ([`Filter::new`]) a filter carries it on through the frames
-    /// `later`, each with the camera's attitude; only bundle adjustment can start one.
+impl MotionTracker {
+    /// Starts at a batch solution and updates it by the frames `later`, each with the camera's attitude. With
+    /// `disturbance` (see [`Filter::new`]) a filter continues the solution, if that is of bundle adjustment.
     pub fn new<'a>(
-        batch: Batch,
+        batch: BatchSolution,
         disturbance: Option<f64>,
         later: impl Iterator<Item = (&'a Sighting, UnitQuaternion<f64>)>,
     ) -> Self {
@@ -102,7 +100,7 @@ impl Belief {
         let filter = disturbance
             .zip(solution)
             .and_then(|(disturbance, solution)| Filter::new(solution, disturbance));
-        let mut belief = Self {
+        let mut tracker = Self {
             motion: batch.estimated.motion.clone(),
             corrected: batch.span.1,
             batch,
@@ -114,18 +112,20 @@ impl Belief {
             misfits: Misfits::default(),
         };
         for (frame, R_IC) in later {
-            belief.see(frame, &R_IC);
+            tracker.update(frame, &R_IC);
         }
-        belief
+        tracker
     }
 
-    /// The better of the two at `time` \[s\], judged by their next `horizon` seconds: `next`, in the axes of the
-    /// body that this one has, unless it knows much less. It does where few frames have come since a gap.
-    pub fn or(self, mut next: Self, time: f64, horizon: f64) -> Self {
-        let foresight = |belief: &Self| Some(belief.filter.as_ref()?.foresight(horizon));
-        if let (Some(ours), Some(theirs)) = (foresight(&self), foresight(&next))
+    /// Replaces this tracker by `next` at `time` \[s\], with the persistent body axes of this one, unless the prediction of
+    /// `next` over `horizon` \[s\] is much less certain (few frames since a gap, for example).
+    #[must_use]
+    pub fn replaced_by(self, mut next: Self, time: f64, horizon: f64) -> Self {
+        let deviation =
+            |tracker: &Self| Some(tracker.filter.as_ref()?.prediction_deviation(horizon));
+        if let (Some(ours), Some(theirs)) = (deviation(&self), deviation(&next))
             && self.misfits.count == 0
-            && ours * SURER < theirs
+            && ours * CERTAINTY_RATIO < theirs
         {
             return self;
         }
@@ -136,8 +136,9 @@ impl Belief {
         next
     }
 
-    /// Takes in a frame, later than all before; tells if the body has not been where it should be for some frames.
-    pub fn see(&mut self, frame: &Sighting, R_IC: &UnitQuaternion<f64>) -> Option<Loss> {
+    /// Updates the motion by a frame later than all before, with the camera's attitude. Returns a loss if several
+    /// consecutive frames contradict the motion.
+    pub fn update(&mut self, frame: &Sighting, R_IC: &UnitQuaternion<f64>) -> Option<TrackLoss> {
         self.since += 1;
         let Some(filter) = &mut self.filter else {
             if !frame.features.is_empty() {
@@ -157,7 +158,7 @@ impl Belief {
             self.corrected = frame.time;
         }
         let known = update.used + update.rejected;
-        if known < TELLING {
+        if known < MIN_KNOWN_POINTS {
             return None;
         }
         if 2 * update.used >= known {
@@ -169,54 +170,54 @@ impl Belief {
             self.misfits.since = frame.time;
         }
         self.misfits.count += 1;
-        let loss = match self.fits >= CONFIRMED {
-            true => Loss::Pushed(self.misfits.since),
-            false => Loss::Unconfirmed,
+        let loss = match self.fits >= FITS_FOR_CONFIRMATION {
+            true => TrackLoss::MotionChanged(self.misfits.since),
+            false => TrackLoss::Unconfirmed,
         };
-        (self.misfits.count >= MISFITS).then_some(loss)
+        (self.misfits.count >= MISFITS_FOR_LOSS).then_some(loss)
     }
 
-    /// The motion, in the axes that are inertial.
+    /// The motion, in inertial axes.
     pub fn motion(&self) -> &MotionEstimate {
         &self.motion
     }
 
-    /// The body's lasting axes F, in those of [`Belief::motion`].
+    /// Rotation from the persistent body axes F to the body axes of [`MotionTracker::motion`].
     pub fn R_BF(&self) -> UnitQuaternion<f64> {
         self.R_BF
     }
 
-    /// How the batch solution was found.
-    pub fn method(&self) -> Method {
+    /// Method of the batch solution.
+    pub fn method(&self) -> EstimationMethod {
         self.batch.estimated.method
     }
 
     /// The batch solution.
-    pub fn batch(&self) -> &Batch {
+    pub fn batch(&self) -> &BatchSolution {
         &self.batch
     }
 
-    /// Where the motion at `time` \[s\] comes from.
-    pub fn source(&self, time: f64) -> Source {
+    /// Source of the motion at `time` \[s\].
+    pub fn source(&self, time: f64) -> MotionSource {
         match self.last {
-            _ if time > self.corrected => Source::Coasting,
-            Some(_) => Source::Filter,
-            None => Source::Batch,
+            _ if time > self.corrected => MotionSource::Coasting,
+            Some(_) => MotionSource::Filter,
+            None => MotionSource::Batch,
         }
     }
 
-    /// Time of the newest frame that told something \[s\].
+    /// Time of the newest frame that corrected the motion \[s\].
     pub fn corrected(&self) -> f64 {
         self.corrected
     }
 
-    /// Frames that it rests on.
+    /// Number of frames that the motion is estimated from.
     pub fn frames(&self) -> usize {
         self.batch.frames + self.since
     }
 
-    /// What the newest frame contributed to the filter, if there is one.
-    pub fn last(&self) -> Option<&Update> {
+    /// Contribution of the newest frame to the filter, if there is one.
+    pub fn last_update(&self) -> Option<&Update> {
         self.last.as_ref()
     }
 }
@@ -255,34 +256,35 @@ mod tests {
         range.map(frame).collect()
     }
 
-    /// What follows from a batch of the first frames and a filter through the later ones.
-    fn belief(first: Vec<Sighting>, later: &[Sighting]) -> Belief {
+    /// A tracker from a batch of the first frames and a filter through the later ones.
+    fn tracker_from(first: Vec<Sighting>, later: &[Sighting]) -> MotionTracker {
         let tracks = Tracks::new(first).unwrap();
         let camera = Pinhole::square(1024, 1.25);
         let options = bundle::Options::default();
-        let batch = Batch {
-            estimated: estimate(Method::Bundle, &tracks, &camera, &options).unwrap(),
+        let batch = BatchSolution {
+            estimated: estimate(EstimationMethod::Bundle, &tracks, &camera, &options).unwrap(),
             frames: tracks.sightings().len(),
             span: tracks.span().unwrap(),
         };
         let still = later.iter().map(|f| (f, UnitQuaternion::identity()));
-        Belief::new(batch, Some(1e-6), still)
+        MotionTracker::new(batch, Some(1e-6), still)
     }
 
-    // Whoever follows a point of the target must not see it jump with every solution.
+    // A follower of a point on the target must not see a jump with every solution.
     #[test]
-    fn the_axes_of_the_body_stay_from_one_solution_to_the_next() {
-        let first = belief(frames(0..150), &frames(150..200));
-        let next = belief(frames(60..200), &[]);
-        let turned = |belief: &Belief, t: f64| belief.motion().attitude(t) * belief.R_BF();
-        let before = turned(&first, 30.0);
+    fn body_axes_persist_from_one_solution_to_the_next() {
+        let first = tracker_from(frames(0..150), &frames(150..200));
+        let next = tracker_from(frames(60..200), &[]);
+        let attitude =
+            |tracker: &MotionTracker, t: f64| tracker.motion().attitude(t) * tracker.R_BF();
+        let before = attitude(&first, 30.0);
         assert!(
-            turned(&next, 30.0).angle_to(&before) > 0.01,
-            "each takes axes of its own"
+            attitude(&next, 30.0).angle_to(&before) > 0.01,
+            "each solution has axes of its own"
         );
-        let kept = first.or(next, 19.9, 30.0);
+        let kept = first.replaced_by(next, 19.9, 30.0);
         assert_eq!(kept.batch().frames, 140);
-        let after = turned(&kept, 30.0);
+        let after = attitude(&kept, 30.0);
         assert!(
             after.angle_to(&before) < 2e-3,
             "{}",
@@ -291,54 +293,64 @@ mod tests {
     }
 
     #[test]
-    fn a_batch_that_knows_much_less_does_not_replace_the_filter() {
-        let seen = frames(500..515);
-        let long = belief(frames(0..300), &seen);
-        let short = belief(seen, &[]);
+    fn a_much_less_certain_batch_does_not_replace_the_filter() {
+        let later = frames(500..515);
+        let long = tracker_from(frames(0..300), &later);
+        let short = tracker_from(later, &[]);
         assert_eq!(
             (long.source(51.4), long.source(52.0)),
-            (Source::Filter, Source::Coasting)
+            (MotionSource::Filter, MotionSource::Coasting)
         );
-        assert_eq!(short.source(51.4), Source::Batch);
+        assert_eq!(short.source(51.4), MotionSource::Batch);
         assert_eq!(
-            long.clone().or(short.clone(), 51.4, 30.0).batch().frames,
+            long.clone()
+                .replaced_by(short.clone(), 51.4, 30.0)
+                .batch()
+                .frames,
             300
         );
-        assert_eq!(short.or(long, 51.4, 30.0).batch().frames, 300);
+        assert_eq!(short.replaced_by(long, 51.4, 30.0).batch().frames, 300);
     }
 
-    /// After which frame, and as what, a jump at 15 s is noticed.
-    fn jump(belief: &mut Belief) -> Option<(u32, Loss)> {
+    /// Frame after which a jump at 15 s is detected, and the loss reported.
+    fn detect_jump(tracker: &mut MotionTracker) -> Option<(u32, TrackLoss)> {
         (0..).zip(frames(300..330)).find_map(|(k, mut frame)| {
             frame.time = 15.0 + 0.1 * f64::from(k);
-            let loss = belief.see(&frame, &UnitQuaternion::identity());
+            let loss = tracker.update(&frame, &UnitQuaternion::identity());
             loss.map(|loss| (k, loss))
         })
     }
 
     #[test]
-    fn a_body_that_jumps_is_noticed_after_some_frames() {
+    fn a_jump_of_the_body_is_detected_after_ten_frames() {
         let mut fresh = fresh_at_15();
-        assert_eq!(jump(&mut fresh), Some((9, Loss::Unconfirmed)));
-        let mut confirmed = belief(frames(0..120), &frames(120..150));
-        assert_eq!(jump(&mut confirmed), Some((9, Loss::Pushed(15.0))));
-        // Confirmed is what has been confirmed before.
-        let mut renewed = belief(frames(0..120), &frames(120..150)).or(fresh_at_15(), 14.9, 30.0);
-        assert_eq!(jump(&mut renewed), Some((9, Loss::Pushed(15.0))));
+        assert_eq!(detect_jump(&mut fresh), Some((9, TrackLoss::Unconfirmed)));
+        let mut confirmed = tracker_from(frames(0..120), &frames(120..150));
+        assert_eq!(
+            detect_jump(&mut confirmed),
+            Some((9, TrackLoss::MotionChanged(15.0)))
+        );
+        // A confirmation persists to the next solution.
+        let mut renewed =
+            tracker_from(frames(0..120), &frames(120..150)).replaced_by(fresh_at_15(), 14.9, 30.0);
+        assert_eq!(
+            detect_jump(&mut renewed),
+            Some((9, TrackLoss::MotionChanged(15.0)))
+        );
     }
 
-    fn fresh_at_15() -> Belief {
-        belief(frames(0..150), &[])
+    fn fresh_at_15() -> MotionTracker {
+        tracker_from(frames(0..150), &[])
     }
 
-    /// Frames whose first points, so many, have their ids passed round: each has that of its neighbour.
-    fn mixed_up(frames: Vec<Sighting>, points: u64) -> Vec<Sighting> {
-        let pass = |id: u64| if id < points { (id + 1) % points } else { id };
-        renamed(frames, |_, id| pass(id))
+    /// Frames in which the first `points` points have each other's ids, shifted by one.
+    fn with_shifted_ids(frames: Vec<Sighting>, points: u64) -> Vec<Sighting> {
+        let shifted = |id: u64| if id < points { (id + 1) % points } else { id };
+        with_ids(frames, |_, id| shifted(id))
     }
 
-    /// Frames with other ids; the frame's place comes with each.
-    fn renamed(frames: Vec<Sighting>, other: impl Fn(u64, u64) -> u64) -> Vec<Sighting> {
+    /// Frames with the ids that `other` gives for the frame's index and the id.
+    fn with_ids(frames: Vec<Sighting>, other: impl Fn(u64, u64) -> u64) -> Vec<Sighting> {
         let renamed = |(k, frame): (u64, Sighting)| {
             let features = frame.features.iter().map(|f| Feature {
                 id: other(k, f.id),
@@ -349,92 +361,95 @@ mod tests {
         (0..).zip(frames).map(renamed).collect()
     }
 
-    /// How far the turn from one time to another \[s\] is off \[rad\].
-    fn off(belief: &Belief, from: f64, to: f64) -> f64 {
-        let motion = belief.motion();
-        let told = motion.attitude(to) / motion.attitude(from);
+    /// Error of the rotation from one time to another \[s\], \[rad\].
+    fn rotation_error(tracker: &MotionTracker, from: f64, to: f64) -> f64 {
+        let motion = tracker.motion();
+        let estimated = motion.attitude(to) / motion.attitude(from);
         let truth = truth();
-        told.angle_to(&(truth.attitude(to) / truth.attitude(from)))
+        estimated.angle_to(&(truth.attitude(to) / truth.attitude(from)))
     }
 
-    fn see_all(belief: &mut Belief, frames: &[Sighting]) -> Option<(usize, Loss)> {
+    fn update_all(tracker: &mut MotionTracker, frames: &[Sighting]) -> Option<(usize, TrackLoss)> {
         let mut losses = frames.iter().enumerate().filter_map(|(k, frame)| {
-            let loss = belief.see(frame, &UnitQuaternion::identity());
+            let loss = tracker.update(frame, &UnitQuaternion::identity());
             loss.map(|loss| (k, loss))
         });
         losses.next()
     }
 
-    // Fewer than half: the others still tell the motion, and those that are elsewhere do not draw it with them.
+    // Fewer than half of the points: the others still determine the motion, and the wrong ones do not disturb it.
     #[test]
-    fn a_few_ids_given_to_other_points_are_left_out() {
-        let mut belief = belief(frames(0..120), &frames(120..150));
-        let frames = mixed_up(frames(150..350), 6);
-        assert_eq!(see_all(&mut belief, &frames), None);
-        let last = *belief.last().unwrap();
+    fn a_few_ids_given_to_other_points_are_rejected() {
+        let mut tracker = tracker_from(frames(0..120), &frames(120..150));
+        let frames = with_shifted_ids(frames(150..350), 6);
+        assert_eq!(update_all(&mut tracker, &frames), None);
+        let last = *tracker.last_update().unwrap();
         assert_eq!((last.used, last.rejected), (14, 6));
-        assert_eq!(belief.source(34.9), Source::Filter);
-        let off = off(&belief, 34.9, 64.9);
-        assert!(off < 3e-3, "{off}");
+        assert_eq!(tracker.source(34.9), MotionSource::Filter);
+        let error = rotation_error(&tracker, 34.9, 64.9);
+        assert!(error < 3e-3, "{error}");
     }
 
-    // A tracker that gives every id to another point, once or in every frame. No frame may pull the motion away, and
-    // after the tenth the tracks before are given up: those since are a window of their own.
+    // A feature tracker that gives every id to another point, once or in every frame. No frame may change the motion, and
+    // after the tenth the earlier tracks are given up; the later ones are a window of their own.
     #[test]
-    fn when_every_id_is_given_to_another_point_the_motion_is_kept_and_then_begun_anew() {
-        let before = belief(frames(0..120), &frames(120..150));
-        let once = mixed_up(frames(150..350), 20);
-        let always = renamed(frames(150..350), |k, id| (id + 1 + k % 19) % 20);
+    fn when_every_id_is_given_to_another_point_the_motion_is_kept_and_then_lost() {
+        let before = tracker_from(frames(0..120), &frames(120..150));
+        let once = with_shifted_ids(frames(150..350), 20);
+        let always = with_ids(frames(150..350), |k, id| (id + 1 + k % 19) % 20);
         for wrong in [&once, &always] {
             let mut kept = before.clone();
-            assert_eq!(see_all(&mut kept, &wrong[..9]), None);
-            assert_eq!(kept.source(15.8), Source::Coasting);
+            assert_eq!(update_all(&mut kept, &wrong[..9]), None);
+            assert_eq!(kept.source(15.8), MotionSource::Coasting);
             assert_eq!(kept.corrected(), 14.9);
-            // Exactly as without those frames.
-            let [without, with] = [&before, &kept].map(|b| off(b, 14.9, 44.9));
+            // The same as without those frames.
+            let [without, with] = [&before, &kept].map(|b| rotation_error(b, 14.9, 44.9));
             assert!(
                 with < 3e-3 && (with - without).abs() < 1e-9,
                 "{with} {without}"
             );
-            let lost = see_all(&mut kept, &wrong[9..]);
-            assert_eq!(lost, Some((0, Loss::Pushed(15.0))));
+            let loss = update_all(&mut kept, &wrong[9..]);
+            assert_eq!(loss, Some((0, TrackLoss::MotionChanged(15.0))));
         }
         let mut tracks = Tracks::new([frames(0..150), once].concat()).unwrap();
         tracks.forget_before(15.0);
-        let anew = belief(tracks.sightings().to_vec(), &[]);
-        assert_eq!(anew.frames(), 200);
-        let off = off(&anew, 34.9, 64.9);
-        assert!(off < 3e-3, "{off}");
+        let restarted = tracker_from(tracks.sightings().to_vec(), &[]);
+        assert_eq!(restarted.frames(), 200);
+        let error = rotation_error(&restarted, 34.9, 64.9);
+        assert!(error < 3e-3, "{error}");
     }
 
-    // The same, but to a motion that no frame has confirmed yet: then it is the motion that is not believed.
+    // The same with a motion that no frame has confirmed yet: the solution is taken to be wrong.
     #[test]
-    fn ids_given_to_other_points_at_once_refute_a_first_solution() {
+    fn ids_given_to_other_points_refute_an_unconfirmed_solution() {
         let mut fresh = fresh_at_15();
-        let wrong = mixed_up(frames(150..160), 20);
-        assert_eq!(see_all(&mut fresh, &wrong), Some((9, Loss::Unconfirmed)));
+        let wrong = with_shifted_ids(frames(150..160), 20);
+        assert_eq!(
+            update_all(&mut fresh, &wrong),
+            Some((9, TrackLoss::Unconfirmed))
+        );
     }
 
-    // A tracker that starts anew gives ids that were never seen. That says nothing against the motion, which is carried
-    // on for as long as it takes the next batch to know the new points, and its axes stay.
+    // A feature tracker that restarts gives new ids. These do not contradict the motion, which is extrapolated until the next
+    // batch has the new points; body axes persist.
     #[test]
-    fn ids_never_seen_before_leave_the_motion_as_it_is_until_the_next_batch() {
-        let mut old = belief(frames(0..120), &frames(120..150));
-        let new = renamed(frames(150..250), |_, id| id + 100);
-        assert_eq!(see_all(&mut old, &new), None);
-        let last = *old.last().unwrap();
+    fn new_ids_leave_the_motion_unchanged_until_the_next_batch() {
+        let mut old = tracker_from(frames(0..120), &frames(120..150));
+        let new = with_ids(frames(150..250), |_, id| id + 100);
+        assert_eq!(update_all(&mut old, &new), None);
+        let last = *old.last_update().unwrap();
         assert_eq!((last.used, last.rejected, last.unknown), (0, 0, 20));
-        assert_eq!(old.source(24.9), Source::Coasting);
-        let before = off(&old, 24.9, 54.9);
+        assert_eq!(old.source(24.9), MotionSource::Coasting);
+        let before = rotation_error(&old, 24.9, 54.9);
         assert!(before < 3e-3, "{before}");
-        let next = belief([frames(0..150), new[..60].to_vec()].concat(), &new[60..]);
-        assert_eq!(next.source(24.9), Source::Filter);
-        let seam = |b: &Belief| b.motion().attitude(24.9) * b.R_BF();
+        let next = tracker_from([frames(0..150), new[..60].to_vec()].concat(), &new[60..]);
+        assert_eq!(next.source(24.9), MotionSource::Filter);
+        let seam = |b: &MotionTracker| b.motion().attitude(24.9) * b.R_BF();
         let was = seam(&old);
-        let renewed = old.or(next, 24.9, 30.0);
+        let renewed = old.replaced_by(next, 24.9, 30.0);
         assert!(seam(&renewed).angle_to(&was) < 1e-9);
-        assert_eq!(renewed.last().unwrap().used, 20);
-        let after = off(&renewed, 24.9, 54.9);
+        assert_eq!(renewed.last_update().unwrap().used, 20);
+        let after = rotation_error(&renewed, 24.9, 54.9);
         assert!(after < 3e-3, "{after}");
     }
 }

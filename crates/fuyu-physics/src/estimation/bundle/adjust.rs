@@ -239,7 +239,7 @@ mod tests {
     use super::super::pose_model::independent_poses::IndependentPoses;
     use super::*;
     use crate::estimation::bundle::scene::SceneObservation;
-    use nalgebra::Vector2;
+    use nalgebra::{UnitQuaternion, Vector2};
 
     fn small() -> (Scene, IndependentPoses, Vec<Vector3<f64>>) {
         let points: Vec<_> = (0..6)

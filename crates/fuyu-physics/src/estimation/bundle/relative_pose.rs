@@ -338,7 +338,7 @@ mod tests {
                 found.R.angle_to(&R)
             );
             let inliers = found.agreeing[4..].iter().filter(|a| **a).count();
-            assert!(kept >= 15, "{seed}: {kept}");
+            assert!(inliers >= 15, "{seed}: {inliers}");
         }
     }
 
