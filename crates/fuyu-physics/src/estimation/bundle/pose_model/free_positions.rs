@@ -1,22 +1,21 @@
-//! Dynamic bundle adjustment: the rigid body's free motion gives the attitude in all frames.
+//! Torque-free rotation with an independent position in every frame.
 //!
-//! Unknown are the motion's eight parameters, the points, and in each frame where the body's origin is. The last
-//! is left free on purpose: it costs little, and neither the orbit nor the camera's path need be known.
+//! Unknowns: the motion's eight parameters, the points, and the position of the body's origin in each frame. The
+//! positions are independent on purpose: this costs little, and neither the orbit nor the camera's path need be known.
 
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 
-use super::adjust::{Motion, Placement};
-use super::fit::Shaped;
-use super::free_motion::{FreeMotion, PARAMETERS, SHAPE_SPREAD, Sensitivity, shape_of};
-use super::free_placements::{FOCAL_SPREAD, HELD};
+use super::super::free_motion::{FreeMotion, PARAMETERS, SHAPE_SPREAD, Sensitivity, shape_of};
+use super::super::intrinsics::focal_prior_weight;
+use super::{FramePose, PoseModel, TumblingModel};
 
-/// Common unknowns: those of the motion, and the focal length.
+/// Number of common unknowns: the motion's parameters and the focal length.
 pub const COMMON: usize = PARAMETERS + 1;
 
-/// A free motion seen in frames.
+/// A torque-free rotation, with a position in each frame.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Tumbling<'a> {
-    /// The motion.
+pub struct FreePositions<'a> {
+    /// The rotation.
     pub motion: FreeMotion,
     /// The body's origin in camera axes, in each frame.
     pub t_C: Vec<Vector3<f64>>,
@@ -24,13 +23,13 @@ pub struct Tumbling<'a> {
     pub log_focal: f64,
     times: &'a [f64],
     R_WC: &'a [UnitQuaternion<f64>],
-    swept: Vec<(UnitQuaternion<f64>, Sensitivity)>,
+    attitudes: Vec<(UnitQuaternion<f64>, Sensitivity)>,
     focal_free: bool,
     noise: f64,
     shape_spread: f64,
 }
 
-impl<'a> Tumbling<'a> {
+impl<'a> FreePositions<'a> {
     /// `motion` in frames at `times` (ascending) of a camera with attitudes `R_WC`.
     pub fn new(
         motion: FreeMotion,
@@ -41,7 +40,7 @@ impl<'a> Tumbling<'a> {
         log_focal: Option<f64>,
     ) -> Self {
         Self {
-            swept: motion.attitudes_and_sensitivities(times),
+            attitudes: motion.attitudes_and_sensitivities(times),
             motion,
             t_C,
             times,
@@ -59,33 +58,33 @@ impl<'a> Tumbling<'a> {
     }
 }
 
-impl Shaped for Tumbling<'_> {
+impl TumblingModel for FreePositions<'_> {
     fn turn(&self) -> f64 {
-        let whole = self.times.last().zip(self.times.first());
-        self.rate().norm() * whole.map_or(0.0, |(last, first)| last - first)
+        let span = self.times.last().zip(self.times.first());
+        self.rate().norm() * span.map_or(0.0, |(last, first)| last - first)
     }
 
     fn rate(&self) -> Vector3<f64> {
-        let R_WB = self.swept[self.times.len() / 2].0;
+        let R_WB = self.attitudes[self.times.len() / 2].0;
         R_WB * self.motion.w_WB_B(&R_WB)
     }
 
-    fn middle(&self) -> UnitQuaternion<f64> {
-        self.placement(self.times.len() / 2).R_CB
+    fn middle_attitude(&self) -> UnitQuaternion<f64> {
+        self.pose(self.times.len() / 2).R_CB
     }
 
-    fn with_depths(&self, times: f64, centre: &Vector3<f64>) -> Option<Self> {
+    fn with_scaled_depths(&self, factor: f64, centre: &Vector3<f64>) -> Option<Self> {
         let i = self.times.len() / 2;
         let mut rate = self.R_WC[i].inverse() * self.rate();
-        rate.x /= times;
-        rate.y /= times;
+        rate.x /= factor;
+        rate.y /= factor;
         let shape = SVector::<f64, 5>::zeros();
-        let (R_WB, time) = (self.swept[i].0, self.times[i]);
+        let (R_WB, time) = (self.attitudes[i].0, self.times[i]);
         let motion = FreeMotion::new(&shape, self.R_WC[i] * rate, time, R_WB)?;
-        let shifted = |i: usize| self.placement(i).R_CB * centre + self.t_C[i];
+        let shifted = |i: usize| self.pose(i).R_CB * centre + self.t_C[i];
         Some(Self {
             t_C: (0..self.t_C.len()).map(shifted).collect(),
-            swept: motion.attitudes_and_sensitivities(self.times),
+            attitudes: motion.attitudes_and_sensitivities(self.times),
             motion,
             ..self.clone()
         })
@@ -96,15 +95,15 @@ impl Shaped for Tumbling<'_> {
         w.angle(&self.motion.momentum)
     }
 
-    /// A sphere turns evenly about the momentum.
-    fn spherical(&self) -> Option<Self> {
+    /// A sphere rotates about its angular momentum at a constant rate.
+    fn with_spherical_inertia(&self) -> Option<Self> {
         let w = self.motion.R_WB * self.motion.w_WB_B(&self.motion.R_WB);
         let along = self.motion.momentum.normalize();
         let shape = SVector::<f64, 5>::zeros();
         let momentum = along * along.dot(&w);
         let motion = FreeMotion::new(&shape, momentum, self.motion.time, self.motion.R_WB)?;
         Some(Self {
-            swept: motion.attitudes_and_sensitivities(self.times),
+            attitudes: motion.attitudes_and_sensitivities(self.times),
             motion,
             shape_spread: 1e-6,
             ..self.clone()
@@ -112,10 +111,10 @@ impl Shaped for Tumbling<'_> {
     }
 }
 
-impl Motion<3, COMMON> for Tumbling<'_> {
-    fn placement(&self, i: usize) -> Placement {
-        Placement {
-            R_CB: self.R_WC[i].inverse() * self.swept[i].0,
+impl PoseModel<3, COMMON> for FreePositions<'_> {
+    fn pose(&self, i: usize) -> FramePose {
+        FramePose {
+            R_CB: self.R_WC[i].inverse() * self.attitudes[i].0,
             t_C: self.t_C[i],
         }
     }
@@ -123,7 +122,7 @@ impl Motion<3, COMMON> for Tumbling<'_> {
     fn pose_by_common(&self, i: usize) -> SMatrix<f64, 6, COMMON> {
         let mut pose = SMatrix::<f64, 6, COMMON>::zeros();
         pose.fixed_view_mut::<3, PARAMETERS>(0, 0)
-            .copy_from(&self.swept[i].1);
+            .copy_from(&self.attitudes[i].1);
         pose
     }
 
@@ -135,7 +134,7 @@ impl Motion<3, COMMON> for Tumbling<'_> {
         let step = common.fixed_rows::<PARAMETERS>(0).into_owned();
         let motion = self.motion.moved(&step)?;
         Some(Self {
-            swept: motion.attitudes_and_sensitivities(self.times),
+            attitudes: motion.attitudes_and_sensitivities(self.times),
             motion,
             t_C: self.t_C.iter().zip(frames).map(|(t, d)| t + d).collect(),
             log_focal: self.log_focal + common[PARAMETERS],
@@ -143,7 +142,7 @@ impl Motion<3, COMMON> for Tumbling<'_> {
         })
     }
 
-    /// Shapes are spherical, give or take [`SHAPE_SPREAD`]: this decides where the images do not.
+    /// Inertia shapes are spherical within [`SHAPE_SPREAD`], which decides where the images do not.
     fn prior(&self) -> (SVector<f64, COMMON>, SVector<f64, COMMON>) {
         let (mut weights, mut distance) = (SVector::zeros(), SVector::zeros());
         let shape = shape_of(&self.motion.inertia);
@@ -151,11 +150,7 @@ impl Motion<3, COMMON> for Tumbling<'_> {
             weights[k] = (self.noise / self.shape_spread).powi(2);
             distance[k] = shape[k];
         }
-        weights[PARAMETERS] = if self.focal_free {
-            (self.noise / FOCAL_SPREAD).powi(2)
-        } else {
-            HELD
-        };
+        weights[PARAMETERS] = focal_prior_weight(self.focal_free, self.noise);
         distance[PARAMETERS] = self.log_focal;
         (weights, distance)
     }

@@ -1,80 +1,86 @@
-//! Where the body is in one frame, from points of known position, wrong correspondences among them.
+//! Resection (perspective-n-point): the body's pose in one frame from known points, with wrong correspondences among them.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
 
-use super::adjust::Placement;
+use super::pose_model::FramePose;
 use super::scene::residual;
 use crate::spatial::exp_so3;
 
-/// The fewest points from which a body is placed; three determine it, more tell whether it holds.
+/// Least number of points for a resection; three determine the pose, the others test it.
 pub const MIN_POINTS: usize = 5;
 
-/// A known point and where the frame shows it, from the principal point \[px\].
-pub type Mark = (Vector3<f64>, Vector2<f64>);
+/// A point in body axes and its image, relative to the principal point \[px\].
+pub type Correspondence = (Vector3<f64>, Vector2<f64>);
 
-/// A placement and how many marks agree with it.
+/// A pose with the number of correspondences that agree.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Placed {
-    /// The placement.
-    pub placement: Placement,
-    /// Marks that are less than `6 noise` off.
-    pub agreeing: usize,
+pub struct Resection {
+    /// The pose.
+    pub pose: FramePose,
+    /// Number of correspondences with a residual below `6 noise`.
+    pub inliers: usize,
 }
 
-/// Places the body near `guess`; if most marks disagree there and `search` is set, anywhere. `None` if no placement convinces two
-/// thirds of the marks, and five.
-pub fn place(
+/// Pose of the body from `correspondences`, searched near `guess`; if most disagree there and `search` is set, in all
+/// attitudes. `None` if no pose agrees with two thirds of the correspondences, and with five.
+pub fn resect(
     focal: &Vector2<f64>,
-    marks: &[Mark],
-    guess: &Placement,
+    correspondences: &[Correspondence],
+    guess: &FramePose,
     noise: f64,
     search: bool,
-) -> Option<Placed> {
-    if marks.len() < MIN_POINTS {
+) -> Option<Resection> {
+    if correspondences.len() < MIN_POINTS {
         return None;
     }
-    let convinces = |p: &Placed| p.agreeing >= MIN_POINTS && 3 * p.agreeing >= 2 * marks.len();
-    let near = refine(focal, marks, *guess, noise);
-    if let Some(placed) = near.filter(convinces) {
-        return Some(placed);
+    let is_accepted =
+        |p: &Resection| p.inliers >= MIN_POINTS && 3 * p.inliers >= 2 * correspondences.len();
+    let near = refine(focal, correspondences, *guess, noise);
+    if let Some(resected) = near.filter(is_accepted) {
+        return Some(resected);
     }
     if !search {
         return None;
     }
     let mut starts = attitudes().into_iter().filter_map(|R_CB| {
-        let start = Placement {
+        let start = FramePose {
             R_CB,
-            t_C: translation(focal, marks, &R_CB)?,
+            t_C: translation(focal, correspondences, &R_CB)?,
         };
-        refine(focal, marks, start, noise)
+        refine(focal, correspondences, start, noise)
     });
-    starts.find(convinces)
+    starts.find(is_accepted)
 }
 
-/// Iteratively reweighted least squares with Cauchy's loss, whose width shrinks to a few times the noise.
-fn refine(focal: &Vector2<f64>, marks: &[Mark], start: Placement, noise: f64) -> Option<Placed> {
-    let mut placement = start;
-    let mut sizes = Vec::with_capacity(marks.len());
+/// Iteratively reweighted least squares with Cauchy weights, whose width shrinks to a few times the noise.
+fn refine(
+    focal: &Vector2<f64>,
+    correspondences: &[Correspondence],
+    start: FramePose,
+    noise: f64,
+) -> Option<Resection> {
+    let mut pose = start;
+    let mut sizes = Vec::with_capacity(correspondences.len());
     let mut width = f64::INFINITY;
     for _ in 0..20 {
         let mut H = SMatrix::<f64, 6, 6>::zeros();
         let mut g = SVector::<f64, 6>::zeros();
-        let R = *placement.R_CB.to_rotation_matrix().matrix();
+        let R = *pose.R_CB.to_rotation_matrix().matrix();
         sizes.clear();
-        let x = |p: &Vector3<f64>| R * p + placement.t_C;
+        let x = |p: &Vector3<f64>| R * p + pose.t_C;
         sizes.extend(
-            marks
+            correspondences
                 .iter()
                 .filter_map(|(p, m)| Some(residual(focal, &x(p), m)?.norm())),
         );
         if sizes.len() < MIN_POINTS {
             return None;
         }
-        // Half of the marks are closer than the median: the loss may always tell them from the rest.
+        // Half of the correspondences are closer than the median: the width need not be larger to keep them.
         let middle = sizes.len() / 2;
         let median = *sizes.select_nth_unstable_by(middle, f64::total_cmp).1;
         width = (3.0 * noise).max(3.0 * median).min(width);
-        for (p, m) in marks {
+        for (p, m) in correspondences {
             let x = x(p);
             let Some(r) = residual(focal, &x, m) else {
                 continue;
@@ -98,40 +104,37 @@ fn refine(focal: &Vector2<f64>, marks: &[Mark], start: Placement, noise: f64) ->
             H[(k, k)] *= 1.0 + 1e-6;
         }
         let mut step = -H.cholesky()?.solve(&g);
-        // Not farther than the linearisation may hold.
+        // Limit the rotation to where the linearisation is valid.
         let turn = step.fixed_rows::<3>(0).norm();
         step *= (0.7 / turn).min(1.0);
-        placement.R_CB *= exp_so3(&step.fixed_rows::<3>(0).into_owned());
-        placement.R_CB.renormalize_fast();
-        placement.t_C += step.fixed_rows::<3>(3);
+        pose.R_CB *= exp_so3(&step.fixed_rows::<3>(0).into_owned());
+        pose.R_CB.renormalize_fast();
+        pose.t_C += step.fixed_rows::<3>(3);
         if step.norm() < 1e-8 {
             break;
         }
     }
-    let R = placement.R_CB.to_rotation_matrix();
-    let agrees = |(p, m): &&Mark| {
-        residual(focal, &(R * p + placement.t_C), m).is_some_and(|r| r.norm() < 6.0 * noise)
+    let R = pose.R_CB.to_rotation_matrix();
+    let agrees = |(p, m): &&Correspondence| {
+        residual(focal, &(R * p + pose.t_C), m).is_some_and(|r| r.norm() < 6.0 * noise)
     };
-    let agreeing = marks.iter().filter(agrees).count();
-    let finite = placement.t_C.iter().all(|t| t.is_finite());
-    finite.then_some(Placed {
-        placement,
-        agreeing,
-    })
+    let inliers = correspondences.iter().filter(agrees).count();
+    let finite = pose.t_C.iter().all(|t| t.is_finite());
+    finite.then_some(Resection { pose, inliers })
 }
 
-/// The translation that fits a given attitude best: linear in `f (x + t_x) - u (z + t_z) = 0`.
+/// The translation that fits a given attitude best, by linear least squares: `f (x + t_x) - u (z + t_z) = 0`.
 pub fn translation(
     focal: &Vector2<f64>,
-    marks: &[Mark],
+    correspondences: &[Correspondence],
     R_CB: &UnitQuaternion<f64>,
 ) -> Option<Vector3<f64>> {
     let R = R_CB.to_rotation_matrix();
-    let mut weights = vec![1.0; marks.len()];
+    let mut weights = vec![1.0; correspondences.len()];
     let mut t = Vector3::zeros();
     for _ in 0..4 {
         let (mut H, mut g) = (Matrix3::zeros(), Vector3::zeros());
-        for ((p, m), w) in marks.iter().zip(&weights) {
+        for ((p, m), w) in correspondences.iter().zip(&weights) {
             let x = R * p;
             for (row, value) in [
                 (Vector3::new(focal.x, 0.0, -m.x), m.x * x.z - focal.x * x.x),
@@ -142,7 +145,7 @@ pub fn translation(
             }
         }
         t = H.cholesky()?.solve(&g);
-        let errors = marks
+        let errors = correspondences
             .iter()
             .map(|(p, m)| residual(focal, &(R * p + t), m).map(|r| r.norm()));
         let errors: Vec<f64> = errors.map(|e| e.unwrap_or(f64::INFINITY)).collect();
@@ -156,7 +159,7 @@ pub fn translation(
     t.iter().all(|t| t.is_finite()).then_some(t)
 }
 
-/// Sixty attitudes that leave none farther than 45 degrees: the rotations of an icosahedron.
+/// Sixty attitudes, the rotations of an icosahedron: every attitude is within 45 degrees of one.
 fn attitudes() -> Vec<UnitQuaternion<f64>> {
     let golden = 0.5 * (1.0 + 5f64.sqrt());
     let by_fifth = UnitQuaternion::new(
@@ -164,7 +167,7 @@ fn attitudes() -> Vec<UnitQuaternion<f64>> {
     );
     let by_third =
         UnitQuaternion::new(Vector3::new(1.0, 1.0, 1.0).normalize() * std::f64::consts::TAU / 3.0);
-    // What the two generate.
+    // The group that the two generate.
     let mut all = vec![UnitQuaternion::identity()];
     let mut next = 0;
     while next < all.len() {
@@ -183,7 +186,11 @@ fn attitudes() -> Vec<UnitQuaternion<f64>> {
 mod tests {
     use super::*;
 
-    fn marks(R_CB: &UnitQuaternion<f64>, t_C: &Vector3<f64>, wrong: usize) -> Vec<Mark> {
+    fn correspondences(
+        R_CB: &UnitQuaternion<f64>,
+        t_C: &Vector3<f64>,
+        wrong: usize,
+    ) -> Vec<Correspondence> {
         let focal = 800.0;
         (0..20)
             .map(|j| {
@@ -206,34 +213,47 @@ mod tests {
     }
 
     #[test]
-    fn a_body_is_found_from_any_attitude_and_with_wrong_marks() {
+    fn a_body_is_resected_from_any_attitude_with_wrong_correspondences() {
         let t_C = Vector3::new(0.05, -0.03, 1.1);
         for k in 0..20 {
             let a = f64::from(k);
             let axis = Vector3::new(a.sin(), a.cos(), (1.7 * a).sin()) * 1.6;
             let R_CB = UnitQuaternion::from_scaled_axis(axis);
-            let marks = marks(&R_CB, &t_C, 4);
-            let guess = Placement {
+            let correspondences = correspondences(&R_CB, &t_C, 4);
+            let guess = FramePose {
                 R_CB: UnitQuaternion::identity(),
                 t_C: Vector3::z(),
             };
-            let placed = place(&Vector2::new(800.0, 800.0), &marks, &guess, 0.3, true).unwrap();
-            assert!(placed.placement.R_CB.angle_to(&R_CB) < 1e-3, "{k}");
-            assert!((placed.placement.t_C - t_C).norm() < 1e-3, "{k}");
-            assert!(placed.agreeing >= 16);
+            let resected = resect(
+                &Vector2::new(800.0, 800.0),
+                &correspondences,
+                &guess,
+                0.3,
+                true,
+            )
+            .unwrap();
+            assert!(resected.pose.R_CB.angle_to(&R_CB) < 1e-3, "{k}");
+            assert!((resected.pose.t_C - t_C).norm() < 1e-3, "{k}");
+            assert!(resected.inliers >= 16);
         }
     }
 
     #[test]
-    fn marks_that_fit_no_placement_are_refused() {
+    fn correspondences_that_fit_no_pose_are_refused() {
         let R_CB = UnitQuaternion::identity();
-        let marks = marks(&R_CB, &Vector3::z(), 12);
-        let guess = Placement {
+        let correspondences = correspondences(&R_CB, &Vector3::z(), 12);
+        let guess = FramePose {
             R_CB,
             t_C: Vector3::z(),
         };
         assert_eq!(
-            place(&Vector2::new(800.0, 800.0), &marks, &guess, 0.3, true),
+            resect(
+                &Vector2::new(800.0, 800.0),
+                &correspondences,
+                &guess,
+                0.3,
+                true
+            ),
             None
         );
     }

@@ -1,31 +1,33 @@
-//! The first structure: that of a few key frames.
+//! Key frames, and the first structure, which is reconstructed from them: two-view rotations, linear structure, bundle
+//! adjustment.
 
 use std::collections::HashMap;
 
 use nalgebra::UnitQuaternion;
 use rand::Rng;
 
-use super::adjust::{Effort, adjust};
+use super::adjust::{AdjustOptions, adjust};
 use super::frames::Frames;
-use super::free_placements::FreePlacements;
-use super::known_rotation::{drop_hidden, structure as linear_structure};
-use super::loss::Loss;
+use super::inlier_gate::{INLIER_GATE, gate_inliers, rms};
+use super::known_rotation::{drop_points_behind_camera, structure as linear_structure};
+use super::pixel_likelihood::PixelLikelihood;
+use super::pose_model::independent_poses::IndependentPoses;
 use super::relative_pose::relative_pose;
-use super::structure::{BELIEVED, Segment, Settings, believe, rms, scene_of};
+use super::structure::{Segment, SolverSettings, scene_of};
 
-/// Change of the arrangement from one key frame to the next; see [`Frames::change`].
+/// Least change of the points' arrangement from one key frame to the next; see [`Frames::change`].
 const KEY_CHANGE: f64 = 0.2;
 
-/// The fewest points that key frames share.
+/// Least number of points that consecutive key frames share.
 const MIN_COMMON: usize = 8;
 
-/// Frames from the first of `open` on, each with a visible change from the one before.
+/// At most `most` frames of `open`, from its first on, each with a visible change from the one before.
 pub fn key_frames(frames: &Frames, open: &[usize], most: usize) -> Vec<usize> {
     let mut keys: Vec<usize> = Vec::with_capacity(most);
     let mut last_good = None;
     for &i in open {
         let Some(&last) = keys.last() else {
-            if frames.list[i].sights.len() >= MIN_COMMON {
+            if frames.list[i].observations.len() >= MIN_COMMON {
                 keys.push(i);
             }
             continue;
@@ -36,7 +38,7 @@ pub fn key_frames(frames: &Frames, open: &[usize], most: usize) -> Vec<usize> {
                 last_good = None;
             }
             Some(_) => last_good = Some(i),
-            // The last frame that still shares enough, little as it changed.
+            // Fall back to the last frame that shares enough points, although it changed little.
             None => {
                 if let Some(good) = last_good.take() {
                     keys.push(good);
@@ -55,10 +57,10 @@ pub fn key_frames(frames: &Frames, open: &[usize], most: usize) -> Vec<usize> {
 }
 
 /// Structure of the key frames.
-pub fn start(
+pub fn structure_of_key_frames(
     frames: &mut Frames,
     keys: &[usize],
-    settings: &Settings,
+    settings: &SolverSettings,
     rng: &mut impl Rng,
 ) -> Option<Segment> {
     let angle = settings.noise * frames.pixel_angle();
@@ -80,40 +82,40 @@ pub fn start(
         attitudes.push(next);
     }
     for &key in keys {
-        for sight in &mut frames.list[key].sights {
-            let votes = agreements.get(&(key, sight.track));
-            sight.kept = votes.is_none_or(|(good, _)| *good > 0);
+        for observation in &mut frames.list[key].observations {
+            let votes = agreements.get(&(key, observation.track));
+            observation.inlier = votes.is_none_or(|(good, _)| *good > 0);
         }
     }
     let (mut scene, tracks) = scene_of(frames, keys, |_| true, settings.noise, 2);
-    let (mut points, placements) = linear_structure(&scene, &attitudes, settings.noise)?;
-    if 4 * drop_hidden(&mut scene, &points, &placements) < 3 * scene.seen().len() {
+    let (mut points, poses) = linear_structure(&scene, &attitudes, settings.noise)?;
+    if 4 * drop_points_behind_camera(&mut scene, &points, &poses) < 3 * scene.observations().len() {
         return None;
     }
-    let mut motion = FreePlacements::new(placements, false);
+    let mut motion = IndependentPoses::new(poses, false);
     for width in [10.0, 4.0] {
-        let effort = Effort {
-            loss: Loss::Huber(width * settings.noise),
+        let adjust_options = AdjustOptions {
+            likelihood: PixelLikelihood::Huber(width * settings.noise),
             steps: 30,
             tolerance: 1e-4,
         };
-        adjust(&scene, &mut motion, &mut points, &effort)?;
-        // Believed again is what agrees now.
-        believe(
+        adjust(&scene, &mut motion, &mut points, &adjust_options)?;
+        // Outliers that agree now are inliers again.
+        gate_inliers(
             &mut scene,
             &motion,
             &points,
-            2.0 * BELIEVED * settings.noise,
+            2.0 * INLIER_GATE * settings.noise,
         );
     }
     let mut segment = Segment {
-        placements: vec![None; frames.list.len()],
+        poses: vec![None; frames.list.len()],
         points: vec![None; frames.ids.len()],
         log_focal: 0.0,
         rms: 0.0,
     };
     for (k, &i) in keys.iter().enumerate() {
-        segment.placements[i] = Some(motion.placements[k]);
+        segment.poses[i] = Some(motion.poses[k]);
     }
     for (point, &track) in points.iter().zip(&tracks) {
         segment.points[track] = Some(*point);

@@ -1,46 +1,46 @@
-//! Inertia and momentum from a series of attitudes, linearly.
+//! Inertia and angular momentum from a series of attitudes, by linear least squares.
 //!
 //! Angular momentum is the same at all times: `R_i I R_iᵀ w_i = L`, linear in `I` and `L`. With `I = 1 + Σ d_k E_k`
 //! (scale is not observable, so the trace is fixed) it is an ordinary least-squares problem with eight unknowns and
-//! needs no start, which every later stage does.
+//! needs no start, unlike every later stage.
 
 use nalgebra::{DMatrix, DVector, SMatrix, SVector, UnitQuaternion, Vector3};
 
 use super::free_motion::{FreeMotion, PARAMETERS, shape_times};
 
-/// An attitude that was measured.
+/// A measured attitude.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Attitude {
-    /// When \[s\].
+pub struct AttitudeSample {
+    /// Time \[s\].
     pub time: f64,
     /// Body axes in inertial axes.
     pub R_WB: UnitQuaternion<f64>,
 }
 
-/// A rate that was measured, and the attitude with it.
+/// A measured angular velocity, with the attitude at that time.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Rate {
-    /// When \[s\], with the body axes.
-    pub attitude: Attitude,
+pub struct BodyRate {
+    /// Time and attitude.
+    pub attitude: AttitudeSample,
     /// Angular velocity in body axes \[rad/s\].
     pub w_WB_B: Vector3<f64>,
 }
 
-/// Most rates that are taken from a series.
-const MOST_RATES: usize = 240;
+/// Largest number of angular velocities taken from a series.
+const MAX_RATES: usize = 240;
 
-/// Largest turn on either side that a polynomial is laid through \[rad\].
-const REACH: f64 = 1.7;
+/// Largest rotation on either side that a polynomial is fitted to \[rad\].
+const MAX_TURN: f64 = 1.7;
 
-/// Most neighbours on either side.
+/// Largest number of neighbours on either side.
 const NEIGHBOURS: usize = 8;
 
 /// Angular velocities along a series: at each attitude the slope of a polynomial through the rotation vectors
 /// to its neighbours.
-pub fn rates(series: &[Attitude]) -> Vec<Rate> {
-    let stride = series.len().div_ceil(MOST_RATES).max(1);
+pub fn rates(series: &[AttitudeSample]) -> Vec<BodyRate> {
+    let stride = series.len().div_ceil(MAX_RATES).max(1);
     for (least, degree) in [(5, 4), (3, 2)] {
-        let rate = |i: usize| rate_at(series, i, least, degree);
+        let rate = |i: usize| body_rate_at(series, i, least, degree);
         let found: Vec<_> = (0..series.len()).step_by(stride).filter_map(rate).collect();
         if found.len() >= 8 || least == 3 {
             return found;
@@ -49,15 +49,20 @@ pub fn rates(series: &[Attitude]) -> Vec<Rate> {
     Vec::new()
 }
 
-fn rate_at(series: &[Attitude], i: usize, least: usize, degree: usize) -> Option<Rate> {
+fn body_rate_at(
+    series: &[AttitudeSample],
+    i: usize,
+    least: usize,
+    degree: usize,
+) -> Option<BodyRate> {
     let here = series[i];
-    let vector = |a: &Attitude| (here.R_WB.inverse() * a.R_WB).scaled_axis();
-    let side = |others: &mut dyn Iterator<Item = &Attitude>| -> Vec<(f64, Vector3<f64>)> {
+    let vector = |a: &AttitudeSample| (here.R_WB.inverse() * a.R_WB).scaled_axis();
+    let side = |others: &mut dyn Iterator<Item = &AttitudeSample>| -> Vec<(f64, Vector3<f64>)> {
         let mut all: Vec<(f64, Vector3<f64>)> = Vec::new();
         for a in others {
             let v = vector(a);
-            // Stop where the rotation vector may be that of the turn the other way round.
-            if v.norm() > REACH || all.last().is_some_and(|(_, last)| v.norm() < last.norm()) {
+            // Stop where the rotation vector may be that of a rotation in the opposite direction.
+            if v.norm() > MAX_TURN || all.last().is_some_and(|(_, last)| v.norm() < last.norm()) {
                 break;
             }
             all.push((a.time - here.time, v));
@@ -82,15 +87,15 @@ fn rate_at(series: &[Attitude], i: usize, least: usize, degree: usize) -> Option
     let b = DMatrix::from_fn(samples.len(), 3, |r, c| samples[r].1[c]);
     let fit = A.svd(true, true).solve(&b, 1e-9).ok()?;
     let w = Vector3::new(fit[(1, 0)], fit[(1, 1)], fit[(1, 2)]) / span;
-    w.iter().all(|w| w.is_finite()).then_some(Rate {
+    w.iter().all(|w| w.is_finite()).then_some(BodyRate {
         attitude: here,
         w_WB_B: w,
     })
 }
 
-/// Where along the rates (0 to 1) the body turns over fastest: where the angular velocity changes most in body axes.
-pub fn turning_over(rates: &[Rate]) -> f64 {
-    // Over a few rates each, so that no single wrong one decides.
+/// Position along the rates (0 to 1) where the body turns over: the angular velocity in body axes changes fastest there.
+pub fn fastest_tumbling(rates: &[BodyRate]) -> f64 {
+    // Differences over several rates, so that no single wrong one decides.
     let apart = rates.len() / 40 + 2;
     let change = |i: usize| (rates[i + apart].w_WB_B - rates[i].w_WB_B).norm();
     let pairs = 0..rates.len().saturating_sub(apart);
@@ -98,9 +103,9 @@ pub fn turning_over(rates: &[Rate]) -> f64 {
     fastest.map_or(0.5, |i| (i + apart / 2) as f64 / rates.len() as f64)
 }
 
-/// The free motion that agrees best with `rates`, stated at the one that far (0 to 1) along them. `None` without
-/// rates.
-pub fn momentum_start(rates: &[Rate], along: f64) -> Option<FreeMotion> {
+/// The torque-free motion that agrees best with `rates`. Its reference is the rate at position `along` (0 to 1). `None`
+/// without rates.
+pub fn fit_inertia_and_momentum(rates: &[BodyRate], along: f64) -> Option<FreeMotion> {
     let middle = rates.get((along * rates.len() as f64) as usize)?.attitude;
     let size = rates.iter().map(|r| r.w_WB_B.norm()).sum::<f64>() / rates.len() as f64;
     let mut weights = vec![1.0; rates.len()];
@@ -108,7 +113,7 @@ pub fn momentum_start(rates: &[Rate], along: f64) -> Option<FreeMotion> {
     for _ in 0..4 {
         let mut H = SMatrix::<f64, PARAMETERS, PARAMETERS>::zeros();
         let mut g = SVector::<f64, PARAMETERS>::zeros();
-        let rows = |rate: &Rate| {
+        let rows = |rate: &BodyRate| {
             let mut J = SMatrix::<f64, 3, PARAMETERS>::zeros();
             J.fixed_columns_mut::<5>(0)
                 .copy_from(&shape_times(&rate.w_WB_B));
@@ -122,7 +127,7 @@ pub fn momentum_start(rates: &[Rate], along: f64) -> Option<FreeMotion> {
             H += J.tr_mul(&J) * *weight;
             g -= J.tr_mul(&rate.w_WB_B) * *weight;
         }
-        // Shapes that the motion leaves open (an isotropic body, one axis) stay spherical.
+        // Shapes that the motion does not determine (isotropic body, single axis) stay spherical.
         let ridge = 1e-6 * size * size * rates.len() as f64;
         for k in 0..5 {
             H[(k, k)] += ridge;
@@ -144,7 +149,7 @@ pub fn momentum_start(rates: &[Rate], along: f64) -> Option<FreeMotion> {
     }
     let mut shape: SVector<f64, 5> = solution.fixed_rows::<5>(0).into_owned();
     let momentum = solution.fixed_rows::<3>(5).into_owned();
-    // Noise may ask for an inertia that no body has: halfway to a sphere until one could.
+    // Noise may give an inertia that no body has: move towards a sphere until one can have it.
     for _ in 0..20 {
         if let Some(motion) = FreeMotion::new(&shape, momentum, middle.time, middle.R_WB) {
             return Some(motion);
@@ -170,9 +175,9 @@ mod tests {
         .unwrap();
         let times: Vec<f64> = (0..300).map(|i| 0.3 * f64::from(i)).collect();
         let series: Vec<_> = (truth.attitudes(&times).into_iter().zip(&times))
-            .map(|(R_WB, &time)| Attitude { time, R_WB })
+            .map(|(R_WB, &time)| AttitudeSample { time, R_WB })
             .collect();
-        let found = momentum_start(&rates(&series), 0.5).unwrap();
+        let found = fit_inertia_and_momentum(&rates(&series), 0.5).unwrap();
         assert!(
             (found.inertia - truth.inertia).norm() < 5e-3,
             "{}",
@@ -187,12 +192,12 @@ mod tests {
             .map(|i| {
                 let time = 0.2 * f64::from(i);
                 let R_WB = UnitQuaternion::from_scaled_axis(Vector3::new(0.0, 0.3, 0.4) * time);
-                Attitude { time, R_WB }
+                AttitudeSample { time, R_WB }
             })
             .collect();
-        let found = momentum_start(&rates(&series), 0.5).unwrap();
+        let found = fit_inertia_and_momentum(&rates(&series), 0.5).unwrap();
         let w = found.w_WB_B(&found.R_WB);
         assert!((w - Vector3::new(0.0, 0.3, 0.4)).norm() < 1e-6, "{w}");
-        assert_eq!(momentum_start(&[], 0.5), None);
+        assert_eq!(fit_inertia_and_momentum(&[], 0.5), None);
     }
 }

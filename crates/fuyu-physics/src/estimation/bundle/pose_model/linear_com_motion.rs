@@ -1,43 +1,43 @@
-//! A free motion whose centre of mass moves in a straight line before a camera that does not move.
+//! Torque-free rotation with linear motion of the centre of mass, for a camera that does not rotate.
 //!
-//! It replaces three unknowns of every frame by six in all, so attitudes are known better: a turn about an axis across
-//! the line of sight is no longer taken for a shift. Whether the body does move so (no orbit's curvature, no
-//! accelerated camera) is for the images to say.
+//! Six unknowns replace three per frame, which makes attitudes more certain: a rotation about an axis across the line of
+//! sight can no longer be mistaken for a translation. The residuals decide whether the body moves so (orbital curvature
+//! and an accelerated camera contradict it).
 
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 
-use super::adjust::{Motion, Placement};
-use super::dynamic::{COMMON, Tumbling};
-use super::fit::Shaped;
-use super::free_motion::PARAMETERS;
+use super::super::free_motion::PARAMETERS;
+use super::free_positions::{COMMON, FreePositions};
+use super::{FramePose, PoseModel, TumblingModel};
 
-/// Unknowns of the line: a position and a velocity.
+/// Number of unknowns of the line: position and velocity.
 pub const LINE: usize = 6;
 
-/// All common unknowns: the motion's, the line's, and the focal length last.
+/// Number of common unknowns: the rotation's, the line's, and the focal length last.
 const ALL: usize = COMMON + LINE;
 
-/// A free motion along a straight line. The body's origin is its centre of mass.
+/// A torque-free rotation about a centre of mass on a straight line. The body's origin is its centre of mass.
 #[derive(Debug, Clone)]
-pub struct Straight<'a> {
-    rotation: Tumbling<'a>,
+pub struct LinearComMotion<'a> {
+    rotation: FreePositions<'a>,
     start: Vector3<f64>,
-    /// Displacement over the whole time.
+    /// Displacement from the first frame to the last.
     displacement: Vector3<f64>,
 }
 
-impl<'a> Straight<'a> {
-    /// The line nearest to where `free` has the body, and where the centre of mass is in the body's axes so far. The
-    /// centre's component along an axis that never turns is not seen; it stays.
-    pub fn new(free: Tumbling<'a>) -> Option<(Self, Vector3<f64>)> {
+impl<'a> LinearComMotion<'a> {
+    /// The line nearest to the positions of `free`, and the centre of mass in the body axes of `free`. The centre's
+    /// component along an axis of constant direction is not observable and stays unchanged.
+    pub fn new(free: FreePositions<'a>) -> Option<(Self, Vector3<f64>)> {
         // t_i = c + τ_i d - R_i b, linear in c, d and b.
         let mut H = SMatrix::<f64, 9, 9>::zeros();
         let mut g = SVector::<f64, 9>::zeros();
         for (i, t_C) in free.t_C.iter().enumerate() {
-            let R = free.placement(i).R_CB.to_rotation_matrix();
+            let R = free.pose(i).R_CB.to_rotation_matrix();
             let mut J = SMatrix::<f64, 3, 9>::zeros();
             J.fixed_columns_mut::<3>(0).fill_with_identity();
-            J.fixed_columns_mut::<3>(3).fill_diagonal(part(&free, i));
+            J.fixed_columns_mut::<3>(3)
+                .fill_diagonal(time_share(&free, i));
             J.fixed_columns_mut::<3>(6).copy_from(&-R.matrix());
             H += J.tr_mul(&J);
             g += J.tr_mul(t_C);
@@ -46,20 +46,20 @@ impl<'a> Straight<'a> {
             H[(k, k)] += 1e-9 * free.t_C.len() as f64;
         }
         let solved = H.cholesky()?.solve(&g);
-        let straight = Self {
+        let linear = Self {
             rotation: free,
             start: solved.fixed_rows::<3>(0).into_owned(),
             displacement: solved.fixed_rows::<3>(3).into_owned(),
         };
-        Some((straight, solved.fixed_rows::<3>(6).into_owned()))
+        Some((linear, solved.fixed_rows::<3>(6).into_owned()))
     }
 
     fn position(&self, i: usize) -> Vector3<f64> {
-        self.start + self.displacement * part(&self.rotation, i)
+        self.start + self.displacement * time_share(&self.rotation, i)
     }
 
     /// The same motion with a position for each frame.
-    pub fn into_free(self) -> Tumbling<'a> {
+    pub fn into_free_positions(self) -> FreePositions<'a> {
         let t_C = (0..self.rotation.t_C.len())
             .map(|i| self.position(i))
             .collect();
@@ -69,8 +69,10 @@ impl<'a> Straight<'a> {
     }
 }
 
-/// What is known of the motion's common unknowns when the line is marginalised out.
-pub fn without_line(information: &SMatrix<f64, ALL, ALL>) -> Option<SMatrix<f64, COMMON, COMMON>> {
+/// Information on the rotation's common unknowns with the line marginalised out.
+pub fn marginalise_line(
+    information: &SMatrix<f64, ALL, ALL>,
+) -> Option<SMatrix<f64, COMMON, COMMON>> {
     let kept = |k: usize| if k < PARAMETERS { k } else { ALL - 1 };
     let own = SMatrix::<f64, COMMON, COMMON>::from_fn(|a, b| information[(kept(a), kept(b))]);
     let cross =
@@ -78,7 +80,7 @@ pub fn without_line(information: &SMatrix<f64, ALL, ALL>) -> Option<SMatrix<f64,
     let mut line = information
         .fixed_view::<LINE, LINE>(PARAMETERS, PARAMETERS)
         .into_owned();
-    // Along an axis that never turns points and line may shift together.
+    // Points and line may shift together along an axis of constant direction; this keeps the matrix regular.
     let floor = 1e-13 * line.trace();
     for k in 0..LINE {
         line[(k, k)] += floor;
@@ -86,14 +88,14 @@ pub fn without_line(information: &SMatrix<f64, ALL, ALL>) -> Option<SMatrix<f64,
     Some(own - cross * line.try_inverse()? * cross.transpose())
 }
 
-/// Time of frame `i` as a part of the whole, from 0 to 1.
-fn part(rotation: &Tumbling, i: usize) -> f64 {
+/// Time of frame `i` as a share of the time from the first frame to the last, 0 to 1.
+fn time_share(rotation: &FreePositions, i: usize) -> f64 {
     let times = rotation.times();
     let whole = times[times.len() - 1] - times[0];
     (times[i] - times[0]) / whole.max(f64::MIN_POSITIVE)
 }
 
-impl Shaped for Straight<'_> {
+impl TumblingModel for LinearComMotion<'_> {
     fn turn(&self) -> f64 {
         self.rotation.turn()
     }
@@ -102,15 +104,15 @@ impl Shaped for Straight<'_> {
         self.rotation.rate()
     }
 
-    fn middle(&self) -> UnitQuaternion<f64> {
-        self.rotation.middle()
+    fn middle_attitude(&self) -> UnitQuaternion<f64> {
+        self.rotation.middle_attitude()
     }
 
-    fn with_depths(&self, times: f64, centre: &Vector3<f64>) -> Option<Self> {
-        let at = |i: usize| self.placement(i).R_CB * centre + self.position(i);
+    fn with_scaled_depths(&self, factor: f64, centre: &Vector3<f64>) -> Option<Self> {
+        let at = |i: usize| self.pose(i).R_CB * centre + self.position(i);
         let (first, last) = (at(0), at(self.rotation.times().len() - 1));
         Some(Self {
-            rotation: self.rotation.with_depths(times, centre)?,
+            rotation: self.rotation.with_scaled_depths(factor, centre)?,
             start: first,
             displacement: last - first,
         })
@@ -120,19 +122,19 @@ impl Shaped for Straight<'_> {
         self.rotation.nutation()
     }
 
-    fn spherical(&self) -> Option<Self> {
+    fn with_spherical_inertia(&self) -> Option<Self> {
         Some(Self {
-            rotation: self.rotation.spherical()?,
+            rotation: self.rotation.with_spherical_inertia()?,
             ..self.clone()
         })
     }
 }
 
-impl Motion<0, ALL> for Straight<'_> {
-    fn placement(&self, i: usize) -> Placement {
-        Placement {
+impl PoseModel<0, ALL> for LinearComMotion<'_> {
+    fn pose(&self, i: usize) -> FramePose {
+        FramePose {
             t_C: self.position(i),
-            ..self.rotation.placement(i)
+            ..self.rotation.pose(i)
         }
     }
 
@@ -144,7 +146,7 @@ impl Motion<0, ALL> for Straight<'_> {
         let mut start = pose.fixed_view_mut::<3, 3>(3, PARAMETERS);
         start.fill_with_identity();
         let mut displacement = pose.fixed_view_mut::<3, 3>(3, PARAMETERS + 3);
-        displacement.fill_diagonal(part(&self.rotation, i));
+        displacement.fill_diagonal(time_share(&self.rotation, i));
         pose
     }
 

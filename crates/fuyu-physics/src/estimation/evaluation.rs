@@ -1,4 +1,4 @@
-//! How wrong an estimate is: Masutani 1995 sec. 3.5.
+//! Evaluation of an estimate against the true motion: Masutani 1995 sec. 3.5.
 
 use nalgebra::Vector3;
 
@@ -8,16 +8,16 @@ use super::{MotionEstimate, MotionModel};
 /// Largest errors of a prediction over its horizon.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PredictionError {
-    /// `Theta` \[rad\], (3.18)-(3.23): of the turn since the prediction began. It does not ask where the body's
-    /// axes are.
+    /// `Theta` \[rad\], (3.18)-(3.23): error of the rotation since the start of the prediction, independent of the choice
+    /// of body axes.
     pub attitude: f64,
-    /// `Phi` \[rad\], (3.25): of the direction of the estimated z axis, the one that the angular velocity circles
-    /// and a gripper would aim at.
+    /// `Phi` \[rad\], (3.25): error of the direction of the estimated z axis, which the angular velocity circles and at
+    /// which a gripper would aim.
     pub axis: f64,
 }
 
-/// Relative error `r` of the dynamic parameters, (3.15)-(3.17): over those that the estimate's model tells. `None`
-/// if the truth's moments are not known.
+/// Relative error `r` of the dynamic parameters, (3.15)-(3.17): mean over those that the estimate's model determines.
+/// `None` if the true moments are not known.
 pub fn parameter_error(estimate: &MotionEstimate, truth: &FreeRotation) -> Option<f64> {
     let relative = |estimated: f64, true_: f64| (estimated - true_).abs() / true_;
     let alpha = relative(estimate.alpha(), truth.alpha());
@@ -33,8 +33,8 @@ pub fn parameter_error(estimate: &MotionEstimate, truth: &FreeRotation) -> Optio
     })
 }
 
-/// Largest errors of the predicted motion from `start` \[s\] over `horizon` \[s\], at `samples` instants evenly
-/// spread over it, both ends included.
+/// Largest errors of the predicted motion from `start` \[s\] over `horizon` \[s\], at `samples` evenly
+/// spaced times including both ends.
 pub fn prediction_error(
     estimate: &FreeRotation,
     truth: &FreeRotation,

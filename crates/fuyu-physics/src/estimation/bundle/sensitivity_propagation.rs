@@ -1,4 +1,4 @@
-//! A free motion carried on in time by the order-8 method: the attitude, and if asked for how it turns with the
+//! Propagation of a torque-free rotation by the order-8 method: attitude, and optionally its sensitivities to the
 //! parameters.
 
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
@@ -9,57 +9,55 @@ use crate::dynamics::Tableau;
 
 const STAGES: usize = 12;
 
-/// Sensitivities by rows, as wide registers like them.
+/// Sensitivities by rows, which fill SIMD registers.
 const ROWS: usize = 3 * PARAMETERS;
 
-/// Momentum in body axes, the turn since a step's beginning as a quaternion (vector, then scalar) without angles, and
-/// a zero.
-type Turning = [f64; 8];
+/// Momentum in body axes (3), rotation since the beginning of the step as a quaternion (vector, then scalar), and a zero.
+type AttitudeState = [f64; 8];
 
-/// What is carried along the motion.
+/// The attitude at a time, with its sensitivities.
 #[derive(Clone, Copy)]
-pub struct Flow {
+pub struct PropagatedAttitude {
     /// Body axes in inertial axes.
     pub R: UnitQuaternion<f64>,
     rows: [f64; ROWS],
 }
 
-impl Flow {
-    /// At an attitude that does not depend on the parameters.
+impl PropagatedAttitude {
+    /// An attitude that does not depend on the parameters.
     pub fn new(R: UnitQuaternion<f64>) -> Self {
         let rows = [0.0; ROWS];
         Self { R, rows }
     }
 
-    /// How the attitude turns with the parameters.
+    /// Sensitivity of the attitude to the parameters.
     pub fn sensitivity(&self) -> Sensitivity {
         Sensitivity::from_row_slice(&self.rows)
     }
 }
 
-/// `steps` steps of length `h` \[s\] of a body with the inverse inertia and the momentum (inertial axes) given;
-/// sensitivities only if `SENSITIVE`.
-pub struct Carry<'a, const SENSITIVE: bool> {
+/// `steps` integration steps of length `h` \[s\]; with sensitivities if `SENSITIVE`.
+pub struct Propagation<'a, const SENSITIVE: bool> {
     /// Inverse of the inertia matrix.
     pub inverse: &'a Matrix3<f64>,
     /// Angular momentum in inertial axes.
     pub momentum: &'a Vector3<f64>,
-    /// From where, and to where.
-    pub flow: &'a mut Flow,
-    /// Length of a step \[s\].
+    /// The attitude that is advanced.
+    pub propagated: &'a mut PropagatedAttitude,
+    /// Step length \[s\]; negative for backwards.
     pub h: f64,
-    /// How many.
+    /// Number of steps.
     pub steps: usize,
 }
 
-impl<const SENSITIVE: bool> Carry<'_, SENSITIVE> {
-    /// Takes the steps.
+impl<const SENSITIVE: bool> Propagation<'_, SENSITIVE> {
+    /// Takes the steps with the processor's SIMD instructions.
     pub fn run(self, arch: Arch) {
         arch.dispatch(self);
     }
 }
 
-impl<const SENSITIVE: bool> WithSimd for Carry<'_, SENSITIVE> {
+impl<const SENSITIVE: bool> WithSimd for Propagation<'_, SENSITIVE> {
     type Output = ();
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
@@ -71,7 +69,7 @@ impl<const SENSITIVE: bool> WithSimd for Carry<'_, SENSITIVE> {
             }
         }
         for _ in 0..self.steps {
-            step::<S, SENSITIVE>(simd, self.inverse, self.momentum, self.flow, &weights);
+            step::<S, SENSITIVE>(simd, self.inverse, self.momentum, self.propagated, &weights);
         }
     }
 }
@@ -81,31 +79,32 @@ fn step<S: Simd, const SENSITIVE: bool>(
     simd: S,
     inverse: &Matrix3<f64>,
     momentum: &Vector3<f64>,
-    flow: &mut Flow,
+    propagated: &mut PropagatedAttitude,
     weights: &[[f64; STAGES]; STAGES + 1],
 ) {
-    let h = flow.R.inverse_transform_vector(momentum);
-    let begin: Turning = [h.x, h.y, h.z, 0.0, 0.0, 0.0, 1.0, 0.0];
-    let R = *flow.R.to_rotation_matrix().matrix();
+    let h = propagated.R.inverse_transform_vector(momentum);
+    let begin: AttitudeState = [h.x, h.y, h.z, 0.0, 0.0, 0.0, 1.0, 0.0];
+    let R = *propagated.R.to_rotation_matrix().matrix();
     let mut turning = [[0.0; 8]; STAGES];
-    let mut spreading = [[0.0; ROWS]; STAGES];
+    let mut sensitivity_rates = [[0.0; ROWS]; STAGES];
     for i in 0..STAGES {
         let now = combined(simd, &begin, &weights[i][..i], &turning);
         let h = Vector3::new(now[0], now[1], now[2]);
         let w = inverse * h;
         turning[i] = rate(&now, &h, &w);
         if SENSITIVE {
-            let rows = combined(simd, &flow.rows, &weights[i][..i], &spreading);
-            spreading[i] = spread_rate(simd, inverse, &(R * turn(&now)), &h, &w, &rows);
+            let rows = combined(simd, &propagated.rows, &weights[i][..i], &sensitivity_rates);
+            sensitivity_rates[i] =
+                sensitivity_rate(simd, inverse, &(R * turn(&now)), &h, &w, &rows);
         }
     }
     let end = combined(simd, &begin, &weights[STAGES], &turning);
     if SENSITIVE {
-        flow.rows = combined(simd, &flow.rows, &weights[STAGES], &spreading);
+        propagated.rows = combined(simd, &propagated.rows, &weights[STAGES], &sensitivity_rates);
     }
     let v = Vector3::new(end[3], end[4], end[5]);
-    flow.R *= UnitQuaternion::new_normalize(Quaternion::from_parts(end[6], v));
-    flow.R.renormalize_fast();
+    propagated.R *= UnitQuaternion::new_normalize(Quaternion::from_parts(end[6], v));
+    propagated.R.renormalize_fast();
 }
 
 /// `begin + Σ weight rate`.
@@ -131,17 +130,17 @@ fn combined<S: Simd, const N: usize>(
     out
 }
 
-/// The rate of momentum and turn at angular velocity `w`, body axes.
+/// Time derivative of momentum and rotation at angular velocity `w`, body axes.
 #[inline(always)]
-fn rate(now: &Turning, h: &Vector3<f64>, w: &Vector3<f64>) -> Turning {
+fn rate(now: &AttitudeState, h: &Vector3<f64>, w: &Vector3<f64>) -> AttitudeState {
     let (v, s) = (Vector3::new(now[3], now[4], now[5]), now[6]);
     let (dh, dv) = (h.cross(w), (w * s + v.cross(w)) * 0.5);
     [dh.x, dh.y, dh.z, dv.x, dv.y, dv.z, -0.5 * v.dot(w), 0.0]
 }
 
-/// The turn as a matrix.
+/// The rotation since the beginning of the step, as a matrix.
 #[inline(always)]
-fn turn(now: &Turning) -> Matrix3<f64> {
+fn turn(now: &AttitudeState) -> Matrix3<f64> {
     let ([x, y, z], s) = ([now[3], now[4], now[5]], now[6]);
     #[rustfmt::skip]
     let m = Matrix3::new(
@@ -152,10 +151,10 @@ fn turn(now: &Turning) -> Matrix3<f64> {
     m
 }
 
-/// Rate of the sensitivities at attitude `R`, body momentum `h` and rate `w`: a small turn `θ` of the body obeys
+/// Time derivative of the sensitivities at attitude `R`, body momentum `h` and rate `w`: a small rotation `θ` obeys
 /// `θ' = θ × w + δw` with `δw = I⁻¹ (Rᵀ δL + h × θ - δI w)`.
 #[inline(always)]
-fn spread_rate<S: Simd>(
+fn sensitivity_rate<S: Simd>(
     simd: S,
     inverse: &Matrix3<f64>,
     R: &Matrix3<f64>,
