@@ -1,5 +1,7 @@
 //! Bags: what fuyu writes, it and others can read; what is left of a broken one is not lost.
 
+#[path = "../support/lateness.rs"]
+mod lateness;
 #[path = "../support/measuring.rs"]
 mod measuring;
 #[path = "../support/peer.rs"]

@@ -8,7 +8,7 @@ use fuyu::bag::{Bag, Recorder, Topic, Writer, WriterOptions};
 use fuyu::msg::sensor_msgs::JointState;
 use fuyu::ros::Qos;
 
-use crate::{measuring::once_below, python, sample};
+use crate::{lateness::repeat_if_late, measuring::worst_below, python, sample};
 
 /// 300 joint states, 3 s, and more beside them.
 fn write(folder: &std::path::Path, options: WriterOptions) -> Bag {
@@ -105,7 +105,8 @@ fn nothing_is_dropped_at_20_megabytes_a_second() {
     .take(500_000)
     .collect();
     let image = Bytes::from(image);
-    once_below("messages dropped at 20 MB/s", 1.0, || {
+    // Promised of every recording.
+    let measure = || {
         let dir = tempfile::tempdir().unwrap();
         let writer = Writer::create(dir.path().join("run"), WriterOptions::default()).unwrap();
         let recorder = Recorder::start(writer).unwrap();
@@ -124,5 +125,8 @@ fn nothing_is_dropped_at_20_megabytes_a_second() {
         println!("{:.1} MB waited at most", deepest as f64 * 1e-6);
         assert_eq!(recording.messages + recording.dropped, 200);
         recording.dropped as f64
+    };
+    repeat_if_late(|| {
+        worst_below("messages dropped at 20 MB/s", 1.0, 2, measure);
     });
 }

@@ -1,5 +1,7 @@
 //! The ROS layer in a real graph: nodes of this crate beside rclpy (Jazzy, Fast DDS) on loopback.
 
+#[path = "../support/lateness.rs"]
+mod lateness;
 #[path = "../support/measuring.rs"]
 mod measuring;
 #[path = "../support/namespace.rs"]

@@ -8,7 +8,8 @@ use std::{
 };
 
 use crate::{
-    measuring::once_below,
+    lateness::repeat_if_late,
+    measuring::worst_below,
     peer::Peer,
     probe::Probe,
     waiting::{PATIENCE, eventually},
@@ -84,7 +85,8 @@ fn stop_and_continue(domain: u16, signal: &str) -> bool {
 
     let mut stops = true;
     let what = format!("time until topics flow after SIG{signal} and SIGCONT [s]");
-    once_below(&what, BACK_WITHIN, || {
+    // Promised of every stop.
+    worst_below(&what, BACK_WITHIN, 3, || {
         stops = stop_once(&probe, signal);
         if !stops {
             return 0.0;
@@ -143,14 +145,16 @@ fn stop_once(probe: &Probe, signal: &str) -> bool {
 
 #[test]
 fn topics_flow_again_after_stop_and_continue() {
-    assert!(stop_and_continue(49, "STOP"), "SIGSTOP stops everything");
+    repeat_if_late(|| assert!(stop_and_continue(49, "STOP"), "SIGSTOP stops everything"));
 }
 
 #[test]
 fn topics_flow_again_after_ctrl_z_and_fg() {
-    if !stop_and_continue(50, "TSTP") {
-        println!("skipped: this process group is orphaned, Ctrl-Z does nothing here");
-    }
+    repeat_if_late(|| {
+        if !stop_and_continue(50, "TSTP") {
+            println!("skipped: this process group is orphaned, Ctrl-Z does nothing here");
+        }
+    });
 }
 
 // systemd and `timeout` send this pair. Would break if the second revived what the first takes down.
@@ -175,22 +179,30 @@ fn continuing_does_not_revive_what_was_told_to_stop() {
 
 #[test]
 fn a_second_interrupt_ends_it_at_once() {
-    once_below("end after the second interrupt [s]", 1.0, || {
-        let probe = Probe::start(53, &["--ros-args", "-p", "stubborn:=true"]);
-        let mut peer = Peer::start("peer", 53);
-        peer.subscribe("chatter", TEXT, "reliable");
-        peer.receive("chatter", 1);
-        probe.signal("INT");
-        eventually("it has taken the first one", PATIENCE, || {
-            let chatter = peer.receive("chatter", 1);
-            let last = chatter.last()?["message"]["data"].as_str()?;
-            last.starts_with("last ").then_some(())
+    repeat_if_late(|| {
+        // Promised of every interrupt.
+        worst_below("end after the second interrupt [s]", 1.0, 3, || {
+            end_after_two()
         });
-        let start = now();
-        let (said, code) = probe.interrupt();
-        assert_eq!(code, Some(130), "{said}");
-        now() - start
     });
+}
+
+/// How long a process that ignores the first interrupt takes to end after the second \[s\].
+fn end_after_two() -> f64 {
+    let probe = Probe::start(53, &["--ros-args", "-p", "stubborn:=true"]);
+    let mut peer = Peer::start("peer", 53);
+    peer.subscribe("chatter", TEXT, "reliable");
+    peer.receive("chatter", 1);
+    probe.signal("INT");
+    eventually("it has taken the first one", PATIENCE, || {
+        let chatter = peer.receive("chatter", 1);
+        let last = chatter.last()?["message"]["data"].as_str()?;
+        last.starts_with("last ").then_some(())
+    });
+    let start = now();
+    let (said, code) = probe.interrupt();
+    assert_eq!(code, Some(130), "{said}");
+    now() - start
 }
 
 #[test]

@@ -5,7 +5,8 @@ use std::time::{SystemTime, UNIX_EPOCH};
 
 use crate::{
     child::Running,
-    measuring::once_below,
+    lateness::repeat_if_late,
+    measuring::worst_below,
     peer::Peer,
     waiting::{PATIENCE, eventually},
 };
@@ -39,7 +40,11 @@ fn seconds(message: &Value) -> f64 {
 
 // Breaks when camera or controller end with the dynamics node, hold on to its old time, or do not find a new one.
 #[test]
-fn a_new_dynamics_node_is_found_and_time_starts_anew() {
+fn a_new_dynamics_node_is_found_and_time_starts_again_at_zero() {
+    repeat_if_late(three_new_dynamics_nodes);
+}
+
+fn three_new_dynamics_nodes() {
     let _camera = node("camera", &[]);
     let gentle = [
         "-p",
@@ -54,9 +59,11 @@ fn a_new_dynamics_node_is_found_and_time_starts_anew() {
     let mut peer = Peer::start("observer", DOMAIN);
     peer.subscribe("joint_states", STATE, "reliable");
     peer.subscribe("joint_commands", STATE, "reliable");
-    once_below(
+    // Promised of every new node.
+    worst_below(
         "until commands answer a new dynamics node [s]",
         BACK_WITHIN,
+        3,
         || {
             eventually("some seconds of simulated time", 3 * PATIENCE, || {
                 let last = since(&mut peer, "joint_commands", 0.0).pop()?;

@@ -3,6 +3,8 @@
 
 #[path = "../support/binaries.rs"]
 mod binaries;
+#[path = "../support/lateness.rs"]
+mod lateness;
 #[path = "../support/measuring.rs"]
 mod measuring;
 #[path = "../support/namespace.rs"]

@@ -18,7 +18,6 @@ use crate::{
     child::{Running, executable},
     echo::joint_state,
     matrix::python,
-    measuring::once_below,
     namespace::Namespace,
     peer,
 };
@@ -187,6 +186,18 @@ fn other(namespace: &Namespace, python: &std::path::Path, stack: &str, count: us
     String::from_utf8_lossy(&output.stdout).trim().to_owned()
 }
 
+/// Holds the median of three measurements: for figures that are compared with another program's or are means over time,
+/// of which a single one may meet other load. The third is left out if the first two agree.
+fn median_below(what: &str, limit: f64, mut measure: impl FnMut() -> f64) {
+    let mut measured = vec![measure(), measure()];
+    if (measured[0] < limit) != (measured[1] < limit) {
+        measured.push(measure());
+    }
+    println!("{what}: {measured:.3?}, limit {limit}");
+    let below = measured.iter().filter(|figure| **figure < limit).count();
+    assert!(below >= 2, "{what}: {measured:.3?}, limit {limit}");
+}
+
 // The figure that docs/interop.md tells is a run of this alone, with FUYU_SPEED_COUNT=20000.
 #[test]
 fn joint_states_come_sooner_than_in_python() {
@@ -199,7 +210,7 @@ fn joint_states_come_sooner_than_in_python() {
         .unwrap_or(3000);
     let rclpy = peer::python();
     let cyclone = python("test-venv.sh", &["cyclone", "cyclonedds==11.0.1"]);
-    once_below("p50 over that of rclpy", 1.0, || {
+    median_below("p50 over that of rclpy", 1.0, || {
         let lines = [
             ("fuyu to fuyu", fuyu(&namespace, count)),
             (
@@ -259,14 +270,11 @@ fn the_default_graph_costs_less_than_a_core() {
     let launch = Running::start(command, DOMAIN);
     launch.says("recording to");
     thread::sleep(Duration::from_secs(5));
-    once_below(
-        "processor time of the default graph over real time",
-        1.0,
-        || {
-            let (begin, before) = (Instant::now(), used(launch.id()));
-            thread::sleep(Duration::from_secs(10));
-            (used(launch.id()) - before) / begin.elapsed().as_secs_f64()
-        },
-    );
+    let what = "processor time of the default graph over real time";
+    median_below(what, 1.0, || {
+        let (begin, before) = (Instant::now(), used(launch.id()));
+        thread::sleep(Duration::from_secs(10));
+        (used(launch.id()) - before) / begin.elapsed().as_secs_f64()
+    });
     launch.interrupt();
 }

@@ -3,9 +3,9 @@
 use serde_json::{Value, json};
 
 use crate::{
+    lateness::repeat_if_late,
     peer::Peer,
     process::{Running, command, source},
-    starvation::in_time,
     view::{DIAGNOSTICS, JOINT_STATE, fresh, now, numbers, told},
     waiting::{PATIENCE, eventually},
 };
@@ -71,7 +71,7 @@ impl Rivals {
 // Breaks when two can command by turns, when a publisher that has ended holds the robot, or when nobody is named.
 #[test]
 fn a_second_commander_is_refused_by_name_until_the_first_ends() {
-    in_time(|| {
+    repeat_if_late(|| {
         let Rivals {
             mut dynamics,
             mut alpha,
@@ -88,7 +88,7 @@ fn a_second_commander_is_refused_by_name_until_the_first_ends() {
 #[test]
 fn a_commander_that_is_silent_for_too_long_yields() {
     const TIMEOUT: f64 = 5.0;
-    in_time(|| {
+    repeat_if_late(|| {
         let Rivals {
             mut dynamics,
             mut alpha,

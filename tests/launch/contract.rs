@@ -3,9 +3,9 @@
 use serde_json::json;
 
 use crate::{
+    lateness::repeat_if_late,
     peer::Peer,
     process::{Running, source},
-    starvation::in_time,
     view::{JOINT_STATE, POSE},
 };
 
@@ -202,7 +202,7 @@ const SUBSCRIPTIONS: [(&str, &[&str]); 4] = [
 
 #[test]
 fn topics_types_and_qos_are_those_of_the_description() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 85;
         let mut launch = Running::gently(domain, &source("config/servicing.yaml"));
         let mut peer = Peer::start("auditor", domain);

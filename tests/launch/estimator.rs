@@ -11,8 +11,8 @@ use nalgebra::{Rotation3, UnitQuaternion};
 use std::collections::BTreeMap;
 
 use crate::{
+    lateness::repeat_if_late,
     process::{Running, fuyu, read, scenario},
-    starvation::in_time,
     waiting::PATIENCE,
 };
 
@@ -29,7 +29,7 @@ fn poses(odometry: Vec<nav_msgs::Odometry>) -> BTreeMap<i64, Pose> {
 // camera, when its axes are not those of the prediction's stamp, and when the motion itself is wrong.
 #[test]
 fn the_target_is_where_the_estimator_said_it_would_be() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 90;
         // Twice as fast: the estimator has half the time to think.
         let (_folder, config) = scenario(

@@ -4,9 +4,9 @@ use serde_json::json;
 use std::fs;
 
 use crate::{
+    lateness::repeat_if_late,
     peer::Peer,
     process::{Check, GENTLE, Running, command, source},
-    starvation::in_time,
     view::{JOINT_STATE, fresh, numbers, tip_in_world, watch_tip},
     waiting::{PATIENCE, eventually},
 };
@@ -24,7 +24,7 @@ fn node(name: &str, domain: u16, more: &[&str]) -> Running {
 
 #[test]
 fn four_processes_in_a_namespace_are_the_same_graph() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 84;
         let folder = tempfile::tempdir().unwrap();
         let bag = folder.path().join("bag");

@@ -3,10 +3,10 @@
 use serde_json::{Value, json};
 
 use crate::{
+    lateness::repeat_if_late,
     own_controller::without_controller,
     peer::Peer,
     process::{Check, Running, source},
-    starvation::in_time,
     view::{DIAGNOSTICS, JOINT_STATE, POSE, diagnosed, fresh, now, numbers, told},
     waiting::{PATIENCE, eventually},
 };
@@ -45,7 +45,7 @@ fn warned(peer: &mut Peer, part: &str, send: &Value, words: &[&str]) -> String {
 
 #[test]
 fn wrong_messages_are_refused_and_named() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 82;
         let mut launch = Running::gently(domain, &source("config/positioning.yaml"));
         let mut peer = Peer::start("fault", domain);
@@ -124,7 +124,7 @@ fn wrong_messages_are_refused_and_named() {
 
 #[test]
 fn without_commands_efforts_end_and_come_back() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 83;
         let (_folder, config) = without_controller();
         let mut launch = Running::launch(domain, &config, &["--duration", "600"]);

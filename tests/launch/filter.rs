@@ -6,8 +6,8 @@ use std::time::{Duration, Instant};
 
 use crate::{
     joining::peer_with_interfaces,
+    lateness::repeat_if_late,
     peer::Peer,
-    starvation::in_time,
     tumbling::{
         VECTOR, cpu_time, estimator, publish, rate_errors, recorded, rms, stamp, told_for, truth,
     },
@@ -18,7 +18,7 @@ use crate::{
 // Breaks when the filter does worse than none, is lost in a gap, or costs too much.
 #[test]
 fn between_solutions_and_after_gaps_the_filter_knows_more() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 92;
         let topics = [
             "/with/estimator/angular_velocity",
@@ -101,7 +101,7 @@ fn between_solutions_and_after_gaps_the_filter_knows_more() {
 // it knew.
 #[test]
 fn a_push_is_noticed_and_the_new_motion_found() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 93;
         let mut estimator = estimator(domain, "/", &["solve_period:=5.0"]);
         let mut peer = peer_with_interfaces("eye", domain);

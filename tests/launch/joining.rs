@@ -4,9 +4,9 @@ use serde_json::{Value, json};
 use std::{process::Command, time::Instant};
 
 use crate::{
+    lateness::repeat_if_late,
     peer::Peer,
     process::{GENTLE, Running, source},
-    starvation::in_time,
     view::{DIAGNOSTICS, JOINT_STATE, ODOMETRY, POSE, fresh, numbers, tip_in_world, watch_tip},
     waiting::{PATIENCE, eventually},
 };
@@ -25,7 +25,7 @@ const SERVICING: &str = "config/servicing.yaml";
 
 #[test]
 fn rclpy_receives_what_the_robot_publishes() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 73;
         let _launch = Running::gently(domain, &source(SERVICING));
         let mut peer = peer_with_interfaces("ground", domain);
@@ -146,7 +146,7 @@ fn rclpy_receives_what_the_robot_publishes() {
 
 #[test]
 fn rclpy_sees_and_sets_parameters() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 74;
         let mut launch = Running::launch(domain, &source(SERVICING), &["--duration", "600"]);
         let mut peer = Peer::start("operator", domain);
@@ -286,7 +286,7 @@ fn rclpy_sees_and_sets_parameters() {
 
 #[test]
 fn the_tip_goes_where_rclpy_says() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 75;
         let twice = ["-p", "dynamics:real_time_factor:=2.0"];
         let args = [&["--duration", "600"], &GENTLE[..], &twice].concat();

@@ -6,9 +6,9 @@ use std::{thread, time::Duration};
 
 use crate::{
     joining::peer_with_interfaces,
+    lateness::repeat_if_late,
     peer::Peer,
     process::{Running, command, read, source},
-    starvation::in_time,
     view::{DIAGNOSTICS, JOINT_STATE, diagnosed, fresh},
     waiting::{PATIENCE, eventually},
 };
@@ -47,7 +47,7 @@ fn seconds(state: &Value) -> f64 {
 
 #[test]
 fn dynamics_goes_through_its_states() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 5;
         let mut dynamics = command("dynamics", domain);
         dynamics
@@ -130,7 +130,7 @@ fn dynamics_goes_through_its_states() {
 
 #[test]
 fn a_controller_commands_while_it_is_active() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 6;
         let args = [
             "--duration",

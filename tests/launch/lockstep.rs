@@ -5,8 +5,8 @@ use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
 use crate::{
+    lateness::repeat_if_late,
     process::{Running, fuyu, read, source},
-    starvation::in_time,
     waiting::PATIENCE,
 };
 
@@ -51,11 +51,11 @@ fn a_run_over_dds_equals_the_simulated_one() {
     equals_the_simulated_one(CONFIG, DURATION, 2001);
     // Beside a camera that sends features and an estimator that solves for seconds.
     equals_the_simulated_one("config/servicing.yaml", "5", 501);
-    in_time(a_moving_goal_seen_with_noise);
+    repeat_if_late(a_moving_goal_seen_with_noise);
 }
 
 fn equals_the_simulated_one(config: &str, duration: &str, count: usize) {
-    in_time(|| {
+    repeat_if_late(|| {
         let config = source(config);
         let simulated = simulated(&config, duration);
         let [one, two] = [71, 72].map(|domain| over_dds(domain, &config, duration));

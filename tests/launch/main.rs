@@ -3,6 +3,8 @@
 
 #[path = "../support/binaries.rs"]
 mod binaries;
+#[path = "../support/lateness.rs"]
+mod lateness;
 #[path = "../support/measuring.rs"]
 mod measuring;
 #[path = "../support/peer.rs"]
@@ -26,7 +28,6 @@ mod positioning;
 mod process;
 mod reset;
 mod simulation_control;
-mod starvation;
 mod strangers;
 mod survival;
 mod switching;

@@ -11,9 +11,9 @@ use nalgebra::{DVector, Point3, Vector3};
 use std::{collections::BTreeMap, fs, process::Command};
 
 use crate::{
+    lateness::repeat_if_late,
     peer::{Peer, python},
     process::{Check, Running, read, source},
-    starvation::in_time,
     view::{JOINT_STATE, fresh, numbers},
     waiting::{PATIENCE, eventually},
 };
@@ -38,7 +38,7 @@ pub fn without_controller() -> (tempfile::TempDir, std::path::PathBuf) {
 
 #[test]
 fn a_python_node_takes_the_controllers_place() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 76;
         let (_folder, config) = without_controller();
         let mut launch = Running::launch(domain, &config, &["--duration", "600"]);
@@ -129,7 +129,7 @@ fn largest_rate_under_a_late_controller(domain: u16, answer_timeout: &str) -> f6
 
 #[test]
 fn time_waits_for_a_controller_that_is_late() {
-    in_time(|| {
+    repeat_if_late(|| {
         let rate = largest_rate_under_a_late_controller(96, "0.5");
         println!("largest rate {rate} rad/s");
         assert!(rate < 1.0, "{rate}");

@@ -9,9 +9,9 @@ use nalgebra::Vector3;
 use std::{collections::BTreeMap, fs, path::Path, process::Command};
 
 use crate::{
+    lateness::repeat_if_late,
     peer::python,
     process::{Check, Running, fuyu, read, scenario, source},
-    starvation::in_time,
     waiting::PATIENCE,
 };
 
@@ -94,7 +94,7 @@ fn python_reads(bag: &Path) {
 
 #[test]
 fn over_dds_in_real_time_it_is_the_run_of_the_thesis() {
-    in_time(|| {
+    repeat_if_late(|| {
         let mut launch = Running::launch(70, &source(CONFIG), &[]);
         let ended = launch.wait(5 * PATIENCE).well();
         println!("{}", ended.stdout);

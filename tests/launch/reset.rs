@@ -6,10 +6,10 @@ use std::path::{Path, PathBuf};
 
 use crate::{
     joining::peer_with_interfaces,
+    lateness::repeat_if_late,
     lockstep::{simulated, states, tracking},
     peer::Peer,
     process::{Running, source},
-    starvation::in_time,
     view::{JOINT_STATE, fresh},
     waiting::{PATIENCE, eventually},
 };
@@ -76,7 +76,7 @@ fn twice(config: &Path) -> ([Vec<JointState>; 2], Vec<PathBuf>, Running) {
 // reckoned from what moved before, a camera's noise that goes on.
 #[test]
 fn after_a_reset_all_is_as_at_the_start() {
-    in_time(|| {
+    repeat_if_late(|| {
         let (_folder, tracking) = tracking();
         for config in [source("config/straight_path.yaml"), tracking] {
             let expected = simulated(&config, "8");

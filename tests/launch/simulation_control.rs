@@ -4,9 +4,9 @@ use serde_json::{Value, json};
 
 use crate::{
     joining::peer_with_interfaces,
+    lateness::repeat_if_late,
     peer::Peer,
     process::{Running, command, source},
-    starvation::in_time,
     view::{JOINT_STATE, ODOMETRY, fresh},
     waiting::{PATIENCE, eventually},
 };
@@ -122,7 +122,7 @@ fn resource(uri: &str) -> Value {
 
 #[test]
 fn time_plays_pauses_steps_and_begins_anew() {
-    in_time(|| {
+    repeat_if_late(|| {
         let mut sim = Simulation::start(1);
         let response = sim.call("get_simulator_features", "GetSimulatorFeatures", json!({}));
         let features = response["features"]["features"].as_array().expect("a list");
@@ -189,7 +189,7 @@ fn time_plays_pauses_steps_and_begins_anew() {
 
 #[test]
 fn steps_are_told_of_and_can_be_cancelled() {
-    in_time(|| {
+    repeat_if_late(|| {
         let mut sim = Simulation::start(2);
         let act = |sim: &mut Simulation, steps: u64, cancel_after: Option<u64>| {
             sim.peer.does(json!({
@@ -237,7 +237,7 @@ fn steps_are_told_of_and_can_be_cancelled() {
 
 #[test]
 fn entities_are_found_moved_added_and_removed() {
-    in_time(|| {
+    repeat_if_late(|| {
         let mut sim = Simulation::start(3);
         let robot = sim.entities(json!({"categories": [{"category": 1}]}));
         let [robot] = robot.as_slice() else {

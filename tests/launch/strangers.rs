@@ -11,9 +11,9 @@ use std::{path::Path, thread, time::Duration};
 
 use crate::{
     joining::peer_with_interfaces,
+    lateness::repeat_if_late,
     peer::Peer,
     process::{Running, command, fuyu, read},
-    starvation::in_time,
     tumbling::{estimator, publish, recorded, stamp},
     view::{diagnosed, numbers},
     waiting::{PATIENCE, eventually},
@@ -21,7 +21,7 @@ use crate::{
 
 #[test]
 fn features_that_an_rclpy_node_publishes_are_enough() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 91;
         let mut estimator = estimator(domain, "/", &["solve_period:=1.0"]);
         let mut peer = peer_with_interfaces("eye", domain);
@@ -94,7 +94,7 @@ fn stamped<M: Interface + serde::Serialize>(bag: &Path, topic: &str) -> Vec<(f64
 // turns the base by 15 degrees meanwhile.
 #[test]
 fn a_stranger_replays_what_fuyu_simulate_recorded() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 94;
         let folder = tempfile::tempdir().expect("a folder");
         let bag = folder.path().join("bag");
@@ -149,23 +149,21 @@ fn a_stranger_replays_what_fuyu_simulate_recorded() {
         };
         publish(&mut peer, topic, kind, message);
         diagnosed(&mut peer, "estimator: camera", |level, _| level == 0);
-        // Frames are best-effort and the estimator may be starved, so what is lost is played again, as one would do.
-        let motion = eventually("the motion of the whole recording", 6 * PATIENCE, || {
-            for burst in replay.chunks(30) {
-                for (topic, kind, (_, message)) in burst {
-                    publish(&mut peer, topic, kind, message);
-                }
-                thread::sleep(Duration::from_millis(20));
+        for burst in replay.chunks(30) {
+            for (topic, kind, (_, message)) in burst {
+                publish(&mut peer, topic, kind, message);
             }
-            (0..20).find_map(|_| {
-                thread::sleep(Duration::from_millis(500));
-                let told = peer.does(json!({
-                    "do": "wait", "topic": "estimator/motion", "count": 1, "timeout": 1.0
-                }));
-                let told = told.as_array().expect("a list").iter().rev();
-                let mut told = told.map(|m| &m["message"]);
-                told.find(|m| m["duration"].as_f64() > Some(50.0)).cloned()
-            })
+            thread::sleep(Duration::from_millis(20));
+        }
+        let motion = eventually("the motion of the whole recording", PATIENCE, || {
+            let motions = peer.does(json!({
+                "do": "wait", "topic": "estimator/motion", "count": 1, "timeout": 1.0
+            }));
+            let motions = motions.as_array().expect("a list").iter().rev();
+            let mut motions = motions.map(|m| &m["message"]);
+            motions
+                .find(|m| m["duration"].as_f64() > Some(50.0))
+                .cloned()
         });
         let of = |name: &str| motion[name].as_f64().unwrap();
         let sum = of("j_x") + of("j_y") + of("j_z");

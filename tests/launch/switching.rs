@@ -6,9 +6,9 @@ use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
 use crate::{
+    lateness::repeat_if_late,
     peer::Peer,
     process::{Running, read, source},
-    starvation::in_time,
     view::{JOINT_STATE, fresh},
     waiting::{PATIENCE, eventually},
 };
@@ -69,7 +69,7 @@ fn largest_change(domain: u16, hand_over: &str) -> f64 {
 
 #[test]
 fn laws_hand_over_without_a_jump() {
-    in_time(|| {
+    repeat_if_late(|| {
         let gentle = largest_change(98, "0.5");
         println!("{gentle} N m");
         let sudden = largest_change(69, "0.0");

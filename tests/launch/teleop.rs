@@ -11,10 +11,9 @@ use serde_json::{Value, json};
 use std::process::Command;
 
 use crate::{
-    measuring::once_below,
+    lateness::repeat_if_late,
     peer::{DomainClaim, Peer, python},
     process::{Check, Running, source},
-    starvation::in_time,
     view::{DIAGNOSTICS, JOINT_STATE, diagnosed, fresh, now, numbers, told},
     waiting::{PATIENCE, eventually},
 };
@@ -83,7 +82,7 @@ fn resolved(method: Resolution, state: &Value, velocity: Vector3<f64>) -> DVecto
 
 #[test]
 fn an_rclpy_joystick_moves_the_tip_and_its_loss_stops_it() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 65;
         let mut launch = launch(domain);
         let mut peer = observer(domain);
@@ -150,22 +149,21 @@ fn an_rclpy_joystick_moves_the_tip_and_its_loss_stops_it() {
 
 #[test]
 fn motion_follows_the_stick_at_once() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 66;
         let _claim = DomainClaim::new(domain);
         let mut launch = launch(domain);
         let trials = std::env::var("FUYU_LATENCY_TRIALS").unwrap_or_else(|_| "20".to_owned());
-        once_below("median from stick to motion [s]", 0.1, || {
-            let mut stick = joystick(domain, &["latency", &trials]);
-            let ended = stick.wait(10 * PATIENCE);
-            let mut latencies: Vec<f64> =
-                serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{e}: {ended:?}"));
-            latencies.sort_by(f64::total_cmp);
-            let at = |part: f64| latencies[(part * (latencies.len() - 1) as f64).round() as usize];
-            let (least, p50, p99) = (at(0.0), at(0.5), at(0.99));
-            println!("{trials} pushes: least {least:.4}, p50 {p50:.4}, p99 {p99:.4} s");
-            p50
-        });
+        let mut stick = joystick(domain, &["latency", &trials]);
+        let ended = stick.wait(10 * PATIENCE);
+        let mut latencies: Vec<f64> =
+            serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{e}: {ended:?}"));
+        latencies.sort_by(f64::total_cmp);
+        let at = |part: f64| latencies[(part * (latencies.len() - 1) as f64).round() as usize];
+        let (least, p50, p99) = (at(0.0), at(0.5), at(0.99));
+        println!("{trials} pushes: least {least:.4}, p50 {p50:.4}, p99 {p99:.4} s");
+        // What docs/teleoperation.md states is the median; a single push may meet a full processor.
+        assert!(p50 < 0.1, "median from stick to motion {p50:.4} s");
         launch.interrupt().well();
     });
 }
@@ -198,7 +196,7 @@ fn steer_until(
 // Every method's rates are its own; the arm is slow, so that its posture stays what it is.
 #[test]
 fn twists_steer_by_the_method_that_is_set() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 67;
         let mut launch = launch(domain);
         let mut peer = observer(domain);
@@ -239,7 +237,7 @@ fn twists_steer_by_the_method_that_is_set() {
 
 #[test]
 fn wrong_messages_stop_the_arm_and_are_named() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 68;
         let mut launch = launch(domain);
         let mut peer = observer(domain);
