@@ -1,5 +1,5 @@
-//! A recorder that is killed leaves everything but its last second behind, and one whose disk is full all
-//! that was written.
+//! The bag of a recorder that is killed lacks at most its last second; the bag of one whose disk is full has all that
+//! was written before.
 
 use fuyu::bag::{Bag, Recorder, Topic, Writer, WriterOptions};
 use fuyu::msg::cdr;
@@ -15,8 +15,9 @@ const FOLDER: &str = "FUYU_TEST_KILLED_BAG";
 /// Set if the bag is to have several files.
 const SPLIT: &str = "FUYU_TEST_KILLED_SPLIT";
 
-/// Not a test of its own: records until it is killed, when the test below starts it with a folder.
+/// The process that the test below starts and kills.
 #[test]
+#[ignore = "started by another test"]
 fn child_records_until_it_is_killed() {
     let Some(folder) = std::env::var_os(FOLDER) else {
         return;
@@ -70,6 +71,7 @@ fn lost_by_a_kill(split: bool) -> f64 {
         .args([
             "--exact",
             "killed::child_records_until_it_is_killed",
+            "--ignored",
             "--nocapture",
         ])
         .env(FOLDER, &folder)
@@ -114,8 +116,9 @@ fn joint_states(bag: &Bag) -> Vec<fuyu::bag::Stamped<JointState>> {
 
 const FULL: &str = "FUYU_TEST_FULL_DISK_BAG";
 
-/// Not a test of its own: records to a disk on which files may not grow, when the test below starts it.
+/// The process that the test below starts, on a disk that seems full.
 #[test]
+#[ignore = "started by another test"]
 fn child_records_until_the_disk_is_full() {
     let Some(folder) = std::env::var_os(FULL) else {
         return;
@@ -147,7 +150,7 @@ fn child_records_until_the_disk_is_full() {
 }
 
 #[test]
-fn a_full_disk_is_told_and_keeps_what_was_written() {
+fn a_full_disk_is_reported_and_what_was_written_stays() {
     let dir = tempfile::tempdir().unwrap();
     let folder = dir.path().join("run");
     // 200 kB; the signal is ignored, so that writing fails as it does on a full disk.
@@ -158,6 +161,7 @@ fn a_full_disk_is_told_and_keeps_what_was_written() {
         .args([
             "--exact",
             "killed::child_records_until_the_disk_is_full",
+            "--ignored",
             "--nocapture",
         ])
         .env(FULL, &folder)

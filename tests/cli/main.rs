@@ -4,6 +4,7 @@ mod bad_urdf;
 mod control;
 mod estimate;
 mod estimate_bad_input;
+mod examples;
 mod free_motion;
 mod fuyu;
 mod inspect;
