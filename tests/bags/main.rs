@@ -25,5 +25,5 @@ mod run;
 mod sample;
 mod services;
 mod splitting;
-mod strangers;
+mod unknown_types;
 mod writing;

@@ -76,7 +76,10 @@ fn a_bag_is_read_and_plotted() {
     let simulated = fuyu(&["simulate", scenario, "--duration", "2", "--output", &bag]);
     assert_eq!(simulated.code, 0, "{}", simulated.stderr);
     let text = printed("plot_bag", &[&bag, &pictures]);
-    assert!(text.contains("/joint_states (sensor_msgs/msg/JointState)"), "{text}");
+    assert!(
+        text.contains("/joint_states (sensor_msgs/msg/JointState)"),
+        "{text}"
+    );
     for name in ["joints.svg", "joints.png"] {
         assert!(fs::metadata(path(name)).is_ok_and(|file| file.len() > 1000));
     }

@@ -13,8 +13,8 @@ mod waiting;
 
 mod delivery;
 mod isolation;
-mod lockups;
 mod parameters;
+mod participant_watchdog;
 mod probe;
 mod processes;
 mod survival;

@@ -2,11 +2,11 @@
 //! (docs/upstream.md), each as small as it gets, without this crate. When one of these tests fails after an update,
 //! that is good news: see what can go.
 
+mod announcements;
+pub mod deadlocks;
 mod fragments;
 mod histories;
-pub mod lockups;
-mod newcomers;
-mod words;
+mod late_joiners;
 
 use rustdds::{
     DomainParticipant, DomainParticipantBuilder, QosPolicies, QosPolicyBuilder, RTPSEntity,

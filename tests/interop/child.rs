@@ -31,7 +31,7 @@ fn process() {
     let program: fn(&Node) -> Result<(), NodeError> = match program.as_str() {
         "echo" => crate::echo::program,
         "hostile" => crate::hostile::program,
-        "leap" => crate::leaps::program,
+        "leap" => crate::time_jumps::program,
         "push" => crate::load::push,
         "send" => crate::speed::send,
         "take" => crate::speed::take,

@@ -15,12 +15,11 @@ mod peer;
 mod waiting;
 
 mod child;
-mod deaths;
+mod dynamics_restart;
 mod echo;
 mod hashes;
 mod hostile;
 mod launch_files;
-mod leaps;
 mod load;
 mod lossy;
 mod matrix;
@@ -29,3 +28,4 @@ mod robots;
 mod security;
 mod soak;
 mod speed;
+mod time_jumps;

@@ -4,9 +4,9 @@ use serde_json::json;
 
 use crate::{
     lateness::repeat_if_late,
+    observer::{JOINT_STATE, POSE},
     peer::Peer,
     process::{Running, source},
-    view::{JOINT_STATE, POSE},
 };
 
 /// Topic, type, reliability, durability, publishers.

@@ -5,9 +5,9 @@ use std::fs;
 
 use crate::{
     lateness::repeat_if_late,
+    observer::{JOINT_STATE, fresh, numbers, tip_in_world, watch_tip},
     peer::Peer,
     process::{Check, GENTLE, Running, command, source},
-    view::{JOINT_STATE, fresh, numbers, tip_in_world, watch_tip},
     waiting::{PATIENCE, eventually},
 };
 

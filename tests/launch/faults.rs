@@ -4,10 +4,10 @@ use serde_json::{Value, json};
 
 use crate::{
     lateness::repeat_if_late,
+    observer::{DIAGNOSTICS, JOINT_STATE, POSE, diagnosed, fresh, now, numbers, told},
     own_controller::without_controller,
     peer::Peer,
     process::{Check, Running, source},
-    view::{DIAGNOSTICS, JOINT_STATE, POSE, diagnosed, fresh, now, numbers, told},
     waiting::{PATIENCE, eventually},
 };
 

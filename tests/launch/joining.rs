@@ -5,9 +5,9 @@ use std::{process::Command, time::Instant};
 
 use crate::{
     lateness::repeat_if_late,
+    observer::{DIAGNOSTICS, JOINT_STATE, ODOMETRY, POSE, fresh, numbers, tip_in_world, watch_tip},
     peer::Peer,
     process::{GENTLE, Running, source},
-    view::{DIAGNOSTICS, JOINT_STATE, ODOMETRY, POSE, fresh, numbers, tip_in_world, watch_tip},
     waiting::{PATIENCE, eventually},
 };
 

@@ -7,9 +7,9 @@ use std::{thread, time::Duration};
 use crate::{
     joining::peer_with_interfaces,
     lateness::repeat_if_late,
+    observer::{DIAGNOSTICS, JOINT_STATE, diagnosed, fresh},
     peer::Peer,
     process::{Running, command, read, source},
-    view::{DIAGNOSTICS, JOINT_STATE, diagnosed, fresh},
     waiting::{PATIENCE, eventually},
 };
 

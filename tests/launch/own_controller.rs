@@ -12,9 +12,9 @@ use std::{collections::BTreeMap, fs, process::Command};
 
 use crate::{
     lateness::repeat_if_late,
+    observer::{JOINT_STATE, fresh, numbers},
     peer::{Peer, python},
     process::{Check, Running, read, source},
-    view::{JOINT_STATE, fresh, numbers},
     waiting::{PATIENCE, eventually},
 };
 

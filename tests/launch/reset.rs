@@ -8,9 +8,9 @@ use crate::{
     joining::peer_with_interfaces,
     lateness::repeat_if_late,
     lockstep::{simulated, states, tracking},
+    observer::{JOINT_STATE, fresh},
     peer::Peer,
     process::{Running, source},
-    view::{JOINT_STATE, fresh},
     waiting::{PATIENCE, eventually},
 };
 

@@ -5,9 +5,9 @@ use serde_json::{Value, json};
 use crate::{
     joining::peer_with_interfaces,
     lateness::repeat_if_late,
+    observer::{JOINT_STATE, ODOMETRY, fresh},
     peer::Peer,
     process::{Running, command, source},
-    view::{JOINT_STATE, ODOMETRY, fresh},
     waiting::{PATIENCE, eventually},
 };
 

@@ -7,9 +7,9 @@ use std::{fs, path::Path, thread, time::Duration};
 use crate::{
     lateness::repeat_if_late,
     measuring::worst_below,
+    observer::{JOINT_STATE, POSE, now},
     peer::Peer,
     process::{Check, Running, fuyu, source},
-    view::{JOINT_STATE, POSE, now},
     waiting::{PATIENCE, eventually},
 };
 

@@ -7,9 +7,9 @@ use std::collections::BTreeSet;
 
 use crate::{
     lateness::repeat_if_late,
+    observer::{JOINT_STATE, fresh},
     peer::Peer,
     process::{Running, read, source},
-    view::{JOINT_STATE, fresh},
     waiting::{PATIENCE, eventually},
 };
 

@@ -12,9 +12,9 @@ use std::process::Command;
 
 use crate::{
     lateness::repeat_if_late,
+    observer::{DIAGNOSTICS, JOINT_STATE, diagnosed, fresh, now, numbers, told},
     peer::{DomainClaim, Peer, python},
     process::{Check, Running, source},
-    view::{DIAGNOSTICS, JOINT_STATE, diagnosed, fresh, now, numbers, told},
     waiting::{PATIENCE, eventually},
 };
 

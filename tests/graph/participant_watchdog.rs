@@ -11,7 +11,7 @@ use std::{
 
 use crate::{
     peer::DomainClaim,
-    upstream::lockups::{Crowd, TOPIC},
+    upstream::deadlocks::{Crowd, TOPIC},
     waiting::{PATIENCE, eventually},
 };
 

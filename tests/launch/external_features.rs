@@ -12,10 +12,10 @@ use std::{path::Path, thread, time::Duration};
 use crate::{
     joining::peer_with_interfaces,
     lateness::repeat_if_late,
+    observer::{diagnosed, numbers},
     peer::Peer,
     process::{Running, command, fuyu, read},
     tumbling::{estimator, publish, recorded, stamp},
-    view::{diagnosed, numbers},
     waiting::{PATIENCE, eventually},
 };
 

@@ -90,7 +90,7 @@ fn a_participant_that_ends_in_order_says_error() {
     let goer = Command::new(std::env::current_exe().unwrap())
         .args([
             "--exact",
-            "upstream::words::goer",
+            "upstream::announcements::goer",
             "--ignored",
             "--nocapture",
         ])

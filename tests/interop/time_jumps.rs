@@ -18,7 +18,7 @@ use std::{process::Command, time::Duration};
 
 use crate::{
     child::{Running, executable},
-    deaths::{now, since},
+    dynamics_restart::{now, since},
     lateness::repeat_if_late,
     peer::Peer,
     waiting::{PATIENCE, eventually},

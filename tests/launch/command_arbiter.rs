@@ -4,9 +4,9 @@ use serde_json::{Value, json};
 
 use crate::{
     lateness::repeat_if_late,
+    observer::{DIAGNOSTICS, JOINT_STATE, fresh, now, numbers, told},
     peer::Peer,
     process::{Running, command, source},
-    view::{DIAGNOSTICS, JOINT_STATE, fresh, now, numbers, told},
     waiting::{PATIENCE, eventually},
 };
 
