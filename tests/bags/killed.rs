@@ -44,7 +44,7 @@ fn child_records_until_it_is_killed() {
         std::thread::sleep(Duration::from_millis(2));
         assert!(
             start.elapsed() < Duration::from_secs(60),
-            "nobody kills this"
+            "not killed within a minute"
         );
     }
 }
@@ -170,11 +170,11 @@ fn a_full_disk_is_reported_and_what_was_written_stays() {
     let text = String::from_utf8_lossy(&output.stdout);
     assert!(output.status.success(), "{text}");
     for who in ["failure: ", "finish: "] {
-        let told = text
+        let line = text
             .lines()
             .find(|l| l.starts_with(who))
             .unwrap_or_default();
-        assert!(told.contains("run_0.mcap"), "{text}");
+        assert!(line.contains("run_0.mcap"), "{text}");
     }
     let bag = Bag::open(&folder).unwrap();
     let joints = joint_states(&bag);

@@ -1,4 +1,4 @@
-//! Bags: what fuyu writes, it and others can read; what is left of a broken one is not lost.
+//! Bags: writing, reading by fuyu and by others, damage and recovery.
 
 #[path = "../support/lateness.rs"]
 mod lateness;

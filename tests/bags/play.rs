@@ -1,4 +1,4 @@
-//! A bag that is played is the graph that was recorded.
+//! `fuyu bag play` publishes what was recorded.
 
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
@@ -29,7 +29,7 @@ fn player(domain: u16, bag: &Path, args: &[&str]) -> Child {
         .unwrap()
 }
 
-/// 200 texts in 2 s, one latched before them, and a type that nobody knows.
+/// 200 texts in 2 s, one latched before them, and an unknown type.
 fn record(folder: &Path) {
     let recorder = Recorder::start(Writer::create(folder, WriterOptions::default()).unwrap());
     let recorder = recorder.unwrap();
@@ -58,7 +58,7 @@ fn record(folder: &Path) {
     recorder.finish().unwrap();
 }
 
-/// Listens in a thread of its own; gives what is heard.
+/// Receives in a separate thread.
 struct Listener<M> {
     heard: mpsc::Receiver<M>,
     process: Option<Process>,
@@ -153,12 +153,12 @@ fn played_and_recorded(domain: u16, bag: &Path, again: &Path) {
         assert!(nanos >= last && (1_000_000_000_000..=1_002_000_000_000).contains(&nanos));
         last = nanos;
     }
-    assert!(last > 0, "nobody told the time");
+    assert!(last > 0, "no clock came");
     let status = eventually("the end", PATIENCE, || child.try_wait().unwrap());
     assert!(status.success());
     interrupt(&mut recorder);
 
-    // Recorded once more: types of all kinds, latched topics latched, every byte the same.
+    // The recording of what was played: types of all kinds, latched topics latched, every byte the same.
     let (first, second) = (Bag::open(bag).unwrap(), Bag::open(again).unwrap());
     let described = |bag: &Bag, name: &str| {
         let info = bag.info().unwrap();
@@ -204,7 +204,7 @@ fn a_loop_ends_with_ctrl_c_and_an_offset_leaves_out_the_beginning() {
 }
 
 #[test]
-fn what_cannot_be_played_is_told() {
+fn what_cannot_be_played_is_reported() {
     let dir = tempfile::tempdir().unwrap();
     let bag = dir.path().join("bag");
     record(&bag);

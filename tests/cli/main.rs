@@ -1,4 +1,4 @@
-//! The `fuyu` executable as a user meets it: exit codes, what it prints, what it says about bad input.
+//! The `fuyu` executable: exit codes, output, error messages; and the examples.
 
 mod bad_urdf;
 mod control;

@@ -1,4 +1,4 @@
-//! The ROS layer in a real graph: nodes of this crate beside rclpy (Jazzy, Fast DDS) on loopback.
+//! The ROS layer in a real graph: nodes of this crate with rclpy nodes (Jazzy, Fast DDS) on loopback.
 
 #[path = "../support/lateness.rs"]
 mod lateness;

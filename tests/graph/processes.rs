@@ -71,7 +71,7 @@ fn talk_and_stop() {
     let (median, most) = (round_trips[250], round_trips[495]);
     println!("median round trip {median:?}, 99 % within {most:?}");
     assert!(median < Duration::from_millis(15), "{median:?}");
-    assert!(process.run_for(Duration::ZERO), "nobody has ended");
+    assert!(process.run_for(Duration::ZERO), "no node has ended");
     process.finish().unwrap();
     assert_eq!(order.iter().collect::<Vec<_>>(), ["talker", "listener"]);
 }
@@ -97,7 +97,7 @@ fn a_failing_node_ends_the_process_with_its_error() {
     );
 }
 
-// Would break if the node went on deaf.
+// Fails if the node goes on without its handler.
 #[test]
 fn a_handlers_panic_is_a_failure_too() {
     let mut process = process(61);

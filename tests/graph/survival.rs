@@ -1,4 +1,4 @@
-//! What ends a DDS participant by accident must not end a node: a child's exit, SIGSTOP and SIGCONT,
+//! A node survives signals that end DDS participants: a child's exit, SIGSTOP and SIGCONT,
 //! Ctrl-Z and fg.
 
 use serde_json::json;
@@ -103,7 +103,7 @@ fn stop_and_continue(domain: u16, signal: &str) -> bool {
         let count: i32 = message.split(' ').nth(1).unwrap().parse().unwrap();
         assert!(count > 10, "{message}");
 
-        let back = eventually("it hears again", PATIENCE, || {
+        let back = eventually("it receives again", PATIENCE, || {
             let said = json!({"data": "there?"});
             peer.does(json!({
                 "do": "publish", "topic": "say", "type": TEXT, "message": said, "matched": 0
@@ -157,9 +157,9 @@ fn topics_flow_again_after_ctrl_z_and_fg() {
     });
 }
 
-// systemd and `timeout` send this pair. Would break if the second revived what the first takes down.
+// systemd and `timeout` send this pair. Fails if SIGCONT restarts a node that SIGTERM is ending.
 #[test]
-fn continuing_does_not_revive_what_was_told_to_stop() {
+fn continuing_does_not_revive_a_node_that_is_ending() {
     for _ in 0..3 {
         let mut probe = Probe::start(60, &[]);
         let mut peer = Peer::start("peer", 60);
@@ -217,8 +217,8 @@ fn a_peer_that_was_killed_comes_back() {
         let _probe = Probe::start(domain, &[]);
         let first = json!({"do": "wait", "topic": "chatter", "since": started});
         let first = peer.does(first)[0]["time"].as_f64().expect("chatter comes");
-        // The killed one still counts as matched, so what is said may be said too early.
-        let heard = eventually("it hears", PATIENCE, || {
+        // The killed one still counts as matched, so a message may be published too early.
+        let heard = eventually("it receives", PATIENCE, || {
             let said = json!({"data": "back?"});
             peer.does(json!({"do": "publish", "topic": "say", "type": TEXT, "message": said}));
             let heard = json!({"do": "wait", "topic": "heard", "since": started, "timeout": 0.2});

@@ -133,7 +133,7 @@ fn the_graph_shows_remapped_names_and_qos() {
             "{kind} {name} in {graph}"
         );
     }
-    // Nothing else of that name: no `/clock` unless asked for, no endpoint under its old name. Peers learn
+    // No other endpoints: no `/clock` unless asked for, none under the name before remapping. Peers learn
     // of endpoints in the order in which they are made, so none of these is yet to come.
     assert!(graph["subscribers"].get("/clock").is_none(), "{graph}");
     assert!(
@@ -229,7 +229,7 @@ fn simulated_time_comes_from_the_clock() {
         "/",
         &json!({"publishers": ["/chatter"], "subscribers": ["/clock"]}),
     );
-    // It has heard of the peer's endpoints in their order: once it answers, it knows who hears its chatter.
+    // It discovers the peer's endpoints in their order: once it answers, it knows the subscriber of its chatter.
     peer.does(json!({
         "do": "call", "service": "/probe/ping", "type": "std_srvs/srv/Trigger", "request": {}
     }));

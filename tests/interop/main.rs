@@ -1,5 +1,5 @@
-//! fuyu beside stacks that no one here wrote (rclpy of Jazzy and Kilted on Fast DDS, CycloneDDS), on networks that
-//! lose and delay, with peers that die, lie or share a name; and for as long as it takes.
+//! fuyu with other stacks (rclpy of Jazzy and Kilted on Fast DDS, CycloneDDS), on networks that
+//! lose and delay packets, with peers that die, send garbage or share a name, and under load.
 
 #[path = "../support/binaries.rs"]
 mod binaries;

@@ -1,4 +1,4 @@
-//! Eight robots in one graph. Loopback shows no more than 12 participants, so they meet on a wire of their own.
+//! Eight robots in one graph. Discovery on loopback finds at most 12 participants, so they use a separate virtual network.
 
 use serde_json::json;
 use std::{fs, path::Path, time::Instant};
@@ -76,7 +76,7 @@ fn newcomer_does_not_hear(namespace: &Namespace, domain: u16, robots: &[usize]) 
     unheard
 }
 
-// Breaks when participants beyond the first are not discovered, or when one robot answers another's states.
+// Fails when participants beyond the first are not discovered, or when one robot answers another's states.
 #[test]
 fn eight_robots_share_a_graph() {
     let Some(namespace) = Namespace::new("eight") else {
@@ -110,7 +110,7 @@ fn eight_robots_share_a_graph() {
             Running::start(command, domain)
         })
         .collect();
-    // Each robot tells of its progress once its loop is closed.
+    // Each robot logs its progress once its loop is closed.
     for robot in &robots {
         robot.says("tip error");
     }

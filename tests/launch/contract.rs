@@ -1,4 +1,4 @@
-//! The graph is what its description says: who hears what, types and QoS.
+//! The graph agrees with its description: publishers, subscribers, types and QoS.
 
 use serde_json::json;
 
@@ -138,7 +138,7 @@ const TOPICS: [(&str, &str, &str, &str, &[&str]); 21] = [
         VOLATILE,
         &["estimator"],
     ),
-    // It is the user's to publish.
+    // Published by the user.
     (
         "/goal_pose",
         "geometry_msgs/msg/PoseStamped",
@@ -165,7 +165,7 @@ const RELIABLE: &str = "RELIABLE";
 const VOLATILE: &str = "VOLATILE";
 const LATCHED: &str = "TRANSIENT_LOCAL";
 const DYNAMICS: &[&str] = &["dynamics"];
-/// What the nodes may hear, beside `/clock` for time: the camera alone turns truth into measurements.
+/// What the nodes may subscribe to besides `/clock`: only the camera turns truth into measurements.
 const SUBSCRIPTIONS: [(&str, &[&str]); 4] = [
     ("dynamics", &["/joint_commands"]),
     (

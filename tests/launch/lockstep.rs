@@ -1,4 +1,4 @@
-//! In lockstep a run over DDS is the simulated one.
+//! A lockstep run over DDS is bit-identical to `fuyu simulate`.
 
 use fuyu::msg::sensor_msgs::JointState;
 use std::path::{Path, PathBuf};
@@ -29,7 +29,7 @@ fn over_dds(domain: u16, config: &Path, duration: &str) -> Vec<JointState> {
     states(&launch.bag())
 }
 
-/// What `fuyu simulate` makes of a scenario.
+/// The bag of `fuyu simulate` for a scenario.
 pub fn simulated(config: &Path, duration: &str) -> Vec<JointState> {
     let folder = tempfile::tempdir().unwrap();
     let (output, config) = (folder.path().join("bag"), config.to_str().unwrap());
@@ -49,7 +49,7 @@ fn assert_same(simulated: &[JointState], over_dds: &[JointState], states: usize)
 #[test]
 fn a_run_over_dds_equals_the_simulated_one() {
     equals_the_simulated_one(CONFIG, DURATION, 2001);
-    // Beside a camera that sends features and an estimator that solves for seconds.
+    // Together with a camera that sends features and an estimator that solves for seconds.
     equals_the_simulated_one("config/servicing.yaml", "5", 501);
     repeat_if_late(a_moving_goal_seen_with_noise);
 }

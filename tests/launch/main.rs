@@ -1,5 +1,5 @@
-//! The running graph, end to end: `fuyu launch`, the nodes' own executables and `fuyu simulate`, with
-//! rclpy (Jazzy, Fast DDS) beside them. Every test has a DDS domain of its own, on loopback.
+//! The running graph, end to end: `fuyu launch`, the nodes' executables and `fuyu simulate`, together with
+//! rclpy nodes (Jazzy, Fast DDS). Every test has its own DDS domain, on loopback.
 
 #[path = "../support/binaries.rs"]
 mod binaries;

@@ -1,4 +1,4 @@
-//! What happens to a process must not end the graph: stops, signals, Ctrl-C, kill -9.
+//! The graph survives stops and signals; Ctrl-C and kill -9 leave readable bags.
 
 use fuyu::{bag::Bag, msg::sensor_msgs::JointState};
 use serde_json::{Value, json};
@@ -15,7 +15,7 @@ use crate::{
 
 /// Within this time after SIGCONT topics flow again \[s\].
 const BACK_WITHIN: f64 = 3.0;
-/// What goes round the loop: dynamics to camera to controller and back.
+/// Topics of the loop: dynamics to camera to controller and back.
 const LOOP: [(&str, &str); 3] = [
     ("joint_states", JOINT_STATE),
     ("camera/tip_pose", POSE),
@@ -27,7 +27,7 @@ fn stamp(message: &Value) -> f64 {
     stamp["sec"].as_f64().unwrap() + 1e-9 * stamp["nanosec"].as_f64().unwrap()
 }
 
-/// Of the last state in a bag, whether it is closed or not; before all others if there is none yet.
+/// Stamp of the last state in a bag, closed or not \[s\]; `f64::MIN` if there is none yet.
 fn last_stamp(bag: &Path) -> f64 {
     let states = Bag::open(bag).and_then(|bag| bag.read::<JointState>("/joint_states"));
     let last = states.ok().and_then(|mut states| states.pop());
@@ -89,7 +89,7 @@ fn stopped_and_continued(domain: u16, signal: &str) {
         let longest = flows(&mut peer, continued);
         let (later, after) = newest_state(&mut peer);
         assert!(after > before, "time goes on: {before} {after}");
-        // The pause is not made up for: simulated time stood still with the process.
+        // Simulated time stood still with the process; the pause is not caught up.
         let elapsed = later - came;
         assert!(
             after - before < elapsed - 0.5 * PAUSE,
@@ -97,9 +97,9 @@ fn stopped_and_continued(domain: u16, signal: &str) {
         );
         longest
     });
-    // The recorder, too, hears what comes later.
+    // The recorder receives messages again, too.
     let (_, heard) = newest_state(&mut peer);
-    eventually("the recorder hears again", PATIENCE, || {
+    eventually("the recorder receives again", PATIENCE, || {
         (last_stamp(&launch.bag()) > heard).then_some(())
     });
     launch.interrupt().well();
@@ -124,7 +124,7 @@ fn a_childs_exit_and_other_signals_harm_nothing() {
             for _ in 0..5 {
                 launch.signal(signal);
             }
-            // A thread that a signal ends does not come back.
+            // A topic whose thread a signal had ended would stay silent.
             let longest = flows(&mut peer, now());
             println!("after SIG{signal} all topics flow within {longest:.2} s");
         }

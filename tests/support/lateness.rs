@@ -120,3 +120,15 @@ fn sampled(work: impl Fn()) -> (thread::Result<()>, Delays) {
         (outcome, sampler.join().expect("it only sleeps"))
     })
 }
+
+#[test]
+fn a_machine_is_late_by_many_short_delays_or_one_long_one() {
+    let delays = |late, longest| Delays {
+        wake_ups: 1000,
+        late,
+        longest: Duration::from_millis(longest),
+    };
+    assert!(!delays(10, 99).are_late());
+    assert!(delays(11, 20).are_late());
+    assert!(delays(1, 100).are_late());
+}
