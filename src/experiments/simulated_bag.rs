@@ -1,5 +1,5 @@
-//! A simulated run as a bag: the messages that the nodes would have published, stamped and logged in
-//! simulated time, so that the same scenario gives the same file.
+//! A simulated run as a bag: the messages that the nodes would publish, stamped and recorded in simulated time, so that
+//! the same scenario gives the same file.
 
 use std::path::Path;
 
@@ -28,7 +28,7 @@ pub struct SimulatedBag {
     imu: TopicId,
     tf: TopicId,
     servo: Option<ServoTopics>,
-    /// Commands of an operator's steering.
+    /// Commands of an operator.
     rates: Option<TopicId>,
 }
 
@@ -103,7 +103,7 @@ impl SimulatedBag {
         })
     }
 
-    /// Writes what the dynamics node publishes of a state.
+    /// Writes the messages that the dynamics node publishes for a state.
     ///
     /// # Errors
     /// When the bag cannot be written.
@@ -129,7 +129,7 @@ impl SimulatedBag {
         w.write_message(self.tf, log, &self.frames.transforms(stamp, world))
     }
 
-    /// Writes what camera and controller, or an operator's steering, publish in answer to a state.
+    /// Writes the messages that camera and controller, or an operator, publish in response to a state.
     ///
     /// # Errors
     /// When the bag cannot be written.

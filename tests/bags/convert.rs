@@ -40,7 +40,7 @@ fn every_topic_becomes_a_csv_table() {
     assert_eq!(output.status.code(), Some(0), "{errors}");
     // The unknown type has no table, and the output says so.
     assert!(
-        errors.contains("/unknown is left out: the bag has no schema"),
+        errors.contains("/unknown is omitted: the bag contains no schema"),
         "{errors}"
     );
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();

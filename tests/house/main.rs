@@ -1,6 +1,8 @@
 //! Rules of the repository: layers, file lengths, and documents that agree with the sources.
 
 mod documents;
+#[cfg(feature = "ros")]
+mod first_hour;
 mod layers;
 mod package;
 #[cfg(feature = "ros")]

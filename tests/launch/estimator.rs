@@ -75,7 +75,7 @@ fn the_target_is_where_the_estimator_said_it_would_be() {
                 &["at each frame", "fit, the last motion", "true, target"][..],
             ),
             ("herpolhode", &["estimated", "true, target"]),
-            ("prediction_error", &["made at", "by when it was made"]),
+            ("prediction_error", &["from", "by time of prediction"]),
         ] {
             assert!(
                 plotted.stdout.contains(&format!("{name}.png")),

@@ -114,7 +114,7 @@ fn wrong_messages_are_refused_and_named() {
         // Momentum, no message that does not decode. What the peer sent is in the bag, NaN and all.
         let check = Check::of(&launch.bag());
         check.momentum_holds();
-        assert_eq!(check.value("messages that do not decode"), 0.0);
+        assert_eq!(check.value("messages that cannot be decoded"), 0.0);
         for failed in check.failed() {
             let expected = failed.contains("tip error") || failed.contains("/joint_commands");
             assert!(expected || failed.contains("goal_pose"), "{failed}");

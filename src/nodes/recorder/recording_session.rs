@@ -1,4 +1,4 @@
-//! The recording that goes on, if one does: begun, paused, split and ended from any thread.
+//! Recording session: the current recording, if any. It can be started, paused, split and stopped from any thread.
 
 use std::{
     path::PathBuf,
@@ -16,20 +16,20 @@ use crate::{
     ros::{Node, RawSample},
 };
 
-/// What records, and what it was told.
-pub struct Deck {
+/// The current recording and the options for new ones.
+pub struct RecordingSession {
     node: Node,
     options: WriterOptions,
     queue: usize,
     times: Times,
     paused: AtomicBool,
-    /// How many recordings were begun.
+    /// Number of recordings started so far.
     begun: AtomicU64,
     current: RwLock<Option<Recorder>>,
 }
 
-impl Deck {
-    /// Nothing is recorded yet.
+impl RecordingSession {
+    /// A session without a recording.
     pub fn new(node: &Node, options: WriterOptions, queue: usize, paused: bool) -> Self {
         Self {
             node: node.clone(),
@@ -42,15 +42,15 @@ impl Deck {
         }
     }
 
-    /// Begins a recording in `folder`, or in a new one in `bags/`.
+    /// Starts a recording in `folder`, or in a new folder in `bags/`.
     ///
     /// # Errors
-    /// A line that says why not: one goes on already, or the folder cannot be made.
+    /// If a recording is in progress, or the folder cannot be created.
     pub fn begin(&self, folder: Option<PathBuf>) -> Result<(), String> {
         let mut current = self.current.write().unwrap_or_else(PoisonError::into_inner);
         if let Some(recorder) = current.as_ref() {
             return Err(format!(
-                "a recording goes on already, to {}; stop it first",
+                "a recording to {} is in progress; stop it first",
                 recorder.handle().folder().display()
             ));
         }
@@ -63,10 +63,10 @@ impl Deck {
         Ok(())
     }
 
-    /// Ends the recording and says what it holds; `false` if there was none.
+    /// Stops the recording and logs its contents; `false` if there was none.
     ///
     /// # Errors
-    /// What made writing fail, now or earlier.
+    /// The error that made writing fail, now or earlier.
     pub fn end(&self) -> Result<bool, BagError> {
         let mut current = self.current.write().unwrap_or_else(PoisonError::into_inner);
         let Some(recorder) = current.take() else {
@@ -87,23 +87,23 @@ impl Deck {
         Ok(true)
     }
 
-    /// How many recordings were begun.
+    /// Number of recordings started so far.
     pub fn begun(&self) -> u64 {
         self.begun.load(Ordering::Acquire)
     }
 
-    /// What hands messages over, if a recording goes on.
+    /// A handle for enqueuing messages, if a recording is in progress.
     pub fn handle(&self) -> Option<RecorderHandle> {
         let current = self.current.read().unwrap_or_else(PoisonError::into_inner);
         current.as_ref().map(Recorder::handle)
     }
 
-    /// Whether there is a pause.
+    /// Whether recording is paused.
     pub fn is_paused(&self) -> bool {
         self.paused.load(Ordering::Acquire)
     }
 
-    /// Begins or ends a pause.
+    /// Pauses or resumes recording.
     pub fn pause(&self, paused: bool) {
         let before = self.paused.swap(paused, Ordering::AcqRel);
         if before != paused {
@@ -112,16 +112,16 @@ impl Deck {
                 if paused {
                     "paused"
                 } else {
-                    "recording goes on"
+                    "recording resumed"
                 }
             );
         }
     }
 
-    /// Where the samples of a topic go.
+    /// A sink for the samples of a topic.
     pub fn sink(self: &Arc<Self>, topic: bag::Topic) -> Sink {
         Sink {
-            deck: Arc::clone(self),
+            session: Arc::clone(self),
             is_clock: topic.name == topics::CLOCK.name,
             topic,
             entry: Mutex::default(),
@@ -129,27 +129,27 @@ impl Deck {
     }
 }
 
-/// Where the samples of one topic go.
+/// Records the samples of one topic.
 pub struct Sink {
-    deck: Arc<Deck>,
+    session: Arc<RecordingSession>,
     is_clock: bool,
     topic: bag::Topic,
-    /// Its place in the bag of the recording with this number. Entered with the first message, so that a
-    /// bag lists no topic that never spoke; `None` if the bag has another type for it.
+    /// Number of the recording and the topic's entry in its bag. Added with the first message, so that a bag lists no
+    /// topic without messages; `None` if the bag has a different type for the topic.
     entry: Mutex<(u64, Option<Arc<RecorderTopic>>)>,
 }
 
 impl Sink {
-    /// Takes a sample in, or leaves it if nothing is recorded.
+    /// Records a sample; ignores it if no recording is in progress.
     pub fn take(&self, sample: RawSample) {
-        if self.deck.is_paused() {
+        if self.session.is_paused() {
             return;
         }
-        let Some(handle) = self.deck.handle() else {
+        let Some(handle) = self.session.handle() else {
             return;
         };
         let mut entry = self.entry.lock().unwrap_or_else(PoisonError::into_inner);
-        let begun = self.deck.begun();
+        let begun = self.session.begun();
         if entry.0 != begun {
             let added = handle.add_topic(self.topic.clone());
             *entry = (begun, added.map_err(|e| tracing::error!("{e}")).ok());
@@ -158,8 +158,8 @@ impl Sink {
         if self.is_clock
             && let Ok(clock) = cdr::decode::<rosgraph_msgs::Clock>(&sample.cdr)
         {
-            self.deck.times.begin(clock.clock.into());
+            self.session.times.begin(clock.clock.into());
         }
-        self.deck.times.write(&handle, topic, sample);
+        self.session.times.write(&handle, topic, sample);
     }
 }
