@@ -171,7 +171,7 @@ impl SimulatedBag {
         let command = controller::command(answer.controller, &header);
         w.write_message(servo.commands, log, &command)?;
         let age = answer.age.min(1e9);
-        let state = controller::report(answer.controller, &header, &answer.acted, age);
+        let state = controller::state_message(answer.controller, &header, &answer.report, age);
         w.write_message(servo.state, log, &state)
     }
 

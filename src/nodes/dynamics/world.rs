@@ -74,7 +74,7 @@ impl World {
         let zeros = vec![0.0; robot.model().dof()];
         let servo = VelocityServo::new(robot.model(), params.servo.clone())
             .map_err(|e| format!("parameter velocity_servo.{e}"))?;
-        let fastest = servo.fastest(robot.model(), &robot.state().q);
+        let fastest = servo.max_bandwidth(robot.model(), &robot.state().q);
         Ok(Self {
             servo,
             rates_driven: false,
@@ -253,7 +253,7 @@ impl World {
         let model = self.robot.model();
         let mut cut = false;
         for &(joint, rate) in rates {
-            cut |= self.servo.refer(model, joint, rate);
+            cut |= self.servo.set_reference(model, joint, rate);
         }
         cut
     }
