@@ -1,4 +1,4 @@
-//! A participant that locks itself up while endpoints are made.
+//! A deadlock of rustdds while endpoints are made.
 
 use std::{
     collections::VecDeque,
@@ -15,14 +15,14 @@ use super::*;
 pub const TOPIC: &str = "crowd";
 /// More than the 32 notices that wait in a participant at most.
 const WRITERS: usize = 60;
-/// How often participants hear of it anew: each time they read their database.
+/// Period of its announcements, at each of which participants read their database.
 const NEWS: Duration = Duration::from_millis(1);
-/// Participants here may have these ids; the next one hears what they tell each other.
+/// Participants here may have these ids; the next id's port receives their announcements.
 const IDS: u16 = 8;
 /// Where the number of a sample stands in the announcement of a participant, which is all there is in a datagram.
 const NUMBER: std::ops::Range<usize> = 40..44;
 
-/// Makes it likely that a participant locks itself up when it makes readers of [`TOPIC`]: that has many writers, whose
+/// Makes a deadlock likely when a participant makes readers of [`TOPIC`]: the topic has many writers, whose
 /// participant announces itself all the time.
 pub struct Crowd {
     pub writers: Vec<DataWriter<Vec<u8>>>,
@@ -66,7 +66,7 @@ impl Crowd {
                     }
                     news[NUMBER].copy_from_slice(&number.to_le_bytes());
                     for port in &ports {
-                        // Nobody has to be there.
+                        // The port may have no listener.
                         let _ = socket.send_to(&news, port);
                     }
                     thread::sleep(NEWS);
@@ -81,7 +81,7 @@ impl Crowd {
         }
     }
 
-    /// No more news.
+    /// Ends the announcements.
     pub fn calms_down(&mut self) {
         self.over.store(true, Relaxed);
         self.herald.take().map(JoinHandle::join);

@@ -1,4 +1,4 @@
-//! What rustdds and ros2-client say: to a user, and of themselves to the graph.
+//! What rustdds and ros2-client announce to the graph, and what they log.
 
 use ros2_client::{Context, NodeName, NodeOptions};
 use rustdds::{
@@ -13,7 +13,7 @@ use std::{
 use super::*;
 use crate::peer::Peer;
 
-/// What `observer` is told of an endpoint of another participant.
+/// What `observer` discovers of an endpoint of another participant.
 fn described(observer: &DomainParticipant, topic: &str) -> EndpointDescription {
     let events = observer.status_listener();
     eventually("the endpoint is discovered", PATIENCE, || {
@@ -33,13 +33,13 @@ fn endpoints_cannot_be_announced_with_user_data() {
     let _writer = writer(&here);
     // ROS puts the hash of the type there.
     assert_eq!(described(&observer, "bytes").user_data, [0; 0]);
-    // When there is a way to give some, the hashes can be seen.
+    // Once user data can be set, type hashes can be announced.
     let policies = format!("{:?}", QosPolicyBuilder::new().build());
     assert!(!policies.contains("user_data"), "{policies}");
 }
 
 #[test]
-fn user_data_is_told_with_its_length_before_it() {
+fn user_data_is_reported_with_its_length_in_front() {
     let domain = 98;
     let observer = participant(domain);
     // A node of ROS has a writer of this topic, and states the hash of its type.
@@ -66,7 +66,7 @@ fn the_clock_of_ros2_client_has_a_wrong_type() {
     assert_eq!(clock.type_name, "builtin_interfaces::msg::dds_::Time_");
 }
 
-/// A participant that comes, is heard and goes; by itself it is no test.
+/// The process of the test below: a participant that comes, is discovered and goes.
 #[test]
 #[ignore = "started by another test"]
 fn goer() {
@@ -90,7 +90,7 @@ fn a_participant_that_ends_in_order_says_error() {
     let goer = Command::new(std::env::current_exe().unwrap())
         .args([
             "--exact",
-            "upstream::words::goer",
+            "upstream::announcements::goer",
             "--ignored",
             "--nocapture",
         ])

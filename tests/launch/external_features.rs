@@ -1,4 +1,4 @@
-//! The estimator beside rclpy nodes: features from elsewhere, and recordings that are played again.
+//! The estimator with features from rclpy nodes: live, and replayed from a recording.
 
 use fuyu::msg::{
     Interface,
@@ -11,17 +11,17 @@ use std::{path::Path, thread, time::Duration};
 
 use crate::{
     joining::peer_with_interfaces,
+    lateness::repeat_if_late,
+    observer::{diagnosed, numbers},
     peer::Peer,
     process::{Running, command, fuyu, read},
-    starvation::in_time,
     tumbling::{estimator, publish, recorded, stamp},
-    view::{diagnosed, numbers},
     waiting::{PATIENCE, eventually},
 };
 
 #[test]
 fn features_that_an_rclpy_node_publishes_are_enough() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 91;
         let mut estimator = estimator(domain, "/", &["solve_period:=1.0"]);
         let mut peer = peer_with_interfaces("eye", domain);
@@ -41,10 +41,10 @@ fn features_that_an_rclpy_node_publishes_are_enough() {
             "reliable",
         );
         let frames = recorded(300);
-        // Too little to tell a motion, and said so.
+        // Too few frames for an estimate, and diagnostics say so.
         publish(&mut peer, &frames[0]);
-        let told = diagnosed(&mut peer, "estimator: motion", |level, _| level == 1);
-        assert!(told.starts_with("not estimated yet"), "{told}");
+        let reported = diagnosed(&mut peer, "estimator: motion", |level, _| level == 1);
+        assert!(reported.starts_with("not estimated yet"), "{reported}");
         for frame in &frames[1..] {
             publish(&mut peer, frame);
         }
@@ -61,20 +61,20 @@ fn features_that_an_rclpy_node_publishes_are_enough() {
             assert!((part - right / 14.0).abs() < 2e-3, "{motion}");
         }
         assert!(of("residual") < 0.5, "{motion}");
-        // A frame that cannot be is refused, named, and harms nothing.
+        // An inconsistent frame is refused, named in diagnostics, and harms nothing.
         let mut wrong = frames[0].clone();
         wrong["u"] = json!([1.0]);
         publish(&mut peer, &wrong);
-        let told = diagnosed(&mut peer, "estimator: features", |level, _| level == 1);
-        assert!(told.contains("20, 1 and 20"), "{told}");
-        // The recording again from its start: time goes back, and the estimator begins anew.
+        let reported = diagnosed(&mut peer, "estimator: features", |level, _| level == 1);
+        assert!(reported.contains("20, 1 and 20"), "{reported}");
+        // The recording again from its start: time goes back, and the estimator restarts.
         for frame in &frames[..5] {
             publish(&mut peer, frame);
         }
-        let told = diagnosed(&mut peer, "estimator: motion", |level, text| {
+        let reported = diagnosed(&mut peer, "estimator: motion", |level, text| {
             level == 1 && text.contains("not estimated yet")
         });
-        println!("{told}");
+        println!("{reported}");
         let rates = peer.receive("estimator/angular_velocity", 1);
         let w = &rates.last().unwrap()["message"]["vector"];
         let w = numbers(&json!([w["x"], w["y"], w["z"]]));
@@ -90,18 +90,18 @@ fn stamped<M: Interface + serde::Serialize>(bag: &Path, topic: &str) -> Vec<(f64
     json.map(|m| (stamp(&m), m)).collect()
 }
 
-// Breaks when the estimator does not understand what a stranger says of the camera, its mounting or its gyro: the arm
+// Fails when the estimator misreads camera, mounting or gyro data from another publisher: the arm
 // turns the base by 15 degrees meanwhile.
 #[test]
-fn a_stranger_replays_what_fuyu_simulate_recorded() {
-    in_time(|| {
+fn an_rclpy_node_replays_what_fuyu_simulate_recorded() {
+    repeat_if_late(|| {
         let domain = 94;
         let folder = tempfile::tempdir().expect("a folder");
         let bag = folder.path().join("bag");
         let output = ["--output", bag.to_str().expect("a plain path")];
         fuyu(&[&["simulate", "config/servicing.yaml"], &output[..]].concat()).well();
         let features = stamped::<FeatureTracks>(&bag, "/camera/features");
-        // A gyro at 20 Hz tells as much of a base that turns slowly.
+        // 20 Hz are enough for the gyro of a base that turns slowly.
         let imu = stamped::<Imu>(&bag, "/imu").into_iter().step_by(5);
         let mut replay: Vec<_> = imu.map(|m| ("imu", "sensor_msgs/msg/Imu", m)).collect();
         let frames = features.iter().cloned();
@@ -149,23 +149,21 @@ fn a_stranger_replays_what_fuyu_simulate_recorded() {
         };
         publish(&mut peer, topic, kind, message);
         diagnosed(&mut peer, "estimator: camera", |level, _| level == 0);
-        // Frames are best-effort and the estimator may be starved, so what is lost is played again, as one would do.
-        let motion = eventually("the motion of the whole recording", 6 * PATIENCE, || {
-            for burst in replay.chunks(30) {
-                for (topic, kind, (_, message)) in burst {
-                    publish(&mut peer, topic, kind, message);
-                }
-                thread::sleep(Duration::from_millis(20));
+        for burst in replay.chunks(30) {
+            for (topic, kind, (_, message)) in burst {
+                publish(&mut peer, topic, kind, message);
             }
-            (0..20).find_map(|_| {
-                thread::sleep(Duration::from_millis(500));
-                let told = peer.does(json!({
-                    "do": "wait", "topic": "estimator/motion", "count": 1, "timeout": 1.0
-                }));
-                let told = told.as_array().expect("a list").iter().rev();
-                let mut told = told.map(|m| &m["message"]);
-                told.find(|m| m["duration"].as_f64() > Some(50.0)).cloned()
-            })
+            thread::sleep(Duration::from_millis(20));
+        }
+        let motion = eventually("the motion of the whole recording", PATIENCE, || {
+            let motions = peer.does(json!({
+                "do": "wait", "topic": "estimator/motion", "count": 1, "timeout": 1.0
+            }));
+            let motions = motions.as_array().expect("a list").iter().rev();
+            let mut motions = motions.map(|m| &m["message"]);
+            motions
+                .find(|m| m["duration"].as_f64() > Some(50.0))
+                .cloned()
         });
         let of = |name: &str| motion[name].as_f64().unwrap();
         let sum = of("j_x") + of("j_y") + of("j_z");

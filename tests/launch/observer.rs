@@ -1,4 +1,4 @@
-//! What a driven rclpy node sees of the robot.
+//! The robot as an rclpy node that a test drives observes it.
 
 use fuyu::{
     msg::geometry_msgs,
@@ -80,9 +80,9 @@ pub fn watch_tip(peer: &mut Peer, namespace: &str) {
     peer.subscribe(&tip, POSE, "reliable");
 }
 
-/// What a part of a node (`dynamics: commands`) tells in diagnostics: the first message after `since`
+/// The diagnostic message of a part of a node (`dynamics: commands`): the first after `since`
 /// (of [`now`]) that satisfies `enough`, if one comes within `patience` \[s\].
-pub fn told(
+pub fn reported(
     peer: &mut Peer,
     part: &str,
     since: f64,
@@ -109,9 +109,9 @@ pub fn told(
     }
 }
 
-/// As [`told`], from now on; panics if it does not come.
+/// As [`reported`], from now on; panics if it does not come.
 pub fn diagnosed(peer: &mut Peer, part: &str, enough: impl Fn(u64, &str) -> bool) -> String {
     let patience = PATIENCE.as_secs_f64();
-    let text = told(peer, part, now(), patience, enough);
-    text.unwrap_or_else(|| panic!("not told in diagnostics: {part}"))
+    let text = reported(peer, part, now(), patience, enough);
+    text.unwrap_or_else(|| panic!("not in diagnostics: {part}"))
 }

@@ -1,4 +1,4 @@
-//! A DDS participant that locks itself up (docs/upstream.md) must not take its node with it.
+//! A node survives a deadlock in its DDS participant (docs/upstream.md).
 
 use fuyu::{
     msg::std_msgs::String as Text,
@@ -11,14 +11,14 @@ use std::{
 
 use crate::{
     peer::DomainClaim,
-    upstream::lockups::{Crowd, TOPIC},
+    upstream::deadlocks::{Crowd, TOPIC},
     waiting::{PATIENCE, eventually},
 };
 
 /// Longer than it takes to make a subscription, shorter than a node waits for one.
 const LONG: Duration = Duration::from_secs(4);
 
-// Breaks when a node waits for a participant that has locked itself up: for its next endpoint, or for its end.
+// Fails when a node waits for a participant in a deadlock: for its next endpoint, or for its end.
 #[test]
 fn a_node_outlives_its_participant() {
     let domain = 25;
@@ -26,10 +26,10 @@ fn a_node_outlives_its_participant() {
     let mut crowd = Crowd::new(domain, "std_msgs::msg::dds_::String_");
     let reach = Reach::Localhost;
     let mut process = Process::new(RosArgs::default(), Domain { id: domain, reach });
-    let (tell, told) = mpsc::channel();
+    let (sender, receiver) = mpsc::channel();
     process
         .start("subscriber", move |node: &Node| {
-            // Made before, it belongs to the next participant too.
+            // Made before, it moves to the next participant.
             let old = node.subscribe::<Text>(TOPIC, Qos::SENSOR_DATA)?;
             let start = Instant::now();
             let mut slowest = Duration::ZERO;
@@ -41,7 +41,7 @@ fn a_node_outlives_its_participant() {
             let new = node.subscribe::<Text>(TOPIC, Qos::SENSOR_DATA)?;
             while old.take().is_some() || new.take().is_some() {}
             let failed = |e: mpsc::SendError<_>| NodeError::Failed(e.to_string());
-            tell.send(slowest).map_err(failed)?;
+            sender.send(slowest).map_err(failed)?;
             let (mut olds, mut news) = (0, 0);
             while node.ok() && (olds == 0 || news == 0) {
                 node.wait();
@@ -51,13 +51,13 @@ fn a_node_outlives_its_participant() {
             Ok(())
         })
         .unwrap();
-    let slowest = told.recv_timeout(4 * PATIENCE).unwrap();
+    let slowest = receiver.recv_timeout(4 * PATIENCE).unwrap();
     println!("the slowest subscription took {slowest:?}");
-    assert!(slowest > LONG, "nothing was locked up");
+    assert!(slowest > LONG, "there was no deadlock");
     crowd.calms_down();
     // Octets with their number before them, as a string has them.
     let hello = b"hello\0".to_vec();
-    eventually("both subscriptions hear", PATIENCE, || {
+    eventually("both subscriptions receive", PATIENCE, || {
         crowd.writers[0].write(hello.clone(), None).unwrap();
         (!process.run_for(Duration::from_millis(20))).then_some(())
     });

@@ -1,12 +1,12 @@
-//! One commands the robot at a time.
+//! Command arbitration: one publisher commands the robot at a time.
 
 use serde_json::{Value, json};
 
 use crate::{
+    lateness::repeat_if_late,
+    observer::{DIAGNOSTICS, JOINT_STATE, fresh, now, numbers, reported},
     peer::Peer,
     process::{Running, command, source},
-    starvation::in_time,
-    view::{DIAGNOSTICS, JOINT_STATE, fresh, now, numbers, told},
     waiting::{PATIENCE, eventually},
 };
 
@@ -15,7 +15,7 @@ fn effort(value: f64) -> Value {
     json!({"do": "publish", "topic": "joint_commands", "type": JOINT_STATE, "message": message})
 }
 
-/// Waits until joint 1 has this effort, while `commander` asks for what it asks for.
+/// Waits until joint 1 has this effort, while `commander` publishes its commands.
 fn until(watcher: &mut Peer, value: f64, mut commander: impl FnMut(&mut Peer)) {
     eventually(&format!("an effort of {value}"), PATIENCE, || {
         commander(watcher);
@@ -25,7 +25,7 @@ fn until(watcher: &mut Peer, value: f64, mut commander: impl FnMut(&mut Peer)) {
     });
 }
 
-/// The dynamics node, a commander that it obeys, and another that it does not: it names both.
+/// The dynamics node, a commander that is accepted and another that is refused; diagnostics name both.
 struct Rivals {
     dynamics: Running,
     alpha: Peer,
@@ -51,7 +51,7 @@ impl Rivals {
         let text = eventually("both are named", PATIENCE, || {
             alpha.does(effort(0.5));
             beta.does(effort(-0.5));
-            told(
+            reported(
                 &mut alpha,
                 "dynamics: commands",
                 since,
@@ -68,10 +68,10 @@ impl Rivals {
     }
 }
 
-// Breaks when two can command by turns, when a publisher that has ended holds the robot, or when nobody is named.
+// Fails when two can command by turns, when a publisher that has ended keeps the robot, or when neither is named.
 #[test]
 fn a_second_commander_is_refused_by_name_until_the_first_ends() {
-    in_time(|| {
+    repeat_if_late(|| {
         let Rivals {
             mut dynamics,
             mut alpha,
@@ -84,20 +84,20 @@ fn a_second_commander_is_refused_by_name_until_the_first_ends() {
     });
 }
 
-// Breaks when a commander that is there but silent holds the robot for ever, or loses it before its time.
+// Fails when a commander that is present but silent keeps the robot for ever, or loses it before the timeout.
 #[test]
 fn a_commander_that_is_silent_for_too_long_yields() {
     const TIMEOUT: f64 = 5.0;
-    in_time(|| {
+    repeat_if_late(|| {
         let Rivals {
             mut dynamics,
             mut alpha,
             mut beta,
         } = Rivals::start(55, "command_timeout:=5.0");
-        // Whoever had it meanwhile on a late machine: it is the first one's now, and was not silent before this.
+        // On a late machine the other one may have had it meanwhile: now the first one has it and has just commanded.
         let spoken = now();
         until(&mut alpha, 0.5, |alpha| drop(alpha.does(effort(0.5))));
-        let yielded = eventually("the second one has its way", PATIENCE, || {
+        let yielded = eventually("the second one commands", PATIENCE, || {
             beta.does(effort(-0.5));
             let wait =
                 json!({"do": "wait", "topic": "joint_states", "since": spoken, "timeout": 0.2});
@@ -116,7 +116,7 @@ fn a_commander_that_is_silent_for_too_long_yields() {
             alpha.does(effort(0.5));
             let words = "node /alpha, while node /beta commands";
             let part = "dynamics: commands";
-            told(&mut alpha, part, since, 0.0, |level, text| {
+            reported(&mut alpha, part, since, 0.0, |level, text| {
                 level == 1 && text.contains(words)
             })
         });

@@ -1,4 +1,4 @@
-//! What others publish, of types that fuyu has never heard of.
+//! Recording of types that fuyu does not know.
 
 use fuyu::bag::Bag;
 use serde_json::json;
@@ -7,17 +7,17 @@ use crate::peer::Peer;
 use crate::services::Recorder;
 use crate::waiting::{PATIENCE, eventually};
 
-// As rosidl's generator has it in the wheel of std_msgs.
+// From rosidl's generator, in the wheel of std_msgs.
 const CHAR: &str = "RIHS01_3ad2d04dd29ba19d04b16659afa3ccaedd691914b02a64e82e252f2fa6a586a9";
 
-// Breaks when the recorder does not hear, or loses, what the publisher states of its type.
+// Fails when the recorder loses the type hash that the publisher announces.
 #[test]
 fn a_type_that_only_its_publisher_knows_is_recorded_with_its_hash() {
     assert!(fuyu::msg::find("std_msgs/msg/Char").is_none());
     let domain = 6;
     let folder = tempfile::tempdir().unwrap();
     let bag = folder.path().join("bag");
-    let mut peer = Peer::start("stranger", domain);
+    let mut peer = Peer::start("publisher", domain);
     let _recorder = Recorder::start(domain, &bag, &["topics:=[/letter]"]);
     peer.does(json!({
         "do": "publish", "topic": "letter", "type": "std_msgs/msg/Char", "message": {"data": 102}

@@ -1,4 +1,4 @@
-//! What a participant of Fast DDS that has just come learns of endpoints.
+//! Which endpoints a participant of Fast DDS discovers after joining.
 
 use rustdds::{DomainParticipantStatusEvent as Event, StatusEvented};
 use std::{
@@ -14,14 +14,14 @@ use super::*;
 use crate::peer;
 
 const DOMAIN: u16 = 22;
-/// Participants that are there before anybody comes, and endpoints of each. Beside one participant nothing is
+/// Participants that exist before one joins, and endpoints of each. With a single participant nothing is
 /// forgotten.
 const PARTICIPANTS: usize = 6;
 const EARLY: usize = 30;
-/// Newcomers at most, after the first.
+/// Most participants that join, after the first.
 const NEWCOMERS: usize = 10;
 
-/// Comes again and again, each time as another participant, and says how many of the early topics it knows in the end.
+/// Joins repeatedly, each time as another participant, and prints how many of the early topics it has discovered in the end.
 fn newcomers() -> Child {
     let all = PARTICIPANTS * EARLY;
     let script = format!(
@@ -51,7 +51,7 @@ for patience in [{}] + [5] * {NEWCOMERS}:
         .unwrap()
 }
 
-/// A participant with its endpoints, which makes one more when somebody comes, if it is `eager`.
+/// A participant with its endpoints, which makes one more when another joins, if it is `eager`.
 fn host(number: usize, eager: &AtomicBool, over: &AtomicBool) {
     let here = participant(DOMAIN);
     let events = here.status_listener();
@@ -91,19 +91,19 @@ fn fast_dds_forgets_what_was_announced_before_it_came() {
         .collect();
     let mut newcomers = newcomers();
     let said = BufReader::new(newcomers.stdout.take().unwrap());
-    let (tell, told) = mpsc::channel();
+    let (sender, receiver) = mpsc::channel();
     // Ends with the pipe, thus with the newcomers.
     thread::spawn(move || {
         for line in said.lines().map_while(Result::ok) {
-            let _ = tell.send(line.parse::<usize>().unwrap());
+            let _ = sender.send(line.parse::<usize>().unwrap());
         }
     });
     let all = PARTICIPANTS * EARLY;
-    let first = told.recv_timeout(3 * PATIENCE);
+    let first = receiver.recv_timeout(3 * PATIENCE);
     eager.store(true, Relaxed);
     let mut known = Vec::new();
     while known.len() < NEWCOMERS && known.last().is_none_or(|last| *last == all) {
-        known.push(told.recv_timeout(PATIENCE).expect("another newcomer"));
+        known.push(receiver.recv_timeout(PATIENCE).expect("another newcomer"));
     }
     let _ = newcomers.kill();
     let _ = newcomers.wait();
