@@ -1,6 +1,6 @@
 //! A batch moves every state exactly as it moves alone.
 
-use fuyu::control::{Controller, ControllerConfig, Gains, LawKind, Measurement, Saturation, Sight};
+use fuyu::control::{Controller, ControllerConfig, Gains, LawKind, Measurement, Saturation, TipMeasurement};
 use fuyu::dynamics::{
     Batch, Floating, Input, IntegrationMethod, Integrator, State, Tableau, Workspace,
 };
@@ -154,9 +154,9 @@ impl Loop {
         self.workspace.set_positions(&state.q);
         let X_BE = self.workspace.X_BF(&self.tip);
         let X_BD = state.X_WB(&self.workspace).inverse() * self.X_WD;
-        let tip = Sight::new(state.time, X_BE, X_BD);
+        let tip = TipMeasurement::new(state.time, X_BE, X_BD);
         let measurement = Measurement::new(state.time, &state.q, &state.qd);
-        let measurement = measurement.with_sight(Some(&tip));
+        let measurement = measurement.with_tip(Some(&tip));
         self.controller.update(&measurement).unwrap();
         efforts.copy_from_slice(self.controller.efforts().as_slice());
     }

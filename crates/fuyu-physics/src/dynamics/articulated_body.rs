@@ -3,8 +3,8 @@
 use pulp::{Simd, WithSimd};
 
 use super::formulation::evaluate_with_base_twist;
-use super::kernel::{Vec3, base_spin, forward_dynamics};
-use super::link_scratch::LinkScratch;
+use super::kernel::{Vec3, base_angular_velocity, forward_dynamics};
+use super::scratch_memory::DynamicsScratch;
 use super::{
     Evaluation, Formulation, Input, State, TreeAcceleration, TreeMotion, Workspace, checks,
 };
@@ -15,42 +15,42 @@ use crate::spatial::{Twist, Wrench};
 /// not depend on that number.
 #[derive(Debug, Clone)]
 pub struct ArticulatedBody {
-    pub(super) scratch: LinkScratch,
+    pub(super) scratch: DynamicsScratch,
 }
 
 impl ArticulatedBody {
     /// The formulation for `model`. Allocates; evaluations do not.
     pub fn new(model: &Model) -> Self {
         Self {
-            scratch: LinkScratch::new(model),
+            scratch: DynamicsScratch::new(model),
         }
     }
 
     #[inline(always)]
     fn set_joints(&mut self, simd: impl Simd, q: &[f64], qd: &[f64], efforts: &[f64]) {
-        let LinkScratch { tree, slots, .. } = &mut self.scratch;
+        let DynamicsScratch { tree, links, .. } = &mut self.scratch;
         let n = tree.dof();
         let (q, qd, efforts) = (&q[..n], &qd[..n], &efforts[..n]);
-        let slots = &mut slots[1..];
-        tree.turns(simd, q, |j, q, turn| {
-            (slots[j].q, slots[j].turn) = (q, turn)
+        let links = &mut links[1..];
+        tree.for_each_rotation(simd, q, |j, q, turn| {
+            (links[j].q, links[j].rotation) = (q, turn)
         });
-        for (j, slot) in slots.iter_mut().enumerate() {
-            slot.qd = qd[j];
-            slot.effort = tree.effort(j, efforts[j], q[j], qd[j]);
+        for (j, link) in links.iter_mut().enumerate() {
+            link.qd = qd[j];
+            link.effort = tree.total_effort(j, efforts[j], q[j], qd[j]);
         }
     }
 
     #[inline(always)]
     fn write_accelerations(&self, out: &mut TreeAcceleration) {
-        let LinkScratch { tree, slots, .. } = &self.scratch;
-        let base = &slots[0].acceleration;
+        let DynamicsScratch { tree, links, .. } = &self.scratch;
+        let base = &links[0].acceleration;
         out.A_WB_B = Twist::new(
             tree.to_base_frame(base.angular).0.into(),
             tree.to_base_frame(base.linear).0.into(),
         );
-        for (qdd, slot) in out.qdd.as_mut_slice().iter_mut().zip(&slots[1..]) {
-            *qdd = slot.qdd;
+        for (qdd, link) in out.qdd.as_mut_slice().iter_mut().zip(&links[1..]) {
+            *qdd = link.qdd;
         }
     }
 }
@@ -101,17 +101,17 @@ impl WithSimd for GivenBaseTwist<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         let (dynamics, motion, input) = (self.dynamics, self.motion, self.input);
         dynamics.set_joints(simd, motion.q, motion.qd, input.efforts.as_slice());
-        let LinkScratch {
+        let DynamicsScratch {
             tree,
-            slots,
+            links,
             external,
             ..
         } = &mut dynamics.scratch;
         let w = Vec3(motion.V_WB_B.angular.into());
-        slots[0].w = tree.to_base_kernel(w);
-        let loaded = tree.load(&input.wrenches, external);
+        links[0].w = tree.to_base_kernel(w);
+        let loaded = tree.set_external_forces(&input.wrenches, external);
         let external = loaded.then_some(&external[..]);
-        forward_dynamics(tree, slots, external);
+        forward_dynamics(tree, links, external);
         dynamics.write_accelerations(self.out);
     }
 }
@@ -131,22 +131,22 @@ impl WithSimd for FreeFloating<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         let (dynamics, state, out) = (self.dynamics, self.state, self.out);
         dynamics.set_joints(simd, state.q.as_slice(), state.qd.as_slice(), self.efforts);
-        let LinkScratch {
+        let DynamicsScratch {
             tree,
-            slots,
-            carried,
+            links,
+            subtrees,
             ..
         } = &mut dynamics.scratch;
         let momentum_B = (state.R_WB).inverse_transform_vector(&state.momentum_W.angular);
         let momentum = tree.to_base_kernel(Vec3(momentum_B.into()));
-        let w = base_spin(tree, slots, carried, momentum);
-        slots[0].w = w;
-        forward_dynamics(tree, slots, None);
+        let w = base_angular_velocity(tree, links, subtrees, momentum);
+        links[0].w = w;
+        forward_dynamics(tree, links, None);
         out.w_WB_B = tree.to_base_frame(w).0.into();
         out.external = None;
         out.power = 0.0;
-        for slot in &slots[1..] {
-            out.power += slot.effort * slot.qd;
+        for link in &links[1..] {
+            out.power += link.effort * link.qd;
         }
         dynamics.write_accelerations(&mut out.acceleration);
     }

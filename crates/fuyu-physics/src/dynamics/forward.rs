@@ -94,7 +94,7 @@ impl Workspace {
         for j in (0..self.tree.dof()).rev() {
             let p_PK = self.p_PK(j);
             let (earlier, rest) = self.bodies.split_at_mut(j + 1);
-            earlier[self.tree.hops[j].parent].force += rest[0].force.shifted(&p_PK);
+            earlier[self.tree.joints[j].parent].force += rest[0].force.shifted(&p_PK);
         }
     }
 
@@ -116,7 +116,7 @@ impl Workspace {
         }
     }
 
-    /// Force and torque (about the centre of mass) that the whole system's bias motion takes.
+    /// SpatialForce and torque (about the centre of mass) that the whole system's bias motion takes.
     fn base_reaction(&self) -> (Vector3<f64>, Vector3<f64>) {
         let at_com = self.bodies[0].force.shifted(&-self.p_BC);
         (at_com.force, at_com.torque)
@@ -147,7 +147,7 @@ impl Workspace {
         for (j, &qdd) in qdd.iter().enumerate() {
             let (p_PK, own) = (self.p_PK(j), self.axis(j).twist(qdd));
             let (earlier, rest) = self.bodies.split_at_mut(j + 1);
-            let (parent, body) = (&earlier[self.tree.hops[j].parent], &mut rest[0]);
+            let (parent, body) = (&earlier[self.tree.joints[j].parent], &mut rest[0]);
             // The acceleration in excess of the bias propagates from body to body as a twist does.
             let mut added = parent.acceleration - parent.bias;
             added.linear += added.angular.cross(&p_PK);

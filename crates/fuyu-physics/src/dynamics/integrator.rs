@@ -48,7 +48,7 @@ impl<F: FnMut(f64, &State, &mut Input)> Forcing for F {
     }
 }
 
-/// Steps a [`State`]; owns the memory of the stages. Attitude is integrated on the rotation group (Munthe-Kaas: the
+/// Steps a [`State`]; owns the memory of the stages. Quat is integrated on the rotation group (Munthe-Kaas: the
 /// coordinate is the rotation vector since the start of the step), so any tableau keeps its order and the quaternion
 /// needs no correction. Momentum is state, so without external wrenches it does not change by a single bit.
 #[derive(Debug, Clone)]

@@ -3,8 +3,8 @@
 use nalgebra::Vector3;
 use pulp::{Simd, WithSimd};
 
-use super::kernel::{Motion, Vec3, inverse_dynamics, whole_inertia};
-use super::link_scratch::LinkScratch;
+use super::kernel::{SpatialMotion, Vec3, inverse_dynamics, locked_inertia};
+use super::scratch_memory::DynamicsScratch;
 use super::{TreeMotion, checks};
 use crate::model::Model;
 use crate::spatial::{Twist, Wrench};
@@ -13,14 +13,14 @@ use crate::spatial::{Twist, Wrench};
 /// joints.
 #[derive(Debug, Clone)]
 pub struct InverseDynamics {
-    scratch: LinkScratch,
+    scratch: DynamicsScratch,
 }
 
 impl InverseDynamics {
     /// Inverse dynamics of `model`. Allocates; evaluations do not.
     pub fn new(model: &Model) -> Self {
         Self {
-            scratch: LinkScratch::new(model),
+            scratch: DynamicsScratch::new(model),
         }
     }
 
@@ -54,8 +54,8 @@ impl InverseDynamics {
         efforts: &mut [f64],
     ) -> Twist {
         self.evaluate(motion, None, qdd, wrenches, efforts);
-        let LinkScratch { tree, slots, .. } = &self.scratch;
-        let (R_BK, base) = (&tree.bodies[0].X_BK.rotation, &slots[0].acceleration);
+        let DynamicsScratch { tree, links, .. } = &self.scratch;
+        let (R_BK, base) = (&tree.bodies[0].X_BK.rotation, &links[0].acceleration);
         let [angular, linear] = [base.angular, base.linear].map(|v| R_BK * Vector3::from(v.0));
         Twist::new(angular, linear)
     }
@@ -87,7 +87,7 @@ impl InverseDynamics {
 
 /// One evaluation; `pulp` compiles it for every instruction set.
 struct RecursiveNewtonEuler<'a> {
-    scratch: &'a mut LinkScratch,
+    scratch: &'a mut DynamicsScratch,
     motion: &'a TreeMotion<'a>,
     /// Acceleration of the base; `None` for a free base, whose acceleration is computed.
     base: Option<&'a Twist>,
@@ -100,39 +100,39 @@ impl WithSimd for RecursiveNewtonEuler<'_> {
     type Output = Wrench;
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Wrench {
-        let LinkScratch {
+        let DynamicsScratch {
             tree,
-            slots,
-            carried,
+            links,
+            subtrees,
             external,
             ..
         } = self.scratch;
         let n = tree.dof();
         let (q, qd, qdd) = (&self.motion.q[..n], &self.motion.qd[..n], &self.qdd[..n]);
         let efforts = &mut self.efforts[..n];
-        tree.turns(simd, q, |j, q, turn| {
-            (slots[j + 1].q, slots[j + 1].turn) = (q, turn);
-            (slots[j + 1].qd, slots[j + 1].qdd) = (qd[j], qdd[j]);
+        tree.for_each_rotation(simd, q, |j, q, turn| {
+            (links[j + 1].q, links[j + 1].rotation) = (q, turn);
+            (links[j + 1].qd, links[j + 1].qdd) = (qd[j], qdd[j]);
         });
-        let loaded = tree.load(self.wrenches, external);
+        let loaded = tree.set_external_forces(self.wrenches, external);
         let external = loaded.then_some(&external[..]);
         let R_BK = &tree.bodies[0].X_BK.rotation;
         let to_kernel = |v: &Vector3<f64>| Vec3(R_BK.inverse_transform_vector(v).into());
-        slots[0].w = to_kernel(&self.motion.V_WB_B.angular);
-        slots[0].acceleration = match self.base {
-            Some(base) => Motion {
+        links[0].w = to_kernel(&self.motion.V_WB_B.angular);
+        links[0].acceleration = match self.base {
+            Some(base) => SpatialMotion {
                 angular: to_kernel(&base.angular),
                 linear: to_kernel(&base.linear),
             },
             None => {
-                slots[0].acceleration = Motion::zero(0.0);
-                let held = inverse_dynamics(tree, slots, external);
-                whole_inertia(tree, slots, carried).answer(held)
+                links[0].acceleration = SpatialMotion::zero(0.0);
+                let held = inverse_dynamics(tree, links, external);
+                locked_inertia(tree, links, subtrees).free_acceleration(held)
             }
         };
-        let base = inverse_dynamics(tree, slots, external);
+        let base = inverse_dynamics(tree, links, external);
         for (j, effort) in efforts.iter_mut().enumerate() {
-            *effort = slots[j + 1].effort - tree.effort(j, 0.0, q[j], qd[j]);
+            *effort = links[j + 1].effort - tree.total_effort(j, 0.0, q[j], qd[j]);
         }
         Wrench::new(
             R_BK * Vector3::from(base.torque.0),

@@ -60,13 +60,13 @@ mod inverse;
 mod jacobian;
 mod kane;
 pub mod kernel;
-mod link_scratch;
 mod loops;
 mod momentum;
 pub mod newton_euler;
 mod rate;
 mod reduced;
 mod runge_kutta;
+mod scratch_memory;
 #[cfg(test)]
 mod simd_equivalence;
 mod state;

@@ -1,43 +1,43 @@
-//! Eight states next to each other in memory, one per lane.
+//! F64x8 states next to each other in memory, one per lane.
 
 use nalgebra::{Quaternion, UnitQuaternion};
 
-use crate::dynamics::kernel::{Eight, GROUP};
+use crate::dynamics::kernel::{F64x8, GROUP_SIZE};
 use crate::dynamics::{Momentum, State};
 
-/// Eight states with their held efforts and last accelerations. The last block of a batch may have unused lanes.
+/// F64x8 states with their held efforts and last accelerations. The last block of a batch may have unused lanes.
 #[derive(Debug, Clone)]
 pub(super) struct Block {
-    pub(super) time: Eight,
-    pub(super) work: Eight,
-    pub(super) q: Vec<Eight>,
-    pub(super) qd: Vec<Eight>,
-    pub(super) qdd: Vec<Eight>,
-    pub(super) efforts: Vec<Eight>,
+    pub(super) time: F64x8,
+    pub(super) work: F64x8,
+    pub(super) q: Vec<F64x8>,
+    pub(super) qd: Vec<F64x8>,
+    pub(super) qdd: Vec<F64x8>,
+    pub(super) efforts: Vec<F64x8>,
     /// Quaternions `i j k w`.
-    pub(super) R_WB: [Eight; 4],
-    pub(super) p_WC: [Eight; 3],
-    pub(super) linear_momentum_W: [Eight; 3],
-    pub(super) angular_momentum_W: [Eight; 3],
+    pub(super) R_WB: [F64x8; 4],
+    pub(super) p_WC: [F64x8; 3],
+    pub(super) linear_momentum_W: [F64x8; 3],
+    pub(super) angular_momentum_W: [F64x8; 3],
 }
 
 impl Block {
-    /// Eight times `state`, without efforts.
+    /// F64x8 times `state`, without efforts.
     pub(super) fn repeating(state: &State) -> Self {
-        let zeros = vec![Eight::ZERO; state.q.len()];
+        let zeros = vec![F64x8::ZERO; state.q.len()];
         let mut block = Self {
-            time: Eight::ZERO,
-            work: Eight::ZERO,
+            time: F64x8::ZERO,
+            work: F64x8::ZERO,
             q: zeros.clone(),
             qd: zeros.clone(),
             qdd: zeros.clone(),
             efforts: zeros,
-            R_WB: [Eight::ZERO; 4],
-            p_WC: [Eight::ZERO; 3],
-            linear_momentum_W: [Eight::ZERO; 3],
-            angular_momentum_W: [Eight::ZERO; 3],
+            R_WB: [F64x8::ZERO; 4],
+            p_WC: [F64x8::ZERO; 3],
+            linear_momentum_W: [F64x8::ZERO; 3],
+            angular_momentum_W: [F64x8::ZERO; 3],
         };
-        (0..GROUP).for_each(|lane| block.set_state(lane, state));
+        (0..GROUP_SIZE).for_each(|lane| block.set_state(lane, state));
         block
     }
 
@@ -68,19 +68,19 @@ impl Block {
 }
 
 /// Writes `values` into a lane.
-pub(super) fn put(rows: &mut [Eight], lane: usize, values: &[f64]) {
+pub(super) fn put(rows: &mut [F64x8], lane: usize, values: &[f64]) {
     for (row, value) in rows.iter_mut().zip(values) {
         row.0[lane] = *value;
     }
 }
 
 /// The numbers of a lane.
-pub(super) fn get<const N: usize>(rows: &[Eight; N], lane: usize) -> [f64; N] {
+pub(super) fn get<const N: usize>(rows: &[F64x8; N], lane: usize) -> [f64; N] {
     rows.map(|row| row.0[lane])
 }
 
 /// Reads a lane into `values`.
-pub(super) fn read(rows: &[Eight], lane: usize, values: &mut [f64]) {
+pub(super) fn read(rows: &[F64x8], lane: usize, values: &mut [f64]) {
     for (row, value) in rows.iter().zip(values) {
         *value = row.0[lane];
     }

@@ -10,8 +10,8 @@ use super::block::{Block, get, put, read};
 use super::{Forced, Setup, Task};
 use crate::dynamics::State;
 use crate::dynamics::kernel::{
-    Attitude, Carried, Eight, GROUP, Lanes, SMALL_TURN, Scalar, Slot, Tree, Vec3, base_spin,
-    forward_dynamics, sin_cos, small_turn_rate,
+    F64x8, GROUP_SIZE, Lanes, LinkScratch, Quat, SERIES_LIMIT, Scalar, SubtreeMomentum, Tree, Vec3,
+    base_angular_velocity, forward_dynamics, rotation_vector_rate_series, sin_cos,
 };
 use crate::spatial::{exp_so3, rotation_vector_rate};
 
@@ -27,8 +27,8 @@ struct StageRate<S: Simd> {
 #[derive(Debug)]
 pub(super) struct LaneStepper<S: Simd> {
     simd: S,
-    slots: Vec<Slot<Lanes<S>>>,
-    carried: Vec<Carried<Lanes<S>>>,
+    links: Vec<LinkScratch<Lanes<S>>>,
+    subtrees: Vec<SubtreeMomentum<Lanes<S>>>,
     rates: Vec<StageRate<S>>,
     /// Rates of positions and rates of all joints, stage by stage.
     joint_rates: Vec<[Lanes<S>; 2]>,
@@ -41,7 +41,7 @@ pub(super) struct LaneStepper<S: Simd> {
 /// The parts of the states that the sweeps do not need.
 #[derive(Debug, Clone, Copy)]
 struct Floating<S: Simd> {
-    attitude: Attitude<Lanes<S>>,
+    attitude: Quat<Lanes<S>>,
     p_WC: Vec3<Lanes<S>>,
     work: Lanes<S>,
 }
@@ -58,8 +58,8 @@ impl<S: Simd> LaneStepper<S> {
         let state = State::at_rest(&setup.model);
         Self {
             simd,
-            slots: vec![Slot::new(zero); tree.bodies.len()],
-            carried: vec![Carried::new(zero); tree.bodies.len()],
+            links: vec![LinkScratch::new(zero); tree.bodies.len()],
+            subtrees: vec![SubtreeMomentum::new(zero); tree.bodies.len()],
             rates: vec![rate; stages],
             joint_rates: vec![[zero; 2]; stages * tree.dof()],
             stage: Block::repeating(&state),
@@ -94,8 +94,8 @@ impl<S: Simd> LaneStepper<S> {
         self.set_joints(block, first);
         let start = self.load_floating(block, first);
         self.evaluate(tree, block, first, start.attitude);
-        for (slot, qdd) in self.slots[1..].iter().zip(&mut block.qdd) {
-            slot.qdd.store(&mut qdd.0[first..]);
+        for (link, qdd) in self.links[1..].iter().zip(&mut block.qdd) {
+            link.qdd.store(&mut qdd.0[first..]);
         }
     }
 
@@ -123,9 +123,9 @@ impl<S: Simd> LaneStepper<S> {
             let w = self.evaluate(&setup.tree, block, first, now.attitude);
             let mut power = Lanes::splat(self.simd, 0.0);
             let joint_rates = &mut self.joint_rates[i * n..][..n];
-            for (slot, rate) in self.slots[1..].iter().zip(joint_rates) {
-                power = power + slot.effort * slot.qd;
-                *rate = [slot.qd, slot.qdd];
+            for (link, rate) in self.links[1..].iter().zip(joint_rates) {
+                power = power + link.effort * link.qd;
+                *rate = [link.qd, link.qdd];
             }
             self.rates[i] = StageRate {
                 turned: self.turn_rate(turned, w),
@@ -137,12 +137,12 @@ impl<S: Simd> LaneStepper<S> {
         self.finish_step(block, first, now, dt);
     }
 
-    /// Positions and rates of the block into the slots.
+    /// Positions and rates of the block into the links.
     #[inline(always)]
     fn set_joints(&mut self, block: &Block, first: usize) {
-        for (j, slot) in self.slots[1..].iter_mut().enumerate() {
-            slot.q = Lanes::load(self.simd, &block.q[j].0[first..]);
-            slot.qd = Lanes::load(self.simd, &block.qd[j].0[first..]);
+        for (j, link) in self.links[1..].iter_mut().enumerate() {
+            link.q = Lanes::load(self.simd, &block.q[j].0[first..]);
+            link.qd = Lanes::load(self.simd, &block.qd[j].0[first..]);
         }
     }
 
@@ -167,29 +167,29 @@ impl<S: Simd> LaneStepper<S> {
         }
     }
 
-    /// Accelerations at the slots' positions and rates. Returns the base's angular velocity, base axes.
+    /// Accelerations at the links' positions and rates. Returns the base's angular velocity, base axes.
     #[inline(always)]
     fn evaluate(
         &mut self,
         tree: &Tree,
         block: &Block,
         first: usize,
-        attitude: Attitude<Lanes<S>>,
+        attitude: Quat<Lanes<S>>,
     ) -> Vec3<Lanes<S>> {
         let simd = self.simd;
-        for (j, hop) in tree.hops.iter().enumerate() {
-            let slot = &mut self.slots[j + 1];
-            let (cos, sin) = sin_cos(slot.q);
-            slot.turn = hop.turn(cos, sin);
+        for (j, joint) in tree.joints.iter().enumerate() {
+            let link = &mut self.links[j + 1];
+            let (cos, sin) = sin_cos(link.q);
+            link.rotation = joint.rotation(cos, sin);
             let actuator = Lanes::load(simd, &block.efforts[j].0[first..]);
-            let slack = (-slot.q).plus(hop.rest).times(hop.stiffness);
-            slot.effort = actuator + (slack - slot.qd.times(hop.damping));
+            let slack = (-link.q).plus(joint.rest).times(joint.stiffness);
+            link.effort = actuator + (slack - link.qd.times(joint.damping));
         }
         let momentum_W = self.load(&block.angular_momentum_W, first);
         let momentum = tree.to_base_kernel(inverse_transform(attitude, momentum_W));
-        let w = base_spin(tree, &self.slots, &mut self.carried, momentum);
-        self.slots[0].w = w;
-        forward_dynamics(tree, &mut self.slots, None);
+        let w = base_angular_velocity(tree, &self.links, &mut self.subtrees, momentum);
+        self.links[0].w = w;
+        forward_dynamics(tree, &mut self.links, None);
         tree.to_base_frame(w)
     }
 
@@ -203,7 +203,7 @@ impl<S: Simd> LaneStepper<S> {
         weights: &[f64],
         dt: f64,
     ) -> (Floating<S>, Vec3<Lanes<S>>) {
-        let n = self.slots.len() - 1;
+        let n = self.links.len() - 1;
         let (mut next, mut turned) = (start, Vec3::zero(start.work));
         let mut is_at_start = false;
         for (stage, weight) in weights.iter().enumerate() {
@@ -215,14 +215,14 @@ impl<S: Simd> LaneStepper<S> {
             next.p_WC = next.p_WC + com_rate.scaled(k);
             next.work = next.work + rate.work * k;
             let joint_rates = &self.joint_rates[stage * n..][..n];
-            let joints = self.slots[1..].iter_mut().zip(joint_rates).enumerate();
-            for (j, (slot, [q_rate, qd_rate])) in joints {
+            let joints = self.links[1..].iter_mut().zip(joint_rates).enumerate();
+            for (j, (link, [q_rate, qd_rate])) in joints {
                 if !is_at_start {
-                    slot.q = Lanes::load(self.simd, &block.q[j].0[first..]);
-                    slot.qd = Lanes::load(self.simd, &block.qd[j].0[first..]);
+                    link.q = Lanes::load(self.simd, &block.q[j].0[first..]);
+                    link.qd = Lanes::load(self.simd, &block.qd[j].0[first..]);
                 }
-                slot.q = slot.q + *q_rate * k;
-                slot.qd = slot.qd + *qd_rate * k;
+                link.q = link.q + *q_rate * k;
+                link.qd = link.qd + *qd_rate * k;
             }
             is_at_start = true;
         }
@@ -236,7 +236,7 @@ impl<S: Simd> LaneStepper<S> {
     /// Velocity of the centre of mass, which nothing changes within a step.
     #[inline(always)]
     fn com_rate(&self, block: &Block, first: usize, mass: f64) -> Vec3<Lanes<S>> {
-        let mut rates = [Eight::ZERO; 3];
+        let mut rates = [F64x8::ZERO; 3];
         for (rate, momentum) in rates.iter_mut().zip(&block.linear_momentum_W) {
             for lane in 0..S::F64_LANES {
                 rate.0[lane] = momentum.0[first + lane] / mass;
@@ -248,11 +248,11 @@ impl<S: Simd> LaneStepper<S> {
     /// Stores the stage's states, a time `dt` after those of `block`, for a forcing.
     #[inline(always)]
     fn store_stage(&mut self, block: &Block, first: usize, now: Floating<S>, dt: f64) {
-        for (j, slot) in self.slots[1..].iter().enumerate() {
-            slot.q.store(&mut self.stage.q[j].0[first..]);
-            slot.qd.store(&mut self.stage.qd[j].0[first..]);
+        for (j, link) in self.links[1..].iter().enumerate() {
+            link.q.store(&mut self.stage.q[j].0[first..]);
+            link.qd.store(&mut self.stage.qd[j].0[first..]);
         }
-        let Attitude { w, v } = now.attitude;
+        let Quat { w, v } = now.attitude;
         let [i, j, k, l] = &mut self.stage.R_WB;
         v[0].store(&mut i.0[first..]);
         v[1].store(&mut j.0[first..]);
@@ -271,11 +271,11 @@ impl<S: Simd> LaneStepper<S> {
 
     #[inline(always)]
     fn finish_step(&self, block: &mut Block, first: usize, end: Floating<S>, dt: f64) {
-        for (j, slot) in self.slots[1..].iter().enumerate() {
-            slot.q.store(&mut block.q[j].0[first..]);
-            slot.qd.store(&mut block.qd[j].0[first..]);
+        for (j, link) in self.links[1..].iter().enumerate() {
+            link.q.store(&mut block.q[j].0[first..]);
+            link.qd.store(&mut block.qd[j].0[first..]);
         }
-        let Attitude { w, v } = renormalized(end.attitude);
+        let Quat { w, v } = renormalized(end.attitude);
         let [i, j, k, l] = &mut block.R_WB;
         v[0].store(&mut i.0[first..]);
         v[1].store(&mut j.0[first..]);
@@ -291,7 +291,7 @@ impl<S: Simd> LaneStepper<S> {
     }
 
     #[inline(always)]
-    fn load(&self, rows: &[Eight; 3], first: usize) -> Vec3<Lanes<S>> {
+    fn load(&self, rows: &[F64x8; 3], first: usize) -> Vec3<Lanes<S>> {
         let [x, y, z] = rows;
         Vec3([
             Lanes::load(self.simd, &x.0[first..]),
@@ -304,7 +304,7 @@ impl<S: Simd> LaneStepper<S> {
     fn load_floating(&self, block: &Block, first: usize) -> Floating<S> {
         let [i, j, k, w] = &block.R_WB;
         Floating {
-            attitude: Attitude {
+            attitude: Quat {
                 w: Lanes::load(self.simd, &w.0[first..]),
                 v: self.load(&[*i, *j, *k], first),
             },
@@ -316,7 +316,7 @@ impl<S: Simd> LaneStepper<S> {
     /// Whether a rotation vector is too large for the series in some lane.
     #[inline(always)]
     fn is_large(u: Vec3<Lanes<S>>) -> bool {
-        let mut squares = Eight::ZERO;
+        let mut squares = F64x8::ZERO;
         (u[0] * u[0] + u[1] * u[1] + u[2] * u[2]).store(&mut squares.0);
         let mut is_large = false;
         for square in squares.0 {
@@ -327,15 +327,15 @@ impl<S: Simd> LaneStepper<S> {
 
     /// `attitude exp([u×])`.
     #[inline(always)]
-    fn turned(&self, attitude: Attitude<Lanes<S>>, u: Vec3<Lanes<S>>) -> Attitude<Lanes<S>> {
-        let small = attitude.then(Attitude::of_small(u));
+    fn turned(&self, attitude: Quat<Lanes<S>>, u: Vec3<Lanes<S>>) -> Quat<Lanes<S>> {
+        let small = attitude.compose(Quat::exp_series(u));
         if !Self::is_large(u) {
             return small;
         }
         let mut after = rows(small);
         turn_far(&rows(attitude), &vector_rows(u), &mut after);
         let [i, j, k, w] = after;
-        Attitude {
+        Quat {
             w: Lanes::load(self.simd, &w.0),
             v: self.load(&[i, j, k], 0),
         }
@@ -343,7 +343,7 @@ impl<S: Simd> LaneStepper<S> {
 
     #[inline(always)]
     fn turn_rate(&self, u: Vec3<Lanes<S>>, w: Vec3<Lanes<S>>) -> Vec3<Lanes<S>> {
-        let small = small_turn_rate(u, w);
+        let small = rotation_vector_rate_series(u, w);
         if !Self::is_large(u) {
             return small;
         }
@@ -355,7 +355,7 @@ impl<S: Simd> LaneStepper<S> {
 
 /// [`UnitQuaternion::inverse_transform_vector`] in lanes.
 #[inline(always)]
-fn inverse_transform<S: Simd>(attitude: Attitude<Lanes<S>>, x: Vec3<Lanes<S>>) -> Vec3<Lanes<S>> {
+fn inverse_transform<S: Simd>(attitude: Quat<Lanes<S>>, x: Vec3<Lanes<S>>) -> Vec3<Lanes<S>> {
     let v = -attitude.v;
     let t = cross(v, x);
     let t = t + t;
@@ -374,19 +374,19 @@ fn cross<S: Simd>(a: Vec3<Lanes<S>>, b: Vec3<Lanes<S>>) -> Vec3<Lanes<S>> {
 
 /// [`UnitQuaternion::renormalize_fast`] in lanes.
 #[inline(always)]
-fn renormalized<S: Simd>(attitude: Attitude<Lanes<S>>) -> Attitude<Lanes<S>> {
-    let Attitude { w, v } = attitude;
+fn renormalized<S: Simd>(attitude: Quat<Lanes<S>>) -> Quat<Lanes<S>> {
+    let Quat { w, v } = attitude;
     let square = (v[0] * v[0] + v[2] * v[2]) + (v[1] * v[1] + w * w);
     let scale = (-square).plus(3.0).times(0.5);
-    Attitude {
+    Quat {
         w: w * scale,
         v: v.scaled(scale),
     }
 }
 
 #[inline(always)]
-fn vector_rows<S: Simd>(v: Vec3<Lanes<S>>) -> [Eight; 3] {
-    let mut rows = [Eight::ZERO; 3];
+fn vector_rows<S: Simd>(v: Vec3<Lanes<S>>) -> [F64x8; 3] {
+    let mut rows = [F64x8::ZERO; 3];
     v[0].store(&mut rows[0].0);
     v[1].store(&mut rows[1].0);
     v[2].store(&mut rows[2].0);
@@ -394,9 +394,9 @@ fn vector_rows<S: Simd>(v: Vec3<Lanes<S>>) -> [Eight; 3] {
 }
 
 #[inline(always)]
-fn rows<S: Simd>(attitude: Attitude<Lanes<S>>) -> [Eight; 4] {
+fn rows<S: Simd>(attitude: Quat<Lanes<S>>) -> [F64x8; 4] {
     let [i, j, k] = vector_rows(attitude.v);
-    let mut w = Eight::ZERO;
+    let mut w = F64x8::ZERO;
     attitude.w.store(&mut w.0);
     [i, j, k, w]
 }
@@ -404,13 +404,13 @@ fn rows<S: Simd>(attitude: Attitude<Lanes<S>>) -> [Eight; 4] {
 /// Whether the square of an angle is too large for the series.
 #[inline(always)]
 fn is_far(square: f64) -> bool {
-    square > SMALL_TURN || square.is_nan()
+    square > SERIES_LIMIT || square.is_nan()
 }
 
 /// `from exp([u×])` in the lanes where `u` is too large for the series.
 #[cold]
-fn turn_far(from: &[Eight; 4], u: &[Eight; 3], into: &mut [Eight; 4]) {
-    for lane in 0..GROUP {
+fn turn_far(from: &[F64x8; 4], u: &[F64x8; 3], into: &mut [F64x8; 4]) {
+    for lane in 0..GROUP_SIZE {
         let u = Vector3::from(get(u, lane));
         if is_far(u.norm_squared()) {
             let from = UnitQuaternion::new_unchecked(Quaternion::from(get(from, lane)));
@@ -421,8 +421,8 @@ fn turn_far(from: &[Eight; 4], u: &[Eight; 3], into: &mut [Eight; 4]) {
 
 /// The rate of the rotation vector in those lanes.
 #[cold]
-fn turn_rate_far(u: &[Eight; 3], w: &[Eight; 3], rates: &mut [Eight; 3]) {
-    for lane in 0..GROUP {
+fn turn_rate_far(u: &[F64x8; 3], w: &[F64x8; 3], rates: &mut [F64x8; 3]) {
+    for lane in 0..GROUP_SIZE {
         let u = Vector3::from(get(u, lane));
         if is_far(u.norm_squared()) {
             let rate = rotation_vector_rate(&u, &get(w, lane).into());

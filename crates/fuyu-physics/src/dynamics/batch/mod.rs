@@ -11,7 +11,7 @@ use rayon::prelude::*;
 
 use self::block::{Block, put, read};
 use self::lanes::LaneStepper;
-use super::kernel::{GROUP, Tree};
+use super::kernel::{GROUP_SIZE, Tree};
 use super::{IntegrationMethod, State, Tableau, checks};
 use crate::model::Model;
 
@@ -101,7 +101,7 @@ impl Batch {
                 mass: model.total_mass(),
             },
             count,
-            blocks: vec![block; count.div_ceil(GROUP)],
+            blocks: vec![block; count.div_ceil(GROUP_SIZE)],
             scratch: Vec::new(),
         }
     }
@@ -129,7 +129,7 @@ impl Batch {
             "there is no state {index} in a batch of {}",
             self.count
         );
-        (index / GROUP, index % GROUP)
+        (index / GROUP_SIZE, index % GROUP_SIZE)
     }
 
     /// Replaces state `index`.
@@ -177,7 +177,7 @@ impl Batch {
         law: impl Fn(&mut C, &State, &mut [f64]) + Sync,
     ) {
         self.check_count("controllers", controllers.len());
-        let size = self.piece_size() * GROUP;
+        let size = self.piece_size() * GROUP_SIZE;
         let pieces = self.pieces(Task::Accelerate);
         (pieces.zip(controllers.par_chunks_mut(size))).for_each(|(piece, controllers)| {
             let Piece {
@@ -188,7 +188,7 @@ impl Batch {
             } = piece;
             let Scratch { state, efforts, .. } = scratch;
             for (index, controller) in controllers.iter_mut().enumerate() {
-                let (block, lane) = (&mut blocks[index / GROUP], index % GROUP);
+                let (block, lane) = (&mut blocks[index / GROUP_SIZE], index % GROUP_SIZE);
                 block.read_state(lane, state);
                 read(&block.efforts, lane, efforts);
                 law(controller, state, efforts);
@@ -233,7 +233,7 @@ impl Batch {
         forcing: impl Fn(&mut D, &State, &mut [f64]) + Sync,
     ) {
         self.check_count("data", data.len());
-        let size = self.piece_size() * GROUP;
+        let size = self.piece_size() * GROUP_SIZE;
         let pieces = self.pieces(Task::Step { dt, steps });
         (pieces.zip(data.par_chunks_mut(size))).for_each(|(piece, data)| {
             let count = data.len();
@@ -350,8 +350,8 @@ impl WithSimd for Run<'_, '_> {
         } = self.piece;
         let stepper = scratch.stepper(simd, setup);
         for (b, block) in blocks.iter_mut().enumerate() {
-            for first in (0..GROUP).step_by(S::F64_LANES) {
-                let at = (first, b * GROUP);
+            for first in (0..GROUP_SIZE).step_by(S::F64_LANES) {
+                let at = (first, b * GROUP_SIZE);
                 stepper.run(setup, block, at, task, &mut self.forced);
             }
         }
