@@ -1,6 +1,8 @@
 //! A batch moves every state exactly as it moves alone.
 
-use fuyu::control::{Controller, ControllerConfig, Gains, LawKind, Measurement, Saturation, TipMeasurement};
+use fuyu::control::{
+    Controller, ControllerConfig, Gains, LawKind, Measurement, Saturation, TipMeasurement,
+};
 use fuyu::dynamics::{
     Batch, Floating, Input, IntegrationMethod, Integrator, State, Tableau, Workspace,
 };

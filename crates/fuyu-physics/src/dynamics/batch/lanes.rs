@@ -38,9 +38,9 @@ pub(super) struct LaneStepper<S: Simd> {
     efforts: Vec<f64>,
 }
 
-/// The parts of the states that the sweeps do not need.
+/// States of the base, and the work done.
 #[derive(Debug, Clone, Copy)]
-struct Floating<S: Simd> {
+struct BaseState<S: Simd> {
     attitude: Quat<Lanes<S>>,
     p_WC: Vec3<Lanes<S>>,
     work: Lanes<S>,
@@ -92,7 +92,7 @@ impl<S: Simd> LaneStepper<S> {
     #[inline(always)]
     fn accelerate(&mut self, tree: &Tree, block: &mut Block, first: usize) {
         self.set_joints(block, first);
-        let start = self.load_floating(block, first);
+        let start = self.load_base(block, first);
         self.evaluate(tree, block, first, start.attitude);
         for (link, qdd) in self.links[1..].iter().zip(&mut block.qdd) {
             link.qdd.store(&mut qdd.0[first..]);
@@ -110,7 +110,7 @@ impl<S: Simd> LaneStepper<S> {
     ) {
         let n = setup.tree.dof();
         self.set_joints(block, first);
-        let start = self.load_floating(block, first);
+        let start = self.load_base(block, first);
         let com_rate = self.com_rate(block, first, setup.mass);
         let (mut now, mut turned) = (start, Vec3::zero(start.work));
         for (i, c) in setup.tableau.c.iter().enumerate() {
@@ -199,13 +199,13 @@ impl<S: Simd> LaneStepper<S> {
         &mut self,
         block: &Block,
         first: usize,
-        (start, com_rate): (Floating<S>, Vec3<Lanes<S>>),
+        (start, com_rate): (BaseState<S>, Vec3<Lanes<S>>),
         weights: &[f64],
         dt: f64,
-    ) -> (Floating<S>, Vec3<Lanes<S>>) {
+    ) -> (BaseState<S>, Vec3<Lanes<S>>) {
         let n = self.links.len() - 1;
         let (mut next, mut turned) = (start, Vec3::zero(start.work));
-        let mut is_at_start = false;
+        let mut is_started = false;
         for (stage, weight) in weights.iter().enumerate() {
             if *weight == 0.0 {
                 continue;
@@ -217,16 +217,16 @@ impl<S: Simd> LaneStepper<S> {
             let joint_rates = &self.joint_rates[stage * n..][..n];
             let joints = self.links[1..].iter_mut().zip(joint_rates).enumerate();
             for (j, (link, [q_rate, qd_rate])) in joints {
-                if !is_at_start {
+                if !is_started {
                     link.q = Lanes::load(self.simd, &block.q[j].0[first..]);
                     link.qd = Lanes::load(self.simd, &block.qd[j].0[first..]);
                 }
                 link.q = link.q + *q_rate * k;
                 link.qd = link.qd + *qd_rate * k;
             }
-            is_at_start = true;
+            is_started = true;
         }
-        if !is_at_start {
+        if !is_started {
             self.set_joints(block, first);
         }
         next.attitude = self.turned(start.attitude, turned);
@@ -247,7 +247,7 @@ impl<S: Simd> LaneStepper<S> {
 
     /// Stores the stage's states, a time `dt` after those of `block`, for a forcing.
     #[inline(always)]
-    fn store_stage(&mut self, block: &Block, first: usize, now: Floating<S>, dt: f64) {
+    fn store_stage(&mut self, block: &Block, first: usize, now: BaseState<S>, dt: f64) {
         for (j, link) in self.links[1..].iter().enumerate() {
             link.q.store(&mut self.stage.q[j].0[first..]);
             link.qd.store(&mut self.stage.qd[j].0[first..]);
@@ -270,7 +270,7 @@ impl<S: Simd> LaneStepper<S> {
     }
 
     #[inline(always)]
-    fn finish_step(&self, block: &mut Block, first: usize, end: Floating<S>, dt: f64) {
+    fn finish_step(&self, block: &mut Block, first: usize, end: BaseState<S>, dt: f64) {
         for (j, link) in self.links[1..].iter().enumerate() {
             link.q.store(&mut block.q[j].0[first..]);
             link.qd.store(&mut block.qd[j].0[first..]);
@@ -301,9 +301,9 @@ impl<S: Simd> LaneStepper<S> {
     }
 
     #[inline(always)]
-    fn load_floating(&self, block: &Block, first: usize) -> Floating<S> {
+    fn load_base(&self, block: &Block, first: usize) -> BaseState<S> {
         let [i, j, k, w] = &block.R_WB;
-        Floating {
+        BaseState {
             attitude: Quat {
                 w: Lanes::load(self.simd, &w.0[first..]),
                 v: self.load(&[*i, *j, *k], first),
