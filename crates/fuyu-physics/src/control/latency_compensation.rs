@@ -45,10 +45,10 @@ impl LatencyCompensation {
         prediction: Prediction,
     ) {
         let Manipulator {
-            model,
             tip,
             more_tips,
             workspace,
+            ..
         } = manipulator;
         workspace.set_positions(measurement.q);
         self.w_IB_B = match measurement.w_IB_B {

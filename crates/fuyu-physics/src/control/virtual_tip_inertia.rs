@@ -68,12 +68,7 @@ impl InertiaWrench {
         rates: &DVector<f64>,
         efforts: impl Fn(usize) -> f64,
     ) -> Vector6<f64> {
-        let Manipulator {
-            model,
-            tip,
-            workspace,
-            ..
-        } = manipulator;
+        let Manipulator { tip, workspace, .. } = manipulator;
         self.state.q.copy_from(q);
         self.state.qd.copy_from(rates);
         for (j, effort) in self.input.efforts.iter_mut().enumerate() {

@@ -27,7 +27,8 @@ impl Loops {
         if self.closures.is_empty() {
             return Ok(());
         }
-        let mut workspace = Workspace::new(model);
+        checks::state(state, &self.model);
+        let mut workspace = Workspace::new(&self.model);
         workspace.set_positions(&state.q);
         self.set_target(&workspace);
         if let Some((closure, direction, gap)) = self.largest_violation(tolerance) {
