@@ -66,7 +66,6 @@ impl ContinuousLoop {
     /// If the law has no efforts to give.
     pub fn step(&mut self, dt: f64) {
         let Self {
-            model,
             tip,
             state,
             workspace,
