@@ -1,4 +1,4 @@
-//! `views/`: what the layouts name is there to be shown.
+//! The layouts in `views/` name topics and fields that exist.
 
 use fuyu::{
     msg::{self, Base, Definition},
@@ -41,7 +41,7 @@ fn follow(mut definition: &'static Definition, path: &str) {
     panic!("{path} is a whole message");
 }
 
-// A topic or a field that is renamed leaves an empty plot behind, without a word.
+// A layout with an outdated topic or field shows an empty plot and no error.
 #[test]
 fn foxglove_layout_names_what_is_published() {
     let layout: Value = serde_json::from_str(&text("foxglove.json")).unwrap();

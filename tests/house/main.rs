@@ -1,4 +1,4 @@
-//! The order of the house: what the documents and the layout promise about the sources.
+//! Rules of the repository: layers, file lengths, and documents that agree with the sources.
 
 mod documents;
 #[cfg(feature = "ros")]

@@ -100,7 +100,7 @@ impl Chance {
             d_along: damping,
             d_across: damping * (1.0 + 9.0 * self.number(1.0).abs()),
             d_turn: damping,
-            // A load that is heavy beside the robot.
+            // A load that is heavy compared with the robot.
             period: 0.1,
             ..StraightPathConfig::default()
         };

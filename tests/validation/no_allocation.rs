@@ -1,4 +1,4 @@
-//! The step loop takes no memory.
+//! The step loop does not allocate.
 
 use allocation_counter::measure;
 use fuyu::control::prediction::Prediction;

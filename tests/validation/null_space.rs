@@ -1,4 +1,4 @@
-//! Several tips and the reaction null space, on the robot with two arms of `urdf/dual_arm.urdf`.
+//! Several tips and the reaction null space, on the two-armed robot of `urdf/dual_arm.urdf`.
 
 use fuyu::control::{
     BaseTask, Controller, ControllerConfig, Gains, Measurement, OperationalSpaceConfig, PoseError,

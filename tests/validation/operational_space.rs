@@ -1,4 +1,4 @@
-//! The laws' equations, term by term.
+//! The equations of the operational-space law, term by term.
 
 use fuyu::control::prediction::{Prediction, TipPrediction};
 use fuyu::control::{
@@ -68,7 +68,7 @@ fn resolved_acceleration_gives_the_tip_the_acceleration_that_it_asks_for() {
     robot.hold_efforts(controller.efforts().as_slice());
     robot.accelerations();
     let error = PoseError::between(&X_BE, &X_BD);
-    // The tip's velocity beside the centre of mass, which moves evenly.
+    // The tip's velocity relative to the centre of mass, which moves evenly.
     let X_WB = robot.state().X_WB(robot.workspace());
     let v_WC_B = X_WB.rotation.inverse() * robot.state().momentum_W.linear / model.total_mass();
     let V = robot.workspace().V_WF_B(&tip);
@@ -145,7 +145,7 @@ fn the_lyapunov_function_falls_at_the_rate_that_the_proof_says() {
     let mut feed_forward = FeedForward::new(&model, &tip);
     feed_forward.damping = 1e-9;
     let start = robot.state().X_WB(robot.workspace()) * robot.workspace().X_BF(&tip);
-    // The goal in the world: it starts beside the tip, drifts, and turns evenly.
+    // The goal in the world: it starts next to the tip, drifts, and turns evenly.
     let (v_W, w_W) = (
         Vector3::new(0.03, -0.02, 0.04),
         Vector3::new(0.02, 0.03, -0.04),
@@ -199,7 +199,7 @@ fn the_lyapunov_function_falls_at_the_rate_that_the_proof_says() {
         if let Some((last, last_rate)) = before {
             let fallen = (last - energy) / dt;
             let said = 0.5 * (rate + last_rate);
-            // Efforts are held for 10 us: first order in that, beside 100 1/s of the wrist.
+            // Efforts are held for 10 us: an error of first order in that, compared with 100 1/s of the wrist.
             assert!((fallen / said - 1.0).abs() < 5e-3, "{fallen} {said} at {t}");
         }
         before = Some((energy, rate));

@@ -216,7 +216,7 @@ fn gains_of_its_own_make_a_joint_follow_as_its_inertia_lets_it() {
     let model = servicer();
     let gains = vec![400.0, 100.0, 200.0, 10.0, 2.0, 2.0];
     let mut servo = servo(&model, ServoGains::PerJoint(gains.clone()), 0.0);
-    // What starvation tests know of the joints' damping over reduced inertia.
+    // The same rate limits the delay in `tests/launch/process.rs`: joint damping over reduced inertia.
     let fastest = servo.max_bandwidth(&model, &posture());
     assert!((60.0..100.0).contains(&fastest), "{fastest}");
     let reference = [0.01; 6];

@@ -150,7 +150,7 @@ proptest! {
         of_tree.set_accelerations(&expected.qdd);
         let arm2 = tree.frame("arm2").unwrap();
         let (positions, rates) = freedoms(&of_tree, &tree);
-        // The angles of arm 2 must tell its attitude.
+        // The angles of arm 2 must determine its attitude.
         prop_assume!(positions[4].abs() < 1.3);
 
         let (open, mut hinge) = robot.cut();
