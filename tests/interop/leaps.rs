@@ -195,7 +195,7 @@ fn a_leap_of_time_is_survived() {
         let seconds = until_answered(peer, at, before, by);
         told(peer, at, "controller: control", steering);
         told(peer, at, "estimator: motion", |_, text| {
-            text.contains("the gyro has just begun, or had a gap")
+            text.contains("the gyro has just started, or had a gap")
                 || text.contains("the target was out of sight for")
         });
         told(peer, at, "blind/estimator: motion", |_, text| {

@@ -139,7 +139,7 @@ fn a_push_is_noticed_and_the_new_motion_found() {
         });
         // It was noticed, rather than taken for outliers until the window had passed.
         let (_, said) = estimator.said();
-        assert!(said.contains("the target moves otherwise"), "{said}");
+        assert!(said.contains("the motion of the target has changed"), "{said}");
         estimator.interrupt().well();
     });
 }

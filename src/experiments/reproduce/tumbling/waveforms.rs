@@ -4,7 +4,7 @@ use super::study::{SEED, Source, Study};
 use super::{Report, map, number};
 use crate::estimation::free_body::{DynamicParameters, FreeRotation};
 use crate::estimation::masutani1995::Analysis;
-use crate::experiments::masutani_ch3::{self as chapter, Condition, Motion};
+use crate::experiments::masutani_ch3::{self as chapter, Condition, TumblingMotion};
 use crate::experiments::{Figure, MapPanel, MapScale, Panel, Series};
 
 /// A quantity of the closed form over the grid of motions.
