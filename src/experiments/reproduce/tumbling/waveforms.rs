@@ -66,7 +66,7 @@ pub(super) fn period_map(mut report: Report) -> Report {
         longer,
         longer >= 100.0,
     );
-    let inner = |a: &TumblingMotion, b: &Motion| {
+    let inner = |a: &TumblingMotion, b: &TumblingMotion| {
         let closer = a.s_alpha.abs() - b.s_alpha.abs();
         let same_side = a.s_alpha * b.s_alpha > 0.0;
         swings(a)
