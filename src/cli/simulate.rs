@@ -5,13 +5,13 @@ use std::{fmt::Write as _, path::PathBuf, time::Instant};
 use super::{Failure, print};
 use crate::{
     bag::BagError,
-    control::Trouble,
+    control::ConvergenceFailure,
     experiments::{ClosedLoop, Performance, SimulatedBag, Summary},
     nodes::scenario::Scenario,
 };
 
-/// Simulates a scenario without DDS, as fast as the machine goes; the same scenario gives the same
-/// numbers to the bit.
+/// Simulates a scenario without DDS, as fast as possible; the same scenario gives bit-identical
+/// results.
 #[derive(clap::Args)]
 pub struct Args {
     /// Scenario: a ROS 2 parameter file
@@ -28,7 +28,7 @@ pub struct Args {
     json: bool,
 }
 
-/// What stops a simulation.
+/// Reasons for stopping a simulation.
 enum Stop {
     Physics(String),
     Bag(BagError),
@@ -49,8 +49,8 @@ impl From<BagError> for Stop {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure::Input`] for a wrong scenario or output folder, [`Failure::Runtime`] when the motion leaves
-/// the finite or the bag cannot be written.
+/// [`Failure::Input`] for an invalid scenario or output folder, [`Failure::Runtime`] when the state becomes non-finite or
+/// the bag cannot be written.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let scenario = Scenario::read(&args.config).map_err(Failure::Input)?;
     scenario.check().map_err(Failure::Input)?;
@@ -96,12 +96,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     print(&text)
 }
 
-/// How it went, and since when the tip does not arrive, if at the end it does not.
+/// The results, and since when the tip has been in trouble, if it is at the end.
 fn simulate(
     closed_loop: &mut ClosedLoop,
     duration: f64,
     mut bag: Option<&mut SimulatedBag>,
-) -> Result<(Performance, Option<(f64, Trouble)>), Stop> {
+) -> Result<(Performance, Option<(f64, ConvergenceFailure)>), Stop> {
     let mut performance = Performance::new(&closed_loop.world);
     let mut trouble = None;
     let mut frames = Vec::new();
@@ -111,7 +111,10 @@ fn simulate(
         }
         closed_loop.answer::<Stop>(&mut frames, |world, moment| {
             performance.see(world, moment);
-            let now = moment.answer.as_ref().and_then(|a| a.acted.trouble);
+            let now = moment
+                .answer
+                .as_ref()
+                .and_then(|a| a.report.convergence_failure);
             let since = trouble.map_or(world.time(), |(since, _)| since);
             trouble = now.map(|now| (since, now));
             if let Some(bag) = bag.as_deref_mut() {

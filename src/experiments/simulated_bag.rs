@@ -1,5 +1,5 @@
-//! A simulated run as a bag: the messages that the nodes would have published, stamped and logged in
-//! simulated time, so that the same scenario gives the same file.
+//! A simulated run as a bag: the messages that the nodes would publish, stamped and recorded in simulated time, so that
+//! the same scenario gives the same file.
 
 use std::path::Path;
 
@@ -28,7 +28,7 @@ pub struct SimulatedBag {
     imu: TopicId,
     tf: TopicId,
     servo: Option<ServoTopics>,
-    /// Commands of an operator's steering.
+    /// Commands of an operator.
     rates: Option<TopicId>,
 }
 
@@ -58,7 +58,7 @@ impl SimulatedBag {
         let tf_static = add(&mut writer, &topics::TF_STATIC)?;
         writer.write_message(tf_static, 0, &frames.static_transforms(&run.world.targets))?;
         for target in &run.world.targets {
-            let described = target.description_topic();
+            let described = topics::TARGET_DESCRIPTION.of(&target.name);
             let latched = named(&mut writer, &described, &topics::ROBOT_DESCRIPTION)?;
             let text = std_msgs::String {
                 data: target.description.clone(),
@@ -75,7 +75,7 @@ impl SimulatedBag {
             joint_states: add(w, &topics::JOINT_STATES)?,
             odometry: add(w, &topics::ODOMETRY)?,
             targets: (run.world.targets.iter())
-                .map(|t| named(w, &t.odometry_topic(), &topics::ODOMETRY))
+                .map(|t| named(w, &topics::TARGET_ODOMETRY.of(&t.name), &topics::ODOMETRY))
                 .collect::<Result<_, _>>()?,
             momentum: add(w, &topics::MOMENTUM)?,
             imu: add(w, &topics::IMU)?,
@@ -103,7 +103,7 @@ impl SimulatedBag {
         })
     }
 
-    /// Writes what the dynamics node publishes of a state.
+    /// Writes the messages that the dynamics node publishes for a state.
     ///
     /// # Errors
     /// When the bag cannot be written.
@@ -129,7 +129,7 @@ impl SimulatedBag {
         w.write_message(self.tf, log, &self.frames.transforms(stamp, world))
     }
 
-    /// Writes what camera and controller, or an operator's steering, publish in answer to a state.
+    /// Writes the messages that camera and controller, or an operator, publish in response to a state.
     ///
     /// # Errors
     /// When the bag cannot be written.
@@ -171,7 +171,7 @@ impl SimulatedBag {
         let command = controller::command(answer.controller, &header);
         w.write_message(servo.commands, log, &command)?;
         let age = answer.age.min(1e9);
-        let state = controller::report(answer.controller, &header, &answer.acted, age);
+        let state = controller::state_message(answer.controller, &header, &answer.report, age);
         w.write_message(servo.state, log, &state)
     }
 

@@ -1,4 +1,4 @@
-//! What the text says of the error maps, and whether the computed ones bear it out.
+//! Statements of the text about the error maps, checked against the computed maps.
 
 use super::Report;
 use super::model_tables::SEEDS;
@@ -7,7 +7,7 @@ use super::study::{Cell, Source, Study};
 use crate::estimation::{EstimationMethod, MotionModel};
 use crate::experiments::masutani_ch3::TumblingMotion;
 
-/// Which error a figure shows: its place in [`Cell::errors`].
+/// The error shown by a figure: an index into [`Cell::errors`].
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Quantity {
     Parameters,
@@ -52,7 +52,7 @@ pub(super) fn asymmetric(cell: &Cell) -> bool {
     cell.model == Some(MotionModel::Asymmetric)
 }
 
-/// Median of a quantity by the thesis's method over the cells of some motions.
+/// Median of a quantity by the thesis's method over the cells of selected motions.
 pub(super) fn typical(
     study: &Study,
     quantity: Quantity,
@@ -67,24 +67,24 @@ pub(super) fn typical(
     )
 }
 
-/// Largest over the cells that the asymmetric model answers.
+/// Maximum over the cells for which the asymmetric model was chosen.
 fn worst(study: &Study, quantity: Quantity) -> f64 {
     largest_of(study, quantity, MotionModel::Asymmetric)
 }
 
-/// Largest over the cells that a model answers.
+/// Maximum over the cells for which any model was chosen.
 fn largest_of(study: &Study, quantity: Quantity, model: MotionModel) -> f64 {
     let cells = study.cells(EstimationMethod::Masutani1995);
     let answered = cells.iter().filter(|c| c.model == Some(model));
     largest(answered.map(|c| quantity.of(c)))
 }
 
-/// Slow and fast by turns: where the text sees the error of the difference (2.4).
+/// Alternately slow and fast motions, where the text expects the error of the finite difference (2.4).
 fn uneven(m: &TumblingMotion, c: &Cell) -> bool {
     asymmetric(c) && m.e < 0.51 && m.s_alpha.abs() < 0.31
 }
 
-/// Nearly a sphere: where the text sees the error of the pixels.
+/// Nearly spherical bodies, where the text expects the error of the pixels.
 fn nearly_round(m: &TumblingMotion, c: &Cell) -> bool {
     asymmetric(c) && m.e > 0.74
 }
@@ -225,7 +225,7 @@ pub(super) fn resolution(report: &mut Report, quantity: Quantity, i: usize) {
     }
     difference_dominates(report, &study, Parameters);
     if i > 0 {
-        // What quantisation adds: the rise over the estimate from true rotations.
+        // The effect of quantisation: the increase over the estimate from true rotations.
         let any = |_: &TumblingMotion, c: &Cell| asymmetric(c);
         let exact = typical(&Study::of(Source::TrueRotations), Parameters, any);
         let rise = |resolution: u32| {
@@ -252,7 +252,7 @@ pub(super) fn points(report: &mut Report, quantity: Quantity, i: usize) {
     let study = Study::images(1024, POINTS[i]);
     let twenty = Study::images(1024, 20);
     let ratio = typical(&study, quantity, nearly_round) / typical(&twenty, quantity, nearly_round);
-    // With 10 points the asymmetric model answers hardly any of them.
+    // With 10 points the asymmetric model is chosen for hardly any of them.
     let near_one = |study: &Study| {
         let near_one = |m: &TumblingMotion, c: &Cell| c.estimated() && m.e > 0.74 && m.e < 0.99;
         let seeds = SEEDS.map(|seed| study.with_seed(seed));

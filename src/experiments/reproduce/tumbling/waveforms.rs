@@ -1,4 +1,4 @@
-//! Figs. 3.27 to 3.30: how `|w|²` swings, and where it drowns.
+//! Figs. 3.27 to 3.30: oscillation of `|w|²`, and where noise hides it.
 
 use super::study::{SEED, Source, Study};
 use super::{Report, map, number};
@@ -35,7 +35,7 @@ fn closed_form(
     values
 }
 
-/// The share of pairs of neighbours along one axis of the grid for which `first` then `second` is in order.
+/// Fraction of neighbouring pairs along one grid axis for which `first` and `second` are in the expected order.
 fn share(
     values: &[(TumblingMotion, f64)],
     next: impl Fn(&TumblingMotion, &TumblingMotion) -> bool,
@@ -49,7 +49,7 @@ fn share(
     orders.iter().filter(|o| **o).count() as f64 / orders.len() as f64
 }
 
-/// Swinging motions: neither a sphere, nor one axis, nor the separatrix.
+/// Oscillating motions: neither a sphere, nor a single-axis rotation, nor the separatrix.
 fn swings(m: &TumblingMotion) -> bool {
     m.e < 0.99 && m.s_alpha.abs() < 0.99 && m.s_alpha.abs() > 0.01
 }
@@ -90,7 +90,7 @@ pub(super) fn period_map(mut report: Report) -> Report {
 pub(super) fn amplitude_map(mut report: Report) -> Report {
     let values = closed_form(&mut report, "beta - gamma [rad²/s²]", |p| {
         let amplitude = p.beta() - p.gamma();
-        // What rounding leaves of none is none.
+        // Treat rounding errors as zero.
         match amplitude > 1e-12 * p.beta() {
             true => amplitude,
             false => f64::NAN,
@@ -106,7 +106,7 @@ pub(super) fn amplitude_map(mut report: Report) -> Report {
     report
 }
 
-/// A motion, `|w|²` over time as it was seen, and what the thesis makes of that.
+/// A motion, its measured `|w|²` over time, and the estimate of the thesis.
 type Seen = (FreeRotation, Vec<(f64, f64)>, Analysis);
 
 /// The motion of Figs. 3.29 and 3.30, or its mirror image in momentum.
@@ -129,7 +129,7 @@ fn seen(s_alpha: f64) -> Option<Seen> {
     Some((truth, squares, analysis))
 }
 
-/// What is seen of both motions, and rows that both figures share.
+/// Measurements of both motions, and rows common to both figures.
 fn buried(report: &mut Report) -> Vec<(f64, Seen)> {
     let all = [-0.8, 0.8].into_iter();
     let all: Vec<_> = all.filter_map(|s| Some((s, seen(s)?))).collect();
