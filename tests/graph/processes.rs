@@ -2,7 +2,7 @@
 
 use fuyu::{
     msg::std_msgs::String as Text,
-    ros::{Domain, Node, NodeError, Process, Qos, Reach, RosArgs},
+    ros::{Domain, Node, NodeError, Process, Qos, DiscoveryRange, RosArgs},
 };
 use std::{
     sync::mpsc,
@@ -12,8 +12,8 @@ use std::{
 use crate::{measuring::once_below, waiting::PATIENCE};
 
 fn process(domain: u16) -> Process {
-    let reach = Reach::Localhost;
-    Process::new(RosArgs::default(), Domain { id: domain, reach })
+    let range = DiscoveryRange::Localhost;
+    Process::new(RosArgs::default(), Domain { id: domain, range })
 }
 
 fn text(data: impl ToString) -> Text {

@@ -4,7 +4,7 @@
 use super::geometry_msgs::{Quaternion, Vector3};
 use super::std_msgs::Header;
 
-super::declare::messages! {
+crate::messages! {
     package fuyu_msgs;
 
     /// Momentum and kinetic energy of a free-floating robot as a whole.

@@ -11,9 +11,9 @@
 //! assert!(JointState::DEFINITION.type_hash().starts_with("RIHS01_a13ee3a3"));
 //! ```
 
-mod declare;
 mod definition;
-mod field;
+mod interface;
+mod macros;
 mod type_hash;
 
 pub mod cdr;
@@ -38,8 +38,10 @@ pub mod tf2_msgs;
 pub mod unique_identifier_msgs;
 pub mod visualization_msgs;
 
+#[doc(hidden)]
+pub use definition::ros_name;
 pub use definition::{Constant, Definition, FieldDefinition, Kind};
-pub use field::{Action, Base, Bounded, Byte, Field, FieldType, Interface, Service, Shape};
+pub use interface::{Action, Base, Bounded, Byte, Field, FieldType, Interface, Service, Shape};
 
 /// Every message type that fuyu knows, package by package.
 pub fn definitions() -> impl Iterator<Item = &'static Definition> {

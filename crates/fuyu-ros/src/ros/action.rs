@@ -68,9 +68,12 @@ impl<A: Action> ActionServer<A> {
             let (shared, events) = (Arc::downgrade(&shared), Arc::clone(&node.core.events));
             node.serve_later::<A::SendGoal>(&below("send_goal"), move |request, reply| {
                 if let Some(shared) = shared.upgrade() {
-                    let (id, goal) = A::goal(request);
+                    let (id, goal) = A::goal_of(request);
                     let stamp = shared.accept(&id, goal);
-                    reply.send(&A::taken(stamp.is_some(), stamp.unwrap_or_default()));
+                    reply.send(&A::goal_response(
+                        stamp.is_some(),
+                        stamp.unwrap_or_default(),
+                    ));
                     events.notify();
                 }
             })?
@@ -88,7 +91,7 @@ impl<A: Action> ActionServer<A> {
             let shared = Arc::downgrade(&shared);
             node.serve_later::<A::GetResult>(&below("get_result"), move |request, reply| {
                 if let Some(shared) = shared.upgrade() {
-                    shared.ask(&A::asked(request), reply);
+                    shared.ask(&A::requested_goal(request), reply);
                 }
             })?
         };
@@ -132,7 +135,7 @@ pub struct Goal<A: Action> {
 impl<A: Action> Goal<A> {
     /// Tells the client how far it is.
     pub fn feedback(&self, feedback: A::Feedback) {
-        let message = A::told(self.id.clone(), feedback);
+        let message = A::feedback_message(self.id.clone(), feedback);
         self.shared.feedback.publish(&message);
     }
 
@@ -242,9 +245,12 @@ impl<A: Action> Shared<A> {
     fn ask(&self, id: &UUID, reply: Reply<A::GetResult>) {
         let mut goals = self.lock();
         match goals.iter_mut().find(|k| k.info.goal_id == *id) {
-            None => reply.send(&A::ended(GoalStatus::STATUS_UNKNOWN, A::Outcome::default())),
+            None => reply.send(&A::result_response(
+                GoalStatus::STATUS_UNKNOWN,
+                A::Outcome::default(),
+            )),
             Some(known) => match &known.outcome {
-                Some(outcome) => reply.send(&A::ended(known.status, outcome.clone())),
+                Some(outcome) => reply.send(&A::result_response(known.status, outcome.clone())),
                 None => known.asking.push(reply),
             },
         }
@@ -267,7 +273,7 @@ impl<A: Action> Shared<A> {
         known.status = status;
         known.ended = Some(Instant::now());
         for reply in known.asking.drain(..) {
-            reply.send(&A::ended(status, outcome.clone()));
+            reply.send(&A::result_response(status, outcome.clone()));
         }
         known.outcome = Some(outcome);
         self.publish(&goals);

@@ -8,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::{Time, wait::Events};
+use super::{Time, events::Events};
 
 /// The time of a node. Clones show the same time.
 #[derive(Debug, Clone)]

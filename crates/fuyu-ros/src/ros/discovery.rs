@@ -16,11 +16,11 @@ use std::{
 
 use super::{
     Gid, NodeName, Qos,
-    definitions::{self, Definitions},
+    discovery_settling::DiscoverySettling,
     endpoint::{Counters, EndpointSpec, Endpoints},
-    lockups::{self, Refusal},
-    neighbours::Neighbours,
-    newcomers::Newcomers,
+    graph_cache::GraphCache,
+    participant_watchdog::{self, EntityError},
+    type_hash_check::{self, TypeHashCheck},
 };
 
 /// Publishes `ros_discovery_info`: a participant, its node, and what belongs to it.
@@ -37,10 +37,10 @@ impl Announcer {
         participant: &DomainParticipant,
         publisher: &rustdds::Publisher,
         node: &NodeName,
-    ) -> Result<Self, Refusal> {
+    ) -> Result<Self, EntityError> {
         let qos = QosPolicies::from(&Qos::LATCHED);
         let publisher = publisher.clone();
-        let writer = lockups::make(participant, move |participant| {
+        let writer = participant_watchdog::create(participant, move |participant| {
             let topic = participant.create_topic(
                 "ros_discovery_info".to_owned(),
                 "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_".to_owned(),
@@ -49,7 +49,7 @@ impl Announcer {
             )?;
             publisher.create_datawriter_no_key_cdr(&topic, Some(qos))
         })?;
-        let node = WireNodeName::new(node.namespace(), node.name()).map_err(Refusal::dds)?;
+        let node = WireNodeName::new(node.namespace(), node.name()).map_err(EntityError::dds)?;
         Ok(Self {
             writers: BTreeSet::from([Gid::from(writer.guid())]),
             readers: BTreeSet::new(),
@@ -99,7 +99,7 @@ impl Announcer {
 pub(super) struct Peers {
     /// Those that each of this node's is matched with.
     matches: HashMap<Gid, HashSet<GUID>>,
-    definitions: Definitions,
+    type_hashes: TypeHashCheck,
 }
 
 impl Peers {
@@ -109,14 +109,14 @@ impl Peers {
         self.matches.entry(local).or_default().insert(remote);
         self.count(all, local);
         if let Some((_, spec)) = find(all, local) {
-            self.definitions.compare(node, spec, remote);
+            self.type_hashes.compare(node, spec, remote);
         }
     }
 
     fn lost(&mut self, all: &Endpoints, is_lost: impl Fn(&GUID) -> bool) {
         let matches = &mut self.matches;
         matches.values_mut().for_each(|r| r.retain(|g| !is_lost(g)));
-        self.definitions.lose(is_lost);
+        self.type_hashes.remove_endpoints(is_lost);
         self.matches
             .keys()
             .for_each(|&local| self.count(all, local));
@@ -141,14 +141,16 @@ pub(super) fn report_status(
     node: &NodeName,
     endpoints: &Mutex<Endpoints>,
     peers: &mut Peers,
-    (neighbours, newcomers): (&Neighbours, &Newcomers),
+    (graph, settling): (&GraphCache, &DiscoverySettling),
 ) {
     while let Some(event) = listener.try_recv_status() {
         let all = endpoints.lock().unwrap_or_else(PoisonError::into_inner);
         match event {
-            Event::ParticipantDiscovered { dpd } => newcomers.came(&dpd.guid),
+            Event::ParticipantDiscovered { dpd } => settling.participant_discovered(&dpd.guid),
             Event::ReaderDetected { reader: found } | Event::WriterDetected { writer: found } => {
-                peers.definitions.found(found.guid, &found.user_data);
+                peers
+                    .type_hashes
+                    .endpoint_discovered(found.guid, &found.user_data);
             }
             Event::RemoteReaderMatched {
                 local_writer,
@@ -163,7 +165,7 @@ pub(super) fn report_status(
             }
             Event::ParticipantLost { id, .. } => {
                 peers.lost(&all, |g| g.prefix == id);
-                neighbours.lose(|g| g.prefix == id);
+                graph.remove_participants(|g| g.prefix == id);
             }
             Event::RemoteReaderQosIncompatible {
                 local_writer,
@@ -268,7 +270,7 @@ pub struct DiscoveredPublisher {
 pub(super) fn publishers(
     participant: &DomainParticipant,
     node: &NodeName,
-    strange: &mut BTreeSet<(String, String)>,
+    warned_topics: &mut BTreeSet<(String, String)>,
 ) -> Vec<DiscoveredPublisher> {
     let mut publishers = Vec::new();
     for writer in participant.discovered_writers() {
@@ -282,10 +284,10 @@ pub(super) fn publishers(
                 topic: topic.to_owned(),
                 type_name,
                 qos: Qos::from(&data.qos()),
-                type_hash: definitions::stated(&writer.user_data),
+                type_hash: type_hash_check::hash_in_user_data(&writer.user_data),
                 gid: data.key.into(),
             });
-        } else if strange.insert((data.topic_name.clone(), data.type_name.clone())) {
+        } else if warned_topics.insert((data.topic_name.clone(), data.type_name.clone())) {
             tracing::warn!(
                 "node {node}: topic {topic} of type {}, which a peer publishes, is left out: not a \
                  name and a type of ROS",

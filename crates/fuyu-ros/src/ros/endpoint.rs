@@ -10,8 +10,8 @@ use std::{
     time::Duration,
 };
 
-use super::{Gid, Qos, RawSample, Time, qos::Durability, wire::RawWriter};
-use crate::msg::Interface;
+use super::{Gid, Qos, RawSample, Time, qos::Durability, raw_endpoints::RawWriter};
+use crate::msg::{Definition, Interface};
 
 /// Topic, type and QoS of an endpoint, as DDS sees them.
 #[derive(Debug, Clone)]
@@ -23,6 +23,8 @@ pub(super) struct EndpointSpec {
     /// `sensor_msgs::msg::dds_::JointState_`
     pub(super) dds_type: String,
     pub(super) qos: Qos,
+    /// Definition of the type, if it is known here.
+    pub(super) definition: Option<&'static Definition>,
     /// Services and infrastructure are left out of the communication diagnostics.
     pub(super) internal: bool,
 }
@@ -40,6 +42,7 @@ impl EndpointSpec {
                 M::NAME
             ),
             qos,
+            definition: Some(M::DEFINITION),
             internal: true,
         }
     }
@@ -84,7 +87,7 @@ impl Counters {
 pub(super) struct Writer {
     pub(super) spec: EndpointSpec,
     pub(super) counters: Counters,
-    /// How many of its messages wait in the node's outbox; changed under the outbox's lock only.
+    /// How many of its messages wait in the node's send_queue; changed under the send_queue's lock only.
     pub(super) queued: AtomicUsize,
     dds: RwLock<Option<Arc<RawWriter>>>,
     /// What late joiners must still get from a new participant.
@@ -111,13 +114,14 @@ impl Writer {
         self.dds().map(|w| w.guid().into())
     }
 
-    /// Hands a message to DDS; may wait a few milliseconds for a full window.
+    /// Writes a message to DDS and returns its identity, or `None` if DDS refuses it. May block for a few milliseconds
+    /// while the send window is full.
     pub(super) fn write(
         &self,
         cdr: Bytes,
         published: rustdds::Timestamp,
         related: Option<SampleIdentity>,
-    ) {
+    ) -> Option<SampleIdentity> {
         let mut latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
         if self.spec.qos.durability == Durability::TransientLocal {
             while latched.len() >= self.spec.qos.depth.max(1) {
@@ -133,15 +137,19 @@ impl Writer {
             .related_sample_identity_opt(related)
             .build();
         match dds.map(|w| w.write_with_options(cdr, options)) {
-            Some(Ok(_)) => self.counters.count(),
+            Some(Ok(identity)) => {
+                self.counters.count();
+                Some(identity)
+            }
             Some(Err(_)) | None => {
                 self.counters.failed.fetch_add(1, Relaxed);
+                None
             }
         }
     }
 
     /// Waits until living subscribers have what was written, at most `patience`.
-    pub(super) fn settle(&self, patience: Duration) {
+    pub(super) fn wait_for_acknowledgments(&self, patience: Duration) {
         if let Some(dds) = self.dds()
             && self.spec.qos.is_reliable()
         {

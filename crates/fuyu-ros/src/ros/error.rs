@@ -1,7 +1,7 @@
 //! Why a node cannot start or go on.
 
 use super::{
-    args::ArgsError, context::DomainError, names::NameError, params::DeclareError,
+    CallError, args::ArgsError, context::DomainError, names::NameError, params::DeclareError,
     params_file::ParamsFileError,
 };
 
@@ -27,6 +27,9 @@ pub enum NodeError {
     /// The input of the node's program is wrong.
     #[error("{0}")]
     Input(String),
+    /// A service call without a response.
+    #[error(transparent)]
+    Call(#[from] CallError),
     /// DDS refused.
     #[error("node {node}: cannot {what}: {reason}")]
     Dds {
@@ -46,7 +49,7 @@ impl NodeError {
     /// Exit code of a process that ends with this: 2 for wrong input, 1 for all else.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Dds { .. } | Self::Failed(_) => 1,
+            Self::Dds { .. } | Self::Call(_) | Self::Failed(_) => 1,
             _ => 2,
         }
     }

@@ -7,15 +7,15 @@ use std::{
 
 use super::{
     Clock, Declare, Diagnostics, Domain, Gid, NodeError, NodeName, Publisher, Qos, RawPublisher,
-    RawSample, RawSubscription, RosArgs, Subscription, Time, Timer,
-    core::Core,
+    RawSample, RawSubscription, RosArgs, ServiceClient, Subscription, Time, Timer,
     discovery::{self, DiscoveredPublisher},
     endpoint::{Counters, EndpointSpec},
+    node_core::NodeCore,
     params::ParameterStore,
     service::{Calls, Reply, ServiceServer},
-    subscription::Inbox,
+    subscription::ReceiveQueue,
 };
-use crate::msg::{Interface, Service};
+use crate::msg::{self, Interface, Service};
 
 /// How a node is started.
 #[derive(Debug, Clone)]
@@ -33,7 +33,7 @@ pub struct NodeOptions {
 /// A node of the ROS graph. Clones are the same node; one thread at a time may wait on it.
 #[derive(Clone)]
 pub struct Node {
-    pub(super) core: Arc<Core>,
+    pub(super) core: Arc<NodeCore>,
 }
 
 impl Node {
@@ -92,7 +92,7 @@ impl Node {
         qos: Qos,
     ) -> Result<Subscription<M>, NodeError> {
         let spec = self.spec::<M>(topic, qos)?;
-        let inbox = Arc::new(Inbox::<M>::new(qos.depth));
+        let inbox = Arc::new(ReceiveQueue::<M>::new(qos.depth));
         let queue = Arc::clone(&inbox);
         let events = Arc::clone(&self.core.events);
         let sink = move |sample: RawSample, counters: &Counters| {
@@ -186,6 +186,16 @@ impl Node {
         Calls::new(&self.core, &full_name)
     }
 
+    /// A client of the service `name`, which is expanded and remapped. The server must be in another node with its own
+    /// participant: on loopback a participant does not receive its own messages.
+    ///
+    /// # Errors
+    /// As [`Self::serve`].
+    pub fn client<S: Service>(&self, name: &str) -> Result<ServiceClient<S>, NodeError> {
+        let full_name = self.core.names.service(name)?;
+        ServiceClient::new(&self.core, &full_name)
+    }
+
     /// The full name of a topic, expanded and remapped.
     ///
     /// # Errors
@@ -205,7 +215,7 @@ impl Node {
 
     /// Whose a publisher is: `node` and its full name, or its identity on the wire if it has not been told.
     pub fn owner_of(&self, publisher: Gid) -> String {
-        match self.core.neighbours.owner_of(publisher) {
+        match self.core.graph.node_of(publisher) {
             Some(name) => format!("node {name}"),
             None => format!("publisher {publisher:?}"),
         }
@@ -233,7 +243,7 @@ impl Node {
 
     /// Whether the node should go on; false once it is asked to stop.
     pub fn ok(&self) -> bool {
-        !self.core.fate.is_stopping()
+        !self.core.stop_state.is_stopping()
     }
 
     /// Asks the node to stop.
@@ -299,6 +309,7 @@ fn raw_spec(name: String, type_name: &str, qos: Qos) -> Result<EndpointSpec, Nod
         name,
         dds_type,
         qos,
+        definition: msg::find(type_name),
         internal: false,
     })
 }

@@ -12,17 +12,17 @@ use std::{
 };
 
 use super::{
-    Domain, Node, NodeError, NodeOptions, Qos, Reach, RosArgs,
-    core::Core,
+    DiscoveryRange, Domain, Node, NodeError, NodeOptions, Qos, RosArgs,
+    allocator::return_free_memory,
     diagnostics::Reporter,
     endpoint::EndpointSpec,
+    graph_cache::GraphCache,
     logging,
-    memory::return_free_memory,
     names::Names,
-    neighbours::Neighbours,
+    node_core::NodeCore,
     params::{self, ParameterStore, USE_SIM_TIME},
     service::ServiceServer,
-    signals::{self, Told},
+    signals::{self, ProcessSignal},
 };
 use crate::msg::{cdr, diagnostic_msgs::DiagnosticArray, rcl_interfaces::Log};
 
@@ -38,7 +38,7 @@ pub fn run(
     program: impl FnOnce(&Node) -> Result<(), NodeError> + Send + 'static,
 ) -> ExitCode {
     return_free_memory();
-    let outcome = Process::from_env(std::env::args().skip(1), Reach::Subnet).and_then(
+    let outcome = Process::from_env(std::env::args().skip(1), DiscoveryRange::Subnet).and_then(
         |(mut process, rest)| {
             if let Some(unknown) = rest.first() {
                 return Err(NodeError::Input(format!(
@@ -85,7 +85,7 @@ pub struct Process {
     args: Arc<RosArgs>,
     domain: Domain,
     nodes: Vec<Running>,
-    cores: Arc<Mutex<Vec<Weak<Core>>>>,
+    cores: Arc<Mutex<Vec<Weak<NodeCore>>>>,
     sender: mpsc::Sender<Event>,
     events: mpsc::Receiver<Event>,
     /// First failure of a node.
@@ -102,7 +102,7 @@ impl Process {
     /// [`NodeError::Args`] and [`NodeError::Domain`] for wrong input.
     pub fn from_env(
         argv: impl IntoIterator<Item = String>,
-        reach: Reach,
+        reach: DiscoveryRange,
     ) -> Result<(Self, Vec<String>), NodeError> {
         signals::block();
         let (args, rest) = RosArgs::parse(argv)?;
@@ -152,9 +152,9 @@ impl Process {
         let stopper = self.stopper();
         let cores = Arc::clone(&self.cores);
         let mut stops = 0;
-        // Once told to stop, no node comes back: systemd and `timeout` send SIGTERM and SIGCONT.
-        signals::watch(move |told| match told {
-            Told::Stop(signal) => {
+        // Once signal_kind to stop, no node comes back: systemd and `timeout` send SIGTERM and SIGCONT.
+        signals::watch(move |signal_kind| match signal_kind {
+            ProcessSignal::Stop(signal) => {
                 stops += 1;
                 if stops > 1 {
                     tracing::warn!("{signal} again: ending at once");
@@ -163,8 +163,8 @@ impl Process {
                 tracing::info!("{signal}: stopping");
                 stopper.stop();
             }
-            Told::Continued if stops == 0 => reconnect(&cores),
-            Told::Continued => {}
+            ProcessSignal::Continued if stops == 0 => reconnect(&cores),
+            ProcessSignal::Continued => {}
         })
         .map_err(|e| NodeError::Failed(format!("cannot follow signals: {e}")))
     }
@@ -213,7 +213,7 @@ impl Process {
                 Err(NodeError::Failed(text))
             });
             // A program that was stopped since its node is broken knows nothing of that.
-            let outcome = match handle.core.fate.failure() {
+            let outcome = match handle.core.stop_state.failure() {
                 Some(reason) => Err(NodeError::Failed(reason.clone())),
                 None => outcome,
             };
@@ -316,11 +316,11 @@ impl Drop for Process {
 
 /// Gives every node that is not to stop a new participant: the old ones' threads have ended when the
 /// process was stopped.
-fn reconnect(cores: &Mutex<Vec<Weak<Core>>>) {
+fn reconnect(cores: &Mutex<Vec<Weak<NodeCore>>>) {
     let cores = cores.lock().unwrap_or_else(PoisonError::into_inner);
     for core in cores.iter().filter_map(Weak::upgrade) {
         let node = core.names.node();
-        if core.fate.is_stopping() {
+        if core.stop_state.is_stopping() {
             continue;
         }
         match core.open_session() {
@@ -350,12 +350,12 @@ impl Infrastructure {
         let names = Names::new(&options.namespace, &options.name, &options.args.remaps)?;
         let overrides = options.args.overrides(names.node(), &options.name)?;
         let params = Arc::new(ParameterStore::new(names.node().clone(), overrides));
-        let core = Arc::new(Core::new(names, options.domain, params));
+        let core = Arc::new(NodeCore::new(names, options.domain, params));
         let node = Node {
             core: Arc::clone(&core),
         };
         core.open_session()?;
-        Neighbours::listen(&core)?;
+        GraphCache::subscribe(&core)?;
         let services = params::serve(&node)?;
         // Last, since every declaration is announced.
         let simulated = node
@@ -378,7 +378,7 @@ impl Infrastructure {
             .name(format!("{}.send", options.name))
             .spawn(move || {
                 logging::enter(&sending);
-                sending.outbox.run(DIAGNOSTICS_PERIOD, || {
+                sending.send_queue.run(DIAGNOSTICS_PERIOD, || {
                     let report = {
                         let endpoints = sending
                             .endpoints
@@ -389,7 +389,7 @@ impl Infrastructure {
                         reporter.report(node, now, &sending.diagnostics, &endpoints)
                     };
                     sending
-                        .outbox
+                        .send_queue
                         .push(&reports, cdr::encode(&report).into(), None);
                 });
             })
@@ -404,7 +404,7 @@ impl Infrastructure {
     /// Sends what is left, then leaves the graph.
     fn close(&mut self) {
         if let Some(sender) = self.sender.take() {
-            self.node.core.outbox.close();
+            self.node.core.send_queue.close();
             let _ = sender.join();
             self.services.clear();
             self.node.core.close_session();

@@ -9,8 +9,8 @@ use std::{
 
 use super::{
     NodeError, Qos, RawSample,
-    core::Core,
     endpoint::{Counters, EndpointSpec, Reader, Writer},
+    node_core::NodeCore,
     publisher::LAST_MESSAGES,
 };
 use crate::msg::{Interface, Service, cdr};
@@ -21,9 +21,33 @@ const ALWAYS_REACHES: usize = 1_024;
 /// Calls that wait for the program; more are left unanswered.
 const WAITING: usize = 64;
 
+/// Prefix and suffix of a DDS topic and suffix of its type, for one direction of a service.
+pub(super) type Direction = (&'static str, &'static str, &'static str);
+/// From the client to the server.
+pub(super) const REQUEST: Direction = ("rq", "Request", "Request");
+/// From the server to the client.
+pub(super) const REPLY: Direction = ("rr", "Reply", "Response");
+
+/// Topic, type and QoS of one direction of a service.
+pub(super) fn service_spec<S: Service>(
+    full_name: &str,
+    (prefix, suffix, part): Direction,
+) -> EndpointSpec {
+    let kind = S::Request::DEFINITION.kind.name();
+    EndpointSpec {
+        name: full_name.to_owned(),
+        dds_topic: format!("{prefix}{full_name}{suffix}"),
+        dds_type: format!("{}::{kind}::dds_::{}_{part}_", S::PACKAGE, S::NAME),
+        qos: Qos::SERVICES,
+        // Peers state the hash of the whole service, which is not computed here.
+        definition: None,
+        internal: true,
+    }
+}
+
 /// Answers calls of a service until it is dropped.
 pub struct ServiceServer {
-    core: Arc<Core>,
+    core: Arc<NodeCore>,
     reader: Arc<Reader>,
     writer: Arc<Writer>,
 }
@@ -31,19 +55,11 @@ pub struct ServiceServer {
 impl ServiceServer {
     /// `handler` runs on the node's receiving thread: it should be quick. The reply may be sent later.
     pub(super) fn new<S: Service>(
-        core: &Arc<Core>,
+        core: &Arc<NodeCore>,
         full_name: &str,
         handler: impl Fn(S::Request, Reply<S>) + Send + Sync + 'static,
     ) -> Result<Self, NodeError> {
-        let kind = S::Request::DEFINITION.kind.name();
-        let spec = |prefix: &str, suffix: &str, part: &str| EndpointSpec {
-            name: full_name.to_owned(),
-            dds_topic: format!("{prefix}{full_name}{suffix}"),
-            dds_type: format!("{}::{kind}::dds_::{}_{part}_", S::PACKAGE, S::NAME),
-            qos: Qos::SERVICES,
-            internal: true,
-        };
-        let writer = core.add_writer(spec("rr", "Reply", "Response"))?;
+        let writer = core.add_writer(service_spec::<S>(full_name, REPLY))?;
         let replies = Arc::clone(&writer);
         let weak = Arc::downgrade(core);
         let sink = move |sample: RawSample, _: &Counters| {
@@ -59,7 +75,7 @@ impl ServiceServer {
             handler(request, reply);
             true
         };
-        let reader = core.add_reader(spec("rq", "Request", "Request"), Box::new(sink))?;
+        let reader = core.add_reader(service_spec::<S>(full_name, REQUEST), Box::new(sink))?;
         Ok(Self {
             core: Arc::clone(core),
             reader,
@@ -77,9 +93,11 @@ impl Drop for ServiceServer {
     /// The last answers reach living clients before the service leaves the graph.
     fn drop(&mut self) {
         self.core.remove_reader(&self.reader);
-        self.core.outbox.flush_writer(&self.writer, LAST_MESSAGES);
+        self.core
+            .send_queue
+            .flush_writer(&self.writer, LAST_MESSAGES);
         if self.writer.counters.messages.load(Relaxed) > 0 {
-            self.writer.settle(LAST_MESSAGES);
+            self.writer.wait_for_acknowledgments(LAST_MESSAGES);
         }
         self.core.remove_writer(&self.writer);
     }
@@ -88,7 +106,7 @@ impl Drop for ServiceServer {
 /// The answer that a call waits for, to be sent at any time and from any thread. A client whose reply is
 /// dropped waits in vain.
 pub struct Reply<S> {
-    core: Weak<Core>,
+    core: Weak<NodeCore>,
     writer: Arc<Writer>,
     question: SampleIdentity,
     service: PhantomData<fn(S)>,
@@ -110,7 +128,7 @@ impl<S: Service> Reply<S> {
                 cdr.len()
             );
         }
-        core.outbox.push(&self.writer, cdr, Some(self.question));
+        core.send_queue.push(&self.writer, cdr, Some(self.question));
     }
 
     /// Whether an answer reaches the client: long ones do not (docs/upstream.md).
@@ -121,7 +139,7 @@ impl<S: Service> Reply<S> {
     }
 
     /// Refuses what is too long, with what is not.
-    fn fits(&self, core: &Core, length: usize) -> Result<(), usize> {
+    fn fits(&self, core: &NodeCore, length: usize) -> Result<(), usize> {
         if length <= ALWAYS_REACHES {
             return Ok(());
         }
@@ -153,7 +171,7 @@ pub struct Calls<S: Service> {
 }
 
 impl<S: Service> Calls<S> {
-    pub(super) fn new(core: &Arc<Core>, full_name: &str) -> Result<Self, NodeError> {
+    pub(super) fn new(core: &Arc<NodeCore>, full_name: &str) -> Result<Self, NodeError> {
         let queue = Arc::new(Mutex::new(VecDeque::new()));
         let (waiting, events) = (Arc::clone(&queue), Arc::clone(&core.events));
         let server = ServiceServer::new::<S>(core, full_name, move |request, reply| {

@@ -40,7 +40,7 @@ pub enum Transition {
 
 /// Where a node is.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stage {
+pub enum LifecycleState {
     /// It has nothing but its parameters and these services.
     Unconfigured,
     /// It is set up but does nothing.
@@ -51,7 +51,7 @@ pub enum Stage {
     Finalized,
 }
 
-impl Stage {
+impl LifecycleState {
     fn of(id: u8) -> Self {
         match id {
             State::PRIMARY_STATE_INACTIVE => Self::Inactive,
@@ -127,13 +127,13 @@ impl Lifecycle {
     }
 
     /// Where the node is.
-    pub fn stage(&self) -> Stage {
-        Stage::of(self.now())
+    pub fn stage(&self) -> LifecycleState {
+        LifecycleState::of(self.now())
     }
 
     /// Whether the node is to work.
     pub fn is_active(&self) -> bool {
-        self.stage() == Stage::Active
+        self.stage() == LifecycleState::Active
     }
 
     /// Whether somebody waits for a transition.

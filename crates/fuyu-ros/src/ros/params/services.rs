@@ -92,7 +92,8 @@ fn announce_changes(node: &Node) -> Result<(), NodeError> {
         }
         let name = core.names.node().full();
         let event = event(core.clock.now().into(), &name, changes);
-        core.outbox.push(&writer, cdr::encode(&event).into(), None);
+        core.send_queue
+            .push(&writer, cdr::encode(&event).into(), None);
         core.events.notify();
     });
     Ok(())

@@ -21,20 +21,20 @@ const OUR_KIND: [u8; 2] = [0x01, 0x12];
 
 /// When the last stranger came.
 #[derive(Debug, Default)]
-pub(super) struct Newcomers {
+pub(super) struct DiscoverySettling {
     last: Mutex<Option<Instant>>,
 }
 
-impl Newcomers {
+impl DiscoverySettling {
     /// A participant with this GUID has been discovered.
-    pub(super) fn came(&self, participant: &GUID) {
+    pub(super) fn participant_discovered(&self, participant: &GUID) {
         if participant.prefix.as_ref()[..2] != OUR_KIND {
             *self.last.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
         }
     }
 
     /// Returns when nobody has come for a while.
-    pub(super) fn let_settle(&self) {
+    pub(super) fn wait(&self) {
         let patience = Instant::now() + PATIENCE;
         loop {
             let last = *self.last.lock().unwrap_or_else(PoisonError::into_inner);
@@ -62,13 +62,13 @@ mod tests {
 
     #[test]
     fn only_strangers_are_given_time() {
-        let newcomers = Newcomers::default();
-        newcomers.came(&guid(OUR_KIND));
+        let settling = DiscoverySettling::default();
+        settling.participant_discovered(&guid(OUR_KIND));
         let start = Instant::now();
-        newcomers.let_settle();
+        settling.wait();
         assert!(start.elapsed() < SETTLING);
-        newcomers.came(&guid([0x01, 0x0f]));
-        newcomers.let_settle();
+        settling.participant_discovered(&guid([0x01, 0x0f]));
+        settling.wait();
         assert!(start.elapsed() >= SETTLING);
     }
 }

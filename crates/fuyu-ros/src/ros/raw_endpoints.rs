@@ -39,12 +39,12 @@ pub struct RawSample {
 
 /// Passes bytes to and from rustdds without looking at them.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Opaque;
+pub(super) struct CdrPassthrough;
 
-pub(super) type RawWriter = rustdds::no_key::DataWriter<Bytes, Opaque>;
-pub(super) type RawReader = rustdds::no_key::SimpleDataReader<Bytes, Opaque>;
+pub(super) type RawWriter = rustdds::no_key::DataWriter<Bytes, CdrPassthrough>;
+pub(super) type RawReader = rustdds::no_key::SimpleDataReader<Bytes, CdrPassthrough>;
 
-impl SerializerAdapter<Bytes> for Opaque {
+impl SerializerAdapter<Bytes> for CdrPassthrough {
     type Error = Infallible;
 
     fn output_encoding() -> RepresentationIdentifier {
@@ -56,7 +56,7 @@ impl SerializerAdapter<Bytes> for Opaque {
     }
 }
 
-impl DeserializerAdapter<Bytes> for Opaque {
+impl DeserializerAdapter<Bytes> for CdrPassthrough {
     type Error = Infallible;
     type Decoded = Bytes;
 
@@ -72,12 +72,12 @@ impl DeserializerAdapter<Bytes> for Opaque {
     }
 }
 
-impl DefaultDecoder<Bytes> for Opaque {
+impl DefaultDecoder<Bytes> for CdrPassthrough {
     type Decoder = Self;
     const DECODER: Self = Self;
 }
 
-impl Decode<'_, Bytes> for Opaque {
+impl Decode<'_, Bytes> for CdrPassthrough {
     type Error = Infallible;
 
     fn decode_bytes(

@@ -22,6 +22,11 @@ impl Events {
         self.changed.notify_all();
     }
 
+    /// The number of events so far.
+    pub(super) fn count(&self) -> u64 {
+        *self.count.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
     /// Waits until the count differs from `seen` or `deadline` has passed; the count then.
     pub(super) fn wait(&self, seen: u64, deadline: Option<Instant>) -> u64 {
         let mut count = self.count.lock().unwrap_or_else(PoisonError::into_inner);
@@ -49,13 +54,13 @@ impl Events {
 
 /// Whether a node is to stop, and what has broken if that is why.
 #[derive(Debug)]
-pub(super) struct Fate {
+pub(super) struct StopState {
     events: Arc<Events>,
     stopping: AtomicBool,
     failure: OnceLock<String>,
 }
 
-impl Fate {
+impl StopState {
     pub(super) fn new(events: Arc<Events>) -> Self {
         Self {
             events,

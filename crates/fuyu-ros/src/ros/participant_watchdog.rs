@@ -17,38 +17,38 @@ use std::{
 use super::signals;
 
 /// What takes longer than this is taken to be locked up; some microseconds are usual.
-const PATIENCE: Duration = Duration::from_secs(5);
+const TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Why there is no entity.
 #[derive(Debug)]
-pub(super) enum Refusal {
+pub(super) enum EntityError {
     /// The participant has locked itself up. Another one may do better.
-    LockedUp(Stuck),
+    Deadlocked(AbandonedParticipant),
     /// What DDS says.
     Dds(String),
 }
 
-impl Refusal {
+impl EntityError {
     pub(super) fn dds(reason: impl fmt::Display) -> Self {
         Self::Dds(reason.to_string())
     }
 
     /// Lets go of what belongs to the participant, when that does not have to wait for it.
-    pub(super) fn letting_go_of(mut self, rest: impl Send + 'static) -> Self {
+    pub(super) fn abandoning(mut self, rest: impl Send + 'static) -> Self {
         match &mut self {
-            Self::LockedUp(stuck) => stuck.keep(rest),
+            Self::Deadlocked(stuck) => stuck.keep(rest),
             Self::Dds(_) => drop(rest),
         }
         self
     }
 }
 
-impl fmt::Display for Refusal {
+impl fmt::Display for EntityError {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         match self {
-            Self::LockedUp(_) => write!(
+            Self::Deadlocked(_) => write!(
                 f,
-                "the DDS participant has not done it within {PATIENCE:?}: it has locked itself up"
+                "the DDS participant has not done it run_with_timeout {TIMEOUT:?}: it has locked itself up"
             ),
             Self::Dds(reason) => f.write_str(reason),
         }
@@ -58,18 +58,18 @@ impl fmt::Display for Refusal {
 /// A participant that has locked itself up, as the thread that waits for it. What belongs to it waits when dropped, so
 /// it is kept here, and dropped when that thread is through: never, as a rule.
 #[derive(Debug, Default)]
-pub(super) struct Stuck {
+pub(super) struct AbandonedParticipant {
     maker: Option<JoinHandle<()>>,
     kept: Vec<Box<dyn Any + Send>>,
 }
 
-impl Stuck {
+impl AbandonedParticipant {
     pub(super) fn keep(&mut self, rest: impl Send + 'static) {
         self.kept.push(Box::new(rest));
     }
 }
 
-impl Drop for Stuck {
+impl Drop for AbandonedParticipant {
     fn drop(&mut self) {
         let (maker, kept) = (self.maker.take(), std::mem::take(&mut self.kept));
         if kept.is_empty() {
@@ -83,24 +83,24 @@ impl Drop for Stuck {
 }
 
 /// What `make` makes of a participant, unless that locks itself up.
-pub(super) fn make<T: Send + 'static>(
+pub(super) fn create<T: Send + 'static>(
     participant: &DomainParticipant,
     make: impl FnOnce(&DomainParticipant) -> Result<T, CreateError> + Send + 'static,
-) -> Result<T, Refusal> {
+) -> Result<T, EntityError> {
     let participant = participant.clone();
-    within(PATIENCE, move || {
+    run_with_timeout(TIMEOUT, move || {
         let made = make(&participant);
         // Never the last one, unless this comes too late.
         drop(participant);
         made
     })?
-    .map_err(Refusal::dds)
+    .map_err(EntityError::dds)
 }
 
-fn within<T: Send + 'static>(
+fn run_with_timeout<T: Send + 'static>(
     patience: Duration,
     make: impl FnOnce() -> T + Send + 'static,
-) -> Result<T, Refusal> {
+) -> Result<T, EntityError> {
     let (tell, told) = mpsc::sync_channel(1);
     let maker = signals::with_blocked(|| {
         let maker = thread::Builder::new().name("maker".to_owned());
@@ -108,9 +108,9 @@ fn within<T: Send + 'static>(
             let _ = tell.send(make());
         })
     });
-    let maker = Some(maker.map_err(Refusal::dds)?);
+    let maker = Some(maker.map_err(EntityError::dds)?);
     told.recv_timeout(patience).map_err(|_| {
-        Refusal::LockedUp(Stuck {
+        EntityError::Deadlocked(AbandonedParticipant {
             maker,
             kept: Vec::new(),
         })
@@ -132,12 +132,12 @@ mod tests {
     // Would break if the caller waited, or if what is left behind were dropped while the maker is stuck.
     #[test]
     fn what_never_comes_is_not_waited_for() {
-        assert!(matches!(within(PATIENCE, || 7), Ok(7)));
+        assert!(matches!(run_with_timeout(TIMEOUT, || 7), Ok(7)));
         let (end, ended) = mpsc::channel::<()>();
-        let stuck = within(Duration::from_millis(20), move || ended.recv()).unwrap_err();
-        assert!(matches!(stuck, Refusal::LockedUp(_)), "{stuck}");
+        let stuck = run_with_timeout(Duration::from_millis(20), move || ended.recv()).unwrap_err();
+        assert!(matches!(stuck, EntityError::Deadlocked(_)), "{stuck}");
         let (tell, told) = mpsc::channel();
-        drop(stuck.letting_go_of(Tells(tell)));
+        drop(stuck.abandoning(Tells(tell)));
         let silence = told.recv_timeout(Duration::from_millis(50));
         assert_eq!(silence, Err(mpsc::RecvTimeoutError::Timeout));
         drop(end);
