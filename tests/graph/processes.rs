@@ -126,6 +126,6 @@ fn a_panic_is_a_failure_not_a_hang() {
         .start("shaky", |_: &Node| panic!("on purpose"))
         .unwrap();
     let error = process.wait().unwrap_err();
-    assert_eq!(error.to_string(), "node /shaky: its program has panicked");
+    assert_eq!(error.to_string(), "node /shaky: program panicked");
     assert_eq!(error.exit_code(), 1);
 }

@@ -167,7 +167,7 @@ fn continuing_does_not_revive_what_was_told_to_stop() {
         assert_eq!(code, Some(0), "{said}");
         assert!(said.contains("the probe ends in order"), "{said}");
         assert!(
-            !said.contains("panic") && !said.contains("joined the graph anew"),
+            !said.contains("panic") && !said.contains("joined the graph again"),
             "{said}"
         );
     }

@@ -1,4 +1,4 @@
-//! The ROS definition of a message: its `.msg` text and the schema that bags carry.
+//! ROS definition of a message: its `.msg` text and the schema that bags carry.
 
 use std::fmt::Write as _;
 

@@ -1,4 +1,4 @@
-//! Where a node's DDS participant lives: domain and range, from the environment that ROS users know.
+//! DDS domain and discovery range, from the environment variables of ROS.
 
 use rustdds::{DomainParticipant, DomainParticipantBuilder};
 use std::net::Ipv4Addr;
@@ -10,11 +10,11 @@ pub enum DiscoveryRange {
     Subnet,
     /// This computer only: nothing is sent on any interface but `lo`.
     Localhost,
-    /// Nobody: no discovery, not even on this computer.
+    /// No discovery, not even on this computer.
     Off,
 }
 
-/// DDS domain and range of a node.
+/// DDS domain and discovery range of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Domain {
     /// `ROS_DOMAIN_ID`.
@@ -23,7 +23,7 @@ pub struct Domain {
     pub range: DiscoveryRange,
 }
 
-/// An environment variable that does not say what ROS understands.
+/// An environment variable with a value that ROS does not accept.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{variable}={value:?}: {expected}")]
 pub struct DomainError {

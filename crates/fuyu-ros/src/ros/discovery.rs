@@ -1,4 +1,4 @@
-//! The graph: telling peers which endpoints are this node's, and hearing of theirs.
+//! Discovery: announces the endpoints of this node to peers, and follows theirs.
 
 use ros2_client::{
     NodeName as WireNodeName,
@@ -72,7 +72,7 @@ impl Announcer {
         self.readers.remove(&gid);
     }
 
-    /// Publishes what belongs to the node now.
+    /// Publishes the present endpoints of the node.
     pub(super) fn announce(&self) {
         let mut node = NodeEntitiesInfo::new(self.node.clone());
         self.writers.iter().for_each(|&gid| node.add_writer(gid));
@@ -80,7 +80,7 @@ impl Announcer {
         self.publish(vec![node]);
     }
 
-    /// Publishes that the node is gone.
+    /// Publishes that the participant has no nodes any more.
     pub(super) fn leave(&self) {
         self.publish(Vec::new());
     }
@@ -105,7 +105,7 @@ pub(super) struct Peers {
 impl Peers {
     fn matched(&mut self, node: &NodeName, all: &Endpoints, local: GUID, remote: GUID) {
         let local = Gid::from(local);
-        // Told again after each change of the peer.
+        // Reported again after each change of the peer.
         self.matches.entry(local).or_default().insert(remote);
         self.count(all, local);
         if let Some((_, spec)) = find(all, local) {
@@ -135,7 +135,7 @@ impl Peers {
     }
 }
 
-/// Takes in what the participant has to say of its peers.
+/// Processes the status events of the participant.
 pub(super) fn report_status(
     listener: &DomainParticipantStatusListener,
     node: &NodeName,
@@ -227,7 +227,7 @@ fn warn_incompatible(
     );
 }
 
-/// What rustdds keeps of a datagram for all but the payload \[bytes\].
+/// Bytes of a datagram that are not payload.
 const AROUND_PAYLOAD: usize = 80;
 /// What it sends in one datagram over loopback, and what to a peer that also listens elsewhere \[bytes\].
 const LOOPBACK: usize = 65_488;
@@ -241,7 +241,7 @@ pub(super) fn longest_reply(participant: &DomainParticipant, dds_topic: &str) ->
         .iter()
         .filter(|reader| reader.subscription_topic_data.topic_name() == dds_topic)
         .flat_map(|reader| &reader.reader_proxy.unicast_locator_list)
-        // Shared memory is none of rustdds's.
+        // rustdds does not use shared memory.
         .filter(|locator| locator.is_udp())
         .peekable();
     let is_near = locators.peek().is_some() && locators.all(|locator| locator.is_loopback());
@@ -249,18 +249,18 @@ pub(super) fn longest_reply(participant: &DomainParticipant, dds_topic: &str) ->
     datagram - AROUND_PAYLOAD
 }
 
-/// A publisher somewhere in the graph.
+/// A publisher of another participant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DiscoveredPublisher {
     /// Full topic name.
     pub topic: String,
     /// ROS type, `pkg/msg/Name`.
     pub type_name: String,
-    /// What it offers.
+    /// Offered QoS.
     pub qos: Qos,
     /// Hash of its definition of the type, if it states one.
     pub type_hash: Option<String>,
-    /// Who it is.
+    /// Identity of the publisher.
     pub gid: Gid,
 }
 
@@ -289,8 +289,8 @@ pub(super) fn publishers(
             });
         } else if warned_topics.insert((data.topic_name.clone(), data.type_name.clone())) {
             tracing::warn!(
-                "node {node}: topic {topic} of type {}, which a peer publishes, is left out: not a \
-                 name and a type of ROS",
+                "node {node}: topic {topic} of type {}, published by a peer, is ignored: name or type \
+                 is not valid in ROS",
                 data.type_name
             );
         }
@@ -298,7 +298,7 @@ pub(super) fn publishers(
     publishers
 }
 
-/// `rt/name` to `/name`; other DDS topics have nothing to do with ROS.
+/// `rt/name` to `/name`; `None` for DDS topics that are not ROS topics.
 fn ros_topic(dds: &str) -> Option<&str> {
     dds.strip_prefix("rt").filter(|name| name.starts_with('/'))
 }

@@ -1,4 +1,4 @@
-//! What a node's publishers and subscriptions are below their handles: they outlive a DDS participant.
+//! Publishers and subscriptions below their handles; they outlive a DDS participant.
 
 use rustdds::{RTPSEntity, bytes::Bytes, rpc::SampleIdentity};
 use std::{
@@ -48,28 +48,28 @@ impl EndpointSpec {
     }
 }
 
-/// What an endpoint counts, for diagnostics.
+/// Counters of an endpoint, for diagnostics.
 #[derive(Debug, Default)]
 pub(super) struct Counters {
     pub(super) messages: AtomicU64,
-    /// Left out because a queue was full.
+    /// Dropped because a queue was full.
     pub(super) dropped: AtomicU64,
-    /// Replaced by a newer one before the program asked: what a queue of one is for, so no loss.
+    /// Replaced by a newer message before the program took them; intended for a queue of one, so not a loss.
     pub(super) replaced: AtomicU64,
-    /// Refused by DDS, or not what the type says.
+    /// Refused by DDS, or not valid for the type.
     pub(super) failed: AtomicU64,
-    /// Sent by a publisher, as its numbering says, but never received.
+    /// Never received, according to the sequence numbers of the publisher.
     pub(super) missing: AtomicU64,
     /// Wall time of the last message [ns].
     pub(super) last: AtomicI64,
     /// Peers that this endpoint is matched with.
     pub(super) matched: AtomicUsize,
-    /// Who they are.
+    /// GIDs of the matched peers.
     pub(super) peers: Mutex<Vec<Gid>>,
 }
 
 impl Counters {
-    /// All that should have gone through but did not.
+    /// All messages that were lost.
     pub(super) fn lost(&self) -> u64 {
         [&self.dropped, &self.failed, &self.missing]
             .iter()
@@ -90,7 +90,7 @@ pub(super) struct Writer {
     /// How many of its messages wait in the node's send_queue; changed under the send_queue's lock only.
     pub(super) queued: AtomicUsize,
     dds: RwLock<Option<Arc<RawWriter>>>,
-    /// What late joiners must still get from a new participant.
+    /// Messages that late joiners must get from a new participant.
     latched: Mutex<VecDeque<(rustdds::Timestamp, Bytes)>>,
 }
 
@@ -153,12 +153,12 @@ impl Writer {
         if let Some(dds) = self.dds()
             && self.spec.qos.is_reliable()
         {
-            // Who has not answered by then is dead or drowned.
+            // A subscriber that has not acknowledged by then is dead or overloaded.
             let _ = dds.wait_for_acknowledgments(patience);
         }
     }
 
-    /// Replaces the DDS writer, and gives the one that was there.
+    /// Replaces the DDS writer and returns the previous one.
     pub(super) fn attach(&self, dds: Option<Arc<RawWriter>>) -> Option<Arc<RawWriter>> {
         // Held until the end, so that what is published meanwhile goes to one of the two.
         let mut latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
@@ -178,7 +178,7 @@ impl Writer {
     }
 }
 
-/// Called on the node's receiving thread with every sample. Gives whether it was of use.
+/// Called on the node's receiving thread with every sample. Returns whether the sample was valid.
 pub(super) type Sink = Box<dyn Fn(RawSample, &Counters) -> bool + Send + Sync>;
 
 /// One subscription below its handle.

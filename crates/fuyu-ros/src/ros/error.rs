@@ -1,11 +1,11 @@
-//! Why a node cannot start or go on.
+//! Errors that keep a node from starting or end it.
 
 use super::{
     CallError, args::ArgsError, context::DomainError, names::NameError, params::DeclareError,
     params_file::ParamsFileError,
 };
 
-/// Why a node cannot start or go on. The text is for the person who started it.
+/// Why a node cannot start or continue. The text is for the person who started it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum NodeError {
@@ -30,14 +30,14 @@ pub enum NodeError {
     /// A service call without a response.
     #[error(transparent)]
     Call(#[from] CallError),
-    /// DDS refused.
+    /// An operation of DDS failed.
     #[error("node {node}: cannot {what}: {reason}")]
     Dds {
         /// The node.
         node: String,
-        /// What was tried.
+        /// The operation.
         what: String,
-        /// What DDS says.
+        /// Message of DDS.
         reason: String,
     },
     /// The program failed while it ran.

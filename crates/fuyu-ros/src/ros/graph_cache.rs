@@ -1,8 +1,7 @@
-//! The nodes of other participants: what they are called and which publishers are theirs, as `ros_discovery_info`
-//! tells it.
+//! Cache of the graph: names and publishers of the nodes of other participants, from `ros_discovery_info`.
 //!
-//! ROS lets two nodes have one name, and whoever calls a service or sets a parameter then reaches one of them by
-//! chance; so a node that hears of a namesake says so.
+//! ROS allows two nodes with the same name; a service call or parameter change then reaches either of them. So a node that
+//! discovers another one of its own name logs a warning.
 
 use rustdds::GUID;
 use serde::Deserialize;
@@ -20,13 +19,16 @@ use crate::msg::cdr::{self, CdrError};
 
 const TYPE: &str = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_";
 
-/// Participants whose messages may wait while they are taken in.
+/// Depth of the subscription: participants whose messages may wait.
 const QUEUE_DEPTH: usize = 100;
 
 /// `rmw_dds_common/ParticipantEntitiesInfo`.
 #[derive(Deserialize)]
 struct ParticipantEntities {
-    #[expect(dead_code, reason = "who sent it tells as much, and cannot be forged")]
+    #[expect(
+        dead_code,
+        reason = "the sender is known from the sample and cannot be forged"
+    )]
     gid: Gid,
     nodes: Vec<NodeEntities>,
 }
@@ -35,19 +37,19 @@ struct ParticipantEntities {
 struct NodeEntities {
     namespace: String,
     name: String,
-    #[expect(dead_code, reason = "stands before what is read")]
+    #[expect(dead_code, reason = "precedes the field that is read")]
     readers: Vec<Gid>,
     writers: Vec<Gid>,
 }
 
 impl NodeEntities {
-    /// What others write has not passed [`NodeName::new`].
+    /// Full name; names of other nodes have not been checked by [`NodeName::new`].
     fn full_name(&self) -> String {
         format!("{}/{}", self.namespace.trim_end_matches('/'), self.name)
     }
 }
 
-/// What all endpoints of a participant have in common.
+/// GUID prefix that all endpoints of a participant share.
 type Prefix = [u8; 12];
 
 fn prefix(gid: Gid) -> Prefix {
@@ -62,7 +64,7 @@ struct Participant {
     has_namesake: bool,
 }
 
-/// What is known of the nodes of other participants.
+/// Nodes of other participants.
 pub(super) struct GraphCache {
     node: String,
     known: Mutex<Inner>,
@@ -70,13 +72,13 @@ pub(super) struct GraphCache {
 
 #[derive(Default)]
 struct Inner {
-    /// The node's own participant, which it hears where there is more than loopback.
+    /// The node's own participant, whose messages it receives unless it uses loopback only.
     own: Option<Prefix>,
     others: HashMap<Prefix, Participant>,
 }
 
 impl GraphCache {
-    /// Those of a node, none yet.
+    /// An empty cache for a node.
     pub(super) fn new(node: &NodeName) -> Self {
         Self {
             node: node.full(),
@@ -84,7 +86,7 @@ impl GraphCache {
         }
     }
 
-    /// Listens from now on.
+    /// Subscribes to `ros_discovery_info`.
     pub(super) fn subscribe(core: &Arc<NodeCore>) -> Result<(), NodeError> {
         let spec = EndpointSpec {
             name: "ros_discovery_info".to_owned(),
@@ -99,8 +101,8 @@ impl GraphCache {
             let taken = graph.update(sample.publisher, &sample.cdr);
             if let Ok(true) = taken {
                 tracing::warn!(
-                    "node {}: another node of this name is in the graph, and services and parameters reach either of \
-                     them; give one another name (-r __node:=NAME) or namespace (-r __ns:=/NAMESPACE)",
+                    "node {}: another node of this name is in the graph, and calls of services and parameters may \
+                     reach either; rename one (-r __node:=NAME) or namespace (-r __ns:=/NAMESPACE)",
                     graph.node
                 );
             }
@@ -109,7 +111,7 @@ impl GraphCache {
         core.add_reader(spec, Box::new(sink)).map(drop)
     }
 
-    /// The node has a new participant, which is going to hear all others anew.
+    /// Clears the cache for a new participant, which will receive all messages again.
     pub(super) fn reset(&self, own: Gid) {
         *self.lock() = Inner {
             own: Some(prefix(own)),
@@ -133,7 +135,7 @@ impl GraphCache {
                 let name = node.full_name();
                 node.writers.into_iter().map(move |gid| (gid, name.clone()))
             })
-            // Nobody tells of others than itself.
+            // A participant reports its own endpoints only.
             .filter(|(gid, _)| prefix(*gid) == participant)
             .collect();
         if publishers.is_empty() && !has_namesake {
@@ -145,7 +147,7 @@ impl GraphCache {
         Ok(has_namesake && !std::mem::replace(&mut told.has_namesake, has_namesake))
     }
 
-    /// A participant has left, or died.
+    /// Removes participants that have left or died.
     pub(super) fn remove_participants(&self, is_lost: impl Fn(&GUID) -> bool) {
         let any_endpoint = |prefix: &Prefix| {
             let mut bytes = [0; 16];
@@ -156,7 +158,7 @@ impl GraphCache {
         others.retain(|prefix, _| !is_lost(&any_endpoint(prefix)));
     }
 
-    /// Full name of the node that `publisher` belongs to, if it has been told.
+    /// Full name of the node that `publisher` belongs to, if it is known.
     pub(super) fn node_of(&self, publisher: Gid) -> Option<String> {
         let known = self.lock();
         let told = known.others.get(&prefix(publisher))?;

@@ -1,4 +1,4 @@
-//! The log: `tracing` events, on stderr in the form of ROS and on `/rosout`.
+//! Log: `tracing` events on stderr, in the format of ROS, and on `/rosout`.
 
 use std::{
     cell::RefCell,
@@ -20,7 +20,7 @@ use tracing_subscriber::{
 use super::{RosArgs, Time, node_core::NodeCore};
 use crate::msg::{cdr, rcl_interfaces::Log};
 
-/// Libraries that speak of their own affairs, at shutdown above all, and how loud they may be unless asked by name.
+/// Libraries with messages that do not concern users, mostly at shutdown, and their level unless `--log-level` names them.
 const QUIET: [(&str, LevelFilter); 3] = [
     ("rustdds", LevelFilter::OFF),
     ("ros2_client", LevelFilter::OFF),
@@ -32,7 +32,7 @@ thread_local! {
     static NODE: RefCell<Weak<NodeCore>> = const { RefCell::new(Weak::new()) };
 }
 
-/// From here on this thread logs in the name of a node.
+/// Assigns this thread to a node: its log messages carry the name of the node.
 pub(super) fn enter(core: &Arc<NodeCore>) {
     NODE.with_borrow_mut(|node| *node = Arc::downgrade(core));
 }
@@ -140,7 +140,7 @@ fn severity(level: Level) -> (u8, &'static str, &'static str) {
     }
 }
 
-/// The message of an event with its fields behind it.
+/// The message of an event, followed by its fields.
 #[derive(Default)]
 struct Text {
     message: String,

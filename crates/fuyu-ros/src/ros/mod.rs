@@ -1,11 +1,11 @@
-//! The ROS layer: what rclcpp is to a C++ node, in the shape that Rust gives it. It knows no physics.
+//! ROS 2 nodes: what rclcpp provides to C++ programs.
 //!
-//! A node is a function of `&Node` that declares its parameters, makes its endpoints and then waits in a
-//! loop; [`run`] makes an executable of it and [`Process`] runs several in one process.
+//! A node is a function of `&Node` that declares its parameters, creates its endpoints and then waits in a
+//! loop; [`run`] makes it an executable, and [`Process`] runs several nodes in one process.
 //!
 //! ```no_run
-//! use fuyu::msg::geometry_msgs::{PoseStamped, TwistStamped};
-//! use fuyu::ros::{self, Node, NodeError, Qos};
+//! use fuyu_ros::msg::geometry_msgs::{PoseStamped, TwistStamped};
+//! use fuyu_ros::ros::{self, Node, NodeError, Qos};
 //! use std::time::Duration;
 //!
 //! fn follower(node: &Node) -> Result<(), NodeError> {
@@ -50,16 +50,16 @@
 //! ```
 //!
 //! # How a node runs
-//! Three threads per node beside the two of its DDS participant: the program itself, one that receives
-//! ([`Subscription`] queues, service requests) and one that sends (every [`Publisher`] of the node has a
-//! bounded queue, so that publishing never blocks the program). Threads rather than an async runtime,
-//! since a program here owns a loop that keeps time: it blocks on purpose.
+//! A node has three threads in addition to the two of its DDS participant: the program, the receiving thread
+//! ([`Subscription`] queues, service requests) and the sending thread (every [`Publisher`] has a bounded queue,
+//! so that publishing never blocks the program). There is no async runtime, since the program of a node is a
+//! loop with its own timing, which blocks on purpose.
 //!
 //! # DDS
-//! rustdds carries bytes; types live at the edge ([`crate::msg::cdr`]). All endpoints therefore share one
-//! instance of the DDS code, the recorder subscribes to types that it knows only by name, and a lost
-//! participant is replaced below handles that live on. From ros2-client come the ROS conventions on the
-//! wire: mangled type names and the `ros_discovery_info` that tells peers which endpoint is whose.
+//! rustdds transports bytes; messages are serialized above it ([`crate::msg::cdr`]). So all endpoints share one
+//! instance of the DDS code, a program can subscribe to types that it knows only by name, and a lost
+//! participant is replaced while handles stay valid. ros2-client provides the message `ros_discovery_info`, which
+//! assigns endpoints to nodes.
 
 mod action;
 mod action_client;

@@ -1,4 +1,4 @@
-//! The handle that a node's program works with.
+//! The handle that a node's program uses.
 
 use std::{
     sync::{Arc, atomic::Ordering},
@@ -67,7 +67,7 @@ impl Node {
     }
 
     /// Publishes bytes on `topic`, which is expanded and remapped, of a type (`pkg/msg/Name`) that need not be
-    /// known to fuyu.
+    /// declared in this program.
     ///
     /// # Errors
     /// As [`Self::subscribe_raw`].
@@ -104,7 +104,7 @@ impl Node {
         Ok(Subscription::new(Arc::clone(&self.core), reader, inbox))
     }
 
-    /// Subscribes to the bytes of `topic`, whose type (`pkg/msg/Name`) need not be known to fuyu. The
+    /// Subscribes to the bytes of `topic`, whose type (`pkg/msg/Name`) need not be declared in this program. The
     /// handler runs on the node's receiving thread: it should be quick, and its panic ends the node.
     ///
     /// # Errors
@@ -150,7 +150,7 @@ impl Node {
         Ok(RawSubscription::new(Arc::clone(&self.core), reader))
     }
 
-    /// Answers calls of the service `name`, which is expanded and remapped. The handler runs on the
+    /// Serves `name`, which is expanded and remapped. The handler runs on the
     /// node's receiving thread: it should be quick.
     ///
     /// # Errors
@@ -176,8 +176,7 @@ impl Node {
         ServiceServer::new::<S>(&self.core, &full_name, handler)
     }
 
-    /// Lets the program answer calls of the service `name`, which is expanded and remapped, when it gets to
-    /// it: they wait in a queue.
+    /// Serves `name`, which is expanded and remapped, from the program: calls wait in a queue and wake it.
     ///
     /// # Errors
     /// As [`Self::serve`].
@@ -204,7 +203,7 @@ impl Node {
         Ok(self.core.names.topic(topic)?)
     }
 
-    /// Publishers of other nodes, as far as they are discovered.
+    /// Publishers of other nodes that have been discovered.
     pub fn discovered_publishers(&self) -> Vec<DiscoveredPublisher> {
         let mut connection = self.core.lock_session();
         connection
@@ -213,7 +212,7 @@ impl Node {
             .unwrap_or_default()
     }
 
-    /// Whose a publisher is: `node` and its full name, or its identity on the wire if it has not been told.
+    /// Owner of a publisher for messages: `node` and its full name, or the GID of the publisher if its node is not known.
     pub fn owner_of(&self, publisher: Gid) -> String {
         match self.core.graph.node_of(publisher) {
             Some(name) => format!("node {name}"),
@@ -221,7 +220,7 @@ impl Node {
         }
     }
 
-    /// What the node says of its health.
+    /// Diagnostics of the node.
     pub fn diagnostics(&self) -> &Diagnostics {
         &self.core.diagnostics
     }
@@ -241,7 +240,7 @@ impl Node {
         Timer::new(self.core.clock.clone(), period)
     }
 
-    /// Whether the node should go on; false once it is asked to stop.
+    /// Whether the node should continue; false after a stop request.
     pub fn ok(&self) -> bool {
         !self.core.stop_state.is_stopping()
     }
@@ -251,8 +250,8 @@ impl Node {
         self.core.request_stop();
     }
 
-    /// Waits until something happens to the node: a message, a changed parameter, a tick of a simulated
-    /// clock, the stop. What happened since the last wait counts. Gives [`Self::ok`].
+    /// Waits for an event: a message, a service call, a changed parameter, a tick of the simulated clock or a stop request.
+    /// Events since the last wait count. Returns [`Self::ok`].
     pub fn wait(&self) -> bool {
         self.wait_event(None)
     }
@@ -270,8 +269,8 @@ impl Node {
         self.wait_event(self.core.clock.instant(deadline))
     }
 
-    /// Sleeps until `deadline` in the node's time, whatever else happens; only the stop ends it early.
-    /// Gives [`Self::ok`].
+    /// Sleeps until `deadline` in the node's time, regardless of events; only a stop request ends it early.
+    /// Returns [`Self::ok`].
     pub fn sleep_until(&self, deadline: Time) -> bool {
         while self.ok() && self.now() < deadline {
             self.wait_until(deadline);
@@ -297,7 +296,7 @@ impl Node {
     }
 }
 
-/// An endpoint of a type that is known by name only.
+/// Specification of an endpoint whose type is known by name only.
 fn raw_spec(name: String, type_name: &str, qos: Qos) -> Result<EndpointSpec, NodeError> {
     let Some(dds_type) = discovery::dds_type(type_name) else {
         return Err(NodeError::Input(format!(

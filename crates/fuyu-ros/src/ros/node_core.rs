@@ -1,4 +1,4 @@
-//! What a node is made of, below its handles: a participant that comes and goes, and all that outlives it.
+//! State of a node that its handle, endpoints and threads share; it outlives DDS participants.
 
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, atomic::AtomicU64};
 
@@ -17,17 +17,17 @@ use super::{
 };
 use crate::msg::{cdr, rosgraph_msgs};
 
-/// Participants that may lock themselves up, one after the other, before a node gives up.
+/// Participants that are tried, one after the other, before a node fails.
 const MAX_PARTICIPANTS: usize = 5;
 
 /// Whether a node is in the graph.
 #[derive(Default)]
 pub(super) enum Connection {
-    /// Not yet, or not any more since DDS refused; it may join.
+    /// Not connected yet, or no more because DDS failed; it may connect.
     #[default]
     Disconnected,
     Connected(Box<Session>),
-    /// It has left for good: nothing may bring it back, since nobody would end it then.
+    /// Left the graph for good; a new participant would never be closed.
     Closed,
 }
 
@@ -40,7 +40,7 @@ impl Connection {
     }
 }
 
-/// What a node is made of; shared by its handle, its endpoints and its threads.
+/// State of a node, shared by its handle, its endpoints and its threads.
 pub(super) struct NodeCore {
     pub(super) names: Names,
     pub(super) domain: Domain,
@@ -54,7 +54,7 @@ pub(super) struct NodeCore {
     pub(super) params: Arc<ParameterStore>,
     pub(super) clock: Clock,
     pub(super) diagnostics: Diagnostics,
-    /// Events that the program has seen.
+    /// Count of events at the last wait of the program.
     pub(super) seen: AtomicU64,
     follows_clock: Mutex<bool>,
     /// Where `/rosout` is published, if it is.
@@ -92,13 +92,13 @@ impl NodeCore {
         self.log.get()
     }
 
-    /// Makes a participant with all endpoints, in place of the one that is there, if any. Gives false
-    /// if the node has left the graph, where it stays.
+    /// Creates a participant with all endpoints and replaces the present one, if any. Returns false if the node has left
+    /// the graph for good.
     pub(super) fn open_session(&self) -> Result<bool, NodeError> {
         self.replace_session(&mut self.lock_session(), AbandonedParticipant::default())
     }
 
-    /// The same in place of one that may have locked itself up.
+    /// The same in place of a participant that may have deadlocked.
     fn replace_session(
         &self,
         connection: &mut Connection,
@@ -109,7 +109,7 @@ impl NodeCore {
                 *connection = Connection::Closed;
                 return Ok(false);
             }
-            // It may wait for threads that are no more; nobody waits for it.
+            // Its drop may wait for threads that have ended, so it is dropped elsewhere.
             Connection::Connected(session) => {
                 old.keep((Session::detach(&self.lock_endpoints()), session));
             }
@@ -173,9 +173,8 @@ impl NodeCore {
         Ok(reader)
     }
 
-    /// When an endpoint cannot be added: the participant may have locked itself up, or a signal may have ended its
-    /// threads while the node was being made. A participant made anew has all endpoints, this one too; what it
-    /// cannot have is an error.
+    /// Replaces the participant when an endpoint cannot be added: it may have deadlocked, or a signal may have ended its
+    /// threads while the node was created. The new participant has all endpoints including this one, or it is an error.
     fn reconnect_with_endpoint(
         &self,
         connection: &mut Connection,
@@ -187,7 +186,7 @@ impl NodeCore {
         let error = NodeError::dds(node, format!("{verb} {topic}"), &why);
         let old = match why {
             EntityError::Deadlocked(stuck) => {
-                tracing::warn!("{error}; joining the graph anew");
+                tracing::warn!("{error}; joining the graph again");
                 stuck
             }
             EntityError::Dds(_) => AbandonedParticipant::default(),

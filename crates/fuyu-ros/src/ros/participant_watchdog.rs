@@ -1,9 +1,9 @@
-//! Making DDS entities although a participant may lock itself up meanwhile.
+//! Watchdog for the creation of DDS entities: detects a participant that has deadlocked.
 //!
-//! rustdds announces an endpoint with its discovery database locked for reading, while it waits for room in a queue of
-//! 32. The thread that empties that queue reads the database too, and so waits behind whoever wants to write it: the
-//! maker of the next endpoint (docs/upstream.md). With many peers and too little processor these three then wait for
-//! each other, and the participant neither hears nor says anything any more. Nothing frees it, so it is given up.
+//! While rustdds announces an endpoint it holds a read lock on its discovery database and waits for room in a queue of 32.
+//! The thread that empties the queue also reads the database, and queues behind the writer that creates the next endpoint
+//! (docs/upstream.md). With many peers and little processor time these three threads deadlock, and the participant neither
+//! sends nor receives from then on. It cannot be recovered, so it is abandoned.
 
 use rustdds::{DomainParticipant, dds::CreateError};
 use std::{
@@ -16,15 +16,15 @@ use std::{
 
 use super::signals;
 
-/// What takes longer than this is taken to be locked up; some microseconds are usual.
+/// Creation that takes longer than this counts as a deadlock; some microseconds are usual.
 const TIMEOUT: Duration = Duration::from_secs(5);
 
-/// Why there is no entity.
+/// Why an entity could not be created.
 #[derive(Debug)]
 pub(super) enum EntityError {
-    /// The participant has locked itself up. Another one may do better.
+    /// The participant has deadlocked; a new one may work.
     Deadlocked(AbandonedParticipant),
-    /// What DDS says.
+    /// Message of DDS.
     Dds(String),
 }
 
@@ -33,7 +33,7 @@ impl EntityError {
         Self::Dds(reason.to_string())
     }
 
-    /// Lets go of what belongs to the participant, when that does not have to wait for it.
+    /// Drops what belongs to the participant, as soon as the drop cannot block.
     pub(super) fn abandoning(mut self, rest: impl Send + 'static) -> Self {
         match &mut self {
             Self::Deadlocked(stuck) => stuck.keep(rest),
@@ -48,15 +48,15 @@ impl fmt::Display for EntityError {
         match self {
             Self::Deadlocked(_) => write!(
                 f,
-                "the DDS participant has not done it run_with_timeout {TIMEOUT:?}: it has locked itself up"
+                "the DDS participant did not respond within {TIMEOUT:?}: it has deadlocked"
             ),
             Self::Dds(reason) => f.write_str(reason),
         }
     }
 }
 
-/// A participant that has locked itself up, as the thread that waits for it. What belongs to it waits when dropped, so
-/// it is kept here, and dropped when that thread is through: never, as a rule.
+/// A deadlocked participant: the thread that is blocked in it, and objects whose drop would block too. They are dropped when
+/// that thread ends, which it usually never does.
 #[derive(Debug, Default)]
 pub(super) struct AbandonedParticipant {
     maker: Option<JoinHandle<()>>,
@@ -82,7 +82,7 @@ impl Drop for AbandonedParticipant {
     }
 }
 
-/// What `make` makes of a participant, unless that locks itself up.
+/// Runs `make` on a participant, with a limit on its duration.
 pub(super) fn create<T: Send + 'static>(
     participant: &DomainParticipant,
     make: impl FnOnce(&DomainParticipant) -> Result<T, CreateError> + Send + 'static,
@@ -90,7 +90,7 @@ pub(super) fn create<T: Send + 'static>(
     let participant = participant.clone();
     run_with_timeout(TIMEOUT, move || {
         let made = make(&participant);
-        // Never the last one, unless this comes too late.
+        // Not the last handle, unless this is too late.
         drop(participant);
         made
     })?
@@ -103,7 +103,7 @@ fn run_with_timeout<T: Send + 'static>(
 ) -> Result<T, EntityError> {
     let (tell, told) = mpsc::sync_channel(1);
     let maker = signals::with_blocked(|| {
-        let maker = thread::Builder::new().name("maker".to_owned());
+        let maker = thread::Builder::new().name("dds-create".to_owned());
         maker.spawn(move || {
             let _ = tell.send(make());
         })
@@ -131,7 +131,7 @@ mod tests {
 
     // Would break if the caller waited, or if what is left behind were dropped while the maker is stuck.
     #[test]
-    fn what_never_comes_is_not_waited_for() {
+    fn a_deadlocked_participant_is_not_waited_for() {
         assert!(matches!(run_with_timeout(TIMEOUT, || 7), Ok(7)));
         let (end, ended) = mpsc::channel::<()>();
         let stuck = run_with_timeout(Duration::from_millis(20), move || ended.recv()).unwrap_err();

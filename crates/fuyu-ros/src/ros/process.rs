@@ -42,7 +42,7 @@ pub fn run(
         |(mut process, rest)| {
             if let Some(unknown) = rest.first() {
                 return Err(NodeError::Input(format!(
-                    "argument {unknown:?}: not understood; ROS arguments stand behind --ros-args"
+                    "argument {unknown:?}: not known; ROS arguments follow --ros-args"
                 )));
             }
             Arc::make_mut(&mut process.args).only_node = true;
@@ -62,7 +62,7 @@ pub fn run(
 enum Event {
     /// The program of a node has ended.
     Ended(usize, Result<(), NodeError>),
-    /// Somebody wants the process to stop.
+    /// The process should stop.
     Stop,
 }
 
@@ -71,7 +71,7 @@ enum Event {
 pub struct Stopper(mpsc::Sender<Event>);
 
 impl Stopper {
-    /// Asks it.
+    /// Requests the stop.
     pub fn stop(&self) {
         // A process that is gone has stopped.
         let _ = self.0.send(Event::Stop);
@@ -94,9 +94,9 @@ pub struct Process {
 }
 
 impl Process {
-    /// What a main function wants: blocks signals in this thread and all later ones, takes the ROS
-    /// arguments out of `argv`, starts the log, reads the environment, and follows SIGINT, SIGTERM and
-    /// SIGCONT. Must come before any other thread is started. Gives also what of `argv` is not ROS's.
+    /// For a main function: blocks signals in this thread and all later ones, removes the ROS
+    /// arguments from `argv`, starts the log, reads the environment, and follows SIGINT, SIGTERM and
+    /// SIGCONT. Must come before any other thread is started. Returns also the remaining arguments.
     ///
     /// # Errors
     /// [`NodeError::Args`] and [`NodeError::Domain`] for wrong input.
@@ -113,7 +113,7 @@ impl Process {
         Ok((process, rest))
     }
 
-    /// A process that is part of a larger program, which keeps its signals and its log to itself.
+    /// A process inside a larger program, which handles signals and log itself.
     pub fn new(args: RosArgs, domain: Domain) -> Self {
         let (sender, events) = mpsc::channel();
         Self {
@@ -138,7 +138,7 @@ impl Process {
         &self.args
     }
 
-    /// Where the nodes live.
+    /// DDS domain of the nodes.
     pub fn domain(&self) -> Domain {
         self.domain
     }
@@ -152,7 +152,7 @@ impl Process {
         let stopper = self.stopper();
         let cores = Arc::clone(&self.cores);
         let mut stops = 0;
-        // Once signal_kind to stop, no node comes back: systemd and `timeout` send SIGTERM and SIGCONT.
+        // After a stop request no node reconnects: systemd and `timeout` send SIGTERM and SIGCONT.
         signals::watch(move |signal_kind| match signal_kind {
             ProcessSignal::Stop(signal) => {
                 stops += 1;
@@ -209,10 +209,10 @@ impl Process {
             logging::enter(&handle.core);
             let outcome = catch_unwind(AssertUnwindSafe(|| program(&handle)));
             let outcome = outcome.unwrap_or_else(|_| {
-                let text = format!("node {}: its program has panicked", handle.name());
+                let text = format!("node {}: program panicked", handle.name());
                 Err(NodeError::Failed(text))
             });
-            // A program that was stopped since its node is broken knows nothing of that.
+            // A program that was stopped because of a failure of its node returns without an error.
             let outcome = match handle.core.stop_state.failure() {
                 Some(reason) => Err(NodeError::Failed(reason.clone())),
                 None => outcome,
@@ -233,7 +233,7 @@ impl Process {
         Ok(node)
     }
 
-    /// Lets the nodes run for `patience`. Gives false as soon as there is a reason to stop: a signal, a
+    /// Runs the nodes for `patience`. Returns false as soon as there is a reason to stop: a signal, a
     /// [`Stopper`], a node that ended.
     pub fn run_for(&mut self, patience: Duration) -> bool {
         let deadline = Instant::now() + patience;
@@ -291,7 +291,9 @@ impl Process {
             match self.events.recv_timeout(left) {
                 Ok(event) => self.take(event),
                 Err(_) => {
-                    tracing::error!("node {name} does not end, it is left behind");
+                    tracing::error!(
+                        "node {name} did not stop within {STOP_PATIENCE:?} and is abandoned"
+                    );
                     let text = format!("node {name}: did not stop within {STOP_PATIENCE:?}");
                     self.failure.get_or_insert(NodeError::Failed(text));
                     return;
@@ -314,7 +316,7 @@ impl Drop for Process {
     }
 }
 
-/// Gives every node that is not to stop a new participant: the old ones' threads have ended when the
+/// Creates a new participant for every node that is not stopping: the old ones' threads have ended when the
 /// process was stopped.
 fn reconnect(cores: &Mutex<Vec<Weak<NodeCore>>>) {
     let cores = cores.lock().unwrap_or_else(PoisonError::into_inner);
@@ -325,7 +327,9 @@ fn reconnect(cores: &Mutex<Vec<Weak<NodeCore>>>) {
         }
         match core.open_session() {
             Ok(false) => {}
-            Ok(true) => tracing::info!("node {node}: goes on, joined the graph anew"),
+            Ok(true) => {
+                tracing::info!("node {node}: continued after a stop, joined the graph again")
+            }
             Err(e) => tracing::error!("{e}"),
         }
     }
@@ -337,7 +341,7 @@ struct Running {
     ended: bool,
 }
 
-/// What every node has beside its program: participant, sending thread, parameter services, clock,
+/// Parts of a node other than its program: participant, sending thread, parameter services, clock,
 /// diagnostics, log.
 struct Infrastructure {
     node: Node,

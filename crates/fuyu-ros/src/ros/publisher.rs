@@ -1,4 +1,4 @@
-//! Publishing without waiting: a bounded queue and one sending thread per node.
+//! Publishing without blocking: a bounded send queue and one sending thread per node.
 
 use rustdds::{bytes::Bytes, rpc::SampleIdentity};
 use std::{
@@ -11,8 +11,7 @@ use std::{
 use super::{Qos, endpoint::Writer, node_core::NodeCore};
 use crate::msg::{Interface, cdr};
 
-/// Queue of a reliable publisher that asks for less: room for what piles up while DDS waits for a slow
-/// subscriber.
+/// Smallest queue of a reliable publisher: room for messages that accumulate while DDS waits for a slow subscriber.
 const RELIABLE_QUEUE: usize = 256;
 
 /// Publishes messages of one type on one topic. Never blocks: what DDS cannot take yet waits in a queue.
@@ -48,7 +47,7 @@ impl<M: Interface> Publisher<M> {
         &self.writer.spec.name
     }
 
-    /// What it offers.
+    /// Offered QoS.
     pub fn qos(&self) -> &Qos {
         &self.writer.spec.qos
     }
@@ -74,7 +73,7 @@ impl<M> Drop for Publisher<M> {
     }
 }
 
-/// Publishes bytes whose type need not be known to fuyu; ends when dropped.
+/// Publishes bytes whose type need not be declared in this program; ends when dropped.
 pub struct RawPublisher {
     publisher: Publisher<()>,
 }
@@ -90,8 +89,8 @@ impl RawPublisher {
         }
     }
 
-    /// Sends CDR bytes with their encapsulation header. Where so many wait that more would be dropped, it
-    /// waits for them, but not for ever.
+    /// Sends CDR bytes with their encapsulation header. If the queue is full, it waits
+    /// for room, but only for a limited time.
     pub fn publish(&self, cdr: Vec<u8>) {
         let Publisher { core, writer, .. } = &self.publisher;
         if writer.queued.load(Relaxed) >= writer.spec.qos.depth.clamp(1, RELIABLE_QUEUE / 2) {
@@ -129,7 +128,7 @@ struct Queue {
     closed: bool,
 }
 
-/// Everything that a node wants to send, in order.
+/// Messages of a node that wait to be sent, in order.
 #[derive(Default)]
 pub(super) struct SendQueue {
     queue: Mutex<Queue>,
@@ -145,7 +144,7 @@ impl SendQueue {
     pub(super) fn push(&self, writer: &Arc<Writer>, cdr: Bytes, related: Option<SampleIdentity>) {
         let published = rustdds::Timestamp::now();
         let mut queue = self.lock();
-        // Nothing waits, and best effort never does: handing it over costs less than waking a thread for it.
+        // Nothing waits, and a best-effort write does not block: writing here costs less than waking a thread.
         let is_free = queue.running && queue.items.is_empty() && queue.sending.is_none();
         if is_free && !writer.spec.qos.is_reliable() {
             queue.sending = Some(Arc::clone(writer));
@@ -226,7 +225,7 @@ impl SendQueue {
         }
     }
 
-    /// Lets [`Self::run`] end once all is sent.
+    /// Ends [`Self::run`] when all messages are sent.
     pub(super) fn close(&self) {
         self.lock().closed = true;
         self.filled.notify_all();
@@ -317,7 +316,7 @@ mod tests {
     }
 
     #[test]
-    fn what_dds_does_not_take_is_counted() {
+    fn messages_that_dds_refuses_are_counted() {
         let (send_queue, writer) = fill(Qos::RELIABLE, 4);
         send_queue.close();
         send_queue.run(Duration::from_secs(1), || {});

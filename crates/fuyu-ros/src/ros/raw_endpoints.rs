@@ -1,4 +1,4 @@
-//! DDS endpoints that carry bytes.
+//! DDS endpoints that carry serialized messages as bytes.
 
 use rustdds::{
     RepresentationIdentifier,
@@ -18,26 +18,26 @@ pub use ros2_client::Gid;
 /// Length of the encapsulation header before every CDR payload.
 const HEADER: usize = 4;
 
-/// A message as it came off the wire.
+/// A received message in serialized form.
 #[derive(Debug, Clone)]
 pub struct RawSample {
     /// Encapsulation header and CDR, as a bag stores them.
     pub cdr: Bytes,
-    /// When the publisher says that it published (its wall clock), if it says so.
+    /// Time of publication by the wall clock of the publisher, if it states one.
     pub source_time: Option<Time>,
-    /// When it arrived here (wall clock).
+    /// Time of arrival (wall clock).
     pub received_time: Time,
-    /// Who sent it.
+    /// The publisher.
     pub publisher: Gid,
-    /// The publisher's count.
+    /// Sequence number of the publisher.
     pub sequence_number: i64,
-    /// The request that a reply answers, or that asks.
+    /// Identity of the related request, of services.
     pub(super) related: Option<SampleIdentity>,
-    /// The sample itself, as a reply names it.
+    /// Identity of this sample.
     pub(super) identity: SampleIdentity,
 }
 
-/// Passes bytes to and from rustdds without looking at them.
+/// Passes bytes to and from rustdds unchanged.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CdrPassthrough;
 

@@ -1,4 +1,4 @@
-//! Services: a request topic, a reply topic, and the identity that binds an answer to its question.
+//! Services: a request topic, a reply topic, and the sample identity that links a reply to its request.
 
 use rustdds::{SequenceNumber, bytes::Bytes, rpc::SampleIdentity};
 use std::{
@@ -15,10 +15,10 @@ use super::{
 };
 use crate::msg::{Interface, Service, cdr};
 
-/// Nobody need ask how far an answer gets that is no longer than this \[bytes\].
+/// Replies up to this length reach every client \[bytes\].
 const ALWAYS_REACHES: usize = 1_024;
 
-/// Calls that wait for the program; more are left unanswered.
+/// Calls that may wait for the program; further ones get no reply.
 const WAITING: usize = 64;
 
 /// Prefix and suffix of a DDS topic and suffix of its type, for one direction of a service.
@@ -103,8 +103,7 @@ impl Drop for ServiceServer {
     }
 }
 
-/// The answer that a call waits for, to be sent at any time and from any thread. A client whose reply is
-/// dropped waits in vain.
+/// Reply to one call, sent at any time and from any thread. If it is dropped, the client gets no response.
 pub struct Reply<S> {
     core: Weak<NodeCore>,
     writer: Arc<Writer>,
@@ -113,7 +112,7 @@ pub struct Reply<S> {
 }
 
 impl<S: Service> Reply<S> {
-    /// Answers the call.
+    /// Sends the response.
     pub fn send(self, response: &S::Response) {
         let Some(core) = self.core.upgrade() else {
             return;
@@ -121,8 +120,8 @@ impl<S: Service> Reply<S> {
         let cdr: Bytes = cdr::encode(response).into();
         if let Err(longest) = self.fits(&core, cdr.len()) {
             tracing::warn!(
-                "node {}: service {}: an answer of {} bytes may not reach the client, which takes {longest} from this \
-                 version of rustdds; ask for less at a time",
+                "node {}: service {}: a response of {} bytes may not reach the client, the limit of this version of \
+                 rustdds is {longest}; request less at a time",
                 core.names.node(),
                 self.writer.spec.name,
                 cdr.len()
@@ -131,14 +130,14 @@ impl<S: Service> Reply<S> {
         core.send_queue.push(&self.writer, cdr, Some(self.question));
     }
 
-    /// Whether an answer reaches the client: long ones do not (docs/upstream.md).
+    /// Whether a response is short enough to reach the client (docs/upstream.md).
     pub(super) fn reaches(&self, response: &S::Response) -> bool {
         let length = cdr::encode(response).len();
         let core = self.core.upgrade();
         core.is_some_and(|core| self.fits(&core, length).is_ok())
     }
 
-    /// Refuses what is too long, with what is not.
+    /// Checks the length of a response; the error is the limit \[bytes\].
     fn fits(&self, core: &NodeCore, length: usize) -> Result<(), usize> {
         if length <= ALWAYS_REACHES {
             return Ok(());
@@ -155,16 +154,15 @@ impl<S: Service> Reply<S> {
     }
 }
 
-/// A call that waits for its answer.
+/// A call that waits for its response.
 pub struct Call<S: Service> {
-    /// What is asked.
+    /// The request.
     pub request: S::Request,
-    /// How to answer.
+    /// The way to reply.
     pub reply: Reply<S>,
 }
 
-/// A service that the node's program answers itself, when it gets to it: calls wait in a queue, as messages
-/// of a subscription do, and wake the program.
+/// A service whose calls wait in a queue for the node's program, like the messages of a subscription.
 pub struct Calls<S: Service> {
     queue: Arc<Mutex<VecDeque<Call<S>>>>,
     _server: ServiceServer,
@@ -201,8 +199,8 @@ impl<S: Service> Calls<S> {
     }
 }
 
-/// The request that a reply must name. Fast DDS names its reply reader and leaves the number unknown;
-/// then the number of the sample counts. Without any name the sample is its own.
+/// Identity of the request that a reply must state. Fast DDS clients state the GUID of their reply reader and no sequence
+/// number, which is then that of the sample. Without any statement it is the identity of the sample.
 fn question(sample: &RawSample) -> SampleIdentity {
     let mut question = sample.related.unwrap_or(sample.identity);
     if question.sequence_number == SequenceNumber::UNKNOWN {

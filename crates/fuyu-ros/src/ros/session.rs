@@ -1,5 +1,4 @@
-//! The DDS side of a node: a participant with endpoints, which can be thrown away and made anew while
-//! the handles that the program holds live on.
+//! A DDS participant with the endpoints of a node. It can be replaced while the handles of the program stay valid.
 
 use rustdds::{
     DomainParticipant, QosPolicies, RTPSEntity, Topic, TopicKind,
@@ -29,7 +28,7 @@ use super::{
     raw_endpoints::{CdrPassthrough, RawReader, RawWriter},
 };
 
-/// Types whose messages have a megabyte rather than a kilobyte.
+/// Types whose messages have the size of a megabyte rather than a kilobyte.
 const LARGE_TYPES: [&str; 4] = [
     "sensor_msgs::msg::dds_::Image_",
     "sensor_msgs::msg::dds_::CompressedImage_",
@@ -42,14 +41,14 @@ enum SessionRequest {
     Remove(Gid),
 }
 
-/// A living participant.
+/// A connected participant.
 pub(super) struct Session {
     participant: DomainParticipant,
     publisher: rustdds::Publisher,
     subscriber: rustdds::Subscriber,
     topics: HashMap<String, Topic>,
     announcer: Announcer,
-    /// Discovered topics and types that are not of ROS, as far as they were warned of.
+    /// Discovered topics and types against the rules of ROS that a warning was logged for.
     warned_topics: BTreeSet<(String, String)>,
     requests: mpsc::Sender<SessionRequest>,
     waker: Arc<Waker>,
@@ -97,7 +96,7 @@ impl Session {
                 let (node, stop_state) = (node.clone(), Arc::clone(stop_state));
                 move || match catch_unwind(AssertUnwindSafe(|| receiver.run())) {
                     Ok(Ok(())) => {}
-                    // A node that hears nothing any more must not go on as if all were well.
+                    // A node that cannot receive must not continue as if it could.
                     Ok(Err(e)) => stop_state.fail(format!("node {node}: receiving has ended: {e}")),
                     Err(_) => stop_state.fail(format!("node {node}: a handler has panicked")),
                 }
@@ -218,7 +217,7 @@ impl Session {
         Ok(())
     }
 
-    /// Takes away every DDS writer, so that the participant can end when they do.
+    /// Detaches every DDS writer, so that the participant can end when they are dropped.
     pub(super) fn detach(endpoints: &Endpoints) -> Vec<Arc<RawWriter>> {
         let writers = endpoints.writers.iter();
         writers.filter_map(|writer| writer.attach(None)).collect()
@@ -300,7 +299,7 @@ impl Receiver {
                             let topic = &reader.spec.name;
                             tracing::error!("node {}: cannot receive {topic}: {e}", self.node);
                         }
-                        // What came before the registration.
+                        // Samples that arrived before the registration.
                         let mut state = ReaderState {
                             dds,
                             reader,
@@ -344,7 +343,7 @@ impl ReaderState {
                         reader.counters.failed.fetch_add(1, Relaxed);
                     }
                 }
-                // The reader has moved on behind what it could not take.
+                // The reader has skipped the sample that it could not take.
                 Err(_) => {
                     reader.counters.failed.fetch_add(1, Relaxed);
                 }
@@ -353,8 +352,8 @@ impl ReaderState {
     }
 }
 
-/// How many samples a publisher has numbered between its last and this one. What it sent before its
-/// first one here was not for this reader.
+/// Number of samples missing between the last one of a publisher and this one. Samples before the first one received here
+/// were not meant for this reader.
 fn missing(last: &mut HashMap<Gid, i64>, publisher: Gid, number: i64) -> u64 {
     let before = last.entry(publisher).or_insert(number);
     let gap = number.saturating_sub(*before).saturating_sub(1).max(0);
@@ -368,7 +367,7 @@ mod tests {
 
     // Would break if a late start, a repetition or another publisher's numbers counted as holes.
     #[test]
-    fn holes_are_counted_for_each_publisher() {
+    fn missing_samples_are_counted_for_each_publisher() {
         let gid = |n| Gid::from([n; 16]);
         let mut last = HashMap::new();
         let numbers = [(1, 40), (1, 41), (2, 7), (1, 45), (1, 45), (2, 8), (1, 46)];

@@ -1,10 +1,10 @@
-//! Signals. rustdds threads end when a signal interrupts them, so no thread takes any but the one that
-//! waits here.
+//! Signals. The threads of rustdds end when a signal interrupts them, so all threads block signals except one that waits for
+//! them here.
 
 use nix::sys::signal::{SigSet, SigmaskHow, Signal, pthread_sigmask};
 use std::thread;
 
-/// Signals that a thread must keep taking: faults of its own, and what stops a process in its terminal.
+/// Signals that stay unblocked: faults of the thread itself, and job control of the terminal.
 const NOT_BLOCKED: [Signal; 11] = [
     Signal::SIGSEGV,
     Signal::SIGBUS,
@@ -46,12 +46,12 @@ pub(super) fn with_blocked<R>(f: impl FnOnce() -> R) -> R {
     result
 }
 
-/// What a process is told.
+/// A signal that a process handles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub(super) enum ProcessSignal {
     /// SIGINT, SIGTERM or SIGHUP.
     Stop(Signal),
-    /// SIGCONT: it was stopped and goes on.
+    /// SIGCONT: the process was stopped and continues.
     Continued,
 }
 

@@ -13,16 +13,16 @@ use super::{
 };
 use crate::msg::{Interface, cdr};
 
-/// A message and how it came.
+/// A received message and its origin.
 #[derive(Debug, Clone)]
 pub struct Received<M> {
     /// The message.
     pub message: M,
-    /// When the publisher says that it published (its wall clock), if it says so.
+    /// Time of publication by the wall clock of the publisher, if it states one.
     pub source_time: Option<Time>,
-    /// When it arrived (wall clock).
+    /// Time of arrival (wall clock).
     pub received_time: Time,
-    /// Who sent it.
+    /// The publisher.
     pub publisher: Gid,
 }
 
@@ -138,12 +138,12 @@ impl<M> Subscription<M> {
         &self.reader.spec.name
     }
 
-    /// What it requests.
+    /// Requested QoS.
     pub fn qos(&self) -> &Qos {
         &self.reader.spec.qos
     }
 
-    /// Whether `publisher` is known to be there: discovered, matched and not gone.
+    /// Whether `publisher` is discovered, matched and not lost.
     pub fn is_matched(&self, publisher: Gid) -> bool {
         let peers = &self.reader.counters.peers;
         let peers = peers.lock().unwrap_or_else(PoisonError::into_inner);

@@ -1,12 +1,12 @@
-//! What peers mean by the name of a type: the hashes (REP-2016) that their endpoints state in their user data, as
-//! `typehash=RIHS01_...;`. rustdds hears them, and cannot send any.
+//! Check of type hashes (REP-2016): peers state them in the user data of their endpoints, as `typehash=RIHS01_...;`.
+//! rustdds receives them but cannot send them.
 
 use rustdds::GUID;
 use std::collections::{HashMap, HashSet};
 
 use super::{NodeName, endpoint::EndpointSpec};
 
-/// Bytes of a sequence's length, which rustdds leaves before user data (docs/upstream.md).
+/// Length prefix that rustdds leaves before user data (docs/upstream.md) \[bytes\].
 const LENGTH: usize = 4;
 
 /// The type hash in an endpoint's user data.
@@ -18,11 +18,11 @@ pub(super) fn hash_in_user_data(user_data: &[u8]) -> Option<String> {
     is_hash.then(|| hash.to_owned())
 }
 
-/// What the endpoints of peers have stated.
+/// Type hashes that the endpoints of peers have stated.
 #[derive(Default)]
 pub(super) struct TypeHashCheck {
     stated: HashMap<GUID, String>,
-    /// Topic and hash of what was warned of.
+    /// Topics and hashes that a warning was logged for.
     warned: HashSet<(String, String)>,
 }
 
@@ -37,7 +37,7 @@ impl TypeHashCheck {
         self.stated.retain(|endpoint, _| !is_lost(endpoint));
     }
 
-    /// Warns if a peer's endpoint, which exchanges messages with this node's, reads another type out of them.
+    /// Warns if a matched endpoint of a peer has another definition of the type.
     pub(super) fn compare(&mut self, node: &NodeName, spec: &EndpointSpec, peer: GUID) {
         let Some(stated) = self.stated.get(&peer) else {
             return;
@@ -71,7 +71,7 @@ mod tests {
 
     // Breaks when the form that rmw gives user data is not read, or something else is taken for a hash.
     #[test]
-    fn a_hash_is_found_among_what_else_is_stated() {
+    fn a_hash_is_found_among_other_user_data() {
         let hash = format!("RIHS01_{}", "0a".repeat(32));
         for text in [
             format!("typehash={hash};"),
