@@ -8,9 +8,9 @@ use std::time::Instant;
 
 use fuyu::control::prediction::Prediction;
 use fuyu::control::{
-    BaseTask, Controller, ControllerConfig, Gains, JacobianKind, JointPdGains, LawKind,
-    Measurement, OperationalConfig, Resolution, ResolvedRate, ResolvedRateConfig, Saturation,
-    Shaping, Sight, StraightPathConfig, TipTask,
+    BaseTask, Controller, ControllerConfig, Gains, JacobianKind, JointPdConfig, LawConfig, LawKind,
+    Measurement, OperationalSpaceConfig, Resolution, ResolvedRate, ResolvedRateConfig, Saturation,
+    Shaping, StraightPathConfig, TipMeasurement, TipTask,
 };
 use fuyu::dynamics::Workspace;
 use fuyu::model::{Frame, Model};
@@ -68,13 +68,13 @@ impl Robot {
         let mut controller = controller.expect("gains that fit");
         let mut workspace = Workspace::new(&self.model);
         // What is seen beside each state: a goal a hand's breadth from the tip.
-        let sights: Vec<Vec<Sight>> = (self.states.iter())
+        let sights: Vec<Vec<TipMeasurement>> = (self.states.iter())
             .map(|(q, _)| {
                 workspace.set_positions(&self.model, q);
                 let see = |tip: &Frame| {
                     let X_BE = workspace.X_BF(tip);
                     let p = X_BE.translation.vector + Vector3::new(0.1, 0.05, -0.02);
-                    Sight::new(
+                    TipMeasurement::new(
                         0.0,
                         X_BE,
                         Pose::from_parts(Translation3::from(p), X_BE.rotation),
@@ -94,17 +94,17 @@ impl Robot {
                     exposed = time;
                 }
                 let (q, qd) = &self.states[k % STATES];
-                let seen = |tip: usize| Sight {
+                let seen = |tip: usize| TipMeasurement {
                     time: exposed,
                     ..sights[k % STATES][tip]
                 };
                 let first = seen(0);
                 let second = [(self.tips.len() > 1).then(|| seen(1))];
                 let measured = Measurement {
-                    more_sights: &second[..self.tips.len() - 1],
+                    more_tips: &second[..self.tips.len() - 1],
                     ..Measurement::new(time, q, qd)
                 };
-                let measured = measured.with_sight(Some(&first)).with_gyro(Some(&w));
+                let measured = measured.with_tip(Some(&first)).with_gyro(Some(&w));
                 controller.update(&measured).expect("efforts");
                 k += 1;
             }
@@ -150,24 +150,24 @@ fn main() {
     };
     let n = arm.model.dof();
     for (how, prediction, every) in predictions {
-        let with = |law| ControllerConfig {
+        let with = |law: LawConfig| ControllerConfig {
             prediction,
-            joint_pd: JointPdGains { k_p: vec![1.0; n] },
             ..ControllerConfig::new(law, arm.gains())
         };
         for (name, law) in LawKind::NAMES {
             if law == LawKind::StraightPath {
                 for (shape, shaping) in Shaping::NAMES {
                     for (load, period) in [("", 0.0), (", with its load", 0.01)] {
-                        let config = ControllerConfig {
-                            straight_path: straight(shaping, period),
-                            ..with(law)
-                        };
+                        let config = with(straight(shaping, period).into());
                         let what = format!("`{name}` by {shape}{load}{how}");
                         row("6 joints", &what, arm.step(config, every));
                     }
                 }
             } else {
+                let law = match law {
+                    LawKind::JointPd => JointPdConfig { k_p: vec![1.0; n] }.into(),
+                    law => law.into(),
+                };
                 row(
                     "6 joints",
                     &format!("`{name}`{how}"),
@@ -176,14 +176,14 @@ fn main() {
             }
         }
         for (name, base) in BaseTask::NAMES {
+            let law = OperationalSpaceConfig {
+                tips: vec![TipTask::Pose, TipTask::Pose],
+                base,
+                ..OperationalSpaceConfig::default()
+            };
             let config = ControllerConfig {
                 prediction,
-                operational: OperationalConfig {
-                    tips: vec![TipTask::Pose, TipTask::Pose],
-                    base,
-                    ..OperationalConfig::default()
-                },
-                ..ControllerConfig::new(LawKind::OperationalSpace, arms.gains())
+                ..ControllerConfig::new(law, arms.gains())
             };
             let what = format!("two poses, `base_task: {name}`{how}");
             row("2 arms of 7", &what, arms.step(config, every));

@@ -2,7 +2,7 @@
 
 use super::{Drive, Operated};
 use crate::{
-    control::{Acted, Controller, Measurement, PoseError, Sight},
+    control::{ControlReport, Controller, Measurement, PoseError, TipMeasurement},
     dynamics::Workspace,
     model::Frame,
     nodes::{
@@ -51,7 +51,7 @@ struct SecondArm {
     tip: Frame,
     camera: PoseCamera,
     X_WD: Pose,
-    seen: Option<Sight>,
+    seen: Option<TipMeasurement>,
 }
 
 /// The target that the camera tracks.
@@ -78,7 +78,7 @@ pub struct Answer<'a> {
     /// Frames of features that the camera delivered at this state.
     pub sightings: &'a [Sighting],
     /// The kind of measurement that it acted on.
-    pub acted: Acted,
+    pub report: ControlReport,
     /// Age of the measurement that it used \[s\].
     pub age: f64,
     /// True deviation of the tip from the goal.
@@ -172,12 +172,12 @@ impl ClosedLoop {
 
 impl SecondArm {
     /// What has been seen of it last.
-    fn look(&mut self, time: f64, X_WB: &Pose, workspace: &Workspace) -> Option<Sight> {
+    fn look(&mut self, time: f64, X_WB: &Pose, workspace: &Workspace) -> Option<TipMeasurement> {
         let X_BE = workspace.X_BF(&self.tip);
         self.camera
             .show(time, &X_BE, Some(&(X_WB.inverse() * self.X_WD)));
         while let Some(PoseFrame { time, X_BE, X_BD }) = self.camera.deliver(time) {
-            self.seen = X_BD.map(|X_BD| Sight::new(time, told(&X_BE), told(&X_BD)));
+            self.seen = X_BD.map(|X_BD| TipMeasurement::new(time, told(&X_BE), told(&X_BD)));
         }
         self.seen
     }
@@ -299,22 +299,23 @@ impl Servo {
             .seen
             .as_ref()
             .filter(|_| age <= self.measurement_timeout);
-        let sight = young.and_then(|frame| Some(Sight::new(frame.time, frame.X_BE, frame.X_BD?)));
-        let more_sights = [(self.second.as_mut())
+        let sight =
+            young.and_then(|frame| Some(TipMeasurement::new(frame.time, frame.X_BE, frame.X_BD?)));
+        let more_tips = [(self.second.as_mut())
             .and_then(|second| second.look(time, &X_WB, robot.workspace()))
             .filter(|sight| time - sight.time <= self.measurement_timeout)];
         let state = robot.state();
         let seen = Measurement {
-            more_sights: &more_sights,
+            more_tips: &more_tips,
             ..Measurement::new(time, &state.q, &state.qd)
         };
-        let seen = seen.with_sight(sight.as_ref()).with_gyro(Some(&w_WB_B));
-        let acted = (self.controller.update(&seen)).map_err(|e| format!("at {time:.2} s: {e}"))?;
+        let seen = seen.with_tip(sight.as_ref()).with_gyro(Some(&w_WB_B));
+        let report = (self.controller.update(&seen)).map_err(|e| format!("at {time:.2} s: {e}"))?;
         let efforts = self.controller.efforts().as_slice();
         world.robot.hold_efforts(efforts);
         Ok(Answer {
             sightings: &self.sightings,
-            acted,
+            report,
             age,
             error: PoseError::between(&X_BE, &X_BD),
             controller: &self.controller,

@@ -1,5 +1,5 @@
-//! Masutani 1995, appendix G: the generalized Jacobian of a serial arm, step by step as printed, with the operations
-//! counted.
+//! Masutani 1995, appendix G: the generalized Jacobian of a serial arm, step by step as printed, with a count of the
+//! operations.
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 
@@ -8,7 +8,7 @@ use crate::dynamics::kernel::{Scalar, Vec3};
 use crate::model::{JointKind, Model, ModelBuilder};
 use crate::spatial::{Pose, RigidInertia};
 
-/// A link as section G.1 has it. Its frame Σ_i has its origin on joint i + 1, z along that joint's axis.
+/// A link as in section G.1. Its frame Σ_i has its origin on joint i + 1, z along that joint's axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Link {
     /// Link length `a_i` \[m\].
@@ -27,7 +27,7 @@ pub struct Link {
 
 /// A serial arm of rotary joints on a base whose frame is at its centre of mass.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Arm {
+pub struct SerialArm {
     /// Mass of the base \[kg\].
     pub base_mass: f64,
     /// Inertia of the base, `ᴮI_0` \[kg m²\].
@@ -49,7 +49,7 @@ impl Link {
     }
 }
 
-impl Arm {
+impl SerialArm {
     /// An arm of so many links, none of whose parameters is zero.
     pub fn example(links: usize) -> Self {
         let tensor = Matrix3::new(2.0, 0.1, -0.2, 0.1, 1.5, 0.3, -0.2, 0.3, 1.8);
@@ -96,8 +96,8 @@ impl Arm {
         builder.build()
     }
 
-    /// The generalized Jacobian, one column per joint, linear rows first, by the steps of section G.5, and what
-    /// they take. Sines and cosines are given, and what section G.4 prepares is not counted.
+    /// The generalized Jacobian, one column per joint, linear rows first, by the steps of section G.5, and the number
+    /// of operations. Sines and cosines are given, and the preparation of section G.4 is not counted.
     pub fn generalized_jacobian(&self, q: &[f64]) -> (Vec<[f64; 6]>, Counts) {
         let mass: f64 = self.base_mass + self.links.iter().map(|l| l.mass).sum::<f64>();
         let (columns, counts) = counted(|| self.steps(q, mass));

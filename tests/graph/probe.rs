@@ -1,4 +1,4 @@
-//! A node that does a little of everything, run as a process of its own.
+//! A node that uses every feature of the ROS layer, run as a separate process.
 
 use crate::peer::DomainClaim;
 use fuyu::{
@@ -6,7 +6,7 @@ use fuyu::{
         std_msgs::String as Text,
         std_srvs::{Trigger, TriggerResponse},
     },
-    ros::{Node, NodeError, Process, Qos, DiscoveryRange},
+    ros::{DiscoveryRange, Node, NodeError, Process, Qos},
 };
 use nix::sys::signal::{SigSet, SigmaskHow, Signal};
 use std::{
@@ -129,7 +129,7 @@ fn program(node: &Node) -> Result<(), NodeError> {
 pub struct Probe {
     child: Child,
     stderr: BufReader<ChildStderr>,
-    /// What of it has been read.
+    /// Lines read from it.
     said: String,
     _domain: DomainClaim,
 }

@@ -1,4 +1,4 @@
-//! What README.md tells people to do works as it stands there.
+//! The controller in README.md works as printed there.
 
 use std::{fs, process::Command};
 

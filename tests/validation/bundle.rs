@@ -1,4 +1,4 @@
-//! The bundle on chapter 3's motions and on what spoils tracks. Limits are those that the method is to keep over all
+//! Bundle adjustment on chapter 3's motions and on disturbed tracks. Limits are those that the method must keep over all
 //! motions, so single ones do better.
 
 use fuyu::estimation::bundle::{CameraMotion, Options, Solution, estimate};
@@ -196,7 +196,7 @@ fn a_body_that_is_not_on_one_orbit_is_known_by_its_last_part() {
 /// e and s_alpha.
 type Cell = (f64, f64);
 
-/// Φ \[deg\], and the deviation of the predicted turn \[deg\] that the solution tells.
+/// Φ \[deg\], and the standard deviation of the predicted turn \[deg\] that the solution reports.
 type Predicted = (f64, f64);
 
 /// From 30 s.
@@ -213,7 +213,7 @@ fn from_half_a_minute(e: f64, s_alpha: f64) -> Predicted {
 }
 
 /// Every third motion of the grid. Those that 51 frames do not determine to 0.1 degrees are left open by the pixels
-/// themselves (`half_a_minute`), and the deviation that the solution tells is as large.
+/// themselves (`half_a_minute`), and the deviation that the solution reports is as large.
 #[test]
 fn half_a_minute_suffices_unless_the_solution_says_otherwise() {
     let all: Vec<_> = grid()
@@ -221,7 +221,7 @@ fn half_a_minute_suffices_unless_the_solution_says_otherwise() {
         .step_by(3)
         .map(|(e, s_alpha)| ((e, s_alpha), from_half_a_minute(e, s_alpha)))
         .collect();
-    told_or_left_open(&all);
+    predicted_or_left_open(&all);
 }
 
 /// All 294: `cargo test --release --test validation every_half_minute -- --ignored --nocapture`.
@@ -229,10 +229,10 @@ fn half_a_minute_suffices_unless_the_solution_says_otherwise() {
 #[ignore = "ten seconds"]
 fn every_half_minute_is_predicted_or_left_open() {
     let all: Vec<_> = grid().into_iter().zip(of_all(from_half_a_minute)).collect();
-    told_or_left_open(&all);
+    predicted_or_left_open(&all);
 }
 
-fn told_or_left_open(all: &[(Cell, Predicted)]) {
+fn predicted_or_left_open(all: &[(Cell, Predicted)]) {
     for ((e, s_alpha), (phi, deviation)) in all {
         let is = |(a, b): &(f64, f64)| (a - e).abs() < 0.01 && (b - s_alpha).abs() < 0.01;
         assert!(

@@ -9,7 +9,7 @@ use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 use crate::tumbling::{Motion, View, prediction_errors};
 
-/// A random problem: what is seen, how the body moves, and by how much the focal length told is off.
+/// A random problem: what is seen, how the body moves, and the error of the given focal length.
 fn problem(seed: u64) -> (View, Motion, f64) {
     let mut rng = StdRng::seed_from_u64(seed);
     let mut random = |low: f64, high: f64| rng.random_range(low..high);
@@ -182,13 +182,13 @@ fn two_radians_seen_from_afar_are_known_or_refused() {
         let truth = motion.attitudes(&times);
         let ours = times.map(|t| solution.motion.attitude(t));
         let error = (ours[1] * ours[0].inverse()).angle_to(&(truth[1] * truth[0].inverse()));
-        let told = solution.turn_covariance(times[0], times[1]).trace().sqrt();
+        let reported = solution.turn_covariance(times[0], times[1]).trace().sqrt();
         println!(
-            "{seed}: {:.2} deg, {:.2} told",
+            "{seed}: {:.2} deg, {:.2} reported",
             error.to_degrees(),
-            told.to_degrees()
+            reported.to_degrees()
         );
-        off.push(error / told);
+        off.push(error / reported);
     }
     assert!(solved >= 6, "{solved} of 12");
     assert!(off.iter().all(|off| *off < 6.0), "{off:.1?}");

@@ -142,7 +142,7 @@ fn between_solutions(gap: Option<(f64, f64)>) -> ([f64; 2], [f64; 2]) {
     )
 }
 
-// Breaks when the filter weighs frames wrongly, ignores them, or is led astray by the first ones after a gap.
+// Fails when the filter weighs frames wrongly, ignores them, or is led astray by the first ones after a gap.
 #[test]
 fn between_solutions_the_filter_knows_more_than_the_last_solution() {
     for gap in [None, Some((22.0, 27.0))] {

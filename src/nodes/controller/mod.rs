@@ -20,7 +20,7 @@ use super::{
     tip_frame, topics,
 };
 use crate::{
-    control::{Acted, Controller, ControllerConfig, GoalRate, LawKind, Measurement, Sight},
+    control::{ControlReport, Controller, ControllerConfig, GoalRate, Measurement, TipMeasurement},
     model::{Frame, Model},
     msg::{
         fuyu_msgs::ControllerState,
@@ -169,7 +169,7 @@ struct Topics {
     states: VecDeque<JointState>,
     poses: StampPairs<Pose, Pose>,
     /// The newest pair of camera poses, with its stamp.
-    seen: Option<(Time, Sight)>,
+    seen: Option<(Time, TipMeasurement)>,
     /// What the gyro measured last, with its stamp.
     gyro: Option<(Time, Vector3<f64>)>,
     /// The estimator's last answer, in the axes of the camera that it names.
@@ -187,7 +187,7 @@ struct SecondArm {
     tip_pose: Subscription<PoseStamped>,
     goal_pose: Subscription<PoseStamped>,
     poses: StampPairs<Pose, Pose>,
-    seen: Option<(Time, Sight)>,
+    seen: Option<(Time, TipMeasurement)>,
 }
 
 impl SecondArm {
@@ -363,31 +363,35 @@ impl Topics {
             .filter(|_| age.is_some_and(|age| age.abs() <= timeout));
         let second = self.second.as_ref().and_then(|second| second.seen.as_ref());
         let second = second.filter(|(stamp, _)| (now - *stamp).abs() <= timeout);
-        let more_sights = [second.map(|(_, sight)| *sight)];
+        let more_tips = [second.map(|(_, sight)| *sight)];
         let goal_rate = self.goal_rate(model);
         let seen = Measurement {
-            more_sights: &more_sights,
+            more_tips: &more_tips,
             goal_rate: goal_rate.as_ref(),
             ..Measurement::new(now.as_secs_f64(), &q, &qd)
         };
         let seen = seen
-            .with_sight(young.map(|(_, sight)| sight))
+            .with_tip(young.map(|(_, sight)| sight))
             .with_gyro(self.gyro.as_ref().map(|(_, w)| w));
-        let acted = controller.update(&seen);
-        match (&acted, age) {
+        let report = controller.update(&seen);
+        match (&report, age) {
             (Err(e), _) => self.status.error(format!("no effort is given: {e}")),
             (Ok(_), None) => self.status.warn("no camera measurement has come yet: only damping"),
             (Ok(_), Some(age)) if age.abs() > timeout => self.status.warn(format!(
                 "the last camera measurement is {age:.2} s old (measurement_timeout is {timeout} s): only damping"
             )),
-            (Ok(Acted { trouble: Some(trouble), .. }), Some(_)) => self.status.warn(trouble.to_string()),
+            (Ok(ControlReport { convergence_failure: Some(failure), .. }), Some(_)) => self.status.warn(failure.to_string()),
             (Ok(_), Some(_)) => self.status.ok("steering the tip to the goal"),
         }
         self.commands.publish(&command(controller, &joints.header));
         let seen_age = age.unwrap_or(f64::MAX).min(1e9);
-        if let Ok(acted) = acted {
-            self.state
-                .publish(&report(controller, &joints.header, &acted, seen_age));
+        if let Ok(report) = report {
+            self.state.publish(&state_message(
+                controller,
+                &joints.header,
+                &report,
+                seen_age,
+            ));
         }
     }
 }
@@ -412,18 +416,18 @@ pub fn command(controller: &Controller, header: &Header) -> JointState {
 }
 
 /// What the controller saw, decided and sent; `age` is that of the camera's measurement \[s\].
-pub fn report(
+pub fn state_message(
     controller: &Controller,
     header: &Header,
-    acted: &Acted,
+    report: &ControlReport,
     age: f64,
 ) -> ControllerState {
     let config = controller.config();
     let mut state = ControllerState {
         header: header.clone(),
-        law: choice::name_of(&LawKind::NAMES, &config.law).to_owned(),
-        position_saturated: acted.position_saturated,
-        orientation_saturated: acted.orientation_saturated,
+        law: config.law.name().to_owned(),
+        position_saturated: report.position_saturated,
+        orientation_saturated: report.orientation_saturated,
         k_p: config.gains.k_p,
         k_o: config.gains.k_o,
         joint_names: joint_names(controller),
@@ -433,13 +437,13 @@ pub fn report(
         goal_pose_age: age,
         ..ControllerState::default()
     };
-    if let Some(error) = &acted.error {
+    if let Some(error) = &report.error {
         state.position_error = vector_to_msg(&error.position);
         state.orientation_error = vector_to_msg(&error.orientation);
         state.position_error_norm = error.position.norm();
         state.attitude_error_angle = error.angle;
     }
-    if let Some(error) = &acted.second_error {
+    if let Some(error) = &report.second_error {
         state.second_tip_seen = true;
         state.second_position_error = vector_to_msg(&error.position);
         state.second_orientation_error = vector_to_msg(&error.orientation);
@@ -455,7 +459,7 @@ fn newest_pair(
     goal: &Subscription<PoseStamped>,
     poses: &mut StampPairs<Pose, Pose>,
     status: &Status,
-) -> Option<(Time, Sight)> {
+) -> Option<(Time, TipMeasurement)> {
     while let Some((stamp, pose)) = next_pose(tip, status) {
         poses.push_first(stamp, pose);
     }
@@ -464,7 +468,7 @@ fn newest_pair(
     }
     let pairs = std::iter::from_fn(|| poses.pop());
     let (stamp, X_BE, X_BD) = pairs.last()?;
-    Some((stamp, Sight::new(stamp.as_secs_f64(), X_BE, X_BD)))
+    Some((stamp, TipMeasurement::new(stamp.as_secs_f64(), X_BE, X_BD)))
 }
 
 /// The next sound pose that waits, with its stamp; an unsound one is reported.

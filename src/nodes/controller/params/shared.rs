@@ -2,7 +2,7 @@
 
 use super::{LARGEST_GAIN, PerJoint, SMALLEST_GAIN};
 use crate::{
-    control::{ControllerConfig, Gains, JacobianKind, LawKind, Saturation},
+    control::{ControllerConfig, Gains, JacobianKind, LawConfig, LawKind, Saturation},
     nodes::choice,
     ros::{Declare, Param},
 };
@@ -21,7 +21,7 @@ pub(super) struct Shared {
     k_v: Param<Vec<f64>>,
     e_p_max: Param<f64>,
     e_o_max: Param<f64>,
-    hand_over: Param<f64>,
+    bumpless_transfer_time: Param<f64>,
 }
 
 impl Shared {
@@ -31,7 +31,7 @@ impl Shared {
             declare,
             "jacobian",
             &JacobianKind::NAMES,
-            "Jacobian of the law",
+            "Jacobian of transpose_jacobian and straight_path",
         )
         .live();
         let mut number = |name: &str, default: f64, least: f64, text: &str| {
@@ -56,19 +56,19 @@ impl Shared {
             "e_p_max",
             0.2,
             SMALLEST_GAIN,
-            "Position error beyond which the pull is constant [m]",
+            "Position error beyond which the force is constant [m]",
         );
         let e_o_max = number(
             "e_o_max",
             0.1,
             SMALLEST_GAIN,
-            "Orientation error beyond which the pull is constant",
+            "Orientation error beyond which the torque is constant",
         );
-        let hand_over = declare
+        let bumpless_transfer_time = declare
             .param(
-                "hand_over",
+                "bumpless_transfer_time",
                 0.5,
-                "Time constant with which efforts go over to those of changed settings [s]",
+                "Time constant of the bumpless transfer after a change of settings; 0: the efforts jump [s]",
             )
             .range(0.0, 1e3)
             .live();
@@ -88,7 +88,7 @@ impl Shared {
             k_v,
             e_p_max,
             e_o_max,
-            hand_over,
+            bumpless_transfer_time,
         }
     }
 
@@ -106,10 +106,16 @@ impl Shared {
                 orientation: self.e_o_max.get(),
             },
         };
+        let jacobian = choice::find(&JacobianKind::NAMES, &self.jacobian.get())
+            .unwrap_or(JacobianKind::Generalized);
+        let mut law = LawConfig::from(law);
+        match &mut law {
+            LawConfig::TransposeJacobian(law) => law.jacobian = jacobian,
+            LawConfig::StraightPath(law) => law.jacobian = jacobian,
+            LawConfig::JointPd(_) | LawConfig::OperationalSpace(_) | LawConfig::Custom => {}
+        }
         ControllerConfig {
-            jacobian: choice::find(&JacobianKind::NAMES, &self.jacobian.get())
-                .unwrap_or(JacobianKind::Generalized),
-            hand_over: self.hand_over.get(),
+            bumpless_transfer_time: self.bumpless_transfer_time.get(),
             ..ControllerConfig::new(law, gains)
         }
     }
