@@ -68,6 +68,17 @@ fn monte_carlo_prints_quantiles_in_order() {
 }
 
 #[test]
+fn a_law_of_ones_own_brings_the_tip_to_its_goal() {
+    let text = printed("own_law", &[]);
+    let distance = text
+        .split(" m from")
+        .next()
+        .and_then(|t| t.rsplit(' ').next());
+    let distance: f64 = distance.and_then(|d| d.parse().ok()).expect("a distance");
+    assert!(distance < 0.01, "{text}");
+}
+
+#[test]
 fn a_bag_is_read_and_plotted() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name).display().to_string();
