@@ -187,7 +187,7 @@ fn deviation(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::experiments::masutani_ch3::Motion;
+    use crate::experiments::masutani_ch3::TumblingMotion;
 
     const SECOND: i64 = 1_000_000_000;
 
@@ -222,7 +222,7 @@ mod tests {
     /// The closed form of `|w|²` computed from a message equals that of the motion.
     #[test]
     fn squared_rates_follow_the_motion() {
-        let truth = Motion {
+        let truth = TumblingMotion {
             e: 0.5,
             s: 0.2,
             s_alpha: 0.4,

@@ -67,7 +67,7 @@ impl Operated {
         let steered = self.steering.steer(time, q, &V_B);
         self.rates.clear();
         (self.rates).extend(self.steering.rates().iter().copied().enumerate());
-        world.drive_rates(&self.rates);
+        world.drive_rates(self.rates.iter().copied());
         Drive {
             steered,
             steering: &self.steering,

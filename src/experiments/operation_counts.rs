@@ -4,7 +4,7 @@ use std::cell::Cell;
 use std::ops::{Add, Mul, Neg, Sub};
 
 use crate::dynamics::kernel::{
-    Column, Place, Scalar, Tree, Turn, generalized_jacobian, momentum_map,
+    LinkPlacement, MomentumColumn, PlanarRotation, Scalar, Tree, generalized_jacobian, momentum_map,
 };
 use crate::model::Model;
 
@@ -86,16 +86,16 @@ impl Scalar for Counted {
 pub fn recursion(model: &Model) -> Counts {
     let tree = Tree::new(model);
     let zero = Counted(0.0);
-    let mut places = vec![Place::new(zero); model.dof() + 1];
-    let mut map = vec![Column::zero(zero); model.dof()];
+    let mut placements = vec![LinkPlacement::new(zero); model.dof() + 1];
+    let mut map = vec![MomentumColumn::zero(zero); model.dof()];
     let mut columns = vec![[zero; 6]; model.dof()];
     let ((), counts) = counted(|| {
-        for place in &mut places[1..] {
-            place.turn = Turn::new(Counted(0.8), Counted(0.6));
+        for placement in &mut placements[1..] {
+            placement.rotation = PlanarRotation::new(Counted(0.8), Counted(0.6));
         }
-        let system = momentum_map(&tree, &mut places, &mut map);
+        let system = momentum_map(&tree, &mut placements, &mut map);
         let (end, tip) = (model.dof(), [0.3, 0.1, 0.2]);
-        generalized_jacobian(&tree, &places, &map, &system, end, &tip, &mut columns);
+        generalized_jacobian(&tree, &placements, &map, &system, end, &tip, &mut columns);
     });
     counts
 }

@@ -58,7 +58,7 @@ impl SimulatedBag {
         let tf_static = add(&mut writer, &topics::TF_STATIC)?;
         writer.write_message(tf_static, 0, &frames.static_transforms(&run.world.targets))?;
         for target in &run.world.targets {
-            let described = target.description_topic();
+            let described = topics::TARGET_DESCRIPTION.of(&target.name);
             let latched = named(&mut writer, &described, &topics::ROBOT_DESCRIPTION)?;
             let text = std_msgs::String {
                 data: target.description.clone(),
@@ -75,7 +75,7 @@ impl SimulatedBag {
             joint_states: add(w, &topics::JOINT_STATES)?,
             odometry: add(w, &topics::ODOMETRY)?,
             targets: (run.world.targets.iter())
-                .map(|t| named(w, &t.odometry_topic(), &topics::ODOMETRY))
+                .map(|t| named(w, &topics::TARGET_ODOMETRY.of(&t.name), &topics::ODOMETRY))
                 .collect::<Result<_, _>>()?,
             momentum: add(w, &topics::MOMENTUM)?,
             imu: add(w, &topics::IMU)?,

@@ -167,7 +167,7 @@ fn loop_closures_that_cannot_be() {
         "    loop_closures:",
         "    formulation: articulated_body\n    loop_closures:",
         &[
-            "'articulated_body', which knows no closed loops",
+            "'articulated_body', which does not support closed loops",
             "'reduced'",
         ],
     );

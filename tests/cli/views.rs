@@ -2,10 +2,7 @@
 
 use fuyu::{
     msg::{self, Base, Definition},
-    nodes::{
-        dynamics::description_topic,
-        topics::{self, Described},
-    },
+    nodes::topics::{self, Declaration},
     ros::qos::{Durability, Reliability},
 };
 use serde_json::Value;
@@ -17,9 +14,9 @@ fn text(name: &str) -> String {
 
 /// The topic called `name`, with or without the slash that RViz's layout leaves to the namespace. The robot's topic stands
 /// for those of targets' descriptions, which are of its kind.
-fn topic(name: &str) -> Described {
+fn topic(name: &str) -> Declaration {
     let name = name.trim_start_matches('/');
-    let name = match name == description_topic("target") {
+    let name = match name == topics::TARGET_DESCRIPTION.of("target") {
         true => topics::ROBOT_DESCRIPTION.name,
         false => name,
     };

@@ -3,6 +3,8 @@
 mod documents;
 #[cfg(feature = "ros")]
 mod first_hour;
+#[cfg(feature = "ros")]
+mod generated;
 mod layers;
 mod package;
 #[cfg(feature = "ros")]

@@ -7,7 +7,7 @@ use fuyu::{
         std_msgs::{Float64, String as Text},
     },
     nodes::{
-        dynamics::{FrameTree, World, imu, joint_states, odometry, odometry_topic},
+        dynamics::{FrameTree, World, imu, joint_states, odometry},
         scenario::Scenario,
         topics,
     },
@@ -56,7 +56,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let clock = topics::CLOCK.advertise(node)?;
     let states = topics::JOINT_STATES.advertise(node)?;
     let bases = topics::ODOMETRY.advertise(node)?;
-    let targets = node.advertise(&odometry_topic("target"), topics::ODOMETRY.qos)?;
+    let targets = topics::TARGET_ODOMETRY.advertise(node, "target")?;
     let gyro = topics::IMU.advertise(node)?;
     let commands = topics::JOINT_COMMANDS.subscribe(node)?;
     let leaps = node.subscribe::<Float64>("leap", Qos::RELIABLE)?;
@@ -80,7 +80,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
             let command = commands.latest().unwrap_or(command).message;
             efforts.copy_from_slice(&command.effort);
         }
-        world.hold_efforts(&efforts);
+        world.hold_efforts(efforts.iter().copied().enumerate());
         world.step_to_tick();
     }
     Ok(())

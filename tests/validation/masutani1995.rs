@@ -5,7 +5,7 @@
 //! iteration found to 1e-8, angles of a prediction, which amplifies them, to 1e-6 degrees. A stamp, a divisor
 //! or an interpolation done differently shows at 1e-4 or more.
 
-use fuyu::estimation::errors::{parameter_error, prediction_error};
+use fuyu::estimation::evaluation::{parameter_error, prediction_error};
 use fuyu::estimation::free_body::FreeRotation;
 use fuyu::estimation::masutani1995::{
     Analysis, Fit, Options, Rate, from_tracks, mean_rate, rates_from_tracks,

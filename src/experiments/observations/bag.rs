@@ -1,5 +1,5 @@
-//! Observations from what a graph recorded: `camera/features` with the camera's calibration, and the base's
-//! gyro with the camera's place on the base.
+//! Observations from a bag: `camera/features` with the camera's calibration, and the base's gyro with the mounting of the
+//! camera.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -67,13 +67,13 @@ pub(super) fn read(path: &Path) -> Result<ObservedTracks, String> {
     }
 }
 
-/// What one robot's topics tell.
+/// Messages of one robot.
 #[derive(Default)]
 struct Recorded {
     sightings: Vec<Sighting>,
     camera_frame: String,
     camera: Option<Pinhole>,
-    /// Angular velocity of the unit in its own axes.
+    /// Angular velocity of the inertial measurement unit in its own axes, over time.
     gyro: Vec<(f64, Vector3<f64>)>,
     gyro_frame: String,
 }
@@ -84,7 +84,7 @@ const TOPICS: [(&str, Take); 3] = [
     (FEATURES, |robot, message| {
         let features: FeatureTracks = decode(message)?;
         let sighting = sighting_from_msg(&features)?;
-        // A state that was told again is seen again.
+        // A state that was published twice is in the bag twice.
         if robot.sightings.last().is_none_or(|last| *last != sighting) {
             robot.sightings.push(sighting);
         }
@@ -111,8 +111,8 @@ const TOPICS: [(&str, Take); 3] = [
 ];
 
 impl Recorded {
-    /// Angular velocity of the camera in its own axes; empty unless a gyro was recorded and the camera is
-    /// fixed to it.
+    /// Angular velocity of the camera in its own axes over time; empty unless a gyro was recorded and the camera is fixed
+    /// to it.
     fn camera_rates(&self, frames: &StaticRotations) -> Vec<(f64, Vector3<f64>)> {
         let Some(R_IC) = frames.rotation(&self.gyro_frame, &self.camera_frame) else {
             return Vec::new();

@@ -4,7 +4,6 @@ use super::watch::{CAMERA_FRAME, Watch};
 use crate::{
     msg::{fuyu_msgs::FeatureTracks, nav_msgs::Odometry},
     nodes::{
-        dynamics,
         features::sighting_to_msg,
         geometry::{pose_from_msg, with_matrix},
         stamp_pairs::StampPairs,
@@ -29,11 +28,11 @@ impl TargetTopics {
     /// # Errors
     /// When the node cannot subscribe or publish.
     pub fn new(node: &Node, target: &str) -> Result<Self, NodeError> {
-        let topic = dynamics::odometry_topic(target);
+        let odometry = topics::TARGET_ODOMETRY.subscribe(node, target)?;
         let status = node.diagnostics().status("features");
-        status.warn(format!("nothing has arrived on {topic} yet"));
+        status.warn(format!("nothing has arrived on {} yet", odometry.topic()));
         Ok(Self {
-            odometry: node.subscribe(&topic, topics::ODOMETRY.qos)?,
+            odometry,
             features: topics::FEATURES.advertise(node)?,
             truth: StampPairs::default(),
             status,

@@ -287,7 +287,7 @@ fn cuts_that_cannot_be_are_refused_in_one_line() {
     };
     assert_eq!(
         said(std::slice::from_ref(&pin)).to_string(),
-        "cut 0 over-constrains its loop: 3 hinges cannot meet 4 constrained directions; \
+        "cut 0 over-constrains its loop: 3 hinges cannot satisfy 4 constrained directions; \
          leave out directions in which those hinges never move"
     );
     // The same hinges cannot meet the same constraints twice.

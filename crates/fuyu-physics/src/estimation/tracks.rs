@@ -1,18 +1,18 @@
-//! Feature tracks: sightings of one body in the order of time.
+//! Feature tracks: the image points of one body over time.
 
 use crate::vision::Sighting;
 
-/// Sightings of one body, in the order of time. Every pixel is finite, and no frame holds an id twice.
+/// Frames of image points of one body, in the order of time. Every pixel is finite, and no frame has an id twice.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Tracks {
     sightings: Vec<Sighting>,
 }
 
-/// What no tracks can hold.
+/// Why frames are not valid tracks.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TracksError {
-    /// There is no frame at all, or none that shows a feature.
-    #[error("the tracks are empty: not one frame shows a feature")]
+    /// There is no frame, or none with a feature.
+    #[error("the tracks are empty: no frame has a feature")]
     Empty,
     /// A frame's time is NaN or infinite.
     #[error("frame {frame}: time is {time}; it must be finite")]
@@ -36,7 +36,7 @@ pub enum TracksError {
     },
     /// A pixel coordinate is NaN or infinite.
     #[error(
-        "frame {frame} at {time} s: feature {id} is at pixel ({u}, {v}); both must be finite (leave out what was not seen)"
+        "frame {frame} at {time} s: feature {id} is at pixel ({u}, {v}); both must be finite (leave out features that are not visible)"
     )]
     Pixel {
         /// Index of the frame, from 0.
@@ -50,8 +50,10 @@ pub enum TracksError {
         /// Row \[px\].
         v: f64,
     },
-    /// One frame shows an id twice.
-    #[error("frame {frame} at {time} s: feature {id} is there twice; ids must differ in a frame")]
+    /// A frame has an id twice.
+    #[error(
+        "frame {frame} at {time} s: feature {id} is there twice; ids must be unique in a frame"
+    )]
     Twice {
         /// Index of the frame, from 0.
         frame: usize,
@@ -63,10 +65,10 @@ pub enum TracksError {
 }
 
 impl Tracks {
-    /// Tracks from sightings in the order of time; the features of each may be in any order.
+    /// Tracks from frames in the order of time; the features of each may be in any order.
     ///
     /// # Errors
-    /// [`TracksError`] that names the first frame that is wrong, or says that nothing is there.
+    /// [`TracksError`] that names the first invalid frame, or reports that there are no features.
     pub fn new(sightings: impl IntoIterator<Item = Sighting>) -> Result<Self, TracksError> {
         let mut tracks = Self::default();
         for sighting in sightings {
@@ -81,7 +83,7 @@ impl Tracks {
     /// Adds a frame; its features may be in any order, or none.
     ///
     /// # Errors
-    /// [`TracksError`] if the frame is wrong in itself or not later than the last; it is then not added.
+    /// [`TracksError`] if the frame is invalid or not later than the last; it is then not added.
     pub fn push(&mut self, mut sighting: Sighting) -> Result<(), TracksError> {
         let frame = self.sightings.len();
         let time = sighting.time;
@@ -127,7 +129,7 @@ impl Tracks {
         &self.sightings
     }
 
-    /// Time of the first and of the last frame \[s\]; `None` without any.
+    /// Time of the first and of the last frame \[s\]; `None` without frames.
     pub fn span(&self) -> Option<(f64, f64)> {
         Some((self.sightings.first()?.time, self.sightings.last()?.time))
     }
@@ -157,7 +159,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named() {
+    fn errors_name_the_invalid_frame() {
         let message = |sightings: Vec<Sighting>| Tracks::new(sightings).unwrap_err().to_string();
         assert!(message(vec![]).contains("empty"));
         assert!(message(vec![at(0.0, &[]), at(1.0, &[])]).contains("empty"));
@@ -175,7 +177,7 @@ mod tests {
     }
 
     #[test]
-    fn a_refused_frame_leaves_the_tracks_as_they_were() {
+    fn a_refused_frame_leaves_the_tracks_unchanged() {
         let mut tracks = Tracks::new([at(0.0, &[(1, 2.0)]), at(1.0, &[(1, 3.0)])]).unwrap();
         let before = tracks.clone();
         assert!(tracks.push(at(0.5, &[(1, 2.0)])).is_err());

@@ -9,7 +9,7 @@ use super::model_tables::SEEDS;
 use super::statistics::{largest, list_errors, median};
 use super::study::{Source, Study};
 use super::{Report, map, number};
-use crate::estimation::Method;
+use crate::estimation::EstimationMethod;
 use crate::experiments::{MapPanel, MapScale};
 
 /// The quantity and the case of a figure.
@@ -46,9 +46,9 @@ pub(super) fn error_map(mut report: Report) -> Report {
     let number = number(&report).to_owned();
     let figure = number.strip_prefix("3.").and_then(|n| n.parse().ok());
     let (quantity, study, i) = case(figure.unwrap_or_default());
-    let methods: &[Method] = match study.source {
-        Source::Images { .. } => &[Method::Masutani1995, Method::Bundle],
-        _ => &[Method::Masutani1995],
+    let methods: &[EstimationMethod] = match study.source {
+        Source::Images { .. } => &[EstimationMethod::Masutani1995, EstimationMethod::Bundle],
+        _ => &[EstimationMethod::Masutani1995],
     };
     match figure.unwrap_or_default() {
         18..=26 => preprocessing(&mut report, quantity, i),
@@ -69,7 +69,7 @@ pub(super) fn error_map(mut report: Report) -> Report {
         "The figure is a picture of a surface without readable values: the rows hold the computed map to what the \
          text says of it. Grey: no estimate.",
     );
-    let panel = |method: &Method| {
+    let panel = |method: &EstimationMethod| {
         let cells = study.cells(*method);
         let asked = (0..cells.len()).filter(|k| study.is_evaluated(*k, *method));
         MapPanel {
@@ -144,10 +144,10 @@ fn past_the_thesis(report: &mut Report, study: &Study) {
     }
     // The accuracy that whole pixels allow.
     let limit = 0.02 * 1024.0 / f64::from(resolution);
-    let cells = study.cells(Method::Bundle);
+    let cells = study.cells(EstimationMethod::Bundle);
     let asked = cells.iter().enumerate();
     let asked: Vec<_> = asked
-        .filter(|(k, _)| study.is_evaluated(*k, Method::Bundle))
+        .filter(|(k, _)| study.is_evaluated(*k, EstimationMethod::Bundle))
         .map(|(_, cell)| cell)
         .collect();
     let answered = asked.iter().all(|cell| cell.estimated());

@@ -5,7 +5,7 @@ use std::fmt::Write;
 use super::statistics::{list_errors, median};
 use super::study::{Cell, Grid, Source, Study};
 use super::{Report, map, number};
-use crate::estimation::{Method, MotionModel};
+use crate::estimation::{EstimationMethod, MotionModel};
 use crate::experiments::masutani_ch3::{
     MOMENTA, ModelTable, TABLE_3_2, TABLE_3_3, TABLE_3_4, TABLE_3_5, TABLE_3_6, TABLE_3_7,
 };
@@ -47,7 +47,7 @@ pub(super) fn model_table(mut report: Report) -> Report {
     let from_images = matches!(study.source, Source::Images { .. });
     let seeds = if from_images { SEEDS } else { 1..=1 };
     let runs: Vec<_> = seeds
-        .map(|seed| study.with_seed(seed).cells(Method::Masutani1995))
+        .map(|seed| study.with_seed(seed).cells(EstimationMethod::Masutani1995))
         .collect();
     let agreed = runs.iter().map(|cells| 100.0 * agreement(cells, table));
     let agreed = median(agreed);
@@ -85,7 +85,7 @@ pub(super) fn model_table(mut report: Report) -> Report {
     }
     let cells = &runs[0];
     report.listings.push(listing(&grid, table, cells));
-    list_errors(&mut report, &study, &[Method::Masutani1995]);
+    list_errors(&mut report, &study, &[EstimationMethod::Masutani1995]);
     note(&mut report, table);
     let class = |model: Option<MotionModel>| match model {
         Some(MotionModel::Asymmetric) => 0.0,

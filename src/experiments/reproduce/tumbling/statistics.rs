@@ -3,7 +3,7 @@
 use std::fmt::Write;
 
 use super::study::{Cell, Study};
-use crate::estimation::{Method, MotionModel};
+use crate::estimation::{EstimationMethod, MotionModel};
 use crate::experiments::reproduce::Report;
 
 /// Median of the finite values; NaN if there are none.
@@ -20,7 +20,7 @@ pub(super) fn largest(values: impl Iterator<Item = f64>) -> f64 {
 }
 
 /// Lists errors of both methods side by side; bundle adjustment only for image input.
-pub(super) fn list_errors(report: &mut Report, study: &Study, methods: &[Method]) {
+pub(super) fn list_errors(report: &mut Report, study: &Study, methods: &[EstimationMethod]) {
     let mut listing = format!(
         "{:<32}{:>8}{:>22}{:>22}{:>22}\n{:<32}{:>8}{:>22}{:>22}{:>22}\n",
         "method, over cells",

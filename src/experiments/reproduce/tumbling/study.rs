@@ -6,8 +6,8 @@ use std::time::Instant;
 
 use crate::estimation::bundle;
 use crate::estimation::free_body::FreeRotation;
-use crate::estimation::{Method, MotionModel};
-use crate::experiments::masutani_ch3::{self as chapter, Condition, Motion, in_parallel};
+use crate::estimation::{EstimationMethod, MotionModel};
+use crate::experiments::masutani_ch3::{self as chapter, Condition, TumblingMotion, in_parallel};
 
 /// Input of the estimation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -78,7 +78,7 @@ impl Grid {
 }
 
 /// A completed sweep and its conditions.
-type Sweep = (Study, Method, Arc<Vec<Cell>>);
+type Sweep = (Study, EstimationMethod, Arc<Vec<Cell>>);
 
 impl Study {
     pub fn of(source: Source) -> Self {
@@ -109,7 +109,7 @@ impl Study {
     }
 
     /// The motions, all momenta of the first isotropy, then of the next.
-    pub fn motions(&self) -> Vec<Motion> {
+    pub fn motions(&self) -> Vec<TumblingMotion> {
         let Grid {
             isotropies,
             momenta,
@@ -117,7 +117,7 @@ impl Study {
         let cells = isotropies
             .iter()
             .flat_map(|e| momenta.iter().map(|s| (*e, *s)));
-        let motion = |(e, s_alpha)| Motion {
+        let motion = |(e, s_alpha)| TumblingMotion {
             e,
             s: 0.0,
             s_alpha,
@@ -128,29 +128,29 @@ impl Study {
 
     /// The isotropies and momenta for which a method is evaluated, if not all: bundle adjustment takes seconds for some
     /// motions, so only a subset is computed.
-    pub fn part(&self, method: Method) -> Option<Grid> {
+    pub fn part(&self, method: EstimationMethod) -> Option<Grid> {
         let Grid {
             isotropies,
             momenta,
         } = self.grid();
         let every = |values: Vec<f64>, step| values.into_iter().step_by(step).collect();
-        (method == Method::Bundle).then(|| Grid {
+        (method == EstimationMethod::Bundle).then(|| Grid {
             isotropies: every(isotropies, STEPS.0),
             momenta: every(momenta, STEPS.1),
         })
     }
 
     /// Whether a method is evaluated for motion `index`.
-    pub fn is_evaluated(&self, index: usize, method: Method) -> bool {
+    pub fn is_evaluated(&self, index: usize, method: EstimationMethod) -> bool {
         let momenta = self.grid().momenta.len();
-        method != Method::Bundle
+        method != EstimationMethod::Bundle
             || ((index / momenta).is_multiple_of(STEPS.0)
                 && (index % momenta).is_multiple_of(STEPS.1))
     }
 
     /// The sweep by one method, computed once; bundle adjustment needs images. Motions for which the method is not evaluated
     /// ([`Study::is_evaluated`]) have no errors.
-    pub fn cells(&self, method: Method) -> Arc<Vec<Cell>> {
+    pub fn cells(&self, method: EstimationMethod) -> Arc<Vec<Cell>> {
         static DONE: Mutex<Vec<Sweep>> = Mutex::new(Vec::new());
         let done = || DONE.lock().unwrap_or_else(PoisonError::into_inner);
         let known = |(study, by, _): &&Sweep| study == self && *by == method;
@@ -162,7 +162,7 @@ impl Study {
         cells
     }
 
-    fn sweep(&self, method: Method) -> Vec<Cell> {
+    fn sweep(&self, method: EstimationMethod) -> Vec<Cell> {
         let motions = self.motions();
         let asked: Vec<_> = (0..motions.len())
             .filter(|index| self.is_evaluated(*index, method))
@@ -186,8 +186,8 @@ impl Study {
             let cell = match motions[*index].rotation() {
                 Err(_) => Cell::NONE,
                 Ok(truth) => match method {
-                    Method::Masutani1995 => by_thesis(&truth, condition),
-                    Method::Bundle => by_bundle(&truth, condition),
+                    EstimationMethod::Masutani1995 => by_thesis(&truth, condition),
+                    EstimationMethod::Bundle => by_bundle(&truth, condition),
                 },
             };
             bar.inc(1);
@@ -216,7 +216,7 @@ impl Study {
         }
     }
 
-    fn describe(&self, method: Method) -> String {
+    fn describe(&self, method: EstimationMethod) -> String {
         let source = match self.source {
             Source::TrueRates => "true angular velocities".to_owned(),
             Source::TrueRotations => "true rotations".to_owned(),

@@ -12,7 +12,7 @@ fn closed_form(
     report: &mut Report,
     label: &str,
     value: fn(&DynamicParameters) -> f64,
-) -> Vec<(Motion, f64)> {
+) -> Vec<(TumblingMotion, f64)> {
     let study = Study::of(Source::TrueRates);
     let values = study.motions().into_iter().map(|motion| {
         let truth = motion.rotation().ok();
@@ -37,8 +37,8 @@ fn closed_form(
 
 /// Fraction of neighbouring pairs along one grid axis for which `first` and `second` are in the expected order.
 fn share(
-    values: &[(Motion, f64)],
-    next: impl Fn(&Motion, &Motion) -> bool,
+    values: &[(TumblingMotion, f64)],
+    next: impl Fn(&TumblingMotion, &TumblingMotion) -> bool,
     ordered: impl Fn(f64, f64) -> bool,
 ) -> f64 {
     let pairs = values
@@ -50,11 +50,11 @@ fn share(
 }
 
 /// Oscillating motions: neither a sphere, nor a single-axis rotation, nor the separatrix.
-fn swings(m: &Motion) -> bool {
+fn swings(m: &TumblingMotion) -> bool {
     m.e < 0.99 && m.s_alpha.abs() < 0.99 && m.s_alpha.abs() > 0.01
 }
 
-fn rounder(a: &Motion, b: &Motion) -> bool {
+fn rounder(a: &TumblingMotion, b: &TumblingMotion) -> bool {
     swings(a) && swings(b) && a.s_alpha == b.s_alpha && b.e - a.e > 0.01 && b.e - a.e < 0.06
 }
 
@@ -66,7 +66,7 @@ pub(super) fn period_map(mut report: Report) -> Report {
         longer,
         longer >= 100.0,
     );
-    let inner = |a: &Motion, b: &Motion| {
+    let inner = |a: &TumblingMotion, b: &Motion| {
         let closer = a.s_alpha.abs() - b.s_alpha.abs();
         let same_side = a.s_alpha * b.s_alpha > 0.0;
         swings(a)
@@ -111,7 +111,7 @@ type Seen = (FreeRotation, Vec<(f64, f64)>, Analysis);
 
 /// The motion of Figs. 3.29 and 3.30, or its mirror image in momentum.
 fn seen(s_alpha: f64) -> Option<Seen> {
-    let motion = Motion {
+    let motion = TumblingMotion {
         e: 0.9,
         s: 0.0,
         s_alpha,
