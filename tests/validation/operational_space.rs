@@ -219,7 +219,7 @@ fn nothing_is_fed_forward_to_a_goal_at_rest() {
     let w = workspace
         .base_twist(&fuyu::dynamics::Momentum::default(), &qd)
         .angular;
-    let at_rest = TipPrediction::as_seen(Pose::identity(), Pose::identity());
+    let at_rest = TipPrediction::at_rest(Pose::identity(), Pose::identity());
     let goal = MovingGoal {
         q: &q,
         qd: &qd,

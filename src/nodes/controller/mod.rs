@@ -12,7 +12,6 @@ use std::{collections::VecDeque, time::Duration};
 use nalgebra::Vector3;
 
 use super::{
-    choice,
     geometry::{pose_from_msg, vector_from_msg, vector_to_msg, with_matrix},
     joint_vectors,
     robot_description::{Robot, RobotDescription},
