@@ -6,7 +6,7 @@
 
 use std::error::Error;
 
-use fuyu::dynamics::{Batch, State};
+use fuyu::dynamics::{Batch, IntegrationMethod, State};
 use fuyu::model::Model;
 use nalgebra::DVector;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
@@ -24,7 +24,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let q = DVector::from_element(model.dof(), 0.5);
     let start = State::at_rest_with(&model, &q);
 
-    let mut batch = Batch::new(&model, COPIES);
+    let mut batch = Batch::new(&model, IntegrationMethod::Rk4, COPIES);
     for copy in 0..COPIES {
         let efforts: Vec<f64> = (0..model.dof())
             .map(|_| random.random_range(-LARGEST_EFFORT..LARGEST_EFFORT))

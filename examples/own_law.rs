@@ -42,7 +42,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let config = ControllerConfig::new(LawConfig::Custom, gains);
     let mut controller = Controller::with_law(arm, Box::new(BoundedForce), config)?;
     let start = State::at_rest_with(&model, &DVector::from_vec(vec![0.3, 1.0]));
-    let mut robot = Floating::new(model, start, Method::Rk4);
+    let mut robot = Floating::new(model, start, IntegrationMethod::Rk4);
     let X_WE = |r: &Floating| r.state().X_WB(r.workspace()) * r.workspace().X_BF(&tip);
     let X_WD = Translation3::new(-0.3, 0.2, 0.0) * X_WE(&robot);
     for _ in 0..6000 {

@@ -46,7 +46,7 @@ fn main() -> Result<(), Box<dyn Error>> {
     let q = DVector::from_element(model.dof(), 0.5);
     let state = State::at_rest_with(&model, &q);
     let mut workspace = Workspace::new(&model);
-    workspace.set_positions(&model, &state.q);
+    workspace.set_positions(&state.q);
 
     // Rows: linear velocity of the frame [m/s], then angular velocity [rad/s], both in base axes.
     let mut fixed = Matrix6xX::zeros(model.dof());

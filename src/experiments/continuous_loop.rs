@@ -6,7 +6,7 @@ use crate::control::{
     ConfigError, Controller, ControllerConfig, LyapunovFunction, Measurement, PoseError,
     TipMeasurement,
 };
-use crate::dynamics::{Input, Integrator, IntegrationMethod, State, Workspace};
+use crate::dynamics::{Input, IntegrationMethod, Integrator, State, Workspace};
 use crate::model::{Frame, Model};
 use crate::spatial::Pose;
 

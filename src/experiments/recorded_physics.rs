@@ -193,22 +193,20 @@ fn paired(run: &RecordedRun) -> impl Iterator<Item = (&JointSample, &BaseSample)
 }
 
 /// Momentum from recorded joint and base velocities.
-struct RecordedMotion<'a> {
-    model: &'a Model,
+struct RecordedMotion {
     workspace: Workspace,
     state: State,
     /// Index in the model of each recorded joint.
     order: Vec<usize>,
 }
 
-impl<'a> RecordedMotion<'a> {
-    fn new(model: &'a Model, names: &[String]) -> Option<Self> {
+impl RecordedMotion {
+    fn new(model: &Model, names: &[String]) -> Option<Self> {
         let order: Vec<usize> = names
             .iter()
             .map(|name| model.joint_index(name))
             .collect::<Option<_>>()?;
         (order.len() == model.dof()).then(|| Self {
-            model,
             workspace: Workspace::new(model),
             state: State::at_rest(model),
             order,

@@ -1,6 +1,6 @@
 //! Conservation of momentum and energy in free motion, and their change by forces.
 
-use fuyu::dynamics::{Input, Integrator, IntegrationMethod, Momentum, State, Workspace};
+use fuyu::dynamics::{Input, IntegrationMethod, Integrator, Momentum, State, Workspace};
 use fuyu::model::Model;
 use fuyu::spatial::Wrench;
 use nalgebra::{DVector, Vector3};
@@ -130,7 +130,10 @@ fn the_methods_have_their_orders() {
             state.R_WB.angle_to(&exact.R_WB),
         ]
     };
-    for (method, dt, order) in [(IntegrationMethod::Rk4, 0.04, 4), (IntegrationMethod::Dop8, 0.2, 8)] {
+    for (method, dt, order) in [
+        (IntegrationMethod::Rk4, 0.04, 4),
+        (IntegrationMethod::Dop8, 0.2, 8),
+    ] {
         let (coarse, fine) = (
             distances(&run(method, dt)),
             distances(&run(method, dt / 2.0)),

@@ -173,7 +173,7 @@ fn foresight_covers_what_predictions_err_by() {
         squares += turn(&|t| solution.motion.attitude(t))
             .angle_to(&truth)
             .powi(2);
-        expected += filter.foresight(30.0).powi(2);
+        expected += filter.prediction_deviation(30.0).powi(2);
     }
     let ratio = f64::sqrt(squares / expected);
     assert!((0.1..1.5).contains(&ratio), "{ratio}");

@@ -1,7 +1,7 @@
 //! The formulations of forward dynamics against each other: they share the model and nothing else.
 
 use fuyu::dynamics::{
-    Floating, Formulation, FormulationKind, Input, InverseDynamics, IntegrationMethod, State,
+    Floating, Formulation, FormulationKind, Input, IntegrationMethod, InverseDynamics, State,
     TreeAcceleration, TreeMotion,
 };
 use fuyu::model::{Joint, JointKind, JointLimits, Model, ModelBuilder, Spring};

@@ -1,6 +1,6 @@
 //! A single free body against the closed form of its motion.
 
-use fuyu::dynamics::{Input, Integrator, IntegrationMethod, State, Workspace};
+use fuyu::dynamics::{Input, IntegrationMethod, Integrator, State, Workspace};
 use fuyu::model::ModelBuilder;
 use fuyu::spatial::RigidInertia;
 use nalgebra::{Matrix3, Vector3};

@@ -1,7 +1,7 @@
 //! The closed forms of free rotation (Masutani 1995 sec. 2.3) against numerical integration of Euler's
 //! equations, and against values computed independently.
 
-use fuyu::dynamics::{Input, Integrator, IntegrationMethod, State, Workspace};
+use fuyu::dynamics::{Input, IntegrationMethod, Integrator, State, Workspace};
 use fuyu::estimation::free_body::{FreeRotation, SolutionKind};
 use fuyu::model::ModelBuilder;
 use fuyu::spatial::RigidInertia;

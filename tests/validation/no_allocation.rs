@@ -7,7 +7,7 @@ use fuyu::control::{
     Measurement, OperationalSpaceConfig, Resolution, ResolvedRate, ResolvedRateConfig, Saturation,
     Shaping, SingularityEscapeConfig, StraightPathConfig, TipMeasurement,
 };
-use fuyu::dynamics::{Floating, Input, Integrator, IntegrationMethod, State, Workspace};
+use fuyu::dynamics::{Floating, Input, IntegrationMethod, Integrator, State, Workspace};
 use fuyu::model::Model;
 use fuyu::spatial::{Pose, Twist};
 use nalgebra::{DVector, Matrix6xX, Translation3, Vector3};

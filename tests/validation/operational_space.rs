@@ -32,11 +32,7 @@ fn moving() -> Floating {
         Vector3::new(0.01, 0.0, -0.02),
     );
     let mut workspace = Workspace::new(&model);
-    state.set_base(
-        &mut workspace,
-        &nalgebra::Isometry3::identity(),
-        &drift,
-    );
+    state.set_base(&mut workspace, &nalgebra::Isometry3::identity(), &drift);
     Floating::new(model, state, IntegrationMethod::Rk4)
 }
 

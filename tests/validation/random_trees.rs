@@ -1,7 +1,7 @@
 //! Identities on random trees that do not use the code under test: finite differences of poses, sums over
 //! bodies, and the balance of power.
 
-use fuyu::dynamics::{Input, Integrator, IntegrationMethod, Momentum, State, Workspace};
+use fuyu::dynamics::{Input, IntegrationMethod, Integrator, Momentum, State, Workspace};
 use fuyu::model::Model;
 use fuyu::spatial::{Pose, Wrench};
 use nalgebra::{DVector, Matrix6xX, Rotation3, UnitQuaternion, Vector3};

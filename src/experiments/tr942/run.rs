@@ -59,7 +59,7 @@ impl<F: Formulation> Run<F> {
     pub fn advance_to(&mut self, time: f64, dt: f64) {
         for _ in 0..((time - self.time) / dt).round() as usize {
             self.stepper.step(&mut self.x, dt, |x, rate| {
-                let (model, input) = (&self.model, &self.input);
+                let input = &self.input;
                 let formulation = &mut self.formulation;
                 self.layout
                     .rate(formulation, input, x, &mut self.scratch, rate);

@@ -158,7 +158,7 @@ mod tests {
     use super::*;
     use crate::{
         control::ServoGains,
-        dynamics::{Method, State},
+        dynamics::{IntegrationMethod, State},
         model::Model,
     };
 
@@ -171,7 +171,7 @@ mod tests {
         );
         let model = Model::from_urdf(&urdf, "planar").unwrap();
         let state = State::at_rest(&model);
-        let robot = Floating::new(model, state, Method::Rk4);
+        let robot = Floating::new(model, state, IntegrationMethod::Rk4);
         let config = VelocityServoConfig {
             gains: ServoGains::Bandwidth(10.0),
             integral: 0.0,

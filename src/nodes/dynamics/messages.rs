@@ -189,7 +189,7 @@ pub(super) fn momentum_message() -> fuyu_msgs::Momentum {
 
 /// Updates a message of [`momentum_message`].
 pub(super) fn update_momentum(message: &mut fuyu_msgs::Momentum, stamp: Time, robot: &Floating) {
-    let (model, workspace) = (robot.model(), robot.workspace());
+    let workspace = robot.workspace();
     let carried = workspace.carried_momentum();
     let R_WB = robot.state().R_WB;
     message.header.stamp = stamp.into();

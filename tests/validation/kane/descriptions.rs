@@ -38,8 +38,8 @@ fn compare(description: &Model, table: &Model, [of_description, of_table]: [&mut
         };
         let input = Input::zero(table);
         let mut answers = [TreeAcceleration::zero(table), TreeAcceleration::zero(table)];
-        of_description.accelerations(description, &motion, &input, &mut answers[0]);
-        of_table.accelerations(table, &motion, &input, &mut answers[1]);
+        of_description.accelerations(&motion, &input, &mut answers[0]);
+        of_table.accelerations(&motion, &input, &mut answers[1]);
         let off = difference(&answers[0], &answers[1]);
         assert!(off < 1e-12, "{}: {off:e}", table.name());
     }

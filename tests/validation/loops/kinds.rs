@@ -1,6 +1,8 @@
 //! Every kind of closure on a spatial arm: the tip of the servicer held to its own base.
 
-use fuyu::dynamics::{Direction, Floating, LoopClosure, Loops, IntegrationMethod, State, Workspace};
+use fuyu::dynamics::{
+    Direction, Floating, IntegrationMethod, LoopClosure, Loops, State, Workspace,
+};
 use fuyu::spatial::Twist;
 use nalgebra::{DVector, Isometry3};
 

@@ -1,7 +1,9 @@
 //! Linkages against their loop-free equations of motion: a single angle describes each of them, and the
 //! kinetic energy of a system without momentum is `m(φ) φ̇² / 2`.
 
-use fuyu::dynamics::{Direction, Floating, LoopClosure, Loops, IntegrationMethod, State, Workspace};
+use fuyu::dynamics::{
+    Direction, Floating, IntegrationMethod, LoopClosure, Loops, State, Workspace,
+};
 use fuyu::model::Model;
 use fuyu::spatial::Twist;
 use nalgebra::{Isometry3, Vector2};

@@ -11,7 +11,12 @@ use super::mechanisms::{HINGE, IN_PLANE, on_branch, pantograph, pantograph_loops
 use crate::fixtures::rows;
 
 /// The pantograph assembled, the base at rest at the world's origin.
-fn start(model: &Model, mut state: State, hinge: &[Direction], method: IntegrationMethod) -> Floating {
+fn start(
+    model: &Model,
+    mut state: State,
+    hinge: &[Direction],
+    method: IntegrationMethod,
+) -> Floating {
     let mut loops = pantograph_loops(model, hinge);
     loops.assemble(&mut state, 1e-9).unwrap();
     assert_eq!(loops.mobility(), 2);
@@ -106,7 +111,10 @@ fn no_step_size_leaves_the_branch() {
 fn starts_exactly_on_the_singular_state() {
     let model = pantograph(1.0);
     let exact = branch();
-    for (method, dt, limit) in [(IntegrationMethod::Dop8, 0.02, 1e-8), (IntegrationMethod::Rk4, 0.01, 1e-8)] {
+    for (method, dt, limit) in [
+        (IntegrationMethod::Dop8, 0.02, 1e-8),
+        (IntegrationMethod::Rk4, 0.01, 1e-8),
+    ] {
         let mut before = start(&model, folded(&model), IN_PLANE, IntegrationMethod::Dop8);
         before.step(0.025, 360);
         // Newton's method on the step that ends at θ2 = 0.

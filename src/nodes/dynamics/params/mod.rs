@@ -133,9 +133,14 @@ impl DynamicsParams {
             targets.push((name, key, file, motion));
         }
         let imu = ImuParams::declare(declare);
-        let method = choice::declare(declare, "integrator", &IntegrationMethod::NAMES, "Integration method")
-            .read_only()
-            .value();
+        let method = choice::declare(
+            declare,
+            "integrator",
+            &IntegrationMethod::NAMES,
+            "Integration method",
+        )
+        .read_only()
+        .value();
         let formulations = choice::list(&FormulationKind::NAMES);
         // Closed loops need the reduced inertia.
         let default = match &loop_closures {
