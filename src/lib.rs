@@ -103,3 +103,8 @@ pub mod experiments {
 }
 #[cfg(feature = "ros")]
 pub mod nodes;
+
+/// Compiles the Rust code of README.md.
+#[cfg(doctest)]
+#[doc = include_str!("../README.md")]
+struct Readme;
