@@ -1,8 +1,12 @@
 //! Plant, camera and controller in one loop, without DDS.
 
+use nalgebra::Vector3;
+
 use super::{Drive, Operated};
 use crate::{
-    control::{Acted, Controller, Measurement, PoseError, Sight},
+    control::{
+        ControlLoop, ControlLoopConfig, Controller, InputError, LoopReport, PoseError, Stamp,
+    },
     dynamics::Workspace,
     model::Frame,
     nodes::{
@@ -25,33 +29,30 @@ use crate::{
 pub struct ClosedLoop {
     /// The plant.
     pub world: World,
-    servo: Option<Servo>,
+    servo: Option<VisualServo>,
     operated: Option<Operated>,
     duration: f64,
 }
 
-/// Camera and controller.
-struct Servo {
+/// Cameras and control loop.
+struct VisualServo {
     camera: PoseCamera,
     watch: Option<WatchedTarget>,
-    sightings: Vec<Sighting>,
-    controller: Controller,
+    feature_frames: Vec<Sighting>,
+    control_loop: ControlLoop,
     /// The goal in its frame.
     X_FD: Pose,
     /// Which of the world's targets is that frame; `None` for the world itself.
     carrier: Option<usize>,
     second: Option<SecondArm>,
-    seen: Option<PoseFrame>,
-    measurement_timeout: f64,
     image: (u32, u32, f64),
 }
 
-/// What the camera sees of a second arm.
+/// A second arm's tip and what the camera measures of it.
 struct SecondArm {
     tip: Frame,
     camera: PoseCamera,
     X_WD: Pose,
-    seen: Option<Sight>,
 }
 
 /// The target that the camera tracks.
@@ -76,15 +77,13 @@ pub struct Moment<'a> {
 /// What the controller did with a state.
 pub struct Answer<'a> {
     /// Frames of features that the camera delivered at this state.
-    pub sightings: &'a [Sighting],
-    /// The kind of measurement that it acted on.
-    pub acted: Acted,
-    /// Age of the measurement that it used \[s\].
-    pub age: f64,
+    pub feature_frames: &'a [Sighting],
+    /// Which measurements were used, and what the controller decided.
+    pub report: LoopReport,
     /// True deviation of the tip from the goal.
     pub error: PoseError,
-    /// The controller, with the efforts of this moment.
-    pub controller: &'a Controller,
+    /// The control loop, with the efforts of this state.
+    pub control_loop: &'a ControlLoop,
 }
 
 impl ClosedLoop {
@@ -102,7 +101,7 @@ impl ClosedLoop {
         };
         let steered = scenario.has("camera") && operated.is_none();
         let servo = if steered || scenario.has("controller") {
-            Some(Servo::new(scenario, &world)?)
+            Some(VisualServo::new(scenario, &world)?)
         } else {
             None
         };
@@ -171,19 +170,47 @@ impl ClosedLoop {
 }
 
 impl SecondArm {
-    /// What has been seen of it last.
-    fn look(&mut self, time: f64, X_WB: &Pose, workspace: &Workspace) -> Option<Sight> {
+    /// Shows the camera the present state, and gives the control loop what it delivers.
+    fn measure(
+        &mut self,
+        time: f64,
+        X_WB: &Pose,
+        workspace: &Workspace,
+        control_loop: &mut ControlLoop,
+    ) -> Result<(), InputError> {
         let X_BE = workspace.X_BF(&self.tip);
         self.camera
             .show(time, &X_BE, Some(&(X_WB.inverse() * self.X_WD)));
-        while let Some(PoseFrame { time, X_BE, X_BD }) = self.camera.deliver(time) {
-            self.seen = X_BD.map(|X_BD| Sight::new(time, told(&X_BE), told(&X_BD)));
+        while let Some(frame) = self.camera.deliver(time) {
+            add_frame(control_loop, 1, &through_message(&frame))?;
         }
-        self.seen
+        Ok(())
     }
 }
 
-impl Servo {
+/// A frame after its poses have passed through messages.
+fn through_message(frame: &PoseFrame) -> PoseFrame {
+    PoseFrame {
+        X_BE: told(&frame.X_BE),
+        X_BD: frame.X_BD.as_ref().map(told),
+        ..*frame
+    }
+}
+
+fn add_frame(
+    control_loop: &mut ControlLoop,
+    tip: usize,
+    frame: &PoseFrame,
+) -> Result<(), InputError> {
+    let stamp = Stamp::from_secs_f64(frame.time);
+    control_loop.add_tip_pose(tip, stamp, frame.X_BE)?;
+    match frame.X_BD {
+        Some(X_BD) => control_loop.add_goal_pose(tip, stamp, X_BD),
+        None => Ok(()),
+    }
+}
+
+impl VisualServo {
     fn new(scenario: &Scenario, world: &World) -> Result<Self, String> {
         let model = world.robot.model();
         let (camera, controller) = (scenario.camera()?, scenario.controller()?);
@@ -231,7 +258,6 @@ impl Servo {
                 tip: tip.clone(),
                 camera: PoseCamera::new(second_camera(camera.quality.clone())),
                 X_WD: with_matrix(&goal),
-                seen: None,
             }),
             (Some(_), None) => {
                 return Err(at(
@@ -241,17 +267,21 @@ impl Servo {
             }
             (None, _) => None,
         };
+        let loop_config = ControlLoopConfig {
+            timeout: controller.measurement_timeout,
+            // Every state is answered at once here, whatever the age of the frames.
+            lockstep: false,
+        };
+        let controller = Controller::with_tips(model.clone(), tip, more_tips, config)
+            .map_err(|e| at(format!("controller: parameter {e}")))?;
         Ok(Self {
-            controller: Controller::with_tips(model.clone(), tip, more_tips, config)
-                .map_err(|e| at(format!("controller: parameter {e}")))?,
+            control_loop: ControlLoop::new(controller, loop_config),
             carrier,
             second,
             camera: PoseCamera::new(camera.quality),
             watch,
-            sightings: Vec::new(),
+            feature_frames: Vec::new(),
             X_FD: with_matrix(&goal),
-            seen: None,
-            measurement_timeout: controller.measurement_timeout,
             image: camera.image,
         })
     }
@@ -261,12 +291,14 @@ impl Servo {
         world: &mut World,
         frames: &mut Vec<PoseFrame>,
     ) -> Result<Answer<'_>, String> {
-        // As stamps and messages tell it in a graph, noise and all, so that a run there in lockstep is this one.
-        let time = Time::from_secs_f64(world.time()).as_secs_f64();
-        let gyro = imu(Time::from_secs_f64(time), "", world).angular_velocity;
-        let w_WB_B = vector_from_msg(&gyro);
+        // Values pass through stamps and messages as in a graph, noise included, so that a run there in lockstep is
+        // equal to this one.
+        let stamp = Time::from_secs_f64(world.time());
+        let time = stamp.as_secs_f64();
+        let gyro = imu(stamp, "", world).angular_velocity;
+        let stamp = Stamp::from_nanos(stamp.as_nanos());
         let robot = &world.robot;
-        let X_BE = robot.workspace().X_BF(self.controller.tip());
+        let X_BE = (robot.workspace()).X_BF(self.control_loop.controller().tip());
         let X_WB = told(&robot.state().X_WB(robot.workspace()));
         let of_target = |index: usize| {
             let target = &world.targets[index].body;
@@ -276,48 +308,55 @@ impl Servo {
         let X_BD = X_WB.inverse() * (X_WF * self.X_FD);
         self.camera.show(time, &X_BE, Some(&X_BD));
         while let Some(frame) = self.camera.deliver(time) {
-            frames.push(PoseFrame {
-                X_BE: told(&frame.X_BE),
-                X_BD: frame.X_BD.as_ref().map(told),
-                ..frame
-            });
+            frames.push(through_message(&frame));
         }
-        self.sightings.clear();
+        self.feature_frames.clear();
         if let Some(watched) = &mut self.watch {
             let X_WC = X_WB * robot.workspace().X_BF(&watched.camera);
             watched.watch.show(time, &X_WC, &of_target(watched.index));
-            while let Some(sighting) = watched.watch.deliver(time) {
-                self.sightings.push(sighting);
+            while let Some(frame) = watched.watch.deliver(time) {
+                self.feature_frames.push(frame);
             }
         }
-        self.seen = frames.last().copied().or(self.seen);
-        let age = self
-            .seen
-            .as_ref()
-            .map_or(f64::INFINITY, |frame| time - frame.time);
-        let young = self
-            .seen
-            .as_ref()
-            .filter(|_| age <= self.measurement_timeout);
-        let sight = young.and_then(|frame| Some(Sight::new(frame.time, frame.X_BE, frame.X_BD?)));
-        let more_sights = [(self.second.as_mut())
-            .and_then(|second| second.look(time, &X_WB, robot.workspace()))
-            .filter(|sight| time - sight.time <= self.measurement_timeout)];
-        let state = robot.state();
-        let seen = Measurement {
-            more_sights: &more_sights,
-            ..Measurement::new(time, &state.q, &state.qd)
-        };
-        let seen = seen.with_sight(sight.as_ref()).with_gyro(Some(&w_WB_B));
-        let acted = (self.controller.update(&seen)).map_err(|e| format!("at {time:.2} s: {e}"))?;
-        let efforts = self.controller.efforts().as_slice();
-        world.robot.hold_efforts(efforts);
+        let at = |e: String| format!("at {time:.2} s: {e}");
+        (self.feed(world, stamp, &X_WB, &vector_from_msg(&gyro), frames))
+            .map_err(|e| at(e.to_string()))?;
+        let report = self.control_loop.step();
+        let report = report.ok_or_else(|| at("no joint state is due".to_owned()))?;
+        if let Err(e) = &report.control {
+            return Err(at(e.to_string()));
+        }
+        world
+            .robot
+            .hold_efforts(self.control_loop.efforts().as_slice());
         Ok(Answer {
-            sightings: &self.sightings,
-            acted,
-            age,
+            feature_frames: &self.feature_frames,
+            report,
             error: PoseError::between(&X_BE, &X_BD),
-            controller: &self.controller,
+            control_loop: &self.control_loop,
         })
+    }
+
+    /// Gives the control loop the present joint state, what the camera has delivered, and the gyro's sample.
+    fn feed(
+        &mut self,
+        world: &World,
+        stamp: Stamp,
+        X_WB: &Pose,
+        w_WB_B: &Vector3<f64>,
+        frames: &[PoseFrame],
+    ) -> Result<(), InputError> {
+        let robot = &world.robot;
+        let (q, qd) = (&robot.state().q, &robot.state().qd);
+        let control_loop = &mut self.control_loop;
+        control_loop.add_joint_state(stamp, q.as_slice(), qd.as_slice())?;
+        for frame in frames {
+            add_frame(control_loop, 0, frame)?;
+        }
+        if let Some(second) = &mut self.second {
+            let time = stamp.as_secs_f64();
+            second.measure(time, X_WB, robot.workspace(), control_loop)?;
+        }
+        control_loop.add_gyro(stamp, *w_WB_B)
     }
 }

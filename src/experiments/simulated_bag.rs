@@ -8,7 +8,8 @@ use crate::{
     bag::{BagError, Recording, Topic, TopicId, Writer, WriterOptions},
     msg::{Interface, rosgraph_msgs, std_msgs},
     nodes::{
-        camera, controller,
+        camera,
+        controller::ControllerMessages,
         dynamics::{FrameTree, World, imu, joint_states, momentum, odometry},
         features::sighting_to_msg,
         teleop, topics,
@@ -40,6 +41,7 @@ struct ServoTopics {
     features: Option<TopicId>,
     commands: TopicId,
     state: TopicId,
+    messages: Option<ControllerMessages>,
 }
 
 impl SimulatedBag {
@@ -90,6 +92,7 @@ impl SimulatedBag {
                     },
                     commands: add(w, &topics::JOINT_COMMANDS)?,
                     state: add(w, &topics::CONTROLLER_STATE)?,
+                    messages: None,
                 })
             } else {
                 None
@@ -143,7 +146,7 @@ impl SimulatedBag {
             let command = teleop::message(drive.steering, header);
             (self.writer).write_message(rates, log_time(stamp), &command)?;
         }
-        let (Some(servo), Some(answer)) = (&self.servo, &moment.answer) else {
+        let (Some(servo), Some(answer)) = (&mut self.servo, &moment.answer) else {
             return Ok(());
         };
         let stamp = Time::from_secs_f64(time);
@@ -158,21 +161,18 @@ impl SimulatedBag {
                 w.write_message(servo.goal_pose, log, &goal)?;
             }
         }
-        for sighting in answer.sightings {
+        for sighting in answer.feature_frames {
             if let Some(features) = servo.features {
                 let message = sighting_to_msg(sighting, camera::CAMERA_FRAME);
                 w.write_message(features, log, &message)?;
             }
         }
-        let header = std_msgs::Header {
-            stamp: stamp.into(),
-            frame_id: base,
-        };
-        let command = controller::command(answer.controller, &header);
-        w.write_message(servo.commands, log, &command)?;
-        let age = answer.age.min(1e9);
-        let state = controller::report(answer.controller, &header, &answer.acted, age);
-        w.write_message(servo.state, log, &state)
+        let messages = servo
+            .messages
+            .get_or_insert_with(|| ControllerMessages::new(answer.control_loop.controller()));
+        messages.write(answer.control_loop, &answer.report);
+        w.write_message(servo.commands, log, &messages.command)?;
+        w.write_message(servo.state, log, &messages.state)
     }
 
     /// Closes the bag.

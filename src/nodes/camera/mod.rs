@@ -22,10 +22,10 @@ use super::{
     geometry::{pose_from_msg, pose_to_msg, with_matrix},
     joint_vectors,
     robot_description::{Robot, RobotDescription},
-    stamp_pairs::StampPairs,
     topics,
 };
 use crate::{
+    control::StampPairs,
     dynamics::Workspace,
     msg::{geometry_msgs::PoseStamped, nav_msgs, sensor_msgs, std_msgs::Header},
     ros::{Node, NodeError, Publisher, Status, Subscription, Time},
@@ -155,9 +155,9 @@ struct Topics {
     tip_pose: Publisher<PoseStamped>,
     goal_pose: Publisher<PoseStamped>,
     _camera_info: Publisher<sensor_msgs::CameraInfo>,
-    truth: StampPairs<sensor_msgs::JointState, nav_msgs::Odometry>,
+    truth: StampPairs<Time, sensor_msgs::JointState, nav_msgs::Odometry>,
     /// The same with the carrier's pose.
-    carried: StampPairs<(sensor_msgs::JointState, nav_msgs::Odometry), Pose>,
+    carried: StampPairs<Time, (sensor_msgs::JointState, nav_msgs::Odometry), Pose>,
     /// Frames of the last instant, to answer a state that is published again.
     last: Option<(Time, Vec<PoseFrame>)>,
     status: Status,

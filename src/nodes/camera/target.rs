@@ -2,12 +2,12 @@
 
 use super::watch::{CAMERA_FRAME, Watch};
 use crate::{
+    control::StampPairs,
     msg::{fuyu_msgs::FeatureTracks, nav_msgs::Odometry},
     nodes::{
         dynamics,
         features::sighting_to_msg,
         geometry::{pose_from_msg, with_matrix},
-        stamp_pairs::StampPairs,
         topics,
     },
     ros::{Node, NodeError, Publisher, Status, Subscription, Time},
@@ -19,7 +19,7 @@ pub struct TargetTopics {
     odometry: Subscription<Odometry>,
     features: Publisher<FeatureTracks>,
     /// Poses of the camera and of the target in the world.
-    truth: StampPairs<Pose, Pose>,
+    truth: StampPairs<Time, Pose, Pose>,
     status: Status,
 }
 

@@ -101,6 +101,11 @@ impl Controller {
         &self.arm.tip
     }
 
+    /// Number of tips, at least 1.
+    pub fn tip_count(&self) -> usize {
+        self.arm.tips().count()
+    }
+
     /// Changes the settings. The efforts go over to those of the new ones without a step, within a few times
     /// [`ControllerConfig::hand_over`]. A law that is given up forgets what it has found out, such as the joint
     /// PD its joint goal.

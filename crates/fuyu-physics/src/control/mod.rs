@@ -7,6 +7,7 @@
 //! and hands over from law to law and from gains to gains without a step in the efforts.
 
 mod config;
+mod control_loop;
 mod controller;
 mod feed_forward;
 mod foresight;
@@ -33,6 +34,10 @@ mod transpose_jacobian;
 mod velocity_servo;
 
 pub use config::ControllerConfig;
+pub use control_loop::{
+    ControlLoop, ControlLoopConfig, ControlMode, InputError, InputStatus, LoopReport, Stamp,
+    StampPairs,
+};
 pub use controller::Controller;
 pub use feed_forward::{FeedForward, MovingGoal};
 pub use gains::{GainError, Gains};
