@@ -10,7 +10,7 @@ use fuyu::control::prediction::Prediction;
 use fuyu::control::{
     BaseTask, Controller, ControllerConfig, Gains, JacobianKind, JointPdGains, LawKind,
     Measurement, OperationalConfig, Resolution, ResolvedRate, ResolvedRateConfig, Saturation,
-    Shaping, Sight, StraightPathConfig, TipTask,
+    Shaping, StraightPathConfig, TipMeasurement, TipTask,
 };
 use fuyu::dynamics::Workspace;
 use fuyu::model::{Frame, Model};
@@ -68,13 +68,13 @@ impl Robot {
         let mut controller = controller.expect("gains that fit");
         let mut workspace = Workspace::new(&self.model);
         // What is seen beside each state: a goal a hand's breadth from the tip.
-        let sights: Vec<Vec<Sight>> = (self.states.iter())
+        let sights: Vec<Vec<TipMeasurement>> = (self.states.iter())
             .map(|(q, _)| {
                 workspace.set_positions(&self.model, q);
                 let see = |tip: &Frame| {
                     let X_BE = workspace.X_BF(tip);
                     let p = X_BE.translation.vector + Vector3::new(0.1, 0.05, -0.02);
-                    Sight::new(
+                    TipMeasurement::new(
                         0.0,
                         X_BE,
                         Pose::from_parts(Translation3::from(p), X_BE.rotation),
@@ -94,17 +94,17 @@ impl Robot {
                     exposed = time;
                 }
                 let (q, qd) = &self.states[k % STATES];
-                let seen = |tip: usize| Sight {
+                let seen = |tip: usize| TipMeasurement {
                     time: exposed,
                     ..sights[k % STATES][tip]
                 };
                 let first = seen(0);
                 let second = [(self.tips.len() > 1).then(|| seen(1))];
                 let measured = Measurement {
-                    more_sights: &second[..self.tips.len() - 1],
+                    more_tips: &second[..self.tips.len() - 1],
                     ..Measurement::new(time, q, qd)
                 };
-                let measured = measured.with_sight(Some(&first)).with_gyro(Some(&w));
+                let measured = measured.with_tip(Some(&first)).with_gyro(Some(&w));
                 controller.update(&measured).expect("efforts");
                 k += 1;
             }

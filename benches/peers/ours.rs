@@ -2,7 +2,9 @@
 
 use std::hint::black_box;
 
-use fuyu::control::{Controller, ControllerConfig, Gains, LawKind, Measurement, Saturation, Sight};
+use fuyu::control::{
+    Controller, ControllerConfig, Gains, LawKind, Measurement, Saturation, TipMeasurement,
+};
 use fuyu::dynamics::{
     Formulation, FormulationKind, ForwardDynamics, Input, Integrator, Method, State,
     TreeAcceleration, TreeMotion, Workspace,
@@ -102,7 +104,7 @@ pub fn control_law(robot: &Robot) -> Box<dyn Program + '_> {
     let goal = Translation3::new(1.0, 2.0, 0.5);
     Box::new(ControlLaw {
         controller: controller.expect("gains are positive"),
-        sight: Sight::new(
+        sight: TipMeasurement::new(
             0.0,
             Workspace::new(model).X_BF(tip),
             Pose::from_parts(goal, Rotation3::identity()),
@@ -228,14 +230,14 @@ impl Program for ReducedInertia<'_> {
 
 struct ControlLaw {
     controller: Controller,
-    sight: Sight,
+    sight: TipMeasurement,
 }
 
 impl Program for ControlLaw {
     fn call(&mut self, s: &Moving) {
         let seen = Measurement::new(0.0, &s.state.q, &s.state.qd);
-        let acted = (self.controller).update(&seen.with_sight(Some(&self.sight)));
-        black_box(acted.is_ok());
+        let report = (self.controller).update(&seen.with_tip(Some(&self.sight)));
+        black_box(report.is_ok());
         black_box(self.controller.efforts());
     }
 

@@ -5,7 +5,7 @@ use std::{fmt::Write as _, path::PathBuf, time::Instant};
 use super::{Failure, print};
 use crate::{
     bag::BagError,
-    control::Trouble,
+    control::ConvergenceFailure,
     experiments::{ClosedLoop, Performance, SimulatedBag, Summary},
     nodes::scenario::Scenario,
 };
@@ -101,7 +101,7 @@ fn simulate(
     closed_loop: &mut ClosedLoop,
     duration: f64,
     mut bag: Option<&mut SimulatedBag>,
-) -> Result<(Performance, Option<(f64, Trouble)>), Stop> {
+) -> Result<(Performance, Option<(f64, ConvergenceFailure)>), Stop> {
     let mut performance = Performance::new(&closed_loop.world);
     let mut trouble = None;
     let mut frames = Vec::new();
@@ -112,7 +112,7 @@ fn simulate(
         closed_loop.answer::<Stop>(&mut frames, |world, moment| {
             performance.see(world, moment);
             let now = (moment.answer.as_ref())
-                .and_then(|answer| answer.report.control.as_ref().ok()?.trouble);
+                .and_then(|answer| answer.report.control.as_ref().ok()?.convergence_failure);
             let since = trouble.map_or(world.time(), |(since, _)| since);
             trouble = now.map(|now| (since, now));
             if let Some(bag) = bag.as_deref_mut() {

@@ -3,7 +3,8 @@
 use nalgebra::DVector;
 
 use crate::control::{
-    Controller, ControllerConfig, GainError, LyapunovFunction, Measurement, PoseError, Sight,
+    Controller, ControllerConfig, GainError, LyapunovFunction, Measurement, PoseError,
+    TipMeasurement,
 };
 use crate::dynamics::{Input, Integrator, Method, State, Workspace};
 use crate::model::{Frame, Model};
@@ -78,10 +79,10 @@ impl ContinuousLoop {
         let mut law = |time: f64, state: &State, input: &mut Input| {
             seen.set_positions(model, &state.q);
             let X_BD = state.X_WB(seen).inverse() * *X_WD;
-            let sight = Sight::new(time, seen.X_BF(tip), X_BD);
+            let sight = TipMeasurement::new(time, seen.X_BF(tip), X_BD);
             let measurement = Measurement::new(time, &state.q, &state.qd);
-            let acted = controller.update(&measurement.with_sight(Some(&sight)));
-            acted.expect("the law has efforts to give");
+            let report = controller.update(&measurement.with_tip(Some(&sight)));
+            report.expect("the law has efforts to give");
             input.efforts.copy_from(controller.efforts());
         };
         integrator.step(model, state, workspace, dt, &mut law);

@@ -8,7 +8,7 @@ use nalgebra::{DVector, Vector3};
 
 use crate::control::{
     Controller, ControllerConfig, Gains, JacobianKind, JointPdGains, LawKind, Measurement,
-    PoseError, Saturation, Sight,
+    PoseError, Saturation, TipMeasurement,
 };
 use crate::dynamics::{Floating, Method, State, Workspace};
 use crate::model::{Frame, Model};
@@ -124,8 +124,8 @@ impl Run {
         let X_BD = X_WB.inverse() * self.X_WD;
         let (q, qd) = (robot.state().q.clone(), robot.state().qd.clone());
         let time = f64::from(self.steps) * self.period;
-        let sight = Sight::new(time, X_BE, X_BD);
-        let seen = Measurement::new(time, &q, &qd).with_sight(Some(&sight));
+        let sight = TipMeasurement::new(time, X_BE, X_BD);
+        let seen = Measurement::new(time, &q, &qd).with_tip(Some(&sight));
         let updated = self.controller.update(&seen);
         updated.expect("the goal is within reach");
         robot.hold_efforts(self.controller.efforts().as_slice());

@@ -27,7 +27,7 @@ pub struct Link {
 
 /// A serial arm of rotary joints on a base whose frame is at its centre of mass.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Arm {
+pub struct SerialArm {
     /// Mass of the base \[kg\].
     pub base_mass: f64,
     /// Inertia of the base, `ᴮI_0` \[kg m²\].
@@ -49,7 +49,7 @@ impl Link {
     }
 }
 
-impl Arm {
+impl SerialArm {
     /// An arm of so many links, none of whose parameters is zero.
     pub fn example(links: usize) -> Self {
         let tensor = Matrix3::new(2.0, 0.1, -0.2, 0.1, 1.5, 0.3, -0.2, 0.3, 1.8);

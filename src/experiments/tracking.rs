@@ -11,7 +11,7 @@ use rand_distr::StandardNormal;
 use crate::control::prediction::{GoalMotionConfig, Prediction};
 use crate::control::{
     Controller, ControllerConfig, Gains, LawKind, Measurement, PoseError, Saturation, Shaping,
-    Sight, StraightPathConfig,
+    StraightPathConfig, TipMeasurement,
 };
 use crate::dynamics::{Floating, Method, State, Workspace};
 use crate::experiments::masutani_ch5::K_V;
@@ -134,7 +134,7 @@ pub struct Run {
     gyro: StdRng,
     setup: Setup,
     controller: Controller,
-    seen: Option<Sight>,
+    seen: Option<TipMeasurement>,
     steps: u32,
 }
 
@@ -254,14 +254,14 @@ impl Run {
         let X_BD = X_WB.inverse() * X_WT * self.X_TD;
         self.camera.show(time, &X_BE, Some(&X_BD));
         while let Some(PoseFrame { time, X_BE, X_BD }) = self.camera.deliver(time) {
-            self.seen = X_BD.map(|X_BD| Sight::new(time, X_BE, X_BD));
+            self.seen = X_BD.map(|X_BD| TipMeasurement::new(time, X_BE, X_BD));
         }
         // What the servicer knows: encoders, gyro, frames.
         let mut noise = || self.gyro.sample::<f64, _>(StandardNormal) * self.setup.gyro_noise;
         let w = robot.workspace().V_WB_B().angular + Vector3::new(noise(), noise(), noise());
         let state = robot.state();
         let seen = Measurement::new(time, &state.q, &state.qd)
-            .with_sight(self.seen.as_ref())
+            .with_tip(self.seen.as_ref())
             .with_gyro(Some(&w));
         (self.controller.update(&seen)).expect("the laws of this run need no joint positions");
         self.robot

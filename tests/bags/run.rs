@@ -2,7 +2,8 @@
 
 use fuyu::bag::{Recording, Topic, TopicId, Writer, WriterOptions};
 use fuyu::control::{
-    Controller, ControllerConfig, Gains, LawKind, Measurement, PoseError, Saturation, Sight,
+    Controller, ControllerConfig, Gains, LawKind, Measurement, PoseError, Saturation,
+    TipMeasurement,
 };
 use fuyu::dynamics::{Floating, Method, State, Workspace};
 use fuyu::model::Model;
@@ -167,7 +168,7 @@ pub fn write(folder: &Path, setup: &Setup) -> Recording {
             if spoil.nan && middle {
                 velocity[2] = f64::NAN;
             }
-            // What acted since the sample before.
+            // What report since the sample before.
             let effort = robot.efforts().iter().map(|e| e * (1.0 + spoil.effort));
             let message = JointState {
                 header: header(stamp, ""),
@@ -222,8 +223,8 @@ pub fn write(folder: &Path, setup: &Setup) -> Recording {
             w.write_message(topic, time, &message).unwrap();
         }
         let error = PoseError::between(&X_BE, &X_BD);
-        let sight = Sight::new(state.time, X_BE, X_BD);
-        let seen = Measurement::new(state.time, &state.q, &state.qd).with_sight(Some(&sight));
+        let sight = TipMeasurement::new(state.time, X_BE, X_BD);
+        let seen = Measurement::new(state.time, &state.q, &state.qd).with_tip(Some(&sight));
         controller.update(&seen).unwrap();
         let message = ControllerState {
             header: header(time, "base_link"),

@@ -169,8 +169,8 @@ const BROKEN: [Broken; 20] = [
     broken(
         "a kick of no size",
         "    joint_k_p:",
-        "    kick_rate: -1.0\n    joint_k_p:",
-        &["scenario.yaml:", "kick_rate", "-1"],
+        "    singularity_escape.rate: -1.0\n    joint_k_p:",
+        &["scenario.yaml:", "singularity_escape.rate", "-1"],
     ),
     broken(
         "two at once",

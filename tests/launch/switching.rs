@@ -19,9 +19,16 @@ fn time(message: &Value) -> f64 {
 }
 
 /// The most that the effort of a joint changes at a change of law or gain \[N m\], which an rclpy node sets.
-fn largest_change(domain: u16, hand_over: &str) -> f64 {
-    let hand_over = format!("controller:hand_over:={hand_over}");
-    let args = ["--duration", "600", "--ros-args", "-p", &hand_over];
+fn largest_change(domain: u16, bumpless_transfer_time: &str) -> f64 {
+    let bumpless_transfer_time =
+        format!("controller:bumpless_transfer_time:={bumpless_transfer_time}");
+    let args = [
+        "--duration",
+        "600",
+        "--ros-args",
+        "-p",
+        &bumpless_transfer_time,
+    ];
     let mut launch = Running::launch(domain, &source("config/positioning.yaml"), &args);
     let mut peer = Peer::start("operator", domain);
     peer.subscribe("joint_commands", JOINT_STATE, "reliable");

@@ -2,8 +2,8 @@
 //! whatever the robot, and not with the fixed-base one.
 
 use fuyu::control::{
-    ControllerConfig, Gains, JacobianKind, LawKind, LyapunovFunction, RecoveryConfig, Saturation,
-    Shaping, StraightPathConfig,
+    ControllerConfig, Gains, JacobianKind, LawKind, LyapunovFunction, Saturation, Shaping,
+    SingularityEscapeConfig, StraightPathConfig,
 };
 use fuyu::dynamics::Workspace;
 use fuyu::experiments::ContinuousLoop;
@@ -106,9 +106,9 @@ impl Chance {
         };
         let config = ControllerConfig {
             straight_path,
-            recovery: RecoveryConfig {
-                kick_rate: 0.0,
-                ..RecoveryConfig::default()
+            singularity_escape: SingularityEscapeConfig {
+                rate: 0.0,
+                ..SingularityEscapeConfig::default()
             },
             ..ControllerConfig::new(law, gains)
         };
@@ -162,7 +162,7 @@ fn it_falls_on_straight_paths_with_a_load_too() {
     let mut chance = Chance(StdRng::seed_from_u64(6));
     for number in 0..150 {
         let (mut run, config) = chance.closed_loop(LawKind::StraightPath);
-        let load = config.straight_path.load(config.gains.k_o);
+        let load = config.straight_path.virtual_tip_inertia(config.gains.k_o);
         assert!(load.mass > 0.0 && load.inertia > 0.0);
         let tip = run.model().frame("tip").unwrap().clone();
         let mut jacobian = Matrix6xX::zeros(run.model().dof());

@@ -33,7 +33,7 @@ mod pinocchio;
 mod positioning;
 mod precision;
 mod random_trees;
-mod recovery;
+mod singularity_escape;
 mod teleoperation;
 mod tracking;
 mod trees;

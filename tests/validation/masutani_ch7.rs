@@ -2,7 +2,8 @@
 //! twelve tasks; and beyond the thesis, on an arm with a light wrist.
 
 use fuyu::control::{
-    Controller, JacobianKind, LawKind, Measurement, PoseError, Shaping, Sight, StraightPathConfig,
+    Controller, JacobianKind, LawKind, Measurement, PoseError, Shaping, StraightPathConfig,
+    TipMeasurement,
 };
 use fuyu::dynamics::{Floating, Method, State, Workspace};
 use fuyu::experiments::masutani_ch5;
@@ -127,7 +128,7 @@ fn sampled(law: LawKind, straight_path: StraightPathConfig, late: usize) -> Samp
         let X_WB = robot.state().X_WB(robot.workspace());
         let X_BE = robot.workspace().X_BF(&tip);
         path.push((X_WB * X_BE).translation.vector);
-        let sight = Sight::new(time, X_BE, X_WB.inverse() * X_WD);
+        let sight = TipMeasurement::new(time, X_BE, X_WB.inverse() * X_WD);
         let error = PoseError::between(&sight.X_BE, &sight.X_BD);
         if !(error.position.norm() < 0.01 && error.angle < 2f64.to_radians()) {
             far = Some(k);
@@ -147,7 +148,7 @@ fn sampled(law: LawKind, straight_path: StraightPathConfig, late: usize) -> Samp
             .filter(|pair| turned(*pair))
             .count();
         (rates, change) = (qd.clone(), changes);
-        let seen = Measurement::new(time, &q, &qd).with_sight(Some(&sight));
+        let seen = Measurement::new(time, &q, &qd).with_tip(Some(&sight));
         controller.update(&seen).unwrap();
         commands.push(controller.efforts().clone());
         robot.hold_efforts(commands.remove(0).as_slice());

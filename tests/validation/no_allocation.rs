@@ -4,8 +4,8 @@ use allocation_counter::measure;
 use fuyu::control::prediction::Prediction;
 use fuyu::control::{
     BaseTask, Controller, ControllerConfig, Gains, JacobianKind, JointPdGains, LawKind,
-    Measurement, OperationalConfig, RecoveryConfig, Resolution, ResolvedRate, ResolvedRateConfig,
-    Saturation, Shaping, Sight, StraightPathConfig,
+    Measurement, OperationalConfig, Resolution, ResolvedRate, ResolvedRateConfig, Saturation,
+    Shaping, SingularityEscapeConfig, StraightPathConfig, TipMeasurement,
 };
 use fuyu::dynamics::{Floating, Input, Integrator, Method, State, Workspace};
 use fuyu::model::Model;
@@ -39,8 +39,8 @@ fn steps_jacobians_and_the_control_law_do_not_allocate() {
         let mut controller = Controller::new(model.clone(), tip.clone(), config.clone()).unwrap();
         // The joint PD searches its joint goal at its first step, and every law hands over in the next ones.
         let X_BE = Workspace::new(&model).X_BF(&tip);
-        let sight = Sight::new(0.0, X_BE, X_BE);
-        let seen = Measurement::new(0.0, &state.q, &state.qd).with_sight(Some(&sight));
+        let sight = TipMeasurement::new(0.0, X_BE, X_BE);
+        let seen = Measurement::new(0.0, &state.q, &state.qd).with_tip(Some(&sight));
         controller.update(&seen).unwrap();
         let jacobian = JacobianKind::FixedBase;
         let approximate = ControllerConfig { jacobian, ..config };
@@ -56,10 +56,10 @@ fn steps_jacobians_and_the_control_law_do_not_allocate() {
             for _ in 0..100 {
                 integrator.step(&model, &mut state, &mut workspace, 0.01, &mut push);
                 let X_BE = workspace.X_BF(&tip);
-                let sight = Sight::new(state.time, X_BE, X_BE);
+                let sight = TipMeasurement::new(state.time, X_BE, X_BE);
                 let seen = Measurement::new(state.time, &state.q, &state.qd);
                 for controller in &mut controllers {
-                    controller.update(&seen.with_sight(Some(&sight))).unwrap();
+                    controller.update(&seen.with_tip(Some(&sight))).unwrap();
                 }
                 workspace.base_map(&model, &mut matrix);
                 workspace.generalized_jacobian(&tip, &mut matrix);
@@ -138,9 +138,9 @@ fn control_steps_take_no_memory_whatever_they_do() {
         let used = measure(|| {
             for _ in 0..50 {
                 time += 0.01;
-                let sight = Sight::new(time, X_BE, X_BD(time));
+                let sight = TipMeasurement::new(time, X_BE, X_BD(time));
                 let seen = Measurement::new(time, &q, &qd).with_gyro(Some(&w));
-                controller.update(&seen.with_sight(Some(&sight))).unwrap();
+                controller.update(&seen.with_tip(Some(&sight))).unwrap();
             }
             // Nothing is seen: damping.
             time += 0.01;
@@ -171,9 +171,9 @@ fn kicks_take_no_memory() {
         saturation: Saturation::NONE,
     };
     let config = ControllerConfig {
-        recovery: RecoveryConfig {
-            patience: 0.5,
-            ..RecoveryConfig::default()
+        singularity_escape: SingularityEscapeConfig {
+            delay: 0.5,
+            ..SingularityEscapeConfig::default()
         },
         ..ControllerConfig::new(LawKind::TransposeJacobian, gains)
     };
@@ -182,8 +182,8 @@ fn kicks_take_no_memory() {
     let mut kicked = 0.0f64;
     let mut update = |k: u32| {
         let time = 0.01 * f64::from(k);
-        let sight = Sight::new(time, X_BE, X_BD);
-        let seen = Measurement::new(time, &q, &qd).with_sight(Some(&sight));
+        let sight = TipMeasurement::new(time, X_BE, X_BD);
+        let seen = Measurement::new(time, &q, &qd).with_tip(Some(&sight));
         controller.update(&seen).unwrap();
         kicked = kicked.max(controller.efforts().amax());
     };

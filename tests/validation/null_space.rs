@@ -2,7 +2,7 @@
 
 use fuyu::control::{
     BaseTask, Controller, ControllerConfig, Gains, LawKind, Measurement, OperationalConfig,
-    PoseError, Rows, Saturation, Sight, TaskPriority, TipTask,
+    PoseError, Rows, Saturation, TaskPriority, TipMeasurement, TipTask,
 };
 use fuyu::dynamics::{Floating, Method, State, Workspace};
 use fuyu::model::{Frame, Model};
@@ -69,16 +69,16 @@ fn run(tips: [TipTask; 2], base: BaseTask) -> End {
         let time = 0.01 * f64::from(k);
         let X_WB = floating.state().X_WB(floating.workspace());
         let sights = [(&left, &goals[0]), (&right, &goals[1])].map(|(tip, X_WD)| {
-            Sight::new(time, floating.workspace().X_BF(tip), X_WB.inverse() * X_WD)
+            TipMeasurement::new(time, floating.workspace().X_BF(tip), X_WB.inverse() * X_WD)
         });
         let w = floating.workspace().V_WB_B().angular;
         let (q, qd) = (&floating.state().q, &floating.state().qd);
         let others = [Some(sights[1])];
         let seen = Measurement {
-            more_sights: &others,
+            more_tips: &others,
             ..Measurement::new(time, q, qd)
         };
-        let seen = seen.with_sight(Some(&sights[0])).with_gyro(Some(&w));
+        let seen = seen.with_tip(Some(&sights[0])).with_gyro(Some(&w));
         controller.update(&seen).unwrap();
         let turned = X_WB.rotation.angle();
         most = most.max(turned);

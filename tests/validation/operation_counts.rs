@@ -1,14 +1,14 @@
 //! How many multiplications and additions the kernels take, counted as they run.
 
 use fuyu::dynamics::Workspace;
-use fuyu::experiments::masutani_g::Arm;
+use fuyu::experiments::masutani_g::SerialArm;
 use fuyu::experiments::operation_counts::recursion;
 use nalgebra::{DVector, Matrix6xX};
 
 /// Multiplications (a division is one) and additions of the generalized Jacobian of the last body, with the momentum
 /// map, for an arm whose axes lie at any angle and distance, as App. G assumes, with dense inertias.
 fn counts(links: usize) -> [usize; 2] {
-    let counts = recursion(&Arm::example(links).model());
+    let counts = recursion(&SerialArm::example(links).model());
     [counts.multiplications + counts.divisions, counts.additions]
 }
 
@@ -31,7 +31,7 @@ fn the_generalized_jacobian_takes_less_than_the_thesis_and_grows_linearly() {
 #[test]
 fn the_printed_procedure_takes_what_table_g_1_says() {
     for n in 1..=8 {
-        let arm = Arm::example(n);
+        let arm = SerialArm::example(n);
         let q: Vec<f64> = (0..n).map(|j| 0.7 * j as f64 - 1.0).collect();
         let (columns, counts) = arm.generalized_jacobian(&q);
         assert_eq!(counts.multiplications, 12 * n * n + 148 * n + 19);

@@ -3,7 +3,7 @@
 use fuyu::control::prediction::{Predicted, Prediction};
 use fuyu::control::{
     Controller, ControllerConfig, FeedForward, Gains, LawKind, Measurement, MovingGoal, PoseError,
-    Saturation, Sight,
+    Saturation, TipMeasurement,
 };
 use fuyu::dynamics::{Floating, Method, State, Workspace};
 use fuyu::spatial::{Pose, Twist};
@@ -55,11 +55,11 @@ fn resolved_acceleration_gives_the_tip_the_acceleration_that_it_asks_for() {
         Translation3::new(0.1, -0.05, 0.07) * X_BE.translation,
         nalgebra::Rotation3::from_euler_angles(0.05, -0.1, 0.08) * X_BE.rotation,
     );
-    let sight = Sight::new(0.0, X_BE, X_BD);
+    let sight = TipMeasurement::new(0.0, X_BE, X_BD);
     let w = robot.workspace().V_WB_B().angular;
     let (q, qd) = (robot.state().q.clone(), robot.state().qd.clone());
     let seen = Measurement::new(0.0, &q, &qd)
-        .with_sight(Some(&sight))
+        .with_tip(Some(&sight))
         .with_gyro(Some(&w));
     controller.update(&seen).unwrap();
     robot.hold_efforts(controller.efforts().as_slice());

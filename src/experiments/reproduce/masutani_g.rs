@@ -4,14 +4,14 @@ use nalgebra::{DVector, Matrix6xX};
 
 use super::Report;
 use crate::dynamics::Workspace;
-use crate::experiments::masutani_g::Arm;
+use crate::experiments::masutani_g::SerialArm;
 use crate::experiments::operation_counts::recursion;
 
 /// Operations of the printed procedure and of fuyu's own.
 pub(super) fn table_g_1(mut report: Report) -> Report {
     let mut largest: f64 = 0.0;
     for n in [2, 6, 12] {
-        let arm = Arm::example(n);
+        let arm = SerialArm::example(n);
         let q: Vec<f64> = (0..n).map(|j| (1.0 + j as f64).sin() * 2.0).collect();
         let (columns, counts) = arm.generalized_jacobian(&q);
         let formula = |a: usize, b: usize, c: usize| (a * n * n + b * n + c) as f64;
@@ -43,7 +43,7 @@ pub(super) fn table_g_1(mut report: Report) -> Report {
         largest,
         1e-12,
     );
-    let own = |n: usize| recursion(&Arm::example(n).model());
+    let own = |n: usize| recursion(&SerialArm::example(n).model());
     let six = own(6);
     let part = (six.multiplications + six.divisions) as f64 / 1339.0;
     report.holds(
@@ -75,7 +75,7 @@ pub(super) fn table_g_1(mut report: Report) -> Report {
     report
 }
 
-fn apart(arm: &Arm, q: &[f64], columns: &[[f64; 6]]) -> f64 {
+fn apart(arm: &SerialArm, q: &[f64], columns: &[[f64; 6]]) -> f64 {
     let model = arm.model();
     let mut workspace = Workspace::new(&model);
     workspace.set_positions(&model, &DVector::from_row_slice(q));

@@ -60,8 +60,8 @@ impl Health {
             (Ok(_), InputStatus::Stale { age }) => status.warn(format!(
                 "the last camera measurement is {age:.2} s old (measurement_timeout is {timeout} s): {drives}"
             )),
-            (Ok(control), _) => match (control.trouble, report.second_tip) {
-                (Some(trouble), _) => status.warn(trouble.to_string()),
+            (Ok(control), _) => match (control.convergence_failure, report.second_tip) {
+                (Some(failure), _) => status.warn(failure.to_string()),
                 (None, Some(InputStatus::Missing | InputStatus::Stale { .. })) => {
                     status.warn(
                         "the second tip has no camera measurement: only the first is steered",

@@ -10,12 +10,12 @@
 //! method's ([`Resolution`]).
 
 mod base_attitude;
-mod command;
 mod operator;
+mod operator_command;
 mod params;
 mod steering;
 
-pub use command::{Command, CommandFrame};
+pub use operator_command::{CommandFrame, OperatorCommand};
 pub use params::{SimulatedOperator, TeleopParams};
 pub use steering::{Steered, Steering, SteeringConfig};
 
@@ -38,8 +38,8 @@ use crate::{
     ros::{Node, NodeError, Publisher, Status, Subscription},
 };
 use base_attitude::BaseAttitude;
-use command::FrameNames;
 use operator::{OperatorInput, Wish};
+use operator_command::FrameNames;
 use params::Live;
 
 /// Commands are no closer than this, however fast the operator's messages are.
@@ -75,7 +75,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
 }
 
 /// The robot, as far as it is known.
-struct Arm {
+struct SteeredArm {
     steering: Steering,
     names: FrameNames,
     /// Joint positions, when they came, or what is wrong with them.
@@ -91,7 +91,7 @@ struct Teleop<'a> {
     joy: Subscription<Joy>,
     cmd_vel: Subscription<TwistStamped>,
     commands: Publisher<JointState>,
-    arm: Option<Arm>,
+    arm: Option<SteeredArm>,
     attitude: BaseAttitude,
     input: OperatorInput,
     /// Whether the operator has said something since the last command.
@@ -136,7 +136,7 @@ impl<'a> Teleop<'a> {
             base: model.frames()[0].name.clone(),
             tip: tip.name.clone(),
         };
-        self.arm = Some(Arm {
+        self.arm = Some(SteeredArm {
             steering: Steering::new(model, &tip, self.live.steering()),
             names,
             state: None,
@@ -261,7 +261,7 @@ impl<'a> Teleop<'a> {
 
 /// Sets the rates for what is wished; gives what became of it, or `None` if the arm is to stand still.
 fn steer(
-    arm: &mut Arm,
+    arm: &mut SteeredArm,
     wish: &Wish,
     attitude: &BaseAttitude,
     time: f64,

@@ -2,7 +2,7 @@
 
 use std::time::{Duration, Instant};
 
-use super::command::{Command, CommandFrame, FrameNames, Joystick};
+use super::operator_command::{CommandFrame, FrameNames, Joystick, OperatorCommand};
 use crate::{
     msg::{geometry_msgs::TwistStamped, sensor_msgs::Joy},
     spatial::Twist,
@@ -14,7 +14,7 @@ pub enum Wish {
     /// Nobody has asked for anything yet.
     Nothing,
     /// Move.
-    Move(Command),
+    Move(OperatorCommand),
     /// Stand still: the operator says so.
     Released,
     /// Stand still: the operator is lost, or what came last was wrong.
@@ -25,7 +25,7 @@ pub enum Wish {
 #[derive(Debug, Default)]
 pub struct OperatorInput {
     joy: Option<(Instant, Result<Option<Twist>, String>)>,
-    cmd_vel: Option<(Instant, Result<Command, String>)>,
+    cmd_vel: Option<(Instant, Result<OperatorCommand, String>)>,
     /// Whether anybody has moved the arm.
     began: bool,
 }
@@ -57,7 +57,7 @@ impl OperatorInput {
         frame: CommandFrame,
         now: Instant,
     ) -> Result<(), String> {
-        let read = Command::from_msg(message, names, frame);
+        let read = OperatorCommand::from_msg(message, names, frame);
         self.cmd_vel = Some((now, read.clone()));
         read.map(drop)
     }
@@ -73,7 +73,7 @@ impl OperatorInput {
             // What is wrong from either stops the arm, whoever else asks for something.
             (Some((_, Err(problem))), _) => Wish::Lost(format!("joy {problem}")),
             (_, Some((_, Err(problem)))) => Wish::Lost(format!("cmd_vel {problem}")),
-            (Some((_, Ok(Some(twist)))), _) => Wish::Move(Command {
+            (Some((_, Ok(Some(twist)))), _) => Wish::Move(OperatorCommand {
                 frame,
                 twist: *twist,
             }),

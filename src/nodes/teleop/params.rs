@@ -4,7 +4,7 @@ use nalgebra::{UnitQuaternion, Vector3};
 use std::time::Duration;
 
 use super::{
-    command::{AXES, CommandFrame, Joystick},
+    operator_command::{AXES, CommandFrame, Joystick},
     steering::SteeringConfig,
 };
 use crate::{

@@ -2,7 +2,7 @@
 
 use nalgebra::{DVector, UnitQuaternion};
 
-use super::command::{Command, CommandFrame};
+use super::operator_command::{CommandFrame, OperatorCommand};
 use crate::{
     control::{Limited, RateLimits, Resolved, ResolvedRate, ResolvedRateConfig, limit_twist},
     dynamics::Workspace,
@@ -107,7 +107,7 @@ impl Steering {
     /// The reason why the base's attitude is not known, if the command needs it.
     pub fn in_base_axes(
         &mut self,
-        command: &Command,
+        command: &OperatorCommand,
         q: &DVector<f64>,
         R_WB: Result<UnitQuaternion<f64>, String>,
     ) -> Result<Twist, String> {
@@ -192,7 +192,7 @@ mod tests {
             (CommandFrame::Tip, R_BE * Vector3::x()),
             (CommandFrame::World, R_WB.inverse() * Vector3::x()),
         ] {
-            let command = Command {
+            let command = OperatorCommand {
                 frame,
                 twist: ahead,
             };

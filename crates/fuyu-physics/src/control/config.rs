@@ -3,8 +3,8 @@
 use super::gains::check_not_negative;
 use super::prediction::{GoalMotionConfig, Prediction};
 use super::{
-    GainError, Gains, JacobianKind, JointPdGains, LawKind, OperationalConfig, RecoveryConfig,
-    StraightPathConfig,
+    GainError, Gains, JacobianKind, JointPdGains, LawKind, OperationalConfig,
+    SingularityEscapeConfig, StraightPathConfig,
 };
 
 /// Settings of a [`Controller`](super::Controller): which law, what all laws share, and what each has for
@@ -19,7 +19,7 @@ pub struct ControllerConfig {
     pub gains: Gains,
     /// Time constant with which the difference decays that a change of settings makes \[s\]; zero lets the
     /// efforts jump.
-    pub hand_over: f64,
+    pub bumpless_transfer_time: f64,
     /// What is done about the age of what the camera has seen.
     pub prediction: Prediction,
     /// What is known of goals and camera, to predict how a goal moves.
@@ -27,7 +27,7 @@ pub struct ControllerConfig {
     /// The operational-space law's own.
     pub operational: OperationalConfig,
     /// What happens when the tip rests away from its goal.
-    pub recovery: RecoveryConfig,
+    pub singularity_escape: SingularityEscapeConfig,
     /// The joint PD's own.
     pub joint_pd: JointPdGains,
     /// The straight-path law's own.
@@ -42,11 +42,11 @@ impl ControllerConfig {
             law,
             jacobian: JacobianKind::Generalized,
             gains,
-            hand_over: 0.5,
+            bumpless_transfer_time: 0.5,
             prediction: Prediction::None,
             goal: GoalMotionConfig::default(),
             operational: OperationalConfig::default(),
-            recovery: RecoveryConfig::default(),
+            singularity_escape: SingularityEscapeConfig::default(),
             joint_pd: JointPdGains::default(),
             straight_path: StraightPathConfig::default(),
         }
@@ -58,9 +58,9 @@ impl ControllerConfig {
     /// [`GainError`] naming the gain.
     pub fn check(&self, joints: usize) -> Result<(), GainError> {
         self.gains.check(joints)?;
-        check_not_negative("hand_over", self.hand_over)?;
+        check_not_negative("bumpless_transfer_time", self.bumpless_transfer_time)?;
         self.goal.check()?;
-        self.recovery.check()?;
+        self.singularity_escape.check()?;
         match self.law {
             LawKind::TransposeJacobian => Ok(()),
             LawKind::OperationalSpace => self.operational.check(),

@@ -2,25 +2,25 @@
 
 use nalgebra::DVector;
 
-use super::foresight::Foresight;
-use super::hand_over::HandOver;
+use super::bumpless_transfer::BumplessTransfer;
+use super::latency_compensation::LatencyCompensation;
 use super::prediction::Prediction;
-use super::recovery::{Trouble, Watch};
+use super::singularity_escape::{ConvergenceFailure, Watch};
 use super::{
-    Acted, Arm, ControllerConfig, FeedForward, GainError, Gains, Law, LawError, Measurement,
-    farthest_from_com,
+    ControlReport, ControllerConfig, FeedForward, GainError, Gains, Law, LawError, Manipulator,
+    Measurement, workspace_radius,
 };
 use crate::model::{Frame, Model};
 
 /// Joint states and base-frame measurements in, joint efforts out.
 #[derive(Debug)]
 pub struct Controller {
-    arm: Arm,
+    arm: Manipulator,
     config: ControllerConfig,
     law: Box<dyn Law>,
-    foresight: Foresight,
+    latency_compensation: LatencyCompensation,
     feed_forward: FeedForward,
-    hand_over: HandOver,
+    bumpless_transfer: BumplessTransfer,
     watch: Watch,
     /// What the tip's distance from the centre of mass cannot exceed \[m\].
     reach: Option<f64>,
@@ -57,17 +57,17 @@ impl Controller {
 
     fn start(model: Model, tip: Frame, more_tips: Vec<Frame>, config: ControllerConfig) -> Self {
         let joints = model.dof();
-        let arm = Arm {
+        let arm = Manipulator {
             more_tips,
-            ..Arm::new(model, tip)
+            ..Manipulator::new(model, tip)
         };
         Self {
             law: config.law.start(&config, &arm),
-            foresight: Foresight::new(&arm, config.goal),
+            latency_compensation: LatencyCompensation::new(&arm, config.goal),
             feed_forward: FeedForward::new(&arm.model, &arm.tip),
-            hand_over: HandOver::new(joints, config.hand_over),
-            watch: Watch::new(config.recovery),
-            reach: farthest_from_com(&arm.model, &arm.tip),
+            bumpless_transfer: BumplessTransfer::new(joints, config.bumpless_transfer_time),
+            watch: Watch::new(config.singularity_escape),
+            reach: workspace_radius(&arm.model, &arm.tip),
             efforts: DVector::zeros(joints),
             arm,
             config,
@@ -76,7 +76,7 @@ impl Controller {
 
     /// Forgets all but the settings in force: what follows is another run, in which time begins anew.
     pub fn restart(&mut self) {
-        let Arm {
+        let Manipulator {
             model,
             tip,
             more_tips,
@@ -107,7 +107,7 @@ impl Controller {
     }
 
     /// Changes the settings. The efforts go over to those of the new ones without a step, within a few times
-    /// [`ControllerConfig::hand_over`]. A law that is given up forgets what it has found out, such as the joint
+    /// [`ControllerConfig::bumpless_transfer_time`]. A law that is given up forgets what it has found out, such as the joint
     /// PD its joint goal.
     ///
     /// # Errors
@@ -120,10 +120,10 @@ impl Controller {
         } else {
             self.law = config.law.start(&config, &self.arm);
         }
-        self.foresight.set_config(config.goal);
-        self.hand_over.time_constant = config.hand_over;
-        self.hand_over.begin();
-        self.watch.config = config.recovery;
+        self.latency_compensation.set_config(config.goal);
+        self.bumpless_transfer.time_constant = config.bumpless_transfer_time;
+        self.bumpless_transfer.begin();
+        self.watch.config = config.singularity_escape;
         self.watch.forget();
         self.config = config;
         Ok(())
@@ -134,57 +134,60 @@ impl Controller {
         &self.efforts
     }
 
-    /// One control step. Without [`Measurement::sight`] the joints are only damped, unless the law has all
+    /// One control step. Without [`Measurement::tip`] the joints are only damped, unless the law has all
     /// that it needs: the joint PD looks at the camera when it starts and never again.
     ///
     /// # Errors
     /// [`LawError`] when the law has no efforts to give; the joints are then damped.
-    pub fn update(&mut self, seen: &Measurement<'_>) -> Result<Acted, LawError> {
+    pub fn update(&mut self, seen: &Measurement<'_>) -> Result<ControlReport, LawError> {
         let ControllerConfig {
             gains, prediction, ..
         } = &self.config;
         let k_v = &gains.k_v;
-        self.foresight.look(&mut self.arm, seen, *prediction);
-        let seen = &self.foresight.at_present(seen);
+        self.latency_compensation
+            .look(&mut self.arm, seen, *prediction);
+        let seen = &self.latency_compensation.at_present(seen);
         let follows = *prediction == Prediction::Motion && self.law.feeds_forward();
-        let goal = follows.then(|| self.foresight.moving_goal(seen)).flatten();
+        let goal = follows
+            .then(|| self.latency_compensation.moving_goal(seen))
+            .flatten();
         if let Some(goal) = &goal {
-            let Arm {
+            let Manipulator {
                 model, workspace, ..
             } = &self.arm;
             self.feed_forward.lead(model, workspace, goal);
         }
-        let mut acted = {
+        let mut report = {
             let lead = goal.is_some().then(|| self.feed_forward.rates());
             let seen = &Measurement { lead, ..*seen };
-            self.law.pull(&mut self.arm, seen, &mut self.efforts)
+            self.law.efforts(&mut self.arm, seen, &mut self.efforts)
         };
-        if let Ok(acted) = &mut acted {
-            acted.second_error = self.foresight.second_error();
-            acted.trouble = if self.law.seeks_the_goal() {
+        if let Ok(report) = &mut report {
+            report.second_error = self.latency_compensation.second_error();
+            report.convergence_failure = if self.law.seeks_the_goal() {
                 let (watch, arm) = (&mut self.watch, &self.arm);
-                trouble(watch, self.reach, arm, gains, &self.efforts, seen, acted)
+                trouble(watch, self.reach, arm, gains, &self.efforts, seen, report)
             } else {
                 self.watch.forget();
                 None
             };
         }
-        if acted.as_ref().is_ok_and(|acted| acted.pulls) {
+        if report.as_ref().is_ok_and(|report| report.active) {
             let part = self.law.joint_damping();
             if let Some(goal) = &goal {
                 let workspace = &self.arm.workspace;
                 (self.feed_forward).add(workspace, goal, k_v, part, &mut self.efforts);
             }
-            (self.hand_over).blend(seen.time, &mut self.efforts, k_v, part);
+            (self.bumpless_transfer).blend(seen.time, &mut self.efforts, k_v, part);
         } else {
             self.efforts.fill(0.0);
-            self.hand_over.release(seen.time, k_v);
+            self.bumpless_transfer.release(seen.time, k_v);
         }
         for (j, effort) in self.efforts.iter_mut().enumerate() {
-            *effort -= self.hand_over.k_v(j) * seen.qd[j];
+            *effort -= self.bumpless_transfer.k_v(j) * seen.qd[j];
             *effort += self.watch.kick(seen.time, j, k_v[j]);
         }
-        acted
+        report
     }
 }
 
@@ -192,13 +195,13 @@ impl Controller {
 fn trouble(
     watch: &mut Watch,
     reach: Option<f64>,
-    arm: &Arm,
+    arm: &Manipulator,
     gains: &Gains,
     efforts: &DVector<f64>,
     seen: &Measurement<'_>,
-    acted: &Acted,
-) -> Option<Trouble> {
-    let (Some(sight), Some(error), true) = (seen.sight, &acted.error, acted.pulls) else {
+    report: &ControlReport,
+) -> Option<ConvergenceFailure> {
+    let (Some(sight), Some(error), true) = (seen.tip, &report.error, report.active) else {
         watch.forget();
         return None;
     };
@@ -211,7 +214,7 @@ fn trouble(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::control::{Gains, IkError, JointPdGains, LawKind, Saturation, Sight};
+    use crate::control::{Gains, IkError, JointPdGains, LawKind, Saturation, TipMeasurement};
     use crate::dynamics::Workspace;
     use crate::spatial::Pose;
     use nalgebra::Translation3;
@@ -238,7 +241,11 @@ mod tests {
         }
     }
 
-    fn poses(controller: &Controller, q: [f64; 2], goal: [f64; 2]) -> (DVector<f64>, Sight) {
+    fn poses(
+        controller: &Controller,
+        q: [f64; 2],
+        goal: [f64; 2],
+    ) -> (DVector<f64>, TipMeasurement) {
         let mut workspace = Workspace::new(controller.model());
         let mut pose = |q: &DVector<f64>| {
             workspace.set_positions(controller.model(), q);
@@ -247,7 +254,7 @@ mod tests {
         let q = DVector::from_row_slice(&q);
         let tip = pose(&q);
         let goal = pose(&DVector::from_row_slice(&goal));
-        (q, Sight::new(0.0, tip, goal))
+        (q, TipMeasurement::new(0.0, tip, goal))
     }
 
     fn update(
@@ -255,9 +262,9 @@ mod tests {
         time: f64,
         q: &DVector<f64>,
         qd: &DVector<f64>,
-        sight: &Sight,
-    ) -> Result<Acted, LawError> {
-        controller.update(&Measurement::new(time, q, qd).with_sight(Some(sight)))
+        sight: &TipMeasurement,
+    ) -> Result<ControlReport, LawError> {
+        controller.update(&Measurement::new(time, q, qd).with_tip(Some(sight)))
     }
 
     #[test]
@@ -267,8 +274,8 @@ mod tests {
         let qd = DVector::from_row_slice(&[0.1, -0.2]);
         controller.update(&Measurement::new(0.0, &q, &qd)).unwrap();
         assert_eq!(controller.efforts().as_slice(), [-20.0, 200.0]);
-        let acted = update(&mut controller, 0.01, &q, &qd, &sight).unwrap();
-        assert!(acted.error.is_some());
+        let report = update(&mut controller, 0.01, &q, &qd, &sight).unwrap();
+        assert!(report.error.is_some());
         assert_ne!(controller.efforts().as_slice(), [-20.0, 200.0]);
     }
 

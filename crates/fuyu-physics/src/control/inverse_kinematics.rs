@@ -178,7 +178,8 @@ mod tests {
     use super::*;
 
     fn servicer() -> (Model, Frame) {
-        let model = Model::from_urdf(include_str!("../../../../urdf/servicer.urdf"), "servicer").unwrap();
+        let model =
+            Model::from_urdf(include_str!("../../../../urdf/servicer.urdf"), "servicer").unwrap();
         let tip = model.frame("tool0").unwrap().clone();
         (model, tip)
     }

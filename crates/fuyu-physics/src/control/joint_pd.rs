@@ -4,8 +4,8 @@ use nalgebra::DVector;
 
 use super::gains::check_joint_gains;
 use super::{
-    Acted, Arm, ControllerConfig, GainError, IkError, Law, LawError, Measurement, PoseError,
-    inverse_kinematics,
+    ControlReport, ControllerConfig, GainError, IkError, Law, LawError, Manipulator, Measurement,
+    PoseError, inverse_kinematics,
 };
 use crate::spatial::Pose;
 
@@ -48,7 +48,12 @@ impl JointPd {
         }
     }
 
-    fn find(&mut self, arm: &Arm, X_BD: &Pose, q: &DVector<f64>) -> Result<DVector<f64>, IkError> {
+    fn find(
+        &mut self,
+        arm: &Manipulator,
+        X_BD: &Pose,
+        q: &DVector<f64>,
+    ) -> Result<DVector<f64>, IkError> {
         // The search is long where it fails: it is not made again for the same goal.
         if let Some((goal, error)) = &self.out_of_reach {
             let moved = PoseError::between(goal, X_BD);
@@ -66,13 +71,13 @@ impl Law for JointPd {
         self.gains.clone_from(&config.joint_pd);
     }
 
-    fn pull(
+    fn efforts(
         &mut self,
-        arm: &mut Arm,
+        arm: &mut Manipulator,
         seen: &Measurement<'_>,
         pull: &mut DVector<f64>,
-    ) -> Result<Acted, LawError> {
-        if let (None, Some(sight)) = (&self.goal, seen.sight) {
+    ) -> Result<ControlReport, LawError> {
+        if let (None, Some(sight)) = (&self.goal, seen.tip) {
             self.goal = Some(self.find(arm, &sight.X_BD, seen.q)?);
         }
         if let Some(goal) = &self.goal {
@@ -80,9 +85,9 @@ impl Law for JointPd {
                 pull[j] = k_p * (goal[j] - seen.q[j]);
             }
         }
-        Ok(Acted {
-            pulls: self.goal.is_some(),
-            ..Acted::on(seen)
+        Ok(ControlReport {
+            active: self.goal.is_some(),
+            ..ControlReport::on(seen)
         })
     }
 

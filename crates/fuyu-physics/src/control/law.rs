@@ -5,8 +5,8 @@ use std::fmt;
 use nalgebra::{DVector, Vector3};
 
 use super::{
-    ControllerConfig, IkError, JointPd, Measurement, OperationalSpace, PoseError, Saturation,
-    StraightPath, TransposeJacobian, Trouble,
+    ControllerConfig, ConvergenceFailure, IkError, JointPd, Measurement, OperationalSpace,
+    PoseError, Saturation, StraightPath, TransposeJacobian,
 };
 use crate::dynamics::Workspace;
 use crate::model::{Frame, Model};
@@ -20,17 +20,17 @@ pub trait Law: fmt::Debug + Send {
     fn configure(&mut self, config: &ControllerConfig);
 
     /// Writes the joint efforts without damping \[N m or N\]. The arm's workspace has the positions of `seen`, and keeps
-    /// them. Where the law lacks what it needs, such as [`Measurement::sight`], it says so in [`Acted::pulls`] and what it
+    /// them. Where the law lacks what it needs, such as [`Measurement::tip`], it says so in [`ControlReport::active`] and what it
     /// writes is not used.
     ///
     /// # Errors
     /// [`LawError`] when there are no efforts; the joints are only damped then.
-    fn pull(
+    fn efforts(
         &mut self,
-        arm: &mut Arm,
+        arm: &mut Manipulator,
         seen: &Measurement<'_>,
         pull: &mut DVector<f64>,
-    ) -> Result<Acted, LawError>;
+    ) -> Result<ControlReport, LawError>;
 
     /// The part of `K_V` that is added while the law pulls, 0 to 1: less for a law that damps by itself.
     fn joint_damping(&self) -> f64 {
@@ -72,7 +72,7 @@ impl LawKind {
     ];
 
     /// The law with its settings, for an arm.
-    pub(super) fn start(self, config: &ControllerConfig, arm: &Arm) -> Box<dyn Law> {
+    pub(super) fn start(self, config: &ControllerConfig, arm: &Manipulator) -> Box<dyn Law> {
         let joints = arm.model.dof();
         match self {
             Self::TransposeJacobian => Box::new(TransposeJacobian::new(config, joints)),
@@ -85,7 +85,7 @@ impl LawKind {
 
 /// The arm as a law knows it, with scratch.
 #[derive(Debug, Clone)]
-pub struct Arm {
+pub struct Manipulator {
     /// The robot.
     pub model: Model,
     /// The tip's frame E.
@@ -96,7 +96,7 @@ pub struct Arm {
     pub workspace: Workspace,
 }
 
-impl Arm {
+impl Manipulator {
     /// An arm with its tip at the frame `tip` of `model`.
     pub fn new(model: Model, tip: Frame) -> Self {
         Self {
@@ -115,7 +115,7 @@ impl Arm {
 
 /// What a controller did at one instant.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Acted {
+pub struct ControlReport {
     /// Deviation that it acted on; `None` while no camera measurement was given.
     pub error: Option<PoseError>,
     /// Deviation of the second tip, of a robot with several arms; `None` while it is not seen.
@@ -125,17 +125,17 @@ pub struct Acted {
     /// Whether the orientation error was saturated.
     pub orientation_saturated: bool,
     /// Why the tip does not arrive, if it does not.
-    pub trouble: Option<Trouble>,
+    pub convergence_failure: Option<ConvergenceFailure>,
     /// Whether the law had all that it needs; else the joints are only damped.
-    pub pulls: bool,
+    pub active: bool,
 }
 
-impl Acted {
-    /// Acted on what the camera saw, if anything, without saturation.
+impl ControlReport {
+    /// ControlReport on what the camera saw, if anything, without saturation.
     pub fn on(seen: &Measurement<'_>) -> Self {
         Self {
-            error: seen.sight.map(|s| PoseError::between(&s.X_BE, &s.X_BD)),
-            pulls: seen.sight.is_some(),
+            error: seen.tip.map(|s| PoseError::between(&s.X_BE, &s.X_BD)),
+            active: seen.tip.is_some(),
             ..Self::default()
         }
     }

@@ -15,9 +15,9 @@ pub struct Measurement<'a> {
     /// Joint rates \[rad/s or m/s\].
     pub qd: &'a DVector<f64>,
     /// What the camera saw last; `None` if that is too old to act on, or nothing has come yet.
-    pub sight: Option<&'a Sight>,
+    pub tip: Option<&'a TipMeasurement>,
     /// The same of the second tip and those after it, of a robot with several arms.
-    pub more_sights: &'a [Option<Sight>],
+    pub more_tips: &'a [Option<TipMeasurement>],
     /// What the gyro of the base measures, base axes \[rad/s\]. Without it the robot is taken to have no angular
     /// momentum.
     pub w_IB_B: Option<&'a Vector3<f64>>,
@@ -57,8 +57,8 @@ impl<'a> Measurement<'a> {
             time,
             q,
             qd,
-            sight: None,
-            more_sights: &[],
+            tip: None,
+            more_tips: &[],
             w_IB_B: None,
             goal_rate: None,
             lead: None,
@@ -72,14 +72,14 @@ impl<'a> Measurement<'a> {
     }
 
     /// The same with what the camera saw.
-    pub fn with_sight(self, sight: Option<&'a Sight>) -> Self {
-        Self { sight, ..self }
+    pub fn with_tip(self, tip: Option<&'a TipMeasurement>) -> Self {
+        Self { tip, ..self }
     }
 }
 
 /// Tip and goal as a camera on the base saw them at one exposure.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sight {
+pub struct TipMeasurement {
     /// Time of the exposure \[s\], on the clock of [`Measurement::time`].
     pub time: f64,
     /// Tip pose in the base frame.
@@ -88,7 +88,7 @@ pub struct Sight {
     pub X_BD: Pose,
 }
 
-impl Sight {
+impl TipMeasurement {
     /// Of tip and goal poses in the base frame.
     pub fn new(time: f64, X_BE: Pose, X_BD: Pose) -> Self {
         Self { time, X_BE, X_BD }

@@ -6,18 +6,17 @@
 //! A [`Law`] says how the joints are pulled. A [`Controller`] runs one of them, adds damping of the joints,
 //! and hands over from law to law and from gains to gains without a step in the efforts.
 
+mod bumpless_transfer;
 mod config;
 mod control_loop;
 mod controller;
 mod feed_forward;
-mod foresight;
 mod gains;
-mod hand_over;
 mod inverse_kinematics;
 mod joint_pd;
+mod latency_compensation;
 mod law;
 mod linearised;
-mod load;
 mod lyapunov;
 mod measurement;
 mod operability;
@@ -25,13 +24,14 @@ mod operational_space;
 mod operator;
 mod pose_error;
 pub mod prediction;
-mod reach;
-mod recovery;
 mod resolved_rate;
+mod singularity_escape;
 mod straight_path;
 mod task_priority;
 mod transpose_jacobian;
 mod velocity_servo;
+mod virtual_tip_inertia;
+mod workspace_radius;
 
 pub use config::ControllerConfig;
 pub use control_loop::{
@@ -43,21 +43,21 @@ pub use feed_forward::{FeedForward, MovingGoal};
 pub use gains::{GainError, Gains};
 pub use inverse_kinematics::{IkError, inverse_kinematics};
 pub use joint_pd::{JointPd, JointPdGains};
-pub use law::{Acted, Arm, Law, LawError, LawKind};
+pub use law::{ControlReport, Law, LawError, LawKind, Manipulator};
 pub use linearised::LinearisedLoop;
-pub use load::Load;
 pub use lyapunov::LyapunovFunction;
-pub use measurement::{GoalRate, Measurement, Present, Sight};
+pub use measurement::{GoalRate, Measurement, Present, TipMeasurement};
 pub use operability::{MapError, MapPoint, Mapping, Operability, OperabilityMap};
 pub use operational_space::{BaseTask, OperationalConfig, OperationalSpace, TipTask};
 pub use operator::{Operator, OperatorConfig};
 pub use pose_error::{HALF_TURN_CAP, PoseError, Saturation};
-pub use reach::farthest_from_com;
-pub use recovery::{RecoveryConfig, Trouble};
 pub use resolved_rate::{
     Limited, RateLimits, Resolution, Resolved, ResolvedRate, ResolvedRateConfig, limit_twist,
 };
+pub use singularity_escape::{ConvergenceFailure, SingularityEscapeConfig};
 pub use straight_path::{Shaping, StraightPath, StraightPathConfig};
 pub use task_priority::{Rows, TASK_DAMPING, TaskPriority};
 pub use transpose_jacobian::{JacobianKind, TransposeJacobian};
 pub use velocity_servo::{ServoGains, VelocityServo, VelocityServoConfig};
+pub use virtual_tip_inertia::VirtualTipInertia;
+pub use workspace_radius::workspace_radius;

@@ -5,8 +5,8 @@ use nalgebra::{DMatrix, DVector, Matrix6xX, UnitQuaternion, Vector3, Vector6};
 use super::gains::check_positive;
 use super::prediction::Predicted;
 use super::{
-    Acted, Arm, ControllerConfig, GainError, Law, LawError, Measurement, PoseError, Present,
-    Saturation, TASK_DAMPING, TaskPriority,
+    ControlReport, ControllerConfig, GainError, Law, LawError, Manipulator, Measurement, PoseError,
+    Present, Saturation, TASK_DAMPING, TaskPriority,
 };
 use crate::dynamics::{Input, Momentum, State, Workspace};
 use crate::model::{Frame, Model};
@@ -153,7 +153,7 @@ pub struct OperationalSpace {
 
 impl OperationalSpace {
     /// The law for an arm, or for several.
-    pub fn new(config: &ControllerConfig, arm: &Arm) -> Self {
+    pub fn new(config: &ControllerConfig, arm: &Manipulator) -> Self {
         let n = arm.model.dof();
         let priority = TaskPriority::new(n, arm.tips().count() + 1);
         Self {
@@ -180,8 +180,8 @@ impl OperationalSpace {
     }
 
     /// Sets up the free motion, beside which efforts act.
-    fn prepare(&mut self, arm: &mut Arm, seen: &Measurement<'_>, now: &Present<'_>) {
-        let Arm {
+    fn prepare(&mut self, arm: &mut Manipulator, seen: &Measurement<'_>, now: &Present<'_>) {
+        let Manipulator {
             model, workspace, ..
         } = arm;
         let turning = Twist::new(*now.w_IB_B, Vector3::zeros());
@@ -317,18 +317,18 @@ impl Law for OperationalSpace {
         false
     }
 
-    fn pull(
+    fn efforts(
         &mut self,
-        arm: &mut Arm,
+        arm: &mut Manipulator,
         seen: &Measurement<'_>,
         pull: &mut DVector<f64>,
-    ) -> Result<Acted, LawError> {
-        let mut acted = Acted::on(seen);
+    ) -> Result<ControlReport, LawError> {
+        let mut report = ControlReport::on(seen);
         let Some(now) = &seen.present else {
-            return Ok(acted);
+            return Ok(report);
         };
-        if acted.saturate(&self.saturation).is_none() {
-            return Ok(acted);
+        if report.saturate(&self.saturation).is_none() {
+            return Ok(report);
         }
         self.prepare(arm, seen, now);
         if self.config.base == BaseTask::BeforeTips {
@@ -355,6 +355,6 @@ impl Law for OperationalSpace {
         self.priority.add_in_null_space(&self.acceleration);
         self.priority.efforts(pull);
         self.limit(&mut arm.workspace, seen.qd, pull);
-        Ok(acted)
+        Ok(report)
     }
 }

@@ -5,10 +5,11 @@ use std::f64::consts::{FRAC_PI_2, PI};
 use nalgebra::{DVector, Matrix6xX, Rotation3, Unit, Vector3};
 
 use super::gains::{check_not_negative, check_positive};
-use super::load::TipLoad;
 use super::transpose_jacobian::transpose_times;
+use super::virtual_tip_inertia::InertiaWrench;
 use super::{
-    Acted, Arm, ControllerConfig, GainError, Gains, JacobianKind, Law, LawError, Load, Measurement,
+    ControlReport, ControllerConfig, GainError, Gains, JacobianKind, Law, LawError, Manipulator,
+    Measurement, VirtualTipInertia,
 };
 
 /// How the path is kept straight.
@@ -87,10 +88,10 @@ impl StraightPathConfig {
 
     /// The load that the tip is made to feel under gains with `k_o`: with it the damping stays bounded by
     /// [`period`](Self::period), whatever the posture is.
-    pub fn load(&self, k_o: f64) -> Load {
+    pub fn virtual_tip_inertia(&self, k_o: f64) -> VirtualTipInertia {
         let period = self.period / MOST_DAMPED;
         let turns = self.shaping == Shaping::Damping && k_o > 0.0;
-        Load {
+        VirtualTipInertia {
             mass: period * self.d_along.max(self.d_across),
             inertia: if turns { period * self.d_turn } else { 0.0 },
         }
@@ -114,7 +115,7 @@ impl StraightPathConfig {
 /// rotation of the pull that straightens it leaves little of it along stiff directions: that is why it crawls.
 ///
 /// Both take the tip's velocity away faster than a law can bear that answers once a period, where the wrist is light.
-/// So with [`StraightPathConfig::period`] the tip feels a load ([`StraightPathConfig::load`]): the damping is then stable in
+/// So with [`StraightPathConfig::period`] the tip feels a load ([`StraightPathConfig::virtual_tip_inertia`]): the damping is then stable in
 /// every posture, and slow motion is as before. The rotation is as stiff as damping of `k_p |e_p| k_r / |V_E|`, without bounds
 /// at rest, so its gain is bounded too, `k_r ≤ ½ d_across |V_E| / k_p |e_p|`; any turn from zero to `2π - 2φ` keeps (7.3).
 /// Half, because the turned pull changes up to twice as fast with the direction of `V_E` as that damping would.
@@ -130,12 +131,12 @@ pub struct StraightPath {
     tip_moves: Matrix6xX<f64>,
     /// `s`.
     rates: DVector<f64>,
-    load: TipLoad,
+    load: InertiaWrench,
 }
 
 impl StraightPath {
     /// The law for an arm.
-    pub fn new(config: &ControllerConfig, arm: &Arm) -> Self {
+    pub fn new(config: &ControllerConfig, arm: &Manipulator) -> Self {
         let joints = arm.model.dof();
         Self {
             gains: config.gains.clone(),
@@ -144,7 +145,7 @@ impl StraightPath {
             law: Matrix6xX::zeros(joints),
             tip_moves: Matrix6xX::zeros(joints),
             rates: DVector::zeros(joints),
-            load: TipLoad::new(arm),
+            load: InertiaWrench::new(arm),
         }
     }
 
@@ -185,15 +186,15 @@ impl Law for StraightPath {
         true
     }
 
-    fn pull(
+    fn efforts(
         &mut self,
-        arm: &mut Arm,
+        arm: &mut Manipulator,
         seen: &Measurement<'_>,
         pull: &mut DVector<f64>,
-    ) -> Result<Acted, LawError> {
-        let mut acted = Acted::on(seen);
-        let Some((e_p, e_o)) = acted.saturate(&self.gains.saturation) else {
-            return Ok(acted);
+    ) -> Result<ControlReport, LawError> {
+        let mut report = ControlReport::on(seen);
+        let Some((e_p, e_o)) = report.saturate(&self.gains.saturation) else {
+            return Ok(report);
         };
         (arm.workspace).generalized_jacobian(&arm.tip, &mut self.tip_moves);
         self.rates.copy_from(seen.qd);
@@ -226,7 +227,7 @@ impl Law for StraightPath {
             }
         };
         transpose_times(jacobian, &force, &torque, pull);
-        let load = self.config.load(self.gains.k_o);
+        let load = self.config.virtual_tip_inertia(self.gains.k_o);
         if load.mass > 0.0 {
             let (part, k_v) = (self.joint_damping(), &self.gains.k_v);
             let rates = &self.rates;
@@ -234,7 +235,7 @@ impl Law for StraightPath {
             let wrench = (self.load).wrench(load, arm, seen, &self.tip_moves, rates, efforts);
             pull.gemv_tr(1.0, jacobian, &wrench, 1.0);
         }
-        Ok(acted)
+        Ok(report)
     }
 
     fn joint_damping(&self) -> f64 {

@@ -2,7 +2,7 @@
 
 use nalgebra::{DVector, Matrix6xX, Vector3};
 
-use super::{Acted, Arm, ControllerConfig, Gains, Law, LawError, Measurement};
+use super::{ControlReport, ControllerConfig, Gains, Law, LawError, Manipulator, Measurement};
 use crate::dynamics::Workspace;
 use crate::model::Frame;
 
@@ -63,20 +63,20 @@ impl Law for TransposeJacobian {
         true
     }
 
-    fn pull(
+    fn efforts(
         &mut self,
-        arm: &mut Arm,
+        arm: &mut Manipulator,
         seen: &Measurement<'_>,
         pull: &mut DVector<f64>,
-    ) -> Result<Acted, LawError> {
-        let mut acted = Acted::on(seen);
-        let Some((e_p, e_o)) = acted.saturate(&self.gains.saturation) else {
-            return Ok(acted);
+    ) -> Result<ControlReport, LawError> {
+        let mut report = ControlReport::on(seen);
+        let Some((e_p, e_o)) = report.saturate(&self.gains.saturation) else {
+            return Ok(report);
         };
         (self.jacobian).write(&mut arm.workspace, &arm.tip, &mut self.matrix);
         let (force, torque) = (e_p * self.gains.k_p, e_o * self.gains.k_o);
         transpose_times(&self.matrix, &force, &torque, pull);
-        Ok(acted)
+        Ok(report)
     }
 }
 

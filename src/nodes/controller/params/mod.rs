@@ -3,8 +3,8 @@
 mod joint_pd;
 mod operational;
 mod prediction;
-mod recovery;
 mod shared;
+mod singularity_escape;
 mod straight_path;
 
 use std::sync::{
@@ -73,7 +73,7 @@ impl Live {
             Box::new(prediction::Predictions::declare(declare)),
             Box::new(operational::Operational::declare(declare)),
             Box::new(straight_path::StraightPath::declare(declare)),
-            Box::new(recovery::Recovery::declare(declare)),
+            Box::new(singularity_escape::SingularityEscape::declare(declare)),
         ];
         let joints = Arc::new(AtomicUsize::new(0));
         let robot = Arc::clone(&joints);

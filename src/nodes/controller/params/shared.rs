@@ -21,7 +21,7 @@ pub(super) struct Shared {
     k_v: Param<Vec<f64>>,
     e_p_max: Param<f64>,
     e_o_max: Param<f64>,
-    hand_over: Param<f64>,
+    bumpless_transfer_time: Param<f64>,
 }
 
 impl Shared {
@@ -64,9 +64,9 @@ impl Shared {
             SMALLEST_GAIN,
             "Orientation error beyond which the pull is constant",
         );
-        let hand_over = declare
+        let bumpless_transfer_time = declare
             .param(
-                "hand_over",
+                "bumpless_transfer_time",
                 0.5,
                 "Time constant with which efforts go over to those of changed settings [s]",
             )
@@ -88,7 +88,7 @@ impl Shared {
             k_v,
             e_p_max,
             e_o_max,
-            hand_over,
+            bumpless_transfer_time,
         }
     }
 
@@ -109,7 +109,7 @@ impl Shared {
         ControllerConfig {
             jacobian: choice::find(&JacobianKind::NAMES, &self.jacobian.get())
                 .unwrap_or(JacobianKind::Generalized),
-            hand_over: self.hand_over.get(),
+            bumpless_transfer_time: self.bumpless_transfer_time.get(),
             ..ControllerConfig::new(law, gains)
         }
     }

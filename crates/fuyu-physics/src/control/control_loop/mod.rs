@@ -47,7 +47,7 @@ use joint_states::{JointSample, JointStates};
 use nalgebra::{DVector, Vector3};
 use newest::{Horizon, Newest};
 
-use super::{Controller, ControllerConfig, GainError, GoalRate, Measurement, Sight};
+use super::{Controller, ControllerConfig, GainError, GoalRate, Measurement, TipMeasurement};
 use crate::spatial::Pose;
 
 /// Settings of a [`ControlLoop`].
@@ -69,7 +69,7 @@ pub struct ControlLoop {
     joint_states: JointStates,
     tips: Vec<TipInput>,
     /// Measurements of the second and further tips in this step.
-    more_tips: Vec<Option<Sight>>,
+    more_tips: Vec<Option<TipMeasurement>>,
     gyro: Newest<Vector3<f64>>,
     goal_rate: Newest<GoalRate>,
     efforts: DVector<f64>,
@@ -79,7 +79,7 @@ pub struct ControlLoop {
 #[derive(Debug, Default)]
 struct TipInput {
     poses: StampPairs<Stamp, Pose, Pose>,
-    measurement: Newest<Sight>,
+    measurement: Newest<TipMeasurement>,
 }
 
 impl TipInput {
@@ -90,7 +90,7 @@ impl TipInput {
 
     fn pair(&mut self) {
         while let Some((stamp, X_BE, X_BD)) = self.poses.pop() {
-            let measurement = Sight::new(stamp.as_secs_f64(), X_BE, X_BD);
+            let measurement = TipMeasurement::new(stamp.as_secs_f64(), X_BE, X_BD);
             self.measurement.offer(stamp, measurement);
         }
     }
@@ -284,16 +284,16 @@ impl ControlLoop {
             self.goal_rate.at(now, timeout)
         };
         let measurement = Measurement {
-            more_sights: &self.more_tips,
+            more_tips: &self.more_tips,
             goal_rate: goal_rate.1,
             ..Measurement::new(now.as_secs_f64(), &state.q, &state.qd)
         };
-        let measurement = measurement.with_sight(first.1).with_gyro(gyro.1);
+        let measurement = measurement.with_tip(first.1).with_gyro(gyro.1);
         let control = self.controller.update(&measurement);
         self.efforts.copy_from(self.controller.efforts());
         let mode = if self.efforts.iter().all(|effort| effort.is_finite()) {
             match &control {
-                Ok(report) if report.pulls => ControlMode::Law,
+                Ok(report) if report.active => ControlMode::Law,
                 _ => ControlMode::DampingOnly,
             }
         } else {

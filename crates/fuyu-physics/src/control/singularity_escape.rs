@@ -9,56 +9,56 @@ use super::{GainError, Gains, LyapunovFunction, Measurement, PoseError};
 
 /// When and how a resting arm is pushed on.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct RecoveryConfig {
+pub struct SingularityEscapeConfig {
     /// Joint rate that a kick would hold against `K_V` \[rad/s or m/s\]; zero never kicks.
-    pub kick_rate: f64,
+    pub rate: f64,
     /// How long the tip must have rested before \[s\].
-    pub patience: f64,
+    pub delay: f64,
 }
 
-impl Default for RecoveryConfig {
+impl Default for SingularityEscapeConfig {
     /// A tenth of a radian in all, after 2 s.
     fn default() -> Self {
         Self {
-            kick_rate: 0.1,
-            patience: 2.0,
+            rate: 0.1,
+            delay: 2.0,
         }
     }
 }
 
-impl RecoveryConfig {
+impl SingularityEscapeConfig {
     /// Refuses what has the wrong sign.
     ///
     /// # Errors
     /// [`GainError`] naming the setting.
     pub fn check(&self) -> Result<(), GainError> {
-        check_not_negative("kick_rate", self.kick_rate)?;
-        check_positive("patience", self.patience)
+        check_not_negative("singularity_escape.rate", self.rate)?;
+        check_positive("singularity_escape.delay", self.delay)
     }
 }
 
 /// Why the tip does not arrive.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
-pub enum Trouble {
+pub enum ConvergenceFailure {
     /// No posture reaches the goal.
     #[error(
-        "the goal is {short:.3} m farther from the system's centre of mass than the tip can come: the arm is pulled towards it and will rest stretched"
+        "the goal is {excess:.3} m farther from the system's centre of mass than the tip can come: the arm is pulled towards it and will rest stretched"
     )]
-    BeyondReach {
+    OutOfWorkspace {
         /// By how much \[m\].
-        short: f64,
+        excess: f64,
     },
     /// The pull moves no joint: a singular position, eq. (5.4).
     #[error(
-        "the tip rests {position:.3} m and {angle:.3} rad from the goal in a position where the pull moves no joint; {kicks} kicks did not free it"
+        "the tip rests {position:.3} m and {angle:.3} rad from the goal in a position where the pull moves no joint; {escapes} escape motions did not free it"
     )]
-    AtRest {
+    AtSingularity {
         /// Distance from the goal \[m\].
         position: f64,
         /// Angle to the goal \[rad\].
         angle: f64,
         /// Kicks that were given.
-        kicks: u32,
+        escapes: u32,
     },
     /// The tip moves, but not towards the goal.
     #[error(
@@ -88,12 +88,12 @@ const LONG: f64 = 20.0;
 /// Looks whether the deviation falls, and kicks where the arm rests in a singular position.
 ///
 /// The thesis leaves such a position by "an input added for a while" (section 5.3). Here that is half a sine of joint
-/// efforts, `k_v · kick_rate` at most, with other signs for every kick. It adds no more than
-/// `KICK kick_rate² Σ k_v / 8` to the Lyapunov function, and at most [`KICKS`] kicks are given until the potential
+/// efforts, `k_v · rate` at most, with other signs for every kick. It adds no more than
+/// `KICK rate² Σ k_v / 8` to the Lyapunov function, and at most [`KICKS`] kicks are given until the potential
 /// has fallen below what it was: the arm comes to rest again.
 #[derive(Debug, Clone)]
 pub(super) struct Watch {
-    pub config: RecoveryConfig,
+    pub config: SingularityEscapeConfig,
     /// The least potential so far, and when it was reached.
     least: Option<(f64, f64)>,
     resting_since: Option<f64>,
@@ -103,7 +103,7 @@ pub(super) struct Watch {
 }
 
 impl Watch {
-    pub fn new(config: RecoveryConfig) -> Self {
+    pub fn new(config: SingularityEscapeConfig) -> Self {
         Self {
             config,
             least: None,
@@ -127,7 +127,7 @@ impl Watch {
         error: &PoseError,
         pull: &DVector<f64>,
         short: Option<f64>,
-    ) -> Option<Trouble> {
+    ) -> Option<ConvergenceFailure> {
         let (time, angle) = (seen.time, if gains.k_o > 0.0 { error.angle } else { 0.0 });
         let position = error.position.norm();
         let potential = LyapunovFunction::potential_of(gains, error);
@@ -150,31 +150,31 @@ impl Watch {
             self.resting_since = None;
         }
         if let Some(short) = short {
-            return Some(Trouble::BeyondReach { short });
+            return Some(ConvergenceFailure::OutOfWorkspace { excess: short });
         }
         let rests = Self::rests(gains, potential, pull, seen.qd);
         if !rests || self.kick.is_some() {
             self.resting_since = None;
             let seconds = time - at;
-            return (seconds > LONG).then_some(Trouble::NoProgress {
+            return (seconds > LONG).then_some(ConvergenceFailure::NoProgress {
                 seconds,
                 position,
                 angle,
             });
         }
         let since = *self.resting_since.get_or_insert(time);
-        if time - since < self.config.patience {
+        if time - since < self.config.delay {
             return None;
         }
-        if self.config.kick_rate > 0.0 && self.kicks < KICKS {
+        if self.config.rate > 0.0 && self.kicks < KICKS {
             self.kicks += 1;
             self.kick = Some(time);
             return None;
         }
-        Some(Trouble::AtRest {
+        Some(ConvergenceFailure::AtSingularity {
             position,
             angle,
-            kicks: self.kicks,
+            escapes: self.kicks,
         })
     }
 
@@ -196,6 +196,6 @@ impl Watch {
             -1.0
         };
         let wave = (PI * ((time - began) / KICK).clamp(0.0, 1.0)).sin();
-        side * wave * k_v * self.config.kick_rate
+        side * wave * k_v * self.config.rate
     }
 }

@@ -12,7 +12,7 @@ use nalgebra::DVector;
 /// `dW/dt = -q̇ᵀ K q̇ + q̇ᵀ d exp(-t/T) ≤ |d|² exp(-2t/T) / 4k`, where `k` is the least damping in force. All that a
 /// change can add to `W` is therefore `T |d|² / 8k`, after which `W` falls as before.
 #[derive(Debug, Clone)]
-pub(super) struct HandOver {
+pub(super) struct BumplessTransfer {
     /// `T` \[s\].
     pub time_constant: f64,
     /// Of the last step; `None` before the first.
@@ -27,7 +27,7 @@ pub(super) struct HandOver {
     k_v: DVector<f64>,
 }
 
-impl HandOver {
+impl BumplessTransfer {
     pub fn new(joints: usize, time_constant: f64) -> Self {
         let zeros = DVector::zeros(joints);
         Self {

@@ -3,12 +3,12 @@
 use nalgebra::{DMatrix, DVector, Matrix6, Matrix6xX, Vector6};
 
 use super::task_priority::factorize;
-use super::{Arm, Measurement};
+use super::{Manipulator, Measurement};
 use crate::dynamics::{Input, State};
 
 /// Mass \[kg\] and moment of inertia about every axis \[kg m²\] of a load at the tip.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Load {
+pub struct VirtualTipInertia {
     /// Mass \[kg\].
     pub mass: f64,
     /// Moment of inertia about every axis \[kg m²\].
@@ -30,7 +30,7 @@ pub struct Load {
 /// something is fed forward, `A` is that of the rates `s`; this leaves out terms of the size `M |q̇_D| |s|` beside the damping
 /// `D |s|`, which is larger by how much `d/m` is larger than `|q̇_D|`, some hundred times.)
 #[derive(Debug, Clone)]
-pub(super) struct TipLoad {
+pub(super) struct InertiaWrench {
     state: State,
     free: Input,
     acceleration: DVector<f64>,
@@ -40,9 +40,9 @@ pub(super) struct TipLoad {
     row: DVector<f64>,
 }
 
-impl TipLoad {
+impl InertiaWrench {
     /// For the arm; the only place where memory is taken.
-    pub fn new(arm: &Arm) -> Self {
+    pub fn new(arm: &Manipulator) -> Self {
         let joints = arm.model.dof();
         Self {
             state: State::at_rest(&arm.model),
@@ -60,14 +60,14 @@ impl TipLoad {
     /// motion afterwards is that of `s` without momentum.
     pub fn wrench(
         &mut self,
-        load: Load,
-        arm: &mut Arm,
+        load: VirtualTipInertia,
+        arm: &mut Manipulator,
         seen: &Measurement<'_>,
         tip_moves: &Matrix6xX<f64>,
         rates: &DVector<f64>,
         efforts: impl Fn(usize) -> f64,
     ) -> Vector6<f64> {
-        let Arm {
+        let Manipulator {
             model,
             tip,
             workspace,

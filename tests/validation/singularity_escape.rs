@@ -2,8 +2,8 @@
 //! of attitude, eq. (5.5), goals out of reach. The law is sampled at 100 Hz.
 
 use fuyu::control::{
-    Controller, ControllerConfig, Gains, LawKind, Measurement, PoseError, RecoveryConfig,
-    Saturation, Sight, Trouble,
+    Controller, ControllerConfig, ConvergenceFailure, Gains, LawKind, Measurement, PoseError,
+    Saturation, SingularityEscapeConfig, TipMeasurement,
 };
 use fuyu::dynamics::{Floating, Method, State, Workspace};
 use fuyu::experiments::masutani_ch5;
@@ -15,7 +15,7 @@ use nalgebra::{DVector, Rotation3, Translation3, Vector3};
 struct Run {
     error: PoseError,
     /// The last trouble that was told.
-    trouble: Option<Trouble>,
+    failure: Option<ConvergenceFailure>,
     fastest_joint: f64,
 }
 
@@ -23,37 +23,37 @@ fn run(model: Model, tip: &Frame, config: ControllerConfig, q: &[f64], goal: Pos
     let start = State::at_rest_with(&model, &DVector::from_row_slice(q));
     let mut robot = Floating::new(model.clone(), start, Method::Rk4);
     let mut controller = Controller::new(model, tip.clone(), config).unwrap();
-    let (mut trouble, mut fastest_joint) = (None, 0f64);
+    let (mut failure, mut fastest_joint) = (None, 0f64);
     let mut error = None;
     for _ in 0..6000 {
         let state = robot.state();
         let X_WB = state.X_WB(robot.workspace());
-        let sight = Sight::new(
+        let sight = TipMeasurement::new(
             state.time,
             robot.workspace().X_BF(tip),
             X_WB.inverse() * goal,
         );
-        let seen = Measurement::new(state.time, &state.q, &state.qd).with_sight(Some(&sight));
-        let acted = controller.update(&seen).unwrap();
-        trouble = acted.trouble;
-        error = acted.error;
+        let seen = Measurement::new(state.time, &state.q, &state.qd).with_tip(Some(&sight));
+        let report = controller.update(&seen).unwrap();
+        failure = report.convergence_failure;
+        error = report.error;
         fastest_joint = fastest_joint.max(state.qd.amax());
         robot.hold_efforts(controller.efforts().as_slice());
         robot.step(0.01, 1);
     }
     Run {
         error: error.unwrap(),
-        trouble,
+        failure,
         fastest_joint,
     }
 }
 
-fn planar(kick_rate: f64, q: [f64; 2], goal: [f64; 2]) -> Run {
+fn planar(rate: f64, q: [f64; 2], goal: [f64; 2]) -> Run {
     let planar = Planar::table_6_2();
     let config = ControllerConfig {
-        recovery: RecoveryConfig {
-            kick_rate,
-            ..RecoveryConfig::default()
+        singularity_escape: SingularityEscapeConfig {
+            rate,
+            ..SingularityEscapeConfig::default()
         },
         ..ControllerConfig::new(LawKind::TransposeJacobian, gains(f64::INFINITY))
     };
@@ -69,26 +69,26 @@ fn a_kick_leaves_a_singular_position() {
     let resting = planar(0.0, stretched, goal);
     assert!((resting.error.position.norm() - 1.6).abs() < 1e-9);
     assert!(matches!(
-        resting.trouble,
-        Some(Trouble::AtRest { kicks: 0, .. })
+        resting.failure,
+        Some(ConvergenceFailure::AtSingularity { escapes: 0, .. })
     ));
     let kicked = planar(0.1, stretched, goal);
     assert!(kicked.error.position.norm() < 0.01, "{:?}", kicked.error);
-    assert_eq!(kicked.trouble, None);
+    assert_eq!(kicked.failure, None);
 }
 
 /// No posture is there: the arm stretches towards the goal, rests, and says why. Nothing moves wildly.
 #[test]
 fn a_goal_out_of_reach_is_named_and_the_arm_rests() {
     let far = planar(0.1, [0.3, 1.0], [9.0, 2.0]);
-    let Some(Trouble::BeyondReach { short }) = far.trouble else {
-        panic!("{:?}", far.trouble);
+    let Some(ConvergenceFailure::OutOfWorkspace { excess: short }) = far.failure else {
+        panic!("{:?}", far.failure);
     };
     let left = far.error.position.norm();
     // Towards the stretched arm the pull on the joints fades, and with it the pace.
     assert!(left > short && left < short + 0.15, "{left} {short}");
     assert!(far.fastest_joint < 2.0, "{}", far.fastest_joint);
-    let said = far.trouble.unwrap().to_string();
+    let said = far.failure.unwrap().to_string();
     assert!(
         said.contains("farther from the system's centre of mass"),
         "{said}"
@@ -120,5 +120,5 @@ fn half_a_turn_is_made() {
     let config = ControllerConfig::new(LawKind::TransposeJacobian, gains);
     let turned = run(model, &tip, config, &q, goal);
     assert!(turned.error.angle < 0.02, "{:?}", turned.error);
-    assert_eq!(turned.trouble, None);
+    assert_eq!(turned.failure, None);
 }

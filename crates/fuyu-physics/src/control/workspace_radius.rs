@@ -10,7 +10,7 @@ use crate::model::{Frame, Model};
 /// The vector from the centre of mass to the tip is a sum of vectors that are fixed in the bodies, one for each
 /// (the virtual links of Vafa and Dubowsky), so their lengths bound it. The bound is attained by planar arms.
 /// Without external forces the centre of mass does not accelerate: a goal that rests out of this reach stays out of it.
-pub fn farthest_from_com(model: &Model, tip: &Frame) -> Option<f64> {
+pub fn workspace_radius(model: &Model, tip: &Frame) -> Option<f64> {
     let bodies = model.bodies();
     let mass = model.total_mass();
     let subtree = |b: usize| -> f64 {
@@ -56,7 +56,7 @@ mod tests {
         let xml = include_str!("../../../../urdf/planar_two_link.urdf");
         let model = Model::from_urdf(xml, "planar_two_link.urdf").unwrap();
         let tip = model.frame("tool0").unwrap();
-        let reach = farthest_from_com(&model, tip).unwrap();
+        let reach = workspace_radius(&model, tip).unwrap();
         assert!((distance(&model, tip, &[0.0, 0.0]) - reach).abs() < 1e-12);
         assert!(distance(&model, tip, &[0.1, 0.2]) < reach);
     }
@@ -66,7 +66,7 @@ mod tests {
         let xml = include_str!("../../../../urdf/servicer.urdf");
         let model = Model::from_urdf(xml, "servicer.urdf").unwrap();
         let tip = model.frame("tool0").unwrap();
-        let reach = farthest_from_com(&model, tip).unwrap();
+        let reach = workspace_radius(&model, tip).unwrap();
         let mut rng = StdRng::seed_from_u64(1);
         let mut most = 0f64;
         for _ in 0..20_000 {

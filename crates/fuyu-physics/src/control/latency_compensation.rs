@@ -3,23 +3,23 @@
 use nalgebra::Vector3;
 
 use super::prediction::{GoalMotionConfig, Predicted, Prediction, Predictor};
-use super::{Arm, Measurement, MovingGoal, PoseError, Present, Sight};
+use super::{Manipulator, Measurement, MovingGoal, PoseError, Present, TipMeasurement};
 use crate::dynamics::Momentum;
 
 /// Tips and goals at present. It listens whatever the prediction is, so that a change of it acts at once.
 #[derive(Debug)]
-pub(super) struct Foresight {
+pub(super) struct LatencyCompensation {
     /// One for each tip.
     predictors: Vec<Predictor>,
     goals: Vec<Option<Predicted>>,
-    sight: Option<Sight>,
+    sight: Option<TipMeasurement>,
     w_IB_B: Vector3<f64>,
     /// Time of the last angular velocity of the goal that was taken in.
     rate_time: f64,
 }
 
-impl Foresight {
-    pub fn new(arm: &Arm, config: GoalMotionConfig) -> Self {
+impl LatencyCompensation {
+    pub fn new(arm: &Manipulator, config: GoalMotionConfig) -> Self {
         let tips = arm.tips().count();
         Self {
             predictors: vec![Predictor::new(config); tips],
@@ -37,8 +37,8 @@ impl Foresight {
     }
 
     /// Takes in what is measured, and finds out how tips and goals are now.
-    pub fn look(&mut self, arm: &mut Arm, seen: &Measurement<'_>, prediction: Prediction) {
-        let Arm {
+    pub fn look(&mut self, arm: &mut Manipulator, seen: &Measurement<'_>, prediction: Prediction) {
+        let Manipulator {
             model,
             tip,
             more_tips,
@@ -52,15 +52,15 @@ impl Foresight {
         let rate = seen.goal_rate.filter(|rate| rate.time != self.rate_time);
         for (k, predictor) in self.predictors.iter_mut().enumerate() {
             let (tip, sight) = match k.checked_sub(1) {
-                None => (&*tip, seen.sight),
+                None => (&*tip, seen.tip),
                 Some(k) => (
                     &more_tips[k],
-                    seen.more_sights.get(k).and_then(Option::as_ref),
+                    seen.more_tips.get(k).and_then(Option::as_ref),
                 ),
             };
             let X_BE = workspace.X_BF(tip);
             predictor.advance(seen.time, &self.w_IB_B, workspace.p_BC(), &X_BE);
-            if let Some(Sight { time, X_BE, X_BD }) = sight {
+            if let Some(TipMeasurement { time, X_BE, X_BD }) = sight {
                 predictor.see(*time, X_BE, X_BD);
             }
             if let (Some(rate), 0) = (rate, k) {
@@ -75,7 +75,7 @@ impl Foresight {
             });
         }
         self.rate_time = rate.map_or(self.rate_time, |rate| rate.time);
-        self.sight = self.goals[0].map(|goal| Sight::new(seen.time, goal.X_BE, goal.X_BD));
+        self.sight = self.goals[0].map(|goal| TipMeasurement::new(seen.time, goal.X_BE, goal.X_BD));
     }
 
     /// The measurement as it would be if the camera were not late.
@@ -86,7 +86,7 @@ impl Foresight {
             goals: &self.goals,
         });
         Measurement {
-            sight: self.sight.as_ref(),
+            tip: self.sight.as_ref(),
             present,
             ..*seen
         }

@@ -39,7 +39,7 @@ pub struct FrameNames {
 
 /// A twist that an operator asks for.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Command {
+pub struct OperatorCommand {
     /// Whose axes it is in.
     pub frame: CommandFrame,
     /// The twist of the tip's origin.
@@ -113,7 +113,7 @@ pub const AXES: [&str; 6] = [
     "axis_angular.yaw",
 ];
 
-impl Command {
+impl OperatorCommand {
     /// Reads a stamped twist; one without a frame is in `frame`.
     ///
     /// # Errors
@@ -217,7 +217,7 @@ mod tests {
             tip: "tool0".to_owned(),
         };
         let mut message = TwistStamped::default();
-        let read = |m: &TwistStamped| Command::from_msg(m, &names, CommandFrame::World);
+        let read = |m: &TwistStamped| OperatorCommand::from_msg(m, &names, CommandFrame::World);
         assert_eq!(read(&message).unwrap().frame, CommandFrame::World);
         message.header.frame_id = "tool0".to_owned();
         assert_eq!(read(&message).unwrap().frame, CommandFrame::Tip);
