@@ -4,8 +4,8 @@ use nalgebra::{UnitVector3, Vector3};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 use rand_distr::StandardNormal;
 
-use super::shutter::{Instant, Shutter};
-use super::transit::Transit;
+use super::exposure_schedule::{Instant, ExposureSchedule};
+use super::delay_line::DelayLine;
 use super::{Feature, Pinhole, Sighting};
 use crate::spatial::Pose;
 
@@ -102,8 +102,8 @@ pub struct FeatureCamera {
     ids: Vec<Option<u64>>,
     next_id: u64,
     random: StdRng,
-    shutter: Shutter,
-    transit: Transit<Sighting>,
+    shutter: ExposureSchedule,
+    transit: DelayLine<Sighting>,
 }
 
 impl FeatureCamera {
@@ -113,8 +113,8 @@ impl FeatureCamera {
             random: StdRng::seed_from_u64(config.seed),
             ids: vec![None; points.len()],
             next_id: 0,
-            shutter: Shutter::default(),
-            transit: Transit::default(),
+            shutter: ExposureSchedule::default(),
+            transit: DelayLine::default(),
             config,
             points,
         }

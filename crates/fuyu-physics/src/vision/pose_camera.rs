@@ -4,8 +4,8 @@ use nalgebra::{Rotation3, Translation3, Vector3};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 use rand_distr::StandardNormal;
 
-use super::shutter::{Instant, Shutter};
-use super::transit::Transit;
+use super::exposure_schedule::{Instant, ExposureSchedule};
+use super::delay_line::DelayLine;
 use crate::spatial::Pose;
 
 /// How good the camera is. All zero is an ideal one: every instant that it is shown, at once, exactly.
@@ -54,8 +54,8 @@ pub struct PoseFrame {
 pub struct PoseCamera {
     config: PoseCameraConfig,
     random: StdRng,
-    shutter: Shutter,
-    transit: Transit<PoseFrame>,
+    shutter: ExposureSchedule,
+    transit: DelayLine<PoseFrame>,
 }
 
 impl PoseCamera {
@@ -65,8 +65,8 @@ impl PoseCamera {
         Self {
             config,
             random,
-            shutter: Shutter::default(),
-            transit: Transit::default(),
+            shutter: ExposureSchedule::default(),
+            transit: DelayLine::default(),
         }
     }
 

@@ -2,17 +2,17 @@
 
 use std::collections::VecDeque;
 
-use super::shutter::SLACK;
+use super::exposure_schedule::SLACK;
 
 /// Frames that are under way, and how many were lost there.
 #[derive(Debug)]
-pub(super) struct Transit<F> {
+pub(super) struct DelayLine<F> {
     /// Each with its time of exposure \[s\].
     waiting: VecDeque<(f64, F)>,
     lost: u64,
 }
 
-impl<F> Default for Transit<F> {
+impl<F> Default for DelayLine<F> {
     fn default() -> Self {
         Self {
             waiting: VecDeque::new(),
@@ -21,7 +21,7 @@ impl<F> Default for Transit<F> {
     }
 }
 
-impl<F> Transit<F> {
+impl<F> DelayLine<F> {
     /// Sends a frame that was exposed at `time` \[s\] on its way, or loses it.
     pub fn send(&mut self, time: f64, frame: F, lost: bool) {
         if lost {

@@ -5,7 +5,7 @@ pub(super) const SLACK: f64 = 1e-9;
 
 /// Exposures on a grid of times that begins with the first instant shown.
 #[derive(Debug, Clone, Default)]
-pub(super) struct Shutter {
+pub(super) struct ExposureSchedule {
     /// Index of the next exposure on the grid.
     next: u64,
     /// When the grid begins \[s\].
@@ -25,7 +25,7 @@ pub(super) enum Instant {
     Anew,
 }
 
-impl Shutter {
+impl ExposureSchedule {
     /// Begins a new grid with the next instant shown.
     pub fn restart(&mut self) {
         self.start = None;
