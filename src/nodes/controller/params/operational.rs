@@ -42,22 +42,22 @@ impl Operational {
             "null_space_damping",
             usual.null_space_damping,
             1e3,
-            "Rate at which joint motion dies out that no task has use of [1/s]",
+            "Decay rate of joint motion in the null space of all tasks [1/s]",
         );
         let fastest = number(
             "fastest",
             usual.fastest,
             1e3,
-            "Largest joint rate, whatever the tasks want [rad/s or m/s]",
+            "Largest joint rate, which no task may exceed [rad/s or m/s]",
         );
         let task_damping = number(
             "task_damping",
             usual.task_damping,
             1.0,
-            "Singular value below which a task's directions are damped",
+            "Singular value of a task's Jacobian below which its direction is damped",
         );
         let mut task = |name: &str, of: &str| {
-            let text = format!("What the operational-space law holds of the {of}");
+            let text = format!("What the operational-space law controls of the {of}");
             choice::declare(declare, name, &TipTask::NAMES, &text).live()
         };
         let tip = task("tip_task", "tip");

@@ -1,4 +1,4 @@
-//! Which law, and what all laws share.
+//! Choice of the law, and parameters of all laws.
 
 use super::{LARGEST_GAIN, PerJoint, SMALLEST_GAIN};
 use crate::{
@@ -56,13 +56,13 @@ impl Shared {
             "e_p_max",
             0.2,
             SMALLEST_GAIN,
-            "Position error beyond which the pull is constant [m]",
+            "Position error at which its force saturates [m]",
         );
         let e_o_max = number(
             "e_o_max",
             0.1,
             SMALLEST_GAIN,
-            "Orientation error beyond which the pull is constant",
+            "Orientation error at which its moment saturates",
         );
         let bumpless_transfer_time = declare
             .param(
@@ -92,7 +92,7 @@ impl Shared {
         }
     }
 
-    /// The configuration with defaults for what single laws have for themselves.
+    /// The configuration, with defaults for parameters of single laws.
     pub(super) fn config(&self) -> ControllerConfig {
         // Any other text has been refused by the declaration.
         let law =

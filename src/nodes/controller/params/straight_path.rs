@@ -35,12 +35,12 @@ impl StraightPath {
         };
         Self {
             shaping,
-            k_r: number("k_r", default.k_r, 1e3, "Gain of the rotation of the pull"),
+            k_r: number("k_r", default.k_r, 1e3, "Gain of the rotation of the force"),
             psi_max: number(
                 "psi_max",
                 default.psi_max,
                 std::f64::consts::PI,
-                "Most that the pull is turned [rad]",
+                "Largest rotation of the force [rad]",
             ),
             d_along: number(
                 "d_along",
@@ -72,7 +72,7 @@ impl StraightPath {
                 .param(
                     "straight_path.period",
                     0.01,
-                    "Time from one joint state to the next, by which damping of the tip is bounded; 0 does not bound it [s]",
+                    "Time between joint states, which bounds the damping of the tip; 0 does not bound it [s]",
                 )
                 .range(0.0, 1.0)
                 .live(),
