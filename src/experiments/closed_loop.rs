@@ -1,4 +1,4 @@
-//! Plant, camera and controller in one loop, without DDS.
+//! Plant, camera and control loop in one thread, without DDS.
 
 use nalgebra::Vector3;
 
@@ -10,10 +10,10 @@ use crate::{
     dynamics::Workspace,
     model::Frame,
     nodes::{
-        camera::{Watch, camera_frame, second_camera},
+        camera::{TargetCamera, camera_frame, second_camera},
         controller::second_tip,
         dynamics::{World, imu},
-        geometry::{told, vector_from_msg, with_matrix},
+        geometry::{message_round_trip, vector_from_msg, with_matrix},
         scenario::Scenario,
         tip_frame,
     },
@@ -22,10 +22,10 @@ use crate::{
     vision::{PoseCamera, PoseFrame, Sighting},
 };
 
-/// The loop of a scenario: what its nodes do over topics, done in one thread. Each state is shown to the
-/// camera, the controller answers with what the camera has delivered, and the efforts are held until the
-/// next state: the order of a graph in lockstep. Where a scenario names a teleop node, a simulated operator steers.
-/// A scenario that names neither camera nor controller nor teleop is a free motion, under springs and dampers alone.
+/// The closed loop of a scenario: what its nodes do over topics, in one thread and in the order of a graph in lockstep.
+/// Each state is shown to the camera, the control loop answers with the frames delivered so far, and its efforts are held
+/// until the next state. If the scenario has a teleop node, a simulated operator steers. Without camera, controller and
+/// teleop it is a free motion under springs and dampers. There is no estimator: the control loop gets no goal rates.
 pub struct ClosedLoop {
     /// The plant.
     pub world: World,
@@ -37,7 +37,7 @@ pub struct ClosedLoop {
 /// Cameras and control loop.
 struct VisualServo {
     camera: PoseCamera,
-    watch: Option<WatchedTarget>,
+    target: Option<TrackedTarget>,
     feature_frames: Vec<Sighting>,
     control_loop: ControlLoop,
     /// The goal in its frame.
@@ -55,26 +55,26 @@ struct SecondArm {
     X_WD: Pose,
 }
 
-/// The target that the camera tracks.
-struct WatchedTarget {
-    watch: Watch,
+/// The target whose features the camera tracks.
+struct TrackedTarget {
+    target_camera: TargetCamera,
     /// Which of the world's targets.
     index: usize,
     /// The camera's frame.
     camera: Frame,
 }
 
-/// One state and how it was answered.
+/// One state and the answer to it.
 pub struct Moment<'a> {
     /// Frames that the camera delivered at this state.
     pub frames: &'a [PoseFrame],
-    /// What the controller did, if there is one.
+    /// The controller's answer, if there is one.
     pub answer: Option<Answer<'a>>,
-    /// What the operator did, if there is one.
+    /// The operator's answer, if there is one.
     pub drive: Option<Drive<'a>>,
 }
 
-/// What the controller did with a state.
+/// The controller's answer to a state.
 pub struct Answer<'a> {
     /// Frames of features that the camera delivered at this state.
     pub feature_frames: &'a [Sighting],
@@ -87,7 +87,7 @@ pub struct Answer<'a> {
 }
 
 impl ClosedLoop {
-    /// The loop that `scenario` describes.
+    /// The closed loop that `scenario` describes.
     ///
     /// # Errors
     /// A line that names file, node and parameter.
@@ -113,7 +113,7 @@ impl ClosedLoop {
         })
     }
 
-    /// The duration that the scenario gives \[s\]; zero is none.
+    /// The scenario's duration \[s\]; zero if it states none.
     pub fn duration(&self) -> f64 {
         self.duration
     }
@@ -129,20 +129,20 @@ impl ClosedLoop {
     }
 
     /// Whether the camera tracks feature points of a target.
-    pub fn watches_target(&self) -> bool {
-        let watch = self.servo.as_ref().and_then(|servo| servo.watch.as_ref());
-        watch.is_some()
+    pub fn tracks_target(&self) -> bool {
+        let target = self.servo.as_ref().and_then(|servo| servo.target.as_ref());
+        target.is_some()
     }
 
-    /// Lets camera and controller answer the present state; `look` sees the moment, with the new efforts
-    /// acting but time not yet gone on.
+    /// Runs camera and controller for the present state, then calls `observe`: the new efforts are set, time has not
+    /// advanced yet.
     ///
     /// # Errors
-    /// Says why the controller gives no efforts, or what `look` refuses.
+    /// When the controller gives no efforts, or the error of `observe`.
     pub fn answer<E: From<String>>(
         &mut self,
         frames: &mut Vec<PoseFrame>,
-        look: impl FnOnce(&mut World, &Moment) -> Result<(), E>,
+        observe: impl FnOnce(&mut World, &Moment) -> Result<(), E>,
     ) -> Result<(), E> {
         frames.clear();
         let answer = match &mut self.servo {
@@ -156,13 +156,13 @@ impl ClosedLoop {
             answer,
             drive,
         };
-        look(&mut self.world, &moment)
+        observe(&mut self.world, &moment)
     }
 
-    /// Goes on to the next state.
+    /// Advances to the next state.
     ///
     /// # Errors
-    /// When the state is no longer finite.
+    /// When the state is not finite any more.
     pub fn advance(&mut self) -> Result<(), String> {
         self.world.step_to_tick();
         self.world.check_finite()
@@ -191,8 +191,8 @@ impl SecondArm {
 /// A frame after its poses have passed through messages.
 fn through_message(frame: &PoseFrame) -> PoseFrame {
     PoseFrame {
-        X_BE: told(&frame.X_BE),
-        X_BD: frame.X_BD.as_ref().map(told),
+        X_BE: message_round_trip(&frame.X_BE),
+        X_BD: frame.X_BD.as_ref().map(message_round_trip),
         ..*frame
     }
 }
@@ -217,12 +217,12 @@ impl VisualServo {
         let at = |e: String| format!("{}: {e}", scenario.path().display());
         let tip = tip_frame(model, &controller.tip_link)
             .map_err(|e| at(format!("controller: parameter {e}")))?;
-        let seen_tip =
+        let camera_tip =
             tip_frame(model, &camera.tip_link).map_err(|e| at(format!("camera: parameter {e}")))?;
-        if seen_tip.name != tip.name {
+        if camera_tip.name != tip.name {
             return Err(at(format!(
                 "the camera's tip_link is '{}' but the controller's is '{}'; they must be the same",
-                seen_tip.name, tip.name
+                camera_tip.name, tip.name
             )));
         }
         let goal = camera.goal.ok_or_else(|| {
@@ -231,10 +231,10 @@ impl VisualServo {
                     .to_owned(),
             )
         })?;
-        let watch = match &camera.features {
+        let target = match &camera.features {
             None => None,
-            Some(features) => Some(WatchedTarget {
-                watch: Watch::new(features),
+            Some(features) => Some(TrackedTarget {
+                target_camera: TargetCamera::new(features),
                 index: (world.target_index(&features.target))
                     .map_err(|e| at(format!("camera: parameter features.target: {e}")))?,
                 camera: camera_frame(model).map_err(at)?.clone(),
@@ -269,7 +269,7 @@ impl VisualServo {
         };
         let loop_config = ControlLoopConfig {
             timeout: controller.measurement_timeout,
-            // Every state is answered at once here, whatever the age of the frames.
+            // Every state is answered at once, however old the camera's frames are.
             lockstep: false,
         };
         let controller = Controller::with_tips(model.clone(), tip, more_tips, config)
@@ -279,7 +279,7 @@ impl VisualServo {
             carrier,
             second,
             camera: PoseCamera::new(camera.quality),
-            watch,
+            target,
             feature_frames: Vec::new(),
             X_FD: with_matrix(&goal),
             image: camera.image,
@@ -299,10 +299,10 @@ impl VisualServo {
         let stamp = Stamp::from_nanos(stamp.as_nanos());
         let robot = &world.robot;
         let X_BE = (robot.workspace()).X_BF(self.control_loop.controller().tip());
-        let X_WB = told(&robot.state().X_WB(robot.workspace()));
+        let X_WB = message_round_trip(&robot.state().X_WB(robot.workspace()));
         let of_target = |index: usize| {
             let target = &world.targets[index].body;
-            told(&target.state().X_WB(target.workspace()))
+            message_round_trip(&target.state().X_WB(target.workspace()))
         };
         let X_WF = self.carrier.map_or_else(Pose::identity, of_target);
         let X_BD = X_WB.inverse() * (X_WF * self.X_FD);
@@ -311,10 +311,12 @@ impl VisualServo {
             frames.push(through_message(&frame));
         }
         self.feature_frames.clear();
-        if let Some(watched) = &mut self.watch {
-            let X_WC = X_WB * robot.workspace().X_BF(&watched.camera);
-            watched.watch.show(time, &X_WC, &of_target(watched.index));
-            while let Some(frame) = watched.watch.deliver(time) {
+        if let Some(tracked) = &mut self.target {
+            let X_WC = X_WB * robot.workspace().X_BF(&tracked.camera);
+            tracked
+                .target_camera
+                .show(time, &X_WC, &of_target(tracked.index));
+            while let Some(frame) = tracked.target_camera.deliver(time) {
                 self.feature_frames.push(frame);
             }
         }

@@ -86,7 +86,7 @@ impl SimulatedBag {
                 Some(ServoTopics {
                     tip_pose: add(w, &topics::TIP_POSE)?,
                     goal_pose: add(w, &topics::SEEN_GOAL)?,
-                    features: match run.watches_target() {
+                    features: match run.tracks_target() {
                         true => Some(add(w, &topics::FEATURES)?),
                         false => None,
                     },
@@ -154,10 +154,10 @@ impl SimulatedBag {
         let base = self.frames.base().to_owned();
         let w = &mut self.writer;
         for frame in moment.frames {
-            let tip = camera::seen(frame.time, &base, &frame.X_BE);
+            let tip = camera::pose_message(frame.time, &base, &frame.X_BE);
             w.write_message(servo.tip_pose, log, &tip)?;
             if let Some(X_BD) = &frame.X_BD {
-                let goal = camera::seen(frame.time, &base, X_BD);
+                let goal = camera::pose_message(frame.time, &base, X_BD);
                 w.write_message(servo.goal_pose, log, &goal)?;
             }
         }

@@ -1,4 +1,4 @@
-//! Between what a camera sees of a body and the messages that carry it.
+//! Conversions between the camera's feature frames and messages.
 
 use std::collections::BTreeSet;
 
@@ -8,7 +8,7 @@ use crate::{
     vision::{Feature, Pinhole, Sighting},
 };
 
-/// A frame of features as a message; ids beyond 32 bits, which no camera of ours gives, are left out.
+/// A feature frame as a message. Features with ids beyond 32 bits are left out; fuyu's cameras give none.
 pub fn sighting_to_msg(sighting: &Sighting, frame_id: &str) -> FeatureTracks {
     let features = sighting.features.iter();
     let known = features.filter_map(|f| Some((u32::try_from(f.id).ok()?, f)));
@@ -27,10 +27,10 @@ pub fn sighting_to_msg(sighting: &Sighting, frame_id: &str) -> FeatureTracks {
     message
 }
 
-/// A message as a frame of features.
+/// A message as a feature frame.
 ///
 /// # Errors
-/// Says which list or pixel is wrong.
+/// Names the list or feature that is wrong.
 pub fn sighting_from_msg(message: &FeatureTracks) -> Result<Sighting, String> {
     let (ids, u, v) = (message.ids.len(), message.u.len(), message.v.len());
     if ids != u || ids != v {
@@ -66,10 +66,10 @@ pub fn sighting_from_msg(message: &FeatureTracks) -> Result<Sighting, String> {
     Ok(Sighting::new(time, features))
 }
 
-/// The camera that a calibration describes.
+/// The camera of a calibration.
 ///
 /// # Errors
-/// Says what cannot be: a focal length that is not positive, distortion (features must be rectified).
+/// When a focal length is not positive, or the lens distorts: features must come from a rectified image.
 pub fn pinhole_from_msg(info: &CameraInfo) -> Result<Pinhole, String> {
     let camera = Pinhole {
         fx: info.k[0],
@@ -101,14 +101,14 @@ mod tests {
     }
 
     #[test]
-    fn a_frame_survives_the_way_through_a_message() {
+    fn a_frame_is_unchanged_by_a_message() {
         let message = sighting_to_msg(&sighting(), "camera_optical_frame");
         assert_eq!(message.header.frame_id, "camera_optical_frame");
         assert_eq!(sighting_from_msg(&message), Ok(sighting()));
     }
 
     #[test]
-    fn what_is_wrong_with_a_frame_is_named() {
+    fn errors_name_what_is_wrong_with_a_frame() {
         let good = sighting_to_msg(&sighting(), "camera");
         let refused = |change: fn(&mut FeatureTracks)| {
             let mut message = good.clone();
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_cannot_be_is_refused() {
+    fn an_impossible_camera_is_refused() {
         let mut info = CameraInfo {
             k: [800.0, 0.0, 319.5, 0.0, 810.0, 239.5, 0.0, 0.0, 1.0],
             ..CameraInfo::default()

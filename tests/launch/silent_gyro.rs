@@ -10,7 +10,9 @@ use crate::{
     peer::Peer,
     process::{GENTLE, Running, command, source},
     starvation::in_time,
-    view::{DIAGNOSTICS, JOINT_STATE, diagnosed, fresh, now, numbers, tip_in_world, told, watch_tip},
+    view::{
+        DIAGNOSTICS, JOINT_STATE, diagnosed, fresh, now, numbers, tip_in_world, told, watch_tip,
+    },
     waiting::{PATIENCE, eventually},
 };
 
@@ -57,7 +59,13 @@ fn a_gyro_that_falls_silent_is_reported_and_not_used() {
     in_time(|| {
         let domain = 12;
         let (_folder, config) = without_controller();
-        let late = ["--duration", "600", "--ros-args", "-p", "camera:latency:=0.1"];
+        let late = [
+            "--duration",
+            "600",
+            "--ros-args",
+            "-p",
+            "camera:latency:=0.1",
+        ];
         let mut launch = Running::launch(domain, &config, &late);
         let mut controller = command("controller", domain);
         // Without the name of the node before the parameter.
@@ -92,7 +100,9 @@ fn a_gyro_that_falls_silent_is_reported_and_not_used() {
             level == 0 && text.starts_with("steering")
         });
         let after = misjudged(&mut peer);
-        println!("the position error is misjudged by {wild:.3} m, and by {after:.3} m without gyro");
+        println!(
+            "the position error is misjudged by {wild:.3} m, and by {after:.3} m without gyro"
+        );
         assert!(after < 0.05, "{after}");
         let finite = |state: &Value| numbers(&state["effort"]).iter().all(|e| e.is_finite());
         assert!(fresh(&mut peer, "joint_states", 20).iter().all(finite));

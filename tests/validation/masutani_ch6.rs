@@ -99,7 +99,9 @@ fn gains_do_not_move_the_unstable_region() {
 fn the_runs_go_as_the_reference_in_the_stable_and_the_unstable_region() {
     let all: Value = serde_json::from_str(include_str!("fixtures/masutani_ch6_runs.json")).unwrap();
     for (name, example) in [("stable_approx", STABLE), ("unstable_approx", UNSTABLE)] {
-        let mut run = example.start(JacobianKind::FixedBase).by(Method::Rk4);
+        let mut run = example
+            .start(JacobianKind::FixedBase)
+            .with_method(Method::Rk4);
         for sample in all[name]["samples"].as_array().unwrap() {
             let theirs = numbers(sample);
             if theirs[0] > 0.0 {

@@ -34,7 +34,7 @@ fn the_plain_and_the_rotated_law_go_as_the_reference() {
             start: numbers(&run["q0"]).try_into().unwrap(),
             goal: numbers(&run["target"]).try_into().unwrap(),
         };
-        let mut robot = task.start(config(steering)).by(Method::Rk4);
+        let mut robot = task.start(config(steering)).with_method(Method::Rk4);
         for sample in run["samples"].as_array().unwrap() {
             let theirs = numbers(sample);
             if theirs[0] > 0.0 {

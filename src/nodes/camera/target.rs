@@ -1,6 +1,6 @@
-//! The camera node's endpoints for the target that it watches.
+//! The camera node's endpoints for the target whose features it tracks.
 
-use super::watch::{CAMERA_FRAME, Watch};
+use super::target_camera::{CAMERA_FRAME, TargetCamera};
 use crate::{
     control::StampPairs,
     msg::{fuyu_msgs::FeatureTracks, nav_msgs::Odometry},
@@ -14,7 +14,7 @@ use crate::{
     spatial::Pose,
 };
 
-/// The truth about a target, and what the camera tracks of it.
+/// A target's true pose, and the features that the camera tracks.
 pub struct TargetTopics {
     odometry: Subscription<Odometry>,
     features: Publisher<FeatureTracks>,
@@ -24,7 +24,7 @@ pub struct TargetTopics {
 }
 
 impl TargetTopics {
-    /// Endpoints to watch the target called `target`.
+    /// Endpoints for the target called `target`.
     ///
     /// # Errors
     /// When the node cannot subscribe or publish.
@@ -40,7 +40,7 @@ impl TargetTopics {
         })
     }
 
-    /// Takes in where the camera is in the world.
+    /// Adds the camera's pose in the world.
     pub fn camera_at(&mut self, stamp: Time, X_WC: Result<Pose, String>) {
         match X_WC {
             Ok(X_WC) => self.truth.push_first(stamp, X_WC),
@@ -48,8 +48,8 @@ impl TargetTopics {
         }
     }
 
-    /// Shows the camera every instant of which all is known, and publishes what it delivers.
-    pub fn watch(&mut self, watch: &mut Watch) {
+    /// Shows the camera every state whose two poses have arrived, and publishes the frames that it delivers.
+    pub fn track(&mut self, camera: &mut TargetCamera) {
         while let Some(received) = self.odometry.take() {
             let message = received.message;
             match pose_from_msg(&message.pose.pose) {
@@ -62,19 +62,19 @@ impl TargetTopics {
         }
         while let Some((stamp, X_WC, X_WT)) = self.truth.pop() {
             let time = stamp.as_secs_f64();
-            watch.show(time, &X_WC, &X_WT);
-            while let Some(sighting) = watch.deliver(time) {
+            camera.show(time, &X_WC, &X_WT);
+            while let Some(frame) = camera.deliver(time) {
                 self.features
-                    .publish(&sighting_to_msg(&sighting, CAMERA_FRAME));
-                let seen = sighting.features.len();
-                if seen == 0 {
+                    .publish(&sighting_to_msg(&frame, CAMERA_FRAME));
+                let count = frame.features.len();
+                if count == 0 {
                     self.status.warn("the target is out of sight");
                 } else {
-                    self.status.ok(format!("tracking {}", watch.target));
+                    self.status.ok(format!("tracking {}", camera.target));
                 }
-                self.status.set("features in sight", seen);
+                self.status.set("features in sight", count);
             }
         }
-        self.status.set("frames lost", watch.lost());
+        self.status.set("frames lost", camera.lost());
     }
 }

@@ -176,7 +176,7 @@ fn control_loop(
 /// The frame of the second tip, if `link` names one.
 ///
 /// # Errors
-/// Names the links that there are.
+/// Lists the robot's links.
 pub fn second_tip(model: &Model, link: &str) -> Result<Vec<Frame>, String> {
     if link.is_empty() {
         return Ok(Vec::new());
