@@ -1,4 +1,4 @@
-# Recipes for daily work (https://just.systems). The steps of CI are those of .ci/run.
+# Recipes for daily work (https://just.systems). CI runs the steps of .ci/run.
 
 # list the recipes
 default:
@@ -16,7 +16,11 @@ simulate CONFIG="config/positioning.yaml" *ARGS:
 test *ARGS:
     cargo test --release {{ARGS}}
 
-# measure: cost of a step, of a Jacobian and of whatever else benches/ has
+# the same with the profile for daily work: an edit rebuilds only what it changed
+quick *ARGS:
+    cargo test --profile quick {{ARGS}}
+
+# the benchmarks in benches/
 bench *ARGS:
     cargo bench {{ARGS}}
 
@@ -28,7 +32,7 @@ soak *SECONDS:
 format:
     cargo fmt --all
 
-# one or more steps of CI: fmt, lint, doc, test, colcon, embed, bench
+# one or more steps of CI: fmt, lint, doc, msrv, test, slow, colcon, embed, bench
 step +STEPS:
     .ci/run {{STEPS}}
 
@@ -41,9 +45,15 @@ lint: (step "lint")
 # the documentation, without a warning
 doc: (step "doc")
 
+# compile with the oldest Rust that is supported
+msrv: (step "msrv")
+
+# the tests that take ten seconds to minutes each
+slow: (step "slow")
+
 # both packages as a colcon workspace builds them
 colcon: (step "colcon")
 
-# all that CI does
+# all steps of CI
 ci:
     .ci/run

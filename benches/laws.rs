@@ -8,8 +8,8 @@ use std::time::Instant;
 
 use fuyu::control::prediction::Prediction;
 use fuyu::control::{
-    BaseTask, Controller, ControllerConfig, Gains, JacobianKind, JointPdGains, LawKind,
-    Measurement, OperationalConfig, Resolution, ResolvedRate, ResolvedRateConfig, Saturation,
+    BaseTask, Controller, ControllerConfig, Gains, JacobianKind, JointPdConfig, LawConfig, LawKind,
+    Measurement, OperationalSpaceConfig, Resolution, ResolvedRate, ResolvedRateConfig, Saturation,
     Shaping, StraightPathConfig, TipMeasurement, TipTask,
 };
 use fuyu::dynamics::Workspace;
@@ -150,24 +150,24 @@ fn main() {
     };
     let n = arm.model.dof();
     for (how, prediction, every) in predictions {
-        let with = |law| ControllerConfig {
+        let with = |law: LawConfig| ControllerConfig {
             prediction,
-            joint_pd: JointPdGains { k_p: vec![1.0; n] },
             ..ControllerConfig::new(law, arm.gains())
         };
         for (name, law) in LawKind::NAMES {
             if law == LawKind::StraightPath {
                 for (shape, shaping) in Shaping::NAMES {
                     for (load, period) in [("", 0.0), (", with its load", 0.01)] {
-                        let config = ControllerConfig {
-                            straight_path: straight(shaping, period),
-                            ..with(law)
-                        };
+                        let config = with(straight(shaping, period).into());
                         let what = format!("`{name}` by {shape}{load}{how}");
                         row("6 joints", &what, arm.step(config, every));
                     }
                 }
             } else {
+                let law = match law {
+                    LawKind::JointPd => JointPdConfig { k_p: vec![1.0; n] }.into(),
+                    law => law.into(),
+                };
                 row(
                     "6 joints",
                     &format!("`{name}`{how}"),
@@ -176,14 +176,14 @@ fn main() {
             }
         }
         for (name, base) in BaseTask::NAMES {
+            let law = OperationalSpaceConfig {
+                tips: vec![TipTask::Pose, TipTask::Pose],
+                base,
+                ..OperationalSpaceConfig::default()
+            };
             let config = ControllerConfig {
                 prediction,
-                operational: OperationalConfig {
-                    tips: vec![TipTask::Pose, TipTask::Pose],
-                    base,
-                    ..OperationalConfig::default()
-                },
-                ..ControllerConfig::new(LawKind::OperationalSpace, arms.gains())
+                ..ControllerConfig::new(law, arms.gains())
             };
             let what = format!("two poses, `base_task: {name}`{how}");
             row("2 arms of 7", &what, arms.step(config, every));

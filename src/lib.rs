@@ -1,27 +1,33 @@
 //! Free-floating space robots as ROS 2 nodes: simulation and control without a ROS installation.
 //!
-//! fuyu (浮遊, floating) is a program first; `README.md` says what it does. This is the library below it.
+//! fuyu (浮遊, floating) is a program; `README.md` describes it. This is its library.
 //!
 //! # Layers
 //!
-//! Imports run downward only; `ARCHITECTURE.md` has the picture.
+//! Three packages. This one joins the other two, which do not know each other, and re-exports them.
 //!
-//! | module | holds | needs |
+//! | package | module | contains |
 //! | --- | --- | --- |
-//! | [`spatial`] | rotations, twists, wrenches, inertias | |
-//! | [`model`] | a URDF compiled into bodies, joints and frames | |
-//! | [`dynamics`] | kinematics, momentum, generalized Jacobian, forward dynamics, integrators | |
-//! | [`control`], [`vision`] | control laws; what a camera on the moving base measures | |
-//! | [`estimation`] | the motion of an unknown tumbling body | |
-//! | `msg`, `ros`, `bag` | ROS 2 messages; nodes over DDS; rosbag2 recordings | `ros` |
-//! | `nodes` | dynamics, camera, controller and recorder as ROS 2 nodes | `ros` |
-//! | `experiments` | closed loops without DDS; what recorded runs show; published examples | `ros`, the last without |
-//! | `cli` | the command line | `ros` |
+//! | `fuyu-physics` | [`spatial`] | rotations, twists, wrenches, inertias |
+//! | | [`model`] | a URDF compiled into bodies, joints and frames |
+//! | | [`dynamics`] | kinematics, momentum, generalized Jacobian, forward dynamics, integrators |
+//! | | [`control`] | control laws and the controller |
+//! | | [`vision`] | what a camera on the moving base measures |
+//! | | [`estimation`] | the motion of an unknown tumbling body |
+//! | `fuyu-ros` | `msg` | ROS 2 messages and services, CDR, schemas |
+//! | | `ros` | nodes over DDS: endpoints, parameters, lifecycle, actions |
+//! | | `bag` | rosbag2 recordings |
+//! | `fuyu` | `nodes` | the ROS 2 nodes, and scenario files |
+//! | | `experiments` | closed loops without DDS; evaluation of recorded runs; published examples |
+//! | | `cli` | the command line |
+//!
+//! `fuyu-physics` has no ROS and reads no files; `fuyu-ros` has no physics. Inside a package, imports go from a module to
+//! those above it in the table; `ARCHITECTURE.md` has the picture.
 //!
 //! # Features
 //!
-//! `ros` (default) is everything that touches a graph, a file or a terminal. Without it fuyu is a small
-//! physics library that another program can embed:
+//! `ros` (default) adds `fuyu-ros`, the nodes and the command line. Without it fuyu is the physics, and those published
+//! examples that need nothing else, for other programs to embed:
 //!
 //! ```toml
 //! fuyu = { version = "0.1", default-features = false }
@@ -53,7 +59,7 @@
 //! workspace.fixed_base_jacobian(tip, &mut fixed);
 //! workspace.generalized_jacobian(tip, &mut generalized);
 //!
-//! // The base turns the other way and gives way, so the tip turns less than the joint does.
+//! // The base turns the other way, so the tip turns less than the joint.
 //! assert_eq!(fixed[(5, 0)], 1.0);
 //! assert!(generalized[(5, 0)] > 0.0 && generalized[(5, 0)] < 1.0);
 //! # Ok::<(), fuyu::model::UrdfError>(())
@@ -61,14 +67,13 @@
 //!
 //! # Notation, units, sources
 //!
-//! Quantities carry their frames in their names, in monogram style (`X_AB`, `R_WB`, `w_WB_B`); [`spatial`]
-//! has the table. All units are SI, frames and axes those of REP-103 and REP-105.
+//! Names of quantities contain their frames, in monogram notation (`X_AB`, `R_WB`, `w_WB_B`); [`spatial`] has the table.
+//! Units are SI, frames and axes those of REP-103 and REP-105.
 //!
-//! Every formula that is not a textbook's names its source, such as "Masutani 1995 eq. (4.36)": Y. Masutani
+//! Every formula that is not from a textbook cites its source, such as "Masutani 1995 eq. (4.36)": Y. Masutani
 //! (升谷 保博), 浮遊型宇宙ロボットによる物体捕捉のための計測と制御 (measurement and control for the capture of objects
 //! by floating space robots), doctoral thesis, Osaka University, 1995,
-//! [doi:10.11501/3105001](https://doi.org/10.11501/3105001). Where the print is wrong, the corrected form
-//! stands and the comment says so. "TR-942" is Y. Ohkami (狼 嘉彰) et al., Formulation methods of rigid multibody
+//! [doi:10.11501/3105001](https://doi.org/10.11501/3105001). Misprints are corrected, and the comment says so. "TR-942" is Y. Ohkami (狼 嘉彰) et al., Formulation methods of rigid multibody
 //! systems for large space structures and some results of computer simulation
 //! (多剛体宇宙構造物のモデリング手法とシミュレーション結果), Technical Report TR-942, National Aerospace Laboratory, 1987.
 
@@ -80,7 +85,7 @@ pub use fuyu_ros::{bag, msg, ros};
 pub mod cli;
 #[cfg(feature = "ros")]
 pub mod experiments;
-/// Published examples; with the feature `ros` also closed loops and what recorded runs show.
+/// Published examples; with the feature `ros` also closed loops and the evaluation of recorded runs.
 #[cfg(not(feature = "ros"))]
 pub mod experiments {
     mod continuous_loop;

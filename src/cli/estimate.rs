@@ -1,4 +1,4 @@
-//! `fuyu estimate`: how a tumbling body moves, from a recording of it.
+//! `fuyu estimate`: motion of a tumbling body from a recording.
 
 use std::{fmt::Write as _, path::PathBuf};
 
@@ -8,7 +8,7 @@ use serde::Serialize;
 use super::{Failure, print};
 use crate::{
     estimation::{
-        Estimated, Method, Tracks,
+        Estimated, EstimationMethod, Tracks,
         bundle::{self, CameraMotion},
         estimate, from_rates,
     },
@@ -17,11 +17,11 @@ use crate::{
     vision::Pinhole,
 };
 
-/// How a tumbling body moves, and how it will, from a recording of it
+/// Estimate and predict the motion of a tumbling body from a recording
 ///
 /// INPUT is a bag with `camera/features`, or a CSV table whose first line names its columns: t,id,u,v (feature
 /// tracks: s, a whole number, px with pixel centres at integers) or t,wx,wy,wz (angular velocity in the camera's
-/// axes: s, rad/s). All results are in the camera's axes as they are at the last frame.
+/// axes: s, rad/s). All results are in the camera's axes at the last frame.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Bag (folder or .mcap file) or CSV file
@@ -29,7 +29,7 @@ pub struct Args {
     input: PathBuf,
     /// bundle (default for tracks) or masutani1995 (the only one for angular velocity)
     #[arg(long, value_name = "METHOD", value_parser = method)]
-    method: Option<Method>,
+    method: Option<EstimationMethod>,
     /// Focal length along rows [px]; a bag has it in camera/camera_info
     #[arg(long, value_name = "PX")]
     fx: Option<f64>,
@@ -42,13 +42,13 @@ pub struct Args {
     /// Row of the optical axis [px]
     #[arg(long, value_name = "PX", allow_negative_numbers = true)]
     cy: Option<f64>,
-    /// Estimate the focal length, too, from the given one on (bundle)
+    /// Estimate the focal length as well, starting from the given one (bundle)
     #[arg(long)]
     focal_length: bool,
     /// Standard deviation of an image coordinate [px] (bundle)
     #[arg(long, value_name = "PX", default_value_t = 0.3, value_parser = super::positive)]
     pixel_noise: f64,
-    /// How far the prediction reaches after the last frame [s]
+    /// Length of the prediction after the last frame [s]
     #[arg(long, value_name = "S", default_value_t = 30.0, value_parser = super::positive_seconds)]
     predict: f64,
     /// Attitudes per second of the prediction [Hz]
@@ -59,25 +59,30 @@ pub struct Args {
     json: bool,
 }
 
-fn method(name: &str) -> Result<Method, String> {
-    let found = Method::NAMES.iter().find(|(known, _)| *known == name);
+fn method(name: &str) -> Result<EstimationMethod, String> {
+    let found = EstimationMethod::NAMES
+        .iter()
+        .find(|(known, _)| *known == name);
     found.map(|(_, method)| *method).ok_or_else(|| {
-        let names: Vec<_> = Method::NAMES.iter().map(|(name, _)| *name).collect();
-        format!("there are {}", names.join(" and "))
+        let names: Vec<_> = EstimationMethod::NAMES
+            .iter()
+            .map(|(name, _)| *name)
+            .collect();
+        format!("available methods are {}", names.join(" and "))
     })
 }
 
-/// Most attitudes that a prediction may hold.
-const MOST_PREDICTED: f64 = 1e6;
+/// Largest number of attitudes in a prediction.
+const MAX_PREDICTED: f64 = 1e6;
 
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure::Input`] for what cannot be read or is no recording of a turning body.
+/// [`Failure::Input`] if the input cannot be read, or is not a recording of a rotating body.
 pub fn run(args: &Args) -> Result<(), Failure> {
-    if args.predict * args.predict_rate > MOST_PREDICTED {
+    if args.predict * args.predict_rate > MAX_PREDICTED {
         return Err(Failure::Input(format!(
-            "--predict {} with --predict-rate {} are more than {MOST_PREDICTED:.0} attitudes; lower one of them",
+            "--predict {} with --predict-rate {} are more than {MAX_PREDICTED:.0} attitudes; lower one of them",
             args.predict, args.predict_rate
         )));
     }
@@ -85,10 +90,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     let found = match &observations {
         Observations::Tracks(observed) => from_tracks(args, observed)?,
         Observations::AngularVelocity(rates) => {
-            if args.method == Some(Method::Bundle) {
+            if args.method == Some(EstimationMethod::Bundle) {
                 return Err(input(
                     args,
-                    "--method bundle needs feature tracks; angular velocity is for masutani1995",
+                    "--method bundle needs feature tracks; for angular velocity use --method masutani1995",
                 ));
             }
             let estimated = from_rates(rates).map_err(|e| input(args, e))?;
@@ -103,7 +108,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     let report = Report::new(&found, args);
     if !args.json {
-        return print(&found.for_people(&report));
+        return print(&found.to_text(&report));
     }
     for note in &found.estimated.diagnosis {
         eprintln!("fuyu: note: {note}");
@@ -116,12 +121,12 @@ fn input(args: &Args, problem: impl std::fmt::Display) -> Failure {
     Failure::Input(format!("{}: {problem}", args.input.display()))
 }
 
-/// An estimate and what it is stated with.
+/// An estimate, with the camera's attitude and a description of the input.
 struct Found {
     estimated: Estimated,
     /// Time of the last observation \[s\].
     end: f64,
-    /// Attitude of the camera then in the axes of the estimate.
+    /// Attitude of the camera at that time in the inertial axes of the estimate.
     R_IC: UnitQuaternion<f64>,
     input: String,
     /// Unit of the residual.
@@ -146,36 +151,36 @@ fn from_tracks(args: &Args, observed: &ObservedTracks) -> Result<Found, Failure>
     Ok(Found {
         end,
         R_IC: options.camera_motion.lookup()(end),
-        input: described(tracks, end - start, observed.w_WC_C.is_empty()),
+        input: describe(tracks, end - start, observed.w_WC_C.is_empty()),
         unit: match method {
-            Method::Bundle => "px",
-            Method::Masutani1995 => "rad/s",
+            EstimationMethod::Bundle => "px",
+            EstimationMethod::Masutani1995 => "rad/s",
         },
         estimated,
     })
 }
 
-fn described(tracks: &Tracks, duration: f64, at_rest: bool) -> String {
-    let sightings = tracks.sightings();
-    let seen: usize = sightings.iter().map(|s| s.features.len()).sum();
+fn describe(tracks: &Tracks, duration: f64, at_rest: bool) -> String {
+    let frames = tracks.frames();
+    let features: usize = frames.iter().map(|s| s.features.len()).sum();
     let camera = match at_rest {
-        true => "taken to be at rest",
-        false => "its rotation taken out with the gyro",
+        true => "assumed not to rotate",
+        false => "rotation removed with the gyro",
     };
     format!(
         "{} frames over {duration:.1} s, {:.1} features each; camera {camera}",
-        sightings.len(),
-        seen as f64 / sightings.len().max(1) as f64
+        frames.len(),
+        features as f64 / frames.len().max(1) as f64
     )
 }
 
-/// The recording's camera with what the arguments say otherwise.
+/// The recording's calibration, with the values given as arguments instead of its own.
 fn camera(args: &Args, recorded: Option<Pinhole>) -> Result<Pinhole, Failure> {
     let missing = |name: &str| {
         input(
             args,
             format!(
-                "says nothing of the camera: give --{name} [px], and --fx --fy --cx --cy all four"
+                "contains no camera calibration: give --{name} [px], and all four of --fx --fy --cx --cy"
             ),
         )
     };
@@ -192,7 +197,7 @@ fn camera(args: &Args, recorded: Option<Pinhole>) -> Result<Pinhole, Failure> {
     Ok(camera)
 }
 
-/// What `--json` prints.
+/// Output of `--json`.
 #[derive(Serialize)]
 #[allow(non_snake_case)]
 struct Report {
@@ -200,8 +205,8 @@ struct Report {
     model: &'static str,
     J: Option<[f64; 3]>,
     alpha: f64,
-    angular_velocity: Vec<Rate>,
-    prediction: Vec<Attitude>,
+    angular_velocity: Vec<RateOutput>,
+    prediction: Vec<AttitudeOutput>,
     rms: f64,
     covariance: Option<[[f64; 4]; 4]>,
     focal_length: Option<f64>,
@@ -210,13 +215,13 @@ struct Report {
 }
 
 #[derive(Serialize)]
-struct Rate {
+struct RateOutput {
     t: f64,
     w: [f64; 3],
 }
 
 #[derive(Serialize)]
-struct Attitude {
+struct AttitudeOutput {
     t: f64,
     /// x, y, z, w.
     q: [f64; 4],
@@ -229,7 +234,7 @@ impl Report {
         let steps = (args.predict * args.predict_rate + 1e-9).floor() as u32;
         let time = |k: u32| found.end + f64::from(k) / args.predict_rate;
         let attitudes = (0..=steps).map(|k| estimated.seen_from(&found.R_IC, time(k)).0);
-        let prediction = (0..).zip(unwound(attitudes)).map(|(k, q)| Attitude {
+        let prediction = (0..).zip(unwound(attitudes)).map(|(k, q)| AttitudeOutput {
             t: time(k),
             q: [q.i, q.j, q.k, q.w],
         });
@@ -240,7 +245,7 @@ impl Report {
             J: motion.J().map(Into::into),
             alpha: motion.alpha(),
             angular_velocity: rates
-                .map(|(t, w)| Rate {
+                .map(|(t, w)| RateOutput {
                     t: *t,
                     w: (R_CI * w).into(),
                 })
@@ -258,7 +263,7 @@ impl Report {
 }
 
 impl Found {
-    fn for_people(&self, report: &Report) -> String {
+    fn to_text(&self, report: &Report) -> String {
         let mut out = String::new();
         // Writing to a string cannot fail.
         let mut row = |label: &str, value: String| {
@@ -275,18 +280,18 @@ impl Found {
             let d: Vec<_> = d.iter().map(|d| format!("{d:.1e}")).collect();
             format!("  +- {}", d.join("  "))
         };
-        let J = (report.J.as_ref()).map_or("not told by this motion".to_owned(), triple);
-        let known = deviations.map_or_else(String::new, |d| spread(&d[..3]));
-        row("J [s2]", J + &known);
-        let known = deviations.map_or_else(String::new, |d| spread(&d[3..]));
-        row("alpha [s2]", format!("{:.6}{known}", report.alpha));
+        let J = (report.J.as_ref()).map_or("not determined by this motion".to_owned(), triple);
+        let uncertainty = deviations.map_or_else(String::new, |d| spread(&d[..3]));
+        row("J [s2]", J + &uncertainty);
+        let uncertainty = deviations.map_or_else(String::new, |d| spread(&d[3..]));
+        row("alpha [s2]", format!("{:.6}{uncertainty}", report.alpha));
         let w: Vector3<f64> = self.estimated.seen_from(&self.R_IC, self.end).1;
         row(
             "angular velocity [rad/s]",
             format!("{} at {:.3} s", triple(&w.into()), self.end),
         );
         let n = self.R_IC.inverse() * self.estimated.motion.momentum_direction();
-        row("momentum along", triple(&n.into_inner().into()));
+        row("momentum direction", triple(&n.into_inner().into()));
         row("residual", format!("{:.4} {} rms", report.rms, self.unit));
         if let Some(focal) = report.focal_length {
             row("focal length [px]", format!("{focal:.2}"));

@@ -1,4 +1,4 @@
-//! `fuyu inspect`: what a robot weighs, and how its tip and base answer its joints.
+//! `fuyu inspect`: mass properties, Jacobians and inertias of a robot.
 
 use std::fmt::Write;
 use std::path::PathBuf;
@@ -14,14 +14,14 @@ use crate::spatial::Twist;
 
 /// Mass properties, Jacobians and reduced inertia of a robot
 ///
-/// Prints the generalized Jacobian beside that of a fixed base (linear rows first: the tip's origin in
+/// Prints the generalized and the fixed-base Jacobian (linear rows first: the tip's origin in
 /// inertial space, in base axes), the base map (velocity of the base's centre of mass and angular velocity
 /// of the base per unit joint rate at zero momentum) and the reduced inertia. SI units.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Robot description
     urdf: PathBuf,
-    /// Joint positions [rad or m], such as 0.5,-1,0; zero if not given
+    /// Joint positions [rad or m], such as 0.5,-1,0; default: zero
     #[arg(long, value_name = "A,B,..", allow_hyphen_values = true)]
     q: Option<Numbers>,
     /// Joint rates [rad/s or m/s]; adds momentum and kinetic energy
@@ -30,10 +30,10 @@ pub struct Args {
     /// Joint efforts [N m or N]; adds the joint accelerations of the free-floating robot
     #[arg(long, value_name = "A,B,..", allow_hyphen_values = true)]
     tau: Option<Numbers>,
-    /// Twist of the base's centre of mass in base axes [m/s, rad/s]; without it the momentum is zero
+    /// Twist of the base's centre of mass in base axes [m/s, rad/s]; default: that of zero momentum
     #[arg(long, value_name = "VX,VY,VZ,WX,WY,WZ", allow_hyphen_values = true)]
     base_twist: Option<Numbers>,
-    /// Link whose origin is the tip; tool0, or else the last leaf
+    /// Link whose origin is the tip; default: tool0, or the last leaf
     #[arg(long, value_name = "LINK")]
     tip: Option<String>,
     /// One JSON object on stdout
@@ -67,7 +67,7 @@ fn tip<'m>(model: &'m Model, name: Option<&str>) -> Result<&'m Frame, Failure> {
                 known.join(", ")
             ))
         }),
-        // Frames come depth first, so that the last one is a leaf.
+        // Frames are in depth-first order, so the last one is a leaf.
         None => Ok(model
             .frame("tool0")
             .unwrap_or_else(|| &model.frames()[model.frames().len() - 1])),
@@ -116,7 +116,7 @@ struct Report {
     base_map: DMatrix<f64>,
     #[serde(serialize_with = "rows")]
     reduced_inertia: DMatrix<f64>,
-    /// Base axes, angular about the system's centre of mass, as the bodies carry it.
+    /// In base axes, angular about the system's centre of mass; the sum over the bodies.
     #[serde(skip_serializing_if = "Option::is_none")]
     momentum: Option<MomentumReport>,
     #[serde(skip_serializing_if = "Option::is_none")]
@@ -143,7 +143,7 @@ impl Report {
         workspace.set_positions(model, &state.q);
         if let Some(twist) = &args.base_twist {
             let V_WB_B = base_twist(twist, &model.bodies()[0].inertia.com)?;
-            // The base frame is put at the world's origin with its axes: components in W and B agree.
+            // The base frame coincides with the world frame, so components in W and B are equal.
             state.set_base(model, &mut workspace, &Isometry3::identity(), &V_WB_B);
         }
         workspace.set_motion(&state);
@@ -251,7 +251,7 @@ impl Report {
             &self.fixed_base_jacobian,
         );
         section(
-            "base map (the base's centre of mass and its turning, at zero momentum)",
+            "base map (velocity of the base's centre of mass and angular velocity, at zero momentum)",
             &VELOCITY,
             &self.base_map,
         );

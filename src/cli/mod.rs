@@ -1,4 +1,4 @@
-//! The `fuyu` command line: one file a command, each with its `Args` and its `run`.
+//! The `fuyu` command line: one file per command, with its `Args` and `run`.
 
 mod bag;
 mod estimate;
@@ -52,16 +52,16 @@ impl Command {
     }
 }
 
-/// Why a command did not end well. Displayed on stderr, a line per problem.
+/// Why a command failed. Printed on stderr, one line per problem.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum Failure {
-    /// What the user gave is wrong: a file, a value, a name. Exit code 2.
+    /// Invalid input: a file, a value, a name. Exit code 2.
     #[error("{0}")]
     Input(String),
-    /// The command ran, but what it checked does not hold. Exit code 1.
+    /// The command ran, but a check failed. Exit code 1.
     #[error("{0}")]
     Check(String),
-    /// The world did not play along: a full disk, a port in use. Exit code 1.
+    /// An error of the environment: a full disk, a port in use. Exit code 1.
     #[error("{0}")]
     Runtime(String),
 }
@@ -75,8 +75,8 @@ impl Failure {
     }
 }
 
-/// Runs the command that the process's arguments name; returns its exit code (0 done, 1 ran but a
-/// check failed, 2 bad input).
+/// Runs the command given by the process's arguments and returns its exit code (0 done, 1 ran but a check failed, 2
+/// invalid input).
 pub fn main() -> ExitCode {
     let mut args: Vec<String> = std::env::args().collect();
     let ros_args = match args.iter().position(|arg| arg == "--ros-args") {
@@ -90,7 +90,7 @@ pub fn main() -> ExitCode {
         Err(failure) => {
             for line in failure.to_string().lines() {
                 let line = line.replace('\r', " ");
-                // Nobody is left to tell if stderr is closed.
+                // If stderr is closed, there is nowhere to report it.
                 let _ = writeln!(io::stderr(), "fuyu: error: {line}");
             }
             failure.exit_code()
@@ -99,8 +99,7 @@ pub fn main() -> ExitCode {
 }
 
 fn no_ros_args() -> Failure {
-    let text =
-        "--ros-args: only `fuyu launch` and `fuyu bag play` start nodes that could take them";
+    let text = "--ros-args: only `fuyu launch` and `fuyu bag play` accept them";
     Failure::Input(text.to_owned())
 }
 
@@ -118,7 +117,7 @@ fn read_model(path: &Path) -> Result<Model, Failure> {
     Model::from_urdf(&xml, &source).map_err(|e| Failure::Input(e.to_string()))
 }
 
-/// Writes a command's result to stdout. A reader that has seen enough (`fuyu ... | head`) is no error.
+/// Writes a command's result to stdout. A closed pipe (`fuyu ... | head`) is not an error.
 fn print(text: &str) -> Result<(), Failure> {
     let mut stdout = io::stdout().lock();
     match stdout
@@ -161,7 +160,7 @@ fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
-/// A time that a run can last.
+/// A positive duration in seconds.
 fn positive_seconds(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(seconds) if seconds > 0.0 && seconds.is_finite() => Ok(seconds),

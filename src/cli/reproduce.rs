@@ -1,4 +1,4 @@
-//! `fuyu reproduce`: published results beside computed ones.
+//! `fuyu reproduce`: published results compared with computed ones.
 
 use serde::Serialize;
 use std::path::PathBuf;
@@ -7,7 +7,7 @@ use std::time::Instant;
 use super::{Failure, print};
 use crate::experiments::reproduce::{ALL, Report, Reproduction};
 
-/// Computes a published result anew: table, pictures, verdict.
+/// Compares a published result with the computed one: table, pictures, verdict.
 ///
 /// Exit code 1 if a number is not reproduced.
 #[derive(Debug, clap::Args)]
@@ -22,12 +22,12 @@ pub struct Args {
     /// Print one JSON object
     #[arg(long)]
     json: bool,
-    /// Print the names, one a line, and nothing else
+    /// Print only the names, one per line
     #[arg(long, exclusive = true)]
     list: bool,
 }
 
-/// What `fuyu reproduce all --json` prints.
+/// The JSON of `fuyu reproduce all --json`.
 #[derive(Serialize)]
 struct All<'a> {
     passed: bool,
@@ -37,8 +37,8 @@ struct All<'a> {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure::Input`] for an unknown name or a folder that cannot be made, [`Failure::Check`] if something
-/// is not reproduced, [`Failure::Runtime`] if a file cannot be written.
+/// [`Failure::Input`] for an unknown name or a folder that cannot be created, [`Failure::Check`] if a result is not
+/// reproduced, [`Failure::Runtime`] if a file cannot be written.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let Some(name) = args.name.as_deref().filter(|_| !args.list) else {
         let list: String = ALL.iter().map(|r| format!("{}\n", r.name)).collect();
@@ -52,7 +52,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if let Some(folder) = &args.output {
         std::fs::create_dir_all(folder).map_err(|e| {
             let folder = folder.display();
-            Failure::Input(format!("--output {folder}: cannot be made: {e}"))
+            Failure::Input(format!("--output {folder}: cannot be created: {e}"))
         })?;
     }
     let mut reports = Vec::new();
@@ -72,7 +72,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
             report.save(folder).map_err(Failure::Runtime)?;
         }
         if !args.json {
-            // As soon as it is there.
+            // Print each report as soon as it is complete.
             let gap = if reports.is_empty() { "" } else { "\n" };
             print(&format!("{gap}{}", report.table()))?;
         }
@@ -115,7 +115,7 @@ fn unknown(name: &str) -> Failure {
     );
     let names: Vec<_> = ALL.iter().map(|r| r.name).collect();
     Failure::Input(format!(
-        "'{name}' is nothing that can be reproduced{hint} There are all, {}",
+        "'{name}' is not a known result{hint} The names are all, {}",
         names.join(", ")
     ))
 }

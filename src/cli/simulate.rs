@@ -10,8 +10,8 @@ use crate::{
     nodes::scenario::Scenario,
 };
 
-/// Simulates a scenario without DDS, as fast as the machine goes; the same scenario gives the same
-/// numbers to the bit.
+/// Simulates a scenario without DDS, as fast as possible; the same scenario gives bit-identical
+/// results.
 #[derive(clap::Args)]
 pub struct Args {
     /// Scenario: a ROS 2 parameter file
@@ -28,7 +28,7 @@ pub struct Args {
     json: bool,
 }
 
-/// What stops a simulation.
+/// Reasons for stopping a simulation.
 enum Stop {
     Physics(String),
     Bag(BagError),
@@ -49,8 +49,8 @@ impl From<BagError> for Stop {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure::Input`] for a wrong scenario or output folder, [`Failure::Runtime`] when the motion leaves
-/// the finite or the bag cannot be written.
+/// [`Failure::Input`] for an invalid scenario or output folder, [`Failure::Runtime`] when the state becomes non-finite or
+/// the bag cannot be written.
 pub fn run(args: &Args) -> Result<(), Failure> {
     let scenario = Scenario::read(&args.config).map_err(Failure::Input)?;
     scenario.check().map_err(Failure::Input)?;
@@ -96,7 +96,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     print(&text)
 }
 
-/// How it went, and since when the tip does not arrive, if at the end it does not.
+/// The results, and since when the tip has been in trouble, if it is at the end.
 fn simulate(
     closed_loop: &mut ClosedLoop,
     duration: f64,

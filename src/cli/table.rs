@@ -1,4 +1,4 @@
-//! Matrices as people read them.
+//! Matrices as text tables.
 
 use nalgebra::DMatrix;
 use std::fmt::Write;
@@ -34,7 +34,7 @@ pub(super) fn matrix(out: &mut String, rows: &[&str], columns: &[&str], matrix: 
     }
 }
 
-/// Six significant digits, scientific only where it must be.
+/// Six significant digits, in scientific notation only if necessary.
 pub(super) fn number(x: f64) -> String {
     let magnitude = x.abs();
     if (1e-4..1e6).contains(&magnitude) {

@@ -1,4 +1,4 @@
-//! Does the physics in a bag hold? What `fuyu bag check` asks of a recording.
+//! Physical checks of a recording: `fuyu bag check`.
 
 use nalgebra::Isometry3;
 use serde::Serialize;
@@ -10,21 +10,21 @@ use super::recorded_physics::{
 use super::topic_health::{TopicHealth, TopicWatch};
 use crate::bag::{Bag, Damage};
 
-/// How large a deviation may be.
+/// Limits of the checks.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct CheckLimits {
-    /// Change of momentum, relative to the momentum that the bodies carry or start with.
+    /// Change of momentum, relative to the initial momentum or the sum over the bodies.
     pub momentum: f64,
-    /// Energy that is not accounted for, relative to the energy that flowed. Efforts that change between
-    /// samples are not seen, hence no smaller.
+    /// Unexplained energy, relative to the energy exchanged. Not smaller, because changes of efforts between samples are
+    /// not recorded.
     pub energy: f64,
     /// Final distance of the tip from its goal \[m\].
     pub position: f64,
     /// Final angle of the tip from its goal \[rad\].
     pub attitude: f64,
-    /// Gap in a periodic topic, in median periods ...
+    /// Gap in a periodic topic, in median periods, that counts as a failure ...
     pub gap_periods: f64,
-    /// ... if it is also longer than this \[s\].
+    /// ... if it also exceeds this \[s\].
     pub gap_seconds: f64,
 }
 
@@ -41,47 +41,47 @@ impl Default for CheckLimits {
     }
 }
 
-/// How a check ended.
+/// Result of a check.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
 #[serde(rename_all = "lowercase")]
 pub enum Verdict {
-    /// It holds.
+    /// Within the limit.
     Passed,
-    /// It does not.
+    /// Beyond the limit.
     Failed,
-    /// The bag lacks what it needs.
+    /// The bag lacks the data.
     Skipped,
-    /// Worth knowing, but no failure.
+    /// Information, not a failure.
     Noted,
 }
 
 /// One line of the report.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CheckLine {
-    /// What was checked; behind a namespace if the robot has one.
+    /// Name of the check, with the robot's namespace in front if it has one.
     pub name: String,
-    /// How it ended.
+    /// Result.
     pub verdict: Verdict,
-    /// What was found.
+    /// Measured value.
     pub value: Option<f64>,
-    /// What is allowed.
+    /// Allowed value.
     pub limit: Option<f64>,
     /// Unit of both; empty for ratios and counts.
     pub unit: &'static str,
-    /// In words.
+    /// Explanation.
     pub detail: String,
 }
 
-/// What `fuyu bag check` reports.
+/// Report of `fuyu bag check`.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct CheckReport {
     /// The bag.
     pub bag: String,
-    /// Whether no check failed.
+    /// Whether all checks passed or were skipped.
     pub passed: bool,
     /// The checks.
     pub checks: Vec<CheckLine>,
-    /// How each topic came.
+    /// Health of each topic.
     pub topics: Vec<TopicHealth>,
 }
 
@@ -141,7 +141,7 @@ impl Report {
         });
     }
 
-    /// Passed if `value` is within `limit`; NaN is not.
+    /// Passed if `value` is within `limit`; NaN fails.
     fn compare(
         &mut self,
         name: &str,
@@ -164,12 +164,12 @@ impl Report {
 
     fn wholeness(&mut self, damage: &[Damage]) {
         match damage {
-            [] => self.add("recording", Verdict::Passed, None, "closed and whole"),
+            [] => self.add("recording", Verdict::Passed, None, "closed and intact"),
             [only] if only.what.contains("not closed") || only.what.contains("ends") => self.add(
                 "recording",
                 Verdict::Noted,
                 None,
-                format!("cut off: {}; checked up to there", only.what),
+                format!("truncated: {}; checked up to there", only.what),
             ),
             [first, ..] => self.add(
                 "recording",
@@ -202,7 +202,7 @@ impl Report {
         }
     }
 
-    /// The same from recorded velocities, whatever the dynamics node says about its momentum.
+    /// Momentum computed from recorded velocities, independent of `ground_truth/momentum`.
     fn momentum_from_motion(&mut self, run: &RecordedRun, limits: &CheckLimits) {
         const NAME: &str = "momentum from velocities";
         let moved = match motion_momentum(run) {
@@ -223,7 +223,7 @@ impl Report {
         );
     }
 
-    /// Kinetic energy against the work of joint efforts.
+    /// Kinetic energy compared with the work of joint efforts.
     fn energy(&mut self, run: &RecordedRun, limits: &CheckLimits) {
         const NAME: &str = "energy balance";
         let balance = match energy_balance(run) {
@@ -245,7 +245,7 @@ impl Report {
             relative,
             limits.energy,
             "",
-            format!("{residual:.1e} J not accounted for, of {flow:.3} J that flowed (peak kinetic energy {peak:.3} J)"),
+            format!("{residual:.1e} J unexplained, of {flow:.3} J exchanged (peak kinetic energy {peak:.3} J)"),
         );
     }
 
@@ -331,7 +331,7 @@ impl Report {
             |t| t.name.clone(),
         );
         self.count(
-            "numbers that are not finite",
+            "values that are not finite",
             topics,
             |t| t.not_finite.as_ref().map_or(0, |n| n.1),
             |t| {
@@ -340,7 +340,7 @@ impl Report {
             },
         );
         self.count(
-            "messages that do not decode",
+            "messages that cannot be decoded",
             topics,
             |t| t.malformed,
             |t| t.name.clone(),
@@ -351,8 +351,8 @@ impl Report {
             .map(|t| t.name.as_str())
             .collect();
         if !unknown.is_empty() {
-            let detail = format!("types that fuyu does not know: {}", unknown.join(", "));
-            self.add("not looked into", Verdict::Noted, None, detail);
+            let detail = format!("unknown types: {}", unknown.join(", "));
+            self.add("not checked", Verdict::Noted, None, detail);
         }
     }
 
@@ -380,7 +380,7 @@ fn deviation(a: &Isometry3<f64>, b: &Isometry3<f64>) -> (f64, f64) {
     )
 }
 
-/// The tip against the goal from tf, which neither the controller nor the camera makes.
+/// Tip and goal from tf, which depends on neither controller nor camera.
 fn true_tip_error(run: &RecordedRun) -> Option<(f64, f64)> {
     const TIP: &str = "tool0";
     run.frames.get(TIP)?;

@@ -1,4 +1,4 @@
-//! Pictures of a recorded run: what `fuyu bag plot` draws.
+//! Plots of a recorded run: `fuyu bag plot`.
 
 use std::collections::BTreeMap;
 use std::path::{Path, PathBuf};
@@ -13,13 +13,13 @@ use crate::model::JointKind;
 use crate::nodes::estimator::StaticRotations;
 use crate::spatial::roll_pitch_yaw_intrinsic;
 
-/// A residual of exactly zero has no logarithm; it is drawn here, below all rounding.
+/// Residuals of exactly zero are drawn at this value on a logarithmic axis, below all rounding.
 const RESIDUAL_FLOOR: f64 = 1e-17;
 
-/// Draws every picture that the bag has data for into `folder`; returns the paths, none if it has none.
+/// Draws every plot for which the bag has data into `folder`; returns the paths, empty without data.
 ///
 /// # Errors
-/// [`ChartError`] if a picture cannot be written.
+/// [`ChartError`] if a file cannot be written.
 pub fn plot_bag(bag: &Bag, folder: &Path) -> Result<Vec<PathBuf>, ChartError> {
     let mut runs = RecordedRuns::default();
     let mut estimations = Estimations::default();
@@ -69,7 +69,7 @@ pub fn plot_bag(bag: &Bag, folder: &Path) -> Result<Vec<PathBuf>, ChartError> {
     Ok(paths)
 }
 
-/// The stem of a picture's files; in a bag of namespaces both stem and title tell which.
+/// The stem of a plot's file names; in a bag with several namespaces stem and title contain the namespace.
 fn entitle(namespace: &str, name: &str, title: &mut String) -> String {
     let robot = namespace.trim_matches('/').replace('/', "_");
     if robot.is_empty() {
@@ -79,7 +79,7 @@ fn entitle(namespace: &str, name: &str, title: &mut String) -> String {
     format!("{robot}_{name}")
 }
 
-/// Estimates by namespace, and how frames sit on each other.
+/// Estimates by namespace, and the static transforms.
 #[derive(Default)]
 struct Estimations {
     robots: BTreeMap<String, RecordedEstimation>,
@@ -90,7 +90,7 @@ impl Estimations {
     fn accept(&mut self, message: &Message) {
         if message.topic.name.ends_with("/tf_static") {
             if let Ok(frames) = message.decode() {
-                // A rotation that is none leaves its frame without a place.
+                // A transform with an invalid rotation is ignored.
                 let _ = self.frames.take(frames);
             }
             return;
@@ -101,7 +101,7 @@ impl Estimations {
         });
     }
 
-    /// How the camera sits on the base.
+    /// Rotation of the camera relative to the base.
     fn mount(&self, estimation: &RecordedEstimation) -> Mount {
         let (base, camera) = (&estimation.base_frame, &estimation.camera_frame);
         self.frames.rotation(base, camera)

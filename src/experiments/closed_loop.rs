@@ -19,7 +19,7 @@ use crate::{
     },
     ros::Time,
     spatial::Pose,
-    vision::{PoseCamera, PoseFrame, Sighting},
+    vision::{FeatureFrame, PoseCamera, PoseFrame},
 };
 
 /// The closed loop of a scenario: what its nodes do over topics, in one thread and in the order of a graph in lockstep.
@@ -38,7 +38,7 @@ pub struct ClosedLoop {
 struct VisualServo {
     camera: PoseCamera,
     target: Option<TrackedTarget>,
-    feature_frames: Vec<Sighting>,
+    feature_frames: Vec<FeatureFrame>,
     control_loop: ControlLoop,
     /// The goal in its frame.
     X_FD: Pose,
@@ -77,7 +77,7 @@ pub struct Moment<'a> {
 /// The controller's answer to a state.
 pub struct Answer<'a> {
     /// Frames of features that the camera delivered at this state.
-    pub feature_frames: &'a [Sighting],
+    pub feature_frames: &'a [FeatureFrame],
     /// Which measurements were used, and what the controller decided.
     pub report: LoopReport,
     /// True deviation of the tip from the goal.

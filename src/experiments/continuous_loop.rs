@@ -3,7 +3,7 @@
 use nalgebra::DVector;
 
 use crate::control::{
-    Controller, ControllerConfig, GainError, LyapunovFunction, Measurement, PoseError,
+    ConfigError, Controller, ControllerConfig, LyapunovFunction, Measurement, PoseError,
     TipMeasurement,
 };
 use crate::dynamics::{Input, Integrator, Method, State, Workspace};
@@ -29,14 +29,14 @@ impl ContinuousLoop {
     /// At rest at joint positions `q`, the base frame at the world's origin.
     ///
     /// # Errors
-    /// [`GainError`] when the settings do not fit the robot.
+    /// [`ConfigError`] when the settings do not fit the robot.
     pub fn new(
         model: Model,
         tip: &Frame,
         config: ControllerConfig,
         q: &DVector<f64>,
         X_WD: Pose,
-    ) -> Result<Self, GainError> {
+    ) -> Result<Self, ConfigError> {
         let mut workspace = Workspace::new(&model);
         let state = State::at_rest_with(&model, q);
         workspace.set_positions(&model, q);

@@ -1,4 +1,4 @@
-//! Pictures of an estimated tumbling motion beside the true one: part of `fuyu bag plot`.
+//! Plots of an estimated tumbling motion compared with the true one: part of `fuyu bag plot`.
 
 use nalgebra::{UnitQuaternion, UnitVector3, Vector3};
 
@@ -9,12 +9,12 @@ use super::recorded_estimation::{
 };
 use crate::estimation::free_body::DynamicParameters;
 
-/// Most predictions that are drawn one by one.
+/// Largest number of individually drawn predictions.
 const PREDICTIONS: usize = 5;
-/// An error of exactly zero has no logarithm; it is drawn here \[deg\].
+/// Errors of exactly zero are drawn at this value on a logarithmic axis \[deg\].
 const FLOOR: f64 = 1e-6;
 
-/// `R_BC`: how the camera sits on the base, if it is known.
+/// `R_BC`: rotation of the camera relative to the base, if known.
 pub type Mount = Option<UnitQuaternion<f64>>;
 
 fn series(name: impl Into<String>, points: Vec<(f64, f64)>) -> Series {
@@ -24,7 +24,7 @@ fn series(name: impl Into<String>, points: Vec<(f64, f64)>) -> Series {
     }
 }
 
-/// `|w|²` as it was estimated at each frame, as the last motion continues it both ways, and as it was.
+/// `|w|²`: estimated at each frame, extrapolated in both directions from the last motion, and true.
 pub fn squared_rates(estimation: &RecordedEstimation, start: i64) -> Option<Figure> {
     let time = |t: i64| seconds_since(start, t);
     let estimated = estimation.rates.iter();
@@ -59,7 +59,7 @@ pub fn squared_rates(estimation: &RecordedEstimation, start: i64) -> Option<Figu
 }
 
 impl RecordedMotion {
-    /// `|w|²` of its closed form at `time` \[ns\], (2.28): constant where the moments are not known.
+    /// `|w|²` of the closed form at `time` \[ns\], (2.28): constant if the moments are unknown.
     fn squared_rate(&self, time: i64) -> f64 {
         match DynamicParameters::new(self.J, self.alpha) {
             Ok(p) if !p.is_axisymmetric() && !p.is_single_axis() => {
@@ -72,7 +72,7 @@ impl RecordedMotion {
     }
 }
 
-/// The angular velocity on the invariable plane, in axes that do not turn: those of the world.
+/// The angular velocity projected on the invariable plane, in world axes.
 pub fn herpolhode(estimation: &RecordedEstimation, mount: Mount) -> Option<PlaneFigure> {
     let R_BC = mount?;
     let R_WC = |time: i64| attitude_at(&estimation.base, time).map(|R_WB| R_WB * R_BC);
@@ -109,8 +109,8 @@ pub fn herpolhode(estimation: &RecordedEstimation, mount: Mount) -> Option<Plane
     })
 }
 
-/// How far predicted attitudes turn away from the true ones of a target: of some predictions over their horizon,
-/// and the largest of each.
+/// Attitude error of predictions of a target: of some predictions over their horizon, and the maximum of
+/// each.
 pub fn prediction_error(
     estimation: &RecordedEstimation,
     truth: &[Turning],
@@ -133,8 +133,8 @@ pub fn prediction_error(
     };
     let some = curves.iter().step_by(curves.len().div_ceil(PREDICTIONS));
     let some = some.map(|curve| {
-        let name = format!("made at {:.1} s", seconds_since(start, curve[0].0));
-        // Where it begins there is no error, which has no logarithm.
+        let name = format!("from {:.1} s", seconds_since(start, curve[0].0));
+        // The error is zero at the start, which has no logarithm.
         series(name, curve.iter().skip(1).map(drawn).collect())
     });
     let worst = curves.iter().map(|curve| {
@@ -142,7 +142,7 @@ pub fn prediction_error(
         drawn(&(curve[0].0, most))
     });
     Some(Figure {
-        title: "Predicted attitude against the true one".into(),
+        title: "Error of the predicted attitude".into(),
         x_label: "time [s]".into(),
         panels: vec![
             Panel {
@@ -153,7 +153,7 @@ pub fn prediction_error(
             },
             Panel {
                 y_label: "largest error [deg]".into(),
-                series: vec![series("by when it was made", worst.collect())],
+                series: vec![series("by time of prediction", worst.collect())],
                 log: true,
                 ..Panel::default()
             },
@@ -161,8 +161,8 @@ pub fn prediction_error(
     })
 }
 
-/// Angles \[rad\] over time \[ns\] between the predicted turn since the first pose and the true one. Both are
-/// turns in the world, so it does not matter which axes of the body the estimate took.
+/// Angles \[rad\] over time \[ns\] between the predicted rotation since the first pose and the true one. Both are
+/// rotations in the world, so the choice of body axes in the estimate does not matter.
 fn deviation(
     prediction: &RecordedPrediction,
     R_WC: &UnitQuaternion<f64>,
@@ -187,12 +187,12 @@ fn deviation(
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::experiments::masutani_ch3::Motion;
+    use crate::experiments::masutani_ch3::TumblingMotion;
 
     const SECOND: i64 = 1_000_000_000;
 
-    /// A prediction in the axes of a turned camera and other axes of the body is exact; one that turns 1 % too
-    /// fast is off by 1 % of the turn.
+    /// A prediction in the axes of a rotated camera and with other body axes has no error; one that rotates 1 % too
+    /// fast has an error of 1 % of the rotation.
     #[test]
     fn deviations_do_not_depend_on_axes() {
         let spin = |t: f64| UnitQuaternion::from_scaled_axis(Vector3::new(0.0, 0.2, 0.1) * t);
@@ -219,10 +219,10 @@ mod tests {
         assert!((fast[6].1 - expected).abs() < 1e-7, "{fast:?} {expected}");
     }
 
-    /// The closed form of `|w|²` from a message's numbers is that of the motion itself.
+    /// The closed form of `|w|²` computed from a message equals that of the motion.
     #[test]
     fn squared_rates_follow_the_motion() {
-        let truth = Motion {
+        let truth = TumblingMotion {
             e: 0.5,
             s: 0.2,
             s_alpha: 0.4,

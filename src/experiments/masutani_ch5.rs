@@ -1,14 +1,15 @@
-//! The positioning runs of Masutani 1995, chapter 5: the servicer of Fig. 5.2 brings its tip to a goal that stands still in the
+//! The positioning runs of Masutani 1995, chapter 5: the servicer of Fig. 5.2 brings its tip to a goal at rest in the
 //! world.
 //!
-//! Gains and limits are printed. Geometry, start and goal are not; they are recovered ones, with which the runs
-//! go as the text says. `config/positioning.yaml` is the same run as a scenario.
+//! Gains and limits are printed. Geometry, start and goal are not; they are recovered so that the runs
+//! agree with the text. `config/positioning.yaml` is the same run as a scenario.
 
 use nalgebra::{DVector, Vector3};
 
 use crate::control::{
-    Controller, ControllerConfig, Gains, JacobianKind, JointPdGains, LawKind, Measurement,
-    PoseError, Saturation, TipMeasurement,
+    Controller, ControllerConfig, Gains, JacobianKind, JointPdConfig, LawConfig, LawKind,
+    Measurement, PoseError, Saturation, StraightPathConfig, TipMeasurement,
+    TransposeJacobianConfig,
 };
 use crate::dynamics::{Floating, Method, State, Workspace};
 use crate::model::{Frame, Model};
@@ -26,7 +27,7 @@ pub const PERIOD: f64 = 0.01;
 /// `K_V` \[N m s/rad\].
 pub const K_V: [f64; 6] = [400.0, 100.0, 200.0, 10.0, 2.0, 2.0];
 
-/// A joint-space PD has this part of [`K_V`] as its stiffness \[1/s\]; not printed.
+/// Stiffness of joint PD control per [`K_V`] \[1/s\]; not printed.
 pub const JOINT_STIFFNESS: f64 = 0.2;
 
 /// The robot of Fig. 5.2.
@@ -46,15 +47,23 @@ pub fn config(law: LawKind, jacobian: JacobianKind) -> ControllerConfig {
             orientation: 0.1,
         },
     };
-    let k_p = K_V.iter().map(|k| JOINT_STIFFNESS * k).collect();
-    ControllerConfig {
-        jacobian,
-        joint_pd: JointPdGains { k_p },
-        ..ControllerConfig::new(law, gains)
-    }
+    let law = match law {
+        LawKind::TransposeJacobian => TransposeJacobianConfig { jacobian }.into(),
+        LawKind::StraightPath => StraightPathConfig {
+            jacobian,
+            ..StraightPathConfig::default()
+        }
+        .into(),
+        LawKind::JointPd => {
+            let k_p = K_V.iter().map(|k| JOINT_STIFFNESS * k).collect();
+            JointPdConfig { k_p }.into()
+        }
+        LawKind::OperationalSpace => LawConfig::from(law),
+    };
+    ControllerConfig::new(law, gains)
 }
 
-/// A run with the law sampled, its efforts held in between.
+/// A run with a sampled law, whose efforts are held between samples.
 pub struct Run {
     robot: Floating,
     controller: Controller,
@@ -64,7 +73,7 @@ pub struct Run {
     steps: u32,
 }
 
-/// A state of a run, and how it is answered.
+/// A state of a run, with its accelerations under the law's efforts.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Moment {
     /// Time \[s\].
@@ -83,7 +92,7 @@ pub struct Moment {
     pub tip_acceleration: f64,
     /// Angular acceleration of the base under the new efforts, base axes \[rad/s²\].
     pub alpha_WB_B: Vector3<f64>,
-    /// Moment that the base must get for that about its centre of mass, base axes \[N m\].
+    /// Moment on the base about its centre of mass that this acceleration takes, base axes \[N m\].
     pub base_moment_B: Vector3<f64>,
 }
 
@@ -111,12 +120,12 @@ impl Run {
         self.robot.model()
     }
 
-    /// Where the tip shall be.
+    /// Goal of the tip in the world.
     pub fn X_WD(&self) -> &Pose {
         &self.X_WD
     }
 
-    /// Evaluates the law; its efforts act until the next time.
+    /// Evaluates the law; its efforts act until the next sample.
     pub fn answer(&mut self) -> Moment {
         let robot = &mut self.robot;
         let X_WB = robot.state().X_WB(robot.workspace());
@@ -124,30 +133,30 @@ impl Run {
         let X_BD = X_WB.inverse() * self.X_WD;
         let (q, qd) = (robot.state().q.clone(), robot.state().qd.clone());
         let time = f64::from(self.steps) * self.period;
-        let sight = TipMeasurement::new(time, X_BE, X_BD);
-        let seen = Measurement::new(time, &q, &qd).with_tip(Some(&sight));
-        let updated = self.controller.update(&seen);
-        updated.expect("the goal is within reach");
+        let tip = TipMeasurement::new(time, X_BE, X_BD);
+        let measurement = Measurement::new(time, &q, &qd).with_tip(Some(&tip));
+        let report = self.controller.update(&measurement);
+        report.expect("the goal is within reach");
         robot.hold_efforts(self.controller.efforts().as_slice());
         robot.accelerations();
-        let (model, seen) = (robot.model(), robot.workspace());
+        let (model, workspace) = (robot.model(), robot.workspace());
         let base = &model.frames()[0];
-        let (w, alpha) = (seen.V_WB_B().angular, seen.A_WF_B(base).angular);
+        let (w, alpha) = (workspace.V_WB_B().angular, workspace.A_WF_B(base).angular);
         let inertia = model.bodies()[0].inertia.about_com;
         Moment {
             time,
             X_WB,
             p_WE: (X_WB * X_BE).translation.vector,
             error: PoseError::between(&X_BE, &X_BD),
-            tip_speed: seen.V_WF_B(&self.tip).linear.norm(),
-            tip_acceleration: seen.A_WF_B(&self.tip).linear.norm(),
+            tip_speed: workspace.V_WF_B(&self.tip).linear.norm(),
+            tip_acceleration: workspace.A_WF_B(&self.tip).linear.norm(),
             alpha_WB_B: alpha,
             base_moment_B: inertia * alpha + w.cross(&(inertia * w)),
             q,
         }
     }
 
-    /// Goes on to the next sample.
+    /// Advances to the next sample.
     pub fn advance(&mut self) {
         self.robot.step(self.period, 1);
         self.steps += 1;

@@ -1,4 +1,4 @@
-//! Masutani 1995, chapters 4 and 6: the planar arm of Fig. 4.4 on bases of several sizes, steered with the fixed-base
+//! Masutani 1995, chapters 4 and 6: the planar arm of Fig. 4.4 on bases of several sizes, controlled with the fixed-base
 //! Jacobian as an approximation.
 //!
 //! Table 6.2 prints the base that is five times as heavy as the arm. Fig. 4.4's own parameters are not printed; they
@@ -7,7 +7,9 @@
 use nalgebra::{DVector, Matrix3, Matrix6xX, Rotation3, Translation3, Vector3};
 
 use super::continuous_loop::ContinuousLoop;
-use crate::control::{ControllerConfig, Gains, JacobianKind, LawKind, LinearisedLoop, Saturation};
+use crate::control::{
+    ControllerConfig, Gains, JacobianKind, LinearisedLoop, Saturation, TransposeJacobianConfig,
+};
 use crate::dynamics::Workspace;
 use crate::model::{Frame, JointKind, Model, ModelBuilder};
 use crate::spatial::{Pose, RigidInertia};
@@ -22,7 +24,7 @@ pub struct Planar {
     pub model: Model,
     /// The tip's frame.
     pub tip: Frame,
-    /// Where joint 1 is on the base's x axis \[m\].
+    /// Position of joint 1 on the base's x axis \[m\].
     pub mount: f64,
     workspace: Workspace,
 }
@@ -40,14 +42,14 @@ pub fn gains(e_p_max: f64) -> Gains {
     }
 }
 
-/// What a tip position in the base frame is like for the approximate Jacobian.
+/// Stability of a goal in the base frame under the approximate Jacobian.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Region {
     /// The tip converges to a goal here.
     Stable,
-    /// It leaves a goal here.
+    /// The tip leaves a goal here.
     Unstable,
-    /// Out of reach.
+    /// Outside the workspace.
     Outside,
 }
 
@@ -98,13 +100,13 @@ impl Planar {
             .expect("two joints have four roots")
     }
 
-    /// Part of the tip's area in which the approximate Jacobian is unstable, for elbows on one side
+    /// Fraction of the tip's area in which the approximate Jacobian is unstable, for elbows on one side
     /// (`q2 > 0`), on a grid of `n` by `n` angles.
     pub fn unstable_fraction(&mut self, gains: &Gains, n: usize) -> f64 {
         let (mut unstable, mut all) = (0.0, 0.0);
         for j in 0..n {
             let q2 = std::f64::consts::PI * (j as f64 + 0.5) / n as f64;
-            // What the tip sweeps per angles is the determinant of the Jacobian, l1 l2 sin q2.
+            // Area per joint angles is the determinant of the Jacobian, l1 l2 sin q2.
             let weight = q2.sin();
             for i in 0..n {
                 let q1 = std::f64::consts::TAU * (i as f64 + 0.5) / n as f64;
@@ -127,7 +129,7 @@ impl Planar {
         })
     }
 
-    /// What a goal at (x, y) in the base frame is like.
+    /// Stability of a goal at (x, y) in the base frame.
     pub fn region(&mut self, x: f64, y: f64, gains: &Gains) -> Region {
         match self.angles(x, y) {
             None => Region::Outside,
@@ -158,7 +160,7 @@ impl Planar {
     }
 }
 
-/// A run of section 6.4: the robot of Table 6.2 from rest to a goal at an offset from the tip's place.
+/// A run of section 6.4: the robot of Table 6.2 from rest to a goal at an offset from the tip.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Example {
     /// Joint angles at the start \[rad\].
@@ -186,10 +188,7 @@ impl Example {
         let [x, y] = robot.tip_at(self.start);
         let [dx, dy] = self.offset;
         let goal = Translation3::new(x + dx, y + dy, 0.0);
-        let config = ControllerConfig {
-            jacobian,
-            ..ControllerConfig::new(LawKind::TransposeJacobian, gains(0.1))
-        };
+        let config = ControllerConfig::new(TransposeJacobianConfig { jacobian }, gains(0.1));
         let q = DVector::from_row_slice(&self.start);
         let X_WD = Pose::from_parts(goal, Rotation3::identity());
         ContinuousLoop::new(robot.model, &robot.tip, config, &q, X_WD)

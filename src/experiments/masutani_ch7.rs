@@ -1,6 +1,6 @@
-//! Masutani 1995, chapter 7: the servicer without its wrist, whose tip shall go straight.
+//! Masutani 1995, chapter 7: straight paths of the tip; the servicer without its wrist.
 //!
-//! Gains are printed; start and goal of Fig. 7.3 are recovered ones.
+//! Gains are printed; start and goal of Fig. 7.3 are recovered.
 
 use nalgebra::{DVector, Rotation3, Translation3, Vector3};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
@@ -17,7 +17,7 @@ pub fn model() -> Model {
     Model::from_urdf(xml, "urdf/servicer_without_wrist.urdf").expect("the servicer is well formed")
 }
 
-/// A way to steer.
+/// Law of a run.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Steering {
     /// The law of chapter 5, Fig. 7.3 (a).
@@ -36,22 +36,22 @@ pub fn config(steering: Steering) -> ControllerConfig {
     };
     match steering {
         Steering::Plain => ControllerConfig::new(LawKind::TransposeJacobian, gains),
-        Steering::Straight(shaping) => ControllerConfig {
-            straight_path: StraightPathConfig {
+        Steering::Straight(shaping) => {
+            let law = StraightPathConfig {
                 shaping,
                 ..StraightPathConfig::default()
-            },
-            ..ControllerConfig::new(LawKind::StraightPath, gains)
-        },
+            };
+            ControllerConfig::new(law, gains)
+        }
     }
 }
 
-/// From where to where.
+/// Start and goal of a run.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Task {
     /// Joint angles at the start \[rad\].
     pub start: [f64; 3],
-    /// Goal in the world, whose origin is the base's first place \[m\].
+    /// Goal in the world, whose origin is the initial position of the base \[m\].
     pub goal: [f64; 3],
 }
 
@@ -65,15 +65,15 @@ pub const FIG_7_3: Task = Task {
     goal: [0.0, 6.080127018922194, 0.0],
 };
 
-/// Fig. 7.3 and eleven more tasks, drawn at random: ends that the arm has with its base at its first place, one to
-/// four metres apart, the elbow bent by 30 to 140 degrees, and a line between them that keeps a metre away from the
-/// axis of joint 1, about which the arm yields to everything.
+/// Fig. 7.3 and eleven more tasks, drawn at random: start and goal are tip positions with the base at its initial position,
+/// one to four metres apart, with the elbow bent by 30 to 140 degrees, and the line between them is at least a metre from the
+/// axis of joint 1, about which the arm is compliant.
 pub fn tasks() -> Vec<Task> {
     let model = model();
     let tip = model.frame("tool0").expect("the servicer's tip").clone();
     let mut workspace = Workspace::new(&model);
     let mut random = StdRng::seed_from_u64(7);
-    let mut place = |q: &[f64; 3]| {
+    let mut tip_at = |q: &[f64; 3]| {
         workspace.set_positions(&model, &DVector::from_row_slice(q));
         workspace.X_BF(&tip).translation.vector
     };
@@ -87,7 +87,7 @@ pub fn tasks() -> Vec<Task> {
     let mut tasks = vec![FIG_7_3];
     while tasks.len() < 12 {
         let (start, end) = (posture(), posture());
-        let (tip, goal) = (place(&start), place(&end));
+        let (tip, goal) = (tip_at(&start), tip_at(&end));
         let line = (0..=20).map(|k| tip.lerp(&goal, f64::from(k) / 20.0));
         let nearest = line.map(|p| p.xz().norm()).fold(f64::INFINITY, f64::min);
         if (1.0..4.0).contains(&(goal - tip).norm()) && nearest >= 1.0 {
@@ -100,7 +100,7 @@ pub fn tasks() -> Vec<Task> {
     tasks
 }
 
-/// How a task went.
+/// Result of a task.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Outcome {
     /// Positions of the tip in the world every 0.05 s \[m\].
@@ -111,7 +111,7 @@ pub struct Outcome {
     pub deviation: f64,
     /// Length of the path over the distance from its start to its end.
     pub path_ratio: f64,
-    /// Time after which the tip stays within 5 cm of its goal \[s\]; `None` if that is not reached.
+    /// Time after which the tip stays within 5 cm of its goal \[s\]; `None` if it does not.
     pub settled: Option<f64>,
     /// Distance from the goal at the end \[m\].
     pub left: f64,
@@ -133,7 +133,7 @@ impl Task {
         ContinuousLoop::new(model, &tip, config, &q, X_WD).expect("gains for three joints")
     }
 
-    /// Follows the tip for `duration` \[s\].
+    /// Runs the task for `duration` \[s\].
     pub fn run(&self, config: ControllerConfig, duration: f64) -> Outcome {
         let mut robot = self.start(config);
         let goal = robot.X_WD().translation.vector;

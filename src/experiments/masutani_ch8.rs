@@ -1,10 +1,10 @@
-//! Teleoperation, Masutani 1995 chapter 8: the positioning experiment with an operator in the loop, and the arm over
-//! whose work space the indices of operability are drawn.
+//! Teleoperation, Masutani 1995 chapter 8: the positioning experiment with an operator in the loop, and the arm for
+//! the maps of the operability indices.
 //!
-//! The thesis's operator was a man of 24 who saw the scene in stereo; ours is [`Operator`], who is the same for every
+//! The operator of the thesis was a man of 24 with a stereo view of the scene; ours is [`Operator`], the same for every
 //! method and every target. Its arm has joints without inertia; ours has a servo of finite bandwidth on the full
-//! dynamics. Neither the arm of Fig. 8.4 nor the eight targets survive: the arm is that of Fig. 5.2 without its wrist (as in
-//! chapter 7), which has the three joints that the text's inverses need, and the targets are the corners of a cube.
+//! dynamics. Neither the arm of Fig. 8.4 nor the eight targets are printed: the arm is that of Fig. 5.2 without its wrist (as in
+//! chapter 7), which has the three joints that the inverses of the text need, and the targets are the corners of a cube.
 
 use nalgebra::{DVector, Matrix3, Matrix6xX, Point3, Translation3, Vector3};
 
@@ -16,10 +16,10 @@ use crate::dynamics::{Floating, Method, State, Workspace};
 use crate::model::{Frame, Model};
 use crate::spatial::{Pose, Twist};
 
-/// Whether the base gives way.
+/// Whether the base moves.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Base {
-    /// It does not: a million times as heavy as it is.
+    /// It does not: its mass is a million times larger.
     Fixed,
     /// It floats.
     Free,
@@ -28,13 +28,13 @@ pub enum Base {
 /// The tip at the start, in the base frame \[m\]; section 8.3.
 pub const START: [f64; 3] = [0.0, 2.5, 1.5];
 
-/// How far the targets are from there \[m\]; section 8.3.
+/// Distance of the targets from the start \[m\]; section 8.3.
 pub const DISTANCE: f64 = 0.5;
 
 /// Largest command along each axis \[m/s\]; section 8.3.
 pub const FULL_SPEED: f64 = 0.5;
 
-/// The tip has arrived when it stays this near to the target \[m\]. The thesis does not say what counted.
+/// The tip has arrived when it stays within this distance of the target \[m\]; not printed.
 pub const ARRIVED: f64 = 0.01;
 
 /// Bandwidth of the joints' servo \[rad/s\]. The thesis takes it as unlimited.
@@ -46,8 +46,8 @@ pub const CROSSOVER: f64 = 0.8;
 /// Time from one sample of operator, steering and servo to the next \[s\].
 pub const PERIOD: f64 = 0.01;
 
-/// An attempt ends here at the latest \[s\].
-pub const LONGEST: f64 = 40.0;
+/// Longest duration of an attempt \[s\].
+pub const MAX_DURATION: f64 = 40.0;
 
 /// The servicer of Fig. 5.2 without links 4 to 6.
 pub fn model(base: Base) -> Model {
@@ -80,7 +80,7 @@ pub fn planar_model() -> Model {
     Model::from_urdf(&xml, "planar arm of Fig. 4.4").expect("it is well formed")
 }
 
-/// The eight targets in the world, where the base is at the start.
+/// The eight targets in the world, whose origin is the initial position of the base.
 pub fn targets() -> [Vector3<f64>; 8] {
     std::array::from_fn(|i| {
         let sign = |bit: usize| if i >> bit & 1 == 1 { 1.0 } else { -1.0 };
@@ -89,25 +89,24 @@ pub fn targets() -> [Vector3<f64>; 8] {
     })
 }
 
-/// An operator who has got used to a method: nobody steers in the same way what answers three times as fast. The hand has
-/// learnt for each axis of the stick how fast the tip answers along it at the start, and takes its gain down by that; the
-/// crossover frequency stays [`CROSSOVER`].
+/// An operator trained with a method: the gain along each axis is divided by the tip's velocity per command along it at the
+/// start, so that the crossover frequency is [`CROSSOVER`] for every method.
 pub fn operator(base: Base, method: Resolution) -> OperatorConfig {
     let model = model(base);
     let tip = tip(&model);
     let mut workspace = Workspace::new(&model);
     workspace.set_positions(&model, &start(&model));
-    let usual = OperatorConfig::default();
-    let seen = seen_per_command(&model, &workspace, &tip, method);
+    let default = OperatorConfig::default();
+    let response = velocity_per_command(&model, &workspace, &tip, method);
     OperatorConfig {
-        gain: seen.diagonal().map(|answer| CROSSOVER / answer),
+        gain: response.diagonal().map(|velocity| CROSSOVER / velocity),
         full_speed: FULL_SPEED,
-        ..usual
+        ..default
     }
 }
 
-/// Velocity of the tip at rest relative to things at its place in the world, as seen from the base, per command.
-fn seen_per_command(
+/// Velocity of the tip in the world per command, at rest; base axes.
+fn velocity_per_command(
     model: &Model,
     workspace: &Workspace,
     tip: &Frame,
@@ -149,14 +148,14 @@ pub fn start(model: &Model) -> DVector<f64> {
     q
 }
 
-/// How an attempt went.
+/// Result of an attempt.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Attempt {
     /// Time after which the tip stayed within [`ARRIVED`] \[s\]; infinite if it did not.
     pub time: f64,
-    /// Length of the tip's path in the world over the distance of the target.
+    /// Length of the tip's path in the world divided by the distance of the target.
     pub path_ratio: f64,
-    /// Angle by which the base has turned at the end \[rad\].
+    /// Rotation of the base at the end \[rad\].
     pub base_turn: f64,
     /// Largest distance of the tip from the straight line to the target, in the world \[m\].
     pub deviation: f64,
@@ -164,12 +163,12 @@ pub struct Attempt {
     pub path: Vec<Vector3<f64>>,
 }
 
-/// An operator brings the tip to a target that stands still in the world.
+/// An operator brings the tip to a target at rest in the world.
 pub fn attempt(base: Base, method: Resolution, target: &Vector3<f64>) -> Attempt {
     attempt_by(base, method, target, operator(base, method))
 }
 
-/// [`attempt`] by a given operator.
+/// [`attempt`] with a given operator.
 pub fn attempt_by(
     base: Base,
     method: Resolution,
@@ -187,7 +186,7 @@ pub fn attempt_by(
         gains: ServoGains::Bandwidth(BANDWIDTH),
         integral: 0.0,
     };
-    let mut servo = VelocityServo::new(&model, servo).expect("the gains are sound");
+    let mut servo = VelocityServo::new(&model, servo).expect("the gains are positive");
     let mut resolver = ResolvedRate::new(&model, &tip, config);
     let mut workspace = Workspace::new(&model);
     let mut rates = DVector::zeros(model.dof());
@@ -196,27 +195,27 @@ pub fn attempt_by(
     let mut robot = Floating::new(model, state, Method::Rk4);
     let mut path = Vec::new();
     let mut arrived = None;
-    // Once it is there it may not leave again: so much longer it is watched.
-    const WATCHED: f64 = 3.0;
+    // The tip must stay at the target for this time [s].
+    const SETTLED: f64 = 3.0;
     for step in 0.. {
         let time = f64::from(step) * PERIOD;
         let X_WB = robot.state().X_WB(robot.workspace());
         let p_BE = robot.workspace().X_BF(&tip).translation.vector;
         path.push((X_WB * Point3::from(p_BE)).coords);
-        let way = (X_WB.inverse() * Point3::from(*target)).coords - p_BE;
-        arrived = match way.norm() <= ARRIVED {
+        let displacement = (X_WB.inverse() * Point3::from(*target)).coords - p_BE;
+        arrived = match displacement.norm() <= ARRIVED {
             true => arrived.or(Some(time)),
             false => None,
         };
-        let over = arrived.is_some_and(|since| time - since >= WATCHED);
-        if over || time >= LONGEST {
+        let over = arrived.is_some_and(|since| time - since >= SETTLED);
+        if over || time >= MAX_DURATION {
             break;
         }
-        let command = Twist::new(Vector3::zeros(), operator.command(time, &way));
+        let command = Twist::new(Vector3::zeros(), operator.command(time, &displacement));
         let q = &robot.state().q;
         resolver.rates(robot.model(), &mut workspace, q, &command, &mut rates);
         for (j, rate) in rates.iter().enumerate() {
-            servo.refer(robot.model(), j, *rate);
+            servo.set_reference(robot.model(), j, *rate);
         }
         let efforts = servo.efforts(robot.model(), robot.state(), PERIOD);
         robot.hold_efforts(efforts.as_slice());

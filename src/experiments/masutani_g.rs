@@ -1,5 +1,5 @@
-//! Masutani 1995, appendix G: the generalized Jacobian of a serial arm, step by step as printed, with the operations
-//! counted.
+//! Masutani 1995, appendix G: the generalized Jacobian of a serial arm, step by step as printed, with a count of the
+//! operations.
 
 use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 
@@ -8,7 +8,7 @@ use crate::dynamics::kernel::{Scalar, Vec3};
 use crate::model::{JointKind, Model, ModelBuilder};
 use crate::spatial::{Pose, RigidInertia};
 
-/// A link as section G.1 has it. Its frame Σ_i has its origin on joint i + 1, z along that joint's axis.
+/// A link as in section G.1. Its frame Σ_i has its origin on joint i + 1, z along that joint's axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Link {
     /// Link length `a_i` \[m\].
@@ -96,8 +96,8 @@ impl SerialArm {
         builder.build()
     }
 
-    /// The generalized Jacobian, one column per joint, linear rows first, by the steps of section G.5, and what
-    /// they take. Sines and cosines are given, and what section G.4 prepares is not counted.
+    /// The generalized Jacobian, one column per joint, linear rows first, by the steps of section G.5, and the number
+    /// of operations. Sines and cosines are given, and the preparation of section G.4 is not counted.
     pub fn generalized_jacobian(&self, q: &[f64]) -> (Vec<[f64; 6]>, Counts) {
         let mass: f64 = self.base_mass + self.links.iter().map(|l| l.mass).sum::<f64>();
         let (columns, counts) = counted(|| self.steps(q, mass));

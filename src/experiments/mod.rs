@@ -1,4 +1,4 @@
-//! Closed loops and published results, and what recordings of them show; run without a ROS graph.
+//! Closed loops without a ROS graph, published results, and analysis of recorded runs.
 
 mod bag_check;
 mod bag_plot;

@@ -1,4 +1,4 @@
-//! A simulated operator at the teleop node's place, without DDS.
+//! A simulated operator with the steering of the teleop node, without DDS.
 
 use nalgebra::{DVector, Point3, Vector3};
 
@@ -13,27 +13,27 @@ use crate::{
     spatial::Twist,
 };
 
-/// Operator and steering: what a teleop node and whoever sits before it do.
+/// A simulated operator and the steering of the teleop node.
 pub struct Operated {
     steering: Steering,
     operator: Operator,
-    /// Where the tip is to go, in the world \[m\].
+    /// Goal of the tip in the world \[m\].
     goal: Vector3<f64>,
     rates: Vec<(usize, f64)>,
 }
 
-/// What operator and steering did with a state.
+/// Command of the operator at one state, and its steering.
 pub struct Drive<'a> {
-    /// What became of the command.
+    /// How the command was limited.
     pub steered: Steered,
-    /// The steering, with the rates of this moment.
+    /// The steering, with its present joint rates.
     pub steering: &'a Steering,
     /// True distance of the tip from the goal \[m\].
     pub distance: f64,
 }
 
 impl Operated {
-    /// What `scenario` says of teleop node and operator.
+    /// Operator and steering as `scenario` describes them.
     ///
     /// # Errors
     /// A line that names file, node and parameter.
@@ -53,25 +53,25 @@ impl Operated {
         })
     }
 
-    /// Lets the operator look at the present state and steer.
+    /// Computes the operator's command at the present state, and drives the joints by it.
     pub fn answer(&mut self, world: &mut World) -> Drive<'_> {
         let time = world.time();
         let robot = &world.robot;
         let X_BE = robot.workspace().X_BF(self.steering.tip());
         let X_WB = robot.state().X_WB(robot.workspace());
         let goal_B = X_WB.inverse() * Point3::from(self.goal);
-        let way = goal_B.coords - X_BE.translation.vector;
-        let velocity = self.operator.command(time, &way);
+        let displacement = goal_B.coords - X_BE.translation.vector;
+        let velocity = self.operator.command(time, &displacement);
         let q: &DVector<f64> = &robot.state().q;
         let V_B = Twist::new(Vector3::zeros(), velocity);
         let steered = self.steering.steer(time, q, &V_B);
         self.rates.clear();
         (self.rates).extend(self.steering.rates().iter().copied().enumerate());
-        world.drive_rates(&self.rates);
+        world.drive_rates(self.rates.iter().copied());
         Drive {
             steered,
             steering: &self.steering,
-            distance: way.norm(),
+            distance: displacement.norm(),
         }
     }
 }

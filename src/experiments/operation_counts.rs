@@ -1,10 +1,10 @@
-//! Operations counted as they run.
+//! Counts of floating-point operations.
 
 use std::cell::Cell;
 use std::ops::{Add, Mul, Neg, Sub};
 
 use crate::dynamics::kernel::{
-    Column, Place, Scalar, Tree, Turn, generalized_jacobian, momentum_map,
+    LinkPlacement, MomentumColumn, PlanarRotation, Scalar, Tree, generalized_jacobian, momentum_map,
 };
 use crate::model::Model;
 
@@ -12,7 +12,7 @@ thread_local! {
     static COUNTS: Cell<Counts> = const { Cell::new(Counts { multiplications: 0, additions: 0, divisions: 0 }) };
 }
 
-/// How many operations there were.
+/// Numbers of operations.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Counts {
     /// Multiplications.
@@ -23,7 +23,7 @@ pub struct Counts {
     pub divisions: usize,
 }
 
-/// Counts what `calculate` does with [`Counted`] numbers on this thread.
+/// Counts the operations of `calculate` on [`Counted`] numbers, on this thread.
 pub fn counted<T>(calculate: impl FnOnce() -> T) -> (T, Counts) {
     COUNTS.set(Counts::default());
     (calculate(), COUNTS.get())
@@ -35,7 +35,7 @@ fn count(what: fn(&mut Counts) -> &mut usize) {
     COUNTS.set(counts);
 }
 
-/// A number that counts what is done with it.
+/// A number that counts operations on it.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Counted(pub f64);
 
@@ -81,21 +81,21 @@ impl Scalar for Counted {
     }
 }
 
-/// What fuyu's recursion takes for the generalized Jacobian of a point of the last body, momentum map included. Sines
-/// and cosines are taken as given, their products are not.
+/// Operations of fuyu's recursion for the generalized Jacobian of a point of the last body, including the momentum map.
+/// Sines and cosines are not counted, their products are.
 pub fn recursion(model: &Model) -> Counts {
     let tree = Tree::new(model);
     let zero = Counted(0.0);
-    let mut places = vec![Place::new(zero); model.dof() + 1];
-    let mut map = vec![Column::zero(zero); model.dof()];
+    let mut placements = vec![LinkPlacement::new(zero); model.dof() + 1];
+    let mut map = vec![MomentumColumn::zero(zero); model.dof()];
     let mut columns = vec![[zero; 6]; model.dof()];
     let ((), counts) = counted(|| {
-        for place in &mut places[1..] {
-            place.turn = Turn::new(Counted(0.8), Counted(0.6));
+        for placement in &mut placements[1..] {
+            placement.rotation = PlanarRotation::new(Counted(0.8), Counted(0.6));
         }
-        let system = momentum_map(&tree, &mut places, &mut map);
+        let system = momentum_map(&tree, &mut placements, &mut map);
         let (end, tip) = (model.dof(), [0.3, 0.1, 0.2]);
-        generalized_jacobian(&tree, &places, &map, &system, end, &tip, &mut columns);
+        generalized_jacobian(&tree, &placements, &map, &system, end, &tip, &mut columns);
     });
     counts
 }

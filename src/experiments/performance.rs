@@ -1,4 +1,4 @@
-//! How well a run went: what `fuyu simulate` reports.
+//! Performance of a run: the figures that `fuyu simulate` reports.
 
 use nalgebra::Vector3;
 use serde::Serialize;
@@ -6,13 +6,13 @@ use serde::Serialize;
 use super::Moment;
 use crate::{dynamics::Momentum, nodes::dynamics::World, spatial::roll_pitch_yaw_intrinsic};
 
-/// Gathers the figures of a run, state by state.
+/// Accumulates the figures of a run, state by state.
 pub struct Performance {
     initial_base: Vector3<f64>,
     initial_momentum: Momentum,
     initial_energy: f64,
     time: f64,
-    /// Of the tip; `None` without a controller that has one.
+    /// Of the tip; `None` without a controller.
     last_error: Option<(f64, Option<f64>)>,
     position_settled: Settled,
     attitude_settled: Settled,
@@ -25,7 +25,7 @@ pub struct Performance {
     loop_gap: Option<f64>,
 }
 
-/// Remembers since when a value has stayed below a bound.
+/// Records since when a value has stayed below a bound.
 struct Settled {
     bound: f64,
     since: Option<f64>,
@@ -54,8 +54,8 @@ pub struct MomentumResidual {
     pub angular: f64,
 }
 
-/// The figures of a run. Errors are true ones, whatever the camera saw; what is of the tip is `None` in a
-/// free motion, what is of its attitude also under an operator, whose goal is a point.
+/// The figures of a run. Errors are true errors, not those measured by the camera. Figures of the tip are `None` in a
+/// free motion, those of its attitude also with an operator, whose goal is a point.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Summary {
     /// Simulated time \[s\].
@@ -72,11 +72,11 @@ pub struct Summary {
     pub base_displacement: [f64; 3],
     /// Final attitude of the base: roll, pitch, yaw of Masutani 1995 app. F \[rad\].
     pub base_attitude_rpy: [f64; 3],
-    /// Largest change of the momentum that the bodies carry, relative to the momentum at the start or to
+    /// Largest change of the total momentum of the bodies, relative to the initial momentum or to
     /// [`Workspace::momentum_scale`](crate::dynamics::Workspace::momentum_scale), whichever is larger.
     pub momentum_residual: MomentumResidual,
-    /// Largest change of kinetic energy less work, relative to the largest kinetic energy seen from the
-    /// system's centre of mass.
+    /// Largest change of kinetic energy minus work, relative to the largest kinetic energy in the frame of the system's
+    /// centre of mass.
     pub energy_residual: f64,
     /// Largest speed of the tip in the world \[m/s\].
     pub max_tip_speed: Option<f64>,
@@ -86,12 +86,12 @@ pub struct Summary {
     pub loop_gap: Option<f64>,
     /// Largest angular acceleration of the base \[rad/s²\].
     pub max_base_angular_acceleration: f64,
-    /// Time that the run took \[s\].
+    /// Wall time of the run \[s\].
     pub wall_time: f64,
 }
 
 impl Performance {
-    /// Starts with the world's first state.
+    /// Starts with the world's initial state.
     pub fn new(world: &World) -> Self {
         Self {
             initial_base: base_com(world),
@@ -111,7 +111,7 @@ impl Performance {
         }
     }
 
-    /// Sees a state with the efforts that act from it on.
+    /// Adds a state with the efforts that act after it.
     pub fn see(&mut self, world: &mut World, moment: &Moment) {
         self.time = world.time();
         if let Some(answer) = &moment.answer {
@@ -136,7 +136,7 @@ impl Performance {
         let energy = energy(world);
         let unexplained = energy - self.initial_energy - world.robot.state().work;
         self.energy_change = larger(self.energy_change, unexplained.abs());
-        // A common drift carries energy that nothing here exchanges.
+        // The energy of the common drift is constant and excluded.
         let drift = 0.5 * momentum.linear.norm_squared() / world.robot.model().total_mass();
         self.energy_scale = larger(self.energy_scale, energy - drift);
 
@@ -167,7 +167,7 @@ impl Performance {
         );
     }
 
-    /// The figures, of a run that took `wall_time` \[s\].
+    /// The figures of a run with wall time `wall_time` \[s\].
     pub fn summary(&self, world: &World, wall_time: f64) -> Summary {
         let relative = |change: f64, scale: f64| if scale > 0.0 { change / scale } else { change };
         let X_WB = world.robot.state().X_WB(world.robot.workspace());
@@ -200,7 +200,7 @@ impl Performance {
     }
 }
 
-/// The larger of two; not a number if one is not.
+/// The larger of two; NaN if one is NaN.
 fn larger(a: f64, b: f64) -> f64 {
     if b > a || b.is_nan() { b } else { a }
 }
@@ -211,7 +211,7 @@ fn base_com(world: &World) -> Vector3<f64> {
     X_WB.rotation * world.robot.model().bodies()[0].inertia.com + X_WB.translation.vector
 }
 
-/// Momentum that the bodies carry, world axes, and the scale of its rounding.
+/// Total momentum of the bodies in world axes, and the scale of its rounding error.
 fn carried(world: &World) -> (Momentum, (f64, f64)) {
     let robot = &world.robot;
     let (momentum_B, scale) = robot.workspace().carried_momentum_and_scale(robot.model());

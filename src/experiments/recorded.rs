@@ -1,4 +1,4 @@
-//! A robot's run as a bag recorded it: messages turned back into states.
+//! Recorded runs: the messages of a bag converted back to states.
 
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use std::collections::BTreeMap;
@@ -14,16 +14,16 @@ use crate::msg::std_msgs;
 use crate::msg::tf2_msgs::TFMessage;
 use crate::spatial::Twist;
 
-/// Runs of a bag by namespace: one robot each. The empty namespace is the usual one.
+/// Runs of a bag by namespace, one robot each. The empty namespace is the usual one.
 #[derive(Debug, Default)]
 pub struct RecordedRuns {
     runs: BTreeMap<String, RecordedRun>,
 }
 
-/// What a bag tells of one robot. Times are stamps in nanoseconds.
+/// The recorded data of one robot. Times are stamps in nanoseconds.
 #[derive(Debug, Default)]
 pub struct RecordedRun {
-    /// Its `robot_description`, or why it is not one.
+    /// The model of its `robot_description`, or the error.
     pub model: Option<Result<Model, String>>,
     /// Joints, in the order of [`JointSample`].
     pub joint_names: Vec<String>,
@@ -37,7 +37,7 @@ pub struct RecordedRun {
     pub controller: Vec<ControllerSample>,
     /// The last `goal_pose`, with its frame.
     pub goal: Option<(String, Isometry3<f64>)>,
-    /// The last of every frame in `tf` and `tf_static`: child to parent and pose in it.
+    /// The last transform of every frame in `tf` and `tf_static`: from child to parent and pose in it.
     pub frames: BTreeMap<String, (String, Isometry3<f64>)>,
     /// The last `camera/tip_pose`.
     pub seen_tip: Option<Isometry3<f64>>,
@@ -45,7 +45,7 @@ pub struct RecordedRun {
     pub seen_goal: Option<Isometry3<f64>>,
 }
 
-/// Joint positions, rates and the efforts that acted since the sample before.
+/// Joint positions and rates, and the mean efforts since the previous sample.
 #[derive(Debug, Clone)]
 pub struct JointSample {
     /// Stamp \[ns\].
@@ -54,7 +54,7 @@ pub struct JointSample {
     pub q: Vec<f64>,
     /// \[rad/s or m/s\]
     pub qd: Vec<f64>,
-    /// \[N m or N\]; empty if none were recorded.
+    /// \[N m or N\]; empty if not recorded.
     pub effort: Vec<f64>,
 }
 
@@ -82,7 +82,7 @@ pub struct BaseSample {
     pub V_WB_B: Twist,
 }
 
-/// Deviation of the tip from the goal as the controller saw it.
+/// Deviation of the tip from the goal as measured by the controller.
 #[derive(Debug, Clone)]
 pub struct ControllerSample {
     /// Stamp \[ns\].
@@ -94,12 +94,12 @@ pub struct ControllerSample {
 }
 
 impl RecordedRuns {
-    /// Takes in one message; those of other topics and types are passed over.
+    /// Adds a message; ignores other topics and types.
     pub fn accept(&mut self, message: &Message) {
         for (suffix, type_name, take) in TOPICS {
             if message.topic.type_name == *type_name
                 && let Some(namespace) = message.topic.name.strip_suffix(suffix)
-                // `/chaser/tf` is a robot's, `/camera/goal_pose` is not `goal_pose` of `/camera`.
+                // `/chaser/tf` belongs to the robot `/chaser`, but `/camera/goal_pose` is not the `goal_pose` of a robot `/camera`.
                 && !namespace.ends_with("/camera")
                 && !namespace.ends_with("/ground_truth")
             {
@@ -109,7 +109,7 @@ impl RecordedRuns {
         }
     }
 
-    /// The robots that moved or were measured: namespaces and what was recorded there.
+    /// The robots that moved or were measured: namespaces and recorded data.
     pub fn robots(&self) -> impl Iterator<Item = (&str, &RecordedRun)> {
         self.runs
             .iter()
@@ -125,7 +125,7 @@ impl RecordedRuns {
 
 type Take = fn(&mut RecordedRun, &Message);
 
-// A message that does not decode is reported by the check of its topic; here it is passed over.
+// The check of a topic reports messages that cannot be decoded; here they are ignored.
 const TOPICS: &[(&str, &str, Take)] = &[
     ("/robot_description", "std_msgs/msg/String", |run, m| {
         if let Ok(text) = m.decode::<std_msgs::String>() {
@@ -246,7 +246,7 @@ impl RecordedRun {
         }
     }
 
-    /// The base body's centre of mass in the world; the base frame's origin if the robot is not known \[m\].
+    /// The base body's centre of mass in the world; the base frame's origin if the robot is unknown \[m\].
     pub fn base_com(&self, sample: &BaseSample) -> Vector3<f64> {
         let com = match &self.model {
             Some(Ok(model)) => model.bodies()[0].inertia.com,
@@ -255,11 +255,11 @@ impl RecordedRun {
         sample.X_WB.rotation * com + sample.X_WB.translation.vector
     }
 
-    /// The last pose of a frame in its tree's root, and the root's name.
+    /// The last pose of a frame in the root of its tree, and the root's name.
     pub fn pose_in_root(&self, frame: &str) -> (String, Isometry3<f64>) {
         let mut name = frame;
         let mut pose = Isometry3::identity();
-        // A tree is not deeper than it has frames; a loop ends there.
+        // The depth of a tree is at most the number of frames; this bound ends a cycle.
         for _ in 0..self.frames.len() {
             let Some((parent, X_PC)) = self.frames.get(name) else {
                 break;
@@ -270,7 +270,7 @@ impl RecordedRun {
         (name.to_owned(), pose)
     }
 
-    /// The earliest stamp of the run \[ns\], from which plots count.
+    /// The earliest stamp of the run \[ns\], the origin of plots.
     pub fn start(&self) -> i64 {
         let first = [
             self.joints.first().map(|s| s.time),

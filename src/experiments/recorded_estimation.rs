@@ -1,4 +1,4 @@
-//! What a bag tells of estimates of tumbling targets, and of the targets' true motion.
+//! Recorded estimates of tumbling targets, and the targets' true motion.
 
 use nalgebra::{UnitQuaternion, Vector3};
 use std::collections::BTreeMap;
@@ -9,16 +9,16 @@ use crate::msg::geometry_msgs::{self, Vector3Stamped};
 use crate::msg::nav_msgs::{Odometry, Path};
 use crate::nodes::geometry::{unit_quaternion, vector_from_msg};
 
-/// Estimates of one robot, and the targets that its simulation had. Times are stamps in nanoseconds.
+/// Estimates of one robot, and the targets of its simulation. Times are stamps in nanoseconds.
 #[derive(Debug, Default)]
 pub struct RecordedEstimation {
     /// `ground_truth/NAME/odom` by name.
     pub targets: BTreeMap<String, Vec<Turning>>,
-    /// How the base turned, from `ground_truth/odom`.
+    /// Attitude of the base over time, from `ground_truth/odom`.
     pub base: Vec<Turning>,
-    /// The frame whose attitude `base` tells.
+    /// The frame whose attitude is in `base`.
     pub base_frame: String,
-    /// `estimator/angular_velocity`: times and values in the camera's axes of then \[rad/s\].
+    /// `estimator/angular_velocity`: times and values in camera axes at that time \[rad/s\].
     pub rates: Vec<(i64, Vector3<f64>)>,
     /// `estimator/motion`.
     pub motions: Vec<RecordedMotion>,
@@ -28,31 +28,31 @@ pub struct RecordedEstimation {
     pub camera_frame: String,
 }
 
-/// A true attitude in the world and the angular velocity with it.
+/// A true attitude and angular velocity in the world.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Turning {
     /// Stamp \[ns\].
     pub time: i64,
-    /// Body axes in the world's.
+    /// Attitude in the world.
     pub R_WB: UnitQuaternion<f64>,
     /// Angular velocity in world axes \[rad/s\].
     pub w_WB_W: Vector3<f64>,
 }
 
-/// An estimated motion, as far as `|w|²` needs it.
+/// The part of an estimated motion needed for `|w|²`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedMotion {
-    /// Stamp \[ns\], at which the motion is stated.
+    /// Stamp \[ns\], the reference time of the motion.
     pub time: i64,
-    /// Moments over twice the energy \[s²\]; zero if not known.
+    /// Moments divided by twice the energy \[s²\]; zero if unknown.
     pub J: Vector3<f64>,
-    /// Squared momentum over four times the squared energy \[s²\].
+    /// Squared momentum divided by four times the squared energy \[s²\].
     pub alpha: f64,
     /// Argument of the elliptic functions at the stamp \[rad\].
     pub phase: f64,
-    /// Direction of the momentum in the camera's axes of then.
+    /// Direction of the momentum in camera axes at that time.
     pub momentum_direction: Vector3<f64>,
-    /// Angular velocity in the camera's axes of then \[rad/s\].
+    /// Angular velocity in camera axes at that time \[rad/s\].
     pub w_C: Vector3<f64>,
 }
 
@@ -61,13 +61,13 @@ pub struct RecordedMotion {
 pub struct RecordedPrediction {
     /// Stamp \[ns\].
     pub time: i64,
-    /// Times \[ns\] and attitudes; the body's axes are fixed to it, but otherwise arbitrary.
+    /// Times \[ns\] and attitudes of arbitrary body-fixed axes.
     pub R_CB: Vec<(i64, UnitQuaternion<f64>)>,
 }
 
 type Take = fn(&mut RecordedEstimation, &Message);
 
-/// Topics below a namespace. A message that does not decode is reported by the check of its topic.
+/// Topics below a namespace. The check of a topic reports messages that cannot be decoded.
 const TOPICS: [(&str, Take); 4] = [
     ("/ground_truth/odom", |estimation, m| {
         if let Ok(odom) = m.decode::<Odometry>() {
@@ -111,7 +111,7 @@ const TOPICS: [(&str, Take); 4] = [
 ];
 
 impl RecordedEstimation {
-    /// The namespace and what takes the message in, if it is one of these.
+    /// The namespace and the handler of the message, if it is on one of these topics.
     pub fn accept<'a>(message: &'a Message, robot: impl FnOnce(&'a str) -> &'a mut Self) {
         let name = message.topic.name.as_str();
         for (suffix, take) in TOPICS {
@@ -131,7 +131,7 @@ impl RecordedEstimation {
         }
     }
 
-    /// Whether there is an estimate to draw.
+    /// Whether there is an estimate to plot.
     pub fn is_empty(&self) -> bool {
         self.rates.is_empty() && self.motions.is_empty() && self.predictions.is_empty()
     }
@@ -139,7 +139,7 @@ impl RecordedEstimation {
 
 fn turning(odom: &Odometry) -> Option<Turning> {
     let R_WB = attitude(&odom.pose.pose.orientation)?;
-    // Odometry tells twists in the moving frame.
+    // Odometry contains twists in the moving frame.
     let w_WB_W = R_WB * vector_from_msg(&odom.twist.twist.angular);
     Some(Turning {
         time: odom.header.stamp.nanos(),
@@ -152,7 +152,7 @@ fn attitude(q: &geometry_msgs::Quaternion) -> Option<UnitQuaternion<f64>> {
     unit_quaternion(q.x, q.y, q.z, q.w).ok()
 }
 
-/// The attitude at `time` \[ns\], on the shortest way between the samples around it; `None` outside them.
+/// The attitude at `time` \[ns\], interpolated along the shortest path between neighbouring samples; `None` outside.
 pub fn attitude_at(samples: &[Turning], time: i64) -> Option<UnitQuaternion<f64>> {
     let after = samples.partition_point(|s| s.time < time);
     let next = samples.get(after)?;

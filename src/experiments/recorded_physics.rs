@@ -7,17 +7,17 @@ use super::recorded::{BaseSample, JointSample, MomentumSample, RecordedRun};
 use crate::dynamics::{Momentum, State, Workspace};
 use crate::model::{Model, Spring};
 
-/// Change of a momentum since the start.
+/// Change of a momentum component since the start.
 pub struct Residual {
     /// Stamps \[ns\] and changes relative to `scale`.
     pub values: Vec<(i64, f64)>,
-    /// What the changes are relative to.
+    /// Reference value of the changes.
     pub scale: f64,
-    /// What that is.
+    /// Description of the reference value.
     pub scale_of: &'static str,
 }
 
-/// Residuals of linear and angular momentum as `ground_truth/momentum` states them.
+/// Residuals of linear and angular momentum from `ground_truth/momentum`.
 pub fn momentum_residuals(run: &RecordedRun) -> Option<[Residual; 2]> {
     let first = run.momentum.first()?;
     let carried = carried(run);
@@ -41,33 +41,33 @@ pub fn momentum_residuals(run: &RecordedRun) -> Option<[Residual; 2]> {
     ])
 }
 
-/// Momentum from recorded velocities.
+/// Momentum computed from recorded velocities.
 pub(super) struct MotionMomentum {
     /// Largest change since the start, linear or angular, relative to `scales`.
     pub change: f64,
-    /// What changes are relative to (linear \[N s\], angular \[N m s\]).
+    /// Reference values (linear \[N s\], angular \[N m s\]).
     pub scales: (f64, f64),
-    /// Number of states that went into it.
+    /// Number of states used.
     pub samples: usize,
 }
 
-/// What a run lacks.
+/// Data missing in a run.
 pub(super) enum Missing {
-    /// It was not recorded.
+    /// Not recorded.
     Data(&'static str),
-    /// The robot description is not one.
+    /// The robot description is invalid.
     Model(String),
 }
 
-/// Momentum from joint states, odometry and robot description, whatever the dynamics node says about it.
+/// Momentum from joint states, odometry and robot description, independent of `ground_truth/momentum`.
 pub(super) fn motion_momentum(run: &RecordedRun) -> Result<MotionMomentum, Missing> {
     let model = match &run.model {
         None => return Err(Missing::Data("no robot_description")),
         Some(Err(e)) => return Err(Missing::Model(e.clone())),
         Some(Ok(model)) => model,
     };
-    let mut motion = Motion::new(model, &run.joint_names).ok_or(Missing::Data(
-        "joint_states and robot_description name other joints",
+    let mut motion = RecordedMotion::new(model, &run.joint_names).ok_or(Missing::Data(
+        "joint_states and robot_description name different joints",
     ))?;
     let samples: Vec<(Momentum, (f64, f64))> =
         paired(run).map(|(j, b)| motion.momentum(j, b)).collect();
@@ -82,7 +82,7 @@ pub(super) fn motion_momentum(run: &RecordedRun) -> Result<MotionMomentum, Missi
     let change = max(samples.iter().map(|(m, _)| {
         let linear = (m.linear - first.linear).norm() / linear_scale;
         let angular = (m.angular - first.angular).norm() / angular_scale;
-        // A NaN in either must come out.
+        // Propagate a NaN in either.
         max([linear, angular].into_iter())
     }));
     Ok(MotionMomentum {
@@ -92,17 +92,17 @@ pub(super) fn motion_momentum(run: &RecordedRun) -> Result<MotionMomentum, Missi
     })
 }
 
-/// Kinetic energy against work.
+/// Kinetic energy compared with work.
 pub(super) struct EnergyBalance {
     /// Largest difference between the change of kinetic energy and the work done since the start \[J\].
     pub residual: f64,
-    /// Energy that flowed: work and losses summed without sign, or the peak energy if that is more \[J\].
+    /// Energy exchanged: sum of the absolute values of work and losses, or the peak energy if larger \[J\].
     pub flow: f64,
     /// Largest kinetic energy \[J\].
     pub peak: f64,
 }
 
-/// Kinetic energy against the work of joint efforts and springs less the losses in joint damping.
+/// Kinetic energy compared with the work of joint efforts and springs minus damping losses.
 pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'static str> {
     let energy: HashMap<i64, f64> = run
         .momentum
@@ -113,7 +113,7 @@ pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'stati
         return Err("no ground_truth/momentum");
     }
     if !run.joints.iter().any(|j| !j.effort.is_empty()) {
-        return Err("joint_states carry no effort");
+        return Err("joint_states contain no effort");
     }
     let passive = passive(run);
     let mut start = None;
@@ -121,7 +121,7 @@ pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'stati
     let usual = usual_period(&run.joints);
     for pair in run.joints.windows(2) {
         if pair[1].time - pair[0].time > usual * 3 / 2 {
-            // Samples are missing, and with them the efforts that acted: the balance begins anew.
+            // Samples, and so the efforts, are missing: restart the balance.
             start = None;
             continue;
         }
@@ -154,13 +154,13 @@ fn usual_period(joints: &[JointSample]) -> i64 {
         .unwrap_or(i64::MAX / 3)
 }
 
-/// The largest value; NaN if there is one.
+/// The largest value; NaN if any value is NaN.
 pub(super) fn max(values: impl Iterator<Item = f64>) -> f64 {
-    // NaN must not be lost in a comparison.
+    // Comparisons would drop a NaN.
     values.fold(0.0, |m, v| if v > m || v.is_nan() { v } else { m })
 }
 
-/// What a momentum is compared with, and what that is called.
+/// Reference value for a momentum, and its description.
 fn scale_of(initial: f64, carried: f64) -> (f64, &'static str) {
     if initial >= carried && initial > 0.0 {
         (initial, "at the start")
@@ -171,12 +171,12 @@ fn scale_of(initial: f64, carried: f64) -> (f64, &'static str) {
     }
 }
 
-/// Largest sum of the momenta that single bodies carry (linear, angular); zero if it is not known.
+/// Largest sum over the bodies of the magnitudes of their momenta (linear, angular); zero if unknown.
 fn carried(run: &RecordedRun) -> (f64, f64) {
     let Some(Ok(model)) = &run.model else {
         return (0.0, 0.0);
     };
-    let Some(mut motion) = Motion::new(model, &run.joint_names) else {
+    let Some(mut motion) = RecordedMotion::new(model, &run.joint_names) else {
         return (0.0, 0.0);
     };
     paired(run)
@@ -184,7 +184,7 @@ fn carried(run: &RecordedRun) -> (f64, f64) {
         .fold((0.0, 0.0), |s, c| (s.0.max(c.0), s.1.max(c.1)))
 }
 
-/// Joint states and base states of the same time.
+/// Pairs of joint states and base states with equal stamps.
 fn paired(run: &RecordedRun) -> impl Iterator<Item = (&JointSample, &BaseSample)> {
     let base: HashMap<i64, &BaseSample> = run.base.iter().map(|b| (b.time, b)).collect();
     run.joints
@@ -193,15 +193,15 @@ fn paired(run: &RecordedRun) -> impl Iterator<Item = (&JointSample, &BaseSample)
 }
 
 /// Momentum from recorded joint and base velocities.
-struct Motion<'a> {
+struct RecordedMotion<'a> {
     model: &'a Model,
     workspace: Workspace,
     state: State,
-    /// Place in the model of each recorded joint.
+    /// Index in the model of each recorded joint.
     order: Vec<usize>,
 }
 
-impl<'a> Motion<'a> {
+impl<'a> RecordedMotion<'a> {
     fn new(model: &'a Model, names: &[String]) -> Option<Self> {
         let order: Vec<usize> = names
             .iter()
@@ -215,7 +215,7 @@ impl<'a> Motion<'a> {
         })
     }
 
-    /// Momentum in world axes, and the sum of what single bodies carry.
+    /// Momentum in world axes, and the sum over the bodies of its magnitude.
     fn momentum(&mut self, joints: &JointSample, base: &BaseSample) -> (Momentum, (f64, f64)) {
         let state = &mut self.state;
         for (i, &j) in self.order.iter().enumerate() {
@@ -229,7 +229,7 @@ impl<'a> Motion<'a> {
     }
 }
 
-/// Damper and spring of each recorded joint.
+/// Damping and spring of each recorded joint.
 fn passive(run: &RecordedRun) -> Vec<(f64, Spring)> {
     let of_joint = |name: &String| match &run.model {
         Some(Ok(model)) => model.joint_index(name).map_or(Default::default(), |j| {
@@ -241,18 +241,18 @@ fn passive(run: &RecordedRun) -> Vec<(f64, Spring)> {
     run.joint_names.iter().map(of_joint).collect()
 }
 
-/// Work of efforts and springs less damping losses between two samples \[J\], and the sum of its parts
-/// without sign.
+/// Work of efforts and springs minus damping losses between two samples \[J\], and the sum of the absolute values of
+/// its parts.
 fn work_between(a: &JointSample, b: &JointSample, passive: &[(f64, Spring)]) -> (f64, f64) {
     let dt = (b.time - a.time) as f64 * 1e-9;
     let (mut work, mut flow) = (0.0, 0.0);
     for (j, (damping, spring)) in passive.iter().enumerate() {
         let moved = b.q[j] - a.q[j];
-        // A sample's effort acted since the one before; rates in between are taken as linear.
+        // A sample's effort acted since the previous sample; rates in between are interpolated linearly.
         let done = b.effort.get(j).copied().unwrap_or(0.0) * moved;
-        // A spring's work depends on where it was and is, exactly.
+        // The work of a spring depends only on its end points.
         let released = spring.stiffness * (spring.rest - 0.5 * (a.q[j] + b.q[j])) * moved;
-        // Where nothing damps, rates do not count, not even bad ones.
+        // Without damping, rates are not used, so NaN rates do no harm.
         let lost = match *damping {
             0.0 => 0.0,
             c => c * dt * (a.qd[j] * a.qd[j] + a.qd[j] * b.qd[j] + b.qd[j] * b.qd[j]) / 3.0,

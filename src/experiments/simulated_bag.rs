@@ -1,5 +1,5 @@
-//! A simulated run as a bag: the messages that the nodes would have published, stamped and logged in
-//! simulated time, so that the same scenario gives the same file.
+//! A simulated run as a bag: the messages that the nodes would publish, stamped and recorded in simulated time, so that
+//! the same scenario gives the same file.
 
 use std::path::Path;
 
@@ -11,7 +11,7 @@ use crate::{
         camera,
         controller::ControllerMessages,
         dynamics::{FrameTree, World, imu, joint_states, momentum, odometry},
-        features::sighting_to_msg,
+        features::feature_frame_to_msg,
         teleop, topics,
     },
     ros::Time,
@@ -29,7 +29,7 @@ pub struct SimulatedBag {
     imu: TopicId,
     tf: TopicId,
     servo: Option<ServoTopics>,
-    /// Commands of an operator's steering.
+    /// Commands of an operator.
     rates: Option<TopicId>,
 }
 
@@ -60,7 +60,7 @@ impl SimulatedBag {
         let tf_static = add(&mut writer, &topics::TF_STATIC)?;
         writer.write_message(tf_static, 0, &frames.static_transforms(&run.world.targets))?;
         for target in &run.world.targets {
-            let described = target.description_topic();
+            let described = topics::TARGET_DESCRIPTION.of(&target.name);
             let latched = named(&mut writer, &described, &topics::ROBOT_DESCRIPTION)?;
             let text = std_msgs::String {
                 data: target.description.clone(),
@@ -77,7 +77,7 @@ impl SimulatedBag {
             joint_states: add(w, &topics::JOINT_STATES)?,
             odometry: add(w, &topics::ODOMETRY)?,
             targets: (run.world.targets.iter())
-                .map(|t| named(w, &t.odometry_topic(), &topics::ODOMETRY))
+                .map(|t| named(w, &topics::TARGET_ODOMETRY.of(&t.name), &topics::ODOMETRY))
                 .collect::<Result<_, _>>()?,
             momentum: add(w, &topics::MOMENTUM)?,
             imu: add(w, &topics::IMU)?,
@@ -106,7 +106,7 @@ impl SimulatedBag {
         })
     }
 
-    /// Writes what the dynamics node publishes of a state.
+    /// Writes the messages that the dynamics node publishes for a state.
     ///
     /// # Errors
     /// When the bag cannot be written.
@@ -132,7 +132,7 @@ impl SimulatedBag {
         w.write_message(self.tf, log, &self.frames.transforms(stamp, world))
     }
 
-    /// Writes what camera and controller, or an operator's steering, publish in answer to a state.
+    /// Writes the messages that camera and controller, or an operator, publish in response to a state.
     ///
     /// # Errors
     /// When the bag cannot be written.
@@ -161,9 +161,9 @@ impl SimulatedBag {
                 w.write_message(servo.goal_pose, log, &goal)?;
             }
         }
-        for sighting in answer.feature_frames {
+        for frame in answer.feature_frames {
             if let Some(features) = servo.features {
-                let message = sighting_to_msg(sighting, camera::CAMERA_FRAME);
+                let message = feature_frame_to_msg(frame, camera::CAMERA_FRAME);
                 w.write_message(features, log, &message)?;
             }
         }

@@ -1,4 +1,4 @@
-//! Whether a topic of a bag came regularly, in order, whole and with finite numbers.
+//! Health of the topics of a bag: regular rate, increasing stamps, decodable messages, finite values.
 
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -6,30 +6,30 @@ use std::collections::BTreeMap;
 use crate::bag::{Durability, Message};
 use crate::msg::{self, scan::scan};
 
-/// How the messages of one topic came.
+/// Health of one topic.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct TopicHealth {
     /// Full name.
     pub name: String,
     /// Number of messages.
     pub count: u64,
-    /// Whether times are those of headers; otherwise those of recording.
+    /// Whether times are header stamps; otherwise times of recording.
     pub by_stamp: bool,
     /// Median time between messages \[s\].
     pub median_period: Option<f64>,
     /// Largest time between messages \[s\].
     pub largest_gap: Option<f64>,
-    /// When the largest gap began, from the start of the bag \[s\].
+    /// Start of the largest gap, relative to the start of the bag \[s\].
     pub largest_gap_at: Option<f64>,
-    /// Whether messages came at a steady rate, so that a gap means a loss.
+    /// Whether the rate is constant, so that a gap means a loss.
     pub periodic: bool,
-    /// How often a stamp was earlier than the one before.
+    /// Number of stamps that are earlier than the previous one.
     pub backwards: u64,
-    /// The first number that is none: its field, and how many messages had one.
+    /// The first field with a non-finite value, and the number of messages with one.
     pub not_finite: Option<(String, u64)>,
-    /// Messages that do not decode as their type.
+    /// Messages that cannot be decoded.
     pub malformed: u64,
-    /// Whether fuyu knows the type and has looked into its messages.
+    /// Whether the type is known, so that messages were decoded.
     pub known_type: bool,
 }
 
@@ -51,7 +51,7 @@ pub struct TopicWatch {
 }
 
 impl TopicWatch {
-    /// Takes in one message.
+    /// Adds a message.
     pub fn accept(&mut self, message: &Message) {
         let log_time = message.log_time as i64;
         self.start = Some(self.start.map_or(log_time, |s| s.min(log_time)));
@@ -74,7 +74,7 @@ impl TopicWatch {
         track.known_type = true;
         match scan(definition, &message.data) {
             Ok(found) => {
-                // Every node publishes diagnostics, each by its own clock.
+                // Every node publishes diagnostics with its own timing.
                 if message.topic.type_name != "diagnostic_msgs/msg/DiagnosticArray" {
                     track.stamps.extend(found.stamp.map(|s| s.nanos()));
                 }
@@ -86,7 +86,7 @@ impl TopicWatch {
         }
     }
 
-    /// What was seen, by topic.
+    /// The results by topic.
     pub fn finish(self) -> Vec<TopicHealth> {
         let start = self.start.unwrap_or(0);
         self.tracks
@@ -96,12 +96,12 @@ impl TopicWatch {
     }
 }
 
-/// Fewer periods than this say nothing about a rate.
+/// Smallest number of periods that determine a rate.
 const ENOUGH: usize = 10;
 
 impl Track {
     fn summarize(self, name: String, bag_start: i64) -> TopicHealth {
-        // Stamps tell what was lost on the way; the times of recording also what was late.
+        // Gaps in stamps are losses; gaps in times of recording may also be delays.
         let by_stamp = self.stamps.len() == self.times.len();
         let times = if by_stamp { &self.stamps } else { &self.times };
         let start = if by_stamp {

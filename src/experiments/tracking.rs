@@ -1,8 +1,8 @@
-//! A servicer that follows a grasp point on a tumbling body, with a camera that may be late, slow and noisy.
+//! A servicer tracks a grasp point on a tumbling body, with a camera that may have latency, a low rate and noise.
 //!
 //! The robot is that of Masutani 1995 Fig. 5.2 with the gains of its chapter 5. The target is that of chapter 3; it
-//! turns at 3 deg/s about an axis that is no principal one, and its grasp point moves at 5 cm/s beside the servicer's
-//! centre of mass. The servicer has momentum of both kinds. `config/tracking.yaml` is the same run as a scenario.
+//! rotates at 3 deg/s about an axis that is not a principal axis, and its grasp point moves at 5 cm/s relative to the servicer's
+//! centre of mass. The servicer has linear and angular momentum. `config/tracking.yaml` is the same run as a scenario.
 
 use nalgebra::{DVector, Isometry3, Rotation3, Translation3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
@@ -10,8 +10,8 @@ use rand_distr::StandardNormal;
 
 use crate::control::prediction::{GoalMotionConfig, Prediction};
 use crate::control::{
-    Controller, ControllerConfig, Gains, LawKind, Measurement, PoseError, Saturation, Shaping,
-    StraightPathConfig, TipMeasurement,
+    Controller, ControllerConfig, Gains, LawConfig, LawKind, Measurement, PoseError, Saturation,
+    Shaping, StraightPathConfig, TipMeasurement,
 };
 use crate::dynamics::{Floating, Method, State, Workspace};
 use crate::experiments::masutani_ch5::K_V;
@@ -25,24 +25,24 @@ pub const PERIOD: f64 = 0.01;
 /// The run's conditions.
 #[derive(Debug, Clone)]
 pub struct Setup {
-    /// Which law.
+    /// The control law.
     pub law: LawKind,
-    /// What is done about what the camera has seen.
+    /// Latency compensation.
     pub prediction: Prediction,
-    /// How good the camera is.
+    /// Quality of the camera.
     pub camera: PoseCameraConfig,
-    /// What the filter is told.
+    /// Settings of the goal filter.
     pub goal: GoalMotionConfig,
     /// Standard deviation of each component of the gyro \[rad/s\].
     pub gyro_noise: f64,
-    /// The robot as the controller believes it to be, if that is not the truth.
+    /// The controller's model of the robot, if it differs from the truth.
     pub known_robot: Option<Model>,
     /// Whether the target moves and the servicer has momentum.
     pub moving: bool,
 }
 
 impl Setup {
-    /// Sees every state at once and exactly.
+    /// An ideal camera: every state, without latency and noise.
     pub fn ideal(prediction: Prediction) -> Self {
         Self {
             law: LawKind::TransposeJacobian,
@@ -59,7 +59,7 @@ impl Setup {
         }
     }
 
-    /// Sees what [`late_camera`] delivers.
+    /// The camera [`late_camera`].
     pub fn late(prediction: Prediction) -> Self {
         let camera = late_camera();
         Self {
@@ -74,12 +74,12 @@ impl Setup {
     }
 }
 
-/// Joint angles at the start \[deg\]: from there on the arm stays clear of singularities for a minute.
+/// Initial joint angles \[deg\], from which the arm avoids singularities for a minute.
 pub const START: [f64; 6] = [80.0, 90.0, -90.0, 0.0, 30.0, 0.0];
 
-/// A camera of 10 Hz whose frames are 150 ms old when they come, with noise of 1 px: what
-/// [`PoseAccuracy`](crate::vision::PoseAccuracy) says of 20 points on a body of 1 m at the goal's distance, seen with a
-/// focal length of 1024 px, the worst axis for all.
+/// A camera with 10 Hz, 150 ms latency and noise of 1 px: the noise of
+/// [`PoseAccuracy`](crate::vision::PoseAccuracy) for 20 points on a body of 1 m at the goal's distance, with a focal
+/// length of 1024 px, the worst axis for all.
 pub fn late_camera() -> PoseCameraConfig {
     PoseCameraConfig {
         rate: 10.0,
@@ -94,7 +94,7 @@ pub fn late_camera() -> PoseCameraConfig {
 pub const LATENCIES: [f64; 10] = [0.0, 0.01, 0.02, 0.03, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4];
 
 /// Largest angle \[rad\] between tip and a goal at rest from 38 s to 40 s, for a camera of `rate` \[Hz\] (zero: every
-/// state) that is late by `latency` \[s\]; infinite if the motion is lost.
+/// state) with `latency` \[s\]; infinite if the motion diverges.
 pub fn angle_left(prediction: Prediction, law: LawKind, rate: f64, latency: f64) -> f64 {
     let camera = PoseCameraConfig {
         rate,
@@ -117,8 +117,8 @@ pub fn angle_left(prediction: Prediction, law: LawKind, rate: f64, latency: f64)
         .fold(0.0, f64::max)
 }
 
-/// The least of [`LATENCIES`] at which the tip does not settle at a goal at rest; `None` if it settles at all of them.
-/// Not settled is what is still a degree away after 40 s.
+/// The smallest of [`LATENCIES`] at which the tip does not settle at a goal at rest, that is, is still a degree away after
+/// 40 s; `None` if it settles at all of them.
 pub fn latency_margin(prediction: Prediction, law: LawKind, rate: f64) -> Option<f64> {
     let settles = |latency| angle_left(prediction, law, rate, latency) < 1f64.to_radians();
     LATENCIES.into_iter().find(|latency| !settles(*latency))
@@ -145,9 +145,9 @@ pub struct Moment {
     pub time: f64,
     /// True deviation of the tip from the goal.
     pub error: PoseError,
-    /// Speed of the goal beside the servicer's centre of mass \[m/s\].
+    /// Speed of the goal relative to the servicer's centre of mass \[m/s\].
     pub goal_speed: f64,
-    /// Efforts given \[N m\].
+    /// Commanded efforts \[N m\].
     pub efforts: DVector<f64>,
 }
 
@@ -161,7 +161,7 @@ pub fn target_rate() -> Vector3<f64> {
     Vector3::new(0.966, 0.22, 0.136).normalize() * 3f64.to_radians()
 }
 
-/// The grasp point in the target's principal axes, and how a hand is turned that grasps there.
+/// Pose of the hand at the grasp point, in the target's principal axes.
 pub fn grasp() -> Pose {
     Pose::from_parts(
         Translation3::new(0.15, 0.95, 0.0),
@@ -170,7 +170,7 @@ pub fn grasp() -> Pose {
 }
 
 impl Run {
-    /// Servicer and target at the start: the tip 0.3 m and some 10 degrees beside the grasp point.
+    /// Initial servicer and target: the tip 0.3 m and about 10 degrees away from the grasp point.
     pub fn new(setup: Setup) -> Self {
         let servicer = model(
             include_str!("../../urdf/servicer.urdf"),
@@ -212,16 +212,19 @@ impl Run {
                 orientation: 0.1,
             },
         };
-        let config = ControllerConfig {
-            prediction: setup.prediction,
-            goal: setup.goal,
-            straight_path: StraightPathConfig {
+        let law = match setup.law {
+            LawKind::StraightPath => LawConfig::from(StraightPathConfig {
                 shaping: Shaping::Damping,
                 d_along: 225.0,
                 period: PERIOD,
                 ..StraightPathConfig::default()
-            },
-            ..ControllerConfig::new(setup.law, gains)
+            }),
+            law => law.into(),
+        };
+        let config = ControllerConfig {
+            prediction: setup.prediction,
+            goal: setup.goal,
+            ..ControllerConfig::new(law, gains)
         };
         let known = setup.known_robot.as_ref().unwrap_or(&servicer).clone();
         let controller = Controller::new(known, tip.clone(), config);
@@ -239,12 +242,12 @@ impl Run {
         }
     }
 
-    /// The controller, whose settings may be changed on the way.
+    /// The controller; its settings may be changed during the run.
     pub fn controller_mut(&mut self) -> &mut Controller {
         &mut self.controller
     }
 
-    /// Evaluates the law; its efforts act until the next time.
+    /// Evaluates the law; its efforts act until the next call.
     pub fn answer(&mut self) -> Moment {
         let time = f64::from(self.steps) * PERIOD;
         let robot = &self.robot;
@@ -256,7 +259,7 @@ impl Run {
         while let Some(PoseFrame { time, X_BE, X_BD }) = self.camera.deliver(time) {
             self.seen = X_BD.map(|X_BD| TipMeasurement::new(time, X_BE, X_BD));
         }
-        // What the servicer knows: encoders, gyro, frames.
+        // The available measurements: encoders, gyro, camera frames.
         let mut noise = || self.gyro.sample::<f64, _>(StandardNormal) * self.setup.gyro_noise;
         let w = robot.workspace().V_WB_B().angular + Vector3::new(noise(), noise(), noise());
         let state = robot.state();
@@ -278,7 +281,7 @@ impl Run {
         }
     }
 
-    /// Goes on to the next sample.
+    /// Advances to the next sample.
     pub fn advance(&mut self) {
         self.robot.step(PERIOD, 1);
         self.target.step(PERIOD, 1);
@@ -290,7 +293,7 @@ impl Run {
         self.robot.state().is_finite()
     }
 
-    /// All moments from now on, to `duration` \[s\] inclusive, or to where the motion is lost.
+    /// All following samples up to `duration` \[s\] inclusive, or until the motion diverges.
     pub fn moments(mut self, duration: f64) -> Vec<Moment> {
         let last = (duration / PERIOD).round() as u32;
         let mut moments = Vec::with_capacity(last as usize + 1);

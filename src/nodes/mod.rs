@@ -1,14 +1,17 @@
-//! The ROS 2 nodes: physics joined to topics, services and parameters.
+//! The ROS 2 nodes: physics with topics, services and parameters.
 //!
 //! | node | reads | writes |
 //! | --- | --- | --- |
-//! | [`dynamics`] | `joint_commands` | `/clock`, `robot_description`, `joint_states`, `imu`, `/tf`, `/tf_static`, `ground_truth/...` |
-//! | [`camera`] | `robot_description`, `joint_states`, `ground_truth/odom`, `goal_pose` | `camera/tip_pose`, `camera/goal_pose`, `camera/second/...`, `camera/camera_info` |
-//! | [`controller`] | `robot_description`, `joint_states`, `imu`, `camera/tip_pose`, `camera/goal_pose`, `camera/second/...`, `estimator/angular_velocity` | `joint_commands`, `controller/state` |
-//! | [`estimator`] | `camera/features`, `camera/camera_info`, `imu`, `/tf_static` | `estimator/...` |
+//! | [`dynamics`] | `joint_commands` | `/clock`, `robot_description`, `joint_states`, `/tf`, `/tf_static`, `ground_truth/odom`, `ground_truth/NAME/odom`, `ground_truth/NAME/robot_description`, `imu`, `ground_truth/momentum` |
+//! | [`camera`] | `robot_description`, `joint_states`, `ground_truth/odom`, `ground_truth/NAME/odom`, `goal_pose` | `camera/tip_pose`, `camera/goal_pose`, `camera/second/tip_pose`, `camera/second/goal_pose`, `camera/camera_info`, `camera/features` |
+//! | [`controller`] | `robot_description`, `joint_states`, `imu`, `camera/tip_pose`, `camera/goal_pose`, `camera/second/tip_pose`, `camera/second/goal_pose`, `estimator/angular_velocity` | `joint_commands`, `controller/state` |
+//! | [`estimator`] | `/tf_static`, `imu`, `camera/camera_info`, `camera/features` | `estimator/angular_velocity`, `estimator/motion`, `estimator/prediction` |
 //! | [`teleop`] | `robot_description`, `joint_states`, `imu`, `joy`, `cmd_vel` | `joint_commands` |
+//! | [`views`] | `ground_truth/odom`, `ground_truth/NAME/odom`, `ground_truth/momentum`, `camera/goal_pose`, `goal_pose`, `estimator/prediction` | `markers` |
 //! | [`recorder`] | any topic | a bag |
-//! | [`views`] | `goal_pose`, `camera/goal_pose`, `ground_truth/...`, `estimator/prediction` | `markers` |
+//!
+//! The table is generated from the declarations in [`topics`]; `NAME` stands for the name of a target. Every node also
+//! publishes `diagnostics`. [`foxglove`] and [`player`] are programs of their own that take any topic.
 //!
 //! A node is a program `fn(&Node) -> Result<(), NodeError>`; [`by_name`] finds it.
 
@@ -39,7 +42,7 @@ use crate::ros::{Node, NodeError};
 /// The program of a node.
 pub type Program = fn(&Node) -> Result<(), NodeError>;
 
-/// All nodes, in the order in which a launch starts them: whoever listens comes first.
+/// All nodes, in the order in which `fuyu launch` starts them: subscribers before publishers.
 pub const NODES: [(&str, Program); 7] = [
     ("recorder", recorder::program),
     ("views", views::program),

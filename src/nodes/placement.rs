@@ -5,11 +5,11 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use super::geometry::unit_quaternion;
 use crate::ros::Declare;
 
-/// Declares `PREFIX.position` and `PREFIX.orientation`: a pose in the world. An empty position, which is
-/// the default if `optional`, is none.
+/// Declares `PREFIX.position` and `PREFIX.orientation`, a pose in the world, and reads it. If `optional`, an empty position
+/// is allowed, is the default, and gives `None`.
 ///
 /// # Errors
-/// A line that names the parameter when the orientation is not a unit quaternion.
+/// A line that names the parameter if the orientation is not a unit quaternion.
 pub fn declare_pose(
     declare: &mut Declare,
     prefix: &str,
@@ -47,7 +47,7 @@ pub fn declare_pose(
         &[x, y, z, w] => {
             unit_quaternion(x, y, z, w).map_err(|e| format!("parameter {key}: {e}"))?
         }
-        // A wrong length has been reported by the declaration.
+        // The declaration has reported a wrong length.
         _ => UnitQuaternion::identity(),
     };
     let translation = match position.as_slice() {
@@ -57,7 +57,7 @@ pub fn declare_pose(
     Ok(Some(Isometry3::from_parts(translation, rotation)))
 }
 
-/// Declares a vector of three numbers, zero by default.
+/// Declares a vector of three finite numbers, zero by default, and reads it.
 pub fn declare_vector(declare: &mut Declare, name: &str, description: &str) -> Vector3<f64> {
     let values = declare
         .param(name, [0.0; 3], description)
@@ -66,12 +66,15 @@ pub fn declare_vector(declare: &mut Declare, name: &str, description: &str) -> V
         .value();
     match values.as_slice() {
         &[x, y, z] => Vector3::new(x, y, z),
-        // A wrong length has been reported by the declaration.
+        // The declaration has reported a wrong length.
         _ => Vector3::zeros(),
     }
 }
 
-/// Refuses a list that is not `length` finite numbers.
+/// Checks that a list is `length` finite numbers.
+///
+/// # Errors
+/// A line with the list and what is expected.
 pub fn finite(values: &[f64], length: usize) -> Result<(), String> {
     if values.len() == length && values.iter().all(|x| x.is_finite()) {
         Ok(())

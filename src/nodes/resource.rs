@@ -2,12 +2,12 @@
 
 use std::path::{Path, PathBuf};
 
-/// Resolves `name`: a path as it stands, or `package://fuyu/PATH`, which is looked for in the share
-/// folders of the ROS environment (`AMENT_PREFIX_PATH`), beside the executable's install space, in the
-/// working directory and in the sources that this program was built from, in that order.
+/// Resolves `name`: a path, or `package://fuyu/PATH`. The latter is searched for in the share folders of the ROS
+/// environment (`AMENT_PREFIX_PATH`), in that of the executable's install space, in the working directory and in the
+/// sources that this program was built from, in that order.
 ///
 /// # Errors
-/// Says where it was looked for.
+/// A line with the places that were searched.
 pub fn resolve(name: &str) -> Result<PathBuf, String> {
     let Some(rest) = name.strip_prefix("package://") else {
         let path = PathBuf::from(name);
@@ -23,25 +23,26 @@ pub fn resolve(name: &str) -> Result<PathBuf, String> {
             "{name}: expected package://fuyu/PATH or the path of a file"
         ));
     }
-    let places = places();
-    let found = places
+    let folders = search_folders();
+    let found = folders
         .iter()
-        .map(|place| place.join(file))
+        .map(|folder| folder.join(file))
         .find(|path| path.exists());
     found.ok_or_else(|| {
-        let looked: Vec<_> = places.iter().map(|p| p.display().to_string()).collect();
-        format!("{name}: not found in {}", looked.join(", "))
+        let searched: Vec<_> = folders.iter().map(|p| p.display().to_string()).collect();
+        format!("{name}: not found in {}", searched.join(", "))
     })
 }
 
-fn places() -> Vec<PathBuf> {
-    let mut places = Vec::new();
+/// Folders that may be the share folder of this package.
+fn search_folders() -> Vec<PathBuf> {
+    let mut folders = Vec::new();
     if let Some(prefixes) = std::env::var_os("AMENT_PREFIX_PATH") {
-        places.extend(std::env::split_paths(&prefixes).map(|p| p.join("share/fuyu")));
+        folders.extend(std::env::split_paths(&prefixes).map(|p| p.join("share/fuyu")));
     }
-    // PREFIX/lib/fuyu/EXECUTABLE and PREFIX/bin/EXECUTABLE both have PREFIX/share/fuyu beside them.
+    // PREFIX/lib/fuyu/EXECUTABLE and PREFIX/bin/EXECUTABLE belong to PREFIX/share/fuyu.
     if let Ok(executable) = std::env::current_exe() {
-        places.extend(
+        folders.extend(
             executable
                 .ancestors()
                 .skip(2)
@@ -49,15 +50,15 @@ fn places() -> Vec<PathBuf> {
                 .map(|p| p.join("share/fuyu")),
         );
     }
-    places.push(PathBuf::from("."));
-    places.push(Path::new(env!("CARGO_MANIFEST_DIR")).to_owned());
-    places
+    folders.push(PathBuf::from("."));
+    folders.push(Path::new(env!("CARGO_MANIFEST_DIR")).to_owned());
+    folders
 }
 
-/// Reads a text file that a parameter names; gives the text and the path it came from.
+/// Reads a text file that a parameter names. Returns the text and its path.
 ///
 /// # Errors
-/// Says which file and why.
+/// A line with the file and why it cannot be read.
 pub fn read(name: &str) -> Result<(String, String), String> {
     let path = resolve(name)?;
     let shown = path.display().to_string();

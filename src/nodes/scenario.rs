@@ -25,7 +25,7 @@ use crate::{
     },
 };
 
-/// A parameter file, read, and what the command line says beside it.
+/// A parameter file with the ROS arguments of the command line.
 pub struct Scenario {
     path: PathBuf,
     nodes: Vec<NodeName>,
@@ -36,7 +36,7 @@ impl Scenario {
     /// Reads the scenario `name`: a path, or `package://fuyu/config/NAME.yaml`.
     ///
     /// # Errors
-    /// A line that names file, line and field.
+    /// A line with file, line and field.
     pub fn read(name: &str) -> Result<Self, String> {
         let path = resource::resolve(name)?;
         let file = ParamsFile::read(&path).map_err(|e| e.to_string())?;
@@ -60,14 +60,14 @@ impl Scenario {
         Ok(Self { path, nodes, args })
     }
 
-    /// The same with the ROS arguments of a command line, which win over the file.
+    /// The same with the ROS arguments of a command line, which take precedence over the file.
     #[must_use]
     pub fn with_args(mut self, args: RosArgs) -> Self {
         self.args = args.with_scenario(&self.path);
         self
     }
 
-    /// Gives one parameter of one node another value, which wins over all others.
+    /// Sets one parameter of one node. This takes precedence over file and command line.
     pub fn set(&mut self, node: &str, name: &str, value: ParameterValue) {
         self.args.parameters.push(ParameterSource::Value {
             node: Some(node.to_owned()),
@@ -98,13 +98,13 @@ impl Scenario {
         &self.nodes
     }
 
-    /// Whether it names the node called `node`.
+    /// Whether the file names the node called `node`.
     pub fn has(&self, node: &str) -> bool {
         self.nodes.iter().any(|n| n.name() == node)
     }
 
-    /// Whether every node would start with its parameters, and with its robot where the scenario has
-    /// it: what can be known before anything runs.
+    /// Checks, before anything runs, that every node can start with its parameters, and with its robot if the scenario
+    /// names the dynamics node.
     ///
     /// # Errors
     /// A line per wrong parameter.
@@ -134,18 +134,18 @@ impl Scenario {
                 let Some(dynamics) = self.dynamics_of(name.namespace()) else {
                     return Ok(());
                 };
-                let flaws = [
+                let imperfections = [
                     ("rate", params.quality.rate),
                     ("latency", params.quality.latency),
                     ("dropout", params.quality.dropout),
                 ];
-                // Every state would wait for a frame that does not come.
-                if let (true, Some((flaw, value))) = (
+                // Every state would wait for a frame that is late or missing.
+                if let (true, Some((name, value))) = (
                     dynamics.lockstep,
-                    flaws.iter().find(|(_, value)| *value > 0.0),
+                    imperfections.iter().find(|(_, value)| *value > 0.0),
                 ) {
                     return Err(parameter(format!(
-                        "{flaw} is {value}; in lockstep every state needs its frame at once, so give 0"
+                        "{name} is {value}; in lockstep every state needs its frame at once, so give 0"
                     )));
                 }
                 if let Ok(robot) = dynamics.robot.compile() {
@@ -158,17 +158,17 @@ impl Scenario {
                 let Ok(world) = World::new(&dynamics) else {
                     return Ok(());
                 };
-                let is_there = |key: &str, target: Option<&String>| match target {
+                let check_target = |key: &str, target: Option<&String>| match target {
                     Some(target) => (world.target_index(target))
                         .map(drop)
                         .map_err(|e| parameter(format!("{key}: {e}"))),
                     None => Ok(()),
                 };
-                is_there(
+                check_target(
                     "features.target",
                     params.features.as_ref().map(|f| &f.target),
                 )?;
-                is_there("goal.frame", params.goal_target.as_ref())
+                check_target("goal.frame", params.goal_target.as_ref())
             }
             "controller" => {
                 let params = self.parameters_of(name, |d| Ok(ControllerParams::declare(d)))?;
@@ -182,11 +182,11 @@ impl Scenario {
             }
             "teleop" => {
                 let params = self.parameters_of(name, TeleopParams::declare)?;
-                let rival =
+                let is_controller =
                     |n: &&NodeName| n.name() == "controller" && n.namespace() == name.namespace();
-                if let Some(rival) = self.nodes.iter().find(rival) {
+                if let Some(controller) = self.nodes.iter().find(is_controller) {
                     return Err(at(format!(
-                        "{rival} commands the same joints; name one of the two"
+                        "{controller} commands the same joints; name one of the two"
                     )));
                 }
                 let robot = self.robot(name.namespace());
@@ -207,12 +207,12 @@ impl Scenario {
         }
     }
 
-    /// The robot that the dynamics node of a namespace simulates, if there is one and it is sound.
+    /// The robot that the dynamics node of a namespace simulates, if there is one and it is valid.
     fn robot(&self, namespace: &str) -> Option<Model> {
         self.dynamics_of(namespace)?.robot.compile().ok()
     }
 
-    /// Parameters of the dynamics node of a namespace, if there is one and they are sound.
+    /// Parameters of the dynamics node of a namespace, if there is one and they are valid.
     fn dynamics_of(&self, namespace: &str) -> Option<DynamicsParams> {
         let dynamics = self
             .nodes
@@ -221,7 +221,7 @@ impl Scenario {
         self.parameters_of(dynamics, DynamicsParams::declare).ok()
     }
 
-    /// Reads the parameters of the first node that the program calls `node`.
+    /// Reads the parameters of the first node called `node`.
     fn parameters<T>(
         &self,
         node: &str,
@@ -233,7 +233,7 @@ impl Scenario {
         self.parameters_of(name, declare)
     }
 
-    /// Reads a node's parameters as the node itself would, without a graph.
+    /// Reads a node's parameters as the node itself would, without DDS.
     fn parameters_of<T>(
         &self,
         name: &NodeName,

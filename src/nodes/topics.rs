@@ -1,6 +1,8 @@
-//! The topics of the graph: name, type and quality of service, each stated once.
+//! The topics of the graph, each declared once: name, type, quality of service, writers and readers.
 //!
-//! Names are relative, so that namespaces work; `/clock`, `/tf` and `/tf_static` are those of all ROS.
+//! From the declarations below follow the constants, [`all`], and the tables in `ARCHITECTURE.md` and in
+//! [`nodes`](super) ([`Declaration`]); a test writes those tables. Names are relative to the node's namespace, except
+//! `/clock`, `/tf` and `/tf_static`, which are absolute in ROS.
 
 use std::marker::PhantomData;
 
@@ -18,6 +20,93 @@ use crate::{
     },
     ros::{Node, NodeError, Publisher, Qos, Subscription},
 };
+
+/// Stands for the name of a target in the names of its topics.
+const NAME: &str = "NAME";
+
+/// Declares topics: `CONSTANT: Kind<Message> = "name", QOS, [writers] => [readers];`. The kind is [`Topic`], or
+/// [`TargetTopic`] for names with `NAME` in them. The comment of a declaration is its description in the tables.
+macro_rules! topics {
+    ($(
+        #[doc = $description:literal]
+        $constant:ident: $kind:ident<$message:ty> =
+            $name:literal, $qos:ident, [$($writer:literal),*] => [$($reader:literal),*];
+    )*) => {
+        $(
+            #[doc = $description]
+            pub const $constant: $kind<$message> = $kind::new($name, Qos::$qos);
+        )*
+
+        /// All declarations, in their order.
+        pub fn declarations() -> Vec<Declaration> {
+            vec![$(
+                Declaration {
+                    constant: stringify!($constant),
+                    name: $name,
+                    type_name: <$message as Interface>::DEFINITION.type_name(),
+                    qos: Qos::$qos,
+                    qos_name: stringify!($qos),
+                    writers: &[$($writer),*],
+                    readers: &[$($reader),*],
+                    description: $description,
+                },
+            )*]
+        }
+    };
+}
+
+topics! {
+    /// Simulated time.
+    CLOCK: Topic<Clock> = "/clock", CLOCK, ["dynamics"] => ["all with `use_sim_time`"];
+    /// The robot's URDF.
+    ROBOT_DESCRIPTION: Topic<Text> = "robot_description", LATCHED, ["dynamics"] => ["camera", "controller", "teleop"];
+    /// Joint positions, joint rates and mean joint efforts.
+    JOINT_STATES: Topic<JointState> = "joint_states", RELIABLE, ["dynamics"] => ["camera", "controller", "teleop"];
+    /// Frames that move.
+    TF: Topic<TFMessage> = "/tf", TF, ["dynamics"] => ["recorder"];
+    /// Frames that do not move in their parent frame.
+    TF_STATIC: Topic<TFMessage> = "/tf_static", TF_STATIC, ["dynamics"] => ["estimator"];
+    /// True pose and twist of the base.
+    ODOMETRY: Topic<Odometry> = "ground_truth/odom", RELIABLE, ["dynamics"] => ["camera", "views"];
+    /// True pose and twist of a target.
+    TARGET_ODOMETRY: TargetTopic<Odometry> = "ground_truth/NAME/odom", RELIABLE, ["dynamics"] => ["camera", "views"];
+    /// A target's URDF, with links named as its frames.
+    TARGET_DESCRIPTION: TargetTopic<Text> = "ground_truth/NAME/robot_description", LATCHED, ["dynamics"] => ["viewers"];
+    /// Angular velocity and acceleration of the base, as measured.
+    IMU: Topic<Imu> = "imu", RELIABLE, ["dynamics"] => ["controller", "estimator", "teleop"];
+    /// True momentum and kinetic energy.
+    MOMENTUM: Topic<Momentum> = "ground_truth/momentum", RELIABLE, ["dynamics"] => ["views"];
+    /// Joint efforts to hold, or joint rates to drive to.
+    JOINT_COMMANDS: Topic<JointState> = "joint_commands", RELIABLE, ["controller", "teleop"] => ["dynamics"];
+    /// Measured pose of the tip in the base frame.
+    TIP_POSE: Topic<PoseStamped> = "camera/tip_pose", RELIABLE, ["camera"] => ["controller"];
+    /// Measured pose of the goal in the base frame.
+    SEEN_GOAL: Topic<PoseStamped> = "camera/goal_pose", RELIABLE, ["camera"] => ["controller", "views"];
+    /// Measured pose of the second tip in the base frame.
+    SECOND_TIP_POSE: Topic<PoseStamped> = "camera/second/tip_pose", RELIABLE, ["camera"] => ["controller"];
+    /// Measured pose of the second tip's goal in the base frame.
+    SECOND_SEEN_GOAL: Topic<PoseStamped> = "camera/second/goal_pose", RELIABLE, ["camera"] => ["controller"];
+    /// Calibration of the camera.
+    CAMERA_INFO: Topic<CameraInfo> = "camera/camera_info", LATCHED, ["camera"] => ["estimator"];
+    /// Feature points of the target in the image.
+    FEATURES: Topic<FeatureTracks> = "camera/features", SENSOR_DATA, ["camera"] => ["estimator"];
+    /// Pose of the goal in the world, or in the frame of a target.
+    GOAL: Topic<PoseStamped> = "goal_pose", RELIABLE, ["you"] => ["camera", "views"];
+    /// The operator's joystick.
+    JOY: Topic<Joy> = "joy", RELIABLE, ["you"] => ["teleop"];
+    /// Twist of the tip that an operator commands.
+    CMD_VEL: Topic<TwistStamped> = "cmd_vel", RELIABLE, ["you"] => ["teleop"];
+    /// Measurements, law and efforts of the controller.
+    CONTROLLER_STATE: Topic<ControllerState> = "controller/state", RELIABLE, ["controller"] => ["recorder"];
+    /// Estimated angular velocity of the target.
+    TARGET_RATE: Topic<Vector3Stamped> = "estimator/angular_velocity", RELIABLE, ["estimator"] => ["controller"];
+    /// Estimated motion and inertia of the target.
+    TARGET_MOTION: Topic<MotionEstimate> = "estimator/motion", RELIABLE, ["estimator"] => ["recorder"];
+    /// Predicted attitudes of the target.
+    PREDICTION: Topic<Path> = "estimator/prediction", RELIABLE, ["estimator"] => ["views"];
+    /// Markers for RViz and Foxglove.
+    MARKERS: Topic<MarkerArray> = "markers", RELIABLE, ["views"] => ["you"];
+}
 
 /// A topic of messages `M`.
 pub struct Topic<M> {
@@ -53,109 +142,105 @@ impl<M: Interface> Topic<M> {
         node.subscribe(self.name, self.qos)
     }
 
-    /// Subscribes to it with room for `depth` messages that wait, for who needs every one of them.
+    /// Subscribes to it with a queue of `depth` messages, for subscribers that need every message.
     ///
     /// # Errors
     /// When the node cannot subscribe.
     pub fn subscribe_deep(&self, node: &Node, depth: usize) -> Result<Subscription<M>, NodeError> {
         node.subscribe(self.name, self.qos.depth(depth))
     }
+}
 
-    /// What somebody needs who knows its type by name only.
-    pub fn described(&self) -> Described {
-        Described {
-            name: self.name,
-            type_name: M::DEFINITION.type_name(),
-            qos: self.qos,
+/// A topic of messages `M` that each target has.
+pub struct TargetTopic<M> {
+    /// Name, with `NAME` for the target's.
+    pattern: &'static str,
+    /// What publishers offer and subscriptions request.
+    pub qos: Qos,
+    message: PhantomData<fn() -> M>,
+}
+
+impl<M: Interface> TargetTopic<M> {
+    const fn new(pattern: &'static str, qos: Qos) -> Self {
+        Self {
+            pattern,
+            qos,
+            message: PhantomData,
         }
+    }
+
+    /// Name of the topic of `target`, in the target's namespace if it has one.
+    pub fn of(&self, target: &str) -> String {
+        match target.rsplit_once('/') {
+            Some((namespace, name)) => format!("{namespace}/{}", self.pattern.replace(NAME, name)),
+            None => self.pattern.replace(NAME, target),
+        }
+    }
+
+    /// Publishes on the topic of `target`.
+    ///
+    /// # Errors
+    /// When the node cannot publish.
+    pub fn advertise(&self, node: &Node, target: &str) -> Result<Publisher<M>, NodeError> {
+        node.advertise(&self.of(target), self.qos)
+    }
+
+    /// Subscribes to the topic of `target`.
+    ///
+    /// # Errors
+    /// When the node cannot subscribe.
+    pub fn subscribe(&self, node: &Node, target: &str) -> Result<Subscription<M>, NodeError> {
+        node.subscribe(&self.of(target), self.qos)
     }
 }
 
-/// A topic with its type by name.
-pub struct Described {
-    /// Name.
+/// Everything that is declared about a topic, with its type by name.
+pub struct Declaration {
+    /// Constant in this module.
+    pub constant: &'static str,
+    /// Name; `NAME` in it stands for the name of a target.
     pub name: &'static str,
     /// ROS type, `pkg/msg/Name`.
     pub type_name: String,
     /// Quality of service.
     pub qos: Qos,
+    /// Constant of [`Qos`].
+    pub qos_name: &'static str,
+    /// Nodes that publish on it, or `you`.
+    pub writers: &'static [&'static str],
+    /// Nodes that subscribe to it, or programs and people who do. The recorder, which can take every topic, is named
+    /// where it is the only one.
+    pub readers: &'static [&'static str],
+    /// What messages contain.
+    pub description: &'static str,
 }
 
-/// Simulated time.
-pub const CLOCK: Topic<Clock> = Topic::new("/clock", Qos::CLOCK);
-/// The robot as URDF.
-pub const ROBOT_DESCRIPTION: Topic<Text> = Topic::new("robot_description", Qos::LATCHED);
-/// Joint positions, rates and efforts.
-pub const JOINT_STATES: Topic<JointState> = Topic::new("joint_states", Qos::RELIABLE);
-/// Joint efforts to apply, or rates to drive to.
-pub const JOINT_COMMANDS: Topic<JointState> = Topic::new("joint_commands", Qos::RELIABLE);
-/// Frames that move.
-pub const TF: Topic<TFMessage> = Topic::new("/tf", Qos::TF);
-/// Frames that do not.
-pub const TF_STATIC: Topic<TFMessage> = Topic::new("/tf_static", Qos::TF_STATIC);
-/// True pose and twist of the base.
-pub const ODOMETRY: Topic<Odometry> = Topic::new("ground_truth/odom", Qos::RELIABLE);
-/// True momentum and energy.
-pub const MOMENTUM: Topic<Momentum> = Topic::new("ground_truth/momentum", Qos::RELIABLE);
-/// What the base's inertial measurement unit measures.
-pub const IMU: Topic<Imu> = Topic::new("imu", Qos::RELIABLE);
-/// Tip as the camera sees it, in the base frame.
-pub const TIP_POSE: Topic<PoseStamped> = Topic::new("camera/tip_pose", Qos::RELIABLE);
-/// Goal object as the camera sees it, in the base frame.
-pub const SEEN_GOAL: Topic<PoseStamped> = Topic::new("camera/goal_pose", Qos::RELIABLE);
-/// Second tip as the camera sees it, in the base frame.
-pub const SECOND_TIP_POSE: Topic<PoseStamped> = Topic::new("camera/second/tip_pose", Qos::RELIABLE);
-/// The second tip's goal as the camera sees it, in the base frame.
-pub const SECOND_SEEN_GOAL: Topic<PoseStamped> =
-    Topic::new("camera/second/goal_pose", Qos::RELIABLE);
-/// Calibration of the camera.
-pub const CAMERA_INFO: Topic<CameraInfo> = Topic::new("camera/camera_info", Qos::LATCHED);
-/// Feature points of the target in the image.
-pub const FEATURES: Topic<FeatureTracks> = Topic::new("camera/features", Qos::SENSOR_DATA);
-/// Where the goal object is in the world.
-pub const GOAL: Topic<PoseStamped> = Topic::new("goal_pose", Qos::RELIABLE);
-/// The operator's joystick.
-pub const JOY: Topic<Joy> = Topic::new("joy", Qos::RELIABLE);
-/// Twists of the tip that an operator asks for.
-pub const CMD_VEL: Topic<TwistStamped> = Topic::new("cmd_vel", Qos::RELIABLE);
-/// What the controller saw, decided and sent.
-pub const CONTROLLER_STATE: Topic<ControllerState> = Topic::new("controller/state", Qos::RELIABLE);
-/// Angular velocity of the target.
-pub const TARGET_RATE: Topic<Vector3Stamped> =
-    Topic::new("estimator/angular_velocity", Qos::RELIABLE);
-/// How the target tumbles.
-pub const TARGET_MOTION: Topic<MotionEstimate> = Topic::new("estimator/motion", Qos::RELIABLE);
-/// Attitude of the target over the time to come.
-pub const PREDICTION: Topic<Path> = Topic::new("estimator/prediction", Qos::RELIABLE);
+/// The topics whose names are fixed: all but those of targets.
+pub fn all() -> Vec<Declaration> {
+    let mut declarations = declarations();
+    declarations.retain(|topic| !topic.name.contains(NAME));
+    declarations
+}
 
-/// Things to draw, for people.
-pub const MARKERS: Topic<MarkerArray> = Topic::new("markers", Qos::RELIABLE);
+#[cfg(test)]
+mod tests {
+    use super::*;
 
-/// All of them but those of targets, whose names scenarios choose.
-pub fn all() -> Vec<Described> {
-    vec![
-        CLOCK.described(),
-        ROBOT_DESCRIPTION.described(),
-        JOINT_STATES.described(),
-        JOINT_COMMANDS.described(),
-        TF.described(),
-        TF_STATIC.described(),
-        ODOMETRY.described(),
-        MOMENTUM.described(),
-        IMU.described(),
-        TIP_POSE.described(),
-        SEEN_GOAL.described(),
-        SECOND_TIP_POSE.described(),
-        SECOND_SEEN_GOAL.described(),
-        CAMERA_INFO.described(),
-        FEATURES.described(),
-        GOAL.described(),
-        JOY.described(),
-        CMD_VEL.described(),
-        CONTROLLER_STATE.described(),
-        TARGET_RATE.described(),
-        TARGET_MOTION.described(),
-        PREDICTION.described(),
-        MARKERS.described(),
-    ]
+    #[test]
+    fn topics_of_a_target_are_in_its_namespace() {
+        assert_eq!(TARGET_ODOMETRY.of("debris"), "ground_truth/debris/odom");
+        assert_eq!(
+            TARGET_DESCRIPTION.of("far/debris"),
+            "far/ground_truth/debris/robot_description"
+        );
+    }
+
+    #[test]
+    fn names_are_declared_once() {
+        let mut names: Vec<_> = declarations().iter().map(|t| t.name).collect();
+        names.sort_unstable();
+        let count = names.len();
+        names.dedup();
+        assert_eq!(names.len(), count);
+    }
 }

@@ -145,12 +145,12 @@ fn each_fault_is_found_by_its_own_check() {
     // NaN also spoils what is computed from it; it must not be lost on the way there.
     assert_eq!(
         failed(&report),
-        ["momentum from velocities", "numbers that are not finite"]
+        ["momentum from velocities", "values that are not finite"]
     );
     let line = report
         .checks
         .iter()
-        .find(|c| c.name == "numbers that are not finite")
+        .find(|c| c.name == "values that are not finite")
         .unwrap();
     assert!(
         line.detail.contains("/joint_states, field velocity[2]"),

@@ -134,7 +134,7 @@ fn plot_draws_what_the_bag_has() {
     let output = fuyu(&["plot"], &empty);
     assert_eq!(output.status.code(), Some(2));
     assert!(
-        stderr(&output).contains("nothing to draw"),
+        stderr(&output).contains("nothing to plot"),
         "{}",
         stderr(&output)
     );

@@ -1,4 +1,4 @@
-//! Tables of a bag, read by libraries that no one here wrote.
+//! `fuyu bag convert`: tables of a bag, read by independent libraries.
 
 use std::fs;
 use std::path::Path;
@@ -38,9 +38,9 @@ fn every_topic_becomes_a_csv_table() {
     let output = fuyu(&args);
     let errors = String::from_utf8_lossy(&output.stderr).into_owned();
     assert_eq!(output.status.code(), Some(0), "{errors}");
-    // The type that nobody knows has no table, and that is said.
+    // The unknown type has no table, and the output says so.
     assert!(
-        errors.contains("/unknown is left out: the bag has no schema"),
+        errors.contains("/unknown is omitted: the bag contains no schema"),
         "{errors}"
     );
     let report: Value = serde_json::from_slice(&output.stdout).unwrap();
@@ -63,7 +63,7 @@ fn every_topic_becomes_a_csv_table() {
         for (name, values) in [("position", expected.position), ("effort", expected.effort)] {
             for (j, value) in values.iter().enumerate() {
                 let cell = &record[column(&format!("{name}[{j}]"))];
-                // To the bit.
+                // Bit-identical.
                 assert_eq!(cell.parse::<f64>().unwrap(), *value);
             }
         }
@@ -79,7 +79,7 @@ fn every_topic_becomes_a_csv_table() {
     let text_of_robot = fs::read_to_string(tables.join("robot_description.csv")).unwrap();
     assert!(text_of_robot.contains("浮遊"), "{text_of_robot}");
 
-    // What is there is not overwritten.
+    // Existing files are not overwritten.
     let again = fuyu(&args);
     assert_eq!(again.status.code(), Some(2));
     assert!(String::from_utf8_lossy(&again.stderr).contains("already"));

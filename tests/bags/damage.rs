@@ -23,7 +23,7 @@ fn whole(dir: &Path, compression: Compression) -> Whole {
     sample::write(&path, 400, options);
     let file = format!("{}_0.mcap", path.file_name().unwrap().display());
     let bytes = fs::read(path.join(file)).unwrap();
-    // The mcap crate's own reader says where chunks are.
+    // Positions of the chunks from the mcap crate's reader.
     let summary = mcap::Summary::read(&bytes).unwrap().unwrap();
     let mut sum = 0;
     let chunks = summary
@@ -42,9 +42,9 @@ fn every_whole_chunk_is_read_wherever_the_file_is_cut() {
     let dir = tempfile::tempdir().unwrap();
     for compression in [Compression::None, Compression::Lz4, Compression::Zstd] {
         let whole = whole(dir.path(), compression);
-        assert!(whole.chunks.len() > 5, "too few chunks to tell");
+        assert!(whole.chunks.len() > 5, "too few chunks");
         let size = whole.bytes.len() as u64;
-        // Everywhere around the ends of chunks and of the file, and at steps of no common measure.
+        // Everywhere around the ends of chunks and of the file, and at steps without a common divisor with them.
         let mut cuts: Vec<u64> = (0..size)
             .step_by(61)
             .chain(0..40)

@@ -1,4 +1,4 @@
-//! Bags that were written elsewhere: by `rosbags` in Python, in every form that rosbag2 has.
+//! Bags written by others: by `rosbags` in Python, in every form that rosbag2 has.
 
 use std::fs;
 use std::process::Command;
@@ -28,7 +28,7 @@ fn bags_of_others_are_read() {
         }
         assert_eq!(messages.damage(), [], "{name}");
     }
-    // A type that fuyu has never heard of, from the schema in the bag.
+    // A type that fuyu does not know, from the schema in the bag.
     let tables = dir.path().join("tables");
     let output = Command::new(env!("CARGO_BIN_EXE_fuyu"))
         .args(["bag", "convert", "--to", "csv", "--output"])
@@ -52,7 +52,7 @@ fn bags_of_others_are_read() {
     let info = Bag::open(dir.path().join("plain")).unwrap().info().unwrap();
     assert_eq!((info.messages, info.has_metadata), (40, false));
 
-    // sqlite3 is not read, and that is said.
+    // sqlite3 is not supported, and the error says so.
     let error = Bag::open(dir.path().join("sqlite")).unwrap_err();
     assert!(matches!(error, BagError::Unsupported { .. }), "{error}");
     assert!(error.to_string().contains("ros2 bag convert"), "{error}");

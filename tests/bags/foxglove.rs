@@ -1,4 +1,4 @@
-//! A run in Foxglove, as a client in Python sees it that no one here wrote.
+//! A run in Foxglove, received by an independent client in Python.
 
 use std::io::{BufRead, BufReader};
 use std::process::{Command, Stdio};
@@ -35,7 +35,7 @@ fn foxglove_gets_every_topic_and_draws_on_the_image() {
         .find(|line| line.contains("ws://"))
         .expect("the log says where");
     let address = line.split("ws://").nth(1).unwrap().trim().to_owned();
-    // Nobody may wait for this log to be read.
+    // The process must not block on a full pipe.
     let rest = std::thread::spawn(move || lines.map_while(Result::ok).collect::<Vec<_>>());
 
     let interpreter =
@@ -88,6 +88,6 @@ fn foxglove_gets_every_topic_and_draws_on_the_image() {
     assert_eq!(pixels.len(), 1024 * 1024);
     assert!(
         report["time"].as_u64().unwrap() > 0,
-        "simulated time is told"
+        "simulated time is sent"
     );
 }

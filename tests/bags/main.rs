@@ -1,5 +1,7 @@
-//! Bags: what fuyu writes, it and others can read; what is left of a broken one is not lost.
+//! Bags: writing, reading by fuyu and by others, damage and recovery.
 
+#[path = "../support/lateness.rs"]
+mod lateness;
 #[path = "../support/measuring.rs"]
 mod measuring;
 #[path = "../support/peer.rs"]
@@ -23,5 +25,5 @@ mod run;
 mod sample;
 mod services;
 mod splitting;
-mod strangers;
+mod unknown_types;
 mod writing;

@@ -1,4 +1,4 @@
-//! Readers that no one here wrote: `rosbags` and `mcap` with `mcap-ros2-support`, in Python.
+//! Independent readers: `rosbags` and `mcap` with `mcap-ros2-support`, in Python.
 
 use fuyu::bag::{Bag, Compression, WriterOptions};
 use std::collections::BTreeMap;
@@ -13,7 +13,7 @@ fn interpreter() -> PathBuf {
     environment(&[])
 }
 
-/// Interpreter of an environment of its own: its name and packages.
+/// Interpreter of a separate environment: its name and packages.
 pub fn environment(packages: &[&str]) -> PathBuf {
     made_by("test-venv.sh", packages)
 }
@@ -37,7 +37,7 @@ pub fn build_interfaces() {
     made_by("test-interfaces.sh", &[]);
 }
 
-/// Runs a script beside this file; returns what it prints.
+/// Runs a script of this folder; returns what it prints.
 pub fn run(script: &str, args: &[&str], input: &str) -> String {
     let path = format!("{}/tests/bags/{script}", env!("CARGO_MANIFEST_DIR"));
     let mut child = Command::new(interpreter())

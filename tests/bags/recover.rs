@@ -1,4 +1,4 @@
-//! What is left of a broken bag is made whole.
+//! `fuyu bag recover`: a complete bag of a broken one.
 
 use std::fs::{self, OpenOptions};
 use std::path::Path;
@@ -31,7 +31,7 @@ fn a_truncated_bag_of_two_files_is_recovered() {
         ..WriterOptions::default()
     };
     sample::write(&broken, 1000, options);
-    // As a killed recorder leaves it, and with a list of files that is not up to date.
+    // As a killed recorder leaves it, with an outdated list of files.
     let last = broken.join("broken_1.mcap");
     let size = fs::metadata(&last).unwrap().len();
     let file = OpenOptions::new().write(true).open(&last).unwrap();
@@ -72,7 +72,7 @@ fn a_truncated_bag_of_two_files_is_recovered() {
         info.topics, original.topics,
         "types, hashes, QoS and counts"
     );
-    // And others read it.
+    // Independent readers read it.
     let text = python::run("read_split_bag.py", &[whole.to_str().unwrap()], "");
     let counts: Value = serde_json::from_str(&text).unwrap();
     assert_eq!(counts["/joint_states"], joints.len());
@@ -93,7 +93,7 @@ fn a_whole_bag_is_copied_and_nothing_is_lost() {
             .collect::<Vec<_>>()
     };
     assert!(all(&bag) == all(&copy));
-    // Never over something that is there.
+    // Existing files are not overwritten.
     let again = recover(&bag, &copy);
     assert_eq!(again.status.code(), Some(2));
 }

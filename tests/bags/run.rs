@@ -20,12 +20,12 @@ use fuyu::ros::Qos;
 use nalgebra as na;
 use std::path::Path;
 
-/// What to spoil, so that a check can be seen to fail.
+/// Faults to inject, so that a check fails.
 #[derive(Clone, Copy, Default)]
 pub struct Spoil {
-    /// Momentum of no origin, from the middle of the run \[N s\].
+    /// Momentum added without a force, from the middle of the run \[N s\].
     pub push: f64,
-    /// Efforts recorded that much too large.
+    /// Factor on the recorded efforts.
     pub effort: f64,
     /// Samples left out from the middle.
     pub gap: usize,
@@ -168,7 +168,7 @@ pub fn write(folder: &Path, setup: &Setup) -> Recording {
             if spoil.nan && middle {
                 velocity[2] = f64::NAN;
             }
-            // What report since the sample before.
+            // Mean since the sample before.
             let effort = robot.efforts().iter().map(|e| e * (1.0 + spoil.effort));
             let message = JointState {
                 header: header(stamp, ""),

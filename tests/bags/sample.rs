@@ -33,7 +33,7 @@ pub fn joint_state(i: u64) -> JointState {
     }
 }
 
-/// Writes `n` joint states with everything that bags meet beside them: latched text, nested messages,
+/// Writes `n` joint states, and all other kinds of messages: latched text, nested messages,
 /// arrays of every kind, raw bytes of a known and of an unknown type.
 pub fn write(folder: &Path, n: u64, options: WriterOptions) -> Recording {
     let mut w = Writer::create(folder, options).unwrap();

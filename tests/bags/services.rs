@@ -1,4 +1,4 @@
-//! The recorder node as somebody tells it what to do: its services, called with ros2-client.
+//! The services of the recorder node, called with ros2-client.
 
 use std::path::Path;
 use std::process::{Child, Command};
@@ -143,7 +143,7 @@ fn texts(bag: &Path, topic: &str) -> Vec<String> {
 }
 
 #[test]
-fn a_recorder_selects_splits_pauses_stops_and_begins_anew() {
+fn a_recorder_selects_splits_pauses_stops_and_records_again() {
     let domain = 7;
     let _claim = DomainClaim::new(domain);
     let dir = tempfile::tempdir().unwrap();
@@ -152,7 +152,7 @@ fn a_recorder_selects_splits_pauses_stops_and_begins_anew() {
     let mut recorder = Recorder::start(
         domain,
         &first,
-        &["regex:=^/kept/", "exclude_regex:=not$", "topics:=[/nobody]"],
+        &["regex:=^/kept/", "exclude_regex:=not$", "topics:=[/absent]"],
     );
     eventually("something is recorded", PATIENCE, || {
         (texts(&first, "/kept/words").len() > 10).then_some(())
@@ -194,7 +194,7 @@ fn a_recorder_selects_splits_pauses_stops_and_begins_anew() {
     assert_eq!(names, ["/kept/latched", "/kept/words"]);
     assert_eq!(texts(&first, "/kept/latched"), ["said once"]);
 
-    // A second recording by the same node has what is latched, too.
+    // A second recording by the same node has the latched topics, too.
     let _: srv::RecordResponse = call(&record, &request);
     eventually("the second bag fills", PATIENCE, || {
         let latched = !texts(&second, "/kept/latched").is_empty();
@@ -210,7 +210,7 @@ fn a_recorder_selects_splits_pauses_stops_and_begins_anew() {
 }
 
 #[test]
-fn wrong_parameters_of_a_recorder_are_told() {
+fn wrong_parameters_of_a_recorder_are_reported() {
     let dir = tempfile::tempdir().unwrap();
     for (parameter, words) in [
         ("regex:='^/(tf'", "unclosed group"),

@@ -1,4 +1,4 @@
-//! Bags of several files, and a recorder that keeps up.
+//! Bags of several files, and recording at 20 MB/s without loss.
 
 use std::fs;
 use std::time::{Duration, Instant};
@@ -8,9 +8,9 @@ use fuyu::bag::{Bag, Recorder, Topic, Writer, WriterOptions};
 use fuyu::msg::sensor_msgs::JointState;
 use fuyu::ros::Qos;
 
-use crate::{measuring::once_below, python, sample};
+use crate::{lateness::repeat_if_late, measuring::worst_below, python, sample};
 
-/// 300 joint states, 3 s, and more beside them.
+/// 300 joint states, 3 s, and other messages.
 fn write(folder: &std::path::Path, options: WriterOptions) -> Bag {
     sample::write(folder, 300, options);
     Bag::open(folder).unwrap()
@@ -79,7 +79,7 @@ fn a_bag_is_split_by_size_and_others_read_all_of_it() {
     assert!(fs::metadata(last).unwrap().len() > 0);
     let joints = bag.read::<JointState>("/joint_states").unwrap();
     assert_eq!(joints.len(), 300);
-    // Read by libraries that no one here wrote.
+    // Read by independent libraries.
     let text = python::run("read_split_bag.py", &[bag.path().to_str().unwrap()], "");
     let counts: std::collections::BTreeMap<String, u64> = serde_json::from_str(&text).unwrap();
     for topic in bag.info().unwrap().topics {
@@ -105,7 +105,8 @@ fn nothing_is_dropped_at_20_megabytes_a_second() {
     .take(500_000)
     .collect();
     let image = Bytes::from(image);
-    once_below("messages dropped at 20 MB/s", 1.0, || {
+    // Promised of every recording.
+    let measure = || {
         let dir = tempfile::tempdir().unwrap();
         let writer = Writer::create(dir.path().join("run"), WriterOptions::default()).unwrap();
         let recorder = Recorder::start(writer).unwrap();
@@ -124,5 +125,8 @@ fn nothing_is_dropped_at_20_megabytes_a_second() {
         println!("{:.1} MB waited at most", deepest as f64 * 1e-6);
         assert_eq!(recording.messages + recording.dropped, 200);
         recording.dropped as f64
+    };
+    repeat_if_late(|| {
+        worst_below("messages dropped at 20 MB/s", 1.0, 2, measure);
     });
 }

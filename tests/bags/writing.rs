@@ -96,7 +96,7 @@ fn a_name_that_is_taken_is_refused_and_left_alone() {
     assert!(matches!(error, BagError::Exists(_)), "{error}");
     assert!(error.to_string().contains("choose another name"), "{error}");
     assert_eq!(fs::read(path.join("run_0.mcap")).unwrap(), before);
-    // Neither a file nor an empty folder of someone else's is taken over.
+    // Neither an existing file nor an existing empty folder is used.
     for (name, make) in [
         (
             "file",

@@ -107,10 +107,10 @@ pub fn prediction_error(found: &Value) -> f64 {
     errors.fold(0.0, f64::max)
 }
 
-// Breaks with wrong units, axes, order of J or of the quaternion, and when the prediction starts elsewhere.
+// Fails with wrong units, axes, order of J or of the quaternion, and when the prediction starts elsewhere.
 
 #[test]
-fn tracks_tell_the_motion_and_the_future() {
+fn motion_and_prediction_are_estimated_from_tracks() {
     let folder = tempfile::tempdir().unwrap();
     let input = table(folder.path(), "tracks.csv", &tracks());
     let found = json(&input, &CAMERA);
@@ -238,7 +238,7 @@ fn of_two_targets_the_one_that_is_watched_is_estimated() {
 }
 
 #[test]
-fn a_simulated_bag_tells_how_its_target_tumbles() {
+fn the_motion_of_the_target_is_estimated_from_a_simulated_bag() {
     let folder = tempfile::tempdir().unwrap();
     let bag = folder.path().join("bag");
     let status = Command::new(env!("CARGO_BIN_EXE_fuyu"))

@@ -1,4 +1,4 @@
-//! What `fuyu estimate` says of tables and bags that tell no motion.
+//! How `fuyu estimate` refuses tables and bags from which no motion can be estimated.
 
 use std::fmt::Write as _;
 use std::path::{Path, PathBuf};
@@ -96,7 +96,7 @@ fn made(at: impl Fn(u32, u32) -> (f64, f64)) -> String {
     text
 }
 
-// Breaks when a table is read as something that it is not, and when a refusal names neither file nor place, or takes
+// Fails when a table is read as another kind, and when a refusal names neither file nor place, or takes
 // more than a line.
 #[test]
 fn what_is_wrong_with_a_table_is_said_in_one_line() {
@@ -289,5 +289,5 @@ fn what_is_wrong_with_a_bag_is_said_in_one_line() {
     assert!(refused(&input, &CAMERA).contains("at least 8"));
 }
 
-// Breaks when the camera mixes up targets, when a target takes the body of another, and when the estimator's node is
-// told of the wrong one.
+// Fails when the camera mixes up targets, when a target gets the body of another, and when the estimator
+// estimates the wrong one.

@@ -1,4 +1,4 @@
-//! Scenarios without a controller, closed loops in them, and what is wrong with such.
+//! Scenarios without a controller: springs, closed loops, and how wrong ones are refused.
 
 use serde_json::Value;
 
@@ -12,7 +12,7 @@ fn number(run: &Value, key: &str) -> f64 {
     run[key].as_f64().unwrap_or_else(|| panic!("{key}: {run}"))
 }
 
-/// What the summary says of a free motion: that of the base, momentum and energy, and nothing of a tip.
+/// The summary of a free motion: base motion, momentum and energy, and nothing of a tip.
 #[test]
 fn the_chain_of_tr942_moves_by_its_springs() {
     let run = simulated("config/tr942_chain.yaml", "8");
@@ -167,7 +167,7 @@ fn loop_closures_that_cannot_be() {
         "    loop_closures:",
         "    formulation: articulated_body\n    loop_closures:",
         &[
-            "'articulated_body', which knows no closed loops",
+            "'articulated_body', which does not support closed loops",
             "'reduced'",
         ],
     );

@@ -3,7 +3,7 @@
 use std::path::{Path, PathBuf};
 use std::process::Command;
 
-/// What one run of `fuyu` left.
+/// Exit code and output of one run of `fuyu`.
 pub struct Run {
     pub code: i32,
     pub stdout: String,
@@ -26,13 +26,13 @@ pub fn fuyu<S: AsRef<std::ffi::OsStr>>(args: &[S]) -> Run {
 }
 
 impl Run {
-    /// The one JSON object on stdout of a run that ended well.
+    /// The JSON object on stdout of a successful run.
     pub fn json(&self) -> serde_json::Value {
         assert_eq!((self.code, self.stderr.as_str()), (0, ""));
         serde_json::from_str(&self.stdout).expect("stdout is one JSON object")
     }
 
-    /// The one line on stderr of a run that refused its input.
+    /// The line on stderr of a run that refused its input.
     pub fn refusal(&self) -> &str {
         assert_eq!(
             (self.code, self.stdout.as_str()),

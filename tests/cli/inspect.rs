@@ -5,7 +5,7 @@ use serde_json::Value;
 
 use super::fuyu::{file, fuyu};
 
-/// Pinocchio's numbers for three free-floating trees, made with other formulas in another language. They
+/// Pinocchio's numbers for three free-floating trees, computed with other formulas in another language. They
 /// are doubles; 1e-12 of the largest entry is a few hundred roundings.
 const REFERENCE: &str = include_str!("../validation/fixtures/gjm.json");
 const RELATIVE: f64 = 1e-12;

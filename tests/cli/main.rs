@@ -1,9 +1,10 @@
-//! The `fuyu` executable as a user meets it: exit codes, what it prints, what it says about bad input.
+//! The `fuyu` executable: exit codes, output, error messages; and the examples.
 
 mod bad_urdf;
 mod control;
 mod estimate;
 mod estimate_bad_input;
+mod examples;
 mod free_motion;
 mod fuyu;
 mod inspect;

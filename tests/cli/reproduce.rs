@@ -23,7 +23,7 @@ fn keys(object: &Value) -> Vec<&str> {
     keys
 }
 
-/// An object of the form that scripts rely on; true if all of its rows passed.
+/// Checks the form of a report that scripts rely on; true if all of its rows passed.
 fn well_formed(report: &Value) -> bool {
     assert_eq!(
         keys(report),

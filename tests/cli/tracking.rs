@@ -1,4 +1,4 @@
-//! Goals that a target carries, late cameras and two arms, as scenarios; and what is wrong with such.
+//! Scenarios with goals on a target, late cameras and two arms, and how wrong ones are refused.
 
 use serde_json::Value;
 

@@ -1,11 +1,8 @@
-//! `views/`: what the layouts name is there to be shown.
+//! The layouts in `views/` name topics and fields that exist.
 
 use fuyu::{
     msg::{self, Base, Definition},
-    nodes::{
-        dynamics::description_topic,
-        topics::{self, Described},
-    },
+    nodes::topics::{self, Declaration},
     ros::qos::{Durability, Reliability},
 };
 use serde_json::Value;
@@ -17,9 +14,9 @@ fn text(name: &str) -> String {
 
 /// The topic called `name`, with or without the slash that RViz's layout leaves to the namespace. The robot's topic stands
 /// for those of targets' descriptions, which are of its kind.
-fn topic(name: &str) -> Described {
+fn topic(name: &str) -> Declaration {
     let name = name.trim_start_matches('/');
-    let name = match name == description_topic("target") {
+    let name = match name == topics::TARGET_DESCRIPTION.of("target") {
         true => topics::ROBOT_DESCRIPTION.name,
         false => name,
     };
@@ -44,7 +41,7 @@ fn follow(mut definition: &'static Definition, path: &str) {
     panic!("{path} is a whole message");
 }
 
-// A topic or a field that is renamed leaves an empty plot behind, without a word.
+// A layout with an outdated topic or field shows an empty plot and no error.
 #[test]
 fn foxglove_layout_names_what_is_published() {
     let layout: Value = serde_json::from_str(&text("foxglove.json")).unwrap();

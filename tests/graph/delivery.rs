@@ -45,7 +45,7 @@ fn meet(
 
 const DEEP: Qos = Qos::RELIABLE.depth(10_000);
 
-/// Steps and acknowledgements in turn, with a second topic beside them that nobody waits for, as a
+/// Steps and acknowledgements in turn, and a second topic without acknowledgements, as a
 /// simulation in lockstep has them.
 fn lockstep(domain: u16, steps: usize) {
     let mut process = process(domain);
@@ -53,14 +53,14 @@ fn lockstep(domain: u16, steps: usize) {
     process
         .start("follower", move |node: &Node| {
             let step = node.subscribe::<Text>("step", DEEP)?;
-            let beside = node.subscribe::<Text>("beside", DEEP)?;
+            let other = node.subscribe::<Text>("other", DEEP)?;
             let done = node.advertise::<Text>("done", Qos::RELIABLE)?;
             let (mut stepped, mut came) = (Vec::new(), Vec::new());
             let patience = Instant::now() + 3 * PATIENCE;
             let mut met = false;
             while node.ok() && came.len().min(stepped.len()) < steps && Instant::now() < patience {
                 node.wait_for(Duration::from_millis(100));
-                while let Some(n) = beside.take().map(|r| number(&r.message)) {
+                while let Some(n) = other.take().map(|r| number(&r.message)) {
                     met = true;
                     came.extend((n > 0).then_some(n));
                 }
@@ -79,11 +79,11 @@ fn lockstep(domain: u16, steps: usize) {
     process
         .start("leader", move |node: &Node| {
             let step = node.advertise::<Text>("step", Qos::RELIABLE)?;
-            let beside = node.advertise::<Text>("beside", Qos::RELIABLE)?;
+            let other = node.advertise::<Text>("other", Qos::RELIABLE)?;
             let done = node.subscribe::<Text>("done", DEEP)?;
-            meet(node, &[&beside, &step], &done)?;
+            meet(node, &[&other, &step], &done)?;
             for n in 1..=steps {
-                beside.publish(&text(n));
+                other.publish(&text(n));
                 step.publish(&text(n));
                 let mut ack = 0;
                 // What answers the zeros may come late.
@@ -102,7 +102,11 @@ fn lockstep(domain: u16, steps: usize) {
     process.finish().unwrap();
     let expected: Vec<_> = (1..=steps).collect();
     assert!(stepped == expected, "{} of {steps} steps", stepped.len());
-    assert!(came == expected, "{} of {steps} beside them", came.len());
+    assert!(
+        came == expected,
+        "{} of {steps} on the other topic",
+        came.len()
+    );
 }
 
 #[test]
@@ -112,9 +116,9 @@ fn nothing_is_lost_or_repeated_in_lockstep() {
     }
 }
 
-// Would break if DDS kept fewer samples than come while the receiving thread is held up.
+// Fails if DDS keeps fewer samples than arrive while the receiving thread is blocked.
 #[test]
-fn nothing_is_lost_while_the_receiver_is_held_up() {
+fn nothing_is_lost_while_the_receiver_is_blocked() {
     const MESSAGES: usize = 2000;
     let mut process = process(59);
     let (came, all) = mpsc::channel();

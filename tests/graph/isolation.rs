@@ -1,4 +1,4 @@
-//! Loopback only means loopback only.
+//! `LOCALHOST` sends on loopback only.
 
 use serde_json::json;
 use std::{thread, time::Duration};
@@ -59,13 +59,13 @@ fn sends_nothing_elsewhere() {
         thread::sleep(Duration::from_secs(3));
         let sent = || namespace.sent_packets("wire0") - before;
         if range == "SUBNET" {
-            // Else the counts of the others would mean nothing.
+            // Otherwise the counts of the other interfaces would prove nothing.
             eventually("it is heard", PATIENCE, || (sent() > 0).then_some(()));
         }
         sent()
     };
     assert_eq!(packets_of("LOCALHOST"), 0);
     assert_eq!(packets_of("OFF"), 0);
-    // Last: the kernel tells of multicast groups that were left some time later.
+    // Last: the kernel reports left multicast groups some time later.
     packets_of("SUBNET");
 }

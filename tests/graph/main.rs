@@ -1,5 +1,7 @@
-//! The ROS layer in a real graph: nodes of this crate beside rclpy (Jazzy, Fast DDS) on loopback.
+//! The ROS layer in a real graph: nodes of this crate with rclpy nodes (Jazzy, Fast DDS) on loopback.
 
+#[path = "../support/lateness.rs"]
+mod lateness;
 #[path = "../support/measuring.rs"]
 mod measuring;
 #[path = "../support/namespace.rs"]
@@ -11,8 +13,8 @@ mod waiting;
 
 mod delivery;
 mod isolation;
-mod lockups;
 mod parameters;
+mod participant_watchdog;
 mod probe;
 mod processes;
 mod survival;

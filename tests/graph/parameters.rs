@@ -115,7 +115,7 @@ fn rclpy_lists_describes_gets_and_sets() {
     peer.subscribe("chatter", "std_msgs/msg/String", "reliable");
     let first = &peer.receive("chatter", 1)[0]["message"]["data"];
     assert!(first.as_str().unwrap().starts_with("set "), "{first}");
-    // It was 20 Hz, which a starved machine's 100 Hz must not be taken for: some second shows the new rate.
+    // It was 20 Hz, which must not be mistaken for 100 Hz on a late machine: some second shows the new rate.
     let mut seen = 0;
     eventually("the node follows the new rate", PATIENCE, || {
         seen += 50;
@@ -125,7 +125,7 @@ fn rclpy_lists_describes_gets_and_sets() {
         (33.0..300.0).contains(&rate).then_some(())
     });
     // Those of the start may have been heard, too.
-    let event = eventually("the change is told", PATIENCE, || {
+    let event = eventually("the parameter event of the change", PATIENCE, || {
         let events = peer.receive("/parameter_events", 1);
         let event = events.last()?["message"].clone();
         (event["changed_parameters"] != json!([])).then_some(event)

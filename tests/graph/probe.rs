@@ -1,4 +1,4 @@
-//! A node that does a little of everything, run as a process of its own.
+//! A node that uses every feature of the ROS layer, run as a separate process.
 
 use crate::peer::DomainClaim;
 use fuyu::{
@@ -129,7 +129,7 @@ fn program(node: &Node) -> Result<(), NodeError> {
 pub struct Probe {
     child: Child,
     stderr: BufReader<ChildStderr>,
-    /// What of it has been read.
+    /// Lines read from it.
     said: String,
     _domain: DomainClaim,
 }

@@ -9,7 +9,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use crate::{measuring::once_below, waiting::PATIENCE};
+use crate::{lateness::repeat_if_late, waiting::PATIENCE};
 
 fn process(domain: u16) -> Process {
     let reach = Reach::Localhost;
@@ -24,6 +24,10 @@ fn text(data: impl ToString) -> Text {
 
 #[test]
 fn nodes_of_one_process_talk_and_stop_last_first() {
+    repeat_if_late(talk_and_stop);
+}
+
+fn talk_and_stop() {
     let mut process = process(55);
     let (ended, order) = mpsc::channel();
     let (said, heard) = (ended.clone(), ended);
@@ -58,16 +62,16 @@ fn nodes_of_one_process_talk_and_stop_last_first() {
                 .map_err(|e| NodeError::Failed(e.to_string()))
         })
         .unwrap();
-    // A fraction of a millisecond on an idle computer; polling or a heartbeat in the way takes 50 ms.
-    once_below("median round trip [ms]", 15.0, || {
-        let mut round_trips: Vec<_> = (0..500)
-            .map(|_| latencies.recv_timeout(PATIENCE).unwrap())
-            .collect();
-        round_trips.sort();
-        println!("99 % within {:?}", round_trips[495]);
-        1e3 * round_trips[250].as_secs_f64()
-    });
-    assert!(process.run_for(Duration::ZERO), "nobody has ended");
+    // A fraction of a millisecond on an idle computer; polling or a heartbeat in the way takes 50 ms, of most round
+    // trips. So the median of all is held, not the slowest, which is the scheduler's.
+    let mut round_trips: Vec<_> = (0..500)
+        .map(|_| latencies.recv_timeout(PATIENCE).unwrap())
+        .collect();
+    round_trips.sort();
+    let (median, most) = (round_trips[250], round_trips[495]);
+    println!("median round trip {median:?}, 99 % within {most:?}");
+    assert!(median < Duration::from_millis(15), "{median:?}");
+    assert!(process.run_for(Duration::ZERO), "no node has ended");
     process.finish().unwrap();
     assert_eq!(order.iter().collect::<Vec<_>>(), ["talker", "listener"]);
 }
@@ -93,7 +97,7 @@ fn a_failing_node_ends_the_process_with_its_error() {
     );
 }
 
-// Would break if the node went on deaf.
+// Fails if the node goes on without its handler.
 #[test]
 fn a_handlers_panic_is_a_failure_too() {
     let mut process = process(61);

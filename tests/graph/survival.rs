@@ -1,4 +1,4 @@
-//! What ends a DDS participant by accident must not end a node: a child's exit, SIGSTOP and SIGCONT,
+//! A node survives signals that end DDS participants: a child's exit, SIGSTOP and SIGCONT,
 //! Ctrl-Z and fg.
 
 use serde_json::json;
@@ -8,7 +8,8 @@ use std::{
 };
 
 use crate::{
-    measuring::once_below,
+    lateness::repeat_if_late,
+    measuring::worst_below,
     peer::Peer,
     probe::Probe,
     waiting::{PATIENCE, eventually},
@@ -84,7 +85,8 @@ fn stop_and_continue(domain: u16, signal: &str) -> bool {
 
     let mut stops = true;
     let what = format!("time until topics flow after SIG{signal} and SIGCONT [s]");
-    once_below(&what, BACK_WITHIN, || {
+    // Promised of every stop.
+    worst_below(&what, BACK_WITHIN, 3, || {
         stops = stop_once(&probe, signal);
         if !stops {
             return 0.0;
@@ -101,7 +103,7 @@ fn stop_and_continue(domain: u16, signal: &str) -> bool {
         let count: i32 = message.split(' ').nth(1).unwrap().parse().unwrap();
         assert!(count > 10, "{message}");
 
-        let back = eventually("it hears again", PATIENCE, || {
+        let back = eventually("it receives again", PATIENCE, || {
             let said = json!({"data": "there?"});
             peer.does(json!({
                 "do": "publish", "topic": "say", "type": TEXT, "message": said, "matched": 0
@@ -143,19 +145,21 @@ fn stop_once(probe: &Probe, signal: &str) -> bool {
 
 #[test]
 fn topics_flow_again_after_stop_and_continue() {
-    assert!(stop_and_continue(49, "STOP"), "SIGSTOP stops everything");
+    repeat_if_late(|| assert!(stop_and_continue(49, "STOP"), "SIGSTOP stops everything"));
 }
 
 #[test]
 fn topics_flow_again_after_ctrl_z_and_fg() {
-    if !stop_and_continue(50, "TSTP") {
-        println!("skipped: this process group is orphaned, Ctrl-Z does nothing here");
-    }
+    repeat_if_late(|| {
+        if !stop_and_continue(50, "TSTP") {
+            println!("skipped: this process group is orphaned, Ctrl-Z does nothing here");
+        }
+    });
 }
 
-// systemd and `timeout` send this pair. Would break if the second revived what the first takes down.
+// systemd and `timeout` send this pair. Fails if SIGCONT restarts a node that SIGTERM is ending.
 #[test]
-fn continuing_does_not_revive_what_was_told_to_stop() {
+fn continuing_does_not_revive_a_node_that_is_ending() {
     for _ in 0..3 {
         let mut probe = Probe::start(60, &[]);
         let mut peer = Peer::start("peer", 60);
@@ -175,22 +179,30 @@ fn continuing_does_not_revive_what_was_told_to_stop() {
 
 #[test]
 fn a_second_interrupt_ends_it_at_once() {
-    once_below("end after the second interrupt [s]", 1.0, || {
-        let probe = Probe::start(53, &["--ros-args", "-p", "stubborn:=true"]);
-        let mut peer = Peer::start("peer", 53);
-        peer.subscribe("chatter", TEXT, "reliable");
-        peer.receive("chatter", 1);
-        probe.signal("INT");
-        eventually("it has taken the first one", PATIENCE, || {
-            let chatter = peer.receive("chatter", 1);
-            let last = chatter.last()?["message"]["data"].as_str()?;
-            last.starts_with("last ").then_some(())
+    repeat_if_late(|| {
+        // Promised of every interrupt.
+        worst_below("end after the second interrupt [s]", 1.0, 3, || {
+            end_after_two()
         });
-        let start = now();
-        let (said, code) = probe.interrupt();
-        assert_eq!(code, Some(130), "{said}");
-        now() - start
     });
+}
+
+/// How long a process that ignores the first interrupt takes to end after the second \[s\].
+fn end_after_two() -> f64 {
+    let probe = Probe::start(53, &["--ros-args", "-p", "stubborn:=true"]);
+    let mut peer = Peer::start("peer", 53);
+    peer.subscribe("chatter", TEXT, "reliable");
+    peer.receive("chatter", 1);
+    probe.signal("INT");
+    eventually("it has taken the first one", PATIENCE, || {
+        let chatter = peer.receive("chatter", 1);
+        let last = chatter.last()?["message"]["data"].as_str()?;
+        last.starts_with("last ").then_some(())
+    });
+    let start = now();
+    let (said, code) = probe.interrupt();
+    assert_eq!(code, Some(130), "{said}");
+    now() - start
 }
 
 #[test]
@@ -205,8 +217,8 @@ fn a_peer_that_was_killed_comes_back() {
         let _probe = Probe::start(domain, &[]);
         let first = json!({"do": "wait", "topic": "chatter", "since": started});
         let first = peer.does(first)[0]["time"].as_f64().expect("chatter comes");
-        // The killed one still counts as matched, so what is said may be said too early.
-        let heard = eventually("it hears", PATIENCE, || {
+        // The killed one still counts as matched, so a message may be published too early.
+        let heard = eventually("it receives", PATIENCE, || {
             let said = json!({"data": "back?"});
             peer.does(json!({"do": "publish", "topic": "say", "type": TEXT, "message": said}));
             let heard = json!({"do": "wait", "topic": "heard", "since": started, "timeout": 0.2});

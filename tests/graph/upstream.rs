@@ -2,11 +2,11 @@
 //! (docs/upstream.md), each as small as it gets, without this crate. When one of these tests fails after an update,
 //! that is good news: see what can go.
 
+mod announcements;
+pub mod deadlocks;
 mod fragments;
 mod histories;
-pub mod lockups;
-mod newcomers;
-mod words;
+mod late_joiners;
 
 use rustdds::{
     DomainParticipant, DomainParticipantBuilder, QosPolicies, QosPolicyBuilder, RTPSEntity,
@@ -112,7 +112,7 @@ fn length(reader: &mut DataReader<Vec<u8>>, patience: Duration) -> Option<usize>
 /// Length of the samples that [`connect`] sends. The last of them may come at any time after.
 const GREETING: usize = 1;
 
-/// Writes until the reader hears: then both have discovered each other.
+/// Writes until the reader receives: then both have discovered each other.
 fn connect(writer: &DataWriter<Vec<u8>>, reader: &mut DataReader<Vec<u8>>) {
     eventually("reader and writer find each other", PATIENCE, || {
         writer.write(vec![0; GREETING], None).unwrap();
@@ -181,7 +181,7 @@ fn it_announces_itself_every_ten_seconds() {
     );
 }
 
-/// A reader that listens until it is killed; by itself it is no test.
+/// The process of a test below: a reader that listens until it is killed.
 #[test]
 #[ignore = "started by another test"]
 fn listener() {
@@ -211,7 +211,7 @@ fn a_reader_that_died_holds_up_the_writer() {
     // It takes samples one after the other, so it says a word after each.
     let mut said = BufReader::new(listener.stderr.take().unwrap()).lines();
     let mut heard = false;
-    eventually("the listener hears", PATIENCE, || {
+    eventually("the listener receives", PATIENCE, || {
         writer.write(vec![0], None).unwrap();
         thread::sleep(Duration::from_millis(100));
         heard |= said
@@ -244,7 +244,7 @@ fn threads_of_rustdds() -> usize {
 /// Set in the process that `a_signal_ends_the_threads` starts.
 const VICTIM: &str = "FUYU_UPSTREAM_VICTIM";
 
-/// Tells every 100 ms how many threads rustdds has; by itself it is no test.
+/// The process of a test below: prints every 100 ms how many threads rustdds has.
 #[test]
 #[ignore = "started by another test"]
 fn victim() {

@@ -1,48 +1,52 @@
-//! What the documents say beside what the sources do.
+//! The documents against the sources.
 
+#[cfg(feature = "ros")]
 use std::collections::BTreeSet;
 
-use crate::sources::{read, root, sources};
+#[cfg(feature = "ros")]
+use fuyu::nodes::{
+    NODES,
+    topics::{self, Declaration},
+};
 
-/// The rows of ARCHITECTURE.md's table of topics: topic, type, writers, readers, QoS.
-fn table() -> Vec<[String; 5]> {
-    let text = read("ARCHITECTURE.md");
-    let rows = text
-        .lines()
-        .skip_while(|l| !l.starts_with("| topic | type |"));
-    rows.skip(2)
-        .take_while(|l| l.starts_with('|'))
-        .map(|row| {
-            let cells = row.trim_matches('|').split('|');
-            let cells: Vec<_> = cells.map(|c| c.trim().replace('`', "")).collect();
-            cells.try_into().expect("five cells a row")
-        })
-        .collect()
-}
+use crate::sources::{read, root};
+#[cfg(feature = "ros")]
+use crate::{
+    generated::{cell, check_table},
+    sources::sources,
+};
 
-/// `node writes topic` and `node reads topic`, for the nodes that have fixed topics.
-fn documented() -> BTreeSet<String> {
+/// The nodes whose sources the declarations are compared with. The recorder takes any topic.
+#[cfg(feature = "ros")]
+const CHECKED: [&str; 6] = [
+    "dynamics",
+    "camera",
+    "controller",
+    "estimator",
+    "teleop",
+    "views",
+];
+
+/// `node writes topic` and `node reads topic`, as declared.
+#[cfg(feature = "ros")]
+fn declared() -> BTreeSet<String> {
     let mut endpoints = BTreeSet::new();
-    for [topic, _, writers, readers, _] in table() {
-        for (nodes, verb) in [(writers, "writes"), (readers, "reads")] {
-            for node in nodes.split(", ") {
-                let fixed =
-                    ["dynamics", "camera", "controller", "estimator", "teleop"].contains(&node);
-                if fixed && !topic.contains("NAME") {
-                    endpoints.insert(format!("{node} {verb} {topic}"));
-                }
-            }
+    for topic in topics::declarations() {
+        for (nodes, verb) in [(topic.writers, "writes"), (topic.readers, "reads")] {
+            let nodes = nodes.iter().filter(|node| CHECKED.contains(node));
+            endpoints.extend(nodes.map(|node| format!("{node} {verb} {}", topic.name)));
         }
     }
     endpoints
 }
 
-/// The topics that a text names in calls of a method, as `topics::NAME.method(` or `.method("name"`.
+/// The topics in calls of a method in `text`: `topics::NAME.method(` or `.method("name"`.
+#[cfg(feature = "ros")]
 fn called(text: &str, method: &str) -> Vec<String> {
-    let constants = read("src/nodes/topics.rs");
+    let declarations = topics::declarations();
     let name_of = |constant: &str| {
-        let definition = constants.split_once(&format!("pub const {constant}: Topic"))?;
-        definition.1.split('"').nth(1).map(str::to_owned)
+        let topic = declarations.iter().find(|t| t.constant == constant)?;
+        Some(topic.name.to_owned())
     };
     let mut topics = Vec::new();
     for (at, call) in text.match_indices(&format!(".{method}(")) {
@@ -56,20 +60,19 @@ fn called(text: &str, method: &str) -> Vec<String> {
     topics
 }
 
-/// The same from the sources of the nodes.
+/// `node writes topic` and `node reads topic`, from the sources of the nodes.
+#[cfg(feature = "ros")]
 fn implemented() -> BTreeSet<String> {
     let mut endpoints = BTreeSet::new();
     for source in sources().iter().filter(|s| s.module() == "nodes") {
         let path = source.path.to_string_lossy();
-        let nodes: &[&str] = match path.as_ref() {
-            p if p.starts_with("nodes/dynamics") => &["dynamics"],
-            p if p.starts_with("nodes/camera") => &["camera"],
-            p if p.starts_with("nodes/controller") => &["controller"],
-            p if p.starts_with("nodes/estimator") => &["estimator"],
-            p if p.starts_with("nodes/teleop") => &["teleop"],
-            // Shared by those who must know the robot.
-            "nodes/robot_description.rs" => &["camera", "controller", "teleop"],
-            _ => continue,
+        let folder = CHECKED
+            .iter()
+            .filter(|node| path.contains(&format!("nodes/{node}/")));
+        let nodes: Vec<_> = match path.ends_with("nodes/robot_description.rs") {
+            // Shared by the nodes that subscribe to the robot's description.
+            true => vec!["camera", "controller", "teleop"],
+            false => folder.copied().collect(),
         };
         for (method, verb) in [
             ("advertise", "writes"),
@@ -84,40 +87,82 @@ fn implemented() -> BTreeSet<String> {
     endpoints
 }
 
-// A topic that a node gained or lost, or that changed its name, and ARCHITECTURE.md did not follow.
+// Would break if a node gained or lost a topic and `nodes/topics.rs` did not follow.
+#[cfg(feature = "ros")]
 #[test]
-fn the_nodes_write_and_read_what_the_table_says() {
-    let (documented, implemented) = (documented(), implemented());
+fn the_nodes_write_and_read_what_is_declared() {
+    let (declared, implemented) = (declared(), implemented());
     let only = |a: &BTreeSet<String>, b: &BTreeSet<String>| -> Vec<String> {
         a.difference(b).cloned().collect()
     };
     let none: [String; 0] = [];
-    assert_eq!(only(&documented, &implemented), none, "in no source");
-    assert_eq!(only(&implemented, &documented), none, "in no table");
-    assert!(implemented.len() >= 20, "the search has gone blind");
+    assert_eq!(only(&declared, &implemented), none, "in no source");
+    assert_eq!(only(&implemented, &declared), none, "not declared");
+    assert!(implemented.len() >= 40, "the search finds too little");
+}
+
+/// Topic names as code, in one cell.
+#[cfg(feature = "ros")]
+fn names<'a>(topics: impl Iterator<Item = &'a Declaration>) -> String {
+    cell(topics.map(|t| format!("`{}`", t.name)))
 }
 
 #[cfg(feature = "ros")]
 #[test]
-fn types_and_qos_are_those_of_the_table() {
-    use fuyu::ros::Qos;
+fn the_table_of_topics_is_the_declarations() {
+    let row = |t: &Declaration| {
+        [
+            format!("`{}`", t.name),
+            t.type_name.replace("/msg/", "/"),
+            cell(t.writers),
+            cell(t.readers),
+            format!("`{}`", t.qos_name),
+            t.description.trim().trim_end_matches('.').to_owned(),
+        ]
+    };
+    let mut rows: Vec<_> = topics::declarations().iter().map(row).collect();
+    // Declared in fuyu-ros: every node has it.
+    rows.push(
+        [
+            "`diagnostics`",
+            "diagnostic_msgs/DiagnosticArray",
+            "every node, 1 Hz",
+            "recorder",
+            "`RELIABLE`",
+            "Health of a node and its endpoints",
+        ]
+        .map(str::to_owned),
+    );
+    let head = [
+        "topic",
+        "type",
+        "written by",
+        "read by",
+        "QoS",
+        "what it contains",
+    ];
+    check_table("ARCHITECTURE.md", "", &head, &rows);
+}
 
-    let rows = table();
-    for topic in fuyu::nodes::topics::all() {
-        let row = rows.iter().find(|row| row[0] == topic.name);
-        let row = row.unwrap_or_else(|| panic!("{} is not in the table", topic.name));
-        assert_eq!(row[1], topic.type_name.replace("/msg/", "/"));
-        let qos = match row[4].as_str() {
-            "RELIABLE" => Qos::RELIABLE,
-            "SENSOR_DATA" => Qos::SENSOR_DATA,
-            "LATCHED" => Qos::LATCHED,
-            "TF" => Qos::TF,
-            "TF_STATIC" => Qos::TF_STATIC,
-            "CLOCK" => Qos::CLOCK,
-            other => panic!("{}: no Qos is called {other}", topic.name),
-        };
-        assert_eq!(qos, topic.qos, "{}", topic.name);
-    }
+#[cfg(feature = "ros")]
+#[test]
+fn the_table_of_nodes_is_the_declarations() {
+    let mut known: Vec<_> = NODES.iter().map(|(name, _)| *name).collect();
+    known.sort_unstable();
+    let mut described = [&CHECKED[..], &["recorder"]].concat();
+    described.sort_unstable();
+    assert_eq!(known, described);
+    let topics = topics::declarations();
+    let mut rows: Vec<_> = (CHECKED.iter())
+        .map(|node| {
+            let read = topics.iter().filter(|t| t.readers.contains(node));
+            let written = topics.iter().filter(|t| t.writers.contains(node));
+            [format!("[`{node}`]"), names(read), names(written)]
+        })
+        .collect();
+    rows.push(["[`recorder`]", "any topic", "a bag"].map(str::to_owned));
+    let head = ["node", "reads", "writes"];
+    check_table("src/nodes/mod.rs", "//! ", &head, &rows);
 }
 
 #[test]

@@ -1,4 +1,4 @@
-//! What README.md tells people to do works as it stands there.
+//! The controller in README.md works as printed there.
 
 use std::{fs, process::Command};
 
@@ -7,7 +7,7 @@ use serde_json::Value;
 use crate::sources::{read, root};
 
 /// The Python of the tests' environment, which is made on first use.
-fn python() -> String {
+pub fn python() -> String {
     let script = Command::new(root().join("scripts/test-venv.sh")).output();
     let output = script.expect("scripts/test-venv.sh can be started");
     let log = String::from_utf8_lossy(&output.stderr);

@@ -5,26 +5,40 @@ use std::{
     path::{Path, PathBuf},
 };
 
-/// The package's folder.
+/// The folder of the workspace.
 pub fn root() -> &'static Path {
     Path::new(env!("CARGO_MANIFEST_DIR"))
 }
 
-/// A file of the package.
+/// A file, by its path below the folder of the workspace.
 pub fn read(path: impl AsRef<Path>) -> String {
     let path = root().join(path);
     fs::read_to_string(&path).unwrap_or_else(|e| panic!("{}: {e}", path.display()))
 }
 
-/// One Rust file below `src`.
+/// Names of the packages of the workspace and their folders.
+pub const PACKAGES: [(&str, &str); 3] = [
+    ("fuyu", ""),
+    ("fuyu-physics", "crates/fuyu-physics"),
+    ("fuyu-ros", "crates/fuyu-ros"),
+];
+
+/// One Rust file below the `src` of a package.
 pub struct Source {
-    /// Relative to `src`, such as `nodes/dynamics/mod.rs`.
+    /// The package's name.
+    pub package: &'static str,
+    /// Relative to the package's `src`, such as `nodes/dynamics/mod.rs`.
     pub path: PathBuf,
     /// Its text.
     pub text: String,
 }
 
 impl Source {
+    /// Package and path, for messages.
+    pub fn location(&self) -> String {
+        format!("{} src/{}", self.package, self.path.display())
+    }
+
     /// The module below the crate's root, such as `nodes`; `lib`, `main` or `bin` for the roots.
     pub fn module(&self) -> String {
         let first = self.path.iter().next().unwrap().to_string_lossy();
@@ -37,7 +51,7 @@ impl Source {
         folders + usize::from(self.path.file_name().unwrap() != "mod.rs")
     }
 
-    /// The items that it names directly below `root` (`crate` or `std`), in grouped imports too:
+    /// The items that the file names directly below `root` (`crate` or `std`), including grouped imports:
     /// `use crate::{model::Model, ros}` names `model` and `ros`.
     pub fn names_below(&self, root: &str) -> Vec<String> {
         let code = self.code();
@@ -94,32 +108,43 @@ fn first_names(code: &str) -> Vec<String> {
     names
 }
 
-/// Every Rust file below `src`.
+/// Every Rust file below the `src` of every package.
 pub fn sources() -> Vec<Source> {
-    let src = root().join("src");
-    let mut folders = vec![src.clone()];
     let mut sources = Vec::new();
+    for (package, folder) in PACKAGES {
+        let src = root().join(folder).join("src");
+        sources.extend(rust_files(&src).into_iter().map(|path| Source {
+            package,
+            text: fs::read_to_string(&path).unwrap(),
+            path: path.strip_prefix(&src).unwrap().to_owned(),
+        }));
+    }
+    sources
+}
+
+/// Every Rust file below a folder, in order.
+pub fn rust_files(folder: &Path) -> Vec<PathBuf> {
+    let mut folders = vec![folder.to_owned()];
+    let mut files = Vec::new();
     while let Some(folder) = folders.pop() {
         for entry in fs::read_dir(folder).unwrap() {
             let path = entry.unwrap().path();
             if path.is_dir() {
                 folders.push(path);
             } else if path.extension().is_some_and(|e| e == "rs") {
-                sources.push(Source {
-                    text: fs::read_to_string(&path).unwrap(),
-                    path: path.strip_prefix(&src).unwrap().to_owned(),
-                });
+                files.push(path);
             }
         }
     }
-    sources.sort_by(|a, b| a.path.cmp(&b.path));
-    sources
+    files.sort();
+    files
 }
 
-// The search itself must see what it is meant to forbid.
+// The layer tests rely on this search: it must find every spelling of an import.
 #[test]
 fn names_are_found_in_every_spelling() {
     let source = |path: &str, text: &str| Source {
+        package: "fuyu",
         path: path.into(),
         text: text.to_owned(),
     };

@@ -1,4 +1,4 @@
-//! Nodes of this crate as processes of their own: this test executable, started again with a program's name.
+//! Nodes as separate processes: this test executable, started again with a program's name.
 
 use fuyu::ros::{Node, NodeError, Process, Reach, return_free_memory};
 use nix::sys::signal::{SigSet, SigmaskHow, Signal};
@@ -21,7 +21,7 @@ use crate::{
 /// Name of the program that a child runs.
 const PROGRAM: &str = "FUYU_INTEROP_PROGRAM";
 
-/// What a child is when it is not a test: by itself it does nothing.
+/// The process that tests start; does nothing without `PROGRAM` in its environment.
 #[test]
 #[ignore = "started by the other tests"]
 fn process() {
@@ -31,7 +31,7 @@ fn process() {
     let program: fn(&Node) -> Result<(), NodeError> = match program.as_str() {
         "echo" => crate::echo::program,
         "hostile" => crate::hostile::program,
-        "leap" => crate::leaps::program,
+        "leap" => crate::time_jumps::program,
         "push" => crate::load::push,
         "send" => crate::speed::send,
         "take" => crate::speed::take,
@@ -56,7 +56,7 @@ pub fn executable() -> PathBuf {
     std::env::current_exe().expect("a test knows its executable")
 }
 
-/// A process whose words on stderr are kept; killed when dropped.
+/// A process whose stderr is kept; killed when dropped.
 pub struct Running {
     child: Child,
     said: Arc<Mutex<String>>,
@@ -152,13 +152,13 @@ impl Running {
         self.child.id()
     }
 
-    /// What it has said so far.
+    /// Its stderr so far.
     pub fn said(&self) -> String {
         let said = self.said.lock().unwrap_or_else(PoisonError::into_inner);
         said.clone()
     }
 
-    /// Waits until it has said a word.
+    /// Waits until a word is on its stderr.
     pub fn says(&self, word: &str) {
         eventually(word, 3 * PATIENCE, || {
             self.said().contains(word).then_some(())
@@ -193,7 +193,7 @@ impl Running {
         }
     }
 
-    /// Ends it with Ctrl-C; panics unless it ends well.
+    /// Ends it with Ctrl-C; panics unless the exit code is 0.
     pub fn interrupt(mut self) -> String {
         self.signal("INT");
         assert_eq!(self.wait(PATIENCE), Some(0), "{}", self.said());

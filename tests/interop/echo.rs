@@ -1,4 +1,4 @@
-//! A node that gives back what it hears, decoded and encoded again, and does whatever else a row of the matrix needs.
+//! A node that echoes messages, decoded and encoded again, and serves the other rows of the interop matrix.
 
 use fuyu::{
     msg::{
@@ -71,8 +71,8 @@ pub fn types() -> Vec<String> {
     for_every_type!(names)
 }
 
-/// Gives back on `out/PACKAGE/NAME` what comes on `in/PACKAGE/NAME`: through the struct, so that both decoding
-/// and encoding are seen.
+/// Echoes `in/PACKAGE/NAME` on `out/PACKAGE/NAME` through the struct, so that both decoding
+/// and encoding are tested.
 fn echo<M: Interface>(node: &Node) -> Result<fuyu::ros::RawSubscription, NodeError> {
     let topic = format!("{}/{}", M::DEFINITION.package, M::DEFINITION.name);
     let out = node.advertise::<M>(&format!("out/{topic}"), Qos::RELIABLE)?;
@@ -105,7 +105,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         success: true,
         message: "pong".into(),
     })?;
-    // Offered less than a peer asks for, and asked for more than a peer offers.
+    // Offered QoS below a peer's request, and requested QoS above a peer's offer.
     let fast = node.advertise::<Text>("best_effort", Qos::SENSOR_DATA)?;
     let _asks = node.subscribe::<Text>("reliable_please", Qos::RELIABLE)?;
     let retained = node.advertise::<Text>("retained", Qos::LATCHED)?;
@@ -141,7 +141,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let heard = node.advertise::<Text>("heard", Qos::RELIABLE)?;
     tracing::info!("echoes {} types", types().len());
 
-    let mut told = false;
+    let mut warned = false;
     let mut left = 0..0;
     let (mut due, mut tick) = (Instant::now(), 0);
     while node.wait_for(Duration::from_millis(if left.is_empty() { 50 } else { 1 })) {
@@ -183,13 +183,13 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
                 goal = Some(running);
             }
         }
-        if !told && tick % 20 == 0 {
+        if !warned && tick % 20 == 0 {
             let publishers = node.discovered_publishers().into_iter();
             let mut hashes = publishers.filter(|p| p.topic == "/upstream");
             if let Some((publisher, hash)) = hashes.find_map(|p| Some((p.type_name, p.type_hash?)))
             {
                 tracing::info!("/upstream comes with {publisher} {hash}");
-                told = true;
+                warned = true;
             }
         }
         if late.take().is_some() {

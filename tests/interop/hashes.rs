@@ -1,5 +1,5 @@
-//! Type hashes (RIHS01) of every type that fuyu knows, beside those that rosidl computed: for the wheels of ROS 2, and for
-//! packages that have none and are built here from their definitions.
+//! Type hashes (RIHS01) of every type that fuyu knows, compared with those that rosidl computed: for the wheels of ROS 2, and for
+//! packages without wheels, built here from their definitions.
 
 use fuyu::msg;
 use serde_json::Value;
@@ -38,7 +38,7 @@ fn rosidl(python: &Path) -> BTreeMap<String, String> {
     hashes
 }
 
-// Breaks when a hash is not the one that every other ROS node computes for the type.
+// Fails when a hash is not the one that other ROS nodes compute for the type.
 #[test]
 fn hashes_are_those_of_rosidl() {
     for distribution in ["jazzy", "kilted"] {

@@ -1,4 +1,4 @@
-//! A peer that sends what no peer should: datagrams that are almost RTPS, and samples that are almost messages.
+//! A hostile peer: malformed RTPS datagrams and malformed samples.
 
 use fuyu::{
     msg::{Interface, cdr, geometry_msgs::PoseStamped, sensor_msgs::JointState, std_msgs::Int64},
@@ -21,9 +21,9 @@ use crate::{
     waiting::{PATIENCE, eventually},
 };
 
-/// Datagrams, and as many samples.
+/// Number of datagrams, and of samples.
 const COUNT: usize = 10_000;
-/// What a process may grow by while it is shelled for the second time \[kB\]: the first time fills what is kept.
+/// How much memory a process may gain in the second round \[kB\]: the first round fills its caches.
 const GROWTH: u64 = 8_000;
 
 /// A byte string with some of it changed, left out, repeated or cut off.
@@ -95,7 +95,7 @@ fn invented(header: &[u8], random: &mut StdRng) -> Vec<u8> {
     bytes
 }
 
-/// Shells every port of the first participants of a domain.
+/// Sends to every port of the first participants of a domain.
 fn shell(domain: u16, seeds: &[Vec<u8>], random: &mut StdRng) {
     let socket = UdpSocket::bind((Ipv4Addr::LOCALHOST, 0)).expect("a socket");
     for i in 0..COUNT {
@@ -113,7 +113,7 @@ fn shell(domain: u16, seeds: &[Vec<u8>], random: &mut StdRng) {
         let participant = (i / 4 % 3) as u16;
         for offset in [10, 11] {
             let port = 7400 + 250 * domain + offset + 2 * participant;
-            // Where nobody listens it is refused.
+            // A port without a listener refuses it.
             let _ = socket.send_to(&datagram, (Ipv4Addr::LOCALHOST, port));
         }
         // No faster than it can be read: what the kernel drops tests nothing.
@@ -155,7 +155,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
 }
 
 fn spoil<M: Interface>(publisher: &Publisher<M>, good: &[u8], random: &mut StdRng) {
-    // The first four bytes are made anew on the way.
+    // The first four bytes are written by DDS.
     let mut bytes = spoilt(good, 4, random);
     bytes.resize(bytes.len().max(4), 0);
     publisher.publish_cdr(bytes);
@@ -182,7 +182,7 @@ fn echoes(peer: &mut Peer, data: i64) {
     });
 }
 
-// Breaks when a datagram ends a thread of the node, or is kept for ever.
+// Fails when a datagram ends a thread of the node, or is kept for ever.
 #[test]
 fn malformed_datagrams_harm_nothing() {
     let domain = 18;
@@ -205,7 +205,7 @@ fn malformed_datagrams_harm_nothing() {
     assert!(!said.contains("panic"), "{said}");
 }
 
-// Breaks when a sample that does not decode, or decodes to nonsense, ends a node or gets into the state.
+// Fails when a sample that does not decode, or decodes to nonsense, ends a node or gets into the state.
 #[test]
 fn malformed_samples_harm_nothing() {
     let domain = 19;
@@ -256,7 +256,7 @@ fn malformed_samples_harm_nothing() {
         assert!(process.runs(), "{}", process.said());
         assert!(after < before + GROWTH, "from {before} to {after} kB");
     }
-    // Time runs on, and what is told of the robot is finite.
+    // Time continues, and the published state is finite.
     let states = peer.receive("joint_states", 1);
     for state in &states {
         for field in ["position", "velocity", "effort"] {

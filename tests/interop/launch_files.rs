@@ -228,7 +228,7 @@ fn named(scenario: &Path) -> Vec<String> {
     keys
 }
 
-// Breaks when a scenario has no launch file, or one that starts other nodes or reads another file.
+// Fails when a scenario has no launch file, or one that starts other nodes or reads another file.
 #[test]
 fn every_scenario_has_a_launch_file() {
     for scenario in scenarios() {
@@ -255,7 +255,7 @@ fn every_scenario_has_a_launch_file() {
     }
 }
 
-// Breaks when what one robot publishes reaches the other: clock, transforms, commands.
+// Fails when messages of one robot reach the other: clock, transforms, commands.
 #[test]
 fn two_robots_share_a_graph() {
     let domain = 14;
@@ -321,7 +321,7 @@ fn two_robots_share_a_graph() {
     }
 }
 
-// Breaks when the launch file in Python starts other nodes than the scenario names, or with other arguments.
+// Fails when the launch file in Python starts other nodes than the scenario names, or with other arguments.
 #[test]
 fn the_launch_file_in_python_starts_what_a_scenario_names() {
     for scenario in scenarios() {

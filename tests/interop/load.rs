@@ -18,20 +18,20 @@ use crate::{
     waiting::PATIENCE,
 };
 
-/// In a namespace of its own.
+/// The test has a separate network namespace.
 const DOMAIN: u16 = 3;
 /// Numbers in a message of 40 kB, of which 500 a second are 20 MB/s.
 const NUMBERS: usize = 5000;
 const PERIOD: Duration = Duration::from_millis(2);
 const MESSAGES: u64 = 4000;
 /// How many may be on their way: less than a reader keeps, and less than waits for the disk before any are dropped. On
-/// a computer that keeps up, the recorder's reports come often enough to hold nobody up.
+/// a computer that keeps up, the recorder's reports come often enough not to delay the publisher.
 const WINDOW: u64 = 950;
 /// Images of 900 kB, best effort: 20 MB/s, too.
 const IMAGES: u32 = 100;
 const IMAGE_PERIOD: Duration = Duration::from_millis(45);
 
-/// What the recorder says of itself: messages taken, messages dropped.
+/// The recorder's diagnostics: messages taken, messages dropped.
 struct Reports {
     reports: Subscription<DiagnosticArray>,
     last: (u64, u64),
@@ -91,7 +91,7 @@ fn meet(node: &Node, reports: &mut Reports, say: impl Fn()) -> Option<u64> {
     None
 }
 
-/// Publishes [`MESSAGES`] reliably, then [`IMAGES`], and says how that went.
+/// Publishes [`MESSAGES`] reliably, then [`IMAGES`], and logs the result.
 pub fn push(node: &Node) -> Result<(), NodeError> {
     let mut noise = SmallRng::seed_from_u64(1);
     let load: Publisher<Float64MultiArray> =
@@ -154,7 +154,7 @@ pub fn push(node: &Node) -> Result<(), NodeError> {
     Ok(())
 }
 
-// Breaks when a reliable message is lost on the way to the bag, or the recorder drops any.
+// Fails when a reliable message is lost on the way to the bag, or the recorder drops any.
 #[test]
 fn twenty_megabytes_a_second_are_recorded() {
     let Some(namespace) = Namespace::new("load") else {

@@ -67,7 +67,7 @@ impl Drop for Wire {
     }
 }
 
-// Breaks when a lost datagram is not repaired, comes twice, or comes out of order.
+// Fails when a lost datagram is not repaired, comes twice, or comes out of order.
 #[test]
 fn reliable_topics_survive_loss_and_delay() {
     let Some(wire) = Wire::new(0.2, 0.05) else {
@@ -80,7 +80,7 @@ fn reliable_topics_survive_loss_and_delay() {
     let echo = Running::program(echo, "echo", domain, &["--ros-args", "-r", "__node:=echo"]);
     echo.says("echoes");
     let mut command = far.command("env");
-    // Behind what the peer's own start sets.
+    // After the variables that the peer's start sets.
     command
         .arg("ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET")
         .arg(python());

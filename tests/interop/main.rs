@@ -1,8 +1,10 @@
-//! fuyu beside stacks that no one here wrote (rclpy of Jazzy and Kilted on Fast DDS, CycloneDDS), on networks that
-//! lose and delay, with peers that die, lie or share a name; and for as long as it takes.
+//! fuyu with other stacks (rclpy of Jazzy and Kilted on Fast DDS, CycloneDDS), on networks that
+//! lose and delay packets, with peers that die, send garbage or share a name, and under load.
 
 #[path = "../support/binaries.rs"]
 mod binaries;
+#[path = "../support/lateness.rs"]
+mod lateness;
 #[path = "../support/measuring.rs"]
 mod measuring;
 #[path = "../support/namespace.rs"]
@@ -13,12 +15,11 @@ mod peer;
 mod waiting;
 
 mod child;
-mod deaths;
+mod dynamics_restart;
 mod echo;
 mod hashes;
 mod hostile;
 mod launch_files;
-mod leaps;
 mod load;
 mod lossy;
 mod matrix;
@@ -27,3 +28,4 @@ mod robots;
 mod security;
 mod soak;
 mod speed;
+mod time_jumps;

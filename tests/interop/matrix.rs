@@ -1,5 +1,5 @@
-//! The interop matrix: what works with which peer. `docs/interop.md` has the table; a run that finds another one fails
-//! and leaves what it found in `target/interop-matrix.md`. `FUYU_UPDATE_INTEROP=1` writes it into the document.
+//! The interop matrix: what works with which peer. `docs/interop.md` has the table; a run with another result fails
+//! and writes it to `target/interop-matrix.md`. `FUYU_UPDATE_INTEROP=1` updates the document.
 
 use fuyu::msg;
 use serde_json::{Value, json};
@@ -75,7 +75,7 @@ fn column(script: &str, python: PathBuf, domain: u16) -> Vec<(String, bool, Stri
         .collect();
     writeln!(stdin, "{}", json!({"types": echo::types(), "texts": texts})).expect("it reads");
     let stdout = BufReader::new(peer.stdout.take().expect("stdout is piped"));
-    let (lines, told) = mpsc::channel();
+    let (lines, answer) = mpsc::channel();
     // Ends with the pipe, thus with the peer.
     thread::spawn(move || {
         for line in stdout.lines().map_while(Result::ok) {
@@ -86,13 +86,13 @@ fn column(script: &str, python: PathBuf, domain: u16) -> Vec<(String, bool, Stri
     });
     let mut rows = Vec::new();
     loop {
-        let line = told.recv_timeout(ROW_PATIENCE);
+        let line = answer.recv_timeout(ROW_PATIENCE);
         let line = line.unwrap_or_else(|e| panic!("{script} ends after {:?}: {e}", rows.last()));
-        let told: Value = serde_json::from_str(&line).expect("a row");
-        let Some(row) = told["row"].as_str() else {
+        let answer: Value = serde_json::from_str(&line).expect("a row");
+        let Some(row) = answer["row"].as_str() else {
             break;
         };
-        let (verdict, detail) = (told["verdict"] == true, told["detail"].to_string());
+        let (verdict, detail) = (answer["verdict"] == true, answer["detail"].to_string());
         println!("{script}: {row}: {verdict} {detail}");
         rows.push((row.to_owned(), verdict, detail));
     }
@@ -115,7 +115,7 @@ fn column(script: &str, python: PathBuf, domain: u16) -> Vec<(String, bool, Stri
     rows
 }
 
-/// Rows of what fuyu says of a peer, with its words.
+/// Rows on fuyu's warnings about a peer.
 fn noticed(script: &str) -> Vec<(&'static str, &'static str)> {
     let mut rows = vec![
         (
@@ -128,12 +128,12 @@ fn noticed(script: &str) -> Vec<(&'static str, &'static str)> {
         ),
     ];
     rows.push(match script {
-        // It states what it is told to.
+        // It announces the hash that it was given.
         CYCLONE => (
             "another definition of a type: fuyu warns",
             "topic /start_stream: a peer has another definition of std_msgs/msg/Int32 (RIHS01_0000",
         ),
-        // As rosidl's generators have it in the wheels.
+        // From rosidl's generators, in the wheels.
         _ => (
             "type hash of the peer: fuyu reads it",
             "/upstream comes with sensor_msgs/msg/JointState RIHS01_a13ee3a3",

@@ -1,4 +1,4 @@
-//! Two nodes of one name.
+//! Two nodes with the same name.
 
 use std::process::Command;
 
@@ -12,9 +12,9 @@ fn echo(name: &str, namespace: &str) -> Running {
 
 const WARNING: &str = "another node of this name is in the graph";
 
-// Breaks when a namesake is not noticed, or when a node takes itself or a neighbour for one.
+// Fails when a node of the same name is not detected, or when a node counts itself or another one as such.
 #[test]
-fn a_namesake_is_warned_of() {
+fn a_node_of_the_same_name_causes_a_warning() {
     let first = echo("twin", "/");
     let other = echo("twin", "/elsewhere");
     first.says("echoes");
@@ -22,7 +22,7 @@ fn a_namesake_is_warned_of() {
     let second = echo("twin", "/");
     first.says(WARNING);
     second.says(WARNING);
-    // What was heard by now of the one below another namespace has been no reason.
+    // The node of the same name in another namespace has caused no warning.
     assert!(!other.said().contains(WARNING), "{}", other.said());
     let said = first.interrupt();
     assert_eq!(said.matches(WARNING).count(), 1, "{said}");

@@ -1,4 +1,4 @@
-//! Eight robots in one graph. Loopback shows no more than 12 participants, so they meet on a wire of their own.
+//! Eight robots in one graph. Discovery on loopback finds at most 12 participants, so they use a separate virtual network.
 
 use serde_json::json;
 use std::{fs, path::Path, time::Instant};
@@ -12,10 +12,12 @@ use crate::{
 };
 
 const ROBOTS: usize = 8;
-/// Peers that may come, one after the other. What 32 participants tell a newcomer of themselves at once does not fit into
-/// its socket's buffer when it has to wait for the processor, and Fast DDS forgets what comes after what followed it
-/// (docs/upstream.md): on one core for all, a newcomer in five misses some robot for ever, another one each time.
-const NEWCOMERS: usize = 6;
+/// Peers that come one after the other; more than half of them must hear a robot. What 32 participants send to a newcomer
+/// at once does not fit into its socket's buffer when it has to wait for the processor, and Fast DDS forgets what arrives
+/// after what followed it (docs/upstream.md): on one core for all, a newcomer in five misses some robot for ever, another
+/// one each time. So a robot is missed by three of five in one run of 800, and a robot that half of all newcomers miss
+/// for another reason is found in every second run.
+const NEWCOMERS: usize = 5;
 
 /// The positioning run without a recorder, slowly and with gains that bear it.
 fn config(folder: &Path) -> String {
@@ -74,7 +76,7 @@ fn newcomer_does_not_hear(namespace: &Namespace, domain: u16, robots: &[usize]) 
     unheard
 }
 
-// Breaks when participants beyond the first are not discovered, or when one robot answers another's states.
+// Fails when participants beyond the first are not discovered, or when one robot answers another's states.
 #[test]
 fn eight_robots_share_a_graph() {
     let Some(namespace) = Namespace::new("eight") else {
@@ -108,19 +110,26 @@ fn eight_robots_share_a_graph() {
             Running::start(command, domain)
         })
         .collect();
-    // Each robot tells of its progress once its loop is closed.
+    // Each robot logs its progress once its loop is closed.
     for robot in &robots {
         robot.says("tip error");
     }
-    let mut unheard: Vec<usize> = (1..=ROBOTS).collect();
-    for _ in 0..NEWCOMERS {
-        unheard = newcomer_does_not_hear(&namespace, domain, &unheard);
-        if unheard.is_empty() {
+    let all: Vec<usize> = (1..=ROBOTS).collect();
+    let mut heard = [0; ROBOTS];
+    for newcomer in 1..=NEWCOMERS {
+        let unheard = newcomer_does_not_hear(&namespace, domain, &all);
+        println!("newcomer {newcomer} does not hear the robots {unheard:?}");
+        for robot in all.iter().filter(|robot| !unheard.contains(robot)) {
+            heard[robot - 1] += 1;
+        }
+        if heard.iter().all(|times| 2 * times > NEWCOMERS) {
             break;
         }
-        println!("a newcomer has not heard the robots {unheard:?} out");
     }
-    assert!(unheard.is_empty(), "no newcomer hears {unheard:?} out");
+    assert!(
+        heard.iter().all(|times| 2 * times > NEWCOMERS),
+        "each robot is heard by so many of {NEWCOMERS} newcomers: {heard:?}"
+    );
     for robot in robots {
         robot.interrupt();
     }

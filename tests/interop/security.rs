@@ -1,4 +1,4 @@
-//! What `docs/security.md` promises.
+//! The statements of `docs/security.md`.
 
 use std::{fs, thread, time::Duration};
 
@@ -9,9 +9,9 @@ use crate::{
     waiting::{PATIENCE, eventually},
 };
 
-// Breaks when `fuyu launch` speaks on any other interface without having been told to.
+// Fails when `fuyu launch` sends on any other interface without being configured to.
 #[test]
-fn launch_speaks_on_loopback_only() {
+fn launch_sends_on_loopback_only() {
     let Some(namespace) = Namespace::new("quiet") else {
         return;
     };
@@ -47,9 +47,9 @@ fn launch_speaks_on_loopback_only() {
     thread::sleep(Duration::from_secs(3));
     run.interrupt();
     assert_eq!(namespace.sent_packets("wire0") - before, 0);
-    // Else the zero would mean nothing.
+    // Otherwise the zero would prove nothing.
     let run = launch("SUBNET");
-    eventually("it is heard when told to be", PATIENCE, || {
+    eventually("it sends when configured to", PATIENCE, || {
         (namespace.sent_packets("wire0") > before).then_some(())
     });
     run.interrupt();
@@ -58,7 +58,7 @@ fn launch_speaks_on_loopback_only() {
 /// Versions of which `docs/security.md` says that DDS Security is of no use.
 const MEASURED: [(&str, &str); 2] = [("ros2-client", "0.12.1"), ("rustdds", "0.15.1")];
 
-// Breaks when the stack below changes: then it is time to try protection `ENCRYPT` again.
+// Fails when the versions change: then try protection `ENCRYPT` again.
 #[test]
 fn the_stack_is_the_one_that_was_measured() {
     let lock = fs::read_to_string(concat!(env!("CARGO_MANIFEST_DIR"), "/Cargo.lock"));

@@ -29,7 +29,7 @@ fn usual(processes: &[&Running], seconds: u64) -> Vec<u64> {
     samples.into_iter().map(median).collect()
 }
 
-// Breaks when a reliable message is lost, time goes backwards, or memory grows.
+// Fails when a reliable message is lost, time goes backwards, or memory grows.
 #[test]
 fn joint_states_at_1_khz_with_a_bag() {
     let Some(namespace) = Namespace::new("soak") else {
@@ -43,7 +43,7 @@ fn joint_states_at_1_khz_with_a_bag() {
     // A file's index stays in memory until the file is closed: 17 kB a minute, of a chunk a second.
     let split = ["-p", "max_bagfile_duration:=300.0"];
     let recorder = Running::recorder(&namespace, DOMAIN, "/speed", &bag, &split);
-    let told = format!("count:={count}");
+    let parameter = format!("count:={count}");
     let program = |name: &str| {
         let node = format!("__node:={name}");
         let args = [
@@ -51,7 +51,7 @@ fn joint_states_at_1_khz_with_a_bag() {
             "-r",
             &node,
             "-p",
-            &told,
+            &parameter,
             "-p",
             "reliable:=true",
         ];
@@ -63,7 +63,7 @@ fn joint_states_at_1_khz_with_a_bag() {
     // to look at whole minutes, in each of which free pages are given back once, a megabyte of them.
     let long = seconds >= 600;
     let window = if long { 60 } else { 10 };
-    // What grows at first is what is kept: windows, chunks, queues. A third of the time is enough for that.
+    // Memory grows at first by windows, chunks and queues. A third of the time is enough for that.
     let begin = Instant::now();
     let memory = |second: u64| {
         let left = Duration::from_secs(second).saturating_sub(begin.elapsed());
@@ -90,7 +90,7 @@ fn joint_states_at_1_khz_with_a_bag() {
     // Here a participant hears itself, which is no namesake.
     assert!(!said.contains("another node of this name"), "{said}");
     for (before, after) in before.into_iter().zip(after_all) {
-        // A minute still sees a leak of 50 bytes a message.
+        // A minute still shows a leak of 50 bytes a message.
         let filling = if long { 0.0 } else { 1000.0 };
         assert!(
             after as f64 <= 1.02 * before as f64 + filling,

@@ -1,4 +1,4 @@
-//! How late a joint state is, and what the graph costs: fuyu beside the others, in one run.
+//! Latency of a joint state, compared with other stacks in one run, and the cost of the default graph.
 
 use fuyu::{
     msg::{cdr, sensor_msgs::JointState},
@@ -18,13 +18,12 @@ use crate::{
     child::{Running, executable},
     echo::joint_state,
     matrix::python,
-    measuring::once_below,
     namespace::Namespace,
     peer,
 };
 
 const PERIOD: Duration = Duration::from_millis(1);
-/// Everything here is in a namespace of its own.
+/// Every test here has a separate network namespace.
 pub const DOMAIN: u16 = 17;
 
 fn quality(reliable: bool) -> Qos {
@@ -34,8 +33,8 @@ fn quality(reliable: bool) -> Qos {
     }
 }
 
-/// What sender and receiver are told: how many, and whether reliably.
-fn told(node: &Node) -> Result<(i64, bool), NodeError> {
+/// Parameters of sender and receiver: how many messages, and whether reliably.
+fn parameters(node: &Node) -> Result<(i64, bool), NodeError> {
     let mut declare = node.declare();
     let count = declare.param("count", 5000, "Messages").value();
     let reliable = declare
@@ -47,10 +46,10 @@ fn told(node: &Node) -> Result<(i64, bool), NodeError> {
 
 /// Publishes 1000 joint states a second, each with its number and the time at which it goes.
 pub fn send(node: &Node) -> Result<(), NodeError> {
-    let (count, reliable) = told(node)?;
+    let (count, reliable) = parameters(node)?;
     let states = node.advertise::<JointState>("speed", quality(reliable))?;
     let ready = node.subscribe::<JointState>("ready", Qos::LATCHED)?;
-    // Everybody who is to hear it says so.
+    // Each receiver announces that it is ready.
     while ready.take().is_none() {
         if !node.wait() {
             return Ok(());
@@ -73,9 +72,9 @@ pub fn send(node: &Node) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// Takes what [`send`] sends, and says at the end how late it was and what was missing.
+/// Receives what [`send`] sends, and logs latency and losses at the end.
 pub fn take(node: &Node) -> Result<(), NodeError> {
-    let (count, reliable) = told(node)?;
+    let (count, reliable) = parameters(node)?;
     #[derive(Default)]
     struct Heard {
         delays: Vec<i64>,
@@ -103,14 +102,14 @@ pub fn take(node: &Node) -> Result<(), NodeError> {
                 heard.lost = number;
             }
             heard.last = Some((number, sent));
-            // An hour of them would be what grows.
+            // The delays of an hour would count as a leak.
             if heard.delays.len() < 100_000 {
                 heard.delays.push(now - sent);
             }
         },
     )?;
     let ready = node.advertise::<JointState>("ready", Qos::LATCHED)?;
-    // The other side may know of this one a little later than this one of it.
+    // The other side may discover this one a little later than this one the other.
     let begin = Instant::now();
     let mut last = (None, Instant::now());
     while node.wait_for(Duration::from_millis(50)) {
@@ -151,7 +150,7 @@ pub fn after(text: &str, word: &str) -> f64 {
     number.unwrap_or_else(|| panic!("no {word} in {text}"))
 }
 
-/// A pair of fuyu's processes: what the receiver says at the end.
+/// A pair of fuyu's processes: what the receiver logs at the end.
 fn fuyu(namespace: &Namespace, count: usize) -> String {
     let count = format!("count:={count}");
     let start = |name: &str| {
@@ -187,9 +186,21 @@ fn other(namespace: &Namespace, python: &std::path::Path, stack: &str, count: us
     String::from_utf8_lossy(&output.stdout).trim().to_owned()
 }
 
-// The figure that docs/interop.md tells is a run of this alone, with FUYU_SPEED_COUNT=20000.
+/// Holds the median of three measurements: for figures that are compared with another program's or are means over time,
+/// of which a single one may meet other load. The third is left out if the first two agree.
+fn median_below(what: &str, limit: f64, mut measure: impl FnMut() -> f64) {
+    let mut measured = vec![measure(), measure()];
+    if (measured[0] < limit) != (measured[1] < limit) {
+        measured.push(measure());
+    }
+    println!("{what}: {measured:.3?}, limit {limit}");
+    let below = measured.iter().filter(|figure| **figure < limit).count();
+    assert!(below >= 2, "{what}: {measured:.3?}, limit {limit}");
+}
+
+// The figure in docs/interop.md is from this test alone, with FUYU_SPEED_COUNT=20000.
 #[test]
-fn joint_states_come_sooner_than_in_python() {
+fn latency_of_joint_states_is_below_that_of_rclpy() {
     let Some(namespace) = Namespace::new("speed") else {
         return;
     };
@@ -199,7 +210,7 @@ fn joint_states_come_sooner_than_in_python() {
         .unwrap_or(3000);
     let rclpy = peer::python();
     let cyclone = python("test-venv.sh", &["cyclone", "cyclonedds==11.0.1"]);
-    once_below("p50 over that of rclpy", 1.0, || {
+    median_below("p50 over that of rclpy", 1.0, || {
         let lines = [
             ("fuyu to fuyu", fuyu(&namespace, count)),
             (
@@ -242,7 +253,7 @@ pub fn used(id: u32) -> f64 {
     ticks.sum::<f64>() / 100.0
 }
 
-// Breaks when the default graph would leave a small computer nothing for its work.
+// Fails when the default graph would leave no processor time on a small computer.
 #[test]
 fn the_default_graph_costs_less_than_a_core() {
     let Some(namespace) = Namespace::new("cost") else {
@@ -259,14 +270,11 @@ fn the_default_graph_costs_less_than_a_core() {
     let launch = Running::start(command, DOMAIN);
     launch.says("recording to");
     thread::sleep(Duration::from_secs(5));
-    once_below(
-        "processor time of the default graph over real time",
-        1.0,
-        || {
-            let (begin, before) = (Instant::now(), used(launch.id()));
-            thread::sleep(Duration::from_secs(10));
-            (used(launch.id()) - before) / begin.elapsed().as_secs_f64()
-        },
-    );
+    let what = "processor time of the default graph over real time";
+    median_below(what, 1.0, || {
+        let (begin, before) = (Instant::now(), used(launch.id()));
+        thread::sleep(Duration::from_secs(10));
+        (used(launch.id()) - before) / begin.elapsed().as_secs_f64()
+    });
     launch.interrupt();
 }

@@ -1,12 +1,12 @@
-//! The graph is what its description says: who hears what, types and QoS.
+//! The graph agrees with its description: publishers, subscribers, types and QoS.
 
 use serde_json::json;
 
 use crate::{
+    lateness::repeat_if_late,
+    observer::{JOINT_STATE, POSE},
     peer::Peer,
     process::{Running, source},
-    starvation::in_time,
-    view::{JOINT_STATE, POSE},
 };
 
 /// Topic, type, reliability, durability, publishers.
@@ -138,7 +138,7 @@ const TOPICS: [(&str, &str, &str, &str, &[&str]); 21] = [
         VOLATILE,
         &["estimator"],
     ),
-    // It is the user's to publish.
+    // Published by the user.
     (
         "/goal_pose",
         "geometry_msgs/msg/PoseStamped",
@@ -165,7 +165,7 @@ const RELIABLE: &str = "RELIABLE";
 const VOLATILE: &str = "VOLATILE";
 const LATCHED: &str = "TRANSIENT_LOCAL";
 const DYNAMICS: &[&str] = &["dynamics"];
-/// What the nodes may hear, beside `/clock` for time: the camera alone turns truth into measurements.
+/// What the nodes may subscribe to besides `/clock`: only the camera turns truth into measurements.
 const SUBSCRIPTIONS: [(&str, &[&str]); 4] = [
     ("dynamics", &["/joint_commands"]),
     (
@@ -202,7 +202,7 @@ const SUBSCRIPTIONS: [(&str, &[&str]); 4] = [
 
 #[test]
 fn topics_types_and_qos_are_those_of_the_description() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 85;
         let mut launch = Running::gently(domain, &source("config/servicing.yaml"));
         let mut peer = Peer::start("auditor", domain);

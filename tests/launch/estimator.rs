@@ -1,4 +1,4 @@
-//! The estimator in the graph: what it says of the target beside the truth.
+//! The estimator in the graph: its estimates of the target compared with the truth.
 
 use fuyu::{
     model::Model,
@@ -11,8 +11,8 @@ use nalgebra::{Rotation3, UnitQuaternion};
 use std::collections::BTreeMap;
 
 use crate::{
+    lateness::repeat_if_late,
     process::{Running, fuyu, read, scenario},
-    starvation::in_time,
     waiting::PATIENCE,
 };
 
@@ -25,13 +25,13 @@ fn poses(odometry: Vec<nav_msgs::Odometry>) -> BTreeMap<i64, Pose> {
     odometry.into_iter().map(pose).collect()
 }
 
-// Breaks when the estimator is told the wrong camera, the wrong gyro axes or the wrong mounting of the
+// Fails when the estimator gets the wrong camera, the wrong gyro axes or the wrong mounting of the
 // camera, when its axes are not those of the prediction's stamp, and when the motion itself is wrong.
 #[test]
 fn the_target_is_where_the_estimator_said_it_would_be() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 90;
-        // Twice as fast: the estimator has half the time to think.
+        // Twice as fast as real time: the estimator has half the time to solve.
         let (_folder, config) = scenario(
             "config/servicing.yaml",
             &[(
@@ -65,7 +65,7 @@ fn the_target_is_where_the_estimator_said_it_would_be() {
             assert!((moment / sum - part / 14.0).abs() < 2e-3, "{J:?}");
         }
 
-        // All of it is drawn beside the truth.
+        // Estimates are plotted together with the truth.
         let pictures = tempfile::tempdir().unwrap();
         let folder = pictures.path().to_str().unwrap();
         let plotted = fuyu(&["bag", "plot", bag.to_str().unwrap(), "--output", folder]).well();
@@ -75,7 +75,7 @@ fn the_target_is_where_the_estimator_said_it_would_be() {
                 &["at each frame", "fit, the last motion", "true, target"][..],
             ),
             ("herpolhode", &["estimated", "true, target"]),
-            ("prediction_error", &["made at", "by when it was made"]),
+            ("prediction_error", &["from", "by time of prediction"]),
         ] {
             assert!(
                 plotted.stdout.contains(&format!("{name}.png")),
@@ -89,7 +89,7 @@ fn the_target_is_where_the_estimator_said_it_would_be() {
             assert!(png.starts_with(b"\x89PNG") && png.len() > 10_000, "{name}");
         }
 
-        // A prediction made when half a minute had been seen, held against what came then.
+        // A prediction made after half a minute of observation, compared with the motion that followed.
         let predictions = read::<nav_msgs::Path>(&bag, "/estimator/prediction");
         let made = |p: &nav_msgs::Path| Time::from(&p.header.stamp).as_secs_f64();
         let old = predictions
@@ -120,7 +120,7 @@ fn the_target_is_where_the_estimator_said_it_would_be() {
         );
         assert!(compared > 40, "{compared} of {}", old.poses.len());
         // The target fills 190 px of the image, a pixel of which is 0.6 degrees of its turn; half a minute of it
-        // tells the next half minute to some tenths of a degree. Any mistake of axes shows as tens of degrees.
+        // predicts the next half minute to some tenths of a degree. A mistake of axes shows as tens of degrees.
         assert!(worst.to_degrees() < 1.5, "{} deg", worst.to_degrees());
     });
 }

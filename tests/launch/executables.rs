@@ -4,10 +4,10 @@ use serde_json::json;
 use std::fs;
 
 use crate::{
+    lateness::repeat_if_late,
+    observer::{JOINT_STATE, fresh, numbers, tip_in_world, watch_tip},
     peer::Peer,
     process::{Check, GENTLE, Running, command, source},
-    starvation::in_time,
-    view::{JOINT_STATE, fresh, numbers, tip_in_world, watch_tip},
     waiting::{PATIENCE, eventually},
 };
 
@@ -24,7 +24,7 @@ fn node(name: &str, domain: u16, more: &[&str]) -> Running {
 
 #[test]
 fn four_processes_in_a_namespace_are_the_same_graph() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 84;
         let folder = tempfile::tempdir().unwrap();
         let bag = folder.path().join("bag");
@@ -34,7 +34,7 @@ fn four_processes_in_a_namespace_are_the_same_graph() {
             &["-p", &format!("bag:={}", bag.display())],
         );
         let mut camera = node("camera", domain, &[]);
-        // Without the name of the node before the parameter.
+        // A parameter without the node's name in front.
         let gentle = GENTLE.map(|word| word.trim_start_matches("controller:"));
         let gentle = &gentle[1..];
         let mut first = node("controller", domain, gentle);
@@ -78,7 +78,7 @@ fn four_processes_in_a_namespace_are_the_same_graph() {
             (error(&mut peer) < 0.7 * start).then_some(())
         });
 
-        // Killed in the middle of the motion: efforts end, the arm goes on by itself.
+        // Killed in the middle of the motion: efforts become zero, the arm coasts.
         first.signal("KILL");
         assert_eq!(first.wait(PATIENCE).code, None);
         let coasting = eventually("the efforts end", PATIENCE, || {

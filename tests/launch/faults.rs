@@ -1,13 +1,13 @@
-//! What arrives on topics may be wrong: it is refused, said in diagnostics, and harms nothing.
+//! Wrong messages on topics are refused, reported in diagnostics, and harm nothing.
 
 use serde_json::{Value, json};
 
 use crate::{
+    lateness::repeat_if_late,
+    observer::{DIAGNOSTICS, JOINT_STATE, POSE, diagnosed, fresh, now, numbers, reported},
     own_controller::without_controller,
     peer::Peer,
     process::{Check, Running, source},
-    starvation::in_time,
-    view::{DIAGNOSTICS, JOINT_STATE, POSE, diagnosed, fresh, now, numbers, told},
     waiting::{PATIENCE, eventually},
 };
 
@@ -29,23 +29,23 @@ fn names() -> Value {
     json!(["joint1", "joint2", "joint3", "joint4", "joint5", "joint6"])
 }
 
-/// Sends a wrong message until a part of a node warns of it in these words: what else a starved machine
-/// gives a node to say may take the place of the warning before it is published.
+/// Sends a wrong message until a part of a node warns of it in these words: another warning on a late machine
+/// may replace this one before it is published.
 fn warned(peer: &mut Peer, part: &str, send: &Value, words: &[&str]) -> String {
     let since = now();
-    let told = eventually(part, PATIENCE, || {
+    let reported = eventually(part, PATIENCE, || {
         peer.does(send.clone());
-        told(peer, part, since, 5.0, |level, text| {
+        reported(peer, part, since, 5.0, |level, text| {
             level == WARN && words.iter().all(|word| text.contains(word))
         })
     });
-    println!("{told}");
-    told
+    println!("{reported}");
+    reported
 }
 
 #[test]
 fn wrong_messages_are_refused_and_named() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 82;
         let mut launch = Running::gently(domain, &source("config/positioning.yaml"));
         let mut peer = Peer::start("fault", domain);
@@ -80,8 +80,8 @@ fn wrong_messages_are_refused_and_named() {
             ),
         ] {
             let send = json!({"do": "publish", "topic": "joint_commands", "type": JOINT_STATE, "message": message});
-            let told = warned(&mut peer, "dynamics: commands", &send, &words);
-            assert!(told.contains("/joint_commands"), "{told}");
+            let reported = warned(&mut peer, "dynamics: commands", &send, &words);
+            assert!(reported.contains("/joint_commands"), "{reported}");
         }
         let position = json!({"x": 3.0, "y": 5.0, "z": 0.5});
         let upright = json!({"x": 0.0, "y": 0.0, "z": 0.0, "w": 1.0});
@@ -102,10 +102,10 @@ fn wrong_messages_are_refused_and_named() {
         ] {
             let send =
                 json!({"do": "publish", "topic": "goal_pose", "type": POSE, "message": message});
-            let told = warned(&mut peer, "camera: goal", &send, &words);
-            assert!(told.contains("/goal_pose"), "{told}");
+            let reported = warned(&mut peer, "camera: goal", &send, &words);
+            assert!(reported.contains("/goal_pose"), "{reported}");
         }
-        // The loop has gone on all the while, and the warning ends when there is no more reason for it.
+        // The loop has continued meanwhile, and the warning ends with its cause.
         all_finite(&fresh(&mut peer, "joint_states", 50));
         diagnosed(&mut peer, "dynamics: commands", |level, _| level == 0);
         diagnosed(&mut peer, "controller: control", |level, _| level == 0);
@@ -114,7 +114,7 @@ fn wrong_messages_are_refused_and_named() {
         // Momentum, no message that does not decode. What the peer sent is in the bag, NaN and all.
         let check = Check::of(&launch.bag());
         check.momentum_holds();
-        assert_eq!(check.value("messages that do not decode"), 0.0);
+        assert_eq!(check.value("messages that cannot be decoded"), 0.0);
         for failed in check.failed() {
             let expected = failed.contains("tip error") || failed.contains("/joint_commands");
             assert!(expected || failed.contains("goal_pose"), "{failed}");
@@ -124,7 +124,7 @@ fn wrong_messages_are_refused_and_named() {
 
 #[test]
 fn without_commands_efforts_end_and_come_back() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 83;
         let (_folder, config) = without_controller();
         let mut launch = Running::launch(domain, &config, &["--duration", "600"]);
@@ -152,13 +152,13 @@ fn without_commands_efforts_end_and_come_back() {
             push(&mut peer, 3.0);
         }
         let stopped = now();
-        let told = diagnosed(&mut peer, "dynamics: commands", |level, text| {
+        let reported = diagnosed(&mut peer, "dynamics: commands", |level, text| {
             level == WARN && text.contains("command_timeout")
         });
-        println!("{told}");
+        println!("{reported}");
         assert!(
-            told.contains("command_timeout is 0.5 s") && told.contains("joint_commands"),
-            "{told}"
+            reported.contains("command_timeout is 0.5 s") && reported.contains("joint_commands"),
+            "{reported}"
         );
         let coasting = fresh(&mut peer, "joint_states", 10);
         all_finite(&coasting);

@@ -1,4 +1,4 @@
-//! The estimator between batch solutions: what the filter knows, what it costs, and what makes it start anew.
+//! The estimator between batch solutions: accuracy and cost of the filter, and what restarts it.
 
 use nalgebra::Vector3;
 use serde_json::{Value, json};
@@ -6,19 +6,19 @@ use std::time::{Duration, Instant};
 
 use crate::{
     joining::peer_with_interfaces,
+    lateness::repeat_if_late,
     peer::Peer,
-    starvation::in_time,
     tumbling::{
         VECTOR, cpu_time, estimator, publish, rate_errors, recorded, rms, stamp, told_for, truth,
     },
     waiting::{PATIENCE, eventually},
 };
 
-// Two estimators that see the same frames and solve their batches at the same times, 20 s apart; one has the filter.
-// Breaks when the filter does worse than none, is lost in a gap, or costs too much.
+// Two estimators receive the same frames and solve their batches at the same times, 20 s apart; one has the filter.
+// Fails when the filter is worse than none, loses track in a gap, or costs too much.
 #[test]
 fn between_solutions_and_after_gaps_the_filter_knows_more() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 92;
         let topics = [
             "/with/estimator/angular_velocity",
@@ -54,8 +54,8 @@ fn between_solutions_and_after_gaps_the_filter_knows_more() {
         show(&mut peer, 0, 60);
         for topic in topics {
             eventually("a first motion", 4 * PATIENCE, || {
-                let told = json!({"do": "wait", "topic": topic, "count": 1, "timeout": 1.0});
-                (!peer.does(told).as_array().unwrap().is_empty()).then_some(())
+                let reported = json!({"do": "wait", "topic": topic, "count": 1, "timeout": 1.0});
+                (!peer.does(reported).as_array().unwrap().is_empty()).then_some(())
             });
         }
         let (before, started) = (cpu_time(&with), Instant::now());
@@ -97,11 +97,11 @@ fn between_solutions_and_after_gaps_the_filter_knows_more() {
     });
 }
 
-// A body that something has touched moves otherwise, and is known anew; breaks when the estimator holds on to what
-// it knew.
+// After a push the body moves differently. Fails when the estimator keeps the motion
+// from before.
 #[test]
 fn a_push_is_noticed_and_the_new_motion_found() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 93;
         let mut estimator = estimator(domain, "/", &["solve_period:=5.0"]);
         let mut peer = peer_with_interfaces("eye", domain);
@@ -112,7 +112,7 @@ fn a_push_is_noticed_and_the_new_motion_found() {
         );
         peer.subscribe("estimator/angular_velocity", VECTOR, "reliable");
         let frames = recorded(600);
-        // What comes before the estimator knows of the publisher is lost, as is what comes too fast for it.
+        // Frames are lost before the estimator has discovered the publisher, and when they come too fast for it.
         let show = |peer: &mut Peer, frame: &Value| {
             publish(peer, frame);
             std::thread::sleep(Duration::from_millis(5));
@@ -131,13 +131,13 @@ fn a_push_is_noticed_and_the_new_motion_found() {
             show(&mut peer, frame);
         }
         eventually("the new motion", 4 * PATIENCE, || {
-            let told = peer.receive("estimator/angular_velocity", 1).pop()?["message"].clone();
-            let w = ["x", "y", "z"].map(|axis| told["vector"][axis].as_f64().unwrap());
-            let right = -truth().angular_velocity(79.9 - stamp(&told));
-            let found = (Vector3::from(w) - right).norm() < 2e-3 && stamp(&told) > 59.0;
+            let reported = peer.receive("estimator/angular_velocity", 1).pop()?["message"].clone();
+            let w = ["x", "y", "z"].map(|axis| reported["vector"][axis].as_f64().unwrap());
+            let right = -truth().angular_velocity(79.9 - stamp(&reported));
+            let found = (Vector3::from(w) - right).norm() < 2e-3 && stamp(&reported) > 59.0;
             found.then_some(())
         });
-        // It was noticed, rather than taken for outliers until the window had passed.
+        // The push was detected; its frames were not rejected as outliers until the window had passed.
         let (_, said) = estimator.said();
         assert!(said.contains("the target moves otherwise"), "{said}");
         estimator.interrupt().well();

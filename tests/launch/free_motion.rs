@@ -30,7 +30,7 @@ fn the_pantograph_unfolds_over_dds() {
     let check = Check::of(&launch.bag());
     check.momentum_holds();
     assert!(check.failed().is_empty(), "{:?}", check.failed());
-    // Springs and dampers account for it: without the springs' work nothing would explain the motion.
+    // The energy balance includes the work of springs and dampers, without which it would not close.
     assert!(check.value("energy balance") < 1e-3);
 
     let diagnostics: Vec<DiagnosticArray> = read(&launch.bag(), "/diagnostics");
@@ -41,6 +41,6 @@ fn the_pantograph_unfolds_over_dds() {
     let last = loops.last().expect("loop closures are diagnosed");
     assert_eq!(last.message, "closed");
     let gap = last.values.iter().find(|v| v.key == "h7 gap [m]");
-    let gap: f64 = gap.expect("the gap is told").value.parse().unwrap();
+    let gap: f64 = gap.expect("the gap is reported").value.parse().unwrap();
     assert!(gap < 1e-12, "{gap}");
 }

@@ -4,10 +4,10 @@ use serde_json::{Value, json};
 use std::{process::Command, time::Instant};
 
 use crate::{
+    lateness::repeat_if_late,
+    observer::{DIAGNOSTICS, JOINT_STATE, ODOMETRY, POSE, fresh, numbers, tip_in_world, watch_tip},
     peer::Peer,
     process::{GENTLE, Running, source},
-    starvation::in_time,
-    view::{DIAGNOSTICS, JOINT_STATE, ODOMETRY, POSE, fresh, numbers, tip_in_world, watch_tip},
     waiting::{PATIENCE, eventually},
 };
 
@@ -25,7 +25,7 @@ const SERVICING: &str = "config/servicing.yaml";
 
 #[test]
 fn rclpy_receives_what_the_robot_publishes() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 73;
         let _launch = Running::gently(domain, &source(SERVICING));
         let mut peer = peer_with_interfaces("ground", domain);
@@ -64,7 +64,7 @@ fn rclpy_receives_what_the_robot_publishes() {
         assert_eq!(state["header"]["frame_id"], "base_link");
         assert!(numbers(&state["position"]).iter().all(|q| q.is_finite()));
 
-        // One tree: every frame but the world hangs from another one, and no frame twice.
+        // One tree: every frame but the world has one parent, which exists.
         let moving = peer.receive("/tf", 1)[0]["message"]["transforms"].clone();
         let fixed = peer.receive("/tf_static", 1)[0]["message"]["transforms"].clone();
         let all = moving
@@ -135,7 +135,7 @@ fn rclpy_receives_what_the_robot_publishes() {
             1024
         );
 
-        // It came long after the one and only publication.
+        // It subscribes long after the only publication.
         let mut late = Peer::start("late", domain);
         late.subscribe("robot_description", "std_msgs/msg/String", "latched");
         let description = &late.receive("robot_description", 1)[0]["message"]["data"];
@@ -146,7 +146,7 @@ fn rclpy_receives_what_the_robot_publishes() {
 
 #[test]
 fn rclpy_sees_and_sets_parameters() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 74;
         let mut launch = Running::launch(domain, &source(SERVICING), &["--duration", "600"]);
         let mut peer = Peer::start("operator", domain);
@@ -271,7 +271,7 @@ fn rclpy_sees_and_sets_parameters() {
             }
             println!("{node} {values}: {reason}");
         }
-        // What was set is what the law works with.
+        // The law uses the parameter that was set.
         let mut state = peer_with_interfaces("state", domain);
         state.subscribe(
             "controller/state",
@@ -286,7 +286,7 @@ fn rclpy_sees_and_sets_parameters() {
 
 #[test]
 fn the_tip_goes_where_rclpy_says() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 75;
         let twice = ["-p", "dynamics:real_time_factor:=2.0"];
         let args = [&["--duration", "600"], &GENTLE[..], &twice].concat();
@@ -306,7 +306,7 @@ fn the_tip_goes_where_rclpy_says() {
         });
         let message = json!({"header": {"frame_id": "world"}, "pose": pose});
         peer.does(json!({"do": "publish", "topic": "goal_pose", "type": POSE, "message": message}));
-        // The node's own measurement over a second: a starved machine does not always allow a factor of two,
+        // The node's own measurement over a second: a machine under load does not always allow a factor of two,
         // a node that does not know its parameter never reaches it.
         eventually("twice as fast as real time", PATIENCE, || {
             let reports = fresh(&mut peer, "diagnostics", 1);
@@ -328,7 +328,7 @@ fn the_tip_goes_where_rclpy_says() {
             } else {
                 0
             };
-            // It stays there, it does not fly through.
+            // The tip stays there, it does not fly through.
             (near == 10).then_some(())
         });
         let took = start.elapsed().as_secs_f64();

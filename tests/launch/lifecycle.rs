@@ -1,4 +1,4 @@
-//! Dynamics and controller as managed nodes, changed by a real rclpy node; and the end of all by SIGTERM.
+//! Dynamics and controller as managed nodes, whose states a real rclpy node changes; and the end by SIGTERM.
 
 use fuyu::msg::sensor_msgs::JointState;
 use serde_json::{Value, json};
@@ -6,10 +6,10 @@ use std::{thread, time::Duration};
 
 use crate::{
     joining::peer_with_interfaces,
+    lateness::repeat_if_late,
+    observer::{DIAGNOSTICS, JOINT_STATE, diagnosed, fresh},
     peer::Peer,
     process::{Running, command, read, source},
-    starvation::in_time,
-    view::{DIAGNOSTICS, JOINT_STATE, diagnosed, fresh},
     waiting::{PATIENCE, eventually},
 };
 
@@ -46,8 +46,8 @@ fn seconds(state: &Value) -> f64 {
 }
 
 #[test]
-fn dynamics_goes_through_its_states() {
-    in_time(|| {
+fn dynamics_takes_every_lifecycle_transition() {
+    repeat_if_late(|| {
         let domain = 5;
         let mut dynamics = command("dynamics", domain);
         dynamics
@@ -90,8 +90,8 @@ fn dynamics_goes_through_its_states() {
             ways(&mut peer, "get_available_transitions"),
             ["configure", "shutdown"]
         );
-        // All of rcl's where the peer listens on loopback alone; else, as Fast DDS tells of every interface, those that
-        // the node goes along, for the longer answer would not reach it.
+        // All transitions of rcl where the peer listens on loopback alone; else, as Fast DDS announces every interface, those that
+        // the node takes, since the longer answer would not reach it.
         let edges = ways(&mut peer, "get_transition_graph").len();
         assert!(edges == 17 || edges == 25, "{edges} edges");
 
@@ -107,7 +107,7 @@ fn dynamics_goes_through_its_states() {
             (some == all.len()).then(|| seconds(&all[some - 1]["message"]))
         });
         assert_eq!(change(&mut peer, node, "activate"), (true, ACTIVE));
-        // Time goes on where it stood.
+        // Time continues where it stood.
         let state = fresh(&mut peer, "joint_states", 1).remove(0);
         assert!(seconds(&state) >= rest && rest >= before, "{rest} {state}");
         assert_eq!(change(&mut peer, node, "deactivate"), (true, INACTIVE));
@@ -116,10 +116,10 @@ fn dynamics_goes_through_its_states() {
         assert_eq!(change(&mut peer, node, "configure"), (false, FINALIZED));
 
         // The first ones may have gone out before the peer was known.
-        let goals = eventually("the end is told", PATIENCE, || {
-            let told = peer.receive("dynamics/transition_event", 1);
+        let goals = eventually("the transition event of the end", PATIENCE, || {
+            let reported = peer.receive("dynamics/transition_event", 1);
             let goal = |e: &Value| e["message"]["goal_state"]["id"].as_u64().expect("a state");
-            let goals: Vec<_> = told.iter().map(goal).collect();
+            let goals: Vec<_> = reported.iter().map(goal).collect();
             goals.ends_with(&[FINALIZED]).then_some(goals)
         });
         let all = [10, 2, 13, 3, 14, 2, 13, 3, 14, 2, 11, 1, 12, 4];
@@ -130,7 +130,7 @@ fn dynamics_goes_through_its_states() {
 
 #[test]
 fn a_controller_commands_while_it_is_active() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 6;
         let args = [
             "--duration",
@@ -155,13 +155,13 @@ fn a_controller_commands_while_it_is_active() {
             let state = fresh(&mut peer, "joint_states", 1).pop()?;
             (seconds(&state) > 3.0).then_some(())
         });
-        // Everybody follows a simulation that begins anew.
+        // All nodes follow a simulation that restarts.
         let reset = peer.does(json!({
             "do": "call", "service": "dynamics/reset_simulation",
             "type": "simulation_interfaces/srv/ResetSimulation", "request": {"scope": 0},
         }));
         assert_eq!(reset["response"]["result"]["result"], 1, "{reset}");
-        let again = eventually("time begins anew", PATIENCE, || {
+        let again = eventually("time restarts at zero", PATIENCE, || {
             let state = fresh(&mut peer, "joint_states", 1).pop()?;
             (seconds(&state) < 3.0).then(|| seconds(&state))
         });
@@ -174,7 +174,7 @@ fn a_controller_commands_while_it_is_active() {
             level == 1 && text.contains("efforts are zero")
         });
 
-        // As systemd ends it: in order, with a whole bag.
+        // SIGTERM, as systemd sends it: ends in order, with a complete bag.
         launch.signal("TERM");
         launch.wait(PATIENCE).well();
         let bag = launch.bag();

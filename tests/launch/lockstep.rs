@@ -1,12 +1,12 @@
-//! In lockstep a run over DDS is the simulated one.
+//! A lockstep run over DDS is bit-identical to `fuyu simulate`.
 
 use fuyu::msg::sensor_msgs::JointState;
 use std::path::{Path, PathBuf};
 use tempfile::TempDir;
 
 use crate::{
+    lateness::repeat_if_late,
     process::{Running, fuyu, read, source},
-    starvation::in_time,
     waiting::PATIENCE,
 };
 
@@ -29,7 +29,7 @@ fn over_dds(domain: u16, config: &Path, duration: &str) -> Vec<JointState> {
     states(&launch.bag())
 }
 
-/// What `fuyu simulate` makes of a scenario.
+/// The bag of `fuyu simulate` for a scenario.
 pub fn simulated(config: &Path, duration: &str) -> Vec<JointState> {
     let folder = tempfile::tempdir().unwrap();
     let (output, config) = (folder.path().join("bag"), config.to_str().unwrap());
@@ -49,13 +49,13 @@ fn assert_same(simulated: &[JointState], over_dds: &[JointState], states: usize)
 #[test]
 fn a_run_over_dds_equals_the_simulated_one() {
     equals_the_simulated_one(CONFIG, DURATION, 2001);
-    // Beside a camera that sends features and an estimator that solves for seconds.
+    // Together with a camera that sends features and an estimator that solves for seconds.
     equals_the_simulated_one("config/servicing.yaml", "5", 501);
-    in_time(a_moving_goal_seen_with_noise);
+    repeat_if_late(a_moving_goal_seen_with_noise);
 }
 
 fn equals_the_simulated_one(config: &str, duration: &str, count: usize) {
-    in_time(|| {
+    repeat_if_late(|| {
         let config = source(config);
         let simulated = simulated(&config, duration);
         let [one, two] = [71, 72].map(|domain| over_dds(domain, &config, duration));

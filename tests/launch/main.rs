@@ -1,8 +1,10 @@
-//! The running graph, end to end: `fuyu launch`, the nodes' own executables and `fuyu simulate`, with
-//! rclpy (Jazzy, Fast DDS) beside them. Every test has a DDS domain of its own, on loopback.
+//! The running graph, end to end: `fuyu launch`, the nodes' executables and `fuyu simulate`, together with
+//! rclpy nodes (Jazzy, Fast DDS). Every test has its own DDS domain, on loopback.
 
 #[path = "../support/binaries.rs"]
 mod binaries;
+#[path = "../support/lateness.rs"]
+mod lateness;
 #[path = "../support/measuring.rs"]
 mod measuring;
 #[path = "../support/peer.rs"]
@@ -11,26 +13,25 @@ mod peer;
 mod waiting;
 
 mod bad_input;
-mod commander;
+mod command_arbiter;
 mod contract;
 mod estimator;
 mod executables;
+mod external_features;
 mod faults;
 mod filter;
 mod free_motion;
 mod joining;
 mod lifecycle;
 mod lockstep;
+mod observer;
 mod own_controller;
 mod positioning;
 mod process;
 mod reset;
 mod silent_gyro;
 mod simulation_control;
-mod starvation;
-mod strangers;
 mod survival;
 mod switching;
 mod teleop;
 mod tumbling;
-mod view;

@@ -1,4 +1,4 @@
-//! A controller that somebody else wrote, in Python, in place of fuyu's: `own_controller.py`.
+//! A user's controller in Python, `own_controller.py`, instead of fuyu's.
 
 use fuyu::{
     dynamics::Workspace,
@@ -11,10 +11,10 @@ use nalgebra::{DVector, Point3, Vector3};
 use std::{collections::BTreeMap, fs, process::Command};
 
 use crate::{
+    lateness::repeat_if_late,
+    observer::{JOINT_STATE, fresh, numbers},
     peer::{Peer, python},
     process::{Check, Running, read, source},
-    starvation::in_time,
-    view::{JOINT_STATE, fresh, numbers},
     waiting::{PATIENCE, eventually},
 };
 
@@ -37,14 +37,14 @@ pub fn without_controller() -> (tempfile::TempDir, std::path::PathBuf) {
 }
 
 #[test]
-fn a_python_node_takes_the_controllers_place() {
-    in_time(|| {
+fn a_python_node_replaces_the_controller() {
+    repeat_if_late(|| {
         let domain = 76;
         let (_folder, config) = without_controller();
         let mut launch = Running::launch(domain, &config, &["--duration", "600"]);
         let mut peer = Peer::start("observer", domain);
         peer.subscribe("joint_states", JOINT_STATE, "reliable");
-        // Time is held until somebody commands.
+        // Simulated time waits for the first command.
         let state = &peer.receive("joint_states", 1)[0]["message"];
         assert_eq!(state["header"]["stamp"]["sec"], 0, "{state}");
         let mut own = Command::new(python());
@@ -86,7 +86,7 @@ fn a_python_node_takes_the_controllers_place() {
                 let com = X_WB * Point3::from(*workspace.p_BC());
                 (com.coords, tip.translation.vector, X_WB)
             };
-        // The recorder hears of one topic before the other, and what waits for an answer is repeated.
+        // The recorder discovers one topic before the other, and a state that waits for its answer is published again.
         let bases: BTreeMap<_, _> = bases.iter().map(|b| (stamp(&b.header), b)).collect();
         let mut both = states
             .iter()
@@ -129,11 +129,11 @@ fn largest_rate_under_a_late_controller(domain: u16, answer_timeout: &str) -> f6
 
 #[test]
 fn time_waits_for_a_controller_that_is_late() {
-    in_time(|| {
+    repeat_if_late(|| {
         let rate = largest_rate_under_a_late_controller(96, "0.5");
         println!("largest rate {rate} rad/s");
         assert!(rate < 1.0, "{rate}");
-        // The same without patience: time goes its way, and the robot diverges.
+        // The same without `answer_timeout`: time does not wait, and the robot diverges.
         let rate = largest_rate_under_a_late_controller(97, "0.0");
         println!("without patience {rate} rad/s");
         assert!(rate > 10.0, "{rate}");

@@ -9,16 +9,16 @@ use nalgebra::Vector3;
 use std::{collections::BTreeMap, fs, path::Path, process::Command};
 
 use crate::{
+    lateness::repeat_if_late,
     peer::python,
     process::{Check, Running, fuyu, read, scenario, source},
-    starvation::in_time,
     waiting::PATIENCE,
 };
 
 const CONFIG: &str = "config/positioning.yaml";
 /// The scenario's goal in the world \[m\].
 const GOAL: [f64; 3] = [3.662078985521887, 5.4440225463358125, 0.37996776327278203];
-/// What an independent simulation with a continuous law gives.
+/// Results of an independent simulation with a continuous law.
 const SETTLED: f64 = 33.9;
 const DISPLACEMENT: [f64; 3] = [-0.018847, -0.064008, 0.035397];
 const ATTITUDE_DEG: [f64; 3] = [15.5028, -11.1076, -2.7442];
@@ -56,7 +56,7 @@ fn run(bag: &Path) -> (Vec<(f64, f64)>, Pose, Pose) {
     (errors, first, last)
 }
 
-/// Every reader's counts and decoding, none of it ours.
+/// Counts and decoding by independent readers.
 fn python_reads(bag: &Path) {
     let script = source("tests/bags/read_bag.py");
     let output = Command::new(python())
@@ -94,7 +94,7 @@ fn python_reads(bag: &Path) {
 
 #[test]
 fn over_dds_in_real_time_it_is_the_run_of_the_thesis() {
-    in_time(|| {
+    repeat_if_late(|| {
         let mut launch = Running::launch(70, &source(CONFIG), &[]);
         let ended = launch.wait(5 * PATIENCE).well();
         println!("{}", ended.stdout);

@@ -16,8 +16,9 @@ use tempfile::TempDir;
 use crate::binaries::binary;
 use crate::waiting::PATIENCE;
 
-/// Gains with which the loop bears a delay of 150 ms instead of 20 ms (see `starvation.rs`), for tests that
-/// need it alive on a late machine. The tip arrives, its attitude does not. They end the arguments of a launch.
+/// Gains for tests that need a stable loop on a machine that is late: stable up to a delay of 150 ms. With the gains of
+/// the thesis it is 20 ms, since the fastest rate of joint damping over reduced inertia is 80 1/s, at joint 6. The tip
+/// arrives, its attitude does not. They end the arguments of a launch.
 pub const GENTLE: [&str; 5] = [
     "--ros-args",
     "-p",
@@ -43,7 +44,7 @@ pub fn command(executable: &str, domain: u16) -> Command {
     command
 }
 
-/// How a process ended and what it said.
+/// Exit code and output of a process.
 #[derive(Debug)]
 pub struct Ended {
     pub code: Option<i32>,
@@ -52,7 +53,7 @@ pub struct Ended {
 }
 
 impl Ended {
-    /// Panics unless it ended well.
+    /// Panics unless the exit code is 0.
     pub fn well(self) -> Self {
         assert_eq!(self.code, Some(0), "{}\n{}", self.stdout, self.stderr);
         self
@@ -63,7 +64,7 @@ impl Ended {
     }
 }
 
-/// Runs `fuyu` to its end, without a graph.
+/// Runs a command of `fuyu` that needs no graph, to its end.
 pub fn fuyu(args: &[&str]) -> Ended {
     let output = command("fuyu", 99).args(args).output().expect("it starts");
     Ended {
@@ -110,7 +111,7 @@ impl Running {
             .stdin(Stdio::null())
             .stdout(file("stdout"))
             .stderr(file("stderr"))
-            // As a shell with job control does: a job of its own, which Ctrl-Z can stop.
+            // A process group, as a shell with job control makes one, which Ctrl-Z can stop.
             .process_group(0);
         let child = command.spawn().expect("the executable is there");
         Self { child, folder }
@@ -176,7 +177,7 @@ impl Drop for Running {
     }
 }
 
-/// What `fuyu bag check` says of a bag, and whether all of it holds.
+/// The report of `fuyu bag check`, and whether all checks passed.
 pub struct Check {
     pub passed: bool,
     report: Value,
@@ -202,7 +203,7 @@ impl Check {
         }
     }
 
-    /// What was found for a check, which must not have been skipped.
+    /// The value of a check, which must not have been skipped.
     pub fn value(&self, name: &str) -> f64 {
         let checks = self.report["checks"].as_array().expect("checks");
         let check = checks.iter().find(|c| c["name"] == name);
@@ -211,7 +212,7 @@ impl Check {
             .unwrap_or_else(|| panic!("no {name} in {}", self.report))
     }
 
-    /// Panics unless momentum kept to rounding.
+    /// Panics unless momentum is conserved to rounding.
     pub fn momentum_holds(&self) {
         for name in ["linear momentum", "angular momentum"] {
             let change = self.value(name);

@@ -1,4 +1,4 @@
-//! A simulation that is reset in the middle of a motion: what follows is what followed the start.
+//! A simulation that is reset in the middle of a motion: the second run is bit-identical to the first.
 
 use fuyu::{bag::Bag, msg::sensor_msgs::JointState, ros::Time};
 use serde_json::json;
@@ -6,11 +6,11 @@ use std::path::{Path, PathBuf};
 
 use crate::{
     joining::peer_with_interfaces,
+    lateness::repeat_if_late,
     lockstep::{simulated, states, tracking},
+    observer::{JOINT_STATE, fresh},
     peer::Peer,
     process::{Running, source},
-    starvation::in_time,
-    view::{JOINT_STATE, fresh},
     waiting::{PATIENCE, eventually},
 };
 
@@ -54,7 +54,7 @@ fn twice(config: &Path) -> ([Vec<JointState>; 2], Vec<PathBuf>, Running) {
     let mut launch = Running::launch(DOMAIN, config, &args);
     reach(&mut peer, 2);
     reset(&mut peer);
-    eventually("time begins anew", PATIENCE, || {
+    eventually("time restarts at zero", PATIENCE, || {
         let state = fresh(&mut peer, "joint_states", 1).pop()?;
         (state["header"]["stamp"]["sec"] == 0).then_some(())
     });
@@ -72,11 +72,11 @@ fn twice(config: &Path) -> ([Vec<JointState>; 2], Vec<PathBuf>, Running) {
     ([first, second], files, launch)
 }
 
-// Breaks when anything of the first run is left in the second: an effort under way, a planned path, a goal that was
-// reckoned from what moved before, a camera's noise that goes on.
+// Fails when state of the first run remains in the second: an effort under way, a planned path, a goal
+// predicted from earlier motion, the camera's noise sequence.
 #[test]
 fn after_a_reset_all_is_as_at_the_start() {
-    in_time(|| {
+    repeat_if_late(|| {
         let (_folder, tracking) = tracking();
         for config in [source("config/straight_path.yaml"), tracking] {
             let expected = simulated(&config, "8");
@@ -97,7 +97,7 @@ fn after_a_reset_all_is_as_at_the_start() {
                     }
                 }
             }
-            // In each file of the bag time goes on.
+            // Time increases in each file of the bag.
             assert_eq!(files.len(), 2, "{files:?}");
             for file in files {
                 let bag = Bag::open(&file).expect("a file of a bag");

@@ -4,10 +4,10 @@ use serde_json::{Value, json};
 
 use crate::{
     joining::peer_with_interfaces,
+    lateness::repeat_if_late,
+    observer::{JOINT_STATE, ODOMETRY, fresh},
     peer::Peer,
     process::{Running, command, source},
-    starvation::in_time,
-    view::{JOINT_STATE, ODOMETRY, fresh},
     waiting::{PATIENCE, eventually},
 };
 
@@ -25,7 +25,7 @@ const PLAYING: u64 = 1;
 const PAUSED: u64 = 2;
 const QUITTING: u64 = 3;
 
-/// The dynamics node of servicing.yaml in a namespace, paused, and whoever controls it.
+/// The dynamics node of servicing.yaml in a namespace, paused, and the rclpy node that controls it.
 struct Simulation {
     dynamics: Running,
     peer: Peer,
@@ -99,7 +99,7 @@ impl Simulation {
         serde_json::from_value(response["entities"].clone()).expect("names")
     }
 
-    /// All of the world that the standard tells.
+    /// The complete state of the world that the standard provides.
     fn snapshot(&mut self) -> Value {
         let request = json!({"filters": {}});
         self.gets(OK, "get_entities_states", "GetEntitiesStates", request)
@@ -121,8 +121,8 @@ fn resource(uri: &str) -> Value {
 }
 
 #[test]
-fn time_plays_pauses_steps_and_begins_anew() {
-    in_time(|| {
+fn time_plays_pauses_steps_and_restarts() {
+    repeat_if_late(|| {
         let mut sim = Simulation::start(1);
         let response = sim.call("get_simulator_features", "GetSimulatorFeatures", json!({}));
         let features = response["features"]["features"].as_array().expect("a list");
@@ -157,7 +157,7 @@ fn time_plays_pauses_steps_and_begins_anew() {
         sim.go(103, 7);
         sim.go(103, 4);
 
-        // To the bit what the same steps gave before.
+        // Bit-identical to the same steps before.
         sim.go(OK, STOPPED);
         assert_eq!((sim.state(), sim.time()), (STOPPED, 0));
         sim.step(FAILED, 1);
@@ -188,8 +188,8 @@ fn time_plays_pauses_steps_and_begins_anew() {
 }
 
 #[test]
-fn steps_are_told_of_and_can_be_cancelled() {
-    in_time(|| {
+fn steps_give_feedback_and_can_be_cancelled() {
+    repeat_if_late(|| {
         let mut sim = Simulation::start(2);
         let act = |sim: &mut Simulation, steps: u64, cancel_after: Option<u64>| {
             sim.peer.does(json!({
@@ -237,7 +237,7 @@ fn steps_are_told_of_and_can_be_cancelled() {
 
 #[test]
 fn entities_are_found_moved_added_and_removed() {
-    in_time(|| {
+    repeat_if_late(|| {
         let mut sim = Simulation::start(3);
         let robot = sim.entities(json!({"categories": [{"category": 1}]}));
         let [robot] = robot.as_slice() else {
@@ -252,7 +252,7 @@ fn entities_are_found_moved_added_and_removed() {
         assert_eq!(info(&mut sim, "target")["category"]["category"], 4);
         assert_eq!(info(&mut sim, &robot)["tags"], json!(["robot"]));
 
-        // Put elsewhere, with another motion.
+        // Moved, with another motion.
         let set = |sim: &mut Simulation, code: u64, request: Value| {
             sim.gets(code, "set_entity_state", "SetEntityState", request)
         };
@@ -282,8 +282,8 @@ fn entities_are_found_moved_added_and_removed() {
         );
         close(&is["twist"], &twist);
         // Relative to another entity, which stands at (1, 2, 3), turned about y.
-        let beside = json!({"header": {"frame_id": robot}, "pose": {"position": {"y": 5.0}}});
-        let request = json!({"entity": "target", "state": beside, "set_pose": true});
+        let relative = json!({"header": {"frame_id": robot}, "pose": {"position": {"y": 5.0}}});
+        let request = json!({"entity": "target", "state": relative, "set_pose": true});
         set(&mut sim, OK, request);
         let is = sim.of("target");
         close(
@@ -368,7 +368,7 @@ fn entities_are_found_moved_added_and_removed() {
             sim.peer.subscribe(topic, ODOMETRY, "reliable");
             sim.peer.receive(topic, 1);
         }
-        // What a viewer shows of it, under the name of its frame.
+        // A viewer needs its description, under the name of its frame.
         let description = "/chaser/far/ground_truth/debris/robot_description";
         (sim.peer).subscribe(description, "std_msgs/msg/String", "latched");
         let urdf = &sim.peer.receive(description, 1)[0]["message"]["data"];
@@ -397,7 +397,7 @@ fn entities_are_found_moved_added_and_removed() {
         sim.step(OK, 1);
         sim.reset(OK, 4);
         assert_eq!(sim.entities(json!({})), [robot.as_str()]);
-        // All as if launched again.
+        // The state is that after a launch.
         sim.reset(OK, 0);
         assert_eq!(sim.entities(json!({})), [robot.as_str(), "target"]);
         assert_eq!(sim.time(), 0);

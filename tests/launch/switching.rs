@@ -1,4 +1,4 @@
-//! Law and gains change while the arm moves: the efforts go over without a jump. (Straight paths are left out: at
+//! Law and gains change while the arm moves, without a jump of the efforts. (Straight paths are left out: at
 //! 100 Hz they are too stiff for this arm's light wrist, and chatter by themselves.)
 
 use fuyu::msg::fuyu_msgs::ControllerState;
@@ -6,10 +6,10 @@ use serde_json::{Value, json};
 use std::collections::BTreeSet;
 
 use crate::{
+    lateness::repeat_if_late,
+    observer::{JOINT_STATE, fresh},
     peer::Peer,
     process::{Running, read, source},
-    starvation::in_time,
-    view::{JOINT_STATE, fresh},
     waiting::{PATIENCE, eventually},
 };
 
@@ -18,7 +18,7 @@ fn time(message: &Value) -> f64 {
     stamp["sec"].as_f64().unwrap() + 1e-9 * stamp["nanosec"].as_f64().unwrap()
 }
 
-/// The most that the effort of a joint changes at a change of law or gain \[N m\], which an rclpy node sets.
+/// Largest change of a joint's effort when an rclpy node changes law or gain \[N m\].
 fn largest_change(domain: u16, bumpless_transfer_time: &str) -> f64 {
     let bumpless_transfer_time =
         format!("controller:bumpless_transfer_time:={bumpless_transfer_time}");
@@ -40,7 +40,7 @@ fn largest_change(domain: u16, bumpless_transfer_time: &str) -> f64 {
             (time(&command) >= due).then_some(())
         });
     };
-    // The arm has come up to speed, and has a way to go for half a minute.
+    // The arm is at speed, and moves for another half a minute.
     let begin = 4.0;
     let changes = [
         json!([["law", "operational_space"]]),
@@ -75,13 +75,13 @@ fn largest_change(domain: u16, bumpless_transfer_time: &str) -> f64 {
 }
 
 #[test]
-fn laws_hand_over_without_a_jump() {
-    in_time(|| {
+fn a_change_of_law_or_gain_does_not_make_the_efforts_jump() {
+    repeat_if_late(|| {
         let gentle = largest_change(98, "0.5");
         println!("{gentle} N m");
         let sudden = largest_change(69, "0.0");
         println!("{sudden} N m without hand-over");
-        // A fiftieth of the difference decays from state to state, and the motion adds its own.
+        // A fiftieth of the difference decays from state to state; the motion itself changes the efforts, too.
         assert!(gentle < 4.0 && sudden > 3.0 * gentle, "{gentle} {sudden}");
     });
 }

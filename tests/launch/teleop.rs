@@ -1,4 +1,4 @@
-//! An operator who is a real ROS 2 node: the arm moves as commanded, and stops when the operator is lost.
+//! Teleoperation by a real ROS 2 node: the arm moves as commanded, and stops when the operator is lost.
 
 use fuyu::{
     control::{Resolution, ResolvedRate, ResolvedRateConfig},
@@ -11,11 +11,10 @@ use serde_json::{Value, json};
 use std::process::Command;
 
 use crate::{
-    measuring::once_below,
+    lateness::repeat_if_late,
+    observer::{DIAGNOSTICS, JOINT_STATE, diagnosed, fresh, now, numbers, reported},
     peer::{DomainClaim, Peer, python},
     process::{Check, Running, source},
-    starvation::in_time,
-    view::{DIAGNOSTICS, JOINT_STATE, diagnosed, fresh, now, numbers, told},
     waiting::{PATIENCE, eventually},
 };
 
@@ -53,7 +52,7 @@ fn largest(list: &Value) -> f64 {
     numbers(list).iter().fold(0.0, |most, v| v.abs().max(most))
 }
 
-/// Velocity of the tip in the world, base axes, from what the encoders tell: momentum is zero.
+/// Velocity of the tip in the world, base axes, from joint positions and rates: momentum is zero.
 fn tip_velocity(state: &Value) -> Vector3<f64> {
     let model = Model::from_urdf(include_str!("../../urdf/servicer.urdf"), "servicer").unwrap();
     let q = DVector::from_vec(numbers(&state["position"]));
@@ -65,7 +64,7 @@ fn tip_velocity(state: &Value) -> Vector3<f64> {
     workspace.V_WF_B(model.frame("tool0").unwrap()).linear
 }
 
-/// Rates that a method asks for at a state.
+/// Joint rates that a resolution method commands at a state.
 fn resolved(method: Resolution, state: &Value, velocity: Vector3<f64>) -> DVector<f64> {
     let model = Model::from_urdf(include_str!("../../urdf/servicer.urdf"), "servicer").unwrap();
     let config = ResolvedRateConfig {
@@ -83,16 +82,16 @@ fn resolved(method: Resolution, state: &Value, velocity: Vector3<f64>) -> DVecto
 
 #[test]
 fn an_rclpy_joystick_moves_the_tip_and_its_loss_stops_it() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 65;
         let mut launch = launch(domain);
         let mut peer = observer(domain);
-        // Time waits for the operator, and so does the arm.
+        // Simulated time waits for the operator's first command.
         let state = &peer.receive("joint_states", 1)[0]["message"];
         assert_eq!(state["header"]["stamp"]["sec"], 0, "{state}");
         let said = diagnosed(&mut peer, "teleop: operator", |level, _| level == WARN);
         assert!(said.contains("/joy") && said.contains("/cmd_vel"), "{said}");
-        // Nothing but its gyro tells the node of the base.
+        // The node learns of the base's motion from its gyro alone.
         let hears = [
             "/joy",
             "/cmd_vel",
@@ -121,7 +120,7 @@ fn an_rclpy_joystick_moves_the_tip_and_its_loss_stops_it() {
 
         let lost = now();
         stick.signal("KILL");
-        let stopped = eventually("the arm is told to stop", PATIENCE, || {
+        let stopped = eventually("zero rates are commanded", PATIENCE, || {
             let wait = json!({"do": "wait", "topic": "joint_commands", "since": lost});
             let commands = peer.does(wait);
             let mut commands = commands.as_array()?.iter();
@@ -137,7 +136,7 @@ fn an_rclpy_joystick_moves_the_tip_and_its_loss_stops_it() {
             let state = fresh(&mut peer, "joint_states", 1).pop()?;
             (largest(&state["velocity"]) < 1e-4).then_some(())
         });
-        // And it goes on when the operator comes back.
+        // The arm moves again when the operator comes back.
         let _stick = joystick(domain, &["push"]);
         eventually("the tip moves again", PATIENCE, || {
             let state = fresh(&mut peer, "joint_states", 1).pop()?;
@@ -149,23 +148,22 @@ fn an_rclpy_joystick_moves_the_tip_and_its_loss_stops_it() {
 }
 
 #[test]
-fn motion_follows_the_stick_at_once() {
-    in_time(|| {
+fn motion_follows_the_joystick_within_a_tenth_of_a_second() {
+    repeat_if_late(|| {
         let domain = 66;
         let _claim = DomainClaim::new(domain);
         let mut launch = launch(domain);
         let trials = std::env::var("FUYU_LATENCY_TRIALS").unwrap_or_else(|_| "20".to_owned());
-        once_below("median from stick to motion [s]", 0.1, || {
-            let mut stick = joystick(domain, &["latency", &trials]);
-            let ended = stick.wait(10 * PATIENCE);
-            let mut latencies: Vec<f64> =
-                serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{e}: {ended:?}"));
-            latencies.sort_by(f64::total_cmp);
-            let at = |part: f64| latencies[(part * (latencies.len() - 1) as f64).round() as usize];
-            let (least, p50, p99) = (at(0.0), at(0.5), at(0.99));
-            println!("{trials} pushes: least {least:.4}, p50 {p50:.4}, p99 {p99:.4} s");
-            p50
-        });
+        let mut stick = joystick(domain, &["latency", &trials]);
+        let ended = stick.wait(10 * PATIENCE);
+        let mut latencies: Vec<f64> =
+            serde_json::from_str(&ended.stdout).unwrap_or_else(|e| panic!("{e}: {ended:?}"));
+        latencies.sort_by(f64::total_cmp);
+        let at = |part: f64| latencies[(part * (latencies.len() - 1) as f64).round() as usize];
+        let (least, p50, p99) = (at(0.0), at(0.5), at(0.99));
+        println!("{trials} pushes: least {least:.4}, p50 {p50:.4}, p99 {p99:.4} s");
+        // What docs/teleoperation.md states is the median; a single push may meet a full processor.
+        assert!(p50 < 0.1, "median from stick to motion {p50:.4} s");
         launch.interrupt().well();
     });
 }
@@ -195,10 +193,10 @@ fn steer_until(
     });
 }
 
-// Every method's rates are its own; the arm is slow, so that its posture stays what it is.
+// Methods command different rates; the arm moves so slowly that its posture stays the same.
 #[test]
 fn twists_steer_by_the_method_that_is_set() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 67;
         let mut launch = launch(domain);
         let mut peer = observer(domain);
@@ -225,7 +223,7 @@ fn twists_steer_by_the_method_that_is_set() {
             reason.contains("magic") && reason.contains("transpose_fixed_base"),
             "{reason}"
         );
-        // The gyro tells where the world's axes are.
+        // The world's axes follow from the gyro.
         steer_until(
             &mut peer,
             "steering in the world's axes",
@@ -239,7 +237,7 @@ fn twists_steer_by_the_method_that_is_set() {
 
 #[test]
 fn wrong_messages_stop_the_arm_and_are_named() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 68;
         let mut launch = launch(domain);
         let mut peer = observer(domain);
@@ -278,18 +276,18 @@ fn wrong_messages_stop_the_arm_and_are_named() {
                 ["/joint_commands", "both effort and velocity"],
             ),
         ] {
-            // While somebody else steers.
+            // While another operator steers.
             let since = now();
-            let told = eventually(words[1], PATIENCE, || {
+            let reported = eventually(words[1], PATIENCE, || {
                 peer.does(twist("base_link", json!({"y": 0.01})));
                 peer.does(message.clone());
-                told(&mut peer, part, since, 3.0, |level, text| {
+                reported(&mut peer, part, since, 3.0, |level, text| {
                     level == WARN && words.iter().all(|word| text.contains(word))
                 })
             });
-            println!("{told}");
+            println!("{reported}");
         }
-        // What was wrong stopped the arm, or the silence since.
+        // The wrong message stopped the arm, or the timeout since.
         eventually("the arm stands still", PATIENCE, || {
             let commands = fresh(&mut peer, "joint_commands", 10);
             let state = fresh(&mut peer, "joint_states", 1).pop()?;

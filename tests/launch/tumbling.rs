@@ -1,4 +1,4 @@
-//! A tumbling ball as a stranger's camera sees it, and what estimators tell of it.
+//! A tumbling ball as another party's camera sees it, and the estimators' answers.
 
 use fuyu::{
     estimation::free_body::FreeRotation,
@@ -83,26 +83,27 @@ pub fn stamp(message: &Value) -> f64 {
     stamp["sec"].as_f64().unwrap() + 1e-9 * stamp["nanosec"].as_f64().unwrap()
 }
 
-/// Errors of the angular velocities that `topic` has told for times after `from` \[rad/s\].
+/// Errors of the angular velocities on `topic` for times after `from` \[rad/s\].
 pub fn rate_errors(peer: &mut Peer, topic: &str, from: f64) -> Vec<f64> {
-    let told = peer.receive(topic, 1);
-    let told = told.iter().map(|m| &m["message"]);
+    let reported = peer.receive(topic, 1);
+    let reported = reported.iter().map(|m| &m["message"]);
     let error = |m: &Value| {
         let w = &m["vector"];
         let w = ["x", "y", "z"].map(|axis| w[axis].as_f64().unwrap());
         (Vector3::from(w) - truth().angular_velocity(stamp(m))).norm()
     };
-    // What was told while no frames came is for other times than theirs.
+    // Estimates published while no frames came are for other times than theirs.
     let of_a_frame = |m: &&Value| (10.0 * stamp(m) - (10.0 * stamp(m)).round()).abs() < 1e-6;
-    let told = told.filter(of_a_frame);
-    told.filter(|m| stamp(m) > from).map(error).collect()
+    let reported = reported.filter(of_a_frame);
+    reported.filter(|m| stamp(m) > from).map(error).collect()
 }
 
-/// Whether `topic` has told an angular velocity for this time.
+/// Whether there was an angular velocity on `topic` for this time.
 pub fn told_for(peer: &mut Peer, topic: &str, time: f64) -> Option<()> {
-    let told = peer.does(json!({"do": "wait", "topic": topic, "count": 1, "timeout": 1.0}));
-    let mut told = told.as_array().expect("a list").iter();
-    told.any(|m| (stamp(&m["message"]) - time).abs() < 1e-6)
+    let reported = peer.does(json!({"do": "wait", "topic": topic, "count": 1, "timeout": 1.0}));
+    let mut reported = reported.as_array().expect("a list").iter();
+    reported
+        .any(|m| (stamp(&m["message"]) - time).abs() < 1e-6)
         .then_some(())
 }
 

@@ -1,8 +1,8 @@
-//! Network namespaces, for tests that need a network of their own.
+//! Network namespaces, for tests that need a separate network.
 
 use std::{fs, os::unix::fs::MetadataExt, process::Command};
 
-/// In continuous integration root can make network namespaces, and a skipped test would go unseen.
+/// In continuous integration, as root, network namespaces must work: a skipped test would go unnoticed there.
 pub fn must_work() -> bool {
     std::env::var_os("CI").is_some() && fs::metadata("/proc/self").is_ok_and(|me| me.uid() == 0)
 }

@@ -26,7 +26,7 @@ from rcl_interfaces.srv import (
 )
 
 
-# A command ends as soon as what it waits for is there; this long it waits on a machine that starves [s].
+# A command ends as soon as what it waits for is there; this is its timeout [s].
 PATIENCE = 60.0
 
 

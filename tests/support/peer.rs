@@ -111,7 +111,7 @@ impl Peer {
         peer
     }
 
-    /// Does a command of `peer.py`; panics if it raises.
+    /// Executes a command of `peer.py`; panics if it raises.
     pub fn does(&mut self, command: Value) -> Value {
         writeln!(self.stdin, "{command}").expect("the peer runs");
         let answer = self.read(&command);
@@ -119,7 +119,7 @@ impl Peer {
         answer
     }
 
-    /// What the graph shows of a node, as soon as it shows all that is expected: names by kind (publishers,
+    /// The endpoints of a node in the graph, as soon as all that are expected are there: names by kind (publishers,
     /// subscribers, services). Panics if it never does.
     pub fn graph(&mut self, node: &str, namespace: &str, expected: &Value) -> Value {
         self.does(json!({

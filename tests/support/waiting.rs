@@ -1,11 +1,11 @@
-//! Waiting for what will come, however slow the machine is.
+//! Waiting for an event, however slow the machine is.
 
 use std::{
     thread,
     time::{Duration, Instant},
 };
 
-/// How long something is waited for that comes at once on an idle machine.
+/// Timeout for an event that comes at once on an idle machine.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
 /// Polls until `done` gives something; panics after `patience`.

@@ -1,4 +1,4 @@
-//! Many states at once give what each gives alone.
+//! A batch of states gives the same as each state alone.
 
 use fuyu::dynamics::{Batch, Floating, Method, State};
 use nalgebra::{DVector, UnitQuaternion};

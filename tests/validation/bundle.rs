@@ -1,8 +1,8 @@
-//! The bundle on chapter 3's motions and on what spoils tracks. Limits are those that the method is to keep over all
+//! Bundle adjustment on chapter 3's motions and on disturbed tracks. Limits are those that the method must keep over all
 //! motions, so single ones do better.
 
 use fuyu::estimation::bundle::{CameraMotion, Options, Solution, estimate};
-use fuyu::estimation::{EstimateError, Feature, MotionModel, Sighting, Tracks};
+use fuyu::estimation::{EstimateError, Feature, FeatureFrame, MotionModel, Tracks};
 use fuyu::experiments::masutani_ch3::in_parallel;
 use fuyu::vision::Pinhole;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -196,7 +196,7 @@ fn a_body_that_is_not_on_one_orbit_is_known_by_its_last_part() {
 /// e and s_alpha.
 type Cell = (f64, f64);
 
-/// Φ \[deg\], and the deviation of the predicted turn \[deg\] that the solution tells.
+/// Φ \[deg\], and the standard deviation of the predicted turn \[deg\] that the solution reports.
 type Predicted = (f64, f64);
 
 /// From 30 s.
@@ -213,7 +213,7 @@ fn from_half_a_minute(e: f64, s_alpha: f64) -> Predicted {
 }
 
 /// Every third motion of the grid. Those that 51 frames do not determine to 0.1 degrees are left open by the pixels
-/// themselves (`half_a_minute`), and the deviation that the solution tells is as large.
+/// themselves (`half_a_minute`), and the deviation that the solution reports is as large.
 #[test]
 fn half_a_minute_suffices_unless_the_solution_says_otherwise() {
     let all: Vec<_> = grid()
@@ -221,7 +221,7 @@ fn half_a_minute_suffices_unless_the_solution_says_otherwise() {
         .step_by(3)
         .map(|(e, s_alpha)| ((e, s_alpha), from_half_a_minute(e, s_alpha)))
         .collect();
-    told_or_left_open(&all);
+    predicted_or_left_open(&all);
 }
 
 /// All 294: `cargo test --release --test validation every_half_minute -- --ignored --nocapture`.
@@ -229,10 +229,10 @@ fn half_a_minute_suffices_unless_the_solution_says_otherwise() {
 #[ignore = "ten seconds"]
 fn every_half_minute_is_predicted_or_left_open() {
     let all: Vec<_> = grid().into_iter().zip(of_all(from_half_a_minute)).collect();
-    told_or_left_open(&all);
+    predicted_or_left_open(&all);
 }
 
-fn told_or_left_open(all: &[(Cell, Predicted)]) {
+fn predicted_or_left_open(all: &[(Cell, Predicted)]) {
     for ((e, s_alpha), (phi, deviation)) in all {
         let is = |(a, b): &(f64, f64)| (a - e).abs() < 0.01 && (b - s_alpha).abs() < 0.01;
         assert!(
@@ -353,9 +353,9 @@ fn tracks_that_hold_too_little_are_refused_with_a_reason() {
     let full = view.tracks(&motion, &view.sphere());
     let solve = |tracks: &Tracks| estimate(tracks, &view.camera, &Options::default());
     let changed = |change: &dyn Fn(usize, &Feature) -> Option<Feature>| {
-        let sightings = full.sightings().iter().enumerate().map(|(i, s)| {
+        let sightings = full.frames().iter().enumerate().map(|(i, s)| {
             let features = s.features.iter().filter_map(|f| change(i, f)).collect();
-            Sighting::new(s.time, features)
+            FeatureFrame::new(s.time, features)
         });
         Tracks::new(sightings).unwrap()
     };
@@ -364,7 +364,7 @@ fn tracks_that_hold_too_little_are_refused_with_a_reason() {
         solve(&few).unwrap_err(),
         EstimateError::TooFewPoints { most: 7, need: 8 }
     );
-    let short = Tracks::new(full.sightings()[..5].to_vec()).unwrap();
+    let short = Tracks::new(full.frames()[..5].to_vec()).unwrap();
     assert_eq!(
         solve(&short).unwrap_err(),
         EstimateError::TooFewFrames { have: 5, need: 8 }
@@ -378,7 +378,7 @@ fn tracks_that_hold_too_little_are_refused_with_a_reason() {
         })
     });
     assert_eq!(solve(&line).unwrap_err(), EstimateError::Collinear);
-    let first = full.sightings()[0].clone();
+    let first = full.frames()[0].clone();
     let still = changed(&|_, f| first.feature(f.id).copied());
     assert_eq!(
         solve(&still).unwrap_err(),

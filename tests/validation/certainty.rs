@@ -2,14 +2,14 @@
 
 use fuyu::estimation::bundle::{Options, estimate};
 use fuyu::estimation::filter::Filter;
-use fuyu::estimation::{EstimateError, Feature, Sighting, Tracks};
+use fuyu::estimation::{EstimateError, Feature, FeatureFrame, Tracks};
 use fuyu::vision::Pinhole;
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 use crate::tumbling::{Motion, View, prediction_errors};
 
-/// A random problem: what is seen, how the body moves, and by how much the focal length told is off.
+/// A random problem: what is seen, how the body moves, and the error of the given focal length.
 fn problem(seed: u64) -> (View, Motion, f64) {
     let mut rng = StdRng::seed_from_u64(seed);
     let mut random = |low: f64, high: f64| rng.random_range(low..high);
@@ -182,13 +182,13 @@ fn two_radians_seen_from_afar_are_known_or_refused() {
         let truth = motion.attitudes(&times);
         let ours = times.map(|t| solution.motion.attitude(t));
         let error = (ours[1] * ours[0].inverse()).angle_to(&(truth[1] * truth[0].inverse()));
-        let told = solution.turn_covariance(times[0], times[1]).trace().sqrt();
+        let reported = solution.turn_covariance(times[0], times[1]).trace().sqrt();
         println!(
-            "{seed}: {:.2} deg, {:.2} told",
+            "{seed}: {:.2} deg, {:.2} reported",
             error.to_degrees(),
-            told.to_degrees()
+            reported.to_degrees()
         );
-        off.push(error / told);
+        off.push(error / reported);
     }
     assert!(solved >= 6, "{solved} of 12");
     assert!(off.iter().all(|off| *off < 6.0), "{off:.1?}");
@@ -205,11 +205,11 @@ fn ids_given_to_other_points_are_told_apart() {
     };
     let motion = Motion::new(0.6, 0.0, 0.3, 0.1, Vector3::z());
     let full = view.tracks(&motion, &view.sphere());
-    let half = full.sightings().len() / 2;
+    let half = full.frames().len() / 2;
     for gradually in [true, false] {
         let mut rng = StdRng::seed_from_u64(3);
         let mut shown: Vec<u64> = (0..20).collect();
-        let sightings = full.sightings().iter().enumerate().map(|(i, sighting)| {
+        let sightings = full.frames().iter().enumerate().map(|(i, sighting)| {
             for k in 0..20 {
                 let lost = gradually && rng.random_range(0.0..1.0) < 1.0 / 40.0;
                 let other = rng.random_range(0..60);
@@ -224,7 +224,7 @@ fn ids_given_to_other_points_are_told_apart() {
                 let seen = sighting.feature(*point)?;
                 Some(Feature { id, ..*seen })
             });
-            Sighting::new(sighting.time, features.collect())
+            FeatureFrame::new(sighting.time, features.collect())
         });
         let tracks = Tracks::new(sightings).unwrap();
         let solution = estimate(&tracks, &view.camera, &Options::default()).unwrap();

@@ -1,4 +1,4 @@
-//! What free motion keeps and what forces change.
+//! Conservation of momentum and energy in free motion, and their change by forces.
 
 use fuyu::dynamics::{Input, Integrator, Method, Momentum, State, Workspace};
 use fuyu::model::Model;

@@ -128,7 +128,7 @@ fn complete_integrals_agree_with_mpmath() {
         let got = Modulus::new(k).quarter_period();
         assert!((got - expected).abs() < 1e-15 * expected, "K({k}): {got}");
     }
-    // Where k rounds to one, only the complement tells the moduli apart.
+    // Where k rounds to one, only the complement distinguishes the moduli.
     for (complement, expected) in NEAR_ONE {
         let got = Modulus::from_squares(1.0, complement * complement).quarter_period();
         assert!(

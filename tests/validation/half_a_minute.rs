@@ -1,4 +1,4 @@
-//! What whole pixels of half a minute leave open: two bodies that every pixel fits, and whose next half minute differs.
+//! Motions that half a minute of whole pixels cannot distinguish: two bodies that fit every pixel, and whose next half minute differs.
 //!
 //! A sphere of 20 points turns about its centre, as in chapter 3 of Masutani 1995, but only 51 frames are seen. All
 //! that the images say is in which pixel each point is. From the true body this goes to the middle of all that they
@@ -63,7 +63,7 @@ struct Images {
 impl Images {
     fn new(view: View, motion: &Motion) -> Self {
         let tracks = view.tracks(motion, &view.sphere());
-        let frames = tracks.sightings();
+        let frames = tracks.frames();
         let pixel = |i: usize, j: u64| {
             let f = frames[i].feature(j).unwrap();
             Vector2::new(f.u, f.v)

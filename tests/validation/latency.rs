@@ -1,4 +1,4 @@
-//! How late a camera may be before the loop through it is no longer stable.
+//! The camera latency up to which the control loop is stable.
 
 use fuyu::control::LawKind;
 use fuyu::control::prediction::Prediction;

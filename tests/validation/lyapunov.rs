@@ -2,8 +2,8 @@
 //! whatever the robot, and not with the fixed-base one.
 
 use fuyu::control::{
-    ControllerConfig, Gains, JacobianKind, LawKind, LyapunovFunction, Saturation, Shaping,
-    SingularityEscapeConfig, StraightPathConfig,
+    ControllerConfig, Gains, JacobianKind, LawConfig, LawKind, LyapunovFunction, Saturation,
+    Shaping, SingularityEscapeConfig, StraightPathConfig,
 };
 use fuyu::dynamics::Workspace;
 use fuyu::experiments::ContinuousLoop;
@@ -100,12 +100,15 @@ impl Chance {
             d_along: damping,
             d_across: damping * (1.0 + 9.0 * self.number(1.0).abs()),
             d_turn: damping,
-            // A load that is heavy beside the robot.
+            // A load that is heavy compared with the robot.
             period: 0.1,
             ..StraightPathConfig::default()
         };
+        let law = match law {
+            LawKind::StraightPath => straight_path.into(),
+            law => LawConfig::from(law),
+        };
         let config = ControllerConfig {
-            straight_path,
             singularity_escape: SingularityEscapeConfig {
                 rate: 0.0,
                 ..SingularityEscapeConfig::default()
@@ -162,7 +165,10 @@ fn it_falls_on_straight_paths_with_a_load_too() {
     let mut chance = Chance(StdRng::seed_from_u64(6));
     for number in 0..150 {
         let (mut run, config) = chance.closed_loop(LawKind::StraightPath);
-        let load = config.straight_path.virtual_tip_inertia(config.gains.k_o);
+        let LawConfig::StraightPath(law) = &config.law else {
+            panic!("{:?}", config.law);
+        };
+        let load = law.virtual_tip_inertia(config.gains.k_o);
         assert!(load.mass > 0.0 && load.inertia > 0.0);
         let tip = run.model().frame("tip").unwrap().clone();
         let mut jacobian = Matrix6xX::zeros(run.model().dof());

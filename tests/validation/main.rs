@@ -1,6 +1,6 @@
-//! The physical evidence: fuyu against numbers and identities that do not share its code.
+//! Validation of the physics against numbers and identities that do not share its code.
 //!
-//! Each module names its source. Where a tolerance stands, the reason stands beside it.
+//! Each module names its source, and each tolerance its reason.
 
 #[cfg(feature = "batch")]
 mod batch;

@@ -154,7 +154,7 @@ fn in_the_unstable_region_the_tip_leaves_first_and_arrives_later() {
     );
     assert!((0.1 * most as f64 - 59.7).abs() < 0.5, "{most}");
     assert!((settled(&approximate) - 98.3).abs() < 0.2);
-    // The generalized Jacobian never lets it go.
+    // With the generalized Jacobian the tip never leaves the goal.
     let generalized = deviations(UNSTABLE, JacobianKind::Generalized, 60);
     assert!(generalized.windows(2).skip(20).all(|d| d[1] < d[0]));
     let stable = |jacobian| settled(&deviations(STABLE, jacobian, 40));

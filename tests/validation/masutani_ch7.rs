@@ -2,8 +2,8 @@
 //! twelve tasks; and beyond the thesis, on an arm with a light wrist.
 
 use fuyu::control::{
-    Controller, JacobianKind, LawKind, Measurement, PoseError, Shaping, StraightPathConfig,
-    TipMeasurement,
+    Controller, ControllerConfig, JacobianKind, LawConfig, LawKind, Measurement, PoseError,
+    Shaping, StraightPathConfig, TipMeasurement,
 };
 use fuyu::dynamics::{Floating, Method, State, Workspace};
 use fuyu::experiments::masutani_ch5;
@@ -108,15 +108,18 @@ struct Sampled {
 }
 
 /// The positioning run of chapter 5 for a minute under `law`; commands act `late` samples after the state that they answer.
-fn sampled(law: LawKind, straight_path: StraightPathConfig, late: usize) -> Sampled {
+fn sampled(law: impl Into<LawConfig>, late: usize) -> Sampled {
     let model = masutani_ch5::model();
     let tip = model.frame("tool0").unwrap().clone();
     let radians = |degrees: [f64; 6]| DVector::from_iterator(6, degrees.map(f64::to_radians));
     let mut workspace = Workspace::new(&model);
     workspace.set_positions(&model, &radians(masutani_ch5::GOAL));
     let X_WD = workspace.X_BF(&tip);
-    let mut config = masutani_ch5::config(law, JacobianKind::Generalized);
-    config.straight_path = straight_path;
+    let chapter_5 = masutani_ch5::config(LawKind::TransposeJacobian, JacobianKind::Generalized);
+    let config = ControllerConfig {
+        law: law.into(),
+        ..chapter_5
+    };
     let mut controller = Controller::new(model.clone(), tip.clone(), config).unwrap();
     let start = State::at_rest_with(&model, &radians(masutani_ch5::START));
     let mut robot = Floating::new(model, start, Method::Rk4);
@@ -174,13 +177,13 @@ fn straight_paths_serve_a_light_wrist_that_is_sampled() {
         d_along: 225.0,
         ..StraightPathConfig::default()
     };
-    let plain = sampled(LawKind::TransposeJacobian, with(Shaping::Damping, 0.0), 0);
+    let plain = sampled(LawKind::TransposeJacobian, 0);
     let [damped, late, rotated] = [
         (Shaping::Damping, 0),
         (Shaping::Damping, 1),
         (Shaping::Rotation, 0),
     ]
-    .map(|(shaping, late)| sampled(LawKind::StraightPath, with(shaping, 0.01), late));
+    .map(|(shaping, late)| sampled(with(shaping, 0.01), late));
     println!("plain {plain:?}\ndamped {damped:?}\nlate {late:?}\nrotated {rotated:?}");
     assert!(plain.deviation > 0.8, "{plain:?}");
     for run in [&damped, &late] {
@@ -194,7 +197,7 @@ fn straight_paths_serve_a_light_wrist_that_is_sampled() {
         assert!(run.reversals < plain.reversals + 60, "{run:?} {plain:?}");
     }
     for shaping in [Shaping::Damping, Shaping::Rotation] {
-        let unbounded = sampled(LawKind::StraightPath, with(shaping, 0.0), 0);
+        let unbounded = sampled(with(shaping, 0.0), 0);
         println!("unbounded {shaping:?} {unbounded:?}");
         assert!(unbounded.reversals > 1000 || unbounded.settled.is_none());
     }

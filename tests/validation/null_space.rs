@@ -1,8 +1,8 @@
-//! Several tips and the reaction null space, on the robot with two arms of `urdf/dual_arm.urdf`.
+//! Several tips and the reaction null space, on the two-armed robot of `urdf/dual_arm.urdf`.
 
 use fuyu::control::{
-    BaseTask, Controller, ControllerConfig, Gains, LawKind, Measurement, OperationalConfig,
-    PoseError, Rows, Saturation, TaskPriority, TipMeasurement, TipTask,
+    BaseTask, Controller, ControllerConfig, Gains, Measurement, OperationalSpaceConfig, PoseError,
+    Rows, Saturation, TaskPriority, TipMeasurement, TipTask,
 };
 use fuyu::dynamics::{Floating, Method, State, Workspace};
 use fuyu::model::{Frame, Model};
@@ -51,14 +51,12 @@ fn run(tips: [TipTask; 2], base: BaseTask) -> End {
             orientation: 0.2,
         },
     };
-    let config = ControllerConfig {
-        operational: OperationalConfig {
-            tips: tips.to_vec(),
-            base,
-            ..OperationalConfig::default()
-        },
-        ..ControllerConfig::new(LawKind::OperationalSpace, gains)
+    let law = OperationalSpaceConfig {
+        tips: tips.to_vec(),
+        base,
+        ..OperationalSpaceConfig::default()
     };
+    let config = ControllerConfig::new(law, gains);
     let more = vec![right.clone()];
     let mut controller = Controller::with_tips(model.clone(), left.clone(), more, config).unwrap();
     let state = State::at_rest_with(&model, &degrees(&START));

@@ -1,9 +1,9 @@
-//! The laws' equations, term by term.
+//! The equations of the operational-space law, term by term.
 
-use fuyu::control::prediction::{Predicted, Prediction};
+use fuyu::control::prediction::{Prediction, TipPrediction};
 use fuyu::control::{
-    Controller, ControllerConfig, FeedForward, Gains, LawKind, Measurement, MovingGoal, PoseError,
-    Saturation, TipMeasurement,
+    Controller, ControllerConfig, FeedForward, Gains, Measurement, MovingGoal,
+    OperationalSpaceConfig, PoseError, Saturation, TipMeasurement,
 };
 use fuyu::dynamics::{Floating, Method, State, Workspace};
 use fuyu::spatial::{Pose, Twist};
@@ -47,8 +47,11 @@ fn resolved_acceleration_gives_the_tip_the_acceleration_that_it_asks_for() {
     let mut robot = moving();
     let model = robot.model().clone();
     let tip = model.frame("tool0").unwrap().clone();
-    let mut config = ControllerConfig::new(LawKind::OperationalSpace, gains());
-    config.operational.task_damping = 1e-3;
+    let law = OperationalSpaceConfig {
+        task_damping: 1e-3,
+        ..OperationalSpaceConfig::default()
+    };
+    let config = ControllerConfig::new(law, gains());
     let mut controller = Controller::new(model.clone(), tip.clone(), config).unwrap();
     let X_BE = robot.workspace().X_BF(&tip);
     let X_BD = Pose::from_parts(
@@ -65,7 +68,7 @@ fn resolved_acceleration_gives_the_tip_the_acceleration_that_it_asks_for() {
     robot.hold_efforts(controller.efforts().as_slice());
     robot.accelerations();
     let error = PoseError::between(&X_BE, &X_BD);
-    // The tip's velocity beside the centre of mass, which moves evenly.
+    // The tip's velocity relative to the centre of mass, which moves evenly.
     let X_WB = robot.state().X_WB(robot.workspace());
     let v_WC_B = X_WB.rotation.inverse() * robot.state().momentum_W.linear / model.total_mass();
     let V = robot.workspace().V_WF_B(&tip);
@@ -115,7 +118,7 @@ fn what_is_fed_forward_moves_the_tip_with_the_goal() {
         A_ID_B: &A_ID_B,
     };
     let mut efforts = DVector::zeros(6);
-    feed_forward.lead(&model, robot.workspace(), &goal);
+    feed_forward.update(&model, robot.workspace(), &goal);
     feed_forward.add(robot.workspace(), &goal, &K_V, 1.0, &mut efforts);
     assert!(
         (feed_forward.rates() - &qd).amax() < 1e-10,
@@ -142,7 +145,7 @@ fn the_lyapunov_function_falls_at_the_rate_that_the_proof_says() {
     let mut feed_forward = FeedForward::new(&model, &tip);
     feed_forward.damping = 1e-9;
     let start = robot.state().X_WB(robot.workspace()) * robot.workspace().X_BF(&tip);
-    // The goal in the world: it starts beside the tip, drifts, and turns evenly.
+    // The goal in the world: it starts next to the tip, drifts, and turns evenly.
     let (v_W, w_W) = (
         Vector3::new(0.03, -0.02, 0.04),
         Vector3::new(0.02, 0.03, -0.04),
@@ -183,7 +186,7 @@ fn the_lyapunov_function_falls_at_the_rate_that_the_proof_says() {
         let (force, torque) = (error.position * gains.k_p, error.orientation * gains.k_o);
         let mut efforts =
             J.fixed_rows::<3>(0).tr_mul(&force) + J.fixed_rows::<3>(3).tr_mul(&torque);
-        feed_forward.lead(&model, &scratch, &goal);
+        feed_forward.update(&model, &scratch, &goal);
         feed_forward.add(&scratch, &goal, &K_V, 1.0, &mut efforts);
         for j in 0..6 {
             efforts[j] -= K_V[j] * qd[j];
@@ -196,7 +199,7 @@ fn the_lyapunov_function_falls_at_the_rate_that_the_proof_says() {
         if let Some((last, last_rate)) = before {
             let fallen = (last - energy) / dt;
             let said = 0.5 * (rate + last_rate);
-            // Efforts are held for 10 us: first order in that, beside 100 1/s of the wrist.
+            // Efforts are held for 10 us: an error of first order in that, compared with 100 1/s of the wrist.
             assert!((fallen / said - 1.0).abs() < 5e-3, "{fallen} {said} at {t}");
         }
         before = Some((energy, rate));
@@ -216,7 +219,7 @@ fn nothing_is_fed_forward_to_a_goal_at_rest() {
     let w = workspace
         .base_twist(&fuyu::dynamics::Momentum::default(), &qd)
         .angular;
-    let at_rest = Predicted::as_seen(Pose::identity(), Pose::identity());
+    let at_rest = TipPrediction::as_seen(Pose::identity(), Pose::identity());
     let goal = MovingGoal {
         q: &q,
         qd: &qd,
@@ -226,7 +229,7 @@ fn nothing_is_fed_forward_to_a_goal_at_rest() {
     };
     let mut efforts = DVector::zeros(6);
     let mut feed_forward = FeedForward::new(&model, &tip);
-    feed_forward.lead(&model, &workspace, &goal);
+    feed_forward.update(&model, &workspace, &goal);
     feed_forward.add(&workspace, &goal, &K_V, 1.0, &mut efforts);
     assert!(efforts.amax() < 1e-9, "{efforts}");
     assert_eq!(Prediction::default(), Prediction::None);

@@ -2,7 +2,7 @@
 
 use std::ops::{Add, Mul, Neg, Sub};
 
-use fuyu::dynamics::kernel::{Scalar, Slot, Tree, Vec3, forward_dynamics};
+use fuyu::dynamics::kernel::{LinkScratch, Scalar, Tree, Vec3, forward_dynamics};
 use fuyu::dynamics::{ArticulatedBody, Formulation, Input, TreeAcceleration, TreeMotion};
 use fuyu::model::{JointKind, Model, ModelBuilder};
 use fuyu::spatial::{Pose, RigidInertia, Twist};
@@ -122,19 +122,19 @@ fn forward_dynamics_keeps_its_digits() {
         ArticulatedBody::new(&model).accelerations(&model, &motion, &input, &mut answer);
 
         let tree = Tree::new(&model);
-        let mut slots = vec![Slot::new(Double(0.0, 0.0)); n + 1];
+        let mut links = vec![LinkScratch::new(Double(0.0, 0.0)); n + 1];
         let w_K: [f64; 3] = tree.base_axes().inverse_transform_vector(&w).into();
-        slots[0].w = Vec3(w_K.map(|x| Double(x, 0.0)));
-        for (j, slot) in slots[1..].iter_mut().enumerate() {
+        links[0].w = Vec3(w_K.map(|x| Double(x, 0.0)));
+        for (j, link) in links[1..].iter_mut().enumerate() {
             let (cos, sin) = Double::cos_sin(q[j]);
-            slot.turn = tree.turn(j, cos, sin);
-            (slot.q, slot.qd) = (Double(q[j], 0.0), Double(qd[j], 0.0));
-            slot.effort = Double(input.efforts[j], 0.0);
+            link.rotation = tree.joint_rotation(j, cos, sin);
+            (link.q, link.qd) = (Double(q[j], 0.0), Double(qd[j], 0.0));
+            link.effort = Double(input.efforts[j], 0.0);
         }
-        forward_dynamics(&tree, &mut slots, None);
-        let exact = DVector::from_fn(n, |j, _| slots[j + 1].qdd.0);
+        forward_dynamics(&tree, &mut links, None);
+        let exact = DVector::from_fn(n, |j, _| links[j + 1].qdd.0);
         let error = (&answer.qdd - &exact).amax() / exact.amax();
         assert!(error <= limit, "{}: {error:e}", model.name());
-        assert!(slots[n].qdd.1 != 0.0, "the reference must have more digits");
+        assert!(links[n].qdd.1 != 0.0, "the reference must have more digits");
     }
 }

@@ -14,7 +14,7 @@ use nalgebra::{DVector, Rotation3, Translation3, Vector3};
 
 struct Run {
     error: PoseError,
-    /// The last trouble that was told.
+    /// The last failure to converge that was reported.
     failure: Option<ConvergenceFailure>,
     fastest_joint: f64,
 }

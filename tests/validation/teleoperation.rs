@@ -180,7 +180,7 @@ fn driven(model: &Model, servo: &mut VelocityServo, reference: &[f64], steps: us
         Method::Rk4,
     );
     for (j, rate) in reference.iter().enumerate() {
-        servo.refer(model, j, *rate);
+        servo.set_reference(model, j, *rate);
     }
     for _ in 0..steps {
         let efforts = servo.efforts(model, robot.state(), 0.002).clone();
@@ -216,8 +216,8 @@ fn gains_of_its_own_make_a_joint_follow_as_its_inertia_lets_it() {
     let model = servicer();
     let gains = vec![400.0, 100.0, 200.0, 10.0, 2.0, 2.0];
     let mut servo = servo(&model, ServoGains::PerJoint(gains.clone()), 0.0);
-    // What starvation tests know of the joints' damping over reduced inertia.
-    let fastest = servo.fastest(&model, &posture());
+    // The same rate limits the delay in `tests/launch/process.rs`: joint damping over reduced inertia.
+    let fastest = servo.max_bandwidth(&model, &posture());
     assert!((60.0..100.0).contains(&fastest), "{fastest}");
     let reference = [0.01; 6];
     let state = driven(&model, &mut servo, &reference, 1);
@@ -253,7 +253,10 @@ fn the_servo_has_no_more_torque_than_the_drives() {
     let weak = format!("{joint1}<limit effort=\"5\" velocity=\"0.1\"/>");
     let model = Model::from_urdf(&xml.replace(joint1, &weak), "weak").unwrap();
     let mut servo = servo(&model, ServoGains::Bandwidth(20.0), 1.0);
-    assert!(servo.refer(&model, 0, 1.0), "cut to the joint's limit");
+    assert!(
+        servo.set_reference(&model, 0, 1.0),
+        "cut to the joint's limit"
+    );
     assert_eq!(servo.reference()[0], 0.1);
     let state = State::at_rest_with(&model, &posture());
     for _ in 0..1000 {
@@ -454,7 +457,7 @@ fn steering_and_servo_do_not_allocate() {
             resolver.rates(&model, &mut workspace, &q, &V, &mut rates);
             limits.apply(&model, &q, &rest, 0.01, &mut rates);
             for (j, rate) in rates.iter().enumerate() {
-                servo.refer(&model, j, *rate);
+                servo.set_reference(&model, j, *rate);
             }
             servo.efforts(&model, &state, 0.01);
         }

@@ -1,4 +1,4 @@
-//! Following a grasp point that tumbles and drifts, with momentum, by what a base can sense.
+//! Tracking of a grasp point that tumbles and drifts, with momentum, from the base's sensors alone.
 
 use fuyu::control::prediction::Prediction;
 use fuyu::control::{ControllerConfig, LawKind};

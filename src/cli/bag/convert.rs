@@ -7,22 +7,21 @@ use super::super::{Failure, print};
 use super::{failure, json};
 use crate::bag::{Bag, BagError, ELEMENTS, TableFormat, convert};
 
-/// Write every topic to a table: one row a message, one column a value, of any type
+/// Write every topic, of any type, to a table: one row per message, one column per value
 ///
-/// Types are read from the schemas in the bag. log_time is when a message was recorded and publish_time when
-/// it was sent, in nanoseconds. Sequences have columns NAME[0], NAME[1] and so on, as many as the longest one
-/// has elements.
+/// Types are read from the schemas in the bag. log_time is the time of recording and publish_time the time of
+/// sending, in nanoseconds. Sequences become columns NAME[0], NAME[1], ..., as many as the longest one has elements.
 #[derive(Debug, clap::Args)]
 pub struct ConvertArgs {
     /// Folder or .mcap file
     bag: PathBuf,
-    /// Kind of table
+    /// File format of the tables
     #[arg(long, value_name = "FORMAT")]
     to: Format,
-    /// Folder for the tables, made if needed; beside the bag if not given
+    /// Folder for the tables, created if needed; default: next to the bag
     #[arg(long, value_name = "DIR")]
     output: Option<PathBuf>,
-    /// Topics; all without it
+    /// Topics; default: all
     #[arg(long, value_name = "TOPIC", num_args = 1.., value_delimiter = ',')]
     topics: Vec<String>,
     /// One JSON object on stdout
@@ -51,7 +50,7 @@ pub fn run(args: &ConvertArgs) -> Result<(), Failure> {
     let takes = |topic: &str| args.topics.is_empty() || args.topics.iter().any(|t| t == topic);
     let made = convert(&bag, &folder, format, takes).map_err(|e| match e {
         BagError::Exists(path) => Failure::Input(format!(
-            "{}: there is a file of this name already; move it away or choose another --output",
+            "{}: a file of this name exists; move it away or choose another --output",
             path.display()
         )),
         e => Failure::Runtime(e.to_string()),
@@ -59,28 +58,28 @@ pub fn run(args: &ConvertArgs) -> Result<(), Failure> {
     if made.tables.is_empty() {
         let why = made.left_out.values().next();
         return Err(Failure::Input(format!(
-            "bag {}: no table can be made of it: {}",
+            "bag {}: cannot be converted: {}",
             args.bag.display(),
-            why.map_or("it has no message of these topics", String::as_str)
+            why.map_or("it has no messages of these topics", String::as_str)
         )));
     }
     for damage in &made.damage {
         eprintln!("fuyu: warning: {damage}");
     }
     for (topic, why) in &made.left_out {
-        eprintln!("fuyu: warning: {topic} is left out: {why}");
+        eprintln!("fuyu: warning: {topic} is omitted: {why}");
     }
     for table in &made.tables {
         let topic = &table.topic;
         if table.cut > 0 {
             eprintln!(
-                "fuyu: warning: {topic}: {} messages have sequences of more than {ELEMENTS} elements, whose rest is left out",
+                "fuyu: warning: {topic}: {} messages have sequences of more than {ELEMENTS} elements; the excess is omitted",
                 table.cut
             );
         }
         if table.undecoded > 0 {
             eprintln!(
-                "fuyu: warning: {topic}: {} messages are no {} and left out",
+                "fuyu: warning: {topic}: {} messages are not valid {} and are omitted",
                 table.undecoded, table.type_name
             );
         }

@@ -1,4 +1,4 @@
-//! `fuyu bag`: what a recording holds, whether its physics holds, its pictures, and what else is made of it.
+//! `fuyu bag`: contents, physical checks, plots, playback, conversion and recovery of bags.
 
 mod convert;
 mod play;
@@ -13,23 +13,23 @@ use super::{Failure, print};
 use crate::bag::{Bag, BagError, Info};
 use crate::experiments::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag, plot_bag};
 
-/// What a bag holds, whether its physics holds, its pictures; play, convert or recover it
+/// Inspects, checks, plots, plays, converts or recovers a bag
 ///
-/// BAG is a folder in the layout of rosbag2 or a single .mcap file, recorded by fuyu or by rosbag2. One that
-/// was cut off (a killed recorder, a full disk) is read up to its last whole chunk.
+/// BAG is a folder in the layout of rosbag2 or a single .mcap file, recorded by fuyu or by rosbag2. A truncated
+/// bag (killed recorder, full disk) is read up to its last complete chunk.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     #[command(subcommand)]
-    command: Command,
+    command: BagCommand,
 }
 
 #[derive(Debug, clap::Subcommand)]
-enum Command {
+enum BagCommand {
     /// Topics, types, counts, times and sizes
     Info(InfoArgs),
-    /// Momentum, energy, final tip error, gaps in time, stamps and numbers; exit code 1 if one fails
+    /// Checks momentum, energy, final tip error, gaps, stamps and finite values; exit code 1 if one fails
     Check(CheckArgs),
-    /// Tip error, base drift, momentum residual, joint rates, and what was estimated of a target, as SVG and PNG
+    /// Plots tip error, base drift, momentum residual, joint rates and the estimate of a target, as SVG and PNG
     Plot(PlotArgs),
     Play(play::PlayArgs),
     Convert(convert::ConvertArgs),
@@ -58,7 +58,7 @@ struct CheckArgs {
     /// Largest relative change of momentum
     #[arg(long, value_name = "RATIO", default_value_t = CheckLimits::default().momentum)]
     momentum: f64,
-    /// Largest part of the energy that is not accounted for
+    /// Largest unexplained fraction of the energy
     #[arg(long, value_name = "RATIO", default_value_t = CheckLimits::default().energy)]
     energy: f64,
     /// One JSON object on stdout
@@ -70,7 +70,7 @@ struct CheckArgs {
 struct PlotArgs {
     /// Folder or .mcap file
     bag: PathBuf,
-    /// Folder for the pictures, made if needed; the bag's own folder if not given
+    /// Folder for the pictures, created if needed; default: the bag's folder
     #[arg(long, value_name = "DIR")]
     output: Option<PathBuf>,
 }
@@ -78,17 +78,17 @@ struct PlotArgs {
 /// Runs `fuyu bag`.
 ///
 /// # Errors
-/// [`Failure::Input`] for what is no bag, [`Failure::Check`] if a check fails, [`Failure::Runtime`] if a
-/// picture or table cannot be written or DDS refuses.
+/// [`Failure::Input`] if BAG is not a bag, [`Failure::Check`] if a check fails, [`Failure::Runtime`] if a picture or
+/// table cannot be written or DDS fails.
 pub fn run(args: Args, ros_args: Vec<String>) -> Result<(), Failure> {
     match args.command {
-        Command::Play(args) => play::run(&args, ros_args),
+        BagCommand::Play(args) => play::run(&args, ros_args),
         _ if !ros_args.is_empty() => Err(super::no_ros_args()),
-        Command::Info(args) => info(&args),
-        Command::Check(args) => check(&args),
-        Command::Plot(args) => plot(&args),
-        Command::Convert(args) => convert::run(&args),
-        Command::Recover(args) => recover::run(&args),
+        BagCommand::Info(args) => info(&args),
+        BagCommand::Check(args) => check(&args),
+        BagCommand::Plot(args) => plot(&args),
+        BagCommand::Convert(args) => convert::run(&args),
+        BagCommand::Recover(args) => recover::run(&args),
     }
 }
 
@@ -177,7 +177,7 @@ fn bytes(n: u64) -> String {
     }
 }
 
-/// A time of recording: a date if it can be one, else simulated time.
+/// A time stamp: as date if it is a plausible wall time, else as simulated time.
 fn instant(nanos: u64) -> String {
     const YEAR_2000: u64 = 946_684_800;
     let (sec, nsec) = (nanos / 1_000_000_000, nanos % 1_000_000_000);
@@ -259,9 +259,9 @@ fn report_for_people(report: &CheckReport) -> String {
         out,
         "{}",
         if report.passed {
-            "It holds."
+            "All checks passed."
         } else {
-            "It does not hold."
+            "Not all checks passed."
         }
     );
     out
@@ -292,14 +292,14 @@ fn plot(args: &PlotArgs) -> Result<(), Failure> {
     };
     std::fs::create_dir_all(&folder).map_err(|e| {
         Failure::Input(format!(
-            "--output {}: cannot be made: {e}",
+            "--output {}: cannot be created: {e}",
             folder.display()
         ))
     })?;
     let pictures = plot_bag(&bag, &folder).map_err(|e| Failure::Runtime(e.to_string()))?;
     if pictures.is_empty() {
         return Err(Failure::Input(format!(
-            "bag {}: nothing to draw: no controller/state, ground_truth/odom, ground_truth/momentum, joint_states or estimator/motion",
+            "bag {}: nothing to plot: no controller/state, ground_truth/odom, ground_truth/momentum, joint_states or estimator/motion",
             args.bag.display()
         )));
     }

@@ -10,36 +10,36 @@ use crate::bag::Bag;
 use crate::nodes::player::{NAME, Played, Player};
 use crate::ros::{NodeError, NodeOptions, Process, Reach};
 
-/// Publish a bag again: types, quality of service and times as recorded
+/// Publish the messages of a bag with the recorded types, QoS and times
 ///
-/// On this computer only, unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise. Ctrl-C ends it. The services
+/// On this computer only, unless ROS_AUTOMATIC_DISCOVERY_RANGE is set. Ctrl-C stops it. The services
 /// pause, resume, toggle_paused and is_paused are those of `ros2 bag play`.
 #[derive(Debug, clap::Args)]
 pub struct PlayArgs {
     /// Folder or .mcap file
     bag: PathBuf,
-    /// Recorded seconds that pass in one second
+    /// Recorded seconds per second
     #[arg(short, long, value_name = "FACTOR", default_value_t = 1.0, value_parser = factor)]
     rate: f64,
-    /// Begin anew at the end, until Ctrl-C
+    /// Repeat until Ctrl-C
     #[arg(short, long = "loop")]
     repeat: bool,
-    /// Publish /clock so often, instead of the one in the bag [Hz]; 40 without a value
+    /// Publish /clock at this rate instead of the recorded one [Hz]; 40 if no value is given
     #[arg(long, value_name = "HZ", num_args = 0..=1, default_missing_value = "40", value_parser = factor)]
     clock: Option<f64>,
-    /// Topics to play; all without it
+    /// Topics to play; default: all
     #[arg(long, value_name = "TOPIC", num_args = 1.., value_delimiter = ',')]
     topics: Vec<String>,
-    /// Publish a topic under another name, as in ROS
+    /// Rename a topic, as in ROS
     #[arg(short = 'm', long, value_name = "FROM:=TO", num_args = 1..)]
     remap: Vec<String>,
-    /// Leave out the beginning; of latched topics the last message before is published [s]
+    /// Skip the beginning; of latched topics the last message before it is published [s]
     #[arg(long, value_name = "S", default_value_t = 0.0, value_parser = seconds)]
     start_offset: f64,
-    /// Time for subscribers to find the topics before the first message [s]
+    /// Time for subscribers to match before the first message [s]
     #[arg(short, long, value_name = "S", default_value_t = 1.0, value_parser = seconds)]
     delay: f64,
-    /// Wait for a call of the service resume
+    /// Start paused, until the service resume is called
     #[arg(short = 'p', long)]
     start_paused: bool,
 }
@@ -70,7 +70,7 @@ pub fn run(args: &PlayArgs, mut ros_args: Vec<String>) -> Result<(), Failure> {
     let (mut process, rest) = Process::from_env(ros_args, Reach::Localhost).map_err(told)?;
     if let Some(unknown) = rest.first() {
         return Err(Failure::Input(format!(
-            "argument {unknown}: not understood behind --ros-args"
+            "argument {unknown}: not a known argument after --ros-args"
         )));
     }
     let player = Player {

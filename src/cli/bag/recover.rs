@@ -7,15 +7,15 @@ use super::super::{Failure, print};
 use super::{failure, json};
 use crate::bag::{Bag, WriterOptions, recover};
 
-/// Make a whole bag of one that was cut off or damaged: metadata.yaml, summary and index anew
+/// Write an intact bag from a truncated or damaged one, with new metadata.yaml, summary and index
 ///
-/// All messages that can be read are copied; what is lost is said. The broken bag stays as it is. Exit code 0
-/// whether or not something is lost.
+/// Copies all readable messages and reports what is lost. The damaged bag is not changed. Exit code 0 whether or
+/// not something is lost.
 #[derive(Debug, clap::Args)]
 pub struct RecoverArgs {
-    /// Folder or .mcap file; a metadata.yaml in it is not believed
+    /// Folder or .mcap file; its metadata.yaml is ignored
     bag: PathBuf,
-    /// New folder for the bag; BAG_recovered if not given
+    /// New folder for the bag; default: BAG_recovered
     #[arg(long, value_name = "DIR")]
     output: Option<PathBuf>,
     /// One JSON object on stdout
@@ -46,7 +46,7 @@ pub fn run(args: &RecoverArgs) -> Result<(), Failure> {
     match recovery.damage.as_slice() {
         [] => text += "nothing is lost\n",
         damage => {
-            text += "lost is what stood here:\n";
+            text += "data was lost here:\n";
             for place in damage {
                 let _ = writeln!(text, "  {place}");
             }

@@ -1,4 +1,4 @@
-//! `fuyu launch`: a scenario's nodes in one process, talking over DDS.
+//! `fuyu launch`: runs a scenario's nodes in one process, communicating over DDS.
 
 mod monitor;
 mod plan;
@@ -21,26 +21,26 @@ use crate::ros::{NodeError, NodeOptions, Process, Reach, return_free_memory};
 use monitor::Progress;
 use plan::Plan;
 
-/// Starts every node that a scenario names, in one process, talking over DDS
+/// Starts every node that a scenario names, in one process, communicating over DDS
 ///
-/// On this computer only, unless ROS_AUTOMATIC_DISCOVERY_RANGE says otherwise. Ctrl-C stops in order and
-/// closes the bag. `--ros-args` at the end, with -r, -p, --params-file and --log-level, is for all nodes.
+/// On this computer only, unless ROS_AUTOMATIC_DISCOVERY_RANGE is set. Ctrl-C stops the nodes in order and closes
+/// the bag. `--ros-args` at the end, with -r, -p, --params-file and --log-level, applies to all nodes.
 #[derive(Debug, Default, clap::Args)]
 pub struct Args {
-    /// Scenario: a ROS 2 parameter file; config/servicing.yaml without it
+    /// Scenario: a ROS 2 parameter file; default: config/servicing.yaml
     #[arg(value_name = "CONFIG")]
     config: Option<String>,
-    /// Simulated time after which it ends [s], instead of the scenario's
+    /// Simulated duration [s], instead of the scenario's
     #[arg(long, value_name = "S", value_parser = super::positive_seconds, allow_hyphen_values = true)]
     duration: Option<f64>,
-    /// Every state waits for the command that answers it, as fast as that goes
+    /// Every state waits for the command that answers it, as fast as possible
     #[arg(long)]
     lockstep: bool,
     /// New folder for the bag, instead of one in bags/
     #[arg(long, value_name = "DIR")]
     bag: Option<PathBuf>,
-    /// Show the run in Foxglove: all topics over a WebSocket, on 127.0.0.1:8765 unless given; starts the node
-    /// views, too
+    /// Serve the run to Foxglove: all topics over a WebSocket, by default on 127.0.0.1:8765; also starts the node
+    /// views
     #[arg(
         long,
         value_name = "ADDR:PORT",
@@ -60,7 +60,7 @@ pub fn run(args: &Args, ros_args: Vec<String>) -> Result<(), Failure> {
     let (mut process, rest) = Process::from_env(ros_args, Reach::Localhost).map_err(failure)?;
     if let Some(unknown) = rest.first() {
         return Err(Failure::Input(format!(
-            "argument {unknown}: not understood behind --ros-args"
+            "argument {unknown}: not a known argument after --ros-args"
         )));
     }
     let plan = Plan::new(args, process.args().clone()).map_err(Failure::Input)?;
@@ -71,7 +71,7 @@ pub fn run(args: &Args, ros_args: Vec<String>) -> Result<(), Failure> {
         watch(&mut process, &plan, &progress);
     }
     let finished = process.finish();
-    // A node that failed has not undone what is in the bag.
+    // The bag is useful even if a node failed.
     if progress.seen().last.is_some() || finished.is_ok() && started.is_ok() {
         print(&summary::summary(&plan, &progress))?;
     }
@@ -102,7 +102,7 @@ fn start(process: &mut Process, plan: &Plan, progress: &Arc<Progress>) -> Result
     };
     let namespace = plan.nodes.last().map_or("/", |(name, _)| name.namespace());
     if let Some(address) = plan.foxglove {
-        // Before those that speak, so that nothing is missed.
+        // Before the publishing nodes, so that no message is missed.
         process.start_with(options("foxglove", namespace), move |node| {
             foxglove::program(node, address)
         })?;
@@ -117,7 +117,7 @@ fn start(process: &mut Process, plan: &Plan, progress: &Arc<Progress>) -> Result
     Ok(())
 }
 
-/// Shows how the run goes until there is a reason to stop.
+/// Shows progress until the run ends.
 fn watch(process: &mut Process, plan: &Plan, progress: &Progress) {
     let terminal = std::io::stderr().is_terminal();
     let bar = if terminal {
@@ -152,7 +152,9 @@ fn watch(process: &mut Process, plan: &Plan, progress: &Progress) {
             told = Instant::now();
         }
         if !warned && seen.last.is_none() && begin.elapsed() > Duration::from_secs(5) {
-            tracing::warn!("simulated time does not run: is a controller missing, or an operator?");
+            tracing::warn!(
+                "simulated time is not advancing: is a controller or an operator missing?"
+            );
             warned = true;
         }
     }

@@ -1,4 +1,4 @@
-//! What a launch learns of its run while it goes on.
+//! The node `launch_monitor`: observes a run by its topics, for the progress line and the summary.
 
 use std::{
     sync::{
@@ -14,21 +14,21 @@ use crate::{
     ros::{Node, NodeError, Qos, Time},
 };
 
-/// What the monitor has learnt of the run.
+/// State of the run, shared with the launch.
 #[derive(Debug, Default)]
 pub struct Progress {
     over: AtomicBool,
     seen: Mutex<Seen>,
 }
 
-/// The run as its topics show it.
+/// State of the run as observed on its topics.
 #[derive(Debug, Default, Clone)]
 pub struct Seen {
-    /// Simulated time when it was first seen to run, and when that was.
+    /// First simulated time observed, and the wall time at that moment.
     pub start: Option<(f64, Instant)>,
-    /// The last.
+    /// Last simulated time observed, and the wall time at that moment.
     pub last: Option<(f64, Instant)>,
-    /// Position and attitude error \[m, rad\].
+    /// Last position and attitude error \[m, rad\].
     pub error: Option<(f64, f64)>,
 }
 
@@ -42,7 +42,7 @@ impl Progress {
         self.over.load(Ordering::Acquire)
     }
 
-    /// What has been seen so far.
+    /// The observations so far.
     pub fn seen(&self) -> Seen {
         self.seen
             .lock()
@@ -51,11 +51,10 @@ impl Progress {
     }
 }
 
-/// The program of a node that learns of the run as anybody can: from its topics. It ends when the duration
-/// is over.
+/// The node's program: subscribes to `/clock` and `controller/state`. It ends when the duration is over.
 ///
 /// # Errors
-/// When DDS refuses.
+/// When DDS fails.
 pub fn program(node: &Node, duration: f64, progress: &Progress) -> Result<(), NodeError> {
     let clock = node.subscribe::<Clock>(topics::CLOCK.name, Qos::CLOCK_SUBSCRIPTION)?;
     let state = topics::CONTROLLER_STATE.subscribe(node)?;
@@ -69,7 +68,7 @@ pub fn program(node: &Node, duration: f64, progress: &Progress) -> Result<(), No
             let time = Time::from(received.message.clock).as_secs_f64();
             let now = Instant::now();
             progress.see(|seen| {
-                // Time that stands still has not begun.
+                // Time that is held at the start has not begun.
                 if time > 0.0 && seen.last.is_none_or(|(last, _)| time > last) {
                     seen.start.get_or_insert((time, now));
                     seen.last = Some((time, now));

@@ -1,4 +1,4 @@
-//! What is to be run.
+//! Launch plan: the scenario combined with the command line.
 
 use std::{net::SocketAddr, path::PathBuf};
 
@@ -8,25 +8,25 @@ use crate::{
     ros::{NodeName, ParameterValue, RosArgs},
 };
 
-/// A scenario with everything that the command line says of it.
+/// A scenario combined with the command line options.
 pub struct Plan {
-    /// File, ROS arguments and options in one.
+    /// The scenario with ROS arguments and options applied.
     pub scenario: Scenario,
-    /// Nodes in the order of their start.
+    /// Nodes in starting order.
     pub nodes: Vec<(NodeName, nodes::Program)>,
-    /// Simulated time after which it ends \[s\]; zero is never.
+    /// Simulated duration \[s\]; zero: unlimited.
     pub duration: f64,
-    /// Where the recorder writes, if there is one.
+    /// Output folder of the recorder, if there is one.
     pub bag: Option<PathBuf>,
-    /// Where Foxglove finds the run, if it is to.
+    /// Address of the Foxglove server, if requested.
     pub foxglove: Option<SocketAddr>,
 }
 
 impl Plan {
-    /// Reads the scenario; options win over ROS arguments, these over the file.
+    /// Reads the scenario. Options have priority over ROS arguments, these over the file.
     ///
     /// # Errors
-    /// A line that says what is wrong and what would be right.
+    /// One line that names the mistake and what would be right.
     pub fn new(args: &Args, ros_args: RosArgs) -> Result<Self, String> {
         let name = args
             .config
@@ -42,7 +42,7 @@ impl Plan {
             scenario.set("controller", "lockstep", ParameterValue::Bool(true));
             scenario.set("dynamics", "real_time_factor", ParameterValue::Double(0.0));
         }
-        // Before any node runs: a bag that is begun and a graph that comes and goes would mislead.
+        // Check everything before any node starts, so that invalid input leaves no bag behind.
         scenario.check()?;
         let bag = if scenario.has("recorder") {
             let given = args.bag.clone().or(scenario.recorder()?.bag);
@@ -61,7 +61,7 @@ impl Plan {
             duration = dynamics.duration;
             if dynamics.lockstep && scenario.has("teleop") {
                 return Err(format!(
-                    "{path}: an operator keeps real time; with the node teleop the dynamics node's lockstep must be false"
+                    "{path}: an operator acts in real time; with the node teleop, lockstep of the dynamics node must be false"
                 ));
             }
             if dynamics.lockstep && scenario.has("camera") {

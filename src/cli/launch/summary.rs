@@ -1,4 +1,4 @@
-//! The closing words of a launch, learnt from the bag that it wrote.
+//! Summary of a launch, computed from its bag.
 
 use std::fmt::Write as _;
 
@@ -9,7 +9,7 @@ use crate::{
     spatial::roll_pitch_yaw_intrinsic,
 };
 
-/// What there is to say at the end.
+/// The summary text.
 pub fn summary(plan: &Plan, progress: &Progress) -> String {
     let seen = progress.seen();
     let mut out = String::new();

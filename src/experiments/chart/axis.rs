@@ -3,11 +3,11 @@
 use plotters::coord::ranged1d::{KeyPointHint, NoDefaultFormatting, Ranged, ValueFormatter};
 use std::ops::Range;
 
-/// A linear axis with round ticks, or one of logarithms with powers of ten.
+/// A linear axis with round ticks, or a logarithmic axis with powers of ten.
 pub(super) struct Axis {
     range: Range<f64>,
     ticks: Vec<f64>,
-    /// Decimals that tell the ticks apart; `None` on an axis of logarithms.
+    /// Decimals needed to distinguish the ticks; `None` on a logarithmic axis.
     decimals: Option<usize>,
 }
 
@@ -46,7 +46,7 @@ impl Axis {
 }
 
 impl Axis {
-    /// The ticks with their names.
+    /// The ticks with their labels.
     pub fn labels(&self) -> impl Iterator<Item = (f64, String)> {
         self.ticks.iter().map(|v| (*v, self.format_ext(v)))
     }

@@ -1,4 +1,4 @@
-//! Pictures as SVG and PNG, the same on every machine: the font is compiled in.
+//! SVG and PNG output, identical on every machine since the font is compiled in.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -6,9 +6,9 @@ use plotters::style::{FontStyle, register_font};
 use std::path::{Path, PathBuf};
 use std::sync::Once;
 
-/// PNGs have this many pixels to a unit of length, so that they are sharp on any screen ...
+/// Pixels of a PNG per unit of length ...
 const PNG_SCALE: u32 = 2;
-/// ... each the mean of a square of this many, since plotters does not smooth wide lines.
+/// ... each the mean of a square of this many subpixels, since plotters does not anti-alias wide lines.
 const OVERSAMPLING: u32 = 2;
 
 pub(super) const FONT: &str = "sans-serif";
@@ -18,9 +18,9 @@ pub(super) const FAINT: RGBColor = RGBColor(110, 110, 110);
 /// How lines are drawn.
 #[derive(Clone, Copy)]
 pub(super) struct Pen {
-    /// Pixels to a unit of length.
+    /// Pixels per unit of length.
     pub scale: u32,
-    /// Joints of wide lines are drawn as discs, where the backend would draw spikes without end.
+    /// Whether joints of wide lines are drawn as discs, because the backend draws unbounded spikes.
     pub discs: bool,
 }
 
@@ -35,12 +35,12 @@ impl Pen {
     };
 }
 
-/// Something that can be drawn on any backend.
+/// A drawing for any backend.
 pub(super) trait Drawing {
     /// Width and height in units of length.
     fn size(&self) -> (u32, u32);
 
-    /// Draws the whole on a white area of that size times the pen's scale.
+    /// Draws it on a white area of that size times the pen's scale.
     fn draw<B: DrawingBackend>(
         &self,
         area: &DrawingArea<B, Shift>,
@@ -48,7 +48,7 @@ pub(super) trait Drawing {
     ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>>;
 }
 
-/// A picture that could not be made.
+/// A picture could not be written.
 #[derive(Debug, thiserror::Error)]
 #[error("{}: {problem}", path.display())]
 pub struct ChartError {
@@ -89,7 +89,7 @@ fn save_png(drawing: &impl Drawing, path: &Path) -> Result<(), Box<dyn std::erro
     let mut pixels = vec![0; (size.0 * size.1 * 3) as usize];
     {
         let area = BitMapBackend::with_buffer(&mut pixels, size).into_drawing_area();
-        // The error borrows the pixels; its text does not.
+        // The error borrows the pixels, so only its text is kept.
         area.fill(&WHITE)
             .and_then(|()| drawing.draw(&area, Pen::PNG))
             .and_then(|()| area.present())

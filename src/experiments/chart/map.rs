@@ -1,4 +1,4 @@
-//! Maps: a colour for each cell of a grid, several grids side by side under one scale.
+//! Colour maps: a colour for each cell of a grid, several grids side by side with a common scale.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -21,7 +21,7 @@ pub struct MapFigure {
     pub x: Vec<f64>,
     /// Rows, from the bottom up.
     pub y: Vec<f64>,
-    /// What the colours mean.
+    /// Meaning of the colours.
     pub scale: MapScale,
     /// The maps, from left to right.
     pub panels: Vec<MapPanel>,
@@ -32,23 +32,23 @@ pub struct MapFigure {
 pub struct MapPanel {
     /// Title.
     pub title: String,
-    /// All rows of the first column from the bottom up, then of the next. What is not finite, and on a scale of
-    /// logarithms not positive, is drawn as a grey cell with a stroke: no value. For classes, their numbers.
+    /// All rows of the first column from the bottom up, then of the next. Non-finite values, and on a logarithmic scale
+    /// non-positive ones, are drawn as grey cells with a stroke: no value. For classes, their numbers.
     pub values: Vec<f64>,
-    /// Cells that get a cross: their places in `values`.
+    /// Cells marked with a cross: indices in `values`.
     pub crosses: Vec<usize>,
-    /// Columns and rows of this map, if they are not the figure's: a coarser grid over the same area.
+    /// Columns and rows of this map, if they differ from the figure's: a coarser grid over the same area.
     pub grid: Option<(Vec<f64>, Vec<f64>)>,
 }
 
-/// What colours mean.
+/// Meaning of the colours.
 #[derive(Debug, Clone, PartialEq)]
 pub enum MapScale {
-    /// A quantity with its unit, on a colour bar of equal steps.
+    /// A quantity with its unit, on a linear colour bar.
     Linear(String),
-    /// A quantity with its unit, on a colour bar of equal factors. It reaches over the whole powers of ten between
-    /// which nine tenths of the values of each map lie, so that a few that went astray do not take the colours from
-    /// the rest; what lies beyond has the colour of the end, which is then marked as such.
+    /// A quantity with its unit, on a logarithmic colour bar. It spans the powers of ten that contain nine tenths of the
+    /// values of each map, so that a few outliers do not compress the colours of the rest; outliers have the colour of
+    /// the end, which is then marked.
     Logarithms(String),
     /// Names of the classes 0, 1, ...
     Classes(Vec<String>),
@@ -62,11 +62,11 @@ const MAP_WIDTH: i32 = 350;
 const MAP_HEIGHT: i32 = 420;
 const BOTTOM: i32 = 62;
 const EMPTY: RGBColor = RGBColor(222, 222, 222);
-/// Most powers of ten on a colour bar.
+/// Largest number of powers of ten on a colour bar.
 const DECADES: f64 = 8.0;
-/// The share of a map's values that may lie beyond either end of a colour bar of logarithms.
+/// The fraction of a map's values that may lie beyond either end of a logarithmic colour bar.
 const ASTRAY: f64 = 0.05;
-/// Most labels on an axis.
+/// Largest number of labels on an axis.
 const LABELS: usize = 11;
 
 impl MapFigure {
@@ -78,7 +78,7 @@ impl MapFigure {
         canvas::save(self, stem)
     }
 
-    /// Height of a value on the colour bar; not finite for what has none.
+    /// Position of a value on the colour bar; not finite without a value.
     fn level(&self, value: f64) -> f64 {
         match self.scale {
             MapScale::Logarithms(_) if value > 0.0 => value.log10(),
@@ -110,7 +110,7 @@ impl MapFigure {
         }
     }
 
-    /// The levels between which most values of a map lie.
+    /// The levels that contain most values of a map.
     fn bulk(&self, panel: &MapPanel) -> Option<(f64, f64)> {
         let levels = panel.values.iter().map(|v| self.level(*v));
         let mut levels: Vec<_> = levels.filter(|l| l.is_finite()).collect();
@@ -132,11 +132,11 @@ impl MapFigure {
     }
 }
 
-/// An area that is addressed in units of length.
+/// An area addressed in units of length.
 struct Sheet<'a, B: DrawingBackend> {
     area: &'a DrawingArea<B, Shift>,
     scale: i32,
-    /// Where the origin is.
+    /// Position of the origin.
     at: (i32, i32),
 }
 
@@ -278,7 +278,7 @@ impl MapFigure {
     }
 }
 
-/// The colour bar: of logarithms if the `extremes` of what it is for are given, which may lie beyond its ends.
+/// The colour bar: logarithmic if the `extremes` of the values are given, which may lie beyond its ends.
 fn draw_bar<B: DrawingBackend>(
     sheet: &Sheet<'_, B>,
     label: &str,
@@ -314,7 +314,7 @@ fn draw_bar<B: DrawingBackend>(
     sheet.text(label, (88.0, top + 0.5 * height), 16, centre, true)
 }
 
-/// The values that are named on an axis, with their places: every one, or every second, ...
+/// The labelled values of an axis with their indices: all, or every second, ...
 fn labels(values: &[f64]) -> impl Iterator<Item = (usize, String)> {
     let step = values.len().div_ceil(LABELS).max(1);
     let named = values.iter().enumerate().step_by(step);
@@ -350,7 +350,7 @@ mod tests {
         std::fs::read_to_string(svg).unwrap()
     }
 
-    /// The corners of the colour scale go to the least and largest value; what has no logarithm is grey.
+    /// The ends of the colour scale are the smallest and largest value; values without a logarithm are grey.
     #[test]
     fn colours_follow_the_values() {
         let values = [1e-3, 1e-2, 1e-1, 0.0, f64::NAN, 1.0];
@@ -369,7 +369,7 @@ mod tests {
         let svg = svg(&map);
         let drawn = |text: &str| svg.matches(text).count();
         assert_eq!(drawn("#DEDEDE"), 2, "two cells without a value");
-        // Rounding errors do not take the colours from the rest.
+        // Rounding errors do not compress the colours.
         let label = || MapScale::Logarithms("r [-]".into());
         let map = figure(label(), [1e-15, 1e-3, 1.0, 1.0, 0.1, 0.1]);
         assert_eq!(map.range(), (-8.0, 0.0));
@@ -378,7 +378,7 @@ mod tests {
         }
     }
 
-    /// A value that went astray has the colour of the end, which is marked.
+    /// An outlier has the colour of the end, which is marked.
     #[test]
     fn a_few_values_do_not_set_the_colours_of_the_rest() {
         let mut map = figure(MapScale::Logarithms("r [-]".into()), [0.0; 6]);
@@ -393,7 +393,7 @@ mod tests {
         assert!(drawn.contains("≥ 1e-1") && !drawn.contains('≤'), "{drawn}");
     }
 
-    /// A coarser map covers the same area with larger cells, under its own numbers.
+    /// A coarser map covers the same area with larger cells.
     #[test]
     fn a_map_may_have_a_coarser_grid() {
         let mut map = figure(MapScale::Linear("T [s]".into()), [1.0; 6]);

@@ -19,7 +19,7 @@ pub use canvas::ChartError;
 pub use map::{MapFigure, MapPanel, MapScale};
 pub use plane::PlaneFigure;
 
-/// A picture: panels one below the other over a common horizontal axis.
+/// A figure: panels stacked over a common horizontal axis.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Figure {
     /// Title.
@@ -37,9 +37,9 @@ pub struct Panel {
     pub y_label: String,
     /// Curves.
     pub series: Vec<Series>,
-    /// Logarithmic vertical axis; values that are not positive are left out.
+    /// Logarithmic vertical axis; non-positive values are omitted.
     pub log: bool,
-    /// Horizontal lines with their names: limits.
+    /// Horizontal lines with labels: limits.
     pub marks: Vec<(f64, String)>,
 }
 
@@ -48,7 +48,7 @@ pub struct Panel {
 pub struct Series {
     /// Name in the legend.
     pub name: String,
-    /// Points by ascending x; those that are not finite are left out.
+    /// Points by ascending x; non-finite ones are omitted.
     pub points: Vec<(f64, f64)>,
 }
 
@@ -58,7 +58,7 @@ const PANEL_HEIGHT: u32 = 300;
 const LEGEND_WIDTH: u32 = 190;
 const GRID: RGBColor = RGBColor(226, 226, 226);
 
-/// Okabe and Ito's colours, which colour-blind readers tell apart, without the yellow that white swallows.
+/// Okabe and Ito's palette, which colour-blind readers can distinguish, without yellow, which is hardly visible on white.
 const COLOURS: [RGBColor; 7] = [
     RGBColor(0, 114, 178),
     RGBColor(213, 94, 0),
@@ -122,7 +122,7 @@ impl Drawing for Figure {
     }
 }
 
-/// Draws a figure's title; returns what is left of its area.
+/// Draws a figure's title; returns the remaining area.
 fn draw_title<B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
     pen: Pen,
@@ -139,7 +139,7 @@ fn draw_title<B: DrawingBackend>(
 }
 
 impl Panel {
-    /// Height of a value on the axis: its logarithm on a logarithmic one.
+    /// Position of a value on the axis: its logarithm on a logarithmic axis.
     fn height(&self, value: f64) -> f64 {
         if self.log { value.log10() } else { value }
     }
@@ -232,7 +232,7 @@ impl Panel {
     }
 }
 
-/// Names of curves and of limits beside a plot, where they hide nothing.
+/// Labels of curves and limits next to a plot, where they cover nothing.
 fn draw_legend<'a, B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
     scale: u32,
@@ -274,7 +274,7 @@ fn bounds(values: impl Iterator<Item = f64>) -> Option<(f64, f64)> {
     })
 }
 
-/// At most a few thousand points: the extremes of each of many narrow columns, so that no peak is lost.
+/// Reduces a curve to a few thousand points: the extremes within many narrow columns, so that no peak is lost.
 fn thinned(points: Vec<(f64, f64)>) -> Vec<(f64, f64)> {
     const COLUMNS: usize = 1500;
     if points.len() <= 4 * COLUMNS {
@@ -342,7 +342,7 @@ mod tests {
         };
         let [svg, png] = figure.save(&dir.path().join("picture")).unwrap();
         let svg = std::fs::read_to_string(svg).unwrap();
-        // Letters and ticks are there: the font was found.
+        // Letters and ticks are drawn, so the font was found.
         for text in ["All kinds", "time [s]", "value [m]", "curve", "1e-3"] {
             assert!(svg.contains(text), "no {text:?}");
         }

@@ -1,4 +1,4 @@
-//! Curves in a plane, both axes at the same scale.
+//! Curves in a plane, with equal scales on both axes.
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -11,7 +11,7 @@ use super::{
     line,
 };
 
-/// A picture of curves in a plane. Points are joined in their order.
+/// A figure of curves in a plane. Points are joined in their order.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PlaneFigure {
     /// Title.
@@ -20,7 +20,7 @@ pub struct PlaneFigure {
     pub x_label: String,
     /// Quantity and unit of the vertical axis.
     pub y_label: String,
-    /// Curves; a point that is not finite ends a stretch of its curve.
+    /// Curves; a non-finite point interrupts its curve.
     pub series: Vec<Series>,
 }
 
@@ -52,7 +52,7 @@ impl PlaneFigure {
 
 impl Drawing for PlaneFigure {
     fn size(&self) -> (u32, u32) {
-        // The labels beside the plot are 26 wider than those below.
+        // The labels next to the plot are 26 wider than those below.
         (SIDE + 26 + LEGEND_WIDTH, TITLE_HEIGHT + SIDE)
     }
 

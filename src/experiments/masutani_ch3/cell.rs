@@ -1,21 +1,21 @@
-//! One motion under one condition: the model chosen and the errors made. Masutani 1995 sec. 3.5.
+//! One motion under one condition: the chosen model and the errors of the estimate. Masutani 1995 sec. 3.5.
 
 use super::{Condition, HORIZON, INTERVAL, INTERVALS, rates};
-use crate::estimation::errors::{PredictionError, parameter_error, prediction_error};
+use crate::estimation::evaluation::{PredictionError, parameter_error, prediction_error};
 use crate::estimation::free_body::FreeRotation;
-use crate::estimation::masutani1995::{Analysis, EstimateError, Options};
+use crate::estimation::masutani1995::{Analysis, MasutaniError, Options};
 use crate::estimation::{MotionEstimate, MotionModel};
 
-/// Instants at which a prediction is judged.
-const INSTANTS: u32 = 101;
+/// Number of times at which a prediction is evaluated.
+const SAMPLES: u32 = 101;
 
-/// What came of one motion.
+/// Result for one motion.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Cell {
-    /// The model chosen; `None` if the data allowed no choice.
+    /// The chosen model; `None` if the data allow no choice.
     pub model: Option<MotionModel>,
     /// Errors of the estimate, or why there is none.
-    pub result: Result<CellErrors, EstimateError>,
+    pub result: Result<CellErrors, MasutaniError>,
 }
 
 /// Errors of one estimate.
@@ -27,12 +27,12 @@ pub struct CellErrors {
     pub prediction: PredictionError,
 }
 
-/// The algorithm's options in chapter 3, which does without the aperiodic model. With turns that slip, the largest errors
-/// that it reports do not come out.
+/// The algorithm's options in chapter 3, which does not use the aperiodic model. Without unwrapping to a line, the largest
+/// errors that the chapter reports are not reproduced.
 pub fn options() -> Options {
     Options {
         aperiodic: false,
-        steady_turns: true,
+        unwrap_to_line: true,
         ..Default::default()
     }
 }
@@ -60,6 +60,6 @@ pub fn judge(estimate: &MotionEstimate, truth: &FreeRotation) -> CellErrors {
     let end = INTERVAL * f64::from(INTERVALS);
     CellErrors {
         parameters: parameter_error(estimate, truth).unwrap_or(f64::NAN),
-        prediction: prediction_error(estimate.rotation(), truth, end, HORIZON, INSTANTS),
+        prediction: prediction_error(estimate.rotation(), truth, end, HORIZON, SAMPLES),
     }
 }

@@ -1,11 +1,11 @@
-//! What the estimation gets: true values or images. Masutani 1995 sec. 3.3 and table 3.1.
+//! Conditions: the input of the estimation, true values or images. Masutani 1995 sec. 3.3 and table 3.1.
 
 use nalgebra::Translation3;
 
 use super::{INTERVAL, INTERVALS};
 use crate::estimation::Tracks;
 use crate::estimation::free_body::FreeRotation;
-use crate::estimation::masutani1995::{self, EstimateError, Rate, mean_rate};
+use crate::estimation::masutani1995::{self, MasutaniError, Rate, mean_rate};
 use crate::spatial::Pose;
 use crate::vision::{BodyPoint, FeatureCamera, FeatureCameraConfig, Pinhole};
 
@@ -15,14 +15,14 @@ const WIDTH: f64 = 10.0 / 8.0;
 const DISTANCE: f64 = 0.9;
 const RADIUS: f64 = 0.45;
 
-/// What the estimation gets (Fig. 3.17).
+/// Input of the estimation (Fig. 3.17).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Condition<'a> {
     /// True angular velocities, one for each interval, at its beginning.
     TrueRates,
     /// True rotations between the frames.
     TrueRotations,
-    /// Whole pixels of points on a sphere, all of them seen in each frame.
+    /// Points on a sphere in whole pixels, all of them visible in each frame.
     Images {
         /// Pixels along each side of the image.
         resolution: u32,
@@ -36,12 +36,12 @@ pub fn camera(resolution: u32) -> Pinhole {
     Pinhole::square(resolution, WIDTH)
 }
 
-/// Points on the sphere of table 3.1, which are others for every `seed`.
+/// Random points on the sphere of table 3.1, different for every `seed`.
 pub fn points(count: usize, seed: u64) -> Vec<BodyPoint> {
     BodyPoint::on_sphere(count, RADIUS, seed)
 }
 
-/// The tracks that the camera of table 3.1 makes of a motion about a fixed centre on its axis.
+/// Tracks from the camera of table 3.1, of a motion about a fixed centre on its optical axis.
 pub fn tracks(motion: &FreeRotation, resolution: u32, points: &[BodyPoint]) -> Tracks {
     let config = FeatureCameraConfig {
         quantised: true,
@@ -54,19 +54,19 @@ pub fn tracks(motion: &FreeRotation, resolution: u32, points: &[BodyPoint]) -> T
         let centre = Translation3::new(0.0, 0.0, DISTANCE);
         let attitude = motion.attitude(time).to_rotation_matrix();
         camera.show(time, &Pose::from_parts(centre, attitude));
-        if let Some(sighting) = camera.deliver(time) {
-            // Its times increase, its pixels are finite, its ids differ.
-            let _ = tracks.push(sighting);
+        if let Some(frame) = camera.deliver(time) {
+            // Cannot fail: times increase, pixels are finite, ids are unique.
+            let _ = tracks.push(frame);
         }
     }
     tracks
 }
 
-/// The angular velocities that the estimation gets under a condition.
+/// The angular velocities that are the input of the estimation under a condition.
 ///
 /// # Errors
-/// [`EstimateError`] if the images show too little.
-pub fn rates(motion: &FreeRotation, condition: Condition<'_>) -> Result<Vec<Rate>, EstimateError> {
+/// [`MasutaniError`] if the images do not determine them.
+pub fn rates(motion: &FreeRotation, condition: Condition<'_>) -> Result<Vec<Rate>, MasutaniError> {
     let time = |i: u32| INTERVAL * f64::from(i);
     let at = |i: u32| (time(i), motion.attitude(time(i)));
     Ok(match condition {

@@ -1,12 +1,12 @@
-//! The simulations of Masutani 1995 chapter 3: 294 motions, watched under a condition, estimated, and judged by
+//! The simulations of Masutani 1995 chapter 3: 294 motions, observed under a condition, estimated, and evaluated by
 //! their prediction.
 //!
 //! ```
-//! use fuyu::experiments::masutani_ch3::{Condition, Motion, cell};
+//! use fuyu::experiments::masutani_ch3::{Condition, TumblingMotion, cell};
 //!
-//! let motion = Motion { e: 0.5, s: 0.0, s_alpha: 0.3, beta: 0.8 }.rotation()?;
+//! let motion = TumblingMotion { e: 0.5, s: 0.0, s_alpha: 0.3, beta: 0.8 }.rotation()?;
 //! let cell = cell(&motion, Condition::TrueRates);
-//! let errors = cell.result.expect("a body that tumbles so is estimated");
+//! let errors = cell.result.expect("the motion can be estimated");
 //! assert!(errors.prediction.axis.to_degrees() < 1.1);
 //! # Ok::<(), fuyu::estimation::free_body::FreeRotationError>(())
 //! ```
@@ -21,18 +21,18 @@ use std::sync::{Mutex, PoisonError};
 
 pub use cell::{Cell, CellErrors, cell, judge, options};
 pub use condition::{Condition, camera, points, rates, tracks};
-pub use motions::{ISOTROPIES, MOMENTA, Motion, grid};
+pub use motions::{ISOTROPIES, MOMENTA, TumblingMotion, grid};
 pub use tables::{ModelTable, TABLE_3_2, TABLE_3_3, TABLE_3_4, TABLE_3_5, TABLE_3_6, TABLE_3_7};
 
 /// Interval between frames \[s\], table 3.1.
 pub const INTERVAL: f64 = 0.6;
 /// Intervals observed: 360 s.
 pub const INTERVALS: u32 = 600;
-/// How far ahead of the observation a prediction is judged \[s\].
+/// Length of the evaluated prediction after the observation \[s\].
 pub const HORIZON: f64 = 30.0;
 
-/// Does `work` for each of `items` on `threads` threads; the results are in the order of the items and do not
-/// depend on the number of threads.
+/// Applies `work` to each of `items` on `threads` threads; the results are in the order of the items and do not depend
+/// on the number of threads.
 pub fn in_parallel<T: Sync, R: Send>(
     items: &[T],
     threads: usize,

@@ -4,9 +4,9 @@ use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
 use crate::estimation::free_body::{FreeRotation, FreeRotationError};
 
-/// A kind of motion.
+/// A tumbling motion, by isotropy, symmetry and momentum.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Motion {
+pub struct TumblingMotion {
     /// Isotropy `e = I_z / I_x`, the least moment over the largest, (3.2).
     pub e: f64,
     /// Symmetry `s` in [-1, 1]: where the middle moment lies between them, (3.3).
@@ -23,10 +23,10 @@ pub const ISOTROPIES: usize = 14;
 pub const MOMENTA: usize = 21;
 
 /// The grid of sec. 3.6: all `s_alpha` of the first `e`, then of the next; `s = 0`, least symmetric.
-pub fn grid(beta: f64) -> Vec<Motion> {
+pub fn grid(beta: f64) -> Vec<TumblingMotion> {
     let cells = (0..ISOTROPIES).flat_map(|e| (0..MOMENTA).map(move |s| (e, s)));
     cells
-        .map(|(e, s_alpha)| Motion {
+        .map(|(e, s_alpha)| TumblingMotion {
             e: (7 + e) as f64 / 20.0,
             s: 0.0,
             s_alpha: (s_alpha as f64 - 10.0) / 10.0,
@@ -35,7 +35,7 @@ pub fn grid(beta: f64) -> Vec<Motion> {
         .collect()
 }
 
-impl Motion {
+impl TumblingMotion {
     /// Moments over twice the energy, and `alpha`, in the thesis's order of axes \[s²\]; (3.10)-(3.14).
     pub fn parameters(&self) -> (Vector3<f64>, f64) {
         let Self {
@@ -46,7 +46,7 @@ impl Motion {
         } = *self;
         let largest = (1.0 + e - s_alpha * (1.0 - e)) / (2.0 * e * beta);
         let least = e * largest;
-        // In this form exact at both ends.
+        // This form is exact at both ends.
         let between = |s: f64| (0.5 * (1.0 + s) + 0.5 * (1.0 - s) * e) * largest;
         let (middle, alpha) = (between(s), between(s_alpha));
         let J = if alpha < middle {
@@ -58,7 +58,7 @@ impl Motion {
     }
 
     /// The motion itself: momentum along the camera's optical axis, `|w|²` least at time zero. (The text does not
-    /// say where it starts; this reproduces its tables.)
+    /// specify the start; this one reproduces its tables.)
     ///
     /// # Errors
     /// [`FreeRotationError`] if the numbers are outside their ranges.

@@ -9,7 +9,7 @@ use crate::estimation::MotionModel;
 pub struct ModelTable {
     /// Number in the thesis, such as `3.2`.
     pub number: &'static str,
-    /// What it shows.
+    /// Its title.
     pub title: &'static str,
     rows: [&'static str; MOMENTA],
 }
@@ -24,7 +24,7 @@ impl ModelTable {
         }
     }
 
-    /// How many cells of `models` (the order of [`super::grid`]) are as printed.
+    /// Number of cells of `models` (the order of [`super::grid`]) are as printed.
     pub fn agreement(&self, models: &[Option<MotionModel>]) -> usize {
         let cells = (0..ISOTROPIES).flat_map(|e| (0..MOMENTA).map(move |s| (e, s)));
         cells

@@ -1,5 +1,5 @@
-//! Observations from what a graph recorded: `camera/features` with the camera's calibration, and the base's
-//! gyro with the camera's place on the base.
+//! Observations from a bag: `camera/features` with the camera's calibration, and the base's gyro with the mounting of the
+//! camera.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -15,11 +15,11 @@ use crate::{
     },
     nodes::{
         estimator::StaticRotations,
-        features::{pinhole_from_msg, sighting_from_msg},
+        features::{feature_frame_from_msg, pinhole_from_msg},
         geometry::vector_from_msg,
     },
     ros::Time,
-    vision::{Pinhole, Sighting},
+    vision::{FeatureFrame, Pinhole},
 };
 
 const FEATURES: &str = "/camera/features";
@@ -45,7 +45,7 @@ pub(super) fn read(path: &Path) -> Result<ObservedTracks, String> {
             }
         }
     }
-    robots.retain(|_, robot| !robot.sightings.is_empty());
+    robots.retain(|_, robot| !robot.frames.is_empty());
     let mut robots = robots.into_iter();
     let at = |e: String| format!("{}: {e}", path.display());
     match (robots.next(), robots.next()) {
@@ -57,7 +57,7 @@ pub(super) fn read(path: &Path) -> Result<ObservedTracks, String> {
         ))),
         (Some((namespace, robot)), None) => {
             let rates = robot.camera_rates(&frames);
-            let tracks = Tracks::new(robot.sightings);
+            let tracks = Tracks::new(robot.frames);
             Ok(ObservedTracks {
                 tracks: tracks.map_err(|e| at(format!("{namespace}{FEATURES}: {e}")))?,
                 camera: robot.camera,
@@ -67,13 +67,13 @@ pub(super) fn read(path: &Path) -> Result<ObservedTracks, String> {
     }
 }
 
-/// What one robot's topics tell.
+/// Messages of one robot.
 #[derive(Default)]
 struct Recorded {
-    sightings: Vec<Sighting>,
+    frames: Vec<FeatureFrame>,
     camera_frame: String,
     camera: Option<Pinhole>,
-    /// Angular velocity of the unit in its own axes.
+    /// Angular velocity of the inertial measurement unit in its own axes, over time.
     gyro: Vec<(f64, Vector3<f64>)>,
     gyro_frame: String,
 }
@@ -83,10 +83,10 @@ type Take = fn(&mut Recorded, &Message) -> Result<(), String>;
 const TOPICS: [(&str, Take); 3] = [
     (FEATURES, |robot, message| {
         let features: FeatureTracks = decode(message)?;
-        let sighting = sighting_from_msg(&features)?;
-        // A state that was told again is seen again.
-        if robot.sightings.last().is_none_or(|last| *last != sighting) {
-            robot.sightings.push(sighting);
+        let frame = feature_frame_from_msg(&features)?;
+        // A state that was published twice is in the bag twice.
+        if robot.frames.last().is_none_or(|last| *last != frame) {
+            robot.frames.push(frame);
         }
         robot.camera_frame = features.header.frame_id;
         Ok(())
@@ -111,8 +111,8 @@ const TOPICS: [(&str, Take); 3] = [
 ];
 
 impl Recorded {
-    /// Angular velocity of the camera in its own axes; empty unless a gyro was recorded and the camera is
-    /// fixed to it.
+    /// Angular velocity of the camera in its own axes over time; empty unless a gyro was recorded and the camera is fixed
+    /// to it.
     fn camera_rates(&self, frames: &StaticRotations) -> Vec<(f64, Vector3<f64>)> {
         let Some(R_IC) = frames.rotation(&self.gyro_frame, &self.camera_frame) else {
             return Vec::new();

@@ -1,4 +1,4 @@
-//! Observations as tables: `t,id,u,v` or `t,wx,wy,wz`, named by their first line.
+//! Observations from CSV tables: `t,id,u,v` or `t,wx,wy,wz`, as named by the first line.
 
 use std::{collections::BTreeMap, fs::File, io::Read, path::Path};
 
@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use super::{Observations, ObservedTracks};
 use crate::{
     estimation::Tracks,
-    vision::{Feature, Sighting},
+    vision::{Feature, FeatureFrame},
 };
 
 const TRACKS: [&str; 4] = ["t", "id", "u", "v"];
@@ -31,7 +31,7 @@ fn parse(file: impl Read) -> Result<Observations, String> {
     let mut reader = ReaderBuilder::new()
         .comment(Some(b'#'))
         .trim(Trim::All)
-        // Rows of other lengths are refused below, in plain words.
+        // Rows of other lengths are refused below with a clearer message.
         .flexible(true)
         .from_reader(file);
     let names = reader.headers().map_err(|e| e.to_string())?.clone();
@@ -58,14 +58,14 @@ fn parse(file: impl Read) -> Result<Observations, String> {
     }
 }
 
-/// A column that was looked for by name.
+/// A column of the table.
 #[derive(Clone, Copy)]
 struct Column {
     name: &'static str,
     index: usize,
 }
 
-/// One row, with the line that it stands on.
+/// One row, with its line number.
 struct Row {
     record: StringRecord,
     line: u64,
@@ -76,26 +76,26 @@ impl Row {
         self.record.get(column.index).unwrap_or("")
     }
 
-    fn wrong(&self, column: Column, right: &str) -> String {
+    fn error(&self, column: Column, right: &str) -> String {
         let (name, text) = (column.name, self.text(column));
         format!("line {}: {name} is '{text}'; it must be {right}", self.line)
     }
 
-    /// The row is earlier than the one before.
+    /// Error for a row that is earlier than the one before.
     fn early(&self, column: Column, before: f64) -> String {
         let right = format!("{before}, the time of the row before, or later; sort the rows by it");
-        self.wrong(column, &right)
+        self.error(column, &right)
     }
 
     fn number(&self, column: Column) -> Result<f64, String> {
         match self.text(column).parse::<f64>() {
             Ok(x) if x.is_finite() => Ok(x),
-            _ => Err(self.wrong(column, "a finite number")),
+            _ => Err(self.error(column, "a finite number")),
         }
     }
 }
 
-/// The rows after the first line, which names so many `columns`.
+/// The rows after the first line, which names this number of `columns`.
 fn rows<R: Read>(
     reader: ::csv::Reader<R>,
     columns: usize,
@@ -117,14 +117,14 @@ fn tracks(
     rows: impl Iterator<Item = Result<Row, String>>,
     [t, id, u, v]: [Column; 4],
 ) -> Result<Observations, String> {
-    let mut frames: Vec<Sighting> = Vec::new();
-    // Ids of the newest frame, and where they stand.
+    let mut frames: Vec<FeatureFrame> = Vec::new();
+    // Ids of the newest frame, with their line numbers.
     let mut lines = BTreeMap::new();
     for row in rows {
         let row = row?;
         let time = row.number(t)?;
         let feature = Feature {
-            id: (row.text(id).parse()).map_err(|_| row.wrong(id, "a whole number from 0"))?,
+            id: (row.text(id).parse()).map_err(|_| row.error(id, "a whole number from 0"))?,
             u: row.number(u)?,
             v: row.number(v)?,
         };
@@ -133,12 +133,12 @@ fn tracks(
             Some(frame) if time == frame.time => frame.features.push(feature),
             _ => {
                 lines.clear();
-                frames.push(Sighting::new(time, vec![feature]));
+                frames.push(FeatureFrame::new(time, vec![feature]));
             }
         }
         if let Some(line) = lines.insert(feature.id, row.line) {
-            let right = format!("another than on line {line}, which has the same t");
-            return Err(row.wrong(id, &right));
+            let right = format!("different from that on line {line}, which has the same t");
+            return Err(row.error(id, &right));
         }
     }
     if frames.is_empty() {
@@ -163,7 +163,7 @@ fn rates(
             Some((before, _)) if time < *before => return Err(row.early(t, *before)),
             Some((before, _)) if time == *before => {
                 let right = format!("later than {before}, the time of the row before");
-                return Err(row.wrong(t, &right));
+                return Err(row.error(t, &right));
             }
             _ => {}
         }
@@ -194,16 +194,16 @@ mod tests {
         let Ok(Observations::Tracks(observed)) = read(text) else {
             panic!("not tracks");
         };
-        let sightings = observed.tracks.sightings();
-        assert_eq!(sightings.len(), 2);
-        let ids: Vec<_> = sightings[0].features.iter().map(|f| f.id).collect();
+        let frames = observed.tracks.frames();
+        assert_eq!(frames.len(), 2);
+        let ids: Vec<_> = frames[0].features.iter().map(|f| f.id).collect();
         assert_eq!(ids, [1, 3]);
-        let third = sightings[0].feature(3).unwrap();
+        let third = frames[0].feature(3).unwrap();
         assert_eq!((third.u, third.v), (1.5, 2.5));
     }
 
     #[test]
-    fn angular_velocity_is_known_by_its_columns() {
+    fn angular_velocity_is_recognised_by_its_columns() {
         let text = "t,wx,wy,wz\n0,0.1,0.2,0.3\n0.6,-0.1,0.2,0.3\n";
         let Ok(Observations::AngularVelocity(rates)) = read(text) else {
             panic!("not angular velocity");
@@ -212,7 +212,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_wrong_is_named_with_its_line() {
+    fn errors_name_line_and_column() {
         let columns = refused("time,id,u,v\n0,1,2,3\n");
         assert!(columns.contains("first line is 'time,id,u,v'") && columns.contains("t,id,u,v"));
         assert!(refused("").contains("is empty") && refused("\n\n").contains("is empty"));
@@ -239,7 +239,7 @@ mod tests {
         let twice = refused("t,id,u,v\n1,1,2,3\n1,2,2,3\n1,1,2,4\n");
         assert_eq!(
             twice,
-            "line 4: id is '1'; it must be another than on line 2, which has the same t"
+            "line 4: id is '1'; it must be different from that on line 2, which has the same t"
         );
         // In another frame it is the same feature.
         assert!(read("t,id,u,v\n1,1,2,3\n2,1,2,4\n").is_ok());

@@ -1,4 +1,4 @@
-//! What was observed of a tumbling body, from a bag or a CSV file.
+//! Observations of a tumbling body, from a bag or a CSV file.
 
 mod bag;
 mod csv;
@@ -9,7 +9,7 @@ use nalgebra::Vector3;
 
 use crate::{estimation::Tracks, vision::Pinhole};
 
-/// What was observed of one body.
+/// Observations of one body.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Observations {
     /// Image points over time.
@@ -18,15 +18,15 @@ pub enum Observations {
     AngularVelocity(Vec<(f64, Vector3<f64>)>),
 }
 
-/// Image points of one body, and what is known of the camera.
+/// Image points of one body, with calibration and rotation of the camera.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ObservedTracks {
     /// The points.
     pub tracks: Tracks,
     /// The camera, if the recording has its calibration.
     pub camera: Option<Pinhole>,
-    /// The camera's own angular velocity over time, in its own axes \[rad/s\]; empty if nothing measured
-    /// it.
+    /// The camera's own angular velocity over time, in its own axes \[rad/s\]; empty if it was not
+    /// measured.
     pub w_WC_C: Vec<(f64, Vector3<f64>)>,
 }
 

@@ -1,4 +1,4 @@
-//! The figures of Masutani 1995, chapter 5, beside the numbers that the text states about them.
+//! The figures of Masutani 1995, chapter 5, compared with the numbers stated in the text.
 
 use nalgebra::{Point3, Vector3};
 
@@ -9,7 +9,7 @@ use crate::experiments::masutani_ch5::{Moment, PERIOD, Run, model};
 use crate::experiments::{Figure, Panel, Series};
 use crate::spatial::{Pose, roll_pitch_yaw_intrinsic};
 
-/// As long as the runs are followed \[s\].
+/// Duration of the runs \[s\].
 const DURATION: f64 = 60.0;
 
 const RECOVERED: &str = "The thesis prints gains and limits, but neither the geometry of Fig. 5.2 nor start and \
@@ -68,7 +68,7 @@ pub(super) fn fig_5_3(mut report: Report) -> Report {
     report
 }
 
-/// The arm in the plane of y and x: there and back along its links, so that one line is all of its postures.
+/// The arm in the plane of y and x: forth and back along its links, so that one line contains all postures.
 fn projection(run: &[Moment]) -> Vec<Series> {
     let model = model();
     let mut workspace = Workspace::new(&model);
@@ -118,7 +118,7 @@ fn projection(run: &[Moment]) -> Vec<Series> {
     ]
 }
 
-/// Deviations of the tip over time, and what the text says of the motion meanwhile.
+/// Deviations of the tip over time, and the statements of the text about the motion.
 pub(super) fn fig_5_4(mut report: Report) -> Report {
     let run = moments(LawKind::TransposeJacobian);
     let (first, last) = (&run[0], &run[run.len() - 1]);
@@ -178,9 +178,9 @@ pub(super) fn fig_5_4(mut report: Report) -> Report {
     report
 }
 
-/// Angular acceleration of the base over time, and the moment behind it.
+/// Angular acceleration of the base over time, and the corresponding moment.
 pub(super) fn fig_5_5(mut report: Report) -> Report {
-    /// While the tip still has most of its way to go [s].
+    /// Time during which the tip is still far from its goal [s].
     const MOVING: f64 = 15.0;
     let run = moments(LawKind::TransposeJacobian);
     let moment = |m: &Moment| m.base_moment_B.norm();

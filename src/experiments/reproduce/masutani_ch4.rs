@@ -8,7 +8,7 @@ use crate::experiments::{PlaneFigure, Series};
 
 /// Velocity ellipses of both Jacobians over the workspace, elbow on one side.
 pub(super) fn fig_4_5(mut report: Report) -> Report {
-    /// Length that a velocity of 1 m/s is drawn with [m].
+    /// Length of a drawn velocity of 1 m/s [m].
     const SCALE: f64 = 0.07;
     let mut planar = Planar::with_mass_ratio(20.0);
     let mut curves = [Vec::new(), Vec::new()];
@@ -69,14 +69,14 @@ pub(super) fn fig_4_5(mut report: Report) -> Report {
     report
 }
 
-/// What the ellipses say.
+/// Statistics of the ellipses.
 struct Comparison {
     /// Mean relative difference of the Jacobians in the inner half of the distances of the tip from the base, by area
     /// of the tip.
     near: f64,
     /// The same in the outer half.
     far: f64,
-    /// Part of the tip's area where the manipulability is less with a floating base.
+    /// Fraction of the tip's area where the manipulability is lower with a floating base.
     worse: f64,
     /// Largest ratio of the longest half-axes.
     longest: f64,

@@ -14,7 +14,7 @@ const RECOVERED: &str = "Start and goal are not printed; they are recovered ones
 
 /// The stable region for six mass ratios.
 pub(super) fn fig_6_1(mut report: Report) -> Report {
-    /// Angles a side on which the area is summed up.
+    /// Number of angles per side of the integration grid.
     const ANGLES: usize = 120;
     let gains = gains(f64::INFINITY);
     let robots = RATIOS.map(Planar::with_mass_ratio);

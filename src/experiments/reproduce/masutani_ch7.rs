@@ -17,7 +17,7 @@ const STEERINGS: [(Steering, &str); 3] = [
     (Steering::Straight(Shaping::Damping), "damping"),
 ];
 
-/// As long as a task is followed \[s\].
+/// Duration of a task \[s\].
 const DURATION: f64 = 60.0;
 
 /// The example with and without rotation, and twelve tasks.

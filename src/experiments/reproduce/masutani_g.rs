@@ -1,4 +1,4 @@
-//! Masutani 1995, appendix G: what the generalized Jacobian costs.
+//! Masutani 1995, appendix G: operation counts of the generalized Jacobian.
 
 use nalgebra::{DVector, Matrix6xX};
 
@@ -7,7 +7,7 @@ use crate::dynamics::Workspace;
 use crate::experiments::masutani_g::SerialArm;
 use crate::experiments::operation_counts::recursion;
 
-/// Operations of the printed procedure and of fuyu's own.
+/// Operations of the printed procedure and of fuyu's recursion.
 pub(super) fn table_g_1(mut report: Report) -> Report {
     let mut largest: f64 = 0.0;
     for n in [2, 6, 12] {

@@ -1,4 +1,4 @@
-//! Published results beside what fuyu computes: what `fuyu reproduce` prints.
+//! Published results compared with computed ones: `fuyu reproduce`.
 
 mod masutani;
 mod masutani_ch4;
@@ -15,17 +15,17 @@ use tumbling::TUMBLING;
 
 pub use report::{Report, Row};
 
-/// A published result that can be computed anew.
+/// A published result that can be reproduced.
 #[derive(Debug, Clone, Copy)]
 pub struct Reproduction {
-    /// How it is called on the command line.
+    /// Name on the command line.
     pub name: &'static str,
-    /// What it shows, and where it was published.
+    /// Content and source.
     pub shows: &'static str,
     compute: fn(Report) -> Report,
 }
 
-/// All of them, in the order in which `fuyu reproduce all` computes them.
+/// All results, in the order of `fuyu reproduce all`.
 pub const ALL: &[Reproduction] = &{
     let mut all = [QUICK[0]; QUICK.len() + TUMBLING.len()];
     let mut i = 0;
@@ -39,7 +39,7 @@ pub const ALL: &[Reproduction] = &{
     all
 };
 
-/// Those of a few runs each.
+/// Results that need only a few runs each.
 const QUICK: &[Reproduction] = &[
     Reproduction {
         name: "masutani-fig-4.5",
@@ -48,17 +48,17 @@ const QUICK: &[Reproduction] = &[
     },
     Reproduction {
         name: "masutani-fig-5.3",
-        shows: "Masutani 1995 Fig. 5.3: joint PD misses the goal, the transpose of the generalized Jacobian reaches it",
+        shows: "Masutani 1995 Fig. 5.3: joint PD misses the goal, transpose generalized-Jacobian control reaches it",
         compute: masutani::fig_5_3,
     },
     Reproduction {
         name: "masutani-fig-5.4",
-        shows: "Masutani 1995 Fig. 5.4: deviation of the tip over time, and how far the base drifts",
+        shows: "Masutani 1995 Fig. 5.4: deviation of the tip over time, and drift of the base",
         compute: masutani::fig_5_4,
     },
     Reproduction {
         name: "masutani-fig-5.5",
-        shows: "Masutani 1995 Fig. 5.5: angular acceleration of the base, and the moment behind it",
+        shows: "Masutani 1995 Fig. 5.5: angular acceleration of the base, and the corresponding moment",
         compute: masutani::fig_5_5,
     },
     Reproduction {
@@ -68,32 +68,32 @@ const QUICK: &[Reproduction] = &[
     },
     Reproduction {
         name: "masutani-fig-6.2",
-        shows: "Masutani 1995 Fig. 6.2: in the stable region both Jacobians steer alike",
+        shows: "Masutani 1995 Fig. 6.2: in the stable region both Jacobians give similar motions",
         compute: masutani_ch6::fig_6_2,
     },
     Reproduction {
         name: "masutani-fig-6.3",
-        shows: "Masutani 1995 Fig. 6.3: in the unstable region the fixed-base Jacobian leads away first",
+        shows: "Masutani 1995 Fig. 6.3: in the unstable region the fixed-base Jacobian moves the tip away first",
         compute: masutani_ch6::fig_6_3,
     },
     Reproduction {
         name: "masutani-fig-7.3",
-        shows: "Masutani 1995 Fig. 7.3: a rotation of the pull straightens the path; twelve tasks beside it",
+        shows: "Masutani 1995 Fig. 7.3: rotating the tip force straightens the path; twelve further tasks",
         compute: masutani_ch7::fig_7_3,
     },
     Reproduction {
         name: "masutani-table-g.1",
-        shows: "Masutani 1995 Table G.1 (6.1): operations that the generalized Jacobian takes",
+        shows: "Masutani 1995 Table G.1 (6.1): operation counts of the generalized Jacobian",
         compute: masutani_g::table_g_1,
     },
     Reproduction {
         name: "masutani-fig-8.7",
-        shows: "Masutani 1995 Fig. 8.7: how long an operator takes to position the tip, by six methods",
+        shows: "Masutani 1995 Fig. 8.7: time that an operator needs to position the tip, for six methods",
         compute: teleoperation::fig_8_7,
     },
     Reproduction {
         name: "masutani-fig-8.10",
-        shows: "Masutani 1995 Fig. 8.10: how much a free base distorts an operator's commands over the work space",
+        shows: "Masutani 1995 Fig. 8.10: distortion of an operator's commands by a free base over the workspace",
         compute: teleoperation::fig_8_10,
     },
     Reproduction {
@@ -103,18 +103,18 @@ const QUICK: &[Reproduction] = &[
     },
     Reproduction {
         name: "tr942-pantograph",
-        shows: "TR-942 section 3.3: a satellite that unfolds a pantograph, two closed loops",
+        shows: "TR-942 section 3.3: a satellite deploys a pantograph with two closed loops",
         compute: tr942::pantograph,
     },
     Reproduction {
         name: "tracking",
-        shows: "fuyu's own: following a tumbling grasp point, and how late a camera may be",
+        shows: "no publication: tracking a tumbling grasp point, and the tolerated camera latency",
         compute: tracking::tracking,
     },
 ];
 
 impl Reproduction {
-    /// The one of a name.
+    /// Finds a result by name.
     pub fn named(name: &str) -> Option<&'static Self> {
         ALL.iter().find(|r| r.name == name)
     }

@@ -1,4 +1,4 @@
-//! A published result beside a computed one.
+//! Comparison of a published result with a computed one.
 
 use serde::Serialize;
 use std::fmt::Write;
@@ -9,30 +9,30 @@ use crate::experiments::{ChartError, Figure, MapFigure, PlaneFigure};
 /// One number, published and computed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Row {
-    /// What it is, with its unit.
+    /// Quantity and unit.
     pub quantity: String,
-    /// As published; `None` where the source says something that is no number.
+    /// Published value; `None` if the source makes a statement without a number.
     pub published: Option<f64>,
-    /// As computed here.
+    /// Computed value.
     pub computed: f64,
-    /// How far the two may be apart; `None` where nothing was published to be near to.
+    /// Allowed difference; `None` without a published value.
     pub tolerance: Option<f64>,
     /// Whether the result is reproduced.
     pub passed: bool,
 }
 
-/// A published result beside what fuyu computes: table, pictures, verdict.
+/// A published result compared with the computed one: table, pictures, verdict.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Report {
     /// Name of the reproduction.
     pub name: String,
-    /// Whether every row is.
+    /// Whether every row is reproduced.
     pub passed: bool,
     /// The table.
     pub rows: Vec<Row>,
-    /// What a reader of the table should know.
+    /// Notes for readers of the table.
     pub notes: Vec<String>,
-    /// What it shows, and where it was published.
+    /// Content and source.
     #[serde(skip)]
     pub shows: String,
     /// Pictures by the stem of their file names.
@@ -44,13 +44,13 @@ pub struct Report {
     /// Curves in a plane by the stem of their file names.
     #[serde(skip)]
     pub planes: Vec<(String, PlaneFigure)>,
-    /// Tables of another shape, laid out as they are printed.
+    /// Tables of other shapes, formatted as printed.
     #[serde(skip)]
     pub listings: Vec<String>,
 }
 
 impl Report {
-    /// Without rows; `shows` says what it will be about.
+    /// A report without rows about `shows`.
     pub fn new(name: &str, shows: &str) -> Self {
         Self {
             name: name.to_owned(),
@@ -65,14 +65,14 @@ impl Report {
         }
     }
 
-    /// A published number and how near the computed one must be to it.
+    /// Adds a published number with the allowed difference of the computed one.
     pub(super) fn near(&mut self, quantity: &str, published: f64, computed: f64, tolerance: f64) {
-        // Not a number is not near.
+        // NaN is never within the tolerance.
         let passed = (computed - published).abs() <= tolerance;
         self.push(quantity, Some(published), computed, Some(tolerance), passed);
     }
 
-    /// A statement without a number (its words in `quantity`) and the number that bears it out.
+    /// Adds a statement without a number (its words in `quantity`) and the number that confirms it.
     pub(super) fn holds(&mut self, quantity: &str, computed: f64, holds: bool) {
         self.push(
             quantity,
@@ -148,7 +148,7 @@ impl Report {
     /// One line that names the file that cannot be written.
     pub fn save(&self, folder: &Path) -> Result<Vec<PathBuf>, String> {
         let mut paths = Vec::new();
-        // A name may have a dot, which is no extension.
+        // A dot in a name is not an extension.
         let path = |stem: &str| folder.join(format!("{stem}.svg"));
         let line = |e: ChartError| e.to_string();
         for (stem, figure) in &self.figures {
@@ -210,7 +210,7 @@ const HEADER: [&str; 5] = ["quantity", "published", "computed", "tolerance", ""]
 
 impl Row {
     fn cells(&self) -> [String; 5] {
-        // As many digits as the tolerance makes worth reading, and one more.
+        // The digits that are significant at the tolerance, and one more.
         let decimals = match self.tolerance {
             Some(tolerance) if tolerance > 0.0 => {
                 (1.0 - tolerance.log10().floor()).clamp(0.0, 15.0) as usize
@@ -223,7 +223,7 @@ impl Row {
         };
         let tolerance = |t: f64| match t < 1e-3 {
             true => format!("{t:e}"),
-            // What arithmetic leaves behind the last digit is not shown.
+            // Rounding errors beyond the last digit are not shown.
             false => ((t * 1e9).round() / 1e9).to_string(),
         };
         [

@@ -1,4 +1,4 @@
-//! The figures of Masutani 1995, chapter 8, beside what the text states about them.
+//! The figures of Masutani 1995, chapter 8, compared with the statements of the text.
 
 use nalgebra::Vector3;
 use std::{f64::consts::PI, fmt::Write};
@@ -11,7 +11,7 @@ use crate::experiments::masutani_ch8::{
 };
 use crate::experiments::{Figure, MapFigure, MapPanel, MapScale, Panel, PlaneFigure, Series};
 
-/// The experiments of the table below Fig. 8.7, in letters that the pictures' font has.
+/// The experiments of the table below Fig. 8.7, named with letters that the font of the pictures has.
 const NAMES: [&str; 6] = [
     "fixed base, inverse J",
     "fixed base, transpose J",
@@ -164,7 +164,7 @@ fn listing(runs: &[[Attempt; 8]; 6], times: &[Vec<f64>; 6]) -> String {
 
 /// The indices over the work space of the planar arm.
 pub(super) fn fig_8_10(mut report: Report) -> Report {
-    /// Where joint 1 is on the base's x axis: it parts the half of the work space with the base from the other [m].
+    /// Position of joint 1 on the base's x axis: it separates the half of the workspace that contains the base from the other [m].
     const MOUNT: f64 = 1.75;
     let model = planar_model();
     let tip = model.frame("tool0").expect("the arm has a tip");

@@ -1,14 +1,14 @@
-//! The printed tables of TR-942, chapter 3, beside both of its methods with its step, and beyond its digits.
+//! The printed tables of TR-942, chapter 3, compared with both of its methods at its step size and with more digits.
 
 use super::Report;
 use crate::dynamics::{Formulation, Tableau};
 use crate::experiments::tr942::{MatrixRun, Run, chain as example_1, pantograph as example_2};
 use crate::experiments::{Figure, Panel, Series};
 
-/// The print has eight digits; Kane's method printed them.
+/// Tolerance for Kane's method, with which the eight printed digits were computed.
 const DIGITS_OF_ANGLES: f64 = 2e-7;
 const DIGITS_OF_RATES: f64 = 5e-8;
-/// The matrix method integrates other variables, so that its error of the step is another.
+/// Tolerance for the matrix method: it integrates other variables, so its step error differs.
 const STEP_OF_MATRIX_METHOD: f64 = 2e-5;
 
 /// Tables 3.2.4 and Figs. 3.2.3, 3.2.4.
@@ -189,7 +189,7 @@ pub(super) fn pantograph(mut report: Report) -> Report {
     report
 }
 
-/// Angles and rates of the pantograph: projected, and without projection until that is far off.
+/// Angles and rates of the pantograph: with projection, and without it until that diverges.
 fn unfolding() -> (Vec<Series>, Vec<Series>) {
     let hinges = [("θ2", 2), ("θ3", 3), ("θ5", 5)];
     let series = hinges.map(|(name, _)| Series {
@@ -267,7 +267,7 @@ impl Curves {
     }
 }
 
-/// The largest difference of the first joints; not lost if it is not a number.
+/// The largest difference of the first joints; NaN if any is NaN.
 fn apart(ours: &[f64], theirs: &[f64]) -> f64 {
     let differences = ours.iter().zip(theirs).map(|(a, b)| (a - b).abs());
     differences.fold(0.0, |a, b| if b > a || b.is_nan() { b } else { a })

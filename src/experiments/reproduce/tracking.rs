@@ -1,4 +1,4 @@
-//! Following a tumbling grasp point, and how late a camera may be: fuyu's own runs beside its own bounds.
+//! Tracking a tumbling grasp point, and the tolerated camera latency: fuyu's runs compared with its bounds.
 
 use super::Report;
 use crate::control::{LawKind, prediction::Prediction};
@@ -15,7 +15,7 @@ const PREDICTIONS: [(&str, Prediction); 3] = [
     ("prediction motion", Prediction::Motion),
 ];
 
-/// Position \[mm\] and attitude \[deg\] at most in the last 20 s.
+/// Largest position error \[mm\] and attitude error \[deg\] in the last 20 s.
 fn steady(run: &[Moment]) -> (f64, f64) {
     let late = run.iter().filter(|m| m.time >= DURATION - 20.0);
     late.fold((0.0, 0.0), |(p, a), m| {
@@ -24,7 +24,7 @@ fn steady(run: &[Moment]) -> (f64, f64) {
     })
 }
 
-/// The runs, the bounds of their steady errors, and the latencies at which the tip still settles.
+/// The runs, the bounds of their steady-state errors, and the latencies at which the tip settles.
 pub(super) fn tracking(mut report: Report) -> Report {
     let run = |setup: Setup| Run::new(setup).moments(DURATION);
     let ideal = PREDICTIONS.map(|(name, p)| (name, run(Setup::ideal(p))));
@@ -83,7 +83,7 @@ fn errors(ideal: &[(&str, Vec<Moment>)], late: &[(&str, Vec<Moment>)]) -> Figure
             .iter()
             .map(|(name, run)| Series {
                 name: (*name).to_owned(),
-                // Logarithmic: what is exact is not drawn below a hundredth of a millimetre or degree.
+                // On the logarithmic axis, errors below a hundredth of a millimetre or degree are drawn there.
                 points: run
                     .iter()
                     .step_by(10)

@@ -11,7 +11,7 @@ use crate::spatial::Pose;
 /// Step of the printed solution \[s\], by Runge-Kutta-Gill.
 pub const STEP: f64 = 0.05;
 
-/// Initial angles of hinges 2 to 5 \[rad\], Table 3.2.3; everything rests.
+/// Initial angles of hinges 2 to 5 \[rad\], Table 3.2.3; all rates are zero.
 pub const INITIAL: [f64; 4] = [FRAC_PI_2, -FRAC_PI_2, PI, -FRAC_PI_2];
 
 /// The angles of hinges 2 and 3 at a time.
@@ -30,7 +30,7 @@ const fn angles(time: f64, theta_2: f64, theta_3: f64) -> Angles {
     }
 }
 
-/// The print below Table 3.2.4, with all its digits.
+/// The values printed below Table 3.2.4, with all digits.
 pub const PRINTED: [Angles; 5] = [
     angles(0.0, 1.5707964, -1.5707964),
     angles(2.0, 5.0269164e-2, -3.3256799e-1),
@@ -39,7 +39,7 @@ pub const PRINTED: [Angles; 5] = [
     angles(8.0, 7.1992821e-1, -3.2072845e-1),
 ];
 
-/// The solution without the error of the step: DOP853 at a tolerance of 1e-13, another program's (Python).
+/// The solution without step error: DOP853 at a tolerance of 1e-13, by an independent program (Python).
 pub const CONVERGED: [Angles; 4] = [
     angles(2.0, 0.050269493456, -0.332567777886),
     angles(4.0, -0.737754617723, 1.888506610851),
@@ -47,8 +47,8 @@ pub const CONVERGED: [Angles; 4] = [
     angles(8.0, 0.719929152765, -0.320750374962),
 ];
 
-/// The robot of Tables 3.2.1 and 3.2.2, to the letter: no body can have body 2's moments of inertia, but it
-/// only turns about its own axis of symmetry. `urdf/tr942_chain.urdf` is the same robot of possible bodies.
+/// The robot of Tables 3.2.1 and 3.2.2 as printed. Body 2's moments of inertia are physically impossible, but it only
+/// rotates about its axis of symmetry. `urdf/tr942_chain.urdf` is the same robot with possible inertias.
 pub fn model() -> Model {
     // x3 = -x2, y3 = -z2, z3 = -y2.
     let turned = Matrix3::new(-1.0, 0.0, 0.0, 0.0, 0.0, -1.0, 0.0, -1.0, 0.0);

@@ -1,7 +1,7 @@
-//! The two examples of TR-942, chapter 3: what was simulated, and what was printed.
+//! The two examples of TR-942, chapter 3: models and printed results.
 //!
-//! The figures that define the body frames do not survive in the text; the frames here were found by search, and
-//! give the printed numbers. Where the table has rounded multiples of a degree, the exact ones stand.
+//! The figures that define the body frames are missing in the text; the frames here were found by search and reproduce
+//! the printed numbers. Rounded multiples of a degree in the table are replaced by the exact values.
 
 pub mod chain;
 pub mod pantograph;

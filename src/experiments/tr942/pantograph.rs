@@ -1,4 +1,4 @@
-//! Example 2: a satellite that unfolds a pantograph, two closed loops (section 3.3).
+//! Example 2: a satellite deploys a pantograph with two closed loops (section 3.3).
 
 use nalgebra::{Translation3, Vector3};
 
@@ -11,10 +11,10 @@ use crate::spatial::{Pose, RigidInertia};
 /// Step of the printed solution \[s\], by Runge-Kutta-Gill.
 pub const STEP: f64 = 0.025;
 
-/// Joints in the order of [`model`]: the carriages `s2`, `s3` slide, the others turn.
+/// Joints in the order of [`model`]: the carriages `s2`, `s3` are prismatic, the others revolute.
 pub const JOINTS: [&str; 6] = ["s2", "h2", "h5", "s3", "h3", "h4"];
 
-/// A row of the print: `θ₂`, `θ₃`, `θ₅` \[rad\] and the rates of `θ₃`, `θ₅` \[rad/s\] (the report labels the last
+/// A printed row: `θ₂`, `θ₃`, `θ₅` \[rad\] and the rates of `θ₃`, `θ₅` \[rad/s\] (the report labels the last
 /// x25 above the table and x24 in it).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Printed {
@@ -34,8 +34,8 @@ const fn printed(time: f64, angles: [f64; 3], rates: [f64; 2]) -> Printed {
     }
 }
 
-/// The print below Table 3.3.4, with all its digits. Between the last two rows the pantograph passes its
-/// stretched state, and the last is no longer what the equations say.
+/// The values printed below Table 3.3.4, with all digits. Between the last two rows the pantograph passes its stretched
+/// configuration, and the last row no longer satisfies the equations.
 pub const PRINTED: [Printed; 6] = [
     printed(0.0, [-1.5358897, 1.5358897, 3.0717795], [0.0, 0.0]),
     printed(
@@ -65,7 +65,7 @@ pub const PRINTED: [Printed; 6] = [
     ),
 ];
 
-/// A state on the branch that the mechanism follows.
+/// A state on the solution branch that the mechanism follows.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Exact {
     /// Time \[s\].
@@ -85,7 +85,7 @@ const fn exact(time: f64, position: [f64; 2], rate: [f64; 2]) -> Exact {
 }
 
 /// The motion without cut loops: five smooth coordinates (base in its plane, `θ₂`, `s₂`), DOP853 at a
-/// tolerance of 1e-13, another program's (Python). `θ₂` crosses zero, where the pantograph is stretched and
+/// tolerance of 1e-13, by an independent program (Python). `θ₂` crosses zero, where the pantograph is stretched and
 /// the cuts' constraints lose rank, at 9.03428, 18.87113, 29.35100 and 38.23616 s.
 pub const EXACT: [Exact; 21] = [
     exact(0.0, [-1.53588974175501, 0.9993908270190958], [0.0, 0.0]),
@@ -197,14 +197,14 @@ pub fn joints([theta_2, s_2]: [f64; 2]) -> [f64; 6] {
     [s_2, theta_2, -2.0 * theta_2, s_3, -theta_2, 2.0 * theta_2]
 }
 
-/// Initial joint positions, Table 3.3.3: folded up to 2°. Everything rests.
+/// Initial joint positions, Table 3.3.3: folded to 2°. All rates are zero.
 pub fn initial() -> [f64; 6] {
     let theta_2 = f64::to_radians(-88.0);
     joints([theta_2, f64::to_radians(2.0).cos()])
 }
 
 /// The robot of Tables 3.3.1 and 3.3.2, loops cut at hinges 6 and 7. The carriages between the two freedoms of
-/// hinges 2 and 3 have no mass; `urdf/tr942_pantograph.urdf` gives them some of their neighbours'.
+/// hinges 2 and 3 have no mass; in `urdf/tr942_pantograph.urdf` they have some of their neighbours' mass.
 pub fn model() -> Model {
     let base = body(200.0, [20.0; 3], [0.0; 3]);
     let long = body(20.0, [1.0, 5.0, 5.0], [1.0, 0.0, 0.0]);
@@ -244,7 +244,7 @@ pub fn model() -> Model {
     robot.build()
 }
 
-/// Where [`model`]'s loops are cut: the pin in the middle of bodies 2 and 3, and that at the ends of bodies 4
+/// The cuts of [`model`]'s loops: the pin in the middle of bodies 2 and 3, and that at the ends of bodies 4
 /// and 5. In its plane a pin constrains two translations.
 pub fn cuts(model: &Model) -> [CutHinge; 2] {
     [("body2", "body3"), ("body4", "body5")].map(|(k, l)| {
@@ -262,7 +262,7 @@ pub fn cuts(model: &Model) -> [CutHinge; 2] {
 }
 
 /// The same robot for the matrix method, its loops closed by hinges 6 and 7 of the freedom `closing`:
-/// [`IN_PLANE`], or whole revolute ones, which hold in a plane what is held already.
+/// [`IN_PLANE`], or full revolute ones, which are redundant in a plane.
 pub fn system(closing: Freedom) -> SystemBuilder {
     const SLIDING: Freedom = Freedom::REVOLUTE.and(Axis::TranslationY);
     let base = body(200.0, [20.0; 3], [0.0; 3]);
@@ -294,7 +294,7 @@ pub fn system(closing: Freedom) -> SystemBuilder {
     system
 }
 
-/// Freedom of a pin that holds only what the plane of motion needs.
+/// Freedom of a pin that constrains only the plane of motion.
 pub const IN_PLANE: Freedom = Freedom::SPHERICAL.and(Axis::TranslationZ);
 
 /// [`initial`] for [`system`].

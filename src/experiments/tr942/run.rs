@@ -1,4 +1,4 @@
-//! A run as the report made it: all of the motion in one vector, integrated in equal steps.
+//! A run as in the report: the whole motion in one vector, integrated in equal steps.
 
 use nalgebra::{DVector, Isometry3, Translation3};
 
@@ -10,7 +10,7 @@ use crate::dynamics::{
 };
 use crate::model::Model;
 
-/// A motion by some formulation and some Runge-Kutta method, from rest.
+/// A motion from rest, by a given formulation and Runge-Kutta method.
 pub struct Run<F> {
     model: Model,
     formulation: F,
@@ -78,8 +78,8 @@ impl<F: Formulation> Run<F> {
         &self.x[self.layout.qd()]
     }
 
-    /// Momentum as the bodies have it, and the sums of their own momenta (linear, angular), against which to
-    /// judge it.
+    /// Total momentum of the bodies, and the sums of the magnitudes of their momenta (linear, angular) as reference
+    /// values.
     pub fn momentum(&self) -> (Momentum, (f64, f64)) {
         let motion = self.layout.motion(&self.x);
         let mut state = State::at_rest_with(&self.model, &DVector::from_column_slice(motion.q));
@@ -93,7 +93,7 @@ impl<F: Formulation> Run<F> {
     }
 }
 
-/// A motion by the matrix method: 13 numbers a body.
+/// A motion by the matrix method: 13 numbers per body.
 pub struct MatrixRun {
     system: System,
     method: MatrixMethod,
@@ -105,7 +105,7 @@ pub struct MatrixRun {
 }
 
 impl MatrixRun {
-    /// Example 1; `projected`: brought back to the constraints after every step.
+    /// Example 1; `projected`: projected onto the constraints after every step.
     pub fn chain(tableau: &'static Tableau, projected: bool) -> Self {
         let system = System::from_model(&chain::model()).expect("a chain of five bodies");
         let start = chain::start(&system);
@@ -117,7 +117,7 @@ impl MatrixRun {
         let system = pantograph::system(pantograph::IN_PLANE).build();
         let system = system.expect("the pantograph is sound");
         let mut run = Self::new(system, &pantograph::start(), tableau, projected);
-        // The later passages of the stretched state are slow, 1e-4 rad in a step.
+        // The later passages of the stretched configuration are slow, 1e-4 rad per step.
         run.method = run.method.with_tolerance(1e-5);
         run
     }
@@ -135,7 +135,7 @@ impl MatrixRun {
         }
     }
 
-    /// As [`Run::advance_to`].
+    /// Like [`Run::advance_to`].
     pub fn advance_to(&mut self, time: f64, dt: f64) {
         for _ in 0..((time - self.time) / dt).round() as usize {
             let (system, method, load) = (&self.system, &mut self.method, &self.load);

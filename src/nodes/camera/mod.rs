@@ -17,7 +17,6 @@ pub use target_camera::{CAMERA_FRAME, TargetCamera, camera_frame};
 use std::time::Duration;
 
 use super::{
-    dynamics::odometry_topic,
     geometry::{pose_from_msg, pose_to_msg, with_matrix},
     joint_vectors,
     robot_description::{Robot, RobotDescription},
@@ -175,7 +174,7 @@ impl Topics {
             goal: topics::GOAL.subscribe(node)?,
             goal_frame: (params.goal_target.clone()).unwrap_or_else(|| params::WORLD.to_owned()),
             carrier: (params.goal_target.as_ref())
-                .map(|target| node.subscribe(&odometry_topic(target), topics::ODOMETRY.qos))
+                .map(|target| topics::TARGET_ODOMETRY.subscribe(node, target))
                 .transpose()?,
             tip_pose: topics::TIP_POSE.advertise(node)?,
             goal_pose: topics::SEEN_GOAL.advertise(node)?,

@@ -5,8 +5,7 @@ use crate::{
     control::StampPairs,
     msg::{fuyu_msgs::FeatureTracks, nav_msgs::Odometry},
     nodes::{
-        dynamics,
-        features::sighting_to_msg,
+        features::feature_frame_to_msg,
         geometry::{pose_from_msg, with_matrix},
         topics,
     },
@@ -29,11 +28,11 @@ impl TargetTopics {
     /// # Errors
     /// When the node cannot subscribe or publish.
     pub fn new(node: &Node, target: &str) -> Result<Self, NodeError> {
-        let topic = dynamics::odometry_topic(target);
+        let odometry = topics::TARGET_ODOMETRY.subscribe(node, target)?;
         let status = node.diagnostics().status("features");
-        status.warn(format!("nothing has arrived on {topic} yet"));
+        status.warn(format!("nothing has arrived on {} yet", odometry.topic()));
         Ok(Self {
-            odometry: node.subscribe(&topic, topics::ODOMETRY.qos)?,
+            odometry,
             features: topics::FEATURES.advertise(node)?,
             truth: StampPairs::default(),
             status,
@@ -65,7 +64,7 @@ impl TargetTopics {
             camera.show(time, &X_WC, &X_WT);
             while let Some(frame) = camera.deliver(time) {
                 self.features
-                    .publish(&sighting_to_msg(&frame, CAMERA_FRAME));
+                    .publish(&feature_frame_to_msg(&frame, CAMERA_FRAME));
                 let count = frame.features.len();
                 if count == 0 {
                     self.status.warn("the target is out of sight");

@@ -4,7 +4,7 @@ use super::feature_params::FeatureParams;
 use crate::{
     model::{Frame, Model},
     spatial::Pose,
-    vision::{FeatureCamera, FeatureCameraConfig, Sighting},
+    vision::{FeatureCamera, FeatureCameraConfig, FeatureFrame},
 };
 
 /// Name of the camera's optical frame.
@@ -37,7 +37,7 @@ impl TargetCamera {
     }
 
     /// The next frame that is delivered at `time` \[s\].
-    pub fn deliver(&mut self, time: f64) -> Option<Sighting> {
+    pub fn deliver(&mut self, time: f64) -> Option<FeatureFrame> {
         self.camera.deliver(time)
     }
 

@@ -1,8 +1,8 @@
 //! What the controller publishes: `joint_commands` and `controller/state`.
 
-use super::super::{choice, geometry::vector_to_msg};
+use super::super::geometry::vector_to_msg;
 use crate::{
-    control::{ControlLoop, Controller, LawKind, LoopReport, PoseError},
+    control::{ControlLoop, Controller, LoopReport, PoseError},
     msg::{
         builtin_interfaces, fuyu_msgs::ControllerState, geometry_msgs::Vector3,
         sensor_msgs::JointState, std_msgs::Header,
@@ -58,7 +58,7 @@ impl ControllerMessages {
         let config = control_loop.controller().config();
         state.header.stamp = stamp;
         state.law.clear();
-        (state.law).push_str(choice::name_of(&LawKind::NAMES, &config.law));
+        state.law.push_str(config.law.name());
         state.position_saturated = control.position_saturated;
         state.orientation_saturated = control.orientation_saturated;
         state.k_p = config.gains.k_p;

@@ -11,7 +11,7 @@ use crate::{
     ros::{Declare, Time},
 };
 
-/// How good the unit is. All zero is an ideal one.
+/// Errors of the unit. All zero is an ideal one.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct ImuParams {
     /// Standard deviation of each component of a measured angular velocity \[rad/s\].
@@ -46,34 +46,47 @@ impl ImuParams {
     }
 }
 
-/// What the unit measures now. Orientation is not measured. Nothing pulls at the base, so the
+/// What the unit measures now. It does not measure orientation. No gravity and no contact force acts on the base, so the
 /// accelerometer's reading is the acceleration of the base frame's origin.
 ///
-/// The noise of a state depends on the seed and on which state it is, so that a state that is told again
-/// is measured alike.
+/// The noise depends on the seed and on the number of the state only, so a state that is published twice has one
+/// measurement.
 pub fn imu(stamp: Time, base: &str, world: &mut World) -> sensor_msgs::Imu {
-    let params = *world.imu();
-    world.robot.accelerations();
-    let workspace = world.robot.workspace();
-    let acceleration = workspace.A_WF_B(&world.robot.model().frames()[0]).linear;
-    let mut random = StdRng::seed_from_u64(params.seed.rotate_left(32) ^ world.ticks());
-    let mut disturbed = |truth: Vector3<f64>, noise: f64| {
-        let mut normal = || random.sample::<f64, _>(StandardNormal);
-        truth + Vector3::new(normal(), normal(), normal()) * noise
-    };
-    let angular_velocity = disturbed(workspace.V_WB_B().angular, params.gyro_noise);
-    let acceleration = disturbed(acceleration, params.accelerometer_noise);
+    let mut message = imu_message(base, world.imu());
+    update_imu(&mut message, stamp, world);
+    message
+}
+
+/// A message of the unit on the frame `base`, to be updated.
+pub(super) fn imu_message(base: &str, params: &ImuParams) -> sensor_msgs::Imu {
     sensor_msgs::Imu {
-        header: header(stamp, base),
+        header: header(Time::ZERO, base),
         orientation_covariance: [-1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0],
-        angular_velocity: vector_to_msg(&angular_velocity),
         angular_velocity_covariance: isotropic(params.gyro_noise),
-        linear_acceleration: vector_to_msg(&acceleration),
         linear_acceleration_covariance: isotropic(params.accelerometer_noise),
         ..sensor_msgs::Imu::default()
     }
 }
 
+/// Updates a message of [`imu_message`].
+pub(super) fn update_imu(message: &mut sensor_msgs::Imu, stamp: Time, world: &mut World) {
+    let params = *world.imu();
+    world.robot.accelerations();
+    let workspace = world.robot.workspace();
+    let acceleration = workspace.A_WF_B(&world.robot.model().frames()[0]).linear;
+    let mut random = StdRng::seed_from_u64(params.seed.rotate_left(32) ^ world.ticks());
+    let mut with_noise = |truth: Vector3<f64>, noise: f64| {
+        let mut normal = || random.sample::<f64, _>(StandardNormal);
+        truth + Vector3::new(normal(), normal(), normal()) * noise
+    };
+    let angular_velocity = with_noise(workspace.V_WB_B().angular, params.gyro_noise);
+    let acceleration = with_noise(acceleration, params.accelerometer_noise);
+    message.header.stamp = stamp.into();
+    message.angular_velocity = vector_to_msg(&angular_velocity);
+    message.linear_acceleration = vector_to_msg(&acceleration);
+}
+
+/// Covariance of three independent components with this standard deviation, by rows.
 fn isotropic(deviation: f64) -> [f64; 9] {
     let v = deviation * deviation;
     [v, 0.0, 0.0, 0.0, v, 0.0, 0.0, 0.0, v]

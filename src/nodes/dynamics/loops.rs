@@ -1,4 +1,4 @@
-//! Loop closures as parameters: what URDF, which is a tree, cannot say.
+//! Loop closures as parameters: URDF, which is a tree, cannot describe them.
 
 use std::collections::BTreeSet;
 
@@ -12,7 +12,7 @@ use crate::{
     spatial::Pose,
 };
 
-/// A loop closure as the parameters give it.
+/// Parameters of a loop closure.
 #[derive(Debug, Clone)]
 pub struct LoopParams {
     /// Name.
@@ -28,30 +28,30 @@ pub struct LoopParams {
 /// One end of a loop closure.
 #[derive(Debug, Clone)]
 pub struct EndParams {
-    /// Link that carries it.
+    /// Link that it is fixed to.
     pub link: String,
     /// Pose of the end in the link's frame.
     pub X_LE: Pose,
 }
 
 impl LoopParams {
-    /// Declares `loop_closures` and what belongs to each of its names.
+    /// Declares `loop_closures` and the parameters of each closure, and reads them.
     ///
     /// # Errors
-    /// A line that names a parameter that must be given and is not.
+    /// A line that names a required parameter that is not given, or a closure that is given twice.
     pub fn declare(declare: &mut Declare) -> Result<Vec<Self>, String> {
         let names = declare
             .param(
                 "loop_closures",
                 Vec::<String>::new(),
-                "Names of the closures that make closed loops of the robot's tree",
+                "Names of the closures that close loops in the robot's tree",
             )
             .read_only()
             .value();
-        let mut seen = BTreeSet::new();
+        let mut known = BTreeSet::new();
         let (once, twice): (Vec<_>, Vec<_>) =
-            (names.into_iter()).partition(|n| seen.insert(n.clone()));
-        // All are declared before the first is refused, so that none is called unknown.
+            (names.into_iter()).partition(|n| known.insert(n.clone()));
+        // All are declared before the first error, so that no parameter is reported as unknown.
         let closures: Vec<_> = (once.into_iter())
             .map(|name| Self::declare_one(declare, name))
             .collect();
@@ -69,10 +69,10 @@ impl LoopParams {
             .param(
                 &format!("{name}.constrained"),
                 Vec::<String>::new(),
-                &format!("Directions in which the second end is held to the first, in the first's axes: {all}"),
+                &format!("Directions in which the second end is fixed to the first, in the first's axes: {all}"),
             )
             .read_only()
-            .check(&format!("each one of {all}, none twice"), |texts| {
+            .check(&format!("each one of {all}, at most once"), |texts| {
                 for (i, text) in texts.iter().enumerate() {
                     choice::find(&Direction::NAMES, text)?;
                     if texts[..i].contains(text) {
@@ -115,7 +115,7 @@ impl LoopParams {
 impl EndParams {
     fn declare(declare: &mut Declare, key: &str, which: &str) -> Result<Self, String> {
         let link = declare
-            .param(key, "", &format!("Link that carries the {which} end"))
+            .param(key, "", &format!("Link that the {which} end is fixed to"))
             .read_only()
             .value();
         let position = format!("Position of the {which} end in its link's frame [m]");
@@ -126,7 +126,7 @@ impl EndParams {
         let rpy = declare_vector(declare, &format!("{key}_rpy"), &attitude);
         if link.is_empty() {
             return Err(format!(
-                "parameter {key} is not given; it must name the link that carries the {which} end of the closure"
+                "parameter {key} is not given; it must name the link that the {which} end of the closure is fixed to"
             ));
         }
         let rotation = Rotation3::from_euler_angles(rpy.x, rpy.y, rpy.z);
@@ -136,6 +136,7 @@ impl EndParams {
         })
     }
 
+    /// Moves a link's frame to this end.
     fn shift(&self, frame: &mut Frame) {
         frame.X_BF *= self.X_LE;
     }

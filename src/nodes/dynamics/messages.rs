@@ -1,4 +1,7 @@
 //! The world as messages.
+//!
+//! Messages that are published at every state are made once and updated in place (`update_...`), so that the names in them
+//! are not copied again.
 
 use super::{target::Target, world::World};
 use crate::{
@@ -13,10 +16,11 @@ use crate::{
 /// Name of the inertial frame.
 pub const WORLD: &str = "world";
 
-/// The robot's frames, sorted by what moves them.
+/// The robot's frames: those that joints move and those fixed to another frame.
 pub struct FrameTree {
-    /// Frames that joints move, each with the frame that it hangs from.
+    /// Frames that joints move, each with its parent frame.
     moving: Vec<(Frame, Frame)>,
+    /// Frames that do not move in their parent frame, each with it.
     fixed: Vec<(Frame, Frame)>,
     base: String,
 }
@@ -31,11 +35,11 @@ impl FrameTree {
                 .and_then(|name| model.frame(name))
                 .cloned()
         };
-        let hanging = model
+        let with_parents = model
             .frames()
             .iter()
             .filter_map(|f| Some((f.clone(), parent(f)?)));
-        let (fixed, moving) = hanging.partition(|(frame, parent)| frame.body == parent.body);
+        let (fixed, moving) = with_parents.partition(|(frame, parent)| frame.body == parent.body);
         Self {
             moving,
             fixed,
@@ -48,39 +52,56 @@ impl FrameTree {
         &self.base
     }
 
-    /// What `/tf_static` holds beside these targets.
+    /// The message on `/tf_static`.
     pub fn static_transforms(&self, targets: &[Target]) -> tf2_msgs::TFMessage {
         let robots = self.fixed.iter().map(|(frame, parent)| {
             let X_PF = parent.X_BF.inverse() * frame.X_BF;
-            transform(Time::ZERO, &parent.name, &frame.name, &X_PF)
+            transform(&parent.name, &frame.name, &X_PF)
         });
         let targets = targets.iter().flat_map(|target| {
             let frames = target.fixed_frames();
-            frames.map(|(name, X_TF)| transform(Time::ZERO, &target.name, &name, &X_TF))
+            frames.map(|(name, X_TF)| transform(&target.name, &name, &X_TF))
         });
         tf2_msgs::TFMessage {
             transforms: robots.chain(targets).collect(),
         }
     }
 
-    /// What `/tf` holds at `stamp`.
+    /// The message on `/tf` at `stamp`.
     pub fn transforms(&self, stamp: Time, world: &World) -> tf2_msgs::TFMessage {
+        let fixed = Pose::identity();
+        let base = std::iter::once((WORLD, self.base.as_str()));
+        let links = self.moving.iter();
+        let links = links.map(|(frame, parent)| (parent.name.as_str(), frame.name.as_str()));
+        let targets = world.targets.iter().map(|t| (WORLD, t.name.as_str()));
+        let frames = base.chain(links).chain(targets);
+        let mut message = tf2_msgs::TFMessage {
+            transforms: frames
+                .map(|(parent, child)| transform(parent, child, &fixed))
+                .collect(),
+        };
+        self.update_transforms(&mut message, stamp, world);
+        message
+    }
+
+    /// Updates a message of [`Self::transforms`] for a world with the same targets.
+    pub fn update_transforms(&self, message: &mut tf2_msgs::TFMessage, stamp: Time, world: &World) {
+        let pose_of = |body: &Floating| body.state().X_WB(body.workspace());
         let workspace = world.robot.workspace();
-        let mut transforms = Vec::with_capacity(1 + self.moving.len() + world.targets.len());
-        let X_WB = world.robot.state().X_WB(workspace);
-        transforms.push(transform(stamp, WORLD, &self.base, &X_WB));
-        for (frame, parent) in &self.moving {
-            let X_PF = workspace.X_BF(parent).inverse() * workspace.X_BF(frame);
-            transforms.push(transform(stamp, &parent.name, &frame.name, &X_PF));
+        let base = std::iter::once(pose_of(&world.robot));
+        let links = self.moving.iter();
+        let links =
+            links.map(|(frame, parent)| workspace.X_BF(parent).inverse() * workspace.X_BF(frame));
+        let targets = world.targets.iter().map(|target| pose_of(&target.body));
+        let poses = base.chain(links).chain(targets);
+        for (transform, X) in message.transforms.iter_mut().zip(poses) {
+            transform.header.stamp = stamp.into();
+            transform.transform = transform_to_msg(&X);
         }
-        for target in &world.targets {
-            let X_WT = target.body.state().X_WB(target.body.workspace());
-            transforms.push(transform(stamp, WORLD, &target.name, &X_WT));
-        }
-        tf2_msgs::TFMessage { transforms }
     }
 }
 
+/// A header.
 pub(super) fn header(stamp: Time, frame_id: &str) -> std_msgs::Header {
     std_msgs::Header {
         stamp: stamp.into(),
@@ -88,51 +109,147 @@ pub(super) fn header(stamp: Time, frame_id: &str) -> std_msgs::Header {
     }
 }
 
-fn transform(stamp: Time, parent: &str, child: &str, X: &Pose) -> geometry_msgs::TransformStamped {
+/// A transform with the stamp zero.
+fn transform(parent: &str, child: &str, X: &Pose) -> geometry_msgs::TransformStamped {
     geometry_msgs::TransformStamped {
-        header: header(stamp, parent),
+        header: header(Time::ZERO, parent),
         child_frame_id: child.to_owned(),
         transform: transform_to_msg(X),
     }
 }
 
-/// Joint positions, rates, and the mean efforts since the state before.
+/// Joint positions, joint rates, and the mean joint efforts between the last two states.
 pub fn joint_states(stamp: Time, base: &str, world: &World) -> sensor_msgs::JointState {
-    let state = world.robot.state();
     let joints = world.robot.model().joints();
-    sensor_msgs::JointState {
+    let zeros = vec![0.0; joints.len()];
+    let mut message = sensor_msgs::JointState {
         header: header(stamp, base),
         name: joints.iter().map(|j| j.name.clone()).collect(),
-        position: state.q.as_slice().to_vec(),
-        velocity: state.qd.as_slice().to_vec(),
-        effort: world.mean_efforts().to_vec(),
-    }
-}
-
-/// Pose in the world and twist in the body's own axes, as `nav_msgs/Odometry` wants it.
-pub fn odometry(stamp: Time, child: &str, body: &Floating) -> nav_msgs::Odometry {
-    let X_WB = body.state().X_WB(body.workspace());
-    let V_WB_B = body.workspace().V_WB_B();
-    let mut message = nav_msgs::Odometry {
-        header: header(stamp, WORLD),
-        child_frame_id: child.to_owned(),
-        ..nav_msgs::Odometry::default()
+        position: zeros.clone(),
+        velocity: zeros.clone(),
+        effort: zeros,
     };
-    message.pose.pose = pose_to_msg(&X_WB);
-    message.twist.twist.linear = vector_to_msg(&V_WB_B.linear);
-    message.twist.twist.angular = vector_to_msg(&V_WB_B.angular);
+    update_joint_states(&mut message, stamp, world);
     message
 }
 
-/// Momentum and energy as the bodies carry them, world axes.
+/// Updates a message of [`joint_states`].
+pub(super) fn update_joint_states(
+    message: &mut sensor_msgs::JointState,
+    stamp: Time,
+    world: &World,
+) {
+    let state = world.robot.state();
+    message.header.stamp = stamp.into();
+    message.position.copy_from_slice(state.q.as_slice());
+    message.velocity.copy_from_slice(state.qd.as_slice());
+    message.effort.copy_from_slice(world.mean_efforts());
+}
+
+/// Pose in the world, and twist in the body's own axes as `nav_msgs/Odometry` defines it.
+pub fn odometry(stamp: Time, child: &str, body: &Floating) -> nav_msgs::Odometry {
+    let mut message = odometry_message(child);
+    update_odometry(&mut message, stamp, body);
+    message
+}
+
+/// An odometry message of the frame `child`, to be updated.
+pub(super) fn odometry_message(child: &str) -> nav_msgs::Odometry {
+    nav_msgs::Odometry {
+        header: header(Time::ZERO, WORLD),
+        child_frame_id: child.to_owned(),
+        ..nav_msgs::Odometry::default()
+    }
+}
+
+/// Updates a message of [`odometry_message`].
+pub(super) fn update_odometry(message: &mut nav_msgs::Odometry, stamp: Time, body: &Floating) {
+    let X_WB = body.state().X_WB(body.workspace());
+    let V_WB_B = body.workspace().V_WB_B();
+    message.header.stamp = stamp.into();
+    message.pose.pose = pose_to_msg(&X_WB);
+    message.twist.twist.linear = vector_to_msg(&V_WB_B.linear);
+    message.twist.twist.angular = vector_to_msg(&V_WB_B.angular);
+}
+
+/// Momentum and kinetic energy, summed over the bodies, in world axes.
 pub fn momentum(stamp: Time, robot: &Floating) -> fuyu_msgs::Momentum {
+    let mut message = momentum_message();
+    update_momentum(&mut message, stamp, robot);
+    message
+}
+
+/// A momentum message, to be updated.
+pub(super) fn momentum_message() -> fuyu_msgs::Momentum {
+    fuyu_msgs::Momentum {
+        header: header(Time::ZERO, WORLD),
+        ..fuyu_msgs::Momentum::default()
+    }
+}
+
+/// Updates a message of [`momentum_message`].
+pub(super) fn update_momentum(message: &mut fuyu_msgs::Momentum, stamp: Time, robot: &Floating) {
     let (model, workspace) = (robot.model(), robot.workspace());
     let carried = workspace.carried_momentum(model);
     let R_WB = robot.state().R_WB;
-    fuyu_msgs::Momentum {
-        header: header(stamp, WORLD),
-        linear: vector_to_msg(&(R_WB * carried.linear)),
-        angular: vector_to_msg(&(R_WB * carried.angular)),
-        kinetic_energy: workspace.kinetic_energy(model),
+    message.header.stamp = stamp.into();
+    message.linear = vector_to_msg(&(R_WB * carried.linear));
+    message.angular = vector_to_msg(&(R_WB * carried.angular));
+    message.kinetic_energy = workspace.kinetic_energy(model);
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::nodes::scenario::Scenario;
+
+    fn world() -> World {
+        let scenario = Scenario::read("package://fuyu/config/servicing.yaml").unwrap();
+        let mut world = World::new(&scenario.dynamics().unwrap()).unwrap();
+        world.hold_efforts([(0, 5.0), (2, -1.0)]);
+        world.step_to_tick();
+        world
+    }
+
+    #[test]
+    fn updated_messages_equal_new_ones() {
+        let mut world = world();
+        let frames = FrameTree::new(world.robot.model());
+        let body = frames.base().to_owned();
+        let of = |stamp: Time, world: &World| {
+            (
+                joint_states(stamp, &body, world),
+                odometry(stamp, &body, &world.robot),
+                momentum(stamp, &world.robot),
+                frames.transforms(stamp, world),
+            )
+        };
+        let mut updated = of(Time::ZERO, &world);
+        world.step_to_tick();
+        let stamp = Time::from_secs_f64(world.time());
+        update_joint_states(&mut updated.0, stamp, &world);
+        update_odometry(&mut updated.1, stamp, &world.robot);
+        update_momentum(&mut updated.2, stamp, &world.robot);
+        frames.update_transforms(&mut updated.3, stamp, &world);
+        assert!(updated == of(stamp, &world));
+    }
+
+    // Would break if names were copied for every state.
+    #[test]
+    fn updates_do_not_allocate() {
+        let world = world();
+        let frames = FrameTree::new(world.robot.model());
+        let stamp = Time::from_secs_f64(world.time());
+        let mut joints = joint_states(stamp, frames.base(), &world);
+        let mut base = odometry(stamp, frames.base(), &world.robot);
+        let mut carried = momentum(stamp, &world.robot);
+        let mut tf = frames.transforms(stamp, &world);
+        let used = allocation_counter::measure(|| {
+            update_joint_states(&mut joints, stamp, &world);
+            update_odometry(&mut base, stamp, &world.robot);
+            update_momentum(&mut carried, stamp, &world.robot);
+            frames.update_transforms(&mut tf, stamp, &world);
+        });
+        assert_eq!(used.count_total, 0);
     }
 }

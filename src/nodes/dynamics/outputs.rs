@@ -1,45 +1,65 @@
-//! What the dynamics node publishes.
+//! Publishers of the dynamics node.
 
 use super::{
-    imu::imu,
-    messages::{FrameTree, joint_states, momentum, odometry},
+    imu::{imu_message, update_imu},
+    messages::{
+        FrameTree, joint_states, momentum_message, odometry_message, update_joint_states,
+        update_momentum, update_odometry,
+    },
     target::Target,
     world::World,
 };
 use crate::{
-    msg::{fuyu_msgs, nav_msgs, rosgraph_msgs, sensor_msgs, std_msgs, tf2_msgs},
+    msg::{Interface, fuyu_msgs, nav_msgs, rosgraph_msgs, sensor_msgs, std_msgs, tf2_msgs},
     nodes::topics,
     ros::{self, Node, NodeError, Publisher, Time},
 };
 
-/// Publishers of the dynamics node.
+/// Publishes the world. Messages are kept and updated in place: names in them do not change from state to state.
 pub struct Outputs {
-    /// The node's own clock: it does not hear its own `/clock`.
+    /// The node's clock, which is set here: the node does not receive its own `/clock`.
     time: ros::Clock,
     frames: FrameTree,
     clock: Publisher<rosgraph_msgs::Clock>,
-    joint_states: Publisher<sensor_msgs::JointState>,
-    odometry: Publisher<nav_msgs::Odometry>,
+    joint_states: Output<sensor_msgs::JointState>,
+    odometry: Output<nav_msgs::Odometry>,
     /// One for each target, in their order.
     targets: Vec<TargetOutputs>,
-    momentum: Publisher<fuyu_msgs::Momentum>,
-    imu: Publisher<sensor_msgs::Imu>,
-    tf: Publisher<tf2_msgs::TFMessage>,
+    momentum: Output<fuyu_msgs::Momentum>,
+    imu: Output<sensor_msgs::Imu>,
+    tf: Output<tf2_msgs::TFMessage>,
     tf_static: Publisher<tf2_msgs::TFMessage>,
-    /// Kept so that late joiners find the last message.
+    /// Kept so that late joiners receive the last message.
     _description: Publisher<std_msgs::String>,
+    /// Whether the world was changed, other than by a step, since it was published.
+    is_outdated: bool,
+}
+
+/// A publisher with the message that it sends.
+struct Output<M> {
+    publisher: Publisher<M>,
+    message: M,
+}
+
+impl<M: Interface> Output<M> {
+    /// Publishes the message with what `update` changes.
+    fn publish(&mut self, update: impl FnOnce(&mut M)) {
+        update(&mut self.message);
+        self.publisher.publish(&self.message);
+    }
 }
 
 /// Publishers of one target.
 struct TargetOutputs {
     name: String,
-    odometry: Publisher<nav_msgs::Odometry>,
+    odometry: Output<nav_msgs::Odometry>,
     description: Publisher<std_msgs::String>,
-    described: String,
+    /// The description that was published last.
+    published_description: String,
 }
 
 impl Outputs {
-    /// Advertises everything, and publishes what never changes.
+    /// Advertises all topics, and publishes what does not change with time.
     ///
     /// # Errors
     /// When the node cannot publish.
@@ -51,41 +71,68 @@ impl Outputs {
         });
         let tf_static = topics::TF_STATIC.advertise(node)?;
         tf_static.publish(&frames.static_transforms(&world.targets));
+        let (base, stamp) = (frames.base(), Time::ZERO);
         Ok(Self {
             time: node.clock().clone(),
-            frames,
             clock: topics::CLOCK.advertise(node)?,
-            joint_states: topics::JOINT_STATES.advertise(node)?,
-            odometry: topics::ODOMETRY.advertise(node)?,
+            joint_states: Output {
+                publisher: topics::JOINT_STATES.advertise(node)?,
+                message: joint_states(stamp, base, world),
+            },
+            odometry: Output {
+                publisher: topics::ODOMETRY.advertise(node)?,
+                message: odometry_message(base),
+            },
             targets: (world.targets.iter())
                 .map(|target| TargetOutputs::new(node, target))
                 .collect::<Result<_, _>>()?,
-            momentum: topics::MOMENTUM.advertise(node)?,
-            imu: topics::IMU.advertise(node)?,
-            tf: topics::TF.advertise(node)?,
+            momentum: Output {
+                publisher: topics::MOMENTUM.advertise(node)?,
+                message: momentum_message(),
+            },
+            imu: Output {
+                publisher: topics::IMU.advertise(node)?,
+                message: imu_message(base, world.imu()),
+            },
+            tf: Output {
+                publisher: topics::TF.advertise(node)?,
+                message: frames.transforms(stamp, world),
+            },
+            frames,
             tf_static,
             _description: latched_description,
+            is_outdated: false,
         })
     }
 
-    /// No topics for targets that are not there any more.
-    pub fn forget_targets(&mut self, world: &World) {
-        self.targets
-            .retain(|outputs| world.targets.iter().any(|t| t.name == outputs.name));
-        self.publish_fixed_frames(world);
+    /// The world was changed, other than by a step: it has to be published.
+    pub fn invalidate(&mut self) {
+        self.is_outdated = true;
     }
 
-    /// Topics for each target, those that are there already and new ones.
+    /// Whether the world was changed, other than by a step, since it was published.
+    pub fn is_outdated(&self) -> bool {
+        self.is_outdated
+    }
+
+    /// Ends the topics of targets that have been removed.
+    pub fn remove_targets(&mut self, world: &World) {
+        self.targets
+            .retain(|outputs| world.targets.iter().any(|t| t.name == outputs.name));
+        self.update_frames(world);
+    }
+
+    /// Advertises the topics of new targets, and ends those of targets that have been removed.
     ///
     /// # Errors
     /// When the node cannot publish.
-    pub fn follow_targets(&mut self, node: &Node, world: &World) -> Result<(), NodeError> {
+    pub fn replace_targets(&mut self, node: &Node, world: &World) -> Result<(), NodeError> {
         let mut before = std::mem::take(&mut self.targets);
         for target in &world.targets {
-            let there = before
+            let known = before
                 .iter()
                 .position(|outputs| outputs.name == target.name);
-            self.targets.push(match there {
+            self.targets.push(match known {
                 Some(i) => {
                     let mut outputs = before.swap_remove(i);
                     outputs.describe(target);
@@ -94,11 +141,13 @@ impl Outputs {
                 None => TargetOutputs::new(node, target)?,
             });
         }
-        self.publish_fixed_frames(world);
+        self.update_frames(world);
         Ok(())
     }
 
-    fn publish_fixed_frames(&self, world: &World) {
+    /// The targets have changed: so have the frames.
+    fn update_frames(&mut self, world: &World) {
+        self.tf.message = self.frames.transforms(Time::ZERO, world);
         self.tf_static
             .publish(&self.frames.static_transforms(&world.targets));
     }
@@ -106,24 +155,28 @@ impl Outputs {
     /// Publishes the world as it is. A state that is not finite is not published: it is an error.
     ///
     /// # Errors
-    /// Says when the numbers were lost and what helps.
-    pub fn publish(&self, world: &mut World) -> Result<(), NodeError> {
+    /// As [`World::check_finite`].
+    pub fn publish(&mut self, world: &mut World) -> Result<(), NodeError> {
         world.check_finite().map_err(NodeError::Failed)?;
+        self.is_outdated = false;
         let stamp = Time::from_secs_f64(world.time());
         self.time.drive(stamp);
         self.clock.publish(&rosgraph_msgs::Clock {
             clock: stamp.into(),
         });
         self.joint_states
-            .publish(&joint_states(stamp, self.frames.base(), world));
+            .publish(|message| update_joint_states(message, stamp, world));
         self.odometry
-            .publish(&odometry(stamp, self.frames.base(), &world.robot));
-        for (outputs, target) in self.targets.iter().zip(&world.targets) {
-            (outputs.odometry).publish(&odometry(stamp, &target.name, &target.body));
+            .publish(|message| update_odometry(message, stamp, &world.robot));
+        for (outputs, target) in self.targets.iter_mut().zip(&world.targets) {
+            (outputs.odometry).publish(|message| update_odometry(message, stamp, &target.body));
         }
-        self.momentum.publish(&momentum(stamp, &world.robot));
-        self.imu.publish(&imu(stamp, self.frames.base(), world));
-        self.tf.publish(&self.frames.transforms(stamp, world));
+        self.momentum
+            .publish(|message| update_momentum(message, stamp, &world.robot));
+        self.imu
+            .publish(|message| update_imu(message, stamp, world));
+        self.tf
+            .publish(|message| self.frames.update_transforms(message, stamp, world));
         Ok(())
     }
 }
@@ -132,19 +185,21 @@ impl TargetOutputs {
     fn new(node: &Node, target: &Target) -> Result<Self, NodeError> {
         let mut outputs = Self {
             name: target.name.clone(),
-            odometry: node.advertise(&target.odometry_topic(), topics::ODOMETRY.qos)?,
-            description: node
-                .advertise(&target.description_topic(), topics::ROBOT_DESCRIPTION.qos)?,
-            described: String::new(),
+            odometry: Output {
+                publisher: topics::TARGET_ODOMETRY.advertise(node, &target.name)?,
+                message: odometry_message(&target.name),
+            },
+            description: topics::TARGET_DESCRIPTION.advertise(node, &target.name)?,
+            published_description: String::new(),
         };
         outputs.describe(target);
         Ok(outputs)
     }
 
-    /// Tells what the target looks like, if that is new.
+    /// Publishes the target's description if it is new.
     fn describe(&mut self, target: &Target) {
-        if self.described != target.description {
-            self.described.clone_from(&target.description);
+        if self.published_description != target.description {
+            self.published_description.clone_from(&target.description);
             self.description.publish(&std_msgs::String {
                 data: target.description.clone(),
             });

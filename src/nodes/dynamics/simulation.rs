@@ -1,76 +1,37 @@
-//! The running simulation: when time goes on, what acts, and what is told of it.
+//! The simulation loop: waits until the next state may be simulated, steps to it and publishes it.
 
 use std::time::{Duration, Instant};
 
 use super::{
-    answers::Answers,
-    commander::Commander,
-    control::{Control, Stepping},
+    clock::{Phase, SimulationClock, long_wait},
+    command_handling::CommandHandler,
     outputs::Outputs,
-    pace::Pace,
     params::DynamicsParams,
+    robot_status::RobotStatus,
+    services::{self, Services, StepRequests},
+    time_status::TimeStatus,
     world::World,
 };
-use crate::{
-    msg::sensor_msgs::JointState,
-    nodes::topics,
-    ros::{Lifecycle, Node, NodeError, Status, Subscription, Time},
-};
+use crate::ros::{Lifecycle, Node, NodeError, Time};
 
-/// How often a state that waits for its answer is published again: the peer may have joined late.
-const REPEAT: Duration = Duration::from_millis(100);
+/// How often the present state is published again while time stands still: a peer may have joined late.
+const REPUBLISH_PERIOD: Duration = Duration::from_millis(100);
 
-/// A closed loop that is open by more is not simulated as it should be \[m or rad\].
-const LARGEST_GAP: f64 = 1e-6;
-
-/// What time does when nobody steps it.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Phase {
-    /// It stands still at the start.
-    Stopped,
-    /// It goes on.
-    Playing,
-    /// It stands still.
-    Paused,
-}
-
-/// The world, and whoever talks to it.
+/// The world, its clock, and what connects it to the graph.
+///
+/// Services see the parts between steps (`services`), never during one.
 pub struct Simulation<'a> {
     pub(super) node: &'a Node,
     lifecycle: &'a Lifecycle,
     pub(super) params: &'a DynamicsParams,
     pub(super) world: World,
+    pub(super) clock: SimulationClock,
+    pub(super) commands: CommandHandler,
     pub(super) outputs: Outputs,
-    pub(super) control: Control,
-    pub(super) phase: Phase,
-    /// Steps that somebody waits for.
-    pub(super) stepping: Option<Stepping>,
-    /// Whether a call has changed the world since it was published.
-    pub(super) changed: bool,
-    /// Whether a call wants the node to end.
-    pub(super) quitting: bool,
-    pub(super) commands: Subscription<JointState>,
-    pub(super) commander: Commander,
-    pub(super) command_status: Status,
-    time_status: Status,
-    limit_status: Status,
-    /// `None` without closed loops.
-    loop_status: Option<Status>,
-    /// Whether time may go on: it need not wait for a first command any more.
-    pub(super) started: bool,
-    /// Lockstep: whether the last state has its answer.
-    pub(super) answered: bool,
-    /// Whether time goes on since the pace was set, and has not begun anew.
-    paced: bool,
-    /// Simulated time at which the last valid command came \[s\].
-    pub(super) last_command: Option<f64>,
-    pub(super) refused: u64,
-    pub(super) refused_at: Option<Instant>,
-    pub(super) answers: Answers,
-    /// States for whose answers time has waited.
-    waited: u64,
-    pub(super) efforts: Vec<f64>,
-    pace: Pace,
+    pub(super) services: Services,
+    pub(super) steps: StepRequests,
+    time_status: TimeStatus,
+    robot_status: RobotStatus,
 }
 
 impl<'a> Simulation<'a> {
@@ -85,41 +46,15 @@ impl<'a> Simulation<'a> {
     ) -> Result<Self, NodeError> {
         let input = |e: String| NodeError::Input(format!("node {}: {e}", node.name()));
         let world = World::new(params).map_err(input)?;
-        announce(params, &world);
-        let diagnostics = node.diagnostics();
-        let commands = topics::JOINT_COMMANDS.subscribe(node)?;
-        let command_status = diagnostics.status("commands");
-        command_status.warn(format!(
-            "no command has arrived on {} yet",
-            commands.topic()
-        ));
+        log_world(params, &world);
         Ok(Self {
+            commands: CommandHandler::new(node, params)?,
             outputs: Outputs::new(node, &world, &params.robot.xml)?,
-            control: Control::new(node)?,
-            phase: match params.start_paused {
-                true => Phase::Paused,
-                false => Phase::Playing,
-            },
-            stepping: None,
-            changed: false,
-            quitting: false,
-            commands,
-            commander: Commander::new(Duration::from_secs_f64(params.command_timeout)),
-            command_status,
-            time_status: diagnostics.status("time"),
-            limit_status: diagnostics.status("limits"),
-            loop_status: (!params.loop_closures.is_empty())
-                .then(|| diagnostics.status("loop closures")),
-            started: !params.start_on_command,
-            answered: false,
-            paced: false,
-            last_command: None,
-            refused: 0,
-            refused_at: None,
-            answers: Answers::default(),
-            waited: 0,
-            efforts: vec![0.0; world.robot.model().dof()],
-            pace: Pace::new(params.real_time_factor),
+            services: Services::new(node)?,
+            steps: StepRequests::new(node)?,
+            clock: SimulationClock::new(params),
+            time_status: TimeStatus::new(node, params),
+            robot_status: RobotStatus::new(node, params),
             world,
             lifecycle,
             params,
@@ -135,84 +70,63 @@ impl<'a> Simulation<'a> {
         self.outputs.publish(&mut self.world)
     }
 
-    /// Time goes on to the next state, if it goes on, or else a while passes. Calls are answered meanwhile.
+    /// Advances to the next state, or waits until time may advance. Answers service calls meanwhile. Returns early when
+    /// the node stops or a transition of its lifecycle is requested.
     ///
     /// # Errors
     /// When the state is no longer finite.
-    pub fn turn(&mut self) -> Result<(), NodeError> {
-        let duration = self.params.duration;
-        if self.phase == Phase::Playing && self.is_over() {
-            self.phase = Phase::Paused;
-            self.time_status.ok(format!(
-                "the duration of {duration} s is over; time stands still"
-            ));
+    pub fn run_once(&mut self) -> Result<(), NodeError> {
+        if self.clock.phase() == Phase::Playing && self.clock.is_over(self.world.time()) {
+            self.clock.set_phase(Phase::Paused);
+            self.time_status.is_over(self.clock.duration());
         }
-        if !self.runs() {
-            self.paced = false;
-            return self.repeat_until(|s| {
+        if !self.may_advance() {
+            self.clock.interrupt();
+            return self.wait_until(|s| {
                 s.take_commands(f64::NEG_INFINITY);
-                s.runs()
+                s.may_advance()
             });
         }
-        if !self.started && self.stepping.is_none() {
-            self.time_status
-                .warn("time is held until the first command");
-            return self.repeat_until(|s| {
+        if !self.clock.is_released() && !self.steps.is_pending() {
+            self.time_status.is_held();
+            return self.wait_until(|s| {
                 s.take_commands(f64::NEG_INFINITY);
-                s.started || !s.runs() || s.stepping.is_some()
+                s.clock.is_released() || !s.may_advance() || s.steps.is_pending()
             });
         }
-        if !self.paced {
-            self.paced = true;
-            self.pace.start(self.world.time());
-        }
+        self.clock.run(self.world.time());
         if self.params.lockstep {
-            self.time_status.ok("lockstep");
-            self.await_answer()?;
-            self.await_pace()?;
+            self.time_status.in_lockstep();
+            self.wait_for_response()?;
+            self.wait_for_pace()?;
         } else {
-            self.await_tick()?;
+            self.wait_for_tick()?;
         }
-        // A call may have changed the state meanwhile, or begun it anew: then it waits for its own answer and time.
-        let settled = self.paced && (self.answered || !self.params.lockstep);
-        if settled && self.runs() && self.node.ok() {
+        // A service call may have paused, changed or restarted the simulation meanwhile.
+        if self.is_advancing() && self.commands.may_advance() && self.node.ok() {
             self.tick()?;
         }
         Ok(())
     }
 
-    /// Nothing is simulated, but calls are answered.
+    /// Answers service calls while the node is not active. Nothing is simulated.
     ///
     /// # Errors
     /// When the state is no longer finite.
     pub fn idle(&mut self) -> Result<(), NodeError> {
-        self.paced = false;
-        self.attend()?;
-        while self.commands.take().is_some() {}
-        self.time_status.warn("the node is not active");
-        self.node.wait_for(REPEAT);
+        self.clock.interrupt();
+        services::answer_calls(self)?;
+        self.commands.discard();
+        self.time_status.is_inactive();
+        self.node.wait_for(REPUBLISH_PERIOD);
         Ok(())
     }
 
-    /// Nothing drives the robot any more.
-    pub fn let_go(&mut self) {
-        self.efforts.fill(0.0);
+    /// The node is deactivated: the robot is halted, and requested steps end.
+    pub fn deactivate(&mut self) {
         self.world.halt();
-        self.answered = false;
-        self.commander.forget();
-        self.end_steps("the node was deactivated");
-    }
-
-    /// Whether the time to simulate is over.
-    pub(super) fn is_over(&self) -> bool {
-        let duration = self.params.duration;
-        duration > 0.0 && self.world.time() >= duration - 1e-9
-    }
-
-    /// Whether time goes on.
-    fn runs(&self) -> bool {
-        let goes_on = self.phase == Phase::Playing || self.stepping.is_some();
-        goes_on && self.is_active() && !self.lifecycle.is_asked()
+        self.commands.deactivate();
+        self.steps.end("the node was deactivated");
     }
 
     /// Whether the node may simulate.
@@ -222,188 +136,144 @@ impl<'a> Simulation<'a> {
 
     /// Time stands still from now on.
     pub(super) fn pause(&mut self, phase: Phase) {
-        self.phase = phase;
-        self.time_status.ok(match phase {
-            Phase::Stopped => "stopped",
-            _ => "paused",
-        });
+        self.clock.set_phase(phase);
+        self.time_status.stands_still(phase);
     }
 
-    /// What was to come belongs to a world that is no more.
-    pub(super) fn begin_anew(&mut self) {
-        while self.commands.take().is_some() {}
-        self.answers.begin_anew();
-        self.answered = false;
-        self.paced = false;
-        self.efforts.fill(0.0);
-        self.last_command = None;
-        self.started = !self.params.start_on_command;
-        self.commander.forget();
+    /// Time or state was reset: commands, pacing and responses start again.
+    pub(super) fn restart(&mut self) {
+        self.world.halt();
+        self.commands.restart();
+        self.clock.restart();
     }
 
-    /// The last state was changed: its answer is still to come.
-    pub(super) fn expect_answer(&mut self) {
-        self.answered = false;
+    /// Whether phase, requested steps and lifecycle let time advance.
+    fn may_advance(&self) -> bool {
+        let wanted = self.clock.phase() == Phase::Playing || self.steps.is_pending();
+        wanted && self.is_active() && !self.lifecycle.is_asked()
     }
 
-    fn tick(&mut self) -> Result<(), NodeError> {
-        self.check_command_age();
-        self.step();
-        self.started = true;
-        self.answered = false;
-        self.answers.expect(Time::from_secs_f64(self.world.time()));
-        self.outputs.publish(&mut self.world)?;
-        match self.world.beyond_limits() {
-            Some(problem) => self.limit_status.warn(problem),
-            None => self.limit_status.ok("within the joints' limits"),
+    /// Whether time still advances since [`SimulationClock::run`].
+    fn is_advancing(&self) -> bool {
+        self.may_advance() && self.clock.is_running()
+    }
+
+    /// Applies the commands that wait. Outside lockstep the world is first stepped to the simulated time `now` \[s\], so
+    /// that a command acts from the moment at which it arrived.
+    fn take_commands(&mut self, now: f64) {
+        while let Some(command) = self.commands.next(self.world.time()) {
+            if self.clock.is_released() && !self.params.lockstep {
+                self.world.step_within_tick(now);
+            }
+            if self.commands.apply(&command, &mut self.world) {
+                self.clock.release();
+            }
         }
-        self.report_loops();
-        self.report_time();
-        self.count_step();
+    }
+
+    /// Steps to the next state and publishes it.
+    fn tick(&mut self) -> Result<(), NodeError> {
+        self.commands.check_age(&mut self.world);
+        if let Err(problem) = self.world.step_to_tick_or_restore() {
+            self.commands.report_failure(&problem);
+        }
+        self.clock.release();
+        let time = self.world.time();
+        self.commands.expect_response(time);
+        self.publish()?;
+        self.robot_status.report(&self.world.robot);
+        if let Some(factor) = self.clock.achieved(time) {
+            self.time_status.achieved(time, factor);
+        }
+        if self.steps.count() {
+            self.pause(Phase::Paused);
+        }
         Ok(())
     }
 
-    fn report_loops(&self) {
-        let (Some(status), robot) = (&self.loop_status, &self.world.robot) else {
-            return;
-        };
-        let mut open = None;
-        for (closure, gap) in robot.loops().gaps(robot.workspace()) {
-            let (name, m, rad) = (&closure.name, gap.translation, gap.rotation);
-            status.set(&format!("{name} gap [m]"), format!("{m:.1e}"));
-            status.set(&format!("{name} gap [rad]"), format!("{rad:.1e}"));
-            if m.max(rad) > LARGEST_GAP {
-                open = Some(format!(
-                    "loop closure '{name}' is open by {m:.1e} m, {rad:.1e} rad: lower time_step"
-                ));
-            }
-        }
-        match open {
-            Some(problem) => status.warn(problem),
-            None => status.ok("closed"),
-        }
-    }
-
-    /// Steps to the next state. One that is not finite is given up: the robot stays as it was, with zero
-    /// efforts, and says so; whoever commands too much must not end the simulation for all others.
-    fn step(&mut self) {
-        let before = self.world.robot.state().clone();
-        self.world.step_to_tick();
-        if let Err(problem) = self.world.check_finite() {
-            self.efforts.fill(0.0);
-            self.world.robot.set_state(before);
-            self.world.hold_efforts(&self.efforts);
-            tracing::error!("{problem}; the robot stays as it was, efforts are zero");
-            self.command_status
-                .error(format!("{problem}; efforts are zero"));
-        }
-    }
-
-    /// Answers calls and publishes the state again and again, until `done` says so, the node is to stop or a
-    /// transition of its lifecycle is asked for.
-    fn repeat_until(&mut self, mut done: impl FnMut(&mut Self) -> bool) -> Result<(), NodeError> {
-        let mut next = Instant::now() + REPEAT;
+    /// Answers service calls, and publishes the state again and again, until `done`, the node stops or a transition of its
+    /// lifecycle is requested.
+    fn wait_until(&mut self, mut done: impl FnMut(&mut Self) -> bool) -> Result<(), NodeError> {
+        let mut next = Instant::now() + REPUBLISH_PERIOD;
         loop {
-            self.attend()?;
+            services::answer_calls(self)?;
             if !self.node.ok() || self.lifecycle.is_asked() || done(self) {
                 return Ok(());
             }
             self.node
                 .wait_for(next.saturating_duration_since(Instant::now()));
             if Instant::now() >= next {
-                self.outputs.publish(&mut self.world)?;
-                next += REPEAT;
+                self.publish()?;
+                next += REPUBLISH_PERIOD;
             }
         }
     }
 
-    /// Lockstep: waits for the command that carries this state's stamp.
-    fn await_answer(&mut self) -> Result<(), NodeError> {
+    /// Lockstep: waits for the command that carries the stamp of the present state.
+    fn wait_for_response(&mut self) -> Result<(), NodeError> {
         let since = Instant::now();
-        self.repeat_until(|s| {
-            if since.elapsed() > Duration::from_secs(1) {
-                let waited = since.elapsed().as_secs();
+        self.wait_until(|s| {
+            if let Some(seconds) = long_wait(since) {
                 let stamp = Time::from_secs_f64(s.world.time());
-                s.time_status.warn(format!(
-                    "lockstep: waiting for {waited} s for the command that answers the state of {stamp} s"
-                ));
+                s.time_status.waits_for_response(seconds, stamp);
             }
             s.take_commands(f64::NEG_INFINITY);
-            s.answered || !s.runs() || !s.paced
+            s.commands.may_advance() || !s.is_advancing()
         })
     }
 
-    /// Lockstep in real time: waits for the next state to be due.
-    fn await_pace(&mut self) -> Result<(), NodeError> {
-        let due = self.pace.instant(self.world.next_tick());
-        while self.node.ok() && self.runs() && self.paced && Instant::now() < due {
+    /// Lockstep in real time: waits until the next state is due.
+    fn wait_for_pace(&mut self) -> Result<(), NodeError> {
+        let due = self.clock.due(self.world.next_tick());
+        while self.node.ok() && self.is_advancing() && Instant::now() < due {
             self.node
                 .wait_for(due.saturating_duration_since(Instant::now()));
-            self.attend()?;
+            services::answer_calls(self)?;
         }
         Ok(())
     }
 
-    /// Real time: lets commands act as they arrive, until the next state is due, or longer while the answer
-    /// to the last one is.
-    fn await_tick(&mut self) -> Result<(), NodeError> {
-        let due = self.pace.instant(self.world.next_tick());
-        let patience = due + Duration::from_secs_f64(self.params.answer_timeout);
-        let mut late = false;
+    /// Real time: applies commands as they arrive until the next state is due, or until `answer_timeout` after that while
+    /// the response to the present state is due.
+    fn wait_for_tick(&mut self) -> Result<(), NodeError> {
+        let due = self.clock.due(self.world.next_tick());
+        let latest = due + Duration::from_secs_f64(self.params.answer_timeout);
+        let mut is_late = false;
         loop {
-            self.attend()?;
-            if !self.runs() || !self.paced {
+            services::answer_calls(self)?;
+            if !self.is_advancing() {
                 break;
             }
-            self.take_commands(self.pace.time(Instant::now()));
+            self.take_commands(self.clock.time_of(Instant::now()));
             let now = Instant::now();
-            let end = match now >= due && self.answers.due() {
-                true => patience,
+            let end = match now >= due && self.commands.response_is_due() {
+                true => latest,
                 false => due,
             };
             if now >= end {
                 break;
             }
-            late |= now >= due;
+            is_late |= now >= due;
             if !self.node.wait_for(end - now) {
                 break;
             }
         }
-        self.waited += u64::from(late);
-        Ok(())
-    }
-
-    fn report_time(&mut self) {
-        if let Some(achieved) = self.pace.achieved(self.world.time()) {
-            self.time_status
-                .set("simulated time [s]", format!("{:.2}", self.world.time()));
-            self.time_status
-                .set("real time factor", format!("{achieved:.3}"));
-            self.time_status
-                .set("states that waited for their answer", self.waited);
-            let wanted = self.params.real_time_factor;
-            if self.params.lockstep || wanted == 0.0 {
-                return;
-            }
-            if achieved < 0.95 * wanted {
-                self.time_status
-                    .warn(format!("slower than the real_time_factor of {wanted}"));
-            } else {
-                self.time_status.ok("in time");
-            }
+        if is_late {
+            self.time_status.count_late_response();
         }
+        Ok(())
     }
 }
 
-/// What the log should say of a world.
-fn announce(params: &DynamicsParams, world: &World) {
+/// Logs what the world contains, and what of it cannot be simulated as described.
+fn log_world(params: &DynamicsParams, world: &World) {
     let robot = world.robot.model();
     if let Some(missing) = world.not_simulated() {
         tracing::warn!("{}: {missing}", params.robot.source);
     }
     if params.state_rate > 100.0 && !params.lockstep {
         tracing::warn!(
-            "state_rate is {} Hz: above 100 Hz a subscriber that dies without a word slows the others for about a minute",
+            "state_rate is {} Hz: above 100 Hz a subscriber that dies without notice slows the others for about a minute",
             params.state_rate
         );
     }
@@ -417,7 +287,7 @@ fn announce(params: &DynamicsParams, world: &World) {
         );
     }
     tracing::info!(
-        "{}: {} bodies, {} joints, {} kg; {} free bodies beside it",
+        "{}: {} bodies, {} joints, {} kg; {} other free bodies",
         params.robot.source,
         robot.bodies().len(),
         robot.dof(),

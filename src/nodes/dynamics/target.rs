@@ -1,36 +1,36 @@
-//! A free body beside the robot, under its own name: topics, frames, description.
+//! A free body: its motion, and its name, frames and description.
 
 use roxmltree::{Document, Node};
 
-use super::params::{Description, Motion};
+use super::params::{Description, InitialMotion};
 use crate::{
     dynamics::{Floating, Method, State},
     spatial::Pose,
 };
 
-/// A free body beside the robot.
+/// A free body.
 pub struct Target {
     /// Its name and frame.
     pub name: String,
     /// The body.
     pub body: Floating,
-    /// Its description as URDF, for people to look at: the root link is called `name`, any other link L `name/L`, as
-    /// their frames are. Two targets of one description thus share no frame.
+    /// Its description as URDF, for viewers: the root link is called `name`, any other link L `name/L`, as their frames
+    /// are. Two targets with one description thus share no frame.
     pub description: String,
-    /// Whether it came after the start.
+    /// Whether it was added after the start.
     pub spawned: bool,
     start: State,
 }
 
 impl Target {
-    /// The free body that `description` tells of.
+    /// The free body that `description` describes.
     ///
     /// # Errors
-    /// A line that names the description's source: it is not sound, or not a single body.
+    /// A line that names the description's source, if it is invalid or has joints.
     pub fn new(
         name: &str,
         description: &Description,
-        motion: &Motion,
+        motion: &InitialMotion,
         method: Method,
     ) -> Result<Self, String> {
         let model = description.compile()?;
@@ -46,54 +46,27 @@ impl Target {
         Ok(Self {
             name: name.to_owned(),
             body: Floating::new(model, start.clone(), method),
-            description: under(name, &description.xml),
+            description: with_link_names(name, &description.xml),
             spawned: false,
             start,
         })
     }
 
-    /// Is where it was at the start, or where it was put, and moves so.
+    /// Returns to its state at the start, or in which it was spawned.
     pub fn reset(&mut self) {
         self.body.set_state(self.start.clone());
     }
 
-    /// Topic of its odometry.
-    pub fn odometry_topic(&self) -> String {
-        odometry_topic(&self.name)
-    }
-
-    /// Topic of its description.
-    pub fn description_topic(&self) -> String {
-        description_topic(&self.name)
-    }
-
-    /// Frames fixed in its own: name and pose.
+    /// Frames fixed in its root frame: name and pose in it.
     pub fn fixed_frames(&self) -> impl Iterator<Item = (String, Pose)> + '_ {
         let links = self.body.model().frames().iter().skip(1);
         links.map(|link| (format!("{}/{}", self.name, link.name), link.X_BF))
     }
 }
 
-/// Topic of the odometry of the target called `name`, in its namespace if the name has one.
-pub fn odometry_topic(name: &str) -> String {
-    topic(name, "odom")
-}
-
-/// Topic of its description.
-pub fn description_topic(name: &str) -> String {
-    topic(name, "robot_description")
-}
-
-fn topic(name: &str, what: &str) -> String {
-    match name.rsplit_once('/') {
-        Some((namespace, name)) => format!("{namespace}/ground_truth/{name}/{what}"),
-        None => format!("ground_truth/{name}/{what}"),
-    }
-}
-
-/// A sound URDF with its links renamed: the root to `name`, any other to `name/L`.
-fn under(name: &str, xml: &str) -> String {
-    // The model was made of it: it is XML.
+/// A valid URDF with its links renamed: the root link to `name`, any other link L to `name/L`.
+fn with_link_names(name: &str, xml: &str) -> String {
+    // A model has been compiled from it: it is XML.
     let Ok(document) = Document::parse(xml) else {
         return xml.to_owned();
     };
@@ -112,7 +85,7 @@ fn under(name: &str, xml: &str) -> String {
         .chain(ends("child").map(|e| (e, "link")))
         .chain(elements("gazebo").map(|e| (e, "reference")))
         .filter_map(|(element, key): (Node, _)| element.attribute_node(key));
-    // References of Gazebo may be to joints, which keep their names.
+    // Gazebo's references may be to joints, which keep their names.
     let mut mentions: Vec<_> = mentions.filter(|a| links.contains(&a.value())).collect();
     mentions.sort_by_key(|attribute| attribute.range_value().start);
     let mut renamed = String::with_capacity(xml.len() + mentions.len() * (name.len() + 1));
@@ -143,10 +116,10 @@ mod tests {
         <gazebo reference="mast"/>
     </robot>"#;
 
-    // Breaks when a link is left behind, or when a joint or a comment of a link's name is taken for the link.
+    // Would break if a link kept its name, or if a joint or a comment with a link's name were taken for the link.
     #[test]
-    fn links_are_called_by_the_entity() {
-        let renamed = under("far/debris", STATION);
+    fn links_are_named_after_the_target() {
+        let renamed = with_link_names("far/debris", STATION);
         assert_eq!(
             renamed,
             STATION
@@ -165,7 +138,7 @@ mod tests {
             xml: STATION.to_owned(),
             source: "station".to_owned(),
         };
-        let motion = Motion {
+        let motion = InitialMotion {
             pose: nalgebra::Isometry3::identity(),
             velocity_W: nalgebra::Vector3::zeros(),
             angular_velocity_B: nalgebra::Vector3::zeros(),
@@ -175,9 +148,5 @@ mod tests {
         assert_eq!(frames.len(), 1);
         assert_eq!(frames[0].0, "debris/mast");
         assert_eq!(frames[0].1.translation.vector.z, 3.0);
-        assert_eq!(
-            target.description_topic(),
-            "ground_truth/debris/robot_description"
-        );
     }
 }

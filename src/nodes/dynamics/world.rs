@@ -1,20 +1,17 @@
 //! The simulated world: the robot and the free bodies, at one time.
 
 use super::imu::ImuParams;
+use super::joint_drive::{DriveMode, JointDrive, step_count};
 use super::loops::LoopParams;
 use super::params::{DynamicsParams, joint_vector};
 use super::target::Target;
+use super::tick_time::TickTime;
 use crate::{
-    control::VelocityServo,
     dynamics::{Floating, FormulationKind, State},
     nodes::choice,
 };
 
-/// Length of the servo's steps over the time constant of its fastest motion at the start: it overshoots beyond one, and
-/// is unstable beyond two.
-const SERVO_STEP: f64 = 0.5;
-
-/// The robot and the free bodies. They meet in nothing but time.
+/// The robot and the free bodies. They share nothing but time.
 pub struct World {
     /// The robot.
     pub robot: Floating,
@@ -22,22 +19,13 @@ pub struct World {
     pub targets: Vec<Target>,
     /// The robot's state at the start.
     start: State,
+    /// The last finite state of the robot before the present one.
+    last_finite: State,
+    drive: JointDrive,
     imu: ImuParams,
-    /// Drives the joints' rates while `rates_driven`; else efforts are held.
-    servo: VelocityServo,
-    rates_driven: bool,
-    /// Longest step that the servo bears \[s\].
-    servo_step: f64,
+    time: TickTime,
+    /// Longest integration step \[s\].
     time_step: f64,
-    /// Time is counted in steps of this, so that states fall on exact multiples \[s\].
-    period: f64,
-    ticks: u64,
-    /// How far past the last tick the world is \[s\].
-    past_tick: f64,
-    /// Joint efforts summed over time since the last tick \[N m s or N s\].
-    impulses: Vec<f64>,
-    /// Mean joint efforts between the last two ticks.
-    mean_efforts: Vec<f64>,
 }
 
 impl World {
@@ -71,36 +59,37 @@ impl World {
                 params.method,
             )
         });
-        let zeros = vec![0.0; robot.model().dof()];
-        let servo = VelocityServo::new(robot.model(), params.servo.clone())
-            .map_err(|e| format!("parameter velocity_servo.{e}"))?;
-        let fastest = servo.fastest(robot.model(), &robot.state().q);
         Ok(Self {
-            servo,
-            rates_driven: false,
-            servo_step: SERVO_STEP / fastest,
-            impulses: zeros.clone(),
-            mean_efforts: zeros,
+            drive: JointDrive::new(&robot, &params.servo)?,
             start: robot.state().clone(),
+            last_finite: robot.state().clone(),
             robot,
             targets: targets.collect::<Result<_, _>>()?,
             imu: params.imu,
+            time: TickTime::new(params.state_rate),
             time_step: params.time_step,
-            period: 1.0 / params.state_rate,
-            ticks: 0,
-            past_tick: 0.0,
         })
     }
 
     /// Time \[s\].
     pub fn time(&self) -> f64 {
-        self.tick_time(self.ticks) + self.past_tick
+        self.time.now()
     }
 
-    /// Position of the target called `name` among the targets.
+    /// Time of the next state to publish \[s\].
+    pub(super) fn next_tick(&self) -> f64 {
+        self.time.next_tick()
+    }
+
+    /// Number of the last state that was due for publication.
+    pub(super) fn ticks(&self) -> u64 {
+        self.time.ticks()
+    }
+
+    /// Index of the target called `name`.
     ///
     /// # Errors
-    /// Says which targets there are.
+    /// A line that lists the targets there are.
     pub fn target_index(&self, name: &str) -> Result<usize, String> {
         let found = self.targets.iter().position(|t| t.name == name);
         found.ok_or_else(|| {
@@ -112,89 +101,45 @@ impl World {
         })
     }
 
-    /// Time begins at zero again.
-    pub fn reset_time(&mut self) {
-        (self.ticks, self.past_tick) = (0, 0.0);
+    /// Time is zero again; the bodies stay as they are.
+    pub(super) fn reset_time(&mut self) {
+        self.time.reset();
     }
 
-    /// Robot and free bodies are where they were at the start, or where they were put, and move so. Nothing
-    /// acts on them.
-    pub fn reset_state(&mut self) {
+    /// Robot and free bodies return to their states at the start, or to those in which they were spawned. Nothing acts
+    /// on them.
+    pub(super) fn reset_state(&mut self) {
         self.robot.set_state(self.start.clone());
-        self.rates_driven = false;
-        self.servo.reset();
-        self.servo.halt();
-        self.robot.release();
-        self.impulses.fill(0.0);
-        self.mean_efforts.fill(0.0);
+        self.drive.reset(&mut self.robot);
         for target in &mut self.targets {
             target.reset();
         }
     }
 
-    /// Which state this is, or was the last before now.
-    pub fn ticks(&self) -> u64 {
-        self.ticks
-    }
-
-    /// How good the inertial measurement unit is.
-    pub fn imu(&self) -> &ImuParams {
+    /// Errors of the inertial measurement unit.
+    pub(super) fn imu(&self) -> &ImuParams {
         &self.imu
     }
 
-    /// Time of the next state to publish \[s\].
-    pub fn next_tick(&self) -> f64 {
-        self.tick_time(self.ticks + 1)
-    }
-
-    fn tick_time(&self, ticks: u64) -> f64 {
-        ticks as f64 * self.period
-    }
-
-    /// What of the robot's description is not simulated, in words; `None` if all of it is.
+    /// What the robot's description contains but is not simulated, as a line; `None` if all of it is.
     pub fn not_simulated(&self) -> Option<String> {
         let joints = self.robot.model().joints().iter();
-        let rough: Vec<_> = joints
+        let with_friction: Vec<_> = joints
             .filter(|j| j.friction != 0.0)
             .map(|j| j.name.as_str())
             .collect();
-        (!rough.is_empty()).then(|| {
+        (!with_friction.is_empty()).then(|| {
             format!(
                 "Coulomb friction of {} is not simulated; damping is",
-                rough.join(", ")
+                with_friction.join(", ")
             )
         })
     }
 
-    /// A joint that is beyond its limits, in words. Nothing stops it there: limits of position and
-    /// speed are told, not enforced.
-    pub fn beyond_limits(&self) -> Option<String> {
-        let state = self.robot.state();
-        let joints = self.robot.model().joints().iter();
-        joints
-            .zip(state.q.iter().zip(&state.qd))
-            .find_map(|(joint, (q, qd))| {
-                let (name, limits) = (&joint.name, &joint.limits);
-                if *q < limits.lower || *q > limits.upper {
-                    let (lower, upper) = (limits.lower, limits.upper);
-                    Some(format!(
-                        "joint '{name}' is at {q:.4}, beyond its limits {lower} to {upper}"
-                    ))
-                } else if qd.abs() > limits.velocity {
-                    let limit = limits.velocity;
-                    Some(format!(
-                        "joint '{name}' moves at {qd:.4}, faster than its limit {limit}"
-                    ))
-                } else {
-                    None
-                }
-            })
-    }
-
-    /// Refuses a world that has lost its numbers.
+    /// Checks that all states are finite.
     ///
     /// # Errors
-    /// Says when, and what helps.
+    /// A line with the time and what helps.
     pub fn check_finite(&self) -> Result<(), String> {
         let targets = self.targets.iter().map(|t| &t.body);
         if std::iter::once(&self.robot)
@@ -212,91 +157,144 @@ impl World {
 
     /// Steps to the next tick.
     pub fn step_to_tick(&mut self) {
-        self.step_by(self.period - self.past_tick);
-        self.ticks += 1;
-        self.past_tick = 0.0;
-        for (mean, impulse) in self.mean_efforts.iter_mut().zip(&mut self.impulses) {
-            *mean = *impulse / self.period;
-            *impulse = 0.0;
+        let seconds = self.time.advance_to_tick();
+        self.step_by(seconds);
+        self.drive.finish_tick(self.time.period());
+    }
+
+    /// Steps to the next tick. If a state is not finite then, the robot gets its last finite state and zero efforts, so
+    /// that a commander that asks for too much does not end the simulation for all others.
+    ///
+    /// # Errors
+    /// As [`Self::check_finite`] before the robot's state was replaced.
+    pub(super) fn step_to_tick_or_restore(&mut self) -> Result<(), String> {
+        self.step_to_tick();
+        self.check_finite().inspect_err(|_| {
+            self.robot.set_state(self.last_finite.clone());
+            self.drive.release(&mut self.robot);
+            self.drive.discard_efforts();
+        })
+    }
+
+    /// Steps to `time` \[s\], but not beyond the next tick. Does nothing if `time` is in the past.
+    pub(super) fn step_within_tick(&mut self, time: f64) {
+        if let Some(seconds) = self.time.advance_within_tick(time) {
+            self.step_by(seconds);
         }
     }
 
-    /// Mean joint efforts over the time since the tick before \[N m or N\]: what acted, whenever in
-    /// between commands came.
-    pub fn mean_efforts(&self) -> &[f64] {
-        &self.mean_efforts
+    /// Mean joint efforts between the last two ticks \[N m or N\].
+    pub(super) fn mean_efforts(&self) -> &[f64] {
+        self.drive.mean_efforts()
     }
 
-    /// Steps to `time` \[s\], which lies between now and the next tick.
-    pub fn step_within_tick(&mut self, time: f64) {
-        let past = (time - self.tick_time(self.ticks)).min(self.period);
-        if past > self.past_tick {
-            self.step_by(past - self.past_tick);
-            self.past_tick = past;
-        }
+    /// Holds joint `efforts` (joint index, effort \[N m or N\]) from now on, cut to the joints' limits. Other joints keep
+    /// their effort, or get zero if rates were driven until now. Returns whether any was cut.
+    pub fn hold_efforts(&mut self, efforts: impl IntoIterator<Item = (usize, f64)>) -> bool {
+        self.drive.hold_efforts(&mut self.robot, efforts)
     }
 
-    /// Holds joint efforts from now on, as [`Floating::hold_efforts`]; rates are not driven any more.
-    pub fn hold_efforts(&mut self, efforts: &[f64]) -> bool {
-        self.rates_driven = false;
-        self.robot.hold_efforts(efforts)
+    /// Lets a servo drive the joints to `rates` (joint index, rate \[rad/s or m/s\]) from now on, cut to the joints'
+    /// limits. Other joints keep their reference, or get zero if efforts were held until now. Returns whether any was cut.
+    pub fn drive_rates(&mut self, rates: impl IntoIterator<Item = (usize, f64)>) -> bool {
+        self.drive.drive_rates(&self.robot, rates)
     }
 
-    /// Lets the servo drive the joints' rates from now on: those of `rates` (joint index, rate) to these \[rad/s or
-    /// m/s\], cut to the joints' limits, the others as before or, if efforts were held until now, to zero. Returns
-    /// whether any was cut.
-    pub fn drive_rates(&mut self, rates: &[(usize, f64)]) -> bool {
-        if !self.rates_driven {
-            self.rates_driven = true;
-            self.servo.reset();
-        }
-        let model = self.robot.model();
-        let mut cut = false;
-        for &(joint, rate) in rates {
-            cut |= self.servo.refer(model, joint, rate);
-        }
-        cut
+    /// What the joints' drives do.
+    pub(super) fn drive_mode(&self) -> DriveMode {
+        self.drive.mode()
     }
 
-    /// Whether rates are driven, not efforts held.
-    pub fn rates_driven(&self) -> bool {
-        self.rates_driven
-    }
-
-    /// What is done without a command: driven rates become zero, held efforts too.
-    pub fn halt(&mut self) {
-        self.servo.halt();
-        if !self.rates_driven {
-            self.robot.release();
-        }
+    /// Puts the joints' drives into their safe state, as [`JointDrive::halt`].
+    pub(super) fn halt(&mut self) {
+        self.drive.halt(&mut self.robot);
     }
 
     fn step_by(&mut self, seconds: f64) {
-        // A rounding more than a whole number of steps must not cost one more.
-        let count = |longest: f64| (seconds / longest - 1e-6).ceil().max(1.0) as usize;
-        let steps = count(self.time_step);
-        if self.rates_driven {
-            let steps = count(self.time_step.min(self.servo_step));
-            let dt = seconds / steps as f64;
-            for _ in 0..steps {
-                let (model, state) = (self.robot.model(), self.robot.state());
-                let efforts = self.servo.efforts(model, state, dt);
-                self.robot.hold_efforts(efforts.as_slice());
-                self.count_impulses(dt);
-                self.robot.step(dt, 1);
-            }
-        } else {
-            self.count_impulses(seconds);
-            self.robot.step(seconds / steps as f64, steps);
+        if self.robot.state().is_finite() {
+            self.last_finite.copy_from(self.robot.state());
         }
+        (self.drive).step(&mut self.robot, seconds, self.time_step);
+        let steps = step_count(seconds, self.time_step);
         for target in &mut self.targets {
             target.body.step(seconds / steps as f64, steps);
         }
     }
+}
 
-    fn count_impulses(&mut self, seconds: f64) {
-        for (impulse, effort) in self.impulses.iter_mut().zip(self.robot.efforts().iter()) {
-            *impulse += effort * seconds;
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::nodes::scenario::Scenario;
+
+    fn world(config: &str) -> World {
+        let scenario = Scenario::read(&format!("package://fuyu/config/{config}.yaml")).unwrap();
+        World::new(&scenario.dynamics().unwrap()).unwrap()
+    }
+
+    #[test]
+    fn a_state_that_is_not_finite_is_replaced_by_the_last_finite_one() {
+        let mut world = world("positioning");
+        world.hold_efforts([(0, 1.0)]);
+        world.step_to_tick_or_restore().unwrap();
+        let finite = world.robot.state().clone();
+        world.robot.input_mut().efforts[0] = f64::NAN;
+        // The step before the tick makes it not finite already.
+        world.step_within_tick(0.015);
+        assert!(!world.robot.state().is_finite());
+        let problem = world.step_to_tick_or_restore().unwrap_err();
+        assert!(problem.contains("no longer finite at 0.020 s"), "{problem}");
+        assert_eq!(*world.robot.state(), finite);
+        assert_eq!(world.robot.efforts().amax(), 0.0);
+        assert!(world.mean_efforts().iter().all(|effort| *effort == 0.0));
+        world.step_to_tick_or_restore().unwrap();
+        assert_eq!(world.ticks(), 3);
+    }
+
+    // Would break if a command in the middle of a period cost an integration step more in a free body.
+    #[test]
+    fn steps_within_a_period_end_at_the_same_tick() {
+        let mut world = world("servicing");
+        world.step_within_tick(0.004);
+        world.step_within_tick(0.002);
+        assert_eq!(world.time(), 0.004);
+        world.step_to_tick();
+        assert_eq!((world.time(), world.ticks()), (0.01, 1));
+        assert!((world.robot.state().time - 0.01).abs() < 1e-15);
+        assert!((world.targets[0].body.state().time - 0.01).abs() < 1e-15);
+    }
+
+    // Would break if a step copied states or efforts into new memory.
+    #[test]
+    fn steps_and_commands_do_not_allocate() {
+        let mut world = world("servicing");
+        let mut steps = || {
+            world.hold_efforts([(0, 0.1)]);
+            world.step_within_tick(world.time() + 0.003);
+            world.step_to_tick_or_restore().unwrap();
+            world.drive_rates([(1, 0.01)]);
+            world.step_to_tick_or_restore().unwrap();
+        };
+        steps();
+        assert_eq!(allocation_counter::measure(steps).count_total, 0);
+    }
+
+    #[test]
+    fn a_reset_restores_the_start() {
+        let mut world = world("servicing");
+        let start = (
+            world.robot.state().clone(),
+            world.targets[0].body.state().clone(),
+        );
+        world.drive_rates([(0, 0.1)]);
+        for _ in 0..10 {
+            world.step_to_tick();
         }
+        world.reset_time();
+        world.reset_state();
+        assert_eq!(*world.robot.state(), start.0);
+        assert_eq!(*world.targets[0].body.state(), start.1);
+        assert_eq!((world.time(), world.drive_mode()), (0.0, DriveMode::Effort));
+        assert!(world.mean_efforts().iter().all(|effort| *effort == 0.0));
     }
 }

@@ -1,20 +1,22 @@
-//! What diagnostics say of the motion.
+//! Diagnostics of the motion.
 
-use super::belief::{Belief, Source, TELLING};
-use crate::{estimation::filter::Update, ros::Status};
+use crate::{
+    estimation::{MIN_KNOWN_POINTS, MotionSource, MotionTracker, filter::Update},
+    ros::Status,
+};
 
-/// Tells how well the motion at `time` \[s\] is known; `unsolved` is why the last batch has no solution.
-pub fn tell(status: &Status, belief: &Belief, time: f64, unsolved: Option<&str>) {
-    let (motion, batch) = (belief.motion(), belief.batch());
+/// Reports the motion at `time` \[s\] and how well it is known; `failure`: why the last batch has no solution.
+pub fn report(status: &Status, tracker: &MotionTracker, time: f64, failure: Option<&str>) {
+    let (motion, batch) = (tracker.motion(), tracker.batch());
     let model = motion.model().name();
     let mut remarks = batch.estimated.diagnosis.clone();
-    remarks.extend(unsolved.map(|why| format!("the motion before stays: {why}")));
-    let source = belief.source(time);
-    if source == Source::Coasting {
-        let seconds = time - belief.corrected();
+    remarks.extend(failure.map(|why| format!("the previous motion is kept: {why}")));
+    let source = tracker.source(time);
+    if source == MotionSource::Coasting {
+        let seconds = time - tracker.corrected();
         remarks.push(format!(
             "coasting for {seconds:.1} s: {}",
-            why(belief.last())
+            reason(tracker.last_update())
         ));
     }
     match remarks.as_slice() {
@@ -32,22 +34,22 @@ pub fn tell(status: &Status, belief: &Belief, time: f64, unsolved: Option<&str>)
         "age of the batch [s]",
         format!("{:.1}", time - batch.span.1),
     );
-    status.set("frames", belief.frames());
-    if let Some(last) = belief.last() {
+    status.set("frames", tracker.frames());
+    if let Some(last) = tracker.last_update() {
         status.set("features used", last.used);
         status.set("features that do not fit", last.rejected);
         status.set("features not known yet", last.unknown);
     }
 }
 
-/// Why the filter was not corrected.
-fn why(last: Option<&Update>) -> &'static str {
+/// Why the newest frame did not correct the filter.
+fn reason(last: Option<&Update>) -> &'static str {
     match last {
-        Some(Update { rejected, .. }) if *rejected >= TELLING => {
-            "the features are not where they should be"
+        Some(Update { rejected, .. }) if *rejected >= MIN_KNOWN_POINTS => {
+            "the features contradict the motion"
         }
         Some(Update { unknown, .. }) if *unknown > 0 => {
-            "the features are not those of the structure"
+            "no feature is a point of the known structure"
         }
         _ => "no features",
     }

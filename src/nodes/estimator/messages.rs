@@ -1,28 +1,28 @@
-//! Estimates as messages. All of one time are in the camera's axes C as they are at that time.
+//! Estimates as messages. All messages of one time are in the camera's axes C at that time.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::belief::Belief;
 use crate::{
+    estimation::MotionTracker,
     msg::{fuyu_msgs, geometry_msgs, nav_msgs, std_msgs::Header},
     nodes::geometry::{quaternion_to_msg, vector_to_msg},
     ros::Time,
     spatial::unwound,
 };
 
-/// What the motion is at one moment, for those who look from a camera there.
-pub struct Moment<'a> {
+/// The motion at one time, as seen from the camera at that time.
+pub struct Snapshot<'a> {
     /// The motion.
-    pub belief: &'a Belief,
+    pub tracker: &'a MotionTracker,
     /// The time \[s\].
     pub time: f64,
     /// Name of the camera's optical frame.
     pub camera: &'a str,
-    /// Attitude of the camera at that time in the axes of the motion.
+    /// Attitude of the camera at that time in the inertial axes of the motion.
     pub R_IC: UnitQuaternion<f64>,
 }
 
-impl Moment<'_> {
+impl Snapshot<'_> {
     fn header(&self, time: f64) -> Header {
         Header {
             stamp: Time::from_secs_f64(time).into(),
@@ -30,18 +30,18 @@ impl Moment<'_> {
         }
     }
 
-    /// Attitude of the body's lasting axes F at `time` \[s\].
+    /// Attitude `R_CF` of the persistent body axes F at `time` \[s\].
     fn attitude(&self, time: f64) -> UnitQuaternion<f64> {
-        self.R_IC.inverse() * self.belief.motion().attitude(time) * self.belief.R_BF()
+        self.R_IC.inverse() * self.tracker.motion().attitude(time) * self.tracker.R_BF()
     }
 
     fn w_C(&self) -> Vector3<f64> {
-        self.R_IC.inverse() * self.belief.motion().angular_velocity(self.time)
+        self.R_IC.inverse() * self.tracker.motion().angular_velocity(self.time)
     }
 
     /// `estimator/motion`.
     pub fn motion(&self) -> fuyu_msgs::MotionEstimate {
-        let motion = self.belief.motion();
+        let motion = self.tracker.motion();
         let J = motion.J().unwrap_or_default();
         let mut covariance = [0.0; 16];
         if let Some(known) = motion.covariance() {
@@ -51,7 +51,7 @@ impl Moment<'_> {
         let direction = self.R_IC.inverse() * motion.momentum_direction();
         fuyu_msgs::MotionEstimate {
             header: self.header(self.time),
-            method: self.belief.method().name().to_owned(),
+            method: self.tracker.method().name().to_owned(),
             model: motion.model().name().to_owned(),
             j_x: J.x,
             j_y: J.y,
@@ -63,8 +63,8 @@ impl Moment<'_> {
             momentum_direction: vector_to_msg(&direction),
             residual: motion.rms(),
             covariance,
-            frames: u32::try_from(self.belief.frames()).unwrap_or(u32::MAX),
-            duration: self.belief.corrected() - self.belief.batch().span.0,
+            frames: u32::try_from(self.tracker.frames()).unwrap_or(u32::MAX),
+            duration: self.tracker.corrected() - self.tracker.batch().span.0,
         }
     }
 
@@ -76,8 +76,8 @@ impl Moment<'_> {
         }
     }
 
-    /// `estimator/prediction`: attitudes of F from this time on over `horizon` \[s\], `rate` of them a second, in
-    /// the camera's axes of this time. Positions are not estimated; they are zero.
+    /// `estimator/prediction`: attitudes of F from this time on over `horizon` \[s\], at `rate` \[Hz\], in the camera's axes
+    /// at this time. Positions are not estimated and are zero.
     pub fn prediction(&self, horizon: f64, rate: f64) -> nav_msgs::Path {
         let steps = (horizon * rate + 1e-9).floor() as u32;
         let time = |k: u32| self.time + f64::from(k) / rate;

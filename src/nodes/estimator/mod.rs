@@ -1,9 +1,8 @@
-//! The estimator node: feature tracks of a tumbling target in, its motion and its future out.
+//! Estimator node: feature tracks of a tumbling target in; its motion and predicted attitudes out.
 //!
-//! It sees what the camera sees and what the base's gyro measures, nothing else. Batch solutions over a window
-//! of frames run on a thread of their own; from the last of them a recursive filter goes on from frame to frame.
+//! Inputs are the camera's features and the base's gyro, nothing else. Batch solutions over a window of frames run on a
+//! separate thread; a [`MotionTracker`](crate::estimation::MotionTracker) continues the last one from frame to frame.
 
-mod belief;
 mod camera_attitude;
 mod health;
 mod messages;
@@ -11,34 +10,33 @@ mod observer;
 mod params;
 mod solver;
 
-pub use belief::{Batch, Belief, Loss, Source};
 pub use camera_attitude::StaticRotations;
 pub use params::EstimatorParams;
 
 use std::time::Duration;
 
-use super::{features::sighting_from_msg, topics};
+use super::{features::feature_frame_from_msg, topics};
 use crate::{
     msg::{fuyu_msgs, geometry_msgs, nav_msgs, sensor_msgs, tf2_msgs},
     ros::{Node, NodeError, Publisher, Status, Subscription},
-    vision::Sighting,
+    vision::FeatureFrame,
 };
 use observer::Observer;
 
-/// How long the node waits for something to arrive before it looks after the solver.
+/// Longest wait for a message before the solver is checked.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// How many frames or samples of the gyro may wait, as they do while a recording is played fast: a lost sample is a
-/// turn of the camera that nobody has seen.
-const WAITING: usize = 1000;
+/// Queue length for frames and gyro samples, which accumulate when a recording is played fast. A lost gyro sample is an
+/// unknown rotation of the camera.
+const QUEUE: usize = 1000;
 
-/// Silence of the features that is worth a warning.
+/// Time without features after which the node warns.
 const SILENCE: Duration = Duration::from_secs(2);
 
 /// The node's program.
 ///
 /// # Errors
-/// For wrong parameters, or when DDS refuses.
+/// Invalid parameters, or DDS errors.
 pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut declare = node.declare();
     let params = EstimatorParams::declare(&mut declare);
@@ -47,9 +45,9 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut topics = Topics::new(node)?;
     let mut observer = Observer::new(params, node);
     while node.wait_for(PATIENCE) {
-        observer.listen(&topics);
-        while let Some(sighting) = topics.next_sighting(&mut observer) {
-            observer.see(sighting, node.now(), &topics);
+        observer.update_camera(&topics);
+        while let Some(frame) = topics.next_frame(&mut observer) {
+            observer.add_frame(frame, node.now(), &topics);
         }
         observer.solve();
         observer.take_solution(&topics);
@@ -73,13 +71,13 @@ struct Topics {
 
 impl Topics {
     fn new(node: &Node) -> Result<Self, NodeError> {
-        let features = topics::FEATURES.subscribe_deep(node, WAITING)?;
+        let features = topics::FEATURES.subscribe_deep(node, QUEUE)?;
         let status = node.diagnostics().status("features");
         status.warn(format!("nothing has arrived on {} yet", features.topic()));
         Ok(Self {
             features,
             camera_info: topics::CAMERA_INFO.subscribe(node)?,
-            imu: topics::IMU.subscribe_deep(node, WAITING)?,
+            imu: topics::IMU.subscribe_deep(node, QUEUE)?,
             tf_static: topics::TF_STATIC.subscribe(node)?,
             angular_velocity: topics::TARGET_RATE.advertise(node)?,
             motion: topics::TARGET_MOTION.advertise(node)?,
@@ -88,16 +86,15 @@ impl Topics {
         })
     }
 
-    /// The next sound frame that waits; one that is not is reported.
-    fn next_sighting(&mut self, observer: &mut Observer) -> Option<Sighting> {
+    /// The next valid frame in the queue; invalid ones are reported.
+    fn next_frame(&mut self, observer: &mut Observer) -> Option<FeatureFrame> {
         while let Some(received) = self.features.take() {
-            match sighting_from_msg(&received.message) {
-                Ok(sighting) => {
+            match feature_frame_from_msg(&received.message) {
+                Ok(frame) => {
                     observer.camera_frame = received.message.header.frame_id;
                     self.status.ok("frames arrive");
-                    self.status
-                        .set("features in sight", sighting.features.len());
-                    return Some(sighting);
+                    self.status.set("features in sight", frame.features.len());
+                    return Some(frame);
                 }
                 Err(problem) => {
                     let topic = self.features.topic();
@@ -111,7 +108,7 @@ impl Topics {
 
     fn notice_silence(&self, observer: &Observer) {
         if let Some(age) = self.features.age().filter(|age| *age > SILENCE)
-            && observer.has_seen()
+            && observer.has_frames()
         {
             let (topic, seconds) = (self.features.topic(), age.as_secs_f64());
             self.status

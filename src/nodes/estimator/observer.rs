@@ -1,56 +1,55 @@
-//! What has been seen of the target, and what follows from it.
+//! Observer: collects frames and gyro samples, runs solver and motion tracker, and publishes the motion.
 
 use super::{
     EstimatorParams, Topics,
-    belief::{Batch, Belief, Loss},
     camera_attitude::CameraAttitude,
     health,
-    messages::Moment,
+    messages::Snapshot,
     solver::{Job, Solved, Solver},
 };
 use crate::{
-    estimation::{Tracks, bundle},
+    estimation::{BatchSolution, MotionTracker, TrackLoss, Tracks, bundle},
     nodes::{camera::CAMERA_FRAME, features::pinhole_from_msg},
     ros::{Node, Status, Time},
-    vision::{Pinhole, Sighting},
+    vision::{FeatureFrame, Pinhole},
 };
 
-/// Without frames for so many of their intervals the motion is told without them.
-const MISSED: f64 = 3.0;
+/// Number of frame intervals without a frame after which the motion is extrapolated.
+const MISSED_INTERVALS: f64 = 3.0;
 
-/// While there is no motion yet, batches follow each other at least this fast \[s\].
-const RETRY: f64 = 2.0;
+/// Longest time between the starts of two batches while there is no motion yet \[s\].
+const RETRY_PERIOD: f64 = 2.0;
 
-/// From frames to what is published.
+/// State of the estimator node.
 pub struct Observer {
     params: EstimatorParams,
     camera: Option<Pinhole>,
     /// Name of the camera's optical frame.
     pub camera_frame: String,
     attitude: CameraAttitude,
-    /// Beginnings of that when the newest frame came.
-    beginnings: u32,
+    /// Restarts of the gyro attitude when the newest frame arrived.
+    gyro_restarts: u32,
     tracks: Tracks,
     solver: Solver,
-    /// Time of the newest frame when the last job was given \[s\].
+    /// Time of the newest frame when the last job was submitted \[s\].
     solved_at: Option<f64>,
-    belief: Option<Belief>,
-    /// Stamp of the newest frame \[s\], and when it came.
+    tracker: Option<MotionTracker>,
+    /// Stamp of the newest frame \[s\], and its time of arrival.
     newest: Option<(f64, Time)>,
-    /// From the frame before to that one \[s\].
+    /// Time from the frame before the newest to the newest \[s\].
     interval: f64,
-    /// Time of the motion that was published last \[s\].
-    told_at: Option<f64>,
+    /// Time of the last published motion \[s\].
+    published_at: Option<f64>,
     /// Why the last batch has no solution.
-    unsolved: Option<String>,
-    /// Why what was known was given up, if it was.
-    anew: Option<String>,
+    failure: Option<String>,
+    /// Why the motion was reset, if it was.
+    reset_reason: Option<String>,
     camera_status: Status,
     motion_status: Status,
 }
 
 impl Observer {
-    /// Nothing seen yet.
+    /// An observer without frames.
     pub fn new(params: EstimatorParams, node: &Node) -> Self {
         let motion_status = node.diagnostics().status("motion");
         motion_status.warn("not estimated yet: no frames");
@@ -58,25 +57,25 @@ impl Observer {
             camera: params.camera,
             camera_frame: CAMERA_FRAME.to_owned(),
             attitude: CameraAttitude::default(),
-            beginnings: 0,
+            gyro_restarts: 0,
             tracks: Tracks::default(),
             solver: Solver::start(),
             solved_at: None,
-            belief: None,
+            tracker: None,
             newest: None,
             interval: 0.0,
-            told_at: None,
-            unsolved: None,
-            anew: None,
+            published_at: None,
+            failure: None,
+            reset_reason: None,
             camera_status: node.diagnostics().status("camera"),
             motion_status,
             params,
         }
     }
 
-    /// Takes in what is known of the camera.
-    pub fn listen(&mut self, topics: &Topics) {
-        let beginnings = self.attitude.beginnings();
+    /// Processes the messages about the camera: calibration, mounting and gyro.
+    pub fn update_camera(&mut self, topics: &Topics) {
+        let restarts = self.attitude.gyro.restarts();
         if let Some(received) = topics.camera_info.latest()
             && self.params.camera.is_none()
         {
@@ -106,10 +105,10 @@ impl Observer {
                 self.camera_status.warn(format!("{topic}: {problem}"));
             }
         }
-        if self.attitude.beginnings() != beginnings {
-            self.forget_solutions("the gyro has just begun, or had a gap");
+        if self.attitude.gyro.restarts() != restarts {
+            self.reset_motion("the gyro has just started, or had a gap");
         }
-        match (&self.camera, self.attitude.known_since()) {
+        match (&self.camera, self.attitude.gyro.known_since()) {
             (None, _) => self.camera_status.warn(format!(
                 "{} has not arrived, and camera.fx is not given",
                 topics.camera_info.topic()
@@ -118,66 +117,64 @@ impl Observer {
                 .camera_status
                 .ok("calibrated; its rotation is known from the gyro"),
             (Some(_), None) if self.params.use_imu => self.camera_status.ok(format!(
-                "calibrated; taken not to turn, for nothing has arrived on {}",
+                "calibrated; assumed not to rotate, because nothing has arrived on {}",
                 topics.imu.topic()
             )),
-            (Some(_), None) => self.camera_status.ok("calibrated; taken not to turn"),
+            (Some(_), None) => self.camera_status.ok("calibrated; assumed not to rotate"),
         }
     }
 
     /// Whether there are frames.
-    pub fn has_seen(&self) -> bool {
-        !self.tracks.sightings().is_empty()
+    pub fn has_frames(&self) -> bool {
+        !self.tracks.frames().is_empty()
     }
 
-    /// Takes in a frame that came at `now`, and answers it.
-    pub fn see(&mut self, sighting: Sighting, now: Time, topics: &Topics) {
-        let time = sighting.time;
+    /// Adds a frame that arrived at `now`, and publishes the motion at its time.
+    pub fn add_frame(&mut self, frame: FeatureFrame, now: Time, topics: &Topics) {
+        let time = frame.time;
         match self.tracks.span() {
             Some((_, last)) if time == last => return,
             Some((_, last)) if time < last => {
-                tracing::info!("time went back from {last:.3} s to {time:.3} s: starting anew");
+                tracing::info!("time went back from {last:.3} s to {time:.3} s: restarting");
                 self.restart();
             }
             Some((_, last)) if time > last + self.params.window.max(self.params.horizon) => {
                 let gap = format!("the target was out of sight for {:.0} s", time - last);
-                tracing::info!("{gap}: starting anew");
+                tracing::info!("{gap}: restarting");
                 self.tracks = Tracks::default();
-                self.forget_solutions(&gap);
+                self.reset_motion(&gap);
             }
             _ => {}
         }
-        if let Err(e) = self.tracks.push(sighting) {
-            // What is left to be wrong is a time that is not finite.
+        if let Err(e) = self.tracks.push(frame) {
+            // The only fault left is a time that is not finite.
             topics.status.warn(format!("{e}; the frame is ignored"));
             return;
         }
-        self.beginnings = self.attitude.beginnings();
+        self.gyro_restarts = self.attitude.gyro.restarts();
         let before = self.newest.replace((time, now));
         self.interval = before.map_or(0.0, |(last, _)| time - last);
         let oldest = time - self.params.window;
         self.tracks.forget_before(oldest);
-        self.attitude.forget_before(oldest);
-        if let Some(since) = self.attitude.known_since() {
-            // How the camera turned before that is not known.
+        self.attitude.gyro.forget_before(oldest);
+        if let Some(since) = self.attitude.gyro.known_since() {
+            // The camera's rotation before that is not known.
             self.tracks.forget_before(since.min(time));
         }
-        let R_IC = self.attitude.R_GC(time);
-        let frame = self.tracks.sightings().last();
-        let loss = match (&mut self.belief, frame) {
-            (Some(belief), Some(frame)) => belief.see(frame, &R_IC),
+        let R_IC = self.attitude.gyro.R_GC(time);
+        let frame = self.tracks.frames().last();
+        let loss = match (&mut self.tracker, frame) {
+            (Some(tracker), Some(frame)) => tracker.update(frame, &R_IC),
             _ => None,
         };
         match loss {
-            Some(Loss::Pushed(since)) => {
-                tracing::info!("since {since:.3} s the target moves otherwise: starting anew");
+            Some(TrackLoss::MotionChanged(since)) => {
+                tracing::info!("the motion of the target has changed at {since:.3} s: restarting");
                 self.tracks.forget_before(since);
-                self.forget_solutions(
-                    "the target moves otherwise than before; did something touch it?",
-                );
+                self.reset_motion("the motion of the target has changed; did something touch it?");
             }
-            Some(Loss::Unconfirmed) => {
-                self.forget_solutions("a first solution did not hold for the frames that followed");
+            Some(TrackLoss::Unconfirmed) => {
+                self.reset_motion("the first solution did not fit the following frames");
             }
             None => {}
         }
@@ -186,101 +183,106 @@ impl Observer {
 
     fn restart(&mut self) {
         self.tracks = Tracks::default();
-        // The gyro's measurements may have gone back already, and are needed from the first frame on.
-        if self.attitude.beginnings() == self.beginnings {
-            self.attitude.clear();
+        // If the gyro has restarted already, its samples are needed from the first frame on.
+        if self.attitude.gyro.restarts() == self.gyro_restarts {
+            self.attitude.gyro.clear();
         }
-        self.forget_solutions("time went back");
+        self.reset_motion("time went back");
     }
 
-    /// Gives up what was found, and whatever is still being solved.
-    fn forget_solutions(&mut self, why: &str) {
-        self.belief = None;
-        self.unsolved = None;
-        self.told_at = None;
+    /// Forgets the motion, and aborts the batch that is being solved.
+    fn reset_motion(&mut self, why: &str) {
+        self.tracker = None;
+        self.failure = None;
+        self.published_at = None;
         self.solved_at = None;
         self.solver = Solver::start();
         self.motion_status.warn(format!("not estimated yet: {why}"));
-        self.anew = Some(why.to_owned());
+        self.reset_reason = Some(why.to_owned());
     }
 
     /// Publishes the angular velocity at `time` \[s\], and the motion if that is due.
     fn publish(&mut self, time: f64, topics: &Topics) {
-        if let Some(moment) = self.moment(time) {
-            topics.angular_velocity.publish(&moment.angular_velocity());
+        if let Some(snapshot) = self.snapshot(time) {
+            topics
+                .angular_velocity
+                .publish(&snapshot.angular_velocity());
         }
         let period = self.params.prediction_period;
-        // A frame that is due by rounding is due.
-        if self.told_at.is_none_or(|at| time > at + period - 1e-6) {
+        // Tolerance for rounding of the stamps.
+        if self.published_at.is_none_or(|at| time > at + period - 1e-6) {
             self.publish_motion(time, topics);
         }
-        if let Some(belief) = &self.belief {
-            health::tell(&self.motion_status, belief, time, self.unsolved.as_deref());
+        if let Some(tracker) = &self.tracker {
+            health::report(&self.motion_status, tracker, time, self.failure.as_deref());
         }
     }
 
-    /// Publishes motion and prediction as at `time` \[s\].
+    /// Publishes motion and prediction at `time` \[s\].
     fn publish_motion(&mut self, time: f64, topics: &Topics) {
-        let Some(moment) = self.moment(time) else {
+        let Some(snapshot) = self.snapshot(time) else {
             return;
         };
-        topics.motion.publish(&moment.motion());
+        topics.motion.publish(&snapshot.motion());
         let (horizon, rate) = (self.params.horizon, self.params.prediction_rate);
-        topics.prediction.publish(&moment.prediction(horizon, rate));
-        self.told_at = Some(time);
+        topics
+            .prediction
+            .publish(&snapshot.prediction(horizon, rate));
+        self.published_at = Some(time);
     }
 
-    fn moment(&self, time: f64) -> Option<Moment<'_>> {
-        Some(Moment {
-            belief: self.belief.as_ref()?,
+    fn snapshot(&self, time: f64) -> Option<Snapshot<'_>> {
+        Some(Snapshot {
+            tracker: self.tracker.as_ref()?,
             time,
             camera: &self.camera_frame,
-            R_IC: self.attitude.R_GC(time),
+            R_IC: self.attitude.gyro.R_GC(time),
         })
     }
 
-    /// Tells the motion when no frames come, until the last prediction ends. `now` is the node's time.
+    /// Publishes the extrapolated motion while no frames arrive, until the end of the last prediction. `now` is the node's
+    /// time.
     pub fn coast(&mut self, now: Time, topics: &Topics) {
-        let (Some((stamp, came)), Some(told_at)) = (self.newest, self.told_at) else {
+        let (Some((stamp, arrived)), Some(published_at)) = (self.newest, self.published_at) else {
             return;
         };
-        let silence = now.since(came).as_secs_f64();
+        let silence = now.since(arrived).as_secs_f64();
         let time = stamp + silence;
         let period = self.params.prediction_period;
-        let missed = silence > (MISSED * self.interval).max(period);
-        if missed && silence < self.params.horizon && time >= told_at + period {
+        let missed = silence > (MISSED_INTERVALS * self.interval).max(period);
+        if missed && silence < self.params.horizon && time >= published_at + period {
             self.publish(time, topics);
         }
     }
 
-    /// Gives the solver the frames of the window, if it is idle and new ones have come.
+    /// Submits the frames of the window to the solver, if it is idle and a batch is due.
     pub fn solve(&mut self) {
         let (Some(camera), Some((_, newest))) = (self.camera, self.tracks.span()) else {
             return;
         };
-        let period = match &self.belief {
+        let period = match &self.tracker {
             Some(_) => self.params.solve_period,
-            None => self.params.solve_period.min(RETRY),
+            None => self.params.solve_period.min(RETRY_PERIOD),
         };
         let due = self.solved_at.is_none_or(|at| newest >= at + period);
         if self.solver.is_busy() || !due {
             return;
         }
         self.solved_at = Some(newest);
-        self.solver.give(Job {
+        self.solver.submit(Job {
             method: self.params.method,
             tracks: self.tracks.clone(),
             camera,
             options: bundle::Options {
                 pixel_noise: self.params.pixel_noise,
                 estimate_focal_length: self.params.estimate_focal_length,
-                camera_motion: self.attitude.motion(),
+                camera_motion: self.attitude.gyro.motion(),
                 ..bundle::Options::default()
             },
         });
     }
 
-    /// Takes in a solution that has come, and publishes what is held to be the motion then.
+    /// Processes a solution that has arrived, and publishes the motion.
     pub fn take_solution(&mut self, topics: &Topics) {
         let solved = match self.solver.take() {
             Ok(None) => return,
@@ -296,36 +298,36 @@ impl Observer {
         let estimated = match result {
             Ok(estimated) => estimated,
             Err(e) => {
-                match &self.belief {
-                    Some(_) => self.unsolved = Some(e.to_string()),
-                    None => self.motion_status.warn(match &self.anew {
-                        Some(why) => format!("not estimated yet: {e} (begun anew: {why})"),
+                match &self.tracker {
+                    Some(_) => self.failure = Some(e.to_string()),
+                    None => self.motion_status.warn(match &self.reset_reason {
+                        Some(why) => format!("not estimated yet: {e} (reset before: {why})"),
                         None => format!("not estimated yet: {e}"),
                     }),
                 }
                 return;
             }
         };
-        let batch = Batch {
+        let batch = BatchSolution {
             estimated,
-            frames: job.tracks.sightings().len(),
+            frames: job.tracks.frames().len(),
             span: job.tracks.span().unwrap_or_default(),
         };
-        let sightings = self.tracks.sightings();
-        let later = sightings.partition_point(|s| s.time <= batch.span.1);
-        let later = sightings[later..].iter();
-        let later = later.map(|frame| (frame, self.attitude.R_GC(frame.time)));
-        let next = Belief::new(batch, self.params.filter_disturbance(), later);
-        self.belief = Some(match self.belief.take() {
-            Some(before) => before.or(next, newest, self.params.horizon),
+        let frames = self.tracks.frames();
+        let later = frames.partition_point(|s| s.time <= batch.span.1);
+        let later = frames[later..].iter();
+        let later = later.map(|frame| (frame, self.attitude.gyro.R_GC(frame.time)));
+        let next = MotionTracker::new(batch, self.params.filter_disturbance(), later);
+        self.tracker = Some(match self.tracker.take() {
+            Some(before) => before.replaced_by(next, newest, self.params.horizon),
             None => next,
         });
-        self.unsolved = None;
-        // Coasting may have gone on meanwhile.
-        let time = newest.max(self.told_at.unwrap_or(newest));
+        self.failure = None;
+        // The extrapolated motion may have been published for a later time.
+        let time = newest.max(self.published_at.unwrap_or(newest));
         self.publish_motion(time, topics);
-        if let Some(belief) = &self.belief {
-            health::tell(&self.motion_status, belief, time, None);
+        if let Some(tracker) = &self.tracker {
+            health::report(&self.motion_status, tracker, time, None);
         }
     }
 }

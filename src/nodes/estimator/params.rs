@@ -1,48 +1,53 @@
 //! Parameters of the estimator node.
 
-use crate::{estimation::Method, nodes::choice, ros::Declare, vision::Pinhole};
+use crate::{estimation::EstimationMethod, nodes::choice, ros::Declare, vision::Pinhole};
 
-/// What the estimator node is told; read once, at the start.
+/// Parameters of the estimator node, read at the start.
 #[derive(Debug, Clone)]
 pub struct EstimatorParams {
-    /// How the motion is estimated.
-    pub method: Method,
-    /// Frames older than this, seen from the newest, are forgotten \[s\].
+    /// Estimation method.
+    pub method: EstimationMethod,
+    /// Length of the window of frames, up to the newest \[s\].
     pub window: f64,
     /// Time between the starts of two batch solutions \[s\].
     pub solve_period: f64,
-    /// Whether a filter goes on from a batch solution with every frame.
+    /// Whether a filter corrects the last batch solution by every frame.
     pub filter: bool,
-    /// What torques do to the momentum: its random walk over the momentum \[1/√s\].
+    /// Random walk of the angular momentum due to torques, relative to the momentum \[1/√s\].
     pub disturbance: f64,
     /// Time between two messages of motion and prediction \[s\].
     pub prediction_period: f64,
-    /// How far the prediction reaches \[s\].
+    /// Length of the prediction \[s\].
     pub horizon: f64,
     /// Attitudes per second of the prediction \[Hz\].
     pub prediction_rate: f64,
-    /// Whether the focal length is estimated, too.
+    /// Whether the focal length is estimated as well.
     pub estimate_focal_length: bool,
     /// Standard deviation of an image coordinate \[px\].
     pub pixel_noise: f64,
-    /// Whether the base's gyro is used to take the camera's own rotation out.
+    /// Whether the camera's own rotation is removed with the base's gyro.
     pub use_imu: bool,
-    /// The camera, if it is not to come from `camera/camera_info`.
+    /// The camera's calibration; `None`: from `camera/camera_info`.
     pub camera: Option<Pinhole>,
 }
 
-/// Most attitudes that a prediction may hold: 1 MB in a message.
-const MOST_PREDICTED: f64 = 1e4;
+/// Largest number of attitudes in a prediction: a message of 1 MB.
+const MAX_PREDICTED: f64 = 1e4;
 
 impl EstimatorParams {
-    /// Declares the parameters and reads them. `finish` of `declare` is the caller's.
+    /// Declares the parameters and reads them. The caller calls `finish` of `declare`.
     ///
     /// # Errors
-    /// A line that names the parameter whose values do not fit together.
+    /// A line that names parameters with an invalid value, or with values that contradict each other.
     pub fn declare(declare: &mut Declare) -> Result<Self, String> {
-        let method = choice::declare(declare, "method", &Method::NAMES, "Estimation method")
-            .read_only()
-            .value();
+        let method = choice::declare(
+            declare,
+            "method",
+            &EstimationMethod::NAMES,
+            "Estimation method",
+        )
+        .read_only()
+        .value();
         let mut number = |name: &str, default: f64, from: f64, to: f64, text: &str| {
             let parameter = declare.param(name, default, text).range(from, to);
             parameter.read_only().value()
@@ -52,7 +57,7 @@ impl EstimatorParams {
             60.0,
             1.0,
             3600.0,
-            "Frames older than this, seen from the newest, are forgotten [s]",
+            "Length of the window of frames, up to the newest [s]; older ones are forgotten",
         );
         let solve_period = number(
             "solve_period",
@@ -66,7 +71,7 @@ impl EstimatorParams {
             1e-6,
             0.0,
             1.0,
-            "What torques do to the target's momentum, for the filter: random walk over the momentum [1/sqrt(s)]",
+            "Random walk of the target's angular momentum due to torques, relative to the momentum, for the filter [1/sqrt(s)]",
         );
         let prediction_period = number(
             "prediction_period",
@@ -75,13 +80,7 @@ impl EstimatorParams {
             3600.0,
             "Time between two messages of motion and prediction [s]",
         );
-        let horizon = number(
-            "horizon",
-            30.0,
-            0.0,
-            3600.0,
-            "How far the prediction reaches [s]",
-        );
+        let horizon = number("horizon", 30.0, 0.0, 3600.0, "Length of the prediction [s]");
         let prediction_rate = number(
             "prediction_rate",
             2.0,
@@ -94,7 +93,7 @@ impl EstimatorParams {
             0.3,
             1e-3,
             100.0,
-            "Standard deviation of an image coordinate [px]; what rounding to pixels leaves is 0.3",
+            "Standard deviation of an image coordinate [px]; that of rounding to whole pixels is 0.3",
         );
         let mut intrinsic = |name: &str, text: &str| {
             number(
@@ -102,7 +101,9 @@ impl EstimatorParams {
                 0.0,
                 0.0,
                 1e6,
-                &format!("{text} [px]; camera.fx 0 is from camera/camera_info"),
+                &format!(
+                    "{text} [px]; with camera.fx 0 the calibration comes from camera/camera_info"
+                ),
             )
         };
         let camera = Pinhole {
@@ -117,7 +118,7 @@ impl EstimatorParams {
         let estimate_focal_length = flag(
             "estimate_focal_length",
             false,
-            "Whether the focal length is estimated, too",
+            "Whether the focal length is estimated as well",
         );
         let filter = flag(
             "filter",
@@ -127,7 +128,7 @@ impl EstimatorParams {
         let use_imu = flag(
             "use_imu",
             true,
-            "Whether the camera's own rotation is taken out with the gyro on imu, if it is there",
+            "Whether the camera's own rotation is removed with the gyro on imu, if there is one",
         );
         let camera = match camera.fx {
             0.0 => None,
@@ -136,15 +137,15 @@ impl EstimatorParams {
         if let Some(camera) = &camera {
             camera.check().map_err(|e| format!("parameter {e}"))?;
         }
-        if horizon * prediction_rate > MOST_PREDICTED {
+        if horizon * prediction_rate > MAX_PREDICTED {
             return Err(format!(
                 "parameters horizon {horizon} and prediction_rate {prediction_rate} are more than \
-                 {MOST_PREDICTED} attitudes a message; lower one of them"
+                 {MAX_PREDICTED} attitudes a message; lower one of them"
             ));
         }
         Ok(Self {
-            // Any other text has been refused by the declaration.
-            method: choice::find(&Method::NAMES, &method).unwrap_or_default(),
+            // The declaration refuses other values.
+            method: choice::find(&EstimationMethod::NAMES, &method).unwrap_or_default(),
             window,
             solve_period,
             filter,
@@ -159,7 +160,7 @@ impl EstimatorParams {
         })
     }
 
-    /// The filter's disturbance, if there is to be one.
+    /// The disturbance for the filter; `None` without a filter.
     pub fn filter_disturbance(&self) -> Option<f64> {
         self.filter.then_some(self.disturbance)
     }

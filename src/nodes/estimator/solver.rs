@@ -1,4 +1,4 @@
-//! Batch solutions on a thread of their own, so that frames are never kept waiting.
+//! Batch solutions on a separate thread, so that frames are processed without delay.
 
 use std::{
     sync::mpsc::{Receiver, Sender, TryRecvError, channel},
@@ -6,45 +6,45 @@ use std::{
 };
 
 use crate::{
-    estimation::{Estimated, Method, MethodError, Tracks, bundle, estimate},
+    estimation::{Estimated, EstimationMethod, MethodError, Tracks, bundle, estimate},
     vision::Pinhole,
 };
 
-/// What is to be solved.
+/// A batch to solve.
 #[derive(Debug)]
 pub struct Job {
-    /// How.
-    pub method: Method,
+    /// Estimation method.
+    pub method: EstimationMethod,
     /// The frames.
     pub tracks: Tracks,
     /// The camera.
     pub camera: Pinhole,
-    /// What is known beside.
+    /// Options, with the camera's motion.
     pub options: bundle::Options,
 }
 
-/// What came of it.
+/// A solved batch.
 pub struct Solved {
     /// The job.
     pub job: Job,
-    /// The motion, or why there is none.
+    /// The estimate, or why there is none.
     pub result: Result<Estimated, MethodError>,
 }
 
-/// The thread, and what it is at.
+/// The solver thread and its state.
 pub struct Solver {
     jobs: Sender<Job>,
-    answers: Receiver<Solved>,
+    results: Receiver<Solved>,
     busy: bool,
 }
 
 impl Solver {
     /// Starts the thread. It ends when the solver is dropped and its work is done.
     pub fn start() -> Self {
-        let (jobs, to_do) = channel::<Job>();
-        let (done, answers) = channel();
+        let (jobs, queue) = channel::<Job>();
+        let (done, results) = channel();
         thread::spawn(move || {
-            for job in to_do {
+            for job in queue {
                 let result = estimate(job.method, &job.tracks, &job.camera, &job.options);
                 if done.send(Solved { job, result }).is_err() {
                     return;
@@ -53,27 +53,27 @@ impl Solver {
         });
         Self {
             jobs,
-            answers,
+            results,
             busy: false,
         }
     }
 
-    /// Whether a job is under way.
+    /// Whether a job is being solved.
     pub fn is_busy(&self) -> bool {
         self.busy
     }
 
-    /// Gives the thread a job; it must not be busy.
-    pub fn give(&mut self, job: Job) {
+    /// Starts a job; the solver must not be busy.
+    pub fn submit(&mut self, job: Job) {
         self.busy = self.jobs.send(job).is_ok();
     }
 
-    /// The finished job, if there is one.
+    /// The solved job, if there is one.
     ///
     /// # Errors
-    /// When the thread has died on its job; a new one has been started.
+    /// If the thread panicked; a new one has been started.
     pub fn take(&mut self) -> Result<Option<Solved>, String> {
-        match self.answers.try_recv() {
+        match self.results.try_recv() {
             Ok(solved) => {
                 self.busy = false;
                 Ok(Some(solved))
@@ -81,7 +81,7 @@ impl Solver {
             Err(TryRecvError::Empty) => Ok(None),
             Err(TryRecvError::Disconnected) => {
                 *self = Self::start();
-                Err("the solver broke down on these frames and was started anew".to_owned())
+                Err("the solver thread panicked on these frames and was restarted".to_owned())
             }
         }
     }

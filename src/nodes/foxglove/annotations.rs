@@ -1,4 +1,4 @@
-//! What is drawn on the camera's image: feature points, and where tip and goal are seen.
+//! Annotations of the camera's image: feature points, and the measured positions of tip and goal.
 
 use foxglove::messages::{
     CircleAnnotation, Color, ImageAnnotations, Point2, PointsAnnotation, TextAnnotation, Timestamp,
@@ -17,21 +17,21 @@ use crate::{
     nodes::geometry::pose_from_msg,
 };
 
-/// What is known of the camera, to draw on its image.
+/// Calibration and mount of the camera, needed to draw on its image.
 #[derive(Default)]
 pub struct Overlay {
     info: Option<CameraInfo>,
-    /// Static transforms; one of them is the camera's mount.
+    /// Static transforms, including the camera's mount.
     fixed: Vec<TransformStamped>,
 }
 
 impl Overlay {
-    /// Takes a calibration in.
+    /// Stores a calibration.
     pub fn set_info(&mut self, info: CameraInfo) {
         self.info = Some(info);
     }
 
-    /// Takes static transforms in.
+    /// Stores static transforms.
     pub fn set_transforms(&mut self, message: TFMessage) {
         self.fixed.retain(|old| {
             let same = |new: &TransformStamped| new.child_frame_id == old.child_frame_id;
@@ -40,7 +40,7 @@ impl Overlay {
         self.fixed.extend(message.transforms);
     }
 
-    /// The pixel at which the origin of `pose` is seen, if it is in front of the camera.
+    /// The pixel of the origin of `pose`, if it is in front of the camera.
     fn pixel(&self, pose: &PoseStamped) -> Option<[f64; 2]> {
         let info = self.info.as_ref()?;
         let mount = self.fixed.iter().find(|t| {
@@ -59,20 +59,20 @@ impl Overlay {
         seen.then(|| [k[0] * p_CP.x / p_CP.z + k[2], k[4] * p_CP.y / p_CP.z + k[5]])
     }
 
-    /// Pixels that can be told apart when the image fills a panel, about a thousandth of its longer side.
+    /// Smallest length \[px\] that is visible when the image fills a panel: about a thousandth of its longer side.
     fn unit(&self) -> f64 {
         let info = self.info.as_ref();
         info.map_or(1.0, |i| f64::from(i.width.max(i.height)) / 1024.0)
     }
 
-    /// A named point where the origin of `pose` is seen; nothing if that is not known.
+    /// A labelled point at the origin of `pose`; empty if its pixel is unknown.
     pub fn place(&self, name: &str, pose: &PoseStamped) -> Option<ImageAnnotations> {
         let [x, y] = self.pixel(pose)?;
         let timestamp = Some(stamp(&pose.header.stamp));
         let width = f64::from(self.info.as_ref()?.width);
         let unit = self.unit();
         let (gap, font) = (20.0 * unit, 36.0 * unit);
-        // Letters are about half as wide as high; the name must not lie beyond the image's right edge.
+        // Letters are about half as wide as high; keep the label within the image.
         let length = 0.6 * font * name.len() as f64;
         let start = match x + gap + length > width {
             true => x - gap - length,
@@ -125,7 +125,7 @@ impl Overlay {
     }
 }
 
-/// Of a background.
+/// Grey value of the background.
 const MOST_PIXELS: usize = 1 << 24;
 
 const NOTHING: Color = rgba(0.0, 0.0, 0.0, 0.0);
@@ -136,8 +136,7 @@ const fn rgba(r: f64, g: f64, b: f64, a: f64) -> Color {
     Color { r, g, b, a }
 }
 
-/// An image as large as the camera's that shows nothing but a dark grey; none if that has no pixels, or more
-/// than anyone should be sent.
+/// A dark grey image of the camera's size; none if the size is zero or unreasonably large.
 pub fn background(info: &CameraInfo) -> Option<Image> {
     let (width, height) = (info.width, info.height);
     let pixels = width as usize * height as usize;
@@ -152,7 +151,7 @@ pub fn background(info: &CameraInfo) -> Option<Image> {
     })
 }
 
-/// Times before 1970, which Foxglove does not know, are its zero.
+/// Times before 1970, which Foxglove cannot represent, become zero.
 fn stamp(time: &Time) -> Timestamp {
     let sec = u32::try_from(time.sec).unwrap_or(0);
     Timestamp::new_checked(sec, time.nanosec).unwrap_or(Timestamp::MIN)

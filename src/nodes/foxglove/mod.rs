@@ -1,4 +1,4 @@
-//! Shows the graph in Foxglove: every topic through its SDK's WebSocket server, bytes as they are, and
+//! The Foxglove node: serves every topic, unchanged, through the WebSocket server of Foxglove's SDK, and adds
 //! annotations of the camera's image.
 
 mod annotations;
@@ -28,19 +28,19 @@ use crate::{
 use annotations::Overlay;
 use server::Server;
 
-/// How often new topics are looked for.
+/// Interval between searches for new topics.
 const LOOK: Duration = Duration::from_millis(200);
 
-/// What the topics of the annotations begin with: a viewer shows the last message of each.
+/// Prefix of the annotation topics; a viewer draws the last message of each.
 const ANNOTATIONS: &str = "camera/annotations";
 
-/// Under that, what they are drawn on: the camera makes no pixels, and a viewer draws nothing without an image.
+/// Name of the background image below that prefix: the camera produces no pixels, and a viewer needs an image to draw on.
 const BACKGROUND: &str = "background";
 
 /// The node's program: serves the graph on `address`.
 ///
 /// # Errors
-/// When the address cannot be listened on, or DDS refuses.
+/// When the address cannot be bound, or DDS fails.
 pub fn program(node: &Node, address: SocketAddr) -> Result<(), NodeError> {
     let server = Server::start(address).map_err(|e| {
         NodeError::Input(format!(
@@ -80,7 +80,7 @@ pub fn program(node: &Node, address: SocketAddr) -> Result<(), NodeError> {
                     Some(node.subscribe_discovered(&publisher, reading(publisher.qos), take)?)
                 }
                 None => {
-                    tracing::info!("{name} is not shown: fuyu has no definition of {kind}");
+                    tracing::info!("{name} is not served: fuyu has no definition of {kind}");
                     None
                 }
             };
@@ -94,12 +94,12 @@ pub fn program(node: &Node, address: SocketAddr) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// As much as a subscriber can ask for of what is offered.
+/// The strictest QoS compatible with the offered one.
 fn reading(offered: Qos) -> Qos {
     offered.depth(offered.depth.max(100))
 }
 
-/// Where the samples of one topic go.
+/// Forwards the samples of one topic.
 struct Sink {
     node: Node,
     server: Arc<Server>,
@@ -107,14 +107,14 @@ struct Sink {
     topic: String,
     type_name: String,
     definition: String,
-    /// Whether who subscribes later gets the last message, too.
+    /// Whether later subscribers also receive the last message.
     latched: bool,
-    /// Advertised with the first message; `None` if it could not be.
+    /// Advertised with the first message; `None` if that failed.
     channel: OnceLock<Option<Arc<RawChannel>>>,
 }
 
 impl Sink {
-    /// `None` if fuyu does not know the type: nobody could read it.
+    /// `None` if fuyu does not know the type, since no client could decode it.
     fn new(
         node: &Node,
         server: &Arc<Server>,
@@ -140,7 +140,7 @@ impl Sink {
             let definition = self.definition.clone();
             (self.server)
                 .advertise(&self.topic, &self.type_name, definition)
-                .inspect_err(|e| tracing::warn!("{} is not shown: {e}", self.topic))
+                .inspect_err(|e| tracing::warn!("{} is not served: {e}", self.topic))
                 .ok()
         });
         let Some(channel) = channel else { return };
@@ -166,11 +166,11 @@ fn nanos(time: Time) -> u64 {
     u64::try_from(time.as_nanos()).unwrap_or(0)
 }
 
-/// What is drawn on the image of the node's camera.
+/// The annotations of the image of the node's camera.
 struct Camera {
-    /// By what they show.
+    /// Channels by annotation name.
     channels: Mutex<BTreeMap<&'static str, Channel<ImageAnnotations>>>,
-    /// `None` if it could not be advertised.
+    /// `None` if advertising failed.
     background: OnceLock<Option<Arc<RawChannel>>>,
     topic: String,
     overlay: Mutex<Overlay>,
@@ -178,7 +178,7 @@ struct Camera {
 }
 
 impl Camera {
-    /// Looks whether a message has something for the image.
+    /// Publishes an annotation if the message contains one.
     fn see(&self, topic: &str, sample: &RawSample, time: u64) {
         let mut overlay = self.overlay.lock().unwrap_or_else(PoisonError::into_inner);
         if topic == topics::TF_STATIC.name {
@@ -220,12 +220,12 @@ impl Camera {
         }
     }
 
-    /// The topic of one of the annotations.
+    /// The topic of an annotation.
     fn below(&self, name: &str) -> String {
         format!("{}/{name}", self.topic)
     }
 
-    /// Sends an image to draw on.
+    /// Sends the background image.
     fn show_background(&self, info: &CameraInfo, time: u64) {
         let Some(image) = annotations::background(info) else {
             return;
@@ -234,7 +234,7 @@ impl Camera {
             let (kind, definition) = (Image::DEFINITION.type_name(), Image::DEFINITION);
             (self.server)
                 .advertise(&self.below(BACKGROUND), &kind, definition.schema_text())
-                .inspect_err(|e| tracing::warn!("{BACKGROUND} is not shown: {e}"))
+                .inspect_err(|e| tracing::warn!("{BACKGROUND} is not served: {e}"))
                 .ok()
         });
         if let Some(channel) = channel {

@@ -1,5 +1,5 @@
-//! The WebSocket server of Foxglove's SDK, with two things added: who subscribes to what is said once
-//! (`robot_description`) gets the last message at once, and all its threads end with it.
+//! The WebSocket server of Foxglove's SDK with two additions: late subscribers of latched topics
+//! (`robot_description`) receive the last message immediately, and all its threads end with it.
 
 use std::collections::HashMap;
 use std::net::SocketAddr;
@@ -13,14 +13,14 @@ use foxglove::{
 };
 use tokio::runtime::Runtime;
 
-/// A running server; ends when dropped.
+/// A running server; stops when dropped.
 pub struct Server {
     address: SocketAddr,
     context: Arc<Context>,
     latched: Arc<Latched>,
-    /// `None` only while it is dropped.
+    /// `None` only during drop.
     handle: Option<WebSocketServerHandle>,
-    /// Where it runs: what drops last ends its thread.
+    /// Its runtime; declared last, so that dropping it ends its thread last.
     _runtime: Runtime,
 }
 
@@ -28,7 +28,7 @@ impl Server {
     /// Listens on `address`.
     ///
     /// # Errors
-    /// If the address cannot be listened on, or there is no thread to be had.
+    /// If the address cannot be bound, or the thread cannot be created.
     pub fn start(address: SocketAddr) -> Result<Self, FoxgloveError> {
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)
@@ -55,20 +55,20 @@ impl Server {
         })
     }
 
-    /// Where it listens.
+    /// Its address.
     pub fn address(&self) -> SocketAddr {
         self.address
     }
 
-    /// Clients at the moment.
+    /// Number of connected clients.
     pub fn clients(&self) -> usize {
         self.handle.as_ref().map_or(0, |h| h.client_count())
     }
 
-    /// Advertises a topic of ROS 2 messages as they are on the wire.
+    /// Advertises a topic of CDR-encoded ROS 2 messages.
     ///
     /// # Errors
-    /// When the SDK refuses it.
+    /// When the SDK rejects it.
     pub fn advertise(
         &self,
         topic: &str,
@@ -82,12 +82,12 @@ impl Server {
             .build_raw()
     }
 
-    /// Advertises a topic of one of Foxglove's own types.
+    /// Advertises a topic of one of Foxglove's types.
     pub fn advertise_own<T: Encode>(&self, topic: &str) -> Channel<T> {
         ChannelBuilder::new(topic).context(&self.context).build()
     }
 
-    /// Keeps a message of `time` \[ns\] for those who subscribe later.
+    /// Keeps a message with its `time` \[ns\] for later subscribers.
     pub fn keep(&self, channel: &Arc<RawChannel>, time: u64, data: Bytes) {
         let channel = Arc::clone(channel);
         let kept = Kept {
@@ -98,7 +98,7 @@ impl Server {
         self.latched.lock().insert(kept.channel.id(), kept);
     }
 
-    /// Tells all clients what time it is \[ns\].
+    /// Broadcasts the current time \[ns\] to all clients.
     pub fn tell_time(&self, time: u64) {
         if let Some(handle) = &self.handle {
             handle.broadcast_time(time);
@@ -122,7 +122,7 @@ struct Kept {
     data: Bytes,
 }
 
-/// The last message of each channel that has one for late joiners.
+/// The last message of each latched channel, for late subscribers.
 #[derive(Default)]
 struct Latched(Mutex<HashMap<ChannelId, Kept>>);
 

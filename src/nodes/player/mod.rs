@@ -1,5 +1,4 @@
-//! Publishes a bag again: its topics, types and quality of service, at the times at which they were
-//! recorded.
+//! The player node: publishes the messages of a bag with their topics, types and QoS, at the recorded times.
 
 mod pace;
 
@@ -26,50 +25,50 @@ use crate::{
 };
 use pace::Pace;
 
-/// The name that the node of `ros2 bag play` has.
+/// Node name, as that of `ros2 bag play`.
 pub const NAME: &str = "rosbag2_player";
 
-/// What is played, and how.
+/// Options of playback.
 #[derive(Debug, Clone)]
 pub struct Player {
-    /// The recording.
+    /// The bag.
     pub bag: Bag,
-    /// Recorded seconds that pass in one second.
+    /// Playback rate: recorded seconds per second.
     pub rate: f64,
-    /// Whether it begins anew at its end.
+    /// Whether to repeat from the start at the end.
     pub repeat: bool,
-    /// How often `/clock` is published \[Hz\], instead of the one in the bag.
+    /// Rate of `/clock` \[Hz\], published instead of the recorded one.
     pub clock: Option<f64>,
-    /// Topics to play; empty is all.
+    /// Topics to play; empty: all.
     pub topics: Vec<String>,
-    /// Recorded time to leave out at the beginning. Of latched topics the last message before is played.
+    /// Recorded time to skip at the beginning. Of latched topics the last message before it is played.
     pub start_offset: Duration,
-    /// How long subscribers have to find the topics before the first message.
+    /// Time for subscribers to match before the first message.
     pub delay: Duration,
-    /// Whether it waits for a call of `resume`.
+    /// Whether playback starts paused.
     pub start_paused: bool,
 }
 
-/// What was played.
+/// Result of playback.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Played {
-    /// Messages that were published.
+    /// Published messages.
     pub messages: u64,
-    /// Of these, messages that subscribers or the network were too slow for.
+    /// Of these, messages dropped because subscribers or the network were too slow.
     pub dropped: u64,
-    /// Topics.
+    /// Number of topics.
     pub topics: usize,
-    /// Topics that cannot be played, each with the reason.
+    /// Omitted topics, each with the reason.
     pub left_out: BTreeMap<String, String>,
-    /// Where the bag is not whole.
+    /// Damage of the bag.
     pub damage: Vec<Damage>,
 }
 
 impl Player {
-    /// The node's program; `played` has at the end what there is to say.
+    /// The node's program; at the end `played` contains the result.
     ///
     /// # Errors
-    /// When the bag has no such topics, or DDS refuses.
+    /// When the bag does not contain the topics, or DDS fails.
     pub fn run(&self, node: &Node, played: &Mutex<Played>) -> Result<(), NodeError> {
         let info = self
             .bag
@@ -100,7 +99,7 @@ impl Player {
             publishers: BTreeMap::new(),
             played,
         };
-        // Everything is announced before anything is said.
+        // Announce all topics before publishing any message.
         for topic in &info.topics {
             stage.announce(&topic.name, &topic.type_name, &topic.encoding, &topic.qos)?;
         }
@@ -124,11 +123,11 @@ impl Player {
     }
 }
 
-/// The topics while they are played.
+/// The publishers during playback.
 struct Stage<'a> {
     player: &'a Player,
     node: &'a Node,
-    /// By name in the bag; `None` for one that cannot be played.
+    /// By name in the bag; `None` for a topic that cannot be played.
     publishers: BTreeMap<String, Option<RawPublisher>>,
     played: &'a Mutex<Played>,
 }
@@ -160,7 +159,7 @@ impl Stage<'_> {
         Ok(())
     }
 
-    /// Plays the bag from `begin` to its end.
+    /// Plays the bag from time `begin` to its end.
     fn once(&mut self, begin: u64, pace: &mut Pace<'_>) -> Result<(), NodeError> {
         let mut latched: BTreeMap<String, Message> = BTreeMap::new();
         let mut messages = self.player.bag.messages();
@@ -182,7 +181,7 @@ impl Stage<'_> {
             }
             self.publish(message)?;
         }
-        // Latched topics are there even if nothing comes after `begin`.
+        // Latched messages are published even if none follows `begin`.
         for (_, early) in latched {
             self.publish(early)?;
         }

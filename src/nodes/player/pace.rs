@@ -1,4 +1,4 @@
-//! When a recorded moment is due.
+//! Playback timing: when a recorded message is due.
 
 use std::{
     sync::{
@@ -14,16 +14,16 @@ use crate::{
     ros::{Node, Publisher},
 };
 
-/// How long it sleeps before it looks whether it is to stop or to pause.
+/// Longest sleep between checks for stop and pause.
 const SLICE: Duration = Duration::from_millis(20);
 
-/// Recorded time as it passes.
+/// Maps wall time to recorded time.
 pub(super) struct Pace<'a> {
     node: &'a Node,
     begin: u64,
     rate: f64,
     paused: Arc<AtomicBool>,
-    /// A moment of the computer's clock and what recorded time it was.
+    /// A wall time and the recorded time at that moment.
     origin: (Instant, u64),
     clock: Option<Publisher<Clock>>,
     clock_period: Duration,
@@ -31,7 +31,7 @@ pub(super) struct Pace<'a> {
 }
 
 impl<'a> Pace<'a> {
-    /// Recorded time `begin` is now.
+    /// Starts at recorded time `begin`.
     pub fn new(
         node: &'a Node,
         begin: u64,
@@ -53,12 +53,12 @@ impl<'a> Pace<'a> {
         }
     }
 
-    /// Begins anew.
+    /// Restarts at the recorded time `begin`.
     pub fn restart(&mut self) {
         self.origin = (Instant::now(), self.begin);
     }
 
-    /// Lets `patience` of the computer's time pass, and no recorded time.
+    /// Waits `patience` of wall time; recorded time does not advance.
     pub fn wait(&mut self, patience: Duration) {
         let until = Instant::now() + patience;
         while self.node.ok() && Instant::now() < until {
@@ -67,7 +67,7 @@ impl<'a> Pace<'a> {
         self.restart();
     }
 
-    /// Waits until it is recorded time `time`; `false` if the node is to stop.
+    /// Waits until the recorded time `time`; `false` if the node must stop.
     pub fn reach(&mut self, time: u64) -> bool {
         loop {
             if !self.node.ok() {
@@ -78,7 +78,7 @@ impl<'a> Pace<'a> {
                 let here = self.recorded(now).min(time);
                 self.publish_clock(now, here);
                 std::thread::sleep(SLICE);
-                // Recorded time stood still meanwhile.
+                // Recorded time does not advance during a pause.
                 self.origin = (Instant::now(), here);
                 continue;
             }
@@ -100,11 +100,11 @@ impl<'a> Pace<'a> {
         }
     }
 
-    /// The recorded time at `now`.
+    /// The recorded time at the wall time `now`.
     fn recorded(&self, now: Instant) -> u64 {
         let (instant, recorded) = self.origin;
         let passed = now.saturating_duration_since(instant).as_secs_f64();
-        // A cast of floats stops at the largest number.
+        // Casts from floats saturate.
         recorded.saturating_add((passed * self.rate * 1e9) as u64)
     }
 

@@ -1,7 +1,7 @@
 //! The recorder node: writes topics to a rosbag2 bag.
 
-mod deck;
 mod params;
+mod recording_session;
 mod selection;
 mod services;
 mod times;
@@ -13,14 +13,14 @@ use crate::{
     bag,
     ros::{Node, NodeError, Qos, RawSubscription, Status},
 };
-use deck::Deck;
 pub use params::RecorderParams;
+use recording_session::RecordingSession;
 pub use selection::Selection;
 
-/// How often new topics are looked for.
-const LOOK: Duration = Duration::from_millis(200);
+/// Interval between searches for new topics.
+const DISCOVERY_INTERVAL: Duration = Duration::from_millis(200);
 
-/// `bags/`, `prefix` and the time, as `ros2 bag record` names its folders.
+/// `bags/PREFIX-TIME`, named as `ros2 bag record` names its folders.
 pub fn new_folder(prefix: &str) -> PathBuf {
     let time = chrono::Local::now().format("%Y_%m_%d-%H_%M_%S");
     PathBuf::from(format!("bags/{prefix}-{time}"))
@@ -34,58 +34,61 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut declare = node.declare();
     let params = RecorderParams::declare(&mut declare);
     declare.finish()?;
-    let deck = Arc::new(Deck::new(
+    let session = Arc::new(RecordingSession::new(
         node,
         params.options,
         params.queue,
         params.start_paused,
     ));
-    deck.begin(params.bag)
+    session
+        .begin(params.bag)
         .map_err(|e| NodeError::Input(format!("node {}: {e}", node.name())))?;
-    let mut session = Session {
+    let mut recorded = TopicSubscriptions {
         node,
         subscriptions: HashMap::new(),
         status: node.diagnostics().status("bag"),
         selection: params.selection.resolved(node)?,
-        recording: deck.begun(),
+        recording: session.begun(),
         failed: false,
-        deck: Arc::clone(&deck),
+        session: Arc::clone(&session),
     };
-    session.subscribe_known()?;
-    let services = services::serve(node, &deck)?;
+    recorded.subscribe_known()?;
+    let services = services::serve(node, &session)?;
     while node.ok() {
-        session.follow_deck()?;
-        session.subscribe_discovered()?;
-        session.report();
-        // The receiving thread hands messages over; here nothing is urgent.
-        std::thread::sleep(LOOK);
+        recorded.follow_session()?;
+        recorded.subscribe_discovered()?;
+        recorded.report();
+        // The receiving thread records the messages; nothing here is urgent.
+        std::thread::sleep(DISCOVERY_INTERVAL);
     }
-    // Nobody may begin a recording that nobody ends.
+    // End the services first, so that none starts a recording that would stay open.
     drop(services);
-    session.subscriptions.clear();
-    deck.end()
+    recorded.subscriptions.clear();
+    session
+        .end()
         .map(|_| ())
         .map_err(|e| NodeError::Failed(e.to_string()))
 }
 
-struct Session<'a> {
+/// The subscriptions of the recording in progress.
+struct TopicSubscriptions<'a> {
     node: &'a Node,
-    deck: Arc<Deck>,
-    /// By full name of the topic.
+    session: Arc<RecordingSession>,
+    /// By full topic name.
     subscriptions: HashMap<String, RawSubscription>,
     status: Status,
     selection: Selection,
-    /// Number of the recording that the subscriptions were made for.
+    /// Number of the recording for which the subscriptions were created.
     recording: u64,
-    /// Whether it was said that nothing is recorded any more.
+    /// Whether a write failure has been logged.
     failed: bool,
 }
 
-impl Session<'_> {
-    /// A new recording has new subscriptions, which get what is latched once more.
-    fn follow_deck(&mut self) -> Result<(), NodeError> {
-        if self.deck.begun() != self.recording {
-            self.recording = self.deck.begun();
+impl TopicSubscriptions<'_> {
+    /// Subscribes again when a new recording has started, so that it contains latched messages.
+    fn follow_session(&mut self) -> Result<(), NodeError> {
+        if self.session.begun() != self.recording {
+            self.recording = self.session.begun();
             self.failed = false;
             self.subscriptions.clear();
             self.subscribe_known()?;
@@ -93,14 +96,13 @@ impl Session<'_> {
         Ok(())
     }
 
-    /// Subscribes to the topics of the graph before anybody publishes them, so that not even their first
-    /// message is missed.
+    /// Subscribes to fuyu's topics before they have publishers, so that the first message is recorded.
     fn subscribe_known(&mut self) -> Result<(), NodeError> {
         for topic in topics::all() {
             let name = self.node.resolve_topic(topic.name)?;
             if self.selection.takes(&name) {
                 let sink = self
-                    .deck
+                    .session
                     .sink(bag::Topic::named(&name, &topic.type_name, topic.qos));
                 let subscription = self.node.subscribe_raw(
                     topic.name,
@@ -121,7 +123,7 @@ impl Session<'_> {
                 let mut topic =
                     bag::Topic::named(&publisher.topic, &publisher.type_name, publisher.qos);
                 topic.type_hash.clone_from(&publisher.type_hash);
-                let sink = self.deck.sink(topic);
+                let sink = self.session.sink(topic);
                 let take = move |sample| sink.take(sample);
                 let subscription =
                     self.node
@@ -133,8 +135,8 @@ impl Session<'_> {
     }
 
     fn report(&mut self) {
-        let Some(handle) = self.deck.handle() else {
-            self.status.ok("nothing is recorded");
+        let Some(handle) = self.session.handle() else {
+            self.status.ok("no recording in progress");
             return;
         };
         let recorded = handle.status();
@@ -149,7 +151,7 @@ impl Session<'_> {
         match recorded.failure {
             Some(problem) => {
                 if !self.failed {
-                    tracing::error!("nothing is recorded any more: {problem}");
+                    tracing::error!("recording has stopped: {problem}");
                     self.failed = true;
                 }
                 self.status.error(problem);
@@ -160,13 +162,13 @@ impl Session<'_> {
                     recorded.dropped
                 ));
             }
-            None if self.deck.is_paused() => self.status.ok("paused"),
+            None if self.session.is_paused() => self.status.ok("paused"),
             None => self.status.ok("recording"),
         }
     }
 }
 
-/// What is offered, with a queue deep enough for what arrives while the receiving thread is busy.
+/// The offered QoS, with a queue deep enough for messages that arrive while the receiving thread is busy.
 fn reading(offered: Qos) -> Qos {
     offered.depth(offered.depth.max(100))
 }

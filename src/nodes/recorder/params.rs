@@ -1,4 +1,4 @@
-//! Parameters of the recorder node. Where `ros2 bag record` has the same thing, it has the same name.
+//! Parameters of the recorder node. Those that `ros2 bag record` also has carry the same name.
 
 use std::{path::PathBuf, time::Duration};
 
@@ -10,18 +10,18 @@ use crate::{
     ros::{Declare, params::Declaration},
 };
 
-/// What the recorder node is told at its start.
+/// Parameters of the recorder node.
 #[derive(Debug, Clone)]
 pub struct RecorderParams {
-    /// Folder to write, which must not exist; `None` is a new one in `bags/`.
+    /// Output folder, which must not exist; `None`: a new folder in `bags/`.
     pub bag: Option<PathBuf>,
-    /// Which topics.
+    /// Topics to record.
     pub selection: Selection,
-    /// How they are written.
+    /// Options of the writer.
     pub options: WriterOptions,
-    /// Bytes that may wait for the disk before messages are dropped.
+    /// Queue capacity in bytes before messages are dropped.
     pub queue: usize,
-    /// Whether it waits for a call of `resume`.
+    /// Whether recording starts paused.
     pub start_paused: bool,
 }
 
@@ -31,17 +31,17 @@ const COMPRESSIONS: [(&str, Compression); 3] = [
     ("none", Compression::None),
 ];
 
-/// A file smaller than this is not worth the trouble \[bytes\].
+/// Smallest allowed `max_bagfile_size` \[bytes\].
 const SMALLEST_FILE: i64 = 10_000;
 
 impl RecorderParams {
-    /// Declares the parameters and reads them. `finish` of `declare` is the caller's.
+    /// Declares and reads the parameters. The caller calls `finish` of `declare`.
     pub fn declare(declare: &mut Declare) -> Self {
         let bag = declare
             .param(
                 "bag",
                 "",
-                "Folder of the bag, which must not exist; empty is bags/ and the time",
+                "Folder of the bag, which must not exist; empty: bags/ and the time",
             )
             .read_only()
             .value();
@@ -51,7 +51,7 @@ impl RecorderParams {
             .param(
                 "max_cache_size",
                 QUEUE_BYTES as i64,
-                "What may wait for the disk before messages are dropped [bytes]",
+                "Data that may wait for the disk before messages are dropped [bytes]",
             )
             .range(1 << 16, 1 << 36)
             .read_only()
@@ -88,18 +88,22 @@ fn declare_selection(declare: &mut Declare) -> Selection {
     );
     let exclude_topics = names(declare, "exclude_topics", "Topics not to record");
     let all = declare
-        .param("all", false, "Record all topics, beside those named")
+        .param(
+            "all",
+            false,
+            "Record all topics, in addition to those named",
+        )
         .read_only()
         .value();
     let regex = expression(
         declare,
         "regex",
-        "Record topics, too, of whose full name it matches a part",
+        "Also record topics whose full name it matches (in part)",
     );
     let exclude_regex = expression(
         declare,
         "exclude_regex",
-        "Do not record topics of whose full name it matches a part",
+        "Do not record topics whose full name it matches (in part)",
     );
     Selection {
         all,
@@ -110,7 +114,7 @@ fn declare_selection(declare: &mut Declare) -> Selection {
     }
 }
 
-/// A regular expression; empty text is none.
+/// A regular expression; an empty string means none.
 fn expression(declare: &mut Declare, name: &str, description: &str) -> Option<Regex> {
     let text = declare
         .param(name, "", description)
@@ -119,7 +123,7 @@ fn expression(declare: &mut Declare, name: &str, description: &str) -> Option<Re
         })
         .read_only()
         .value();
-    // A wrong one has been refused by the declaration.
+    // The declaration has rejected an invalid one.
     compile(&text).ok().flatten()
 }
 
@@ -128,7 +132,7 @@ fn compile(text: &str) -> Result<Option<Regex>, String> {
         return Ok(None);
     }
     Regex::new(text).map(Some).map_err(|e| {
-        // The lines before the last one draw where it is.
+        // The last line has the reason; those before it draw the position.
         let text_of_error = e.to_string();
         let reason = text_of_error.lines().last().unwrap_or_default();
         let reason = reason.trim_start_matches("error: ");
@@ -155,7 +159,7 @@ fn declare_options(declare: &mut Declare) -> WriterOptions {
         default.compression_level.into(),
         0,
         22,
-        "How hard it is tried: 1 to 22 for zstd, 1 to 12 for lz4, 0 is usual",
+        "Compression level: 1 to 22 for zstd, 1 to 12 for lz4, 0: default",
     );
     let chunk_size = integer(
         "chunk_size",
@@ -168,7 +172,7 @@ fn declare_options(declare: &mut Declare) -> WriterOptions {
         .param(
             "max_bagfile_size",
             0,
-            "Size at which another file is begun, give or take a chunk [bytes]; 0 is never",
+            "Size at which a new file is started, to within a chunk [bytes]; 0: never",
         )
         .check(
             &format!("0 or at least {SMALLEST_FILE}"),
@@ -185,7 +189,7 @@ fn declare_options(declare: &mut Declare) -> WriterOptions {
         .param(
             "max_bagfile_duration",
             0.0,
-            "Recorded time after which another file is begun [s]; 0 is never",
+            "Recorded time after which a new file is started [s]; 0: never",
         )
         .range(0.0, 1e9)
         .check("0 or at least 0.1", |&seconds| match seconds {
@@ -195,7 +199,7 @@ fn declare_options(declare: &mut Declare) -> WriterOptions {
         .read_only()
         .value();
     WriterOptions {
-        // Any other text has been refused by the declaration.
+        // The declaration has rejected any other text.
         compression: choice::find(&COMPRESSIONS, &compression).unwrap_or_default(),
         compression_level: u32::try_from(compression_level).unwrap_or_default(),
         chunk_size,
@@ -204,7 +208,7 @@ fn declare_options(declare: &mut Declare) -> WriterOptions {
     }
 }
 
-// Ranges have refused what is negative.
+// The declared ranges exclude negative values.
 fn unsigned(declaration: Declaration<'_, i64>) -> u64 {
     u64::try_from(declaration.value()).unwrap_or_default()
 }

@@ -1,32 +1,32 @@
-//! Which topics are recorded.
+//! Selection of the topics to record.
 
 use regex::Regex;
 
 use crate::ros::{Node, NodeError};
 
-/// Plumbing of ROS, which a bag of everything leaves out.
+/// Infrastructure topics that are recorded only if named.
 const LEFT_OUT: [&str; 2] = ["/parameter_events", "/rosout"];
 
-/// Which topics are recorded. Exclusion wins; nothing named is all.
+/// Selection of topics. Exclusion has priority; without any names, all topics are selected.
 #[derive(Debug, Clone, Default)]
 pub struct Selection {
-    /// All of them, beside those named.
+    /// All topics, in addition to those named.
     pub all: bool,
-    /// By name.
+    /// Topics by name.
     pub topics: Vec<String>,
-    /// By a part of the full name.
+    /// Topics whose full name this matches (in part).
     pub regex: Option<Regex>,
-    /// Not these.
+    /// Excluded topics by name.
     pub exclude_topics: Vec<String>,
-    /// Nor those of whose full name it matches a part.
+    /// Excluded topics whose full name this matches (in part).
     pub exclude_regex: Option<Regex>,
 }
 
 impl Selection {
-    /// The same with full names, as `node` expands and remaps them.
+    /// The selection with full names, as `node` expands and remaps them.
     ///
     /// # Errors
-    /// [`NodeError::Name`] for a name against the rules.
+    /// [`NodeError::Name`] for an invalid name.
     pub fn resolved(self, node: &Node) -> Result<Self, NodeError> {
         let resolve = |names: Vec<String>| -> Result<Vec<String>, NodeError> {
             names.iter().map(|name| node.resolve_topic(name)).collect()
@@ -38,7 +38,7 @@ impl Selection {
         })
     }
 
-    /// Whether the topic of this full name is among them.
+    /// Whether the topic with this full name is selected.
     pub fn takes(&self, topic: &str) -> bool {
         let is = |names: &[String]| names.iter().any(|name| name == topic);
         let matches = |regex: &Option<Regex>| regex.as_ref().is_some_and(|r| r.is_match(topic));

@@ -1,8 +1,8 @@
-//! The services of `ros2 bag record`, under its names and types.
+//! The services of `ros2 bag record`, with its names and types.
 
 use std::{path::PathBuf, sync::Arc};
 
-use super::deck::Deck;
+use super::recording_session::RecordingSession;
 use crate::{
     msg::rosbag2_interfaces::{
         IsPaused, IsPausedResponse, Pause, PauseResponse, Record, RecordResponse, Resume,
@@ -12,12 +12,15 @@ use crate::{
     ros::{Node, NodeError, ServiceServer},
 };
 
-/// Answers them as long as the result lives.
+/// Serves them until the returned value is dropped.
 ///
 /// # Errors
-/// When DDS refuses.
-pub fn serve(node: &Node, deck: &Arc<Deck>) -> Result<Vec<ServiceServer>, NodeError> {
-    let with = || Arc::clone(deck);
+/// When DDS fails.
+pub fn serve(
+    node: &Node,
+    session: &Arc<RecordingSession>,
+) -> Result<Vec<ServiceServer>, NodeError> {
+    let with = || Arc::clone(session);
     let (record, stop, split) = (with(), with(), with());
     let (pause, resume, toggle, is_paused) = (with(), with(), with(), with());
     Ok(vec![
@@ -37,7 +40,7 @@ pub fn serve(node: &Node, deck: &Arc<Deck>) -> Result<Vec<ServiceServer>, NodeEr
         node.serve::<Stop>("~/stop", move |_| {
             match stop.end() {
                 Ok(true) => {}
-                Ok(false) => tracing::warn!("asked to stop, but nothing is recorded"),
+                Ok(false) => tracing::warn!("stop requested, but no recording is in progress"),
                 Err(problem) => tracing::error!("{problem}"),
             }
             StopResponse::default()
@@ -46,7 +49,7 @@ pub fn serve(node: &Node, deck: &Arc<Deck>) -> Result<Vec<ServiceServer>, NodeEr
             match split.handle().map(|handle| handle.split()) {
                 Some(Ok(())) => {}
                 Some(Err(problem)) => tracing::error!("{problem}"),
-                None => tracing::warn!("asked to split a bag, but nothing is recorded"),
+                None => tracing::warn!("split requested, but no recording is in progress"),
             }
             SplitBagfileResponse::default()
         })?,

@@ -1,4 +1,4 @@
-//! The time under which a message is recorded.
+//! Time stamps of recorded messages.
 
 use std::sync::{
     Arc, Mutex, PoisonError,
@@ -10,28 +10,28 @@ use crate::{
     ros::{Clock, RawSample, Time},
 };
 
-/// The time of the log: the computer's, or with use_sim_time that of `/clock`, as with
-/// `ros2 bag record --use-sim-time`.
+/// Stamps messages with wall time or, with use_sim_time, with the time of `/clock`, like `ros2 bag record
+/// --use-sim-time`.
 pub struct Times {
     clock: Clock,
-    /// What came before the first `/clock`, and so has no time yet; `None` once that has come.
+    /// Samples that arrived before the first `/clock`; `None` after it.
     early: Mutex<Option<Vec<Early>>>,
-    /// Of the last message \[ns\].
+    /// Stamp of the last message \[ns\].
     last: AtomicU64,
 }
 
-/// A sample that has no time yet, and where it goes.
+/// A sample without a stamp yet, and its destination.
 struct Early {
     handle: RecorderHandle,
     topic: Arc<RecorderTopic>,
     sample: RawSample,
 }
 
-/// Samples that may wait for the first `/clock`.
+/// Largest number of samples that wait for the first `/clock`.
 const EARLY: usize = 10_000;
 
 impl Times {
-    /// Those of `clock`.
+    /// Stamps from `clock`.
     pub fn new(clock: Clock) -> Self {
         Self {
             clock,
@@ -40,7 +40,7 @@ impl Times {
         }
     }
 
-    /// Writes a sample, now or as soon as there is a time.
+    /// Writes a sample, now or as soon as the time is known.
     pub fn write(&self, handle: &RecorderHandle, topic: &Arc<RecorderTopic>, sample: RawSample) {
         let mut early = self.early.lock().unwrap_or_else(PoisonError::into_inner);
         match early.as_mut() {
@@ -56,7 +56,7 @@ impl Times {
         }
     }
 
-    /// The first `/clock` has come, or none will: `now`.
+    /// Writes the waiting samples with the stamp `now`: the first `/clock` has arrived, or recording ends.
     pub fn begin(&self, now: Time) {
         let early = self
             .early
@@ -89,9 +89,9 @@ impl Times {
         let (received, sent) = (nanos(received), nanos(sent));
         let last = self.last.swap(received, Relaxed);
         if simulated && received < last {
-            // Whoever reads a file in the order of time would mix two runs.
+            // Sorted by time, one file would mix the two runs.
             tracing::info!(
-                "/clock went back from {} s to {} s: another file of the bag begins",
+                "/clock jumped back from {} s to {} s: the bag continues in a new file",
                 Time::from_nanos(last as i64),
                 Time::from_nanos(received as i64)
             );

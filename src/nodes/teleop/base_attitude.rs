@@ -1,4 +1,4 @@
-//! How the base is turned in the world, from its gyro alone.
+//! Attitude of the base in the world, integrated from its gyro.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
@@ -7,10 +7,10 @@ use crate::{
     ros::Time,
 };
 
-/// Measurements further apart than this say nothing about the time between \[s\].
-const GAP: f64 = 0.5;
+/// Largest interval between measurements over which they are integrated \[s\].
+const MAX_GAP: f64 = 0.5;
 
-/// The base's attitude since the first measurement, when it was a given one: a gyro tells turns, not attitudes.
+/// The base's attitude: a given one at the first measurement, because a gyro measures rotations only, and integrated since.
 #[derive(Debug)]
 pub struct BaseAttitude {
     initial: UnitQuaternion<f64>,
@@ -31,10 +31,10 @@ impl BaseAttitude {
         }
     }
 
-    /// Takes in a measurement of a unit in the axes of the frame `base`.
+    /// Adds a measurement, which must be in the axes of the frame `base`.
     ///
     /// # Errors
-    /// Says what is wrong with it.
+    /// What is wrong with it.
     pub fn take(&mut self, imu: &Imu, base: &str) -> Result<(), String> {
         let unit = &imu.header.frame_id;
         if unit != base {
@@ -46,19 +46,19 @@ impl BaseAttitude {
         }
         let sample = (Time::from(&imu.header.stamp).as_secs_f64(), w);
         match self.last {
-            // Told again, or overtaken on its way.
-            Some(last) if sample.0 <= last.0 && sample.0 >= last.0 - GAP => return Ok(()),
+            // Repeated, or out of order.
+            Some(last) if sample.0 <= last.0 && sample.0 >= last.0 - MAX_GAP => return Ok(()),
             Some(last) if sample.0 > last.0 => {
                 let gap = sample.0 - last.0;
-                if gap > GAP {
+                if gap > MAX_GAP {
                     self.lost = Some(format!(
-                        "{gap:.1} s without imu: where the world's axes are is lost until the node starts anew"
+                        "{gap:.1} s without imu: the world's axes are lost until the node restarts"
                     ));
                 }
                 self.R_WB *= rotation_between(&last, &sample);
                 self.R_WB.renormalize();
             }
-            // The first, or a simulation that began anew.
+            // The first, or a simulation that has restarted.
             _ => *self = Self::new(self.initial),
         }
         self.last = Some(sample);
@@ -68,13 +68,13 @@ impl BaseAttitude {
     /// The attitude.
     ///
     /// # Errors
-    /// Says why it is not known.
+    /// Why it is unknown.
     pub fn R_WB(&self) -> Result<UnitQuaternion<f64>, String> {
         match (&self.lost, self.last) {
             (Some(lost), _) => Err(lost.clone()),
-            (None, None) => Err(
-                "no imu has arrived yet, so nothing tells where the world's axes are".to_owned(),
-            ),
+            (None, None) => {
+                Err("no imu has arrived yet, so the world's axes are unknown".to_owned())
+            }
             (None, Some(_)) => Ok(self.R_WB),
         }
     }
@@ -96,7 +96,7 @@ mod tests {
     }
 
     #[test]
-    fn turns_add_up_from_the_initial_attitude() {
+    fn rotations_are_integrated_from_the_initial_attitude() {
         let initial = UnitQuaternion::from_euler_angles(0.3, 0.0, 1.0);
         let mut attitude = BaseAttitude::new(initial);
         assert!(attitude.R_WB().unwrap_err().contains("no imu"));
@@ -113,7 +113,7 @@ mod tests {
     }
 
     #[test]
-    fn what_cannot_be_known_is_said() {
+    fn an_unknown_attitude_is_an_error() {
         let mut attitude = BaseAttitude::new(UnitQuaternion::identity());
         let still = Vector3::zeros();
         let wrong = attitude.take(&imu(0.0, still), "hull").unwrap_err();
@@ -123,7 +123,7 @@ mod tests {
         attitude.take(&imu(10.0, still), "base_link").unwrap();
         attitude.take(&imu(11.0, still), "base_link").unwrap();
         assert!(attitude.R_WB().unwrap_err().contains("1.0 s without imu"));
-        // Time that begins anew is another run.
+        // A jump back in time starts another run.
         attitude.take(&imu(0.0, still), "base_link").unwrap();
         assert!(attitude.R_WB().is_ok());
     }

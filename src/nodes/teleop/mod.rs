@@ -1,13 +1,13 @@
-//! The teleop node: an operator's joystick or twists in, joint rates out.
+//! The teleop node: joint rates from an operator's joystick or twists.
 //!
-//! The last sound message of `joy` or `cmd_vel` counts for `command_timeout`. While the joystick's button is pressed it
-//! goes before twists. A button that is released, a message that is wrong, and silence stop the arm: zero rates, at once.
-//! Nothing is commanded before somebody has moved the arm.
+//! The last valid message of `joy` or `cmd_vel` is in force for `command_timeout`. While the joystick's button is pressed it
+//! has priority over twists. A released button, an invalid message and a timeout stop the arm: zero rates, at once.
+//! Nothing is commanded before the operator has moved the arm for the first time.
 //!
-//! Commands are in the axes of the base, of the tip or of the world. The node is told nothing of the base but its gyro: the
-//! world's axes are those that follow from `base_orientation` at the first measurement and from what `imu` has measured
-//! since. They drift as the gyro does. What the command means, motion in inertial space or relative to the base, is the
-//! method's ([`Resolution`]).
+//! Commands are in the axes of the base, of the tip or of the world. The node measures the base only by its gyro: the
+//! world's axes follow from `base_orientation` at the first measurement and from the integrated `imu` measurements
+//! since. They drift as the gyro does. The method ([`Resolution`]) determines whether a command is motion in inertial space or
+//! relative to the base.
 
 mod base_attitude;
 mod operator;
@@ -38,14 +38,14 @@ use crate::{
     ros::{Node, NodeError, Publisher, Status, Subscription},
 };
 use base_attitude::BaseAttitude;
-use operator::{OperatorInput, Wish};
+use operator::{OperatorInput, Request};
 use operator_command::FrameNames;
 use params::Live;
 
-/// Commands are no closer than this, however fast the operator's messages are.
-const CLOSEST: Duration = Duration::from_millis(10);
+/// Shortest time between two commands.
+const MIN_PERIOD: Duration = Duration::from_millis(10);
 
-/// How long diagnostics tell of a wrong message while others are sound.
+/// How long diagnostics report an invalid message when the next ones are valid.
 const REFUSAL_SHOWN: Duration = Duration::from_secs(5);
 
 /// The node's program.
@@ -74,11 +74,11 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// The robot, as far as it is known.
+/// The robot that is steered.
 struct SteeredArm {
     steering: Steering,
     names: FrameNames,
-    /// Joint positions, when they came, or what is wrong with them.
+    /// Joint positions, or what is wrong with them, with the time of arrival.
     state: Option<(Instant, Result<DVector<f64>, String>)>,
 }
 
@@ -94,8 +94,8 @@ struct Teleop<'a> {
     arm: Option<SteeredArm>,
     attitude: BaseAttitude,
     input: OperatorInput,
-    /// Whether the operator has said something since the last command.
-    news: bool,
+    /// Whether a message of the operator has arrived since the last command.
+    new_message: bool,
     commanded: Option<Instant>,
     operator_status: Status,
     steering_status: Status,
@@ -121,7 +121,7 @@ impl<'a> Teleop<'a> {
             attitude: BaseAttitude::new(params.base_orientation),
             arm: None,
             input: OperatorInput::default(),
-            news: false,
+            new_message: false,
             commanded: None,
             refused: 0,
             refusal: None,
@@ -143,10 +143,10 @@ impl<'a> Teleop<'a> {
         });
     }
 
-    /// How long it is until the next command is due.
+    /// Time until the next command is due.
     fn until_due(&self) -> Duration {
-        let period = match self.news {
-            true => CLOSEST,
+        let period = match self.new_message {
+            true => MIN_PERIOD,
             false => Duration::from_secs_f64(1.0 / self.params.rate),
         };
         let since = self.commanded.map_or(Duration::MAX, |last| last.elapsed());
@@ -154,15 +154,15 @@ impl<'a> Teleop<'a> {
     }
 
     fn wait(&self) -> bool {
-        // Before the first command there is nothing to be in time for.
-        let patience = match self.input.began() {
+        // Before the first command there is no deadline.
+        let timeout = match self.input.has_moved() {
             true => self.until_due(),
             false => Duration::from_millis(100),
         };
-        self.node.wait_for(patience)
+        self.node.wait_for(timeout)
     }
 
-    /// Takes in what has arrived.
+    /// Reads the messages that have arrived.
     fn listen(&mut self) {
         let Some(arm) = &mut self.arm else { return };
         if self.live.changed() {
@@ -176,29 +176,29 @@ impl<'a> Teleop<'a> {
         while let Some(received) = self.imu.take() {
             match self.attitude.take(&received.message, &arm.names.base) {
                 Ok(()) => match self.attitude.R_WB() {
-                    Ok(_) => self.imu_status.ok("the base's attitude is followed"),
+                    Ok(_) => self.imu_status.ok("the attitude of the base is integrated"),
                     Err(lost) => self.imu_status.warn(lost),
                 },
                 Err(problem) => (self.imu_status).warn(format!("{}: {problem}", self.imu.topic())),
             }
         }
         let mut refuse = |topic: &str, problem: String| {
-            let told = format!("{topic}: {problem}; the arm is stopped");
+            let text = format!("{topic}: {problem}; the arm is stopped");
             self.refused += 1;
             if self.refused == 1 {
-                tracing::warn!("{told}");
+                tracing::warn!("{text}");
             }
-            self.refusal = Some((now, told));
+            self.refusal = Some((now, text));
         };
         while let Some(received) = self.joy.take() {
-            self.news = true;
+            self.new_message = true;
             let taken = (self.input).take_joy(&received.message, &self.params.joystick, now);
             if let Err(problem) = taken {
                 refuse(self.joy.topic(), problem);
             }
         }
         while let Some(received) = self.cmd_vel.take() {
-            self.news = true;
+            self.new_message = true;
             let (message, frame) = (&received.message, self.live.frame());
             let taken = self.input.take_cmd_vel(message, &arm.names, frame, now);
             if let Err(problem) = taken {
@@ -210,18 +210,18 @@ impl<'a> Teleop<'a> {
     fn command_if_due(&mut self) {
         let now = Instant::now();
         let timeout = self.params.command_timeout;
-        let wish = self.input.wish(self.live.frame(), timeout, now);
-        self.report(&wish);
-        if !self.input.began() || !self.until_due().is_zero() {
+        let request = self.input.request(self.live.frame(), timeout, now);
+        self.report(&request);
+        if !self.input.has_moved() || !self.until_due().is_zero() {
             return;
         }
         let Some(arm) = &mut self.arm else { return };
         let stamp = self.node.now();
         let time = stamp.as_secs_f64();
         let status = &self.steering_status;
-        match steer(arm, &wish, &self.attitude, time, timeout) {
-            Ok(Some(steered)) => say(status, &arm.steering, &steered),
-            Ok(None) => status.ok("the arm stands still"),
+        match steer(arm, &request, &self.attitude, time, timeout) {
+            Ok(Some(steered)) => report_steering(status, &arm.steering, &steered),
+            Ok(None) => status.ok("the arm is stopped"),
             Err(problem) => {
                 arm.steering.stop(time);
                 status.warn(format!("{problem}; the arm is stopped"));
@@ -233,41 +233,41 @@ impl<'a> Teleop<'a> {
         };
         self.commands.publish(&message(&arm.steering, header));
         self.commanded = Some(now);
-        self.news = false;
+        self.new_message = false;
     }
 
-    /// Says who steers.
-    fn report(&self, wish: &Wish) {
+    /// Reports the source of commands.
+    fn report(&self, request: &Request) {
         let status = &self.operator_status;
         status.set("refused", self.refused);
-        if let Some((at, told)) = &self.refusal
+        if let Some((at, text)) = &self.refusal
             && at.elapsed() < REFUSAL_SHOWN
         {
-            status.warn(told.clone());
+            status.warn(text.clone());
             return;
         }
-        match wish {
-            Wish::Nothing => status.warn(format!(
-                "nothing has come on {} or {} yet",
+        match request {
+            Request::Nothing => status.warn(format!(
+                "no message on {} or {} yet",
                 self.joy.topic(),
                 self.cmd_vel.topic()
             )),
-            Wish::Move(_) => status.ok("steering"),
-            Wish::Released => status.ok("enable_button is not pressed: the arm stands still"),
-            Wish::Lost(problem) => status.warn(format!("{problem}: the arm is stopped")),
+            Request::Move(_) => status.ok("steering"),
+            Request::Released => status.ok("enable_button is not pressed: the arm is stopped"),
+            Request::Lost(problem) => status.warn(format!("{problem}: the arm is stopped")),
         }
     }
 }
 
-/// Sets the rates for what is wished; gives what became of it, or `None` if the arm is to stand still.
+/// Sets the joint rates for a request; returns how they were limited, or `None` if the arm is to stop.
 fn steer(
     arm: &mut SteeredArm,
-    wish: &Wish,
+    request: &Request,
     attitude: &BaseAttitude,
     time: f64,
     timeout: Duration,
 ) -> Result<Option<Steered>, String> {
-    let Wish::Move(command) = wish else {
+    let Request::Move(command) = request else {
         arm.steering.stop(time);
         return Ok(None);
     };
@@ -282,8 +282,8 @@ fn steer(
     Ok(Some(arm.steering.steer(time, q, &V_B)))
 }
 
-/// Says what stands in the way of a command.
-fn say(status: &Status, steering: &Steering, steered: &Steered) {
+/// Reports which limits act on a command.
+fn report_steering(status: &Status, steering: &Steering, steered: &Steered) {
     let config = steering.config();
     let method = choice::name_of(&Resolution::NAMES, &config.resolution.method);
     let weakest = steered.resolved.smallest_singular_value;
@@ -297,12 +297,12 @@ fn say(status: &Status, steering: &Steering, steered: &Steered) {
         ));
     } else if steered.resolved.damped {
         status.warn(format!(
-            "near a singular posture (singular value {weakest:.4} m, damping_threshold is {} m): the tip does not quite follow",
+            "near a singular posture (singular value {weakest:.4} m, damping_threshold is {} m): the tip does not exactly follow",
             config.resolution.damping_threshold
         ));
     } else if let Some(j) = steered.limited.rate {
         status.warn(format!(
-            "joint '{}' is at its largest rate: the tip is slower than commanded",
+            "joint '{}' is at its rate limit: the tip is slower than commanded",
             joint(j)
         ));
     } else if steered.too_fast {
@@ -316,7 +316,7 @@ fn joint_name(model: &Model, j: usize) -> &str {
     &model.joints()[j].name
 }
 
-/// The rates that are commanded now.
+/// Message with the commanded joint rates.
 pub fn message(steering: &Steering, header: Header) -> JointState {
     let joints = steering.model().joints().iter();
     JointState {

@@ -1,4 +1,4 @@
-//! Who steers, and whether anybody does.
+//! Arbitration between joystick and twists.
 
 use std::time::{Duration, Instant};
 
@@ -8,33 +8,33 @@ use crate::{
     spatial::Twist,
 };
 
-/// What is to be done now.
+/// What the operator requests.
 #[derive(Debug, Clone, PartialEq)]
-pub enum Wish {
-    /// Nobody has asked for anything yet.
+pub enum Request {
+    /// No message has arrived yet.
     Nothing,
-    /// Move.
+    /// To move.
     Move(OperatorCommand),
-    /// Stand still: the operator says so.
+    /// To stop: the operator has released the button.
     Released,
-    /// Stand still: the operator is lost, or what came last was wrong.
+    /// To stop: messages are missing, or the last one was invalid.
     Lost(String),
 }
 
-/// What came last from the operator, by joystick and by twists.
+/// Last messages of the operator, by joystick and by twists.
 #[derive(Debug, Default)]
 pub struct OperatorInput {
     joy: Option<(Instant, Result<Option<Twist>, String>)>,
     cmd_vel: Option<(Instant, Result<OperatorCommand, String>)>,
-    /// Whether anybody has moved the arm.
-    began: bool,
+    /// Whether the operator has ever moved the arm.
+    has_moved: bool,
 }
 
 impl OperatorInput {
-    /// Takes in a message of `joy` that came at `now`.
+    /// Adds a message of `joy` that arrived at `now`.
     ///
     /// # Errors
-    /// Says what is wrong with it; the arm then stops.
+    /// What is wrong with it; the arm then stops.
     pub fn take_joy(
         &mut self,
         message: &Joy,
@@ -46,10 +46,10 @@ impl OperatorInput {
         read.map(drop)
     }
 
-    /// Takes in a message of `cmd_vel` that came at `now`.
+    /// Adds a message of `cmd_vel` that arrived at `now`.
     ///
     /// # Errors
-    /// Says what is wrong with it; the arm then stops.
+    /// What is wrong with it; the arm then stops.
     pub fn take_cmd_vel(
         &mut self,
         message: &TwistStamped,
@@ -62,31 +62,31 @@ impl OperatorInput {
         read.map(drop)
     }
 
-    /// What is to be done at `now`. A joystick whose button is pressed goes before twists; what is older than
-    /// `timeout` does not count. `frame` is that of the joystick.
-    pub fn wish(&mut self, frame: CommandFrame, timeout: Duration, now: Instant) -> Wish {
+    /// The request at `now`. A joystick whose button is pressed has priority over twists; messages older than
+    /// `timeout` are ignored. `frame` is that of the joystick.
+    pub fn request(&mut self, frame: CommandFrame, timeout: Duration, now: Instant) -> Request {
         let age = |at: &Instant| now.saturating_duration_since(*at);
         let fresh = |at: &Instant| age(at) <= timeout;
         let joy = self.joy.as_ref().filter(|(at, _)| fresh(at));
         let cmd_vel = self.cmd_vel.as_ref().filter(|(at, _)| fresh(at));
-        let wish = match (joy, cmd_vel) {
-            // What is wrong from either stops the arm, whoever else asks for something.
-            (Some((_, Err(problem))), _) => Wish::Lost(format!("joy {problem}")),
-            (_, Some((_, Err(problem)))) => Wish::Lost(format!("cmd_vel {problem}")),
-            (Some((_, Ok(Some(twist)))), _) => Wish::Move(OperatorCommand {
+        let request = match (joy, cmd_vel) {
+            // An invalid message of either stops the arm.
+            (Some((_, Err(problem))), _) => Request::Lost(format!("joy {problem}")),
+            (_, Some((_, Err(problem)))) => Request::Lost(format!("cmd_vel {problem}")),
+            (Some((_, Ok(Some(twist)))), _) => Request::Move(OperatorCommand {
                 frame,
                 twist: *twist,
             }),
-            (_, Some((_, Ok(command)))) => Wish::Move(*command),
-            (Some((_, Ok(None))), None) => Wish::Released,
+            (_, Some((_, Ok(command)))) => Request::Move(*command),
+            (Some((_, Ok(None))), None) => Request::Released,
             (None, None) => {
                 let ages = [
                     self.joy.as_ref().map(|(at, _)| age(at)),
                     self.cmd_vel.as_ref().map(|(at, _)| age(at)),
                 ];
                 match ages.into_iter().flatten().min() {
-                    None => Wish::Nothing,
-                    Some(least) => Wish::Lost(format!(
+                    None => Request::Nothing,
+                    Some(least) => Request::Lost(format!(
                         "no message on joy or cmd_vel for {:.1} s (command_timeout is {} s)",
                         least.as_secs_f64(),
                         timeout.as_secs_f64()
@@ -94,14 +94,14 @@ impl OperatorInput {
                 }
             }
         };
-        self.began |= matches!(wish, Wish::Move(_));
-        wish
+        self.has_moved |= matches!(request, Request::Move(_));
+        request
     }
 
-    /// Whether anybody has ever moved the arm: before that nothing is commanded, and a simulation that waits for a
+    /// Whether the operator has ever moved the arm: before that nothing is commanded, and a simulation that waits for a
     /// command waits for the operator.
-    pub fn began(&self) -> bool {
-        self.began
+    pub fn has_moved(&self) -> bool {
+        self.has_moved
     }
 }
 
@@ -135,50 +135,63 @@ mod tests {
         }
     }
 
-    // A command that outlived its time, or its button, would move the arm with nobody there.
+    // A command that outlives its timeout, or its button, would move the arm without an operator.
     #[test]
-    fn the_arm_moves_only_while_somebody_holds_on() {
+    fn the_arm_moves_only_while_the_button_is_pressed_and_messages_arrive() {
         let mut input = OperatorInput::default();
         let start = Instant::now();
         let at = |ms: u64| start + Duration::from_millis(ms);
-        let wish = |input: &mut OperatorInput, ms| input.wish(CommandFrame::Base, TIMEOUT, at(ms));
-        assert_eq!(wish(&mut input, 0), Wish::Nothing);
+        let request =
+            |input: &mut OperatorInput, ms| input.request(CommandFrame::Base, TIMEOUT, at(ms));
+        assert_eq!(request(&mut input, 0), Request::Nothing);
         input.take_joy(&joy(0.5, 0), &stick(), at(10)).unwrap();
-        assert_eq!(wish(&mut input, 10), Wish::Released);
-        assert!(!input.began());
+        assert_eq!(request(&mut input, 10), Request::Released);
+        assert!(!input.has_moved());
         input.take_joy(&joy(0.5, 1), &stick(), at(20)).unwrap();
-        let Wish::Move(command) = wish(&mut input, 519) else {
+        let Request::Move(command) = request(&mut input, 519) else {
             panic!("it moves");
         };
         assert_eq!(command.twist.linear.x, 0.5);
-        assert!(input.began());
-        let Wish::Lost(problem) = wish(&mut input, 521) else {
+        assert!(input.has_moved());
+        let Request::Lost(problem) = request(&mut input, 521) else {
             panic!("it stops");
         };
         assert!(problem.contains("command_timeout is 0.5 s"), "{problem}");
         input.take_joy(&joy(0.5, 1), &stick(), at(600)).unwrap();
         input.take_joy(&joy(0.5, 0), &stick(), at(601)).unwrap();
-        assert_eq!(wish(&mut input, 602), Wish::Released);
+        assert_eq!(request(&mut input, 602), Request::Released);
     }
 
     #[test]
-    fn what_is_wrong_stops_the_arm_whoever_else_asks() {
+    fn an_invalid_message_stops_the_arm_even_when_the_other_source_is_valid() {
         let mut input = OperatorInput::default();
         let now = Instant::now();
         let mut twist = TwistStamped::default();
         twist.twist.linear.x = 0.1;
         let base = CommandFrame::Base;
         (input.take_cmd_vel(&twist, &names(), base, now)).unwrap();
-        assert!(matches!(input.wish(base, TIMEOUT, now), Wish::Move(_)));
+        assert!(matches!(
+            input.request(base, TIMEOUT, now),
+            Request::Move(_)
+        ));
         let problem = input.take_joy(&joy(f32::NAN, 1), &stick(), now);
         assert!(problem.unwrap_err().contains("NaN"));
-        assert!(matches!(input.wish(base, TIMEOUT, now), Wish::Lost(_)));
-        // A stick that lies there does not forbid twists.
+        assert!(matches!(
+            input.request(base, TIMEOUT, now),
+            Request::Lost(_)
+        ));
+        // A joystick without its button pressed does not block twists.
         input.take_joy(&joy(0.0, 0), &stick(), now).unwrap();
-        assert!(matches!(input.wish(base, TIMEOUT, now), Wish::Move(_)));
+        assert!(matches!(
+            input.request(base, TIMEOUT, now),
+            Request::Move(_)
+        ));
         twist.header.frame_id = "odom".to_owned();
         let problem = input.take_cmd_vel(&twist, &names(), base, now);
         assert!(problem.unwrap_err().contains("odom"));
-        assert!(matches!(input.wish(base, TIMEOUT, now), Wish::Lost(_)));
+        assert!(matches!(
+            input.request(base, TIMEOUT, now),
+            Request::Lost(_)
+        ));
     }
 }

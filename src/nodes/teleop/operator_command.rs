@@ -1,4 +1,4 @@
-//! What an operator asks for, out of messages that may be wrong.
+//! Operator commands, read from messages that may be invalid.
 
 use nalgebra::Vector3;
 
@@ -8,14 +8,14 @@ use crate::{
     spatial::Twist,
 };
 
-/// In whose axes a command is given.
+/// Axes in which a command is given.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum CommandFrame {
-    /// The base's, as an operator on board or behind its camera sees them.
+    /// The base's, as an operator on board or with the image of its camera sees them.
     Base,
     /// The tip's.
     Tip,
-    /// The world's, as far as the base's gyro tells them.
+    /// The world's, as integrated from the base's gyro.
     World,
 }
 
@@ -28,7 +28,7 @@ impl CommandFrame {
     ];
 }
 
-/// Names of the frames that messages may give.
+/// Names of the frames that messages may have.
 #[derive(Debug, Clone)]
 pub struct FrameNames {
     /// Link of the base.
@@ -37,33 +37,33 @@ pub struct FrameNames {
     pub tip: String,
 }
 
-/// A twist that an operator asks for.
+/// A twist that an operator commands.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OperatorCommand {
-    /// Whose axes it is in.
+    /// Its axes.
     pub frame: CommandFrame,
     /// The twist of the tip's origin.
     pub twist: Twist,
 }
 
-/// How a joystick is read.
+/// Mapping of a joystick to a twist.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Joystick {
-    /// Axis of the message for x, y, z, roll, pitch, yaw; none if the stick has none for it.
+    /// Axis of the message for x, y, z, roll, pitch, yaw; `None` if that component is not commanded.
     pub axes: [Option<usize>; 6],
-    /// What an axis pushed all the way asks for \[m/s, rad/s\].
+    /// Command at full deflection of an axis \[m/s, rad/s\].
     pub scales: [f64; 6],
-    /// Part of an axis's way about its middle that counts as the middle.
+    /// Deflection, as a fraction of the full one, below which an axis commands zero.
     pub deadband: f64,
-    /// The dead man's button: without it pressed nothing moves. None if there is no such button.
+    /// The dead man's button: without it pressed nothing moves. `None` if there is no such button.
     pub enable_button: Option<usize>,
 }
 
 impl Joystick {
-    /// The twist that a message asks for; `None` while the dead man's button is not pressed.
+    /// The twist that a message commands; `None` while the dead man's button is not pressed.
     ///
     /// # Errors
-    /// Says which axis or button is missing, or no number.
+    /// Which axis or button is missing or not finite.
     pub fn twist(&self, message: &Joy) -> Result<Option<Twist>, String> {
         let counts = (message.axes.len(), message.buttons.len());
         if let Some(button) = self.enable_button {
@@ -96,7 +96,7 @@ impl Joystick {
         )))
     }
 
-    /// Zero within the deadband, one at the end, without a step.
+    /// Zero within the deadband, one at full deflection, continuous between.
     fn beyond_deadband(&self, axis: f64) -> f64 {
         let beyond = (axis.abs() - self.deadband) / (1.0 - self.deadband);
         beyond.clamp(0.0, 1.0).copysign(axis)
@@ -117,7 +117,7 @@ impl OperatorCommand {
     /// Reads a stamped twist; one without a frame is in `frame`.
     ///
     /// # Errors
-    /// Says which part is no number, or which frames there are.
+    /// Which component is not finite, or which frames are possible.
     pub fn from_msg(
         message: &TwistStamped,
         names: &FrameNames,
@@ -176,21 +176,21 @@ mod tests {
     }
 
     #[test]
-    fn axes_are_mapped_scaled_and_dead_in_the_middle() {
+    fn axes_are_mapped_and_scaled_with_a_deadband() {
         let twist = |axes: &[f32]| stick().twist(&joy(axes, &[0, 1])).unwrap().unwrap();
         let V = twist(&[1.0, -1.0, 0.55]);
         assert_eq!(V.linear, Vector3::new(-0.5, -0.5, 0.0));
         assert!((V.angular - Vector3::new(0.0, 0.0, 0.1)).norm() < 1e-7);
         let V = twist(&[0.09, -0.09, 0.0]);
         assert_eq!(V.linear.norm() + V.angular.norm(), 0.0);
-        // Beyond the deadband it begins at zero, not with a step.
+        // Continuous at the edge of the deadband.
         assert!(twist(&[0.101, 0.0, 0.0]).linear.norm() < 1e-3);
-        // Drivers that overshoot do not.
+        // Values beyond full deflection are cut.
         assert_eq!(twist(&[2.0, 0.0, 0.0]).linear.y, -0.5);
     }
 
     #[test]
-    fn without_the_button_nothing_is_asked_for() {
+    fn nothing_is_commanded_without_the_button() {
         assert_eq!(stick().twist(&joy(&[1.0; 3], &[1, 0])), Ok(None));
         let free = Joystick {
             enable_button: None,
@@ -200,7 +200,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_messages_are_refused_with_the_reason() {
+    fn invalid_messages_are_refused_with_the_reason() {
         let refusal =
             |axes: &[f32], buttons: &[i32]| stick().twist(&joy(axes, buttons)).unwrap_err();
         assert_eq!(

@@ -13,37 +13,37 @@ use crate::{
     ros::{Declare, Param},
 };
 
-/// What the teleop node is told at its start.
+/// Parameters of the teleop node.
 #[derive(Debug, Clone)]
 pub struct TeleopParams {
     /// Link whose frame is the tip.
     pub tip_link: String,
-    /// Commands per second at least \[Hz\].
+    /// Lowest rate of commands \[Hz\].
     pub rate: f64,
     /// Age of the operator's last message beyond which the arm stops.
     pub command_timeout: Duration,
     /// Attitude of the base in the world at the first measurement of `imu`.
     pub base_orientation: UnitQuaternion<f64>,
-    /// How a joystick is read.
+    /// Mapping of the joystick.
     pub joystick: Joystick,
-    /// How the arm is steered.
+    /// Settings of the steering.
     pub steering: SteeringConfig,
-    /// In whose axes the joystick commands, and twists without a frame.
+    /// Axes of joystick commands, and of twists without a frame.
     pub frame: CommandFrame,
     /// The operator of `fuyu simulate`, if there is one.
     pub operator: Option<SimulatedOperator>,
 }
 
-/// An operator of a simulation.
+/// Operator of a simulation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SimulatedOperator {
-    /// Where the tip is to go, in the world \[m\].
+    /// Goal of the tip in the world \[m\].
     pub goal: Vector3<f64>,
-    /// What the operator is like.
+    /// Parameters of the operator.
     pub config: OperatorConfig,
 }
 
-/// What may change while the node runs.
+/// Parameters that may change while the node runs.
 pub(super) struct Live {
     method: Param<String>,
     frame: Param<String>,
@@ -59,14 +59,14 @@ impl Live {
             declare,
             "method",
             &Resolution::NAMES,
-            "How a twist of the tip becomes joint rates",
+            "Method that resolves a twist of the tip into joint rates",
         )
         .live();
         let frame = choice::declare(
             declare,
             "frame",
             &CommandFrame::NAMES,
-            "Whose axes the joystick commands in, and twists without a frame_id",
+            "Axes of joystick commands, and of twists without a frame_id",
         )
         .live();
         let mut number = |name: &str, default: f64, text: &str| {
@@ -87,7 +87,7 @@ impl Live {
             number(
                 "max_joint_rate",
                 0.5,
-                "Largest rate of any joint, beside its own limit [rad/s or m/s]",
+                "Largest rate of any joint, in addition to its own limit [rad/s or m/s]",
             ),
             number(
                 "max_joint_acceleration",
@@ -126,7 +126,7 @@ impl Live {
             .param(
                 "characteristic_length",
                 1.0,
-                "Length by which angular rates count beside velocities [m]",
+                "Length that weights angular rates against velocities [m]",
             )
             .range(1e-6, 1e6)
             .read_only()
@@ -174,7 +174,7 @@ impl Live {
     }
 
     pub(super) fn changed(&self) -> bool {
-        // Every handle must be asked, or it will report its change later.
+        // Every handle must be read, or it reports its change later.
         let texts = [&self.method, &self.frame];
         let changed = texts.iter().filter(|p| p.changed()).count()
             + self.numbers.iter().filter(|p| p.changed()).count();
@@ -197,7 +197,7 @@ impl TeleopParams {
             .param(
                 "rate",
                 50.0,
-                "Commands per second at least; the operator's are passed on at once [Hz]",
+                "Lowest rate of commands; those of the operator are passed on at once [Hz]",
             )
             .range(1.0, 100.0)
             .read_only()
@@ -216,7 +216,7 @@ impl TeleopParams {
             .param(
                 "base_orientation",
                 [0.0, 0.0, 0.0, 1.0],
-                "Attitude of the base in the world at the first imu measurement (x, y, z, w): imu tells turns only",
+                "Attitude of the base in the world at the first imu measurement (x, y, z, w): imu measures rotations only",
             )
             .read_only()
             .check("4 finite numbers, norm 1", |v| finite(v, 4))
@@ -244,17 +244,17 @@ impl TeleopParams {
 }
 
 fn declare_joystick(declare: &mut Declare) -> Joystick {
-    /// No stick has more.
-    const MOST: i64 = 255;
-    // Of a gamepad as joy_node reads it: left stick for x and y, right one for z and yaw.
-    const USUAL: [i64; 6] = [1, 0, 4, -1, -1, 3];
+    /// Largest index of an axis or button.
+    const MAX_INDEX: i64 = 255;
+    // A gamepad as joy_node reads it: left stick for x and y, right one for z and yaw.
+    const DEFAULT_AXES: [i64; 6] = [1, 0, 4, -1, -1, 3];
     let mut index = |name: &str, default: i64, text: &str| {
-        let declared = declare.param(name, default, text).range(-1, MOST);
+        let declared = declare.param(name, default, text).range(-1, MAX_INDEX);
         usize::try_from(declared.read_only().value()).ok()
     };
     let axes = std::array::from_fn(|i| {
         let text = format!("Axis of joy for {}, from 0; -1 is none", COMPONENTS[i]);
-        index(AXES[i], USUAL[i], &text)
+        index(AXES[i], DEFAULT_AXES[i], &text)
     });
     let enable_button = index(
         "enable_button",
@@ -263,7 +263,7 @@ fn declare_joystick(declare: &mut Declare) -> Joystick {
     );
     let scales = std::array::from_fn(|i| {
         let (default, unit) = if i < 3 { (0.5, "m/s") } else { (0.2, "rad/s") };
-        let text = format!("What {} pushed all the way asks for [{unit}]", AXES[i]);
+        let text = format!("Command at full deflection of {} [{unit}]", AXES[i]);
         let name = AXES[i].replacen("axis", "scale", 1);
         let declared = declare.param(&name, default, &text).range(-1e3, 1e3);
         declared.read_only().value()
@@ -272,7 +272,7 @@ fn declare_joystick(declare: &mut Declare) -> Joystick {
         .param(
             "deadband",
             0.05,
-            "Part of an axis's way about its middle that counts as the middle",
+            "Deflection, as a fraction of the full one, below which an axis commands zero",
         )
         .range(0.0, 0.9)
         .read_only()
@@ -290,7 +290,7 @@ fn declare_operator(declare: &mut Declare) -> Option<SimulatedOperator> {
         .param(
             "operator.goal",
             Vec::<f64>::new(),
-            "Where the operator of `fuyu simulate` steers the tip, in the world [m]; empty is no operator",
+            "Goal to which the operator of `fuyu simulate` steers the tip, in the world [m]; empty: no operator",
         )
         .read_only()
         .check("3 finite numbers, or none", |v| match v.is_empty() {
@@ -307,14 +307,14 @@ fn declare_operator(declare: &mut Declare) -> Option<SimulatedOperator> {
         reaction: number(
             "operator.reaction",
             usual.reaction,
-            "Time from that operator's picture to the hand [s]",
+            "Reaction time of the operator, from an image to the command [s]",
             0.0,
             10.0,
         ),
-        picture_period: number(
-            "operator.picture_period",
-            usual.picture_period,
-            "Time from one of the pictures to the next [s]",
+        image_period: number(
+            "operator.image_period",
+            usual.image_period,
+            "Time from one image to the next [s]",
             1e-3,
             10.0,
         ),

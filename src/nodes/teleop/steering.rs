@@ -1,4 +1,4 @@
-//! From a command of the tip to limited joint rates: all of the node that needs no graph.
+//! Limited joint rates from a command of the tip: the part of the node that needs no ROS graph.
 
 use nalgebra::{DVector, UnitQuaternion};
 
@@ -10,34 +10,34 @@ use crate::{
     spatial::Twist,
 };
 
-/// How the arm is steered.
+/// Settings of the steering.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SteeringConfig {
-    /// From the tip's twist to joint rates.
+    /// Resolution of the tip's twist into joint rates.
     pub resolution: ResolvedRateConfig,
     /// Largest speed that may be commanded \[m/s\].
     pub max_linear_speed: f64,
     /// Largest angular speed that may be commanded \[rad/s\].
     pub max_angular_speed: f64,
-    /// Largest rate of any joint, beside its own limit \[rad/s or m/s\].
+    /// Largest rate of any joint, in addition to its own limit \[rad/s or m/s\].
     pub max_joint_rate: f64,
     /// Largest change of any joint's rate \[rad/s² or m/s²\].
     pub max_joint_acceleration: f64,
 }
 
-/// What became of a command.
+/// How a command was limited.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Steered {
-    /// What the posture allows.
+    /// Condition of the posture.
     pub resolved: Resolved,
-    /// What the joints' limits took.
+    /// Limits of the joints that acted.
     pub limited: Limited,
-    /// Whether the command was faster than it may be.
+    /// Whether the command exceeded a speed limit.
     pub too_fast: bool,
 }
 
-/// Longest time for which one change of rates is reckoned \[s\].
-const LONGEST_STEP: f64 = 0.1;
+/// Longest time step in which rates may change \[s\].
+const MAX_STEP: f64 = 0.1;
 
 /// Steers a robot's tip.
 pub struct Steering {
@@ -46,14 +46,14 @@ pub struct Steering {
     config: SteeringConfig,
     resolver: ResolvedRate,
     limits: RateLimits,
-    /// Rates commanded last.
+    /// Joint rates of the last command.
     rates: DVector<f64>,
     before: DVector<f64>,
     last: Option<f64>,
 }
 
 impl Steering {
-    /// At rest.
+    /// A steering with zero rates.
     pub fn new(model: Model, tip: &Frame, config: SteeringConfig) -> Self {
         let rest = DVector::zeros(model.dof());
         Self {
@@ -68,7 +68,7 @@ impl Steering {
         }
     }
 
-    /// Other settings from now on; rates go over to what they ask for no faster than they may.
+    /// Changes the settings; rates approach the new ones within the acceleration limit.
     pub fn set_config(&mut self, config: SteeringConfig) {
         self.resolver.config = config.resolution;
         self.limits = limits(&self.model, &config);
@@ -90,21 +90,21 @@ impl Steering {
         &self.config
     }
 
-    /// Joint rates commanded last \[rad/s or m/s\].
+    /// Joint rates of the last command \[rad/s or m/s\].
     pub fn rates(&self) -> &DVector<f64> {
         &self.rates
     }
 
-    /// Stops at once, at `time` \[s\].
+    /// Sets zero rates at `time` \[s\].
     pub fn stop(&mut self, time: f64) {
         self.rates.fill(0.0);
         self.last = Some(time);
     }
 
-    /// The command's twist in the base's axes, at joint positions `q` and base attitude `R_WB` if anybody knows it.
+    /// The command's twist in the base's axes, at joint positions `q` and base attitude `R_WB`, if known.
     ///
     /// # Errors
-    /// The reason why the base's attitude is not known, if the command needs it.
+    /// Why the base's attitude is unknown, if the command needs it.
     pub fn in_base_axes(
         &mut self,
         command: &OperatorCommand,
@@ -126,20 +126,20 @@ impl Steering {
         })
     }
 
-    /// Steers for the twist `V_B` (base axes) at joint positions `q` and `time` \[s\]; [`Self::rates`] has the rates.
+    /// Computes joint rates for the twist `V_B` (base axes) at joint positions `q` and `time` \[s\]; [`Self::rates`] has them.
     pub fn steer(&mut self, time: f64, q: &DVector<f64>, V_B: &Twist) -> Steered {
         let config = &self.config;
         let (V, too_fast) = limit_twist(V_B, config.max_linear_speed, config.max_angular_speed);
         let since = self.last.map_or(0.0, |last| time - last);
         if since < 0.0 {
-            // A simulation that began anew, with joints at rest.
+            // A simulation that has restarted, with joints at rest.
             self.rates.fill(0.0);
         }
         self.last = Some(time);
         self.before.copy_from(&self.rates);
         let (model, rates) = (&self.model, &mut self.rates);
         let resolved = (self.resolver).rates(model, &mut self.workspace, q, &V, rates);
-        let dt = since.clamp(0.0, LONGEST_STEP);
+        let dt = since.clamp(0.0, MAX_STEP);
         let limited = self.limits.apply(model, q, &self.before, dt, rates);
         Steered {
             resolved,
@@ -179,7 +179,7 @@ mod tests {
     }
 
     #[test]
-    fn axes_of_a_command_are_those_of_its_frame() {
+    fn commands_are_rotated_from_their_frame_to_base_axes() {
         let mut steering = steering();
         let q = posture();
         let ahead = Twist::new(Vector3::zeros(), Vector3::x());
@@ -226,7 +226,7 @@ mod tests {
             assert!((steering.rates() - settled).amax() < 1e-12);
             assert!(steering.rates().amax() > 0.01);
         }
-        // When time begins anew, so do the rates.
+        // A jump back in time resets the rates.
         steering.steer(0.0, &q, &V);
         assert_eq!(steering.rates().amax(), 0.0);
         steering.steer(0.01, &q, &V);

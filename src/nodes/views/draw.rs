@@ -1,4 +1,4 @@
-//! Markers of simple things.
+//! Markers: axes, arrows, curves.
 
 use nalgebra::Vector3;
 
@@ -12,13 +12,13 @@ const fn colour(r: f32, g: f32, b: f32) -> ColorRGBA {
     ColorRGBA { r, g, b, a: 1.0 }
 }
 
-/// Of x axes.
+/// Colour of x axes.
 pub const RED: ColorRGBA = colour(0.86, 0.2, 0.2);
-/// Of y axes.
+/// Colour of y axes.
 pub const GREEN: ColorRGBA = colour(0.2, 0.7, 0.3);
-/// Of z axes, and of what is linear.
+/// Colour of z axes and linear quantities.
 pub const BLUE: ColorRGBA = colour(0.25, 0.45, 0.95);
-/// Of what turns.
+/// Colour of angular quantities.
 pub const ORANGE: ColorRGBA = colour(0.95, 0.6, 0.1);
 
 /// Axes of a frame at `pose`, each `size` long \[m\].
@@ -35,7 +35,7 @@ pub fn axes(group: &str, id: i32, header: Header, pose: Pose, size: f64) -> Mark
     marker
 }
 
-/// An arrow between two points. One without length is taken away, since it has no direction.
+/// An arrow between two points. One of zero length, which has no direction, is deleted.
 pub fn arrow(
     group: &str,
     id: i32,
@@ -56,7 +56,7 @@ pub fn arrow(
     marker
 }
 
-/// A line through points; taken away if there are not two of them.
+/// A line through points; deleted if there are fewer than two.
 pub fn curve(
     group: &str,
     id: i32,

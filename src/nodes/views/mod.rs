@@ -1,6 +1,6 @@
-//! The views node: what RViz and Foxglove have no display for, as `markers`.
+//! The views node: publishes what RViz and Foxglove cannot display as `markers`.
 //!
-//! It shows truth to people, and nothing that it publishes is read by another node.
+//! It uses ground truth. No other node reads what it publishes.
 
 mod draw;
 
@@ -9,56 +9,56 @@ use std::time::Duration;
 use super::{geometry::pose_from_msg, topics};
 use crate::{
     msg::{nav_msgs::Odometry, std_msgs::Header, visualization_msgs::MarkerArray},
-    ros::{Declare, Node, NodeError, Qos, Subscription, Time},
+    ros::{Declare, Node, NodeError, Subscription, Time},
 };
 use draw::{arrow, axes, curve};
 
-/// What the views node is told; read once, at the start.
+/// Parameters of the views node; read once, at the start.
 #[derive(Debug, Clone)]
 pub struct ViewsParams {
     /// How often markers are published \[Hz\].
     pub rate: f64,
-    /// Names of the targets, as the dynamics node has them.
+    /// Names of the targets, as in the dynamics node.
     pub targets: Vec<String>,
-    /// Length of the axes of targets and goal \[m\].
+    /// Length of the axes of targets and goals \[m\].
     pub size: f64,
-    /// Length of the arrow of a linear momentum \[m/(N s)\].
+    /// Arrow length per linear momentum \[m/(N s)\].
     pub linear_scale: f64,
-    /// Length of the arrow of an angular momentum \[m/(N m s)\].
+    /// Arrow length per angular momentum \[m/(N m s)\].
     pub angular_scale: f64,
-    /// Length of the arrow of an angular velocity \[m/(rad/s)\].
+    /// Arrow length per angular velocity \[m/(rad/s)\].
     pub rate_scale: f64,
-    /// How far before the camera the prediction is drawn \[m\].
+    /// Distance in front of the camera at which the prediction is drawn \[m\].
     pub prediction_distance: f64,
 }
 
 impl ViewsParams {
-    /// Declares the parameters and reads them. `finish` of `declare` is the caller's.
+    /// Declares the parameters and reads them. The caller calls `finish` of `declare`.
     pub fn declare(declare: &mut Declare) -> Self {
         let mut length = |name: &str, default: f64, description: &str| {
             let declaration = declare.param(name, default, description);
             declaration.range(0.0, 1e6).read_only().value()
         };
-        let size = length("size", 0.5, "Length of the axes of targets and goal [m]");
+        let size = length("size", 0.5, "Length of the axes of targets and goals [m]");
         let linear_scale = length(
             "linear_scale",
             0.01,
-            "Length of the arrow of a linear momentum [m/(N s)]",
+            "Arrow length per linear momentum [m/(N s)]",
         );
         let angular_scale = length(
             "angular_scale",
             0.01,
-            "Length of the arrow of an angular momentum [m/(N m s)]",
+            "Arrow length per angular momentum [m/(N m s)]",
         );
         let rate_scale = length(
             "rate_scale",
             5.0,
-            "Length of the arrow of an angular velocity [m/(rad/s)]",
+            "Arrow length per angular velocity [m/(rad/s)]",
         );
         let prediction_distance = length(
             "prediction_distance",
             5.0,
-            "How far before the camera the prediction is drawn [m]",
+            "Distance in front of the camera at which the prediction is drawn [m]",
         );
         let rate = declare
             .param("rate", 10.0, "How often markers are published [Hz]")
@@ -69,7 +69,7 @@ impl ViewsParams {
             .param(
                 "targets",
                 vec!["target".to_owned()],
-                "Names of the targets, as the dynamics node has them",
+                "Names of the targets, as in the dynamics node",
             )
             .read_only()
             .value();
@@ -96,10 +96,10 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let period = Duration::from_secs_f64(1.0 / params.rate);
     let mut scene = Scene::new(node, params)?;
     let markers = topics::MARKERS.advertise(node)?;
-    let drawn = node.diagnostics().status("markers");
+    let status = node.diagnostics().status("markers");
     while node.ok() {
         let array = scene.draw();
-        drawn.set("markers", array.markers.len());
+        status.set("markers", array.markers.len());
         if !array.markers.is_empty() {
             markers.publish(&array);
         }
@@ -108,35 +108,30 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// What is shown, and where it comes from.
+/// The subscriptions, and what has to be remembered between two drawings.
 struct Scene {
     params: ViewsParams,
     goal: Subscription<crate::msg::geometry_msgs::PoseStamped>,
-    seen_goal: Subscription<crate::msg::geometry_msgs::PoseStamped>,
+    measured_goal: Subscription<crate::msg::geometry_msgs::PoseStamped>,
     momentum: Subscription<crate::msg::fuyu_msgs::Momentum>,
     odometry: Subscription<Odometry>,
     prediction: Subscription<crate::msg::nav_msgs::Path>,
     targets: Vec<Subscription<Odometry>>,
     base: Option<Odometry>,
-    /// When that was.
+    /// Stamp of the last odometry.
     last: Time,
 }
 
 impl Scene {
     fn new(node: &Node, params: ViewsParams) -> Result<Self, NodeError> {
-        let odometry = |name: &String| {
-            node.subscribe::<Odometry>(&format!("ground_truth/{name}/odom"), Qos::RELIABLE)
-        };
         Ok(Self {
             goal: topics::GOAL.subscribe(node)?,
-            seen_goal: topics::SEEN_GOAL.subscribe(node)?,
+            measured_goal: topics::SEEN_GOAL.subscribe(node)?,
             momentum: topics::MOMENTUM.subscribe(node)?,
             odometry: topics::ODOMETRY.subscribe(node)?,
             prediction: topics::PREDICTION.subscribe(node)?,
-            targets: params
-                .targets
-                .iter()
-                .map(odometry)
+            targets: (params.targets.iter())
+                .map(|target| topics::TARGET_ODOMETRY.subscribe(node, target))
                 .collect::<Result<_, _>>()?,
             base: None,
             last: Time::ZERO,
@@ -144,11 +139,11 @@ impl Scene {
         })
     }
 
-    /// Markers of all that is new. Viewers keep the others as they are.
+    /// Markers for all new messages. Viewers keep the other markers.
     fn draw(&mut self) -> MarkerArray {
         let p = &self.params;
         let mut markers = Vec::new();
-        for (id, goal) in (0..).zip([&self.goal, &self.seen_goal]) {
+        for (id, goal) in (0..).zip([&self.goal, &self.measured_goal]) {
             if let Some(received) = goal.latest() {
                 let message = received.message;
                 markers.push(axes("goal", id, message.header, message.pose, p.size));
@@ -163,7 +158,7 @@ impl Scene {
                     ..
                 } = received.message;
                 let group = format!("target {name}");
-                // The twist is in the target's own axes.
+                // The twist is in the target's axes.
                 let Ok(X_WT) = pose_from_msg(&pose.pose) else {
                     continue;
                 };
@@ -177,12 +172,12 @@ impl Scene {
         if let Some(received) = self.odometry.latest() {
             let stamp = Time::from(&received.message.header.stamp);
             if stamp < self.last {
-                // Time began anew: the prediction of the run before is none any more.
-                let gone = |id| {
+                // Time was reset: the prediction of the previous run is deleted.
+                let deleted = |id| {
                     let header = received.message.header.clone();
                     curve("prediction", id, header, std::iter::empty(), draw::BLUE)
                 };
-                markers.extend((0..3).map(gone));
+                markers.extend((0..3).map(deleted));
             }
             self.last = stamp;
             self.base = Some(received.message);

@@ -1,4 +1,4 @@
-//! What is no XML, no URDF or no tree.
+//! Files that are not XML, not URDF or not a tree.
 
 use super::{BASE, BOOM, FLANGE, HERE, SHOULDER, UPPER, refused};
 use crate::fuyu::{file, fuyu};

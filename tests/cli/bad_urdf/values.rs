@@ -1,4 +1,4 @@
-//! Masses, inertias, axes, frames and limits that nothing can have.
+//! Masses, inertias, axes, frames and limits that are physically impossible.
 
 use super::{BASE, GOOD, HERE, SHOULDER, UPPER, refused};
 

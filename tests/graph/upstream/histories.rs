@@ -89,7 +89,7 @@ fn a_best_effort_reader_makes_a_writer_keep_what_all_have() {
     }
     // They let go of samples every four seconds.
     let begin = Instant::now();
-    eventually("the other writer lets go", PATIENCE, || {
+    eventually("the other writer drops samples", PATIENCE, || {
         thread::sleep(Duration::from_millis(500));
         (oldest("alone") > SAMPLES / 2).then_some(())
     });

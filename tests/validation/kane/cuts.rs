@@ -150,7 +150,7 @@ proptest! {
         of_tree.set_accelerations(&expected.qdd);
         let arm2 = tree.frame("arm2").unwrap();
         let (positions, rates) = freedoms(&of_tree, &tree);
-        // The angles of arm 2 must tell its attitude.
+        // The angles of arm 2 must determine its attitude.
         prop_assume!(positions[4].abs() < 1.3);
 
         let (open, mut hinge) = robot.cut();
@@ -287,7 +287,7 @@ fn cuts_that_cannot_be_are_refused_in_one_line() {
     };
     assert_eq!(
         said(std::slice::from_ref(&pin)).to_string(),
-        "cut 0 over-constrains its loop: 3 hinges cannot meet 4 constrained directions; \
+        "cut 0 over-constrains its loop: 3 hinges cannot satisfy 4 constrained directions; \
          leave out directions in which those hinges never move"
     );
     // The same hinges cannot meet the same constraints twice.

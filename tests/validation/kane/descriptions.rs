@@ -45,7 +45,7 @@ fn compare(description: &Model, table: &Model, [of_description, of_table]: [&mut
     }
 }
 
-/// The description moves moments of inertia between neighbours to have possible bodies: no acceleration may tell. A
+/// The description moves moments of inertia between neighbours to have possible bodies: no acceleration may differ. A
 /// wrong digit in a mass, a length, an angle or a gain does.
 #[test]
 fn the_chain_is_described_as_tabulated() {

@@ -27,7 +27,7 @@ fn chain_matches_the_print_to_its_last_digits() {
 }
 
 /// The print carries the truncation error of Gill's coefficients: the classical ones of the same order miss it
-/// by 3.3e-6, so that the test above does tell a tableau from another.
+/// by 3.3e-6, so that the test above does distinguish tableaus.
 #[test]
 fn the_print_was_made_with_gill_s_coefficients() {
     let mut run = Run::chain(&Tableau::RK4);

@@ -1,4 +1,4 @@
-//! Loop closures that cannot be: each is refused in one line that names the closure and what is wrong.
+//! Impossible loop closures: each is refused in one line that names the closure and what is wrong.
 
 use fuyu::dynamics::{Direction, LoopClosure, LoopError, Loops, State};
 

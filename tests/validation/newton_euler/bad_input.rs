@@ -1,4 +1,4 @@
-//! What a user can get wrong, and what is said about it.
+//! Wrong input and its error messages.
 
 use fuyu::dynamics::newton_euler::{
     Axis, Freedom, Hinge, INERTIAL, Start, SystemBuilder, SystemError,

@@ -161,7 +161,7 @@ fn busy() -> (System, Vec<f64>, Load) {
 }
 
 /// The solution, found by elimination, satisfies the equations as the report writes them; and an assembled start
-/// moves as it was told.
+/// moves as prescribed.
 #[test]
 fn the_solution_satisfies_the_augmented_equations() {
     let (system, state, load) = busy();

@@ -1,27 +1,27 @@
-//! From one law or set of gains to another without a step in the efforts.
+//! Bumpless transfer: changes of law or gains without a step in the efforts.
 
 use nalgebra::DVector;
 
-/// What a change of settings leaves behind, and how it decays.
+/// The difference in the efforts that a change of settings makes, and its decay.
 ///
-/// At a change, the pull of the new settings differs from that of the old ones by `d`. The difference is kept
-/// and decays, `d exp(-t/T)`, and the gains in force follow the new `K_V` with the same time constant. So the
-/// efforts are continuous, and the joints are damped by a positive definite matrix at any time.
+/// At a change, the law's efforts under the new settings differ from those under the old ones by `d`. The difference is
+/// added and decays, `d exp(-t/T)`, and the velocity gains in force follow the new `K_V` with the same time constant. So the
+/// efforts are continuous, and the joints are damped by a positive definite matrix at all times.
 ///
-/// The proof of stability survives: with the Lyapunov function of the new settings,
-/// `dW/dt = -q̇ᵀ K q̇ + q̇ᵀ d exp(-t/T) ≤ |d|² exp(-2t/T) / 4k`, where `k` is the least damping in force. All that a
-/// change can add to `W` is therefore `T |d|² / 8k`, after which `W` falls as before.
+/// The proof of stability remains valid: with the Lyapunov function of the new settings,
+/// `dW/dt = -q̇ᵀ K q̇ + q̇ᵀ d exp(-t/T) ≤ |d|² exp(-2t/T) / 4k`, where `k` is the least damping in force. A
+/// change therefore adds at most `T |d|² / 8k` to `W`, after which `W` decreases as before.
 #[derive(Debug, Clone)]
 pub(super) struct BumplessTransfer {
     /// `T` \[s\].
     pub time_constant: f64,
-    /// Of the last step; `None` before the first.
+    /// Time of the last step \[s\]; `None` before the first.
     time: Option<f64>,
     /// Whether settings have changed since the last step.
     changed: bool,
-    /// The pull of the last step, difference included.
-    pull: DVector<f64>,
-    /// What is left of the difference.
+    /// Efforts of the last step, difference included, without joint damping.
+    efforts: DVector<f64>,
+    /// The rest of the difference.
     difference: DVector<f64>,
     /// The diagonal of `K_V` in force.
     k_v: DVector<f64>,
@@ -34,37 +34,37 @@ impl BumplessTransfer {
             time_constant,
             time: None,
             changed: false,
-            pull: zeros.clone(),
+            efforts: zeros.clone(),
             difference: zeros.clone(),
             k_v: zeros,
         }
     }
 
-    /// From the next step on other settings pull.
-    pub fn begin(&mut self) {
+    /// Starts a transfer: from the next step on other settings are in force.
+    pub fn start(&mut self) {
         self.changed = true;
     }
 
-    /// Damping alone acts at `time`: nothing is left over from what pulled before.
-    pub fn release(&mut self, time: f64, k_v: &[f64]) {
-        self.follow(time, k_v, 1.0);
+    /// Ends any transfer at `time`, because only damping acts.
+    pub fn cancel(&mut self, time: f64, k_v: &[f64]) {
+        self.advance(time, k_v, 1.0);
         self.changed = false;
-        self.pull.fill(0.0);
+        self.efforts.fill(0.0);
         self.difference.fill(0.0);
     }
 
-    /// Adds to `pull`, of the settings in force, what is left of those before.
-    pub fn blend(&mut self, time: f64, pull: &mut DVector<f64>, k_v: &[f64], part: f64) {
-        let decay = self.follow(time, k_v, part);
+    /// Adds the rest of the difference to `efforts` of the settings in force, whose joint damping is `fraction` of `k_v`.
+    pub fn apply(&mut self, time: f64, efforts: &mut DVector<f64>, k_v: &[f64], fraction: f64) {
+        let decay = self.advance(time, k_v, fraction);
         if std::mem::take(&mut self.changed) {
-            for j in 0..pull.len() {
-                self.difference[j] = self.pull[j] - pull[j];
+            for j in 0..efforts.len() {
+                self.difference[j] = self.efforts[j] - efforts[j];
             }
         } else {
             self.difference *= decay;
         }
-        *pull += &self.difference;
-        self.pull.copy_from(pull);
+        *efforts += &self.difference;
+        self.efforts.copy_from(efforts);
     }
 
     /// Damping of joint `j` in force \[N m s/rad or N s/m\].
@@ -72,22 +72,22 @@ impl BumplessTransfer {
         self.k_v[j]
     }
 
-    /// Lets the gains go on towards `part * k_v`; returns what is left of a difference after this step.
-    fn follow(&mut self, time: f64, k_v: &[f64], part: f64) -> f64 {
+    /// Moves the velocity gains towards `fraction * k_v`; returns the factor by which a difference decays in this step.
+    fn advance(&mut self, time: f64, k_v: &[f64], fraction: f64) -> f64 {
         let elapsed = self.time.replace(time).map(|last| time - last);
         let decay = match elapsed {
             Some(dt) if dt >= 0.0 && self.time_constant > 0.0 => (-dt / self.time_constant).exp(),
             Some(dt) if dt >= 0.0 => 0.0,
-            // The first step, or time that began anew: nothing went before.
+            // The first step, or one after a jump back in time: there is no step before it.
             _ => {
                 self.changed = false;
                 self.difference.fill(0.0);
                 0.0
             }
         };
-        for (held, wanted) in self.k_v.iter_mut().zip(k_v) {
-            let wanted = part * wanted;
-            *held = wanted + (*held - wanted) * decay;
+        for (in_force, gain) in self.k_v.iter_mut().zip(k_v) {
+            let gain = fraction * gain;
+            *in_force = gain + (*in_force - gain) * decay;
         }
         decay
     }

@@ -1,71 +1,50 @@
 //! Settings of a controller.
 
-use super::gains::check_not_negative;
+use super::gains::{ConfigError, check_not_negative};
 use super::prediction::{GoalMotionConfig, Prediction};
-use super::{
-    GainError, Gains, JacobianKind, JointPdGains, LawKind, OperationalConfig,
-    SingularityEscapeConfig, StraightPathConfig,
-};
+use super::{Gains, LawConfig, SingularityEscapeConfig};
 
-/// Settings of a [`Controller`](super::Controller): which law, what all laws share, and what each has for
-/// itself.
+/// Settings of a [`Controller`](super::Controller): the law with its own settings, and those that all laws share.
 #[derive(Debug, Clone, PartialEq)]
 pub struct ControllerConfig {
-    /// Which law.
-    pub law: LawKind,
-    /// Which Jacobian turns wrenches on the tip into joint efforts.
-    pub jacobian: JacobianKind,
+    /// The law with its settings.
+    pub law: LawConfig,
     /// Gains on the deviation of the tip; `k_v` damps the joints under every law.
     pub gains: Gains,
-    /// Time constant with which the difference decays that a change of settings makes \[s\]; zero lets the
-    /// efforts jump.
+    /// Time constant of the bumpless transfer \[s\]: the difference in the efforts that a change of settings makes decays
+    /// with it. With zero the efforts jump.
     pub bumpless_transfer_time: f64,
-    /// What is done about the age of what the camera has seen.
+    /// How the age of the camera measurements is compensated.
     pub prediction: Prediction,
-    /// What is known of goals and camera, to predict how a goal moves.
+    /// Noise of the camera and smoothness of the goal's motion, for the prediction of that motion.
     pub goal: GoalMotionConfig,
-    /// The operational-space law's own.
-    pub operational: OperationalConfig,
-    /// What happens when the tip rests away from its goal.
+    /// How the arm leaves a singular position in which it rests away from its goal.
     pub singularity_escape: SingularityEscapeConfig,
-    /// The joint PD's own.
-    pub joint_pd: JointPdGains,
-    /// The straight-path law's own.
-    pub straight_path: StraightPathConfig,
 }
 
 impl ControllerConfig {
-    /// A law with its gains, the generalized Jacobian, and defaults for the rest. Laws other than
-    /// transpose-Jacobian control have gains of their own, to be filled in.
-    pub fn new(law: LawKind, gains: Gains) -> Self {
+    /// A law with the gains, and defaults for the rest. `law` is a [`LawKind`](super::LawKind) for the law's default
+    /// settings, or the settings of a law, such as [`StraightPathConfig`](super::StraightPathConfig).
+    pub fn new(law: impl Into<LawConfig>, gains: Gains) -> Self {
         Self {
-            law,
-            jacobian: JacobianKind::Generalized,
+            law: law.into(),
             gains,
             bumpless_transfer_time: 0.5,
             prediction: Prediction::None,
             goal: GoalMotionConfig::default(),
-            operational: OperationalConfig::default(),
             singularity_escape: SingularityEscapeConfig::default(),
-            joint_pd: JointPdGains::default(),
-            straight_path: StraightPathConfig::default(),
         }
     }
 
-    /// Refuses settings that do not fit a robot with `joints` joints.
+    /// Refuses settings that do not fit a robot with `joints` joints, or are not finite.
     ///
     /// # Errors
-    /// [`GainError`] naming the gain.
-    pub fn check(&self, joints: usize) -> Result<(), GainError> {
+    /// [`ConfigError`] names the setting.
+    pub fn check(&self, joints: usize) -> Result<(), ConfigError> {
         self.gains.check(joints)?;
         check_not_negative("bumpless_transfer_time", self.bumpless_transfer_time)?;
         self.goal.check()?;
         self.singularity_escape.check()?;
-        match self.law {
-            LawKind::TransposeJacobian => Ok(()),
-            LawKind::OperationalSpace => self.operational.check(),
-            LawKind::JointPd => self.joint_pd.check(joints),
-            LawKind::StraightPath => self.straight_path.check(),
-        }
+        self.law.check(joints)
     }
 }

@@ -1,89 +1,221 @@
-//! A tip controller as a node or an experiment runs it: one of the laws, its state, its output.
+//! Controller: one law with everything around it that all laws share.
+
+#[cfg(test)]
+mod tests;
 
 use nalgebra::DVector;
 
 use super::bumpless_transfer::BumplessTransfer;
 use super::latency_compensation::LatencyCompensation;
 use super::prediction::Prediction;
-use super::singularity_escape::{ConvergenceFailure, Watch};
+use super::singularity_escape::{ConvergenceMonitor, Progress};
 use super::{
-    ControlReport, ControllerConfig, FeedForward, GainError, Gains, Law, LawError, Manipulator,
-    Measurement, workspace_radius,
+    ConfigError, ControlError, ControlReport, ControllerConfig, FeedForward, Law, LawConfig,
+    LawInput, LawStatus, Manipulator, Measurement, PoseError, workspace_radius,
 };
 use crate::model::{Frame, Model};
 
-/// Joint states and base-frame measurements in, joint efforts out.
+/// Computes joint efforts from joint states and measurements in the base frame.
+///
+/// A step compensates the latency of the camera, calls the law, adds joint damping, and blends the efforts after a change of
+/// settings ([`ControllerConfig::bumpless_transfer_time`]).
+///
+/// # Example
+/// An arm moves its tip to a goal. The controller is given the joint state, and tip and goal in the base frame.
+///
+/// ```
+/// #![allow(non_snake_case)]
+/// use fuyu_physics::control::{
+///     Controller, ControllerConfig, Gains, LawKind, Measurement, Saturation, TipMeasurement,
+/// };
+/// use fuyu_physics::dynamics::Workspace;
+/// use fuyu_physics::model::Model;
+/// use nalgebra::{DVector, Translation3};
+///
+/// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+/// # let urdf = include_str!("../../../../urdf/planar_two_link.urdf");
+/// let model = Model::from_urdf(urdf, "planar_two_link.urdf")?;
+/// let tip = model.frame("tool0").ok_or("no tool0")?.clone();
+/// let gains = Gains {
+///     k_p: 100.0,
+///     k_o: 0.0, // the attitude of the tip is free
+///     k_v: vec![200.0, 1000.0],
+///     saturation: Saturation::NONE,
+/// };
+/// let config = ControllerConfig::new(LawKind::TransposeJacobian, gains);
+/// let mut controller = Controller::new(model.clone(), tip.clone(), config)?;
+///
+/// // One step at 0 s: the arm is at rest, and the goal is 0.1 m from its tip.
+/// let (q, qd) = (DVector::from_vec(vec![0.3, 1.0]), DVector::zeros(2));
+/// let mut workspace = Workspace::new(&model);
+/// workspace.set_positions(&model, &q);
+/// let X_BE = workspace.X_BF(&tip);
+/// let X_BD = Translation3::new(-0.1, 0.0, 0.0) * X_BE;
+/// let seen = TipMeasurement::new(0.0, X_BE, X_BD);
+/// let report = controller.update(&Measurement::new(0.0, &q, &qd).with_tip(Some(&seen)))?;
+/// assert!(report.active && controller.efforts().amax() > 0.1);
+///
+/// // Without a camera measurement the joints are only damped: here, at rest, without effort.
+/// let report = controller.update(&Measurement::new(0.01, &q, &qd))?;
+/// assert!(!report.active && controller.efforts().amax() == 0.0);
+///
+/// // Wrong input is refused with its name, and gives no effort.
+/// let lost = DVector::from_vec(vec![f64::NAN, 1.0]);
+/// let error = controller.update(&Measurement::new(0.02, &lost, &qd)).unwrap_err();
+/// assert_eq!(
+///     error.to_string(),
+///     "the position of joint 'joint1' is NaN in the measurement; it must be finite"
+/// );
+/// # Ok(())
+/// # }
+/// ```
 #[derive(Debug)]
 pub struct Controller {
-    arm: Manipulator,
+    manipulator: Manipulator,
     config: ControllerConfig,
     law: Box<dyn Law>,
     latency_compensation: LatencyCompensation,
     feed_forward: FeedForward,
     bumpless_transfer: BumplessTransfer,
-    watch: Watch,
-    /// What the tip's distance from the centre of mass cannot exceed \[m\].
-    reach: Option<f64>,
+    convergence: ConvergenceMonitor,
+    workspace_radius: Option<f64>,
     efforts: DVector<f64>,
 }
-
-/// A goal that is so much too far is within what a camera may err by \[m\].
-const BEYOND: f64 = 0.01;
 
 impl Controller {
     /// A controller for `model` with its tip at the frame `tip`.
     ///
     /// # Errors
-    /// [`GainError`] when the settings do not fit the robot.
-    pub fn new(model: Model, tip: Frame, config: ControllerConfig) -> Result<Self, GainError> {
+    /// [`ConfigError`] when the settings do not fit the robot.
+    pub fn new(model: Model, tip: Frame, config: ControllerConfig) -> Result<Self, ConfigError> {
         Self::with_tips(model, tip, Vec::new(), config)
     }
 
-    /// A controller for a robot with several arms, each with its tip and its goal. All laws move the first; those that know of
-    /// several ([`OperationalSpace`](super::OperationalSpace)) move the others too.
+    /// A controller for a robot with several arms, each with a tip and a goal. All laws move the first; laws for several
+    /// tips ([`OperationalSpace`](super::OperationalSpace)) move the others too.
     ///
     /// # Errors
-    /// [`GainError`] when the settings do not fit the robot.
+    /// [`ConfigError`] when the settings do not fit the robot.
     pub fn with_tips(
         model: Model,
         tip: Frame,
         more_tips: Vec<Frame>,
         config: ControllerConfig,
-    ) -> Result<Self, GainError> {
-        let joints = model.dof();
-        config.check(joints)?;
-        Ok(Self::start(model, tip, more_tips, config))
+    ) -> Result<Self, ConfigError> {
+        config.check(model.dof())?;
+        let manipulator = Manipulator::new(model, tip).with_more_tips(more_tips);
+        let law = config.law.build(&manipulator);
+        let law = law.ok_or(ConfigError::NoCustomLaw)?;
+        Ok(Self::assemble(manipulator, law, config))
     }
 
-    fn start(model: Model, tip: Frame, more_tips: Vec<Frame>, config: ControllerConfig) -> Self {
-        let joints = model.dof();
-        let arm = Manipulator {
-            more_tips,
-            ..Manipulator::new(model, tip)
+    /// A controller with a user-defined law. `config.law` becomes [`LawConfig::Custom`].
+    ///
+    /// # Errors
+    /// [`ConfigError`] when the settings do not fit the robot.
+    ///
+    /// # Example
+    /// A law that pulls the tip towards its goal with a constant force, which the joint damping turns into a constant speed.
+    ///
+    /// ```
+    /// use fuyu_physics::control::{
+    ///     Controller, ControllerConfig, Gains, Law, LawConfig, LawError, LawInput, LawStatus,
+    ///     Manipulator, Saturation,
+    /// };
+    /// # use fuyu_physics::control::{Measurement, TipMeasurement};
+    /// # use fuyu_physics::dynamics::Workspace;
+    /// use fuyu_physics::model::Model;
+    /// use nalgebra::{DVector, Matrix6xX};
+    ///
+    /// #[derive(Debug)]
+    /// struct ConstantForce {
+    ///     force: f64, // [N]
+    ///     jacobian: Matrix6xX<f64>,
+    /// }
+    ///
+    /// impl Law for ConstantForce {
+    ///     fn efforts(
+    ///         &mut self,
+    ///         input: &LawInput<'_>,
+    ///         manipulator: &mut Manipulator,
+    ///         efforts: &mut DVector<f64>,
+    ///     ) -> Result<LawStatus, LawError> {
+    ///         let Some(error) = &input.error else {
+    ///             return Ok(LawStatus::Inactive); // no camera measurement
+    ///         };
+    ///         let force = error.position.normalize() * self.force;
+    ///         let Manipulator { workspace, tip, .. } = manipulator;
+    ///         workspace.generalized_jacobian(tip, &mut self.jacobian);
+    ///         efforts.copy_from(&self.jacobian.rows(0, 3).tr_mul(&force));
+    ///         Ok(LawStatus::TipFeedback)
+    ///     }
+    /// }
+    ///
+    /// # fn main() -> Result<(), Box<dyn std::error::Error>> {
+    /// # let urdf = include_str!("../../../../urdf/planar_two_link.urdf");
+    /// let model = Model::from_urdf(urdf, "planar_two_link.urdf")?;
+    /// let tip = model.frame("tool0").ok_or("no tool0")?.clone();
+    /// let gains = Gains { k_p: 1.0, k_o: 0.0, k_v: vec![200.0, 1000.0], saturation: Saturation::NONE };
+    /// let config = ControllerConfig::new(LawConfig::Custom, gains);
+    /// let law = ConstantForce { force: 20.0, jacobian: Matrix6xX::zeros(model.dof()) };
+    /// let manipulator = Manipulator::new(model, tip);
+    /// let mut controller = Controller::with_law(manipulator, Box::new(law), config)?;
+    /// # let (q, qd) = (DVector::from_vec(vec![0.3, 1.0]), DVector::zeros(2));
+    /// # let mut workspace = Workspace::new(controller.model());
+    /// # workspace.set_positions(controller.model(), &q);
+    /// # let pose = workspace.X_BF(controller.tip());
+    /// # let goal = nalgebra::Translation3::new(-0.1, 0.0, 0.0) * pose;
+    /// # let tip = TipMeasurement::new(0.0, pose, goal);
+    /// # let measurement = Measurement::new(0.0, &q, &qd).with_tip(Some(&tip));
+    /// let report = controller.update(&measurement)?;
+    /// assert!(report.active && controller.efforts().amax() > 0.1);
+    ///
+    /// // A law that divides by zero, here at the goal, is refused by name.
+    /// # let tip = TipMeasurement::new(0.0, pose, pose);
+    /// # let at_goal = Measurement::new(0.01, &q, &qd).with_tip(Some(&tip));
+    /// let error = controller.update(&at_goal).unwrap_err();
+    /// assert!(error.to_string().contains("law custom computed for joint 'joint1' is NaN"));
+    /// # Ok(())
+    /// # }
+    /// ```
+    pub fn with_law(
+        manipulator: Manipulator,
+        law: Box<dyn Law>,
+        config: ControllerConfig,
+    ) -> Result<Self, ConfigError> {
+        let config = ControllerConfig {
+            law: LawConfig::Custom,
+            ..config
         };
+        config.check(manipulator.model.dof())?;
+        Ok(Self::assemble(manipulator, law, config))
+    }
+
+    fn assemble(manipulator: Manipulator, law: Box<dyn Law>, config: ControllerConfig) -> Self {
+        let Manipulator { model, tip, .. } = &manipulator;
+        let joints = model.dof();
         Self {
-            law: config.law.start(&config, &arm),
-            latency_compensation: LatencyCompensation::new(&arm, config.goal),
-            feed_forward: FeedForward::new(&arm.model, &arm.tip),
+            law,
+            latency_compensation: LatencyCompensation::new(&manipulator, config.goal),
+            feed_forward: FeedForward::new(model, tip),
             bumpless_transfer: BumplessTransfer::new(joints, config.bumpless_transfer_time),
-            watch: Watch::new(config.singularity_escape),
-            reach: workspace_radius(&arm.model, &arm.tip),
+            convergence: ConvergenceMonitor::new(config.singularity_escape),
+            workspace_radius: workspace_radius(model, tip),
             efforts: DVector::zeros(joints),
-            arm,
+            manipulator,
             config,
         }
     }
 
-    /// Forgets all but the settings in force: what follows is another run, in which time begins anew.
+    /// Forgets everything but the settings in force: the next step belongs to another run, whose time may start again.
     pub fn restart(&mut self) {
-        let Manipulator {
-            model,
-            tip,
-            more_tips,
-            ..
-        } = &self.arm;
-        let (model, tip, more_tips) = (model.clone(), tip.clone(), more_tips.clone());
-        *self = Self::start(model, tip, more_tips, self.config.clone());
+        let joints = self.manipulator.model.dof();
+        let config = &self.config;
+        self.law.reset();
+        self.latency_compensation = LatencyCompensation::new(&self.manipulator, config.goal);
+        self.bumpless_transfer = BumplessTransfer::new(joints, config.bumpless_transfer_time);
+        self.convergence.reset();
+        self.efforts.fill(0.0);
     }
 
     /// Settings in force.
@@ -93,324 +225,169 @@ impl Controller {
 
     /// The robot.
     pub fn model(&self) -> &Model {
-        &self.arm.model
+        &self.manipulator.model
     }
 
-    /// The tip's frame.
+    /// The first tip's frame.
     pub fn tip(&self) -> &Frame {
-        &self.arm.tip
+        &self.manipulator.tip
     }
 
     /// Number of tips, at least 1.
     pub fn tip_count(&self) -> usize {
-        self.arm.tips().count()
+        self.manipulator.tips().count()
     }
 
-    /// Changes the settings. The efforts go over to those of the new ones without a step, within a few times
-    /// [`ControllerConfig::bumpless_transfer_time`]. A law that is given up forgets what it has found out, such as the joint
-    /// PD its joint goal.
+    /// Changes the settings without a step in the efforts: they approach those of the new settings within a few times
+    /// [`ControllerConfig::bumpless_transfer_time`]. A law that is replaced loses its state, such as the joint positions of
+    /// the goal under joint PD control. [`LawConfig::Custom`] keeps the user-defined law.
     ///
     /// # Errors
-    /// [`GainError`] when they do not fit the robot; nothing has changed then.
-    pub fn set_config(&mut self, config: ControllerConfig) -> Result<(), GainError> {
-        let joints = self.arm.model.dof();
-        config.check(joints)?;
-        if config.law == self.config.law {
-            self.law.configure(&config);
-        } else {
-            self.law = config.law.start(&config, &self.arm);
+    /// [`ConfigError`] when they do not fit the robot; nothing has changed then.
+    pub fn set_config(&mut self, config: ControllerConfig) -> Result<(), ConfigError> {
+        config.check(self.manipulator.model.dof())?;
+        if config.law == LawConfig::Custom && self.config.law != LawConfig::Custom {
+            return Err(ConfigError::NoCustomLaw);
+        }
+        if !self.law.configure(&config.law)
+            && let Some(law) = config.law.build(&self.manipulator)
+        {
+            self.law = law;
         }
         self.latency_compensation.set_config(config.goal);
         self.bumpless_transfer.time_constant = config.bumpless_transfer_time;
-        self.bumpless_transfer.begin();
-        self.watch.config = config.singularity_escape;
-        self.watch.forget();
+        self.bumpless_transfer.start();
+        self.convergence.config = config.singularity_escape;
+        self.convergence.reset();
         self.config = config;
         Ok(())
     }
 
-    /// Efforts of the last update \[N m or N\].
+    /// Replaces the law by a user-defined one, without a step in the efforts as in [`set_config`](Self::set_config).
+    pub fn set_law(&mut self, law: Box<dyn Law>) {
+        self.law = law;
+        self.config.law = LawConfig::Custom;
+        self.bumpless_transfer.start();
+        self.convergence.reset();
+    }
+
+    /// Efforts of the last step \[N m or N\], one per joint.
     pub fn efforts(&self) -> &DVector<f64> {
         &self.efforts
     }
 
-    /// One control step. Without [`Measurement::tip`] the joints are only damped, unless the law has all
-    /// that it needs: the joint PD looks at the camera when it starts and never again.
+    /// One control step; [`efforts`](Self::efforts) has its result. Without [`Measurement::tip`] the joints are only damped,
+    /// except under a law that does not need it: joint PD control uses only the first camera measurement.
     ///
     /// # Errors
-    /// [`LawError`] when the law has no efforts to give; the joints are then damped.
-    pub fn update(&mut self, seen: &Measurement<'_>) -> Result<ControlReport, LawError> {
-        let ControllerConfig {
-            gains, prediction, ..
-        } = &self.config;
-        let k_v = &gains.k_v;
-        self.latency_compensation
-            .look(&mut self.arm, seen, *prediction);
-        let seen = &self.latency_compensation.at_present(seen);
-        let follows = *prediction == Prediction::Motion && self.law.feeds_forward();
-        let goal = follows
-            .then(|| self.latency_compensation.moving_goal(seen))
-            .flatten();
-        if let Some(goal) = &goal {
-            let Manipulator {
-                model, workspace, ..
-            } = &self.arm;
-            self.feed_forward.lead(model, workspace, goal);
-        }
-        let mut report = {
-            let lead = goal.is_some().then(|| self.feed_forward.rates());
-            let seen = &Measurement { lead, ..*seen };
-            self.law.efforts(&mut self.arm, seen, &mut self.efforts)
+    /// [`ControlError`] when a measured value or an effort of the law is not finite, or when the law fails. The joints are
+    /// then only damped; where the joint state itself is wrong, the efforts are zero.
+    pub fn update(&mut self, measurement: &Measurement<'_>) -> Result<ControlReport, ControlError> {
+        self.efforts.fill(0.0);
+        measurement.check_joint_state(&self.manipulator.model)?;
+        let report = match measurement.check_sensors() {
+            Ok(()) => self.law_efforts(measurement),
+            Err(error) => Err(error),
         };
-        if let Ok(report) = &mut report {
-            report.second_error = self.latency_compensation.second_error();
-            report.convergence_failure = if self.law.seeks_the_goal() {
-                let (watch, arm) = (&mut self.watch, &self.arm);
-                trouble(watch, self.reach, arm, gains, &self.efforts, seen, report)
-            } else {
-                self.watch.forget();
-                None
-            };
-        }
+        let k_v = &self.config.gains.k_v;
         if report.as_ref().is_ok_and(|report| report.active) {
-            let part = self.law.joint_damping();
-            if let Some(goal) = &goal {
-                let workspace = &self.arm.workspace;
-                (self.feed_forward).add(workspace, goal, k_v, part, &mut self.efforts);
-            }
-            (self.bumpless_transfer).blend(seen.time, &mut self.efforts, k_v, part);
+            let fraction = self.law.joint_damping_fraction();
+            (self.bumpless_transfer).apply(measurement.time, &mut self.efforts, k_v, fraction);
         } else {
             self.efforts.fill(0.0);
-            self.bumpless_transfer.release(seen.time, k_v);
+            self.bumpless_transfer.cancel(measurement.time, k_v);
+            self.convergence.reset();
         }
         for (j, effort) in self.efforts.iter_mut().enumerate() {
-            *effort -= self.bumpless_transfer.k_v(j) * seen.qd[j];
-            *effort += self.watch.kick(seen.time, j, k_v[j]);
+            *effort -= self.bumpless_transfer.k_v(j) * measurement.qd[j];
+            *effort += (self.convergence).escape_effort(measurement.time, j, k_v[j]);
         }
         report
     }
-}
 
-/// Looks whether the law's pull, in `efforts`, brings the tip nearer.
-fn trouble(
-    watch: &mut Watch,
-    reach: Option<f64>,
-    arm: &Manipulator,
-    gains: &Gains,
-    efforts: &DVector<f64>,
-    seen: &Measurement<'_>,
-    report: &ControlReport,
-) -> Option<ConvergenceFailure> {
-    let (Some(sight), Some(error), true) = (seen.tip, &report.error, report.active) else {
-        watch.forget();
-        return None;
-    };
-    let distance = (sight.X_BD.translation.vector - arm.workspace.p_BC()).norm();
-    let short = reach.map(|reach| distance - reach);
-    let short = short.filter(|short| *short > BEYOND);
-    watch.look(seen, gains, error, efforts, short)
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::control::{Gains, IkError, JointPdGains, LawKind, Saturation, TipMeasurement};
-    use crate::dynamics::Workspace;
-    use crate::spatial::Pose;
-    use nalgebra::Translation3;
-
-    fn planar(law: LawKind) -> Controller {
-        let xml = include_str!("../../../../urdf/planar_two_link.urdf");
-        let model = Model::from_urdf(xml, "planar_two_link.urdf").unwrap();
-        let tip = model.frame("tool0").unwrap().clone();
-        Controller::new(model, tip, config(law)).unwrap()
-    }
-
-    fn config(law: LawKind) -> ControllerConfig {
-        let gains = Gains {
-            k_p: 100.0,
-            k_o: 1.0,
-            k_v: vec![200.0, 1000.0],
-            saturation: Saturation::NONE,
-        };
-        ControllerConfig {
-            joint_pd: JointPdGains {
-                k_p: vec![40.0, 200.0],
-            },
-            ..ControllerConfig::new(law, gains)
+    /// Writes the efforts of the law and of the feed-forward.
+    fn law_efforts(
+        &mut self,
+        measurement: &Measurement<'_>,
+    ) -> Result<ControlReport, ControlError> {
+        let ControllerConfig {
+            gains, prediction, ..
+        } = &self.config;
+        let latency_compensation = &mut self.latency_compensation;
+        latency_compensation.update(&mut self.manipulator, measurement, *prediction);
+        let follows = *prediction == Prediction::Motion && self.law.feeds_forward();
+        let goal = follows.then(|| latency_compensation.moving_goal(measurement));
+        let goal = goal.flatten();
+        if let Some(goal) = &goal {
+            let Manipulator {
+                model, workspace, ..
+            } = &self.manipulator;
+            self.feed_forward.update(model, workspace, goal);
         }
-    }
-
-    fn poses(
-        controller: &Controller,
-        q: [f64; 2],
-        goal: [f64; 2],
-    ) -> (DVector<f64>, TipMeasurement) {
-        let mut workspace = Workspace::new(controller.model());
-        let mut pose = |q: &DVector<f64>| {
-            workspace.set_positions(controller.model(), q);
-            workspace.X_BF(controller.tip())
+        let tips = latency_compensation.tips();
+        let error = tips[0].map(|tip| PoseError::between(&tip.X_BE, &tip.X_BD));
+        let input = LawInput {
+            time: measurement.time,
+            q: measurement.q,
+            qd: measurement.qd,
+            gains,
+            tips,
+            error: error.map(|error| gains.saturation.saturate(&error)),
+            w_IB_B: latency_compensation.w_IB_B(),
+            R_IB: latency_compensation.R_IB(),
+            reference_rates: goal.is_some().then(|| self.feed_forward.rates()),
         };
-        let q = DVector::from_row_slice(&q);
-        let tip = pose(&q);
-        let goal = pose(&DVector::from_row_slice(&goal));
-        (q, TipMeasurement::new(0.0, tip, goal))
-    }
-
-    fn update(
-        controller: &mut Controller,
-        time: f64,
-        q: &DVector<f64>,
-        qd: &DVector<f64>,
-        sight: &TipMeasurement,
-    ) -> Result<ControlReport, LawError> {
-        controller.update(&Measurement::new(time, q, qd).with_tip(Some(sight)))
-    }
-
-    #[test]
-    fn without_a_measurement_the_joints_are_damped() {
-        let mut controller = planar(LawKind::TransposeJacobian);
-        let (q, sight) = poses(&controller, [0.3, 1.0], [0.5, 0.8]);
-        let qd = DVector::from_row_slice(&[0.1, -0.2]);
-        controller.update(&Measurement::new(0.0, &q, &qd)).unwrap();
-        assert_eq!(controller.efforts().as_slice(), [-20.0, 200.0]);
-        let report = update(&mut controller, 0.01, &q, &qd, &sight).unwrap();
-        assert!(report.error.is_some());
-        assert_ne!(controller.efforts().as_slice(), [-20.0, 200.0]);
-    }
-
-    #[test]
-    fn joint_pd_pulls_to_the_joint_goal_of_its_start_and_needs_no_camera_after() {
-        let mut controller = planar(LawKind::JointPd);
-        let (q, sight) = poses(&controller, [0.3, 1.0], [0.5, 0.8]);
-        let rest = DVector::zeros(2);
-        update(&mut controller, 0.0, &q, &rest, &sight).unwrap();
-        let pulled = controller.efforts().clone();
-        assert!((pulled[0] - 40.0 * 0.2).abs() < 1e-6 && (pulled[1] + 200.0 * 0.2).abs() < 1e-6);
-        controller
-            .update(&Measurement::new(0.01, &q, &rest))
-            .unwrap();
-        assert_eq!(controller.efforts(), &pulled);
-    }
-
-    // Would break if anything of the run before were left: a joint goal, a difference that decays, a pending kick.
-    #[test]
-    fn a_restarted_controller_does_what_a_new_one_does() {
-        for (_, law) in LawKind::NAMES {
-            let mut used = planar(law);
-            let (q, sight) = poses(&used, [0.3, 1.0], [0.5, 0.8]);
-            let (_, other) = poses(&used, [0.3, 1.0], [1.5, -0.8]);
-            let qd = DVector::from_row_slice(&[0.1, -0.2]);
-            for k in 0..500 {
-                update(&mut used, 0.01 * f64::from(k), &q, &qd, &other).ok();
-            }
-            used.set_config(config(law)).unwrap();
-            update(&mut used, 5.0, &q, &qd, &other).ok();
-            used.restart();
-            let mut fresh = planar(law);
-            for k in 0..100 {
-                let time = 0.01 * f64::from(k);
-                update(&mut used, time, &q, &qd, &sight).ok();
-                update(&mut fresh, time, &q, &qd, &sight).ok();
-                assert_eq!(used.efforts(), fresh.efforts(), "{law:?} at {time} s");
-            }
+        let status = self
+            .law
+            .efforts(&input, &mut self.manipulator, &mut self.efforts)?;
+        let (got, joints) = (self.efforts.len(), self.manipulator.model.dof());
+        if got != joints {
+            self.efforts = DVector::zeros(joints);
+            let law = self.config.law.name();
+            return Err(ControlError::EffortCount { law, got, joints });
         }
-    }
-
-    #[test]
-    fn a_goal_out_of_reach_is_an_error_and_leaves_damping() {
-        let mut controller = planar(LawKind::JointPd);
-        let (q, mut sight) = poses(&controller, [0.3, 1.0], [0.5, 0.8]);
-        sight.X_BD = Pose::from_parts(Translation3::new(20.0, 0.0, 0.0), sight.X_BE.rotation);
-        let qd = DVector::from_row_slice(&[0.1, 0.0]);
-        for _ in 0..2 {
-            let refused = update(&mut controller, 0.0, &q, &qd, &sight);
-            let LawError::Unreachable(IkError::NotFound { position, .. }) = refused.unwrap_err();
-            assert!(position > 10.0);
-            assert_eq!(controller.efforts().as_slice(), [-20.0, 0.0]);
+        let mut report = ControlReport {
+            error,
+            second_error: latency_compensation.second_error(),
+            active: status != LawStatus::Inactive,
+            ..ControlReport::default()
+        };
+        if let (Some(error), LawStatus::TipFeedback) = (&input.error, status) {
+            report.position_saturated = error.position_saturated;
+            report.orientation_saturated = error.orientation_saturated;
         }
-    }
-
-    /// Efforts that step at a switch, a difference that never decays, or damping that jumps break this.
-    #[test]
-    fn changed_settings_take_over_without_a_jump() {
-        let mut controller = planar(LawKind::TransposeJacobian);
-        let (q, sight) = poses(&controller, [0.3, 1.0], [0.5, 0.8]);
-        let qd = DVector::from_row_slice(&[0.1, -0.2]);
-        let mut time = 0.0;
-        let mut step = |controller: &mut Controller, dt: f64| {
-            time += dt;
-            update(controller, time, &q, &qd, &sight).unwrap();
-            controller.efforts().clone()
-        };
-        let law = config(LawKind::TransposeJacobian);
-        let stronger = ControllerConfig {
-            gains: Gains {
-                k_p: 300.0,
-                k_v: vec![20.0, 3000.0],
-                ..law.gains.clone()
-            },
-            ..law.clone()
-        };
-        let approximate = ControllerConfig {
-            jacobian: crate::control::JacobianKind::FixedBase,
-            ..law
-        };
-        for settings in [config(LawKind::JointPd), stronger, approximate] {
-            let before = step(&mut controller, 0.01);
-            let mut fresh = planar(settings.law);
-            fresh.set_config(settings.clone()).unwrap();
-            let after = step(&mut fresh, 0.0);
-            let jump = (&after - &before).norm();
-            assert!(jump > 5.0, "{jump}: nothing to hand over");
-            controller.set_config(settings).unwrap();
-            let mut last = before;
-            for _ in 0..500 {
-                let now = step(&mut controller, 0.01);
-                assert!((&now - &last).norm() < 0.021 * jump.max(700.0), "{now}");
-                last = now;
-            }
-            assert!((last - after).norm() < 1e-3 * jump.max(700.0));
+        if !report.active {
+            return Ok(report);
         }
-    }
-
-    #[test]
-    fn settings_that_do_not_fit_change_nothing() {
-        let mut controller = planar(LawKind::TransposeJacobian);
-        let before = controller.config().clone();
-        for broken in [
-            ControllerConfig {
-                gains: Gains {
-                    k_p: -1.0,
-                    ..before.gains.clone()
-                },
-                ..before.clone()
-            },
-            ControllerConfig {
-                gains: Gains {
-                    k_v: vec![1.0],
-                    ..before.gains.clone()
-                },
-                ..before.clone()
-            },
-            ControllerConfig {
-                gains: Gains {
-                    saturation: Saturation {
-                        position: f64::NAN,
-                        orientation: 1.0,
-                    },
-                    ..before.gains.clone()
-                },
-                ..before.clone()
-            },
-            ControllerConfig {
-                law: LawKind::JointPd,
-                joint_pd: JointPdGains::default(),
-                ..before.clone()
-            },
-        ] {
-            assert!(controller.set_config(broken).is_err());
-            assert_eq!(controller.config(), &before);
+        if let (Some(tip), Some(error), true) =
+            (input.tip(), &error, self.law.monitors_convergence())
+        {
+            let p_BC = self.manipulator.workspace.p_BC();
+            let distance = (tip.X_BD.translation.vector - p_BC).norm();
+            report.convergence_failure = self.convergence.update(&Progress {
+                time: measurement.time,
+                qd: measurement.qd,
+                gains,
+                error,
+                efforts: &self.efforts,
+                excess: self.workspace_radius.map(|radius| distance - radius),
+            });
+        } else {
+            self.convergence.reset();
+        }
+        if let Some(goal) = &goal {
+            let workspace = &self.manipulator.workspace;
+            let fraction = self.law.joint_damping_fraction();
+            (self.feed_forward).add(workspace, goal, &gains.k_v, fraction, &mut self.efforts);
+        }
+        let mut joints = self.manipulator.model.joints().iter().zip(&self.efforts);
+        match joints.find(|(_, effort)| !effort.is_finite()) {
+            None => Ok(report),
+            Some((joint, effort)) => Err(ControlError::Effort {
+                law: self.config.law.name(),
+                joint: joint.name.clone(),
+                value: *effort,
+            }),
         }
     }
 }

@@ -13,7 +13,7 @@ use crate::{
 /// Why no joint positions were found.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum IkError {
-    /// No start of the search led to the goal.
+    /// The search did not reach the goal from any start.
     #[error(
         "no joint positions were found that reach the goal: the nearest pose found is {position:.4} m and {angle:.4} rad away"
     )]
@@ -25,19 +25,18 @@ pub enum IkError {
     },
 }
 
-/// Remaining error that counts as none \[m and rad\].
+/// Largest remaining error of a solution \[m and rad\].
 const TOLERANCE: f64 = 1e-9;
 /// Largest change of a joint in one step \[rad or m\]: a longer one leaves the region where the Jacobian
-/// says anything.
+/// is a good approximation.
 const LONGEST_STEP: f64 = 0.5;
-/// Starts of the search beside the given one.
+/// Number of starts of the search in addition to the given one.
 const RESTARTS: usize = 20;
 
 /// Joint positions within the limits that bring `tip` to `X_BD` (base frame): damped least squares with
-/// step control (Levenberg-Marquardt) on position and rotation vector. The search starts from `start`, and
-/// finds the solution that is downhill from there; only where that leads nowhere it starts again
-/// elsewhere, at places that are always the same. Angles come back within half a turn of `start` where
-/// limits allow.
+/// step control (Levenberg-Marquardt) on position and rotation vector. The search descends from `start`; where that
+/// does not reach the goal, it starts again from pseudo-random positions that are the same in every call.
+/// Angles are returned within half a turn of `start` where limits allow.
 ///
 /// # Errors
 /// [`IkError::NotFound`] when no start leads within 1e-9 m and rad.
@@ -90,7 +89,7 @@ struct Search<'a> {
 }
 
 impl Search<'_> {
-    /// Goes downhill from `q`; where it ends, and what is left there.
+    /// Descends from `q`; returns the last positions and their pose error.
     fn descend(&mut self, mut q: DVector<f64>) -> (DVector<f64>, PoseError) {
         let mut damping = 1e-2;
         let (mut residual, mut error) = self.deviation(&q);
@@ -118,7 +117,7 @@ impl Search<'_> {
         (q, error)
     }
 
-    /// A damped step of least squares, solved in the smaller of the two spaces.
+    /// A damped least-squares step, solved in the smaller of joint space and task space.
     fn step(
         &mut self,
         q: &DVector<f64>,
@@ -209,7 +208,7 @@ mod tests {
     }
 
     #[test]
-    fn limits_are_kept() {
+    fn solutions_respect_joint_limits() {
         let xml = include_str!("../../../../urdf/servicer.urdf").replacen(
             "<joint name=\"joint3\" type=\"continuous\">",
             "<joint name=\"joint3\" type=\"revolute\">\
@@ -224,14 +223,14 @@ mod tests {
             &tip,
             &DVector::from_row_slice(&[0.3, -0.4, 0.9, 0.5, 0.3, -0.2]),
         );
-        // From here the solution downhill has the elbow on the other side.
+        // From here the descent leads to the solution with the elbow on the other side.
         let start = DVector::from_row_slice(&[0.3, 0.5, -0.9, 0.1, 0.3, -0.2]);
         let q = inverse_kinematics(&model, &tip, &goal, &start).unwrap();
         assert!((0.2..=2.5).contains(&q[2]), "{q}");
     }
 
     #[test]
-    fn what_is_out_of_reach_is_said_to_be() {
+    fn an_unreachable_goal_is_an_error() {
         let (model, tip) = servicer();
         let start = DVector::from_element(6, 0.3);
         let mut far = pose(&model, &tip, &start);

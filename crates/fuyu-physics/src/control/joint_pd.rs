@@ -1,98 +1,99 @@
-//! Joint-space PD: what a fixed-base robot would do, and what misses here.
+//! Joint PD control: the law of a fixed-base robot, which misses the goal on a free-floating one.
 
 use nalgebra::DVector;
 
 use super::gains::check_joint_gains;
 use super::{
-    ControlReport, ControllerConfig, GainError, IkError, Law, LawError, Manipulator, Measurement,
-    PoseError, inverse_kinematics,
+    ConfigError, IkError, Law, LawConfig, LawError, LawInput, LawStatus, Manipulator, PoseError,
+    inverse_kinematics,
 };
 use crate::spatial::Pose;
 
-/// Gains of [`JointPd`].
+/// Settings of [`JointPd`].
 #[derive(Debug, Clone, PartialEq, Default)]
-pub struct JointPdGains {
+pub struct JointPdConfig {
     /// Position gains \[N m/rad or N/m\], one per joint.
     pub k_p: Vec<f64>,
 }
 
-impl JointPdGains {
+impl JointPdConfig {
     /// Refuses gains that do not fit a robot with `joints` joints.
     ///
     /// # Errors
-    /// [`GainError`] naming the gain.
-    pub fn check(&self, joints: usize) -> Result<(), GainError> {
+    /// [`ConfigError`] names the gain.
+    pub fn check(&self, joints: usize) -> Result<(), ConfigError> {
         check_joint_gains("joint_k_p", &self.k_p, joints)
     }
 }
 
-/// `τ = K_P (q_D - q) - K_V q̇` towards joint positions found once, by inverse kinematics at the start. It looks
-/// at the camera then and never again. Because the base moves meanwhile, the tip ends beside the goal: Masutani
-/// 1995 Fig. 5.3(a).
+/// `τ = K_P (q_D - q) - K_V q̇` with joint positions `q_D` that inverse kinematics finds once, from the first camera
+/// measurement; later ones are not used. Because the base moves meanwhile, the tip ends next to the goal: Masutani 1995
+/// Fig. 5.3(a).
 #[derive(Debug, Clone)]
 pub struct JointPd {
-    gains: JointPdGains,
-    /// Joint positions to reach \[rad or m\].
+    config: JointPdConfig,
+    /// `q_D` \[rad or m\].
     goal: Option<DVector<f64>>,
     /// A goal for which there are no joint positions, and why.
-    out_of_reach: Option<(Pose, IkError)>,
+    unreachable: Option<(Pose, IkError)>,
 }
 
 impl JointPd {
     /// The law, without a goal yet.
-    pub fn new(config: &ControllerConfig) -> Self {
+    pub fn new(config: JointPdConfig) -> Self {
         Self {
-            gains: config.joint_pd.clone(),
+            config,
             goal: None,
-            out_of_reach: None,
+            unreachable: None,
         }
     }
 
-    fn find(
+    fn joint_goal(
         &mut self,
-        arm: &Manipulator,
+        manipulator: &Manipulator,
         X_BD: &Pose,
         q: &DVector<f64>,
     ) -> Result<DVector<f64>, IkError> {
-        // The search is long where it fails: it is not made again for the same goal.
-        if let Some((goal, error)) = &self.out_of_reach {
+        // A search that fails is slow, so it is not repeated for the same goal.
+        if let Some((goal, error)) = &self.unreachable {
             let moved = PoseError::between(goal, X_BD);
             if moved.position.norm() < 1e-3 && moved.angle < 1e-3 {
                 return Err(error.clone());
             }
         }
-        inverse_kinematics(&arm.model, &arm.tip, X_BD, q)
-            .inspect_err(|error| self.out_of_reach = Some((*X_BD, error.clone())))
+        inverse_kinematics(&manipulator.model, &manipulator.tip, X_BD, q)
+            .inspect_err(|error| self.unreachable = Some((*X_BD, error.clone())))
     }
 }
 
 impl Law for JointPd {
-    fn configure(&mut self, config: &ControllerConfig) {
-        self.gains.clone_from(&config.joint_pd);
-    }
-
     fn efforts(
         &mut self,
-        arm: &mut Manipulator,
-        seen: &Measurement<'_>,
-        pull: &mut DVector<f64>,
-    ) -> Result<ControlReport, LawError> {
-        if let (None, Some(sight)) = (&self.goal, seen.tip) {
-            self.goal = Some(self.find(arm, &sight.X_BD, seen.q)?);
+        input: &LawInput<'_>,
+        manipulator: &mut Manipulator,
+        efforts: &mut DVector<f64>,
+    ) -> Result<LawStatus, LawError> {
+        if let (None, Some(tip)) = (&self.goal, input.tip()) {
+            self.goal = Some(self.joint_goal(manipulator, &tip.X_BD, input.q)?);
         }
-        if let Some(goal) = &self.goal {
-            for (j, k_p) in self.gains.k_p.iter().enumerate() {
-                pull[j] = k_p * (goal[j] - seen.q[j]);
-            }
+        let Some(goal) = &self.goal else {
+            return Ok(LawStatus::Inactive);
+        };
+        for (j, k_p) in self.config.k_p.iter().enumerate() {
+            efforts[j] = k_p * (goal[j] - input.q[j]);
         }
-        Ok(ControlReport {
-            active: self.goal.is_some(),
-            ..ControlReport::on(seen)
-        })
+        Ok(LawStatus::JointFeedback)
     }
 
-    /// It ends beside the goal, as it must.
-    fn seeks_the_goal(&self) -> bool {
-        false
+    fn reset(&mut self) {
+        (self.goal, self.unreachable) = (None, None);
+    }
+
+    fn configure(&mut self, config: &LawConfig) -> bool {
+        let LawConfig::JointPd(config) = config else {
+            return false;
+        };
+        self.config.clone_from(config);
+        true
     }
 }

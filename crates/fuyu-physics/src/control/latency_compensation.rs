@@ -1,31 +1,32 @@
-//! What a controller makes of its measurements before a law sees them.
+//! Latency compensation: tips and goals at the time of the joint state, from camera measurements that are older.
 
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 
-use super::prediction::{GoalMotionConfig, Predicted, Prediction, Predictor};
-use super::{Manipulator, Measurement, MovingGoal, PoseError, Present, TipMeasurement};
+use super::prediction::{GoalMotionConfig, Prediction, Predictor, TipPrediction};
+use super::{GoalRate, Manipulator, Measurement, MovingGoal, PoseError, TipMeasurement};
 use crate::dynamics::Momentum;
 
-/// Tips and goals at present. It listens whatever the prediction is, so that a change of it acts at once.
+/// Tips, goals and base at the time of the joint state. The predictors are updated even when no prediction is chosen, so
+/// that choosing one takes effect at once.
 #[derive(Debug)]
 pub(super) struct LatencyCompensation {
     /// One for each tip.
     predictors: Vec<Predictor>,
-    goals: Vec<Option<Predicted>>,
-    sight: Option<TipMeasurement>,
+    tips: Vec<Option<TipPrediction>>,
     w_IB_B: Vector3<f64>,
-    /// Time of the last angular velocity of the goal that was taken in.
+    R_IB: UnitQuaternion<f64>,
+    /// Time of the last [`GoalRate`] that was used.
     rate_time: f64,
 }
 
 impl LatencyCompensation {
-    pub fn new(arm: &Manipulator, config: GoalMotionConfig) -> Self {
-        let tips = arm.tips().count();
+    pub fn new(manipulator: &Manipulator, config: GoalMotionConfig) -> Self {
+        let tips = manipulator.tips().count();
         Self {
             predictors: vec![Predictor::new(config); tips],
-            goals: vec![None; tips],
-            sight: None,
+            tips: vec![None; tips],
             w_IB_B: Vector3::zeros(),
+            R_IB: UnitQuaternion::identity(),
             rate_time: f64::NEG_INFINITY,
         }
     }
@@ -36,74 +37,86 @@ impl LatencyCompensation {
         }
     }
 
-    /// Takes in what is measured, and finds out how tips and goals are now.
-    pub fn look(&mut self, arm: &mut Manipulator, seen: &Measurement<'_>, prediction: Prediction) {
+    /// Adds a measurement and computes tips, goals and base at its time. Sets the positions of the workspace.
+    pub fn update(
+        &mut self,
+        manipulator: &mut Manipulator,
+        measurement: &Measurement<'_>,
+        prediction: Prediction,
+    ) {
         let Manipulator {
             model,
             tip,
             more_tips,
             workspace,
-        } = arm;
-        workspace.set_positions(model, seen.q);
-        self.w_IB_B = match seen.w_IB_B {
+        } = manipulator;
+        workspace.set_positions(model, measurement.q);
+        self.w_IB_B = match measurement.w_IB_B {
             Some(measured) => *measured,
-            None => workspace.base_twist(&Momentum::default(), seen.qd).angular,
+            None => {
+                let motion = workspace.base_twist(&Momentum::default(), measurement.qd);
+                motion.angular
+            }
         };
-        let rate = seen.goal_rate.filter(|rate| rate.time != self.rate_time);
+        let new = |rate: &&GoalRate| rate.time != self.rate_time;
+        let rate = measurement.goal_rate.filter(new);
         for (k, predictor) in self.predictors.iter_mut().enumerate() {
-            let (tip, sight) = match k.checked_sub(1) {
-                None => (&*tip, seen.tip),
+            let (tip, measured) = match k.checked_sub(1) {
+                None => (&*tip, measurement.tip),
                 Some(k) => (
                     &more_tips[k],
-                    seen.more_tips.get(k).and_then(Option::as_ref),
+                    measurement.more_tips.get(k).and_then(Option::as_ref),
                 ),
             };
             let X_BE = workspace.X_BF(tip);
-            predictor.advance(seen.time, &self.w_IB_B, workspace.p_BC(), &X_BE);
-            if let Some(TipMeasurement { time, X_BE, X_BD }) = sight {
-                predictor.see(*time, X_BE, X_BD);
+            predictor.advance(measurement.time, &self.w_IB_B, workspace.p_BC(), &X_BE);
+            if let Some(TipMeasurement { time, X_BE, X_BD }) = measured {
+                predictor.add_frame(*time, X_BE, X_BD);
             }
             if let (Some(rate), 0) = (rate, k) {
-                predictor.see_rate(rate.time, &rate.w_ID_B);
+                predictor.add_rate(rate.time, &rate.w_ID_B);
             }
-            self.goals[k] = sight.map(|sight| {
-                let as_seen = || Predicted::as_seen(sight.X_BE, sight.X_BD);
+            self.tips[k] = measured.map(|measured| {
+                let at_rest = || TipPrediction::at_rest(measured.X_BE, measured.X_BD);
                 match prediction {
-                    Prediction::None => as_seen(),
-                    _ => predictor.now(prediction).unwrap_or_else(as_seen),
+                    Prediction::None => at_rest(),
+                    _ => predictor.predict(prediction).unwrap_or_else(at_rest),
                 }
             });
         }
         self.rate_time = rate.map_or(self.rate_time, |rate| rate.time);
-        self.sight = self.goals[0].map(|goal| TipMeasurement::new(seen.time, goal.X_BE, goal.X_BD));
-    }
-
-    /// The measurement as it would be if the camera were not late.
-    pub fn at_present<'a>(&'a self, seen: &Measurement<'a>) -> Measurement<'a> {
-        let present = self.predictors[0].present().map(|moment| Present {
-            w_IB_B: &self.w_IB_B,
-            R_IB: &moment.R_IB,
-            goals: &self.goals,
-        });
-        Measurement {
-            tip: self.sight.as_ref(),
-            present,
-            ..*seen
+        if let Some(sample) = self.predictors[0].base() {
+            self.R_IB = sample.R_IB;
         }
     }
 
-    /// Deviation of the second tip at present, if there is one and it is seen.
+    /// Tip and goal of each arm; `None` without a camera measurement.
+    pub fn tips(&self) -> &[Option<TipPrediction>] {
+        &self.tips
+    }
+
+    /// Angular velocity of the base, base axes \[rad/s\].
+    pub fn w_IB_B(&self) -> &Vector3<f64> {
+        &self.w_IB_B
+    }
+
+    /// Attitude of the base in I.
+    pub fn R_IB(&self) -> &UnitQuaternion<f64> {
+        &self.R_IB
+    }
+
+    /// Deviation of the second tip, if there is one with a camera measurement.
     pub fn second_error(&self) -> Option<PoseError> {
-        let second = self.goals.get(1)?.as_ref()?;
+        let second = self.tips.get(1)?.as_ref()?;
         Some(PoseError::between(&second.X_BE, &second.X_BD))
     }
 
-    /// How the first tip's goal moves.
-    pub fn moving_goal<'a>(&'a self, seen: &Measurement<'a>) -> Option<MovingGoal<'a>> {
-        let goal = self.goals[0].as_ref()?;
+    /// Motion of the first tip's goal.
+    pub fn moving_goal<'a>(&'a self, measurement: &Measurement<'a>) -> Option<MovingGoal<'a>> {
+        let goal = self.tips[0].as_ref()?;
         Some(MovingGoal {
-            q: seen.q,
-            qd: seen.qd,
+            q: measurement.q,
+            qd: measurement.qd,
             w_IB_B: &self.w_IB_B,
             V_ID_B: &goal.V_ID_B,
             A_ID_B: &goal.A_ID_B,

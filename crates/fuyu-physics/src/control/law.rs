@@ -1,160 +1,94 @@
-//! What a control law is.
+//! Interface of a control law.
 
 use std::fmt;
 
-use nalgebra::{DVector, Vector3};
+use nalgebra::{DVector, UnitQuaternion, Vector3};
 
-use super::{
-    ControllerConfig, ConvergenceFailure, IkError, JointPd, Measurement, OperationalSpace,
-    PoseError, Saturation, StraightPath, TransposeJacobian,
-};
-use crate::dynamics::Workspace;
-use crate::model::{Frame, Model};
+use super::prediction::TipPrediction;
+use super::{Gains, LawConfig, LawError, Manipulator, SaturatedError};
 
-/// A control law: how it pulls the joints, given what is measured. Damping of the joints is not its
-/// business; the [`Controller`](super::Controller) adds `-K_V q̇`.
+/// A control law: computes joint efforts from the state of the arm and its goal, without the joint damping `-K_V q̇`, which
+/// the [`Controller`](super::Controller) adds.
 ///
-/// A step takes no memory.
+/// Only [`Law::efforts`] must be written; `Controller` has an example. A law takes no memory in a step.
 pub trait Law: fmt::Debug + Send {
-    /// Takes over settings that have been checked. What the law has found out meanwhile stays.
-    fn configure(&mut self, config: &ControllerConfig);
-
-    /// Writes the joint efforts without damping \[N m or N\]. The arm's workspace has the positions of `seen`, and keeps
-    /// them. Where the law lacks what it needs, such as [`Measurement::tip`], it says so in [`ControlReport::active`] and what it
-    /// writes is not used.
+    /// Writes the joint efforts \[N m or N\], one per joint; they are zero when the law is called.
+    /// `manipulator.workspace` holds the joint positions of `input`, and must hold them afterwards.
     ///
     /// # Errors
-    /// [`LawError`] when there are no efforts; the joints are only damped then.
+    /// [`LawError`] when there are no efforts. The joints are only damped then, and the controller returns the error.
     fn efforts(
         &mut self,
-        arm: &mut Manipulator,
-        seen: &Measurement<'_>,
-        pull: &mut DVector<f64>,
-    ) -> Result<ControlReport, LawError>;
+        input: &LawInput<'_>,
+        manipulator: &mut Manipulator,
+        efforts: &mut DVector<f64>,
+    ) -> Result<LawStatus, LawError>;
 
-    /// The part of `K_V` that is added while the law pulls, 0 to 1: less for a law that damps by itself.
-    fn joint_damping(&self) -> f64 {
+    /// Forgets everything but the settings: the next step belongs to another run.
+    fn reset(&mut self) {}
+
+    /// Takes settings that have been checked, and keeps its state. Returns whether they are settings of this law. Only
+    /// built-in laws implement this; a user-defined one keeps its settings itself.
+    fn configure(&mut self, config: &LawConfig) -> bool {
+        *config == LawConfig::Custom
+    }
+
+    /// Fraction of `K_V` that the controller adds while the law acts, 0 to 1; less than one for a law that damps by itself.
+    fn joint_damping_fraction(&self) -> f64 {
         1.0
     }
 
-    /// Whether the pull is that of the potential of chapter 5 (or less), so that a tip that comes no nearer is in
-    /// trouble.
-    fn seeks_the_goal(&self) -> bool {
-        true
+    /// Whether the efforts are those of the potential of Masutani 1995 chapter 5 or smaller. The controller then reports a
+    /// tip that does not converge ([`ConvergenceFailure`](super::ConvergenceFailure)) and moves the arm out of singular
+    /// positions.
+    fn monitors_convergence(&self) -> bool {
+        false
     }
 
-    /// Whether the controller adds what a moving goal takes, [`FeedForward`](super::FeedForward), when it predicts the goal's motion.
+    /// Whether the controller adds the efforts for a moving goal, [`FeedForward`](super::FeedForward), when it predicts the
+    /// motion of the goal.
     fn feeds_forward(&self) -> bool {
         false
     }
 }
 
-/// Which law drives the arm.
+/// State of arm and goal at the time of the joint state, after latency compensation.
+#[derive(Debug, Clone, Copy)]
+pub struct LawInput<'a> {
+    /// Time of the joint state \[s\].
+    pub time: f64,
+    /// Joint positions \[rad or m\].
+    pub q: &'a DVector<f64>,
+    /// Joint rates \[rad/s or m/s\].
+    pub qd: &'a DVector<f64>,
+    /// Gains of the controller.
+    pub gains: &'a Gains,
+    /// Tip and goal of each arm; `None` without a camera measurement.
+    pub tips: &'a [Option<TipPrediction>],
+    /// Deviation of the first tip, saturated; `None` without a camera measurement.
+    pub error: Option<SaturatedError>,
+    /// Angular velocity of the base in the inertial frame I of [`super::prediction`], base axes \[rad/s\].
+    pub w_IB_B: &'a Vector3<f64>,
+    /// Attitude of the base in I.
+    pub R_IB: &'a UnitQuaternion<f64>,
+    /// Joint rates `q̇_D` that move the tip with its goal \[rad/s or m/s\]; `None` where nothing is fed forward.
+    pub reference_rates: Option<&'a DVector<f64>>,
+}
+
+impl LawInput<'_> {
+    /// First tip and its goal; `None` without a camera measurement.
+    pub fn tip(&self) -> Option<&TipPrediction> {
+        self.tips.first()?.as_ref()
+    }
+}
+
+/// What the efforts of a law depend on.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum LawKind {
-    /// Transpose-Jacobian control, [`TransposeJacobian`].
-    TransposeJacobian,
-    /// Joint PD towards joint positions found by inverse kinematics when it starts, [`JointPd`].
-    JointPd,
-    /// Resolved acceleration with the generalized inertia, [`OperationalSpace`].
-    OperationalSpace,
-    /// Transpose-Jacobian control whose tip keeps to a straight line, [`StraightPath`].
-    StraightPath,
-}
-
-impl LawKind {
-    /// All laws by name.
-    pub const NAMES: [(&'static str, Self); 4] = [
-        ("transpose_jacobian", Self::TransposeJacobian),
-        ("straight_path", Self::StraightPath),
-        ("joint_pd", Self::JointPd),
-        ("operational_space", Self::OperationalSpace),
-    ];
-
-    /// The law with its settings, for an arm.
-    pub(super) fn start(self, config: &ControllerConfig, arm: &Manipulator) -> Box<dyn Law> {
-        let joints = arm.model.dof();
-        match self {
-            Self::TransposeJacobian => Box::new(TransposeJacobian::new(config, joints)),
-            Self::OperationalSpace => Box::new(OperationalSpace::new(config, arm)),
-            Self::JointPd => Box::new(JointPd::new(config)),
-            Self::StraightPath => Box::new(StraightPath::new(config, arm)),
-        }
-    }
-}
-
-/// The arm as a law knows it, with scratch.
-#[derive(Debug, Clone)]
-pub struct Manipulator {
-    /// The robot.
-    pub model: Model,
-    /// The tip's frame E.
-    pub tip: Frame,
-    /// The tips of further arms, in order.
-    pub more_tips: Vec<Frame>,
-    /// Scratch; at the positions that are measured while a law pulls.
-    pub workspace: Workspace,
-}
-
-impl Manipulator {
-    /// An arm with its tip at the frame `tip` of `model`.
-    pub fn new(model: Model, tip: Frame) -> Self {
-        Self {
-            workspace: Workspace::new(&model),
-            model,
-            tip,
-            more_tips: Vec::new(),
-        }
-    }
-
-    /// All tips, the first one first.
-    pub fn tips(&self) -> impl Iterator<Item = &Frame> {
-        std::iter::once(&self.tip).chain(&self.more_tips)
-    }
-}
-
-/// What a controller did at one instant.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct ControlReport {
-    /// Deviation that it acted on; `None` while no camera measurement was given.
-    pub error: Option<PoseError>,
-    /// Deviation of the second tip, of a robot with several arms; `None` while it is not seen.
-    pub second_error: Option<PoseError>,
-    /// Whether the position error was saturated.
-    pub position_saturated: bool,
-    /// Whether the orientation error was saturated.
-    pub orientation_saturated: bool,
-    /// Why the tip does not arrive, if it does not.
-    pub convergence_failure: Option<ConvergenceFailure>,
-    /// Whether the law had all that it needs; else the joints are only damped.
-    pub active: bool,
-}
-
-impl ControlReport {
-    /// ControlReport on what the camera saw, if anything, without saturation.
-    pub fn on(seen: &Measurement<'_>) -> Self {
-        Self {
-            error: seen.tip.map(|s| PoseError::between(&s.X_BE, &s.X_BD)),
-            active: seen.tip.is_some(),
-            ..Self::default()
-        }
-    }
-
-    /// Position and orientation error as they act, if anything was seen; notes what of them was cut.
-    pub fn saturate(&mut self, saturation: &Saturation) -> Option<(Vector3<f64>, Vector3<f64>)> {
-        let error = self.error.as_ref()?;
-        let (e_p, position_saturated) = saturation.position_error(error);
-        let (e_o, orientation_saturated) = saturation.orientation_error(error);
-        self.position_saturated = position_saturated;
-        self.orientation_saturated = orientation_saturated;
-        Some((e_p, e_o))
-    }
-}
-
-/// Why a law gives no efforts.
-#[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum LawError {
-    /// The law needs joint positions for the goal, and there are none.
-    #[error(transparent)]
-    Unreachable(#[from] IkError),
+pub enum LawStatus {
+    /// Nothing: a measurement is missing. The efforts are not used; the joints are only damped.
+    Inactive,
+    /// The deviation of the tip, [`LawInput::error`].
+    TipFeedback,
+    /// Joint positions and rates only.
+    JointFeedback,
 }

@@ -1,4 +1,4 @@
-//! The closed loop near its goal.
+//! Linearised closed loop at the goal.
 
 use nalgebra::linalg::Schur;
 use nalgebra::{Complex, DMatrix, DVector, Matrix6xX};
@@ -8,8 +8,8 @@ use crate::dynamics::Workspace;
 use crate::model::{Frame, Model};
 
 /// The closed loop of transpose-Jacobian control, linear in deviations `δq` from joint positions at which the tip is
-/// at its goal: `Ĥ δq̈ + K_V δq̇ + (k_p J_Lᵀ Ĵ_L + k_o J_Aᵀ Ĵ_A) δq = 0`, Masutani 1995 eq. (6.2), which leaves the
-/// attitude out. `J` is the Jacobian that the law uses; what the tip does follows from `Ĵ`, the generalized one.
+/// at its goal: `Ĥ δq̈ + K_V δq̇ + (k_p J_Lᵀ Ĵ_L + k_o J_Aᵀ Ĵ_A) δq = 0`, Masutani 1995 eq. (6.2), which omits the
+/// attitude. `J` is the Jacobian that the law uses; the tip moves by `Ĵ`, the generalized one.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LinearisedLoop {
     /// `Ĥ` \[kg m² or kg\].
@@ -38,10 +38,10 @@ impl LinearisedLoop {
         workspace.set_positions(model, q);
         let mut law = Matrix6xX::zeros(n);
         jacobian.write(workspace, tip, &mut law);
-        let mut tip_moves = Matrix6xX::zeros(n);
-        workspace.generalized_jacobian(tip, &mut tip_moves);
-        let stiffness = law.rows(0, 3).tr_mul(&tip_moves.rows(0, 3)) * gains.k_p
-            + law.rows(3, 3).tr_mul(&tip_moves.rows(3, 3)) * gains.k_o;
+        let mut generalized = Matrix6xX::zeros(n);
+        workspace.generalized_jacobian(tip, &mut generalized);
+        let stiffness = law.rows(0, 3).tr_mul(&generalized.rows(0, 3)) * gains.k_p
+            + law.rows(3, 3).tr_mul(&generalized.rows(3, 3)) * gains.k_o;
         Self {
             inertia: workspace.reduced_inertia().clone(),
             damping: DVector::from_column_slice(&gains.k_v),
@@ -50,7 +50,7 @@ impl LinearisedLoop {
     }
 
     /// Roots of the characteristic equation \[1/s\], two per joint, in no particular order. `None` if the
-    /// search for them does not end.
+    /// iteration does not converge.
     pub fn eigenvalues(&self) -> Option<Vec<Complex<f64>>> {
         let n = self.damping.len();
         let inverse = self.inertia.clone().cholesky()?.inverse();
@@ -65,7 +65,7 @@ impl LinearisedLoop {
     }
 
     /// The largest real part of the roots \[1/s\]: negative where the goal is asymptotically stable, positive
-    /// where the tip leaves it, zero but for rounding where the joints can move without the tip.
+    /// where it is unstable, zero up to rounding where the joints can move without the tip.
     /// `None` as [`LinearisedLoop::eigenvalues`].
     pub fn growth_rate(&self) -> Option<f64> {
         let roots = self.eigenvalues()?;
@@ -78,7 +78,7 @@ mod tests {
     use super::*;
     use crate::control::Saturation;
 
-    /// Any spatial arm: with the generalized Jacobian no root lies on the right, whatever the posture.
+    /// With the generalized Jacobian no root has a positive real part, in any posture.
     #[test]
     fn with_the_generalized_jacobian_every_posture_is_stable() {
         let xml = include_str!("../../../../urdf/servicer.urdf");

@@ -1,4 +1,4 @@
-//! What falls while the tip goes to its goal.
+//! Lyapunov function of the closed loop.
 
 use nalgebra::DVector;
 
@@ -9,8 +9,8 @@ use crate::dynamics::Workspace;
 /// eq. (5.13), and with saturated errors eq. (5.27).
 ///
 /// Along the motion under transpose-Jacobian control with the generalized Jacobian `dW/dt = -q̇ᵀ K_V q̇`, eq. (5.19),
-/// whatever the base does, as long as momentum is zero and the goal rests in the world. With the fixed-base Jacobian
-/// it may rise.
+/// for any motion of the base, as long as momentum is zero and the goal rests in the world. With the fixed-base Jacobian
+/// it may increase.
 #[derive(Debug, Clone, PartialEq)]
 pub struct LyapunovFunction {
     /// Gains of the law; `k_v` does not enter.
@@ -32,7 +32,7 @@ impl LyapunovFunction {
         gains.saturation.potential(error, gains.k_p, gains.k_o)
     }
 
-    /// `W` \[J\] for a deviation and joint rates; `workspace` stands at the joint positions.
+    /// `W` \[J\] for a deviation and joint rates; `workspace` holds the joint positions.
     pub fn value(&self, workspace: &mut Workspace, qd: &DVector<f64>, error: &PoseError) -> f64 {
         let inertia = workspace.reduced_inertia();
         let n = qd.len();
@@ -40,7 +40,7 @@ impl LyapunovFunction {
         self.potential(error) + 0.5 * twice
     }
 
-    /// `-q̇ᵀ K_V q̇` \[W\]: how fast `W` falls, eq. (5.19).
+    /// `dW/dt = -q̇ᵀ K_V q̇` \[W\], eq. (5.19).
     pub fn rate(&self, qd: &DVector<f64>) -> f64 {
         let pairs = self.gains.k_v.iter().zip(qd);
         -pairs.map(|(k, qd)| k * qd * qd).sum::<f64>()

@@ -1,10 +1,10 @@
-//! Control laws: from joint states and base-frame measurements to joint efforts.
+//! Control laws: joint efforts from joint states and measurements in the base frame.
 //!
-//! No law here ever sees the pose of the base. A [`Measurement`] is all there is: joint positions and
-//! rates from encoders, tip and goal poses as a sensor on the base sees them.
+//! No law uses the pose of the base. A [`Measurement`] consists of joint positions and rates from encoders, of tip and goal
+//! poses from a camera on the base, and of the base's angular velocity from a gyro.
 //!
-//! A [`Law`] says how the joints are pulled. A [`Controller`] runs one of them, adds damping of the joints,
-//! and hands over from law to law and from gains to gains without a step in the efforts.
+//! A [`Law`] computes joint efforts. A [`Controller`] runs one law: it compensates the latency of the camera, adds joint
+//! damping, and changes law or gains without a step in the efforts.
 
 mod bumpless_transfer;
 mod config;
@@ -16,14 +16,17 @@ mod inverse_kinematics;
 mod joint_pd;
 mod latency_compensation;
 mod law;
+mod law_config;
 mod linearised;
 mod lyapunov;
+mod manipulator;
 mod measurement;
 mod operability;
 mod operational_space;
 mod operator;
 mod pose_error;
 pub mod prediction;
+mod report;
 mod resolved_rate;
 mod singularity_escape;
 mod straight_path;
@@ -40,24 +43,27 @@ pub use control_loop::{
 };
 pub use controller::Controller;
 pub use feed_forward::{FeedForward, MovingGoal};
-pub use gains::{GainError, Gains};
+pub use gains::{ConfigError, Gains};
 pub use inverse_kinematics::{IkError, inverse_kinematics};
-pub use joint_pd::{JointPd, JointPdGains};
-pub use law::{ControlReport, Law, LawError, LawKind, Manipulator};
+pub use joint_pd::{JointPd, JointPdConfig};
+pub use law::{Law, LawInput, LawStatus};
+pub use law_config::{LawConfig, LawKind};
 pub use linearised::LinearisedLoop;
 pub use lyapunov::LyapunovFunction;
-pub use measurement::{GoalRate, Measurement, Present, TipMeasurement};
+pub use manipulator::Manipulator;
+pub use measurement::{GoalRate, Measurement, TipMeasurement};
 pub use operability::{MapError, MapPoint, Mapping, Operability, OperabilityMap};
-pub use operational_space::{BaseTask, OperationalConfig, OperationalSpace, TipTask};
+pub use operational_space::{BaseTask, OperationalSpace, OperationalSpaceConfig, TipTask};
 pub use operator::{Operator, OperatorConfig};
-pub use pose_error::{HALF_TURN_CAP, PoseError, Saturation};
+pub use pose_error::{HALF_TURN_CAP, PoseError, SaturatedError, Saturation};
+pub use report::{ControlError, ControlReport, LawError};
 pub use resolved_rate::{
     Limited, RateLimits, Resolution, Resolved, ResolvedRate, ResolvedRateConfig, limit_twist,
 };
 pub use singularity_escape::{ConvergenceFailure, SingularityEscapeConfig};
 pub use straight_path::{Shaping, StraightPath, StraightPathConfig};
-pub use task_priority::{Rows, TASK_DAMPING, TaskPriority};
-pub use transpose_jacobian::{JacobianKind, TransposeJacobian};
+pub use task_priority::{Rows, TaskPriority};
+pub use transpose_jacobian::{JacobianKind, TransposeJacobian, TransposeJacobianConfig};
 pub use velocity_servo::{ServoGains, VelocityServo, VelocityServoConfig};
 pub use virtual_tip_inertia::VirtualTipInertia;
-pub use workspace_radius::workspace_radius;
+use workspace_radius::workspace_radius;

@@ -1,4 +1,4 @@
-//! How much a free base distorts what an operator commands: the indices of Masutani 1995 section 8.4.
+//! Operability: how much a free base distorts an operator's commands; the indices of Masutani 1995 section 8.4.
 
 use nalgebra::{DVector, Matrix2, Matrix2xX, Matrix6xX, Vector2};
 use std::f64::consts::PI;
@@ -11,8 +11,8 @@ use crate::{
 /// The indices at one posture of a planar arm.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Operability {
-    /// `I₁`, eq. (8.8): largest `|V_E - v_c|` over all commands `v_c` of length one, when the fixed-base Jacobian
-    /// resolves them. Infinite where that is singular.
+    /// `I₁`, eq. (8.8): largest `|V_E - v_c|` over all commands `v_c` of length one, when they are resolved with the fixed-base
+    /// Jacobian. Infinite where that is singular.
     pub distortion: f64,
     /// `I₂`, eq. (8.9): largest angle between `V_E` and `v_c` \[rad\], at most π.
     pub misdirection: f64,
@@ -22,7 +22,7 @@ pub struct Operability {
 
 impl Operability {
     /// From generalized and fixed-base Jacobian of the tip's velocity in the plane, eqs. (8.5), (8.6). Redundant
-    /// joints are resolved by the least motion.
+    /// joints are resolved with the least norm of their rates.
     pub fn of(generalized: &Matrix2xX<f64>, fixed_base: &Matrix2xX<f64>) -> Self {
         let manipulability = (generalized * generalized.transpose())
             .determinant()
@@ -51,8 +51,8 @@ fn largest_singular_value(A: &Matrix2<f64>) -> f64 {
     turn.norm() + stretch
 }
 
-/// A 2 × 2 matrix takes the unit vector at angle θ to one that is, seen from that vector, at
-/// `turn + stretch (cos α, sin α)` with α going round as θ does.
+/// A 2 × 2 matrix maps the unit vector at angle θ to `turn + stretch (cos α, sin α)` in axes along that vector, where α
+/// makes full turns with θ.
 fn turn_and_stretch(A: &Matrix2<f64>) -> (Vector2<f64>, f64) {
     let turn = Vector2::new(A[(0, 0)] + A[(1, 1)], A[(1, 0)] - A[(0, 1)]) / 2.0;
     let stretch = (A[(0, 0)] - A[(1, 1)]).hypot(A[(0, 1)] + A[(1, 0)]) / 2.0;
@@ -63,28 +63,28 @@ fn largest_turn(A: &Matrix2<f64>) -> f64 {
     let (turn, stretch) = turn_and_stretch(A);
     let length = turn.norm();
     if length <= stretch {
-        // The circle goes round the origin: some command is answered backwards.
+        // The circle contains the origin: some command moves the tip backwards.
         return PI;
     }
     (turn.y.atan2(turn.x).abs() + (stretch / length).asin()).min(PI)
 }
 
-/// Why a map cannot be drawn.
+/// Why a map cannot be computed.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum MapError {
-    /// Where the tip is does not tell the posture.
+    /// The position of the tip does not determine the posture.
     #[error("the robot has {0} joints; a map over the tip's plane needs two")]
     Joints(usize),
 }
 
-/// The indices at a posture, and where the tip is then.
+/// The indices at a posture, and the position of the tip there.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MapPoint {
     /// Joint positions \[rad or m\].
     pub q: [f64; 2],
     /// The tip in the base frame, its two coordinates in the plane \[m\].
     pub tip: Vector2<f64>,
-    /// Area that the point stands for in that plane \[m²\].
+    /// Area that the point represents in that plane \[m²\].
     pub area: f64,
     /// The indices.
     pub operability: Operability,
@@ -128,7 +128,7 @@ impl OperabilityMap {
         Ok(Self { points })
     }
 
-    /// Part of the area where `among` holds in which `holds` holds too.
+    /// Fraction of the area selected by `among` in which `holds` is true.
     pub fn share(
         &self,
         among: impl Fn(&MapPoint) -> bool,
@@ -142,7 +142,7 @@ impl OperabilityMap {
         held / area
     }
 
-    /// The point with the least of a figure.
+    /// The point with the least value of `figure`.
     pub fn least(&self, figure: impl Fn(&MapPoint) -> f64) -> Option<&MapPoint> {
         let by = |a: &&MapPoint, b: &&MapPoint| figure(a).total_cmp(&figure(b));
         self.points.iter().min_by(by)

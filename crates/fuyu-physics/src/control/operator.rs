@@ -1,83 +1,84 @@
-//! A simulated operator: somebody who steers the tip to a point by a picture from the base.
+//! Simulated operator who steers the tip to a point, with a camera image from the base.
 
 use nalgebra::Vector3;
 use std::collections::VecDeque;
 
-/// What an operator is like.
+/// Parameters of an operator.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct OperatorConfig {
-    /// Time from a picture to the hand \[s\].
+    /// Reaction time from an image to the command \[s\].
     pub reaction: f64,
-    /// Time from one picture to the next \[s\].
-    pub picture_period: f64,
-    /// Command per distance along each axis of the picture \[1/s\]: with a tip that moves as commanded, the crossover
+    /// Time from one image to the next \[s\].
+    pub image_period: f64,
+    /// Command per distance along each axis of the image \[1/s\]: with a tip that moves as commanded, the crossover
     /// frequency in rad/s.
     pub gain: Vector3<f64>,
-    /// Command of a joystick's axis that is pushed all the way \[m/s\].
+    /// Largest command along each axis, at full deflection of the joystick \[m/s\].
     pub full_speed: f64,
 }
 
 impl Default for OperatorConfig {
-    /// A person who has got used to the task: a reaction time of 0.25 s, pictures at 10 Hz, and a crossover frequency
+    /// A trained person: a reaction time of 0.25 s, images at 10 Hz, and a crossover frequency
     /// that leaves a phase margin of some 70 degrees; commands up to 0.5 m/s as in Masutani 1995 section 8.3.
     fn default() -> Self {
         Self {
             reaction: 0.25,
-            picture_period: 0.1,
+            image_period: 0.1,
             gain: Vector3::repeat(1.0),
             full_speed: 0.5,
         }
     }
 }
 
-/// An operator after the crossover model of manual control (McRuer): proportional with a delay, `k e^(-τs)`. The
-/// same scenes give the same commands.
+/// An operator after the crossover model of manual control (McRuer): proportional with a delay, `k e^(-τs)`.
+/// Deterministic.
 #[derive(Debug, Clone)]
 pub struct Operator {
-    /// What the operator is like.
+    /// Parameters.
     pub config: OperatorConfig,
-    /// Pictures not reacted to yet: when they were shown, and the way to go in them.
-    pictures: VecDeque<(f64, Vector3<f64>)>,
-    next_picture: f64,
-    acted_on: Vector3<f64>,
+    /// Images within the reaction time: when they were shown, and the displacement from tip to goal in them.
+    images: VecDeque<(f64, Vector3<f64>)>,
+    next_image: f64,
+    /// Displacement in the image that the operator reacts to.
+    displacement: Vector3<f64>,
 }
 
 impl Operator {
-    /// Has seen nothing yet and commands nothing.
+    /// An operator who has seen no image yet and commands zero.
     pub fn new(config: OperatorConfig) -> Self {
-        // A picture is drawn once a period at most, so no more than these wait.
-        let waiting = (config.reaction / config.picture_period).ceil();
+        // At most one image per period is within the reaction time.
+        let capacity = (config.reaction / config.image_period).ceil();
         Self {
             config,
-            pictures: VecDeque::with_capacity(waiting as usize + 2),
-            next_picture: f64::NEG_INFINITY,
-            acted_on: Vector3::zeros(),
+            images: VecDeque::with_capacity(capacity as usize + 2),
+            next_image: f64::NEG_INFINITY,
+            displacement: Vector3::zeros(),
         }
     }
 
-    /// The commanded velocity \[m/s\] at `time` \[s\], when the goal lies `way` from the tip \[m\]; axes of the picture,
+    /// The commanded velocity \[m/s\] at `time` \[s\], with the `displacement` from tip to goal \[m\]; axes of the image,
     /// which are the base's.
-    pub fn command(&mut self, time: f64, way: &Vector3<f64>) -> Vector3<f64> {
-        // Periods that do not fit the times asked for must not add up.
+    pub fn command(&mut self, time: f64, displacement: &Vector3<f64>) -> Vector3<f64> {
+        // Rounding of the times must not accumulate over the periods.
         const ROUNDING: f64 = 1e-9;
         let OperatorConfig {
             reaction,
-            picture_period,
+            image_period,
             gain,
             full_speed,
         } = self.config;
-        if time >= self.next_picture - ROUNDING {
-            self.next_picture = self.next_picture.max(time) + picture_period;
-            self.pictures.push_back((time, *way));
+        if time >= self.next_image - ROUNDING {
+            self.next_image = self.next_image.max(time) + image_period;
+            self.images.push_back((time, *displacement));
         }
-        while let Some((shown, seen)) = self.pictures.front() {
+        while let Some((shown, displacement)) = self.images.front() {
             if time < shown + reaction - ROUNDING {
                 break;
             }
-            self.acted_on = *seen;
-            self.pictures.pop_front();
+            self.displacement = *displacement;
+            self.images.pop_front();
         }
-        (self.acted_on.component_mul(&gain)).map(|v| v.clamp(-full_speed, full_speed))
+        (self.displacement.component_mul(&gain)).map(|v| v.clamp(-full_speed, full_speed))
     }
 }
 
@@ -86,7 +87,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn the_hand_follows_the_picture_by_the_reaction_time() {
+    fn commands_follow_the_images_after_the_reaction_time() {
         let mut operator = Operator::new(OperatorConfig::default());
         let way = |t: f64| Vector3::new(0.2 + t, 0.0, 0.0);
         for i in 0..200 {
@@ -96,7 +97,7 @@ mod tests {
                 assert_eq!(command, Vector3::zeros());
                 continue;
             }
-            // The newest picture that is 0.25 s old, 10 of them a second.
+            // The newest image that is at least 0.25 s old, at 10 Hz.
             let shown = ((time - 0.25 + 1e-6) * 10.0).floor() / 10.0;
             let expected = way(shown).map(|v| v.min(0.5));
             assert!((command - expected).norm() < 1e-9, "{time}: {command}");

@@ -4,7 +4,7 @@ use std::f64::consts::{PI, SQRT_2};
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::gains::{GainError, check_positive};
+use super::gains::{ConfigError, check_positive};
 use crate::spatial::Pose;
 
 /// Deviation of the tip E from the goal D, in base axes.
@@ -20,17 +20,17 @@ pub struct PoseError {
     pub axes_norm: f64,
     /// Angle from E to D \[rad\], in [0, π].
     pub angle: f64,
-    /// Within [`HALF_TURN_CAP`] of half a turn, the unit vector along the axis of the rotation from E to D:
-    /// `e_o` loses it there. Zero elsewhere.
+    /// Within [`HALF_TURN_CAP`] of half a turn, the unit vector along the axis of the rotation from E to D, which
+    /// `e_o` no longer determines there. Zero elsewhere.
     pub half_turn_axis: Vector3<f64>,
 }
 
-/// Nearness to half a turn within which the pull on the attitude no longer weakens \[rad\].
+/// Angle from half a turn within which the orientation error no longer decreases \[rad\].
 ///
 /// Half a turn from the goal `e_o` vanishes, eq. (5.5), and the law of the thesis rests there although the goal is
-/// not reached. Within this distance of it, the pull is therefore that of its edge, about the axis of the rotation:
-/// the potential becomes a cone with a ridge at half a turn, from which it falls to both sides. Continuity and the
-/// proof of stability stay, and the ridge can be left by itself; on it either way round is as good.
+/// not reached. Within this angle the orientation error is therefore constant, about the axis of the rotation:
+/// the potential becomes a cone with a ridge at half a turn, from which it decreases to both sides. Continuity and the
+/// proof of stability remain, and the tip leaves the ridge; on it both directions of rotation are equally good.
 pub const HALF_TURN_CAP: f64 = 0.05;
 
 impl PoseError {
@@ -76,7 +76,7 @@ fn edge() -> f64 {
     2.0 * (0.5 * HALF_TURN_CAP).cos()
 }
 
-/// Largest deviations that act in full: the composite potential, parabolic within and conical beyond.
+/// Largest deviations that act in full: the potential is parabolic within and conical beyond.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Saturation {
     /// `e_pmax` \[m\].
@@ -92,17 +92,30 @@ impl Saturation {
         orientation: f64::INFINITY,
     };
 
-    /// Refuses bounds that are not positive; infinite means no saturation.
+    /// Refuses bounds that are not positive; an infinite one means no saturation.
     ///
     /// # Errors
-    /// [`GainError`] names the bound.
-    pub fn check(&self) -> Result<(), GainError> {
+    /// [`ConfigError`] names the bound.
+    pub fn check(&self) -> Result<(), ConfigError> {
         for (name, bound) in [("e_p_max", self.position), ("e_o_max", self.orientation)] {
             if bound != f64::INFINITY {
                 check_positive(name, bound)?;
             }
         }
         Ok(())
+    }
+
+    /// Both errors, saturated.
+    pub fn saturate(&self, error: &PoseError) -> SaturatedError {
+        let (position, position_saturated) = self.position_error(error);
+        let (orientation, orientation_saturated) = self.orientation_error(error);
+        SaturatedError {
+            pose: *error,
+            position,
+            orientation,
+            position_saturated,
+            orientation_saturated,
+        }
     }
 
     /// Saturated position error, Masutani 1995 eq. (5.25), and whether it was cut.
@@ -153,6 +166,21 @@ impl Saturation {
     }
 }
 
+/// Deviation of the tip as a law acts on it; base axes.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SaturatedError {
+    /// The deviation before saturation.
+    pub pose: PoseError,
+    /// `ē_p` \[m\], Masutani 1995 eq. (5.25).
+    pub position: Vector3<f64>,
+    /// `ē_o`, Masutani 1995 eq. (5.26), constant within [`HALF_TURN_CAP`] of half a turn.
+    pub orientation: Vector3<f64>,
+    /// Whether the position error was cut.
+    pub position_saturated: bool,
+    /// Whether the orientation error was cut.
+    pub orientation_saturated: bool,
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
@@ -186,9 +214,9 @@ mod tests {
         Pose::from_parts(d.translation, Rotation3::new(axis * angle) * d.rotation)
     }
 
-    /// Eq. (5.5): half a turn from the goal the thesis's pull is nothing. Without the cap this fails.
+    /// Eq. (5.5): half a turn from the goal the orientation error of the thesis is zero. Without the cap this fails.
     #[test]
-    fn half_a_turn_from_the_goal_the_attitude_is_still_pulled() {
+    fn orientation_error_does_not_vanish_half_a_turn_from_the_goal() {
         let d = pose([0.3, 0.1, -0.2], [0.2, 0.5, -0.4]);
         for saturation in [
             Saturation::NONE,
@@ -197,15 +225,15 @@ mod tests {
                 orientation: 0.1,
             },
         ] {
-            let pull = |angle: f64| {
+            let saturated = |angle: f64| {
                 let error = PoseError::between(&turned_from(&d, angle), &d);
                 saturation.orientation_error(&error).0
             };
-            let (edge, ridge) = (pull(PI - HALF_TURN_CAP), pull(PI));
+            let (edge, ridge) = (saturated(PI - HALF_TURN_CAP), saturated(PI));
             assert!(edge.norm() > 1e-3 && (edge.norm() - ridge.norm()).abs() < 1e-12);
             // Continuous at the edge, and opposite on the two sides of the ridge.
-            assert!((pull(PI - HALF_TURN_CAP + 1e-9) - edge).norm() < 1e-9);
-            assert!((pull(PI - 1e-6) + pull(PI + 1e-6)).norm() < 1e-6);
+            assert!((saturated(PI - HALF_TURN_CAP + 1e-9) - edge).norm() < 1e-9);
+            assert!((saturated(PI - 1e-6) + saturated(PI + 1e-6)).norm() < 1e-6);
         }
     }
 

@@ -1,18 +1,19 @@
-//! A tip that does not come nearer to its goal: noticed, named, and where it rests in a singular position, pushed on.
+//! Detection of a tip that does not converge to its goal, and escape from singular positions.
 
 use std::f64::consts::PI;
 
 use nalgebra::DVector;
 
-use super::gains::{check_not_negative, check_positive};
-use super::{GainError, Gains, LyapunovFunction, Measurement, PoseError};
+use super::gains::{ConfigError, check_not_negative, check_positive};
+use super::{Gains, LyapunovFunction, PoseError};
 
-/// When and how a resting arm is pushed on.
+/// When and how the arm leaves a singular position in which it rests.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SingularityEscapeConfig {
-    /// Joint rate that a kick would hold against `K_V` \[rad/s or m/s\]; zero never kicks.
+    /// Amplitude of the escape motion: the joint rate that its efforts would hold against `K_V` \[rad/s or m/s\]; zero
+    /// disables it.
     pub rate: f64,
-    /// How long the tip must have rested before \[s\].
+    /// How long the arm must have rested before \[s\].
     pub delay: f64,
 }
 
@@ -27,42 +28,42 @@ impl Default for SingularityEscapeConfig {
 }
 
 impl SingularityEscapeConfig {
-    /// Refuses what has the wrong sign.
+    /// Refuses settings of the wrong sign or that are not finite.
     ///
     /// # Errors
-    /// [`GainError`] naming the setting.
-    pub fn check(&self) -> Result<(), GainError> {
+    /// [`ConfigError`] names the setting.
+    pub fn check(&self) -> Result<(), ConfigError> {
         check_not_negative("singularity_escape.rate", self.rate)?;
         check_positive("singularity_escape.delay", self.delay)
     }
 }
 
-/// Why the tip does not arrive.
+/// Why the tip does not converge to its goal.
 #[derive(Debug, Clone, Copy, PartialEq, thiserror::Error)]
 pub enum ConvergenceFailure {
     /// No posture reaches the goal.
     #[error(
-        "the goal is {excess:.3} m farther from the system's centre of mass than the tip can come: the arm is pulled towards it and will rest stretched"
+        "the goal is {excess:.3} m farther from the system's centre of mass than the tip can come: the arm will rest stretched towards it"
     )]
     OutOfWorkspace {
-        /// By how much \[m\].
+        /// Distance of the goal beyond the workspace \[m\].
         excess: f64,
     },
-    /// The pull moves no joint: a singular position, eq. (5.4).
+    /// The wrench on the tip moves no joint: a singular position, eq. (5.4).
     #[error(
-        "the tip rests {position:.3} m and {angle:.3} rad from the goal in a position where the pull moves no joint; {escapes} escape motions did not free it"
+        "the tip rests {position:.3} m and {angle:.3} rad from the goal in a singular position, where the control law moves no joint; {escapes} escape motions did not free it"
     )]
     AtSingularity {
         /// Distance from the goal \[m\].
         position: f64,
         /// Angle to the goal \[rad\].
         angle: f64,
-        /// Kicks that were given.
+        /// Number of escape motions so far.
         escapes: u32,
     },
     /// The tip moves, but not towards the goal.
     #[error(
-        "the deviation has not fallen for {seconds:.0} s: {position:.3} m and {angle:.3} rad remain"
+        "the deviation has not decreased for {seconds:.0} s: {position:.3} m and {angle:.3} rad remain"
     )]
     NoProgress {
         /// For how long \[s\].
@@ -74,89 +75,102 @@ pub enum ConvergenceFailure {
     },
 }
 
-/// Deviations that count as none \[m, rad\]: a camera's noise is of this size.
-const NEAR: (f64, f64) = (0.02, 0.035);
-/// How long a kick lasts \[s\].
-const KICK: f64 = 2.0;
-/// Kicks that are tried before the arm is left alone.
-const KICKS: u32 = 3;
-/// A pull that would take longer than this to bring the potential down moves nothing \[s\].
-const FOREVER: f64 = 300.0;
-/// Time without progress that is worth a word \[s\].
-const LONG: f64 = 20.0;
+/// Deviation below which the tip has arrived \[m, rad\]: a camera's noise is of this size.
+const ARRIVED: (f64, f64) = (0.02, 0.035);
+/// Duration of an escape motion \[s\].
+const ESCAPE_DURATION: f64 = 2.0;
+/// Escape motions that are tried before the arm is left at rest.
+const MAX_ESCAPES: u32 = 3;
+/// Efforts that would take longer than this to decrease the potential count as none \[s\].
+const SLOWEST_DECREASE: f64 = 300.0;
+/// Time without progress after which it is reported \[s\].
+const PROGRESS_TIMEOUT: f64 = 20.0;
+/// A goal this far outside the workspace may still be within the camera's error \[m\].
+const WORKSPACE_TOLERANCE: f64 = 0.01;
 
-/// Looks whether the deviation falls, and kicks where the arm rests in a singular position.
+/// Checks whether the deviation decreases, and starts an escape motion where the arm rests in a singular position.
 ///
 /// The thesis leaves such a position by "an input added for a while" (section 5.3). Here that is half a sine of joint
-/// efforts, `k_v · rate` at most, with other signs for every kick. It adds no more than
-/// `KICK rate² Σ k_v / 8` to the Lyapunov function, and at most [`KICKS`] kicks are given until the potential
-/// has fallen below what it was: the arm comes to rest again.
+/// efforts, at most `k_v · rate`, with other signs in every escape motion. It adds no more than
+/// `ESCAPE_DURATION rate² Σ k_v / 8` to the Lyapunov function, and at most [`MAX_ESCAPES`] are made until the potential
+/// is lower than before: the arm comes to rest again.
 #[derive(Debug, Clone)]
-pub(super) struct Watch {
+pub(super) struct ConvergenceMonitor {
     pub config: SingularityEscapeConfig,
-    /// The least potential so far, and when it was reached.
-    least: Option<(f64, f64)>,
+    /// The lowest potential so far, and when it was reached.
+    lowest: Option<(f64, f64)>,
     resting_since: Option<f64>,
-    /// When the present kick began.
-    kick: Option<f64>,
-    kicks: u32,
+    /// When the present escape motion began.
+    escape_start: Option<f64>,
+    escapes: u32,
 }
 
-impl Watch {
+/// What [`ConvergenceMonitor`] observes at one instant.
+#[derive(Debug)]
+pub(super) struct Progress<'a> {
+    /// Time \[s\].
+    pub time: f64,
+    /// Joint rates.
+    pub qd: &'a DVector<f64>,
+    /// Gains of the law.
+    pub gains: &'a Gains,
+    /// Deviation of the tip.
+    pub error: &'a PoseError,
+    /// Efforts of the law, without joint damping.
+    pub efforts: &'a DVector<f64>,
+    /// Distance of the goal beyond the workspace \[m\]; negative inside, `None` where the workspace is unbounded.
+    pub excess: Option<f64>,
+}
+
+impl ConvergenceMonitor {
     pub fn new(config: SingularityEscapeConfig) -> Self {
         Self {
             config,
-            least: None,
+            lowest: None,
             resting_since: None,
-            kick: None,
-            kicks: 0,
+            escape_start: None,
+            escapes: 0,
         }
     }
 
-    /// Begins anew: other gains, another goal, or no camera.
-    pub fn forget(&mut self) {
+    /// Starts again: for other gains, another goal, or without a camera measurement.
+    pub fn reset(&mut self) {
         *self = Self::new(self.config);
     }
 
-    /// Looks at one instant: the deviation, the pull on the joints, and by how much the goal is out of reach
-    /// \[m\].
-    pub fn look(
-        &mut self,
-        seen: &Measurement<'_>,
-        gains: &Gains,
-        error: &PoseError,
-        pull: &DVector<f64>,
-        short: Option<f64>,
-    ) -> Option<ConvergenceFailure> {
-        let (time, angle) = (seen.time, if gains.k_o > 0.0 { error.angle } else { 0.0 });
+    /// Evaluates one instant.
+    pub fn update(&mut self, progress: &Progress<'_>) -> Option<ConvergenceFailure> {
+        let Progress {
+            time, gains, error, ..
+        } = *progress;
+        let angle = if gains.k_o > 0.0 { error.angle } else { 0.0 };
         let position = error.position.norm();
         let potential = LyapunovFunction::potential_of(gains, error);
-        // Time that began anew, or a goal that went elsewhere.
-        let new = |(least, at): (f64, f64)| time < at || potential > 2.0 * least + 1e-9;
-        if self.kick.is_none() && self.least.is_some_and(new) {
-            self.forget();
+        // A jump back in time, or another goal.
+        let restarted = |(lowest, at): (f64, f64)| time < at || potential > 2.0 * lowest + 1e-9;
+        if self.escape_start.is_none() && self.lowest.is_some_and(restarted) {
+            self.reset();
         }
-        if position < NEAR.0 && angle < NEAR.1 {
-            self.forget();
+        if position < ARRIVED.0 && angle < ARRIVED.1 {
+            self.reset();
             return None;
         }
-        let (least, at) = *self.least.get_or_insert((potential, time));
-        if potential < 0.99 * least {
-            self.least = Some((potential, time));
-            self.kicks = 0;
+        let (lowest, at) = *self.lowest.get_or_insert((potential, time));
+        if potential < 0.99 * lowest {
+            self.lowest = Some((potential, time));
+            self.escapes = 0;
         }
-        if self.kick.is_some_and(|began| time - began > KICK) {
-            self.kick = None;
+        if (self.escape_start).is_some_and(|start| time - start > ESCAPE_DURATION) {
+            self.escape_start = None;
             self.resting_since = None;
         }
-        if let Some(short) = short {
-            return Some(ConvergenceFailure::OutOfWorkspace { excess: short });
+        if let Some(excess) = progress.excess.filter(|e| *e > WORKSPACE_TOLERANCE) {
+            return Some(ConvergenceFailure::OutOfWorkspace { excess });
         }
-        let rests = Self::rests(gains, potential, pull, seen.qd);
-        if !rests || self.kick.is_some() {
+        if !rests(progress, potential) || self.escape_start.is_some() {
             self.resting_since = None;
             let seconds = time - at;
-            return (seconds > LONG).then_some(ConvergenceFailure::NoProgress {
+            return (seconds > PROGRESS_TIMEOUT).then_some(ConvergenceFailure::NoProgress {
                 seconds,
                 position,
                 angle,
@@ -166,36 +180,41 @@ impl Watch {
         if time - since < self.config.delay {
             return None;
         }
-        if self.config.rate > 0.0 && self.kicks < KICKS {
-            self.kicks += 1;
-            self.kick = Some(time);
+        if self.config.rate > 0.0 && self.escapes < MAX_ESCAPES {
+            self.escapes += 1;
+            self.escape_start = Some(time);
             return None;
         }
         Some(ConvergenceFailure::AtSingularity {
             position,
             angle,
-            escapes: self.kicks,
+            escapes: self.escapes,
         })
     }
 
-    /// Whether neither the pull nor the motion brings the potential down.
-    fn rests(gains: &Gains, potential: f64, pull: &DVector<f64>, qd: &DVector<f64>) -> bool {
-        let joints = gains.k_v.iter().zip(pull).zip(qd);
-        let (pulled, moved) = joints.fold((0.0, 0.0), |(pulled, moved), ((k, pull), qd)| {
-            (pulled + pull * pull / k, moved + k * qd * qd)
-        });
-        pulled.max(moved) * FOREVER < potential
-    }
-
-    /// What a kick adds to joint `j` now \[N m or N\].
-    pub fn kick(&self, time: f64, j: usize, k_v: f64) -> f64 {
-        let Some(began) = self.kick else { return 0.0 };
-        let side = if (self.kicks >> (j % 2)) & 1 == 1 {
+    /// Effort of the escape motion on joint `j` \[N m or N\].
+    pub fn escape_effort(&self, time: f64, j: usize, k_v: f64) -> f64 {
+        let Some(start) = self.escape_start else {
+            return 0.0;
+        };
+        let sign = if (self.escapes >> (j % 2)) & 1 == 1 {
             1.0
         } else {
             -1.0
         };
-        let wave = (PI * ((time - began) / KICK).clamp(0.0, 1.0)).sin();
-        side * wave * k_v * self.config.rate
+        let wave = (PI * ((time - start) / ESCAPE_DURATION).clamp(0.0, 1.0)).sin();
+        sign * wave * k_v * self.config.rate
     }
+}
+
+/// Whether neither the efforts nor the motion decrease the potential.
+fn rests(progress: &Progress<'_>, potential: f64) -> bool {
+    let joints = progress.gains.k_v.iter().zip(progress.efforts);
+    let (driving, dissipated) =
+        joints
+            .zip(progress.qd)
+            .fold((0.0, 0.0), |(driving, dissipated), ((k, effort), qd)| {
+                (driving + effort * effort / k, dissipated + k * qd * qd)
+            });
+    driving.max(dissipated) * SLOWEST_DECREASE < potential
 }

@@ -1,29 +1,29 @@
-//! Several tasks for one set of joints, the more important first.
+//! Several tasks for one set of joints, in order of priority.
 
 use nalgebra::{DMatrix, DVector, Matrix6, Matrix6xX, Vector6};
 
-/// Rows of a task: a pose has six. Those that a task leaves out are zero.
+/// Jacobian rows of a task: six for a pose. Unused rows are zero.
 pub type Rows = Matrix6xX<f64>;
 
-/// Joint efforts that accelerate several things as wanted, each as far as those before it leave room.
+/// Joint efforts for several tasks with strict priority: each task is fulfilled as far as those before it allow.
 ///
-/// A task says `J q̈ = b` for what efforts add to the free motion, `q̈ = Ĥ⁻¹ τ`. With `Ĥ = L Lᵀ` and `z = L⁻¹ τ` that is
-/// `J L⁻ᵀ z = b`, and `zᵀ z = τᵀ Ĥ⁻¹ τ` is what the efforts cost by Gauss's principle of least constraint. Each task is
-/// solved in the space that those before it leave free, by least squares in this metric:
+/// A task is `J q̈ = b` for the acceleration that efforts add to the free motion, `q̈ = Ĥ⁻¹ τ`. With `Ĥ = L Lᵀ` and
+/// `z = L⁻¹ τ` that is `J L⁻ᵀ z = b`, and `zᵀ z = τᵀ Ĥ⁻¹ τ` is the cost of the efforts by Gauss's principle of least
+/// constraint. Each task is solved in the null space of those before it, by least squares in this metric:
 ///
 /// ```text
 /// B = J L⁻ᵀ N,   z += B⁺ (b - J L⁻ᵀ z),   N becomes N - B⁺ B
 /// ```
 ///
 /// For one task `τ = L z` is Khatib's operational-space law, `τ = Jᵀ Λ b` with the generalized inertia
-/// `Λ = (J Ĥ⁻¹ Jᵀ)⁻¹`, and what follows acts in the null space of its dynamically consistent inverse
+/// `Λ = (J Ĥ⁻¹ Jᵀ)⁻¹`, and later tasks act in the null space of its dynamically consistent inverse
 /// (O. Khatib, A unified approach for motion and force control of robot manipulators, IEEE J. Robotics and
 /// Automation 3, 1987); the recursion is that of B. Siciliano and J.-J. Slotine (ICAR 1991).
 ///
-/// Rows are scaled to unit length, so that metres and radians, heavy and light directions count alike. `B⁺` is the
-/// pseudo-inverse with directions damped whose singular value `σ` is below `damping` (A. Maciejewski and C. Klein, J. Robotic
-/// Systems 5, 1988): `σ / (σ² + λ²)` with `λ² = damping² - σ²`, no more than `1 / damping`, and exact where the robot is not
-/// near a singularity of its own or of the tasks' conflict.
+/// Rows are scaled to unit length, so that metres and radians, heavy and light directions have equal weight. `B⁺` is the
+/// pseudo-inverse, damped in directions whose singular value `σ` is below `damping` (A. Maciejewski and C. Klein, J. Robotic
+/// Systems 5, 1988): `σ / (σ² + λ²)` with `λ² = damping² - σ²`, at most `1 / damping`. It is exact away from kinematic
+/// singularities and from conflicts of tasks (algorithmic singularities).
 #[derive(Debug, Clone)]
 pub struct TaskPriority {
     /// Singular value below which a direction is damped, for rows of unit length.
@@ -45,8 +45,8 @@ struct Level {
     inverse: Matrix6<f64>,
 }
 
-/// Efforts stay within some ten times what a task takes alone and far from singularities.
-pub const TASK_DAMPING: f64 = 0.1;
+/// Default damping: efforts stay within some ten times those of a single task far from singularities.
+pub(super) const TASK_DAMPING: f64 = 0.1;
 
 impl TaskPriority {
     /// For at most `tasks` tasks of a robot with `joints` joints; the only place where memory is taken.
@@ -65,61 +65,61 @@ impl TaskPriority {
         }
     }
 
-    /// Begins anew with the reduced inertia `Ĥ` of the present position.
+    /// Removes all tasks, and sets the reduced inertia `Ĥ` of the present position.
     pub fn begin(&mut self, inertia: &DMatrix<f64>) {
         factorize(inertia, &mut self.factor);
         self.z.fill(0.0);
         self.used = 0;
     }
 
-    /// The next task: rows `J`, zero where the task leaves one out, and accelerations `b` beyond those of the free
+    /// Adds the next task: rows `J`, zero where unused, and accelerations `b` in excess of those of the free
     /// motion.
     ///
     /// # Panics
-    /// If there are more tasks than were announced.
+    /// If there are more tasks than [`TaskPriority::new`] was given.
     pub fn add(&mut self, J: &Rows, b: &Vector6<f64>) {
         let (earlier, rest) = self.levels.split_at_mut(self.used);
         let level = &mut rest[0];
-        let mut off = *b;
+        let mut residual = *b;
         for (i, row) in J.row_iter().enumerate() {
             self.row.tr_copy_from(&row);
             self.factor.solve_lower_triangular_mut(&mut self.row);
             let length = self.row.norm();
             if length > 0.0 {
                 self.row /= length;
-                off[i] = off[i] / length - self.row.dot(&self.z);
+                residual[i] = residual[i] / length - self.row.dot(&self.z);
             } else {
-                off[i] = 0.0;
+                residual[i] = 0.0;
             }
             earlier
                 .iter()
-                .for_each(|level| level.take_off(&mut self.row));
+                .for_each(|level| level.remove_component(&mut self.row));
             level.rows.row_mut(i).tr_copy_from(&self.row);
         }
         level.invert(self.damping);
         self.z
-            .gemv_tr(1.0, &level.rows, &(level.inverse * off), 1.0);
+            .gemv_tr(1.0, &level.rows, &(level.inverse * residual), 1.0);
         self.used += 1;
     }
 
-    /// Takes off `y` all that the tasks have use of, in the coordinates `Lᵀ q̇`: joint rates if the inertia is one.
-    pub fn take_off(&self, y: &mut DVector<f64>) {
+    /// Projects `y` into the null space of all tasks, in the coordinates `Lᵀ q̇`: joint rates if the inertia is the identity.
+    pub fn project_to_null_space(&self, y: &mut DVector<f64>) {
         for level in &self.levels[..self.used] {
-            level.take_off(y);
+            level.remove_component(y);
         }
     }
 
-    /// Adds the efforts `τ_0` \[N m or N\] as far as they disturb none of the tasks.
+    /// Adds the part of the efforts `τ_0` \[N m or N\] that disturbs none of the tasks.
     pub fn add_in_null_space(&mut self, efforts: &DVector<f64>) {
         self.row.copy_from(efforts);
         self.factor.solve_lower_triangular_mut(&mut self.row);
         for level in &self.levels[..self.used] {
-            level.take_off(&mut self.row);
+            level.remove_component(&mut self.row);
         }
         self.z += &self.row;
     }
 
-    /// Writes the joint accelerations `Ĥ⁻¹ τ = L⁻ᵀ z` \[rad/s² or m/s²\] that the efforts of all tasks make.
+    /// Writes the joint accelerations `Ĥ⁻¹ τ = L⁻ᵀ z` \[rad/s² or m/s²\] due to the efforts of all tasks.
     pub fn accelerations(&self, out: &mut DVector<f64>) {
         out.copy_from(&self.z);
         self.factor.tr_solve_lower_triangular_mut(out);
@@ -134,7 +134,7 @@ impl TaskPriority {
 }
 
 impl Level {
-    /// Inverts `B Bᵀ`; a direction without length has no part in it, nor has what is not finite.
+    /// Computes the damped inverse of `B Bᵀ`; zero in directions that have no length, and where `B` is not finite.
     fn invert(&mut self, damping: f64) {
         self.inverse.fill(0.0);
         let mut square = Matrix6::zeros();
@@ -147,17 +147,17 @@ impl Level {
         let Some(eigen) = square.try_symmetric_eigen(1e-14, 200) else {
             return;
         };
-        for (direction, size) in eigen.eigenvectors.column_iter().zip(&eigen.eigenvalues) {
-            // 1 / (σ² + λ²) is even below the threshold.
-            let gain = 1.0 / size.max(damping * damping);
-            if *size > LENGTHLESS {
+        for (direction, eigenvalue) in eigen.eigenvectors.column_iter().zip(&eigen.eigenvalues) {
+            // 1 / (σ² + λ²) is constant below the threshold.
+            let gain = 1.0 / eigenvalue.max(damping * damping);
+            if *eigenvalue > ZERO_LENGTH {
                 self.inverse.ger(gain, &direction, &direction, 1.0);
             }
         }
     }
 
-    /// Takes off `y` what this task has use of.
-    fn take_off(&self, y: &mut DVector<f64>) {
+    /// Removes the component of `y` along the rows of this task.
+    fn remove_component(&self, y: &mut DVector<f64>) {
         let along = self.inverse * (&self.rows * &*y);
         y.gemv_tr(-1.0, &self.rows, &along, 1.0);
     }
@@ -180,5 +180,5 @@ pub(super) fn factorize(inertia: &DMatrix<f64>, factor: &mut DMatrix<f64>) {
     }
 }
 
-/// Square of a length that is nothing but rounding.
-const LENGTHLESS: f64 = 1e-20;
+/// Squared length below which a direction is rounding error.
+const ZERO_LENGTH: f64 = 1e-20;

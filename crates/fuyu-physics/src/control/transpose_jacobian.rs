@@ -2,17 +2,18 @@
 
 use nalgebra::{DVector, Matrix6xX, Vector3};
 
-use super::{ControlReport, ControllerConfig, Gains, Law, LawError, Manipulator, Measurement};
+use super::{Law, LawConfig, LawError, LawInput, LawStatus, Manipulator};
 use crate::dynamics::Workspace;
 use crate::model::Frame;
 
 /// Which Jacobian turns the tip's wrench into joint efforts.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum JacobianKind {
     /// The generalized Jacobian, eqs. (4.36), (4.37): asymptotically stable.
+    #[default]
     Generalized,
     /// The fixed-base Jacobian as an approximation (chapter 6): cheaper, and unstable in a part of the
-    /// work space when the base is light.
+    /// workspace when the base is light.
     FixedBase,
 }
 
@@ -23,7 +24,7 @@ impl JacobianKind {
         ("fixed_base", Self::FixedBase),
     ];
 
-    /// Writes the Jacobian of `tip` for the positions that `workspace` holds (6 × n, linear rows first, base
+    /// Writes the Jacobian of `tip` at the positions that `workspace` holds (6 × n, linear rows first, base
     /// axes).
     pub fn write(self, workspace: &mut Workspace, tip: &Frame, out: &mut Matrix6xX<f64>) {
         match self {
@@ -33,54 +34,67 @@ impl JacobianKind {
     }
 }
 
+/// Settings of [`TransposeJacobian`].
+#[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
+pub struct TransposeJacobianConfig {
+    /// Which Jacobian turns the wrench on the tip into joint efforts.
+    pub jacobian: JacobianKind,
+}
+
 /// The law `τ = k_p Ĵ_Lᵀ ē_p + k_o Ĵ_Aᵀ ē_o - K_V q̇`, Masutani 1995 eq. (5.3) with the saturated errors of
 /// eqs. (5.25), (5.26).
 #[derive(Debug, Clone)]
 pub struct TransposeJacobian {
-    gains: Gains,
-    jacobian: JacobianKind,
-    matrix: Matrix6xX<f64>,
+    config: TransposeJacobianConfig,
+    jacobian: Matrix6xX<f64>,
 }
 
 impl TransposeJacobian {
-    /// The law for an arm with so many joints.
-    pub fn new(config: &ControllerConfig, joints: usize) -> Self {
+    /// The law for a robot.
+    pub fn new(config: TransposeJacobianConfig, manipulator: &Manipulator) -> Self {
         Self {
-            gains: config.gains.clone(),
-            jacobian: config.jacobian,
-            matrix: Matrix6xX::zeros(joints),
+            config,
+            jacobian: Matrix6xX::zeros(manipulator.model.dof()),
         }
     }
 }
 
 impl Law for TransposeJacobian {
-    fn configure(&mut self, config: &ControllerConfig) {
-        self.gains.clone_from(&config.gains);
-        self.jacobian = config.jacobian;
+    fn efforts(
+        &mut self,
+        input: &LawInput<'_>,
+        manipulator: &mut Manipulator,
+        efforts: &mut DVector<f64>,
+    ) -> Result<LawStatus, LawError> {
+        let Some(error) = &input.error else {
+            return Ok(LawStatus::Inactive);
+        };
+        let Manipulator { workspace, tip, .. } = manipulator;
+        (self.config.jacobian).write(workspace, tip, &mut self.jacobian);
+        let force = error.position * input.gains.k_p;
+        let torque = error.orientation * input.gains.k_o;
+        transpose_times(&self.jacobian, &force, &torque, efforts);
+        Ok(LawStatus::TipFeedback)
+    }
+
+    fn configure(&mut self, config: &LawConfig) -> bool {
+        let LawConfig::TransposeJacobian(config) = config else {
+            return false;
+        };
+        self.config = *config;
+        true
+    }
+
+    fn monitors_convergence(&self) -> bool {
+        true
     }
 
     fn feeds_forward(&self) -> bool {
         true
     }
-
-    fn efforts(
-        &mut self,
-        arm: &mut Manipulator,
-        seen: &Measurement<'_>,
-        pull: &mut DVector<f64>,
-    ) -> Result<ControlReport, LawError> {
-        let mut report = ControlReport::on(seen);
-        let Some((e_p, e_o)) = report.saturate(&self.gains.saturation) else {
-            return Ok(report);
-        };
-        (self.jacobian).write(&mut arm.workspace, &arm.tip, &mut self.matrix);
-        let (force, torque) = (e_p * self.gains.k_p, e_o * self.gains.k_o);
-        transpose_times(&self.matrix, &force, &torque, pull);
-        Ok(report)
-    }
 }
 
-/// Joint efforts of a force and a torque on the tip, through the transpose of a Jacobian.
+/// Joint efforts of a force and a torque on the tip: the transpose of a Jacobian times the wrench.
 pub(super) fn transpose_times(
     jacobian: &Matrix6xX<f64>,
     force: &Vector3<f64>,

@@ -1,39 +1,39 @@
-//! The servo of joint rates that sits in a robot's drives.
+//! Velocity servo of the joint drives.
 
 use nalgebra::{DMatrix, DVector};
 
-use super::gains::{GainError, check_joint_gains, check_positive};
+use super::gains::{ConfigError, check_joint_gains, check_positive};
 use crate::{
     dynamics::{State, Workspace},
     model::Model,
 };
 
-/// What the servo's torque is made of.
+/// Proportional gains of the servo.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ServoGains {
-    /// Bandwidth `ω` \[rad/s\], the same whatever the posture: `τ = Ĥ(q) ω (e + ω_i ∫e dt)`, with the rate error `e`
-    /// and the reduced inertia `Ĥ` that the joints feel when the base is free.
+    /// Bandwidth `ω` \[rad/s\], the same in every posture: `τ = Ĥ(q) ω (e + ω_i ∫e dt)`, with the rate error `e`
+    /// and the reduced inertia `Ĥ` of the joints on a free base.
     Bandwidth(f64),
-    /// Gains `k` \[N m s/rad or N s/m\], one per joint, each for itself: `τ_j = k_j (e_j + ω_i ∫e_j dt)`. How fast that
-    /// is depends on the inertia that a joint feels.
+    /// Gains `k` \[N m s/rad or N s/m\], one per joint: `τ_j = k_j (e_j + ω_i ∫e_j dt)`. The
+    /// bandwidth depends on the effective inertia of the joint.
     PerJoint(Vec<f64>),
 }
 
 /// Settings of the servo.
 #[derive(Debug, Clone, PartialEq)]
 pub struct VelocityServoConfig {
-    /// Proportional part.
+    /// Proportional gains.
     pub gains: ServoGains,
-    /// Inverse of the integral part's time, `ω_i` \[rad/s\]; zero is a proportional servo.
+    /// Inverse of the integral time, `ω_i` \[rad/s\]; zero for a proportional servo.
     pub integral: f64,
 }
 
 impl VelocityServoConfig {
-    /// Refuses what no servo can be made of.
+    /// Refuses gains that are not positive or do not fit the robot.
     ///
     /// # Errors
-    /// [`GainError`] for gains that are not positive or do not fit the robot.
-    pub fn check(&self, joints: usize) -> Result<(), GainError> {
+    /// [`ConfigError`] names the gain.
+    pub fn check(&self, joints: usize) -> Result<(), ConfigError> {
         match &self.gains {
             ServoGains::Bandwidth(omega) => check_positive("bandwidth", *omega)?,
             ServoGains::PerJoint(gains) => check_joint_gains("gains", gains, joints)?,
@@ -45,41 +45,42 @@ impl VelocityServoConfig {
     }
 }
 
-/// A servo that drives joint rates to references: proportional and integral, no more than its drives can do.
+/// A proportional-integral servo of joint rates, within the effort limits of the drives.
 ///
-/// Sampled: its torque is held from one call to the next. With the period `T` of the calls, a proportional servo is
+/// It is sampled: its torque is held from one call to the next. With the period `T` of the calls, a proportional servo is
 /// stable up to a bandwidth of `2/T`, and overshoots above `1/T`.
 #[derive(Debug, Clone)]
 pub struct VelocityServo {
     config: VelocityServoConfig,
-    /// Rates to drive to \[rad/s or m/s\].
+    /// Reference rates \[rad/s or m/s\].
     reference: DVector<f64>,
     integral: DVector<f64>,
-    pull: DVector<f64>,
+    /// Rate errors with their integral part.
+    error: DVector<f64>,
     efforts: DVector<f64>,
     workspace: Workspace,
 }
 
 impl VelocityServo {
-    /// At rest.
+    /// A servo with zero references.
     ///
     /// # Errors
-    /// [`GainError`] as [`VelocityServoConfig::check`].
-    pub fn new(model: &Model, config: VelocityServoConfig) -> Result<Self, GainError> {
+    /// [`ConfigError`] as [`VelocityServoConfig::check`].
+    pub fn new(model: &Model, config: VelocityServoConfig) -> Result<Self, ConfigError> {
         let n = model.dof();
         config.check(n)?;
         Ok(Self {
             config,
             reference: DVector::zeros(n),
             integral: DVector::zeros(n),
-            pull: DVector::zeros(n),
+            error: DVector::zeros(n),
             efforts: DVector::zeros(n),
             workspace: Workspace::new(model),
         })
     }
 
-    /// Inverse time constant of the fastest motion that the proportional part gives the joints at `q` \[1/s\].
-    pub fn fastest(&self, model: &Model, q: &DVector<f64>) -> f64 {
+    /// Largest bandwidth of the proportional part at the joint positions `q` \[rad/s\].
+    pub fn max_bandwidth(&self, model: &Model, q: &DVector<f64>) -> f64 {
         match &self.config.gains {
             ServoGains::Bandwidth(omega) => *omega,
             ServoGains::PerJoint(gains) => {
@@ -97,24 +98,24 @@ impl VelocityServo {
         }
     }
 
-    /// Rates to drive to \[rad/s or m/s\].
+    /// Reference rates \[rad/s or m/s\].
     pub fn reference(&self) -> &DVector<f64> {
         &self.reference
     }
 
-    /// Sets the rate that joint `j` is driven to, cut to its limit. Returns whether it was cut.
-    pub fn refer(&mut self, model: &Model, j: usize, rate: f64) -> bool {
+    /// Sets the reference rate of joint `j`, cut to its limit. Returns whether it was cut.
+    pub fn set_reference(&mut self, model: &Model, j: usize, rate: f64) -> bool {
         let limit = model.joints()[j].limits.velocity;
         self.reference[j] = rate.clamp(-limit, limit);
         self.reference[j] != rate
     }
 
-    /// All rates to zero.
+    /// Sets all references to zero.
     pub fn halt(&mut self) {
         self.reference.fill(0.0);
     }
 
-    /// Forgets reference and integral: a servo that takes over anew.
+    /// Sets references and integrals to zero.
     pub fn reset(&mut self) {
         self.reference.fill(0.0);
         self.integral.fill(0.0);
@@ -125,18 +126,18 @@ impl VelocityServo {
         let omega_i = self.config.integral;
         for j in 0..model.dof() {
             let error = self.reference[j] - state.qd[j];
-            self.pull[j] = error + omega_i * (self.integral[j] + error * dt);
+            self.error[j] = error + omega_i * (self.integral[j] + error * dt);
         }
         match &self.config.gains {
             ServoGains::Bandwidth(omega) => {
                 self.workspace.set_positions(model, &state.q);
                 let inertia: &DMatrix<f64> = self.workspace.reduced_inertia();
-                self.efforts.gemv(*omega, inertia, &self.pull, 0.0);
+                self.efforts.gemv(*omega, inertia, &self.error, 0.0);
             }
             ServoGains::PerJoint(gains) => {
-                let pairs = gains.iter().zip(self.pull.iter());
-                for (effort, (gain, pull)) in self.efforts.iter_mut().zip(pairs) {
-                    *effort = gain * pull;
+                let pairs = gains.iter().zip(self.error.iter());
+                for (effort, (gain, error)) in self.efforts.iter_mut().zip(pairs) {
+                    *effort = gain * error;
                 }
             }
         }
@@ -144,7 +145,7 @@ impl VelocityServo {
             let limit = joint.limits.effort;
             let wanted = self.efforts[j];
             self.efforts[j] = wanted.clamp(-limit, limit);
-            // A drive at its limit cannot work off what would add up.
+            // Anti-windup: a saturated drive does not integrate.
             if self.efforts[j] == wanted {
                 self.integral[j] += (self.reference[j] - state.qd[j]) * dt;
             }

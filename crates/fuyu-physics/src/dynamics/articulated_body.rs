@@ -3,7 +3,9 @@
 use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
 
-use super::kernel::{Carried, Force, Slot, Tree, Vec3, base_spin, forward_dynamics};
+use super::kernel::{
+    LinkScratch, SpatialForce, SubtreeMomentum, Tree, Vec3, base_angular_velocity, forward_dynamics,
+};
 use super::{Formulation, Input, State, TreeAcceleration, TreeMotion};
 use crate::model::Model;
 use crate::spatial::Twist;
@@ -14,9 +16,9 @@ use crate::spatial::Twist;
 pub struct ArticulatedBody {
     tree: Tree,
     pub(super) arch: Arch,
-    slots: Vec<Slot<f64>>,
-    carried: Vec<Carried<f64>>,
-    external: Vec<Force<f64>>,
+    links: Vec<LinkScratch<f64>>,
+    subtrees: Vec<SubtreeMomentum<f64>>,
+    external: Vec<SpatialForce<f64>>,
 }
 
 impl ArticulatedBody {
@@ -25,9 +27,9 @@ impl ArticulatedBody {
         let tree = Tree::new(model);
         Self {
             arch: Arch::new(),
-            slots: vec![Slot::new(0.0); tree.bodies.len()],
-            carried: vec![Carried::new(0.0); tree.bodies.len()],
-            external: vec![Force::zero(0.0); tree.bodies.len()],
+            links: vec![LinkScratch::new(0.0); tree.bodies.len()],
+            subtrees: vec![SubtreeMomentum::new(0.0); tree.bodies.len()],
+            external: vec![SpatialForce::zero(0.0); tree.bodies.len()],
             tree,
         }
     }
@@ -45,9 +47,9 @@ impl ArticulatedBody {
         self.set_joints(simd, state.q.as_slice(), state.qd.as_slice(), efforts);
         let momentum_B = (state.R_WB).inverse_transform_vector(&state.momentum_W.angular);
         let momentum = self.tree.to_base_kernel(Vec3(momentum_B.into()));
-        let w = base_spin(&self.tree, &self.slots, &mut self.carried, momentum);
-        self.slots[0].w = w;
-        forward_dynamics(&self.tree, &mut self.slots, None);
+        let w = base_angular_velocity(&self.tree, &self.links, &mut self.subtrees, momentum);
+        self.links[0].w = w;
+        forward_dynamics(&self.tree, &mut self.links, None);
         self.tell(out);
         self.tree.to_base_frame(w).0.into()
     }
@@ -56,8 +58,8 @@ impl ArticulatedBody {
     #[inline(always)]
     pub(super) fn joint_power(&self) -> f64 {
         let mut power = 0.0;
-        for slot in &self.slots[1..] {
-            power += slot.effort * slot.qd;
+        for link in &self.links[1..] {
+            power += link.effort * link.qd;
         }
         power
     }
@@ -66,26 +68,26 @@ impl ArticulatedBody {
     fn set_joints(&mut self, simd: impl Simd, q: &[f64], qd: &[f64], efforts: &[f64]) {
         let n = self.tree.dof();
         let (q, qd, efforts) = (&q[..n], &qd[..n], &efforts[..n]);
-        let slots = &mut self.slots[1..];
-        (self.tree).turns(simd, q, |j, q, turn| {
-            (slots[j].q, slots[j].turn) = (q, turn)
+        let links = &mut self.links[1..];
+        (self.tree).for_each_rotation(simd, q, |j, q, turn| {
+            (links[j].q, links[j].rotation) = (q, turn)
         });
-        for (j, slot) in slots.iter_mut().enumerate() {
-            slot.qd = qd[j];
-            slot.effort = self.tree.effort(j, efforts[j], q[j], qd[j]);
+        for (j, link) in links.iter_mut().enumerate() {
+            link.qd = qd[j];
+            link.effort = self.tree.total_effort(j, efforts[j], q[j], qd[j]);
         }
     }
 
     #[inline(always)]
     fn tell(&self, out: &mut TreeAcceleration) {
-        let base = &self.slots[0].acceleration;
+        let base = &self.links[0].acceleration;
         out.A_WB_B = Twist::new(
             self.tree.to_base_frame(base.angular).0.into(),
             self.tree.to_base_frame(base.linear).0.into(),
         );
         let qdd = out.qdd.as_mut_slice().iter_mut();
-        for (qdd, slot) in qdd.zip(&self.slots[1..]) {
-            *qdd = slot.qdd;
+        for (qdd, link) in qdd.zip(&self.links[1..]) {
+            *qdd = link.qdd;
         }
     }
 }
@@ -122,10 +124,12 @@ impl WithSimd for Evaluation<'_> {
         let (dynamics, motion, input) = (self.dynamics, self.motion, self.input);
         dynamics.set_joints(simd, motion.q, motion.qd, input.efforts.as_slice());
         let w = Vec3(motion.V_WB_B.angular.into());
-        dynamics.slots[0].w = dynamics.tree.to_base_kernel(w);
-        let loaded = dynamics.tree.load(&input.wrenches, &mut dynamics.external);
+        dynamics.links[0].w = dynamics.tree.to_base_kernel(w);
+        let loaded = dynamics
+            .tree
+            .set_external_forces(&input.wrenches, &mut dynamics.external);
         let external = loaded.then_some(&dynamics.external[..]);
-        forward_dynamics(&dynamics.tree, &mut dynamics.slots, external);
+        forward_dynamics(&dynamics.tree, &mut dynamics.links, external);
         dynamics.tell(self.out);
     }
 }

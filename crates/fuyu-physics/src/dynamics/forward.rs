@@ -99,7 +99,7 @@ impl Workspace {
         for j in (0..self.tree.dof()).rev() {
             let p_PK = self.p_PK(j);
             let (earlier, rest) = self.bodies.split_at_mut(j + 1);
-            earlier[self.tree.hops[j].parent].force += rest[0].force.shifted(&p_PK);
+            earlier[self.tree.joints[j].parent].force += rest[0].force.shifted(&p_PK);
         }
     }
 
@@ -148,7 +148,7 @@ impl Workspace {
         for (j, &qdd) in qdd.iter().enumerate() {
             let (p_PK, own) = (self.p_PK(j), self.axis(j).twist(qdd));
             let (earlier, rest) = self.bodies.split_at_mut(j + 1);
-            let (parent, body) = (&earlier[self.tree.hops[j].parent], &mut rest[0]);
+            let (parent, body) = (&earlier[self.tree.joints[j].parent], &mut rest[0]);
             // What base and joints add to the bias acceleration spreads from body to body as a twist.
             let mut added = parent.acceleration - parent.bias;
             added.linear += added.angular.cross(&p_PK);

@@ -4,7 +4,10 @@ use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
 
 use super::TreeMotion;
-use super::kernel::{Carried, Force, Motion, Slot, Tree, Vec3, inverse_dynamics, whole_inertia};
+use super::kernel::{
+    LinkScratch, SpatialForce, SpatialMotion, SubtreeMomentum, Tree, Vec3, inverse_dynamics,
+    locked_inertia,
+};
 use crate::model::Model;
 use crate::spatial::{Twist, Wrench};
 
@@ -14,9 +17,9 @@ use crate::spatial::{Twist, Wrench};
 pub struct InverseDynamics {
     tree: Tree,
     arch: Arch,
-    slots: Vec<Slot<f64>>,
-    carried: Vec<Carried<f64>>,
-    external: Vec<Force<f64>>,
+    links: Vec<LinkScratch<f64>>,
+    subtrees: Vec<SubtreeMomentum<f64>>,
+    external: Vec<SpatialForce<f64>>,
 }
 
 impl InverseDynamics {
@@ -25,9 +28,9 @@ impl InverseDynamics {
         let tree = Tree::new(model);
         Self {
             arch: Arch::new(),
-            slots: vec![Slot::new(0.0); tree.bodies.len()],
-            carried: vec![Carried::new(0.0); tree.bodies.len()],
-            external: vec![Force::zero(0.0); tree.bodies.len()],
+            links: vec![LinkScratch::new(0.0); tree.bodies.len()],
+            subtrees: vec![SubtreeMomentum::new(0.0); tree.bodies.len()],
+            external: vec![SpatialForce::zero(0.0); tree.bodies.len()],
             tree,
         }
     }
@@ -79,7 +82,7 @@ impl InverseDynamics {
         });
         let (R_BK, base) = (
             &self.tree.bodies[0].X_BK.rotation,
-            &self.slots[0].acceleration,
+            &self.links[0].acceleration,
         );
         let [angular, linear] = [base.angular, base.linear].map(|v| R_BK * Vector3::from(v.0));
         Twist::new(angular, linear)
@@ -103,37 +106,37 @@ impl WithSimd for Evaluation<'_> {
     fn with_simd<S: Simd>(self, simd: S) -> Wrench {
         let InverseDynamics {
             tree,
-            slots,
-            carried,
+            links,
+            subtrees,
             external,
             ..
         } = self.dynamics;
         let n = tree.dof();
         let (q, qd, qdd) = (&self.motion.q[..n], &self.motion.qd[..n], &self.qdd[..n]);
         let efforts = &mut self.efforts[..n];
-        tree.turns(simd, q, |j, q, turn| {
-            (slots[j + 1].q, slots[j + 1].turn) = (q, turn);
-            (slots[j + 1].qd, slots[j + 1].qdd) = (qd[j], qdd[j]);
+        tree.for_each_rotation(simd, q, |j, q, turn| {
+            (links[j + 1].q, links[j + 1].rotation) = (q, turn);
+            (links[j + 1].qd, links[j + 1].qdd) = (qd[j], qdd[j]);
         });
-        let loaded = tree.load(self.wrenches, external);
+        let loaded = tree.set_external_forces(self.wrenches, external);
         let external = loaded.then_some(&external[..]);
         let R_BK = &tree.bodies[0].X_BK.rotation;
         let turned = |v: &Vector3<f64>| Vec3(R_BK.inverse_transform_vector(v).into());
-        slots[0].w = turned(&self.motion.V_WB_B.angular);
-        slots[0].acceleration = match self.base {
-            Some(base) => Motion {
+        links[0].w = turned(&self.motion.V_WB_B.angular);
+        links[0].acceleration = match self.base {
+            Some(base) => SpatialMotion {
                 angular: turned(&base.angular),
                 linear: turned(&base.linear),
             },
             None => {
-                slots[0].acceleration = Motion::zero(0.0);
-                let held = inverse_dynamics(tree, slots, external);
-                whole_inertia(tree, slots, carried).answer(held)
+                links[0].acceleration = SpatialMotion::zero(0.0);
+                let held = inverse_dynamics(tree, links, external);
+                locked_inertia(tree, links, subtrees).free_acceleration(held)
             }
         };
-        let base = inverse_dynamics(tree, slots, external);
+        let base = inverse_dynamics(tree, links, external);
         for (j, effort) in efforts.iter_mut().enumerate() {
-            *effort = slots[j + 1].effort - tree.effort(j, 0.0, q[j], qd[j]);
+            *effort = links[j + 1].effort - tree.total_effort(j, 0.0, q[j], qd[j]);
         }
         Wrench::new(
             R_BK * Vector3::from(base.torque.0),

@@ -40,7 +40,7 @@ impl Workspace {
                 }
                 Axis::Slide(axis) => add(column, axis, &Vector3::zeros()),
             }
-            body = self.tree.hops[body - 1].parent;
+            body = self.tree.joints[body - 1].parent;
         }
     }
 }

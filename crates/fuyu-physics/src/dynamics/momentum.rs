@@ -32,7 +32,7 @@ impl Workspace {
         let mut angular = &self.H_B * *w;
         for (j, rate) in qd.as_slice().iter().enumerate() {
             let column = self.column(j);
-            linear += Vector3::from(column.force.0) * *rate;
+            linear += Vector3::from(column.linear_momentum.0) * *rate;
             angular += Vector3::from(column.H_M.0) * *rate;
         }
         Momentum { linear, angular }

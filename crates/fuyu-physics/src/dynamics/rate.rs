@@ -2,7 +2,7 @@
 
 use nalgebra::{DVector, Quaternion, UnitQuaternion, Vector3};
 
-use super::kernel::{Attitude, SMALL_TURN, Vec3, small_turn_rate};
+use super::kernel::{Quat, SERIES_LIMIT, Vec3, rotation_vector_rate_series};
 use super::{Input, State, Workspace};
 use crate::model::Model;
 use crate::spatial::{exp_so3, rotation_vector_rate};
@@ -44,9 +44,9 @@ impl Rate {
         w_WB_B: &Vector3<f64>,
         turned: &Vector3<f64>,
     ) {
-        self.turned = if turned.norm_squared() <= SMALL_TURN {
+        self.turned = if turned.norm_squared() <= SERIES_LIMIT {
             let (turned, w) = (Vec3((*turned).into()), Vec3((*w_WB_B).into()));
-            small_turn_rate(turned, w).0.into()
+            rotation_vector_rate_series(turned, w).0.into()
         } else {
             rotation_vector_rate(turned, w_WB_B)
         };
@@ -121,10 +121,10 @@ pub(super) fn advance(
 /// An attitude after turning by a rotation vector.
 #[inline(always)]
 fn turn(R_WB: &UnitQuaternion<f64>, turned: &Vector3<f64>) -> UnitQuaternion<f64> {
-    if turned.norm_squared() <= SMALL_TURN {
+    if turned.norm_squared() <= SERIES_LIMIT {
         let [i, j, k, w] = R_WB.coords.into();
         let v = Vec3([i, j, k]);
-        let after = Attitude { w, v }.then(Attitude::of_small(Vec3((*turned).into())));
+        let after = Quat { w, v }.compose(Quat::exp_series(Vec3((*turned).into())));
         let [i, j, k] = after.v.0;
         UnitQuaternion::new_unchecked(Quaternion::new(after.w, i, j, k))
     } else {

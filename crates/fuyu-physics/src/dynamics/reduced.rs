@@ -55,7 +55,10 @@ impl Workspace {
             let column = self.column(j);
             // The momentum that joint j alone gives to the free-floating system, in terms of which the
             // base's share of every pair (i, j) is one dot product: m J_Cᵀ J_C + H_Mᵀ H_B⁻¹ H_M.
-            let (mut torque, force) = (column.torque.0.into(), Vector3::from(column.force.0));
+            let (mut torque, force) = (
+                column.angular_momentum.0.into(),
+                Vector3::from(column.linear_momentum.0),
+            );
             let answer = Vector3::from(column.H_A.0);
             let entries = &mut self.reduced.as_mut_slice()[j * n..=j * n + j];
             for (i, entry) in entries.iter_mut().enumerate() {
@@ -68,7 +71,7 @@ impl Workspace {
             loop {
                 let taken = self.axis(i).effort(&Wrench { torque, force });
                 self.reduced.as_mut_slice()[j * n + i] += taken;
-                let parent = self.tree.hops[i].parent;
+                let parent = self.tree.joints[i].parent;
                 if parent == 0 {
                     break;
                 }

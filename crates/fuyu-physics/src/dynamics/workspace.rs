@@ -5,7 +5,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::State;
 use super::axis::Axis;
-use super::kernel::{Column, Joints, Tree};
+use super::kernel::{JointKinematics, MomentumColumn, Tree};
 use crate::model::{Frame, Model};
 use crate::spatial::{Pose, Symmetric3, Twist, Wrench};
 
@@ -21,7 +21,7 @@ pub struct Workspace {
     pub(super) arch: Arch,
     pub(super) tree: Tree,
     /// What positions imply for the joints and the bodies that they move.
-    pub(super) joints: Joints,
+    pub(super) joints: JointKinematics,
     /// What motion implies, one per body.
     pub(super) bodies: Vec<BodyTerms>,
     /// System centre of mass in the base frame, `r_C` of eq. (4.11) from the base frame's origin \[m\].
@@ -56,7 +56,7 @@ pub(super) struct BodyTerms {
 /// What positions imply, for `pulp` to compile.
 struct Placement<'a> {
     tree: &'a Tree,
-    joints: &'a mut Joints,
+    joints: &'a mut JointKinematics,
     q: &'a [f64],
     p_BC: &'a mut Vector3<f64>,
     H_B: &'a mut Symmetric3,
@@ -67,7 +67,7 @@ impl WithSimd for Placement<'_> {
     type Output = ();
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
-        let system = self.joints.set(simd, self.tree, self.q);
+        let system = self.joints.set_positions(simd, self.tree, self.q);
         *self.p_BC = system.p_BC.0.into();
         *self.H_B = system.H_B.into();
         // Bodies are positive definite, so only a position that is not finite can make this fail, and
@@ -83,7 +83,7 @@ impl Workspace {
         let tree = Tree::new(model);
         let mut workspace = Self {
             arch: Arch::new(),
-            joints: Joints::new(&tree),
+            joints: JointKinematics::new(&tree),
             tree,
             bodies: vec![BodyTerms::default(); n + 1],
             p_BC: Vector3::zeros(),
@@ -142,10 +142,10 @@ impl Workspace {
 
     /// Twists and bias accelerations of all bodies from the base's twist and the joint rates.
     pub(super) fn spread_motion(&mut self, qd: &[f64]) {
-        for (j, (hop, &rate)) in self.tree.hops.iter().zip(qd).enumerate() {
+        for (j, (joint, &rate)) in self.tree.joints.iter().zip(qd).enumerate() {
             let (earlier, rest) = self.bodies.split_at_mut(j + 1);
-            let (parent, body) = (&earlier[hop.parent], &mut rest[0]);
-            let p = self.joints.p_BK(j + 1) - self.joints.p_BK(hop.parent);
+            let (parent, body) = (&earlier[joint.parent], &mut rest[0]);
+            let p = self.joints.p_BK(j + 1) - self.joints.p_BK(joint.parent);
             let p = Vector3::from(p.0);
             let w = parent.twist.angular;
             let turned = w.cross(&p);
@@ -156,7 +156,7 @@ impl Workspace {
             );
             // The axis turns with the parent.
             let own = Vector3::from(self.joints.axes(j + 1)[2].0) * rate;
-            if hop.slides {
+            if joint.is_prismatic {
                 body.twist.linear += own;
                 body.bias.linear += w.cross(&own) * 2.0;
             } else {
@@ -172,14 +172,14 @@ impl Workspace {
     }
 
     /// Columns of the momentum map of joint `j`.
-    pub(super) fn column(&self, j: usize) -> Column<f64> {
+    pub(super) fn column(&self, j: usize) -> MomentumColumn<f64> {
         self.joints.column(j)
     }
 
     /// Axis of joint `j`.
     pub(super) fn axis(&self, j: usize) -> Axis {
         let direction = Vector3::from(self.joints.axes(j + 1)[2].0);
-        if self.tree.hops[j].slides {
+        if self.tree.joints[j].is_prismatic {
             Axis::Slide(direction)
         } else {
             Axis::Turn(direction)
@@ -188,7 +188,7 @@ impl Workspace {
 
     /// Origin of the kernel frame of the body that joint `j` moves, from that of its parent's.
     pub(super) fn p_PK(&self, j: usize) -> Vector3<f64> {
-        self.p_BK(j + 1) - self.p_BK(self.tree.hops[j].parent)
+        self.p_BK(j + 1) - self.p_BK(self.tree.joints[j].parent)
     }
 
     /// Axes of a body's kernel frame.

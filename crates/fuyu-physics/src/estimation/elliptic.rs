@@ -1,9 +1,9 @@
 //! Jacobi's elliptic functions and the integrals that free rotation needs. Masutani 1995 app. C.
 //!
-//! The modulus is `k` in [0, 1]. Beside it stands its complement `k' = √(1 - k²)`: near the separatrix `k`
-//! rounds to 1 while `k'` still tells how long the body lingers. Functions by the arithmetic-geometric mean
+//! The modulus is `k` in [0, 1], stored with its complement `k' = √(1 - k²)`: near the separatrix `k` rounds to 1 while
+//! `k'` still determines the period. Functions are computed by the arithmetic-geometric mean
 //! (descending Landen transformation, in Bulirsch's form without inverse functions), integrals by Carlson's
-//! duplication (DLMF 19.36). No crate in use has sn, cn and dn.
+//! duplication (DLMF 19.36). No crate in the dependencies has sn, cn and dn.
 
 use std::f64::consts::PI;
 
@@ -27,12 +27,12 @@ pub struct Jacobi {
 }
 
 impl Modulus {
-    /// The modulus `k` in [0, 1]; outside, everything that follows is NaN.
+    /// The modulus `k` in [0, 1]; outside this range all results are NaN.
     pub fn new(k: f64) -> Self {
         Self::with_complement(k, ((1.0 - k) * (1.0 + k)).sqrt())
     }
 
-    /// The modulus from `k²` and `1 - k²`, each known to its own precision.
+    /// The modulus from `k²` and `1 - k²`, each with full relative precision.
     pub fn from_squares(k_squared: f64, complement_squared: f64) -> Self {
         Self::with_complement(k_squared.sqrt(), complement_squared.sqrt())
     }
@@ -72,7 +72,7 @@ impl Modulus {
         j
     }
 
-    /// `u` less a whole number of half periods `2 K`, and that number; the rest is in [-K, K].
+    /// `u` minus a whole number of half periods `2 K`, and that number; the remainder is in [-K, K].
     fn reduce(&self, u: f64) -> (f64, f64) {
         let half_period = 2.0 * self.quarter_period;
         if half_period.is_infinite() {
@@ -96,7 +96,7 @@ impl Modulus {
         if u.abs() <= 0.5 * quarter {
             return self.bulirsch(u);
         }
-        // In the far half by reflection at K, so that cn keeps its relative accuracy where it vanishes.
+        // Beyond K/2 by reflection at K, so that cn keeps its relative accuracy near its zero.
         let v = self.bulirsch(quarter - u.abs());
         Jacobi {
             sn: (v.cn / v.dn).copysign(u),
@@ -140,8 +140,8 @@ impl Modulus {
         Jacobi { sn, cn: c * sn, dn }
     }
 
-    /// The argument `u` in [-2K, 2K] whose amplitude has this sine and cosine: the inverse of sn and cn
-    /// together.
+    /// The argument `u` in [-2K, 2K] whose amplitude has this sine and cosine: the common inverse of sn
+    /// and cn.
     pub fn argument(&self, sin: f64, cos: f64) -> f64 {
         let first = sin * carlson_rf(cos * cos, self.dn_squared(sin, cos), 1.0);
         if cos >= 0.0 {
@@ -151,7 +151,7 @@ impl Modulus {
         }
     }
 
-    /// `∫₀ᵘ ν sn² / (1 + ν sn²)`: `u` less the incomplete integral of the third kind with characteristic
+    /// `∫₀ᵘ ν sn² / (1 + ν sn²)`: `u` minus the incomplete integral of the third kind with characteristic
     /// `-ν`, `ν ≥ 0`. It grows by a fixed amount in each half period, and vanishes with `ν`.
     pub fn third_kind_excess(&self, nu: f64, u: f64) -> f64 {
         let (reduced, half_periods) = self.reduce(u);
@@ -159,12 +159,12 @@ impl Modulus {
         let part = |s: f64, c: f64, d: f64| {
             nu / 3.0 * s.powi(3) * carlson_rj(c * c, d * d, 1.0, 1.0 + nu * s * s)
         };
-        let whole = if half_periods == 0.0 {
+        let full_half_periods = if half_periods == 0.0 {
             0.0
         } else {
             2.0 * half_periods * part(1.0, 0.0, self.complement)
         };
-        part(sn, cn, dn) + whole
+        part(sn, cn, dn) + full_half_periods
     }
 
     fn dn_squared(&self, sin: f64, cos: f64) -> f64 {
@@ -178,16 +178,16 @@ fn quarter_period(complement: f64) -> f64 {
         return f64::INFINITY;
     }
     let (mut a, mut b) = (1.0, complement);
-    // Quadratic: once the means agree to 1e-9, the next is exact to rounding.
+    // Convergence is quadratic: once the means agree to 1e-9, the next is exact to rounding.
     while (a - b).abs() > 1e-9 * a {
         (a, b) = (0.5 * (a + b), (a * b).sqrt());
     }
     PI / (a + b)
 }
 
-/// The modulus with `2 k K(k) = x`, eq. (2.32); `x ≥ 0`. `2 k K` grows without bound as `k` nears 1.
+/// The modulus with `2 k K(k) = x`, eq. (2.32); `x ≥ 0`. `2 k K` grows without bound as `k` approaches 1.
 pub fn modulus_with_2kK(x: f64) -> Modulus {
-    // In p = ln k' the right half is nearly linear; bisection needs no derivative and cannot fail.
+    // In terms of p = ln k' the function is nearly linear for k near 1; bisection needs no derivative and cannot fail.
     let of = |p: f64| {
         let complement = p.exp();
         let k_squared = -(2.0 * p).exp_m1();
@@ -214,13 +214,13 @@ fn carlson_rf(x: f64, y: f64, z: f64) -> f64 {
     let start = (x + y + z) / 3.0;
     let (dx, dy) = (start - x, start - y);
     // (3 ε)^(-1/6) for ε = 1e-17.
-    let mut reach = 480.0 * dx.abs().max(dy.abs()).max((start - z).abs());
+    let mut error_bound = 480.0 * dx.abs().max(dy.abs()).max((start - z).abs());
     let (mut x, mut y, mut z, mut a) = (x, y, z, start);
     let mut shrink = 1.0;
-    while reach > a.abs() {
+    while error_bound > a.abs() {
         let lambda = (x * y).sqrt() + (y * z).sqrt() + (z * x).sqrt();
         [x, y, z, a] = [x, y, z, a].map(|t| 0.25 * (t + lambda));
-        reach *= 0.25;
+        error_bound *= 0.25;
         shrink *= 0.25;
     }
     let (x, y) = (dx * shrink / a, dy * shrink / a);
@@ -234,7 +234,7 @@ fn carlson_rj(x: f64, y: f64, z: f64, p: f64) -> f64 {
     let start = (x + y + z + 2.0 * p) / 5.0;
     let (dx, dy, dz) = (start - x, start - y, start - z);
     // (ε / 4)^(-1/6) for ε = 1e-17.
-    let mut reach = 860.0
+    let mut error_bound = 860.0
         * [dx, dy, dz, start - p]
             .into_iter()
             .fold(0.0, |m: f64, d| m.max(d.abs()));
@@ -242,13 +242,13 @@ fn carlson_rj(x: f64, y: f64, z: f64, p: f64) -> f64 {
     let (mut x, mut y, mut z, mut p, mut a) = (x, y, z, p, start);
     let mut shrink = 1.0;
     let mut sum = 0.0;
-    while reach > a.abs() {
+    while error_bound > a.abs() {
         let (rx, ry, rz, rp) = (x.sqrt(), y.sqrt(), z.sqrt(), p.sqrt());
         let d = (rp + rx) * (rp + ry) * (rp + rz);
         sum += shrink / d * carlson_rc_near_one(delta / (d * d));
         let lambda = rx * ry + ry * rz + rz * rx;
         [x, y, z, p, a] = [x, y, z, p, a].map(|t| 0.25 * (t + lambda));
-        reach *= 0.25;
+        error_bound *= 0.25;
         shrink *= 0.25;
         delta /= 64.0;
     }

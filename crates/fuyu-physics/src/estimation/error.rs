@@ -1,38 +1,38 @@
-//! Why a motion could not be estimated.
+//! Errors of the estimation.
 
 use crate::vision::PinholeError;
 
-/// Why tracks do not tell a motion. Each is one line that names what is wrong and what would be right.
+/// Why tracks do not determine a motion. Each message is one line that names the fault and what would be right.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum EstimateError {
-    /// The camera cannot be.
+    /// The camera's calibration is invalid.
     #[error(transparent)]
     Camera(#[from] PinholeError),
-    /// The camera's own motion cannot be used.
+    /// The camera's own motion is invalid.
     #[error("camera motion: {0}")]
     CameraMotion(String),
     /// There are too few frames.
     #[error("too few frames show features: {have}; at least {need} are needed")]
     TooFewFrames {
-        /// Frames with features.
+        /// Number of frames with features.
         have: usize,
-        /// Frames that are needed.
+        /// Number of frames that are needed.
         need: usize,
     },
-    /// No frames share enough points.
+    /// No two frames share enough points.
     #[error(
-        "no two frames next to each other have more than {most} points in common; at least {need} are needed"
+        "no two neighbouring frames have more than {most} points in common; at least {need} are needed"
     )]
     TooFewPoints {
-        /// The most points that two have in common.
+        /// Largest number of common points.
         most: usize,
-        /// Points that are needed.
+        /// Number of points that are needed.
         need: usize,
     },
     /// All points lie on a line.
     #[error("the points lie on a line in every frame; they must spread in two directions")]
     Collinear,
-    /// Nothing moves.
+    /// No point moves.
     #[error("the view is constant: no point moves by more than {largest:.2} px")]
     Constant {
         /// The largest movement \[px\].
@@ -40,34 +40,34 @@ pub enum EstimateError {
     },
     /// No rigid body explains the images.
     #[error(
-        "no turning rigid body explains the tracks ({placed} of {frames} frames fit together); are the ids right, \
-         and is the camera's focal length?"
+        "no rotating rigid body explains the tracks ({consistent} of {frames} frames fit together); check the ids and \
+         the camera's focal length"
     )]
     NotRigid {
-        /// Frames that fit together.
-        placed: usize,
-        /// All frames.
+        /// Number of frames that fit together.
+        consistent: usize,
+        /// Number of all frames.
         frames: usize,
     },
-    /// A rigid body, but its motion is not a free one.
+    /// The body is rigid, but its motion is not torque-free.
     #[error(
-        "the images are those of a rigid body, but free rotation leaves {rms:.1} px; does the camera turn, or a \
-         torque act?"
+        "the images are those of a rigid body, but torque-free rotation leaves residuals of {rms:.1} px; does the \
+         camera rotate, or does a torque act?"
     )]
     NotFree {
         /// Root mean square of the residuals \[px\].
         rms: f64,
     },
-    /// Other motions look alike.
+    /// Other motions explain the images equally well.
     #[error(
-        "the body has turned by only {turn:.2} rad: rates from {:.3} to {:.3} rad/s, with other depths of the body, explain \
-         the images alike; observe longer, or from nearer",
+        "the body has turned by only {turn:.2} rad: angular rates from {:.3} to {:.3} rad/s, with different depths of the \
+         body, explain the images equally well; observe longer, or from nearer",
         .rates[0], .rates[1]
     )]
     Ambiguous {
-        /// By how much the body turned in the best of them \[rad\].
+        /// Angle that the body turned in the best of them \[rad\].
         turn: f64,
-        /// The least and the largest rate \[rad/s\].
+        /// Smallest and largest angular rate \[rad/s\].
         rates: [f64; 2],
     },
 }

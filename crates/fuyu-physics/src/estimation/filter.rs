@@ -1,9 +1,9 @@
-//! Updates between batch solutions: a recursive filter on the errors of attitude, momentum and inertia.
+//! Recursive filter between batch solutions: an error-state Kalman filter of attitude, momentum and inertia.
 //!
-//! It starts from a batch [`Solution`] and from nothing else: far from the truth its linearisation would hold nothing.
-//! What a torque-free body keeps is the state: momentum (in inertial axes) and inertia ratios, and with them the
-//! attitude; angular velocity follows. So nothing but the attitude is propagated. The body's position in a frame is
-//! solved with the frame and forgotten, as in the batch; the structure is the batch's.
+//! It starts from a batch [`Solution`] only, because its linearisation is not valid far from the truth. Its state are the
+//! constants of torque-free motion, momentum (inertial axes) and inertia ratios, and the attitude; they determine the
+//! angular velocity. Only the attitude changes with time. The body's position in a frame is solved from that frame and
+//! discarded, as in the batch; the structure is that of the batch.
 
 use std::collections::HashMap;
 
@@ -13,20 +13,20 @@ use super::bundle::{FreeMotion, PARAMETERS, Solution, derivatives, shape_basis, 
 use super::free_body::FreeRotation;
 use super::{MotionEstimate, MotionModel};
 use crate::spatial::exp_so3;
-use crate::vision::{Pinhole, Sighting};
+use crate::vision::{FeatureFrame, Pinhole};
 
-/// Errors: the turn of the body (3), shape of its inertia (5), momentum (3).
+/// Number of error states: rotation of the body (3), shape of its inertia (5), momentum (3).
 const STATES: usize = 3 + PARAMETERS;
 
-/// The fewest points of a frame that are used: with its position three unknowns of a frame are new.
+/// Least number of points of a frame that is used: its position adds three unknowns.
 const MIN_POINTS: usize = 4;
 
-/// Image points farther off than this many standard deviations are left out.
-const GATE: f64 = 5.0;
+/// Width of the inlier gate in standard deviations.
+const INLIER_GATE: f64 = 5.0;
 
 type Covariance = SMatrix<f64, STATES, STATES>;
 
-/// The filter. Feed it frames in the order of time.
+/// The filter. Its updates must be in the order of time.
 #[derive(Debug, Clone)]
 pub struct Filter {
     motion: FreeMotion,
@@ -40,38 +40,40 @@ pub struct Filter {
     rms: f64,
 }
 
-/// What a frame contributed.
+/// Contribution of a frame to the filter.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Update {
-    /// Points that were used; none if too few fit.
+    /// Number of points that were used; zero if too few fit.
     pub used: usize,
-    /// Points of the structure that did not fit.
+    /// Number of points of the structure that did not fit.
     pub rejected: usize,
-    /// Points that the structure does not have.
+    /// Number of points that are not in the structure.
     pub unknown: usize,
-    /// Root mean square of the residuals' components after the update \[px\].
+    /// Root mean square of the residual components after the update \[px\].
     pub rms: f64,
 }
 
 impl Filter {
-    /// A filter at the last pose of a batch solution. `disturbance` is what torques do to the momentum: its random
-    /// walk over the momentum, \[1/√s\]; 0 for none. `None` if the solution has no pose.
+    /// A filter at the last pose of a batch solution. `disturbance` is the random walk of the momentum
+    /// due to torques, relative to the momentum \[1/√s\]; 0 for none. `None` if the solution has no pose.
     pub fn new(solution: &Solution, disturbance: f64) -> Option<Self> {
         let last = solution.poses.last()?;
         let (R_WB, S) = *solution
             .free
             .attitudes_and_sensitivities(&[last.time])
             .first()?;
-        // The attitude's error is that of the parameters, carried to the last frame.
-        let mut carry = SMatrix::<f64, STATES, PARAMETERS>::zeros();
-        carry.fixed_rows_mut::<3>(0).copy_from(&S);
-        carry.fixed_rows_mut::<PARAMETERS>(3).fill_with_identity();
-        let mut covariance = carry * solution.covariance * carry.transpose();
+        // The attitude's error follows from that of the parameters, propagated to the last frame.
+        let mut transition = SMatrix::<f64, STATES, PARAMETERS>::zeros();
+        transition.fixed_rows_mut::<3>(0).copy_from(&S);
+        transition
+            .fixed_rows_mut::<PARAMETERS>(3)
+            .fill_with_identity();
+        let mut covariance = transition * solution.covariance * transition.transpose();
         let noise = solution.motion.rms().max(1e-3);
-        // The points are known as well as their many sightings say; together that is a turn of the whole body.
+        // Error of the structure, from the number of its observations, as a rotation of the whole body.
         let pixel = 2.0 / (solution.camera.fx + solution.camera.fy);
-        let sightings = (solution.poses.len() * solution.points.len()).max(1) as f64;
-        let turn = 3.0 * noise * pixel / sightings.sqrt();
+        let observations = (solution.poses.len() * solution.points.len()).max(1) as f64;
+        let turn = 3.0 * noise * pixel / observations.sqrt();
         for k in 0..3 {
             covariance[(k, k)] += turn * turn;
         }
@@ -97,7 +99,7 @@ impl Filter {
         self.motion.time
     }
 
-    /// Body axes in inertial axes, at [`Filter::time`].
+    /// Attitude of the body axes in inertial axes at [`Filter::time`].
     pub fn attitude(&self) -> UnitQuaternion<f64> {
         self.motion.R_WB
     }
@@ -122,10 +124,10 @@ impl Filter {
         (R * w, slope * self.covariance * slope.transpose())
     }
 
-    /// How certain the next `span` seconds are: standard deviation of the turn from now to then \[rad\], all axes
-    /// together. What is not known of the present attitude does not count, except for what it makes of the future. It is
-    /// on the safe side, since the points' common error counts as one of the attitude.
-    pub fn foresight(&self, span: f64) -> f64 {
+    /// Standard deviation of the rotation over the next `span` seconds \[rad\], root sum square of the three axes. The
+    /// error of the current attitude counts only through its effect on the future motion. The value is conservative, since
+    /// the common error of the points counts as an error of the attitude.
+    pub fn prediction_deviation(&self, span: f64) -> f64 {
         let then = self.motion.time + span;
         let Some(&(_, S)) = self.motion.attitudes_and_sensitivities(&[then]).first() else {
             return f64::INFINITY;
@@ -140,16 +142,16 @@ impl Filter {
             .sqrt()
     }
 
-    /// The motion as an estimate, with the model that the batch found and the residual of the last frame that was
-    /// used. `None` if the state is no rotation.
+    /// The motion as an estimate, with the model of the batch and the residual of the last frame that was used. `None` if
+    /// the state is not a rotation.
     pub fn estimate(&self) -> Option<MotionEstimate> {
         let w = self.motion.w_WB_B(&self.motion.R_WB);
         let rotation =
             FreeRotation::new(&self.motion.inertia, self.motion.R_WB, &w, self.motion.time).ok()?;
         let covariance = rotation.parameters().map(|p| {
             let slopes = derivatives(&self.motion, &p.J());
-            // Energy and momentum, seen in the body, change with the attitude, too: by a rotation of the
-            // inertia the other way.
+            // Energy depends on the attitude as well: a rotation of the body acts like the inverse rotation of the
+            // inertia.
             let by_turn = slopes.fixed_columns::<5>(0) * self.shape_by_turn();
             let mut all = SMatrix::<f64, 4, STATES>::zeros();
             all.fixed_columns_mut::<3>(0).copy_from(&by_turn);
@@ -161,7 +163,7 @@ impl Filter {
         ))
     }
 
-    /// How a turn of the body at the state's time changes the inertia as seen in the axes before the turn.
+    /// Derivative of the inertia's shape by a rotation of the body at the state's time, in the axes before the rotation.
     fn shape_by_turn(&self) -> SMatrix<f64, 5, 3> {
         let I = self.motion.inertia;
         let basis = shape_basis();
@@ -171,12 +173,12 @@ impl Filter {
         })
     }
 
-    /// Carries the state to `time` \[s\].
+    /// Propagates the state to `time` \[s\].
     pub fn predict(&mut self, time: f64) {
         let Some(&(R_WB, S)) = self.motion.attitudes_and_sensitivities(&[time]).first() else {
             return;
         };
-        // A body that starts turned by θ moves like one with its inertia turned by θ, then turned.
+        // A body that starts rotated by θ moves like one with its inertia rotated by θ, then rotated.
         let mut transition = Covariance::identity();
         let by_turn = Matrix3::identity() + S.fixed_columns::<5>(0) * self.shape_by_turn();
         transition.fixed_view_mut::<3, 3>(0, 0).copy_from(&by_turn);
@@ -192,17 +194,17 @@ impl Filter {
         self.motion.R_WB = R_WB;
     }
 
-    /// Carries the state to the frame's time and corrects it by what the frame shows; `R_WC` is the camera's attitude.
-    pub fn update(&mut self, frame: &Sighting, R_WC: &UnitQuaternion<f64>) -> Update {
+    /// Propagates the state to the frame's time and corrects it with the frame; `R_WC` is the camera's attitude.
+    pub fn update(&mut self, frame: &FeatureFrame, R_WC: &UnitQuaternion<f64>) -> Update {
         self.predict(frame.time);
         let known = frame.features.iter().filter_map(|f| {
             let p = self.points.get(&f.id)?;
             let m = Vector2::new(f.u - self.camera.cx, f.v - self.camera.cy);
             Some((*p, m))
         });
-        let mut marks: Vec<_> = known.collect();
-        let unknown = frame.features.len() - marks.len();
-        let all = marks.len();
+        let mut correspondences: Vec<_> = known.collect();
+        let unknown = frame.features.len() - correspondences.len();
+        let all = correspondences.len();
         let predicted = (self.motion, self.covariance);
         let mut error = SVector::<f64, STATES>::zeros();
         let mut update = Update {
@@ -211,9 +213,11 @@ impl Filter {
             unknown,
             rms: 0.0,
         };
-        // The first round finds the position and what does not fit, the others linearise anew.
+        // Two rounds gate the points, and every round linearises again at the updated state.
         for round in 0..3 {
-            let Some(view) = self.look(&mut marks, R_WC, round < 2) else {
+            let Some(measurement) =
+                self.attitude_information(&mut correspondences, R_WC, round < 2)
+            else {
                 (self.motion, self.covariance) = predicted;
                 return Update {
                     used: 0,
@@ -221,21 +225,21 @@ impl Filter {
                     ..update
                 };
             };
-            update.used = marks.len();
-            update.rejected = all - marks.len();
-            update.rms = view.rms;
-            // P⁺ = P - P_θ Λ (1 + P_θθ Λ)⁻¹ P_θᵀ holds for an information Λ that sees only part of the turn, too.
+            update.used = correspondences.len();
+            update.rejected = all - correspondences.len();
+            update.rms = measurement.rms;
+            // P⁺ = P - P_θ Λ (1 + P_θθ Λ)⁻¹ P_θᵀ is also valid for a singular information matrix Λ.
             let P = predicted.1;
             let P_t = P.fixed_columns::<3>(0).into_owned();
-            let inner = Matrix3::identity() + P.fixed_view::<3, 3>(0, 0) * view.information;
+            let inner = Matrix3::identity() + P.fixed_view::<3, 3>(0, 0) * measurement.information;
             let Some(inverse) = inner.try_inverse() else {
                 break;
             };
-            let gain = P_t * view.information * inverse;
+            let gain = P_t * measurement.information * inverse;
             let reduced = P - gain * P_t.transpose();
-            // The prior pulls back to the prediction, from which `error` leads to the present state.
+            // The prior is at the prediction; `error` is the difference of the current state from it.
             let turn = error.fixed_rows::<3>(0).into_owned();
-            let innovation = -view.gradient + view.information * turn;
+            let innovation = -measurement.gradient + measurement.information * turn;
             let next = reduced.fixed_columns::<3>(0) * innovation;
             let step = SVector::<f64, PARAMETERS>::from(next.fixed_rows::<PARAMETERS>(3));
             let start = FreeMotion {
@@ -243,7 +247,7 @@ impl Filter {
                 ..predicted.0
             };
             let Some(moved) = start.moved(&step) else {
-                // Points that ask for what no body does fit no more than points that are far off.
+                // Points that lead to an impossible motion count as outliers.
                 (self.motion, self.covariance) = predicted;
                 return Update {
                     used: 0,
@@ -252,21 +256,21 @@ impl Filter {
                 };
             };
             error = next;
-            self.rms = view.rms;
+            self.rms = measurement.rms;
             self.motion = moved;
             self.covariance = (reduced + reduced.transpose()) * 0.5;
         }
         update
     }
 
-    /// Solves for the position at the present attitude, drops marks that do not fit, and returns what remains known
-    /// about the attitude.
-    fn look(
+    /// Solves for the position at the current attitude, removes points that do not fit (if `gated`), and returns the
+    /// information on the attitude with the position marginalised out.
+    fn attitude_information(
         &mut self,
-        marks: &mut Vec<(Vector3<f64>, Vector2<f64>)>,
+        correspondences: &mut Vec<(Vector3<f64>, Vector2<f64>)>,
         R_WC: &UnitQuaternion<f64>,
         gated: bool,
-    ) -> Option<View> {
+    ) -> Option<AttitudeInformation> {
         let R = *(R_WC.inverse() * self.motion.R_WB)
             .to_rotation_matrix()
             .matrix();
@@ -277,21 +281,25 @@ impl Filter {
             .trace()
             .max(0.0)
             .sqrt();
-        let extent = marks.iter().map(|(p, _)| p.norm()).fold(0.0, f64::max);
+        let extent = correspondences
+            .iter()
+            .map(|(p, _)| p.norm())
+            .fold(0.0, f64::max);
         let mut t_C = self.position;
         for round in 0..6 {
-            if marks.len() < MIN_POINTS {
+            if correspondences.len() < MIN_POINTS {
                 return None;
             }
-            let limit = GATE * (self.noise + focal.max() * spread * extent / t_C.z.abs().max(0.1));
-            // While the position is not known, what fits is told by the others: a soft loss.
+            let limit =
+                INLIER_GATE * (self.noise + focal.max() * spread * extent / t_C.z.abs().max(0.1));
+            // While the position is not known, robust weights reduce the effect of outliers.
             let width = limit * f64::from(32 >> round).max(1.0);
             let (mut H_tt, mut H_at) = (Matrix3::zeros(), Matrix3::zeros());
             let mut H_aa = Matrix3::zeros();
             let (mut g_t, mut g_a) = (Vector3::zeros(), Vector3::zeros());
             let mut squares = 0.0;
-            let mut fits = Vec::with_capacity(marks.len());
-            for (p, m) in marks.iter() {
+            let mut fits = Vec::with_capacity(correspondences.len());
+            for (p, m) in correspondences.iter() {
                 let x = R * p + t_C;
                 if x.z < 1e-2 {
                     fits.push(false);
@@ -301,12 +309,12 @@ impl Filter {
                 let r = Vector2::new(u, v) - m;
                 fits.push(r.norm() < limit);
                 squares += r.norm_squared();
-                let loss = if gated {
+                let robust_weight = if gated {
                     1.0 / (1.0 + r.norm_squared() / (width * width))
                 } else {
                     1.0
                 };
-                let weight = loss / (self.noise * self.noise);
+                let weight = robust_weight / (self.noise * self.noise);
                 #[rustfmt::skip]
                 let by_t = SMatrix::<f64, 2, 3>::new(
                     focal.x / x.z, 0.0, -u / x.z,
@@ -321,21 +329,21 @@ impl Filter {
             }
             let inverse = H_tt.try_inverse()?;
             let step = -inverse * g_t;
-            let settled = step.norm() < 1e-9 || round == 5;
-            if settled {
+            let converged = step.norm() < 1e-9 || round == 5;
+            if converged {
                 if gated && fits.contains(&false) {
                     let mut fits = fits.iter();
-                    marks.retain(|_| fits.next().is_some_and(|f| *f));
+                    correspondences.retain(|_| fits.next().is_some_and(|f| *f));
                     self.position = t_C;
-                    return (marks.len() >= MIN_POINTS)
-                        .then(|| self.look(marks, R_WC, false))
+                    return (correspondences.len() >= MIN_POINTS)
+                        .then(|| self.attitude_information(correspondences, R_WC, false))
                         .flatten();
                 }
                 self.position = t_C;
-                return Some(View {
+                return Some(AttitudeInformation {
                     information: H_aa - H_at * inverse * H_at.transpose(),
                     gradient: g_a - H_at * inverse * g_t,
-                    rms: (squares / (2 * marks.len()) as f64).sqrt(),
+                    rms: (squares / (2 * correspondences.len()) as f64).sqrt(),
                 });
             }
             t_C += step;
@@ -344,8 +352,8 @@ impl Filter {
     }
 }
 
-/// What a frame tells about the attitude: information and gradient of its cost by a turn in body axes.
-struct View {
+/// Information of a frame on the attitude, and gradient of its cost, by a rotation in body axes.
+struct AttitudeInformation {
     information: Matrix3<f64>,
     gradient: Vector3<f64>,
     rms: f64,

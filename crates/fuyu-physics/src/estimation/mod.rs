@@ -1,24 +1,31 @@
-//! How an unknown tumbling body moves, from what a camera sees of it.
+//! Estimation of the motion of an unknown tumbling body from images.
 //!
-//! Input is [`Tracks`]: image points of one body over time. Output is a [`MotionEstimate`]: the body's rotation
-//! in closed form ([`free_body`]), which also tells its future. Frames: C is the camera's optical frame, which is
-//! taken to be inertial; B is fixed to the body, but otherwise arbitrary.
+//! Input: [`Tracks`], image points of one body over time. Result: a [`MotionEstimate`], the body's rotation in closed
+//! form ([`free_body`]), which also predicts its future. [`estimate`] is the one call for all methods; [`MotionTracker`]
+//! updates a result by every further frame.
+//!
+//! Frames: C is the camera's optical frame, inertial unless a [`bundle::CameraMotion`] is given; B is fixed to the body,
+//! but otherwise arbitrary.
 
 pub mod bundle;
 mod degenerate;
 pub mod elliptic;
 mod error;
-pub mod errors;
+pub mod evaluation;
 pub mod filter;
 pub mod free_body;
+mod gyro_attitude;
 pub mod masutani1995;
 mod method;
 mod motion;
+mod motion_tracker;
 mod tracks;
 pub mod two_view;
 
-pub use crate::vision::{Feature, Sighting};
+pub use crate::vision::{Feature, FeatureFrame};
 pub use error::EstimateError;
-pub use method::{Estimated, Method, MethodError, estimate, from_rates};
+pub use gyro_attitude::GyroAttitude;
+pub use method::{Estimated, EstimationMethod, MethodError, estimate, from_rates};
 pub use motion::{MotionEstimate, MotionModel};
+pub use motion_tracker::{BatchSolution, MIN_KNOWN_POINTS, MotionSource, MotionTracker, TrackLoss};
 pub use tracks::{Tracks, TracksError};

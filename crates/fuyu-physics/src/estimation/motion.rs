@@ -1,10 +1,10 @@
-//! What an estimation method answers.
+//! The estimated motion: result of every estimation method.
 
 use nalgebra::{Matrix4, UnitQuaternion, UnitVector3, Vector3};
 
 use super::free_body::{DynamicParameters, FreeRotation, SolutionKind};
 
-/// Which of the four solutions of Euler's equations describes the motion, as far as the data tell.
+/// Solution of Euler's equations that describes the motion, as far as the data determine it.
 pub type MotionModel = SolutionKind;
 
 impl MotionModel {
@@ -23,7 +23,7 @@ impl MotionModel {
     }
 }
 
-/// The estimated motion of a body: a closed form with how well it fits.
+/// The estimated motion of a body: a torque-free rotation in closed form, with residual and covariance.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MotionEstimate {
     model: MotionModel,
@@ -33,10 +33,9 @@ pub struct MotionEstimate {
 }
 
 impl MotionEstimate {
-    /// An estimate that the data support as `model` (the simplest that fits: a nearly symmetric body may be
-    /// called axisymmetric although its closed form is asymmetric), with RMS residual `rms` of what the method
-    /// fits: \[px\] of image points, \[rad/s\] of angular velocities; and, where the method has one, the covariance of
-    /// `(J_x, J_y, J_z, alpha)` \[s⁴\].
+    /// An estimate with the simplest `model` that fits the data (a nearly symmetric body may be called axisymmetric
+    /// although its closed form is asymmetric). `rms` is the RMS residual: of image points \[px\] or angular velocities
+    /// \[rad/s\]. `covariance` is that of `(J_x, J_y, J_z, alpha)` \[s⁴\], if the method computes it.
     pub fn new(
         model: MotionModel,
         rotation: FreeRotation,
@@ -51,7 +50,7 @@ impl MotionEstimate {
         }
     }
 
-    /// Which model.
+    /// The model.
     pub fn model(&self) -> MotionModel {
         self.model
     }
@@ -61,8 +60,8 @@ impl MotionEstimate {
         &self.rotation
     }
 
-    /// Moments over twice the energy \[s²\], in the thesis's order ([`DynamicParameters`]). `None` where the
-    /// model does not tell them: aperiodic and single-axis motions look alike for many bodies.
+    /// Moments over twice the energy \[s²\], in the thesis's order ([`DynamicParameters`]). `None` if the
+    /// model does not determine them: many bodies have the same aperiodic or single-axis motion.
     pub fn J(&self) -> Option<Vector3<f64>> {
         self.rotation.parameters().map(DynamicParameters::J)
     }
@@ -77,7 +76,7 @@ impl MotionEstimate {
         self.rotation.momentum_direction()
     }
 
-    /// The time at which the motion is stated \[s\].
+    /// Reference time of the motion \[s\].
     pub fn reference_time(&self) -> f64 {
         self.rotation.reference_time()
     }
@@ -97,12 +96,12 @@ impl MotionEstimate {
         self.rotation.angular_velocity(time)
     }
 
-    /// RMS residual of what the method fits: \[px\] of image points, \[rad/s\] of angular velocities.
+    /// RMS residual: of image points \[px\] or of angular velocities \[rad/s\].
     pub fn rms(&self) -> f64 {
         self.rms
     }
 
-    /// Covariance of `(J_x, J_y, J_z, alpha)` \[s⁴\], where the method has one.
+    /// Covariance of `(J_x, J_y, J_z, alpha)` \[s⁴\], if the method computes it.
     pub fn covariance(&self) -> Option<&Matrix4<f64>> {
         self.covariance.as_ref()
     }
@@ -113,7 +112,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn every_model_has_its_own_name() {
+    fn every_model_has_a_unique_name() {
         for (name, model) in MotionModel::NAMES {
             assert_eq!(model.name(), name);
         }

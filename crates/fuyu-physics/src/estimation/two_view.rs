@@ -1,21 +1,21 @@
-//! Motion of a rigid body between two views of it: rotation and direction of translation from eight points
-//! or more, linearly. Masutani 1995 app. A, after Weng, Huang and Ahuja.
+//! Motion of a rigid body between two views: rotation and direction of translation from at least eight points, by linear
+//! least squares. Masutani 1995 app. A, after Weng, Huang and Ahuja.
 
 use nalgebra::{
     Matrix2, Matrix3, Matrix4, Rotation3, SMatrix, SVector, SymmetricEigen, UnitQuaternion,
     UnitVector3, Vector2, Vector3,
 };
 
-use crate::vision::{Pinhole, Sighting};
+use crate::vision::{FeatureFrame, Pinhole};
 
-/// The fewest points that determine the motion: the essential matrix has eight unknown ratios.
+/// Least number of points that determine the motion: the essential matrix has eight unknown ratios.
 pub const MIN_POINTS: usize = 8;
 
-/// Image points are on a line when they scatter across it less than this share of their scatter along it:
-/// a pixel in two hundred.
+/// Image points are collinear if their scatter across a line is less than this share of that along it: a pixel in two
+/// hundred.
 const COLLINEAR: f64 = 5e-3;
 
-/// A view is constant when no ray moves by more than this \[rad\].
+/// A view is constant if no ray moves by more than this \[rad\].
 const CONSTANT: f64 = 1e-9;
 
 /// Motion between two views, eq. (2.1): a point at `x` in the first view is at `x' = R x + T` in the second,
@@ -24,15 +24,15 @@ const CONSTANT: f64 = 1e-9;
 pub struct TwoViewMotion {
     /// Rotation `R`.
     pub R: Rotation3<f64>,
-    /// Direction of the translation `T`. Its length cannot be seen. Where there is no translation (a body
-    /// that turns about the optical axis) the direction means nothing, while `R` still holds.
+    /// Direction of the translation `T`; its length is not observable. Without translation (a body that turns about the
+    /// optical axis) the direction is arbitrary, while `R` is still valid.
     pub direction: UnitVector3<f64>,
 }
 
-/// Why two views do not tell the motion.
+/// Why two views do not determine the motion.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum TwoViewError {
-    /// Fewer points than unknowns.
+    /// Too few common points.
     #[error("the two views have {0} points in common; at least {MIN_POINTS} are needed")]
     TooFewPoints(usize),
     /// A ray is NaN or infinite.
@@ -41,16 +41,16 @@ pub enum TwoViewError {
     /// The points are on a line in one of the views.
     #[error("the points lie on a line in the image; they must spread in two directions")]
     Collinear,
-    /// Nothing moved.
+    /// No point moved.
     #[error("the two views are the same: no point moved")]
     Constant,
 }
 
-/// The rays of the points that two frames share: first frame, second frame.
+/// Rays (z = 1) of the points that two frames share, in the first and in the second frame.
 pub fn common_rays(
     camera: &Pinhole,
-    first: &Sighting,
-    second: &Sighting,
+    first: &FeatureFrame,
+    second: &FeatureFrame,
 ) -> Vec<(Vector3<f64>, Vector3<f64>)> {
     let rays = |(a, b): (&crate::vision::Feature, &crate::vision::Feature)| {
         (camera.ray(a.u, a.v), camera.ray(b.u, b.v))
@@ -58,10 +58,10 @@ pub fn common_rays(
     first.common(second).map(rays).collect()
 }
 
-/// The motion between two views from the `rays` (z = 1) of their common points: first view, second view.
+/// The motion between two views from the `rays` (z = 1) of their common points in the first and in the second view.
 ///
 /// # Errors
-/// [`TwoViewError`] if the points do not determine it.
+/// [`TwoViewError`] if the points do not determine the motion.
 pub fn two_view_motion(
     rays: &[(Vector3<f64>, Vector3<f64>)],
 ) -> Result<TwoViewMotion, TwoViewError> {
@@ -70,7 +70,7 @@ pub fn two_view_motion(
     // Direction of translation, up to its sign: the null direction of Eᵀ.
     let eigen = SymmetricEigen::new(E * E.transpose());
     let mut T: Vector3<f64> = eigen.eigenvectors.column(eigen.eigenvalues.imin()).into();
-    // (A.10): E = [T×] R has a sign, too, that the points decide.
+    // (A.10): the points determine the sign of E = [T×] R.
     let agreement: f64 = rays.iter().map(|(x, y)| T.cross(y).dot(&(E * x))).sum();
     if agreement < 0.0 {
         T = -T;
@@ -80,7 +80,7 @@ pub fn two_view_motion(
         R,
         direction: UnitVector3::new_normalize(T),
     };
-    // Points are in front of the camera in both views; that settles the sign of T alone.
+    // Points are in front of the camera in both views: this determines the sign of T.
     let in_front: f64 = rays
         .iter()
         .map(|(x, y)| {
@@ -144,7 +144,7 @@ fn on_a_line<'a>(points: impl Iterator<Item = &'a Vector3<f64>> + Clone) -> bool
     spread.min() <= COLLINEAR * spread.max()
 }
 
-/// The essential matrix of norm √2, of either sign: the unit vector h that makes |A h| least, (A.7)-(A.9).
+/// The essential matrix with norm √2, up to its sign: the unit vector h with the least |A h|, (A.7)-(A.9).
 /// The print fills E by rows; (A.7) has the entries by columns.
 fn essential_matrix(rays: &[(Vector3<f64>, Vector3<f64>)]) -> Matrix3<f64> {
     let mut normal = SMatrix::<f64, 9, 9>::zeros();
@@ -157,14 +157,14 @@ fn essential_matrix(rays: &[(Vector3<f64>, Vector3<f64>)]) -> Matrix3<f64> {
     Matrix3::from_iterator(h.iter().map(|h| h * 2f64.sqrt()))
 }
 
-/// (A.11): what is the rotation itself when there is no noise.
+/// (A.11): without noise this is the rotation itself.
 fn rotation_from_essential(E: &Matrix3<f64>, T: &Vector3<f64>) -> Matrix3<f64> {
     let e = |i: usize| Vector3::from(E.column(i));
     let column = |i: usize, j: usize, k: usize| e(i).cross(T) + e(j).cross(&e(k));
     Matrix3::from_columns(&[column(0, 1, 2), column(1, 2, 0), column(2, 0, 1)])
 }
 
-/// The rotation nearest to `W`: the unit quaternion q that makes qᵀ B q least, (A.12)-(A.15). The print has
+/// The rotation nearest to `W`: the unit quaternion q with the least qᵀ B q, (A.12)-(A.15). The print has
 /// I - W in the lower left of (A.13), which would invert the rotation.
 fn nearest_rotation(W: &Matrix3<f64>) -> Rotation3<f64> {
     let mut B = Matrix4::zeros();
@@ -210,7 +210,7 @@ mod tests {
             let motion = two_view_motion(&views(&R, &T)).unwrap();
             let wrong = (motion.R.matrix() - R.matrix()).norm();
             assert!(wrong < 1e-9, "{wrong}");
-            // A sign lost in (A.10) or with the depths would turn the direction round.
+            // A wrong sign in (A.10) or of the depths would reverse the direction.
             assert!((motion.direction.into_inner() - T.normalize()).norm() < 1e-7);
             let (x, y) = views(&R, &T)[3];
             let (near, far) = motion.depths(&x, &y).unwrap();
@@ -220,7 +220,7 @@ mod tests {
     }
 
     #[test]
-    fn rotation_survives_where_there_is_no_translation() {
+    fn rotation_is_found_without_translation() {
         // About the optical axis through the camera: the geometry of Masutani 1995 ch. 3.
         let R = Rotation3::new(Vector3::new(0.0, 0.0, 0.5));
         let motion = two_view_motion(&views(&R, &Vector3::zeros())).unwrap();
@@ -228,7 +228,7 @@ mod tests {
     }
 
     #[test]
-    fn views_that_tell_nothing_are_refused() {
+    fn views_that_do_not_determine_the_motion_are_refused() {
         let R = Rotation3::new(Vector3::new(0.3, -0.2, 0.4));
         let T = Vector3::new(0.1, 0.0, 0.0);
         let good = views(&R, &T);
@@ -242,7 +242,7 @@ mod tests {
         let mut nan = good.clone();
         nan[5].1.x = f64::NAN;
         assert_eq!(two_view_motion(&nan), Err(TwoViewError::NotFinite(5)));
-        // On a line in space: on a line in both images, but for rounding to pixels.
+        // A line in space is a line in both images, up to rounding to pixels.
         let line = (0..10)
             .map(|i| Vector3::new(0.05, 0.1, 1.0) + Vector3::new(0.04, 0.03, 0.02) * f64::from(i));
         let ray = |p: Vector3<f64>| {

@@ -1,12 +1,11 @@
-//! Building a [`Model`] by hand: what the URDF compiler and tests use.
+//! Building a [`Model`] body by body.
 
 use nalgebra::{Unit, Vector3};
 
 use super::{Body, Frame, Joint, JointKind, JointLimits, Model, Spring};
 use crate::spatial::{Pose, RigidInertia, SpatialInertia};
 
-/// Grows a tree body by body. Bodies must come depth first: a body's parent is the body added just
-/// before it or one of that body's ancestors.
+/// Builds a tree body by body, depth first: a body's parent is the body added last or one of that body's ancestors.
 ///
 /// ```
 /// use fuyu::model::{JointKind, ModelBuilder};
@@ -24,7 +23,7 @@ pub struct ModelBuilder {
 }
 
 impl ModelBuilder {
-    /// A robot that is only its base so far.
+    /// Starts with the base.
     pub fn new(name: &str, base: &str, inertia: RigidInertia) -> Self {
         let model = Model {
             name: name.to_owned(),
@@ -96,11 +95,11 @@ impl ModelBuilder {
         inertia: RigidInertia,
     ) -> usize {
         let parent_link = self.model.bodies[parent].name.clone();
-        self.moving(name, parent, &parent_link, joint, inertia)
+        self.joint_on_link(name, parent, &parent_link, joint, inertia)
     }
 
-    /// [`ModelBuilder::joint`] for a joint that hangs on the link `parent_link` of body `parent`.
-    pub(super) fn moving(
+    /// [`ModelBuilder::joint`] for a joint whose parent link is `parent_link`, fixed to body `parent`.
+    pub(super) fn joint_on_link(
         &mut self,
         name: &str,
         parent: usize,
@@ -124,7 +123,7 @@ impl ModelBuilder {
         index
     }
 
-    /// Names a frame fixed to body `body`.
+    /// Adds a named frame, fixed to body `body` with pose `X_BF`; `parent` is the name of its parent link.
     pub fn frame(&mut self, name: &str, body: usize, parent: Option<String>, X_BF: Pose) {
         self.model.frames.push(Frame {
             name: name.to_owned(),

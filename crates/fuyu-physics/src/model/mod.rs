@@ -1,10 +1,9 @@
-//! A robot as the algorithms want it: bodies in topological order, joints, named frames.
+//! Robot models: bodies in topological order, joints, named frames.
 //!
 //! A [`Model`] is compiled once (from a URDF: [`Model::from_urdf`], or by hand: [`ModelBuilder`]) and never
 //! changes. Body 0 is the base; moving joint `j` moves body `j + 1`. Bodies are numbered depth first, so
-//! that a parent comes before its children and every subtree is one contiguous range. Fixed joints do not
-//! exist any more: what they carried is merged into their parent's inertia, and their frames stay as
-//! named [`Frame`]s.
+//! that a parent comes before its children and every subtree is one contiguous range. A model has no fixed
+//! joints: a link that is fixed to a body is merged into its inertia, and its frame is kept as a named [`Frame`].
 
 mod build;
 mod tree;

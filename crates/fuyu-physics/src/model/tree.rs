@@ -1,4 +1,4 @@
-//! The compiled tree.
+//! The compiled model: bodies, joints, frames.
 
 use nalgebra::{Unit, Vector3};
 
@@ -22,7 +22,7 @@ impl JointKind {
     }
 }
 
-/// What the joint's mechanism and actuator can do; infinite where the description says nothing.
+/// Limits of the joint and its actuator; infinite where the description gives none.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointLimits {
     /// Lowest position \[rad or m\].
@@ -50,9 +50,9 @@ impl JointLimits {
 pub struct Joint {
     /// Name in the robot description.
     pub name: String,
-    /// How it moves.
+    /// Type of motion.
     pub kind: JointKind,
-    /// Axis, in the moved body's frame (and in the joint frame: motion leaves it where it is).
+    /// Axis in the moved body's frame. It has the same components in the joint frame.
     pub axis: Unit<Vector3<f64>>,
     /// Pose of the joint frame J in the parent body's frame P; the moved body's frame coincides with J
     /// at position zero.
@@ -75,16 +75,16 @@ impl Joint {
     }
 }
 
-/// A linear spring that draws a joint to a position.
+/// A linear spring that pulls a joint towards a position.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Spring {
-    /// Effort per displacement \[N m/rad or N/m\]; zero is no spring.
+    /// Effort per displacement \[N m/rad or N/m\]; zero means no spring.
     pub stiffness: f64,
-    /// Position at which the spring is slack \[rad or m\].
+    /// Rest position, at which the spring exerts no effort \[rad or m\].
     pub rest: f64,
 }
 
-/// One rigid body, everything that fixed joints weld together included.
+/// One rigid body: a moved link, with all links that fixed joints weld to it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Body {
     /// Name of the link that moves the body (the root link for body 0).

@@ -1,5 +1,5 @@
-//! Mass properties of rigid bodies: as users state them ([`RigidInertia`]) and as the recursions
-//! carry them ([`SpatialInertia`]).
+//! Mass properties of rigid bodies: about the centre of mass, as in a URDF ([`RigidInertia`]), and about a frame's
+//! origin, as the recursions need them ([`SpatialInertia`]).
 
 use nalgebra::{Matrix3, SymmetricEigen, Vector3};
 use std::ops::{Add, AddAssign};
@@ -17,7 +17,7 @@ pub struct RigidInertia {
     pub about_com: Matrix3<f64>,
 }
 
-/// What no real body can have.
+/// Why mass properties are not those of a rigid body.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum InertiaError {
     /// The mass is zero, negative or not finite.
@@ -39,7 +39,7 @@ pub enum InertiaError {
 }
 
 impl RigidInertia {
-    /// A body without mass: what a frame that only carries other frames has.
+    /// A body without mass, such as a link that only carries other links.
     pub fn zero() -> Self {
         Self {
             mass: 0.0,
@@ -48,7 +48,7 @@ impl RigidInertia {
         }
     }
 
-    /// Refuses what no rigid body can have.
+    /// Checks that a rigid body can have these mass properties.
     ///
     /// # Errors
     /// [`InertiaError`] for a non-positive mass, an indefinite inertia, or principal moments that break
@@ -65,7 +65,7 @@ impl RigidInertia {
         }
         let mut m: [f64; 3] = SymmetricEigen::new(self.about_com).eigenvalues.into();
         m.sort_by(f64::total_cmp);
-        // A moment below the rounding of the largest is as good as zero.
+        // A moment below the rounding error of the largest counts as zero.
         if m[0] <= 1e-14 * m[2].abs() || m[2] <= 0.0 {
             return Err(InertiaError::NotPositiveDefinite(m[0], m[1], m[2]));
         }
@@ -85,7 +85,7 @@ impl RigidInertia {
         }
     }
 
-    /// The two bodies welded together (same frame). A massless side changes nothing.
+    /// The two bodies welded together (same frame). A body without mass changes nothing.
     pub fn merged_with(&self, other: &Self) -> Self {
         let mass = self.mass + other.mass;
         if mass == 0.0 {
@@ -109,7 +109,7 @@ pub(crate) fn parallel_axis(r: &Vector3<f64>) -> Symmetric3 {
 
 /// Spatial inertia about a frame's origin: mass, first moment and second moment.
 ///
-/// Adding two of them (same frame) welds the bodies, which is all that a composite-body recursion needs.
+/// The sum of two (same frame) is the inertia of the bodies welded together.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SpatialInertia {
     /// Mass \[kg\].
@@ -121,14 +121,14 @@ pub struct SpatialInertia {
 }
 
 impl SpatialInertia {
-    /// No mass at all.
+    /// Zero.
     pub const ZERO: Self = Self {
         mass: 0.0,
         first_moment: Vector3::new(0.0, 0.0, 0.0),
         about_origin: Symmetric3::ZERO,
     };
 
-    /// The same inertia in axes A about the same point, where `R_AB` turns its axes B to A.
+    /// The same inertia about the same point in axes A, where `R_AB` takes components in its axes B to components in A.
     #[inline]
     pub fn rotated(&self, R_AB: &Matrix3<f64>) -> Self {
         Self {
@@ -138,7 +138,7 @@ impl SpatialInertia {
         }
     }
 
-    /// The same inertia about a point from which its own point of reference lies at `p` (same axes).
+    /// The same inertia about another point, from which its present reference point lies at `p` (same axes).
     #[inline]
     pub fn shifted(&self, p: &Vector3<f64>) -> Self {
         // I + m D(p) + 2 (p·h) 1 - p hᵀ - h pᵀ: the parallel-axis theorem without dividing by m. With
@@ -206,7 +206,7 @@ mod tests {
     }
 
     #[test]
-    fn shifting_agrees_with_stating_the_body_in_the_other_frame() {
+    fn shifting_agrees_with_expressing_the_body_in_the_other_frame() {
         let x = Pose::from_parts(
             Translation3::new(0.3, -1.2, 0.7),
             Rotation3::from_euler_angles(0.4, -0.9, 2.1),

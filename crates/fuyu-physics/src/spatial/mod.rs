@@ -15,6 +15,19 @@
 //!
 //! W is the inertial world, B the base (`base_link`), E the tip (end point), D the desired tip pose
 //! (goal), C the system's centre of mass. All units are SI.
+//!
+//! # Conventions
+//!
+//! - Order: [`Twist`] and [`Wrench`] are angular first, in their fields and in the arguments of their constructors:
+//!   `Twist { angular, linear }`, `Wrench { torque, force }`. They are never stacked into a vector of six; code reads the
+//!   named fields. The matrices with six rows (Jacobians, base map) are linear first, as in Masutani 1995: rows 0 to 2 are
+//!   the velocity of the point, rows 3 to 5 the angular velocity.
+//! - A twist's linear part is the velocity of the point at the frame's origin. In accelerations it is the acceleration of
+//!   that point, not the spatial acceleration of Featherstone.
+//! - Arguments: functions take vectors, matrices, poses, twists and wrenches by reference, as nalgebra does, and return
+//!   values. Constructors and builders take by value what they store. The operators `+`, `-` and `*` take twists and
+//!   wrenches by value, since they are `Copy`. The generic kernels (`dynamics::kernel`) pass vectors by value, so that
+//!   they stay in registers.
 
 mod inertia;
 mod rotation;

@@ -21,8 +21,8 @@ pub fn exp_so3(u: &Vector3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::new_unchecked(nalgebra::Quaternion::from_parts(c, v))
 }
 
-/// The same attitudes in quaternions that do not jump: `q` and `-q` are one attitude, and of the two each is the
-/// one nearer to that before.
+/// The same attitudes as a continuous sequence of quaternions: of `q` and `-q`, which are the same attitude, it takes the
+/// one closer to its predecessor.
 pub fn unwound(
     attitudes: impl Iterator<Item = UnitQuaternion<f64>>,
 ) -> impl Iterator<Item = UnitQuaternion<f64>> {
@@ -41,8 +41,8 @@ pub fn unwound(
 /// angular velocity `w` (`R' = R [w×]`): the inverse right differential of the exponential,
 /// `u' = w + ½ u × w + (1 - (θ/2) cot(θ/2))/θ² u × (u × w)`, `θ = |u|`.
 ///
-/// It lets any Runge-Kutta tableau integrate attitude on the rotation group (Munthe-Kaas). Valid for
-/// `θ < 2π`; within one integration step `θ` is the angle turned in that step.
+/// With it, any Runge-Kutta tableau integrates attitude on the rotation group (Munthe-Kaas). Valid for `θ < 2π`; `θ` is the
+/// angle of rotation within one integration step.
 #[inline]
 pub fn rotation_vector_rate(u: &Vector3<f64>, w: &Vector3<f64>) -> Vector3<f64> {
     let th2 = u.norm_squared();
@@ -60,7 +60,7 @@ pub fn rotation_vector_rate(u: &Vector3<f64>, w: &Vector3<f64>) -> Vector3<f64> 
     w + uw * 0.5 + u.cross(&uw) * k
 }
 
-/// Rotation `R_WB` from the thesis's attitude angles: turn by roll about x, then by pitch about the
+/// Rotation `R_WB` from the thesis's attitude angles: rotate by roll about x, then by pitch about the
 /// new y, then by yaw about the new z, `R_WB = Rx(φ) Ry(θ) Rz(ψ)`.
 ///
 /// Masutani 1995 eq. (F.1), whose entry (3,1) is a misprint for `sin φ sin ψ - cos φ sin θ cos ψ`.
@@ -133,7 +133,7 @@ mod tests {
     }
 
     #[test]
-    fn unwound_quaternions_are_the_same_attitudes_and_do_not_jump() {
+    fn unwound_quaternions_are_continuous_and_the_same_attitudes() {
         // From a matrix, the real part is never negative: it jumps at half a turn.
         let turned = |k: u32| Rotation3::from_axis_angle(&Vector3::y_axis(), 0.3 * f64::from(k));
         let wound = || (0..100).map(|k| UnitQuaternion::from_rotation_matrix(&turned(k)));
@@ -150,7 +150,7 @@ mod tests {
     }
 
     #[test]
-    fn angles_round_trip_and_turn_about_the_named_axes() {
+    fn angles_round_trip_and_rotate_about_the_named_axes() {
         for a in [[0.3, -0.7, 1.9], [-2.9, 1.5, -3.0], [0.0, 0.0, 0.0]] {
             let r = rotation_from_roll_pitch_yaw_intrinsic(a[0], a[1], a[2]);
             let b = roll_pitch_yaw_intrinsic(&r);

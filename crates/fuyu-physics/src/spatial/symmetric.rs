@@ -1,4 +1,4 @@
-//! Symmetric 3 × 3 matrices by their six entries: half the work of full ones in the recursions.
+//! Symmetric 3 × 3 matrices, stored as six entries: half the operations of full ones in the recursions.
 
 use nalgebra::{Matrix3, Vector3};
 use std::ops::{Add, AddAssign, Mul};
@@ -8,7 +8,7 @@ use std::ops::{Add, AddAssign, Mul};
 pub struct Symmetric3 {
     /// Diagonal `xx, yy, zz`.
     pub diagonal: Vector3<f64>,
-    /// Off the diagonal `yz, xz, xy`: entry `k` lies in neither row nor column `k`.
+    /// Entries off the diagonal `yz, xz, xy`: entry `k` lies in neither row nor column `k`.
     pub off_diagonal: Vector3<f64>,
 }
 
@@ -25,7 +25,7 @@ impl Symmetric3 {
         Matrix3::new(d.x, o.z, o.y, o.z, d.y, o.x, o.y, o.x, d.z)
     }
 
-    /// `R S Rᵀ`: the same tensor in the axes that `R` turns to.
+    /// `R S Rᵀ`: the same tensor in axes A, where `R = R_AB` takes components in its axes B to components in A.
     #[inline]
     pub fn rotated(&self, R: &Matrix3<f64>) -> Self {
         let (x, y, z) = (
@@ -40,7 +40,8 @@ impl Symmetric3 {
         }
     }
 
-    /// `2 (p·g) 1 - p gᵀ - g pᵀ`: what moving a body's point of reference adds to its inertia.
+    /// `2 (p·g) 1 - p gᵀ - g pᵀ`: the change of a moment of inertia when its reference point moves
+    /// ([`SpatialInertia::shifted`](super::SpatialInertia::shifted)).
     #[inline]
     pub fn shift(p: &Vector3<f64>, g: &Vector3<f64>) -> Self {
         let (x, y, z) = (2.0 * p.x * g.x, 2.0 * p.y * g.y, 2.0 * p.z * g.z);
@@ -77,7 +78,7 @@ impl Symmetric3 {
     }
 }
 
-/// From a matrix that is symmetric: its upper triangle is taken.
+/// From a symmetric matrix, of which the upper triangle is read.
 impl From<Matrix3<f64>> for Symmetric3 {
     fn from(m: Matrix3<f64>) -> Self {
         Self {

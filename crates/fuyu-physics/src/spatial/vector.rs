@@ -1,5 +1,4 @@
-//! Twists (spatial velocities) and wrenches (spatial forces), with named halves so that no order of
-//! stacking has to be remembered.
+//! Twists (spatial velocities) and wrenches (spatial forces), with named parts instead of a stacked vector of six.
 
 use nalgebra::Vector3;
 use std::ops::{Add, AddAssign, Mul, Neg, Sub, SubAssign};
@@ -7,8 +6,8 @@ use std::ops::{Add, AddAssign, Mul, Neg, Sub, SubAssign};
 use super::Pose;
 
 /// Spatial velocity of a frame: `angular` \[rad/s\] and `linear`, the velocity of the frame's origin
-/// \[m/s\], both expressed in one frame. Also used for motion-like quantities (a joint's axis, a
-/// spatial acceleration).
+/// \[m/s\], both expressed in one frame. Also used for other motion-like quantities: the motion along a joint's axis, and
+/// accelerations, whose linear part is that of the point at the frame's origin.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct Twist {
     /// Angular part \[rad/s\].
@@ -34,7 +33,7 @@ impl Twist {
         linear: Vector3::new(0.0, 0.0, 0.0),
     };
 
-    /// A twist from its angular and linear parts.
+    /// A twist from its angular and linear parts, in this order.
     #[inline]
     pub const fn new(angular: Vector3<f64>, linear: Vector3<f64>) -> Self {
         Self { angular, linear }
@@ -92,16 +91,16 @@ impl Wrench {
         force: Vector3::new(0.0, 0.0, 0.0),
     };
 
-    /// A wrench from its torque and force.
+    /// A wrench from its torque and force, in this order.
     #[inline]
     pub const fn new(torque: Vector3<f64>, force: Vector3<f64>) -> Self {
         Self { torque, force }
     }
 
-    /// Whether any of `wrenches` is not zero; without branches, since it is asked at every evaluation.
+    /// Whether any of `wrenches` is not zero. Without branches, since every evaluation calls it.
     #[inline]
     pub(crate) fn any(wrenches: &[Self]) -> bool {
-        // All bits but the sign's, put together: nothing waits for a sum.
+        // The union of all bits except the signs: faster than a sum, whose additions depend on each other.
         let mut bits = 0;
         for Self { torque, force } in wrenches {
             for part in [torque, force] {
@@ -111,7 +110,7 @@ impl Wrench {
         bits << 1 != 0
     }
 
-    /// The same wrench about a point from which its own point of reference lies at `p` (same axes).
+    /// The same wrench about another point, from which its present reference point lies at `p` (same axes).
     #[inline]
     pub fn shifted(&self, p: &Vector3<f64>) -> Self {
         Self {

@@ -5,7 +5,7 @@ use rand::{RngExt, SeedableRng, rngs::StdRng};
 use rand_distr::StandardNormal;
 
 use super::frame_stream::{FrameStream, StreamConfig};
-use super::{Feature, Pinhole, Sighting};
+use super::{Feature, FeatureFrame, Pinhole};
 use crate::spatial::Pose;
 
 /// A feature point of a body.
@@ -125,7 +125,7 @@ pub struct FeatureCamera {
     /// The id of each point while it is tracked.
     ids: Vec<Option<u64>>,
     next_id: u64,
-    stream: FrameStream<Sighting>,
+    stream: FrameStream<FeatureFrame>,
 }
 
 impl FeatureCameraConfig {
@@ -196,12 +196,12 @@ impl FeatureCamera {
                 None => self.ids[i] = None,
             }
         }
-        let frame = Sighting::new(time, features);
+        let frame = FeatureFrame::new(time, features);
         self.stream.push(time, frame, exposure);
     }
 
     /// The next frame whose latency has passed at `time` \[s\], oldest first.
-    pub fn deliver(&mut self, time: f64) -> Option<Sighting> {
+    pub fn deliver(&mut self, time: f64) -> Option<FeatureFrame> {
         self.stream.deliver(time)
     }
 
@@ -237,7 +237,7 @@ mod tests {
     use nalgebra::{Rotation3, Translation3};
 
     /// A ball of 0.9 m at 0.9 m, as in ch. 3, that turns about y at 1 rad/s; frames at 10 Hz.
-    fn watch(config: FeatureCameraConfig, count: u32) -> Vec<Sighting> {
+    fn watch(config: FeatureCameraConfig, count: u32) -> Vec<FeatureFrame> {
         let mut camera = FeatureCamera::new(config, BodyPoint::on_sphere(20, 0.45, 7));
         let mut delivered = Vec::new();
         for k in 0..count {
@@ -272,7 +272,7 @@ mod tests {
         let frames = watch(ideal(), 50);
         assert_eq!(frames.len(), 50);
         assert!(frames.iter().all(|s| s.features.len() == 20));
-        let ids = |s: &Sighting| s.features.iter().map(|f| f.id).collect::<Vec<_>>();
+        let ids = |s: &FeatureFrame| s.features.iter().map(|f| f.id).collect::<Vec<_>>();
         assert!(frames.iter().all(|s| ids(s) == (0..20).collect::<Vec<_>>()));
     }
 

@@ -13,14 +13,14 @@ pub struct Feature {
 
 /// The features of one frame.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Sighting {
+pub struct FeatureFrame {
     /// Time of the exposure \[s\].
     pub time: f64,
     /// Features sorted by id, each id once. May be empty.
     pub features: Vec<Feature>,
 }
 
-impl Sighting {
+impl FeatureFrame {
     /// A frame with `features` in any order.
     pub fn new(time: f64, mut features: Vec<Feature>) -> Self {
         features.sort_by_key(|f| f.id);
@@ -51,13 +51,13 @@ impl Sighting {
 mod tests {
     use super::*;
 
-    fn frame(ids: &[u64]) -> Sighting {
+    fn frame(ids: &[u64]) -> FeatureFrame {
         let feature = |&id| Feature {
             id,
             u: id as f64,
             v: 0.0,
         };
-        Sighting::new(0.0, ids.iter().map(feature).collect())
+        FeatureFrame::new(0.0, ids.iter().map(feature).collect())
     }
 
     #[test]

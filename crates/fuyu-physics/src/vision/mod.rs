@@ -10,7 +10,7 @@ mod pixel_noise;
 mod pose_camera;
 
 pub use feature_camera::{BodyPoint, FeatureCamera, FeatureCameraConfig};
-pub use feature_frame::{Feature, Sighting};
+pub use feature_frame::{Feature, FeatureFrame};
 pub use pinhole::{Pinhole, PinholeError};
 pub use pixel_noise::PoseAccuracy;
 pub use pose_camera::{PoseCamera, PoseCameraConfig, PoseFrame};

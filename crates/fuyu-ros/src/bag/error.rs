@@ -1,69 +1,69 @@
-//! What can go wrong with a bag.
+//! Errors of reading and writing bags.
 
 use std::io;
 use std::path::{Path, PathBuf};
 
 use crate::msg::cdr::CdrError;
 
-/// Why a bag cannot be written or read. Every variant says which bag and what would be right.
+/// Why a bag cannot be written or read. Each message names the bag and what would be right.
 #[derive(Debug, thiserror::Error)]
 pub enum BagError {
-    /// The folder is there already. Bags are never overwritten.
-    #[error("bag {}: there is something of this name already; choose another name or move it away", .0.display())]
+    /// The folder exists. Bags are never overwritten.
+    #[error("bag {}: a file or folder of this name exists; choose another name or move it away", .0.display())]
     Exists(PathBuf),
-    /// Nothing there.
+    /// No such file or folder.
     #[error("bag {}: no such file or folder", .0.display())]
     NotFound(PathBuf),
-    /// A folder or file that is no bag.
+    /// A folder or file that is not a bag.
     #[error("bag {}: {what}", path.display())]
     NotABag {
-        /// Where.
+        /// Path of the bag or file.
         path: PathBuf,
-        /// What is there, and what should be.
+        /// What was found and what was expected.
         what: String,
     },
-    /// A bag of a kind that fuyu does not read.
+    /// A bag in an unsupported format.
     #[error("bag {}: {what}", path.display())]
     Unsupported {
-        /// Where.
+        /// Path of the bag or file.
         path: PathBuf,
-        /// What it uses, and what to do.
+        /// What it uses, and what to do about it.
         what: String,
     },
-    /// The file system refused.
+    /// A file system error.
     #[error("bag {}: {source}", path.display())]
     Io {
-        /// Where.
+        /// Path of the bag or file.
         path: PathBuf,
-        /// What it said.
+        /// The underlying error.
         source: io::Error,
     },
-    /// The MCAP library refused.
+    /// An error of the MCAP library.
     #[error("bag {}: {source}", path.display())]
     Mcap {
-        /// Where.
+        /// Path of the bag or file.
         path: PathBuf,
-        /// What it said.
+        /// The underlying error.
         source: mcap::McapError,
     },
-    /// A topic carries another type than the one asked for.
-    #[error("bag topic {topic}: it carries {found} where {expected} is needed")]
+    /// A topic has a different type than requested.
+    #[error("bag topic {topic}: its type is {found}, but {expected} was requested")]
     Type {
         /// Topic.
         topic: String,
         /// Its type.
         found: String,
-        /// The type asked for.
+        /// The requested type.
         expected: String,
     },
-    /// A message does not decode.
+    /// A message cannot be decoded.
     #[error("bag topic {topic}, message at {log_time} ns: {source}")]
     Decode {
         /// Topic.
         topic: String,
         /// When it was recorded \[ns\].
         log_time: u64,
-        /// What is wrong with it.
+        /// The decoding error.
         source: CdrError,
     },
     /// A topic was declared twice, with different types.
@@ -76,8 +76,8 @@ pub enum BagError {
         /// Type of the second.
         second: String,
     },
-    /// The recorder's thread has gone, which only a panic in it explains.
-    #[error("bag {}: the recording thread has ended before its time", .0.display())]
+    /// The recorder's thread has ended early, which only a panic in it can cause.
+    #[error("bag {}: the recording thread has ended early", .0.display())]
     ThreadGone(PathBuf),
 }
 

@@ -1,4 +1,4 @@
-//! What a bag holds.
+//! Contents of a bag: topics, counts, times, sizes, damage.
 
 use serde::Serialize;
 use std::collections::BTreeMap;
@@ -8,10 +8,10 @@ use std::sync::Arc;
 use super::mcap_file::{self, McapFile};
 use super::{Bag, BagError, Damage, Qos, RecordedTopic};
 
-/// What a bag holds.
+/// Contents of a bag.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Info {
-    /// Where it is.
+    /// Path of the bag.
     pub path: PathBuf,
     /// Its files, relative to the folder.
     pub files: Vec<String>,
@@ -31,9 +31,9 @@ pub struct Info {
     pub ros_distro: Option<String>,
     /// Whether there is a `metadata.yaml`.
     pub has_metadata: bool,
-    /// Whether every file was closed and is whole as far as this has looked.
+    /// Whether every file was closed and no damage was found.
     pub complete: bool,
-    /// Where it is not.
+    /// Damage found.
     pub damage: Vec<Damage>,
 }
 
@@ -47,7 +47,7 @@ pub struct TopicSummary {
     pub type_name: String,
     /// Number of messages.
     pub count: u64,
-    /// How messages are encoded.
+    /// Message encoding, such as `cdr`.
     pub encoding: String,
     /// RIHS01 hash of the type.
     pub type_hash: Option<String>,
@@ -56,7 +56,7 @@ pub struct TopicSummary {
 }
 
 impl Info {
-    /// From the first to the last message \[ns\].
+    /// Time from the first to the last message \[ns\].
     pub fn duration_ns(&self) -> u64 {
         match (self.start_ns, self.end_ns) {
             (Some(start), Some(end)) => end.saturating_sub(start),
@@ -65,7 +65,7 @@ impl Info {
     }
 }
 
-/// Sums up files.
+/// Accumulates the contents of several files.
 #[derive(Default)]
 struct Tally {
     bounds: Option<(u64, u64)>,

@@ -1,7 +1,7 @@
-//! One MCAP file, read from start to end, as far as it is whole.
+//! One MCAP file, read sequentially up to the first damage that cannot be skipped.
 //!
-//! The mcap crate parses records and chunks; this walks from record to record, since what a killed
-//! process or a full disk leaves behind must still be read up to its last whole chunk.
+//! The mcap crate parses records and chunks; this module iterates over records, because a file left by a killed
+//! process or a full disk must be readable up to its last complete chunk.
 
 use mcap::records::{Record, op};
 use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOptions};
@@ -18,22 +18,22 @@ use super::{BagError, Message};
 /// Opcode and length before every record.
 const RECORD_HEADER: usize = 9;
 
-/// A larger chunk is a damaged one. rosbag2's are 768 kB, the largest preset's 4 MB.
+/// A chunk larger than this is considered damaged. rosbag2's are 768 kB, those of its largest preset 4 MB.
 const MAX_CHUNK: u64 = 1 << 30;
 
-/// A place where a bag is not whole.
+/// Damage at one place in a bag.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, thiserror::Error)]
 #[error("{}, byte {at}: {what}", file.display())]
 pub struct Damage {
     /// The file.
     pub file: PathBuf,
-    /// Where in it \[bytes\].
+    /// Offset in the file \[bytes\].
     pub at: u64,
     /// What is wrong.
     pub what: String,
 }
 
-/// Reads the messages of one file in the order in which they stand there.
+/// Reads the messages of one file in file order.
 pub(super) struct McapFile {
     path: PathBuf,
     input: Box<dyn Read + Send>,
@@ -70,8 +70,9 @@ impl McapFile {
         if magic.starts_with(b"SQLite f") {
             return Err(BagError::Unsupported {
                 path: path.to_owned(),
-                what: "its storage is sqlite3; fuyu reads mcap (`ros2 bag convert` makes one of the other)"
-                    .into(),
+                what:
+                    "its storage is sqlite3; fuyu reads mcap (convert it with `ros2 bag convert`)"
+                        .into(),
             });
         }
         if !mcap::MAGIC.starts_with(&magic) {
@@ -99,7 +100,7 @@ impl McapFile {
         Ok(this)
     }
 
-    /// What is wrong with the file, as far as it has been read.
+    /// Damage found so far.
     pub fn damage(&self) -> &[Damage] {
         &self.damage
     }
@@ -109,12 +110,12 @@ impl McapFile {
         self.topics.values()
     }
 
-    /// Compressions of the chunks read so far; empty text is none.
+    /// Compression algorithms of the chunks read so far; an empty string means none.
     pub fn compressions(&self) -> &[String] {
         &self.compressions
     }
 
-    /// The next message; `None` at the end of what is whole.
+    /// The next message; `None` at the end of the readable part.
     pub fn next_message(&mut self) -> Option<Message> {
         loop {
             if let Some(record) = self.chunk.next() {
@@ -126,8 +127,8 @@ impl McapFile {
             let opcode = self.next_record()?;
             match opcode {
                 op::CHUNK => self.open_chunk(),
-                // A file has its messages in chunks or outside of them. In one with chunks this is a
-                // record of another kind whose opcode is damaged, and no checksum tells.
+                // A file has its messages either in chunks or outside of them. In a file with chunks this is a record of
+                // another kind whose opcode is damaged, which no checksum detects.
                 op::MESSAGE if !self.compressions.is_empty() => {
                     self.damaged("a message outside of the chunks");
                 }
@@ -143,7 +144,7 @@ impl McapFile {
                     }
                 }
                 op::FOOTER => self.done = true,
-                // Headers, indices, attachments: nothing to hand out.
+                // Headers, indices and attachments contain no messages.
                 _ => {}
             }
         }
@@ -179,7 +180,7 @@ impl McapFile {
         let length = u64::from_le_bytes(length);
         let left = match self.size {
             Some(size) => size.saturating_sub(self.at + RECORD_HEADER as u64),
-            // A length that is wrong must not be believed.
+            // A corrupt length must not cause a huge allocation.
             None => 2 * MAX_CHUNK,
         };
         let mut body = std::mem::take(&mut self.body);
@@ -203,7 +204,7 @@ impl McapFile {
         Some(opcode)
     }
 
-    /// Unpacks the chunk in `self.body`: all of it, or nothing if it is damaged.
+    /// Decompresses the chunk in `self.body`: all of it, or nothing if it is damaged.
     fn open_chunk(&mut self) {
         match unpack(&self.body) {
             Ok((compression, records)) => {
@@ -267,7 +268,7 @@ impl McapFile {
         }
     }
 
-    /// Notes that something is wrong at the present place.
+    /// Records damage at the current offset.
     pub fn damaged(&mut self, what: impl Into<String>) {
         self.damage.push(Damage {
             file: self.path.clone(),
@@ -295,11 +296,11 @@ fn unpack(body: &[u8]) -> Result<(String, Vec<Record<'static>>), String> {
     };
     if header.uncompressed_size > MAX_CHUNK {
         let size = header.uncompressed_size;
-        return Err(format!("{size} bytes, more than any writer makes"));
+        return Err(format!("{size} bytes, more than any writer produces"));
     }
     let compression = header.compression;
-    // The checksum before the records, and no record larger than the chunk: lengths in a damaged chunk
-    // must not be believed.
+    // Verify the checksum before the records, and allow no record larger than the chunk: lengths in a damaged chunk
+    // may be wrong.
     let limit = usize::try_from(header.uncompressed_size.max(body.len() as u64))
         .map_err(|e| e.to_string())?;
     let mut reader = LinearReader::new_with_options(
@@ -330,7 +331,7 @@ fn unpack(body: &[u8]) -> Result<(String, Vec<Record<'static>>), String> {
     Ok((compression, records))
 }
 
-/// The summary that a closed file ends with; `None` if there is none.
+/// The summary at the end of a closed file; `None` if there is none.
 pub(super) fn summary(path: &Path) -> Result<Option<mcap::Summary>, BagError> {
     if is_compressed(path) {
         return Ok(None);
@@ -348,7 +349,7 @@ pub(super) fn summary(path: &Path) -> Result<Option<mcap::Summary>, BagError> {
                 reader.notify_read(read);
             }
             Ok(SummaryReadEvent::SeekRequest(to)) => {
-                // Beyond the file: no footer, hence no summary.
+                // Beyond the end of the file: no footer, so no summary.
                 let Ok(position) = file.seek(to) else {
                     return Ok(None);
                 };

@@ -1,4 +1,4 @@
-//! `metadata.yaml`, version 9: that of ROS 2 Jazzy.
+//! `metadata.yaml`, version 9 (ROS 2 Jazzy).
 
 use serde::{Deserialize, Serialize};
 use std::path::Path;
@@ -60,7 +60,7 @@ pub(super) struct FileInformation {
 
 /// First and last time of a recording, as rosbag2 states them.
 pub(super) fn span(bounds: Option<(u64, u64)>) -> (SinceEpoch, Nanoseconds) {
-    // An empty bag starts at the end of time.
+    // rosbag2 gives an empty bag the largest possible start time.
     let (start, end) = bounds.unwrap_or((i64::MAX as u64, i64::MAX as u64));
     (
         SinceEpoch {
@@ -72,14 +72,14 @@ pub(super) fn span(bounds: Option<(u64, u64)>) -> (SinceEpoch, Nanoseconds) {
     )
 }
 
-/// `bounds` with `time` in them \[ns\].
+/// `bounds` extended to include `time` \[ns\].
 pub(super) fn extend(bounds: Option<(u64, u64)>, time: u64) -> Option<(u64, u64)> {
     let (start, end) = bounds.unwrap_or((time, time));
     Some((start.min(time), end.max(time)))
 }
 
 impl Metadata {
-    /// Those of a bag in which nothing is.
+    /// The metadata of an empty bag.
     pub fn empty() -> Self {
         let (starting_time, duration) = span(None);
         Self {
@@ -89,7 +89,7 @@ impl Metadata {
             starting_time,
             message_count: 0,
             topics_with_message_count: Vec::new(),
-            // Chunks are compressed within the file, which is no business of rosbag2's own compression.
+            // Chunk compression is part of MCAP and independent of rosbag2's file and message compression.
             compression_format: "",
             compression_mode: "",
             relative_file_paths: Vec::new(),
@@ -99,7 +99,7 @@ impl Metadata {
         }
     }
 
-    /// The metadata themselves, as the MCAP file carries them.
+    /// The metadata as stored in the MCAP file.
     pub fn to_yaml(&self) -> String {
         serde_saphyr::to_string(self).expect("metadata have a YAML form")
     }
@@ -117,7 +117,7 @@ impl Metadata {
     }
 }
 
-/// What reading a bag needs of its metadata; the rest stands in the MCAP files.
+/// The part of the metadata that reading a bag needs; the rest is in the MCAP files.
 #[derive(Debug, Deserialize)]
 pub(super) struct Found {
     pub storage_identifier: String,
@@ -131,7 +131,7 @@ pub(super) struct Found {
 }
 
 impl Found {
-    /// Whether every message is compressed by itself.
+    /// Whether each message is compressed individually.
     pub fn is_packed(&self) -> bool {
         self.compression_mode.eq_ignore_ascii_case("message")
     }
@@ -153,7 +153,7 @@ impl Found {
             Err(e) => Err(BagError::NotABag {
                 path,
                 what: format!(
-                    "not the metadata of a bag: {e}; without this file fuyu reads every .mcap file beside it"
+                    "not the metadata of a bag: {e}; without this file fuyu reads every .mcap file in the folder"
                 ),
             }),
         }

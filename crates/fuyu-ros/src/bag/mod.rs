@@ -3,17 +3,17 @@
 //! | | |
 //! | --- | --- |
 //! | [`Writer`] | writes a bag on the caller's thread; the same calls give the same file |
-//! | [`Recorder`] | a [`Writer`] on a thread of its own, behind a bounded queue, for live topics |
-//! | [`convert()`] | makes tables of a bag |
-//! | [`recover()`] | makes a whole bag of a broken one |
-//! | [`Bag`] | reads a bag, its own or one that rosbag2 wrote, also one that was cut off |
+//! | [`Recorder`] | a [`Writer`] on a separate thread, behind a bounded queue, for live topics |
+//! | [`convert()`] | writes a bag as CSV or Parquet tables |
+//! | [`recover()`] | writes an intact bag from a damaged one |
+//! | [`Bag`] | reads a bag by fuyu or rosbag2, also a truncated one |
 //!
-//! Nothing here knows what the messages mean; see [`crate::experiments`] for that.
+//! This module does not interpret messages.
 //!
 //! ```
-//! use fuyu::bag::{Bag, Topic, Writer, WriterOptions};
-//! use fuyu::msg::std_msgs::Float64;
-//! use fuyu::ros::Qos;
+//! use fuyu_ros::bag::{Bag, Topic, Writer, WriterOptions};
+//! use fuyu_ros::msg::std_msgs::Float64;
+//! use fuyu_ros::ros::Qos;
 //!
 //! # let folder = tempfile::tempdir()?;
 //! # let path = folder.path().join("run");

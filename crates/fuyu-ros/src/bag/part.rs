@@ -12,7 +12,7 @@ use mcap::records::{MessageHeader, Metadata as MetadataRecord};
 use super::metadata::{self, FileInformation, Metadata};
 use super::{BagError, Compression, RecordedTopic, WriterOptions, qos};
 
-/// A file, its channels in the order of the bag's topics, and what it holds so far.
+/// A file, its channels in the order of the bag's topics, and its contents so far.
 pub(super) struct Part {
     path: PathBuf,
     name: String,
@@ -25,7 +25,7 @@ pub(super) struct Part {
 }
 
 impl Part {
-    /// Makes the file. `start` is what it says of itself as long as it is not closed.
+    /// Creates the file. `start` is the metadata written at its beginning, valid until it is closed.
     pub fn create(
         folder: &Path,
         name: String,
@@ -47,15 +47,15 @@ impl Part {
                 Compression::Lz4 => Some(mcap::Compression::Lz4),
                 Compression::Zstd => Some(mcap::Compression::Zstd),
             })
-            // One thread: compression is far faster than any topic, and its output must not vary.
+            // One thread: compression is far faster than any topic, and the output must be deterministic.
             .compression_threads(0)
             .compression_level(options.compression_level)
             .chunk_size(Some(options.chunk_size))
-            // Chunks reach the file whole, so that a killed process leaves whole chunks behind.
+            // Chunks are written in one piece, so that a killed process leaves complete chunks.
             .disable_seeking(true)
             .create(output)
             .map_err(BagError::mcap(&path))?;
-        // rosbag2 looks for its version before anything else, also in a bag that was never closed.
+        // rosbag2 reads the metadata version first, also in a bag that was never closed.
         mcap.write_metadata(&metadata_record(start))
             .map_err(BagError::mcap(&path))?;
         mcap.flush().map_err(BagError::mcap(&path))?;
@@ -71,7 +71,7 @@ impl Part {
         })
     }
 
-    /// Where it is.
+    /// Path of the file.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -81,7 +81,7 @@ impl Part {
         self.bounds
     }
 
-    /// Bytes in the file; those of the open chunk are not among them.
+    /// Bytes in the file, without the open chunk.
     pub fn size(&self) -> u64 {
         self.bytes.load(Ordering::Relaxed)
     }
@@ -108,7 +108,7 @@ impl Part {
         Ok(())
     }
 
-    /// Takes in a message of the topic declared as the `topic`-th.
+    /// Writes a message of the topic declared as number `topic`.
     pub fn write(
         &mut self,
         topic: usize,
@@ -125,19 +125,19 @@ impl Part {
         self.mcap
             .write_to_known_channel(&header, cdr)
             .map_err(BagError::mcap(&self.path))?;
-        // The number of a message wraps as that of its publisher does.
+        // Sequence numbers wrap, as those of the publisher do.
         self.counts[topic] = self.counts[topic].wrapping_add(1);
         self.messages += 1;
         self.bounds = metadata::extend(self.bounds, log_time);
         Ok(())
     }
 
-    /// Closes the open chunk and hands it to the operating system.
+    /// Closes the open chunk and passes it to the operating system.
     pub fn flush(&mut self) -> Result<(), BagError> {
         self.mcap.flush().map_err(BagError::mcap(&self.path))
     }
 
-    /// What the bag's metadata say of this file.
+    /// The entry of this file in the bag's metadata.
     pub fn information(&self) -> FileInformation {
         let (starting_time, duration) = metadata::span(self.bounds);
         FileInformation {
@@ -148,7 +148,7 @@ impl Part {
         }
     }
 
-    /// Closes the file: `metadata`, index and footer. Gives its size \[bytes\].
+    /// Closes the file: writes `metadata`, index and footer. Returns its size \[bytes\].
     pub fn finish(mut self, metadata: &Metadata) -> Result<u64, BagError> {
         self.mcap
             .write_metadata(&metadata_record(metadata))

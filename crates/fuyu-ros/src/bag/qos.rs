@@ -1,34 +1,34 @@
-//! Quality of service as bags state it: the `offered_qos_profiles` of a topic.
+//! QoS profiles in bags: the `offered_qos_profiles` of a topic.
 
 use serde::{Deserialize, Deserializer, Serialize};
 
 use crate::ros;
 
-/// Quality of service that publishers of a recorded topic offered, in rosbag2's terms and order.
+/// QoS that a publisher of a recorded topic offered, with rosbag2's names and order of fields.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct Qos {
-    /// Which messages a publisher keeps.
+    /// Which messages the publisher keeps.
     pub history: History,
-    /// How many, with [`History::KeepLast`].
+    /// Number of messages kept with [`History::KeepLast`].
     pub depth: u64,
-    /// Whether lost messages are sent again.
+    /// Whether lost messages are retransmitted.
     pub reliability: Reliability,
-    /// Whether late subscribers get earlier messages.
+    /// Whether late subscribers receive earlier messages.
     pub durability: Durability,
-    /// Longest time between messages.
+    /// Deadline: longest time between messages.
     pub deadline: QosDuration,
-    /// How long a message is worth delivering.
+    /// Lifespan: how long a message stays valid.
     pub lifespan: QosDuration,
-    /// How a publisher shows that it lives.
+    /// How a publisher asserts its liveliness.
     pub liveliness: Liveliness,
-    /// After how long without a sign it counts as dead.
+    /// Time without such an assertion after which it counts as dead.
     pub liveliness_lease_duration: QosDuration,
-    /// Topic names without ROS prefixes.
+    /// Whether topic names have no ROS prefix.
     #[serde(default)]
     pub avoid_ros_namespace_conventions: bool,
 }
 
-/// A duration as rmw counts it.
+/// A duration in the representation of rmw.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize, Deserialize)]
 pub struct QosDuration {
     /// Seconds.
@@ -38,7 +38,7 @@ pub struct QosDuration {
 }
 
 impl QosDuration {
-    /// Longer than anything: 2⁶³ - 1 ns.
+    /// Infinite: 2⁶³ - 1 ns.
     pub const INFINITE: Self = Self {
         sec: 9_223_372_036,
         nsec: 854_775_807,
@@ -80,9 +80,9 @@ impl From<ros::Qos> for Qos {
 }
 
 impl Qos {
-    /// What one publisher has to offer in place of several that offered these: what each of them did, and
-    /// where they differ what most subscribers take. Deadlines and lifespans are left out, since time may run
-    /// at another rate.
+    /// The profile for one publisher that replaces several with these profiles: their common policies, and where they
+    /// differ the policy compatible with most subscribers. Deadlines and lifespans are omitted, since the replay
+    /// rate may differ.
     pub fn offer(profiles: &[Self]) -> ros::Qos {
         let all = |is: fn(&Self) -> bool| !profiles.is_empty() && profiles.iter().all(is);
         let depth = profiles.iter().map(|q| q.depth).max().unwrap_or(0);
@@ -96,7 +96,7 @@ impl Qos {
                 true => ros::qos::Durability::TransientLocal,
                 false => ros::qos::Durability::Volatile,
             },
-            // Zero is what was not known.
+            // Zero means unknown.
             depth: match usize::try_from(depth) {
                 Ok(depth @ 1..=100_000) => depth,
                 _ => default.depth,
@@ -106,7 +106,7 @@ impl Qos {
     }
 }
 
-// Bags before version 9 number the policies as rmw does; later ones name them.
+// Bags before version 9 contain the numbers of rmw; later ones contain names.
 macro_rules! policy {
     ($(#[doc = $doc:literal])* $policy:ident {
         $($(#[doc = $variant_doc:literal])* $variant:ident = $number:literal, $text:literal;)*
@@ -115,13 +115,13 @@ macro_rules! policy {
         #[derive(Debug, Clone, Copy, PartialEq, Eq, Serialize)]
         pub enum $policy {
             $($(#[doc = $variant_doc])* #[serde(rename = $text)] $variant,)*
-            /// Something else.
+            /// Another value.
             #[serde(rename = "unknown")]
             Unknown,
         }
 
         impl $policy {
-            /// The policy in words, as rosbag2 writes it.
+            /// The name of the policy, as rosbag2 writes it.
             pub fn as_str(self) -> &'static str {
                 match self {
                     $(Self::$variant => $text,)*
@@ -143,46 +143,46 @@ macro_rules! policy {
 }
 
 policy! {
-    /// Which messages are kept.
+    /// Which messages are kept by a publisher.
     History {
-        /// What the middleware likes.
+        /// The middleware's default.
         SystemDefault = "0", "system_default";
-        /// The last ones.
+        /// The last `depth` messages.
         KeepLast = "1", "keep_last";
-        /// All.
+        /// All messages.
         KeepAll = "2", "keep_all";
     }
 }
 policy! {
-    /// Whether lost messages are sent again.
+    /// Whether lost messages are retransmitted.
     Reliability {
-        /// What the middleware likes.
+        /// The middleware's default.
         SystemDefault = "0", "system_default";
-        /// They are.
+        /// Retransmitted.
         Reliable = "1", "reliable";
-        /// They are not.
+        /// Not retransmitted.
         BestEffort = "2", "best_effort";
     }
 }
 policy! {
-    /// Whether late subscribers get earlier messages.
+    /// Whether late subscribers receive earlier messages.
     Durability {
-        /// What the middleware likes.
+        /// The middleware's default.
         SystemDefault = "0", "system_default";
-        /// They do.
+        /// Late subscribers receive them.
         TransientLocal = "1", "transient_local";
-        /// They do not.
+        /// Late subscribers do not.
         Volatile = "2", "volatile";
     }
 }
 policy! {
-    /// How a publisher shows that it lives.
+    /// How a publisher asserts its liveliness.
     Liveliness {
-        /// What the middleware likes.
+        /// The middleware's default.
         SystemDefault = "0", "system_default";
-        /// The middleware shows it.
+        /// The middleware asserts it.
         Automatic = "1", "automatic";
-        /// The publisher says so.
+        /// The publisher asserts it.
         ManualByTopic = "3", "manual_by_topic";
     }
 }
@@ -211,13 +211,13 @@ impl<'de> Deserialize<'de> for NumberOrText {
     }
 }
 
-/// Profiles as the text that an MCAP channel carries.
+/// Profiles as the text stored in an MCAP channel.
 pub(super) fn to_yaml(profiles: &[Qos]) -> String {
-    // The types hold nothing that YAML cannot.
+    // The types contain nothing that YAML cannot represent.
     serde_saphyr::to_string(&profiles).expect("profiles have a YAML form")
 }
 
-/// Profiles in such a text; none if it is not understood, which is no reason to refuse a bag.
+/// Parses profiles; returns none if the text is not understood, since the bag is usable without them.
 pub(super) fn from_yaml(text: &str) -> Vec<Qos> {
     serde_saphyr::from_str(text).unwrap_or_default()
 }

@@ -1,4 +1,4 @@
-//! Reading a bag.
+//! Reading bags.
 
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
@@ -8,27 +8,27 @@ use super::metadata::Found;
 use super::{BagError, Damage, Info, Qos, info, qos};
 use crate::msg::{Interface, cdr};
 
-/// A bag to be read: a folder of rosbag2's layout, with or without `metadata.yaml`, or one MCAP file.
+/// A bag opened for reading: a folder in rosbag2's layout, with or without `metadata.yaml`, or a single MCAP file.
 #[derive(Debug, Clone)]
 pub struct Bag {
     path: PathBuf,
     files: Vec<PathBuf>,
     has_metadata: bool,
     ros_distro: Option<String>,
-    /// Whether rosbag2 has compressed every message by itself.
+    /// Whether rosbag2 has compressed each message individually.
     packed: bool,
 }
 
-/// A topic as a bag states it.
+/// A topic of a bag.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RecordedTopic {
     /// Full name.
     pub name: String,
     /// ROS type, `sensor_msgs/msg/JointState`.
     pub type_name: String,
-    /// How messages are encoded: `cdr` from ROS 2.
+    /// Message encoding: `cdr` from ROS 2.
     pub encoding: String,
-    /// How the schema is written: `ros2msg`, `ros2idl`, or nothing for an unknown type.
+    /// Format of the schema: `ros2msg`, `ros2idl`, or empty for an unknown type.
     pub schema_encoding: String,
     /// The schema.
     pub schema: Vec<u8>,
@@ -38,23 +38,23 @@ pub struct RecordedTopic {
     pub qos: Vec<Qos>,
 }
 
-/// A message as it was recorded.
+/// A recorded message, encoded.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Message {
     /// Its topic.
     pub topic: Arc<RecordedTopic>,
-    /// When it was recorded \[ns\].
+    /// Time of recording \[ns\].
     pub log_time: u64,
-    /// When it was sent \[ns\].
+    /// Time of sending \[ns\].
     pub publish_time: u64,
     /// CDR bytes with their encapsulation header.
     pub data: Vec<u8>,
 }
 
-/// A decoded message and when it was recorded.
+/// A decoded message with its time of recording.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Stamped<M> {
-    /// When it was recorded \[ns\].
+    /// Time of recording \[ns\].
     pub log_time: u64,
     /// The message.
     pub message: M,
@@ -70,10 +70,10 @@ pub struct Messages {
 }
 
 impl Bag {
-    /// Opens the bag at `path`. A bag that was cut off opens as well; reading it tells where it ends.
+    /// Opens the bag at `path`. A truncated bag opens as well; [`Messages::damage`] reports where it ends.
     ///
     /// # Errors
-    /// If there is nothing, or nothing that is a bag in MCAP: see [`BagError`].
+    /// If there is no MCAP bag at `path`: see [`BagError`].
     pub fn open(path: impl Into<PathBuf>) -> Result<Self, BagError> {
         let path = path.into();
         let found = match path.is_dir() {
@@ -87,7 +87,7 @@ impl Bag {
         Self::with_files(path, files, found)
     }
 
-    /// As [`Self::open`], with all the files that are there and whatever `metadata.yaml` says.
+    /// Like [`Self::open`], but with all MCAP files in the folder, regardless of `metadata.yaml`.
     ///
     /// # Errors
     /// As [`Self::open`].
@@ -95,7 +95,7 @@ impl Bag {
         let path = path.into();
         let files = present_files(&path)?;
         let mut bag = Self::with_files(path, files, None)?;
-        // All that is believed of it, if it can be read: the files themselves do not tell.
+        // The only field used of it: the files do not contain this information.
         bag.packed = bag.path.is_dir()
             && Found::read(&bag.path).is_ok_and(|found| found.is_some_and(|m| m.is_packed()));
         Ok(bag)
@@ -120,7 +120,7 @@ impl Bag {
         })
     }
 
-    /// Where it is.
+    /// Path of the bag.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -130,7 +130,7 @@ impl Bag {
         &self.files
     }
 
-    /// Whether there is a `metadata.yaml`. A recorder that was killed leaves none.
+    /// Whether there is a `metadata.yaml`. A killed recorder leaves none.
     pub fn has_metadata(&self) -> bool {
         self.has_metadata
     }
@@ -140,7 +140,7 @@ impl Bag {
         self.ros_distro.as_deref()
     }
 
-    /// Topics, counts, times and sizes. Fast where files end with a summary; others are read through.
+    /// Topics, counts, times and sizes. Files with a summary are fast; others are read completely.
     ///
     /// # Errors
     /// [`BagError::Io`] if a file cannot be read.
@@ -199,10 +199,10 @@ fn listed_files(folder: &Path, metadata: &Found) -> Result<Vec<PathBuf>, BagErro
         .relative_file_paths
         .iter()
         .map(|relative| {
-            // Old versions write paths from the folder's parent; rosbag2 itself takes the name alone.
+            // Old versions write paths relative to the folder's parent; rosbag2 uses only the file name.
             let name = Path::new(relative).file_name().unwrap_or_default();
             let file = folder.join(name);
-            // Some writers list the names that the files had before they were compressed.
+            // Some writers list the names of the files before compression.
             let compressed = folder.join(format!("{}.zstd", name.to_string_lossy()));
             [file.clone(), compressed]
                 .into_iter()
@@ -249,7 +249,7 @@ fn present_files(path: &Path) -> Result<Vec<PathBuf>, BagError> {
     Ok(files)
 }
 
-/// Unpacks the data of a message that was compressed by itself.
+/// Decompresses the data of an individually compressed message.
 fn unpack(message: &mut Message) -> Result<(), String> {
     match zstd::decode_all(message.data.as_slice()) {
         Ok(data) => {
@@ -264,13 +264,13 @@ fn unpack(message: &mut Message) -> Result<(), String> {
 }
 
 impl Messages {
-    /// Where the bag is not whole, as far as it has been read. Empty after a whole one.
+    /// Damage found so far; empty for an intact bag.
     pub fn damage(&self) -> Vec<Damage> {
         let current = self.current.iter().flat_map(|f| f.damage());
         self.damage.iter().chain(current).cloned().collect()
     }
 
-    /// Topics met so far, also those without messages.
+    /// Topics found so far, including those without messages.
     pub fn topics(&self) -> impl Iterator<Item = &Arc<RecordedTopic>> {
         let current = self.current.iter().flat_map(|f| f.topics());
         self.topics.iter().chain(current)
@@ -316,7 +316,7 @@ impl Iterator for Messages {
 }
 
 impl Message {
-    /// The message itself.
+    /// Decodes the message.
     ///
     /// # Errors
     /// [`BagError::Type`] if it is not an `M` in CDR, [`BagError::Decode`] if it does not decode.

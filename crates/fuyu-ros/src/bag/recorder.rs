@@ -11,27 +11,27 @@ use std::time::{Duration, Instant};
 
 use super::{BagError, Recording, Topic, Writer};
 
-/// How long a message may wait in an open chunk, which a killed process would lose.
+/// Longest time that a message stays in an open chunk; a killed process loses the open chunk.
 const CHUNK_AGE: Duration = Duration::from_secs(1);
 
-/// Bytes that wait for the disk before messages are dropped: more than three seconds at 20 MB/s.
+/// Queue capacity in bytes before messages are dropped: more than three seconds at 20 MB/s.
 pub const QUEUE_BYTES: usize = 64 << 20;
 
-/// Memory of a message that waits [B], with what the queue itself needs for it.
+/// Memory of a queued message [B], including the queue's overhead.
 fn weight(cdr: &Bytes) -> usize {
     cdr.len() + 128
 }
 
-/// A [`Writer`] on a thread of its own. Callers hand messages over and never wait for the disk.
+/// A [`Writer`] on a separate thread. Callers enqueue messages and never wait for the disk.
 ///
-/// If the disk cannot keep up for long, the queue fills and further messages are dropped; they are
-/// counted, by topic, and the count is part of the result.
+/// If the disk cannot keep up for long, the queue fills and further messages are dropped. They are counted by topic,
+/// and the counts are part of the result.
 pub struct Recorder {
     handle: RecorderHandle,
     thread: JoinHandle<Result<Recording, BagError>>,
 }
 
-/// Hands messages to a [`Recorder`]; cheap to clone and to share between threads.
+/// Enqueues messages for a [`Recorder`]; cheap to clone and to share between threads.
 #[derive(Clone)]
 pub struct RecorderHandle {
     sender: Sender<Entry>,
@@ -70,24 +70,24 @@ enum Entry {
     Finish,
 }
 
-/// How a recording fares.
+/// Status of a recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct RecorderStatus {
-    /// Messages taken into the queue.
+    /// Messages accepted into the queue.
     pub accepted: u64,
-    /// Messages that are in the file.
+    /// Messages written to the file.
     pub written: u64,
-    /// Messages dropped since the queue was full or the disk refused.
+    /// Messages dropped because the queue was full or writing failed.
     pub dropped: u64,
-    /// The same by topic, as far as there are any.
+    /// Dropped messages by topic; only topics with drops.
     pub dropped_topics: Vec<(String, u64)>,
-    /// Files that the bag has.
+    /// Number of files of the bag.
     pub files: usize,
-    /// Bytes that wait in the queue.
+    /// Bytes in the queue.
     pub queued_bytes: usize,
-    /// Bytes that the queue can hold.
+    /// Capacity of the queue in bytes.
     pub queue_capacity: usize,
-    /// Why nothing is written any more.
+    /// Why writing has stopped.
     pub failure: Option<String>,
 }
 
@@ -95,12 +95,12 @@ impl Recorder {
     /// Starts the thread that writes to `writer`.
     ///
     /// # Errors
-    /// [`BagError::Io`] if the system gives no thread.
+    /// [`BagError::Io`] if the thread cannot be created.
     pub fn start(writer: Writer) -> Result<Self, BagError> {
         Self::with_queue(writer, QUEUE_BYTES)
     }
 
-    /// As [`Recorder::start`], with a queue of `capacity` bytes.
+    /// Like [`Recorder::start`], with a queue of `capacity` bytes.
     ///
     /// # Errors
     /// As [`Recorder::start`].
@@ -133,18 +133,18 @@ impl Recorder {
         })
     }
 
-    /// What hands messages over.
+    /// A handle for enqueuing messages.
     pub fn handle(&self) -> RecorderHandle {
         self.handle.clone()
     }
 
-    /// Writes what is queued, closes the bag and says what it holds. Messages handed over from now on
-    /// are dropped.
+    /// Writes the queued messages, closes the bag and returns its contents. Messages enqueued later are
+    /// dropped.
     ///
     /// # Errors
-    /// What made writing fail, now or earlier.
+    /// The error that made writing fail, now or earlier.
     pub fn finish(self) -> Result<Recording, BagError> {
-        // An error here means that the thread has ended already; it says why.
+        // An error here means that the thread has already ended; it reports the reason.
         let _ = self.handle.sender.send(Entry::Finish);
         let mut recording = self
             .thread
@@ -161,7 +161,7 @@ impl RecorderHandle {
         &self.shared.folder
     }
 
-    /// Declares a topic. Declaring it again gives the same one.
+    /// Declares a topic. A repeated declaration returns the same topic.
     ///
     /// # Errors
     /// [`BagError::TopicConflict`] if it was declared with another type.
@@ -183,15 +183,15 @@ impl RecorderHandle {
             accepted: AtomicU64::new(0),
             dropped: AtomicU64::new(0),
         });
-        // Under the lock, so that the thread meets topics in the order of their indices. If it has
-        // ended, messages of the topic are counted as dropped.
+        // Under the lock, so that the thread receives topics in the order of their indices. If it has ended, messages
+        // of the topic are counted as dropped.
         let _ = self.sender.send(Entry::Topic(topic.clone()));
         topics.insert(topic.name.clone(), (topic, new.clone()));
         Ok(new)
     }
 
-    /// Hands over CDR bytes (with their encapsulation header) that were received at `log_time` and sent
-    /// at `publish_time` \[ns\]. Never waits; `false` means that the message was dropped and counted.
+    /// Enqueues CDR bytes (with their encapsulation header) that were received at `log_time` and sent at `publish_time`
+    /// \[ns\]. Never blocks; `false` means that the message was dropped and counted.
     pub fn write(
         &self,
         topic: &RecorderTopic,
@@ -202,7 +202,7 @@ impl RecorderHandle {
         let cdr = cdr.into();
         let len = weight(&cdr);
         let queued = self.shared.queued.fetch_add(len, Ordering::Relaxed);
-        // One message may exceed the capacity if it has the queue for itself.
+        // A message may exceed the capacity if the queue is otherwise empty.
         let fits = queued == 0 || queued + len <= self.shared.capacity;
         let sent = fits
             && self
@@ -223,10 +223,10 @@ impl RecorderHandle {
         sent
     }
 
-    /// Waits until everything handed over so far is in the operating system's hands.
+    /// Waits until everything enqueued so far has been passed to the operating system.
     ///
     /// # Errors
-    /// [`BagError::ThreadGone`] if nothing is written any more; [`RecorderHandle::status`] says why.
+    /// [`BagError::ThreadGone`] if writing has stopped; [`RecorderHandle::status`] gives the reason.
     pub fn flush(&self) -> Result<(), BagError> {
         let (done, wait) = mpsc::channel();
         let gone = || BagError::ThreadGone(self.shared.folder.clone());
@@ -234,7 +234,7 @@ impl RecorderHandle {
         wait.recv().map_err(|_| gone())
     }
 
-    /// Begins another file of the bag and waits until that is done.
+    /// Starts a new file of the bag and waits until that is done.
     ///
     /// # Errors
     /// As [`Self::flush`].
@@ -245,7 +245,7 @@ impl RecorderHandle {
         wait.recv().map_err(|_| gone())
     }
 
-    /// How the recording fares.
+    /// Status of the recording.
     pub fn status(&self) -> RecorderStatus {
         let topics = lock(&self.shared.topics);
         let total = |count: fn(&RecorderTopic) -> u64| topics.values().map(|(_, t)| count(t)).sum();
@@ -274,7 +274,7 @@ impl RecorderTopic {
         &self.name
     }
 
-    /// Messages taken into the queue.
+    /// Messages accepted into the queue.
     pub fn accepted(&self) -> u64 {
         self.accepted.load(Ordering::Relaxed)
     }
@@ -291,7 +291,7 @@ fn run(
     shared: &Shared,
 ) -> Result<Recording, BagError> {
     let mut topics = Vec::new();
-    // When the open chunk must be closed.
+    // Deadline for closing the open chunk.
     let mut due: Option<Instant> = None;
     loop {
         let entry = match due {
@@ -316,7 +316,7 @@ fn run(
             Ok(Entry::Flush(done)) => {
                 writer.flush()?;
                 due = None;
-                // Nobody waits any more: nothing to tell.
+                // The caller no longer waits for the reply.
                 let _ = done.send(());
             }
             Ok(Entry::Split(done)) => {
@@ -335,7 +335,7 @@ fn run(
     }
 }
 
-// A panic elsewhere leaves counts and names as they are: still good.
+// Counts and names stay valid after a panic in another thread.
 fn lock<T>(mutex: &Mutex<T>) -> std::sync::MutexGuard<'_, T> {
     mutex.lock().unwrap_or_else(PoisonError::into_inner)
 }

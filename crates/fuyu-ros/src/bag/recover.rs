@@ -1,4 +1,4 @@
-//! Making a whole bag of what is left of a broken one.
+//! Recovering the intact messages of a damaged bag.
 
 use std::collections::BTreeMap;
 use std::path::PathBuf;
@@ -7,7 +7,7 @@ use serde::Serialize;
 
 use super::{Bag, BagError, Damage, TopicId, Writer, WriterOptions};
 
-/// What was made of a broken bag.
+/// Result of recovering a damaged bag.
 #[derive(Debug, Clone, PartialEq, Serialize)]
 pub struct Recovery {
     /// The new bag.
@@ -16,14 +16,14 @@ pub struct Recovery {
     pub messages: u64,
     /// First and last log time \[ns\].
     pub bounds: Option<(u64, u64)>,
-    /// Where the old one is broken: what was there is lost.
+    /// Damage of the old bag; the data there is lost.
     pub damage: Vec<Damage>,
-    /// Topics that are left out, each with the reason.
+    /// Omitted topics, each with the reason.
     pub left_out: BTreeMap<String, String>,
 }
 
-/// Writes all messages of `bag` that can be read to a new bag in `folder`, with index, summary and
-/// `metadata.yaml`. Types, schemas, hashes, quality of service and times stay what they are.
+/// Writes all readable messages of `bag` to a new bag in `folder`, with index, summary and `metadata.yaml`. Types,
+/// schemas, hashes, QoS and times are unchanged.
 ///
 /// # Errors
 /// [`BagError`] if the new bag cannot be written.
@@ -34,7 +34,7 @@ pub fn recover(
 ) -> Result<Recovery, BagError> {
     let mut writer = Writer::create(folder, options)?;
     let mut left_out = BTreeMap::new();
-    // By name and type: a topic that has two of them keeps the first.
+    // By name and type: of a topic with two types, the first is kept.
     let mut ids: BTreeMap<(String, String), Option<TopicId>> = BTreeMap::new();
     let mut messages = bag.messages();
     for message in messages.by_ref() {

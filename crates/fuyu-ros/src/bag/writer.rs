@@ -1,4 +1,4 @@
-//! Writing a bag.
+//! Writing bags.
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
@@ -9,31 +9,31 @@ use super::part::Part;
 use super::{BagError, Qos, RecordedTopic};
 use crate::msg::{self, Interface, cdr};
 
-/// How chunks are compressed.
+/// Chunk compression.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Compression {
-    /// Not at all.
+    /// No compression.
     None,
-    /// Fast.
+    /// LZ4: fast.
     Lz4,
-    /// Small.
+    /// Zstandard: small.
     #[default]
     Zstd,
 }
 
-/// How a bag is written.
+/// Options for writing a bag.
 #[derive(Debug, Clone, Copy)]
 pub struct WriterOptions {
-    /// How chunks are compressed.
+    /// Chunk compression.
     pub compression: Compression,
-    /// How hard it is tried: 1 to 22 for zstd, 0 to 12 for lz4. 0 is what the library likes.
+    /// Compression level: 1 to 22 for zstd, 0 to 12 for lz4. 0 is the library's default.
     pub compression_level: u32,
-    /// Size at which a chunk is closed \[bytes, before compression\]. What is not in a closed chunk is
-    /// lost if the process is killed.
+    /// Size at which a chunk is closed \[bytes, before compression\]. The open chunk is lost if the process is
+    /// killed.
     pub chunk_size: u64,
-    /// Size at which another file is begun \[bytes\]; the open chunk does not count.
+    /// Size at which a new file is started \[bytes\]; the open chunk does not count.
     pub max_size: Option<u64>,
-    /// Time of recording after which another file is begun.
+    /// Recorded time after which a new file is started.
     pub max_duration: Option<Duration>,
 }
 
@@ -41,7 +41,7 @@ impl Default for WriterOptions {
     fn default() -> Self {
         Self {
             compression: Compression::Zstd,
-            // The fastest of zstd: states of a robot are nearly noise to it, the next ones gain little.
+            // The fastest level of zstd: robot states are hardly compressible, so higher levels gain little.
             compression_level: 1,
             chunk_size: 1 << 20,
             max_size: None,
@@ -50,16 +50,16 @@ impl Default for WriterOptions {
     }
 }
 
-/// A topic to be recorded.
+/// A topic to record.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Topic {
     /// Full name, `/chaser/joint_states`.
     pub name: String,
-    /// ROS type, `sensor_msgs/msg/JointState`. A type that fuyu does not know is recorded without schema.
+    /// ROS type, `sensor_msgs/msg/JointState`. An unknown type is recorded without schema.
     pub type_name: String,
-    /// What its publishers offer.
+    /// QoS that its publishers offer.
     pub qos: Vec<Qos>,
-    /// RIHS01 hash that its publishers state. If it is not that of fuyu's definition, fuyu does not know the type.
+    /// RIHS01 hash announced by its publishers. If it differs from that of the built-in definition, the type counts as unknown.
     pub type_hash: Option<String>,
 }
 
@@ -69,7 +69,7 @@ impl Topic {
         Self::named(name, M::DEFINITION.type_name(), qos)
     }
 
-    /// A topic of the ROS type `type_name`, whether fuyu knows it or not.
+    /// A topic of the ROS type `type_name`, known or unknown.
     pub fn named(
         name: impl Into<String>,
         type_name: impl Into<String>,
@@ -83,7 +83,7 @@ impl Topic {
         }
     }
 
-    /// The topic with the schema that fuyu has for its type.
+    /// The topic with the built-in schema of its type.
     pub fn described(self) -> RecordedTopic {
         let stated = self.type_hash.as_ref();
         let known =
@@ -109,7 +109,7 @@ struct Entry {
     count: u64,
 }
 
-/// What has been recorded.
+/// Contents of a finished recording.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct Recording {
     /// The bag's folder.
@@ -118,7 +118,7 @@ pub struct Recording {
     pub messages: u64,
     /// Number of messages of each topic, in the order of their declaration.
     pub topics: Vec<(String, u64)>,
-    /// Messages that were not recorded since the queue was full; a [`Writer`] itself drops none.
+    /// Messages dropped because the queue was full; a [`Writer`] alone drops none.
     pub dropped: u64,
     /// First and last log time \[ns\].
     pub bounds: Option<(u64, u64)>,
@@ -126,7 +126,7 @@ pub struct Recording {
     pub size: u64,
 }
 
-/// Writes a bag on the caller's thread. The same calls give the same bytes, whatever the clock says.
+/// Writes a bag on the caller's thread. The same calls give the same bytes, independent of the clock.
 pub struct Writer {
     folder: PathBuf,
     name: String,
@@ -142,10 +142,10 @@ pub struct Writer {
 }
 
 impl Writer {
-    /// Starts a bag in the new folder `folder`; parents are made as needed.
+    /// Creates a bag in the new folder `folder`; parent folders are created as needed.
     ///
     /// # Errors
-    /// [`BagError::Exists`] if there is anything of that name, [`BagError::Io`] if it cannot be made.
+    /// [`BagError::Exists`] if the path exists, [`BagError::Io`] if it cannot be created.
     pub fn create(folder: impl Into<PathBuf>, options: WriterOptions) -> Result<Self, BagError> {
         let folder = folder.into();
         let name = match folder.file_name() {
@@ -153,14 +153,14 @@ impl Writer {
             None => {
                 return Err(BagError::NotABag {
                     path: folder,
-                    what: "a bag needs a folder with a name of its own".into(),
+                    what: "the path of a bag must end with a folder name".into(),
                 });
             }
         };
         if let Some(parent) = folder.parent() {
             fs::create_dir_all(parent).map_err(BagError::io(parent))?;
         }
-        // Making the folder is what claims the name: of two recorders only one succeeds.
+        // Creating the folder claims the name atomically: of two recorders only one succeeds.
         fs::create_dir(&folder).map_err(|e| match e.kind() {
             std::io::ErrorKind::AlreadyExists => BagError::Exists(folder.clone()),
             _ => BagError::io(&folder)(e),
@@ -185,7 +185,7 @@ impl Writer {
         &self.folder
     }
 
-    /// Declares a topic. Declaring it again gives the same id.
+    /// Declares a topic. A repeated declaration returns the same id.
     ///
     /// # Errors
     /// [`BagError::TopicConflict`] if it was declared with another type; [`BagError::Mcap`] if the file
@@ -194,7 +194,7 @@ impl Writer {
         self.add_described(topic.described())
     }
 
-    /// Declares a topic with whatever schema it comes with.
+    /// Declares a topic with the given schema.
     ///
     /// # Errors
     /// As [`Self::add_topic`].
@@ -233,7 +233,7 @@ impl Writer {
     }
 
     /// Records CDR bytes (with their encapsulation header) that were received at `log_time` and sent at
-    /// `publish_time` \[ns\], in another file if the present one is long or large enough.
+    /// `publish_time` \[ns\]. Starts a new file if the current one has reached its limit of size or time.
     ///
     /// # Errors
     /// [`BagError::Mcap`] or [`BagError::Io`] if a file cannot be written.
@@ -266,7 +266,7 @@ impl Writer {
                 .is_some_and(|max| self.part.size() >= max)
     }
 
-    /// Closes the present file and begins another.
+    /// Closes the current file and starts a new one.
     ///
     /// # Errors
     /// [`BagError::Mcap`] or [`BagError::Io`] if a file cannot be written.
@@ -283,12 +283,12 @@ impl Writer {
         Ok(())
     }
 
-    /// How many files there are.
+    /// Number of files.
     pub fn files(&self) -> usize {
         self.closed.len() + 1
     }
 
-    /// Closes the open chunk and hands it to the operating system: from then on it survives the process.
+    /// Closes the open chunk and passes it to the operating system, so that it survives the process.
     ///
     /// # Errors
     /// [`BagError::Mcap`] if the file cannot be written.
@@ -296,7 +296,7 @@ impl Writer {
         self.part.flush()
     }
 
-    /// Closes the bag: index, `metadata.yaml`, everything on disk.
+    /// Closes the bag: writes index and `metadata.yaml`, and syncs to disk.
     ///
     /// # Errors
     /// [`BagError::Mcap`] or [`BagError::Io`] if the files cannot be written.
@@ -332,7 +332,7 @@ impl Writer {
         })
     }
 
-    /// What the bag holds so far.
+    /// Contents of the bag so far.
     fn metadata(&self) -> Metadata {
         let (starting_time, duration) = metadata::span(self.bounds);
         let files: Vec<_> = self
@@ -363,7 +363,7 @@ impl Writer {
     }
 }
 
-/// The `number`-th file of the bag `name` in `folder`.
+/// Path of file `number` of the bag `name` in `folder`.
 fn open_part(
     folder: &Path,
     name: &str,

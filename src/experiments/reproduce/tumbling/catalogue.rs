@@ -1,4 +1,4 @@
-//! Names and captions of what chapter 3 shows.
+//! Names and captions of the figures and tables of chapter 3.
 
 use super::{error_maps, model_tables, pliers, waveforms};
 use crate::experiments::reproduce::{Report, Reproduction};

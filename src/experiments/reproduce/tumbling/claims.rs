@@ -1,13 +1,13 @@
-//! What the text says of the error maps, and whether the computed ones bear it out.
+//! Statements of the text about the error maps, checked against the computed maps.
 
 use super::Report;
 use super::model_tables::SEEDS;
 use super::statistics::{largest, median};
 use super::study::{Cell, Source, Study};
-use crate::estimation::{Method, MotionModel};
-use crate::experiments::masutani_ch3::Motion;
+use crate::estimation::{EstimationMethod, MotionModel};
+use crate::experiments::masutani_ch3::TumblingMotion;
 
-/// Which error a figure shows: its place in [`Cell::errors`].
+/// The error shown by a figure: an index into [`Cell::errors`].
 #[derive(Clone, Copy, PartialEq)]
 pub(super) enum Quantity {
     Parameters,
@@ -52,13 +52,13 @@ pub(super) fn asymmetric(cell: &Cell) -> bool {
     cell.model == Some(MotionModel::Asymmetric)
 }
 
-/// Median of a quantity by the thesis's method over the cells of some motions.
+/// Median of a quantity by the thesis's method over the cells of selected motions.
 pub(super) fn typical(
     study: &Study,
     quantity: Quantity,
-    belongs: impl Fn(&Motion, &Cell) -> bool,
+    belongs: impl Fn(&TumblingMotion, &Cell) -> bool,
 ) -> f64 {
-    let (motions, cells) = (study.motions(), study.cells(Method::Masutani1995));
+    let (motions, cells) = (study.motions(), study.cells(EstimationMethod::Masutani1995));
     let pairs = motions.iter().zip(cells.iter());
     median(
         pairs
@@ -67,25 +67,25 @@ pub(super) fn typical(
     )
 }
 
-/// Largest over the cells that the asymmetric model answers.
+/// Maximum over the cells for which the asymmetric model was chosen.
 fn worst(study: &Study, quantity: Quantity) -> f64 {
     largest_of(study, quantity, MotionModel::Asymmetric)
 }
 
-/// Largest over the cells that a model answers.
+/// Maximum over the cells for which any model was chosen.
 fn largest_of(study: &Study, quantity: Quantity, model: MotionModel) -> f64 {
-    let cells = study.cells(Method::Masutani1995);
+    let cells = study.cells(EstimationMethod::Masutani1995);
     let answered = cells.iter().filter(|c| c.model == Some(model));
     largest(answered.map(|c| quantity.of(c)))
 }
 
-/// Slow and fast by turns: where the text sees the error of the difference (2.4).
-fn uneven(m: &Motion, c: &Cell) -> bool {
+/// Alternately slow and fast motions, where the text expects the error of the finite difference (2.4).
+fn uneven(m: &TumblingMotion, c: &Cell) -> bool {
     asymmetric(c) && m.e < 0.51 && m.s_alpha.abs() < 0.31
 }
 
-/// Nearly a sphere: where the text sees the error of the pixels.
-fn nearly_round(m: &Motion, c: &Cell) -> bool {
+/// Nearly spherical bodies, where the text expects the error of the pixels.
+fn nearly_round(m: &TumblingMotion, c: &Cell) -> bool {
     asymmetric(c) && m.e > 0.74
 }
 
@@ -96,7 +96,7 @@ pub(super) fn preprocessing(report: &mut Report, quantity: Quantity, source: usi
         Study::of(Source::TrueRotations),
         Study::images(1024, 20),
     ];
-    let any = |_: &Motion, c: &Cell| asymmetric(c);
+    let any = |_: &TumblingMotion, c: &Cell| asymmetric(c);
     match (source, quantity) {
         (0, _) => {
             let share = typical(&rates, quantity, any) / typical(&images, quantity, any);
@@ -118,7 +118,8 @@ pub(super) fn preprocessing(report: &mut Report, quantity: Quantity, source: usi
         }
         (_, Attitude) => {
             difference_dominates(report, &images, quantity);
-            let symmetric = |_: &Motion, c: &Cell| c.model == Some(MotionModel::Axisymmetric);
+            let symmetric =
+                |_: &TumblingMotion, c: &Cell| c.model == Some(MotionModel::Axisymmetric);
             let ratio = typical(&images, Attitude, symmetric) / typical(&images, Attitude, any);
             report.holds(
                 "poor where the axisymmetric model answers: its median over that of the asymmetric one [-]",
@@ -134,7 +135,7 @@ pub(super) fn preprocessing(report: &mut Report, quantity: Quantity, source: usi
                 most <= 33.0,
             );
             let of_all = |seed| {
-                let cells = images.with_seed(seed).cells(Method::Masutani1995);
+                let cells = images.with_seed(seed).cells(EstimationMethod::Masutani1995);
                 largest(cells.iter().map(|c| Axis.of(c)))
             };
             report.near(
@@ -154,8 +155,9 @@ pub(super) fn preprocessing(report: &mut Report, quantity: Quantity, source: usi
                 ratio,
                 ratio <= 1.0,
             );
-            let symmetric = |_: &Motion, c: &Cell| c.model == Some(MotionModel::Axisymmetric);
-            let share = |belongs: &dyn Fn(&Motion, &Cell) -> bool| {
+            let symmetric =
+                |_: &TumblingMotion, c: &Cell| c.model == Some(MotionModel::Axisymmetric);
+            let share = |belongs: &dyn Fn(&TumblingMotion, &Cell) -> bool| {
                 typical(&images, Axis, belongs) / typical(&images, Attitude, belongs)
             };
             report.note(&format!(
@@ -188,7 +190,7 @@ pub(super) fn preprocessing(report: &mut Report, quantity: Quantity, source: usi
 }
 
 fn difference_dominates(report: &mut Report, study: &Study, quantity: Quantity) {
-    let calm = |m: &Motion, c: &Cell| asymmetric(c) && !uneven(m, c);
+    let calm = |m: &TumblingMotion, c: &Cell| asymmetric(c) && !uneven(m, c);
     let ratio = typical(study, quantity, uneven) / typical(study, quantity, calm);
     report.holds(
         "large where e is small and s_alpha near 0: median there (e to 0.5, |s_alpha| to 0.3) over that elsewhere [-]",
@@ -223,8 +225,8 @@ pub(super) fn resolution(report: &mut Report, quantity: Quantity, i: usize) {
     }
     difference_dominates(report, &study, Parameters);
     if i > 0 {
-        // What quantisation adds: the rise over the estimate from true rotations.
-        let any = |_: &Motion, c: &Cell| asymmetric(c);
+        // The effect of quantisation: the increase over the estimate from true rotations.
+        let any = |_: &TumblingMotion, c: &Cell| asymmetric(c);
         let exact = typical(&Study::of(Source::TrueRotations), Parameters, any);
         let rise = |resolution: u32| {
             let seeds = SEEDS.map(|seed| of(resolution).with_seed(seed));
@@ -250,9 +252,9 @@ pub(super) fn points(report: &mut Report, quantity: Quantity, i: usize) {
     let study = Study::images(1024, POINTS[i]);
     let twenty = Study::images(1024, 20);
     let ratio = typical(&study, quantity, nearly_round) / typical(&twenty, quantity, nearly_round);
-    // With 10 points the asymmetric model answers hardly any of them.
+    // With 10 points the asymmetric model is chosen for hardly any of them.
     let near_one = |study: &Study| {
-        let near_one = |m: &Motion, c: &Cell| c.estimated() && m.e > 0.74 && m.e < 0.99;
+        let near_one = |m: &TumblingMotion, c: &Cell| c.estimated() && m.e > 0.74 && m.e < 0.99;
         let seeds = SEEDS.map(|seed| study.with_seed(seed));
         median(seeds.map(|study| typical(&study, quantity, near_one)))
     };
@@ -277,8 +279,8 @@ pub(super) fn points(report: &mut Report, quantity: Quantity, i: usize) {
 /// Sec. 3.6.5.
 pub(super) fn speed(report: &mut Report, quantity: Quantity, i: usize) {
     let (study, usual) = (at_speed(BETAS[i]), at_speed(0.8));
-    let flat = |m: &Motion, c: &Cell| asymmetric(c) && m.e < 0.51;
-    let round = |m: &Motion, c: &Cell| c.estimated() && m.e > 0.69 && m.e < 0.99;
+    let flat = |m: &TumblingMotion, c: &Cell| asymmetric(c) && m.e < 0.51;
+    let round = |m: &TumblingMotion, c: &Cell| c.estimated() && m.e > 0.69 && m.e < 0.99;
     if i >= 2 && quantity == Parameters {
         let ratio = typical(&study, quantity, flat) / typical(&usual, quantity, flat);
         let published = BETAS[i] / 0.8;

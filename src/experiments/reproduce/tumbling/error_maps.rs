@@ -9,10 +9,10 @@ use super::model_tables::SEEDS;
 use super::statistics::{largest, list_errors, median};
 use super::study::{Source, Study};
 use super::{Report, map, number};
-use crate::estimation::Method;
+use crate::estimation::EstimationMethod;
 use crate::experiments::{MapPanel, MapScale};
 
-/// What a figure shows, and in which case of its series.
+/// The quantity and the case of a figure.
 fn case(figure: usize) -> (Quantity, Study, usize) {
     match figure {
         18..=26 => {
@@ -46,9 +46,9 @@ pub(super) fn error_map(mut report: Report) -> Report {
     let number = number(&report).to_owned();
     let figure = number.strip_prefix("3.").and_then(|n| n.parse().ok());
     let (quantity, study, i) = case(figure.unwrap_or_default());
-    let methods: &[Method] = match study.source {
-        Source::Images { .. } => &[Method::Masutani1995, Method::Bundle],
-        _ => &[Method::Masutani1995],
+    let methods: &[EstimationMethod] = match study.source {
+        Source::Images { .. } => &[EstimationMethod::Masutani1995, EstimationMethod::Bundle],
+        _ => &[EstimationMethod::Masutani1995],
     };
     match figure.unwrap_or_default() {
         18..=26 => preprocessing(&mut report, quantity, i),
@@ -69,9 +69,9 @@ pub(super) fn error_map(mut report: Report) -> Report {
         "The figure is a picture of a surface without readable values: the rows hold the computed map to what the \
          text says of it. Grey: no estimate.",
     );
-    let panel = |method: &Method| {
+    let panel = |method: &EstimationMethod| {
         let cells = study.cells(*method);
-        let asked = (0..cells.len()).filter(|k| study.is_answered(*k, *method));
+        let asked = (0..cells.len()).filter(|k| study.is_evaluated(*k, *method));
         MapPanel {
             title: format!("{}: {}", method.name(), study.condition()),
             values: asked.map(|k| quantity.of(&cells[k])).collect(),
@@ -93,7 +93,7 @@ pub(super) fn error_map(mut report: Report) -> Report {
 fn reference(report: &mut Report, quantity: Quantity, study: &Study) {
     let known = match study.source {
         _ if study.coarse => None,
-        // Known to one digit; two of its motions are known better, and agree.
+        // Known to one digit; two of its motions are known more accurately and agree.
         Source::TrueRates => Some((5.5e-5, 0.45)),
         Source::TrueRotations => Some((0.0052, 2.5)),
         Source::Images {
@@ -120,7 +120,7 @@ fn reference(report: &mut Report, quantity: Quantity, study: &Study) {
         "median {} of an independent implementation",
         quantity.label()
     );
-    // Its points were others, which tell the more the coarser the images are.
+    // It used different points, which matter more the coarser the images are.
     let share = match study.source {
         Source::Images { resolution, .. } if resolution < 1024 => 0.25,
         _ => 0.1,
@@ -131,7 +131,7 @@ fn reference(report: &mut Report, quantity: Quantity, study: &Study) {
     report.near(&quantity, expected, computed, tolerance);
 }
 
-/// What bundle adjustment makes of the same images.
+/// Bundle adjustment on the same images.
 fn past_the_thesis(report: &mut Report, study: &Study) {
     let Source::Images {
         resolution, points, ..
@@ -142,12 +142,12 @@ fn past_the_thesis(report: &mut Report, study: &Study) {
     if study.beta != 0.8 || points != 20 {
         return;
     }
-    // What whole pixels allow.
+    // The accuracy that whole pixels allow.
     let limit = 0.02 * 1024.0 / f64::from(resolution);
-    let cells = study.cells(Method::Bundle);
+    let cells = study.cells(EstimationMethod::Bundle);
     let asked = cells.iter().enumerate();
     let asked: Vec<_> = asked
-        .filter(|(k, _)| study.is_answered(*k, Method::Bundle))
+        .filter(|(k, _)| study.is_evaluated(*k, EstimationMethod::Bundle))
         .map(|(_, cell)| cell)
         .collect();
     let answered = asked.iter().all(|cell| cell.estimated());

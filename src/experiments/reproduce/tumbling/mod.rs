@@ -1,9 +1,9 @@
-//! Chapter 3 of Masutani 1995: the estimation of tumbling motions, judged.
+//! Chapter 3 of Masutani 1995: evaluation of the estimation of tumbling motions.
 //!
-//! The thesis prints its tables of models, but its errors only as pictures of surfaces, whose values cannot be
-//! read. So the error maps are held to what the text says of them and, where an independent implementation
-//! (Python, numpy and scipy) of the same method is known, to its medians. Beside the thesis's method stands bundle
-//! adjustment on the same images.
+//! The thesis prints its tables of models, but its errors only as surface plots whose values cannot be read. So the error
+//! maps are checked against the statements of the text and, where an independent implementation (Python, numpy and scipy)
+//! of the same method is known, against its medians. Results of bundle adjustment on the same images are added for
+//! comparison.
 
 mod catalogue;
 mod claims;

@@ -1,20 +1,20 @@
-//! Tables 3.2 to 3.7: which model the algorithm chooses.
+//! Tables 3.2 to 3.7: the model chosen by the algorithm.
 
 use std::fmt::Write;
 
 use super::statistics::{list_errors, median};
 use super::study::{Cell, Grid, Source, Study};
 use super::{Report, map, number};
-use crate::estimation::{Method, MotionModel};
+use crate::estimation::{EstimationMethod, MotionModel};
 use crate::experiments::masutani_ch3::{
     MOMENTA, ModelTable, TABLE_3_2, TABLE_3_3, TABLE_3_4, TABLE_3_5, TABLE_3_6, TABLE_3_7,
 };
 use crate::experiments::{MapPanel, MapScale};
 
-/// Sets of points that a result from images is the median of: which ones the thesis took is not known.
+/// Number of point sets over which a result from images is the median: the sets of the thesis are unknown.
 pub(super) const SEEDS: std::ops::RangeInclusive<u64> = 1..=5;
 
-/// A table, how it came about, and the share of its cells that must come out as printed.
+/// A table, its conditions, and the fraction of its cells that must agree with the print.
 struct Case {
     table: &'static ModelTable,
     study: Study,
@@ -30,7 +30,7 @@ fn case(number: &str) -> Case {
     match number {
         "3.2" => of(&TABLE_3_2, Study::of(Source::TrueRates), 0.97),
         "3.3" => of(&TABLE_3_3, Study::of(Source::TrueRotations), 0.98),
-        // Its twin, Table 3.5, differs from it in 7.5 % of the cells as printed.
+        // Table 3.5, with the same conditions, differs from it in 7.5 % of the printed cells.
         "3.4" => of(&TABLE_3_4, Study::images(1024, 20), 0.80),
         "3.5" => of(&TABLE_3_5, Study::images(1024, 20), 0.87),
         "3.6" => of(&TABLE_3_6, Study::images(512, 20), 0.80),
@@ -47,7 +47,7 @@ pub(super) fn model_table(mut report: Report) -> Report {
     let from_images = matches!(study.source, Source::Images { .. });
     let seeds = if from_images { SEEDS } else { 1..=1 };
     let runs: Vec<_> = seeds
-        .map(|seed| study.with_seed(seed).cells(Method::Masutani1995))
+        .map(|seed| study.with_seed(seed).cells(EstimationMethod::Masutani1995))
         .collect();
     let agreed = runs.iter().map(|cells| 100.0 * agreement(cells, table));
     let agreed = median(agreed);
@@ -69,7 +69,7 @@ pub(super) fn model_table(mut report: Report) -> Report {
         .collect();
     for (_, model) in MotionModel::NAMES {
         if model == MotionModel::Aperiodic {
-            // Chapter 3 does without.
+            // Not used in chapter 3.
             continue;
         }
         let of_it = |found: &MotionModel| *found == model;
@@ -79,13 +79,13 @@ pub(super) fn model_table(mut report: Report) -> Report {
             found.filter(of_it).count() as f64
         });
         let quantity = format!("cells with the {} model", model.name());
-        // So many may differ in all.
+        // Number of cells that may differ.
         let tolerance = ((1.0 - share) * printed.len() as f64).ceil();
         report.near(&quantity, published, median(counts), tolerance);
     }
     let cells = &runs[0];
     report.listings.push(listing(&grid, table, cells));
-    list_errors(&mut report, &study, &[Method::Masutani1995]);
+    list_errors(&mut report, &study, &[EstimationMethod::Masutani1995]);
     note(&mut report, table);
     let class = |model: Option<MotionModel>| match model {
         Some(MotionModel::Asymmetric) => 0.0,

@@ -1,4 +1,4 @@
-//! Sec. 3.2 and 3.3: pliers in a spacecraft spin, turn over, spin, turn back.
+//! Sec. 3.2 and 3.3: pliers in a spacecraft spin and flip periodically (intermediate axis theorem).
 
 use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 
@@ -10,8 +10,8 @@ use crate::estimation::masutani1995::{Analysis, Fit, Rate};
 use crate::experiments::masutani_ch3::{self as chapter, CellErrors, Condition};
 use crate::experiments::{Figure, Panel, PlaneFigure, Series};
 
-/// Moments \[kg m²\], momentum \[N m s\] and energy \[J\]. The print has moments ten times smaller, for which
-/// `L²/2E` lies outside them.
+/// Moments \[kg m²\], momentum \[N m s\] and energy \[J\]. The printed moments are ten times smaller, for which `L²/2E`
+/// is outside their range.
 const MOMENTS: [f64; 3] = [94.2, 94.2 * 4.0 / 7.0, 94.2 * 3.0 / 7.0];
 const MOMENTUM: f64 = 46.3;
 const ENERGY: f64 = 20.0;
@@ -19,10 +19,10 @@ const ENERGY: f64 = 20.0;
 const DIRECTION: [f64; 3] = [0.250, -0.433, 0.866];
 const RESOLUTION: u32 = 1024;
 const POINTS: usize = 10;
-/// Figs. 3.7, 3.11 and 3.12 show this long \[s\].
+/// Duration shown in Figs. 3.7, 3.11 and 3.12 \[s\].
 const SHOWN: f64 = 100.0;
 
-/// The motion, with `|w|²` least at time zero.
+/// The motion, with minimal `|w|²` at time zero.
 fn motion() -> Option<FreeRotation> {
     let J = Vector3::from(MOMENTS) / (2.0 * ENERGY);
     let alpha = (MOMENTUM / (2.0 * ENERGY)).powi(2);
@@ -139,7 +139,7 @@ fn shape(report: &mut Report) {
     );
 }
 
-/// How often the pliers' axis turns over in the 40 s of Figs. 3.3 and 3.4.
+/// Number of flips of the pliers' axis in the 40 s of Figs. 3.3 and 3.4.
 fn turning_over(report: &mut Report, truth: &FreeRotation) {
     let momentum = truth.momentum_direction();
     let along = |t: f64| momentum.dot(&(truth.attitude(t) * Vector3::y()));

@@ -1,26 +1,26 @@
-//! Medians and maxima of what sweeps give.
+//! Medians and maxima of sweeps.
 
 use std::fmt::Write;
 
 use super::study::{Cell, Study};
-use crate::estimation::{Method, MotionModel};
+use crate::estimation::{EstimationMethod, MotionModel};
 use crate::experiments::reproduce::Report;
 
-/// Median of the finite ones; not a number if there are none.
+/// Median of the finite values; NaN if there are none.
 pub(super) fn median(values: impl Iterator<Item = f64>) -> f64 {
     let mut values: Vec<f64> = values.filter(|v| v.is_finite()).collect();
     values.sort_by(f64::total_cmp);
     values.get(values.len() / 2).copied().unwrap_or(f64::NAN)
 }
 
-/// Largest of the finite ones; not a number if there are none.
+/// Maximum of the finite values; NaN if there are none.
 pub(super) fn largest(values: impl Iterator<Item = f64>) -> f64 {
     let finite = values.filter(|v| v.is_finite());
     finite.fold(f64::NAN, f64::max)
 }
 
-/// Lists errors of both methods side by side; bundle adjustment only where there are images.
-pub(super) fn list_errors(report: &mut Report, study: &Study, methods: &[Method]) {
+/// Lists errors of both methods side by side; bundle adjustment only for image input.
+pub(super) fn list_errors(report: &mut Report, study: &Study, methods: &[EstimationMethod]) {
     let mut listing = format!(
         "{:<32}{:>8}{:>22}{:>22}{:>22}\n{:<32}{:>8}{:>22}{:>22}{:>22}\n",
         "method, over cells",

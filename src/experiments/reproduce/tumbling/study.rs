@@ -1,4 +1,4 @@
-//! Sweeps over kinds of motion, computed once a process: several figures show the same one.
+//! Sweeps over motions, computed once per process since several figures show the same sweep.
 
 use indicatif::{ProgressBar, ProgressStyle};
 use std::sync::{Arc, Mutex, PoisonError};
@@ -6,10 +6,10 @@ use std::time::Instant;
 
 use crate::estimation::bundle;
 use crate::estimation::free_body::FreeRotation;
-use crate::estimation::{Method, MotionModel};
-use crate::experiments::masutani_ch3::{self as chapter, Condition, Motion, in_parallel};
+use crate::estimation::{EstimationMethod, MotionModel};
+use crate::experiments::masutani_ch3::{self as chapter, Condition, TumblingMotion, in_parallel};
 
-/// What the estimation gets.
+/// Input of the estimation.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) enum Source {
     /// True angular velocities.
@@ -22,12 +22,12 @@ pub(super) enum Source {
         resolution: u32,
         /// Points on the body.
         points: usize,
-        /// Which points.
+        /// Seed of the points.
         seed: u64,
     },
 }
 
-/// A sweep's condition.
+/// Conditions of a sweep.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Study {
     pub source: Source,
@@ -44,19 +44,19 @@ pub(super) struct Grid {
     pub momenta: Vec<f64>,
 }
 
-/// What came of one motion.
+/// Result for one motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Cell {
     /// The model chosen, if any.
     pub model: Option<MotionModel>,
-    /// `r`, `Theta` and `Phi` \[-, rad, rad\]; not numbers where there is no estimate.
+    /// `r`, `Theta` and `Phi` \[-, rad, rad\]; NaN without an estimate.
     pub errors: [f64; 3],
 }
 
-/// Bundle adjustment answers one in so many isotropies and momenta.
+/// Bundle adjustment is evaluated for every n-th isotropy and momentum.
 const STEPS: (usize, usize) = (2, 2);
 
-/// The seed of the points that the figures show.
+/// Seed of the points used for the figures.
 pub(super) const SEED: u64 = 1;
 
 impl Grid {
@@ -77,8 +77,8 @@ impl Grid {
     }
 }
 
-/// A sweep that was done, and how.
-type Sweep = (Study, Method, Arc<Vec<Cell>>);
+/// A completed sweep and its conditions.
+type Sweep = (Study, EstimationMethod, Arc<Vec<Cell>>);
 
 impl Study {
     pub fn of(source: Source) -> Self {
@@ -109,7 +109,7 @@ impl Study {
     }
 
     /// The motions, all momenta of the first isotropy, then of the next.
-    pub fn motions(&self) -> Vec<Motion> {
+    pub fn motions(&self) -> Vec<TumblingMotion> {
         let Grid {
             isotropies,
             momenta,
@@ -117,7 +117,7 @@ impl Study {
         let cells = isotropies
             .iter()
             .flat_map(|e| momenta.iter().map(|s| (*e, *s)));
-        let motion = |(e, s_alpha)| Motion {
+        let motion = |(e, s_alpha)| TumblingMotion {
             e,
             s: 0.0,
             s_alpha,
@@ -126,31 +126,31 @@ impl Study {
         cells.map(motion).collect()
     }
 
-    /// The isotropies and momenta that a method is asked for, if not all: bundle adjustment takes seconds for some
-    /// motions, so it answers a part of them.
-    pub fn part(&self, method: Method) -> Option<Grid> {
+    /// The isotropies and momenta for which a method is evaluated, if not all: bundle adjustment takes seconds for some
+    /// motions, so only a subset is computed.
+    pub fn part(&self, method: EstimationMethod) -> Option<Grid> {
         let Grid {
             isotropies,
             momenta,
         } = self.grid();
         let every = |values: Vec<f64>, step| values.into_iter().step_by(step).collect();
-        (method == Method::Bundle).then(|| Grid {
+        (method == EstimationMethod::Bundle).then(|| Grid {
             isotropies: every(isotropies, STEPS.0),
             momenta: every(momenta, STEPS.1),
         })
     }
 
-    /// Whether a method answers motion `index`.
-    pub fn is_answered(&self, index: usize, method: Method) -> bool {
+    /// Whether a method is evaluated for motion `index`.
+    pub fn is_evaluated(&self, index: usize, method: EstimationMethod) -> bool {
         let momenta = self.grid().momenta.len();
-        method != Method::Bundle
+        method != EstimationMethod::Bundle
             || ((index / momenta).is_multiple_of(STEPS.0)
                 && (index % momenta).is_multiple_of(STEPS.1))
     }
 
-    /// The sweep by one method, computed once; bundle adjustment needs images. Motions that the method is not
-    /// asked for ([`Study::is_answered`]) have no errors.
-    pub fn cells(&self, method: Method) -> Arc<Vec<Cell>> {
+    /// The sweep by one method, computed once; bundle adjustment needs images. Motions for which the method is not evaluated
+    /// ([`Study::is_evaluated`]) have no errors.
+    pub fn cells(&self, method: EstimationMethod) -> Arc<Vec<Cell>> {
         static DONE: Mutex<Vec<Sweep>> = Mutex::new(Vec::new());
         let done = || DONE.lock().unwrap_or_else(PoisonError::into_inner);
         let known = |(study, by, _): &&Sweep| study == self && *by == method;
@@ -162,10 +162,10 @@ impl Study {
         cells
     }
 
-    fn sweep(&self, method: Method) -> Vec<Cell> {
+    fn sweep(&self, method: EstimationMethod) -> Vec<Cell> {
         let motions = self.motions();
         let asked: Vec<_> = (0..motions.len())
-            .filter(|index| self.is_answered(*index, method))
+            .filter(|index| self.is_evaluated(*index, method))
             .collect();
         let points = match self.source {
             Source::Images { points, seed, .. } => chapter::points(points, seed),
@@ -186,8 +186,8 @@ impl Study {
             let cell = match motions[*index].rotation() {
                 Err(_) => Cell::NONE,
                 Ok(truth) => match method {
-                    Method::Masutani1995 => by_thesis(&truth, condition),
-                    Method::Bundle => by_bundle(&truth, condition),
+                    EstimationMethod::Masutani1995 => by_thesis(&truth, condition),
+                    EstimationMethod::Bundle => by_bundle(&truth, condition),
                 },
             };
             bar.inc(1);
@@ -205,7 +205,7 @@ impl Study {
         cells
     }
 
-    /// The condition in a few words.
+    /// Short description of the conditions.
     pub fn condition(&self) -> String {
         match self.source {
             Source::TrueRates => "true w".to_owned(),
@@ -216,7 +216,7 @@ impl Study {
         }
     }
 
-    fn describe(&self, method: Method) -> String {
+    fn describe(&self, method: EstimationMethod) -> String {
         let source = match self.source {
             Source::TrueRates => "true angular velocities".to_owned(),
             Source::TrueRotations => "true rotations".to_owned(),
@@ -227,7 +227,7 @@ impl Study {
             } => format!("images of {resolution} px, {points} points (set {seed})"),
         };
         let motions = 0..self.motions().len();
-        let motions = motions.filter(|k| self.is_answered(*k, method)).count();
+        let motions = motions.filter(|k| self.is_evaluated(*k, method)).count();
         format!(
             "{motions} motions, beta = {}, from {source}, {}",
             self.beta,
@@ -275,7 +275,7 @@ fn by_bundle(truth: &FreeRotation, condition: Condition<'_>) -> Cell {
     }
 }
 
-/// A bar on a terminal, nothing elsewhere.
+/// A progress bar on a terminal, otherwise nothing.
 fn progress(length: usize, what: &str) -> ProgressBar {
     let bar = ProgressBar::new(length as u64).with_message(what.to_owned());
     match ProgressStyle::with_template("{msg} {wide_bar} {pos}/{len} {eta}") {

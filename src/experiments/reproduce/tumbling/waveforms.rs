@@ -1,4 +1,4 @@
-//! Figs. 3.27 to 3.30: how `|w|²` swings, and where it drowns.
+//! Figs. 3.27 to 3.30: oscillation of `|w|²`, and where noise hides it.
 
 use super::study::{SEED, Source, Study};
 use super::{Report, map, number};
@@ -12,7 +12,7 @@ fn closed_form(
     report: &mut Report,
     label: &str,
     value: fn(&DynamicParameters) -> f64,
-) -> Vec<(Motion, f64)> {
+) -> Vec<(TumblingMotion, f64)> {
     let study = Study::of(Source::TrueRates);
     let values = study.motions().into_iter().map(|motion| {
         let truth = motion.rotation().ok();
@@ -35,10 +35,10 @@ fn closed_form(
     values
 }
 
-/// The share of pairs of neighbours along one axis of the grid for which `first` then `second` is in order.
+/// Fraction of neighbouring pairs along one grid axis for which `first` and `second` are in the expected order.
 fn share(
-    values: &[(Motion, f64)],
-    next: impl Fn(&Motion, &Motion) -> bool,
+    values: &[(TumblingMotion, f64)],
+    next: impl Fn(&TumblingMotion, &TumblingMotion) -> bool,
     ordered: impl Fn(f64, f64) -> bool,
 ) -> f64 {
     let pairs = values
@@ -49,12 +49,12 @@ fn share(
     orders.iter().filter(|o| **o).count() as f64 / orders.len() as f64
 }
 
-/// Swinging motions: neither a sphere, nor one axis, nor the separatrix.
-fn swings(m: &Motion) -> bool {
+/// Oscillating motions: neither a sphere, nor a single-axis rotation, nor the separatrix.
+fn swings(m: &TumblingMotion) -> bool {
     m.e < 0.99 && m.s_alpha.abs() < 0.99 && m.s_alpha.abs() > 0.01
 }
 
-fn rounder(a: &Motion, b: &Motion) -> bool {
+fn rounder(a: &TumblingMotion, b: &TumblingMotion) -> bool {
     swings(a) && swings(b) && a.s_alpha == b.s_alpha && b.e - a.e > 0.01 && b.e - a.e < 0.06
 }
 
@@ -66,7 +66,7 @@ pub(super) fn period_map(mut report: Report) -> Report {
         longer,
         longer >= 100.0,
     );
-    let inner = |a: &Motion, b: &Motion| {
+    let inner = |a: &TumblingMotion, b: &Motion| {
         let closer = a.s_alpha.abs() - b.s_alpha.abs();
         let same_side = a.s_alpha * b.s_alpha > 0.0;
         swings(a)
@@ -90,7 +90,7 @@ pub(super) fn period_map(mut report: Report) -> Report {
 pub(super) fn amplitude_map(mut report: Report) -> Report {
     let values = closed_form(&mut report, "beta - gamma [rad²/s²]", |p| {
         let amplitude = p.beta() - p.gamma();
-        // What rounding leaves of none is none.
+        // Treat rounding errors as zero.
         match amplitude > 1e-12 * p.beta() {
             true => amplitude,
             false => f64::NAN,
@@ -106,12 +106,12 @@ pub(super) fn amplitude_map(mut report: Report) -> Report {
     report
 }
 
-/// A motion, `|w|²` over time as it was seen, and what the thesis makes of that.
+/// A motion, its measured `|w|²` over time, and the estimate of the thesis.
 type Seen = (FreeRotation, Vec<(f64, f64)>, Analysis);
 
 /// The motion of Figs. 3.29 and 3.30, or its mirror image in momentum.
 fn seen(s_alpha: f64) -> Option<Seen> {
-    let motion = Motion {
+    let motion = TumblingMotion {
         e: 0.9,
         s: 0.0,
         s_alpha,
@@ -129,7 +129,7 @@ fn seen(s_alpha: f64) -> Option<Seen> {
     Some((truth, squares, analysis))
 }
 
-/// What is seen of both motions, and rows that both figures share.
+/// Measurements of both motions, and rows common to both figures.
 fn buried(report: &mut Report) -> Vec<(f64, Seen)> {
     let all = [-0.8, 0.8].into_iter();
     let all: Vec<_> = all.filter_map(|s| Some((s, seen(s)?))).collect();

@@ -2,7 +2,7 @@
 
 use super::{Group, LARGEST_GAIN, PerJoint, SMALLEST_GAIN};
 use crate::{
-    control::{ControllerConfig, LawKind},
+    control::{ControllerConfig, LawConfig, LawKind},
     ros::{Declare, Param},
 };
 
@@ -32,6 +32,8 @@ impl JointPd {
 
 impl Group for JointPd {
     fn write(&self, config: &mut ControllerConfig) {
-        config.joint_pd.k_p = self.k_p.get();
+        if let LawConfig::JointPd(law) = &mut config.law {
+            law.k_p = self.k_p.get();
+        }
     }
 }

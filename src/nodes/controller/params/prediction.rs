@@ -1,4 +1,4 @@
-//! Parameters of latency compensation and of the goal's predicted motion.
+//! Parameters of latency compensation and of the prediction of moving goals.
 
 use super::{Group, LARGEST_GAIN, SMALLEST_GAIN};
 use crate::{
@@ -22,7 +22,7 @@ pub(super) struct Predictions {
 
 impl Predictions {
     pub(super) fn declare(declare: &mut Declare) -> Self {
-        let text = "How the age of camera measurements is compensated";
+        let text = "How the age of the camera measurements is compensated";
         let prediction = choice::declare(declare, "prediction", &Prediction::NAMES, text).live();
         let usual = GoalMotionConfig::default();
         let mut number = |name: &str, default: f64, least: f64, text: &str| {
@@ -35,13 +35,13 @@ impl Predictions {
                 "goal_position_noise",
                 usual.position_noise,
                 SMALLEST_GAIN,
-                "Standard deviation of each coordinate of the goal's measured position [m]",
+                "Standard deviation of each coordinate of a goal measured by the camera [m]",
             ),
             attitude_noise: number(
                 "goal_attitude_noise",
                 usual.attitude_noise,
                 SMALLEST_GAIN,
-                "Standard deviation of each component of the goal's measured attitude [rad]",
+                "Standard deviation of each component of its attitude [rad]",
             ),
             jerk: number(
                 "goal_jerk",

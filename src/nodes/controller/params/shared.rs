@@ -1,8 +1,8 @@
-//! Choice of the law, and parameters of all laws.
+//! Which law, and what all laws share.
 
 use super::{LARGEST_GAIN, PerJoint, SMALLEST_GAIN};
 use crate::{
-    control::{ControllerConfig, Gains, JacobianKind, LawKind, Saturation},
+    control::{ControllerConfig, Gains, JacobianKind, LawConfig, LawKind, Saturation},
     nodes::choice,
     ros::{Declare, Param},
 };
@@ -31,7 +31,7 @@ impl Shared {
             declare,
             "jacobian",
             &JacobianKind::NAMES,
-            "Jacobian of the law",
+            "Jacobian of transpose_jacobian and straight_path",
         )
         .live();
         let mut number = |name: &str, default: f64, least: f64, text: &str| {
@@ -56,19 +56,19 @@ impl Shared {
             "e_p_max",
             0.2,
             SMALLEST_GAIN,
-            "Position error at which its force saturates [m]",
+            "Position error beyond which the force is constant [m]",
         );
         let e_o_max = number(
             "e_o_max",
             0.1,
             SMALLEST_GAIN,
-            "Orientation error at which its moment saturates",
+            "Orientation error beyond which the torque is constant",
         );
         let bumpless_transfer_time = declare
             .param(
                 "bumpless_transfer_time",
                 0.5,
-                "Time constant with which efforts go over to those of changed settings [s]",
+                "Time constant of the bumpless transfer after a change of settings; 0: the efforts jump [s]",
             )
             .range(0.0, 1e3)
             .live();
@@ -92,7 +92,7 @@ impl Shared {
         }
     }
 
-    /// The configuration, with defaults for parameters of single laws.
+    /// The configuration with defaults for what single laws have for themselves.
     pub(super) fn config(&self) -> ControllerConfig {
         // Any other text has been refused by the declaration.
         let law =
@@ -106,9 +106,15 @@ impl Shared {
                 orientation: self.e_o_max.get(),
             },
         };
+        let jacobian = choice::find(&JacobianKind::NAMES, &self.jacobian.get())
+            .unwrap_or(JacobianKind::Generalized);
+        let mut law = LawConfig::from(law);
+        match &mut law {
+            LawConfig::TransposeJacobian(law) => law.jacobian = jacobian,
+            LawConfig::StraightPath(law) => law.jacobian = jacobian,
+            LawConfig::JointPd(_) | LawConfig::OperationalSpace(_) | LawConfig::Custom => {}
+        }
         ControllerConfig {
-            jacobian: choice::find(&JacobianKind::NAMES, &self.jacobian.get())
-                .unwrap_or(JacobianKind::Generalized),
             bumpless_transfer_time: self.bumpless_transfer_time.get(),
             ..ControllerConfig::new(law, gains)
         }

@@ -1,4 +1,4 @@
-//! What happens when the tip rests away from its goal.
+//! Parameters of the escape from singular positions.
 
 use super::Group;
 use crate::{
@@ -19,7 +19,7 @@ impl SingularityEscape {
             .param(
                 "singularity_escape.rate",
                 default.rate,
-                "Joint rate of a kick out of a singular position; 0 never kicks [rad/s or m/s]",
+                "Amplitude of the motion out of a singular position, as a joint rate; 0: none [rad/s or m/s]",
             )
             .range(0.0, 1.0)
             .live();
@@ -27,7 +27,7 @@ impl SingularityEscape {
             .param(
                 "singularity_escape.delay",
                 default.delay,
-                "Time that the tip must have rested before a kick [s]",
+                "Time that the arm must have rested before it [s]",
             )
             .range(0.1, 1e6)
             .live();

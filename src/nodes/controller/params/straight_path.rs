@@ -15,7 +15,7 @@ pub(super) struct StraightPath {
     d_along: Param<f64>,
     d_across: Param<f64>,
     d_turn: Param<f64>,
-    joint_part: Param<f64>,
+    joint_damping_fraction: Param<f64>,
     period: Param<f64>,
 }
 
@@ -58,13 +58,13 @@ impl StraightPath {
                 "d_turn",
                 default.d_turn,
                 LARGEST_GAIN,
-                "Damping of the turning tip, where k_o is not 0 [N m s/rad]",
+                "Damping of the angular velocity of the tip, where k_o is not 0 [N m s/rad]",
             ),
-            joint_part: declare
+            joint_damping_fraction: declare
                 .param(
-                    "straight_path.joint_part",
-                    default.joint_part,
-                    "Part of k_v that stays on the joints while the tip is damped",
+                    "straight_path.joint_damping_fraction",
+                    default.joint_damping_fraction,
+                    "Fraction of k_v that remains on the joints while the tip is damped",
                 )
                 .range(1e-3, 1.0)
                 .live(),
@@ -72,7 +72,7 @@ impl StraightPath {
                 .param(
                     "straight_path.period",
                     0.01,
-                    "Time between joint states, which bounds the damping of the tip; 0 does not bound it [s]",
+                    "Time from one joint state to the next, which bounds the damping of the tip; 0: no bound [s]",
                 )
                 .range(0.0, 1.0)
                 .live(),
@@ -82,7 +82,11 @@ impl StraightPath {
 
 impl Group for StraightPath {
     fn write(&self, config: &mut ControllerConfig) {
-        config.straight_path = StraightPathConfig {
+        let LawConfig::StraightPath(law) = &mut config.law else {
+            return;
+        };
+        *law = StraightPathConfig {
+            jacobian: law.jacobian,
             // Any other text has been refused by the declaration.
             shaping: choice::find(&Shaping::NAMES, &self.shaping.get())
                 .unwrap_or(Shaping::Rotation),
@@ -91,7 +95,7 @@ impl Group for StraightPath {
             d_along: self.d_along.get(),
             d_across: self.d_across.get(),
             d_turn: self.d_turn.get(),
-            joint_part: self.joint_part.get(),
+            joint_damping_fraction: self.joint_damping_fraction.get(),
             period: self.period.get(),
         };
     }

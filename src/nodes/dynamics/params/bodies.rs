@@ -1,4 +1,4 @@
-//! Bodies and how they move at the start.
+//! Descriptions of bodies, and their motion at the start.
 
 use nalgebra::{DVector, Isometry3, Vector3};
 
@@ -13,7 +13,7 @@ use crate::{
     spatial::Twist,
 };
 
-/// A robot description: its text, and where it came from for messages.
+/// A robot description: its text, and its source for error messages.
 #[derive(Debug, Clone)]
 pub struct Description {
     /// URDF.
@@ -22,9 +22,9 @@ pub struct Description {
     pub source: String,
 }
 
-/// Where a frame is at the start and how it moves.
+/// Pose and velocity of a body's root frame at the start.
 #[derive(Debug, Clone)]
-pub struct Motion {
+pub struct InitialMotion {
     /// Pose in the world.
     pub pose: Isometry3<f64>,
     /// Velocity of the frame's origin in world axes \[m/s\].
@@ -33,18 +33,19 @@ pub struct Motion {
     pub angular_velocity_B: Vector3<f64>,
 }
 
-/// A free body beside the robot.
+/// A free body (target).
 #[derive(Debug, Clone)]
 pub struct TargetParams {
-    /// Name: its frame, and `ground_truth/NAME/odom`.
+    /// Name: that of its frame, and in `ground_truth/NAME/odom`.
     pub name: String,
-    /// Its description: a single body.
+    /// Its description, of a single body.
     pub description: Description,
-    /// Start.
-    pub motion: Motion,
+    /// Pose and velocity at the start.
+    pub motion: InitialMotion,
 }
 
 impl Description {
+    /// Reads the file that a parameter names.
     pub(super) fn read(parameter: &str, file: &str) -> Result<Self, String> {
         let read = resource::read(file).map_err(|e| format!("parameter {parameter}: {e}"))?;
         Ok(Self {
@@ -53,16 +54,17 @@ impl Description {
         })
     }
 
-    /// The model that this describes.
+    /// Compiles the model.
     ///
     /// # Errors
-    /// The compiler's, which names the source.
+    /// A line that names the source and what is wrong in it.
     pub fn compile(&self) -> Result<Model, String> {
         Model::from_urdf(&self.xml, &self.source).map_err(|e| e.to_string())
     }
 }
 
-impl Motion {
+impl InitialMotion {
+    /// Declares `PREFIX.position`, `.orientation`, `.velocity` and `.angular_velocity`, and reads them.
     pub(super) fn declare(declare: &mut Declare, prefix: &str, what: &str) -> Result<Self, String> {
         let pose = declare_pose(declare, prefix, what, false);
         let velocity = format!("Velocity of the {what} in world axes at the start [m/s]");
@@ -78,7 +80,7 @@ impl Motion {
         })
     }
 
-    /// Puts the base of `model` there, and lets it move so.
+    /// Gives the base of `model` this pose and velocity.
     pub fn place(&self, model: &Model, state: &mut State) {
         let linear_B = self.pose.rotation.inverse() * self.velocity_W;
         let V_WB_B = Twist::new(self.angular_velocity_B, linear_B);
@@ -86,6 +88,7 @@ impl Motion {
     }
 }
 
+/// Declares a list of finite numbers, one per joint or empty.
 pub(super) fn finite_list(declare: &mut Declare, name: &str, description: &str) -> Vec<f64> {
     (declare.param(name, Vec::<f64>::new(), description))
         .read_only()
@@ -95,7 +98,10 @@ pub(super) fn finite_list(declare: &mut Declare, name: &str, description: &str) 
         .value()
 }
 
-/// A joint vector of the right length from a list that may be empty.
+/// The values as a joint vector; an empty list is zero.
+///
+/// # Errors
+/// A line that names the parameter if the number of values is not that of the joints.
 pub(in crate::nodes::dynamics) fn joint_vector(
     name: &str,
     values: &[f64],

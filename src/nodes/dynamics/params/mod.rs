@@ -1,10 +1,10 @@
 //! Parameters of the dynamics node.
 
 mod bodies;
-mod servo;
+mod velocity_servo;
 
 pub(super) use bodies::joint_vector;
-pub use bodies::{Description, Motion, TargetParams};
+pub use bodies::{Description, InitialMotion, TargetParams};
 
 use super::imu::ImuParams;
 use super::loops::LoopParams;
@@ -15,9 +15,9 @@ use crate::{
     ros::{Declare, Lifecycle},
 };
 use bodies::finite_list;
-use servo::declare_servo;
+use velocity_servo::declare_servo;
 
-/// What the dynamics node is told; read once, at the start.
+/// Parameters of the dynamics node; read once, at the start.
 #[derive(Debug, Clone)]
 pub struct DynamicsParams {
     /// The robot's description.
@@ -28,12 +28,11 @@ pub struct DynamicsParams {
     pub initial_joint_velocities: Vec<f64>,
     /// Closures that make closed loops of the robot's tree.
     pub loop_closures: Vec<LoopParams>,
-    /// Gap up to which joints given approximately are moved to close a loop \[m or rad\], and the same for
-    /// rates.
+    /// Largest gap of a loop closure at the start that is closed by moving the joints \[m or rad\]; the same for rates.
     pub loop_tolerance: f64,
     /// Pose and motion of the base at the start.
-    pub base: Motion,
-    /// Bodies that float free beside the robot.
+    pub base: InitialMotion,
+    /// Other free-floating bodies.
     pub targets: Vec<TargetParams>,
     /// The base's inertial measurement unit.
     pub imu: ImuParams,
@@ -47,7 +46,7 @@ pub struct DynamicsParams {
     pub state_rate: f64,
     /// Simulated seconds per second; zero is as fast as possible.
     pub real_time_factor: f64,
-    /// Whether every state waits for the command that answers it.
+    /// Lockstep: whether every state waits for the command that answers it.
     pub lockstep: bool,
     /// Whether time stands still until the first command.
     pub start_on_command: bool,
@@ -59,18 +58,18 @@ pub struct DynamicsParams {
     pub duration: f64,
     /// Age of the last command beyond which efforts, or driven rates, are zero \[s\].
     pub command_timeout: f64,
-    /// Time for which a due state waits for the answer to the one before, from who answers states \[s\].
+    /// How long a due state waits for the answer to the previous one, from a commander that answers states \[s\].
     pub answer_timeout: f64,
-    /// Largest effort that a command may ask for \[N m or N\].
+    /// Largest effort in a command \[N m or N\].
     pub max_effort: f64,
-    /// The servo that obeys commands of rates.
+    /// The servo that drives joint rates.
     pub servo: VelocityServoConfig,
-    /// Largest rate that a command may ask for \[rad/s or m/s\].
+    /// Largest rate in a command \[rad/s or m/s\].
     pub max_rate: f64,
 }
 
 impl DynamicsParams {
-    /// Declares the parameters and reads them. `finish` of `declare` is the caller's.
+    /// Declares the parameters and reads them. The caller calls `finish` of `declare`.
     ///
     /// # Errors
     /// A line that names the parameter whose file cannot be read or whose values do not fit together.
@@ -105,17 +104,17 @@ impl DynamicsParams {
             .param(
                 "loop_tolerance",
                 1e-3,
-                "Gap up to which the joints are moved at the start to close a loop [m or rad]; the same for rates",
+                "Largest gap of a loop closure at the start that is closed by moving the joints [m or rad]; the same for rates",
             )
             .range(1e-12, 1.0)
             .read_only()
             .value();
-        let base = Motion::declare(declare, "base", "base frame");
+        let base = InitialMotion::declare(declare, "base", "base frame");
         let names = declare
             .param(
                 "targets",
                 Vec::<String>::new(),
-                "Names of the free bodies beside the robot",
+                "Names of the other free bodies (targets)",
             )
             .read_only()
             .value();
@@ -130,7 +129,7 @@ impl DynamicsParams {
                 )
                 .read_only()
                 .value();
-            let motion = Motion::declare(declare, &name, "target's frame");
+            let motion = InitialMotion::declare(declare, &name, "target's frame");
             targets.push((name, key, file, motion));
         }
         let imu = ImuParams::declare(declare);
@@ -138,15 +137,15 @@ impl DynamicsParams {
             .read_only()
             .value();
         let formulations = choice::list(&FormulationKind::NAMES);
-        // Closed loops are solved in the metric of the reduced form.
-        let usual = match &loop_closures {
+        // Closed loops need the reduced inertia.
+        let default = match &loop_closures {
             Ok(closures) if !closures.is_empty() => FormulationKind::Reduced,
             _ => FormulationKind::default(),
         };
         let formulation = declare
             .param(
                 "formulation",
-                choice::name_of(&FormulationKind::NAMES, &usual),
+                choice::name_of(&FormulationKind::NAMES, &default),
                 &format!(
                     "Formulation of forward dynamics: {formulations}; reduced with loop_closures"
                 ),
@@ -207,7 +206,7 @@ impl DynamicsParams {
             .param(
                 "start_paused",
                 false,
-                "Begin paused, until set_simulation_state or step_simulation lets time go on",
+                "Begin paused, until set_simulation_state or step_simulation advances time",
             )
             .read_only()
             .value();
@@ -225,7 +224,7 @@ impl DynamicsParams {
             .param(
                 "command_timeout",
                 0.5,
-                "Efforts, or rates if the last command was one of rates, are zero when it is older [s]",
+                "Age of the last command above which efforts, or driven rates, become zero [s]",
             )
             .range(1e-3, 1e6)
             .read_only()
@@ -234,7 +233,7 @@ impl DynamicsParams {
             .param(
                 "answer_timeout",
                 0.5,
-                "How long time waits for the answer to the last state [s of the computer's clock], from a commander that answers states; 0 keeps the pace whatever comes late",
+                "How long time waits for the answer to the last state, from a commander that answers states [s of the computer's clock]; 0 never waits",
             )
             .range(0.0, 60.0)
             .read_only()
@@ -243,7 +242,7 @@ impl DynamicsParams {
             .param(
                 "max_effort",
                 1e6,
-                "Largest effort that a command may ask of a joint; a larger one is refused [N m or N]",
+                "Largest joint effort in a command; a command with a larger one is refused [N m or N]",
             )
             .range(1e-9, 1e9)
             .read_only()
@@ -253,25 +252,25 @@ impl DynamicsParams {
             .param(
                 "velocity_servo.max_rate",
                 100.0,
-                "Largest rate that a command may ask of a joint; a larger one is refused [rad/s or m/s]",
+                "Largest joint rate in a command; a command with a larger one is refused [rad/s or m/s]",
             )
             .range(1e-9, 1e9)
             .read_only()
             .value();
         if real_time_factor == 0.0 && !lockstep {
             return Err(
-                "parameter real_time_factor is 0.0 (as fast as possible), which needs lockstep: true; without it commands would come too late"
+                "parameter real_time_factor is 0.0 (as fast as possible), which needs lockstep: true; without it commands would arrive too late"
                     .to_owned(),
             );
         }
 
         let (base, loop_closures) = (base?, loop_closures?);
-        // Any other text has been refused by the declaration.
+        // The declaration has refused any other text.
         let formulation = choice::find(&FormulationKind::NAMES, &formulation).unwrap_or_default();
         if !loop_closures.is_empty() && formulation != FormulationKind::Reduced {
             let name = choice::name_of(&FormulationKind::NAMES, &formulation);
             return Err(format!(
-                "parameter formulation is '{name}', which knows no closed loops; loop_closures need 'reduced'"
+                "parameter formulation is '{name}', which does not support closed loops; loop_closures need 'reduced'"
             ));
         }
         let robot = if xml.is_empty() {
@@ -301,7 +300,7 @@ impl DynamicsParams {
             base,
             targets,
             imu,
-            // Any other text has been refused by the declaration.
+            // The declaration has refused any other text.
             method: choice::find(&Method::NAMES, &method).unwrap_or_default(),
             formulation,
             time_step,

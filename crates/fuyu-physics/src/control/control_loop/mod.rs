@@ -47,7 +47,7 @@ use joint_states::{JointSample, JointStates};
 use nalgebra::{DVector, Vector3};
 use newest::{Horizon, Newest};
 
-use super::{Controller, ControllerConfig, GainError, GoalRate, Measurement, TipMeasurement};
+use super::{ConfigError, Controller, ControllerConfig, GoalRate, Measurement, TipMeasurement};
 use crate::spatial::Pose;
 
 /// Settings of a [`ControlLoop`].
@@ -129,8 +129,8 @@ impl ControlLoop {
     /// Changes law or gains: see [`Controller::set_config`].
     ///
     /// # Errors
-    /// [`GainError`] when they do not fit the robot; nothing has changed then.
-    pub fn set_controller_config(&mut self, config: ControllerConfig) -> Result<(), GainError> {
+    /// [`ConfigError`] when they do not fit the robot; nothing has changed then.
+    pub fn set_controller_config(&mut self, config: ControllerConfig) -> Result<(), ConfigError> {
         self.controller.set_config(config)
     }
 

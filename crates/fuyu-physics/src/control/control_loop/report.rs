@@ -1,7 +1,7 @@
 //! What a control loop reports of each step.
 
 use super::Stamp;
-use crate::control::{ControlReport, LawError};
+use crate::control::{ControlError, ControlReport};
 
 /// One step of a [`ControlLoop`](super::ControlLoop): which inputs were used and what was decided.
 #[derive(Debug, Clone, PartialEq)]
@@ -9,7 +9,7 @@ pub struct LoopReport {
     /// Stamp of the joint state that was answered.
     pub stamp: Stamp,
     /// What the controller reports, or why its law gives no efforts.
-    pub control: Result<ControlReport, LawError>,
+    pub control: Result<ControlReport, ControlError>,
     /// What the efforts are.
     pub mode: ControlMode,
     /// Camera measurement of the first tip.

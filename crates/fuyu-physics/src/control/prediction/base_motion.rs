@@ -1,4 +1,4 @@
-//! How the base moves beside the system's centre of mass.
+//! Motion of the base relative to the system's centre of mass.
 
 use std::collections::VecDeque;
 
@@ -6,20 +6,20 @@ use nalgebra::{Rotation3, Translation3, UnitQuaternion, Vector3};
 
 use crate::spatial::{Pose, exp_so3};
 
-/// Samples kept: 20 s at 100 Hz, more than any sensor is late.
-const KEPT: usize = 2000;
+/// Number of samples kept: 20 s at 100 Hz, longer than the latency of any sensor.
+const CAPACITY: usize = 2000;
 
-/// Samples further apart than this \[s\] say nothing about the time between.
-const GAP: f64 = 0.5;
+/// Largest interval between samples over which the motion is interpolated \[s\].
+const MAX_GAP: f64 = 0.5;
 
-/// The robot at one time, as it knows itself.
+/// Base and tip at one time, by gyro and encoders.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Moment {
+pub(in crate::control) struct BaseState {
     /// Time \[s\].
     pub time: f64,
     /// Attitude of the base in I.
     pub R_IB: UnitQuaternion<f64>,
-    /// Base frame's origin from the system's centre of mass, axes of I \[m\].
+    /// Position of the base frame's origin relative to the system's centre of mass, axes of I \[m\].
     pub p_IB: Vector3<f64>,
     /// Angular velocity of the base, base axes \[rad/s\].
     pub w_IB_B: Vector3<f64>,
@@ -27,7 +27,7 @@ pub struct Moment {
     pub X_BE: Pose,
 }
 
-impl Moment {
+impl BaseState {
     /// Pose of the base in I.
     pub fn X_IB(&self) -> Pose {
         Pose::from_parts(
@@ -37,26 +37,26 @@ impl Moment {
     }
 }
 
-/// The last seconds of the base's motion in I, the frame that does not turn and moves with the system's centre
-/// of mass. Its axes are those of the base at the first sample; they drift with the gyro, slowly, which nothing
-/// here heeds since only differences over a sensor's latency are used.
+/// The last seconds of the base's motion in I, the frame that does not rotate and moves with the system's centre
+/// of mass. Its axes are those of the base at the first sample. They drift slowly with the gyro, which has no effect
+/// because only differences over a sensor's latency are used.
 #[derive(Debug, Clone)]
-pub struct BaseMotion {
-    moments: VecDeque<Moment>,
+pub(super) struct BaseMotion {
+    samples: VecDeque<BaseState>,
 }
 
 impl Default for BaseMotion {
     fn default() -> Self {
         Self {
-            moments: VecDeque::with_capacity(KEPT),
+            samples: VecDeque::with_capacity(CAPACITY),
         }
     }
 }
 
 impl BaseMotion {
-    /// Goes on to `time` \[s\]. `w_IB_B` is what the gyro measures then \[rad/s\], `p_BC` the system's centre of
-    /// mass and `X_BE` the tip in the base frame, by the encoders. Attitude is summed up by the fourth-order
-    /// Magnus expansion for a rate that changes evenly. Time that runs backwards or leaps begins a new frame I;
+    /// Adds the sample at `time` \[s\]. `w_IB_B` is the gyro's measurement \[rad/s\], `p_BC` the system's centre of
+    /// mass and `X_BE` the tip in the base frame, by the encoders. Attitude is integrated by the fourth-order
+    /// Magnus expansion for a linearly changing rate. A jump in time, back or over a gap, starts a new frame I;
     /// returns whether it did.
     pub fn advance(
         &mut self,
@@ -65,8 +65,8 @@ impl BaseMotion {
         p_BC: &Vector3<f64>,
         X_BE: &Pose,
     ) -> bool {
-        let last = self.moments.back().copied();
-        let last = last.filter(|last| time >= last.time && time - last.time <= GAP);
+        let last = self.samples.back().copied();
+        let last = last.filter(|last| time >= last.time && time - last.time <= MAX_GAP);
         let mut R_IB = UnitQuaternion::identity();
         if let Some(last) = last {
             let h = time - last.time;
@@ -75,15 +75,15 @@ impl BaseMotion {
                 last.R_IB * exp_so3(&((w + w_IB_B) * (0.5 * h) + w.cross(w_IB_B) * (h * h / 12.0)));
             R_IB.renormalize();
             if h == 0.0 {
-                self.moments.pop_back();
+                self.samples.pop_back();
             }
         } else {
-            self.moments.clear();
+            self.samples.clear();
         }
-        if self.moments.len() == KEPT {
-            self.moments.pop_front();
+        if self.samples.len() == CAPACITY {
+            self.samples.pop_front();
         }
-        self.moments.push_back(Moment {
+        self.samples.push_back(BaseState {
             time,
             R_IB,
             p_IB: -(R_IB * p_BC),
@@ -93,30 +93,25 @@ impl BaseMotion {
         last.is_none()
     }
 
-    /// Forgets all.
-    pub fn clear(&mut self) {
-        self.moments.clear();
-    }
-
     /// The newest sample.
-    pub fn now(&self) -> Option<&Moment> {
-        self.moments.back()
+    pub fn last(&self) -> Option<&BaseState> {
+        self.samples.back()
     }
 
-    /// The robot at `time` \[s\], between samples by even motion; `None` for a time before the first sample or
+    /// Base and tip at `time` \[s\], linearly interpolated; `None` for a time before the first sample or
     /// after the last.
-    pub fn at(&self, time: f64) -> Option<Moment> {
+    pub fn at(&self, time: f64) -> Option<BaseState> {
         const SLACK: f64 = 1e-6;
-        let (first, last) = (self.moments.front()?, self.moments.back()?);
+        let (first, last) = (self.samples.front()?, self.samples.back()?);
         if time < first.time - SLACK || time > last.time + SLACK {
             return None;
         }
-        let after = self.moments.partition_point(|m| m.time < time - SLACK);
-        let b = self.moments.get(after).unwrap_or(last);
+        let after = self.samples.partition_point(|m| m.time < time - SLACK);
+        let b = self.samples.get(after).unwrap_or(last);
         if (b.time - time).abs() <= SLACK || after == 0 {
             return Some(*b);
         }
-        let a = &self.moments[after - 1];
+        let a = &self.samples[after - 1];
         let s = (time - a.time) / (b.time - a.time);
         let tip = a.X_BE.rotation.rotation_to(&b.X_BE.rotation);
         let tip = exp_so3(&(UnitQuaternion::from(tip).scaled_axis() * s)).to_rotation_matrix();
@@ -125,7 +120,7 @@ impl BaseMotion {
             .translation
             .vector
             .lerp(&b.X_BE.translation.vector, s);
-        Some(Moment {
+        Some(BaseState {
             time,
             R_IB: a.R_IB * exp_so3(&((a.R_IB.inverse() * b.R_IB).scaled_axis() * s)),
             p_IB: a.p_IB.lerp(&b.p_IB, s),
@@ -150,7 +145,7 @@ mod tests {
     }
 
     #[test]
-    fn attitude_is_that_of_a_coning_base_and_lasts_between_samples() {
+    fn attitude_of_a_coning_base_is_integrated_and_interpolated() {
         // R = Rz(a t) Rx(b t) turns with w = (b, a sin bt, a cos bt) in its own axes.
         let (a, b) = (0.3, 0.5);
         let mut base = BaseMotion::default();
@@ -164,28 +159,31 @@ mod tests {
                 * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), b * t)
         };
         for t in [1.0, 2.345, 4.999] {
-            let seen = base.at(t).unwrap();
-            // The rate does not change quite evenly: 6e-9 rad a sample, and 2e-6 between samples.
-            assert!(seen.R_IB.angle_to(&truth(t)) < 6e-6, "{t}");
-            assert!((seen.p_IB + truth(t) * Vector3::x()).norm() < 1e-5);
-            assert!((seen.X_BE.translation.x - t).abs() < 1e-12);
-            assert!(seen.X_BE.rotation.angle_to(&tip(t, t).rotation) < 1e-7);
+            let state = base.at(t).unwrap();
+            // The rate does not change quite linearly: errors of 6e-9 rad per sample, and 2e-6 between samples.
+            assert!(state.R_IB.angle_to(&truth(t)) < 6e-6, "{t}");
+            assert!((state.p_IB + truth(t) * Vector3::x()).norm() < 1e-5);
+            assert!((state.X_BE.translation.x - t).abs() < 1e-12);
+            assert!(state.X_BE.rotation.angle_to(&tip(t, t).rotation) < 1e-7);
         }
-        assert!(base.now().unwrap().R_IB.angle_to(&truth(5.0)) < 4e-6);
+        assert!(base.last().unwrap().R_IB.angle_to(&truth(5.0)) < 4e-6);
     }
 
     #[test]
-    fn what_was_not_sampled_is_not_known() {
+    fn times_outside_the_samples_have_no_state() {
         let mut base = BaseMotion::default();
         let (w, p) = (Vector3::zeros(), Vector3::zeros());
         assert!(base.at(0.0).is_none());
         assert!(base.advance(1.0, &w, &p, &tip(1.0, 0.0)));
         assert!(!base.advance(1.1, &w, &p, &tip(1.1, 0.0)));
         assert!(base.at(0.9).is_none() && base.at(1.2).is_none());
-        assert!(base.advance(3.0, &w, &p, &tip(3.0, 0.0)), "a leap");
+        assert!(base.advance(3.0, &w, &p, &tip(3.0, 0.0)), "a gap");
         assert!(base.at(1.05).is_none());
         assert!(base.advance(2.0, &w, &p, &tip(2.0, 0.0)), "a new run");
-        assert!(!base.advance(2.0, &w, &p, &tip(2.5, 0.0)), "told again");
-        assert_eq!(base.now().unwrap().X_BE.translation.x, 2.5);
+        assert!(
+            !base.advance(2.0, &w, &p, &tip(2.5, 0.0)),
+            "a repeated sample"
+        );
+        assert_eq!(base.last().unwrap().X_BE.translation.x, 2.5);
     }
 }

@@ -1,11 +1,11 @@
-//! How a goal moves that is seen now and then.
+//! Estimation of the goal's motion from camera frames.
 
 use nalgebra::{Matrix3, RowVector3, Translation3, UnitQuaternion, Vector3};
 
-use crate::control::gains::{GainError, check_not_negative, check_positive};
+use crate::control::gains::{ConfigError, check_not_negative, check_positive};
 use crate::spatial::{Pose, Twist, exp_so3};
 
-/// What is known of goals and of the sensor before any is seen.
+/// Noise of the sensors and smoothness of the goal's motion.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct GoalMotionConfig {
     /// Standard deviation of each coordinate of a measured position \[m\].
@@ -16,14 +16,14 @@ pub struct GoalMotionConfig {
     pub jerk: f64,
     /// The same of the attitude \[rad/s^2.5\].
     pub angular_jerk: f64,
-    /// Standard deviation of each component of an angular velocity that somebody else has estimated \[rad/s\];
-    /// zero: none is heeded.
+    /// Standard deviation of each component of an externally estimated angular velocity \[rad/s\];
+    /// zero: it is not used.
     pub rate_noise: f64,
 }
 
 impl Default for GoalMotionConfig {
-    /// Fits a point 1 m from the centre of a body that tumbles at some 3 deg/s (its acceleration of 3 mm/s²
-    /// turns in 20 s) and a camera that is a little worse than ideal.
+    /// For a point 1 m from the centre of a body that tumbles at some 3 deg/s (its acceleration of 3 mm/s²
+    /// rotates by a radian in 20 s) and a camera that is a little worse than ideal.
     fn default() -> Self {
         Self {
             position_noise: 1e-3,
@@ -36,11 +36,11 @@ impl Default for GoalMotionConfig {
 }
 
 impl GoalMotionConfig {
-    /// Refuses what no filter can work with.
+    /// Refuses settings of the wrong sign or that are not finite.
     ///
     /// # Errors
-    /// [`GainError`] names the setting.
-    pub fn check(&self) -> Result<(), GainError> {
+    /// [`ConfigError`] names the setting.
+    pub fn check(&self) -> Result<(), ConfigError> {
         check_positive("goal_position_noise", self.position_noise)?;
         check_positive("goal_attitude_noise", self.attitude_noise)?;
         check_positive("goal_jerk", self.jerk)?;
@@ -52,36 +52,37 @@ impl GoalMotionConfig {
 /// Standard deviations of speed and acceleration before two frames are seen \[m/s, m/s²; rad/s, rad/s²\].
 const PRIOR: (f64, f64) = (0.1, 0.01);
 
-/// Deviations beyond so many standard deviations are not noise.
+/// Gate of the filter, in standard deviations: larger deviations are not noise.
 const GATE: f64 = 8.0;
 
 /// The goal at one time, in I.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct GoalState {
+pub(super) struct GoalState {
     /// Pose in I.
     pub X_ID: Pose,
-    /// Angular velocity, and velocity of its origin, axes of I.
+    /// Angular velocity and velocity of its origin, axes of I.
     pub V_ID_I: Twist,
-    /// Their rates of change.
+    /// Rate of change of that twist.
     pub A_ID_I: Twist,
 }
 
 /// A Kalman filter for position and attitude with their first two derivatives, driven by white jerk. A body in
-/// free rotation has smooth accelerations; over the fraction of a second by which a camera is late, a constant
-/// one leaves an error of `w³ r t³/6`, micrometres for what a servicer can follow at all.
+/// free rotation has smooth accelerations; over a latency of a fraction of a second, a constant
+/// acceleration leaves an error of `w³ r t³/6`, micrometres for a goal that a servicer can follow.
 ///
-/// Measurement noise is alike in all directions, so one 3 × 3 covariance serves the three coordinates of the
+/// Measurement noise is equal in all directions, so one 3 × 3 covariance serves the three coordinates of the
 /// position, and one those of the attitude (whose error is a small rotation in the axes of I).
 #[derive(Debug, Clone)]
-pub struct GoalMotion {
+pub(super) struct GoalMotion {
     config: GoalMotionConfig,
-    known: Option<Known>,
-    /// Frames in a row that did not fit.
-    strangers: u32,
+    estimate: Option<Estimate>,
+    /// Number of consecutive frames outside the gate.
+    outliers: u32,
 }
 
+/// State of the filter at one time, in I; each covariance is that of (value, rate, acceleration) of one coordinate.
 #[derive(Debug, Clone, Copy)]
-struct Known {
+struct Estimate {
     time: f64,
     R_ID: UnitQuaternion<f64>,
     w: Vector3<f64>,
@@ -94,34 +95,34 @@ struct Known {
 }
 
 impl GoalMotion {
-    /// Nothing is known yet.
+    /// Without any measurement yet.
     pub fn new(config: GoalMotionConfig) -> Self {
         Self {
             config,
-            known: None,
-            strangers: 0,
+            estimate: None,
+            outliers: 0,
         }
     }
 
-    /// Changes what is known of goals and sensor, from now on.
+    /// Changes the settings from now on.
     pub fn set_config(&mut self, config: GoalMotionConfig) {
         self.config = config;
     }
 
     /// Forgets the goal.
     pub fn clear(&mut self) {
-        self.known = None;
-        self.strangers = 0;
+        self.estimate = None;
+        self.outliers = 0;
     }
 
-    /// Takes in the goal's pose in I at `time` \[s\]. One frame that does not fit is taken for a fault of the
-    /// sensor; two in a row for another goal, with which the estimate begins anew.
-    pub fn see(&mut self, time: f64, X_ID: &Pose) {
-        let Some(known) = self.known.filter(|known| time >= known.time) else {
+    /// Adds the goal's pose in I at `time` \[s\]. One frame outside the gate is assumed to be a fault of the
+    /// sensor; after two in a row the estimate starts again, with another goal.
+    pub fn add_pose(&mut self, time: f64, X_ID: &Pose) {
+        let Some(estimate) = self.estimate.filter(|estimate| time >= estimate.time) else {
             self.begin(time, X_ID);
             return;
         };
-        let mut next = known.carried_on(time - known.time, &self.config);
+        let mut next = estimate.predicted(time - estimate.time, &self.config);
         let off_p = X_ID.translation.vector - next.p;
         let off_R = (UnitQuaternion::from(X_ID.rotation) * next.R_ID.inverse()).scaled_axis();
         let fits = |off: &Vector3<f64>, P: &Matrix3<f64>, noise: f64| {
@@ -135,48 +136,46 @@ impl GoalMotion {
         if !(fits(&off_p, &next.position, position_noise)
             && fits(&off_R, &next.attitude, attitude_noise))
         {
-            self.strangers += 1;
-            if self.strangers > 1 {
+            self.outliers += 1;
+            if self.outliers > 1 {
                 self.begin(time, X_ID);
             }
             return;
         }
-        self.strangers = 0;
-        let seen = RowVector3::new(1.0, 0.0, 0.0);
-        let gain = correct(&mut next.position, &seen, position_noise);
+        self.outliers = 0;
+        let row = RowVector3::new(1.0, 0.0, 0.0);
+        let gain = correct(&mut next.position, &row, position_noise);
         next.p += off_p * gain.x;
         next.v += off_p * gain.y;
         next.a += off_p * gain.z;
-        let gain = correct(&mut next.attitude, &seen, attitude_noise);
+        let gain = correct(&mut next.attitude, &row, attitude_noise);
         next.turn(&off_R, &gain);
-        self.known = Some(next);
+        self.estimate = Some(next);
     }
 
-    /// Takes in an angular velocity `w_ID_I` \[rad/s\] at `time` \[s\] that somebody else has estimated (axes of
-    /// I).
-    pub fn see_rate(&mut self, time: f64, w_ID_I: &Vector3<f64>) {
+    /// Adds an externally estimated angular velocity `w_ID_I` \[rad/s\] at `time` \[s\] (axes of I).
+    pub fn add_rate(&mut self, time: f64, w_ID_I: &Vector3<f64>) {
         let noise = self.config.rate_noise;
-        if let Some(known) = self.known.as_mut().filter(|_| noise > 0.0) {
-            let dt = time - known.time;
-            let off = w_ID_I - (known.w + known.alpha * dt);
-            let gain = correct(&mut known.attitude, &RowVector3::new(0.0, 1.0, dt), noise);
-            known.turn(&off, &gain);
+        if let Some(estimate) = self.estimate.as_mut().filter(|_| noise > 0.0) {
+            let dt = time - estimate.time;
+            let off = w_ID_I - (estimate.w + estimate.alpha * dt);
+            let gain = correct(
+                &mut estimate.attitude,
+                &RowVector3::new(0.0, 1.0, dt),
+                noise,
+            );
+            estimate.turn(&off, &gain);
         }
     }
 
-    /// The goal at `time` \[s\]; `None` before one was seen.
+    /// The goal at `time` \[s\]; `None` before the first frame.
     pub fn at(&self, time: f64) -> Option<GoalState> {
-        let known = self.known.as_ref()?.moved(time - self.known?.time);
+        let goal = self.estimate.as_ref()?.moved(time - self.estimate?.time);
         Some(GoalState {
-            X_ID: Pose::from_parts(Translation3::from(known.p), known.R_ID.to_rotation_matrix()),
-            V_ID_I: Twist::new(known.w, known.v),
-            A_ID_I: Twist::new(known.alpha, known.a),
+            X_ID: Pose::from_parts(Translation3::from(goal.p), goal.R_ID.to_rotation_matrix()),
+            V_ID_I: Twist::new(goal.w, goal.v),
+            A_ID_I: Twist::new(goal.alpha, goal.a),
         })
-    }
-
-    /// When the goal was last seen \[s\].
-    pub fn last_seen(&self) -> Option<f64> {
-        self.known.map(|known| known.time)
     }
 
     fn begin(&mut self, time: f64, X_ID: &Pose) {
@@ -187,8 +186,8 @@ impl GoalMotion {
                 PRIOR.1 * PRIOR.1,
             ))
         };
-        self.strangers = 0;
-        self.known = Some(Known {
+        self.outliers = 0;
+        self.estimate = Some(Estimate {
             time,
             R_ID: UnitQuaternion::from(X_ID.rotation),
             w: Vector3::zeros(),
@@ -202,7 +201,7 @@ impl GoalMotion {
     }
 }
 
-impl Known {
+impl Estimate {
     fn moved(&self, dt: f64) -> Self {
         let half = 0.5 * dt * dt;
         // Magnus: the angular velocity at the two ends is w and w + α dt.
@@ -218,7 +217,7 @@ impl Known {
         }
     }
 
-    fn carried_on(&self, dt: f64, config: &GoalMotionConfig) -> Self {
+    fn predicted(&self, dt: f64, config: &GoalMotionConfig) -> Self {
         let mut next = self.moved(dt);
         #[rustfmt::skip]
         let F = Matrix3::new(
@@ -246,13 +245,13 @@ impl Known {
     }
 }
 
-/// Kalman gain for a measurement `seen` of (value, rate, acceleration) with deviation `noise`; the covariance is
-/// brought down by it, in Joseph's form.
-fn correct(P: &mut Matrix3<f64>, seen: &RowVector3<f64>, noise: f64) -> Vector3<f64> {
-    let cross = *P * seen.transpose();
+/// Kalman gain for a measurement of `row` times (value, rate, acceleration) with the standard deviation `noise`; updates the
+/// covariance in Joseph's form.
+fn correct(P: &mut Matrix3<f64>, row: &RowVector3<f64>, noise: f64) -> Vector3<f64> {
+    let cross = *P * row.transpose();
     let r = noise * noise;
-    let gain = cross / ((seen * cross).x + r);
-    let keep = Matrix3::identity() - gain * seen;
+    let gain = cross / ((row * cross).x + r);
+    let keep = Matrix3::identity() - gain * row;
     *P = keep * *P * keep.transpose() + gain * gain.transpose() * r;
     gain
 }
@@ -278,11 +277,11 @@ mod tests {
         assert!(motion.at(0.0).is_none());
         for k in 0..=300 {
             let t = 0.1 * f64::from(k);
-            motion.see(t, &goal(t).0);
+            motion.add_pose(t, &goal(t).0);
         }
         let (now, ahead) = (motion.at(30.0).unwrap(), motion.at(31.0).unwrap());
         let (_, V) = goal(30.0);
-        // The point's jerk, 1.6e-4 m/s³, is what the filter does not follow.
+        // The filter does not follow the point's jerk of 1.6e-4 m/s³.
         let off = now.V_ID_I - V;
         assert!(off.linear.norm() < 4e-4, "{}", off.linear.norm());
         assert!(off.angular.norm() < 1e-5, "{}", off.angular.norm());
@@ -294,35 +293,35 @@ mod tests {
     }
 
     #[test]
-    fn another_goal_is_taken_over_at_the_second_frame_and_a_flash_is_not() {
+    fn two_frames_of_another_goal_restart_the_estimate_and_one_does_not() {
         let mut motion = GoalMotion::new(GoalMotionConfig::default());
         for k in 0..100 {
             let t = 0.1 * f64::from(k);
-            motion.see(t, &goal(t).0);
+            motion.add_pose(t, &goal(t).0);
         }
         let mut other = goal(10.0).0;
         other.translation.x += 1.0;
-        motion.see(10.0, &other);
+        motion.add_pose(10.0, &other);
         let kept = motion.at(10.0).unwrap().X_ID.translation.x;
         assert!((kept - goal(10.0).0.translation.x).abs() < 1e-3);
-        motion.see(10.1, &other);
+        motion.add_pose(10.1, &other);
         let taken = motion.at(10.1).unwrap();
         assert_eq!(taken.X_ID.translation.x, other.translation.x);
         assert_eq!(taken.V_ID_I.linear, Vector3::zeros());
     }
 
     #[test]
-    fn a_known_rate_is_heeded() {
+    fn an_external_rate_is_used() {
         let noisy = GoalMotionConfig {
             attitude_noise: 0.1,
             rate_noise: 1e-4,
             ..GoalMotionConfig::default()
         };
         let mut motion = GoalMotion::new(noisy);
-        motion.see(0.0, &goal(0.0).0);
+        motion.add_pose(0.0, &goal(0.0).0);
         let w = goal(0.0).1.angular;
         for _ in 0..3 {
-            motion.see_rate(0.0, &w);
+            motion.add_rate(0.0, &w);
         }
         assert!((motion.at(0.0).unwrap().V_ID_I.angular - w).norm() < 1e-5);
     }

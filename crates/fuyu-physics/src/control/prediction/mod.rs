@@ -1,20 +1,23 @@
-//! Where tip and goal are now, as a camera on the base tells that is late and slow.
+//! Prediction of tip and goal at the present, from camera measurements that are late and slow.
 //!
-//! Everything rests on one frame that the robot can know without seeing the world: I, which does not turn and
+//! The predictions use one frame that the robot knows without seeing the world: I, which does not rotate and
 //! whose origin moves with the system's centre of mass. Nothing outside acts on a free-floating robot, so I is
-//! inertial. The gyro tells how the base is turned in I and the encoders where it is ([`BaseMotion`]), whatever
-//! the linear momentum is. A goal that floats freely too keeps to the laws of free motion in I, so what is
-//! seen of it can be carried on from the exposure to the present ([`GoalMotion`]); and the tip's pose is carried
-//! on by the encoders. [`Predictor`] joins the three.
+//! inertial. The gyro gives the attitude of the base in I and the encoders its position (`BaseMotion`), for any
+//! linear momentum. A goal that floats freely also moves inertially in I, so its measured
+//! motion can be extrapolated from the exposure to the present (`GoalMotion`); the tip's pose follows from
+//! the encoders. `Predictor` joins the three.
 //!
-//! What the base does is known, not estimated from the camera: the arm's own motion does not disturb the estimate
-//! of the goal's, and the loop through the camera has no delay left in it as far as masses, gyro and encoders
+//! The motion of the base is measured, not estimated from the camera: the arm's own motion does not disturb the estimate
+//! of the goal's motion, and the loop through the camera has no remaining delay as far as masses, gyro and encoders
 //! are right. Latency then costs accuracy, not stability.
 
 mod base_motion;
 mod goal_motion;
 mod predictor;
 
-pub use base_motion::{BaseMotion, Moment};
-pub use goal_motion::{GoalMotion, GoalMotionConfig, GoalState};
-pub use predictor::{Predicted, Prediction, Predictor};
+pub use goal_motion::GoalMotionConfig;
+pub use predictor::{Prediction, TipPrediction};
+
+use base_motion::{BaseMotion, BaseState};
+use goal_motion::GoalMotion;
+pub(super) use predictor::Predictor;

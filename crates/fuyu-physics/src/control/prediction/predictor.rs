@@ -1,19 +1,19 @@
-//! From the last camera frame to the present.
+//! Extrapolation from the last camera frame to the present.
 
 use nalgebra::Vector3;
 
-use super::{BaseMotion, GoalMotion, GoalMotionConfig, Moment};
+use super::{BaseMotion, BaseState, GoalMotion, GoalMotionConfig};
 use crate::spatial::{Pose, Twist};
 
-/// What is done about the age of what the camera has seen.
+/// How the age of the camera measurements is compensated.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum Prediction {
-    /// Nothing: tip and goal are taken to be where they were seen.
+    /// Not at all: tip and goal are assumed to be where they were measured.
     #[default]
     None,
-    /// Tip and base are carried on to the present; the goal is taken to stand still.
+    /// The motion of tip and base since the exposure is added; the goal is assumed to be at rest.
     Latency,
-    /// The goal is carried on too, with the motion that the frames tell, and its velocity is fed forward.
+    /// The motion of the goal, estimated from the frames, is added too, and its velocity is fed forward.
     Motion,
 }
 
@@ -26,22 +26,22 @@ impl Prediction {
     ];
 }
 
-/// Tip and goal at the present, in the base frame.
+/// Tip and goal at the time of the joint state, in the base frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Predicted {
+pub struct TipPrediction {
     /// Tip pose.
     pub X_BE: Pose,
     /// Goal pose.
     pub X_BD: Pose,
-    /// Twist of the goal in I, its origin's velocity beside the system's centre of mass; base axes.
+    /// Twist of the goal in I, with its origin's velocity relative to the system's centre of mass; base axes.
     pub V_ID_B: Twist,
-    /// Its rate of change in I, base axes.
+    /// Rate of change of that twist in I, base axes.
     pub A_ID_B: Twist,
 }
 
-impl Predicted {
-    /// Tip and goal as they were seen, the goal at rest.
-    pub fn as_seen(X_BE: Pose, X_BD: Pose) -> Self {
+impl TipPrediction {
+    /// Tip and goal where they were measured, the goal at rest.
+    pub fn at_rest(X_BE: Pose, X_BD: Pose) -> Self {
         Self {
             X_BE,
             X_BD,
@@ -52,30 +52,30 @@ impl Predicted {
 }
 
 /// Time over which differences between camera and encoders are averaged \[s\]: they are errors of the kinematics,
-/// which last.
-const AVERAGED: f64 = 10.0;
+/// which are constant.
+const AVERAGING_TIME: f64 = 10.0;
 
-/// Carries what the camera has seen on to the present.
+/// Extrapolates camera measurements of one tip and its goal to the present.
 #[derive(Debug, Clone)]
-pub struct Predictor {
+pub(in crate::control) struct Predictor {
     base: BaseMotion,
     goal: GoalMotion,
-    last: Option<Seen>,
+    last: Option<LastFrame>,
 }
 
 /// The last camera frame.
 #[derive(Debug, Clone, Copy)]
-struct Seen {
+struct LastFrame {
     time: f64,
     X_ID: Pose,
-    /// What the camera saw of the tip beside what the encoders told: an error of the kinematics, in the tip's axes.
+    /// Tip pose of the camera relative to that of the encoders, averaged: an error of the kinematics, in the tip's axes.
     X_EE: Pose,
-    /// Frames so far.
+    /// Number of frames so far.
     count: f64,
 }
 
 impl Predictor {
-    /// Nothing is known yet.
+    /// Without any measurement yet.
     pub fn new(config: GoalMotionConfig) -> Self {
         Self {
             base: BaseMotion::default(),
@@ -84,23 +84,23 @@ impl Predictor {
         }
     }
 
-    /// Changes what is known of goals and sensor, from now on.
+    /// Changes the noise of the sensor and the smoothness of the goal's motion from now on.
     pub fn set_config(&mut self, config: GoalMotionConfig) {
         self.goal.set_config(config);
     }
 
-    /// Goes on to the present: see [`BaseMotion::advance`].
+    /// Adds the motion of the base up to the present: see [`BaseMotion::advance`].
     pub fn advance(&mut self, time: f64, w_IB_B: &Vector3<f64>, p_BC: &Vector3<f64>, X_BE: &Pose) {
         if self.base.advance(time, w_IB_B, p_BC, X_BE) {
-            // What was known was told in another frame I.
+            // The estimates refer to the previous frame I.
             self.goal.clear();
             self.last = None;
         }
     }
 
-    /// Takes in a camera frame that was exposed at `time` \[s\]. Frames must come in the order of time; one from
+    /// Adds a camera frame that was exposed at `time` \[s\]. Frames must come in the order of time; one from
     /// before the first joint state is dropped.
-    pub fn see(&mut self, time: f64, X_BE: &Pose, X_BD: &Pose) {
+    pub fn add_frame(&mut self, time: f64, X_BE: &Pose, X_BD: &Pose) {
         if self.last.is_some_and(|last| time <= last.time) {
             return;
         }
@@ -112,11 +112,11 @@ impl Predictor {
         let mut count = 1.0;
         if let Some(last) = &self.last {
             count += last.count;
-            let part = 1.0 - (-(time - last.time) / AVERAGED).exp();
-            X_EE = last.X_EE.lerp_slerp(&X_EE, part.max(1.0 / count));
+            let weight = 1.0 - (-(time - last.time) / AVERAGING_TIME).exp();
+            X_EE = last.X_EE.lerp_slerp(&X_EE, weight.max(1.0 / count));
         }
-        self.goal.see(time, &X_ID);
-        self.last = Some(Seen {
+        self.goal.add_pose(time, &X_ID);
+        self.last = Some(LastFrame {
             time,
             X_ID,
             X_EE,
@@ -124,31 +124,31 @@ impl Predictor {
         });
     }
 
-    /// Takes in the goal's angular velocity `w_ID_B` \[rad/s\] at `time` \[s\], in base axes of that time, as
-    /// somebody else has estimated it.
-    pub fn see_rate(&mut self, time: f64, w_ID_B: &Vector3<f64>) {
+    /// Adds the goal's angular velocity `w_ID_B` \[rad/s\] at `time` \[s\], in base axes of that time, from an
+    /// external estimator.
+    pub fn add_rate(&mut self, time: f64, w_ID_B: &Vector3<f64>) {
         if let Some(then) = self.base.at(time) {
-            self.goal.see_rate(time, &(then.R_IB * w_ID_B));
+            self.goal.add_rate(time, &(then.R_IB * w_ID_B));
         }
     }
 
-    /// How the robot is now.
-    pub fn present(&self) -> Option<&Moment> {
-        self.base.now()
+    /// State of the base at the present.
+    pub fn base(&self) -> Option<&BaseState> {
+        self.base.last()
     }
 
-    /// Tip and goal at the present, the goal at rest beside the system's centre of mass or moving as it was seen
-    /// to. `None` before a frame has come.
-    pub fn now(&self, prediction: Prediction) -> Option<Predicted> {
-        let (now, seen) = (self.base.now()?, self.last.as_ref()?);
+    /// Tip and goal at the present, the goal at rest relative to the system's centre of mass or with its estimated
+    /// motion. `None` before the first frame.
+    pub fn predict(&self, prediction: Prediction) -> Option<TipPrediction> {
+        let (now, frame) = (self.base.last()?, self.last.as_ref()?);
         let X_BI = now.X_IB().inverse();
-        let X_BE = now.X_BE * seen.X_EE;
+        let X_BE = now.X_BE * frame.X_EE;
         if prediction != Prediction::Motion {
-            return Some(Predicted::as_seen(X_BE, X_BI * seen.X_ID));
+            return Some(TipPrediction::at_rest(X_BE, X_BI * frame.X_ID));
         }
         let goal = self.goal.at(now.time)?;
         let in_base = |t: &Twist| Twist::new(X_BI.rotation * t.angular, X_BI.rotation * t.linear);
-        Some(Predicted {
+        Some(TipPrediction {
             X_BE,
             X_BD: X_BI * goal.X_ID,
             V_ID_B: in_base(&goal.V_ID_I),

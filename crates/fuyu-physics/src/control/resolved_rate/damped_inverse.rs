@@ -1,4 +1,4 @@
-//! A damped inverse that leaves alone what is not singular.
+//! Damped inverse of a Jacobian, exact in directions that are not singular.
 
 use nalgebra::{Matrix6, Matrix6xX, SymmetricEigen, U6, Vector6};
 
@@ -9,7 +9,7 @@ pub struct Principal {
 }
 
 impl Principal {
-    /// Those of `jacobian`, whose unused rows are zero.
+    /// The principal directions of `jacobian`, whose unused rows are zero.
     pub fn of(jacobian: &Matrix6xX<f64>) -> Self {
         let mut square = Matrix6::zeros();
         for column in jacobian.column_iter() {

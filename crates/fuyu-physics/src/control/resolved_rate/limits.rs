@@ -1,11 +1,11 @@
-//! What a command may ask of the tip and of the joints.
+//! Limits of commanded tip twists and joint rates.
 
 use nalgebra::DVector;
 
 use crate::{model::Model, spatial::Twist};
 
-/// Shortens a twist to at most `linear` \[m/s\] and `angular` \[rad/s\], its direction kept. Returns whether it was
-/// longer.
+/// Scales a twist to at most `linear` \[m/s\] and `angular` \[rad/s\], without changing its direction. Returns whether it
+/// was scaled.
 pub fn limit_twist(V: &Twist, linear: f64, angular: f64) -> (Twist, bool) {
     let part = |norm: f64, limit: f64| if norm > limit { limit / norm } else { 1.0 };
     let factor = part(V.linear.norm(), linear).min(part(V.angular.norm(), angular));
@@ -13,24 +13,23 @@ pub fn limit_twist(V: &Twist, linear: f64, angular: f64) -> (Twist, bool) {
     (shorter, factor < 1.0)
 }
 
-/// Limits of the joints' motion. Each shortens the whole vector of rates, so that the tip slows down where it cannot
-/// go faster, but does not turn aside.
+/// Limits of the joints' motion. Each scales the whole vector of rates, so that the tip slows down but keeps its direction.
 #[derive(Debug, Clone, PartialEq)]
 pub struct RateLimits {
     /// Largest rate of each joint \[rad/s or m/s\].
     pub rate: Vec<f64>,
     /// Largest change of any joint's rate \[rad/s² or m/s²\].
     pub acceleration: f64,
-    /// How long before its position limit a joint begins to slow down \[s\].
+    /// Time constant with which a joint approaches its position limit \[s\].
     pub slow_down: f64,
 }
 
-/// What stood in the way of a vector of rates.
+/// Which limits reduced a vector of rates.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub struct Limited {
-    /// A joint that would have been too fast.
+    /// The joint whose rate limit acted.
     pub rate: Option<usize>,
-    /// A joint that is near a position limit that it was to move to.
+    /// The joint whose position limit acted.
     pub position: Option<usize>,
 }
 
@@ -45,7 +44,7 @@ impl RateLimits {
         }
     }
 
-    /// Limits `rates`, wanted at `q`, `dt` \[s\] after the rates `before`.
+    /// Limits the commanded `rates` at the joint positions `q`, `dt` \[s\] after the rates `before`.
     pub fn apply(
         &self,
         model: &Model,
@@ -56,9 +55,9 @@ impl RateLimits {
     ) -> Limited {
         let mut limited = Limited::default();
         let mut factor = 1.0;
-        for (j, (wanted, limit)) in rates.iter().zip(&self.rate).enumerate() {
-            if wanted.abs() * factor > *limit {
-                (factor, limited.rate) = (limit / wanted.abs(), Some(j));
+        for (j, (rate, limit)) in rates.iter().zip(&self.rate).enumerate() {
+            if rate.abs() * factor > *limit {
+                (factor, limited.rate) = (limit / rate.abs(), Some(j));
             }
         }
         *rates *= factor;

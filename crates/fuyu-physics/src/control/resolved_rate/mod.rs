@@ -1,4 +1,4 @@
-//! Resolving a commanded twist of the tip into joint rates: Masutani 1995 section 8.3.
+//! Resolved-rate control: joint rates for a commanded twist of the tip, Masutani 1995 section 8.3.
 
 mod damped_inverse;
 mod limits;
@@ -14,11 +14,11 @@ use crate::{
     spatial::Twist,
 };
 
-/// How a twist of the tip becomes joint rates: the four methods of Masutani 1995 section 8.3.
+/// Method that resolves a twist of the tip into joint rates: the four of Masutani 1995 section 8.3.
 ///
 /// With a generalized Jacobian the command is the tip's motion in inertial space, with a fixed-base one its
-/// motion relative to the base. Inverses move the tip as commanded. Transposes only move it downhill to where the
-/// command points, but need no inverse: no posture is singular for them.
+/// motion relative to the base. Inverses move the tip as commanded. Transposes only give its velocity a positive component along the
+/// command, but are defined in singular postures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Resolution {
     /// `q̇ = Ĵ⁻¹ v`: the tip moves as commanded in inertial space.
@@ -59,9 +59,9 @@ impl Resolution {
 pub struct ResolvedRateConfig {
     /// The method.
     pub method: Resolution,
-    /// Which of the tip's x, y, z, roll, pitch, yaw rates are commanded; the others do what they will.
+    /// Which of the tip's x, y, z, roll, pitch, yaw rates are commanded; the others are free.
     pub components: [bool; 6],
-    /// The length by which angular rates count beside velocities \[m\].
+    /// Length that weights angular rates against velocities \[m\].
     pub characteristic_length: f64,
     /// Singular value of the (scaled) Jacobian below which a direction is damped \[m\].
     pub damping_threshold: f64,
@@ -81,22 +81,22 @@ impl Default for ResolvedRateConfig {
     }
 }
 
-/// What a resolution says of the posture that it met.
+/// Condition of the posture in which a twist was resolved.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Resolved {
-    /// Smallest singular value of the Jacobian, as far as joints and commanded components go \[m\].
+    /// Smallest singular value of the Jacobian, restricted to the commanded components \[m\].
     pub smallest_singular_value: f64,
-    /// Whether a direction was damped: the tip does not quite move as commanded. Never with a transpose.
+    /// Whether a direction was damped, so that the tip does not move exactly as commanded. Never with a transpose.
     pub damped: bool,
 }
 
-/// Resolves twists for one tip.
+/// Resolves twists of one tip.
 ///
 /// Inverses are `q̇ = Jᵀ (J Jᵀ + Λ)⁻¹ v` with the Jacobian's commanded rows, angular ones times
-/// [`ResolvedRateConfig::characteristic_length`]. Where joints are redundant this is the least motion, where they
-/// are too few the nearest. `Λ` damps each principal direction by itself: nothing where its singular value `σ` is
-/// above the threshold `ε`, `λ² = (ε² - σ²)/4` below. So directions far from singular are exact, rates change
-/// continuously, and none exceeds `2/√3 |v|/ε`.
+/// [`ResolvedRateConfig::characteristic_length`]. This is the least-norm solution for redundant joints and the
+/// least-squares one for too few. `Λ` damps each principal direction separately: not where its singular value `σ` is
+/// above the threshold `ε`, by `λ² = (ε² - σ²)/4` below. So directions far from singular are exact, rates change
+/// continuously, and their norm is at most `2/√3 |v|/ε`.
 #[derive(Debug, Clone)]
 pub struct ResolvedRate {
     /// Settings; may change between calls.
@@ -155,8 +155,8 @@ impl ResolvedRate {
         let commanded = config.components.iter().filter(|c| **c).count();
         let weakest = principal.weakest(commanded.min(model.dof()));
         if config.method.inverts() {
-            let pull = principal.solve(&v, config.damping_threshold);
-            self.matrix.tr_mul_to(&pull, rates);
+            let scaled = principal.solve(&v, config.damping_threshold);
+            self.matrix.tr_mul_to(&scaled, rates);
         } else {
             self.matrix.tr_mul_to(&v, rates);
             *rates *= config.transpose_gain;

@@ -5,8 +5,8 @@ use pulp::Simd;
 
 use super::{Block, Task, get, put};
 use crate::dynamics::kernel::{
-    Attitude, Carried, Eight, GROUP, Lanes, SMALL_TURN, Scalar, Slot, Tree, Vec3, base_spin,
-    forward_dynamics, sin_cos, small_turn_rate,
+    F64x8, GROUP_SIZE, Lanes, LinkScratch, Quat, SERIES_LIMIT, Scalar, SubtreeMomentum, Tree, Vec3,
+    base_angular_velocity, forward_dynamics, rotation_vector_rate_series, sin_cos,
 };
 use crate::spatial::{exp_so3, rotation_vector_rate};
 
@@ -22,8 +22,8 @@ const STAGES: [[f64; 2]; 4] = [
 #[derive(Debug)]
 pub(super) struct Evaluation<S: Simd> {
     simd: S,
-    slots: Vec<Slot<Lanes<S>>>,
-    carried: Vec<Carried<Lanes<S>>>,
+    links: Vec<LinkScratch<Lanes<S>>>,
+    subtrees: Vec<SubtreeMomentum<Lanes<S>>>,
     /// Sums of the stages' rates of positions and rates.
     sums: Vec<[Lanes<S>; 2]>,
 }
@@ -34,8 +34,8 @@ impl<S: Simd> Evaluation<S> {
         let zero = Lanes::splat(simd, 0.0);
         Self {
             simd,
-            slots: vec![Slot::new(zero); tree.bodies.len()],
-            carried: vec![Carried::new(zero); tree.bodies.len()],
+            links: vec![LinkScratch::new(zero); tree.bodies.len()],
+            subtrees: vec![SubtreeMomentum::new(zero); tree.bodies.len()],
             sums: vec![[zero; 2]; tree.dof()],
         }
     }
@@ -56,9 +56,9 @@ impl<S: Simd> Evaluation<S> {
         };
         for _ in 0..steps {
             let zero = Lanes::splat(self.simd, 0.0);
-            for (j, slot) in self.slots[1..].iter_mut().enumerate() {
-                slot.q = Lanes::load(self.simd, &block.q[j].0[first..]);
-                slot.qd = Lanes::load(self.simd, &block.qd[j].0[first..]);
+            for (j, link) in self.links[1..].iter_mut().enumerate() {
+                link.q = Lanes::load(self.simd, &block.q[j].0[first..]);
+                link.qd = Lanes::load(self.simd, &block.qd[j].0[first..]);
                 self.sums[j] = [zero; 2];
             }
             let start = self.attitude(block, first);
@@ -69,23 +69,23 @@ impl<S: Simd> Evaluation<S> {
                 // This stage's share of the step, and how far its rates lead to the next stage.
                 let share = Lanes::splat(self.simd, weight * dt);
                 let lead = Lanes::splat(self.simd, lead * dt);
-                for (j, (slot, sum)) in self.slots[1..].iter_mut().zip(&mut self.sums).enumerate() {
-                    let (q_rate, qd_rate) = (slot.qd, slot.qdd);
+                for (j, (link, sum)) in self.links[1..].iter_mut().zip(&mut self.sums).enumerate() {
+                    let (q_rate, qd_rate) = (link.qd, link.qdd);
                     sum[0] = q_rate.mul_add(share, sum[0]);
                     sum[1] = qd_rate.mul_add(share, sum[1]);
-                    slot.q = q_rate.mul_add(lead, Lanes::load(self.simd, &block.q[j].0[first..]));
-                    slot.qd =
+                    link.q = q_rate.mul_add(lead, Lanes::load(self.simd, &block.q[j].0[first..]));
+                    link.qd =
                         qd_rate.mul_add(lead, Lanes::load(self.simd, &block.qd[j].0[first..]));
                 }
                 let rate = self.turn_rate(turned, w);
                 sum_turned = rate.mul_add(share, sum_turned);
                 turned = rate.scaled(lead);
-                attitude = start.then(self.turn(turned));
+                attitude = start.compose(self.turn(turned));
             }
             match task {
                 Task::Accelerate => self.tell_accelerations(block, first),
                 Task::Step { dt, .. } => {
-                    attitude = start.then(self.turn(sum_turned));
+                    attitude = start.compose(self.turn(sum_turned));
                     self.finish_step(block, first, attitude, dt, mass);
                 }
             }
@@ -99,29 +99,29 @@ impl<S: Simd> Evaluation<S> {
         tree: &Tree,
         block: &Block,
         first: usize,
-        attitude: Attitude<Lanes<S>>,
+        attitude: Quat<Lanes<S>>,
     ) -> Vec3<Lanes<S>> {
         let simd = self.simd;
-        for (j, hop) in tree.hops.iter().enumerate() {
-            let slot = &mut self.slots[j + 1];
-            let (cos, sin) = sin_cos(slot.q);
-            slot.turn = hop.turn(cos, sin);
+        for (j, joint) in tree.joints.iter().enumerate() {
+            let link = &mut self.links[j + 1];
+            let (cos, sin) = sin_cos(link.q);
+            link.rotation = joint.rotation(cos, sin);
             let actuator = Lanes::load(simd, &block.efforts[j].0[first..]);
-            let slack = (-slot.q).plus(hop.rest).times(hop.stiffness);
-            slot.effort = actuator + (slack - slot.qd.times(hop.damping));
+            let slack = (-link.q).plus(joint.rest).times(joint.stiffness);
+            link.effort = actuator + (slack - link.qd.times(joint.damping));
         }
-        let momentum_B = attitude.back(self.load(&block.angular_momentum_W, first));
+        let momentum_B = attitude.apply_inverse(self.load(&block.angular_momentum_W, first));
         let momentum = tree.to_base_kernel(momentum_B);
-        let w = base_spin(tree, &self.slots, &mut self.carried, momentum);
-        self.slots[0].w = w;
-        forward_dynamics(tree, &mut self.slots, None);
+        let w = base_angular_velocity(tree, &self.links, &mut self.subtrees, momentum);
+        self.links[0].w = w;
+        forward_dynamics(tree, &mut self.links, None);
         tree.to_base_frame(w)
     }
 
     #[inline(always)]
     fn tell_accelerations(&self, block: &mut Block, first: usize) {
-        for (slot, qdd) in self.slots[1..].iter().zip(&mut block.qdd) {
-            slot.qdd.store(&mut qdd.0[first..]);
+        for (link, qdd) in self.links[1..].iter().zip(&mut block.qdd) {
+            link.qdd.store(&mut qdd.0[first..]);
         }
     }
 
@@ -130,7 +130,7 @@ impl<S: Simd> Evaluation<S> {
         &self,
         block: &mut Block,
         first: usize,
-        attitude: Attitude<Lanes<S>>,
+        attitude: Quat<Lanes<S>>,
         dt: f64,
         mass: f64,
     ) {
@@ -160,7 +160,7 @@ impl<S: Simd> Evaluation<S> {
     }
 
     #[inline(always)]
-    fn load(&self, rows: &[Eight; 3], first: usize) -> Vec3<Lanes<S>> {
+    fn load(&self, rows: &[F64x8; 3], first: usize) -> Vec3<Lanes<S>> {
         let [x, y, z] = rows;
         Vec3([
             Lanes::load(self.simd, &x.0[first..]),
@@ -170,17 +170,17 @@ impl<S: Simd> Evaluation<S> {
     }
 
     #[inline(always)]
-    fn attitude(&self, block: &Block, first: usize) -> Attitude<Lanes<S>> {
+    fn attitude(&self, block: &Block, first: usize) -> Quat<Lanes<S>> {
         let [i, j, k, w] = &block.R_WB;
-        Attitude {
+        Quat {
             w: Lanes::load(self.simd, &w.0[first..]),
             v: self.load(&[*i, *j, *k], first),
         }
     }
 
     #[inline(always)]
-    fn rows(v: Vec3<Lanes<S>>) -> [Eight; 3] {
-        let mut rows = [Eight::ZERO; 3];
+    fn rows(v: Vec3<Lanes<S>>) -> [F64x8; 3] {
+        let mut rows = [F64x8::ZERO; 3];
         v[0].store(&mut rows[0].0);
         v[1].store(&mut rows[1].0);
         v[2].store(&mut rows[2].0);
@@ -190,7 +190,7 @@ impl<S: Simd> Evaluation<S> {
     /// Whether a rotation vector is too large for the series in some lane.
     #[inline(always)]
     fn is_large(u: Vec3<Lanes<S>>) -> bool {
-        let mut squares = Eight::ZERO;
+        let mut squares = F64x8::ZERO;
         u.dot(u).store(&mut squares.0);
         let mut is_large = false;
         for square in squares.0 {
@@ -200,16 +200,16 @@ impl<S: Simd> Evaluation<S> {
     }
 
     #[inline(always)]
-    fn turn(&self, u: Vec3<Lanes<S>>) -> Attitude<Lanes<S>> {
-        let small = Attitude::of_small(u);
+    fn turn(&self, u: Vec3<Lanes<S>>) -> Quat<Lanes<S>> {
+        let small = Quat::exp_series(u);
         if !Self::is_large(u) {
             return small;
         }
         let mut v = Self::rows(small.v);
-        let mut w = Eight::ZERO;
+        let mut w = F64x8::ZERO;
         small.w.store(&mut w.0);
         turn_far(&Self::rows(u), &mut v, &mut w);
-        Attitude {
+        Quat {
             w: Lanes::load(self.simd, &w.0),
             v: self.load(&v, 0),
         }
@@ -217,7 +217,7 @@ impl<S: Simd> Evaluation<S> {
 
     #[inline(always)]
     fn turn_rate(&self, u: Vec3<Lanes<S>>, w: Vec3<Lanes<S>>) -> Vec3<Lanes<S>> {
-        let small = small_turn_rate(u, w);
+        let small = rotation_vector_rate_series(u, w);
         if !Self::is_large(u) {
             return small;
         }
@@ -230,13 +230,13 @@ impl<S: Simd> Evaluation<S> {
 /// Whether an angle of this square is none for the series.
 #[inline(always)]
 fn is_far(square: f64) -> bool {
-    square > SMALL_TURN || square.is_nan()
+    square > SERIES_LIMIT || square.is_nan()
 }
 
 /// What a step turns in lanes where that is too much for the series.
 #[cold]
-fn turn_far(u: &[Eight; 3], v: &mut [Eight; 3], w: &mut Eight) {
-    for lane in 0..GROUP {
+fn turn_far(u: &[F64x8; 3], v: &mut [F64x8; 3], w: &mut F64x8) {
+    for lane in 0..GROUP_SIZE {
         let u = Vector3::from(get(u, lane));
         if is_far(u.norm_squared()) {
             let turn = exp_so3(&u);
@@ -248,8 +248,8 @@ fn turn_far(u: &[Eight; 3], v: &mut [Eight; 3], w: &mut Eight) {
 
 /// The rate of a rotation vector in such lanes.
 #[cold]
-fn turn_rate_far(u: &[Eight; 3], w: &[Eight; 3], rates: &mut [Eight; 3]) {
-    for lane in 0..GROUP {
+fn turn_rate_far(u: &[F64x8; 3], w: &[F64x8; 3], rates: &mut [F64x8; 3]) {
+    for lane in 0..GROUP_SIZE {
         let u = Vector3::from(get(u, lane));
         if is_far(u.norm_squared()) {
             let rate = rotation_vector_rate(&u, &get(w, lane).into());

@@ -9,7 +9,7 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use self::evaluation::Evaluation;
-use super::kernel::{Eight, GROUP, Tree};
+use super::kernel::{F64x8, GROUP_SIZE, Tree};
 use super::{Momentum, State};
 use crate::model::Model;
 
@@ -29,30 +29,30 @@ pub struct Batch {
 }
 
 /// Writes a state's numbers into its lane.
-fn put(rows: &mut [Eight], lane: usize, values: &[f64]) {
+fn put(rows: &mut [F64x8], lane: usize, values: &[f64]) {
     for (row, value) in rows.iter_mut().zip(values) {
         row.0[lane] = *value;
     }
 }
 
 /// A state's numbers.
-fn get<const N: usize>(rows: &[Eight; N], lane: usize) -> [f64; N] {
+fn get<const N: usize>(rows: &[F64x8; N], lane: usize) -> [f64; N] {
     rows.map(|row| row.0[lane])
 }
 
 /// Eight states.
 #[derive(Debug, Clone)]
 struct Block {
-    time: Eight,
-    q: Vec<Eight>,
-    qd: Vec<Eight>,
-    qdd: Vec<Eight>,
-    efforts: Vec<Eight>,
+    time: F64x8,
+    q: Vec<F64x8>,
+    qd: Vec<F64x8>,
+    qdd: Vec<F64x8>,
+    efforts: Vec<F64x8>,
     /// Quaternions `i j k w`.
-    R_WB: [Eight; 4],
-    p_WC: [Eight; 3],
-    linear_momentum_W: [Eight; 3],
-    angular_momentum_W: [Eight; 3],
+    R_WB: [F64x8; 4],
+    p_WC: [F64x8; 3],
+    linear_momentum_W: [F64x8; 3],
+    angular_momentum_W: [F64x8; 3],
 }
 
 impl Batch {
@@ -60,22 +60,22 @@ impl Batch {
     pub fn new(model: &Model, count: usize) -> Self {
         let rest = State::at_rest(model);
         let block = Block {
-            time: Eight::ZERO,
-            q: vec![Eight::ZERO; model.dof()],
-            qd: vec![Eight::ZERO; model.dof()],
-            qdd: vec![Eight::ZERO; model.dof()],
-            efforts: vec![Eight::ZERO; model.dof()],
-            R_WB: [0.0, 0.0, 0.0, 1.0].map(|entry| Eight([entry; GROUP])),
-            p_WC: <[f64; 3]>::from(rest.p_WC).map(|entry| Eight([entry; GROUP])),
-            linear_momentum_W: [Eight::ZERO; 3],
-            angular_momentum_W: [Eight::ZERO; 3],
+            time: F64x8::ZERO,
+            q: vec![F64x8::ZERO; model.dof()],
+            qd: vec![F64x8::ZERO; model.dof()],
+            qdd: vec![F64x8::ZERO; model.dof()],
+            efforts: vec![F64x8::ZERO; model.dof()],
+            R_WB: [0.0, 0.0, 0.0, 1.0].map(|entry| F64x8([entry; GROUP_SIZE])),
+            p_WC: <[f64; 3]>::from(rest.p_WC).map(|entry| F64x8([entry; GROUP_SIZE])),
+            linear_momentum_W: [F64x8::ZERO; 3],
+            angular_momentum_W: [F64x8::ZERO; 3],
         };
         Self {
             tree: Tree::new(model),
             arch: Arch::new(),
             mass: model.total_mass(),
             count,
-            blocks: vec![block; count.div_ceil(GROUP)],
+            blocks: vec![block; count.div_ceil(GROUP_SIZE)],
             scratch: Vec::new(),
         }
     }
@@ -93,7 +93,7 @@ impl Batch {
     /// Block and lane of a state.
     fn find(&self, index: usize) -> (usize, usize) {
         assert!(index < self.count, "state {index} of {}", self.count);
-        (index / GROUP, index % GROUP)
+        (index / GROUP_SIZE, index % GROUP_SIZE)
     }
 
     /// Replaces state `index`. Work is not kept.
@@ -122,7 +122,7 @@ impl Batch {
         let (block, lane) = self.find(index);
         let block = &self.blocks[block];
         let of =
-            |rows: &[Eight]| DVector::from_iterator(rows.len(), rows.iter().map(|r| r.0[lane]));
+            |rows: &[F64x8]| DVector::from_iterator(rows.len(), rows.iter().map(|r| r.0[lane]));
         State {
             time: block.time.0[lane],
             R_WB: UnitQuaternion::new_unchecked(Quaternion::from(get(&block.R_WB, lane))),
@@ -238,7 +238,7 @@ impl WithSimd for Blocks<'_> {
     fn with_simd<S: Simd>(self, simd: S) {
         let evaluation = self.scratch.of(simd, self.tree);
         for block in self.blocks {
-            for first in (0..GROUP).step_by(S::F64_LANES) {
+            for first in (0..GROUP_SIZE).step_by(S::F64_LANES) {
                 evaluation.run(self.tree, block, first, self.task, self.mass);
             }
         }

@@ -1,7 +1,7 @@
 //! The recursions from body to body, TR-942 section 2.3.4, in world axes.
 //!
 //! A body's reference point is its hinge `h`: the origin of its frame. First moments `m̂ r̂` stand where the report
-//! has `r̂`, so that a body without mass (the part between the two freedoms of one hinge) divides nothing.
+//! has `r̂`, so that no division fails for a body without mass (the part between the two freedoms of one hinge).
 
 use nalgebra::{Matrix3, Rotation3, Unit, UnitQuaternion, Vector3};
 
@@ -20,9 +20,9 @@ pub(super) struct KaneBody {
     /// Inertia about the hinge, body axes.
     inertia_B: Matrix3<f64>,
     pub(super) R_WB: Rotation3<f64>,
-    /// `P_k`: the hinge, seen from that of the main body.
+    /// `P_k`: position of the hinge from that of the main body.
     pub(super) p: Vector3<f64>,
-    /// `d_k`: the hinge, seen from that of the inner body.
+    /// `d_k`: position of the hinge from that of the inner body.
     d: Vector3<f64>,
     /// Direction in which the hinge moves.
     pub(super) z: Vector3<f64>,
@@ -30,13 +30,13 @@ pub(super) struct KaneBody {
     pub(super) velocity: Twist,
     /// `a_k`, `α_k` of eq. (2.3.9): acceleration while the generalized speeds are constant.
     pub(super) bias: Twist,
-    /// Everything below is of the outer set: the body and all beyond it.
+    /// Mass of the outer set: the body and all bodies outward of it. The fields below are of the outer set too.
     pub(super) mass_hat: f64,
     /// `m̂ r̂`.
     pub(super) moment_hat: Vector3<f64>,
-    /// About the hinge.
+    /// Moment of inertia about the hinge.
     inertia_hat: Matrix3<f64>,
-    /// `f̂*₀ + f̂_g` and `t̂*₀ + t̂_g`, about the hinge.
+    /// `f̂*₀ + f̂_g` and `t̂*₀ + t̂_g`: inertial and external force, about the hinge.
     pub(super) force_hat: Wrench,
     /// Momentum of the outer set while this hinge alone moves, at unit rate; about the hinge.
     pub(super) unit_momentum: Wrench,
@@ -45,7 +45,7 @@ pub(super) struct KaneBody {
 /// A hinge with one degree of freedom.
 #[derive(Debug, Clone)]
 struct Hinge {
-    slides: bool,
+    is_prismatic: bool,
     /// Pose in the inner body at position zero.
     X_PJ: Pose,
     axis_J: Unit<Vector3<f64>>,
@@ -81,12 +81,12 @@ impl KaneBody {
     }
 
     /// Whether the hinge translates (`h ∈ T`).
-    pub(super) fn slides(&self) -> bool {
-        self.hinge.slides
+    pub(super) fn is_prismatic(&self) -> bool {
+        self.hinge.is_prismatic
     }
 
     /// Steps (i): the main body's motion, then (2.3.48)-(2.3.57) outwards.
-    pub(super) fn move_all(bodies: &mut [Self], motion: &TreeMotion) {
+    pub(super) fn set_motion(bodies: &mut [Self], motion: &TreeMotion) {
         let base = &mut bodies[0];
         base.R_WB = motion.R_WB.to_rotation_matrix();
         base.velocity = Twist::new(
@@ -98,20 +98,20 @@ impl KaneBody {
             let (inward, rest) = bodies.split_at_mut(k);
             let body = &mut rest[0];
             let inner = body.inner.expect("only the main body has no inner body");
-            body.move_with(&inward[inner], q, qd);
+            body.set_motion_from(&inward[inner], q, qd);
         }
     }
 
-    fn move_with(&mut self, inner: &Self, q: f64, qd: f64) {
+    fn set_motion_from(&mut self, inner: &Self, q: f64, qd: f64) {
         let Hinge {
-            slides,
+            is_prismatic,
             X_PJ,
             axis_J,
         } = &self.hinge;
         let R_WJ = inner.R_WB * X_PJ.rotation;
         self.z = R_WJ * axis_J.as_ref();
         self.d = inner.R_WB * X_PJ.translation.vector;
-        if *slides {
+        if *is_prismatic {
             self.R_WB = R_WJ;
             self.d += self.z * q;
         } else {
@@ -123,7 +123,7 @@ impl KaneBody {
         self.velocity.linear += w.cross(&self.d);
         self.bias = inner.bias;
         self.bias.linear += inner.bias.angular.cross(&self.d) + w.cross(&w.cross(&self.d));
-        if *slides {
+        if *is_prismatic {
             self.velocity.linear += self.z * qd;
             self.bias.linear += w.cross(&self.z) * (2.0 * qd);
         } else {
@@ -134,7 +134,7 @@ impl KaneBody {
 
     /// Step (ii): the outer sets, (2.3.58)-(2.3.64) inwards. `wrenches` act on the bodies, about their hinges in
     /// their axes.
-    pub(super) fn gather_all(bodies: &mut [Self], wrenches: &[Wrench]) {
+    pub(super) fn set_outer_sets(bodies: &mut [Self], wrenches: &[Wrench]) {
         for (body, wrench) in bodies.iter_mut().zip(wrenches) {
             body.start_outer_set(wrench);
         }
@@ -146,7 +146,7 @@ impl KaneBody {
         }
     }
 
-    /// The body alone, with its inertial force and torque (2.3.11), (2.3.12).
+    /// Initializes the outer set with the body alone: its inertial force and torque (2.3.11), (2.3.12).
     fn start_outer_set(&mut self, wrench: &Wrench) {
         let R = self.R_WB.matrix();
         let r = R * self.com_B;
@@ -159,11 +159,11 @@ impl KaneBody {
         self.mass_hat = self.mass;
         self.moment_hat = r * self.mass;
         self.inertia_hat = inertia;
-        let of_com = a + alpha.cross(&r) + w.cross(&w.cross(&r));
+        let a_com = a + alpha.cross(&r) + w.cross(&w.cross(&r));
         let torque = inertia * alpha + w.cross(&(inertia * w)) + self.moment_hat.cross(a);
         self.force_hat = Wrench {
             torque: R * wrench.torque - torque,
-            force: R * wrench.force - of_com * self.mass,
+            force: R * wrench.force - a_com * self.mass,
         };
     }
 
@@ -183,14 +183,15 @@ impl KaneBody {
 
     fn set_unit_momentum(&mut self) {
         let (z, s) = (&self.z, &self.moment_hat);
-        self.unit_momentum = if self.hinge.slides {
+        self.unit_momentum = if self.hinge.is_prismatic {
             Wrench::new(s.cross(z), z * self.mass_hat)
         } else {
             Wrench::new(self.inertia_hat * z, z.cross(s))
         };
     }
 
-    /// Inertia of the outer set about the hinge (`from_hinge` zero) or about the set's centre of mass (there).
+    /// Inertia of the outer set about a point at `from_hinge` from the hinge, which is either zero or the set's centre of
+    /// mass.
     pub(super) fn inertia_hat_about(&self, from_hinge: &Vector3<f64>) -> Matrix3<f64> {
         self.inertia_hat - point_inertia(self.mass_hat, from_hinge)
     }
@@ -199,16 +200,16 @@ impl KaneBody {
 impl Hinge {
     fn new(joint: &Joint) -> Self {
         Self {
-            slides: !joint.kind.is_rotational(),
+            is_prismatic: !joint.kind.is_rotational(),
             X_PJ: joint.X_PJ,
             axis_J: joint.axis,
         }
     }
 
-    /// The main body's: it floats.
+    /// Unused hinge of the main body, which floats.
     fn none() -> Self {
         Self {
-            slides: false,
+            is_prismatic: false,
             X_PJ: Pose::identity(),
             axis_J: Vector3::z_axis(),
         }

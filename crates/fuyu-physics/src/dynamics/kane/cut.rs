@@ -1,19 +1,19 @@
-//! Loops, cut open at a hinge: TR-942 section 2.3.3.
+//! Closed loops, cut open at a hinge: TR-942 section 2.3.3.
 
 use nalgebra::{DMatrix, DVector, Vector3};
 
 use super::CutError;
 use super::bodies::KaneBody;
-use super::pairing::Pairing;
+use super::matching::ConstraintMatching;
 use crate::model::Model;
 use crate::spatial::{Pose, Twist, Wrench};
 
-/// A hinge at which a loop is cut: it joins two bodies of the tree, and its constraint forces are unknowns
-/// instead of its motion.
+/// A hinge at which a loop is cut. It connects two bodies of the tree, and the unknowns are its constraint forces instead
+/// of its motion.
 ///
 /// The constrained directions are axes of the hinge frame `H` on body `k`. A pin is all three translations and
 /// the two rotations across its axis; in a mechanism that only moves in a plane, the two translations in
-/// that plane (the others are met anyway, and constraining them again leaves the forces undetermined).
+/// that plane (the other constraints are satisfied already, and repeating them leaves the forces undetermined).
 #[derive(Debug, Clone, PartialEq)]
 pub struct CutHinge {
     /// Body `k`, which carries the constrained directions.
@@ -30,11 +30,11 @@ pub struct CutHinge {
     pub rotations: [bool; 3],
 }
 
-/// A checked cut: what is constrained, and which hinges move it.
+/// A checked cut: its constraints, and the hinges that move them.
 #[derive(Debug, Clone)]
 pub(super) struct Cut {
     hinge: CutHinge,
-    /// First of its columns.
+    /// Index of its first column.
     first: usize,
     /// Hinges between body `k` and the last common body, and between that and body `l`.
     k_path: Vec<usize>,
@@ -45,13 +45,13 @@ impl Cut {
     /// Checks `hinges` against `model`.
     pub(super) fn all(model: &Model, hinges: &[CutHinge]) -> Result<Vec<Self>, CutError> {
         let mut cuts = Vec::with_capacity(hinges.len());
-        let mut pairing = Pairing::new(model.bodies().len());
+        let mut matching = ConstraintMatching::new(model.bodies().len());
         for (cut, hinge) in hinges.iter().enumerate() {
             check_ends(model, cut, hinge)?;
             let [k_path, l_path] = paths(model, hinge.body_k, hinge.body_l);
             let compiled = Self {
                 hinge: hinge.clone(),
-                first: pairing.count(),
+                first: matching.count(),
                 k_path,
                 l_path,
             };
@@ -60,13 +60,13 @@ impl Cut {
             }
             let on_loop: Vec<_> =
                 (compiled.k_path.iter().chain(&compiled.l_path).copied()).collect();
-            // A hinge that slides turns nothing.
-            let mut turning = on_loop.clone();
-            turning.retain(|&k| model.joints()[k - 1].kind.is_rotational());
+            // Prismatic hinges do not affect rotations.
+            let mut revolute = on_loop.clone();
+            revolute.retain(|&k| model.joints()[k - 1].kind.is_rotational());
             let translations = directions(&hinge.translations).map(|_| &on_loop);
-            let rotations = directions(&hinge.rotations).map(|_| &turning);
+            let rotations = directions(&hinge.rotations).map(|_| &revolute);
             for movers in translations.chain(rotations) {
-                if let Err(hinges) = pairing.add(movers.clone()) {
+                if let Err(hinges) = matching.add(movers.clone()) {
                     return Err(CutError::OverConstrained {
                         cut,
                         constraints: hinges + 1,
@@ -79,7 +79,7 @@ impl Cut {
         Ok(cuts)
     }
 
-    /// How many directions it constrains.
+    /// Number of constrained directions.
     pub(super) fn count(&self) -> usize {
         directions(&self.hinge.translations).count() + directions(&self.hinge.rotations).count()
     }
@@ -87,10 +87,10 @@ impl Cut {
     /// Writes its columns of `G = -H` (2.3.43), rows of the hinges from `row` on, and its entries of `Ġᵀ u`:
     /// (2.3.47), which as printed is that and not `Ḣᵀ u`.
     ///
-    /// A direction that is free while another is constrained makes a slot, in which (2.3.40) as printed is not
-    /// enough: the point of body `k` is here the one where body `l`'s end is, which is the printed one
-    /// when all translations are constrained. Force and reaction then always share their line, so that
-    /// momentum is kept even while the loop is slightly open.
+    /// With one translation free and another constrained (a slot), (2.3.40) as printed is not sufficient: the point of
+    /// body `k` is here the one that coincides with body `l`'s end. With all translations constrained, this is the printed
+    /// point. Force and reaction then always act along the same line, so that momentum is conserved even if the loop is
+    /// slightly open.
     pub(super) fn constrain(
         &self,
         bodies: &[KaneBody],
@@ -124,14 +124,18 @@ impl Cut {
         for y in directions(&self.hinge.rotations).map(axis) {
             self.write_column(&mut G.column_mut(column).as_mut_slice()[row..], |hinge| {
                 let body = &bodies[hinge];
-                if body.slides() { 0.0 } else { y.dot(&body.z) }
+                if body.is_prismatic() {
+                    0.0
+                } else {
+                    y.dot(&body.z)
+                }
             });
             rate[column] = y.dot(&angular);
             column += 1;
         }
     }
 
-    /// Entries of the hinges that move one side of the loop; the others stay zero.
+    /// Writes the entries of the hinges on both sides of the loop; the others stay zero.
     fn write_column(&self, column: &mut [f64], entry: impl Fn(usize) -> f64) {
         for &hinge in &self.k_path {
             column[hinge - 1] = entry(hinge);
@@ -141,13 +145,13 @@ impl Cut {
         }
     }
 
-    /// The constraint forces as a wrench on body `k`, axes of `H`, from the multipliers of all cuts.
+    /// Constraint forces as a wrench on body `k`, axes of `H`, from the multipliers of all cuts.
     pub(super) fn wrench(&self, multipliers: &DVector<f64>) -> Wrench {
-        let mut all = multipliers.as_slice()[self.first..].iter();
+        let mut values = multipliers.as_slice()[self.first..].iter();
         let mut take = |constrained: &[bool; 3]| {
             let mut v = Vector3::zeros();
             for i in directions(constrained) {
-                v[i] = *all.next().expect("one multiplier for each direction");
+                v[i] = *values.next().expect("one multiplier for each direction");
             }
             v
         };
@@ -156,8 +160,8 @@ impl Cut {
         Wrench::new(torque, force)
     }
 
-    /// Velocity of body `l`'s end seen from body `k`: angular, and that of its point, axes of `H`.
-    pub(super) fn opening(&self, bodies: &[KaneBody]) -> Twist {
+    /// Velocity of body `l`'s end relative to body `k`, axes of `H`.
+    pub(super) fn relative_velocity(&self, bodies: &[KaneBody]) -> Twist {
         let (k, l) = (&bodies[self.hinge.body_k], &bodies[self.hinge.body_l]);
         let r_l = l.R_WB * self.hinge.X_LH.translation.vector;
         let r_k = l.p + r_l - k.p;
@@ -168,9 +172,9 @@ impl Cut {
     }
 }
 
-/// `v^i` of (2.3.20), (2.3.21) at `point`, which is of the hinge's outer set.
+/// Partial velocity `v^i` of (2.3.20), (2.3.21) at `point`, which is on the hinge's outer set.
 fn partial_velocity(body: &KaneBody, point: &Vector3<f64>) -> Vector3<f64> {
-    if body.slides() {
+    if body.is_prismatic() {
         body.z
     } else {
         body.z.cross(&(point - body.p))
@@ -201,7 +205,7 @@ fn check_ends(model: &Model, cut: usize, hinge: &CutHinge) -> Result<(), CutErro
     Ok(())
 }
 
-/// The hinges that move `k` but not `l`, and the reverse, named by the body that they move.
+/// Hinges that move `k` but not `l`, and those that move `l` but not `k`, each by the index of the body that it moves.
 fn paths(model: &Model, k: usize, l: usize) -> [Vec<usize>; 2] {
     let moves =
         |hinge: usize, body: usize| (hinge..model.bodies()[hinge].subtree_end).contains(&body);

@@ -7,7 +7,7 @@ use crate::dynamics::TreeAcceleration;
 use crate::spatial::Twist;
 
 impl Kane {
-    /// Rows of the main body's velocity; those of its angular velocity and of the hinges follow.
+    /// Number of rows for the main body's velocity; those of its angular velocity and of the hinges follow.
     fn translation_rows(&self) -> usize {
         match self.speed {
             BaseSpeed::MainBody => 3,
@@ -15,7 +15,7 @@ impl Kane {
         }
     }
 
-    /// Solves for the accelerations; `out.qdd` comes in as the hinges' efforts.
+    /// Solves for the accelerations. On entry, `out.qdd` holds the hinges' efforts.
     pub(super) fn solve(&mut self, out: &mut TreeAcceleration) {
         self.set_equations(out);
         let hinge_row = self.translation_rows() + 3;
@@ -45,10 +45,9 @@ impl Kane {
 
     /// `M` (2.3.22), (2.3.32)-(2.3.36) and `-g` (2.3.26), (2.3.37), (2.3.38).
     ///
-    /// Every entry is the partial velocity of one generalized speed times the momentum that another gives at
-    /// unit value to its outer set. The velocity of the system's centre of mass as a generalized speed
-    /// leaves the others a partial velocity in which that point rests: the entries lose what the common
-    /// motion of all bodies had in them.
+    /// Each entry is the partial velocity of one generalized speed times the momentum that another, at unit value, gives
+    /// to its outer set. If the velocity of the system's centre of mass is a generalized speed, that point is at rest in
+    /// the partial velocities of the others, so that the terms of the common motion of all bodies drop out.
     fn set_equations(&mut self, out: &TreeAcceleration) {
         let first = self.translation_rows();
         let (M, bodies) = (&mut self.M, &self.bodies);
@@ -72,7 +71,7 @@ impl Kane {
         for (i, (body, effort)) in bodies[1..].iter().zip(out.qdd.iter()).enumerate() {
             let row = first + 3 + i;
             let unit = &body.unit_momentum;
-            let generalized = if body.slides() {
+            let generalized = if body.is_prismatic() {
                 body.z.dot(&body.force_hat.force)
             } else {
                 body.z.dot(&body.force_hat.torque)
@@ -94,7 +93,7 @@ impl Kane {
             let mut inner = i + 1;
             while inner != 0 {
                 let other = &bodies[inner];
-                M[(row, first + 2 + inner)] += if other.slides() {
+                M[(row, first + 2 + inner)] += if other.is_prismatic() {
                     other.z.dot(&unit.force)
                 } else {
                     let torque = unit.torque + (body.p - other.p).cross(&unit.force);
@@ -116,12 +115,12 @@ impl Kane {
         let linear = match self.speed {
             BaseSpeed::MainBody => self.speeds.fixed_rows::<3>(0).into_owned(),
             BaseSpeed::SystemCom => {
-                // The first row of the equations, which the others did not need.
-                let mut needed = base.force_hat.force - angular.cross(&base.moment_hat);
+                // The first row of the equations, which the others do not contain.
+                let mut force = base.force_hat.force - angular.cross(&base.moment_hat);
                 for (body, qdd) in self.bodies[1..].iter().zip(out.qdd.iter()) {
-                    needed -= body.unit_momentum.force * *qdd;
+                    force -= body.unit_momentum.force * *qdd;
                 }
-                needed / base.mass_hat
+                force / base.mass_hat
             }
         };
         let R_BW = base.R_WB.inverse();

@@ -1,4 +1,4 @@
-//! What cannot be a cut hinge.
+//! Errors in cut hinges.
 
 /// Why loops cannot be closed by the given cuts. Cuts are counted from 0, in the order given.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -11,14 +11,14 @@ pub enum CutError {
         /// The cut.
         cut: usize,
     },
-    /// The cut names a body that the model does not have.
+    /// The model does not have the cut's body.
     #[error("cut {cut} is on body {body}, but the model's bodies are 0 to {}", bodies - 1)]
     NoSuchBody {
         /// The cut.
         cut: usize,
-        /// The body it names.
+        /// Index of the body.
         body: usize,
-        /// How many bodies there are.
+        /// Number of bodies.
         bodies: usize,
     },
     /// Both sides of the cut are on one body.
@@ -37,17 +37,17 @@ pub enum CutError {
         /// The name of the body whose frame it is.
         body: String,
     },
-    /// The hinges cannot meet so many constraints, of this cut alone or together with those before it.
+    /// The hinges cannot satisfy so many constraints, of this cut alone or together with those before it.
     #[error(
-        "cut {cut} over-constrains its loop: {hinges} hinges cannot meet {constraints} constrained directions; \
+        "cut {cut} over-constrains its loop: {hinges} hinges cannot satisfy {constraints} constrained directions; \
          leave out directions in which those hinges never move"
     )]
     OverConstrained {
         /// The cut.
         cut: usize,
-        /// As many constrained directions as are too many (there may be more).
+        /// Smallest number of constrained directions that is too large (there may be more).
         constraints: usize,
-        /// All the hinges that they move with.
+        /// Number of hinges that move them.
         hinges: usize,
     },
 }

@@ -1,13 +1,13 @@
-//! Kane's method as in TR-942, section 2.3.
+//! Kane's method, TR-942 section 2.3.
 //!
-//! An independent witness for the reduced form of [`Workspace`](super::Workspace): it carries the base's
-//! twist instead of momentum, solves for all `6 + n` accelerations at once, and shares no code with it.
+//! An independent check of the reduced form of [`Workspace`](super::Workspace): its state has the base's twist instead of
+//! momentum, it solves for all `6 + n` accelerations at once, and it shares no code with the reduced form.
 
 mod bodies;
 mod cut;
 mod equations;
 mod error;
-mod pairing;
+mod matching;
 
 use nalgebra::{DMatrix, DVector};
 
@@ -23,8 +23,8 @@ pub use error::CutError;
 /// Forward dynamics by Kane's equations, recursively from composite bodies, with loops cut open.
 ///
 /// The generalized speeds are the main body's velocity and angular velocity in world axes and the hinge
-/// rates, eq. (2.3.16). Loops take the naive solution (2.3.46): where their constraints lose rank (a pantograph
-/// that is stretched out, or directions constrained twice) the accelerations are wrong or not finite.
+/// rates, eq. (2.3.16). Loops use the direct solution (2.3.46): where their constraints lose rank (a
+/// stretched pantograph, or directions constrained twice) the accelerations are wrong or not finite.
 ///
 /// ```
 /// use fuyu::dynamics::{CutHinge, Formulation, Input, Kane, TreeAcceleration, TreeMotion};
@@ -60,7 +60,7 @@ pub use error::CutError;
 /// input.efforts[0] = 1.0;
 /// let mut out = TreeAcceleration::zero(&model);
 /// kane.accelerations(&model, &motion, &input, &mut out);
-/// // The cranks stay parallel; the pin pulls the rocker along.
+/// // The cranks stay parallel; the pin's force moves the rocker.
 /// assert!((out.qdd[0] - out.qdd[2]).abs() < 1e-12 && out.qdd[0] > 0.0);
 /// assert!(kane.cut_wrench(0).force.norm() > 0.1);
 /// # Ok::<(), fuyu::dynamics::CutError>(())
@@ -83,7 +83,7 @@ pub struct Kane {
     multipliers: DVector<f64>,
 }
 
-/// Whose velocity is the generalized speed of the translation; accelerations do not depend on it.
+/// The point whose velocity is the generalized speed of the translation; accelerations do not depend on the choice.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum BaseSpeed {
     /// The main body's, (2.3.16).
@@ -95,17 +95,17 @@ pub enum BaseSpeed {
 }
 
 impl Kane {
-    /// For a tree.
+    /// Scratch for a tree.
     pub fn new(model: &Model) -> Self {
         Self::assemble(KaneBody::all(model), Vec::new(), BaseSpeed::default())
     }
 
-    /// For a tree whose loops are closed by `cuts`. Motion given to it must satisfy their constraints; it
-    /// neither checks nor corrects that.
+    /// Scratch for a tree whose loops are closed by `cuts`. The caller's motion must satisfy the constraints, which is
+    /// neither checked nor corrected.
     ///
     /// # Errors
-    /// [`CutError`] for a cut that constrains nothing, names a missing body or one body twice, is not finite,
-    /// or constrains more directions than the hinges of the loops can meet.
+    /// [`CutError`] for a cut that constrains nothing, has an unknown body or the same body twice, is not finite, or
+    /// constrains more directions than the hinges of the loops can satisfy.
     pub fn with_cuts(model: &Model, cuts: &[CutHinge]) -> Result<Self, CutError> {
         let cuts = Cut::all(model, cuts)?;
         let bodies = KaneBody::all(model);
@@ -137,7 +137,7 @@ impl Kane {
     }
 
     /// Constraint force \[N\] and torque \[N m\] of cut `cut` on its body `k`, axes of the hinge frame, as of the
-    /// last accelerations; body `l` feels the opposite. Free directions are zero.
+    /// last evaluation; the opposite acts on body `l`. Free directions are zero.
     ///
     /// # Panics
     /// If there is no such cut.
@@ -145,13 +145,13 @@ impl Kane {
         self.cuts[cut].wrench(&self.multipliers)
     }
 
-    /// Velocity of body `l` seen from body `k` at cut `cut`, axes of the hinge frame, as of the last
-    /// accelerations: in constrained directions zero, up to what integration has lost.
+    /// Velocity of body `l` relative to body `k` at cut `cut`, axes of the hinge frame, as of the last evaluation. In
+    /// constrained directions it is zero, except for integration errors.
     ///
     /// # Panics
     /// If there is no such cut.
     pub fn cut_velocity(&self, cut: usize) -> Twist {
-        self.cuts[cut].opening(&self.bodies)
+        self.cuts[cut].relative_velocity(&self.bodies)
     }
 }
 
@@ -164,9 +164,9 @@ impl Formulation for Kane {
         input: &Input,
         out: &mut TreeAcceleration,
     ) {
-        KaneBody::move_all(&mut self.bodies, motion);
-        KaneBody::gather_all(&mut self.bodies, &input.wrenches);
-        // The hinges' efforts stand where their accelerations will.
+        KaneBody::set_motion(&mut self.bodies, motion);
+        KaneBody::set_outer_sets(&mut self.bodies, &input.wrenches);
+        // `solve` takes the hinges' efforts in `out.qdd`.
         let hinges = motion.q.iter().zip(motion.qd);
         let acting = model.joints().iter().zip(input.efforts.iter()).zip(hinges);
         for (total, ((joint, effort), (q, qd))) in out.qdd.iter_mut().zip(acting) {

@@ -1,4 +1,4 @@
-//! Several numbers side by side in one register.
+//! SIMD numbers: several `f64` in one register.
 
 use std::ops::{Add, Mul, Neg, Sub};
 
@@ -6,20 +6,20 @@ use pulp::Simd;
 
 use super::Scalar;
 
-/// How many numbers lie side by side in memory: as many as the widest registers hold.
-pub const GROUP: usize = 8;
+/// Numbers per group in memory: as many as the widest registers hold.
+pub const GROUP_SIZE: usize = 8;
 
-/// Such a group of numbers, in one cache line: to read or write wide registers across two costs twice.
+/// A group of eight numbers in one cache line: access across two lines would take twice as long.
 #[derive(Debug, Clone, Copy, PartialEq)]
 #[repr(align(64))]
-pub struct Eight(pub [f64; GROUP]);
+pub struct F64x8(pub [f64; GROUP_SIZE]);
 
-impl Eight {
+impl F64x8 {
     /// All zero.
-    pub const ZERO: Self = Self([0.0; GROUP]);
+    pub const ZERO: Self = Self([0.0; GROUP_SIZE]);
 }
 
-/// As many `f64` as the machine's registers hold. Each lane is computed as an `f64` alone would be.
+/// A SIMD register of `f64`, as wide as the processor has them. Each lane has the same bits as a computation with `f64`.
 #[derive(Debug, Clone, Copy)]
 pub struct Lanes<S: Simd> {
     pub(super) simd: S,
@@ -34,7 +34,10 @@ impl<S: Simd> Lanes<S> {
         Self { simd, value }
     }
 
-    /// The first numbers of a slice, which holds enough.
+    /// Loads the first numbers of a slice.
+    ///
+    /// # Panics
+    /// If the slice is shorter than a register.
     #[inline(always)]
     pub fn load(simd: S, from: &[f64]) -> Self {
         let (lanes, _) = S::as_simd_f64s(from);
@@ -42,7 +45,7 @@ impl<S: Simd> Lanes<S> {
         Self { simd, value }
     }
 
-    /// As many numbers as a slice holds, or as there are lanes; the rest is zero.
+    /// Loads as many numbers as the slice holds, or as there are lanes; the others are zero.
     #[inline(always)]
     pub fn load_some(simd: S, from: &[f64]) -> Self {
         let value = simd.partial_load_f64s(from);
@@ -52,12 +55,15 @@ impl<S: Simd> Lanes<S> {
     /// The number in the first lane.
     #[inline(always)]
     pub fn first(self) -> f64 {
-        let mut numbers = Eight::ZERO;
+        let mut numbers = F64x8::ZERO;
         self.store(&mut numbers.0);
         numbers.0[0]
     }
 
-    /// Writes the lanes to the first numbers of a slice, which holds enough.
+    /// Stores the lanes to the first numbers of a slice.
+    ///
+    /// # Panics
+    /// If the slice is shorter than a register.
     #[inline(always)]
     pub fn store(self, into: &mut [f64]) {
         let (lanes, _) = S::as_mut_simd_f64s(into);

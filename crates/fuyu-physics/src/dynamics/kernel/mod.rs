@@ -1,45 +1,47 @@
-//! The recursions over the tree, for any kind of number.
+//! Recursive dynamics algorithms over the tree, for any number type.
 //!
-//! A [`Tree`] is a model in the frames that suit them. [`forward_dynamics`] and [`inverse_dynamics`] sweep over
-//! one [`Slot`] per body, [`base_spin`] over one [`Carried`], [`momentum_map`] and [`generalized_jacobian`] over one
-//! [`Place`] and one [`Column`]. All cost time
-//! linear in the number of joints, take no memory and have no errors: what is not finite shows in the results.
-//! The number is any [`Scalar`]: `f64`, [`Lanes`] of it, or one's own.
+//! A [`Tree`] is a model compiled into kernel frames. [`forward_dynamics`] and [`inverse_dynamics`] use one
+//! [`LinkScratch`] per body, [`base_angular_velocity`] one [`SubtreeMomentum`], [`momentum_map`] and
+//! [`generalized_jacobian`] one [`LinkPlacement`] per body and one [`MomentumColumn`] per joint. All take time linear in the
+//! number of joints, allocate nothing and return no errors: input that is not finite gives results that are not finite.
+//! The number type is any [`Scalar`]: `f64`, SIMD registers of it, or one of the caller's.
 //!
-//! They are what `Workspace`, `ArticulatedBody` and `Batch` are made of, and open to those who bring their own
-//! number; everybody else is better served by these.
+//! `Workspace`, `ArticulatedBody` and `Batch` are built on these functions, and are the better choice for everyone who
+//! does not need a number type of their own.
 
-mod articulated;
-mod attitude;
-mod columns;
-mod composite;
-mod frames;
-mod gather;
-mod group;
-mod hop;
-mod inertia;
-mod inverse;
+mod articulated_body;
+mod articulated_inertia;
+mod base_velocity;
+mod composite_inertia;
+mod inverse_dynamics;
+mod joint_groups;
+mod joint_transform;
+mod kernel_frames;
 mod lanes;
+mod link_scratch;
+mod momentum_columns;
+mod momentum_map;
+mod planar_rotation;
+mod quaternion;
 mod scalar;
 mod sin_cos;
-mod spin;
 mod tree;
-mod turn;
 mod vector;
 
-pub use articulated::{Slot, forward_dynamics};
-pub use attitude::{Attitude, SMALL_TURN, small_turn_rate};
-pub use columns::Column;
-pub use composite::{Place, System, generalized_jacobian, momentum_map};
-pub(crate) use group::Joints;
-pub use hop::{Force, Motion};
-pub use inertia::ArticulatedInertia;
-pub use inverse::inverse_dynamics;
-pub use lanes::{Eight, GROUP, Lanes};
+pub use articulated_body::forward_dynamics;
+pub(crate) use articulated_inertia::ArticulatedInertia;
+pub(crate) use base_velocity::locked_inertia;
+pub use base_velocity::{SubtreeMomentum, base_angular_velocity};
+pub use inverse_dynamics::inverse_dynamics;
+pub(crate) use joint_groups::JointKinematics;
+pub use joint_transform::{SpatialForce, SpatialMotion};
+pub(crate) use lanes::{F64x8, GROUP_SIZE, Lanes};
+pub use link_scratch::LinkScratch;
+pub use momentum_columns::MomentumColumn;
+pub use momentum_map::{LinkPlacement, SystemInertia, generalized_jacobian, momentum_map};
+pub use planar_rotation::PlanarRotation;
+pub(crate) use quaternion::{Quat, SERIES_LIMIT, rotation_vector_rate_series};
 pub use scalar::Scalar;
-pub use sin_cos::sin_cos;
-pub(crate) use spin::whole_inertia;
-pub use spin::{Carried, base_spin};
+pub(crate) use sin_cos::sin_cos;
 pub use tree::Tree;
-pub use turn::Turn;
 pub use vector::{Mat3, Sym3, Vec3};

@@ -1,17 +1,17 @@
-//! The numbers that the kernels calculate with.
+//! The number type of the kernels.
 
 use std::ops::{Add, Mul, Neg, Sub};
 
-/// A number, or several side by side, on which a kernel runs: `f64`, lanes of it, or a type that counts
-/// operations or carries more digits. Only what the recursions need.
+/// A number type for the kernels: `f64`, SIMD registers of it, or a type that counts operations or has more
+/// digits. It has only the operations that the recursions need.
 ///
-/// `f64` multiplies and adds with one rounding everywhere, so that results do not depend on the machine.
-/// Where the compiler may not assume an instruction for that, a call stands in its place: kernels are
-/// meant to be called inside [`pulp::Arch::dispatch`], which allows it.
+/// `f64` uses fused multiply-add (one rounding) on every machine, so that results do not depend on it. Without the
+/// instruction, the compiler inserts a slow function call. Call kernels inside [`pulp::Arch::dispatch`], which enables the
+/// instruction where the processor has it.
 pub trait Scalar:
     Copy + Add<Output = Self> + Sub<Output = Self> + Mul<Output = Self> + Neg<Output = Self>
 {
-    /// `value` as a number of the same kind as `self` (which only tells how many lanes there are).
+    /// `value` as a number of the same kind as `self`, whose own value is not used.
     fn constant(self, value: f64) -> Self;
 
     /// `1 / self`.

@@ -1,16 +1,16 @@
-//! Sine and cosine of many angles at once.
+//! Sines and cosines of several angles at once.
 
 use std::f64::consts::{FRAC_2_PI, FRAC_PI_2};
 
 use pulp::Simd;
 
-use super::{Eight, Lanes, Scalar};
+use super::{F64x8, Lanes, Scalar};
 
-/// Above this the quarter turns are no longer counted exactly; the standard library takes over.
-const LARGEST: f64 = 1e5;
+/// Larger angles use the standard library: the number of quarter turns would not be exact.
+const MAX_ANGLE: f64 = 1e5;
 
-/// π/2 and what it lacks: with one rounding an operation this is enough for angles in range.
-const QUARTER: [f64; 2] = [FRAC_PI_2, 6.123_233_995_736_766e-17];
+/// π/2 as a sum of two numbers: with fused multiply-add, this is enough for angles within the range.
+const HALF_PI: [f64; 2] = [FRAC_PI_2, 6.123_233_995_736_766e-17];
 
 /// Minimax polynomials on ±π/4 (Sun's fdlibm): `sin x = x + x³ S(x²)`, `cos x = 1 - x²/2 + x⁴ C(x²)`.
 const SIN: [f64; 6] = [
@@ -34,13 +34,13 @@ const COS: [f64; 6] = [
 #[inline(always)]
 pub fn sin_cos<S: Simd>(angles: Lanes<S>) -> (Lanes<S>, Lanes<S>) {
     let simd = angles.simd;
-    let sizes = simd.abs_f64s(angles.value);
-    let in_range = simd.less_than_or_equal_f64s(sizes, simd.splat_f64s(LARGEST));
-    let near = reduced(angles);
+    let magnitudes = simd.abs_f64s(angles.value);
+    let in_range = simd.less_than_or_equal_f64s(magnitudes, simd.splat_f64s(MAX_ANGLE));
+    let near = in_range_sin_cos(angles);
     if simd.first_true_m64s(simd.not_m64s(in_range)) < S::F64_LANES {
-        let mut numbers = Eight::ZERO;
+        let mut numbers = F64x8::ZERO;
         angles.store(&mut numbers.0);
-        let [cos, sin] = far(&numbers);
+        let [cos, sin] = standard_sin_cos(&numbers);
         let (cos, sin) = (Lanes::load(simd, &cos.0), Lanes::load(simd, &sin.0));
         let cos = simd.select_f64s(in_range, near.0.value, cos.value);
         let sin = simd.select_f64s(in_range, near.1.value, sin.value);
@@ -50,17 +50,17 @@ pub fn sin_cos<S: Simd>(angles: Lanes<S>) -> (Lanes<S>, Lanes<S>) {
     }
 }
 
-/// Where an angle is beyond the range.
+/// Cosines and sines by the standard library, for angles beyond the range.
 #[cold]
-fn far(angles: &Eight) -> [Eight; 2] {
-    let (mut cos, mut sin) = (Eight::ZERO, Eight::ZERO);
+fn standard_sin_cos(angles: &F64x8) -> [F64x8; 2] {
+    let (mut cos, mut sin) = (F64x8::ZERO, F64x8::ZERO);
     for (i, angle) in angles.0.iter().enumerate() {
         (sin.0[i], cos.0[i]) = angle.sin_cos();
     }
     [cos, sin]
 }
 
-/// Terms are put together in pairs, so that few wait for others.
+/// Evaluates a polynomial of degree five, in pairs of terms to shorten the chain of dependent operations (Estrin).
 #[inline(always)]
 fn polynomial<S: Simd>(c: &[f64; 6], z: Lanes<S>) -> Lanes<S> {
     let zz = z * z;
@@ -72,21 +72,21 @@ fn polynomial<S: Simd>(c: &[f64; 6], z: Lanes<S>) -> Lanes<S> {
 
 /// Cosines and sines of angles within the range.
 #[inline(always)]
-fn reduced<S: Simd>(angle: Lanes<S>) -> (Lanes<S>, Lanes<S>) {
-    // Adding this rounds to an integer, which then stands in the lowest bits.
+fn in_range_sin_cos<S: Simd>(angle: Lanes<S>) -> (Lanes<S>, Lanes<S>) {
+    // Adding this rounds to an integer, which is then in the lowest bits.
     const ROUND: f64 = 6_755_399_441_055_744.0;
     let simd = angle.simd;
     let shifted = angle.mul_add(angle.constant(FRAC_2_PI), angle.constant(ROUND));
     let turns = shifted - angle.constant(ROUND);
-    let x = turns.mul_add(angle.constant(-QUARTER[0]), angle);
-    let x = turns.mul_add(angle.constant(-QUARTER[1]), x);
+    let x = turns.mul_add(angle.constant(-HALF_PI[0]), angle);
+    let x = turns.mul_add(angle.constant(-HALF_PI[1]), x);
     let z = x * x;
     let (s, c) = (polynomial(&SIN, z), polynomial(&COS, z));
     let sin = (x * z).mul_add(s, x);
     let (one, half) = (angle.constant(1.0), z.times(0.5));
     let head = one - half;
     let cos = head + (z * z).mul_add(c, one - head - half);
-    // The quadrant: sines and cosines change places in every other one and their signs every two.
+    // By quadrant, sine and cosine are exchanged and change their signs.
     let quarters = simd.transmute_u64s_f64s(shifted.value);
     let is_odd = has_bit(simd, quarters, 1);
     let next = simd.add_u64s(quarters, simd.splat_u64s(1));
@@ -103,7 +103,7 @@ fn has_bit<S: Simd>(simd: S, bits: S::u64s, bit: u64) -> S::m64s {
     simd.equal_u64s(simd.and_u64s(bits, bit), bit)
 }
 
-/// With the other sign where the second bit of `quarters` is set.
+/// `value` with the opposite sign where the second bit of `quarters` is set.
 #[inline(always)]
 fn negated<S: Simd>(simd: S, value: S::f64s, quarters: S::u64s) -> Lanes<S> {
     let is_negated = has_bit(simd, quarters, 2);
@@ -115,17 +115,17 @@ fn negated<S: Simd>(simd: S, value: S::f64s, quarters: S::u64s) -> Lanes<S> {
 mod tests {
     use super::*;
 
-    use crate::dynamics::kernel::GROUP;
+    use crate::dynamics::kernel::GROUP_SIZE;
     use pulp::{Arch, WithSimd};
 
     /// Cosines and sines of any eight angles.
-    struct Task(Eight);
+    struct Task(F64x8);
 
     impl WithSimd for Task {
-        type Output = [Eight; 2];
-        fn with_simd<S: Simd>(self, simd: S) -> [Eight; 2] {
-            let mut found = [Eight::ZERO; 2];
-            for first in (0..GROUP).step_by(S::F64_LANES) {
+        type Output = [F64x8; 2];
+        fn with_simd<S: Simd>(self, simd: S) -> [F64x8; 2] {
+            let mut found = [F64x8::ZERO; 2];
+            for first in (0..GROUP_SIZE).step_by(S::F64_LANES) {
                 let (cos, sin) = sin_cos(Lanes::load(simd, &self.0.0[first..]));
                 cos.store(&mut found[0].0[first..]);
                 sin.store(&mut found[1].0[first..]);
@@ -134,16 +134,15 @@ mod tests {
         }
     }
 
-    /// A wrong digit of a polynomial or of π/2, or a wrong quadrant, shows; so does a width of instructions
-    /// that computes anything else.
+    /// Catches a wrong digit of a polynomial or of π/2, a wrong quadrant, and a SIMD width with different results.
     #[test]
     fn all_quadrants_agree_with_the_standard_library() {
         let mut angle = -1.0e5;
         let mut worst: f64 = 0.0;
         while angle < 1.0e5 {
-            let angles: [f64; GROUP] = std::array::from_fn(|i| angle + 0.61 * i as f64);
-            let [cos, sin] = Arch::new().dispatch(Task(Eight(angles)));
-            assert_eq!([cos, sin], Arch::Scalar.dispatch(Task(Eight(angles))));
+            let angles: [f64; GROUP_SIZE] = std::array::from_fn(|i| angle + 0.61 * i as f64);
+            let [cos, sin] = Arch::new().dispatch(Task(F64x8(angles)));
+            assert_eq!([cos, sin], Arch::Scalar.dispatch(Task(F64x8(angles))));
             for (i, angle) in angles.iter().enumerate() {
                 let (s, c) = angle.sin_cos();
                 worst = worst.max((sin.0[i] - s).abs()).max((cos.0[i] - c).abs());
@@ -152,10 +151,10 @@ mod tests {
         }
         assert!(worst <= 2.3e-16, "{worst:e}");
         for angle in [0.0, -1e-300, 1e-9, 1e6, -1e22] {
-            let [cos, sin] = Arch::new().dispatch(Task(Eight([angle; GROUP])));
+            let [cos, sin] = Arch::new().dispatch(Task(F64x8([angle; GROUP_SIZE])));
             assert_eq!((sin.0[3], cos.0[3]), angle.sin_cos());
         }
-        let mut angles = Eight::ZERO;
+        let mut angles = F64x8::ZERO;
         angles.0[5] = f64::NAN;
         let [cos, sin] = Arch::new().dispatch(Task(angles));
         assert!(cos.0[5].is_nan() && sin.0[5].is_nan() && cos.0[4] == 1.0);

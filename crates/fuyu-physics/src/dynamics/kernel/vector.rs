@@ -1,15 +1,15 @@
 //! Vectors and 3 × 3 matrices of any [`Scalar`].
 //!
-//! Here and in all kernels numbers do not go through closures (no `map` over arrays of them): what the
-//! compiler leaves of such a call may not use the wide instructions that the kernel around it may, and
-//! every operation in it becomes a call.
+//! Here and in all kernels, numbers are not passed through closures (no `map` over arrays): a closure that the compiler
+//! does not inline is compiled without the SIMD instructions of the kernel around it, and each operation in it becomes a
+//! function call.
 
 use std::ops::{Add, Index, IndexMut, Neg, Sub};
 
 use super::Scalar;
 use crate::spatial::Symmetric3;
 
-/// Three components.
+/// A vector with three components.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct Vec3<S>(pub [S; 3]);
 
@@ -28,7 +28,7 @@ pub struct Mat3<S>(pub [Vec3<S>; 3]);
 
 /// The two axes that follow `axis` in right-handed order.
 #[inline(always)]
-pub(super) const fn others(axis: usize) -> (usize, usize) {
+pub(super) const fn other_axes(axis: usize) -> (usize, usize) {
     ((axis + 1) % 3, (axis + 2) % 3)
 }
 
@@ -138,7 +138,7 @@ impl<S: Scalar> Sym3<S> {
     /// Row (or column) `i`.
     #[inline(always)]
     pub fn row(self, i: usize) -> Vec3<S> {
-        let (j, k) = others(i);
+        let (j, k) = other_axes(i);
         let mut row = Vec3([self.diagonal[i]; 3]);
         row[j] = self.off[k];
         row[k] = self.off[j];

@@ -1,4 +1,4 @@
-//! From joints given approximately to a state on the constraints.
+//! Assembly: from approximate joint positions to a state on the constraints.
 
 use super::constraints::scale;
 use super::{Direction, LoopError, Loops};
@@ -8,22 +8,22 @@ use crate::model::Model;
 /// A loop is closed when its gap is below this, relative to the size of the mechanism.
 const CLOSED: f64 = 1e-12;
 
-/// Projections before a loop is given up: each is several steps of Newton's method.
+/// Projections before assembly fails; each is several steps of Newton's method.
 const ATTEMPTS: usize = 20;
 
-/// How far to look for a place where the mechanism is not singular \[rad, or m relative to its size\].
+/// Distance at which to look for a state that is not singular \[rad, or m relative to the size of the mechanism\].
 const NEARBY: f64 = 1e-2;
 
 impl Loops {
-    /// Moves a state that closes the loops approximately onto the constraints, positions and rates, and finds
-    /// out how many constraints are independent. Gaps up to `tolerance` \[m and rad\] are closed, and
-    /// rates of opening up to `tolerance` \[m/s and rad/s\] are taken off. Centre of mass and momentum
-    /// stay as they are; to start from a pose of the base, set it afterwards
+    /// Moves positions and rates of a state that closes the loops approximately onto the constraints, and determines the
+    /// number of independent constraints. Closes gaps up to `tolerance` \[m and rad\] and removes rates across the
+    /// constraints up to `tolerance` \[m/s and rad/s\]. Centre of mass and momentum do not change; to start from a pose
+    /// of the base, set it afterwards
     /// ([`State::set_base`](crate::dynamics::State::set_base)).
     ///
     /// # Errors
-    /// [`LoopError`] when a loop is open by more, cannot be closed nearby, opens at the given rates, or when
-    /// the closures lock all joints.
+    /// [`LoopError`] if a gap or a rate exceeds `tolerance`, if a loop cannot be closed nearby, or if the closures lock all
+    /// joints.
     pub fn assemble(
         &mut self,
         model: &Model,
@@ -35,8 +35,8 @@ impl Loops {
         }
         let mut workspace = Workspace::new(model);
         workspace.set_positions(model, &state.q);
-        self.set_wanted(&workspace);
-        if let Some((closure, direction, gap)) = self.worst(tolerance) {
+        self.set_target(&workspace);
+        if let Some((closure, direction, gap)) = self.largest_violation(tolerance) {
             return Err(LoopError::Open {
                 closure,
                 direction: direction.name(),
@@ -46,7 +46,7 @@ impl Loops {
             });
         }
         if !self.close(model, state, &mut workspace)
-            && let Some((closure, direction, gap)) = self.worst(0.0)
+            && let Some((closure, direction, gap)) = self.largest_violation(0.0)
         {
             return Err(LoopError::NotClosable {
                 closure,
@@ -56,8 +56,8 @@ impl Loops {
             });
         }
         self.rank = self.normals.rank();
-        self.gradients.tr_mul_to(&state.qd, &mut self.wanted);
-        if let Some((closure, direction, rate)) = self.worst(tolerance) {
+        self.gradients.tr_mul_to(&state.qd, &mut self.target);
+        if let Some((closure, direction, rate)) = self.largest_violation(tolerance) {
             return Err(LoopError::Opening {
                 closure,
                 direction: direction.name(),
@@ -67,7 +67,7 @@ impl Loops {
             });
         }
         self.normals.remove_normal(&mut state.qd);
-        self.explore(model, state, &mut workspace);
+        self.set_rank_from_nearby(model, state, &mut workspace);
         if self.mobility() == 0 {
             let names: Vec<_> = self.closures.iter().map(|c| c.name.as_str()).collect();
             return Err(LoopError::Locked {
@@ -79,49 +79,49 @@ impl Loops {
         Ok(())
     }
 
-    /// Projects positions until the loops are closed; whether they are. Normals are then those of a state
-    /// without any gap.
+    /// Projects positions until the loops are closed, and sets the normals as those of a closed state. Returns whether the
+    /// loops are closed.
     fn close(&mut self, model: &Model, state: &mut State, workspace: &mut Workspace) -> bool {
         let closed = (0..ATTEMPTS).any(|_| {
             self.normals_at.fill(f64::NAN);
             self.project_positions(model, state, workspace);
-            self.set_wanted(workspace) <= CLOSED * self.length
+            self.set_target(workspace) <= CLOSED * self.length
         });
         self.gap_before = 0.0;
         self.set_normals(workspace, &state.q);
         closed
     }
 
-    /// The constraint with the largest entry of `wanted`, if that is above `limit`.
-    fn worst(&self, limit: f64) -> Option<(String, Direction, f64)> {
+    /// The constraint with the largest entry of `target`, if that is above `limit`.
+    fn largest_violation(&self, limit: f64) -> Option<(String, Direction, f64)> {
         let rows = (self.closures.iter()).flat_map(|c| c.directions().map(move |d| (c, d)));
-        let gaps = rows.zip(self.wanted.iter());
-        let gaps = gaps.map(|((c, d), wanted)| (c, d, wanted.abs() / scale(d, self.length)));
+        let gaps = rows.zip(self.target.iter());
+        let gaps = gaps.map(|((c, d), target)| (c, d, target.abs() / scale(d, self.length)));
         gaps.max_by(|a, b| a.2.total_cmp(&b.2))
             .filter(|(.., gap)| *gap > limit || gap.is_nan())
             .map(|(closure, direction, gap)| (closure.name.clone(), direction, gap))
     }
 
-    /// Looks around a state whose constraints depend on each other: if more are independent nearby, the
-    /// state is a singular one of a mechanism with that many constraints.
-    fn explore(&mut self, model: &Model, state: &State, workspace: &mut Workspace) {
-        let (n, m) = (model.dof(), self.wanted.len());
+    /// Determines the rank of the constraints from nearby states, if they depend on each other in this one: if more are
+    /// independent nearby, this state is singular.
+    fn set_rank_from_nearby(&mut self, model: &Model, state: &State, workspace: &mut Workspace) {
+        let (n, m) = (model.dof(), self.target.len());
         let mut nearby = state.clone();
-        // First where it goes, then where it could.
+        // First along the present rates, then along each joint.
         for attempt in 0..=n {
             if self.rank == n.min(m) {
                 break;
             }
-            let mut way = state.qd.clone();
+            let mut direction = state.qd.clone();
             if attempt > 0 {
-                way.fill(0.0);
-                way[attempt - 1] = 1.0;
+                direction.fill(0.0);
+                direction[attempt - 1] = 1.0;
             }
-            self.normals.remove_normal(&mut way);
-            let size = way.amax();
+            self.normals.remove_normal(&mut direction);
+            let size = direction.amax();
             if size > 1e-9 {
                 nearby.q.copy_from(&state.q);
-                nearby.q.axpy(NEARBY / size, &way, 1.0);
+                nearby.q.axpy(NEARBY / size, &direction, 1.0);
                 if self.close(model, &mut nearby, workspace) {
                     self.rank = self.rank.max(self.normals.rank());
                 }

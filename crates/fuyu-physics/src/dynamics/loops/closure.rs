@@ -1,4 +1,4 @@
-//! One closure: which frames, which directions, how far it is open.
+//! One loop closure: its frames and directions, its gap, and its derivatives.
 
 use nalgebra::{DMatrix, Matrix6xX, Rotation3, Vector3};
 
@@ -6,7 +6,7 @@ use super::LoopError;
 use crate::dynamics::Workspace;
 use crate::model::{Frame, Model};
 
-/// A direction of the motion of frame B against frame A.
+/// A direction of the motion of frame B relative to frame A.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Direction {
     /// Translation along A's x axis.
@@ -60,26 +60,26 @@ impl Direction {
     }
 }
 
-/// Two frames of a tree that are held together in some directions, with frame B at the origin of frame
-/// A and in its axes when the loop is closed.
+/// A constraint between two frames of a tree in some directions. When the loop is closed, frames A and B coincide, except in
+/// the free directions.
 ///
-/// What stays free says what joint closes the loop: all translations and two rotations constrained are a
-/// hinge about the third axis; all but one translation a slider; three translations a ball. A hinge holds
-/// the third axes of A and B together, and with a single rotation constrained the loop is closed by a
-/// universal joint (one axis fixed in A, the other in B).
+/// The free directions determine the type of joint that closes the loop. With all translations and two rotations
+/// constrained, it is a revolute joint about the third axis, which A and B share. With all directions constrained but one
+/// translation, it is a prismatic joint; with three translations constrained, a spherical one; and with the translations
+/// and one rotation constrained, a universal joint (one axis fixed in A, the other in B).
 #[derive(Debug, Clone, PartialEq)]
 pub struct LoopClosure {
-    /// Name, for messages.
+    /// Name in messages.
     pub name: String,
-    /// First end; its axes are those of the constrained directions.
+    /// Frame A, along whose axes the directions are.
     pub frame_a: Frame,
-    /// Second end.
+    /// Frame B.
     pub frame_b: Frame,
     /// Whether each of [`Direction::ALL`] is constrained.
     pub constrained: [bool; 6],
 }
 
-/// How far a loop is open.
+/// Gap of an open loop.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct LoopGap {
     /// Largest gap in a constrained translation \[m\].
@@ -131,15 +131,15 @@ impl LoopClosure {
         [roll, pitch, yaw]
     }
 
-    /// Where B stands in A: its origin and its axes, in A's axes.
-    fn placed(&self, workspace: &Workspace) -> (Vector3<f64>, Rotation3<f64>) {
+    /// Position and rotation of B in A.
+    fn relative_pose(&self, workspace: &Workspace) -> (Vector3<f64>, Rotation3<f64>) {
         let X_AB = workspace.X_BF(&self.frame_a).inverse() * workspace.X_BF(&self.frame_b);
         (X_AB.translation.vector, X_AB.rotation)
     }
 
-    /// Displacement of B from A in all directions \[m, rad\], those that are free included.
+    /// Displacement of B from A in all directions \[m, rad\], the free ones included.
     pub(super) fn displacement(&self, workspace: &Workspace) -> [f64; 6] {
-        let (p, R_AB) = self.placed(workspace);
+        let (p, R_AB) = self.relative_pose(workspace);
         let rotation = match self.rotations() {
             [true, true, true] => rotation_vector(&R_AB),
             [false, true, true] => misalignment(&R_AB, 0),
@@ -167,7 +167,7 @@ impl LoopClosure {
             } else {
                 &mut gap.translation
             };
-            // NaN must not be lost in a comparison.
+            // Comparisons with NaN are false, but it must be kept.
             if open > *worst || open.is_nan() {
                 *worst = open;
             }
@@ -193,8 +193,8 @@ impl LoopClosure {
         let normal = self.rotation_normal(&(to_A * X_BB.rotation));
         for (j, (a, b)) in J_A.column_iter().zip(J_B.column_iter()).enumerate() {
             let angular = to_A * (b.fixed_rows::<3>(3) - a.fixed_rows::<3>(3));
-            let swept = Vector3::from(a.fixed_rows::<3>(3)).cross(&d);
-            let linear = to_A * (b.fixed_rows::<3>(0) - a.fixed_rows::<3>(0) - swept);
+            let w_cross_d = Vector3::from(a.fixed_rows::<3>(3)).cross(&d);
+            let linear = to_A * (b.fixed_rows::<3>(0) - a.fixed_rows::<3>(0) - w_cross_d);
             for (k, direction) in self.directions().enumerate() {
                 out[(j, first + k)] = match direction {
                     Direction::X => linear.x,
@@ -224,20 +224,20 @@ impl LoopClosure {
         let d = X_BB.translation.vector - X_BA.translation.vector;
         let to_A = X_BA.rotation.inverse();
         let w_A = V_A.angular;
-        let swept = w_A.cross(&d);
-        let v = V_B.linear - V_A.linear - swept;
+        let w_cross_d = w_A.cross(&d);
+        let v = V_B.linear - V_A.linear - w_cross_d;
         let linear = to_A
             * (A_B.linear
                 - A_A.linear
                 - A_A.angular.cross(&d)
-                - w_A.cross(&swept)
+                - w_A.cross(&w_cross_d)
                 - w_A.cross(&v) * 2.0);
         let w = V_B.angular - w_A;
         let angular = to_A * (A_B.angular - A_A.angular - w_A.cross(&w));
         let R_AB = to_A * X_BB.rotation;
         let rotation = match self.rotation_normal(&R_AB) {
             Some(normal) => {
-                // One of the normal's two axes turns with B.
+                // One of the two axes is fixed in B.
                 let i = self.rotations().iter().position(|c| *c).unwrap_or(0);
                 let (j, k) = universal_axes(&R_AB, i);
                 let w = to_A * w;
@@ -250,7 +250,7 @@ impl LoopClosure {
         ]
     }
 
-    /// With a single rotation constrained: the direction about which B is held, in A's axes.
+    /// If a single rotation is constrained: its axis, in A's axes.
     fn rotation_normal(&self, R_AB: &Rotation3<f64>) -> Option<Vector3<f64>> {
         let rotations = self.rotations();
         let mut constrained = (0..3).filter(|&i| rotations[i]);
@@ -264,14 +264,14 @@ impl LoopClosure {
     }
 }
 
-/// The axes of the universal joint that leaves all rotations but that about axis `i` free, in A's axes: the
-/// one after `i`, fixed in A, and the one after that, fixed in B.
+/// Axes of the universal joint that constrains only the rotation about axis `i`, in A's axes: the axis after `i`, fixed in
+/// A, and the one after that, fixed in B.
 fn universal_axes(R_AB: &Rotation3<f64>, i: usize) -> (Vector3<f64>, Vector3<f64>) {
     let (j, k) = ((i + 1) % 3, (i + 2) % 3);
     (Vector3::ith(j, 1.0), R_AB * Vector3::ith(k, 1.0))
 }
 
-/// The rotation vector, to full precision near the identity, where the trace has none.
+/// Rotation vector, to full precision near the identity, where the trace loses all digits.
 fn rotation_vector(R_AB: &Rotation3<f64>) -> Vector3<f64> {
     let m = R_AB.matrix();
     let skew = Vector3::new(
@@ -281,7 +281,7 @@ fn rotation_vector(R_AB: &Rotation3<f64>) -> Vector3<f64> {
     );
     let (sin, cos) = (0.5 * skew.norm(), 0.5 * (m.trace() - 1.0));
     if sin < 1e-6 && cos < 0.0 {
-        // Close to half a turn the skew part has none.
+        // Close to 180° the skew-symmetric part loses all digits.
         R_AB.scaled_axis()
     } else if sin > 0.0 {
         skew * (0.5 * sin.atan2(cos) / sin)
@@ -290,11 +290,11 @@ fn rotation_vector(R_AB: &Rotation3<f64>) -> Vector3<f64> {
     }
 }
 
-/// The smallest rotation, in A's axes, that takes A's axis `k` to B's.
+/// The smallest rotation, in A's axes, that takes A's axis `k` to B's axis `k`.
 fn misalignment(R_AB: &Rotation3<f64>, k: usize) -> Vector3<f64> {
-    let (own, other) = (Vector3::ith(k, 1.0), R_AB * Vector3::ith(k, 1.0));
-    let cross = own.cross(&other);
-    let (sin, cos) = (cross.norm(), own.dot(&other));
+    let (axis_A, axis_B) = (Vector3::ith(k, 1.0), R_AB * Vector3::ith(k, 1.0));
+    let cross = axis_A.cross(&axis_B);
+    let (sin, cos) = (cross.norm(), axis_A.dot(&axis_B));
     if sin > 0.0 {
         cross * (sin.atan2(cos) / sin)
     } else if cos < 0.0 {

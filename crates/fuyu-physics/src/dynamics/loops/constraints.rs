@@ -1,59 +1,57 @@
-//! The closures of one model: projection and accelerations.
+//! The loop closures of one model: projection onto the constraints, and accelerations.
 
 use nalgebra::{DMatrix, DVector, Matrix6xX};
 
 use super::normals::Normals;
-use super::singular::Aside;
+use super::singular::NearbyState;
 use super::{LoopClosure, LoopError, LoopGap};
 use crate::dynamics::{Input, Momentum, State, Workspace};
 use crate::model::Model;
 use crate::spatial::exp_so3;
 
-/// Normals that depend on others up to this part of their size are dropped. Positions close a loop to
-/// rounding, some 1e-15; towards a singular state the direction of a normal that vanishes is then lost with
-/// the square of this.
+/// Normals whose remainder is below this fraction of their size are dropped. Gaps are closed to rounding, some 1e-15;
+/// towards a singular state, a vanishing normal loses its direction with the square of this.
 const DEPENDENT: f64 = 5e-4;
 
-/// Where positions are off the constraints by a gap, normals are off by as much: those smaller than some
-/// gaps have no meaning.
+/// Normals smaller than this number of gaps are dropped: a gap in the positions changes normals by as much.
 const GAPS: f64 = 10.0;
 
-/// However wide open a loop is, normals larger than this are kept.
+/// Normals larger than this are kept, however large the gap is.
 const INDEPENDENT: f64 = 0.03;
 
 /// Gaps below this, relative to the size of the mechanism, are rounding.
 const CLOSED: f64 = 4e-15;
 
-/// Newton's method doubles the digits each time; what needs more than this does not converge.
+/// Limit of Newton's method, which doubles the digits in each iteration: more iterations would not converge.
 const CORRECTIONS: usize = 8;
 
 /// The loop closures of one model, and their scratch. Part of an
 /// [`Integrator`](crate::dynamics::Integrator) or [`Floating`](crate::dynamics::Floating); by hand:
-/// [`Loops::assemble`] a state, then [`Loops::accelerations`] instead of those of the workspace.
+/// [`Loops::assemble`] a state, then use [`Loops::accelerations`] instead of those of the workspace.
 #[derive(Debug, Clone)]
 pub struct Loops {
     pub(super) closures: Vec<LoopClosure>,
     pub(super) normals: Normals,
     pub(super) gradients: DMatrix<f64>,
     jacobians: (Matrix6xX<f64>, Matrix6xX<f64>),
-    /// A value for every constraint.
-    pub(super) wanted: DVector<f64>,
-    /// A change of joint positions.
+    /// Change that each constraint requires: the negative of a gap, rate or acceleration, rotations times `length`.
+    pub(super) target: DVector<f64>,
+    /// Change of joint positions.
     pub(super) change: DVector<f64>,
-    /// What makes an angle comparable with a translation: the size of the mechanism \[m\].
+    /// Size of the mechanism, by which angles are multiplied to compare them with translations \[m\].
     pub(super) length: f64,
-    /// Positions that `normals` stand for.
+    /// Positions at which `normals` were computed.
     pub(super) normals_at: DVector<f64>,
-    /// Gap that the positions had before they were projected.
+    /// Gap of the positions before the projection.
     pub(super) gap_before: f64,
-    /// Independent constraints of the mechanism wherever it is not singular.
+    /// Number of independent constraints wherever the mechanism is not singular.
     pub(super) rank: usize,
-    /// Taken while in use.
-    pub(super) aside: Option<Box<Aside>>,
+    /// Scratch at singular states; `None` while in use.
+    pub(super) nearby: Option<Box<NearbyState>>,
 }
 
 impl Loops {
-    /// Constraints for `model`; without closures they cost next to nothing and change nothing.
+    /// Constraints for `model`. Without closures, they have no effect and almost no cost.
     ///
     /// # Errors
     /// [`LoopError`] for a closure without directions, between frames of one body, or with a name given
@@ -100,17 +98,17 @@ impl Loops {
             normals: Normals::new(n, rows),
             gradients: DMatrix::zeros(n, m),
             jacobians: (Matrix6xX::zeros(n), Matrix6xX::zeros(n)),
-            wanted: DVector::zeros(m),
+            target: DVector::zeros(m),
             change: DVector::zeros(n),
             length: if length > 0.0 { length } else { 1.0 },
             normals_at: DVector::from_element(n, f64::NAN),
             gap_before: 0.0,
             rank: 0,
-            aside: Some(Box::new(Aside::new(model))),
+            nearby: Some(Box::new(NearbyState::new(model))),
         }
     }
 
-    /// No closures: a tree.
+    /// No closures: the model is a tree.
     pub(in crate::dynamics) fn none(model: &Model) -> Self {
         Self::with_valid(model, Vec::new())
     }
@@ -120,21 +118,21 @@ impl Loops {
         &self.closures
     }
 
-    /// Degrees of freedom that the joints keep: their number less the independent constraints (known
-    /// after [`Loops::assemble`]).
+    /// Degrees of freedom of the joints: their number minus that of independent constraints (known after
+    /// [`Loops::assemble`]).
     pub fn mobility(&self) -> usize {
         self.change.len() - self.rank
     }
 
-    /// How far each closure is open at the positions that `workspace` holds.
+    /// Gap of each closure at the positions of `workspace`.
     pub fn gaps(&self, workspace: &Workspace) -> impl Iterator<Item = (&LoopClosure, LoopGap)> {
         let gap = |closure: &LoopClosure| closure.gap(workspace);
         self.closures.iter().map(move |c| (c, gap(c)))
     }
 
-    /// Moves positions and rates of `state` onto the constraints by the shortest way in the metric of the
-    /// reduced inertia, without momentum: centre of mass and momentum stay, the base's attitude answers
-    /// the joints. On return `workspace` holds the new positions.
+    /// Projects positions and rates of `state` onto the constraints with the smallest change in the metric of the reduced
+    /// inertia. Centre of mass and momentum do not change; the base's attitude changes as the motion of the joints at zero
+    /// momentum requires. On return, `workspace` has the new positions.
     pub fn project(&mut self, model: &Model, state: &mut State, workspace: &mut Workspace) {
         if self.closures.is_empty() {
             return;
@@ -146,8 +144,8 @@ impl Loops {
         }
     }
 
-    /// Joint accelerations \[rad/s² or m/s²\] of `state`, which must be on the constraints, under `input` and
-    /// the constraint forces. `workspace` holds positions and motion of `state`, before and after.
+    /// Joint accelerations \[rad/s² or m/s²\] under `input` and the constraint forces. `state` must be on the constraints;
+    /// `workspace` must have its positions and motion, and has them on return.
     pub fn accelerations(
         &mut self,
         model: &Model,
@@ -170,7 +168,7 @@ impl Loops {
         }
     }
 
-    /// The accelerations where no constraint is about to lose its rank.
+    /// [`Loops::accelerations`] at a state that is not singular.
     pub(super) fn constrained_accelerations(
         &mut self,
         model: &Model,
@@ -180,20 +178,21 @@ impl Loops {
         qdd: &mut DVector<f64>,
     ) {
         workspace.accelerations(model, state, input, qdd);
-        // What the tree would do at the closures is what the constraint forces must prevent.
+        // The constraint forces must cancel the tree's relative accelerations at the closures.
         workspace.set_accelerations(qdd);
         let mut row = 0;
         for closure in &self.closures {
-            let opening = closure.acceleration(workspace);
+            let acceleration = closure.acceleration(workspace);
             for direction in closure.directions() {
-                self.wanted[row] = -opening[direction as usize] * scale(direction, self.length);
+                self.target[row] =
+                    -acceleration[direction as usize] * scale(direction, self.length);
                 row += 1;
             }
         }
-        self.normals.add_shortest(&self.wanted, qdd);
+        self.normals.add_smallest_change(&self.target, qdd);
     }
 
-    /// Newton's method towards the constraints, then the normals there.
+    /// Projects positions by Newton's method, then sets the normals there.
     pub(super) fn project_positions(
         &mut self,
         model: &Model,
@@ -204,40 +203,41 @@ impl Loops {
         if self.normals_at == state.q {
             return;
         }
-        let mut gap = self.set_wanted(workspace);
+        let mut gap = self.set_target(workspace);
         self.gap_before = gap;
         for correction in 0..CORRECTIONS {
             if gap <= CLOSED * self.length || gap.is_nan() {
                 break;
             }
-            // Far from closed the normals turn on the way; near, the first ones do.
+            // With a large gap the normals change in each iteration; with a small one, the first ones are sufficient.
             if correction == 0 || gap > 1e-4 * self.length {
                 self.set_normals(workspace, &state.q);
             }
             self.change.fill(0.0);
-            self.normals.add_shortest(&self.wanted, &mut self.change);
-            let turned = workspace.base_twist(&Momentum::default(), &self.change);
+            self.normals
+                .add_smallest_change(&self.target, &mut self.change);
+            let base = workspace.base_twist(&Momentum::default(), &self.change);
             state.q += &self.change;
-            state.R_WB *= exp_so3(&turned.angular);
+            state.R_WB *= exp_so3(&base.angular);
             workspace.set_positions(model, &state.q);
             let before = gap;
-            gap = self.set_wanted(workspace);
+            gap = self.set_target(workspace);
             if gap > 0.5 * before {
-                // The rest is rounding, or in a direction that is not held here.
+                // The rest is rounding, or along a dropped normal.
                 break;
             }
         }
         self.set_normals(workspace, &state.q);
     }
 
-    /// Fills `wanted` with what closes the gaps; returns the largest \[m\].
-    pub(super) fn set_wanted(&mut self, workspace: &Workspace) -> f64 {
+    /// Sets `target` to the changes that close the gaps; returns the largest \[m\].
+    pub(super) fn set_target(&mut self, workspace: &Workspace) -> f64 {
         let (mut row, mut largest) = (0, 0.0);
         for closure in &self.closures {
             let displacement = closure.displacement(workspace);
             for direction in closure.directions() {
                 let open = displacement[direction as usize] * scale(direction, self.length);
-                self.wanted[row] = -open;
+                self.target[row] = -open;
                 row += 1;
                 if open.abs() > largest || open.is_nan() {
                     largest = open.abs();
@@ -247,7 +247,7 @@ impl Loops {
         largest
     }
 
-    /// Sets the normals at positions `q`, which `workspace` holds.
+    /// Sets the normals at positions `q`, which `workspace` must have.
     pub(super) fn set_normals(&mut self, workspace: &mut Workspace, q: &DVector<f64>) {
         let mut row = 0;
         for closure in &self.closures {
@@ -263,7 +263,7 @@ impl Loops {
     }
 }
 
-/// What makes a displacement in `direction` a length.
+/// Factor that makes a displacement in `direction` a length: `length` for rotations, 1 for translations.
 pub(super) fn scale(direction: super::Direction, length: f64) -> f64 {
     if direction.is_rotation() { length } else { 1.0 }
 }

@@ -1,10 +1,10 @@
-//! What can be wrong with closed loops.
+//! Errors in closed loops.
 
-/// Why a loop closure was refused. Displays as one line.
+/// Why a loop closure was rejected. Displays as one line.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[non_exhaustive]
 pub enum LoopError {
-    /// An end that the model does not have.
+    /// A frame that the model does not have.
     #[error("loop closure '{closure}': there is no link '{frame}'; the links are {known}")]
     UnknownFrame {
         /// The closure.
@@ -14,21 +14,21 @@ pub enum LoopError {
         /// The names that exist.
         known: String,
     },
-    /// Nothing to close.
+    /// No constrained direction.
     #[error(
         "loop closure '{0}' constrains no direction; give at least one of along_x, along_y, along_z, about_x, about_y, about_z"
     )]
     NoDirection(String),
-    /// Both ends move as one.
+    /// Both frames are fixed to the same body.
     #[error(
-        "loop closure '{closure}': '{frame_a}' and '{frame_b}' are on the same body '{body}', which no joint moves against itself; give frames of two bodies"
+        "loop closure '{closure}': '{frame_a}' and '{frame_b}' are on the same body '{body}'; give frames of two bodies"
     )]
     SameBody {
         /// The closure.
         closure: String,
-        /// First end.
+        /// Frame A.
         frame_a: String,
-        /// Second end.
+        /// Frame B.
         frame_b: String,
         /// The body that carries both.
         body: String,
@@ -43,46 +43,46 @@ pub enum LoopError {
     Open {
         /// The closure.
         closure: String,
-        /// The direction at fault.
+        /// Its direction.
         direction: &'static str,
-        /// How far it is open.
+        /// Its gap.
         gap: f64,
         /// `m` or `rad`.
         unit: &'static str,
-        /// What assembly accepts.
+        /// Tolerance of the assembly.
         limit: f64,
     },
     /// No joint positions near those given close the loop.
     #[error(
-        "loop closure '{closure}' cannot be closed near the initial joint positions: {gap:.3e} {unit} are left {direction}"
+        "loop closure '{closure}' cannot be closed near the initial joint positions: a gap of {gap:.3e} {unit} {direction} is left"
     )]
     NotClosable {
         /// The closure.
         closure: String,
-        /// The direction at fault.
+        /// Its direction.
         direction: &'static str,
-        /// How far it stays open.
+        /// The gap that is left.
         gap: f64,
         /// `m` or `rad`.
         unit: &'static str,
     },
-    /// The joint rates tear the loop open.
+    /// The joint rates violate the constraints.
     #[error(
-        "loop closure '{closure}' opens at {rate} {unit}/s {direction} with the initial joint rates; up to {limit} {unit}/s is taken off them"
+        "loop closure '{closure}' opens at {rate} {unit}/s {direction} with the initial joint rates; up to {limit} {unit}/s is removed from them"
     )]
     Opening {
         /// The closure.
         closure: String,
-        /// The direction at fault.
+        /// Its direction.
         direction: &'static str,
-        /// How fast.
+        /// Rate across the constraint.
         rate: f64,
         /// `m` or `rad`.
         unit: &'static str,
-        /// What assembly accepts.
+        /// Tolerance of the assembly.
         limit: f64,
     },
-    /// Nothing can move any more.
+    /// All joints are locked.
     #[error(
         "the loop closures ({closures}) lock all {joints} joints: they take away {rank} degrees of freedom; constrain fewer directions"
     )]

@@ -1,4 +1,4 @@
-//! What the closures carry.
+//! Constraint forces of the loop closures.
 
 use nalgebra::DVector;
 
@@ -8,13 +8,13 @@ use crate::dynamics::{Input, State, Workspace};
 use crate::model::Model;
 
 impl Loops {
-    /// What each closure exerts on frame B (and the other way round on frame A) in each of
+    /// Constraint force of each closure on frame B (the opposite acts on frame A) in each of
     /// [`Direction::ALL`](super::Direction::ALL) \[N, N m\], in A's axes and about A's origin; zero in free
-    /// directions. `None` where it is not defined: rigid bodies do not say how redundant constraints share
-    /// a load, and in a singular state forces have no limit.
+    /// directions. `None` where it is not determined: for rigid bodies, the distribution of a load among
+    /// redundant constraints is not, and in a singular state forces have no limit.
     ///
-    /// `state` must be on the constraints, `workspace` hold its positions and motion. Meant for output: it
-    /// allocates.
+    /// `state` must be on the constraints, and `workspace` must have its positions and motion. Allocates; meant for output,
+    /// not for every step.
     pub fn forces(
         &mut self,
         model: &Model,

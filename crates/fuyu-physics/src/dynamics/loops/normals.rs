@@ -4,8 +4,8 @@ use nalgebra::{Cholesky, DMatrix, DVector, Dyn};
 
 /// An orthonormal basis of the constraints' normals in the coordinates `y = Lᵀ q̇` (`Ĥ = L Lᵀ`), in which
 /// kinetic energy is `yᵀy/2`: `L⁻¹ Jᵀ P = Q R` by Gram-Schmidt with pivoting. Taking the largest
-/// remainder first reveals the rank; what is left below the tolerance depends on the normals taken
-/// before, and is dropped. Nothing is squared, so that digits last to `1e-16 / tolerance`.
+/// remainder first reveals the rank; normals with a remainder below the tolerance depend on those taken before, and are
+/// dropped. No matrix is multiplied by its transpose, so that the relative error is `1e-16 / tolerance`.
 #[derive(Debug, Clone)]
 pub(super) struct Normals {
     /// `L` in the lower triangle.
@@ -14,11 +14,11 @@ pub(super) struct Normals {
     basis: DMatrix<f64>,
     /// `R`, for all columns in the order taken.
     r: DMatrix<f64>,
-    /// Which constraint each column is.
+    /// Constraint of each column.
     order: Vec<usize>,
-    /// Which closure each constraint belongs to.
+    /// Closure of each constraint.
     closure: Vec<usize>,
-    /// The largest normal of each closure: what is small is small beside it.
+    /// Size of the largest normal of each closure, to which remainders are compared.
     size: Vec<f64>,
     rank: usize,
     /// Coordinates along the basis.
@@ -28,7 +28,7 @@ pub(super) struct Normals {
 }
 
 impl Normals {
-    /// For constraints that belong to the closures numbered so.
+    /// Scratch; `closure` gives the closure of each constraint.
     pub(super) fn new(joints: usize, closure: Vec<usize>) -> Self {
         let constraints = closure.len();
         Self {
@@ -49,8 +49,8 @@ impl Normals {
         self.rank
     }
 
-    /// Takes in the reduced inertia and the constraints' gradients (one a column). Normals whose
-    /// remainder is below `tolerance` times the largest of their closure are dropped.
+    /// Sets the basis from the reduced inertia and the constraints' gradients (one per column). Normals whose remainder is
+    /// below `tolerance` times the largest of their closure are dropped.
     pub(super) fn set(&mut self, mass: &DMatrix<f64>, gradients: &DMatrix<f64>, tolerance: f64) {
         self.basis.copy_from(gradients);
         self.rank = 0;
@@ -74,19 +74,19 @@ impl Normals {
             self.basis.swap_columns(k, pivot.0);
             self.r.swap_columns(k, pivot.0);
             self.order.swap(k, pivot.0);
-            // A remainder is only as orthogonal as cancellation has left it: once more.
+            // Orthogonalize again, since cancellation leaves remainders not quite orthogonal.
             for i in 0..k {
-                self.r[(i, k)] += self.take_off(i, k);
+                self.r[(i, k)] += self.orthogonalize(i, k);
             }
             let size = self.basis.column(k).norm();
-            // NaN ends it too.
+            // NaN ends the loop too.
             if size.is_nan() || size <= tolerance * self.size_of(k) {
                 break;
             }
             self.r[(k, k)] = size;
             self.basis.column_mut(k).unscale_mut(size);
             for c in k + 1..constraints {
-                self.r[(k, c)] = self.take_off(k, c);
+                self.r[(k, c)] = self.orthogonalize(k, c);
             }
             self.rank = k + 1;
         }
@@ -97,8 +97,8 @@ impl Normals {
         self.size[self.closure[self.order[c]]]
     }
 
-    /// Takes off column `c` what it has along the basis vector `k < c`; returns how much.
-    fn take_off(&mut self, k: usize, c: usize) -> f64 {
+    /// Removes the component of column `c` along the basis vector `k < c`; returns it.
+    fn orthogonalize(&mut self, k: usize, c: usize) -> f64 {
         let n = self.basis.nrows();
         let (known, rest) = self.basis.as_mut_slice().split_at_mut(c * n);
         let (known, column) = (&known[k * n..(k + 1) * n], &mut rest[..n]);
@@ -109,31 +109,31 @@ impl Normals {
         share
     }
 
-    /// Factors the reduced inertia in the memory that is there.
+    /// Factorizes the reduced inertia without allocating.
     fn set_factor(&mut self, mass: &DMatrix<f64>) {
         self.factor.copy_from(mass);
         let matrix = std::mem::replace(&mut self.factor, DMatrix::zeros(0, 0));
         self.factor = match Cholesky::<f64, Dyn>::new(matrix) {
             Some(cholesky) => cholesky.unpack_dirty(),
-            // Only positions that are not finite come here, and must show in every result.
+            // Only for positions that are not finite: NaN then appears in every result.
             None => DMatrix::from_element(mass.nrows(), mass.ncols(), f64::NAN),
         };
     }
 
-    /// The shortest change of joint rates (or positions, accelerations), in the metric of the reduced
-    /// inertia, that changes each constraint by what `wanted` gives it: added to `into`.
-    pub(super) fn add_shortest(&mut self, wanted: &DVector<f64>, into: &mut DVector<f64>) {
+    /// Adds to `into` the smallest change of joint rates (or positions, accelerations), in the metric of the reduced inertia,
+    /// that changes each constraint by its entry of `target`.
+    pub(super) fn add_smallest_change(&mut self, target: &DVector<f64>, into: &mut DVector<f64>) {
         for k in 0..self.rank {
             let known: f64 = (0..k).map(|i| self.r[(i, k)] * self.along[i]).sum();
-            self.along[k] = (wanted[self.order[k]] - known) / self.r[(k, k)];
+            self.along[k] = (target[self.order[k]] - known) / self.r[(k, k)];
         }
         self.add_along(1.0, into);
     }
 
-    /// Takes off `rates` what moves against the constraints.
+    /// Removes from `rates` the components across the constraints.
     pub(super) fn remove_normal(&mut self, rates: &mut DVector<f64>) {
         self.y.copy_from(rates);
-        // y = Lᵀ q̇, each entry from those that are still q̇.
+        // y = Lᵀ q̇ in place: each entry from those after it, which are still q̇.
         let n = self.y.len();
         for i in 0..n {
             self.y[i] = (i..n).map(|j| self.factor[(j, i)] * self.y[j]).sum();
@@ -144,7 +144,7 @@ impl Normals {
         self.add_along(-1.0, rates);
     }
 
-    /// Adds `sign` times what stands in `along`.
+    /// Adds `sign` times the change with coordinates `along`.
     fn add_along(&mut self, sign: f64, into: &mut DVector<f64>) {
         self.y.fill(0.0);
         for k in 0..self.rank {
@@ -155,8 +155,8 @@ impl Normals {
         *into += &self.y;
     }
 
-    /// Multipliers of the constraints that gave the last change of [`Normals::add_shortest`], those of
-    /// dropped normals zero; and whether each is the only one possible.
+    /// Multipliers of the constraints for the last [`Normals::add_smallest_change`], zero for dropped normals; and whether
+    /// each is uniquely determined.
     pub(super) fn multipliers(&self) -> Vec<(f64, bool)> {
         let (rank, constraints) = (self.rank, self.order.len());
         // R₁ [λ, dependence] = [along, R₂]

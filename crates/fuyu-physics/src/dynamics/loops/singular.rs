@@ -1,4 +1,4 @@
-//! Where constraints lose rank for a moment.
+//! Rates and accelerations at singular states, where constraints lose rank.
 
 use nalgebra::DVector;
 
@@ -6,27 +6,27 @@ use super::Loops;
 use crate::dynamics::{Input, State, Workspace};
 use crate::model::Model;
 
-/// How far aside to look \[rad, or m relative to the size of the mechanism\]. The limit's error is of the
-/// fourth power; too near, normals have no digits left.
-const ASIDE: f64 = 5e-3;
+/// Distance of the nearby states \[rad, or m relative to the size of the mechanism\]. The error of the limit is of the fourth
+/// power; at smaller distances normals lose their digits.
+const DISTANCE: f64 = 5e-3;
 
-/// Rates and accelerations below this say nothing about where a mechanism goes.
+/// Rates and accelerations below this do not define a direction of motion.
 const STILL: f64 = 1e-9;
 
-/// How often to look farther.
-const WIDER: usize = 3;
+/// Attempts, each at three times the distance of the last.
+const ATTEMPTS: usize = 3;
 
-/// Scratch: a state beside the singular one.
+/// Scratch: a state near the singular one.
 #[derive(Debug, Clone)]
-pub(super) struct Aside {
+pub(super) struct NearbyState {
     state: State,
-    /// What is interpolated, there.
+    /// The interpolated quantity at that state.
     value: DVector<f64>,
-    /// The interpolated value.
+    /// Its interpolated value at the singular state.
     limit: DVector<f64>,
 }
 
-impl Aside {
+impl NearbyState {
     pub(super) fn new(model: &Model) -> Self {
         Self {
             state: State::at_rest(model),
@@ -36,7 +36,7 @@ impl Aside {
     }
 }
 
-/// Places along the way and their weights, which are exact for cubics.
+/// Positions of the states along the motion, and weights of an interpolation that is exact for cubics.
 const BOTH_SIDES: [(f64, f64); 4] = [
     (-2.0, -1.0 / 6.0),
     (-1.0, 2.0 / 3.0),
@@ -44,12 +44,12 @@ const BOTH_SIDES: [(f64, f64); 4] = [
     (2.0, -1.0 / 6.0),
 ];
 
-/// The same on one side, exact for lines.
+/// The same on one side: an extrapolation that is exact for lines.
 const AHEAD: [(f64, f64); 2] = [(1.0, 2.0), (2.0, -1.0)];
 
 impl Loops {
-    /// Takes off the rates of `state` also what moves against a constraint that depends on the others here,
-    /// but not to either side along the motion.
+    /// Replaces the rates of `state` by their limit along the motion. This removes also the component across a constraint
+    /// that depends on the others at this state, but not at those before and after it.
     pub(super) fn limit_rates(
         &mut self,
         model: &Model,
@@ -62,16 +62,16 @@ impl Loops {
         let size = state.qd.amax();
         if size > STILL
             && self.interpolate(model, state, workspace, &state.qd, &BOTH_SIDES, rates)
-            && let Some(aside) = &self.aside
+            && let Some(nearby) = &self.nearby
         {
-            state.qd.copy_from(&aside.limit);
+            state.qd.copy_from(&nearby.limit);
         }
     }
 
-    /// Replaces `qdd`, which lacks the constraint that depends on the others at `state`, by the limit of
-    /// accelerations along the motion. The mechanism moves through such a state on a smooth branch, on
-    /// which acceleration is smooth too: it is interpolated from both sides, or, from rest, extrapolated
-    /// from the side to which the mechanism starts. Where nothing moves, nothing is replaced.
+    /// Replaces `qdd`, which does not satisfy the constraint that depends on the others at `state`, by the limit of the
+    /// accelerations along the motion. The mechanism moves through such a state on a smooth branch, on which acceleration
+    /// is smooth too: it is interpolated from both sides, or, from rest, extrapolated from the side to which the mechanism
+    /// starts to move. Without rates and accelerations, `qdd` does not change.
     pub(super) fn limit_accelerations(
         &mut self,
         model: &Model,
@@ -80,57 +80,64 @@ impl Loops {
         input: &Input,
         qdd: &mut DVector<f64>,
     ) {
-        let (way, places): (_, &[_]) = if state.qd.amax() > STILL {
+        let (direction, positions): (_, &[_]) = if state.qd.amax() > STILL {
             (&state.qd, &BOTH_SIDES)
         } else if qdd.amax() > STILL {
             (&*qdd, &AHEAD)
         } else {
             return;
         };
-        let found = self.interpolate(model, state, workspace, way, places, |s, there, w, out| {
-            w.set_motion(there);
-            s.constrained_accelerations(model, there, w, input, out);
-        });
+        let found = self.interpolate(
+            model,
+            state,
+            workspace,
+            direction,
+            positions,
+            |s, there, w, out| {
+                w.set_motion(there);
+                s.constrained_accelerations(model, there, w, input, out);
+            },
+        );
         workspace.set_motion(state);
-        if let Some(aside) = &mut self.aside {
-            // The workspace is to hold what acts here.
-            workspace.accelerations(model, state, input, &mut aside.value);
+        if let Some(nearby) = &mut self.nearby {
+            // Leaves the workspace with the bias forces at `state`.
+            workspace.accelerations(model, state, input, &mut nearby.value);
             if found {
-                qdd.copy_from(&aside.limit);
+                qdd.copy_from(&nearby.limit);
             }
         }
     }
 
-    /// Interpolates `value` at `state` from what it is at `places` along the `way`, into the scratch's
-    /// `limit`. Gives whether the constraints are independent at all of them. `workspace` stands at the
-    /// positions of `state` before and after.
+    /// Interpolates `value` at `state` from its values at `positions` along `direction`, into the scratch's `limit`. Returns
+    /// whether the constraints are independent at all of them. `workspace` must have the positions of `state`, and has them
+    /// on return.
     fn interpolate(
         &mut self,
         model: &Model,
         state: &State,
         workspace: &mut Workspace,
-        way: &DVector<f64>,
-        places: &[(f64, f64)],
+        direction: &DVector<f64>,
+        positions: &[(f64, f64)],
         mut value: impl FnMut(&mut Self, &State, &mut Workspace, &mut DVector<f64>),
     ) -> bool {
-        // Asked from beside a singular state: it is not to look farther.
-        let Some(mut aside) = self.aside.take() else {
+        // Called while projecting a nearby state: do not recurse.
+        let Some(mut nearby) = self.nearby.take() else {
             return false;
         };
         let gap = self.gap_before;
-        let mut distance = ASIDE.max(gap / self.length);
+        let mut distance = DISTANCE.max(gap / self.length);
         let mut found = false;
-        for _ in 0..WIDER {
-            let step = distance / way.amax();
-            let Aside {
+        for _ in 0..ATTEMPTS {
+            let step = distance / direction.amax();
+            let NearbyState {
                 state: there,
                 value: f,
                 limit,
-            } = &mut *aside;
+            } = &mut *nearby;
             limit.fill(0.0);
-            found = places.iter().all(|(place, weight)| {
+            found = positions.iter().all(|(position, weight)| {
                 there.copy_from(state);
-                there.q.axpy(place * step, way, 1.0);
+                there.q.axpy(position * step, direction, 1.0);
                 self.project(model, there, workspace);
                 value(self, there, workspace, f);
                 limit.axpy(*weight, f, 1.0);
@@ -144,7 +151,7 @@ impl Loops {
         workspace.set_positions(model, &state.q);
         self.gap_before = gap;
         self.set_normals(workspace, &state.q);
-        self.aside = Some(aside);
+        self.nearby = Some(nearby);
         found
     }
 }

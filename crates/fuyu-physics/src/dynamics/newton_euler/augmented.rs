@@ -1,4 +1,4 @@
-//! The augmented inertia matrix itself.
+//! The augmented inertia matrix, for inspection.
 
 use nalgebra::{DMatrix, DVector};
 
@@ -10,10 +10,10 @@ impl MatrixMethod {
     /// 6 N + 6 M for N bodies and M hinges. `X` is eq. (2.2.11): rates of linear momentum of all bodies, then of
     /// angular momentum, body axes, then forces in all hinges, then torques, along their axes.
     ///
-    /// It is there to be looked at: its rank tells whether the constraints determine all forces. The solution
-    /// of [`MatrixMethod::solve`] satisfies it. Forces act on the outer body, which makes the signs of
+    /// For inspection and tests: the constraints determine all forces if `A` has full rank. The solution of
+    /// [`MatrixMethod::solve`] satisfies it. Forces act on the outer body, which makes the signs of
     /// `A_12` and of the rows of `A_21` the opposite of the print's; an angular row has the translation terms
-    /// `d_2` that reciprocity takes.
+    /// `d_2` that reciprocity requires.
     pub fn augmented(
         &mut self,
         system: &System,
@@ -58,7 +58,7 @@ impl MatrixMethod {
                         let angular = inverse.solve(&torque).transpose();
                         A.fixed_view_mut::<1, 3>(at, p).copy_from(&linear);
                         A.fixed_view_mut::<1, 3>(at, q).copy_from(&angular);
-                        // Momentum in body axes turns with the body.
+                        // Momentum in body axes rotates with the body.
                         B[at] -= force.dot(&state.w_WB_B.cross(&state.v_WC_B));
                     }
                 }

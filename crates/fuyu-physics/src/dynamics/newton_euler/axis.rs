@@ -67,7 +67,7 @@ pub struct Freedom([bool; 6]);
 impl Freedom {
     /// Nothing is free: the two bodies move as one.
     pub const LOCKED: Self = Self([false; 6]);
-    /// Everything is free: springs, dampers and efforts act between the bodies, no constraint does.
+    /// Everything is free: only springs, dampers and efforts act between the bodies.
     pub const FREE: Self = Self([true; 6]);
     /// Rotation about z.
     pub const REVOLUTE: Self = Self::LOCKED.and(Axis::RotationZ);
@@ -101,7 +101,7 @@ impl Freedom {
         self.0.iter().filter(|free| **free).count()
     }
 
-    /// How the free rotations combine.
+    /// The free rotations.
     pub(super) fn rotations(self) -> Rotations {
         let free = |k: usize| self.0[3 + k];
         match (free(0), free(1), free(2)) {

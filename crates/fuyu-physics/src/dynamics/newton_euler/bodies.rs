@@ -1,20 +1,20 @@
-//! Bodies at an instant, in the measure of their masses.
+//! Placements of the bodies, and transforms to mass-weighted coordinates.
 
 use nalgebra::{Matrix3, Vector3};
 
-use super::hinge_motion::{HingeMotion, Placed};
-use super::system::Joined;
+use super::hinge_motion::{BodyPlacement, HingeMotion};
+use super::system::CompiledHinge;
 use super::{Axis, System};
 use crate::spatial::{Twist, Wrench};
 
-/// The bodies at an instant, and the roots of their mass matrices.
+/// Placements and velocities of the bodies, and the inverse Cholesky factors of their mass matrices.
 #[derive(Debug, Clone)]
 pub(super) struct Bodies {
-    pub placed: Vec<Placed>,
+    pub placed: Vec<BodyPlacement>,
     roots: Vec<InverseRoot>,
 }
 
-/// A body's mass matrix `L Lᵀ` by its inverse factor.
+/// `L⁻¹` of a body's mass matrix `L Lᵀ`.
 #[derive(Debug, Clone)]
 struct InverseRoot {
     linear: f64,
@@ -31,20 +31,20 @@ impl Bodies {
             }
         });
         Self {
-            placed: vec![Placed::INERTIAL; system.bodies.len()],
+            placed: vec![BodyPlacement::INERTIAL; system.bodies.len()],
             roots: roots.collect(),
         }
     }
 
-    pub fn get(&self, body: Option<usize>) -> Placed {
-        body.map_or(Placed::INERTIAL, |b| self.placed[b])
+    pub fn get(&self, body: Option<usize>) -> BodyPlacement {
+        body.map_or(BodyPlacement::INERTIAL, |b| self.placed[b])
     }
 
-    /// What a unit force or torque along `axis` of a hinge exerts on the bodies that it joins: force, and torque
-    /// about the centre of mass, body axes.
+    /// Wrenches of a unit force or torque along `axis` of a hinge on the bodies that it joins, about their centres of mass,
+    /// body axes.
     pub fn acted_on(
         &self,
-        hinge: &Joined,
+        hinge: &CompiledHinge,
         motion: &HingeMotion,
         axis: Axis,
     ) -> impl Iterator<Item = (usize, Wrench)> {
@@ -70,7 +70,7 @@ impl Bodies {
         }
     }
 
-    /// `L⁻ᵀ z` of one body: the motion that a weighted one stands for.
+    /// `L⁻ᵀ z` of one body: its motion from mass-weighted coordinates.
     pub fn motion(&self, body: usize, z: &[f64]) -> Twist {
         let (z, root) = (&z[6 * body..6 * body + 6], &self.roots[body]);
         Twist {

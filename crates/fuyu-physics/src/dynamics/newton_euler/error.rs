@@ -1,15 +1,15 @@
-//! What can be wrong with a description of a system.
+//! Errors in the description of a system.
 
 use super::Axis;
 use crate::spatial::InertiaError;
 
-/// Why a [`super::SystemBuilder`] or a [`super::System`] refuses what it was given.
+/// Why a [`super::SystemBuilder`] or a [`super::System`] rejects its input.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum SystemError {
-    /// There is nothing to move.
+    /// No bodies.
     #[error("the system has no bodies")]
     NoBodies,
-    /// A name is empty, or is the one that stands for inertial space.
+    /// A name is empty or reserved for inertial space.
     #[error("a {kind} cannot be named \"{name}\"")]
     Name {
         /// `"body"` or `"hinge"`.
@@ -25,7 +25,7 @@ pub enum SystemError {
         /// The name.
         name: String,
     },
-    /// A body's mass properties are those of no real body.
+    /// No real body has these mass properties.
     #[error("body `{body}`: {problem}")]
     Inertia {
         /// The body.
@@ -38,7 +38,7 @@ pub enum SystemError {
     UnknownBody {
         /// The hinge.
         hinge: String,
-        /// The name that it gives.
+        /// The unknown name.
         body: String,
     },
     /// A hinge joins a body to itself.
@@ -61,14 +61,14 @@ pub enum SystemError {
         /// What would be right.
         expected: &'static str,
     },
-    /// Something that only a free axis has is given for a constrained one.
+    /// A property of free axes is given for a constrained one.
     #[error("hinge `{hinge}`: {what} on {axis}, which the hinge constrains")]
     Constrained {
         /// The hinge.
         hinge: String,
         /// The axis.
         axis: Axis,
-        /// What was given: a spring, a damper or a start value.
+        /// The property: a spring, a damper or a start value.
         what: &'static str,
     },
     /// No chain of hinges leads from inertial space to a body.
@@ -82,7 +82,7 @@ pub enum SystemError {
     /// A start value names a hinge that does not exist.
     #[error("the start names hinge `{hinge}`, which is no hinge of the system")]
     UnknownHinge {
-        /// The name that it gives.
+        /// The unknown name.
         hinge: String,
     },
     /// A start value is given for a hinge whose position follows from the others.
@@ -98,20 +98,20 @@ pub enum SystemError {
         hinge: String,
         /// The constrained axis.
         axis: Axis,
-        /// By how much \[m or rad\].
+        /// Displacement \[m or rad\].
         residual: f64,
     },
-    /// At the start the rates tear a loop open.
+    /// The rates at the start violate the constraints of a loop.
     #[error("hinge `{hinge}` is torn open by the rates at the start: {axis} moves at {residual:.3e} {unit}/s", unit = axis.unit())]
     Opening {
         /// The hinge.
         hinge: String,
         /// The constrained axis.
         axis: Axis,
-        /// How fast \[m/s or rad/s\].
+        /// Rate \[m/s or rad/s\].
         residual: f64,
     },
-    /// Constraints repeat others, so the forces in them are not determined.
+    /// Redundant constraints, whose forces are not determined.
     #[error(
         "hinge `{hinge}` is over-constrained: {axes} {verb} held by {others} already; free {them}, or leave redundant constraints out",
         axes = list(axes), verb = if axes.len() == 1 { "is" } else { "are" },
@@ -120,9 +120,9 @@ pub enum SystemError {
     Redundant {
         /// The hinge, the last declared of those that share the constraint.
         hinge: String,
-        /// Its axes that repeat what others hold.
+        /// Its redundant axes.
         axes: Vec<Axis>,
-        /// The hinges declared before that hold them together.
+        /// The hinges, declared before, that constrain the same directions together.
         others: Vec<String>,
     },
 }

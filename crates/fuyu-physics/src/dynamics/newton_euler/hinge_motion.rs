@@ -1,16 +1,16 @@
-//! Displacement, rate and acceleration across one hinge, as linear functions of what its two bodies do.
+//! Displacement, rate and acceleration across one hinge, as linear functions of the motion of its two bodies.
 
 use std::f64::consts::{PI, TAU};
 
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3, Vector6};
 
 use super::axis::Rotations;
-use super::system::Joined;
+use super::system::CompiledHinge;
 use super::{Axis, BodyState, Hinge, System};
 
-/// A body at an instant, world axes; inertial space is one that rests at the origin.
+/// Pose and velocity of a body, world axes. Inertial space is a body at rest at the origin.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Placed {
+pub(super) struct BodyPlacement {
     pub p: Vector3<f64>,
     pub R_WB: UnitQuaternion<f64>,
     pub R: Matrix3<f64>,
@@ -18,7 +18,7 @@ pub(super) struct Placed {
     pub w: Vector3<f64>,
 }
 
-impl Placed {
+impl BodyPlacement {
     pub const INERTIAL: Self = Self {
         p: Vector3::new(0.0, 0.0, 0.0),
         R_WB: UnitQuaternion::new_unchecked(Quaternion::new(1.0, 0.0, 0.0, 0.0)),
@@ -40,9 +40,9 @@ impl Placed {
     }
 }
 
-/// One hinge at an instant. Along each of its six axes the rate is `n · (v, ω of outer) - m · (v, ω of inner)`
+/// Displacement, rate and directions of one hinge. Along each of its six axes the rate is `n · (v, ω of outer) - m · (v, ω of inner)`
 /// with the columns of [`HingeMotion::outer`] and [`HingeMotion::inner`], and the acceleration the same of
-/// accelerations plus [`HingeMotion::bias`]. The same columns say how a force along the axis acts on the bodies.
+/// accelerations plus [`HingeMotion::bias`]. The same columns are the wrench of a force along the axis on the bodies.
 #[derive(Debug, Clone)]
 pub(super) struct HingeMotion {
     /// Directions of the axes, world axes.
@@ -50,15 +50,20 @@ pub(super) struct HingeMotion {
     /// From each body's centre of mass to N's origin, where forces act, world axes.
     arm_inner: Vector3<f64>,
     arm_outer: Vector3<f64>,
-    /// Displacement along free axes; along constrained ones how far they are off.
+    /// Displacement along free axes; error along constrained ones.
     pub displacement: Vector6<f64>,
     pub rate: Vector6<f64>,
-    /// What the velocities alone contribute to the acceleration.
+    /// Acceleration due to the velocities alone.
     pub bias: Vector6<f64>,
 }
 
 impl HingeMotion {
-    pub fn new(hinge: &Hinge, joined: &Joined, inner: &Placed, outer: &Placed) -> Self {
+    pub fn new(
+        hinge: &Hinge,
+        joined: &CompiledHinge,
+        inner: &BodyPlacement,
+        outer: &BodyPlacement,
+    ) -> Self {
         let M = inner.R * joined.R_BM.to_rotation_matrix().into_inner();
         let N = outer.R * joined.R_BN.to_rotation_matrix().into_inner();
         let (e_m, e_n) = (inner.R * joined.e_inner, outer.R * joined.e_outer);
@@ -112,7 +117,7 @@ impl HingeMotion {
         self.unit(axis, &self.arm_outer)
     }
 
-    /// What the same unit takes from the inner body.
+    /// The same for the inner body, on which the opposite acts.
     pub fn inner(&self, axis: Axis) -> (Vector3<f64>, Vector3<f64>) {
         self.unit(axis, &self.arm_inner)
     }
@@ -127,8 +132,7 @@ impl HingeMotion {
     }
 }
 
-/// Angles about the three axes from N's attitude in M: about free axes the coordinates, about constrained
-/// ones how far the frames are off.
+/// Angles about the three axes from N's attitude in M: coordinates about free axes, errors about constrained ones.
 fn angles(
     hinge: &Hinge,
     rotations: Rotations,
@@ -137,24 +141,24 @@ fn angles(
 ) -> Vector3<f64> {
     let (w, v) = (relative.w, relative.imag());
     let rest = |k: usize| hinge.springs[3 + k].rest;
-    // Brings an angle within half a period of the rest position.
+    // The equivalent angle within half a period of the rest position.
     let near =
         |angle: f64, rest: f64, period: f64| angle - period * ((angle - rest) / period).round();
     match rotations {
         Rotations::One(a) => {
-            // How the axis of N leans in M, as a rotation vector.
+            // Tilt of N's axis in M, as a rotation vector.
             let axis = Vector3::ith(a, 1.0);
             let n = relative * axis;
-            let lean = axis.cross(&n);
-            let size = lean.norm();
+            let tilt = axis.cross(&n);
+            let size = tilt.norm();
             let mut angles = if size > 0.0 {
-                lean * (size.atan2(n[a]) / size)
+                tilt * (size.atan2(n[a]) / size)
             } else if n[a] < 0.0 {
                 Vector3::repeat(PI)
             } else {
-                lean
+                tilt
             };
-            // A quaternion tells whole turns up to two, when its sign is that of an assembled start.
+            // The sign of a quaternion from an assembled start distinguishes two turns.
             let period = if closes_loop { TAU } else { 2.0 * TAU };
             angles[a] = near(2.0 * v[a].atan2(w), rest(a), period);
             angles
@@ -181,9 +185,9 @@ fn angles(
 }
 
 impl System {
-    pub(super) fn placed(state: &[f64], body: Option<usize>) -> Placed {
-        body.map_or(Placed::INERTIAL, |b| {
-            Placed::new(&BodyState::read(state, b))
+    pub(super) fn placed(state: &[f64], body: Option<usize>) -> BodyPlacement {
+        body.map_or(BodyPlacement::INERTIAL, |b| {
+            BodyPlacement::new(&BodyState::read(state, b))
         })
     }
 
@@ -195,9 +199,9 @@ impl System {
     }
 
     /// Displacements of a hinge \[m, rad\] in the order of [`Axis::ALL`]: `y` and `θ` of TR-942; on constrained
-    /// axes how far the hinge is off.
+    /// axes the error.
     ///
-    /// An angle about a single free axis is told within two turns of its spring's rest position, if the state
+    /// An angle about a single free axis is unique within two turns of its spring's rest position, if the state
     /// comes from [`System::assemble`]; within half a turn if the hinge closes a loop or has two free
     /// rotations. Three free rotations make a rotation vector of at most half a turn.
     pub fn displacement(&self, state: &[f64], hinge: usize) -> [f64; 6] {

@@ -1,17 +1,17 @@
-//! The equations of all bodies and hinges together, and their solution.
+//! Solution of the equations of all bodies and hinges.
 
 use nalgebra::{DVector, Vector3};
 
 use super::bodies::Bodies;
-use super::hinge_motion::{HingeMotion, Placed};
-use super::orthogonal::Factors;
+use super::hinge_motion::{BodyPlacement, HingeMotion};
+use super::qr_factorization::QrFactorization;
 use super::{Axis, BodyState, System};
 use crate::spatial::{Twist, Wrench};
 
-/// Constraints count as repeating others where less than this is left of them beside those.
+/// Constraints with a remainder below this fraction are redundant.
 const TOLERANCE: f64 = 1e-8;
 
-/// What acts on a system, beside springs and dampers.
+/// Efforts, driven accelerations and wrenches on a system, in addition to its springs and dampers.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Load {
     /// For each hinge the forces and torques of actuators along its free axes \[N, N m\]; they push the outer
@@ -25,7 +25,7 @@ pub struct Load {
 }
 
 impl Load {
-    /// Nothing acts, constrained axes hold.
+    /// No load; constrained axes are held.
     pub fn zero(system: &System) -> Self {
         Self {
             efforts: vec![[0.0; 6]; system.hinges.len()],
@@ -40,8 +40,8 @@ impl Load {
 /// The unknowns of TR-942 eq. (2.2.10), accelerations and constraint forces, are found together. The rows of
 /// the free axes, whose forces are known (2.2.5), are eliminated first; the others become `Gᵀ z = γ` in
 /// accelerations weighted by the roots of the masses, which an orthogonal factorization of `G` solves with the
-/// least deviation from the unconstrained accelerations (Gauss's principle). In a singular position, where
-/// constraints come to repeat others, the factorization finds the rank and leaves out what repeats.
+/// smallest deviation from the unconstrained accelerations (Gauss's principle). In a singular position, where
+/// constraints become redundant, the factorization reveals the rank and omits the redundant ones.
 #[derive(Debug, Clone)]
 pub struct MatrixMethod {
     pub(super) bodies: Bodies,
@@ -49,7 +49,7 @@ pub struct MatrixMethod {
     /// Constrained axes, hinge by hinge, and their columns' lengths.
     constrained: Vec<(usize, Axis)>,
     lengths: Vec<f64>,
-    columns: Factors,
+    columns: QrFactorization,
     tolerance: f64,
     /// Weighted accelerations, linear and angular of each body in turn.
     pub(super) z: Vec<f64>,
@@ -72,7 +72,7 @@ impl MatrixMethod {
                 .collect(),
             constrained,
             lengths: vec![0.0; columns],
-            columns: Factors::new(rows, columns),
+            columns: QrFactorization::new(rows, columns),
             tolerance: TOLERANCE,
             z: vec![0.0; rows],
             right: vec![0.0; columns],
@@ -81,10 +81,10 @@ impl MatrixMethod {
         }
     }
 
-    /// Leaves out constraints of which less than `tolerance` is left beside others, as a share of their length in the
-    /// measure of the masses; 1e-8 unless this is called. A system that passes singular positions needs 1e-5 to 1e-4, the more the faster:
-    /// within a step loops are open by a little, and near such a position constraints that should agree then
-    /// contradict each other. A light body between heavy ones needs less than the root of the ratio of masses.
+    /// Sets the tolerance below which a constraint counts as redundant: the fraction of its mass-weighted length that is
+    /// independent of the others. The default is 1e-8. A system that passes singular positions needs 1e-5 to 1e-4, more at
+    /// higher speed: within a step loops are slightly open, so that redundant constraints near such a position contradict
+    /// each other. A light body between heavy ones needs less than the square root of the ratio of masses.
     pub fn with_tolerance(mut self, tolerance: f64) -> Self {
         self.tolerance = tolerance;
         self
@@ -97,15 +97,15 @@ impl MatrixMethod {
     pub fn solve(&mut self, system: &System, state: &[f64], load: &Load) {
         self.set_motion(system, state);
         self.set_unconstrained(system, load);
-        self.set_right(|motion, i, k| load.driven[i][k] - motion.bias[k]);
+        self.set_right_hand_side(|motion, i, k| load.driven[i][k] - motion.bias[k]);
         self.constrain(system);
         for ((i, axis), force) in self.constrained.iter().zip(&self.right) {
             self.efforts[*i][axis.index()] = *force;
         }
     }
 
-    /// The rates of all 13 numbers of all bodies: TR-942 eq. (2.2.10) solved, and the kinematic equations.
-    /// What [`MatrixMethod::solve`] gives can be read afterwards.
+    /// Time derivative of the state, 13 numbers per body: the solution of TR-942 eq. (2.2.10) and the kinematic equations.
+    /// The results of [`MatrixMethod::solve`] can be read afterwards.
     ///
     /// # Panics
     /// If `state`, `load` or `rates` is of another system.
@@ -148,7 +148,7 @@ impl MatrixMethod {
         &self.efforts[hinge]
     }
 
-    /// What the inner body exerts on the outer through the hinge: force at N's origin and torque, in M's axes.
+    /// Wrench of the inner body on the outer through the hinge, about N's origin in M's axes.
     pub fn hinge_wrench(&self, system: &System, hinge: usize) -> Wrench {
         let (efforts, joined) = (&self.efforts[hinge], &system.joined[hinge]);
         let inner = self.bodies.get(joined.inner);
@@ -160,14 +160,14 @@ impl MatrixMethod {
         Wrench::new(sum(3..6), sum(0..3))
     }
 
-    /// How many constraints were independent when last solved.
+    /// Number of independent constraints in the last solution.
     pub fn rank(&self) -> usize {
         self.columns.rank
     }
 
     pub(super) fn set_motion(&mut self, system: &System, state: &[f64]) {
         for (b, placed) in self.bodies.placed.iter_mut().enumerate() {
-            *placed = Placed::new(&BodyState::read(state, b));
+            *placed = BodyPlacement::new(&BodyState::read(state, b));
         }
         for (i, motion) in self.motions.iter_mut().enumerate() {
             let joined = &system.joined[i];
@@ -177,7 +177,7 @@ impl MatrixMethod {
         }
     }
 
-    /// Accelerations as they would be without constraints, weighted: eqs. (2.2.14)-(2.2.17), (2.2.20)-(2.2.21).
+    /// Mass-weighted accelerations without constraints: eqs. (2.2.14)-(2.2.17), (2.2.20)-(2.2.21).
     fn set_unconstrained(&mut self, system: &System, load: &Load) {
         self.z.fill(0.0);
         for (b, (body, wrench)) in system.bodies.iter().zip(&load.wrenches).enumerate() {
@@ -205,7 +205,7 @@ impl MatrixMethod {
         }
     }
 
-    /// Fills in `G = L⁻¹Jᵀ`, its columns brought to unit length.
+    /// Sets `G = L⁻¹Jᵀ`, with its columns normalized.
     fn set_columns(&mut self, system: &System) {
         self.columns.clear();
         for (j, (i, axis)) in self.constrained.iter().enumerate() {
@@ -219,7 +219,7 @@ impl MatrixMethod {
         }
     }
 
-    /// The columns of `G` for a system in `state`, as the hinges come, and whose they are.
+    /// The columns of `G` for a system in `state`, in the order of the hinges, each with its hinge and axis.
     pub(super) fn constraint_columns(
         &mut self,
         system: &System,
@@ -236,12 +236,15 @@ impl MatrixMethod {
             .collect()
     }
 
-    /// Sets what the constrained axes demand; returns the largest demand.
-    pub(super) fn set_right(&mut self, demand: impl Fn(&HingeMotion, usize, usize) -> f64) -> f64 {
+    /// Sets the right-hand side of the constraints; returns its largest entry.
+    pub(super) fn set_right_hand_side(
+        &mut self,
+        value: impl Fn(&HingeMotion, usize, usize) -> f64,
+    ) -> f64 {
         let mut largest = 0.0_f64;
         for (right, (i, axis)) in self.right.iter_mut().zip(&self.constrained) {
-            *right = demand(&self.motions[*i], *i, axis.index());
-            // Not a number if one of them is not.
+            *right = value(&self.motions[*i], *i, axis.index());
+            // NaN if one of them is NaN.
             if right.abs().total_cmp(&largest).is_gt() {
                 largest = right.abs();
             }
@@ -249,8 +252,8 @@ impl MatrixMethod {
         largest
     }
 
-    /// Changes `z` as little as the demands on the constrained axes take; the demands become the multipliers. A
-    /// constraint that repeats others is left out and has none.
+    /// Applies to `z` the smallest change that satisfies the constraints; `right` becomes their multipliers. A redundant
+    /// constraint is omitted, and its multiplier is zero.
     pub(super) fn constrain(&mut self, system: &System) {
         self.set_columns(system);
         self.columns.factor(self.tolerance);

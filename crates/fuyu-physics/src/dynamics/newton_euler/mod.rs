@@ -1,14 +1,13 @@
-//! The matrix method of TR-942 section 2.2: Newton's and Euler's equations of every body by itself, hinges of
-//! 0 to 6 degrees of freedom between any two, forces in the hinges as unknowns.
+//! The matrix method of TR-942 section 2.2: Newton's and Euler's equations of each body, with hinges of 0 to 6 degrees of
+//! freedom between any two bodies, and the forces in the hinges as unknowns.
 //!
 //! A [`System`] is any number of [`Body`]s and [`Hinge`]s, in chains, trees and loops, floating or joined to
-//! inertial space. [`System::assemble`] makes a start state, 13 numbers a body, and refuses loops that do not
-//! close and constraints that repeat others. [`MatrixMethod`] gives the state's rates, accelerations, and the
+//! inertial space. [`System::assemble`] creates an initial state with 13 numbers per body, and rejects loops that do not
+//! close and redundant constraints. [`MatrixMethod`] gives the state's rates, accelerations, and the
 //! forces and torques in every hinge. Nothing here uses the reduced form of [`super::Workspace`], so that each
-//! can be checked against the other; [`NewtonEuler`] does that for a [`crate::model::Model`].
+//! checks the other; [`NewtonEuler`] is the method as a formulation for a [`crate::model::Model`].
 //!
-//! Momentum and constraints are kept only as well as the integration is: [`MatrixMethod::project`] brings a
-//! state back to the constraints.
+//! Integration errors change momentum and constraints; [`MatrixMethod::project`] moves a state back onto the constraints.
 //!
 //! ```
 //! use fuyu::dynamics::newton_euler::{Axis, Freedom, Hinge, INERTIAL, Load, MatrixMethod, Start, SystemBuilder};
@@ -41,8 +40,8 @@ mod bodies;
 mod error;
 mod hinge_motion;
 mod method;
-mod orthogonal;
 mod projection;
+mod qr_factorization;
 mod redundancy;
 mod start;
 mod state;

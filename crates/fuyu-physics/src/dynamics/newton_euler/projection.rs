@@ -1,31 +1,30 @@
-//! Bringing a state back to the constraints.
+//! Projection of a state onto the constraints.
 
 use std::cmp::Ordering;
 
 use super::{BodyState, MatrixMethod, System};
 use crate::spatial::exp_so3;
 
-/// Passes after which positions are as near as they get; each squares the error.
-const PASSES: usize = 8;
+/// Limit of iterations; each squares the error.
+const ITERATIONS: usize = 8;
 
 impl MatrixMethod {
-    /// Moves `state` to the nearest one, as masses and inertias measure distance, in which positions and rates
-    /// satisfy the constraints, and brings quaternions to unit length; returns the largest gap that is left
-    /// \[m or rad\]. Integration lets constraints drift; called after every step, this stops it. The system's
-    /// centre of mass stays, and the corrections of the rates carry no momentum. Driven axes are brought to zero
-    /// displacement too, so a system that is driven is not for this.
+    /// Moves `state` to the nearest one (in the metric of masses and inertias) whose positions and rates satisfy the
+    /// constraints, and normalizes quaternions. Returns the largest remaining gap \[m or rad\]. Called after every step, it
+    /// removes the drift of the constraints. The system's centre of mass and momentum do not change. Not for systems with
+    /// driven axes, which it would return to zero displacement.
     ///
     /// # Panics
     /// If `state` is of another system.
     pub fn project(&mut self, system: &System, state: &mut [f64]) -> f64 {
         let mut gap = f64::INFINITY;
-        for _ in 0..PASSES {
+        for _ in 0..ITERATIONS {
             self.set_motion(system, state);
             let before = std::mem::replace(
                 &mut gap,
-                self.set_right(|motion, _, k| -motion.displacement[k]),
+                self.set_right_hand_side(|motion, _, k| -motion.displacement[k]),
             );
-            // Rounding is reached: no nearer than the pass before.
+            // Stop at rounding: no improvement over the previous iteration.
             if gap == 0.0 || gap.partial_cmp(&before) != Some(Ordering::Less) {
                 break;
             }
@@ -41,7 +40,7 @@ impl MatrixMethod {
             }
         }
         self.set_motion(system, state);
-        self.set_right(|motion, _, k| -motion.rate[k]);
+        self.set_right_hand_side(|motion, _, k| -motion.rate[k]);
         self.z.fill(0.0);
         self.constrain(system);
         for b in 0..system.bodies.len() {

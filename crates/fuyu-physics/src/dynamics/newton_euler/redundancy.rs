@@ -1,47 +1,47 @@
-//! Which constraints repeat others, and which others.
+//! Redundant constraints, and the constraints on which they depend.
 
 use nalgebra::DVector;
 
 use super::{Axis, MatrixMethod, Start, System, SystemError};
 
-/// A column of which less than this is left beside those before it repeats them.
-const REPEATED: f64 = 1e-8;
+/// A column whose remainder is below this depends on those before it.
+const DEPENDENT: f64 = 1e-8;
 
-/// A constraint that others make already.
-struct Repeated {
+/// A redundant constraint.
+struct Redundant {
     hinge: usize,
     axis: Axis,
-    /// The other hinges that make it.
+    /// The other hinges that constrain the same direction.
     holders: Vec<usize>,
 }
 
 impl System {
-    /// Leaves out the constraints that repeat others when the system stands as `start` says, such as those of a
-    /// planar loop with four whole revolute hinges; returns hinge and axis of each. Motion stays the same. The
-    /// forces that hold the system are then determined: what is left out transmits none.
+    /// Removes constraints that are redundant at `start`, such as those of a planar loop with four revolute hinges; returns
+    /// hinge and axis of each. The motion does not change, and all constraint forces are then determined; those of removed
+    /// constraints are zero.
     ///
-    /// The start must not be a singular position, where constraints repeat others that do not elsewhere.
+    /// The start must not be a singular position, where constraints are redundant that are not elsewhere.
     ///
     /// # Errors
-    /// As [`System::assemble`], but for redundancy.
+    /// As [`System::assemble`], except for redundancy.
     pub fn leave_out_redundant(
         &mut self,
         start: &Start,
     ) -> Result<Vec<(usize, Axis)>, SystemError> {
         let state = self.assemble_singular(start)?;
-        let repeated = self.repeated(&state);
-        for r in &repeated {
+        let redundant = self.redundant_constraints(&state);
+        for r in &redundant {
             self.joined[r.hinge].left_out[r.axis.index()] = true;
         }
-        Ok(repeated.iter().map(|r| (r.hinge, r.axis)).collect())
+        Ok(redundant.iter().map(|r| (r.hinge, r.axis)).collect())
     }
 
     pub(super) fn check_independent(&self, state: &[f64]) -> Result<(), SystemError> {
-        let repeated = self.repeated(state);
-        let Some(first) = repeated.first() else {
+        let redundant = self.redundant_constraints(state);
+        let Some(first) = redundant.first() else {
             return Ok(());
         };
-        let of_hinge = || repeated.iter().filter(|r| r.hinge == first.hinge);
+        let of_hinge = || redundant.iter().filter(|r| r.hinge == first.hinge);
         let holds = |i: &usize| of_hinge().any(|r| r.holders.contains(i));
         let name = |i: usize| self.hinges[i].name.clone();
         Err(SystemError::Redundant {
@@ -52,15 +52,15 @@ impl System {
     }
 
     /// Rank of the constraints by orthogonalizing their columns in the order of the hinges.
-    fn repeated(&self, state: &[f64]) -> Vec<Repeated> {
+    fn redundant_constraints(&self, state: &[f64]) -> Vec<Redundant> {
         let columns = MatrixMethod::new(self).constraint_columns(self, state);
         // Each with its expansion in the columns before it that were kept.
         let mut kept: Vec<(usize, DVector<f64>, Vec<f64>)> = Vec::new();
-        let mut repeated = Vec::new();
+        let mut redundant = Vec::new();
         for (hinge, axis, column) in columns {
             let mut rest = column;
             let mut shares = vec![0.0; kept.len()];
-            // Twice, since one pass leaves rounding where columns nearly repeat.
+            // Twice, since one pass leaves rounding errors where columns nearly depend on each other.
             for _ in 0..2 {
                 for ((_, direction, _), share) in kept.iter().zip(&mut shares) {
                     let part = direction.dot(&rest);
@@ -68,13 +68,13 @@ impl System {
                     *share += part;
                 }
             }
-            let left = rest.norm();
-            if left > REPEATED {
-                shares.push(left);
-                kept.push((hinge, rest / left, shares));
+            let remainder = rest.norm();
+            if remainder > DEPENDENT {
+                shares.push(remainder);
+                kept.push((hinge, rest / remainder, shares));
                 continue;
             }
-            // Back from orthogonal directions to the columns themselves.
+            // The expansion in the columns, from that in the orthogonal directions.
             let mut holders = Vec::new();
             for j in (0..kept.len()).rev() {
                 let (holder, _, expansion) = &kept[j];
@@ -86,12 +86,12 @@ impl System {
                     holders.push(*holder);
                 }
             }
-            repeated.push(Repeated {
+            redundant.push(Redundant {
                 hinge,
                 axis,
                 holders,
             });
         }
-        repeated
+        redundant
     }
 }

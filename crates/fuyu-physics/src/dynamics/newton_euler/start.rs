@@ -1,12 +1,12 @@
-//! Putting a system together at given displacements and rates of its hinges.
+//! Assembly of a system at given displacements and rates of its hinges.
 
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 
 use super::axis::Rotations;
-use super::hinge_motion::Placed;
+use super::hinge_motion::BodyPlacement;
 use super::{Axis, BodyState, System, SystemError};
 
-/// Displacements and rates that the free axes of hinges start with; zero where nothing is said.
+/// Initial displacements and rates of the hinges' free axes; zero by default.
 #[derive(Debug, Clone, Default, PartialEq)]
 pub struct Start {
     values: Vec<(String, Axis, f64, f64)>,
@@ -19,36 +19,36 @@ impl Start {
     }
 
     /// The free axis `axis` of hinge `hinge` starts at `position` \[m or rad\] and `rate` \[m/s or rad/s\].
-    /// Two free rotations follow each other, the later axis carried by the earlier; three are a rotation
-    /// vector, their rates components of the angular velocity along the inner frame's axes.
+    /// Two free rotations are successive, with the second axis rotated by the first; three are a rotation vector, and their
+    /// rates are the components of the angular velocity along the inner frame's axes.
     pub fn with(mut self, hinge: &str, axis: Axis, position: f64, rate: f64) -> Self {
         self.values.push((hinge.to_owned(), axis, position, rate));
         self
     }
 }
 
-/// A gap above this \[m, rad, m/s, rad/s; beside lengths above 1 m of their size\] is no rounding.
+/// Gaps and rates up to this \[m, rad, m/s, rad/s\] count as closed; for lengths above 1 m, this fraction of them.
 const CLOSED: f64 = 1e-9;
 
 impl System {
-    /// The state in which the hinges stand and move as `start` says.
+    /// The state with the hinges' displacements and rates of `start`.
     ///
     /// # Errors
-    /// [`SystemError`] if a start value names no hinge or no free axis or is not finite, if a hinge that
-    /// closes a loop does not fit by more than 1e-9 or is torn open by the rates, or if constraints repeat
-    /// others ([`System::leave_out_redundant`] leaves these out, [`System::assemble_singular`] lets them be).
+    /// [`SystemError`] for a start value of an unknown hinge or constrained axis or that is not finite, if a loop does not
+    /// close to 1e-9 or the rates open it, or if constraints are redundant ([`System::leave_out_redundant`] removes these,
+    /// [`System::assemble_singular`] accepts them).
     pub fn assemble(&self, start: &Start) -> Result<Vec<f64>, SystemError> {
         let state = self.assemble_singular(start)?;
         self.check_independent(&state)?;
         Ok(state)
     }
 
-    /// [`System::assemble`] for a start in a singular position, such as a stretched linkage, where constraints
-    /// repeat others that do not elsewhere. Forces are not determined there. Such a motion needs
+    /// [`System::assemble`] for a start in a singular position, such as a stretched linkage, where constraints are redundant
+    /// that are not elsewhere. Forces are not determined there. Such a motion needs
     /// [`super::MatrixMethod::with_tolerance`], and [`super::MatrixMethod::project`] after every step.
     ///
     /// # Errors
-    /// As [`System::assemble`], but for redundancy.
+    /// As [`System::assemble`], except for redundancy.
     pub fn assemble_singular(&self, start: &Start) -> Result<Vec<f64>, SystemError> {
         let mut position = vec![[0.0; 6]; self.hinges.len()];
         let mut rate = position.clone();
@@ -99,10 +99,10 @@ impl System {
         Ok(state)
     }
 
-    /// Places the body on the far side of hinge `i` as seen from inertial space.
-    fn place(&self, i: usize, x: &[f64; 6], xd: &[f64; 6], placed: &mut [Option<Placed>]) {
+    /// Sets the placement of the outward body of hinge `i` from that of the inward one.
+    fn place(&self, i: usize, x: &[f64; 6], xd: &[f64; 6], placed: &mut [Option<BodyPlacement>]) {
         let joined = &self.joined[i];
-        let known = |body: Option<usize>| body.map_or(Some(Placed::INERTIAL), |b| placed[b]);
+        let known = |body: Option<usize>| body.map_or(Some(BodyPlacement::INERTIAL), |b| placed[b]);
         let translation = Vector3::new(x[0], x[1], x[2]);
         let speed = Vector3::new(xd[0], xd[1], xd[2]);
         let (R_MN, turning) = self.rotation(i, x, xd);
@@ -119,7 +119,7 @@ impl System {
             );
             let w = m.w + R_WM * turning;
             let dd = R_WM * speed + m.w.cross(&d);
-            placed[outer] = Some(Placed {
+            placed[outer] = Some(BodyPlacement {
                 p: m.p + e_m + d - e_n,
                 R_WB,
                 R: R_WB.to_rotation_matrix().into_inner(),
@@ -136,7 +136,7 @@ impl System {
             );
             let w = n.w - R_WM * turning;
             let dd = R_WM * speed + w.cross(&d);
-            placed[inner] = Some(Placed {
+            placed[inner] = Some(BodyPlacement {
                 p: n.p + e_n - d - e_m,
                 R_WB,
                 R: R_WB.to_rotation_matrix().into_inner(),
@@ -146,7 +146,7 @@ impl System {
         }
     }
 
-    /// Attitude of N in M and relative angular velocity in M's axes. The quaternion's sign tells whole turns.
+    /// Attitude of N in M and relative angular velocity in M's axes. The quaternion's sign distinguishes whole turns.
     fn rotation(
         &self,
         i: usize,

@@ -1,17 +1,16 @@
-//! The state of every body by itself: 13 numbers each.
+//! State of the bodies: 13 numbers each.
 
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 
 use super::System;
 use crate::dynamics::Momentum;
 
-/// How one body stands and moves: the variables of TR-942 section 2.2, 13 a body, in this order in a state
-/// vector.
+/// Pose and velocity of one body: the variables of TR-942 section 2.2, 13 per body, in this order in a state vector.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BodyState {
     /// Centre of mass in the world \[m\].
     pub p_WC: Vector3<f64>,
-    /// Attitude as `w, x, y, z`. Integration does not keep it at unit length; only its direction counts.
+    /// Attitude as `w, x, y, z`. Integration does not preserve its length; it is normalized when read as a rotation.
     pub Q_WB: Quaternion<f64>,
     /// Velocity of the centre of mass in the world, body axes \[m/s\].
     pub v_WC_B: Vector3<f64>,
@@ -35,7 +34,7 @@ impl BodyState {
         }
     }
 
-    /// Puts the 13 numbers into `state`.
+    /// Writes the 13 numbers to `state`.
     ///
     /// # Panics
     /// If `state` is too short.
@@ -53,7 +52,7 @@ impl BodyState {
         UnitQuaternion::new_normalize(self.Q_WB)
     }
 
-    /// Rates of position and attitude: the kinematic equations beside TR-942 eq. (2.2.10).
+    /// Rates of position and attitude: the kinematic equations that complete TR-942 eq. (2.2.10).
     pub(super) fn rates(&self) -> (Vector3<f64>, Quaternion<f64>) {
         let turning = self.Q_WB * Quaternion::from_imag(self.w_WB_B) * 0.5;
         (self.R_WB() * self.v_WC_B, turning)
@@ -80,7 +79,7 @@ impl System {
         }
     }
 
-    /// Kinetic energy of all bodies, and what the springs store \[J\]. With two or three free rotations the
+    /// Kinetic energy of all bodies, and the potential energy of the springs \[J\]. With two or three free rotations the
     /// stored energy is that of the angles that the springs act on.
     pub fn energy(&self, state: &[f64]) -> (f64, f64) {
         let kinetic = (self.bodies.iter().enumerate()).map(|(b, body)| {

@@ -1,4 +1,4 @@
-//! Bodies and hinges: what a system is made of.
+//! Systems of bodies and hinges, and their builder.
 
 use std::collections::HashMap;
 
@@ -8,7 +8,7 @@ use super::{Axis, Freedom, SystemError};
 use crate::model::Spring;
 use crate::spatial::{InertiaError, Pose, RigidInertia};
 
-/// What a hinge names to join a body to inertial space.
+/// Name of inertial space in hinges.
 pub const INERTIAL: &str = "inertial";
 
 /// A rigid body of a [`System`].
@@ -22,13 +22,13 @@ pub struct Body {
 
 /// A hinge between two bodies, or between inertial space and a body.
 ///
-/// Its frame M is fixed to the inner body and its frame N to the outer; they coincide when nothing is
-/// displaced. Translations are those of N's origin along M's axes. A single free rotation is about the axis
+/// Its frame M is fixed to the inner body and its frame N to the outer; they coincide at zero
+/// displacement. Translations are those of N's origin along M's axes. A single free rotation is about the axis
 /// that the two frames share. Two free rotations are those of a Hooke joint: TR-942 eq. (2.2.4) constrains the
 /// third component of the relative angular velocity along M's axes, which for two free rotations cannot be
 /// integrated to a position; here the third direction is perpendicular to the free two. Three free rotations
-/// are measured by the rotation vector, about whose components springs turn; these store energy if all three are
-/// equally stiff.
+/// are measured by the rotation vector, on whose components springs act; these are conservative if all three are equally
+/// stiff.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Hinge {
     /// Name, unique among hinges.
@@ -41,7 +41,7 @@ pub struct Hinge {
     pub X_BM: Pose,
     /// Pose of N in the outer body's frame.
     pub X_BN: Pose,
-    /// What is free.
+    /// The free axes.
     pub freedom: Freedom,
     /// Springs on the free axes, `K_s` and `K_w` of eqs. (2.2.20)-(2.2.21) \[N/m, N m/rad\].
     pub springs: [Spring; 6],
@@ -64,20 +64,20 @@ impl Hinge {
         }
     }
 
-    /// Where its frames are on the inner and on the outer body.
+    /// Sets the poses of its frames on the inner and on the outer body.
     pub fn at(mut self, X_BM: Pose, X_BN: Pose) -> Self {
         self.X_BM = X_BM;
         self.X_BN = X_BN;
         self
     }
 
-    /// With a spring on `axis`, slack at `rest`.
+    /// Adds a spring on `axis` with rest position `rest`.
     pub fn spring(mut self, axis: Axis, stiffness: f64, rest: f64) -> Self {
         self.springs[axis.index()] = Spring { stiffness, rest };
         self
     }
 
-    /// With a damper on `axis`.
+    /// Adds a damper on `axis`.
     pub fn damper(mut self, axis: Axis, damping: f64) -> Self {
         self.damping[axis.index()] = damping;
         self
@@ -132,17 +132,17 @@ impl Hinge {
     }
 }
 
-/// Collects bodies and hinges.
+/// Builds a [`System`] from bodies and hinges.
 #[derive(Debug, Clone, Default)]
 pub struct SystemBuilder {
     bodies: Vec<Body>,
     hinges: Vec<Hinge>,
     /// Whether principal moments may break the triangle inequality, as one of TR-942's own bodies does.
-    pub(super) any_moments: bool,
+    pub(super) allow_any_moments: bool,
 }
 
 impl SystemBuilder {
-    /// Nothing so far.
+    /// No bodies and hinges yet.
     pub fn new() -> Self {
         Self::default()
     }
@@ -156,7 +156,7 @@ impl SystemBuilder {
         self
     }
 
-    /// Adds a hinge. One whose bodies the hinges before it join already closes a loop.
+    /// Adds a hinge. It closes a loop if the hinges before it already connect its bodies.
     pub fn hinge(&mut self, hinge: Hinge) -> &mut Self {
         self.hinges.push(hinge);
         self
@@ -166,8 +166,7 @@ impl SystemBuilder {
     ///
     /// # Errors
     /// [`SystemError`] for bad names, masses, inertias and numbers, springs on constrained axes, and bodies
-    /// to which no hinge leads. What depends on the position, such as whether loops close, is checked by
-    /// [`System::assemble`].
+    /// to which no hinge leads. [`System::assemble`] checks what depends on positions, such as whether loops close.
     pub fn build(&self) -> Result<System, SystemError> {
         if self.bodies.is_empty() {
             return Err(SystemError::NoBodies);
@@ -182,7 +181,7 @@ impl SystemBuilder {
         )?;
         for body in &self.bodies {
             match body.inertia.check() {
-                Err(InertiaError::Triangle(..)) if self.any_moments => {}
+                Err(InertiaError::Triangle(..)) if self.allow_any_moments => {}
                 checked => checked.map_err(|problem| SystemError::Inertia {
                     body: body.name.clone(),
                     problem,
@@ -208,7 +207,7 @@ impl SystemBuilder {
             }
             let com =
                 |body: Option<usize>| body.map_or(Vector3::zeros(), |b| self.bodies[b].inertia.com);
-            joints.push(Joined {
+            joints.push(CompiledHinge {
                 inner,
                 outer,
                 e_inner: hinge.X_BM.translation.vector - com(inner),
@@ -229,12 +228,12 @@ impl SystemBuilder {
     }
 }
 
-/// Names to numbers; none may be empty, reserved or given twice.
+/// Map from names to indices; no name may be empty, reserved or given twice.
 fn names<'a>(
     [kind, plural]: [&'static str; 2],
     names: impl Iterator<Item = &'a str>,
 ) -> Result<HashMap<&'a str, usize>, SystemError> {
-    let mut seen = HashMap::new();
+    let mut indices = HashMap::new();
     for (i, name) in names.enumerate() {
         let owned = || name.to_owned();
         if name.is_empty() || name == INERTIAL {
@@ -243,20 +242,19 @@ fn names<'a>(
                 name: owned(),
             });
         }
-        if seen.insert(name, i).is_some() {
+        if indices.insert(name, i).is_some() {
             return Err(SystemError::DuplicateName {
                 kind: plural,
                 name: owned(),
             });
         }
     }
-    Ok(seen)
+    Ok(indices)
 }
 
-/// Hinges that join what the hinges before them leave apart, ordered outward from inertial space; the others
-/// are marked as closing loops.
-fn spanning_tree(bodies: &[Body], hinges: &mut [Joined]) -> Result<Vec<usize>, SystemError> {
-    // Node 0 is inertial space. `group[i]` is the smallest node that i is joined to.
+/// Hinges of the spanning tree, ordered outward from inertial space; the others are marked as closing loops.
+fn spanning_tree(bodies: &[Body], hinges: &mut [CompiledHinge]) -> Result<Vec<usize>, SystemError> {
+    // Node 0 is inertial space. `group[i]` is the smallest node that is connected to i.
     let node = |body: Option<usize>| body.map_or(0, |b| b + 1);
     let mut group: Vec<usize> = (0..=bodies.len()).collect();
     for hinge in hinges.iter_mut() {
@@ -287,9 +285,9 @@ fn spanning_tree(bodies: &[Body], hinges: &mut [Joined]) -> Result<Vec<usize>, S
     Ok(order)
 }
 
-/// A hinge as the equations want it.
+/// A hinge compiled for the equations.
 #[derive(Debug, Clone, PartialEq)]
-pub(super) struct Joined {
+pub(super) struct CompiledHinge {
     /// Inner body; inertial space if none.
     pub inner: Option<usize>,
     /// Outer body; inertial space if none.
@@ -301,7 +299,7 @@ pub(super) struct Joined {
     pub R_BM: UnitQuaternion<f64>,
     pub R_BN: UnitQuaternion<f64>,
     pub closes_loop: bool,
-    /// Constrained axes that other hinges hold.
+    /// Constrained axes that are redundant and were removed.
     pub left_out: [bool; 6],
 }
 
@@ -310,7 +308,7 @@ pub(super) struct Joined {
 pub struct System {
     pub(super) bodies: Vec<Body>,
     pub(super) hinges: Vec<Hinge>,
-    pub(super) joined: Vec<Joined>,
+    pub(super) joined: Vec<CompiledHinge>,
     /// Hinges of the spanning tree, from inertial space outward.
     pub(super) tree: Vec<usize>,
 }
@@ -336,12 +334,12 @@ impl System {
         self.hinges.iter().position(|h| h.name == name)
     }
 
-    /// Whether hinge `hinge` joins bodies that the hinges declared before it join already.
+    /// Whether hinge `hinge` connects bodies that the hinges declared before it already connect.
     pub fn closes_loop(&self, hinge: usize) -> bool {
         self.joined[hinge].closes_loop
     }
 
-    /// Length of a state: 13 numbers a body, see [`super::BodyState`].
+    /// Length of a state: 13 numbers per body, see [`super::BodyState`].
     pub fn state_len(&self) -> usize {
         13 * self.bodies.len()
     }
@@ -353,7 +351,7 @@ impl System {
     }
 
     /// Whether hinge `hinge` exerts a constraint force along or about `axis`: the axis is not free, and
-    /// [`System::leave_out_redundant`] has not left it out.
+    /// [`System::leave_out_redundant`] has not removed it.
     pub fn holds(&self, hinge: usize, axis: Axis) -> bool {
         !self.hinges[hinge].freedom.is_free(axis) && !self.joined[hinge].left_out[axis.index()]
     }

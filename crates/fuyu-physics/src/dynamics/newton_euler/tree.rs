@@ -15,8 +15,8 @@ impl System {
     /// free hinge. Hinge 0 is the base's, hinge `j + 1` joint `j`, which moves along or about the hinge's z axis.
     ///
     /// # Errors
-    /// [`SystemError`] if the model has what no system can have, such as a body without mass. Moments of inertia that
-    /// break the triangle inequality are the model's business.
+    /// [`SystemError`] if the model cannot be a system, such as with a body without mass. Moments of inertia may break the
+    /// triangle inequality.
     pub fn from_model(model: &Model) -> Result<Self, SystemError> {
         builder(model, true).build()
     }
@@ -24,7 +24,7 @@ impl System {
 
 fn builder(model: &Model, passive: bool) -> SystemBuilder {
     let mut system = SystemBuilder::new();
-    system.any_moments = true;
+    system.allow_any_moments = true;
     for body in model.bodies() {
         system.body(&body.name, body.inertia);
     }
@@ -33,8 +33,8 @@ fn builder(model: &Model, passive: bool) -> SystemBuilder {
     system.hinge(Hinge::new("inertial/base", INERTIAL, base, Freedom::FREE));
     for (j, joint) in model.joints().iter().enumerate() {
         let (parent, body) = (model.joint_parent(j), &model.bodies()[j + 1]);
-        let along_z = Pose::from_parts(Translation3::identity(), turned_to(&joint.axis));
-        let (freedom, axis) = moves(joint.kind);
+        let along_z = Pose::from_parts(Translation3::identity(), rotation_to(&joint.axis));
+        let (freedom, axis) = freedom_and_axis(joint.kind);
         let mut hinge = Hinge::new(
             &joint.name,
             &model.bodies()[parent].name,
@@ -51,7 +51,7 @@ fn builder(model: &Model, passive: bool) -> SystemBuilder {
     system
 }
 
-fn moves(kind: JointKind) -> (Freedom, Axis) {
+fn freedom_and_axis(kind: JointKind) -> (Freedom, Axis) {
     if kind.is_rotational() {
         (Freedom::REVOLUTE, Axis::RotationZ)
     } else {
@@ -59,13 +59,13 @@ fn moves(kind: JointKind) -> (Freedom, Axis) {
     }
 }
 
-/// A rotation that takes z to `axis`.
-fn turned_to(axis: &Unit<Vector3<f64>>) -> Rotation3<f64> {
+/// A rotation from z to `axis`.
+fn rotation_to(axis: &Unit<Vector3<f64>>) -> Rotation3<f64> {
     let half_turn = || Rotation3::from_axis_angle(&Vector3::x_axis(), std::f64::consts::PI);
     Rotation3::rotation_between(&Vector3::z(), axis).unwrap_or_else(half_turn)
 }
 
-/// Forward dynamics of a tree by the matrix method: all bodies by themselves, all hinge forces as unknowns. It
+/// Forward dynamics of a tree by the matrix method, with the accelerations of all bodies and all hinge forces as unknowns. It
 /// shares neither kinematics nor equations with the reduced form. Costs O(n³).
 #[derive(Debug, Clone)]
 pub struct NewtonEuler {
@@ -92,12 +92,12 @@ impl NewtonEuler {
         })
     }
 
-    /// The system that stands for the model; hinge `j + 1` is joint `j`. Springs and dampers act as efforts.
+    /// The system of the model; hinge `j + 1` is joint `j`. Springs and dampers act as efforts.
     pub fn system(&self) -> &System {
         &self.system
     }
 
-    /// What was last solved, for forces in the hinges.
+    /// The last solution, for forces in the hinges.
     pub fn method(&self) -> &MatrixMethod {
         &self.method
     }
@@ -110,8 +110,8 @@ impl NewtonEuler {
             let (X_WP, V_P) = self.placed[model.joint_parent(j)];
             let (q, qd) = (motion.q[j], motion.qd[j]);
             let moved = if joint.kind.is_rotational() {
-                let turned = Rotation3::from_axis_angle(&joint.axis, q);
-                Pose::from_parts(Translation3::identity(), turned)
+                let rotation = Rotation3::from_axis_angle(&joint.axis, q);
+                Pose::from_parts(Translation3::identity(), rotation)
             } else {
                 Pose::from_parts(joint.axis.scale(q).into(), Rotation3::identity())
             };
@@ -149,18 +149,18 @@ impl Formulation for NewtonEuler {
         out: &mut TreeAcceleration,
     ) {
         self.set_state(model, motion);
-        let acting = self.load.wrenches.iter_mut().zip(&input.wrenches);
-        for ((wrench, given), body) in acting.zip(model.bodies()) {
+        let loads = self.load.wrenches.iter_mut().zip(&input.wrenches);
+        for ((wrench, given), body) in loads.zip(model.bodies()) {
             *wrench = given.shifted(&-body.inertia.com);
         }
         for (j, joint) in model.joints().iter().enumerate() {
-            let (_, axis) = moves(joint.kind);
+            let (_, axis) = freedom_and_axis(joint.kind);
             let passive = joint.passive_effort(motion.q[j], motion.qd[j]);
             self.load.efforts[j + 1][axis.index()] = input.efforts[j] + passive;
         }
         self.method.solve(&self.system, &self.state, &self.load);
         for (j, joint) in model.joints().iter().enumerate() {
-            let (_, axis) = moves(joint.kind);
+            let (_, axis) = freedom_and_axis(joint.kind);
             out.qdd[j] = self.method.hinge_acceleration(&self.system, j + 1)[axis.index()];
         }
         let (com, w) = (&model.bodies()[0].inertia.com, &motion.V_WB_B.angular);

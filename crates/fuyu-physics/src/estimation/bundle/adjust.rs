@@ -1,95 +1,82 @@
-//! Bundle adjustment: frames' poses, points and common parameters that explain the images best.
+//! Bundle adjustment: the poses, points and common parameters with the least reprojection cost.
 //!
-//! Levenberg-Marquardt with a [`Loss`] on each image point and a weak prior on depths. Whether each frame has a
-//! pose of its own or a motion model gives its attitude is left to a [`Motion`].
+//! Levenberg-Marquardt with a [`PixelLikelihood`] for each image point and a weak prior on depths. A [`PoseModel`]
+//! gives the poses: one independent pose per frame, or attitudes from a motion model.
 
-use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector2, Vector3};
+use nalgebra::{Matrix3, SMatrix, SVector, Vector2, Vector3};
 
-use super::loss::Loss;
-use super::scene::{NEAREST, Scene};
+use super::pixel_likelihood::PixelLikelihood;
+use super::pose_model::{FramePose, PoseModel};
+use super::scene::{MIN_DEPTH, Scene};
 use super::schur::{Step, System};
 
-/// Where the body is in one frame: `x_C = R_CB p_B + t_C`.
-#[derive(Debug, Clone, Copy, PartialEq, Default)]
-pub struct Placement {
-    /// Body axes in camera axes.
-    pub R_CB: UnitQuaternion<f64>,
-    /// The body's origin in camera axes; unit is the mean depth of what was seen.
-    pub t_C: Vector3<f64>,
-}
-
-/// What places the body in each frame: `L` unknowns of each frame (the last `L` of turn and shift; none if
-/// the common ones tell all) and `G` common ones, the last of which is the logarithm of the focal length's scale.
-pub trait Motion<const L: usize, const G: usize>: Sized {
-    /// Where the body is in frame `i`.
-    fn placement(&self, i: usize) -> Placement;
-    /// The body's turn (in body axes) and shift (in camera axes) in frame `i` by the common unknowns.
-    fn pose_by_common(&self, i: usize) -> SMatrix<f64, 6, G>;
-    /// Logarithm of the focal length over its nominal value.
-    fn log_focal(&self) -> f64;
-    /// The motion after a step; `None` if there is none such.
-    fn moved(&self, frames: &[SVector<f64, L>], common: &SVector<f64, G>) -> Option<Self>;
-    /// Weights of a prior on the common unknowns, and their distance from what it expects.
-    fn prior(&self) -> (SVector<f64, G>, SVector<f64, G>);
-}
-
-/// When to stop and what to believe.
+/// Cost function and stopping criteria of an adjustment.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Effort {
-    /// What residuals cost.
-    pub loss: Loss,
-    /// Most steps.
+pub struct AdjustOptions {
+    /// Cost of an image residual.
+    pub likelihood: PixelLikelihood,
+    /// Largest number of steps.
     pub steps: usize,
-    /// Stop when a step promises less than this part of the cost.
+    /// Stop when the predicted or the actual decrease is less than this share of the cost.
     pub tolerance: f64,
 }
 
-/// What was reached.
+/// Result of an adjustment.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Outcome {
-    /// ½ Σ of the losses \[px²\].
+pub struct AdjustOutcome {
+    /// Cost of all image residuals, with the priors \[px²\].
     pub cost: f64,
     /// Steps taken.
     pub steps: usize,
 }
 
-/// Moves `motion` and `points` to where the images are explained best. `None` if a point lies behind the
-/// camera at the start, or nothing could be solved.
-pub fn adjust<const L: usize, const G: usize, M: Motion<L, G>>(
+/// Moves `motion` and `points` to the least cost. `None` if an inlier lies behind the camera at the start, or the
+/// normal equations cannot be solved.
+pub fn adjust<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &Scene,
     motion: &mut M,
     points: &mut Vec<Vector3<f64>>,
-    effort: &Effort,
-) -> Option<Outcome> {
+    adjust_options: &AdjustOptions,
+) -> Option<AdjustOutcome> {
     let mut system = System::<L, G>::new(scene.points);
-    let mut cost = total_cost(scene, motion, points, &effort.loss)?;
+    let mut cost = total_cost(scene, motion, points, &adjust_options.likelihood)?;
     let (mut damping, mut growth) = (1e-7, 4.0);
     let mut steps = 0;
-    let mut fresh = false;
-    while steps < effort.steps {
-        if !fresh {
-            linearise(scene, motion, points, &effort.loss, &mut system);
-            fresh = true;
+    let mut is_linearised = false;
+    while steps < adjust_options.steps {
+        if !is_linearised {
+            linearise(
+                scene,
+                motion,
+                points,
+                &adjust_options.likelihood,
+                &mut system,
+            );
+            is_linearised = true;
         }
         steps += 1;
         let tried = system.step(damping).and_then(|step| {
-            let (moved, placed) = apply(motion, points, &step)?;
-            let reached = total_cost(scene, &moved, &placed, &effort.loss)?;
-            Some((step.promised, moved, placed, reached))
+            let (moved, moved_points) = apply(motion, points, &step)?;
+            let reached = total_cost(scene, &moved, &moved_points, &adjust_options.likelihood)?;
+            Some((step.predicted_decrease, moved, moved_points, reached))
         });
         match tried {
-            Some((promised, moved, placed, reached)) if reached < cost => {
-                let ratio = (cost - reached) / promised.max(f64::MIN_POSITIVE);
-                let done = cost - reached < effort.tolerance * cost;
-                (*motion, *points, cost) = (moved, placed, reached);
+            Some((predicted_decrease, moved, moved_points, reached)) if reached < cost => {
+                let ratio = (cost - reached) / predicted_decrease.max(f64::MIN_POSITIVE);
+                let done = cost - reached < adjust_options.tolerance * cost;
+                (*motion, *points, cost) = (moved, moved_points, reached);
                 damping = (damping * (1.0 - (2.0 * ratio - 1.0).powi(3)).max(0.1)).max(1e-12);
                 growth = 4.0;
-                fresh = false;
+                is_linearised = false;
                 if done {
                     break;
                 }
             }
-            Some((promised, ..)) if promised < effort.tolerance * cost => break,
+            Some((predicted_decrease, ..))
+                if predicted_decrease < adjust_options.tolerance * cost =>
+            {
+                break;
+            }
             _ => {
                 damping *= growth;
                 growth *= 2.0;
@@ -99,54 +86,54 @@ pub fn adjust<const L: usize, const G: usize, M: Motion<L, G>>(
             }
         }
     }
-    Some(Outcome { cost, steps })
+    Some(AdjustOutcome { cost, steps })
 }
 
 /// Information on the common parameters with everything else marginalised out \[per px²\].
-pub fn information<const L: usize, const G: usize, M: Motion<L, G>>(
+pub fn information<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &Scene,
     motion: &M,
     points: &[Vector3<f64>],
-    loss: &Loss,
+    likelihood: &PixelLikelihood,
 ) -> Option<SMatrix<f64, G, G>> {
     let mut system = System::<L, G>::new(scene.points);
-    linearise(scene, motion, points, loss, &mut system);
+    linearise(scene, motion, points, likelihood, &mut system);
     system.marginal_information()
 }
 
-fn apply<const L: usize, const G: usize, M: Motion<L, G>>(
+fn apply<const L: usize, const G: usize, M: PoseModel<L, G>>(
     motion: &M,
     points: &[Vector3<f64>],
     step: &Step<L, G>,
 ) -> Option<(M, Vec<Vector3<f64>>)> {
     let moved = motion.moved(&step.frames, &step.common)?;
-    let placed = points.iter().zip(&step.points).map(|(p, d)| p + d);
-    Some((moved, placed.collect()))
+    let moved_points = points.iter().zip(&step.points).map(|(p, d)| p + d);
+    Some((moved, moved_points.collect()))
 }
 
-/// `None` if a believed point lies behind the camera or a number is not finite.
-fn total_cost<const L: usize, const G: usize, M: Motion<L, G>>(
+/// `None` if an inlier lies behind the camera or the cost is not finite.
+fn total_cost<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &Scene,
     motion: &M,
     points: &[Vector3<f64>],
-    loss: &Loss,
+    likelihood: &PixelLikelihood,
 ) -> Option<f64> {
     let focal = scene.focal * motion.log_focal().exp();
     let mut cost = 0.0;
     for i in 0..scene.len() {
-        let Placement { R_CB, t_C } = motion.placement(i);
+        let FramePose { R_CB, t_C } = motion.pose(i);
         let R = R_CB.to_rotation_matrix();
-        for seen in scene.frame(i).iter().filter(|s| s.kept) {
-            let x = R * points[seen.point] + t_C;
-            if x.z < NEAREST {
+        for observation in scene.frame(i).iter().filter(|s| s.inlier) {
+            let x = R * points[observation.point] + t_C;
+            if x.z < MIN_DEPTH {
                 return None;
             }
             let inverse = 1.0 / x.z;
-            cost += loss.cost(&Vector2::new(
-                focal.x * x.x * inverse - seen.pixel.x,
-                focal.y * x.y * inverse - seen.pixel.y,
+            cost += likelihood.cost(&Vector2::new(
+                focal.x * x.x * inverse - observation.pixel.x,
+                focal.y * x.y * inverse - observation.pixel.y,
             ));
-            let depth = scene.anchor(seen.point) * (x.z - 1.0);
+            let depth = scene.anchor(observation.point) * (x.z - 1.0);
             cost += 0.5 * depth * depth;
         }
     }
@@ -155,33 +142,33 @@ fn total_cost<const L: usize, const G: usize, M: Motion<L, G>>(
     cost.is_finite().then_some(cost)
 }
 
-fn linearise<const L: usize, const G: usize, M: Motion<L, G>>(
+fn linearise<const L: usize, const G: usize, M: PoseModel<L, G>>(
     scene: &Scene,
     motion: &M,
     points: &[Vector3<f64>],
-    loss: &Loss,
+    likelihood: &PixelLikelihood,
     system: &mut System<L, G>,
 ) {
     system.clear();
     let focal = scene.focal * motion.log_focal().exp();
     for i in 0..scene.len() {
-        let Placement { R_CB, t_C } = motion.placement(i);
+        let FramePose { R_CB, t_C } = motion.pose(i);
         let R = *R_CB.to_rotation_matrix().matrix();
         let pose = motion.pose_by_common(i);
         let common_by_pose = pose.transpose();
         let mut H = SMatrix::<f64, 7, 7>::zeros();
         let mut g = SVector::<f64, 7>::zeros();
-        for seen in scene.frame(i).iter().filter(|s| s.kept) {
-            let p = points[seen.point];
+        for observation in scene.frame(i).iter().filter(|s| s.inlier) {
+            let p = points[observation.point];
             let Rp = R * p;
             let x = Rp + t_C;
-            let inverse = 1.0 / x.z.max(NEAREST);
+            let inverse = 1.0 / x.z.max(MIN_DEPTH);
             let (u, v) = (focal.x * x.x * inverse, focal.y * x.y * inverse);
-            let pull = loss.pull(&(Vector2::new(u, v) - seen.pixel));
-            // Scaled to residuals whose squares have this slope and curvature.
-            let root = pull.curvature.map(f64::sqrt);
-            let anchor = scene.anchor(seen.point);
-            let scaled = pull.slope.component_div(&root);
+            let expansion = likelihood.expand(&(Vector2::new(u, v) - observation.pixel));
+            // Scaled residuals and rows of J, so that ½ r² has the slope and curvature of the cost.
+            let root = expansion.curvature.map(f64::sqrt);
+            let anchor = scene.anchor(observation.point);
+            let scaled = expansion.slope.component_div(&root);
             let r = Vector3::new(scaled.x, scaled.y, anchor * (x.z - 1.0));
             #[rustfmt::skip]
             let by_x = Matrix3::new(
@@ -209,11 +196,11 @@ fn linearise<const L: usize, const G: usize, M: Motion<L, G>>(
                 }
             }
             g += J.tr_mul(&r);
-            system.add_point(seen.point, &by_p.tr_mul(&by_p), &by_p.tr_mul(&r));
+            system.add_point(observation.point, &by_p.tr_mul(&by_p), &by_p.tr_mul(&r));
             let H_7p: SMatrix<f64, 7, 3> = J.tr_mul(&by_p);
             let H_lp = SMatrix::<f64, L, 3>::from_fn(|a, b| H_7p[(6 - L + a, b)]);
-            system.couple(seen.point, H_lp);
-            let H_gp = system.with_common(seen.point);
+            system.couple(observation.point, H_lp);
+            let H_gp = system.with_common(observation.point);
             for (b, column) in H_gp.as_mut_slice().chunks_exact_mut(G).enumerate() {
                 for (k, common) in common_by_pose.as_slice().chunks_exact(G).enumerate() {
                     for (sum, part) in column.iter_mut().zip(common) {
@@ -224,7 +211,7 @@ fn linearise<const L: usize, const G: usize, M: Motion<L, G>>(
             }
         }
         H.fill_upper_triangle_with_lower_triangle();
-        // The frame's seven unknowns by the common ones: the model's pose, and the focal length itself.
+        // Derivatives of the frame's pose and focal length (7) by the common unknowns.
         let mut by_common = SMatrix::<f64, 7, G>::zeros();
         by_common.fixed_rows_mut::<6>(0).copy_from(&pose);
         by_common[(6, G - 1)] += 1.0;
@@ -249,12 +236,12 @@ fn linearise<const L: usize, const G: usize, M: Motion<L, G>>(
 
 #[cfg(test)]
 mod tests {
-    use super::super::free_placements::FreePlacements;
+    use super::super::pose_model::independent_poses::IndependentPoses;
     use super::*;
-    use crate::estimation::bundle::scene::Seen;
-    use nalgebra::Vector2;
+    use crate::estimation::bundle::scene::SceneObservation;
+    use nalgebra::{UnitQuaternion, Vector2};
 
-    fn small() -> (Scene, FreePlacements, Vec<Vector3<f64>>) {
+    fn small() -> (Scene, IndependentPoses, Vec<Vector3<f64>>) {
         let points: Vec<_> = (0..6)
             .map(|j| {
                 let a = f64::from(j);
@@ -262,22 +249,22 @@ mod tests {
             })
             .collect();
         let focal = Vector2::new(800.0, 780.0);
-        let placements = (0..4).map(|i| Placement {
+        let poses = (0..4).map(|i| FramePose {
             R_CB: UnitQuaternion::from_scaled_axis(Vector3::new(0.1, 0.3, -0.2) * f64::from(i)),
             t_C: Vector3::new(0.02 * f64::from(i), -0.1, 1.1),
         });
-        let motion = FreePlacements::new(placements.collect(), true);
+        let motion = IndependentPoses::new(poses.collect(), true);
         let frames = (0..4).map(|i| {
-            let placement = motion.placement(i);
+            let pose = motion.pose(i);
             let seen = points.iter().enumerate().map(|(j, p)| {
-                let x = placement.R_CB * p + placement.t_C;
+                let x = pose.R_CB * p + pose.t_C;
                 let pixel = Vector2::new(focal.x * x.x, focal.y * x.y) / x.z;
-                // Off the truth, beyond Huber's threshold for some.
+                // Errors, some beyond Huber's threshold.
                 let off = Vector2::new((j as f64).cos(), (i as f64 + j as f64).sin()) * 1.5;
-                Seen {
+                SceneObservation {
                     point: j,
                     pixel: pixel + off,
-                    kept: true,
+                    inlier: true,
                 }
             });
             seen.collect()
@@ -287,12 +274,18 @@ mod tests {
     }
 
     #[test]
-    fn gradients_are_those_of_differences() {
+    fn gradients_match_finite_differences() {
         let (scene, motion, points) = small();
         let mut system = System::<6, 1>::new(6);
-        linearise(&scene, &motion, &points, &Loss::Huber(1.2), &mut system);
-        let cost = |m: &FreePlacements, p: &[Vector3<f64>]| {
-            total_cost(&scene, m, p, &Loss::Huber(1.2)).unwrap()
+        linearise(
+            &scene,
+            &motion,
+            &points,
+            &PixelLikelihood::Huber(1.2),
+            &mut system,
+        );
+        let cost = |m: &IndependentPoses, p: &[Vector3<f64>]| {
+            total_cost(&scene, m, p, &PixelLikelihood::Huber(1.2)).unwrap()
         };
         let h = 1e-6;
         let close = |analytic: f64, up: f64, down: f64| {
@@ -332,32 +325,33 @@ mod tests {
     }
 
     #[test]
-    fn a_disturbed_scene_comes_back_to_its_images() {
+    fn a_disturbed_scene_converges_to_its_images() {
         let (mut scene, mut motion, mut points) = small();
         for i in 0..scene.len() {
-            let placement = motion.placement(i);
+            let pose = motion.pose(i);
             let focal = scene.focal;
-            for seen in scene.frame_mut(i) {
-                let x = placement.R_CB * points[seen.point] + placement.t_C;
-                seen.pixel = Vector2::new(focal.x * x.x, focal.y * x.y) / x.z;
+            for observation in scene.frame_mut(i) {
+                let x = pose.R_CB * points[observation.point] + pose.t_C;
+                observation.pixel = Vector2::new(focal.x * x.x, focal.y * x.y) / x.z;
             }
         }
-        motion = FreePlacements::new((0..4).map(|i| motion.placement(i)).collect(), false);
+        motion = IndependentPoses::new((0..4).map(|i| motion.pose(i)).collect(), false);
         for (j, p) in points.iter_mut().enumerate() {
             *p += Vector3::new(0.02, -0.03, 0.025) * (j as f64).cos();
         }
-        let effort = Effort {
-            loss: Loss::Huber(1.2),
+        let adjust_options = AdjustOptions {
+            likelihood: PixelLikelihood::Huber(1.2),
             steps: 60,
             tolerance: 1e-12,
         };
-        adjust(&scene, &mut motion, &mut points, &effort).unwrap();
+        adjust(&scene, &mut motion, &mut points, &adjust_options).unwrap();
         for i in 0..scene.len() {
-            let placement = motion.placement(i);
-            for seen in scene.frame(i) {
-                let x = placement.R_CB * points[seen.point] + placement.t_C;
-                let r = super::super::scene::residual(&scene.focal, &x, &seen.pixel).unwrap();
-                // The prior on depth leaves a trace.
+            let pose = motion.pose(i);
+            for observation in scene.frame(i) {
+                let x = pose.R_CB * points[observation.point] + pose.t_C;
+                let r =
+                    super::super::scene::residual(&scene.focal, &x, &observation.pixel).unwrap();
+                // The depth prior shifts the solution a little.
                 assert!(r.norm() < 0.02, "{r}");
             }
         }

@@ -1,4 +1,4 @@
-//! The free motion nearest to measured attitudes, by least squares on the rotation group.
+//! Fit of a torque-free rotation to measured attitudes, by least squares on the rotation group.
 
 use std::cell::OnceCell;
 
@@ -6,119 +6,127 @@ use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{DMatrix, DVector, Dyn, Owned, SVector, UnitQuaternion, Vector3};
 
 use super::free_motion::{FreeMotion, PARAMETERS, SHAPE_SPREAD, Sensitivity, shape_of};
-use super::momentum_start::Attitude;
+use super::linear_inertia::AttitudeSample;
 use super::rotations::{right_jacobian, right_jacobian_inverse};
 use crate::spatial::exp_so3;
 
-/// Most attitudes that are fitted at once: what follows takes them all.
+/// Largest number of attitudes that are fitted at once; the global adjustment uses all of them.
 const MOST_SAMPLES: usize = 200;
 
-/// By what factor the span grows at most, and at least.
-const GROWTH: f64 = 2.0;
-const SLOWEST: f64 = 1.1;
+/// Largest and smallest factor by which the fitted span grows.
+const MAX_GROWTH: f64 = 2.0;
+const MIN_GROWTH: f64 = 1.1;
 
-/// A longer span that leaves so many times what a shorter one left, and more than the least \[rad\] that counts, is
-/// fitted wrongly; one that leaves hardly more is surely not.
-const WORSE: f64 = 2.5;
-const AS_GOOD: f64 = 1.2;
-const LEAST: f64 = 2e-4;
+/// Ratio of the residual to that of shorter spans above which a fit is wrong, the ratio below which it is right, and the
+/// least residual that counts \[rad\].
+const WRONG_RATIO: f64 = 2.5;
+const RIGHT_RATIO: f64 = 1.2;
+const MIN_RESIDUAL: f64 = 2e-4;
 
-/// How often a fit may be worse than a shorter one before it is given up.
+/// Number of wrong fits before the growth is given up.
 const PATIENCE: usize = 1;
 
-/// Angles \[rad\] that do not yet count as wrong when the span has just grown.
+/// Angles below this are not down-weighted when the span has just grown \[rad\].
 const TOLERATED: f64 = 0.3;
 
-/// A motion that leaves so much \[rad\] does not hold, and no longer span helps it.
+/// A motion with a larger residual does not fit, and a longer span does not help \[rad\].
 const LOST: f64 = 0.5;
 
-/// An attitude of the body axes of one segment: each segment has axes of its own.
+/// A measured attitude, in the body axes of its segment.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sample {
-    /// Time, and the segment's axes in inertial axes.
-    pub attitude: Attitude,
-    /// Which segment, from 0.
+pub struct SegmentAttitude {
+    /// Time, and attitude of the segment's axes in inertial axes.
+    pub attitude: AttitudeSample,
+    /// Index of the segment.
     pub segment: usize,
 }
 
-/// A motion, and each segment's axes in its body axes.
+/// A fitted motion, with the axes of each segment in its body axes.
 #[derive(Debug, Clone, PartialEq)]
-pub struct Fit {
+pub struct AttitudeFit {
     /// The motion.
     pub motion: FreeMotion,
     /// `R_BS` of each segment.
     pub segments: Vec<UnitQuaternion<f64>>,
-    /// Root mean square of the angles left, over samples that agree \[rad\].
+    /// Root mean square of the smallest nine tenths of the residual angles \[rad\].
     pub rms: f64,
-    /// How far from the motion's time it holds \[s\]: a longer span leaves more than shorter ones do.
+    /// Largest distance from the motion's reference time at which it fits \[s\].
     pub span: f64,
-    /// Whether that is all.
-    pub holds: bool,
+    /// Whether it fits all samples.
+    pub fits_all: bool,
 }
 
-/// Fits the motion to `samples` (in the order of time), from a start that need only hold near its own time: the
-/// span that is fitted grows until it holds all. Next to the separatrix errors grow exponentially: where the fit
-/// becomes worse the span is to grow more slowly. If it never holds all, the fit is that of the longest span
-/// that it held.
-pub fn fit(start: &FreeMotion, samples: &[Sample], segments: usize) -> Option<Fit> {
-    let mut current = Fit {
+/// Fits the motion to `samples` (in the order of time), from a start that need only be right near its reference time:
+/// the span that is fitted grows until it contains all samples. Near the separatrix errors grow exponentially; where the
+/// fit becomes worse the span grows more slowly. If no fit contains all samples, returns that of the longest span that
+/// fitted.
+pub fn fit_attitudes(
+    start: &FreeMotion,
+    samples: &[SegmentAttitude],
+    segments: usize,
+) -> Option<AttitudeFit> {
+    let mut current = AttitudeFit {
         motion: *start,
         segments: vec![UnitQuaternion::identity(); segments],
         rms: f64::INFINITY,
         span: 0.0,
-        holds: true,
+        fits_all: true,
     };
-    let reach = |s: &Sample| (s.attitude.time - start.time).abs();
-    let whole = samples.iter().map(reach).fold(0.0, f64::max);
-    // A few turns are short enough for any start.
+    let distance = |s: &SegmentAttitude| (s.attitude.time - start.time).abs();
+    let full_span = samples.iter().map(distance).fold(0.0, f64::max);
+    // Two revolutions are short enough for any start.
     let rate = start.w_WB_B(&start.R_WB).norm();
-    let mut span = (12.0 / rate.max(1e-9)).max(0.02 * whole).min(whole);
+    let mut span = (12.0 / rate.max(1e-9)).max(0.02 * full_span).min(full_span);
     let mut known = vec![false; segments];
-    let mut growth = GROWTH;
+    let mut growth = MAX_GROWTH;
     let (mut least, mut worse) = (f64::INFINITY, 0);
-    let mut held = None;
+    let mut longest = None;
     loop {
-        let before = (current.clone(), known.clone());
-        let within: Vec<Sample> = samples
+        let previous = (current.clone(), known.clone());
+        let within: Vec<SegmentAttitude> = samples
             .iter()
-            .filter(|s| reach(s) <= span)
+            .filter(|s| distance(s) <= span)
             .copied()
             .collect();
         align(&mut current, &within, &mut known);
         let stride = within.len().div_ceil(MOST_SAMPLES);
-        let within: Vec<Sample> = within.into_iter().step_by(stride.max(1)).collect();
+        let within: Vec<SegmentAttitude> = within.into_iter().step_by(stride.max(1)).collect();
         for tolerated in [TOLERATED, 0.0] {
             current = improve(current, &within, tolerated)?;
         }
-        current.holds = current.rms < WORSE * least.max(LEAST);
-        if !current.holds && growth > SLOWEST {
+        current.fits_all = current.rms < WRONG_RATIO * least.max(MIN_RESIDUAL);
+        if !current.fits_all && growth > MIN_GROWTH {
             let reached = span / growth;
-            (current, known) = before;
+            (current, known) = previous;
             growth = 1.0 + 0.4 * (growth - 1.0);
             span = growth * reached;
             continue;
         }
-        if current.rms < AS_GOOD * least.max(LEAST) {
+        if current.rms < RIGHT_RATIO * least.max(MIN_RESIDUAL) {
             current.span = span;
-            held = Some(Fit {
-                holds: false,
+            longest = Some(AttitudeFit {
+                fits_all: false,
                 ..current.clone()
             });
         }
         least = least.min(current.rms);
-        worse += usize::from(!current.holds);
-        if span >= whole || worse > PATIENCE || current.rms > LOST {
-            current.holds &= span >= whole;
-            // A motion that the rest has not bent.
-            return if current.holds { Some(current) } else { held };
+        worse += usize::from(!current.fits_all);
+        if span >= full_span || worse > PATIENCE || current.rms > LOST {
+            current.fits_all &= span >= full_span;
+            // A fit to all samples, or the longest one that samples beyond its span have not distorted.
+            return if current.fits_all {
+                Some(current)
+            } else {
+                longest
+            };
         }
-        growth = (1.2 * growth).min(GROWTH).min(whole / span);
-        span = (growth * span).min(whole);
+        growth = (1.2 * growth).min(MAX_GROWTH).min(full_span / span);
+        span = (growth * span).min(full_span);
     }
 }
 
-/// Axes of the segments that come into reach, from the motion so far.
-fn align(fit: &mut Fit, samples: &[Sample], known: &mut [bool]) {
+/// Determines the axes of segments that come into the span, from the current motion.
+fn align(fit: &mut AttitudeFit, samples: &[SegmentAttitude], known: &mut [bool]) {
     let times: Vec<f64> = samples.iter().map(|s| s.attitude.time).collect();
     let attitudes = fit.motion.attitudes(&times);
     for (segment, known) in known.iter_mut().enumerate().filter(|(_, k)| !**k) {
@@ -126,7 +134,7 @@ fn align(fit: &mut Fit, samples: &[Sample], known: &mut [bool]) {
             .iter()
             .zip(&attitudes)
             .filter(|(s, _)| s.segment == segment);
-        // The nearest attitudes say most: there the motion has run away least.
+        // The attitudes nearest to the reference time, where the motion is most accurate.
         let mut turns: Vec<(f64, UnitQuaternion<f64>)> = own
             .map(|(s, R)| {
                 (
@@ -137,35 +145,35 @@ fn align(fit: &mut Fit, samples: &[Sample], known: &mut [bool]) {
             .collect();
         turns.sort_by(|a, b| a.0.total_cmp(&b.0));
         turns.truncate(5);
-        if let Some(mean) = middle(&turns) {
+        if let Some(mean) = median_rotation(&turns) {
             fit.segments[segment] = mean;
             *known = true;
         }
     }
 }
 
-/// The rotation of a few with the least sum of angles to the others.
-fn middle(turns: &[(f64, UnitQuaternion<f64>)]) -> Option<UnitQuaternion<f64>> {
+/// The rotation with the least sum of angles to the others.
+fn median_rotation(turns: &[(f64, UnitQuaternion<f64>)]) -> Option<UnitQuaternion<f64>> {
     let spread = |q: &UnitQuaternion<f64>| turns.iter().map(|(_, o)| o.angle_to(q)).sum::<f64>();
     let all = turns.iter().map(|(_, q)| *q);
     all.min_by(|a, b| spread(a).total_cmp(&spread(b)))
 }
 
-/// One round of least squares with weights from the residuals before; angles below `tolerated` \[rad\] keep theirs.
-fn improve(fit: Fit, samples: &[Sample], tolerated: f64) -> Option<Fit> {
+/// One round of least squares, weighted by the residuals before it; angles below `tolerated` \[rad\] keep full weight.
+fn improve(fit: AttitudeFit, samples: &[SegmentAttitude], tolerated: f64) -> Option<AttitudeFit> {
     let mut problem = Problem::new(fit, samples);
     let errors: Vec<f64> = (problem.errors().as_ref()?.iter().map(|e| e.norm())).collect();
     let mut sorted = errors.clone();
     sorted.sort_by(f64::total_cmp);
     let typical = sorted[sorted.len() / 2].max(3e-7);
-    // Half of the vectors of three such errors are longer than 1.5 deviations.
+    // The median length of a vector of three Gaussian errors is 1.5 standard deviations.
     problem.prior = typical / 1.5 / SHAPE_SPREAD;
     let width = (3.0 * typical).max(tolerated);
     problem.weights = errors
         .iter()
         .map(|e| 1.0 / (1.0 + (e / width).powi(2)).sqrt())
         .collect();
-    // What follows starts here; no more digits are needed.
+    // The global adjustment refines the result, so low tolerances suffice.
     let solver = LevenbergMarquardt::new()
         .with_patience(1)
         .with_ftol(1e-3)
@@ -177,27 +185,27 @@ fn improve(fit: Fit, samples: &[Sample], tolerated: f64) -> Option<Fit> {
     squares.sort_by(f64::total_cmp);
     let most = &squares[..(9 * squares.len()).div_ceil(10)];
     let rms = (most.iter().sum::<f64>() / most.len() as f64).sqrt();
-    Some(Fit {
+    Some(AttitudeFit {
         rms,
         ..solved.current()?
     })
 }
 
-/// Parameters: steps of the motion's eight, then a rotation vector for each segment.
+/// Least-squares problem. Parameters: step in the motion's eight parameters, then a rotation vector for each segment.
 struct Problem<'a> {
-    samples: &'a [Sample],
+    samples: &'a [SegmentAttitude],
     times: Vec<f64>,
     weights: Vec<f64>,
-    /// Holds the inertia's shape to a sphere where the attitudes say nothing \[rad\].
+    /// Weight of the prior on a spherical inertia, for shapes that the attitudes do not determine \[rad\].
     prior: f64,
-    start: Fit,
+    start: AttitudeFit,
     parameters: DVector<f64>,
-    /// What the parameters leave, once it has been asked for.
+    /// Errors at the current parameters, computed on demand.
     errors: OnceCell<Option<Vec<Vector3<f64>>>>,
 }
 
 impl<'a> Problem<'a> {
-    fn new(start: Fit, samples: &'a [Sample]) -> Self {
+    fn new(start: AttitudeFit, samples: &'a [SegmentAttitude]) -> Self {
         Self {
             samples,
             times: samples.iter().map(|s| s.attitude.time).collect(),
@@ -214,29 +222,29 @@ impl<'a> Problem<'a> {
         self.parameters.fixed_rows::<3>(at).into_owned()
     }
 
-    fn current(&self) -> Option<Fit> {
+    fn current(&self) -> Option<AttitudeFit> {
         let step: SVector<f64, PARAMETERS> =
             self.parameters.fixed_rows::<PARAMETERS>(0).into_owned();
         let segments = self.start.segments.iter().enumerate();
-        Some(Fit {
+        Some(AttitudeFit {
             motion: self.start.motion.moved(&step)?,
             segments: segments.map(|(k, R)| R * exp_so3(&self.turn(k))).collect(),
             rms: self.start.rms,
             span: self.start.span,
-            holds: self.start.holds,
+            fits_all: self.start.fits_all,
         })
     }
 
     /// Rotation vectors from measured to modelled attitudes.
     fn errors(&self) -> &Option<Vec<Vector3<f64>>> {
-        self.errors.get_or_init(|| self.find_errors())
+        self.errors.get_or_init(|| self.compute_errors())
     }
 
-    fn find_errors(&self) -> Option<Vec<Vector3<f64>>> {
+    fn compute_errors(&self) -> Option<Vec<Vector3<f64>>> {
         let now = self.current()?;
         let attitudes = now.motion.attitudes(&self.times);
         let each = self.samples.iter().zip(&attitudes);
-        let error = |(s, R): (&Sample, &UnitQuaternion<f64>)| {
+        let error = |(s, R): (&SegmentAttitude, &UnitQuaternion<f64>)| {
             (s.attitude.R_WB.inverse() * R * now.segments[s.segment]).scaled_axis()
         };
         Some(each.map(error).collect())
@@ -258,7 +266,7 @@ impl LeastSquaresProblem<f64, Dyn, Dyn> for Problem<'_> {
     }
 
     fn residuals(&self) -> Option<DVector<f64>> {
-        // Where there is no such body the way back is shown by residuals that are too large.
+        // No body has these parameters: large residuals make the solver step back.
         let Some(errors) = self.errors() else {
             return Some(DVector::from_element(3 * self.samples.len() + 5, 10.0));
         };
@@ -306,14 +314,14 @@ mod tests {
         FreeMotion::new(&shape, Vector3::new(0.3, -0.5, 0.6), 60.0, R).unwrap()
     }
 
-    fn samples(other: &UnitQuaternion<f64>) -> Vec<Sample> {
+    fn samples(other: &UnitQuaternion<f64>) -> Vec<SegmentAttitude> {
         let times: Vec<f64> = (0..200).map(|i| 0.6 * f64::from(i)).collect();
         let all = truth().attitudes(&times).into_iter().zip(times);
         all.map(|(R, time)| {
             let segment = usize::from(time > 90.0);
             let R_WB = if segment == 1 { R * other } else { R };
-            Sample {
-                attitude: Attitude { time, R_WB },
+            SegmentAttitude {
+                attitude: AttitudeSample { time, R_WB },
                 segment,
             }
         })
@@ -321,26 +329,26 @@ mod tests {
     }
 
     #[test]
-    fn a_rough_start_reaches_the_motion_and_ties_the_segments() {
+    fn a_rough_start_converges_and_aligns_the_segments() {
         let other = UnitQuaternion::from_scaled_axis(Vector3::new(-1.0, 2.0, 0.3));
         let step =
             SVector::<f64, PARAMETERS>::from([0.01, -0.02, 0.01, 0.0, 0.02, 0.005, 0.01, -0.005]);
         let start = truth().moved(&step).unwrap();
-        let fit = fit(&start, &samples(&other), 2).unwrap();
+        let fit = fit_attitudes(&start, &samples(&other), 2).unwrap();
         assert!((fit.motion.inertia - truth().inertia).norm() < 1e-6);
         assert!(fit.segments[1].angle_to(&other) < 1e-6);
         assert!(fit.rms < 1e-6);
     }
 
     #[test]
-    fn the_jacobian_is_that_of_differences() {
+    fn the_jacobian_matches_finite_differences() {
         let samples = samples(&UnitQuaternion::identity());
-        let start = Fit {
+        let start = AttitudeFit {
             motion: truth(),
             segments: vec![UnitQuaternion::identity(); 2],
             rms: 0.0,
             span: 0.0,
-            holds: true,
+            fits_all: true,
         };
         let mut problem = Problem::new(start, &samples[145..157]);
         let x = DVector::from_fn(PARAMETERS + 6, |i, _| 0.004 * (i as f64 - 5.0));

@@ -1,16 +1,16 @@
-//! The camera's own rotation, as known from elsewhere: it is taken out before the body's motion is fitted.
+//! The camera's own rotation, known from another source; it is removed before the body's motion is fitted.
 
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::spatial::exp_so3;
 
-/// How the camera turns. The inertial axes of the result are those in which this is stated.
+/// Rotation of the camera over time. The result is stated in the same inertial axes.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub enum CameraMotion {
-    /// It does not: inertial axes are the camera's.
+    /// No rotation: inertial axes are the camera's.
     #[default]
     Fixed,
-    /// Attitudes `R_WC` at times \[s\], ascending; between them the camera turns evenly.
+    /// Attitudes `R_WC` at times \[s\], ascending, with constant angular velocity between them.
     Attitudes(Vec<(f64, UnitQuaternion<f64>)>),
     /// Angular velocities of the camera in its own axes \[rad/s\] at times \[s\], ascending, as a gyroscope
     /// measures them; linear between samples. Inertial axes are the camera's at the first sample.
@@ -36,7 +36,7 @@ impl CameraMotion {
         }
     }
 
-    /// What is wrong with it: times that do not increase, or numbers that are not finite.
+    /// A description of the first fault, if there is one: times that do not increase, or numbers that are not finite.
     pub(super) fn fault(&self) -> Option<String> {
         let (times, finite): (Vec<f64>, bool) = match self {
             Self::Fixed => return None,
@@ -50,40 +50,44 @@ impl CameraMotion {
             ),
         };
         if !(finite && times.iter().all(|t| t.is_finite())) {
-            return Some("a number is not finite".to_owned());
+            return Some("a time, attitude or angular velocity is not finite".to_owned());
         }
         if times.is_empty() {
-            return Some("there is no sample; say that the camera is fixed if it is".to_owned());
+            return Some(
+                "it has no samples; a camera that does not rotate is CameraMotion::Fixed"
+                    .to_owned(),
+            );
         }
         let back = times.windows(2).position(|t| t[1] <= t[0])?;
         Some(format!(
-            "sample {} is at {} s, but the one before at {} s; times must increase",
+            "sample {} is at {} s, but the sample before is at {} s; times must increase",
             back + 1,
             times[back + 1],
             times[back]
         ))
     }
 
-    /// A function that tells the attitude at a time. Beyond the samples the camera goes on as in the last two.
+    /// The attitude `R_WC` as a function of time \[s\]. Beyond the samples the camera continues at the rate between the
+    /// last (or first) two.
     pub fn lookup(&self) -> impl Fn(f64) -> UnitQuaternion<f64> {
         let all = self.attitudes();
         move |time| attitude_at(&all, time)
     }
 }
 
-/// How a camera turns from one sample of its angular velocity (time \[s\], own axes \[rad/s\]) to the next, if
-/// that changes linearly.
+/// Rotation from one sample of the angular velocity (time \[s\], body axes \[rad/s\]) to the next, for an angular
+/// velocity that changes linearly.
 pub fn rotation_between(
     (t0, w0): &(f64, Vector3<f64>),
     (t1, w1): &(f64, Vector3<f64>),
 ) -> UnitQuaternion<f64> {
     let h = t1 - t0;
-    // Fourth-order Magnus for a linear rate: the mean, and how the axis turns.
+    // Fourth-order Magnus expansion for a linear rate: the mean, and a term for the change of the axis.
     exp_so3(&((w0 + w1) * (0.5 * h) + w0.cross(w1) * (h * h / 12.0)))
 }
 
-/// The attitude at `time` \[s\] among samples in the order of time: even turns between them, and beyond the
-/// ends as between the last two. No turn without samples.
+/// The attitude at `time` \[s\] from `samples` in the order of time: constant angular velocity between samples, and beyond
+/// the ends that of the nearest two. Identity without samples.
 pub fn attitude_at(samples: &[(f64, UnitQuaternion<f64>)], time: f64) -> UnitQuaternion<f64> {
     match samples {
         [] => UnitQuaternion::identity(),
@@ -103,8 +107,8 @@ mod tests {
     use super::*;
 
     #[test]
-    fn rates_are_integrated_to_the_attitude_they_belong_to() {
-        // A cone: the axis of the rate turns, so that adding rotation vectors would be wrong.
+    fn rates_are_integrated_to_the_right_attitude() {
+        // The axis moves on a cone, so adding rotation vectors would be wrong.
         let rate = |t: f64| Vector3::new(0.3 * t.cos(), 0.3 * t.sin(), 0.5);
         let sampled = |count: u32| {
             let h = 10.0 / f64::from(count);
@@ -135,7 +139,7 @@ mod tests {
         let fault = camera.fault().unwrap();
         assert_eq!(
             fault,
-            "sample 1 is at 0.5 s, but the one before at 1 s; times must increase"
+            "sample 1 is at 0.5 s, but the sample before is at 1 s; times must increase"
         );
         assert!(CameraMotion::Rates(vec![]).fault().is_some());
         assert_eq!(CameraMotion::Fixed.fault(), None);

@@ -1,16 +1,17 @@
-//! A symmetric positive matrix of 3 × 3 blocks, stored from the first block of each row that is not zero to the diagonal.
+//! Envelope (skyline) storage and Cholesky factorisation of a symmetric positive definite matrix of 3 × 3 blocks.
 //!
-//! Three rows that begin together share what is loaded: nine sums of products at a time, as wide as the machine is.
+//! Each row of blocks is stored from its first nonzero block to the diagonal. The factorisation computes nine dot products
+//! at a time, of three rows with three rows, with SIMD.
 
 use pulp::{Arch, Simd, WithSimd};
 
-/// Lower triangle of a symmetric matrix by rows of blocks; each starts where it has its first entry. A Cholesky
-/// factor fits into the same envelope. Above the diagonal of a block on the diagonal anything may stand.
+/// Lower triangle of a symmetric matrix by rows of blocks, each from its first nonzero block. The Cholesky factor has the
+/// same envelope. Entries above the diagonal within a diagonal block are unspecified.
 #[derive(Debug, Clone)]
 pub struct Envelope {
-    /// The first block that each row of blocks stores.
+    /// First stored block of each row of blocks.
     firsts: Vec<usize>,
-    /// Where in `values` it begins: three rows, one after the other.
+    /// Index in `values` where it begins: three rows, one after another.
     begins: Vec<usize>,
     values: Vec<f64>,
     /// Inverse diagonal of the factor.
@@ -41,7 +42,7 @@ impl Envelope {
         3 * self.firsts.len()
     }
 
-    /// Where a row stands in `values`.
+    /// Indices of a row in `values`.
     #[inline]
     fn range(&self, row: usize) -> std::ops::Range<usize> {
         let block = row / 3;
@@ -50,21 +51,21 @@ impl Envelope {
         begin..begin + length
     }
 
-    /// The column where a row begins, and its entries.
+    /// First stored column of a row, and its entries.
     #[inline]
     pub fn row_mut(&mut self, row: usize) -> (usize, &mut [f64]) {
         let range = self.range(row);
         (3 * self.firsts[row / 3], &mut self.values[range])
     }
 
-    /// The entry in a row and a column of its envelope.
+    /// An entry inside the envelope.
     #[inline]
     pub fn at(&mut self, row: usize, column: usize) -> &mut f64 {
         let (start, values) = self.row_mut(row);
         &mut values[column - start]
     }
 
-    /// The value there; zero outside the envelope.
+    /// The value of an entry; zero outside the envelope.
     pub fn entry(&self, row: usize, column: usize) -> f64 {
         let start = 3 * self.firsts[row / 3];
         match column < start {
@@ -73,8 +74,8 @@ impl Envelope {
         }
     }
 
-    /// Subtracts `Wᵀ W`, where the columns of `W`, three for each of `blocks` (ascending), belong to the rows of those
-    /// blocks. The rows of `W` follow one another, each [`row_length`] long and zero at its end.
+    /// Subtracts `Wᵀ W`. `W` has three columns for each of `blocks` (ascending); its rows are stored one after another,
+    /// each padded with zeros to [`row_length`].
     pub fn subtract_product(&mut self, blocks: &[usize], w: &[f64], line: &mut Vec<f64>) {
         let stride = row_length(blocks.len());
         line.resize(stride, 0.0);
@@ -120,12 +121,12 @@ impl Envelope {
     }
 }
 
-/// How long a row of `W` in [`Envelope::subtract_product`] is for so many blocks: whole registers.
+/// Length of a row of `W` in [`Envelope::subtract_product`], padded to whole registers.
 pub const fn row_length(blocks: usize) -> usize {
     (3 * blocks).next_multiple_of(8)
 }
 
-/// One row of `Wᵀ W`, for `pulp` to compile.
+/// One row of `Wᵀ W`, as a SIMD kernel.
 struct Product<'a> {
     w: &'a [f64],
     stride: usize,
@@ -149,7 +150,7 @@ impl WithSimd for Product<'_> {
     }
 }
 
-/// The factorisation, for `pulp` to compile.
+/// The factorisation, as a SIMD kernel.
 struct Factor<'a>(&'a mut Envelope);
 
 impl WithSimd for Factor<'_> {
@@ -169,7 +170,7 @@ impl WithSimd for Factor<'_> {
             for k in first..=j {
                 let from = first.max(firsts[k]);
                 let (at, width) = (3 * (from - first), 3 * (k - from));
-                // No closures: `pulp` compiles only what is inlined.
+                // No closures: they would not be inlined into the SIMD kernel.
                 let here = three(&own[at..], length, width);
                 let other_length = 3 * (k + 1 - firsts[k]);
                 let sums = if k == j {
@@ -214,7 +215,7 @@ impl WithSimd for Factor<'_> {
     }
 }
 
-/// The beginnings of three rows that follow one another.
+/// The first `width` entries of three consecutive rows.
 #[inline(always)]
 fn three(rows: &[f64], length: usize, width: usize) -> [&[f64]; 3] {
     [
@@ -224,7 +225,7 @@ fn three(rows: &[f64], length: usize, width: usize) -> [&[f64]; 3] {
     ]
 }
 
-/// Products of each of three rows with each of three others.
+/// Dot products of each of three rows with each of three others.
 #[inline(always)]
 fn products<S: Simd>(simd: S, a: [&[f64]; 3], b: [&[f64]; 3]) -> [[f64; 3]; 3] {
     let mut sums = [[simd.splat_f64s(0.0); 3]; 3];
@@ -238,18 +239,18 @@ fn products<S: Simd>(simd: S, a: [&[f64]; 3], b: [&[f64]; 3]) -> [[f64; 3]; 3] {
             [b0[c], b1[c], b2[c]],
         );
     }
-    let whole = a0.len() * S::F64_LANES;
-    if whole < a[0].len() {
+    let vectorised = a0.len() * S::F64_LANES;
+    if vectorised < a[0].len() {
         let last = [
             [
-                simd.partial_load_f64s(&a[0][whole..]),
-                simd.partial_load_f64s(&a[1][whole..]),
-                simd.partial_load_f64s(&a[2][whole..]),
+                simd.partial_load_f64s(&a[0][vectorised..]),
+                simd.partial_load_f64s(&a[1][vectorised..]),
+                simd.partial_load_f64s(&a[2][vectorised..]),
             ],
             [
-                simd.partial_load_f64s(&b[0][whole..]),
-                simd.partial_load_f64s(&b[1][whole..]),
-                simd.partial_load_f64s(&b[2][whole..]),
+                simd.partial_load_f64s(&b[0][vectorised..]),
+                simd.partial_load_f64s(&b[1][vectorised..]),
+                simd.partial_load_f64s(&b[2][vectorised..]),
             ],
         ];
         add(simd, &mut sums, last[0], last[1]);
@@ -263,7 +264,7 @@ fn products<S: Simd>(simd: S, a: [&[f64]; 3], b: [&[f64]; 3]) -> [[f64; 3]; 3] {
     out
 }
 
-/// As many whole registers of each row as the first has.
+/// The rows as whole registers; the remainder is left out.
 #[inline(always)]
 fn lanes<S: Simd>(rows: [&[f64]; 3]) -> [&[S::f64s]; 3] {
     let first = S::as_simd_f64s(rows[0]).0;
@@ -284,7 +285,7 @@ fn add<S: Simd>(simd: S, sums: &mut [[S::f64s; 3]; 3], x: [S::f64s; 3], y: [S::f
     }
 }
 
-/// Four sums side by side, so that the processor need not wait for each addition.
+/// Dot product with four independent sums, so that additions need not wait for each other.
 #[inline]
 fn dot(a: &[f64], b: &[f64]) -> f64 {
     let mut sums = [0.0; 4];
@@ -305,7 +306,7 @@ mod tests {
     use super::*;
     use nalgebra::{DMatrix, DVector};
 
-    /// A matrix whose rows of blocks begin at different ones, and the same stored.
+    /// A matrix whose rows begin at different blocks, dense and in envelope storage.
     fn matrix() -> (DMatrix<f64>, Envelope) {
         let firsts = vec![0, 0, 1, 1, 3, 0, 4, 7, 2, 0];
         let n = 3 * firsts.len();
@@ -327,7 +328,7 @@ mod tests {
     }
 
     #[test]
-    fn factor_and_solution_are_those_of_the_dense_matrix_at_every_width() {
+    fn factor_and_solution_equal_those_of_the_dense_matrix_at_every_simd_width() {
         let (dense, stored) = matrix();
         let n = dense.nrows();
         let right = DVector::from_fn(n, |i, _| i as f64 - 2.5);
@@ -348,7 +349,7 @@ mod tests {
     }
 
     #[test]
-    fn a_product_is_subtracted_where_its_blocks_are() {
+    fn a_product_is_subtracted_from_its_blocks() {
         let blocks = [0, 1, 5];
         let stride = row_length(blocks.len());
         let mut w = vec![0.0; 2 * stride];
@@ -370,7 +371,7 @@ mod tests {
     }
 
     #[test]
-    fn an_indefinite_matrix_is_told() {
+    fn an_indefinite_matrix_is_reported() {
         let mut envelope = Envelope::new(vec![0]);
         for i in 0..3 {
             *envelope.at(i, i) = 1.0;

@@ -2,13 +2,13 @@
 //!
 //! Nistér, An efficient solution to the five-point relative pose problem, PAMI 26 (2004), in the form of
 //! Stewénius, Engels and Nistér (2006): the ten cubic constraints on `E = x E₁ + y E₂ + z E₃ + E₄` are linear in
-//! the twenty monomials of x, y, z; eliminating those of degree three leaves multiplication by x as a 10 × 10
-//! matrix, whose eigenvectors hold the solutions. Unlike eight points linearly, five suffice on planes and
-//! on a box's corners, too.
+//! the twenty monomials of x, y, z; eliminating those of degree three gives the multiplication by x as a 10 × 10
+//! matrix, whose eigenvectors contain the solutions. Unlike the linear eight-point method, this also works for points
+//! in a plane and at the corners of a box.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
-/// Exponents of (x, y, z); those of degree three first. Columns of the constraints.
+/// Exponents of (x, y, z) of the monomials, degree three first: the columns of the constraints.
 const MONOMIALS: [[u8; 3]; 20] = [
     [3, 0, 0],
     [2, 1, 0],
@@ -52,7 +52,7 @@ impl Cubic {
         self
     }
 
-    /// Product; terms above degree three must vanish.
+    /// Product of two polynomials whose degrees add up to at most three.
     fn times(&self, other: &Self, products: &[[usize; 20]; 20]) -> Self {
         let mut c = Self::ZERO;
         for (a, row) in self.0.iter().zip(products).filter(|(a, _)| **a != 0.0) {
@@ -66,7 +66,7 @@ impl Cubic {
     }
 }
 
-/// Which monomial the product of two is; 20 above degree three.
+/// Index of the product of two monomials; 20 above degree three.
 fn products() -> [[usize; 20]; 20] {
     std::array::from_fn(|i| {
         std::array::from_fn(|j| {
@@ -76,8 +76,8 @@ fn products() -> [[usize; 20]; 20] {
     })
 }
 
-/// Essential matrices with `second · E first = 0` for all five pairs of rays. At most ten; none where the
-/// points leave too much open.
+/// Essential matrices with `second · E first = 0` for all five pairs of rays. At most ten; none if the
+/// points do not determine them.
 pub fn essential_matrices(rays: &[(Vector3<f64>, Vector3<f64>); 5]) -> Vec<Matrix3<f64>> {
     let basis = null_space(rays);
     let products = products();
@@ -124,7 +124,7 @@ pub fn essential_matrices(rays: &[(Vector3<f64>, Vector3<f64>); 5]) -> Vec<Matri
         .collect()
 }
 
-/// Four orthonormal matrices that span what the five epipolar constraints leave.
+/// Four orthonormal matrices that span the null space of the five epipolar constraints.
 fn null_space(rays: &[(Vector3<f64>, Vector3<f64>); 5]) -> [Matrix3<f64>; 4] {
     let mut rows: Vec<SVector<f64, 9>> = Vec::with_capacity(9);
     let against = |v: &mut SVector<f64, 9>, rows: &[SVector<f64, 9>]| {
@@ -143,11 +143,11 @@ fn null_space(rays: &[(Vector3<f64>, Vector3<f64>); 5]) -> [Matrix3<f64>; 4] {
         }
     }
     let constraints = rows.len();
-    // Complete to a basis: the axis that the rows so far hold least of.
+    // Complete to a basis with the axes that have the smallest projection on the rows so far.
     while rows.len() < 9 {
-        let held = |k: usize| rows.iter().map(|r| r[k] * r[k]).sum::<f64>();
+        let projection = |k: usize| rows.iter().map(|r| r[k] * r[k]).sum::<f64>();
         let axis = (0..9)
-            .min_by(|a, b| held(*a).total_cmp(&held(*b)))
+            .min_by(|a, b| projection(*a).total_cmp(&projection(*b)))
             .unwrap_or(0);
         let mut v = SVector::<f64, 9>::zeros();
         v[axis] = 1.0;
@@ -158,7 +158,7 @@ fn null_space(rays: &[(Vector3<f64>, Vector3<f64>); 5]) -> [Matrix3<f64>; 4] {
     std::array::from_fn(|k| Matrix3::from_fn(|i, j| free[k][3 * i + j]))
 }
 
-/// Solves the constraints for the monomials of degree three; the coefficients of the other ten.
+/// Solves the constraints for the monomials of degree three; returns the coefficients of the other ten.
 fn eliminate(constraints: &[Cubic]) -> Option<SMatrix<f64, 10, 10>> {
     let left = SMatrix::<f64, 10, 10>::from_fn(|i, j| constraints[i].0[j]);
     let right = SMatrix::<f64, 10, 10>::from_fn(|i, j| constraints[i].0[10 + j]);
@@ -168,7 +168,7 @@ fn eliminate(constraints: &[Cubic]) -> Option<SMatrix<f64, 10, 10>> {
 /// Real (x, y, z) from the eigenvectors of multiplication by x in the monomials of degree two and less.
 fn solutions(reduced: &SMatrix<f64, 10, 10>) -> Vec<[f64; 3]> {
     let mut action = SMatrix::<f64, 10, 10>::zeros();
-    // x times x², xy, y², xz, yz, z² is of degree three: rows 0, 1, 2, 4, 5, 7 of what was eliminated.
+    // x times x², xy, y², xz, yz, z² is of degree three: rows 0, 1, 2, 4, 5, 7 of `reduced`.
     for (row, cubic) in [0, 1, 2, 4, 5, 7].into_iter().enumerate() {
         action.set_row(row, &(-reduced.row(cubic)));
     }
@@ -188,7 +188,7 @@ fn solutions(reduced: &SMatrix<f64, 10, 10>) -> Vec<[f64; 3]> {
         .filter(|v| v.im.abs() < 1e-6 * scale)
         .map(|v| v.re);
     real.filter_map(|x| {
-        // Inverse iteration: two solves from a start that is orthogonal to nothing in particular.
+        // Inverse iteration: two solves from a generic start.
         let mut shifted = action;
         for i in 0..10 {
             shifted[(i, i)] -= x + 1e-9 * scale;
@@ -237,7 +237,7 @@ mod tests {
     }
 
     #[test]
-    fn five_times_the_same_point_do_not_disturb() {
+    fn five_equal_points_give_no_infinite_solution() {
         let ray = Vector3::new(0.1, 0.2, 1.0);
         for E in essential_matrices(&[(ray, ray); 5]) {
             assert!(E.iter().all(|e| e.is_finite()));

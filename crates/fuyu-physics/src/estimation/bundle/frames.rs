@@ -1,4 +1,4 @@
-//! Tracks as the solver takes them: points numbered, pixels from the principal point, the camera's own attitude.
+//! Tracks in the form that the solver uses: numbered tracks, pixels relative to the principal point, camera attitudes.
 
 use std::collections::HashMap;
 
@@ -8,29 +8,29 @@ use super::relative_pose::Pair;
 use crate::estimation::Tracks;
 use crate::vision::Pinhole;
 
-/// An image point of a numbered track.
+/// Observation of a track in a frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Sight {
-    /// Which track, numbered by first appearance.
+pub struct Observation {
+    /// Number of the track, by first appearance.
     pub track: usize,
-    /// Where, from the principal point \[px\].
+    /// Image point relative to the principal point \[px\].
     pub pixel: Vector2<f64>,
-    /// Whether it is believed.
-    pub kept: bool,
+    /// Whether it agrees with the structure so far.
+    pub inlier: bool,
 }
 
 /// One frame.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frame {
-    /// When \[s\].
+    /// Time \[s\].
     pub time: f64,
     /// The camera's axes in inertial axes.
     pub R_WC: UnitQuaternion<f64>,
-    /// What it shows, by ascending track.
-    pub sights: Vec<Sight>,
+    /// Its observations, by ascending track.
+    pub observations: Vec<Observation>,
 }
 
-/// All frames, and what they have in common.
+/// All frames, with track ids and focal lengths.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Frames {
     /// In the order of time.
@@ -51,32 +51,36 @@ impl Frames {
         mut R_WC: impl FnMut(f64) -> UnitQuaternion<f64>,
     ) -> Self {
         let mut lengths = HashMap::<u64, usize>::new();
-        for feature in tracks.sightings().iter().flat_map(|s| &s.features) {
+        for feature in tracks.frames().iter().flat_map(|s| &s.features) {
             *lengths.entry(feature.id).or_default() += 1;
         }
         let (mut numbers, mut ids) = (HashMap::<u64, usize>::new(), Vec::new());
-        let mut list = Vec::with_capacity(tracks.sightings().len());
-        for sighting in tracks.sightings() {
+        let mut list = Vec::with_capacity(tracks.frames().len());
+        for sighting in tracks.frames() {
             let mut features: Vec<_> = sighting.features.iter().collect();
             if features.len() > most {
                 features.sort_by_key(|f| (std::cmp::Reverse(lengths[&f.id]), f.id));
                 features.truncate(most);
             }
-            let mut sights = Vec::with_capacity(features.len());
+            let mut observations = Vec::with_capacity(features.len());
             for feature in features {
                 let track = *numbers.entry(feature.id).or_insert_with(|| {
                     ids.push(feature.id);
                     ids.len() - 1
                 });
                 let pixel = Vector2::new(feature.u - camera.cx, feature.v - camera.cy);
-                let kept = true;
-                sights.push(Sight { track, pixel, kept });
+                let inlier = true;
+                observations.push(Observation {
+                    track,
+                    pixel,
+                    inlier,
+                });
             }
-            sights.sort_by_key(|s| s.track);
+            observations.sort_by_key(|s| s.track);
             list.push(Frame {
                 time: sighting.time,
                 R_WC: R_WC(sighting.time),
-                sights,
+                observations,
             });
         }
         Self {
@@ -86,14 +90,14 @@ impl Frames {
         }
     }
 
-    /// The believed points that frames `i` and `j` share: track, pixel in each.
+    /// The inliers that frames `i` and `j` share: track, pixel in each.
     pub fn common(&self, i: usize, j: usize) -> Vec<(usize, Vector2<f64>, Vector2<f64>)> {
-        let (a, b) = (&self.list[i].sights, &self.list[j].sights);
+        let (a, b) = (&self.list[i].observations, &self.list[j].observations);
         let mut rest = b.iter().peekable();
         let mut both = Vec::with_capacity(a.len().min(b.len()));
-        for s in a.iter().filter(|s| s.kept) {
+        for s in a.iter().filter(|s| s.inlier) {
             while rest.next_if(|o| o.track < s.track).is_some() {}
-            if let Some(o) = rest.peek().filter(|o| o.track == s.track && o.kept) {
+            if let Some(o) = rest.peek().filter(|o| o.track == s.track && o.inlier) {
                 both.push((s.track, s.pixel, o.pixel));
             }
         }
@@ -112,8 +116,8 @@ impl Frames {
         rays.collect()
     }
 
-    /// By how much the arrangement of the common points changed from `i` to `j`, relative to its size: about
-    /// the angle turned. Shifts of all points together do not count. `None` with fewer than `least` points.
+    /// Change of the common points' arrangement from `i` to `j`, relative to its size: about the angle turned \[rad\].
+    /// Common translation is removed. `None` with fewer than `least` points.
     pub fn change(&self, i: usize, j: usize, least: usize) -> Option<f64> {
         let both = self.common(i, j);
         if both.len() < least.max(1) {
@@ -132,7 +136,7 @@ impl Frames {
         Some(median / size.max(f64::MIN_POSITIVE))
     }
 
-    /// One pixel as an angle near the optical axis \[rad\].
+    /// Angle of one pixel near the optical axis \[rad\].
     pub fn pixel_angle(&self) -> f64 {
         2.0 / (self.focal.x + self.focal.y)
     }

@@ -1,37 +1,37 @@
-//! Torque-free rotation as a model to fit: attitudes at given times and how they depend on its parameters.
+//! Torque-free rotation as a model to fit: attitudes at given times, and their derivatives by its parameters.
 //!
-//! The motion is stated by what is constant in it: the inertia matrix `I` in body axes, known up to scale and
-//! so normalised to trace 3, and the angular momentum `L` in inertial axes on the same scale. With the
+//! Its parameters are the constants of the motion: the inertia matrix `I` in body axes (its scale is not observable; it
+//! is normalised to trace 3) and the angular momentum `L` in inertial axes, on the same scale. With the
 //! attitude `R` at one time, `R' = R [w×]`, `w = I⁻¹ Rᵀ L`. No principal axes are chosen, so nothing
 //! becomes singular where two or three of the moments are equal.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 use pulp::Arch;
 
-use super::flow::{Carry, Flow};
+use super::sensitivity_propagation::{PropagatedAttitude, Propagation};
 
-/// Parameters: five of the inertia's shape, three of the momentum.
+/// Number of parameters: five of the inertia's shape, three of the momentum.
 pub const PARAMETERS: usize = 8;
 
 /// A rotation vector's derivative by the eight parameters.
 pub type Sensitivity = SMatrix<f64, 3, PARAMETERS>;
 
-/// How far each component of an inertia's shape is from a sphere's, before anything is seen: one standard
-/// deviation. A thin plate's are 0.9 together, a thin rod's 1.2.
+/// Standard deviation of the prior on each component of the inertia's shape; zero is a sphere. The norm of all five is
+/// 0.9 for a thin plate and 1.2 for a thin rod.
 pub const SHAPE_SPREAD: f64 = 0.5;
 
-/// Largest turn in one integration step \[rad\]. The order-8 method then errs by less than 1e-10 a step,
-/// which motions next to the separatrix need: they multiply it a million times.
+/// Largest rotation in one integration step \[rad\]. The error of the order-8 method is then below 1e-10 per step.
+/// Motions near the separatrix need this, because they amplify errors a million times.
 const LARGEST_TURN: f64 = 0.55;
 
-/// The least principal moment that is accepted, of a trace of 3. A rod ten times as long as thick has more.
-const LEAST_MOMENT: f64 = 5e-3;
+/// Smallest accepted principal moment, for trace 3. A rod ten times as long as thick has more.
+const SMALLEST_MOMENT: f64 = 5e-3;
 
-/// The largest one. No moment of a body exceeds the sum of the others, 1.5; noise may show a thin plate
-/// on the wrong side.
+/// Largest accepted principal moment. No moment of a body exceeds the sum of the others, 1.5; noise may push a thin plate
+/// beyond that.
 const LARGEST_MOMENT: f64 = 1.6;
 
-/// A torque-free rotation: everything but a choice of time and attitude to start from.
+/// A torque-free rotation: its constants, and the attitude at a reference time.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct FreeMotion {
     /// Inertia matrix in body axes, scaled to trace 3.
@@ -44,7 +44,7 @@ pub struct FreeMotion {
     pub R_WB: UnitQuaternion<f64>,
 }
 
-/// Orthonormal directions of symmetric matrices without trace.
+/// Orthonormal basis of the symmetric matrices with zero trace.
 pub fn shape_basis() -> [Matrix3<f64>; 5] {
     let (h, s) = (0.5f64.sqrt(), (1.0f64 / 6.0).sqrt());
     let pair = |i: usize, j: usize| {
@@ -62,13 +62,13 @@ pub fn shape_basis() -> [Matrix3<f64>; 5] {
     ]
 }
 
-/// The five components of an inertia's shape that [`shape_basis`] spans.
+/// Components of an inertia in [`shape_basis`].
 pub fn shape_of(inertia: &Matrix3<f64>) -> SVector<f64, 5> {
     let basis = shape_basis();
     SVector::from_fn(|i, _| inertia.dot(&basis[i]))
 }
 
-/// `E_k v` for every direction `E_k` of [`shape_basis`], as columns.
+/// `E_k v` for every matrix `E_k` of [`shape_basis`], as columns.
 pub fn shape_times(v: &Vector3<f64>) -> SMatrix<f64, 3, 5> {
     let (h, s) = (0.5f64.sqrt(), (1.0f64 / 6.0).sqrt());
     #[rustfmt::skip]
@@ -93,7 +93,7 @@ impl FreeMotion {
             inertia += e * *d;
         }
         let moments = inertia.symmetric_eigenvalues();
-        let possible = moments.min() > LEAST_MOMENT && moments.max() < LARGEST_MOMENT;
+        let possible = moments.min() > SMALLEST_MOMENT && moments.max() < LARGEST_MOMENT;
         let finite = momentum.iter().all(|x| x.is_finite());
         (possible && finite).then_some(Self {
             inertia,
@@ -103,8 +103,8 @@ impl FreeMotion {
         })
     }
 
-    /// The motion with its eight parameters changed by `step`; attitude and time stay. `None` as in
-    /// [`FreeMotion::new`], or if the momentum would change by half: no linearisation holds so far.
+    /// The motion with its eight parameters changed by `step`; attitude and time stay the same. `None` as in
+    /// [`FreeMotion::new`], or if the momentum would change by more than half, where no linearisation is valid.
     pub fn moved(&self, step: &SVector<f64, PARAMETERS>) -> Option<Self> {
         let shape = shape_of(&self.inertia) + step.fixed_rows::<5>(0);
         let change = step.fixed_rows::<3>(5).into_owned();
@@ -124,57 +124,63 @@ impl FreeMotion {
     /// Attitudes at `times` (ascending).
     pub fn attitudes(&self, times: &[f64]) -> Vec<UnitQuaternion<f64>> {
         let mut out = Vec::with_capacity(times.len());
-        self.walk::<false>(times, |flow| out.push(flow.R));
+        self.propagate::<false>(times, |propagated| out.push(propagated.R));
         out
     }
 
-    /// Attitudes at `times` (ascending), and how each turns with the parameters: `R exp([S δ]×)` is the
-    /// attitude of the motion changed by `δ`. The attitude at [`FreeMotion::time`] stays.
+    /// Attitudes at `times` (ascending), each with its sensitivity `S` to the parameters: `R exp([S δ]×)` is the
+    /// attitude of the motion changed by `δ`. The attitude at [`FreeMotion::time`] does not depend on the parameters.
     pub fn attitudes_and_sensitivities(
         &self,
         times: &[f64],
     ) -> Vec<(UnitQuaternion<f64>, Sensitivity)> {
         let mut out = Vec::with_capacity(times.len());
-        self.walk::<true>(times, |flow| out.push((flow.R, flow.sensitivity())));
+        self.propagate::<true>(times, |propagated| {
+            out.push((propagated.R, propagated.sensitivity()))
+        });
         out
     }
 
-    /// From the reference time backwards and forwards through `times`, in the order of time.
-    fn walk<const SENSITIVE: bool>(&self, times: &[f64], mut visit: impl FnMut(&Flow)) {
+    /// Integrates from the reference time backwards and forwards through `times`; visits them in ascending order.
+    fn propagate<const SENSITIVE: bool>(
+        &self,
+        times: &[f64],
+        mut visit: impl FnMut(&PropagatedAttitude),
+    ) {
         let Some(inverse) = self.inertia.try_inverse() else {
             return;
         };
-        // All energy about the axis of the least moment.
+        // Upper bound of the angular rate: all energy about the axis of the smallest moment.
         let h = self.R_WB.inverse_transform_vector(&self.momentum);
         let fastest = (h.dot(&(inverse * h)) * inverse.symmetric_eigenvalues().max()).sqrt();
         let split = times.partition_point(|t| *t < self.time);
-        let begin = Flow::new(self.R_WB);
+        let begin = PropagatedAttitude::new(self.R_WB);
         let arch = Arch::new();
-        let carry = |flow: &mut Flow, span: f64| {
+        let advance = |propagated: &mut PropagatedAttitude, span: f64| {
             let steps = (fastest * span.abs() / LARGEST_TURN).ceil().max(1.0);
             if span == 0.0 || !steps.is_finite() {
                 return;
             }
-            let carry = Carry::<SENSITIVE> {
+            let advance = Propagation::<SENSITIVE> {
                 inverse: &inverse,
                 momentum: &self.momentum,
-                flow,
+                propagated,
                 h: span / steps,
                 steps: steps as usize,
             };
-            carry.run(arch);
+            advance.run(arch);
         };
         let mut now = (self.time, begin);
         let mut before = Vec::with_capacity(split);
         for &t in times[..split].iter().rev() {
-            carry(&mut now.1, t - now.0);
+            advance(&mut now.1, t - now.0);
             now.0 = t;
             before.push(now.1);
         }
         before.iter().rev().for_each(&mut visit);
         now = (self.time, begin);
         for &t in &times[split..] {
-            carry(&mut now.1, t - now.0);
+            advance(&mut now.1, t - now.0);
             now.0 = t;
             visit(&now.1);
         }
@@ -192,8 +198,8 @@ mod tests {
     }
 
     #[test]
-    fn energy_is_kept_over_six_minutes() {
-        // The momentum is kept by construction; the energy is not, and a wrong sign in w loses it at once.
+    fn energy_is_conserved_over_six_minutes() {
+        // Momentum is conserved by construction, energy is not: a wrong sign in w changes it at once.
         let m = motion();
         let energy = |R: &UnitQuaternion<f64>| {
             let w = m.w_WB_B(R);
@@ -204,7 +210,7 @@ mod tests {
         for R in &attitudes {
             assert!((energy(R) / energy(&m.R_WB) - 1.0).abs() < 1e-9);
         }
-        // Body rates turn by Euler's equation: I w' = (I w) × w, by a difference over 2 ms.
+        // Body rates obey Euler's equation: I w' = (I w) × w, by a difference over 2 ms.
         let near = m.attitudes(&[19.999, 20.0, 20.001]);
         let w = |i: usize| m.w_WB_B(&near[i]);
         let rate = (w(2) - w(0)) / 0.002;
@@ -215,7 +221,7 @@ mod tests {
     }
 
     #[test]
-    fn sensitivities_are_those_of_differences() {
+    fn sensitivities_match_finite_differences() {
         let m = motion();
         let times = [-25.0, -0.3, 10.0, 12.0, 80.0];
         let analytic = m.attitudes_and_sensitivities(&times);

@@ -1,35 +1,35 @@
-//! Structure from known rotations: linear in points and translations.
+//! Structure from known rotations, by linear least squares in points and translations.
 //!
-//! With `R` known, `f x = u z` for `x = R p + t` is linear in all `p` and `t` at once, so no start is needed. The
-//! weak prior on depths (see [`Scene`]) sets the scale and keeps apart what the images leave open: nearly pure
-//! rotation about the optical axis, where two views show no depth at all.
+//! With `R` known, `f x = u z` for `x = R p + t` is linear in all `p` and `t` together, so no start is needed. The
+//! weak prior on depths (see [`Scene`]) fixes the scale, and the depths that the images do not determine: in a nearly
+//! pure rotation about the optical axis two views contain no depth.
 
 use nalgebra::{Matrix3, SMatrix, SVector, UnitQuaternion, Vector3};
 
-use super::adjust::Placement;
-use super::scene::{NEAREST, Scene, residual};
+use super::pose_model::FramePose;
+use super::scene::{MIN_DEPTH, Scene, residual};
 use super::schur::System;
 
-/// Points and placements from the attitudes `R_CB` of all frames. `None` if the images do not determine them, or
-/// only with points behind the camera.
+/// Points and poses from the attitudes `R_CB` of all frames. `None` if the images do not determine them, or
+/// only with points far outside the scene.
 pub fn structure(
     scene: &Scene,
     attitudes: &[UnitQuaternion<f64>],
     noise: f64,
-) -> Option<(Vec<Vector3<f64>>, Vec<Placement>)> {
+) -> Option<(Vec<Vector3<f64>>, Vec<FramePose>)> {
     let mut points = vec![Vector3::zeros(); scene.points];
     let mut translations = vec![Vector3::z(); scene.len()];
-    // The start takes all points to be at depth one; later rounds weigh with the depths found, and with
-    // Cauchy's loss.
+    // The first round assumes depth one for all points; later rounds weight with the depths found and with Cauchy's
+    // weights.
     for round in 0..6 {
         let mut system = System::<3, 1>::new(scene.points);
         for (i, R_CB) in attitudes.iter().enumerate() {
             let R = *R_CB.to_rotation_matrix().matrix();
             let mut H = Matrix3::identity() * 1e-9;
             let mut g = Vector3::zeros();
-            for seen in scene.frame(i).iter().filter(|s| s.kept) {
-                let m = seen.pixel;
-                let x = R * points[seen.point] + translations[i];
+            for observation in scene.frame(i).iter().filter(|s| s.inlier) {
+                let m = observation.pixel;
+                let x = R * points[observation.point] + translations[i];
                 let weight = if round == 0 {
                     1.0
                 } else {
@@ -39,8 +39,8 @@ pub fn structure(
                         off.map_or(1e-3, |r| 1.0 / (1.0 + r.norm_squared() / (width * width)));
                     loss.sqrt() / x.z.max(0.2)
                 };
-                // The prior counts less than ten times the images' noise once there are images.
-                let anchor = 10.0 * scene.anchor(seen.point);
+                // Ten times as strong as in the adjustment, but still weak compared with the images.
+                let anchor = 10.0 * scene.anchor(observation.point);
                 #[rustfmt::skip]
                 let by_x = Matrix3::new(
                     weight * scene.focal.x, 0.0, -weight * m.x,
@@ -49,8 +49,8 @@ pub fn structure(
                 );
                 let r = by_x * x - Vector3::new(0.0, 0.0, anchor);
                 let by_p = by_x * R;
-                system.add_point(seen.point, &by_p.tr_mul(&by_p), &by_p.tr_mul(&r));
-                system.couple(seen.point, by_x.tr_mul(&by_p));
+                system.add_point(observation.point, &by_p.tr_mul(&by_p), &by_p.tr_mul(&r));
+                system.couple(observation.point, by_x.tr_mul(&by_p));
                 H += by_x.tr_mul(&by_x);
                 g += by_x.tr_mul(&r);
             }
@@ -66,43 +66,48 @@ pub fn structure(
             *t += d;
         }
     }
-    let placements: Vec<_> = attitudes
+    let poses: Vec<_> = attitudes
         .iter()
         .zip(&translations)
-        .map(|(&R_CB, &t_C)| Placement { R_CB, t_C })
+        .map(|(&R_CB, &t_C)| FramePose { R_CB, t_C })
         .collect();
     let finite = points.iter().chain(&translations).all(|v| v.norm() < 1e3);
-    finite.then_some((points, placements))
+    finite.then_some((points, poses))
 }
 
-/// Forgets observations that lie behind the camera; how many are left.
-pub fn drop_hidden(scene: &mut Scene, points: &[Vector3<f64>], placements: &[Placement]) -> usize {
-    let mut left = 0;
-    for (i, placement) in placements.iter().enumerate() {
-        for seen in scene.frame_mut(i) {
-            let x = placement.R_CB * points[seen.point] + placement.t_C;
-            seen.kept &= x.z > 10.0 * NEAREST;
-            left += usize::from(seen.kept);
+/// Marks observations of points behind the camera as outliers; returns the number of inliers.
+pub fn drop_points_behind_camera(
+    scene: &mut Scene,
+    points: &[Vector3<f64>],
+    poses: &[FramePose],
+) -> usize {
+    let mut inliers = 0;
+    for (i, pose) in poses.iter().enumerate() {
+        for observation in scene.frame_mut(i) {
+            let x = pose.R_CB * points[observation.point] + pose.t_C;
+            observation.inlier &= x.z > 10.0 * MIN_DEPTH;
+            inliers += usize::from(observation.inlier);
         }
     }
-    left
+    inliers
 }
 
-/// A point from the frames that see it, whose placements are known. `None` if they see it from one side only.
+/// Triangulates a point from observations in frames with known poses. `None` if they do not determine it in front of
+/// the camera.
 pub fn triangulate(
-    sights: &[(Placement, nalgebra::Vector2<f64>)],
+    observations: &[(FramePose, nalgebra::Vector2<f64>)],
     focal: &nalgebra::Vector2<f64>,
     noise: f64,
 ) -> Option<Vector3<f64>> {
     let mut p = Vector3::zeros();
-    let anchor = 2.0 * noise / (sights.len().max(1) as f64).sqrt();
+    let anchor = 2.0 * noise / (observations.len().max(1) as f64).sqrt();
     for round in 0..5 {
         let (mut H, mut g) = (Matrix3::zeros(), Vector3::zeros());
-        for (placement, m) in sights {
-            let R = *placement.R_CB.to_rotation_matrix().matrix();
-            let x = R * p + placement.t_C;
+        for (pose, m) in observations {
+            let R = *pose.R_CB.to_rotation_matrix().matrix();
+            let x = R * p + pose.t_C;
             let weight = if round == 0 {
-                1.0 / placement.t_C.z.max(0.2)
+                1.0 / pose.t_C.z.max(0.2)
             } else {
                 let width = noise * f64::from(80 >> round).max(3.0);
                 let off = residual(focal, &x, m);
@@ -115,15 +120,15 @@ pub fn triangulate(
                 0.0, weight * focal.y, -weight * m.y,
                 0.0, 0.0, anchor,
             );
-            let r = by_x * x - Vector3::new(0.0, 0.0, anchor * placement.t_C.z);
+            let r = by_x * x - Vector3::new(0.0, 0.0, anchor * pose.t_C.z);
             let by_p = by_x * R;
             H += by_p.tr_mul(&by_p);
             g += by_p.tr_mul(&r);
         }
         p -= H.cholesky()?.solve(&g);
     }
-    let ahead = sights
+    let in_front = observations
         .iter()
-        .all(|(s, _)| (s.R_CB * p + s.t_C).z > 10.0 * NEAREST);
-    (ahead && p.norm() < 1e3).then_some(p)
+        .all(|(s, _)| (s.R_CB * p + s.t_C).z > 10.0 * MIN_DEPTH);
+    (in_front && p.norm() < 1e3).then_some(p)
 }

@@ -1,54 +1,58 @@
-//! The motion of an unknown tumbling body from feature tracks, by bundle adjustment with free rotation as the model.
+//! Estimation of the motion of an unknown tumbling body from feature tracks, by bundle adjustment with torque-free
+//! rotation as the model.
 //!
-//! It goes from what needs no start to what needs a good one (Masutani 1995 estimates from angular velocities alone;
-//! this uses every image point):
+//! The stages, from those that need no start to those that need a good one:
 //!
-//! 1. `structure`: shape and placement in each frame. Rotations between key frames (`relative_pose`: Weng's
-//!    linear method, five points with RANSAC where correspondences are wrong), linear structure
-//!    (`known_rotation`), bundle adjustment (`adjust`, on the block solver `schur`).
-//! 2. `momentum_start`: inertia and momentum from the attitudes, linearly, since momentum is constant.
-//! 3. `attitude_fit`: the free motion nearest to the attitudes. Tracks too short for 1. give rotations between
-//!    neighbouring frames instead, and `relative_rotation` fits the motion to those.
-//! 4. `whole`: bundle adjustment of points and motion together, over all frames at once (`fit`): with the centre of
-//!    mass on a straight line (`straight`), or, where the images object, anywhere in each frame (`dynamic`). If
-//!    pixels are whole numbers, it ends with the likelihood of that (`loss`). A short turn is tried with other depths,
-//!    too (`rivals`).
+//! 1. `structure`: shape of the body and its pose in each frame, without dynamics. Rotations between key frames
+//!    (`relative_pose`: Weng's linear method, five points with RANSAC for wrong correspondences), linear structure
+//!    (`known_rotation`), resection of further frames (`resection`), bundle adjustment (`adjust`, on the block solver
+//!    `schur`).
+//! 2. `linear_inertia`: inertia and momentum from the attitudes by linear least squares, since momentum is constant.
+//! 3. `attitude_fit`: the torque-free motion nearest to the attitudes. Tracks too short for stage 1 give rotations
+//!    between neighbouring frames instead, and `relative_rotation` fits the motion to those.
+//! 4. `global_adjustment`: bundle adjustment of points and motion together, over all frames (`model_fit`). The centre of
+//!    mass moves on a straight line (`pose_model::linear_com_motion`) or, where the images contradict this, has an
+//!    independent position in each frame (`pose_model::free_positions`). For pixels that are whole numbers, the
+//!    likelihood of rounding refines the result (`pixel_likelihood`). After a short rotation other depths are tried
+//!    (`ambiguity`).
 //!
-//! Where that fails, tracks whose id was given to another point are cut (`reborn`), and it starts again.
+//! If that fails, tracks with reused ids are split (`reused_track_ids`), and the solver starts again.
 //!
-//! What comes out is a [`Solution`]: motion with covariance, shape, placements, and a diagnosis of what the data
-//! leave open. The motion is stated as inertia and momentum, without principal axes, so spheres, tops and
-//! spins about one axis are no special cases; their ambiguity is told, not hidden.
+//! The result is a [`Solution`]: motion with covariance, shape, poses, and a diagnosis of what the data do not determine.
+//! The motion is represented by inertia and momentum, without principal axes, so spheres, symmetric bodies and spins
+//! about one axis are no special cases; their ambiguity is reported.
+//!
+//! Masutani 1995 ([`super::masutani1995`]) estimates from angular velocities alone; this uses every image point.
 
 mod adjust;
+mod ambiguity;
 mod attitude_fit;
-mod bootstrap;
 mod camera_motion;
-mod carried;
-mod dynamic;
 mod envelope;
-mod fit;
 mod five_point;
-mod flow;
 mod frames;
 mod free_motion;
-mod free_placements;
+mod global_adjustment;
+mod inlier_gate;
+mod intrinsics;
+mod key_frames;
 mod known_rotation;
-mod loss;
-mod momentum_start;
-mod placing;
-mod reborn;
+mod linear_inertia;
+mod model_fit;
+mod pixel_likelihood;
+mod pose_model;
 mod relative_pose;
 mod relative_rotation;
-mod rivals;
+mod resection;
+mod reused_track_ids;
 mod rotations;
 mod scene;
 mod schur;
+mod sensitivity_propagation;
 mod solve;
-mod straight;
 mod structure;
+mod transferred_structure;
 mod uncertainty;
-mod whole;
 
 use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 
@@ -60,23 +64,23 @@ pub(super) use uncertainty::derivatives;
 use super::{EstimateError, MotionEstimate, Tracks};
 use crate::vision::Pinhole;
 
-/// The fewest points that neighbouring frames must share.
-pub const MIN_POINTS: usize = 8;
+/// Least number of points that neighbouring frames must share.
+const MIN_POINTS: usize = 8;
 
-/// The fewest frames.
-pub const MIN_FRAMES: usize = 8;
+/// Least number of frames with features.
+const MIN_FRAMES: usize = 8;
 
-/// What to estimate, and what is known besides the tracks.
+/// Options of the estimation, and what is known besides the tracks.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Options {
-    /// Standard deviation of an image coordinate \[px\]. What rounding to pixels leaves (0.29) unless more is known;
-    /// it is raised if the tracks turn out to be noisier.
+    /// Standard deviation of an image coordinate \[px\]. The default is that of rounding to whole pixels (0.29,
+    /// rounded up); it is increased if the tracks are noisier.
     pub pixel_noise: f64,
-    /// Whether the focal length is estimated, too; the camera's value is then the start.
+    /// Whether the focal length is estimated as well, starting from the camera's value.
     pub estimate_focal_length: bool,
-    /// How the camera itself turns.
+    /// Rotation of the camera.
     pub camera_motion: CameraMotion,
-    /// Most points of a frame that are used; those of the longest tracks are preferred.
+    /// Largest number of points that are used per frame; the longest tracks are preferred.
     pub points_per_frame: usize,
     /// Seed of the random samples. The same tracks and the same seed give the same answer.
     pub seed: u64,
@@ -99,53 +103,53 @@ impl Default for Options {
 pub struct BodyPoint {
     /// The id of its track.
     pub id: u64,
-    /// Where it is, in body axes; the unit of length is the mean depth of all points seen.
+    /// Position in body axes, in units of the mean depth of all points.
     pub p_B: Vector3<f64>,
 }
 
-/// Where the body was in one frame.
+/// Pose of the body in one frame.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BodyPose {
-    /// When \[s\].
+    /// Time \[s\].
     pub time: f64,
     /// Body axes in the camera's axes of that frame.
     pub R_CB: UnitQuaternion<f64>,
-    /// The body's origin in the camera's axes, in units of the mean depth: its centre of mass if that moves in a
-    /// straight line, else some point of the body.
+    /// The body's origin in the camera's axes, in units of the mean depth: the centre of mass if that moves on
+    /// a straight line, otherwise an arbitrary point of the body.
     pub t_C: Vector3<f64>,
 }
 
-/// The answer.
+/// Result of bundle adjustment.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Solution {
     /// The motion, in inertial axes: the camera's, or those of [`Options::camera_motion`].
     pub motion: MotionEstimate,
-    /// The shape.
+    /// The body's feature points.
     pub points: Vec<BodyPoint>,
-    /// Where the body was, in all frames that show enough of it.
+    /// Pose of the body in all frames that show enough points.
     pub poses: Vec<BodyPose>,
-    /// The camera, with the focal length found if that was asked for.
+    /// The camera, with the estimated focal length if [`Options::estimate_focal_length`] is set.
     pub camera: Pinhole,
-    /// Standard deviation of that focal length over its value.
+    /// Standard deviation of the estimated focal length, relative to its value.
     pub focal_deviation: Option<f64>,
-    /// Image points that were left out as wrong, of all.
+    /// Outliers as a share of all image points.
     pub outliers: f64,
-    /// What to know about the answer, one line each; empty if all is well determined.
+    /// Remarks for the user, one line each; empty if everything is well determined.
     pub diagnosis: Vec<String>,
-    /// The motion as it was fitted.
+    /// The fitted motion.
     pub(super) free: FreeMotion,
-    /// Covariance of its eight parameters.
+    /// Covariance of the fitted motion's eight parameters.
     pub(super) covariance: SMatrix<f64, PARAMETERS, PARAMETERS>,
 }
 
 impl Solution {
-    /// Covariance of the turn from `from` to `to` \[s\] as [`Solution::motion`] tells it: of the error's rotation
-    /// vector, in body axes at `to` \[rad²\]. With both times after the last frame it is that of a prediction.
+    /// Covariance of the rotation from `from` to `to` \[s\] as given by [`Solution::motion`]: of the rotation vector of its
+    /// error, in body axes at `to` \[rad²\]. With both times after the last frame it is that of a prediction.
     pub fn turn_covariance(&self, from: f64, to: f64) -> Matrix3<f64> {
         let (first, last) = (from.min(to), from.max(to));
-        let swept = self.free.attitudes_and_sensitivities(&[first, last]);
-        let (R_first, S_first) = swept[0];
-        let (R_last, S_last) = swept[1];
+        let attitudes = self.free.attitudes_and_sensitivities(&[first, last]);
+        let (R_first, S_first) = attitudes[0];
+        let (R_last, S_last) = attitudes[1];
         let turn = R_last.inverse() * R_first;
         let across = S_last - turn.to_rotation_matrix() * S_first;
         let covariance = across * self.covariance * across.transpose();
@@ -157,10 +161,10 @@ impl Solution {
     }
 }
 
-/// Estimates the motion of the one rigid body that `tracks` show.
+/// Estimates the motion of the rigid body that `tracks` show.
 ///
 /// # Errors
-/// [`EstimateError`] if the tracks hold too little, do not move, or are not those of a freely turning rigid body.
+/// [`EstimateError`] if the tracks contain too little data, do not move, or are not those of a freely rotating rigid body.
 pub fn estimate(
     tracks: &Tracks,
     camera: &Pinhole,

@@ -1,8 +1,8 @@
-//! Motion between two views in which some correspondences are wrong: RANSAC, then least squares.
+//! Relative pose of two views with some wrong correspondences: RANSAC, then least squares.
 //!
-//! Candidates are Weng's linear solution, a pure rotation (a body that turns about the optical axis moves no
-//! point along its ray, so no translation can be seen), and, if these leave doubts, the solutions of five points
-//! drawn at random. The best few are refined on all points with Cauchy's loss.
+//! Candidates are Weng's linear solution, a pure rotation (for a body that turns about the optical axis the translation
+//! is not observable), and, if these explain the views poorly, five-point solutions of random samples. The best few are
+//! refined on all points with Cauchy's cost.
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{
@@ -16,10 +16,10 @@ use super::rotations::{right_jacobian, rotation_between_rays};
 use crate::estimation::two_view::two_view_motion;
 use crate::spatial::exp_so3;
 
-/// The fewest correspondences from which a motion is taken: five determine it, more tell whether it holds.
+/// Least number of correspondences; five determine the motion, the others test it.
 pub const MIN_POINTS: usize = 7;
 
-/// Most samples that are drawn. At 20 % wrong correspondences a third of all samples is clean.
+/// Number of random samples. With 20 % wrong correspondences a third of them contains none.
 const SAMPLES: usize = 40;
 
 /// Rays of a point in both views, scaled to z = 1.
@@ -30,13 +30,13 @@ pub type Pair = (Vector3<f64>, Vector3<f64>);
 pub struct RelativePose {
     /// Rotation.
     pub R: Rotation3<f64>,
-    /// Direction of translation; means nothing where there is none.
+    /// Direction of translation; arbitrary if there is no translation.
     pub direction: UnitVector3<f64>,
-    /// Which correspondences agree.
+    /// By correspondence: whether it agrees.
     pub agreeing: Vec<bool>,
     /// Root mean square of Sampson's error over those that agree, in the rays' units.
     pub rms: f64,
-    /// Information on the rotation (turn in the first view's axes) with the direction marginalised out, for
+    /// Information on the rotation (in the first view's axes) with the direction marginalised out, for
     /// Sampson errors of unit variance.
     pub information: Matrix3<f64>,
 }
@@ -75,10 +75,10 @@ pub fn relative_pose(pairs: &[Pair], noise: f64, rng: &mut impl Rng) -> Option<R
     best
 }
 
-/// Standard deviation of an image point in the rays' units, as far as the two views tell: from the median of
-/// Sampson's errors, so that some may be wrong. `noise` is what it is at least. `None` if they hold too little.
+/// Standard deviation of an image point in the rays' units, from the median of Sampson's errors between two views (so
+/// some correspondences may be wrong). `noise` is a lower estimate of it. `None` with fewer than ten points.
 pub fn noise_between(pairs: &[Pair], noise: f64) -> Option<f64> {
-    // Five unknowns fit some of it.
+    // The motion has five unknowns.
     let freedom = pairs.len().checked_sub(5).filter(|f| *f >= 5)? as f64;
     let scale = 3.0 * noise;
     let found = best_of(starts(pairs, scale), pairs, scale)?;
@@ -86,13 +86,13 @@ pub fn noise_between(pairs: &[Pair], noise: f64) -> Option<f64> {
     let mut errors: Vec<f64> = pairs.iter().map(|p| sampson(&E, p).abs()).collect();
     let middle = errors.len() / 2;
     let median = *errors.select_nth_unstable_by(middle, f64::total_cmp).1;
-    // The median of a Gaussian's sizes is 0.6745 deviations.
+    // The median absolute value of a Gaussian is 0.6745 standard deviations.
     Some(median / 0.6745 * (pairs.len() as f64 / freedom).sqrt())
 }
 
 type Candidate = (Rotation3<f64>, UnitVector3<f64>);
 
-/// Candidates that need no luck: the linear solution, and rotation alone.
+/// Deterministic candidates: the linear solution, and pure rotation.
 fn starts(pairs: &[Pair], scale: f64) -> Vec<Candidate> {
     let linear = two_view_motion(pairs).ok().map(|m| (m.R, m.direction));
     let turned = rotation_between_rays(pairs, scale);
@@ -101,13 +101,13 @@ fn starts(pairs: &[Pair], scale: f64) -> Vec<Candidate> {
     linear.into_iter().chain(turns).collect()
 }
 
-/// The candidate with the least loss after refinement.
+/// The candidate with the least cost after refinement.
 fn best_of(candidates: Vec<Candidate>, pairs: &[Pair], scale: f64) -> Option<Candidate> {
     let refined = candidates.into_iter().map(|c| refine(c, pairs, scale));
     best_first(refined.collect(), pairs, scale).next()
 }
 
-/// By ascending loss.
+/// The candidates by ascending cost.
 fn best_first(
     candidates: Vec<Candidate>,
     pairs: &[Pair],
@@ -119,11 +119,11 @@ fn best_first(
     scored.into_iter().map(|(_, candidate)| candidate)
 }
 
-/// Cauchy's loss over all pairs.
+/// Cauchy's cost over all pairs.
 fn score(candidate: &Candidate, pairs: &[Pair], scale: f64) -> f64 {
     let E = essential(candidate);
-    let loss = |p: &Pair| (sampson(&E, p) / scale).powi(2).ln_1p();
-    pairs.iter().map(loss).sum()
+    let cost = |p: &Pair| (sampson(&E, p) / scale).powi(2).ln_1p();
+    pairs.iter().map(cost).sum()
 }
 
 fn essential((R, T): &Candidate) -> Matrix3<f64> {
@@ -179,9 +179,9 @@ fn refine(candidate: Candidate, pairs: &[Pair], scale: f64) -> Candidate {
         let solver = LevenbergMarquardt::new().with_patience(5).with_tol(1e-6);
         let (solved, _) = solver.minimize(problem);
         let next = solved.now;
-        let still = current.0.angle_to(&next.0) < 1e-7;
+        let converged = current.0.angle_to(&next.0) < 1e-7;
         current = next;
-        if still {
+        if converged {
             break;
         }
     }
@@ -196,13 +196,13 @@ fn finish(candidate: Candidate, pairs: &[Pair], noise: f64) -> Option<RelativePo
     if count < MIN_POINTS {
         return None;
     }
-    let kept = errors.iter().zip(&agreeing).filter(|(_, a)| **a);
-    let rms = (kept.map(|(e, _)| e * e).sum::<f64>() / count as f64).sqrt();
+    let inliers = errors.iter().zip(&agreeing).filter(|(_, a)| **a);
+    let rms = (inliers.map(|(e, _)| e * e).sum::<f64>() / count as f64).sqrt();
     let weights = agreeing.iter().map(|a| f64::from(u8::from(*a))).collect();
     let J = Epipolar::new(candidate, pairs, weights).jacobian()?;
     let H = SMatrix::<f64, 5, 5>::from_fn(|i, j| J.column(i).dot(&J.column(j)));
     let (rr, rt) = (H.fixed_view::<3, 3>(0, 0), H.fixed_view::<3, 2>(0, 3));
-    // Where there is no translation its direction is open, and takes nothing from the rotation.
+    // Without translation its direction is undetermined; the term keeps the matrix regular.
     let tt = H.fixed_view::<2, 2>(3, 3) + nalgebra::Matrix2::identity() * (1e-9 * H.trace());
     let information = rr - rt * tt.try_inverse()? * rt.transpose();
     Some(RelativePose {
@@ -214,7 +214,7 @@ fn finish(candidate: Candidate, pairs: &[Pair], noise: f64) -> Option<RelativePo
     })
 }
 
-/// Sampson errors as functions of a turn of R and a shift of T along two directions across it.
+/// Sampson errors as functions of a rotation of R (3) and a shift of T in two directions across it (2).
 struct Epipolar<'a> {
     pairs: &'a [Pair],
     weights: Vec<f64>,
@@ -327,7 +327,7 @@ mod tests {
     }
 
     #[test]
-    fn wrong_correspondences_are_found_and_left_out() {
+    fn wrong_correspondences_are_rejected() {
         for seed in 0..10 {
             let (pairs, R) = pairs(Vector3::new(0.15, 0.05, 0.1), 4, 6e-4, seed);
             let mut rng = StdRng::seed_from_u64(1);
@@ -337,8 +337,8 @@ mod tests {
                 "{seed}: {}",
                 found.R.angle_to(&R)
             );
-            let kept = found.agreeing[4..].iter().filter(|a| **a).count();
-            assert!(kept >= 15, "{seed}: {kept}");
+            let inliers = found.agreeing[4..].iter().filter(|a| **a).count();
+            assert!(inliers >= 15, "{seed}: {inliers}");
         }
     }
 
@@ -351,7 +351,7 @@ mod tests {
     }
 
     #[test]
-    fn the_jacobian_is_that_of_differences() {
+    fn the_jacobian_matches_finite_differences() {
         let (pairs, R) = pairs(Vector3::new(0.15, 0.05, 0.1), 0, 6e-3, 5);
         let T = UnitVector3::new_normalize(Vector3::new(0.2, 0.0, 0.1));
         let mut problem = Epipolar::new((R, T), &pairs, vec![1.0; pairs.len()]);

@@ -1,7 +1,7 @@
-//! The free motion nearest to rotations between frames: for tracks too short to build a structure from.
+//! Fit of a torque-free rotation to the rotations between frames, for tracks too short for a structure.
 //!
-//! Each pair of frames up to four apart gives a rotation, whatever points they share. The attitude at the start is
-//! not observable from these, so eight unknowns remain, those of [`FreeMotion`].
+//! Each pair of frames up to four apart gives a rotation; the points may be others in each pair. The initial attitude is
+//! not observable from these, so the eight parameters of [`FreeMotion`] are the unknowns.
 
 use levenberg_marquardt::{LeastSquaresProblem, LevenbergMarquardt};
 use nalgebra::{Const, Dyn, Matrix3, OMatrix, OVector, Owned, SVector, UnitQuaternion, Vector3};
@@ -9,27 +9,27 @@ use rand::Rng;
 
 use super::frames::Frames;
 use super::free_motion::{FreeMotion, PARAMETERS, SHAPE_SPREAD, Sensitivity, shape_of};
-use super::momentum_start::{Attitude, momentum_start, rates};
+use super::linear_inertia::{AttitudeSample, fit_inertia_and_momentum, rates};
 use super::relative_pose::relative_pose;
 use super::rotations::right_jacobian_inverse;
 
-/// Frames apart that are compared.
+/// Largest distance of compared frames.
 const BASELINES: usize = 4;
 
-/// Attitudes that are chained for the start; errors add up along the chain.
+/// Largest number of rotations that are chained for the start; errors accumulate along the chain.
 const CHAIN: usize = 80;
 
 /// A measured rotation between two frames, in inertial axes: `R_WB(to) = turn R_WB(from)`.
 #[derive(Debug, Clone, Copy, PartialEq)]
-struct Turn {
+struct RelativeRotation {
     from: usize,
     to: usize,
     turn: UnitQuaternion<f64>,
-    /// Square root of its information: whitens an error in inertial axes at `from`.
+    /// Square root of its information matrix: whitens an error in inertial axes at `from`.
     whitening: Matrix3<f64>,
 }
 
-/// Fits the motion to the rotations between frames.
+/// Fits a motion to the rotations between frames; `noise` of the images \[px\].
 pub fn relative_rotation_fit(
     frames: &Frames,
     noise: f64,
@@ -44,20 +44,24 @@ pub fn relative_rotation_fit(
     }
     let times: Vec<f64> = frames.list.iter().map(|f| f.time).collect();
     let start = chained_start(&times, &turns)?;
-    let reach = |t: &Turn| (times[t.from] - start.time).abs();
-    let whole = turns.iter().map(reach).fold(0.0, f64::max);
+    let distance = |t: &RelativeRotation| (times[t.from] - start.time).abs();
+    let full_span = turns.iter().map(distance).fold(0.0, f64::max);
     let rate = start.w_WB_B(&start.R_WB).norm();
-    let mut span = (12.0 / rate.max(1e-9)).min(whole);
+    let mut span = (12.0 / rate.max(1e-9)).min(full_span);
     let mut motion = start;
     loop {
-        let within: Vec<Turn> = turns.iter().filter(|t| reach(t) <= span).copied().collect();
+        let within: Vec<RelativeRotation> = turns
+            .iter()
+            .filter(|t| distance(t) <= span)
+            .copied()
+            .collect();
         for _ in 0..3 {
             motion = improve(motion, &times, &within)?;
         }
-        if span >= whole {
+        if span >= full_span {
             return Some(motion);
         }
-        span = (1.5 * span).min(whole);
+        span = (1.5 * span).min(full_span);
     }
 }
 
@@ -67,17 +71,17 @@ fn measure(
     to: usize,
     angle: f64,
     rng: &mut impl Rng,
-) -> Option<Turn> {
+) -> Option<RelativeRotation> {
     let pose = relative_pose(&frames.pairs(from, to), angle, rng)?;
     let (first, second) = (frames.list[from].R_WC, frames.list[to].R_WC);
     let turn = second * UnitQuaternion::from_rotation_matrix(&pose.R) * first.inverse();
-    // The information is for turns in the first camera's axes; Sampson errors have the variance of a ray.
+    // The information is for rotations in the first camera's axes; Sampson errors have the variance of a ray.
     let R = first.to_rotation_matrix();
     let scale = 1.0 / angle.max(pose.rms);
     let eigen = pose.information.symmetric_eigen();
     let root = eigen.eigenvalues.map(|e| e.max(0.0).sqrt() * scale);
     let whitening = Matrix3::from_diagonal(&root) * (R.matrix() * eigen.eigenvectors).transpose();
-    Some(Turn {
+    Some(RelativeRotation {
         from,
         to,
         turn,
@@ -86,22 +90,22 @@ fn measure(
 }
 
 /// Motion from the longest chain of rotations, at most [`CHAIN`] frames of it.
-fn chained_start(times: &[f64], turns: &[Turn]) -> Option<FreeMotion> {
-    let mut best: Vec<Attitude> = Vec::new();
-    let mut chain: Vec<Attitude> = Vec::new();
+fn chained_start(times: &[f64], turns: &[RelativeRotation]) -> Option<FreeMotion> {
+    let mut best: Vec<AttitudeSample> = Vec::new();
+    let mut chain: Vec<AttitudeSample> = Vec::new();
     let mut at = usize::MAX;
     for turn in turns {
-        // The shortest step from a frame comes first in the list; later ones bridge what it cannot.
+        // The shortest step from a frame comes first in the list; longer ones bridge gaps.
         if turn.from == at || chain.is_empty() {
             if chain.is_empty() {
-                chain.push(Attitude {
+                chain.push(AttitudeSample {
                     time: times[turn.from],
                     R_WB: UnitQuaternion::identity(),
                 });
             }
             let mut R_WB = turn.turn * chain[chain.len() - 1].R_WB;
             R_WB.renormalize();
-            chain.push(Attitude {
+            chain.push(AttitudeSample {
                 time: times[turn.to],
                 R_WB,
             });
@@ -119,10 +123,10 @@ fn chained_start(times: &[f64], turns: &[Turn]) -> Option<FreeMotion> {
     if chain.len() > best.len() {
         best = chain;
     }
-    momentum_start(&rates(&best), 0.5)
+    fit_inertia_and_momentum(&rates(&best), 0.5)
 }
 
-fn improve(motion: FreeMotion, times: &[f64], turns: &[Turn]) -> Option<FreeMotion> {
+fn improve(motion: FreeMotion, times: &[f64], turns: &[RelativeRotation]) -> Option<FreeMotion> {
     let mut problem = Problem {
         start: motion,
         times,
@@ -146,7 +150,7 @@ fn improve(motion: FreeMotion, times: &[f64], turns: &[Turn]) -> Option<FreeMoti
 struct Problem<'a> {
     start: FreeMotion,
     times: &'a [f64],
-    turns: &'a [Turn],
+    turns: &'a [RelativeRotation],
     weights: Vec<f64>,
     parameters: OVector<f64, Const<PARAMETERS>>,
 }
@@ -157,10 +161,10 @@ impl Problem<'_> {
         self.start.moved(&step)
     }
 
-    /// Whitened rotation vectors between measured and modelled turns.
+    /// Whitened rotation vectors between measured and modelled rotations.
     fn errors(&self) -> Option<Vec<Vector3<f64>>> {
         let attitudes = self.current()?.attitudes(self.times);
-        let error = |t: &Turn| {
+        let error = |t: &RelativeRotation| {
             let (from, to) = (attitudes[t.from], attitudes[t.to]);
             let off = (to.inverse() * t.turn * from).scaled_axis();
             t.whitening * (from * off)
@@ -185,7 +189,7 @@ impl LeastSquaresProblem<f64, Dyn, Const<PARAMETERS>> for Problem<'_> {
     fn residuals(&self) -> Option<OVector<f64, Dyn>> {
         let rows = 3 * self.turns.len();
         let Some(errors) = self.errors() else {
-            // No body has this inertia: too large to be accepted.
+            // No body has this inertia: residuals too large to be accepted.
             return Some(OVector::<f64, Dyn>::from_element(rows + 5, 1e6));
         };
         let each = errors.iter().zip(&self.weights);
@@ -223,7 +227,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn exact_turns_give_the_motion_and_the_jacobian_is_that_of_differences() {
+    fn exact_rotations_give_the_motion_and_the_jacobian_matches_finite_differences() {
         let shape = SVector::<f64, 5>::new(0.3, -0.2, 0.1, 0.05, -0.15);
         let R = UnitQuaternion::from_scaled_axis(Vector3::new(0.4, -0.7, 1.1));
         let truth = FreeMotion::new(&shape, Vector3::new(0.3, -0.5, 0.6), 6.0, R).unwrap();
@@ -232,7 +236,7 @@ mod tests {
         let mut turns = Vec::new();
         for from in 0..98 {
             for to in from + 1..from + 3 {
-                turns.push(Turn {
+                turns.push(RelativeRotation {
                     from,
                     to,
                     turn: attitudes[to] * attitudes[from].inverse(),
@@ -250,7 +254,7 @@ mod tests {
             R * m.w_WB_B(&R)
         };
         for k in [0, 50, 99] {
-            // The prior on the shape leaves a trace.
+            // The prior on the shape shifts the solution a little.
             assert!((w(&motion, k) - w(&truth, k)).norm() < 1e-5);
         }
         let mut problem = Problem {

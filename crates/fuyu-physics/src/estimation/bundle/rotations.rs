@@ -1,4 +1,4 @@
-//! What fitting needs of the rotation group.
+//! Functions on the rotation group: Jacobians of the exponential map, nearest rotation, rotation between rays.
 
 use nalgebra::{Matrix3, Rotation3, Vector3};
 
@@ -38,12 +38,11 @@ pub fn nearest_rotation(m: &Matrix3<f64>) -> Rotation3<f64> {
     Rotation3::from_matrix_unchecked(R)
 }
 
-/// The rotation that turns the first ray of each pair to the second best; pairs that are off by more than
-/// `scale` lose weight.
+/// The rotation that best takes the first ray of each pair to the second; pairs with errors above `scale` lose weight.
 pub fn rotation_between_rays(pairs: &[(Vector3<f64>, Vector3<f64>)], scale: f64) -> Rotation3<f64> {
     let mut R = Rotation3::identity();
     let mut weights = vec![1.0; pairs.len()];
-    // From a loss that believes all to one that believes what agrees.
+    // The weights start wide, and narrow down to the pairs that agree.
     for round in 0..8 {
         let mut sum = Matrix3::zeros();
         for ((x, y), w) in pairs.iter().zip(&weights) {
@@ -65,7 +64,7 @@ mod tests {
     use crate::spatial::exp_so3;
 
     #[test]
-    fn the_right_jacobian_is_that_of_differences() {
+    fn the_right_jacobian_matches_finite_differences() {
         for size in [1e-9, 5e-3, 0.02, 1.0, 2.8] {
             let u = Vector3::new(0.6, -0.64, 0.48) * size;
             let J = right_jacobian(&u);

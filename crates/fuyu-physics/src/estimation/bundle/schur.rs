@@ -1,9 +1,9 @@
-//! A damped least-squares step of a problem with frames, points and a few parameters common to all.
+//! Levenberg-Marquardt step by Schur complement, for unknowns of frames, of points, and common to all.
 //!
-//! Each observation ties one frame to one point, so frames couple only through points and through the common
-//! parameters. Frames are eliminated (there are many, with `L` unknowns each); what remains couples only points
-//! that were seen together. With points in the order of their first sighting that is a matrix with a narrow
-//! envelope, which [`Envelope`] factors without touching what is zero. The `G` common parameters come last.
+//! Each observation couples one frame with one point, so frames are coupled only through points and common unknowns. The
+//! frames are eliminated (there are many, with `L` unknowns each). The Schur complement couples only points that appear
+//! in the same frame. With points ordered by first appearance it has a narrow envelope, which [`Envelope`] factors
+//! without touching zeros. The `G` common unknowns come last.
 
 use nalgebra::{Cholesky, Const, SMatrix, SVector, Vector3};
 
@@ -12,35 +12,35 @@ use super::envelope::{Envelope, row_length};
 /// Normal equations of one frame: its own unknowns, the common ones and the points that it shows.
 #[derive(Debug, Clone)]
 pub struct FrameNormal<const L: usize, const G: usize> {
-    /// Own unknowns with themselves.
+    /// Hessian block of the frame's unknowns.
     pub H_ll: SMatrix<f64, L, L>,
-    /// Own unknowns with the common ones.
+    /// Hessian block of the frame's with the common unknowns.
     pub H_lg: SMatrix<f64, L, G>,
-    /// Gradient by the own unknowns.
+    /// Gradient by the frame's unknowns.
     pub g_l: SVector<f64, L>,
-    /// Where the points of this frame start in [`System::coupling`].
+    /// Index of the frame's first entry in [`System::coupling`].
     first: usize,
-    /// How many there are.
+    /// Number of its entries.
     count: usize,
 }
 
-/// One observation's part: which point, and the point's coupling with the frame.
+/// Coupling of a frame with a point by an observation.
 #[derive(Debug, Clone)]
 struct Coupling<const L: usize> {
     point: usize,
     H_lp: SMatrix<f64, L, 3>,
 }
 
-/// Normal equations of the whole problem, of a cost `½ Σ r²`.
+/// Normal equations of the cost `½ Σ r²`.
 #[derive(Debug, Clone)]
 pub struct System<const L: usize, const G: usize> {
     frames: Vec<FrameNormal<L, G>>,
     coupling: Vec<Coupling<L>>,
     H_pp: Vec<SMatrix<f64, 3, 3>>,
-    /// Points' coupling with the common unknowns, of all frames together.
+    /// Hessian blocks of the common unknowns with each point.
     H_gp: Vec<SMatrix<f64, G, 3>>,
     g_p: Vec<Vector3<f64>>,
-    /// Common unknowns with themselves.
+    /// Hessian block of the common unknowns.
     pub H_gg: SMatrix<f64, G, G>,
     /// Gradient by the common unknowns.
     pub g_g: SVector<f64, G>,
@@ -50,14 +50,14 @@ pub struct System<const L: usize, const G: usize> {
 /// A step in all unknowns.
 #[derive(Debug, Clone)]
 pub struct Step<const L: usize, const G: usize> {
-    /// Of each frame.
+    /// By frame.
     pub frames: Vec<SVector<f64, L>>,
-    /// Of each point.
+    /// By point.
     pub points: Vec<Vector3<f64>>,
-    /// Of the common unknowns.
+    /// Step in the common unknowns.
     pub common: SVector<f64, G>,
-    /// By how much the linearised cost falls.
-    pub promised: f64,
+    /// Decrease of the cost that the linearisation predicts.
+    pub predicted_decrease: f64,
 }
 
 impl<const L: usize, const G: usize> System<L, G> {
@@ -75,7 +75,7 @@ impl<const L: usize, const G: usize> System<L, G> {
         }
     }
 
-    /// Empties the system but keeps its memory.
+    /// Clears the system and keeps its memory.
     pub fn clear(&mut self) {
         self.frames.clear();
         self.coupling.clear();
@@ -93,8 +93,8 @@ impl<const L: usize, const G: usize> System<L, G> {
         self.g_p[point] += g;
     }
 
-    /// Adds the coupling of the frame that the next [`System::add_frame`] closes with a point, which may be coupled
-    /// to it only once.
+    /// Adds the coupling of a point with the frame that the next [`System::add_frame`] adds; at most one per point and
+    /// frame.
     #[inline]
     pub fn couple(&mut self, point: usize, H_lp: SMatrix<f64, L, 3>) {
         if L > 0 {
@@ -102,13 +102,13 @@ impl<const L: usize, const G: usize> System<L, G> {
         }
     }
 
-    /// A point's coupling with the common unknowns, to add to.
+    /// Hessian block of the common unknowns with a point, to add to.
     #[inline]
     pub fn with_common(&mut self, point: usize) -> &mut SMatrix<f64, G, 3> {
         &mut self.H_gp[point]
     }
 
-    /// Closes a frame: the couplings since the last one are its own.
+    /// Adds a frame with the couplings added since the frame before.
     pub fn add_frame(
         &mut self,
         H_ll: SMatrix<f64, L, L>,
@@ -134,7 +134,7 @@ impl<const L: usize, const G: usize> System<L, G> {
         });
     }
 
-    /// The step that Levenberg and Marquardt take with damping `damping` (relative to each diagonal entry).
+    /// Levenberg-Marquardt step with damping `damping` (relative to each diagonal entry).
     /// `None` if the damped matrix is not positive definite.
     pub fn step(&self, damping: f64) -> Option<Step<L, G>> {
         let eliminated = self.eliminate(damping)?;
@@ -146,38 +146,38 @@ impl<const L: usize, const G: usize> System<L, G> {
             .map(|j| -Vector3::new(rhs[3 * j], rhs[3 * j + 1], rhs[3 * j + 2]))
             .collect();
         let mut frames = Vec::with_capacity(self.frames.len());
-        let mut promised = 0.0;
+        let mut predicted_decrease = 0.0;
         for (frame, chol) in self.frames.iter().zip(&eliminated.frames) {
             let mut right = frame.g_l + frame.H_lg * common;
             for c in &self.coupling[frame.first..frame.first + frame.count] {
                 right += c.H_lp * points[c.point];
             }
             let step = -chol.solve(&right);
-            promised -= step.dot(&frame.g_l);
-            promised += damping * diagonal(&frame.H_ll).component_mul(&step).dot(&step);
+            predicted_decrease -= step.dot(&frame.g_l);
+            predicted_decrease += damping * diagonal(&frame.H_ll).component_mul(&step).dot(&step);
             frames.push(step);
         }
         for ((H, g), step) in self.H_pp.iter().zip(&self.g_p).zip(&points) {
-            promised -= step.dot(g);
-            promised += damping * diagonal(H).component_mul(step).dot(step);
+            predicted_decrease -= step.dot(g);
+            predicted_decrease += damping * diagonal(H).component_mul(step).dot(step);
         }
-        promised -= common.dot(&self.g_g);
-        promised += damping * diagonal(&self.H_gg).component_mul(&common).dot(&common);
+        predicted_decrease -= common.dot(&self.g_g);
+        predicted_decrease += damping * diagonal(&self.H_gg).component_mul(&common).dot(&common);
         Some(Step {
             frames,
             points,
             common,
-            promised: 0.5 * promised,
+            predicted_decrease: 0.5 * predicted_decrease,
         })
     }
 
-    /// Information that remains of the common unknowns when frames and points are marginalised out: the
-    /// inverse of their covariance, in units of the residuals' variance.
+    /// Information on the common unknowns with frames and points marginalised out: the inverse of their covariance, in
+    /// units of the inverse of the residuals' variance.
     pub fn marginal_information(&self) -> Option<SMatrix<f64, G, G>> {
-        // Scale and origin of the scene may be free; a trace of damping holds them.
-        let trace = 1e-10;
-        let eliminated = self.eliminate(trace)?;
-        // The rows after the points' are the factor of what remains.
+        // Scale and origin of the scene may be undetermined; a little damping keeps the matrix regular.
+        let damping = 1e-10;
+        let eliminated = self.eliminate(damping)?;
+        // The rows after those of the points are the factor of the marginal information.
         let first = 3 * self.H_pp.len();
         let factor = SMatrix::<f64, G, G>::from_fn(|i, j| {
             if j > i {
@@ -186,8 +186,8 @@ impl<const L: usize, const G: usize> System<L, G> {
                 eliminated.reduced.entry(first + i, first + j)
             }
         });
-        // That of the common unknowns' own would pass for information where there is hardly any.
-        let own = SMatrix::from_diagonal(&(diagonal(&self.H_gg) * trace));
+        // The damping of the common unknowns is no information; subtract it.
+        let own = SMatrix::from_diagonal(&(diagonal(&self.H_gg) * damping));
         Some(factor * factor.transpose() - own)
     }
 
@@ -206,7 +206,7 @@ impl<const L: usize, const G: usize> System<L, G> {
     /// Factors of the frames' blocks and of the reduced matrix, with the reduced gradient.
     fn eliminate(&self, damping: f64) -> Option<Eliminated<L>> {
         let points = self.H_pp.len();
-        // A point's rows begin at the first point that it was seen together with. What is common fills whole blocks.
+        // The rows of a point begin at the first point with which it shares a frame. Common unknowns fill whole blocks.
         let mut firsts = self.first_coupled.clone();
         firsts.extend(std::iter::repeat_n(0, G.div_ceil(3)));
         let mut reduced = Envelope::new(firsts);
@@ -274,7 +274,7 @@ impl<const L: usize, const G: usize> System<L, G> {
             }
             rhs[c + a] = gradient[a];
         }
-        // Blocks are whole: rows that belong to no unknown are those of the identity.
+        // Padding to whole blocks: identity rows.
         for a in c + G..reduced.rows() {
             *reduced.at(a, a) = 1.0;
         }
@@ -286,11 +286,11 @@ impl<const L: usize, const G: usize> System<L, G> {
     }
 }
 
-/// Memory for the elimination of a frame.
+/// Scratch for the elimination of a frame.
 #[derive(Default)]
 struct Scratch {
     points: Vec<usize>,
-    /// The frame's coupling with its points over the factor of its own block, by rows.
+    /// `L⁻¹ H_lp`: the factor of the frame's block applied to its couplings, by rows.
     w: Vec<f64>,
     line: Vec<f64>,
 }
@@ -329,7 +329,7 @@ mod tests {
     use super::*;
     use nalgebra::{DMatrix, DVector, Matrix2, Matrix3, Vector2};
 
-    /// The same normal equations as a dense matrix: frames, points, common.
+    /// Random normal equations as a system and as a dense matrix: frames, points, common.
     fn random(seed: u64) -> (System<2, 2>, DMatrix<f64>, DVector<f64>) {
         use rand::{RngExt, SeedableRng, rngs::StdRng};
         let mut rng = StdRng::seed_from_u64(seed);
@@ -374,7 +374,7 @@ mod tests {
     }
 
     #[test]
-    fn the_step_is_that_of_the_dense_system() {
+    fn the_step_equals_that_of_the_dense_system() {
         for damping in [1e-3, 0.5] {
             let (system, H, g) = random(7);
             let mut damped = H.clone();
@@ -388,13 +388,16 @@ mod tests {
             ours.extend([step.common.x, step.common.y]);
             let difference = (DVector::from_vec(ours) - &dense).norm();
             assert!(difference < 1e-9 * dense.norm(), "{difference}");
-            let promised = -g.dot(&dense) - 0.5 * dense.dot(&(&H * &dense));
-            assert!((step.promised - promised).abs() < 1e-9 * promised.abs());
+            let predicted_decrease = -g.dot(&dense) - 0.5 * dense.dot(&(&H * &dense));
+            assert!(
+                (step.predicted_decrease - predicted_decrease).abs()
+                    < 1e-9 * predicted_decrease.abs()
+            );
         }
     }
 
     #[test]
-    fn the_marginal_is_that_of_the_dense_inverse() {
+    fn the_marginal_information_equals_that_of_the_dense_inverse() {
         let (system, H, _) = random(11);
         let n = H.nrows();
         let covariance = H.try_inverse().unwrap();

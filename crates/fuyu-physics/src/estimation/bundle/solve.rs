@@ -1,51 +1,52 @@
-//! From tracks to the solution, stage by stage.
+//! The solver: from tracks to the solution, stage by stage.
 
 use rand::{SeedableRng, rngs::StdRng};
 
-use super::attitude_fit::{Fit, Sample, fit};
+use super::ambiguity::UNAMBIGUOUS_TURN;
+use super::attitude_fit::{AttitudeFit, SegmentAttitude, fit_attitudes};
 use super::frames::Frames;
-use super::momentum_start::{Attitude, momentum_start, rates, turning_over};
-use super::reborn::cut_reborn;
+use super::global_adjustment::{GlobalFit, adjust_globally};
+use super::linear_inertia::{AttitudeSample, fastest_tumbling, fit_inertia_and_momentum, rates};
 use super::relative_pose::noise_between;
 use super::relative_rotation::relative_rotation_fit;
-use super::rivals::LONG_TURN;
-use super::structure::{Segment, Settings, reconstruct};
-use super::whole::{Adjusted, dynamic};
+use super::reused_track_ids::split_reused_tracks;
+use super::structure::{Segment, SolverSettings, reconstruct};
 use super::{MIN_FRAMES, MIN_POINTS, Options, Solution};
 use crate::estimation::{EstimateError, Tracks, degenerate};
 use crate::vision::Pinhole;
 
-/// The noise is doubled up to so many times if the tracks do not fit together.
+/// Number of times that the assumed noise is doubled, at most, if the tracks do not fit together.
 const DOUBLINGS: i32 = 3;
 
-/// Pairs of frames in which the noise is looked for, and how many times the noise assumed it must be to be believed.
+/// Number of pairs of neighbouring frames from which the noise is measured, and the ratio to the assumed noise above
+/// which the measured noise is used.
 const PAIRS: usize = 24;
 const NOISIER: f64 = 1.4;
 
-/// Neighbouring frames that differ by more than so many times the noise assumed show no rigid body.
-const HOPELESS: f64 = 30.0;
+/// Above this ratio of measured to assumed noise, neighbouring frames show no rigid body.
+const NOT_RIGID: f64 = 30.0;
 
-/// A motion that leaves more of the image points unexplained than this part is not that of the body.
+/// Largest accepted share of outliers.
 const MOST_OUTLIERS: f64 = 0.3;
 
-/// So many times the noise assumed may the residuals be.
+/// Largest accepted ratio of residuals to assumed noise.
 const MOST_NOISE: f64 = 6.0;
 
-/// The same of the noise between neighbouring frames, if the body has turned by little.
+/// The same relative to the measured noise, after a short rotation.
 const MOST_AFTER_SHORT_TURN: f64 = 1.5;
 
-/// Segments that are sought.
+/// Largest number of segments.
 const SEGMENTS: usize = 6;
 
-/// Tracks that last fewer frames on average rarely build a structure.
+/// Tracks that last fewer frames on average rarely allow a structure to be reconstructed.
 const SHORT_TRACK: usize = 6;
 
-/// Where along the frames the motion is stated if only their last part is one motion, and the least part of the
-/// whole time that this must be.
+/// If only the last part of the frames is one motion: its reference time as a share of the whole time, and the least
+/// share that this part must have.
 const LAST: f64 = 0.97;
-const LEAST_PART: f64 = 0.1;
+const LEAST_SHARE: f64 = 0.1;
 
-/// A fit this near to the attitudes is a good start \[rad\].
+/// A fit with at most this RMS angle to the attitudes is a good start \[rad\].
 const CLOSE: f64 = 0.03;
 
 pub(super) fn solve(
@@ -62,60 +63,76 @@ pub(super) fn solve(
     );
     check(&frames)?;
     degenerate::check(tracks, options.pixel_noise)?;
-    let mut best: Option<Adjusted> = None;
-    let mut placed = 0;
-    let sights: usize = frames.list.iter().map(|f| f.sights.len()).sum();
-    // What is noisier than this has been fitted wrongly.
+    let mut best: Option<GlobalFit> = None;
+    let mut resected = 0;
+    let observations: usize = frames.list.iter().map(|f| f.observations.len()).sum();
+    // Larger residuals come from a wrong fit.
     let assumed = options.pixel_noise.max(1e-3);
-    let quiet = |b: &Adjusted| b.residuals.deviation < MOST_NOISE * assumed;
-    let seen = noise_of_neighbours(&frames, assumed);
-    if seen > HOPELESS * assumed {
+    let quiet = |b: &GlobalFit| b.residuals.deviation < MOST_NOISE * assumed;
+    let measured = noise_of_neighbours(&frames, assumed);
+    if measured > NOT_RIGID * assumed {
         return Err(EstimateError::NotRigid {
-            placed: 0,
+            consistent: 0,
             frames: frames.list.len(),
         });
     }
-    let first = match seen < NOISIER * assumed {
+    let first = match measured < NOISIER * assumed {
         true => assumed,
-        false => seen.min(assumed * f64::from(1 << DOUBLINGS)),
+        false => measured.min(assumed * f64::from(1 << DOUBLINGS)),
     };
-    // After a short turn what is wrong may hide in a wrong motion.
-    let trusted = |b: &Adjusted| {
-        b.turn() > LONG_TURN || b.residuals.deviation < MOST_AFTER_SHORT_TURN * first
+    // After a short rotation a wrong motion may absorb most of the error.
+    let trusted = |b: &GlobalFit| {
+        b.turn() > UNAMBIGUOUS_TURN || b.residuals.deviation < MOST_AFTER_SHORT_TURN * first
     };
-    let methods = [Method::Structure, Method::RelativeRotation];
-    // Whether it has been asked if ids were given to other points.
-    let mut searched = false;
+    let initialisations = [Initialisation::Structure, Initialisation::RelativeRotation];
+    let mut searched_reused_ids = false;
     let most = assumed * f64::from(1 << DOUBLINGS);
-    let levels = |method| {
+    let levels = |initialisation| {
         let noises = (0..=DOUBLINGS).map(|doubling| first * f64::from(1 << doubling));
-        noises.filter(move |n| *n <= most).map(move |n| (method, n))
+        noises
+            .filter(move |n| *n <= most)
+            .map(move |n| (initialisation, n))
     };
-    for (method, noise) in methods.into_iter().flat_map(levels) {
-        // Structure of a higher noise adds nothing once most frames are placed, and little if tracks are short.
-        let lasting = sights >= SHORT_TRACK * frames.ids.len();
-        let enough = 4 * placed >= 3 * frames.list.len() || !lasting;
-        if method == Method::Structure && enough && noise > first && best.is_none() {
+    for (initialisation, noise) in initialisations.into_iter().flat_map(levels) {
+        // Structure with a higher noise adds nothing once most frames are resected, and little if tracks are short.
+        let lasting = observations >= SHORT_TRACK * frames.ids.len();
+        let enough = 4 * resected >= 3 * frames.list.len() || !lasting;
+        if initialisation == Initialisation::Structure && enough && noise > first && best.is_none()
+        {
             continue;
         }
-        let settings = Settings {
+        let settings = SolverSettings {
             noise,
             focal_free: options.estimate_focal_length,
         };
         let mut rng = StdRng::seed_from_u64(options.seed);
-        // Tracks noisier than assumed lose many good points as if they were wrong.
-        let holds = |f: &Adjusted| f.residuals.outliers < MOST_OUTLIERS && trusted(f);
-        let good = |f: &Adjusted| holds(f) && quiet(f);
-        let mut found = attempt(&frames, method, &settings, good, &mut rng, &mut placed);
-        if !found.as_ref().is_some_and(holds) && !searched {
-            searched = true;
-            if cut_reborn(&mut frames, noise, &mut rng) > 0 {
-                found = attempt(&frames, method, &settings, good, &mut rng, &mut placed);
+        // With too small a noise the inlier gate rejects many correct points.
+        let holds = |f: &GlobalFit| f.residuals.outliers < MOST_OUTLIERS && trusted(f);
+        let good = |f: &GlobalFit| holds(f) && quiet(f);
+        let mut found = attempt(
+            &frames,
+            initialisation,
+            &settings,
+            good,
+            &mut rng,
+            &mut resected,
+        );
+        if !found.as_ref().is_some_and(holds) && !searched_reused_ids {
+            searched_reused_ids = true;
+            if split_reused_tracks(&mut frames, noise, &mut rng) > 0 {
+                found = attempt(
+                    &frames,
+                    initialisation,
+                    &settings,
+                    good,
+                    &mut rng,
+                    &mut resected,
+                );
             }
         }
         let Some(found) = found else { continue };
         let done = holds(&found);
-        let better = |b: &Adjusted| found.residuals.outliers < b.residuals.outliers;
+        let better = |b: &GlobalFit| found.residuals.outliers < b.residuals.outliers;
         if best.as_ref().is_none_or(better) {
             best = Some(found);
         }
@@ -127,73 +144,80 @@ pub(super) fn solve(
         Some(best) if best.residuals.outliers < MOST_OUTLIERS && quiet(&best) && trusted(&best) => {
             best.finish(camera, options)
         }
-        Some(best) if 3 * placed >= frames.list.len() => Err(EstimateError::NotFree {
+        Some(best) if 3 * resected >= frames.list.len() => Err(EstimateError::NotFree {
             rms: best.residuals.rms,
         }),
         _ => Err(EstimateError::NotRigid {
-            placed,
+            consistent: resected,
             frames: frames.list.len(),
         }),
     }
 }
 
-/// The noise that most pairs of neighbouring frames show \[px\]; zero if none can tell.
+/// Median of the noise measured between neighbouring frames \[px\]; zero if no pair has enough points.
 fn noise_of_neighbours(frames: &Frames, assumed: f64) -> f64 {
     let last = frames.list.len() - 1;
     let angle = frames.pixel_angle();
-    let seen = |k: usize| {
+    let noise = |k: usize| {
         let i = k * last / PAIRS;
         noise_between(&frames.pairs(i, i + 1), assumed * angle)
     };
-    let mut seen: Vec<f64> = (0..PAIRS).filter_map(seen).collect();
-    seen.sort_by(f64::total_cmp);
-    seen.get(seen.len() / 2).map_or(0.0, |n| n / angle)
+    let mut noises: Vec<f64> = (0..PAIRS).filter_map(noise).collect();
+    noises.sort_by(f64::total_cmp);
+    noises.get(noises.len() / 2).map_or(0.0, |n| n / angle)
 }
 
-/// One way at one noise. Structure that is built in haste is built with care where the result is not good.
+/// Solves with one initialisation and one noise. If quickly built structure gives no good result, it is built again
+/// thoroughly.
 fn attempt(
     frames: &Frames,
-    method: Method,
-    settings: &Settings,
-    good: impl Fn(&Adjusted) -> bool,
+    initialisation: Initialisation,
+    settings: &SolverSettings,
+    good: impl Fn(&GlobalFit) -> bool,
     rng: &mut StdRng,
-    placed: &mut usize,
-) -> Option<Adjusted> {
-    match method {
-        Method::Structure => {
-            let mut seek = |care| from_structure(frames.clone(), settings, care, rng, placed);
-            let (found, several) = seek(Care::Little);
+    resected: &mut usize,
+) -> Option<GlobalFit> {
+    match initialisation {
+        Initialisation::Structure => {
+            let mut attempt_with = |thoroughness| {
+                from_structure(frames.clone(), settings, thoroughness, rng, resected)
+            };
+            let (found, several) = attempt_with(Thoroughness::Quick);
             if !several || found.as_ref().is_some_and(good) {
                 return found;
             }
-            seek(Care::Much).0.or(found)
+            attempt_with(Thoroughness::Thorough).0.or(found)
         }
-        Method::RelativeRotation => {
+        Initialisation::RelativeRotation => {
             let motion = relative_rotation_fit(frames, settings.noise, rng)?;
-            dynamic(frames.clone(), motion, &[], &[], settings)
+            adjust_globally(frames.clone(), motion, &[], &[], settings)
         }
     }
 }
 
-/// Where the motion comes from that the dynamic adjustment starts with.
+/// Source of the motion that the global adjustment starts from.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Method {
+enum Initialisation {
     Structure,
     RelativeRotation,
 }
 
-/// What it takes for a segment after the first to be large enough.
+/// Size at which a segment after the first is accepted without trying further windows of key frames.
 #[derive(Debug, Clone, Copy, PartialEq)]
-enum Care {
-    /// Half of the first.
-    Little,
-    /// That no start gives a larger one, unless it has nearly all.
-    Much,
+enum Thoroughness {
+    /// Half of the first segment.
+    Quick,
+    /// Nearly all remaining frames; otherwise the largest of all windows.
+    Thorough,
 }
 
-/// Refuses what cannot succeed, and says why.
+/// Refuses tracks with too few frames or too few common points.
 fn check(frames: &Frames) -> Result<(), EstimateError> {
-    let have = frames.list.iter().filter(|f| !f.sights.is_empty()).count();
+    let have = frames
+        .list
+        .iter()
+        .filter(|f| !f.observations.is_empty())
+        .count();
     if have < MIN_FRAMES {
         return Err(EstimateError::TooFewFrames {
             have,
@@ -212,18 +236,18 @@ fn check(frames: &Frames) -> Result<(), EstimateError> {
     Ok(())
 }
 
-/// The solution that starts from structure, and whether that has several segments; `placed` is told how many frames
-/// they placed.
+/// The fit that starts from structure, and whether that has several segments. Raises `resected` to the number of frames
+/// with a pose.
 fn from_structure(
     mut frames: Frames,
-    settings: &Settings,
-    care: Care,
+    settings: &SolverSettings,
+    thoroughness: Thoroughness,
     rng: &mut StdRng,
-    placed: &mut usize,
-) -> (Option<Adjusted>, bool) {
-    let segments = segments(&mut frames, settings, care, rng);
-    let count: usize = segments.iter().map(Segment::placed).sum();
-    *placed = count.max(*placed);
+    resected: &mut usize,
+) -> (Option<GlobalFit>, bool) {
+    let segments = segments(&mut frames, settings, thoroughness, rng);
+    let count: usize = segments.iter().map(Segment::resected).sum();
+    *resected = count.max(*resected);
     let enough = 3 * count >= frames.list.len();
     let found = enough.then(|| from_segments(frames, &segments, settings));
     (found.flatten(), segments.len() > 1)
@@ -232,84 +256,86 @@ fn from_structure(
 fn from_segments(
     mut frames: Frames,
     segments: &[Segment],
-    settings: &Settings,
-) -> Option<Adjusted> {
+    settings: &SolverSettings,
+) -> Option<GlobalFit> {
     let fit = motion_of_segments(&frames, segments)?;
     let (first, last) = (frames.list.first()?.time, frames.list.last()?.time);
     let from = fit.motion.time - fit.span;
-    let tail = last - from > LEAST_PART * (last - first) && last < fit.motion.time + fit.span;
-    let since = (!fit.holds && tail).then_some(from);
+    let tail = last - from > LEAST_SHARE * (last - first) && last < fit.motion.time + fit.span;
+    let since = (!fit.fits_all && tail).then_some(from);
     for frame in frames.list.iter_mut().filter(|f| Some(f.time) < since) {
-        frame.sights.clear();
+        frame.observations.clear();
     }
-    let mut found = dynamic(frames, fit.motion, segments, &fit.segments, settings)?;
+    let mut found = adjust_globally(frames, fit.motion, segments, &fit.segments, settings)?;
     found.since = since;
     Some(found)
 }
 
-/// Parts of the frames that could be reconstructed, the largest first.
+/// Segments that could be reconstructed, the largest first.
 fn segments(
     frames: &mut Frames,
-    settings: &Settings,
-    care: Care,
+    settings: &SolverSettings,
+    thoroughness: Thoroughness,
     rng: &mut StdRng,
 ) -> Vec<Segment> {
     let mut open: Vec<usize> = (0..frames.list.len()).collect();
     let mut found: Vec<Segment> = Vec::new();
     while found.len() < SEGMENTS && open.len() >= MIN_FRAMES {
-        let first = found.first().filter(|_| care == Care::Little);
-        let before = first.map(Segment::placed);
+        let first = found
+            .first()
+            .filter(|_| thoroughness == Thoroughness::Quick);
+        let before = first.map(Segment::resected);
         let Some(segment) = reconstruct(frames, &open, before, settings, rng) else {
             break;
         };
-        if segment.placed() < MIN_FRAMES {
+        if segment.resected() < MIN_FRAMES {
             break;
         }
-        open.retain(|i| segment.placements[*i].is_none());
+        open.retain(|i| segment.poses[*i].is_none());
         found.push(segment);
     }
-    found.sort_by_key(|s| std::cmp::Reverse(s.placed()));
+    found.sort_by_key(|s| std::cmp::Reverse(s.resected()));
     found
 }
 
-/// The motion that fits the attitudes of all segments, and each segment's axes in the body's.
-fn motion_of_segments(frames: &Frames, segments: &[Segment]) -> Option<Fit> {
+/// The motion that fits the attitudes of all segments, with the axes of each segment in body axes.
+fn motion_of_segments(frames: &Frames, segments: &[Segment]) -> Option<AttitudeFit> {
     let attitude = |segment: &Segment, i: usize| {
-        let placement = segment.placements[i]?;
-        Some(Attitude {
+        let pose = segment.poses[i]?;
+        Some(AttitudeSample {
             time: frames.list[i].time,
-            R_WB: frames.list[i].R_WC * placement.R_CB,
+            R_WB: frames.list[i].R_WC * pose.R_CB,
         })
     };
     let all = 0..frames.list.len();
-    let series: Vec<Attitude> = all
+    let series: Vec<AttitudeSample> = all
         .clone()
         .filter_map(|i| attitude(segments.first()?, i))
         .collect();
     let rates = rates(&series);
     let whole = series.last()?.time - series.first()?.time;
-    let samples: Vec<Sample> = all
+    let samples: Vec<SegmentAttitude> = all
         .filter_map(|i| {
             let mut each = segments.iter().enumerate();
             each.find_map(|(segment, s)| {
                 let attitude = attitude(s, i)?;
-                Some(Sample { attitude, segment })
+                Some(SegmentAttitude { attitude, segment })
             })
         })
         .collect();
-    // Next to the separatrix it matters where the motion is stated: best while the body turns over. Where that
-    // does not help either the motion is not one, and its last part counts.
-    let mut best: Option<Fit> = None;
-    for along in [0.5, turning_over(&rates), LAST] {
-        let found =
-            momentum_start(&rates, along).and_then(|start| fit(&start, &samples, segments.len()));
+    // Near the separatrix the reference time matters: best while the body turns over. If that does not help either, the
+    // frames do not show one motion, and their last part counts.
+    let mut best: Option<AttitudeFit> = None;
+    for along in [0.5, fastest_tumbling(&rates), LAST] {
+        let found = fit_inertia_and_momentum(&rates, along)
+            .and_then(|start| fit_attitudes(&start, &samples, segments.len()));
         let Some(found) = found else { continue };
-        let holds = found.holds && found.rms < CLOSE;
-        let last = along == LAST && found.rms < CLOSE && found.span > LEAST_PART * whole;
-        if holds || last || best.as_ref().is_none_or(|b| found.rms < b.rms) {
+        let fits_all = found.fits_all && found.rms < CLOSE;
+        let last = along == LAST && found.rms < CLOSE && found.span > LEAST_SHARE * whole;
+        if fits_all || last || best.as_ref().is_none_or(|b| found.rms < b.rms) {
             best = Some(found);
         }
-        if holds {
+        if fits_all {
             break;
         }
     }

@@ -1,25 +1,26 @@
-//! Structure bundle adjustment: shape of the body and its placement in every frame, without dynamics.
+//! Structure from motion: shape of the body and its pose in every frame, without dynamics.
 //!
-//! A window of key frames starts it: two-view rotations, linear structure, bundle adjustment. From there frames are
-//! placed by what is known and points are added, and all is adjusted again whenever the number of frames has
-//! doubled.
+//! It starts from a window of key frames ([`super::key_frames`]). Further frames are resected from the known points,
+//! points are added, and everything is adjusted again whenever the number of frames has doubled.
 
 use nalgebra::{UnitQuaternion, Vector2, Vector3};
 use rand::Rng;
 
-use super::adjust::{Effort, Placement, adjust};
-use super::bootstrap::{key_frames, start};
+use super::adjust::{AdjustOptions, adjust};
 use super::frames::Frames;
-use super::free_placements::FreePlacements;
+use super::inlier_gate::{INLIER_GATE, gate_inliers, rms};
+use super::key_frames::{key_frames, structure_of_key_frames};
 use super::known_rotation::triangulate;
-use super::loss::Loss;
-use super::placing::{MIN_POINTS, Mark, place, translation};
-use super::scene::{Scene, Seen, residual};
+use super::pixel_likelihood::PixelLikelihood;
+use super::pose_model::FramePose;
+use super::pose_model::independent_poses::IndependentPoses;
+use super::resection::{Correspondence, MIN_POINTS, resect, translation};
+use super::scene::{Scene, SceneObservation, residual};
 use crate::spatial::exp_so3;
 
-/// Where to start: number of key frames, and where in the frames. A start where the motion shows little may be
-/// next to one where it shows much.
-const STARTS: [(usize, f64); 6] = [
+/// Windows of key frames that are tried: their number, and where they start as a share of the frames. Where one window
+/// shows little of the motion, another may show more.
+const WINDOWS: [(usize, f64); 6] = [
     (6, 0.0),
     (6, 0.5),
     (12, 0.25),
@@ -28,28 +29,25 @@ const STARTS: [(usize, f64); 6] = [
     (48, 0.0),
 ];
 
-/// Frames that may be searched for the body in all attitudes before that is given up.
+/// Number of frames whose resection may fail before the search over all attitudes is given up.
 const SEARCHES: usize = 8;
 
-/// A residual is believed up to this many times the noise.
-pub const BELIEVED: f64 = 6.0;
-
-/// A part of the frames with the structure seen in it.
+/// A part of the frames, with the structure reconstructed from it.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Segment {
-    /// Where the body is in each frame, if known.
-    pub placements: Vec<Option<Placement>>,
-    /// Where each track's point is in the body, if known.
+    /// The body's pose by frame, where known.
+    pub poses: Vec<Option<FramePose>>,
+    /// The point of each track in body axes, where known.
     pub points: Vec<Option<Vector3<f64>>>,
     /// Logarithm of the focal length over its nominal value.
     pub log_focal: f64,
-    /// Root mean square of the believed residuals' components \[px\].
+    /// Root mean square of the inliers' residual components \[px\].
     pub rms: f64,
 }
 
-/// What a reconstruction may assume.
+/// Assumptions of the solver about noise and camera.
 #[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Settings {
+pub struct SolverSettings {
     /// Image noise \[px\].
     pub noise: f64,
     /// Whether the focal length is an unknown.
@@ -57,49 +55,49 @@ pub struct Settings {
 }
 
 impl Segment {
-    /// How many frames it places.
-    pub fn placed(&self) -> usize {
-        self.placements.iter().flatten().count()
+    /// Number of frames with a known pose.
+    pub fn resected(&self) -> usize {
+        self.poses.iter().flatten().count()
     }
 
-    /// Whether its residuals are what the noise explains.
-    fn convinces(&self, settings: &Settings) -> bool {
+    /// Whether the noise explains the residuals.
+    fn fits_noise(&self, settings: &SolverSettings) -> bool {
         self.rms < 1.7 * settings.noise
     }
 }
 
-/// The largest part of the `open` frames that can be reconstructed; where the first segment already placed `before`
-/// frames, one that is about as large will do. Beliefs in `frames` are renewed for the frames that it places.
+/// The largest segment of the `open` frames that can be reconstructed. `before` is the number of frames of the first
+/// segment, if half of that is enough. Updates the inliers of the frames that it resects.
 pub fn reconstruct(
     frames: &mut Frames,
     open: &[usize],
     before: Option<usize>,
-    settings: &Settings,
+    settings: &SolverSettings,
     rng: &mut impl Rng,
 ) -> Option<Segment> {
     let mut best: Option<(Segment, Frames)> = None;
     let placeable = open
         .iter()
-        .filter(|i| frames.list[**i].sights.len() >= MIN_POINTS)
+        .filter(|i| frames.list[**i].observations.len() >= MIN_POINTS)
         .count();
-    // A segment that is all is worth every start; one of several is not.
+    // Without a first segment nearly all frames are wanted, and every window is tried for them.
     let enough = before.map_or(9 * placeable / 10, |b| b.min(placeable) / 2);
     let mut last_keys = Vec::new();
-    for (window, part) in STARTS {
+    for (window, part) in WINDOWS {
         let from = (part * open.len() as f64) as usize;
         let keys = key_frames(frames, &open[from..], window);
-        // Where there are no more frames a longer window is the shorter one again.
+        // With too few frames a longer window has the same key frames as a shorter one.
         if keys.len() < 3 || keys == last_keys {
             continue;
         }
         let mut tried = frames.clone();
-        let started = start(&mut tried, &keys, settings, rng);
+        let started = structure_of_key_frames(&mut tried, &keys, settings, rng);
         last_keys = keys;
         let Some(segment) = started.and_then(|s| grow(&mut tried, s, open, settings)) else {
             continue;
         };
-        let done = segment.convinces(settings) && segment.placed() >= enough;
-        let quality = |s: &Segment| (s.convinces(settings), s.placed());
+        let done = segment.fits_noise(settings) && segment.resected() >= enough;
+        let quality = |s: &Segment| (s.fits_noise(settings), s.resected());
         let better = best.as_ref().is_none_or(|(b, _)| {
             let (old, new) = (quality(b), quality(&segment));
             new > old || (new == old && segment.rms < b.rms)
@@ -116,8 +114,8 @@ pub fn reconstruct(
     Some(segment)
 }
 
-/// The scene of the given frames with the tracks for which `wanted` holds and that at least `least` of them show;
-/// and which track each point is.
+/// The scene of the `chosen` frames, with the tracks for which `wanted` holds and that at least `least` of them show;
+/// and the track of each point.
 pub fn scene_of(
     frames: &Frames,
     chosen: &[usize],
@@ -126,16 +124,16 @@ pub fn scene_of(
     least: usize,
 ) -> (Scene, Vec<usize>) {
     let mut counts = vec![0; frames.ids.len()];
-    for sight in chosen.iter().flat_map(|&i| &frames.list[i].sights) {
-        counts[sight.track] += usize::from(sight.kept);
+    for observation in chosen.iter().flat_map(|&i| &frames.list[i].observations) {
+        counts[observation.track] += usize::from(observation.inlier);
     }
     let mut numbers = vec![usize::MAX; frames.ids.len()];
     let mut tracks = Vec::new();
     let mut lists = Vec::with_capacity(chosen.len());
     for &i in chosen {
-        let mut list = Vec::with_capacity(frames.list[i].sights.len());
-        for sight in &frames.list[i].sights {
-            let track = sight.track;
+        let mut list = Vec::with_capacity(frames.list[i].observations.len());
+        for observation in &frames.list[i].observations {
+            let track = observation.track;
             if counts[track] < least || !wanted(track) {
                 continue;
             }
@@ -143,10 +141,10 @@ pub fn scene_of(
                 numbers[track] = tracks.len();
                 tracks.push(track);
             }
-            list.push(Seen {
+            list.push(SceneObservation {
                 point: numbers[track],
-                pixel: sight.pixel,
-                kept: sight.kept,
+                pixel: observation.pixel,
+                inlier: observation.inlier,
             });
         }
         lists.push(list);
@@ -155,57 +153,22 @@ pub fn scene_of(
     (scene, tracks)
 }
 
-/// Believes what is less than `limit` \[px\] off, and nothing else.
-pub fn believe(scene: &mut Scene, motion: &FreePlacements, points: &[Vector3<f64>], limit: f64) {
-    let focal = scene.focal * motion.log_focal.exp();
-    for (i, placement) in motion.placements.iter().enumerate() {
-        let R = placement.R_CB.to_rotation_matrix();
-        for seen in scene.frame_mut(i) {
-            let x = R * points[seen.point] + placement.t_C;
-            let off = residual(&focal, &x, &seen.pixel);
-            seen.kept = off.is_some_and(|r| r.norm() < limit);
-        }
-    }
-}
-
-/// Root mean square of the believed residuals' components \[px\].
-pub fn rms(scene: &Scene, motion: &FreePlacements, points: &[Vector3<f64>]) -> f64 {
-    let focal = scene.focal * motion.log_focal.exp();
-    let (mut sum, mut count) = (0.0, 0);
-    for (i, placement) in motion.placements.iter().enumerate() {
-        for seen in scene.frame(i).iter().filter(|s| s.kept) {
-            let x = placement.R_CB * points[seen.point] + placement.t_C;
-            if let Some(r) = residual(&focal, &x, &seen.pixel) {
-                sum += r.norm_squared();
-                count += 2;
-            }
-        }
-    }
-    // Unknowns fit some of the noise.
-    let unknowns = 6 * motion.placements.len() + 3 * points.len();
-    (sum / f64::from(count).max(1.0) * f64::from(count)
-        / (f64::from(count) - unknowns as f64)
-            .max(0.2 * f64::from(count))
-            .max(1.0))
-    .sqrt()
-}
-
 /// Extends a segment over the `open` frames as far as it goes.
 fn grow(
     frames: &mut Frames,
     mut segment: Segment,
     open: &[usize],
-    settings: &Settings,
+    settings: &SolverSettings,
 ) -> Option<Segment> {
     let mut searches = SEARCHES;
     let at = |i: usize| open.partition_point(|o| *o < i);
-    let first = segment.placements.iter().position(Option::is_some)?;
-    let last = segment.placements.iter().rposition(Option::is_some)?;
+    let first = segment.poses.iter().position(Option::is_some)?;
+    let last = segment.poses.iter().rposition(Option::is_some)?;
     let (mut low, mut high) = (at(first), at(last));
     for &i in &open[low..=high] {
-        place_frame(frames, &mut segment, i, settings, &mut searches);
+        resect_frame(frames, &mut segment, i, settings, &mut searches);
     }
-    settle(frames, &mut segment, settings, 8)?;
+    adjust_segment(frames, &mut segment, settings, 8)?;
     while low > 0 || high + 1 < open.len() {
         let reach = (high - low + 1).max(6);
         let (up, down) = (
@@ -215,54 +178,64 @@ fn grow(
         let forwards = open[high + 1..=up].iter();
         let backwards = open[down..low].iter().rev();
         for (k, &i) in forwards.chain(backwards).enumerate() {
-            place_frame(frames, &mut segment, i, settings, &mut searches);
+            resect_frame(frames, &mut segment, i, settings, &mut searches);
             if k % 8 == 7 {
                 add_points(frames, &mut segment, settings);
             }
         }
         (low, high) = (down, up);
-        settle(frames, &mut segment, settings, 4)?;
+        adjust_segment(frames, &mut segment, settings, 4)?;
     }
-    // What was refused in passing may fit the settled structure.
+    // Frames that could not be resected before may fit the adjusted structure.
     for &i in open {
-        if segment.placements[i].is_none() {
-            place_frame(frames, &mut segment, i, settings, &mut searches);
+        if segment.poses[i].is_none() {
+            resect_frame(frames, &mut segment, i, settings, &mut searches);
         }
     }
-    settle(frames, &mut segment, settings, 4)?;
+    adjust_segment(frames, &mut segment, settings, 4)?;
     Some(segment)
 }
 
-/// Places frame `i` if it is not placed and the known points allow it.
-fn place_frame(
+/// Resects frame `i` from the known points, if it has no pose yet.
+fn resect_frame(
     frames: &mut Frames,
     segment: &mut Segment,
     i: usize,
-    settings: &Settings,
+    settings: &SolverSettings,
     searches: &mut usize,
 ) {
-    if segment.placements[i].is_some() {
+    if segment.poses[i].is_some() {
         return;
     }
     let focal = frames.focal * segment.log_focal.exp();
-    let known = |s: &super::frames::Sight| Some((segment.points[s.track]?, s.pixel));
-    let marks: Vec<Mark> = frames.list[i].sights.iter().filter_map(known).collect();
-    if marks.len() < MIN_POINTS {
+    let known = |s: &super::frames::Observation| Some((segment.points[s.track]?, s.pixel));
+    let correspondences: Vec<Correspondence> = frames.list[i]
+        .observations
+        .iter()
+        .filter_map(known)
+        .collect();
+    if correspondences.len() < MIN_POINTS {
         return;
     }
     let R_CB = extrapolated(frames, segment, i);
-    let Some(t_C) = translation(&focal, &marks, &R_CB) else {
+    let Some(t_C) = translation(&focal, &correspondences, &R_CB) else {
         return;
     };
-    let guess = Placement { R_CB, t_C };
-    let found = place(&focal, &marks, &guess, settings.noise, *searches > 0);
-    if let Some(placed) = found {
-        segment.placements[i] = Some(placed.placement);
-        let R = placed.placement.R_CB.to_rotation_matrix();
-        let limit = 2.0 * BELIEVED * settings.noise;
-        for sight in &mut frames.list[i].sights {
-            sight.kept = segment.points[sight.track].is_none_or(|p| {
-                let off = residual(&focal, &(R * p + placed.placement.t_C), &sight.pixel);
+    let guess = FramePose { R_CB, t_C };
+    let found = resect(
+        &focal,
+        &correspondences,
+        &guess,
+        settings.noise,
+        *searches > 0,
+    );
+    if let Some(resected) = found {
+        segment.poses[i] = Some(resected.pose);
+        let R = resected.pose.R_CB.to_rotation_matrix();
+        let limit = 2.0 * INLIER_GATE * settings.noise;
+        for observation in &mut frames.list[i].observations {
+            observation.inlier = segment.points[observation.track].is_none_or(|p| {
+                let off = residual(&focal, &(R * p + resected.pose.t_C), &observation.pixel);
                 off.is_some_and(|r| r.norm() < limit)
             });
         }
@@ -271,13 +244,13 @@ fn place_frame(
     }
 }
 
-/// Attitude in frame `i` if the body went on turning as in the two placed frames next to it.
+/// Attitude in frame `i`, interpolated or extrapolated at a constant rate from the nearest frames with a pose.
 fn extrapolated(frames: &Frames, segment: &Segment, i: usize) -> UnitQuaternion<f64> {
-    let placed = |k: &usize| segment.placements[*k].is_some();
-    let attitude = |k: usize| segment.placements[k].map_or(UnitQuaternion::identity(), |p| p.R_CB);
+    let resected = |k: &usize| segment.poses[*k].is_some();
+    let attitude = |k: usize| segment.poses[k].map_or(UnitQuaternion::identity(), |p| p.R_CB);
     let time = |k: usize| frames.list[k].time;
-    let mut before = (0..i).rev().filter(placed).take(2);
-    let mut after = (i + 1..frames.list.len()).filter(placed).take(2);
+    let mut before = (0..i).rev().filter(resected).take(2);
+    let mut after = (i + 1..frames.list.len()).filter(resected).take(2);
     let (b, a) = ((before.next(), before.next()), (after.next(), after.next()));
     let extrapolate = |near: usize, far: usize| {
         let turn = (attitude(far).inverse() * attitude(near)).scaled_axis();
@@ -301,15 +274,15 @@ fn extrapolated(frames: &Frames, segment: &Segment, i: usize) -> UnitQuaternion<
     }
 }
 
-/// Adds the points that enough placed frames see from different sides.
-fn add_points(frames: &Frames, segment: &mut Segment, settings: &Settings) {
-    let mut sights: Vec<Vec<(Placement, Vector2<f64>)>> = vec![Vec::new(); frames.ids.len()];
+/// Triangulates the points that at least three frames with a pose show from different directions.
+fn add_points(frames: &Frames, segment: &mut Segment, settings: &SolverSettings) {
+    let mut observations: Vec<Vec<(FramePose, Vector2<f64>)>> = vec![Vec::new(); frames.ids.len()];
     let mut any = false;
-    for (frame, placement) in frames.list.iter().zip(&segment.placements) {
-        let Some(placement) = placement else { continue };
-        for s in frame.sights.iter().filter(|s| s.kept) {
+    for (frame, pose) in frames.list.iter().zip(&segment.poses) {
+        let Some(pose) = pose else { continue };
+        for s in frame.observations.iter().filter(|s| s.inlier) {
             if segment.points[s.track].is_none() {
-                sights[s.track].push((*placement, s.pixel));
+                observations[s.track].push((*pose, s.pixel));
                 any = true;
             }
         }
@@ -318,46 +291,47 @@ fn add_points(frames: &Frames, segment: &mut Segment, settings: &Settings) {
         return;
     }
     let focal = frames.focal * segment.log_focal.exp();
-    for (track, sights) in sights.iter().enumerate().filter(|(_, s)| s.len() >= 3) {
-        let side = |p: &Placement| p.R_CB.inverse_transform_vector(&p.t_C).normalize();
-        let first = side(&sights[0].0);
-        let widest = sights.iter().map(|(p, _)| side(p).angle(&first));
+    for (track, observations) in observations
+        .iter()
+        .enumerate()
+        .filter(|(_, s)| s.len() >= 3)
+    {
+        let side = |p: &FramePose| p.R_CB.inverse_transform_vector(&p.t_C).normalize();
+        let first = side(&observations[0].0);
+        let widest = observations.iter().map(|(p, _)| side(p).angle(&first));
         if widest.fold(0.0, f64::max) > 0.05 {
-            segment.points[track] = triangulate(sights, &focal, settings.noise);
+            segment.points[track] = triangulate(observations, &focal, settings.noise);
         }
     }
 }
 
-/// Adjusts everything placed so far, and renews beliefs.
-fn settle(
+/// Adjusts all known poses and points together, and updates the inliers.
+fn adjust_segment(
     frames: &mut Frames,
     segment: &mut Segment,
-    settings: &Settings,
+    settings: &SolverSettings,
     steps: usize,
 ) -> Option<()> {
     add_points(frames, segment, settings);
     let chosen: Vec<usize> = (0..frames.list.len())
-        .filter(|i| segment.placements[*i].is_some())
+        .filter(|i| segment.poses[*i].is_some())
         .collect();
     let known = |track: usize| segment.points[track].is_some();
     let (mut scene, tracks) = scene_of(frames, &chosen, known, settings.noise, 2);
     let mut points: Vec<_> = tracks.iter().filter_map(|t| segment.points[*t]).collect();
-    let placements = chosen
-        .iter()
-        .filter_map(|i| segment.placements[*i])
-        .collect();
-    let mut motion = FreePlacements::new(placements, settings.focal_free && chosen.len() > 12);
+    let poses = chosen.iter().filter_map(|i| segment.poses[*i]).collect();
+    let mut motion = IndependentPoses::new(poses, settings.focal_free && chosen.len() > 12);
     motion.log_focal = segment.log_focal;
-    let limit = BELIEVED * settings.noise;
-    believe(&mut scene, &motion, &points, 2.0 * limit);
-    let effort = Effort {
-        loss: Loss::Huber(4.0 * settings.noise),
+    let limit = INLIER_GATE * settings.noise;
+    gate_inliers(&mut scene, &motion, &points, 2.0 * limit);
+    let adjust_options = AdjustOptions {
+        likelihood: PixelLikelihood::Huber(4.0 * settings.noise),
         steps,
-        // The dynamic adjustment makes it exact.
+        // The global adjustment refines it.
         tolerance: 1e-3,
     };
-    adjust(&scene, &mut motion, &mut points, &effort)?;
-    believe(&mut scene, &motion, &points, limit);
+    adjust(&scene, &mut motion, &mut points, &adjust_options)?;
+    gate_inliers(&mut scene, &motion, &points, limit);
     segment.log_focal = motion.log_focal;
     segment.rms = rms(&scene, &motion, &points);
     for (point, &track) in points.iter().zip(&tracks) {
@@ -368,16 +342,19 @@ fn settle(
         number[track] = k;
     }
     for (k, &i) in chosen.iter().enumerate() {
-        let seen = scene.frame(k);
-        let kept = seen.iter().filter(|s| s.kept).count();
-        for sight in &mut frames.list[i].sights {
-            if let Some(s) = seen.iter().find(|s| s.point == number[sight.track]) {
-                sight.kept = s.kept;
+        let observed = scene.frame(k);
+        let inliers = observed.iter().filter(|s| s.inlier).count();
+        for observation in &mut frames.list[i].observations {
+            if let Some(s) = observed
+                .iter()
+                .find(|s| s.point == number[observation.track])
+            {
+                observation.inlier = s.inlier;
             }
         }
-        // A frame that the rest no longer supports has to be placed anew.
-        let enough = kept >= MIN_POINTS && 2 * kept >= seen.len();
-        segment.placements[i] = enough.then_some(motion.placements[k]);
+        // A frame with too few inliers has to be resected again.
+        let enough = inliers >= MIN_POINTS && 2 * inliers >= observed.len();
+        segment.poses[i] = enough.then_some(motion.poses[k]);
     }
     Some(())
 }

@@ -1,37 +1,27 @@
-//! What the data say about the motion, and what they leave open.
+//! Covariance of the dynamic parameters, choice of the motion model, and diagnosis of what the data do not determine.
 
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, Vector3};
 
 use super::Options;
-use super::dynamic::COMMON;
 use super::free_motion::{FreeMotion, PARAMETERS, shape_times};
+use super::inlier_gate::Residuals;
+use super::pose_model::free_positions::COMMON;
 use crate::estimation::free_body::FreeRotation;
 use crate::estimation::{MotionEstimate, MotionModel};
 
-/// A difference below this many standard deviations is none.
+/// A difference of fewer standard deviations is not significant.
 const SIGNIFICANT: f64 = 3.0;
 
-/// How well the images are explained.
-#[derive(Debug, Clone, Copy, PartialEq)]
-pub struct Residuals {
-    /// Root mean square of the components \[px\].
-    pub rms: f64,
-    /// The same per degree of freedom: what the noise is estimated to be \[px\].
-    pub deviation: f64,
-    /// Image points that are not believed, of all.
-    pub outliers: f64,
-}
-
-/// The motion with its covariance, and what to know about it.
+/// The motion with its covariance, and remarks for the user.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Report {
     /// The motion.
     pub motion: MotionEstimate,
-    /// One line each.
+    /// Remarks, one line each.
     pub diagnosis: Vec<String>,
 }
 
-/// Derivatives of `(J_x, J_y, J_z, alpha)` by the eight parameters, in the order of axes that `J` has.
+/// Derivatives of `(J_x, J_y, J_z, alpha)` by the eight parameters of [`FreeMotion`], with the axes in the order of `J`.
 pub fn derivatives(motion: &FreeMotion, J: &Vector3<f64>) -> SMatrix<f64, 4, PARAMETERS> {
     let eigen = motion.inertia.symmetric_eigen();
     let mut order = [0, 1, 2];
@@ -68,7 +58,8 @@ pub fn derivatives(motion: &FreeMotion, J: &Vector3<f64>) -> SMatrix<f64, 4, PAR
     out
 }
 
-/// How many standard deviations the angular velocity is off the momentum's direction at the reference time.
+/// Distance of the angular velocity from the direction of the angular momentum at the reference time, in standard
+/// deviations.
 fn nutation_significance(
     motion: &FreeMotion,
     covariance: &SMatrix<f64, PARAMETERS, PARAMETERS>,
@@ -86,19 +77,19 @@ fn nutation_significance(
     slope
         .fixed_columns_mut::<5>(0)
         .copy_from(&(across * R * -inverse * shape_times(&w)));
-    // The direction that is across changes with the momentum, too.
+    // The projection across the momentum depends on the momentum as well.
     let turned = across * w_W.dot(&along) / motion.momentum.norm();
     let by_momentum = across * R * inverse * R.transpose() - turned;
     slope.fixed_columns_mut::<3>(5).copy_from(&by_momentum);
     let spread = slope * covariance * slope.transpose();
-    // In the plane across; along the momentum there is nothing to test.
+    // Only the plane across the momentum is tested; this makes the matrix regular along it.
     let tested = spread + along * along.transpose() * spread.trace().max(f64::MIN_POSITIVE);
     tested
         .try_inverse()
         .map_or(0.0, |i| off.dot(&(i * off)).max(0.0).sqrt())
 }
 
-/// What the fitted motion amounts to. `None` if it is none (no rotation).
+/// The fitted motion as an estimate. `None` if the body does not rotate.
 pub fn report(
     motion: &FreeMotion,
     covariance: &SMatrix<f64, COMMON, COMMON>,
@@ -126,22 +117,22 @@ pub fn report(
     let deviation = |k: usize| spread[(k, k)].max(0.0).sqrt();
     let model = if nutation_significance(motion, &parameters) < SIGNIFICANT {
         diagnosis.push(format!(
-            "the axis of rotation does not move within the noise: alpha = {alpha:.4} s² is seen, the moments of \
+            "the axis of rotation does not move within the noise: alpha = {alpha:.4} s² is determined, the moments of \
              inertia are not (J = {:.3} ± {:.3}, {:.3} ± {:.3}, {:.3} ± {:.3} s²)",
             J.x, deviation(0), J.y, deviation(1), J.z, deviation(2)
         ));
         MotionModel::SingleAxis
     } else if off(0, 1, [J.x, J.y]) < SIGNIFICANT {
         diagnosis.push(format!(
-            "two moments are equal within the noise (J_x - J_y = {:.2e} ± {:.1e} s²): where the principal axes x \
-             and y lie is not seen",
+            "two moments are equal within the noise (J_x - J_y = {:.2e} ± {:.1e} s²): the directions of the \
+             principal axes x and y are not determined",
             J.x - J.y,
             (J.x - J.y).abs() / off(0, 1, [J.x, J.y]).max(f64::MIN_POSITIVE)
         ));
         MotionModel::Axisymmetric
     } else if off(1, 3, [J.y, alpha]) < SIGNIFICANT {
         diagnosis.push(
-            "alpha equals the middle moment within the noise: when the body turns over next is not seen".to_owned(),
+            "alpha equals the middle moment within the noise: the time at which the body turns over next is not determined".to_owned(),
         );
         MotionModel::Aperiodic
     } else {
@@ -191,7 +182,7 @@ mod tests {
     use nalgebra::UnitQuaternion;
 
     #[test]
-    fn derivatives_are_those_of_differences() {
+    fn derivatives_match_finite_differences() {
         let shape = SVector::<f64, 5>::new(0.3, -0.2, 0.1, 0.05, -0.15);
         let R = UnitQuaternion::from_scaled_axis(Vector3::new(0.4, -0.7, 1.1));
         let motion = FreeMotion::new(&shape, Vector3::new(0.3, -0.5, 0.6), 10.0, R).unwrap();

@@ -1,4 +1,4 @@
-//! The aperiodic solution: the body swings once from one end of its middle axis to the other. Masutani 1995
+//! The aperiodic solution: the body turns over once, from one direction of its middle axis to the other. Masutani 1995
 //! eqs. (2.12), (2.44)-(2.49).
 
 use nalgebra::{UnitQuaternion, Vector3};
@@ -6,8 +6,8 @@ use nalgebra::{UnitQuaternion, Vector3};
 use super::DynamicParameters;
 use crate::estimation::elliptic::gudermannian;
 
-/// The motion as a function of `s`, the time since the fastest moment. What the camera sees of it depends on
-/// `alpha` and `lambda` alone; the moments are known only if someone tells them.
+/// The motion as a function of `s`, the time since the fastest moment. The rotation in space
+/// depends on `alpha` and `lambda` alone; the moments are known only if they are given.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub(super) struct Aperiodic {
     pub alpha: f64,
@@ -26,7 +26,7 @@ impl Aperiodic {
     }
 
     /// Attitude in the reference frame of the body-fixed frame that coincides with it at `s = 0`;
-    /// (2.47)-(2.49). The print lets the integral of (2.48) start at time zero; it starts here.
+    /// (2.47)-(2.49). In the print the integral of (2.48) starts at time zero; here it starts at `s = 0`.
     pub fn attitude(&self, s: f64) -> UnitQuaternion<f64> {
         UnitQuaternion::from_axis_angle(&Vector3::z_axis(), s / self.alpha.sqrt())
             * UnitQuaternion::from_axis_angle(&Vector3::x_axis(), gudermannian(self.lambda * s))

@@ -1,5 +1,5 @@
 //! Polhode and herpolhode: the path of the angular velocity in the body and in space. Masutani 1995
-//! sec. 2.3.5. The print calls the herpolhode the path of the angular momentum, which does not move.
+//! sec. 2.3.5. The print calls the herpolhode the path of the angular momentum, which is constant.
 
 use nalgebra::Vector3;
 
@@ -15,8 +15,8 @@ pub struct Herpolhode {
 }
 
 impl DynamicParameters {
-    /// Where the angular velocity `w` (principal axes, \[rad/s\]), a point of the polhode, touches the
-    /// invariable plane. At the plane's centre, where the angle has no meaning, its rate is infinite or NaN.
+    /// Point of the invariable plane that belongs to the angular velocity `w` (principal axes, \[rad/s\]), a point of the
+    /// polhode. At the plane's centre, where the angle is undefined, its rate is infinite or NaN.
     pub fn herpolhode(&self, w: &Vector3<f64>) -> Herpolhode {
         let (J, alpha) = (self.J(), self.alpha());
         // ρ = |L × w| / |L|: the difference of (2.24) loses digits near the centre.

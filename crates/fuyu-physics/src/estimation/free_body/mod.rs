@@ -1,7 +1,7 @@
 //! Torque-free rotation of a rigid body in closed form: Masutani 1995 sec. 2.3 and app. B.
 //!
-//! [`DynamicParameters`] are what can be known of a body from its motion alone; a [`FreeRotation`] is one
-//! motion with its attitude.
+//! [`DynamicParameters`] are the parameters of a body that its motion determines; a [`FreeRotation`] is one motion with
+//! its attitude.
 
 mod aperiodic;
 mod herpolhode;

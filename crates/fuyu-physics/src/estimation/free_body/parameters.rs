@@ -1,13 +1,13 @@
-//! The four numbers that determine a free rotation up to its start. Masutani 1995 sec. 2.3.2.
+//! Dynamic parameters: the four numbers that determine a free rotation up to its initial state. Masutani 1995 sec. 2.3.2.
 
 use nalgebra::Vector3;
 
 use crate::estimation::elliptic::Modulus;
 
-/// Two moments closer than this share of the largest are taken as equal.
+/// Two moments are equal if they differ by less than this share of the largest.
 const EQUAL: f64 = 1e-12;
 
-/// Relative size of a sum of opposite terms that is rounding and nothing else.
+/// A sum of terms with opposite signs is zero if it is less than this share of their absolute sum.
 const ROUNDING: f64 = 1e-15;
 
 /// Dynamic parameters: moments over twice the energy, `J = I / 2E`, and `alpha = L² / 4E²`, all \[s²\].
@@ -19,11 +19,11 @@ const ROUNDING: f64 = 1e-15;
 pub struct DynamicParameters {
     J: Vector3<f64>,
     alpha: f64,
-    /// `|J_x - alpha|`, `|J_y - alpha|`, `|J_z - alpha|`, known better than the differences.
+    /// `|J_x - alpha|`, `|J_y - alpha|`, `|J_z - alpha|`, more accurate than the differences.
     gaps: Vector3<f64>,
 }
 
-/// What no free rotation has.
+/// Why parameters belong to no free rotation.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum ParametersError {
     /// A parameter is not positive or not finite.
@@ -51,14 +51,14 @@ impl DynamicParameters {
     /// Parameters in the thesis's order of axes.
     ///
     /// # Errors
-    /// [`ParametersError`] if one is not positive or they are in no such order.
+    /// [`ParametersError`] if one is not positive, or their order is wrong.
     pub fn new(J: Vector3<f64>, alpha: f64) -> Result<Self, ParametersError> {
         if !(J.iter().chain([&alpha]).all(|x| x.is_finite() && *x > 0.0)) {
             return Err(ParametersError::NotPositive { J, alpha });
         }
         let falling = J.x >= J.y && J.y >= alpha && alpha >= J.z;
         let rising = J.x <= J.y && J.y <= alpha && alpha <= J.z;
-        // With an axis of symmetry y is no middle axis: alpha may lie anywhere between.
+        // With an axis of symmetry there is no middle axis: alpha may lie anywhere between the moments.
         let symmetric = J.x == J.y && (alpha - J.z) * (J.x - alpha) >= 0.0;
         if !(falling || rising || symmetric) {
             return Err(ParametersError::Order { J, alpha });
@@ -67,14 +67,14 @@ impl DynamicParameters {
         Ok(Self { J, alpha, gaps })
     }
 
-    /// The parameters of a body with positive principal `moments` (any unit) that turns with `w`, principal
-    /// axes, not zero; and which of its axes become x, y and z.
+    /// The parameters of a body with positive principal `moments` (any unit) with angular velocity `w`
+    /// (principal axes, not zero), and the indices of the axes that become x, y and z.
     pub(super) fn from_motion(moments: &Vector3<f64>, w: &Vector3<f64>) -> (Self, [usize; 3]) {
         let mut order = [0, 1, 2];
         order.sort_by(|&a, &b| moments[a].total_cmp(&moments[b]));
         let [low, middle, high] = order;
-        // Moments that are equal to rounding are made so: a difference in the last digit, with the body turning
-        // across its axis of symmetry, would feign a rate of the square root of that digit.
+        // Moments that are equal to rounding are made equal: for a body that turns across its axis of symmetry, a
+        // relative difference ε would cause a rate of order √ε.
         let mut moments = *moments;
         for (a, b) in [(low, middle), (middle, high), (low, middle)] {
             if moments[b] - moments[a] <= EQUAL * moments[high] {
@@ -160,11 +160,11 @@ impl DynamicParameters {
         let below = (J.y - J.z).abs() * self.gaps.x;
         let k_squared = self.gaps.z * (J.x - J.y).abs() / below;
         let complement = (J.x - J.z).abs() * self.gaps.y / below;
-        // Rounded separately they may add up to a little more than one.
+        // Due to rounding they may add up to slightly more than one.
         Modulus::from_squares(k_squared.min(1.0), complement.min(1.0))
     }
 
-    /// `ν = J_z (J_x - J_y) / (J_x (J_y - J_z))`: how unevenly the precession runs.
+    /// `ν = J_z (J_x - J_y) / (J_x (J_y - J_z))`: measure of the variation of the precession rate.
     pub(super) fn unevenness(&self) -> f64 {
         if self.is_axisymmetric() {
             return 0.0;

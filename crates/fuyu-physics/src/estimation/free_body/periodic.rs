@@ -45,7 +45,7 @@ impl Periodic {
         self.amplitudes.component_mul(&Vector3::new(cn, sn, dn))
     }
 
-    /// Precession angle φ turned from `u0` to `u` in `duration` \[s\]: the integral of (2.23), which in the
+    /// Precession angle φ from `u0` to `u` in `duration` \[s\]: the integral of (2.23), which in the
     /// solution (2.9) is
     /// `φ' = √α/J_x + √α (J_x - J_z)/(J_x J_z) · ν sn² / (1 + ν sn²)`.
     pub fn precession(&self, u0: f64, u: f64, duration: f64) -> f64 {
@@ -64,7 +64,7 @@ impl Periodic {
     pub fn attitude(&self, u: f64, precession: f64) -> UnitQuaternion<f64> {
         let Jacobi { sn, cn, dn } = self.modulus.jacobi(u);
         let J = self.parameters.J();
-        // Momentum in principal axes over 2E. Its x and y part share the factor that vanishes with nutation.
+        // Momentum in principal axes over 2E. Its x and y components share the factor that vanishes with nutation.
         let L = J.component_mul(&self.amplitudes);
         let (x, y) = (L.x * cn, L.y * sn);
         let nutation = x.hypot(y).atan2(L.z * dn);

@@ -15,17 +15,17 @@ pub struct FreeRotation {
     solution: Solution,
     reference_time: f64,
     R_CR: UnitQuaternion<f64>,
-    /// From B to the axes in which the solution is written.
+    /// Rotation from B to the axes S of the solution.
     R_SB: UnitQuaternion<f64>,
 }
 
 #[derive(Debug, Clone, Copy, PartialEq)]
 enum Solution {
-    /// Starts with argument `u0`.
+    /// Argument `u0` at the reference time.
     Periodic { periodic: Periodic, u0: f64 },
-    /// Starts `s0` after the fastest moment \[s\].
+    /// Reference time `s0` after the fastest moment \[s\].
     Aperiodic { aperiodic: Aperiodic, s0: f64 },
-    /// Turns at `rate` \[rad/s\] about the momentum.
+    /// Rotation at `rate` \[rad/s\] about the momentum.
     SingleAxis {
         rate: f64,
         alpha: f64,
@@ -33,7 +33,7 @@ enum Solution {
     },
 }
 
-/// Which of the thesis's four solutions a motion is.
+/// The four solutions of Euler's equations in Masutani 1995.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum SolutionKind {
     /// Three different moments: elliptic functions (2.9).
@@ -46,7 +46,7 @@ pub enum SolutionKind {
     SingleAxis,
 }
 
-/// A start that is no free rotation.
+/// Why an initial state is no free rotation.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 pub enum FreeRotationError {
     /// The inertia is not positive definite, or not finite.
@@ -60,15 +60,15 @@ pub enum FreeRotationError {
     Parameters(#[from] ParametersError),
 }
 
-/// Below this sine of the angle between momentum and angular velocity the velocity is constant to rounding.
+/// Below this sine of the angle between momentum and angular velocity, the velocity is constant to rounding.
 const ALIGNED: f64 = 1e-15;
 
 impl FreeRotation {
-    /// The motion of a body with rotational inertia `I_B` (any unit, B axes, which need not be principal) that
+    /// The motion of a body with rotational inertia `I_B` (any unit, B axes, not necessarily principal) that
     /// at `time` \[s\] has attitude `R_CB` and angular velocity `w_B` \[rad/s\], B axes.
     ///
     /// # Errors
-    /// [`FreeRotationError`] if the inertia is not positive definite or the body does not turn.
+    /// [`FreeRotationError`] if the inertia is not positive definite or the body is at rest.
     pub fn new(
         I_B: &Matrix3<f64>,
         R_CB: UnitQuaternion<f64>,
@@ -152,8 +152,8 @@ impl FreeRotation {
     }
 
     /// The aperiodic motion with momentum parameter `alpha` \[s²\] and rate `lambda` \[rad/s\] that is fastest
-    /// at `time` \[s\], when the angular velocity lies in the plane of x and z of the reference frame. What
-    /// moments the body has is not known; B coincides with R at `time`.
+    /// at `time` \[s\], when the angular velocity lies in the plane of x and z of the reference frame. The
+    /// moments of the body are not known; B coincides with R at `time`.
     pub fn aperiodic(alpha: f64, lambda: f64, R_CR: UnitQuaternion<f64>, time: f64) -> Self {
         let aperiodic = Aperiodic {
             alpha,
@@ -187,8 +187,8 @@ impl FreeRotation {
         self.solution_attitude(time) * self.R_SB
     }
 
-    /// Attitude at `time` \[s\] of the axes in which the solution is written: where the moments are known, the
-    /// principal axes in the thesis's order. z is the axis that the angular velocity circles.
+    /// Attitude at `time` \[s\] of the axes of the solution: the principal axes in the thesis's order if the moments are
+    /// known. z is the axis that the angular velocity circles.
     pub fn solution_attitude(&self, time: f64) -> UnitQuaternion<f64> {
         let elapsed = time - self.reference_time;
         let R_RS = match &self.solution {
@@ -218,7 +218,7 @@ impl FreeRotation {
     }
 
     /// Angular velocity in the principal axes, in the thesis's order \[rad/s\], at `time` \[s\]: a point of the
-    /// polhode. `None` where the axes are not known.
+    /// polhode. `None` if the axes are not known.
     pub fn principal_rates(&self, time: f64) -> Option<Vector3<f64>> {
         let elapsed = time - self.reference_time;
         match &self.solution {
@@ -234,7 +234,7 @@ impl FreeRotation {
         }
     }
 
-    /// Which solution it is.
+    /// The kind of solution.
     pub fn kind(&self) -> SolutionKind {
         match &self.solution {
             Solution::Periodic { periodic, .. } if periodic.parameters.is_axisymmetric() => {
@@ -257,7 +257,7 @@ impl FreeRotation {
         }
     }
 
-    /// The dynamic parameters, where all are known.
+    /// The dynamic parameters, if all are known.
     pub fn parameters(&self) -> Option<&DynamicParameters> {
         match &self.solution {
             Solution::Periodic { periodic, .. } => Some(&periodic.parameters),
@@ -280,7 +280,7 @@ impl FreeRotation {
         self.R_CR * Vector3::z_axis()
     }
 
-    /// The time at which the motion was stated \[s\].
+    /// Reference time \[s\].
     pub fn reference_time(&self) -> f64 {
         self.reference_time
     }
@@ -296,8 +296,8 @@ fn principal_axes(I_B: &Matrix3<f64>) -> (Vector3<f64>, Rotation3<f64>) {
     (eigen.eigenvalues, Rotation3::from_matrix_unchecked(axes))
 }
 
-/// The rotation `R_TP` to axes T: x, y and z are the given axes of P, with such signs that the rates about x
-/// and z are not negative.
+/// The rotation `R_TP` to axes T: x, y and z are the given axes of P, with signs that make the rates about x
+/// and z nonnegative.
 fn thesis_axes(axes: [usize; 3], w_P: &Vector3<f64>) -> UnitQuaternion<f64> {
     let sign = |x: f64| if x < 0.0 { -1.0 } else { 1.0 };
     let [x, y, z] = axes.map(|i| Vector3::ith(i, 1.0));
@@ -310,7 +310,7 @@ fn thesis_axes(axes: [usize; 3], w_P: &Vector3<f64>) -> UnitQuaternion<f64> {
     UnitQuaternion::from_rotation_matrix(&R_TP)
 }
 
-/// The frame with z along `z_C` and x as near to `x_C` as can be; without that, any x.
+/// The frame with z along `z_C` and x as near to `x_C` as possible; an arbitrary x without `x_C`.
 pub(crate) fn frame(z_C: &Vector3<f64>, x_C: Option<&Vector3<f64>>) -> UnitQuaternion<f64> {
     let z = z_C.normalize();
     let towards = x_C.copied().unwrap_or_else(|| Vector3::ith(z.iamin(), 1.0));

@@ -3,7 +3,7 @@
 use nalgebra::{Matrix3, Rotation3, UnitQuaternion, UnitVector3, Vector3};
 
 use super::{
-    EstimateError, InvariablePlane, MeanPrecession, Options, Pulse, Rate, Spectrum, Waveform,
+    InvariablePlane, MasutaniError, MeanPrecession, Options, Pulse, Rate, Spectrum, Waveform,
     moments::{self, Observed},
     rates_from_tracks,
 };
@@ -11,17 +11,17 @@ use crate::estimation::free_body::{DynamicParameters, FreeRotation, frame};
 use crate::estimation::{MotionEstimate, MotionModel, Tracks};
 use crate::vision::Pinhole;
 
-/// The fewest angular velocities that are analysed: a waveform has four parameters.
+/// Least number of angular velocities: a waveform has four parameters.
 pub(super) const MIN_RATES: usize = 8;
 
-/// Scatter below this share of the angular velocity is rounding.
+/// Scatter below this share of the angular velocity is rounding error.
 const CONSTANT: f64 = 1e-9;
 
 /// How far the largest moment may exceed the sum of the others, as a share of it, before the result is
 /// refused: noise may push a flat body beyond the triangle inequality.
 const TRIANGLE_SLACK: f64 = 0.1;
 
-/// What the angular velocities show before a model is fitted, and which model that calls for.
+/// Analysis of the angular velocities before a model is fitted, and the choice of the model.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Analysis {
     /// The invariable plane.
@@ -36,29 +36,29 @@ pub struct Analysis {
     pub model: MotionModel,
 }
 
-/// What the model's fit found on the way to its estimate.
+/// Intermediate results of the model's fit.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum Fit {
-    /// Of the asymmetric model.
+    /// Asymmetric model.
     Asymmetric {
         /// The waveform of `|w|²`.
         waveform: Waveform,
-        /// The herpolhode's mean turn.
+        /// Mean rate of the herpolhode.
         precession: MeanPrecession,
     },
-    /// Of the aperiodic model.
+    /// Aperiodic model.
     Aperiodic(Pulse),
-    /// Of the axisymmetric model.
+    /// Axisymmetric model.
     Axisymmetric(MeanPrecession),
-    /// The single-axis model needs none.
+    /// Single-axis model; no fit.
     SingleAxis,
 }
 
 /// Estimates a motion from angular velocities in the order of time.
 ///
 /// # Errors
-/// [`EstimateError`] if the data are wrong in themselves or belong to no free body.
-pub fn estimate(rates: &[Rate], options: &Options) -> Result<MotionEstimate, EstimateError> {
+/// [`MasutaniError`] if the data are invalid, or are not those of a free body.
+pub fn estimate(rates: &[Rate], options: &Options) -> Result<MotionEstimate, MasutaniError> {
     let (estimate, _) = Analysis::new(rates, options)?.solve(rates, options)?;
     Ok(estimate)
 }
@@ -66,12 +66,12 @@ pub fn estimate(rates: &[Rate], options: &Options) -> Result<MotionEstimate, Est
 /// Estimates a motion from feature tracks, by the rates between consecutive frames.
 ///
 /// # Errors
-/// [`EstimateError`] if no two consecutive frames determine a motion, or as for [`estimate`].
+/// [`MasutaniError`] if no two consecutive frames determine a motion, or as for [`estimate`].
 pub fn from_tracks(
     tracks: &Tracks,
     camera: &Pinhole,
     options: &Options,
-) -> Result<MotionEstimate, EstimateError> {
+) -> Result<MotionEstimate, MasutaniError> {
     estimate(&rates_from_tracks(tracks, camera)?, options)
 }
 
@@ -79,8 +79,8 @@ impl Analysis {
     /// Analyses angular velocities in the order of time, and chooses a model.
     ///
     /// # Errors
-    /// [`EstimateError`] if they are wrong in themselves or end in no plane.
-    pub fn new(rates: &[Rate], options: &Options) -> Result<Self, EstimateError> {
+    /// [`MasutaniError`] if they are wrong in themselves or end in no plane.
+    pub fn new(rates: &[Rate], options: &Options) -> Result<Self, MasutaniError> {
         check(rates)?;
         let plane = InvariablePlane::fit(rates)?;
         let n = rates.len() as f64;
@@ -111,12 +111,12 @@ impl Analysis {
     /// Fits the chosen model to the same angular velocities.
     ///
     /// # Errors
-    /// [`EstimateError`] if the fit fails or its result is no body.
+    /// [`MasutaniError`] if the fit fails or its result is no body.
     pub fn solve(
         &self,
         rates: &[Rate],
         options: &Options,
-    ) -> Result<(MotionEstimate, Fit), EstimateError> {
+    ) -> Result<(MotionEstimate, Fit), MasutaniError> {
         let (rotation, fit) = match self.model {
             MotionModel::Asymmetric => self.asymmetric(rates, options)?,
             MotionModel::Aperiodic => self.aperiodic(rates, options)?,
@@ -138,10 +138,10 @@ impl Analysis {
         &self,
         rates: &[Rate],
         options: &Options,
-    ) -> Result<(FreeRotation, Fit), EstimateError> {
+    ) -> Result<(FreeRotation, Fit), MasutaniError> {
         let samples = squares(rates);
         let waveform = Waveform::fit(&samples, &self.spectrum, options);
-        let waveform = waveform.ok_or(EstimateError::NoFit {
+        let waveform = waveform.ok_or(MasutaniError::NoFit {
             period: self.spectrum.period,
         })?;
         let precession = MeanPrecession::fit(rates, &self.plane);
@@ -170,9 +170,9 @@ impl Analysis {
         &self,
         rates: &[Rate],
         options: &Options,
-    ) -> Result<(FreeRotation, Fit), EstimateError> {
+    ) -> Result<(FreeRotation, Fit), MasutaniError> {
         let pulse = Pulse::fit(&squares(rates), self.plane.alpha, options);
-        let pulse = pulse.ok_or(EstimateError::NoFit {
+        let pulse = pulse.ok_or(MasutaniError::NoFit {
             period: self.spectrum.period,
         })?;
         let time = rates[0].0 + pulse.delta / pulse.lambda;
@@ -197,9 +197,9 @@ impl Analysis {
         &self,
         rates: &[Rate],
         options: &Options,
-    ) -> Result<(FreeRotation, Fit), EstimateError> {
-        let precession = match options.steady_turns {
-            true => MeanPrecession::steady(rates, &self.plane),
+    ) -> Result<(FreeRotation, Fit), MasutaniError> {
+        let precession = match options.unwrap_to_line {
+            true => MeanPrecession::unwrapped_to_line(rates, &self.plane),
             false => MeanPrecession::fit(rates, &self.plane),
         };
         let J = moments::axisymmetric(self.plane.alpha, self.spectrum.mean, precession.rate);
@@ -239,9 +239,9 @@ impl Analysis {
     }
 
     /// The parameters, if a body can have them.
-    fn body(&self, J: Vector3<f64>) -> Result<DynamicParameters, EstimateError> {
+    fn body(&self, J: Vector3<f64>) -> Result<DynamicParameters, MasutaniError> {
         let alpha = self.plane.alpha;
-        let impossible = EstimateError::Impossible {
+        let impossible = MasutaniError::Impossible {
             model: self.model.name(),
             J,
             alpha,
@@ -254,23 +254,23 @@ impl Analysis {
     }
 }
 
-fn check(rates: &[Rate]) -> Result<(), EstimateError> {
+fn check(rates: &[Rate]) -> Result<(), MasutaniError> {
     let bad = |(t, w): &Rate| !(t.is_finite() && w.iter().all(|x| x.is_finite()));
     if let Some(at) = rates.iter().position(bad) {
-        return Err(EstimateError::NotFinite(at));
+        return Err(MasutaniError::NotFinite(at));
     }
     if let Some(at) = rates.windows(2).position(|p| p[1].0 <= p[0].0) {
-        return Err(EstimateError::Order {
+        return Err(MasutaniError::Order {
             sample: at + 1,
             time: rates[at + 1].0,
             before: rates[at].0,
         });
     }
     if rates.len() < MIN_RATES {
-        return Err(EstimateError::TooFew(rates.len()));
+        return Err(MasutaniError::TooFew(rates.len()));
     }
     if rates.iter().all(|(_, w)| *w == Vector3::zeros()) {
-        return Err(EstimateError::AtRest);
+        return Err(MasutaniError::AtRest);
     }
     Ok(())
 }

@@ -6,20 +6,20 @@ use crate::estimation::two_view::TwoViewError;
 
 /// Why there is no estimate.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
-pub enum EstimateError {
+pub enum MasutaniError {
     /// No pair of frames.
-    #[error("there are fewer than two frames to compare")]
+    #[error("there are fewer than two frames")]
     Empty,
     /// No pair of frames determines a motion.
     #[error(
-        "frames at {before} s and {after} s: {reason}; nor do any other two consecutive frames tell a motion"
+        "frames at {before} s and {after} s: {reason}; no other two consecutive frames determine a motion either"
     )]
     TwoView {
         /// Time of the first such frame \[s\].
         before: f64,
         /// Time of the frame after it \[s\].
         after: f64,
-        /// What is wrong with them.
+        /// Why they do not determine a motion.
         reason: TwoViewError,
     },
     /// Too few angular velocities.
@@ -45,7 +45,7 @@ pub enum EstimateError {
     AtRest,
     /// No invariable plane fits.
     #[error(
-        "the angular velocities end in no common plane away from zero, as those of a free body would"
+        "the angular velocities do not lie in a common plane away from zero, as those of a free body do"
     )]
     NoPlane,
     /// The waveform cannot be fitted.
@@ -54,9 +54,9 @@ pub enum EstimateError {
         /// The period tried \[s\].
         period: f64,
     },
-    /// The moments found are those of no body.
+    /// No body has the moments found.
     #[error(
-        "the {model} model gives J = ({}, {}, {}) s² with alpha = {alpha} s²: no rigid body moves so (too much noise, or the wrong model)",
+        "the {model} model gives J = ({}, {}, {}) s² with alpha = {alpha} s²: no rigid body has this motion (too much noise, or the wrong model)",
         J.x, J.y, J.z
     )]
     Impossible {

@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-/// What the waveform and the invariable plane say.
+/// Quantities from the waveform and the invariable plane.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct Observed {
     pub alpha: f64,
@@ -15,10 +15,10 @@ pub(super) struct Observed {
 }
 
 impl Observed {
-    /// `J_x, J_y, J_z` of the asymmetric model. Not every result is a body.
+    /// `J_x, J_y, J_z` of the asymmetric model. A body need not have them.
     ///
-    /// The quadratic (2.38) is solved in the form that loses no digits where its leading coefficient vanishes,
-    /// which it does at `alpha = 2 J_z` (E.9). There is a second admissible root only if that coefficient is
+    /// The quadratic (2.38) is solved in the form without cancellation where its leading coefficient vanishes,
+    /// at `alpha = 2 J_z` (E.9). There is a second admissible root only if that coefficient is
     /// negative; then the herpolhode decides.
     pub fn asymmetric(&self) -> Vector3<f64> {
         let Self {

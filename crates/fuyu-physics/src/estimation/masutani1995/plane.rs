@@ -1,14 +1,14 @@
-//! The invariable plane, in which the angular velocity ends, and the angle about its normal.
+//! The invariable plane, in which the angular velocity vectors end, and the angle about its normal.
 
 use std::f64::consts::TAU;
 
 use nalgebra::{Matrix3, UnitVector3, Vector3};
 use rustfft::num_complex::Complex;
 
-use super::{EstimateError, Rate};
+use super::{MasutaniError, Rate};
 use crate::estimation::free_body::frame;
 
-/// A line moves the turns of few angles, and these the line hardly; it settles in two or three rounds.
+/// Largest number of rounds of unwrapping to a line; it converges in two or three.
 const ROUNDS: usize = 10;
 
 /// The plane `n · w = 1/√alpha`: Masutani 1995 eqs. (2.26), (2.27).
@@ -18,7 +18,7 @@ pub struct InvariablePlane {
     pub normal: UnitVector3<f64>,
     /// `alpha = L² / 4E²` \[s²\].
     pub alpha: f64,
-    /// Scatter of the angular velocities across the plane, `sigma_n` \[rad/s\], (2.63). The print forgets that
+    /// Scatter of the angular velocities across the plane, `sigma_n` \[rad/s\], (2.63). The print omits that
     /// its normal has unit length: the distance is `n · w - 1/√alpha`.
     pub scatter: f64,
 }
@@ -27,24 +27,24 @@ impl InvariablePlane {
     /// The plane that fits best, by linear least squares.
     ///
     /// # Errors
-    /// [`EstimateError::NoPlane`] if the angular velocities span no more than a plane through zero.
-    pub fn fit(rates: &[Rate]) -> Result<Self, EstimateError> {
+    /// [`MasutaniError::NoPlane`] if the angular velocities span at most a plane through zero.
+    pub fn fit(rates: &[Rate]) -> Result<Self, MasutaniError> {
         let mut normal = Matrix3::zeros();
         let mut sum = Vector3::zeros();
         for (_, w) in rates {
             normal += w * w.transpose();
             sum += w;
         }
-        // A constant angular velocity makes the system singular: of the planes through it take the one nearest
-        // to zero, which the pseudo-inverse gives.
+        // A constant angular velocity makes the system singular; the pseudo-inverse gives the plane perpendicular to
+        // it.
         let size = normal.trace();
         let inverse = normal
             .pseudo_inverse(1e-14 * size)
-            .map_err(|_| EstimateError::NoPlane)?;
+            .map_err(|_| MasutaniError::NoPlane)?;
         let n = inverse * sum;
         let alpha = n.norm_squared();
         if !(alpha.is_finite() && alpha > 0.0) {
-            return Err(EstimateError::NoPlane);
+            return Err(MasutaniError::NoPlane);
         }
         let normal = UnitVector3::new_normalize(n);
         let distance = alpha.sqrt().recip();
@@ -60,7 +60,7 @@ impl InvariablePlane {
     }
 }
 
-/// The angle about the plane's normal as it grows on average: `chi = rate · t + phase`, eq. (2.40).
+/// Regression line of the angle about the plane's normal: `chi = rate · t + phase`, eq. (2.40).
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct MeanPrecession {
     /// `A` of (2.40) \[rad/s\].
@@ -72,8 +72,8 @@ pub struct MeanPrecession {
 }
 
 impl MeanPrecession {
-    /// Fits the angle of the herpolhode by linear least squares. Of the turns that an angle may be, it is the one
-    /// nearest to the sample before.
+    /// Fits the angle of the herpolhode by linear least squares. Each angle is unwrapped to the one nearest to the sample
+    /// before.
     pub fn fit(rates: &[Rate], plane: &InvariablePlane) -> Self {
         let mut last = None;
         Self::through(rates, plane, |_, angle| {
@@ -83,10 +83,10 @@ impl MeanPrecession {
         })
     }
 
-    /// The same for a herpolhode that is a circle, as the axisymmetric model has it. Where its radius drowns in noise
-    /// an angle compared with the one before slips by whole turns, and takes the mean rate with it. So each is the
-    /// turn nearest to a line: at first that of the rate that, taken away, leaves the ends closest together.
-    pub fn steady(rates: &[Rate], plane: &InvariablePlane) -> Self {
+    /// The same for a herpolhode that is a circle, as in the axisymmetric model. If its radius is not larger than the
+    /// noise, unwrapping to the sample before slips by whole revolutions and changes the mean rate. So each angle is
+    /// unwrapped to a line: initially that of the rate with the strongest correlation.
+    pub fn unwrapped_to_line(rates: &[Rate], plane: &InvariablePlane) -> Self {
         let mut line = Self::rough(rates, plane);
         for _ in 0..ROUNDS {
             let Self { rate, phase, .. } = line;
@@ -99,11 +99,11 @@ impl MeanPrecession {
         line
     }
 
-    /// The line through the angles, each turned into what `turn` makes of its time since the start and itself.
+    /// Regression line of the angles, each unwrapped by `unwrap` (time since the start \[s\], angle \[rad\]).
     fn through(
         rates: &[Rate],
         plane: &InvariablePlane,
-        mut turn: impl FnMut(f64, f64) -> f64,
+        mut unwrap: impl FnMut(f64, f64) -> f64,
     ) -> Self {
         let axes = axes(plane);
         let start = rates[0].0;
@@ -111,7 +111,7 @@ impl MeanPrecession {
         for (t, w) in rates {
             let (x, y) = (axes.column(0).dot(w), axes.column(1).dot(w));
             let t = t - start;
-            let angle = turn(t, y.atan2(x));
+            let angle = unwrap(t, y.atan2(x));
             n += 1.0;
             st += t;
             sc += angle;
@@ -126,15 +126,15 @@ impl MeanPrecession {
         }
     }
 
-    /// Of rates between 0 and 2/√alpha, which no axisymmetric body leaves, the one that agrees best with all ends, to
-    /// a quarter turn over the whole time.
+    /// Initial line by correlation: of the rates between 0 and 2/√alpha, which contain those of all axisymmetric bodies,
+    /// the one that agrees best with all samples, to a quarter revolution over the whole time.
     fn rough(rates: &[Rate], plane: &InvariablePlane) -> Self {
         let axes = axes(plane);
         let (start, end) = (rates[0].0, rates[rates.len() - 1].0);
         let step = 0.25 * TAU / (end - start);
         let count = (2.0 / (plane.alpha.sqrt() * step)) as usize;
         let end_of = |w: &Vector3<f64>| Complex::new(axes.column(0).dot(w), axes.column(1).dot(w));
-        // Of each sample where it ends, turned back so far, and by how much from one rate to the next.
+        // Each sample in the plane, rotated back by the current rate, and its rotation from one rate to the next.
         let back = |t: f64| Complex::from_polar(1.0, -step * (t - start));
         let mut ends: Vec<_> = rates.iter().map(|(t, w)| (end_of(w), back(*t))).collect();
         let mut best = (0.0, 0.0, 0.0);
@@ -154,7 +154,7 @@ impl MeanPrecession {
         }
     }
 
-    /// The direction in the plane that has angle `angle` \[rad\].
+    /// The direction in the plane at `angle` \[rad\].
     pub fn direction(&self, angle: f64) -> Vector3<f64> {
         self.axes.column(0) * angle.cos() + self.axes.column(1) * angle.sin()
     }
@@ -165,7 +165,7 @@ fn axes(plane: &InvariablePlane) -> Matrix3<f64> {
     frame(&plane.normal, None).to_rotation_matrix().into_inner()
 }
 
-/// The angle, by as many turns more as bring it nearest to `goal`.
+/// The angle plus the number of whole revolutions that brings it nearest to `goal`.
 fn nearest(angle: f64, goal: f64) -> f64 {
     angle + TAU * ((goal - angle) / TAU).round()
 }
@@ -175,7 +175,7 @@ mod tests {
     use super::*;
     use rand::{RngExt, SeedableRng, rngs::StdRng};
 
-    /// Rates whose ends circle about z with this radius \[rad/s\], as seen with noise.
+    /// Angular velocities on a circle about z with this radius \[rad/s\], with noise.
     fn circling(radius: f64, noise: f64) -> Vec<Rate> {
         let mut rng = StdRng::seed_from_u64(3);
         let mut gauss = || (0..12).map(|_| rng.random_range(-0.5..0.5)).sum::<f64>() * noise;
@@ -202,7 +202,7 @@ mod tests {
         let clean = circling(0.02, 0.0);
         for found in [
             MeanPrecession::fit(&clean, &plane),
-            MeanPrecession::steady(&clean, &plane),
+            MeanPrecession::unwrapped_to_line(&clean, &plane),
         ] {
             assert!((found.rate - RATE).abs() < 1e-12, "{found:?}");
             assert!(
@@ -210,11 +210,11 @@ mod tests {
                 "{found:?}"
             );
         }
-        let drowned = circling(0.02, 0.015);
-        // Some angle slips, and the rate is off by a turn or more in 360 s.
-        let slipped = MeanPrecession::fit(&drowned, &plane).rate - RATE;
+        let noisy = circling(0.02, 0.015);
+        // An angle slips: the rate is wrong by at least a revolution in 360 s.
+        let slipped = MeanPrecession::fit(&noisy, &plane).rate - RATE;
         assert!(slipped.abs() > TAU / 360.0, "{slipped}");
-        let kept = MeanPrecession::steady(&drowned, &plane);
+        let kept = MeanPrecession::unwrapped_to_line(&noisy, &plane);
         assert!((kept.rate - RATE).abs() < 2e-3, "{kept:?}");
         assert!(kept.direction(kept.phase).angle(&start) < 0.4, "{kept:?}");
     }

@@ -2,7 +2,7 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::EstimateError;
+use super::MasutaniError;
 use crate::estimation::Tracks;
 use crate::estimation::two_view::{common_rays, two_view_motion};
 use crate::vision::Pinhole;
@@ -10,8 +10,8 @@ use crate::vision::Pinhole;
 /// An angular velocity \[rad/s\] in camera axes, and its time \[s\].
 pub type Rate = (f64, Vector3<f64>);
 
-/// The mean angular velocity between two attitudes, stamped in the middle of the interval: the text does not
-/// say where, but stamps at its beginning cost a factor of five in the predicted direction.
+/// The mean angular velocity between two attitudes, stamped at the middle of the interval. The text does not
+/// specify the stamp; stamps at its beginning increase the error of the predicted direction by a factor of five.
 pub fn mean_rate(
     (before, R_before): (f64, UnitQuaternion<f64>),
     (after, R_after): (f64, UnitQuaternion<f64>),
@@ -23,12 +23,12 @@ pub fn mean_rate(
 /// Angular velocities from all pairs of consecutive frames that determine one.
 ///
 /// # Errors
-/// [`EstimateError::Empty`] without frames; [`EstimateError::TwoView`], that of the first pair, if no pair
+/// [`MasutaniError::Empty`] without frames; [`MasutaniError::TwoView`], that of the first pair, if no pair
 /// determines a motion.
-pub fn rates_from_tracks(tracks: &Tracks, camera: &Pinhole) -> Result<Vec<Rate>, EstimateError> {
+pub fn rates_from_tracks(tracks: &Tracks, camera: &Pinhole) -> Result<Vec<Rate>, MasutaniError> {
     let mut rates = Vec::new();
     let mut first_failure = None;
-    for pair in tracks.sightings().windows(2) {
+    for pair in tracks.frames().windows(2) {
         let (before, after) = (pair[0].time, pair[1].time);
         match two_view_motion(&common_rays(camera, &pair[0], &pair[1])) {
             Ok(motion) => {
@@ -37,7 +37,7 @@ pub fn rates_from_tracks(tracks: &Tracks, camera: &Pinhole) -> Result<Vec<Rate>,
                 rates.push(mean_rate(start, (after, turned)));
             }
             Err(reason) => {
-                first_failure.get_or_insert(EstimateError::TwoView {
+                first_failure.get_or_insert(MasutaniError::TwoView {
                     before,
                     after,
                     reason,
@@ -47,7 +47,7 @@ pub fn rates_from_tracks(tracks: &Tracks, camera: &Pinhole) -> Result<Vec<Rate>,
     }
     match first_failure {
         Some(failure) if rates.is_empty() => Err(failure),
-        None if rates.is_empty() => Err(EstimateError::Empty),
+        None if rates.is_empty() => Err(MasutaniError::Empty),
         _ => Ok(rates),
     }
 }

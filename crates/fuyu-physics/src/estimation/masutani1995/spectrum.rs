@@ -6,7 +6,7 @@ use rustfft::{FftPlanner, num_complex::Complex};
 
 use super::Options;
 
-/// An amplitude below this share of the mean is rounding: `|w|²` is constant.
+/// An amplitude below this share of the mean is rounding error: `|w|²` is constant.
 const ROUNDING: f64 = 1e-9;
 
 /// The spectrum of `|w|²` and its main component `A cos(2π (t - t0)/T + phase)`.
@@ -14,9 +14,9 @@ const ROUNDING: f64 = 1e-9;
 pub struct Spectrum {
     /// Magnitudes `|G(κ)|` of (D.6), `κ = 0 ... N/2`, \[rad²/s²\].
     pub magnitudes: Vec<f64>,
-    /// Bin of the largest.
+    /// Bin of the largest magnitude.
     pub bin: usize,
-    /// Largest magnitude outside the neighbourhood of the largest, as a share of that.
+    /// Largest magnitude outside the neighbourhood of the main component, as a share of that.
     pub rival: f64,
     /// Period `T` of the main component \[s\], from the parabola through three bins, (D.7)-(D.12).
     pub period: f64,
@@ -26,13 +26,13 @@ pub struct Spectrum {
     pub phase: f64,
     /// Mean of `|w|²` \[rad²/s²\].
     pub mean: f64,
-    /// Whether there is a main component that no rival contests.
+    /// Whether there is a main component, and no other of similar size.
     pub distinct: bool,
 }
 
 impl Spectrum {
-    /// The spectrum of `|w|²` \[rad²/s²\] over time \[s\]; at least four samples in the order of time. Uneven
-    /// ones, where frames were lost, are made even by linear interpolation first.
+    /// The spectrum of `|w|²` \[rad²/s²\] over time \[s\]; at least four samples in the order of time. Unevenly
+    /// spaced samples (lost frames) are interpolated linearly to even spacing.
     pub fn of(samples: &[(f64, f64)], options: &Options) -> Self {
         let values = evenly(samples);
         let duration = samples[samples.len() - 1].0 - samples[0].0;
@@ -61,7 +61,7 @@ impl Spectrum {
         let (low, peak, high) = (magnitudes[bin - 1], magnitudes[bin], magnitudes[bin + 1]);
         let c2 = 0.5 * (low + high) - peak;
         let c1 = 0.5 * (high - low);
-        // Relative to the bin. The lowest bin need not be a maximum: the mean was taken from its neighbour.
+        // Relative to the bin. The lowest bin need not be a maximum, because the mean was subtracted from its neighbour.
         let shift = if c2 < 0.0 {
             (-0.5 * c1 / c2).clamp(-0.5, 0.5)
         } else {
@@ -69,7 +69,7 @@ impl Spectrum {
         };
         let bins_per_hertz = size as f64 * duration / (n as f64 - 1.0);
         let period = bins_per_hertz / (bin as f64 + shift);
-        // (D.13): the square of the parabola between its roots, a distance apart.
+        // (D.13): integral of the squared parabola between its roots.
         let power = if c2 < 0.0 {
             let distance = (c1 * c1 - 4.0 * c2 * peak).sqrt() / c2.abs();
             c2 * c2 * distance.powi(5) / 30.0
@@ -93,18 +93,18 @@ impl Spectrum {
     }
 }
 
-/// The values at even times from the first to the last: as many as the usual interval allows.
+/// The values at evenly spaced times from the first to the last, at the median interval.
 fn evenly(samples: &[(f64, f64)]) -> Vec<f64> {
     let mut intervals: Vec<_> = samples.windows(2).map(|p| p[1].0 - p[0].0).collect();
     intervals.sort_by(f64::total_cmp);
-    let usual = intervals[intervals.len() / 2];
-    let even = |d: &f64| (d - usual).abs() < 0.01 * usual;
+    let median = intervals[intervals.len() / 2];
+    let even = |d: &f64| (d - median).abs() < 0.01 * median;
     if intervals.iter().all(even) {
         return samples.iter().map(|(_, x)| *x).collect();
     }
     let (start, end) = (samples[0].0, samples[samples.len() - 1].0);
-    // Bounded, should the usual interval be a tiny one among large ones.
-    let count = ((end - start) / usual)
+    // Bounded, in case the median interval is very small compared with others.
+    let count = ((end - start) / median)
         .round()
         .min(20.0 * samples.len() as f64) as usize;
     let mut after = 1;

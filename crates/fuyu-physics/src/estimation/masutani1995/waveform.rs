@@ -24,7 +24,7 @@ pub struct Waveform {
 }
 
 impl Waveform {
-    /// Fits the waveform from the spectrum's main component on, (D.33) and (D.34). `None` if the fit fails.
+    /// Fits the waveform, starting from the spectrum's main component, (D.33) and (D.34). `None` if the fit fails.
     pub fn fit(samples: &Samples, spectrum: &Spectrum, options: &Options) -> Option<Self> {
         let period = spectrum.period;
         let amplitude = spectrum.amplitude;
@@ -65,8 +65,7 @@ impl Waveform {
         self.beta - (self.k * self.lambda()).powi(2)
     }
 
-    /// When the value is largest for the last time in `duration` \[s\] after the first sample, (2.41): \[s\]
-    /// after the first sample.
+    /// Time of the last maximum within `duration` \[s\] after the first sample, (2.41): \[s\] after the first sample.
     pub fn last_maximum(&self, duration: f64) -> f64 {
         let first = self.delta / self.lambda();
         first + ((duration - first) / self.period).floor() * self.period
@@ -79,7 +78,7 @@ impl Waveform {
     }
 }
 
-/// (D.29) but for the phase.
+/// (D.29) without the phase.
 struct Wave {
     beta: f64,
     modulus: Modulus,
@@ -88,7 +87,7 @@ struct Wave {
 }
 
 impl Wave {
-    /// `None` outside the moduli.
+    /// `None` if `k` is not a modulus in (0, 1).
     fn new(beta: f64, k: f64, period: f64) -> Option<Self> {
         if !(k > 0.0 && k < 1.0) {
             return None;
@@ -125,7 +124,7 @@ pub struct Pulse {
 }
 
 impl Pulse {
-    /// Fits the pulse from the largest sample on. `None` if the fit fails.
+    /// Fits the pulse, starting from the largest sample. `None` if the fit fails.
     pub fn fit(samples: &Samples, alpha: f64, options: &Options) -> Option<Self> {
         let floor = alpha.recip();
         let &(peak, height) = samples.iter().max_by(|a, b| a.1.total_cmp(&b.1))?;
@@ -154,13 +153,13 @@ impl Pulse {
     }
 }
 
-/// Steps of the iteration at most.
-const STEPS: usize = 200;
+/// Largest number of iterations.
+const MAX_STEPS: usize = 200;
 
 /// Damped Gauss-Newton, (D.20)-(D.26). `model` gives value and gradient as functions of time, `None` outside its
 /// domain.
-/// The print of (D.26) has the comparison the wrong way round: it ends when the sum hardly falls any more.
-/// Returns parameters and sum of squares; `None` if it cannot start.
+/// It ends when the sum hardly decreases; the print of (D.26) has this comparison reversed.
+/// Returns parameters and sum of squares; `None` if the start is outside the domain.
 fn gauss_newton<const M: usize, F: Fn(f64) -> (f64, SVector<f64, M>)>(
     start: SVector<f64, M>,
     samples: &Samples,
@@ -183,7 +182,7 @@ fn gauss_newton<const M: usize, F: Fn(f64) -> (f64, SVector<f64, M>)>(
     };
     let mut x = start;
     let (mut normal, mut right, mut sum) = linearise(&x)?;
-    for _ in 0..STEPS {
+    for _ in 0..MAX_STEPS {
         let Some(step) = normal.try_inverse().map(|inverse| inverse * right) else {
             break;
         };

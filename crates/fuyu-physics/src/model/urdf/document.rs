@@ -1,8 +1,7 @@
-//! The description as a document: what stands where, and what is left out.
+//! Checks of the XML document before urdf-rs parses it.
 //!
-//! urdf-rs turns a URDF into types, but on the way it fills in what is missing, skips what it does not
-//! know, drops words among numbers and forgets the place of everything. This pass over the same text
-//! refuses what it would let through and remembers what it would lose.
+//! urdf-rs fills in defaults for missing elements, ignores unknown ones and words between numbers, and keeps no line
+//! numbers. This pass over the same text rejects what urdf-rs would accept silently, and records what it would lose.
 
 use std::collections::HashMap;
 
@@ -15,7 +14,7 @@ use crate::model::Spring;
 /// URDF needs five levels; plugins' extensions a few more.
 const DEEPEST: usize = 64;
 
-/// What urdf-rs does not tell: of links and joints in document order, and springs.
+/// Facts about the document that urdf-rs does not keep: links and joints in document order, and springs.
 #[derive(Default)]
 pub(super) struct Facts {
     pub links: Vec<ElementFacts>,
@@ -24,18 +23,18 @@ pub(super) struct Facts {
     pub springs: HashMap<String, Spring>,
 }
 
-/// Where a link or a joint stands and what it states.
+/// Position of a link or joint in the document, and which optional parts it has.
 pub(super) struct ElementFacts {
     /// Byte offset, for the line number of a message.
     pub at: usize,
-    /// Whether it states its `<inertial>` (link) or `<limit>` (joint), which urdf-rs fills with zeros.
+    /// Whether it has an `<inertial>` (link) or `<limit>` (joint); without, urdf-rs fills in zeros.
     pub stated: bool,
-    /// Orientation of the `<origin>` if given as a quaternion (URDF 1.1), which urdf-rs turns to angles
-    /// at the price of 5e-3 rad near the singularity.
+    /// Orientation of the `<origin>` if given as a quaternion (URDF 1.1), which urdf-rs converts to angles
+    /// with an error of up to 5e-3 rad near the singularity.
     pub quaternion: Option<UnitQuaternion<f64>>,
 }
 
-/// A robot description under inspection: makes errors that say where.
+/// A robot description being checked. Creates errors with line numbers.
 pub(super) struct Source<'a> {
     pub name: &'a str,
     doc: Document<'a>,
@@ -81,7 +80,7 @@ impl<'a> Source<'a> {
         self.error_at(node.range().start, element, problem)
     }
 
-    /// Everything that can be said before the description has types.
+    /// All checks that need no typed description.
     pub fn check(&self) -> Checked<Facts> {
         let robot = self.doc.root_element();
         for node in self.doc.descendants().filter(Node::is_element) {
@@ -201,7 +200,7 @@ impl<'a> Source<'a> {
             for attribute in known {
                 self.numbers::<1>(dynamics, attribute, "a finite number")?;
             }
-            // Others may stand beside them (simulators have their own), but not instead of them.
+            // Simulators add attributes of their own, which are accepted next to these, but not instead of them.
             if !known.iter().any(|&a| dynamics.has_attribute(a)) {
                 self.only_attributes(dynamics, &known)?;
             }
@@ -227,7 +226,7 @@ impl<'a> Source<'a> {
         for attribute in known {
             self.numbers::<1>(limit, attribute, "a finite number")?;
         }
-        // Since URDF 1.2 what is left out is unlimited; before, effort and velocity had to be there.
+        // Since URDF 1.2 missing limits mean unlimited; before, effort and velocity are required.
         if version < (1, 2) {
             self.required(limit, "effort", "attribute 'effort'")?;
             self.required(limit, "velocity", "attribute 'velocity'")?;
@@ -254,7 +253,7 @@ impl<'a> Source<'a> {
         let reason = if version < (1, 1) {
             "needs <robot version=\"1.1\"> or later; without it, give rpy"
         } else if origin.has_attribute("rpy") {
-            "stands beside rpy; keep one of them"
+            "is given together with rpy; keep one of them"
         } else if (quaternion.norm() - 1.0).abs() > 1e-6 {
             "must be a unit quaternion"
         } else {
@@ -337,24 +336,24 @@ impl<'a> Source<'a> {
         })
     }
 
-    /// Refuses children that urdf-rs would skip. Those with a namespace of their own are extensions.
+    /// Rejects children that urdf-rs would ignore, except extensions in another namespace.
     fn only_children(&self, node: Node, allowed: &[&str]) -> Checked<()> {
         let home = node.tag_name().namespace();
-        let stranger = node
+        let unexpected = node
             .children()
             .filter(Node::is_element)
             .find(|n| n.tag_name().namespace() == home && !allowed.contains(&n.tag_name().name()));
-        stranger.map_or(Ok(()), |n| {
+        unexpected.map_or(Ok(()), |n| {
             let found = format!("<{}>", n.tag_name().name());
             Err(self.error(n, unknown(node, found, allowed)))
         })
     }
 
     fn only_attributes(&self, node: Node, allowed: &[&str]) -> Checked<()> {
-        let stranger = node
+        let unexpected = node
             .attributes()
             .find(|a| a.namespace().is_none() && !allowed.contains(&a.name()));
-        stranger.map_or(Ok(()), |a| {
+        unexpected.map_or(Ok(()), |a| {
             let found = format!("attribute '{}'", a.name());
             Err(self.error(node, unknown(node, found, allowed)))
         })
@@ -365,10 +364,10 @@ impl<'a> Source<'a> {
         let text = self.doc.input_text();
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         urdf_rs::read_from_string(text).map_err(|whole| {
-            // Its messages name no place: the first element that it refuses alone is to blame.
+            // Its messages have no line: find the first element that it rejects by itself.
             let robot = self.doc.root_element();
             let version = robot.attribute("version").unwrap_or("1.0");
-            let refused_alone = |node: Node| {
+            let rejected_alone = |node: Node| {
                 let element = &self.doc.input_text()[node.range()];
                 let robot = format!("<robot name=\"r\" version=\"{version}\">{element}</robot>");
                 urdf_rs::read_from_string(&robot).err()
@@ -376,14 +375,14 @@ impl<'a> Source<'a> {
             let elements = robot.children().filter(Node::is_element);
             let (node, e) = elements
                 .filter(|n| n.tag_name().namespace() == robot.tag_name().namespace())
-                .find_map(|n| Some((n, refused_alone(n)?)))
+                .find_map(|n| Some((n, rejected_alone(n)?)))
                 .unwrap_or((robot, whole));
             self.error(node, UrdfProblem::Invalid(e.to_string()))
         })
     }
 }
 
-/// How messages call a link or a joint.
+/// Name of a link or joint in messages.
 pub(super) fn subject(tag: &str, name: &str) -> String {
     format!("{tag} '{name}'")
 }

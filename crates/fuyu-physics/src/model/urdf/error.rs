@@ -1,9 +1,9 @@
-//! What can be wrong with a robot description.
+//! Errors in robot descriptions.
 
 use crate::spatial::InertiaError;
 use std::fmt;
 
-/// Why a robot description was refused. Displays as one line:
+/// Why a robot description was rejected. Displays as one line:
 /// `robot.urdf:12: link 'arm': <mass> value="-3" ...`.
 #[derive(Debug, Clone, PartialEq)]
 pub struct UrdfError {
@@ -39,13 +39,13 @@ pub enum UrdfProblem {
     /// Not XML, or not well formed.
     #[error("not well-formed XML: {0}")]
     Xml(String),
-    /// XML of another kind.
+    /// The root element is not `<robot>`.
     #[error("the root element is <{0}>; a URDF starts with <robot name=\"...\">")]
     NotARobot(String),
-    /// Macros that nobody expanded.
+    /// Unexpanded macros.
     #[error("<{0}> is a xacro macro; expand the file first: xacro robot.urdf.xacro > robot.urdf")]
     Xacro(String),
-    /// Elements within elements without end.
+    /// Elements nested too deep.
     #[error("<{element}> is nested deeper than {limit} elements")]
     TooDeep {
         /// The element.
@@ -56,7 +56,7 @@ pub enum UrdfProblem {
     /// A robot without a single link.
     #[error("the robot has no <link>; it needs at least its base")]
     NoLinks,
-    /// An element that must be there is not.
+    /// A required element or attribute is missing.
     #[error("<{element}> has no {missing}")]
     Missing {
         /// The element that should hold it.
@@ -64,17 +64,17 @@ pub enum UrdfProblem {
         /// What is missing, as it would be written.
         missing: &'static str,
     },
-    /// An element that may stand once stands twice.
+    /// An element that may occur once occurs twice.
     #[error("has more than one <{0}>; keep one")]
     Repeated(&'static str),
-    /// Something that would be skipped in silence.
+    /// An unknown element or attribute, which would be ignored silently.
     #[error("<{element}> cannot hold {found}; it may hold {allowed}")]
     Unknown {
         /// The element that holds it.
         element: String,
-        /// What stands there.
+        /// What it holds.
         found: String,
-        /// What may stand there.
+        /// What it may hold.
         allowed: String,
     },
     /// An attribute that must be a number, or several.
@@ -100,7 +100,9 @@ pub enum UrdfProblem {
         wanted: &'static str,
     },
     /// A spring for a joint that does not exist.
-    #[error("<gazebo reference=\"{name}\"> gives a spring to no joint; the joints are {known}")]
+    #[error(
+        "<gazebo reference=\"{name}\"> has a spring, but there is no such joint; the joints are {known}"
+    )]
     SpringOfNoJoint {
         /// The name given.
         name: String,
@@ -176,7 +178,7 @@ pub enum UrdfProblem {
     /// A moving body, or the base, without any mass.
     #[error("{0} has no mass; give the link an <inertial> with a positive mass")]
     Massless(String),
-    /// An axis that is no direction.
+    /// An axis of length zero, or not finite.
     #[error("<axis> xyz=\"{0} {1} {2}\" has no direction; give a unit vector")]
     ZeroAxis(f64, f64, f64),
     /// An axis that is not of unit length.
@@ -189,12 +191,12 @@ pub enum UrdfProblem {
         /// The unit vector along it.
         unit: String,
     },
-    /// A joint whose range must be stated.
+    /// A joint that must have limits.
     #[error(
         "a {0} joint needs <limit lower=\"..\" upper=\"..\" effort=\"..\" velocity=\"..\"/>; without a range it is continuous"
     )]
     NoLimit(&'static str),
-    /// A range without inside.
+    /// An empty range.
     #[error("<limit> lower=\"{lower}\" is above upper=\"{upper}\"; swap them")]
     Limits {
         /// Lower limit.
@@ -212,7 +214,7 @@ pub enum UrdfProblem {
         /// Its value.
         value: f64,
     },
-    /// Anything else that the parser refuses.
+    /// Any other error of the parser.
     #[error("not a valid URDF: {0}")]
     Invalid(String),
 }

@@ -1,7 +1,7 @@
-//! Springs: what URDF itself has no word for, as Gazebo's extension of it says it.
+//! Joint springs, which URDF does not have, from Gazebo's extension of it.
 //!
 //! `<gazebo reference="JOINT"><springStiffness>K</springStiffness><springReference>Q0</springReference></gazebo>`
-//! is read by Gazebo Classic and gz-sim alike. All else in `<gazebo>` is for simulators to know.
+//! is read by Gazebo Classic and gz-sim. Everything else in `<gazebo>` is ignored.
 
 use std::collections::HashMap;
 
@@ -11,9 +11,9 @@ use super::document::{Checked, Source, subject};
 use super::error::{UrdfError, UrdfProblem};
 use crate::model::Spring;
 
-/// A spring's stiffness, and where it is stated.
+/// Element with a spring's stiffness.
 const STIFFNESS: &str = "springStiffness";
-/// The position at which it is slack.
+/// Element with its rest position.
 const REFERENCE: &str = "springReference";
 
 impl Source<'_> {
@@ -53,7 +53,7 @@ impl Source<'_> {
             let Some((node, stiffness)) = stiffness else {
                 return fail(UrdfProblem::Missing {
                     element: "gazebo".to_owned(),
-                    missing: "<springStiffness>..</springStiffness> beside its <springReference>",
+                    missing: "<springStiffness>..</springStiffness> next to its <springReference>",
                 });
             };
             if stiffness < 0.0 {

@@ -1,12 +1,12 @@
 //! From a robot description (URDF) to a [`Model`].
 //!
-//! `document` refuses what stands wrong in the XML, urdf-rs gives it types, `arrange` finds the tree, and
-//! here the tree is numbered depth first while fixed joints melt into the bodies that carry them.
+//! `document` checks the XML, urdf-rs parses it into types, `link_tree` finds the tree. The compiler here numbers the bodies
+//! depth first and welds links with fixed joints to their parents' bodies.
 
-mod arrange;
 mod document;
 mod error;
 mod gazebo;
+mod link_tree;
 #[cfg(test)]
 mod tests;
 
@@ -14,26 +14,26 @@ use nalgebra::{Matrix3, Rotation3, Translation3, Unit, Vector3};
 
 use super::{Joint, JointKind, JointLimits, Model, ModelBuilder};
 use crate::spatial::{InertiaError, Pose, RigidInertia};
-use arrange::arrange;
 use document::{ElementFacts, Facts, Source, subject};
 pub use error::{UrdfError, UrdfProblem};
+use link_tree::LinkTree;
 
-/// Axes are normalised if their length is this close to one: what printing in decimals costs.
+/// Axes whose length is this close to one are normalised: the rounding of printed decimals.
 const AXIS_TOLERANCE: f64 = 1e-6;
 
 impl Model {
-    /// Compiles the robot description `xml`; `source` is what messages call it, such as its path.
+    /// Compiles the robot description `xml`; `source` names it in messages, such as by its path.
     ///
     /// Any tree of revolute, continuous, prismatic and fixed joints is accepted. Bodies and joints are
-    /// numbered depth first, siblings in document order. A link without `<inertial>` is a massless frame;
-    /// fixed to a body it changes nothing but gets a name. The root needs no mass of its own if something
+    /// numbered depth first, siblings in document order. A link without `<inertial>` has no mass;
+    /// fixed to a body, it only adds a named frame. The root needs no mass of its own if something
     /// fixed to it has some. Limits that the description does not state are infinite. Joints get springs from
     /// Gazebo's `<springStiffness>` and `<springReference>`.
     ///
     /// # Errors
     /// [`UrdfError`], one line with the place, the value and what would be right. Nothing is guessed:
     /// masses, inertias ([`RigidInertia::check`]), axes (unit to 1e-6), limits and the tree itself must be
-    /// sound, and elements that would be ignored in silence are refused where they carry physics.
+    /// valid, and unknown elements are errors where they would have physical meaning.
     ///
     /// ```
     /// use fuyu::model::Model;
@@ -61,7 +61,7 @@ struct Compiler<'a> {
     facts: &'a Facts,
 }
 
-/// A joint whose turn has come, and the body and frame that carry it.
+/// A joint to be compiled, and the body that carries it.
 #[allow(non_snake_case)]
 struct Pending {
     joint: usize,
@@ -73,7 +73,7 @@ struct Pending {
 impl Compiler<'_> {
     #[allow(non_snake_case)]
     fn compile(&self) -> Result<Model, UrdfError> {
-        let tree = arrange(self.source, self.robot, self.facts)?;
+        let tree = LinkTree::find(self.source, self.robot, self.facts)?;
         let inertias = (0..self.robot.links.len())
             .map(|i| self.inertia(i))
             .collect::<Result<Vec<_>, _>>()?;
@@ -82,20 +82,20 @@ impl Compiler<'_> {
         let mut builder = ModelBuilder::new(&self.robot.name, root, inertias[tree.root]);
         let mut link_of_body = vec![tree.root];
         let mut stack = Vec::new();
-        // The last one pushed is taken first: reversed, siblings come in document order.
+        // Pushed in reverse, so that siblings are popped in document order.
         let push = |stack: &mut Vec<Pending>, link: usize, body: usize, X_BL: Pose| {
             let pending = |&joint| Pending { joint, body, X_BL };
-            stack.extend(tree.carries[link].iter().rev().map(pending));
+            stack.extend(tree.child_joints[link].iter().rev().map(pending));
         };
         push(&mut stack, tree.root, 0, Pose::identity());
         while let Some(Pending { joint, body, X_BL }) = stack.pop() {
-            let link = tree.moves[joint];
+            let link = tree.child_link[joint];
             let name = &self.robot.links[link].name;
             let parent = &self.robot.joints[joint].parent.link;
             let X_BJ = X_BL * self.joint_origin(joint);
             match self.joint(joint, X_BJ)? {
                 Some(moving) => {
-                    let moved = builder.moving(name, body, parent, moving, inertias[link]);
+                    let moved = builder.joint_on_link(name, body, parent, moving, inertias[link]);
                     link_of_body.push(link);
                     push(&mut stack, link, moved, Pose::identity());
                 }
@@ -125,7 +125,7 @@ impl Compiler<'_> {
             {
                 continue;
             } else {
-                // Each number is sound, but their products overflow.
+                // Each number is finite, but their products overflow.
                 UrdfProblem::Inertia(InertiaError::NotFinite("inertia about the link's origin"))
             };
             return Err(self.link_error(link_of_body[b], problem));
@@ -184,7 +184,7 @@ impl Compiler<'_> {
             urdf_rs::JointType::Revolute => JointKind::Revolute,
             urdf_rs::JointType::Continuous => JointKind::Continuous,
             urdf_rs::JointType::Prismatic => JointKind::Prismatic,
-            // `document` has refused all others.
+            // `document` has rejected all other types.
             _ => return Ok(None),
         };
         let (damping, friction) = urdf

@@ -20,7 +20,7 @@ fn compile(inside: &str) -> Model {
     Model::from_urdf(&robot(inside), "test").unwrap()
 }
 
-fn refusal(inside: &str) -> UrdfProblem {
+fn rejection(inside: &str) -> UrdfProblem {
     *Model::from_urdf(&robot(inside), "test")
         .unwrap_err()
         .problem
@@ -59,7 +59,7 @@ fn inertial_frames_turn_about_fixed_axes_and_products_keep_their_sign() {
 }
 
 #[test]
-fn links_fixed_to_a_moving_link_melt_into_it() {
+fn links_fixed_to_a_moving_link_are_welded_to_it() {
     let model = compile(
         &["<link name=\"a\">BODY</link><link name=\"b\">BODY</link><link name=\"c\"/><link name=\"d\">BODY</link>".to_owned(),
           joint("ab", "continuous", "a", "b", ""),
@@ -184,7 +184,7 @@ fn quaternions_of_urdf_1_1_are_exact_even_at_the_singularity() {
 }
 
 #[test]
-fn what_other_tools_add_is_no_concern_of_ours() {
+fn elements_of_other_tools_are_ignored() {
     let model = Model::from_urdf(
         &("\u{feff}".to_owned()
             + &robot(
@@ -220,26 +220,26 @@ fn a_chain_of_ten_thousand_links_compiles() {
 }
 
 #[test]
-fn masses_beyond_reason_do_not_become_nan() {
+fn huge_masses_are_errors_instead_of_nan() {
     let huge = "<link name=\"a\"><inertial><origin xyz=\"1e300 0 0\"/><mass value=\"1e300\"/><inertia ixx=\"1\" ixy=\"0\" ixz=\"0\" iyy=\"1\" iyz=\"0\" izz=\"1\"/></inertial></link>";
     let pair =
         huge.to_owned() + &huge.replace("\"a\"", "\"b\"") + &joint("j", "fixed", "a", "b", "");
-    assert!(matches!(refusal(&pair), UrdfProblem::Inertia(_)));
-    assert!(matches!(refusal(huge), UrdfProblem::Inertia(_)));
+    assert!(matches!(rejection(&pair), UrdfProblem::Inertia(_)));
+    assert!(matches!(rejection(huge), UrdfProblem::Inertia(_)));
 }
 
 #[test]
 fn deep_nesting_does_not_overflow_a_thread_s_stack() {
     let deep = "<x>".repeat(1_000_000) + &"</x>".repeat(1_000_000);
-    assert!(matches!(refusal(&deep), UrdfProblem::TooDeep { .. }));
+    assert!(matches!(rejection(&deep), UrdfProblem::TooDeep { .. }));
 }
 
 proptest::proptest! {
     #![proptest_config(proptest::prelude::ProptestConfig::with_cases(2000))]
 
-    /// Whatever is cut out of a description and put in its place: an error or a sound model, never a panic.
+    /// Random edits of a description give an error or a valid model, never a panic.
     #[test]
-    fn spoiled_descriptions_never_panic(
+    fn corrupted_descriptions_never_panic(
         edits in proptest::collection::vec((0.0..1.0f64, 0usize..30, 0usize..16), 1..4)
     ) {
         let words = [
@@ -258,7 +258,7 @@ proptest::proptest! {
             let end = boundary((start + length).min(text.len()));
             text.replace_range(start..end, words[word]);
         }
-        if let Ok(model) = Model::from_urdf(&text, "spoiled") {
+        if let Ok(model) = Model::from_urdf(&text, "corrupted") {
             for body in model.bodies() {
                 proptest::prop_assert_eq!(body.inertia.check(), Ok(()));
             }
@@ -267,7 +267,7 @@ proptest::proptest! {
 }
 
 #[test]
-fn springs_are_those_of_gazebo() {
+fn springs_come_from_gazebo_elements() {
     let spring = |inside: &str| {
         let arm = joint("j", "continuous", "a", "b", "");
         let inside =

@@ -36,7 +36,7 @@ impl Rows for Csv {
             }
             self.writer.write_field(&self.cell)?;
         }
-        // The end of the record.
+        // Ends the record.
         self.writer.write_record(None::<&[u8]>)?;
         Ok(())
     }
@@ -46,7 +46,7 @@ impl Rows for Csv {
     }
 }
 
-/// Numbers in the fewest digits that give them back.
+/// Numbers with the fewest digits that parse to the same value.
 fn write_value(cell: &mut String, value: &Value<'_>) {
     // Writing to a string cannot fail.
     let _ = match value {

@@ -1,5 +1,5 @@
-//! Bags as tables: one file a topic, one row a message, one column a value, of any type whose schema the bag
-//! has.
+//! Bags as tables: one file per topic, one row per message, one column per value, for any type whose schema is in the
+//! bag.
 
 mod csv;
 mod parquet;
@@ -15,13 +15,13 @@ use serde::Serialize;
 use super::{Bag, BagError, Damage, Message, RecordedTopic};
 use crate::msg::schema::{Column, Layout, Schema, Value};
 
-/// Elements of a sequence that get columns of their own; more would be no table any more.
+/// Largest number of elements of a sequence that become columns.
 pub const ELEMENTS: u32 = 1000;
 
-/// What tables are written as.
+/// File format of tables.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum TableFormat {
-    /// Text, with the names of the columns in the first line. Arrays of octets are hexadecimal.
+    /// CSV with column names in the first line. Octet arrays are hexadecimal.
     Csv,
     /// Apache Parquet, compressed with Snappy.
     Parquet,
@@ -50,33 +50,33 @@ pub struct Table {
     pub rows: u64,
     /// Columns, those of the times included.
     pub columns: usize,
-    /// Messages with sequences longer than [`ELEMENTS`], whose rest is left out.
+    /// Messages with sequences longer than [`ELEMENTS`]; the excess elements are omitted.
     pub cut: u64,
-    /// Messages that are not of the type, and so not in the table.
+    /// Messages that cannot be decoded as the type; they are omitted.
     pub undecoded: u64,
 }
 
-/// What was made of a bag.
+/// Result of converting a bag.
 #[derive(Debug, Clone, PartialEq, Eq, Serialize)]
 pub struct Conversion {
     /// Tables in the order of their topics' names.
     pub tables: Vec<Table>,
     /// Topics without a table, each with the reason.
     pub left_out: BTreeMap<String, String>,
-    /// Where the bag is not whole.
+    /// Damage of the bag.
     pub damage: Vec<Damage>,
 }
 
 /// A table being written.
 trait Rows {
-    /// Adds a message: a cell for every column, in their order.
+    /// Adds a message: one cell per column, in their order.
     fn row(&mut self, times: [u64; 2], cells: &[Option<&Value<'_>>]) -> io::Result<()>;
 
-    /// Ends the table.
+    /// Finishes the table.
     fn finish(self: Box<Self>) -> io::Result<()>;
 }
 
-/// A topic on its way to a table.
+/// A topic being converted.
 struct Source {
     topic: Arc<RecordedTopic>,
     layout: Layout,
@@ -84,17 +84,17 @@ struct Source {
     rows: u64,
 }
 
-/// Writes the messages of `bag` to tables in `folder`, which is made if needed; `takes` says which topics.
+/// Writes the messages of `bag` to tables in `folder`, which is created if needed; `takes` selects the topics.
 ///
 /// # Errors
-/// [`BagError::Exists`] if a table is there already, [`BagError::Io`] if it cannot be written.
+/// [`BagError::Exists`] if a table exists, [`BagError::Io`] if it cannot be written.
 pub fn convert(
     bag: &Bag,
     folder: &Path,
     format: TableFormat,
     takes: impl Fn(&str) -> bool,
 ) -> Result<Conversion, BagError> {
-    // Once through the bag to learn the columns, and again to fill them.
+    // The first pass over the bag determines the columns, the second fills them.
     let mut left_out = BTreeMap::new();
     let mut sources: BTreeMap<String, Source> = BTreeMap::new();
     let mut messages = bag.messages();
@@ -207,14 +207,14 @@ fn schema_of(topic: &RecordedTopic) -> Result<Schema, String> {
     }
     match topic.schema_encoding.as_str() {
         "ros2msg" => {}
-        "" => return Err(format!("the bag has no schema of {}", topic.type_name)),
-        other => return Err(format!("its schema is {other}, fuyu reads ros2msg")),
+        "" => return Err(format!("the bag contains no schema of {}", topic.type_name)),
+        other => return Err(format!("its schema format is {other}; fuyu reads ros2msg")),
     }
     let text = String::from_utf8_lossy(&topic.schema);
     Schema::parse(&topic.type_name, &text).map_err(|e| e.to_string())
 }
 
-/// `/chaser/joint_states` as `chaser__joint_states.csv`: no name of ROS has two underscores in a row.
+/// `/chaser/joint_states` as `chaser__joint_states.csv`: ROS names never contain two consecutive underscores.
 fn file_name(topic: &str, format: TableFormat) -> String {
     let stem = topic.trim_start_matches('/').replace('/', "__");
     format!("{stem}.{}", format.extension())

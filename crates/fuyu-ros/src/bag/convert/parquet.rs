@@ -16,9 +16,9 @@ use parquet::schema::types::Type;
 use super::Rows;
 use crate::msg::schema::{Column, ColumnKind, Value};
 
-/// Cells that are gathered before they are written.
+/// Number of buffered cells before they are written.
 const GROUP: usize = 1 << 21;
-/// Bytes of text and octets that are.
+/// Number of buffered bytes of text and octets before they are written.
 const GROUP_BYTES: usize = 64 << 20;
 
 pub(super) struct Parquet {
@@ -28,10 +28,10 @@ pub(super) struct Parquet {
     bytes: usize,
 }
 
-/// The cells of a column that are not written yet.
+/// Buffered cells of a column.
 struct Cells {
     values: Values,
-    /// 1 where there is a value, 0 where there is none.
+    /// Definition levels: 1 where there is a value, 0 where there is none.
     present: Vec<i16>,
 }
 
@@ -105,7 +105,7 @@ impl Parquet {
 impl Rows for Parquet {
     fn row(&mut self, times: [u64; 2], cells: &[Option<&Value<'_>>]) -> io::Result<()> {
         for (column, time) in self.times.iter_mut().zip(times) {
-            // Times beyond the year 2262 are those of a bag that is wrong.
+            // Times beyond the year 2262 only occur in corrupt bags.
             column.push(i64::try_from(time).unwrap_or(i64::MAX));
         }
         for (column, cell) in self.columns.iter_mut().zip(cells) {
@@ -140,20 +140,20 @@ impl Cells {
         }
     }
 
-    /// Adds a cell; gives the bytes that it holds outside of the column.
+    /// Adds a cell; returns the bytes that it allocates in addition to the column.
     fn push(&mut self, cell: Option<&Value<'_>>) -> usize {
         self.present.push(cell.is_some().into());
         let octets = match (&mut self.values, cell) {
             (_, None) => return 0,
             (Values::Bool(all), Some(Value::Bool(v))) => return push(all, *v),
             (Values::Int(all), Some(Value::Int(v))) => return push(all, *v),
-            // The same bits: the column's logical type says that there is no sign.
+            // The same bits: the column's logical type is unsigned.
             (Values::Int(all), Some(Value::Uint(v))) => return push(all, *v as i64),
             (Values::Float32(all), Some(Value::Float32(v))) => return push(all, *v),
             (Values::Float64(all), Some(Value::Float64(v))) => return push(all, *v),
             (Values::Bytes(all), Some(Value::Text(v))) => (all, v.as_bytes()),
             (Values::Bytes(all), Some(Value::Bytes(v))) => (all, *v),
-            // Columns and values come from the same schema.
+            // Columns and values have the same schema.
             (_, Some(_)) => unreachable!("a value of another type than its column"),
         };
         let (all, octets) = octets;

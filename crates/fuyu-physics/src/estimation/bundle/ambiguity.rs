@@ -1,0 +1,120 @@
+//! Ambiguity hypotheses: other motions that explain the images of a short rotation.
+//!
+//! From a distance, a small rotation about an axis across the line of sight moves a point by rate times depth. Twice the
+//! depth at half the rate looks the same, and so does a body mirrored in depth. Perspective and the curvature of the
+//! points' paths distinguish them, but these may be less than the noise. An adjustment then ends in any of them.
+
+use nalgebra::Vector3;
+
+use super::adjust::{AdjustOptions, adjust};
+use super::inlier_gate::{INLIER_GATE, Residuals};
+use super::model_fit::{ModelFit, fit_robustly};
+use super::pixel_likelihood::PixelLikelihood;
+use super::pose_model::{PoseModel, TumblingModel};
+use super::scene::Scene;
+use super::structure::SolverSettings;
+
+/// A rotation by more than this \[rad\] is unambiguous. (Between 1 rad and this, rotations seen from far away or with
+/// the far side hidden may be ambiguous.)
+pub const UNAMBIGUOUS_TURN: f64 = 3.0;
+
+/// Depths that are tried, as multiples of those that make the body as deep as it is wide.
+const DEPTH_FACTORS: [f64; 6] = [1.0, -1.0, 0.5, -0.5, 2.0, -2.0];
+
+/// Number of rounds; each starts from the best hypothesis of the one before.
+const ROUNDS: usize = 3;
+
+/// Width of the cost for the first adjustment of a hypothesis, as a multiple of the noise.
+const START_WIDTH: f64 = 60.0;
+
+/// Hypotheses are equally good unless their sums of squares differ by this many variances (five standard deviations).
+const SIGNIFICANT: f64 = 25.0;
+
+/// Angular velocities that differ by less than this share are the same motion.
+const SAME_RATE: f64 = 0.2;
+
+/// The best of a fit and its hypotheses, and the angular rate \[rad/s\] of another one that explains the images equally
+/// well, if there is one.
+pub fn best_hypothesis<const L: usize, const G: usize, M>(
+    scene: &mut Scene,
+    fit: ModelFit<M>,
+    settings: &SolverSettings,
+) -> (ModelFit<M>, Option<f64>)
+where
+    M: PoseModel<L, G> + TumblingModel,
+{
+    let mut best = (fit, scene.clone());
+    let mut other = None;
+    for _ in 0..ROUNDS {
+        if best.0.motion.turn() > UNAMBIGUOUS_TURN {
+            break;
+        }
+        let mut all: Vec<_> = hypotheses(&best.1, &best.0, settings);
+        let before = mean_square(&best.0, settings);
+        all.push(best);
+        all.sort_by(|a, b| mean_square(&a.0, settings).total_cmp(&mean_square(&b.0, settings)));
+        best = all.remove(0);
+        let least = mean_square(&best.0, settings);
+        let count = (2 * best.1.observations().len()).max(1) as f64;
+        let rate = best.0.motion.rate();
+        let alternative = all.iter().find(|(f, _)| {
+            let alike = mean_square(f, settings) < least * (1.0 + SIGNIFICANT / count);
+            alike && (f.motion.rate() - rate).norm() > SAME_RATE * rate.norm()
+        });
+        other = alternative.map(|(f, _)| f.motion.rate().norm());
+        if least > before * (1.0 - SIGNIFICANT / count) {
+            break;
+        }
+    }
+    *scene = best.1;
+    (best.0, other)
+}
+
+/// Mean square of the residuals \[px²\]; outliers count with the width of the inlier gate.
+fn mean_square<M>(fit: &ModelFit<M>, settings: &SolverSettings) -> f64 {
+    let Residuals {
+        deviation,
+        outliers,
+        ..
+    } = fit.residuals;
+    deviation.powi(2) * (1.0 - outliers) + (INLIER_GATE * settings.noise).powi(2) * outliers
+}
+
+/// Fits that start from `fit` with other depths.
+fn hypotheses<const L: usize, const G: usize, M>(
+    scene: &Scene,
+    fit: &ModelFit<M>,
+    settings: &SolverSettings,
+) -> Vec<(ModelFit<M>, Scene)>
+where
+    M: PoseModel<L, G> + TumblingModel,
+{
+    let centre = fit.points.iter().sum::<Vector3<f64>>() / fit.points.len().max(1) as f64;
+    let R = fit.motion.middle_attitude().to_rotation_matrix();
+    let centred: Vec<Vector3<f64>> = fit.points.iter().map(|p| R * (p - centre)).collect();
+    let width: f64 = centred.iter().map(|p| 0.5 * p.xy().norm_squared()).sum();
+    let depth: f64 = centred.iter().map(|p| p.z * p.z).sum();
+    let roundness = (width / depth.max(f64::MIN_POSITIVE)).sqrt();
+    let hypothesis = |factor: f64| {
+        let factor = factor * roundness;
+        let mut motion = fit.motion.with_scaled_depths(factor, &centre)?;
+        let stretched = |p: &Vector3<f64>| R.inverse() * Vector3::new(p.x, p.y, factor * p.z);
+        let mut points = centred.iter().map(stretched).collect();
+        let mut trial_scene = scene.clone();
+        for i in 0..trial_scene.len() {
+            trial_scene
+                .frame_mut(i)
+                .iter_mut()
+                .for_each(|s| s.inlier = true);
+        }
+        let adjust_options = AdjustOptions {
+            likelihood: PixelLikelihood::Huber(START_WIDTH * settings.noise),
+            steps: 20,
+            tolerance: 1e-3,
+        };
+        adjust(&trial_scene, &mut motion, &mut points, &adjust_options)?;
+        let found = fit_robustly(&mut trial_scene, motion, points, settings)?;
+        Some((found, trial_scene))
+    };
+    DEPTH_FACTORS.into_iter().filter_map(hypothesis).collect()
+}

@@ -1,0 +1,343 @@
+//! Global bundle adjustment: motion, points and positions of all frames together, from an approximate motion.
+
+use nalgebra::{SMatrix, UnitQuaternion, Vector3};
+
+use super::adjust::{AdjustOptions, adjust, information};
+use super::ambiguity::best_hypothesis;
+use super::frames::Frames;
+use super::free_motion::FreeMotion;
+use super::inlier_gate::Residuals;
+use super::model_fit::{ModelFit, dispersion, fit_robustly, prefer_sphere, refine_with_rounding};
+use super::pixel_likelihood::PixelLikelihood;
+use super::pose_model::free_positions::{COMMON, FreePositions};
+use super::pose_model::linear_com_motion::{LINE, LinearComMotion, marginalise_line};
+use super::pose_model::{PoseModel, TumblingModel};
+use super::scene::Scene;
+use super::structure::{Segment, SolverSettings, scene_of};
+use super::transferred_structure::{structure_from_attitudes, transfer_structure};
+use super::uncertainty::report;
+use super::{BodyPoint, BodyPose, Options, Solution};
+use crate::estimation::EstimateError;
+use crate::vision::Pinhole;
+
+/// Result of the global adjustment.
+pub struct GlobalFit {
+    frames: Frames,
+    chosen: Vec<usize>,
+    tracks: Vec<usize>,
+    scene: Scene,
+    motion: FreeMotion,
+    t_C: Vec<Vector3<f64>>,
+    points: Vec<Vector3<f64>>,
+    log_focal: f64,
+    /// Statistics of the residuals.
+    pub residuals: Residuals,
+    /// Time from which the frames fit one motion, if not all of them do \[s\].
+    pub since: Option<f64>,
+    likelihood: PixelLikelihood,
+    dispersion: f64,
+    linear_com: bool,
+    /// RMS residual with one independent pose per frame \[px\].
+    independent_rms: Option<f64>,
+    /// Another angular rate that explains the images equally well \[rad/s\].
+    alternative: Option<f64>,
+    settings: SolverSettings,
+}
+
+/// Adjusts motion, points and positions together, from an approximate motion. `turns` takes the axes of each segment
+/// to the body axes of `motion`.
+pub fn adjust_globally(
+    mut frames: Frames,
+    motion: FreeMotion,
+    segments: &[Segment],
+    turns: &[UnitQuaternion<f64>],
+    settings: &SolverSettings,
+) -> Option<GlobalFit> {
+    let times: Vec<f64> = frames.list.iter().map(|f| f.time).collect();
+    let attitudes: Vec<_> = (motion.attitudes(&times).into_iter().zip(&frames.list))
+        .map(|(R_WB, f)| f.R_WC.inverse() * R_WB)
+        .collect();
+    // The inlier gates of the segments used independent poses; start again with all observations.
+    for observation in frames.list.iter_mut().flat_map(|f| &mut f.observations) {
+        observation.inlier = true;
+    }
+    let mut log_focal = 0.0;
+    let single = (segments.len() == 1).then(|| &segments[0]);
+    let known = single.and_then(|s| {
+        log_focal = s.log_focal;
+        transfer_structure(&frames, s, &turns[0], &attitudes, settings)
+    });
+    let (point_of, position_of) = match known {
+        Some(known) => known,
+        None => structure_from_attitudes(&frames, &attitudes, settings)?,
+    };
+    let chosen: Vec<usize> = (0..frames.list.len())
+        .filter(|&i| {
+            let correspondences = frames.list[i]
+                .observations
+                .iter()
+                .filter(|s| point_of[s.track].is_some());
+            position_of[i].is_some() && correspondences.count() >= 2
+        })
+        .collect();
+    let wanted = |track: usize| point_of[track].is_some();
+    let (mut scene, tracks) = scene_of(&frames, &chosen, wanted, settings.noise, 2);
+    let points: Vec<_> = tracks.iter().filter_map(|t| point_of[*t]).collect();
+    let t_C: Vec<_> = chosen.iter().filter_map(|i| position_of[*i]).collect();
+    let times: Vec<f64> = chosen.iter().map(|i| times[*i]).collect();
+    let R_WC: Vec<_> = chosen.iter().map(|i| frames.list[*i].R_WC).collect();
+    let focal = settings.focal_free.then_some(log_focal);
+    let free_positions = FreePositions::new(motion, t_C, &times, &R_WC, settings.noise, focal);
+    let fixed = R_WC.iter().all(|R| *R == UnitQuaternion::identity());
+    let line = single
+        .filter(|_| fixed)
+        .and_then(|s| fit_linear_com(&mut scene, &free_positions, &points, s.rms, settings));
+    let fitted = match line {
+        Some(line) => ComMotion::Linear(line),
+        None => {
+            let free = fit_robustly(&mut scene, free_positions, points, settings)?;
+            let free = prefer_sphere(&scene, free, settings);
+            let line = fixed.then(|| try_linear_com(&scene, &free, settings));
+            line.flatten()
+                .map_or(ComMotion::Free(free), ComMotion::Linear)
+        }
+    };
+    let linear_com = matches!(fitted, ComMotion::Linear(_));
+    let alternative;
+    let (free_positions, points, residuals, likelihood, dispersion) = match fitted {
+        ComMotion::Linear(fit) => {
+            let (mut fit, other) = best_hypothesis(&mut scene, fit, settings);
+            alternative = other;
+            let likelihood = refine_with_rounding(&scene, &mut fit, settings);
+            let dispersion = dispersion(&scene, &fit, &likelihood);
+            let free = fit.motion.into_free_positions();
+            (free, fit.points, fit.residuals, likelihood, dispersion)
+        }
+        ComMotion::Free(fit) => {
+            let (mut fit, other) = best_hypothesis(&mut scene, fit, settings);
+            alternative = other;
+            let likelihood = refine_with_rounding(&scene, &mut fit, settings);
+            let dispersion = dispersion(&scene, &fit, &likelihood);
+            (
+                fit.motion,
+                fit.points,
+                fit.residuals,
+                likelihood,
+                dispersion,
+            )
+        }
+    };
+    let FreePositions {
+        motion,
+        t_C,
+        log_focal,
+        ..
+    } = free_positions;
+    Some(GlobalFit {
+        frames,
+        chosen,
+        tracks,
+        scene,
+        motion,
+        t_C,
+        points,
+        log_focal,
+        residuals,
+        since: None,
+        likelihood,
+        dispersion,
+        linear_com,
+        independent_rms: independent_rms(segments),
+        alternative,
+        settings: *settings,
+    })
+}
+
+/// RMS residual of all segments, with one independent pose per frame \[px\].
+fn independent_rms(segments: &[Segment]) -> Option<f64> {
+    let resected: usize = segments.iter().map(Segment::resected).sum();
+    let sum = |s: &Segment| s.resected() as f64 * s.rms.powi(2);
+    (resected > 0).then(|| (segments.iter().map(sum).sum::<f64>() / resected as f64).sqrt())
+}
+
+/// Fit with one of the models of the centre of mass's motion.
+enum ComMotion<'a> {
+    Linear(ModelFit<LinearComMotion<'a>>),
+    Free(ModelFit<FreePositions<'a>>),
+}
+
+/// Fit with linear motion of the centre of mass, from a rough start. `None` if the residuals are larger than `noise`
+/// \[px\], those of independent poses.
+fn fit_linear_com<'a>(
+    scene: &mut Scene,
+    start: &FreePositions<'a>,
+    points: &[Vector3<f64>],
+    noise: f64,
+    settings: &SolverSettings,
+) -> Option<ModelFit<LinearComMotion<'a>>> {
+    let mut judged = scene.clone();
+    let (line, centre) = LinearComMotion::new(start.clone())?;
+    let points = points.iter().map(|p| p - centre).collect();
+    let fit = fit_robustly(&mut judged, line, points, settings)?;
+    let fit = prefer_sphere(&judged, fit, settings);
+    // Relative standard deviation of a variance estimated from this many residuals.
+    let spread = (2.0 / (2 * judged.observations().len()).max(1) as f64).sqrt();
+    let accepted = fit.residuals.deviation.powi(2) < noise.powi(2) * (1.0 + 4.0 * spread)
+        && fit.residuals.outliers < 0.3;
+    if !accepted {
+        return None;
+    }
+    *scene = judged;
+    Some(fit)
+}
+
+/// The fit with linear motion of the centre of mass, if the residuals do not contradict it.
+fn try_linear_com<'a>(
+    scene: &Scene,
+    free: &ModelFit<FreePositions<'a>>,
+    settings: &SolverSettings,
+) -> Option<ModelFit<LinearComMotion<'a>>> {
+    let adjust_options = AdjustOptions {
+        likelihood: PixelLikelihood::Huber(4.0 * settings.noise),
+        steps: 8,
+        tolerance: 1e-5,
+    };
+    let (mut motion, centre) = LinearComMotion::new(free.motion.clone())?;
+    let mut points: Vec<_> = free.points.iter().map(|p| p - centre).collect();
+    let reached = adjust(scene, &mut motion, &mut points, &adjust_options)?;
+    // Expected increase of the cost if the freedom of the positions fitted noise only: half a variance each, plus four
+    // standard deviations.
+    let fewer = (3 * scene.len()) as f64 - LINE as f64;
+    let expected = 0.5 * (fewer + 4.0 * (2.0 * fewer).sqrt()) * free.residuals.deviation.powi(2);
+    (reached.cost < free.cost + expected).then_some(ModelFit {
+        motion,
+        points,
+        residuals: free.residuals,
+        cost: reached.cost,
+    })
+}
+
+impl GlobalFit {
+    /// Angle that the body turned \[rad\].
+    pub fn turn(&self) -> f64 {
+        let time = |i: Option<&usize>| i.map_or(0.0, |i| self.frames.list[*i].time);
+        let whole = time(self.chosen.last()) - time(self.chosen.first());
+        self.motion.w_WB_B(&self.motion.R_WB).norm() * whole
+    }
+
+    /// Factor on the covariance of independent residuals. If the motion leaves larger residuals than independent poses
+    /// do, the difference is a systematic error common to all frames, and all frames count as one.
+    fn covariance_inflation(&self) -> f64 {
+        let Some(noise) = self.independent_rms else {
+            return 1.0;
+        };
+        let count = self.scene.observations().len().max(1) as f64;
+        let excess = (self.residuals.deviation / noise).powi(2) - 1.0;
+        // Relative standard deviation of a variance estimated from this many residuals.
+        if excess < 4.0 * count.recip().sqrt() {
+            return 1.0;
+        }
+        1.0 + excess * count / self.points.len().max(1) as f64
+    }
+
+    /// The solution, with covariance and diagnosis.
+    pub fn finish(self, camera: &Pinhole, options: &Options) -> Result<Solution, EstimateError> {
+        let inflation = self.covariance_inflation();
+        let times: Vec<f64> = self
+            .chosen
+            .iter()
+            .map(|i| self.frames.list[*i].time)
+            .collect();
+        let R_WC: Vec<_> = self
+            .chosen
+            .iter()
+            .map(|i| self.frames.list[*i].R_WC)
+            .collect();
+        let focal = self.settings.focal_free.then_some(self.log_focal);
+        let motion = self.motion;
+        let free_positions =
+            FreePositions::new(motion, self.t_C, &times, &R_WC, self.settings.noise, focal);
+        if let Some(other) = self.alternative {
+            let rate = free_positions.rate().norm();
+            return Err(EstimateError::Ambiguous {
+                turn: free_positions.turn(),
+                rates: [rate.min(other), rate.max(other)],
+            });
+        }
+        let not_free = EstimateError::NotFree {
+            rms: self.residuals.rms,
+        };
+        let known = if self.linear_com {
+            LinearComMotion::new(free_positions.clone())
+                .and_then(|(line, _)| {
+                    information(&self.scene, &line, &self.points, &self.likelihood)
+                })
+                .and_then(|all| marginalise_line(&all))
+        } else {
+            information(&self.scene, &free_positions, &self.points, &self.likelihood)
+        };
+        // The residuals scale the information of the images, not that of the prior.
+        let prior =
+            free_positions.prior().0 * (self.dispersion / self.settings.noise.powi(2) - 1.0);
+        let covariance = known
+            .and_then(|i| (i + SMatrix::from_diagonal(&prior)).try_inverse())
+            .map(|c| c * (self.dispersion * inflation))
+            .ok_or_else(|| not_free.clone())?;
+        let mut report = report(
+            &motion,
+            &covariance,
+            &self.residuals,
+            options,
+            self.log_focal,
+        )
+        .ok_or(not_free)?;
+        if inflation > 1.0 {
+            report.diagnosis.push(format!(
+                "the motion leaves residuals of {:.2} px, independent poses {:.2} px: an error common to many frames (focal \
+                 length? lens distortion?); standard deviations are {:.1} times as large for it",
+                self.residuals.deviation,
+                self.independent_rms.unwrap_or_default(),
+                inflation.sqrt()
+            ));
+        }
+        if let Some(since) = self.since {
+            report.diagnosis.push(format!(
+                "frames before {since:.1} s do not fit one free motion with the later ones and were left out: near the \
+                 separatrix the smallest disturbance decides when the body turns over"
+            ));
+        }
+        let scale = self.log_focal.exp();
+        let poses = (0..self.chosen.len()).map(|k| {
+            let pose = free_positions.pose(k);
+            BodyPose {
+                time: times[k],
+                R_CB: pose.R_CB,
+                t_C: pose.t_C,
+            }
+        });
+        // The last part of a split track has its current id, and the lowest number.
+        let ids = &self.frames.ids;
+        let points = (self.points.iter().zip(&self.tracks))
+            .filter(|(_, track)| ids.iter().position(|id| *id == ids[**track]) == Some(**track));
+        Ok(Solution {
+            motion: report.motion,
+            points: points
+                .map(|(p, t)| BodyPoint {
+                    id: self.frames.ids[*t],
+                    p_B: *p,
+                })
+                .collect(),
+            poses: poses.collect(),
+            camera: Pinhole {
+                fx: camera.fx * scale,
+                fy: camera.fy * scale,
+                ..*camera
+            },
+            focal_deviation: focal.map(|_| covariance[(COMMON - 1, COMMON - 1)].max(0.0).sqrt()),
+            outliers: self.residuals.outliers,
+            diagnosis: report.diagnosis,
+            free: motion,
+            covariance: covariance.fixed_view::<8, 8>(0, 0).into_owned(),
+        })
+    }
+}

@@ -1,0 +1,181 @@
+//! Likelihood of an image residual: Huber's robust cost, or that of coordinates rounded to whole pixels.
+//!
+//! A rounded coordinate lies anywhere in its pixel with equal probability, and nowhere else. Least squares does not use
+//! this; the likelihood of the pixel does, and with hundreds of frames its result is several times as accurate: the
+//! bounds of all pixels together enclose the solution more closely than the mean of their errors determines it.
+
+use nalgebra::Vector2;
+
+/// Model of the image noise. Its cost \[px²\] is the noise variance times the negative logarithm of the likelihood.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum PixelLikelihood {
+    /// Huber's cost: half the square up to this length of the residual \[px\], linear beyond.
+    Huber(f64),
+    /// Coordinates rounded to whole pixels.
+    Rounded(Rounding),
+}
+
+/// Rounding after a little noise with a logistic distribution. The likelihood of a pixel is the difference of the
+/// distribution function at its edges: `sinh(h/s) / (cosh(h/s) + cosh(r/s))` for half width `h`, noise scale `s` and
+/// distance `r` from the centre. The cost is flat inside the pixel and linear outside.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct Rounding {
+    /// Half a pixel \[px\].
+    half: f64,
+    /// Scale of the noise before rounding \[px\].
+    noise_scale: f64,
+    /// Noise variance that scales the cost, the same as for other likelihoods \[px²\].
+    variance: f64,
+    /// `ln (cosh(h/s) / sinh(h/s) 2h)`.
+    offset: f64,
+    /// `1 / cosh(h/s)`.
+    floor: f64,
+}
+
+/// Second-order expansion of the cost at a residual, for each coordinate.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct CostExpansion {
+    /// The cost \[px²\].
+    pub cost: f64,
+    /// First derivatives.
+    pub slope: Vector2<f64>,
+    /// Second derivatives, or their positive replacement in a quadratic model.
+    pub curvature: Vector2<f64>,
+}
+
+impl Rounding {
+    /// Rounding to multiples of `2 half` \[px\] after noise of scale `noise_scale` \[px\]; costs are in units of `variance`.
+    pub fn new(half: f64, noise_scale: f64, variance: f64) -> Self {
+        let ratio = half / noise_scale;
+        Self {
+            half,
+            noise_scale,
+            variance,
+            offset: (2.0 * half / ratio.tanh()).ln(),
+            floor: ratio.cosh().recip(),
+        }
+    }
+
+    /// Negative logarithm of a coordinate's density at `r`, with its first and second derivative.
+    #[inline]
+    fn at(&self, r: f64) -> [f64; 3] {
+        let s = self.noise_scale;
+        let size = r.abs();
+        // cosh(r/s) / cosh(h/s) and sinh(r/s) / cosh(h/s).
+        let scale = (1.0 + (-2.0 * self.half / s).exp()).recip();
+        let up = (((size - self.half) / s).min(500.0)).exp() * scale;
+        let down = (-(size + self.half) / s).exp() * scale;
+        let (even, odd) = (up + down, (up - down) * r.signum());
+        let total = 1.0 + even;
+        [
+            total.ln() + self.offset,
+            odd / (s * total),
+            (even + self.floor * self.floor) / (s * total).powi(2),
+        ]
+    }
+
+    /// How many of a residual's two coordinates are near the edges of their pixels and so bound the solution.
+    pub fn bounded(&self, r: &Vector2<f64>) -> f64 {
+        4.0 * self.noise_scale.powi(2) * (self.at(r.x)[2] + self.at(r.y)[2])
+    }
+
+    /// Mean negative logarithm of the density of a residual's two coordinates.
+    pub fn negative_log_density(&self, r: &Vector2<f64>) -> f64 {
+        0.5 * (self.at(r.x)[0] + self.at(r.y)[0])
+    }
+}
+
+impl PixelLikelihood {
+    /// Cost of a residual \[px\].
+    #[inline]
+    pub fn cost(&self, r: &Vector2<f64>) -> f64 {
+        match self {
+            Self::Huber(limit) => {
+                let squared = r.norm_squared();
+                if squared <= limit * limit {
+                    0.5 * squared
+                } else {
+                    limit * (squared.sqrt() - 0.5 * limit)
+                }
+            }
+            Self::Rounded(rounding) => {
+                rounding.variance * (rounding.at(r.x)[0] + rounding.at(r.y)[0])
+            }
+        }
+    }
+
+    /// Expansion of the cost at a residual \[px\].
+    #[inline]
+    pub fn expand(&self, r: &Vector2<f64>) -> CostExpansion {
+        match self {
+            Self::Huber(limit) => {
+                let size = r.norm();
+                let weight = if size > *limit { limit / size } else { 1.0 };
+                CostExpansion {
+                    cost: self.cost(r),
+                    slope: r * weight,
+                    curvature: Vector2::repeat(weight),
+                }
+            }
+            Self::Rounded(rounding) => {
+                let (u, v) = (rounding.at(r.x), rounding.at(r.y));
+                let scaled = |k: usize| Vector2::new(u[k], v[k]) * rounding.variance;
+                CostExpansion {
+                    cost: scaled(0).sum(),
+                    slope: scaled(1),
+                    curvature: scaled(2),
+                }
+            }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn slopes_and_curvatures_match_finite_differences() {
+        let rounded = |s| PixelLikelihood::Rounded(Rounding::new(0.5, s, 0.09));
+        for (likelihood, exact) in [
+            (PixelLikelihood::Huber(1.2), false),
+            (rounded(0.3), true),
+            (rounded(0.05), true),
+        ] {
+            for r in [[0.1, -0.3], [0.47, 0.53], [-0.9, 0.0], [3.0, -2.0]] {
+                let r = Vector2::from(r);
+                let expansion = likelihood.expand(&r);
+                assert!((expansion.cost - likelihood.cost(&r)).abs() < 1e-15);
+                for k in 0..2 {
+                    let mut h = Vector2::zeros();
+                    h[k] = 1e-5;
+                    let slope = (likelihood.cost(&(r + h)) - likelihood.cost(&(r - h))) / 2e-5;
+                    assert!(
+                        (slope - expansion.slope[k]).abs() < 1e-6,
+                        "{likelihood:?} {r}"
+                    );
+                    let curvature = (likelihood.expand(&(r + h)).slope[k]
+                        - likelihood.expand(&(r - h)).slope[k])
+                        / 2e-5;
+                    let off = (curvature - expansion.curvature[k]).abs();
+                    assert!(
+                        !exact || off < 1e-4 * (1.0 + curvature),
+                        "{likelihood:?} {r}"
+                    );
+                }
+            }
+        }
+    }
+
+    #[test]
+    fn the_density_of_a_rounded_coordinate_integrates_to_one() {
+        for noise_scale in [0.5, 0.1, 0.01] {
+            let rounding = Rounding::new(0.5, noise_scale, 1.0);
+            let at = |i: i32| (-rounding.at(1e-3 * f64::from(i))[0]).exp() * 1e-3;
+            let sum: f64 = (-9000..=9000).map(at).sum();
+            assert!((sum - 1.0).abs() < 1e-4, "{noise_scale}: {sum}");
+        }
+        // It stays finite far outside the pixel.
+        assert!(Rounding::new(0.5, 1e-3, 1.0).at(1e4)[0].is_finite());
+    }
+}

@@ -1,0 +1,180 @@
+//! Torque-free rotation with linear motion of the centre of mass, for a camera that does not rotate.
+//!
+//! Six unknowns replace three per frame, which makes attitudes more certain: a rotation about an axis across the line of
+//! sight can no longer be mistaken for a translation. The residuals decide whether the body moves so (orbital curvature
+//! and an accelerated camera contradict it).
+
+use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
+
+use super::super::free_motion::PARAMETERS;
+use super::free_positions::{COMMON, FreePositions};
+use super::{FramePose, PoseModel, TumblingModel};
+
+/// Number of unknowns of the line: position and velocity.
+pub const LINE: usize = 6;
+
+/// Number of common unknowns: the rotation's, the line's, and the focal length last.
+const ALL: usize = COMMON + LINE;
+
+/// A torque-free rotation about a centre of mass on a straight line. The body's origin is its centre of mass.
+#[derive(Debug, Clone)]
+pub struct LinearComMotion<'a> {
+    rotation: FreePositions<'a>,
+    start: Vector3<f64>,
+    /// Displacement from the first frame to the last.
+    displacement: Vector3<f64>,
+}
+
+impl<'a> LinearComMotion<'a> {
+    /// The line nearest to the positions of `free`, and the centre of mass in the body axes of `free`. The centre's
+    /// component along an axis of constant direction is not observable and stays unchanged.
+    pub fn new(free: FreePositions<'a>) -> Option<(Self, Vector3<f64>)> {
+        // t_i = c + τ_i d - R_i b, linear in c, d and b.
+        let mut H = SMatrix::<f64, 9, 9>::zeros();
+        let mut g = SVector::<f64, 9>::zeros();
+        for (i, t_C) in free.t_C.iter().enumerate() {
+            let R = free.pose(i).R_CB.to_rotation_matrix();
+            let mut J = SMatrix::<f64, 3, 9>::zeros();
+            J.fixed_columns_mut::<3>(0).fill_with_identity();
+            J.fixed_columns_mut::<3>(3)
+                .fill_diagonal(time_share(&free, i));
+            J.fixed_columns_mut::<3>(6).copy_from(&-R.matrix());
+            H += J.tr_mul(&J);
+            g += J.tr_mul(t_C);
+        }
+        for k in 6..9 {
+            H[(k, k)] += 1e-9 * free.t_C.len() as f64;
+        }
+        let solved = H.cholesky()?.solve(&g);
+        let linear = Self {
+            rotation: free,
+            start: solved.fixed_rows::<3>(0).into_owned(),
+            displacement: solved.fixed_rows::<3>(3).into_owned(),
+        };
+        Some((linear, solved.fixed_rows::<3>(6).into_owned()))
+    }
+
+    fn position(&self, i: usize) -> Vector3<f64> {
+        self.start + self.displacement * time_share(&self.rotation, i)
+    }
+
+    /// The same motion with a position for each frame.
+    pub fn into_free_positions(self) -> FreePositions<'a> {
+        let t_C = (0..self.rotation.t_C.len())
+            .map(|i| self.position(i))
+            .collect();
+        let mut rotation = self.rotation;
+        rotation.t_C = t_C;
+        rotation
+    }
+}
+
+/// Information on the rotation's common unknowns with the line marginalised out.
+pub fn marginalise_line(
+    information: &SMatrix<f64, ALL, ALL>,
+) -> Option<SMatrix<f64, COMMON, COMMON>> {
+    let kept = |k: usize| if k < PARAMETERS { k } else { ALL - 1 };
+    let own = SMatrix::<f64, COMMON, COMMON>::from_fn(|a, b| information[(kept(a), kept(b))]);
+    let cross =
+        SMatrix::<f64, COMMON, LINE>::from_fn(|a, b| information[(kept(a), PARAMETERS + b)]);
+    let mut line = information
+        .fixed_view::<LINE, LINE>(PARAMETERS, PARAMETERS)
+        .into_owned();
+    // Points and line may shift together along an axis of constant direction; this keeps the matrix regular.
+    let floor = 1e-13 * line.trace();
+    for k in 0..LINE {
+        line[(k, k)] += floor;
+    }
+    Some(own - cross * line.try_inverse()? * cross.transpose())
+}
+
+/// Time of frame `i` as a share of the time from the first frame to the last, 0 to 1.
+fn time_share(rotation: &FreePositions, i: usize) -> f64 {
+    let times = rotation.times();
+    let whole = times[times.len() - 1] - times[0];
+    (times[i] - times[0]) / whole.max(f64::MIN_POSITIVE)
+}
+
+impl TumblingModel for LinearComMotion<'_> {
+    fn turn(&self) -> f64 {
+        self.rotation.turn()
+    }
+
+    fn rate(&self) -> Vector3<f64> {
+        self.rotation.rate()
+    }
+
+    fn middle_attitude(&self) -> UnitQuaternion<f64> {
+        self.rotation.middle_attitude()
+    }
+
+    fn with_scaled_depths(&self, factor: f64, centre: &Vector3<f64>) -> Option<Self> {
+        let at = |i: usize| self.pose(i).R_CB * centre + self.position(i);
+        let (first, last) = (at(0), at(self.rotation.times().len() - 1));
+        Some(Self {
+            rotation: self.rotation.with_scaled_depths(factor, centre)?,
+            start: first,
+            displacement: last - first,
+        })
+    }
+
+    fn nutation(&self) -> f64 {
+        self.rotation.nutation()
+    }
+
+    fn with_spherical_inertia(&self) -> Option<Self> {
+        Some(Self {
+            rotation: self.rotation.with_spherical_inertia()?,
+            ..self.clone()
+        })
+    }
+}
+
+impl PoseModel<0, ALL> for LinearComMotion<'_> {
+    fn pose(&self, i: usize) -> FramePose {
+        FramePose {
+            t_C: self.position(i),
+            ..self.rotation.pose(i)
+        }
+    }
+
+    fn pose_by_common(&self, i: usize) -> SMatrix<f64, 6, ALL> {
+        let mut pose = SMatrix::<f64, 6, ALL>::zeros();
+        let turn = self.rotation.pose_by_common(i);
+        let turn = turn.fixed_view::<3, PARAMETERS>(0, 0);
+        pose.fixed_view_mut::<3, PARAMETERS>(0, 0).copy_from(&turn);
+        let mut start = pose.fixed_view_mut::<3, 3>(3, PARAMETERS);
+        start.fill_with_identity();
+        let mut displacement = pose.fixed_view_mut::<3, 3>(3, PARAMETERS + 3);
+        displacement.fill_diagonal(time_share(&self.rotation, i));
+        pose
+    }
+
+    fn log_focal(&self) -> f64 {
+        self.rotation.log_focal
+    }
+
+    fn moved(&self, _: &[SVector<f64, 0>], common: &SVector<f64, ALL>) -> Option<Self> {
+        let mut of_rotation = SVector::<f64, COMMON>::zeros();
+        of_rotation
+            .fixed_rows_mut::<PARAMETERS>(0)
+            .copy_from(&common.fixed_rows::<PARAMETERS>(0));
+        of_rotation[COMMON - 1] = common[ALL - 1];
+        let still = vec![SVector::<f64, 3>::zeros(); self.rotation.t_C.len()];
+        Some(Self {
+            rotation: self.rotation.moved(&still, &of_rotation)?,
+            start: self.start + common.fixed_rows::<3>(PARAMETERS),
+            displacement: self.displacement + common.fixed_rows::<3>(PARAMETERS + 3),
+        })
+    }
+
+    fn prior(&self) -> (SVector<f64, ALL>, SVector<f64, ALL>) {
+        let (own, off) = self.rotation.prior();
+        let (mut weights, mut distance) = (SVector::zeros(), SVector::zeros());
+        for k in 0..PARAMETERS {
+            (weights[k], distance[k]) = (own[k], off[k]);
+        }
+        (weights[ALL - 1], distance[ALL - 1]) = (own[COMMON - 1], off[COMMON - 1]);
+        (weights, distance)
+    }
+}

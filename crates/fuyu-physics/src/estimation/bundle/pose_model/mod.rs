@@ -1,0 +1,54 @@
+//! Models of the body's pose in every frame: what bundle adjustment moves.
+//!
+//! [`independent_poses`]: one pose per frame, no dynamics. [`free_positions`]: torque-free rotation, with a position of
+//! its own in each frame. [`linear_com_motion`]: torque-free rotation, centre of mass on a straight line. Another
+//! motion of the centre of mass is another file here that implements [`PoseModel`] and [`TumblingModel`].
+
+pub mod free_positions;
+pub mod independent_poses;
+pub mod linear_com_motion;
+
+use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
+
+/// Pose of the body in one frame: `x_C = R_CB p_B + t_C`.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct FramePose {
+    /// Body axes in camera axes.
+    pub R_CB: UnitQuaternion<f64>,
+    /// The body's origin in camera axes, in units of the mean depth of all points.
+    pub t_C: Vector3<f64>,
+}
+
+/// The body's pose in every frame as a function of `L` unknowns per frame (the last `L` of rotation and translation;
+/// zero if the common ones determine the pose) and `G` common ones, the last of which is the logarithm of the focal
+/// length's scale.
+pub trait PoseModel<const L: usize, const G: usize>: Sized {
+    /// The body's pose in frame `i`.
+    fn pose(&self, i: usize) -> FramePose;
+    /// Derivatives of the pose in frame `i` by the common unknowns: rotation (body axes), then translation (camera
+    /// axes).
+    fn pose_by_common(&self, i: usize) -> SMatrix<f64, 6, G>;
+    /// Logarithm of the focal length over its nominal value.
+    fn log_focal(&self) -> f64;
+    /// The model after a step in its unknowns; `None` if that is not possible (no such inertia, for example).
+    fn moved(&self, frames: &[SVector<f64, L>], common: &SVector<f64, G>) -> Option<Self>;
+    /// Prior on the common unknowns: weights \[px²\], and deviations from the expected values.
+    fn prior(&self) -> (SVector<f64, G>, SVector<f64, G>);
+}
+
+/// A pose model whose rotation is a torque-free motion, and the variations of it that the same images may allow.
+pub trait TumblingModel: Sized {
+    /// Angle that the body turns over all frames \[rad\].
+    fn turn(&self) -> f64;
+    /// Angular velocity in the middle frame, inertial axes \[rad/s\].
+    fn rate(&self) -> Vector3<f64>;
+    /// Body axes in camera axes in the middle frame.
+    fn middle_attitude(&self) -> UnitQuaternion<f64>;
+    /// The motion to start from if all depths are multiplied by `factor`: spherical inertia, origin at `centre` (body
+    /// axes), and the angular velocity across the line of sight divided by `factor`.
+    fn with_scaled_depths(&self, factor: f64, centre: &Vector3<f64>) -> Option<Self>;
+    /// Angle between angular velocity and angular momentum \[rad\].
+    fn nutation(&self) -> f64;
+    /// The same motion with spherical inertia.
+    fn with_spherical_inertia(&self) -> Option<Self>;
+}

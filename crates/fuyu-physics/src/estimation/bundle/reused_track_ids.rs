@@ -1,0 +1,60 @@
+//! Reused track ids: a tracker may give the id of a lost point to another one. Such a track is split in two.
+
+use rand::Rng;
+
+use super::frames::Frames;
+use super::relative_pose::relative_pose;
+
+/// Largest displacement of a point, as a multiple of the median.
+const MAX_DISPLACEMENT: f64 = 6.0;
+
+/// Splits the tracks that change to another point of the body. The part before the change gets a new, higher track number.
+/// Returns the number of splits.
+///
+/// At a change the track agrees neither with the next frame nor with the one after it, while these two agree with each
+/// other. A single wrong image point does not show this pattern.
+pub fn split_reused_tracks(frames: &mut Frames, noise: f64, rng: &mut impl Rng) -> usize {
+    let angle = noise * frames.pixel_angle();
+    let mut agreeing = |i: usize, j: usize| -> Vec<usize> {
+        let pose = relative_pose(&frames.pairs(i, j), angle, rng);
+        let common = frames.common(i, j);
+        let kept = pose.iter().flat_map(|p| &p.agreeing);
+        // If the body hardly turned, a jump along the epipolar line satisfies the two-view geometry.
+        let displacements: Vec<f64> = common.iter().map(|(_, a, b)| (b - a).norm()).collect();
+        let mut sorted = displacements.clone();
+        sorted.sort_by(f64::total_cmp);
+        let median = sorted.get(sorted.len() / 2).copied().unwrap_or_default();
+        let farthest = MAX_DISPLACEMENT * median + 12.0 * noise;
+        (common.iter().zip(kept).zip(&displacements))
+            .filter(|((_, agrees), displacement)| **agrees && **displacement < farthest)
+            .map(|(((track, ..), _), _)| *track)
+            .collect()
+    };
+    let count = frames.list.len();
+    let next: Vec<Vec<usize>> = (0..count - 1).map(|i| agreeing(i, i + 1)).collect();
+    let mut splits = Vec::new();
+    for i in 0..count.saturating_sub(2) {
+        let suspects: Vec<usize> = (frames.common(i, i + 1).iter())
+            .map(|(track, ..)| *track)
+            .filter(|t| !next[i].contains(t) && next[i + 1].contains(t))
+            .collect();
+        if suspects.is_empty() {
+            continue;
+        }
+        let after_next = agreeing(i, i + 2);
+        let reused = suspects.into_iter().filter(|t| !after_next.contains(t));
+        splits.extend(reused.map(|track| (i + 1, track)));
+    }
+    for (from, track) in &splits {
+        // Earlier frames get the new number, so a later split of the same track starts after this one.
+        let fresh = frames.ids.len();
+        frames.ids.push(frames.ids[*track]);
+        for frame in &mut frames.list[..*from] {
+            for observation in frame.observations.iter_mut().filter(|s| s.track == *track) {
+                observation.track = fresh;
+            }
+            frame.observations.sort_by_key(|s| s.track);
+        }
+    }
+    splits.len()
+}

@@ -1,0 +1,231 @@
+//! Response tracking: which published states have been answered by a command.
+
+use std::collections::VecDeque;
+
+use crate::ros::Time;
+
+/// Number of states that a response may be late by and still count as one.
+const REMEMBERED: usize = 64;
+/// Number of consecutive answered states after which unanswered ones are forgotten.
+const FORGIVEN_AFTER: u32 = 100;
+
+/// Counts the states that are answered: a command answers the state whose stamp it carries.
+///
+/// A slow computer delays commands, and a control loop that is stable without the delay may not be stable with it. So
+/// simulated time can wait for a response, but only to a commander that answers states. A commander that sends whenever
+/// it likes, or answers only some states, must not stall the simulation: each state that was waited for in vain doubles
+/// the number of responses that are needed before the next wait.
+#[derive(Debug)]
+pub struct ResponseTracker {
+    /// Stamps of the last states, the newest at the end.
+    states: VecDeque<Time>,
+    /// Stamp of the newest state that has a response.
+    newest: Option<Time>,
+    /// Whether a command has answered the present state since it was published last.
+    is_answered: bool,
+    /// Responses since the last wait in vain.
+    responses: u32,
+    /// Responses that are needed before the next wait.
+    needed: u32,
+    /// Consecutive states with a response.
+    in_a_row: u32,
+    /// The last states of the previous run, before time was reset.
+    previous_run: Vec<Time>,
+}
+
+impl Default for ResponseTracker {
+    fn default() -> Self {
+        Self {
+            states: VecDeque::with_capacity(REMEMBERED),
+            newest: None,
+            is_answered: false,
+            responses: 0,
+            needed: 1,
+            in_a_row: 0,
+            previous_run: Vec::new(),
+        }
+    }
+}
+
+impl ResponseTracker {
+    /// A new state is published. A response that is still due counts as missing.
+    pub fn expect(&mut self, state: Time) {
+        if self.is_due() {
+            self.responses = 0;
+            self.needed = self.needed.saturating_mul(2);
+        }
+        self.in_a_row = match self.newest_has_response() {
+            true => self.in_a_row + 1,
+            false => 0,
+        };
+        if self.in_a_row == FORGIVEN_AFTER {
+            (self.in_a_row, self.needed) = (0, 1);
+        }
+        if self.states.len() == REMEMBERED {
+            self.states.pop_front();
+        }
+        self.states.push_back(state);
+        self.is_answered = false;
+    }
+
+    /// The present state was changed: it needs a response again.
+    pub fn expect_again(&mut self) {
+        self.is_answered = false;
+    }
+
+    /// Time is reset. Responses to states of the previous run may still arrive.
+    pub fn restart(&mut self) {
+        let mut previous_run = std::mem::take(&mut self.previous_run);
+        previous_run.extend(&self.states);
+        previous_run.drain(..previous_run.len().saturating_sub(REMEMBERED));
+        *self = Self {
+            previous_run,
+            ..Self::default()
+        };
+    }
+
+    /// Whether a command with this stamp, received at `now`, answers a state of the previous run. The stamps of a
+    /// commander that does not answer states hardly ever equal such a state's.
+    pub fn is_of_previous_run(&self, command: Time, now: Time) -> bool {
+        command > now && self.previous_run.contains(&command)
+    }
+
+    /// A command with this stamp acts from `now` on.
+    pub fn record(&mut self, command: Time, now: Time) {
+        if self.states.contains(&command) && self.newest.is_none_or(|newest| command > newest) {
+            self.newest = Some(command);
+            self.responses = self.responses.saturating_add(1);
+        }
+        self.is_answered = command == now;
+    }
+
+    /// Whether a command has answered the present state since it was published last (lockstep).
+    pub fn is_answered(&self) -> bool {
+        self.is_answered
+    }
+
+    /// Whether the last state has no response yet but is likely to get one.
+    pub fn is_due(&self) -> bool {
+        !self.newest_has_response() && self.responses >= self.needed
+    }
+
+    fn newest_has_response(&self) -> bool {
+        self.states.back().copied() == self.newest
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn state(i: u32) -> Time {
+        Time::from_secs_f64(0.01 * f64::from(i))
+    }
+
+    fn record(tracker: &mut ResponseTracker, i: u32) {
+        tracker.record(state(i), state(i));
+    }
+
+    #[test]
+    fn a_commander_that_has_answered_is_waited_for_even_if_late() {
+        let mut tracker = ResponseTracker::default();
+        for i in 0..5 {
+            tracker.expect(state(i));
+            assert!(!tracker.is_due(), "there was no response yet");
+        }
+        record(&mut tracker, 1);
+        assert!(tracker.is_due());
+        record(&mut tracker, 1);
+        record(&mut tracker, 3);
+        assert!(tracker.is_due());
+        record(&mut tracker, 4);
+        assert!(!tracker.is_due());
+        tracker.expect(state(5));
+        assert!(tracker.is_due());
+    }
+
+    /// Number of states of a thousand that are waited for in vain if a commander answers one in `every`.
+    fn waits_in_vain(every: u32) -> usize {
+        let mut tracker = ResponseTracker::default();
+        let waits = (0..1000).filter(|&i| {
+            tracker.expect(state(i));
+            if i % every == 0 {
+                record(&mut tracker, i);
+            }
+            tracker.is_due()
+        });
+        waits.count()
+    }
+
+    #[test]
+    fn a_commander_that_skips_states_is_soon_not_waited_for() {
+        assert_eq!(waits_in_vain(1), 0);
+        assert_eq!(waits_in_vain(2), 8);
+        assert_eq!(waits_in_vain(10), 6);
+    }
+
+    #[test]
+    fn skipped_states_are_forgotten_after_many_responses() {
+        let mut tracker = ResponseTracker::default();
+        let mut i = 0;
+        let mut answer = |tracker: &mut ResponseTracker, count: u32, every: u32| {
+            for _ in 0..count {
+                tracker.expect(state(i));
+                if i % every == 0 {
+                    record(tracker, i);
+                }
+                i += 1;
+            }
+        };
+        answer(&mut tracker, 400, 2);
+        assert!(tracker.needed > 64);
+        answer(&mut tracker, 2 * FORGIVEN_AFTER, 1);
+        assert_eq!(tracker.needed, 1);
+    }
+
+    // Would break if an effort of the previous run moved the arm, or if one of the present run were taken for it.
+    #[test]
+    fn responses_to_the_previous_run_are_recognised() {
+        let mut tracker = ResponseTracker::default();
+        for i in 0..300 {
+            tracker.expect(state(i));
+        }
+        assert!(!tracker.is_of_previous_run(state(299), state(0)));
+        tracker.restart();
+        tracker.restart();
+        assert!(tracker.is_of_previous_run(state(299), state(0)));
+        assert!(!tracker.is_of_previous_run(state(300), state(0)));
+        assert!(!tracker.is_of_previous_run(state(299), state(299)));
+        tracker.expect(state(0));
+        record(&mut tracker, 0);
+        tracker.expect(state(1));
+        assert!(tracker.is_due());
+    }
+
+    #[test]
+    fn a_stamp_of_no_state_is_no_response() {
+        let mut tracker = ResponseTracker::default();
+        for i in 1..100 {
+            tracker.expect(state(i));
+            tracker.record(Time::ZERO, state(i));
+            assert!(!tracker.is_due() && !tracker.is_answered());
+        }
+    }
+
+    // Would break if lockstep went on with the command that answered a state before it was moved by a service call.
+    #[test]
+    fn a_changed_state_needs_a_response_again() {
+        let mut tracker = ResponseTracker::default();
+        // The state at the start is not expected, and may be answered.
+        record(&mut tracker, 0);
+        assert!(tracker.is_answered());
+        tracker.expect_again();
+        assert!(!tracker.is_answered());
+        record(&mut tracker, 0);
+        assert!(tracker.is_answered());
+        tracker.expect(state(1));
+        assert!(!tracker.is_answered());
+        tracker.record(state(0), state(1));
+        assert!(!tracker.is_answered());
+    }
+}

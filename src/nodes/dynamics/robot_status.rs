@@ -1,0 +1,122 @@
+//! Diagnostics of the robot: joint limits and closed loops.
+
+use std::time::{Duration, Instant};
+
+use super::{params::DynamicsParams, step_status::StepStatus};
+use crate::{
+    dynamics::{Floating, State},
+    model::Model,
+    ros::Node,
+};
+
+/// Largest gap of a closed loop that is simulated correctly \[m or rad\].
+const LARGEST_GAP: f64 = 1e-6;
+
+/// How often the gaps of closed loops are reported as values, at most. Diagnostics are published once a second.
+const GAPS_PERIOD: Duration = Duration::from_millis(500);
+
+/// The statuses `limits` and, with closed loops, `loop closures`.
+pub struct RobotStatus {
+    limits: StepStatus,
+    loops: Option<StepStatus>,
+    /// When the gaps are due to be reported as values.
+    gaps_due: Instant,
+}
+
+impl RobotStatus {
+    /// The statuses, not reported yet.
+    pub fn new(node: &Node, params: &DynamicsParams) -> Self {
+        let status = |name| StepStatus::new(node.diagnostics().status(name));
+        Self {
+            limits: status("limits"),
+            loops: (!params.loop_closures.is_empty()).then(|| status("loop closures")),
+            gaps_due: Instant::now(),
+        }
+    }
+
+    /// Reports the present state of the robot.
+    pub fn report(&mut self, robot: &Floating) {
+        match beyond_limits(robot.model(), robot.state()) {
+            Some(problem) => self.limits.warn(problem),
+            None => self.limits.ok("within the joints' limits"),
+        }
+        self.report_loops(robot);
+    }
+
+    fn report_loops(&mut self, robot: &Floating) {
+        let Some(status) = &mut self.loops else {
+            return;
+        };
+        let now = Instant::now();
+        let with_values = now >= self.gaps_due;
+        if with_values {
+            self.gaps_due = now + GAPS_PERIOD;
+        }
+        let mut open = None;
+        for (closure, gap) in robot.loops().gaps(robot.workspace()) {
+            let (name, m, rad) = (&closure.name, gap.translation, gap.rotation);
+            if with_values {
+                status.set(&format!("{name} gap [m]"), format!("{m:.1e}"));
+                status.set(&format!("{name} gap [rad]"), format!("{rad:.1e}"));
+            }
+            if m.max(rad) > LARGEST_GAP {
+                open = Some(format!(
+                    "loop closure '{name}' is open by {m:.1e} m, {rad:.1e} rad: lower time_step"
+                ));
+            }
+        }
+        match open {
+            Some(problem) => status.warn(problem),
+            None => status.ok("closed"),
+        }
+    }
+}
+
+/// The first joint beyond its limits, as a line. Limits of position and speed are reported, not enforced.
+fn beyond_limits(model: &Model, state: &State) -> Option<String> {
+    let motion = state.q.iter().zip(&state.qd);
+    (model.joints().iter().zip(motion)).find_map(|(joint, (q, qd))| {
+        let (name, limits) = (&joint.name, &joint.limits);
+        if *q < limits.lower || *q > limits.upper {
+            let (lower, upper) = (limits.lower, limits.upper);
+            Some(format!(
+                "joint '{name}' is at {q:.4}, beyond its limits {lower} to {upper}"
+            ))
+        } else if qd.abs() > limits.velocity {
+            let limit = limits.velocity;
+            Some(format!(
+                "joint '{name}' moves at {qd:.4}, faster than its limit {limit}"
+            ))
+        } else {
+            None
+        }
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_joint_beyond_a_limit_is_named() {
+        let joint = r#"<joint name="joint1" type="continuous">"#;
+        let limited = r#"<joint name="joint1" type="revolute">
+            <limit lower="-1" upper="1" effort="5" velocity="2"/>"#;
+        let urdf = include_str!("../../../urdf/planar_two_link.urdf").replace(joint, limited);
+        let model = Model::from_urdf(&urdf, "planar").unwrap();
+        let mut state = State::at_rest(&model);
+        assert_eq!(beyond_limits(&model, &state), None);
+        state.qd[0] = -2.1;
+        let line = beyond_limits(&model, &state).unwrap();
+        assert!(
+            line.contains("'joint1' moves at -2.1000, faster than its limit 2"),
+            "{line}"
+        );
+        state.q[0] = 1.1;
+        let line = beyond_limits(&model, &state).unwrap();
+        assert!(
+            line.contains("'joint1' is at 1.1000, beyond its limits -1 to 1"),
+            "{line}"
+        );
+    }
+}

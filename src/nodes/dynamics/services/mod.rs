@@ -1,0 +1,182 @@
+//! Control of the simulation from outside: the services and the action of `simulation_interfaces`.
+//!
+//! Their names are private to the node (`/dynamics/step_simulation`), as those of Gazebo's server are, so that several
+//! simulations in one graph do not clash. Calls are answered by the thread that simulates, between two steps.
+
+mod entities;
+mod entity_filters;
+mod entity_motion;
+
+mod spawn;
+mod states;
+mod steps;
+
+pub use steps::StepRequests;
+
+use super::{clock::Phase, simulation::Simulation};
+use crate::{
+    msg::{
+        Service,
+        simulation_interfaces::{
+            Result as Outcome, SimulatorFeatures,
+            services::{
+                DeleteEntity, GetEntities, GetEntitiesStates, GetEntityInfo, GetEntityState,
+                GetSimulationState, GetSimulatorFeatures, GetSimulatorFeaturesResponse,
+                GetSpawnables, ResetSimulation, SetEntityState, SetSimulationState, SpawnEntities,
+                SpawnEntity,
+            },
+        },
+    },
+    ros::{Calls, Node, NodeError, ServiceServer},
+};
+
+/// The services that answer at once. Requests for steps, which take longer, are [`StepRequests`].
+pub struct Services {
+    get_state: Calls<GetSimulationState>,
+    set_state: Calls<SetSimulationState>,
+    reset: Calls<ResetSimulation>,
+    entities: Calls<GetEntities>,
+    entities_states: Calls<GetEntitiesStates>,
+    entity_info: Calls<GetEntityInfo>,
+    entity_state: Calls<GetEntityState>,
+    set_entity_state: Calls<SetEntityState>,
+    spawn: Calls<SpawnEntity>,
+    spawn_all: Calls<SpawnEntities>,
+    delete: Calls<DeleteEntity>,
+    /// Whether the node is to stop once the present call is answered.
+    quit_requested: bool,
+    /// Services that do not depend on the simulation.
+    _stateless: [ServiceServer; 2],
+}
+
+impl Services {
+    /// Offers the services.
+    ///
+    /// # Errors
+    /// When DDS refuses.
+    pub fn new(node: &Node) -> Result<Self, NodeError> {
+        Ok(Self {
+            get_state: node.serve_calls("~/get_simulation_state")?,
+            set_state: node.serve_calls("~/set_simulation_state")?,
+            reset: node.serve_calls("~/reset_simulation")?,
+            entities: node.serve_calls("~/get_entities")?,
+            entities_states: node.serve_calls("~/get_entities_states")?,
+            entity_info: node.serve_calls("~/get_entity_info")?,
+            entity_state: node.serve_calls("~/get_entity_state")?,
+            set_entity_state: node.serve_calls("~/set_entity_state")?,
+            spawn: node.serve_calls("~/spawn_entity")?,
+            spawn_all: node.serve_calls("~/spawn_entities")?,
+            delete: node.serve_calls("~/delete_entity")?,
+            quit_requested: false,
+            _stateless: [
+                node.serve::<GetSimulatorFeatures>("~/get_simulator_features", |_| {
+                    GetSimulatorFeaturesResponse {
+                        features: features(),
+                    }
+                })?,
+                node.serve::<GetSpawnables>("~/get_spawnables", |request| {
+                    spawn::spawnables(&request.sources)
+                })?,
+            ],
+        })
+    }
+}
+
+/// Answers the calls that wait, and takes in requests for steps.
+///
+/// # Errors
+/// When the state is no longer finite.
+pub fn answer_calls(simulation: &mut Simulation) -> Result<(), NodeError> {
+    let s = simulation;
+    answer(s, |c| &c.get_state, |s, _| states::get(s))?;
+    answer(s, |c| &c.set_state, |s, r| states::set(s, &r))?;
+    let active = check_active(s);
+    if s.steps.take_requests(s.clock.phase(), &active) {
+        s.pause(Phase::Paused);
+    }
+    answer(s, |c| &c.reset, |s, r| states::reset(s, &r))?;
+    answer(s, |c| &c.entities, |s, r| entities::names(&s.world, &r))?;
+    answer(
+        s,
+        |c| &c.entities_states,
+        |s, r| entities::states(&mut s.world, &r),
+    )?;
+    answer(s, |c| &c.entity_info, |s, r| entities::info(&s.world, &r))?;
+    answer(
+        s,
+        |c| &c.entity_state,
+        |s, r| entities::state(&mut s.world, &r),
+    )?;
+    answer(s, |c| &c.set_entity_state, |s, r| entity_motion::set(s, &r))?;
+    answer(s, |c| &c.spawn, |s, r| spawn::spawn_one(s, r))?;
+    answer(s, |c| &c.spawn_all, |s, r| spawn::spawn_all(s, &r))?;
+    answer(s, |c| &c.delete, |s, r| spawn::delete(s, &r))?;
+    if s.services.quit_requested {
+        s.node.request_stop();
+    }
+    Ok(())
+}
+
+/// Answers the calls of one service. A world that one of them changes is published before the answer is sent.
+fn answer<S: Service>(
+    simulation: &mut Simulation,
+    calls: impl Fn(&Services) -> &Calls<S>,
+    handler: impl Fn(&mut Simulation, S::Request) -> S::Response,
+) -> Result<(), NodeError> {
+    while let Some(call) = calls(&simulation.services).take() {
+        let response = handler(simulation, call.request);
+        if simulation.outputs.is_outdated() {
+            simulation.commands.expect_response_again();
+            simulation.publish()?;
+        }
+        call.reply.send(&response);
+    }
+    Ok(())
+}
+
+/// Refuses what needs an active node.
+fn check_active(simulation: &Simulation) -> Result<(), Outcome> {
+    match simulation.is_active() {
+        true => Ok(()),
+        false => Err(Outcome::new(
+            Outcome::INCORRECT_STATE,
+            "the node is inactive; activate it by ~/change_state first",
+        )),
+    }
+}
+
+fn features() -> SimulatorFeatures {
+    use SimulatorFeatures as F;
+    let features = [
+        F::SPAWNING,
+        F::DELETING,
+        F::ENTITY_TAGS,
+        F::ENTITY_BOUNDS_BOX,
+        F::ENTITY_CATEGORIES,
+        F::SPAWNING_RESOURCE_STRING,
+        F::ENTITY_STATE_GETTING,
+        F::ENTITY_STATE_SETTING,
+        F::ENTITY_INFO_GETTING,
+        F::SPAWNABLES,
+        F::SIMULATION_RESET,
+        F::SIMULATION_RESET_TIME,
+        F::SIMULATION_RESET_STATE,
+        F::SIMULATION_RESET_SPAWNED,
+        F::SIMULATION_STATE_GETTING,
+        F::SIMULATION_STATE_SETTING,
+        F::SIMULATION_STATE_PAUSE,
+        F::STEP_SIMULATION_SINGLE,
+        F::STEP_SIMULATION_MULTIPLE,
+        F::STEP_SIMULATION_ACTION,
+        F::SPAWNING_ENTITIES,
+    ];
+    SimulatorFeatures {
+        features: features.map(u16::from).to_vec(),
+        spawn_formats: vec!["urdf".to_owned()],
+        custom_info: format!(
+            "fuyu {}, simulation_interfaces 2.1. A step leads to the next state that is published. \
+             Single bodies can be spawned; bounds are compared with the origins of entities.",
+            env!("CARGO_PKG_VERSION")
+        ),
+    }
+}

@@ -1,0 +1,167 @@
+//! Play, pause, stop, quit and reset.
+
+use super::check_active;
+use crate::{
+    msg::simulation_interfaces::{
+        Result as Outcome, SimulationState,
+        services::{
+            GetSimulationStateResponse, ResetSimulationRequest as Reset, ResetSimulationResponse,
+            SetSimulationStateRequest, SetSimulationStateResponse as Set,
+        },
+    },
+    nodes::dynamics::{clock::Phase, simulation::Simulation, world::World},
+};
+
+/// Numbers and names of the states of `simulation_interfaces`; a number is its index.
+const NAMES: [(u8, &str); 4] = [
+    (SimulationState::STATE_STOPPED, "stopped"),
+    (SimulationState::STATE_PLAYING, "playing"),
+    (SimulationState::STATE_PAUSED, "paused"),
+    (SimulationState::STATE_QUITTING, "quitting"),
+];
+
+impl Phase {
+    fn number(self) -> u8 {
+        match self {
+            Self::Stopped => SimulationState::STATE_STOPPED,
+            Self::Playing => SimulationState::STATE_PLAYING,
+            Self::Paused => SimulationState::STATE_PAUSED,
+        }
+    }
+
+    pub(super) fn name(self) -> &'static str {
+        NAMES[usize::from(self.number())].1
+    }
+}
+
+/// The state of the simulation.
+pub fn get(simulation: &Simulation) -> GetSimulationStateResponse {
+    GetSimulationStateResponse {
+        state: SimulationState {
+            state: simulation.clock.phase().number(),
+        },
+        result: Outcome::ok(),
+    }
+}
+
+/// Plays, pauses, stops or quits.
+pub fn set(simulation: &mut Simulation, request: &SetSimulationStateRequest) -> Set {
+    let result = enter(simulation, request.state.state);
+    Set {
+        result: result.err().unwrap_or_else(Outcome::ok),
+    }
+}
+
+fn enter(simulation: &mut Simulation, state: u8) -> Result<(), Outcome> {
+    let Some((_, name)) = NAMES.iter().find(|(number, _)| *number == state) else {
+        let known = NAMES.map(|(number, name)| format!("{number} ({name})"));
+        return Err(Outcome::new(
+            Set::INCORRECT_TRANSITION,
+            format!(
+                "state {state} cannot be set; give one of {}",
+                known.join(", ")
+            ),
+        ));
+    };
+    check_active(simulation)?;
+    if state == simulation.clock.phase().number() {
+        return Err(Outcome::new(
+            Set::ALREADY_IN_TARGET_STATE,
+            format!("the simulation is {name} already"),
+        ));
+    }
+    match state {
+        SimulationState::STATE_PLAYING => play(simulation),
+        SimulationState::STATE_PAUSED => {
+            simulation.pause(Phase::Paused);
+            Ok(())
+        }
+        SimulationState::STATE_STOPPED => stop(simulation),
+        _ => {
+            stop(simulation)?;
+            simulation.services.quit_requested = true;
+            Ok(())
+        }
+    }
+}
+
+fn play(simulation: &mut Simulation) -> Result<(), Outcome> {
+    if simulation.steps.is_pending() {
+        return Err(Outcome::new(
+            Outcome::INCORRECT_STATE,
+            "steps are being simulated; wait for their end, cancel them or stop",
+        ));
+    }
+    let clock = &mut simulation.clock;
+    if clock.is_over(simulation.world.time()) {
+        return Err(Outcome::new(
+            Set::STATE_TRANSITION_ERROR,
+            format!(
+                "the duration of {} s is over; reset the simulation, or give duration 0",
+                clock.duration()
+            ),
+        ));
+    }
+    clock.set_phase(Phase::Playing);
+    Ok(())
+}
+
+fn stop(simulation: &mut Simulation) -> Result<(), Outcome> {
+    simulation.steps.end("the simulation was stopped");
+    reset_all(simulation)?;
+    simulation.pause(Phase::Stopped);
+    Ok(())
+}
+
+/// Resets time, state, spawned bodies, or all.
+pub fn reset(simulation: &mut Simulation, request: &Reset) -> ResetSimulationResponse {
+    let result = reset_scope(simulation, request.scope);
+    ResetSimulationResponse {
+        result: result.err().unwrap_or_else(Outcome::ok),
+    }
+}
+
+fn reset_scope(simulation: &mut Simulation, scope: u8) -> Result<(), Outcome> {
+    check_active(simulation)?;
+    let known = Reset::SCOPE_TIME | Reset::SCOPE_STATE | Reset::SCOPE_SPAWNED;
+    if scope & !known != 0 && scope != Reset::SCOPE_ALL {
+        return Err(Outcome::new(
+            Outcome::FEATURE_UNSUPPORTED,
+            format!(
+                "scope {scope} is not known; give a sum of 1 (time), 2 (state) and 4 (spawned), or 255 (all)"
+            ),
+        ));
+    }
+    simulation.steps.end("the simulation was reset");
+    if scope == Reset::SCOPE_DEFAULT || scope == Reset::SCOPE_ALL {
+        return reset_all(simulation);
+    }
+    let world = &mut simulation.world;
+    if scope & Reset::SCOPE_SPAWNED != 0 {
+        world.targets.retain(|target| !target.spawned);
+        simulation.outputs.remove_targets(world);
+    }
+    if scope & Reset::SCOPE_STATE != 0 {
+        world.reset_state();
+    }
+    if scope & Reset::SCOPE_TIME != 0 {
+        world.reset_time();
+    }
+    if scope & (Reset::SCOPE_TIME | Reset::SCOPE_STATE) != 0 {
+        simulation.restart();
+    }
+    simulation.outputs.invalidate();
+    Ok(())
+}
+
+/// Everything is as at the start of the node.
+fn reset_all(simulation: &mut Simulation) -> Result<(), Outcome> {
+    let failed = |e: String| Outcome::new(Outcome::OPERATION_FAILED, e);
+    simulation.world = World::new(simulation.params).map_err(failed)?;
+    (simulation.outputs)
+        .replace_targets(simulation.node, &simulation.world)
+        .map_err(|e| failed(e.to_string()))?;
+    simulation.restart();
+    simulation.outputs.invalidate();
+    Ok(())
+}

@@ -1,0 +1,161 @@
+//! Requests for steps of a paused simulation: a service and an action.
+
+use crate::{
+    msg::simulation_interfaces::{
+        Result as Outcome,
+        services::{StepSimulation, StepSimulationResponse},
+        simulate_steps::{Feedback, Outcome as StepsOutcome, SimulateSteps},
+    },
+    nodes::dynamics::clock::Phase,
+    ros::{ActionServer, Calls, Goal, Node, NodeError, Reply},
+};
+
+/// Endpoints for steps, and the request that is being worked off. There is one at a time.
+pub struct StepRequests {
+    service: Calls<StepSimulation>,
+    action: ActionServer<SimulateSteps>,
+    pending: Option<StepRequest>,
+}
+
+/// Steps that a client waits for.
+struct StepRequest {
+    done: u64,
+    total: u64,
+    client: Client,
+}
+
+enum Client {
+    Service(Reply<StepSimulation>),
+    Action(Goal<SimulateSteps>),
+}
+
+impl Client {
+    fn end(self, result: Outcome) {
+        match self {
+            Self::Service(reply) => reply.send(&StepSimulationResponse { result }),
+            Self::Action(goal) => match result.result {
+                Outcome::OK => goal.succeed(StepsOutcome { result }),
+                _ => goal.abort(StepsOutcome { result }),
+            },
+        }
+    }
+}
+
+impl StepRequests {
+    /// Offers service and action.
+    ///
+    /// # Errors
+    /// When DDS refuses.
+    pub fn new(node: &Node) -> Result<Self, NodeError> {
+        Ok(Self {
+            service: node.serve_calls("~/step_simulation")?,
+            action: ActionServer::new(node, "~/simulate_steps")?,
+            pending: None,
+        })
+    }
+
+    /// Whether a client waits for steps.
+    pub fn is_pending(&self) -> bool {
+        self.pending.is_some()
+    }
+
+    /// Accepts or refuses new requests, in this phase of a node that is `active` or says why it is not. Ends a cancelled
+    /// request: then returns true.
+    pub(super) fn take_requests(&mut self, phase: Phase, active: &Result<(), Outcome>) -> bool {
+        while let Some(call) = self.service.take() {
+            self.begin(
+                call.request.steps,
+                Client::Service(call.reply),
+                phase,
+                active,
+            );
+        }
+        while let Some(goal) = self.action.take() {
+            self.begin(goal.goal.steps, Client::Action(goal), phase, active);
+        }
+        let is_cancelled = |request: &mut StepRequest| match &request.client {
+            Client::Action(goal) => goal.is_canceling(),
+            Client::Service(_) => false,
+        };
+        let Some(StepRequest {
+            done,
+            total,
+            client: Client::Action(goal),
+        }) = self.pending.take_if(is_cancelled)
+        else {
+            return false;
+        };
+        goal.canceled(StepsOutcome {
+            result: Outcome::new(
+                Outcome::OPERATION_FAILED,
+                format!("cancelled after {done} of {total} steps"),
+            ),
+        });
+        true
+    }
+
+    fn begin(&mut self, total: u64, client: Client, phase: Phase, active: &Result<(), Outcome>) {
+        let refused = active
+            .clone()
+            .err()
+            .or_else(|| match (phase, &self.pending) {
+                (Phase::Paused, None) => None,
+                (Phase::Paused, Some(other)) => Some(Outcome::new(
+                    Outcome::OPERATION_FAILED,
+                    format!(
+                        "{} of {} other steps are still to be simulated",
+                        other.total - other.done,
+                        other.total
+                    ),
+                )),
+                (phase, _) => Some(Outcome::new(
+                    Outcome::OPERATION_FAILED,
+                    format!(
+                        "the simulation is {}; pause it first (set_simulation_state)",
+                        phase.name()
+                    ),
+                )),
+            });
+        match refused {
+            Some(problem) => client.end(problem),
+            None if total == 0 => client.end(Outcome::ok()),
+            None => {
+                self.pending = Some(StepRequest {
+                    done: 0,
+                    total,
+                    client,
+                });
+            }
+        }
+    }
+
+    /// Counts a step that was simulated, and sends feedback. If it was the last one requested, answers the client and
+    /// returns true.
+    pub fn count(&mut self) -> bool {
+        let Some(request) = &mut self.pending else {
+            return false;
+        };
+        request.done += 1;
+        if let Client::Action(goal) = &request.client {
+            goal.feedback(Feedback {
+                completed_steps: request.done,
+                remaining_steps: request.total - request.done,
+            });
+        }
+        let finished = self.pending.take_if(|s| s.done == s.total);
+        let is_finished = finished.is_some();
+        if let Some(request) = finished {
+            request.client.end(Outcome::ok());
+        }
+        is_finished
+    }
+
+    /// Ends the pending request before its last step.
+    pub fn end(&mut self, reason: &str) {
+        if let Some(request) = self.pending.take() {
+            let text = format!("{reason} after {} of {} steps", request.done, request.total);
+            let result = Outcome::new(Outcome::OPERATION_FAILED, text);
+            request.client.end(result);
+        }
+    }
+}

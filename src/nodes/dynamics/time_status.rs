@@ -1,0 +1,85 @@
+//! Diagnostics of simulated time: whether it advances, how fast, and what it waits for.
+
+use super::{clock::Phase, params::DynamicsParams, step_status::StepStatus};
+use crate::ros::{Node, Time};
+
+/// An achieved real time factor below this share of the wanted one is reported as slow.
+const SLOW: f64 = 0.95;
+
+/// The status `time`.
+pub struct TimeStatus {
+    status: StepStatus,
+    /// Wanted simulated seconds per second; `None` if time keeps no pace: in lockstep, or as fast as possible.
+    wanted_factor: Option<f64>,
+    /// Number of states for whose response time has waited.
+    late_responses: u64,
+}
+
+impl TimeStatus {
+    /// The status, not reported yet.
+    pub fn new(node: &Node, params: &DynamicsParams) -> Self {
+        let factor = params.real_time_factor;
+        Self {
+            status: StepStatus::new(node.diagnostics().status("time")),
+            wanted_factor: (!params.lockstep && factor != 0.0).then_some(factor),
+            late_responses: 0,
+        }
+    }
+
+    /// The simulation stands still in this phase.
+    pub fn stands_still(&mut self, phase: Phase) {
+        self.status.ok(match phase {
+            Phase::Stopped => "stopped",
+            Phase::Paused | Phase::Playing => "paused",
+        });
+    }
+
+    /// The time to simulate \[s\] is over.
+    pub fn is_over(&mut self, duration: f64) {
+        self.status.ok(format!(
+            "the duration of {duration} s is over; time stands still"
+        ));
+    }
+
+    /// Time waits for the first command.
+    pub fn is_held(&mut self) {
+        self.status.warn("time is held until the first command");
+    }
+
+    /// The node is not active.
+    pub fn is_inactive(&mut self) {
+        self.status.warn("the node is not active");
+    }
+
+    /// Time advances in lockstep.
+    pub fn in_lockstep(&mut self) {
+        self.status.ok("lockstep");
+    }
+
+    /// Lockstep has waited for `seconds` for the response to the state of `stamp`.
+    pub fn waits_for_response(&mut self, seconds: u64, stamp: Time) {
+        self.status.warn(format!(
+            "lockstep: waiting for {seconds} s for the command that answers the state of {stamp} s"
+        ));
+    }
+
+    /// A state was late because time waited for a response.
+    pub fn count_late_response(&mut self) {
+        self.late_responses += 1;
+    }
+
+    /// The real time factor achieved up to `time` \[s\].
+    pub fn achieved(&mut self, time: f64, factor: f64) {
+        self.status.set("simulated time [s]", format!("{time:.2}"));
+        self.status.set("real time factor", format!("{factor:.3}"));
+        self.status
+            .set("states that waited for their answer", self.late_responses);
+        match self.wanted_factor {
+            None => {}
+            Some(wanted) if factor < SLOW * wanted => {
+                (self.status).warn(format!("slower than the real_time_factor of {wanted}"));
+            }
+            Some(_) => self.status.ok("in time"),
+        }
+    }
+}
