@@ -22,8 +22,8 @@
 //! | second tip's camera measurement | the second tip is not controlled; the first is |
 //! | gyro | the base's angular velocity is computed from the joint rates for zero angular momentum |
 //! | goal's angular velocity | the goal's motion is estimated from the camera alone |
-//! | law without efforts | the joints are damped |
-//! | efforts not finite | efforts are zero |
+//! | law without efforts, or with efforts that are not finite ([`ControlError`](super::ControlError)) | the joints are damped |
+//! | total efforts not finite | efforts are zero |
 //!
 //! Zero angular momentum is the fallback for the gyro because it follows the arm: a free-floating base turns mostly by
 //! reaction to the joints, which the encoders measure now, whereas the last gyro sample describes a joint motion that has

@@ -43,7 +43,7 @@ pub enum InputStatus {
         /// Its age \[s\].
         age: f64,
     },
-    /// The newest sample was not used: it is older than the timeout.
+    /// The newest sample was not used: its age exceeds the timeout.
     Stale {
         /// Its age \[s\].
         age: f64,
