@@ -88,7 +88,7 @@ impl JointDrive {
         }
         let mut cut = false;
         for (joint, rate) in rates {
-            cut |= self.servo.refer(robot.model(), joint, rate);
+            cut |= self.servo.set_reference(robot.model(), joint, rate);
         }
         cut
     }

@@ -4,7 +4,7 @@ use super::study::{SEED, Source, Study};
 use super::{Report, map, number};
 use crate::estimation::free_body::{DynamicParameters, FreeRotation};
 use crate::estimation::masutani1995::Analysis;
-use crate::experiments::masutani_ch3::{self as chapter, Condition, Motion};
+use crate::experiments::masutani_ch3::{self as chapter, Condition, TumblingMotion};
 use crate::experiments::{Figure, MapPanel, MapScale, Panel, Series};
 
 /// A quantity of the closed form over the grid of motions.
@@ -66,7 +66,7 @@ pub(super) fn period_map(mut report: Report) -> Report {
         longer,
         longer >= 100.0,
     );
-    let inner = |a: &TumblingMotion, b: &Motion| {
+    let inner = |a: &TumblingMotion, b: &TumblingMotion| {
         let closer = a.s_alpha.abs() - b.s_alpha.abs();
         let same_side = a.s_alpha * b.s_alpha > 0.0;
         swings(a)

@@ -2,7 +2,7 @@
 
 use super::{Group, LARGEST_GAIN};
 use crate::{
-    control::{ControllerConfig, Shaping, StraightPathConfig},
+    control::{ControllerConfig, LawConfig, Shaping, StraightPathConfig},
     nodes::choice,
     ros::{Declare, Param},
 };
