@@ -2,12 +2,12 @@
 //! `cargo bench --bench integrators` prints the tables; a path after `--` also draws them there
 //! (`-- docs/integrators` makes the picture of the document).
 //!
-//! The rivals of the library's methods are tableaux too, so that every method runs through the same
-//! stepper: coordinates, momentum and cost of an evaluation are the same for all.
+//! The methods that the library does not have are tableaux too, so that all methods use the same stepper:
+//! coordinates, momentum and cost of an evaluation are the same.
 
 use std::time::Instant;
 
-use fuyu::dynamics::{Input, Integrator, Method, Momentum, State, Tableau, Workspace};
+use fuyu::dynamics::{Input, IntegrationMethod, Integrator, Momentum, State, Tableau, Workspace};
 use fuyu::experiments::{Figure, Panel, Series};
 use fuyu::model::Model;
 use nalgebra::{DVector, UnitQuaternion, Vector3};
@@ -59,9 +59,9 @@ fn run(model: &Model, motion: &Motion, tableau: &'static Tableau, dt: f64, secon
     let mut workspace = Workspace::new(model);
     let mut integrator = Integrator::with_tableau(model, tableau);
     let mut coast = |_: f64, _: &State, _: &mut Input| {};
-    workspace.set_positions(model, &state.q);
+    workspace.set_positions(&state.q);
     workspace.set_motion(&state);
-    let energy = workspace.kinetic_energy(model);
+    let energy = workspace.kinetic_energy();
     let mut result = Run {
         drift: 0.0,
         attitude: state.R_WB,
@@ -72,10 +72,10 @@ fn run(model: &Model, motion: &Motion, tableau: &'static Tableau, dt: f64, secon
     for second in 1..=seconds {
         let start = Instant::now();
         for _ in 0..per_second {
-            integrator.step(model, &mut state, &mut workspace, dt, &mut coast);
+            integrator.step(&mut state, &mut workspace, dt, &mut coast);
         }
         times.push(start.elapsed().as_secs_f64());
-        let change = (workspace.kinetic_energy(model) / energy - 1.0).abs();
+        let change = (workspace.kinetic_energy() / energy - 1.0).abs();
         // Whatever is not a number is no small drift.
         result.drift = if change <= result.drift {
             result.drift
@@ -269,9 +269,9 @@ fn main() {
     let xml = include_str!("../urdf/servicer.urdf");
     let model = Model::from_urdf(xml, "urdf/servicer.urdf").expect("a robot of the repository");
     let methods = [
-        ("RK4", Method::Rk4.tableau()),
+        ("RK4", IntegrationMethod::Rk4.tableau()),
         ("Luther, order 6", luther()),
-        ("DOP8", Method::Dop8.tableau()),
+        ("DOP8", IntegrationMethod::Dop8.tableau()),
         ("extrapolation, order 8", extrapolation(4)),
         ("extrapolation, order 10", extrapolation(5)),
     ];

@@ -1,8 +1,8 @@
-//! What one step of the controller costs, law by law, on the servicer's six joints and on two arms of seven:
+//! Run time of one controller step for every law, on the servicer's six joints and on two arms of seven:
 //! `cargo bench --bench laws` prints the table of `docs/tracking.md`.
 //!
-//! A step is all that a node does between a joint state and its command: kinematics, Jacobian, what is known of base and goal,
-//! law, hand-over, watch. A camera frame comes with every tenth, as at 10 Hz, or with every one.
+//! A step is everything between a joint state and its command: kinematics, Jacobian, latency compensation, law, bumpless
+//! transfer, progress monitor. A camera frame comes with every tenth step, as at 10 Hz, or with every one.
 
 use std::time::Instant;
 
@@ -17,9 +17,9 @@ use fuyu::model::{Frame, Model};
 use fuyu::spatial::{Pose, Twist};
 use nalgebra::{DVector, Matrix6xX, Translation3, Vector3};
 
-/// States that every step goes through in turn.
+/// States that the steps cycle through.
 const STATES: usize = 16;
-/// Few enough for most batches to go undisturbed on a busy computer.
+/// Few enough that most batches run undisturbed on a busy computer.
 const STEPS: usize = 32;
 const BATCHES: usize = 401;
 
@@ -70,7 +70,7 @@ impl Robot {
         // What is seen beside each state: a goal a hand's breadth from the tip.
         let sights: Vec<Vec<TipMeasurement>> = (self.states.iter())
             .map(|(q, _)| {
-                workspace.set_positions(&self.model, q);
+                workspace.set_positions(q);
                 let see = |tip: &Frame| {
                     let X_BE = workspace.X_BF(tip);
                     let p = X_BE.translation.vector + Vector3::new(0.1, 0.05, -0.02);
@@ -204,7 +204,7 @@ fn jacobian(robot: &Robot) -> f64 {
     let mut batch = || {
         let began = Instant::now();
         for k in 0..STEPS {
-            workspace.set_positions(&robot.model, &robot.states[k % STATES].0);
+            workspace.set_positions(&robot.states[k % STATES].0);
             JacobianKind::Generalized.write(&mut workspace, &robot.tips[0], &mut out);
             std::hint::black_box(&out);
         }

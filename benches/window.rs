@@ -1,7 +1,7 @@
-//! What one window of the bundle costs: 601 frames of 20 points, clean and with the flaws of tracks, in processor time
-//! of one thread: `cargo bench --bench window` prints the table of `docs/estimation.md`.
+//! Run time of the bundle estimator for one window: 601 frames of 20 points, clean and with the defects of real tracks, in CPU
+//! time of one thread: `cargo bench --bench window` prints the table of `docs/estimation.md`.
 //!
-//! Each row is every twentieth of chapter 3's 294 motions, but for those next to the separatrix (s_alpha 0).
+//! Each row is every twentieth of chapter 3's 294 motions, except those next to the separatrix (s_alpha 0).
 
 use std::time::Instant;
 

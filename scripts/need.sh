@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# Makes sure that commands are there, from Debian's packages if this is a Debian and we are root.
+# Installs missing commands from Debian's packages, on Debian and as root; otherwise names what is missing.
 # Usage: need.sh COMMAND=PACKAGE...    such as: need.sh ip=iproute2 cmake=cmake
 set -euo pipefail
 
@@ -16,7 +16,7 @@ fi
 echo "need.sh: installing ${packages[*]}" >&2
 export DEBIAN_FRONTEND=noninteractive
 install() { apt-get install --yes --quiet --no-install-recommends "${packages[@]}" >&2 </dev/null; }
-# The lists of packages of a fresh machine are empty or old.
+# The package lists of a fresh machine are empty or old.
 install || { apt-get update --quiet >&2 && install; } || {
   echo "need.sh: apt-get could not install ${packages[*]}; is the package registry reachable?" >&2
   exit 3

@@ -1,5 +1,5 @@
 #!/usr/bin/env bash
-# An hour of joint states at 1 kHz with a bag: growth of memory, lost messages, time. Usage: soak.sh [SECONDS]
+# Soak test: an hour of joint states at 1 kHz with a bag; checks memory, lost messages and time. Usage: soak.sh [SECONDS]
 set -euo pipefail
 
 cd "$(dirname "${BASH_SOURCE[0]}")/.."

@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Builds both packages as a user's workspace does, with colcon and its cargo extension from PyPI, and looks whether
-# the install space holds what ROS looks for: executables, share, the ament index, messages that rclpy imports.
-# fuyu itself is compiled in the target folder of cargo, so nothing is compiled that is there already.
+# Builds both ROS packages as a user's workspace does, with colcon and its cargo extension from PyPI, and checks that
+# the install space is complete: executables, share, the ament index, messages that rclpy imports.
+# fuyu itself is compiled in cargo's target folder, so what is already compiled there is reused.
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
@@ -19,7 +19,7 @@ mkdir -p "$workspace"/{src,build}
 ln -s "$root" "$workspace/src/fuyu"
 ln -s "$target" "$workspace/build/fuyu"
 cd "$workspace"
-# The wheels of ROS are the underlay that /opt/ros is elsewhere.
+# The wheels of ROS are the underlay, instead of /opt/ros.
 export AMENT_PREFIX_PATH=$ros CMAKE_PREFIX_PATH=$ros PATH=$colcon:$ros/bin:$PATH
 build() {
   colcon --log-base log build "$@" >&2 || {
@@ -45,12 +45,12 @@ there fuyu/share/fuyu/package.xml
 for executable in fuyu dynamics camera controller estimator teleop recorder; do
   there "fuyu/lib/fuyu/$executable"
 done
-# Whatever stands in the sources.
+# Every file of the sources.
 for file in $(cd "$root" && git ls-files -- config urdf launch); do there "fuyu/share/fuyu/$file"; done
 for message in "$root"/msg/*.msg; do there "fuyu_msgs/share/fuyu_msgs/msg/$(basename "$message")"; done
 ((failed == 0))
 
-# From elsewhere, in a shell that has sourced the workspace and nothing else of it.
+# In another folder, in a shell that has only sourced the workspace.
 set +u
 source install/setup.bash
 set -u

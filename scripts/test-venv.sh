@@ -1,7 +1,7 @@
 #!/usr/bin/env bash
-# Makes a Python environment of the tests, once, from PyPI, and prints the path of its python.
+# Makes a Python environment for the tests from PyPI, once, and prints the path of its interpreter.
 # Usage: test-venv.sh                    a real ROS 2 Jazzy (rclpy on Fast DDS) and readers of bags
-#        test-venv.sh NAME PACKAGE...    an environment of its own, such as: test-venv.sh pinocchio pin
+#        test-venv.sh NAME PACKAGE...    a separate environment, such as: test-venv.sh pinocchio pin
 set -euo pipefail
 
 root=$(cd "$(dirname "${BASH_SOURCE[0]}")/.." && pwd)
@@ -22,7 +22,7 @@ fi
 stamp="$dir/.made-of-$(printf '%s\n' "${packages[@]}" | cksum | cut -d' ' -f1)"
 
 mkdir -p "$(dirname "$dir")"
-# Tests run side by side; the first one makes it, the others wait.
+# Tests run in parallel; the first one makes the environment, the others wait.
 exec 9>"$dir.lock"
 flock 9
 if [[ ! -e $stamp ]]; then

@@ -53,7 +53,7 @@
 //! let tip = model.frame("tool0").expect("a link of the robot");
 //!
 //! let mut workspace = Workspace::new(&model);
-//! workspace.set_positions(&model, &DVector::from_element(1, 0.3));
+//! workspace.set_positions(&DVector::from_element(1, 0.3));
 //! let mut fixed = Matrix6xX::zeros(model.dof());
 //! let mut generalized = Matrix6xX::zeros(model.dof());
 //! workspace.fixed_base_jacobian(tip, &mut fixed);

@@ -1,4 +1,4 @@
-//! What fuyu's dynamics costs beside Pinocchio's and MuJoCo's, in one run, by turns:
+//! Run time of fuyu's dynamics compared with Pinocchio's and MuJoCo's, interleaved in one run:
 //!
 //! ```sh
 //! scripts/bench-peers.sh                                # once: installs and compiles the peers
@@ -7,7 +7,7 @@
 //! cargo bench --bench peers -- --draw docs/img/links    # and the picture
 //! ```
 //!
-//! Without the peers only fuyu is measured. Before anything is timed, all programs must compute the same.
+//! Without the peers only fuyu is measured. Before anything is timed, all programs must give the same results.
 
 #[cfg(feature = "batch")]
 mod many;
@@ -17,16 +17,16 @@ mod peer;
 mod report;
 mod robots;
 
-use fuyu::dynamics::Method;
+use fuyu::dynamics::IntegrationMethod;
 use measure::{Runner, Times, measure};
 use peer::Peer;
 use robots::{Moving, Robot};
 
-/// States that every kernel goes through in turn.
+/// States that every kernel cycles through.
 const STATES: usize = 16;
 
-/// How closely programs agree, of the largest number of an answer. Those that solve a dense system lose
-/// digits with the links: some 1e-9 at 300, 2e-8 at 1000.
+/// Largest difference between programs, relative to the largest number of a result. Those that solve a dense system
+/// lose digits with the number of links: some 1e-9 at 300, 2e-8 at 1000.
 fn agreement(links: usize) -> f64 {
     if links <= 300 { 1e-9 } else { 1e-7 }
 }
@@ -86,7 +86,7 @@ impl Kernel {
         }
     }
 
-    /// How Pinocchio and MuJoCo can do it, by the names that their programs know.
+    /// Names of the variants in the programs of Pinocchio and MuJoCo.
     fn of_peer(self, maker: Maker) -> &'static [&'static str] {
         match (self, maker) {
             (Self::Forward | Self::ForwardOfMany, Maker::Pinocchio) => {
@@ -104,7 +104,7 @@ impl Kernel {
         match self {
             Self::Forward => ours::forward(&robot.model),
             Self::Jacobian => vec![("", ours::jacobian(robot))],
-            Self::Rk4 => vec![("", ours::step(&robot.model, Method::Rk4, false))],
+            Self::Rk4 => vec![("", ours::step(&robot.model, IntegrationMethod::Rk4, false))],
             #[cfg(feature = "batch")]
             Self::ForwardOfMany | Self::Rk4OfMany => {
                 let task = match self {
@@ -119,14 +119,14 @@ impl Kernel {
     }
 }
 
-/// Largest difference, of the largest number. An answer may lack what the other begins with: the base.
+/// Largest difference, relative to the largest number. One result may lack the first entries of the other: the base.
 fn difference(a: &[f64], b: &[f64]) -> f64 {
     let n = a.len().min(b.len());
     assert!(n > 0, "no answer");
     let (a, b) = (&a[a.len() - n..], &b[b.len() - n..]);
     let scale = b.iter().fold(0.0, |m: f64, x| m.max(x.abs()));
     let differences = a.iter().zip(b).map(|(a, b)| (a - b).abs() / scale);
-    // Whatever is not a number is a difference.
+    // NaN counts as a difference.
     differences.fold(0.0, |m, d| if d <= m { m } else { d })
 }
 
@@ -185,18 +185,18 @@ fn row(robot: &Robot, states: &[Moving], kernel: Kernel, peers: &[Peer], exact: 
     }
 }
 
-/// What only fuyu has: kernels beside the compared ones.
+/// Kernels that only fuyu has.
 fn alone(robot: &Robot, states: &[Moving]) -> Vec<(&'static str, f64)> {
     let programs = [
         ("reduced inertia", ours::reduced_inertia(&robot.model)),
         ("transpose-Jacobian control law", ours::control_law(robot)),
         (
             "RK4 step, the workspace read after each",
-            ours::step(&robot.model, Method::Rk4, true),
+            ours::step(&robot.model, IntegrationMethod::Rk4, true),
         ),
         (
             "order-8 step (`dop8`)",
-            ours::step(&robot.model, Method::Dop8, false),
+            ours::step(&robot.model, IntegrationMethod::Dop8, false),
         ),
     ];
     let mut runners = Vec::new();

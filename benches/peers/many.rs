@@ -1,6 +1,6 @@
-//! Many states at once, on one thread.
+//! A batch of states, on one thread.
 
-use fuyu::dynamics::Batch;
+use fuyu::dynamics::{Batch, IntegrationMethod};
 use fuyu::model::Model;
 
 use super::ours::{DT, Program};
@@ -9,14 +9,14 @@ use super::robots::Moving;
 /// States of a batch.
 const STATES: usize = 128;
 
-/// What is done with all of them.
+/// Operation on all states.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Task {
     Accelerate,
     Step,
 }
 
-/// A task on a batch; a call is one state's share.
+/// A task on a batch; its time is per state.
 pub struct Many {
     batch: Batch,
     task: Task,
@@ -24,11 +24,11 @@ pub struct Many {
 
 impl Many {
     pub fn new(model: &Model, task: Task) -> Self {
-        // All that use rayon run on this thread from now on; the first to ask decides.
+        // From now on rayon uses this thread only; the first call in a process decides.
         let pool = rayon::ThreadPoolBuilder::new().num_threads(1);
         let _ = pool.use_current_thread().build_global();
         Self {
-            batch: Batch::new(model, STATES),
+            batch: Batch::new(model, IntegrationMethod::Rk4, STATES),
             task,
         }
     }

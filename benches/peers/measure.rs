@@ -1,4 +1,4 @@
-//! Times of programs that take turns, so that what else the machine does hits all alike.
+//! Times of programs that run alternately, so that other load on the machine affects all alike.
 
 use std::time::{Duration, Instant};
 
@@ -36,7 +36,7 @@ impl Runner<'_> {
         }
     }
 
-    /// What it computes for the state with this index.
+    /// The result for the state with this index.
     pub fn answer(&mut self, states: &[Moving], index: usize) -> Vec<f64> {
         match self {
             Self::Ours(program) => program.answer(&states[index]),
@@ -71,7 +71,7 @@ pub fn measure(runners: &mut [Runner], states: &[Moving]) -> Vec<Times> {
         .iter_mut()
         .map(|runner| {
             let turn = TURN.as_nanos() as f64;
-            // The first calls take memory and warm caches.
+            // The first calls allocate and warm caches.
             let once = runner.time(states, 1).min(runner.time(states, 2));
             let call = runner.time(states, (turn / once / 10.0).max(1.0) as usize);
             let calls = (turn / call).max(1.0);
@@ -82,7 +82,7 @@ pub fn measure(runners: &mut [Runner], states: &[Moving]) -> Vec<Times> {
     let mut times: Vec<_> = runners.iter().map(|_| Times(Vec::new())).collect();
     for round in 0..ROUNDS {
         for i in 0..runners.len() {
-            // There and back, so that nobody always follows the same one.
+            // In alternating order, so that no program always follows the same one.
             let i = match round % 2 {
                 0 => i,
                 _ => runners.len() - 1 - i,

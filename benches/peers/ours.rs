@@ -1,4 +1,4 @@
-//! What fuyu offers for each kernel.
+//! fuyu's programs for each kernel.
 
 use std::hint::black_box;
 
@@ -6,7 +6,7 @@ use fuyu::control::{
     Controller, ControllerConfig, Gains, LawKind, Measurement, Saturation, TipMeasurement,
 };
 use fuyu::dynamics::{
-    Formulation, FormulationKind, ForwardDynamics, Input, Integrator, Method, State,
+    Formulation, FormulationKind, ForwardDynamics, Input, IntegrationMethod, Integrator, State,
     TreeAcceleration, TreeMotion, Workspace,
 };
 use fuyu::model::{Frame, Model};
@@ -23,7 +23,7 @@ pub trait Program {
     /// Computes it for a state.
     fn call(&mut self, state: &Moving);
 
-    /// What it computes, as the peers tell it.
+    /// The result, in the same order as that of the peers.
     fn answer(&mut self, state: &Moving) -> Vec<f64>;
 
     /// Computes it for one state after the other, `calls` times or a few more; returns how often.
@@ -35,7 +35,7 @@ pub trait Program {
     }
 }
 
-/// Robots with more joints are too much for formulations that solve for all bodies' motion at once.
+/// Most joints for formulations that solve for the motion of all bodies at once: their cost is cubic.
 const DENSE: usize = 30;
 
 /// Every formulation of forward dynamics, by name.
@@ -48,7 +48,6 @@ pub fn forward(model: &Model) -> Vec<(&'static str, Box<dyn Program + '_>)> {
     let affordable = affordable.filter(|(_, kind)| is_affordable(*kind));
     let formulations = affordable.map(|(name, kind)| {
         let program = Forward {
-            model,
             dynamics: kind.prepare(model).expect("robots have masses"),
             answer: TreeAcceleration::zero(model),
         };
@@ -60,7 +59,6 @@ pub fn forward(model: &Model) -> Vec<(&'static str, Box<dyn Program + '_>)> {
 /// Generalized Jacobian of the tip; momentum map and base map come with it.
 pub fn jacobian(robot: &Robot) -> Box<dyn Program + '_> {
     Box::new(Jacobian {
-        model: &robot.model,
         tip: robot.model.frame(&robot.tip).expect("robots have tips"),
         workspace: Workspace::new(&robot.model),
         jacobian: Matrix6xX::zeros(robot.model.dof()),
@@ -68,9 +66,8 @@ pub fn jacobian(robot: &Robot) -> Box<dyn Program + '_> {
 }
 
 /// A step, one of many or one after which the workspace is read.
-pub fn step(model: &Model, method: Method, is_read: bool) -> Box<dyn Program + '_> {
+pub fn step(model: &Model, method: IntegrationMethod, is_read: bool) -> Box<dyn Program + '_> {
     Box::new(Step {
-        model,
         is_read,
         integrator: Integrator::new(model, method),
         workspace: Workspace::new(model),
@@ -81,7 +78,6 @@ pub fn step(model: &Model, method: Method, is_read: bool) -> Box<dyn Program + '
 /// The reduced inertia from joint positions.
 pub fn reduced_inertia(model: &Model) -> Box<dyn Program + '_> {
     Box::new(ReducedInertia {
-        model,
         workspace: Workspace::new(model),
     })
 }
@@ -112,13 +108,12 @@ pub fn control_law(robot: &Robot) -> Box<dyn Program + '_> {
     })
 }
 
-struct Forward<'a> {
-    model: &'a Model,
+struct Forward {
     dynamics: ForwardDynamics,
     answer: TreeAcceleration,
 }
 
-impl Program for Forward<'_> {
+impl Program for Forward {
     fn call(&mut self, s: &Moving) {
         let motion = TreeMotion {
             R_WB: s.state.R_WB,
@@ -127,7 +122,7 @@ impl Program for Forward<'_> {
             qd: s.state.qd.as_slice(),
         };
         self.dynamics
-            .accelerations(self.model, &motion, &s.input, &mut self.answer);
+            .accelerations(&motion, &s.input, &mut self.answer);
         black_box(&self.answer);
     }
 
@@ -140,7 +135,6 @@ impl Program for Forward<'_> {
 }
 
 struct Jacobian<'a> {
-    model: &'a Model,
     tip: &'a Frame,
     workspace: Workspace,
     jacobian: Matrix6xX<f64>,
@@ -148,7 +142,7 @@ struct Jacobian<'a> {
 
 impl Program for Jacobian<'_> {
     fn call(&mut self, s: &Moving) {
-        self.workspace.set_positions(self.model, &s.state.q);
+        self.workspace.set_positions(&s.state.q);
         self.workspace
             .generalized_jacobian(self.tip, &mut self.jacobian);
         black_box(&self.jacobian);
@@ -160,16 +154,15 @@ impl Program for Jacobian<'_> {
     }
 }
 
-struct Step<'a> {
-    model: &'a Model,
-    /// Whether somebody reads the workspace after every step.
+struct Step {
+    /// Whether the workspace is read after every step.
     is_read: bool,
     integrator: Integrator,
     workspace: Workspace,
     state: State,
 }
 
-impl Program for Step<'_> {
+impl Program for Step {
     fn call(&mut self, s: &Moving) {
         self.steps(s, 1);
     }
@@ -196,29 +189,22 @@ impl Program for Step<'_> {
     }
 }
 
-impl Step<'_> {
+impl Step {
     fn steps(&mut self, s: &Moving, count: usize) {
         let mut hold =
             |_: f64, _: &State, input: &mut Input| input.efforts.copy_from(&s.input.efforts);
-        self.integrator.steps(
-            self.model,
-            &mut self.state,
-            &mut self.workspace,
-            DT,
-            count,
-            &mut hold,
-        );
+        self.integrator
+            .steps(&mut self.state, &mut self.workspace, DT, count, &mut hold);
     }
 }
 
-struct ReducedInertia<'a> {
-    model: &'a Model,
+struct ReducedInertia {
     workspace: Workspace,
 }
 
-impl Program for ReducedInertia<'_> {
+impl Program for ReducedInertia {
     fn call(&mut self, s: &Moving) {
-        self.workspace.set_positions(self.model, &s.state.q);
+        self.workspace.set_positions(&s.state.q);
         black_box(self.workspace.reduced_inertia());
     }
 

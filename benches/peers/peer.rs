@@ -1,4 +1,4 @@
-//! The other programs: processes that speak the lines described in `peer.hpp`.
+//! The other programs: processes with the line protocol described in `peer.hpp`.
 
 use std::cell::RefCell;
 use std::fmt::Write as _;
@@ -71,7 +71,7 @@ impl Peer {
         self.0.borrow().name.clone()
     }
 
-    /// Gives it a robot and its states.
+    /// Sends a robot and its states.
     pub fn load(&self, robot: &Robot, states: &[Moving]) {
         let mut process = self.0.borrow_mut();
         process.tell(&describe(robot));
@@ -80,7 +80,7 @@ impl Peer {
         process.answer();
     }
 
-    /// What it computes; nothing if it does not know the kernel.
+    /// The result; `None` if the program does not have the kernel.
     pub fn ask(&self, kernel: &str, state: usize) -> Vec<f64> {
         let mut process = self.0.borrow_mut();
         process.tell(&format!("ask {kernel} {state}\n"));
@@ -97,7 +97,7 @@ impl Peer {
 
 impl Drop for Process {
     fn drop(&mut self) {
-        // It may have ended by itself.
+        // It may have ended already.
         let _ = self.child.kill();
         let _ = self.child.wait();
     }

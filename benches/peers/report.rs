@@ -5,7 +5,7 @@ use super::{Kernel, Maker, Measured, Row};
 /// A formulation counts as precise if its error is at most so many times Pinocchio's.
 const PRECISE: f64 = 10.0;
 
-/// Three digits, in a unit that suits.
+/// Three digits, in a suitable unit.
 fn time(nanoseconds: f64) -> String {
     let (value, unit) = match nanoseconds {
         ns if ns < 1e3 => (ns, "ns"),
@@ -25,12 +25,12 @@ impl Row {
         self.measured.iter().filter(move |m| m.maker == maker)
     }
 
-    /// A maker's fastest.
+    /// Fastest program of one library.
     fn best_of(&self, maker: Maker) -> Option<&Measured> {
         fastest(self.all_of(maker))
     }
 
-    /// Our fastest that is as precise as it must be.
+    /// Our fastest formulation that is precise enough.
     fn ours(&self) -> &Measured {
         let pinocchio = self.best_of(Maker::Pinocchio).and_then(|m| m.error);
         let precise = |m: &&Measured| match (m.error, pinocchio) {
@@ -74,7 +74,7 @@ fn ratio_of_errors(measured: &Measured, pinocchio: Option<f64>) -> String {
     }
 }
 
-/// Every kernel of every robot: our best beside each peer's best.
+/// Every kernel of every robot: our best next to each peer's best.
 pub fn comparison(rows: &[Row]) {
     println!("\n| robot | kernel | fuyu | Pinocchio | MuJoCo | fuyu / Pinocchio | fuyu / MuJoCo |");
     println!("| --- | --- | ---: | ---: | ---: | ---: | ---: |");
@@ -143,7 +143,7 @@ fn chains(rows: &[Row], kernel: Kernel) -> Vec<(String, Vec<(f64, f64)>)> {
         return curves;
     };
     for ours in first.all_of(Maker::Fuyu) {
-        // Long chains are too much for some.
+        // Some programs do not run long chains.
         let points = chains().filter_map(|row| {
             let same = row
                 .all_of(Maker::Fuyu)
@@ -202,7 +202,7 @@ pub fn growth(rows: &[Row]) {
     }
 }
 
-/// Kernels without a rival.
+/// Kernels that the peers do not have.
 pub fn alone(rows: &[(String, Vec<(&'static str, f64)>)]) {
     let Some((_, kernels)) = rows.first() else {
         return;

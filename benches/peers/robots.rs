@@ -10,11 +10,11 @@ use rand::{RngExt, SeedableRng, rngs::StdRng};
 pub struct Robot {
     pub name: String,
     pub model: Model,
-    /// Link whose generalized Jacobian is asked for.
+    /// Link whose generalized Jacobian is computed.
     pub tip: String,
 }
 
-/// Links of the chains whose cost is compared.
+/// Numbers of links of the compared chains.
 pub const CHAINS: [usize; 5] = [10, 30, 100, 300, 1000];
 
 pub fn robots() -> Vec<Robot> {
@@ -89,7 +89,7 @@ fn arms(name: &str, mounts: &[Vector3<f64>]) -> Robot {
     }
 }
 
-/// A chain of equal links, each turned against the one before it.
+/// A chain of equal links, each rotated relative to the one before it.
 fn chain(links: usize) -> Robot {
     let name = format!("chain of {links} links");
     let base = RigidInertia {
@@ -121,7 +121,7 @@ fn chain(links: usize) -> Robot {
     }
 }
 
-/// A state as both momentum and base twist tell it, and what acts.
+/// A state, with its base twist, and the forces on it.
 pub struct Moving {
     pub V_WB_B: Twist,
     pub state: State,
@@ -146,7 +146,6 @@ pub fn states(model: &Model, count: usize) -> Vec<Moving> {
             let X_WB = UnitQuaternion::new(turn);
             let V_WB_B = Twist::new(angular, linear);
             state.set_base(
-                model,
                 &mut workspace,
                 &nalgebra::Isometry3::from_parts(Translation3::identity(), X_WB),
                 &V_WB_B,

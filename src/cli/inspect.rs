@@ -140,30 +140,30 @@ impl Report {
         let mut workspace = Workspace::new(model);
         state.q = joint_values("--q", args.q.as_ref(), model)?;
         state.qd = joint_values("--qd", args.qd.as_ref(), model)?;
-        workspace.set_positions(model, &state.q);
+        workspace.set_positions(&state.q);
         if let Some(twist) = &args.base_twist {
             let V_WB_B = base_twist(twist, &model.bodies()[0].inertia.com)?;
             // The base frame coincides with the world frame, so components in W and B are equal.
-            state.set_base(model, &mut workspace, &Isometry3::identity(), &V_WB_B);
+            state.set_base(&mut workspace, &Isometry3::identity(), &V_WB_B);
         }
         workspace.set_motion(&state);
 
         let [mut generalized, mut fixed, mut base_map] = [(); 3].map(|()| Matrix6xX::zeros(n));
         workspace.generalized_jacobian(tip, &mut generalized);
         workspace.fixed_base_jacobian(tip, &mut fixed);
-        workspace.base_map(model, &mut base_map);
+        workspace.base_map(&mut base_map);
         let qdd = match &args.tau {
             None => None,
             Some(_) => {
                 let mut input = Input::zero(model);
                 input.efforts = joint_values("--tau", args.tau.as_ref(), model)?;
                 let mut qdd = DVector::zeros(n);
-                workspace.accelerations(model, &state, &input, &mut qdd);
+                workspace.accelerations(&state, &input, &mut qdd);
                 Some(qdd.iter().copied().collect())
             }
         };
         let moving = args.qd.is_some() || args.base_twist.is_some();
-        let momentum = workspace.carried_momentum(model);
+        let momentum = workspace.carried_momentum();
         let report = Self {
             joints: model.joints().iter().map(|j| j.name.clone()).collect(),
             total_mass: model.total_mass(),
@@ -176,7 +176,7 @@ impl Report {
                 linear: momentum.linear,
                 angular: momentum.angular,
             }),
-            kinetic_energy: moving.then(|| workspace.kinetic_energy(model)),
+            kinetic_energy: moving.then(|| workspace.kinetic_energy()),
             qdd,
         };
         if report.is_finite() {

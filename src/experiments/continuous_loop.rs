@@ -6,7 +6,7 @@ use crate::control::{
     ConfigError, Controller, ControllerConfig, LyapunovFunction, Measurement, PoseError,
     TipMeasurement,
 };
-use crate::dynamics::{Input, Integrator, Method, State, Workspace};
+use crate::dynamics::{Input, IntegrationMethod, Integrator, State, Workspace};
 use crate::model::{Frame, Model};
 use crate::spatial::Pose;
 
@@ -39,10 +39,10 @@ impl ContinuousLoop {
     ) -> Result<Self, ConfigError> {
         let mut workspace = Workspace::new(&model);
         let state = State::at_rest_with(&model, q);
-        workspace.set_positions(&model, q);
+        workspace.set_positions(q);
         workspace.set_motion(&state);
         Ok(Self {
-            integrator: Integrator::new(&model, Method::Dop8),
+            integrator: Integrator::new(&model, IntegrationMethod::Dop8),
             stage: workspace.clone(),
             lyapunov: LyapunovFunction::new(config.gains.clone()),
             controller: Controller::new(model.clone(), tip.clone(), config)?,
@@ -55,7 +55,7 @@ impl ContinuousLoop {
     }
 
     /// The same with another integration method than the default, DOP853.
-    pub fn with_method(mut self, method: Method) -> Self {
+    pub fn with_method(mut self, method: IntegrationMethod) -> Self {
         self.integrator = Integrator::new(&self.model, method);
         self
     }
@@ -66,7 +66,6 @@ impl ContinuousLoop {
     /// If the law gives no efforts.
     pub fn step(&mut self, dt: f64) {
         let Self {
-            model,
             tip,
             state,
             workspace,
@@ -77,7 +76,7 @@ impl ContinuousLoop {
             ..
         } = self;
         let mut law = |time: f64, state: &State, input: &mut Input| {
-            stage.set_positions(model, &state.q);
+            stage.set_positions(&state.q);
             let X_BD = state.X_WB(stage).inverse() * *X_WD;
             let sight = TipMeasurement::new(time, stage.X_BF(tip), X_BD);
             let measurement = Measurement::new(time, &state.q, &state.qd);
@@ -85,7 +84,7 @@ impl ContinuousLoop {
             report.expect("the law has efforts to give");
             input.efforts.copy_from(controller.efforts());
         };
-        integrator.step(model, state, workspace, dt, &mut law);
+        integrator.step(state, workspace, dt, &mut law);
     }
 
     /// Advances to `time` \[s\] in steps of at most `dt` \[s\].

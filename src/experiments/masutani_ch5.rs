@@ -11,7 +11,7 @@ use crate::control::{
     Measurement, PoseError, Saturation, StraightPathConfig, TipMeasurement,
     TransposeJacobianConfig,
 };
-use crate::dynamics::{Floating, Method, State, Workspace};
+use crate::dynamics::{Floating, IntegrationMethod, State, Workspace};
 use crate::model::{Frame, Model};
 use crate::spatial::Pose;
 
@@ -102,13 +102,13 @@ impl Run {
         let model = model();
         let tip = model.frame("tool0").expect("the servicer's tip").clone();
         let mut workspace = Workspace::new(&model);
-        workspace.set_positions(&model, &radians(&GOAL));
+        workspace.set_positions(&radians(&GOAL));
         let start = State::at_rest_with(&model, &radians(&START));
         let controller = Controller::new(model.clone(), tip.clone(), config(law, jacobian));
         Self {
             X_WD: workspace.X_BF(&tip),
             controller: controller.expect("gains for six joints"),
-            robot: Floating::new(model, start, Method::Rk4),
+            robot: Floating::new(model, start, IntegrationMethod::Rk4),
             tip,
             period,
             steps: 0,

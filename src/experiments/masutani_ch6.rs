@@ -143,7 +143,7 @@ impl Planar {
     /// The fixed-base and the generalized Jacobian of the tip's x and y, in this order.
     pub fn jacobians(&mut self, q: [f64; 2]) -> [nalgebra::Matrix2<f64>; 2] {
         let q = DVector::from_row_slice(&q);
-        self.workspace.set_positions(&self.model, &q);
+        self.workspace.set_positions(&q);
         [JacobianKind::FixedBase, JacobianKind::Generalized].map(|kind| {
             let mut matrix = Matrix6xX::zeros(2);
             kind.write(&mut self.workspace, &self.tip, &mut matrix);

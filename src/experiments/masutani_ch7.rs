@@ -74,7 +74,7 @@ pub fn tasks() -> Vec<Task> {
     let mut workspace = Workspace::new(&model);
     let mut random = StdRng::seed_from_u64(7);
     let mut tip_at = |q: &[f64; 3]| {
-        workspace.set_positions(&model, &DVector::from_row_slice(q));
+        workspace.set_positions(&DVector::from_row_slice(q));
         workspace.X_BF(&tip).translation.vector
     };
     let mut posture = || {

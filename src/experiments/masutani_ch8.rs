@@ -12,7 +12,7 @@ use crate::control::{
     JacobianKind, Operator, OperatorConfig, Resolution, ResolvedRate, ResolvedRateConfig,
     ServoGains, VelocityServo, VelocityServoConfig,
 };
-use crate::dynamics::{Floating, Method, State, Workspace};
+use crate::dynamics::{Floating, IntegrationMethod, State, Workspace};
 use crate::model::{Frame, Model};
 use crate::spatial::{Pose, Twist};
 
@@ -95,7 +95,7 @@ pub fn operator(base: Base, method: Resolution) -> OperatorConfig {
     let model = model(base);
     let tip = tip(&model);
     let mut workspace = Workspace::new(&model);
-    workspace.set_positions(&model, &start(&model));
+    workspace.set_positions(&start(&model));
     let default = OperatorConfig::default();
     let response = velocity_per_command(&model, &workspace, &tip, method);
     OperatorConfig {
@@ -138,7 +138,7 @@ pub fn start(model: &Model) -> DVector<f64> {
     let mut matrix = Matrix6xX::zeros(3);
     let mut q = DVector::from_row_slice(&[0.0, 2.3, -2.4]);
     for _ in 0..50 {
-        workspace.set_positions(model, &q);
+        workspace.set_positions(&q);
         let off = Vector3::from(START) - workspace.X_BF(&tip).translation.vector;
         workspace.fixed_base_jacobian(&tip, &mut matrix);
         let J: Matrix3<f64> = matrix.fixed_view::<3, 3>(0, 0).into();
@@ -192,7 +192,7 @@ pub fn attempt_by(
     let mut rates = DVector::zeros(model.dof());
     let mut operator = Operator::new(operator);
     let state = State::at_rest_with(&model, &start(&model));
-    let mut robot = Floating::new(model, state, Method::Rk4);
+    let mut robot = Floating::new(model, state, IntegrationMethod::Rk4);
     let mut path = Vec::new();
     let mut arrived = None;
     // The tip must stay at the target for this time [s].

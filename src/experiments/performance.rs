@@ -214,7 +214,7 @@ fn base_com(world: &World) -> Vector3<f64> {
 /// Total momentum of the bodies in world axes, and the scale of its rounding error.
 fn carried(world: &World) -> (Momentum, (f64, f64)) {
     let robot = &world.robot;
-    let (momentum_B, scale) = robot.workspace().carried_momentum_and_scale(robot.model());
+    let (momentum_B, scale) = robot.workspace().carried_momentum_and_scale();
     let R_WB = robot.state().R_WB;
     let momentum_W = Momentum {
         linear: R_WB * momentum_B.linear,
@@ -224,7 +224,7 @@ fn carried(world: &World) -> (Momentum, (f64, f64)) {
 }
 
 fn energy(world: &World) -> f64 {
-    world.robot.workspace().kinetic_energy(world.robot.model())
+    world.robot.workspace().kinetic_energy()
 }
 
 #[cfg(test)]

@@ -223,9 +223,9 @@ impl<'a> RecordedMotion<'a> {
             state.qd[j] = joints.qd[i];
         }
         let X_WB = &base.X_WB;
-        state.set_base(self.model, &mut self.workspace, X_WB, &base.V_WB_B);
+        state.set_base(&mut self.workspace, X_WB, &base.V_WB_B);
         self.workspace.set_motion(state);
-        (state.momentum_W, self.workspace.momentum_scale(self.model))
+        (state.momentum_W, self.workspace.momentum_scale())
     }
 }
 

@@ -13,7 +13,7 @@ use crate::control::{
     Controller, ControllerConfig, Gains, LawConfig, LawKind, Measurement, PoseError, Saturation,
     Shaping, StraightPathConfig, TipMeasurement,
 };
-use crate::dynamics::{Floating, Method, State, Workspace};
+use crate::dynamics::{Floating, IntegrationMethod, State, Workspace};
 use crate::experiments::masutani_ch5::K_V;
 use crate::model::{Frame, Model};
 use crate::spatial::{Pose, Twist};
@@ -180,14 +180,14 @@ impl Run {
         let q = DVector::from_iterator(6, START.iter().map(|x| x.to_radians()));
         let mut state = State::at_rest_with(&servicer, &q);
         let mut workspace = Workspace::new(&servicer);
-        workspace.set_positions(&servicer, &q);
+        workspace.set_positions(&q);
         let X_WE = workspace.X_BF(&tip);
         if setup.moving {
             let drift = Twist::new(
                 Vector3::new(0.002, -0.001, 0.002),
                 Vector3::new(0.003, 0.001, -0.002),
             );
-            state.set_base(&servicer, &mut workspace, &Isometry3::identity(), &drift);
+            state.set_base(&mut workspace, &Isometry3::identity(), &drift);
         }
         let X_WD = Pose::from_parts(
             Translation3::from(X_WE.translation.vector + Vector3::new(0.2, 0.15, -0.15)),
@@ -202,7 +202,7 @@ impl Run {
         }
         let X_WT = Isometry3::from_parts(X_WT.translation, UnitQuaternion::from(X_WT.rotation));
         let V = Twist::new(rate, X_WT.rotation.inverse() * velocity);
-        target.set_base(&body, &mut Workspace::new(&body), &X_WT, &V);
+        target.set_base(&mut Workspace::new(&body), &X_WT, &V);
         let gains = Gains {
             k_p: 75.0,
             k_o: 100.0,
@@ -232,8 +232,8 @@ impl Run {
             controller: controller.expect("gains for six joints"),
             camera: PoseCamera::new(setup.camera.clone()),
             gyro: StdRng::seed_from_u64(7),
-            robot: Floating::new(servicer, state, Method::Rk4),
-            target: Floating::new(body, target, Method::Rk4),
+            robot: Floating::new(servicer, state, IntegrationMethod::Rk4),
+            target: Floating::new(body, target, IntegrationMethod::Rk4),
             tip,
             X_TD: grasp(),
             setup,

@@ -8,7 +8,7 @@ use fuyu::bag::{Bag, Recorder, Topic, Writer, WriterOptions};
 use fuyu::msg::rosgraph_msgs::Clock;
 use fuyu::msg::std_msgs::String as Text;
 use fuyu::msg::{Interface, cdr};
-use fuyu::ros::{Domain, Process, Qos, Reach, RosArgs};
+use fuyu::ros::{DiscoveryRange, Domain, Process, Qos, RosArgs};
 
 use crate::peer::DomainClaim;
 use crate::{
@@ -66,8 +66,8 @@ struct Listener<M> {
 
 impl<M: Interface + Send + 'static> Listener<M> {
     fn start(domain: u16, topic: &'static str, qos: Qos) -> Self {
-        let reach = Reach::Localhost;
-        let mut process = Process::new(RosArgs::default(), Domain { id: domain, reach });
+        let range = DiscoveryRange::Localhost;
+        let mut process = Process::new(RosArgs::default(), Domain { id: domain, range });
         let (say, heard) = mpsc::channel();
         let listen = move |node: &fuyu::ros::Node| {
             let subscription = node.subscribe::<M>(topic, qos)?;

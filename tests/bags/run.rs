@@ -5,7 +5,7 @@ use fuyu::control::{
     Controller, ControllerConfig, Gains, LawKind, Measurement, PoseError, Saturation,
     TipMeasurement,
 };
-use fuyu::dynamics::{Floating, Method, State, Workspace};
+use fuyu::dynamics::{Floating, IntegrationMethod, State, Workspace};
 use fuyu::model::Model;
 use fuyu::msg::builtin_interfaces::Time;
 use fuyu::msg::fuyu_msgs::{ControllerState, Momentum};
@@ -124,7 +124,7 @@ pub fn write(folder: &Path, setup: &Setup) -> Recording {
     let model = Model::from_urdf(&urdf, "servicer.urdf").unwrap();
     let tip = model.frame("tool0").unwrap().clone();
     let mut at_goal = Workspace::new(&model);
-    at_goal.set_positions(&model, &degrees([87.0, 62.0, -41.0, 51.0, 28.0, 68.0]));
+    at_goal.set_positions(&degrees([87.0, 62.0, -41.0, 51.0, 28.0, 68.0]));
     let X_WD = at_goal.X_BF(&tip);
     let header = |time: u64, frame: &str| Header {
         stamp: Time::from_nanos(time as i64),
@@ -149,7 +149,7 @@ pub fn write(folder: &Path, setup: &Setup) -> Recording {
     let mut controller = Controller::new(model.clone(), tip.clone(), config).unwrap();
     let start = State::at_rest_with(&model, &degrees([65.0, 99.0, -95.0, -22.0, 3.0, -42.0]));
     let names: Vec<String> = model.joints().iter().map(|j| j.name.clone()).collect();
-    let mut robot = Floating::new(model, start, Method::Dop8);
+    let mut robot = Floating::new(model, start, IntegrationMethod::Dop8);
     let samples = (setup.seconds * 100.0).round() as u64;
     for i in 0..=samples {
         let time = i * 10_000_000;
@@ -179,7 +179,7 @@ pub fn write(folder: &Path, setup: &Setup) -> Recording {
             };
             w.write_message(topics.joints, time, &message).unwrap();
         }
-        let carried = robot.workspace().carried_momentum(robot.model());
+        let carried = robot.workspace().carried_momentum();
         let mut linear = X_WB.rotation * carried.linear;
         if i > samples / 2 {
             linear.x += spoil.push;
@@ -188,7 +188,7 @@ pub fn write(folder: &Path, setup: &Setup) -> Recording {
             header: header(time, "world"),
             linear: vector(&linear),
             angular: vector(&(X_WB.rotation * carried.angular)),
-            kinetic_energy: robot.workspace().kinetic_energy(robot.model()),
+            kinetic_energy: robot.workspace().kinetic_energy(),
         };
         w.write_message(topics.momentum, time, &message).unwrap();
         let mut odom = Odometry {

@@ -7,7 +7,7 @@ use std::time::{Duration, Instant};
 use fuyu::bag::Bag;
 use fuyu::msg::rosbag2_interfaces as srv;
 use fuyu::msg::std_msgs::String as Text;
-use fuyu::ros::{Domain, Process, Qos, Reach, RosArgs};
+use fuyu::ros::{DiscoveryRange, Domain, Process, Qos, RosArgs};
 use ros2_client::dds::Client;
 use ros2_client::{Context, Message, Name, NodeName, NodeOptions, ServiceMapping, ServiceTypeName};
 
@@ -50,8 +50,8 @@ struct Talker(Option<Process>);
 
 impl Talker {
     fn start(domain: u16) -> Self {
-        let reach = Reach::Localhost;
-        let mut process = Process::new(RosArgs::default(), Domain { id: domain, reach });
+        let range = DiscoveryRange::Localhost;
+        let mut process = Process::new(RosArgs::default(), Domain { id: domain, range });
         let talk = |node: &fuyu::ros::Node| {
             let latched = node.advertise::<Text>("/kept/latched", Qos::LATCHED)?;
             latched.publish(&Text {

@@ -1,4 +1,4 @@
-"""Writes bags of two topics with `rosbags`, one of them of a type that is nobody else's."""
+"""Writes bags of two topics with `rosbags`, one of them of an unknown type."""
 
 import sys
 from pathlib import Path

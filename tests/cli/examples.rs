@@ -68,6 +68,34 @@ fn monte_carlo_prints_quantiles_in_order() {
 }
 
 #[test]
+fn a_law_of_ones_own_brings_the_tip_to_its_goal() {
+    let text = printed("own_law", &[]);
+    let distance = text
+        .split(" m from")
+        .next()
+        .and_then(|t| t.rsplit(' ').next());
+    let distance: f64 = distance.and_then(|d| d.parse().ok()).expect("a distance");
+    assert!(distance < 0.01, "{text}");
+}
+
+#[test]
+fn a_node_of_ones_own_runs_until_it_is_interrupted() {
+    let output = Command::new("timeout")
+        .args(["--preserve-status", "--signal=INT", "10"])
+        .arg(folder().join("own_node"))
+        .env("ROS_DOMAIN_ID", "102")
+        .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        .output()
+        .expect("timeout is there");
+    let log = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(0), "{log}");
+    let output = run("own_node", &["--ros-args", "-p", "rate:=-1.0"]);
+    let log = String::from_utf8_lossy(&output.stderr);
+    assert_eq!(output.status.code(), Some(2), "{log}");
+    assert!(log.contains("rate"), "{log}");
+}
+
+#[test]
 fn a_bag_is_read_and_plotted() {
     let folder = tempfile::tempdir().expect("a folder");
     let path = |name: &str| folder.path().join(name).display().to_string();

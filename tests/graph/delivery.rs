@@ -2,7 +2,9 @@
 
 use fuyu::{
     msg::std_msgs::String as Text,
-    ros::{Domain, Node, NodeError, Process, Publisher, Qos, Reach, RosArgs, Subscription},
+    ros::{
+        DiscoveryRange, Domain, Node, NodeError, Process, Publisher, Qos, RosArgs, Subscription,
+    },
 };
 use std::{
     sync::mpsc,
@@ -13,8 +15,8 @@ use std::{
 use crate::waiting::PATIENCE;
 
 fn process(domain: u16) -> Process {
-    let reach = Reach::Localhost;
-    Process::new(RosArgs::default(), Domain { id: domain, reach })
+    let range = DiscoveryRange::Localhost;
+    Process::new(RosArgs::default(), Domain { id: domain, range })
 }
 
 fn text(number: usize) -> Text {

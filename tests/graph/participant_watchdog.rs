@@ -2,7 +2,7 @@
 
 use fuyu::{
     msg::std_msgs::String as Text,
-    ros::{Domain, Node, NodeError, Process, Qos, Reach, RosArgs},
+    ros::{DiscoveryRange, Domain, Node, NodeError, Process, Qos, RosArgs},
 };
 use std::{
     sync::mpsc,
@@ -24,8 +24,8 @@ fn a_node_outlives_its_participant() {
     let domain = 25;
     let _claim = DomainClaim::new(domain);
     let mut crowd = Crowd::new(domain, "std_msgs::msg::dds_::String_");
-    let reach = Reach::Localhost;
-    let mut process = Process::new(RosArgs::default(), Domain { id: domain, reach });
+    let range = DiscoveryRange::Localhost;
+    let mut process = Process::new(RosArgs::default(), Domain { id: domain, range });
     let (sender, receiver) = mpsc::channel();
     process
         .start("subscriber", move |node: &Node| {

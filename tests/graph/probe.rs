@@ -6,7 +6,7 @@ use fuyu::{
         std_msgs::String as Text,
         std_srvs::{Trigger, TriggerResponse},
     },
-    ros::{Node, NodeError, Process, Qos, Reach},
+    ros::{DiscoveryRange, Node, NodeError, Process, Qos},
 };
 use nix::sys::signal::{SigSet, SigmaskHow, Signal};
 use std::{
@@ -36,7 +36,7 @@ fn node_process() {
         return;
     };
     let args = args.lines().map(str::to_owned);
-    let outcome = Process::from_env(args, Reach::Subnet).and_then(|(mut process, _)| {
+    let outcome = Process::from_env(args, DiscoveryRange::Subnet).and_then(|(mut process, _)| {
         process.start("probe", program)?;
         process.wait()
     });

@@ -2,7 +2,7 @@
 
 use fuyu::{
     msg::std_msgs::String as Text,
-    ros::{Domain, Node, NodeError, Process, Qos, Reach, RosArgs},
+    ros::{DiscoveryRange, Domain, Node, NodeError, Process, Qos, RosArgs},
 };
 use std::{
     sync::mpsc,
@@ -12,8 +12,8 @@ use std::{
 use crate::{lateness::repeat_if_late, waiting::PATIENCE};
 
 fn process(domain: u16) -> Process {
-    let reach = Reach::Localhost;
-    Process::new(RosArgs::default(), Domain { id: domain, reach })
+    let range = DiscoveryRange::Localhost;
+    Process::new(RosArgs::default(), Domain { id: domain, range })
 }
 
 fn text(data: impl ToString) -> Text {
@@ -130,6 +130,6 @@ fn a_panic_is_a_failure_not_a_hang() {
         .start("shaky", |_: &Node| panic!("on purpose"))
         .unwrap();
     let error = process.wait().unwrap_err();
-    assert_eq!(error.to_string(), "node /shaky: its program has panicked");
+    assert_eq!(error.to_string(), "node /shaky: program panicked");
     assert_eq!(error.exit_code(), 1);
 }

@@ -171,7 +171,7 @@ fn continuing_does_not_revive_a_node_that_is_ending() {
         assert_eq!(code, Some(0), "{said}");
         assert!(said.contains("the probe ends in order"), "{said}");
         assert!(
-            !said.contains("panic") && !said.contains("joined the graph anew"),
+            !said.contains("panic") && !said.contains("joined the graph again"),
             "{said}"
         );
     }

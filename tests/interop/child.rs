@@ -1,6 +1,6 @@
 //! Nodes as separate processes: this test executable, started again with a program's name.
 
-use fuyu::ros::{Node, NodeError, Process, Reach, return_free_memory};
+use fuyu::ros::{DiscoveryRange, Node, NodeError, Process, return_free_memory};
 use nix::sys::signal::{SigSet, SigmaskHow, Signal};
 use std::{
     io::{BufRead, BufReader},
@@ -41,10 +41,11 @@ fn process() {
     let arguments = arguments.lines().map(str::to_owned);
     // As the executables do.
     return_free_memory();
-    let outcome = Process::from_env(arguments, Reach::Subnet).and_then(|(mut process, _)| {
-        process.start("node", program)?;
-        process.wait()
-    });
+    let outcome =
+        Process::from_env(arguments, DiscoveryRange::Subnet).and_then(|(mut process, _)| {
+            process.start("node", program)?;
+            process.wait()
+        });
     if let Err(e) = outcome {
         eprintln!("error: {e}");
         std::process::exit(e.exit_code().into());

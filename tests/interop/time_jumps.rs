@@ -199,7 +199,7 @@ fn two_jumps_of_time() {
         let seconds = until_answered(peer, at, before, by);
         wait_for_diagnostic(peer, at, "controller: control", steering);
         wait_for_diagnostic(peer, at, "estimator: motion", |_, text| {
-            text.contains("the gyro has just begun, or had a gap")
+            text.contains("the gyro has just started, or had a gap")
                 || text.contains("the target was out of sight for")
         });
         wait_for_diagnostic(peer, at, "blind/estimator: motion", |_, text| {

@@ -139,7 +139,10 @@ fn a_push_is_noticed_and_the_new_motion_found() {
         });
         // The push was detected; its frames were not rejected as outliers until the window had passed.
         let (_, said) = estimator.said();
-        assert!(said.contains("the target moves otherwise"), "{said}");
+        assert!(
+            said.contains("the motion of the target has changed"),
+            "{said}"
+        );
         estimator.interrupt().well();
     });
 }

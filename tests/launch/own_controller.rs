@@ -80,7 +80,7 @@ fn a_python_node_replaces_the_controller() {
         let mut workspace = Workspace::new(&model);
         let mut place =
             |state: &JointState, base: &Odometry| -> (Vector3<f64>, Vector3<f64>, Pose) {
-                workspace.set_positions(&model, &DVector::from_row_slice(&state.position));
+                workspace.set_positions(&DVector::from_row_slice(&state.position));
                 let X_WB = with_matrix(&pose_from_msg(&base.pose.pose).unwrap());
                 let tip = X_WB * workspace.X_BF(model.frame("tool0").unwrap());
                 let com = X_WB * Point3::from(*workspace.p_BC());

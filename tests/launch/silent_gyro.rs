@@ -6,13 +6,13 @@ use serde_json::{Value, json};
 
 use crate::{
     joining::peer_with_interfaces,
+    lateness::repeat_if_late,
+    observer::{
+        DIAGNOSTICS, JOINT_STATE, diagnosed, fresh, now, numbers, reported, tip_in_world, watch_tip,
+    },
     own_controller::without_controller,
     peer::Peer,
     process::{GENTLE, Running, command, source},
-    starvation::in_time,
-    view::{
-        DIAGNOSTICS, JOINT_STATE, diagnosed, fresh, now, numbers, tip_in_world, told, watch_tip,
-    },
     waiting::{PATIENCE, eventually},
 };
 
@@ -41,7 +41,7 @@ fn used(peer: &mut Peer, rate: f64) {
         for _ in 0..5 {
             measure(peer, rate);
         }
-        told(peer, GYRO, since, 0.5, |level, _| level == 0)
+        reported(peer, GYRO, since, 0.5, |level, _| level == 0)
     });
 }
 
@@ -56,7 +56,7 @@ fn misjudged(peer: &mut Peer) -> f64 {
 // Breaks when the last sample of a gyro is used for ever: it would carry the goal away by what the camera is late.
 #[test]
 fn a_gyro_that_falls_silent_is_reported_and_not_used() {
-    in_time(|| {
+    repeat_if_late(|| {
         let domain = 12;
         let (_folder, config) = without_controller();
         let late = [

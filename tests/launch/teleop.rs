@@ -59,7 +59,7 @@ fn tip_velocity(state: &Value) -> Vector3<f64> {
     let mut now = State::at_rest_with(&model, &q);
     now.qd = DVector::from_vec(numbers(&state["velocity"]));
     let mut workspace = Workspace::new(&model);
-    workspace.set_positions(&model, &q);
+    workspace.set_positions(&q);
     workspace.set_motion(&now);
     workspace.V_WF_B(model.frame("tool0").unwrap()).linear
 }

@@ -1,6 +1,6 @@
 //! Conservation of momentum and energy in free motion, and their change by forces.
 
-use fuyu::dynamics::{Input, Integrator, Method, Momentum, State, Workspace};
+use fuyu::dynamics::{Input, IntegrationMethod, Integrator, Momentum, State, Workspace};
 use fuyu::model::Model;
 use fuyu::spatial::Wrench;
 use nalgebra::{DVector, Vector3};
@@ -19,27 +19,27 @@ fn moving(model: &Model, rates: &[f64], angular_momentum: Vector3<f64>) -> State
 
 /// Largest changes of the momentum that the bodies carry, relative to the first (linear, angular), and of
 /// the kinetic energy, relative to the first, over `seconds` of free motion.
-fn drift(method: Method, dt: f64, seconds: f64, mut state: State) -> (f64, f64, f64) {
+fn drift(method: IntegrationMethod, dt: f64, seconds: f64, mut state: State) -> (f64, f64, f64) {
     let model = servicer();
     let mut workspace = Workspace::new(&model);
     let mut integrator = Integrator::new(&model, method);
     let first = state.clone();
     let mut coast = |_: f64, _: &State, _: &mut Input| {};
-    workspace.set_positions(&model, &state.q);
+    workspace.set_positions(&state.q);
     workspace.set_motion(&state);
-    let initial_energy = workspace.kinetic_energy(&model);
+    let initial_energy = workspace.kinetic_energy();
     let (mut linear, mut angular, mut energy) = (0.0, 0.0, 0.0);
     // NaN must not be lost in a comparison.
     let larger = |a: f64, b: f64| if b > a || b.is_nan() { b } else { a };
     for _ in 0..(seconds / dt).round() as usize {
-        integrator.step(&model, &mut state, &mut workspace, dt, &mut coast);
-        workspace.set_positions(&model, &state.q);
+        integrator.step(&mut state, &mut workspace, dt, &mut coast);
+        workspace.set_positions(&state.q);
         workspace.set_motion(&state);
-        let carried = workspace.carried_momentum(&model);
+        let carried = workspace.carried_momentum();
         let change = |a: Vector3<f64>, b: Vector3<f64>| (state.R_WB * a - b).norm() / b.norm();
         linear = larger(linear, change(carried.linear, first.momentum_W.linear));
         angular = larger(angular, change(carried.angular, first.momentum_W.angular));
-        let gained = workspace.kinetic_energy(&model) / initial_energy - 1.0;
+        let gained = workspace.kinetic_energy() / initial_energy - 1.0;
         energy = larger(energy, gained.abs());
     }
     (linear, angular, energy)
@@ -56,10 +56,10 @@ const FAST: [f64; 6] = [0.5, -0.3, 0.4, 0.9, -0.6, 0.8];
 fn momentum_is_conserved_to_rounding_over_a_thousand_seconds() {
     let model = servicer();
     for (method, dt, rates) in [
-        (Method::Rk4, 0.05, SLOW),
-        (Method::Dop8, 0.05, SLOW),
-        (Method::Rk4, 0.5, SLOW),
-        (Method::Dop8, 0.5, SLOW),
+        (IntegrationMethod::Rk4, 0.05, SLOW),
+        (IntegrationMethod::Dop8, 0.05, SLOW),
+        (IntegrationMethod::Rk4, 0.5, SLOW),
+        (IntegrationMethod::Dop8, 0.5, SLOW),
     ] {
         let state = moving(&model, &rates, Vector3::new(20.0, -35.0, 12.0));
         let (linear, angular, _) = drift(method, dt, 1000.0, state);
@@ -82,10 +82,10 @@ fn the_state_s_momentum_does_not_change_by_a_bit() {
     );
     let mut state = first.clone();
     let mut workspace = Workspace::new(&model);
-    let mut integrator = Integrator::new(&model, Method::Rk4);
+    let mut integrator = Integrator::new(&model, IntegrationMethod::Rk4);
     let mut coast = |_: f64, _: &State, _: &mut Input| {};
     for _ in 0..1000 {
-        integrator.step(&model, &mut state, &mut workspace, 0.05, &mut coast);
+        integrator.step(&mut state, &mut workspace, 0.05, &mut coast);
     }
     assert_eq!(state.momentum_W, first.momentum_W);
     assert_ne!(state.R_WB, first.R_WB);
@@ -97,11 +97,11 @@ fn the_state_s_momentum_does_not_change_by_a_bit() {
 fn energy_of_slow_motion_hardly_drifts_at_10_ms_with_the_higher_order() {
     let model = servicer();
     let state = moving(&model, &SLOW, Vector3::new(20.0, -35.0, 12.0));
-    let (_, _, energy) = drift(Method::Dop8, 0.01, 1000.0, state.clone());
+    let (_, _, energy) = drift(IntegrationMethod::Dop8, 0.01, 1000.0, state.clone());
     assert!(energy <= 1e-12, "{energy:e}");
-    let (_, _, energy) = drift(Method::Dop8, 0.1, 1000.0, state.clone());
+    let (_, _, energy) = drift(IntegrationMethod::Dop8, 0.1, 1000.0, state.clone());
     assert!(energy <= 1e-11, "{energy:e}");
-    let (_, _, classical) = drift(Method::Rk4, 0.1, 1000.0, state);
+    let (_, _, classical) = drift(IntegrationMethod::Rk4, 0.1, 1000.0, state);
     assert!(classical > 1e-10, "{classical:e}");
 }
 
@@ -110,19 +110,19 @@ fn energy_of_slow_motion_hardly_drifts_at_10_ms_with_the_higher_order() {
 #[test]
 fn the_methods_have_their_orders() {
     let model = servicer();
-    let run = |method: Method, dt: f64| {
+    let run = |method: IntegrationMethod, dt: f64| {
         let mut state = moving(&model, &FAST, Vector3::new(200.0, -350.0, 120.0));
         let mut workspace = Workspace::new(&model);
-        workspace.set_positions(&model, &state.q);
+        workspace.set_positions(&state.q);
         workspace.set_motion(&state);
         let mut integrator = Integrator::new(&model, method);
         let mut coast = |_: f64, _: &State, _: &mut Input| {};
         for _ in 0..(8.0 / dt).round() as usize {
-            integrator.step(&model, &mut state, &mut workspace, dt, &mut coast);
+            integrator.step(&mut state, &mut workspace, dt, &mut coast);
         }
         state
     };
-    let exact = run(Method::Dop8, 0.01);
+    let exact = run(IntegrationMethod::Dop8, 0.01);
     let distances = |state: &State| {
         [
             (&state.q - &exact.q).norm(),
@@ -130,7 +130,10 @@ fn the_methods_have_their_orders() {
             state.R_WB.angle_to(&exact.R_WB),
         ]
     };
-    for (method, dt, order) in [(Method::Rk4, 0.04, 4), (Method::Dop8, 0.2, 8)] {
+    for (method, dt, order) in [
+        (IntegrationMethod::Rk4, 0.04, 4),
+        (IntegrationMethod::Dop8, 0.2, 8),
+    ] {
         let (coarse, fine) = (
             distances(&run(method, dt)),
             distances(&run(method, dt / 2.0)),
@@ -151,7 +154,7 @@ fn external_wrenches_change_momentum_by_their_impulse_and_nothing_else_does() {
     let first = moving(&model, &SLOW, Vector3::new(20.0, -35.0, 12.0));
     let mut state = first.clone();
     let mut workspace = Workspace::new(&model);
-    let mut integrator = Integrator::new(&model, Method::Dop8);
+    let mut integrator = Integrator::new(&model, IntegrationMethod::Dop8);
     // A force fixed in the world, through the base frame's origin, and joint efforts at the same time.
     let force_W = Vector3::new(4.0, -2.0, 7.0);
     let mut push = |_: f64, state: &State, input: &mut Input| {
@@ -161,13 +164,13 @@ fn external_wrenches_change_momentum_by_their_impulse_and_nothing_else_does() {
     let mut torque_impulse = Vector3::zeros();
     let (dt, steps) = (0.01, 2000);
     for k in 0..=steps {
-        workspace.set_positions(&model, &state.q);
+        workspace.set_positions(&state.q);
         // Trapezoid of the torque about the centre of mass, (p_WB - p_WC) × F.
         let arm = state.X_WB(&workspace).translation.vector - state.p_WC;
         let weight = if k == 0 || k == steps { 0.5 } else { 1.0 };
         torque_impulse += arm.cross(&force_W) * (weight * dt);
         if k < steps {
-            integrator.step(&model, &mut state, &mut workspace, dt, &mut push);
+            integrator.step(&mut state, &mut workspace, dt, &mut push);
         }
     }
     let linear = state.momentum_W.linear - first.momentum_W.linear;
@@ -197,10 +200,10 @@ fn work_of_efforts_damping_and_wrenches_is_the_change_of_energy() {
     assert_eq!(model.joints()[1].damping, 3.5);
     let mut state = moving(&model, &SLOW, Vector3::new(20.0, -35.0, 12.0));
     let mut workspace = Workspace::new(&model);
-    let mut integrator = Integrator::new(&model, Method::Dop8);
-    workspace.set_positions(&model, &state.q);
+    let mut integrator = Integrator::new(&model, IntegrationMethod::Dop8);
+    workspace.set_positions(&state.q);
     workspace.set_motion(&state);
-    let before = workspace.kinetic_energy(&model);
+    let before = workspace.kinetic_energy();
     let mut drive = |t: f64, _: &State, input: &mut Input| {
         for (j, effort) in input.efforts.iter_mut().enumerate() {
             *effort = (t * (1.0 + j as f64)).sin();
@@ -208,11 +211,11 @@ fn work_of_efforts_damping_and_wrenches_is_the_change_of_energy() {
         input.wrenches[3] = Wrench::new(Vector3::new(0.3, 0.1, -0.2), Vector3::new(1.0, -2.0, 0.5));
     };
     for _ in 0..1000 {
-        integrator.step(&model, &mut state, &mut workspace, 0.01, &mut drive);
+        integrator.step(&mut state, &mut workspace, 0.01, &mut drive);
     }
-    workspace.set_positions(&model, &state.q);
+    workspace.set_positions(&state.q);
     workspace.set_motion(&state);
-    let gained = workspace.kinetic_energy(&model) - before;
+    let gained = workspace.kinetic_energy() - before;
     assert!(
         (gained - state.work).abs() < 1e-10 * gained.abs(),
         "{gained} {}",
@@ -234,14 +237,14 @@ fn damping_alone_only_takes_energy_and_leaves_momentum() {
     let first = moving(&model, &SLOW, Vector3::new(20.0, -35.0, 12.0));
     let mut state = first.clone();
     let mut workspace = Workspace::new(&model);
-    let mut integrator = Integrator::new(&model, Method::Dop8);
+    let mut integrator = Integrator::new(&model, IntegrationMethod::Dop8);
     let mut coast = |_: f64, _: &State, _: &mut Input| {};
     let mut last = f64::INFINITY;
     for _ in 0..500 {
-        integrator.step(&model, &mut state, &mut workspace, 0.02, &mut coast);
-        workspace.set_positions(&model, &state.q);
+        integrator.step(&mut state, &mut workspace, 0.02, &mut coast);
+        workspace.set_positions(&state.q);
         workspace.set_motion(&state);
-        let energy = workspace.kinetic_energy(&model);
+        let energy = workspace.kinetic_energy();
         assert!(energy < last, "energy must fall: {energy} after {last}");
         last = energy;
     }

@@ -1,7 +1,7 @@
 //! The formulations of forward dynamics against each other: they share the model and nothing else.
 
 use fuyu::dynamics::{
-    Floating, Formulation, FormulationKind, Input, InverseDynamics, Method, State,
+    Floating, Formulation, FormulationKind, Input, IntegrationMethod, InverseDynamics, State,
     TreeAcceleration, TreeMotion,
 };
 use fuyu::model::{Joint, JointKind, JointLimits, Model, ModelBuilder, Spring};
@@ -158,7 +158,7 @@ fn all_formulations_agree_on_random_trees() {
             let mut answer = TreeAcceleration::zero(&model);
             let (motion, input) = (motion.tree_motion(), &motion.input);
             let mut dynamics = kind.prepare(&model).unwrap();
-            dynamics.accelerations(&model, &motion, input, &mut answer);
+            dynamics.accelerations(&motion, input, &mut answer);
             answer
         });
         for (worst, answer) in worst.iter_mut().zip(&answers) {
@@ -183,7 +183,7 @@ fn inverse_dynamics_gives_the_efforts_back() {
         FormulationKind::ArticulatedBody
             .prepare(&model)
             .unwrap()
-            .accelerations(&model, &motion.tree_motion(), &motion.input, &mut answer);
+            .accelerations(&motion.tree_motion(), &motion.input, &mut answer);
         let mut inverse = InverseDynamics::new(&model);
         let (qdd, wrenches) = (answer.qdd.as_slice(), &motion.input.wrenches);
         let mut efforts = DVector::zeros(model.dof());
@@ -221,8 +221,8 @@ fn robots_can_be_stepped_by_any_formulation() {
     start.qd = DVector::from_row_slice(&motion.qd);
     start.momentum_W.angular = Vector3::new(3.0, -1.0, 2.0);
     let ends = FormulationKind::NAMES.map(|(_, kind)| {
-        let mut robot = Floating::new(model.clone(), start.clone(), Method::Rk4)
-            .by(kind)
+        let mut robot = Floating::new(model.clone(), start.clone(), IntegrationMethod::Rk4)
+            .with_formulation(kind)
             .unwrap();
         robot.input_mut().clone_from(&motion.input);
         robot.step(1e-3, 100);
@@ -246,7 +246,7 @@ fn no_formulation_allocates() {
     for (name, kind) in FormulationKind::NAMES {
         let mut dynamics = kind.prepare(&model).unwrap();
         let used = allocation_counter::measure(|| {
-            dynamics.accelerations(&model, &motion.tree_motion(), &motion.input, &mut answer);
+            dynamics.accelerations(&motion.tree_motion(), &motion.input, &mut answer);
             let (qdd, wrenches) = (answer.qdd.as_slice(), &motion.input.wrenches);
             inverse.free_floating_efforts(&motion.tree_motion(), qdd, wrenches, &mut efforts);
         });

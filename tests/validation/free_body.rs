@@ -1,6 +1,6 @@
 //! A single free body against the closed form of its motion.
 
-use fuyu::dynamics::{Input, Integrator, Method, State, Workspace};
+use fuyu::dynamics::{Input, IntegrationMethod, Integrator, State, Workspace};
 use fuyu::model::ModelBuilder;
 use fuyu::spatial::RigidInertia;
 use nalgebra::{Matrix3, Vector3};
@@ -22,14 +22,14 @@ fn a_symmetric_top_precesses_as_the_closed_form_says() {
     state.momentum_W.angular = Vector3::new(jx * w0.x, 0.0, jz * w0.z);
     state.momentum_W.linear = Vector3::new(6.0, 0.0, -3.0);
     let mut workspace = Workspace::new(&model);
-    let mut integrator = Integrator::new(&model, Method::Dop8);
+    let mut integrator = Integrator::new(&model, IntegrationMethod::Dop8);
     let mut coast = |_: f64, _: &State, _: &mut Input| {};
     let (dt, steps) = (0.05, 7200);
     for _ in 0..steps {
-        integrator.step(&model, &mut state, &mut workspace, dt, &mut coast);
+        integrator.step(&mut state, &mut workspace, dt, &mut coast);
     }
     let t = dt * f64::from(steps);
-    workspace.set_positions(&model, &state.q);
+    workspace.set_positions(&state.q);
     workspace.set_motion(&state);
     let precession = w0.z * (jz - jx) / jx;
     let (sin, cos) = (precession * t).sin_cos();
@@ -88,13 +88,13 @@ fn an_asymmetric_body_tumbles_as_euler_s_solution_says() {
     state.momentum_W.angular = Vector3::new(i1 * a1, 0.0, i3 * a3);
     let momentum = state.momentum_W.angular;
     let mut workspace = Workspace::new(&model);
-    let mut integrator = Integrator::new(&model, Method::Dop8);
+    let mut integrator = Integrator::new(&model, IntegrationMethod::Dop8);
     let mut coast = |_: f64, _: &State, _: &mut Input| {};
-    workspace.set_positions(&model, &state.q);
+    workspace.set_positions(&state.q);
     workspace.set_motion(&state);
     for step in 1..=7200 {
-        integrator.step(&model, &mut state, &mut workspace, 0.05, &mut coast);
-        workspace.set_positions(&model, &state.q);
+        integrator.step(&mut state, &mut workspace, 0.05, &mut coast);
+        workspace.set_positions(&state.q);
         workspace.set_motion(&state);
         let (sn, cn, dn) = jacobi(rate * 0.05 * f64::from(step), k);
         let expected = Vector3::new(a1 * dn, -a2 * sn, a3 * cn);

@@ -1,7 +1,7 @@
 //! The closed forms of free rotation (Masutani 1995 sec. 2.3) against numerical integration of Euler's
 //! equations, and against values computed independently.
 
-use fuyu::dynamics::{Input, Integrator, Method, State, Workspace};
+use fuyu::dynamics::{Input, IntegrationMethod, Integrator, State, Workspace};
 use fuyu::estimation::free_body::{FreeRotation, SolutionKind};
 use fuyu::model::ModelBuilder;
 use fuyu::spatial::RigidInertia;
@@ -26,15 +26,15 @@ fn compare(
     state.R_WB = R_CB;
     state.momentum_W.angular = R_CB * (I_B * w_B);
     let mut workspace = Workspace::new(&model);
-    let mut integrator = Integrator::new(&model, Method::Dop8);
+    let mut integrator = Integrator::new(&model, IntegrationMethod::Dop8);
     let mut coast = |_: f64, _: &State, _: &mut Input| {};
     let motion = FreeRotation::new(&I_B, R_CB, &w_B, 0.0).unwrap();
     assert_eq!(motion.kind(), kind);
     let (dt, mut worst) = (0.03, (0f64, 0f64));
     for step in 1..=12_000 {
-        integrator.step(&model, &mut state, &mut workspace, dt, &mut coast);
+        integrator.step(&mut state, &mut workspace, dt, &mut coast);
         let time = dt * f64::from(step);
-        workspace.set_positions(&model, &state.q);
+        workspace.set_positions(&state.q);
         workspace.set_motion(&state);
         let w = state.R_WB * workspace.V_WB_B().angular;
         worst.0 = worst.0.max(motion.attitude(time).angle_to(&state.R_WB));

@@ -33,7 +33,7 @@ fn jacobians_base_map_and_reduced_inertia_agree() {
         let (model, n) = (&case.model, case.model.dof());
         let tip = model.frame("tip").unwrap();
         let mut workspace = Workspace::new(model);
-        workspace.set_positions(model, &case.joint_vector("q"));
+        workspace.set_positions(&case.joint_vector("q"));
         let mut matrix = Matrix6xX::zeros(n);
         workspace.generalized_jacobian(tip, &mut matrix);
         assert_close(
@@ -49,7 +49,7 @@ fn jacobians_base_map_and_reduced_inertia_agree() {
             &rows(&case.data["J_fixed"]),
             &case.order,
         );
-        workspace.base_map(model, &mut matrix);
+        workspace.base_map(&mut matrix);
         assert_close(
             "base map",
             &dynamic(&matrix),
@@ -79,7 +79,7 @@ fn moving_state(case: &Case, workspace: &mut Workspace) -> State {
     let twist = numbers(&case.data["base_twist_bodyframe_lin_ang"]);
     let linear = nalgebra::Vector3::from_row_slice(&twist[..3]);
     let angular = nalgebra::Vector3::from_row_slice(&twist[3..]);
-    state.set_base(model, workspace, &pose, &Twist::new(angular, linear));
+    state.set_base(workspace, &pose, &Twist::new(angular, linear));
     state
 }
 
@@ -96,7 +96,7 @@ fn accelerations_agree_with_and_without_momentum() {
         let mut input = Input::zero(model);
         input.efforts = case.joint_vector("tau");
         let mut qdd = DVector::zeros(model.dof());
-        workspace.accelerations(model, &state, &input, &mut qdd);
+        workspace.accelerations(&state, &input, &mut qdd);
         let theirs = case.joint_vector("ABA_qdd");
         assert!(
             (&qdd - &theirs).amax() <= RELATIVE * theirs.amax(),

@@ -3,7 +3,7 @@
 
 use fuyu::control::{
     ControllerConfig, Gains, JacobianKind, LawConfig, LawKind, LyapunovFunction, Saturation,
-    Shaping, SingularityEscapeConfig, StraightPathConfig,
+    Shaping, SingularityEscapeConfig, StraightPathConfig, TransposeJacobianConfig,
 };
 use fuyu::dynamics::Workspace;
 use fuyu::experiments::ContinuousLoop;
@@ -72,7 +72,7 @@ impl Chance {
         let n = model.dof();
         let q = DVector::from_fn(n, |_, _| self.number(2.0));
         let mut workspace = Workspace::new(&model);
-        workspace.set_positions(&model, &q);
+        workspace.set_positions(&q);
         let X_BE = workspace.X_BF(&tip);
         let goal = Pose::from_parts(
             Translation3::from(X_BE.translation.vector + self.vector(0.8)),
@@ -220,10 +220,8 @@ fn counter_examples_with_the_approximate_jacobian_are_the_unstable_region() {
         let [x, y] = planar.tip_at(q);
         let angle = chance.number(3.1);
         let goal = Translation3::new(x + 1e-4 * angle.cos(), y + 1e-4 * angle.sin(), 0.0);
-        let config = |jacobian| ControllerConfig {
-            jacobian,
-            ..ControllerConfig::new(LawKind::TransposeJacobian, law.clone())
-        };
+        let config =
+            |jacobian| ControllerConfig::new(TransposeJacobianConfig { jacobian }, law.clone());
         let run = |jacobian| {
             let goal = Pose::from_parts(goal, Rotation3::identity());
             let (model, start) = (planar.model.clone(), DVector::from_row_slice(&q));

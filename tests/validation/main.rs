@@ -23,6 +23,8 @@ mod masutani1995;
 mod masutani_ch3;
 mod masutani_ch6;
 mod masutani_ch7;
+#[cfg(feature = "batch")]
+mod misuse;
 mod newton_euler;
 mod no_allocation;
 mod null_space;

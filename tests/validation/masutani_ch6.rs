@@ -2,7 +2,7 @@
 //! (`fixtures/masutani_ch6_spots.json`, `fixtures/masutani_ch6_runs.json`).
 
 use fuyu::control::{JacobianKind, LinearisedLoop};
-use fuyu::dynamics::{Method, Workspace};
+use fuyu::dynamics::{IntegrationMethod, Workspace};
 use fuyu::experiments::masutani_ch6::{Example, Planar, STABLE, UNSTABLE, gains};
 use nalgebra::DVector;
 use serde_json::Value;
@@ -101,7 +101,7 @@ fn the_runs_go_as_the_reference_in_the_stable_and_the_unstable_region() {
     for (name, example) in [("stable_approx", STABLE), ("unstable_approx", UNSTABLE)] {
         let mut run = example
             .start(JacobianKind::FixedBase)
-            .with_method(Method::Rk4);
+            .with_method(IntegrationMethod::Rk4);
         for sample in all[name]["samples"].as_array().unwrap() {
             let theirs = numbers(sample);
             if theirs[0] > 0.0 {

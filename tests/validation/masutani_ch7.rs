@@ -5,7 +5,7 @@ use fuyu::control::{
     Controller, ControllerConfig, JacobianKind, LawConfig, LawKind, Measurement, PoseError,
     Shaping, StraightPathConfig, TipMeasurement,
 };
-use fuyu::dynamics::{Floating, Method, State, Workspace};
+use fuyu::dynamics::{Floating, IntegrationMethod, State, Workspace};
 use fuyu::experiments::masutani_ch5;
 use fuyu::experiments::masutani_ch7::{FIG_7_3, Outcome, Steering, Task, config, tasks};
 use nalgebra::DVector;
@@ -34,7 +34,9 @@ fn the_plain_and_the_rotated_law_go_as_the_reference() {
             start: numbers(&run["q0"]).try_into().unwrap(),
             goal: numbers(&run["target"]).try_into().unwrap(),
         };
-        let mut robot = task.start(config(steering)).with_method(Method::Rk4);
+        let mut robot = task
+            .start(config(steering))
+            .with_method(IntegrationMethod::Rk4);
         for sample in run["samples"].as_array().unwrap() {
             let theirs = numbers(sample);
             if theirs[0] > 0.0 {
@@ -113,7 +115,7 @@ fn sampled(law: impl Into<LawConfig>, late: usize) -> Sampled {
     let tip = model.frame("tool0").unwrap().clone();
     let radians = |degrees: [f64; 6]| DVector::from_iterator(6, degrees.map(f64::to_radians));
     let mut workspace = Workspace::new(&model);
-    workspace.set_positions(&model, &radians(masutani_ch5::GOAL));
+    workspace.set_positions(&radians(masutani_ch5::GOAL));
     let X_WD = workspace.X_BF(&tip);
     let chapter_5 = masutani_ch5::config(LawKind::TransposeJacobian, JacobianKind::Generalized);
     let config = ControllerConfig {
@@ -122,7 +124,7 @@ fn sampled(law: impl Into<LawConfig>, late: usize) -> Sampled {
     };
     let mut controller = Controller::new(model.clone(), tip.clone(), config).unwrap();
     let start = State::at_rest_with(&model, &radians(masutani_ch5::START));
-    let mut robot = Floating::new(model, start, Method::Rk4);
+    let mut robot = Floating::new(model, start, IntegrationMethod::Rk4);
     let mut commands = vec![DVector::zeros(6); late];
     let (mut rates, mut change) = (DVector::zeros(6), DVector::zeros(6));
     let (mut path, mut far, mut reversals, mut fastest_joint) = (Vec::new(), Some(0), 0, 0.0f64);

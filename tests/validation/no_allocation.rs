@@ -8,7 +8,7 @@ use fuyu::control::{
     Resolution, ResolvedRate, ResolvedRateConfig, Saturation, Shaping, SingularityEscapeConfig,
     Stamp, StraightPathConfig, TipMeasurement,
 };
-use fuyu::dynamics::{Floating, Input, Integrator, Method, State, Workspace};
+use fuyu::dynamics::{Floating, Input, IntegrationMethod, Integrator, State, Workspace};
 use fuyu::model::Model;
 use fuyu::spatial::{Pose, Twist};
 use nalgebra::{DVector, Matrix6xX, Translation3, Vector3};
@@ -58,19 +58,19 @@ fn steps_jacobians_and_the_control_law_do_not_allocate() {
     });
     let mut matrix = Matrix6xX::zeros(6);
     let mut push = |_: f64, _: &State, input: &mut Input| input.efforts.fill(0.1);
-    for method in [Method::Rk4, Method::Dop8] {
+    for method in [IntegrationMethod::Rk4, IntegrationMethod::Dop8] {
         let mut integrator = Integrator::new(&model, method);
         let mut floating = Floating::new(model.clone(), state.clone(), method);
         let used = measure(|| {
             for _ in 0..100 {
-                integrator.step(&model, &mut state, &mut workspace, 0.01, &mut push);
+                integrator.step(&mut state, &mut workspace, 0.01, &mut push);
                 let X_BE = workspace.X_BF(&tip);
                 let sight = TipMeasurement::new(state.time, X_BE, X_BE);
                 let seen = Measurement::new(state.time, &state.q, &state.qd);
                 for controller in &mut controllers {
                     controller.update(&seen.with_tip(Some(&sight))).unwrap();
                 }
-                workspace.base_map(&model, &mut matrix);
+                workspace.base_map(&mut matrix);
                 workspace.generalized_jacobian(&tip, &mut matrix);
                 workspace.reduced_inertia();
                 floating.hold_efforts(controllers[0].efforts().as_slice());
@@ -130,7 +130,7 @@ fn control_steps_take_no_memory_whatever_they_do() {
     let q = DVector::from_fn(6, |j, _| 0.3 + 0.2 * j as f64);
     let qd = DVector::from_element(6, 0.02);
     let mut workspace = Workspace::new(&model);
-    workspace.set_positions(&model, &q);
+    workspace.set_positions(&q);
     let X_BE = workspace.X_BF(&tip);
     let X_BD = |time: f64| {
         let p = X_BE.translation.vector + Vector3::new(0.3 - 0.05 * time, 0.1, 0.0);
@@ -167,7 +167,7 @@ fn kicks_take_no_memory() {
     let tip = model.frame("tool0").unwrap().clone();
     let (q, qd) = (DVector::zeros(2), DVector::zeros(2));
     let mut workspace = Workspace::new(&model);
-    workspace.set_positions(&model, &q);
+    workspace.set_positions(&q);
     let X_BE = workspace.X_BF(&tip);
     let inwards = -(X_BE.translation.vector - workspace.p_BC()).normalize();
     let nearer = Translation3::from(X_BE.translation.vector + inwards);
@@ -270,8 +270,8 @@ fn steps_of_closed_loops_do_not_allocate() {
     let model = pantograph(1.0);
     let mut state = on_branch(&model, 0.3, 0.0, 0.0, 0.3);
     let mut loops = pantograph_loops(&model, HINGE);
-    loops.assemble(&model, &mut state, 1e-9).unwrap();
-    let mut floating = Floating::with_loops(model, state, Method::Dop8, loops);
+    loops.assemble(&mut state, 1e-9).unwrap();
+    let mut floating = Floating::with_loops(loops, state, IntegrationMethod::Dop8);
     let used = measure(|| floating.step(0.01, 20));
     assert_eq!(used.count_total, 0, "{used:?}");
     assert!(floating.state().q[1] > 0.01);

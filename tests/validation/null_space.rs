@@ -4,7 +4,7 @@ use fuyu::control::{
     BaseTask, Controller, ControllerConfig, Gains, Measurement, OperationalSpaceConfig, PoseError,
     Rows, Saturation, TaskPriority, TipMeasurement, TipTask,
 };
-use fuyu::dynamics::{Floating, Method, State, Workspace};
+use fuyu::dynamics::{Floating, IntegrationMethod, State, Workspace};
 use fuyu::model::{Frame, Model};
 use fuyu::spatial::Pose;
 use nalgebra::{DMatrix, DVector, Vector6};
@@ -40,7 +40,7 @@ struct End {
 fn run(tips: [TipTask; 2], base: BaseTask) -> End {
     let (model, left, right) = robot();
     let mut workspace = Workspace::new(&model);
-    workspace.set_positions(&model, &degrees(&GOAL));
+    workspace.set_positions(&degrees(&GOAL));
     let goals: [Pose; 2] = [&left, &right].map(|tip| workspace.X_BF(tip));
     let gains = Gains {
         k_p: 1.0,
@@ -60,7 +60,7 @@ fn run(tips: [TipTask; 2], base: BaseTask) -> End {
     let more = vec![right.clone()];
     let mut controller = Controller::with_tips(model.clone(), left.clone(), more, config).unwrap();
     let state = State::at_rest_with(&model, &degrees(&START));
-    let mut floating = Floating::new(model, state, Method::Rk4);
+    let mut floating = Floating::new(model, state, IntegrationMethod::Rk4);
     let mut end = None;
     let (mut most, mut fastest_joint) = (0.0f64, 0.0f64);
     for k in 0..=4000 {
@@ -158,11 +158,11 @@ fn the_more_important_task_is_served_first() {
 fn priorities_agree_with_projectors_made_explicitly() {
     let (model, left, _) = robot();
     let mut workspace = Workspace::new(&model);
-    workspace.set_positions(&model, &degrees(&START));
+    workspace.set_positions(&degrees(&START));
     let inertia = workspace.reduced_inertia().clone();
     let mut J = [Rows::zeros(14), Rows::zeros(14)];
     workspace.generalized_jacobian(&left, &mut J[0]);
-    workspace.base_map(&model, &mut J[1]);
+    workspace.base_map(&mut J[1]);
     J[1].fixed_rows_mut::<3>(0).fill(0.0);
     let b = [
         Vector6::new(0.1, -0.2, 0.3, 0.4, -0.1, 0.2),

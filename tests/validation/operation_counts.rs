@@ -39,7 +39,7 @@ fn the_printed_procedure_takes_what_table_g_1_says() {
         assert_eq!(counts.divisions, 3);
         let model = arm.model();
         let mut workspace = Workspace::new(&model);
-        workspace.set_positions(&model, &DVector::from_vec(q));
+        workspace.set_positions(&DVector::from_vec(q));
         let mut ours = Matrix6xX::zeros(n);
         workspace.generalized_jacobian(model.frame("tip").unwrap(), &mut ours);
         for (a, b) in columns.iter().flatten().zip(ours.iter()) {

@@ -5,7 +5,7 @@ use fuyu::control::{
     Controller, ControllerConfig, FeedForward, Gains, Measurement, MovingGoal,
     OperationalSpaceConfig, PoseError, Saturation, TipMeasurement,
 };
-use fuyu::dynamics::{Floating, Method, State, Workspace};
+use fuyu::dynamics::{Floating, IntegrationMethod, State, Workspace};
 use fuyu::spatial::{Pose, Twist};
 use nalgebra::{DVector, Matrix6xX, Translation3, UnitQuaternion, Vector3};
 
@@ -32,13 +32,8 @@ fn moving() -> Floating {
         Vector3::new(0.01, 0.0, -0.02),
     );
     let mut workspace = Workspace::new(&model);
-    state.set_base(
-        &model,
-        &mut workspace,
-        &nalgebra::Isometry3::identity(),
-        &drift,
-    );
-    Floating::new(model, state, Method::Rk4)
+    state.set_base(&mut workspace, &nalgebra::Isometry3::identity(), &drift);
+    Floating::new(model, state, IntegrationMethod::Rk4)
 }
 
 /// The closed loop of the operational-space law is `a = A_D + 2ζω ė + ω² e`, whatever Coriolis terms and momentum do.
@@ -118,7 +113,7 @@ fn what_is_fed_forward_moves_the_tip_with_the_goal() {
         A_ID_B: &A_ID_B,
     };
     let mut efforts = DVector::zeros(6);
-    feed_forward.update(&model, robot.workspace(), &goal);
+    feed_forward.update(robot.workspace(), &goal);
     feed_forward.add(robot.workspace(), &goal, &K_V, 1.0, &mut efforts);
     assert!(
         (feed_forward.rates() - &qd).amax() < 1e-10,
@@ -181,12 +176,12 @@ fn the_lyapunov_function_falls_at_the_rate_that_the_proof_says() {
             V_ID_B: &V_ID_B,
             A_ID_B: &Twist::ZERO,
         };
-        scratch.set_positions(&model, &q);
+        scratch.set_positions(&q);
         scratch.generalized_jacobian(&tip, &mut J);
         let (force, torque) = (error.position * gains.k_p, error.orientation * gains.k_o);
         let mut efforts =
             J.fixed_rows::<3>(0).tr_mul(&force) + J.fixed_rows::<3>(3).tr_mul(&torque);
-        feed_forward.update(&model, &scratch, &goal);
+        feed_forward.update(&scratch, &goal);
         feed_forward.add(&scratch, &goal, &K_V, 1.0, &mut efforts);
         for j in 0..6 {
             efforts[j] -= K_V[j] * qd[j];
@@ -215,11 +210,11 @@ fn nothing_is_fed_forward_to_a_goal_at_rest() {
     let q = degrees(&[80.0, 90.0, -90.0, 10.0, 30.0, 20.0]);
     let qd = DVector::from_row_slice(&[0.05, -0.04, 0.06, 0.1, -0.08, 0.12]);
     let mut workspace = Workspace::new(&model);
-    workspace.set_positions(&model, &q);
+    workspace.set_positions(&q);
     let w = workspace
         .base_twist(&fuyu::dynamics::Momentum::default(), &qd)
         .angular;
-    let at_rest = TipPrediction::as_seen(Pose::identity(), Pose::identity());
+    let at_rest = TipPrediction::at_rest(Pose::identity(), Pose::identity());
     let goal = MovingGoal {
         q: &q,
         qd: &qd,
@@ -229,7 +224,7 @@ fn nothing_is_fed_forward_to_a_goal_at_rest() {
     };
     let mut efforts = DVector::zeros(6);
     let mut feed_forward = FeedForward::new(&model, &tip);
-    feed_forward.update(&model, &workspace, &goal);
+    feed_forward.update(&workspace, &goal);
     feed_forward.add(&workspace, &goal, &K_V, 1.0, &mut efforts);
     assert!(efforts.amax() < 1e-9, "{efforts}");
     assert_eq!(Prediction::default(), Prediction::None);

@@ -119,7 +119,7 @@ fn forward_dynamics_keeps_its_digits() {
             qd: &qd,
         };
         let mut answer = TreeAcceleration::zero(&model);
-        ArticulatedBody::new(&model).accelerations(&model, &motion, &input, &mut answer);
+        ArticulatedBody::new(&model).accelerations(&motion, &input, &mut answer);
 
         let tree = Tree::new(&model);
         let mut links = vec![LinkScratch::new(Double(0.0, 0.0)); n + 1];

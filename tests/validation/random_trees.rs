@@ -1,7 +1,7 @@
 //! Identities on random trees that do not use the code under test: finite differences of poses, sums over
 //! bodies, and the balance of power.
 
-use fuyu::dynamics::{Input, Integrator, Method, Momentum, State, Workspace};
+use fuyu::dynamics::{Input, IntegrationMethod, Integrator, Momentum, State, Workspace};
 use fuyu::model::Model;
 use fuyu::spatial::{Pose, Wrench};
 use nalgebra::{DVector, Matrix6xX, Rotation3, UnitQuaternion, Vector3};
@@ -27,8 +27,8 @@ fn poses_after(model: &Model, state: &State, input: &Input, t: f64) -> (Vec<Pose
     let mut state = state.clone();
     let mut workspace = Workspace::new(model);
     let mut held = |_: f64, _: &State, into: &mut Input| into.copy_from(input);
-    Integrator::new(model, Method::Dop8).step(model, &mut state, &mut workspace, t, &mut held);
-    workspace.set_positions(model, &state.q);
+    Integrator::new(model, IntegrationMethod::Dop8).step(&mut state, &mut workspace, t, &mut held);
+    workspace.set_positions(&state.q);
     workspace.set_motion(&state);
     let X_WB = state.X_WB(&workspace);
     let poses = (0..model.bodies().len()).map(|b| X_WB * workspace.X_BF(&model.frames()[b]));
@@ -86,13 +86,13 @@ proptest! {
         let (after, _) = poses_after(&model, &state, &input, h);
         let ([linear, angular], energy) = from_differences(&model, &before, &at, &after, h);
         let mut workspace = Workspace::new(&model);
-        workspace.set_positions(&model, &state.q);
+        workspace.set_positions(&state.q);
         workspace.set_motion(&state);
-        let scale = workspace.momentum_scale(&model);
+        let scale = workspace.momentum_scale();
         // Rates reach some rad/s: third derivatives times h²/6 stay below 1e-5 of the bodies' momenta.
         prop_assert!((linear - state.momentum_W.linear).norm() < 1e-5 * scale.0);
         prop_assert!((angular - state.momentum_W.angular).norm() < 1e-5 * scale.1);
-        let ours = workspace.kinetic_energy(&model);
+        let ours = workspace.kinetic_energy();
         prop_assert!((energy - ours).abs() < 1e-5 * ours, "{} {}", energy, ours);
     }
 
@@ -105,10 +105,10 @@ proptest! {
         let tip = model.frames().last().unwrap().clone();
         let n = model.dof();
         let mut workspace = Workspace::new(&model);
-        workspace.set_positions(&model, &state.q);
+        workspace.set_positions(&state.q);
         let (mut generalized, mut base) = (Matrix6xX::zeros(n), Matrix6xX::zeros(n));
         workspace.generalized_jacobian(&tip, &mut generalized);
-        workspace.base_map(&model, &mut base);
+        workspace.base_map(&mut base);
         let R_WB = state.R_WB.to_rotation_matrix();
         let com = model.bodies()[0].inertia.com;
         let h = 1e-5;
@@ -122,10 +122,10 @@ proptest! {
                 let mut middle = Workspace::new(&model);
                 let mut half = state.clone();
                 half.q[j] += 0.5 * s;
-                middle.set_positions(&model, &half.q);
+                middle.set_positions(&half.q);
                 middle.set_motion(&half);
                 moved.R_WB = state.R_WB * UnitQuaternion::new(middle.V_WB_B().angular * s);
-                middle.set_positions(&model, &moved.q);
+                middle.set_positions(&moved.q);
                 let X_WB = moved.X_WB(&middle);
                 (X_WB, X_WB * middle.X_BF(&tip))
             };
@@ -238,7 +238,7 @@ fn accelerations_satisfy_lagrange_s_equation_at_zero_momentum() {
     state.qd = DVector::from_row_slice(&[0.3, -0.5, 0.4, 0.8, -0.7, 1.1]);
     let mut workspace = Workspace::new(&model);
     let mut inertia_at = |q: &DVector<f64>| {
-        workspace.set_positions(&model, q);
+        workspace.set_positions(q);
         workspace.reduced_inertia().clone()
     };
     let h = 1e-5;
@@ -252,10 +252,10 @@ fn accelerations_satisfy_lagrange_s_equation_at_zero_momentum() {
     });
     let mut input = Input::zero(&model);
     input.efforts = DVector::from_row_slice(&[5.0, -3.0, 2.0, 1.0, -0.5, 0.2]);
-    workspace.set_positions(&model, &q);
+    workspace.set_positions(&q);
     workspace.set_motion(&state);
     let mut qdd = DVector::zeros(6);
-    workspace.accelerations(&model, &state, &input, &mut qdd);
+    workspace.accelerations(&state, &input, &mut qdd);
     let residual = &reduced * &qdd + along * &state.qd - gradient - &input.efforts;
     // The inertias are of the order of 1e3; central differences leave 1e-10 of that.
     assert!(residual.amax() < 1e-6, "{residual}");

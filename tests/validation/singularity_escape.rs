@@ -5,7 +5,7 @@ use fuyu::control::{
     Controller, ControllerConfig, ConvergenceFailure, Gains, LawKind, Measurement, PoseError,
     Saturation, SingularityEscapeConfig, TipMeasurement,
 };
-use fuyu::dynamics::{Floating, Method, State, Workspace};
+use fuyu::dynamics::{Floating, IntegrationMethod, State, Workspace};
 use fuyu::experiments::masutani_ch5;
 use fuyu::experiments::masutani_ch6::{Planar, gains};
 use fuyu::model::{Frame, Model};
@@ -21,7 +21,7 @@ struct Run {
 
 fn run(model: Model, tip: &Frame, config: ControllerConfig, q: &[f64], goal: Pose) -> Run {
     let start = State::at_rest_with(&model, &DVector::from_row_slice(q));
-    let mut robot = Floating::new(model.clone(), start, Method::Rk4);
+    let mut robot = Floating::new(model.clone(), start, IntegrationMethod::Rk4);
     let mut controller = Controller::new(model, tip.clone(), config).unwrap();
     let (mut failure, mut fastest_joint) = (None, 0f64);
     let mut error = None;
@@ -102,7 +102,7 @@ fn half_a_turn_is_made() {
     let tip = model.frame("tool0").unwrap().clone();
     let q = masutani_ch5::GOAL.map(f64::to_radians);
     let mut workspace = Workspace::new(&model);
-    workspace.set_positions(&model, &DVector::from_row_slice(&q));
+    workspace.set_positions(&DVector::from_row_slice(&q));
     let X = workspace.X_BF(&tip);
     // About the axis of the last joint, which alone can do it.
     let half = Rotation3::new(Vector3::x() * std::f64::consts::PI);

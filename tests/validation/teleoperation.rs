@@ -6,7 +6,7 @@ use fuyu::control::{
     JacobianKind, Mapping, OperabilityMap, Operator, OperatorConfig, RateLimits, Resolution,
     ResolvedRate, ResolvedRateConfig, ServoGains, VelocityServo, VelocityServoConfig,
 };
-use fuyu::dynamics::{Floating, Method, State, Workspace};
+use fuyu::dynamics::{Floating, IntegrationMethod, State, Workspace};
 use fuyu::experiments::masutani_ch8::{
     self, ARRIVED, Base, EXPERIMENTS, START, attempt, planar_model, planar_posture, targets,
 };
@@ -47,7 +47,7 @@ fn tip_twists(model: &Model, q: &DVector<f64>, qd: &DVector<f64>) -> (Twist, Twi
     let mut state = State::at_rest_with(model, q);
     state.qd.copy_from(qd);
     let mut workspace = Workspace::new(model);
-    workspace.set_positions(model, q);
+    workspace.set_positions(q);
     workspace.set_motion(&state);
     let (tip_W, base) = (workspace.V_WF_B(tip), *workspace.V_WB_B());
     let p_BE = workspace.X_BF(tip).translation.vector;
@@ -177,7 +177,7 @@ fn driven(model: &Model, servo: &mut VelocityServo, reference: &[f64], steps: us
     let mut robot = Floating::new(
         model.clone(),
         State::at_rest_with(model, &posture()),
-        Method::Rk4,
+        IntegrationMethod::Rk4,
     );
     for (j, rate) in reference.iter().enumerate() {
         servo.set_reference(model, j, *rate);
@@ -223,7 +223,7 @@ fn gains_of_its_own_make_a_joint_follow_as_its_inertia_lets_it() {
     let state = driven(&model, &mut servo, &reference, 1);
     // First step: Ĥ q̈ = K e.
     let mut workspace = Workspace::new(&model);
-    workspace.set_positions(&model, &posture());
+    workspace.set_positions(&posture());
     let inertia = workspace.reduced_inertia().clone();
     let pull = DVector::from_iterator(6, gains.iter().map(|k| k * 0.01));
     let expected = inertia.lu().solve(&pull).unwrap() * 0.002;
@@ -347,7 +347,7 @@ fn indices_are_the_worst_over_all_commands() {
         [0.1, 0.05],
         [-1.0, 3.0],
     ] {
-        workspace.set_positions(&model, &DVector::from_row_slice(&q));
+        workspace.set_positions(&DVector::from_row_slice(&q));
         workspace.fixed_base_jacobian(tip, &mut J);
         workspace.generalized_jacobian(tip, &mut generalized);
         let plane = |J: &Matrix6xX<f64>| J.fixed_view::<2, 2>(0, 0).into_owned();

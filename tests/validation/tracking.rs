@@ -106,7 +106,7 @@ fn laws_and_predictions_change_without_a_step_in_the_efforts() {
         };
         if [1000, 2000, 3000, 3500].contains(&k) {
             let config = ControllerConfig {
-                law,
+                law: law.into(),
                 prediction,
                 ..run.controller_mut().config().clone()
             };

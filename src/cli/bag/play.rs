@@ -8,7 +8,7 @@ use super::super::{Failure, print};
 use super::failure;
 use crate::bag::Bag;
 use crate::nodes::player::{NAME, Played, Player};
-use crate::ros::{NodeError, NodeOptions, Process, Reach};
+use crate::ros::{DiscoveryRange, NodeError, NodeOptions, Process};
 
 /// Publish the messages of a bag with the recorded types, QoS and times
 ///
@@ -67,7 +67,8 @@ pub fn run(args: &PlayArgs, mut ros_args: Vec<String>) -> Result<(), Failure> {
     for rule in &args.remap {
         ros_args.extend(["-r".to_owned(), rule.clone()]);
     }
-    let (mut process, rest) = Process::from_env(ros_args, Reach::Localhost).map_err(told)?;
+    let (mut process, rest) =
+        Process::from_env(ros_args, DiscoveryRange::Localhost).map_err(told)?;
     if let Some(unknown) = rest.first() {
         return Err(Failure::Input(format!(
             "argument {unknown}: not a known argument after --ros-args"

@@ -17,7 +17,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{Failure, print};
 use crate::nodes::foxglove;
-use crate::ros::{NodeError, NodeOptions, Process, Reach, return_free_memory};
+use crate::ros::{DiscoveryRange, NodeError, NodeOptions, Process, return_free_memory};
 use monitor::Progress;
 use plan::Plan;
 
@@ -57,7 +57,8 @@ pub struct Args {
 /// [`Failure::Input`] for a wrong scenario, argument or folder; [`Failure::Runtime`] when a node fails.
 pub fn run(args: &Args, ros_args: Vec<String>) -> Result<(), Failure> {
     return_free_memory();
-    let (mut process, rest) = Process::from_env(ros_args, Reach::Localhost).map_err(failure)?;
+    let (mut process, rest) =
+        Process::from_env(ros_args, DiscoveryRange::Localhost).map_err(failure)?;
     if let Some(unknown) = rest.first() {
         return Err(Failure::Input(format!(
             "argument {unknown}: not a known argument after --ros-args"

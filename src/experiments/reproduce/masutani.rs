@@ -73,7 +73,7 @@ fn projection(run: &[Moment]) -> Vec<Series> {
     let model = model();
     let mut workspace = Workspace::new(&model);
     let mut posture = |q: &nalgebra::DVector<f64>, X_WB: &Pose| -> Vec<(f64, f64)> {
-        workspace.set_positions(&model, q);
+        workspace.set_positions(q);
         let frames = model
             .frames()
             .iter()

@@ -127,7 +127,7 @@ fn picture(outcome: &Outcome, title: &str) -> PlaneFigure {
     let model = model();
     let mut workspace = Workspace::new(&model);
     let mut posture = |(q, X_WB): &(DVector<f64>, Pose)| -> Vec<(f64, f64)> {
-        workspace.set_positions(&model, q);
+        workspace.set_positions(q);
         let arm = |name: &str| name.starts_with("link") || name == "tool0";
         let frames = model.frames().iter().filter(|f| arm(&f.name));
         let origins = frames.map(|f| X_WB * workspace.X_BF(f));

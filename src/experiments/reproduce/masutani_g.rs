@@ -78,7 +78,7 @@ pub(super) fn table_g_1(mut report: Report) -> Report {
 fn apart(arm: &SerialArm, q: &[f64], columns: &[[f64; 6]]) -> f64 {
     let model = arm.model();
     let mut workspace = Workspace::new(&model);
-    workspace.set_positions(&model, &DVector::from_row_slice(q));
+    workspace.set_positions(&DVector::from_row_slice(q));
     let mut ours = Matrix6xX::zeros(q.len());
     let tip = model.frame("tip").expect("the arm has a tip");
     workspace.generalized_jacobian(tip, &mut ours);

@@ -62,7 +62,7 @@ impl<F: Formulation> Run<F> {
                 let (model, input) = (&self.model, &self.input);
                 let formulation = &mut self.formulation;
                 self.layout
-                    .rate(model, formulation, input, x, &mut self.scratch, rate);
+                    .rate(formulation, input, x, &mut self.scratch, rate);
             });
         }
         self.time = time;
@@ -87,9 +87,9 @@ impl<F: Formulation> Run<F> {
         let position = Translation3::new(self.x[0], self.x[1], self.x[2]);
         let X_WB = Isometry3::from_parts(position, motion.R_WB);
         let mut workspace = Workspace::new(&self.model);
-        state.set_base(&self.model, &mut workspace, &X_WB, &motion.V_WB_B);
+        state.set_base(&mut workspace, &X_WB, &motion.V_WB_B);
         workspace.set_motion(&state);
-        (state.momentum_W, workspace.momentum_scale(&self.model))
+        (state.momentum_W, workspace.momentum_scale())
     }
 }
 

@@ -126,7 +126,7 @@ impl Kinematics {
         let q = joint_vectors::positions(&self.robot.model, joints)
             .map_err(|e| format!("joint_states: {e}"))?;
         let X_WB = pose_from_msg(&base.pose.pose).map_err(|e| format!("ground_truth/odom: {e}"))?;
-        self.workspace.set_positions(&self.robot.model, &q);
+        self.workspace.set_positions(&q);
         let X_BE = self.workspace.X_BF(&self.robot.tip);
         let X_WB = with_matrix(&X_WB);
         let X_BD = X_WD.map(|X_WD| X_WB.inverse() * X_WD);

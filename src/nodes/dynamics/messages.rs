@@ -190,12 +190,12 @@ pub(super) fn momentum_message() -> fuyu_msgs::Momentum {
 /// Updates a message of [`momentum_message`].
 pub(super) fn update_momentum(message: &mut fuyu_msgs::Momentum, stamp: Time, robot: &Floating) {
     let (model, workspace) = (robot.model(), robot.workspace());
-    let carried = workspace.carried_momentum(model);
+    let carried = workspace.carried_momentum();
     let R_WB = robot.state().R_WB;
     message.header.stamp = stamp.into();
     message.linear = vector_to_msg(&(R_WB * carried.linear));
     message.angular = vector_to_msg(&(R_WB * carried.angular));
-    message.kinetic_energy = workspace.kinetic_energy(model);
+    message.kinetic_energy = workspace.kinetic_energy();
 }
 
 #[cfg(test)]

@@ -4,7 +4,7 @@ use roxmltree::{Document, Node};
 
 use super::params::{Description, InitialMotion};
 use crate::{
-    dynamics::{Floating, Method, State},
+    dynamics::{Floating, IntegrationMethod, State},
     spatial::Pose,
 };
 
@@ -31,7 +31,7 @@ impl Target {
         name: &str,
         description: &Description,
         motion: &InitialMotion,
-        method: Method,
+        method: IntegrationMethod,
     ) -> Result<Self, String> {
         let model = description.compile()?;
         if model.dof() > 0 {
@@ -143,7 +143,7 @@ mod tests {
             velocity_W: nalgebra::Vector3::zeros(),
             angular_velocity_B: nalgebra::Vector3::zeros(),
         };
-        let target = Target::new("debris", &description, &motion, Method::Rk4).unwrap();
+        let target = Target::new("debris", &description, &motion, IntegrationMethod::Rk4).unwrap();
         let frames: Vec<_> = target.fixed_frames().collect();
         assert_eq!(frames.len(), 1);
         assert_eq!(frames[0].0, "debris/mast");

@@ -44,10 +44,10 @@ impl World {
         state.qd = joint_vector("initial_joint_velocities", qd, model.dof())?;
         let mut loops =
             LoopParams::loops(&params.loop_closures, &model).map_err(|e| e.to_string())?;
-        (loops.assemble(&model, &mut state, params.loop_tolerance)).map_err(|e| e.to_string())?;
+        (loops.assemble(&mut state, params.loop_tolerance)).map_err(|e| e.to_string())?;
         params.base.place(&model, &mut state);
-        let robot = Floating::with_loops(model, state, params.method, loops);
-        let robot = robot.by(params.formulation).map_err(|e| {
+        let robot = Floating::with_loops(loops, state, params.method);
+        let robot = robot.with_formulation(params.formulation).map_err(|e| {
             let name = choice::name_of(&FormulationKind::NAMES, &params.formulation);
             format!("parameter formulation is '{name}': {e}")
         })?;

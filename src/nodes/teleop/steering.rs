@@ -115,7 +115,7 @@ impl Steering {
         Ok(match command.frame {
             CommandFrame::Base => *V,
             CommandFrame::Tip => {
-                self.workspace.set_positions(&self.model, q);
+                self.workspace.set_positions(q);
                 let R_BE = self.workspace.X_BF(self.resolver.tip()).rotation;
                 Twist::new(R_BE * V.angular, R_BE * V.linear)
             }
@@ -185,7 +185,7 @@ mod tests {
         let ahead = Twist::new(Vector3::zeros(), Vector3::x());
         let R_WB = UnitQuaternion::from_euler_angles(0.2, -0.4, 1.0);
         let mut workspace = Workspace::new(steering.model());
-        workspace.set_positions(steering.model(), &q);
+        workspace.set_positions(&q);
         let R_BE = workspace.X_BF(steering.tip()).rotation;
         for (frame, expected) in [
             (CommandFrame::Base, Vector3::x()),

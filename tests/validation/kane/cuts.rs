@@ -146,7 +146,7 @@ proptest! {
         input.wrenches[2] = Wrench::new(torque, force);
         let (state, mut of_tree) = reduced_state(&tree, &motion);
         let mut expected = TreeAcceleration::zero(&tree);
-        of_tree.accelerations(&tree, &state, &input, &mut expected.qdd);
+        of_tree.accelerations(&state, &input, &mut expected.qdd);
         of_tree.set_accelerations(&expected.qdd);
         let arm2 = tree.frame("arm2").unwrap();
         let (positions, rates) = freedoms(&of_tree, &tree);
@@ -168,10 +168,10 @@ proptest! {
         for speed in [BaseSpeed::MainBody, BaseSpeed::SystemCom] {
             let mut kane = Kane::with_cuts(&open, std::slice::from_ref(&hinge)).unwrap().with_base_speed(speed);
             let mut out = TreeAcceleration::zero(&open);
-            kane.accelerations(&open, &motion, &input, &mut out);
+            kane.accelerations(&motion, &input, &mut out);
             let base = of_tree.A_WF_B(&tree.frames()[0]);
             let (state, mut of_open) = reduced_state(&open, &motion);
-            of_open.accelerations(&open, &state, &input, &mut DVector::zeros(7));
+            of_open.accelerations(&state, &input, &mut DVector::zeros(7));
             of_open.set_accelerations(&out.qdd);
             for (ours, theirs) in [
                 (out.A_WB_B, base),

@@ -25,7 +25,7 @@ pub fn reduced_state(model: &Model, motion: &TreeMotion) -> (State, Workspace) {
     state.qd.copy_from_slice(motion.qd);
     let mut workspace = Workspace::new(model);
     let X_WB = Isometry3::from_parts(Translation3::identity(), motion.R_WB);
-    state.set_base(model, &mut workspace, &X_WB, &motion.V_WB_B);
+    state.set_base(&mut workspace, &X_WB, &motion.V_WB_B);
     workspace.set_motion(&state);
     (state, workspace)
 }
@@ -34,7 +34,7 @@ pub fn reduced_state(model: &Model, motion: &TreeMotion) -> (State, Workspace) {
 pub fn reduced_form(model: &Model, motion: &TreeMotion, input: &Input) -> TreeAcceleration {
     let (state, mut workspace) = reduced_state(model, motion);
     let mut out = TreeAcceleration::zero(model);
-    workspace.accelerations(model, &state, input, &mut out.qdd);
+    workspace.accelerations(&state, input, &mut out.qdd);
     workspace.set_accelerations(&out.qdd);
     out.A_WB_B = workspace.A_WF_B(&model.frames()[0]);
     out
@@ -80,7 +80,7 @@ proptest! {
         let mut out = TreeAcceleration::zero(&model);
         for speed in [BaseSpeed::MainBody, BaseSpeed::SystemCom] {
             let mut kane = Kane::new(&model).with_base_speed(speed);
-            kane.accelerations(&model, &motion, &input, &mut out);
+            kane.accelerations(&motion, &input, &mut out);
             let off = difference(&out, &expected);
             prop_assert!(off < 1e-12, "{:?}: {:e}", speed, off);
         }
@@ -103,7 +103,7 @@ fn kane_and_its_stepper_do_not_allocate() {
         let used = measure(|| {
             for _ in 0..10 {
                 stepper.step(&mut x, pantograph::STEP, |x, rate| {
-                    layout.rate(&model, &mut kane, &input, x, &mut scratch, rate);
+                    layout.rate(&mut kane, &input, x, &mut scratch, rate);
                 });
             }
             assert!(kane.cut_wrench(0).force.norm() > 0.0);

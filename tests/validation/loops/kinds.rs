@@ -1,6 +1,8 @@
 //! Every kind of closure on a spatial arm: the tip of the servicer held to its own base.
 
-use fuyu::dynamics::{Direction, Floating, LoopClosure, Loops, Method, State, Workspace};
+use fuyu::dynamics::{
+    Direction, Floating, IntegrationMethod, LoopClosure, Loops, State, Workspace,
+};
 use fuyu::spatial::Twist;
 use nalgebra::{DVector, Isometry3};
 
@@ -31,7 +33,7 @@ fn every_kind_of_closure_does_no_work() {
         let mut state = State::at_rest_with(&model, &q);
         state.qd = DVector::from_row_slice(&[0.11, -0.07, 0.13, 0.2, -0.15, 0.1]);
         let mut workspace = Workspace::new(&model);
-        workspace.set_positions(&model, &q);
+        workspace.set_positions(&q);
         let mut held = model.frames()[0].clone();
         held.X_BF = workspace.X_BF(&tip);
         let closure = LoopClosure {
@@ -42,13 +44,13 @@ fn every_kind_of_closure_does_no_work() {
         };
         let mut loops = Loops::new(&model, vec![closure]).unwrap();
         // Whatever opens the loop is taken off the rates.
-        loops.assemble(&model, &mut state, 10.0).unwrap();
+        loops.assemble(&mut state, 10.0).unwrap();
         assert_eq!(loops.mobility(), 6 - directions.len());
         let turning = Twist::new([0.05, 0.1, -0.08].into(), [0.0; 3].into());
         let base = Isometry3::identity();
-        state.set_base(&model, &mut workspace, &base, &turning);
-        let mut floating = Floating::with_loops(model.clone(), state, Method::Dop8, loops);
-        let energy = floating.workspace().kinetic_energy(&model);
+        state.set_base(&mut workspace, &base, &turning);
+        let mut floating = Floating::with_loops(loops, state, IntegrationMethod::Dop8);
+        let energy = floating.workspace().kinetic_energy();
         for _ in 0..300 {
             floating.step(0.01, 1);
             let (_, gap) = floating.loops().gaps(floating.workspace()).next().unwrap();
@@ -57,7 +59,7 @@ fn every_kind_of_closure_does_no_work() {
                 "{directions:?} {gap:?}"
             );
         }
-        let now = floating.workspace().kinetic_energy(&model);
+        let now = floating.workspace().kinetic_energy();
         assert!(
             (now / energy - 1.0).abs() < 1e-10,
             "{directions:?} {now} {energy}"

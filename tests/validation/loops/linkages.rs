@@ -1,7 +1,9 @@
 //! Linkages against their loop-free equations of motion: a single angle describes each of them, and the
 //! kinetic energy of a system without momentum is `m(φ) φ̇² / 2`.
 
-use fuyu::dynamics::{Direction, Floating, LoopClosure, Loops, Method, State, Workspace};
+use fuyu::dynamics::{
+    Direction, Floating, IntegrationMethod, LoopClosure, Loops, State, Workspace,
+};
 use fuyu::model::Model;
 use fuyu::spatial::Twist;
 use nalgebra::{Isometry3, Vector2};
@@ -21,13 +23,13 @@ fn closed(
     let mut state = State::at_rest(model);
     state.q.copy_from_slice(q);
     state.qd.copy_from_slice(qd);
-    loops.assemble(model, &mut state, 1e-6).unwrap();
+    loops.assemble(&mut state, 1e-6).unwrap();
     assert_eq!(loops.mobility(), 1);
     let mut workspace = Workspace::new(model);
-    state.set_base(model, &mut workspace, &Isometry3::identity(), &Twist::ZERO);
+    state.set_base(&mut workspace, &Isometry3::identity(), &Twist::ZERO);
     // At rest as a whole: the base answers the joints.
     state.momentum_W = Default::default();
-    Floating::with_loops(model.clone(), state, Method::Dop8, loops)
+    Floating::with_loops(loops, state, IntegrationMethod::Dop8)
 }
 
 /// Angle after `time` of a linkage with `m(φ) φ̇²` constant, by Runge-Kutta in the only coordinate.
@@ -182,7 +184,7 @@ fn a_bennett_linkage_moves_on_its_closed_form() {
     let mut inertia = |first: f64| {
         let q = nalgebra::DVector::from_row_slice(&bennett_angles(first));
         let g = nalgebra::DVector::from_row_slice(&slopes(first));
-        workspace.set_positions(&model, &q);
+        workspace.set_positions(&q);
         g.dot(&(workspace.reduced_inertia() * &g))
     };
     let energy = inertia(start) * rate * rate;

@@ -1,7 +1,7 @@
 //! TR-942 section 3.3 beyond what the report could solve: 40 s on the exact branch, across four passages of
 //! the stretched, singular state.
 
-use fuyu::dynamics::{Direction, Floating, Method, State, Workspace};
+use fuyu::dynamics::{Direction, Floating, IntegrationMethod, State, Workspace};
 use fuyu::model::Model;
 use fuyu::spatial::Twist;
 use nalgebra::Isometry3;
@@ -11,14 +11,19 @@ use super::mechanisms::{HINGE, IN_PLANE, on_branch, pantograph, pantograph_loops
 use crate::fixtures::rows;
 
 /// The pantograph assembled, the base at rest at the world's origin.
-fn start(model: &Model, mut state: State, hinge: &[Direction], method: Method) -> Floating {
+fn start(
+    model: &Model,
+    mut state: State,
+    hinge: &[Direction],
+    method: IntegrationMethod,
+) -> Floating {
     let mut loops = pantograph_loops(model, hinge);
-    loops.assemble(model, &mut state, 1e-9).unwrap();
+    loops.assemble(&mut state, 1e-9).unwrap();
     assert_eq!(loops.mobility(), 2);
     let mut workspace = Workspace::new(model);
     let base = Isometry3::identity();
-    state.set_base(model, &mut workspace, &base, &Twist::ZERO);
-    Floating::with_loops(model.clone(), state, method, loops)
+    state.set_base(&mut workspace, &base, &Twist::ZERO);
+    Floating::with_loops(loops, state, method)
 }
 
 /// As printed in table 3.3.3: nearly folded, at rest.
@@ -62,11 +67,11 @@ fn forty_seconds_on_the_exact_branch() {
     let model = pantograph(1.0);
     let exact = branch();
     for (hinge, method, dt) in [
-        (IN_PLANE, Method::Dop8, 0.025),
-        (IN_PLANE, Method::Rk4, 0.025),
+        (IN_PLANE, IntegrationMethod::Dop8, 0.025),
+        (IN_PLANE, IntegrationMethod::Rk4, 0.025),
         // Redundant: five directions of each hinge, of which a planar loop needs two.
-        (HINGE, Method::Dop8, 0.025),
-        (HINGE, Method::Rk4, 0.01),
+        (HINGE, IntegrationMethod::Dop8, 0.025),
+        (HINGE, IntegrationMethod::Rk4, 0.01),
     ] {
         let mut floating = start(&model, folded(&model), hinge, method);
         let mut passages = 0;
@@ -90,7 +95,7 @@ fn no_step_size_leaves_the_branch() {
     let exact = branch();
     let mut worst = (0.0f64, 0.0f64);
     for steps in 61..73 {
-        let mut floating = start(&model, folded(&model), IN_PLANE, Method::Dop8);
+        let mut floating = start(&model, folded(&model), IN_PLANE, IntegrationMethod::Dop8);
         for row in &exact[1..] {
             floating.step(2.0 / steps as f64, steps);
             let (angle, length) = difference(&floating, row);
@@ -106,8 +111,11 @@ fn no_step_size_leaves_the_branch() {
 fn starts_exactly_on_the_singular_state() {
     let model = pantograph(1.0);
     let exact = branch();
-    for (method, dt, limit) in [(Method::Dop8, 0.02, 1e-8), (Method::Rk4, 0.01, 1e-8)] {
-        let mut before = start(&model, folded(&model), IN_PLANE, Method::Dop8);
+    for (method, dt, limit) in [
+        (IntegrationMethod::Dop8, 0.02, 1e-8),
+        (IntegrationMethod::Rk4, 0.01, 1e-8),
+    ] {
+        let mut before = start(&model, folded(&model), IN_PLANE, IntegrationMethod::Dop8);
         before.step(0.025, 360);
         // Newton's method on the step that ends at θ2 = 0.
         for _ in 0..8 {
@@ -121,14 +129,14 @@ fn starts_exactly_on_the_singular_state() {
         let clean = on_branch(&model, q[0], 0.0, qd[0], qd[1]);
         (state.q, state.qd) = (clean.q, clean.qd);
         let mut loops = pantograph_loops(&model, IN_PLANE);
-        loops.assemble(&model, &mut state, 1e-9).unwrap();
+        loops.assemble(&mut state, 1e-9).unwrap();
         assert_eq!(
             loops.mobility(),
             2,
             "the singular state is not taken for a freer one"
         );
         assert_eq!(state.q[1], 0.0);
-        let mut floating = Floating::with_loops(model.clone(), state, method, loops);
+        let mut floating = Floating::with_loops(loops, state, method);
         let left = 10.0 - floating.state().time;
         let steps = (left / dt).ceil();
         floating.step(left / steps, steps as usize);
@@ -145,7 +153,7 @@ fn starts_exactly_on_the_singular_state() {
 fn starts_from_rest_on_the_singular_state() {
     let model = pantograph(0.0);
     let stretched = on_branch(&model, 0.5, 0.0, 0.0, 0.0);
-    let mut floating = start(&model, stretched, IN_PLANE, Method::Dop8);
+    let mut floating = start(&model, stretched, IN_PLANE, IntegrationMethod::Dop8);
     for _ in 0..500 {
         floating.step(0.01, 1);
         let q = &floating.state().q;
@@ -154,7 +162,7 @@ fn starts_from_rest_on_the_singular_state() {
         for (closure, gap) in floating.loops().gaps(floating.workspace()) {
             assert!(gap.translation < 1e-10, "{} {gap:?}", closure.name);
         }
-        let unexplained = floating.workspace().kinetic_energy(&model) - floating.state().work;
+        let unexplained = floating.workspace().kinetic_energy() - floating.state().work;
         assert!(
             unexplained.abs() < 1e-7,
             "{unexplained} {}",
@@ -170,25 +178,25 @@ fn momentum_and_energy() {
     let model = pantograph(1.0);
     let mut loops = pantograph_loops(&model, HINGE);
     let mut state = folded(&model);
-    loops.assemble(&model, &mut state, 1e-9).unwrap();
+    loops.assemble(&mut state, 1e-9).unwrap();
     let moving = Twist::new([0.02, -0.03, 0.1].into(), [0.1, 0.2, -0.05].into());
     let mut workspace = Workspace::new(&model);
-    state.set_base(&model, &mut workspace, &Isometry3::identity(), &moving);
-    let mut floating = Floating::with_loops(model.clone(), state, Method::Dop8, loops);
+    state.set_base(&mut workspace, &Isometry3::identity(), &moving);
+    let mut floating = Floating::with_loops(loops, state, IntegrationMethod::Dop8);
     let momentum = floating.state().momentum_W;
-    let energy = floating.workspace().kinetic_energy(&model);
+    let energy = floating.workspace().kinetic_energy();
     let springs = |q: &[f64]| 0.5 * (q[0] * q[0] + 4.0 * q[1] * q[1]);
     let stored = springs(floating.state().q.as_slice());
     for _ in 0..1600 {
         floating.step(0.025, 1);
         let state = floating.state();
         assert_eq!(state.momentum_W, momentum);
-        let carried = floating.workspace().carried_momentum(&model);
+        let carried = floating.workspace().carried_momentum();
         let expected = momentum.expressed_in(&state.R_WB);
         let linear = (carried.linear - expected.linear).norm() / momentum.linear.norm();
         let angular = (carried.angular - expected.angular).norm() / momentum.angular.norm();
         assert!(linear < 1e-13 && angular < 1e-13, "{linear} {angular}");
-        let now = floating.workspace().kinetic_energy(&model);
+        let now = floating.workspace().kinetic_energy();
         let unexplained = now - energy - state.work;
         assert!(unexplained.abs() < 1e-8, "{unexplained} at {}", state.time);
         // What is gone beyond the springs' went into the dampers.

@@ -17,7 +17,7 @@ fn assembled(q: [f64; 3], qd: [f64; 3], directions: &[Direction]) -> Result<Stat
     let mut state = State::at_rest(&model);
     state.q.copy_from_slice(&q);
     state.qd.copy_from_slice(&qd);
-    four_bar_with(ENDS, directions)?.assemble(&model, &mut state, 1e-3)?;
+    four_bar_with(ENDS, directions)?.assemble(&mut state, 1e-3)?;
     Ok(state)
 }
 
@@ -114,14 +114,14 @@ fn closures_that_lock_everything() {
     let mut state = State::at_rest(&model);
     state.q.copy_from_slice(&upright());
     let mut workspace = fuyu::dynamics::Workspace::new(&model);
-    workspace.set_positions(&model, &state.q);
+    workspace.set_positions(&state.q);
     let mut closure =
         LoopClosure::between(&model, "weld", ENDS.0, ENDS.1, &Direction::ALL).unwrap();
     let X_AB = workspace.X_BF(&closure.frame_b).inverse() * workspace.X_BF(&closure.frame_a);
     closure.frame_b.X_BF *= X_AB;
     let mut loops = Loops::new(&model, vec![closure]).unwrap();
     says(
-        loops.assemble(&model, &mut state, 1e-3),
+        loops.assemble(&mut state, 1e-3),
         &["(weld)", "lock all 3 joints", "fewer directions"],
     );
 }

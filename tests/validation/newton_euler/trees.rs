@@ -22,7 +22,7 @@ fn needed(
 ) -> Vec<(nalgebra::Vector3<f64>, Wrench)> {
     let (state, mut workspace) = reduced_state(model, motion);
     let mut qdd = acceleration.qdd.clone();
-    workspace.accelerations(model, &state, input, &mut qdd);
+    workspace.accelerations(&state, input, &mut qdd);
     workspace.set_accelerations(&qdd);
     let bodies = model
         .bodies()
@@ -72,7 +72,7 @@ proptest! {
         }
         let mut matrix = NewtonEuler::new(&model).unwrap();
         let mut out = TreeAcceleration::zero(&model);
-        matrix.accelerations(&model, &motion, &input, &mut out);
+        matrix.accelerations(&motion, &input, &mut out);
         let expected = reduced_form(&model, &motion, &input);
         let off = difference(&out, &expected);
         prop_assert!(off < 1e-13, "{:e}", off);

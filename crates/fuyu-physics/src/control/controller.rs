@@ -48,7 +48,7 @@ use crate::model::{Frame, Model};
 /// // One step at 0 s: the arm is at rest, and the goal is 0.1 m from its tip.
 /// let (q, qd) = (DVector::from_vec(vec![0.3, 1.0]), DVector::zeros(2));
 /// let mut workspace = Workspace::new(&model);
-/// workspace.set_positions(&model, &q);
+/// workspace.set_positions(&q);
 /// let X_BE = workspace.X_BF(&tip);
 /// let X_BD = Translation3::new(-0.1, 0.0, 0.0) * X_BE;
 /// let seen = TipMeasurement::new(0.0, X_BE, X_BD);
@@ -162,7 +162,7 @@ impl Controller {
     /// let mut controller = Controller::with_law(manipulator, Box::new(law), config)?;
     /// # let (q, qd) = (DVector::from_vec(vec![0.3, 1.0]), DVector::zeros(2));
     /// # let mut workspace = Workspace::new(controller.model());
-    /// # workspace.set_positions(controller.model(), &q);
+    /// # workspace.set_positions(&q);
     /// # let pose = workspace.X_BF(controller.tip());
     /// # let goal = nalgebra::Translation3::new(-0.1, 0.0, 0.0) * pose;
     /// # let tip = TipMeasurement::new(0.0, pose, goal);
@@ -319,10 +319,7 @@ impl Controller {
         let goal = follows.then(|| latency_compensation.moving_goal(measurement));
         let goal = goal.flatten();
         if let Some(goal) = &goal {
-            let Manipulator {
-                model, workspace, ..
-            } = &self.manipulator;
-            self.feed_forward.update(model, workspace, goal);
+            self.feed_forward.update(&self.manipulator.workspace, goal);
         }
         let tips = latency_compensation.tips();
         let error = tips[0].map(|tip| PoseError::between(&tip.X_BE, &tip.X_BD));

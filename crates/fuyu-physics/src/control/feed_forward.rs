@@ -113,13 +113,13 @@ impl FeedForward {
     }
 
     /// Computes `q̇_D` and `q̈_D` for a goal; `workspace` holds the positions of `goal.q`.
-    pub fn update(&mut self, model: &Model, workspace: &Workspace, goal: &MovingGoal) {
+    pub fn update(&mut self, workspace: &Workspace, goal: &MovingGoal) {
         let turning = Twist::new(*goal.w_IB_B, Vector3::zeros());
         self.L_B = workspace.momentum_of(&turning, goal.qd).angular;
         self.scratch.fill(0.0);
-        self.compute_neighbour_rates(model, goal, TIME_STEP);
+        self.compute_neighbour_rates(goal, TIME_STEP);
         self.acceleration.copy_from(&self.neighbour_rates);
-        self.compute_neighbour_rates(model, goal, -TIME_STEP);
+        self.compute_neighbour_rates(goal, -TIME_STEP);
         self.acceleration -= &self.neighbour_rates;
         self.acceleration /= 2.0 * TIME_STEP;
         rates(
@@ -135,7 +135,7 @@ impl FeedForward {
     }
 
     /// Computes `q̇_D` at the time `dt` \[s\] from now, when robot and goal continue their motion.
-    fn compute_neighbour_rates(&mut self, model: &Model, goal: &MovingGoal, dt: f64) {
+    fn compute_neighbour_rates(&mut self, goal: &MovingGoal, dt: f64) {
         // Vectors that are constant in I rotate in base axes.
         let w = goal.w_IB_B;
         let turned = |v: &Vector3<f64>, rate: Vector3<f64>| v + (rate - w.cross(v)) * dt;
@@ -146,7 +146,7 @@ impl FeedForward {
         let L_B = turned(&self.L_B, Vector3::zeros());
         self.neighbour_q.copy_from(goal.q);
         self.neighbour_q.axpy(dt, goal.qd, 1.0);
-        self.neighbour.set_positions(model, &self.neighbour_q);
+        self.neighbour.set_positions(&self.neighbour_q);
         rates(
             &self.neighbour,
             &self.tip,

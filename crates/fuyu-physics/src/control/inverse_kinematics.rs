@@ -124,7 +124,7 @@ impl Search<'_> {
         residual: &Vector6<f64>,
         damping: f64,
     ) -> Option<DVector<f64>> {
-        self.workspace.set_positions(self.model, q);
+        self.workspace.set_positions(q);
         self.workspace
             .fixed_base_jacobian(self.tip, &mut self.jacobian);
         let J = &self.jacobian;
@@ -144,7 +144,7 @@ impl Search<'_> {
 
     /// Position error and rotation vector from tip to goal (base axes), stacked; and the pose error.
     fn deviation(&mut self, q: &DVector<f64>) -> (Vector6<f64>, PoseError) {
-        self.workspace.set_positions(self.model, q);
+        self.workspace.set_positions(q);
         let X_BE = self.workspace.X_BF(self.tip);
         let error = PoseError::between(&X_BE, self.X_BD);
         // Through the quaternion: the matrix logarithm loses half the digits at small angles.
@@ -185,7 +185,7 @@ mod tests {
 
     fn pose(model: &Model, tip: &Frame, q: &DVector<f64>) -> Pose {
         let mut workspace = Workspace::new(model);
-        workspace.set_positions(model, q);
+        workspace.set_positions(q);
         workspace.X_BF(tip)
     }
 

@@ -45,12 +45,12 @@ impl LatencyCompensation {
         prediction: Prediction,
     ) {
         let Manipulator {
-            model,
             tip,
             more_tips,
             workspace,
+            ..
         } = manipulator;
-        workspace.set_positions(model, measurement.q);
+        workspace.set_positions(measurement.q);
         self.w_IB_B = match measurement.w_IB_B {
             Some(measured) => *measured,
             None => {

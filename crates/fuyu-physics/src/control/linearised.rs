@@ -35,7 +35,7 @@ impl LinearisedLoop {
     ) -> Self {
         let n = model.dof();
         assert_eq!(gains.k_v.len(), n, "one gain per joint");
-        workspace.set_positions(model, q);
+        workspace.set_positions(q);
         let mut law = Matrix6xX::zeros(n);
         jacobian.write(workspace, tip, &mut law);
         let mut generalized = Matrix6xX::zeros(n);

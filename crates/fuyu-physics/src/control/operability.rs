@@ -152,7 +152,6 @@ impl OperabilityMap {
 /// Indices at postures of a robot with two joints.
 #[derive(Debug, Clone)]
 pub struct Mapping<'a> {
-    model: &'a Model,
     tip: &'a Frame,
     plane: [usize; 2],
     workspace: Workspace,
@@ -165,13 +164,12 @@ impl<'a> Mapping<'a> {
     ///
     /// # Errors
     /// [`MapError`] unless the robot has two joints.
-    pub fn new(model: &'a Model, tip: &'a Frame, plane: [usize; 2]) -> Result<Self, MapError> {
+    pub fn new(model: &Model, tip: &'a Frame, plane: [usize; 2]) -> Result<Self, MapError> {
         let n = model.dof();
         if n != 2 {
             return Err(MapError::Joints(n));
         }
         Ok(Self {
-            model,
             tip,
             plane,
             workspace: Workspace::new(model),
@@ -186,7 +184,7 @@ impl<'a> Mapping<'a> {
     /// If the plane's axes are not among 0, 1, 2.
     pub fn at(&mut self, q: [f64; 2]) -> MapPoint {
         self.q.copy_from_slice(&q);
-        self.workspace.set_positions(self.model, &self.q);
+        self.workspace.set_positions(&self.q);
         let rows = |matrix: &Matrix6xX<f64>| -> Matrix2xX<f64> {
             Matrix2xX::from_fn(2, |i, j| matrix[(self.plane[i], j)])
         };

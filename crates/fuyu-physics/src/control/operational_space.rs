@@ -185,9 +185,7 @@ impl OperationalSpace {
 
     /// Computes the motion without efforts, to which the tasks add.
     fn begin(&mut self, manipulator: &mut Manipulator, input: &LawInput<'_>) {
-        let Manipulator {
-            model, workspace, ..
-        } = manipulator;
+        let workspace = &mut manipulator.workspace;
         let turning = Twist::new(*input.w_IB_B, Vector3::zeros());
         self.state.q.copy_from(input.q);
         self.state.qd.copy_from(input.qd);
@@ -196,7 +194,7 @@ impl OperationalSpace {
             angular: workspace.momentum_of(&turning, input.qd).angular,
         };
         workspace.set_motion(&self.state);
-        workspace.accelerations(model, &self.state, &self.no_efforts, &mut self.free);
+        workspace.accelerations(&self.state, &self.no_efforts, &mut self.free);
         workspace.set_accelerations(&self.free);
         self.priority.damping = self.config.task_damping;
         self.rate_priority.damping = self.config.task_damping;
@@ -249,7 +247,7 @@ impl OperationalSpace {
             .scaled_axis()
             .cap_magnitude(MAX_BASE_ERROR);
         let alpha = error * self.config.frequency.powi(2) - w * self.config.damping() - A_0.angular;
-        workspace.base_map(model, &mut self.jacobian);
+        workspace.base_map(&mut self.jacobian);
         self.jacobian.fixed_rows_mut::<3>(0).fill(0.0);
         let mut acceleration = Vector6::zeros();
         acceleration.fixed_rows_mut::<3>(3).copy_from(&alpha);

@@ -85,7 +85,7 @@ impl VelocityServo {
             ServoGains::Bandwidth(omega) => *omega,
             ServoGains::PerJoint(gains) => {
                 let mut workspace = Workspace::new(model);
-                workspace.set_positions(model, q);
+                workspace.set_positions(q);
                 let roots = DVector::from_iterator(gains.len(), gains.iter().map(|k| k.sqrt()));
                 // Ĥ⁻¹ K has the eigenvalues of √K Ĥ⁻¹ √K, which is symmetric.
                 let inertia = workspace.reduced_inertia().clone();
@@ -130,7 +130,7 @@ impl VelocityServo {
         }
         match &self.config.gains {
             ServoGains::Bandwidth(omega) => {
-                self.workspace.set_positions(model, &state.q);
+                self.workspace.set_positions(&state.q);
                 let inertia: &DMatrix<f64> = self.workspace.reduced_inertia();
                 self.efforts.gemv(*omega, inertia, &self.error, 0.0);
             }

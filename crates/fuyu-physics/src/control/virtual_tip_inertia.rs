@@ -68,19 +68,14 @@ impl InertiaWrench {
         rates: &DVector<f64>,
         efforts: impl Fn(usize) -> f64,
     ) -> Vector6<f64> {
-        let Manipulator {
-            model,
-            tip,
-            workspace,
-            ..
-        } = manipulator;
+        let Manipulator { tip, workspace, .. } = manipulator;
         self.state.q.copy_from(q);
         self.state.qd.copy_from(rates);
         for (j, effort) in self.input.efforts.iter_mut().enumerate() {
             *effort = efforts(j);
         }
         workspace.set_motion(&self.state);
-        workspace.accelerations(model, &self.state, &self.input, &mut self.acceleration);
+        workspace.accelerations(&self.state, &self.input, &mut self.acceleration);
         workspace.set_accelerations(&self.acceleration);
         let A = workspace.A_WF_B(tip);
         factorize(workspace.reduced_inertia(), &mut self.factor);

@@ -47,7 +47,7 @@ mod tests {
 
     fn distance(model: &Model, tip: &Frame, q: &[f64]) -> f64 {
         let mut workspace = Workspace::new(model);
-        workspace.set_positions(model, &DVector::from_row_slice(q));
+        workspace.set_positions(&DVector::from_row_slice(q));
         (workspace.X_BF(tip).translation.vector - workspace.p_BC()).norm()
     }
 

@@ -1,135 +1,153 @@
-//! The articulated-body formulation: what the kernels need to serve one model and one state.
+//! Forward dynamics by the articulated-body algorithm.
 
-use nalgebra::Vector3;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
-use super::kernel::{
-    LinkScratch, SpatialForce, SubtreeMomentum, Tree, Vec3, base_angular_velocity, forward_dynamics,
+use super::formulation::evaluate_with_base_twist;
+use super::kernel::{Vec3, base_angular_velocity, forward_dynamics};
+use super::scratch_memory::DynamicsScratch;
+use super::{
+    Evaluation, Formulation, Input, State, TreeAcceleration, TreeMotion, Workspace, checks,
 };
-use super::{Formulation, Input, State, TreeAcceleration, TreeMotion};
 use crate::model::Model;
-use crate::spatial::Twist;
+use crate::spatial::{Twist, Wrench};
 
-/// Forward dynamics by articulated bodies in link frames: linear in the number of joints and at full
-/// precision, whatever their number.
+/// Forward dynamics by articulated bodies in link frames. Cost is linear in the number of joints, and precision does
+/// not depend on that number.
 #[derive(Debug, Clone)]
 pub struct ArticulatedBody {
-    tree: Tree,
-    pub(super) arch: Arch,
-    links: Vec<LinkScratch<f64>>,
-    subtrees: Vec<SubtreeMomentum<f64>>,
-    external: Vec<SpatialForce<f64>>,
+    pub(super) scratch: DynamicsScratch,
 }
 
 impl ArticulatedBody {
-    /// Scratch for `model`; the only place where memory is taken.
+    /// The formulation for `model`. Allocates; evaluations do not.
     pub fn new(model: &Model) -> Self {
-        let tree = Tree::new(model);
         Self {
-            arch: Arch::new(),
-            links: vec![LinkScratch::new(0.0); tree.bodies.len()],
-            subtrees: vec![SubtreeMomentum::new(0.0); tree.bodies.len()],
-            external: vec![SpatialForce::zero(0.0); tree.bodies.len()],
-            tree,
+            scratch: DynamicsScratch::new(model),
         }
-    }
-
-    /// Accelerations of a state on which no external wrench acts; returns the base's angular velocity, base
-    /// axes, which follows from the momentum. To be called inside a dispatch.
-    #[inline(always)]
-    pub(super) fn accelerate_free(
-        &mut self,
-        simd: impl Simd,
-        state: &State,
-        efforts: &[f64],
-        out: &mut TreeAcceleration,
-    ) -> Vector3<f64> {
-        self.set_joints(simd, state.q.as_slice(), state.qd.as_slice(), efforts);
-        let momentum_B = (state.R_WB).inverse_transform_vector(&state.momentum_W.angular);
-        let momentum = self.tree.to_base_kernel(Vec3(momentum_B.into()));
-        let w = base_angular_velocity(&self.tree, &self.links, &mut self.subtrees, momentum);
-        self.links[0].w = w;
-        forward_dynamics(&self.tree, &mut self.links, None);
-        self.tell(out);
-        self.tree.to_base_frame(w).0.into()
-    }
-
-    /// Power of all joints' efforts, springs and dampers included, after an evaluation \[W\].
-    #[inline(always)]
-    pub(super) fn joint_power(&self) -> f64 {
-        let mut power = 0.0;
-        for link in &self.links[1..] {
-            power += link.effort * link.qd;
-        }
-        power
     }
 
     #[inline(always)]
     fn set_joints(&mut self, simd: impl Simd, q: &[f64], qd: &[f64], efforts: &[f64]) {
-        let n = self.tree.dof();
+        let DynamicsScratch { tree, links, .. } = &mut self.scratch;
+        let n = tree.dof();
         let (q, qd, efforts) = (&q[..n], &qd[..n], &efforts[..n]);
-        let links = &mut self.links[1..];
-        (self.tree).for_each_rotation(simd, q, |j, q, turn| {
+        let links = &mut links[1..];
+        tree.for_each_rotation(simd, q, |j, q, turn| {
             (links[j].q, links[j].rotation) = (q, turn)
         });
         for (j, link) in links.iter_mut().enumerate() {
             link.qd = qd[j];
-            link.effort = self.tree.total_effort(j, efforts[j], q[j], qd[j]);
+            link.effort = tree.total_effort(j, efforts[j], q[j], qd[j]);
         }
     }
 
     #[inline(always)]
-    fn tell(&self, out: &mut TreeAcceleration) {
-        let base = &self.links[0].acceleration;
+    fn write_accelerations(&self, out: &mut TreeAcceleration) {
+        let DynamicsScratch { tree, links, .. } = &self.scratch;
+        let base = &links[0].acceleration;
         out.A_WB_B = Twist::new(
-            self.tree.to_base_frame(base.angular).0.into(),
-            self.tree.to_base_frame(base.linear).0.into(),
+            tree.to_base_frame(base.angular).0.into(),
+            tree.to_base_frame(base.linear).0.into(),
         );
-        let qdd = out.qdd.as_mut_slice().iter_mut();
-        for (qdd, link) in qdd.zip(&self.links[1..]) {
+        for (qdd, link) in out.qdd.as_mut_slice().iter_mut().zip(&links[1..]) {
             *qdd = link.qdd;
         }
     }
 }
 
 impl Formulation for ArticulatedBody {
-    fn accelerations(
-        &mut self,
-        _model: &Model,
-        motion: &TreeMotion,
-        input: &Input,
-        out: &mut TreeAcceleration,
-    ) {
-        self.arch.dispatch(Evaluation {
+    fn accelerations(&mut self, motion: &TreeMotion, input: &Input, out: &mut TreeAcceleration) {
+        checks::formulation(motion, input, out, &self.scratch.model);
+        self.scratch.arch.dispatch(GivenBaseTwist {
             dynamics: self,
             motion,
             input,
             out,
         });
     }
+
+    /// Without external wrenches no poses are needed: one sweep gives the base's angular velocity.
+    fn evaluate(
+        &mut self,
+        state: &State,
+        workspace: &mut Workspace,
+        input: &Input,
+        out: &mut Evaluation,
+    ) {
+        if Wrench::any(&input.wrenches) {
+            evaluate_with_base_twist(self, state, workspace, input, out);
+        } else {
+            self.scratch.arch.dispatch(FreeFloating {
+                dynamics: self,
+                state,
+                efforts: input.efforts.as_slice(),
+                out,
+            });
+        }
+    }
 }
 
-/// One evaluation, for `pulp` to compile.
-struct Evaluation<'a> {
+/// Accelerations when the base twist is given; `pulp` compiles it for every instruction set.
+struct GivenBaseTwist<'a> {
     dynamics: &'a mut ArticulatedBody,
     motion: &'a TreeMotion<'a>,
     input: &'a Input,
     out: &'a mut TreeAcceleration,
 }
 
-impl WithSimd for Evaluation<'_> {
+impl WithSimd for GivenBaseTwist<'_> {
     type Output = ();
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let (dynamics, motion, input) = (self.dynamics, self.motion, self.input);
         dynamics.set_joints(simd, motion.q, motion.qd, input.efforts.as_slice());
+        let DynamicsScratch {
+            tree,
+            links,
+            external,
+            ..
+        } = &mut dynamics.scratch;
         let w = Vec3(motion.V_WB_B.angular.into());
-        dynamics.links[0].w = dynamics.tree.to_base_kernel(w);
-        let loaded = dynamics
-            .tree
-            .set_external_forces(&input.wrenches, &mut dynamics.external);
-        let external = loaded.then_some(&dynamics.external[..]);
-        forward_dynamics(&dynamics.tree, &mut dynamics.links, external);
-        dynamics.tell(self.out);
+        links[0].w = tree.to_base_kernel(w);
+        let loaded = tree.set_external_forces(&input.wrenches, external);
+        let external = loaded.then_some(&external[..]);
+        forward_dynamics(tree, links, external);
+        dynamics.write_accelerations(self.out);
+    }
+}
+
+/// Accelerations of a state without external wrenches, the base's angular velocity from momentum; `pulp` compiles it
+/// for every instruction set.
+struct FreeFloating<'a> {
+    dynamics: &'a mut ArticulatedBody,
+    state: &'a State,
+    efforts: &'a [f64],
+    out: &'a mut Evaluation,
+}
+
+impl WithSimd for FreeFloating<'_> {
+    type Output = ();
+    #[inline(always)]
+    fn with_simd<S: Simd>(self, simd: S) {
+        let (dynamics, state, out) = (self.dynamics, self.state, self.out);
+        dynamics.set_joints(simd, state.q.as_slice(), state.qd.as_slice(), self.efforts);
+        let DynamicsScratch {
+            tree,
+            links,
+            subtrees,
+            ..
+        } = &mut dynamics.scratch;
+        let momentum_B = (state.R_WB).inverse_transform_vector(&state.momentum_W.angular);
+        let momentum = tree.to_base_kernel(Vec3(momentum_B.into()));
+        let w = base_angular_velocity(tree, links, subtrees, momentum);
+        links[0].w = w;
+        forward_dynamics(tree, links, None);
+        out.w_WB_B = tree.to_base_frame(w).0.into();
+        out.external = None;
+        out.power = 0.0;
+        for link in &links[1..] {
+            out.power += link.effort * link.qd;
+        }
+        dynamics.write_accelerations(&mut out.acceleration);
     }
 }

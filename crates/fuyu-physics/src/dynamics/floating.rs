@@ -1,38 +1,69 @@
-//! A robot that floats among free bodies, stepped under held joint efforts.
+//! A free-floating robot or body with its state, stepped under held joint efforts.
 
 use nalgebra::DVector;
 
 use super::newton_euler::SystemError;
-use super::{FormulationKind, Input, Integrator, Loops, Method, State, Workspace};
+use super::{
+    FormulationKind, Input, IntegrationMethod, Integrator, Loops, State, Workspace, checks,
+};
 use crate::model::Model;
 
-/// One free-floating tree with its state and scratch: the servicer, or a target (a tree without joints).
+/// One free-floating tree with its state and scratch memory: a robot, or a target (a tree without joints).
+///
+/// ```
+/// use fuyu_physics::dynamics::{Floating, IntegrationMethod, State};
+/// use fuyu_physics::model::{JointKind, ModelBuilder};
+/// use fuyu_physics::spatial::RigidInertia;
+/// use nalgebra::{Matrix3, Translation3, Vector3};
+///
+/// // A base of 10 kg with a boom of 1 kg, hinged 0.5 m from the base's centre.
+/// let inertia = |mass, x| RigidInertia { mass, com: Vector3::new(x, 0.0, 0.0), about_com: Matrix3::identity() * (0.1 * mass) };
+/// let mut builder = ModelBuilder::new("boom", "base_link", inertia(10.0, 0.0));
+/// let hinge = Translation3::new(0.5, 0.0, 0.0).into();
+/// builder.body("arm", 0, JointKind::Continuous, Vector3::z_axis(), hinge, inertia(1.0, 0.5));
+/// let model = builder.build();
+///
+/// let mut robot = Floating::new(model.clone(), State::at_rest(&model), IntegrationMethod::Dop8);
+/// robot.hold_efforts(&[1.0]); // N m
+/// robot.step(0.01, 100); // 100 steps of 0.01 s
+///
+/// // The arm turns one way, the base the other; angular momentum stays exactly zero.
+/// let state = robot.state();
+/// assert!(state.q[0] > 0.0 && robot.workspace().V_WB_B().angular.z < 0.0);
+/// assert_eq!(state.momentum_W.angular, Vector3::zeros());
+/// // The efforts' work has become kinetic energy.
+/// assert!((robot.workspace().kinetic_energy() - state.work).abs() < 1e-12);
+/// ```
 #[derive(Debug, Clone)]
 pub struct Floating {
-    model: Model,
     state: State,
     workspace: Workspace,
     integrator: Integrator,
     input: Input,
-    /// Whether the integrator's last evaluation is that of the present state under the held input.
-    qdd_is_known: bool,
+    /// Whether the integrator's last evaluation was at the present state under the held input.
+    is_evaluated: bool,
 }
 
 impl Floating {
     /// A tree in a state, to be stepped with `method`.
-    pub fn new(model: Model, state: State, method: Method) -> Self {
-        let loops = Loops::none(&model);
-        Self::with_loops(model, state, method, loops)
+    ///
+    /// # Panics
+    /// If `state` does not have one position and one rate per joint.
+    pub fn new(model: Model, state: State, method: IntegrationMethod) -> Self {
+        Self::with_loops(Loops::none(&model), state, method)
     }
 
-    /// A tree with closed loops in a state assembled for them ([`Loops::assemble`]).
-    pub fn with_loops(model: Model, state: State, method: Method, loops: Loops) -> Self {
+    /// The robot of `loops`, with its closed loops, in a state assembled for them ([`Loops::assemble`]).
+    ///
+    /// # Panics
+    /// As [`Floating::new`].
+    pub fn with_loops(loops: Loops, state: State, method: IntegrationMethod) -> Self {
+        checks::state(&state, &loops.model);
         let mut floating = Self {
-            workspace: Workspace::new(&model),
-            integrator: Integrator::with_loops(&model, method.tableau(), loops),
-            input: Input::zero(&model),
-            qdd_is_known: false,
-            model,
+            workspace: Workspace::new(&loops.model),
+            input: Input::zero(&loops.model),
+            integrator: Integrator::with_loops(loops, method.tableau()),
+            is_evaluated: false,
             state,
         };
         floating.refresh();
@@ -43,15 +74,15 @@ impl Floating {
     ///
     /// # Errors
     /// [`SystemError`] as [`FormulationKind::prepare`].
-    pub fn by(mut self, kind: FormulationKind) -> Result<Self, SystemError> {
-        self.integrator = self.integrator.by(&self.model, kind)?;
-        self.qdd_is_known = false;
+    pub fn with_formulation(mut self, kind: FormulationKind) -> Result<Self, SystemError> {
+        self.integrator = self.integrator.with_formulation(kind)?;
+        self.is_evaluated = false;
         Ok(self)
     }
 
     /// The tree.
     pub fn model(&self) -> &Model {
-        &self.model
+        self.workspace.model()
     }
 
     /// Its state.
@@ -69,50 +100,56 @@ impl Floating {
         self.integrator.loops()
     }
 
-    /// What the closures carry: see [`Loops::forces`].
+    /// Forces and torques in the closures: see [`Loops::forces`].
     pub fn closure_forces(&mut self) -> Vec<[Option<f64>; 6]> {
-        self.qdd_is_known = false;
-        let (state, input) = (&self.state, &self.input);
+        self.is_evaluated = false;
         let loops = self.integrator.loops_mut();
-        loops.forces(&self.model, state, &mut self.workspace, input)
+        loops.forces(&self.state, &mut self.workspace, &self.input)
     }
 
-    /// Replaces the state, which must be on the constraints of closed loops.
+    /// Replaces the state, which must satisfy the constraints of closed loops.
+    ///
+    /// # Panics
+    /// As [`Floating::new`].
     pub fn set_state(&mut self, state: State) {
+        checks::state(&state, self.workspace.model());
         self.state = state;
         self.refresh();
     }
 
-    /// The efforts held \[N m or N\], after the limits.
+    /// The held efforts \[N m or N\], within the joints' limits.
     pub fn efforts(&self) -> &DVector<f64> {
         &self.input.efforts
     }
 
-    /// Holds joint efforts from now on, each cut to its joint's effort limit. Returns whether any was cut.
+    /// Holds joint efforts \[N m or N\] from now on, each clamped to its joint's effort limit. Returns whether any was
+    /// clamped.
     ///
     /// # Panics
     /// If `efforts` does not have one element per joint.
     pub fn hold_efforts(&mut self, efforts: &[f64]) -> bool {
-        assert_eq!(efforts.len(), self.model.dof(), "one effort per joint");
-        self.qdd_is_known = false;
-        let mut cut = false;
-        for (j, (held, wanted)) in self.input.efforts.iter_mut().zip(efforts).enumerate() {
-            let limit = self.model.joints()[j].limits.effort;
+        let model = self.workspace.model();
+        checks::joint_vector("efforts", efforts.len(), model);
+        self.is_evaluated = false;
+        let mut is_clamped = false;
+        let held = self.input.efforts.iter_mut();
+        for ((joint, held), wanted) in model.joints().iter().zip(held).zip(efforts) {
+            let limit = joint.limits.effort;
             *held = wanted.clamp(-limit, limit);
-            cut |= *held != *wanted;
+            is_clamped |= *held != *wanted;
         }
-        cut
+        is_clamped
     }
 
-    /// Holds no efforts from now on.
+    /// Sets all efforts to zero from now on.
     pub fn release(&mut self) {
-        self.qdd_is_known = false;
+        self.is_evaluated = false;
         self.input.efforts.fill(0.0);
     }
 
-    /// What acts: external wrenches can be set here.
+    /// Held efforts and wrenches. External wrenches can be set here.
     pub fn input_mut(&mut self) -> &mut Input {
-        self.qdd_is_known = false;
+        self.is_evaluated = false;
         &mut self.input
     }
 
@@ -121,40 +158,36 @@ impl Floating {
         if steps == 0 {
             return;
         }
-        self.integrator.hold(&self.input);
-        self.integrator.steps_held(
-            &self.model,
+        self.integrator.set_input(&self.input);
+        let mut hold = |_: f64, _: &State, _: &mut Input| {};
+        self.integrator.steps_from(
             &mut self.state,
             &mut self.workspace,
             dt,
             steps,
-            self.qdd_is_known,
+            self.is_evaluated,
+            &mut hold,
         );
-        self.qdd_is_known = false;
+        self.is_evaluated = false;
     }
 
-    /// Joint accelerations at this instant under the held input; afterwards the workspace's
-    /// accelerations are those of this instant too.
+    /// Joint accelerations \[rad/s² or m/s²\] at this instant under the held input; afterwards the workspace has the
+    /// accelerations of this instant too.
     pub fn accelerations(&mut self) -> &DVector<f64> {
-        self.set_joint_accelerations();
-        let answer = self.integrator.answer();
-        self.workspace.set_positions(&self.model, &self.state.q);
-        self.workspace.set_motion(&self.state);
-        (self.workspace).spread_accelerations(answer.A_WB_B, answer.qdd.as_slice());
-        &answer.qdd
-    }
-
-    fn set_joint_accelerations(&mut self) {
-        if !self.qdd_is_known {
-            let (model, state, input) = (&self.model, &self.state, &self.input);
-            (self.integrator).evaluate(model, state, &mut self.workspace, input);
-            self.qdd_is_known = true;
+        if !self.is_evaluated {
+            (self.integrator).evaluate(&self.state, &mut self.workspace, &self.input);
+            self.is_evaluated = true;
         }
+        let found = self.integrator.accelerations();
+        self.workspace.set_positions(&self.state.q);
+        self.workspace.set_motion(&self.state);
+        (self.workspace).propagate_accelerations(found.A_WB_B, found.qdd.as_slice());
+        &found.qdd
     }
 
     fn refresh(&mut self) {
-        self.workspace.set_positions(&self.model, &self.state.q);
+        self.workspace.set_positions(&self.state.q);
         self.workspace.set_motion(&self.state);
-        self.qdd_is_known = false;
+        self.is_evaluated = false;
     }
 }

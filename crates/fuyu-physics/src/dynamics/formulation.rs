@@ -1,18 +1,18 @@
-//! One interface for the independent ways to compute forward dynamics.
+//! The interface of the formulations of forward dynamics, and the choice between them.
 
-use nalgebra::{DVector, UnitQuaternion};
+use nalgebra::{DVector, UnitQuaternion, Vector3};
 
 use super::newton_euler::{NewtonEuler, SystemError};
-use super::{ArticulatedBody, Input, Kane, Reduced};
+use super::{ArticulatedBody, Input, Kane, Reduced, State, Workspace};
 use crate::model::Model;
-use crate::spatial::Twist;
+use crate::spatial::{Twist, Wrench};
 
-/// How a free-floating tree moves at an instant: what every formulation starts from. Where the base is
-/// does not matter, since nothing but contact and actuators acts on the tree.
+/// SpatialMotion of a free-floating tree at an instant: the argument of every formulation. Where the base is does not
+/// matter, since accelerations do not depend on it.
 #[derive(Debug, Clone, Copy)]
 pub struct TreeMotion<'a> {
-    /// Attitude of the base in the world. Forward dynamics does not depend on it; a formulation that
-    /// works in world axes needs some attitude.
+    /// Quat of the base in the world. Forward dynamics does not depend on it, but a formulation that works in
+    /// world axes needs one.
     pub R_WB: UnitQuaternion<f64>,
     /// Twist of the base frame (its origin's velocity), base axes.
     pub V_WB_B: Twist,
@@ -22,7 +22,7 @@ pub struct TreeMotion<'a> {
     pub qd: &'a [f64],
 }
 
-/// How that motion changes: the answer of every formulation.
+/// Accelerations of a free-floating tree: the result of every formulation.
 #[derive(Debug, Clone, PartialEq)]
 pub struct TreeAcceleration {
     /// Angular acceleration of the base \[rad/s²\] and acceleration of its frame's origin as a point
@@ -42,23 +42,93 @@ impl TreeAcceleration {
     }
 }
 
-/// Forward dynamics of a free-floating tree. A formulation owns its scratch, is made for one model and
-/// asked with that model.
+/// The equations of motion evaluated at a [`State`]: what an integrator needs.
+#[derive(Debug, Clone)]
+pub struct Evaluation {
+    /// Accelerations of base and joints.
+    pub acceleration: TreeAcceleration,
+    /// Angular velocity of the base \[rad/s\], base axes.
+    pub w_WB_B: Vector3<f64>,
+    /// External wrench on the whole system, torque about its centre of mass, base axes; `None` if there is none.
+    pub external: Option<Wrench>,
+    /// Power of joint efforts, springs, dampers and external wrenches \[W\].
+    pub power: f64,
+}
+
+impl Evaluation {
+    /// All zero, sized for `model`.
+    pub fn zero(model: &Model) -> Self {
+        Self {
+            acceleration: TreeAcceleration::zero(model),
+            w_WB_B: Vector3::zeros(),
+            external: None,
+            power: 0.0,
+        }
+    }
+
+    /// Takes the external wrench and the power from `workspace`, after [`Workspace::set_external`].
+    pub(super) fn set_forces(&mut self, state: &State, workspace: &Workspace, input: &Input) {
+        self.external = Some(workspace.external);
+        self.power = workspace.external_power;
+        let motion = state.q.as_slice().iter().zip(state.qd.as_slice());
+        let joints = workspace.model.joints().iter();
+        let actuated = joints.zip(input.efforts.as_slice());
+        for ((joint, effort), (q, qd)) in actuated.zip(motion) {
+            self.power += (effort + joint.passive_effort(*q, *qd)) * qd;
+        }
+    }
+}
+
+/// Forward dynamics of one free-floating tree. A formulation owns its scratch memory.
 pub trait Formulation {
     /// Accelerations under joint efforts, springs, dampers and external wrenches.
-    fn accelerations(
+    ///
+    /// # Panics
+    /// If a length does not fit the robot that the formulation was made for.
+    fn accelerations(&mut self, motion: &TreeMotion, input: &Input, out: &mut TreeAcceleration);
+
+    /// The equations of motion at `state`, whose momentum gives the base twist. Integrators call this at every stage.
+    /// `workspace` is scratch.
+    ///
+    /// # Panics
+    /// As [`Formulation::accelerations`].
+    fn evaluate(
         &mut self,
-        model: &Model,
-        motion: &TreeMotion,
+        state: &State,
+        workspace: &mut Workspace,
         input: &Input,
-        out: &mut TreeAcceleration,
-    );
+        out: &mut Evaluation,
+    ) {
+        evaluate_with_base_twist(self, state, workspace, input, out);
+    }
+}
+
+/// [`Formulation::evaluate`] by way of the base twist and [`Formulation::accelerations`].
+pub(super) fn evaluate_with_base_twist(
+    formulation: &mut (impl Formulation + ?Sized),
+    state: &State,
+    workspace: &mut Workspace,
+    input: &Input,
+    out: &mut Evaluation,
+) {
+    workspace.set_positions(&state.q);
+    workspace.set_base_motion(state);
+    workspace.set_external(input, state.qd.as_slice());
+    let motion = TreeMotion {
+        R_WB: state.R_WB,
+        V_WB_B: *workspace.V_WB_B(),
+        q: state.q.as_slice(),
+        qd: state.qd.as_slice(),
+    };
+    out.w_WB_B = motion.V_WB_B.angular;
+    formulation.accelerations(&motion, input, &mut out.acceleration);
+    out.set_forces(state, workspace, input);
 }
 
 /// Formulations to choose from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
 pub enum FormulationKind {
-    /// [`ArticulatedBody`]: the default, since it is the fastest and loses no digits in long chains.
+    /// [`ArticulatedBody`]: the default, the fastest and the most precise for long chains.
     #[default]
     ArticulatedBody,
     /// [`Reduced`].
@@ -78,10 +148,10 @@ impl FormulationKind {
         ("newton_euler", Self::NewtonEuler),
     ];
 
-    /// Scratch of this formulation for `model`.
+    /// This formulation for `model`.
     ///
     /// # Errors
-    /// [`SystemError`] if the matrix method cannot take the model, such as one with a body without mass.
+    /// [`SystemError`] if the matrix method does not support the model, such as one with a body without mass.
     pub fn prepare(self, model: &Model) -> Result<ForwardDynamics, SystemError> {
         Ok(match self {
             Self::ArticulatedBody => ForwardDynamics::articulated_body(model),
@@ -92,7 +162,7 @@ impl FormulationKind {
     }
 }
 
-/// A formulation that was chosen by name, prepared for a model.
+/// A formulation chosen at run time, for one model.
 #[derive(Debug, Clone)]
 pub enum ForwardDynamics {
     /// By articulated bodies.
@@ -110,22 +180,29 @@ impl ForwardDynamics {
     pub(super) fn articulated_body(model: &Model) -> Self {
         Self::ArticulatedBody(Box::new(ArticulatedBody::new(model)))
     }
-}
 
-impl Formulation for ForwardDynamics {
-    fn accelerations(
-        &mut self,
-        model: &Model,
-        motion: &TreeMotion,
-        input: &Input,
-        out: &mut TreeAcceleration,
-    ) {
-        let chosen: &mut dyn Formulation = match self {
+    fn chosen(&mut self) -> &mut dyn Formulation {
+        match self {
             Self::ArticulatedBody(formulation) => formulation.as_mut(),
             Self::Reduced(formulation) => formulation.as_mut(),
             Self::Kane(formulation) => formulation.as_mut(),
             Self::NewtonEuler(formulation) => formulation.as_mut(),
-        };
-        chosen.accelerations(model, motion, input, out);
+        }
+    }
+}
+
+impl Formulation for ForwardDynamics {
+    fn accelerations(&mut self, motion: &TreeMotion, input: &Input, out: &mut TreeAcceleration) {
+        self.chosen().accelerations(motion, input, out);
+    }
+
+    fn evaluate(
+        &mut self,
+        state: &State,
+        workspace: &mut Workspace,
+        input: &Input,
+        out: &mut Evaluation,
+    ) {
+        self.chosen().evaluate(state, workspace, input, out);
     }
 }

@@ -2,11 +2,11 @@
 
 use nalgebra::{DVector, Vector3};
 
-use super::{State, Workspace};
+use super::{State, Workspace, checks};
 use crate::model::{Frame, Model};
 use crate::spatial::{Twist, Wrench};
 
-/// What acts on the robot: joint efforts and external wrenches.
+/// Joint efforts and external wrenches on a robot.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Input {
     /// Joint efforts of the actuators \[N m or N\], `τ` of Masutani 1995 eq. (4.49).
@@ -16,7 +16,7 @@ pub struct Input {
 }
 
 impl Input {
-    /// Nothing acts.
+    /// No efforts and no wrenches.
     pub fn zero(model: &Model) -> Self {
         Self {
             efforts: DVector::zeros(model.dof()),
@@ -24,7 +24,10 @@ impl Input {
         }
     }
 
-    /// Takes over `other`'s values without allocating; both must be of the same model.
+    /// Copies `other`'s values without allocating.
+    ///
+    /// # Panics
+    /// If the two are not for the same number of joints and bodies.
     pub fn copy_from(&mut self, other: &Self) {
         self.efforts
             .as_mut_slice()
@@ -36,31 +39,23 @@ impl Input {
 impl Workspace {
     /// Joint accelerations \[rad/s² or m/s²\] of the reduced system, `Ĥ q̈ = τ - C q̇ - bias`:
     /// Masutani 1995 eq. (4.49) (whose second term lost a dot in print: `dĤ/dt + C`), extended to
-    /// non-zero momentum and external wrenches. Needs positions and motion of `state`; `qdd` has
-    /// length n.
+    /// non-zero momentum and external wrenches. Positions and motion of `state` must be set.
     ///
-    /// The bias is found with the base moving at its true twist and held at zero acceleration
-    /// (recursive Newton-Euler); the base's reaction to it is then eliminated like its inertia.
-    pub fn accelerations(
-        &mut self,
-        model: &Model,
-        state: &State,
-        input: &Input,
-        qdd: &mut DVector<f64>,
-    ) {
+    /// The bias is computed by recursive Newton-Euler with the base moving at its true twist and held at zero
+    /// acceleration; the base's reaction to it is then eliminated like its inertia.
+    ///
+    /// # Panics
+    /// If a length does not fit the robot.
+    pub fn accelerations(&mut self, state: &State, input: &Input, qdd: &mut DVector<f64>) {
+        checks::state(state, &self.model);
+        checks::input(input, &self.model);
+        checks::joint_vector("qdd", qdd.len(), &self.model);
         let (q, qd) = (state.q.as_slice(), state.qd.as_slice());
-        self.solve(model, q, qd, input, qdd);
+        self.solve(q, qd, input, qdd);
     }
 
     /// [`Workspace::accelerations`] from slices.
-    pub(super) fn solve(
-        &mut self,
-        model: &Model,
-        q: &[f64],
-        qd: &[f64],
-        input: &Input,
-        qdd: &mut DVector<f64>,
-    ) {
+    pub(super) fn solve(&mut self, q: &[f64], qd: &[f64], input: &Input, qdd: &mut DVector<f64>) {
         self.set_bias_forces(input);
         let (force, torque) = self.base_reaction();
         let acting = input.efforts.as_slice().iter().zip(q.iter().zip(qd));
@@ -70,14 +65,14 @@ impl Workspace {
             let (J_C, H_A) = (Vector3::from(column.J_C.0), Vector3::from(column.H_A.0));
             let bias =
                 self.axis(j).effort(&self.bodies[j + 1].force) - J_C.dot(&force) + H_A.dot(&torque);
-            *rhs = effort + model.joints()[j].passive_effort(*q, *qd) - bias;
+            *rhs = effort + self.model.joints()[j].passive_effort(*q, *qd) - bias;
         }
         self.set_reduced_inertia();
         solve_positive_definite(self.reduced.as_mut_slice(), qdd.as_mut_slice());
     }
 
-    /// Newton's and Euler's equations of every body at its bias acceleration, external wrenches taken
-    /// off, then summed from the tips: `force[b]` becomes what moves body `b`'s subtree.
+    /// Newton's and Euler's equations of every body at its bias acceleration, less the external wrenches, then summed
+    /// from the tips: `force[b]` becomes the force on body `b`'s subtree.
     fn set_bias_forces(&mut self, input: &Input) {
         for (b, wrench) in input.wrenches.iter().enumerate() {
             let inertia = self.tree.bodies[b].inertia.rotated(&self.R_BK(b));
@@ -103,14 +98,14 @@ impl Workspace {
         }
     }
 
-    /// Sums up the external wrenches and their power. Spreads the motion to all bodies if there are any.
+    /// Sums the external wrenches and their power. Computes the motion of all bodies if there are any.
     pub(super) fn set_external(&mut self, input: &Input, qd: &[f64]) {
         self.external = Wrench::ZERO;
         self.external_power = 0.0;
         if !Wrench::any(&input.wrenches) {
             return;
         }
-        self.spread_motion(qd);
+        self.propagate_motion(qd);
         for (b, wrench) in input.wrenches.iter().enumerate() {
             if *wrench != Wrench::ZERO {
                 let origin = self.p_BK(b);
@@ -121,15 +116,19 @@ impl Workspace {
         }
     }
 
-    /// Force that the whole system's bias motion takes, and torque about its centre of mass.
+    /// SpatialForce and torque (about the centre of mass) that the whole system's bias motion takes.
     fn base_reaction(&self) -> (Vector3<f64>, Vector3<f64>) {
         let at_com = self.bodies[0].force.shifted(&-self.p_BC);
         (at_com.force, at_com.torque)
     }
 
-    /// Base acceleration that goes with joint accelerations `qdd` (after [`Workspace::accelerations`] for
-    /// the same state), then every body's: afterwards [`Workspace::A_WF_B`] can be read.
+    /// Computes the accelerations of the base and then of all bodies from joint accelerations `qdd`, after
+    /// [`Workspace::accelerations`] for the same state. [`Workspace::A_WF_B`] reads them.
+    ///
+    /// # Panics
+    /// If `qdd` does not have one element per joint.
     pub fn set_accelerations(&mut self, qdd: &DVector<f64>) {
+        checks::joint_vector("qdd", qdd.len(), &self.model);
         let (force, mut torque) = self.base_reaction();
         let mut a_com = -force / self.mass;
         for (j, qdd) in qdd.as_slice().iter().enumerate() {
@@ -139,17 +138,17 @@ impl Workspace {
         }
         let angular = -(&self.H_B_inverse * torque);
         let base = Twist::new(angular, a_com - angular.cross(&self.p_BC));
-        self.spread_accelerations(base, qdd.as_slice());
+        self.propagate_accelerations(base, qdd.as_slice());
     }
 
     /// Accelerations of all bodies from the base's and the joints'.
-    pub(super) fn spread_accelerations(&mut self, base: Twist, qdd: &[f64]) {
+    pub(super) fn propagate_accelerations(&mut self, base: Twist, qdd: &[f64]) {
         self.bodies[0].acceleration = base;
         for (j, &qdd) in qdd.iter().enumerate() {
             let (p_PK, own) = (self.p_PK(j), self.axis(j).twist(qdd));
             let (earlier, rest) = self.bodies.split_at_mut(j + 1);
             let (parent, body) = (&earlier[self.tree.joints[j].parent], &mut rest[0]);
-            // What base and joints add to the bias acceleration spreads from body to body as a twist.
+            // The acceleration in excess of the bias propagates from body to body as a twist does.
             let mut added = parent.acceleration - parent.bias;
             added.linear += added.angular.cross(&p_PK);
             body.acceleration = body.bias + added + own;
@@ -159,18 +158,17 @@ impl Workspace {
     /// Acceleration of `frame` in the world, components in the base's axes: angular \[rad/s²\] and that of
     /// the frame's origin as a point \[m/s²\] (needs [`Workspace::set_accelerations`]).
     pub fn A_WF_B(&self, frame: &Frame) -> Twist {
+        let r = self.p_KF(frame);
         let body = &self.bodies[frame.body];
         let (a, w) = (&body.acceleration, &body.twist.angular);
-        let r = self.p_KF(frame);
         let linear = a.linear + a.angular.cross(&r) + w.cross(&w.cross(&r));
         Twist::new(a.angular, linear)
     }
 }
 
-/// Solves `a x = b` in place by `L D Lᵀ`, where column `i` of `a` holds row `i` of the lower triangle. A
-/// general factorization of a dynamic matrix costs several times as much at the sizes of robot arms. A
-/// matrix that is not positive definite (positions that are not finite: every physical model has a
-/// positive definite `Ĥ`) gives values that are not finite.
+/// Solves `a x = b` in place by `L D Lᵀ`, where column `i` of `a` holds row `i` of the lower triangle. At the sizes of
+/// robot arms this is several times as fast as a general factorization of a dynamic matrix. The result is NaN if `a`
+/// is not positive definite, which can only come from positions that are not finite.
 fn solve_positive_definite(a: &mut [f64], b: &mut [f64]) {
     let n = b.len();
     for i in 0..n {

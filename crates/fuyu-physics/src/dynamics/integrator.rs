@@ -1,4 +1,4 @@
-//! Fixed-step explicit Runge-Kutta on the state's own manifold.
+//! Fixed-step explicit Runge-Kutta integration of a [`State`].
 
 use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
@@ -6,15 +6,14 @@ use pulp::{Arch, Simd, WithSimd};
 use super::newton_euler::SystemError;
 use super::rate::{Rate, advance};
 use super::{
-    ArticulatedBody, Formulation, FormulationKind, ForwardDynamics, Input, Loops, State, Tableau,
-    TreeAcceleration, TreeMotion, Workspace,
+    Evaluation, Formulation, FormulationKind, ForwardDynamics, Input, Loops, State, Tableau,
+    TreeAcceleration, Workspace, checks,
 };
 use crate::model::Model;
-use crate::spatial::Wrench;
 
 /// Integration methods to choose from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, Default)]
-pub enum Method {
+pub enum IntegrationMethod {
     /// Classical Runge-Kutta, order 4, 4 evaluations a step.
     Rk4,
     /// Dormand-Prince, order 8, 12 evaluations a step. The default: at equal cost its energy drifts
@@ -23,7 +22,7 @@ pub enum Method {
     Dop8,
 }
 
-impl Method {
+impl IntegrationMethod {
     /// All methods by name, the default first.
     pub const NAMES: [(&'static str, Self); 2] = [("dop8", Self::Dop8), ("rk4", Self::Rk4)];
 
@@ -36,10 +35,10 @@ impl Method {
     }
 }
 
-/// What acts on the robot as a function of time and state. Called at every stage; a controller that
-/// holds its command over a step ignores both arguments.
+/// Efforts and wrenches as a function of time and state, evaluated at every stage of a step. A sampled controller,
+/// which holds its efforts over a step, ignores both arguments.
 pub trait Forcing {
-    /// Writes efforts and wrenches for `state` at `time`; `input` keeps what the last call wrote.
+    /// Writes efforts and wrenches for `state` at `time` \[s\]; `input` holds the values of the last call.
     fn apply(&mut self, time: f64, state: &State, input: &mut Input);
 }
 
@@ -49,310 +48,249 @@ impl<F: FnMut(f64, &State, &mut Input)> Forcing for F {
     }
 }
 
-/// Steps a [`State`]; owns the stage memory. Attitude is integrated on the rotation group
-/// (Munthe-Kaas: the rotation vector turned within the step is the coordinate), so any tableau keeps
-/// its order and the quaternion needs no correction; momentum is integrated as state, so without
-/// external wrenches it does not change by a single bit.
+/// Steps a [`State`]; owns the memory of the stages. Quat is integrated on the rotation group (Munthe-Kaas: the
+/// coordinate is the rotation vector since the start of the step), so any tableau keeps its order and the quaternion
+/// needs no correction. Momentum is state, so without external wrenches it does not change by a single bit.
 #[derive(Debug, Clone)]
 pub struct Integrator {
     tableau: &'static Tableau,
-    pub(super) arch: Arch,
+    arch: Arch,
     rates: Vec<Rate>,
     stage: State,
     input: Input,
-    plant: Plant,
+    equations: EquationsOfMotion,
 }
 
 impl Integrator {
     /// An integrator for `model` with one of the library's methods and the default formulation.
-    pub fn new(model: &Model, method: Method) -> Self {
+    pub fn new(model: &Model, method: IntegrationMethod) -> Self {
         Self::with_tableau(model, method.tableau())
     }
 
     /// An integrator for `model` with any explicit tableau.
     pub fn with_tableau(model: &Model, tableau: &'static Tableau) -> Self {
-        Self::with_loops(model, tableau, Loops::none(model))
+        Self::with_loops(Loops::none(model), tableau)
     }
 
-    /// An integrator for `model` with closed loops: states are projected onto them at every stage. They
-    /// start from one that is assembled ([`Loops::assemble`]).
-    pub fn with_loops(model: &Model, tableau: &'static Tableau, loops: Loops) -> Self {
+    /// An integrator for the robot of `loops`, whose states are projected onto the closed loops at every stage. The
+    /// first state must be assembled ([`Loops::assemble`]).
+    pub fn with_loops(loops: Loops, tableau: &'static Tableau) -> Self {
+        let model = loops.model.clone();
         Self {
-            plant: Plant {
-                dynamics: ForwardDynamics::articulated_body(model),
-                loops,
-                answer: TreeAcceleration::zero(model),
-                w_WB_B: Vector3::zeros(),
-                mass: model.total_mass(),
-            },
             tableau,
             arch: Arch::new(),
             rates: vec![Rate::zero(model.dof()); tableau.c.len()],
-            stage: State::at_rest(model),
-            input: Input::zero(model),
+            stage: State::at_rest(&model),
+            input: Input::zero(&model),
+            equations: EquationsOfMotion {
+                formulation: ForwardDynamics::articulated_body(&model),
+                loops,
+                evaluation: Evaluation::zero(&model),
+                mass: model.total_mass(),
+                model,
+            },
         }
     }
 
-    /// The same integrator, with forward dynamics by another formulation. Closed loops keep to the reduced
-    /// form, in whose metric they are solved.
+    /// The same integrator, with forward dynamics by another formulation. Closed loops always use the reduced form,
+    /// whose inertia is their metric.
     ///
     /// # Errors
     /// [`SystemError`] as [`FormulationKind::prepare`].
-    pub fn by(mut self, model: &Model, kind: FormulationKind) -> Result<Self, SystemError> {
-        self.plant.dynamics = kind.prepare(model)?;
+    pub fn with_formulation(mut self, kind: FormulationKind) -> Result<Self, SystemError> {
+        self.equations.formulation = kind.prepare(&self.equations.model)?;
         Ok(self)
     }
 
-    /// Accelerations of a state under `input`, which is held for the next step. If there are closed loops or
-    /// external wrenches, `workspace` holds positions and motion of the state afterwards.
-    pub(super) fn evaluate(
-        &mut self,
-        model: &Model,
-        state: &State,
-        workspace: &mut Workspace,
-        input: &Input,
-    ) {
-        self.plant.evaluate(model, state, workspace, input);
+    /// Evaluates the equations of motion at `state` under `input`. If there are closed loops or external wrenches,
+    /// `workspace` has positions and motion of the state afterwards.
+    pub(super) fn evaluate(&mut self, state: &State, workspace: &mut Workspace, input: &Input) {
+        self.equations.evaluate(state, workspace, input);
     }
 
-    /// What the last evaluation gave.
-    pub(super) fn answer(&self) -> &TreeAcceleration {
-        &self.plant.answer
+    /// Accelerations of the last evaluation.
+    pub(super) fn accelerations(&self) -> &TreeAcceleration {
+        &self.equations.evaluation.acceleration
     }
 
     /// The closed loops.
     pub fn loops(&self) -> &Loops {
-        &self.plant.loops
+        &self.equations.loops
     }
 
     pub(super) fn loops_mut(&mut self) -> &mut Loops {
-        &mut self.plant.loops
+        &mut self.equations.loops
     }
 
-    /// Advances `state` by `dt` \[s\]; `forcing` is asked at every stage. On return `workspace` holds
-    /// positions and motion of the new state.
+    /// Advances `state` by `dt` \[s\], with `forcing` evaluated at every stage. Afterwards `workspace` has positions
+    /// and motion of the new state.
+    ///
+    /// # Panics
+    /// If `state` or `workspace` is of another robot, or `forcing` changes the length of a vector.
     pub fn step(
         &mut self,
-        model: &Model,
         state: &mut State,
         workspace: &mut Workspace,
         dt: f64,
         forcing: &mut impl Forcing,
     ) {
-        self.steps(model, state, workspace, dt, 1, forcing);
+        self.steps(state, workspace, dt, 1, forcing);
     }
 
-    /// As many steps of `dt` \[s\], the same to the bit as one after the other; only after the last one is
-    /// `workspace` brought to the new state.
+    /// `count` steps of `dt` \[s\], bit-identical to single ones; `workspace` is updated only after the last.
+    ///
+    /// # Panics
+    /// As [`Integrator::step`].
     pub fn steps(
         &mut self,
-        model: &Model,
         state: &mut State,
         workspace: &mut Workspace,
         dt: f64,
         count: usize,
         forcing: &mut impl Forcing,
     ) {
-        for _ in 0..count {
-            self.take_step(model, state, workspace, dt, false, forcing);
-        }
-        workspace.set_positions(model, &state.q);
-        workspace.set_motion(state);
+        self.steps_from(state, workspace, dt, count, false, forcing);
     }
 
-    /// Takes over what acts in [`Integrator::steps_held`].
-    pub(super) fn hold(&mut self, input: &Input) {
+    /// Sets the input that forcing finds at the next stage.
+    pub(super) fn set_input(&mut self, input: &Input) {
         self.input.copy_from(input);
     }
 
-    /// [`Integrator::steps`] under the input held. The first starts from the last evaluation if that `is_known`
-    /// to be of this state under the same input.
-    pub(super) fn steps_held(
+    /// [`Integrator::steps`]; if `is_evaluated`, the last evaluation was at `state` under the input of the first
+    /// stage, and is used for it.
+    pub(super) fn steps_from(
         &mut self,
-        model: &Model,
         state: &mut State,
         workspace: &mut Workspace,
         dt: f64,
         count: usize,
-        is_known: bool,
+        is_evaluated: bool,
+        forcing: &mut impl Forcing,
     ) {
-        let mut held = |_: f64, _: &State, _: &mut Input| {};
+        let model = &self.equations.model;
+        checks::same_robot("the integrator", model, "the workspace", &workspace.model);
+        checks::state(state, model);
         for step in 0..count {
-            let is_known = is_known && step == 0;
-            self.take_step(model, state, workspace, dt, is_known, &mut held);
+            let is_evaluated = is_evaluated && step == 0;
+            self.take_step(state, workspace, dt, is_evaluated, forcing);
         }
-        workspace.set_positions(model, &state.q);
+        workspace.set_positions(&state.q);
         workspace.set_motion(state);
     }
 
-    /// One step; `is_known` if the first stage was evaluated already.
     fn take_step(
         &mut self,
-        model: &Model,
         state: &mut State,
         workspace: &mut Workspace,
         dt: f64,
-        is_known: bool,
+        is_evaluated: bool,
         forcing: &mut impl Forcing,
     ) {
-        let tableau = self.tableau;
-        self.plant.loops.project(model, state, workspace);
+        let Self {
+            tableau,
+            equations,
+            stage,
+            input,
+            ..
+        } = self;
+        equations.loops.project(state, workspace);
         let mut turned = Vector3::zeros();
         for (i, c) in tableau.c.iter().enumerate() {
-            self.stage.time = state.time + c * dt;
-            let at = if i == 0 { &*state } else { &self.stage };
-            forcing.apply(at.time, at, &mut self.input);
-            let is_known = is_known && i == 0;
-            if self.plant.is_free(&self.input) {
-                let stage = FreeStage {
-                    integrator: self,
-                    start: state,
-                    turned,
-                    i,
-                    dt,
-                    is_known,
-                };
-                turned = stage.integrator.arch.dispatch(stage);
-            } else {
-                if !is_known {
-                    (self.plant).evaluate(model, at, workspace, &self.input);
-                }
-                let Plant { answer, w_WB_B, .. } = &self.plant;
-                let (rates, mass) = (&mut self.rates, self.plant.mass);
-                rates[i].set_motion(at, &answer.qdd, mass, w_WB_B, &turned);
-                rates[i].set_driven(model, at, workspace, &self.input);
-                let weights = next_weights(tableau, i);
-                turned = advance(&mut self.stage, state, &rates[..=i], weights, dt);
+            stage.time = state.time + c * dt;
+            let at = if i == 0 { &*state } else { &*stage };
+            forcing.apply(at.time, at, input);
+            if i > 0 || !is_evaluated {
+                equations.evaluate(at, workspace, input);
             }
+            turned = self.arch.dispatch(StageEnd {
+                tableau,
+                rates: &mut self.rates[..=i],
+                evaluation: &equations.evaluation,
+                mass: equations.mass,
+                start: state,
+                stage,
+                turned,
+                dt,
+            });
             if i + 1 < tableau.c.len() {
-                self.plant.loops.project(model, &mut self.stage, workspace);
+                equations.loops.project(stage, workspace);
             }
         }
-        self.stage.time = state.time + dt;
-        std::mem::swap(state, &mut self.stage);
-        self.plant.loops.project(model, state, workspace);
+        stage.time = state.time + dt;
+        std::mem::swap(state, stage);
+        equations.loops.project(state, workspace);
         state.R_WB.renormalize_fast();
     }
 }
 
-/// How the stages up to `i` lead to the next one, or to the step's end.
-#[inline(always)]
-fn next_weights(tableau: &Tableau, i: usize) -> &'static [f64] {
-    tableau.a.get(i + 1).copied().unwrap_or(tableau.b)
-}
-
-/// One stage of free motion by articulated bodies, and the way to the next, for `pulp` to compile.
-struct FreeStage<'a> {
-    integrator: &'a mut Integrator,
-    /// Where the step began.
+/// The end of a stage: its rate, and the state of the next stage or of the end of the step; `pulp` compiles it for every
+/// instruction set.
+struct StageEnd<'a> {
+    tableau: &'static Tableau,
+    /// One per stage up to this one.
+    rates: &'a mut [Rate],
+    evaluation: &'a Evaluation,
+    mass: f64,
+    /// State at the start of the step.
     start: &'a State,
-    /// Rotation vector turned since then.
+    /// State of this stage (except of the first, which is `start`), then that of the next.
+    stage: &'a mut State,
+    /// Rotation vector from `start` to this stage.
     turned: Vector3<f64>,
-    i: usize,
     dt: f64,
-    is_known: bool,
 }
 
-impl WithSimd for FreeStage<'_> {
+impl WithSimd for StageEnd<'_> {
+    /// Rotation vector from `start` to the next stage.
     type Output = Vector3<f64>;
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Vector3<f64> {
-        let (i, integrator) = (self.i, self.integrator);
-        let at = if i == 0 {
-            self.start
-        } else {
-            &integrator.stage
-        };
-        let plant = &mut integrator.plant;
-        let ForwardDynamics::ArticulatedBody(dynamics) = &mut plant.dynamics else {
-            unreachable!("free motion is by articulated bodies");
-        };
-        if !self.is_known {
-            let efforts = integrator.input.efforts.as_slice();
-            plant.w_WB_B = dynamics.accelerate_free(simd, at, efforts, &mut plant.answer);
-        }
-        let rate = &mut integrator.rates[i];
-        let qdd = &plant.answer.qdd;
-        rate.set_motion(at, qdd, plant.mass, &plant.w_WB_B, &self.turned);
-        rate.set_free(dynamics.joint_power());
-        let (rates, weights) = (&integrator.rates[..=i], next_weights(integrator.tableau, i));
-        advance(&mut integrator.stage, self.start, rates, weights, self.dt)
+    fn with_simd<S: Simd>(self, _simd: S) -> Vector3<f64> {
+        let i = self.rates.len() - 1;
+        let at = if i == 0 { self.start } else { &*self.stage };
+        self.rates[i].set(at, self.evaluation, self.mass, &self.turned);
+        let weights = self.tableau.weights_after(i);
+        advance(self.stage, self.start, self.rates, weights, self.dt)
     }
 }
 
-/// [`ArticulatedBody::accelerate_free`], for `pulp` to compile.
-struct FreeEvaluation<'a> {
-    dynamics: &'a mut ArticulatedBody,
-    state: &'a State,
-    efforts: &'a [f64],
-    answer: &'a mut TreeAcceleration,
-}
-
-impl WithSimd for FreeEvaluation<'_> {
-    type Output = Vector3<f64>;
-    #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) -> Vector3<f64> {
-        (self.dynamics).accelerate_free(simd, self.state, self.efforts, self.answer)
-    }
-}
-
-/// What accelerates the robot: a formulation of forward dynamics, and closed loops.
+/// A formulation of forward dynamics, or closed loops.
 #[derive(Debug, Clone)]
-struct Plant {
-    dynamics: ForwardDynamics,
+struct EquationsOfMotion {
+    model: Model,
+    formulation: ForwardDynamics,
     loops: Loops,
-    answer: TreeAcceleration,
-    /// Angular velocity of the base, base axes, as the last evaluation found it.
-    w_WB_B: Vector3<f64>,
+    evaluation: Evaluation,
     mass: f64,
 }
 
-impl Plant {
-    /// Whether nothing but actuators, springs and dampers acts on a tree in the default formulation: then
-    /// no poses are needed.
-    fn is_free(&self, input: &Input) -> bool {
-        matches!(self.dynamics, ForwardDynamics::ArticulatedBody(_))
-            && self.loops.closures().is_empty()
-            && !Wrench::any(&input.wrenches)
-    }
-
-    fn evaluate(&mut self, model: &Model, state: &State, workspace: &mut Workspace, input: &Input) {
-        let is_free = self.is_free(input);
-        let Self {
-            dynamics,
-            loops,
-            answer,
-            w_WB_B,
-            ..
-        } = self;
-        if let (true, ForwardDynamics::ArticulatedBody(dynamics)) = (is_free, &mut *dynamics) {
-            *w_WB_B = workspace.arch.dispatch(FreeEvaluation {
-                dynamics,
-                state,
-                efforts: input.efforts.as_slice(),
-                answer,
-            });
+impl EquationsOfMotion {
+    fn evaluate(&mut self, state: &State, workspace: &mut Workspace, input: &Input) {
+        checks::input(input, &self.model);
+        let out = &mut self.evaluation;
+        if self.loops.closures().is_empty() {
+            self.formulation.evaluate(state, workspace, input, out);
             return;
         }
-        workspace.set_positions(model, &state.q);
-        if !loops.closures().is_empty() {
-            workspace.set_motion(state);
-            loops.accelerations(model, state, workspace, input, &mut answer.qdd);
-            workspace.set_accelerations(&answer.qdd);
-            answer.A_WB_B = workspace.bodies[0].acceleration;
-            workspace.set_external(input, state.qd.as_slice());
-            *w_WB_B = workspace.V_WB_B().angular;
-            return;
-        }
-        workspace.set_base_motion(state);
+        workspace.set_positions(&state.q);
+        workspace.set_motion(state);
+        let qdd = &mut out.acceleration.qdd;
+        self.loops.accelerations(state, workspace, input, qdd);
+        workspace.set_accelerations(qdd);
+        out.acceleration.A_WB_B = workspace.bodies[0].acceleration;
         workspace.set_external(input, state.qd.as_slice());
-        let motion = TreeMotion {
-            R_WB: state.R_WB,
-            V_WB_B: *workspace.V_WB_B(),
-            q: state.q.as_slice(),
-            qd: state.qd.as_slice(),
-        };
-        *w_WB_B = motion.V_WB_B.angular;
-        dynamics.accelerations(model, &motion, input, answer);
+        out.w_WB_B = workspace.V_WB_B().angular;
+        out.set_forces(state, workspace, input);
+    }
+}
+
+#[cfg(test)]
+impl Integrator {
+    /// Restricts the instruction set.
+    pub(super) fn set_arch(&mut self, arch: Arch) {
+        self.arch = arch;
+        if let ForwardDynamics::ArticulatedBody(dynamics) = &mut self.equations.formulation {
+            dynamics.scratch.arch = arch;
+        }
     }
 }

@@ -1,13 +1,11 @@
-//! What efforts a motion takes.
+//! Inverse dynamics: the efforts that a given motion requires.
 
 use nalgebra::Vector3;
-use pulp::{Arch, Simd, WithSimd};
+use pulp::{Simd, WithSimd};
 
-use super::TreeMotion;
-use super::kernel::{
-    LinkScratch, SpatialForce, SpatialMotion, SubtreeMomentum, Tree, Vec3, inverse_dynamics,
-    locked_inertia,
-};
+use super::kernel::{SpatialMotion, Vec3, inverse_dynamics, locked_inertia};
+use super::scratch_memory::DynamicsScratch;
+use super::{TreeMotion, checks};
 use crate::model::Model;
 use crate::spatial::{Twist, Wrench};
 
@@ -15,33 +13,23 @@ use crate::spatial::{Twist, Wrench};
 /// joints.
 #[derive(Debug, Clone)]
 pub struct InverseDynamics {
-    tree: Tree,
-    arch: Arch,
-    links: Vec<LinkScratch<f64>>,
-    subtrees: Vec<SubtreeMomentum<f64>>,
-    external: Vec<SpatialForce<f64>>,
+    scratch: DynamicsScratch,
 }
 
 impl InverseDynamics {
-    /// Scratch for `model`; the only place where memory is taken.
+    /// Inverse dynamics of `model`. Allocates; evaluations do not.
     pub fn new(model: &Model) -> Self {
-        let tree = Tree::new(model);
         Self {
-            arch: Arch::new(),
-            links: vec![LinkScratch::new(0.0); tree.bodies.len()],
-            subtrees: vec![SubtreeMomentum::new(0.0); tree.bodies.len()],
-            external: vec![SpatialForce::zero(0.0); tree.bodies.len()],
-            tree,
+            scratch: DynamicsScratch::new(model),
         }
     }
 
-    /// Efforts \[N m or N\] that actuators must give beside springs, dampers and `wrenches` (one per body,
-    /// about its frame's origin in its axes) for joint accelerations `qdd`, while the base accelerates with
-    /// `A_WB_B` (its origin as a point; base axes). Returns the wrench on the base, about its frame's
-    /// origin in its axes, that this takes.
+    /// Actuator efforts \[N m or N\] for joint accelerations `qdd` while the base accelerates with `A_WB_B` (its
+    /// origin as a point; base axes). Springs, dampers and `wrenches` (one per body, about its frame's origin in its
+    /// axes) act as well. Returns the wrench that the base needs, about its frame's origin in its axes.
     ///
     /// # Panics
-    /// If a slice does not fit the model.
+    /// If the length of a slice does not fit the robot.
     pub fn efforts(
         &mut self,
         motion: &TreeMotion,
@@ -50,21 +38,14 @@ impl InverseDynamics {
         wrenches: &[Wrench],
         efforts: &mut [f64],
     ) -> Wrench {
-        self.arch.dispatch(Evaluation {
-            dynamics: self,
-            motion,
-            base: Some(A_WB_B),
-            qdd,
-            wrenches,
-            efforts,
-        })
+        self.evaluate(motion, Some(A_WB_B), qdd, wrenches, efforts)
     }
 
-    /// [`InverseDynamics::efforts`] for a base on which nothing but `wrenches` acts. Returns how it
-    /// accelerates: angular, and its frame's origin as a point, base axes.
+    /// [`InverseDynamics::efforts`] for a free base. Returns its acceleration: angular \[rad/s²\] and that of its
+    /// frame's origin as a point \[m/s²\], base axes.
     ///
     /// # Panics
-    /// If a slice does not fit the model.
+    /// If the length of a slice does not fit the robot.
     pub fn free_floating_efforts(
         &mut self,
         motion: &TreeMotion,
@@ -72,45 +53,60 @@ impl InverseDynamics {
         wrenches: &[Wrench],
         efforts: &mut [f64],
     ) -> Twist {
-        self.arch.dispatch(Evaluation {
-            dynamics: self,
-            motion,
-            base: None,
-            qdd,
-            wrenches,
-            efforts,
-        });
-        let (R_BK, base) = (
-            &self.tree.bodies[0].X_BK.rotation,
-            &self.links[0].acceleration,
-        );
+        self.evaluate(motion, None, qdd, wrenches, efforts);
+        let DynamicsScratch { tree, links, .. } = &self.scratch;
+        let (R_BK, base) = (&tree.bodies[0].X_BK.rotation, &links[0].acceleration);
         let [angular, linear] = [base.angular, base.linear].map(|v| R_BK * Vector3::from(v.0));
         Twist::new(angular, linear)
     }
+
+    fn evaluate(
+        &mut self,
+        motion: &TreeMotion,
+        base: Option<&Twist>,
+        qdd: &[f64],
+        wrenches: &[Wrench],
+        efforts: &mut [f64],
+    ) -> Wrench {
+        let model = &self.scratch.model;
+        checks::joint_vector("motion.q", motion.q.len(), model);
+        checks::joint_vector("motion.qd", motion.qd.len(), model);
+        checks::joint_vector("qdd", qdd.len(), model);
+        checks::body_vector("wrenches", wrenches.len(), model);
+        checks::joint_vector("efforts", efforts.len(), model);
+        self.scratch.arch.dispatch(RecursiveNewtonEuler {
+            scratch: &mut self.scratch,
+            motion,
+            base,
+            qdd,
+            wrenches,
+            efforts,
+        })
+    }
 }
 
-/// One evaluation, for `pulp` to compile.
-struct Evaluation<'a> {
-    dynamics: &'a mut InverseDynamics,
+/// One evaluation; `pulp` compiles it for every instruction set.
+struct RecursiveNewtonEuler<'a> {
+    scratch: &'a mut DynamicsScratch,
     motion: &'a TreeMotion<'a>,
-    /// Acceleration of the base; without it that of a free one is found.
+    /// Acceleration of the base; `None` for a free base, whose acceleration is computed.
     base: Option<&'a Twist>,
     qdd: &'a [f64],
     wrenches: &'a [Wrench],
     efforts: &'a mut [f64],
 }
 
-impl WithSimd for Evaluation<'_> {
+impl WithSimd for RecursiveNewtonEuler<'_> {
     type Output = Wrench;
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) -> Wrench {
-        let InverseDynamics {
+        let DynamicsScratch {
             tree,
             links,
             subtrees,
             external,
             ..
-        } = self.dynamics;
+        } = self.scratch;
         let n = tree.dof();
         let (q, qd, qdd) = (&self.motion.q[..n], &self.motion.qd[..n], &self.qdd[..n]);
         let efforts = &mut self.efforts[..n];
@@ -121,12 +117,12 @@ impl WithSimd for Evaluation<'_> {
         let loaded = tree.set_external_forces(self.wrenches, external);
         let external = loaded.then_some(&external[..]);
         let R_BK = &tree.bodies[0].X_BK.rotation;
-        let turned = |v: &Vector3<f64>| Vec3(R_BK.inverse_transform_vector(v).into());
-        links[0].w = turned(&self.motion.V_WB_B.angular);
+        let to_kernel = |v: &Vector3<f64>| Vec3(R_BK.inverse_transform_vector(v).into());
+        links[0].w = to_kernel(&self.motion.V_WB_B.angular);
         links[0].acceleration = match self.base {
             Some(base) => SpatialMotion {
-                angular: turned(&base.angular),
-                linear: turned(&base.linear),
+                angular: to_kernel(&base.angular),
+                linear: to_kernel(&base.linear),
             },
             None => {
                 links[0].acceleration = SpatialMotion::zero(0.0);

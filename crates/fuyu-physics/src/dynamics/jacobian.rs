@@ -3,15 +3,19 @@
 use nalgebra::{Matrix6xX, Vector3};
 use pulp::{Simd, WithSimd};
 
-use super::Workspace;
 use super::axis::Axis;
 use super::kernel::Vec3;
+use super::{Workspace, checks};
 use crate::model::Frame;
 
 impl Workspace {
     /// Fixed-base Jacobian `[J_L; J_A]` (6 × n, linear rows first, base axes) of `frame`'s origin.
     /// Masutani 1995 eqs. (4.32), (4.33).
+    ///
+    /// # Panics
+    /// If `out` does not have one column per joint.
     pub fn fixed_base_jacobian(&self, frame: &Frame, out: &mut Matrix6xX<f64>) {
+        checks::joint_vector("out", out.ncols(), &self.model);
         out.fill(0.0);
         self.add_fixed_base_jacobian(frame, out);
     }
@@ -19,8 +23,13 @@ impl Workspace {
     /// Generalized Jacobian `[Ĵ_L; Ĵ_A]` (6 × n, linear rows first): inertial velocity of `frame`'s
     /// origin in base axes per unit joint rate, base reaction included, at zero momentum.
     /// Masutani 1995 eqs. (4.36), (4.37).
+    ///
+    /// # Panics
+    /// If `out` does not have one column per joint.
     pub fn generalized_jacobian(&self, frame: &Frame, out: &mut Matrix6xX<f64>) {
-        self.arch.dispatch(Generalized {
+        checks::frame(frame, &self.model);
+        checks::joint_vector("out", out.ncols(), &self.model);
+        self.arch.dispatch(GeneralizedJacobian {
             workspace: self,
             frame,
             columns: out.as_mut_slice().as_chunks_mut().0,
@@ -45,14 +54,14 @@ impl Workspace {
     }
 }
 
-/// The kernel's Jacobian, for `pulp` to compile.
-struct Generalized<'a> {
+/// The generalized Jacobian; `pulp` compiles it for every instruction set.
+struct GeneralizedJacobian<'a> {
     workspace: &'a Workspace,
     frame: &'a Frame,
     columns: &'a mut [[f64; 6]],
 }
 
-impl WithSimd for Generalized<'_> {
+impl WithSimd for GeneralizedJacobian<'_> {
     type Output = ();
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {

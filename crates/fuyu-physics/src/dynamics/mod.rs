@@ -1,24 +1,33 @@
-//! Kinematics, momentum, generalized Jacobian and forward dynamics of the free-floating tree.
+//! Kinematics, momentum, generalized Jacobian and forward dynamics of a free-floating tree of bodies.
 //!
-//! Momentum is state, not a consequence. A [`State`] holds the joint positions and rates, the base
-//! attitude, the system's centre of mass and its linear and angular momentum; the base twist follows
-//! from them algebraically (Masutani 1995 eq. (4.23), with the momentum term that the thesis drops
-//! because it assumes zero). So free motion conserves momentum to rounding at any step size, and
-//! external wrenches change momentum and nothing else does.
+//! Momentum is part of the state. A [`State`] has the joint positions and rates, the base attitude, the system's
+//! centre of mass and its linear and angular momentum. The base twist follows from them algebraically (Masutani 1995
+//! eq. (4.23), with the momentum term that the thesis omits because it assumes zero). So free motion conserves
+//! momentum to rounding at any step size; only external wrenches change it.
 //!
-//! Everything that depends on joint positions alone is computed once by [`Workspace::set_positions`]
-//! and then read: fixed-base and generalized Jacobians, base map, reduced inertia, frame poses.
-//! [`Workspace::set_motion`] adds what depends on rates and momentum: body twists, energy, momentum as
-//! the bodies carry it. [`Workspace::accelerations`] is the forward dynamics of the reduced system,
-//! eq. (4.49). [`FormulationKind`] names the others; the default, by articulated bodies, is the fastest.
-//! [`InverseDynamics`] goes the other way. [`Integrator`] steps a state. None of them allocates.
-//! [`Loops`] hold bodies of the tree to
-//! each other: closed loops.
+//! [`Workspace::set_positions`] computes everything that depends on joint positions alone: fixed-base and generalized
+//! Jacobians, base map, reduced inertia and frame poses can then be read. [`Workspace::set_motion`] adds what depends
+//! on rates and momentum: body twists, energy, and momentum summed over the bodies. Forward dynamics is a
+//! [`Formulation`] ([`FormulationKind`] lists them; the default, by articulated bodies, is the fastest);
+//! [`InverseDynamics`] is the inverse. [`Integrator`] steps a state. [`Floating`] combines them for one robot, `Batch`
+//! for thousands of states of one robot. [`Loops`] adds closed loops. Steps and evaluations do not allocate.
+//!
+//! # Conventions
+//!
+//! - Twists, wrenches and accelerations are structs with named parts; constructors take the angular part first
+//!   ([`Twist::new`](crate::spatial::Twist::new)). Jacobians and the base map are 6 × n matrices with the linear rows
+//!   first, as in the thesis.
+//! - Vectors of joints have the order of [`Model::joints`](crate::model::Model::joints).
+//! - Everything is made from a [`Model`](crate::model::Model) and keeps it; all share one copy of the model and of its
+//!   compiled kinematic tree. Arguments are references, unless the callee keeps them; results are values or written to
+//!   `out`.
+//! - A vector of the wrong length, or an object of another robot, is a mistake in the program: it panics with a message
+//!   that names the argument. Problems of the data (a description, closures that cannot be closed) are `Result`s.
 //!
 //! ```
-//! use fuyu::dynamics::{Input, Integrator, Method, State, Workspace};
-//! use fuyu::model::{JointKind, ModelBuilder};
-//! use fuyu::spatial::{Pose, RigidInertia};
+//! use fuyu_physics::dynamics::{Input, IntegrationMethod, Integrator, State, Workspace};
+//! use fuyu_physics::model::{JointKind, ModelBuilder};
+//! use fuyu_physics::spatial::{Pose, RigidInertia};
 //! use nalgebra::{Matrix3, Translation3, Vector3};
 //!
 //! let box_ = RigidInertia { mass: 10.0, com: Vector3::zeros(), about_com: Matrix3::identity() };
@@ -29,10 +38,10 @@
 //!
 //! let mut state = State::at_rest(&model);
 //! let mut workspace = Workspace::new(&model);
-//! let mut integrator = Integrator::new(&model, Method::Rk4);
+//! let mut integrator = Integrator::new(&model, IntegrationMethod::Rk4);
 //! let mut push = |_t: f64, _state: &State, input: &mut Input| input.efforts[0] = 1.0; // N m
 //! for _ in 0..100 {
-//!     integrator.step(&model, &mut state, &mut workspace, 0.01, &mut push);
+//!     integrator.step(&mut state, &mut workspace, 0.01, &mut push);
 //! }
 //! // The arm has turned, and the base has turned the other way.
 //! assert!(state.q[0] > 0.0 && state.R_WB.axis().unwrap().z < 0.0);
@@ -42,6 +51,7 @@ mod articulated_body;
 mod axis;
 #[cfg(feature = "batch")]
 mod batch;
+mod checks;
 mod floating;
 mod formulation;
 mod forward;
@@ -56,11 +66,12 @@ pub mod newton_euler;
 mod rate;
 mod reduced;
 mod runge_kutta;
+mod scratch_memory;
+#[cfg(test)]
+mod simd_equivalence;
 mod state;
 mod tableau;
 mod vector_state;
-#[cfg(test)]
-mod widths;
 mod workspace;
 
 pub use articulated_body::ArticulatedBody;
@@ -68,10 +79,10 @@ pub use articulated_body::ArticulatedBody;
 pub use batch::Batch;
 pub use floating::Floating;
 pub use formulation::{
-    Formulation, FormulationKind, ForwardDynamics, TreeAcceleration, TreeMotion,
+    Evaluation, Formulation, FormulationKind, ForwardDynamics, TreeAcceleration, TreeMotion,
 };
 pub use forward::Input;
-pub use integrator::{Forcing, Integrator, Method};
+pub use integrator::{Forcing, IntegrationMethod, Integrator};
 pub use inverse::InverseDynamics;
 pub use kane::{BaseSpeed, CutError, CutHinge, Kane};
 pub use loops::{Direction, LoopClosure, LoopError, LoopGap, Loops};

@@ -1,15 +1,18 @@
-//! Momentum map and base map: how the base answers the joints.
+//! Momentum map and base map: how the base reacts to the joints.
 
 use nalgebra::{DVector, Matrix6xX, Vector3};
 
-use super::{Momentum, Workspace};
-use crate::model::Model;
+use super::{Momentum, Workspace, checks};
 use crate::spatial::{Pose, RigidInertia, Twist};
 
 impl Workspace {
     /// Twist of the base frame for momentum and joint rates (all in base axes): Masutani 1995
-    /// eqs. (4.13), (4.23) solved with the momentum kept.
+    /// eqs. (4.13), (4.23), solved without assuming that momentum is zero.
+    ///
+    /// # Panics
+    /// If `qd` does not have one element per joint.
     pub fn base_twist(&self, momentum_B: &Momentum, qd: &DVector<f64>) -> Twist {
+        checks::joint_vector("qd", qd.len(), &self.model);
         let mut angular_momentum = momentum_B.angular;
         let mut v_com = momentum_B.linear / self.mass;
         for (j, rate) in qd.as_slice().iter().enumerate() {
@@ -23,7 +26,11 @@ impl Workspace {
 
     /// Momentum (base axes) of the system whose base frame moves with `V_WB_B` while the joints move
     /// with `qd`: eq. (4.13). The inverse of [`Workspace::base_twist`].
+    ///
+    /// # Panics
+    /// If `qd` does not have one element per joint.
     pub fn momentum_of(&self, V_WB_B: &Twist, qd: &DVector<f64>) -> Momentum {
+        checks::joint_vector("qd", qd.len(), &self.model);
         let Twist {
             angular: w,
             linear: v,
@@ -41,8 +48,12 @@ impl Workspace {
     /// Base map `[H_L; H_A]` (6 × n, linear rows first, base axes): velocity of the **base body's centre
     /// of mass** and angular velocity of the base per unit joint rate at zero momentum.
     /// Masutani 1995 eqs. (4.23), (4.24).
-    pub fn base_map(&self, model: &Model, out: &mut Matrix6xX<f64>) {
-        let r = self.p_BC - model.bodies()[0].inertia.com;
+    ///
+    /// # Panics
+    /// If `out` does not have one column per joint.
+    pub fn base_map(&self, out: &mut Matrix6xX<f64>) {
+        checks::joint_vector("out", out.ncols(), &self.model);
+        let r = self.p_BC - self.model.bodies()[0].inertia.com;
         let (columns, _) = out.as_mut_slice().as_chunks_mut::<6>();
         for (j, column) in columns.iter_mut().enumerate().take(self.tree.dof()) {
             let of_joint = self.column(j);
@@ -53,25 +64,24 @@ impl Workspace {
         }
     }
 
-    /// Momentum (base axes, angular about the system's centre of mass) as the bodies carry it: the sum
-    /// over bodies of eqs. (4.7), (4.8), from their twists (needs [`Workspace::set_motion`]). It shares
-    /// no step with the momentum map, so comparing it with the state's momentum is a check.
-    pub fn carried_momentum(&self, model: &Model) -> Momentum {
-        self.carried_momentum_and_scale(model).0
+    /// Momentum (base axes, angular about the system's centre of mass) summed over the bodies, eqs. (4.7), (4.8),
+    /// from their twists (needs [`Workspace::set_motion`]). The computation is independent of the momentum map, so
+    /// comparing the result with the state's momentum is a check.
+    pub fn carried_momentum(&self) -> Momentum {
+        self.carried_momentum_and_scale().0
     }
 
-    /// How much momentum the bodies carry without regard to sign: the sums of the magnitudes of their
-    /// linear momenta and of their angular momenta about the system's centre of mass, as seen by an
-    /// observer who moves with that centre. What they cancel to is the system's momentum, so this, or
-    /// that if it is larger, is the scale of its rounding.
-    pub fn momentum_scale(&self, model: &Model) -> (f64, f64) {
-        self.carried_momentum_and_scale(model).1
+    /// Scale of the momentum's rounding error: the sums of the magnitudes of the bodies' linear momenta \[N s\] and
+    /// of their angular momenta \[N m s\], about the system's centre of mass and relative to its velocity. The
+    /// system's momentum is what is left after they cancel; if it is larger, it is the scale itself.
+    pub fn momentum_scale(&self) -> (f64, f64) {
+        self.carried_momentum_and_scale().1
     }
 
     /// [`Workspace::carried_momentum`] and [`Workspace::momentum_scale`] in one sweep.
-    pub fn carried_momentum_and_scale(&self, model: &Model) -> (Momentum, (f64, f64)) {
+    pub fn carried_momentum_and_scale(&self) -> (Momentum, (f64, f64)) {
         let (mut sum, mut scale) = (Momentum::default(), (0.0, 0.0));
-        for (b, (body, terms)) in model.bodies().iter().zip(&self.bodies).enumerate() {
+        for (b, (body, terms)) in self.model.bodies().iter().zip(&self.bodies).enumerate() {
             let (X_0B, inertia) = (self.X_0B(b), &body.inertia);
             let R_0B = X_0B.rotation.matrix();
             let spin = R_0B * (inertia.about_com * R_0B.tr_mul(&terms.twist.angular));

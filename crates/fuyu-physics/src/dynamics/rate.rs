@@ -1,14 +1,13 @@
-//! Rates of change of a state, and how they carry it on.
+//! Rates of change of a state, and the weighted sums of them that make up a Runge-Kutta step.
 
 use nalgebra::{DVector, Quaternion, UnitQuaternion, Vector3};
 
 use super::kernel::{Quat, SERIES_LIMIT, Vec3, rotation_vector_rate_series};
-use super::{Input, State, Workspace};
-use crate::model::Model;
+use super::{Evaluation, State};
 use crate::spatial::{exp_so3, rotation_vector_rate};
 
-/// A state's rate of change at one stage. The attitude's is that of the rotation vector turned since the
-/// step began.
+/// A state's rate of change at one stage. The coordinate of the attitude is the rotation vector since the start of the
+/// step.
 #[derive(Debug, Clone)]
 pub(super) struct Rate {
     turned: Vector3<f64>,
@@ -33,17 +32,16 @@ impl Rate {
         }
     }
 
-    /// What follows from the motion alone: `qdd` are the joint accelerations, `w_WB_B` the base's angular
-    /// velocity, `turned` what was turned since the step began.
+    /// From the equations of motion at `state`; `turned` is the rotation vector since the start of the step.
     #[inline(always)]
-    pub(super) fn set_motion(
+    pub(super) fn set(
         &mut self,
         state: &State,
-        qdd: &DVector<f64>,
+        evaluation: &Evaluation,
         mass: f64,
-        w_WB_B: &Vector3<f64>,
         turned: &Vector3<f64>,
     ) {
+        let w_WB_B = &evaluation.w_WB_B;
         self.turned = if turned.norm_squared() <= SERIES_LIMIT {
             let (turned, w) = (Vec3((*turned).into()), Vec3((*w_WB_B).into()));
             rotation_vector_rate_series(turned, w).0.into()
@@ -51,38 +49,18 @@ impl Rate {
             rotation_vector_rate(turned, w_WB_B)
         };
         self.com = state.momentum_W.linear / mass;
+        (self.linear_momentum, self.angular_momentum) = match &evaluation.external {
+            Some(wrench) => (state.R_WB * wrench.force, state.R_WB * wrench.torque),
+            None => (Vector3::zeros(), Vector3::zeros()),
+        };
+        self.work = evaluation.power;
         self.q.as_mut_slice().copy_from_slice(state.qd.as_slice());
-        self.qd.as_mut_slice().copy_from_slice(qdd.as_slice());
-    }
-
-    /// Nothing acts from outside, and the joints have this power.
-    #[inline(always)]
-    pub(super) fn set_free(&mut self, joint_power: f64) {
-        self.linear_momentum = Vector3::zeros();
-        self.angular_momentum = Vector3::zeros();
-        self.work = joint_power;
-    }
-
-    /// What external wrenches and joints do, from the workspace's sums of the former.
-    pub(super) fn set_driven(
-        &mut self,
-        model: &Model,
-        state: &State,
-        workspace: &Workspace,
-        input: &Input,
-    ) {
-        self.linear_momentum = state.R_WB * workspace.external.force;
-        self.angular_momentum = state.R_WB * workspace.external.torque;
-        self.work = workspace.external_power;
-        let motion = state.q.as_slice().iter().zip(state.qd.as_slice());
-        let actuated = model.joints().iter().zip(input.efforts.as_slice());
-        for ((joint, effort), (q, qd)) in actuated.zip(motion) {
-            self.work += (effort + joint.passive_effort(*q, *qd)) * qd;
-        }
+        let qdd = evaluation.acceleration.qdd.as_slice();
+        self.qd.as_mut_slice().copy_from_slice(qdd);
     }
 }
 
-/// `into = from + dt Σ weights rates`; returns the rotation vector turned.
+/// `into = from + dt Σ weights rates`; returns the rotation vector from one to the other.
 #[inline(always)]
 pub(super) fn advance(
     into: &mut State,
@@ -118,7 +96,7 @@ pub(super) fn advance(
     turned
 }
 
-/// An attitude after turning by a rotation vector.
+/// `R_WB exp([turned×])`.
 #[inline(always)]
 fn turn(R_WB: &UnitQuaternion<f64>, turned: &Vector3<f64>) -> UnitQuaternion<f64> {
     if turned.norm_squared() <= SERIES_LIMIT {

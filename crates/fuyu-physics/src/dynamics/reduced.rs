@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, Vector3};
 
-use super::{Formulation, Input, TreeAcceleration, TreeMotion, Workspace};
+use super::{Formulation, Input, TreeAcceleration, TreeMotion, Workspace, checks};
 use crate::model::Model;
 use crate::spatial::Wrench;
 
@@ -13,7 +13,7 @@ pub struct Reduced {
 }
 
 impl Reduced {
-    /// Scratch for `model`; the only place where memory is taken.
+    /// The formulation for `model`. Allocates; evaluations do not.
     pub fn new(model: &Model) -> Self {
         Self {
             workspace: Workspace::new(model),
@@ -22,25 +22,20 @@ impl Reduced {
 }
 
 impl Formulation for Reduced {
-    fn accelerations(
-        &mut self,
-        model: &Model,
-        motion: &TreeMotion,
-        input: &Input,
-        out: &mut TreeAcceleration,
-    ) {
+    fn accelerations(&mut self, motion: &TreeMotion, input: &Input, out: &mut TreeAcceleration) {
         let workspace = &mut self.workspace;
-        workspace.place(motion.q);
+        checks::formulation(motion, input, out, &workspace.model);
+        workspace.set_positions_from(motion.q);
         workspace.bodies[0].twist = motion.V_WB_B;
-        workspace.spread_motion(motion.qd);
-        workspace.solve(model, motion.q, motion.qd, input, &mut out.qdd);
+        workspace.propagate_motion(motion.qd);
+        workspace.solve(motion.q, motion.qd, input, &mut out.qdd);
         workspace.set_accelerations(&out.qdd);
         out.A_WB_B = workspace.bodies[0].acceleration;
     }
 }
 
 impl Workspace {
-    /// Reduced inertia `Ĥ` (n × n): inertia that the joints feel when the base is free.
+    /// Reduced inertia `Ĥ` (n × n): joint-space inertia with a free base.
     /// Masutani 1995 eq. (4.48); `H_q` of eq. (4.46) by composite bodies.
     pub fn reduced_inertia(&mut self) -> &DMatrix<f64> {
         self.set_reduced_inertia();
@@ -66,7 +61,7 @@ impl Workspace {
                 let (H_M, J_C) = (Vector3::from(other.H_M.0), Vector3::from(other.J_C.0));
                 *entry = H_M.dot(&answer) - J_C.dot(&force);
             }
-            // What joint j's subtree takes of each joint that carries it.
+            // Effort that the motion of joint j's subtree demands of each joint that supports it.
             let mut i = j;
             loop {
                 let taken = self.axis(i).effort(&Wrench { torque, force });
@@ -83,8 +78,8 @@ impl Workspace {
 
     /// Kinetic energy \[J\] as the sum over bodies of Masutani 1995 eq. (4.44), from their twists
     /// (needs [`Workspace::set_motion`]).
-    pub fn kinetic_energy(&self, model: &Model) -> f64 {
-        let bodies = model.bodies().iter().enumerate();
+    pub fn kinetic_energy(&self) -> f64 {
+        let bodies = self.model.bodies().iter().enumerate();
         let twice: f64 = bodies
             .map(|(b, body)| {
                 let (X_0B, inertia) = (self.X_0B(b), &body.inertia);

@@ -1,4 +1,4 @@
-//! What is needed to know where the robot goes next.
+//! State of a free-floating robot.
 
 use nalgebra::{DVector, Translation3, UnitQuaternion, Vector3};
 
@@ -26,7 +26,7 @@ impl Momentum {
     }
 }
 
-/// State of a free-floating robot. Small, owned by the caller, meaningful without a [`Workspace`].
+/// State of a free-floating robot. Small, owned by the caller, independent of a [`Workspace`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct State {
     /// Time \[s\].
@@ -41,8 +41,8 @@ pub struct State {
     pub q: DVector<f64>,
     /// Joint rates \[rad/s or m/s\].
     pub qd: DVector<f64>,
-    /// Work done on the system since the start by joint efforts, springs, damping and external wrenches
-    /// \[J\]: kinetic energy minus this is constant.
+    /// Work done on the system since the start by joint efforts, springs, dampers and external wrenches
+    /// \[J\]. Kinetic energy minus work is constant.
     pub work: f64,
 }
 
@@ -53,6 +53,9 @@ impl State {
     }
 
     /// At rest at joint positions `q`, the base frame at the world's origin with its axes.
+    ///
+    /// # Panics
+    /// If `q` does not have one element per joint.
     pub fn at_rest_with(model: &Model, q: &DVector<f64>) -> Self {
         let mut state = Self {
             time: 0.0,
@@ -64,21 +67,23 @@ impl State {
             work: 0.0,
         };
         let mut workspace = Workspace::new(model);
-        workspace.set_positions(model, &state.q);
+        workspace.set_positions(&state.q);
         state.p_WC = *workspace.p_BC();
         state
     }
 
     /// Moves the robot so that its base has the pose `X_WB` and the twist `V_WB_B` (of the base
-    /// frame's origin, components in B), joints and their rates as they are; momentum follows.
+    /// frame's origin, components in B). Joint positions and rates stay; centre of mass and momentum follow.
+    ///
+    /// # Panics
+    /// If the state does not fit the robot of `workspace`.
     pub fn set_base(
         &mut self,
-        model: &Model,
         workspace: &mut Workspace,
         X_WB: &nalgebra::Isometry3<f64>,
         V_WB_B: &Twist,
     ) {
-        workspace.set_positions(model, &self.q);
+        workspace.set_positions(&self.q);
         self.R_WB = X_WB.rotation;
         self.p_WC = X_WB * nalgebra::Point3::from(*workspace.p_BC()) - nalgebra::Point3::origin();
         let momentum_B = workspace.momentum_of(V_WB_B, &self.qd);
@@ -97,7 +102,10 @@ impl State {
         )
     }
 
-    /// Takes over `other`'s values without allocating; both must be of the same model.
+    /// Copies `other`'s values without allocating.
+    ///
+    /// # Panics
+    /// If the two do not have the same number of joints.
     pub fn copy_from(&mut self, other: &Self) {
         self.time = other.time;
         self.R_WB = other.R_WB;
@@ -108,7 +116,7 @@ impl State {
         self.work = other.work;
     }
 
-    /// Whether every number in the state is finite.
+    /// Whether all numbers of the state are finite.
     pub fn is_finite(&self) -> bool {
         let m = &self.momentum_W;
         self.time.is_finite()

@@ -23,9 +23,9 @@ impl Tableau {
     };
 
     /// The method of order 4 of S. Gill (A process for the step-by-step integration of differential equations in
-    /// an automatic digital computing machine, Proc. Cambridge Phil. Soc. 47, 1951, pp. 96-108). Its arrangement
-    /// for few registers is history; its truncation error is not that of [`Tableau::RK4`], which shows
-    /// where a published table was made with it.
+    /// an automatic digital computing machine, Proc. Cambridge Phil. Soc. 47, 1951, pp. 96-108). Its truncation
+    /// error differs from that of [`Tableau::RK4`], which matters when a published table that was made with it is
+    /// repeated.
     pub const RK_GILL: Self = Self {
         a: &[
             &[],
@@ -157,6 +157,12 @@ impl Tableau {
             1.0,
         ],
     };
+
+    /// Weights that lead from the stages up to `i` to the next stage, or to the end of the step.
+    #[inline(always)]
+    pub(super) fn weights_after(&self, i: usize) -> &'static [f64] {
+        self.a.get(i + 1).copied().unwrap_or(self.b)
+    }
 }
 
 #[cfg(test)]
@@ -186,7 +192,8 @@ mod tests {
             }
         }
     }
-    /// The conditions of order 3 and 4 that name `a`: a wrong digit in a row that still sums to its node
+
+    /// The conditions of order 3 and 4 that contain `a`: a wrong digit in a row that still sums to its node
     /// breaks one of them.
     #[test]
     fn stage_coefficients_have_the_order() {
@@ -195,16 +202,16 @@ mod tests {
                 let product = |row: &&[f64]| row.iter().zip(x).map(|(a, x)| a * x).sum();
                 tableau.a.iter().map(product).collect()
             };
-            let weighed = |x: &[f64]| -> f64 { tableau.b.iter().zip(x).map(|(b, x)| b * x).sum() };
+            let weighted = |x: &[f64]| -> f64 { tableau.b.iter().zip(x).map(|(b, x)| b * x).sum() };
             let c = tableau.c;
             let squared: Vec<f64> = c.iter().map(|c| c * c).collect();
             let ac = times_a(c);
             let c_ac: Vec<f64> = c.iter().zip(&ac).map(|(c, x)| c * x).collect();
             let conditions = [
-                (weighed(&ac), 6.0),
-                (weighed(&c_ac), 8.0),
-                (weighed(&times_a(&squared)), 12.0),
-                (weighed(&times_a(&ac)), 24.0),
+                (weighted(&ac), 6.0),
+                (weighted(&c_ac), 8.0),
+                (weighted(&times_a(&squared)), 12.0),
+                (weighted(&times_a(&ac)), 24.0),
             ];
             for (sum, denominator) in conditions {
                 assert!(

@@ -7,13 +7,13 @@ use super::{Formulation, Input, TreeAcceleration, TreeMotion};
 use crate::model::Model;
 use crate::spatial::Twist;
 
-/// How the state that TR-942 integrates lies in a vector: base position, base attitude as a quaternion
+/// Layout of the state vector that TR-942 integrates: base position, base attitude as a quaternion
 /// `w x y z`, joint positions; then base velocity and angular velocity, joint rates. World axes; the base is its
 /// frame's origin.
 ///
-/// Nothing keeps its momentum or the length of its quaternion but the integrator's accuracy: that is what
-/// [`State`](super::State) is for. This is for formulations that know accelerations only, and for results that
-/// were published with it.
+/// Momentum and the norm of the quaternion are conserved only to the integrator's accuracy; use
+/// [`State`](super::State) unless you test a formulation that computes accelerations only, or repeat results that were
+/// published with this state.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct VectorState {
     n: usize,
@@ -68,7 +68,7 @@ impl VectorState {
         x
     }
 
-    /// The motion that `x` is. Its attitude is the quaternion's direction.
+    /// The motion that `x` describes; the quaternion is normalised.
     pub fn motion(self, x: &[f64]) -> TreeMotion<'_> {
         let R_WB = UnitQuaternion::new_normalize(self.quaternion_of(x));
         TreeMotion {
@@ -82,10 +82,9 @@ impl VectorState {
         }
     }
 
-    /// The rate of change of `x` under `input`, by `formulation`; `scratch` takes its answer.
+    /// Writes the rate of change of `x` under `input`, by `formulation`; `scratch` receives the accelerations.
     pub fn rate(
         self,
-        model: &Model,
         formulation: &mut impl Formulation,
         input: &Input,
         x: &[f64],
@@ -93,7 +92,7 @@ impl VectorState {
         rate: &mut [f64],
     ) {
         let motion = self.motion(x);
-        formulation.accelerations(model, &motion, input, scratch);
+        formulation.accelerations(&motion, input, scratch);
         let spin = Quaternion::from_imag(vector(x, self.angular_velocity()));
         let turning = spin * self.quaternion_of(x) * 0.5;
         rate[self.position()].copy_from_slice(&x[self.velocity()]);

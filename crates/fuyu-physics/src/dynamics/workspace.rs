@@ -1,28 +1,33 @@
-//! Scratch memory for one model, and the kinematics that everything else reads.
+//! Kinematics of one robot at one state, and its preallocated memory.
+
+use std::sync::Arc;
 
 use nalgebra::{DMatrix, DVector, Matrix3, Rotation3, Translation3, Vector3};
 use pulp::{Arch, Simd, WithSimd};
 
-use super::State;
 use super::axis::Axis;
 use super::kernel::{JointKinematics, MomentumColumn, Tree};
+use super::{State, checks};
 use crate::model::{Frame, Model};
 use crate::spatial::{Pose, Symmetric3, Twist, Wrench};
 
-/// Preallocated scratch for one [`Model`]. Fill it with [`Workspace::set_positions`] (and
-/// [`Workspace::set_motion`]), then read. Components are in base axes unless a name says otherwise.
+/// Kinematics and dynamics terms of one robot, in preallocated memory. Fill it with
+/// [`Workspace::set_positions`] and [`Workspace::set_motion`], then read. Components are in base axes unless a
+/// name says otherwise.
 ///
-/// Inside, each body's twist and force are about the origin of its kernel frame ([`super::kernel`]), in
-/// base axes: going from body to body then costs a cross product instead of two rotations, and no digits
-/// are lost to a distant point of reference.
+/// Methods panic if a vector or [`Frame`] does not fit the robot; the message names the argument.
+// Each body's twist and force are about the origin of its kernel frame (`super::kernel`), in base axes: going from
+// body to body then costs a cross product instead of two rotations, and no digits are lost to a distant point of
+// reference.
 #[derive(Debug, Clone)]
 pub struct Workspace {
-    /// What the processor can do.
+    /// Instruction set of the processor.
     pub(super) arch: Arch,
-    pub(super) tree: Tree,
-    /// What positions imply for the joints and the bodies that they move.
+    pub(super) model: Model,
+    pub(super) tree: Arc<Tree>,
+    /// Position-dependent terms of the joints and the bodies that they move.
     pub(super) joints: JointKinematics,
-    /// What motion implies, one per body.
+    /// SpatialMotion-dependent terms, one per body.
     pub(super) bodies: Vec<BodyTerms>,
     /// System centre of mass in the base frame, `r_C` of eq. (4.11) from the base frame's origin \[m\].
     pub(super) p_BC: Vector3<f64>,
@@ -40,7 +45,7 @@ pub struct Workspace {
     pub(super) reduced: DMatrix<f64>,
 }
 
-/// What is known of a moving body.
+/// SpatialMotion-dependent terms of a body.
 #[derive(Debug, Clone, Default)]
 pub(super) struct BodyTerms {
     pub(super) twist: Twist,
@@ -49,12 +54,12 @@ pub(super) struct BodyTerms {
     pub(super) bias: Twist,
     /// Acceleration, the linear part that of the origin as a point.
     pub(super) acceleration: Twist,
-    /// Force that moves its subtree with the bias acceleration, external wrenches taken off.
+    /// SpatialForce that gives its subtree the bias acceleration, less the external wrenches.
     pub(super) force: Wrench,
 }
 
-/// What positions imply, for `pulp` to compile.
-struct Placement<'a> {
+/// Update of the position-dependent terms; `pulp` compiles it for every instruction set.
+struct PositionUpdate<'a> {
     tree: &'a Tree,
     joints: &'a mut JointKinematics,
     q: &'a [f64],
@@ -63,26 +68,27 @@ struct Placement<'a> {
     H_B_inverse: &'a mut Symmetric3,
 }
 
-impl WithSimd for Placement<'_> {
+impl WithSimd for PositionUpdate<'_> {
     type Output = ();
     #[inline(always)]
     fn with_simd<S: Simd>(self, simd: S) {
         let system = self.joints.set_positions(simd, self.tree, self.q);
         *self.p_BC = system.p_BC.0.into();
         *self.H_B = system.H_B.into();
-        // Bodies are positive definite, so only a position that is not finite can make this fail, and
-        // that shows in every result.
+        // Composite inertias are positive definite, so the inverse exists unless a position is not finite, and
+        // then every result is NaN.
         *self.H_B_inverse = system.H_B_inverse.into();
     }
 }
 
 impl Workspace {
-    /// Scratch for `model`; the only place where memory is taken.
+    /// A workspace for `model`, at joint positions zero. Allocates; no other method does.
     pub fn new(model: &Model) -> Self {
         let n = model.dof();
-        let tree = Tree::new(model);
+        let tree = Tree::shared(model);
         let mut workspace = Self {
             arch: Arch::new(),
+            model: model.clone(),
             joints: JointKinematics::new(&tree),
             tree,
             bodies: vec![BodyTerms::default(); n + 1],
@@ -99,24 +105,30 @@ impl Workspace {
         workspace
     }
 
+    /// The robot.
+    pub fn model(&self) -> &Model {
+        &self.model
+    }
+
     /// Computes everything that depends on joint positions `q` alone: body poses, composite inertias,
-    /// centre of mass, momentum map. Costs nothing when the workspace stands at `q` already.
+    /// centre of mass, momentum map. Returns at once if `q` has not changed since the last call.
     ///
     /// # Panics
     /// If `q` does not have one element per joint.
-    pub fn set_positions(&mut self, _model: &Model, q: &DVector<f64>) {
-        self.place(q.as_slice());
+    pub fn set_positions(&mut self, q: &DVector<f64>) {
+        self.set_positions_from(q.as_slice());
     }
 
     /// [`Workspace::set_positions`] from a slice.
-    pub(super) fn place(&mut self, q: &[f64]) {
+    pub(super) fn set_positions_from(&mut self, q: &[f64]) {
+        checks::joint_vector("q", q.len(), &self.model);
         if self.joints.q() != q {
             self.move_to(q);
         }
     }
 
     fn move_to(&mut self, q: &[f64]) {
-        self.arch.dispatch(Placement {
+        self.arch.dispatch(PositionUpdate {
             tree: &self.tree,
             joints: &mut self.joints,
             q,
@@ -126,14 +138,17 @@ impl Workspace {
         });
     }
 
-    /// Adds what depends on motion: the twist of every body, for joint rates and momentum of `state`.
-    /// Positions must be set for the same state.
+    /// Computes the twist of every body from joint rates and momentum of `state`, whose positions must be set.
+    ///
+    /// # Panics
+    /// If `state.qd` does not have one element per joint.
     pub fn set_motion(&mut self, state: &State) {
+        checks::joint_vector("state.qd", state.qd.len(), &self.model);
         self.set_base_motion(state);
-        self.spread_motion(state.qd.as_slice());
+        self.propagate_motion(state.qd.as_slice());
     }
 
-    /// [`Workspace::set_motion`] of the base alone.
+    /// [`Workspace::set_motion`] for the base alone.
     pub(super) fn set_base_motion(&mut self, state: &State) {
         let momentum_B = state.momentum_W.expressed_in(&state.R_WB);
         self.v_WC = momentum_B.linear / self.mass;
@@ -141,7 +156,7 @@ impl Workspace {
     }
 
     /// Twists and bias accelerations of all bodies from the base's twist and the joint rates.
-    pub(super) fn spread_motion(&mut self, qd: &[f64]) {
+    pub(super) fn propagate_motion(&mut self, qd: &[f64]) {
         for (j, (joint, &rate)) in self.tree.joints.iter().zip(qd).enumerate() {
             let (earlier, rest) = self.bodies.split_at_mut(j + 1);
             let (parent, body) = (&earlier[joint.parent], &mut rest[0]);
@@ -215,19 +230,22 @@ impl Workspace {
 
     /// `frame`'s origin from that of its body's kernel frame.
     pub(super) fn p_KF(&self, frame: &Frame) -> Vector3<f64> {
+        checks::frame(frame, &self.model);
         self.R_BK(frame.body) * self.tree.p_KF(frame)
     }
 
     /// Pose of `frame` in the base frame.
     pub fn X_BF(&self, frame: &Frame) -> Pose {
+        checks::frame(frame, &self.model);
         self.X_0K(frame.body) * (self.tree.bodies[frame.body].X_KB * frame.X_BF)
     }
 
     /// Twist of `frame`'s origin in the world, components in the base's axes
     /// (needs [`Workspace::set_motion`]).
     pub fn V_WF_B(&self, frame: &Frame) -> Twist {
+        let p_KF = self.p_KF(frame);
         let Twist { angular, linear } = self.bodies[frame.body].twist;
-        Twist::new(angular, linear + angular.cross(&self.p_KF(frame)))
+        Twist::new(angular, linear + angular.cross(&p_KF))
     }
 
     /// Twist of the base frame in the world, components in the base's axes

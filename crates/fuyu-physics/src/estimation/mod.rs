@@ -20,7 +20,7 @@ mod method;
 mod motion;
 mod motion_tracker;
 mod tracks;
-pub mod two_view;
+mod two_view;
 
 pub use crate::vision::{Feature, FeatureFrame};
 pub use error::EstimateError;
@@ -29,3 +29,4 @@ pub use method::{Estimated, EstimationMethod, MethodError, estimate, from_rates}
 pub use motion::{MotionEstimate, MotionModel};
 pub use motion_tracker::{BatchSolution, MIN_KNOWN_POINTS, MotionSource, MotionTracker, TrackLoss};
 pub use tracks::{Tracks, TracksError};
+pub use two_view::TwoViewError;

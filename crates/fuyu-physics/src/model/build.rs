@@ -2,14 +2,15 @@
 
 use nalgebra::{Unit, Vector3};
 
+use super::tree::Parts;
 use super::{Body, Frame, Joint, JointKind, JointLimits, Model, Spring};
 use crate::spatial::{Pose, RigidInertia, SpatialInertia};
 
 /// Builds a tree body by body, depth first: a body's parent is the body added last or one of that body's ancestors.
 ///
 /// ```
-/// use fuyu::model::{JointKind, ModelBuilder};
-/// use fuyu::spatial::{Pose, RigidInertia};
+/// use fuyu_physics::model::{JointKind, ModelBuilder};
+/// use fuyu_physics::spatial::{Pose, RigidInertia};
 /// use nalgebra::{Matrix3, Vector3};
 ///
 /// let ball = RigidInertia { mass: 1.0, com: Vector3::zeros(), about_com: Matrix3::identity() };
@@ -19,19 +20,19 @@ use crate::spatial::{Pose, RigidInertia, SpatialInertia};
 /// assert_eq!(model.dof(), 1);
 /// ```
 pub struct ModelBuilder {
-    model: Model,
+    parts: Parts,
 }
 
 impl ModelBuilder {
     /// Starts with the base.
     pub fn new(name: &str, base: &str, inertia: RigidInertia) -> Self {
-        let model = Model {
+        let parts = Parts {
             name: name.to_owned(),
             bodies: Vec::new(),
             joints: Vec::new(),
             frames: Vec::new(),
         };
-        let mut builder = Self { model };
+        let mut builder = Self { parts };
         builder.push_body(base, None, None, inertia);
         builder
     }
@@ -43,8 +44,8 @@ impl ModelBuilder {
         parent_link: Option<&str>,
         inertia: RigidInertia,
     ) -> usize {
-        let index = self.model.bodies.len();
-        self.model.bodies.push(Body {
+        let index = self.parts.bodies.len();
+        self.parts.bodies.push(Body {
             name: name.to_owned(),
             parent,
             subtree_end: index + 1,
@@ -94,7 +95,7 @@ impl ModelBuilder {
         joint: Joint,
         inertia: RigidInertia,
     ) -> usize {
-        let parent_link = self.model.bodies[parent].name.clone();
+        let parent_link = self.parts.bodies[parent].name.clone();
         self.joint_on_link(name, parent, &parent_link, joint, inertia)
     }
 
@@ -107,25 +108,25 @@ impl ModelBuilder {
         joint: Joint,
         inertia: RigidInertia,
     ) -> usize {
-        let last = self.model.bodies.len() - 1;
-        let mut ancestors = std::iter::successors(Some(last), |&b| self.model.bodies[b].parent);
+        let last = self.parts.bodies.len() - 1;
+        let mut ancestors = std::iter::successors(Some(last), |&b| self.parts.bodies[b].parent);
         assert!(
             ancestors.any(|b| b == parent),
             "bodies must be added depth first: {parent} is no ancestor of {last}"
         );
-        self.model.joints.push(joint);
+        self.parts.joints.push(joint);
         let index = self.push_body(name, Some(parent), Some(parent_link), inertia);
         let mut above = Some(parent);
         while let Some(b) = above {
-            self.model.bodies[b].subtree_end = index + 1;
-            above = self.model.bodies[b].parent;
+            self.parts.bodies[b].subtree_end = index + 1;
+            above = self.parts.bodies[b].parent;
         }
         index
     }
 
     /// Adds a named frame, fixed to body `body` with pose `X_BF`; `parent` is the name of its parent link.
     pub fn frame(&mut self, name: &str, body: usize, parent: Option<String>, X_BF: Pose) {
-        self.model.frames.push(Frame {
+        self.parts.frames.push(Frame {
             name: name.to_owned(),
             body,
             parent,
@@ -135,13 +136,13 @@ impl ModelBuilder {
 
     /// Welds `inertia` (in body `body`'s frame) to body `body`.
     pub fn weld(&mut self, body: usize, inertia: &RigidInertia) {
-        let b = &mut self.model.bodies[body];
+        let b = &mut self.parts.bodies[body];
         b.inertia = b.inertia.merged_with(inertia);
         b.spatial_inertia = SpatialInertia::from(&b.inertia);
     }
 
     /// The finished model.
     pub fn build(self) -> Model {
-        self.model
+        self.parts.into()
     }
 }

@@ -1,5 +1,8 @@
 //! The compiled model: bodies, joints, frames.
 
+use std::any::Any;
+use std::sync::{Arc, OnceLock};
+
 use nalgebra::{Unit, Vector3};
 
 use crate::spatial::{Pose, RigidInertia, SpatialInertia};
@@ -112,60 +115,110 @@ pub struct Frame {
     pub X_BF: Pose,
 }
 
-/// An immutable robot: a tree of rigid bodies on a free-floating base.
-#[derive(Debug, Clone, PartialEq)]
+/// An immutable robot: a tree of rigid bodies on a free-floating base. Clones share one copy, so cloning is
+/// cheap.
+#[derive(Debug, Clone)]
 pub struct Model {
+    shared: Arc<Shared>,
+}
+
+#[derive(Debug)]
+struct Shared {
+    parts: Parts,
+    /// See [`Model::compiled`].
+    compiled: OnceLock<Arc<dyn Any + Send + Sync>>,
+}
+
+/// What a robot consists of.
+#[derive(Debug, PartialEq)]
+pub(super) struct Parts {
     pub(super) name: String,
     pub(super) bodies: Vec<Body>,
     pub(super) joints: Vec<Joint>,
     pub(super) frames: Vec<Frame>,
 }
 
+impl PartialEq for Model {
+    fn eq(&self, other: &Self) -> bool {
+        Arc::ptr_eq(&self.shared, &other.shared) || self.shared.parts == other.shared.parts
+    }
+}
+
+impl From<Parts> for Model {
+    fn from(parts: Parts) -> Self {
+        let compiled = OnceLock::new();
+        Self {
+            shared: Arc::new(Shared { parts, compiled }),
+        }
+    }
+}
+
 impl Model {
+    /// The form into which a higher layer compiles the model: computed at the first call, then shared by all
+    /// clones.
+    ///
+    /// # Panics
+    /// If two layers ask for different types.
+    pub(crate) fn compiled<T: Any + Send + Sync>(
+        &self,
+        compile: impl FnOnce(&Self) -> T,
+    ) -> Arc<T> {
+        let compiled = (self.shared.compiled).get_or_init(|| Arc::new(compile(self)));
+        let Ok(compiled) = Arc::clone(compiled).downcast() else {
+            panic!("a model has one compiled form");
+        };
+        compiled
+    }
+
     /// The robot's name.
     pub fn name(&self) -> &str {
-        &self.name
+        &self.shared.parts.name
     }
 
     /// Number of moving joints `n`.
     pub fn dof(&self) -> usize {
-        self.joints.len()
+        self.shared.parts.joints.len()
     }
 
     /// All bodies, base first; body `j + 1` is moved by joint `j`.
     pub fn bodies(&self) -> &[Body] {
-        &self.bodies
+        &self.shared.parts.bodies
     }
 
     /// All moving joints in order; the order of every joint vector.
     pub fn joints(&self) -> &[Joint] {
-        &self.joints
+        &self.shared.parts.joints
     }
 
     /// All named frames, one per link of the description.
     pub fn frames(&self) -> &[Frame] {
-        &self.frames
+        &self.shared.parts.frames
     }
 
     /// The frame of the link called `name`.
     pub fn frame(&self, name: &str) -> Option<&Frame> {
-        self.frames.iter().find(|f| f.name == name)
+        self.shared.parts.frames.iter().find(|f| f.name == name)
     }
 
     /// Position of the joint called `name` in every joint vector.
     pub fn joint_index(&self, name: &str) -> Option<usize> {
-        self.joints.iter().position(|j| j.name == name)
+        self.shared.parts.joints.iter().position(|j| j.name == name)
     }
 
     /// The parent body of the body that joint `j` moves.
     pub fn joint_parent(&self, j: usize) -> usize {
-        self.bodies[j + 1]
+        self.shared.parts.bodies[j + 1]
             .parent
             .expect("only the base has no parent")
     }
 
     /// Mass of all bodies together, `m_C` of Masutani 1995 eq. (4.9) \[kg\].
     pub fn total_mass(&self) -> f64 {
-        self.bodies.iter().map(|b| b.inertia.mass).sum()
+        self.shared
+            .parts
+            .bodies
+            .iter()
+            .map(|b| b.inertia.mass)
+            .sum()
     }
 }

@@ -35,9 +35,9 @@ mod symmetric;
 mod vector;
 
 pub use inertia::{InertiaError, RigidInertia, SpatialInertia};
+pub(crate) use rotation::rotation_vector_rate;
 pub use rotation::{
-    exp_so3, roll_pitch_yaw_intrinsic, rotation_from_roll_pitch_yaw_intrinsic,
-    rotation_vector_rate, unwound,
+    exp_so3, roll_pitch_yaw_intrinsic, rotation_from_roll_pitch_yaw_intrinsic, unwound,
 };
 pub use symmetric::Symmetric3;
 pub use vector::{Twist, Wrench};

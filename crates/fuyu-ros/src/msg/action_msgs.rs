@@ -2,7 +2,7 @@
 
 use super::{builtin_interfaces::Time, unique_identifier_msgs::UUID};
 
-super::declare::messages! {
+crate::messages! {
     package action_msgs;
 
     /// Which goal, and when it was accepted.
@@ -48,7 +48,7 @@ super::declare::messages! {
 pub mod services {
     use super::*;
 
-    super::super::declare::services! {
+    crate::services! {
         package action_msgs;
 
         /// Cancels goals: the one with this identity, those accepted up to a time, or all.

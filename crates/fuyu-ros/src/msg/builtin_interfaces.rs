@@ -1,6 +1,6 @@
 //! ROS package [`builtin_interfaces`](https://docs.ros.org/en/jazzy/p/builtin_interfaces/).
 
-super::declare::messages! {
+crate::messages! {
     package builtin_interfaces;
 
     /// A point in time, since the epoch of its clock.

@@ -1,5 +1,4 @@
-//! Messages as ROS 2 puts them on the wire and into bags: a four-byte encapsulation header, then plain
-//! CDR (XCDR1).
+//! Serialization as in ROS 2 and in bags: a four-byte encapsulation header, then plain CDR (XCDR1).
 
 use byteorder::{BigEndian, LittleEndian};
 use serde::de::DeserializeOwned;
@@ -9,18 +8,18 @@ use super::Interface;
 /// Encapsulation header of little-endian plain CDR.
 pub const LITTLE_ENDIAN: [u8; 4] = [0, 1, 0, 0];
 
-/// Bytes that are not the message they are said to be.
+/// Bytes that are not a message of the expected type.
 #[derive(Debug, thiserror::Error)]
 pub enum CdrError {
     /// Too short for a header, or a representation other than plain CDR.
-    #[error("not plain CDR: it starts with {0:02x?} where 00 00 or 00 01 should stand")]
+    #[error("not plain CDR: it starts with {0:02x?}, expected 00 00 or 00 01")]
     Encapsulation(Vec<u8>),
     /// Does not decode.
     #[error("not a {type_name}: {source}")]
     Body {
         /// ROS type that was expected.
         type_name: String,
-        /// What the decoder met.
+        /// Error of the decoder.
         source: cdr_encoding::Error,
     },
 }

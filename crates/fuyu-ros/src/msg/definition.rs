@@ -1,4 +1,4 @@
-//! The ROS definition of a message: its `.msg` text and the schema that bags carry.
+//! ROS definition of a message: its `.msg` text and the schema that bags carry.
 
 use std::fmt::Write as _;
 
@@ -159,7 +159,8 @@ fn separate(out: &mut String) {
 }
 
 /// A Rust field name as ROS writes it: `r#type` is `type`.
-pub(super) const fn ros_name(rust: &'static str) -> &'static str {
+#[doc(hidden)]
+pub const fn ros_name(rust: &'static str) -> &'static str {
     match rust.as_bytes() {
         [b'r', b'#', ..] => rust.split_at(2).1,
         _ => rust,

@@ -3,7 +3,7 @@
 use super::Byte;
 use super::std_msgs::Header;
 
-super::declare::messages! {
+crate::messages! {
     package diagnostic_msgs;
 
     /// A named value.

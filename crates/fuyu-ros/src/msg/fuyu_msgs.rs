@@ -1,10 +1,10 @@
-//! fuyu's own ROS package: what the packages of ROS have no message for. The `.msg` files in `msg/`
-//! are the text of these declarations.
+//! Messages of the space robot nodes of fuyu, for which the packages of ROS have none. The `.msg` files in `msg/` of that
+//! package are the text of these declarations.
 
 use super::geometry_msgs::{Quaternion, Vector3};
 use super::std_msgs::Header;
 
-super::declare::messages! {
+crate::messages! {
     package fuyu_msgs;
 
     /// Momentum and kinetic energy of a free-floating robot as a whole.

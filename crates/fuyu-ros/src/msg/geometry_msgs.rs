@@ -2,7 +2,7 @@
 
 use super::std_msgs::Header;
 
-super::declare::messages! {
+crate::messages! {
     package geometry_msgs;
 
     /// A free vector.

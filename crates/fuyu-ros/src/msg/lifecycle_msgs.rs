@@ -1,6 +1,6 @@
 //! ROS package [`lifecycle_msgs`](https://docs.ros.org/en/jazzy/p/lifecycle_msgs/): managed nodes.
 
-super::declare::messages! {
+crate::messages! {
     package lifecycle_msgs;
 
     /// A state of a managed node.
@@ -132,7 +132,7 @@ super::declare::messages! {
 pub mod services {
     use super::*;
 
-    super::super::declare::services! {
+    crate::services! {
         package lifecycle_msgs;
 
         /// Asks for a transition, by number or, if that is zero, by label.

@@ -1,19 +1,19 @@
-//! ROS 2 messages: one declaration of a type gives its Rust struct, its `.msg` text, the schema a bag
-//! needs, its RIHS01 hash and its CDR bytes.
+//! ROS 2 messages: from one declaration follow the Rust struct, the `.msg` text, the schema in a bag, the RIHS01 type hash
+//! and the serialization (CDR).
 //!
 //! Each ROS package is a module of its own. [`Interface`] is what every message implements;
-//! [`find`] looks a definition up by its ROS type name, for raw bytes of which only the name is known.
+//! [`find`] returns a definition by its ROS type name. Own messages are declared with [`messages!`](crate::messages).
 //!
 //! ```
-//! use fuyu::msg::{Interface, sensor_msgs::JointState};
+//! use fuyu_ros::msg::{Interface, sensor_msgs::JointState};
 //!
 //! assert_eq!(JointState::DEFINITION.type_name(), "sensor_msgs/msg/JointState");
 //! assert!(JointState::DEFINITION.type_hash().starts_with("RIHS01_a13ee3a3"));
 //! ```
 
-mod declare;
 mod definition;
-mod field;
+mod interface;
+mod macros;
 mod type_hash;
 
 pub mod cdr;
@@ -38,10 +38,12 @@ pub mod tf2_msgs;
 pub mod unique_identifier_msgs;
 pub mod visualization_msgs;
 
+#[doc(hidden)]
+pub use definition::ros_name;
 pub use definition::{Constant, Definition, FieldDefinition, Kind};
-pub use field::{Action, Base, Bounded, Byte, Field, FieldType, Interface, Service, Shape};
+pub use interface::{Action, Base, Bounded, Byte, Field, FieldType, Interface, Service, Shape};
 
-/// Every message type that fuyu knows, package by package.
+/// All message types of this module, package by package.
 pub fn definitions() -> impl Iterator<Item = &'static Definition> {
     [
         action_msgs::DEFINITIONS,
@@ -65,7 +67,7 @@ pub fn definitions() -> impl Iterator<Item = &'static Definition> {
     .copied()
 }
 
-/// Requests and responses of every service, and all parts of every action, that fuyu knows.
+/// Requests and responses of all services and all parts of all actions of this module.
 pub fn service_definitions() -> impl Iterator<Item = &'static Definition> {
     [
         action_msgs::services::DEFINITIONS,
@@ -81,7 +83,7 @@ pub fn service_definitions() -> impl Iterator<Item = &'static Definition> {
     .copied()
 }
 
-/// The definition of the message type `type_name` (`"pkg/msg/Name"`), if fuyu knows it.
+/// The definition of the message type `type_name` (`"pkg/msg/Name"`), if it is declared in this module.
 pub fn find(type_name: &str) -> Option<&'static Definition> {
     let mut parts = type_name.split('/');
     let (package, kind, name) = (parts.next()?, parts.next()?, parts.next()?);

@@ -3,7 +3,7 @@
 use super::geometry_msgs::{PoseStamped, PoseWithCovariance, TwistWithCovariance};
 use super::std_msgs::Header;
 
-super::declare::messages! {
+crate::messages! {
     package nav_msgs;
 
     /// Pose of a body in `header.frame_id`, and its twist in its own frame `child_frame_id`.

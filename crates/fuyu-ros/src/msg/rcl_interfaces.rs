@@ -3,7 +3,7 @@
 use super::builtin_interfaces::Time;
 use super::{Bounded, Byte};
 
-super::declare::messages! {
+crate::messages! {
     package rcl_interfaces;
 
     /// Numbers of the parameter types.
@@ -201,7 +201,7 @@ super::declare::messages! {
 pub mod services {
     use super::*;
 
-    super::super::declare::services! {
+    crate::services! {
         package rcl_interfaces;
 
         /// What parameters are for and what they accept.

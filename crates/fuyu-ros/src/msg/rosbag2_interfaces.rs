@@ -1,7 +1,7 @@
 //! ROS package [`rosbag2_interfaces`](https://docs.ros.org/en/jazzy/p/rosbag2_interfaces/), as of Jazzy:
 //! the services by which a recorder is told what to do.
 
-super::declare::services! {
+crate::services! {
     package rosbag2_interfaces;
 
     /// A recording is to begin.

@@ -2,7 +2,7 @@
 
 use super::builtin_interfaces::Time;
 
-super::declare::messages! {
+crate::messages! {
     package rosgraph_msgs;
 
     /// Simulated time, as `/clock` carries it.

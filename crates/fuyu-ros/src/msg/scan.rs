@@ -1,9 +1,9 @@
-//! Looks through a message of which only the definition is known: its stamp, and numbers that are none.
+//! Scan of a serialized message with a known definition: its header stamp, and numbers that are not finite.
 
 use super::builtin_interfaces::Time;
 use super::{Base, Definition, Shape};
 
-/// What stands in the CDR bytes of a message.
+/// Result of a scan.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Scan {
     /// Stamp of its header, if it has one.
@@ -12,7 +12,7 @@ pub struct Scan {
     pub not_finite: Option<String>,
 }
 
-/// Bytes that are not a message of the definition.
+/// Bytes that are not a message of the expected type.
 #[derive(Debug, Clone, Copy, PartialEq, Eq, thiserror::Error)]
 #[error("the bytes end early or are not plain CDR")]
 pub struct Malformed;
@@ -194,7 +194,7 @@ mod tests {
     }
 
     #[test]
-    fn numbers_that_are_none_are_named() {
+    fn numbers_that_are_not_finite_are_named() {
         let mut joints = sensor_msgs::JointState {
             name: vec!["a".into()],
             velocity: vec![0.0, f64::NAN],

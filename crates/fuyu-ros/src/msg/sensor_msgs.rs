@@ -3,7 +3,7 @@
 use super::geometry_msgs::{Quaternion, Vector3};
 use super::std_msgs::Header;
 
-super::declare::messages! {
+crate::messages! {
     package sensor_msgs;
 
     /// State of joints, by name; a list that does not apply is empty.

@@ -2,7 +2,7 @@
 
 use super::builtin_interfaces::Time;
 
-super::declare::messages! {
+crate::messages! {
     package std_msgs;
 
     /// When and in which frame data hold.

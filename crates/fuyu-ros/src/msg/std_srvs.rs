@@ -1,6 +1,6 @@
 //! ROS package [`std_srvs`](https://docs.ros.org/en/jazzy/p/std_srvs/).
 
-super::declare::services! {
+crate::services! {
     package std_srvs;
 
     /// Something is to be done that needs no answer.

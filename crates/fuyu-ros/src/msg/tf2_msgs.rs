@@ -2,7 +2,7 @@
 
 use super::geometry_msgs::TransformStamped;
 
-super::declare::messages! {
+crate::messages! {
     package tf2_msgs;
 
     /// Transforms, as `/tf` and `/tf_static` carry them.

@@ -1,6 +1,6 @@
 //! ROS package [`unique_identifier_msgs`](https://docs.ros.org/en/jazzy/p/unique_identifier_msgs/).
 
-super::declare::messages! {
+crate::messages! {
     package unique_identifier_msgs;
 
     /// A universally unique identifier, RFC 4122.

@@ -5,7 +5,7 @@ use super::geometry_msgs::{Point, Pose, Vector3};
 use super::sensor_msgs::CompressedImage;
 use super::std_msgs::{ColorRGBA, Header};
 
-super::declare::messages! {
+crate::messages! {
     package visualization_msgs;
 
     /// A place in a texture, as a part of its width and height.

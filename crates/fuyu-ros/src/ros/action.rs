@@ -1,6 +1,6 @@
-//! Actions: goals that take a while, with feedback on the way, an outcome, and a way to cancel them.
+//! Action servers: long-running goals with feedback, a result and cancellation.
 //!
-//! On the wire an action is three services and two topics below `NAME/_action/`, as rcl_action has them.
+//! In the graph an action is three services and two topics below `NAME/_action/`, as in rcl_action.
 
 use std::{
     collections::VecDeque,
@@ -21,10 +21,10 @@ use crate::msg::{
     unique_identifier_msgs::UUID,
 };
 
-/// How long the outcome of a goal can be asked for after its end, as rcl has it.
+/// How long the result of a goal is kept after its end, as in rcl.
 const KEPT: Duration = Duration::from_secs(15 * 60);
-/// Goals that are known at a time; beyond that the oldest that have ended are forgotten, and if none has, no
-/// goal is taken.
+/// Largest number of goals at a time. Beyond it the oldest ended one is discarded; if none has ended, new goals are
+/// rejected.
 const KNOWN: usize = 64;
 
 /// Serves an action until it is dropped. Goals wait in a queue until the program takes them, and wake it.
@@ -68,9 +68,12 @@ impl<A: Action> ActionServer<A> {
             let (shared, events) = (Arc::downgrade(&shared), Arc::clone(&node.core.events));
             node.serve_later::<A::SendGoal>(&below("send_goal"), move |request, reply| {
                 if let Some(shared) = shared.upgrade() {
-                    let (id, goal) = A::goal(request);
+                    let (id, goal) = A::goal_of(request);
                     let stamp = shared.accept(&id, goal);
-                    reply.send(&A::taken(stamp.is_some(), stamp.unwrap_or_default()));
+                    reply.send(&A::goal_response(
+                        stamp.is_some(),
+                        stamp.unwrap_or_default(),
+                    ));
                     events.notify();
                 }
             })?
@@ -88,7 +91,7 @@ impl<A: Action> ActionServer<A> {
             let shared = Arc::downgrade(&shared);
             node.serve_later::<A::GetResult>(&below("get_result"), move |request, reply| {
                 if let Some(shared) = shared.upgrade() {
-                    shared.ask(&A::asked(request), reply);
+                    shared.ask(&A::requested_goal(request), reply);
                 }
             })?
         };
@@ -130,30 +133,30 @@ pub struct Goal<A: Action> {
 }
 
 impl<A: Action> Goal<A> {
-    /// Tells the client how far it is.
+    /// Publishes feedback.
     pub fn feedback(&self, feedback: A::Feedback) {
-        let message = A::told(self.id.clone(), feedback);
+        let message = A::feedback_message(self.id.clone(), feedback);
         self.shared.feedback.publish(&message);
     }
 
-    /// Whether a client wants it cancelled.
+    /// Whether a client has requested its cancellation.
     pub fn is_canceling(&self) -> bool {
         let goals = self.shared.lock();
         let known = goals.iter().find(|k| k.info.goal_id == self.id);
         known.is_some_and(|k| k.status == GoalStatus::STATUS_CANCELING)
     }
 
-    /// It is reached.
+    /// Ends the goal as succeeded.
     pub fn succeed(self, outcome: A::Outcome) {
         self.end(GoalStatus::STATUS_SUCCEEDED, outcome);
     }
 
-    /// It was cancelled, as a client wanted.
+    /// Ends the goal as canceled, after a request of a client.
     pub fn canceled(self, outcome: A::Outcome) {
         self.end(GoalStatus::STATUS_CANCELED, outcome);
     }
 
-    /// It is given up.
+    /// Ends the goal as aborted.
     pub fn abort(self, outcome: A::Outcome) {
         self.end(GoalStatus::STATUS_ABORTED, outcome);
     }
@@ -179,7 +182,7 @@ impl<A: Action> Shared<A> {
         self.goals.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Takes a goal in; gives when, or nothing if it is not taken.
+    /// Adds a goal and returns the time of acceptance, or `None` if the goal is rejected.
     fn accept(&self, id: &UUID, goal: A::Goal) -> Option<crate::msg::builtin_interfaces::Time> {
         let mut goals = self.lock();
         let old = |k: &Known<A>| k.ended.is_some_and(|at| at.elapsed() > KEPT);
@@ -238,13 +241,16 @@ impl<A: Action> Shared<A> {
         }
     }
 
-    /// Answers at once if the goal has ended or is unknown, else when it ends.
+    /// Replies at once if the goal has ended or is unknown, otherwise when it ends.
     fn ask(&self, id: &UUID, reply: Reply<A::GetResult>) {
         let mut goals = self.lock();
         match goals.iter_mut().find(|k| k.info.goal_id == *id) {
-            None => reply.send(&A::ended(GoalStatus::STATUS_UNKNOWN, A::Outcome::default())),
+            None => reply.send(&A::result_response(
+                GoalStatus::STATUS_UNKNOWN,
+                A::Outcome::default(),
+            )),
             Some(known) => match &known.outcome {
-                Some(outcome) => reply.send(&A::ended(known.status, outcome.clone())),
+                Some(outcome) => reply.send(&A::result_response(known.status, outcome.clone())),
                 None => known.asking.push(reply),
             },
         }
@@ -267,7 +273,7 @@ impl<A: Action> Shared<A> {
         known.status = status;
         known.ended = Some(Instant::now());
         for reply in known.asking.drain(..) {
-            reply.send(&A::ended(status, outcome.clone()));
+            reply.send(&A::result_response(status, outcome.clone()));
         }
         known.outcome = Some(outcome);
         self.publish(&goals);

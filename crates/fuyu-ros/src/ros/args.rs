@@ -1,4 +1,4 @@
-//! `--ros-args`: what a ROS user says on the command line of a node.
+//! `--ros-args`: the ROS arguments on the command line of a node.
 
 use std::path::PathBuf;
 

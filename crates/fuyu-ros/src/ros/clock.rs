@@ -1,4 +1,4 @@
-//! The node's clock: the computer's, or `/clock` where `use_sim_time` is set.
+//! The clock of a node: the computer's, or `/clock` if `use_sim_time` is set.
 
 use std::{
     sync::{
@@ -8,7 +8,7 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::{Time, wait::Events};
+use super::{Time, events::Events};
 
 /// The time of a node. Clones show the same time.
 #[derive(Debug, Clone)]
@@ -35,7 +35,7 @@ impl Clock {
         }
     }
 
-    /// The time: of the computer, or the last one that `/clock` told (zero before the first).
+    /// The time: of the computer, or the last one received on `/clock` (zero before the first).
     pub fn now(&self) -> Time {
         if self.is_simulated() {
             Time::from_nanos(self.inner.now.load(Ordering::Acquire))
@@ -65,7 +65,7 @@ impl Clock {
         // No event: the only program that could wait for one is the one that calls this.
     }
 
-    /// Takes in a `/clock`.
+    /// Sets the time from a `/clock` message.
     pub(super) fn set(&self, now: Time) {
         self.inner.now.store(now.as_nanos(), Ordering::Release);
         if self.is_simulated() {
@@ -108,7 +108,7 @@ impl Timer {
         self.next.min(self.clock.now() + self.period)
     }
 
-    /// Whether it has come due; if so it is set to the next period. Periods that have passed unseen are
+    /// Whether it has come due; if so it is set to the next period. Periods that have passed since are
     /// skipped and counted.
     pub fn due(&mut self) -> bool {
         let now = self.clock.now();
@@ -136,7 +136,7 @@ impl Timer {
         self.next = self.clock.now() + period;
     }
 
-    /// How many periods passed unseen.
+    /// Number of skipped periods.
     pub fn missed(&self) -> u64 {
         self.missed
     }

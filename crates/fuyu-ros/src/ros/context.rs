@@ -1,29 +1,29 @@
-//! Where a node's DDS participant lives: domain and reach, from the environment that ROS users know.
+//! DDS domain and discovery range, from the environment variables of ROS.
 
 use rustdds::{DomainParticipant, DomainParticipantBuilder};
 use std::net::Ipv4Addr;
 
 /// How far discovery reaches.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Reach {
+pub enum DiscoveryRange {
     /// Every network interface.
     Subnet,
     /// This computer only: nothing is sent on any interface but `lo`.
     Localhost,
-    /// Nobody: no discovery, not even on this computer.
+    /// No discovery, not even on this computer.
     Off,
 }
 
-/// DDS domain and reach of a node.
+/// DDS domain and discovery range of a node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub struct Domain {
     /// `ROS_DOMAIN_ID`.
     pub id: u16,
     /// How far discovery reaches.
-    pub reach: Reach,
+    pub range: DiscoveryRange,
 }
 
-/// An environment variable that does not say what ROS understands.
+/// An environment variable with a value that ROS does not accept.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{variable}={value:?}: {expected}")]
 pub struct DomainError {
@@ -37,20 +37,20 @@ impl Domain {
     pub const MAX_ID: u16 = 232;
 
     /// Reads `ROS_DOMAIN_ID`, `ROS_AUTOMATIC_DISCOVERY_RANGE`, `ROS_LOCALHOST_ONLY` and
-    /// `ROS_STATIC_PEERS`; `reach` holds where none of them says how far to reach.
+    /// `ROS_STATIC_PEERS`; `range` holds where none of them says how far to range.
     ///
     /// As in ROS, `ROS_LOCALHOST_ONLY=1` wins over the range. `ROS_STATIC_PEERS` is read so that a
     /// wrong value is refused, but only multicast discovery is there: peers that it names beyond the
-    /// reach are not contacted, and a warning says so.
+    /// range are not contacted, and a warning says so.
     ///
     /// # Errors
     /// [`DomainError`] names the variable, its value and what would be right.
-    pub fn from_env(reach: Reach) -> Result<Self, DomainError> {
-        Self::from_variables(reach, |name| std::env::var(name).ok())
+    pub fn from_env(range: DiscoveryRange) -> Result<Self, DomainError> {
+        Self::from_variables(range, |name| std::env::var(name).ok())
     }
 
     fn from_variables(
-        reach: Reach,
+        range: DiscoveryRange,
         get: impl Fn(&str) -> Option<String>,
     ) -> Result<Self, DomainError> {
         let read = |variable: &'static str, expected: &'static str| {
@@ -77,16 +77,16 @@ impl Domain {
             "expected SUBNET, LOCALHOST, OFF or SYSTEM_DEFAULT",
         );
         let range = match value.as_str() {
-            "" | "SYSTEM_DEFAULT" => reach,
-            "SUBNET" => Reach::Subnet,
-            "LOCALHOST" => Reach::Localhost,
-            "OFF" => Reach::Off,
+            "" | "SYSTEM_DEFAULT" => range,
+            "SUBNET" => DiscoveryRange::Subnet,
+            "LOCALHOST" => DiscoveryRange::Localhost,
+            "OFF" => DiscoveryRange::Off,
             _ => return Err(error),
         };
 
         let (value, error) = read("ROS_LOCALHOST_ONLY", "expected 0 or 1");
-        let reach = match value.as_str() {
-            "1" => Reach::Localhost,
+        let range = match value.as_str() {
+            "1" => DiscoveryRange::Localhost,
             "" | "0" => range,
             _ => return Err(error),
         };
@@ -105,16 +105,16 @@ impl Domain {
                 "ROS_STATIC_PEERS={value}: not contacted, only multicast discovery is available"
             );
         }
-        Ok(Self { id, reach })
+        Ok(Self { id, range })
     }
 
     /// A participant of this domain. Its threads inherit the signal mask of the caller.
     pub(super) fn participant(self) -> Result<DomainParticipant, String> {
         let builder = DomainParticipantBuilder::new(self.id);
-        let builder = match self.reach {
-            Reach::Subnet => builder,
-            Reach::Localhost => builder.with_only_networks([Ipv4Addr::LOCALHOST]),
-            Reach::Off => builder
+        let builder = match self.range {
+            DiscoveryRange::Subnet => builder,
+            DiscoveryRange::Localhost => builder.with_only_networks([Ipv4Addr::LOCALHOST]),
+            DiscoveryRange::Off => builder
                 .with_only_networks([] as [Ipv4Addr; 0])
                 .same_host_loopback(false),
         };
@@ -127,7 +127,7 @@ mod tests {
     use super::*;
 
     fn domain(vars: &[(&str, &str)]) -> Result<Domain, DomainError> {
-        Domain::from_variables(Reach::Subnet, |name| {
+        Domain::from_variables(DiscoveryRange::Subnet, |name| {
             let found = vars.iter().find(|(n, _)| *n == name);
             found.map(|(_, v)| (*v).to_owned())
         })
@@ -136,17 +136,17 @@ mod tests {
     #[test]
     fn variables_mean_what_they_mean_in_ros() {
         let plain = domain(&[]).unwrap();
-        assert_eq!((plain.id, plain.reach), (0, Reach::Subnet));
+        assert_eq!((plain.id, plain.range), (0, DiscoveryRange::Subnet));
         assert_eq!(domain(&[("ROS_DOMAIN_ID", "232")]).unwrap().id, 232);
         let only = [
             ("ROS_LOCALHOST_ONLY", "1"),
             ("ROS_AUTOMATIC_DISCOVERY_RANGE", "SUBNET"),
         ];
-        assert_eq!(domain(&only).unwrap().reach, Reach::Localhost);
+        assert_eq!(domain(&only).unwrap().range, DiscoveryRange::Localhost);
         let range = [("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")];
-        assert_eq!(domain(&range).unwrap().reach, Reach::Localhost);
+        assert_eq!(domain(&range).unwrap().range, DiscoveryRange::Localhost);
         let off = [("ROS_AUTOMATIC_DISCOVERY_RANGE", "OFF")];
-        assert_eq!(domain(&off).unwrap().reach, Reach::Off);
+        assert_eq!(domain(&off).unwrap().range, DiscoveryRange::Off);
         assert!(domain(&[("ROS_STATIC_PEERS", "10.0.0.1;robot.local")]).is_ok());
     }
 

@@ -1,4 +1,4 @@
-//! What a node says of its own health, once a second on `diagnostics`.
+//! Health of a node, published once a second on `diagnostics`.
 
 use std::{
     collections::HashMap,
@@ -35,7 +35,7 @@ pub struct Diagnostics {
 }
 
 impl Diagnostics {
-    /// A part that will report as `node: name`. It is well until it says otherwise.
+    /// A part that will report as `node: name`. Its level is OK at first.
     pub fn status(&self, name: &str) -> Status {
         let mut entries = self.lock();
         let known = entries.iter().position(|e| e.name == name);
@@ -79,7 +79,7 @@ impl Diagnostics {
     }
 }
 
-/// The health of one part of a node. It may change at any rate: each report tells the worst since the
+/// The health of one part of a node. It may change at any rate: each report contains the worst level since the
 /// last one.
 #[derive(Debug, Clone)]
 pub struct Status {
@@ -88,22 +88,22 @@ pub struct Status {
 }
 
 impl Status {
-    /// All is well.
+    /// Level OK.
     pub fn ok(&self, message: impl Into<String>) {
         self.report(DiagnosticStatus::OK, message.into());
     }
 
-    /// It works, but not as it should.
+    /// Level WARN: it works with restrictions.
     pub fn warn(&self, message: impl Into<String>) {
         self.report(DiagnosticStatus::WARN, message.into());
     }
 
-    /// It does not work.
+    /// Level ERROR: it does not work.
     pub fn error(&self, message: impl Into<String>) {
         self.report(DiagnosticStatus::ERROR, message.into());
     }
 
-    /// A named value beside the message; replaces the one of that name.
+    /// Sets a named value, shown next to the message.
     pub fn set(&self, key: &str, value: impl ToString) {
         let mut entries = self.diagnostics.lock();
         let values = &mut entries[self.index].values;
@@ -167,7 +167,7 @@ impl Reporter {
         }
     }
 
-    /// Rates, ages and losses since the last report.
+    /// Rates, ages and losses of all endpoints since the last report.
     fn communication(&mut self, node: &NodeName, endpoints: &Endpoints) -> DiagnosticStatus {
         let seconds = self.at.elapsed().as_secs_f64().max(1e-3);
         self.at = Instant::now();
@@ -239,7 +239,7 @@ mod tests {
 
     // Would break if a report told only the moment it is made, or an old warning twice.
     #[test]
-    fn a_short_warning_is_told_once() {
+    fn a_short_warning_is_reported_once() {
         let node = NodeName::new("/", "arm").unwrap();
         let diagnostics = Diagnostics::default();
         let status = diagnostics.status("tip");

@@ -1,4 +1,4 @@
-//! The graph: telling peers which endpoints are this node's, and hearing of theirs.
+//! Discovery: announces the endpoints of this node to peers, and follows theirs.
 
 use ros2_client::{
     NodeName as WireNodeName,
@@ -16,11 +16,11 @@ use std::{
 
 use super::{
     Gid, NodeName, Qos,
-    definitions::{self, Definitions},
+    discovery_settling::DiscoverySettling,
     endpoint::{Counters, EndpointSpec, Endpoints},
-    lockups::{self, Refusal},
-    neighbours::Neighbours,
-    newcomers::Newcomers,
+    graph_cache::GraphCache,
+    participant_watchdog::{self, EntityError},
+    type_hash_check::{self, TypeHashCheck},
 };
 
 /// Publishes `ros_discovery_info`: a participant, its node, and what belongs to it.
@@ -37,10 +37,10 @@ impl Announcer {
         participant: &DomainParticipant,
         publisher: &rustdds::Publisher,
         node: &NodeName,
-    ) -> Result<Self, Refusal> {
+    ) -> Result<Self, EntityError> {
         let qos = QosPolicies::from(&Qos::LATCHED);
         let publisher = publisher.clone();
-        let writer = lockups::make(participant, move |participant| {
+        let writer = participant_watchdog::create(participant, move |participant| {
             let topic = participant.create_topic(
                 "ros_discovery_info".to_owned(),
                 "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_".to_owned(),
@@ -49,7 +49,7 @@ impl Announcer {
             )?;
             publisher.create_datawriter_no_key_cdr(&topic, Some(qos))
         })?;
-        let node = WireNodeName::new(node.namespace(), node.name()).map_err(Refusal::dds)?;
+        let node = WireNodeName::new(node.namespace(), node.name()).map_err(EntityError::dds)?;
         Ok(Self {
             writers: BTreeSet::from([Gid::from(writer.guid())]),
             readers: BTreeSet::new(),
@@ -72,7 +72,7 @@ impl Announcer {
         self.readers.remove(&gid);
     }
 
-    /// Publishes what belongs to the node now.
+    /// Publishes the present endpoints of the node.
     pub(super) fn announce(&self) {
         let mut node = NodeEntitiesInfo::new(self.node.clone());
         self.writers.iter().for_each(|&gid| node.add_writer(gid));
@@ -80,7 +80,7 @@ impl Announcer {
         self.publish(vec![node]);
     }
 
-    /// Publishes that the node is gone.
+    /// Publishes that the participant has no nodes any more.
     pub(super) fn leave(&self) {
         self.publish(Vec::new());
     }
@@ -99,24 +99,24 @@ impl Announcer {
 pub(super) struct Peers {
     /// Those that each of this node's is matched with.
     matches: HashMap<Gid, HashSet<GUID>>,
-    definitions: Definitions,
+    type_hashes: TypeHashCheck,
 }
 
 impl Peers {
     fn matched(&mut self, node: &NodeName, all: &Endpoints, local: GUID, remote: GUID) {
         let local = Gid::from(local);
-        // Told again after each change of the peer.
+        // Reported again after each change of the peer.
         self.matches.entry(local).or_default().insert(remote);
         self.count(all, local);
         if let Some((_, spec)) = find(all, local) {
-            self.definitions.compare(node, spec, remote);
+            self.type_hashes.compare(node, spec, remote);
         }
     }
 
     fn lost(&mut self, all: &Endpoints, is_lost: impl Fn(&GUID) -> bool) {
         let matches = &mut self.matches;
         matches.values_mut().for_each(|r| r.retain(|g| !is_lost(g)));
-        self.definitions.lose(is_lost);
+        self.type_hashes.remove_endpoints(is_lost);
         self.matches
             .keys()
             .for_each(|&local| self.count(all, local));
@@ -135,20 +135,22 @@ impl Peers {
     }
 }
 
-/// Takes in what the participant has to say of its peers.
+/// Processes the status events of the participant.
 pub(super) fn report_status(
     listener: &DomainParticipantStatusListener,
     node: &NodeName,
     endpoints: &Mutex<Endpoints>,
     peers: &mut Peers,
-    (neighbours, newcomers): (&Neighbours, &Newcomers),
+    (graph, settling): (&GraphCache, &DiscoverySettling),
 ) {
     while let Some(event) = listener.try_recv_status() {
         let all = endpoints.lock().unwrap_or_else(PoisonError::into_inner);
         match event {
-            Event::ParticipantDiscovered { dpd } => newcomers.came(&dpd.guid),
+            Event::ParticipantDiscovered { dpd } => settling.participant_discovered(&dpd.guid),
             Event::ReaderDetected { reader: found } | Event::WriterDetected { writer: found } => {
-                peers.definitions.found(found.guid, &found.user_data);
+                peers
+                    .type_hashes
+                    .endpoint_discovered(found.guid, &found.user_data);
             }
             Event::RemoteReaderMatched {
                 local_writer,
@@ -163,7 +165,7 @@ pub(super) fn report_status(
             }
             Event::ParticipantLost { id, .. } => {
                 peers.lost(&all, |g| g.prefix == id);
-                neighbours.lose(|g| g.prefix == id);
+                graph.remove_participants(|g| g.prefix == id);
             }
             Event::RemoteReaderQosIncompatible {
                 local_writer,
@@ -225,7 +227,7 @@ fn warn_incompatible(
     );
 }
 
-/// What rustdds keeps of a datagram for all but the payload \[bytes\].
+/// Bytes of a datagram that are not payload.
 const AROUND_PAYLOAD: usize = 80;
 /// What it sends in one datagram over loopback, and what to a peer that also listens elsewhere \[bytes\].
 const LOOPBACK: usize = 65_488;
@@ -239,7 +241,7 @@ pub(super) fn longest_reply(participant: &DomainParticipant, dds_topic: &str) ->
         .iter()
         .filter(|reader| reader.subscription_topic_data.topic_name() == dds_topic)
         .flat_map(|reader| &reader.reader_proxy.unicast_locator_list)
-        // Shared memory is none of rustdds's.
+        // rustdds does not use shared memory.
         .filter(|locator| locator.is_udp())
         .peekable();
     let is_near = locators.peek().is_some() && locators.all(|locator| locator.is_loopback());
@@ -247,18 +249,18 @@ pub(super) fn longest_reply(participant: &DomainParticipant, dds_topic: &str) ->
     datagram - AROUND_PAYLOAD
 }
 
-/// A publisher somewhere in the graph.
+/// A publisher of another participant.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DiscoveredPublisher {
     /// Full topic name.
     pub topic: String,
     /// ROS type, `pkg/msg/Name`.
     pub type_name: String,
-    /// What it offers.
+    /// Offered QoS.
     pub qos: Qos,
     /// Hash of its definition of the type, if it states one.
     pub type_hash: Option<String>,
-    /// Who it is.
+    /// Identity of the publisher.
     pub gid: Gid,
 }
 
@@ -268,7 +270,7 @@ pub struct DiscoveredPublisher {
 pub(super) fn publishers(
     participant: &DomainParticipant,
     node: &NodeName,
-    strange: &mut BTreeSet<(String, String)>,
+    warned_topics: &mut BTreeSet<(String, String)>,
 ) -> Vec<DiscoveredPublisher> {
     let mut publishers = Vec::new();
     for writer in participant.discovered_writers() {
@@ -282,13 +284,13 @@ pub(super) fn publishers(
                 topic: topic.to_owned(),
                 type_name,
                 qos: Qos::from(&data.qos()),
-                type_hash: definitions::stated(&writer.user_data),
+                type_hash: type_hash_check::hash_in_user_data(&writer.user_data),
                 gid: data.key.into(),
             });
-        } else if strange.insert((data.topic_name.clone(), data.type_name.clone())) {
+        } else if warned_topics.insert((data.topic_name.clone(), data.type_name.clone())) {
             tracing::warn!(
-                "node {node}: topic {topic} of type {}, which a peer publishes, is left out: not a \
-                 name and a type of ROS",
+                "node {node}: topic {topic} of type {}, published by a peer, is ignored: name or type \
+                 is not valid in ROS",
                 data.type_name
             );
         }
@@ -296,7 +298,7 @@ pub(super) fn publishers(
     publishers
 }
 
-/// `rt/name` to `/name`; other DDS topics have nothing to do with ROS.
+/// `rt/name` to `/name`; `None` for DDS topics that are not ROS topics.
 fn ros_topic(dds: &str) -> Option<&str> {
     dds.strip_prefix("rt").filter(|name| name.starts_with('/'))
 }

@@ -1,4 +1,4 @@
-//! What a node's publishers and subscriptions are below their handles: they outlive a DDS participant.
+//! Publishers and subscriptions below their handles; they outlive a DDS participant.
 
 use rustdds::{RTPSEntity, bytes::Bytes, rpc::SampleIdentity};
 use std::{
@@ -10,8 +10,8 @@ use std::{
     time::Duration,
 };
 
-use super::{Gid, Qos, RawSample, Time, qos::Durability, wire::RawWriter};
-use crate::msg::Interface;
+use super::{Gid, Qos, RawSample, Time, qos::Durability, raw_endpoints::RawWriter};
+use crate::msg::{Definition, Interface};
 
 /// Topic, type and QoS of an endpoint, as DDS sees them.
 #[derive(Debug, Clone)]
@@ -23,6 +23,8 @@ pub(super) struct EndpointSpec {
     /// `sensor_msgs::msg::dds_::JointState_`
     pub(super) dds_type: String,
     pub(super) qos: Qos,
+    /// Definition of the type, if it is known here.
+    pub(super) definition: Option<&'static Definition>,
     /// Services and infrastructure are left out of the communication diagnostics.
     pub(super) internal: bool,
 }
@@ -40,33 +42,34 @@ impl EndpointSpec {
                 M::NAME
             ),
             qos,
+            definition: Some(M::DEFINITION),
             internal: true,
         }
     }
 }
 
-/// What an endpoint counts, for diagnostics.
+/// Counters of an endpoint, for diagnostics.
 #[derive(Debug, Default)]
 pub(super) struct Counters {
     pub(super) messages: AtomicU64,
-    /// Left out because a queue was full.
+    /// Dropped because a queue was full.
     pub(super) dropped: AtomicU64,
-    /// Replaced by a newer one before the program asked: what a queue of one is for, so no loss.
+    /// Replaced by a newer message before the program took them; intended for a queue of one, so not a loss.
     pub(super) replaced: AtomicU64,
-    /// Refused by DDS, or not what the type says.
+    /// Refused by DDS, or not valid for the type.
     pub(super) failed: AtomicU64,
-    /// Sent by a publisher, as its numbering says, but never received.
+    /// Never received, according to the sequence numbers of the publisher.
     pub(super) missing: AtomicU64,
     /// Wall time of the last message [ns].
     pub(super) last: AtomicI64,
     /// Peers that this endpoint is matched with.
     pub(super) matched: AtomicUsize,
-    /// Who they are.
+    /// GIDs of the matched peers.
     pub(super) peers: Mutex<Vec<Gid>>,
 }
 
 impl Counters {
-    /// All that should have gone through but did not.
+    /// All messages that were lost.
     pub(super) fn lost(&self) -> u64 {
         [&self.dropped, &self.failed, &self.missing]
             .iter()
@@ -84,10 +87,10 @@ impl Counters {
 pub(super) struct Writer {
     pub(super) spec: EndpointSpec,
     pub(super) counters: Counters,
-    /// How many of its messages wait in the node's outbox; changed under the outbox's lock only.
+    /// How many of its messages wait in the node's send_queue; changed under the send_queue's lock only.
     pub(super) queued: AtomicUsize,
     dds: RwLock<Option<Arc<RawWriter>>>,
-    /// What late joiners must still get from a new participant.
+    /// Messages that late joiners must get from a new participant.
     latched: Mutex<VecDeque<(rustdds::Timestamp, Bytes)>>,
 }
 
@@ -111,13 +114,14 @@ impl Writer {
         self.dds().map(|w| w.guid().into())
     }
 
-    /// Hands a message to DDS; may wait a few milliseconds for a full window.
+    /// Writes a message to DDS and returns its identity, or `None` if DDS refuses it. May block for a few milliseconds
+    /// while the send window is full.
     pub(super) fn write(
         &self,
         cdr: Bytes,
         published: rustdds::Timestamp,
         related: Option<SampleIdentity>,
-    ) {
+    ) -> Option<SampleIdentity> {
         let mut latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
         if self.spec.qos.durability == Durability::TransientLocal {
             while latched.len() >= self.spec.qos.depth.max(1) {
@@ -133,24 +137,28 @@ impl Writer {
             .related_sample_identity_opt(related)
             .build();
         match dds.map(|w| w.write_with_options(cdr, options)) {
-            Some(Ok(_)) => self.counters.count(),
+            Some(Ok(identity)) => {
+                self.counters.count();
+                Some(identity)
+            }
             Some(Err(_)) | None => {
                 self.counters.failed.fetch_add(1, Relaxed);
+                None
             }
         }
     }
 
     /// Waits until living subscribers have what was written, at most `patience`.
-    pub(super) fn settle(&self, patience: Duration) {
+    pub(super) fn wait_for_acknowledgments(&self, patience: Duration) {
         if let Some(dds) = self.dds()
             && self.spec.qos.is_reliable()
         {
-            // Who has not answered by then is dead or drowned.
+            // A subscriber that has not acknowledged by then is dead or overloaded.
             let _ = dds.wait_for_acknowledgments(patience);
         }
     }
 
-    /// Replaces the DDS writer, and gives the one that was there.
+    /// Replaces the DDS writer and returns the previous one.
     pub(super) fn attach(&self, dds: Option<Arc<RawWriter>>) -> Option<Arc<RawWriter>> {
         // Held until the end, so that what is published meanwhile goes to one of the two.
         let mut latched = self.latched.lock().unwrap_or_else(PoisonError::into_inner);
@@ -170,7 +178,7 @@ impl Writer {
     }
 }
 
-/// Called on the node's receiving thread with every sample. Gives whether it was of use.
+/// Called on the node's receiving thread with every sample. Returns whether the sample was valid.
 pub(super) type Sink = Box<dyn Fn(RawSample, &Counters) -> bool + Send + Sync>;
 
 /// One subscription below its handle.

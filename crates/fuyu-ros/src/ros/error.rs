@@ -1,11 +1,11 @@
-//! Why a node cannot start or go on.
+//! Errors that keep a node from starting or end it.
 
 use super::{
-    args::ArgsError, context::DomainError, names::NameError, params::DeclareError,
+    CallError, args::ArgsError, context::DomainError, names::NameError, params::DeclareError,
     params_file::ParamsFileError,
 };
 
-/// Why a node cannot start or go on. The text is for the person who started it.
+/// Why a node cannot start or continue. The text is for the person who started it.
 #[derive(Debug, thiserror::Error)]
 #[non_exhaustive]
 pub enum NodeError {
@@ -27,14 +27,17 @@ pub enum NodeError {
     /// The input of the node's program is wrong.
     #[error("{0}")]
     Input(String),
-    /// DDS refused.
+    /// A service call without a response.
+    #[error(transparent)]
+    Call(#[from] CallError),
+    /// An operation of DDS failed.
     #[error("node {node}: cannot {what}: {reason}")]
     Dds {
         /// The node.
         node: String,
-        /// What was tried.
+        /// The operation.
         what: String,
-        /// What DDS says.
+        /// Message of DDS.
         reason: String,
     },
     /// The program failed while it ran.
@@ -46,7 +49,7 @@ impl NodeError {
     /// Exit code of a process that ends with this: 2 for wrong input, 1 for all else.
     pub fn exit_code(&self) -> u8 {
         match self {
-            Self::Dds { .. } | Self::Failed(_) => 1,
+            Self::Dds { .. } | Self::Call(_) | Self::Failed(_) => 1,
             _ => 2,
         }
     }

@@ -1,4 +1,4 @@
-//! The log: `tracing` events, on stderr in the form of ROS and on `/rosout`.
+//! Log: `tracing` events on stderr, in the format of ROS, and on `/rosout`.
 
 use std::{
     cell::RefCell,
@@ -17,10 +17,10 @@ use tracing_subscriber::{
     util::SubscriberInitExt,
 };
 
-use super::{RosArgs, Time, core::Core};
+use super::{RosArgs, Time, node_core::NodeCore};
 use crate::msg::{cdr, rcl_interfaces::Log};
 
-/// Libraries that speak of their own affairs, at shutdown above all, and how loud they may be unless asked by name.
+/// Libraries with messages that do not concern users, mostly at shutdown, and their level unless `--log-level` names them.
 const QUIET: [(&str, LevelFilter); 3] = [
     ("rustdds", LevelFilter::OFF),
     ("ros2_client", LevelFilter::OFF),
@@ -29,11 +29,11 @@ const QUIET: [(&str, LevelFilter); 3] = [
 
 thread_local! {
     /// The node whose work this thread does.
-    static NODE: RefCell<Weak<Core>> = const { RefCell::new(Weak::new()) };
+    static NODE: RefCell<Weak<NodeCore>> = const { RefCell::new(Weak::new()) };
 }
 
-/// From here on this thread logs in the name of a node.
-pub(super) fn enter(core: &Arc<Core>) {
+/// Assigns this thread to a node: its log messages carry the name of the node.
+pub(super) fn enter(core: &Arc<NodeCore>) {
     NODE.with_borrow_mut(|node| *node = Arc::downgrade(core));
 }
 
@@ -118,7 +118,8 @@ impl<S: Subscriber> Layer<S> for RosLog {
                 function: metadata.module_path().unwrap_or_default().to_owned(),
                 line: metadata.line().unwrap_or_default(),
             };
-            core.outbox.push(writer, cdr::encode(&record).into(), None);
+            core.send_queue
+                .push(writer, cdr::encode(&record).into(), None);
         }
     }
 }
@@ -139,7 +140,7 @@ fn severity(level: Level) -> (u8, &'static str, &'static str) {
     }
 }
 
-/// The message of an event with its fields behind it.
+/// The message of an event, followed by its fields.
 #[derive(Default)]
 struct Text {
     message: String,

@@ -1,11 +1,11 @@
-//! The ROS layer: what rclcpp is to a C++ node, in the shape that Rust gives it. It knows no physics.
+//! ROS 2 nodes: what rclcpp provides to C++ programs.
 //!
-//! A node is a function of `&Node` that declares its parameters, makes its endpoints and then waits in a
-//! loop; [`run`] makes an executable of it and [`Process`] runs several in one process.
+//! A node is a function of `&Node` that declares its parameters, creates its endpoints and then waits in a
+//! loop; [`run`] makes it an executable, and [`Process`] runs several nodes in one process.
 //!
 //! ```no_run
-//! use fuyu::msg::geometry_msgs::{PoseStamped, TwistStamped};
-//! use fuyu::ros::{self, Node, NodeError, Qos};
+//! use fuyu_ros::msg::geometry_msgs::{PoseStamped, TwistStamped};
+//! use fuyu_ros::ros::{self, Node, NodeError, Qos};
 //! use std::time::Duration;
 //!
 //! fn follower(node: &Node) -> Result<(), NodeError> {
@@ -50,57 +50,61 @@
 //! ```
 //!
 //! # How a node runs
-//! Three threads per node beside the two of its DDS participant: the program itself, one that receives
-//! ([`Subscription`] queues, service requests) and one that sends (every [`Publisher`] of the node has a
-//! bounded queue, so that publishing never blocks the program). Threads rather than an async runtime,
-//! since a program here owns a loop that keeps time: it blocks on purpose.
+//! A node has three threads in addition to the two of its DDS participant: the program, the receiving thread
+//! ([`Subscription`] queues, service requests) and the sending thread (every [`Publisher`] has a bounded queue,
+//! so that publishing never blocks the program). There is no async runtime, since the program of a node is a
+//! loop with its own timing, which blocks on purpose.
 //!
 //! # DDS
-//! rustdds carries bytes; types live at the edge ([`crate::msg::cdr`]). All endpoints therefore share one
-//! instance of the DDS code, the recorder subscribes to types that it knows only by name, and a lost
-//! participant is replaced below handles that live on. From ros2-client come the ROS conventions on the
-//! wire: mangled type names and the `ros_discovery_info` that tells peers which endpoint is whose.
+//! rustdds transports bytes; messages are serialized above it ([`crate::msg::cdr`]). So all endpoints share one
+//! instance of the DDS code, a program can subscribe to types that it knows only by name, and a lost
+//! participant is replaced while handles stay valid. ros2-client provides the message `ros_discovery_info`, which
+//! assigns endpoints to nodes.
 
 mod action;
+mod action_client;
+mod allocator;
 pub mod args;
+mod client;
 mod clock;
 mod context;
-mod core;
-mod definitions;
 mod diagnostics;
 mod discovery;
+mod discovery_settling;
 mod endpoint;
 mod error;
+mod events;
+mod graph_cache;
 mod lifecycle;
-mod lockups;
 pub mod logging;
-mod memory;
 pub mod names;
-mod neighbours;
-mod newcomers;
 mod node;
+mod node_core;
 pub mod params;
 pub mod params_file;
+mod participant_watchdog;
 mod process;
 mod publisher;
 pub mod qos;
+mod raw_endpoints;
 mod service;
 mod session;
 mod signals;
 mod subscription;
 mod time;
-mod wait;
-mod wire;
+mod type_hash_check;
 
 pub use action::{ActionServer, Goal};
+pub use action_client::{ActionClient, GoalHandle};
+pub use allocator::return_free_memory;
 pub use args::RosArgs;
+pub use client::{CallError, PendingCall, ServiceClient};
 pub use clock::{Clock, Timer};
-pub use context::{Domain, DomainError, Reach};
+pub use context::{DiscoveryRange, Domain, DomainError};
 pub use diagnostics::{Diagnostics, Status};
 pub use discovery::DiscoveredPublisher;
 pub use error::NodeError;
-pub use lifecycle::{Lifecycle, Stage, Transition};
-pub use memory::return_free_memory;
+pub use lifecycle::{Lifecycle, LifecycleState, Transition};
 pub use names::NodeName;
 pub use node::{Node, NodeOptions};
 pub use params::{Declare, Param, ParameterValue};
@@ -108,7 +112,7 @@ pub use params_file::ParamsFile;
 pub use process::{Process, Stopper, run};
 pub use publisher::{Publisher, RawPublisher};
 pub use qos::Qos;
+pub use raw_endpoints::{Gid, RawSample};
 pub use service::{Call, Calls, Reply, ServiceServer};
 pub use subscription::{RawSubscription, Received, Subscription};
 pub use time::Time;
-pub use wire::{Gid, RawSample};

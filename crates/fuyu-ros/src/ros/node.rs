@@ -1,4 +1,4 @@
-//! The handle that a node's program works with.
+//! The handle that a node's program uses.
 
 use std::{
     sync::{Arc, atomic::Ordering},
@@ -7,15 +7,15 @@ use std::{
 
 use super::{
     Clock, Declare, Diagnostics, Domain, Gid, NodeError, NodeName, Publisher, Qos, RawPublisher,
-    RawSample, RawSubscription, RosArgs, Subscription, Time, Timer,
-    core::Core,
+    RawSample, RawSubscription, RosArgs, ServiceClient, Subscription, Time, Timer,
     discovery::{self, DiscoveredPublisher},
     endpoint::{Counters, EndpointSpec},
+    node_core::NodeCore,
     params::ParameterStore,
     service::{Calls, Reply, ServiceServer},
-    subscription::Inbox,
+    subscription::ReceiveQueue,
 };
-use crate::msg::{Interface, Service};
+use crate::msg::{self, Interface, Service};
 
 /// How a node is started.
 #[derive(Debug, Clone)]
@@ -33,7 +33,7 @@ pub struct NodeOptions {
 /// A node of the ROS graph. Clones are the same node; one thread at a time may wait on it.
 #[derive(Clone)]
 pub struct Node {
-    pub(super) core: Arc<Core>,
+    pub(super) core: Arc<NodeCore>,
 }
 
 impl Node {
@@ -67,7 +67,7 @@ impl Node {
     }
 
     /// Publishes bytes on `topic`, which is expanded and remapped, of a type (`pkg/msg/Name`) that need not be
-    /// known to fuyu.
+    /// declared in this program.
     ///
     /// # Errors
     /// As [`Self::subscribe_raw`].
@@ -92,7 +92,7 @@ impl Node {
         qos: Qos,
     ) -> Result<Subscription<M>, NodeError> {
         let spec = self.spec::<M>(topic, qos)?;
-        let inbox = Arc::new(Inbox::<M>::new(qos.depth));
+        let inbox = Arc::new(ReceiveQueue::<M>::new(qos.depth));
         let queue = Arc::clone(&inbox);
         let events = Arc::clone(&self.core.events);
         let sink = move |sample: RawSample, counters: &Counters| {
@@ -104,7 +104,7 @@ impl Node {
         Ok(Subscription::new(Arc::clone(&self.core), reader, inbox))
     }
 
-    /// Subscribes to the bytes of `topic`, whose type (`pkg/msg/Name`) need not be known to fuyu. The
+    /// Subscribes to the bytes of `topic`, whose type (`pkg/msg/Name`) need not be declared in this program. The
     /// handler runs on the node's receiving thread: it should be quick, and its panic ends the node.
     ///
     /// # Errors
@@ -150,7 +150,7 @@ impl Node {
         Ok(RawSubscription::new(Arc::clone(&self.core), reader))
     }
 
-    /// Answers calls of the service `name`, which is expanded and remapped. The handler runs on the
+    /// Serves `name`, which is expanded and remapped. The handler runs on the
     /// node's receiving thread: it should be quick.
     ///
     /// # Errors
@@ -176,14 +176,23 @@ impl Node {
         ServiceServer::new::<S>(&self.core, &full_name, handler)
     }
 
-    /// Lets the program answer calls of the service `name`, which is expanded and remapped, when it gets to
-    /// it: they wait in a queue.
+    /// Serves `name`, which is expanded and remapped, from the program: calls wait in a queue and wake it.
     ///
     /// # Errors
     /// As [`Self::serve`].
     pub fn serve_calls<S: Service>(&self, name: &str) -> Result<Calls<S>, NodeError> {
         let full_name = self.core.names.service(name)?;
         Calls::new(&self.core, &full_name)
+    }
+
+    /// A client of the service `name`, which is expanded and remapped. The server must be in another node with its own
+    /// participant: on loopback a participant does not receive its own messages.
+    ///
+    /// # Errors
+    /// As [`Self::serve`].
+    pub fn client<S: Service>(&self, name: &str) -> Result<ServiceClient<S>, NodeError> {
+        let full_name = self.core.names.service(name)?;
+        ServiceClient::new(&self.core, &full_name)
     }
 
     /// The full name of a topic, expanded and remapped.
@@ -194,7 +203,7 @@ impl Node {
         Ok(self.core.names.topic(topic)?)
     }
 
-    /// Publishers of other nodes, as far as they are discovered.
+    /// Publishers of other nodes that have been discovered.
     pub fn discovered_publishers(&self) -> Vec<DiscoveredPublisher> {
         let mut connection = self.core.lock_session();
         connection
@@ -203,15 +212,15 @@ impl Node {
             .unwrap_or_default()
     }
 
-    /// Whose a publisher is: `node` and its full name, or its identity on the wire if it has not been told.
+    /// Owner of a publisher for messages: `node` and its full name, or the GID of the publisher if its node is not known.
     pub fn owner_of(&self, publisher: Gid) -> String {
-        match self.core.neighbours.owner_of(publisher) {
+        match self.core.graph.node_of(publisher) {
             Some(name) => format!("node {name}"),
             None => format!("publisher {publisher:?}"),
         }
     }
 
-    /// What the node says of its health.
+    /// Diagnostics of the node.
     pub fn diagnostics(&self) -> &Diagnostics {
         &self.core.diagnostics
     }
@@ -231,9 +240,9 @@ impl Node {
         Timer::new(self.core.clock.clone(), period)
     }
 
-    /// Whether the node should go on; false once it is asked to stop.
+    /// Whether the node should continue; false after a stop request.
     pub fn ok(&self) -> bool {
-        !self.core.fate.is_stopping()
+        !self.core.stop_state.is_stopping()
     }
 
     /// Asks the node to stop.
@@ -241,8 +250,8 @@ impl Node {
         self.core.request_stop();
     }
 
-    /// Waits until something happens to the node: a message, a changed parameter, a tick of a simulated
-    /// clock, the stop. What happened since the last wait counts. Gives [`Self::ok`].
+    /// Waits for an event: a message, a service call, a changed parameter, a tick of the simulated clock or a stop request.
+    /// Events since the last wait count. Returns [`Self::ok`].
     pub fn wait(&self) -> bool {
         self.wait_event(None)
     }
@@ -260,8 +269,8 @@ impl Node {
         self.wait_event(self.core.clock.instant(deadline))
     }
 
-    /// Sleeps until `deadline` in the node's time, whatever else happens; only the stop ends it early.
-    /// Gives [`Self::ok`].
+    /// Sleeps until `deadline` in the node's time, regardless of events; only a stop request ends it early.
+    /// Returns [`Self::ok`].
     pub fn sleep_until(&self, deadline: Time) -> bool {
         while self.ok() && self.now() < deadline {
             self.wait_until(deadline);
@@ -287,7 +296,7 @@ impl Node {
     }
 }
 
-/// An endpoint of a type that is known by name only.
+/// Specification of an endpoint whose type is known by name only.
 fn raw_spec(name: String, type_name: &str, qos: Qos) -> Result<EndpointSpec, NodeError> {
     let Some(dds_type) = discovery::dds_type(type_name) else {
         return Err(NodeError::Input(format!(
@@ -299,6 +308,7 @@ fn raw_spec(name: String, type_name: &str, qos: Qos) -> Result<EndpointSpec, Nod
         name,
         dds_type,
         qos,
+        definition: msg::find(type_name),
         internal: false,
     })
 }

@@ -29,7 +29,7 @@ use super::{
 
 const PARAMETERS: &str = "ros__parameters";
 
-/// A file that is no ROS 2 parameter file.
+/// Error in a ROS 2 parameter file.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct ParamsFileError {
     file: PathBuf,
@@ -111,8 +111,8 @@ impl ParamsFile {
         })
     }
 
-    /// What the file gives the node `name`, in the file's order: where a name comes twice, the last
-    /// one counts.
+    /// Parameters of the node `name` in the order of the file; of two with the same name the last one
+    /// counts.
     pub fn overrides(&self, name: &NodeName) -> Vec<Override> {
         let full = name.full();
         let tokens: Vec<&str> = full[1..].split('/').collect();

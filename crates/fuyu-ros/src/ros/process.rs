@@ -12,17 +12,17 @@ use std::{
 };
 
 use super::{
-    Domain, Node, NodeError, NodeOptions, Qos, Reach, RosArgs,
-    core::Core,
+    DiscoveryRange, Domain, Node, NodeError, NodeOptions, Qos, RosArgs,
+    allocator::return_free_memory,
     diagnostics::Reporter,
     endpoint::EndpointSpec,
+    graph_cache::GraphCache,
     logging,
-    memory::return_free_memory,
     names::Names,
-    neighbours::Neighbours,
+    node_core::NodeCore,
     params::{self, ParameterStore, USE_SIM_TIME},
     service::ServiceServer,
-    signals::{self, Told},
+    signals::{self, ProcessSignal},
 };
 use crate::msg::{cdr, diagnostic_msgs::DiagnosticArray, rcl_interfaces::Log};
 
@@ -38,11 +38,11 @@ pub fn run(
     program: impl FnOnce(&Node) -> Result<(), NodeError> + Send + 'static,
 ) -> ExitCode {
     return_free_memory();
-    let outcome = Process::from_env(std::env::args().skip(1), Reach::Subnet).and_then(
+    let outcome = Process::from_env(std::env::args().skip(1), DiscoveryRange::Subnet).and_then(
         |(mut process, rest)| {
             if let Some(unknown) = rest.first() {
                 return Err(NodeError::Input(format!(
-                    "argument {unknown:?}: not understood; ROS arguments stand behind --ros-args"
+                    "argument {unknown:?}: not known; ROS arguments follow --ros-args"
                 )));
             }
             Arc::make_mut(&mut process.args).only_node = true;
@@ -62,7 +62,7 @@ pub fn run(
 enum Event {
     /// The program of a node has ended.
     Ended(usize, Result<(), NodeError>),
-    /// Somebody wants the process to stop.
+    /// The process should stop.
     Stop,
 }
 
@@ -71,7 +71,7 @@ enum Event {
 pub struct Stopper(mpsc::Sender<Event>);
 
 impl Stopper {
-    /// Asks it.
+    /// Requests the stop.
     pub fn stop(&self) {
         // A process that is gone has stopped.
         let _ = self.0.send(Event::Stop);
@@ -85,7 +85,7 @@ pub struct Process {
     args: Arc<RosArgs>,
     domain: Domain,
     nodes: Vec<Running>,
-    cores: Arc<Mutex<Vec<Weak<Core>>>>,
+    cores: Arc<Mutex<Vec<Weak<NodeCore>>>>,
     sender: mpsc::Sender<Event>,
     events: mpsc::Receiver<Event>,
     /// First failure of a node.
@@ -94,15 +94,15 @@ pub struct Process {
 }
 
 impl Process {
-    /// What a main function wants: blocks signals in this thread and all later ones, takes the ROS
-    /// arguments out of `argv`, starts the log, reads the environment, and follows SIGINT, SIGTERM and
-    /// SIGCONT. Must come before any other thread is started. Gives also what of `argv` is not ROS's.
+    /// For a main function: blocks signals in this thread and all later ones, removes the ROS
+    /// arguments from `argv`, starts the log, reads the environment, and follows SIGINT, SIGTERM and
+    /// SIGCONT. Must come before any other thread is started. Returns also the remaining arguments.
     ///
     /// # Errors
     /// [`NodeError::Args`] and [`NodeError::Domain`] for wrong input.
     pub fn from_env(
         argv: impl IntoIterator<Item = String>,
-        reach: Reach,
+        reach: DiscoveryRange,
     ) -> Result<(Self, Vec<String>), NodeError> {
         signals::block();
         let (args, rest) = RosArgs::parse(argv)?;
@@ -113,7 +113,7 @@ impl Process {
         Ok((process, rest))
     }
 
-    /// A process that is part of a larger program, which keeps its signals and its log to itself.
+    /// A process inside a larger program, which handles signals and log itself.
     pub fn new(args: RosArgs, domain: Domain) -> Self {
         let (sender, events) = mpsc::channel();
         Self {
@@ -138,7 +138,7 @@ impl Process {
         &self.args
     }
 
-    /// Where the nodes live.
+    /// DDS domain of the nodes.
     pub fn domain(&self) -> Domain {
         self.domain
     }
@@ -152,9 +152,9 @@ impl Process {
         let stopper = self.stopper();
         let cores = Arc::clone(&self.cores);
         let mut stops = 0;
-        // Once told to stop, no node comes back: systemd and `timeout` send SIGTERM and SIGCONT.
-        signals::watch(move |told| match told {
-            Told::Stop(signal) => {
+        // After a stop request no node reconnects: systemd and `timeout` send SIGTERM and SIGCONT.
+        signals::watch(move |signal_kind| match signal_kind {
+            ProcessSignal::Stop(signal) => {
                 stops += 1;
                 if stops > 1 {
                     tracing::warn!("{signal} again: ending at once");
@@ -163,8 +163,8 @@ impl Process {
                 tracing::info!("{signal}: stopping");
                 stopper.stop();
             }
-            Told::Continued if stops == 0 => reconnect(&cores),
-            Told::Continued => {}
+            ProcessSignal::Continued if stops == 0 => reconnect(&cores),
+            ProcessSignal::Continued => {}
         })
         .map_err(|e| NodeError::Failed(format!("cannot follow signals: {e}")))
     }
@@ -209,11 +209,11 @@ impl Process {
             logging::enter(&handle.core);
             let outcome = catch_unwind(AssertUnwindSafe(|| program(&handle)));
             let outcome = outcome.unwrap_or_else(|_| {
-                let text = format!("node {}: its program has panicked", handle.name());
+                let text = format!("node {}: program panicked", handle.name());
                 Err(NodeError::Failed(text))
             });
-            // A program that was stopped since its node is broken knows nothing of that.
-            let outcome = match handle.core.fate.failure() {
+            // A program that was stopped because of a failure of its node returns without an error.
+            let outcome = match handle.core.stop_state.failure() {
                 Some(reason) => Err(NodeError::Failed(reason.clone())),
                 None => outcome,
             };
@@ -233,7 +233,7 @@ impl Process {
         Ok(node)
     }
 
-    /// Lets the nodes run for `patience`. Gives false as soon as there is a reason to stop: a signal, a
+    /// Runs the nodes for `patience`. Returns false as soon as there is a reason to stop: a signal, a
     /// [`Stopper`], a node that ended.
     pub fn run_for(&mut self, patience: Duration) -> bool {
         let deadline = Instant::now() + patience;
@@ -291,7 +291,9 @@ impl Process {
             match self.events.recv_timeout(left) {
                 Ok(event) => self.take(event),
                 Err(_) => {
-                    tracing::error!("node {name} does not end, it is left behind");
+                    tracing::error!(
+                        "node {name} did not stop within {STOP_PATIENCE:?} and is abandoned"
+                    );
                     let text = format!("node {name}: did not stop within {STOP_PATIENCE:?}");
                     self.failure.get_or_insert(NodeError::Failed(text));
                     return;
@@ -314,18 +316,20 @@ impl Drop for Process {
     }
 }
 
-/// Gives every node that is not to stop a new participant: the old ones' threads have ended when the
+/// Creates a new participant for every node that is not stopping: the old ones' threads have ended when the
 /// process was stopped.
-fn reconnect(cores: &Mutex<Vec<Weak<Core>>>) {
+fn reconnect(cores: &Mutex<Vec<Weak<NodeCore>>>) {
     let cores = cores.lock().unwrap_or_else(PoisonError::into_inner);
     for core in cores.iter().filter_map(Weak::upgrade) {
         let node = core.names.node();
-        if core.fate.is_stopping() {
+        if core.stop_state.is_stopping() {
             continue;
         }
         match core.open_session() {
             Ok(false) => {}
-            Ok(true) => tracing::info!("node {node}: goes on, joined the graph anew"),
+            Ok(true) => {
+                tracing::info!("node {node}: continued after a stop, joined the graph again")
+            }
             Err(e) => tracing::error!("{e}"),
         }
     }
@@ -337,7 +341,7 @@ struct Running {
     ended: bool,
 }
 
-/// What every node has beside its program: participant, sending thread, parameter services, clock,
+/// Parts of a node other than its program: participant, sending thread, parameter services, clock,
 /// diagnostics, log.
 struct Infrastructure {
     node: Node,
@@ -350,12 +354,12 @@ impl Infrastructure {
         let names = Names::new(&options.namespace, &options.name, &options.args.remaps)?;
         let overrides = options.args.overrides(names.node(), &options.name)?;
         let params = Arc::new(ParameterStore::new(names.node().clone(), overrides));
-        let core = Arc::new(Core::new(names, options.domain, params));
+        let core = Arc::new(NodeCore::new(names, options.domain, params));
         let node = Node {
             core: Arc::clone(&core),
         };
         core.open_session()?;
-        Neighbours::listen(&core)?;
+        GraphCache::subscribe(&core)?;
         let services = params::serve(&node)?;
         // Last, since every declaration is announced.
         let simulated = node
@@ -378,7 +382,7 @@ impl Infrastructure {
             .name(format!("{}.send", options.name))
             .spawn(move || {
                 logging::enter(&sending);
-                sending.outbox.run(DIAGNOSTICS_PERIOD, || {
+                sending.send_queue.run(DIAGNOSTICS_PERIOD, || {
                     let report = {
                         let endpoints = sending
                             .endpoints
@@ -389,7 +393,7 @@ impl Infrastructure {
                         reporter.report(node, now, &sending.diagnostics, &endpoints)
                     };
                     sending
-                        .outbox
+                        .send_queue
                         .push(&reports, cdr::encode(&report).into(), None);
                 });
             })
@@ -404,7 +408,7 @@ impl Infrastructure {
     /// Sends what is left, then leaves the graph.
     fn close(&mut self) {
         if let Some(sender) = self.sender.take() {
-            self.node.core.outbox.close();
+            self.node.core.send_queue.close();
             let _ = sender.join();
             self.services.clear();
             self.node.core.close_session();

@@ -1,4 +1,4 @@
-//! Publishing without waiting: a bounded queue and one sending thread per node.
+//! Publishing without blocking: a bounded send queue and one sending thread per node.
 
 use rustdds::{bytes::Bytes, rpc::SampleIdentity};
 use std::{
@@ -8,24 +8,23 @@ use std::{
     time::{Duration, Instant},
 };
 
-use super::{Qos, core::Core, endpoint::Writer};
+use super::{Qos, endpoint::Writer, node_core::NodeCore};
 use crate::msg::{Interface, cdr};
 
-/// Queue of a reliable publisher that asks for less: room for what piles up while DDS waits for a slow
-/// subscriber.
+/// Smallest queue of a reliable publisher: room for messages that accumulate while DDS waits for a slow subscriber.
 const RELIABLE_QUEUE: usize = 256;
 
 /// Publishes messages of one type on one topic. Never blocks: what DDS cannot take yet waits in a queue.
 /// If that is full, a best-effort publisher drops its oldest message and a reliable one the new message;
 /// either is counted and reported in the node's diagnostics.
 pub struct Publisher<M> {
-    core: Arc<Core>,
+    core: Arc<NodeCore>,
     writer: Arc<Writer>,
     message: PhantomData<fn(&M)>,
 }
 
 impl<M: Interface> Publisher<M> {
-    pub(super) fn new(core: Arc<Core>, writer: Arc<Writer>) -> Self {
+    pub(super) fn new(core: Arc<NodeCore>, writer: Arc<Writer>) -> Self {
         Self {
             core,
             writer,
@@ -40,7 +39,7 @@ impl<M: Interface> Publisher<M> {
 
     /// Sends a message that is CDR already, with its encapsulation header (little endian).
     pub fn publish_cdr(&self, cdr: Vec<u8>) {
-        self.core.outbox.push(&self.writer, cdr.into(), None);
+        self.core.send_queue.push(&self.writer, cdr.into(), None);
     }
 
     /// Full name of the topic.
@@ -48,7 +47,7 @@ impl<M: Interface> Publisher<M> {
         &self.writer.spec.name
     }
 
-    /// What it offers.
+    /// Offered QoS.
     pub fn qos(&self) -> &Qos {
         &self.writer.spec.qos
     }
@@ -66,19 +65,21 @@ pub(super) const LAST_MESSAGES: Duration = Duration::from_millis(200);
 impl<M> Drop for Publisher<M> {
     /// The last messages reach living subscribers before the publisher leaves the graph.
     fn drop(&mut self) {
-        self.core.outbox.flush_writer(&self.writer, LAST_MESSAGES);
-        self.writer.settle(LAST_MESSAGES);
+        self.core
+            .send_queue
+            .flush_writer(&self.writer, LAST_MESSAGES);
+        self.writer.wait_for_acknowledgments(LAST_MESSAGES);
         self.core.remove_writer(&self.writer);
     }
 }
 
-/// Publishes bytes whose type need not be known to fuyu; ends when dropped.
+/// Publishes bytes whose type need not be declared in this program; ends when dropped.
 pub struct RawPublisher {
     publisher: Publisher<()>,
 }
 
 impl RawPublisher {
-    pub(super) fn new(core: Arc<Core>, writer: Arc<Writer>) -> Self {
+    pub(super) fn new(core: Arc<NodeCore>, writer: Arc<Writer>) -> Self {
         Self {
             publisher: Publisher {
                 core,
@@ -88,14 +89,14 @@ impl RawPublisher {
         }
     }
 
-    /// Sends CDR bytes with their encapsulation header. Where so many wait that more would be dropped, it
-    /// waits for them, but not for ever.
+    /// Sends CDR bytes with their encapsulation header. If the queue is full, it waits
+    /// for room, but only for a limited time.
     pub fn publish(&self, cdr: Vec<u8>) {
         let Publisher { core, writer, .. } = &self.publisher;
         if writer.queued.load(Relaxed) >= writer.spec.qos.depth.clamp(1, RELIABLE_QUEUE / 2) {
-            core.outbox.flush_writer(writer, LAST_MESSAGES);
+            core.send_queue.flush_writer(writer, LAST_MESSAGES);
         }
-        core.outbox.push(writer, cdr.into(), None);
+        core.send_queue.push(writer, cdr.into(), None);
     }
 
     /// Full name of the topic.
@@ -127,15 +128,15 @@ struct Queue {
     closed: bool,
 }
 
-/// Everything that a node wants to send, in order.
+/// Messages of a node that wait to be sent, in order.
 #[derive(Default)]
-pub(super) struct Outbox {
+pub(super) struct SendQueue {
     queue: Mutex<Queue>,
     filled: Condvar,
     emptied: Condvar,
 }
 
-impl Outbox {
+impl SendQueue {
     fn lock(&self) -> MutexGuard<'_, Queue> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -143,7 +144,7 @@ impl Outbox {
     pub(super) fn push(&self, writer: &Arc<Writer>, cdr: Bytes, related: Option<SampleIdentity>) {
         let published = rustdds::Timestamp::now();
         let mut queue = self.lock();
-        // Nothing waits, and best effort never does: handing it over costs less than waking a thread for it.
+        // Nothing waits, and a best-effort write does not block: writing here costs less than waking a thread.
         let is_free = queue.running && queue.items.is_empty() && queue.sending.is_none();
         if is_free && !writer.spec.qos.is_reliable() {
             queue.sending = Some(Arc::clone(writer));
@@ -187,7 +188,7 @@ impl Outbox {
         self.filled.notify_one();
     }
 
-    /// The sending thread: hands messages to DDS until the outbox is closed, and calls `tick` every
+    /// The sending thread: hands messages to DDS until the send_queue is closed, and calls `tick` every
     /// `period`.
     pub(super) fn run(&self, period: Duration, mut tick: impl FnMut()) {
         let mut next_tick = Instant::now() + period;
@@ -224,7 +225,7 @@ impl Outbox {
         }
     }
 
-    /// Lets [`Self::run`] end once all is sent.
+    /// Ends [`Self::run`] when all messages are sent.
     pub(super) fn close(&self) {
         self.lock().closed = true;
         self.filled.notify_all();
@@ -260,65 +261,65 @@ mod tests {
     use super::*;
     use crate::{msg::std_msgs::String as Text, ros::endpoint::EndpointSpec};
 
-    fn fill(qos: Qos, messages: u8) -> (Outbox, Arc<Writer>) {
+    fn fill(qos: Qos, messages: u8) -> (SendQueue, Arc<Writer>) {
         let spec = EndpointSpec::topic::<Text>("/t", qos);
-        let (outbox, writer) = (Outbox::default(), Arc::new(Writer::new(spec)));
+        let (send_queue, writer) = (SendQueue::default(), Arc::new(Writer::new(spec)));
         for i in 0..messages {
-            outbox.push(&writer, vec![i].into(), None);
+            send_queue.push(&writer, vec![i].into(), None);
         }
-        (outbox, writer)
+        (send_queue, writer)
     }
 
-    fn waiting(outbox: &Outbox) -> Vec<u8> {
-        outbox.lock().items.iter().map(|o| o.cdr[0]).collect()
+    fn waiting(send_queue: &SendQueue) -> Vec<u8> {
+        send_queue.lock().items.iter().map(|o| o.cdr[0]).collect()
     }
 
     // Would break if a message overtook one that waits, or if one that need not wait did.
     #[test]
     fn best_effort_goes_at_once_where_nothing_waits() {
-        let (outbox, writer) = fill(Qos::SENSOR_DATA, 0);
+        let (send_queue, writer) = fill(Qos::SENSOR_DATA, 0);
         let reliable = Arc::new(Writer::new(EndpointSpec::topic::<Text>(
             "/r",
             Qos::RELIABLE,
         )));
-        outbox.lock().running = true;
+        send_queue.lock().running = true;
         let handed_over = || writer.counters.failed.load(Relaxed);
-        outbox.push(&writer, vec![0].into(), None);
-        assert_eq!((waiting(&outbox).len(), handed_over()), (0, 1));
-        outbox.push(&reliable, vec![1].into(), None);
-        outbox.push(&writer, vec![2].into(), None);
-        assert_eq!(waiting(&outbox), [1, 2]);
-        outbox.lock().items.clear();
-        outbox.lock().sending = Some(reliable);
-        outbox.push(&writer, vec![3].into(), None);
-        assert_eq!((waiting(&outbox), handed_over()), (vec![3], 1));
+        send_queue.push(&writer, vec![0].into(), None);
+        assert_eq!((waiting(&send_queue).len(), handed_over()), (0, 1));
+        send_queue.push(&reliable, vec![1].into(), None);
+        send_queue.push(&writer, vec![2].into(), None);
+        assert_eq!(waiting(&send_queue), [1, 2]);
+        send_queue.lock().items.clear();
+        send_queue.lock().sending = Some(reliable);
+        send_queue.push(&writer, vec![3].into(), None);
+        assert_eq!((waiting(&send_queue), handed_over()), (vec![3], 1));
     }
 
     // Would break if a full queue blocked, grew, or lost messages without counting them.
     #[test]
     fn a_full_best_effort_queue_drops_its_oldest() {
-        let (outbox, writer) = fill(Qos::SENSOR_DATA.depth(3), 10);
-        assert_eq!(waiting(&outbox), [7, 8, 9]);
+        let (send_queue, writer) = fill(Qos::SENSOR_DATA.depth(3), 10);
+        assert_eq!(waiting(&send_queue), [7, 8, 9]);
         assert_eq!(writer.counters.dropped.load(Relaxed), 7);
     }
 
     #[test]
     fn a_full_reliable_queue_keeps_what_it_has_and_counts() {
-        let (outbox, writer) = fill(Qos::RELIABLE.depth(1), 255);
-        assert_eq!(waiting(&outbox).len(), 255);
+        let (send_queue, writer) = fill(Qos::RELIABLE.depth(1), 255);
+        assert_eq!(waiting(&send_queue).len(), 255);
         for i in 0..10 {
-            outbox.push(&writer, vec![i].into(), None);
+            send_queue.push(&writer, vec![i].into(), None);
         }
-        assert_eq!(waiting(&outbox).len(), RELIABLE_QUEUE);
-        assert_eq!(waiting(&outbox)[0], 0);
+        assert_eq!(waiting(&send_queue).len(), RELIABLE_QUEUE);
+        assert_eq!(waiting(&send_queue)[0], 0);
         assert_eq!(writer.counters.dropped.load(Relaxed), 9);
     }
 
     #[test]
-    fn what_dds_does_not_take_is_counted() {
-        let (outbox, writer) = fill(Qos::RELIABLE, 4);
-        outbox.close();
-        outbox.run(Duration::from_secs(1), || {});
+    fn messages_that_dds_refuses_are_counted() {
+        let (send_queue, writer) = fill(Qos::RELIABLE, 4);
+        send_queue.close();
+        send_queue.run(Duration::from_secs(1), || {});
         assert_eq!(writer.counters.failed.load(Relaxed), 4);
         assert_eq!(writer.queued.load(Relaxed), 0);
     }

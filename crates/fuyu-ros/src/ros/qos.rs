@@ -1,4 +1,4 @@
-//! Quality of service: the named profiles of the graph, always spelled out.
+//! Quality of service: the profiles of ROS 2, with all fields explicit.
 
 use rustdds::{
     QosPolicies, QosPolicyBuilder,

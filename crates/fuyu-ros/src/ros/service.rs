@@ -1,4 +1,4 @@
-//! Services: a request topic, a reply topic, and the identity that binds an answer to its question.
+//! Services: a request topic, a reply topic, and the sample identity that links a reply to its request.
 
 use rustdds::{SequenceNumber, bytes::Bytes, rpc::SampleIdentity};
 use std::{
@@ -9,21 +9,45 @@ use std::{
 
 use super::{
     NodeError, Qos, RawSample,
-    core::Core,
     endpoint::{Counters, EndpointSpec, Reader, Writer},
+    node_core::NodeCore,
     publisher::LAST_MESSAGES,
 };
 use crate::msg::{Interface, Service, cdr};
 
-/// Nobody need ask how far an answer gets that is no longer than this \[bytes\].
+/// Replies up to this length reach every client \[bytes\].
 const ALWAYS_REACHES: usize = 1_024;
 
-/// Calls that wait for the program; more are left unanswered.
+/// Calls that may wait for the program; further ones get no reply.
 const WAITING: usize = 64;
+
+/// Prefix and suffix of a DDS topic and suffix of its type, for one direction of a service.
+pub(super) type Direction = (&'static str, &'static str, &'static str);
+/// From the client to the server.
+pub(super) const REQUEST: Direction = ("rq", "Request", "Request");
+/// From the server to the client.
+pub(super) const REPLY: Direction = ("rr", "Reply", "Response");
+
+/// Topic, type and QoS of one direction of a service.
+pub(super) fn service_spec<S: Service>(
+    full_name: &str,
+    (prefix, suffix, part): Direction,
+) -> EndpointSpec {
+    let kind = S::Request::DEFINITION.kind.name();
+    EndpointSpec {
+        name: full_name.to_owned(),
+        dds_topic: format!("{prefix}{full_name}{suffix}"),
+        dds_type: format!("{}::{kind}::dds_::{}_{part}_", S::PACKAGE, S::NAME),
+        qos: Qos::SERVICES,
+        // Peers state the hash of the whole service, which is not computed here.
+        definition: None,
+        internal: true,
+    }
+}
 
 /// Answers calls of a service until it is dropped.
 pub struct ServiceServer {
-    core: Arc<Core>,
+    core: Arc<NodeCore>,
     reader: Arc<Reader>,
     writer: Arc<Writer>,
 }
@@ -31,19 +55,11 @@ pub struct ServiceServer {
 impl ServiceServer {
     /// `handler` runs on the node's receiving thread: it should be quick. The reply may be sent later.
     pub(super) fn new<S: Service>(
-        core: &Arc<Core>,
+        core: &Arc<NodeCore>,
         full_name: &str,
         handler: impl Fn(S::Request, Reply<S>) + Send + Sync + 'static,
     ) -> Result<Self, NodeError> {
-        let kind = S::Request::DEFINITION.kind.name();
-        let spec = |prefix: &str, suffix: &str, part: &str| EndpointSpec {
-            name: full_name.to_owned(),
-            dds_topic: format!("{prefix}{full_name}{suffix}"),
-            dds_type: format!("{}::{kind}::dds_::{}_{part}_", S::PACKAGE, S::NAME),
-            qos: Qos::SERVICES,
-            internal: true,
-        };
-        let writer = core.add_writer(spec("rr", "Reply", "Response"))?;
+        let writer = core.add_writer(service_spec::<S>(full_name, REPLY))?;
         let replies = Arc::clone(&writer);
         let weak = Arc::downgrade(core);
         let sink = move |sample: RawSample, _: &Counters| {
@@ -59,7 +75,7 @@ impl ServiceServer {
             handler(request, reply);
             true
         };
-        let reader = core.add_reader(spec("rq", "Request", "Request"), Box::new(sink))?;
+        let reader = core.add_reader(service_spec::<S>(full_name, REQUEST), Box::new(sink))?;
         Ok(Self {
             core: Arc::clone(core),
             reader,
@@ -77,25 +93,26 @@ impl Drop for ServiceServer {
     /// The last answers reach living clients before the service leaves the graph.
     fn drop(&mut self) {
         self.core.remove_reader(&self.reader);
-        self.core.outbox.flush_writer(&self.writer, LAST_MESSAGES);
+        self.core
+            .send_queue
+            .flush_writer(&self.writer, LAST_MESSAGES);
         if self.writer.counters.messages.load(Relaxed) > 0 {
-            self.writer.settle(LAST_MESSAGES);
+            self.writer.wait_for_acknowledgments(LAST_MESSAGES);
         }
         self.core.remove_writer(&self.writer);
     }
 }
 
-/// The answer that a call waits for, to be sent at any time and from any thread. A client whose reply is
-/// dropped waits in vain.
+/// Reply to one call, sent at any time and from any thread. If it is dropped, the client gets no response.
 pub struct Reply<S> {
-    core: Weak<Core>,
+    core: Weak<NodeCore>,
     writer: Arc<Writer>,
     question: SampleIdentity,
     service: PhantomData<fn(S)>,
 }
 
 impl<S: Service> Reply<S> {
-    /// Answers the call.
+    /// Sends the response.
     pub fn send(self, response: &S::Response) {
         let Some(core) = self.core.upgrade() else {
             return;
@@ -103,25 +120,25 @@ impl<S: Service> Reply<S> {
         let cdr: Bytes = cdr::encode(response).into();
         if let Err(longest) = self.fits(&core, cdr.len()) {
             tracing::warn!(
-                "node {}: service {}: an answer of {} bytes may not reach the client, which takes {longest} from this \
-                 version of rustdds; ask for less at a time",
+                "node {}: service {}: a response of {} bytes may not reach the client, the limit of this version of \
+                 rustdds is {longest}; request less at a time",
                 core.names.node(),
                 self.writer.spec.name,
                 cdr.len()
             );
         }
-        core.outbox.push(&self.writer, cdr, Some(self.question));
+        core.send_queue.push(&self.writer, cdr, Some(self.question));
     }
 
-    /// Whether an answer reaches the client: long ones do not (docs/upstream.md).
+    /// Whether a response is short enough to reach the client (docs/upstream.md).
     pub(super) fn reaches(&self, response: &S::Response) -> bool {
         let length = cdr::encode(response).len();
         let core = self.core.upgrade();
         core.is_some_and(|core| self.fits(&core, length).is_ok())
     }
 
-    /// Refuses what is too long, with what is not.
-    fn fits(&self, core: &Core, length: usize) -> Result<(), usize> {
+    /// Checks the length of a response; the error is the limit \[bytes\].
+    fn fits(&self, core: &NodeCore, length: usize) -> Result<(), usize> {
         if length <= ALWAYS_REACHES {
             return Ok(());
         }
@@ -137,23 +154,22 @@ impl<S: Service> Reply<S> {
     }
 }
 
-/// A call that waits for its answer.
+/// A call that waits for its response.
 pub struct Call<S: Service> {
-    /// What is asked.
+    /// The request.
     pub request: S::Request,
-    /// How to answer.
+    /// The way to reply.
     pub reply: Reply<S>,
 }
 
-/// A service that the node's program answers itself, when it gets to it: calls wait in a queue, as messages
-/// of a subscription do, and wake the program.
+/// A service whose calls wait in a queue for the node's program, like the messages of a subscription.
 pub struct Calls<S: Service> {
     queue: Arc<Mutex<VecDeque<Call<S>>>>,
     _server: ServiceServer,
 }
 
 impl<S: Service> Calls<S> {
-    pub(super) fn new(core: &Arc<Core>, full_name: &str) -> Result<Self, NodeError> {
+    pub(super) fn new(core: &Arc<NodeCore>, full_name: &str) -> Result<Self, NodeError> {
         let queue = Arc::new(Mutex::new(VecDeque::new()));
         let (waiting, events) = (Arc::clone(&queue), Arc::clone(&core.events));
         let server = ServiceServer::new::<S>(core, full_name, move |request, reply| {
@@ -183,8 +199,8 @@ impl<S: Service> Calls<S> {
     }
 }
 
-/// The request that a reply must name. Fast DDS names its reply reader and leaves the number unknown;
-/// then the number of the sample counts. Without any name the sample is its own.
+/// Identity of the request that a reply must state. Fast DDS clients state the GUID of their reply reader and no sequence
+/// number, which is then that of the sample. Without any statement it is the identity of the sample.
 fn question(sample: &RawSample) -> SampleIdentity {
     let mut question = sample.related.unwrap_or(sample.identity);
     if question.sequence_number == SequenceNumber::UNKNOWN {

@@ -1,5 +1,4 @@
-//! The DDS side of a node: a participant with endpoints, which can be thrown away and made anew while
-//! the handles that the program holds live on.
+//! A DDS participant with the endpoints of a node. It can be replaced while the handles of the program stay valid.
 
 use rustdds::{
     DomainParticipant, QosPolicies, RTPSEntity, Topic, TopicKind,
@@ -21,37 +20,37 @@ use std::{
 use super::{
     Domain, Gid, NodeName, Qos, RawSample,
     discovery::{self, Announcer, DiscoveredPublisher, Peers, report_status},
+    discovery_settling::DiscoverySettling,
     endpoint::{EndpointSpec, Endpoints, Reader, Writer},
-    lockups::{self, Refusal},
-    neighbours::Neighbours,
-    newcomers::Newcomers,
-    wait::Fate,
-    wire::{Opaque, RawReader, RawWriter},
+    events::StopState,
+    graph_cache::GraphCache,
+    participant_watchdog::{self, EntityError},
+    raw_endpoints::{CdrPassthrough, RawReader, RawWriter},
 };
 
-/// Types whose messages have a megabyte rather than a kilobyte.
-const BULKY: [&str; 4] = [
+/// Types whose messages have the size of a megabyte rather than a kilobyte.
+const LARGE_TYPES: [&str; 4] = [
     "sensor_msgs::msg::dds_::Image_",
     "sensor_msgs::msg::dds_::CompressedImage_",
     "sensor_msgs::msg::dds_::PointCloud2_",
     "nav_msgs::msg::dds_::OccupancyGrid_",
 ];
 
-enum Command {
+enum SessionRequest {
     Add(Box<RawReader>, Arc<Reader>),
     Remove(Gid),
 }
 
-/// A living participant.
+/// A connected participant.
 pub(super) struct Session {
     participant: DomainParticipant,
     publisher: rustdds::Publisher,
     subscriber: rustdds::Subscriber,
     topics: HashMap<String, Topic>,
     announcer: Announcer,
-    /// Discovered topics and types that are not of ROS, as far as they were warned of.
-    strange: BTreeSet<(String, String)>,
-    commands: mpsc::Sender<Command>,
+    /// Discovered topics and types against the rules of ROS that a warning was logged for.
+    warned_topics: BTreeSet<(String, String)>,
+    requests: mpsc::Sender<SessionRequest>,
     waker: Arc<Waker>,
     stop: Arc<AtomicBool>,
     receiver: Option<JoinHandle<()>>,
@@ -63,19 +62,23 @@ impl Session {
         domain: Domain,
         node: &NodeName,
         endpoints: &Arc<Mutex<Endpoints>>,
-        fate: &Arc<Fate>,
-        (neighbours, newcomers): (&Arc<Neighbours>, &Arc<Newcomers>),
-    ) -> Result<Self, Refusal> {
-        let participant = domain.participant().map_err(Refusal::Dds)?;
-        neighbours.begin(participant.guid().into());
+        stop_state: &Arc<StopState>,
+        (graph, settling): (&Arc<GraphCache>, &Arc<DiscoverySettling>),
+    ) -> Result<Self, EntityError> {
+        let participant = domain.participant().map_err(EntityError::Dds)?;
+        graph.reset(participant.guid().into());
         let qos = QosPolicies::from(&Qos::RELIABLE);
-        let publisher = participant.create_publisher(&qos).map_err(Refusal::dds)?;
-        let subscriber = participant.create_subscriber(&qos).map_err(Refusal::dds)?;
+        let publisher = participant
+            .create_publisher(&qos)
+            .map_err(EntityError::dds)?;
+        let subscriber = participant
+            .create_subscriber(&qos)
+            .map_err(EntityError::dds)?;
         let announcer = Announcer::new(&participant, &publisher, node)?;
 
-        let poll = Poll::new().map_err(Refusal::dds)?;
-        let waker = Waker::new(poll.registry(), WAKER).map_err(Refusal::dds)?;
-        let (commands, inbox) = mpsc::channel();
+        let poll = Poll::new().map_err(EntityError::dds)?;
+        let waker = Waker::new(poll.registry(), WAKER).map_err(EntityError::dds)?;
+        let (requests, inbox) = mpsc::channel();
         let stop = Arc::new(AtomicBool::new(false));
         let receiver = Receiver {
             poll,
@@ -84,42 +87,42 @@ impl Session {
             participant: participant.clone(),
             node: node.clone(),
             endpoints: Arc::clone(endpoints),
-            neighbours: Arc::clone(neighbours),
-            newcomers: Arc::clone(newcomers),
+            graph: Arc::clone(graph),
+            settling: Arc::clone(settling),
         };
         let receiver = thread::Builder::new()
             .name(format!("{}.receive", node.name()))
             .spawn({
-                let (node, fate) = (node.clone(), Arc::clone(fate));
+                let (node, stop_state) = (node.clone(), Arc::clone(stop_state));
                 move || match catch_unwind(AssertUnwindSafe(|| receiver.run())) {
                     Ok(Ok(())) => {}
-                    // A node that hears nothing any more must not go on as if all were well.
-                    Ok(Err(e)) => fate.fail(format!("node {node}: receiving has ended: {e}")),
-                    Err(_) => fate.fail(format!("node {node}: a handler has panicked")),
+                    // A node that cannot receive must not continue as if it could.
+                    Ok(Err(e)) => stop_state.fail(format!("node {node}: receiving has ended: {e}")),
+                    Err(_) => stop_state.fail(format!("node {node}: a handler has panicked")),
                 }
             })
-            .map_err(Refusal::dds)?;
+            .map_err(EntityError::dds)?;
         let mut session = Self {
             participant,
             publisher,
             subscriber,
             topics: HashMap::new(),
             announcer,
-            strange: BTreeSet::new(),
-            commands,
+            warned_topics: BTreeSet::new(),
+            requests,
             waker: Arc::new(waker),
             stop,
             receiver: Some(receiver),
         };
         if let Err(e) = session.create_all(endpoints) {
             let writers = Self::detach(&endpoints.lock().unwrap_or_else(PoisonError::into_inner));
-            return Err(e.letting_go_of((writers, session)));
+            return Err(e.abandoning((writers, session)));
         }
         session.announcer.announce();
         Ok(session)
     }
 
-    fn create_all(&mut self, endpoints: &Mutex<Endpoints>) -> Result<(), Refusal> {
+    fn create_all(&mut self, endpoints: &Mutex<Endpoints>) -> Result<(), EntityError> {
         let (writers, readers) = {
             let all = endpoints.lock().unwrap_or_else(PoisonError::into_inner);
             (all.writers.clone(), all.readers.clone())
@@ -128,13 +131,13 @@ impl Session {
         readers.iter().try_for_each(|r| self.create_reader(r))
     }
 
-    pub(super) fn add_writer(&mut self, writer: &Writer) -> Result<(), Refusal> {
+    pub(super) fn add_writer(&mut self, writer: &Writer) -> Result<(), EntityError> {
         self.create_writer(writer)?;
         self.announcer.announce();
         Ok(())
     }
 
-    pub(super) fn add_reader(&mut self, reader: &Arc<Reader>) -> Result<(), Refusal> {
+    pub(super) fn add_reader(&mut self, reader: &Arc<Reader>) -> Result<(), EntityError> {
         self.create_reader(reader)?;
         self.announcer.announce();
         Ok(())
@@ -152,12 +155,12 @@ impl Session {
         if let Some(gid) = reader.gid() {
             self.announcer.forget(gid);
             self.announcer.announce();
-            self.send(Command::Remove(gid));
+            self.send(SessionRequest::Remove(gid));
         }
     }
 
     pub(super) fn discovered_publishers(&mut self, node: &NodeName) -> Vec<DiscoveredPublisher> {
-        discovery::publishers(&self.participant, node, &mut self.strange)
+        discovery::publishers(&self.participant, node, &mut self.warned_topics)
     }
 
     /// The longest reply \[bytes\] that reaches every client of the service with this reply topic.
@@ -165,32 +168,32 @@ impl Session {
         discovery::longest_reply(&self.participant, dds_topic)
     }
 
-    fn send(&self, command: Command) {
+    fn send(&self, request: SessionRequest) {
         // The thread ends only with this session.
-        if self.commands.send(command).is_ok() {
+        if self.requests.send(request).is_ok() {
             let _ = self.waker.wake();
         }
     }
 
-    fn topic(&mut self, spec: &EndpointSpec) -> Result<Topic, Refusal> {
+    fn topic(&mut self, spec: &EndpointSpec) -> Result<Topic, EntityError> {
         if let Some(topic) = self.topics.get(&spec.dds_topic) {
             return Ok(topic.clone());
         }
         let (name, kind) = (spec.dds_topic.clone(), spec.dds_type.clone());
         let qos = QosPolicies::from(&spec.qos);
-        let topic = lockups::make(&self.participant, move |participant| {
+        let topic = participant_watchdog::create(&self.participant, move |participant| {
             participant.create_topic(name, kind, &qos, TopicKind::NoKey)
         })?;
         self.topics.insert(spec.dds_topic.clone(), topic.clone());
         Ok(topic)
     }
 
-    fn create_writer(&mut self, writer: &Writer) -> Result<(), Refusal> {
+    fn create_writer(&mut self, writer: &Writer) -> Result<(), EntityError> {
         let topic = self.topic(&writer.spec)?;
         let qos = QosPolicies::from(&writer.spec.qos);
         let publisher = self.publisher.clone();
-        let dds = lockups::make(&self.participant, move |_| {
-            publisher.create_datawriter_no_key::<Bytes, Opaque>(&topic, Some(qos))
+        let dds = participant_watchdog::create(&self.participant, move |_| {
+            publisher.create_datawriter_no_key::<Bytes, CdrPassthrough>(&topic, Some(qos))
         })?;
         self.announcer.add_writer(dds.guid().into());
         writer.counters.matched.store(0, Relaxed);
@@ -198,23 +201,23 @@ impl Session {
         Ok(())
     }
 
-    fn create_reader(&mut self, reader: &Arc<Reader>) -> Result<(), Refusal> {
+    fn create_reader(&mut self, reader: &Arc<Reader>) -> Result<(), EntityError> {
         let topic = self.topic(&reader.spec)?;
-        let bulky = BULKY.contains(&reader.spec.dds_type.as_str());
-        let qos = reader.spec.qos.for_reader(bulky);
+        let is_large = LARGE_TYPES.contains(&reader.spec.dds_type.as_str());
+        let qos = reader.spec.qos.for_reader(is_large);
         let subscriber = self.subscriber.clone();
-        let dds = lockups::make(&self.participant, move |_| {
-            subscriber.create_simple_datareader_no_key::<Bytes, Opaque>(&topic, Some(qos))
+        let dds = participant_watchdog::create(&self.participant, move |_| {
+            subscriber.create_simple_datareader_no_key::<Bytes, CdrPassthrough>(&topic, Some(qos))
         })?;
         let gid = dds.guid().into();
         self.announcer.add_reader(gid);
         reader.counters.matched.store(0, Relaxed);
         reader.set_gid(gid);
-        self.send(Command::Add(Box::new(dds), Arc::clone(reader)));
+        self.send(SessionRequest::Add(Box::new(dds), Arc::clone(reader)));
         Ok(())
     }
 
-    /// Takes away every DDS writer, so that the participant can end when they do.
+    /// Detaches every DDS writer, so that the participant can end when they are dropped.
     pub(super) fn detach(endpoints: &Endpoints) -> Vec<Arc<RawWriter>> {
         let writers = endpoints.writers.iter();
         writers.filter_map(|writer| writer.attach(None)).collect()
@@ -241,19 +244,19 @@ const FIRST_READER: usize = 2;
 /// The receiving thread: waits for all readers of a participant at once.
 struct Receiver {
     poll: Poll,
-    inbox: mpsc::Receiver<Command>,
+    inbox: mpsc::Receiver<SessionRequest>,
     stop: Arc<AtomicBool>,
     participant: DomainParticipant,
     node: NodeName,
     endpoints: Arc<Mutex<Endpoints>>,
-    neighbours: Arc<Neighbours>,
-    newcomers: Arc<Newcomers>,
+    graph: Arc<GraphCache>,
+    settling: Arc<DiscoverySettling>,
 }
 
 impl Receiver {
     fn run(mut self) -> io::Result<()> {
         // Tokens are never used twice within one participant.
-        let mut readers: HashMap<usize, Receiving> = HashMap::new();
+        let mut readers: HashMap<usize, ReaderState> = HashMap::new();
         let mut next_token = FIRST_READER;
         let mut peers = Peers::default();
         let mut status = self.participant.status_listener();
@@ -278,35 +281,35 @@ impl Receiver {
                         &self.node,
                         &self.endpoints,
                         &mut peers,
-                        (&self.neighbours, &self.newcomers),
+                        (&self.graph, &self.settling),
                     ),
                     Token(token) => {
-                        if let Some(receiving) = readers.get_mut(&token) {
-                            receiving.take_all();
+                        if let Some(state) = readers.get_mut(&token) {
+                            state.take_all();
                         }
                     }
                 }
             }
-            while let Ok(command) = self.inbox.try_recv() {
-                match command {
-                    Command::Add(mut dds, reader) => {
+            while let Ok(request) = self.inbox.try_recv() {
+                match request {
+                    SessionRequest::Add(mut dds, reader) => {
                         let token = Token(next_token);
                         let registry = self.poll.registry();
                         if let Err(e) = registry.register(&mut *dds, token, Interest::READABLE) {
                             let topic = &reader.spec.name;
                             tracing::error!("node {}: cannot receive {topic}: {e}", self.node);
                         }
-                        // What came before the registration.
-                        let mut receiving = Receiving {
+                        // Samples that arrived before the registration.
+                        let mut state = ReaderState {
                             dds,
                             reader,
                             last: HashMap::new(),
                         };
-                        receiving.take_all();
-                        readers.insert(next_token, receiving);
+                        state.take_all();
+                        readers.insert(next_token, state);
                         next_token += 1;
                     }
-                    Command::Remove(gid) => {
+                    SessionRequest::Remove(gid) => {
                         readers.retain(|_, r| Gid::from(r.dds.guid()) != gid);
                     }
                 }
@@ -317,14 +320,14 @@ impl Receiver {
 }
 
 /// A reader on the receiving thread.
-struct Receiving {
+struct ReaderState {
     dds: Box<RawReader>,
     reader: Arc<Reader>,
     /// The number of the last sample of each publisher.
     last: HashMap<Gid, i64>,
 }
 
-impl Receiving {
+impl ReaderState {
     fn take_all(&mut self) {
         let Self { dds, reader, last } = self;
         dds.drain_read_notifications();
@@ -340,7 +343,7 @@ impl Receiving {
                         reader.counters.failed.fetch_add(1, Relaxed);
                     }
                 }
-                // The reader has moved on behind what it could not take.
+                // The reader has skipped the sample that it could not take.
                 Err(_) => {
                     reader.counters.failed.fetch_add(1, Relaxed);
                 }
@@ -349,8 +352,8 @@ impl Receiving {
     }
 }
 
-/// How many samples a publisher has numbered between its last and this one. What it sent before its
-/// first one here was not for this reader.
+/// Number of samples missing between the last one of a publisher and this one. Samples before the first one received here
+/// were not meant for this reader.
 fn missing(last: &mut HashMap<Gid, i64>, publisher: Gid, number: i64) -> u64 {
     let before = last.entry(publisher).or_insert(number);
     let gap = number.saturating_sub(*before).saturating_sub(1).max(0);
@@ -364,7 +367,7 @@ mod tests {
 
     // Would break if a late start, a repetition or another publisher's numbers counted as holes.
     #[test]
-    fn holes_are_counted_for_each_publisher() {
+    fn missing_samples_are_counted_for_each_publisher() {
         let gid = |n| Gid::from([n; 16]);
         let mut last = HashMap::new();
         let numbers = [(1, 40), (1, 41), (2, 7), (1, 45), (1, 45), (2, 8), (1, 46)];

@@ -1,11 +1,11 @@
-//! Signals. rustdds threads end when a signal interrupts them, so no thread takes any but the one that
-//! waits here.
+//! Signals. The threads of rustdds end when a signal interrupts them, so all threads block signals except one that waits for
+//! them here.
 
 use nix::sys::signal::{SigSet, SigmaskHow, Signal, pthread_sigmask};
 use std::thread;
 
-/// Signals that a thread must keep taking: faults of its own, and what stops a process in its terminal.
-const LEFT: [Signal; 11] = [
+/// Signals that stay unblocked: faults of the thread itself, and job control of the terminal.
+const NOT_BLOCKED: [Signal; 11] = [
     Signal::SIGSEGV,
     Signal::SIGBUS,
     Signal::SIGFPE,
@@ -21,7 +21,7 @@ const LEFT: [Signal; 11] = [
 
 fn blocked() -> SigSet {
     let mut set = SigSet::all();
-    for signal in LEFT {
+    for signal in NOT_BLOCKED {
         set.remove(signal);
     }
     set
@@ -46,17 +46,17 @@ pub(super) fn with_blocked<R>(f: impl FnOnce() -> R) -> R {
     result
 }
 
-/// What a process is told.
+/// A signal that a process handles.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum Told {
+pub(super) enum ProcessSignal {
     /// SIGINT, SIGTERM or SIGHUP.
     Stop(Signal),
-    /// SIGCONT: it was stopped and goes on.
+    /// SIGCONT: the process was stopped and continues.
     Continued,
 }
 
 /// Waits for signals on a thread of its own. The signals must be blocked in all threads.
-pub(super) fn watch(mut tell: impl FnMut(Told) + Send + 'static) -> std::io::Result<()> {
+pub(super) fn watch(mut handle: impl FnMut(ProcessSignal) + Send + 'static) -> std::io::Result<()> {
     let mut set = SigSet::empty();
     for signal in [
         Signal::SIGINT,
@@ -71,8 +71,8 @@ pub(super) fn watch(mut tell: impl FnMut(Told) + Send + 'static) -> std::io::Res
         .spawn(move || {
             loop {
                 match set.wait() {
-                    Ok(Signal::SIGCONT) => tell(Told::Continued),
-                    Ok(signal) => tell(Told::Stop(signal)),
+                    Ok(Signal::SIGCONT) => handle(ProcessSignal::Continued),
+                    Ok(signal) => handle(ProcessSignal::Stop(signal)),
                     Err(nix::errno::Errno::EINTR) => {}
                     Err(e) => {
                         tracing::error!("cannot wait for signals: {e}");

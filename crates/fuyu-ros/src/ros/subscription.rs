@@ -8,31 +8,31 @@ use std::{
 
 use super::{
     Gid, Qos, RawSample, Time,
-    core::Core,
     endpoint::{Counters, Reader},
+    node_core::NodeCore,
 };
 use crate::msg::{Interface, cdr};
 
-/// A message and how it came.
+/// A received message and its origin.
 #[derive(Debug, Clone)]
 pub struct Received<M> {
     /// The message.
     pub message: M,
-    /// When the publisher says that it published (its wall clock), if it says so.
+    /// Time of publication by the wall clock of the publisher, if it states one.
     pub source_time: Option<Time>,
-    /// When it arrived (wall clock).
+    /// Time of arrival (wall clock).
     pub received_time: Time,
-    /// Who sent it.
+    /// The publisher.
     pub publisher: Gid,
 }
 
-pub(super) struct Inbox<M> {
+pub(super) struct ReceiveQueue<M> {
     queue: Mutex<VecDeque<Received<M>>>,
     arrived: Condvar,
     depth: usize,
 }
 
-impl<M: Interface> Inbox<M> {
+impl<M: Interface> ReceiveQueue<M> {
     pub(super) fn new(depth: usize) -> Self {
         Self {
             queue: Mutex::default(),
@@ -67,7 +67,7 @@ impl<M: Interface> Inbox<M> {
     }
 }
 
-impl<M> Inbox<M> {
+impl<M> ReceiveQueue<M> {
     fn lock(&self) -> MutexGuard<'_, VecDeque<Received<M>>> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -76,13 +76,17 @@ impl<M> Inbox<M> {
 /// Receives messages of one type from one topic into a queue as long as the QoS depth; the oldest makes
 /// room for the newest.
 pub struct Subscription<M> {
-    core: Arc<Core>,
+    core: Arc<NodeCore>,
     reader: Arc<Reader>,
-    inbox: Arc<Inbox<M>>,
+    inbox: Arc<ReceiveQueue<M>>,
 }
 
 impl<M: Interface> Subscription<M> {
-    pub(super) fn new(core: Arc<Core>, reader: Arc<Reader>, inbox: Arc<Inbox<M>>) -> Self {
+    pub(super) fn new(
+        core: Arc<NodeCore>,
+        reader: Arc<Reader>,
+        inbox: Arc<ReceiveQueue<M>>,
+    ) -> Self {
         Self {
             core,
             reader,
@@ -115,7 +119,7 @@ impl<M: Interface> Subscription<M> {
                 return Some(received);
             }
             let left = deadline.saturating_duration_since(Instant::now());
-            if left.is_zero() || self.core.fate.is_stopping() {
+            if left.is_zero() || self.core.stop_state.is_stopping() {
                 return None;
             }
             queue = self
@@ -134,12 +138,12 @@ impl<M> Subscription<M> {
         &self.reader.spec.name
     }
 
-    /// What it requests.
+    /// Requested QoS.
     pub fn qos(&self) -> &Qos {
         &self.reader.spec.qos
     }
 
-    /// Whether `publisher` is known to be there: discovered, matched and not gone.
+    /// Whether `publisher` is discovered, matched and not lost.
     pub fn is_matched(&self, publisher: Gid) -> bool {
         let peers = &self.reader.counters.peers;
         let peers = peers.lock().unwrap_or_else(PoisonError::into_inner);
@@ -172,12 +176,12 @@ impl<M> Drop for Subscription<M> {
 
 /// A subscription to bytes; ends when dropped.
 pub struct RawSubscription {
-    core: Arc<Core>,
+    core: Arc<NodeCore>,
     reader: Arc<Reader>,
 }
 
 impl RawSubscription {
-    pub(super) fn new(core: Arc<Core>, reader: Arc<Reader>) -> Self {
+    pub(super) fn new(core: Arc<NodeCore>, reader: Arc<Reader>) -> Self {
         Self { core, reader }
     }
 

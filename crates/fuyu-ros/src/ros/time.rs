@@ -43,7 +43,7 @@ impl Time {
 
     /// In seconds.
     pub fn as_secs_f64(self) -> f64 {
-        // Apart, so that nanoseconds survive a Unix time in seconds as far as a double can hold them.
+        // Disconnected, so that nanoseconds survive a Unix time in seconds as far as a double can hold them.
         (self.0 / NANOS_PER_SECOND) as f64
             + (self.0 % NANOS_PER_SECOND) as f64 / NANOS_PER_SECOND as f64
     }

@@ -84,7 +84,7 @@ impl InitialMotion {
     pub fn place(&self, model: &Model, state: &mut State) {
         let linear_B = self.pose.rotation.inverse() * self.velocity_W;
         let V_WB_B = Twist::new(self.angular_velocity_B, linear_B);
-        state.set_base(model, &mut Workspace::new(model), &self.pose, &V_WB_B);
+        state.set_base(&mut Workspace::new(model), &self.pose, &V_WB_B);
     }
 }
 

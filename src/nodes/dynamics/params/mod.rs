@@ -10,7 +10,7 @@ use super::imu::ImuParams;
 use super::loops::LoopParams;
 use crate::{
     control::VelocityServoConfig,
-    dynamics::{FormulationKind, Method},
+    dynamics::{FormulationKind, IntegrationMethod},
     nodes::choice,
     ros::{Declare, Lifecycle},
 };
@@ -37,7 +37,7 @@ pub struct DynamicsParams {
     /// The base's inertial measurement unit.
     pub imu: ImuParams,
     /// Integration method.
-    pub method: Method,
+    pub method: IntegrationMethod,
     /// Formulation of forward dynamics.
     pub formulation: FormulationKind,
     /// Largest integration step \[s\].
@@ -133,9 +133,14 @@ impl DynamicsParams {
             targets.push((name, key, file, motion));
         }
         let imu = ImuParams::declare(declare);
-        let method = choice::declare(declare, "integrator", &Method::NAMES, "Integration method")
-            .read_only()
-            .value();
+        let method = choice::declare(
+            declare,
+            "integrator",
+            &IntegrationMethod::NAMES,
+            "Integration method",
+        )
+        .read_only()
+        .value();
         let formulations = choice::list(&FormulationKind::NAMES);
         // Closed loops need the reduced inertia.
         let default = match &loop_closures {
@@ -301,7 +306,7 @@ impl DynamicsParams {
             targets,
             imu,
             // The declaration has refused any other text.
-            method: choice::find(&Method::NAMES, &method).unwrap_or_default(),
+            method: choice::find(&IntegrationMethod::NAMES, &method).unwrap_or_default(),
             formulation,
             time_step,
             state_rate,

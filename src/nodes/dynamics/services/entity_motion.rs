@@ -74,12 +74,7 @@ fn move_entity(
     let R_BW = X_WB.rotation.inverse();
     let V_WB_B = Twist::new(R_BW * w_W, R_BW * v_W);
     let mut state = body.state().clone();
-    state.set_base(
-        body.model(),
-        &mut Workspace::new(body.model()),
-        &X_WB,
-        &V_WB_B,
-    );
+    state.set_base(&mut Workspace::new(body.model()), &X_WB, &V_WB_B);
     if !state.is_finite() {
         return Err(Outcome::new(
             Outcome::OPERATION_FAILED,

@@ -45,7 +45,7 @@ fn at(seconds: f64) -> Stamp {
 fn tip(control_loop: &ControlLoop) -> Pose {
     let controller = control_loop.controller();
     let mut workspace = Workspace::new(controller.model());
-    workspace.set_positions(controller.model(), &DVector::from_row_slice(&Q));
+    workspace.set_positions(&DVector::from_row_slice(&Q));
     workspace.X_BF(controller.tip())
 }
 

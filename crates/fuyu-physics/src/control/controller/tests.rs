@@ -40,7 +40,7 @@ fn config(law: LawKind) -> ControllerConfig {
 fn poses(controller: &Controller, q: [f64; 2], goal: [f64; 2]) -> (DVector<f64>, TipMeasurement) {
     let mut workspace = Workspace::new(controller.model());
     let mut pose = |q: &DVector<f64>| {
-        workspace.set_positions(controller.model(), q);
+        workspace.set_positions(q);
         workspace.X_BF(controller.tip())
     };
     let q = DVector::from_row_slice(&q);

@@ -131,7 +131,7 @@ impl ResolvedRate {
         rates: &mut DVector<f64>,
     ) -> Resolved {
         let config = &self.config;
-        workspace.set_positions(model, q);
+        workspace.set_positions(q);
         match config.method.jacobian() {
             JacobianKind::Generalized => {
                 workspace.generalized_jacobian(&self.tip, &mut self.matrix);

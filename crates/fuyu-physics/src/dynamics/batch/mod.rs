@@ -1,83 +1,114 @@
-//! Many free-floating robots of one model at once, for Monte Carlo studies.
+//! Many states of one free-floating robot, stepped together: for Monte Carlo studies.
 
-mod evaluation;
+mod block;
+mod lanes;
 
 use std::any::Any;
+use std::sync::Arc;
 
-use nalgebra::{DVector, Quaternion, UnitQuaternion};
 use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
-use self::evaluation::Evaluation;
-use super::kernel::{F64x8, GROUP_SIZE, Tree};
-use super::{Momentum, State};
+use self::block::{Block, put, read};
+use self::lanes::LaneStepper;
+use super::kernel::{GROUP_SIZE, Tree};
+use super::{IntegrationMethod, State, Tableau, checks};
 use crate::model::Model;
 
-/// Many states of one model, each stepped under its own held joint efforts. States lie side by side, so
-/// that one instruction serves several of them, and blocks of them go to all processors. Every state comes
-/// out as if it were alone, whatever the number of states or threads.
+/// Many states of one robot, each under its own efforts. One instruction serves several states (SIMD lanes), and rayon
+/// distributes them over the processors.
 ///
-/// External wrenches and limits are not part of it: momentum is that of free motion, kept to the bit.
+/// Every state moves exactly as it does alone: results are bit-identical to those of
+/// [`Integrator`](super::Integrator) and [`Floating`](super::Floating) with the same method and the default
+/// formulation, for any number of states and threads. External wrenches, closed loops and other formulations are not
+/// supported; step one `Floating` per state for these, in a parallel iterator.
+///
+/// Efforts are either held ([`Batch::hold_efforts`]), sampled from one control law per state
+/// ([`Batch::control`]), or functions of state and time ([`Batch::step_with`]):
+///
+/// ```
+/// use fuyu_physics::dynamics::{Batch, IntegrationMethod, State};
+/// use fuyu_physics::model::{JointKind, ModelBuilder};
+/// use fuyu_physics::spatial::RigidInertia;
+/// use nalgebra::{DVector, Matrix3, Translation3, Vector3};
+///
+/// // A base of 10 kg with a boom of 1 kg, hinged 0.5 m from the base's centre.
+/// let inertia = |mass, x| RigidInertia { mass, com: Vector3::new(x, 0.0, 0.0), about_com: Matrix3::identity() * (0.1 * mass) };
+/// let mut builder = ModelBuilder::new("boom", "base_link", inertia(10.0, 0.0));
+/// let hinge = Translation3::new(0.5, 0.0, 0.0).into();
+/// builder.body("arm", 0, JointKind::Continuous, Vector3::z_axis(), hinge, inertia(1.0, 0.5));
+/// let model = builder.build();
+///
+/// // 1000 robots start at different joint positions.
+/// let mut batch = Batch::new(&model, IntegrationMethod::Rk4, 1000);
+/// for index in 0..batch.len() {
+///     let q = DVector::from_element(1, -1.0 + 0.002 * index as f64);
+///     batch.set_state(index, &State::at_rest_with(&model, &q));
+/// }
+///
+/// // Closed loop: each robot has its own controller, here a PI controller with an integral as its state. It acts every
+/// // 0.05 s; the dynamics take 5 steps of 0.01 s in between.
+/// let mut integrals = vec![0.0; batch.len()];
+/// for _ in 0..400 {
+///     batch.control(&mut integrals, |integral, state, efforts| {
+///         *integral += 0.05 * state.q[0];
+///         efforts[0] = -0.2 * state.q[0] - 0.4 * state.qd[0] - 0.02 * *integral;
+///     });
+///     batch.step(0.01, 5);
+/// }
+/// assert!((0..1000).all(|index| batch.state(index).q[0].abs() < 0.1));
+///
+/// // Efforts as functions of time and state, at every stage of every step; each robot has its own amplitude.
+/// let mut amplitudes: Vec<f64> = (0..1000).map(|index| 0.001 * index as f64).collect();
+/// batch.step_with(0.01, 10, &mut amplitudes, |amplitude, state, efforts| {
+///     efforts[0] = *amplitude * (2.0 * state.time).sin() - 0.1 * state.qd[0];
+/// });
+/// ```
 #[derive(Debug, Clone)]
 pub struct Batch {
-    tree: Tree,
-    pub(super) arch: Arch,
-    mass: f64,
+    setup: Setup,
     count: usize,
     blocks: Vec<Block>,
+    /// One per thread.
     scratch: Vec<Scratch>,
 }
 
-/// Writes a state's numbers into its lane.
-fn put(rows: &mut [F64x8], lane: usize, values: &[f64]) {
-    for (row, value) in rows.iter_mut().zip(values) {
-        row.0[lane] = *value;
-    }
-}
-
-/// A state's numbers.
-fn get<const N: usize>(rows: &[F64x8; N], lane: usize) -> [f64; N] {
-    rows.map(|row| row.0[lane])
-}
-
-/// Eight states.
+/// What all states have in common.
 #[derive(Debug, Clone)]
-struct Block {
-    time: F64x8,
-    q: Vec<F64x8>,
-    qd: Vec<F64x8>,
-    qdd: Vec<F64x8>,
-    efforts: Vec<F64x8>,
-    /// Quaternions `i j k w`.
-    R_WB: [F64x8; 4],
-    p_WC: [F64x8; 3],
-    linear_momentum_W: [F64x8; 3],
-    angular_momentum_W: [F64x8; 3],
+struct Setup {
+    model: Model,
+    tree: Arc<Tree>,
+    arch: Arch,
+    tableau: &'static Tableau,
+    mass: f64,
 }
 
 impl Batch {
-    /// `count` states at rest, joints at zero, without efforts.
-    pub fn new(model: &Model, count: usize) -> Self {
-        let rest = State::at_rest(model);
-        let block = Block {
-            time: F64x8::ZERO,
-            q: vec![F64x8::ZERO; model.dof()],
-            qd: vec![F64x8::ZERO; model.dof()],
-            qdd: vec![F64x8::ZERO; model.dof()],
-            efforts: vec![F64x8::ZERO; model.dof()],
-            R_WB: [0.0, 0.0, 0.0, 1.0].map(|entry| F64x8([entry; GROUP_SIZE])),
-            p_WC: <[f64; 3]>::from(rest.p_WC).map(|entry| F64x8([entry; GROUP_SIZE])),
-            linear_momentum_W: [F64x8::ZERO; 3],
-            angular_momentum_W: [F64x8::ZERO; 3],
-        };
+    /// `count` states at rest, joints at zero, without efforts, to be stepped with `method`.
+    pub fn new(model: &Model, method: IntegrationMethod, count: usize) -> Self {
+        Self::with_tableau(model, method.tableau(), count)
+    }
+
+    /// The same with any explicit tableau.
+    pub fn with_tableau(model: &Model, tableau: &'static Tableau, count: usize) -> Self {
+        let block = Block::repeating(&State::at_rest(model));
         Self {
-            tree: Tree::new(model),
-            arch: Arch::new(),
-            mass: model.total_mass(),
+            setup: Setup {
+                model: model.clone(),
+                tree: Tree::shared(model),
+                arch: Arch::new(),
+                tableau,
+                mass: model.total_mass(),
+            },
             count,
             blocks: vec![block; count.div_ceil(GROUP_SIZE)],
             scratch: Vec::new(),
         }
+    }
+
+    /// The robot.
+    pub fn model(&self) -> &Model {
+        &self.setup.model
     }
 
     /// Number of states.
@@ -91,68 +122,88 @@ impl Batch {
     }
 
     /// Block and lane of a state.
+    #[track_caller]
     fn find(&self, index: usize) -> (usize, usize) {
-        assert!(index < self.count, "state {index} of {}", self.count);
+        assert!(
+            index < self.count,
+            "there is no state {index} in a batch of {}",
+            self.count
+        );
         (index / GROUP_SIZE, index % GROUP_SIZE)
     }
 
-    /// Replaces state `index`. Work is not kept.
+    /// Replaces state `index`.
     ///
     /// # Panics
-    /// If there is no such state, or it has another number of joints.
+    /// If there is no such state, or `state` has another number of joints.
     pub fn set_state(&mut self, index: usize, state: &State) {
-        assert_eq!(state.q.len(), self.tree.dof(), "one position per joint");
+        checks::state(state, &self.setup.model);
         let (block, lane) = self.find(index);
-        let block = &mut self.blocks[block];
-        block.time.0[lane] = state.time;
-        put(&mut block.R_WB, lane, state.R_WB.coords.as_slice());
-        put(&mut block.p_WC, lane, state.p_WC.as_slice());
-        let Momentum { linear, angular } = &state.momentum_W;
-        put(&mut block.linear_momentum_W, lane, linear.as_slice());
-        put(&mut block.angular_momentum_W, lane, angular.as_slice());
-        put(&mut block.q, lane, state.q.as_slice());
-        put(&mut block.qd, lane, state.qd.as_slice());
+        self.blocks[block].set_state(lane, state);
     }
 
-    /// State `index`; its work is not a number.
+    /// State `index`.
     ///
     /// # Panics
     /// If there is no such state.
     pub fn state(&self, index: usize) -> State {
         let (block, lane) = self.find(index);
-        let block = &self.blocks[block];
-        let of =
-            |rows: &[F64x8]| DVector::from_iterator(rows.len(), rows.iter().map(|r| r.0[lane]));
-        State {
-            time: block.time.0[lane],
-            R_WB: UnitQuaternion::new_unchecked(Quaternion::from(get(&block.R_WB, lane))),
-            p_WC: get(&block.p_WC, lane).into(),
-            momentum_W: Momentum {
-                linear: get(&block.linear_momentum_W, lane).into(),
-                angular: get(&block.angular_momentum_W, lane).into(),
-            },
-            q: of(&block.q),
-            qd: of(&block.qd),
-            work: f64::NAN,
-        }
+        let mut state = State::at_rest(&self.setup.model);
+        self.blocks[block].read_state(lane, &mut state);
+        state
     }
 
-    /// Holds joint efforts \[N m or N\] for state `index` from now on.
+    /// Holds joint efforts \[N m or N\] for state `index` from now on, each clamped to its joint's effort limit.
     ///
     /// # Panics
     /// If there is no such state, or `efforts` does not have one element per joint.
     pub fn hold_efforts(&mut self, index: usize, efforts: &[f64]) {
-        assert_eq!(efforts.len(), self.tree.dof(), "one effort per joint");
+        checks::joint_vector("efforts", efforts.len(), &self.setup.model);
         let (block, lane) = self.find(index);
-        put(&mut self.blocks[block].efforts, lane, efforts);
+        hold(&mut self.blocks[block], lane, efforts, &self.setup.model);
+    }
+
+    /// Samples one control law per state: `law(controller, state, efforts)` receives the controller of a state, that
+    /// state, and the held efforts \[N m or N\], which it may change. They are held from now on, each clamped to its
+    /// joint's effort limit. The controllers may be of any type, such as a
+    /// [`Controller`](crate::control::Controller) with its measurement; a law that can fail keeps its error in the
+    /// controller.
+    ///
+    /// # Panics
+    /// If `controllers` does not have one element per state.
+    pub fn control<C: Send>(
+        &mut self,
+        controllers: &mut [C],
+        law: impl Fn(&mut C, &State, &mut [f64]) + Sync,
+    ) {
+        self.check_count("controllers", controllers.len());
+        let size = self.piece_size() * GROUP_SIZE;
+        let pieces = self.pieces(Task::Accelerate);
+        (pieces.zip(controllers.par_chunks_mut(size))).for_each(|(piece, controllers)| {
+            let Piece {
+                setup,
+                blocks,
+                scratch,
+                ..
+            } = piece;
+            let Scratch { state, efforts, .. } = scratch;
+            for (index, controller) in controllers.iter_mut().enumerate() {
+                let (block, lane) = (&mut blocks[index / GROUP_SIZE], index % GROUP_SIZE);
+                block.read_state(lane, state);
+                read(&block.efforts, lane, efforts);
+                law(controller, state, efforts);
+                hold(block, lane, efforts, &setup.model);
+            }
+        });
     }
 
     /// Computes the joint accelerations of all states under the held efforts.
     pub fn accelerate(&mut self) {
-        self.run(Task::Accelerate);
+        self.pieces(Task::Accelerate)
+            .for_each(|piece| piece.run(None));
     }
 
-    /// Acceleration of `joint` in state `index` as [`Batch::accelerate`] found it.
+    /// Acceleration \[rad/s² or m/s²\] of `joint` in state `index`, from [`Batch::accelerate`].
     ///
     /// # Panics
     /// If there is no such state or joint.
@@ -161,58 +212,90 @@ impl Batch {
         self.blocks[block].qdd[joint].0[lane]
     }
 
-    /// Advances all states by `steps` steps of `dt` \[s\] with the classical Runge-Kutta method.
+    /// Advances all states by `steps` steps of `dt` \[s\] under the held efforts.
     pub fn step(&mut self, dt: f64, steps: usize) {
-        self.run(Task::Step { dt, steps });
+        self.pieces(Task::Step { dt, steps })
+            .for_each(|piece| piece.run(None));
     }
 
-    fn run(&mut self, task: Task) {
+    /// Advances all states by `steps` steps of `dt` \[s\] under efforts that depend on time and state, as
+    /// [`Integrator::steps`](super::Integrator::steps) does: at every stage, `forcing(data, state, efforts)` receives
+    /// the data of a state (any type), the stage's state (with its time), and the efforts \[N m or N\] of the last call,
+    /// which it may change. They are not clamped, and are held afterwards.
+    ///
+    /// # Panics
+    /// If `data` does not have one element per state.
+    pub fn step_with<D: Send>(
+        &mut self,
+        dt: f64,
+        steps: usize,
+        data: &mut [D],
+        forcing: impl Fn(&mut D, &State, &mut [f64]) + Sync,
+    ) {
+        self.check_count("data", data.len());
+        let size = self.piece_size() * GROUP_SIZE;
+        let pieces = self.pieces(Task::Step { dt, steps });
+        (pieces.zip(data.par_chunks_mut(size))).for_each(|(piece, data)| {
+            let count = data.len();
+            let mut apply = |index: usize, state: &State, efforts: &mut [f64]| {
+                forcing(&mut data[index], state, efforts);
+            };
+            piece.run(Some(Forced {
+                count,
+                apply: &mut apply,
+            }));
+        });
+    }
+
+    #[track_caller]
+    fn check_count(&self, name: &str, given: usize) {
+        let count = self.count;
+        assert!(
+            given == count,
+            "`{name}` has {given} elements, but the batch has {count} states"
+        );
+    }
+
+    /// Number of blocks in a piece: there is one piece for each thread, so that each has its scratch memory.
+    fn piece_size(&self) -> usize {
+        (self.blocks.len().div_ceil(rayon::current_num_threads())).max(1)
+    }
+
+    fn pieces(&mut self, task: Task) -> impl IndexedParallelIterator<Item = Piece<'_>> {
+        let size = self.piece_size();
         let Self {
-            tree,
-            arch,
-            mass,
+            setup,
             blocks,
             scratch,
             ..
         } = self;
-        // One piece for each thread: a piece has scratch of its own.
-        let threads = rayon::current_num_threads();
-        let size = blocks.len().div_ceil(threads).max(1);
-        if scratch.len() < threads {
-            scratch.resize_with(threads, Scratch::default);
+        let count = blocks.len().div_ceil(size);
+        if scratch.len() < count {
+            scratch.resize_with(count, || Scratch::new(&setup.model));
         }
+        let setup = &*setup;
         let pieces = blocks.par_chunks_mut(size).zip(scratch);
-        pieces.for_each(|(blocks, scratch)| {
-            arch.dispatch(Blocks {
-                tree,
-                mass: *mass,
-                blocks,
-                scratch,
-                task,
-            });
-        });
+        pieces.map(move |(blocks, scratch)| Piece {
+            setup,
+            blocks,
+            scratch,
+            task,
+        })
+    }
+
+    /// Restricts the instruction set.
+    #[cfg(test)]
+    pub(super) fn set_arch(&mut self, arch: Arch) {
+        self.setup.arch = arch;
     }
 }
 
-/// An [`Evaluation`] kept from call to call. Its type depends on the machine's lanes.
-#[derive(Debug, Default)]
-struct Scratch(Option<Box<dyn Any + Send + Sync>>);
-
-impl Scratch {
-    fn of<S: Simd>(&mut self, simd: S, tree: &Tree) -> &mut Evaluation<S> {
-        let Self(kept) = self;
-        if !kept.as_ref().is_some_and(|kept| kept.is::<Evaluation<S>>()) {
-            *kept = Some(Box::new(Evaluation::new(simd, tree)));
-        }
-        let kept = kept.as_mut().and_then(|kept| kept.downcast_mut());
-        kept.expect("of the type that was just made")
-    }
-}
-
-impl Clone for Scratch {
-    /// There is nothing in it that another would need.
-    fn clone(&self) -> Self {
-        Self::default()
+/// Holds efforts in a lane, within the joints' limits.
+fn hold(block: &mut Block, lane: usize, efforts: &[f64], model: &Model) {
+    put(&mut block.efforts, lane, efforts);
+    for (joint, row) in model.joints().iter().zip(&mut block.efforts) {
+        let limit = joint.limits.effort;
+        row.0[lane] = row.0[lane].clamp(-limit, limit);
     }
 }
 
@@ -223,24 +306,95 @@ enum Task {
     Step { dt: f64, steps: usize },
 }
 
-/// Some blocks, for `pulp` to compile.
-struct Blocks<'a> {
-    tree: &'a Tree,
-    mass: f64,
+/// Efforts that depend on state and time.
+struct Forced<'a> {
+    /// Number of states in the piece: lanes beyond it are unused.
+    count: usize,
+    /// Called with the number of a state in the piece, the state, and its efforts.
+    apply: &'a mut dyn FnMut(usize, &State, &mut [f64]),
+}
+
+/// A thread's share of the batch.
+struct Piece<'a> {
+    setup: &'a Setup,
     blocks: &'a mut [Block],
     scratch: &'a mut Scratch,
     task: Task,
 }
 
-impl WithSimd for Blocks<'_> {
+impl Piece<'_> {
+    fn run(self, forced: Option<Forced>) {
+        let arch = self.setup.arch;
+        arch.dispatch(Run {
+            piece: self,
+            forced,
+        });
+    }
+}
+
+/// The task of a piece; `pulp` compiles it for every instruction set.
+struct Run<'a, 'b> {
+    piece: Piece<'a>,
+    forced: Option<Forced<'b>>,
+}
+
+impl WithSimd for Run<'_, '_> {
     type Output = ();
     #[inline(always)]
-    fn with_simd<S: Simd>(self, simd: S) {
-        let evaluation = self.scratch.of(simd, self.tree);
-        for block in self.blocks {
+    fn with_simd<S: Simd>(mut self, simd: S) {
+        let Piece {
+            setup,
+            blocks,
+            scratch,
+            task,
+        } = self.piece;
+        let stepper = scratch.stepper(simd, setup);
+        for (b, block) in blocks.iter_mut().enumerate() {
             for first in (0..GROUP_SIZE).step_by(S::F64_LANES) {
-                evaluation.run(self.tree, block, first, self.task, self.mass);
+                let at = (first, b * GROUP_SIZE);
+                stepper.run(setup, block, at, task, &mut self.forced);
             }
+        }
+    }
+}
+
+/// Scratch memory of one thread.
+#[derive(Debug)]
+struct Scratch {
+    /// A [`LaneStepper`], whose type depends on the instruction set.
+    stepper: Option<Box<dyn Any + Send + Sync>>,
+    state: State,
+    efforts: Vec<f64>,
+}
+
+impl Scratch {
+    fn new(model: &Model) -> Self {
+        Self {
+            stepper: None,
+            state: State::at_rest(model),
+            efforts: vec![0.0; model.dof()],
+        }
+    }
+
+    fn stepper<S: Simd>(&mut self, simd: S, setup: &Setup) -> &mut LaneStepper<S> {
+        let kept = &mut self.stepper;
+        if !kept
+            .as_ref()
+            .is_some_and(|kept| kept.is::<LaneStepper<S>>())
+        {
+            *kept = Some(Box::new(LaneStepper::new(simd, setup)));
+        }
+        let kept = kept.as_mut().and_then(|kept| kept.downcast_mut());
+        kept.expect("it has just been made with this type")
+    }
+}
+
+impl Clone for Scratch {
+    fn clone(&self) -> Self {
+        Self {
+            stepper: None,
+            state: self.state.clone(),
+            efforts: self.efforts.clone(),
         }
     }
 }

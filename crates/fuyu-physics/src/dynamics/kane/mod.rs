@@ -11,7 +11,7 @@ mod matching;
 
 use nalgebra::{DMatrix, DVector};
 
-use super::{Formulation, Input, TreeAcceleration, TreeMotion};
+use super::{Formulation, Input, TreeAcceleration, TreeMotion, checks};
 use crate::model::Model;
 use crate::spatial::{Twist, Wrench};
 use bodies::KaneBody;
@@ -27,9 +27,9 @@ pub use error::CutError;
 /// stretched pantograph, or directions constrained twice) the accelerations are wrong or not finite.
 ///
 /// ```
-/// use fuyu::dynamics::{CutHinge, Formulation, Input, Kane, TreeAcceleration, TreeMotion};
-/// use fuyu::model::{JointKind, ModelBuilder};
-/// use fuyu::spatial::{Pose, RigidInertia, Twist};
+/// use fuyu_physics::dynamics::{CutHinge, Formulation, Input, Kane, TreeAcceleration, TreeMotion};
+/// use fuyu_physics::model::{JointKind, ModelBuilder};
+/// use fuyu_physics::spatial::{Pose, RigidInertia, Twist};
 /// use nalgebra::{Matrix3, Translation3, UnitQuaternion, Vector3};
 ///
 /// // A parallelogram: two cranks on the base, and a coupler that one of them carries.
@@ -59,14 +59,15 @@ pub use error::CutError;
 /// let mut input = Input::zero(&model);
 /// input.efforts[0] = 1.0;
 /// let mut out = TreeAcceleration::zero(&model);
-/// kane.accelerations(&model, &motion, &input, &mut out);
+/// kane.accelerations(&motion, &input, &mut out);
 /// // The cranks stay parallel; the pin's force moves the rocker.
 /// assert!((out.qdd[0] - out.qdd[2]).abs() < 1e-12 && out.qdd[0] > 0.0);
 /// assert!(kane.cut_wrench(0).force.norm() > 0.1);
-/// # Ok::<(), fuyu::dynamics::CutError>(())
+/// # Ok::<(), fuyu_physics::dynamics::CutError>(())
 /// ```
 #[derive(Debug, Clone)]
 pub struct Kane {
+    model: Model,
     speed: BaseSpeed,
     bodies: Vec<KaneBody>,
     cuts: Vec<Cut>,
@@ -97,7 +98,12 @@ pub enum BaseSpeed {
 impl Kane {
     /// Scratch for a tree.
     pub fn new(model: &Model) -> Self {
-        Self::assemble(KaneBody::all(model), Vec::new(), BaseSpeed::default())
+        Self::assemble(
+            model.clone(),
+            KaneBody::all(model),
+            Vec::new(),
+            BaseSpeed::default(),
+        )
     }
 
     /// Scratch for a tree whose loops are closed by `cuts`. The caller's motion must satisfy the constraints, which is
@@ -109,15 +115,20 @@ impl Kane {
     pub fn with_cuts(model: &Model, cuts: &[CutHinge]) -> Result<Self, CutError> {
         let cuts = Cut::all(model, cuts)?;
         let bodies = KaneBody::all(model);
-        Ok(Self::assemble(bodies, cuts, BaseSpeed::default()))
+        Ok(Self::assemble(
+            model.clone(),
+            bodies,
+            cuts,
+            BaseSpeed::default(),
+        ))
     }
 
     /// The same with another generalized speed for the translation.
     pub fn with_base_speed(self, speed: BaseSpeed) -> Self {
-        Self::assemble(self.bodies, self.cuts, speed)
+        Self::assemble(self.model, self.bodies, self.cuts, speed)
     }
 
-    fn assemble(bodies: Vec<KaneBody>, cuts: Vec<Cut>, speed: BaseSpeed) -> Self {
+    fn assemble(model: Model, bodies: Vec<KaneBody>, cuts: Vec<Cut>, speed: BaseSpeed) -> Self {
         let base = match speed {
             BaseSpeed::MainBody => 6,
             BaseSpeed::SystemCom => 3,
@@ -125,6 +136,7 @@ impl Kane {
         let size = base + bodies.len() - 1;
         let constraints = cuts.iter().map(Cut::count).sum();
         Self {
+            model,
             speed,
             bodies,
             cuts,
@@ -157,18 +169,18 @@ impl Kane {
 
 impl Formulation for Kane {
     /// Steps (i)-(v) of section 2.3.4.
-    fn accelerations(
-        &mut self,
-        model: &Model,
-        motion: &TreeMotion,
-        input: &Input,
-        out: &mut TreeAcceleration,
-    ) {
+    fn accelerations(&mut self, motion: &TreeMotion, input: &Input, out: &mut TreeAcceleration) {
+        checks::formulation(motion, input, out, &self.model);
         KaneBody::set_motion(&mut self.bodies, motion);
         KaneBody::set_outer_sets(&mut self.bodies, &input.wrenches);
         // `solve` takes the hinges' efforts in `out.qdd`.
         let hinges = motion.q.iter().zip(motion.qd);
-        let acting = model.joints().iter().zip(input.efforts.iter()).zip(hinges);
+        let acting = self
+            .model
+            .joints()
+            .iter()
+            .zip(input.efforts.iter())
+            .zip(hinges);
         for (total, ((joint, effort), (q, qd))) in out.qdd.iter_mut().zip(acting) {
             *total = effort + joint.passive_effort(*q, *qd);
         }

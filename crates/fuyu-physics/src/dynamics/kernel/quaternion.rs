@@ -76,14 +76,6 @@ impl<S: Scalar> Quat<S> {
             v: self.v.mul_add(o.w, o.v.mul_add(self.w, self.v.cross(o.v))),
         }
     }
-
-    /// Inverse rotation of a vector: for `R_AB` from components in A to components in B.
-    #[inline(always)]
-    pub fn apply_inverse(self, x: Vec3<S>) -> Vec3<S> {
-        let t = x.cross(self.v);
-        let t = t + t;
-        t.mul_add(self.w, t.cross(self.v) + x)
-    }
 }
 
 /// [`crate::spatial::rotation_vector_rate`] where the square of `u` is at most [`SERIES_LIMIT`].
@@ -102,7 +94,7 @@ mod tests {
     /// Catches a wrong coefficient, sign or order of products, and a series that is too short.
     #[test]
     fn series_agree_with_the_closed_forms() {
-        let (w, x) = (Vector3::new(0.3, -2.0, 1.1), Vector3::new(-0.4, 0.9, 2.0));
+        let w = Vector3::new(0.3, -2.0, 1.1);
         let first = exp_so3(&Vector3::new(1.0, -2.0, 0.5));
         let parts = |q: &nalgebra::UnitQuaternion<f64>| Quat {
             w: q.w,
@@ -126,10 +118,8 @@ mod tests {
                     .for_each(|(b, a)| near(a, *b));
             }
             let rate = rotation_vector_rate_series(Vec3(u.into()), Vec3(w.into()));
-            let back = both.apply_inverse(Vec3(x.into()));
             for i in 0..3 {
                 near(rate[i], rotation_vector_rate(&u, &w)[i]);
-                near(back[i], product.inverse_transform_vector(&x)[i]);
             }
         }
     }

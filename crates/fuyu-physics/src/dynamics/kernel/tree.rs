@@ -6,6 +6,8 @@
 //! `Rz(gamma) Tz(b) Rx(alpha) Tx(a) Rz(theta) Tz(d)`. `alpha` is often 0 or 90°, which needs no arithmetic, and
 //! `gamma` and `b` differ from zero only at branches. Results are given in the frames of the URDF.
 
+use std::sync::Arc;
+
 use nalgebra::{Matrix3, Rotation3, Vector3};
 use pulp::Simd;
 
@@ -208,6 +210,11 @@ impl Tree {
             joints,
             outward,
         }
+    }
+
+    /// The compiled form of `model` that all its users share.
+    pub(crate) fn shared(model: &Model) -> Arc<Self> {
+        model.compiled(Self::new)
     }
 
     /// Number of joints.

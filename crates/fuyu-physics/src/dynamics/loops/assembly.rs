@@ -2,8 +2,7 @@
 
 use super::constraints::scale;
 use super::{Direction, LoopError, Loops};
-use crate::dynamics::{State, Workspace};
-use crate::model::Model;
+use crate::dynamics::{State, Workspace, checks};
 
 /// A loop is closed when its gap is below this, relative to the size of the mechanism.
 const CLOSED: f64 = 1e-12;
@@ -24,17 +23,13 @@ impl Loops {
     /// # Errors
     /// [`LoopError`] if a gap or a rate exceeds `tolerance`, if a loop cannot be closed nearby, or if the closures lock all
     /// joints.
-    pub fn assemble(
-        &mut self,
-        model: &Model,
-        state: &mut State,
-        tolerance: f64,
-    ) -> Result<(), LoopError> {
+    pub fn assemble(&mut self, state: &mut State, tolerance: f64) -> Result<(), LoopError> {
         if self.closures.is_empty() {
             return Ok(());
         }
-        let mut workspace = Workspace::new(model);
-        workspace.set_positions(model, &state.q);
+        checks::state(state, &self.model);
+        let mut workspace = Workspace::new(&self.model);
+        workspace.set_positions(&state.q);
         self.set_target(&workspace);
         if let Some((closure, direction, gap)) = self.largest_violation(tolerance) {
             return Err(LoopError::Open {
@@ -45,7 +40,7 @@ impl Loops {
                 limit: tolerance,
             });
         }
-        if !self.close(model, state, &mut workspace)
+        if !self.close(state, &mut workspace)
             && let Some((closure, direction, gap)) = self.largest_violation(0.0)
         {
             return Err(LoopError::NotClosable {
@@ -67,12 +62,12 @@ impl Loops {
             });
         }
         self.normals.remove_normal(&mut state.qd);
-        self.set_rank_from_nearby(model, state, &mut workspace);
+        self.set_rank_from_nearby(state, &mut workspace);
         if self.mobility() == 0 {
             let names: Vec<_> = self.closures.iter().map(|c| c.name.as_str()).collect();
             return Err(LoopError::Locked {
                 closures: names.join(", "),
-                joints: model.dof(),
+                joints: self.model.dof(),
                 rank: self.rank,
             });
         }
@@ -81,10 +76,10 @@ impl Loops {
 
     /// Projects positions until the loops are closed, and sets the normals as those of a closed state. Returns whether the
     /// loops are closed.
-    fn close(&mut self, model: &Model, state: &mut State, workspace: &mut Workspace) -> bool {
+    fn close(&mut self, state: &mut State, workspace: &mut Workspace) -> bool {
         let closed = (0..ATTEMPTS).any(|_| {
             self.normals_at.fill(f64::NAN);
-            self.project_positions(model, state, workspace);
+            self.project_positions(state, workspace);
             self.set_target(workspace) <= CLOSED * self.length
         });
         self.gap_before = 0.0;
@@ -104,8 +99,8 @@ impl Loops {
 
     /// Determines the rank of the constraints from nearby states, if they depend on each other in this one: if more are
     /// independent nearby, this state is singular.
-    fn set_rank_from_nearby(&mut self, model: &Model, state: &State, workspace: &mut Workspace) {
-        let (n, m) = (model.dof(), self.target.len());
+    fn set_rank_from_nearby(&mut self, state: &State, workspace: &mut Workspace) {
+        let (n, m) = (self.model.dof(), self.target.len());
         let mut nearby = state.clone();
         // First along the present rates, then along each joint.
         for attempt in 0..=n {
@@ -122,10 +117,10 @@ impl Loops {
             if size > 1e-9 {
                 nearby.q.copy_from(&state.q);
                 nearby.q.axpy(NEARBY / size, &direction, 1.0);
-                if self.close(model, &mut nearby, workspace) {
+                if self.close(&mut nearby, workspace) {
                     self.rank = self.rank.max(self.normals.rank());
                 }
-                workspace.set_positions(model, &state.q);
+                workspace.set_positions(&state.q);
                 self.set_normals(workspace, &state.q);
             }
         }

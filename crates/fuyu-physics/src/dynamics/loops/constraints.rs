@@ -5,7 +5,7 @@ use nalgebra::{DMatrix, DVector, Matrix6xX};
 use super::normals::Normals;
 use super::singular::NearbyState;
 use super::{LoopClosure, LoopError, LoopGap};
-use crate::dynamics::{Input, Momentum, State, Workspace};
+use crate::dynamics::{Input, Momentum, State, Workspace, checks};
 use crate::model::Model;
 use crate::spatial::exp_so3;
 
@@ -30,6 +30,7 @@ const CORRECTIONS: usize = 8;
 /// [`Loops::assemble`] a state, then use [`Loops::accelerations`] instead of those of the workspace.
 #[derive(Debug, Clone)]
 pub struct Loops {
+    pub(in crate::dynamics) model: Model,
     pub(super) closures: Vec<LoopClosure>,
     pub(super) normals: Normals,
     pub(super) gradients: DMatrix<f64>,
@@ -94,6 +95,7 @@ impl Loops {
             .map(|joint| joint.X_PJ.translation.vector.norm())
             .fold(0.0, f64::max);
         Self {
+            model: model.clone(),
             closures,
             normals: Normals::new(n, rows),
             gradients: DMatrix::zeros(n, m),
@@ -133,14 +135,16 @@ impl Loops {
     /// Projects positions and rates of `state` onto the constraints with the smallest change in the metric of the reduced
     /// inertia. Centre of mass and momentum do not change; the base's attitude changes as the motion of the joints at zero
     /// momentum requires. On return, `workspace` has the new positions.
-    pub fn project(&mut self, model: &Model, state: &mut State, workspace: &mut Workspace) {
+    pub fn project(&mut self, state: &mut State, workspace: &mut Workspace) {
         if self.closures.is_empty() {
             return;
         }
-        self.project_positions(model, state, workspace);
+        checks::same_robot("the loops", &self.model, "the workspace", workspace.model());
+        checks::state(state, &self.model);
+        self.project_positions(state, workspace);
         self.normals.remove_normal(&mut state.qd);
         if self.normals.rank() < self.rank {
-            self.limit_rates(model, state, workspace);
+            self.limit_rates(state, workspace);
         }
     }
 
@@ -148,36 +152,36 @@ impl Loops {
     /// `workspace` must have its positions and motion, and has them on return.
     pub fn accelerations(
         &mut self,
-        model: &Model,
         state: &State,
         workspace: &mut Workspace,
         input: &Input,
         qdd: &mut DVector<f64>,
     ) {
         if self.closures.is_empty() {
-            workspace.accelerations(model, state, input, qdd);
+            workspace.accelerations(state, input, qdd);
             return;
         }
+        checks::same_robot("the loops", &self.model, "the workspace", workspace.model());
+        checks::state(state, &self.model);
         if self.normals_at != state.q {
             self.gap_before = 0.0;
             self.set_normals(workspace, &state.q);
         }
-        self.constrained_accelerations(model, state, workspace, input, qdd);
+        self.constrained_accelerations(state, workspace, input, qdd);
         if self.normals.rank() < self.rank {
-            self.limit_accelerations(model, state, workspace, input, qdd);
+            self.limit_accelerations(state, workspace, input, qdd);
         }
     }
 
     /// [`Loops::accelerations`] at a state that is not singular.
     pub(super) fn constrained_accelerations(
         &mut self,
-        model: &Model,
         state: &State,
         workspace: &mut Workspace,
         input: &Input,
         qdd: &mut DVector<f64>,
     ) {
-        workspace.accelerations(model, state, input, qdd);
+        workspace.accelerations(state, input, qdd);
         // The constraint forces must cancel the tree's relative accelerations at the closures.
         workspace.set_accelerations(qdd);
         let mut row = 0;
@@ -193,13 +197,8 @@ impl Loops {
     }
 
     /// Projects positions by Newton's method, then sets the normals there.
-    pub(super) fn project_positions(
-        &mut self,
-        model: &Model,
-        state: &mut State,
-        workspace: &mut Workspace,
-    ) {
-        workspace.set_positions(model, &state.q);
+    pub(super) fn project_positions(&mut self, state: &mut State, workspace: &mut Workspace) {
+        workspace.set_positions(&state.q);
         if self.normals_at == state.q {
             return;
         }
@@ -219,7 +218,7 @@ impl Loops {
             let base = workspace.base_twist(&Momentum::default(), &self.change);
             state.q += &self.change;
             state.R_WB *= exp_so3(&base.angular);
-            workspace.set_positions(model, &state.q);
+            workspace.set_positions(&state.q);
             let before = gap;
             gap = self.set_target(workspace);
             if gap > 0.5 * before {

@@ -4,8 +4,7 @@ use nalgebra::DVector;
 
 use super::Loops;
 use super::constraints::scale;
-use crate::dynamics::{Input, State, Workspace};
-use crate::model::Model;
+use crate::dynamics::{Input, State, Workspace, checks};
 
 impl Loops {
     /// Constraint force of each closure on frame B (the opposite acts on frame A) in each of
@@ -17,7 +16,6 @@ impl Loops {
     /// not for every step.
     pub fn forces(
         &mut self,
-        model: &Model,
         state: &State,
         workspace: &mut Workspace,
         input: &Input,
@@ -25,12 +23,14 @@ impl Loops {
         if self.closures.is_empty() {
             return Vec::new();
         }
-        let mut qdd = DVector::zeros(model.dof());
+        checks::same_robot("the loops", &self.model, "the workspace", workspace.model());
+        checks::state(state, &self.model);
+        let mut qdd = DVector::zeros(self.model.dof());
         if self.normals_at != state.q {
             self.gap_before = 0.0;
             self.set_normals(workspace, &state.q);
         }
-        self.constrained_accelerations(model, state, workspace, input, &mut qdd);
+        self.constrained_accelerations(state, workspace, input, &mut qdd);
         let singular = self.normals.rank() < self.rank;
         let mut multipliers = self.normals.multipliers().into_iter();
         let length = self.length;

@@ -50,18 +50,13 @@ const AHEAD: [(f64, f64); 2] = [(1.0, 2.0), (2.0, -1.0)];
 impl Loops {
     /// Replaces the rates of `state` by their limit along the motion. This removes also the component across a constraint
     /// that depends on the others at this state, but not at those before and after it.
-    pub(super) fn limit_rates(
-        &mut self,
-        model: &Model,
-        state: &mut State,
-        workspace: &mut Workspace,
-    ) {
+    pub(super) fn limit_rates(&mut self, state: &mut State, workspace: &mut Workspace) {
         let rates = |_: &mut Self, there: &State, _: &mut Workspace, out: &mut DVector<f64>| {
             out.copy_from(&there.qd);
         };
         let size = state.qd.amax();
         if size > STILL
-            && self.interpolate(model, state, workspace, &state.qd, &BOTH_SIDES, rates)
+            && self.interpolate(state, workspace, &state.qd, &BOTH_SIDES, rates)
             && let Some(nearby) = &self.nearby
         {
             state.qd.copy_from(&nearby.limit);
@@ -74,7 +69,6 @@ impl Loops {
     /// starts to move. Without rates and accelerations, `qdd` does not change.
     pub(super) fn limit_accelerations(
         &mut self,
-        model: &Model,
         state: &State,
         workspace: &mut Workspace,
         input: &Input,
@@ -88,20 +82,19 @@ impl Loops {
             return;
         };
         let found = self.interpolate(
-            model,
             state,
             workspace,
             direction,
             positions,
             |s, there, w, out| {
                 w.set_motion(there);
-                s.constrained_accelerations(model, there, w, input, out);
+                s.constrained_accelerations(there, w, input, out);
             },
         );
         workspace.set_motion(state);
         if let Some(nearby) = &mut self.nearby {
             // Leaves the workspace with the bias forces at `state`.
-            workspace.accelerations(model, state, input, &mut nearby.value);
+            workspace.accelerations(state, input, &mut nearby.value);
             if found {
                 qdd.copy_from(&nearby.limit);
             }
@@ -113,7 +106,6 @@ impl Loops {
     /// on return.
     fn interpolate(
         &mut self,
-        model: &Model,
         state: &State,
         workspace: &mut Workspace,
         direction: &DVector<f64>,
@@ -138,7 +130,7 @@ impl Loops {
             found = positions.iter().all(|(position, weight)| {
                 there.copy_from(state);
                 there.q.axpy(position * step, direction, 1.0);
-                self.project(model, there, workspace);
+                self.project(there, workspace);
                 value(self, there, workspace, f);
                 limit.axpy(*weight, f, 1.0);
                 self.normals.rank() >= self.rank
@@ -148,7 +140,7 @@ impl Loops {
             }
             distance *= 3.0;
         }
-        workspace.set_positions(model, &state.q);
+        workspace.set_positions(&state.q);
         self.gap_before = gap;
         self.set_normals(workspace, &state.q);
         self.nearby = Some(nearby);

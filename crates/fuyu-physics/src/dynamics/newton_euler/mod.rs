@@ -10,8 +10,8 @@
 //! Integration errors change momentum and constraints; [`MatrixMethod::project`] moves a state back onto the constraints.
 //!
 //! ```
-//! use fuyu::dynamics::newton_euler::{Axis, Freedom, Hinge, INERTIAL, Load, MatrixMethod, Start, SystemBuilder};
-//! use fuyu::spatial::{Pose, RigidInertia};
+//! use fuyu_physics::dynamics::newton_euler::{Axis, Freedom, Hinge, INERTIAL, Load, MatrixMethod, Start, SystemBuilder};
+//! use fuyu_physics::spatial::{Pose, RigidInertia};
 //! use nalgebra::{Matrix3, Vector3};
 //!
 //! // Two balls on a rod of 1 m, one of them with the rod, that spin about each other.
@@ -31,7 +31,7 @@
 //! // The rod pulls the outer ball inward with m ω² r.
 //! let rod = method.hinge_wrench(&system, system.hinge("rod").unwrap());
 //! assert!((rod.force - Vector3::new(-2.0 * 9.0 * 0.5, 0.0, 0.0)).norm() < 1e-12);
-//! # Ok::<(), fuyu::dynamics::newton_euler::SystemError>(())
+//! # Ok::<(), fuyu_physics::dynamics::newton_euler::SystemError>(())
 //! ```
 
 mod augmented;

@@ -6,7 +6,7 @@ use super::{
     Axis, BodyState, Freedom, Hinge, INERTIAL, Load, MatrixMethod, System, SystemBuilder,
     SystemError,
 };
-use crate::dynamics::{Formulation, Input, TreeAcceleration, TreeMotion};
+use crate::dynamics::{Formulation, Input, TreeAcceleration, TreeMotion, checks};
 use crate::model::{JointKind, Model};
 use crate::spatial::{Pose, Twist};
 
@@ -69,6 +69,7 @@ fn rotation_to(axis: &Unit<Vector3<f64>>) -> Rotation3<f64> {
 /// shares neither kinematics nor equations with the reduced form. Costs O(n³).
 #[derive(Debug, Clone)]
 pub struct NewtonEuler {
+    model: Model,
     system: System,
     method: MatrixMethod,
     load: Load,
@@ -84,6 +85,7 @@ impl NewtonEuler {
     pub fn new(model: &Model) -> Result<Self, SystemError> {
         let system = builder(model, false).build()?;
         Ok(Self {
+            model: model.clone(),
             method: MatrixMethod::new(&system),
             load: Load::zero(&system),
             state: vec![0.0; system.state_len()],
@@ -104,7 +106,8 @@ impl NewtonEuler {
 
     /// Poses and twists from the base outward, the base frame at the world's origin with its axes; then each
     /// body's 13 numbers.
-    fn set_state(&mut self, model: &Model, motion: &TreeMotion) {
+    fn set_state(&mut self, motion: &TreeMotion) {
+        let model = &self.model;
         self.placed[0] = (Pose::identity(), motion.V_WB_B);
         for (j, joint) in model.joints().iter().enumerate() {
             let (X_WP, V_P) = self.placed[model.joint_parent(j)];
@@ -141,14 +144,10 @@ impl NewtonEuler {
 }
 
 impl Formulation for NewtonEuler {
-    fn accelerations(
-        &mut self,
-        model: &Model,
-        motion: &TreeMotion,
-        input: &Input,
-        out: &mut TreeAcceleration,
-    ) {
-        self.set_state(model, motion);
+    fn accelerations(&mut self, motion: &TreeMotion, input: &Input, out: &mut TreeAcceleration) {
+        checks::formulation(motion, input, out, &self.model);
+        self.set_state(motion);
+        let model = &self.model;
         let loads = self.load.wrenches.iter_mut().zip(&input.wrenches);
         for ((wrench, given), body) in loads.zip(model.bodies()) {
             *wrench = given.shifted(&-body.inertia.com);

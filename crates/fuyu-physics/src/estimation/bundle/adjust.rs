@@ -256,7 +256,7 @@ mod tests {
         let motion = IndependentPoses::new(poses.collect(), true);
         let frames = (0..4).map(|i| {
             let pose = motion.pose(i);
-            let seen = points.iter().enumerate().map(|(j, p)| {
+            let observations = points.iter().enumerate().map(|(j, p)| {
                 let x = pose.R_CB * p + pose.t_C;
                 let pixel = Vector2::new(focal.x * x.x, focal.y * x.y) / x.z;
                 // Errors, some beyond Huber's threshold.
@@ -267,7 +267,7 @@ mod tests {
                     inlier: true,
                 }
             });
-            seen.collect()
+            observations.collect()
         });
         let scene = Scene::new(focal, frames.collect(), 6, 0.3);
         (scene, motion, points)

@@ -56,8 +56,9 @@ mod uncertainty;
 
 use nalgebra::{Matrix3, SMatrix, UnitQuaternion, Vector3};
 
-pub use camera_motion::{CameraMotion, attitude_at, rotation_between};
+pub use camera_motion::{CameraMotion, rotation_between};
 
+pub(super) use camera_motion::attitude_at;
 pub(super) use free_motion::{FreeMotion, PARAMETERS, shape_basis, shape_times};
 pub(super) use uncertainty::derivatives;
 

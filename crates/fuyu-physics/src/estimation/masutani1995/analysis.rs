@@ -79,7 +79,7 @@ impl Analysis {
     /// Analyses angular velocities in the order of time, and chooses a model.
     ///
     /// # Errors
-    /// [`MasutaniError`] if they are wrong in themselves or end in no plane.
+    /// [`MasutaniError`] if they are invalid, or do not lie in a plane.
     pub fn new(rates: &[Rate], options: &Options) -> Result<Self, MasutaniError> {
         check(rates)?;
         let plane = InvariablePlane::fit(rates)?;
@@ -111,7 +111,7 @@ impl Analysis {
     /// Fits the chosen model to the same angular velocities.
     ///
     /// # Errors
-    /// [`MasutaniError`] if the fit fails or its result is no body.
+    /// [`MasutaniError`] if the fit fails, or no body has its result.
     pub fn solve(
         &self,
         rates: &[Rate],
@@ -176,15 +176,15 @@ impl Analysis {
             period: self.spectrum.period,
         })?;
         let time = rates[0].0 + pulse.delta / pulse.lambda;
-        // The fastest moment may lie outside the observation, so the herpolhode's angle is taken where the
-        // radius is largest and turned back by its constant rate (2.46).
+        // The fastest moment may lie outside the observation, so the herpolhode's angle is taken where its radius is
+        // largest, and extrapolated at its constant rate (2.46).
         let n = self.plane.normal;
         let radius = |w: &Vector3<f64>| in_plane(&n, w).norm_squared();
         let widest = rates
             .iter()
             .max_by(|a, b| radius(&a.1).total_cmp(&radius(&b.1)));
-        let (seen, w) = widest.copied().unwrap_or(rates[0]);
-        let angle = (time - seen) / self.plane.alpha.sqrt();
+        let (stamp, w) = widest.copied().unwrap_or(rates[0]);
+        let angle = (time - stamp) / self.plane.alpha.sqrt();
         let R_CR = frame(&n, Some(&w)) * UnitQuaternion::from_axis_angle(&Vector3::z_axis(), angle);
         Ok((
             FreeRotation::aperiodic(self.plane.alpha, pulse.lambda, R_CR, time),
@@ -212,8 +212,8 @@ impl Analysis {
         ))
     }
 
-    /// Where the angular velocity leans in the invariable plane at `time`: between its neighbours by angle, not
-    /// by components, which would cut the corner.
+    /// Direction of the angular velocity in the invariable plane at `time`: interpolated between samples by angle, since
+    /// interpolation of components would shorten the vector.
     fn direction_at(&self, rates: &[Rate], time: f64) -> Vector3<f64> {
         let n = &self.plane.normal;
         let after = rates.partition_point(|(t, _)| *t < time);
@@ -224,7 +224,7 @@ impl Analysis {
         UnitQuaternion::from_axis_angle(n, angle * (time - t0) / (t1 - t0)) * p0
     }
 
-    /// The reference frame whose plane of y and z holds `w`, with the sign that makes the nutation positive
+    /// The reference frame whose y-z plane contains `w`, with the sign that makes the nutation positive
     /// (Fig. 2.11).
     fn reference_frame(
         &self,
@@ -275,14 +275,14 @@ fn check(rates: &[Rate]) -> Result<(), MasutaniError> {
     Ok(())
 }
 
-/// `|w|²` over the time since the first.
+/// `|w|²` \[rad²/s²\] over the time since the first sample \[s\].
 fn squares(rates: &[Rate]) -> Vec<(f64, f64)> {
     let start = rates[0].0;
     let square = |(t, w): &Rate| (t - start, w.norm_squared());
     rates.iter().map(square).collect()
 }
 
-/// The part of `w` across the normal `n`.
+/// The component of `w` perpendicular to the normal `n`.
 fn in_plane(n: &UnitVector3<f64>, w: &Vector3<f64>) -> Vector3<f64> {
     w - n.into_inner() * n.dot(w)
 }

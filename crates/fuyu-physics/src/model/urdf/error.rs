@@ -101,7 +101,7 @@ pub enum UrdfProblem {
     },
     /// A spring for a joint that does not exist.
     #[error(
-        "<gazebo reference=\"{name}\"> has a spring, but there is no such joint; the joints are {known}"
+        "<gazebo reference=\"{name}\"> has a spring, but no joint has this name; the joints are {known}"
     )]
     SpringOfNoJoint {
         /// The name given.

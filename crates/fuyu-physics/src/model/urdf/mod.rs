@@ -36,7 +36,7 @@ impl Model {
     /// valid, and unknown elements are errors where they would have physical meaning.
     ///
     /// ```
-    /// use fuyu::model::Model;
+    /// use fuyu_physics::model::Model;
     /// let xml = r#"<robot name="ball"><link name="base"><inertial><mass value="-1"/>
     ///   <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"#;
     /// let error = Model::from_urdf(xml, "ball.urdf").unwrap_err().to_string();

@@ -1,4 +1,4 @@
-//! Messages as rows of a table: which value stands in which column.
+//! Messages as rows of a table: the column of each value.
 
 use std::collections::{BTreeMap, HashMap};
 

@@ -1,5 +1,4 @@
-//! Messages of which only the schema is known, as bags carry it: text in `ros2msg`, with the definitions of
-//! all that it refers to.
+//! Messages of which only the schema is known, as in bags: `ros2msg` text with the definitions of all contained types.
 
 mod columns;
 mod parse;

@@ -1,8 +1,8 @@
-//! From `ros2msg` text to a [`Schema`].
+//! Parser of `ros2msg` text into a [`Schema`].
 
 use super::{Base, Field, Schema, Shape, Struct};
 
-/// A text that is no schema.
+/// A text that is not a valid schema.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 pub enum SchemaError {
     /// A line that is neither a field nor a constant.
@@ -14,7 +14,7 @@ pub enum SchemaError {
         line: String,
     },
     /// A type that is referred to and not defined.
-    #[error("{type_name}: field {field} is of type {missing}, whose definition is not there")]
+    #[error("{type_name}: field {field} is of type {missing}, whose definition is missing")]
     Missing {
         /// Type that refers to it.
         type_name: String,
@@ -263,7 +263,7 @@ mod tests {
     }
 
     #[test]
-    fn what_is_no_schema_is_told() {
+    fn invalid_schemas_are_explained() {
         let error = |text| Schema::parse("a/msg/B", text).unwrap_err().to_string();
         assert!(error("Other x").contains("a/Other"));
         assert!(error("float64").contains("'float64'"));

@@ -1,4 +1,4 @@
-//! From CDR bytes to values, one after the other.
+//! Values of a serialized message, read with its schema.
 
 use std::borrow::Cow;
 

@@ -9,7 +9,7 @@ use super::{
     std_msgs::Header,
 };
 
-super::declare::messages! {
+crate::messages! {
     package simulation_interfaces;
 
     /// Outcome of a call. Services add numbers above 100.

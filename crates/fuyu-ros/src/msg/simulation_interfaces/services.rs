@@ -6,7 +6,7 @@ use super::{
 };
 use crate::msg::geometry_msgs::PoseStamped;
 
-crate::msg::declare::services! {
+crate::services! {
     package simulation_interfaces;
 
     /// What the simulator can do.

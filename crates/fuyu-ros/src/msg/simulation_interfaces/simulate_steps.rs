@@ -2,7 +2,7 @@
 
 use super::Result;
 
-crate::msg::declare::action! {
+crate::action! {
     package simulation_interfaces;
 
     /// Steps a paused simulation, tells of every step, and can be cancelled.

@@ -1,4 +1,4 @@
-//! The state machine of managed nodes, as rcl has it.
+//! The state machine of managed nodes, as in rcl.
 
 use crate::msg::lifecycle_msgs::{
     State, Transition as Way, TransitionDescription, services::ChangeStateRequest,

@@ -1,5 +1,4 @@
-//! Managed nodes: a node's program sets up, starts, stops and takes down its work when it is told to, by the
-//! services and in the states that rclcpp's lifecycle nodes have.
+//! Managed (lifecycle) nodes, with the services and states of rclcpp lifecycle nodes.
 
 mod graph;
 
@@ -23,35 +22,35 @@ use graph::{
     ERRORS, Edge, FAILURE, GRAPH, STATES, SUCCESS, available, describe, edge, requested, state,
 };
 
-/// What a node is to do.
+/// A transition that the program carries out.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Transition {
-    /// Make endpoints and whatever the work needs.
+    /// Create endpoints and other resources.
     Configure,
-    /// Let go of it.
+    /// Release them.
     CleanUp,
-    /// Start to work.
+    /// Start working.
     Activate,
-    /// Stop.
+    /// Stop working.
     Deactivate,
-    /// Stop and let go, for good.
+    /// Stop and release everything, for good.
     Shutdown,
 }
 
-/// Where a node is.
+/// Primary state of a managed node.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum Stage {
-    /// It has nothing but its parameters and these services.
+pub enum LifecycleState {
+    /// Only parameters and lifecycle services exist.
     Unconfigured,
-    /// It is set up but does nothing.
+    /// Configured, but not working.
     Inactive,
-    /// It works.
+    /// Working.
     Active,
-    /// It will do nothing any more.
+    /// Ended for good.
     Finalized,
 }
 
-impl Stage {
+impl LifecycleState {
     fn of(id: u8) -> Self {
         match id {
             State::PRIMARY_STATE_INACTIVE => Self::Inactive,
@@ -62,7 +61,7 @@ impl Stage {
     }
 }
 
-/// The life of a managed node. Its program asks [`Self::follow`] often what clients want, and does it.
+/// Lifecycle of a managed node. Its program calls [`Self::follow`] often, which carries out the requested transitions.
 pub struct Lifecycle {
     node: Node,
     state: Arc<AtomicU8>,
@@ -127,22 +126,22 @@ impl Lifecycle {
     }
 
     /// Where the node is.
-    pub fn stage(&self) -> Stage {
-        Stage::of(self.now())
+    pub fn state(&self) -> LifecycleState {
+        LifecycleState::of(self.now())
     }
 
-    /// Whether the node is to work.
+    /// Whether the node is active.
     pub fn is_active(&self) -> bool {
-        self.stage() == Stage::Active
+        self.state() == LifecycleState::Active
     }
 
-    /// Whether somebody waits for a transition.
+    /// Whether a transition has been requested.
     pub fn is_asked(&self) -> bool {
         !self.changes.is_empty()
     }
 
-    /// Makes the transitions that clients ask for; `work` does each. What it cannot do leaves the node where it
-    /// was (or finalized, for a shutdown), and is told in the log.
+    /// Makes the transitions that clients ask for; `work` does each. If `work` fails, the node stays in its
+    /// state (or is finalized, for a shutdown), and the error is logged.
     pub fn follow(&self, mut work: impl FnMut(Transition) -> Result<(), NodeError>) {
         while let Some(call) = self.changes.take() {
             let outcome = match requested(&call.request, self.now()) {

@@ -1,4 +1,4 @@
-//! How a node says which parameters it has.
+//! Declaration of the parameters of a node.
 
 use std::sync::{
     Arc,
@@ -10,7 +10,7 @@ use super::{
     store::{Check, Entry},
 };
 
-/// Parameters of a node that are given but wrong, or needed but not given.
+/// Parameters with wrong values, unknown parameters, and required parameters without a value.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub struct DeclareError(Vec<String>);
 
@@ -23,9 +23,9 @@ impl std::fmt::Display for DeclareError {
 
 impl std::error::Error for DeclareError {}
 
-/// Declares the parameters of a node, one after the other. What is wrong with the values that were
-/// given is gathered, and [`finish`](Self::finish) reports all of it at once.
-#[must_use = "call `finish` to learn whether the given values are right"]
+/// Declares the parameters of a node, one after the other. All errors in the given
+/// values are collected and reported at once by [`finish`](Self::finish).
+#[must_use = "call `finish` to check the given values"]
 #[derive(Debug)]
 pub struct Declare {
     store: Arc<ParameterStore>,
@@ -164,7 +164,7 @@ impl<'a, T: Parameter> Declaration<'a, T> {
         self
     }
 
-    /// What the range does not say: `constraints` tells people, `check` rejects.
+    /// A condition other than a range: `constraints` describes it for people, `check` rejects values.
     pub fn check(
         mut self,
         constraints: &str,
@@ -173,13 +173,13 @@ impl<'a, T: Parameter> Declaration<'a, T> {
         self.descriptor.additional_constraints = constraints.to_owned();
         self.check = Some(Box::new(move |value| match T::from_value(value) {
             Some(value) => check(&value),
-            // Types are compared before checks are asked.
+            // Types are compared before checks run.
             None => Ok(()),
         }));
         self
     }
 
-    /// Declares it and gives its value as it is now.
+    /// Declares the parameter and returns its value.
     pub fn value(self) -> T
     where
         T: Default,
@@ -187,7 +187,7 @@ impl<'a, T: Parameter> Declaration<'a, T> {
         self.declare().1
     }
 
-    /// Declares it and gives a handle that follows every change.
+    /// Declares the parameter and returns a handle that follows every change.
     pub fn live(self) -> Param<T>
     where
         T: Default,
@@ -202,7 +202,7 @@ impl<'a, T: Parameter> Declaration<'a, T> {
         }
     }
 
-    /// Enters the parameter; its name, and its value or something of its type if that is wrong.
+    /// Adds the parameter to the store. Returns its name and its value, or a default of the type if the value is wrong.
     fn declare(self) -> (String, T)
     where
         T: Default,
@@ -301,7 +301,7 @@ impl<T> Param<T> {
     }
 }
 
-/// What a default can be written as.
+/// A type that a default value can have.
 pub trait DefaultValue {
     /// The parameter's Rust type.
     type Parameter: Parameter + Default;

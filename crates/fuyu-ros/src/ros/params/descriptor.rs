@@ -1,4 +1,4 @@
-//! What is known of a parameter beside its value.
+//! Descriptor of a parameter: type, description, range.
 
 use super::{Kind, ParameterValue};
 use crate::msg::rcl_interfaces as msg;
@@ -22,7 +22,7 @@ pub enum Range {
     },
 }
 
-/// What is known of a parameter beside its value.
+/// Descriptor of a parameter: all but its value.
 #[derive(Debug, Clone, PartialEq)]
 pub struct Descriptor {
     /// Its dotted name.

@@ -1,5 +1,4 @@
-//! Parameters: declared with a descriptor, given by file or argument, read as Rust values, served to
-//! any ROS tool.
+//! Parameters: declared with a descriptor, set by file or argument, read as Rust values, accessible to every ROS tool.
 
 mod declare;
 mod descriptor;
@@ -19,7 +18,7 @@ pub use value::{Kind, Parameter, ParameterValue};
 pub(super) use services::serve;
 pub(super) use store::Change;
 
-/// The parameter that every node has: whether `/clock` is its time.
+/// The parameter that selects `/clock` as the time of a node; every node has it.
 pub const USE_SIM_TIME: &str = "use_sim_time";
 
 /// A value from outside the program for one parameter of one node.
@@ -29,14 +28,14 @@ pub struct Override {
     pub name: String,
     /// The value.
     pub value: ParameterValue,
-    /// Who gives it.
+    /// Origin of the value.
     pub source: Source,
-    /// Whether it is for whichever nodes have such a parameter (`/**` in a file, `-p` without a node)
-    /// rather than for this one, which must have it then.
+    /// Whether it is for all nodes that have such a parameter (`/**` in a file, `-p` without a node). Otherwise it is for
+    /// this node, which must have the parameter.
     pub shared: bool,
 }
 
-/// Who gives a value.
+/// Origin of a value.
 #[derive(Debug, Clone, PartialEq, Eq)]
 pub enum Source {
     /// `-p` on the command line.

@@ -20,7 +20,7 @@ use crate::{
     ros::{Node, NodeError, Qos, endpoint::EndpointSpec, service::ServiceServer},
 };
 
-/// Makes the services of a node and announces its changes; the services live as long as what is returned.
+/// Creates the parameter services of a node and announces its changes. The services live as long as the returned servers.
 pub(in crate::ros) fn serve(node: &Node) -> Result<Vec<ServiceServer>, NodeError> {
     let store = node.parameters();
     announce_changes(node)?;
@@ -73,7 +73,7 @@ pub(in crate::ros) fn serve(node: &Node) -> Result<Vec<ServiceServer>, NodeError
     ])
 }
 
-/// Publishes `/parameter_events`, and lets the node itself know. The store must not keep the node alive.
+/// Publishes changes on `/parameter_events` and wakes the node. The store holds a weak reference to the node.
 fn announce_changes(node: &Node) -> Result<(), NodeError> {
     let writer = node.core.add_writer(EndpointSpec::topic::<ParameterEvent>(
         "/parameter_events",
@@ -92,7 +92,8 @@ fn announce_changes(node: &Node) -> Result<(), NodeError> {
         }
         let name = core.names.node().full();
         let event = event(core.clock.now().into(), &name, changes);
-        core.outbox.push(&writer, cdr::encode(&event).into(), None);
+        core.send_queue
+            .push(&writer, cdr::encode(&event).into(), None);
         core.events.notify();
     });
     Ok(())

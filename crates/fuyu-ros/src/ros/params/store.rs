@@ -15,12 +15,12 @@ pub(super) type Check = Box<dyn Fn(&ParameterValue) -> Result<(), String> + Send
 type Validator = Box<dyn Fn(&dyn Fn(&str) -> ParameterValue) -> Result<(), String> + Send>;
 type Listener = Box<dyn Fn(&[Change]) + Send + Sync>;
 
-/// A parameter got a value.
+/// A new value of a parameter.
 #[derive(Debug, Clone, PartialEq)]
 pub(in crate::ros) struct Change {
     pub(in crate::ros) name: String,
     pub(in crate::ros) value: ParameterValue,
-    /// Whether it was declared just now.
+    /// Whether the parameter is new.
     pub(in crate::ros) new: bool,
 }
 
@@ -48,7 +48,7 @@ struct Inner {
 
 /// The parameters of one node, shared by its program and its services.
 ///
-/// Made by hand where there is no node, as when a scenario is simulated without DDS; see
+/// Create one directly for use without a node, such as a simulation without DDS; see
 /// [`Declare::new`](super::Declare::new).
 pub struct ParameterStore {
     node: NodeName,
@@ -65,8 +65,7 @@ impl fmt::Debug for ParameterStore {
 }
 
 impl ParameterStore {
-    /// Nothing declared yet; `overrides` wait for the declarations that they are for, the last one
-    /// winning.
+    /// A store without declarations. Each of `overrides` applies when its parameter is declared; the last one wins.
     pub fn new(node: NodeName, overrides: Vec<Override>) -> Self {
         Self {
             node,
@@ -88,7 +87,7 @@ impl ParameterStore {
         self.inner.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Called after every change from now on, outside the store's lock. The first call counts.
+    /// Sets the listener, called after every change without holding the lock. Only the first call has an effect.
     pub(in crate::ros) fn on_change(&self, listener: impl Fn(&[Change]) + Send + Sync + 'static) {
         let _ = self.listener.set(Box::new(listener));
     }
@@ -101,14 +100,14 @@ impl ParameterStore {
         }
     }
 
-    /// What is given from outside and not declared yet.
+    /// Overrides whose parameters are not declared yet.
     pub(super) fn pending(&self) -> Vec<Override> {
         let inner = self.lock();
         let declared = |o: &&Override| !inner.entries.contains_key(&o.name);
         inner.overrides.iter().filter(declared).cloned().collect()
     }
 
-    /// The last value given from outside for `name`.
+    /// The last override of `name`.
     pub(super) fn given(&self, name: &str) -> Option<Override> {
         let inner = self.lock();
         inner.overrides.iter().rfind(|o| o.name == name).cloned()

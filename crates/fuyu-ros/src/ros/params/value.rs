@@ -1,4 +1,4 @@
-//! The nine types that a ROS parameter can have.
+//! The types of ROS parameters.
 
 use std::fmt;
 
@@ -81,11 +81,11 @@ impl ParameterValue {
         yaml::parse_value(text)
     }
 
-    /// This value as one of type `wanted`, where YAML cannot tell the types apart: an empty list fits
+    /// Converts to the type `wanted` where YAML cannot distinguish the types: an empty list fits
     /// any list, and bytes are written as integers.
     ///
     /// # Errors
-    /// What is wrong and what would be right. An integer is no double: ROS keeps them apart.
+    /// Reason, with what would be right. An integer is not a double: ROS distinguishes them.
     pub(super) fn fit(self, wanted: Kind) -> Result<Self, String> {
         let empty = matches!(&self, Self::IntegerArray(v) if v.is_empty());
         match (self, wanted) {

@@ -1,4 +1,4 @@
-//! YAML as ROS parameter files use it: a tree that knows where it stands in its file.
+//! YAML of ROS parameter files: a tree with the location of each value.
 
 use serde::de::{self, Deserialize, Deserializer, MapAccess, SeqAccess, Visitor};
 use serde_saphyr::{Location, Spanned};
@@ -34,7 +34,7 @@ impl Tree {
     /// The parameter value that this scalar or list stands for.
     ///
     /// # Errors
-    /// Where it is wrong, and what would be right.
+    /// Location and reason, with what would be right.
     pub(in crate::ros) fn value(&self, at: Location) -> Result<ParameterValue, (Location, String)> {
         match self {
             Self::Bool(v) => Ok(ParameterValue::Bool(*v)),
@@ -117,7 +117,7 @@ fn list(items: &[Spanned<Tree>]) -> Result<ParameterValue, (Location, String)> {
 /// The whole document.
 ///
 /// # Errors
-/// Where it is no YAML, and why.
+/// Location and reason, if it is not valid YAML.
 pub(in crate::ros) fn parse(text: &str) -> Result<Spanned<Tree>, (Option<Location>, String)> {
     let options = serde_saphyr::options! {
         non_finite_float_policy: serde_saphyr::options::NonFiniteFloatPolicy::PassThrough,
@@ -134,7 +134,7 @@ pub(super) fn parse_value(text: &str) -> Result<ParameterValue, String> {
     tree.value.value(tree.referenced).map_err(|(_, e)| e)
 }
 
-/// The parser's words without the place, which the caller names, and without advice to programmers.
+/// The message of the parser without the location, which the caller adds, and without advice to programmers.
 fn brief(text: &str) -> String {
     let line = text.lines().next().unwrap_or_default();
     let ends = [" at line ", ", set DuplicateKeyPolicy"];

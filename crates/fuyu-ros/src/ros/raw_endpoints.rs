@@ -1,4 +1,4 @@
-//! DDS endpoints that carry bytes.
+//! DDS endpoints that carry serialized messages as bytes.
 
 use rustdds::{
     RepresentationIdentifier,
@@ -18,33 +18,33 @@ pub use ros2_client::Gid;
 /// Length of the encapsulation header before every CDR payload.
 const HEADER: usize = 4;
 
-/// A message as it came off the wire.
+/// A received message in serialized form.
 #[derive(Debug, Clone)]
 pub struct RawSample {
     /// Encapsulation header and CDR, as a bag stores them.
     pub cdr: Bytes,
-    /// When the publisher says that it published (its wall clock), if it says so.
+    /// Time of publication by the wall clock of the publisher, if it states one.
     pub source_time: Option<Time>,
-    /// When it arrived here (wall clock).
+    /// Time of arrival (wall clock).
     pub received_time: Time,
-    /// Who sent it.
+    /// The publisher.
     pub publisher: Gid,
-    /// The publisher's count.
+    /// Sequence number of the publisher.
     pub sequence_number: i64,
-    /// The request that a reply answers, or that asks.
+    /// Identity of the related request, of services.
     pub(super) related: Option<SampleIdentity>,
-    /// The sample itself, as a reply names it.
+    /// Identity of this sample.
     pub(super) identity: SampleIdentity,
 }
 
-/// Passes bytes to and from rustdds without looking at them.
+/// Passes bytes to and from rustdds unchanged.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct Opaque;
+pub(super) struct CdrPassthrough;
 
-pub(super) type RawWriter = rustdds::no_key::DataWriter<Bytes, Opaque>;
-pub(super) type RawReader = rustdds::no_key::SimpleDataReader<Bytes, Opaque>;
+pub(super) type RawWriter = rustdds::no_key::DataWriter<Bytes, CdrPassthrough>;
+pub(super) type RawReader = rustdds::no_key::SimpleDataReader<Bytes, CdrPassthrough>;
 
-impl SerializerAdapter<Bytes> for Opaque {
+impl SerializerAdapter<Bytes> for CdrPassthrough {
     type Error = Infallible;
 
     fn output_encoding() -> RepresentationIdentifier {
@@ -56,7 +56,7 @@ impl SerializerAdapter<Bytes> for Opaque {
     }
 }
 
-impl DeserializerAdapter<Bytes> for Opaque {
+impl DeserializerAdapter<Bytes> for CdrPassthrough {
     type Error = Infallible;
     type Decoded = Bytes;
 
@@ -72,12 +72,12 @@ impl DeserializerAdapter<Bytes> for Opaque {
     }
 }
 
-impl DefaultDecoder<Bytes> for Opaque {
+impl DefaultDecoder<Bytes> for CdrPassthrough {
     type Decoder = Self;
     const DECODER: Self = Self;
 }
 
-impl Decode<'_, Bytes> for Opaque {
+impl Decode<'_, Bytes> for CdrPassthrough {
     type Error = Infallible;
 
     fn decode_bytes(

@@ -1,4 +1,4 @@
-//! What the allocator does with memory that is free.
+//! Return of freed memory from the allocator to the operating system.
 
 use std::{thread, time::Duration};
 

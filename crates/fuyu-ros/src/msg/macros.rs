@@ -1,19 +1,59 @@
-//! The macros that declare messages, services and actions.
+//! Macros that declare messages, services and actions: [`messages`](crate::messages), [`services`](crate::services),
+//! [`action`](crate::action).
 
-/// Declares the messages of one ROS package. Doc comments become the comments of the `.msg` text.
+/// Declares the messages of one ROS package: for each a struct that implements [`Interface`](crate::msg::Interface).
 ///
-/// ```text
-/// messages! {
-///     package diagnostic_msgs;
+/// Doc comments become the comments of the `.msg` text. A field type is a Rust number, `bool`, `String`,
+/// [`Byte`](crate::msg::Byte), another message, `Vec<T>`, `[T; N]` or [`Bounded<T, N>`](crate::msg::Bounded). A field may
+/// have a default, a message may have constants. `DEFINITIONS` lists all messages of the module. Type hash and `.msg` text
+/// follow from the declaration, so it must agree with the `.msg` file that other ROS nodes use.
 ///
-///     /// One part of a robot.
-///     message DiagnosticStatus {
-///         level: Byte,
-///         name: String,
-///     }
-///     constants { OK: Byte = Byte(0) }
-/// }
+/// `fuyu_ros` must be a dependency under this name. Use one module per ROS package.
+///
 /// ```
+/// mod acme_msgs {
+///     use fuyu_ros::msg::std_msgs::Header;
+///
+///     fuyu_ros::messages! {
+///         package acme_msgs;
+///
+///         /// Temperature of one motor.
+///         message MotorTemperature {
+///             /// Time of the measurement.
+///             header: Header,
+///             /// Name of the joint.
+///             joint: String,
+///             /// Temperature \[deg C\].
+///             temperature: f64 = 20.0,
+///             /// OK or HOT.
+///             state: u8,
+///         }
+///         constants {
+///             /// Below the limit.
+///             OK: u8 = 0,
+///             /// Above the limit.
+///             HOT: u8 = 1,
+///         }
+///     }
+/// }
+/// use acme_msgs::MotorTemperature;
+/// use fuyu_ros::msg::{Interface, cdr};
+///
+/// let hot = MotorTemperature {
+///     joint: "shoulder".into(),
+///     state: MotorTemperature::HOT,
+///     ..Default::default()
+/// };
+/// assert_eq!(hot.temperature, 20.0);
+/// let bytes = cdr::encode(&hot);
+/// assert_eq!(cdr::decode::<MotorTemperature>(&bytes)?, hot);
+///
+/// let definition = MotorTemperature::DEFINITION;
+/// assert_eq!(definition.type_name(), "acme_msgs/msg/MotorTemperature");
+/// assert!(definition.msg_text().contains("uint8 HOT=1\n"));
+/// # Ok::<(), cdr::CdrError>(())
+/// ```
+#[macro_export]
 macro_rules! messages {
     (
         package $package:ident;
@@ -23,20 +63,47 @@ macro_rules! messages {
             $(constants { $($constants:tt)* })?
         )*
     ) => {
-        $($crate::msg::declare::interface! {
+        $($crate::__message! {
             [$package Msg stringify!($name)]
             [$($doc)*]
             $name { $($fields)* } { $($($constants)*)? }
         })*
 
         /// Every message declared here.
-        pub(super) const DEFINITIONS: &[&$crate::msg::Definition] =
+        #[allow(dead_code)]
+        pub const DEFINITIONS: &[&$crate::msg::Definition] =
             &[$(<$name as $crate::msg::Interface>::DEFINITION),*];
     };
 }
 
-/// Declares the services of one ROS package: for each a type that names it, and the structs of its
-/// request and response.
+/// Declares the services of one ROS package: for each a type that implements [`Service`](crate::msg::Service), and the
+/// structs of its request and response.
+///
+/// ```
+/// mod acme_srvs {
+///     fuyu_ros::services! {
+///         package acme_srvs;
+///
+///         /// Moves one joint of the gripper.
+///         service MoveJoint {
+///             MoveJointRequest {
+///                 /// Goal \[rad\].
+///                 position: f64,
+///             }
+///             MoveJointResponse {
+///                 /// Whether the goal is within the limits.
+///                 accepted: bool,
+///             }
+///         }
+///     }
+/// }
+/// use fuyu_ros::msg::{Interface, Service};
+///
+/// assert_eq!(acme_srvs::MoveJoint::NAME, "MoveJoint");
+/// let request = acme_srvs::MoveJointRequest::DEFINITION;
+/// assert_eq!(request.type_name(), "acme_srvs/srv/MoveJoint_Request");
+/// ```
+#[macro_export]
 macro_rules! services {
     (
         package $package:ident;
@@ -60,28 +127,58 @@ macro_rules! services {
                 type Response = $response;
             }
 
-            $crate::msg::declare::interface! {
+            $crate::__message! {
                 [$package Srv concat!(stringify!($service), "_Request")]
-                ["What a client of the service sends."]
+                ["Request of the service."]
                 $request { $($request_fields)* } {}
             }
-            $crate::msg::declare::interface! {
+            $crate::__message! {
                 [$package Srv concat!(stringify!($service), "_Response")]
-                ["What a server of the service answers."]
+                ["Response of the service."]
                 $response { $($response_fields)* } {}
             }
         )*
 
         /// Requests and responses of every service declared here.
-        pub(in $crate::msg) const DEFINITIONS: &[&$crate::msg::Definition] = &[$(
+        #[allow(dead_code)]
+        pub const DEFINITIONS: &[&$crate::msg::Definition] = &[$(
             <$request as $crate::msg::Interface>::DEFINITION,
             <$response as $crate::msg::Interface>::DEFINITION,
         )*];
     };
 }
 
-/// Declares an action of a ROS package, in a module of its own: a type that names it, `Goal`, `Outcome` and
-/// `Feedback` as declared, and the messages that carry them.
+/// Declares an action: a type that implements [`Action`](crate::msg::Action), the structs `Goal`, `Outcome` (the result)
+/// and `Feedback`, and the services and messages that carry them. Use one module per action, since the names of the
+/// structs are fixed.
+///
+/// ```
+/// mod dock {
+///     fuyu_ros::action! {
+///         package acme_actions;
+///
+///         /// Docks with the station.
+///         action Dock {
+///             goal {
+///                 /// Number of the port.
+///                 port: u8,
+///             }
+///             outcome {
+///                 /// Whether the latches are closed.
+///                 latched: bool,
+///             }
+///             feedback {
+///                 /// Distance to the port \[m\].
+///                 distance: f64,
+///             }
+///         }
+///     }
+/// }
+/// use fuyu_ros::msg::Interface;
+///
+/// assert_eq!(dock::Goal::DEFINITION.type_name(), "acme_actions/action/Dock_Goal");
+/// ```
+#[macro_export]
 macro_rules! action {
     (
         package $package:ident;
@@ -96,23 +193,23 @@ macro_rules! action {
         #[derive(Debug, Clone, Copy)]
         pub struct $action;
 
-        $crate::msg::declare::interface! {
+        $crate::__message! {
             [$package Action concat!(stringify!($action), "_Goal")]
-            ["What a client of the action asks for."]
+            ["Goal of the action."]
             Goal { $($goal)* } {}
         }
-        $crate::msg::declare::interface! {
+        $crate::__message! {
             [$package Action concat!(stringify!($action), "_Result")]
-            ["What it gets in the end."]
+            ["Result of the action."]
             Outcome { $($outcome)* } {}
         }
-        $crate::msg::declare::interface! {
+        $crate::__message! {
             [$package Action concat!(stringify!($action), "_Feedback")]
-            ["What it is told meanwhile."]
+            ["Progress towards the goal."]
             Feedback { $($feedback)* } {}
         }
 
-        /// The service that takes goals.
+        /// The service that receives goals.
         #[derive(Debug, Clone, Copy)]
         pub struct SendGoal;
 
@@ -123,28 +220,28 @@ macro_rules! action {
             type Response = SendGoalResponse;
         }
 
-        $crate::msg::declare::interface! {
+        $crate::__message! {
             [$package Action concat!(stringify!($action), "_SendGoal_Request")]
-            ["A goal."]
+            ["A goal with its id."]
             SendGoalRequest {
-                /// The client's choice.
+                /// Id of the goal, chosen by the client.
                 goal_id: $crate::msg::unique_identifier_msgs::UUID,
                 /// The goal.
                 goal: Goal,
             } {}
         }
-        $crate::msg::declare::interface! {
+        $crate::__message! {
             [$package Action concat!(stringify!($action), "_SendGoal_Response")]
-            ["Whether it is taken."]
+            ["Whether the server accepts the goal."]
             SendGoalResponse {
-                /// It is.
+                /// Whether the goal is accepted.
                 accepted: bool,
-                /// When.
+                /// Time of acceptance.
                 stamp: $crate::msg::builtin_interfaces::Time,
             } {}
         }
 
-        /// The service that gives outcomes, each when it is there.
+        /// The service that replies with the result of a goal when it has ended.
         #[derive(Debug, Clone, Copy)]
         pub struct GetResult;
 
@@ -155,29 +252,29 @@ macro_rules! action {
             type Response = GetResultResponse;
         }
 
-        $crate::msg::declare::interface! {
+        $crate::__message! {
             [$package Action concat!(stringify!($action), "_GetResult_Request")]
-            ["Which outcome."]
+            ["Selects a goal."]
             GetResultRequest {
-                /// That of this goal.
+                /// Id of the goal.
                 goal_id: $crate::msg::unique_identifier_msgs::UUID,
             } {}
         }
-        $crate::msg::declare::interface! {
+        $crate::__message! {
             [$package Action concat!(stringify!($action), "_GetResult_Response")]
-            ["An outcome."]
+            ["Status and result of a goal."]
             GetResultResponse {
-                /// A constant of `action_msgs/GoalStatus`.
+                /// Status, a constant of `action_msgs/GoalStatus`.
                 status: i8,
-                /// The outcome.
+                /// Result of the goal.
                 result: Outcome,
             } {}
         }
-        $crate::msg::declare::interface! {
+        $crate::__message! {
             [$package Action concat!(stringify!($action), "_FeedbackMessage")]
-            ["Feedback of a goal."]
+            ["Feedback with the id of its goal."]
             FeedbackMessage {
-                /// Which goal.
+                /// Id of the goal.
                 goal_id: $crate::msg::unique_identifier_msgs::UUID,
                 /// The feedback.
                 feedback: Feedback,
@@ -192,35 +289,63 @@ macro_rules! action {
             type GetResult = GetResult;
             type FeedbackMessage = FeedbackMessage;
 
-            fn goal(r: SendGoalRequest) -> ($crate::msg::unique_identifier_msgs::UUID, Goal) {
+            fn goal_of(r: SendGoalRequest) -> ($crate::msg::unique_identifier_msgs::UUID, Goal) {
                 (r.goal_id, r.goal)
             }
 
-            fn taken(
+            fn goal_response(
                 accepted: bool,
                 stamp: $crate::msg::builtin_interfaces::Time,
             ) -> SendGoalResponse {
                 SendGoalResponse { accepted, stamp }
             }
 
-            fn asked(r: GetResultRequest) -> $crate::msg::unique_identifier_msgs::UUID {
+            fn requested_goal(r: GetResultRequest) -> $crate::msg::unique_identifier_msgs::UUID {
                 r.goal_id
             }
 
-            fn ended(status: i8, result: Outcome) -> GetResultResponse {
+            fn result_response(status: i8, result: Outcome) -> GetResultResponse {
                 GetResultResponse { status, result }
             }
 
-            fn told(
+            fn feedback_message(
                 goal_id: $crate::msg::unique_identifier_msgs::UUID,
                 feedback: Feedback,
             ) -> FeedbackMessage {
                 FeedbackMessage { goal_id, feedback }
             }
+
+            fn goal_request(
+                goal_id: $crate::msg::unique_identifier_msgs::UUID,
+                goal: Goal,
+            ) -> SendGoalRequest {
+                SendGoalRequest { goal_id, goal }
+            }
+
+            fn is_accepted(r: &SendGoalResponse) -> bool {
+                r.accepted
+            }
+
+            fn result_request(
+                goal_id: $crate::msg::unique_identifier_msgs::UUID,
+            ) -> GetResultRequest {
+                GetResultRequest { goal_id }
+            }
+
+            fn result_of(r: GetResultResponse) -> (i8, Outcome) {
+                (r.status, r.result)
+            }
+
+            fn feedback_of(
+                m: FeedbackMessage,
+            ) -> ($crate::msg::unique_identifier_msgs::UUID, Feedback) {
+                (m.goal_id, m.feedback)
+            }
         }
 
         /// Every message declared here.
-        pub(in $crate::msg) const DEFINITIONS: &[&$crate::msg::Definition] = &[
+        #[allow(dead_code)]
+        pub const DEFINITIONS: &[&$crate::msg::Definition] = &[
             <Goal as $crate::msg::Interface>::DEFINITION,
             <Outcome as $crate::msg::Interface>::DEFINITION,
             <Feedback as $crate::msg::Interface>::DEFINITION,
@@ -233,8 +358,10 @@ macro_rules! action {
     };
 }
 
-/// One struct with its definition: what [`messages`] and [`services`] are made of.
-macro_rules! interface {
+// Declares one struct with its definition; used by the macros above.
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __message {
     (
         [$package:ident $kind:ident $ros_name:expr]
         [$($doc:literal)*]
@@ -246,7 +373,15 @@ macro_rules! interface {
         }
     ) => {
         $(#[doc = $doc])*
-        #[derive(Debug, Clone, PartialEq, serde::Serialize, serde::Deserialize)]
+        #[derive(
+            Debug,
+            Clone,
+            PartialEq,
+            $crate::__private::serde::Serialize,
+            $crate::__private::serde::Deserialize,
+        )]
+        // The attribute takes a literal only, so `$crate` is not possible here.
+        #[serde(crate = "::fuyu_ros::__private::serde")]
         pub struct $name {
             $($(#[doc = $field_doc])* pub $field: $ty,)*
         }
@@ -258,12 +393,12 @@ macro_rules! interface {
         impl Default for $name {
             fn default() -> Self {
                 Self {
-                    $($field: $crate::msg::declare::default_value!($($default)?),)*
+                    $($field: $crate::__default_value!($($default)?),)*
                 }
             }
         }
 
-        impl ros2_client::Message for $name {}
+        impl $crate::__private::ros2_client::Message for $name {}
 
         impl $crate::msg::Interface for $name {
             const DEFINITION: &'static $crate::msg::Definition = &$crate::msg::Definition {
@@ -278,9 +413,9 @@ macro_rules! interface {
                     comment: &[$($constant_doc),*],
                 }),*],
                 fields: &[$($crate::msg::FieldDefinition {
-                    name: $crate::msg::definition::ros_name(stringify!($field)),
+                    name: $crate::__private::ros_name(stringify!($field)),
                     ty: <$ty as $crate::msg::Field>::TYPE,
-                    default: $crate::msg::declare::default_text!($ty $(, $default)?),
+                    default: $crate::__default_text!($ty $(, $default)?),
                     comment: &[$($field_doc),*],
                 }),*],
             };
@@ -295,7 +430,9 @@ macro_rules! interface {
     };
 }
 
-macro_rules! default_value {
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __default_value {
     () => {
         Default::default()
     };
@@ -304,7 +441,9 @@ macro_rules! default_value {
     };
 }
 
-macro_rules! default_text {
+#[doc(hidden)]
+#[macro_export]
+macro_rules! __default_text {
     ($ty:ty) => {
         None
     };
@@ -315,5 +454,3 @@ macro_rules! default_text {
         })
     };
 }
-
-pub(super) use {action, default_text, default_value, interface, messages, services};

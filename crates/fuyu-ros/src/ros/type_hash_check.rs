@@ -1,17 +1,16 @@
-//! What peers mean by the name of a type: the hashes (REP-2016) that their endpoints state in their user data, as
-//! `typehash=RIHS01_...;`. rustdds hears them, and cannot send any.
+//! Check of type hashes (REP-2016): peers state them in the user data of their endpoints, as `typehash=RIHS01_...;`.
+//! rustdds receives them but cannot send them.
 
 use rustdds::GUID;
 use std::collections::{HashMap, HashSet};
 
-use super::{NodeName, discovery::ros_type, endpoint::EndpointSpec};
-use crate::msg;
+use super::{NodeName, endpoint::EndpointSpec};
 
-/// Bytes of a sequence's length, which rustdds leaves before user data (docs/upstream.md).
+/// Length prefix that rustdds leaves before user data (docs/upstream.md) \[bytes\].
 const LENGTH: usize = 4;
 
 /// The type hash in an endpoint's user data.
-pub(super) fn stated(user_data: &[u8]) -> Option<String> {
+pub(super) fn hash_in_user_data(user_data: &[u8]) -> Option<String> {
     let text = str::from_utf8(user_data.get(LENGTH..)?).ok()?;
     let hash = (text.split(';')).find_map(|pair| pair.trim().strip_prefix("typehash="))?;
     let digits = hash.strip_prefix("RIHS01_")?;
@@ -19,34 +18,31 @@ pub(super) fn stated(user_data: &[u8]) -> Option<String> {
     is_hash.then(|| hash.to_owned())
 }
 
-/// What the endpoints of peers have stated.
+/// Type hashes that the endpoints of peers have stated.
 #[derive(Default)]
-pub(super) struct Definitions {
+pub(super) struct TypeHashCheck {
     stated: HashMap<GUID, String>,
-    /// Topic and hash of what was warned of.
+    /// Topics and hashes that a warning was logged for.
     warned: HashSet<(String, String)>,
 }
 
-impl Definitions {
-    pub(super) fn found(&mut self, endpoint: GUID, user_data: &[u8]) {
-        if let Some(hash) = stated(user_data) {
+impl TypeHashCheck {
+    pub(super) fn endpoint_discovered(&mut self, endpoint: GUID, user_data: &[u8]) {
+        if let Some(hash) = hash_in_user_data(user_data) {
             self.stated.insert(endpoint, hash);
         }
     }
 
-    pub(super) fn lose(&mut self, is_lost: impl Fn(&GUID) -> bool) {
+    pub(super) fn remove_endpoints(&mut self, is_lost: impl Fn(&GUID) -> bool) {
         self.stated.retain(|endpoint, _| !is_lost(endpoint));
     }
 
-    /// Warns if a peer's endpoint, which exchanges messages with this node's, reads another type out of them.
+    /// Warns if a matched endpoint of a peer has another definition of the type.
     pub(super) fn compare(&mut self, node: &NodeName, spec: &EndpointSpec, peer: GUID) {
         let Some(stated) = self.stated.get(&peer) else {
             return;
         };
-        // What rmw states of a service's endpoints is the hash of the service.
-        let is_topic = spec.dds_topic.starts_with("rt/");
-        let type_name = ros_type(&spec.dds_type).filter(|_| is_topic);
-        let Some(known) = type_name.as_deref().and_then(msg::find) else {
+        let Some(known) = spec.definition else {
             return;
         };
         let here = known.type_hash();
@@ -75,13 +71,17 @@ mod tests {
 
     // Breaks when the form that rmw gives user data is not read, or something else is taken for a hash.
     #[test]
-    fn a_hash_is_found_among_what_else_is_stated() {
+    fn a_hash_is_found_among_other_user_data() {
         let hash = format!("RIHS01_{}", "0a".repeat(32));
         for text in [
             format!("typehash={hash};"),
             format!("enclave=/;typehash={hash};"),
         ] {
-            assert_eq!(stated(&sequence(&text)), Some(hash.clone()), "{text}");
+            assert_eq!(
+                hash_in_user_data(&sequence(&text)),
+                Some(hash.clone()),
+                "{text}"
+            );
         }
         for text in [
             "",
@@ -90,9 +90,9 @@ mod tests {
             "typehash=INVALID;",
             "enclave=/;",
         ] {
-            assert_eq!(stated(&sequence(text)), None, "{text}");
+            assert_eq!(hash_in_user_data(&sequence(text)), None, "{text}");
         }
-        assert_eq!(stated(&[]), None);
-        assert_eq!(stated(&[2, 0, 0, 0, 0xff, 0xfe]), None);
+        assert_eq!(hash_in_user_data(&[]), None);
+        assert_eq!(hash_in_user_data(&[2, 0, 0, 0, 0xff, 0xfe]), None);
     }
 }

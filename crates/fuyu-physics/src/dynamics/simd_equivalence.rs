@@ -1,24 +1,24 @@
-//! Every width of instructions computes the same, to the last bit.
+//! Every instruction set gives the same results, to the last bit.
 
 use nalgebra::{DVector, Matrix3, Matrix6xX, Rotation3, Translation3, UnitQuaternion, Vector3};
 use pulp::Arch;
 
 use super::{
-    ArticulatedBody, Formulation, Input, Integrator, Method, State, TreeAcceleration, TreeMotion,
-    Workspace,
+    ArticulatedBody, Formulation, Input, IntegrationMethod, Integrator, State, TreeAcceleration,
+    TreeMotion, Workspace,
 };
 use crate::model::{JointKind, Model, ModelBuilder};
 use crate::spatial::{Pose, RigidInertia, Twist};
 
-/// Those of this machine: one number at a time, AVX2 and AVX-512 where it has them.
-fn widths() -> Vec<Arch> {
-    let mut widths = vec![Arch::Scalar, Arch::new()];
+/// The instruction sets of this machine: scalar, AVX2 and AVX-512 if available.
+fn instruction_sets() -> Vec<Arch> {
+    let mut sets = vec![Arch::Scalar, Arch::new()];
     #[cfg(target_arch = "x86_64")]
-    widths.extend(pulp::x86::V3::try_new().map(Arch::V3));
-    widths
+    sets.extend(pulp::x86::V3::try_new().map(Arch::V3));
+    sets
 }
 
-/// A tree with hops of all kinds: branches, slides, axes in line, at right angles and at any angle.
+/// A tree with all kinds of joint transforms: branches, prismatic joints, axes parallel, at right angles and at any angle.
 fn tree() -> Model {
     let body = |mass: f64| RigidInertia {
         mass,
@@ -46,7 +46,7 @@ fn tree() -> Model {
     builder.build()
 }
 
-/// What positions imply, accelerations, and the state after some steps.
+/// Position-dependent terms, accelerations, and the state after some steps.
 fn all_results(model: &Model, arch: Arch) -> Vec<f64> {
     let n = model.dof();
     let q = DVector::from_fn(n, |j, _| 3.0 * (1.0 + j as f64).sin());
@@ -59,16 +59,16 @@ fn all_results(model: &Model, arch: Arch) -> Vec<f64> {
 
     let mut workspace = Workspace::new(model);
     workspace.arch = arch;
-    workspace.set_positions(model, &q);
+    workspace.set_positions(&q);
     let mut jacobian = Matrix6xX::zeros(n);
     workspace.generalized_jacobian(model.frame("tip").unwrap(), &mut jacobian);
     let mut results = jacobian.as_slice().to_vec();
-    workspace.base_map(model, &mut jacobian);
+    workspace.base_map(&mut jacobian);
     results.extend(jacobian.as_slice());
     results.extend(workspace.reduced_inertia().as_slice());
 
     let mut dynamics = ArticulatedBody::new(model);
-    dynamics.arch = arch;
+    dynamics.scratch.arch = arch;
     let motion = TreeMotion {
         R_WB: state.R_WB,
         V_WB_B: Twist::new(Vector3::new(0.1, 0.2, -0.3), Vector3::zeros()),
@@ -76,23 +76,23 @@ fn all_results(model: &Model, arch: Arch) -> Vec<f64> {
         qd: state.qd.as_slice(),
     };
     let mut answer = TreeAcceleration::zero(model);
-    dynamics.accelerations(model, &motion, &input, &mut answer);
+    dynamics.accelerations(&motion, &input, &mut answer);
     results.extend(answer.qdd.as_slice());
 
-    let mut integrator = Integrator::new(model, Method::Rk4);
-    integrator.arch = arch;
+    let mut integrator = Integrator::new(model, IntegrationMethod::Rk4);
+    integrator.set_arch(arch);
     let mut hold = |_: f64, _: &State, into: &mut Input| into.copy_from(&input);
-    integrator.steps(model, &mut state, &mut workspace, 0.01, 5, &mut hold);
+    integrator.steps(&mut state, &mut workspace, 0.01, 5, &mut hold);
     results.extend(state.q.as_slice());
     results.extend(state.R_WB.coords.as_slice());
     results
 }
 
-/// A kernel that rounds otherwise in one width, or that mixes up lanes, shows.
+/// Fails if a kernel rounds differently with one instruction set, or mixes up lanes.
 #[test]
-fn every_width_gives_the_same_bits() {
+fn every_instruction_set_gives_the_same_bits() {
     let model = tree();
-    let [first, others @ ..] = &widths()[..] else {
+    let [first, others @ ..] = &instruction_sets()[..] else {
         unreachable!("there is always the scalar width");
     };
     let expected = all_results(&model, *first);
@@ -102,15 +102,15 @@ fn every_width_gives_the_same_bits() {
     }
 }
 
-/// A batch too, whose lanes are states.
+/// The same for a batch, whose lanes are states.
 #[cfg(feature = "batch")]
 #[test]
-fn every_width_of_a_batch_gives_the_same_bits() {
+fn a_batch_gives_the_same_bits_with_every_instruction_set() {
     let model = tree();
     let n = model.dof();
     let results = |arch| {
-        let mut batch = super::Batch::new(&model, 11);
-        batch.arch = arch;
+        let mut batch = super::Batch::new(&model, IntegrationMethod::Rk4, 11);
+        batch.set_arch(arch);
         for index in 0..batch.len() {
             let q = DVector::from_fn(n, |j, _| 3.0 * ((1 + j + 7 * index) as f64).sin());
             let mut state = State::at_rest_with(&model, &q);
@@ -130,7 +130,7 @@ fn every_width_of_a_batch_gives_the_same_bits() {
     };
     let expected = results(Arch::Scalar);
     assert!(expected.iter().all(|x| x.is_finite()));
-    for arch in widths() {
+    for arch in instruction_sets() {
         assert_eq!(results(arch), expected, "{arch:?}");
     }
 }

@@ -1,12 +1,12 @@
-//! What a message and its fields know about themselves.
+//! Traits of messages, services and actions, and the field types that ROS has.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
 
 use super::{Definition, builtin_interfaces::Time, unique_identifier_msgs::UUID};
 
-/// A ROS 2 message (or the request or response of a service): a Rust struct that carries its own
-/// ROS definition.
+/// A ROS 2 message (or the request or response of a service): a Rust struct with its ROS definition. Implemented by the
+/// macros [`messages`](crate::messages), [`services`](crate::services) and [`action`](crate::action).
 pub trait Interface: ros2_client::Message + Clone + Default + Send + Sync + 'static {
     /// Name, constants and fields.
     const DEFINITION: &'static Definition;
@@ -16,48 +16,64 @@ pub trait Interface: ros2_client::Message + Clone + Default + Send + Sync + 'sta
     const NAME: &'static str = Self::DEFINITION.name;
 }
 
-/// A ROS 2 service: a name and two messages.
+/// A ROS 2 service: a name, a request and a response. Implemented by [`services`](crate::services).
 pub trait Service: 'static {
     /// ROS package, `std_srvs`.
     const PACKAGE: &'static str;
     /// Name within the package, `SetBool`.
     const NAME: &'static str;
-    /// What a client sends.
+    /// Message from the client to the server.
     type Request: Interface;
-    /// What the server answers.
+    /// Message from the server to the client.
     type Response: Interface;
 }
 
-/// A ROS 2 action: a goal, feedback on the way and an outcome, and the messages that carry them.
+/// A ROS 2 action: goal, feedback and result, and the services and messages that carry them. Implemented by
+/// [`action`](crate::action); programs use [`ActionServer`](crate::ros::ActionServer) and
+/// [`ActionClient`](crate::ros::ActionClient) rather than the functions below.
 pub trait Action: 'static {
-    /// What a client asks for.
+    /// Sent by the client.
     type Goal: Interface;
-    /// What it gets in the end.
+    /// The result, sent by the server at the end.
     type Outcome: Interface;
-    /// What it is told meanwhile.
+    /// Progress, published by the server.
     type Feedback: Interface;
-    /// The service that takes goals.
+    /// Service that receives goals.
     type SendGoal: Service;
-    /// The service that gives outcomes.
+    /// Service that replies with results.
     type GetResult: Service;
-    /// Feedback with the goal that it belongs to.
+    /// Feedback with the id of its goal.
     type FeedbackMessage: Interface;
 
-    /// The goal in a request, with its identity.
-    fn goal(request: <Self::SendGoal as Service>::Request) -> (UUID, Self::Goal);
-    /// The answer to a goal.
-    fn taken(accepted: bool, stamp: Time) -> <Self::SendGoal as Service>::Response;
-    /// Which outcome is asked for.
-    fn asked(request: <Self::GetResult as Service>::Request) -> UUID;
-    /// An outcome with the status of its goal, a constant of `GoalStatus`.
-    fn ended(status: i8, outcome: Self::Outcome) -> <Self::GetResult as Service>::Response;
-    /// Feedback of a goal.
-    fn told(goal: UUID, feedback: Self::Feedback) -> Self::FeedbackMessage;
+    /// Id and goal in a request of [`Self::SendGoal`].
+    fn goal_of(request: <Self::SendGoal as Service>::Request) -> (UUID, Self::Goal);
+    /// Response of [`Self::SendGoal`].
+    fn goal_response(accepted: bool, stamp: Time) -> <Self::SendGoal as Service>::Response;
+    /// Id of the goal in a request of [`Self::GetResult`].
+    fn requested_goal(request: <Self::GetResult as Service>::Request) -> UUID;
+    /// Response of [`Self::GetResult`]; the status is a constant of `action_msgs/GoalStatus`.
+    fn result_response(
+        status: i8,
+        outcome: Self::Outcome,
+    ) -> <Self::GetResult as Service>::Response;
+    /// Feedback message of a goal.
+    fn feedback_message(goal: UUID, feedback: Self::Feedback) -> Self::FeedbackMessage;
+
+    /// Request of [`Self::SendGoal`].
+    fn goal_request(id: UUID, goal: Self::Goal) -> <Self::SendGoal as Service>::Request;
+    /// Whether a response of [`Self::SendGoal`] accepts the goal.
+    fn is_accepted(response: &<Self::SendGoal as Service>::Response) -> bool;
+    /// Request of [`Self::GetResult`].
+    fn result_request(id: UUID) -> <Self::GetResult as Service>::Request;
+    /// Status and result in a response of [`Self::GetResult`].
+    fn result_of(response: <Self::GetResult as Service>::Response) -> (i8, Self::Outcome);
+    /// Goal id and feedback in a feedback message.
+    fn feedback_of(message: Self::FeedbackMessage) -> (UUID, Self::Feedback);
 }
 
 /// A Rust type that a field of a message can have.
 pub trait Field {
-    /// The ROS type that it stands for.
+    /// The corresponding ROS type.
     const TYPE: FieldType;
 }
 
@@ -94,13 +110,13 @@ pub enum Base {
 /// How many elements a field holds.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Shape {
-    /// One: `T`.
+    /// One element: `T`.
     One,
-    /// Always `n`: `T[n]`.
+    /// Exactly `n` elements: `T[n]`.
     Array(usize),
-    /// Any number: `T[]`.
+    /// Any number of elements: `T[]`.
     Sequence,
-    /// Up to `n`: `T[<=n]`.
+    /// At most `n` elements: `T[<=n]`.
     Bounded(usize),
 }
 
@@ -157,7 +173,8 @@ impl<T: Field> Field for Vec<T> {
     };
 }
 
-// Arrays nest, since serde stops at 32 elements: `[[f64; 6]; 6]` is `float64[36]`, with the same bytes.
+// Nested arrays count as one flat array, since serde supports at most 32 elements: `[[f64; 6]; 6]` is `float64[36]` and has
+// the same bytes.
 impl<T: Field, const N: usize> Field for [T; N] {
     const TYPE: FieldType = FieldType {
         base: T::TYPE.base,
@@ -184,7 +201,7 @@ const fn element<T: Field>() -> Base {
     T::TYPE.base
 }
 
-/// ROS `byte`: an octet without arithmetic, a type of its own beside `uint8`.
+/// ROS `byte`: an octet, distinct from `uint8`.
 #[derive(Debug, Clone, Copy, Default, PartialEq, Eq, PartialOrd, Ord, Serialize, Deserialize)]
 #[serde(transparent)]
 pub struct Byte(pub u8);
@@ -201,7 +218,7 @@ impl fmt::Display for Byte {
 #[serde(into = "Vec<T>", bound(serialize = "T: Serialize + Clone"))]
 pub struct Bounded<T, const N: usize>(Vec<T>);
 
-/// A sequence is longer than its type allows.
+/// A sequence that is longer than its type allows.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
 #[error("{len} elements where at most {max} are allowed")]
 pub struct TooLong {

@@ -1,9 +1,9 @@
-//! Letting peers that have just come learn what there is before more is added.
+//! Delay of new endpoints while a newly discovered peer learns the existing ones.
 //!
-//! A participant of Fast DDS that has just matched ours asks for the endpoints that we announced before it
-//! came. If we announce one more while it waits for those, it takes that one, which it has first, and passes over
-//! all before it for ever: it orders them by source timestamps, which rustdds does not give them
-//! (docs/upstream.md). So no endpoint is made shortly after such a peer has come.
+//! A Fast DDS participant that has just discovered ours requests the endpoints that we announced before. If we announce
+//! another one meanwhile, Fast DDS takes it as the first and never reads the earlier ones: it orders announcements by
+//! source timestamp, and rustdds sends none (docs/upstream.md). So no endpoint is created shortly after the discovery of
+//! such a peer.
 
 use rustdds::GUID;
 use std::{
@@ -12,29 +12,29 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Time that a peer needs to learn what there is; 60 ms were seen.
+/// Time that a peer needs to learn the existing endpoints; 60 ms were measured.
 const SETTLING: Duration = Duration::from_millis(150);
-/// Longest time that an endpoint is kept waiting, however many peers come.
+/// Longest delay of an endpoint, however many peers are discovered.
 const PATIENCE: Duration = Duration::from_secs(2);
-/// How GUIDs of rustdds begin: its vendor number. Between its own kind nothing is lost.
+/// First bytes of a rustdds GUID: its vendor id. rustdds peers lose nothing.
 const OUR_KIND: [u8; 2] = [0x01, 0x12];
 
-/// When the last stranger came.
+/// Time of the last discovery of a participant that is not rustdds.
 #[derive(Debug, Default)]
-pub(super) struct Newcomers {
+pub(super) struct DiscoverySettling {
     last: Mutex<Option<Instant>>,
 }
 
-impl Newcomers {
+impl DiscoverySettling {
     /// A participant with this GUID has been discovered.
-    pub(super) fn came(&self, participant: &GUID) {
+    pub(super) fn participant_discovered(&self, participant: &GUID) {
         if participant.prefix.as_ref()[..2] != OUR_KIND {
             *self.last.lock().unwrap_or_else(PoisonError::into_inner) = Some(Instant::now());
         }
     }
 
-    /// Returns when nobody has come for a while.
-    pub(super) fn let_settle(&self) {
+    /// Blocks until no participant has been discovered for [`SETTLING`], at most [`PATIENCE`].
+    pub(super) fn wait(&self) {
         let patience = Instant::now() + PATIENCE;
         loop {
             let last = *self.last.lock().unwrap_or_else(PoisonError::into_inner);
@@ -61,14 +61,14 @@ mod tests {
     }
 
     #[test]
-    fn only_strangers_are_given_time() {
-        let newcomers = Newcomers::default();
-        newcomers.came(&guid(OUR_KIND));
+    fn only_other_implementations_delay_new_endpoints() {
+        let settling = DiscoverySettling::default();
+        settling.participant_discovered(&guid(OUR_KIND));
         let start = Instant::now();
-        newcomers.let_settle();
+        settling.wait();
         assert!(start.elapsed() < SETTLING);
-        newcomers.came(&guid([0x01, 0x0f]));
-        newcomers.let_settle();
+        settling.participant_discovered(&guid([0x01, 0x0f]));
+        settling.wait();
         assert!(start.elapsed() >= SETTLING);
     }
 }

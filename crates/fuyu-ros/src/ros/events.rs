@@ -1,4 +1,4 @@
-//! What a node's program sleeps on.
+//! Wake-up of a node's program, and its stop request.
 
 use std::{
     sync::{
@@ -16,13 +16,18 @@ pub(super) struct Events {
 }
 
 impl Events {
-    /// Something happened: wakes whoever waits.
+    /// Counts an event and wakes all waiting threads.
     pub(super) fn notify(&self) {
         *self.count.lock().unwrap_or_else(PoisonError::into_inner) += 1;
         self.changed.notify_all();
     }
 
-    /// Waits until the count differs from `seen` or `deadline` has passed; the count then.
+    /// The number of events so far.
+    pub(super) fn count(&self) -> u64 {
+        *self.count.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Waits until the count differs from `seen` or `deadline` has passed. Returns the count.
     pub(super) fn wait(&self, seen: u64, deadline: Option<Instant>) -> u64 {
         let mut count = self.count.lock().unwrap_or_else(PoisonError::into_inner);
         while *count == seen {
@@ -47,15 +52,15 @@ impl Events {
     }
 }
 
-/// Whether a node is to stop, and what has broken if that is why.
+/// Whether a node has to stop, and the failure if that is the reason.
 #[derive(Debug)]
-pub(super) struct Fate {
+pub(super) struct StopState {
     events: Arc<Events>,
     stopping: AtomicBool,
     failure: OnceLock<String>,
 }
 
-impl Fate {
+impl StopState {
     pub(super) fn new(events: Arc<Events>) -> Self {
         Self {
             events,
@@ -73,7 +78,7 @@ impl Fate {
         self.events.notify();
     }
 
-    /// Stops the node since it cannot go on; the first reason stays.
+    /// Stops the node because it cannot continue; the first reason is kept.
     pub(super) fn fail(&self, reason: String) {
         let _ = self.failure.set(reason);
         self.stop();

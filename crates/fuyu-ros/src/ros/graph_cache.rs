@@ -1,8 +1,7 @@
-//! The nodes of other participants: what they are called and which publishers are theirs, as `ros_discovery_info`
-//! tells it.
+//! Cache of the graph: names and publishers of the nodes of other participants, from `ros_discovery_info`.
 //!
-//! ROS lets two nodes have one name, and whoever calls a service or sets a parameter then reaches one of them by
-//! chance; so a node that hears of a namesake says so.
+//! ROS allows two nodes with the same name; a service call or parameter change then reaches either of them. So a node that
+//! discovers another one of its own name logs a warning.
 
 use rustdds::GUID;
 use serde::Deserialize;
@@ -13,41 +12,44 @@ use std::{
 
 use super::{
     Gid, NodeError, NodeName, Qos, RawSample,
-    core::Core,
     endpoint::{Counters, EndpointSpec},
+    node_core::NodeCore,
 };
 use crate::msg::cdr::{self, CdrError};
 
 const TYPE: &str = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_";
 
-/// Participants whose messages may wait while they are taken in.
-const WAITING: usize = 100;
+/// Depth of the subscription: participants whose messages may wait.
+const QUEUE_DEPTH: usize = 100;
 
 /// `rmw_dds_common/ParticipantEntitiesInfo`.
 #[derive(Deserialize)]
-struct Told {
-    #[expect(dead_code, reason = "who sent it tells as much, and cannot be forged")]
+struct ParticipantEntities {
+    #[expect(
+        dead_code,
+        reason = "the sender is known from the sample and cannot be forged"
+    )]
     gid: Gid,
-    nodes: Vec<Entities>,
+    nodes: Vec<NodeEntities>,
 }
 
 #[derive(Deserialize)]
-struct Entities {
+struct NodeEntities {
     namespace: String,
     name: String,
-    #[expect(dead_code, reason = "stands before what is read")]
+    #[expect(dead_code, reason = "precedes the field that is read")]
     readers: Vec<Gid>,
     writers: Vec<Gid>,
 }
 
-impl Entities {
-    /// What others write has not passed [`NodeName::new`].
+impl NodeEntities {
+    /// Full name; names of other nodes have not been checked by [`NodeName::new`].
     fn full_name(&self) -> String {
         format!("{}/{}", self.namespace.trim_end_matches('/'), self.name)
     }
 }
 
-/// What all endpoints of a participant have in common.
+/// GUID prefix that all endpoints of a participant share.
 type Prefix = [u8; 12];
 
 fn prefix(gid: Gid) -> Prefix {
@@ -62,45 +64,46 @@ struct Participant {
     has_namesake: bool,
 }
 
-/// What is known of the nodes of other participants.
-pub(super) struct Neighbours {
+/// Nodes of other participants.
+pub(super) struct GraphCache {
     node: String,
-    known: Mutex<Known>,
+    known: Mutex<Inner>,
 }
 
 #[derive(Default)]
-struct Known {
-    /// The node's own participant, which it hears where there is more than loopback.
+struct Inner {
+    /// The node's own participant, whose messages it receives unless it uses loopback only.
     own: Option<Prefix>,
     others: HashMap<Prefix, Participant>,
 }
 
-impl Neighbours {
-    /// Those of a node, none yet.
-    pub(super) fn of(node: &NodeName) -> Self {
+impl GraphCache {
+    /// An empty cache for a node.
+    pub(super) fn new(node: &NodeName) -> Self {
         Self {
             node: node.full(),
             known: Mutex::default(),
         }
     }
 
-    /// Listens from now on.
-    pub(super) fn listen(core: &Arc<Core>) -> Result<(), NodeError> {
+    /// Subscribes to `ros_discovery_info`.
+    pub(super) fn subscribe(core: &Arc<NodeCore>) -> Result<(), NodeError> {
         let spec = EndpointSpec {
             name: "ros_discovery_info".to_owned(),
             dds_topic: "ros_discovery_info".to_owned(),
             dds_type: TYPE.to_owned(),
-            qos: Qos::LATCHED.depth(WAITING),
+            qos: Qos::LATCHED.depth(QUEUE_DEPTH),
+            definition: None,
             internal: true,
         };
-        let neighbours = Arc::clone(&core.neighbours);
+        let graph = Arc::clone(&core.graph);
         let sink = move |sample: RawSample, _: &Counters| {
-            let taken = neighbours.take_in(sample.publisher, &sample.cdr);
+            let taken = graph.update(sample.publisher, &sample.cdr);
             if let Ok(true) = taken {
                 tracing::warn!(
-                    "node {}: another node of this name is in the graph, and services and parameters reach either of \
-                     them; give one another name (-r __node:=NAME) or namespace (-r __ns:=/NAMESPACE)",
-                    neighbours.node
+                    "node {}: another node of this name is in the graph, and calls of services and parameters may \
+                     reach either; rename one (-r __node:=NAME) or namespace (-r __ns:=/NAMESPACE)",
+                    graph.node
                 );
             }
             taken.is_ok()
@@ -108,9 +111,9 @@ impl Neighbours {
         core.add_reader(spec, Box::new(sink)).map(drop)
     }
 
-    /// The node has a new participant, which is going to hear all others anew.
-    pub(super) fn begin(&self, own: Gid) {
-        *self.lock() = Known {
+    /// Clears the cache for a new participant, which will receive all messages again.
+    pub(super) fn reset(&self, own: Gid) {
+        *self.lock() = Inner {
             own: Some(prefix(own)),
             others: HashMap::new(),
         };
@@ -118,8 +121,8 @@ impl Neighbours {
 
     /// Takes in what the participant of `publisher` tells of its nodes. Gives whether one of them has this node's name
     /// and none had before.
-    fn take_in(&self, publisher: Gid, cdr: &[u8]) -> Result<bool, CdrError> {
-        let Told { nodes, .. } = cdr::decode_as(cdr, TYPE)?;
+    fn update(&self, publisher: Gid, cdr: &[u8]) -> Result<bool, CdrError> {
+        let ParticipantEntities { nodes, .. } = cdr::decode_as(cdr, TYPE)?;
         let participant = prefix(publisher);
         let mut known = self.lock();
         if known.own == Some(participant) {
@@ -132,7 +135,7 @@ impl Neighbours {
                 let name = node.full_name();
                 node.writers.into_iter().map(move |gid| (gid, name.clone()))
             })
-            // Nobody tells of others than itself.
+            // A participant reports its own endpoints only.
             .filter(|(gid, _)| prefix(*gid) == participant)
             .collect();
         if publishers.is_empty() && !has_namesake {
@@ -144,8 +147,8 @@ impl Neighbours {
         Ok(has_namesake && !std::mem::replace(&mut told.has_namesake, has_namesake))
     }
 
-    /// A participant has left, or died.
-    pub(super) fn lose(&self, is_lost: impl Fn(&GUID) -> bool) {
+    /// Removes participants that have left or died.
+    pub(super) fn remove_participants(&self, is_lost: impl Fn(&GUID) -> bool) {
         let any_endpoint = |prefix: &Prefix| {
             let mut bytes = [0; 16];
             bytes[..12].copy_from_slice(prefix);
@@ -155,8 +158,8 @@ impl Neighbours {
         others.retain(|prefix, _| !is_lost(&any_endpoint(prefix)));
     }
 
-    /// Full name of the node that `publisher` belongs to, if it has been told.
-    pub(super) fn owner_of(&self, publisher: Gid) -> Option<String> {
+    /// Full name of the node that `publisher` belongs to, if it is known.
+    pub(super) fn node_of(&self, publisher: Gid) -> Option<String> {
         let known = self.lock();
         let told = known.others.get(&prefix(publisher))?;
         let mut all = told.publishers.iter();
@@ -164,7 +167,7 @@ impl Neighbours {
         Some(name.clone())
     }
 
-    fn lock(&self) -> MutexGuard<'_, Known> {
+    fn lock(&self) -> MutexGuard<'_, Inner> {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
 }
@@ -196,49 +199,49 @@ mod tests {
         [&[0, 1, 0, 0], body.as_slice()].concat()
     }
 
-    fn neighbours() -> Neighbours {
-        let neighbours = Neighbours::of(&NodeName::new("/chaser", "arm").unwrap());
-        neighbours.begin(gid(1, 0));
-        neighbours
+    fn graph() -> GraphCache {
+        let graph = GraphCache::new(&NodeName::new("/chaser", "arm").unwrap());
+        graph.reset(gid(1, 0));
+        graph
     }
 
     // Would break if a publisher kept a node that is gone, or could be claimed by somebody else.
     #[test]
     fn publishers_belong_to_the_nodes_that_tell_of_them() {
-        let all = neighbours();
+        let all = graph();
         let two: &[(&str, &str, &[Gid])] = &[
             ("/", "alpha", &[gid(2, 1), gid(3, 1)]),
             ("/chaser", "beta", &[gid(2, 2)]),
         ];
-        assert_eq!(all.take_in(gid(2, 7), &told(two)).ok(), Some(false));
-        let owner = |publisher| all.owner_of(publisher);
+        assert_eq!(all.update(gid(2, 7), &told(two)).ok(), Some(false));
+        let owner = |publisher| all.node_of(publisher);
         assert_eq!(owner(gid(2, 1)).as_deref(), Some("/alpha"));
         assert_eq!(owner(gid(2, 2)).as_deref(), Some("/chaser/beta"));
         assert_eq!(owner(gid(3, 1)), None, "of another participant");
-        assert!(all.take_in(gid(2, 7), &told(two)[..40]).is_err());
+        assert!(all.update(gid(2, 7), &told(two)[..40]).is_err());
         assert_eq!(owner(gid(2, 1)).as_deref(), Some("/alpha"));
-        assert_eq!(all.take_in(gid(2, 7), &told(&two[..1])).ok(), Some(false));
+        assert_eq!(all.update(gid(2, 7), &told(&two[..1])).ok(), Some(false));
         assert_eq!(owner(gid(2, 2)), None);
-        all.take_in(gid(3, 7), &told(&[("/", "gamma", &[gid(3, 1)])]))
+        all.update(gid(3, 7), &told(&[("/", "gamma", &[gid(3, 1)])]))
             .unwrap();
-        all.lose(|guid| Gid::from(*guid).to_bytes16()[0] == 2);
+        all.remove_participants(|guid| Gid::from(*guid).to_bytes16()[0] == 2);
         assert_eq!(owner(gid(2, 1)), None);
         assert_eq!(owner(gid(3, 1)).as_deref(), Some("/gamma"));
-        all.take_in(gid(3, 7), &told(&[])).unwrap();
+        all.update(gid(3, 7), &told(&[])).unwrap();
         assert!(all.lock().others.is_empty());
     }
 
     // Would break if a node took itself for another, or warned with every message.
     #[test]
     fn a_namesake_is_new_once() {
-        let all = neighbours();
+        let all = graph();
         let own = told(&[("/chaser", "arm", &[])]);
-        assert_eq!(all.take_in(gid(1, 7), &own).ok(), Some(false));
+        assert_eq!(all.update(gid(1, 7), &own).ok(), Some(false));
         let elsewhere = told(&[("/", "arm", &[gid(4, 1)])]);
-        assert_eq!(all.take_in(gid(4, 7), &elsewhere).ok(), Some(false));
+        assert_eq!(all.update(gid(4, 7), &elsewhere).ok(), Some(false));
         for participant in [2, 3] {
-            assert_eq!(all.take_in(gid(participant, 7), &own).ok(), Some(true));
-            assert_eq!(all.take_in(gid(participant, 7), &own).ok(), Some(false));
+            assert_eq!(all.update(gid(participant, 7), &own).ok(), Some(true));
+            assert_eq!(all.update(gid(participant, 7), &own).ok(), Some(false));
         }
     }
 }

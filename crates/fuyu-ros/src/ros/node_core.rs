@@ -1,80 +1,80 @@
-//! What a node is made of, below its handles: a participant that comes and goes, and all that outlives it.
+//! State of a node that its handle, endpoints and threads share; it outlives DDS participants.
 
 use std::sync::{Arc, Mutex, MutexGuard, OnceLock, PoisonError, atomic::AtomicU64};
 
 use super::{
     Clock, Diagnostics, Domain, NodeError, Qos, RawSample,
+    discovery_settling::DiscoverySettling,
     endpoint::{Counters, EndpointSpec, Endpoints, Reader, Sink, Writer},
-    lockups::{Refusal, Stuck},
+    events::{Events, StopState},
+    graph_cache::GraphCache,
     names::Names,
-    neighbours::Neighbours,
-    newcomers::Newcomers,
     params::ParameterStore,
-    publisher::Outbox,
+    participant_watchdog::{AbandonedParticipant, EntityError},
+    publisher::SendQueue,
     session::Session,
     signals,
-    wait::{Events, Fate},
 };
 use crate::msg::{cdr, rosgraph_msgs};
 
-/// Participants that may lock themselves up, one after the other, before a node gives up.
-const ATTEMPTS: usize = 5;
+/// Participants that are tried, one after the other, before a node fails.
+const MAX_PARTICIPANTS: usize = 5;
 
 /// Whether a node is in the graph.
 #[derive(Default)]
 pub(super) enum Connection {
-    /// Not yet, or not any more since DDS refused; it may join.
+    /// Not connected yet, or no more because DDS failed; it may connect.
     #[default]
-    Apart,
-    Joined(Box<Session>),
-    /// It has left for good: nothing may bring it back, since nobody would end it then.
-    Left,
+    Disconnected,
+    Connected(Box<Session>),
+    /// Left the graph for good; a new participant would never be closed.
+    Closed,
 }
 
 impl Connection {
     pub(super) fn session(&mut self) -> Option<&mut Session> {
         match self {
-            Self::Joined(session) => Some(session),
-            Self::Apart | Self::Left => None,
+            Self::Connected(session) => Some(session),
+            Self::Disconnected | Self::Closed => None,
         }
     }
 }
 
-/// What a node is made of; shared by its handle, its endpoints and its threads.
-pub(super) struct Core {
+/// State of a node, shared by its handle, its endpoints and its threads.
+pub(super) struct NodeCore {
     pub(super) names: Names,
     pub(super) domain: Domain,
     pub(super) events: Arc<Events>,
-    pub(super) fate: Arc<Fate>,
-    pub(super) outbox: Outbox,
+    pub(super) stop_state: Arc<StopState>,
+    pub(super) send_queue: SendQueue,
     pub(super) endpoints: Arc<Mutex<Endpoints>>,
     session: Mutex<Connection>,
-    pub(super) neighbours: Arc<Neighbours>,
-    newcomers: Arc<Newcomers>,
+    pub(super) graph: Arc<GraphCache>,
+    settling: Arc<DiscoverySettling>,
     pub(super) params: Arc<ParameterStore>,
     pub(super) clock: Clock,
     pub(super) diagnostics: Diagnostics,
-    /// Events that the program has seen.
+    /// Count of events at the last wait of the program.
     pub(super) seen: AtomicU64,
     follows_clock: Mutex<bool>,
     /// Where `/rosout` is published, if it is.
     log: OnceLock<Arc<Writer>>,
 }
 
-impl Core {
+impl NodeCore {
     pub(super) fn new(names: Names, domain: Domain, params: Arc<ParameterStore>) -> Self {
         let events = Arc::new(Events::default());
         Self {
             clock: Clock::new(Arc::clone(&events)),
-            fate: Arc::new(Fate::new(Arc::clone(&events))),
-            neighbours: Arc::new(Neighbours::of(names.node())),
+            stop_state: Arc::new(StopState::new(Arc::clone(&events))),
+            graph: Arc::new(GraphCache::new(names.node())),
             names,
             domain,
             events,
-            outbox: Outbox::default(),
+            send_queue: SendQueue::default(),
             endpoints: Arc::default(),
             session: Mutex::default(),
-            newcomers: Arc::default(),
+            settling: Arc::default(),
             params,
             diagnostics: Diagnostics::default(),
             seen: AtomicU64::new(0),
@@ -92,47 +92,47 @@ impl Core {
         self.log.get()
     }
 
-    /// Makes a participant with all endpoints, in place of the one that is there, if any. Gives false
-    /// if the node has left the graph, where it stays.
+    /// Creates a participant with all endpoints and replaces the present one, if any. Returns false if the node has left
+    /// the graph for good.
     pub(super) fn open_session(&self) -> Result<bool, NodeError> {
-        self.replace_session(&mut self.lock_session(), Stuck::default())
+        self.replace_session(&mut self.lock_session(), AbandonedParticipant::default())
     }
 
-    /// The same in place of one that may have locked itself up.
+    /// The same in place of a participant that may have deadlocked.
     fn replace_session(
         &self,
         connection: &mut Connection,
-        mut old: Stuck,
+        mut old: AbandonedParticipant,
     ) -> Result<bool, NodeError> {
         match std::mem::take(connection) {
-            Connection::Left => {
-                *connection = Connection::Left;
+            Connection::Closed => {
+                *connection = Connection::Closed;
                 return Ok(false);
             }
-            // It may wait for threads that are no more; nobody waits for it.
-            Connection::Joined(session) => {
+            // Its drop may wait for threads that have ended, so it is dropped elsewhere.
+            Connection::Connected(session) => {
                 old.keep((Session::detach(&self.lock_endpoints()), session));
             }
-            Connection::Apart => {}
+            Connection::Disconnected => {}
         }
         drop(old);
         let node = self.names.node();
-        let others = (&self.neighbours, &self.newcomers);
-        let open = || Session::open(self.domain, node, &self.endpoints, &self.fate, others);
+        let others = (&self.graph, &self.settling);
+        let open = || Session::open(self.domain, node, &self.endpoints, &self.stop_state, others);
         let mut new = signals::with_blocked(open);
-        for _ in 1..ATTEMPTS {
-            if let Err(Refusal::LockedUp(_)) = new {
+        for _ in 1..MAX_PARTICIPANTS {
+            if let Err(EntityError::Deadlocked(_)) = new {
                 new = signals::with_blocked(open);
             }
         }
         let new = new.map_err(|e| NodeError::dds(node, "join the DDS domain", e))?;
-        *connection = Connection::Joined(Box::new(new));
+        *connection = Connection::Connected(Box::new(new));
         Ok(true)
     }
 
     /// Leaves the graph for good.
     pub(super) fn close_session(&self) {
-        let connection = std::mem::replace(&mut *self.lock_session(), Connection::Left);
+        let connection = std::mem::replace(&mut *self.lock_session(), Connection::Closed);
         Session::detach(&self.lock_endpoints());
         drop(connection);
     }
@@ -149,11 +149,11 @@ impl Core {
 
     pub(super) fn add_writer(&self, spec: EndpointSpec) -> Result<Arc<Writer>, NodeError> {
         let writer = Arc::new(Writer::new(spec));
-        self.newcomers.let_settle();
+        self.settling.wait();
         let mut connection = self.lock_session();
         self.lock_endpoints().writers.push(Arc::clone(&writer));
         if let Some(Err(e)) = connection.session().map(|s| s.add_writer(&writer)) {
-            self.add_anew(&mut connection, "publish", &writer.spec, e)?;
+            self.reconnect_with_endpoint(&mut connection, "publish", &writer.spec, e)?;
         }
         Ok(writer)
     }
@@ -164,33 +164,32 @@ impl Core {
         sink: Sink,
     ) -> Result<Arc<Reader>, NodeError> {
         let reader = Arc::new(Reader::new(spec, sink));
-        self.newcomers.let_settle();
+        self.settling.wait();
         let mut connection = self.lock_session();
         self.lock_endpoints().readers.push(Arc::clone(&reader));
         if let Some(Err(e)) = connection.session().map(|s| s.add_reader(&reader)) {
-            self.add_anew(&mut connection, "subscribe to", &reader.spec, e)?;
+            self.reconnect_with_endpoint(&mut connection, "subscribe to", &reader.spec, e)?;
         }
         Ok(reader)
     }
 
-    /// When an endpoint cannot be added: the participant may have locked itself up, or a signal may have ended its
-    /// threads while the node was being made. A participant made anew has all endpoints, this one too; what it
-    /// cannot have is an error.
-    fn add_anew(
+    /// Replaces the participant when an endpoint cannot be added: it may have deadlocked, or a signal may have ended its
+    /// threads while the node was created. The new participant has all endpoints including this one, or it is an error.
+    fn reconnect_with_endpoint(
         &self,
         connection: &mut Connection,
         verb: &str,
         spec: &EndpointSpec,
-        why: Refusal,
+        why: EntityError,
     ) -> Result<(), NodeError> {
         let (node, topic) = (self.names.node(), &spec.name);
         let error = NodeError::dds(node, format!("{verb} {topic}"), &why);
         let old = match why {
-            Refusal::LockedUp(stuck) => {
-                tracing::warn!("{error}; joining the graph anew");
+            EntityError::Deadlocked(stuck) => {
+                tracing::warn!("{error}; joining the graph again");
                 stuck
             }
-            Refusal::Dds(_) => Stuck::default(),
+            EntityError::Dds(_) => AbandonedParticipant::default(),
         };
         self.replace_session(connection, old)
             .map(drop)
@@ -239,6 +238,6 @@ impl Core {
     }
 
     pub(super) fn request_stop(&self) {
-        self.fate.stop();
+        self.stop_state.stop();
     }
 }

@@ -1,0 +1,146 @@
+//! Action clients: send a goal, follow its feedback, get its result, cancel it.
+
+use std::{
+    hash::{BuildHasher, RandomState},
+    sync::{Mutex, PoisonError},
+    time::Duration,
+};
+
+use super::{CallError, Node, NodeError, PendingCall, Qos, ServiceClient, Subscription};
+use crate::msg::{
+    Action,
+    action_msgs::{
+        GoalInfo,
+        services::{CancelGoal, CancelGoalRequest, CancelGoalResponse},
+    },
+    unique_identifier_msgs::UUID,
+};
+
+/// Feedback messages that wait for the program; beyond that the oldest are dropped.
+const FEEDBACK_DEPTH: usize = 100;
+
+/// Sends goals to an action server of another node.
+pub struct ActionClient<A: Action> {
+    send_goal: ServiceClient<A::SendGoal>,
+    get_result: ServiceClient<A::GetResult>,
+    cancel_goal: ServiceClient<CancelGoal>,
+    feedback: Subscription<A::FeedbackMessage>,
+    /// Received feedback of all goals, in order of arrival.
+    received: Mutex<Vec<(UUID, A::Feedback)>>,
+}
+
+impl<A: Action> ActionClient<A> {
+    /// A client of the action `name`, which is expanded and remapped.
+    ///
+    /// # Errors
+    /// [`NodeError::Name`] for a name against the rules, [`NodeError::Dds`] if DDS refuses.
+    pub fn new(node: &Node, name: &str) -> Result<Self, NodeError> {
+        let below = |part: &str| format!("{name}/_action/{part}");
+        Ok(Self {
+            feedback: node.subscribe(&below("feedback"), Qos::RELIABLE.depth(FEEDBACK_DEPTH))?,
+            get_result: node.client(&below("get_result"))?,
+            cancel_goal: node.client(&below("cancel_goal"))?,
+            send_goal: node.client(&below("send_goal"))?,
+            received: Mutex::default(),
+        })
+    }
+
+    /// Waits until a server has been discovered, at most `timeout` (wall time). Returns whether it has.
+    pub fn wait_for_server(&self, timeout: Duration) -> bool {
+        self.send_goal.wait_for_service(timeout)
+            && self.get_result.wait_for_service(timeout)
+            && self.cancel_goal.wait_for_service(timeout)
+    }
+
+    /// Sends a goal and waits for its acceptance, at most `timeout` (wall time). Returns `None` if the server rejects it.
+    ///
+    /// # Errors
+    /// [`CallError`] if the server does not respond.
+    pub fn send_goal(
+        &self,
+        goal: A::Goal,
+        timeout: Duration,
+    ) -> Result<Option<GoalHandle<'_, A>>, CallError> {
+        let id = random_id();
+        let request = A::goal_request(id.clone(), goal);
+        let response = self.send_goal.call(&request, timeout)?;
+        if !A::is_accepted(&response) {
+            return Ok(None);
+        }
+        if !self.get_result.wait_for_service(timeout) {
+            return Err(CallError::Timeout {
+                service: self.get_result.name().to_owned(),
+                timeout,
+            });
+        }
+        Ok(Some(GoalHandle {
+            result: self.get_result.send(&A::result_request(id.clone()))?,
+            client: self,
+            id,
+        }))
+    }
+
+    /// Takes the feedback of one goal out of what has been received.
+    fn take_feedback(&self, id: &UUID) -> Vec<A::Feedback> {
+        let mut received = self.received.lock().unwrap_or_else(PoisonError::into_inner);
+        while let Some(message) = self.feedback.take() {
+            received.push(A::feedback_of(message.message));
+        }
+        let surplus = received.len().saturating_sub(FEEDBACK_DEPTH);
+        received.drain(..surplus);
+        let (own, others) = received.drain(..).partition(|(goal, _)| goal == id);
+        *received = others;
+        drop(received);
+        let own: Vec<(UUID, A::Feedback)> = own;
+        own.into_iter().map(|(_, feedback)| feedback).collect()
+    }
+}
+
+/// A goal that the server has accepted. Feedback and result wake the node's program.
+pub struct GoalHandle<'a, A: Action> {
+    client: &'a ActionClient<A>,
+    id: UUID,
+    result: PendingCall<A::GetResult>,
+}
+
+impl<A: Action> GoalHandle<'_, A> {
+    /// Id of the goal.
+    pub fn id(&self) -> &UUID {
+        &self.id
+    }
+
+    /// Feedback that has arrived since the last call, oldest first.
+    pub fn feedback(&self) -> Vec<A::Feedback> {
+        self.client.take_feedback(&self.id)
+    }
+
+    /// Status (a constant of [`GoalStatus`](crate::msg::action_msgs::GoalStatus)) and result, once, when the goal has
+    /// ended.
+    pub fn result(&self) -> Option<(i8, A::Outcome)> {
+        self.result.take().map(A::result_of)
+    }
+
+    /// Asks the server to cancel the goal; waits for its response at most `timeout` (wall time).
+    ///
+    /// # Errors
+    /// [`CallError`] if the server does not respond.
+    pub fn cancel(&self, timeout: Duration) -> Result<CancelGoalResponse, CallError> {
+        let goal_info = GoalInfo {
+            goal_id: self.id.clone(),
+            ..GoalInfo::default()
+        };
+        let request = CancelGoalRequest { goal_info };
+        self.client.cancel_goal.call(&request, timeout)
+    }
+}
+
+/// A random UUID of version 4. `RandomState` has random keys.
+fn random_id() -> UUID {
+    let mut bytes = [0; 16];
+    for half in bytes.chunks_mut(8) {
+        half.copy_from_slice(&RandomState::new().hash_one(0).to_le_bytes());
+    }
+    bytes[6] = bytes[6] & 0x0f | 0x40;
+    bytes[8] = bytes[8] & 0x3f | 0x80;
+    UUID { uuid: bytes }
+}

@@ -1,0 +1,207 @@
+//! Service clients: requests with a reply that arrives later, matched by the identity of the request sample.
+
+use rustdds::rpc::SampleIdentity;
+use std::{
+    collections::HashMap,
+    marker::PhantomData,
+    sync::{Arc, Mutex, MutexGuard, PoisonError, atomic::Ordering::Relaxed},
+    time::{Duration, Instant},
+};
+
+use super::{
+    NodeError, RawSample,
+    endpoint::{Counters, Reader, Writer},
+    node_core::NodeCore,
+    service::{REPLY, REQUEST, service_spec},
+};
+use crate::msg::{Service, cdr};
+
+/// Longest time between two checks of a blocking wait: a stop request does not wake it.
+const POLL_PERIOD: Duration = Duration::from_millis(10);
+
+/// Replies by the request that they answer; `None` until the reply arrives.
+type Replies<S> = Mutex<HashMap<SampleIdentity, Option<<S as Service>::Response>>>;
+
+/// Why a service call has no response.
+#[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
+#[non_exhaustive]
+pub enum CallError {
+    /// No server was found, or it did not reply in time.
+    #[error("service {service}: no response within {timeout:?}; is its server running?")]
+    Timeout {
+        /// Full name of the service.
+        service: String,
+        /// How long the call waited.
+        timeout: Duration,
+    },
+    /// DDS did not accept the request.
+    #[error("service {service}: the request could not be sent")]
+    NotSent {
+        /// Full name of the service.
+        service: String,
+    },
+    /// The node was asked to stop while the call waited.
+    #[error("service {service}: no response, the node is stopping")]
+    Stopping {
+        /// Full name of the service.
+        service: String,
+    },
+}
+
+/// Calls a service of another node. From [`Node::client`](super::Node::client).
+///
+/// Blocking calls belong in the node's program or its own threads, not in a handler: handlers run on the receiving
+/// thread, which also receives the reply.
+pub struct ServiceClient<S: Service> {
+    core: Arc<NodeCore>,
+    requests: Arc<Writer>,
+    reader: Arc<Reader>,
+    replies: Arc<Replies<S>>,
+}
+
+fn lock<S: Service>(
+    replies: &Replies<S>,
+) -> MutexGuard<'_, HashMap<SampleIdentity, Option<S::Response>>> {
+    replies.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+impl<S: Service> ServiceClient<S> {
+    pub(super) fn new(core: &Arc<NodeCore>, full_name: &str) -> Result<Self, NodeError> {
+        let replies: Arc<Replies<S>> = Arc::default();
+        let (received, events) = (Arc::clone(&replies), Arc::clone(&core.events));
+        let sink = move |sample: RawSample, _: &Counters| {
+            // Every client of the service receives every reply.
+            let Some(request) = sample.related else {
+                return true;
+            };
+            let mut replies = lock::<S>(&received);
+            let Some(reply) = replies.get_mut(&request) else {
+                return true;
+            };
+            let Ok(response) = cdr::decode(&sample.cdr) else {
+                return false;
+            };
+            *reply = Some(response);
+            drop(replies);
+            events.notify();
+            true
+        };
+        // The reader first, so that no reply is missed.
+        let reader = core.add_reader(service_spec::<S>(full_name, REPLY), Box::new(sink))?;
+        let requests = match core.add_writer(service_spec::<S>(full_name, REQUEST)) {
+            Ok(writer) => writer,
+            Err(e) => {
+                core.remove_reader(&reader);
+                return Err(e);
+            }
+        };
+        Ok(Self {
+            core: Arc::clone(core),
+            requests,
+            reader,
+            replies,
+        })
+    }
+
+    /// Full name of the service.
+    pub fn name(&self) -> &str {
+        &self.reader.spec.name
+    }
+
+    /// Whether a server has been discovered.
+    pub fn is_available(&self) -> bool {
+        let matched = |counters: &Counters| counters.matched.load(Relaxed) > 0;
+        matched(&self.requests.counters) && matched(&self.reader.counters)
+    }
+
+    /// Waits until a server has been discovered, at most `timeout` (wall time). Returns [`Self::is_available`].
+    pub fn wait_for_service(&self, timeout: Duration) -> bool {
+        let deadline = Instant::now() + timeout;
+        while !self.is_available()
+            && Instant::now() < deadline
+            && !self.core.stop_state.is_stopping()
+        {
+            std::thread::sleep(POLL_PERIOD);
+        }
+        self.is_available()
+    }
+
+    /// Sends a request without waiting for the response. The response wakes the node's program.
+    ///
+    /// # Errors
+    /// [`CallError::NotSent`] if DDS does not accept the request.
+    pub fn send(&self, request: &S::Request) -> Result<PendingCall<S>, CallError> {
+        // Locked while the request is written, since the reply may arrive before the write returns.
+        let mut replies = lock::<S>(&self.replies);
+        let sent =
+            self.requests
+                .write(cdr::encode(request).into(), rustdds::Timestamp::now(), None);
+        let identity = sent.ok_or_else(|| CallError::NotSent {
+            service: self.name().to_owned(),
+        })?;
+        replies.insert(identity, None);
+        Ok(PendingCall {
+            replies: Arc::clone(&self.replies),
+            identity,
+            service: PhantomData,
+        })
+    }
+
+    /// Waits for a server if none has been discovered, sends a request and waits for the response: at most `timeout` in
+    /// total (wall time).
+    ///
+    /// # Errors
+    /// [`CallError`] if no response arrives.
+    pub fn call(&self, request: &S::Request, timeout: Duration) -> Result<S::Response, CallError> {
+        let deadline = Instant::now() + timeout;
+        if self.wait_for_service(timeout) {
+            let pending = self.send(request)?;
+            while Instant::now() < deadline && !self.core.stop_state.is_stopping() {
+                if let Some(response) = pending.take() {
+                    return Ok(response);
+                }
+                let (seen, limit) = (self.core.events.count(), Instant::now() + POLL_PERIOD);
+                if !pending.is_ready() {
+                    self.core.events.wait(seen, Some(limit.min(deadline)));
+                }
+            }
+        }
+        let service = self.name().to_owned();
+        match self.core.stop_state.is_stopping() {
+            true => Err(CallError::Stopping { service }),
+            false => Err(CallError::Timeout { service, timeout }),
+        }
+    }
+}
+
+impl<S: Service> Drop for ServiceClient<S> {
+    fn drop(&mut self) {
+        self.core.remove_writer(&self.requests);
+        self.core.remove_reader(&self.reader);
+    }
+}
+
+/// A request whose response has not been taken yet. Dropping it discards the response.
+pub struct PendingCall<S: Service> {
+    replies: Arc<Replies<S>>,
+    identity: SampleIdentity,
+    service: PhantomData<fn(S)>,
+}
+
+impl<S: Service> PendingCall<S> {
+    /// Whether the response has arrived.
+    pub fn is_ready(&self) -> bool {
+        matches!(lock::<S>(&self.replies).get(&self.identity), Some(Some(_)))
+    }
+
+    /// The response, once, if it has arrived.
+    pub fn take(&self) -> Option<S::Response> {
+        lock::<S>(&self.replies).get_mut(&self.identity)?.take()
+    }
+}
+
+impl<S: Service> Drop for PendingCall<S> {
+    fn drop(&mut self) {
+        lock::<S>(&self.replies).remove(&self.identity);
+    }
+}
