@@ -161,16 +161,16 @@ fn from_tracks(args: &Args, observed: &ObservedTracks) -> Result<Found, Failure>
 }
 
 fn describe(tracks: &Tracks, duration: f64, at_rest: bool) -> String {
-    let sightings = tracks.sightings();
-    let features: usize = sightings.iter().map(|s| s.features.len()).sum();
+    let frames = tracks.frames();
+    let features: usize = frames.iter().map(|s| s.features.len()).sum();
     let camera = match at_rest {
         true => "assumed not to rotate",
         false => "rotation removed with the gyro",
     };
     format!(
         "{} frames over {duration:.1} s, {:.1} features each; camera {camera}",
-        sightings.len(),
-        features as f64 / sightings.len().max(1) as f64
+        frames.len(),
+        features as f64 / frames.len().max(1) as f64
     )
 }
 

@@ -111,10 +111,8 @@ fn simulate(
         }
         closed_loop.answer::<Stop>(&mut frames, |world, moment| {
             performance.see(world, moment);
-            let now = moment
-                .answer
-                .as_ref()
-                .and_then(|a| a.report.convergence_failure);
+            let now = (moment.answer.as_ref())
+                .and_then(|answer| answer.report.control.as_ref().ok()?.convergence_failure);
             let since = trouble.map_or(world.time(), |(since, _)| since);
             trouble = now.map(|now| (since, now));
             if let Some(bag) = bag.as_deref_mut() {

@@ -1,94 +1,93 @@
-//! Plant, camera and controller in one loop, without DDS.
+//! Plant, camera and control loop in one thread, without DDS.
+
+use nalgebra::Vector3;
 
 use super::{Drive, Operated};
 use crate::{
-    control::{ControlReport, Controller, Measurement, PoseError, TipMeasurement},
+    control::{
+        ControlLoop, ControlLoopConfig, Controller, InputError, LoopReport, PoseError, Stamp,
+    },
     dynamics::Workspace,
     model::Frame,
     nodes::{
-        camera::{Watch, camera_frame, second_camera},
+        camera::{TargetCamera, camera_frame, second_camera},
         controller::second_tip,
         dynamics::{World, imu},
-        geometry::{told, vector_from_msg, with_matrix},
+        geometry::{message_round_trip, vector_from_msg, with_matrix},
         scenario::Scenario,
         tip_frame,
     },
     ros::Time,
     spatial::Pose,
-    vision::{PoseCamera, PoseFrame, Sighting},
+    vision::{FeatureFrame, PoseCamera, PoseFrame},
 };
 
-/// The loop of a scenario: what its nodes do over topics, done in one thread. Each state is shown to the
-/// camera, the controller answers with what the camera has delivered, and the efforts are held until the
-/// next state: the order of a graph in lockstep. Where a scenario names a teleop node, a simulated operator steers.
-/// A scenario that names neither camera nor controller nor teleop is a free motion, under springs and dampers alone.
+/// The closed loop of a scenario: what its nodes do over topics, in one thread and in the order of a graph in lockstep.
+/// Each state is shown to the camera, the control loop answers with the frames delivered so far, and its efforts are held
+/// until the next state. If the scenario has a teleop node, a simulated operator steers. Without camera, controller and
+/// teleop it is a free motion under springs and dampers. There is no estimator: the control loop gets no goal rates.
 pub struct ClosedLoop {
     /// The plant.
     pub world: World,
-    servo: Option<Servo>,
+    servo: Option<VisualServo>,
     operated: Option<Operated>,
     duration: f64,
 }
 
-/// Camera and controller.
-struct Servo {
+/// Cameras and control loop.
+struct VisualServo {
     camera: PoseCamera,
-    watch: Option<WatchedTarget>,
-    sightings: Vec<Sighting>,
-    controller: Controller,
+    target: Option<TrackedTarget>,
+    feature_frames: Vec<FeatureFrame>,
+    control_loop: ControlLoop,
     /// The goal in its frame.
     X_FD: Pose,
     /// Which of the world's targets is that frame; `None` for the world itself.
     carrier: Option<usize>,
     second: Option<SecondArm>,
-    seen: Option<PoseFrame>,
-    measurement_timeout: f64,
     image: (u32, u32, f64),
 }
 
-/// What the camera sees of a second arm.
+/// A second arm's tip and what the camera measures of it.
 struct SecondArm {
     tip: Frame,
     camera: PoseCamera,
     X_WD: Pose,
-    seen: Option<TipMeasurement>,
 }
 
-/// The target that the camera tracks.
-struct WatchedTarget {
-    watch: Watch,
+/// The target whose features the camera tracks.
+struct TrackedTarget {
+    target_camera: TargetCamera,
     /// Which of the world's targets.
     index: usize,
     /// The camera's frame.
     camera: Frame,
 }
 
-/// One state and how it was answered.
+/// One state and the answer to it.
 pub struct Moment<'a> {
     /// Frames that the camera delivered at this state.
     pub frames: &'a [PoseFrame],
-    /// What the controller did, if there is one.
+    /// The controller's answer, if there is one.
     pub answer: Option<Answer<'a>>,
-    /// What the operator did, if there is one.
+    /// The operator's answer, if there is one.
     pub drive: Option<Drive<'a>>,
 }
 
-/// What the controller did with a state.
+/// The controller's answer to a state.
 pub struct Answer<'a> {
     /// Frames of features that the camera delivered at this state.
-    pub sightings: &'a [Sighting],
-    /// The kind of measurement that it acted on.
-    pub report: ControlReport,
-    /// Age of the measurement that it used \[s\].
-    pub age: f64,
+    pub feature_frames: &'a [FeatureFrame],
+    /// Which measurements were used, and what the controller decided.
+    pub report: LoopReport,
     /// True deviation of the tip from the goal.
     pub error: PoseError,
-    /// The controller, with the efforts of this moment.
-    pub controller: &'a Controller,
+    /// The control loop, with the efforts of this state.
+    pub control_loop: &'a ControlLoop,
 }
 
 impl ClosedLoop {
-    /// The loop that `scenario` describes.
+    /// The closed loop that `scenario` describes.
     ///
     /// # Errors
     /// A line that names file, node and parameter.
@@ -102,7 +101,7 @@ impl ClosedLoop {
         };
         let steered = scenario.has("camera") && operated.is_none();
         let servo = if steered || scenario.has("controller") {
-            Some(Servo::new(scenario, &world)?)
+            Some(VisualServo::new(scenario, &world)?)
         } else {
             None
         };
@@ -114,7 +113,7 @@ impl ClosedLoop {
         })
     }
 
-    /// The duration that the scenario gives \[s\]; zero is none.
+    /// The scenario's duration \[s\]; zero if it states none.
     pub fn duration(&self) -> f64 {
         self.duration
     }
@@ -130,20 +129,20 @@ impl ClosedLoop {
     }
 
     /// Whether the camera tracks feature points of a target.
-    pub fn watches_target(&self) -> bool {
-        let watch = self.servo.as_ref().and_then(|servo| servo.watch.as_ref());
-        watch.is_some()
+    pub fn tracks_target(&self) -> bool {
+        let target = self.servo.as_ref().and_then(|servo| servo.target.as_ref());
+        target.is_some()
     }
 
-    /// Lets camera and controller answer the present state; `look` sees the moment, with the new efforts
-    /// acting but time not yet gone on.
+    /// Runs camera and controller for the present state, then calls `observe`: the new efforts are set, time has not
+    /// advanced yet.
     ///
     /// # Errors
-    /// Says why the controller gives no efforts, or what `look` refuses.
+    /// When the controller gives no efforts, or the error of `observe`.
     pub fn answer<E: From<String>>(
         &mut self,
         frames: &mut Vec<PoseFrame>,
-        look: impl FnOnce(&mut World, &Moment) -> Result<(), E>,
+        observe: impl FnOnce(&mut World, &Moment) -> Result<(), E>,
     ) -> Result<(), E> {
         frames.clear();
         let answer = match &mut self.servo {
@@ -157,13 +156,13 @@ impl ClosedLoop {
             answer,
             drive,
         };
-        look(&mut self.world, &moment)
+        observe(&mut self.world, &moment)
     }
 
-    /// Goes on to the next state.
+    /// Advances to the next state.
     ///
     /// # Errors
-    /// When the state is no longer finite.
+    /// When the state is not finite any more.
     pub fn advance(&mut self) -> Result<(), String> {
         self.world.step_to_tick();
         self.world.check_finite()
@@ -171,31 +170,59 @@ impl ClosedLoop {
 }
 
 impl SecondArm {
-    /// What has been seen of it last.
-    fn look(&mut self, time: f64, X_WB: &Pose, workspace: &Workspace) -> Option<TipMeasurement> {
+    /// Shows the camera the present state, and gives the control loop what it delivers.
+    fn measure(
+        &mut self,
+        time: f64,
+        X_WB: &Pose,
+        workspace: &Workspace,
+        control_loop: &mut ControlLoop,
+    ) -> Result<(), InputError> {
         let X_BE = workspace.X_BF(&self.tip);
         self.camera
             .show(time, &X_BE, Some(&(X_WB.inverse() * self.X_WD)));
-        while let Some(PoseFrame { time, X_BE, X_BD }) = self.camera.deliver(time) {
-            self.seen = X_BD.map(|X_BD| TipMeasurement::new(time, told(&X_BE), told(&X_BD)));
+        while let Some(frame) = self.camera.deliver(time) {
+            add_frame(control_loop, 1, &through_message(&frame))?;
         }
-        self.seen
+        Ok(())
     }
 }
 
-impl Servo {
+/// A frame after its poses have passed through messages.
+fn through_message(frame: &PoseFrame) -> PoseFrame {
+    PoseFrame {
+        X_BE: message_round_trip(&frame.X_BE),
+        X_BD: frame.X_BD.as_ref().map(message_round_trip),
+        ..*frame
+    }
+}
+
+fn add_frame(
+    control_loop: &mut ControlLoop,
+    tip: usize,
+    frame: &PoseFrame,
+) -> Result<(), InputError> {
+    let stamp = Stamp::from_secs_f64(frame.time);
+    control_loop.add_tip_pose(tip, stamp, frame.X_BE)?;
+    match frame.X_BD {
+        Some(X_BD) => control_loop.add_goal_pose(tip, stamp, X_BD),
+        None => Ok(()),
+    }
+}
+
+impl VisualServo {
     fn new(scenario: &Scenario, world: &World) -> Result<Self, String> {
         let model = world.robot.model();
         let (camera, controller) = (scenario.camera()?, scenario.controller()?);
         let at = |e: String| format!("{}: {e}", scenario.path().display());
         let tip = tip_frame(model, &controller.tip_link)
             .map_err(|e| at(format!("controller: parameter {e}")))?;
-        let seen_tip =
+        let camera_tip =
             tip_frame(model, &camera.tip_link).map_err(|e| at(format!("camera: parameter {e}")))?;
-        if seen_tip.name != tip.name {
+        if camera_tip.name != tip.name {
             return Err(at(format!(
                 "the camera's tip_link is '{}' but the controller's is '{}'; they must be the same",
-                seen_tip.name, tip.name
+                camera_tip.name, tip.name
             )));
         }
         let goal = camera.goal.ok_or_else(|| {
@@ -204,10 +231,10 @@ impl Servo {
                     .to_owned(),
             )
         })?;
-        let watch = match &camera.features {
+        let target = match &camera.features {
             None => None,
-            Some(features) => Some(WatchedTarget {
-                watch: Watch::new(features),
+            Some(features) => Some(TrackedTarget {
+                target_camera: TargetCamera::new(features),
                 index: (world.target_index(&features.target))
                     .map_err(|e| at(format!("camera: parameter features.target: {e}")))?,
                 camera: camera_frame(model).map_err(at)?.clone(),
@@ -231,7 +258,6 @@ impl Servo {
                 tip: tip.clone(),
                 camera: PoseCamera::new(second_camera(camera.quality.clone())),
                 X_WD: with_matrix(&goal),
-                seen: None,
             }),
             (Some(_), None) => {
                 return Err(at(
@@ -241,17 +267,21 @@ impl Servo {
             }
             (None, _) => None,
         };
+        let loop_config = ControlLoopConfig {
+            timeout: controller.measurement_timeout,
+            // Every state is answered at once, however old the camera's frames are.
+            lockstep: false,
+        };
+        let controller = Controller::with_tips(model.clone(), tip, more_tips, config)
+            .map_err(|e| at(format!("controller: parameter {e}")))?;
         Ok(Self {
-            controller: Controller::with_tips(model.clone(), tip, more_tips, config)
-                .map_err(|e| at(format!("controller: parameter {e}")))?,
+            control_loop: ControlLoop::new(controller, loop_config),
             carrier,
             second,
             camera: PoseCamera::new(camera.quality),
-            watch,
-            sightings: Vec::new(),
+            target,
+            feature_frames: Vec::new(),
             X_FD: with_matrix(&goal),
-            seen: None,
-            measurement_timeout: controller.measurement_timeout,
             image: camera.image,
         })
     }
@@ -261,64 +291,74 @@ impl Servo {
         world: &mut World,
         frames: &mut Vec<PoseFrame>,
     ) -> Result<Answer<'_>, String> {
-        // As stamps and messages tell it in a graph, noise and all, so that a run there in lockstep is this one.
-        let time = Time::from_secs_f64(world.time()).as_secs_f64();
-        let gyro = imu(Time::from_secs_f64(time), "", world).angular_velocity;
-        let w_WB_B = vector_from_msg(&gyro);
+        // Values pass through stamps and messages as in a graph, noise included, so that a run there in lockstep is
+        // equal to this one.
+        let stamp = Time::from_secs_f64(world.time());
+        let time = stamp.as_secs_f64();
+        let gyro = imu(stamp, "", world).angular_velocity;
+        let stamp = Stamp::from_nanos(stamp.as_nanos());
         let robot = &world.robot;
-        let X_BE = robot.workspace().X_BF(self.controller.tip());
-        let X_WB = told(&robot.state().X_WB(robot.workspace()));
+        let X_BE = (robot.workspace()).X_BF(self.control_loop.controller().tip());
+        let X_WB = message_round_trip(&robot.state().X_WB(robot.workspace()));
         let of_target = |index: usize| {
             let target = &world.targets[index].body;
-            told(&target.state().X_WB(target.workspace()))
+            message_round_trip(&target.state().X_WB(target.workspace()))
         };
         let X_WF = self.carrier.map_or_else(Pose::identity, of_target);
         let X_BD = X_WB.inverse() * (X_WF * self.X_FD);
         self.camera.show(time, &X_BE, Some(&X_BD));
         while let Some(frame) = self.camera.deliver(time) {
-            frames.push(PoseFrame {
-                X_BE: told(&frame.X_BE),
-                X_BD: frame.X_BD.as_ref().map(told),
-                ..frame
-            });
+            frames.push(through_message(&frame));
         }
-        self.sightings.clear();
-        if let Some(watched) = &mut self.watch {
-            let X_WC = X_WB * robot.workspace().X_BF(&watched.camera);
-            watched.watch.show(time, &X_WC, &of_target(watched.index));
-            while let Some(sighting) = watched.watch.deliver(time) {
-                self.sightings.push(sighting);
+        self.feature_frames.clear();
+        if let Some(tracked) = &mut self.target {
+            let X_WC = X_WB * robot.workspace().X_BF(&tracked.camera);
+            tracked
+                .target_camera
+                .show(time, &X_WC, &of_target(tracked.index));
+            while let Some(frame) = tracked.target_camera.deliver(time) {
+                self.feature_frames.push(frame);
             }
         }
-        self.seen = frames.last().copied().or(self.seen);
-        let age = self
-            .seen
-            .as_ref()
-            .map_or(f64::INFINITY, |frame| time - frame.time);
-        let young = self
-            .seen
-            .as_ref()
-            .filter(|_| age <= self.measurement_timeout);
-        let sight =
-            young.and_then(|frame| Some(TipMeasurement::new(frame.time, frame.X_BE, frame.X_BD?)));
-        let more_tips = [(self.second.as_mut())
-            .and_then(|second| second.look(time, &X_WB, robot.workspace()))
-            .filter(|sight| time - sight.time <= self.measurement_timeout)];
-        let state = robot.state();
-        let seen = Measurement {
-            more_tips: &more_tips,
-            ..Measurement::new(time, &state.q, &state.qd)
-        };
-        let seen = seen.with_tip(sight.as_ref()).with_gyro(Some(&w_WB_B));
-        let report = (self.controller.update(&seen)).map_err(|e| format!("at {time:.2} s: {e}"))?;
-        let efforts = self.controller.efforts().as_slice();
-        world.robot.hold_efforts(efforts);
+        let at = |e: String| format!("at {time:.2} s: {e}");
+        (self.feed(world, stamp, &X_WB, &vector_from_msg(&gyro), frames))
+            .map_err(|e| at(e.to_string()))?;
+        let report = self.control_loop.step();
+        let report = report.ok_or_else(|| at("no joint state is due".to_owned()))?;
+        if let Err(e) = &report.control {
+            return Err(at(e.to_string()));
+        }
+        world
+            .robot
+            .hold_efforts(self.control_loop.efforts().as_slice());
         Ok(Answer {
-            sightings: &self.sightings,
+            feature_frames: &self.feature_frames,
             report,
-            age,
             error: PoseError::between(&X_BE, &X_BD),
-            controller: &self.controller,
+            control_loop: &self.control_loop,
         })
+    }
+
+    /// Gives the control loop the present joint state, what the camera has delivered, and the gyro's sample.
+    fn feed(
+        &mut self,
+        world: &World,
+        stamp: Stamp,
+        X_WB: &Pose,
+        w_WB_B: &Vector3<f64>,
+        frames: &[PoseFrame],
+    ) -> Result<(), InputError> {
+        let robot = &world.robot;
+        let (q, qd) = (&robot.state().q, &robot.state().qd);
+        let control_loop = &mut self.control_loop;
+        control_loop.add_joint_state(stamp, q.as_slice(), qd.as_slice())?;
+        for frame in frames {
+            add_frame(control_loop, 0, frame)?;
+        }
+        if let Some(second) = &mut self.second {
+            let time = stamp.as_secs_f64();
+            second.measure(time, X_WB, robot.workspace(), control_loop)?;
+        }
+        control_loop.add_gyro(stamp, *w_WB_B)
     }
 }

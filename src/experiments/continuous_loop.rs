@@ -1,4 +1,4 @@
-//! A law evaluated all the time: the closed loop of the theorems, without sampling.
+//! A control law in continuous time, without sampling: the closed loop of the stability theorems.
 
 use nalgebra::DVector;
 
@@ -10,7 +10,7 @@ use crate::dynamics::{Input, IntegrationMethod, Integrator, State, Workspace};
 use crate::model::{Frame, Model};
 use crate::spatial::Pose;
 
-/// A robot and its law as one differential equation; the goal rests in the world, sensing is ideal.
+/// A robot and its law as one differential equation. The goal rests in the world; measurements are exact.
 #[derive(Debug)]
 pub struct ContinuousLoop {
     model: Model,
@@ -19,8 +19,8 @@ pub struct ContinuousLoop {
     workspace: Workspace,
     integrator: Integrator,
     controller: Controller,
-    /// What the law sees of the integrator's stages.
-    seen: Workspace,
+    /// Kinematics of the integrator's stages, for the law.
+    stage: Workspace,
     X_WD: Pose,
     lyapunov: LyapunovFunction,
 }
@@ -43,7 +43,7 @@ impl ContinuousLoop {
         workspace.set_motion(&state);
         Ok(Self {
             integrator: Integrator::new(&model, IntegrationMethod::Dop8),
-            seen: workspace.clone(),
+            stage: workspace.clone(),
             lyapunov: LyapunovFunction::new(config.gains.clone()),
             controller: Controller::new(model.clone(), tip.clone(), config)?,
             tip: tip.clone(),
@@ -54,16 +54,16 @@ impl ContinuousLoop {
         })
     }
 
-    /// The same with another integration method than the default.
+    /// The same with another integration method than the default, DOP853.
     pub fn with_method(mut self, method: IntegrationMethod) -> Self {
         self.integrator = Integrator::new(&self.model, method);
         self
     }
 
-    /// Goes on by `dt` \[s\].
+    /// Advances by `dt` \[s\].
     ///
     /// # Panics
-    /// If the law has no efforts to give.
+    /// If the law gives no efforts.
     pub fn step(&mut self, dt: f64) {
         let Self {
             tip,
@@ -71,14 +71,14 @@ impl ContinuousLoop {
             workspace,
             integrator,
             controller,
-            seen,
+            stage,
             X_WD,
             ..
         } = self;
         let mut law = |time: f64, state: &State, input: &mut Input| {
-            seen.set_positions(&state.q);
-            let X_BD = state.X_WB(seen).inverse() * *X_WD;
-            let sight = TipMeasurement::new(time, seen.X_BF(tip), X_BD);
+            stage.set_positions(&state.q);
+            let X_BD = state.X_WB(stage).inverse() * *X_WD;
+            let sight = TipMeasurement::new(time, stage.X_BF(tip), X_BD);
             let measurement = Measurement::new(time, &state.q, &state.qd);
             let report = controller.update(&measurement.with_tip(Some(&sight)));
             report.expect("the law has efforts to give");
@@ -87,7 +87,7 @@ impl ContinuousLoop {
         integrator.step(state, workspace, dt, &mut law);
     }
 
-    /// Goes on to `time` \[s\] in steps of at most `dt` \[s\].
+    /// Advances to `time` \[s\] in steps of at most `dt` \[s\].
     pub fn run_to(&mut self, time: f64, dt: f64) {
         let steps = ((time - self.state.time) / dt - 1e-9).ceil().max(1.0);
         let h = (time - self.state.time) / steps;
@@ -111,12 +111,12 @@ impl ContinuousLoop {
         &self.model
     }
 
-    /// Where the tip shall be.
+    /// Goal of the tip, world frame.
     pub fn X_WD(&self) -> &Pose {
         &self.X_WD
     }
 
-    /// Pose of the base.
+    /// Pose of the base in the world.
     pub fn X_WB(&self) -> Pose {
         self.state.X_WB(&self.workspace)
     }
@@ -126,7 +126,7 @@ impl ContinuousLoop {
         self.X_WB() * self.workspace.X_BF(&self.tip)
     }
 
-    /// Deviation of the tip from the goal, base axes.
+    /// Deviation of the tip from the goal, in base axes.
     pub fn error(&self) -> PoseError {
         let X_BD = self.X_WB().inverse() * self.X_WD;
         PoseError::between(&self.workspace.X_BF(&self.tip), &X_BD)

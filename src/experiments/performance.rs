@@ -150,7 +150,7 @@ impl Performance {
         let base = &world.robot.model().frames()[0];
         let largest = |so_far, v: Vector3<f64>| larger(so_far, v.norm());
         let tip = match (&moment.answer, &moment.drive) {
-            (Some(answer), _) => Some(answer.controller.tip()),
+            (Some(answer), _) => Some(answer.control_loop.controller().tip()),
             (None, Some(drive)) => Some(drive.steering.tip()),
             (None, None) => None,
         };

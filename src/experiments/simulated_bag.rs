@@ -8,9 +8,10 @@ use crate::{
     bag::{BagError, Recording, Topic, TopicId, Writer, WriterOptions},
     msg::{Interface, rosgraph_msgs, std_msgs},
     nodes::{
-        camera, controller,
+        camera,
+        controller::ControllerMessages,
         dynamics::{FrameTree, World, imu, joint_states, momentum, odometry},
-        features::sighting_to_msg,
+        features::feature_frame_to_msg,
         teleop, topics,
     },
     ros::Time,
@@ -40,6 +41,7 @@ struct ServoTopics {
     features: Option<TopicId>,
     commands: TopicId,
     state: TopicId,
+    messages: Option<ControllerMessages>,
 }
 
 impl SimulatedBag {
@@ -84,12 +86,13 @@ impl SimulatedBag {
                 Some(ServoTopics {
                     tip_pose: add(w, &topics::TIP_POSE)?,
                     goal_pose: add(w, &topics::SEEN_GOAL)?,
-                    features: match run.watches_target() {
+                    features: match run.tracks_target() {
                         true => Some(add(w, &topics::FEATURES)?),
                         false => None,
                     },
                     commands: add(w, &topics::JOINT_COMMANDS)?,
                     state: add(w, &topics::CONTROLLER_STATE)?,
+                    messages: None,
                 })
             } else {
                 None
@@ -143,7 +146,7 @@ impl SimulatedBag {
             let command = teleop::message(drive.steering, header);
             (self.writer).write_message(rates, log_time(stamp), &command)?;
         }
-        let (Some(servo), Some(answer)) = (&self.servo, &moment.answer) else {
+        let (Some(servo), Some(answer)) = (&mut self.servo, &moment.answer) else {
             return Ok(());
         };
         let stamp = Time::from_secs_f64(time);
@@ -151,28 +154,25 @@ impl SimulatedBag {
         let base = self.frames.base().to_owned();
         let w = &mut self.writer;
         for frame in moment.frames {
-            let tip = camera::seen(frame.time, &base, &frame.X_BE);
+            let tip = camera::pose_message(frame.time, &base, &frame.X_BE);
             w.write_message(servo.tip_pose, log, &tip)?;
             if let Some(X_BD) = &frame.X_BD {
-                let goal = camera::seen(frame.time, &base, X_BD);
+                let goal = camera::pose_message(frame.time, &base, X_BD);
                 w.write_message(servo.goal_pose, log, &goal)?;
             }
         }
-        for sighting in answer.sightings {
+        for frame in answer.feature_frames {
             if let Some(features) = servo.features {
-                let message = sighting_to_msg(sighting, camera::CAMERA_FRAME);
+                let message = feature_frame_to_msg(frame, camera::CAMERA_FRAME);
                 w.write_message(features, log, &message)?;
             }
         }
-        let header = std_msgs::Header {
-            stamp: stamp.into(),
-            frame_id: base,
-        };
-        let command = controller::command(answer.controller, &header);
-        w.write_message(servo.commands, log, &command)?;
-        let age = answer.age.min(1e9);
-        let state = controller::state_message(answer.controller, &header, &answer.report, age);
-        w.write_message(servo.state, log, &state)
+        let messages = servo
+            .messages
+            .get_or_insert_with(|| ControllerMessages::new(answer.control_loop.controller()));
+        messages.write(answer.control_loop, &answer.report);
+        w.write_message(servo.commands, log, &messages.command)?;
+        w.write_message(servo.state, log, &messages.state)
     }
 
     /// Closes the bag.

@@ -1,11 +1,11 @@
-//! Parameters that are one of a few names.
+//! Parameters whose value is one of a list of names.
 
 use crate::ros::{Declare, params::Declaration};
 
-/// The value of `text`.
+/// The value with the name `text`.
 ///
 /// # Errors
-/// Says which names there are.
+/// Lists the names.
 pub fn find<T: Copy>(names: &[(&'static str, T)], text: &str) -> Result<T, String> {
     let found = names.iter().find(|(name, _)| *name == text);
     found

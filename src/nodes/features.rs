@@ -1,20 +1,20 @@
-//! Between what a camera sees of a body and the messages that carry it.
+//! Conversions between the camera's feature frames and messages.
 
 use std::collections::BTreeSet;
 
 use crate::{
     msg::{fuyu_msgs::FeatureTracks, sensor_msgs::CameraInfo, std_msgs::Header},
     ros::Time,
-    vision::{Feature, Pinhole, Sighting},
+    vision::{Feature, FeatureFrame, Pinhole},
 };
 
-/// A frame of features as a message; ids beyond 32 bits, which no camera of ours gives, are left out.
-pub fn sighting_to_msg(sighting: &Sighting, frame_id: &str) -> FeatureTracks {
-    let features = sighting.features.iter();
+/// A feature frame as a message. Features with ids beyond 32 bits are left out; fuyu's cameras give none.
+pub fn feature_frame_to_msg(frame: &FeatureFrame, frame_id: &str) -> FeatureTracks {
+    let features = frame.features.iter();
     let known = features.filter_map(|f| Some((u32::try_from(f.id).ok()?, f)));
     let mut message = FeatureTracks {
         header: Header {
-            stamp: Time::from_secs_f64(sighting.time).into(),
+            stamp: Time::from_secs_f64(frame.time).into(),
             frame_id: frame_id.to_owned(),
         },
         ..FeatureTracks::default()
@@ -27,11 +27,11 @@ pub fn sighting_to_msg(sighting: &Sighting, frame_id: &str) -> FeatureTracks {
     message
 }
 
-/// A message as a frame of features.
+/// A message as a feature frame.
 ///
 /// # Errors
-/// Says which list or pixel is wrong.
-pub fn sighting_from_msg(message: &FeatureTracks) -> Result<Sighting, String> {
+/// Names the list or feature that is wrong.
+pub fn feature_frame_from_msg(message: &FeatureTracks) -> Result<FeatureFrame, String> {
     let (ids, u, v) = (message.ids.len(), message.u.len(), message.v.len());
     if ids != u || ids != v {
         return Err(format!(
@@ -63,13 +63,13 @@ pub fn sighting_from_msg(message: &FeatureTracks) -> Result<Sighting, String> {
         return Err(format!("feature {} is there twice", twice.id));
     }
     let time = Time::from(&message.header.stamp).as_secs_f64();
-    Ok(Sighting::new(time, features))
+    Ok(FeatureFrame::new(time, features))
 }
 
-/// The camera that a calibration describes.
+/// The camera of a calibration.
 ///
 /// # Errors
-/// Says what cannot be: a focal length that is not positive, distortion (features must be rectified).
+/// When a focal length is not positive, or the lens distorts: features must come from a rectified image.
 pub fn pinhole_from_msg(info: &CameraInfo) -> Result<Pinhole, String> {
     let camera = Pinhole {
         fx: info.k[0],
@@ -91,29 +91,29 @@ pub fn pinhole_from_msg(info: &CameraInfo) -> Result<Pinhole, String> {
 mod tests {
     use super::*;
 
-    fn sighting() -> Sighting {
+    fn frame() -> FeatureFrame {
         let feature = |id| Feature {
             id,
             u: 10.5 + id as f64,
             v: 7.25,
         };
-        Sighting::new(12.5, vec![feature(3), feature(8)])
+        FeatureFrame::new(12.5, vec![feature(3), feature(8)])
     }
 
     #[test]
-    fn a_frame_survives_the_way_through_a_message() {
-        let message = sighting_to_msg(&sighting(), "camera_optical_frame");
+    fn a_frame_is_unchanged_by_a_message() {
+        let message = feature_frame_to_msg(&frame(), "camera_optical_frame");
         assert_eq!(message.header.frame_id, "camera_optical_frame");
-        assert_eq!(sighting_from_msg(&message), Ok(sighting()));
+        assert_eq!(feature_frame_from_msg(&message), Ok(frame()));
     }
 
     #[test]
-    fn what_is_wrong_with_a_frame_is_named() {
-        let good = sighting_to_msg(&sighting(), "camera");
+    fn errors_name_what_is_wrong_with_a_frame() {
+        let good = feature_frame_to_msg(&frame(), "camera");
         let refused = |change: fn(&mut FeatureTracks)| {
             let mut message = good.clone();
             change(&mut message);
-            sighting_from_msg(&message).unwrap_err()
+            feature_frame_from_msg(&message).unwrap_err()
         };
         assert!(refused(|m| m.u.truncate(1)).contains("2, 1 and 2"));
         assert!(refused(|m| m.v[1] = f64::NAN).contains("feature 8 is at pixel (18.5, NaN)"));
@@ -121,7 +121,7 @@ mod tests {
     }
 
     #[test]
-    fn a_camera_that_cannot_be_is_refused() {
+    fn an_impossible_camera_is_refused() {
         let mut info = CameraInfo {
             k: [800.0, 0.0, 319.5, 0.0, 810.0, 239.5, 0.0, 0.0, 1.0],
             ..CameraInfo::default()

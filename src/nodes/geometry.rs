@@ -1,4 +1,4 @@
-//! Between nalgebra and the messages of `geometry_msgs`.
+//! Conversions between nalgebra and the messages of `geometry_msgs`.
 
 use nalgebra::{Isometry3, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
 
@@ -53,7 +53,7 @@ pub fn transform_to_msg(X: &Pose) -> geometry_msgs::Transform {
 /// An attitude from x, y, z, w.
 ///
 /// # Errors
-/// Says what is wrong when a component is not finite or the norm is off one by more than 1 %.
+/// When a component is not finite or the norm differs from one by more than 1 %.
 pub fn unit_quaternion(x: f64, y: f64, z: f64, w: f64) -> Result<UnitQuaternion<f64>, String> {
     let q = Quaternion::new(w, x, y, z);
     let norm = q.norm();
@@ -66,18 +66,17 @@ pub fn unit_quaternion(x: f64, y: f64, z: f64, w: f64) -> Result<UnitQuaternion<
     }
 }
 
-/// Beyond this a coordinate is no position of anything that can be simulated \[m\].
+/// Largest coordinate of a position that can be simulated \[m\].
 const FARTHEST: f64 = 1e9;
 
 /// A pose from a message.
 ///
 /// # Errors
-/// Says which field is wrong when a coordinate is not a number below 1e9 m or the quaternion is not a
-/// unit one.
+/// Names the field when a coordinate is not a number of at most 1e9 m or the quaternion is not a unit quaternion.
 pub fn pose_from_msg(pose: &geometry_msgs::Pose) -> Result<Isometry3<f64>, String> {
     let (p, q) = (&pose.position, &pose.orientation);
     for (name, value) in [("x", p.x), ("y", p.y), ("z", p.z)] {
-        // Not a number is not below it either.
+        // False for NaN too.
         let within = value.abs() <= FARTHEST;
         if !within {
             return Err(format!(
@@ -97,8 +96,8 @@ pub fn with_matrix(X: &Isometry3<f64>) -> Pose {
     Pose::from_parts(X.translation, Rotation3::from(X.rotation))
 }
 
-/// What is left of a pose that has been a message: the last bit of its rotation may differ.
-pub fn told(X: &Pose) -> Pose {
+/// A pose converted to a message and back: the last bit of its rotation may differ.
+pub fn message_round_trip(X: &Pose) -> Pose {
     let q = UnitQuaternion::from_rotation_matrix(&X.rotation);
     let q = UnitQuaternion::new_normalize(q.into_inner());
     with_matrix(&Isometry3::from_parts(X.translation, q))
@@ -109,18 +108,18 @@ mod tests {
     use super::*;
 
     #[test]
-    fn poses_survive_the_message() {
+    fn poses_are_unchanged_by_a_message() {
         let X = Pose::from_parts(
             Translation3::new(1.0, -2.0, 0.3),
             Rotation3::from_euler_angles(0.4, -1.0, 2.9),
         );
         let back = with_matrix(&pose_from_msg(&pose_to_msg(&X)).unwrap());
         assert!((back.to_homogeneous() - X.to_homogeneous()).amax() < 1e-15);
-        assert_eq!(told(&X), back);
+        assert_eq!(message_round_trip(&X), back);
     }
 
     #[test]
-    fn what_is_no_pose_is_refused_by_name() {
+    fn invalid_poses_are_refused_with_the_field() {
         let mut pose = pose_to_msg(&Pose::identity());
         pose.orientation.w = 0.5;
         assert!(pose_from_msg(&pose).unwrap_err().contains("norm 0.5"));

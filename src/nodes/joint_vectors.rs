@@ -1,4 +1,4 @@
-//! Joint vectors from messages that name their joints.
+//! Joint vectors from messages, by joint name.
 
 use nalgebra::DVector;
 

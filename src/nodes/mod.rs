@@ -30,7 +30,6 @@ pub mod recorder;
 pub mod resource;
 mod robot_description;
 pub mod scenario;
-mod stamp_pairs;
 pub mod teleop;
 mod tip;
 pub mod topics;

@@ -1,4 +1,4 @@
-//! The robot as other nodes learn of it: from `robot_description`.
+//! The robot from `robot_description`, for nodes other than dynamics.
 
 use std::time::Duration;
 
@@ -9,7 +9,7 @@ use crate::{
     ros::{Node, NodeError, Status, Subscription},
 };
 
-/// Follows `robot_description`, which may come late and may change.
+/// Subscription to `robot_description`, which may arrive late and may change.
 pub struct RobotDescription {
     topic: Subscription<std_msgs::String>,
     status: Status,
@@ -42,14 +42,17 @@ impl RobotDescription {
         })
     }
 
-    /// Reports that the last description cannot be used here, and why.
+    /// Reports why the last description cannot be used.
     pub fn refuse(&self, problem: &str) {
-        tracing::error!("{}: {problem}; the robot before stays", self.topic.topic());
+        tracing::error!(
+            "{}: {problem}; the previous robot is kept",
+            self.topic.topic()
+        );
         self.status
-            .error(format!("{problem}; the robot before stays"));
+            .error(format!("{problem}; the previous robot is kept"));
     }
 
-    /// The robot, if a description that is new has arrived and is sound; one that is not is reported.
+    /// The robot, if another valid description has arrived; an invalid one is reported.
     pub fn changed(&mut self) -> Option<Robot> {
         let text = self.topic.latest()?.message.data;
         if text == self.last {

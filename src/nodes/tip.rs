@@ -1,4 +1,4 @@
-//! Which links are tips: the parameters, and the frames that they name.
+//! Tip links: the parameters that name them, and their frames.
 
 use crate::{
     model::{Frame, Model},
@@ -13,13 +13,13 @@ pub(super) fn declare_tip_link(declare: &mut Declare) -> String {
         .value()
 }
 
-/// Declares and reads `second_tip_link`, of a robot with two arms.
+/// Declares and reads `second_tip_link`, for a robot with two arms.
 pub(super) fn declare_second_tip_link(declare: &mut Declare) -> String {
     declare
         .param(
             "second_tip_link",
             "",
-            "Link whose frame is the tip of a second arm; empty: there is none",
+            "Link whose frame is the tip of a second arm; empty if there is none",
         )
         .read_only()
         .value()
@@ -28,7 +28,7 @@ pub(super) fn declare_second_tip_link(declare: &mut Declare) -> String {
 /// The frame of the tip link.
 ///
 /// # Errors
-/// Names the links that there are.
+/// Lists the robot's links.
 pub fn tip_frame(model: &Model, tip_link: &str) -> Result<Frame, String> {
     model.frame(tip_link).cloned().ok_or_else(|| {
         let links: Vec<_> = model.frames().iter().map(|f| f.name.as_str()).collect();

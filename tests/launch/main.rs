@@ -29,6 +29,7 @@ mod own_controller;
 mod positioning;
 mod process;
 mod reset;
+mod silent_gyro;
 mod simulation_control;
 mod survival;
 mod switching;

@@ -2,7 +2,7 @@
 //! motions, so single ones do better.
 
 use fuyu::estimation::bundle::{CameraMotion, Options, Solution, estimate};
-use fuyu::estimation::{EstimateError, Feature, MotionModel, Sighting, Tracks};
+use fuyu::estimation::{EstimateError, Feature, FeatureFrame, MotionModel, Tracks};
 use fuyu::experiments::masutani_ch3::in_parallel;
 use fuyu::vision::Pinhole;
 use nalgebra::{UnitQuaternion, Vector3};
@@ -353,9 +353,9 @@ fn tracks_that_hold_too_little_are_refused_with_a_reason() {
     let full = view.tracks(&motion, &view.sphere());
     let solve = |tracks: &Tracks| estimate(tracks, &view.camera, &Options::default());
     let changed = |change: &dyn Fn(usize, &Feature) -> Option<Feature>| {
-        let sightings = full.sightings().iter().enumerate().map(|(i, s)| {
+        let sightings = full.frames().iter().enumerate().map(|(i, s)| {
             let features = s.features.iter().filter_map(|f| change(i, f)).collect();
-            Sighting::new(s.time, features)
+            FeatureFrame::new(s.time, features)
         });
         Tracks::new(sightings).unwrap()
     };
@@ -364,7 +364,7 @@ fn tracks_that_hold_too_little_are_refused_with_a_reason() {
         solve(&few).unwrap_err(),
         EstimateError::TooFewPoints { most: 7, need: 8 }
     );
-    let short = Tracks::new(full.sightings()[..5].to_vec()).unwrap();
+    let short = Tracks::new(full.frames()[..5].to_vec()).unwrap();
     assert_eq!(
         solve(&short).unwrap_err(),
         EstimateError::TooFewFrames { have: 5, need: 8 }
@@ -378,7 +378,7 @@ fn tracks_that_hold_too_little_are_refused_with_a_reason() {
         })
     });
     assert_eq!(solve(&line).unwrap_err(), EstimateError::Collinear);
-    let first = full.sightings()[0].clone();
+    let first = full.frames()[0].clone();
     let still = changed(&|_, f| first.feature(f.id).copied());
     assert_eq!(
         solve(&still).unwrap_err(),

@@ -2,7 +2,7 @@
 
 use fuyu::estimation::bundle::{Options, estimate};
 use fuyu::estimation::filter::Filter;
-use fuyu::estimation::{EstimateError, Feature, Sighting, Tracks};
+use fuyu::estimation::{EstimateError, Feature, FeatureFrame, Tracks};
 use fuyu::vision::Pinhole;
 use nalgebra::{UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
@@ -205,11 +205,11 @@ fn ids_given_to_other_points_are_told_apart() {
     };
     let motion = Motion::new(0.6, 0.0, 0.3, 0.1, Vector3::z());
     let full = view.tracks(&motion, &view.sphere());
-    let half = full.sightings().len() / 2;
+    let half = full.frames().len() / 2;
     for gradually in [true, false] {
         let mut rng = StdRng::seed_from_u64(3);
         let mut shown: Vec<u64> = (0..20).collect();
-        let sightings = full.sightings().iter().enumerate().map(|(i, sighting)| {
+        let sightings = full.frames().iter().enumerate().map(|(i, sighting)| {
             for k in 0..20 {
                 let lost = gradually && rng.random_range(0.0..1.0) < 1.0 / 40.0;
                 let other = rng.random_range(0..60);
@@ -224,7 +224,7 @@ fn ids_given_to_other_points_are_told_apart() {
                 let seen = sighting.feature(*point)?;
                 Some(Feature { id, ..*seen })
             });
-            Sighting::new(sighting.time, features.collect())
+            FeatureFrame::new(sighting.time, features.collect())
         });
         let tracks = Tracks::new(sightings).unwrap();
         let solution = estimate(&tracks, &view.camera, &Options::default()).unwrap();

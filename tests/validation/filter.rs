@@ -2,7 +2,7 @@
 
 use fuyu::estimation::bundle::{Options, estimate};
 use fuyu::estimation::filter::Filter;
-use fuyu::estimation::{Sighting, Tracks};
+use fuyu::estimation::{FeatureFrame, Tracks};
 use nalgebra::{UnitQuaternion, Vector3};
 
 use crate::tumbling::{Motion, View, prediction_errors};
@@ -21,7 +21,7 @@ fn the_filter_tracks_and_knows_how_well() {
             ..View::chapter_3(1024)
         };
         let tracks = view.tracks(&motion, &view.sphere());
-        let (batch, rest) = tracks.sightings().split_at(200);
+        let (batch, rest) = tracks.frames().split_at(200);
         let batch = Tracks::new(batch.to_vec()).unwrap();
         let solution = estimate(&batch, &view.camera, &Options::default()).unwrap();
         let mut filter = Filter::new(&solution, 0.0).unwrap();
@@ -69,18 +69,18 @@ fn wrong_points_unknown_points_and_gaps_do_not_lose_it() {
         ..view.clone()
     };
     let batch = view.tracks(&motion, &view.sphere());
-    let batch = Tracks::new(batch.sightings()[..200].to_vec()).unwrap();
+    let batch = Tracks::new(batch.frames()[..200].to_vec()).unwrap();
     let solution = estimate(&batch, &view.camera, &Options::default()).unwrap();
     let mut filter = Filter::new(&solution, 1e-6).unwrap();
     let (mut frames, mut rejected, mut unknown) = (0, 0, 0);
-    for frame in spoilt.tracks(&motion, &view.sphere()).sightings() {
+    for frame in spoilt.tracks(&motion, &view.sphere()).frames() {
         if frame.time <= filter.time() {
             continue;
         }
         let mut features = frame.features.clone();
         features[3].id = 99;
         let update = filter.update(
-            &Sighting::new(frame.time, features),
+            &FeatureFrame::new(frame.time, features),
             &UnitQuaternion::identity(),
         );
         frames += 1;
@@ -96,7 +96,7 @@ fn wrong_points_unknown_points_and_gaps_do_not_lose_it() {
     assert!(phi < 0.05, "{phi}");
     // A frame without points carries the state and says so.
     let empty = filter.update(
-        &Sighting::new(181.0, Vec::new()),
+        &FeatureFrame::new(181.0, Vec::new()),
         &UnitQuaternion::identity(),
     );
     assert_eq!((empty.used, filter.time()), (0, 181.0));
@@ -116,8 +116,8 @@ fn between_solutions(gap: Option<(f64, f64)>) -> ([f64; 2], [f64; 2]) {
             ..View::chapter_3(512)
         };
         let tracks = view.tracks(&motion, &view.sphere());
-        let until = tracks.sightings().partition_point(|s| s.time <= 12.0);
-        let (batch, rest) = tracks.sightings().split_at(until);
+        let until = tracks.frames().partition_point(|s| s.time <= 12.0);
+        let (batch, rest) = tracks.frames().split_at(until);
         let batch = Tracks::new(batch.to_vec()).unwrap();
         let solution = estimate(&batch, &view.camera, &Options::default()).unwrap();
         let mut filter = Filter::new(&solution, 1e-6).unwrap();
@@ -193,10 +193,10 @@ fn a_push_shows_in_what_is_rejected() {
     };
     let before = view.tracks(&motion, &view.sphere());
     let after = view.tracks(&pushed, &view.sphere());
-    let batch = Tracks::new(before.sightings()[..200].to_vec()).unwrap();
+    let batch = Tracks::new(before.frames()[..200].to_vec()).unwrap();
     let solution = estimate(&batch, &view.camera, &Options::default()).unwrap();
     let mut filter = Filter::new(&solution, 1e-6).unwrap();
-    let updates = after.sightings()[200..].iter();
+    let updates = after.frames()[200..].iter();
     let updates: Vec<_> = updates
         .map(|frame| filter.update(frame, &UnitQuaternion::identity()))
         .collect();

@@ -63,7 +63,7 @@ struct Images {
 impl Images {
     fn new(view: View, motion: &Motion) -> Self {
         let tracks = view.tracks(motion, &view.sphere());
-        let frames = tracks.sightings();
+        let frames = tracks.frames();
         let pixel = |i: usize, j: u64| {
             let f = frames[i].feature(j).unwrap();
             Vector2::new(f.u, f.v)

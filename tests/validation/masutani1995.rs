@@ -10,7 +10,7 @@ use fuyu::estimation::free_body::FreeRotation;
 use fuyu::estimation::masutani1995::{
     Analysis, Fit, Options, Rate, from_tracks, mean_rate, rates_from_tracks,
 };
-use fuyu::estimation::{Feature, Sighting, Tracks};
+use fuyu::estimation::{Feature, FeatureFrame, Tracks};
 use fuyu::vision::Pinhole;
 use nalgebra::{Matrix3, Quaternion, UnitQuaternion, Vector3};
 use serde_json::Value;
@@ -81,7 +81,7 @@ impl Case {
             u: p[0],
             v: p[1],
         };
-        let sightings = frames.iter().enumerate().map(|(i, frame)| Sighting {
+        let sightings = frames.iter().enumerate().map(|(i, frame)| FeatureFrame {
             time: self.interval() * i as f64,
             features: rows(frame).iter().enumerate().map(feature).collect(),
         });
@@ -254,7 +254,7 @@ fn images_give_what_the_files_say() {
 #[test]
 fn tracks_give_an_estimate_that_survives_an_empty_frame() {
     let case = Case::new(FILES[1]);
-    let mut sightings = case.tracks().sightings().to_vec();
+    let mut sightings = case.tracks().frames().to_vec();
     sightings[300].features.clear();
     let tracks = Tracks::new(sightings).unwrap();
     let estimate = from_tracks(&tracks, &case.camera(), &Options::default()).unwrap();
@@ -303,14 +303,14 @@ fn a_spin_is_estimated_at_any_time_of_day() {
 #[test]
 fn wrong_input_is_answered_clearly() {
     let camera = Case::new(FILES[1]).camera();
-    let good = Case::new(FILES[1]).tracks().sightings()[..40].to_vec();
-    let answer = |sightings: Vec<Sighting>| match Tracks::new(sightings) {
+    let good = Case::new(FILES[1]).tracks().frames()[..40].to_vec();
+    let answer = |sightings: Vec<FeatureFrame>| match Tracks::new(sightings) {
         Err(error) => error.to_string(),
         Ok(tracks) => from_tracks(&tracks, &camera, &Options::default())
             .map(|_| String::from("an estimate"))
             .unwrap_or_else(|error| error.to_string()),
     };
-    let changed = |change: &dyn Fn(usize, &mut Sighting)| {
+    let changed = |change: &dyn Fn(usize, &mut FeatureFrame)| {
         let mut sightings = good.clone();
         for (i, sighting) in sightings.iter_mut().enumerate() {
             change(i, sighting);

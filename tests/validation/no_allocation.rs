@@ -3,9 +3,10 @@
 use allocation_counter::measure;
 use fuyu::control::prediction::Prediction;
 use fuyu::control::{
-    BaseTask, Controller, ControllerConfig, Gains, JacobianKind, JointPdConfig, LawConfig, LawKind,
-    Measurement, OperationalSpaceConfig, Resolution, ResolvedRate, ResolvedRateConfig, Saturation,
-    Shaping, SingularityEscapeConfig, StraightPathConfig, TipMeasurement,
+    BaseTask, ControlLoop, ControlLoopConfig, ControlMode, Controller, ControllerConfig, Gains,
+    JacobianKind, JointPdConfig, LawConfig, LawKind, Measurement, OperationalSpaceConfig,
+    Resolution, ResolvedRate, ResolvedRateConfig, Saturation, Shaping, SingularityEscapeConfig,
+    Stamp, StraightPathConfig, TipMeasurement,
 };
 use fuyu::dynamics::{Floating, Input, IntegrationMethod, Integrator, State, Workspace};
 use fuyu::model::Model;
@@ -198,6 +199,47 @@ fn kicks_take_no_memory() {
     assert_eq!(used.count_total, 0, "{used:?}");
     // A tenth of a radian a second against 200 and 1000 N m s/rad.
     assert!(kicked > 10.0, "{kicked}");
+}
+
+/// Joint states, poses, gyro samples and goal rates into a control loop, one camera frame in ten: pairing and queues too.
+#[test]
+fn steps_of_the_control_loop_take_no_memory() {
+    let model = servicer();
+    let tip = model.frame("tool0").unwrap().clone();
+    let X_BE = Workspace::new(&model).X_BF(&tip);
+    let gains = Gains {
+        k_p: 75.0,
+        k_o: 100.0,
+        k_v: vec![400.0, 100.0, 200.0, 10.0, 2.0, 2.0],
+        saturation: Saturation::NONE,
+    };
+    let config = ControllerConfig {
+        prediction: Prediction::Motion,
+        ..ControllerConfig::new(LawKind::TransposeJacobian, gains)
+    };
+    let controller = Controller::new(model, tip, config).unwrap();
+    let (timeout, lockstep) = (0.05, false);
+    let config = ControlLoopConfig { timeout, lockstep };
+    let mut control_loop = ControlLoop::new(controller, config);
+    let (q, qd, w) = ([0.0; 6], [0.01; 6], Vector3::new(0.001, 0.002, 0.0));
+    let mut acted = 0;
+    let used = measure(|| {
+        for k in 0..500 {
+            let stamp = Stamp::from_secs_f64(0.01 * f64::from(k));
+            control_loop.add_joint_state(stamp, &q, &qd).unwrap();
+            control_loop.add_tip_pose(0, stamp, X_BE).unwrap();
+            if k % 10 == 0 {
+                control_loop.add_goal_pose(0, stamp, X_BE).unwrap();
+            }
+            control_loop.add_gyro(stamp, w).unwrap();
+            control_loop.add_goal_rate(stamp, w).unwrap();
+            let report = control_loop.step().unwrap();
+            acted += usize::from(report.mode == ControlMode::Law);
+        }
+    });
+    assert_eq!(used.count_total, 0, "{used:?}");
+    // Of ten states one has a frame and five more are within the timeout.
+    assert_eq!(acted, 300);
 }
 
 #[test]

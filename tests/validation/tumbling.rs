@@ -1,7 +1,7 @@
 //! A tumbling body before a camera, as chapter 3 of Masutani 1995 simulates it, and what spoils its tracks. It shares no
 //! code with the estimator: Euler's equations are integrated by Runge-Kutta in small steps.
 
-use fuyu::estimation::{Feature, Sighting, Tracks};
+use fuyu::estimation::{Feature, FeatureFrame, Tracks};
 use fuyu::vision::Pinhole;
 use nalgebra::{Quaternion, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
@@ -194,7 +194,7 @@ impl View {
             let lost = rng.random_range(0.0..1.0) < self.dropped
                 || self.gap.is_some_and(|(from, to)| time > from && time < to);
             if !lost {
-                sightings.push(Sighting::new(time, features));
+                sightings.push(FeatureFrame::new(time, features));
             }
         }
         Tracks::new(sightings).unwrap()

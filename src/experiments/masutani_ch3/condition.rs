@@ -54,9 +54,9 @@ pub fn tracks(motion: &FreeRotation, resolution: u32, points: &[BodyPoint]) -> T
         let centre = Translation3::new(0.0, 0.0, DISTANCE);
         let attitude = motion.attitude(time).to_rotation_matrix();
         camera.show(time, &Pose::from_parts(centre, attitude));
-        if let Some(sighting) = camera.deliver(time) {
+        if let Some(frame) = camera.deliver(time) {
             // Cannot fail: times increase, pixels are finite, ids are unique.
-            let _ = tracks.push(sighting);
+            let _ = tracks.push(frame);
         }
     }
     tracks

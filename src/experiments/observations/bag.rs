@@ -15,11 +15,11 @@ use crate::{
     },
     nodes::{
         estimator::StaticRotations,
-        features::{pinhole_from_msg, sighting_from_msg},
+        features::{feature_frame_from_msg, pinhole_from_msg},
         geometry::vector_from_msg,
     },
     ros::Time,
-    vision::{Pinhole, Sighting},
+    vision::{FeatureFrame, Pinhole},
 };
 
 const FEATURES: &str = "/camera/features";
@@ -45,7 +45,7 @@ pub(super) fn read(path: &Path) -> Result<ObservedTracks, String> {
             }
         }
     }
-    robots.retain(|_, robot| !robot.sightings.is_empty());
+    robots.retain(|_, robot| !robot.frames.is_empty());
     let mut robots = robots.into_iter();
     let at = |e: String| format!("{}: {e}", path.display());
     match (robots.next(), robots.next()) {
@@ -57,7 +57,7 @@ pub(super) fn read(path: &Path) -> Result<ObservedTracks, String> {
         ))),
         (Some((namespace, robot)), None) => {
             let rates = robot.camera_rates(&frames);
-            let tracks = Tracks::new(robot.sightings);
+            let tracks = Tracks::new(robot.frames);
             Ok(ObservedTracks {
                 tracks: tracks.map_err(|e| at(format!("{namespace}{FEATURES}: {e}")))?,
                 camera: robot.camera,
@@ -70,7 +70,7 @@ pub(super) fn read(path: &Path) -> Result<ObservedTracks, String> {
 /// Messages of one robot.
 #[derive(Default)]
 struct Recorded {
-    sightings: Vec<Sighting>,
+    frames: Vec<FeatureFrame>,
     camera_frame: String,
     camera: Option<Pinhole>,
     /// Angular velocity of the inertial measurement unit in its own axes, over time.
@@ -83,10 +83,10 @@ type Take = fn(&mut Recorded, &Message) -> Result<(), String>;
 const TOPICS: [(&str, Take); 3] = [
     (FEATURES, |robot, message| {
         let features: FeatureTracks = decode(message)?;
-        let sighting = sighting_from_msg(&features)?;
+        let frame = feature_frame_from_msg(&features)?;
         // A state that was published twice is in the bag twice.
-        if robot.sightings.last().is_none_or(|last| *last != sighting) {
-            robot.sightings.push(sighting);
+        if robot.frames.last().is_none_or(|last| *last != frame) {
+            robot.frames.push(frame);
         }
         robot.camera_frame = features.header.frame_id;
         Ok(())

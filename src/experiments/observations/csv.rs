@@ -8,7 +8,7 @@ use nalgebra::Vector3;
 use super::{Observations, ObservedTracks};
 use crate::{
     estimation::Tracks,
-    vision::{Feature, Sighting},
+    vision::{Feature, FeatureFrame},
 };
 
 const TRACKS: [&str; 4] = ["t", "id", "u", "v"];
@@ -117,7 +117,7 @@ fn tracks(
     rows: impl Iterator<Item = Result<Row, String>>,
     [t, id, u, v]: [Column; 4],
 ) -> Result<Observations, String> {
-    let mut frames: Vec<Sighting> = Vec::new();
+    let mut frames: Vec<FeatureFrame> = Vec::new();
     // Ids of the newest frame, with their line numbers.
     let mut lines = BTreeMap::new();
     for row in rows {
@@ -133,7 +133,7 @@ fn tracks(
             Some(frame) if time == frame.time => frame.features.push(feature),
             _ => {
                 lines.clear();
-                frames.push(Sighting::new(time, vec![feature]));
+                frames.push(FeatureFrame::new(time, vec![feature]));
             }
         }
         if let Some(line) = lines.insert(feature.id, row.line) {
@@ -194,11 +194,11 @@ mod tests {
         let Ok(Observations::Tracks(observed)) = read(text) else {
             panic!("not tracks");
         };
-        let sightings = observed.tracks.sightings();
-        assert_eq!(sightings.len(), 2);
-        let ids: Vec<_> = sightings[0].features.iter().map(|f| f.id).collect();
+        let frames = observed.tracks.frames();
+        assert_eq!(frames.len(), 2);
+        let ids: Vec<_> = frames[0].features.iter().map(|f| f.id).collect();
         assert_eq!(ids, [1, 3]);
-        let third = sightings[0].feature(3).unwrap();
+        let third = frames[0].feature(3).unwrap();
         assert_eq!((third.u, third.v), (1.5, 2.5));
     }
 

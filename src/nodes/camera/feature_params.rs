@@ -1,4 +1,4 @@
-//! Parameters of what the camera tracks on a target.
+//! Parameters of the features that the camera tracks on a target.
 
 use nalgebra::Vector3;
 
@@ -8,18 +8,18 @@ use crate::{
     vision::{BodyPoint, FeatureCameraConfig, Pinhole},
 };
 
-/// What the camera tracks, and how well.
+/// The features that the camera tracks, and how accurately.
 #[derive(Debug, Clone)]
 pub struct FeatureParams {
-    /// Name of the target that is watched.
+    /// Name of the target.
     pub target: String,
     /// Its feature points.
     pub points: Vec<BodyPoint>,
-    /// How good the camera and its tracker are.
+    /// Settings of camera and tracker.
     pub quality: FeatureCameraConfig,
 }
 
-/// The parameters of the tracker's quality, which may change while it runs.
+/// Parameters of camera and tracker that may change while the node runs.
 pub(super) struct FeatureQuality {
     floats: [Param<f64>; 6],
     quantised: Param<bool>,
@@ -62,13 +62,13 @@ impl FeatureQuality {
                 "outliers",
                 0.0,
                 1.0,
-                "Probability that a feature is found somewhere else in the image",
+                "Probability that a feature is measured anywhere in the image",
             ),
             float(
                 "losses",
                 0.0,
                 1.0,
-                "Probability that a feature's track ends at a frame; it comes back under another id",
+                "Probability that a feature's track ends at a frame; it returns under another id",
             ),
         ];
         Self {
@@ -90,7 +90,7 @@ impl FeatureQuality {
         }
     }
 
-    /// The tracker with an image of (width, height, focal length) pixels.
+    /// The settings for an image of (width, height, focal length) pixels.
     pub(super) fn get(&self, image: (u32, u32, f64)) -> FeatureCameraConfig {
         let [rate, latency, dropout, noise, outliers, losses] =
             self.floats.each_ref().map(Param::get);
@@ -122,10 +122,10 @@ impl FeatureQuality {
 }
 
 impl FeatureParams {
-    /// Declares the parameters and reads them; `None` without a target to watch.
+    /// Declares the parameters and reads them; `None` without a target.
     ///
     /// # Errors
-    /// A line that names the parameter whose mesh cannot be used.
+    /// A line with the parameter and why its mesh cannot be used.
     pub(super) fn declare(
         declare: &mut Declare,
         image: (u32, u32, f64),
@@ -155,7 +155,7 @@ impl FeatureParams {
         let layout = (declare.param(
             "features.layout_seed",
             1,
-            "Seed of where the points lie on the sphere",
+            "Seed of the points' positions on the sphere",
         ))
         .read_only()
         .value();
@@ -179,7 +179,7 @@ impl FeatureParams {
     }
 }
 
-/// The vertices of an STL file, each once.
+/// The vertices of an STL file, without duplicates.
 fn vertices(name: &str) -> Result<Vec<Vector3<f64>>, String> {
     let path = resource::resolve(name)?;
     let at = |e: std::io::Error| format!("{}: cannot be read as STL: {e}", path.display());

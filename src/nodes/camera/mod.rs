@@ -1,19 +1,18 @@
-//! The camera node: turns the truth into what a camera on the moving base measures.
+//! The camera node: from the true state of the simulation to the measurements of a camera on the moving base.
 //!
-//! It is the only node that may know where the base is: the poses that it publishes are those of the tip
-//! and of the goal object in the base frame, and the feature points of a target in the image, with the rate,
-//! latency, noise and losses of its parameters.
+//! It is the only node that may know where the base is. It publishes the poses of tip and goal in the base frame, and the
+//! feature points of a target in the image, with the rate, latency, noise and losses of its parameters.
 
 mod feature_params;
 mod params;
 mod second_arm;
 mod target;
-mod watch;
+mod target_camera;
 
 pub use feature_params::{FeatureParams, pinhole};
 pub use params::CameraParams;
 pub use second_arm::second_camera;
-pub use watch::{CAMERA_FRAME, Watch, camera_frame};
+pub use target_camera::{CAMERA_FRAME, TargetCamera, camera_frame};
 
 use std::time::Duration;
 
@@ -21,10 +20,10 @@ use super::{
     geometry::{pose_from_msg, pose_to_msg, with_matrix},
     joint_vectors,
     robot_description::{Robot, RobotDescription},
-    stamp_pairs::StampPairs,
     topics,
 };
 use crate::{
+    control::StampPairs,
     dynamics::Workspace,
     msg::{geometry_msgs::PoseStamped, nav_msgs, sensor_msgs, std_msgs::Header},
     ros::{Node, NodeError, Publisher, Status, Subscription, Time},
@@ -34,7 +33,7 @@ use crate::{
 use second_arm::SecondArm;
 use target::TargetTopics;
 
-/// Silence of the truth that is worth a warning.
+/// Silence of `joint_states` that is worth a warning.
 const SILENCE: Duration = Duration::from_secs(1);
 
 /// The node's program.
@@ -52,11 +51,11 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let Some(robot) = description.wait(node) else {
         return Ok(());
     };
-    let mut sight = Sight::new(robot);
-    let mut watched = match &params.features {
+    let mut kinematics = Kinematics::new(robot);
+    let mut tracked = match &params.features {
         None => None,
         Some(features) => Some((
-            Watch::new(features),
+            TargetCamera::new(features),
             TargetTopics::new(node, &features.target)?,
         )),
     };
@@ -65,46 +64,46 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut goal = params.goal.as_ref().map(with_matrix);
     while node.wait_for(SILENCE) {
         if let Some(robot) = description.changed() {
-            sight = Sight::new(robot);
+            kinematics = Kinematics::new(robot);
         }
         if quality.changed() {
             camera.set_config(quality.get());
             second.set_config(quality.get());
         }
         topics.take_goal(&mut goal);
-        while let Some((stamp, joints, base, X_WT)) = topics.next_instant() {
+        while let Some((stamp, joints, base, X_WT)) = topics.next_state() {
             // A goal on a target moves with it.
             let X_WD = goal.map(|X_TD| X_WT * X_TD);
-            match sight.look(&mut camera, stamp, &joints, &base, X_WD.as_ref()) {
+            match kinematics.show(&mut camera, stamp, &joints, &base, X_WD.as_ref()) {
                 Ok(X_WB) => {
-                    topics.publish(&mut camera, stamp, &sight.base);
-                    second.look(&sight, stamp, &X_WB, &topics.status);
-                    if let Some((_, target)) = &mut watched {
-                        target.camera_at(stamp, sight.X_WC(&X_WB));
+                    topics.publish(&mut camera, stamp, &kinematics.base);
+                    second.measure(&kinematics, stamp, &X_WB, &topics.status);
+                    if let Some((_, target)) = &mut tracked {
+                        target.camera_at(stamp, kinematics.X_WC(&X_WB));
                     }
                 }
                 Err(problem) => topics.status.warn(problem),
             }
         }
-        if let Some((watch, target)) = &mut watched {
+        if let Some((target_camera, target)) = &mut tracked {
             if tracking.changed() {
-                watch.set_config(tracking.get(params.image));
+                target_camera.set_config(tracking.get(params.image));
             }
-            target.watch(watch);
+            target.track(target_camera);
         }
         topics.report(&camera, goal.is_some());
     }
     Ok(())
 }
 
-/// The robot as the camera sees it.
-struct Sight {
+/// The robot with its positions at the last state.
+struct Kinematics {
     robot: Robot,
     workspace: Workspace,
     base: String,
 }
 
-impl Sight {
+impl Kinematics {
     fn new(robot: Robot) -> Self {
         let workspace = Workspace::new(&robot.model);
         let base = robot.model.frames()[0].name.clone();
@@ -115,8 +114,8 @@ impl Sight {
         }
     }
 
-    /// Shows the camera the truth of one instant, unless that is unsound; gives the base's pose.
-    fn look(
+    /// Shows the camera the true poses of one state, and returns the base's. Invalid messages are not shown.
+    fn show(
         &mut self,
         camera: &mut PoseCamera,
         stamp: Time,
@@ -135,7 +134,7 @@ impl Sight {
         Ok(X_WB)
     }
 
-    /// Where the camera is in the world, for the instant that was last looked at.
+    /// Pose of the camera in the world at the last state.
     fn X_WC(&self, X_WB: &Pose) -> Result<Pose, String> {
         let camera = camera_frame(&self.robot.model)?;
         Ok(X_WB * self.workspace.X_BF(camera))
@@ -147,17 +146,17 @@ struct Topics {
     joint_states: Subscription<sensor_msgs::JointState>,
     odometry: Subscription<nav_msgs::Odometry>,
     goal: Subscription<PoseStamped>,
-    /// Frame that the goal is given in.
+    /// Frame in which the goal is given.
     goal_frame: String,
     /// Odometry of the target that carries the goal.
     carrier: Option<Subscription<nav_msgs::Odometry>>,
     tip_pose: Publisher<PoseStamped>,
     goal_pose: Publisher<PoseStamped>,
     _camera_info: Publisher<sensor_msgs::CameraInfo>,
-    truth: StampPairs<sensor_msgs::JointState, nav_msgs::Odometry>,
-    /// The same with the carrier's pose.
-    carried: StampPairs<(sensor_msgs::JointState, nav_msgs::Odometry), Pose>,
-    /// Frames of the last instant, to answer a state that is published again.
+    truth: StampPairs<Time, sensor_msgs::JointState, nav_msgs::Odometry>,
+    /// Those with the carrier's pose.
+    carried: StampPairs<Time, (sensor_msgs::JointState, nav_msgs::Odometry), Pose>,
+    /// Frames of the last state, which are sent again if the state is.
     last: Option<(Time, Vec<PoseFrame>)>,
     status: Status,
     goal_status: Status,
@@ -206,7 +205,10 @@ impl Topics {
                     self.goal_status.ok("following goal_pose");
                 }
                 Err(problem) => {
-                    let problem = format!("{}: {problem}; the goal stays", self.goal.topic());
+                    let problem = format!(
+                        "{}: {problem}; the previous goal is kept",
+                        self.goal.topic()
+                    );
                     tracing::warn!("{problem}");
                     self.goal_status.warn(problem);
                 }
@@ -214,10 +216,8 @@ impl Topics {
         }
     }
 
-    /// The next instant of which joint states and base pose have come, and the pose of the frame that the goal is in.
-    fn next_instant(
-        &mut self,
-    ) -> Option<(Time, sensor_msgs::JointState, nav_msgs::Odometry, Pose)> {
+    /// The next state whose joint states and base pose have both arrived, and the pose of the goal's frame in the world.
+    fn next_state(&mut self) -> Option<(Time, sensor_msgs::JointState, nav_msgs::Odometry, Pose)> {
         while let Some(received) = self.joint_states.take() {
             let stamp = Time::from(&received.message.header.stamp);
             self.truth.push_first(stamp, received.message);
@@ -256,12 +256,14 @@ impl Topics {
             _ => self.last = Some((stamp, frames.clone())),
         }
         for frame in &frames {
-            self.tip_pose.publish(&seen(frame.time, base, &frame.X_BE));
+            self.tip_pose
+                .publish(&pose_message(frame.time, base, &frame.X_BE));
             if let Some(X_BD) = &frame.X_BD {
-                self.goal_pose.publish(&seen(frame.time, base, X_BD));
+                self.goal_pose
+                    .publish(&pose_message(frame.time, base, X_BD));
             }
         }
-        self.status.ok("seeing the tip");
+        self.status.ok("measuring the tip");
     }
 
     fn report(&self, camera: &PoseCamera, has_goal: bool) {
@@ -279,8 +281,8 @@ impl Topics {
     }
 }
 
-/// A pose in the base frame that was seen at `time` \[s\].
-pub fn seen(time: f64, base: &str, X: &Pose) -> PoseStamped {
+/// A measured pose in the base frame, exposed at `time` \[s\].
+pub fn pose_message(time: f64, base: &str, X: &Pose) -> PoseStamped {
     let stamp = Time::from_secs_f64(time).into();
     PoseStamped {
         header: Header {

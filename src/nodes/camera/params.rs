@@ -12,12 +12,12 @@ use crate::{
     vision::PoseCameraConfig,
 };
 
-/// What the camera node is told at its start.
+/// Parameters of the camera node.
 #[derive(Debug, Clone)]
 pub struct CameraParams {
     /// Link whose frame is the tip.
     pub tip_link: String,
-    /// Goal in its frame until `goal_pose` gives another.
+    /// Goal in its frame, until another arrives on `goal_pose`.
     pub goal: Option<Isometry3<f64>>,
     /// Target that carries the goal; `None` is the world.
     pub goal_target: Option<String>,
@@ -25,18 +25,18 @@ pub struct CameraParams {
     pub second_tip_link: String,
     /// Goal of the second tip in the world.
     pub second_goal: Option<Isometry3<f64>>,
-    /// How good the camera is.
+    /// Accuracy and timing of the camera.
     pub quality: PoseCameraConfig,
     /// Image size \[px\] and focal length \[px\].
     pub image: (u32, u32, f64),
-    /// What is tracked on a target; `None` if nothing is.
+    /// Features to track on a target; `None` without a target.
     pub features: Option<FeatureParams>,
 }
 
-/// The frame of a goal that no target carries.
+/// The frame of a goal that does not move with a target.
 pub const WORLD: &str = "world";
 
-/// The parameters of the camera's quality, which may change while it runs.
+/// Parameters of accuracy and timing, which may change while the node runs.
 pub(super) struct Quality {
     rate: Param<f64>,
     latency: Param<f64>,
@@ -100,7 +100,7 @@ impl CameraParams {
     /// Declares the parameters and reads them. `finish` of `declare` is the caller's.
     ///
     /// # Errors
-    /// A line that names the parameter whose values do not fit together.
+    /// A line that names the parameter whose values contradict each other.
     pub fn declare(declare: &mut Declare) -> Result<Self, String> {
         Self::declare_live(declare).map(|(params, ..)| params)
     }

@@ -1,6 +1,6 @@
-//! What the camera sees of a second arm.
+//! Camera measurements of a second arm.
 
-use super::{CameraParams, Sight, seen};
+use super::{CameraParams, Kinematics, pose_message};
 use crate::{
     model::Frame,
     msg::geometry_msgs::PoseStamped,
@@ -10,7 +10,7 @@ use crate::{
     vision::{PoseCamera, PoseCameraConfig},
 };
 
-/// The second tip's camera and endpoints; idle if there is no second arm.
+/// The second tip's camera and endpoints; does nothing if there is no second arm.
 pub struct SecondArm {
     arm: Option<Arm>,
 }
@@ -23,7 +23,7 @@ struct Arm {
     goal_pose: Publisher<PoseStamped>,
 }
 
-/// How good the camera is at the second tip: as at the first, with noise of its own.
+/// The camera's settings for the second tip: those for the first, with another seed.
 pub fn second_camera(quality: PoseCameraConfig) -> PoseCameraConfig {
     PoseCameraConfig {
         seed: quality.seed.wrapping_add(1),
@@ -50,34 +50,35 @@ impl SecondArm {
         Ok(Self { arm: Some(arm) })
     }
 
-    /// Changes how good the camera is.
+    /// Changes the camera's settings.
     pub fn set_config(&mut self, quality: PoseCameraConfig) {
         if let Some(arm) = &mut self.arm {
             arm.camera.set_config(second_camera(quality));
         }
     }
 
-    /// Shows the camera the instant that `sight` has looked at last, and publishes what it delivers.
-    pub fn look(&mut self, sight: &Sight, stamp: Time, X_WB: &Pose, status: &Status) {
+    /// Shows the camera the last state of `kinematics`, and publishes the frames that it delivers.
+    pub fn measure(&mut self, kinematics: &Kinematics, stamp: Time, X_WB: &Pose, status: &Status) {
         let Some(arm) = &mut self.arm else {
             return;
         };
-        let tip: Frame = match tip_frame(&sight.robot.model, &arm.link) {
+        let tip: Frame = match tip_frame(&kinematics.robot.model, &arm.link) {
             Ok(tip) => tip,
             Err(problem) => {
                 status.error(format!("second_{problem}"));
                 return;
             }
         };
-        let X_BE = sight.workspace.X_BF(&tip);
+        let X_BE = kinematics.workspace.X_BF(&tip);
         let X_BD = arm.X_WD.map(|X_WD| X_WB.inverse() * X_WD);
         let time = stamp.as_secs_f64();
         arm.camera.show(time, &X_BE, X_BD.as_ref());
         while let Some(frame) = arm.camera.deliver(time) {
             arm.tip_pose
-                .publish(&seen(frame.time, &sight.base, &frame.X_BE));
+                .publish(&pose_message(frame.time, &kinematics.base, &frame.X_BE));
             if let Some(X_BD) = &frame.X_BD {
-                arm.goal_pose.publish(&seen(frame.time, &sight.base, X_BD));
+                arm.goal_pose
+                    .publish(&pose_message(frame.time, &kinematics.base, X_BD));
             }
         }
     }

@@ -1,29 +1,29 @@
-//! The camera node's endpoints for the target that it watches.
+//! The camera node's endpoints for the target whose features it tracks.
 
-use super::watch::{CAMERA_FRAME, Watch};
+use super::target_camera::{CAMERA_FRAME, TargetCamera};
 use crate::{
+    control::StampPairs,
     msg::{fuyu_msgs::FeatureTracks, nav_msgs::Odometry},
     nodes::{
-        features::sighting_to_msg,
+        features::feature_frame_to_msg,
         geometry::{pose_from_msg, with_matrix},
-        stamp_pairs::StampPairs,
         topics,
     },
     ros::{Node, NodeError, Publisher, Status, Subscription, Time},
     spatial::Pose,
 };
 
-/// The truth about a target, and what the camera tracks of it.
+/// A target's true pose, and the features that the camera tracks.
 pub struct TargetTopics {
     odometry: Subscription<Odometry>,
     features: Publisher<FeatureTracks>,
     /// Poses of the camera and of the target in the world.
-    truth: StampPairs<Pose, Pose>,
+    truth: StampPairs<Time, Pose, Pose>,
     status: Status,
 }
 
 impl TargetTopics {
-    /// Endpoints to watch the target called `target`.
+    /// Endpoints for the target called `target`.
     ///
     /// # Errors
     /// When the node cannot subscribe or publish.
@@ -39,7 +39,7 @@ impl TargetTopics {
         })
     }
 
-    /// Takes in where the camera is in the world.
+    /// Adds the camera's pose in the world.
     pub fn camera_at(&mut self, stamp: Time, X_WC: Result<Pose, String>) {
         match X_WC {
             Ok(X_WC) => self.truth.push_first(stamp, X_WC),
@@ -47,8 +47,8 @@ impl TargetTopics {
         }
     }
 
-    /// Shows the camera every instant of which all is known, and publishes what it delivers.
-    pub fn watch(&mut self, watch: &mut Watch) {
+    /// Shows the camera every state whose two poses have arrived, and publishes the frames that it delivers.
+    pub fn track(&mut self, camera: &mut TargetCamera) {
         while let Some(received) = self.odometry.take() {
             let message = received.message;
             match pose_from_msg(&message.pose.pose) {
@@ -61,19 +61,19 @@ impl TargetTopics {
         }
         while let Some((stamp, X_WC, X_WT)) = self.truth.pop() {
             let time = stamp.as_secs_f64();
-            watch.show(time, &X_WC, &X_WT);
-            while let Some(sighting) = watch.deliver(time) {
+            camera.show(time, &X_WC, &X_WT);
+            while let Some(frame) = camera.deliver(time) {
                 self.features
-                    .publish(&sighting_to_msg(&sighting, CAMERA_FRAME));
-                let seen = sighting.features.len();
-                if seen == 0 {
+                    .publish(&feature_frame_to_msg(&frame, CAMERA_FRAME));
+                let count = frame.features.len();
+                if count == 0 {
                     self.status.warn("the target is out of sight");
                 } else {
-                    self.status.ok(format!("tracking {}", watch.target));
+                    self.status.ok(format!("tracking {}", camera.target));
                 }
-                self.status.set("features in sight", seen);
+                self.status.set("features in sight", count);
             }
         }
-        self.status.set("frames lost", watch.lost());
+        self.status.set("frames lost", camera.lost());
     }
 }

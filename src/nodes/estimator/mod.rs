@@ -15,11 +15,11 @@ pub use params::EstimatorParams;
 
 use std::time::Duration;
 
-use super::{features::sighting_from_msg, topics};
+use super::{features::feature_frame_from_msg, topics};
 use crate::{
     msg::{fuyu_msgs, geometry_msgs, nav_msgs, sensor_msgs, tf2_msgs},
     ros::{Node, NodeError, Publisher, Status, Subscription},
-    vision::Sighting,
+    vision::FeatureFrame,
 };
 use observer::Observer;
 
@@ -46,8 +46,8 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut observer = Observer::new(params, node);
     while node.wait_for(PATIENCE) {
         observer.update_camera(&topics);
-        while let Some(sighting) = topics.next_sighting(&mut observer) {
-            observer.add_frame(sighting, node.now(), &topics);
+        while let Some(frame) = topics.next_frame(&mut observer) {
+            observer.add_frame(frame, node.now(), &topics);
         }
         observer.solve();
         observer.take_solution(&topics);
@@ -87,15 +87,14 @@ impl Topics {
     }
 
     /// The next valid frame in the queue; invalid ones are reported.
-    fn next_sighting(&mut self, observer: &mut Observer) -> Option<Sighting> {
+    fn next_frame(&mut self, observer: &mut Observer) -> Option<FeatureFrame> {
         while let Some(received) = self.features.take() {
-            match sighting_from_msg(&received.message) {
-                Ok(sighting) => {
+            match feature_frame_from_msg(&received.message) {
+                Ok(frame) => {
                     observer.camera_frame = received.message.header.frame_id;
                     self.status.ok("frames arrive");
-                    self.status
-                        .set("features in sight", sighting.features.len());
-                    return Some(sighting);
+                    self.status.set("features in sight", frame.features.len());
+                    return Some(frame);
                 }
                 Err(problem) => {
                     let topic = self.features.topic();

@@ -11,7 +11,7 @@ use crate::{
     estimation::{BatchSolution, MotionTracker, TrackLoss, Tracks, bundle},
     nodes::{camera::CAMERA_FRAME, features::pinhole_from_msg},
     ros::{Node, Status, Time},
-    vision::{Pinhole, Sighting},
+    vision::{FeatureFrame, Pinhole},
 };
 
 /// Number of frame intervals without a frame after which the motion is extrapolated.
@@ -126,12 +126,12 @@ impl Observer {
 
     /// Whether there are frames.
     pub fn has_frames(&self) -> bool {
-        !self.tracks.sightings().is_empty()
+        !self.tracks.frames().is_empty()
     }
 
     /// Adds a frame that arrived at `now`, and publishes the motion at its time.
-    pub fn add_frame(&mut self, sighting: Sighting, now: Time, topics: &Topics) {
-        let time = sighting.time;
+    pub fn add_frame(&mut self, frame: FeatureFrame, now: Time, topics: &Topics) {
+        let time = frame.time;
         match self.tracks.span() {
             Some((_, last)) if time == last => return,
             Some((_, last)) if time < last => {
@@ -146,7 +146,7 @@ impl Observer {
             }
             _ => {}
         }
-        if let Err(e) = self.tracks.push(sighting) {
+        if let Err(e) = self.tracks.push(frame) {
             // The only fault left is a time that is not finite.
             topics.status.warn(format!("{e}; the frame is ignored"));
             return;
@@ -162,7 +162,7 @@ impl Observer {
             self.tracks.forget_before(since.min(time));
         }
         let R_IC = self.attitude.gyro.R_GC(time);
-        let frame = self.tracks.sightings().last();
+        let frame = self.tracks.frames().last();
         let loss = match (&mut self.tracker, frame) {
             (Some(tracker), Some(frame)) => tracker.update(frame, &R_IC),
             _ => None,
@@ -310,12 +310,12 @@ impl Observer {
         };
         let batch = BatchSolution {
             estimated,
-            frames: job.tracks.sightings().len(),
+            frames: job.tracks.frames().len(),
             span: job.tracks.span().unwrap_or_default(),
         };
-        let sightings = self.tracks.sightings();
-        let later = sightings.partition_point(|s| s.time <= batch.span.1);
-        let later = sightings[later..].iter();
+        let frames = self.tracks.frames();
+        let later = frames.partition_point(|s| s.time <= batch.span.1);
+        let later = frames[later..].iter();
         let later = later.map(|frame| (frame, self.attitude.gyro.R_GC(frame.time)));
         let next = MotionTracker::new(batch, self.params.filter_disturbance(), later);
         self.tracker = Some(match self.tracker.take() {

@@ -233,6 +233,11 @@ impl Controller {
         &self.manipulator.tip
     }
 
+    /// Number of tips, at least 1.
+    pub fn tip_count(&self) -> usize {
+        self.manipulator.tips().count()
+    }
+
     /// Changes the settings without a step in the efforts: they approach those of the new settings within a few times
     /// [`ControllerConfig::bumpless_transfer_time`]. A law that is replaced loses its state, such as the joint positions of
     /// the goal under joint PD control. [`LawConfig::Custom`] keeps the user-defined law.

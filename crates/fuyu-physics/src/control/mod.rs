@@ -8,6 +8,7 @@
 
 mod bumpless_transfer;
 mod config;
+mod control_loop;
 mod controller;
 mod feed_forward;
 mod gains;
@@ -36,6 +37,10 @@ mod virtual_tip_inertia;
 mod workspace_radius;
 
 pub use config::ControllerConfig;
+pub use control_loop::{
+    ControlLoop, ControlLoopConfig, ControlMode, InputError, InputStatus, LoopReport, Stamp,
+    StampPairs,
+};
 pub use controller::Controller;
 pub use feed_forward::{FeedForward, MovingGoal};
 pub use gains::{ConfigError, Gains};

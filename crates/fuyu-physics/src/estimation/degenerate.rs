@@ -30,7 +30,7 @@ const NOISE_RATIO: f64 = 1.5;
 /// # Errors
 /// [`EstimateError::Collinear`] or [`EstimateError::Constant`].
 pub fn check(tracks: &Tracks, noise: f64) -> Result<(), EstimateError> {
-    let shown = tracks.sightings().iter();
+    let shown = tracks.frames().iter();
     let shown: Vec<_> = shown.filter(|s| !s.features.is_empty()).collect();
     if shown.len() < 2 {
         // Too few to decide; the methods check the number of frames.
@@ -125,7 +125,7 @@ impl Path {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::vision::{Feature, Sighting};
+    use crate::vision::{Feature, FeatureFrame};
 
     /// 60 frames with twelve points, at the positions that `at` gives for frame and id.
     fn tracks(at: impl Fn(u32, u64) -> (f64, f64)) -> Tracks {
@@ -134,7 +134,7 @@ mod tests {
                 let (u, v) = at(k, id);
                 Feature { id, u, v }
             };
-            Sighting::new(0.1 * f64::from(k), (0..12).map(feature).collect())
+            FeatureFrame::new(0.1 * f64::from(k), (0..12).map(feature).collect())
         };
         Tracks::new((0..60).map(frame)).unwrap()
     }

@@ -13,7 +13,7 @@ use super::bundle::{FreeMotion, PARAMETERS, Solution, derivatives, shape_basis, 
 use super::free_body::FreeRotation;
 use super::{MotionEstimate, MotionModel};
 use crate::spatial::exp_so3;
-use crate::vision::{Pinhole, Sighting};
+use crate::vision::{FeatureFrame, Pinhole};
 
 /// Number of error states: rotation of the body (3), shape of its inertia (5), momentum (3).
 const STATES: usize = 3 + PARAMETERS;
@@ -195,7 +195,7 @@ impl Filter {
     }
 
     /// Propagates the state to the frame's time and corrects it with the frame; `R_WC` is the camera's attitude.
-    pub fn update(&mut self, frame: &Sighting, R_WC: &UnitQuaternion<f64>) -> Update {
+    pub fn update(&mut self, frame: &FeatureFrame, R_WC: &UnitQuaternion<f64>) -> Update {
         self.predict(frame.time);
         let known = frame.features.iter().filter_map(|f| {
             let p = self.points.get(&f.id)?;

@@ -8,7 +8,7 @@ use super::{
     degenerate,
     masutani1995::{self, Rate},
 };
-use crate::vision::{Feature, Pinhole, Sighting};
+use crate::vision::{Feature, FeatureFrame, Pinhole};
 
 /// Ratio of residual to RMS angular velocity above which the motion found is not that of the body.
 const MAX_RESIDUAL_RATIO: f64 = 0.3;
@@ -81,7 +81,7 @@ pub struct Estimated {
 /// points, and predicts the attitude half a minute later.
 /// ```
 /// use fuyu_physics::estimation::free_body::FreeRotation;
-/// use fuyu_physics::estimation::{EstimationMethod, Feature, Sighting, Tracks, bundle, estimate};
+/// use fuyu_physics::estimation::{EstimationMethod, Feature, FeatureFrame, Tracks, bundle, estimate};
 /// use fuyu_physics::vision::Pinhole;
 /// use nalgebra::{Matrix3, UnitQuaternion, Vector3};
 ///
@@ -103,7 +103,7 @@ pub struct Estimated {
 ///         let [u, v] = camera.project(&p_C)?;
 ///         Some(Feature { id: id.into(), u: u.round(), v: v.round() })
 ///     });
-///     Sighting::new(time, features.collect())
+///     FeatureFrame::new(time, features.collect())
 /// });
 /// let tracks = Tracks::new(frames)?;
 ///
@@ -126,7 +126,7 @@ pub fn estimate(
     match method {
         EstimationMethod::Bundle => {
             let solution = bundle::estimate(tracks, camera, options)?;
-            let times = tracks.sightings().iter().map(|s| s.time);
+            let times = tracks.frames().iter().map(|s| s.time);
             Ok(Estimated {
                 method,
                 w_IB_I: times
@@ -181,13 +181,13 @@ fn derotated(
     motion: &CameraMotion,
 ) -> Result<Tracks, TracksError> {
     let R_IC = motion.lookup();
-    Tracks::new(tracks.sightings().iter().map(|sighting| {
+    Tracks::new(tracks.frames().iter().map(|sighting| {
         let R = R_IC(sighting.time);
         let turned = sighting.features.iter().filter_map(|f| {
             let [u, v] = camera.project(&(R * camera.ray(f.u, f.v)))?;
             Some(Feature { id: f.id, u, v })
         });
-        Sighting::new(sighting.time, turned.collect())
+        FeatureFrame::new(sighting.time, turned.collect())
     }))
 }
 

@@ -22,7 +22,7 @@ mod motion_tracker;
 mod tracks;
 mod two_view;
 
-pub use crate::vision::{Feature, Sighting};
+pub use crate::vision::{Feature, FeatureFrame};
 pub use error::EstimateError;
 pub use gyro_attitude::GyroAttitude;
 pub use method::{Estimated, EstimationMethod, MethodError, estimate, from_rates};

@@ -6,7 +6,7 @@ use super::{
     Estimated, EstimationMethod, MotionEstimate,
     filter::{Filter, Update},
 };
-use crate::vision::Sighting;
+use crate::vision::FeatureFrame;
 
 /// Number of consecutive frames that contradict the motion before it is lost.
 const MISFITS_FOR_LOSS: u32 = 10;
@@ -94,7 +94,7 @@ impl MotionTracker {
     pub fn new<'a>(
         batch: BatchSolution,
         disturbance: Option<f64>,
-        later: impl Iterator<Item = (&'a Sighting, UnitQuaternion<f64>)>,
+        later: impl Iterator<Item = (&'a FeatureFrame, UnitQuaternion<f64>)>,
     ) -> Self {
         let solution = batch.estimated.solution.as_ref();
         let filter = disturbance
@@ -138,7 +138,11 @@ impl MotionTracker {
 
     /// Updates the motion by a frame later than all before, with the camera's attitude. Returns a loss if several
     /// consecutive frames contradict the motion.
-    pub fn update(&mut self, frame: &Sighting, R_IC: &UnitQuaternion<f64>) -> Option<TrackLoss> {
+    pub fn update(
+        &mut self,
+        frame: &FeatureFrame,
+        R_IC: &UnitQuaternion<f64>,
+    ) -> Option<TrackLoss> {
         self.since += 1;
         let Some(filter) = &mut self.filter else {
             if !frame.features.is_empty() {
@@ -239,7 +243,7 @@ mod tests {
     }
 
     /// Frames of a tumbling ball, 10 a second.
-    fn frames(range: std::ops::Range<u32>) -> Vec<Sighting> {
+    fn frames(range: std::ops::Range<u32>) -> Vec<FeatureFrame> {
         let motion = truth();
         let config = FeatureCameraConfig {
             quantised: true,
@@ -257,13 +261,13 @@ mod tests {
     }
 
     /// A tracker from a batch of the first frames and a filter through the later ones.
-    fn tracker_from(first: Vec<Sighting>, later: &[Sighting]) -> MotionTracker {
+    fn tracker_from(first: Vec<FeatureFrame>, later: &[FeatureFrame]) -> MotionTracker {
         let tracks = Tracks::new(first).unwrap();
         let camera = Pinhole::square(1024, 1.25);
         let options = bundle::Options::default();
         let batch = BatchSolution {
             estimated: estimate(EstimationMethod::Bundle, &tracks, &camera, &options).unwrap(),
-            frames: tracks.sightings().len(),
+            frames: tracks.frames().len(),
             span: tracks.span().unwrap(),
         };
         let still = later.iter().map(|f| (f, UnitQuaternion::identity()));
@@ -344,19 +348,19 @@ mod tests {
     }
 
     /// Frames in which the first `points` points have each other's ids, shifted by one.
-    fn with_shifted_ids(frames: Vec<Sighting>, points: u64) -> Vec<Sighting> {
+    fn with_shifted_ids(frames: Vec<FeatureFrame>, points: u64) -> Vec<FeatureFrame> {
         let shifted = |id: u64| if id < points { (id + 1) % points } else { id };
         with_ids(frames, |_, id| shifted(id))
     }
 
     /// Frames with the ids that `other` gives for the frame's index and the id.
-    fn with_ids(frames: Vec<Sighting>, other: impl Fn(u64, u64) -> u64) -> Vec<Sighting> {
-        let renamed = |(k, frame): (u64, Sighting)| {
+    fn with_ids(frames: Vec<FeatureFrame>, other: impl Fn(u64, u64) -> u64) -> Vec<FeatureFrame> {
+        let renamed = |(k, frame): (u64, FeatureFrame)| {
             let features = frame.features.iter().map(|f| Feature {
                 id: other(k, f.id),
                 ..*f
             });
-            Sighting::new(frame.time, features.collect())
+            FeatureFrame::new(frame.time, features.collect())
         };
         (0..).zip(frames).map(renamed).collect()
     }
@@ -369,7 +373,10 @@ mod tests {
         estimated.angle_to(&(truth.attitude(to) / truth.attitude(from)))
     }
 
-    fn update_all(tracker: &mut MotionTracker, frames: &[Sighting]) -> Option<(usize, TrackLoss)> {
+    fn update_all(
+        tracker: &mut MotionTracker,
+        frames: &[FeatureFrame],
+    ) -> Option<(usize, TrackLoss)> {
         let mut losses = frames.iter().enumerate().filter_map(|(k, frame)| {
             let loss = tracker.update(frame, &UnitQuaternion::identity());
             loss.map(|loss| (k, loss))
@@ -413,7 +420,7 @@ mod tests {
         }
         let mut tracks = Tracks::new([frames(0..150), once].concat()).unwrap();
         tracks.forget_before(15.0);
-        let restarted = tracker_from(tracks.sightings().to_vec(), &[]);
+        let restarted = tracker_from(tracks.frames().to_vec(), &[]);
         assert_eq!(restarted.frames(), 200);
         let error = rotation_error(&restarted, 34.9, 64.9);
         assert!(error < 3e-3, "{error}");

@@ -1,11 +1,11 @@
 //! Feature tracks: the image points of one body over time.
 
-use crate::vision::Sighting;
+use crate::vision::FeatureFrame;
 
 /// Frames of image points of one body, in the order of time. Every pixel is finite, and no frame has an id twice.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Tracks {
-    sightings: Vec<Sighting>,
+    frames: Vec<FeatureFrame>,
 }
 
 /// Why frames are not valid tracks.
@@ -69,12 +69,12 @@ impl Tracks {
     ///
     /// # Errors
     /// [`TracksError`] that names the first invalid frame, or reports that there are no features.
-    pub fn new(sightings: impl IntoIterator<Item = Sighting>) -> Result<Self, TracksError> {
+    pub fn new(frames: impl IntoIterator<Item = FeatureFrame>) -> Result<Self, TracksError> {
         let mut tracks = Self::default();
-        for sighting in sightings {
-            tracks.push(sighting)?;
+        for feature_frame in frames {
+            tracks.push(feature_frame)?;
         }
-        if tracks.sightings.iter().all(|s| s.features.is_empty()) {
+        if tracks.frames.iter().all(|s| s.features.is_empty()) {
             return Err(TracksError::Empty);
         }
         Ok(tracks)
@@ -84,13 +84,13 @@ impl Tracks {
     ///
     /// # Errors
     /// [`TracksError`] if the frame is invalid or not later than the last; it is then not added.
-    pub fn push(&mut self, mut sighting: Sighting) -> Result<(), TracksError> {
-        let frame = self.sightings.len();
-        let time = sighting.time;
+    pub fn push(&mut self, mut feature_frame: FeatureFrame) -> Result<(), TracksError> {
+        let frame = self.frames.len();
+        let time = feature_frame.time;
         if !time.is_finite() {
             return Err(TracksError::Time { frame, time });
         }
-        if let Some(last) = self.sightings.last()
+        if let Some(last) = self.frames.last()
             && time <= last.time
         {
             let before = last.time;
@@ -100,7 +100,7 @@ impl Tracks {
                 before,
             });
         }
-        if let Some(bad) = (sighting.features.iter()).find(|f| !(f.u + f.v).is_finite()) {
+        if let Some(bad) = (feature_frame.features.iter()).find(|f| !(f.u + f.v).is_finite()) {
             return Err(TracksError::Pixel {
                 frame,
                 time,
@@ -109,29 +109,33 @@ impl Tracks {
                 v: bad.v,
             });
         }
-        sighting.features.sort_by_key(|f| f.id);
-        if let Some(pair) = sighting.features.windows(2).find(|p| p[0].id == p[1].id) {
+        feature_frame.features.sort_by_key(|f| f.id);
+        if let Some(pair) = feature_frame
+            .features
+            .windows(2)
+            .find(|p| p[0].id == p[1].id)
+        {
             let id = pair[0].id;
             return Err(TracksError::Twice { frame, time, id });
         }
-        self.sightings.push(sighting);
+        self.frames.push(feature_frame);
         Ok(())
     }
 
     /// Forgets the frames before `time` \[s\].
     pub fn forget_before(&mut self, time: f64) {
-        let old = self.sightings.partition_point(|s| s.time < time);
-        self.sightings.drain(..old);
+        let old = self.frames.partition_point(|s| s.time < time);
+        self.frames.drain(..old);
     }
 
     /// The frames, in the order of time.
-    pub fn sightings(&self) -> &[Sighting] {
-        &self.sightings
+    pub fn frames(&self) -> &[FeatureFrame] {
+        &self.frames
     }
 
     /// Time of the first and of the last frame \[s\]; `None` without frames.
     pub fn span(&self) -> Option<(f64, f64)> {
-        Some((self.sightings.first()?.time, self.sightings.last()?.time))
+        Some((self.frames.first()?.time, self.frames.last()?.time))
     }
 }
 
@@ -140,27 +144,23 @@ mod tests {
     use super::*;
     use crate::vision::Feature;
 
-    fn at(time: f64, features: &[(u64, f64)]) -> Sighting {
+    fn at(time: f64, features: &[(u64, f64)]) -> FeatureFrame {
         let feature = |&(id, u)| Feature { id, u, v: 1.0 };
         let features = features.iter().map(feature).collect();
-        Sighting { time, features }
+        FeatureFrame { time, features }
     }
 
     #[test]
     fn features_are_kept_sorted() {
         let tracks = Tracks::new([at(0.0, &[(5, 1.0), (2, 2.0)]), at(0.5, &[])]).unwrap();
-        let ids: Vec<_> = tracks.sightings()[0]
-            .features
-            .iter()
-            .map(|f| f.id)
-            .collect();
+        let ids: Vec<_> = tracks.frames()[0].features.iter().map(|f| f.id).collect();
         assert_eq!(ids, [2, 5]);
         assert_eq!(tracks.span(), Some((0.0, 0.5)));
     }
 
     #[test]
     fn errors_name_the_invalid_frame() {
-        let message = |sightings: Vec<Sighting>| Tracks::new(sightings).unwrap_err().to_string();
+        let message = |frames: Vec<FeatureFrame>| Tracks::new(frames).unwrap_err().to_string();
         assert!(message(vec![]).contains("empty"));
         assert!(message(vec![at(0.0, &[]), at(1.0, &[])]).contains("empty"));
         let backwards = message(vec![at(0.6, &[(1, 2.0)]), at(0.3, &[(1, 2.0)])]);

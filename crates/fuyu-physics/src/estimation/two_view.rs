@@ -6,7 +6,7 @@ use nalgebra::{
     UnitVector3, Vector2, Vector3,
 };
 
-use crate::vision::{Pinhole, Sighting};
+use crate::vision::{FeatureFrame, Pinhole};
 
 /// Least number of points that determine the motion: the essential matrix has eight unknown ratios.
 pub const MIN_POINTS: usize = 8;
@@ -49,8 +49,8 @@ pub enum TwoViewError {
 /// Rays (z = 1) of the points that two frames share, in the first and in the second frame.
 pub fn common_rays(
     camera: &Pinhole,
-    first: &Sighting,
-    second: &Sighting,
+    first: &FeatureFrame,
+    second: &FeatureFrame,
 ) -> Vec<(Vector3<f64>, Vector3<f64>)> {
     let rays = |(a, b): (&crate::vision::Feature, &crate::vision::Feature)| {
         (camera.ray(a.u, a.v), camera.ray(b.u, b.v))

@@ -1,25 +1,24 @@
-//! A camera that tracks points of a body, with the flaws of a real tracker.
+//! A camera that tracks feature points of a body, with the errors of a real tracker.
 
 use nalgebra::{UnitVector3, Vector3};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 use rand_distr::StandardNormal;
 
-use super::shutter::{Instant, Shutter};
-use super::transit::Transit;
-use super::{Feature, Pinhole, Sighting};
+use super::frame_stream::{FrameStream, StreamConfig};
+use super::{Feature, FeatureFrame, Pinhole};
 use crate::spatial::Pose;
 
-/// A point of a body that can be tracked.
+/// A feature point of a body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BodyPoint {
-    /// Where it is in the body's frame \[m\].
+    /// Position in the body's frame B \[m\].
     pub p_B: Vector3<f64>,
-    /// Outward normal of the surface there: the point can be seen from the half space that it faces.
+    /// Outward normal of the surface there, in B: the point is visible from the half space that it faces.
     pub normal_B: UnitVector3<f64>,
 }
 
 impl BodyPoint {
-    /// `count` points spread evenly at random over a sphere about the body's origin (Masutani 1995 sec. 3.3).
+    /// `count` points on a sphere of `radius` \[m\] about the body's origin, uniformly at random (Masutani 1995 sec. 3.3).
     pub fn on_sphere(count: usize, radius: f64, seed: u64) -> Vec<Self> {
         let mut random = StdRng::seed_from_u64(seed);
         let mut normal = || -> f64 { random.sample(StandardNormal) };
@@ -31,7 +30,8 @@ impl BodyPoint {
         points.collect()
     }
 
-    /// Given points of a roughly convex body \[m\], such as a mesh's vertices: each faces away from their mean.
+    /// Points of a roughly convex body in B \[m\], such as a mesh's vertices: the normal of each points away from
+    /// their mean.
     pub fn of_vertices(vertices: &[Vector3<f64>]) -> Vec<Self> {
         let mean = vertices.iter().sum::<Vector3<f64>>() / vertices.len().max(1) as f64;
         let facing =
@@ -44,15 +44,14 @@ impl BodyPoint {
     }
 }
 
-/// How good the camera is. The default is an ideal one: it sees every point at every instant that it is shown,
-/// also those on the far side, at once and exactly.
+/// Image, accuracy and timing of a [`FeatureCamera`].
 #[derive(Debug, Clone, PartialEq)]
 pub struct FeatureCameraConfig {
-    /// The lens.
+    /// Intrinsic parameters.
     pub pinhole: Pinhole,
-    /// Columns and rows of the image \[px\]; what falls outside is not seen.
+    /// Columns and rows of the image \[px\]; points outside are not tracked.
     pub size: [u32; 2],
-    /// Frames per second \[Hz\]; zero means a frame at every instant shown.
+    /// Frames per second \[Hz\]; zero means a frame at every time shown.
     pub rate: f64,
     /// Delay from exposure to delivery \[s\].
     pub latency: f64,
@@ -62,9 +61,9 @@ pub struct FeatureCameraConfig {
     pub noise: f64,
     /// Whether points on the far side are hidden.
     pub occlusion: bool,
-    /// Probability, for each feature of each frame, that it is somewhere else in the image, in [0, 1].
+    /// Probability, for each feature of each frame, that its pixel is anywhere in the image, in [0, 1].
     pub outliers: f64,
-    /// Probability, for each feature of each frame, that its track is lost there, in [0, 1].
+    /// Probability, for each feature of each frame, that its track ends there, in [0, 1].
     pub losses: f64,
     /// Probability that a frame is lost, in [0, 1].
     pub dropout: f64,
@@ -73,7 +72,8 @@ pub struct FeatureCameraConfig {
 }
 
 impl FeatureCameraConfig {
-    /// An ideal camera with a square image of `resolution` pixels a side and `width` focal lengths.
+    /// An ideal camera with a square image of `resolution` pixels a side and `width` focal lengths: it tracks every
+    /// point at every time shown, those on the far side too, without delay or error.
     pub fn ideal(resolution: u32, width: f64) -> Self {
         Self {
             pinhole: Pinhole::square(resolution, width),
@@ -91,9 +91,33 @@ impl FeatureCameraConfig {
     }
 }
 
-/// The camera: shown where the body is at successive instants, it delivers sightings. A point that was not
-/// seen in an exposure (lost, hidden, outside the image) comes back under a new id, as from a tracker that knows
-/// nothing of the body.
+/// A camera that tracks feature points of one body.
+///
+/// [`show`](Self::show) gives it the body's true pose at increasing times; [`deliver`](Self::deliver) returns the frames
+/// that have arrived. A point that is not in a frame (lost, hidden, outside the image) returns under a new id, as from a
+/// tracker that knows nothing of the body.
+///
+/// ```
+/// # #![allow(non_snake_case)]
+/// use fuyu_physics::spatial::Pose;
+/// use fuyu_physics::vision::{BodyPoint, FeatureCamera, FeatureCameraConfig};
+/// use nalgebra::Translation3;
+///
+/// // Twenty points on a sphere of 0.5 m, 5 m in front of a camera of 1024 x 1024 px, with half a pixel of noise.
+/// let config = FeatureCameraConfig {
+///     noise: 0.5,
+///     ..FeatureCameraConfig::ideal(1024, 1.0)
+/// };
+/// let mut camera = FeatureCamera::new(config, BodyPoint::on_sphere(20, 0.5, 1));
+/// let X_CB = Translation3::new(0.0, 0.0, 5.0) * Pose::identity();
+/// camera.show(0.0, &X_CB);
+/// let frame = camera.deliver(0.0).expect("it has no latency");
+/// assert_eq!(frame.features.len(), 20);
+/// // The body's centre is in the middle of the image, and the sphere reaches 0.5 / 5 focal lengths from there.
+/// for feature in &frame.features {
+///     assert!((feature.u - 511.5).hypot(feature.v - 511.5) < 0.11 * 1024.0);
+/// }
+/// ```
 #[derive(Debug)]
 pub struct FeatureCamera {
     config: FeatureCameraConfig,
@@ -101,70 +125,67 @@ pub struct FeatureCamera {
     /// The id of each point while it is tracked.
     ids: Vec<Option<u64>>,
     next_id: u64,
-    random: StdRng,
-    shutter: Shutter,
-    transit: Transit<Sighting>,
+    stream: FrameStream<FeatureFrame>,
+}
+
+impl FeatureCameraConfig {
+    fn stream(&self) -> StreamConfig {
+        StreamConfig {
+            rate: self.rate,
+            latency: self.latency,
+            dropout: self.dropout,
+            seed: self.seed,
+        }
+    }
 }
 
 impl FeatureCamera {
-    /// A camera that looks for `points`. Those seen first get the ids 0, 1, ... in their order.
+    /// A camera that tracks `points`. Those tracked first get the ids 0, 1, ... in their order.
     pub fn new(config: FeatureCameraConfig, points: Vec<BodyPoint>) -> Self {
         Self {
-            random: StdRng::seed_from_u64(config.seed),
+            stream: FrameStream::new(config.stream()),
             ids: vec![None; points.len()],
             next_id: 0,
-            shutter: Shutter::default(),
-            transit: Transit::default(),
             config,
             points,
         }
     }
 
-    /// How good it is.
+    /// Image, accuracy and timing.
     pub fn config(&self) -> &FeatureCameraConfig {
         &self.config
     }
 
-    /// Changes how good it is from now on; frames under way are kept.
+    /// Changes the settings from now on; frames that were exposed before are still delivered.
     pub fn set_config(&mut self, config: FeatureCameraConfig) {
-        if config.seed != self.config.seed {
-            self.random = StdRng::seed_from_u64(config.seed);
-        }
-        if config.rate != self.config.rate {
-            self.shutter.restart();
-        }
+        self.stream.set_config(config.stream());
         self.config = config;
     }
 
     /// Frames lost so far.
     pub fn lost(&self) -> u64 {
-        self.transit.lost()
+        self.stream.lost()
     }
 
     /// Whether an exposure is due at `time` \[s\].
     pub fn is_due(&self, time: f64) -> bool {
-        self.shutter.is_due(time, self.config.rate)
+        self.stream.is_due(time)
     }
 
-    /// Shows the camera the body's pose `X_CB` in its optical frame at `time` \[s\]; it exposes if a frame is
-    /// due. An instant shown again is not exposed again; when time runs backwards (a simulation began anew) the
-    /// camera begins anew too, with the same noise but new ids.
+    /// Shows the camera the body's true pose `X_CB` in its optical frame at `time` \[s\]; it exposes if a frame is due.
+    /// A time that is shown twice is exposed once. When time jumps back (the simulation was restarted) the camera
+    /// starts again, with the same noise but new ids.
     pub fn show(&mut self, time: f64, X_CB: &Pose) {
-        match self.shutter.show(time, self.config.rate) {
-            Instant::Idle => return,
-            Instant::Anew => {
-                self.transit.clear();
-                self.ids.fill(None);
-                self.random = StdRng::seed_from_u64(self.config.seed);
-            }
-            Instant::Exposure => {}
+        let Some(exposure) = self.stream.expose(time) else {
+            return;
+        };
+        if exposure.first_of_run {
+            self.ids.fill(None);
         }
-        // The same number of random draws a frame, so that no flaw changes the others' luck.
-        let dropped = self.random.random::<f64>() < self.config.dropout;
         let mut features = Vec::with_capacity(self.points.len());
         for i in 0..self.points.len() {
             let point = self.points[i];
-            match self.see(&point, X_CB) {
+            match self.measure(&point, X_CB) {
                 Some([u, v]) => {
                     let id = *self.ids[i].get_or_insert_with(|| {
                         self.next_id += 1;
@@ -175,20 +196,21 @@ impl FeatureCamera {
                 None => self.ids[i] = None,
             }
         }
-        let sighting = Sighting::new(time, features);
-        self.transit.send(time, sighting, dropped);
+        let frame = FeatureFrame::new(time, features);
+        self.stream.push(time, frame, exposure);
     }
 
-    /// The next sighting whose latency has passed at `time` \[s\], oldest first.
-    pub fn deliver(&mut self, time: f64) -> Option<Sighting> {
-        self.transit.arrive(time, self.config.latency)
+    /// The next frame whose latency has passed at `time` \[s\], oldest first.
+    pub fn deliver(&mut self, time: f64) -> Option<FeatureFrame> {
+        self.stream.deliver(time)
     }
 
-    /// Where the image shows a point \[px\], if it does.
-    fn see(&mut self, point: &BodyPoint, X_CB: &Pose) -> Option<[f64; 2]> {
+    /// The measured pixel of a point \[px\]; `None` if it is not tracked in this frame.
+    fn measure(&mut self, point: &BodyPoint, X_CB: &Pose) -> Option<[f64; 2]> {
         let config = &self.config;
-        let noise = [(); 2].map(|()| -> f64 { self.random.sample(StandardNormal) });
-        let [outlier, loss, u, v] = [(); 4].map(|()| self.random.random::<f64>());
+        let random = &mut self.stream.random;
+        let noise = [(); 2].map(|()| -> f64 { random.sample(StandardNormal) });
+        let [outlier, loss, u, v] = [(); 4].map(|()| random.random::<f64>());
         let p_C = X_CB.rotation * point.p_B + X_CB.translation.vector;
         let faces_away = (X_CB.rotation * point.normal_B).dot(&p_C) >= 0.0;
         if loss < config.losses || (config.occlusion && faces_away) {
@@ -215,21 +237,21 @@ mod tests {
     use nalgebra::{Rotation3, Translation3};
 
     /// A ball of 0.9 m at 0.9 m, as in ch. 3, that turns about y at 1 rad/s; frames at 10 Hz.
-    fn watch(config: FeatureCameraConfig, frames: u32) -> Vec<Sighting> {
+    fn watch(config: FeatureCameraConfig, count: u32) -> Vec<FeatureFrame> {
         let mut camera = FeatureCamera::new(config, BodyPoint::on_sphere(20, 0.45, 7));
-        let mut sightings = Vec::new();
-        for k in 0..frames {
+        let mut delivered = Vec::new();
+        for k in 0..count {
             let time = 0.1 * f64::from(k);
             let turned = Rotation3::new(Vector3::new(0.0, time, 0.0));
             camera.show(
                 time,
                 &Pose::from_parts(Translation3::new(0.0, 0.0, 0.9), turned),
             );
-            while let Some(sighting) = camera.deliver(time) {
-                sightings.push(sighting);
+            while let Some(frame) = camera.deliver(time) {
+                delivered.push(frame);
             }
         }
-        sightings
+        delivered
     }
 
     fn ideal() -> FeatureCameraConfig {
@@ -239,23 +261,19 @@ mod tests {
     /// Differences of each feature from the ideal camera's, by id \[px\].
     fn deviations(config: FeatureCameraConfig, frames: u32) -> Vec<[f64; 2]> {
         let exact = watch(ideal(), frames);
-        let seen = watch(config, frames);
-        assert_eq!(exact.len(), seen.len());
-        let pairs = exact.iter().zip(&seen).flat_map(|(a, b)| a.common(b));
+        let measured = watch(config, frames);
+        assert_eq!(exact.len(), measured.len());
+        let pairs = exact.iter().zip(&measured).flat_map(|(a, b)| a.common(b));
         pairs.map(|(a, b)| [b.u - a.u, b.v - a.v]).collect()
     }
 
     #[test]
-    fn an_ideal_camera_sees_every_point_at_every_instant() {
-        let sightings = watch(ideal(), 50);
-        assert_eq!(sightings.len(), 50);
-        assert!(sightings.iter().all(|s| s.features.len() == 20));
-        let ids = |s: &Sighting| s.features.iter().map(|f| f.id).collect::<Vec<_>>();
-        assert!(
-            sightings
-                .iter()
-                .all(|s| ids(s) == (0..20).collect::<Vec<_>>())
-        );
+    fn an_ideal_camera_tracks_every_point_at_every_time() {
+        let frames = watch(ideal(), 50);
+        assert_eq!(frames.len(), 50);
+        assert!(frames.iter().all(|s| s.features.len() == 20));
+        let ids = |s: &FeatureFrame| s.features.iter().map(|f| f.id).collect::<Vec<_>>();
+        assert!(frames.iter().all(|s| ids(s) == (0..20).collect::<Vec<_>>()));
     }
 
     #[test]
@@ -289,31 +307,27 @@ mod tests {
     }
 
     #[test]
-    fn the_far_side_is_hidden_and_comes_back_under_new_ids() {
+    fn hidden_points_return_under_new_ids() {
         let occluded = FeatureCameraConfig {
             occlusion: true,
             ..ideal()
         };
         // Two turns.
-        let sightings = watch(occluded, 126);
-        let seen: usize = sightings.iter().map(|s| s.features.len()).sum();
+        let frames = watch(occluded, 126);
+        let tracked: usize = frames.iter().map(|s| s.features.len()).sum();
         // From a diameter's distance a quarter of a sphere faces the camera: (1 - r/d) / 2.
-        let share = seen as f64 / (126.0 * 20.0);
+        let share = tracked as f64 / (126.0 * 20.0);
         assert!((0.18..0.32).contains(&share), "{share}");
-        let last = sightings
-            .iter()
-            .flat_map(|s| &s.features)
-            .map(|f| f.id)
-            .max();
+        let last = frames.iter().flat_map(|s| &s.features).map(|f| f.id).max();
         assert!(last > Some(25), "{last:?}");
         // No id disappears for a while.
         for id in 0..=last.unwrap() {
-            let frames: Vec<_> = (0..126)
-                .filter(|i| sightings[*i].feature(id).is_some())
+            let present: Vec<_> = (0..126)
+                .filter(|i| frames[*i].feature(id).is_some())
                 .collect();
             assert_eq!(
-                frames.len(),
-                frames[frames.len() - 1] - frames[0] + 1,
+                present.len(),
+                present[present.len() - 1] - present[0] + 1,
                 "{id}"
             );
         }
@@ -326,10 +340,10 @@ mod tests {
             dropout: 0.3,
             ..ideal()
         };
-        let sightings = watch(flawed, 1000);
-        assert!((650..750).contains(&sightings.len()), "{}", sightings.len());
-        let seen: usize = sightings.iter().map(|s| s.features.len()).sum();
-        let share = seen as f64 / (sightings.len() as f64 * 20.0);
+        let frames = watch(flawed, 1000);
+        assert!((650..750).contains(&frames.len()), "{}", frames.len());
+        let tracked: usize = frames.iter().map(|s| s.features.len()).sum();
+        let share = tracked as f64 / (frames.len() as f64 * 20.0);
         assert!((share - 0.95).abs() < 0.01, "{share}");
     }
 
@@ -340,10 +354,10 @@ mod tests {
             latency: 0.25,
             ..ideal()
         };
-        let sightings = watch(slow, 101);
-        // 51 exposures in 10 s, less the two under way at its end.
-        assert_eq!(sightings.len(), 49);
-        assert!((sightings[1].time - 0.2).abs() < 1e-9);
+        let frames = watch(slow, 101);
+        // 51 exposures in 10 s, less the two not yet delivered at its end.
+        assert_eq!(frames.len(), 49);
+        assert!((frames[1].time - 0.2).abs() < 1e-9);
     }
 
     #[test]

@@ -1,15 +1,16 @@
-//! What a camera on the moving base measures.
+//! Cameras on the moving base: pose measurements of tip and goal, feature tracks of a body, and how accurate they are.
 
+mod delay_line;
+mod exposure_schedule;
 mod feature_camera;
+mod feature_frame;
+mod frame_stream;
 mod pinhole;
 mod pixel_noise;
 mod pose_camera;
-mod shutter;
-mod sighting;
-mod transit;
 
 pub use feature_camera::{BodyPoint, FeatureCamera, FeatureCameraConfig};
+pub use feature_frame::{Feature, FeatureFrame};
 pub use pinhole::{Pinhole, PinholeError};
 pub use pixel_noise::PoseAccuracy;
 pub use pose_camera::{PoseCamera, PoseCameraConfig, PoseFrame};
-pub use sighting::{Feature, Sighting};

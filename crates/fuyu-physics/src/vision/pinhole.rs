@@ -16,7 +16,7 @@ pub struct Pinhole {
     pub cy: f64,
 }
 
-/// What no camera can have.
+/// An intrinsic parameter that no camera can have.
 #[derive(Debug, Clone, PartialEq, thiserror::Error)]
 #[error("camera: {name} is {value} px; it must be {right}")]
 pub struct PinholeError {
@@ -26,8 +26,8 @@ pub struct PinholeError {
 }
 
 impl Pinhole {
-    /// The camera of a square image of `resolution` pixels a side whose width is `width` focal lengths, with
-    /// the axis through its middle.
+    /// A camera with a square image of `resolution` pixels a side, `width` focal lengths wide, and the optical axis
+    /// through its middle.
     pub fn square(resolution: u32, width: f64) -> Self {
         let focal = f64::from(resolution) / width;
         let centre = 0.5 * (f64::from(resolution) - 1.0);
@@ -39,7 +39,7 @@ impl Pinhole {
         }
     }
 
-    /// Refuses a camera that cannot be.
+    /// Checks the parameters.
     ///
     /// # Errors
     /// [`PinholeError`] if a focal length is not positive or any value is not finite.
@@ -59,7 +59,8 @@ impl Pinhole {
         Ok(())
     }
 
-    /// Where the image shows a point \[px\], `p_C` in the camera's frame \[m\]. `None` behind the camera.
+    /// Projects the point `p_C` in the camera's optical frame \[m\] to column and row \[px\]; `None` if it is behind
+    /// the camera.
     #[inline]
     pub fn project(&self, p_C: &Vector3<f64>) -> Option<[f64; 2]> {
         (p_C.z > 0.0).then(|| {
@@ -70,7 +71,7 @@ impl Pinhole {
         })
     }
 
-    /// The ray through pixel (`u`, `v`) in the camera's frame, scaled to z = 1.
+    /// Back-projects the pixel (`u`, `v`) \[px\]: the ray through it in the optical frame, scaled to z = 1.
     #[inline]
     pub fn ray(&self, u: f64, v: f64) -> Vector3<f64> {
         Vector3::new((u - self.cx) / self.fx, (v - self.cy) / self.fy, 1.0)
@@ -82,7 +83,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_ray_leads_to_the_pixel_that_it_came_from() {
+    fn projection_inverts_back_projection() {
         let camera = Pinhole {
             fx: 800.0,
             fy: 810.0,

@@ -1,10 +1,10 @@
-//! How well a pose is known that is found from image points.
+//! Accuracy of a pose that is fitted to image points.
 
 use nalgebra::{Matrix2x3, Matrix6, Vector3, Vector6};
 
 use crate::spatial::Pose;
 
-/// Standard deviations of a pose in camera axes.
+/// Standard deviations of a measured pose, in camera axes.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseAccuracy {
     /// Of each coordinate of the position \[m\]; z is the distance.
@@ -14,20 +14,20 @@ pub struct PoseAccuracy {
 }
 
 impl PoseAccuracy {
-    /// Accuracy of the pose `X_CD` of a frame D in camera axes that is fitted to image points of known places, when each
-    /// image coordinate has a standard deviation of `pixels` \[px\] and the camera a focal length of `focal_length` \[px\].
-    /// `points` are the places in D \[m\].
+    /// Accuracy of the pose `X_CD` of a frame D in the camera's optical frame, fitted to the images of `points`, which
+    /// are known in D \[m\]. Each image coordinate has a standard deviation of `pixels` \[px\]; the focal length is
+    /// `focal_length` \[px\].
     ///
-    /// It is the bound that no unbiased fit beats and a least-squares fit meets for small noise: the inverse of
-    /// the information `Σ Gᵀ G / σ²`, `G` being the image point's derivative by the pose. For `n` points that lie
-    /// around D's origin with a root mean square of `ρ` a coordinate, at a distance `Z` large beside that, it is
+    /// This is the Cramér-Rao bound, which a least-squares fit reaches for small noise: the inverse of the information
+    /// `Σ Gᵀ G / σ²`, `G` being the derivative of the image point with respect to the pose. For `n` points around D's
+    /// origin with a root mean square of `ρ` per coordinate, at a distance `Z` much larger than `ρ`, it is
     ///
     /// ```text
     /// across the line of sight   σ Z / (f √n)            distance   σ Z² / (f ρ √2n)
     /// rotation about it          σ Z / (f ρ √2n)         tilt       σ Z / (f ρ √n)
     /// ```
     ///
-    /// `None` where the points do not tell the pose (fewer than three, in a line, or behind the camera).
+    /// `None` where the points do not determine the pose: fewer than three, on a line, or behind the camera.
     pub fn of_points(
         X_CD: &Pose,
         points: &[Vector3<f64>],
@@ -155,14 +155,14 @@ mod tests {
                 "{k}"
             );
         }
-        // The rules of thumb in the doc comment, for a round cloud.
+        // The approximations in the doc comment, for a cloud without preferred direction.
         let (n, rho, Z) = (20.0, 0.4, 5.0);
         let distance = pixels * Z * Z / (f * rho * f64::sqrt(2.0 * n));
         assert!((stated.position.z / distance - 1.0).abs() < 0.3);
     }
 
     #[test]
-    fn too_few_points_tell_no_pose() {
+    fn a_pose_that_the_points_do_not_determine_has_no_accuracy() {
         let X = Pose::from_parts(Translation3::new(0.0, 0.0, 5.0), Rotation3::identity());
         let line = [Vector3::x(), Vector3::zeros(), -Vector3::x()];
         assert_eq!(PoseAccuracy::of_points(&X, &line, 1024.0, 1.0), None);

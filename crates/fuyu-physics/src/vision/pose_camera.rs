@@ -1,17 +1,17 @@
-//! A camera that measures the poses of the arm tip and of the goal object, with the flaws of a real one.
+//! A camera that measures the poses of the arm tip and of its goal, with the errors of a real one.
 
 use nalgebra::{Rotation3, Translation3, Vector3};
-use rand::{RngExt, SeedableRng, rngs::StdRng};
+use rand::RngExt;
 use rand_distr::StandardNormal;
 
-use super::shutter::{Instant, Shutter};
-use super::transit::Transit;
+use super::frame_stream::{FrameStream, StreamConfig};
 use crate::spatial::Pose;
 
-/// How good the camera is. All zero is an ideal one: every instant that it is shown, at once, exactly.
+/// Accuracy and timing of a [`PoseCamera`]. The default is an ideal camera: a frame at every time shown, delivered at
+/// once, without noise.
 #[derive(Debug, Clone, PartialEq)]
 pub struct PoseCameraConfig {
-    /// Frames per second \[Hz\]; zero means a frame at every instant shown.
+    /// Frames per second \[Hz\]; zero means a frame at every time shown.
     pub rate: f64,
     /// Delay from exposure to delivery \[s\].
     pub latency: f64,
@@ -21,7 +21,7 @@ pub struct PoseCameraConfig {
     pub attitude_noise: f64,
     /// Probability that a frame is lost, in [0, 1].
     pub dropout: f64,
-    /// Seed of the noise and the losses.
+    /// Seed of noise and lost frames.
     pub seed: u64,
 }
 
@@ -38,7 +38,7 @@ impl Default for PoseCameraConfig {
     }
 }
 
-/// What one exposure saw, in the base frame.
+/// What one exposure measured.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct PoseFrame {
     /// Time of exposure \[s\].
@@ -49,81 +49,110 @@ pub struct PoseFrame {
     pub X_BD: Option<Pose>,
 }
 
-/// The camera: shown the truth at successive instants, it delivers frames.
+/// A camera on the base that measures where the arm's tip and its goal are in the base frame.
+///
+/// [`show`](Self::show) gives it the true poses at increasing times; [`deliver`](Self::deliver) returns the frames that
+/// have arrived, with rate, latency, noise and losses of its [`PoseCameraConfig`].
+///
+/// ```
+/// # #![allow(non_snake_case)]
+/// use fuyu_physics::spatial::Pose;
+/// use fuyu_physics::vision::{PoseCamera, PoseCameraConfig};
+/// use nalgebra::Translation3;
+///
+/// // 10 Hz, 150 ms late, 1 mm of noise.
+/// let mut camera = PoseCamera::new(PoseCameraConfig {
+///     rate: 10.0,
+///     latency: 0.15,
+///     position_noise: 1e-3,
+///     ..PoseCameraConfig::default()
+/// });
+/// let X_BD = Translation3::new(1.0, 0.0, 0.0) * Pose::identity();
+/// let mut frames = Vec::new();
+/// for k in 0..=100 {
+///     let time = 0.01 * f64::from(k);
+///     // The tip moves at 0.1 m/s.
+///     let X_BE = Translation3::new(0.1 * time, 0.0, 0.0) * Pose::identity();
+///     camera.show(time, &X_BE, Some(&X_BD));
+///     while let Some(frame) = camera.deliver(time) {
+///         assert!(time - frame.time > 0.149);
+///         frames.push(frame);
+///     }
+/// }
+/// // Eleven exposures in 1 s; the last two are still on their way.
+/// assert_eq!(frames.len(), 9);
+/// let error = frames[8].X_BE.translation.x - 0.1 * frames[8].time;
+/// assert!(error != 0.0 && error.abs() < 5e-3);
+/// ```
 #[derive(Debug)]
 pub struct PoseCamera {
     config: PoseCameraConfig,
-    random: StdRng,
-    shutter: Shutter,
-    transit: Transit<PoseFrame>,
+    stream: FrameStream<PoseFrame>,
+}
+
+impl PoseCameraConfig {
+    fn stream(&self) -> StreamConfig {
+        StreamConfig {
+            rate: self.rate,
+            latency: self.latency,
+            dropout: self.dropout,
+            seed: self.seed,
+        }
+    }
 }
 
 impl PoseCamera {
-    /// A camera.
+    /// A camera that has not been shown anything yet.
     pub fn new(config: PoseCameraConfig) -> Self {
-        let random = StdRng::seed_from_u64(config.seed);
         Self {
+            stream: FrameStream::new(config.stream()),
             config,
-            random,
-            shutter: Shutter::default(),
-            transit: Transit::default(),
         }
     }
 
-    /// How good it is.
+    /// Accuracy and timing.
     pub fn config(&self) -> &PoseCameraConfig {
         &self.config
     }
 
-    /// Changes how good it is from now on; frames under way are kept.
+    /// Changes accuracy and timing from now on; frames that were exposed before are still delivered.
     pub fn set_config(&mut self, config: PoseCameraConfig) {
-        if config.seed != self.config.seed {
-            self.random = StdRng::seed_from_u64(config.seed);
-        }
-        if config.rate != self.config.rate {
-            self.shutter.restart();
-        }
+        self.stream.set_config(config.stream());
         self.config = config;
     }
 
     /// Frames lost so far.
     pub fn lost(&self) -> u64 {
-        self.transit.lost()
+        self.stream.lost()
     }
 
     /// Whether an exposure is due at `time` \[s\].
     pub fn is_due(&self, time: f64) -> bool {
-        self.shutter.is_due(time, self.config.rate)
+        self.stream.is_due(time)
     }
 
-    /// Shows the camera the truth at `time` \[s\]; it exposes if a frame is due. An instant that is shown
-    /// again is not exposed again; when time runs backwards (a simulation began anew) so does the camera, its noise included.
+    /// Shows the camera the true poses of tip and goal in the base frame at `time` \[s\]; it exposes if a frame is due.
+    /// A time that is shown twice is exposed once. When time jumps back (the simulation was restarted) the camera
+    /// starts again, with the same noise.
     pub fn show(&mut self, time: f64, X_BE: &Pose, X_BD: Option<&Pose>) {
-        match self.shutter.show(time, self.config.rate) {
-            Instant::Idle => return,
-            Instant::Anew => {
-                self.transit.clear();
-                self.random = StdRng::seed_from_u64(self.config.seed);
-            }
-            Instant::Exposure => {}
-        }
-        // The same number of random draws a frame, so that neither a loss nor a goal that is not there
-        // changes the noise of later frames.
-        let lost = self.random.random::<f64>() < self.config.dropout;
+        let Some(exposure) = self.stream.expose(time) else {
+            return;
+        };
         let X_BE = self.disturb(X_BE);
-        let seen_goal = self.disturb(X_BD.unwrap_or(&Pose::identity()));
-        let X_BD = X_BD.map(|_| seen_goal);
+        // Noise is drawn for a goal that is absent too: it must not change the noise of later frames.
+        let measured = self.disturb(X_BD.unwrap_or(&Pose::identity()));
+        let X_BD = X_BD.map(|_| measured);
         let frame = PoseFrame { time, X_BE, X_BD };
-        self.transit.send(time, frame, lost);
+        self.stream.push(time, frame, exposure);
     }
 
     /// The next frame whose latency has passed at `time` \[s\], oldest first.
     pub fn deliver(&mut self, time: f64) -> Option<PoseFrame> {
-        self.transit.arrive(time, self.config.latency)
+        self.stream.deliver(time)
     }
 
     fn disturb(&mut self, pose: &Pose) -> Pose {
-        let mut normal = || -> f64 { self.random.sample(StandardNormal) };
+        let mut normal = || -> f64 { self.stream.random.sample(StandardNormal) };
         let shift = Vector3::new(normal(), normal(), normal()) * self.config.position_noise;
         let turn = Vector3::new(normal(), normal(), normal()) * self.config.attitude_noise;
         if shift == Vector3::zeros() && turn == Vector3::zeros() {
@@ -155,7 +184,7 @@ mod tests {
     }
 
     #[test]
-    fn an_ideal_camera_sees_every_instant_exactly() {
+    fn an_ideal_camera_measures_every_state_exactly() {
         let frames = run(PoseCameraConfig::default(), 1.0);
         assert_eq!(frames.len(), 100);
         assert!(
@@ -175,7 +204,7 @@ mod tests {
             },
             10.0,
         );
-        // 300 exposures in 10 s, less those still under way.
+        // 300 exposures in 10 s, less those not yet delivered.
         assert!((294..=296).contains(&frames.len()), "{}", frames.len());
         assert!(
             frames
@@ -204,7 +233,7 @@ mod tests {
     }
 
     #[test]
-    fn an_instant_shown_again_is_not_exposed_again() {
+    fn a_time_shown_twice_is_exposed_once() {
         let noisy = PoseCameraConfig {
             position_noise: 0.01,
             ..Default::default()
@@ -227,7 +256,7 @@ mod tests {
     }
 
     #[test]
-    fn a_simulation_that_begins_anew_is_seen_from_its_start() {
+    fn a_restarted_simulation_is_measured_from_its_start() {
         let mut camera = PoseCamera::new(PoseCameraConfig {
             rate: 10.0,
             position_noise: 0.01,
@@ -236,11 +265,11 @@ mod tests {
         let tip = Pose::identity();
         let mut run = || {
             let times = (0..=20).map(|k| 0.05 * f64::from(k));
-            let seen = times.filter_map(|time| {
+            let frames = times.filter_map(|time| {
                 camera.show(time, &tip, None);
                 camera.deliver(time)
             });
-            seen.collect::<Vec<_>>()
+            frames.collect::<Vec<_>>()
         };
         let first = run();
         assert_eq!(first.len(), 11);

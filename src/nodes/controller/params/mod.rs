@@ -1,4 +1,4 @@
-//! Parameters of the controller node: what all laws share, and a file for the group of each.
+//! Parameters of the controller node: those of all laws, and a file for each law's own.
 
 mod joint_pd;
 mod operational;
@@ -21,7 +21,7 @@ use crate::{
     ros::{Declare, Lifecycle, ParameterValue, params::Parameter},
 };
 
-/// What the controller node is told at its start.
+/// Parameters of the controller node.
 #[derive(Debug, Clone)]
 pub struct ControllerParams {
     /// Link whose frame is the tip.
@@ -30,7 +30,7 @@ pub struct ControllerParams {
     pub second_tip_link: String,
     /// Law and gains.
     pub config: ControllerConfig,
-    /// Age of the camera's measurement beyond which the joints are only damped \[s\].
+    /// Age beyond which a measurement of camera, gyro or estimator is not used \[s\].
     pub measurement_timeout: f64,
     /// Whether every joint state waits for the camera frame of the same time.
     pub lockstep: bool,
@@ -56,9 +56,9 @@ struct PerJoint {
 pub(super) struct Live {
     shared: shared::Shared,
     groups: Vec<Box<dyn Group>>,
-    /// As it was when last asked for.
+    /// The configuration when it was last read.
     known: ControllerConfig,
-    /// The robot's number of joints, which gains must fit; zero while it is not known.
+    /// The robot's number of joints, which gains must match; zero while it is not known.
     joints: Arc<AtomicUsize>,
 }
 
@@ -88,7 +88,7 @@ impl Live {
         live
     }
 
-    /// From here on gains that do not fit a robot with so many joints are refused.
+    /// From now on gains that do not match a robot with this number of joints are refused.
     pub(super) fn fit(&self, joints: usize) {
         self.joints.store(joints, Ordering::Relaxed);
     }
@@ -112,7 +112,7 @@ impl Live {
     }
 }
 
-/// Refuses gains whose number is not that of the joints, where they are needed.
+/// Refuses gains whose number is not the number of joints, if the law needs them.
 fn fit_the_robot(joints: &AtomicUsize, get: &dyn Fn(&str) -> ParameterValue) -> Result<(), String> {
     let joints = joints.load(Ordering::Relaxed);
     if joints == 0 {
@@ -146,7 +146,7 @@ impl ControllerParams {
             .param(
                 "measurement_timeout",
                 1.0,
-                "Age of the camera's measurement beyond which the joints are only damped [s]",
+                "Age beyond which a measurement is not used [s]: without the camera's the joints are only damped, without the gyro's angular momentum is taken as zero",
             )
             .range(1e-3, 1e6)
             .read_only()
@@ -155,7 +155,7 @@ impl ControllerParams {
             .param(
                 "lockstep",
                 false,
-                "Answer a joint state only once its camera frame has come, and heed no estimator",
+                "Answer a joint state only when its camera frame has arrived, and ignore the estimator",
             )
             .read_only()
             .value();

@@ -51,12 +51,12 @@ impl Frames {
         mut R_WC: impl FnMut(f64) -> UnitQuaternion<f64>,
     ) -> Self {
         let mut lengths = HashMap::<u64, usize>::new();
-        for feature in tracks.sightings().iter().flat_map(|s| &s.features) {
+        for feature in tracks.frames().iter().flat_map(|s| &s.features) {
             *lengths.entry(feature.id).or_default() += 1;
         }
         let (mut numbers, mut ids) = (HashMap::<u64, usize>::new(), Vec::new());
-        let mut list = Vec::with_capacity(tracks.sightings().len());
-        for sighting in tracks.sightings() {
+        let mut list = Vec::with_capacity(tracks.frames().len());
+        for sighting in tracks.frames() {
             let mut features: Vec<_> = sighting.features.iter().collect();
             if features.len() > most {
                 features.sort_by_key(|f| (std::cmp::Reverse(lengths[&f.id]), f.id));

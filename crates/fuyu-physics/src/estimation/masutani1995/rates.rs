@@ -28,7 +28,7 @@ pub fn mean_rate(
 pub fn rates_from_tracks(tracks: &Tracks, camera: &Pinhole) -> Result<Vec<Rate>, MasutaniError> {
     let mut rates = Vec::new();
     let mut first_failure = None;
-    for pair in tracks.sightings().windows(2) {
+    for pair in tracks.frames().windows(2) {
         let (before, after) = (pair[0].time, pair[1].time);
         match two_view_motion(&common_rays(camera, &pair[0], &pair[1])) {
             Ok(motion) => {

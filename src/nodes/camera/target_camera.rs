@@ -1,24 +1,24 @@
-//! The camera's view of a target.
+//! The feature camera for a target.
 
 use super::feature_params::FeatureParams;
 use crate::{
     model::{Frame, Model},
     spatial::Pose,
-    vision::{FeatureCamera, FeatureCameraConfig, Sighting},
+    vision::{FeatureCamera, FeatureCameraConfig, FeatureFrame},
 };
 
 /// Name of the camera's optical frame.
 pub const CAMERA_FRAME: &str = "camera_optical_frame";
 
-/// What the camera on the robot tracks of a target.
-pub struct Watch {
+/// The camera on the robot that tracks the features of a target.
+pub struct TargetCamera {
     /// The target's name.
     pub target: String,
     camera: FeatureCamera,
 }
 
-impl Watch {
-    /// Watches what the parameters say.
+impl TargetCamera {
+    /// With the target and settings of the parameters.
     pub fn new(params: &FeatureParams) -> Self {
         Self {
             target: params.target.clone(),
@@ -26,18 +26,18 @@ impl Watch {
         }
     }
 
-    /// Changes how good the tracker is.
+    /// Changes the camera's settings.
     pub fn set_config(&mut self, config: FeatureCameraConfig) {
         self.camera.set_config(config);
     }
 
-    /// Shows the camera, at pose `X_WC`, the target at pose `X_WT`, at `time` \[s\].
+    /// Shows the camera, at pose `X_WC` in the world, the target at pose `X_WT` at `time` \[s\].
     pub fn show(&mut self, time: f64, X_WC: &Pose, X_WT: &Pose) {
         self.camera.show(time, &(X_WC.inverse() * X_WT));
     }
 
-    /// The next frame that has arrived at `time` \[s\].
-    pub fn deliver(&mut self, time: f64) -> Option<Sighting> {
+    /// The next frame that is delivered at `time` \[s\].
+    pub fn deliver(&mut self, time: f64) -> Option<FeatureFrame> {
         self.camera.deliver(time)
     }
 
@@ -47,10 +47,10 @@ impl Watch {
     }
 }
 
-/// The frame of the camera on a robot.
+/// The camera's optical frame on a robot.
 ///
 /// # Errors
-/// Says that the robot has no such link.
+/// When the robot has no such link.
 pub fn camera_frame(model: &Model) -> Result<&Frame, String> {
     model.frame(CAMERA_FRAME).ok_or_else(|| {
         format!(

@@ -1,18 +1,18 @@
-//! Frames on their way from exposure to delivery.
+//! Frames between exposure and delivery.
 
 use std::collections::VecDeque;
 
-use super::shutter::SLACK;
+use super::exposure_schedule::SLACK;
 
-/// Frames that are under way, and how many were lost there.
+/// A queue that delivers each frame a given time after its exposure, and counts the frames that were lost.
 #[derive(Debug)]
-pub(super) struct Transit<F> {
-    /// Each with its time of exposure \[s\].
+pub(super) struct DelayLine<F> {
+    /// Each with its time of exposure \[s\], oldest first.
     waiting: VecDeque<(f64, F)>,
     lost: u64,
 }
 
-impl<F> Default for Transit<F> {
+impl<F> Default for DelayLine<F> {
     fn default() -> Self {
         Self {
             waiting: VecDeque::new(),
@@ -21,9 +21,9 @@ impl<F> Default for Transit<F> {
     }
 }
 
-impl<F> Transit<F> {
-    /// Sends a frame that was exposed at `time` \[s\] on its way, or loses it.
-    pub fn send(&mut self, time: f64, frame: F, lost: bool) {
+impl<F> DelayLine<F> {
+    /// Adds a frame that was exposed at `time` \[s\], or only counts it if it is lost.
+    pub fn push(&mut self, time: f64, frame: F, lost: bool) {
         if lost {
             self.lost += 1;
         } else {
@@ -31,8 +31,8 @@ impl<F> Transit<F> {
         }
     }
 
-    /// The next frame that is at least `latency` \[s\] old at `time` \[s\], oldest first.
-    pub fn arrive(&mut self, time: f64, latency: f64) -> Option<F> {
+    /// The oldest frame that is at least `latency` \[s\] old at `time` \[s\].
+    pub fn pop(&mut self, time: f64, latency: f64) -> Option<F> {
         let (exposed, _) = self.waiting.front()?;
         if exposed + latency > time + SLACK {
             return None;
@@ -40,7 +40,7 @@ impl<F> Transit<F> {
         self.waiting.pop_front().map(|(_, frame)| frame)
     }
 
-    /// Forgets what is under way.
+    /// Drops the frames that wait.
     pub fn clear(&mut self) {
         self.waiting.clear();
     }

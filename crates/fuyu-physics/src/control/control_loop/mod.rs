@@ -1,0 +1,335 @@
+//! The control loop: measurements that arrive one by one in, joint efforts and a report out.
+//!
+//! A [`Controller`] evaluates its law for one consistent [`Measurement`]. Real inputs arrive separately, late, or not at
+//! all. A [`ControlLoop`] turns the second into the first: it pairs tip and goal poses by stamp, keeps the newest sample
+//! of every input, decides by its age whether it may be used, and defines what replaces it. It reads no clock: the time of
+//! a step is the stamp of the joint state that it answers. The controller node and `fuyu simulate` run this same loop.
+//!
+//! # Rules
+//! - **Pairing.** A tip pose and a goal pose with equal stamps are one camera measurement, in any order of arrival.
+//! - **Order.** The newest stamp counts. A sample older than the one held is dropped.
+//! - **Age.** A sample is used if its stamp and that of the joint state differ by at most the timeout, either way.
+//! - **Future.** A sample whose stamp is ahead of the newest joint state by more than the timeout is refused.
+//! - **Restart.** A joint state with an earlier stamp than the one before starts another run: all samples are dropped and
+//!   the controller starts again with its settings. Equal stamps are the same state, sent twice.
+//! - **Which joint state.** The newest; in lockstep the one with the stamp of the newest camera measurement, once the
+//!   other tips' measurements and the gyro have reached that stamp.
+//!
+//! # Fallbacks
+//! | input | if missing or stale |
+//! | --- | --- |
+//! | first tip's camera measurement | the joints are damped, `-K_V q̇`, unless the law works without ([`JointPd`](super::JointPd) after its start) |
+//! | second tip's camera measurement | the second tip is not controlled; the first is |
+//! | gyro | the base's angular velocity is computed from the joint rates for zero angular momentum |
+//! | goal's angular velocity | the goal's motion is estimated from the camera alone |
+//! | law without efforts, or with efforts that are not finite ([`ControlError`](super::ControlError)) | the joints are damped |
+//! | total efforts not finite | efforts are zero |
+//!
+//! Zero angular momentum is the fallback for the gyro because it follows the arm: a free-floating base turns mostly by
+//! reaction to the joints, which the encoders measure now, whereas the last gyro sample describes a joint motion that has
+//! ended. What it leaves out is the turning by the momentum itself, `H_B⁻¹ L`. Over a camera latency `T` the predicted
+//! attitude errs by `T H_B⁻¹ L`: with latency compensation a small constant offset of the goal. The tip stays under
+//! control, which damping only would give up. Laws that hold the base's attitude no longer see it drift.
+
+mod joint_states;
+mod newest;
+mod report;
+mod stamp;
+mod stamp_pairs;
+#[cfg(test)]
+mod tests;
+
+pub use report::{ControlMode, InputError, InputStatus, LoopReport};
+pub use stamp::Stamp;
+pub use stamp_pairs::StampPairs;
+
+use joint_states::{JointSample, JointStates};
+use nalgebra::{DVector, Vector3};
+use newest::{Horizon, Newest};
+
+use super::{ConfigError, Controller, ControllerConfig, GoalRate, Measurement, TipMeasurement};
+use crate::spatial::Pose;
+
+/// Settings of a [`ControlLoop`].
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct ControlLoopConfig {
+    /// Largest difference between the stamps of a measurement and of the joint state that is answered \[s\].
+    pub timeout: f64,
+    /// Whether every joint state waits for the measurements of its own stamp. The goal's angular velocity is not used
+    /// then: an estimator answers when it has finished, so that no two runs would be the same.
+    pub lockstep: bool,
+}
+
+/// A controller with its inputs. See the [module](self) for the rules. A step takes no memory; queues are bounded.
+#[derive(Debug)]
+pub struct ControlLoop {
+    controller: Controller,
+    config: ControlLoopConfig,
+    horizon: Horizon,
+    joint_states: JointStates,
+    tips: Vec<TipInput>,
+    /// Measurements of the second and further tips in this step.
+    more_tips: Vec<Option<TipMeasurement>>,
+    gyro: Newest<Vector3<f64>>,
+    goal_rate: Newest<GoalRate>,
+    efforts: DVector<f64>,
+}
+
+/// What the camera measures for one tip.
+#[derive(Debug, Default)]
+struct TipInput {
+    poses: StampPairs<Stamp, Pose, Pose>,
+    measurement: Newest<TipMeasurement>,
+}
+
+impl TipInput {
+    fn clear(&mut self) {
+        self.poses.clear();
+        self.measurement.clear();
+    }
+
+    fn pair(&mut self) {
+        while let Some((stamp, X_BE, X_BD)) = self.poses.pop() {
+            let measurement = TipMeasurement::new(stamp.as_secs_f64(), X_BE, X_BD);
+            self.measurement.offer(stamp, measurement);
+        }
+    }
+}
+
+impl ControlLoop {
+    /// A loop around `controller`, before any input.
+    pub fn new(controller: Controller, config: ControlLoopConfig) -> Self {
+        let (joints, tips) = (controller.model().dof(), controller.tip_count());
+        Self {
+            horizon: Horizon {
+                newest: None,
+                timeout: config.timeout,
+            },
+            joint_states: JointStates::new(joints),
+            tips: (0..tips).map(|_| TipInput::default()).collect(),
+            more_tips: vec![None; tips.saturating_sub(1)],
+            gyro: Newest::default(),
+            goal_rate: Newest::default(),
+            efforts: DVector::zeros(joints),
+            controller,
+            config,
+        }
+    }
+
+    /// The controller.
+    pub fn controller(&self) -> &Controller {
+        &self.controller
+    }
+
+    /// Settings of the loop.
+    pub fn config(&self) -> &ControlLoopConfig {
+        &self.config
+    }
+
+    /// Changes law or gains: see [`Controller::set_config`].
+    ///
+    /// # Errors
+    /// [`ConfigError`] when they do not fit the robot; nothing has changed then.
+    pub fn set_controller_config(&mut self, config: ControllerConfig) -> Result<(), ConfigError> {
+        self.controller.set_config(config)
+    }
+
+    /// Efforts of the last step \[N m or N\], one per joint. Always finite.
+    pub fn efforts(&self) -> &DVector<f64> {
+        &self.efforts
+    }
+
+    /// Adds a joint state: positions `q` \[rad or m\] and rates `qd` \[rad/s or m/s\] in the model's order. One with an
+    /// earlier stamp than the last starts another run.
+    ///
+    /// # Errors
+    /// [`InputError`] when a vector has a wrong length or a value that is not finite; it is not added.
+    pub fn add_joint_state(
+        &mut self,
+        stamp: Stamp,
+        q: &[f64],
+        qd: &[f64],
+    ) -> Result<(), InputError> {
+        let joints = self.efforts.len();
+        for (what, values) in [("joint position", q), ("joint velocity", qd)] {
+            if values.len() != joints {
+                let got = values.len();
+                return Err(InputError::WrongLength { what, got, joints });
+            }
+            finite(what, values)?;
+        }
+        if self.horizon.newest.is_some_and(|last| stamp < last) {
+            self.restart();
+        }
+        self.horizon.newest = Some(stamp);
+        for tip in &mut self.tips {
+            tip.measurement.drop_ahead(&self.horizon);
+        }
+        self.gyro.drop_ahead(&self.horizon);
+        self.goal_rate.drop_ahead(&self.horizon);
+        self.joint_states.push(stamp, q, qd);
+        Ok(())
+    }
+
+    /// Adds what the camera sees of a tip: its pose in the base frame at the exposure `stamp`. Tip 0 is the first.
+    ///
+    /// # Errors
+    /// [`InputError`] says why the pose is refused.
+    pub fn add_tip_pose(&mut self, tip: usize, stamp: Stamp, X_BE: Pose) -> Result<(), InputError> {
+        let input = self.tip_input(tip, "tip pose", stamp, &X_BE)?;
+        input.poses.push_first(stamp, X_BE);
+        input.pair();
+        Ok(())
+    }
+
+    /// Adds what the camera sees of a tip's goal: its pose in the base frame at the exposure `stamp`.
+    ///
+    /// # Errors
+    /// [`InputError`] says why the pose is refused.
+    pub fn add_goal_pose(
+        &mut self,
+        tip: usize,
+        stamp: Stamp,
+        X_BD: Pose,
+    ) -> Result<(), InputError> {
+        let input = self.tip_input(tip, "goal pose", stamp, &X_BD)?;
+        input.poses.push_second(stamp, X_BD);
+        input.pair();
+        Ok(())
+    }
+
+    /// Adds what the gyro measures: the angular velocity of the base in base axes \[rad/s\].
+    ///
+    /// # Errors
+    /// [`InputError`] says why the sample is refused.
+    pub fn add_gyro(&mut self, stamp: Stamp, w_WB_B: Vector3<f64>) -> Result<(), InputError> {
+        finite("angular_velocity", w_WB_B.as_slice())?;
+        self.horizon.check(stamp)?;
+        self.gyro.offer(stamp, w_WB_B);
+        Ok(())
+    }
+
+    /// Adds an estimate of how the first tip's goal turns: its angular velocity in the base axes of that time
+    /// \[rad/s\].
+    ///
+    /// # Errors
+    /// [`InputError`] says why the sample is refused.
+    pub fn add_goal_rate(&mut self, stamp: Stamp, w_WD_B: Vector3<f64>) -> Result<(), InputError> {
+        finite("the goal's angular velocity", w_WD_B.as_slice())?;
+        self.horizon.check(stamp)?;
+        let rate = GoalRate {
+            time: stamp.as_secs_f64(),
+            w_ID_B: w_WD_B,
+        };
+        self.goal_rate.offer(stamp, rate);
+        Ok(())
+    }
+
+    /// Drops the joint states that wait, without answering them. Measurements stay.
+    pub fn skip(&mut self) {
+        self.joint_states.clear();
+    }
+
+    /// Drops all inputs and starts the controller again with its settings, for another run.
+    pub fn restart(&mut self) {
+        self.joint_states.clear();
+        self.tips.iter_mut().for_each(TipInput::clear);
+        self.gyro.clear();
+        self.goal_rate.clear();
+        self.horizon.newest = None;
+        self.controller.restart();
+    }
+
+    /// Answers the joint state that is due, if one is; [`ControlLoop::efforts`] are the answer. In lockstep several may be
+    /// due: call this until it returns `None`.
+    pub fn step(&mut self) -> Option<LoopReport> {
+        let state = self.next_joint_state()?;
+        let report = self.answer(&state);
+        self.joint_states.give_back(state);
+        Some(report)
+    }
+
+    fn next_joint_state(&mut self) -> Option<JointSample> {
+        if !self.config.lockstep {
+            return self.joint_states.take_newest();
+        }
+        let (first, others) = self.tips.split_first()?;
+        let frame = first.measurement.stamp()?;
+        let mut needed = (others.iter().map(|tip| tip.measurement.stamp()))
+            .chain(std::iter::once(self.gyro.stamp()));
+        let complete = needed.all(|stamp| stamp.is_some_and(|stamp| stamp >= frame));
+        if complete {
+            self.joint_states.take_at(frame)
+        } else {
+            None
+        }
+    }
+
+    fn answer(&mut self, state: &JointSample) -> LoopReport {
+        let (now, timeout) = (state.stamp, self.config.timeout);
+        let (first, others) = match self.tips.split_first() {
+            Some((first, others)) => (first.measurement.at(now, timeout), others),
+            None => ((InputStatus::Missing, None), &[][..]),
+        };
+        let mut second_tip = None;
+        for (slot, tip) in self.more_tips.iter_mut().zip(others) {
+            let (status, measurement) = tip.measurement.at(now, timeout);
+            *slot = measurement.copied();
+            second_tip.get_or_insert(status);
+        }
+        let gyro = self.gyro.at(now, timeout);
+        let goal_rate = if self.config.lockstep {
+            (InputStatus::Ignored, None)
+        } else {
+            self.goal_rate.at(now, timeout)
+        };
+        let measurement = Measurement {
+            more_tips: &self.more_tips,
+            goal_rate: goal_rate.1,
+            ..Measurement::new(now.as_secs_f64(), &state.q, &state.qd)
+        };
+        let measurement = measurement.with_tip(first.1).with_gyro(gyro.1);
+        let control = self.controller.update(&measurement);
+        self.efforts.copy_from(self.controller.efforts());
+        let mode = if self.efforts.iter().all(|effort| effort.is_finite()) {
+            match &control {
+                Ok(report) if report.active => ControlMode::Law,
+                _ => ControlMode::DampingOnly,
+            }
+        } else {
+            self.efforts.fill(0.0);
+            ControlMode::ZeroEfforts
+        };
+        LoopReport {
+            stamp: now,
+            control,
+            mode,
+            tip: first.0,
+            second_tip,
+            gyro: gyro.0,
+            goal_rate: goal_rate.0,
+        }
+    }
+
+    fn tip_input(
+        &mut self,
+        tip: usize,
+        what: &'static str,
+        stamp: Stamp,
+        pose: &Pose,
+    ) -> Result<&mut TipInput, InputError> {
+        finite(what, pose.translation.vector.as_slice())?;
+        finite(what, pose.rotation.matrix().as_slice())?;
+        self.horizon.check(stamp)?;
+        let tips = self.tips.len();
+        (self.tips.get_mut(tip)).ok_or(InputError::NoSuchTip { tip, tips })
+    }
+}
+
+fn finite(what: &'static str, values: &[f64]) -> Result<(), InputError> {
+    if values.iter().all(|value| value.is_finite()) {
+        Ok(())
+    } else {
+        Err(InputError::NotFinite { what })
+    }
+}
