@@ -67,7 +67,7 @@ impl Robot {
         let controller = Controller::with_tips(self.model.clone(), tip, more, config);
         let mut controller = controller.expect("gains that fit");
         let mut workspace = Workspace::new(&self.model);
-        // What is seen beside each state: a goal a hand's breadth from the tip.
+        // The measurement for each state: a goal a few centimetres from the tip.
         let sights: Vec<Vec<TipMeasurement>> = (self.states.iter())
             .map(|(q, _)| {
                 workspace.set_positions(q);

@@ -86,8 +86,8 @@ fn cost(view: &View, (e, s_alpha): (f64, f64)) -> f64 {
         .map_or(wall, |(from, to)| to - from)
 }
 
-/// This thread's so far \[s\], where the system tells.
+/// Processor time of this thread so far \[s\], where the system reports it.
 fn processor_time() -> Option<f64> {
-    let told = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
-    Some(1e-9 * told.split_whitespace().next()?.parse::<f64>().ok()?)
+    let statistics = std::fs::read_to_string("/proc/thread-self/schedstat").ok()?;
+    Some(1e-9 * statistics.split_whitespace().next()?.parse::<f64>().ok()?)
 }

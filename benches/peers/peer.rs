@@ -10,7 +10,7 @@ use fuyu::model::JointKind;
 
 use super::robots::{Moving, Robot};
 
-/// A program beside ours.
+/// A program to compare with.
 pub struct Peer(RefCell<Process>);
 
 struct Process {
@@ -34,7 +34,7 @@ impl Process {
         assert!(matches!(read, Ok(1..)), "{} ended", self.name);
         let numbers = line.split_whitespace().map(str::parse);
         let numbers = numbers.collect::<Result<_, _>>();
-        numbers.unwrap_or_else(|e| panic!("{} tells no numbers: {e}", self.name))
+        numbers.unwrap_or_else(|e| panic!("{} prints no numbers: {e}", self.name))
     }
 }
 

@@ -297,8 +297,8 @@ def send_goal(number, count):
     return steps()["send"].call(goal_id=identity(number), goal=struct(f"{STEPS}_Goal")(steps=count))
 
 
-def told(number, until):
-    """Steps done by a goal, as its feedback tells, until there are so many messages."""
+def feedback_of(number, until):
+    """Completed steps in the feedback of a goal, until `until` holds."""
     heard = []
 
     def enough():
@@ -316,7 +316,7 @@ def goal_taken():
 
 
 def goal_cancelled():
-    heard = told(1, lambda heard: len(heard) >= 3)
+    heard = feedback_of(1, lambda heard: len(heard) >= 3)
     steps()["result"].send(goal_id=identity(1))
     when = struct("builtin_interfaces/msg/Time")(sec=0, nanosec=0)
     which = struct("action_msgs/msg/GoalInfo")(goal_id=identity(1), stamp=when)
@@ -327,7 +327,7 @@ def goal_cancelled():
 
 def goal_feedback():
     taken = send_goal(2, 40).accepted
-    heard = told(2, lambda heard: heard[-1:] == [40])
+    heard = feedback_of(2, lambda heard: heard[-1:] == [40])
     return taken and heard == list(range(1, 41)), heard
 
 

@@ -198,8 +198,8 @@ def send(steps, **more):
     if not client.wait_for_server(PATIENCE):
         raise TimeoutError("no action steps")
     heard = []
-    told = lambda message: heard.append(message.feedback.completed_steps)
-    future = client.send_goal_async(SimulateSteps.Goal(steps=steps), feedback_callback=told, **more)
+    on_feedback = lambda message: heard.append(message.feedback.completed_steps)
+    future = client.send_goal_async(SimulateSteps.Goal(steps=steps), feedback_callback=on_feedback, **more)
     if not eventually(future.done):
         raise TimeoutError("no answer to a goal")
     return future.result(), heard
@@ -238,8 +238,8 @@ def goal_feedback():
 
 def goal_outcome():
     outcome = outcome_of(seen["short"])
-    told = outcome.result.result.error_message
-    return outcome.status == GoalStatus.STATUS_SUCCEEDED and told == "40 steps", outcome
+    error_message = outcome.result.result.error_message
+    return outcome.status == GoalStatus.STATUS_SUCCEEDED and error_message == "40 steps", outcome
 
 
 def goal_refused():
@@ -273,20 +273,20 @@ def compatible():
 
 
 def subscription_refused():
-    told = []
-    events = SubscriptionEventCallbacks(incompatible_qos=told.append)
+    reported = []
+    events = SubscriptionEventCallbacks(incompatible_qos=reported.append)
     heard = []
     node.create_subscription(String, "best_effort", heard.append, profile(), event_callbacks=events)
-    eventually(lambda: told)
-    return bool(told) and not heard, told
+    eventually(lambda: reported)
+    return bool(reported) and not heard, reported
 
 
 def publisher_refused():
-    told = []
-    events = PublisherEventCallbacks(incompatible_qos=told.append)
+    reported = []
+    events = PublisherEventCallbacks(incompatible_qos=reported.append)
     node.create_publisher(String, "reliable_please", profile(reliable=False), event_callbacks=events)
-    eventually(lambda: told)
-    return bool(told), told
+    eventually(lambda: reported)
+    return bool(reported), reported
 
 
 def graph():

@@ -87,11 +87,11 @@ for entity in description.parts[0]:
         nodes += entity.named["function"](context)
     else:
         nodes.append(entity)
-told = [
+commands = [
     {
         **{key: node.named[key] for key in ("executable", "name", "namespace", "parameters")},
         "ends_all": isinstance(node.named["on_exit"], Shutdown),
     }
     for node in nodes
 ]
-print(json.dumps(told))
+print(json.dumps(commands))

@@ -28,8 +28,8 @@ AFTER = [
     ("1 kHz joint states from fuyu, reliable", "stream_from_fuyu"),
     ("1 kHz joint states to fuyu, reliable", "stream_to_fuyu"),
     ("best effort where it is asked for", "compatible"),
-    ("reliable asked of best effort: the peer is told", "subscription_refused"),
-    ("best effort offered to reliable: the peer is told", "publisher_refused"),
+    ("reliable requested, best effort offered: the peer is notified", "subscription_refused"),
+    ("best effort publisher, reliable subscriber: the peer is notified", "publisher_refused"),
     ("type hash in the graph", "type_hash"),
 ]
 

@@ -1,6 +1,6 @@
 """A controller of one's own: takes the place of fuyu's controller node and brings the joints to a posture.
 
-Run it beside `fuyu launch` of a scenario that names no controller; any node that answers `joint_states`
+Run it with `fuyu launch` of a scenario without controller; any node that answers `joint_states`
 with `joint_commands` will do."""
 
 import time

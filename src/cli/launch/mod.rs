@@ -129,7 +129,7 @@ fn watch(process: &mut Process, plan: &Plan, progress: &Progress) {
     let style = ProgressStyle::with_template("{bar:40} {msg}");
     bar.set_style(style.unwrap_or_else(|_| ProgressStyle::default_bar()));
     let begin = Instant::now();
-    let mut told = Instant::now();
+    let mut last_report = Instant::now();
     let mut warned = false;
     while process.run_for(Duration::from_millis(200)) {
         let seen = progress.seen();
@@ -148,9 +148,9 @@ fn watch(process: &mut Process, plan: &Plan, progress: &Progress) {
             );
         }
         bar.set_message(line.clone());
-        if !terminal && told.elapsed() > Duration::from_secs(10) {
+        if !terminal && last_report.elapsed() > Duration::from_secs(10) {
             tracing::info!("{line}");
-            told = Instant::now();
+            last_report = Instant::now();
         }
         if !warned && seen.last.is_none() && begin.elapsed() > Duration::from_secs(5) {
             tracing::warn!(

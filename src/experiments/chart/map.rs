@@ -256,11 +256,11 @@ impl MapFigure {
             sheet.text(&label, (x, bottom + 7.0), 14, below, false)?;
         }
         sheet.text(&self.x_label, (middle, bottom + 32.0), 16, below, false)?;
-        let beside = Pos::new(HPos::Right, VPos::Center);
+        let alignment = Pos::new(HPos::Right, VPos::Center);
         for (i, label) in labels(y) {
             let y = bottom - (i as f64 + 0.5) * height;
             sheet.line((left - 4.0, y), (left, y), FAINT, 1)?;
-            sheet.text(&label, (left - 8.0, y), 14, beside, false)?;
+            sheet.text(&label, (left - 8.0, y), 14, alignment, false)?;
         }
         let centre = Pos::new(HPos::Center, VPos::Center);
         let half = bottom - 0.5 * f64::from(MAP_HEIGHT);
@@ -268,11 +268,11 @@ impl MapFigure {
     }
 
     fn draw_classes<B: DrawingBackend>(&self, sheet: &Sheet<'_, B>, names: &[String]) -> Drawn<B> {
-        let beside = Pos::new(HPos::Left, VPos::Center);
+        let alignment = Pos::new(HPos::Left, VPos::Center);
         for (i, name) in names.iter().enumerate() {
             let y = f64::from(TOP) + 26.0 * i as f64;
             sheet.fill((0.0, y), (18.0, y + 18.0), COLOURS[i % COLOURS.len()])?;
-            sheet.text(name, (26.0, y + 9.0), 14, beside, false)?;
+            sheet.text(name, (26.0, y + 9.0), 14, alignment, false)?;
         }
         Ok(())
     }
@@ -299,7 +299,7 @@ fn draw_bar<B: DrawingBackend>(
         None => super::Axis::linear(low..high, 8),
     };
     let (least, most) = extremes.unwrap_or((low, high));
-    let beside = Pos::new(HPos::Left, VPos::Center);
+    let alignment = Pos::new(HPos::Left, VPos::Center);
     for (value, name) in axis.labels() {
         let y = top + height * (1.0 - (value - low) / (high - low));
         sheet.line((20.0, y), (25.0, y), FAINT, 1)?;
@@ -308,7 +308,7 @@ fn draw_bar<B: DrawingBackend>(
             _ if value <= low && least < low => format!("≤ {name}"),
             _ => name,
         };
-        sheet.text(&name, (29.0, y), 14, beside, false)?;
+        sheet.text(&name, (29.0, y), 14, alignment, false)?;
     }
     let centre = Pos::new(HPos::Center, VPos::Center);
     sheet.text(label, (88.0, top + 0.5 * height), 16, centre, true)

@@ -63,7 +63,7 @@ pub(super) fn tracking(mut report: Report) -> Report {
     );
     report.note(
         "The servicer of Masutani 1995 with its gains follows a point on a body that tumbles at 3 deg/s; the point moves \
-         at 5 cm/s beside the servicer's centre of mass, and the servicer has momentum. Steady is from 40 s to 60 s. \
+         at 5 cm/s relative to the servicer's centre of mass, and the servicer has momentum. Steady state: 40 s to 60 s. \
          A pixel is what it makes of a pose 5 m away, fitted to 20 points on a body of 1 m (vision::PoseAccuracy). \
          The bounds are fuyu's own.",
     );

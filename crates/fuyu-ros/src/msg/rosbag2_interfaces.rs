@@ -1,5 +1,5 @@
 //! ROS package [`rosbag2_interfaces`](https://docs.ros.org/en/jazzy/p/rosbag2_interfaces/), as of Jazzy:
-//! the services by which a recorder is told what to do.
+//! the services that control a recorder.
 
 crate::services! {
     package rosbag2_interfaces;

@@ -18,7 +18,7 @@ crate::messages! {
 
     /// A file with a mesh.
     message MeshFile {
-        /// Its name, whose end tells its kind.
+        /// File name; its extension determines the format.
         filename: String,
         /// What is in it.
         data: Vec<u8>,

@@ -22,7 +22,7 @@ struct Entry {
     level: Byte,
     message: String,
     /// Whether the present level and message have been in a report.
-    told: bool,
+    reported: bool,
     /// The worst since the last report, with its message, if it was worse than the present one.
     worst: Option<(Byte, String)>,
     values: Vec<(String, String)>,
@@ -44,7 +44,7 @@ impl Diagnostics {
                 name: name.to_owned(),
                 level: DiagnosticStatus::OK,
                 message: String::new(),
-                told: false,
+                reported: false,
                 worst: None,
                 values: Vec::new(),
             });
@@ -64,7 +64,7 @@ impl Diagnostics {
     /// The worst since the last call, which is forgotten then.
     fn statuses(&self, node: &NodeName) -> Vec<DiagnosticStatus> {
         let to_status = |e: &mut Entry| {
-            e.told = e.worst.is_none();
+            e.reported = e.worst.is_none();
             let worst = e.worst.take();
             let (level, message) = worst.unwrap_or_else(|| (e.level, e.message.clone()));
             DiagnosticStatus {
@@ -118,10 +118,10 @@ impl Status {
         let entry = &mut entries[self.index];
         let before = std::mem::replace(&mut entry.message, message);
         let level_before = std::mem::replace(&mut entry.level, level);
-        let told = std::mem::replace(&mut entry.told, false);
+        let reported = std::mem::replace(&mut entry.reported, false);
         match &entry.worst {
             Some((worst, _)) if *worst <= level => entry.worst = None,
-            None if level_before > level && !told => entry.worst = Some((level_before, before)),
+            None if level_before > level && !reported => entry.worst = Some((level_before, before)),
             _ => {}
         }
     }
@@ -237,13 +237,13 @@ impl Reporter {
 mod tests {
     use super::*;
 
-    // Would break if a report told only the moment it is made, or an old warning twice.
+    // Would break if a report contained only the current status, or repeated an old warning.
     #[test]
     fn a_short_warning_is_reported_once() {
         let node = NodeName::new("/", "arm").unwrap();
         let diagnostics = Diagnostics::default();
         let status = diagnostics.status("tip");
-        let told = || {
+        let reported = || {
             let all = diagnostics.statuses(&node);
             (all[0].level, all[0].message.clone())
         };
@@ -257,16 +257,16 @@ mod tests {
         status.error("c");
         status.warn("d");
         status.ok("e");
-        assert_eq!(told(), (error, "c".into()));
-        assert_eq!(told(), (ok, "e".into()));
+        assert_eq!(reported(), (error, "c".into()));
+        assert_eq!(reported(), (ok, "e".into()));
         status.warn("f");
-        assert_eq!(told(), (warn, "f".into()));
+        assert_eq!(reported(), (warn, "f".into()));
         // It lasted until the last report; nothing new was wrong since.
         status.ok("g");
-        assert_eq!(told(), (ok, "g".into()));
+        assert_eq!(reported(), (ok, "g".into()));
         status.error("h");
         status.ok("i");
         status.error("j");
-        assert_eq!(told(), (error, "j".into()));
+        assert_eq!(reported(), (error, "j".into()));
     }
 }

@@ -119,7 +119,7 @@ impl GraphCache {
         };
     }
 
-    /// Takes in what the participant of `publisher` tells of its nodes. Gives whether one of them has this node's name
+    /// Stores the nodes announced by the participant of `publisher`. Returns whether one of them has this node's name
     /// and none had before.
     fn update(&self, publisher: Gid, cdr: &[u8]) -> Result<bool, CdrError> {
         let ParticipantEntities { nodes, .. } = cdr::decode_as(cdr, TYPE)?;
@@ -142,9 +142,9 @@ impl GraphCache {
             known.others.remove(&participant);
             return Ok(false);
         }
-        let told = known.others.entry(participant).or_default();
-        told.publishers = publishers;
-        Ok(has_namesake && !std::mem::replace(&mut told.has_namesake, has_namesake))
+        let announced = known.others.entry(participant).or_default();
+        announced.publishers = publishers;
+        Ok(has_namesake && !std::mem::replace(&mut announced.has_namesake, has_namesake))
     }
 
     /// Removes participants that have left or died.
@@ -161,8 +161,8 @@ impl GraphCache {
     /// Full name of the node that `publisher` belongs to, if it is known.
     pub(super) fn node_of(&self, publisher: Gid) -> Option<String> {
         let known = self.lock();
-        let told = known.others.get(&prefix(publisher))?;
-        let mut all = told.publishers.iter();
+        let announced = known.others.get(&prefix(publisher))?;
+        let mut all = announced.publishers.iter();
         let (_, name) = all.find(|(gid, _)| *gid == publisher)?;
         Some(name.clone())
     }
@@ -187,15 +187,15 @@ mod tests {
         bytes.into()
     }
 
-    /// What a participant tells: a node's namespace and name, and its publishers.
-    fn told(nodes: &[(&str, &str, &[Gid])]) -> Vec<u8> {
+    /// The announcement of a participant: namespace, name and publishers of each node.
+    fn announced(nodes: &[(&str, &str, &[Gid])]) -> Vec<u8> {
         let nodes = nodes.iter().map(|(namespace, name, writers)| {
             let mut node = NodeEntitiesInfo::new(WireNodeName::new(namespace, name).unwrap());
             writers.iter().for_each(|&gid| node.add_writer(gid));
             node
         });
-        let told = ParticipantEntitiesInfo::new(gid(9, 9), nodes.collect());
-        let body = cdr_encoding::to_vec::<_, byteorder::LittleEndian>(&told).unwrap();
+        let announced = ParticipantEntitiesInfo::new(gid(9, 9), nodes.collect());
+        let body = cdr_encoding::to_vec::<_, byteorder::LittleEndian>(&announced).unwrap();
         [&[0, 1, 0, 0], body.as_slice()].concat()
     }
 
@@ -213,21 +213,24 @@ mod tests {
             ("/", "alpha", &[gid(2, 1), gid(3, 1)]),
             ("/chaser", "beta", &[gid(2, 2)]),
         ];
-        assert_eq!(all.update(gid(2, 7), &told(two)).ok(), Some(false));
+        assert_eq!(all.update(gid(2, 7), &announced(two)).ok(), Some(false));
         let owner = |publisher| all.node_of(publisher);
         assert_eq!(owner(gid(2, 1)).as_deref(), Some("/alpha"));
         assert_eq!(owner(gid(2, 2)).as_deref(), Some("/chaser/beta"));
         assert_eq!(owner(gid(3, 1)), None, "of another participant");
-        assert!(all.update(gid(2, 7), &told(two)[..40]).is_err());
+        assert!(all.update(gid(2, 7), &announced(two)[..40]).is_err());
         assert_eq!(owner(gid(2, 1)).as_deref(), Some("/alpha"));
-        assert_eq!(all.update(gid(2, 7), &told(&two[..1])).ok(), Some(false));
+        assert_eq!(
+            all.update(gid(2, 7), &announced(&two[..1])).ok(),
+            Some(false)
+        );
         assert_eq!(owner(gid(2, 2)), None);
-        all.update(gid(3, 7), &told(&[("/", "gamma", &[gid(3, 1)])]))
+        all.update(gid(3, 7), &announced(&[("/", "gamma", &[gid(3, 1)])]))
             .unwrap();
         all.remove_participants(|guid| Gid::from(*guid).to_bytes16()[0] == 2);
         assert_eq!(owner(gid(2, 1)), None);
         assert_eq!(owner(gid(3, 1)).as_deref(), Some("/gamma"));
-        all.update(gid(3, 7), &told(&[])).unwrap();
+        all.update(gid(3, 7), &announced(&[])).unwrap();
         assert!(all.lock().others.is_empty());
     }
 
@@ -235,9 +238,9 @@ mod tests {
     #[test]
     fn a_namesake_is_new_once() {
         let all = graph();
-        let own = told(&[("/chaser", "arm", &[])]);
+        let own = announced(&[("/chaser", "arm", &[])]);
         assert_eq!(all.update(gid(1, 7), &own).ok(), Some(false));
-        let elsewhere = told(&[("/", "arm", &[gid(4, 1)])]);
+        let elsewhere = announced(&[("/", "arm", &[gid(4, 1)])]);
         assert_eq!(all.update(gid(4, 7), &elsewhere).ok(), Some(false));
         for participant in [2, 3] {
             assert_eq!(all.update(gid(participant, 7), &own).ok(), Some(true));

@@ -101,15 +101,15 @@ fn run_with_timeout<T: Send + 'static>(
     patience: Duration,
     make: impl FnOnce() -> T + Send + 'static,
 ) -> Result<T, EntityError> {
-    let (tell, told) = mpsc::sync_channel(1);
+    let (finish, finished) = mpsc::sync_channel(1);
     let maker = signals::with_blocked(|| {
         let maker = thread::Builder::new().name("dds-create".to_owned());
         maker.spawn(move || {
-            let _ = tell.send(make());
+            let _ = finish.send(make());
         })
     });
     let maker = Some(maker.map_err(EntityError::dds)?);
-    told.recv_timeout(patience).map_err(|_| {
+    finished.recv_timeout(patience).map_err(|_| {
         EntityError::Deadlocked(AbandonedParticipant {
             maker,
             kept: Vec::new(),
@@ -121,9 +121,9 @@ fn run_with_timeout<T: Send + 'static>(
 mod tests {
     use super::*;
 
-    struct Tells(mpsc::Sender<()>);
+    struct NotifiesOnDrop(mpsc::Sender<()>);
 
-    impl Drop for Tells {
+    impl Drop for NotifiesOnDrop {
         fn drop(&mut self) {
             let _ = self.0.send(());
         }
@@ -136,11 +136,11 @@ mod tests {
         let (end, ended) = mpsc::channel::<()>();
         let stuck = run_with_timeout(Duration::from_millis(20), move || ended.recv()).unwrap_err();
         assert!(matches!(stuck, EntityError::Deadlocked(_)), "{stuck}");
-        let (tell, told) = mpsc::channel();
-        drop(stuck.abandoning(Tells(tell)));
-        let silence = told.recv_timeout(Duration::from_millis(50));
+        let (finish, finished) = mpsc::channel();
+        drop(stuck.abandoning(NotifiesOnDrop(finish)));
+        let silence = finished.recv_timeout(Duration::from_millis(50));
         assert_eq!(silence, Err(mpsc::RecvTimeoutError::Timeout));
         drop(end);
-        assert_eq!(told.recv(), Ok(()));
+        assert_eq!(finished.recv(), Ok(()));
     }
 }

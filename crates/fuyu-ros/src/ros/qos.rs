@@ -83,7 +83,7 @@ impl Qos {
         ..Self::RELIABLE
     };
 
-    /// What is said once and must reach whoever comes later (`robot_description`, `camera_info`):
+    /// Latched: published once and delivered to late subscribers (`robot_description`, `camera_info`):
     /// reliable, transient local, the last one.
     pub const LATCHED: Self = Self {
         depth: 1,
@@ -145,7 +145,7 @@ impl Qos {
 const MAX_BLOCKING: Duration = Duration::from_millis(5);
 
 /// How many samples a reliable subscription keeps below its queue. After a lost datagram is repaired all
-/// that waited for it is there at once, and rustdds throws away what is beyond this (64 unless told)
+/// that waited for it arrives at once, and rustdds drops samples beyond this limit (64 by default)
 /// before it can be taken. Seconds of any stream in the graph; a state message takes about a kilobyte.
 const KEPT: i32 = 4096;
 

@@ -52,7 +52,7 @@ impl Parquet {
                 .with_repetition(Repetition::REQUIRED)
                 .with_logical_type(time.clone())
                 .build();
-            fields.push(Arc::new(field.map_err(told)?));
+            fields.push(Arc::new(field.map_err(io_error)?));
         }
         for column in columns {
             let (physical, logical) = match column.kind {
@@ -68,7 +68,7 @@ impl Parquet {
                 .with_repetition(Repetition::OPTIONAL)
                 .with_logical_type(logical)
                 .build();
-            fields.push(Arc::new(field.map_err(told)?));
+            fields.push(Arc::new(field.map_err(io_error)?));
         }
         let schema = Type::group_type_builder("message")
             .with_fields(fields)
@@ -77,8 +77,9 @@ impl Parquet {
             .set_compression(Compression::SNAPPY)
             .set_created_by(concat!("fuyu ", env!("CARGO_PKG_VERSION")).to_owned())
             .build();
-        let schema = Arc::new(schema.map_err(told)?);
-        let writer = SerializedFileWriter::new(file, schema, Arc::new(properties)).map_err(told)?;
+        let schema = Arc::new(schema.map_err(io_error)?);
+        let writer =
+            SerializedFileWriter::new(file, schema, Arc::new(properties)).map_err(io_error)?;
         Ok(Self {
             writer,
             times: Default::default(),
@@ -88,15 +89,15 @@ impl Parquet {
     }
 
     fn write_group(&mut self) -> io::Result<()> {
-        let mut group = self.writer.next_row_group().map_err(told)?;
+        let mut group = self.writer.next_row_group().map_err(io_error)?;
         for times in &mut self.times {
-            write_column::<Int64Type>(&mut group, times, None).map_err(told)?;
+            write_column::<Int64Type>(&mut group, times, None).map_err(io_error)?;
             times.clear();
         }
         for column in &mut self.columns {
-            column.write(&mut group).map_err(told)?;
+            column.write(&mut group).map_err(io_error)?;
         }
-        group.close().map_err(told)?;
+        group.close().map_err(io_error)?;
         self.bytes = 0;
         Ok(())
     }
@@ -122,7 +123,7 @@ impl Rows for Parquet {
         if !self.times[0].is_empty() {
             self.write_group()?;
         }
-        self.writer.close().map(|_| ()).map_err(told)
+        self.writer.close().map(|_| ()).map_err(io_error)
     }
 }
 
@@ -207,6 +208,6 @@ fn write_column<T: DataType>(
     column.close()
 }
 
-fn told(error: ParquetError) -> io::Error {
+fn io_error(error: ParquetError) -> io::Error {
     io::Error::other(error)
 }

@@ -5,7 +5,7 @@ use super::Result;
 crate::action! {
     package simulation_interfaces;
 
-    /// Steps a paused simulation, tells of every step, and can be cancelled.
+    /// Steps a paused simulation with feedback after every step; can be cancelled.
     action SimulateSteps {
         goal {
             /// How many steps.

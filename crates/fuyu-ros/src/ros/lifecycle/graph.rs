@@ -123,7 +123,7 @@ pub(super) const GRAPH: [(u8, &str, u8, u8); 17] = {
     ]
 };
 
-/// What rcl's machine has beside [`GRAPH`]. Nothing goes along these edges here, but whoever asks for the graph looks for
+/// The transitions of rcl's state machine that [`GRAPH`] lacks. They are never taken here, but clients of the graph look for
 /// them.
 pub(super) const ERRORS: [(u8, &str, u8, u8); 8] = {
     use State as S;

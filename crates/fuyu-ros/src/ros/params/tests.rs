@@ -147,7 +147,7 @@ fn the_last_source_wins() {
     declare.finish().unwrap();
 }
 
-// Would break if `/**` or an unscoped `-p`, which are for whoever has such a parameter, stopped a launch,
+// Would break if `/**` or an unscoped `-p`, which apply only to nodes with such a parameter, stopped a launch,
 // or if a misspelt parameter of one node went through.
 #[test]
 fn what_is_given_to_all_nodes_may_be_for_others() {
