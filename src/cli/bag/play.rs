@@ -68,7 +68,7 @@ pub fn run(args: &PlayArgs, mut ros_args: Vec<String>) -> Result<(), Failure> {
         ros_args.extend(["-r".to_owned(), rule.clone()]);
     }
     let (mut process, rest) =
-        Process::from_env(ros_args, DiscoveryRange::Localhost).map_err(failure)?;
+        Process::from_env(ros_args, DiscoveryRange::Localhost).map_err(node_failure)?;
     if let Some(unknown) = rest.first() {
         return Err(Failure::Input(format!(
             "argument {unknown}: not a known argument after --ros-args"
@@ -94,8 +94,8 @@ pub fn run(args: &PlayArgs, mut ros_args: Vec<String>) -> Result<(), Failure> {
     let shared = Arc::clone(&played);
     process
         .start_with(options, move |node| player.run(node, &shared))
-        .map_err(failure)?;
-    process.wait().map_err(failure)?;
+        .map_err(node_failure)?;
+    process.wait().map_err(node_failure)?;
     let played = played.lock().unwrap_or_else(PoisonError::into_inner);
     for damage in &played.damage {
         tracing::warn!("{damage}");
@@ -110,7 +110,7 @@ pub fn run(args: &PlayArgs, mut ros_args: Vec<String>) -> Result<(), Failure> {
     print(&text)
 }
 
-fn failure(error: NodeError) -> Failure {
+fn node_failure(error: NodeError) -> Failure {
     match error.exit_code() {
         2 => Failure::Input(error.to_string()),
         _ => Failure::Runtime(error.to_string()),
