@@ -26,7 +26,7 @@ impl InverseDynamics {
 
     /// Actuator efforts \[N m or N\] for joint accelerations `qdd` while the base accelerates with `A_WB_B` (its
     /// origin as a point; base axes). Springs, dampers and `wrenches` (one per body, about its frame's origin in its
-    /// axes) act as well. Returns the wrench that the base needs, about its frame's origin in its axes.
+    /// axes) act as well; an empty slice means none. Returns the wrench that the base needs, about its frame's origin in its axes.
     ///
     /// # Panics
     /// If the length of a slice does not fit the robot.
@@ -72,7 +72,9 @@ impl InverseDynamics {
         checks::joint_vector("motion.q", motion.q.len(), model);
         checks::joint_vector("motion.qd", motion.qd.len(), model);
         checks::joint_vector("qdd", qdd.len(), model);
-        checks::body_vector("wrenches", wrenches.len(), model);
+        if !wrenches.is_empty() {
+            checks::body_vector("wrenches", wrenches.len(), model);
+        }
         checks::joint_vector("efforts", efforts.len(), model);
         self.scratch.arch.dispatch(RecursiveNewtonEuler {
             scratch: &mut self.scratch,
