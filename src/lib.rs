@@ -4,7 +4,7 @@
 //!
 //! # Layers
 //!
-//! Three packages. This one joins the other two, which do not know each other, and re-exports them.
+//! Three packages. This one uses the other two, which do not depend on each other, and re-exports them.
 //!
 //! | package | module | contains |
 //! | --- | --- | --- |
@@ -26,8 +26,8 @@
 //!
 //! # Features
 //!
-//! `ros` (default) adds `fuyu-ros`, the nodes and the command line. Without it fuyu is the physics, and those published
-//! examples that need nothing else, for other programs to embed:
+//! `ros` (default) adds `fuyu-ros`, the nodes and the command line. Without it fuyu contains only the physics and those
+//! published examples that need nothing else:
 //!
 //! ```toml
 //! fuyu = { version = "0.1", default-features = false }

@@ -15,16 +15,16 @@ use crate::bag::{Bag, Damage};
 pub struct CheckLimits {
     /// Change of momentum, relative to the initial momentum or the sum over the bodies.
     pub momentum: f64,
-    /// Unexplained energy, relative to the energy exchanged. Not smaller, because changes of efforts between samples are
-    /// not recorded.
+    /// Energy that the balance does not explain, relative to the energy exchanged. The default cannot be smaller, because
+    /// changes of efforts between samples are not recorded.
     pub energy: f64,
     /// Final distance of the tip from its goal \[m\].
     pub position: f64,
     /// Final angle of the tip from its goal \[rad\].
     pub attitude: f64,
-    /// Gap in a periodic topic, in median periods, that counts as a failure ...
+    /// A gap in a periodic topic is a failure if it exceeds this many median periods and [`Self::gap_seconds`].
     pub gap_periods: f64,
-    /// ... if it also exceeds this \[s\].
+    /// See [`Self::gap_periods`] \[s\].
     pub gap_seconds: f64,
 }
 
@@ -51,7 +51,7 @@ pub enum Verdict {
     Failed,
     /// The bag lacks the data.
     Skipped,
-    /// Information, not a failure.
+    /// For information only.
     Noted,
 }
 

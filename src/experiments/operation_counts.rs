@@ -82,7 +82,7 @@ impl Scalar for Counted {
 }
 
 /// Operations of fuyu's recursion for the generalized Jacobian of a point of the last body, including the momentum map.
-/// Sines and cosines are not counted, their products are.
+/// Evaluations of sine and cosine are not counted; multiplications with them are.
 pub fn recursion(model: &Model) -> Counts {
     let tree = Tree::new(model);
     let zero = Counted(0.0);

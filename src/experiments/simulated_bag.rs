@@ -85,7 +85,7 @@ impl SimulatedBag {
             servo: if run.image().is_some() {
                 Some(ServoTopics {
                     tip_pose: add(w, &topics::TIP_POSE)?,
-                    goal_pose: add(w, &topics::SEEN_GOAL)?,
+                    goal_pose: add(w, &topics::MEASURED_GOAL)?,
                     features: match run.tracks_target() {
                         true => Some(add(w, &topics::FEATURES)?),
                         false => None,

@@ -5,8 +5,8 @@ use nalgebra::{Isometry3, Translation3, UnitQuaternion, Vector3};
 use super::geometry::unit_quaternion;
 use crate::ros::Declare;
 
-/// Declares `PREFIX.position` and `PREFIX.orientation`, a pose in the world, and reads it. If `optional`, an empty position
-/// is allowed, is the default, and gives `None`.
+/// Declares `PREFIX.position` and `PREFIX.orientation`, a pose in the world, and reads it. If `optional`, the position
+/// may be empty, which is the default; the result is then `None`.
 ///
 /// # Errors
 /// A line that names the parameter if the orientation is not a unit quaternion.
@@ -71,7 +71,7 @@ pub fn declare_vector(declare: &mut Declare, name: &str, description: &str) -> V
     }
 }
 
-/// Checks that a list is `length` finite numbers.
+/// Checks that a list consists of `length` finite numbers.
 ///
 /// # Errors
 /// A line with the list and what is expected.

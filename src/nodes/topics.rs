@@ -81,11 +81,11 @@ topics! {
     /// Measured pose of the tip in the base frame.
     TIP_POSE: Topic<PoseStamped> = "camera/tip_pose", RELIABLE, ["camera"] => ["controller"];
     /// Measured pose of the goal in the base frame.
-    SEEN_GOAL: Topic<PoseStamped> = "camera/goal_pose", RELIABLE, ["camera"] => ["controller", "views"];
+    MEASURED_GOAL: Topic<PoseStamped> = "camera/goal_pose", RELIABLE, ["camera"] => ["controller", "views"];
     /// Measured pose of the second tip in the base frame.
     SECOND_TIP_POSE: Topic<PoseStamped> = "camera/second/tip_pose", RELIABLE, ["camera"] => ["controller"];
     /// Measured pose of the second tip's goal in the base frame.
-    SECOND_SEEN_GOAL: Topic<PoseStamped> = "camera/second/goal_pose", RELIABLE, ["camera"] => ["controller"];
+    SECOND_MEASURED_GOAL: Topic<PoseStamped> = "camera/second/goal_pose", RELIABLE, ["camera"] => ["controller"];
     /// Calibration of the camera.
     CAMERA_INFO: Topic<CameraInfo> = "camera/camera_info", LATCHED, ["camera"] => ["estimator"];
     /// Feature points of the target in the image.

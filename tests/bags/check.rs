@@ -1,4 +1,4 @@
-//! `check_bag` on runs that hold, and on runs spoiled in one way each.
+//! `check_bag` on runs that pass, and on runs with one defect each.
 
 use fuyu::bag::Bag;
 use fuyu::experiments::{CheckLimits, CheckReport, Verdict, check_bag};
@@ -46,13 +46,13 @@ fn a_run_that_converges_holds() {
             value(&report, name)
         );
     }
-    // Efforts are held between samples, so that the balance closes to rounding.
+    // Efforts are constant between samples, so the energy balance is exact up to rounding.
     assert!(
         value(&report, "energy balance") < 1e-10,
         "{}",
         value(&report, "energy balance")
     );
-    // Three ways to the same final error.
+    // The final error from three sources must agree.
     let errors = ["controller", "camera", "tf"]
         .map(|source| value(&report, &format!("final tip error, {source}: position")));
     assert!(
@@ -142,7 +142,7 @@ fn each_fault_is_found_by_its_own_check() {
         failed(&report)
     );
     let report = spoiled(Spoil { nan: true, ..none });
-    // NaN also spoils what is computed from it; it must not be lost on the way there.
+    // NaN must not disappear in the values that are computed from it.
     assert_eq!(
         failed(&report),
         ["momentum from velocities", "values that are not finite"]

@@ -125,7 +125,7 @@ fn plot_draws_what_the_bag_has() {
         let png = fs::read(pictures.join(format!("{name}.png"))).unwrap();
         assert!(png.starts_with(b"\x89PNG"), "{name}");
     }
-    // A bag without a run has nothing to draw.
+    // There is nothing to draw in a bag without a recorded run.
     let empty = dir.path().join("empty");
     fuyu::bag::Writer::create(&empty, WriterOptions::default())
         .unwrap()

@@ -9,7 +9,7 @@ use crate::sample;
 
 struct Whole {
     bytes: Vec<u8>,
-    /// End of each chunk in the file, and messages up to there.
+    /// Position of the end of each chunk in the file, and number of messages up to there.
     chunks: Vec<(u64, usize)>,
 }
 
@@ -44,7 +44,7 @@ fn every_whole_chunk_is_read_wherever_the_file_is_cut() {
         let whole = whole(dir.path(), compression);
         assert!(whole.chunks.len() > 5, "too few chunks");
         let size = whole.bytes.len() as u64;
-        // Everywhere around the ends of chunks and of the file, and at steps without a common divisor with them.
+        // At every byte around the ends of the chunks and of the file, and in between at steps that do not align with chunks.
         let mut cuts: Vec<u64> = (0..size)
             .step_by(61)
             .chain(0..40)
@@ -99,7 +99,7 @@ fn flipped_bits_neither_change_a_message_nor_lose_one_silently() {
             let bag = Bag::open(&file).unwrap();
             let mut messages = bag.messages();
             let read: Vec<_> = messages.by_ref().collect();
-            // In order, none changed, none invented.
+            // The messages are in order and unchanged, and there are no others.
             let mut rest = original.iter();
             for m in &read {
                 let found = rest.any(|o| {
@@ -139,7 +139,7 @@ fn noise_is_not_a_bag_and_does_no_harm() {
     assert!(error(b"PK\x03\x04").unwrap().contains("not an MCAP file"));
     assert!(error(b"SQLite format 3\0").unwrap().contains("sqlite3"));
     for _ in 0..2000 {
-        // The right start, then records of every kind with lengths that lie and bodies of noise.
+        // A valid start of file, then records of every kind with wrong lengths and random content.
         let mut bytes = mcap::MAGIC.to_vec();
         for _ in 0..rng.random_range(1..6) {
             let mut body = vec![0; rng.random_range(0..200)];

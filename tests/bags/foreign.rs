@@ -1,4 +1,4 @@
-//! Bags written by others: by `rosbags` in Python, in every form that rosbag2 has.
+//! Bags written by another program: by `rosbags` in Python, in every variant that rosbag2 has.
 
 use std::fs;
 use std::process::Command;

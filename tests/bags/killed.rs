@@ -51,7 +51,7 @@ fn child_records_until_it_is_killed() {
 
 #[test]
 fn a_killed_recorder_loses_a_second_at_most() {
-    // A second, and a little more until the flush is done; promised of every kill.
+    // One second, and a little more for the flush; every kill must meet the limit.
     repeat_if_late(|| {
         worst_below("loss of a killed recorder [s]", 1.3, 3, || {
             lost_by_a_kill(false)
@@ -136,7 +136,7 @@ fn child_records_until_the_disk_is_full() {
     for i in 0.. {
         let cdr = cdr::encode(&sample::joint_state(i));
         handle.write(&topic, sample::time(i), sample::time(i), cdr);
-        // The process goes on, and what comes now is counted as dropped.
+        // The process continues, and further messages are counted as dropped.
         if handle.status().failure.is_some() && handle.status().dropped > 100 {
             println!("\nfailure: {}", handle.status().failure.unwrap());
             println!("finish: {}", recorder.finish().unwrap_err());
@@ -178,7 +178,7 @@ fn a_full_disk_is_reported_and_what_was_written_stays() {
     }
     let bag = Bag::open(&folder).unwrap();
     let joints = joint_states(&bag);
-    // 200 kB hold many more than a few chunks of 50.
+    // 200 kB hold many more messages than a few chunks of 50.
     assert!(joints.len() > 500, "{} are left", joints.len());
     for (i, m) in (0..).zip(&joints) {
         assert_eq!(m.message, sample::joint_state(i));

@@ -116,7 +116,7 @@ impl Caller {
     }
 }
 
-/// Calls until there is an answer: a call before the service is known is lost.
+/// Repeats a call until there is a response: a call that is sent before the service is discovered is lost.
 fn call<Q: Message + Clone + 'static, R: Message + 'static>(
     client: &Client<Q, R>,
     request: &Q,
@@ -194,7 +194,7 @@ fn a_recorder_selects_splits_pauses_stops_and_records_again() {
     assert_eq!(names, ["/kept/latched", "/kept/words"]);
     assert_eq!(texts(&first, "/kept/latched"), ["said once"]);
 
-    // A second recording by the same node has the latched topics, too.
+    // A second recording by the same node also contains the latched topics.
     let _: srv::RecordResponse = call(&record, &request);
     eventually("the second bag fills", PATIENCE, || {
         let latched = !texts(&second, "/kept/latched").is_empty();

@@ -10,7 +10,7 @@ use fuyu::ros::Qos;
 
 use crate::{lateness::repeat_if_late, measuring::worst_below, python, sample};
 
-/// 300 joint states, 3 s, and other messages.
+/// Writes a bag with 300 joint states over 3 s, and other messages.
 fn write(folder: &std::path::Path, options: WriterOptions) -> Bag {
     sample::write(folder, 300, options);
     Bag::open(folder).unwrap()
@@ -43,7 +43,7 @@ fn a_bag_is_split_by_time() {
     let joints = bag.read::<JointState>("/joint_states").unwrap();
     assert_eq!(joints.len(), 300);
 
-    // The whole, and every file by itself, as rosbag2 states them.
+    // The metadata describe the whole bag and each of its files, as those of rosbag2 do.
     let text = fs::read_to_string(bag.path().join("metadata.yaml")).unwrap();
     let yaml: serde_json::Value = serde_saphyr::from_str(&text).unwrap();
     let yaml = &yaml["rosbag2_bagfile_information"];
@@ -73,7 +73,7 @@ fn a_bag_is_split_by_size_and_others_read_all_of_it() {
     let (last, full) = bag.files().split_last().unwrap();
     for file in full {
         let size = fs::metadata(file).unwrap().len();
-        // The chunk that was open, index and schemas come on top.
+        // The limit does not include the last chunk, the index and the schemas.
         assert!((8_000..40_000).contains(&size), "{size} bytes");
     }
     assert!(fs::metadata(last).unwrap().len() > 0);
@@ -94,7 +94,7 @@ fn a_bag_is_split_by_size_and_others_read_all_of_it() {
 
 #[test]
 fn nothing_is_dropped_at_20_megabytes_a_second() {
-    // Images of noise, which no compression makes smaller: 100 MB in 5 s, more than the queue holds.
+    // Images of noise, which cannot be compressed: 100 MB in 5 s, more than the queue holds.
     let mut noise = 1u64;
     let image: Vec<u8> = std::iter::repeat_with(|| {
         noise = noise
@@ -105,7 +105,7 @@ fn nothing_is_dropped_at_20_megabytes_a_second() {
     .take(500_000)
     .collect();
     let image = Bytes::from(image);
-    // Promised of every recording.
+    // Every recording must meet the limit, so the worst one is checked.
     let measure = || {
         let dir = tempfile::tempdir().unwrap();
         let writer = Writer::create(dir.path().join("run"), WriterOptions::default()).unwrap();

@@ -10,7 +10,7 @@ use fuyu::vision::{BodyPoint, FeatureCamera, FeatureCameraConfig};
 use nalgebra::{Matrix3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use serde_json::Value;
 
-/// The motion that the recordings below show: moments as 7 : 4 : 3.
+/// True motion in the recordings below; the moments of inertia are in the ratio 7 : 4 : 3.
 pub fn truth() -> FreeRotation {
     let inertia = Matrix3::from_diagonal(&Vector3::new(7.0, 4.0, 3.0));
     let rate = Vector3::new(0.1, 0.35, 0.2);
@@ -65,7 +65,7 @@ pub fn estimate(input: &Path, args: &[&str]) -> Output {
         .unwrap()
 }
 
-/// The one line of a refusal.
+/// Runs `fuyu estimate`, which must refuse the input, and returns its error message.
 pub fn refused(input: &Path, args: &[&str]) -> String {
     let output = estimate(input, args);
     let said = String::from_utf8(output.stderr).unwrap();
@@ -90,7 +90,7 @@ pub fn numbers(list: &Value) -> Vec<f64> {
     list.iter().map(|x| x.as_f64().unwrap()).collect()
 }
 
-/// Largest angle between the predicted and the true attitude, the body's axes matched at the first.
+/// Largest angle between predicted and true attitudes \[rad\]; the body axes are aligned at the first one.
 pub fn prediction_error(found: &Value) -> f64 {
     let prediction = found["prediction"].as_array().unwrap();
     let attitude = |entry: &Value| {
@@ -107,8 +107,7 @@ pub fn prediction_error(found: &Value) -> f64 {
     errors.fold(0.0, f64::max)
 }
 
-// Fails with wrong units, axes, order of J or of the quaternion, and when the prediction starts elsewhere.
-
+// Fails for wrong units or axes, a wrong order of J or of the quaternion, and if the prediction starts at another time.
 #[test]
 fn motion_and_prediction_are_estimated_from_tracks() {
     let folder = tempfile::tempdir().unwrap();
@@ -138,13 +137,13 @@ fn motion_and_prediction_are_estimated_from_tracks() {
         let t = entry["t"].as_f64().unwrap();
         assert!((t - 60.0 - 0.1 * k as f64).abs() < 1e-9, "{t}");
     }
-    // The body turns by 0.04 rad in a tenth of a second: neighbours that are farther apart have changed sign.
+    // The body turns by 0.04 rad in a tenth of a second: if successive quaternions differ by more, the sign has changed.
     let q: Vec<_> = prediction.iter().map(|p| numbers(&p["q"])).collect();
     for pair in q.windows(2) {
         let dot: f64 = pair[0].iter().zip(&pair[1]).map(|(a, b)| a * b).sum();
         assert!(dot > 0.99, "{pair:?}");
     }
-    // Masutani 1995's own figures are degrees; bundle adjustment leaves hundredths.
+    // The errors that Masutani 1995 prints are of the order of degrees, those of bundle adjustment of hundredths.
     let error = prediction_error(&found).to_degrees();
     assert!(error < 0.05, "{error} deg");
     let rms = found["rms"].as_f64().unwrap();
@@ -159,7 +158,7 @@ fn motion_and_prediction_are_estimated_from_tracks() {
     let shorter = shorter["prediction"].as_array().unwrap();
     assert_eq!(shorter.len(), 11);
     assert_eq!(shorter[10]["t"].as_f64().unwrap(), 65.0);
-    // A focal length that is 1 % off is found when asked for.
+    // A focal length that is wrong by 1 % is corrected if it is to be estimated.
     let mut wrong = CAMERA;
     (wrong[1], wrong[3]) = ("827.4", "827.4");
     let refined = json(&input, &[&wrong[..], &["--focal-length"]].concat());
@@ -176,7 +175,7 @@ fn angular_velocity_is_analysed_by_the_thesis() {
         (&found["method"], &found["model"]),
         (&"masutani1995".into(), &"asymmetric".into())
     );
-    // True rates: the table of attainable accuracy has a median of 0.45 degrees and a maximum of 2.4.
+    // From true rates, the thesis's method has a median error of 0.45 degrees and a maximum of 2.4.
     let error = prediction_error(&found).to_degrees();
     assert!(error < 2.4, "{error} deg");
     let people = estimate(&input, &[]);
@@ -247,7 +246,7 @@ fn the_motion_of_the_target_is_estimated_from_a_simulated_bag() {
         .output()
         .unwrap();
     assert!(status.status.success());
-    // The camera swings with the base, which the arm turns by 15 degrees; the gyro takes that out.
+    // The camera swings with the base, which the arm turns by 15 degrees; the gyro compensates this.
     let found = json(&bag, &[]);
     let J = numbers(&found["J"]);
     let sum: f64 = J.iter().sum();

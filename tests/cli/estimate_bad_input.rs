@@ -79,7 +79,7 @@ fn what_cannot_be_estimated_is_said() {
     assert!(refused(&rates, &["--method", "bundle"]).contains("feature tracks"));
 }
 
-/// A table of what `at` says of 50 frames of 20 features: columns u and v.
+/// A table of 50 frames of 20 features; `at` gives u and v for a frame and an id.
 fn made(at: impl Fn(u32, u32) -> (f64, f64)) -> String {
     let mut text = String::from("t,id,u,v\n");
     for (k, id) in (0..50).flat_map(|k| (0..20).map(move |id| (k, id))) {
@@ -96,12 +96,12 @@ fn made(at: impl Fn(u32, u32) -> (f64, f64)) -> String {
     text
 }
 
-// Fails when a table is read as another kind, and when a refusal names neither file nor place, or takes
-// more than a line.
+// Fails if the kind of a table is mistaken, or if an error message names neither file nor position or has more
+// than one line.
 #[test]
 fn what_is_wrong_with_a_table_is_said_in_one_line() {
     let folder = tempfile::tempdir().unwrap();
-    // A rod: twelve points on a line that tumbles before the camera.
+    // A rod: points on a line that tumbles in front of the camera.
     let rod = made(|k, id| {
         let R = truth().attitude(0.1 * f64::from(k));
         let p = R * Vector3::new(0.3, -0.2, 0.25) * (f64::from(id) / 10.0 - 1.0);
@@ -199,7 +199,7 @@ fn what_is_wrong_with_a_table_is_said_in_one_line() {
     }
 }
 
-/// A frame of a bag: 20 features at the stamp.
+/// Frame `k` of a bag, with 20 features, modified by `change`.
 fn features(k: i64, change: impl FnOnce(&mut FeatureTracks)) -> FeatureTracks {
     let mut message = FeatureTracks {
         header: Header {
@@ -283,11 +283,11 @@ fn what_is_wrong_with_a_bag_is_said_in_one_line() {
         assert!(said.contains(name) && said.lines().count() == 1, "{said}");
         assert_eq!(said.matches(topic).count().min(1), 1, "{said}");
     }
-    // A calibration is missing, and then frames are.
+    // First the calibration is missing; with a calibration, there are too few frames.
     let input = bag(folder.path(), "good", &[(topic, good())]);
     assert!(refused(&input, &[]).contains("--fx"));
     assert!(refused(&input, &CAMERA).contains("at least 8"));
 }
 
-// Fails when the camera mixes up targets, when a target gets the body of another, and when the estimator
+// Fails if the camera mixes up two targets, if a target gets the description of another, or if the estimator
 // estimates the wrong one.

@@ -6,7 +6,7 @@ use serde_json::Value;
 use super::fuyu::{file, fuyu};
 
 /// Pinocchio's numbers for three free-floating trees, computed with other formulas in another language. They
-/// are doubles; 1e-12 of the largest entry is a few hundred roundings.
+/// are doubles; 1e-12 of the largest entry allows for accumulated rounding errors.
 const REFERENCE: &str = include_str!("../validation/fixtures/gjm.json");
 const RELATIVE: f64 = 1e-12;
 
@@ -152,7 +152,7 @@ fn json_agrees_with_pinocchio() {
         let theirs = column(numbers(&case["ABA_qdd"])).select_rows(&order);
         assert_close("qdd", &column(numbers(&ours["qdd"])), &theirs);
 
-        // Theirs is in world axes; the case without momentum is zero to rounding only.
+        // Pinocchio's is in world axes; without momentum it is zero only up to rounding errors.
         let R_WB = matrix(&case["base_R"]);
         let world = numbers(&case["centroidal_momentum_world_lin_ang"]);
         let momentum = &ours["momentum"];
@@ -235,7 +235,7 @@ fn momentum_is_zero_unless_the_base_moves() {
     };
     assert!(size(&still, "linear") < 1e-12 && size(&still, "angular") < 1e-12);
     assert!(still["kinetic_energy"].as_f64().unwrap() > 1.0);
-    // All joints still: the system is one rigid body of 2140 kg.
+    // With all joints at rest the system is one rigid body of 2140 kg.
     let moving = run(&["--base-twist=.5,0,0,0,0,0"]);
     assert!((numbers(&moving["momentum"]["linear"])[0] - 1070.0).abs() < 1e-9);
     assert!(size(&moving, "angular") < 1e-10);

@@ -1,5 +1,5 @@
-//! `fuyu reproduce`: names, tables, JSON, pictures, exit codes. What the numbers must be is in the command
-//! itself and in tests/validation.
+//! `fuyu reproduce`: names, tables, JSON, pictures, exit codes. The command itself
+//! and tests/validation check the numbers.
 
 use serde_json::Value;
 use std::fs;
@@ -58,7 +58,7 @@ fn well_formed(report: &Value) -> bool {
     passed
 }
 
-/// Those that sweep over hundreds of motions, some of them for minutes.
+/// Names of the results that need hundreds of motions, some of which take minutes.
 fn sweeps(name: &str) -> bool {
     name.starts_with("masutani-fig-3.") || name.starts_with("masutani-table-3.")
 }

@@ -1,4 +1,4 @@
-//! Reliable means that every message arrives, once and in order.
+//! Reliable topics: every message arrives, once and in order.
 
 use fuyu::{
     msg::std_msgs::String as Text,
@@ -20,7 +20,7 @@ fn process(domain: u16) -> Process {
 }
 
 fn text(number: usize) -> Text {
-    // As long as the state of a robot with an arm.
+    // A message as long as the joint state of a robot with an arm.
     Text {
         data: format!("{number:0700}"),
     }
@@ -30,7 +30,7 @@ fn number(text: &Text) -> usize {
     text.data.parse().expect("a number")
 }
 
-/// Publishes zeros until one is answered: from then on every message has a subscriber.
+/// Publishes zeros until one is echoed, which shows that the subscriber is connected.
 fn meet(
     node: &Node,
     say: &[&Publisher<Text>],
@@ -47,8 +47,7 @@ fn meet(
 
 const DEEP: Qos = Qos::RELIABLE.depth(10_000);
 
-/// Steps and acknowledgements in turn, and a second topic without acknowledgements, as a
-/// simulation in lockstep has them.
+/// Messages that each wait for an echo, and a second topic without echoes, as in a simulation in lockstep.
 fn lockstep(domain: u16, steps: usize) {
     let mut process = process(domain);
     let (result, results) = mpsc::channel();
@@ -88,7 +87,7 @@ fn lockstep(domain: u16, steps: usize) {
                 other.publish(&text(n));
                 step.publish(&text(n));
                 let mut ack = 0;
-                // What answers the zeros may come late.
+                // Echoes of the zeros may arrive late.
                 while ack == 0 {
                     let answer = done.wait_next(PATIENCE);
                     let answer = answer.ok_or(NodeError::Failed(format!("no answer to {n}")))?;

@@ -34,7 +34,7 @@ fn sends_nothing_elsewhere() {
     let Some(namespace) = Namespace::new("wire") else {
         return;
     };
-    // Without IPv6 the interface is silent by itself.
+    // IPv6 sends packets on its own, so it is disabled on the interface.
     let quiet = namespace
         .command("sysctl")
         .args(["-qw", "net.ipv6.conf.all.disable_ipv6=1"])
@@ -59,13 +59,13 @@ fn sends_nothing_elsewhere() {
         thread::sleep(Duration::from_secs(3));
         let sent = || namespace.sent_packets("wire0") - before;
         if range == "SUBNET" {
-            // Otherwise the counts of the other interfaces would prove nothing.
+            // Shows that the counters work: without traffic on loopback, zero on the others would prove nothing.
             eventually("it is heard", PATIENCE, || (sent() > 0).then_some(()));
         }
         sent()
     };
     assert_eq!(packets_of("LOCALHOST"), 0);
     assert_eq!(packets_of("OFF"), 0);
-    // Last: the kernel reports left multicast groups some time later.
+    // Checked last, because the kernel sends a report some time after a multicast group was left.
     packets_of("SUBNET");
 }

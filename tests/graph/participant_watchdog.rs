@@ -15,10 +15,10 @@ use crate::{
     waiting::{PATIENCE, eventually},
 };
 
-/// Longer than it takes to make a subscription, shorter than a node waits for one.
+/// A subscription that takes longer than this was delayed by a deadlock; shorter than the node's timeout.
 const LONG: Duration = Duration::from_secs(4);
 
-// Fails when a node waits for a participant in a deadlock: for its next endpoint, or for its end.
+// Fails if a node blocks on a deadlocked participant when it creates its next endpoint or drops the participant.
 #[test]
 fn a_node_outlives_its_participant() {
     let domain = 25;
@@ -29,7 +29,7 @@ fn a_node_outlives_its_participant() {
     let (sender, receiver) = mpsc::channel();
     process
         .start("subscriber", move |node: &Node| {
-            // Made before, it moves to the next participant.
+            // Created before the deadlock, so it must move to the next participant.
             let old = node.subscribe::<Text>(TOPIC, Qos::SENSOR_DATA)?;
             let start = Instant::now();
             let mut slowest = Duration::ZERO;
@@ -55,7 +55,7 @@ fn a_node_outlives_its_participant() {
     println!("the slowest subscription took {slowest:?}");
     assert!(slowest > LONG, "there was no deadlock");
     crowd.calms_down();
-    // Octets with their number before them, as a string has them.
+    // A byte sequence has the same encoding as a string: its length, then the bytes.
     let hello = b"hello\0".to_vec();
     eventually("both subscriptions receive", PATIENCE, || {
         crowd.writers[0].write(hello.clone(), None).unwrap();

@@ -220,13 +220,13 @@ impl Probe {
             .collect()
     }
 
-    /// Ends it with SIGINT; what it said on stderr, and its exit code.
+    /// Ends the probe with SIGINT; returns its stderr and its exit code.
     pub fn interrupt(mut self) -> (String, Option<i32>) {
         self.signal("INT");
         self.finish()
     }
 
-    /// Waits for its end; what it said on stderr, and its exit code.
+    /// Waits until the probe ends; returns its stderr and its exit code.
     pub fn finish(&mut self) -> (String, Option<i32>) {
         let rest = self.stderr.read_to_string(&mut self.said);
         rest.expect("stderr is text");

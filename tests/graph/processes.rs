@@ -62,8 +62,8 @@ fn talk_and_stop() {
                 .map_err(|e| NodeError::Failed(e.to_string()))
         })
         .unwrap();
-    // A fraction of a millisecond on an idle computer; polling or a heartbeat in the way takes 50 ms, of most round
-    // trips. So the median of all is held, not the slowest, which is the scheduler's.
+    // A fraction of a millisecond on an idle computer; with polling, or a wait for a heartbeat, most round trips would take
+    // 50 ms. So the limit applies to the median; the slowest round trip depends on the scheduler.
     let mut round_trips: Vec<_> = (0..500)
         .map(|_| latencies.recv_timeout(PATIENCE).unwrap())
         .collect();
@@ -97,7 +97,7 @@ fn a_failing_node_ends_the_process_with_its_error() {
     );
 }
 
-// Fails if the node goes on without its handler.
+// Fails if the node continues without its handler.
 #[test]
 fn a_handlers_panic_is_a_failure_too() {
     let mut process = process(61);

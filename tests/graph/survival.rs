@@ -71,8 +71,8 @@ fn a_childs_exit_harms_nothing() {
     assert!(after.as_array().unwrap().len() >= 20);
 }
 
-/// Stops the probe with `signal` for a second, until topics flow again both ways within the limit. Gives
-/// false if the signal does not stop it.
+/// Stops the probe with `signal` for a second, and checks that afterwards topics are received in both directions within
+/// the limit. Returns false if the signal does not stop the probe.
 fn stop_and_continue(domain: u16, signal: &str) -> bool {
     let probe = Probe::start(domain, &["--ros-args", "-p", "label:=kept"]);
     let mut peer = Peer::start("peer", domain);
@@ -85,7 +85,7 @@ fn stop_and_continue(domain: u16, signal: &str) -> bool {
 
     let mut stops = true;
     let what = format!("time until topics flow after SIG{signal} and SIGCONT [s]");
-    // Promised of every stop.
+    // Every stop must meet the limit, so the worst one is checked.
     worst_below(&what, BACK_WITHIN, 3, || {
         stops = stop_once(&probe, signal);
         if !stops {
@@ -98,7 +98,7 @@ fn stop_and_continue(domain: u16, signal: &str) -> bool {
         let chatter = peer.does(wait);
         let out = chatter[0]["time"].as_f64().expect("chatter comes back") - continued;
         let message = chatter[0]["message"]["data"].as_str().unwrap();
-        // The program's own state: its parameter, and a count that goes on.
+        // The program has kept its state: the parameter, and a counter that continues.
         assert!(message.starts_with("kept "), "{message}");
         let count: i32 = message.split(' ').nth(1).unwrap().parse().unwrap();
         assert!(count > 10, "{message}");
@@ -118,7 +118,7 @@ fn stop_and_continue(domain: u16, signal: &str) -> bool {
         );
         out.max(back - continued)
     });
-    // A late joiner gets what was published once, before the stop, by the participant that is gone.
+    // A late joiner receives the latched message that the previous participant published before the stop.
     peer.subscribe("robot_description", TEXT, "latched");
     let description = peer.receive("robot_description", 1);
     assert_eq!(description[0]["message"]["data"], "<robot/>");
@@ -127,11 +127,11 @@ fn stop_and_continue(domain: u16, signal: &str) -> bool {
     stops
 }
 
-/// Sends the signal; a second after the probe has stopped gives true, or false if it does not stop.
+/// Sends the signal. Returns true a second after the probe has stopped, or false if it does not stop.
 fn stop_once(probe: &Probe, signal: &str) -> bool {
     probe.signal(signal);
     let stat = format!("/proc/{}/stat", probe.id());
-    // A process group without a shell above it does not stop at all.
+    // SIGTSTP does not stop an orphaned process group.
     let deadline = Instant::now() + Duration::from_secs(5);
     while fs::read_to_string(&stat).unwrap().split(' ').nth(2) != Some("T") {
         if Instant::now() > deadline {
@@ -180,7 +180,7 @@ fn continuing_does_not_revive_a_node_that_is_ending() {
 #[test]
 fn a_second_interrupt_ends_it_at_once() {
     repeat_if_late(|| {
-        // Promised of every interrupt.
+        // Every interrupt must meet the limit.
         worst_below("end after the second interrupt [s]", 1.0, 3, || {
             end_after_two()
         });

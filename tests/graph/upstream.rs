@@ -1,6 +1,6 @@
-//! Defects of rustdds 0.15.1, ros2-client 0.12.1 and Fast DDS that `src/ros` works around or suffers from
-//! (docs/upstream.md), each as small as it gets, without this crate. When one of these tests fails after an update,
-//! that is good news: see what can go.
+//! Defects of rustdds 0.15.1, ros2-client 0.12.1 and Fast DDS that fuyu works around or is affected by
+//! (docs/upstream.md), each reproduced with as little code as possible and without fuyu. If one of these tests fails
+//! after an update, the defect is probably fixed: remove its workaround.
 
 mod announcements;
 pub mod deadlocks;

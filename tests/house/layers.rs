@@ -1,11 +1,12 @@
-//! The layers, where the compiler does not hold them: the order of modules inside a package, what the physics may use
-//! of the standard library, and what the packages depend on. Between packages the compiler does.
+//! The layers, as far as the compiler does not enforce them: the order of modules inside a package, the parts of the
+//! standard library that the physics may use, and the dependencies of the packages. The compiler enforces the layers
+//! between packages.
 
 use std::{collections::BTreeSet, process::Command};
 
 use crate::sources::{PACKAGES, root, rust_files, sources};
 
-/// Of each package the modules, the lowest first, and which others each may use.
+/// The modules of each package, the lowest first, and the modules that each may use.
 const LAYERS: [(&str, &[(&str, &[&str])]); 3] = [
     (
         "fuyu-physics",
@@ -75,7 +76,7 @@ fn physics_uses_no_files_environment_network_processes_or_threads() {
     assert_eq!(wrong, BTreeSet::new());
 }
 
-/// Names of the crates that a package depends on, those of its dependencies included.
+/// Names of the crates that a package depends on, directly or indirectly.
 fn dependencies(package: &str) -> BTreeSet<String> {
     let output = Command::new(env!("CARGO"))
         .args(["tree", "--offline", "--locked", "--edges", "normal"])

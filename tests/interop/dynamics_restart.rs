@@ -59,7 +59,7 @@ fn three_new_dynamics_nodes() {
     let mut peer = Peer::start("observer", DOMAIN);
     peer.subscribe("joint_states", STATE, "reliable");
     peer.subscribe("joint_commands", STATE, "reliable");
-    // Promised of every new node.
+    // Every new node must meet the limit, so the worst one is checked.
     worst_below(
         "until commands answer a new dynamics node [s]",
         BACK_WITHIN,

@@ -1,5 +1,5 @@
-//! Type hashes (RIHS01) of every type that fuyu knows, compared with those that rosidl computed: for the wheels of ROS 2, and for
-//! packages without wheels, built here from their definitions.
+//! Type hashes (RIHS01) of every type that fuyu knows, compared with those of rosidl: from the ROS 2 wheels on PyPI, or,
+//! for packages without a wheel, built here from their definitions.
 
 use fuyu::msg;
 use serde_json::Value;
@@ -38,7 +38,7 @@ fn rosidl(python: &Path) -> BTreeMap<String, String> {
     hashes
 }
 
-// Fails when a hash is not the one that other ROS nodes compute for the type.
+// Fails if a hash differs from the one that other ROS nodes have for the type.
 #[test]
 fn hashes_are_those_of_rosidl() {
     for distribution in ["jazzy", "kilted"] {

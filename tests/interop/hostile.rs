@@ -57,7 +57,7 @@ fn spoilt(bytes: &[u8], from: usize, random: &mut StdRng) -> Vec<u8> {
     bytes
 }
 
-/// Announcements of a node's participant, caught where another one of this computer would listen.
+/// Announcements of a node's participant, received on the port of another participant of this computer.
 fn announcements(domain: u16) -> Vec<Vec<u8>> {
     let catcher = (5..11).find_map(|participant| {
         let port = 7410 + 250 * domain + 2 * participant;
@@ -74,7 +74,7 @@ fn announcements(domain: u16) -> Vec<Vec<u8>> {
         .collect()
 }
 
-/// A submessage of any kind with anything in it, behind a header that is right.
+/// A submessage of random kind and content, after a valid header.
 fn invented(header: &[u8], random: &mut StdRng) -> Vec<u8> {
     const KINDS: [u8; 13] = [
         0x01, 0x06, 0x07, 0x08, 0x09, 0x0c, 0x0d, 0x0e, 0x0f, 0x12, 0x13, 0x15, 0x16,
@@ -101,13 +101,13 @@ fn shell(domain: u16, seeds: &[Vec<u8>], random: &mut StdRng) {
     for i in 0..COUNT {
         let seed = &seeds[i % seeds.len()];
         let datagram = match i % 4 {
-            // Not even a header.
+            // Random bytes, without a valid header.
             0 => (0..random.random_range(0..200))
                 .map(|_| random.random_range(0..=255))
                 .collect(),
             1 => invented(seed, random),
             2 => spoilt(seed, 0, random),
-            // The header stays, so that all of the rest is looked at.
+            // The header stays valid, so that the rest is parsed.
             _ => spoilt(seed, 20, random),
         };
         let participant = (i / 4 % 3) as u16;
@@ -116,14 +116,14 @@ fn shell(domain: u16, seeds: &[Vec<u8>], random: &mut StdRng) {
             // A port without a listener refuses it.
             let _ = socket.send_to(&datagram, (Ipv4Addr::LOCALHOST, port));
         }
-        // No faster than it can be read: what the kernel drops tests nothing.
+        // No faster than the node can read: datagrams that the kernel drops would test nothing.
         if i % 20 == 0 {
             thread::sleep(Duration::from_millis(5));
         }
     }
 }
 
-/// Publishes malformed samples of three types, then says so.
+/// Publishes malformed samples of three types, then prints a line.
 pub fn program(node: &Node) -> Result<(), NodeError> {
     let states =
         node.advertise::<JointState>("in/sensor_msgs/JointState", Qos::RELIABLE.depth(100))?;
@@ -168,7 +168,7 @@ fn start(domain: u16) -> Running {
     echo
 }
 
-/// Whether a message still goes through the node and back.
+/// Whether the node still echoes a message.
 fn echoes(peer: &mut Peer, data: i64) {
     let kind = "std_msgs/msg/Int64";
     eventually("an echo", PATIENCE, || {
@@ -182,7 +182,7 @@ fn echoes(peer: &mut Peer, data: i64) {
     });
 }
 
-// Fails when a datagram ends a thread of the node, or is kept for ever.
+// Fails if a datagram ends a thread of the node, or its memory is never freed.
 #[test]
 fn malformed_datagrams_harm_nothing() {
     let domain = 18;
@@ -205,7 +205,7 @@ fn malformed_datagrams_harm_nothing() {
     assert!(!said.contains("panic"), "{said}");
 }
 
-// Fails when a sample that does not decode, or decodes to nonsense, ends a node or gets into the state.
+// Fails if a sample that cannot be decoded, or has invalid values, ends a node or changes its state.
 #[test]
 fn malformed_samples_harm_nothing() {
     let domain = 19;

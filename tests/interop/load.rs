@@ -20,12 +20,12 @@ use crate::{
 
 /// The test has a separate network namespace.
 const DOMAIN: u16 = 3;
-/// Numbers in a message of 40 kB, of which 500 a second are 20 MB/s.
+/// Numbers in a message of 40 kB; 500 messages a second are 20 MB/s.
 const NUMBERS: usize = 5000;
 const PERIOD: Duration = Duration::from_millis(2);
 const MESSAGES: u64 = 4000;
-/// How many may be on their way: less than a reader keeps, and less than waits for the disk before any are dropped. On
-/// a computer that keeps up, the recorder's reports come often enough not to delay the publisher.
+/// Largest number of messages in flight: fewer than a reader keeps, and fewer than the recorder's queue holds. If the
+/// computer is fast enough, the recorder reports its progress so often that this limit does not delay the publisher.
 const WINDOW: u64 = 950;
 /// Images of 900 kB, best effort: 20 MB/s, too.
 const IMAGES: u32 = 100;
@@ -53,7 +53,7 @@ impl Reports {
         self.last
     }
 
-    /// Waits until so many messages are taken, or none has come for long; says how many are.
+    /// Waits until the recorder has taken this many messages, or has received none for long; returns how many it has taken.
     fn wait_for(&mut self, node: &Node, messages: u64) -> u64 {
         let mut last = (self.last().0, Instant::now());
         while last.0 < messages && last.1.elapsed() < PATIENCE && node.ok() {
@@ -67,7 +67,7 @@ impl Reports {
     }
 }
 
-/// Noise, so that it cannot be compressed away, behind a number.
+/// A message number followed by noise, which cannot be compressed.
 fn message(number: u64, noise: &mut SmallRng) -> Float64MultiArray {
     let mut data = vec![number as f64];
     data.resize_with(NUMBERS, || noise.random());
@@ -77,8 +77,8 @@ fn message(number: u64, noise: &mut SmallRng) -> Float64MultiArray {
     }
 }
 
-/// Publishes number zero until the recorder has some of it, and says how many messages it has then: from now on it has
-/// to have all that are reliable. Nothing if none comes for long.
+/// Publishes number zero until the recorder has taken some, and returns how many: from then on it must record every reliable
+/// message. `None` if it takes none for long.
 fn meet(node: &Node, reports: &mut Reports, say: impl Fn()) -> Option<u64> {
     let (before, begin) = (reports.last().0, Instant::now());
     while begin.elapsed() < PATIENCE && node.wait_for(Duration::from_millis(100)) {
@@ -135,7 +135,7 @@ pub fn push(node: &Node) -> Result<(), NodeError> {
         image
     };
     let zero = image(0);
-    // A computer that is late may lose every one of them: then none is recorded.
+    // An overloaded computer may lose all images; then none is recorded.
     let _ = meet(node, &mut reports, || images.publish(&zero));
     let begin = Instant::now();
     for number in 1..=IMAGES {
@@ -146,7 +146,7 @@ pub fn push(node: &Node) -> Result<(), NodeError> {
         thread::sleep(due.saturating_duration_since(Instant::now()));
     }
     let sent = begin.elapsed().as_secs_f64();
-    // Best effort: what is lost does not come later.
+    // Best effort: lost messages are not sent again.
     thread::sleep(Duration::from_secs(3));
     let (_, dropped) = reports.last();
     tracing::info!("images: sent {IMAGES} in {sent} s, dropped {dropped} over");

@@ -13,14 +13,14 @@ use crate::{
     waiting::{PATIENCE, eventually},
 };
 
-/// Two namespaces and the wire between them.
+/// Two network namespaces, and the relay that connects them with loss and delay.
 struct Wire {
     ends: [Namespace; 2],
     relay: Child,
 }
 
 impl Wire {
-    /// `None`, and the reason printed, where that is not permitted.
+    /// `None` where network interfaces cannot be created; the reason is printed.
     fn new(loss: f64, delay: f64) -> Option<Self> {
         let ends = [Namespace::new("near")?, Namespace::new("far")?];
         let id = std::process::id();
@@ -39,7 +39,7 @@ impl Wire {
             BufReader::new(relay.stdout.as_mut().expect("stdout is piped")).read_line(&mut line);
         let wire = Self { ends, relay };
         if said.is_err() || line.trim() != "ready" {
-            // /dev/net/tun is missing in many containers, those of root too.
+            // /dev/net/tun is missing in many containers, even for root.
             println!("skipped: no TAP interface can be made here");
             return None;
         }
@@ -67,7 +67,7 @@ impl Drop for Wire {
     }
 }
 
-// Fails when a lost datagram is not repaired, comes twice, or comes out of order.
+// Fails if a lost datagram is not sent again, or a message arrives twice or out of order.
 #[test]
 fn reliable_topics_survive_loss_and_delay() {
     let Some(wire) = Wire::new(0.2, 0.05) else {
@@ -80,7 +80,7 @@ fn reliable_topics_survive_loss_and_delay() {
     let echo = Running::program(echo, "echo", domain, &["--ros-args", "-r", "__node:=echo"]);
     echo.says("echoes");
     let mut command = far.command("env");
-    // After the variables that the peer's start sets.
+    // `env` sets the variable after those that `Peer::start_with` sets.
     command
         .arg("ROS_AUTOMATIC_DISCOVERY_RANGE=SUBNET")
         .arg(python());

@@ -1,4 +1,4 @@
-//! Joint states at 1 kHz with a bag, for a minute; `scripts/soak.sh` does an hour of it.
+//! Joint states at 1 kHz, recorded to a bag, for a minute; `scripts/soak.sh` runs it for an hour.
 
 use fuyu::{bag::Bag, msg::sensor_msgs::JointState};
 use std::{
@@ -59,11 +59,11 @@ fn joint_states_at_1_khz_with_a_bag() {
     };
     let send = program("send");
     let take = program("take");
-    // A minute is too short to fill what is bounded, as rustdds's announcements of each kind. Ten are not, and leave time
-    // to look at whole minutes, in each of which free pages are given back once, a megabyte of them.
+    // In one minute the bounded caches, such as that of rustdds's announcements, do not fill up. In ten minutes they do,
+    // and memory can be averaged over whole minutes, in each of which about a megabyte of free pages is returned once.
     let long = seconds >= 600;
     let window = if long { 60 } else { 10 };
-    // Memory grows at first by windows, chunks and queues. A third of the time is enough for that.
+    // At first memory grows while windows, chunks and queues fill. A third of the time is enough for that.
     let begin = Instant::now();
     let memory = |second: u64| {
         let left = Duration::from_secs(second).saturating_sub(begin.elapsed());
@@ -87,10 +87,10 @@ fn joint_states_at_1_khz_with_a_bag() {
     for process in [send, recorder] {
         process.interrupt();
     }
-    // Here a participant hears itself, which is no namesake.
+    // In this network a participant receives its own announcements, which must not count as another node.
     assert!(!said.contains("another node of this name"), "{said}");
     for (before, after) in before.into_iter().zip(after_all) {
-        // A minute still shows a leak of 50 bytes a message.
+        // Even a run of one minute reveals a leak of 50 bytes per message.
         let filling = if long { 0.0 } else { 1000.0 };
         assert!(
             after as f64 <= 1.02 * before as f64 + filling,
@@ -100,7 +100,7 @@ fn joint_states_at_1_khz_with_a_bag() {
     let states = Bag::open(&bag)
         .and_then(|bag| bag.read::<JointState>("/speed"))
         .expect("a bag");
-    // The recorder may find the topic a little later than the first message; from then on it has all.
+    // The recorder may discover the topic after the first messages; from then on it must record all of them.
     let numbers: Vec<_> = states.iter().map(|s| s.message.position[0]).collect();
     assert!(
         numbers.windows(2).all(|pair| pair[1] == pair[0] + 1.0),

@@ -44,7 +44,7 @@ fn parameters(node: &Node) -> Result<(i64, bool), NodeError> {
     Ok((count, reliable))
 }
 
-/// Publishes 1000 joint states a second, each with its number and the time at which it goes.
+/// Publishes 1000 joint states a second, each with its number and the time of sending.
 pub fn send(node: &Node) -> Result<(), NodeError> {
     let (count, reliable) = parameters(node)?;
     let states = node.advertise::<JointState>("speed", quality(reliable))?;
@@ -102,14 +102,14 @@ pub fn take(node: &Node) -> Result<(), NodeError> {
                 heard.lost = number;
             }
             heard.last = Some((number, sent));
-            // The delays of an hour would count as a leak.
+            // The list of delays in a run of an hour would look like a memory leak.
             if heard.delays.len() < 100_000 {
                 heard.delays.push(now - sent);
             }
         },
     )?;
     let ready = node.advertise::<JointState>("ready", Qos::LATCHED)?;
-    // The other side may discover this one a little later than this one the other.
+    // Discovery is not simultaneous: the other side may discover this one a little later.
     let begin = Instant::now();
     let mut last = (None, Instant::now());
     while node.wait_for(Duration::from_millis(50)) {
@@ -142,7 +142,7 @@ pub fn take(node: &Node) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// The number behind a word.
+/// The number that follows a word in the log.
 pub fn after(text: &str, word: &str) -> f64 {
     let mut words = text.split_whitespace();
     words.find(|w| *w == word);
@@ -186,8 +186,8 @@ fn other(namespace: &Namespace, python: &std::path::Path, stack: &str, count: us
     String::from_utf8_lossy(&output.stdout).trim().to_owned()
 }
 
-/// Holds the median of three measurements: for figures that are compared with another program's or are means over time,
-/// of which a single one may meet other load. The third is left out if the first two agree.
+/// Checks the median of three measurements: for values that are compared with another program's or are averages over time,
+/// and that other load may disturb once. The third measurement is omitted if the first two agree.
 fn median_below(what: &str, limit: f64, mut measure: impl FnMut() -> f64) {
     let mut measured = vec![measure(), measure()];
     if (measured[0] < limit) != (measured[1] < limit) {
@@ -241,7 +241,7 @@ fn latency_of_joint_states_is_below_that_of_rclpy() {
     });
 }
 
-/// Seconds of processor that a process has used.
+/// Processor time that a process has used \[s\].
 pub fn used(id: u32) -> f64 {
     let stat = fs::read_to_string(format!("/proc/{id}/stat")).expect("it runs");
     let (_, fields) = stat.rsplit_once(") ").expect("fields");

@@ -1,4 +1,4 @@
-//! Wrong input is refused before anything runs: exit code 2 and lines that name the place, what is
+//! Wrong input is refused before anything runs: exit code 2, and an error message that names the position, what is
 //! wrong and what would be right.
 
 use std::{fs, path::Path};
@@ -10,7 +10,7 @@ use crate::{
 
 const POSITIONING: &str = "config/positioning.yaml";
 
-/// Exit code 2, nothing on stdout, on stderr an error of few lines that has the words, and no panic.
+/// Checks for exit code 2, an empty stdout, and an error of one to three lines on stderr that contains `words`; no panic.
 fn refused(what: &str, ended: &Ended, words: &[&str]) {
     let said = &ended.stderr;
     println!("{what}: {}", said.trim_end());
@@ -30,7 +30,7 @@ fn refused(what: &str, ended: &Ended, words: &[&str]) {
     }
 }
 
-/// A broken copy of a scenario: what is replaced, and what the refusal must name.
+/// A scenario with a mistake: the text that is replaced, and words that the error message must contain.
 struct Broken {
     what: &'static str,
     from: &'static str,
@@ -390,7 +390,7 @@ fn wrong_arguments_are_refused() {
     refused_by_clap(&fuyu(&["levitate"]), &["levitate"]);
 }
 
-/// As clap says it, with a hint on usage below.
+/// An error of clap, which adds a usage hint below the message.
 fn refused_by_clap(ended: &Ended, words: &[&str]) {
     assert_eq!(ended.code, Some(2), "{ended:?}");
     for word in words {

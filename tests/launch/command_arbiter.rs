@@ -46,7 +46,7 @@ impl Rivals {
         alpha.subscribe("diagnostics", DIAGNOSTICS, "reliable");
         until(&mut alpha, 0.5, |alpha| drop(alpha.does(effort(0.5))));
 
-        // Names come with discovery, a little later than commands may.
+        // Node names are discovered, possibly a little after the first commands arrive.
         let since = now();
         let text = eventually("both are named", PATIENCE, || {
             alpha.does(effort(0.5));
@@ -68,7 +68,8 @@ impl Rivals {
     }
 }
 
-// Fails when two can command by turns, when a publisher that has ended keeps the robot, or when neither is named.
+// Fails if two publishers can command alternately, if a publisher that has ended keeps the robot, or if diagnostics do
+// not name them.
 #[test]
 fn a_second_commander_is_refused_by_name_until_the_first_ends() {
     repeat_if_late(|| {
@@ -94,7 +95,8 @@ fn a_commander_that_is_silent_for_too_long_yields() {
             mut alpha,
             mut beta,
         } = Rivals::start(55, "command_timeout:=5.0");
-        // On a late machine the other one may have had it meanwhile: now the first one has it and has just commanded.
+        // On a slow machine the second publisher may have held the robot meanwhile. Now the first holds it and has just sent a
+        // command.
         let spoken = now();
         until(&mut alpha, 0.5, |alpha| drop(alpha.does(effort(0.5))));
         let yielded = eventually("the second one commands", PATIENCE, || {
@@ -109,7 +111,7 @@ fn a_commander_that_is_silent_for_too_long_yields() {
         let silent = yielded - spoken;
         println!("yielded after {silent:.1} s");
         assert!(silent > TIMEOUT, "{silent} s");
-        // It is the other one's turn now.
+        // Now the second publisher may command.
         let since = now();
         eventually("the first one is refused", PATIENCE, || {
             beta.does(effort(-0.5));

@@ -58,7 +58,7 @@ fn the_target_is_where_the_estimator_said_it_would_be() {
         let J = [last.j_x, last.j_y, last.j_z];
         println!("J {J:?} from {} frames, {} px", last.frames, last.residual);
         let [x, y, z] = J;
-        // The pliers' moments are as 7 : 4 : 3.
+        // The moments of inertia of the pliers are in the ratio 7 : 4 : 3.
         let (mut sorted, sum) = ([x, y, z], x + y + z);
         sorted.sort_by(f64::total_cmp);
         for (moment, part) in sorted.iter().zip([3.0, 4.0, 7.0]) {
@@ -120,7 +120,7 @@ fn the_target_is_where_the_estimator_said_it_would_be() {
         );
         assert!(compared > 40, "{compared} of {}", old.poses.len());
         // The target fills 190 px of the image, a pixel of which is 0.6 degrees of its turn; half a minute of it
-        // predicts the next half minute to some tenths of a degree. A mistake of axes shows as tens of degrees.
+        // predicts the next half minute to some tenths of a degree. Wrong axes cause errors of tens of degrees.
         assert!(worst.to_degrees() < 1.5, "{} deg", worst.to_degrees());
     });
 }

@@ -1,4 +1,4 @@
-//! Wrong messages on topics are refused, reported in diagnostics, and harm nothing.
+//! Wrong messages on topics are refused, reported in diagnostics, and have no other effect.
 
 use serde_json::{Value, json};
 
@@ -105,13 +105,13 @@ fn wrong_messages_are_refused_and_named() {
             let reported = warned(&mut peer, "camera: goal", &send, &words);
             assert!(reported.contains("/goal_pose"), "{reported}");
         }
-        // The loop has continued meanwhile, and the warning ends with its cause.
+        // The control loop has continued meanwhile, and the warning disappears when its cause does.
         all_finite(&fresh(&mut peer, "joint_states", 50));
         diagnosed(&mut peer, "dynamics: commands", |level, _| level == 0);
         diagnosed(&mut peer, "controller: control", |level, _| level == 0);
         let ended = launch.interrupt().well();
         assert!(!ended.stderr.contains("panic"), "{}", ended.stderr);
-        // Momentum, no message that does not decode. What the peer sent is in the bag, NaN and all.
+        // Momentum is conserved and every message can be decoded; the bag also contains the peer's wrong messages.
         let check = Check::of(&launch.bag());
         check.momentum_holds();
         assert_eq!(check.value("messages that cannot be decoded"), 0.0);

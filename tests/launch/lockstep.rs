@@ -11,7 +11,7 @@ use crate::{
 };
 
 const CONFIG: &str = "config/positioning.yaml";
-/// Long enough for all of the saturated, the unsaturated and the damped part of the motion to begin.
+/// Long enough to include saturated motion, unsaturated motion and the final damping \[s\].
 const DURATION: &str = "20";
 
 /// The joint states of a bag, without those that were published again to wake a late joiner.
@@ -38,7 +38,7 @@ pub fn simulated(config: &Path, duration: &str) -> Vec<JointState> {
     states(&output)
 }
 
-/// Every stamp, position, rate and effort, to the bit: what is simulated passes through stamps and quaternions, too.
+/// Stamps, positions, rates and efforts are bit-identical: `fuyu simulate` also converts stamps and quaternions as messages do.
 fn assert_same(simulated: &[JointState], over_dds: &[JointState], states: usize) {
     assert_eq!((simulated.len(), over_dds.len()), (states, states));
     for (ours, theirs) in simulated.iter().zip(over_dds) {
@@ -64,9 +64,9 @@ fn equals_the_simulated_one(config: &str, duration: &str, count: usize) {
     });
 }
 
-/// `config/tracking.yaml` as far as lockstep allows, every state seen at once: noise of camera and gyro, a target that tumbles,
-/// prediction, feed-forward. An estimator whose answers came into it, when it is done, would make every run another by 1e-4.
-/// The file lives as long as the folder.
+/// `config/tracking.yaml`, changed so that it can run in lockstep: the camera sees every state without latency. It keeps the
+/// noise of camera and gyro, the tumbling target, prediction and feed-forward. The estimator's results are not used: they
+/// arrive at varying times, so runs would differ by 1e-4. The file exists as long as the folder.
 pub fn tracking() -> (TempDir, PathBuf) {
     let folder = tempfile::tempdir().unwrap();
     let config = folder.path().join("tracking.yaml");

@@ -18,7 +18,7 @@ use crate::{
     waiting::{PATIENCE, eventually},
 };
 
-/// Where `own_controller.py` brings the joints \[rad\].
+/// Joint positions to which `own_controller.py` moves the arm \[rad\].
 const POSTURE: [f64; 6] = [1.2, 1.5, -1.4, -0.2, 0.2, -0.5];
 
 fn stamp(header: &std_msgs::Header) -> (i32, u32) {
@@ -70,7 +70,7 @@ fn a_python_node_replaces_the_controller() {
             read::<fuyu::msg::fuyu_msgs::ControllerState>(&bag, "/controller/state").is_empty()
         );
         Check::of(&bag).momentum_holds();
-        // The base goes the other way: it moves, the centre of mass of all does not.
+        // The base moves opposite to the tip, while the centre of mass of the whole system stays at rest.
         let description = read::<std_msgs::String>(&bag, "/robot_description");
         let model = Model::from_urdf(&description[0].data, "robot_description").unwrap();
         let (states, bases) = (
@@ -86,7 +86,8 @@ fn a_python_node_replaces_the_controller() {
                 let com = X_WB * Point3::from(*workspace.p_BC());
                 (com.coords, tip.translation.vector, X_WB)
             };
-        // The recorder discovers one topic before the other, and a state that waits for its answer is published again.
+        // Match by stamp: the recorder discovers one topic before the other, and a state that waits for a command is
+        // published repeatedly.
         let bases: BTreeMap<_, _> = bases.iter().map(|b| (stamp(&b.header), b)).collect();
         let mut both = states
             .iter()
@@ -106,8 +107,8 @@ fn a_python_node_replaces_the_controller() {
     });
 }
 
-/// The largest joint rate \[rad/s\] of two seconds under a controller that needs 50 ms for an answer, with damping
-/// that is unstable beyond 20 ms.
+/// The largest joint rate \[rad/s\] in two seconds with a controller that responds after 50 ms. Its damping is unstable
+/// for delays above 20 ms.
 fn largest_rate_under_a_late_controller(domain: u16, answer_timeout: &str) -> f64 {
     let (_folder, config) = without_controller();
     let timeout = format!("dynamics:answer_timeout:={answer_timeout}");
@@ -133,7 +134,7 @@ fn time_waits_for_a_controller_that_is_late() {
         let rate = largest_rate_under_a_late_controller(96, "0.5");
         println!("largest rate {rate} rad/s");
         assert!(rate < 1.0, "{rate}");
-        // The same without `answer_timeout`: time does not wait, and the robot diverges.
+        // Without `answer_timeout` simulated time does not wait, and the joint rates diverge.
         let rate = largest_rate_under_a_late_controller(97, "0.0");
         println!("without patience {rate} rad/s");
         assert!(rate > 10.0, "{rate}");

@@ -72,8 +72,8 @@ fn twice(config: &Path) -> ([Vec<JointState>; 2], Vec<PathBuf>, Running) {
     ([first, second], files, launch)
 }
 
-// Fails when state of the first run remains in the second: an effort under way, a planned path, a goal
-// predicted from earlier motion, the camera's noise sequence.
+// Fails if state of the first run remains in the second: an effort in transit, a planned path, a goal predicted from
+// earlier motion, or the position in the camera's noise sequence.
 #[test]
 fn after_a_reset_all_is_as_at_the_start() {
     repeat_if_late(|| {

@@ -13,7 +13,7 @@ use crate::{
     waiting::{PATIENCE, eventually},
 };
 
-/// Within this time after SIGCONT topics flow again \[s\].
+/// Longest time after SIGCONT until topics are received again \[s\].
 const BACK_WITHIN: f64 = 3.0;
 /// Topics of the loop: dynamics to camera to controller and back.
 const LOOP: [(&str, &str); 3] = [
@@ -75,7 +75,7 @@ fn stopped_and_continued(domain: u16, signal: &str) {
     let (mut launch, mut peer) = launch(domain);
     let stat = format!("/proc/{}/stat", launch.id());
     let what = format!("time until all topics flow after SIG{signal} and SIGCONT [s]");
-    // Promised of every stop.
+    // Every stop must meet the limit, so the worst one is checked.
     worst_below(&what, BACK_WITHIN, 3, || {
         let (came, before) = newest_state(&mut peer);
         launch.signal(signal);
@@ -167,7 +167,7 @@ fn ctrl_c_closes_the_bag() {
 #[test]
 fn kill_9_leaves_a_bag_up_to_the_last_second() {
     repeat_if_late(|| {
-        // Promised of every kill.
+        // Every kill must meet the limit, so the worst one is checked.
         worst_below("loss by kill -9 [s]", 2.0, 3, || {
             let (mut launch, mut peer) = launch(81);
             eventually("something is on the disk", PATIENCE, || {

@@ -21,7 +21,7 @@ use crate::{
 const JOY: &str = "sensor_msgs/msg/Joy";
 const TWIST: &str = "geometry_msgs/msg/TwistStamped";
 const WARN: u64 = 1;
-/// Of config/teleoperation.yaml \[s\].
+/// `command_timeout` in config/teleoperation.yaml \[s\].
 const COMMAND_TIMEOUT: f64 = 0.5;
 
 fn launch(domain: u16) -> Running {
@@ -128,7 +128,7 @@ fn an_rclpy_joystick_moves_the_tip_and_its_loss_stops_it() {
             Some(zero["time"].as_f64()? - lost)
         });
         println!("zero rates {stopped:.3} s after the operator was lost");
-        // A joystick's period and one of the commands, and as much again for the machine.
+        // One period of the joystick and one of the commands, doubled for delays of the machine.
         assert!(stopped <= COMMAND_TIMEOUT + 0.1, "{stopped}");
         let said = diagnosed(&mut peer, "teleop: operator", |level, _| level == WARN);
         assert!(said.contains("command_timeout is 0.5 s"), "{said}");
@@ -162,7 +162,7 @@ fn motion_follows_the_joystick_within_a_tenth_of_a_second() {
         let at = |part: f64| latencies[(part * (latencies.len() - 1) as f64).round() as usize];
         let (least, p50, p99) = (at(0.0), at(0.5), at(0.99));
         println!("{trials} pushes: least {least:.4}, p50 {p50:.4}, p99 {p99:.4} s");
-        // What docs/teleoperation.md states is the median; a single push may meet a full processor.
+        // docs/teleoperation.md states the median; a single reaction may be delayed by other load.
         assert!(p50 < 0.1, "median from stick to motion {p50:.4} s");
         launch.interrupt().well();
     });
@@ -175,7 +175,7 @@ fn twist(frame: &str, linear: Value) -> Value {
     })
 }
 
-/// Commands twists along y until the rates that are commanded satisfy `enough`.
+/// Commands twists along y until the joint rates that the node commands satisfy `enough`.
 fn steer_until(
     peer: &mut Peer,
     what: &str,
@@ -223,7 +223,7 @@ fn twists_steer_by_the_method_that_is_set() {
             reason.contains("magic") && reason.contains("transpose_fixed_base"),
             "{reason}"
         );
-        // The world's axes follow from the gyro.
+        // The world's axes are known from the integrated gyro.
         steer_until(
             &mut peer,
             "steering in the world's axes",
@@ -276,7 +276,7 @@ fn wrong_messages_stop_the_arm_and_are_named() {
                 ["/joint_commands", "both effort and velocity"],
             ),
         ] {
-            // While another operator steers.
+            // Another operator steers meanwhile.
             let since = now();
             let reported = eventually(words[1], PATIENCE, || {
                 peer.does(twist("base_link", json!({"y": 0.01})));
@@ -287,7 +287,7 @@ fn wrong_messages_stop_the_arm_and_are_named() {
             });
             println!("{reported}");
         }
-        // The wrong message stopped the arm, or the timeout since.
+        // The arm was stopped by the wrong message or by the timeout after it.
         eventually("the arm stands still", PATIENCE, || {
             let commands = fresh(&mut peer, "joint_commands", 10);
             let state = fresh(&mut peer, "joint_states", 1).pop()?;

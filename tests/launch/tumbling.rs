@@ -1,4 +1,4 @@
-//! A tumbling ball as another party's camera sees it, and the estimators' answers.
+//! Images of a tumbling ball from a camera that is not fuyu's, and the results of estimator nodes.
 
 use fuyu::{
     estimation::free_body::FreeRotation,
@@ -13,7 +13,7 @@ use crate::{
     process::{Running, command},
 };
 
-/// How the ball of [`recorded`] tumbles.
+/// True motion of the ball in [`recorded`].
 pub fn truth() -> FreeRotation {
     let inertia = Matrix3::from_diagonal(&Vector3::new(7.0, 4.0, 3.0));
     let rate = Vector3::new(0.1, 0.35, 0.2);
@@ -55,7 +55,7 @@ pub fn publish(peer: &mut Peer, message: &Value) {
     }));
 }
 
-/// An estimator that knows the camera of [`recorded`], with a name space and more parameters.
+/// Starts an estimator node with the calibration of [`recorded`], in a namespace and with further parameters.
 pub fn estimator(domain: u16, namespace: &str, parameters: &[&str]) -> Running {
     let mut command = command("estimator", domain);
     let remap = format!("__ns:={namespace}");
@@ -92,13 +92,13 @@ pub fn rate_errors(peer: &mut Peer, topic: &str, from: f64) -> Vec<f64> {
         let w = ["x", "y", "z"].map(|axis| w[axis].as_f64().unwrap());
         (Vector3::from(w) - truth().angular_velocity(stamp(m))).norm()
     };
-    // Estimates published while no frames came are for other times than theirs.
+    // Without frames the estimator extrapolates to other times; only estimates at the time of a frame are compared.
     let of_a_frame = |m: &&Value| (10.0 * stamp(m) - (10.0 * stamp(m)).round()).abs() < 1e-6;
     let reported = reported.filter(of_a_frame);
     reported.filter(|m| stamp(m) > from).map(error).collect()
 }
 
-/// Whether there was an angular velocity on `topic` for this time.
+/// `Some` if an angular velocity with the stamp `time` was published on `topic`.
 pub fn told_for(peer: &mut Peer, topic: &str, time: f64) -> Option<()> {
     let reported = peer.does(json!({"do": "wait", "topic": topic, "count": 1, "timeout": 1.0}));
     let mut reported = reported.as_array().expect("a list").iter();
@@ -107,11 +107,11 @@ pub fn told_for(peer: &mut Peer, topic: &str, time: f64) -> Option<()> {
         .then_some(())
 }
 
-/// Processor time that a process has taken \[s\].
+/// Processor time that a process has used \[s\].
 pub fn cpu_time(process: &Running) -> f64 {
     let stat = std::fs::read_to_string(format!("/proc/{}/stat", process.id())).expect("it runs");
-    // The name, in parentheses, may hold blanks; then times in user and in system mode are the 12th and 13th, in
-    // hundredths of a second.
+    // The process name, in parentheses, may contain blanks. The 12th and 13th fields after it are the times in user and
+    // system mode, in hundredths of a second.
     let (_, rest) = stat.rsplit_once(')').expect("a name");
     let ticks = rest.split_whitespace().skip(11).take(2);
     ticks

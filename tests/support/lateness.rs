@@ -1,7 +1,7 @@
 //! Repeats a failed test once, and only if the machine was measurably late while it ran.
 //!
-//! A graph in real time needs the processor in time. A test that fails on a machine that is busy with something else
-//! says nothing; a test that fails on a machine that keeps time has found a fault, and is never repeated. Every
+//! A graph in real time depends on being scheduled in time. A failure on a machine that is busy with something else says
+//! nothing about fuyu; a failure on a machine that was not late is a fault, and the test is never repeated. Every
 //! repetition is written to stderr as one line that begins with `REPEATED `, past the capture of output by the test
 //! harness; `.ci/run` counts these lines and fails above a small number.
 
@@ -19,10 +19,10 @@ use std::{
 
 /// How long the sampling thread sleeps each time.
 const NAP: Duration = Duration::from_millis(5);
-/// A wake-up this long after its time is late: one tick of the graph at 100 Hz.
+/// A wake-up is late if it is delayed by more than this: one tick of the graph at 100 Hz.
 const LATE: Duration = Duration::from_millis(10);
-/// The machine is late above this share of late wake-ups. Measured on two cores: none of them late when idle or next to
-/// builds of lower priority, 1.3 % next to two busy loops of the same priority, 34 % next to four.
+/// The machine counts as late if the fraction of late wake-ups is above this. Measured on two cores: zero when idle or next
+/// to builds of lower priority, 1.3 % next to two busy loops of the same priority, 34 % next to four.
 const LATE_SHARE: f64 = 0.01;
 /// The machine is also late after a single delay as long as this, such as a pause of a virtual machine.
 const PAUSE: Duration = Duration::from_millis(100);
@@ -31,7 +31,7 @@ const PAUSE: Duration = Duration::from_millis(100);
 static MACHINE: RwLock<()> = RwLock::new(());
 
 /// Runs a test. If it fails and the machine was late meanwhile, runs it once more, while no other test of this kind
-/// runs in the same executable; the outcome of that run stands.
+/// runs in the same executable; the result of the second run counts.
 pub fn repeat_if_late(test: impl Fn()) {
     let (outcome, delays) = {
         let _shared = MACHINE.read().unwrap_or_else(PoisonError::into_inner);

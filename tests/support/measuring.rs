@@ -1,7 +1,7 @@
-//! Limits on measured figures that vary from one measurement to the next. None of these measures again because a limit
-//! was missed: a test that needs the processor in time is repeated as a whole (`lateness.rs`).
+//! Limits on measured values that vary from one measurement to the next. No measurement is repeated because it missed a
+//! limit: a test that depends on being scheduled in time is repeated as a whole (`lateness.rs`).
 
-/// Measures `trials` times. All must be below the limit: for what is promised of every single case.
+/// Measures `trials` times. All values must be below the limit: for limits that every single run must meet.
 pub fn worst_below(what: &str, limit: f64, trials: usize, mut measure: impl FnMut() -> f64) {
     let measured: Vec<_> = (0..trials).map(|_| measure()).collect();
     println!("{what}: {measured:.3?}, limit {limit}");

@@ -5,10 +5,10 @@ use std::{
     time::{Duration, Instant},
 };
 
-/// Timeout for an event that comes at once on an idle machine.
+/// Timeout for an event that occurs almost at once on an idle machine.
 pub const PATIENCE: Duration = Duration::from_secs(60);
 
-/// Polls until `done` gives something; panics after `patience`.
+/// Polls until `done` returns `Some`; panics after `patience`.
 pub fn eventually<T>(what: &str, patience: Duration, mut done: impl FnMut() -> Option<T>) -> T {
     let deadline = Instant::now() + patience;
     loop {

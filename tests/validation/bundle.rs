@@ -32,8 +32,8 @@ fn median(mut values: Vec<f64>) -> f64 {
     values[values.len() / 2]
 }
 
-/// Among them a plate, a sphere, spins about each axis and bodies next to the separatrix, which the thesis leaves
-/// out; and those of the grid that err most.
+/// Includes a plate, a sphere, spins about each axis and bodies next to the separatrix, which the thesis omits, and the
+/// motions of the grid with the largest errors.
 const MOTIONS: [(f64, f64); 10] = [
     (0.35, -0.9),
     (0.35, 0.3),
@@ -49,7 +49,7 @@ const MOTIONS: [(f64, f64); 10] = [
 
 #[test]
 fn motions_of_chapter_3_are_predicted() {
-    // Least squares would err three times as much: that whole pixels bound the truth is worth so much.
+    // Least squares would have three times this error; treating whole pixels as bounds makes the difference.
     for (resolution, limit) in [(1024, 0.005), (256, 0.02)] {
         for (e, s_alpha) in MOTIONS {
             let motion = chapter_3(e, s_alpha);
@@ -76,7 +76,7 @@ fn of_all<R: Send>(work: impl Fn(f64, f64) -> R + Sync) -> Vec<R> {
     in_parallel(&grid(), threads, |&(e, s_alpha)| work(e, s_alpha))
 }
 
-/// All 294 motions: `cargo test --release --test validation every_motion -- --ignored --nocapture`.
+/// All 294 motions: `cargo test --release --test validation every_motion_of_chapter_3 -- --ignored --nocapture`.
 #[test]
 #[ignore = "a minute or two"]
 fn every_motion_of_chapter_3_is_predicted() {
@@ -177,8 +177,8 @@ fn tracks_of_a_few_frames_give_the_motion_through_relative_rotations() {
     assert!(phi < 0.2, "{phi}");
 }
 
-/// On the separatrix rounding decides when the simulated body turns over, so it is on no orbit for long. The last part
-/// is, and what was left out is said.
+/// On the separatrix rounding errors decide when the simulated body turns over, so no single torque-free motion fits all
+/// frames. The solution uses the last part, which one motion fits, and reports which frames were left out.
 #[test]
 fn a_body_that_is_not_on_one_orbit_is_known_by_its_last_part() {
     let (view, motion) = (View::chapter_3(1024), chapter_3(0.65, 0.0));
@@ -224,7 +224,7 @@ fn half_a_minute_suffices_unless_the_solution_says_otherwise() {
     predicted_or_left_open(&all);
 }
 
-/// All 294: `cargo test --release --test validation every_half_minute -- --ignored --nocapture`.
+/// All 294 motions: `cargo test --release --test validation every_half_minute -- --ignored --nocapture`.
 #[test]
 #[ignore = "ten seconds"]
 fn every_half_minute_is_predicted_or_left_open() {
@@ -314,7 +314,7 @@ fn what_the_motion_leaves_open_is_said() {
         assert_eq!(solution.motion.model(), MotionModel::SingleAxis);
         assert!(solution.diagnosis[0].contains("moments of inertia are not"));
         let spread = solution.motion.covariance().unwrap();
-        // alpha is known, no moment is.
+        // alpha is determined, but no moment of inertia.
         let widest = (0..3).map(|k| spread[(k, k)].sqrt()).fold(0.0, f64::max);
         assert!(spread[(3, 3)].sqrt() < 1e-3 && widest > 0.1, "{spread}");
     }

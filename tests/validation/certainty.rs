@@ -1,4 +1,4 @@
-//! Whether the bundle is as sure as it is right: random bodies, cameras and flaws of tracks.
+//! Consistency of the covariance of bundle adjustment with its errors: random bodies, cameras and defects of tracks.
 
 use fuyu::estimation::bundle::{Options, estimate};
 use fuyu::estimation::filter::Filter;
@@ -17,7 +17,7 @@ fn problem(seed: u64) -> (View, Motion, f64) {
     let s_alpha = random(-1.0, 1.0);
     let duration = [20.0, 30.0, 60.0][random(0.0, 2.99) as usize];
     let interval = duration / [60.0, 150.0, 250.0][random(0.0, 2.99) as usize];
-    // Not more than half a radian a frame, and more than a radian in all.
+    // At most half a radian per frame, and more than one radian over the whole observation.
     let rate = random(1.0 / duration, (0.5 / interval).min(0.8));
     let direction = Vector3::new(random(-1.0, 1.0), random(-1.0, 1.0), random(-1.0, 1.0));
     let motion = Motion::new(e, s, s_alpha, rate * rate, direction.normalize());
@@ -61,14 +61,14 @@ fn nees(seed: u64, estimate_focal_length: bool) -> Result<f64, EstimateError> {
     let error = (ours.inverse() * turn([truth[0], truth[1]])).scaled_axis();
     let R = solution.motion.attitude(times[1]).to_rotation_matrix();
     let covariance = R * solution.turn_covariance(times[0], times[1]) * R.inverse();
-    // The error is in the axes of the turn's start.
+    // The error is expressed in the body axes at the start of the predicted rotation.
     let back = ours.inverse().to_rotation_matrix();
     let covariance = back * covariance * back.inverse();
     let inverse = covariance.try_inverse().unwrap();
     Ok(error.dot(&(inverse * error)))
 }
 
-/// Problems that are refused count for nothing, but most must be solved.
+/// Normalised squared errors of the solved problems. Refused problems are left out, but three quarters must be solved.
 fn values(seeds: std::ops::Range<u64>, estimate_focal_length: bool) -> Vec<f64> {
     let all = seeds.end - seeds.start;
     let each = seeds.filter_map(|seed| match nees(seed, estimate_focal_length) {
@@ -93,21 +93,23 @@ fn values(seeds: std::ops::Range<u64>, estimate_focal_length: bool) -> Vec<f64> 
 fn it_is_as_sure_as_it_is_right() {
     let values = values(0..40, true);
     let median = values[values.len() / 2];
-    // A median of 2.4 is right; residuals trimmed at six times a noise that is too small made it ten times as much.
+    // The median of a consistent covariance is 2.4. It was ten times as large when the noise was underestimated and
+    // residuals were trimmed at six times that noise.
     assert!((0.5..6.0).contains(&median), "{median}");
-    // Six deviations in one of three components.
+    // Six standard deviations in one of the three components.
     assert!(values[values.len() - 1] < 36.0, "{values:.1?}");
 }
 
-/// A focal length that is 1 % off and trusted makes errors that no residual averages out.
+/// A focal length that is wrong by 1 % and not estimated causes an error that more frames do not reduce.
 #[test]
 fn a_wrong_focal_length_makes_it_less_sure() {
     let values = values(0..40, false);
     assert!(values[values.len() - 1] < 64.0, "{values:.1?}");
 }
 
-/// Like the first batches of the servicing scenario: a slow body nine radii away, seen for some seconds at 10 Hz. An
-/// adjustment from one start ended in rates wrong by 0.1 rad/s, with residuals of rounding, in most of these.
+/// Like the first batches of the servicing scenario: a slow body nine radii away, seen for some seconds at 10 Hz. In
+/// most of these, an adjustment from a single initial guess gave rates wrong by 0.1 rad/s, although its residuals were
+/// no larger than the rounding of pixels.
 #[test]
 fn a_short_turn_seen_from_afar_is_known_or_refused() {
     let mut solved = 0;
@@ -151,8 +153,9 @@ fn a_short_turn_seen_from_afar_is_known_or_refused() {
     assert!(solved >= 16, "{solved} of 24");
 }
 
-/// Two radians are no short turn, yet from eight radii, with the far side hidden, an adjustment from one start may end
-/// in a motion that is 80 degrees off in half the time again, and sure of it to 3.
+/// Two radians are not a short rotation. But from a distance of eight radii, with the far side hidden, an adjustment from
+/// a single initial guess may give a motion whose prediction over another half of the observation is wrong by 80 degrees,
+/// with a standard deviation of 3 degrees.
 #[test]
 fn two_radians_seen_from_afar_are_known_or_refused() {
     let (mut solved, mut off) = (0, Vec::new());
@@ -194,7 +197,7 @@ fn two_radians_seen_from_afar_are_known_or_refused() {
     assert!(off.iter().all(|off| *off < 6.0), "{off:.1?}");
 }
 
-/// A tracker that gives ids of lost points to others: every fortieth image point on average, or all at once.
+/// A tracker that reuses the ids of lost points: at every fortieth image point on average, or for all points at once.
 #[test]
 fn ids_given_to_other_points_are_told_apart() {
     let view = View {

@@ -17,8 +17,8 @@ fn moving(model: &Model, rates: &[f64], angular_momentum: Vector3<f64>) -> State
     state
 }
 
-/// Largest changes of the momentum that the bodies carry, relative to the first (linear, angular), and of
-/// the kinetic energy, relative to the first, over `seconds` of free motion.
+/// Largest changes of linear momentum, angular momentum and kinetic energy, each summed over the bodies and relative to its
+/// initial value, during `seconds` of free motion.
 fn drift(method: IntegrationMethod, dt: f64, seconds: f64, mut state: State) -> (f64, f64, f64) {
     let model = servicer();
     let mut workspace = Workspace::new(&model);
@@ -49,9 +49,8 @@ const SLOW: [f64; 6] = [0.02, -0.03, 0.04, 0.05, -0.06, 0.08];
 
 const FAST: [f64; 6] = [0.5, -0.3, 0.4, 0.9, -0.6, 0.8];
 
-/// At any step: also 0.5 s, with which RK4 loses the energy. (A wrong attitude
-/// would not show here, since the momentum is turned back and forth with it; `free_body` and the energy
-/// guard the attitude.)
+/// With any step length, also 0.5 s, for which the energy error of RK4 is large. (This test cannot detect a wrong attitude,
+/// since momentum is rotated into base axes and back by the same attitude; `free_body` and the energy tests do.)
 #[test]
 fn momentum_is_conserved_to_rounding_over_a_thousand_seconds() {
     let model = servicer();
@@ -63,8 +62,8 @@ fn momentum_is_conserved_to_rounding_over_a_thousand_seconds() {
     ] {
         let state = moving(&model, &rates, Vector3::new(20.0, -35.0, 12.0));
         let (linear, angular, _) = drift(method, dt, 1000.0, state);
-        // The state's momentum does not change at all; what is left is the rounding of summing bodies
-        // whose own momenta are up to some ten times the sum.
+        // The momentum in the state does not change at all. What remains is the rounding error of the sum over the bodies,
+        // whose individual momenta are up to ten times the sum.
         assert!(
             linear <= 1e-14 && angular <= 1e-14,
             "{method:?} {dt} s: |dP| {linear:e} |dL| {angular:e}"
@@ -91,8 +90,8 @@ fn the_state_s_momentum_does_not_change_by_a_bit() {
     assert_ne!(state.R_WB, first.R_WB);
 }
 
-/// The bound that fuyu promises is 1e-9; what the order-8 method does is a thousand times better. With
-/// steps of 0.1 s it still keeps it, and RK4 in its place would not.
+/// fuyu promises 1e-9; the order-8 method is a thousand times better with steps of 10 ms, and still meets the bound with
+/// steps of 0.1 s. RK4 with steps of 0.1 s is less accurate.
 #[test]
 fn energy_of_slow_motion_hardly_drifts_at_10_ms_with_the_higher_order() {
     let model = servicer();
@@ -105,8 +104,8 @@ fn energy_of_slow_motion_hardly_drifts_at_10_ms_with_the_higher_order() {
     assert!(classical > 1e-10, "{classical:e}");
 }
 
-/// Halving the step divides the error by 2⁴ and 2⁸, in joints, rates and attitude, with momentum: a wrong
-/// coefficient anywhere in a tableau, or attitude off the group, lowers the order.
+/// Halving the step divides the errors of joint positions, rates and attitude by 2⁴ and 2⁸, for a robot with momentum. A
+/// wrong coefficient in a tableau, or an attitude that is not integrated on the rotation group, lowers the order.
 #[test]
 fn the_methods_have_their_orders() {
     let model = servicer();
@@ -184,7 +183,7 @@ fn external_wrenches_change_momentum_by_their_impulse_and_nothing_else_does() {
         (angular - torque_impulse).norm() < 1e-6 * angular.norm(),
         "{angular} {torque_impulse}"
     );
-    // The centre of mass moved as a point mass would: P/m t + F/m t²/2.
+    // The centre of mass moves as a point mass would: P/m t + F/m t²/2.
     let m = model.total_mass();
     let expected = first.p_WC + first.momentum_W.linear * (20.0 / m) + force_W * (200.0 / m);
     assert!((state.p_WC - expected).norm() < 1e-12);

@@ -1,5 +1,5 @@
 //! Jacobians, base map, reduced inertia and accelerations against Pinocchio's centroidal quantities and
-//! articulated-body algorithm (`fixtures/gjm.json`): other formulas, other code, other language.
+//! articulated-body algorithm (`fixtures/gjm.json`): different formulas, in independent code.
 
 use fuyu::dynamics::{Input, State, Workspace};
 use fuyu::spatial::Twist;
@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, DVector, Isometry3, Matrix6xX, Translation3, UnitQuatern
 
 use crate::fixtures::{Case, numbers, rotation, rows, vector};
 
-/// The fixtures are doubles from a different order of operations; 1e-12 is a few hundred roundings.
+/// The fixtures are doubles from a different order of operations; 1e-12 allows for the accumulated rounding errors.
 const RELATIVE: f64 = 1e-12;
 
 fn assert_close(what: &str, ours: &DMatrix<f64>, theirs: &[Vec<f64>], column_of: &[usize]) {

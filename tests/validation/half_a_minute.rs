@@ -1,9 +1,10 @@
-//! Motions that half a minute of whole pixels cannot distinguish: two bodies that fit every pixel, and whose next half minute differs.
+//! Motions that half a minute of whole pixels cannot distinguish: two bodies
+//! that agree with every pixel, but whose predictions for the next half minute differ.
 //!
-//! A sphere of 20 points turns about its centre, as in chapter 3 of Masutani 1995, but only 51 frames are seen. All
-//! that the images say is in which pixel each point is. From the true body this goes to the middle of all that they
-//! allow, and from there in the direction in which the prediction changes most, both ways, as long as every point
-//! stays in its pixel, by Newton's method on high powers of the residuals. It shares no code with the estimator.
+//! A sphere of 20 points turns about its centre, as in chapter 3 of Masutani 1995, but only 51 frames are seen. The
+//! images only tell in which pixel each point is. From the true body, the search moves to the centre of the set of bodies
+//! that agree with all pixels, and from there in both directions along which the prediction changes most, as long as every
+//! point stays in its pixel. It uses Newton's method on high powers of the residuals, and no code of the estimator.
 
 use nalgebra::{DMatrix, DVector, Matrix2, Matrix3x2, SMatrix, UnitQuaternion, Vector2, Vector3};
 
@@ -18,10 +19,10 @@ const PREDICTED: f64 = 60.0;
 const MOTION: usize = 8;
 const CENTRE: usize = 5;
 
-/// A sum of such high powers is nearly as flat as the pixels' own likelihood.
+/// Exponent of the residuals. With such a high power the cost is nearly flat inside a pixel, as the likelihood of rounding is.
 const POWER: i32 = 120;
 
-/// A body that may be the one seen.
+/// A candidate body.
 #[derive(Clone)]
 struct Body {
     motion: Motion,
@@ -131,14 +132,14 @@ impl Images {
     }
 }
 
-/// Where the last part of the observation predicts `axis` to be, across the line to where it truly will be \[rad\].
+/// Predicted direction of `axis`, as a deviation in the two directions perpendicular to its true direction \[rad\].
 fn predicted(motion: &Motion, axis: &Vector3<f64>, across: &Matrix3x2<f64>) -> Vector2<f64> {
     let R = motion.attitudes(&[SEEN, PREDICTED]);
     across.tr_mul(&(R[1] * R[0].inverse() * axis))
 }
 
-/// The body with the least `- pull wish·x + Σ (2 r)^power`: with no pull in the middle of all that the pixels allow, with
-/// much of it far in the direction `wish`. Curvature comes with it.
+/// The body with the least `- pull wish·x + Σ (2 r)^power`: without pull the centre of the bodies that agree with
+/// the pixels, with a large pull one at their boundary in the direction `wish`. Also returns the curvature of the cost.
 fn push(
     images: &Images,
     from: &Body,
@@ -255,8 +256,8 @@ fn farthest_apart(e: f64, s_alpha: f64, seed: u64) -> f64 {
     phi(a, b).min(phi(b, a))
 }
 
-/// Of chapter 3's 294 motions those whose prediction, from 30 s of 1024 px, the estimator misses by more than 0.1 degrees
-/// (`every_half_minute_is_predicted_or_left_open`), so (e, s_alpha).
+/// Those of chapter 3's 294 motions, as (e, s_alpha), whose prediction from 30 s of images of 1024 px is wrong by more than
+/// 0.1 degrees (`every_half_minute_is_predicted_or_left_open`).
 pub const MISSED: [(f64, f64); 12] = [
     (0.9, 0.1),
     (0.9, 0.2),
@@ -272,16 +273,16 @@ pub const MISSED: [(f64, f64); 12] = [
     (0.95, 0.9),
 ];
 
-/// For nearly round bodies no estimate from these pixels can be sure to predict to 0.1 degrees: of two bodies that are
-/// both as they show, at least one is farther than half their difference from any answer. It is measured from the
-/// truth's own images, so the truth is one of many such bodies.
+/// For nearly spherical bodies no estimate from these pixels can guarantee a prediction to 0.1 degrees: of two bodies that
+/// agree with the images, every estimate misses at least one by half of their difference or more. The search uses the
+/// images of the true body, which is one of many bodies that agree with them.
 fn is_left_open((e, s_alpha): (f64, f64)) {
     let apart = farthest_apart(e, s_alpha, 1);
     println!("e {e}, s_alpha {s_alpha}: {apart:.2} deg apart");
     assert!(apart > 0.2, "e {e}, s_alpha {s_alpha}: {apart}");
 }
 
-/// For a body that is less round the pixels do enclose the motion.
+/// For a less spherical body the pixels do determine the motion.
 #[test]
 fn whole_pixels_of_half_a_minute_leave_nearly_round_bodies_open() {
     for missed in [MISSED[0], MISSED[8]] {
@@ -292,7 +293,7 @@ fn whole_pixels_of_half_a_minute_leave_nearly_round_bodies_open() {
     assert!((0.01..0.2).contains(&apart), "{apart}");
 }
 
-/// `cargo test --release --test validation left_open -- --ignored --nocapture`.
+/// `cargo test --release --test validation is_left_open -- --ignored --nocapture`.
 #[test]
 #[ignore = "ten seconds"]
 fn every_motion_that_half_a_minute_does_not_tell_is_left_open() {

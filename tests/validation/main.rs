@@ -1,6 +1,6 @@
-//! Validation of the physics against numbers and identities that do not share its code.
+//! Validation of the physics against independent numbers and identities.
 //!
-//! Each module names its source, and each tolerance its reason.
+//! Each module names the source of its reference values, and each tolerance is explained.
 
 #[cfg(feature = "batch")]
 mod batch;

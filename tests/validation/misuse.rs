@@ -12,7 +12,7 @@ use nalgebra::{DVector, Matrix6xX, UnitQuaternion};
 
 use crate::fixtures::servicer;
 
-/// Another robot with as many joints: nothing but its identity says that it is the wrong one.
+/// Another robot with the same number of joints, so that only the identity of the model distinguishes them.
 fn heavier_servicer() -> Model {
     let xml = include_str!("../../urdf/servicer.urdf").replace("<mass value=\"", "<mass value=\"1");
     Model::from_urdf(&xml, "heavier_servicer.urdf").unwrap()
@@ -46,7 +46,7 @@ fn the_integrator_of_one_robot_refuses_the_workspace_of_another() {
     );
 }
 
-/// The same description read twice is the same robot.
+/// Two models from the same description count as the same robot.
 #[test]
 fn equal_models_may_be_mixed() {
     let (model, again) = (servicer(), servicer());

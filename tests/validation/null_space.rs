@@ -9,7 +9,7 @@ use fuyu::model::{Frame, Model};
 use fuyu::spatial::Pose;
 use nalgebra::{DMatrix, DVector, Vector6};
 
-/// Joint angles at the start and where the goals are reached [deg]: elbows and wrists bent.
+/// Joint angles at the start, and at the goals [deg]; elbows and wrists are bent.
 const START: [f64; 14] = [
     20.0, 40.0, 10.0, -80.0, 10.0, 50.0, 0.0, -20.0, 40.0, -10.0, -80.0, -10.0, 50.0, 0.0,
 ];
@@ -30,13 +30,13 @@ fn degrees(values: &[f64; 14]) -> DVector<f64> {
 
 struct End {
     errors: [PoseError; 2],
-    /// How far the base has turned at the end, and at most on the way [rad].
+    /// Rotation of the base at the end, and its largest rotation during the run [rad].
     turned: f64,
     most: f64,
     fastest_joint: f64,
 }
 
-/// Both tips start at rest and have a goal each, which stand still in the world, for 40 s.
+/// Simulates 40 s: both tips start at rest, and each has a goal at rest in the world.
 fn run(tips: [TipTask; 2], base: BaseTask) -> End {
     let (model, left, right) = robot();
     let mut workspace = Workspace::new(&model);
@@ -111,21 +111,22 @@ fn in_the_reaction_null_space_the_base_stands_still() {
     let end = run([TipTask::Pose, TipTask::Free], BaseTask::BeforeTips);
     assert!(arrived(&end.errors[0]), "{:?}", end.errors[0]);
     let most = end.most.to_degrees();
-    // What sampling leaves.
+    // The remaining motion is due to sampling.
     assert!(most < 0.02, "{most}");
     assert!(end.fastest_joint < 1.0, "{}", end.fastest_joint);
 }
 
-/// Self-motion that balances the base comes to its end: what is named last gives way, and nothing runs away.
+/// The self-motion that compensates the base reaches a limit: the task with the lowest priority is given up, and the joint
+/// rates stay bounded.
 #[test]
 fn tasks_that_cannot_all_be_met_do_not_run_away() {
     let end = run([TipTask::Pose, TipTask::Position], BaseTask::BeforeTips);
-    // Without the bound the joints end faster than numbers go. What sampling leaves is beyond it.
+    // Without the limit on joint rates they overflow. Sampling exceeds the limit of 1 rad/s slightly.
     assert!(end.fastest_joint < 1.1, "{}", end.fastest_joint);
     assert!(end.most.to_degrees() < 1.0, "{}", end.most.to_degrees());
 }
 
-/// An arm that has nothing else to do balances the other.
+/// An arm without a task compensates the reaction of the other on the base.
 #[test]
 fn a_free_arm_holds_the_base_for_the_other() {
     let end = run([TipTask::Pose, TipTask::Free], BaseTask::AfterTips);
@@ -135,11 +136,11 @@ fn a_free_arm_holds_the_base_for_the_other() {
     assert!(free > 1.0 && held < 0.02, "{held} {free}");
 }
 
-/// Where tips and base want more than there is, what is named first is served.
+/// If the tasks need more degrees of freedom than there are, the first task is fulfilled.
 #[test]
 fn the_more_important_task_is_served_first() {
     let tips = run([TipTask::Pose; 2], BaseTask::AfterTips);
-    // The self-motion that tries to hold the base goes on, and shakes them a little.
+    // The self-motion that tries to hold the base continues, and disturbs the tips slightly.
     let near = |error: &PoseError| error.position.norm() < 5e-3;
     assert!(tips.errors.iter().all(near), "{:?}", tips.errors);
     let base = run([TipTask::Pose; 2], BaseTask::BeforeTips);
@@ -153,7 +154,7 @@ fn the_more_important_task_is_served_first() {
     assert!(tips.turned < free.turned, "{} {}", tips.turned, free.turned);
 }
 
-/// Against the textbook's closed form for two tasks, with pseudo-inverses in the metric of the inertia.
+/// Compared with the textbook formula for two tasks, with pseudo-inverses weighted by the inertia.
 #[test]
 fn priorities_agree_with_projectors_made_explicitly() {
     let (model, left, _) = robot();

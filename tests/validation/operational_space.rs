@@ -22,7 +22,7 @@ fn gains() -> Gains {
     }
 }
 
-/// A servicer that moves, with momentum of both kinds.
+/// A moving servicer with linear and angular momentum.
 fn moving() -> Floating {
     let model = servicer();
     let mut state = State::at_rest_with(&model, &degrees(&[80.0, 90.0, -90.0, 10.0, 30.0, 20.0]));
@@ -36,7 +36,7 @@ fn moving() -> Floating {
     Floating::new(model, state, IntegrationMethod::Rk4)
 }
 
-/// The closed loop of the operational-space law is `a = A_D + 2ζω ė + ω² e`, whatever Coriolis terms and momentum do.
+/// The closed loop of the operational-space law is `a = A_D + 2ζω ė + ω² e`, independently of Coriolis terms and momentum.
 #[test]
 fn resolved_acceleration_gives_the_tip_the_acceleration_that_it_asks_for() {
     let mut robot = moving();
@@ -63,7 +63,7 @@ fn resolved_acceleration_gives_the_tip_the_acceleration_that_it_asks_for() {
     robot.hold_efforts(controller.efforts().as_slice());
     robot.accelerations();
     let error = PoseError::between(&X_BE, &X_BD);
-    // The tip's velocity relative to the centre of mass, which moves evenly.
+    // The tip's velocity relative to the centre of mass, whose velocity is constant.
     let X_WB = robot.state().X_WB(robot.workspace());
     let v_WC_B = X_WB.rotation.inverse() * robot.state().momentum_W.linear / model.total_mass();
     let V = robot.workspace().V_WF_B(&tip);
@@ -82,8 +82,8 @@ fn resolved_acceleration_gives_the_tip_the_acceleration_that_it_asks_for() {
     );
 }
 
-/// With the tip at the goal and `q̇ = q̇_D`, robot and goal stay together: the tip's acceleration is the goal's, momentum,
-/// Coriolis terms and all. A wrong term of the feed-forward breaks this.
+/// With the tip at the goal and `q̇ = q̇_D`, tip and goal stay together: the tip has the acceleration of the goal, with momentum
+/// and Coriolis terms included. A wrong term of the feed-forward makes this fail.
 #[test]
 fn what_is_fed_forward_moves_the_tip_with_the_goal() {
     let mut robot = moving();
@@ -95,7 +95,7 @@ fn what_is_fed_forward_moves_the_tip_with_the_goal() {
         let R_WB = robot.state().R_WB;
         Twist::new(V.angular, V.linear - R_WB.inverse() * V_WC)
     };
-    // A goal that moves as the tip does now, but accelerates in its own way.
+    // A goal with the present velocity of the tip, but a different acceleration.
     let V_ID_B = tip_in_I(&robot);
     let A_ID_B = Twist::new(
         Vector3::new(0.01, -0.03, 0.02),
@@ -125,12 +125,12 @@ fn what_is_fed_forward_moves_the_tip_with_the_goal() {
     robot.hold_efforts(efforts.as_slice());
     robot.accelerations();
     let A = robot.workspace().A_WF_B(&tip);
-    // The difference over a microsecond has errors of some 1e-6.
+    // The finite difference over a microsecond has an error of some 1e-6.
     assert!((A.linear - A_ID_B.linear).norm() < 1e-5, "{}", A.linear);
     assert!((A.angular - A_ID_B.angular).norm() < 1e-5, "{}", A.angular);
 }
 
-/// `½ sᵀ Ĥ s + U` falls at `sᵀ K_V s` along the closed loop, for a goal that moves and a robot with momentum.
+/// `½ sᵀ Ĥ s + U` decreases at the rate `sᵀ K_V s` in the closed loop, for a goal that moves and a robot with momentum.
 #[test]
 fn the_lyapunov_function_falls_at_the_rate_that_the_proof_says() {
     let mut robot = moving();
@@ -140,7 +140,7 @@ fn the_lyapunov_function_falls_at_the_rate_that_the_proof_says() {
     let mut feed_forward = FeedForward::new(&model, &tip);
     feed_forward.damping = 1e-9;
     let start = robot.state().X_WB(robot.workspace()) * robot.workspace().X_BF(&tip);
-    // The goal in the world: it starts next to the tip, drifts, and turns evenly.
+    // The goal in the world: it starts next to the tip, drifts, and rotates at a constant rate.
     let (v_W, w_W) = (
         Vector3::new(0.03, -0.02, 0.04),
         Vector3::new(0.02, 0.03, -0.04),
@@ -194,7 +194,7 @@ fn the_lyapunov_function_falls_at_the_rate_that_the_proof_says() {
         if let Some((last, last_rate)) = before {
             let fallen = (last - energy) / dt;
             let said = 0.5 * (rate + last_rate);
-            // Efforts are held for 10 us: an error of first order in that, compared with 100 1/s of the wrist.
+            // Efforts are constant for 10 us, an error of first order: 10 us times the fastest rate of the wrist, 100 1/s.
             assert!((fallen / said - 1.0).abs() < 5e-3, "{fallen} {said} at {t}");
         }
         before = Some((energy, rate));
@@ -202,7 +202,7 @@ fn the_lyapunov_function_falls_at_the_rate_that_the_proof_says() {
     }
 }
 
-/// For a goal at rest and no momentum nothing is added to the thesis's law.
+/// For a goal at rest and zero momentum the feed-forward is zero: the law is that of the thesis.
 #[test]
 fn nothing_is_fed_forward_to_a_goal_at_rest() {
     let model = servicer();

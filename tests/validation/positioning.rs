@@ -72,7 +72,7 @@ fn the_transpose_generalized_jacobian_law_settles_as_the_reference() {
 }
 
 /// The sampled law tends to the continuous one as the period shrinks, at first order: halving the period
-/// halves the distance from the reference. A wrong bias force, momentum map or gain breaks this by orders.
+/// halves the distance from the reference. A wrong bias force, momentum map or gain would change it by orders of magnitude.
 #[test]
 fn sampling_faster_tends_to_the_continuous_law() {
     let reference = fixture("TJC_GJM");
@@ -97,7 +97,7 @@ fn sampling_faster_tends_to_the_continuous_law() {
     let (coarse, fine) = (distance(0.01), distance(0.0025));
     assert!(coarse < 2e-3, "{coarse:e}");
     assert!((coarse / fine - 4.0).abs() < 0.4, "{coarse:e} {fine:e}");
-    // Richardson: at period zero what is left must be far smaller than either.
+    // Richardson extrapolation to period zero: the remaining distance must be far smaller than either.
     assert!(
         fine - (coarse - fine) / 3.0 < 0.03 * fine,
         "{coarse:e} {fine:e}"

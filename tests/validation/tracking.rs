@@ -23,7 +23,7 @@ fn run(setup: Setup) -> (f64, f64) {
     steady(&Run::new(setup).moments(60.0))
 }
 
-/// The conditions of the test: without them its tolerances say nothing.
+/// Conditions of the test; the tolerances hold only under them.
 #[test]
 fn the_goal_tumbles_at_three_degrees_and_moves_at_five_centimetres_a_second() {
     assert!((target_rate().norm().to_degrees() - 3.0).abs() < 1e-9);
@@ -37,7 +37,7 @@ fn the_goal_tumbles_at_three_degrees_and_moves_at_five_centimetres_a_second() {
 fn with_ideal_sensing_the_tip_stays_within_millimetres() {
     let (position, angle) = run(Setup::ideal(Prediction::Motion));
     assert!(position < 1e-3 && angle < 0.02, "{position} {angle}");
-    // The thesis's law alone falls behind until its pull balances its damping.
+    // Without feed-forward, the thesis's law lags behind the goal until the tip force balances the damping.
     let (position, angle) = run(Setup::ideal(Prediction::None));
     assert!(position > 0.05 && angle > 0.8, "{position} {angle}");
 }
@@ -52,7 +52,7 @@ fn with_a_late_and_slow_camera_it_stays_within_two_centimetres() {
     }
     let (position, angle) = run(Setup::late(Prediction::None));
     assert!(position > 0.2 && angle > 45.0, "{position} {angle}");
-    // What the tip and the base did since the exposure is most of it; the goal's own motion is the rest.
+    // Most of the error is due to the motion of tip and base since the exposure, the rest to that of the goal.
     let (position, angle) = run(Setup::late(Prediction::Latency));
     assert!(position > 0.04 && angle < 5.0, "{position} {angle}");
 }
@@ -76,7 +76,8 @@ fn other_laws_follow_as_well() {
     }
 }
 
-/// Base 10 % heavier than the controller believes, and a gyro with noise: accuracy goes, stability does not.
+/// The base is 10 % heavier than in the controller's model, and the gyro has noise: accuracy decreases, but the loop stays
+/// stable.
 #[test]
 fn wrong_masses_and_a_noisy_gyro_cost_little() {
     let xml = include_str!("../../urdf/servicer.urdf");
@@ -91,7 +92,7 @@ fn wrong_masses_and_a_noisy_gyro_cost_little() {
     assert!(position < 0.03 && angle < 1.0, "{position} {angle}");
 }
 
-/// Law and prediction change while the arm moves: no effort may step, and what follows must be as good.
+/// Law and prediction change while the arm moves: efforts must stay continuous, and tracking must be as accurate afterwards.
 #[test]
 fn laws_and_predictions_change_without_a_step_in_the_efforts() {
     let mut run = Run::new(Setup::ideal(Prediction::None));
@@ -115,7 +116,7 @@ fn laws_and_predictions_change_without_a_step_in_the_efforts() {
         run.advance();
         let moment = run.answer();
         if k > 200 {
-            // What the motion itself changes within 10 ms, and 2 % of a difference that decays in 0.5 s.
+            // Change of the efforts in 10 ms due to the motion, plus 2 % of a difference that decays in 0.5 s.
             let step = (&moment.efforts - &efforts).amax();
             assert!(step < 3.0, "{step} N m at step {k}");
         }

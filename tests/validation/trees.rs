@@ -1,4 +1,4 @@
-//! Random trees to try the physics on: shapes, inertias, joints, springs and dampers.
+//! Random trees for tests of the physics: shapes, inertias, joints, springs and dampers.
 
 use fuyu::model::{Joint, JointKind, JointLimits, Model, ModelBuilder, Spring};
 use fuyu::spatial::{Pose, RigidInertia};
@@ -6,7 +6,7 @@ use nalgebra::{Matrix3, Rotation3, Translation3, Unit, Vector3};
 use proptest::prelude::*;
 use std::ops::RangeInclusive;
 
-/// Components up to `scale`.
+/// Vectors with components of at most `scale`.
 pub fn vector(scale: f64) -> impl Strategy<Value = Vector3<f64>> {
     prop::array::uniform3(-scale..scale).prop_map(Vector3::from)
 }
@@ -79,7 +79,8 @@ fn link() -> impl Strategy<Value = Link> {
         })
 }
 
-/// Trees with a number of `joints`: each new body hangs up to four levels above the one before it.
+/// Trees with a number of joints in the range `joints`. The parent of each new body is the previous body or one of its
+/// ancestors, up to four levels higher.
 pub fn trees(joints: RangeInclusive<usize>) -> impl Strategy<Value = Model> {
     (inertia(5.0..500.0), prop::collection::vec(link(), joints)).prop_map(|(base, links)| {
         let mut builder = ModelBuilder::new("random", "base_link", base);

@@ -177,7 +177,7 @@ impl Topics {
                 .map(|target| topics::TARGET_ODOMETRY.subscribe(node, target))
                 .transpose()?,
             tip_pose: topics::TIP_POSE.advertise(node)?,
-            goal_pose: topics::SEEN_GOAL.advertise(node)?,
+            goal_pose: topics::MEASURED_GOAL.advertise(node)?,
             _camera_info: camera_info,
             truth: StampPairs::default(),
             carried: StampPairs::default(),

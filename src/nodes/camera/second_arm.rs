@@ -45,7 +45,7 @@ impl SecondArm {
             X_WD: params.second_goal.as_ref().map(with_matrix),
             camera: PoseCamera::new(second_camera(params.quality.clone())),
             tip_pose: topics::SECOND_TIP_POSE.advertise(node)?,
-            goal_pose: topics::SECOND_SEEN_GOAL.advertise(node)?,
+            goal_pose: topics::SECOND_MEASURED_GOAL.advertise(node)?,
         };
         Ok(Self { arm: Some(arm) })
     }

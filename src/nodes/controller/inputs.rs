@@ -35,12 +35,12 @@ impl Inputs {
     pub(super) fn new(node: &Node, two_arms: bool) -> Result<Self, NodeError> {
         let mut tips = vec![TipTopics {
             tip: topics::TIP_POSE.subscribe(node)?,
-            goal: topics::SEEN_GOAL.subscribe(node)?,
+            goal: topics::MEASURED_GOAL.subscribe(node)?,
         }];
         if two_arms {
             tips.push(TipTopics {
                 tip: topics::SECOND_TIP_POSE.subscribe(node)?,
-                goal: topics::SECOND_SEEN_GOAL.subscribe(node)?,
+                goal: topics::SECOND_MEASURED_GOAL.subscribe(node)?,
             });
         }
         Ok(Self {
@@ -51,8 +51,8 @@ impl Inputs {
         })
     }
 
-    /// Gives the loop everything that has arrived. Joint states come first: they start another run when time jumps back,
-    /// and say which stamps are too far ahead. What the loop refuses is reported in `status`.
+    /// Passes everything that has arrived to the loop, joint states first: they start another run when time jumps back,
+    /// and determine which stamps are too far in the future. Inputs that the loop refuses are reported in `status`.
     pub(super) fn feed(&self, control_loop: &mut ControlLoop, status: &Status) {
         while let Some(received) = self.joint_states.take() {
             let message = received.message;
@@ -87,7 +87,7 @@ impl Inputs {
         }
         while let Some(received) = self.target_rate.take() {
             let header = &received.message.header;
-            // In the axes of a camera; only a camera that the base carries has known axes.
+            // The rate is in the axes of a camera, which are known only for a camera on the base.
             let model = control_loop.controller().model();
             let camera = model.frame(&header.frame_id).filter(|f| f.body == 0);
             if let Some(R_BC) = camera.map(|camera| camera.X_BF.rotation) {
@@ -98,7 +98,7 @@ impl Inputs {
         }
     }
 
-    /// How long `joint_states` has been silent, if longer than `limit`, and its name.
+    /// Time since the last joint state, if longer than `limit`, and the topic's name.
     pub(super) fn silence(&self, limit: Duration) -> Option<(Duration, &str)> {
         let age = self.joint_states.age().filter(|age| *age > limit)?;
         Some((age, self.joint_states.topic()))

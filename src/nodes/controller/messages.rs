@@ -45,7 +45,7 @@ impl ControllerMessages {
         }
     }
 
-    /// Writes the last step of `control_loop`, which gave `report`. Without a law's efforts, `state` says nothing new.
+    /// Writes the last step of `control_loop`, whose report is `report`. If the law gave no efforts, `state` is unchanged.
     pub fn write(&mut self, control_loop: &ControlLoop, report: &LoopReport) {
         let stamp: builtin_interfaces::Time = Time::from_nanos(report.stamp.as_nanos()).into();
         let efforts = control_loop.efforts().as_slice();

@@ -17,10 +17,10 @@ use crate::{
     ros::{Gid, Node, NodeError, Received, Subscription, Time},
 };
 
-/// How long diagnostics show a refused command while others are obeyed.
+/// How long diagnostics report a refused command while commands of another publisher act.
 const REFUSAL_SHOWN: Duration = Duration::from_secs(5);
 
-/// Receives commands, and knows which act and which states they answer.
+/// Receives commands, decides which of them act, and tracks which states they answer.
 pub struct CommandHandler {
     node: Node,
     commands: Subscription<JointState>,

@@ -12,14 +12,14 @@ use crate::{
 /// Largest gap of a closed loop that is simulated correctly \[m or rad\].
 const LARGEST_GAP: f64 = 1e-6;
 
-/// How often the gaps of closed loops are reported as values, at most. Diagnostics are published once a second.
+/// Shortest time between two reports of the gaps' values. Diagnostics are published once a second.
 const GAPS_PERIOD: Duration = Duration::from_millis(500);
 
 /// The statuses `limits` and, with closed loops, `loop closures`.
 pub struct RobotStatus {
     limits: StepStatus,
     loops: Option<StepStatus>,
-    /// When the gaps are due to be reported as values.
+    /// Time of the next report of the gaps' values.
     gaps_due: Instant,
 }
 

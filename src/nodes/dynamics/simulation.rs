@@ -19,7 +19,7 @@ const REPUBLISH_PERIOD: Duration = Duration::from_millis(100);
 
 /// The world, its clock, and what connects it to the graph.
 ///
-/// Services see the parts between steps (`services`), never during one.
+/// Services access its parts only between steps (`services`).
 pub struct Simulation<'a> {
     pub(super) node: &'a Node,
     lifecycle: &'a Lifecycle,

@@ -3,15 +3,15 @@
 use super::{clock::Phase, params::DynamicsParams, step_status::StepStatus};
 use crate::ros::{Node, Time};
 
-/// An achieved real time factor below this share of the wanted one is reported as slow.
+/// An achieved real time factor below this fraction of the requested one is reported as slow.
 const SLOW: f64 = 0.95;
 
 /// The status `time`.
 pub struct TimeStatus {
     status: StepStatus,
-    /// Wanted simulated seconds per second; `None` if time keeps no pace: in lockstep, or as fast as possible.
+    /// Requested real time factor; `None` without pacing: in lockstep, or as fast as possible.
     wanted_factor: Option<f64>,
-    /// Number of states for whose response time has waited.
+    /// Number of states for which simulated time has waited for a response.
     late_responses: u64,
 }
 

@@ -1,4 +1,4 @@
-//! Estimator node: feature tracks of a tumbling target in; its motion and predicted attitudes out.
+//! Estimator node: estimates the motion of a tumbling target from feature tracks, and predicts its attitudes.
 //!
 //! Inputs are the camera's features and the base's gyro, nothing else. Batch solutions over a window of frames run on a
 //! separate thread; a [`MotionTracker`](crate::estimation::MotionTracker) continues the last one from frame to frame.
@@ -23,11 +23,11 @@ use crate::{
 };
 use observer::Observer;
 
-/// Longest wait for a message before the solver is checked.
+/// Longest wait for a message before the node checks whether the solver has finished.
 const PATIENCE: Duration = Duration::from_millis(50);
 
-/// Queue length for frames and gyro samples, which accumulate when a recording is played fast. A lost gyro sample is an
-/// unknown rotation of the camera.
+/// Queue length for frames and gyro samples, which accumulate when a recording is played fast. A lost gyro sample leaves
+/// a part of the camera's rotation unknown.
 const QUEUE: usize = 1000;
 
 /// Time without features after which the node warns.

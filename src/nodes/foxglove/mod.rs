@@ -205,7 +205,7 @@ impl Camera {
             decode::<FeatureTracks>(sample).map(|m| ("features", overlay.features(&m)))
         } else if own == topics::TIP_POSE.name {
             place("tip", &overlay)
-        } else if own == topics::SEEN_GOAL.name {
+        } else if own == topics::MEASURED_GOAL.name {
             place("goal", &overlay)
         } else {
             None

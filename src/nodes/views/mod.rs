@@ -126,7 +126,7 @@ impl Scene {
     fn new(node: &Node, params: ViewsParams) -> Result<Self, NodeError> {
         Ok(Self {
             goal: topics::GOAL.subscribe(node)?,
-            measured_goal: topics::SEEN_GOAL.subscribe(node)?,
+            measured_goal: topics::MEASURED_GOAL.subscribe(node)?,
             momentum: topics::MOMENTUM.subscribe(node)?,
             odometry: topics::ODOMETRY.subscribe(node)?,
             prediction: topics::PREDICTION.subscribe(node)?,

@@ -1,5 +1,5 @@
 //! Broken robot descriptions: each is refused in one line that names the file, the line, the element and
-//! the value. Every case spoils one thing in a robot that is accepted, so that no other check can answer.
+//! the value. Every case changes one thing in a valid description, so that no other check can cause the error.
 
 mod structure;
 mod values;

@@ -7,7 +7,7 @@ use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
 
 pub use Direction::{Pitch, Roll, X, Y, Yaw, Z};
 
-/// The constraints of a planar hinge, those that matter and all that a hinge about z has.
+/// Constraints of a hinge about z: `IN_PLANE` has those that are independent in a planar mechanism, `HINGE` has all.
 pub const IN_PLANE: &[Direction] = &[X, Y];
 pub const HINGE: &[Direction] = &[X, Y, Z, Roll, Pitch];
 
@@ -46,8 +46,8 @@ fn joint(
     }
 }
 
-/// The satellite with a pantograph of TR-942 section 3.3, cut at the hinges h6 and h7. Joints in
-/// order: s2, θ2, θ5, s3, θ3, θ4. `damping` scales the printed dampers.
+/// The satellite with a pantograph of TR-942 section 3.3, cut at the hinges h6 and h7. The
+/// joints are, in this order, s2, θ2, θ5, s3, θ3, θ4. `damping` scales the damping of the report.
 pub fn pantograph(damping: f64) -> Model {
     let massless = RigidInertia::zero();
     let long = || body(20.0, 1.0, [1.0, 5.0, 5.0]);
@@ -106,7 +106,7 @@ pub fn on_branch(model: &Model, s2: f64, theta: f64, s2_rate: f64, theta_rate: f
 }
 
 /// A planar four-bar linkage on a free base: crank, coupler and rocker of these lengths, pivots 1 m apart on
-/// the base, every bar with its mass in its middle.
+/// the base, each with its centre of mass in the middle.
 pub const FOUR_BAR: [f64; 3] = [0.4, 0.9, 0.7];
 pub const BAR_MASS: [f64; 3] = [2.0, 3.0, 2.5];
 pub const BAR_MOMENT: [f64; 3] = [0.05, 0.3, 0.2];
@@ -145,7 +145,7 @@ pub fn bennett_twists() -> (f64, f64) {
     (alpha, (alpha.sin() * BENNETT.1 / BENNETT.0).asin())
 }
 
-/// From a link's own hinge to the next one: along x, then twisted about it.
+/// Transform from the hinge of a link to the next hinge: a translation along x and a rotation about x.
 fn link(length: f64, twist: f64) -> Pose {
     Pose::from_parts(
         Translation3::new(length, 0.0, 0.0),

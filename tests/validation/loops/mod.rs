@@ -1,5 +1,5 @@
 //! Closed loops: TR-942's pantograph through its singular states, linkages against their loop-free
-//! equations, redundant constraints, and what is refused.
+//! equations, redundant constraints, and errors.
 
 mod kinds;
 mod linkages;

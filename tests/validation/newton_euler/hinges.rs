@@ -24,7 +24,7 @@ fn kinds() -> impl Iterator<Item = Freedom> {
     })
 }
 
-/// Two bodies that float, joined by a hinge of this kind with springs on all that is free.
+/// Two floating bodies, joined by a hinge of this kind with springs on all its free axes.
 fn pair(freedom: Freedom, hanging_from_the_second: bool) -> System {
     let at = |x, y, z| Pose::translation(x, y, z) * Rotation3::from_euler_angles(z, x, y);
     let mut hinge =
@@ -58,9 +58,9 @@ fn start(freedom: Freedom) -> Start {
     start
 }
 
-/// Springs give back what they take, constraints do no work and give no momentum, and what is held stays: a
-/// direction or its rate that is wrong, or a force that acts at the wrong point or not back, breaks one of these at
-/// first order. What is left is truncation.
+/// Springs store energy without loss, constraint forces do no work and do not change momentum, and locked axes do not move.
+/// A wrong axis or rate of an axis, or a force at the wrong point or without reaction, violates one of these to first
+/// order. The tolerance is truncation error.
 #[test]
 fn every_kind_of_hinge_keeps_energy_momentum_and_constraints() {
     for freedom in kinds() {
@@ -102,8 +102,8 @@ fn every_kind_of_hinge_keeps_energy_momentum_and_constraints() {
     }
 }
 
-/// From a state torn apart by some 1e-3: constraints hold again to rounding, free axes nearly stay, and neither the
-/// centre of mass nor the momentum's source, the bodies' rates together, is pushed.
+/// After a hinge has been displaced by about 1e-3, projection restores the constraints up to rounding errors, hardly moves the
+/// free axes, and changes neither the centre of mass nor the momentum.
 #[test]
 fn projection_closes_every_kind_of_hinge() {
     for freedom in kinds() {

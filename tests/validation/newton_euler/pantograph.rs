@@ -64,7 +64,7 @@ fn worst(ours: &[[f64; 5]], table: &[[f64; 5]]) -> [f64; 2] {
     })
 }
 
-/// θ2 and its rate at 2, 4, 6, 8 s in the five coordinates that the closed loops leave, by another program at a
+/// θ2 and its rate at 2, 4, 6, 8 s, by an independent program with the five coordinates that remain with closed loops, at a
 /// tolerance of 1e-13; θ3 = -θ2 and θ5 = -2 θ2.
 const EXACT: [(f64, f64); 4] = [
     (-1.4562229044549682, 0.07693648826240448),
@@ -73,7 +73,7 @@ const EXACT: [(f64, f64); 4] = [
     (-0.3303746632685937, 0.3312831928053415),
 ];
 
-/// The print itself is off by 1.3e-7 rad and 3.5e-8 rad/s, more than the truncation of its step.
+/// The printed values themselves are wrong by 1.3e-7 rad and 3.5e-8 rad/s, more than the truncation error of their step.
 #[test]
 fn gill_at_the_report_s_step_gives_the_printed_table() {
     let system = builder(IN_PLANE).build().unwrap();
@@ -91,8 +91,8 @@ fn gill_at_the_report_s_step_gives_the_printed_table() {
     assert!(angles < 2e-9 && rates < 2e-9, "{angles:e} {rates:e}");
 }
 
-/// Another derivation in fewer coordinates: what is left is rounding. A term lost in a hinge that slides and turns,
-/// or in how a loop is held, is of first order.
+/// Agrees with an independent derivation in fewer coordinates up to rounding errors. A missing term in a hinge that slides
+/// and turns, or in the constraints of a loop, would be an error of first order.
 #[test]
 fn small_truncation_gives_the_exact_branch_and_no_momentum() {
     let system = builder(IN_PLANE).build().unwrap();
@@ -102,8 +102,8 @@ fn small_truncation_gives_the_exact_branch_and_no_momentum() {
     assert!(momentum < 1e-12, "{momentum:e}");
 }
 
-/// Whole revolute hinges in a plane hold six things twice. They are refused by name, and when they are left
-/// out the motion is the same.
+/// Revolute hinges with all their constraints impose six redundant constraints on a planar mechanism. These are refused by
+/// name; if they are left out, the motion is the same.
 #[test]
 fn redundant_hinges_are_named_or_move_alike() {
     let mut system = builder(Freedom::REVOLUTE).build().unwrap();
@@ -123,13 +123,14 @@ fn redundant_hinges_are_named_or_move_alike() {
     assert_eq!(system.constraints(), 22);
 }
 
-/// Beyond 8 s the pantograph passes its stretched state, where two more motions become possible and which the
-/// report could not pass: at 9.03, 18.87, 29.35 and 38.24 s. Brought back to the constraints after every step it
-/// stays on the exact branch, by symmetry θ3 = -θ2.
+/// At 9.03, 18.87, 29.35 and 38.24 s the pantograph passes its stretched state, in which two more motions become possible;
+/// the computation of the report fails there. With projection onto the constraints after every step it stays on the exact
+/// branch, on which θ3 = -θ2 by symmetry.
 #[test]
 fn projection_passes_the_stretched_state() {
     let system = builder(IN_PLANE).build().unwrap();
-    // The later passages are slow, 1e-4 rad in a step, and so nearly closed within it.
+    // The later passages are slow, 1e-4 rad per step, so the loops stay nearly closed within a step and a
+    // smaller tolerance suffices.
     let method = |system: &System| MatrixMethod::new(system).with_tolerance(1e-5);
     let (rows, _) = run(&system, &Tableau::RK_GILL, STEP, true, 20, method);
     let later = [4, 9, 14, 19].map(|i| rows[i][0]);
@@ -147,11 +148,10 @@ const LATER: [f64; 4] = [
     -0.0012051298022018977,
 ];
 
-/// Started on the stretched state itself, the pantograph moves as one that comes through it: run back from there and
-/// forward again, by steps some of which end within 1e-9 rad of the stretched state, it is at the same place a second
-/// later. A wrong branch, or what contradicting constraints do there, is a difference of the
-/// order of one; what is left is of second order in the step, since a force is missing in the stage that meets the
-/// stretched state.
+/// A pantograph that starts in the stretched state moves like one that passes through it. From there it is simulated
+/// backwards and forwards again, with some steps that end within 1e-9 rad of the stretched state; a second later both are in
+/// the same position. A wrong branch, or contradicting constraints, would cause a difference of order one. The remaining
+/// error is of second order in the step, because a force is missing in the stage that coincides with the stretched state.
 #[test]
 fn a_start_in_the_stretched_state_takes_the_exact_branch() {
     let system = builder(IN_PLANE).build().unwrap();

@@ -5,11 +5,11 @@ use nalgebra::DVector;
 /// The difference in the efforts that a change of settings makes, and its decay.
 ///
 /// At a change, the law's efforts under the new settings differ from those under the old ones by `d`. The difference is
-/// added and decays, `d exp(-t/T)`, and the velocity gains in force follow the new `K_V` with the same time constant. So the
+/// added and decays, `d exp(-t/T)`, and the effective velocity gains follow the new `K_V` with the same time constant. So the
 /// efforts are continuous, and the joints are damped by a positive definite matrix at all times.
 ///
 /// The proof of stability remains valid: with the Lyapunov function of the new settings,
-/// `dW/dt = -q̇ᵀ K q̇ + q̇ᵀ d exp(-t/T) ≤ |d|² exp(-2t/T) / 4k`, where `k` is the least damping in force. A
+/// `dW/dt = -q̇ᵀ K q̇ + q̇ᵀ d exp(-t/T) ≤ |d|² exp(-2t/T) / 4k`, where `k` is the smallest effective velocity gain. A
 /// change therefore adds at most `T |d|² / 8k` to `W`, after which `W` decreases as before.
 #[derive(Debug, Clone)]
 pub(super) struct BumplessTransfer {
@@ -21,9 +21,9 @@ pub(super) struct BumplessTransfer {
     changed: bool,
     /// Efforts of the last step, difference included, without joint damping.
     efforts: DVector<f64>,
-    /// The rest of the difference.
+    /// The difference as far as it has not decayed yet.
     difference: DVector<f64>,
-    /// The diagonal of `K_V` in force.
+    /// The diagonal of the effective `K_V`.
     k_v: DVector<f64>,
 }
 
@@ -40,7 +40,7 @@ impl BumplessTransfer {
         }
     }
 
-    /// Starts a transfer: from the next step on other settings are in force.
+    /// Starts a transfer: other settings apply from the next step on.
     pub fn start(&mut self) {
         self.changed = true;
     }
@@ -53,7 +53,8 @@ impl BumplessTransfer {
         self.difference.fill(0.0);
     }
 
-    /// Adds the rest of the difference to `efforts` of the settings in force, whose joint damping is `fraction` of `k_v`.
+    /// Adds what remains of the difference to `efforts`, which the present settings give; their joint damping is `fraction` of
+    /// `k_v`.
     pub fn apply(&mut self, time: f64, efforts: &mut DVector<f64>, k_v: &[f64], fraction: f64) {
         let decay = self.advance(time, k_v, fraction);
         if std::mem::take(&mut self.changed) {
@@ -67,7 +68,7 @@ impl BumplessTransfer {
         self.efforts.copy_from(efforts);
     }
 
-    /// Damping of joint `j` in force \[N m s/rad or N s/m\].
+    /// Effective damping of joint `j` \[N m s/rad or N s/m\].
     pub fn k_v(&self, j: usize) -> f64 {
         self.k_v[j]
     }

@@ -10,7 +10,7 @@ use super::{Gains, LawConfig, LawError, Manipulator, SaturatedError};
 /// A control law: computes joint efforts from the state of the arm and its goal, without the joint damping `-K_V q̇`, which
 /// the [`Controller`](super::Controller) adds.
 ///
-/// Only [`Law::efforts`] must be written; `Controller` has an example. A law takes no memory in a step.
+/// Only [`Law::efforts`] must be written; `Controller` has an example. A law allocates no memory in a step.
 pub trait Law: fmt::Debug + Send {
     /// Writes the joint efforts \[N m or N\], one per joint; they are zero when the law is called.
     /// `manipulator.workspace` holds the joint positions of `input`, and must hold them afterwards.
@@ -24,7 +24,7 @@ pub trait Law: fmt::Debug + Send {
         efforts: &mut DVector<f64>,
     ) -> Result<LawStatus, LawError>;
 
-    /// Forgets everything but the settings: the next step belongs to another run.
+    /// Resets everything but the settings: the next step belongs to another run.
     fn reset(&mut self) {}
 
     /// Takes settings that have been checked, and keeps its state. Returns whether they are settings of this law. Only
@@ -33,12 +33,12 @@ pub trait Law: fmt::Debug + Send {
         *config == LawConfig::Custom
     }
 
-    /// Fraction of `K_V` that the controller adds while the law acts, 0 to 1; less than one for a law that damps by itself.
+    /// Fraction of `K_V` that the controller adds while the law acts, 0 to 1; less than one for a law that adds damping itself.
     fn joint_damping_fraction(&self) -> f64 {
         1.0
     }
 
-    /// Whether the efforts are those of the potential of Masutani 1995 chapter 5 or smaller. The controller then reports a
+    /// Whether the efforts are at most those derived from the potential of Masutani 1995 chapter 5. The controller then reports a
     /// tip that does not converge ([`ConvergenceFailure`](super::ConvergenceFailure)) and moves the arm out of singular
     /// positions.
     fn monitors_convergence(&self) -> bool {
@@ -71,7 +71,7 @@ pub struct LawInput<'a> {
     pub w_IB_B: &'a Vector3<f64>,
     /// Attitude of the base in I.
     pub R_IB: &'a UnitQuaternion<f64>,
-    /// Joint rates `q̇_D` that move the tip with its goal \[rad/s or m/s\]; `None` where nothing is fed forward.
+    /// Joint rates `q̇_D` that move the tip with its goal \[rad/s or m/s\]; `None` without feed-forward.
     pub reference_rates: Option<&'a DVector<f64>>,
 }
 

@@ -7,7 +7,7 @@ use nalgebra::DVector;
 use super::gains::{ConfigError, check_not_negative, check_positive};
 use super::{Gains, LyapunovFunction, PoseError};
 
-/// When and how the arm leaves a singular position in which it rests.
+/// When and how the arm leaves a singular position in which it has come to rest.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct SingularityEscapeConfig {
     /// Amplitude of the escape motion: the joint rate that its efforts would hold against `K_V` \[rad/s or m/s\]; zero
@@ -18,7 +18,7 @@ pub struct SingularityEscapeConfig {
 }
 
 impl Default for SingularityEscapeConfig {
-    /// A tenth of a radian in all, after 2 s.
+    /// An escape motion of about a tenth of a radian, after 2 s at rest.
     fn default() -> Self {
         Self {
             rate: 0.1,
@@ -79,9 +79,9 @@ pub enum ConvergenceFailure {
 const ARRIVED: (f64, f64) = (0.02, 0.035);
 /// Duration of an escape motion \[s\].
 const ESCAPE_DURATION: f64 = 2.0;
-/// Escape motions that are tried before the arm is left at rest.
+/// Number of escape motions after which the arm is left at rest.
 const MAX_ESCAPES: u32 = 3;
-/// Efforts that would take longer than this to decrease the potential count as none \[s\].
+/// Efforts that would need longer than this to decrease the potential are treated as zero \[s\].
 const SLOWEST_DECREASE: f64 = 300.0;
 /// Time without progress after which it is reported \[s\].
 const PROGRESS_TIMEOUT: f64 = 20.0;
@@ -133,7 +133,7 @@ impl ConvergenceMonitor {
         }
     }
 
-    /// Starts again: for other gains, another goal, or without a camera measurement.
+    /// Starts again: when the gains or the goal change, or the camera measurement is missing.
     pub fn reset(&mut self) {
         *self = Self::new(self.config);
     }

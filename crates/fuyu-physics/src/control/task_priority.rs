@@ -49,7 +49,7 @@ struct Level {
 pub(super) const TASK_DAMPING: f64 = 0.1;
 
 impl TaskPriority {
-    /// For at most `tasks` tasks of a robot with `joints` joints; the only place where memory is taken.
+    /// For at most `tasks` tasks of a robot with `joints` joints. Only this function allocates memory.
     pub fn new(joints: usize, tasks: usize) -> Self {
         let level = Level {
             rows: Rows::zeros(joints),

@@ -3,7 +3,7 @@
 //! Momentum is part of the state. A [`State`] has the joint positions and rates, the base attitude, the system's
 //! centre of mass and its linear and angular momentum. The base twist follows from them algebraically (Masutani 1995
 //! eq. (4.23), with the momentum term that the thesis omits because it assumes zero). So free motion conserves
-//! momentum to rounding at any step size; only external wrenches change it.
+//! momentum up to rounding errors at any step size; only external wrenches change it.
 //!
 //! [`Workspace::set_positions`] computes everything that depends on joint positions alone: fixed-base and generalized
 //! Jacobians, base map, reduced inertia and frame poses can then be read. [`Workspace::set_motion`] adds what depends

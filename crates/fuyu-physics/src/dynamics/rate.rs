@@ -60,7 +60,7 @@ impl Rate {
     }
 }
 
-/// `into = from + dt Σ weights rates`; returns the rotation vector from one to the other.
+/// `into = from + dt Σ weights rates`; returns the rotation vector from the attitude of `from` to that of `into`.
 #[inline(always)]
 pub(super) fn advance(
     into: &mut State,

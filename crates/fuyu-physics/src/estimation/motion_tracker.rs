@@ -31,10 +31,10 @@ pub struct BatchSolution {
     pub span: (f64, f64),
 }
 
-/// Source of the current motion.
+/// What the current motion was computed from.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum MotionSource {
-    /// The last batch solution: without a filter, or without a frame since.
+    /// The last batch solution: there is no filter, or no frame has arrived since.
     Batch,
     /// The filter, corrected by the newest frame.
     Filter,
@@ -66,7 +66,7 @@ pub struct MotionTracker {
     /// Number of frames since the batch solution.
     since: usize,
     last: Option<Update>,
-    /// Number of frames that fitted, with those of earlier solutions.
+    /// Number of frames that fitted, including those of earlier solutions.
     fits: u32,
     misfits: Misfits,
 }

@@ -1,4 +1,4 @@
-//! Frames between exposure and delivery.
+//! Delay line: holds the frames of a camera from exposure to delivery.
 
 use std::collections::VecDeque;
 

@@ -1,6 +1,6 @@
-//! When a camera exposes.
+//! Exposure schedule: the times at which a camera takes frames.
 
-/// Slack \[s\] when a sum of periods is compared with a time.
+/// Tolerance \[s\] when a sum of periods is compared with a time.
 pub(super) const SLACK: f64 = 1e-9;
 
 /// Exposures at a constant rate, from the first time shown on.

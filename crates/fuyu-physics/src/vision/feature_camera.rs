@@ -61,13 +61,13 @@ pub struct FeatureCameraConfig {
     pub noise: f64,
     /// Whether points on the far side are hidden.
     pub occlusion: bool,
-    /// Probability, for each feature of each frame, that its pixel is anywhere in the image, in [0, 1].
+    /// Probability, for each feature of each frame, that it is an outlier, uniformly distributed over the image, in [0, 1].
     pub outliers: f64,
     /// Probability, for each feature of each frame, that its track ends there, in [0, 1].
     pub losses: f64,
     /// Probability that a frame is lost, in [0, 1].
     pub dropout: f64,
-    /// Seed of all that is random.
+    /// Seed of the random generator.
     pub seed: u64,
 }
 
@@ -172,8 +172,8 @@ impl FeatureCamera {
         self.stream.is_due(time)
     }
 
-    /// Shows the camera the body's true pose `X_CB` in its optical frame at `time` \[s\]; it exposes if a frame is due.
-    /// A time that is shown twice is exposed once. When time jumps back (the simulation was restarted) the camera
+    /// Gives the camera the body's true pose `X_CB` in its optical frame at `time` \[s\]; it exposes if a frame is due.
+    /// A time that is given twice is exposed once. When time jumps back (the simulation was restarted) the camera
     /// starts again, with the same noise but new ids.
     pub fn show(&mut self, time: f64, X_CB: &Pose) {
         let Some(exposure) = self.stream.expose(time) else {

@@ -14,7 +14,7 @@ pub(super) struct StreamConfig {
     pub latency: f64,
     /// Probability that a frame is lost, in [0, 1].
     pub dropout: f64,
-    /// Seed of all that is random.
+    /// Seed of the random generator.
     pub seed: u64,
 }
 

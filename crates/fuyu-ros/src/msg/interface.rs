@@ -1,4 +1,4 @@
-//! Traits of messages, services and actions, and the field types that ROS has.
+//! Traits of messages, services and actions, and the ROS types of fields.
 
 use serde::{Deserialize, Serialize};
 use std::fmt;
@@ -10,17 +10,17 @@ use super::{Definition, builtin_interfaces::Time, unique_identifier_msgs::UUID};
 pub trait Interface: ros2_client::Message + Clone + Default + Send + Sync + 'static {
     /// Name, constants and fields.
     const DEFINITION: &'static Definition;
-    /// ROS package, `sensor_msgs`.
+    /// ROS package, such as `sensor_msgs`.
     const PACKAGE: &'static str = Self::DEFINITION.package;
-    /// Name within the package, `JointState`.
+    /// Name within the package, such as `JointState`.
     const NAME: &'static str = Self::DEFINITION.name;
 }
 
 /// A ROS 2 service: a name, a request and a response. Implemented by [`services`](crate::services).
 pub trait Service: 'static {
-    /// ROS package, `std_srvs`.
+    /// ROS package, such as `std_srvs`.
     const PACKAGE: &'static str;
-    /// Name within the package, `SetBool`.
+    /// Name within the package, such as `SetBool`.
     const NAME: &'static str;
     /// Message from the client to the server.
     type Request: Interface;
@@ -77,7 +77,7 @@ pub trait Field {
     const TYPE: FieldType;
 }
 
-/// ROS type of a field: an element and how many of it.
+/// ROS type of a field: the type of an element, and the number of elements.
 #[derive(Debug, Clone, Copy)]
 pub struct FieldType {
     /// Type of one element.
@@ -173,8 +173,8 @@ impl<T: Field> Field for Vec<T> {
     };
 }
 
-// Nested arrays count as one flat array, since serde supports at most 32 elements: `[[f64; 6]; 6]` is `float64[36]` and has
-// the same bytes.
+// serde supports arrays of at most 32 elements, so longer ones are nested here and flat in ROS: `[[f64; 6]; 6]` is
+// `float64[36]`, with the same bytes.
 impl<T: Field, const N: usize> Field for [T; N] {
     const TYPE: FieldType = FieldType {
         base: T::TYPE.base,

@@ -4,21 +4,21 @@
 crate::services! {
     package rosbag2_interfaces;
 
-    /// A recording is to begin.
+    /// Starts a recording.
     service Record {
         RecordRequest {
-            /// Folder of the bag; empty is the one that the recorder was started with.
+            /// Folder of the bag; if empty, the one that the recorder was started with.
             uri: String,
         }
         RecordResponse {
-            /// 0 if it has begun.
+            /// 0 if the recording has started.
             return_code: i32,
-            /// Why not.
+            /// Reason if it has not.
             error_string: String,
         }
     }
 
-    /// A recording is to end.
+    /// Ends the recording.
     service Stop {
         StopRequest {
             /// ROS sends one octet for an empty message.
@@ -30,7 +30,7 @@ crate::services! {
         }
     }
 
-    /// Another file of the bag is to begin.
+    /// Continues the recording in another file of the bag.
     service SplitBagfile {
         SplitBagfileRequest {
             /// ROS sends one octet for an empty message.
@@ -42,7 +42,7 @@ crate::services! {
         }
     }
 
-    /// What comes from now on is not wanted.
+    /// Pauses the recording: messages are dropped from now on.
     service Pause {
         PauseRequest {
             /// ROS sends one octet for an empty message.
@@ -54,7 +54,7 @@ crate::services! {
         }
     }
 
-    /// What comes from now on is wanted again.
+    /// Resumes a paused recording.
     service Resume {
         ResumeRequest {
             /// ROS sends one octet for an empty message.
@@ -66,7 +66,7 @@ crate::services! {
         }
     }
 
-    /// From pause to no pause or back.
+    /// Pauses the recording, or resumes a paused one.
     service TogglePaused {
         TogglePausedRequest {
             /// ROS sends one octet for an empty message.
@@ -78,14 +78,14 @@ crate::services! {
         }
     }
 
-    /// Whether there is a pause.
+    /// Asks whether the recording is paused.
     service IsPaused {
         IsPausedRequest {
             /// ROS sends one octet for an empty message.
             structure_needs_at_least_one_member: u8,
         }
         IsPausedResponse {
-            /// There is.
+            /// Whether it is paused.
             paused: bool,
         }
     }

@@ -5,9 +5,9 @@ use super::builtin_interfaces::Time;
 crate::messages! {
     package rosgraph_msgs;
 
-    /// Simulated time, as `/clock` carries it.
+    /// Simulated time, published on `/clock`.
     message Clock {
-        /// The time now.
+        /// Current time.
         clock: Time,
     }
 }

@@ -57,7 +57,7 @@ impl Walk<'_> {
             self.path.push((field.name, None));
             match many {
                 None => self.element(field.ty.base)?,
-                // Numbers other than floats are skipped at one go.
+                // Arrays of numbers other than floats are skipped as a whole.
                 Some(n) if skipped_size(field.ty.base).is_some() => {
                     if let (Some(size), true) = (skipped_size(field.ty.base), n > 0) {
                         self.align(size);

@@ -4,20 +4,20 @@ use std::{thread, time::Duration};
 
 use super::signals;
 
-/// From this size on, a block is the operating system's again as soon as it is freed \[bytes\]. glibc begins with as much,
-/// but raises it with every larger block that is freed.
+/// Blocks of at least this size are returned to the operating system as soon as they are freed \[bytes\]. This is glibc's
+/// initial value, which glibc would raise whenever a larger block is freed.
 #[cfg(target_env = "gnu")]
 const LARGE: i32 = 128 << 10;
-/// How often pages without anything in them are given back.
+/// Period at which unused pages are returned.
 const PERIOD: Duration = Duration::from_secs(60);
 
-/// Makes freed memory return to the operating system, large blocks at once, others within a minute. For the main function
-/// of a process that runs for long, before it has other threads; other C libraries than glibc are left as they are.
+/// Makes freed memory return to the operating system, large blocks at once, others within a minute. To be called by the
+/// main function of a long-running process before it starts other threads. Has no effect with C libraries other than glibc.
 ///
-/// A recorder frees a context of zstd, some megabytes, whenever it begins another file. Left to itself, glibc then keeps
-/// such blocks among the small ones, where they fragment: it took 21 MB instead of 14.5, and half a megabyte more with each
-/// file, up to some ten files. And what waits while others have the processors leaves holes in the memory of
-/// every thread that it went through: in an hour at 1 kHz on a busy computer, 3 % of a subscriber.
+/// A recorder frees a zstd context of some megabytes whenever it begins another file. By default glibc then keeps such
+/// blocks between small ones, and memory fragments: the recorder took 21 MB instead of 14.5, and half a megabyte more with
+/// each file, up to some ten files. Backlogs of messages on a busy computer also leave holes in the memory of every
+/// thread that handles them: at 1 kHz the memory of a subscriber grew by 3 % in an hour.
 pub fn return_free_memory() {
     if !cfg!(target_env = "gnu") {
         return;
@@ -38,7 +38,7 @@ pub fn return_free_memory() {
 
 fn return_large_blocks() {
     #[cfg(target_env = "gnu")]
-    // SAFETY: it takes two numbers and changes nothing but where later blocks come from; glibc locks around it.
+    // SAFETY: mallopt takes two numbers and only changes how later blocks are allocated; glibc holds its lock meanwhile.
     unsafe {
         nix::libc::mallopt(nix::libc::M_MMAP_THRESHOLD, LARGE);
     }
@@ -46,7 +46,7 @@ fn return_large_blocks() {
 
 fn return_free_pages() {
     #[cfg(target_env = "gnu")]
-    // SAFETY: it takes a number and touches only what is not allocated; glibc locks every arena around it.
+    // SAFETY: malloc_trim takes a number and touches only unallocated memory; glibc locks every arena meanwhile.
     unsafe {
         nix::libc::malloc_trim(0);
     }

@@ -17,17 +17,17 @@ pub struct ArgsError {
     expected: String,
 }
 
-/// What a log level argument or a record can be.
+/// Severity of a log record, or the level of a log level argument.
 pub use tracing::level_filters::LevelFilter;
 
-/// Where parameters come from, in the order of the command line: what comes later wins.
+/// A source of parameters on the command line. Later sources override earlier ones.
 #[derive(Debug, Clone, PartialEq)]
 pub enum ParameterSource {
     /// `--params-file FILE`
     File(PathBuf),
     /// `-p [node:]name:=value`
     Value {
-        /// Only for this node.
+        /// The node that it is for; `None` for all nodes.
         node: Option<String>,
         /// Name of the parameter.
         name: String,
@@ -51,8 +51,8 @@ pub struct RosArgs {
     pub rosout: bool,
     /// Whether logs go to stderr; on unless `--disable-stdout-logs`.
     pub console: bool,
-    /// Whether they are for a single node, which must then know every parameter that `-p` gives. Else
-    /// `-p` without a node is for those that have such a parameter.
+    /// Whether the process has a single node. That node must then know every parameter that `-p` sets. With several
+    /// nodes, `-p` without a node name applies to those that have such a parameter.
     pub only_node: bool,
 }
 
@@ -72,7 +72,7 @@ impl Default for RosArgs {
 
 impl RosArgs {
     /// Takes the sections `--ros-args ... --` out of `argv` (which starts after the program's name) and
-    /// returns them with all that is not theirs.
+    /// returns them, and the remaining arguments.
     ///
     /// # Errors
     /// [`ArgsError`] names the argument and says what would be right.
@@ -139,7 +139,7 @@ impl RosArgs {
             "--disable-rosout-logs" => self.rosout = false,
             "--enable-stdout-logs" => self.console = true,
             "--disable-stdout-logs" => self.console = false,
-            // No file is ever written, nor is there a library whose own log could be asked for.
+            // Accepted without effect: fuyu writes no log files, and no external library has a log of its own.
             "--enable-external-lib-logs" | "--disable-external-lib-logs" => {}
             _ => {
                 return Err(wrong(
@@ -152,7 +152,7 @@ impl RosArgs {
         Ok(())
     }
 
-    /// Adds a parameter file before all others, so that the command line wins.
+    /// Adds a parameter file before all others, so that the command line overrides it.
     #[must_use]
     pub fn with_scenario(mut self, file: impl Into<PathBuf>) -> Self {
         self.parameters
@@ -160,8 +160,8 @@ impl RosArgs {
         self
     }
 
-    /// The parameters that these arguments give the node `name`, which the program itself calls
-    /// `declared`; what comes later wins.
+    /// The parameters that these arguments set for the node `name`, which is called `declared` before remapping.
+    /// Later ones override earlier ones.
     ///
     /// # Errors
     /// [`NodeError::ParamsFile`] if a file cannot be read or is not a parameter file.
@@ -215,7 +215,7 @@ fn parse_level(argument: &str, level: &str) -> Result<LevelFilter, ArgsError> {
     }
 }
 
-/// Splits `node:rest`; a scheme (`rostopic://`) is no node.
+/// Splits `node:rest`; the scheme of a URL (`rostopic://`) is not a node.
 fn split_node(text: &str) -> (Option<&str>, &str) {
     match text.split_once(':') {
         Some((node, rest)) if !rest.starts_with("//") => (Some(node), rest),
@@ -257,7 +257,7 @@ fn parse_remap(rule: &str) -> Result<Remap, ArgsError> {
     Ok(remap)
 }
 
-/// Whether both sides could ever be names; which node they are for is not known yet.
+/// Checks that both sides of the rule are valid names. The node is not known yet, so a placeholder stands for it.
 fn check_remap(remap: &Remap) -> Result<(), super::names::NameError> {
     let any = NodeName::new("/", "node")?;
     match &remap.target {

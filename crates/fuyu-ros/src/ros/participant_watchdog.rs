@@ -16,7 +16,7 @@ use std::{
 
 use super::signals;
 
-/// Creation that takes longer than this counts as a deadlock; some microseconds are usual.
+/// A creation that takes longer than this counts as a deadlock; usually it takes some microseconds.
 const TIMEOUT: Duration = Duration::from_secs(5);
 
 /// Why an entity could not be created.
@@ -24,7 +24,7 @@ const TIMEOUT: Duration = Duration::from_secs(5);
 pub(super) enum EntityError {
     /// The participant has deadlocked; a new one may work.
     Deadlocked(AbandonedParticipant),
-    /// Message of DDS.
+    /// Any other error of DDS, as text.
     Dds(String),
 }
 
@@ -90,7 +90,7 @@ pub(super) fn create<T: Send + 'static>(
     let participant = participant.clone();
     run_with_timeout(TIMEOUT, move || {
         let made = make(&participant);
-        // Not the last handle, unless this is too late.
+        // The caller still has a handle, so this drop does not end the participant, unless the caller has given up.
         drop(participant);
         made
     })?
@@ -129,7 +129,7 @@ mod tests {
         }
     }
 
-    // Would break if the caller waited, or if what is left behind were dropped while the maker is stuck.
+    // Fails if the caller waits, or if abandoned objects are dropped while the creating thread is blocked.
     #[test]
     fn a_deadlocked_participant_is_not_waited_for() {
         assert!(matches!(run_with_timeout(TIMEOUT, || 7), Ok(7)));

@@ -28,7 +28,7 @@ use crate::msg::{cdr, diagnostic_msgs::DiagnosticArray, rcl_interfaces::Log};
 
 /// How often a node reports its health.
 const DIAGNOSTICS_PERIOD: Duration = Duration::from_secs(1);
-/// How long a node may take to end once it is asked to.
+/// Time that a node may take to end after a stop request.
 const STOP_PATIENCE: Duration = Duration::from_secs(10);
 
 /// Runs one node as a process of its own: the main function of a node's executable. Arguments and
@@ -73,14 +73,14 @@ pub struct Stopper(mpsc::Sender<Event>);
 impl Stopper {
     /// Requests the stop.
     pub fn stop(&self) {
-        // A process that is gone has stopped.
+        // If the process no longer exists, there is nothing to stop.
         let _ = self.0.send(Event::Stop);
     }
 }
 
 /// Several nodes in one process, each with a DDS participant and a thread of its own.
 ///
-/// A graph is as alive as its nodes: when one ends, the others are stopped, the last started first.
+/// When one node ends, the others are stopped, in the reverse order of their start.
 pub struct Process {
     args: Arc<RosArgs>,
     domain: Domain,

@@ -24,7 +24,7 @@ fn number(report: &Report) -> &str {
     report.name.rsplit('-').next().unwrap_or_default()
 }
 
-/// Maps over isotropy and momentum.
+/// A figure of panels over the grid of isotropy and momentum.
 fn map(title: String, grid: &study::Grid, scale: MapScale, panels: Vec<MapPanel>) -> MapFigure {
     MapFigure {
         title,

@@ -106,7 +106,7 @@ pub(super) fn amplitude_map(mut report: Report) -> Report {
     report
 }
 
-/// A motion, its measured `|w|²` over time, and the estimate of the thesis.
+/// A motion, its measured `|w|²` over time, and its estimate by the thesis's method.
 type Seen = (FreeRotation, Vec<(f64, f64)>, Analysis);
 
 /// The motion of Figs. 3.29 and 3.30, or its mirror image in momentum.

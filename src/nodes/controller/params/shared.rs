@@ -1,4 +1,4 @@
-//! Which law, and what all laws share.
+//! The parameter `law`, and the parameters that all laws share.
 
 use super::{LARGEST_GAIN, PerJoint, SMALLEST_GAIN};
 use crate::{
@@ -92,7 +92,7 @@ impl Shared {
         }
     }
 
-    /// The configuration with defaults for what single laws have for themselves.
+    /// The configuration, with defaults for the settings of the individual laws.
     pub(super) fn config(&self) -> ControllerConfig {
         // Any other text has been refused by the declaration.
         let law =

@@ -1,4 +1,4 @@
-//! Parameters of the servo that drives joint rates.
+//! Parameters of the servo that tracks commanded joint rates.
 
 use crate::{
     control::{ServoGains, VelocityServoConfig},

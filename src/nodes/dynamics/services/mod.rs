@@ -30,7 +30,7 @@ use crate::{
     ros::{Calls, Node, NodeError, ServiceServer},
 };
 
-/// The services that answer at once. Requests for steps, which take longer, are [`StepRequests`].
+/// The services that respond at once. Requests for steps, which take longer, are in [`StepRequests`].
 pub struct Services {
     get_state: Calls<GetSimulationState>,
     set_state: Calls<SetSimulationState>,
@@ -82,7 +82,7 @@ impl Services {
     }
 }
 
-/// Answers the calls that wait, and takes in requests for steps.
+/// Answers the waiting calls, and accepts or refuses requests for steps.
 ///
 /// # Errors
 /// When the state is no longer finite.
@@ -117,7 +117,7 @@ pub fn answer_calls(simulation: &mut Simulation) -> Result<(), NodeError> {
     Ok(())
 }
 
-/// Answers the calls of one service. A world that one of them changes is published before the answer is sent.
+/// Answers the calls of one service. If a call changes the world, the world is published before the response is sent.
 fn answer<S: Service>(
     simulation: &mut Simulation,
     calls: impl Fn(&Services) -> &Calls<S>,
@@ -134,7 +134,7 @@ fn answer<S: Service>(
     Ok(())
 }
 
-/// Refuses what needs an active node.
+/// Outcome for a call that needs an active node: an error if the node is inactive.
 fn check_active(simulation: &Simulation) -> Result<(), Outcome> {
     match simulation.is_active() {
         true => Ok(()),

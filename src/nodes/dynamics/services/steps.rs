@@ -10,7 +10,7 @@ use crate::{
     ros::{ActionServer, Calls, Goal, Node, NodeError, Reply},
 };
 
-/// Endpoints for steps, and the request that is being worked off. There is one at a time.
+/// Endpoints for steps, and the pending request. There is at most one at a time.
 pub struct StepRequests {
     service: Calls<StepSimulation>,
     action: ActionServer<SimulateSteps>,
@@ -59,8 +59,8 @@ impl StepRequests {
         self.pending.is_some()
     }
 
-    /// Accepts or refuses new requests, in this phase of a node that is `active` or says why it is not. Ends a cancelled
-    /// request: then returns true.
+    /// Accepts or refuses new requests, depending on the simulation's phase and on whether the node is active (`active` has
+    /// the error if not). Ends the pending request if it was cancelled, and returns whether it did.
     pub(super) fn take_requests(&mut self, phase: Phase, active: &Result<(), Outcome>) -> bool {
         while let Some(call) = self.service.take() {
             self.begin(
@@ -150,7 +150,7 @@ impl StepRequests {
         is_finished
     }
 
-    /// Ends the pending request before its last step.
+    /// Ends the pending request early.
     pub fn end(&mut self, reason: &str) {
         if let Some(request) = self.pending.take() {
             let text = format!("{reason} after {} of {} steps", request.done, request.total);

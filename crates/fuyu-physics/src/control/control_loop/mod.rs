@@ -1,9 +1,10 @@
-//! The control loop: measurements that arrive one by one in, joint efforts and a report out.
+//! The control loop: takes measurements that arrive one by one, and returns joint efforts and a report.
 //!
 //! A [`Controller`] evaluates its law for one consistent [`Measurement`]. Real inputs arrive separately, late, or not at
-//! all. A [`ControlLoop`] turns the second into the first: it pairs tip and goal poses by stamp, keeps the newest sample
-//! of every input, decides by its age whether it may be used, and defines what replaces it. It reads no clock: the time of
-//! a step is the stamp of the joint state that it answers. The controller node and `fuyu simulate` run this same loop.
+//! all. A [`ControlLoop`] combines such inputs into a consistent measurement: it pairs tip and goal poses by stamp, keeps the
+//! newest sample of every input, decides by the age of a sample whether it may be used, and defines the fallback for it. It
+//! reads no clock: the time of a step is the stamp of the joint state that it answers. The controller node and
+//! `fuyu simulate` run this same loop.
 //!
 //! # Rules
 //! - **Pairing.** A tip pose and a goal pose with equal stamps are one camera measurement, in any order of arrival.
@@ -18,7 +19,7 @@
 //! # Fallbacks
 //! | input | if missing or stale |
 //! | --- | --- |
-//! | first tip's camera measurement | the joints are damped, `-K_V q̇`, unless the law works without ([`JointPd`](super::JointPd) after its start) |
+//! | first tip's camera measurement | the joints are damped, `-K_V q̇`, unless the law works without it ([`JointPd`](super::JointPd) after its start) |
 //! | second tip's camera measurement | the second tip is not controlled; the first is |
 //! | gyro | the base's angular velocity is computed from the joint rates for zero angular momentum |
 //! | goal's angular velocity | the goal's motion is estimated from the camera alone |
@@ -27,9 +28,9 @@
 //!
 //! Zero angular momentum is the fallback for the gyro because it follows the arm: a free-floating base turns mostly by
 //! reaction to the joints, which the encoders measure now, whereas the last gyro sample describes a joint motion that has
-//! ended. What it leaves out is the turning by the momentum itself, `H_B⁻¹ L`. Over a camera latency `T` the predicted
+//! ended. It neglects the rotation due to the momentum itself, `H_B⁻¹ L`. Over a camera latency `T` the predicted
 //! attitude errs by `T H_B⁻¹ L`: with latency compensation a small constant offset of the goal. The tip stays under
-//! control, which damping only would give up. Laws that hold the base's attitude no longer see it drift.
+//! control, which would be lost with damping alone. Laws that hold the base's attitude no longer see it drift.
 
 mod joint_states;
 mod newest;
@@ -56,11 +57,11 @@ pub struct ControlLoopConfig {
     /// Largest difference between the stamps of a measurement and of the joint state that is answered \[s\].
     pub timeout: f64,
     /// Whether every joint state waits for the measurements of its own stamp. The goal's angular velocity is not used
-    /// then: an estimator answers when it has finished, so that no two runs would be the same.
+    /// then: an estimator publishes when it has finished, so runs would not be reproducible.
     pub lockstep: bool,
 }
 
-/// A controller with its inputs. See the [module](self) for the rules. A step takes no memory; queues are bounded.
+/// A controller with its inputs. See the [module](self) for the rules. A step allocates no memory; queues are bounded.
 #[derive(Debug)]
 pub struct ControlLoop {
     controller: Controller,

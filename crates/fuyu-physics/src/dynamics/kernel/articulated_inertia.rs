@@ -27,8 +27,7 @@ impl<S: Scalar> ArticulatedInertia<S> {
         }
     }
 
-    /// The same inertia about another point; `p` is the coordinate of the present reference point from the new one, along
-    /// one axis.
+    /// The same inertia about another point. The present reference point lies at `p`, along one axis, from the new one.
     #[inline(always)]
     pub(super) fn shifted<const AXIS: usize>(mut self, p: S) -> Self {
         let (i, (j, k)) = (AXIS, other_axes(AXIS));
@@ -104,7 +103,7 @@ impl<S: Scalar> ArticulatedInertia<S> {
         }
     }
 
-    /// Acceleration of a free body with this inertia, where `force` is what would keep it from accelerating.
+    /// Acceleration of a free body with this inertia, on which `-force` acts.
     #[inline(always)]
     pub(crate) fn free_acceleration(&self, force: SpatialForce<S>) -> SpatialMotion<S> {
         let (H, inverse) = (self.coupling, self.mass.inverse());

@@ -11,8 +11,8 @@ use super::vector::other_axes;
 use super::{ArticulatedInertia, PlanarRotation, Scalar, SpatialForce, Sym3, Vec3};
 use crate::spatial::SpatialInertia;
 
-/// Composite inertia of a subtree about its reference point, in the axes of its first body's kernel frame. The mass is in
-/// the tree.
+/// Composite inertia of a subtree about its reference point, in the axes of its first body's kernel frame. The mass is
+/// stored in the tree.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CompositeInertia<S> {
     /// First moment \[kg m\].
@@ -53,7 +53,7 @@ impl<S: Scalar> CompositeInertia<S> {
         ])
     }
 
-    /// As the inertia of a rigid body of this mass: all joints locked.
+    /// The subtree with all its joints locked, as a rigid body of mass `mass`.
     #[inline(always)]
     pub(crate) fn to_rigid(&self, mass: f64) -> ArticulatedInertia<S> {
         let mass = self.first_moment[0].constant(mass);
@@ -162,8 +162,8 @@ impl<const GENERAL: bool, const ALPHA: u8, const D: bool, const A: bool>
     }
 }
 
-/// `J + 2 (p·h) 1 - p hᵀ - h pᵀ` for a `p` along one axis: the terms in the first moment of an inertia about a point from
-/// which its reference point lies at `p`.
+/// `J + 2 (p·h) 1 - p hᵀ - h pᵀ` for a `p` along one axis: when an inertia is moved to a point from which its reference
+/// point lies at `p`, these are the terms that contain the first moment `h`.
 #[inline(always)]
 fn add_first_moment<S: Scalar, const AXIS: usize>(p: f64, h: Vec3<S>, mut J: Sym3<S>) -> Sym3<S> {
     let (i, (j, k)) = (AXIS, other_axes(AXIS));

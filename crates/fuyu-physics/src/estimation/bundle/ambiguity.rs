@@ -2,7 +2,7 @@
 //!
 //! From a distance, a small rotation about an axis across the line of sight moves a point by rate times depth. Twice the
 //! depth at half the rate looks the same, and so does a body mirrored in depth. Perspective and the curvature of the
-//! points' paths distinguish them, but these may be less than the noise. An adjustment then ends in any of them.
+//! points' paths distinguish them, but these may be less than the noise. An adjustment may then converge to any of these motions.
 
 use nalgebra::Vector3;
 
@@ -18,7 +18,7 @@ use super::structure::SolverSettings;
 /// the far side hidden may be ambiguous.)
 pub const UNAMBIGUOUS_TURN: f64 = 3.0;
 
-/// Depths that are tried, as multiples of those that make the body as deep as it is wide.
+/// Depths of the body that are tried: 1 stands for a body as deep as it is wide; negative ones are mirrored in depth.
 const DEPTH_FACTORS: [f64; 6] = [1.0, -1.0, 0.5, -0.5, 2.0, -2.0];
 
 /// Number of rounds; each starts from the best hypothesis of the one before.
@@ -27,7 +27,8 @@ const ROUNDS: usize = 3;
 /// Width of the cost for the first adjustment of a hypothesis, as a multiple of the noise.
 const START_WIDTH: f64 = 60.0;
 
-/// Hypotheses are equally good unless their sums of squares differ by this many variances (five standard deviations).
+/// Hypotheses count as equally good unless their sums of squares differ by this many noise variances (five standard
+/// deviations, squared).
 const SIGNIFICANT: f64 = 25.0;
 
 /// Angular velocities that differ by less than this share are the same motion.

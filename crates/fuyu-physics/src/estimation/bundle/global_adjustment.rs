@@ -226,7 +226,7 @@ impl GlobalFit {
     }
 
     /// Factor on the covariance of independent residuals. If the motion leaves larger residuals than independent poses
-    /// do, the difference is a systematic error common to all frames, and all frames count as one.
+    /// do, the difference is a systematic error common to all frames, and all frames together count as one observation.
     fn covariance_inflation(&self) -> f64 {
         let Some(noise) = self.independent_rms else {
             return 1.0;

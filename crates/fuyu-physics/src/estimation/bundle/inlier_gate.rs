@@ -39,7 +39,7 @@ pub fn gate_inliers(
 }
 
 /// Root mean square of the inliers' residual components per degree of freedom \[px\], with at least a fifth of them
-/// counted as free.
+/// counted as degrees of freedom.
 pub fn rms(scene: &Scene, motion: &IndependentPoses, points: &[Vector3<f64>]) -> f64 {
     let focal = scene.focal * motion.log_focal.exp();
     let (mut sum, mut count) = (0.0, 0);

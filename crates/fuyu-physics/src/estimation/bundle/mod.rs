@@ -1,7 +1,7 @@
 //! Estimation of the motion of an unknown tumbling body from feature tracks, by bundle adjustment with torque-free
 //! rotation as the model.
 //!
-//! The stages, from those that need no start to those that need a good one:
+//! The stages; each gives the initial values for the next:
 //!
 //! 1. `structure`: shape of the body and its pose in each frame, without dynamics. Rotations between key frames
 //!    (`relative_pose`: Weng's linear method, five points with RANSAC for wrong correspondences), linear structure
@@ -20,7 +20,7 @@
 //!
 //! The result is a [`Solution`]: motion with covariance, shape, poses, and a diagnosis of what the data do not determine.
 //! The motion is represented by inertia and momentum, without principal axes, so spheres, symmetric bodies and spins
-//! about one axis are no special cases; their ambiguity is reported.
+//! about one axis need no special cases; what is not determined for them is reported.
 //!
 //! Masutani 1995 ([`super::masutani1995`]) estimates from angular velocities alone; this uses every image point.
 

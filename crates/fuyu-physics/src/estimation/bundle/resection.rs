@@ -22,7 +22,7 @@ pub struct Resection {
 }
 
 /// Pose of the body from `correspondences`, searched near `guess`; if most disagree there and `search` is set, in all
-/// attitudes. `None` if no pose agrees with two thirds of the correspondences, and with five.
+/// attitudes. `None` if no pose agrees with two thirds of the correspondences, and at least five of them.
 pub fn resect(
     focal: &Vector2<f64>,
     correspondences: &[Correspondence],

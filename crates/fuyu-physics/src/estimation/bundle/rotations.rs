@@ -42,7 +42,7 @@ pub fn nearest_rotation(m: &Matrix3<f64>) -> Rotation3<f64> {
 pub fn rotation_between_rays(pairs: &[(Vector3<f64>, Vector3<f64>)], scale: f64) -> Rotation3<f64> {
     let mut R = Rotation3::identity();
     let mut weights = vec![1.0; pairs.len()];
-    // The weights start wide, and narrow down to the pairs that agree.
+    // The width of the weights starts large and shrinks, so that only the pairs that agree keep their weight.
     for round in 0..8 {
         let mut sum = Matrix3::zeros();
         for ((x, y), w) in pairs.iter().zip(&weights) {

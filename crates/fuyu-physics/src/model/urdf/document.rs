@@ -1,6 +1,6 @@
 //! Checks of the XML document before urdf-rs parses it.
 //!
-//! urdf-rs fills in defaults for missing elements, ignores unknown ones and words between numbers, and keeps no line
+//! urdf-rs fills in defaults for missing elements, ignores unknown elements and text that is not a number, and keeps no line
 //! numbers. This pass over the same text rejects what urdf-rs would accept silently, and records what it would lose.
 
 use std::collections::HashMap;
@@ -11,7 +11,7 @@ use roxmltree::{Document, Node};
 use super::error::{UrdfError, UrdfProblem};
 use crate::model::Spring;
 
-/// URDF needs five levels; plugins' extensions a few more.
+/// Deepest nesting of elements: URDF needs five levels, extensions of plugins a few more.
 const DEEPEST: usize = 64;
 
 /// Facts about the document that urdf-rs does not keep: links and joints in document order, and springs.
@@ -364,7 +364,7 @@ impl<'a> Source<'a> {
         let text = self.doc.input_text();
         let text = text.strip_prefix('\u{feff}').unwrap_or(text);
         urdf_rs::read_from_string(text).map_err(|whole| {
-            // Its messages have no line: find the first element that it rejects by itself.
+            // The messages of urdf-rs have no line number: find the first element that it rejects on its own.
             let robot = self.doc.root_element();
             let version = robot.attribute("version").unwrap_or("1.0");
             let rejected_alone = |node: Node| {

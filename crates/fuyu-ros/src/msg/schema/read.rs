@@ -8,7 +8,7 @@ use crate::msg::scan::Malformed;
 /// One value of a message.
 #[derive(Debug, Clone, PartialEq)]
 pub enum Value<'a> {
-    /// Truth.
+    /// A truth value.
     Bool(bool),
     /// A signed number.
     Int(i64),
@@ -29,7 +29,7 @@ pub enum Value<'a> {
 pub struct Reading<'a> {
     /// Values; arrays of octets are one value.
     pub values: Vec<Value<'a>>,
-    /// Lengths of the sequences met, those of octets excepted.
+    /// Lengths of the sequences in the message, except sequences of octets.
     pub lengths: Vec<u32>,
 }
 
@@ -92,7 +92,7 @@ impl<'a> Walk<'_, 'a> {
             return Ok(());
         }
         if field.shape == Shape::Sequence {
-            // No element is smaller than an octet: a longer sequence cannot be there.
+            // Every element has at least one octet, so a sequence longer than the message is malformed.
             if many > self.body.len() {
                 return Err(Malformed);
             }

@@ -1,5 +1,5 @@
 //! ROS package [`simulation_interfaces`](https://github.com/ros-simulation/simulation_interfaces) 2.1: the standard
-//! by which simulators are controlled. What the dynamics node serves of it.
+//! by which simulators are controlled; the part of it that the dynamics node serves.
 
 pub mod services;
 pub mod simulate_steps;
@@ -12,33 +12,33 @@ use super::{
 crate::messages! {
     package simulation_interfaces;
 
-    /// Outcome of a call. Services add numbers above 100.
+    /// Outcome of a call. Services define further codes above 100.
     message Result {
-        /// One of the constants, or of the service's.
+        /// One of the constants below, or of the service.
         result: u8,
         /// What went wrong.
         error_message: String,
     }
     constants {
-        /// The simulator does not do this.
+        /// The simulator does not support this.
         FEATURE_UNSUPPORTED: u8 = 0,
         /// Done.
         OK: u8 = 1,
-        /// There is no such thing.
+        /// The named object does not exist.
         NOT_FOUND: u8 = 2,
-        /// Not in this state of the simulation.
+        /// Not possible in the present state of the simulation.
         INCORRECT_STATE: u8 = 3,
-        /// It could not be done.
+        /// The operation failed.
         OPERATION_FAILED: u8 = 4,
     }
 
     /// What a simulator can do.
     message SimulatorFeatures {
-        /// Some of the constants.
+        /// Supported features: some of the constants below.
         features: Vec<u16>,
         /// Formats that can be spawned, such as `urdf`.
         spawn_formats: Vec<String>,
-        /// More that a caller may want to know.
+        /// Further information about the simulator, as text.
         custom_info: String,
     }
     constants {

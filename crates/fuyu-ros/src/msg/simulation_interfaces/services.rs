@@ -1,4 +1,4 @@
-//! The services.
+//! Services of `simulation_interfaces`.
 
 use super::{
     EntityFilters, EntityInfo, EntityState, Resource, Result, SimulationState, SimulatorFeatures,
@@ -16,29 +16,29 @@ crate::services! {
             structure_needs_at_least_one_member: u8,
         }
         GetSimulatorFeaturesResponse {
-            /// Features.
+            /// Supported features and formats.
             features: SimulatorFeatures,
         }
     }
 
-    /// Whether time runs.
+    /// Gets the state of the simulation: playing, paused or stopped.
     service GetSimulationState {
         GetSimulationStateRequest {
             /// ROS sends one octet for an empty message.
             structure_needs_at_least_one_member: u8,
         }
         GetSimulationStateResponse {
-            /// State.
+            /// State of the simulation.
             state: SimulationState,
             /// Outcome.
             result: Result,
         }
     }
 
-    /// Lets time run or stand still.
+    /// Plays, pauses, stops or quits the simulation.
     service SetSimulationState {
         SetSimulationStateRequest {
-            /// State.
+            /// State of the simulation.
             state: SimulationState,
         }
         SetSimulationStateResponse {
@@ -47,10 +47,10 @@ crate::services! {
         }
     }
 
-    /// Steps a paused simulation; answered when that is done.
+    /// Steps a paused simulation; the response is sent after the last step.
     service StepSimulation {
         StepSimulationRequest {
-            /// How many steps.
+            /// Number of steps.
             steps: u64 = 1,
         }
         StepSimulationResponse {
@@ -59,10 +59,10 @@ crate::services! {
         }
     }
 
-    /// Goes back to the start.
+    /// Resets the simulation to its start.
     service ResetSimulation {
         ResetSimulationRequest {
-            /// Sum of this type's constants.
+            /// What is reset: a sum of the constants of this type.
             scope: u8,
         }
         ResetSimulationResponse {
@@ -74,13 +74,13 @@ crate::services! {
     /// Names of entities.
     service GetEntities {
         GetEntitiesRequest {
-            /// Which.
+            /// Conditions that the entities must meet.
             filters: EntityFilters,
         }
         GetEntitiesResponse {
             /// Outcome.
             result: Result,
-            /// Names.
+            /// Names of the entities.
             entities: Vec<String>,
         }
     }
@@ -88,15 +88,15 @@ crate::services! {
     /// States of entities.
     service GetEntitiesStates {
         GetEntitiesStatesRequest {
-            /// Which.
+            /// Conditions that the entities must meet.
             filters: EntityFilters,
         }
         GetEntitiesStatesResponse {
             /// Outcome.
             result: Result,
-            /// Names.
+            /// Names of the entities.
             entities: Vec<String>,
-            /// One for each name.
+            /// Their states, in the order of the names.
             states: Vec<EntityState>,
         }
     }
@@ -104,29 +104,29 @@ crate::services! {
     /// State of an entity.
     service GetEntityState {
         GetEntityStateRequest {
-            /// Name.
+            /// Name of the entity.
             entity: String,
         }
         GetEntityStateResponse {
             /// Outcome.
             result: Result,
-            /// State, if that is well.
+            /// State of the entity, valid if the call succeeded.
             state: EntityState,
         }
     }
 
-    /// Puts an entity somewhere else, or lets it move otherwise.
+    /// Sets the pose, twist or acceleration of an entity.
     service SetEntityState {
         SetEntityStateRequest {
-            /// Name.
+            /// Name of the entity.
             entity: String,
             /// New state; its stamp is ignored.
             state: EntityState,
             /// Whether the pose is to be set.
             set_pose: bool,
-            /// Whether the twist is.
+            /// Whether the twist is to be set.
             set_twist: bool,
-            /// Whether the acceleration is.
+            /// Whether the acceleration is to be set.
             set_acceleration: bool,
         }
         SetEntityStateResponse {
@@ -135,16 +135,16 @@ crate::services! {
         }
     }
 
-    /// What an entity is.
+    /// Describes an entity.
     service GetEntityInfo {
         GetEntityInfoRequest {
-            /// Name.
+            /// Name of the entity.
             entity: String,
         }
         GetEntityInfoResponse {
             /// Outcome.
             result: Result,
-            /// What it is, if that is well.
+            /// Description of the entity, valid if the call succeeded.
             info: EntityInfo,
         }
     }
@@ -152,21 +152,21 @@ crate::services! {
     /// Adds an entity.
     service SpawnEntity {
         SpawnEntityRequest {
-            /// Its name; if empty, that of the resource.
+            /// Name of the entity; if empty, that of the resource.
             name: String,
-            /// Whether a name that is taken or empty may be replaced.
+            /// Whether the simulator may choose another name if this one is in use or empty.
             allow_renaming: bool,
-            /// What it is.
+            /// Description of the entity, such as a URDF.
             entity_resource: Resource,
             /// Namespace of its topics.
             entity_namespace: String,
-            /// Where it starts.
+            /// Pose at which it is added.
             initial_pose: PoseStamped,
         }
         SpawnEntityResponse {
-            /// Outcome; its numbers are those of `SpawnResult`.
+            /// Outcome; its codes are those of `SpawnResult`.
             result: Result,
-            /// Its name.
+            /// Name that the entity was given.
             entity_name: String,
         }
     }
@@ -174,13 +174,13 @@ crate::services! {
     /// Adds entities.
     service SpawnEntities {
         SpawnEntitiesRequest {
-            /// Which.
+            /// The entities to add.
             spawn_requests: Vec<SpawnRequest>,
         }
         SpawnEntitiesResponse {
-            /// Outcome of all.
+            /// Outcome of the whole request.
             result: Result,
-            /// Outcome of each.
+            /// Outcome for each entity.
             results: Vec<SpawnResult>,
         }
     }
@@ -188,7 +188,7 @@ crate::services! {
     /// Removes an entity.
     service DeleteEntity {
         DeleteEntityRequest {
-            /// Name.
+            /// Name of the entity.
             entity: String,
         }
         DeleteEntityResponse {
@@ -197,49 +197,49 @@ crate::services! {
         }
     }
 
-    /// What can be added.
+    /// Lists the resources that can be spawned.
     service GetSpawnables {
         GetSpawnablesRequest {
-            /// More places to look in.
+            /// Additional places to search.
             sources: Vec<String>,
         }
         GetSpawnablesResponse {
             /// Outcome.
             result: Result,
-            /// What was found.
+            /// The resources that were found.
             spawnables: Vec<Spawnable>,
         }
     }
 }
 
 impl SetSimulationStateResponse {
-    /// It is in that state already.
+    /// The simulation is in the requested state already.
     pub const ALREADY_IN_TARGET_STATE: u8 = 101;
-    /// It could not get there.
+    /// The transition to the requested state failed.
     pub const STATE_TRANSITION_ERROR: u8 = 102;
-    /// There is no way there.
+    /// There is no transition from the present to the requested state.
     pub const INCORRECT_TRANSITION: u8 = 103;
 }
 
 impl ResetSimulationRequest {
-    /// All.
+    /// The same as `SCOPE_ALL`.
     pub const SCOPE_DEFAULT: u8 = 0;
-    /// Time begins at zero again.
+    /// Simulated time restarts at zero.
     pub const SCOPE_TIME: u8 = 1;
-    /// Everything is where it was at the start and moves so.
+    /// All entities return to their initial poses and velocities.
     pub const SCOPE_STATE: u8 = 2;
-    /// What was spawned is removed.
+    /// Spawned entities are removed.
     pub const SCOPE_SPAWNED: u8 = 4;
-    /// As if launched again.
+    /// All of these, as after a new launch.
     pub const SCOPE_ALL: u8 = 255;
 }
 
 impl SetEntityStateResponse {
-    /// Not a pose.
+    /// The pose is not valid.
     pub const INVALID_POSE: u8 = 101;
 }
 
 impl SpawnEntitiesResponse {
-    /// At least one could not be added.
+    /// At least one entity could not be added.
     pub const ENTITIES_SPAWN_FAILED: u8 = 150;
 }

@@ -176,7 +176,7 @@ impl Lifecycle {
         self.state.load(Ordering::Acquire)
     }
 
-    /// Goes along an edge, does what belongs to it, and goes on to where its outcome leads.
+    /// Performs a transition and its callback, and enters the state that follows from the outcome.
     fn pass(
         &self,
         way: Edge,

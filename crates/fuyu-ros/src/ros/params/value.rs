@@ -73,10 +73,10 @@ impl ParameterValue {
         }
     }
 
-    /// The value that a YAML text such as `30.0`, `[1, 2]` or `hello` stands for, as `-p` takes it.
+    /// Parses a value in YAML, such as `30.0`, `[1, 2]` or `hello`, as given by `-p`.
     ///
     /// # Errors
-    /// What is wrong with the text and what would be right.
+    /// Says what is wrong with the text and what would be right.
     pub fn parse_yaml(text: &str) -> Result<Self, String> {
         yaml::parse_value(text)
     }
@@ -223,7 +223,7 @@ impl TryFrom<msg::ParameterValue> for ParameterValue {
 mod tests {
     use super::*;
 
-    // The trap that every ROS user meets: `gain: 1` for a double.
+    // A common mistake with ROS parameters: `gain: 1` for a parameter of type double.
     #[test]
     fn an_integer_is_no_double_and_the_message_says_so() {
         let text = ParameterValue::Integer(1).fit(Kind::Double).unwrap_err();

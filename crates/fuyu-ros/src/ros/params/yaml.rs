@@ -57,7 +57,7 @@ impl Tree {
 /// A list takes the type of its first element; the others must agree.
 fn list(items: &[Spanned<Tree>]) -> Result<ParameterValue, (Location, String)> {
     let Some(first) = items.first() else {
-        // Of no type yet: `ParameterValue::fit` lets it pass for any list.
+        // An empty list has no type yet: `ParameterValue::fit` converts it to any list type.
         return Ok(ParameterValue::IntegerArray(Vec::new()));
     };
     fn collect<T>(
@@ -134,7 +134,7 @@ pub(super) fn parse_value(text: &str) -> Result<ParameterValue, String> {
     tree.value.value(tree.referenced).map_err(|(_, e)| e)
 }
 
-/// The message of the parser without the location, which the caller adds, and without advice to programmers.
+/// The parser's message without its location, which the caller adds, and without its hints for programmers.
 fn brief(text: &str) -> String {
     let line = text.lines().next().unwrap_or_default();
     let ends = [" at line ", ", set DuplicateKeyPolicy"];

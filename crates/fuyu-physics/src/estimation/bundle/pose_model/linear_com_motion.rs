@@ -1,8 +1,8 @@
 //! Torque-free rotation with linear motion of the centre of mass, for a camera that does not rotate.
 //!
 //! Six unknowns replace three per frame, which makes attitudes more certain: a rotation about an axis across the line of
-//! sight can no longer be mistaken for a translation. The residuals decide whether the body moves so (orbital curvature
-//! and an accelerated camera contradict it).
+//! sight can no longer be mistaken for a translation. The residuals show whether the body moves in this way (it does not
+//! if its orbit is curved or the camera accelerates).
 
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 
@@ -69,7 +69,7 @@ impl<'a> LinearComMotion<'a> {
     }
 }
 
-/// Information on the rotation's common unknowns with the line marginalised out.
+/// Information matrix of the rotation's common unknowns, with the line marginalised out.
 pub fn marginalise_line(
     information: &SMatrix<f64, ALL, ALL>,
 ) -> Option<SMatrix<f64, COMMON, COMMON>> {
@@ -88,7 +88,7 @@ pub fn marginalise_line(
     Some(own - cross * line.try_inverse()? * cross.transpose())
 }
 
-/// Time of frame `i` as a share of the time from the first frame to the last, 0 to 1.
+/// Time of frame `i` as a fraction of the time from the first frame to the last, 0 to 1.
 fn time_share(rotation: &FreePositions, i: usize) -> f64 {
     let times = rotation.times();
     let whole = times[times.len() - 1] - times[0];
