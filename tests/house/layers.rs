@@ -6,8 +6,11 @@ use std::{collections::BTreeSet, process::Command};
 
 use crate::sources::{PACKAGES, root, rust_files, sources};
 
-/// The modules of each package, the lowest first, and the modules that each may use.
-const LAYERS: [(&str, &[(&str, &[&str])]); 3] = [
+/// A module and the modules that it may use.
+type Layer = (&'static str, &'static [&'static str]);
+
+/// The modules of each package, the lowest first.
+const LAYERS: [(&str, &[Layer]); 3] = [
     (
         "fuyu-physics",
         &[

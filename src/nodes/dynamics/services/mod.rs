@@ -108,7 +108,7 @@ pub fn answer_calls(simulation: &mut Simulation) -> Result<(), NodeError> {
         |s, r| entities::state(&mut s.world, &r),
     )?;
     answer(s, |c| &c.set_entity_state, |s, r| entity_motion::set(s, &r))?;
-    answer(s, |c| &c.spawn, |s, r| spawn::spawn_one(s, r))?;
+    answer(s, |c| &c.spawn, spawn::spawn_one)?;
     answer(s, |c| &c.spawn_all, |s, r| spawn::spawn_all(s, &r))?;
     answer(s, |c| &c.delete, |s, r| spawn::delete(s, &r))?;
     if s.services.quit_requested {

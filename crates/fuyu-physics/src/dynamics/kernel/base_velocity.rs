@@ -111,7 +111,7 @@ pub(crate) fn locked_inertia<S: Scalar>(
     subtrees: &mut [SubtreeMomentum<S>],
 ) -> ArticulatedInertia<S> {
     let whole = sweep_inward(tree, links, subtrees).subtree;
-    whole.to_rigid(tree.bodies[0].subtree_mass)
+    whole.rigid_inertia(tree.bodies[0].subtree_mass)
 }
 
 /// Angular velocity of the base for the system's angular momentum about its centre of mass, both in the base's kernel

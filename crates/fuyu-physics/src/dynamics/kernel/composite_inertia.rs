@@ -55,7 +55,7 @@ impl<S: Scalar> CompositeInertia<S> {
 
     /// The subtree with all its joints locked, as a rigid body of mass `mass`.
     #[inline(always)]
-    pub(crate) fn to_rigid(&self, mass: f64) -> ArticulatedInertia<S> {
+    pub(crate) fn rigid_inertia(&self, mass: f64) -> ArticulatedInertia<S> {
         let mass = self.first_moment[0].constant(mass);
         ArticulatedInertia::rigid(mass, self.first_moment, self.inertia)
     }
