@@ -1,36 +1,4 @@
 //! The control loop: takes measurements that arrive one by one, and returns joint efforts and a report.
-//!
-//! A [`Controller`] evaluates its law for one consistent [`Measurement`]. Real inputs arrive separately, late, or not at
-//! all. A [`ControlLoop`] combines such inputs into a consistent measurement: it pairs tip and goal poses by stamp, keeps the
-//! newest sample of every input, decides by the age of a sample whether it may be used, and defines the fallback for it. It
-//! reads no clock: the time of a step is the stamp of the joint state that it answers. The controller node and
-//! `fuyu simulate` run this same loop.
-//!
-//! # Rules
-//! - **Pairing.** A tip pose and a goal pose with equal stamps are one camera measurement, in any order of arrival.
-//! - **Order.** The newest stamp counts. A sample older than the one held is dropped.
-//! - **Age.** A sample is used if its stamp and that of the joint state differ by at most the timeout, either way.
-//! - **Future.** A sample whose stamp is ahead of the newest joint state by more than the timeout is refused.
-//! - **Restart.** A joint state with an earlier stamp than the one before starts another run: all samples are dropped and
-//!   the controller starts again with its settings. Equal stamps are the same state, sent twice.
-//! - **Which joint state.** The newest; in lockstep the one with the stamp of the newest camera measurement, once the
-//!   other tips' measurements and the gyro have reached that stamp.
-//!
-//! # Fallbacks
-//! | input | if missing or stale |
-//! | --- | --- |
-//! | first tip's camera measurement | the joints are damped, `-K_V q̇`, unless the law works without it ([`JointPd`](super::JointPd) after its start) |
-//! | second tip's camera measurement | the second tip is not controlled; the first is |
-//! | gyro | the base's angular velocity is computed from the joint rates for zero angular momentum |
-//! | goal's angular velocity | the goal's motion is estimated from the camera alone |
-//! | law without efforts, or with efforts that are not finite ([`ControlError`](super::ControlError)) | the joints are damped |
-//! | total efforts not finite | efforts are zero |
-//!
-//! Zero angular momentum is the fallback for the gyro because it follows the arm: a free-floating base turns mostly by
-//! reaction to the joints, which the encoders measure now, whereas the last gyro sample describes a joint motion that has
-//! ended. It neglects the rotation due to the momentum itself, `H_B⁻¹ L`. Over a camera latency `T` the predicted
-//! attitude errs by `T H_B⁻¹ L`: with latency compensation a small constant offset of the goal. The tip stays under
-//! control, which would be lost with damping alone. Laws that hold the base's attitude no longer see it drift.
 
 mod joint_states;
 mod newest;
@@ -61,7 +29,39 @@ pub struct ControlLoopConfig {
     pub lockstep: bool,
 }
 
-/// A controller with its inputs. See the [module](self) for the rules. A step allocates no memory; queues are bounded.
+/// A controller with its inputs. A step allocates no memory; queues are bounded.
+///
+/// A [`Controller`] evaluates its law for one consistent [`Measurement`]. Real inputs arrive separately, late, or not at
+/// all. A [`ControlLoop`] combines such inputs into a consistent measurement: it pairs tip and goal poses by stamp, keeps the
+/// newest sample of every input, decides by the age of a sample whether it may be used, and defines the fallback for it. It
+/// reads no clock: the time of a step is the stamp of the joint state that it answers. The controller node and
+/// `fuyu simulate` run this same loop.
+///
+/// # Rules
+/// - **Pairing.** A tip pose and a goal pose with equal stamps are one camera measurement, in any order of arrival.
+/// - **Order.** The newest stamp counts. A sample older than the one held is dropped.
+/// - **Age.** A sample is used if its stamp and that of the joint state differ by at most the timeout, either way.
+/// - **Future.** A sample whose stamp is ahead of the newest joint state by more than the timeout is refused.
+/// - **Restart.** A joint state with an earlier stamp than the one before starts another run: all samples are dropped and
+///   the controller starts again with its settings. Equal stamps are the same state, sent twice.
+/// - **Which joint state.** The newest; in lockstep the one with the stamp of the newest camera measurement, once the
+///   other tips' measurements and the gyro have reached that stamp.
+///
+/// # Fallbacks
+/// | input | if missing or stale |
+/// | --- | --- |
+/// | first tip's camera measurement | the joints are damped, `-K_V q̇`, unless the law works without it ([`JointPd`](super::JointPd) after its start) |
+/// | second tip's camera measurement | the second tip is not controlled; the first is |
+/// | gyro | the base's angular velocity is computed from the joint rates for zero angular momentum |
+/// | goal's angular velocity | the goal's motion is estimated from the camera alone |
+/// | law without efforts, or with efforts that are not finite ([`ControlError`](super::ControlError)) | the joints are damped |
+/// | total efforts not finite | efforts are zero |
+///
+/// Zero angular momentum is the fallback for the gyro because it follows the arm: a free-floating base turns mostly by
+/// reaction to the joints, which the encoders measure now, whereas the last gyro sample describes a joint motion that has
+/// ended. It neglects the rotation due to the momentum itself, `H_B⁻¹ L`. Over a camera latency `T` the predicted
+/// attitude errs by `T H_B⁻¹ L`: with latency compensation a small constant offset of the goal. The tip stays under
+/// control, which would be lost with damping alone. Laws that hold the base's attitude no longer see it drift.
 #[derive(Debug)]
 pub struct ControlLoop {
     controller: Controller,
