@@ -273,7 +273,7 @@ fn what_is_wrong_with_a_bag_is_said_in_one_line() {
                 topic,
                 second(|_| {}).map(|_| features(0, |m| *m = FeatureTracks::default())),
             )],
-            "not one frame shows a feature",
+            "no frame has a feature",
         ),
     ];
     for (name, topics, needle) in bags {

@@ -81,7 +81,8 @@ fn a_law_of_ones_own_brings_the_tip_to_its_goal() {
 #[test]
 fn a_node_of_ones_own_runs_until_it_is_interrupted() {
     let output = Command::new("timeout")
-        .args(["--preserve-status", "--signal=INT", "10"])
+        // In the foreground: otherwise the signal also goes to the process group, and arrives twice.
+        .args(["--foreground", "--preserve-status", "--signal=INT", "10"])
         .arg(folder().join("own_node"))
         .env("ROS_DOMAIN_ID", "102")
         .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")

@@ -50,7 +50,7 @@ pub fn run(args: &ConvertArgs) -> Result<(), Failure> {
     let takes = |topic: &str| args.topics.is_empty() || args.topics.iter().any(|t| t == topic);
     let made = convert(&bag, &folder, format, takes).map_err(|e| match e {
         BagError::Exists(path) => Failure::Input(format!(
-            "{}: a file of this name exists; move it away or choose another --output",
+            "{}: a file of this name already exists; move it away or choose another --output",
             path.display()
         )),
         e => Failure::Runtime(e.to_string()),

@@ -9,7 +9,7 @@ use crate::msg::cdr::CdrError;
 #[derive(Debug, thiserror::Error)]
 pub enum BagError {
     /// The folder exists. Bags are never overwritten.
-    #[error("bag {}: a file or folder of this name exists; choose another name or move it away", .0.display())]
+    #[error("bag {}: a file or folder of this name already exists; choose another name or move it away", .0.display())]
     Exists(PathBuf),
     /// No such file or folder.
     #[error("bag {}: no such file or folder", .0.display())]
