@@ -4,7 +4,10 @@ use rustdds::rpc::SampleIdentity;
 use std::{
     collections::HashMap,
     marker::PhantomData,
-    sync::{Arc, Mutex, MutexGuard, PoisonError, atomic::Ordering::Relaxed},
+    sync::{
+        Arc, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering::Relaxed},
+    },
     time::{Duration, Instant},
 };
 
@@ -18,6 +21,10 @@ use crate::msg::{Service, cdr};
 
 /// Longest time between two checks of a blocking wait: a stop request does not wake it.
 const POLL_PERIOD: Duration = Duration::from_millis(10);
+
+/// Pause between the discovery of a server and the first request: the server discovers the client's reply reader at about
+/// the same time, and a reply sent earlier is lost.
+const MATCHING_PAUSE: Duration = Duration::from_millis(100);
 
 /// Replies by the request that they answer; `None` until the reply arrives.
 type Replies<S> = Mutex<HashMap<SampleIdentity, Option<<S as Service>::Response>>>;
@@ -57,6 +64,8 @@ pub struct ServiceClient<S: Service> {
     requests: Arc<Writer>,
     reader: Arc<Reader>,
     replies: Arc<Replies<S>>,
+    /// Whether the server has had time to discover the reply reader.
+    is_matched: AtomicBool,
 }
 
 fn lock<S: Service>(
@@ -100,6 +109,7 @@ impl<S: Service> ServiceClient<S> {
             requests,
             reader,
             replies,
+            is_matched: AtomicBool::new(false),
         })
     }
 
@@ -114,7 +124,8 @@ impl<S: Service> ServiceClient<S> {
         matched(&self.requests.counters) && matched(&self.reader.counters)
     }
 
-    /// Waits until a server has been discovered, at most `timeout` (wall time). Returns [`Self::is_available`].
+    /// Waits until a server has been discovered, at most `timeout` (wall time), and the first time 0.1 s more for the
+    /// server to discover this client. Returns [`Self::is_available`].
     pub fn wait_for_service(&self, timeout: Duration) -> bool {
         let deadline = Instant::now() + timeout;
         while !self.is_available()
@@ -123,7 +134,13 @@ impl<S: Service> ServiceClient<S> {
         {
             std::thread::sleep(POLL_PERIOD);
         }
-        self.is_available()
+        let is_available = self.is_available();
+        if !is_available {
+            self.is_matched.store(false, Relaxed);
+        } else if !self.is_matched.swap(true, Relaxed) {
+            std::thread::sleep(MATCHING_PAUSE);
+        }
+        is_available
     }
 
     /// Sends a request without waiting for the response. The response wakes the node's program.
