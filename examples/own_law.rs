@@ -35,7 +35,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let gains = Gains {
         k_p: 1.0, // Not used by this law.
         k_o: 0.0,
-        k_v: vec![50.0, 50.0],
+        k_v: vec![200.0, 200.0],
         saturation: Saturation::NONE,
     };
     let arm = Manipulator::new(model.clone(), tip.clone());
@@ -45,7 +45,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let mut robot = Floating::new(model, start, IntegrationMethod::Rk4);
     let X_WE = |r: &Floating| r.state().X_WB(r.workspace()) * r.workspace().X_BF(&tip);
     let X_WD = Translation3::new(-0.3, 0.2, 0.0) * X_WE(&robot);
-    for _ in 0..6000 {
+    for _ in 0..30_000 {
         let (state, workspace) = (robot.state(), robot.workspace());
         let X_BD = state.X_WB(workspace).inverse() * X_WD;
         let seen = TipMeasurement::new(state.time, workspace.X_BF(&tip), X_BD);
@@ -55,6 +55,6 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
         robot.step(0.01, 1);
     }
     let distance = (X_WE(&robot).translation.vector - X_WD.translation.vector).norm();
-    println!("after a minute the tip is {distance:.4} m from its goal");
+    println!("after five minutes the tip is {distance:.4} m from its goal");
     Ok(())
 }
