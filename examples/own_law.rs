@@ -35,7 +35,7 @@ fn main() -> Result<(), Box<dyn std::error::Error>> {
     let gains = Gains {
         k_p: 1.0, // Not used by this law.
         k_o: 0.0,
-        k_v: vec![200.0, 200.0],
+        k_v: vec![50.0, 50.0],
         saturation: Saturation::NONE,
     };
     let arm = Manipulator::new(model.clone(), tip.clone());

@@ -105,6 +105,6 @@ pub mod experiments {
 pub mod nodes;
 
 /// Compiles the Rust code of README.md.
-#[cfg(doctest)]
+#[cfg(all(doctest, feature = "batch"))]
 #[doc = include_str!("../README.md")]
 struct Readme;
