@@ -4,6 +4,7 @@
 //! separate thread; a [`MotionTracker`](crate::estimation::MotionTracker) continues the last one from frame to frame.
 
 mod camera_attitude;
+mod frame_queue;
 mod health;
 mod messages;
 mod observer;
@@ -13,7 +14,7 @@ mod solver;
 pub use camera_attitude::StaticRotations;
 pub use params::EstimatorParams;
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::{features::feature_frame_from_msg, topics};
 use crate::{
@@ -47,8 +48,9 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     while node.wait_for(PATIENCE) {
         observer.update_camera(&topics);
         while let Some(frame) = topics.next_frame(&mut observer) {
-            observer.add_frame(frame, node.now(), &topics);
+            observer.queue_frame(frame, Instant::now());
         }
+        observer.update_motion(node.now(), &topics);
         observer.solve();
         observer.take_solution(&topics);
         observer.coast(node.now(), &topics);

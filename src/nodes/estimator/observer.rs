@@ -3,12 +3,15 @@
 use super::{
     EstimatorParams, Topics,
     camera_attitude::CameraAttitude,
+    frame_queue::FrameQueue,
     health,
     messages::Snapshot,
     solver::{Job, Solved, Solver},
 };
+use std::time::Instant;
+
 use crate::{
-    estimation::{BatchSolution, MotionTracker, TrackLoss, Tracks, bundle},
+    estimation::{BatchSolution, GYRO_GAP, MotionTracker, TrackLoss, Tracks, bundle},
     nodes::{camera::CAMERA_FRAME, features::pinhole_from_msg},
     ros::{Node, Status, Time},
     vision::{FeatureFrame, Pinhole},
@@ -29,6 +32,8 @@ pub struct Observer {
     attitude: CameraAttitude,
     /// Restarts of the gyro attitude when the newest frame arrived.
     gyro_restarts: u32,
+    /// Frames whose time the gyro has not reached.
+    queue: FrameQueue,
     tracks: Tracks,
     solver: Solver,
     /// Time of the newest frame when the last job was submitted \[s\].
@@ -58,6 +63,7 @@ impl Observer {
             camera_frame: CAMERA_FRAME.to_owned(),
             attitude: CameraAttitude::default(),
             gyro_restarts: 0,
+            queue: FrameQueue::default(),
             tracks: Tracks::default(),
             solver: Solver::start(),
             solved_at: None,
@@ -113,9 +119,15 @@ impl Observer {
                 "{} has not arrived, and camera.fx is not given",
                 topics.camera_info.topic()
             )),
-            (Some(_), Some(_)) => self
-                .camera_status
-                .ok("calibrated; its rotation is known from the gyro"),
+            (Some(_), Some(_)) => match self.gyro_silence() {
+                Some(seconds) => self.camera_status.warn(format!(
+                    "{} ends {seconds:.1} s before the newest frame; the camera's rotation since then is extrapolated",
+                    topics.imu.topic()
+                )),
+                None => self
+                    .camera_status
+                    .ok("calibrated; its rotation is known from the gyro"),
+            },
             (Some(_), None) if self.params.use_imu => self.camera_status.ok(format!(
                 "calibrated; assumed not to rotate, because nothing has arrived on {}",
                 topics.imu.topic()
@@ -124,13 +136,34 @@ impl Observer {
         }
     }
 
+    /// Time from the newest gyro sample to the newest frame \[s\], if it is too long for the attitude to be known.
+    fn gyro_silence(&self) -> Option<f64> {
+        let silence = self.tracks.span()?.1 - self.attitude.gyro.known_until()?;
+        (silence > GYRO_GAP).then_some(silence)
+    }
+
     /// Whether there are frames.
     pub fn has_frames(&self) -> bool {
         !self.tracks.frames().is_empty()
     }
 
+    /// Adds a frame that arrived at `now` to the queue for [`Observer::update_motion`].
+    pub fn queue_frame(&mut self, frame: FeatureFrame, now: Instant) {
+        self.queue.push(frame, now);
+    }
+
+    /// Processes the frames whose time the gyro has reached, or that have waited too long for it.
+    pub fn update_motion(&mut self, now: Time, topics: &Topics) {
+        while let Some(frame) = self
+            .queue
+            .pop(self.attitude.gyro.known_until(), Instant::now())
+        {
+            self.add_frame(frame, now, topics);
+        }
+    }
+
     /// Adds a frame that arrived at `now`, and publishes the motion at its time.
-    pub fn add_frame(&mut self, frame: FeatureFrame, now: Time, topics: &Topics) {
+    fn add_frame(&mut self, frame: FeatureFrame, now: Time, topics: &Topics) {
         let time = frame.time;
         match self.tracks.span() {
             Some((_, last)) if time == last => return,

@@ -16,7 +16,7 @@ pub struct GyroAttitude {
 }
 
 /// Samples further apart than this \[s\] do not determine the rotation between them.
-const GAP: f64 = 0.5;
+pub const GYRO_GAP: f64 = 0.5;
 
 impl GyroAttitude {
     /// Adds a sample: time \[s\] and the camera's angular velocity in its own axes \[rad/s\]. A sample before the last one
@@ -24,8 +24,8 @@ impl GyroAttitude {
     pub fn add(&mut self, time: f64, w_WC_C: Vector3<f64>) {
         let sample = (time, w_WC_C);
         match self.last.replace(sample) {
-            Some(last) if time <= last.0 && time >= last.0 - GAP => self.last = Some(last),
-            Some(last) if time > last.0 && time <= last.0 + GAP => {
+            Some(last) if time <= last.0 && time >= last.0 - GYRO_GAP => self.last = Some(last),
+            Some(last) if time > last.0 && time <= last.0 + GYRO_GAP => {
                 let mut R_GC =
                     attitude_at(&self.attitudes, last.0) * rotation_between(&last, &sample);
                 R_GC.renormalize();
@@ -59,6 +59,11 @@ impl GyroAttitude {
     /// Time from which the attitude is known without a gap \[s\].
     pub fn known_since(&self) -> Option<f64> {
         self.attitudes.first().map(|(time, _)| *time)
+    }
+
+    /// Time of the newest sample \[s\]; attitudes after it are extrapolated.
+    pub fn known_until(&self) -> Option<f64> {
+        self.last.map(|(time, _)| time)
     }
 
     /// Attitude `R_GC` at `time` \[s\]; identity without samples.

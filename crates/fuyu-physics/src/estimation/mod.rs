@@ -24,7 +24,7 @@ mod two_view;
 
 pub use crate::vision::{Feature, FeatureFrame};
 pub use error::EstimateError;
-pub use gyro_attitude::GyroAttitude;
+pub use gyro_attitude::{GYRO_GAP, GyroAttitude};
 pub use method::{Estimated, EstimationMethod, MethodError, estimate, from_rates};
 pub use motion::{MotionEstimate, MotionModel};
 pub use motion_tracker::{BatchSolution, MIN_KNOWN_POINTS, MotionSource, MotionTracker, TrackLoss};
