@@ -1,4 +1,4 @@
-//! `fuyu launch`: runs a scenario's nodes in one process, communicating over DDS.
+//! `fuyu launch`: runs a scenario's nodes in one process.
 
 mod monitor;
 mod plan;
@@ -17,13 +17,17 @@ use indicatif::{ProgressBar, ProgressStyle};
 
 use super::{Failure, print};
 use crate::nodes::foxglove;
-use crate::ros::{DiscoveryRange, NodeError, NodeOptions, Process, return_free_memory};
+use crate::ros::{DiscoveryRange, Node, NodeError, NodeOptions, Process, return_free_memory};
 use monitor::Progress;
 use plan::Plan;
 
-/// Starts every node that a scenario names, in one process, communicating over DDS
+/// How long the start waits for the recorder.
+const RECORDER_PATIENCE: Duration = Duration::from_secs(5);
+
+/// Starts every node that a scenario names, in one process
 ///
-/// On this computer only, unless ROS_AUTOMATIC_DISCOVERY_RANGE is set. Ctrl-C stops the nodes in order and closes
+/// The nodes exchange messages in memory; other processes find all nodes and topics over DDS, on this computer only,
+/// unless ROS_AUTOMATIC_DISCOVERY_RANGE is set. Ctrl-C stops the nodes in order and closes
 /// the bag. `--ros-args` at the end, with -r, -p, --params-file and --log-level, applies to all nodes.
 #[derive(Debug, Default, clap::Args)]
 pub struct Args {
@@ -39,6 +43,10 @@ pub struct Args {
     /// New folder for the bag, instead of one in bags/
     #[arg(long, value_name = "DIR")]
     bag: Option<PathBuf>,
+    /// Give every node a DDS participant, as if each were a process; without it, nodes of this process exchange messages
+    /// in memory
+    #[arg(long)]
+    isolated: bool,
     /// Serve the run to Foxglove: all topics over a WebSocket, by default on 127.0.0.1:8765; also starts the node
     /// views
     #[arg(
@@ -63,6 +71,9 @@ pub fn run(args: &Args, ros_args: Vec<String>) -> Result<(), Failure> {
         return Err(Failure::Input(format!(
             "argument {unknown}: not a known argument after --ros-args"
         )));
+    }
+    if args.isolated {
+        process = process.isolated();
     }
     let plan = Plan::new(args, process.args().clone()).map_err(Failure::Input)?;
     process.set_args(plan.scenario.args().clone());
@@ -109,13 +120,30 @@ fn start(process: &mut Process, plan: &Plan, progress: &Arc<Progress>) -> Result
         })?;
     }
     for (name, program) in &plan.nodes {
-        process.start_with(options(name.name(), name.namespace()), *program)?;
+        let node = process.start_with(options(name.name(), name.namespace()), *program)?;
+        if name.name() == "recorder" {
+            wait_for_recorder(process, &node);
+        }
     }
     let (shared, duration) = (Arc::clone(progress), plan.duration);
     process.start_with(options("launch_monitor", namespace), move |node| {
         monitor::program(node, duration, &shared)
     })?;
     Ok(())
+}
+
+/// Waits until the recorder is ready, so that the bag has the first message of every node.
+fn wait_for_recorder(process: &mut Process, recorder: &Node) {
+    let start = Instant::now();
+    while !recorder.is_ready() && process.run_for(Duration::from_millis(2)) {
+        if start.elapsed() > RECORDER_PATIENCE {
+            tracing::warn!(
+                "node {} is not ready after {RECORDER_PATIENCE:?}: the bag may miss the first messages",
+                recorder.name()
+            );
+            return;
+        }
+    }
 }
 
 /// Shows progress until the run ends.

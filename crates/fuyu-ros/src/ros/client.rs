@@ -1,6 +1,6 @@
 //! Service clients: requests with a reply that arrives later, matched by the identity of the request sample.
 
-use rustdds::rpc::SampleIdentity;
+use rustdds::{bytes::Bytes, rpc::SampleIdentity};
 use std::{
     collections::HashMap,
     marker::PhantomData,
@@ -14,6 +14,7 @@ use std::{
 use super::{
     NodeError, RawSample,
     endpoint::{Counters, Reader, Writer},
+    local_delivery::Outgoing,
     node_core::NodeCore,
     service::{REPLY, REQUEST, service_spec},
 };
@@ -120,8 +121,12 @@ impl<S: Service> ServiceClient<S> {
 
     /// Whether a server has been discovered.
     pub fn is_available(&self) -> bool {
-        let matched = |counters: &Counters| counters.matched.load(Relaxed) > 0;
-        matched(&self.requests.counters) && matched(&self.reader.counters)
+        self.requests.counters.matched() > 0 && self.reader.counters.matched() > 0
+    }
+
+    /// Whether a server belongs to the same participant, where nothing has to be discovered.
+    fn has_local_server(&self) -> bool {
+        self.requests.counters.local.load(Relaxed) > 0
     }
 
     /// Waits until a server has been discovered, at most `timeout` (wall time), and the first time 0.1 s more for the
@@ -137,7 +142,7 @@ impl<S: Service> ServiceClient<S> {
         let is_available = self.is_available();
         if !is_available {
             self.is_matched.store(false, Relaxed);
-        } else if !self.is_matched.swap(true, Relaxed) {
+        } else if !self.is_matched.swap(true, Relaxed) && !self.has_local_server() {
             std::thread::sleep(MATCHING_PAUSE);
         }
         is_available
@@ -150,12 +155,22 @@ impl<S: Service> ServiceClient<S> {
     pub fn send(&self, request: &S::Request) -> Result<PendingCall<S>, CallError> {
         // Locked while the request is written, since the reply may arrive before the write returns.
         let mut replies = lock::<S>(&self.replies);
-        let sent =
-            self.requests
-                .write(cdr::encode(request).into(), rustdds::Timestamp::now(), None);
-        let identity = sent.ok_or_else(|| CallError::NotSent {
-            service: self.name().to_owned(),
-        })?;
+        let cdr: Bytes = cdr::encode(request).into();
+        let sent = self
+            .requests
+            .write(cdr.clone(), rustdds::Timestamp::now(), None);
+        let identity = sent.unwrap_or_else(|| self.requests.unwritten_identity());
+        let outgoing = Outgoing {
+            cdr,
+            message: None,
+            related: None,
+            identity: Some(identity),
+        };
+        let servers = self.requests.local.deliver(&self.requests, outgoing);
+        if sent.is_none() && servers == 0 {
+            let service = self.name().to_owned();
+            return Err(CallError::NotSent { service });
+        }
         replies.insert(identity, None);
         Ok(PendingCall {
             replies: Arc::clone(&self.replies),

@@ -19,6 +19,8 @@ pub struct Clock {
 #[derive(Debug)]
 struct Inner {
     simulated: AtomicBool,
+    /// Whether the program sets the time.
+    driven: AtomicBool,
     /// The last `/clock` [ns]; zero before the first.
     now: AtomicI64,
     events: Arc<Events>,
@@ -29,6 +31,7 @@ impl Clock {
         Self {
             inner: Arc::new(Inner {
                 simulated: AtomicBool::new(false),
+                driven: AtomicBool::new(false),
                 now: AtomicI64::new(0),
                 events,
             }),
@@ -54,11 +57,12 @@ impl Clock {
         self.inner.events.notify();
     }
 
-    /// Makes this node's time that of the simulation that its program runs. A participant does not hear
-    /// itself, so a node that publishes `/clock` cannot follow it. From the first call on stamps,
+    /// Makes this node's time that of the simulation that its program runs; it follows `/clock` no longer, which it publishes
+    /// itself. From the first call on stamps,
     /// timers, log and diagnostics show the last time that was driven, whatever `use_sim_time` says;
     /// waits must have a limit in wall time, as in [`Node::wait_for`](crate::ros::Node::wait_for).
     pub fn drive(&self, now: Time) {
+        self.inner.driven.store(true, Ordering::Release);
         // The time first: nobody may see a simulated clock that has not begun.
         self.inner.now.store(now.as_nanos(), Ordering::Release);
         self.inner.simulated.store(true, Ordering::Release);
@@ -67,6 +71,9 @@ impl Clock {
 
     /// Sets the time from a `/clock` message.
     pub(super) fn set(&self, now: Time) {
+        if self.inner.driven.load(Ordering::Acquire) {
+            return;
+        }
         self.inner.now.store(now.as_nanos(), Ordering::Release);
         if self.is_simulated() {
             self.inner.events.notify();
@@ -159,6 +166,9 @@ mod tests {
         assert!(!timer.due());
         clock.drive(Time::from_secs_f64(3.5));
         assert!(timer.due());
+        // Its own message on `/clock`, which arrives late.
+        clock.set(Time::from_secs_f64(2.5));
+        assert_eq!(clock.now(), Time::from_secs_f64(3.5));
     }
 
     #[test]

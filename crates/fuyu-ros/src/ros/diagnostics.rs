@@ -151,7 +151,7 @@ impl Reporter {
 
     pub(super) fn report(
         &mut self,
-        node: &NodeName,
+        node: &Arc<NodeName>,
         stamp: Time,
         diagnostics: &Diagnostics,
         endpoints: &Endpoints,
@@ -168,13 +168,15 @@ impl Reporter {
     }
 
     /// Rates, ages and losses of all endpoints since the last report.
-    fn communication(&mut self, node: &NodeName, endpoints: &Endpoints) -> DiagnosticStatus {
+    fn communication(&mut self, node: &Arc<NodeName>, endpoints: &Endpoints) -> DiagnosticStatus {
         let seconds = self.at.elapsed().as_secs_f64().max(1e-3);
         self.at = Instant::now();
         let mut values = Vec::new();
         let mut losing = Vec::new();
         let writers = endpoints.writers.iter();
+        let writers = writers.filter(|w| Arc::ptr_eq(&w.node, node));
         let readers = endpoints.readers.iter();
+        let readers = readers.filter(|r| Arc::ptr_eq(&r.node, node));
         let all = writers
             .map(|w| ("publishes", &w.spec, &w.counters))
             .chain(readers.map(|r| ("receives", &r.spec, &r.counters)));
@@ -223,7 +225,7 @@ impl Reporter {
         if replaced > 0 {
             push("replaced unread", replaced.to_string());
         }
-        push("peers", counters.matched.load(Relaxed).to_string());
+        push("peers", counters.matched().to_string());
         let last = counters.last.load(Relaxed);
         if last != 0 {
             let age = Time::wall().since(Time::from_nanos(last)).as_secs_f64();

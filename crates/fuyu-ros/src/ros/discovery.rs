@@ -1,13 +1,8 @@
-//! Discovery: announces the endpoints of this node to peers, and follows theirs.
+//! Discovery: follows the endpoints of other participants.
 
-use ros2_client::{
-    NodeName as WireNodeName,
-    entities_info::{NodeEntitiesInfo, ParticipantEntitiesInfo},
-};
 use rustdds::{
     DomainParticipant, DomainParticipantStatusListener, GUID, QosPolicies, RTPSEntity,
-    StatusEvented, TopicKind, dds::statusevents::DomainParticipantStatusEvent as Event,
-    no_key::DataWriterCdr,
+    StatusEvented, dds::statusevents::DomainParticipantStatusEvent as Event,
 };
 use std::{
     collections::{BTreeSet, HashMap, HashSet},
@@ -17,100 +12,37 @@ use std::{
 use super::{
     Gid, NodeName, Qos,
     discovery_settling::DiscoverySettling,
-    endpoint::{Counters, EndpointSpec, Endpoints},
+    endpoint::{Counters, EndpointSpec, Endpoints, Writer},
     graph_cache::GraphCache,
-    participant_watchdog::{self, EntityError},
     type_hash_check::{self, TypeHashCheck},
 };
-
-/// Publishes `ros_discovery_info`: a participant, its node, and what belongs to it.
-pub(super) struct Announcer {
-    writer: DataWriterCdr<ParticipantEntitiesInfo>,
-    participant: Gid,
-    node: WireNodeName,
-    writers: BTreeSet<Gid>,
-    readers: BTreeSet<Gid>,
-}
-
-impl Announcer {
-    pub(super) fn new(
-        participant: &DomainParticipant,
-        publisher: &rustdds::Publisher,
-        node: &NodeName,
-    ) -> Result<Self, EntityError> {
-        let qos = QosPolicies::from(&Qos::LATCHED);
-        let publisher = publisher.clone();
-        let writer = participant_watchdog::create(participant, move |participant| {
-            let topic = participant.create_topic(
-                "ros_discovery_info".to_owned(),
-                "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_".to_owned(),
-                &qos,
-                TopicKind::NoKey,
-            )?;
-            publisher.create_datawriter_no_key_cdr(&topic, Some(qos))
-        })?;
-        let node = WireNodeName::new(node.namespace(), node.name()).map_err(EntityError::dds)?;
-        Ok(Self {
-            writers: BTreeSet::from([Gid::from(writer.guid())]),
-            readers: BTreeSet::new(),
-            writer,
-            participant: participant.guid().into(),
-            node,
-        })
-    }
-
-    pub(super) fn add_writer(&mut self, gid: Gid) {
-        self.writers.insert(gid);
-    }
-
-    pub(super) fn add_reader(&mut self, gid: Gid) {
-        self.readers.insert(gid);
-    }
-
-    pub(super) fn forget(&mut self, gid: Gid) {
-        self.writers.remove(&gid);
-        self.readers.remove(&gid);
-    }
-
-    /// Publishes the present endpoints of the node.
-    pub(super) fn announce(&self) {
-        let mut node = NodeEntitiesInfo::new(self.node.clone());
-        self.writers.iter().for_each(|&gid| node.add_writer(gid));
-        self.readers.iter().for_each(|&gid| node.add_reader(gid));
-        self.publish(vec![node]);
-    }
-
-    /// Publishes that the participant has no nodes any more.
-    pub(super) fn leave(&self) {
-        self.publish(Vec::new());
-    }
-
-    fn publish(&self, nodes: Vec<NodeEntitiesInfo>) {
-        let info = ParticipantEntitiesInfo::new(self.participant, nodes);
-        // A participant whose threads have ended takes nothing more; it is about to be replaced.
-        if let Err(e) = self.writer.write(info, Some(rustdds::Timestamp::now())) {
-            tracing::debug!("ros_discovery_info of {:?}: {e}", self.node);
-        }
-    }
-}
 
 /// The endpoints of other participants.
 #[derive(Default)]
 pub(super) struct Peers {
-    /// Those that each of this node's is matched with.
+    /// Those that each of this participant's is matched with.
     matches: HashMap<Gid, HashSet<GUID>>,
     type_hashes: TypeHashCheck,
 }
 
 impl Peers {
-    fn matched(&mut self, node: &NodeName, all: &Endpoints, local: GUID, remote: GUID) {
+    fn matched(&mut self, all: &Endpoints, local: GUID, remote: GUID) {
+        // Where a participant receives its own announcements; these endpoints are matched in memory.
+        if local.prefix == remote.prefix {
+            return;
+        }
         let local = Gid::from(local);
         // Reported again after each change of the peer.
         self.matches.entry(local).or_default().insert(remote);
         self.count(all, local);
-        if let Some((_, spec)) = find(all, local) {
+        if let Some((node, _, spec)) = find(all, local).next() {
             self.type_hashes.compare(node, spec, remote);
         }
+    }
+
+    /// Forgets an endpoint of this participant that has been removed.
+    pub(super) fn forget(&mut self, local: Gid) {
+        self.matches.remove(&local);
     }
 
     fn lost(&mut self, all: &Endpoints, is_lost: impl Fn(&GUID) -> bool) {
@@ -123,9 +55,11 @@ impl Peers {
     }
 
     fn count(&self, all: &Endpoints, local: Gid) {
-        if let Some((counters, _)) = find(all, local) {
-            let peers = &self.matches[&local];
-            counters.matched.store(peers.len(), Relaxed);
+        let Some(peers) = self.matches.get(&local) else {
+            return;
+        };
+        for (_, counters, _) in find(all, local) {
+            counters.remote.store(peers.len(), Relaxed);
             *counters
                 .peers
                 .lock()
@@ -138,7 +72,6 @@ impl Peers {
 /// Processes the status events of the participant.
 pub(super) fn report_status(
     listener: &DomainParticipantStatusListener,
-    node: &NodeName,
     endpoints: &Mutex<Endpoints>,
     peers: &mut Peers,
     (graph, settling): (&GraphCache, &DiscoverySettling),
@@ -155,11 +88,11 @@ pub(super) fn report_status(
             Event::RemoteReaderMatched {
                 local_writer,
                 remote_reader,
-            } => peers.matched(node, &all, local_writer, remote_reader),
+            } => peers.matched(&all, local_writer, remote_reader),
             Event::RemoteWriterMatched {
                 local_reader,
                 remote_writer,
-            } => peers.matched(node, &all, local_reader, remote_writer),
+            } => peers.matched(&all, local_reader, remote_writer),
             Event::ReaderLost { guid, .. } | Event::WriterLost { guid, .. } => {
                 peers.lost(&all, |g| *g == guid);
             }
@@ -173,7 +106,6 @@ pub(super) fn report_status(
                 offered_qos,
                 ..
             } => warn_incompatible(
-                node,
                 &all,
                 local_writer.into(),
                 &offered_qos,
@@ -185,7 +117,6 @@ pub(super) fn report_status(
                 offered_qos,
                 ..
             } => warn_incompatible(
-                node,
                 &all,
                 local_reader.into(),
                 &offered_qos,
@@ -196,35 +127,36 @@ pub(super) fn report_status(
     }
 }
 
-fn find(all: &Endpoints, gid: Gid) -> Option<(&Counters, &EndpointSpec)> {
-    let writer = all.writers.iter().find(|w| w.gid() == Some(gid));
-    if let Some(writer) = writer {
-        return Some((&writer.counters, &writer.spec));
-    }
-    let reader = all.readers.iter().find(|r| r.gid() == Some(gid))?;
-    Some((&reader.counters, &reader.spec))
+/// The endpoints with a GID: several nodes may share one.
+fn find(
+    all: &Endpoints,
+    gid: Gid,
+) -> impl Iterator<Item = (&NodeName, &Counters, &EndpointSpec)> {
+    let writers = all.writers.iter().filter(move |w| w.gid() == Some(gid));
+    let readers = all.readers.iter().filter(move |r| r.gid() == Some(gid));
+    writers
+        .map(|w| (&*w.node, &w.counters, &w.spec))
+        .chain(readers.map(|r| (&*r.node, &r.counters, &r.spec)))
 }
 
 fn warn_incompatible(
-    node: &NodeName,
     all: &Endpoints,
     local: Gid,
     offered: &QosPolicies,
     requested: &QosPolicies,
 ) {
-    let Some((_, spec)) = find(all, local) else {
-        return;
-    };
-    let (offered, requested) = (Qos::from(offered), Qos::from(requested));
-    tracing::warn!(
-        "node {node}: topic {} is not exchanged with a peer: {:?} and {:?} are offered, {:?} and {:?} \
-         are requested",
-        spec.name,
-        offered.reliability,
-        offered.durability,
-        requested.reliability,
-        requested.durability
-    );
+    if let Some((node, _, spec)) = find(all, local).next() {
+        let (offered, requested) = (Qos::from(offered), Qos::from(requested));
+        tracing::warn!("node {node}: {}", not_exchanged(&spec.name, &offered, &requested));
+    }
+}
+
+/// Says that a topic is not exchanged because of its quality of service.
+pub(super) fn not_exchanged(topic: &str, offered: &Qos, requested: &Qos) -> String {
+    format!(
+        "topic {topic} is not exchanged with a peer: {:?} and {:?} are offered, {:?} and {:?} are requested",
+        offered.reliability, offered.durability, requested.reliability, requested.durability
+    )
 }
 
 /// Bytes of a datagram that are not payload.
@@ -249,7 +181,7 @@ pub(super) fn longest_reply(participant: &DomainParticipant, dds_topic: &str) ->
     datagram - AROUND_PAYLOAD
 }
 
-/// A publisher of another participant.
+/// A publisher of another node.
 #[derive(Debug, Clone, PartialEq)]
 pub struct DiscoveredPublisher {
     /// Full topic name.
@@ -272,9 +204,14 @@ pub(super) fn publishers(
     node: &NodeName,
     warned_topics: &mut BTreeSet<(String, String)>,
 ) -> Vec<DiscoveredPublisher> {
+    let own = participant.guid().prefix;
     let mut publishers = Vec::new();
     for writer in participant.discovered_writers() {
         let data = &writer.publication_topic_data;
+        // Where a participant receives its own announcements.
+        if data.key.prefix == own {
+            continue;
+        }
         let Some(topic) = ros_topic(&data.topic_name).filter(|topic| !topic.contains("/_")) else {
             continue;
         };
@@ -296,6 +233,21 @@ pub(super) fn publishers(
         }
     }
     publishers
+}
+
+impl DiscoveredPublisher {
+    /// A publisher of the same participant, as other participants see it; `None` if its topic is not one of ROS or hidden.
+    pub(super) fn local(writer: &Writer) -> Option<Self> {
+        let spec = &writer.spec;
+        let topic = ros_topic(&spec.dds_topic).filter(|topic| !topic.contains("/_"))?;
+        Some(Self {
+            topic: topic.to_owned(),
+            type_name: ros_type(&spec.dds_type)?,
+            qos: Qos::from(&QosPolicies::from(&spec.qos)),
+            type_hash: spec.definition.map(|known| known.type_hash()),
+            gid: writer.identity(),
+        })
+    }
 }
 
 /// `rt/name` to `/name`; `None` for DDS topics that are not ROS topics.

@@ -10,8 +10,23 @@ use std::{
     time::Duration,
 };
 
-use super::{Gid, Qos, RawSample, Time, qos::Durability, raw_endpoints::RawWriter};
+use super::{
+    Gid, NodeName, Qos, RawSample, Time,
+    events::StopState,
+    handler_queue::HandlerQueue,
+    local_delivery::{LocalSample, LocalTopic},
+    qos::{Durability, kept},
+    raw_endpoints::RawWriter,
+};
 use crate::msg::{Definition, Interface};
+
+/// Types whose messages have the size of a megabyte rather than a kilobyte.
+const LARGE_TYPES: [&str; 4] = [
+    "sensor_msgs::msg::dds_::Image_",
+    "sensor_msgs::msg::dds_::CompressedImage_",
+    "sensor_msgs::msg::dds_::PointCloud2_",
+    "nav_msgs::msg::dds_::OccupancyGrid_",
+];
 
 /// Topic, type and QoS of an endpoint, as DDS sees them.
 #[derive(Debug, Clone)]
@@ -27,6 +42,8 @@ pub(super) struct EndpointSpec {
     pub(super) definition: Option<&'static Definition>,
     /// Services and infrastructure are left out of the communication diagnostics.
     pub(super) internal: bool,
+    /// Nodes of one participant share one DDS endpoint: messages that name their node, or that all nodes read alike.
+    pub(super) shared: bool,
 }
 
 impl EndpointSpec {
@@ -44,6 +61,41 @@ impl EndpointSpec {
             qos,
             definition: Some(M::DEFINITION),
             internal: true,
+            shared: false,
+        }
+    }
+
+    /// Whether its messages have the size of a megabyte rather than a kilobyte.
+    pub(super) fn is_large(&self) -> bool {
+        LARGE_TYPES.contains(&self.dds_type.as_str())
+    }
+
+    /// How many samples may wait for the handler of a subscription: those of a reliable one all, up to a limit for memory.
+    pub(super) fn handler_limit(&self) -> usize {
+        match self.qos.is_reliable() {
+            true => self.qos.depth.max(kept(self.is_large())),
+            false => self.qos.depth.max(1),
+        }
+    }
+
+    /// How many samples of one origin may wait in the queue of a subscription: its depth. Those of a reliable publisher of
+    /// the same participant are not lost while the program is late, up to a limit for memory, unless only the newest is
+    /// wanted (depth 1).
+    pub(super) fn queue_limit(&self, origin: Origin) -> usize {
+        let depth = self.qos.depth.max(1);
+        match origin {
+            Origin::Local if self.qos.is_reliable() && depth > 1 => {
+                depth.max(kept(self.is_large()))
+            }
+            Origin::Local | Origin::Remote => depth,
+        }
+    }
+
+    /// The same with one DDS endpoint for all nodes of a participant.
+    pub(super) fn shared(self) -> Self {
+        Self {
+            shared: true,
+            ..self
         }
     }
 }
@@ -62,9 +114,11 @@ pub(super) struct Counters {
     pub(super) missing: AtomicU64,
     /// Wall time of the last message [ns].
     pub(super) last: AtomicI64,
-    /// Peers that this endpoint is matched with.
-    pub(super) matched: AtomicUsize,
-    /// GIDs of the matched peers.
+    /// Endpoints of other participants that this one is matched with.
+    pub(super) remote: AtomicUsize,
+    /// Endpoints of the same participant that this one is matched with.
+    pub(super) local: AtomicUsize,
+    /// GIDs of the matched endpoints of other participants.
     pub(super) peers: Mutex<Vec<Gid>>,
 }
 
@@ -77,6 +131,18 @@ impl Counters {
             .sum()
     }
 
+    /// Endpoints that this one is matched with.
+    pub(super) fn matched(&self) -> usize {
+        self.remote.load(Relaxed) + self.local.load(Relaxed)
+    }
+
+    /// Forgets the endpoints of other participants.
+    pub(super) fn forget_remote(&self) {
+        self.remote.store(0, Relaxed);
+        let mut peers = self.peers.lock().unwrap_or_else(PoisonError::into_inner);
+        peers.clear();
+    }
+
     pub(super) fn count(&self) {
         self.messages.fetch_add(1, Relaxed);
         self.last.store(Time::wall().as_nanos(), Relaxed);
@@ -86,23 +152,51 @@ impl Counters {
 /// One publisher below its handle.
 pub(super) struct Writer {
     pub(super) spec: EndpointSpec,
+    /// The node that it belongs to; nodes of one participant are told apart by this pointer.
+    pub(super) node: Arc<NodeName>,
     pub(super) counters: Counters,
     /// How many of its messages wait in the node's send_queue; changed under the send_queue's lock only.
     pub(super) queued: AtomicUsize,
+    /// Its topic inside the participant.
+    pub(super) local: Arc<LocalTopic>,
     dds: RwLock<Option<Arc<RawWriter>>>,
+    /// GID of the DDS writer, also while it is being replaced; until there is one, a GID that no other writer has.
+    identity: RwLock<Gid>,
     /// Messages that late joiners must get from a new participant.
     latched: Mutex<VecDeque<(rustdds::Timestamp, Bytes)>>,
 }
 
 impl Writer {
-    pub(super) fn new(spec: EndpointSpec) -> Self {
+    pub(super) fn new(spec: EndpointSpec, node: Arc<NodeName>, local: Arc<LocalTopic>) -> Self {
         Self {
             spec,
+            node,
             counters: Counters::default(),
             queued: AtomicUsize::new(0),
+            local,
             dds: RwLock::new(None),
+            identity: RwLock::new(unused_gid()),
             latched: Mutex::default(),
         }
+    }
+
+    /// Identity of a sample that DDS has not taken: with a number that DDS does not give.
+    pub(super) fn unwritten_identity(&self) -> SampleIdentity {
+        static NEXT: AtomicI64 = AtomicI64::new(-1);
+        SampleIdentity {
+            writer_guid: self.identity().into(),
+            sequence_number: NEXT.fetch_sub(1, Relaxed).into(),
+        }
+    }
+
+    /// Whether `guid` belongs to the same participant.
+    pub(super) fn is_of_participant(&self, guid: rustdds::GUID) -> bool {
+        rustdds::GUID::from(self.identity()).prefix == guid.prefix
+    }
+
+    /// Identity of its messages.
+    pub(super) fn identity(&self) -> Gid {
+        *self.identity.read().unwrap_or_else(PoisonError::into_inner)
     }
 
     fn dds(&self) -> Option<Arc<RawWriter>> {
@@ -173,29 +267,88 @@ impl Writer {
                 }
             }
         }
+        if let Some(new) = &dds {
+            let mut identity = self.identity.write().unwrap_or_else(PoisonError::into_inner);
+            *identity = new.guid().into();
+        }
         let mut current = self.dds.write().unwrap_or_else(PoisonError::into_inner);
         std::mem::replace(&mut *current, dds)
     }
 }
 
-/// Called on the node's receiving thread with every sample. Returns whether the sample was valid.
+/// A GID that no participant uses: its prefix is not that of a DDS vendor.
+fn unused_gid() -> Gid {
+    static NEXT: AtomicU64 = AtomicU64::new(0);
+    let mut bytes = [0; 16];
+    bytes[8..].copy_from_slice(&NEXT.fetch_add(1, Relaxed).to_be_bytes());
+    bytes.into()
+}
+
+/// Called with every sample. Returns whether the sample was valid.
 pub(super) type Sink = Box<dyn Fn(RawSample, &Counters) -> bool + Send + Sync>;
+
+/// A queue that the program empties itself.
+pub(super) trait Inbox: Send + Sync {
+    /// Takes a sample in; false if it is not of the expected type. Quick, and calls nothing of the program.
+    fn accept(&self, sample: LocalSample, origin: Origin, counters: &Counters) -> bool;
+}
+
+/// Where a sample comes from.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum Origin {
+    /// From a publisher of the same participant, in memory.
+    Local,
+    /// From another participant, through DDS.
+    Remote,
+}
+
+/// Where the samples of a subscription go.
+pub(super) enum Destination {
+    /// A queue, filled by the thread that publishes or receives.
+    Inbox(Arc<dyn Inbox>),
+    /// A handler, which runs on the receiving thread of the node.
+    Handler(Sink, Arc<HandlerQueue>),
+}
 
 /// One subscription below its handle.
 pub(super) struct Reader {
     pub(super) spec: EndpointSpec,
+    /// The node that it belongs to; nodes of one participant are told apart by this pointer.
+    pub(super) node: Arc<NodeName>,
     pub(super) counters: Counters,
-    pub(super) sink: Sink,
+    pub(super) destination: Destination,
+    /// Its topic inside the participant.
+    pub(super) local: Arc<LocalTopic>,
     gid: Mutex<Option<Gid>>,
 }
 
 impl Reader {
-    pub(super) fn new(spec: EndpointSpec, sink: Sink) -> Self {
+    pub(super) fn new(
+        spec: EndpointSpec,
+        node: Arc<NodeName>,
+        destination: Destination,
+        local: Arc<LocalTopic>,
+    ) -> Self {
         Self {
             spec,
+            node,
             counters: Counters::default(),
-            sink,
+            destination,
+            local,
             gid: Mutex::new(None),
+        }
+    }
+
+    /// Passes a sample on to its destination.
+    pub(super) fn receive(self: &Arc<Self>, sample: LocalSample, origin: Origin) {
+        self.counters.count();
+        match &self.destination {
+            Destination::Inbox(inbox) => {
+                if !inbox.accept(sample, origin, &self.counters) {
+                    self.counters.failed.fetch_add(1, Relaxed);
+                }
+            }
+            Destination::Handler(_, queue) => queue.push(self, sample.raw),
         }
     }
 
@@ -208,9 +361,24 @@ impl Reader {
     }
 }
 
-/// All endpoints that a node has at the moment.
+/// The nodes of a participant and all endpoints that they have at the moment.
 #[derive(Default)]
 pub(super) struct Endpoints {
+    pub(super) nodes: Vec<Member>,
     pub(super) writers: Vec<Arc<Writer>>,
     pub(super) readers: Vec<Arc<Reader>>,
+}
+
+/// A node of a participant.
+#[derive(Clone)]
+pub(super) struct Member {
+    pub(super) name: Arc<NodeName>,
+    pub(super) stop_state: Arc<StopState>,
+}
+
+impl Endpoints {
+    /// Whether a node is in the graph.
+    pub(super) fn has_node(&self, node: &Arc<NodeName>) -> bool {
+        self.nodes.iter().any(|n| Arc::ptr_eq(&n.name, node))
+    }
 }

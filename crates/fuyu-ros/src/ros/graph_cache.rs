@@ -1,26 +1,17 @@
 //! Cache of the graph: names and publishers of the nodes of other participants, from `ros_discovery_info`.
 //!
-//! ROS allows two nodes with the same name; a service call or parameter change then reaches either of them. So a node that
-//! discovers another one of its own name logs a warning.
+//! ROS allows two nodes with the same name; a service call or parameter change then reaches either of them. So a warning is
+//! logged when a node is discovered that has the name of one of this participant.
 
 use rustdds::GUID;
 use serde::Deserialize;
 use std::{
     collections::HashMap,
-    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    sync::{Mutex, MutexGuard, PoisonError},
 };
 
-use super::{
-    Gid, NodeError, NodeName, Qos, RawSample,
-    endpoint::{Counters, EndpointSpec},
-    node_core::NodeCore,
-};
+use super::{Gid, NodeName, announcer::TOPIC};
 use crate::msg::cdr::{self, CdrError};
-
-const TYPE: &str = "rmw_dds_common::msg::dds_::ParticipantEntitiesInfo_";
-
-/// Depth of the subscription: participants whose messages may wait.
-const QUEUE_DEPTH: usize = 100;
 
 /// `rmw_dds_common/ParticipantEntitiesInfo`.
 #[derive(Deserialize)]
@@ -61,74 +52,79 @@ fn prefix(gid: Gid) -> Prefix {
 struct Participant {
     /// Publishers, with the full names of their nodes.
     publishers: Vec<(Gid, String)>,
-    has_namesake: bool,
+    /// Full names of its nodes.
+    nodes: Vec<String>,
 }
 
 /// Nodes of other participants.
+#[derive(Default)]
 pub(super) struct GraphCache {
-    node: String,
     known: Mutex<Inner>,
 }
 
 #[derive(Default)]
 struct Inner {
-    /// The node's own participant, whose messages it receives unless it uses loopback only.
+    /// The own participant, whose messages it receives unless it uses loopback only.
     own: Option<Prefix>,
+    /// Full names of the nodes of the own participant.
+    own_nodes: Vec<String>,
     others: HashMap<Prefix, Participant>,
 }
 
 impl GraphCache {
-    /// An empty cache for a node.
-    pub(super) fn new(node: &NodeName) -> Self {
-        Self {
-            node: node.full(),
-            known: Mutex::default(),
-        }
+    /// Adds a node of this participant. Returns whether another node of its name is known.
+    pub(super) fn add_own_node(&self, node: &NodeName) -> bool {
+        let name = node.full();
+        let mut known = self.lock();
+        let mut all = known.others.values().flat_map(|other| &other.nodes);
+        let is_taken = known.own_nodes.contains(&name) || all.any(|other| *other == name);
+        known.own_nodes.push(name);
+        is_taken
     }
 
-    /// Subscribes to `ros_discovery_info`.
-    pub(super) fn subscribe(core: &Arc<NodeCore>) -> Result<(), NodeError> {
-        let spec = EndpointSpec {
-            name: "ros_discovery_info".to_owned(),
-            dds_topic: "ros_discovery_info".to_owned(),
-            dds_type: TYPE.to_owned(),
-            qos: Qos::LATCHED.depth(QUEUE_DEPTH),
-            definition: None,
-            internal: true,
-        };
-        let graph = Arc::clone(&core.graph);
-        let sink = move |sample: RawSample, _: &Counters| {
-            let taken = graph.update(sample.publisher, &sample.cdr);
-            if let Ok(true) = taken {
-                tracing::warn!(
-                    "node {}: another node of this name is in the graph, and calls of services and parameters may \
-                     reach either; rename one (-r __node:=NAME) or namespace (-r __ns:=/NAMESPACE)",
-                    graph.node
-                );
-            }
-            taken.is_ok()
-        };
-        core.add_reader(spec, Box::new(sink)).map(drop)
+    /// Removes a node of this participant.
+    pub(super) fn remove_own_node(&self, node: &NodeName) {
+        let name = node.full();
+        let own = &mut self.lock().own_nodes;
+        if let Some(index) = own.iter().position(|own| *own == name) {
+            own.swap_remove(index);
+        }
     }
 
     /// Clears the cache for a new participant, which will receive all messages again.
     pub(super) fn reset(&self, own: Gid) {
-        *self.lock() = Inner {
-            own: Some(prefix(own)),
-            others: HashMap::new(),
-        };
+        let mut known = self.lock();
+        known.own = Some(prefix(own));
+        known.others.clear();
     }
 
-    /// Stores the nodes announced by the participant of `publisher`. Returns whether one of them has this node's name
-    /// and none had before.
-    fn update(&self, publisher: Gid, cdr: &[u8]) -> Result<bool, CdrError> {
-        let ParticipantEntities { nodes, .. } = cdr::decode_as(cdr, TYPE)?;
+    /// Stores the nodes announced by the participant of `publisher`, and warns of those that have the name of a node of this
+    /// participant.
+    pub(super) fn receive(&self, publisher: Gid, cdr: &[u8]) {
+        // What is not valid is no announcement.
+        for node in self.update(publisher, cdr).unwrap_or_default() {
+            warn_of_namesake(&node);
+        }
+    }
+
+    /// Returns the names of nodes that have newly been found to be names of this participant's nodes too.
+    fn update(&self, publisher: Gid, cdr: &[u8]) -> Result<Vec<String>, CdrError> {
+        let ParticipantEntities { nodes, .. } = cdr::decode_as(cdr, TOPIC.1)?;
         let participant = prefix(publisher);
         let mut known = self.lock();
-        if known.own == Some(participant) {
-            return Ok(false);
+        let Inner {
+            own,
+            own_nodes,
+            others,
+        } = &mut *known;
+        if *own == Some(participant) {
+            return Ok(Vec::new());
         }
-        let has_namesake = nodes.iter().any(|node| node.full_name() == self.node);
+        if nodes.is_empty() {
+            others.remove(&participant);
+            return Ok(Vec::new());
+        }
+        let names: Vec<_> = nodes.iter().map(NodeEntities::full_name).collect();
         let publishers: Vec<_> = nodes
             .into_iter()
             .flat_map(|node| {
@@ -138,13 +134,11 @@ impl GraphCache {
             // A participant reports its own endpoints only.
             .filter(|(gid, _)| prefix(*gid) == participant)
             .collect();
-        if publishers.is_empty() && !has_namesake {
-            known.others.remove(&participant);
-            return Ok(false);
-        }
-        let announced = known.others.entry(participant).or_default();
+        let announced = others.entry(participant).or_default();
         announced.publishers = publishers;
-        Ok(has_namesake && !std::mem::replace(&mut announced.has_namesake, has_namesake))
+        let before = std::mem::replace(&mut announced.nodes, names.clone());
+        let is_new = |name: &String| own_nodes.contains(name) && !before.contains(name);
+        Ok(names.into_iter().filter(is_new).collect())
     }
 
     /// Removes participants that have left or died.
@@ -170,6 +164,14 @@ impl GraphCache {
     fn lock(&self) -> MutexGuard<'_, Inner> {
         self.known.lock().unwrap_or_else(PoisonError::into_inner)
     }
+}
+
+/// Warns that a name belongs to two nodes.
+pub(super) fn warn_of_namesake(node: &str) {
+    tracing::warn!(
+        "node {node}: another node of this name is in the graph, and calls of services and parameters may reach either; \
+         rename one (-r __node:=NAME) or namespace (-r __ns:=/NAMESPACE)"
+    );
 }
 
 #[cfg(test)]
@@ -200,8 +202,9 @@ mod tests {
     }
 
     fn graph() -> GraphCache {
-        let graph = GraphCache::new(&NodeName::new("/chaser", "arm").unwrap());
+        let graph = GraphCache::default();
         graph.reset(gid(1, 0));
+        assert!(!graph.add_own_node(&NodeName::new("/chaser", "arm").unwrap()));
         graph
     }
 
@@ -213,7 +216,7 @@ mod tests {
             ("/", "alpha", &[gid(2, 1), gid(3, 1)]),
             ("/chaser", "beta", &[gid(2, 2)]),
         ];
-        assert_eq!(all.update(gid(2, 7), &announced(two)).ok(), Some(false));
+        assert_eq!(all.update(gid(2, 7), &announced(two)).ok(), Some(vec![]));
         let owner = |publisher| all.node_of(publisher);
         assert_eq!(owner(gid(2, 1)).as_deref(), Some("/alpha"));
         assert_eq!(owner(gid(2, 2)).as_deref(), Some("/chaser/beta"));
@@ -222,7 +225,7 @@ mod tests {
         assert_eq!(owner(gid(2, 1)).as_deref(), Some("/alpha"));
         assert_eq!(
             all.update(gid(2, 7), &announced(&two[..1])).ok(),
-            Some(false)
+            Some(vec![])
         );
         assert_eq!(owner(gid(2, 2)), None);
         all.update(gid(3, 7), &announced(&[("/", "gamma", &[gid(3, 1)])]))
@@ -239,12 +242,28 @@ mod tests {
     fn a_namesake_is_new_once() {
         let all = graph();
         let own = announced(&[("/chaser", "arm", &[])]);
-        assert_eq!(all.update(gid(1, 7), &own).ok(), Some(false));
-        let elsewhere = announced(&[("/", "arm", &[gid(4, 1)])]);
-        assert_eq!(all.update(gid(4, 7), &elsewhere).ok(), Some(false));
+        let found = |participant, message: &[u8]| all.update(gid(participant, 7), message).unwrap();
+        assert!(found(1, &own).is_empty());
+        assert!(found(4, &announced(&[("/", "arm", &[gid(4, 1)])])).is_empty());
         for participant in [2, 3] {
-            assert_eq!(all.update(gid(participant, 7), &own).ok(), Some(true));
-            assert_eq!(all.update(gid(participant, 7), &own).ok(), Some(false));
+            assert_eq!(found(participant, &own), ["/chaser/arm"]);
+            assert!(found(participant, &own).is_empty());
         }
+    }
+
+    // Fails if nodes that share the participant are not compared with each other and with those that came before them.
+    #[test]
+    fn a_node_that_joins_learns_of_its_namesakes() {
+        let all = graph();
+        let arm = NodeName::new("/chaser", "arm").unwrap();
+        let eye = NodeName::new("/chaser", "eye").unwrap();
+        assert!(all.add_own_node(&arm), "within the participant");
+        all.remove_own_node(&arm);
+        let other = announced(&[("/chaser", "eye", &[])]);
+        assert!(all.update(gid(2, 7), &other).unwrap().is_empty());
+        assert!(all.add_own_node(&eye), "in another participant");
+        all.remove_own_node(&eye);
+        all.update(gid(2, 7), &announced(&[])).unwrap();
+        assert!(!all.add_own_node(&eye));
     }
 }

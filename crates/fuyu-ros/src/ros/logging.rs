@@ -18,7 +18,7 @@ use tracing_subscriber::{
 };
 
 use super::{RosArgs, Time, node_core::NodeCore};
-use crate::msg::{cdr, rcl_interfaces::Log};
+use crate::msg::rcl_interfaces::Log;
 
 /// Libraries with messages that do not concern users, mostly at shutdown, and their level unless `--log-level` names them.
 const QUIET: [(&str, LevelFilter); 3] = [
@@ -118,8 +118,7 @@ impl<S: Subscriber> Layer<S> for RosLog {
                 function: metadata.module_path().unwrap_or_default().to_owned(),
                 line: metadata.line().unwrap_or_default(),
             };
-            core.send_queue
-                .push(writer, cdr::encode(&record).into(), None);
+            core.publish(writer, &record);
         }
     }
 }

@@ -50,10 +50,15 @@
 //! ```
 //!
 //! # How a node runs
-//! A node has three threads in addition to the two of its DDS participant: the program, the receiving thread
-//! ([`Subscription`] queues, service requests) and the sending thread (every [`Publisher`] has a bounded queue,
-//! so that publishing never blocks the program). There is no async runtime, since the program of a node is a
+//! A node has three threads: the program, the receiving thread (handlers of raw subscriptions and services) and the sending
+//! thread (every [`Publisher`] has a bounded queue, so that publishing never blocks the program). A DDS participant has three
+//! more. There is no async runtime, since the program of a node is a
 //! loop with its own timing, which blocks on purpose.
+//!
+//! # Several nodes in one process
+//! They share one DDS participant, as composable nodes of ROS 2 do. Messages between them are passed in memory, without
+//! serialization where the types match, with the same quality of service as over DDS, which carries every topic to other
+//! processes. [`Process::isolated`] gives every node a participant.
 //!
 //! # DDS
 //! rustdds transports bytes; messages are serialized above it ([`crate::msg::cdr`]). So all endpoints share one
@@ -64,10 +69,12 @@
 mod action;
 mod action_client;
 mod allocator;
+mod announcer;
 pub mod args;
 mod client;
 mod clock;
 mod context;
+mod descriptor_limit;
 mod diagnostics;
 mod discovery;
 mod discovery_settling;
@@ -75,18 +82,23 @@ mod endpoint;
 mod error;
 mod events;
 mod graph_cache;
+mod handler_queue;
 mod lifecycle;
+mod local_delivery;
 pub mod logging;
 pub mod names;
 mod node;
 mod node_core;
 pub mod params;
 pub mod params_file;
+mod participant;
 mod participant_watchdog;
 mod process;
 mod publisher;
 pub mod qos;
 mod raw_endpoints;
+mod receive_queue;
+mod receiver;
 mod service;
 mod session;
 mod signals;
@@ -113,6 +125,7 @@ pub use process::{Process, Stopper, run};
 pub use publisher::{Publisher, RawPublisher};
 pub use qos::Qos;
 pub use raw_endpoints::{Gid, RawSample};
+pub use receive_queue::Received;
 pub use service::{Call, Calls, Reply, ServiceServer};
-pub use subscription::{RawSubscription, Received, Subscription};
+pub use subscription::{RawSubscription, Subscription};
 pub use time::Time;

@@ -12,8 +12,8 @@ use super::{
     endpoint::{Counters, EndpointSpec},
     node_core::NodeCore,
     params::ParameterStore,
+    receive_queue::ReceiveQueue,
     service::{Calls, Reply, ServiceServer},
-    subscription::ReceiveQueue,
 };
 use crate::msg::{self, Interface, Service};
 
@@ -92,15 +92,10 @@ impl Node {
         qos: Qos,
     ) -> Result<Subscription<M>, NodeError> {
         let spec = self.spec::<M>(topic, qos)?;
-        let inbox = Arc::new(ReceiveQueue::<M>::new(qos.depth));
-        let queue = Arc::clone(&inbox);
         let events = Arc::clone(&self.core.events);
-        let sink = move |sample: RawSample, counters: &Counters| {
-            let accepted = queue.accept(&sample, counters);
-            events.notify();
-            accepted
-        };
-        let reader = self.core.add_reader(spec, Box::new(sink))?;
+        let inbox = Arc::new(ReceiveQueue::<M>::new(&spec, events));
+        let queue = Arc::clone(&inbox);
+        let reader = self.core.add_queue(spec, queue)?;
         Ok(Subscription::new(Arc::clone(&self.core), reader, inbox))
     }
 
@@ -134,7 +129,11 @@ impl Node {
         self.subscribe_resolved(topic, &publisher.type_name, qos, handler)
     }
 
-    fn subscribe_resolved(
+    /// As [`Self::subscribe_raw`], to a topic by its full name, which is not remapped.
+    ///
+    /// # Errors
+    /// [`NodeError::Input`] for a type that is not of the form `pkg/msg/Name`, [`NodeError::Dds`] if DDS refuses.
+    pub fn subscribe_resolved(
         &self,
         name: String,
         type_name: &str,
@@ -185,8 +184,7 @@ impl Node {
         Calls::new(&self.core, &full_name)
     }
 
-    /// A client of the service `name`, which is expanded and remapped. The server must be in another node with its own
-    /// participant: on loopback a participant does not receive its own messages.
+    /// A client of the service `name`, which is expanded and remapped.
     ///
     /// # Errors
     /// As [`Self::serve`].
@@ -203,18 +201,25 @@ impl Node {
         Ok(self.core.names.topic(topic)?)
     }
 
-    /// Publishers of other nodes that have been discovered.
+    /// Publishers of other nodes: those of the same participant, and those of others that have been discovered.
     pub fn discovered_publishers(&self) -> Vec<DiscoveredPublisher> {
-        let mut connection = self.core.lock_session();
-        connection
-            .session()
-            .map(|s| s.discovered_publishers(self.name()))
-            .unwrap_or_default()
+        self.core.participant.publishers(&self.core.name)
+    }
+
+    /// Calls `handler` for every publisher that another node of the same participant has now or creates later, in the thread
+    /// that creates it and before its first message. The handler may subscribe; it should be quick, and its panic ends this
+    /// node.
+    pub fn watch_local_publishers(
+        &self,
+        handler: impl Fn(&DiscoveredPublisher) + Send + Sync + 'static,
+    ) {
+        let (participant, node) = (&self.core.participant, self.core.member());
+        participant.watch_publishers(&node, Arc::new(handler));
     }
 
     /// Owner of a publisher for messages: `node` and its full name, or the GID of the publisher if its node is not known.
     pub fn owner_of(&self, publisher: Gid) -> String {
-        match self.core.graph.node_of(publisher) {
+        match self.core.participant.node_of(publisher) {
             Some(name) => format!("node {name}"),
             None => format!("publisher {publisher:?}"),
         }
@@ -243,6 +248,16 @@ impl Node {
     /// Whether the node should continue; false after a stop request.
     pub fn ok(&self) -> bool {
         !self.core.stop_state.is_stopping()
+    }
+
+    /// Says that the program has created the endpoints that others should find.
+    pub fn set_ready(&self) {
+        self.core.is_ready.store(true, Ordering::Release);
+    }
+
+    /// Whether the program has said that it is ready ([`Self::set_ready`]).
+    pub fn is_ready(&self) -> bool {
+        self.core.is_ready.load(Ordering::Acquire)
     }
 
     /// Asks the node to stop.
@@ -310,5 +325,6 @@ fn raw_spec(name: String, type_name: &str, qos: Qos) -> Result<EndpointSpec, Nod
         qos,
         definition: msg::find(type_name),
         internal: false,
+        shared: false,
     })
 }

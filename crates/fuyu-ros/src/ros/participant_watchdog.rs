@@ -5,6 +5,7 @@
 //! (docs/upstream.md). With many peers and little processor time these three threads deadlock, and the participant neither
 //! sends nor receives from then on. It cannot be recovered, so it is abandoned.
 
+use nix::errno::Errno;
 use rustdds::{DomainParticipant, dds::CreateError};
 use std::{
     any::Any,
@@ -24,8 +25,26 @@ const TIMEOUT: Duration = Duration::from_secs(5);
 pub(super) enum EntityError {
     /// The participant has deadlocked; a new one may work.
     Deadlocked(AbandonedParticipant),
+    /// The process has no file descriptors left; the participant is not affected.
+    NoDescriptors(String),
     /// Any other error of DDS, as text.
     Dds(String),
+}
+
+impl From<CreateError> for EntityError {
+    fn from(e: CreateError) -> Self {
+        match e {
+            CreateError::Io(io) if is_exhausted(&io) => Self::NoDescriptors(io.to_string()),
+            e => Self::dds(e),
+        }
+    }
+}
+
+/// Whether the process, or the computer, has no file descriptors left.
+fn is_exhausted(e: &std::io::Error) -> bool {
+    let limits = [Errno::EMFILE, Errno::ENFILE];
+    e.raw_os_error()
+        .is_some_and(|code| limits.contains(&Errno::from_raw(code)))
 }
 
 impl EntityError {
@@ -37,7 +56,7 @@ impl EntityError {
     pub(super) fn abandoning(mut self, rest: impl Send + 'static) -> Self {
         match &mut self {
             Self::Deadlocked(stuck) => stuck.keep(rest),
-            Self::Dds(_) => drop(rest),
+            Self::Dds(_) | Self::NoDescriptors(_) => drop(rest),
         }
         self
     }
@@ -50,6 +69,9 @@ impl fmt::Display for EntityError {
                 f,
                 "the DDS participant did not respond within {TIMEOUT:?}: it has deadlocked"
             ),
+            Self::NoDescriptors(reason) => {
+                write!(f, "{reason}; raise the limit of open files (ulimit -n)")
+            }
             Self::Dds(reason) => f.write_str(reason),
         }
     }
@@ -94,7 +116,7 @@ pub(super) fn create<T: Send + 'static>(
         drop(participant);
         made
     })?
-    .map_err(EntityError::dds)
+    .map_err(EntityError::from)
 }
 
 fn run_with_timeout<T: Send + 'static>(

@@ -4,7 +4,7 @@ use std::{
     panic::{AssertUnwindSafe, catch_unwind},
     process::ExitCode,
     sync::{
-        Arc, Mutex, PoisonError, Weak,
+        Arc, PoisonError,
         mpsc::{self, RecvTimeoutError},
     },
     thread::{self, JoinHandle},
@@ -14,17 +14,18 @@ use std::{
 use super::{
     DiscoveryRange, Domain, Node, NodeError, NodeOptions, Qos, RosArgs,
     allocator::return_free_memory,
+    descriptor_limit,
     diagnostics::Reporter,
     endpoint::EndpointSpec,
-    graph_cache::GraphCache,
     logging,
     names::Names,
     node_core::NodeCore,
     params::{self, ParameterStore, USE_SIM_TIME},
+    participant::Participants,
     service::ServiceServer,
     signals::{self, ProcessSignal},
 };
-use crate::msg::{cdr, diagnostic_msgs::DiagnosticArray, rcl_interfaces::Log};
+use crate::msg::{diagnostic_msgs::DiagnosticArray, rcl_interfaces::Log};
 
 /// How often a node reports its health.
 const DIAGNOSTICS_PERIOD: Duration = Duration::from_secs(1);
@@ -78,14 +79,16 @@ impl Stopper {
     }
 }
 
-/// Several nodes in one process, each with a DDS participant and a thread of its own.
+/// Several nodes in one process, each with its threads. They share a DDS participant, unless they are
+/// [`isolated`](Self::isolated).
 ///
 /// When one node ends, the others are stopped, in the reverse order of their start.
 pub struct Process {
     args: Arc<RosArgs>,
     domain: Domain,
+    isolated: bool,
     nodes: Vec<Running>,
-    cores: Arc<Mutex<Vec<Weak<NodeCore>>>>,
+    participants: Arc<Participants>,
     sender: mpsc::Sender<Event>,
     events: mpsc::Receiver<Event>,
     /// First failure of a node.
@@ -95,7 +98,8 @@ pub struct Process {
 
 impl Process {
     /// For a main function: blocks signals in this thread and all later ones, removes the ROS
-    /// arguments from `argv`, starts the log, reads the environment, and follows SIGINT, SIGTERM and
+    /// arguments from `argv`, starts the log, raises the limit of open files as far as the process may, reads the
+    /// environment, and follows SIGINT, SIGTERM and
     /// SIGCONT. Must come before any other thread is started. Returns also the remaining arguments.
     ///
     /// # Errors
@@ -107,6 +111,7 @@ impl Process {
         signals::block();
         let (args, rest) = RosArgs::parse(argv)?;
         logging::init(&args);
+        descriptor_limit::raise();
         let domain = Domain::from_env(reach)?;
         let process = Self::new(args, domain);
         process.follow_signals()?;
@@ -119,13 +124,21 @@ impl Process {
         Self {
             args: Arc::new(args),
             domain,
+            isolated: false,
             nodes: Vec::new(),
-            cores: Arc::default(),
+            participants: Arc::default(),
             sender,
             events,
             failure: None,
             stopping: false,
         }
+    }
+
+    /// Gives every node that is started from now on a DDS participant, with DDS between all of them.
+    #[must_use]
+    pub fn isolated(mut self) -> Self {
+        self.isolated = true;
+        self
     }
 
     /// Replaces the arguments for the nodes that are started from now on.
@@ -150,7 +163,7 @@ impl Process {
 
     fn follow_signals(&self) -> Result<(), NodeError> {
         let stopper = self.stopper();
-        let cores = Arc::clone(&self.cores);
+        let participants = Arc::clone(&self.participants);
         let mut stops = 0;
         // After a stop request no node reconnects: systemd and `timeout` send SIGTERM and SIGCONT.
         signals::watch(move |signal_kind| match signal_kind {
@@ -163,7 +176,7 @@ impl Process {
                 tracing::info!("{signal}: stopping");
                 stopper.stop();
             }
-            ProcessSignal::Continued if stops == 0 => reconnect(&cores),
+            ProcessSignal::Continued if stops == 0 => participants.reconnect(),
             ProcessSignal::Continued => {}
         })
         .map_err(|e| NodeError::Failed(format!("cannot follow signals: {e}")))
@@ -197,12 +210,9 @@ impl Process {
         program: impl FnOnce(&Node) -> Result<(), NodeError> + Send + 'static,
     ) -> Result<Node, NodeError> {
         let index = self.nodes.len();
-        let infrastructure = Infrastructure::new(&options)?;
+        let infrastructure =
+            Infrastructure::new(&options, &self.participants, self.isolated)?;
         let node = infrastructure.node.clone();
-        self.cores
-            .lock()
-            .unwrap_or_else(PoisonError::into_inner)
-            .push(Arc::downgrade(&node.core));
         let ended = self.sender.clone();
         let handle = node.clone();
         let program = move || {
@@ -316,53 +326,44 @@ impl Drop for Process {
     }
 }
 
-/// Creates a new participant for every node that is not stopping: the old ones' threads have ended when the
-/// process was stopped.
-fn reconnect(cores: &Mutex<Vec<Weak<NodeCore>>>) {
-    let cores = cores.lock().unwrap_or_else(PoisonError::into_inner);
-    for core in cores.iter().filter_map(Weak::upgrade) {
-        let node = core.names.node();
-        if core.stop_state.is_stopping() {
-            continue;
-        }
-        match core.open_session() {
-            Ok(false) => {}
-            Ok(true) => {
-                tracing::info!("node {node}: continued after a stop, joined the graph again")
-            }
-            Err(e) => tracing::error!("{e}"),
-        }
-    }
-}
-
 struct Running {
     infrastructure: Infrastructure,
     thread: JoinHandle<()>,
     ended: bool,
 }
 
-/// Parts of a node other than its program: participant, sending thread, parameter services, clock,
-/// diagnostics, log.
+/// Parts of a node other than its program: receiving and sending thread, parameter services, clock, diagnostics, log.
 struct Infrastructure {
     node: Node,
     services: Vec<ServiceServer>,
+    receiver: Option<JoinHandle<()>>,
     sender: Option<JoinHandle<()>>,
 }
 
 impl Infrastructure {
-    fn new(options: &NodeOptions) -> Result<Self, NodeError> {
+    fn new(
+        options: &NodeOptions,
+        participants: &Participants,
+        isolated: bool,
+    ) -> Result<Self, NodeError> {
         let names = Names::new(&options.namespace, &options.name, &options.args.remaps)?;
         let overrides = options.args.overrides(names.node(), &options.name)?;
         let params = Arc::new(ParameterStore::new(names.node().clone(), overrides));
-        let core = Arc::new(NodeCore::new(names, options.domain, params));
+        let place = (options.domain, isolated);
+        let core = Arc::new(NodeCore::new(names, params, participants, place)?);
         let node = Node {
             core: Arc::clone(&core),
         };
-        core.open_session()?;
-        GraphCache::subscribe(&core)?;
-        let services = params::serve(&node)?;
+        let mut parts = Self {
+            receiver: Some(start_receiving(&core)?),
+            services: Vec::new(),
+            sender: None,
+            node,
+        };
+        parts.services = params::serve(&parts.node)?;
         // Last, since every declaration is announced.
-        let simulated = node
+        let simulated = parts
+            .node
             .declare()
             .param(USE_SIM_TIME, false, "Take the time from /clock")
             .value();
@@ -370,48 +371,78 @@ impl Infrastructure {
             core.use_sim_time(true)?;
         }
         if options.args.rosout {
-            let log = EndpointSpec::topic::<Log>("/rosout", Qos::ROSOUT);
+            let log = EndpointSpec::topic::<Log>("/rosout", Qos::ROSOUT).shared();
             core.set_log(core.add_writer(log)?);
         }
-        let topic = core.names.topic("diagnostics")?;
-        let reports = EndpointSpec::topic::<DiagnosticArray>(&topic, Qos::RELIABLE);
-        let reports = core.add_writer(reports)?;
-        let mut reporter = Reporter::new();
-        let sending = Arc::clone(&core);
-        let sender = thread::Builder::new()
-            .name(format!("{}.send", options.name))
-            .spawn(move || {
-                logging::enter(&sending);
-                sending.send_queue.run(DIAGNOSTICS_PERIOD, || {
-                    let report = {
-                        let endpoints = sending
-                            .endpoints
-                            .lock()
-                            .unwrap_or_else(PoisonError::into_inner);
-                        let node = sending.names.node();
-                        let now = sending.clock.now();
-                        reporter.report(node, now, &sending.diagnostics, &endpoints)
-                    };
-                    sending
-                        .send_queue
-                        .push(&reports, cdr::encode(&report).into(), None);
-                });
-            })
-            .map_err(|e| NodeError::Failed(format!("node {}: no thread: {e}", options.name)))?;
-        Ok(Self {
-            node,
-            services,
-            sender: Some(sender),
-        })
+        parts.sender = Some(start_sending(&core)?);
+        Ok(parts)
     }
 
     /// Sends what is left, then leaves the graph.
     fn close(&mut self) {
+        let core = &self.node.core;
         if let Some(sender) = self.sender.take() {
-            self.node.core.send_queue.close();
+            core.send_queue.close();
             let _ = sender.join();
+        }
+        if let Some(receiver) = self.receiver.take() {
             self.services.clear();
-            self.node.core.close_session();
+            core.leave();
+            core.handlers.close();
+            let _ = receiver.join();
         }
     }
+}
+
+impl Drop for Infrastructure {
+    /// A node that could not be started leaves the graph too.
+    fn drop(&mut self) {
+        self.close();
+    }
+}
+
+fn thread_error(core: &NodeCore, e: &std::io::Error) -> NodeError {
+    NodeError::Failed(format!("node {}: no thread: {e}", core.name))
+}
+
+/// Starts the thread that runs the node's handlers.
+fn start_receiving(core: &Arc<NodeCore>) -> Result<JoinHandle<()>, NodeError> {
+    let receiving = Arc::clone(core);
+    thread::Builder::new()
+        .name(format!("{}.receive", core.name.name()))
+        .spawn(move || {
+            logging::enter(&receiving);
+            let handlers = &receiving.handlers;
+            // A node that cannot receive must not continue as if it could.
+            if catch_unwind(AssertUnwindSafe(|| handlers.run())).is_err() {
+                handlers.abandon();
+                let reason = format!("node {}: a handler has panicked", receiving.name);
+                receiving.stop_state.fail(reason);
+            }
+        })
+        .map_err(|e| thread_error(core, &e))
+}
+
+/// Starts the thread that sends the node's messages and reports its health.
+fn start_sending(core: &Arc<NodeCore>) -> Result<JoinHandle<()>, NodeError> {
+    let topic = core.names.topic("diagnostics")?;
+    let reports = EndpointSpec::topic::<DiagnosticArray>(&topic, Qos::RELIABLE);
+    let reports = core.add_writer(reports)?;
+    let mut reporter = Reporter::new();
+    let sending = Arc::clone(core);
+    thread::Builder::new()
+        .name(format!("{}.send", core.name.name()))
+        .spawn(move || {
+            logging::enter(&sending);
+            sending.send_queue.run(DIAGNOSTICS_PERIOD, || {
+                let now = sending.clock.now();
+                let endpoints = &sending.participant.endpoints;
+                let report = {
+                    let endpoints = endpoints.lock().unwrap_or_else(PoisonError::into_inner);
+                    reporter.report(&sending.name, now, &sending.diagnostics, &endpoints)
+                };
+                sending.publish(&reports, &report);
+            });
+        })
+        .map_err(|e| thread_error(core, &e))
 }

@@ -9,12 +9,13 @@ use std::{
 };
 
 use super::{Qos, endpoint::Writer, node_core::NodeCore};
-use crate::msg::{Interface, cdr};
+use crate::msg::Interface;
 
 /// Smallest queue of a reliable publisher: room for messages that accumulate while DDS waits for a slow subscriber.
 const RELIABLE_QUEUE: usize = 256;
 
-/// Publishes messages of one type on one topic. Never blocks: what DDS cannot take yet waits in a queue.
+/// Publishes messages of one type on one topic: in memory to the other nodes of the participant, over DDS to other
+/// processes. Never blocks: what DDS cannot take yet waits in a queue.
 /// If that is full, a best-effort publisher drops its oldest message and a reliable one the new message;
 /// either is counted and reported in the node's diagnostics.
 pub struct Publisher<M> {
@@ -34,12 +35,12 @@ impl<M: Interface> Publisher<M> {
 
     /// Sends a message to all subscribers.
     pub fn publish(&self, message: &M) {
-        self.publish_cdr(cdr::encode(message));
+        self.core.publish(&self.writer, message);
     }
 
     /// Sends a message that is CDR already, with its encapsulation header (little endian).
     pub fn publish_cdr(&self, cdr: Vec<u8>) {
-        self.core.send_queue.push(&self.writer, cdr.into(), None);
+        self.core.publish_cdr(&self.writer, cdr.into());
     }
 
     /// Full name of the topic.
@@ -54,8 +55,7 @@ impl<M: Interface> Publisher<M> {
 
     /// How many messages were dropped because the queue or the window of a subscriber was full.
     pub fn dropped(&self) -> u64 {
-        let counters = &self.writer.counters;
-        counters.dropped.load(Relaxed) + counters.failed.load(Relaxed)
+        NodeCore::lost(&self.writer)
     }
 }
 
@@ -96,7 +96,7 @@ impl RawPublisher {
         if writer.queued.load(Relaxed) >= writer.spec.qos.depth.clamp(1, RELIABLE_QUEUE / 2) {
             core.send_queue.flush_writer(writer, LAST_MESSAGES);
         }
-        core.send_queue.push(writer, cdr.into(), None);
+        core.publish_cdr(writer, cdr.into());
     }
 
     /// Full name of the topic.
@@ -106,8 +106,7 @@ impl RawPublisher {
 
     /// How many messages were dropped because the queue or the window of a subscriber was full.
     pub fn dropped(&self) -> u64 {
-        let counters = &self.publisher.writer.counters;
-        counters.dropped.load(Relaxed) + counters.failed.load(Relaxed)
+        NodeCore::lost(&self.publisher.writer)
     }
 }
 
@@ -259,11 +258,19 @@ impl SendQueue {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{msg::std_msgs::String as Text, ros::endpoint::EndpointSpec};
+    use crate::{
+        msg::std_msgs::String as Text,
+        ros::{NodeName, endpoint::EndpointSpec},
+    };
+
+    fn writer(topic: &str, qos: Qos) -> Arc<Writer> {
+        let node = Arc::new(NodeName::new("/", "node").unwrap());
+        let spec = EndpointSpec::topic::<Text>(topic, qos);
+        Arc::new(Writer::new(spec, node, Arc::default()))
+    }
 
     fn fill(qos: Qos, messages: u8) -> (SendQueue, Arc<Writer>) {
-        let spec = EndpointSpec::topic::<Text>("/t", qos);
-        let (send_queue, writer) = (SendQueue::default(), Arc::new(Writer::new(spec)));
+        let (send_queue, writer) = (SendQueue::default(), writer("/t", qos));
         for i in 0..messages {
             send_queue.push(&writer, vec![i].into(), None);
         }
@@ -278,10 +285,7 @@ mod tests {
     #[test]
     fn best_effort_goes_at_once_where_nothing_waits() {
         let (send_queue, writer) = fill(Qos::SENSOR_DATA, 0);
-        let reliable = Arc::new(Writer::new(EndpointSpec::topic::<Text>(
-            "/r",
-            Qos::RELIABLE,
-        )));
+        let reliable = self::writer("/r", Qos::RELIABLE);
         send_queue.lock().running = true;
         let handed_over = || writer.counters.failed.load(Relaxed);
         send_queue.push(&writer, vec![0].into(), None);

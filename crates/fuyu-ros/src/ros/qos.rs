@@ -148,6 +148,13 @@ const MAX_BLOCKING: Duration = Duration::from_millis(5);
 /// that waited for it arrives at once, and rustdds drops samples beyond this limit (64 by default)
 /// before it can be taken. Seconds of any stream in the graph; a state message takes about a kilobyte.
 const KEPT: i32 = 4096;
+/// The same for messages of a megabyte.
+const KEPT_LARGE: i32 = 64;
+
+/// How many samples a reliable subscription keeps for a program that is late.
+pub(super) const fn kept(large: bool) -> usize {
+    (if large { KEPT_LARGE } else { KEPT }) as usize
+}
 
 impl Qos {
     /// For a subscription. Messages of a `bulky` type would fill the memory long before they are many;

@@ -37,6 +37,26 @@ pub struct RawSample {
     pub(super) identity: SampleIdentity,
 }
 
+#[cfg(test)]
+impl RawSample {
+    pub(super) fn for_test(cdr: Bytes) -> Self {
+        let publisher = Gid::from([0; 16]);
+        let identity = SampleIdentity {
+            writer_guid: publisher.into(),
+            sequence_number: rustdds::SequenceNumber::from(1),
+        };
+        Self {
+            cdr,
+            source_time: None,
+            received_time: Time::ZERO,
+            publisher,
+            sequence_number: 1,
+            related: None,
+            identity,
+        }
+    }
+}
+
 /// Passes bytes to and from rustdds unchanged.
 #[derive(Debug, Clone, Copy)]
 pub(super) struct CdrPassthrough;

@@ -1,6 +1,6 @@
 //! Services: a request topic, a reply topic, and the sample identity that links a reply to its request.
 
-use rustdds::{SequenceNumber, bytes::Bytes, rpc::SampleIdentity};
+use rustdds::{SequenceNumber, rpc::SampleIdentity};
 use std::{
     collections::VecDeque,
     marker::PhantomData,
@@ -42,6 +42,7 @@ pub(super) fn service_spec<S: Service>(
         // Peers state the hash of the whole service, which is not computed here.
         definition: None,
         internal: true,
+        shared: false,
     }
 }
 
@@ -117,17 +118,16 @@ impl<S: Service> Reply<S> {
         let Some(core) = self.core.upgrade() else {
             return;
         };
-        let cdr: Bytes = cdr::encode(response).into();
-        if let Err(longest) = self.fits(&core, cdr.len()) {
+        let length = cdr::encode(response).len();
+        if let Err(longest) = self.fits(&core, length) {
             tracing::warn!(
-                "node {}: service {}: a response of {} bytes may not reach the client, the limit of this version of \
+                "node {}: service {}: a response of {length} bytes may not reach the client, the limit of this version of \
                  rustdds is {longest}; request less at a time",
                 core.names.node(),
                 self.writer.spec.name,
-                cdr.len()
             );
         }
-        core.send_queue.push(&self.writer, cdr, Some(self.question));
+        core.reply(&self.writer, response, self.question);
     }
 
     /// Whether a response is short enough to reach the client (docs/upstream.md).
@@ -139,13 +139,13 @@ impl<S: Service> Reply<S> {
 
     /// Checks the length of a response; the error is the limit \[bytes\].
     fn fits(&self, core: &NodeCore, length: usize) -> Result<(), usize> {
-        if length <= ALWAYS_REACHES {
+        // Without DDS there is no limit.
+        if length <= ALWAYS_REACHES || self.writer.is_of_participant(self.question.writer_guid) {
             return Ok(());
         }
-        let mut connection = core.lock_session();
-        let longest = (connection.session()).map_or(ALWAYS_REACHES, |session| {
-            session.longest_reply(&self.writer.spec.dds_topic)
-        });
+        let topic = &self.writer.spec.dds_topic;
+        let longest = core.participant.longest_reply(topic);
+        let longest = longest.unwrap_or(ALWAYS_REACHES);
         if length <= longest {
             Ok(())
         } else {

@@ -1,16 +1,16 @@
-//! A DDS participant with the endpoints of a node. It can be replaced while the handles of the program stay valid.
+//! A connected DDS participant with the endpoints of its nodes. It can be replaced while the handles of the programs stay
+//! valid.
 
 use rustdds::{
     DomainParticipant, QosPolicies, RTPSEntity, Topic, TopicKind,
     bytes::Bytes,
-    mio1::{Events as PollEvents, Interest, Poll, Token, Waker},
+    mio1::{Poll, Waker},
 };
 use std::{
-    collections::{BTreeSet, HashMap},
-    io,
+    collections::{HashMap, HashSet, VecDeque},
     panic::{AssertUnwindSafe, catch_unwind},
     sync::{
-        Arc, Mutex, PoisonError,
+        Arc, Mutex, PoisonError, Weak,
         atomic::{AtomicBool, Ordering::Relaxed},
         mpsc,
     },
@@ -18,39 +18,32 @@ use std::{
 };
 
 use super::{
-    Domain, Gid, NodeName, Qos, RawSample,
-    discovery::{self, Announcer, DiscoveredPublisher, Peers, report_status},
+    Domain, Gid, Qos, RawSample,
+    announcer::Announcer,
     discovery_settling::DiscoverySettling,
     endpoint::{EndpointSpec, Endpoints, Reader, Writer},
-    events::StopState,
     graph_cache::GraphCache,
     participant_watchdog::{self, EntityError},
+    qos::Durability,
     raw_endpoints::{CdrPassthrough, RawReader, RawWriter},
+    receiver::{self, Receiver, Request},
 };
-
-/// Types whose messages have the size of a megabyte rather than a kilobyte.
-const LARGE_TYPES: [&str; 4] = [
-    "sensor_msgs::msg::dds_::Image_",
-    "sensor_msgs::msg::dds_::CompressedImage_",
-    "sensor_msgs::msg::dds_::PointCloud2_",
-    "nav_msgs::msg::dds_::OccupancyGrid_",
-];
-
-enum SessionRequest {
-    Add(Box<RawReader>, Arc<Reader>),
-    Remove(Gid),
-}
 
 /// A connected participant.
 pub(super) struct Session {
     participant: DomainParticipant,
     publisher: rustdds::Publisher,
     subscriber: rustdds::Subscriber,
-    topics: HashMap<String, Topic>,
-    announcer: Announcer,
-    /// Discovered topics and types against the rules of ROS that a warning was logged for.
-    warned_topics: BTreeSet<(String, String)>,
-    requests: mpsc::Sender<SessionRequest>,
+    /// By name and type.
+    topics: HashMap<(String, String), Topic>,
+    /// DDS writers that nodes share, by topic.
+    shared_writers: HashMap<String, Weak<RawWriter>>,
+    /// DDS readers that nodes share, by topic, and how many do.
+    shared_readers: HashMap<String, (Gid, usize)>,
+    /// Topics that have or had a DDS reader.
+    read_topics: HashSet<String>,
+    announcer: Arc<Announcer>,
+    requests: mpsc::Sender<Request>,
     waker: Arc<Waker>,
     stop: Arc<AtomicBool>,
     receiver: Option<JoinHandle<()>>,
@@ -60,10 +53,9 @@ impl Session {
     /// A participant with every endpoint of `endpoints`. Threads inherit the caller's signal mask.
     pub(super) fn open(
         domain: Domain,
-        node: &NodeName,
         endpoints: &Arc<Mutex<Endpoints>>,
-        stop_state: &Arc<StopState>,
-        (graph, settling): (&Arc<GraphCache>, &Arc<DiscoverySettling>),
+        graph: &Arc<GraphCache>,
+        settling: &Arc<DiscoverySettling>,
     ) -> Result<Self, EntityError> {
         let participant = domain.participant().map_err(EntityError::Dds)?;
         graph.reset(participant.guid().into());
@@ -74,10 +66,11 @@ impl Session {
         let subscriber = participant
             .create_subscriber(&qos)
             .map_err(EntityError::dds)?;
-        let announcer = Announcer::new(&participant, &publisher, node)?;
+        let announcer = Arc::new(Announcer::new(&participant, &publisher)?);
+        let announcements = receiver::subscribe_to_announcements(&participant, &subscriber)?;
 
         let poll = Poll::new().map_err(EntityError::dds)?;
-        let waker = Waker::new(poll.registry(), WAKER).map_err(EntityError::dds)?;
+        let waker = Waker::new(poll.registry(), receiver::WAKER).map_err(EntityError::dds)?;
         let (requests, inbox) = mpsc::channel();
         let stop = Arc::new(AtomicBool::new(false));
         let receiver = Receiver {
@@ -85,20 +78,25 @@ impl Session {
             inbox,
             stop: Arc::clone(&stop),
             participant: participant.clone(),
-            node: node.clone(),
+            announcer: Arc::clone(&announcer),
+            announcements,
             endpoints: Arc::clone(endpoints),
             graph: Arc::clone(graph),
             settling: Arc::clone(settling),
         };
+        let all = Arc::clone(endpoints);
         let receiver = thread::Builder::new()
-            .name(format!("{}.receive", node.name()))
-            .spawn({
-                let (node, stop_state) = (node.clone(), Arc::clone(stop_state));
-                move || match catch_unwind(AssertUnwindSafe(|| receiver.run())) {
-                    Ok(Ok(())) => {}
-                    // A node that cannot receive must not continue as if it could.
-                    Ok(Err(e)) => stop_state.fail(format!("node {node}: receiving has ended: {e}")),
-                    Err(_) => stop_state.fail(format!("node {node}: a handler has panicked")),
+            .name("dds.receive".to_owned())
+            .spawn(move || {
+                let why = match catch_unwind(AssertUnwindSafe(|| receiver.run())) {
+                    Ok(Ok(())) => return,
+                    Ok(Err(e)) => format!("receiving has ended: {e}"),
+                    Err(_) => "the receiving thread has panicked".to_owned(),
+                };
+                // Nodes that cannot receive must not continue as if they could.
+                let nodes = lock(&all).nodes.clone();
+                for node in nodes {
+                    node.stop_state.fail(format!("node {}: {why}", node.name));
                 }
             })
             .map_err(EntityError::dds)?;
@@ -107,68 +105,84 @@ impl Session {
             publisher,
             subscriber,
             topics: HashMap::new(),
+            shared_writers: HashMap::new(),
+            shared_readers: HashMap::new(),
+            read_topics: HashSet::new(),
             announcer,
-            warned_topics: BTreeSet::new(),
             requests,
             waker: Arc::new(waker),
             stop,
             receiver: Some(receiver),
         };
         if let Err(e) = session.create_all(endpoints) {
-            let writers = Self::detach(&endpoints.lock().unwrap_or_else(PoisonError::into_inner));
+            let writers = Self::detach(&lock(endpoints));
             return Err(e.abandoning((writers, session)));
         }
-        session.announcer.announce();
+        session.announce();
         Ok(session)
     }
 
     fn create_all(&mut self, endpoints: &Mutex<Endpoints>) -> Result<(), EntityError> {
         let (writers, readers) = {
-            let all = endpoints.lock().unwrap_or_else(PoisonError::into_inner);
+            let all = lock(endpoints);
             (all.writers.clone(), all.readers.clone())
         };
         writers.iter().try_for_each(|w| self.create_writer(w))?;
         readers.iter().try_for_each(|r| self.create_reader(r))
     }
 
+    /// The DDS participant.
+    pub(super) fn participant(&self) -> &DomainParticipant {
+        &self.participant
+    }
+
     pub(super) fn add_writer(&mut self, writer: &Writer) -> Result<(), EntityError> {
         self.create_writer(writer)?;
-        self.announcer.announce();
+        self.announce();
         Ok(())
     }
 
     pub(super) fn add_reader(&mut self, reader: &Arc<Reader>) -> Result<(), EntityError> {
         self.create_reader(reader)?;
-        self.announcer.announce();
+        self.announce();
         Ok(())
     }
 
-    pub(super) fn remove_writer(&mut self, writer: &Writer) {
-        if let Some(gid) = writer.gid() {
-            self.announcer.forget(gid);
-            self.announcer.announce();
+    /// Removes a publisher that is no longer among the endpoints. Its DDS writer is for the caller to drop, without locks.
+    #[must_use]
+    pub(super) fn remove_writer(&mut self, writer: &Writer) -> Option<Arc<RawWriter>> {
+        let gid = writer.gid();
+        let dds = writer.attach(None);
+        if let Some(gid) = gid
+            && dds.as_ref().is_some_and(|dds| Arc::strong_count(dds) == 1)
+        {
+            self.send(Request::ForgetWriter(gid));
         }
-        writer.attach(None);
+        self.announce();
+        dds
     }
 
-    pub(super) fn remove_reader(&mut self, reader: &Reader) {
-        if let Some(gid) = reader.gid() {
-            self.announcer.forget(gid);
-            self.announcer.announce();
-            self.send(SessionRequest::Remove(gid));
+    /// Removes a subscription that is no longer among the endpoints.
+    pub(super) fn remove_reader(&mut self, reader: &Arc<Reader>) {
+        let topic = &reader.spec.dds_topic;
+        if reader.spec.shared
+            && let Some((_, nodes)) = self.shared_readers.get_mut(topic)
+        {
+            *nodes -= 1;
+            if *nodes == 0 {
+                self.shared_readers.remove(topic);
+            }
         }
+        self.send(Request::Remove(Arc::clone(reader)));
+        self.announce();
     }
 
-    pub(super) fn discovered_publishers(&mut self, node: &NodeName) -> Vec<DiscoveredPublisher> {
-        discovery::publishers(&self.participant, node, &mut self.warned_topics)
+    /// Publishes the present nodes and endpoints, soon.
+    pub(super) fn announce(&self) {
+        self.send(Request::Announce);
     }
 
-    /// The longest reply \[bytes\] that reaches every client of the service with this reply topic.
-    pub(super) fn longest_reply(&self, dds_topic: &str) -> usize {
-        discovery::longest_reply(&self.participant, dds_topic)
-    }
-
-    fn send(&self, request: SessionRequest) {
+    fn send(&self, request: Request) {
         // The thread ends only with this session.
         if self.requests.send(request).is_ok() {
             let _ = self.waker.wake();
@@ -176,44 +190,72 @@ impl Session {
     }
 
     fn topic(&mut self, spec: &EndpointSpec) -> Result<Topic, EntityError> {
-        if let Some(topic) = self.topics.get(&spec.dds_topic) {
+        let key = (spec.dds_topic.clone(), spec.dds_type.clone());
+        if let Some(topic) = self.topics.get(&key) {
             return Ok(topic.clone());
         }
-        let (name, kind) = (spec.dds_topic.clone(), spec.dds_type.clone());
+        let (name, kind) = key.clone();
         let qos = QosPolicies::from(&spec.qos);
         let topic = participant_watchdog::create(&self.participant, move |participant| {
             participant.create_topic(name, kind, &qos, TopicKind::NoKey)
         })?;
-        self.topics.insert(spec.dds_topic.clone(), topic.clone());
+        self.topics.insert(key, topic.clone());
         Ok(topic)
     }
 
     fn create_writer(&mut self, writer: &Writer) -> Result<(), EntityError> {
-        let topic = self.topic(&writer.spec)?;
-        let qos = QosPolicies::from(&writer.spec.qos);
+        let spec = &writer.spec;
+        let shared = self.shared_writers.get(&spec.dds_topic);
+        if let Some(dds) = shared.filter(|_| spec.shared).and_then(Weak::upgrade) {
+            writer.attach(Some(dds));
+            return Ok(());
+        }
+        let topic = self.topic(spec)?;
+        let qos = QosPolicies::from(&spec.qos);
         let publisher = self.publisher.clone();
         let dds = participant_watchdog::create(&self.participant, move |_| {
             publisher.create_datawriter_no_key::<Bytes, CdrPassthrough>(&topic, Some(qos))
         })?;
-        self.announcer.add_writer(dds.guid().into());
-        writer.counters.matched.store(0, Relaxed);
-        writer.attach(Some(Arc::new(dds)));
+        let dds = Arc::new(dds);
+        if spec.shared {
+            let topic = spec.dds_topic.clone();
+            self.shared_writers.insert(topic, Arc::downgrade(&dds));
+        }
+        writer.counters.forget_remote();
+        writer.attach(Some(dds));
         Ok(())
     }
 
     fn create_reader(&mut self, reader: &Arc<Reader>) -> Result<(), EntityError> {
-        let topic = self.topic(&reader.spec)?;
-        let is_large = LARGE_TYPES.contains(&reader.spec.dds_type.as_str());
-        let qos = reader.spec.qos.for_reader(is_large);
+        let spec = &reader.spec;
+        reader.counters.forget_remote();
+        if spec.shared
+            && let Some((gid, nodes)) = self.shared_readers.get_mut(&spec.dds_topic)
+        {
+            *nodes += 1;
+            reader.set_gid(*gid);
+            let request = Request::Join(*gid, Arc::clone(reader));
+            self.send(request);
+            return Ok(());
+        }
+        let topic = self.topic(spec)?;
+        let qos = spec.qos.for_reader(spec.is_large());
         let subscriber = self.subscriber.clone();
         let dds = participant_watchdog::create(&self.participant, move |_| {
             subscriber.create_simple_datareader_no_key::<Bytes, CdrPassthrough>(&topic, Some(qos))
         })?;
         let gid = dds.guid().into();
-        self.announcer.add_reader(gid);
-        reader.counters.matched.store(0, Relaxed);
         reader.set_gid(gid);
-        self.send(SessionRequest::Add(Box::new(dds), Arc::clone(reader)));
+        if spec.shared {
+            let topic = spec.dds_topic.clone();
+            self.shared_readers.insert(topic, (gid, 1));
+        }
+        let earlier = match self.read_topics.insert(spec.dds_topic.clone()) {
+            true => VecDeque::new(),
+            false => left_by_others(&dds, &spec.qos),
+        };
+        let reader = Arc::clone(reader);
+        self.send(Request::Add(Box::new(dds), reader, earlier));
         Ok(())
     }
 
@@ -224,9 +266,27 @@ impl Session {
     }
 }
 
+fn lock(endpoints: &Mutex<Endpoints>) -> std::sync::MutexGuard<'_, Endpoints> {
+    endpoints.lock().unwrap_or_else(PoisonError::into_inner)
+}
+
+/// What a new DDS reader finds of earlier ones: rustdds has one cache for all readers of a topic in a participant. A
+/// volatile subscription must not get them, a transient-local one only the last `depth`.
+fn left_by_others(dds: &RawReader, qos: &Qos) -> VecDeque<RawSample> {
+    let mut kept = VecDeque::new();
+    while let Ok(Some(change)) = dds.try_take_one() {
+        if qos.durability == Durability::TransientLocal {
+            if kept.len() >= qos.depth.max(1) {
+                kept.pop_front();
+            }
+            kept.push_back(RawSample::from(change));
+        }
+    }
+    kept
+}
+
 impl Drop for Session {
     fn drop(&mut self) {
-        self.announcer.leave();
         self.stop.store(true, Relaxed);
         let _ = self.waker.wake();
         if let Some(receiver) = self.receiver.take()
@@ -234,147 +294,7 @@ impl Drop for Session {
         {
             let _ = receiver.join();
         }
-    }
-}
-
-const WAKER: Token = Token(0);
-const STATUS: Token = Token(1);
-const FIRST_READER: usize = 2;
-
-/// The receiving thread: waits for all readers of a participant at once.
-struct Receiver {
-    poll: Poll,
-    inbox: mpsc::Receiver<SessionRequest>,
-    stop: Arc<AtomicBool>,
-    participant: DomainParticipant,
-    node: NodeName,
-    endpoints: Arc<Mutex<Endpoints>>,
-    graph: Arc<GraphCache>,
-    settling: Arc<DiscoverySettling>,
-}
-
-impl Receiver {
-    fn run(mut self) -> io::Result<()> {
-        // Tokens are never used twice within one participant.
-        let mut readers: HashMap<usize, ReaderState> = HashMap::new();
-        let mut next_token = FIRST_READER;
-        let mut peers = Peers::default();
-        let mut status = self.participant.status_listener();
-        let registered = self
-            .poll
-            .registry()
-            .register(&mut status, STATUS, Interest::READABLE);
-        if let Err(e) = registered {
-            tracing::error!("node {}: no events of the participant: {e}", self.node);
-        }
-        let mut events = PollEvents::with_capacity(64);
-        while !self.stop.load(Relaxed) {
-            match self.poll.poll(&mut events, None) {
-                Err(e) if e.kind() == io::ErrorKind::Interrupted => continue,
-                outcome => outcome?,
-            }
-            for event in &events {
-                match event.token() {
-                    WAKER => {}
-                    STATUS => report_status(
-                        &status,
-                        &self.node,
-                        &self.endpoints,
-                        &mut peers,
-                        (&self.graph, &self.settling),
-                    ),
-                    Token(token) => {
-                        if let Some(state) = readers.get_mut(&token) {
-                            state.take_all();
-                        }
-                    }
-                }
-            }
-            while let Ok(request) = self.inbox.try_recv() {
-                match request {
-                    SessionRequest::Add(mut dds, reader) => {
-                        let token = Token(next_token);
-                        let registry = self.poll.registry();
-                        if let Err(e) = registry.register(&mut *dds, token, Interest::READABLE) {
-                            let topic = &reader.spec.name;
-                            tracing::error!("node {}: cannot receive {topic}: {e}", self.node);
-                        }
-                        // Samples that arrived before the registration.
-                        let mut state = ReaderState {
-                            dds,
-                            reader,
-                            last: HashMap::new(),
-                        };
-                        state.take_all();
-                        readers.insert(next_token, state);
-                        next_token += 1;
-                    }
-                    SessionRequest::Remove(gid) => {
-                        readers.retain(|_, r| Gid::from(r.dds.guid()) != gid);
-                    }
-                }
-            }
-        }
-        Ok(())
-    }
-}
-
-/// A reader on the receiving thread.
-struct ReaderState {
-    dds: Box<RawReader>,
-    reader: Arc<Reader>,
-    /// The number of the last sample of each publisher.
-    last: HashMap<Gid, i64>,
-}
-
-impl ReaderState {
-    fn take_all(&mut self) {
-        let Self { dds, reader, last } = self;
-        dds.drain_read_notifications();
-        loop {
-            match dds.try_take_one() {
-                Ok(None) => return,
-                Ok(Some(change)) => {
-                    let sample = RawSample::from(change);
-                    let missing = missing(last, sample.publisher, sample.sequence_number);
-                    reader.counters.missing.fetch_add(missing, Relaxed);
-                    reader.counters.count();
-                    if !(reader.sink)(sample, &reader.counters) {
-                        reader.counters.failed.fetch_add(1, Relaxed);
-                    }
-                }
-                // The reader has skipped the sample that it could not take.
-                Err(_) => {
-                    reader.counters.failed.fetch_add(1, Relaxed);
-                }
-            }
-        }
-    }
-}
-
-/// Number of samples missing between the last one of a publisher and this one. Samples before the first one received here
-/// were not meant for this reader.
-fn missing(last: &mut HashMap<Gid, i64>, publisher: Gid, number: i64) -> u64 {
-    let before = last.entry(publisher).or_insert(number);
-    let gap = number.saturating_sub(*before).saturating_sub(1).max(0);
-    *before = number.max(*before);
-    gap as u64
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    // Would break if a late start, a repetition or another publisher's numbers counted as holes.
-    #[test]
-    fn missing_samples_are_counted_for_each_publisher() {
-        let gid = |n| Gid::from([n; 16]);
-        let mut last = HashMap::new();
-        let numbers = [(1, 40), (1, 41), (2, 7), (1, 45), (1, 45), (2, 8), (1, 46)];
-        let holes: Vec<_> = numbers
-            .iter()
-            .map(|&(publisher, number)| missing(&mut last, gid(publisher), number))
-            .collect();
-        assert_eq!(holes, [0, 0, 0, 3, 0, 0, 0]);
+        // The participant has no nodes any more.
+        self.announcer.publish(Vec::new());
     }
 }

@@ -1,80 +1,23 @@
-//! Receiving: a queue per subscription, filled by the node's receiving thread.
+//! Subscriptions.
 
 use std::{
-    collections::VecDeque,
-    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, atomic::Ordering::Relaxed},
+    sync::{Arc, PoisonError, atomic::Ordering::Relaxed},
     time::{Duration, Instant},
 };
 
 use super::{
-    Gid, Qos, RawSample, Time,
-    endpoint::{Counters, Reader},
+    Gid, Qos, Time,
+    endpoint::Reader,
     node_core::NodeCore,
+    receive_queue::{ReceiveQueue, Received},
 };
-use crate::msg::{Interface, cdr};
+use crate::msg::Interface;
 
-/// A received message and its origin.
-#[derive(Debug, Clone)]
-pub struct Received<M> {
-    /// The message.
-    pub message: M,
-    /// Time of publication by the wall clock of the publisher, if it states one.
-    pub source_time: Option<Time>,
-    /// Time of arrival (wall clock).
-    pub received_time: Time,
-    /// The publisher.
-    pub publisher: Gid,
-}
-
-pub(super) struct ReceiveQueue<M> {
-    queue: Mutex<VecDeque<Received<M>>>,
-    arrived: Condvar,
-    depth: usize,
-}
-
-impl<M: Interface> ReceiveQueue<M> {
-    pub(super) fn new(depth: usize) -> Self {
-        Self {
-            queue: Mutex::default(),
-            arrived: Condvar::new(),
-            depth: depth.max(1),
-        }
-    }
-
-    /// Takes a sample in; `false` if its bytes are not an `M`. The oldest makes room for the newest.
-    pub(super) fn accept(&self, sample: &RawSample, counters: &Counters) -> bool {
-        let Ok(message) = cdr::decode(&sample.cdr) else {
-            return false;
-        };
-        let mut queue = self.lock();
-        if queue.len() >= self.depth {
-            queue.pop_front();
-            let count = match self.depth {
-                1 => &counters.replaced,
-                _ => &counters.dropped,
-            };
-            count.fetch_add(1, Relaxed);
-        }
-        queue.push_back(Received {
-            message,
-            source_time: sample.source_time,
-            received_time: sample.received_time,
-            publisher: sample.publisher,
-        });
-        drop(queue);
-        self.arrived.notify_all();
-        true
-    }
-}
-
-impl<M> ReceiveQueue<M> {
-    fn lock(&self) -> MutexGuard<'_, VecDeque<Received<M>>> {
-        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
-    }
-}
-
-/// Receives messages of one type from one topic into a queue as long as the QoS depth; the oldest makes
-/// room for the newest.
+/// Receives messages of one type from one topic into a queue.
+///
+/// The queue is as long as the QoS depth, and the oldest message makes room for the newest. Messages of a reliable publisher
+/// of the same process are not dropped while the program is late: beyond the depth, up to 4096 of them wait (64 of images and
+/// point clouds). A queue of depth 1 always has the newest message only.
 pub struct Subscription<M> {
     core: Arc<NodeCore>,
     reader: Arc<Reader>,
@@ -96,15 +39,12 @@ impl<M: Interface> Subscription<M> {
 
     /// The oldest message that waits.
     pub fn take(&self) -> Option<Received<M>> {
-        self.inbox.lock().pop_front()
+        self.inbox.take()
     }
 
     /// The newest message that waits; older ones are discarded.
     pub fn latest(&self) -> Option<Received<M>> {
-        let mut queue = self.inbox.lock();
-        let newest = queue.pop_back();
-        queue.clear();
-        newest
+        self.inbox.latest()
     }
 
     /// The oldest message, waiting for it at most `patience` (wall time). Ends early, with nothing, when
@@ -113,21 +53,12 @@ impl<M: Interface> Subscription<M> {
         let deadline = Instant::now() + patience;
         // Short waits, since a stop request does not wake this queue.
         const SLICE: Duration = Duration::from_millis(50);
-        let mut queue = self.inbox.lock();
         loop {
-            if let Some(received) = queue.pop_front() {
-                return Some(received);
-            }
             let left = deadline.saturating_duration_since(Instant::now());
-            if left.is_zero() || self.core.stop_state.is_stopping() {
-                return None;
+            let received = self.inbox.wait(left.min(SLICE));
+            if received.is_some() || left.is_zero() || self.core.stop_state.is_stopping() {
+                return received;
             }
-            queue = self
-                .inbox
-                .arrived
-                .wait_timeout(queue, left.min(SLICE))
-                .unwrap_or_else(PoisonError::into_inner)
-                .0;
         }
     }
 }
@@ -145,9 +76,16 @@ impl<M> Subscription<M> {
 
     /// Whether `publisher` is discovered, matched and not lost.
     pub fn is_matched(&self, publisher: Gid) -> bool {
-        let peers = &self.reader.counters.peers;
-        let peers = peers.lock().unwrap_or_else(PoisonError::into_inner);
-        peers.contains(&publisher)
+        let Reader {
+            counters,
+            local,
+            spec,
+            ..
+        } = &*self.reader;
+        let peers = counters.peers.lock().unwrap_or_else(PoisonError::into_inner);
+        let is_remote = peers.contains(&publisher);
+        drop(peers);
+        is_remote || local.is_matched(publisher, spec)
     }
 
     /// How long ago the last message came (wall time); `None` before the first.

@@ -5,7 +5,6 @@ use std::{collections::BTreeSet, sync::Arc};
 use super::{Change, ParameterStore, ParameterValue, SetError, USE_SIM_TIME};
 use crate::{
     msg::{
-        cdr,
         rcl_interfaces::{
             ListParametersResult, Parameter, ParameterDescriptor, ParameterEvent,
             SetParametersResult,
@@ -75,10 +74,9 @@ pub(in crate::ros) fn serve(node: &Node) -> Result<Vec<ServiceServer>, NodeError
 
 /// Publishes changes on `/parameter_events` and wakes the node. The store holds a weak reference to the node.
 fn announce_changes(node: &Node) -> Result<(), NodeError> {
-    let writer = node.core.add_writer(EndpointSpec::topic::<ParameterEvent>(
-        "/parameter_events",
-        Qos::PARAMETER_EVENTS,
-    ))?;
+    let events =
+        EndpointSpec::topic::<ParameterEvent>("/parameter_events", Qos::PARAMETER_EVENTS).shared();
+    let writer = node.core.add_writer(events)?;
     let core = Arc::downgrade(&node.core);
     node.parameters().on_change(move |changes| {
         let Some(core) = core.upgrade() else {
@@ -92,8 +90,7 @@ fn announce_changes(node: &Node) -> Result<(), NodeError> {
         }
         let name = core.names.node().full();
         let event = event(core.clock.now().into(), &name, changes);
-        core.send_queue
-            .push(&writer, cdr::encode(&event).into(), None);
+        core.publish(&writer, &event);
         core.events.notify();
     });
     Ok(())

@@ -1,0 +1,268 @@
+//! Delivery inside a participant: messages of its publishers reach its subscriptions in memory.
+//!
+//! A participant does not exchange messages with itself over DDS (on loopback it cannot, docs/upstream.md; elsewhere the
+//! receiving thread drops what comes from its own participant). Instead a publisher passes each message to the
+//! subscriptions of its topic in the same participant, in the thread that publishes, before it goes to DDS for the others.
+//! Subscriptions of the same Rust type share one copy; those that know the type by name only share the serialized bytes.
+//!
+//! Endpoints are matched by the rules of DDS: same topic and type, and an offered quality of service that satisfies the
+//! requested one. The lock of a topic is held while a message enters the queues of its subscriptions, so that all get the
+//! messages of a publisher in the same order, and a late joiner gets each kept message once. Nothing is logged, no handler
+//! runs and nothing of rustdds is called meanwhile.
+
+use rustdds::{SequenceNumber, bytes::Bytes, rpc::SampleIdentity};
+use std::{
+    any::Any,
+    collections::{HashMap, VecDeque},
+    sync::{Arc, Mutex, MutexGuard, PoisonError, atomic::Ordering::Relaxed},
+    time::Instant,
+};
+
+use super::{
+    Gid, Qos, RawSample, Time,
+    endpoint::{EndpointSpec, Origin, Reader, Writer},
+    qos::{Durability, Liveliness},
+};
+
+/// A message of any Rust type.
+pub(super) type AnyMessage = Arc<dyn Any + Send + Sync>;
+
+/// A sample on its way to a subscription.
+#[derive(Clone)]
+pub(super) struct LocalSample {
+    pub(super) raw: RawSample,
+    /// The message itself, if the publisher has it.
+    pub(super) message: Option<AnyMessage>,
+}
+
+impl From<RawSample> for LocalSample {
+    fn from(raw: RawSample) -> Self {
+        Self { raw, message: None }
+    }
+}
+
+/// What a publisher delivers.
+pub(super) struct Outgoing<'a> {
+    /// Encapsulation header and CDR.
+    pub(super) cdr: Bytes,
+    /// Makes the shared copy of the message, if there is a subscription for it.
+    pub(super) message: Option<&'a dyn Fn() -> AnyMessage>,
+    /// Identity of the related request, of services.
+    pub(super) related: Option<SampleIdentity>,
+    /// Identity that DDS has given the sample, if it has been written already.
+    pub(super) identity: Option<SampleIdentity>,
+}
+
+/// The topics of a participant.
+#[derive(Default)]
+pub(super) struct LocalTopics {
+    topics: Mutex<HashMap<String, Arc<LocalTopic>>>,
+}
+
+impl LocalTopics {
+    /// The topic with this DDS name.
+    pub(super) fn topic(&self, dds_topic: &str) -> Arc<LocalTopic> {
+        let mut topics = self.topics.lock().unwrap_or_else(PoisonError::into_inner);
+        // Those that no endpoint refers to any more.
+        if topics.len() >= 2 * TOPICS_BEFORE_CLEANING {
+            topics.retain(|_, topic| Arc::strong_count(topic) > 1);
+        }
+        let topic = topics.entry(dds_topic.to_owned()).or_default();
+        Arc::clone(topic)
+    }
+}
+
+/// Unused topics are removed when there are twice as many.
+const TOPICS_BEFORE_CLEANING: usize = 256;
+
+/// The endpoints of one topic in a participant.
+#[derive(Default)]
+pub(super) struct LocalTopic {
+    members: Mutex<Members>,
+}
+
+#[derive(Default)]
+struct Members {
+    writers: Vec<LocalWriter>,
+    readers: Vec<Arc<Reader>>,
+}
+
+struct LocalWriter {
+    writer: Arc<Writer>,
+    sent: i64,
+    /// For late joiners, of transient-local publishers.
+    kept: VecDeque<(Instant, LocalSample)>,
+}
+
+/// Two endpoints of a participant that do not exchange messages although their topic is the same.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub(super) enum Mismatch {
+    /// The types differ: offered, requested.
+    Types(String, String),
+    /// The publisher offers less than the subscription requests: offered, requested.
+    Qos(Box<(Qos, Qos)>),
+}
+
+impl LocalTopic {
+    /// Adds a publisher. Returns why it is not matched with some subscriptions.
+    pub(super) fn add_writer(&self, writer: &Arc<Writer>) -> Vec<Mismatch> {
+        let mut members = self.lock();
+        let mut mismatches = Vec::new();
+        for reader in &members.readers {
+            match check(&writer.spec, &reader.spec) {
+                Ok(()) => connect(writer, reader),
+                Err(mismatch) => mismatches.push(mismatch),
+            }
+        }
+        members.writers.push(LocalWriter {
+            writer: Arc::clone(writer),
+            sent: 0,
+            kept: VecDeque::new(),
+        });
+        mismatches
+    }
+
+    /// Adds a subscription, which gets the kept messages of transient-local publishers if it requests them. Returns why it
+    /// is not matched with some publishers.
+    pub(super) fn add_reader(&self, reader: &Arc<Reader>) -> Vec<Mismatch> {
+        let mut members = self.lock();
+        let mut mismatches = Vec::new();
+        for LocalWriter { writer, kept, .. } in &members.writers {
+            if let Err(mismatch) = check(&writer.spec, &reader.spec) {
+                mismatches.push(mismatch);
+                continue;
+            }
+            connect(writer, reader);
+            if reader.spec.qos.durability == Durability::TransientLocal {
+                let lifespan = writer.spec.qos.lifespan;
+                let lives = |at: &Instant| lifespan.is_none_or(|span| at.elapsed() <= span);
+                for (_, sample) in kept.iter().filter(|(at, _)| lives(at)) {
+                    reader.receive(sample.clone(), Origin::Local);
+                }
+            }
+        }
+        members.readers.push(Arc::clone(reader));
+        mismatches
+    }
+
+    /// Removes a publisher, with what it has kept.
+    pub(super) fn remove_writer(&self, writer: &Arc<Writer>) {
+        let mut members = self.lock();
+        let before = members.writers.len();
+        members.writers.retain(|w| !Arc::ptr_eq(&w.writer, writer));
+        if members.writers.len() < before {
+            for reader in &members.readers {
+                if check(&writer.spec, &reader.spec).is_ok() {
+                    reader.counters.local.fetch_sub(1, Relaxed);
+                }
+            }
+        }
+    }
+
+    /// Removes a subscription; it receives nothing from then on.
+    pub(super) fn remove_reader(&self, reader: &Arc<Reader>) {
+        let mut members = self.lock();
+        let before = members.readers.len();
+        members.readers.retain(|r| !Arc::ptr_eq(r, reader));
+        if members.readers.len() < before {
+            for LocalWriter { writer, .. } in &members.writers {
+                if check(&writer.spec, &reader.spec).is_ok() {
+                    writer.counters.local.fetch_sub(1, Relaxed);
+                }
+            }
+        }
+    }
+
+    /// Passes a message of `writer` to the subscriptions that are matched with it. Returns how many there are.
+    pub(super) fn deliver(&self, writer: &Arc<Writer>, outgoing: Outgoing) -> usize {
+        let latched = writer.spec.qos.durability == Durability::TransientLocal;
+        let mut members = self.lock();
+        let Members { writers, readers } = &mut *members;
+        let own = |w: &&mut LocalWriter| Arc::ptr_eq(&w.writer, writer);
+        let Some(state) = writers.iter_mut().find(own) else {
+            return 0;
+        };
+        state.sent += 1;
+        let matched = |reader: &&Arc<Reader>| check(&writer.spec, &reader.spec).is_ok();
+        if !latched && !readers.iter().any(|r| matched(&r)) {
+            return 0;
+        }
+        let now = Time::wall();
+        let gid = writer.identity();
+        let identity = outgoing.identity.unwrap_or(SampleIdentity {
+            writer_guid: gid.into(),
+            sequence_number: SequenceNumber::from(state.sent),
+        });
+        let sample = LocalSample {
+            raw: RawSample {
+                cdr: outgoing.cdr,
+                source_time: Some(now),
+                received_time: now,
+                publisher: gid,
+                sequence_number: state.sent,
+                related: outgoing.related,
+                identity,
+            },
+            message: outgoing.message.map(|share| share()),
+        };
+        if latched {
+            while state.kept.len() >= writer.spec.qos.depth.max(1) {
+                state.kept.pop_front();
+            }
+            state.kept.push_back((Instant::now(), sample.clone()));
+        }
+        let mut count = 0;
+        for reader in readers.iter().filter(matched) {
+            reader.receive(sample.clone(), Origin::Local);
+            count += 1;
+        }
+        count
+    }
+
+    /// Whether a publisher with this GID is matched with a subscription.
+    pub(super) fn is_matched(&self, publisher: Gid, reader: &EndpointSpec) -> bool {
+        let members = self.lock();
+        let mut writers = members.writers.iter().map(|w| &w.writer);
+        writers.any(|w| w.identity() == publisher && check(&w.spec, reader).is_ok())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Members> {
+        self.members.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+fn connect(writer: &Writer, reader: &Reader) {
+    writer.counters.local.fetch_add(1, Relaxed);
+    reader.counters.local.fetch_add(1, Relaxed);
+}
+
+/// Whether a publisher and a subscription of one topic exchange messages.
+fn check(offered: &EndpointSpec, requested: &EndpointSpec) -> Result<(), Mismatch> {
+    if offered.dds_type != requested.dds_type {
+        let (offered, requested) = (offered.dds_type.clone(), requested.dds_type.clone());
+        return Err(Mismatch::Types(offered, requested));
+    }
+    match satisfies(&offered.qos, &requested.qos) {
+        true => Ok(()),
+        false => Err(Mismatch::Qos(Box::new((offered.qos, requested.qos)))),
+    }
+}
+
+/// Whether an offered quality of service satisfies a requested one, by the rules of DDS.
+fn satisfies(offered: &Qos, requested: &Qos) -> bool {
+    let at_most = |offered: Option<_>, requested: Option<_>| match (offered, requested) {
+        (_, None) => true,
+        (None, Some(_)) => false,
+        (Some(offered), Some(requested)) => offered <= requested,
+    };
+    (offered.is_reliable() || !requested.is_reliable())
+        && (offered.durability == Durability::TransientLocal
+            || requested.durability == Durability::Volatile)
+        && at_most(offered.deadline, requested.deadline)
+        && (offered.liveliness == Liveliness::ManualByTopic
+            || requested.liveliness == Liveliness::Automatic)
+        && at_most(
+            offered.liveliness_lease_duration,
+            requested.liveliness_lease_duration,
+        )
+}

@@ -1,0 +1,472 @@
+//! A DDS participant that the nodes of a process share, with their endpoints. It outlives the connections to DDS.
+//!
+//! Three locks, never taken in another order: the connection, which is held while rustdds creates or removes something; the
+//! endpoints; a topic inside the participant ([`LocalTopic`](super::local_delivery::LocalTopic)). Messages are delivered,
+//! sent and received without the first one.
+
+use rustdds::DomainParticipant;
+use std::{
+    collections::BTreeSet,
+    panic::{AssertUnwindSafe, catch_unwind},
+    sync::{Arc, Mutex, MutexGuard, PoisonError, Weak},
+    time::Duration,
+};
+
+use super::{
+    Domain, Gid, NodeError, NodeName,
+    discovery::{self, DiscoveredPublisher},
+    discovery_settling::DiscoverySettling,
+    endpoint::{Destination, EndpointSpec, Endpoints, Member, Reader, Writer},
+    graph_cache::{GraphCache, warn_of_namesake},
+    local_delivery::{LocalTopics, Mismatch},
+    participant_watchdog::{AbandonedParticipant, EntityError},
+    session::Session,
+    signals,
+};
+
+/// DDS participants that are tried, one after the other, before a node fails.
+const MAX_PARTICIPANTS: usize = 5;
+
+/// How long the end of a subscription waits for its handler.
+const LAST_SAMPLES: Duration = Duration::from_secs(5);
+
+/// Whether the nodes are in the graph.
+#[derive(Default)]
+enum Connection {
+    /// Not connected yet, or no more because DDS failed; it may connect.
+    #[default]
+    Disconnected,
+    Connected(Box<Session>),
+    /// Left the graph for good, with the last node; a new participant would never be closed.
+    Closed,
+}
+
+impl Connection {
+    fn session(&mut self) -> Option<&mut Session> {
+        match self {
+            Self::Connected(session) => Some(session),
+            Self::Disconnected | Self::Closed => None,
+        }
+    }
+}
+
+/// Called when a publisher of another node is created.
+type Watcher = Arc<dyn Fn(&DiscoveredPublisher) + Send + Sync>;
+
+/// One participant and its nodes.
+pub(super) struct Participant {
+    domain: Domain,
+    connection: Mutex<Connection>,
+    /// The DDS participant, for questions that must not wait for the connection.
+    dds: Mutex<Option<DomainParticipant>>,
+    pub(super) endpoints: Arc<Mutex<Endpoints>>,
+    topics: LocalTopics,
+    graph: Arc<GraphCache>,
+    settling: Arc<DiscoverySettling>,
+    /// Discovered topics and types against the rules of ROS that a warning was logged for.
+    warned_topics: Mutex<BTreeSet<(String, String)>>,
+    watchers: Mutex<Vec<(Member, Watcher)>>,
+}
+
+impl Participant {
+    pub(super) fn new(domain: Domain) -> Self {
+        Self {
+            domain,
+            connection: Mutex::default(),
+            dds: Mutex::default(),
+            endpoints: Arc::default(),
+            topics: LocalTopics::default(),
+            graph: Arc::default(),
+            settling: Arc::default(),
+            warned_topics: Mutex::default(),
+            watchers: Mutex::default(),
+        }
+    }
+
+    /// The DDS domain.
+    pub(super) fn domain(&self) -> Domain {
+        self.domain
+    }
+
+    fn connection(&self) -> MutexGuard<'_, Connection> {
+        self.connection
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn endpoints(&self) -> MutexGuard<'_, Endpoints> {
+        self.endpoints
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn dds(&self) -> Option<DomainParticipant> {
+        let dds = self.dds.lock().unwrap_or_else(PoisonError::into_inner);
+        dds.clone()
+    }
+
+    fn set_dds(&self, new: Option<DomainParticipant>) {
+        let mut dds = self.dds.lock().unwrap_or_else(PoisonError::into_inner);
+        let old = std::mem::replace(&mut *dds, new);
+        drop(dds);
+        drop(old);
+    }
+
+    /// Adds a node; the first one connects. Returns false if the last node has left already.
+    pub(super) fn add_node(&self, node: &Member) -> Result<bool, NodeError> {
+        let mut connection = self.connection();
+        if matches!(*connection, Connection::Closed) {
+            return Ok(false);
+        }
+        self.endpoints().nodes.push(node.clone());
+        match connection.session() {
+            Some(session) => session.announce(),
+            None => {
+                let connected = self.connect(&mut connection, AbandonedParticipant::default());
+                if let Err(e) = connected {
+                    let nodes = &mut self.endpoints().nodes;
+                    nodes.retain(|n| !Arc::ptr_eq(&n.name, &node.name));
+                    return Err(NodeError::dds(&node.name, "join the DDS domain", e));
+                }
+            }
+        }
+        drop(connection);
+        if self.graph.add_own_node(&node.name) {
+            warn_of_namesake(&node.name.full());
+        }
+        Ok(true)
+    }
+
+    /// Removes a node with its endpoints; the last one closes the connection.
+    pub(super) fn remove_node(&self, node: &Arc<NodeName>) {
+        let mut connection = self.connection();
+        let mut endpoints = self.endpoints();
+        if !endpoints.has_node(node) {
+            return;
+        }
+        endpoints.nodes.retain(|n| !Arc::ptr_eq(&n.name, node));
+        let is_last = endpoints.nodes.is_empty();
+        let writers = endpoints.writers.extract_if(.., |w| Arc::ptr_eq(&w.node, node));
+        let writers: Vec<_> = writers.collect();
+        let readers = endpoints.readers.extract_if(.., |r| Arc::ptr_eq(&r.node, node));
+        let readers: Vec<_> = readers.collect();
+        drop(endpoints);
+        let mut detached = Vec::new();
+        if let Some(session) = connection.session() {
+            detached.extend(writers.iter().filter_map(|w| session.remove_writer(w)));
+            readers.iter().for_each(|r| session.remove_reader(r));
+        }
+        let closed = match is_last {
+            true => std::mem::replace(&mut *connection, Connection::Closed),
+            false => Connection::Disconnected,
+        };
+        drop(connection);
+        for writer in writers {
+            writer.local.remove_writer(&writer);
+        }
+        for reader in readers {
+            reader.local.remove_reader(&reader);
+        }
+        self.graph.remove_own_node(node);
+        let mut watchers = self.watchers();
+        watchers.retain(|(watcher, _)| !Arc::ptr_eq(&watcher.name, node));
+        drop(watchers);
+        if is_last {
+            self.set_dds(None);
+        }
+        // Without locks: rustdds may take its time.
+        drop(detached);
+        drop(closed);
+    }
+
+    /// Creates a new DDS participant with all endpoints in place of the present one, whose threads have ended. Returns false
+    /// if there is none.
+    pub(super) fn reconnect(&self) -> Result<bool, NodeError> {
+        let mut connection = self.connection();
+        if connection.session().is_none() {
+            return Ok(false);
+        }
+        let connected = self.connect(&mut connection, AbandonedParticipant::default());
+        let nodes = self.node_names().join(", ");
+        connected.map_err(|e| NodeError::dds(nodes, "join the DDS domain again", e))?;
+        Ok(true)
+    }
+
+    /// Connects, in place of a DDS participant that may have deadlocked.
+    fn connect(
+        &self,
+        connection: &mut Connection,
+        mut old: AbandonedParticipant,
+    ) -> Result<(), EntityError> {
+        // Its drop may wait for threads that have ended, so it is dropped elsewhere.
+        if let Connection::Connected(session) = std::mem::take(connection) {
+            let dds = self.dds();
+            self.set_dds(None);
+            old.keep((Session::detach(&self.endpoints()), session, dds));
+        }
+        drop(old);
+        let open = || Session::open(self.domain, &self.endpoints, &self.graph, &self.settling);
+        let mut new = signals::with_blocked(open);
+        for _ in 1..MAX_PARTICIPANTS {
+            if let Err(EntityError::Deadlocked(_)) = new {
+                new = signals::with_blocked(open);
+            }
+        }
+        let session = new?;
+        self.set_dds(Some(session.participant().clone()));
+        *connection = Connection::Connected(Box::new(session));
+        Ok(())
+    }
+
+    pub(super) fn add_writer(
+        &self,
+        node: &Arc<NodeName>,
+        spec: EndpointSpec,
+    ) -> Result<Arc<Writer>, NodeError> {
+        let topic = self.topics.topic(&spec.dds_topic);
+        let writer = Arc::new(Writer::new(spec, Arc::clone(node), topic));
+        self.settling.wait();
+        let mut connection = self.connection();
+        let mut endpoints = self.endpoints();
+        if !endpoints.has_node(node) {
+            return Ok(writer);
+        }
+        endpoints.writers.push(Arc::clone(&writer));
+        drop(endpoints);
+        if let Some(Err(e)) = connection.session().map(|s| s.add_writer(&writer))
+            && let Err(e) =
+                self.reconnect_with_endpoint(&mut connection, node, ("publish", &writer.spec), e)
+        {
+            let writers = &mut self.endpoints().writers;
+            writers.retain(|w| !Arc::ptr_eq(w, &writer));
+            return Err(e);
+        }
+        drop(connection);
+        warn_of_mismatches(&writer.spec, node, writer.local.add_writer(&writer));
+        self.show_to_watchers(&writer);
+        Ok(writer)
+    }
+
+    pub(super) fn add_reader(
+        &self,
+        node: &Arc<NodeName>,
+        spec: EndpointSpec,
+        destination: Destination,
+    ) -> Result<Arc<Reader>, NodeError> {
+        let topic = self.topics.topic(&spec.dds_topic);
+        let reader = Arc::new(Reader::new(spec, Arc::clone(node), destination, topic));
+        self.settling.wait();
+        let mut connection = self.connection();
+        let mut endpoints = self.endpoints();
+        if !endpoints.has_node(node) {
+            return Ok(reader);
+        }
+        endpoints.readers.push(Arc::clone(&reader));
+        drop(endpoints);
+        if let Some(Err(e)) = connection.session().map(|s| s.add_reader(&reader))
+            && let Err(e) = self.reconnect_with_endpoint(
+                &mut connection,
+                node,
+                ("subscribe to", &reader.spec),
+                e,
+            )
+        {
+            let readers = &mut self.endpoints().readers;
+            readers.retain(|r| !Arc::ptr_eq(r, &reader));
+            return Err(e);
+        }
+        drop(connection);
+        warn_of_mismatches(&reader.spec, node, reader.local.add_reader(&reader));
+        Ok(reader)
+    }
+
+    /// Replaces the DDS participant when an endpoint cannot be added: it may have deadlocked, or a signal may have ended its
+    /// threads while the node was created. The new one has all endpoints including this one, or it is an error. Where only
+    /// descriptors are missing, everything else stays as it is.
+    fn reconnect_with_endpoint(
+        &self,
+        connection: &mut Connection,
+        node: &NodeName,
+        (verb, spec): (&str, &EndpointSpec),
+        why: EntityError,
+    ) -> Result<(), NodeError> {
+        let error = NodeError::dds(node, format!("{verb} {}", spec.name), &why);
+        let old = match why {
+            EntityError::NoDescriptors(_) => return Err(error),
+            EntityError::Deadlocked(stuck) => {
+                tracing::warn!("{error}; joining the graph again");
+                stuck
+            }
+            EntityError::Dds(_) => AbandonedParticipant::default(),
+        };
+        self.connect(connection, old).map_err(|_| error)
+    }
+
+    pub(super) fn remove_writer(&self, writer: &Arc<Writer>) {
+        let mut connection = self.connection();
+        let writers = &mut self.endpoints().writers;
+        writers.retain(|w| !Arc::ptr_eq(w, writer));
+        let session = connection.session();
+        let detached = session.and_then(|session| session.remove_writer(writer));
+        drop(connection);
+        writer.local.remove_writer(writer);
+        // Without locks: rustdds may take its time.
+        drop(detached);
+    }
+
+    /// Removes a subscription. Samples that it has received are handled before it ends.
+    pub(super) fn remove_reader(&self, reader: &Arc<Reader>) {
+        let mut connection = self.connection();
+        let mut endpoints = self.endpoints();
+        let before = endpoints.readers.len();
+        endpoints.readers.retain(|r| !Arc::ptr_eq(r, reader));
+        let was_there = endpoints.readers.len() < before;
+        drop(endpoints);
+        if let Some(session) = connection.session().filter(|_| was_there) {
+            session.remove_reader(reader);
+        }
+        drop(connection);
+        reader.local.remove_reader(reader);
+        if let Destination::Handler(_, queue) = &reader.destination {
+            queue.flush(reader, LAST_SAMPLES);
+        }
+    }
+
+    /// Publishers of other nodes, in this and in other participants.
+    pub(super) fn publishers(&self, node: &Arc<NodeName>) -> Vec<DiscoveredPublisher> {
+        let mut publishers = self.local_publishers(node);
+        if let Some(dds) = self.dds() {
+            let warned = self.warned_topics.lock();
+            let mut warned = warned.unwrap_or_else(PoisonError::into_inner);
+            publishers.extend(discovery::publishers(&dds, node, &mut warned));
+        }
+        publishers
+    }
+
+    fn local_publishers(&self, node: &Arc<NodeName>) -> Vec<DiscoveredPublisher> {
+        let endpoints = self.endpoints();
+        let others = endpoints.writers.iter();
+        let others = others.filter(|writer| !Arc::ptr_eq(&writer.node, node));
+        others.filter_map(|w| DiscoveredPublisher::local(w)).collect()
+    }
+
+    /// Calls `watcher` for every publisher that another node of this participant has or will have: in the thread that
+    /// creates it, before its first message.
+    pub(super) fn watch_publishers(&self, node: &Member, watcher: Watcher) {
+        self.watchers().push((node.clone(), Arc::clone(&watcher)));
+        for publisher in self.local_publishers(&node.name) {
+            watcher(&publisher);
+        }
+    }
+
+    fn watchers(&self) -> MutexGuard<'_, Vec<(Member, Watcher)>> {
+        self.watchers.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    fn show_to_watchers(&self, writer: &Arc<Writer>) {
+        let watchers = self.watchers().clone();
+        let Some(publisher) = DiscoveredPublisher::local(writer) else {
+            return;
+        };
+        for (node, watcher) in watchers {
+            if Arc::ptr_eq(&node.name, &writer.node) {
+                continue;
+            }
+            if catch_unwind(AssertUnwindSafe(|| watcher(&publisher))).is_err() {
+                let reason = format!("node {}: a handler has panicked", node.name);
+                node.stop_state.fail(reason);
+            }
+        }
+    }
+
+    /// Full name of the node that `publisher` belongs to, if it is known.
+    pub(super) fn node_of(&self, publisher: Gid) -> Option<String> {
+        let endpoints = self.endpoints();
+        let mut writers = endpoints.writers.iter();
+        let own = writers.find(|w| w.identity() == publisher);
+        let own = own.map(|writer| writer.node.full());
+        drop(endpoints);
+        own.or_else(|| self.graph.node_of(publisher))
+    }
+
+    /// The longest reply \[bytes\] that reaches every client of the service with this reply topic; `None` if it is not
+    /// connected.
+    pub(super) fn longest_reply(&self, dds_topic: &str) -> Option<usize> {
+        Some(discovery::longest_reply(&self.dds()?, dds_topic))
+    }
+
+    /// Full names of the nodes.
+    pub(super) fn node_names(&self) -> Vec<String> {
+        let endpoints = self.endpoints();
+        endpoints.nodes.iter().map(|n| n.name.full()).collect()
+    }
+
+    /// Whether every node is to stop.
+    pub(super) fn is_stopping(&self) -> bool {
+        let endpoints = self.endpoints();
+        endpoints.nodes.iter().all(|n| n.stop_state.is_stopping())
+    }
+}
+
+fn warn_of_mismatches(spec: &EndpointSpec, node: &NodeName, mismatches: Vec<Mismatch>) {
+    // One warning says enough.
+    match mismatches.first() {
+        Some(Mismatch::Types(offered, requested)) => tracing::warn!(
+            "node {node}: topic {} is not exchanged with another node of this process: {offered} is offered, {requested} \
+             is requested",
+            spec.name
+        ),
+        Some(Mismatch::Qos(qos)) => tracing::warn!(
+            "node {node}: {}",
+            discovery::not_exchanged(&spec.name, &qos.0, &qos.1)
+        ),
+        None => {}
+    }
+}
+
+/// Participants of a process, by domain; each has at least one node.
+#[derive(Default)]
+pub(super) struct Participants {
+    all: Mutex<Vec<Weak<Participant>>>,
+}
+
+impl Participants {
+    /// Adds a node to the participant of its domain, or to a new one if that is missing, has been closed, or if nodes are
+    /// `isolated`.
+    pub(super) fn add_node(
+        &self,
+        domain: Domain,
+        node: &Member,
+        isolated: bool,
+    ) -> Result<Arc<Participant>, NodeError> {
+        let mut all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
+        all.retain(|participant| participant.strong_count() > 0);
+        let same = all.iter().filter_map(Weak::upgrade);
+        let same: Vec<_> = same.filter(|p| !isolated && p.domain() == domain).collect();
+        for participant in same {
+            if participant.add_node(node)? {
+                return Ok(participant);
+            }
+        }
+        let new = Arc::new(Participant::new(domain));
+        new.add_node(node)?;
+        all.push(Arc::downgrade(&new));
+        Ok(new)
+    }
+
+    /// Reconnects all participants whose nodes are not stopping ([`Participant::reconnect`]).
+    pub(super) fn reconnect(&self) {
+        let all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
+        let all: Vec<_> = all.iter().filter_map(Weak::upgrade).collect();
+        for participant in all.iter().filter(|p| !p.is_stopping()) {
+            match participant.reconnect() {
+                Ok(false) => {}
+                Ok(true) => tracing::info!(
+                    "{}: continued after a stop, joined the graph again",
+                    participant.node_names().join(", ")
+                ),
+                Err(e) => tracing::error!("{e}"),
+            }
+        }
+    }
+}

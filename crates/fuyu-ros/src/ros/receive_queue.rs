@@ -1,0 +1,205 @@
+//! The queue of a subscription, from which the program takes messages.
+
+use std::{
+    collections::VecDeque,
+    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, atomic::Ordering::Relaxed},
+    time::Duration,
+};
+
+use super::{
+    Gid, Time,
+    endpoint::{Counters, EndpointSpec, Inbox, Origin},
+    events::Events,
+    local_delivery::LocalSample,
+};
+use crate::msg::{Interface, cdr};
+
+/// A received message and its origin.
+#[derive(Debug, Clone)]
+pub struct Received<M> {
+    /// The message.
+    pub message: M,
+    /// Time of publication by the wall clock of the publisher, if it states one.
+    pub source_time: Option<Time>,
+    /// Time of arrival (wall clock).
+    pub received_time: Time,
+    /// The publisher.
+    pub publisher: Gid,
+}
+
+impl<M: Clone> From<Received<Arc<M>>> for Received<M> {
+    /// Copies the message if others share it.
+    fn from(shared: Received<Arc<M>>) -> Self {
+        Self {
+            message: Arc::unwrap_or_clone(shared.message),
+            source_time: shared.source_time,
+            received_time: shared.received_time,
+            publisher: shared.publisher,
+        }
+    }
+}
+
+/// Messages in order of arrival, shared with other subscriptions of the same participant.
+pub(super) struct ReceiveQueue<M> {
+    queue: Mutex<VecDeque<(Origin, Received<Arc<M>>)>>,
+    arrived: Condvar,
+    /// Longest queue of each origin.
+    local_limit: usize,
+    remote_limit: usize,
+    /// Wakes the program.
+    events: Arc<Events>,
+}
+
+impl<M: Interface> ReceiveQueue<M> {
+    pub(super) fn new(spec: &EndpointSpec, events: Arc<Events>) -> Self {
+        Self {
+            queue: Mutex::default(),
+            arrived: Condvar::new(),
+            local_limit: spec.queue_limit(Origin::Local),
+            remote_limit: spec.queue_limit(Origin::Remote),
+            events,
+        }
+    }
+
+    /// The oldest message.
+    pub(super) fn take(&self) -> Option<Received<M>> {
+        let oldest = self.lock().pop_front();
+        oldest.map(|(_, received)| received.into())
+    }
+
+    /// The newest message; older ones are discarded.
+    pub(super) fn latest(&self) -> Option<Received<M>> {
+        let mut all = std::mem::take(&mut *self.lock());
+        all.pop_back().map(|(_, received)| received.into())
+    }
+
+    /// The oldest message, waiting for it at most `patience`.
+    pub(super) fn wait(&self, patience: Duration) -> Option<Received<M>> {
+        let queue = self.lock();
+        let waited = self
+            .arrived
+            .wait_timeout_while(queue, patience, |queue| queue.is_empty());
+        let (mut queue, _) = waited.unwrap_or_else(PoisonError::into_inner);
+        let oldest = queue.pop_front();
+        drop(queue);
+        oldest.map(|(_, received)| received.into())
+    }
+
+    fn lock(&self) -> MutexGuard<'_, VecDeque<(Origin, Received<Arc<M>>)>> {
+        self.queue.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+
+    /// Makes room for a message of `origin`: removes the oldest if as many wait as may.
+    fn make_room(
+        &self,
+        queue: &mut VecDeque<(Origin, Received<Arc<M>>)>,
+        origin: Origin,
+        counters: &Counters,
+    ) {
+        let limit = match origin {
+            Origin::Local => self.local_limit,
+            Origin::Remote => self.remote_limit,
+        };
+        if queue.len() < limit {
+            return;
+        }
+        // Only the newest is wanted, wherever it comes from.
+        if limit == 1 {
+            counters.replaced.fetch_add(queue.len() as u64, Relaxed);
+            queue.clear();
+            return;
+        }
+        let same = |(from, _): &&(Origin, _)| *from == origin;
+        if queue.iter().filter(same).count() >= limit {
+            let oldest = queue.iter().position(|entry| same(&entry));
+            oldest.and_then(|oldest| queue.remove(oldest));
+            counters.dropped.fetch_add(1, Relaxed);
+        }
+    }
+}
+
+impl<M: Interface> Inbox for ReceiveQueue<M> {
+    fn accept(&self, sample: LocalSample, origin: Origin, counters: &Counters) -> bool {
+        let LocalSample { raw, message } = sample;
+        let shared = message.and_then(|message| message.downcast::<M>().ok());
+        let message = match shared {
+            Some(message) => message,
+            None => match cdr::decode(&raw.cdr) {
+                Ok(message) => Arc::new(message),
+                Err(_) => return false,
+            },
+        };
+        let received = Received {
+            message,
+            source_time: raw.source_time,
+            received_time: raw.received_time,
+            publisher: raw.publisher,
+        };
+        let mut queue = self.lock();
+        self.make_room(&mut queue, origin, counters);
+        queue.push_back((origin, received));
+        drop(queue);
+        self.arrived.notify_all();
+        self.events.notify();
+        true
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        msg::std_msgs::String as Text,
+        ros::{Qos, RawSample},
+    };
+
+    fn queue(qos: Qos) -> ReceiveQueue<Text> {
+        ReceiveQueue::new(&EndpointSpec::topic::<Text>("/t", qos), Arc::default())
+    }
+
+    fn fill(queue: &ReceiveQueue<Text>, origin: Origin, names: &str, numbers: std::ops::Range<i32>) -> u64 {
+        let counters = Counters::default();
+        for i in numbers {
+            let text = Text { data: format!("{names}{i}") };
+            let raw = RawSample::for_test(cdr::encode(&text).into());
+            assert!(queue.accept(raw.into(), origin, &counters));
+        }
+        counters.dropped.load(Relaxed)
+    }
+
+    fn taken(queue: &ReceiveQueue<Text>) -> Vec<String> {
+        std::iter::from_fn(|| queue.take()).map(|r| r.message.data).collect()
+    }
+
+    // Fails if what a flood from another process sends takes the place of what a node of this process sends, or the reverse.
+    #[test]
+    fn each_origin_has_its_own_limit() {
+        let queue = queue(Qos::RELIABLE.depth(3));
+        assert_eq!(fill(&queue, Origin::Local, "l", 0..5), 0);
+        assert_eq!(fill(&queue, Origin::Remote, "r", 0..5), 2);
+        assert_eq!(taken(&queue), ["l0", "l1", "l2", "l3", "l4", "r2", "r3", "r4"]);
+    }
+
+    #[test]
+    fn the_newest_of_a_queue_of_one_replaces_any_other() {
+        let queue = queue(Qos::CLOCK);
+        fill(&queue, Origin::Remote, "r", 0..2);
+        fill(&queue, Origin::Local, "l", 0..2);
+        assert_eq!(taken(&queue), ["l1"]);
+    }
+
+    #[test]
+    fn a_best_effort_queue_drops_its_oldest() {
+        let queue = queue(Qos::SENSOR_DATA.depth(3));
+        assert_eq!(fill(&queue, Origin::Local, "l", 0..10), 7);
+        assert_eq!(taken(&queue), ["l7", "l8", "l9"]);
+    }
+
+    #[test]
+    fn what_is_not_of_the_type_is_refused() {
+        let queue = queue(Qos::RELIABLE);
+        let raw = RawSample::for_test(vec![0, 1, 0, 0, 9].into());
+        assert!(!queue.accept(raw.into(), Origin::Remote, &Counters::default()));
+        assert!(taken(&queue).is_empty());
+    }
+}

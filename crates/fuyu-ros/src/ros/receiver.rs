@@ -1,0 +1,283 @@
+//! The thread of a participant that receives from DDS: waits for all its readers at once.
+
+use rustdds::{
+    DomainParticipant, GUID, QosPolicies, RTPSEntity, TopicKind,
+    bytes::Bytes,
+    mio1::{Events as PollEvents, Interest, Poll, Token},
+};
+use std::{
+    collections::{HashMap, VecDeque},
+    io,
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicBool, Ordering::Relaxed},
+        mpsc,
+    },
+    time::{Duration, Instant},
+};
+
+use super::{
+    Gid, Qos, RawSample,
+    announcer::{self, Announcer},
+    discovery::{Peers, report_status},
+    discovery_settling::DiscoverySettling,
+    endpoint::{Endpoints, Origin, Reader},
+    graph_cache::GraphCache,
+    participant_watchdog::{self, EntityError},
+    raw_endpoints::{CdrPassthrough, RawReader},
+};
+
+pub(super) const WAKER: Token = Token(0);
+const STATUS: Token = Token(1);
+const ANNOUNCEMENTS: Token = Token(2);
+const FIRST_READER: usize = 3;
+
+/// Delay of an announcement after a change, so that a node that creates many endpoints is announced a few times only.
+const ANNOUNCEMENT_DELAY: Duration = Duration::from_millis(20);
+
+/// Participants whose announcements may wait.
+const ANNOUNCEMENTS_DEPTH: usize = 100;
+
+/// A request to the receiving thread.
+pub(super) enum Request {
+    /// Receive for a subscription, beginning with these samples.
+    Add(Box<RawReader>, Arc<Reader>, VecDeque<RawSample>),
+    /// Receive for a subscription from the DDS reader that it shares with others.
+    Join(Gid, Arc<Reader>),
+    /// Receive for it no longer.
+    Remove(Arc<Reader>),
+    /// The DDS writer with this GID exists no longer.
+    ForgetWriter(Gid),
+    /// Nodes or endpoints have changed.
+    Announce,
+}
+
+/// The reader of `ros_discovery_info`.
+pub(super) fn subscribe_to_announcements(
+    participant: &DomainParticipant,
+    subscriber: &rustdds::Subscriber,
+) -> Result<Box<RawReader>, EntityError> {
+    let qos = Qos::LATCHED.depth(ANNOUNCEMENTS_DEPTH).for_reader(false);
+    let subscriber = subscriber.clone();
+    let reader = participant_watchdog::create(participant, move |participant| {
+        let (name, kind) = announcer::TOPIC;
+        let topic_qos = QosPolicies::from(&Qos::LATCHED);
+        let topic =
+            participant.create_topic(name.into(), kind.into(), &topic_qos, TopicKind::NoKey)?;
+        subscriber.create_simple_datareader_no_key::<Bytes, CdrPassthrough>(&topic, Some(qos))
+    })?;
+    Ok(Box::new(reader))
+}
+
+/// The receiving thread of a participant.
+pub(super) struct Receiver {
+    pub(super) poll: Poll,
+    pub(super) inbox: mpsc::Receiver<Request>,
+    pub(super) stop: Arc<AtomicBool>,
+    pub(super) participant: DomainParticipant,
+    pub(super) announcer: Arc<Announcer>,
+    pub(super) announcements: Box<RawReader>,
+    pub(super) endpoints: Arc<Mutex<Endpoints>>,
+    pub(super) graph: Arc<GraphCache>,
+    pub(super) settling: Arc<DiscoverySettling>,
+}
+
+impl Receiver {
+    pub(super) fn run(mut self) -> io::Result<()> {
+        let mut readers = Readers {
+            own: self.participant.guid(),
+            states: HashMap::new(),
+            next: FIRST_READER,
+        };
+        let mut peers = Peers::default();
+        let mut status = self.participant.status_listener();
+        let registry = self.poll.registry();
+        registry.register(&mut status, STATUS, Interest::READABLE)?;
+        registry.register(&mut *self.announcements, ANNOUNCEMENTS, Interest::READABLE)?;
+        // Those that arrived before the registration.
+        self.take_announcements();
+        let mut announce_at: Option<Instant> = None;
+        let mut events = PollEvents::with_capacity(64);
+        while !self.stop.load(Relaxed) {
+            let wait = announce_at.map(|at| at.saturating_duration_since(Instant::now()));
+            match self.poll.poll(&mut events, wait) {
+                Err(e) if e.kind() == io::ErrorKind::Interrupted => continue,
+                outcome => outcome?,
+            }
+            for event in &events {
+                match event.token() {
+                    WAKER => {}
+                    STATUS => report_status(
+                        &status,
+                        &self.endpoints,
+                        &mut peers,
+                        (&self.graph, &self.settling),
+                    ),
+                    ANNOUNCEMENTS => self.take_announcements(),
+                    Token(token) => readers.take(token),
+                }
+            }
+            while let Ok(request) = self.inbox.try_recv() {
+                match request {
+                    Request::Add(dds, reader, earlier) => {
+                        readers.add(&self.poll, dds, reader, earlier);
+                    }
+                    Request::Join(gid, reader) => readers.join(gid, reader),
+                    Request::Remove(reader) => {
+                        if let Some(gid) = readers.remove(&reader) {
+                            peers.forget(gid);
+                        }
+                    }
+                    Request::ForgetWriter(gid) => peers.forget(gid),
+                    Request::Announce => {
+                        announce_at.get_or_insert_with(|| Instant::now() + ANNOUNCEMENT_DELAY);
+                    }
+                }
+            }
+            if announce_at.is_some_and(|at| at <= Instant::now()) {
+                announce_at = None;
+                let endpoints = self.endpoints.lock();
+                let nodes = announcer::nodes(&endpoints.unwrap_or_else(PoisonError::into_inner));
+                self.announcer.publish(nodes);
+            }
+        }
+        Ok(())
+    }
+
+    fn take_announcements(&self) {
+        self.announcements.drain_read_notifications();
+        // A sample that cannot be taken is skipped.
+        while let Some(change) = self.announcements.try_take_one().transpose() {
+            if let Ok(change) = change {
+                let sample = RawSample::from(change);
+                self.graph.receive(sample.publisher, &sample.cdr);
+            }
+        }
+    }
+}
+
+/// The DDS readers of a participant by token. Tokens are never used twice.
+struct Readers {
+    /// The participant, whose own samples do not count: they have been delivered in memory.
+    own: GUID,
+    states: HashMap<usize, ReaderState>,
+    next: usize,
+}
+
+/// A DDS reader on the receiving thread.
+struct ReaderState {
+    dds: Box<RawReader>,
+    /// The subscriptions that it serves.
+    readers: Vec<Arc<Reader>>,
+    /// The number of the last sample of each publisher.
+    last: HashMap<Gid, i64>,
+}
+
+impl Readers {
+    fn add(
+        &mut self,
+        poll: &Poll,
+        mut dds: Box<RawReader>,
+        reader: Arc<Reader>,
+        earlier: VecDeque<RawSample>,
+    ) {
+        let (token, registry) = (Token(self.next), poll.registry());
+        if let Err(e) = registry.register(&mut *dds, token, Interest::READABLE) {
+            let (node, topic) = (&reader.node, &reader.spec.name);
+            tracing::error!("node {node}: cannot receive {topic}: {e}");
+        }
+        let mut state = ReaderState {
+            dds,
+            readers: vec![reader],
+            last: HashMap::new(),
+        };
+        for sample in earlier {
+            state.receive(sample, self.own);
+        }
+        // Samples that arrived before the registration.
+        state.take_all(self.own);
+        self.states.insert(self.next, state);
+        self.next += 1;
+    }
+
+    fn join(&mut self, gid: Gid, reader: Arc<Reader>) {
+        let mut states = self.states.values_mut();
+        if let Some(state) = states.find(|state| Gid::from(state.dds.guid()) == gid) {
+            state.readers.push(reader);
+        }
+    }
+
+    /// Ends receiving for a subscription. Returns the GID of the DDS reader if no other one uses it.
+    fn remove(&mut self, reader: &Arc<Reader>) -> Option<Gid> {
+        let serves = |state: &ReaderState| state.readers.iter().any(|r| Arc::ptr_eq(r, reader));
+        let (&token, state) = self.states.iter_mut().find(|(_, state)| serves(state))?;
+        state.readers.retain(|r| !Arc::ptr_eq(r, reader));
+        if !state.readers.is_empty() {
+            return None;
+        }
+        let state = self.states.remove(&token)?;
+        Some(state.dds.guid().into())
+    }
+
+    fn take(&mut self, token: usize) {
+        if let Some(state) = self.states.get_mut(&token) {
+            state.take_all(self.own);
+        }
+    }
+}
+
+impl ReaderState {
+    fn take_all(&mut self, own: GUID) {
+        self.dds.drain_read_notifications();
+        loop {
+            match self.dds.try_take_one() {
+                Ok(None) => return,
+                Ok(Some(change)) => self.receive(change.into(), own),
+                // The reader has skipped the sample that it could not take.
+                Err(_) => {
+                    for reader in &self.readers {
+                        reader.counters.failed.fetch_add(1, Relaxed);
+                    }
+                }
+            }
+        }
+    }
+
+    fn receive(&mut self, sample: RawSample, own: GUID) {
+        if sample.identity.writer_guid.prefix == own.prefix {
+            return;
+        }
+        let missing = missing(&mut self.last, sample.publisher, sample.sequence_number);
+        for reader in &self.readers {
+            reader.counters.missing.fetch_add(missing, Relaxed);
+            reader.receive(sample.clone().into(), Origin::Remote);
+        }
+    }
+}
+
+/// Number of samples missing between the last one of a publisher and this one. Samples before the first one received here
+/// were not meant for this reader.
+fn missing(last: &mut HashMap<Gid, i64>, publisher: Gid, number: i64) -> u64 {
+    let before = last.entry(publisher).or_insert(number);
+    let gap = number.saturating_sub(*before).saturating_sub(1).max(0);
+    *before = number.max(*before);
+    gap as u64
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Would break if a late start, a repetition or another publisher's numbers counted as holes.
+    #[test]
+    fn missing_samples_are_counted_for_each_publisher() {
+        let gid = |n| Gid::from([n; 16]);
+        let mut last = HashMap::new();
+        let numbers = [(1, 40), (1, 41), (2, 7), (1, 45), (1, 45), (2, 8), (1, 46)];
+        let holes: Vec<_> = numbers
+            .iter()
+            .map(|&(publisher, number)| missing(&mut last, gid(publisher), number))
+            .collect();
+        assert_eq!(holes, [0, 0, 0, 3, 0, 0, 0]);
+    }
+}

@@ -1,0 +1,64 @@
+//! What the recorder reports in `diagnostics`.
+
+use std::sync::Arc;
+
+use super::recording_session::RecordingSession;
+use crate::ros::{Node, Status};
+
+/// Reports the state of the recording.
+pub struct Health {
+    session: Arc<RecordingSession>,
+    status: Status,
+    /// Whether a write failure has been logged.
+    failed: bool,
+}
+
+impl Health {
+    /// The part `bag` of the node's diagnostics.
+    pub fn new(node: &Node, session: &Arc<RecordingSession>) -> Self {
+        Self {
+            session: Arc::clone(session),
+            status: node.diagnostics().status("bag"),
+            failed: false,
+        }
+    }
+
+    /// A new recording has begun.
+    pub fn begin(&mut self) {
+        self.failed = false;
+    }
+
+    /// Reports the present state.
+    pub fn report(&mut self) {
+        let Some(handle) = self.session.handle() else {
+            self.status.ok("no recording in progress");
+            return;
+        };
+        let recorded = handle.status();
+        self.status.set("bag", handle.folder().display());
+        self.status.set("files", recorded.files);
+        self.status.set("messages", recorded.accepted);
+        self.status.set("dropped", recorded.dropped);
+        self.status.set("queued [bytes]", recorded.queued_bytes);
+        for (topic, dropped) in &recorded.dropped_topics {
+            self.status.set(&format!("dropped {topic}"), dropped);
+        }
+        match recorded.failure {
+            Some(problem) => {
+                if !self.failed {
+                    tracing::error!("recording has stopped: {problem}");
+                    self.failed = true;
+                }
+                self.status.error(problem);
+            }
+            None if recorded.dropped > 0 => {
+                self.status.warn(format!(
+                    "{} messages were dropped: the disk is too slow",
+                    recorded.dropped
+                ));
+            }
+            None if self.session.is_paused() => self.status.ok("paused"),
+            None => self.status.ok("recording"),
+        }
+    }
+}

@@ -1,0 +1,174 @@
+//! The subscriptions of a recording: to topics that fuyu knows, and to those that appear, as long as they have publishers.
+
+use std::{
+    collections::HashMap,
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
+    time::{Duration, Instant},
+};
+
+use super::{Selection, recording_session::RecordingSession};
+use crate::{
+    bag,
+    nodes::topics,
+    ros::{DiscoveredPublisher, Node, NodeError, Qos, RawSubscription},
+};
+
+/// How long a topic may be without a publisher before its subscription ends: time for samples that are still on their way.
+const RELEASED_AFTER: Duration = Duration::from_secs(2);
+/// Time between two attempts to subscribe to a topic.
+const RETRY_AFTER: Duration = Duration::from_secs(10);
+
+/// The subscriptions of the recording in progress. Used by the node's program and by threads that create publishers.
+pub struct TopicSubscriptions {
+    node: Node,
+    session: Arc<RecordingSession>,
+    selection: Selection,
+    topics: Mutex<Topics>,
+}
+
+#[derive(Default)]
+struct Topics {
+    /// Selected topics by full name.
+    all: HashMap<String, State>,
+    /// No subscription is added any more.
+    closed: bool,
+}
+
+/// What a topic's subscription is doing.
+enum State {
+    /// It is being created, by one of the threads.
+    Subscribing,
+    /// It receives. Topics of fuyu stay subscribed without a publisher.
+    Subscribed {
+        _subscription: RawSubscription,
+        is_known: bool,
+        last_publisher: Instant,
+    },
+    /// It could not be created at that time.
+    Refused(Instant),
+}
+
+impl TopicSubscriptions {
+    /// None yet.
+    pub fn new(node: &Node, session: &Arc<RecordingSession>, selection: Selection) -> Self {
+        Self {
+            node: node.clone(),
+            session: Arc::clone(session),
+            selection,
+            topics: Mutex::default(),
+        }
+    }
+
+    /// Subscribes to fuyu's topics before they have publishers, so that the first message is recorded.
+    ///
+    /// # Errors
+    /// For a name that is invalid after remapping.
+    pub fn subscribe_known(&self) -> Result<(), NodeError> {
+        for topic in topics::all() {
+            let name = self.node.resolve_topic(topic.name)?;
+            let recorded = bag::Topic::named(&name, &topic.type_name, topic.qos);
+            self.subscribe_to(recorded, topic.qos, true);
+        }
+        Ok(())
+    }
+
+    /// Subscribes to the topic of a publisher, if it is selected and not subscribed to.
+    pub fn subscribe(&self, publisher: &DiscoveredPublisher) {
+        let mut topic = bag::Topic::named(&publisher.topic, &publisher.type_name, publisher.qos);
+        topic.type_hash.clone_from(&publisher.type_hash);
+        self.subscribe_to(topic, publisher.qos, false);
+    }
+
+    /// Subscribes to the topics of these publishers, and ends subscriptions to topics that have had none for a while.
+    pub fn follow(&self, publishers: &[DiscoveredPublisher]) {
+        for publisher in publishers {
+            self.subscribe(publisher);
+        }
+        let now = Instant::now();
+        let mut topics = self.lock();
+        for publisher in publishers {
+            if let Some(State::Subscribed { last_publisher, .. }) =
+                topics.all.get_mut(&publisher.topic)
+            {
+                *last_publisher = now;
+            }
+        }
+        let is_over = |_: &String, state: &mut State| match state {
+            State::Subscribed {
+                is_known: false,
+                last_publisher,
+                ..
+            } => now - *last_publisher > RELEASED_AFTER,
+            _ => false,
+        };
+        let ended: Vec<_> = topics.all.extract_if(is_over).collect();
+        drop(topics);
+        // Without the lock: samples that have arrived are recorded first.
+        drop(ended);
+    }
+
+    /// Ends all subscriptions.
+    pub fn clear(&self) {
+        let ended = std::mem::take(&mut self.lock().all);
+        drop(ended);
+    }
+
+    /// Ends all subscriptions for good.
+    pub fn close(&self) {
+        self.lock().closed = true;
+        self.clear();
+    }
+
+    /// Subscribes without holding the lock.
+    fn subscribe_to(&self, topic: bag::Topic, offered: Qos, is_known: bool) {
+        let name = topic.name.clone();
+        if !self.selection.takes(&name) {
+            return;
+        }
+        let mut topics = self.lock();
+        let is_due = match topics.all.get(&name) {
+            None => true,
+            Some(State::Refused(at)) => at.elapsed() > RETRY_AFTER,
+            Some(State::Subscribing | State::Subscribed { .. }) => false,
+        };
+        if topics.closed || !is_due {
+            return;
+        }
+        let before = topics.all.insert(name.clone(), State::Subscribing);
+        drop(topics);
+        let kind = topic.type_name.clone();
+        let sink = self.session.sink(topic);
+        let take = move |sample| sink.take(sample);
+        let node = &self.node;
+        let state = match node.subscribe_resolved(name.clone(), &kind, reading(offered), take) {
+            Ok(subscription) => State::Subscribed {
+                _subscription: subscription,
+                is_known,
+                last_publisher: Instant::now(),
+            },
+            Err(e) => {
+                if before.is_none() {
+                    tracing::warn!("{name} is not recorded: {e}");
+                }
+                State::Refused(Instant::now())
+            }
+        };
+        let mut topics = self.lock();
+        // The recording may have ended meanwhile.
+        let unused = match topics.closed {
+            true => Some(state),
+            false => topics.all.insert(name, state),
+        };
+        drop(topics);
+        drop(unused);
+    }
+
+    fn lock(&self) -> MutexGuard<'_, Topics> {
+        self.topics.lock().unwrap_or_else(PoisonError::into_inner)
+    }
+}
+
+/// The offered QoS, with a queue deep enough for messages that arrive while the receiving thread is busy.
+fn reading(offered: Qos) -> Qos {
+    offered.depth(offered.depth.max(100))
+}
