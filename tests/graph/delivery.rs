@@ -14,9 +14,14 @@ use std::{
 
 use crate::waiting::PATIENCE;
 
-fn process(domain: u16) -> Process {
+/// A process whose nodes exchange messages over DDS, or else in memory.
+fn process(domain: u16, over_dds: bool) -> Process {
     let range = DiscoveryRange::Localhost;
-    Process::new(RosArgs::default(), Domain { id: domain, range })
+    let process = Process::new(RosArgs::default(), Domain { id: domain, range });
+    match over_dds {
+        true => process.isolated(),
+        false => process,
+    }
 }
 
 fn text(number: usize) -> Text {
@@ -48,8 +53,8 @@ fn meet(
 const DEEP: Qos = Qos::RELIABLE.depth(10_000);
 
 /// Messages that each wait for an echo, and a second topic without echoes, as in a simulation in lockstep.
-fn lockstep(domain: u16, steps: usize) {
-    let mut process = process(domain);
+fn lockstep(domain: u16, over_dds: bool, steps: usize) {
+    let mut process = process(domain, over_dds);
     let (result, results) = mpsc::channel();
     process
         .start("follower", move |node: &Node| {
@@ -113,15 +118,21 @@ fn lockstep(domain: u16, steps: usize) {
 #[test]
 fn nothing_is_lost_or_repeated_in_lockstep() {
     for _ in 0..3 {
-        lockstep(58, 4000);
+        lockstep(58, true, 4000);
+        lockstep(58, false, 4000);
     }
 }
 
 // Fails if DDS keeps fewer samples than arrive while the receiving thread is blocked.
 #[test]
 fn nothing_is_lost_while_the_receiver_is_blocked() {
+    blocked_receiver(true);
+    blocked_receiver(false);
+}
+
+fn blocked_receiver(over_dds: bool) {
     const MESSAGES: usize = 2000;
-    let mut process = process(59);
+    let mut process = process(59, over_dds);
     let (came, all) = mpsc::channel();
     process
         .start("slow", move |node: &Node| {

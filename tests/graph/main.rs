@@ -17,6 +17,7 @@ mod parameters;
 mod participant_watchdog;
 mod probe;
 mod processes;
+mod sharing;
 mod survival;
 mod topics;
 mod upstream;

@@ -24,11 +24,15 @@ fn text(data: impl ToString) -> Text {
 
 #[test]
 fn nodes_of_one_process_talk_and_stop_last_first() {
-    repeat_if_late(talk_and_stop);
+    repeat_if_late(|| talk_and_stop(process(55)));
 }
 
-fn talk_and_stop() {
-    let mut process = process(55);
+#[test]
+fn isolated_nodes_of_one_process_talk_and_stop_last_first() {
+    repeat_if_late(|| talk_and_stop(process(55).isolated()));
+}
+
+fn talk_and_stop(mut process: Process) {
     let (ended, order) = mpsc::channel();
     let (said, heard) = (ended.clone(), ended);
     let (latency, latencies) = mpsc::channel();

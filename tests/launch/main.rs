@@ -15,6 +15,7 @@ mod waiting;
 mod bad_input;
 mod command_arbiter;
 mod contract;
+mod descriptors;
 mod estimator;
 mod executables;
 mod external_features;

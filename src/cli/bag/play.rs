@@ -90,6 +90,7 @@ pub fn run(args: &PlayArgs, mut ros_args: Vec<String>) -> Result<(), Failure> {
         namespace: "/".to_owned(),
         args: Arc::new(process.args().clone()),
         domain: process.domain(),
+        parameter_services: true,
     };
     let shared = Arc::clone(&played);
     process

@@ -111,6 +111,7 @@ fn start(process: &mut Process, plan: &Plan, progress: &Arc<Progress>) -> Result
         namespace: namespace.to_owned(),
         args: Arc::clone(&args),
         domain,
+        parameter_services: true,
     };
     let namespace = plan.nodes.last().map_or("/", |(name, _)| name.namespace());
     if let Some(address) = plan.foxglove {
@@ -126,7 +127,11 @@ fn start(process: &mut Process, plan: &Plan, progress: &Arc<Progress>) -> Result
         }
     }
     let (shared, duration) = (Arc::clone(progress), plan.duration);
-    process.start_with(options("launch_monitor", namespace), move |node| {
+    let monitor = NodeOptions {
+        parameter_services: false,
+        ..options("launch_monitor", namespace)
+    };
+    process.start_with(monitor, move |node| {
         monitor::program(node, duration, &shared)
     })?;
     Ok(())

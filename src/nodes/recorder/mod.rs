@@ -47,11 +47,10 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         node,
         &session,
         params.selection.resolved(node)?,
-    ));
-    subscriptions.subscribe_known()?;
+    )?);
+    subscriptions.subscribe_in_advance()?;
     let watching = Arc::clone(&subscriptions);
-    // Before their first message.
-    node.watch_local_publishers(move |publisher| watching.subscribe(publisher));
+    node.watch_local_topics(move |used| watching.subscribe_local(used));
     node.set_ready();
     let services = services::serve(node, &session)?;
     let mut health = Health::new(node, &session);
@@ -62,7 +61,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
             recording = session.begun();
             health.begin();
             subscriptions.clear();
-            subscriptions.subscribe_known()?;
+            subscriptions.subscribe_in_advance()?;
         }
         subscriptions.follow(&node.discovered_publishers());
         health.report();

@@ -10,7 +10,7 @@ use super::{Selection, recording_session::RecordingSession};
 use crate::{
     bag,
     nodes::topics,
-    ros::{DiscoveredPublisher, Node, NodeError, Qos, RawSubscription},
+    ros::{DiscoveredPublisher, LocalTopicUse, Node, NodeError, Qos, RawSubscription},
 };
 
 /// How long a topic may be without a publisher before its subscription ends: time for samples that are still on their way.
@@ -23,6 +23,8 @@ pub struct TopicSubscriptions {
     node: Node,
     session: Arc<RecordingSession>,
     selection: Selection,
+    /// Topics of fuyu with what they offer: a subscriber may request less.
+    known: Vec<(String, Qos)>,
     topics: Mutex<Topics>,
 }
 
@@ -38,10 +40,11 @@ struct Topics {
 enum State {
     /// It is being created, by one of the threads.
     Subscribing,
-    /// It receives. Topics of fuyu stay subscribed without a publisher.
+    /// It receives.
     Subscribed {
         _subscription: RawSubscription,
-        is_known: bool,
+        /// Also while nobody publishes.
+        stays: bool,
         last_publisher: Instant,
     },
     /// It could not be created at that time.
@@ -50,30 +53,59 @@ enum State {
 
 impl TopicSubscriptions {
     /// None yet.
-    pub fn new(node: &Node, session: &Arc<RecordingSession>, selection: Selection) -> Self {
-        Self {
+    ///
+    /// # Errors
+    /// For a name that is invalid after remapping.
+    pub fn new(
+        node: &Node,
+        session: &Arc<RecordingSession>,
+        selection: Selection,
+    ) -> Result<Self, NodeError> {
+        let known = topics::all().into_iter();
+        let known = known.map(|topic| Ok((node.resolve_topic(topic.name)?, topic.qos)));
+        Ok(Self {
+            known: known.collect::<Result<_, NodeError>>()?,
             node: node.clone(),
             session: Arc::clone(session),
             selection,
             topics: Mutex::default(),
-        }
+        })
     }
 
-    /// Subscribes to fuyu's topics before they have publishers, so that the first message is recorded.
+    /// Subscribes to what the nodes of this process use, and in a process of its own to fuyu's topics before they have
+    /// publishers, so that the first message is recorded.
     ///
     /// # Errors
     /// For a name that is invalid after remapping.
-    pub fn subscribe_known(&self) -> Result<(), NodeError> {
-        for topic in topics::all() {
-            let name = self.node.resolve_topic(topic.name)?;
-            let recorded = bag::Topic::named(&name, &topic.type_name, topic.qos);
-            self.subscribe_to(recorded, topic.qos, true);
+    pub fn subscribe_in_advance(&self) -> Result<(), NodeError> {
+        if self.node.is_only_node() {
+            for topic in topics::all() {
+                let name = self.node.resolve_topic(topic.name)?;
+                let recorded = bag::Topic::named(&name, &topic.type_name, topic.qos);
+                self.subscribe_to(recorded, topic.qos, true);
+            }
+        }
+        for used in self.node.local_topics() {
+            self.subscribe_local(&used);
         }
         Ok(())
     }
 
+    /// Subscribes to a topic that a node of this process publishes or subscribes to.
+    pub fn subscribe_local(&self, used: &LocalTopicUse) {
+        let known = self.known.iter().find(|(name, _)| *name == used.topic);
+        let qos = match known {
+            Some((_, qos)) => *qos,
+            None if used.is_published => used.qos,
+            // What its publishers will offer is not known yet.
+            None => return,
+        };
+        let topic = bag::Topic::named(&used.topic, &used.type_name, qos);
+        self.subscribe_to(topic, qos, !used.is_published);
+    }
+
     /// Subscribes to the topic of a publisher, if it is selected and not subscribed to.
-    pub fn subscribe(&self, publisher: &DiscoveredPublisher) {
+    fn subscribe(&self, publisher: &DiscoveredPublisher) {
         let mut topic = bag::Topic::named(&publisher.topic, &publisher.type_name, publisher.qos);
         topic.type_hash.clone_from(&publisher.type_hash);
         self.subscribe_to(topic, publisher.qos, false);
@@ -95,7 +127,7 @@ impl TopicSubscriptions {
         }
         let is_over = |_: &String, state: &mut State| match state {
             State::Subscribed {
-                is_known: false,
+                stays: false,
                 last_publisher,
                 ..
             } => now - *last_publisher > RELEASED_AFTER,
@@ -120,7 +152,7 @@ impl TopicSubscriptions {
     }
 
     /// Subscribes without holding the lock.
-    fn subscribe_to(&self, topic: bag::Topic, offered: Qos, is_known: bool) {
+    fn subscribe_to(&self, topic: bag::Topic, offered: Qos, stays: bool) {
         let name = topic.name.clone();
         if !self.selection.takes(&name) {
             return;
@@ -143,7 +175,7 @@ impl TopicSubscriptions {
         let state = match node.subscribe_resolved(name.clone(), &kind, reading(offered), take) {
             Ok(subscription) => State::Subscribed {
                 _subscription: subscription,
-                is_known,
+                stays,
                 last_publisher: Instant::now(),
             },
             Err(e) => {

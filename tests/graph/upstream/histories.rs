@@ -51,6 +51,19 @@ fn a_reader_that_keeps_all_keeps_few_unless_told_how_many() {
     assert!(left < 200, "{left} of 1000 are left");
 }
 
+#[test]
+fn a_new_reader_gets_what_came_before_it() {
+    let _claim = DomainClaim::new(95);
+    let (here, there) = (participant(95), participant(95));
+    let (writer, mut first) = (writer(&here), reader(&there));
+    connect(&writer, &mut first);
+    writer.write(vec![0; 7], None).unwrap();
+    assert_eq!(length(&mut first, PATIENCE), Some(7));
+    // Volatile, so it should begin with what is written from now on.
+    let mut second = reader(&there);
+    assert_eq!(length(&mut second, PATIENCE), Some(7));
+}
+
 /// The first of all samples that a writer still has, as a newcomer that wants all gets it: its length.
 fn oldest(topic: &str) -> usize {
     let late = participant(96);

@@ -54,7 +54,8 @@ impl Peers {
             .for_each(|&local| self.count(all, local));
     }
 
-    fn count(&self, all: &Endpoints, local: Gid) {
+    /// Tells an endpoint of this participant how many others it is matched with.
+    pub(super) fn count(&self, all: &Endpoints, local: Gid) {
         let Some(peers) = self.matches.get(&local) else {
             return;
         };
@@ -235,16 +236,46 @@ pub(super) fn publishers(
     publishers
 }
 
-impl DiscoveredPublisher {
-    /// A publisher of the same participant, as other participants see it; `None` if its topic is not one of ROS or hidden.
-    pub(super) fn local(writer: &Writer) -> Option<Self> {
-        let spec = &writer.spec;
+/// A topic that a node of the same participant publishes or subscribes to.
+#[derive(Debug, Clone, PartialEq)]
+pub struct LocalTopicUse {
+    /// Full topic name.
+    pub topic: String,
+    /// ROS type, `pkg/msg/Name`.
+    pub type_name: String,
+    /// Offered or requested QoS, without its depth.
+    pub qos: Qos,
+    /// Whether the node publishes; otherwise it subscribes.
+    pub is_published: bool,
+}
+
+impl LocalTopicUse {
+    /// `None` if the topic is not one of ROS, or hidden.
+    pub(super) fn of(spec: &EndpointSpec, is_published: bool) -> Option<Self> {
         let topic = ros_topic(&spec.dds_topic).filter(|topic| !topic.contains("/_"))?;
         Some(Self {
             topic: topic.to_owned(),
             type_name: ros_type(&spec.dds_type)?,
             qos: Qos::from(&QosPolicies::from(&spec.qos)),
-            type_hash: spec.definition.map(|known| known.type_hash()),
+            is_published,
+        })
+    }
+}
+
+impl DiscoveredPublisher {
+    /// A publisher of the same participant, as other participants see it; `None` if its topic is not one of ROS or hidden.
+    pub(super) fn local(writer: &Writer) -> Option<Self> {
+        let LocalTopicUse {
+            topic,
+            type_name,
+            qos,
+            ..
+        } = LocalTopicUse::of(&writer.spec, true)?;
+        Some(Self {
+            topic,
+            type_name,
+            qos,
+            type_hash: None,
             gid: writer.identity(),
         })
     }

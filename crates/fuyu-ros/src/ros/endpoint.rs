@@ -15,7 +15,7 @@ use super::{
     events::StopState,
     handler_queue::HandlerQueue,
     local_delivery::{LocalSample, LocalTopic},
-    qos::{Durability, kept},
+    qos::{Durability, History, kept},
     raw_endpoints::RawWriter,
 };
 use crate::msg::{Definition, Interface};
@@ -42,7 +42,7 @@ pub(super) struct EndpointSpec {
     pub(super) definition: Option<&'static Definition>,
     /// Services and infrastructure are left out of the communication diagnostics.
     pub(super) internal: bool,
-    /// Nodes of one participant share one DDS endpoint: messages that name their node, or that all nodes read alike.
+    /// Nodes of one participant share one DDS writer: of messages that name their node.
     pub(super) shared: bool,
 }
 
@@ -91,7 +91,20 @@ impl EndpointSpec {
         }
     }
 
-    /// The same with one DDS endpoint for all nodes of a participant.
+    /// What subscriptions have in common that one DDS reader serves: those of other nodes of the participant to the same
+    /// topic, unless a late one would miss what publishers of other participants keep.
+    pub(super) fn reader_key(&self) -> Option<String> {
+        let is_topic = !self.internal || self.shared;
+        let same = Qos {
+            depth: 0,
+            history: History::KeepLast,
+            ..self.qos
+        };
+        (is_topic && self.qos.durability == Durability::Volatile)
+            .then(|| format!("{} {} {same:?}", self.dds_topic, self.dds_type))
+    }
+
+    /// The same with one DDS writer, or reader, for all nodes of a participant.
     pub(super) fn shared(self) -> Self {
         Self {
             shared: true,

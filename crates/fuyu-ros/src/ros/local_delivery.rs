@@ -266,3 +266,6 @@ fn satisfies(offered: &Qos, requested: &Qos) -> bool {
             requested.liveliness_lease_duration,
         )
 }
+
+#[cfg(test)]
+mod tests;

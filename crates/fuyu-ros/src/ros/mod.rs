@@ -114,7 +114,7 @@ pub use client::{CallError, PendingCall, ServiceClient};
 pub use clock::{Clock, Timer};
 pub use context::{DiscoveryRange, Domain, DomainError};
 pub use diagnostics::{Diagnostics, Status};
-pub use discovery::DiscoveredPublisher;
+pub use discovery::{DiscoveredPublisher, LocalTopicUse};
 pub use error::NodeError;
 pub use lifecycle::{Lifecycle, LifecycleState, Transition};
 pub use names::NodeName;

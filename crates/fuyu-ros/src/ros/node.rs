@@ -8,7 +8,7 @@ use std::{
 use super::{
     Clock, Declare, Diagnostics, Domain, Gid, NodeError, NodeName, Publisher, Qos, RawPublisher,
     RawSample, RawSubscription, RosArgs, ServiceClient, Subscription, Time, Timer,
-    discovery::{self, DiscoveredPublisher},
+    discovery::{self, DiscoveredPublisher, LocalTopicUse},
     endpoint::{Counters, EndpointSpec},
     node_core::NodeCore,
     params::ParameterStore,
@@ -28,6 +28,8 @@ pub struct NodeOptions {
     pub args: Arc<RosArgs>,
     /// Where its participant lives.
     pub domain: Domain,
+    /// Whether it has the six parameter services and publishes its parameter events, as nodes usually do.
+    pub parameter_services: bool,
 }
 
 /// A node of the ROS graph. Clones are the same node; one thread at a time may wait on it.
@@ -206,15 +208,22 @@ impl Node {
         self.core.participant.publishers(&self.core.name)
     }
 
-    /// Calls `handler` for every publisher that another node of the same participant has now or creates later, in the thread
-    /// that creates it and before its first message. The handler may subscribe; it should be quick, and its panic ends this
-    /// node.
-    pub fn watch_local_publishers(
-        &self,
-        handler: impl Fn(&DiscoveredPublisher) + Send + Sync + 'static,
-    ) {
+    /// What other nodes of the same participant publish and subscribe to, without what every node has.
+    pub fn local_topics(&self) -> Vec<LocalTopicUse> {
+        self.core.participant.local_topics(&self.core.name)
+    }
+
+    /// Calls `handler` for everything that another node of the same participant publishes or subscribes to, now or later: in
+    /// the thread that creates the endpoint, before its first message. The handler may subscribe; it should be quick, and its
+    /// panic ends this node.
+    pub fn watch_local_topics(&self, handler: impl Fn(&LocalTopicUse) + Send + Sync + 'static) {
         let (participant, node) = (&self.core.participant, self.core.member());
-        participant.watch_publishers(&node, Arc::new(handler));
+        participant.watch_topics(&node, Arc::new(handler));
+    }
+
+    /// Whether it is a process of its own, from [`run`](super::run).
+    pub fn is_only_node(&self) -> bool {
+        self.core.is_only_node
     }
 
     /// Owner of a publisher for messages: `node` and its full name, or the GID of the publisher if its node is not known.

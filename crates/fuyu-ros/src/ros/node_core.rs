@@ -25,6 +25,8 @@ pub(super) struct NodeCore {
     /// Identifies the node in its participant.
     pub(super) name: Arc<NodeName>,
     pub(super) participant: Arc<Participant>,
+    /// Whether it is a process of its own.
+    pub(super) is_only_node: bool,
     pub(super) events: Arc<Events>,
     pub(super) stop_state: Arc<StopState>,
     pub(super) send_queue: SendQueue,
@@ -41,13 +43,23 @@ pub(super) struct NodeCore {
     log: OnceLock<Arc<Writer>>,
 }
 
+/// Where a node runs.
+#[derive(Debug, Clone, Copy)]
+pub(super) struct Place {
+    pub(super) domain: Domain,
+    /// It has a participant, although other nodes are in its process.
+    pub(super) isolated: bool,
+    /// It is a process of its own.
+    pub(super) only_node: bool,
+}
+
 impl NodeCore {
-    /// A node that is connected through one of the `participants`, or through one of its own if it is `isolated`.
+    /// A node that is connected through one of the `participants`, or through a new one if it is isolated.
     pub(super) fn new(
         names: Names,
         params: Arc<ParameterStore>,
         participants: &Participants,
-        (domain, isolated): (Domain, bool),
+        place: Place,
     ) -> Result<Self, NodeError> {
         let events = Arc::new(Events::default());
         let stop_state = Arc::new(StopState::new(Arc::clone(&events)));
@@ -57,7 +69,8 @@ impl NodeCore {
             stop_state: Arc::clone(&stop_state),
         };
         Ok(Self {
-            participant: participants.add_node(domain, &member, isolated)?,
+            participant: participants.add_node(place.domain, &member, place.isolated)?,
+            is_only_node: place.only_node,
             clock: Clock::new(Arc::clone(&events)),
             stop_state,
             names,

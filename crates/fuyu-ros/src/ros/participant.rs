@@ -14,7 +14,7 @@ use std::{
 
 use super::{
     Domain, Gid, NodeError, NodeName,
-    discovery::{self, DiscoveredPublisher},
+    discovery::{self, DiscoveredPublisher, LocalTopicUse},
     discovery_settling::DiscoverySettling,
     endpoint::{Destination, EndpointSpec, Endpoints, Member, Reader, Writer},
     graph_cache::{GraphCache, warn_of_namesake},
@@ -50,8 +50,8 @@ impl Connection {
     }
 }
 
-/// Called when a publisher of another node is created.
-type Watcher = Arc<dyn Fn(&DiscoveredPublisher) + Send + Sync>;
+/// Called when another node publishes or subscribes.
+type Watcher = Arc<dyn Fn(&LocalTopicUse) + Send + Sync>;
 
 /// One participant and its nodes.
 pub(super) struct Participant {
@@ -243,7 +243,7 @@ impl Participant {
         }
         drop(connection);
         warn_of_mismatches(&writer.spec, node, writer.local.add_writer(&writer));
-        self.show_to_watchers(&writer);
+        self.show_to_watchers(node, &writer.spec, true);
         Ok(writer)
     }
 
@@ -277,6 +277,7 @@ impl Participant {
         }
         drop(connection);
         warn_of_mismatches(&reader.spec, node, reader.local.add_reader(&reader));
+        self.show_to_watchers(node, &reader.spec, false);
         Ok(reader)
     }
 
@@ -350,12 +351,26 @@ impl Participant {
         others.filter_map(|w| DiscoveredPublisher::local(w)).collect()
     }
 
-    /// Calls `watcher` for every publisher that another node of this participant has or will have: in the thread that
-    /// creates it, before its first message.
-    pub(super) fn watch_publishers(&self, node: &Member, watcher: Watcher) {
+    /// What the other nodes of this participant publish and subscribe to, without what every node has.
+    pub(super) fn local_topics(&self, node: &Arc<NodeName>) -> Vec<LocalTopicUse> {
+        let endpoints = self.endpoints();
+        let writers = endpoints.writers.iter();
+        let writers = writers.filter(|w| !Arc::ptr_eq(&w.node, node));
+        let readers = endpoints.readers.iter();
+        let readers = readers.filter(|r| !Arc::ptr_eq(&r.node, node) && !r.spec.internal);
+        writers
+            .map(|w| LocalTopicUse::of(&w.spec, true))
+            .chain(readers.map(|r| LocalTopicUse::of(&r.spec, false)))
+            .flatten()
+            .collect()
+    }
+
+    /// Calls `watcher` for everything that another node of this participant publishes or subscribes to, now or later: in the
+    /// thread that creates the endpoint, before its first message.
+    pub(super) fn watch_topics(&self, node: &Member, watcher: Watcher) {
         self.watchers().push((node.clone(), Arc::clone(&watcher)));
-        for publisher in self.local_publishers(&node.name) {
-            watcher(&publisher);
+        for topic in self.local_topics(&node.name) {
+            watcher(&topic);
         }
     }
 
@@ -363,16 +378,19 @@ impl Participant {
         self.watchers.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn show_to_watchers(&self, writer: &Arc<Writer>) {
+    fn show_to_watchers(&self, owner: &Arc<NodeName>, spec: &EndpointSpec, is_published: bool) {
         let watchers = self.watchers().clone();
-        let Some(publisher) = DiscoveredPublisher::local(writer) else {
+        if watchers.is_empty() || (spec.internal && !is_published) {
+            return;
+        }
+        let Some(topic) = LocalTopicUse::of(spec, is_published) else {
             return;
         };
         for (node, watcher) in watchers {
-            if Arc::ptr_eq(&node.name, &writer.node) {
+            if Arc::ptr_eq(&node.name, owner) {
                 continue;
             }
-            if catch_unwind(AssertUnwindSafe(|| watcher(&publisher))).is_err() {
+            if catch_unwind(AssertUnwindSafe(|| watcher(&topic))).is_err() {
                 let reason = format!("node {}: a handler has panicked", node.name);
                 node.stop_state.fail(reason);
             }
@@ -456,8 +474,10 @@ impl Participants {
 
     /// Reconnects all participants whose nodes are not stopping ([`Participant::reconnect`]).
     pub(super) fn reconnect(&self) {
-        let all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
-        let all: Vec<_> = all.iter().filter_map(Weak::upgrade).collect();
+        let all: Vec<_> = {
+            let all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
+            all.iter().filter_map(Weak::upgrade).collect()
+        };
         for participant in all.iter().filter(|p| !p.is_stopping()) {
             match participant.reconnect() {
                 Ok(false) => {}

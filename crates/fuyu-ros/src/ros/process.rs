@@ -19,7 +19,7 @@ use super::{
     endpoint::EndpointSpec,
     logging,
     names::Names,
-    node_core::NodeCore,
+    node_core::{NodeCore, Place},
     params::{self, ParameterStore, USE_SIM_TIME},
     participant::Participants,
     service::ServiceServer,
@@ -196,6 +196,7 @@ impl Process {
             namespace: "/".to_owned(),
             args: Arc::clone(&self.args),
             domain: self.domain,
+            parameter_services: true,
         };
         self.start_with(options, program)
     }
@@ -349,7 +350,11 @@ impl Infrastructure {
         let names = Names::new(&options.namespace, &options.name, &options.args.remaps)?;
         let overrides = options.args.overrides(names.node(), &options.name)?;
         let params = Arc::new(ParameterStore::new(names.node().clone(), overrides));
-        let place = (options.domain, isolated);
+        let place = Place {
+            domain: options.domain,
+            isolated,
+            only_node: options.args.only_node,
+        };
         let core = Arc::new(NodeCore::new(names, params, participants, place)?);
         let node = Node {
             core: Arc::clone(&core),
@@ -360,7 +365,9 @@ impl Infrastructure {
             sender: None,
             node,
         };
-        parts.services = params::serve(&parts.node)?;
+        if options.parameter_services {
+            parts.services = params::serve(&parts.node)?;
+        }
         // Last, since every declaration is announced.
         let simulated = parts
             .node

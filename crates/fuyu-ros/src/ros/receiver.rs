@@ -104,15 +104,12 @@ impl Receiver {
                 Err(e) if e.kind() == io::ErrorKind::Interrupted => continue,
                 outcome => outcome?,
             }
+            // First, so that a subscription is known before anything that its participant sends afterwards.
+            let others = (&*self.graph, &*self.settling);
+            report_status(&status, &self.endpoints, &mut peers, others);
             for event in &events {
                 match event.token() {
-                    WAKER => {}
-                    STATUS => report_status(
-                        &status,
-                        &self.endpoints,
-                        &mut peers,
-                        (&self.graph, &self.settling),
-                    ),
+                    WAKER | STATUS => {}
                     ANNOUNCEMENTS => self.take_announcements(),
                     Token(token) => readers.take(token),
                 }
@@ -122,7 +119,11 @@ impl Receiver {
                     Request::Add(dds, reader, earlier) => {
                         readers.add(&self.poll, dds, reader, earlier);
                     }
-                    Request::Join(gid, reader) => readers.join(gid, reader),
+                    Request::Join(gid, reader) => {
+                        readers.join(gid, reader);
+                        let endpoints = self.endpoints.lock();
+                        peers.count(&endpoints.unwrap_or_else(PoisonError::into_inner), gid);
+                    }
                     Request::Remove(reader) => {
                         if let Some(gid) = readers.remove(&reader) {
                             peers.forget(gid);

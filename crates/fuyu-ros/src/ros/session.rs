@@ -38,7 +38,7 @@ pub(super) struct Session {
     topics: HashMap<(String, String), Topic>,
     /// DDS writers that nodes share, by topic.
     shared_writers: HashMap<String, Weak<RawWriter>>,
-    /// DDS readers that nodes share, by topic, and how many do.
+    /// DDS readers that subscriptions share ([`EndpointSpec::reader_key`]), and how many do.
     shared_readers: HashMap<String, (Gid, usize)>,
     /// Topics that have or had a DDS reader.
     read_topics: HashSet<String>,
@@ -164,13 +164,12 @@ impl Session {
 
     /// Removes a subscription that is no longer among the endpoints.
     pub(super) fn remove_reader(&mut self, reader: &Arc<Reader>) {
-        let topic = &reader.spec.dds_topic;
-        if reader.spec.shared
-            && let Some((_, nodes)) = self.shared_readers.get_mut(topic)
+        if let Some(key) = reader.spec.reader_key()
+            && let Some((_, count)) = self.shared_readers.get_mut(&key)
         {
-            *nodes -= 1;
-            if *nodes == 0 {
-                self.shared_readers.remove(topic);
+            *count -= 1;
+            if *count == 0 {
+                self.shared_readers.remove(&key);
             }
         }
         self.send(Request::Remove(Arc::clone(reader)));
@@ -229,10 +228,11 @@ impl Session {
     fn create_reader(&mut self, reader: &Arc<Reader>) -> Result<(), EntityError> {
         let spec = &reader.spec;
         reader.counters.forget_remote();
-        if spec.shared
-            && let Some((gid, nodes)) = self.shared_readers.get_mut(&spec.dds_topic)
+        let key = spec.reader_key();
+        if let Some(key) = &key
+            && let Some((gid, count)) = self.shared_readers.get_mut(key)
         {
-            *nodes += 1;
+            *count += 1;
             reader.set_gid(*gid);
             let request = Request::Join(*gid, Arc::clone(reader));
             self.send(request);
@@ -246,9 +246,8 @@ impl Session {
         })?;
         let gid = dds.guid().into();
         reader.set_gid(gid);
-        if spec.shared {
-            let topic = spec.dds_topic.clone();
-            self.shared_readers.insert(topic, (gid, 1));
+        if let Some(key) = key {
+            self.shared_readers.insert(key, (gid, 1));
         }
         let earlier = match self.read_topics.insert(spec.dds_topic.clone()) {
             true => VecDeque::new(),
