@@ -221,7 +221,9 @@ fn each_message_arrives_once_in_the_process_and_outside() {
             .unwrap();
         eventually("it listens", PATIENCE, || listener.is_ready().then_some(()));
         process
-            .start(&format!("talker_{name}"), move |node: &Node| talk(node, name))
+            .start(&format!("talker_{name}"), move |node: &Node| {
+                talk(node, name)
+            })
             .unwrap();
     }
     let deadline = Instant::now() + PATIENCE;
@@ -294,7 +296,9 @@ fn a_node_finds_the_publishers_of_its_process() {
         .start("looker", move |node: &Node| {
             let said: Subscription<Text> = node.subscribe("say", Qos::RELIABLE)?;
             while node.wait_for(Duration::from_millis(10)) {
-                let Some(received) = said.take() else { continue };
+                let Some(received) = said.take() else {
+                    continue;
+                };
                 let publisher = received.publisher;
                 assert!(said.is_matched(publisher));
                 let mut all = node.discovered_publishers().into_iter();
@@ -339,7 +343,9 @@ fn who_watches_for_publishers_gets_their_first_message() {
             idle(node)
         })
         .unwrap();
-    eventually("the watcher is ready", PATIENCE, || watcher.is_ready().then_some(()));
+    eventually("the watcher is ready", PATIENCE, || {
+        watcher.is_ready().then_some(())
+    });
     process
         .start("speaker", |node: &Node| {
             for n in 0..20 {

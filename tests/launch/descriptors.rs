@@ -1,7 +1,9 @@
 //! File descriptors of a launch, and the first samples in its bag.
 
 use fuyu::{
-    msg::{fuyu_msgs::Momentum, nav_msgs::Odometry, sensor_msgs::JointState, std_msgs::String as Text},
+    msg::{
+        fuyu_msgs::Momentum, nav_msgs::Odometry, sensor_msgs::JointState, std_msgs::String as Text,
+    },
     ros::{DiscoveryRange, Domain, Node, Process, Qos, RosArgs, Time},
 };
 use std::{fs, path::Path, process::Command, time::Duration};
@@ -124,7 +126,8 @@ fn a_recorder_without_descriptors_continues_and_releases_what_it_has() {
 #[test]
 fn a_bag_has_every_state_from_the_first_one() {
     for round in 0..3 {
-        let mut launch = Running::launch(46, &source("config/servicing.yaml"), &["--duration", "2"]);
+        let mut launch =
+            Running::launch(46, &source("config/servicing.yaml"), &["--duration", "2"]);
         launch.wait(PATIENCE).well();
         let bag = launch.bag();
         let stamps = |of: Vec<fuyu::msg::std_msgs::Header>| -> Vec<Time> {

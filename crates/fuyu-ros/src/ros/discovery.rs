@@ -106,33 +106,20 @@ pub(super) fn report_status(
                 requested_qos,
                 offered_qos,
                 ..
-            } => warn_incompatible(
-                &all,
-                local_writer.into(),
-                &offered_qos,
-                &requested_qos,
-            ),
+            } => warn_incompatible(&all, local_writer.into(), &offered_qos, &requested_qos),
             Event::RemoteWriterQosIncompatible {
                 local_reader,
                 requested_qos,
                 offered_qos,
                 ..
-            } => warn_incompatible(
-                &all,
-                local_reader.into(),
-                &offered_qos,
-                &requested_qos,
-            ),
+            } => warn_incompatible(&all, local_reader.into(), &offered_qos, &requested_qos),
             _ => {}
         }
     }
 }
 
 /// The endpoints with a GID: several nodes may share one.
-fn find(
-    all: &Endpoints,
-    gid: Gid,
-) -> impl Iterator<Item = (&NodeName, &Counters, &EndpointSpec)> {
+fn find(all: &Endpoints, gid: Gid) -> impl Iterator<Item = (&NodeName, &Counters, &EndpointSpec)> {
     let writers = all.writers.iter().filter(move |w| w.gid() == Some(gid));
     let readers = all.readers.iter().filter(move |r| r.gid() == Some(gid));
     writers
@@ -140,15 +127,13 @@ fn find(
         .chain(readers.map(|r| (&*r.node, &r.counters, &r.spec)))
 }
 
-fn warn_incompatible(
-    all: &Endpoints,
-    local: Gid,
-    offered: &QosPolicies,
-    requested: &QosPolicies,
-) {
+fn warn_incompatible(all: &Endpoints, local: Gid, offered: &QosPolicies, requested: &QosPolicies) {
     if let Some((node, _, spec)) = find(all, local).next() {
         let (offered, requested) = (Qos::from(offered), Qos::from(requested));
-        tracing::warn!("node {node}: {}", not_exchanged(&spec.name, &offered, &requested));
+        tracing::warn!(
+            "node {node}: {}",
+            not_exchanged(&spec.name, &offered, &requested)
+        );
     }
 }
 

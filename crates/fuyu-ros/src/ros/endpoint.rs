@@ -281,7 +281,10 @@ impl Writer {
             }
         }
         if let Some(new) = &dds {
-            let mut identity = self.identity.write().unwrap_or_else(PoisonError::into_inner);
+            let mut identity = self
+                .identity
+                .write()
+                .unwrap_or_else(PoisonError::into_inner);
             *identity = new.guid().into();
         }
         let mut current = self.dds.write().unwrap_or_else(PoisonError::into_inner);

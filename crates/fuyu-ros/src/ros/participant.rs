@@ -146,9 +146,13 @@ impl Participant {
         }
         endpoints.nodes.retain(|n| !Arc::ptr_eq(&n.name, node));
         let is_last = endpoints.nodes.is_empty();
-        let writers = endpoints.writers.extract_if(.., |w| Arc::ptr_eq(&w.node, node));
+        let writers = endpoints
+            .writers
+            .extract_if(.., |w| Arc::ptr_eq(&w.node, node));
         let writers: Vec<_> = writers.collect();
-        let readers = endpoints.readers.extract_if(.., |r| Arc::ptr_eq(&r.node, node));
+        let readers = endpoints
+            .readers
+            .extract_if(.., |r| Arc::ptr_eq(&r.node, node));
         let readers: Vec<_> = readers.collect();
         drop(endpoints);
         let mut detached = Vec::new();
@@ -348,7 +352,9 @@ impl Participant {
         let endpoints = self.endpoints();
         let others = endpoints.writers.iter();
         let others = others.filter(|writer| !Arc::ptr_eq(&writer.node, node));
-        others.filter_map(|w| DiscoveredPublisher::local(w)).collect()
+        others
+            .filter_map(|w| DiscoveredPublisher::local(w))
+            .collect()
     }
 
     /// What the other nodes of this participant publish and subscribe to, without what every node has.

@@ -211,8 +211,7 @@ impl Process {
         program: impl FnOnce(&Node) -> Result<(), NodeError> + Send + 'static,
     ) -> Result<Node, NodeError> {
         let index = self.nodes.len();
-        let infrastructure =
-            Infrastructure::new(&options, &self.participants, self.isolated)?;
+        let infrastructure = Infrastructure::new(&options, &self.participants, self.isolated)?;
         let node = infrastructure.node.clone();
         let ended = self.sender.clone();
         let handle = node.clone();

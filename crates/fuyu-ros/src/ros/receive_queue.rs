@@ -157,10 +157,17 @@ mod tests {
         ReceiveQueue::new(&EndpointSpec::topic::<Text>("/t", qos), Arc::default())
     }
 
-    fn fill(queue: &ReceiveQueue<Text>, origin: Origin, names: &str, numbers: std::ops::Range<i32>) -> u64 {
+    fn fill(
+        queue: &ReceiveQueue<Text>,
+        origin: Origin,
+        names: &str,
+        numbers: std::ops::Range<i32>,
+    ) -> u64 {
         let counters = Counters::default();
         for i in numbers {
-            let text = Text { data: format!("{names}{i}") };
+            let text = Text {
+                data: format!("{names}{i}"),
+            };
             let raw = RawSample::for_test(cdr::encode(&text).into());
             assert!(queue.accept(raw.into(), origin, &counters));
         }
@@ -168,7 +175,9 @@ mod tests {
     }
 
     fn taken(queue: &ReceiveQueue<Text>) -> Vec<String> {
-        std::iter::from_fn(|| queue.take()).map(|r| r.message.data).collect()
+        std::iter::from_fn(|| queue.take())
+            .map(|r| r.message.data)
+            .collect()
     }
 
     // Fails if what a flood from another process sends takes the place of what a node of this process sends, or the reverse.
@@ -177,7 +186,10 @@ mod tests {
         let queue = queue(Qos::RELIABLE.depth(3));
         assert_eq!(fill(&queue, Origin::Local, "l", 0..5), 0);
         assert_eq!(fill(&queue, Origin::Remote, "r", 0..5), 2);
-        assert_eq!(taken(&queue), ["l0", "l1", "l2", "l3", "l4", "r2", "r3", "r4"]);
+        assert_eq!(
+            taken(&queue),
+            ["l0", "l1", "l2", "l3", "l4", "r2", "r3", "r4"]
+        );
     }
 
     #[test]

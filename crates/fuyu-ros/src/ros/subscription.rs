@@ -82,7 +82,10 @@ impl<M> Subscription<M> {
             spec,
             ..
         } = &*self.reader;
-        let peers = counters.peers.lock().unwrap_or_else(PoisonError::into_inner);
+        let peers = counters
+            .peers
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner);
         let is_remote = peers.contains(&publisher);
         drop(peers);
         is_remote || local.is_matched(publisher, spec)

@@ -135,7 +135,13 @@ fn late_joiners_get_what_a_transient_local_publisher_keeps() {
 fn what_is_older_than_the_lifespan_is_not_kept() {
     let topic = Arc::default();
     let lifespan = Some(Duration::from_millis(20));
-    let writer = writer(&topic, Qos { lifespan, ..Qos::LATCHED });
+    let writer = writer(
+        &topic,
+        Qos {
+            lifespan,
+            ..Qos::LATCHED
+        },
+    );
     publish(&writer, "old");
     thread::sleep(Duration::from_millis(40));
     assert!(Listener::new(&topic, Qos::LATCHED).taken().is_empty());
@@ -162,7 +168,9 @@ fn a_subscription_that_joins_meanwhile_misses_and_repeats_nothing() {
 #[test]
 fn all_subscriptions_get_the_messages_of_two_publishers_in_one_order() {
     let topic: Arc<LocalTopic> = Arc::default();
-    let listeners: Vec<_> = (0..4).map(|_| Listener::new(&topic, Qos::RELIABLE)).collect();
+    let listeners: Vec<_> = (0..4)
+        .map(|_| Listener::new(&topic, Qos::RELIABLE))
+        .collect();
     let publishers: Vec<_> = ["a", "b"]
         .into_iter()
         .map(|name| {
@@ -234,11 +242,17 @@ fn endpoints_are_matched_by_type_and_quality_of_service() {
         assert!(matches!(&join(spec(qos))[..], [Mismatch::Qos(_)]));
     }
     let dds_type = "std_msgs::msg::dds_::Int32_".to_owned();
-    let other = EndpointSpec { dds_type, ..spec(Qos::SENSOR_DATA) };
+    let other = EndpointSpec {
+        dds_type,
+        ..spec(Qos::SENSOR_DATA)
+    };
     assert!(matches!(&join(other)[..], [Mismatch::Types(..)]));
     assert_eq!(publish(&writer, "to one"), 1);
     let deadline = |ms| Some(Duration::from_millis(ms));
-    let with = |deadline| Qos { deadline, ..Qos::RELIABLE };
+    let with = |deadline| Qos {
+        deadline,
+        ..Qos::RELIABLE
+    };
     assert!(satisfies(&with(deadline(10)), &with(deadline(20))));
     assert!(satisfies(&with(deadline(10)), &with(None)));
     assert!(!satisfies(&with(deadline(20)), &with(deadline(10))));
@@ -251,7 +265,10 @@ struct Collector(Mutex<Vec<LocalSample>>);
 
 impl Inbox for Collector {
     fn accept(&self, sample: LocalSample, _: Origin, _: &Counters) -> bool {
-        self.0.lock().unwrap_or_else(PoisonError::into_inner).push(sample);
+        self.0
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .push(sample);
         true
     }
 }
@@ -285,7 +302,12 @@ fn subscriptions_share_one_message_and_its_bytes() {
 fn slow_handler(
     topic: &Arc<LocalTopic>,
     qos: Qos,
-) -> (Arc<Reader>, Arc<HandlerQueue>, mpsc::Sender<()>, mpsc::Receiver<i64>) {
+) -> (
+    Arc<Reader>,
+    Arc<HandlerQueue>,
+    mpsc::Sender<()>,
+    mpsc::Receiver<i64>,
+) {
     let queue: Arc<HandlerQueue> = Arc::default();
     let (permit, permits) = mpsc::channel();
     let (handled, all) = mpsc::channel();

@@ -4,16 +4,13 @@ use std::{collections::BTreeSet, sync::Arc};
 
 use super::{Change, ParameterStore, ParameterValue, SetError, USE_SIM_TIME};
 use crate::{
-    msg::{
-        rcl_interfaces::{
-            ListParametersResult, Parameter, ParameterDescriptor, ParameterEvent,
-            SetParametersResult,
-            services::{
-                DescribeParameters, DescribeParametersResponse, GetParameterTypes,
-                GetParameterTypesResponse, GetParameters, GetParametersResponse, ListParameters,
-                ListParametersResponse, SetParameters, SetParametersAtomically,
-                SetParametersAtomicallyResponse, SetParametersResponse,
-            },
+    msg::rcl_interfaces::{
+        ListParametersResult, Parameter, ParameterDescriptor, ParameterEvent, SetParametersResult,
+        services::{
+            DescribeParameters, DescribeParametersResponse, GetParameterTypes,
+            GetParameterTypesResponse, GetParameters, GetParametersResponse, ListParameters,
+            ListParametersResponse, SetParameters, SetParametersAtomically,
+            SetParametersAtomicallyResponse, SetParametersResponse,
         },
     },
     ros::{Node, NodeError, Qos, endpoint::EndpointSpec, service::ServiceServer},
