@@ -70,6 +70,9 @@ impl Peers {
     }
 }
 
+/// How many status events rustdds keeps until they are processed.
+const EVENTS_KEPT: usize = 2048;
+
 /// Processes the status events of the participant.
 pub(super) fn report_status(
     listener: &DomainParticipantStatusListener,
@@ -77,8 +80,16 @@ pub(super) fn report_status(
     peers: &mut Peers,
     (graph, settling): (&GraphCache, &DiscoverySettling),
 ) {
+    let mut count = 0;
     while let Some(event) = listener.try_recv_status() {
         let all = endpoints.lock().unwrap_or_else(PoisonError::into_inner);
+        count += 1;
+        if count == EVENTS_KEPT {
+            // rustdds may have discarded some.
+            for writer in &all.writers {
+                writer.count_is_unsure.store(true, Relaxed);
+            }
+        }
         match event {
             Event::ParticipantDiscovered { dpd } => settling.participant_discovered(&dpd.guid),
             Event::ReaderDetected { reader: found } | Event::WriterDetected { writer: found } => {

@@ -5,7 +5,7 @@ use std::{
     collections::VecDeque,
     sync::{
         Arc, Mutex, PoisonError, RwLock,
-        atomic::{AtomicI64, AtomicU64, AtomicUsize, Ordering::Relaxed},
+        atomic::{AtomicBool, AtomicI64, AtomicU64, AtomicUsize, Ordering::Relaxed},
     },
     time::Duration,
 };
@@ -172,6 +172,8 @@ pub(super) struct Writer {
     pub(super) queued: AtomicUsize,
     /// Its topic inside the participant.
     pub(super) local: Arc<LocalTopic>,
+    /// Whether subscriptions of other participants may have been missed, so that the count of them does not say enough.
+    pub(super) count_is_unsure: AtomicBool,
     dds: RwLock<Option<Arc<RawWriter>>>,
     /// GID of the DDS writer, also while it is being replaced; until there is one, a GID that no other writer has.
     identity: RwLock<Gid>,
@@ -187,10 +189,23 @@ impl Writer {
             counters: Counters::default(),
             queued: AtomicUsize::new(0),
             local,
+            count_is_unsure: AtomicBool::new(false),
             dds: RwLock::new(None),
             identity: RwLock::new(unused_gid()),
             latched: Mutex::default(),
         }
+    }
+
+    /// Whether DDS needs its messages: for subscriptions of other participants, or for those to come. Services always do, since
+    /// their clients may be matched before we know.
+    pub(super) fn is_needed_by_dds(&self) -> bool {
+        let spec = &self.spec;
+        let is_topic = spec.dds_topic.starts_with("rt/");
+        self.counters.remote.load(Relaxed) > 0
+            || spec.qos.durability == Durability::TransientLocal
+            || spec.shared
+            || !is_topic
+            || self.count_is_unsure.load(Relaxed)
     }
 
     /// Identity of a sample that DDS has not taken: with a number that DDS does not give.

@@ -178,7 +178,8 @@ impl NodeCore {
         };
         writer.local.deliver(writer, outgoing);
         // The client of this participant has its response.
-        if related.is_some_and(|question| writer.is_of_participant(question.writer_guid)) {
+        let is_answered = related.is_some_and(|q| writer.is_of_participant(q.writer_guid));
+        if is_answered || !writer.is_needed_by_dds() {
             writer.counters.count();
             return;
         }

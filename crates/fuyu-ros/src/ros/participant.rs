@@ -1,8 +1,8 @@
 //! A DDS participant that the nodes of a process share, with their endpoints. It outlives the connections to DDS.
 //!
-//! Three locks, never taken in another order: the connection, which is held while rustdds creates or removes something; the
-//! endpoints; a topic inside the participant ([`LocalTopic`](super::local_delivery::LocalTopic)). Messages are delivered,
-//! sent and received without the first one.
+//! Three locks, never taken in another order: the connection, which is held while rustdds creates an endpoint; the endpoints;
+//! a topic inside the participant ([`LocalTopic`](super::local_delivery::LocalTopic)). Messages are delivered, sent and
+//! received without the first one, and rustdds destroys endpoints without any.
 
 use rustdds::DomainParticipant;
 use std::{
@@ -245,8 +245,9 @@ impl Participant {
             writers.retain(|w| !Arc::ptr_eq(w, &writer));
             return Err(e);
         }
+        let mismatches = writer.local.add_writer(&writer);
         drop(connection);
-        warn_of_mismatches(&writer.spec, node, writer.local.add_writer(&writer));
+        warn_of_mismatches(&writer.spec, node, &mismatches);
         self.show_to_watchers(node, &writer.spec, true);
         Ok(writer)
     }
@@ -279,8 +280,9 @@ impl Participant {
             readers.retain(|r| !Arc::ptr_eq(r, &reader));
             return Err(e);
         }
+        let mismatches = reader.local.add_reader(&reader);
         drop(connection);
-        warn_of_mismatches(&reader.spec, node, reader.local.add_reader(&reader));
+        warn_of_mismatches(&reader.spec, node, &mismatches);
         self.show_to_watchers(node, &reader.spec, false);
         Ok(reader)
     }
@@ -432,7 +434,7 @@ impl Participant {
     }
 }
 
-fn warn_of_mismatches(spec: &EndpointSpec, node: &NodeName, mismatches: Vec<Mismatch>) {
+fn warn_of_mismatches(spec: &EndpointSpec, node: &NodeName, mismatches: &[Mismatch]) {
     // One warning says enough.
     match mismatches.first() {
         Some(Mismatch::Types(offered, requested)) => tracing::warn!(
