@@ -270,10 +270,12 @@ impl Writer {
         }
     }
 
-    /// Waits until living subscribers have what was written, at most `patience`.
+    /// Waits until living subscribers of other participants have what was written, at most `patience`. rustdds would wait
+    /// without them too.
     pub(super) fn wait_for_acknowledgments(&self, patience: Duration) {
         if let Some(dds) = self.dds()
             && self.spec.qos.is_reliable()
+            && self.counters.remote.load(Relaxed) > 0
         {
             // A subscriber that has not acknowledged by then is dead or overloaded.
             let _ = dds.wait_for_acknowledgments(patience);
