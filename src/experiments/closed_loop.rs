@@ -162,10 +162,10 @@ impl ClosedLoop {
     /// Advances to the next state.
     ///
     /// # Errors
-    /// When the state is not finite any more.
+    /// When the motion has diverged.
     pub fn advance(&mut self) -> Result<(), String> {
         self.world.step_to_tick();
-        self.world.check_finite()
+        self.world.check_divergence()
     }
 }
 

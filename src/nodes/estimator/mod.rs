@@ -7,6 +7,7 @@ mod camera_attitude;
 mod frame_queue;
 mod health;
 mod messages;
+mod monotonic;
 mod observer;
 mod params;
 mod solver;

@@ -6,6 +6,7 @@ use super::{
     frame_queue::FrameQueue,
     health,
     messages::Snapshot,
+    monotonic::Monotonic,
     solver::{Job, Solved, Solver},
 };
 use std::time::Instant;
@@ -43,8 +44,10 @@ pub struct Observer {
     newest: Option<(f64, Time)>,
     /// Time from the frame before the newest to the newest \[s\].
     interval: f64,
-    /// Time of the last published motion \[s\].
+    /// Time of the last published motion \[s\]; `None` after a reset of the motion.
     published_at: Option<f64>,
+    /// Times for which anything was published.
+    published: Monotonic,
     /// Why the last batch has no solution.
     failure: Option<String>,
     /// Why the motion was reset, if it was.
@@ -71,6 +74,7 @@ impl Observer {
             newest: None,
             interval: 0.0,
             published_at: None,
+            published: Monotonic::default(),
             failure: None,
             reset_reason: None,
             camera_status: node.diagnostics().status("camera"),
@@ -220,6 +224,7 @@ impl Observer {
         if self.attitude.gyro.restarts() == self.gyro_restarts {
             self.attitude.gyro.clear();
         }
+        self.published = Monotonic::default();
         self.reset_motion("time went back");
     }
 
@@ -234,8 +239,12 @@ impl Observer {
         self.reset_reason = Some(why.to_owned());
     }
 
-    /// Publishes the angular velocity at `time` \[s\], and the motion if that is due.
+    /// Publishes the angular velocity at `time` \[s\], and the motion if that is due. Nothing is published for a time before
+    /// that of an earlier message: the extrapolation goes beyond the frames that arrive after it.
     fn publish(&mut self, time: f64, topics: &Topics) {
+        if self.tracker.is_some() && !self.published.advance(time) {
+            return;
+        }
         if let Some(snapshot) = self.snapshot(time) {
             topics
                 .angular_velocity
@@ -357,7 +366,8 @@ impl Observer {
         });
         self.failure = None;
         // The extrapolated motion may have been published for a later time.
-        let time = newest.max(self.published_at.unwrap_or(newest));
+        let time = self.published.latest().map_or(newest, |at| at.max(newest));
+        self.published.advance(time);
         self.publish_motion(time, topics);
         if let Some(tracker) = &self.tracker {
             health::report(&self.motion_status, tracker, time, None);
