@@ -21,7 +21,8 @@ use crate::{
 /// Number of frame intervals without a frame after which the motion is extrapolated.
 const MISSED_INTERVALS: f64 = 3.0;
 
-/// Longest time between the starts of two batches while there is no motion yet \[s\].
+/// Longest time between the starts of two batches while there is no motion yet, and the time without frames after which
+/// the last ones are solved \[s\].
 const RETRY_PERIOD: f64 = 2.0;
 
 /// State of the estimator node.
@@ -297,8 +298,9 @@ impl Observer {
         }
     }
 
-    /// Submits the frames of the window to the solver, if it is idle and a batch is due.
-    pub fn solve(&mut self) {
+    /// Submits the frames of the window to the solver, if it is idle and a batch is due: after every solve period, and
+    /// once frames have stopped, so that the last batch has them all.
+    pub fn solve(&mut self, now: Time) {
         let (Some(camera), Some((_, newest))) = (self.camera, self.tracks.span()) else {
             return;
         };
@@ -306,7 +308,12 @@ impl Observer {
             Some(_) => self.params.solve_period,
             None => self.params.solve_period.min(RETRY_PERIOD),
         };
-        let due = self.solved_at.is_none_or(|at| newest >= at + period);
+        let stopped = self
+            .newest
+            .is_some_and(|(_, arrived)| now.since(arrived).as_secs_f64() > RETRY_PERIOD);
+        let due = self
+            .solved_at
+            .is_none_or(|at| newest >= at + period || (stopped && newest > at));
         if self.solver.is_busy() || !due {
             return;
         }
