@@ -58,6 +58,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if let Some(missing) = closed_loop.world.not_simulated() {
         eprintln!("fuyu: note: {}: {missing}", scenario.path().display());
     }
+    if let Some(limits) = closed_loop.world.default_effort_limits() {
+        eprintln!("fuyu: note: {}: {limits}", scenario.path().display());
+    }
+    for warning in scenario.warnings(true) {
+        eprintln!("fuyu: warning: {warning}");
+    }
     let duration = match args.duration {
         Some(duration) => duration,
         None if closed_loop.duration() > 0.0 => closed_loop.duration(),
