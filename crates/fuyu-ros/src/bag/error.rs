@@ -90,9 +90,13 @@ impl BagError {
     }
 
     pub(super) fn mcap(path: &Path) -> impl Fn(mcap::McapError) -> Self {
-        move |source| Self::Mcap {
-            path: path.to_owned(),
-            source,
+        move |source| match source {
+            // Its text hides that of the operating system.
+            mcap::McapError::Io(source) => Self::io(path)(source),
+            source => Self::Mcap {
+                path: path.to_owned(),
+                source,
+            },
         }
     }
 }
