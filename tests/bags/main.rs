@@ -16,6 +16,7 @@ mod convert;
 mod damage;
 mod foreign;
 mod foxglove;
+mod full_disk;
 mod interfaces;
 mod killed;
 mod play;

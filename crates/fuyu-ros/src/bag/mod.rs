@@ -32,6 +32,7 @@
 //! ```
 
 mod convert;
+mod disk_space;
 mod error;
 mod info;
 mod limits;

@@ -55,7 +55,7 @@ impl fmt::Display for ParamsFileError {
 impl std::error::Error for ParamsFileError {}
 
 /// The parameters of one node pattern.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 struct Section {
     /// Tokens of the pattern; an absolute one starts with an empty token.
     pattern: Vec<String>,
@@ -63,7 +63,7 @@ struct Section {
 }
 
 /// A parameter file, read and checked.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct ParamsFile {
     file: PathBuf,
     sections: Vec<Section>,
