@@ -55,5 +55,7 @@ fn write(path: &Path, bytes: &[u8]) -> Result<(), Failure> {
         fs::create_dir_all(folder).map_err(failed)?;
     }
     let created = OpenOptions::new().write(true).create_new(true).open(path);
-    created.and_then(|mut file| file.write_all(bytes)).map_err(failed)
+    created
+        .and_then(|mut file| file.write_all(bytes))
+        .map_err(failed)
 }

@@ -166,3 +166,32 @@ fn positive_seconds(text: &str) -> Result<f64, String> {
         _ => Err("give a positive number of seconds".to_owned()),
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use clap::CommandFactory;
+
+    use super::*;
+
+    fn check(command: &mut clap::Command) {
+        command.build();
+        let name = command.get_name().to_owned();
+        let mut shorts = BTreeSet::new();
+        for argument in command.get_arguments() {
+            if let Some(short) = argument.get_short() {
+                assert!(shorts.insert(short), "{name}: two options are -{short}");
+            }
+        }
+        let help = command.render_long_help().to_string();
+        assert!(!help.contains("\\]"), "{name}: {help}");
+        command.get_subcommands_mut().for_each(check);
+    }
+
+    // clap checks the first only in debug builds, by a panic.
+    #[test]
+    fn every_short_option_has_one_meaning_and_help_is_plain_text() {
+        check(&mut Cli::command());
+    }
+}

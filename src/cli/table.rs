@@ -31,9 +31,8 @@ pub(super) fn matrix(out: &mut String, rows: &[&str], columns: &[&str], matrix: 
             number(x)
         }
     };
-    let [rows, columns] = [rows, columns].map(|names| -> Vec<String> {
-        names.iter().map(|name| shown(name)).collect()
-    });
+    let [rows, columns] = [rows, columns]
+        .map(|names| -> Vec<String> { names.iter().map(|name| shown(name)).collect() });
     let left = width(rows.iter().map(String::as_str));
     let widths: Vec<usize> = (0..matrix.ncols())
         .map(|j| {

@@ -279,8 +279,22 @@ impl Report {
         let controlled = controlled(run);
         for error in errors {
             let parts = [
-                ("position", error.position, limits.position, "m", controlled.position, "k_p"),
-                ("attitude", error.attitude, limits.attitude, "rad", controlled.attitude, "k_o"),
+                (
+                    "position",
+                    error.position,
+                    limits.position,
+                    "m",
+                    controlled.position,
+                    "k_p",
+                ),
+                (
+                    "attitude",
+                    error.attitude,
+                    limits.attitude,
+                    "rad",
+                    controlled.attitude,
+                    "k_o",
+                ),
             ];
             for (part, deviation, limit, unit, is_controlled, gain) in parts {
                 let name = format!("final tip error, {}: {part}", error.name);
@@ -293,7 +307,12 @@ impl Report {
                     (false, _) => format!("{source}; the law does not control it: {gain} is 0"),
                     (true, false) => format!("{source}; the run was ended by a reset"),
                 };
-                self.add(&name, Verdict::Noted, Some((deviation.value, allowed, unit)), why);
+                self.add(
+                    &name,
+                    Verdict::Noted,
+                    Some((deviation.value, allowed, unit)),
+                    why,
+                );
             }
         }
     }

@@ -29,7 +29,9 @@ pub mod tracking;
 
 pub use bag_check::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag};
 pub use bag_plot::plot_bag;
-pub use chart::{ChartError, Dots, Figure, MapFigure, MapPanel, MapScale, Panel, PlaneFigure, Series};
+pub use chart::{
+    ChartError, Dots, Figure, MapFigure, MapPanel, MapScale, Panel, PlaneFigure, Series,
+};
 pub use closed_loop::{Answer, ClosedLoop, Moment};
 pub use continuous_loop::ContinuousLoop;
 pub use observations::{Observations, ObservedTracks};

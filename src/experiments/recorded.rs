@@ -122,7 +122,10 @@ impl RecordedRuns {
                 let index = self.counter.run_of(message);
                 let runs = self.runs.entry(namespace.to_owned()).or_default();
                 while runs.len() <= index {
-                    runs.push(runs.last().map_or_else(Default::default, RecordedRun::again));
+                    runs.push(
+                        runs.last()
+                            .map_or_else(Default::default, RecordedRun::again),
+                    );
                 }
                 take(&mut runs[index], message);
                 return;

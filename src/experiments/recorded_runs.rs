@@ -6,7 +6,11 @@ use crate::bag::Message;
 use crate::msg::{self, scan::scan};
 
 /// Topics of the node that owns the time. Each is in order.
-const TIMED: [&str; 3] = ["/joint_states", "/ground_truth/odom", "/ground_truth/momentum"];
+const TIMED: [&str; 3] = [
+    "/joint_states",
+    "/ground_truth/odom",
+    "/ground_truth/momentum",
+];
 
 /// A state that is earlier than the one before by more than this restarts the time; by less only if it is the earliest of
 /// the run, otherwise it is out of order \[ns\].

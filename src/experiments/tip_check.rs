@@ -33,12 +33,14 @@ pub(super) struct Controlled {
     pub attitude: bool,
 }
 
-/// By the gains of the last controller state; both without one.
+/// By the gains of the last controller state; both if it has none.
 pub(super) fn controlled(run: &RecordedRun) -> Controlled {
-    let last = run.controller.last();
-    Controlled {
-        position: last.is_none_or(|s| s.k_p != 0.0),
-        attitude: last.is_none_or(|s| s.k_o != 0.0),
+    match run.controller.last().map(|s| (s.k_p != 0.0, s.k_o != 0.0)) {
+        None | Some((false, false)) => Controlled {
+            position: true,
+            attitude: true,
+        },
+        Some((position, attitude)) => Controlled { position, attitude },
     }
 }
 
@@ -54,8 +56,8 @@ pub(super) fn final_errors(run: &RecordedRun) -> Vec<FinalError> {
         let error = (s.position_error, s.attitude_error);
         exact("controller", "last controller/state", error)
     });
-    let truth = true_tip_error(run)
-        .map(|error| exact("tf", "last tf of tool0 and goal_pose", error));
+    let truth =
+        true_tip_error(run).map(|error| exact("tf", "last tf of tool0 and goal_pose", error));
     [stated, seen_tip_error(run), truth]
         .into_iter()
         .flatten()
@@ -139,7 +141,9 @@ fn pairs(tips: &[SeenPose], goals: &[SeenPose]) -> Vec<(i64, Isometry3<f64>)> {
 
 /// Standard deviation of the noise in a smooth sequence of vectors, by its second differences.
 fn noise(values: &[Vector3<f64>]) -> f64 {
-    let squares = values.windows(3).map(|w| (w[0] - 2.0 * w[1] + w[2]).norm_squared());
+    let squares = values
+        .windows(3)
+        .map(|w| (w[0] - 2.0 * w[1] + w[2]).norm_squared());
     let count = values.len().saturating_sub(2);
     match count {
         0 => 0.0,

@@ -115,7 +115,11 @@ impl Track {
         // A step from one run to another, or back for a message left over, is neither a gap nor backwards.
         let same_run = |i: usize| !by_stamp || self.runs[i] == self.runs[i + 1];
         let gap = |(i, w): (usize, &[i64])| same_run(i).then(|| w[1] - w[0]);
-        let gaps: Vec<i64> = times.windows(2).enumerate().map(|w| gap(w).unwrap_or(0)).collect();
+        let gaps: Vec<i64> = times
+            .windows(2)
+            .enumerate()
+            .map(|w| gap(w).unwrap_or(0))
+            .collect();
         let backwards = self.stamps.windows(2).zip(self.runs.windows(2));
         let backwards = backwards.filter(|(t, run)| t[1] < t[0] && run[0] == run[1]);
         let backwards = backwards.count() as u64;

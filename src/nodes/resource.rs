@@ -163,7 +163,9 @@ pub fn read(name: &str) -> Result<(String, String), String> {
 /// A line with the folder and why it cannot be read.
 pub fn list(name: &str) -> Result<Vec<String>, String> {
     let of_package = format!("package://{OURS}/");
-    let inside = name.strip_prefix(&of_package).map(|f| f.trim_end_matches('/'));
+    let inside = name
+        .strip_prefix(&of_package)
+        .map(|f| f.trim_end_matches('/'));
     let path = match resolve(name) {
         Ok(Resource::File(path)) if path.is_dir() => path,
         Ok(_) => return Ok(vec![name.to_owned()]),
@@ -171,7 +173,11 @@ pub fn list(name: &str) -> Result<Vec<String>, String> {
             let files = embedded_files().map(|(path, _)| path);
             let inside = inside.map(|folder| format!("{folder}/"));
             let mut names: Vec<_> = files
-                .filter(|path| inside.as_ref().is_some_and(|folder| path.starts_with(folder)))
+                .filter(|path| {
+                    inside
+                        .as_ref()
+                        .is_some_and(|folder| path.starts_with(folder))
+                })
                 .map(|path| of_package.clone() + &path)
                 .collect();
             names.sort();
@@ -289,7 +295,11 @@ mod tests {
         ]);
         let at = |name: &str| dir.path().join(name).display().to_string();
         assert!(allowed.resolve(&at("inside/a.urdf")).is_ok());
-        assert!(allowed.resolve(&format!("file://{}", at("inside/a.urdf"))).is_ok());
+        assert!(
+            allowed
+                .resolve(&format!("file://{}", at("inside/a.urdf")))
+                .is_ok()
+        );
         assert!(allowed.resolve("package://fuyu/urdf/target.urdf").is_ok());
         // The answers to what exists and what does not differ in the name only.
         let kind = |name: &str| {
@@ -311,5 +321,12 @@ mod tests {
             assert_eq!(kind(&name), outside, "{name}");
         }
         assert!(kind(&at("inside/none")).contains("no such file"));
+        // A named pipe, to which nobody writes, does not block.
+        let made = std::process::Command::new("mkfifo")
+            .arg(at("inside/pipe"))
+            .status();
+        assert!(made.unwrap().success());
+        let pipe = allowed.resolve(&at("inside/pipe")).unwrap();
+        assert!(pipe.text(LARGEST_URDF).unwrap_err().contains("named pipe"));
     }
 }

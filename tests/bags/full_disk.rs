@@ -6,7 +6,9 @@ use std::path::{Path, PathBuf};
 use std::process::Command;
 use std::time::{Duration, Instant};
 
-use fuyu::bag::{Bag, Compression, Recorder, RecorderHandle, RecorderStatus, Topic, Writer, WriterOptions};
+use fuyu::bag::{
+    Bag, Compression, Recorder, RecorderHandle, RecorderStatus, Topic, Writer, WriterOptions,
+};
 use fuyu::ros::Qos;
 
 /// Folder of the small disk, for the child processes of these tests.
@@ -19,10 +21,14 @@ fn on_a_small_disk(name: &str) -> bool {
     let mut command = Command::new("unshare");
     let script = "mount -t tmpfs -o size=1m none \"$1\" || exit 77; shift; exec \"$@\"";
     command.args(["--mount", "sh", "-c", script, "sh"]);
-    command.arg(dir.path()).arg(std::env::current_exe().unwrap());
+    command
+        .arg(dir.path())
+        .arg(std::env::current_exe().unwrap());
     command.args(["--ignored", "--exact", name, "--nocapture"]);
     let output = command.env(DISK, dir.path()).output();
-    let output = output.ok().filter(|o| o.status.code() == Some(0) || o.stdout.starts_with(b"\nrunning"));
+    let output = output
+        .ok()
+        .filter(|o| o.status.code() == Some(0) || o.stdout.starts_with(b"\nrunning"));
     let Some(output) = output else {
         let is_root = fs::metadata("/proc/self").is_ok_and(|m| m.uid() == 0);
         assert!(
@@ -32,7 +38,8 @@ fn on_a_small_disk(name: &str) -> bool {
         println!("SKIPPED: no file system can be mounted here");
         return false;
     };
-    let log = String::from_utf8_lossy(&output.stdout).into_owned() + &String::from_utf8_lossy(&output.stderr);
+    let log = String::from_utf8_lossy(&output.stdout).into_owned()
+        + &String::from_utf8_lossy(&output.stderr);
     assert!(output.status.success() && log.contains("1 passed"), "{log}");
     true
 }
@@ -56,7 +63,11 @@ fn start(disk: &Path) -> (PathBuf, Recorder, impl Fn(u64) -> bool + use<>) {
 fn wait_for(handle: &RecorderHandle, what: &str, is: impl Fn(&RecorderStatus) -> bool) {
     let start = Instant::now();
     while !is(&handle.status()) {
-        assert!(start.elapsed() < Duration::from_secs(20), "{what}: {:?}", handle.status());
+        assert!(
+            start.elapsed() < Duration::from_secs(20),
+            "{what}: {:?}",
+            handle.status()
+        );
         std::thread::sleep(Duration::from_millis(20));
     }
 }
@@ -114,11 +125,16 @@ fn child_ends() {
     for i in 0..2000 {
         assert!(write(i));
     }
-    wait_for(&recorder.handle(), "the disk is full", |s| s.waiting.is_some());
+    wait_for(&recorder.handle(), "the disk is full", |s| {
+        s.waiting.is_some()
+    });
     let begin = Instant::now();
     let error = recorder.finish().unwrap_err().to_string();
     assert!(begin.elapsed() < Duration::from_secs(10));
-    assert!(error.contains("bag_0.mcap: No space left on device"), "{error}");
+    assert!(
+        error.contains("bag_0.mcap: No space left on device"),
+        "{error}"
+    );
     let mut messages = Bag::open(path).unwrap().messages();
     let read: Vec<u64> = messages.by_ref().map(|m| m.log_time).collect();
     assert!(read.len() > 800 && read.iter().copied().eq(0..read.len() as u64));

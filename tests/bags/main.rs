@@ -17,6 +17,7 @@ mod damage;
 mod foreign;
 mod foxglove;
 mod full_disk;
+mod hostile;
 mod interfaces;
 mod killed;
 mod play;

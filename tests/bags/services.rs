@@ -205,7 +205,11 @@ fn a_recorder_selects_splits_pauses_stops_and_records_again() {
     };
     let response: srv::RecordResponse = call(&record, &outside);
     assert_eq!(response.return_code, 1);
-    assert!(response.error_string.contains("record_folders"), "{}", response.error_string);
+    assert!(
+        response.error_string.contains("record_folders"),
+        "{}",
+        response.error_string
+    );
     assert!(!Path::new("/tmp/fuyu_outside_of_the_folders").exists());
 
     // A second recording by the same node also contains the latched topics.

@@ -44,7 +44,10 @@ impl InputFileError {
             Problem::Io(e) => format!("cannot be read: {e}"),
             Problem::Kind(kind) => format!("is {kind}; give a regular file"),
             Problem::Size(limit) => {
-                format!("is larger than {}, the limit for such files", in_words(*limit))
+                format!(
+                    "is larger than {}, the limit for such files",
+                    in_words(*limit)
+                )
             }
             Problem::Text(at) => format!("byte {at} is not UTF-8; a text file is needed"),
         }

@@ -26,7 +26,12 @@ fn covers(curve: &[Point], other: &[Point]) -> bool {
     let some = |points: &[Point]| -> Vec<Point> {
         let step = points.len().div_ceil(COMPARED).max(1);
         let finite = |p: &&Point| p.0.is_finite() && p.1.is_finite();
-        points.iter().step_by(step).filter(finite).copied().collect()
+        points
+            .iter()
+            .step_by(step)
+            .filter(finite)
+            .copied()
+            .collect()
     };
     let (curve, other) = (some(curve), some(other));
     let is_close = |p: &&Point| other.windows(2).any(|w| distance(**p, w[0], w[1]) < CLOSE);
@@ -65,7 +70,12 @@ pub(super) fn dashed(points: &[Point], (dash, gap): (f64, f64)) -> Vec<Vec<Point
                 false => dash + gap - at,
             };
             let step = step.min(length - done);
-            let point = |s: f64| (a.0 + (b.0 - a.0) * s / length, a.1 + (b.1 - a.1) * s / length);
+            let point = |s: f64| {
+                (
+                    a.0 + (b.0 - a.0) * s / length,
+                    a.1 + (b.1 - a.1) * s / length,
+                )
+            };
             if at < dash {
                 match pieces.last_mut() {
                     Some(piece) if open => piece.push(point(done + step)),
@@ -118,7 +128,13 @@ mod tests {
             assert!((last.0 - first.0 - 10.0).abs() < 1e-6, "{piece:?}");
             assert!(piece.iter().all(|p| (p.1 - 3.0).abs() < 1e-12));
         }
-        let broken = [(0.0, 0.0), (5.0, 0.0), (f64::NAN, 0.0), (6.0, 0.0), (9.0, 0.0)];
+        let broken = [
+            (0.0, 0.0),
+            (5.0, 0.0),
+            (f64::NAN, 0.0),
+            (6.0, 0.0),
+            (9.0, 0.0),
+        ];
         assert_eq!(dashed(&broken, (10.0, 7.0)).len(), 2);
     }
 }

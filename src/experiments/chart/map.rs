@@ -444,7 +444,10 @@ mod tests {
         let texts: Vec<_> = labels(&grid).into_iter().map(|l| l.1).collect();
         assert_eq!(texts, ["-4", "-2", "0", "2", "4", "6"]);
         let at = labels(&grid)[2].0;
-        assert!((at - 28.0).abs() < 1e-9, "zero is the 28th cell, not at {at}");
+        assert!(
+            (at - 28.0).abs() < 1e-9,
+            "zero is the 28th cell, not at {at}"
+        );
         let few: Vec<_> = labels(&[0.35, 0.5, 1.0]).into_iter().map(|l| l.1).collect();
         assert_eq!(few, ["0.35", "0.5", "1"]);
         let mut six = figure(MapScale::Linear("w".into()), [0.0; 6]);

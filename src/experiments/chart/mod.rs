@@ -230,7 +230,11 @@ impl Panel {
         let curves: Vec<Vec<_>> = (self.series.iter())
             .map(|series| {
                 let points = series.points.iter().map(|&(x, y)| (x, self.height(y)));
-                thinned(points.filter(|p| p.0.is_finite() && p.1.is_finite()).collect())
+                thinned(
+                    points
+                        .filter(|p| p.0.is_finite() && p.1.is_finite())
+                        .collect(),
+                )
             })
             .collect();
         // Units of length per unit of each axis.
@@ -270,7 +274,10 @@ impl Panel {
         for (i, dots) in self.dots.iter().enumerate() {
             let style = line(self.series.len() + i, scale);
             for (k, &(x, y)) in dots.points.iter().enumerate() {
-                let bar = dots.deviations.get(k).map(|d| [y - d, y + d].map(|y| (x, self.height(y))));
+                let bar = dots
+                    .deviations
+                    .get(k)
+                    .map(|d| [y - d, y + d].map(|y| (x, self.height(y))));
                 if let Some(bar) = bar.filter(|bar| bar.iter().all(|p| p.1.is_finite())) {
                     chart.draw_series([PathElement::new(bar.to_vec(), style)])?;
                 }
@@ -433,7 +440,14 @@ mod tests {
         let [svg, png] = figure.save(&dir.path().join("picture")).unwrap();
         let svg = std::fs::read_to_string(svg).unwrap();
         // Letters and ticks are drawn, so the font was found.
-        for text in ["All kinds", "time [s]", "value [m]", "curve", "printed", "1e-3"] {
+        for text in [
+            "All kinds",
+            "time [s]",
+            "value [m]",
+            "curve",
+            "printed",
+            "1e-3",
+        ] {
             assert!(svg.contains(text), "no {text:?}");
         }
         let png = std::fs::read(png).unwrap();

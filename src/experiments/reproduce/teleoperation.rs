@@ -9,9 +9,7 @@ use crate::experiments::masutani_ch8::{
     ARRIVED, Attempt, Base, CROSSOVER, EXPERIMENTS, PUBLISHED, START, attempt, planar_model,
     planar_posture, targets,
 };
-use crate::experiments::{
-    Dots, Figure, MapFigure, MapPanel, MapScale, Panel, PlaneFigure, Series,
-};
+use crate::experiments::{Dots, Figure, MapFigure, MapPanel, MapScale, Panel, PlaneFigure, Series};
 
 /// The experiments of the table below Fig. 8.7, named with letters that the font of the pictures has.
 const NAMES: [&str; 6] = [

@@ -122,7 +122,8 @@ impl Gate {
         let request = request?;
         if let Some(origin) = request.origins.iter().find(|o| !self.origins.allow(o)) {
             self.report(origin);
-            let answer = b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\n\r\n";
+            let answer =
+                b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\n\r\n";
             return client.write_all(answer).await;
         }
         let mut server = TcpStream::connect(self.server).await?;
@@ -235,7 +236,9 @@ mod tests {
     fn answer(address: SocketAddr, request: &str) -> String {
         let mut client = Client::connect(address).unwrap();
         client.write_all(request.as_bytes()).unwrap();
-        client.set_read_timeout(Some(Duration::from_secs(5))).unwrap();
+        client
+            .set_read_timeout(Some(Duration::from_secs(5)))
+            .unwrap();
         let mut text = String::new();
         // The gate may reset a connection that it refuses.
         let _ = client.read_to_string(&mut text);
@@ -256,7 +259,10 @@ mod tests {
             "oRIGIN: https://evil.example\r\n",
             "Origin: http://localhost\r\nOrigin: https://evil.example\r\n",
         ] {
-            assert!(answer(address, &with(header)).starts_with("HTTP/1.1 403"), "{header}");
+            assert!(
+                answer(address, &with(header)).starts_with("HTTP/1.1 403"),
+                "{header}"
+            );
         }
         let endless = with(&format!("X: {}", "x".repeat(100_000)));
         assert_eq!(answer(address, &endless), "");

@@ -18,7 +18,11 @@ impl RecordFolders {
     /// A line with the allowed folders.
     pub fn allow(&self, uri: &str) -> Result<PathBuf, String> {
         let path = PathBuf::from(uri.strip_prefix("file://").unwrap_or(uri));
-        match self.0.iter().any(|folder| is_below(&path, Path::new(folder))) {
+        match self
+            .0
+            .iter()
+            .any(|folder| is_below(&path, Path::new(folder)))
+        {
             true => Ok(path),
             false => Err(format!(
                 "{uri}: this recorder creates bags only below {}; its parameter record_folders allows others",
@@ -62,12 +66,14 @@ mod tests {
         std::fs::create_dir(&outside).unwrap();
         std::os::unix::fs::symlink(&outside, bags.join("link")).unwrap();
         let later = dir.path().join("later");
-        let folders =
-            RecordFolders::new([&bags, &later].map(|f| f.display().to_string()).to_vec());
+        let folders = RecordFolders::new([&bags, &later].map(|f| f.display().to_string()).to_vec());
         let allowed = |path: PathBuf| folders.allow(&path.display().to_string()).is_ok();
         assert!(allowed(bags.join("run")));
         assert!(allowed(bags.join("old/run")));
-        assert!(allowed(later.join("run")), "a folder that is created with the bag");
+        assert!(
+            allowed(later.join("run")),
+            "a folder that is created with the bag"
+        );
         for path in [
             bags.clone(),
             bags.join("../outside/run"),

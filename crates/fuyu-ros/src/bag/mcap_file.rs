@@ -135,17 +135,15 @@ impl McapFile {
                 op::MESSAGE if !self.compressions.is_empty() => {
                     self.damaged("a message outside of the chunks");
                 }
-                op::SCHEMA | op::CHANNEL | op::MESSAGE => {
-                    match parse(opcode, &self.body) {
-                        Ok(record) => {
-                            let record = record.into_owned();
-                            if let Some(message) = self.accept(record) {
-                                return Some(message);
-                            }
+                op::SCHEMA | op::CHANNEL | op::MESSAGE => match parse(opcode, &self.body) {
+                    Ok(record) => {
+                        let record = record.into_owned();
+                        if let Some(message) = self.accept(record) {
+                            return Some(message);
                         }
-                        Err(what) => self.damaged(what),
                     }
-                }
+                    Err(what) => self.damaged(what),
+                },
                 op::FOOTER => self.done = true,
                 // Headers, indices and attachments contain no messages.
                 _ => {}

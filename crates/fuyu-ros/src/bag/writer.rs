@@ -282,13 +282,7 @@ impl Writer {
     /// [`BagError::Mcap`] or [`BagError::Io`] if a file cannot be written.
     pub fn split(&mut self) -> Result<(), BagError> {
         let number = self.closed.len() + 1;
-        let mut part = open_part(
-            &self.folder,
-            &self.name,
-            number,
-            &self.options,
-            &self.space,
-        )?;
+        let mut part = open_part(&self.folder, &self.name, number, &self.options, &self.space)?;
         for entry in &self.topics {
             part.add_topic(&entry.topic)?;
         }

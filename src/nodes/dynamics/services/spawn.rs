@@ -6,6 +6,7 @@ use nalgebra::Vector3;
 
 use super::check_active;
 use crate::{
+    input_file::LARGEST_URDF,
     model::Model,
     msg::simulation_interfaces::{
         Resource, Result as Outcome, SpawnEntity, SpawnResult as Code, Spawnable,
@@ -24,7 +25,6 @@ use crate::{
         geometry::pose_from_msg,
         resource::{self, AllowedFolders},
     },
-    input_file::LARGEST_URDF,
 };
 
 /// Folder of the descriptions that come with fuyu.
@@ -83,7 +83,10 @@ fn spawn(simulation: &mut Simulation, request: &SpawnEntity) -> Code {
 fn add(simulation: &mut Simulation, request: &SpawnEntity) -> Result<String, Outcome> {
     check_active(simulation)?;
     let (world, method) = (&mut simulation.world, simulation.params.method);
-    let description = read(&request.entity_resource, &simulation.params.resource_folders)?;
+    let description = read(
+        &request.entity_resource,
+        &simulation.params.resource_folders,
+    )?;
     let parsed = |e: String| Outcome::new(Code::RESOURCE_PARSE_ERROR, e);
     let model = description.compile().map_err(parsed)?;
     let name = free_name(world, request, &model)?;

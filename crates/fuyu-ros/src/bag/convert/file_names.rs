@@ -64,7 +64,10 @@ mod tests {
             names(&["/chaser/joint_states", "/a/b", "/a__b", "a/b", "/"]),
             ["chaser__joint_states", "a__b", "a__b~2", "a__b~3", "topic"]
         );
-        assert_eq!(names(&["/..", "/a\0b", "/é"]), ["%2E%2E", "a%00b", "%C3%A9"]);
+        assert_eq!(
+            names(&["/..", "/a\0b", "/é"]),
+            ["%2E%2E", "a%00b", "%C3%A9"]
+        );
         let long = "x".repeat(70_000);
         let two = names(&[&long, &format!("{long}y")]);
         assert!(two.iter().all(|n| n.len() < 210) && two[0] != two[1]);
