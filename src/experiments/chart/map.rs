@@ -392,7 +392,7 @@ mod tests {
         let label = || MapScale::Logarithms("r [-]".into());
         let map = figure(label(), [1e-15, 1e-3, 1.0, 1.0, 0.1, 0.1]);
         assert_eq!(map.range(), (-8.0, 0.0));
-        for text in ["A map", "left", "r [-]", "1e-3", "1e0", "0.25", "-1.00"] {
+        for text in ["A map", "left", "r [-]", "1e-3", "1e0", "0.25", "-1\n"] {
             assert!(drawn(text) > 0, "no {text:?}");
         }
     }
@@ -422,7 +422,7 @@ mod tests {
             ..MapPanel::default()
         });
         let drawn = svg(&map);
-        assert!(drawn.contains("7.50") && drawn.contains("8.50"), "{drawn}");
+        assert!(drawn.contains("7.5\n") && drawn.contains("8.5\n"), "{drawn}");
     }
 
     #[test]
