@@ -17,7 +17,7 @@ pub struct Args {
     /// Scenario: a ROS 2 parameter file
     #[arg(value_name = "CONFIG")]
     config: String,
-    /// Simulated time \[s\] instead of the scenario's
+    /// Simulated time instead of the scenario's [s]
     #[arg(long, value_name = "S", value_parser = super::positive_seconds, allow_hyphen_values = true)]
     duration: Option<f64>,
     /// Write the run as a bag into this new folder

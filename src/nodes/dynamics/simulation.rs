@@ -53,7 +53,7 @@ impl<'a> Simulation<'a> {
         Ok(Self {
             commands: CommandHandler::new(node, params)?,
             outputs: Outputs::new(node, &world, &params.robot.xml)?,
-            services: Services::new(node)?,
+            services: Services::new(node, &params.resource_folders)?,
             steps: StepRequests::new(node)?,
             clock: SimulationClock::new(params),
             time_status: TimeStatus::new(node, params),

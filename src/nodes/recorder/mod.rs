@@ -1,5 +1,6 @@
 //! The recorder node: writes topics to a rosbag2 bag.
 
+mod folders;
 mod params;
 mod recording_session;
 mod selection;
@@ -13,6 +14,7 @@ use crate::{
     bag,
     ros::{Node, NodeError, Qos, RawSubscription, Status},
 };
+pub use folders::RecordFolders;
 pub use params::RecorderParams;
 use recording_session::RecordingSession;
 pub use selection::Selection;
@@ -50,10 +52,11 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
         selection: params.selection.resolved(node)?,
         recording: session.begun(),
         failed: false,
+        waiting: false,
         session: Arc::clone(&session),
     };
     recorded.subscribe_known()?;
-    let services = services::serve(node, &session)?;
+    let services = services::serve(node, &session, params.folders)?;
     while node.ok() {
         recorded.follow_session()?;
         recorded.subscribe_discovered()?;
@@ -82,6 +85,8 @@ struct TopicSubscriptions<'a> {
     recording: u64,
     /// Whether a write failure has been logged.
     failed: bool,
+    /// Whether it has been logged that writing waits for space.
+    waiting: bool,
 }
 
 impl TopicSubscriptions<'_> {
@@ -155,7 +160,25 @@ impl TopicSubscriptions<'_> {
                     self.failed = true;
                 }
                 self.status.error(problem);
+                return;
             }
+            None => {}
+        }
+        if recorded.waiting.is_some() != self.waiting {
+            self.waiting = recorded.waiting.is_some();
+            match &recorded.waiting {
+                Some(problem) => tracing::error!(
+                    "recording waits for space on the disk: {problem}; messages are kept in memory up to {} bytes",
+                    recorded.queue_capacity
+                ),
+                None => tracing::info!("recording continues"),
+            }
+        }
+        match recorded.waiting {
+            Some(problem) => self.status.error(format!(
+                "waits for space on the disk: {problem}; {} bytes are queued, {} messages were dropped",
+                recorded.queued_bytes, recorded.dropped
+            )),
             None if recorded.dropped > 0 => {
                 self.status.warn(format!(
                     "{} messages were dropped: the disk is too slow",

@@ -75,6 +75,7 @@ mod endpoint;
 mod error;
 mod events;
 mod graph_cache;
+mod help;
 mod lifecycle;
 pub mod logging;
 pub mod names;

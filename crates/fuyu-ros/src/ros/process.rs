@@ -17,7 +17,7 @@ use super::{
     diagnostics::Reporter,
     endpoint::EndpointSpec,
     graph_cache::GraphCache,
-    logging,
+    help, logging,
     names::Names,
     node_core::NodeCore,
     params::{self, ParameterStore, USE_SIM_TIME},
@@ -37,9 +37,14 @@ pub fn run(
     name: &str,
     program: impl FnOnce(&Node) -> Result<(), NodeError> + Send + 'static,
 ) -> ExitCode {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    if let Some(text) = help::requested(name, &args) {
+        print!("{text}");
+        return ExitCode::SUCCESS;
+    }
     return_free_memory();
-    let outcome = Process::from_env(std::env::args().skip(1), DiscoveryRange::Subnet).and_then(
-        |(mut process, rest)| {
+    let outcome =
+        Process::from_env(args, DiscoveryRange::Subnet).and_then(|(mut process, rest)| {
             if let Some(unknown) = rest.first() {
                 return Err(NodeError::Input(format!(
                     "argument {unknown:?}: not known; ROS arguments follow --ros-args"
@@ -48,8 +53,7 @@ pub fn run(
             Arc::make_mut(&mut process.args).only_node = true;
             process.start(name, program)?;
             process.wait()
-        },
-    );
+        });
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(e) => {

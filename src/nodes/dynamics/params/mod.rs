@@ -11,7 +11,7 @@ use super::loops::LoopParams;
 use crate::{
     control::VelocityServoConfig,
     dynamics::{FormulationKind, IntegrationMethod},
-    nodes::choice,
+    nodes::{choice, resource::AllowedFolders},
     ros::{Declare, Lifecycle},
 };
 use bodies::finite_list;
@@ -34,6 +34,8 @@ pub struct DynamicsParams {
     pub base: InitialMotion,
     /// Other free-floating bodies.
     pub targets: Vec<TargetParams>,
+    /// Folders from which peers may name files to spawn.
+    pub resource_folders: AllowedFolders,
     /// The base's inertial measurement unit.
     pub imu: ImuParams,
     /// Integration method.
@@ -87,7 +89,7 @@ impl DynamicsParams {
             .param(
                 "urdf",
                 "package://fuyu/urdf/servicer.urdf",
-                "File with the robot's URDF: a path or package://fuyu/PATH",
+                "File with the robot's URDF: a path or package://PACKAGE/PATH",
             )
             .read_only()
             .value();
@@ -117,6 +119,14 @@ impl DynamicsParams {
                 "targets",
                 Vec::<String>::new(),
                 "Names of the other free bodies (targets)",
+            )
+            .read_only()
+            .value();
+        let resource_folders = declare
+            .param(
+                "resource_folders",
+                vec!["package://fuyu/urdf".to_owned()],
+                "Folders from which peers may name URDF files to spawn: paths or package://PACKAGE/FOLDER",
             )
             .read_only()
             .value();
@@ -315,6 +325,7 @@ impl DynamicsParams {
             loop_tolerance,
             base,
             targets,
+            resource_folders: AllowedFolders::new(resource_folders),
             imu,
             // The declaration has refused any other text.
             method: choice::find(&IntegrationMethod::NAMES, &method).unwrap_or_default(),

@@ -27,6 +27,7 @@ use crate::{
             },
         },
     },
+    nodes::resource::AllowedFolders,
     ros::{Calls, Node, NodeError, ServiceServer},
 };
 
@@ -50,11 +51,12 @@ pub struct Services {
 }
 
 impl Services {
-    /// Offers the services.
+    /// Offers the services. Peers may name files in `resource_folders` only.
     ///
     /// # Errors
     /// When DDS refuses.
-    pub fn new(node: &Node) -> Result<Self, NodeError> {
+    pub fn new(node: &Node, resource_folders: &AllowedFolders) -> Result<Self, NodeError> {
+        let resource_folders = resource_folders.clone();
         Ok(Self {
             get_state: node.serve_calls("~/get_simulation_state")?,
             set_state: node.serve_calls("~/set_simulation_state")?,
@@ -74,8 +76,8 @@ impl Services {
                         features: features(),
                     }
                 })?,
-                node.serve::<GetSpawnables>("~/get_spawnables", |request| {
-                    spawn::spawnables(&request.sources)
+                node.serve::<GetSpawnables>("~/get_spawnables", move |request| {
+                    spawn::spawnables(&request.sources, &resource_folders)
                 })?,
             ],
         })
