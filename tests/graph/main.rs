@@ -12,6 +12,7 @@ mod peer;
 mod waiting;
 
 mod delivery;
+mod first_calls;
 mod isolation;
 mod parameters;
 mod participant_watchdog;

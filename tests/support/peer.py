@@ -194,6 +194,30 @@ class Peer:
         finally:
             self.node.destroy_client(client)
 
+    def first_calls(self, service, type, request, count, timeout=10.0):
+        """How long the first calls of as many new clients take [ms], from the end of `wait_for_service`; nothing for one
+        without an answer."""
+        times = []
+        for _ in range(count):
+            client = self.node.create_client(load(type), service)
+            try:
+                if not client.wait_for_service(PATIENCE):
+                    return {"error": f"no service {service}"}
+                answered = threading.Event()
+                start = time.monotonic()
+                future = client.call_async(fill(load(type).Request(), request))
+                future.add_done_callback(lambda _, answered=answered: answered.set())
+                answer = answered.wait(timeout)
+                times.append((time.monotonic() - start) * 1e3 if answer else None)
+            finally:
+                self.node.destroy_client(client)
+        return times
+
+    def serve(self, service, type, response):
+        """Answers every call of a service with the same response."""
+        answer = fill(load(type).Response(), response)
+        self.node.create_service(load(type), service, lambda _, __: answer)
+
     def done(self, future, timeout):
         """What a future gives."""
         ready = threading.Event()

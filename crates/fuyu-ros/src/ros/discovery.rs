@@ -11,7 +11,7 @@ use rustdds::{
 };
 use std::{
     collections::{BTreeSet, HashMap, HashSet},
-    sync::{Mutex, PoisonError, atomic::Ordering::Relaxed},
+    sync::{Arc, Mutex, PoisonError, atomic::Ordering::Relaxed},
 };
 
 use super::{
@@ -20,6 +20,7 @@ use super::{
     endpoint::{Counters, EndpointSpec, Endpoints},
     graph_cache::GraphCache,
     participant_watchdog::{self, EntityError},
+    rtps_sender::RtpsSender,
     type_hash_check::{self, TypeHashCheck},
 };
 
@@ -95,21 +96,46 @@ impl Announcer {
 }
 
 /// The endpoints of other participants.
-#[derive(Default)]
 pub(super) struct Peers {
+    rtps: Option<Arc<RtpsSender>>,
+    /// Reliable readers and their new writers, whose first sample is to be requested.
+    new_writers: Vec<(GUID, GUID)>,
     /// Those that each of this node's is matched with.
     matches: HashMap<Gid, HashSet<GUID>>,
     type_hashes: TypeHashCheck,
 }
 
 impl Peers {
+    /// None yet; `rtps` sends them what rustdds does not.
+    pub(super) fn new(rtps: Option<Arc<RtpsSender>>) -> Self {
+        Self {
+            rtps,
+            new_writers: Vec::new(),
+            matches: HashMap::new(),
+            type_hashes: TypeHashCheck::default(),
+        }
+    }
+
     fn matched(&mut self, node: &NodeName, all: &Endpoints, local: GUID, remote: GUID) {
-        let local = Gid::from(local);
+        let (guid, local) = (local, Gid::from(local));
         // Reported again after each change of the peer.
-        self.matches.entry(local).or_default().insert(remote);
+        let is_new = self.matches.entry(local).or_default().insert(remote);
         self.count(all, local);
+        let reader = all.readers.iter().find(|r| r.gid() == Some(local));
+        if is_new && reader.is_some_and(|reader| reader.spec.qos.is_reliable()) {
+            self.new_writers.push((guid, remote));
+        }
         if let Some((_, spec)) = find(all, local) {
             self.type_hashes.compare(node, spec, remote);
+        }
+    }
+
+    /// Requests the first samples of new writers. No lock may be held: a participant that has deadlocked does not answer.
+    fn request_first_samples(&mut self) {
+        for (reader, writer) in self.new_writers.drain(..) {
+            if let Some(rtps) = &self.rtps {
+                rtps.request_first_sample(reader, writer);
+            }
         }
     }
 
@@ -131,6 +157,10 @@ impl Peers {
                 .lock()
                 .unwrap_or_else(PoisonError::into_inner) =
                 peers.iter().map(|&guid| guid.into()).collect();
+        }
+        if let Some(writer) = all.writers.iter().find(|w| w.gid() == Some(local)) {
+            let peers: Vec<_> = self.matches[&local].iter().map(|&g| g.into()).collect();
+            writer.held.release(&peers);
         }
     }
 }
@@ -193,6 +223,8 @@ pub(super) fn report_status(
             ),
             _ => {}
         }
+        drop(all);
+        peers.request_first_samples();
     }
 }
 
@@ -225,28 +257,6 @@ fn warn_incompatible(
         requested.reliability,
         requested.durability
     );
-}
-
-/// Bytes of a datagram that are not payload.
-const AROUND_PAYLOAD: usize = 80;
-/// What it sends in one datagram over loopback, and what to a peer that also listens elsewhere \[bytes\].
-const LOOPBACK: usize = 65_488;
-const ELSEWHERE: usize = 1_452;
-
-/// The longest sample with inline QoS, as replies are, that reaches all readers of a topic \[bytes\]. rustdds spoils
-/// those that need more than one datagram (docs/upstream.md), and sends the same datagrams to all.
-pub(super) fn longest_reply(participant: &DomainParticipant, dds_topic: &str) -> usize {
-    let readers = participant.discovered_readers();
-    let mut locators = readers
-        .iter()
-        .filter(|reader| reader.subscription_topic_data.topic_name() == dds_topic)
-        .flat_map(|reader| &reader.reader_proxy.unicast_locator_list)
-        // rustdds does not use shared memory.
-        .filter(|locator| locator.is_udp())
-        .peekable();
-    let is_near = locators.peek().is_some() && locators.all(|locator| locator.is_loopback());
-    let datagram = if is_near { LOOPBACK } else { ELSEWHERE };
-    datagram - AROUND_PAYLOAD
 }
 
 /// A publisher of another participant.
