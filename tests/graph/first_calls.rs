@@ -2,11 +2,16 @@
 
 use fuyu::{
     msg::std_srvs::{Trigger, TriggerRequest},
-    ros::{DiscoveryRange, Domain, Process, RosArgs, ServiceClient},
+    ros::{ActionServer, DiscoveryRange, Domain, Goal, Process, RosArgs, ServiceClient},
 };
 use serde_json::{Value, json};
 use std::{
-    sync::{Mutex, PoisonError, mpsc},
+    sync::{
+        Mutex, PoisonError,
+        atomic::{AtomicU32, Ordering::Relaxed},
+        mpsc,
+    },
+    thread,
     time::{Duration, Instant},
 };
 
@@ -125,6 +130,97 @@ fn the_first_call_of_our_client_is_answered_at_once() {
     repeat_if_late(|| {
         all_answered("fuyu to fuyu", &first_calls(domain, "/probe/ping", CALLS));
         all_answered("fuyu to rclpy", &first_calls(domain, "/pong", CALLS));
+    });
+}
+
+mod fibonacci {
+    fuyu_ros::action! {
+        package test_msgs;
+
+        /// A long computation.
+        action Fibonacci {
+            goal {
+                /// How many numbers.
+                order: i32,
+            }
+            outcome {
+                /// The numbers.
+                sequence: Vec<i32>,
+            }
+            feedback {
+                /// The numbers so far.
+                sequence: Vec<i32>,
+            }
+        }
+    }
+}
+
+// Fails if goals, cancellations or requests for results are treated differently from other calls.
+#[test]
+fn the_first_calls_of_an_action_are_answered_at_once() {
+    let domain = 107;
+    let mut process = Process::new(
+        RosArgs::default(),
+        Domain {
+            id: domain,
+            range: DiscoveryRange::Localhost,
+        },
+    );
+    let started = process.start("actor", |node| {
+        let actions = ActionServer::<fibonacci::Fibonacci>::new(node, "fibonacci")?;
+        let mut goals = Vec::new();
+        while node.wait() {
+            goals.extend(std::iter::from_fn(|| actions.take()));
+            let canceled = goals.extract_if(.., |goal: &mut Goal<_>| goal.is_canceling());
+            canceled.for_each(|goal| goal.canceled(fibonacci::Outcome::default()));
+        }
+        Ok(())
+    });
+    started.expect("the node starts");
+    let peer = Mutex::new(Peer::start("peer", domain));
+    repeat_if_late(|| {
+        let mut peer = peer.lock().unwrap_or_else(PoisonError::into_inner);
+        let answer = peer.does(json!({
+            "do": "first_goals", "action": "/fibonacci", "type": "test_msgs/action/Fibonacci",
+            "goal": {"order": 5}, "count": CALLS / 3
+        }));
+        let all = times(&answer);
+        assert_eq!(all.len(), CALLS / 3 * 3);
+        all_answered("goals, cancellations, results", &all);
+    });
+    process.finish().expect("it ends in order");
+}
+
+// Fails if the only message of a publisher that ends at once is lost because the reader did not know the publisher yet.
+#[test]
+fn what_is_published_once_arrives() {
+    let domain = 108;
+    let mut probe = Probe::start(domain, &[]);
+    probe.runs();
+    let peer = Mutex::new(Peer::start("peer", domain));
+    let (kind, tries) = ("std_msgs/msg/String", 20);
+    let count = AtomicU32::new(0);
+    let mut listening = peer.lock().unwrap_or_else(PoisonError::into_inner);
+    listening.subscribe("heard", kind, "reliable");
+    drop(listening);
+    repeat_if_late(|| {
+        let mut peer = peer.lock().unwrap_or_else(PoisonError::into_inner);
+        let mut sent = Vec::new();
+        for _ in 0..tries {
+            let text = format!("once {}", count.fetch_add(1, Relaxed));
+            let message = json!({"data": text});
+            peer.does(json!({"do": "once", "topic": "say", "type": kind, "message": message}));
+            sent.push(text);
+        }
+        thread::sleep(Duration::from_millis(500));
+        let heard = peer.does(json!({"do": "wait", "topic": "heard", "count": 1, "timeout": 5}));
+        let heard = heard.as_array().expect("a list");
+        let arrived = sent
+            .iter()
+            .filter(|text| heard.iter().any(|h| h["message"]["data"] == text.as_str()))
+            .count();
+        println!("{arrived} of {tries} messages that were published once arrived");
+        assert_eq!(arrived, tries);
     });
 }
 

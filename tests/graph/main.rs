@@ -10,6 +10,8 @@ mod namespace;
 mod peer;
 #[path = "../support/waiting.rs"]
 mod waiting;
+#[path = "../support/wall_clock.rs"]
+mod wall_clock;
 
 mod delivery;
 mod first_calls;
@@ -21,3 +23,4 @@ mod processes;
 mod survival;
 mod topics;
 mod upstream;
+mod wall_clock_steps;

@@ -7,6 +7,7 @@ pub mod deadlocks;
 mod fragments;
 mod histories;
 mod late_joiners;
+mod wall_clock;
 
 use rustdds::{
     DomainParticipant, DomainParticipantBuilder, QosPolicies, QosPolicyBuilder, RTPSEntity,

@@ -18,6 +18,7 @@ use super::{
     Gid, NodeName, Qos,
     discovery_settling::DiscoverySettling,
     endpoint::{Counters, EndpointSpec, Endpoints},
+    first_samples::FirstSamples,
     graph_cache::GraphCache,
     participant_watchdog::{self, EntityError},
     rtps_sender::RtpsSender,
@@ -97,9 +98,7 @@ impl Announcer {
 
 /// The endpoints of other participants.
 pub(super) struct Peers {
-    rtps: Option<Arc<RtpsSender>>,
-    /// Reliable readers and their new writers, whose first sample is to be requested.
-    new_writers: Vec<(GUID, GUID)>,
+    pub(super) first_samples: FirstSamples,
     /// Those that each of this node's is matched with.
     matches: HashMap<Gid, HashSet<GUID>>,
     type_hashes: TypeHashCheck,
@@ -109,8 +108,7 @@ impl Peers {
     /// None yet; `rtps` sends them what rustdds does not.
     pub(super) fn new(rtps: Option<Arc<RtpsSender>>) -> Self {
         Self {
-            rtps,
-            new_writers: Vec::new(),
+            first_samples: FirstSamples::new(rtps),
             matches: HashMap::new(),
             type_hashes: TypeHashCheck::default(),
         }
@@ -122,20 +120,12 @@ impl Peers {
         let is_new = self.matches.entry(local).or_default().insert(remote);
         self.count(all, local);
         let reader = all.readers.iter().find(|r| r.gid() == Some(local));
-        if is_new && reader.is_some_and(|reader| reader.spec.qos.is_reliable()) {
-            self.new_writers.push((guid, remote));
+        let reader = reader.filter(|reader| is_new && reader.spec.qos.is_reliable());
+        if let Some(reader) = reader {
+            (self.first_samples).writer_matched(&reader.spec.dds_topic, guid, remote);
         }
         if let Some((_, spec)) = find(all, local) {
             self.type_hashes.compare(node, spec, remote);
-        }
-    }
-
-    /// Requests the first samples of new writers. No lock may be held: a participant that has deadlocked does not answer.
-    fn request_first_samples(&mut self) {
-        for (reader, writer) in self.new_writers.drain(..) {
-            if let Some(rtps) = &self.rtps {
-                rtps.request_first_sample(reader, writer);
-            }
         }
     }
 
@@ -223,8 +213,6 @@ pub(super) fn report_status(
             ),
             _ => {}
         }
-        drop(all);
-        peers.request_first_samples();
     }
 }
 

@@ -74,6 +74,7 @@ mod discovery_settling;
 mod endpoint;
 mod error;
 mod events;
+mod first_samples;
 mod graph_cache;
 mod held_replies;
 mod invalid_samples;

@@ -38,10 +38,6 @@ const ELSEWHERE: usize = 1_452;
 /// Bytes of a sample in one datagram; with all headers it fits into an Ethernet frame.
 const FRAGMENT: u16 = 1024;
 
-/// Count of the ACKNACK below. rustdds counts from 0, and Fast DDS accepts an ACKNACK only if its count is larger than
-/// that of the last one, which is 0 at first.
-const FIRST_ACCEPTED_COUNT: u32 = 1;
-
 /// Sends RTPS messages to peers of a participant from a separate socket.
 pub(super) struct RtpsSender {
     participant: DomainParticipant,
@@ -66,19 +62,21 @@ impl RtpsSender {
         })
     }
 
-    /// Requests the first sample of `writer`, a writer of Fast DDS that `reader`, a reliable reader, has just been matched
-    /// with. If it was sent before, it was lost, and Fast DDS would repeat it after three seconds: it ignores the request
-    /// that rustdds sends at this time, because of its count.
-    pub(super) fn request_first_sample(&self, reader: GUID, writer: GUID) {
-        if writer.prefix.as_ref()[..2] != FAST_DDS {
-            return;
-        }
+    /// Whether a writer ignores the request that rustdds sends when it is matched: one of Fast DDS.
+    pub(super) fn must_request_from(writer: GUID) -> bool {
+        writer.prefix.as_ref()[..2] == FAST_DDS
+    }
+
+    /// Requests the first sample of `writer`, which `reader` has been matched with. `count` is the number of this request,
+    /// from 1: rustdds counts from 0, and Fast DDS accepts a request only if its count is larger than that of the last one,
+    /// which is 0 at first.
+    pub(super) fn request_first_sample(&self, reader: GUID, writer: GUID, count: u32) {
         let writers = self.participant.discovered_writers();
         let found = writers
             .iter()
             .find(|found| found.writer_proxy.remote_writer_guid == writer);
         let Some(found) = found else { return };
-        let message = self.acknack(reader, writer);
+        let message = self.acknack(reader, writer, count);
         for locator in &found.writer_proxy.unicast_locator_list {
             if locator.is_udp() {
                 self.send(&message, SocketAddr::from(*locator));
@@ -157,7 +155,7 @@ impl RtpsSender {
         message
     }
 
-    fn acknack(&self, reader: GUID, writer: GUID) -> Vec<u8> {
+    fn acknack(&self, reader: GUID, writer: GUID, count: u32) -> Vec<u8> {
         let mut body = Vec::new();
         body.extend(entity(reader));
         body.extend(entity(writer));
@@ -165,7 +163,7 @@ impl RtpsSender {
         body.extend(number_bytes(1));
         body.extend(1_u32.to_le_bytes());
         body.extend((1_u32 << 31).to_le_bytes());
-        body.extend(FIRST_ACCEPTED_COUNT.to_le_bytes());
+        body.extend(count.to_le_bytes());
         let mut message = self.message(writer);
         submessage(&mut message, ACKNACK, &body);
         message

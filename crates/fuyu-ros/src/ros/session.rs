@@ -274,7 +274,7 @@ impl Receiver {
         }
         let mut events = PollEvents::with_capacity(64);
         while !self.stop.load(Relaxed) {
-            match self.poll.poll(&mut events, None) {
+            match self.poll.poll(&mut events, peers.first_samples.timeout()) {
                 Err(e) if e.kind() == io::ErrorKind::Interrupted => continue,
                 outcome => outcome?,
             }
@@ -295,6 +295,11 @@ impl Receiver {
                     }
                 }
             }
+            peers.first_samples.request(|reader, writer| {
+                let mut states = readers.values();
+                let state = states.find(|state| state.dds.guid() == reader);
+                state.is_some_and(|state| state.last.contains_key(&writer.into()))
+            });
             while let Ok(request) = self.inbox.try_recv() {
                 match request {
                     SessionRequest::Add(mut dds, reader) => {
