@@ -4,6 +4,7 @@
 
 mod announcements;
 pub mod deadlocks;
+mod early_samples;
 mod fragments;
 mod histories;
 mod late_joiners;

@@ -80,6 +80,13 @@ impl Counters {
             .sum()
     }
 
+    /// For a new DDS endpoint, which is not matched with any peer yet.
+    pub(super) fn forget_peers(&self) {
+        self.matched.store(0, Relaxed);
+        let mut peers = self.peers.lock().unwrap_or_else(PoisonError::into_inner);
+        peers.clear();
+    }
+
     pub(super) fn count(&self) {
         self.messages.fetch_add(1, Relaxed);
         self.last.store(Time::wall().as_nanos(), Relaxed);

@@ -199,7 +199,7 @@ impl Session {
             publisher.create_datawriter_no_key::<Bytes, CdrPassthrough>(&topic, Some(qos))
         })?;
         self.announcer.add_writer(dds.guid().into());
-        writer.counters.matched.store(0, Relaxed);
+        writer.counters.forget_peers();
         writer.attach(Some(Arc::new(dds)));
         writer.set_rtps_sender(self.rtps.clone());
         Ok(())
@@ -215,7 +215,7 @@ impl Session {
         })?;
         let gid = dds.guid().into();
         self.announcer.add_reader(gid);
-        reader.counters.matched.store(0, Relaxed);
+        reader.counters.forget_peers();
         reader.set_gid(gid);
         self.send(SessionRequest::Add(Box::new(dds), Arc::clone(reader)));
         Ok(())
