@@ -12,6 +12,7 @@ use super::{
     estimator::EstimatorParams,
     recorder::RecorderParams,
     resource,
+    sampled_loop::{self, Delay},
     teleop::TeleopParams,
     tip_frame,
     views::ViewsParams,
@@ -205,6 +206,24 @@ impl Scenario {
                 params.map(drop)
             }
         }
+    }
+
+    /// What is valid but will not work: a line per control loop that is unstable because it is sampled. `in_one_thread` is
+    /// a run as `fuyu simulate` does it, in which every state is answered at once.
+    pub fn warnings(&self, in_one_thread: bool) -> Vec<String> {
+        let controllers = self.nodes.iter().filter(|n| n.name() == "controller");
+        let warning = |name: &NodeName| {
+            let dynamics = self.dynamics_of(name.namespace())?;
+            let controller = self.parameters_of(name, |d| Ok(ControllerParams::declare(d)));
+            let delay = match in_one_thread || dynamics.lockstep {
+                true => Delay::None,
+                false => Delay::UpToPeriod,
+            };
+            let found = sampled_loop::instability(&dynamics, &controller.ok()?, delay);
+            let found = found.ok()??;
+            Some(format!("{}: node {name}: {found}", self.path.display()))
+        };
+        controllers.filter_map(warning).collect()
     }
 
     /// The robot that the dynamics node of a namespace simulates, if there is one and it is valid.

@@ -72,6 +72,11 @@ pub(super) struct Counters {
 }
 
 impl Counters {
+    /// Messages that were lost because a queue was full or a datagram did not arrive.
+    pub(super) fn overrun(&self) -> u64 {
+        self.dropped.load(Relaxed) + self.missing.load(Relaxed)
+    }
+
     /// All messages that were lost.
     pub(super) fn lost(&self) -> u64 {
         [&self.dropped, &self.failed, &self.missing]

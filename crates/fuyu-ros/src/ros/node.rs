@@ -220,6 +220,18 @@ impl Node {
         }
     }
 
+    /// Messages that the node's endpoints have lost because they were too slow: topic and number, without those that have
+    /// lost none.
+    pub fn lost_messages(&self) -> Vec<(String, u64)> {
+        let endpoints = self.core.lock_endpoints();
+        let writers = endpoints.writers.iter().map(|w| (&w.spec, &w.counters));
+        let readers = endpoints.readers.iter().map(|r| (&r.spec, &r.counters));
+        (writers.chain(readers))
+            .filter(|(spec, counters)| !spec.internal && counters.overrun() > 0)
+            .map(|(spec, counters)| (spec.name.clone(), counters.overrun()))
+            .collect()
+    }
+
     /// Diagnostics of the node.
     pub fn diagnostics(&self) -> &Diagnostics {
         &self.core.diagnostics

@@ -141,7 +141,7 @@ impl NodeCore {
         self.session.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    fn lock_endpoints(&self) -> MutexGuard<'_, Endpoints> {
+    pub(super) fn lock_endpoints(&self) -> MutexGuard<'_, Endpoints> {
         self.endpoints
             .lock()
             .unwrap_or_else(PoisonError::into_inner)

@@ -22,7 +22,7 @@ use super::{
     node_core::NodeCore,
     params::{self, ParameterStore, USE_SIM_TIME},
     service::ServiceServer,
-    signals::{self, ProcessSignal},
+    signals::{self, ProcessSignal, StopRequest, StopRequests},
     wall_clock_watch::WallClockWatch,
 };
 use crate::msg::{cdr, diagnostic_msgs::DiagnosticArray, rcl_interfaces::Log};
@@ -156,19 +156,23 @@ impl Process {
     fn follow_signals(&self) -> Result<(), NodeError> {
         let stopper = self.stopper();
         let cores = Arc::clone(&self.cores);
-        let mut stops = 0;
+        let mut stops = StopRequests::default();
         // After a stop request no node reconnects: systemd and `timeout` send SIGTERM and SIGCONT.
         signals::watch(move |signal_kind| match signal_kind {
-            ProcessSignal::Stop(signal) => {
-                stops += 1;
-                if stops > 1 {
+            ProcessSignal::Stop(signal) => match stops.add(Instant::now()) {
+                StopRequest::First => {
+                    tracing::info!("{signal}: stopping");
+                    stopper.stop();
+                }
+                StopRequest::Same => {}
+                StopRequest::Again => {
                     tracing::warn!("{signal} again: ending at once");
                     std::process::exit(128 + signal as i32);
                 }
-                tracing::info!("{signal}: stopping");
-                stopper.stop();
+            },
+            ProcessSignal::Continued if !stops.is_stopping() => {
+                reconnect(&cores, "continued after a stop");
             }
-            ProcessSignal::Continued if stops == 0 => reconnect(&cores, "continued after a stop"),
             ProcessSignal::Continued => {}
         })
         .map_err(|e| NodeError::Failed(format!("cannot follow signals: {e}")))

@@ -2,7 +2,10 @@
 
 use std::{
     collections::VecDeque,
-    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, atomic::Ordering::Relaxed},
+    sync::{
+        Arc, Condvar, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering::Relaxed},
+    },
     time::{Duration, Instant},
 };
 
@@ -26,10 +29,15 @@ pub struct Received<M> {
     pub publisher: Gid,
 }
 
+/// Largest number of publishers whose messages are queued separately, each up to the depth.
+const SEPARATE_PUBLISHERS: usize = 32;
+
 pub(super) struct ReceiveQueue<M> {
     queue: Mutex<VecDeque<Received<M>>>,
     arrived: Condvar,
     depth: usize,
+    /// Whether the depth applies to each publisher instead of all together.
+    is_separate: AtomicBool,
 }
 
 impl<M: Interface> ReceiveQueue<M> {
@@ -38,36 +46,56 @@ impl<M: Interface> ReceiveQueue<M> {
             queue: Mutex::default(),
             arrived: Condvar::new(),
             depth: depth.max(1),
+            is_separate: AtomicBool::new(false),
         }
     }
 
-    /// Takes a sample in; `false` if its bytes are not an `M`. The oldest makes room for the newest.
+    /// Takes a sample in; `false` if its bytes are not an `M`. The oldest makes room for the newest, if publishers are
+    /// separate the oldest of the same publisher.
     pub(super) fn accept(&self, sample: &RawSample, counters: &Counters) -> bool {
         let Ok(message) = cdr::decode(&sample.cdr) else {
             return false;
         };
+        let received = Received {
+            message,
+            source_time: sample.source_time,
+            received_time: sample.received_time,
+            publisher: sample.publisher,
+        };
+        self.push(received, counters);
+        true
+    }
+}
+
+impl<M> ReceiveQueue<M> {
+    fn push(&self, received: Received<M>, counters: &Counters) {
         let mut queue = self.lock();
-        if queue.len() >= self.depth {
-            queue.pop_front();
+        if let Some(oldest) = self.superfluous(&queue, received.publisher) {
+            queue.remove(oldest);
             let count = match self.depth {
                 1 => &counters.replaced,
                 _ => &counters.dropped,
             };
             count.fetch_add(1, Relaxed);
         }
-        queue.push_back(Received {
-            message,
-            source_time: sample.source_time,
-            received_time: sample.received_time,
-            publisher: sample.publisher,
-        });
+        queue.push_back(received);
         drop(queue);
         self.arrived.notify_all();
-        true
     }
-}
 
-impl<M> ReceiveQueue<M> {
+    /// Index of the message that makes room for one of `publisher`; `None` if there is room.
+    fn superfluous(&self, queue: &VecDeque<Received<M>>, publisher: Gid) -> Option<usize> {
+        if !self.is_separate.load(Relaxed) {
+            return (queue.len() >= self.depth).then_some(0);
+        }
+        let mut same = (queue.iter().enumerate()).filter(|(_, m)| m.publisher == publisher);
+        let oldest = same.next();
+        match oldest {
+            Some((index, _)) if same.count() + 1 >= self.depth => Some(index),
+            _ => (queue.len() >= SEPARATE_PUBLISHERS * self.depth).then_some(0),
+        }
+    }
+
     fn lock(&self) -> MutexGuard<'_, VecDeque<Received<M>>> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
@@ -92,6 +120,12 @@ impl<M: Interface> Subscription<M> {
             reader,
             inbox,
         }
+    }
+
+    /// From now on the depth applies to each publisher: one that floods the topic loses its own messages only, and those
+    /// of others keep their places. Messages of all publishers are taken in the order of their arrival.
+    pub fn separate_publishers(&self) {
+        self.inbox.is_separate.store(true, Relaxed);
     }
 
     /// The oldest message that waits.
@@ -194,5 +228,61 @@ impl RawSubscription {
 impl Drop for RawSubscription {
     fn drop(&mut self) {
         self.core.remove_reader(&self.reader);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::msg::std_msgs;
+
+    fn message(publisher: u8, text: &str) -> Received<std_msgs::String> {
+        Received {
+            message: std_msgs::String {
+                data: text.to_owned(),
+            },
+            source_time: None,
+            received_time: Time::ZERO,
+            publisher: Gid::from([publisher; 16]),
+        }
+    }
+
+    fn texts(queue: &ReceiveQueue<std_msgs::String>) -> Vec<String> {
+        queue.lock().drain(..).map(|m| m.message.data).collect()
+    }
+
+    // Would break if a publisher that floods a topic crowded out the others.
+    #[test]
+    fn a_flood_of_one_publisher_loses_its_own_messages_only() {
+        let queue = ReceiveQueue::new(2);
+        let counters = Counters::default();
+        let flood = || {
+            for i in 0..1000 {
+                queue.push(message(2, &format!("flood {i}")), &counters);
+            }
+        };
+        queue.push(message(1, "lost"), &counters);
+        flood();
+        assert_eq!(texts(&queue), ["flood 998", "flood 999"]);
+        queue.is_separate.store(true, Relaxed);
+        queue.push(message(1, "first"), &counters);
+        flood();
+        queue.push(message(1, "second"), &counters);
+        flood();
+        assert_eq!(texts(&queue), ["first", "second", "flood 998", "flood 999"]);
+        let dropped = counters.dropped.load(Relaxed);
+        assert_eq!(dropped, 999 + 1998);
+    }
+
+    #[test]
+    fn the_queue_of_many_publishers_is_bounded() {
+        let queue = ReceiveQueue::new(2);
+        queue.is_separate.store(true, Relaxed);
+        for publisher in 0..=255 {
+            for _ in 0..3 {
+                queue.push(message(publisher, ""), &Counters::default());
+            }
+        }
+        assert_eq!(queue.lock().len(), 2 * SEPARATE_PUBLISHERS);
     }
 }

@@ -62,6 +62,8 @@ pub struct DynamicsParams {
     pub answer_timeout: f64,
     /// Largest effort in a command \[N m or N\].
     pub max_effort: f64,
+    /// Acceleration of the effort limits of joints whose description gives none \[rad/s² or m/s²\]; zero is no limit.
+    pub default_joint_acceleration: f64,
     /// The servo that drives joint rates.
     pub servo: VelocityServoConfig,
     /// Largest rate in a command \[rad/s or m/s\].
@@ -252,6 +254,15 @@ impl DynamicsParams {
             .range(1e-9, 1e9)
             .read_only()
             .value();
+        let default_joint_acceleration = declare
+            .param(
+                "default_joint_acceleration",
+                1000.0,
+                "Joints whose URDF gives no effort limit get one: this acceleration times the largest inertia that they have to move, with the arm outstretched [rad/s2 or m/s2]; 0 is no limit",
+            )
+            .range(0.0, 1e9)
+            .read_only()
+            .value();
         let servo = declare_servo(declare);
         let max_rate = declare
             .param(
@@ -319,6 +330,7 @@ impl DynamicsParams {
             command_timeout,
             answer_timeout,
             max_effort,
+            default_joint_acceleration,
             servo,
             max_rate,
         })
