@@ -8,6 +8,8 @@ use rustdds::{
 use std::{
     io,
     net::{Ipv4Addr, SocketAddr, UdpSocket},
+    thread,
+    time::Duration,
 };
 
 use super::DiscoveryRange;
@@ -37,6 +39,11 @@ const ELSEWHERE: usize = 1_452;
 
 /// Bytes of a sample in one datagram; with all headers it fits into an Ethernet frame.
 const FRAGMENT: u16 = 1024;
+
+/// Fragments that are sent without a pause: the receive buffer of a peer has 200 kB by default.
+const BURST: usize = 64;
+/// Pause after them.
+const PAUSE: Duration = Duration::from_millis(2);
 
 /// Sends RTPS messages to peers of a participant from a separate socket.
 pub(super) struct RtpsSender {
@@ -129,6 +136,9 @@ impl RtpsSender {
                 addresses = vec![*near];
             }
             for (index, fragment) in cdr.chunks(FRAGMENT.into()).enumerate() {
+                if index > 0 && index % BURST == 0 {
+                    thread::sleep(PAUSE);
+                }
                 let message = self.fragment(
                     (guid, writer, number),
                     request,
