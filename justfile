@@ -32,7 +32,7 @@ soak *SECONDS:
 format:
     cargo fmt --all
 
-# one or more steps of CI: fmt, lint, doc, msrv, test, slow, colcon, embed, bench
+# one or more steps of CI: fmt, lint, doc, msrv, test, slow, fuzz, colcon, embed, bench
 step +STEPS:
     .ci/run {{STEPS}}
 
@@ -50,6 +50,10 @@ msrv: (step "msrv")
 
 # the tests that take ten seconds to minutes each
 slow: (step "slow")
+
+# mutated inputs for so many seconds: bags, URDF, YAML, CSV, message definitions, CDR
+fuzz SECONDS="120":
+    FUYU_FUZZ_SECONDS={{SECONDS}} cargo test --release --test fuzz -- --nocapture --test-threads 1
 
 # both packages as a colcon workspace builds them
 colcon: (step "colcon")

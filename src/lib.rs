@@ -79,7 +79,7 @@
 
 pub use fuyu_physics::{control, dynamics, estimation, model, spatial, vision};
 #[cfg(feature = "ros")]
-pub use fuyu_ros::{bag, msg, ros};
+pub use fuyu_ros::{bag, input_file, msg, ros};
 
 #[cfg(feature = "ros")]
 pub mod cli;

@@ -6,7 +6,7 @@ use std::path::PathBuf;
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix6xX, Vector3};
 use serde::Serialize;
 
-use super::table::{matrix, number};
+use super::table::{matrix, number, shown, width};
 use super::{Failure, Numbers, print, read_model};
 use crate::dynamics::{Input, State, Workspace};
 use crate::model::{Frame, Joint, JointKind, Model};
@@ -19,7 +19,7 @@ use crate::spatial::Twist;
 /// of the base per unit joint rate at zero momentum) and the reduced inertia. SI units.
 #[derive(Debug, clap::Args)]
 pub struct Args {
-    /// Robot description
+    /// Robot description: a path or package://PACKAGE/PATH
     urdf: PathBuf,
     /// Joint positions [rad or m], such as 0.5,-1,0; default: zero
     #[arg(long, value_name = "A,B,..", allow_hyphen_values = true)]
@@ -286,11 +286,8 @@ fn joint_table(out: &mut String, model: &Model, qdd: Option<&[f64]>) {
         JointKind::Prismatic => "prismatic",
     };
     let joints = model.joints();
-    let width = joints
-        .iter()
-        .map(|j| j.name.chars().count())
-        .max()
-        .unwrap_or(0);
+    let names: Vec<String> = joints.iter().map(|j| shown(&j.name)).collect();
+    let width = width(names.iter().map(String::as_str));
     let _ = writeln!(out, "\njoints");
     for (j, joint) in joints.iter().enumerate() {
         let limits = &joint.limits;
@@ -313,9 +310,9 @@ fn joint_table(out: &mut String, model: &Model, qdd: Option<&[f64]>) {
         let _ = write!(
             out,
             "  {:width$}  {:10}  moves {} ({mass} kg), {range}",
-            joint.name,
+            names[j],
             kind(joint),
-            moves.name
+            shown(&moves.name)
         );
         if let Some(qdd) = qdd {
             let _ = write!(out, ", acceleration {} {unit}/s2", number(qdd[j]));

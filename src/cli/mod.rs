@@ -2,13 +2,13 @@
 
 mod bag;
 mod estimate;
+mod files;
 mod inspect;
 mod launch;
 mod reproduce;
 mod simulate;
 mod table;
 
-use std::fs;
 use std::io::{self, Write};
 use std::path::Path;
 use std::process::ExitCode;
@@ -16,6 +16,7 @@ use std::process::ExitCode;
 use clap::{Parser, Subcommand};
 
 use crate::model::Model;
+use crate::nodes::resource;
 
 /// Free-floating space robots as ROS 2 nodes.
 ///
@@ -31,6 +32,7 @@ struct Cli {
 enum Command {
     Bag(bag::Args),
     Estimate(estimate::Args),
+    Files(files::Args),
     Inspect(inspect::Args),
     Launch(launch::Args),
     Reproduce(reproduce::Args),
@@ -45,6 +47,7 @@ impl Command {
             Self::Bag(args) => bag::run(args, ros_args),
             _ if !ros_args.is_empty() => Err(no_ros_args()),
             Self::Estimate(args) => estimate::run(&args),
+            Self::Files(args) => files::run(&args),
             Self::Inspect(args) => inspect::run(args),
             Self::Reproduce(args) => reproduce::run(&args),
             Self::Simulate(args) => simulate::run(&args),
@@ -103,17 +106,13 @@ fn no_ros_args() -> Failure {
     Failure::Input(text.to_owned())
 }
 
-/// Reads and compiles a robot description.
+/// Reads and compiles a robot description: a path, or `package://PACKAGE/PATH`.
 fn read_model(path: &Path) -> Result<Model, Failure> {
-    let source = path.display().to_string();
-    let bytes =
-        fs::read(path).map_err(|e| Failure::Input(format!("{source}: cannot be read: {e}")))?;
-    let xml = String::from_utf8(bytes).map_err(|e| {
-        let at = e.utf8_error().valid_up_to();
-        Failure::Input(format!(
-            "{source}: byte {at} is not UTF-8; a URDF is a text file"
-        ))
+    let name = path.to_str().ok_or_else(|| {
+        let path = path.display();
+        Failure::Input(format!("{path}: the name of the file is not UTF-8"))
     })?;
+    let (xml, source) = resource::read(name).map_err(Failure::Input)?;
     Model::from_urdf(&xml, &source).map_err(|e| Failure::Input(e.to_string()))
 }
 
@@ -165,5 +164,34 @@ fn positive_seconds(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {
         Ok(seconds) if seconds > 0.0 && seconds.is_finite() => Ok(seconds),
         _ => Err("give a positive number of seconds".to_owned()),
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use std::collections::BTreeSet;
+
+    use clap::CommandFactory;
+
+    use super::*;
+
+    fn check(command: &mut clap::Command) {
+        command.build();
+        let name = command.get_name().to_owned();
+        let mut shorts = BTreeSet::new();
+        for argument in command.get_arguments() {
+            if let Some(short) = argument.get_short() {
+                assert!(shorts.insert(short), "{name}: two options are -{short}");
+            }
+        }
+        let help = command.render_long_help().to_string();
+        assert!(!help.contains("\\]"), "{name}: {help}");
+        command.get_subcommands_mut().for_each(check);
+    }
+
+    // clap checks the first only in debug builds, by a panic.
+    #[test]
+    fn every_short_option_has_one_meaning_and_help_is_plain_text() {
+        check(&mut Cli::command());
     }
 }

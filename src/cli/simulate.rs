@@ -17,7 +17,7 @@ pub struct Args {
     /// Scenario: a ROS 2 parameter file
     #[arg(value_name = "CONFIG")]
     config: String,
-    /// Simulated time \[s\] instead of the scenario's
+    /// Simulated time instead of the scenario's [s]
     #[arg(long, value_name = "S", value_parser = super::positive_seconds, allow_hyphen_values = true)]
     duration: Option<f64>,
     /// Write the run as a bag into this new folder
@@ -58,6 +58,9 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if let Some(missing) = closed_loop.world.not_simulated() {
         eprintln!("fuyu: note: {}: {missing}", scenario.path().display());
     }
+    for warning in scenario.warnings(true) {
+        eprintln!("fuyu: warning: {warning}");
+    }
     let duration = match args.duration {
         Some(duration) => duration,
         None if closed_loop.duration() > 0.0 => closed_loop.duration(),
@@ -82,6 +85,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if let Some((time, trouble)) = trouble {
         let path = scenario.path().display();
         eprintln!("fuyu: warning: {path}: from {time:.2} s on: {trouble}");
+    }
+    if let (true, Some(limits)) = (
+        closed_loop.was_limited(),
+        closed_loop.world.default_effort_limits(),
+    ) {
+        let path = scenario.path().display();
+        eprintln!("fuyu: warning: {path}: efforts were cut: {limits}");
     }
     let summary = performance.summary(&closed_loop.world, start.elapsed().as_secs_f64());
     if let Some(bag) = bag {

@@ -1,7 +1,25 @@
-//! Matrices as text tables.
+//! Text tables.
 
 use nalgebra::DMatrix;
 use std::fmt::Write;
+
+/// Longest name in a table \[characters\].
+const LONGEST: usize = 100;
+
+/// A name of a file's as a table shows it: in one line without control characters, cut if it is very long.
+pub(super) fn shown(name: &str) -> String {
+    let plain = |c: char| if c.is_control() { '\u{fffd}' } else { c };
+    let mut text: String = name.chars().take(LONGEST).map(plain).collect();
+    if name.chars().nth(LONGEST).is_some() {
+        text.push_str("...");
+    }
+    text
+}
+
+/// Width of a column with these cells.
+pub(super) fn width<'a>(cells: impl Iterator<Item = &'a str>) -> usize {
+    cells.map(|c| c.chars().count()).max().unwrap_or(0)
+}
 
 /// Appends `matrix` with its row and column names. Entries at the level of rounding print as 0.
 pub(super) fn matrix(out: &mut String, rows: &[&str], columns: &[&str], matrix: &DMatrix<f64>) {
@@ -13,7 +31,9 @@ pub(super) fn matrix(out: &mut String, rows: &[&str], columns: &[&str], matrix: 
             number(x)
         }
     };
-    let left = rows.iter().map(|r| r.chars().count()).max().unwrap_or(0);
+    let [rows, columns] = [rows, columns]
+        .map(|names| -> Vec<String> { names.iter().map(|name| shown(name)).collect() });
+    let left = width(rows.iter().map(String::as_str));
     let widths: Vec<usize> = (0..matrix.ncols())
         .map(|j| {
             let cells = matrix.column(j).iter().map(|&x| cell(x).len()).max();
@@ -28,7 +48,7 @@ pub(super) fn matrix(out: &mut String, rows: &[&str], columns: &[&str], matrix: 
         out.push_str(text.trim_end());
         out.push('\n');
     };
-    line("", &mut columns.iter().map(|c| (*c).to_owned()));
+    line("", &mut columns.iter().cloned());
     for (name, row) in rows.iter().zip(matrix.row_iter()) {
         line(name, &mut row.iter().map(|&x| cell(x)));
     }

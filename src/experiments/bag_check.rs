@@ -1,12 +1,13 @@
 //! Physical checks of a recording: `fuyu bag check`.
 
-use nalgebra::Isometry3;
 use serde::Serialize;
 
 use super::recorded::{RecordedRun, RecordedRuns};
 use super::recorded_physics::{
     EnergyBalance, Missing, energy_balance, max, momentum_residuals, motion_momentum,
 };
+use super::recorded_runs::RunCounter;
+use super::tip_check::{controlled, final_errors};
 use super::topic_health::{TopicHealth, TopicWatch};
 use crate::bag::{Bag, Damage};
 
@@ -89,23 +90,31 @@ pub struct CheckReport {
 pub fn check_bag(bag: &Bag, limits: &CheckLimits) -> CheckReport {
     let mut runs = RecordedRuns::default();
     let mut watch = TopicWatch::default();
+    let mut counter = RunCounter::default();
     let mut messages = bag.messages();
     for message in messages.by_ref() {
         runs.accept(&message);
-        watch.accept(&message);
+        watch.accept(&message, counter.run_of(&message));
     }
     let topics = watch.finish();
     let mut report = Report::default();
     report.wholeness(&messages.damage());
-    for (namespace, run) in runs.robots() {
-        report.prefix = match namespace.trim_start_matches('/') {
+    report.restarts(counter.restarts());
+    for (namespace, runs) in runs.robot_runs() {
+        let robot = match namespace.trim_start_matches('/') {
             "" => String::new(),
             name => format!("{name}: "),
         };
-        report.momentum(run, limits);
-        report.momentum_from_motion(run, limits);
-        report.energy(run, limits);
-        report.tip_error(run, limits);
+        for (i, run) in runs.iter().enumerate() {
+            report.prefix = match runs.len() {
+                1 => robot.clone(),
+                _ => format!("{robot}run {}: ", i + 1),
+            };
+            report.momentum(run, limits);
+            report.momentum_from_motion(run, limits);
+            report.energy(run, limits);
+            report.tip_error(run, limits, i + 1 == runs.len());
+        }
     }
     report.prefix.clear();
     report.topics(&topics, limits);
@@ -249,53 +258,62 @@ impl Report {
         );
     }
 
-    fn tip_error(&mut self, run: &RecordedRun, limits: &CheckLimits) {
-        let said = run
-            .controller
-            .last()
-            .map(|s| (s.position_error, s.attitude_error));
-        let seen = run
-            .seen_tip
-            .zip(run.seen_goal)
-            .map(|(tip, goal)| deviation(&tip, &goal));
-        let truth = true_tip_error(run);
-        let sources = [
-            ("final tip error, controller", "last controller/state", said),
-            (
-                "final tip error, camera",
-                "last camera/tip_pose and camera/goal_pose",
-                seen,
-            ),
-            (
-                "final tip error, tf",
-                "last tf of tool0 and goal_pose",
-                truth,
-            ),
-        ];
-        if sources.iter().all(|s| s.2.is_none()) {
+    fn restarts(&mut self, count: usize) {
+        if count > 0 {
+            let detail = format!(
+                "time restarts {count} times (reset, or played again); each run is checked separately"
+            );
+            self.add("runs", Verdict::Noted, None, detail);
+        }
+    }
+
+    /// `is_last`: a run that was ended by a reset need not have arrived.
+    fn tip_error(&mut self, run: &RecordedRun, limits: &CheckLimits, is_last: bool) {
+        let errors = final_errors(run);
+        if errors.is_empty() {
             return self.skip(
                 "final tip error",
                 "no controller/state, no camera poses, no tf with goal_pose",
             );
         }
-        for (name, source, error) in sources {
-            let Some((position, attitude)) = error else {
-                continue;
-            };
-            self.compare(
-                &format!("{name}: position"),
-                position,
-                limits.position,
-                "m",
-                source,
-            );
-            self.compare(
-                &format!("{name}: attitude"),
-                attitude,
-                limits.attitude,
-                "rad",
-                source,
-            );
+        let controlled = controlled(run);
+        for error in errors {
+            let parts = [
+                (
+                    "position",
+                    error.position,
+                    limits.position,
+                    "m",
+                    controlled.position,
+                    "k_p",
+                ),
+                (
+                    "attitude",
+                    error.attitude,
+                    limits.attitude,
+                    "rad",
+                    controlled.attitude,
+                    "k_o",
+                ),
+            ];
+            for (part, deviation, limit, unit, is_controlled, gain) in parts {
+                let name = format!("final tip error, {}: {part}", error.name);
+                let (source, allowed) = (&error.source, deviation.allowed(limit));
+                let why = match (is_controlled, is_last) {
+                    (true, true) => {
+                        self.compare(&name, deviation.value, allowed, unit, source.clone());
+                        continue;
+                    }
+                    (false, _) => format!("{source}; the law does not control it: {gain} is 0"),
+                    (true, false) => format!("{source}; the run was ended by a reset"),
+                };
+                self.add(
+                    &name,
+                    Verdict::Noted,
+                    Some((deviation.value, allowed, unit)),
+                    why,
+                );
+            }
         }
     }
 
@@ -370,22 +388,4 @@ impl Report {
         };
         self.compare(name, total as f64, 0.0, "", detail);
     }
-}
-
-/// Distance \[m\] and angle \[rad\] between two poses.
-fn deviation(a: &Isometry3<f64>, b: &Isometry3<f64>) -> (f64, f64) {
-    (
-        (a.translation.vector - b.translation.vector).norm(),
-        a.rotation.angle_to(&b.rotation),
-    )
-}
-
-/// Tip and goal from tf, which depends on neither controller nor camera.
-fn true_tip_error(run: &RecordedRun) -> Option<(f64, f64)> {
-    const TIP: &str = "tool0";
-    run.frames.get(TIP)?;
-    let (goal_frame, X_FD) = run.goal.as_ref()?;
-    let (tip_root, X_RE) = run.pose_in_root(TIP);
-    let (goal_root, X_RF) = run.pose_in_root(goal_frame);
-    (tip_root == goal_root).then(|| deviation(&X_RE, &(X_RF * X_FD)))
 }

@@ -8,6 +8,7 @@ use super::estimation_plot::{Mount, herpolhode, prediction_error, squared_rates}
 use super::recorded::{RecordedRun, RecordedRuns, seconds_since};
 use super::recorded_estimation::RecordedEstimation;
 use super::recorded_physics::{Residual, momentum_residuals};
+use super::recorded_runs::RunCounter;
 use crate::bag::{Bag, Message};
 use crate::model::JointKind;
 use crate::nodes::estimator::StaticRotations;
@@ -28,31 +29,31 @@ pub fn plot_bag(bag: &Bag, folder: &Path) -> Result<Vec<PathBuf>, ChartError> {
         estimations.accept(&m);
     });
     let mut paths = Vec::new();
-    for (namespace, run) in runs.robots() {
-        let pictures = [
-            ("tip_error", tip_error(run)),
-            ("base_attitude", base_motion(run)),
-            ("momentum_residual", momentum(run)),
-            ("joint_rates", joint_rates(run)),
-        ];
-        for (name, figure) in pictures {
-            let Some(mut figure) = figure else { continue };
-            let stem = entitle(namespace, name, &mut figure.title);
-            paths.extend(figure.save(&folder.join(stem))?);
+    for (namespace, runs) in runs.robot_runs() {
+        for (i, run) in runs.iter().enumerate() {
+            let place = Place::new(namespace, i, runs.len());
+            let pictures = [
+                ("tip_error", tip_error(run)),
+                ("base_attitude", base_motion(run)),
+                ("momentum_residual", momentum(run)),
+                ("joint_rates", joint_rates(run)),
+            ];
+            for (name, figure) in pictures {
+                let Some(mut figure) = figure else { continue };
+                let stem = place.entitle(name, &mut figure.title);
+                paths.extend(figure.save(&folder.join(stem))?);
+            }
         }
     }
-    for (namespace, estimation) in &estimations.robots {
-        if estimation.is_empty() {
-            continue;
-        }
+    for (place, estimation) in estimations.places() {
         let start = estimations.start(estimation);
         let mount = estimations.mount(estimation);
         if let Some(mut figure) = squared_rates(estimation, start) {
-            let stem = entitle(namespace, "target_squared_rate", &mut figure.title);
+            let stem = place.entitle("target_squared_rate", &mut figure.title);
             paths.extend(figure.save(&folder.join(stem))?);
         }
         if let Some(mut figure) = herpolhode(estimation, mount) {
-            let stem = entitle(namespace, "herpolhode", &mut figure.title);
+            let stem = place.entitle("herpolhode", &mut figure.title);
             paths.extend(figure.save(&folder.join(stem))?);
         }
         for (target, truth) in &estimation.targets {
@@ -62,28 +63,47 @@ pub fn plot_bag(bag: &Bag, folder: &Path) -> Result<Vec<PathBuf>, ChartError> {
                 1 => "prediction_error".to_owned(),
                 _ => format!("{target}_prediction_error"),
             };
-            let stem = entitle(namespace, &stem, &mut figure.title);
+            let stem = place.entitle(&stem, &mut figure.title);
             paths.extend(figure.save(&folder.join(stem))?);
         }
     }
     Ok(paths)
 }
 
-/// The stem of a plot's file names; in a bag with several namespaces stem and title contain the namespace.
-fn entitle(namespace: &str, name: &str, title: &mut String) -> String {
-    let robot = namespace.trim_matches('/').replace('/', "_");
-    if robot.is_empty() {
-        return name.to_owned();
-    }
-    *title = format!("{namespace}: {title}");
-    format!("{robot}_{name}")
+/// Whose pictures they are: namespace and, in a bag with several runs, number of the run.
+struct Place {
+    title: String,
+    stem: String,
 }
 
-/// Estimates by namespace, and the static transforms.
+impl Place {
+    fn new(namespace: &str, run: usize, runs: usize) -> Self {
+        let robot = namespace.trim_matches('/').replace('/', "_");
+        let (mut title, mut stem) = (String::new(), String::new());
+        if !robot.is_empty() {
+            title = format!("{namespace}: ");
+            stem = format!("{robot}_");
+        }
+        if runs > 1 {
+            title += &format!("run {}: ", run + 1);
+            stem += &format!("run{}_", run + 1);
+        }
+        Self { title, stem }
+    }
+
+    /// The stem of a plot's file names; adds the place to the title.
+    fn entitle(&self, name: &str, title: &mut String) -> String {
+        title.insert_str(0, &self.title);
+        format!("{}{name}", self.stem)
+    }
+}
+
+/// Estimates by namespace and run, and the static transforms.
 #[derive(Default)]
 struct Estimations {
-    robots: BTreeMap<String, RecordedEstimation>,
+    robots: BTreeMap<String, Vec<RecordedEstimation>>,
     frames: StaticRotations,
+    counter: RunCounter,
 }
 
 impl Estimations {
@@ -95,10 +115,21 @@ impl Estimations {
             }
             return;
         }
-        let robots = &mut self.robots;
+        let (robots, run) = (&mut self.robots, self.counter.run_of(message));
         RecordedEstimation::accept(message, |namespace| {
-            robots.entry(namespace.to_owned()).or_default()
+            let runs = robots.entry(namespace.to_owned()).or_default();
+            runs.resize_with(runs.len().max(run + 1), Default::default);
+            &mut runs[run]
         });
+    }
+
+    /// The estimations that are not empty.
+    fn places(&self) -> impl Iterator<Item = (Place, &RecordedEstimation)> {
+        self.robots.iter().flat_map(|(namespace, runs)| {
+            let place = |i| Place::new(namespace, i, runs.len());
+            let runs = runs.iter().enumerate().filter(|(_, run)| !run.is_empty());
+            runs.map(move |(i, run)| (place(i), run))
+        })
     }
 
     /// Rotation of the camera relative to the base.
@@ -152,6 +183,7 @@ fn tip_error(run: &RecordedRun) -> Option<Figure> {
                 series: vec![curve("position", samples, |s| (time(s), s.position_error))],
                 log: true,
                 marks: vec![(0.01, "1 cm".into())],
+                ..Panel::default()
             },
             Panel {
                 y_label: "attitude error [deg]".into(),
@@ -160,6 +192,7 @@ fn tip_error(run: &RecordedRun) -> Option<Figure> {
                 })],
                 log: true,
                 marks: vec![(2.0, "2 deg".into())],
+                ..Panel::default()
             },
         ],
     )

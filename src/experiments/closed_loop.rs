@@ -46,6 +46,8 @@ struct VisualServo {
     carrier: Option<usize>,
     second: Option<SecondArm>,
     image: (u32, u32, f64),
+    /// Whether efforts were ever cut to the joints' limits.
+    was_limited: bool,
 }
 
 /// A second arm's tip and what the camera measures of it.
@@ -123,6 +125,11 @@ impl ClosedLoop {
         self.servo.as_ref().map(|servo| servo.image)
     }
 
+    /// Whether the controller's efforts were ever cut to the joints' limits.
+    pub fn was_limited(&self) -> bool {
+        self.servo.as_ref().is_some_and(|servo| servo.was_limited)
+    }
+
     /// Whether an operator steers.
     pub fn is_operated(&self) -> bool {
         self.operated.is_some()
@@ -162,10 +169,10 @@ impl ClosedLoop {
     /// Advances to the next state.
     ///
     /// # Errors
-    /// When the state is not finite any more.
+    /// When the motion has diverged.
     pub fn advance(&mut self) -> Result<(), String> {
         self.world.step_to_tick();
-        self.world.check_finite()
+        self.world.check_divergence()
     }
 }
 
@@ -283,6 +290,7 @@ impl VisualServo {
             feature_frames: Vec::new(),
             X_FD: with_matrix(&goal),
             image: camera.image,
+            was_limited: false,
         })
     }
 
@@ -328,9 +336,8 @@ impl VisualServo {
         if let Err(e) = &report.control {
             return Err(at(e.to_string()));
         }
-        world
-            .robot
-            .hold_efforts(self.control_loop.efforts().as_slice());
+        let efforts = self.control_loop.efforts().as_slice();
+        self.was_limited |= world.robot.hold_efforts(efforts);
         Ok(Answer {
             feature_frames: &self.feature_frames,
             report,

@@ -19,23 +19,28 @@ mod performance;
 mod recorded;
 mod recorded_estimation;
 mod recorded_physics;
+mod recorded_runs;
 pub mod reproduce;
 mod simulated_bag;
+mod tip_check;
 mod topic_health;
 pub mod tr942;
 pub mod tracking;
 
 pub use bag_check::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag};
 pub use bag_plot::plot_bag;
-pub use chart::{ChartError, Figure, MapFigure, MapPanel, MapScale, Panel, PlaneFigure, Series};
+pub use chart::{
+    ChartError, Dots, Figure, MapFigure, MapPanel, MapScale, Panel, PlaneFigure, Series,
+};
 pub use closed_loop::{Answer, ClosedLoop, Moment};
 pub use continuous_loop::ContinuousLoop;
 pub use observations::{Observations, ObservedTracks};
 pub use operated::{Drive, Operated};
 pub use performance::{MomentumResidual, Performance, Summary};
 pub use recorded::{
-    BaseSample, ControllerSample, JointSample, MomentumSample, RecordedRun, RecordedRuns,
+    BaseSample, ControllerSample, JointSample, MomentumSample, RecordedRun, RecordedRuns, SeenPose,
 };
 pub use recorded_physics::{Residual, momentum_residuals};
+pub use recorded_runs::RunCounter;
 pub use simulated_bag::SimulatedBag;
 pub use topic_health::{TopicHealth, TopicWatch};

@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use std::collections::BTreeMap;
 
+use super::recorded_runs::RunCounter;
 use crate::bag::Message;
 use crate::model::Model;
 use crate::msg::builtin_interfaces::Time;
@@ -14,10 +15,12 @@ use crate::msg::std_msgs;
 use crate::msg::tf2_msgs::TFMessage;
 use crate::spatial::Twist;
 
-/// Runs of a bag by namespace, one robot each. The empty namespace is the usual one.
+/// Runs of a bag by namespace, one robot each. The empty namespace is the usual one. A robot has several runs if the
+/// simulation was reset.
 #[derive(Debug, Default)]
 pub struct RecordedRuns {
-    runs: BTreeMap<String, RecordedRun>,
+    runs: BTreeMap<String, Vec<RecordedRun>>,
+    counter: RunCounter,
 }
 
 /// The recorded data of one robot. Times are stamps in nanoseconds.
@@ -39,10 +42,19 @@ pub struct RecordedRun {
     pub goal: Option<(String, Isometry3<f64>)>,
     /// The last transform of every frame in `tf` and `tf_static`: from child to parent and pose in it.
     pub frames: BTreeMap<String, (String, Isometry3<f64>)>,
-    /// The last `camera/tip_pose`.
-    pub seen_tip: Option<Isometry3<f64>>,
-    /// The last `camera/goal_pose`.
-    pub seen_goal: Option<Isometry3<f64>>,
+    /// `camera/tip_pose`.
+    pub seen_tip: Vec<SeenPose>,
+    /// `camera/goal_pose`.
+    pub seen_goal: Vec<SeenPose>,
+}
+
+/// A pose in the base frame as measured by the camera.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct SeenPose {
+    /// Stamp \[ns\].
+    pub time: i64,
+    /// Pose.
+    pub pose: Isometry3<f64>,
 }
 
 /// Joint positions and rates, and the mean efforts since the previous sample.
@@ -91,6 +103,10 @@ pub struct ControllerSample {
     pub position_error: f64,
     /// \[rad\]
     pub attitude_error: f64,
+    /// Gain on the position error \[N/m\]; zero if the law does not control the position.
+    pub k_p: f64,
+    /// Gain on the orientation error \[N m\]; zero if the law does not control the attitude.
+    pub k_o: f64,
 }
 
 impl RecordedRuns {
@@ -103,23 +119,32 @@ impl RecordedRuns {
                 && !namespace.ends_with("/camera")
                 && !namespace.ends_with("/ground_truth")
             {
-                take(self.runs.entry(namespace.to_owned()).or_default(), message);
+                let index = self.counter.run_of(message);
+                let runs = self.runs.entry(namespace.to_owned()).or_default();
+                while runs.len() <= index {
+                    runs.push(
+                        runs.last()
+                            .map_or_else(Default::default, RecordedRun::again),
+                    );
+                }
+                take(&mut runs[index], message);
                 return;
             }
         }
     }
 
-    /// The robots that moved or were measured: namespaces and recorded data.
+    /// The robots that moved or were measured: namespaces and recorded data, of each run in order.
     pub fn robots(&self) -> impl Iterator<Item = (&str, &RecordedRun)> {
-        self.runs
-            .iter()
-            .filter(|(_, run)| {
-                !(run.joints.is_empty()
-                    && run.momentum.is_empty()
-                    && run.base.is_empty()
-                    && run.controller.is_empty())
-            })
-            .map(|(namespace, run)| (namespace.as_str(), run))
+        self.robot_runs()
+            .flat_map(|(namespace, runs)| runs.into_iter().map(move |run| (namespace, run)))
+    }
+
+    /// The same with the runs of a robot together.
+    pub fn robot_runs(&self) -> impl Iterator<Item = (&str, Vec<&RecordedRun>)> {
+        self.runs.iter().filter_map(|(namespace, runs)| {
+            let runs: Vec<_> = runs.iter().filter(|run| !run.is_empty()).collect();
+            (!runs.is_empty()).then_some((namespace.as_str(), runs))
+        })
     }
 }
 
@@ -171,6 +196,8 @@ const TOPICS: &[(&str, &str, Take)] = &[
                     time: state.header.stamp.nanos(),
                     position_error: state.position_error_norm,
                     attitude_error: state.attitude_error_angle,
+                    k_p: state.k_p,
+                    k_o: state.k_o,
                 });
             }
         },
@@ -179,14 +206,14 @@ const TOPICS: &[(&str, &str, Take)] = &[
         "/camera/tip_pose",
         "geometry_msgs/msg/PoseStamped",
         |run, m| {
-            run.seen_tip = m.decode().ok().map(|p: PoseStamped| pose(&p.pose));
+            run.seen_tip.extend(seen(m));
         },
     ),
     (
         "/camera/goal_pose",
         "geometry_msgs/msg/PoseStamped",
         |run, m| {
-            run.seen_goal = m.decode().ok().map(|p: PoseStamped| pose(&p.pose));
+            run.seen_goal.extend(seen(m));
         },
     ),
     ("/goal_pose", "geometry_msgs/msg/PoseStamped", |run, m| {
@@ -203,6 +230,24 @@ const TOPICS: &[(&str, &str, Take)] = &[
 ];
 
 impl RecordedRun {
+    /// An empty run of the same robot: latched messages are not repeated after a reset.
+    fn again(&self) -> Self {
+        Self {
+            model: self.model.clone(),
+            joint_names: self.joint_names.clone(),
+            goal: self.goal.clone(),
+            frames: self.frames.clone(),
+            ..Self::default()
+        }
+    }
+
+    fn is_empty(&self) -> bool {
+        self.joints.is_empty()
+            && self.momentum.is_empty()
+            && self.base.is_empty()
+            && self.controller.is_empty()
+    }
+
     fn add_joints(&mut self, state: JointState) {
         if self.joint_names.is_empty() {
             self.joint_names.clone_from(&state.name);
@@ -280,6 +325,14 @@ impl RecordedRun {
         ];
         first.into_iter().flatten().min().unwrap_or(0)
     }
+}
+
+fn seen(message: &Message) -> Option<SeenPose> {
+    let measured = message.decode::<PoseStamped>().ok()?;
+    Some(SeenPose {
+        time: measured.header.stamp.nanos(),
+        pose: pose(&measured.pose),
+    })
 }
 
 /// Seconds from `start` to `time` \[both ns\].

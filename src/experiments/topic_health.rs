@@ -23,7 +23,7 @@ pub struct TopicHealth {
     pub largest_gap_at: Option<f64>,
     /// Whether the rate is constant, so that a gap means a loss.
     pub periodic: bool,
-    /// Number of stamps that are earlier than the previous one.
+    /// Number of stamps that are earlier than the previous one, except after a restart of the time.
     pub backwards: u64,
     /// The first field with a non-finite value, and the number of messages with one.
     pub not_finite: Option<(String, u64)>,
@@ -37,6 +37,8 @@ pub struct TopicHealth {
 struct Track {
     times: Vec<i64>,
     stamps: Vec<i64>,
+    /// The run of each stamp.
+    runs: Vec<usize>,
     not_finite: Option<(String, u64)>,
     malformed: u64,
     known_type: bool,
@@ -51,8 +53,8 @@ pub struct TopicWatch {
 }
 
 impl TopicWatch {
-    /// Adds a message.
-    pub fn accept(&mut self, message: &Message) {
+    /// Adds a message of a run, which [`RunCounter`](super::RunCounter) finds.
+    pub fn accept(&mut self, message: &Message, run: usize) {
         let log_time = message.log_time as i64;
         self.start = Some(self.start.map_or(log_time, |s| s.min(log_time)));
         let name = &message.topic.name;
@@ -76,6 +78,7 @@ impl TopicWatch {
             Ok(found) => {
                 // Every node publishes diagnostics with its own timing.
                 if message.topic.type_name != "diagnostic_msgs/msg/DiagnosticArray" {
+                    track.runs.extend(found.stamp.as_ref().map(|_| run));
                     track.stamps.extend(found.stamp.map(|s| s.nanos()));
                 }
                 if let Some(field) = found.not_finite {
@@ -109,7 +112,17 @@ impl Track {
         } else {
             bag_start
         };
-        let gaps: Vec<i64> = times.windows(2).map(|w| w[1] - w[0]).collect();
+        // A step from one run to another, or back for a message left over, is neither a gap nor backwards.
+        let same_run = |i: usize| !by_stamp || self.runs[i] == self.runs[i + 1];
+        let gap = |(i, w): (usize, &[i64])| same_run(i).then(|| w[1] - w[0]);
+        let gaps: Vec<i64> = times
+            .windows(2)
+            .enumerate()
+            .map(|w| gap(w).unwrap_or(0))
+            .collect();
+        let backwards = self.stamps.windows(2).zip(self.runs.windows(2));
+        let backwards = backwards.filter(|(t, run)| t[1] < t[0] && run[0] == run[1]);
+        let backwards = backwards.count() as u64;
         let mut sorted = gaps.clone();
         sorted.sort_unstable();
         let quantile = |q: f64| sorted.get((q * (sorted.len() as f64 - 1.0)).round() as usize);
@@ -126,7 +139,7 @@ impl Track {
             largest_gap: largest.map(|(_, &gap)| gap as f64 * 1e-9),
             largest_gap_at: largest.map(|(i, _)| (times[i] - start) as f64 * 1e-9),
             periodic,
-            backwards: self.stamps.windows(2).filter(|w| w[1] < w[0]).count() as u64,
+            backwards,
             not_finite: self.not_finite,
             malformed: self.malformed,
             known_type: self.known_type,

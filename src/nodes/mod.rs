@@ -29,6 +29,7 @@ pub mod player;
 pub mod recorder;
 pub mod resource;
 mod robot_description;
+mod sampled_loop;
 pub mod scenario;
 pub mod teleop;
 mod tip;

@@ -1,68 +1,332 @@
-//! Finding the files that parameters name.
+//! Finding and reading the files that parameters, commands and peers name.
 
-use std::path::{Path, PathBuf};
+use std::path::{Component, Path, PathBuf};
 
-/// Resolves `name`: a path, or `package://fuyu/PATH`. The latter is searched for in the share folders of the ROS
-/// environment (`AMENT_PREFIX_PATH`), in that of the executable's install space, in the working directory and in the
-/// sources that this program was built from, in that order.
+use include_dir::{Dir, include_dir};
+
+use crate::input_file::{self, LARGEST_URDF};
+
+/// The files that come with fuyu, so that a copied executable finds them.
+const EMBEDDED: [(&str, Dir); 4] = [
+    ("config", include_dir!("$CARGO_MANIFEST_DIR/config")),
+    ("launch", include_dir!("$CARGO_MANIFEST_DIR/launch")),
+    ("urdf", include_dir!("$CARGO_MANIFEST_DIR/urdf")),
+    ("views", include_dir!("$CARGO_MANIFEST_DIR/views")),
+];
+
+const OURS: &str = "fuyu";
+
+/// A file that was found.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub enum Resource {
+    /// On disk.
+    File(PathBuf),
+    /// In this executable.
+    Embedded {
+        /// `package://fuyu/PATH`.
+        name: String,
+        /// Content.
+        bytes: &'static [u8],
+    },
+}
+
+impl Resource {
+    /// Path of the file, or `package://fuyu/PATH` of an embedded one.
+    pub fn path(&self) -> PathBuf {
+        match self {
+            Self::File(path) => path.clone(),
+            Self::Embedded { name, .. } => PathBuf::from(name),
+        }
+    }
+
+    /// The content, of at most `limit` bytes.
+    ///
+    /// # Errors
+    /// A line with the file and why it cannot be read.
+    pub fn bytes(&self, limit: u64) -> Result<Vec<u8>, String> {
+        match self {
+            Self::File(path) => input_file::read(path, limit).map_err(|e| e.to_string()),
+            Self::Embedded { bytes, .. } => Ok(bytes.to_vec()),
+        }
+    }
+
+    /// The content as text, of at most `limit` bytes.
+    ///
+    /// # Errors
+    /// As [`Self::bytes`].
+    pub fn text(&self, limit: u64) -> Result<String, String> {
+        match self {
+            Self::File(path) => input_file::read_text(path, limit).map_err(|e| e.to_string()),
+            Self::Embedded { bytes, .. } => Ok(String::from_utf8_lossy(bytes).into_owned()),
+        }
+    }
+}
+
+/// Finds `name`: a path, or `package://PACKAGE/PATH`. The latter is searched for in the share folders of the ROS
+/// environment (`AMENT_PREFIX_PATH`). The package `fuyu` is also searched for in the install space of the executable, in the
+/// working directory, in the sources that this program was built from, and in the executable, in that order; a relative
+/// path that does not exist, such as `config/servicing.yaml`, in the executable only.
 ///
 /// # Errors
 /// A line with the places that were searched.
-pub fn resolve(name: &str) -> Result<PathBuf, String> {
+pub fn resolve(name: &str) -> Result<Resource, String> {
     let Some(rest) = name.strip_prefix("package://") else {
         let path = PathBuf::from(name);
-        return if path.exists() {
-            Ok(path)
-        } else {
-            Err(format!("{name}: no such file"))
+        return match path.exists() {
+            true => Ok(Resource::File(path)),
+            false => embedded(name).ok_or_else(|| format!("{name}: no such file")),
         };
     };
     let (package, file) = rest.split_once('/').unwrap_or((rest, ""));
-    if package != "fuyu" || file.is_empty() {
+    if package.is_empty() || file.is_empty() || !is_below(file) {
         return Err(format!(
-            "{name}: expected package://fuyu/PATH or the path of a file"
+            "{name}: expected package://PACKAGE/PATH, without '..', or the path of a file"
         ));
     }
-    let folders = search_folders();
+    let folders = search_folders(package);
     let found = folders
         .iter()
         .map(|folder| folder.join(file))
-        .find(|path| path.exists());
+        .find(|path| path.exists())
+        .map(Resource::File);
+    let found = found.or_else(|| (package == OURS).then(|| embedded(file)).flatten());
     found.ok_or_else(|| {
+        if folders.is_empty() {
+            return format!(
+                "{name}: AMENT_PREFIX_PATH is not set; source the workspace that has the package {package}"
+            );
+        }
         let searched: Vec<_> = folders.iter().map(|p| p.display().to_string()).collect();
         format!("{name}: not found in {}", searched.join(", "))
     })
 }
 
-/// Folders that may be the share folder of this package.
-fn search_folders() -> Vec<PathBuf> {
+/// Whether a relative path stays below the folder that it is relative to.
+fn is_below(path: &str) -> bool {
+    let mut components = Path::new(path).components();
+    components.all(|c| matches!(c, Component::Normal(_) | Component::CurDir))
+}
+
+/// The embedded file at `path`, such as `config/servicing.yaml`.
+fn embedded(path: &str) -> Option<Resource> {
+    let (folder, name) = path.split_once('/')?;
+    let (_, dir) = EMBEDDED.iter().find(|(known, _)| *known == folder)?;
+    Some(Resource::Embedded {
+        name: format!("package://{OURS}/{path}"),
+        bytes: dir.get_file(name)?.contents(),
+    })
+}
+
+/// The embedded files: their paths, such as `config/servicing.yaml`, and contents.
+pub fn embedded_files() -> impl Iterator<Item = (String, &'static [u8])> {
+    EMBEDDED.iter().flat_map(|(folder, dir)| {
+        let name = move |file: &include_dir::File| format!("{folder}/{}", file.path().display());
+        dir.files().map(move |f| (name(f), f.contents()))
+    })
+}
+
+/// Folders that may be the share folder of `package`.
+fn search_folders(package: &str) -> Vec<PathBuf> {
     let mut folders = Vec::new();
+    let share = |prefix: &Path| prefix.join("share").join(package);
     if let Some(prefixes) = std::env::var_os("AMENT_PREFIX_PATH") {
-        folders.extend(std::env::split_paths(&prefixes).map(|p| p.join("share/fuyu")));
+        let prefixes = std::env::split_paths(&prefixes).filter(|p| !p.as_os_str().is_empty());
+        folders.extend(prefixes.map(|p| share(&p)));
+    }
+    if package != OURS {
+        return folders;
     }
     // PREFIX/lib/fuyu/EXECUTABLE and PREFIX/bin/EXECUTABLE belong to PREFIX/share/fuyu.
     if let Ok(executable) = std::env::current_exe() {
-        folders.extend(
-            executable
-                .ancestors()
-                .skip(2)
-                .take(2)
-                .map(|p| p.join("share/fuyu")),
-        );
+        folders.extend(executable.ancestors().skip(2).take(2).map(share));
     }
     folders.push(PathBuf::from("."));
     folders.push(Path::new(env!("CARGO_MANIFEST_DIR")).to_owned());
     folders
 }
 
-/// Reads a text file that a parameter names. Returns the text and its path.
+/// Reads a robot description that a parameter names. Returns the text and its path.
 ///
 /// # Errors
 /// A line with the file and why it cannot be read.
 pub fn read(name: &str) -> Result<(String, String), String> {
-    let path = resolve(name)?;
-    let shown = path.display().to_string();
-    let text =
-        std::fs::read_to_string(&path).map_err(|e| format!("{shown}: cannot be read: {e}"))?;
-    Ok((text, shown))
+    let found = resolve(name)?;
+    Ok((
+        found.text(LARGEST_URDF)?,
+        found.path().display().to_string(),
+    ))
+}
+
+/// The files directly in the folder `name`, by the names to read them with; `name` itself if it is a file.
+///
+/// # Errors
+/// A line with the folder and why it cannot be read.
+pub fn list(name: &str) -> Result<Vec<String>, String> {
+    let of_package = format!("package://{OURS}/");
+    let inside = name
+        .strip_prefix(&of_package)
+        .map(|f| f.trim_end_matches('/'));
+    let path = match resolve(name) {
+        Ok(Resource::File(path)) if path.is_dir() => path,
+        Ok(_) => return Ok(vec![name.to_owned()]),
+        Err(e) => {
+            let files = embedded_files().map(|(path, _)| path);
+            let inside = inside.map(|folder| format!("{folder}/"));
+            let mut names: Vec<_> = files
+                .filter(|path| {
+                    inside
+                        .as_ref()
+                        .is_some_and(|folder| path.starts_with(folder))
+                })
+                .map(|path| of_package.clone() + &path)
+                .collect();
+            names.sort();
+            return if names.is_empty() { Err(e) } else { Ok(names) };
+        }
+    };
+    let entries = path
+        .read_dir()
+        .map_err(|e| format!("{name}: cannot be read: {e}"))?;
+    let mut names: Vec<_> = entries
+        .filter_map(|entry| Some(PathBuf::from(entry.ok()?.file_name())))
+        .map(|file| format!("{}/{}", name.trim_end_matches('/'), file.display()))
+        .collect();
+    names.sort();
+    Ok(names)
+}
+
+/// The folders from which peers may name files: paths and `package://PACKAGE/FOLDER`.
+#[derive(Debug, Clone, PartialEq, Eq)]
+pub struct AllowedFolders(Vec<String>);
+
+impl AllowedFolders {
+    /// These folders.
+    pub fn new(folders: Vec<String>) -> Self {
+        Self(folders)
+    }
+
+    /// Finds the file or folder `name`, a path, `file://PATH` or `package://PACKAGE/PATH`, if it is in one of the folders
+    /// or below, also after symbolic links.
+    ///
+    /// # Errors
+    /// A line that is the same whether a file outside of the folders exists or not.
+    pub fn resolve(&self, name: &str) -> Result<Resource, String> {
+        let name = name.strip_prefix("file://").unwrap_or(name);
+        let refused = || {
+            format!(
+                "{name}: not below a folder that this node allows: {}",
+                self.0.join(", ")
+            )
+        };
+        let found = match resolve(name) {
+            Ok(found) => found,
+            // Only what is inside may be reported as missing.
+            Err(missing) if self.0.iter().any(|f| is_inside(name, f)) => return Err(missing),
+            Err(_) => return Err(refused()),
+        };
+        let is_allowed = self.0.iter().any(|folder| match &found {
+            Resource::Embedded { name, .. } => is_inside(name, folder),
+            Resource::File(path) => match (resolve(folder), path.canonicalize()) {
+                (Ok(Resource::File(folder)), Ok(path)) => folder
+                    .canonicalize()
+                    .is_ok_and(|folder| path.starts_with(folder)),
+                _ => false,
+            },
+        });
+        is_allowed.then_some(found).ok_or_else(refused)
+    }
+}
+
+/// Whether `name` is `folder` or below it by its text alone.
+fn is_inside(name: &str, folder: &str) -> bool {
+    let (name, folder) = (Path::new(name), Path::new(folder));
+    let climbs = name.components().any(|c| c == Component::ParentDir);
+    name.starts_with(folder) && !climbs
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn every_file_of_the_package_is_embedded() {
+        let root = Path::new(env!("CARGO_MANIFEST_DIR"));
+        let mut count = 0;
+        for folder in ["config", "launch", "urdf", "views"] {
+            for entry in root.join(folder).read_dir().unwrap() {
+                let path = entry.unwrap().path();
+                let name = format!("{folder}/{}", path.file_name().unwrap().display());
+                let Some(Resource::Embedded { bytes, .. }) = embedded(&name) else {
+                    panic!("{name} is not embedded");
+                };
+                assert_eq!(bytes, std::fs::read(path).unwrap());
+                count += 1;
+            }
+        }
+        assert_eq!(embedded_files().count(), count);
+    }
+
+    #[test]
+    fn package_paths_do_not_leave_the_package() {
+        for name in [
+            "package://fuyu/../../etc/passwd",
+            "package://fuyu/urdf/../../x",
+            "package://fuyu//etc/passwd",
+            "package://fuyu",
+            "package:///urdf/servicer.urdf",
+        ] {
+            let error = resolve(name).unwrap_err();
+            assert!(error.contains("expected package://"), "{error}");
+        }
+        assert!(resolve("package://fuyu/urdf/servicer.urdf").is_ok());
+    }
+
+    #[test]
+    fn peers_cannot_probe_paths() {
+        let dir = tempfile::tempdir().unwrap();
+        let inside = dir.path().join("inside");
+        std::fs::create_dir(&inside).unwrap();
+        std::fs::write(inside.join("a.urdf"), "<robot/>").unwrap();
+        std::fs::write(dir.path().join("secret"), "x").unwrap();
+        std::os::unix::fs::symlink(dir.path().join("secret"), inside.join("link")).unwrap();
+        let allowed = AllowedFolders::new(vec![
+            inside.display().to_string(),
+            "package://fuyu/urdf".to_owned(),
+        ]);
+        let at = |name: &str| dir.path().join(name).display().to_string();
+        assert!(allowed.resolve(&at("inside/a.urdf")).is_ok());
+        assert!(
+            allowed
+                .resolve(&format!("file://{}", at("inside/a.urdf")))
+                .is_ok()
+        );
+        assert!(allowed.resolve("package://fuyu/urdf/target.urdf").is_ok());
+        // The answers to what exists and what does not differ in the name only.
+        let kind = |name: &str| {
+            let error = allowed.resolve(name).unwrap_err();
+            error.replace(name, "NAME")
+        };
+        let outside = kind(&at("secret"));
+        assert!(outside.contains("not below a folder"), "{outside}");
+        for name in [
+            at("none"),
+            at("inside/../secret"),
+            at("inside/../none"),
+            at("inside/link"),
+            "/etc/passwd".to_owned(),
+            "/dev/zero".to_owned(),
+            "package://fuyu/config/servicing.yaml".to_owned(),
+            "package://fuyu/config/none.yaml".to_owned(),
+        ] {
+            assert_eq!(kind(&name), outside, "{name}");
+        }
+        assert!(kind(&at("inside/none")).contains("no such file"));
+        // A named pipe, to which nobody writes, does not block.
+        let made = std::process::Command::new("mkfifo")
+            .arg(at("inside/pipe"))
+            .status();
+        assert!(made.unwrap().success());
+        let pipe = allowed.resolve(&at("inside/pipe")).unwrap();
+        assert!(pipe.text(LARGEST_URDF).unwrap_err().contains("named pipe"));
+    }
 }

@@ -12,11 +12,13 @@ use super::{
     estimator::EstimatorParams,
     recorder::RecorderParams,
     resource,
+    sampled_loop::{self, Delay},
     teleop::TeleopParams,
     tip_frame,
     views::ViewsParams,
 };
 use crate::{
+    input_file::LARGEST_YAML,
     model::Model,
     ros::{
         Declare, NodeName, ParameterValue, ParamsFile, RosArgs,
@@ -28,18 +30,21 @@ use crate::{
 /// A parameter file with the ROS arguments of the command line.
 pub struct Scenario {
     path: PathBuf,
+    file: ParamsFile,
     nodes: Vec<NodeName>,
     args: RosArgs,
 }
 
 impl Scenario {
-    /// Reads the scenario `name`: a path, or `package://fuyu/config/NAME.yaml`.
+    /// Reads the scenario `name`: a path, or `package://fuyu/config/NAME.yaml`; see [`resource::resolve`].
     ///
     /// # Errors
     /// A line with file, line and field.
     pub fn read(name: &str) -> Result<Self, String> {
-        let path = resource::resolve(name)?;
-        let file = ParamsFile::read(&path).map_err(|e| e.to_string())?;
+        let found = resource::resolve(name)?;
+        let path = found.path();
+        let text = found.text(LARGEST_YAML)?;
+        let file = ParamsFile::parse(&path, &text).map_err(|e| e.to_string())?;
         let nodes = file.nodes();
         if nodes.is_empty() {
             return Err(format!(
@@ -56,14 +61,19 @@ impl Scenario {
                 known.join(", ")
             ));
         }
-        let args = RosArgs::default().with_scenario(&path);
-        Ok(Self { path, nodes, args })
+        let args = RosArgs::default().with_scenario(file.clone());
+        Ok(Self {
+            path,
+            file,
+            nodes,
+            args,
+        })
     }
 
     /// The same with the ROS arguments of a command line, which take precedence over the file.
     #[must_use]
     pub fn with_args(mut self, args: RosArgs) -> Self {
-        self.args = args.with_scenario(&self.path);
+        self.args = args.with_scenario(self.file.clone());
         self
     }
 
@@ -81,7 +91,7 @@ impl Scenario {
         &self.args
     }
 
-    /// The file.
+    /// The file; `package://fuyu/PATH` if it is embedded in the executable.
     pub fn path(&self) -> &Path {
         &self.path
     }
@@ -205,6 +215,24 @@ impl Scenario {
                 params.map(drop)
             }
         }
+    }
+
+    /// What is valid but will not work: a line per control loop that is unstable because it is sampled. `in_one_thread` is
+    /// a run as `fuyu simulate` does it, in which every state is answered at once.
+    pub fn warnings(&self, in_one_thread: bool) -> Vec<String> {
+        let controllers = self.nodes.iter().filter(|n| n.name() == "controller");
+        let warning = |name: &NodeName| {
+            let dynamics = self.dynamics_of(name.namespace())?;
+            let controller = self.parameters_of(name, |d| Ok(ControllerParams::declare(d)));
+            let delay = match in_one_thread || dynamics.lockstep {
+                true => Delay::None,
+                false => Delay::UpToPeriod,
+            };
+            let found = sampled_loop::instability(&dynamics, &controller.ok()?, delay);
+            let found = found.ok()??;
+            Some(format!("{}: node {name}: {found}", self.path.display()))
+        };
+        controllers.filter_map(warning).collect()
     }
 
     /// The robot that the dynamics node of a namespace simulates, if there is one and it is valid.

@@ -1,7 +1,9 @@
 //! `check_bag` on runs that pass, and on runs with one defect each.
 
-use fuyu::bag::Bag;
-use fuyu::experiments::{CheckLimits, CheckReport, Verdict, check_bag};
+use std::path::Path;
+
+use fuyu::bag::{Bag, Writer, WriterOptions};
+use fuyu::experiments::{CheckLimits, CheckReport, Verdict, check_bag, plot_bag};
 
 use crate::run::{self, Setup, Spoil};
 
@@ -157,4 +159,102 @@ fn each_fault_is_found_by_its_own_check() {
         "{}",
         line.detail
     );
+}
+
+// Scenarios of which one does not control the attitude, one neither, and one has a noisy camera.
+#[test]
+fn scenarios_that_come_with_fuyu_pass() {
+    let dir = tempfile::tempdir().unwrap();
+    for (name, seconds) in [
+        ("straight_path", "30"),
+        ("approximate_jacobian", "120"),
+        ("tracking", "60"),
+    ] {
+        let path = dir.path().join(name);
+        let fuyu = |args: &[&str]| {
+            let mut command = std::process::Command::new(env!("CARGO_BIN_EXE_fuyu"));
+            let command = command.current_dir(env!("CARGO_MANIFEST_DIR")).args(args);
+            let output = command.output().unwrap();
+            let log = String::from_utf8_lossy(&output.stderr).into_owned();
+            assert_eq!(output.status.code(), Some(0), "{args:?}: {log}");
+            String::from_utf8(output.stdout).unwrap()
+        };
+        let (config, bag) = (format!("config/{name}.yaml"), path.to_str().unwrap());
+        fuyu(&["simulate", &config, "--duration", seconds, "--output", bag]);
+        let report = fuyu(&["bag", "check", bag]);
+        let is_noted = report.contains("the law does not control it: k_o is 0");
+        assert_eq!(is_noted, name != "tracking", "{report}");
+        let is_noisy = report.contains("their noise is");
+        assert_eq!(is_noisy, name == "tracking", "{report}");
+    }
+}
+
+/// A bag with the messages of another one twice, as after a reset.
+fn repeated(from: &Path, to: &Path) {
+    let bag = Bag::open(from).unwrap();
+    let mut writer = Writer::create(to, WriterOptions::default()).unwrap();
+    let end = bag.info().unwrap().duration_ns();
+    for run in 0..2 {
+        for message in bag.messages() {
+            // Latched messages are not repeated after a reset.
+            if run == 1 && message.topic.type_name == "std_msgs/msg/String" {
+                continue;
+            }
+            let id = writer.add_described((*message.topic).clone()).unwrap();
+            let time = message.log_time + run * end;
+            writer.write_cdr(id, time, time, &message.data).unwrap();
+        }
+    }
+    writer.finish().unwrap();
+}
+
+#[test]
+fn the_runs_before_and_after_a_reset_are_checked_and_plotted_separately() {
+    let dir = tempfile::tempdir().unwrap();
+    let (one, two) = (dir.path().join("one"), dir.path().join("two"));
+    run::write(&one, &Setup::default());
+    repeated(&one, &two);
+    let check = |path: &Path| check_bag(&Bag::open(path).unwrap(), &CheckLimits::default());
+    let (single, report) = (check(&one), check(&two));
+    assert!(report.passed, "{:#?}", report.checks);
+    for name in [
+        "linear momentum",
+        "energy balance",
+        "momentum from velocities",
+    ] {
+        for run in 1..=2 {
+            let both = value(&report, &format!("run {run}: {name}"));
+            assert_eq!(both, value(&single, name), "{name}");
+        }
+    }
+    assert!(report.checks.iter().any(|c| c.name == "runs"));
+    // A defect in one of the runs is found there.
+    let (spoilt, third) = (dir.path().join("spoilt"), dir.path().join("third"));
+    let push = Spoil {
+        push: 1.0,
+        ..Spoil::default()
+    };
+    let setup = Setup {
+        spoil: push,
+        ..Setup::default()
+    };
+    run::write(&spoilt, &setup);
+    repeated(&spoilt, &third);
+    let report = check(&third);
+    assert!(
+        failed(&report).contains(&"run 2: linear momentum"),
+        "{:?}",
+        failed(&report)
+    );
+
+    let pictures = dir.path().join("pictures");
+    std::fs::create_dir(&pictures).unwrap();
+    let paths = plot_bag(&Bag::open(&two).unwrap(), &pictures).unwrap();
+    for name in [
+        "run1_tip_error.svg",
+        "run2_tip_error.svg",
+        "run2_momentum_residual.png",
+    ] {
+        assert!(paths.contains(&pictures.join(name)), "{paths:?}");
+    }
 }

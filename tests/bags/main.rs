@@ -16,6 +16,8 @@ mod convert;
 mod damage;
 mod foreign;
 mod foxglove;
+mod full_disk;
+mod hostile;
 mod interfaces;
 mod killed;
 mod play;

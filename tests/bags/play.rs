@@ -1,5 +1,6 @@
 //! `fuyu bag play` publishes what was recorded.
 
+use std::io::{BufRead, BufReader};
 use std::path::Path;
 use std::process::{Child, Command, Stdio};
 use std::sync::mpsc;
@@ -108,6 +109,42 @@ fn interrupt(child: &mut Child) {
     assert!(sent.unwrap().success());
     let status = eventually("the end", PATIENCE, || child.try_wait().unwrap());
     assert!(status.success(), "{status}");
+}
+
+// Would break if a wait of centuries looked like a program that hangs, or could not be interrupted.
+#[test]
+fn a_message_far_in_the_future_is_waited_for_with_a_reason() {
+    let domain = 29;
+    let _claim = DomainClaim::new(domain);
+    let dir = tempfile::tempdir().unwrap();
+    let bag = dir.path().join("bag");
+    let recorder = Recorder::start(Writer::create(&bag, WriterOptions::default()).unwrap());
+    let recorder = recorder.unwrap();
+    let handle = recorder.handle();
+    let words = handle.add_topic(Topic::of::<Text>("/words", Qos::RELIABLE));
+    let words = words.unwrap();
+    for time in [1_000_000_000, 4_000_000_000_000_000_000] {
+        let text = Text {
+            data: "word".to_owned(),
+        };
+        handle.write(&words, time, time, cdr::encode(&text));
+    }
+    recorder.finish().unwrap();
+    let mut player = Command::new(env!("CARGO_BIN_EXE_fuyu"))
+        .args(["bag", "play"])
+        .arg(&bag)
+        .args(["--delay", "0"])
+        .env("ROS_DOMAIN_ID", domain.to_string())
+        .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        .stderr(Stdio::piped())
+        .spawn()
+        .unwrap();
+    let lines = BufReader::new(player.stderr.take().unwrap()).lines();
+    let mut lines = lines.map_while(Result::ok);
+    let said = lines.find(|line| line.contains("is 3999999999 s later"));
+    assert!(said.is_some_and(|line| line.contains("--rate")));
+    interrupt(&mut player);
+    drop(lines);
 }
 
 #[test]

@@ -152,7 +152,12 @@ fn a_recorder_selects_splits_pauses_stops_and_records_again() {
     let mut recorder = Recorder::start(
         domain,
         &first,
-        &["regex:=^/kept/", "exclude_regex:=not$", "topics:=[/absent]"],
+        &[
+            "regex:=^/kept/",
+            "exclude_regex:=not$",
+            "topics:=[/absent]",
+            &format!("record_folders:=[{}]", dir.path().display()),
+        ],
     );
     eventually("something is recorded", PATIENCE, || {
         (texts(&first, "/kept/words").len() > 10).then_some(())
@@ -193,6 +198,19 @@ fn a_recorder_selects_splits_pauses_stops_and_records_again() {
     let names: Vec<_> = info.topics.iter().map(|t| t.name.as_str()).collect();
     assert_eq!(names, ["/kept/latched", "/kept/words"]);
     assert_eq!(texts(&first, "/kept/latched"), ["said once"]);
+
+    // A peer cannot have folders created anywhere.
+    let outside = srv::RecordRequest {
+        uri: "/tmp/fuyu_outside_of_the_folders/bag".to_owned(),
+    };
+    let response: srv::RecordResponse = call(&record, &outside);
+    assert_eq!(response.return_code, 1);
+    assert!(
+        response.error_string.contains("record_folders"),
+        "{}",
+        response.error_string
+    );
+    assert!(!Path::new("/tmp/fuyu_outside_of_the_folders").exists());
 
     // A second recording by the same node also contains the latched topics.
     let _: srv::RecordResponse = call(&record, &request);

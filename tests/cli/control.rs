@@ -54,3 +54,51 @@ fn a_goal_out_of_reach_is_said_to_be_and_the_run_goes_on() {
     }
     assert_eq!(run.stderr.lines().count(), 1, "{}", run.stderr);
 }
+
+// Would break if the run were advised to lower time_step, which does not help, or given as valid without a word.
+#[test]
+fn gains_that_are_unstable_when_sampled_are_warned_of() {
+    let positioning = include_str!("../../config/positioning.yaml");
+    let (gains, steps) = (
+        "k_v: [400.0, 100.0, 200.0, 10.0, 2.0, 2.0]",
+        "time_step: 0.01",
+    );
+    assert!(positioning.contains(gains) && positioning.contains(steps));
+    let unstable = positioning.replace(gains, "k_v: [400.0, 100.0, 200.0, 10.0, 10000.0, 2.0]");
+    let simulated = |name: &str, text: String| {
+        let (_folder, path) = file(name, text);
+        let run = fuyu(&[
+            "simulate".as_ref(),
+            path.as_os_str(),
+            "--duration".as_ref(),
+            "5".as_ref(),
+        ]);
+        for words in [
+            "fuyu: warning:",
+            name,
+            "joint 'joint5'",
+            "k_v[4] of at most",
+        ] {
+            assert!(run.stderr.contains(words), "{words}: {}", run.stderr);
+        }
+        run
+    };
+    let limited = simulated("limited.yaml", unstable.clone());
+    assert_eq!(limited.code, 0, "{}", limited.stderr);
+    assert!(
+        limited
+            .stderr
+            .contains("efforts were cut: no effort limit for joint1")
+    );
+    for step in ["0.01", "0.001"] {
+        let with = format!("time_step: {step}\n    default_joint_acceleration: 0.0");
+        let diverged = simulated("unlimited.yaml", unstable.replace(steps, &with));
+        assert_eq!(diverged.code, 1, "{}", diverged.stderr);
+        assert!(diverged.stderr.contains("has diverged at"));
+        assert!(
+            !diverged.stderr.contains("lower time_step"),
+            "{}",
+            diverged.stderr
+        );
+    }
+}

@@ -7,6 +7,7 @@ mod estimate_bad_input;
 mod examples;
 mod free_motion;
 mod fuyu;
+mod input_files;
 mod inspect;
 mod reproduce;
 mod tracking;

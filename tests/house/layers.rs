@@ -24,7 +24,12 @@ const LAYERS: [(&str, &[Layer]); 3] = [
     ),
     (
         "fuyu-ros",
-        &[("msg", &[]), ("ros", &["msg"]), ("bag", &["msg", "ros"])],
+        &[
+            ("input_file", &[]),
+            ("msg", &[]),
+            ("ros", &["input_file", "msg"]),
+            ("bag", &["input_file", "msg", "ros"]),
+        ],
     ),
     (
         "fuyu",

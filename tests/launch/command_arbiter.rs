@@ -125,3 +125,65 @@ fn a_commander_that_is_silent_for_too_long_yields() {
         dynamics.interrupt().well();
     });
 }
+
+// Fails if a refused command leaves time standing still without a reason, or if the answer of a commander that was refused
+// is not taken once the robot is free: it answers each state once.
+#[test]
+fn lockstep_says_what_it_waits_for_and_takes_the_answer_of_the_next_commander() {
+    repeat_if_late(|| {
+        let domain = 28;
+        let mut dynamics = command("dynamics", domain);
+        dynamics
+            .args(["--ros-args", "--params-file"])
+            .arg(source("config/positioning.yaml"))
+            .args(["-p", "lockstep:=true", "-p", "command_timeout:=5.0"]);
+        let mut dynamics = Running::start(dynamics);
+        let mut alpha = Peer::start("alpha", domain);
+        let mut beta = Peer::start("beta", domain);
+        alpha.subscribe("joint_states", JOINT_STATE, "reliable");
+        alpha.subscribe("diagnostics", DIAGNOSTICS, "reliable");
+        let send = |peer: &mut Peer, sec: u64, value: f64| {
+            let mut command = effort(value);
+            command["message"]["header"] = json!({"stamp": {"sec": sec, "nanosec": 0}});
+            peer.does(command);
+        };
+        let waits = |peer: &mut Peer, words: &[&str], mut again: Box<dyn FnMut(&mut Peer) + '_>| {
+            let since = now();
+            let text = eventually(words[0], PATIENCE, || {
+                again(peer);
+                reported(peer, "dynamics: time", since, 0.5, |_, text| {
+                    words.iter().all(|word| text.contains(word))
+                })
+            });
+            println!("{text}");
+        };
+        let words = [
+            "held until the first command",
+            "was refused",
+            "must be finite",
+        ];
+        waits(
+            &mut alpha,
+            &words,
+            Box::new(|alpha: &mut Peer| send(alpha, 0, 1e300)),
+        );
+        // A valid command that answers no state holds the robot.
+        send(&mut alpha, 7, 0.1);
+        let words = [
+            "lockstep: waiting",
+            "node /beta, while node /alpha commands",
+        ];
+        waits(&mut alpha, &words, Box::new(|_| send(&mut beta, 0, -0.5)));
+        // Nobody sends any more. When the first one has been silent for too long, the answer that was refused acts.
+        eventually("time advances", PATIENCE, || {
+            let state = fresh(&mut alpha, "joint_states", 1).pop()?;
+            (state["header"]["stamp"]["nanosec"] == 10_000_000).then_some(())
+        });
+        let ended = dynamics.interrupt().well();
+        assert!(
+            ended.stderr.contains("refused, it gives"),
+            "{}",
+            ended.stderr
+        );
+    });
+}

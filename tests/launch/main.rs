@@ -23,6 +23,7 @@ mod faults;
 mod filter;
 mod free_motion;
 mod joining;
+mod large_commands;
 mod lifecycle;
 mod lockstep;
 mod observer;

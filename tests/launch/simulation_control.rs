@@ -16,23 +16,23 @@ const TARGET: &str = "package://fuyu/urdf/target.urdf";
 
 // Codes of the standard.
 const UNSUPPORTED: u64 = 0;
-const OK: u64 = 1;
+pub const OK: u64 = 1;
 const NOT_FOUND: u64 = 2;
-const FAILED: u64 = 4;
+pub const FAILED: u64 = 4;
 
 const STOPPED: u64 = 0;
-const PLAYING: u64 = 1;
-const PAUSED: u64 = 2;
+pub const PLAYING: u64 = 1;
+pub const PAUSED: u64 = 2;
 const QUITTING: u64 = 3;
 
 /// The dynamics node of servicing.yaml in a namespace, paused, and the rclpy node that controls it.
-struct Simulation {
-    dynamics: Running,
-    peer: Peer,
+pub struct Simulation {
+    pub dynamics: Running,
+    pub peer: Peer,
 }
 
 impl Simulation {
-    fn start(domain: u16) -> Self {
+    pub fn start(domain: u16) -> Self {
         let mut dynamics = command("dynamics", domain);
         dynamics
             .args(["--ros-args", "-r", "__ns:=/chaser", "--params-file"])
@@ -44,7 +44,7 @@ impl Simulation {
         }
     }
 
-    fn call(&mut self, service: &str, kind: &str, request: Value) -> Value {
+    pub fn call(&mut self, service: &str, kind: &str, request: Value) -> Value {
         let answer = self.peer.does(json!({
             "do": "call", "service": format!("{NAMESPACE}/dynamics/{service}"),
             "type": format!("simulation_interfaces/srv/{kind}"), "request": request,
@@ -53,7 +53,7 @@ impl Simulation {
     }
 
     /// Calls a service; gives its response, whose result must have this code.
-    fn gets(&mut self, code: u64, service: &str, kind: &str, request: Value) -> Value {
+    pub fn gets(&mut self, code: u64, service: &str, kind: &str, request: Value) -> Value {
         let response = self.call(service, kind, request.clone());
         let result = &response["result"];
         assert_eq!(result["result"], code, "{service} {request}: {response}");
@@ -62,7 +62,7 @@ impl Simulation {
         response
     }
 
-    fn go(&mut self, code: u64, state: u64) -> Value {
+    pub fn go(&mut self, code: u64, state: u64) -> Value {
         let request = json!({"state": {"state": state}});
         self.gets(code, "set_simulation_state", "SetSimulationState", request)
     }
@@ -72,7 +72,7 @@ impl Simulation {
         response["state"]["state"].as_u64().expect("a state")
     }
 
-    fn step(&mut self, code: u64, steps: u64) -> Value {
+    pub fn step(&mut self, code: u64, steps: u64) -> Value {
         let request = json!({"steps": steps});
         self.gets(code, "step_simulation", "StepSimulation", request)
     }
@@ -89,11 +89,11 @@ impl Simulation {
     }
 
     /// Simulated time \[ns\].
-    fn time(&mut self) -> u64 {
+    pub fn time(&mut self) -> u64 {
         nanos(&self.of("target")["header"]["stamp"])
     }
 
-    fn entities(&mut self, filters: Value) -> Vec<String> {
+    pub fn entities(&mut self, filters: Value) -> Vec<String> {
         let request = json!({"filters": filters});
         let response = self.gets(OK, "get_entities", "GetEntities", request);
         serde_json::from_value(response["entities"].clone()).expect("names")

@@ -136,6 +136,8 @@ fn a_childs_exit_and_other_signals_harm_nothing() {
 fn ctrl_c_closes_the_bag() {
     repeat_if_late(|| {
         let (mut launch, _peer) = launch(80);
+        // A terminal, or a launcher, signals the process and its group: two signals within milliseconds are one request.
+        launch.signal("INT");
         let ended = launch.interrupt().well();
         for line in [
             "positioning",

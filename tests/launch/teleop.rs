@@ -8,7 +8,11 @@ use fuyu::{
 };
 use nalgebra::{DVector, Vector3};
 use serde_json::{Value, json};
-use std::process::Command;
+use std::{
+    process::Command,
+    thread,
+    time::{Duration, Instant},
+};
 
 use crate::{
     lateness::repeat_if_late,
@@ -297,5 +301,56 @@ fn wrong_messages_stop_the_arm_and_are_named() {
         let ended = launch.interrupt().well();
         assert!(!ended.stderr.contains("panic"), "{}", ended.stderr);
         Check::of(&launch.bag()).momentum_holds();
+    });
+}
+
+/// Stamp of the newest state and when it arrived \[s\].
+fn newest(peer: &mut Peer) -> (f64, f64) {
+    let wait = json!({"do": "wait", "topic": "joint_states", "since": now()});
+    let states = peer.does(wait);
+    let state = states.as_array().and_then(|states| states.last());
+    let state = state.expect("a state");
+    let stamp = &state["message"]["header"]["stamp"];
+    let part = |key: &str| stamp[key].as_f64().expect("a time");
+    let arrived = state["time"].as_f64().expect("a time");
+    (part("sec") + 1e-9 * part("nanosec"), arrived)
+}
+
+// Would break if simulated time waited for an answer to every state: it ran at 0.51 to 0.58 of real time.
+#[test]
+fn simulated_time_keeps_pace_at_any_operator_rate() {
+    repeat_if_late(|| {
+        let domain = 30;
+        let mut launch = launch(domain);
+        let mut peer = observer(domain);
+        let steer = |peer: &mut Peer, rate: f64| {
+            let twist =
+                json!({"header": {"frame_id": "base_link"}, "twist": {"linear": {"y": 0.02}}});
+            peer.does(json!({
+                "do": "publish", "topic": "cmd_vel", "type": TWIST, "message": twist,
+            }));
+            thread::sleep(Duration::from_secs_f64(1.0 / rate));
+        };
+        // Time begins with the first command, which arrives when the teleop node has discovered the operator.
+        eventually("time begins", PATIENCE, || {
+            steer(&mut peer, 10.0);
+            (newest(&mut peer).0 > 0.2).then_some(())
+        });
+        for rate in [10.0, 20.0, 50.0] {
+            let begin = Instant::now();
+            let mut first = None;
+            while begin.elapsed() < Duration::from_secs(5) {
+                steer(&mut peer, rate);
+                if first.is_none() && begin.elapsed() > Duration::from_secs(1) {
+                    first = Some(newest(&mut peer));
+                }
+            }
+            let (first, last) = (first.expect("a second has passed"), newest(&mut peer));
+            let factor = (last.0 - first.0) / (last.1 - first.1);
+            println!("operator at {rate} Hz: real-time factor {factor:.3}");
+            // Two arrival times are off by a few milliseconds each.
+            assert!((factor - 1.0).abs() < 0.01, "{factor} at {rate} Hz");
+        }
+        launch.interrupt().well();
     });
 }

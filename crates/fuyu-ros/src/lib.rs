@@ -8,6 +8,7 @@
 //! | [`ros`] | nodes: publishers, subscriptions, services, actions, parameters, lifecycle, clock, diagnostics, log, `--ros-args` |
 //! | [`msg`] | messages of the common ROS packages, macros for own ones, CDR, type hashes, schemas |
 //! | [`bag`] | rosbag2 recordings (MCAP): write, read, recover, convert to CSV and Parquet |
+//! | [`input_file`] | reading files that others name: regular files up to a size |
 //!
 //! # A node
 //!
@@ -82,6 +83,7 @@
 extern crate self as fuyu_ros;
 
 pub mod bag;
+pub mod input_file;
 pub mod msg;
 pub mod ros;
 

@@ -5,7 +5,7 @@ use std::path::PathBuf;
 
 use super::super::{Failure, print};
 use super::{failure, json};
-use crate::bag::{Bag, BagError, ELEMENTS, TableFormat, convert};
+use crate::bag::{Bag, BagError, ELEMENTS, MOST_COLUMNS, TableFormat, convert};
 
 /// Write every topic, of any type, to a table: one row per message, one column per value
 ///
@@ -73,7 +73,7 @@ pub fn run(args: &ConvertArgs) -> Result<(), Failure> {
         let topic = &table.topic;
         if table.cut > 0 {
             eprintln!(
-                "fuyu: warning: {topic}: {} messages have sequences of more than {ELEMENTS} elements; the excess is omitted",
+                "fuyu: warning: {topic}: {} messages have sequences of more than {ELEMENTS} elements, or more than {MOST_COLUMNS} columns; the excess is omitted",
                 table.cut
             );
         }

@@ -9,6 +9,7 @@ use std::path::PathBuf;
 
 use serde::Serialize;
 
+use super::table::{shown, width};
 use super::{Failure, print};
 use crate::bag::{Bag, BagError, Info};
 use crate::experiments::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag, plot_bag};
@@ -152,16 +153,18 @@ fn info_for_people(info: &Info) -> String {
         line("Condition", damage.to_string());
     }
     line("Topics", info.topics.len().to_string());
-    let width =
-        |f: fn(&crate::bag::TopicSummary) -> usize| info.topics.iter().map(f).max().unwrap_or(0);
-    let (name, kind) = (width(|t| t.name.len()), width(|t| t.type_name.len()));
-    for t in &info.topics {
+    let rows: Vec<_> = (info.topics.iter())
+        .map(|t| (t, shown(&t.name), shown(&t.type_name)))
+        .collect();
+    let name = width(rows.iter().map(|r| r.1.as_str()));
+    let kind = width(rows.iter().map(|r| r.2.as_str()));
+    for (t, topic, type_name) in &rows {
         let qos = t.qos.first().map_or(String::new(), |q| {
             format!("{}, {}", q.reliability.as_str(), q.durability.as_str())
         });
         let row = format!(
             "  {:name$}  {:kind$}  {:>9}  {qos}",
-            t.name, t.type_name, t.count
+            topic, type_name, t.count
         );
         let _ = writeln!(out, "{}", row.trim_end());
     }
@@ -238,9 +241,12 @@ fn positive(option: &str, value: f64) -> Result<f64, Failure> {
 
 fn report_for_people(report: &CheckReport) -> String {
     let mut out = format!("Bag: {}\n", report.bag);
-    let width = |f: fn(&CheckLine) -> usize| report.checks.iter().map(f).max().unwrap_or(0);
-    let (name, found) = (width(|c| c.name.len()), width(|c| values(c).len()));
-    for c in &report.checks {
+    let rows: Vec<_> = (report.checks.iter())
+        .map(|c| (c, shown(&c.name), values(c)))
+        .collect();
+    let name = width(rows.iter().map(|r| r.1.as_str()));
+    let found = width(rows.iter().map(|r| r.2.as_str()));
+    for (c, check, values) in &rows {
         let verdict = match c.verdict {
             Verdict::Passed => "passed",
             Verdict::Failed => "FAILED",
@@ -249,9 +255,7 @@ fn report_for_people(report: &CheckReport) -> String {
         };
         let _ = writeln!(
             out,
-            "  {verdict:7}  {:name$}  {:found$}  {}",
-            c.name,
-            values(c),
+            "  {verdict:7}  {check:name$}  {values:found$}  {}",
             c.detail
         );
     }

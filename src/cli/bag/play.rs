@@ -22,7 +22,7 @@ pub struct PlayArgs {
     #[arg(short, long, value_name = "FACTOR", default_value_t = 1.0, value_parser = factor)]
     rate: f64,
     /// Repeat until Ctrl-C
-    #[arg(short, long = "loop")]
+    #[arg(short = 'l', long = "loop")]
     repeat: bool,
     /// Publish /clock at this rate instead of the recorded one [Hz]; 40 if no value is given
     #[arg(long, value_name = "HZ", num_args = 0..=1, default_missing_value = "40", value_parser = factor)]

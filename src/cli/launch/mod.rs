@@ -1,6 +1,7 @@
 //! `fuyu launch`: runs a scenario's nodes in one process.
 
 mod monitor;
+mod overload;
 mod plan;
 mod summary;
 
@@ -19,6 +20,7 @@ use super::{Failure, print};
 use crate::nodes::foxglove;
 use crate::ros::{DiscoveryRange, Node, NodeError, NodeOptions, Process, return_free_memory};
 use monitor::Progress;
+use overload::Overload;
 use plan::Plan;
 
 /// How long the start waits for the recorder.
@@ -62,7 +64,8 @@ pub struct Args {
 /// Runs the command.
 ///
 /// # Errors
-/// [`Failure::Input`] for a wrong scenario, argument or folder; [`Failure::Runtime`] when a node fails.
+/// [`Failure::Input`] for a wrong scenario, argument or folder; [`Failure::Runtime`] when a node fails, or when the
+/// computer was too slow for the scenario's result.
 pub fn run(args: &Args, ros_args: Vec<String>) -> Result<(), Failure> {
     return_free_memory();
     let (mut process, rest) =
@@ -77,17 +80,27 @@ pub fn run(args: &Args, ros_args: Vec<String>) -> Result<(), Failure> {
     }
     let plan = Plan::new(args, process.args().clone()).map_err(Failure::Input)?;
     process.set_args(plan.scenario.args().clone());
+    for warning in plan.scenario.warnings(false) {
+        tracing::warn!("{warning}");
+    }
     let progress = Arc::new(Progress::default());
-    let started = start(&mut process, &plan, &progress);
+    let mut nodes = Vec::new();
+    let started = start(&mut process, &plan, &progress, &mut nodes);
     if started.is_ok() {
         watch(&mut process, &plan, &progress);
     }
+    // Before the nodes end, and with them their endpoints.
+    let overload = Overload::of(&nodes);
     let finished = process.finish();
     // The bag is useful even if a node failed.
+    let mut missed = None;
     if progress.seen().last.is_some() || finished.is_ok() && started.is_ok() {
-        print(&summary::summary(&plan, &progress))?;
+        let (text, off) = summary::summary(&plan, &progress, &overload);
+        print(&text)?;
+        missed = off;
     }
-    started.and(finished).map_err(failure)
+    started.and(finished).map_err(failure)?;
+    missed.map_or(Ok(()), |missed| Err(Failure::Runtime(missed)))
 }
 
 fn failure(error: NodeError) -> Failure {
@@ -97,7 +110,13 @@ fn failure(error: NodeError) -> Failure {
     }
 }
 
-fn start(process: &mut Process, plan: &Plan, progress: &Arc<Progress>) -> Result<(), NodeError> {
+/// Starts the nodes; those of the scenario are added to `started`.
+fn start(
+    process: &mut Process,
+    plan: &Plan,
+    progress: &Arc<Progress>,
+    started: &mut Vec<Node>,
+) -> Result<(), NodeError> {
     let names: Vec<_> = plan.nodes.iter().map(|(name, _)| name.full()).collect();
     tracing::info!(
         "{}: {} on DDS domain {}",
@@ -125,6 +144,7 @@ fn start(process: &mut Process, plan: &Plan, progress: &Arc<Progress>) -> Result
         if name.name() == "recorder" {
             wait_for_recorder(process, &node);
         }
+        started.push(node);
     }
     let (shared, duration) = (Arc::clone(progress), plan.duration);
     let monitor = NodeOptions {

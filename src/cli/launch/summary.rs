@@ -2,15 +2,19 @@
 
 use std::fmt::Write as _;
 
-use super::{monitor::Progress, plan::Plan};
+use super::{
+    monitor::Progress,
+    overload::{self, Overload},
+    plan::Plan,
+};
 use crate::{
     bag::Bag,
     experiments::{RecordedRun, RecordedRuns, momentum_residuals},
     spatial::roll_pitch_yaw_intrinsic,
 };
 
-/// The summary text.
-pub fn summary(plan: &Plan, progress: &Progress) -> String {
+/// The summary text, and why the result is not what was asked for because the computer was too slow.
+pub fn summary(plan: &Plan, progress: &Progress, overload: &Overload) -> (String, Option<String>) {
     let seen = progress.seen();
     let mut out = String::new();
     let mut row = |label: &str, value: String| {
@@ -31,12 +35,22 @@ pub fn summary(plan: &Plan, progress: &Progress) -> String {
             format!("{t1:.2} s, real-time factor {factor:.3}"),
         );
     }
-    let Some(folder) = &plan.bag else { return out };
+    let mut missed = None;
+    if let Some(line) = overload.line() {
+        if let (true, Some(errors), Some((end, _))) = (progress.is_over(), seen.error, seen.last) {
+            missed = overload::missed(plan, errors, end)
+                .map(|missed| format!("{missed}, because the computer was too slow: {line}"));
+        }
+        row("late or lost", line);
+    }
+    let Some(folder) = &plan.bag else {
+        return (out, missed);
+    };
     let bag = match Bag::open(folder) {
         Ok(bag) => bag,
         Err(problem) => {
             row("bag", problem.to_string());
-            return out;
+            return (out, missed);
         }
     };
     let mut runs = RecordedRuns::default();
@@ -49,7 +63,7 @@ pub fn summary(plan: &Plan, progress: &Progress) -> String {
         describe(run, &mut row);
     }
     row("bag", format!("{} ({messages} messages)", folder.display()));
-    out
+    (out, missed)
 }
 
 fn describe(run: &RecordedRun, row: &mut impl FnMut(&str, String)) {

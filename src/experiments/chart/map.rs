@@ -6,9 +6,9 @@ use plotters::style::text_anchor::{HPos, Pos, VPos};
 use std::path::{Path, PathBuf};
 
 use super::canvas::{self, Drawing, FAINT, FONT, Pen, TEXT};
-use super::{COLOURS, ChartError, TITLE_HEIGHT, bounds, draw_title};
+use super::{Axis, COLOURS, ChartError, TITLE_HEIGHT, bounds, draw_title};
 
-/// A picture of maps side by side over the same axes.
+/// A picture of maps over the same axes, up to three side by side.
 #[derive(Debug, Clone, PartialEq)]
 pub struct MapFigure {
     /// Title.
@@ -23,7 +23,7 @@ pub struct MapFigure {
     pub y: Vec<f64>,
     /// Meaning of the colours.
     pub scale: MapScale,
-    /// The maps, from left to right.
+    /// The maps, from left to right and from top to bottom.
     pub panels: Vec<MapPanel>,
 }
 
@@ -61,6 +61,9 @@ const TOP: i32 = 28;
 const MAP_WIDTH: i32 = 350;
 const MAP_HEIGHT: i32 = 420;
 const BOTTOM: i32 = 62;
+const PANEL_HEIGHT: i32 = TOP + MAP_HEIGHT + BOTTOM;
+/// Maps side by side.
+const COLUMNS: usize = 3;
 const EMPTY: RGBColor = RGBColor(222, 222, 222);
 /// Largest number of powers of ten on a colour bar.
 const DECADES: f64 = 8.0;
@@ -173,10 +176,11 @@ impl<B: DrawingBackend> Sheet<'_, B> {
 
 impl Drawing for MapFigure {
     fn size(&self) -> (u32, u32) {
-        let panels = self.panels.len().max(1) as i32;
+        let panels = self.panels.len().max(1);
+        let (columns, rows) = (panels.min(COLUMNS) as i32, panels.div_ceil(COLUMNS) as i32);
         (
-            (panels * PANEL_WIDTH + BAR_WIDTH) as u32,
-            TITLE_HEIGHT + (TOP + MAP_HEIGHT + BOTTOM) as u32,
+            (columns * PANEL_WIDTH + BAR_WIDTH) as u32,
+            TITLE_HEIGHT + (rows * PANEL_HEIGHT) as u32,
         )
     }
 
@@ -188,10 +192,12 @@ impl Drawing for MapFigure {
             at: (0, 0),
         };
         let range = self.range();
-        for panel in &self.panels {
+        for (i, panel) in self.panels.iter().enumerate() {
+            let (column, row) = ((i % COLUMNS) as i32, (i / COLUMNS) as i32);
+            sheet.at = (column * PANEL_WIDTH, row * PANEL_HEIGHT);
             self.draw_panel(&sheet, panel, range)?;
-            sheet.at.0 += PANEL_WIDTH;
         }
+        sheet.at = (self.panels.len().min(COLUMNS) as i32 * PANEL_WIDTH, 0);
         match &self.scale {
             MapScale::Classes(names) => self.draw_classes(&sheet, names),
             MapScale::Linear(label) => draw_bar(&sheet, label, range, None),
@@ -251,14 +257,14 @@ impl MapFigure {
         )?;
         let below = Pos::new(HPos::Center, VPos::Top);
         for (i, label) in labels(x) {
-            let x = left + (i as f64 + 0.5) * width;
+            let x = left + (i + 0.5) * width;
             sheet.line((x, bottom), (x, bottom + 4.0), FAINT, 1)?;
             sheet.text(&label, (x, bottom + 7.0), 14, below, false)?;
         }
         sheet.text(&self.x_label, (middle, bottom + 32.0), 16, below, false)?;
         let alignment = Pos::new(HPos::Right, VPos::Center);
         for (i, label) in labels(y) {
-            let y = bottom - (i as f64 + 0.5) * height;
+            let y = bottom - (i + 0.5) * height;
             sheet.line((left - 4.0, y), (left, y), FAINT, 1)?;
             sheet.text(&label, (left - 8.0, y), 14, alignment, false)?;
         }
@@ -314,12 +320,25 @@ fn draw_bar<B: DrawingBackend>(
     sheet.text(label, (88.0, top + 0.5 * height), 16, centre, true)
 }
 
-/// The labelled values of an axis with their indices: all, or every second, ...
-fn labels(values: &[f64]) -> impl Iterator<Item = (usize, String)> {
+/// Labels and their places, counted in cells: all values of a few, round numbers of many that are equally spaced.
+fn labels(values: &[f64]) -> Vec<(f64, String)> {
     let step = values.len().div_ceil(LABELS).max(1);
-    let named = values.iter().enumerate().step_by(step);
-    // Adding zero turns -0 into 0.
-    named.map(|(i, v)| (i, format!("{:.2}", v + 0.0)))
+    let plain = |(i, v): (usize, &f64)| {
+        // Adding zero turns -0 into 0.
+        let text = format!("{:.2}", v + 0.0);
+        let short = text.trim_end_matches('0').trim_end_matches('.').to_owned();
+        (i as f64, short)
+    };
+    if let (true, [first, second, .., last]) = (step > 1, values) {
+        let width = second - first;
+        let is_even = |w: &[f64]| (w[1] - w[0] - width).abs() < 1e-6 * width.abs();
+        if width > 0.0 && values.windows(2).all(is_even) {
+            let axis = Axis::linear(*first..*last, 6);
+            let place = |(v, text): (f64, String)| ((v - first) / width, text);
+            return axis.labels().map(place).collect();
+        }
+    }
+    values.iter().enumerate().step_by(step).map(plain).collect()
 }
 
 #[cfg(test)]
@@ -373,7 +392,7 @@ mod tests {
         let label = || MapScale::Logarithms("r [-]".into());
         let map = figure(label(), [1e-15, 1e-3, 1.0, 1.0, 0.1, 0.1]);
         assert_eq!(map.range(), (-8.0, 0.0));
-        for text in ["A map", "left", "r [-]", "1e-3", "1e0", "0.25", "-1.00"] {
+        for text in ["A map", "left", "r [-]", "1e-3", "1e0", "0.25", "-1\n"] {
             assert!(drawn(text) > 0, "no {text:?}");
         }
     }
@@ -403,7 +422,10 @@ mod tests {
             ..MapPanel::default()
         });
         let drawn = svg(&map);
-        assert!(drawn.contains("7.50") && drawn.contains("8.50"), "{drawn}");
+        assert!(
+            drawn.contains("7.5\n") && drawn.contains("8.5\n"),
+            "{drawn}"
+        );
     }
 
     #[test]
@@ -417,5 +439,22 @@ mod tests {
         svg(&figure(MapScale::Linear("T [s]".into()), [7.0; 6]));
         svg(&figure(MapScale::Linear("T [s]".into()), [f64::NAN; 6]));
         assert!(map.save(Path::new("/nowhere/map")).is_err());
+    }
+
+    #[test]
+    fn ticks_are_round_and_six_maps_fit_a_page() {
+        let grid: Vec<f64> = (0..75).map(|k| -4.2 + 0.15 * f64::from(k)).collect();
+        let texts: Vec<_> = labels(&grid).into_iter().map(|l| l.1).collect();
+        assert_eq!(texts, ["-4", "-2", "0", "2", "4", "6"]);
+        let at = labels(&grid)[2].0;
+        assert!(
+            (at - 28.0).abs() < 1e-9,
+            "zero is the 28th cell, not at {at}"
+        );
+        let few: Vec<_> = labels(&[0.35, 0.5, 1.0]).into_iter().map(|l| l.1).collect();
+        assert_eq!(few, ["0.35", "0.5", "1"]);
+        let mut six = figure(MapScale::Linear("w".into()), [0.0; 6]);
+        six.panels = vec![six.panels[0].clone(); 6];
+        assert!(six.size().0 < 1500, "{:?}", six.size());
     }
 }

@@ -2,6 +2,7 @@
 
 mod axis;
 mod canvas;
+mod dashes;
 mod map;
 mod plane;
 
@@ -41,6 +42,19 @@ pub struct Panel {
     pub log: bool,
     /// Horizontal lines with labels: limits.
     pub marks: Vec<(f64, String)>,
+    /// Single values: published ones, and those of categories, which no line joins.
+    pub dots: Vec<Dots>,
+}
+
+/// Single values, drawn as dots.
+#[derive(Debug, Clone, PartialEq, Default)]
+pub struct Dots {
+    /// Name in the legend.
+    pub name: String,
+    /// Points; non-finite ones are omitted.
+    pub points: Vec<(f64, f64)>,
+    /// Standard deviation of each point's y, drawn as a bar up and down; empty for none.
+    pub deviations: Vec<f64>,
 }
 
 /// A curve.
@@ -56,6 +70,8 @@ const WIDTH: u32 = 1000;
 const TITLE_HEIGHT: u32 = 48;
 const PANEL_HEIGHT: u32 = 300;
 const LEGEND_WIDTH: u32 = 190;
+/// Radius of a dot.
+const DOT: u32 = 4;
 const GRID: RGBColor = RGBColor(226, 226, 226);
 
 /// Okabe and Ito's palette, which colour-blind readers can distinguish, without yellow, which is hardly visible on white.
@@ -79,13 +95,16 @@ impl Figure {
     }
 
     fn x_range(&self) -> Range<f64> {
-        let points = self
-            .panels
-            .iter()
-            .flat_map(|p| &p.series)
-            .flat_map(|s| &s.points);
+        let lines = self.panels.iter().flat_map(|p| &p.series);
+        let mut points = lines.flat_map(|s| &s.points).peekable();
+        let is_lines = points.peek().is_some();
+        let dots = self.panels.iter().flat_map(|p| &p.dots);
+        let points = points.chain(dots.flat_map(|d| &d.points));
         let (low, high) = bounds(points.map(|p| p.0)).unwrap_or((0.0, 1.0));
-        if low < high {
+        if !is_lines && low < high {
+            // Room for dots at the ends.
+            low.floor() - 0.5..high.ceil() + 0.5
+        } else if low < high {
             low..high
         } else {
             low - 0.5..high + 0.5
@@ -147,7 +166,8 @@ impl Panel {
     fn y_range(&self) -> Range<f64> {
         let values = self.series.iter().flat_map(|s| &s.points).map(|p| p.1);
         let marks = self.marks.iter().map(|m| m.0);
-        let heights = values.chain(marks).map(|v| self.height(v));
+        let dots = self.dots.iter().flat_map(Dots::extent);
+        let heights = values.chain(marks).chain(dots).map(|v| self.height(v));
         let (low, high) = bounds(heights).unwrap_or((-1.0, 1.0));
         if self.log {
             let (low, high) = (low.floor(), high.ceil());
@@ -207,36 +227,96 @@ impl Panel {
             let style = FAINT.stroke_width(scale);
             chart.draw_series(DashedLineSeries::new(ends, dash, dash, style))?;
         }
-        for (i, series) in self.series.iter().enumerate() {
-            let points = series.points.iter().map(|&(x, y)| (x, self.height(y)));
-            let finite: Vec<_> = points
-                .filter(|p| p.0.is_finite() && p.1.is_finite())
-                .collect();
-            let (points, style) = (thinned(finite), line(i, scale));
-            if pen.discs {
-                let pairs = points
-                    .windows(2)
-                    .map(|p| PathElement::new(p.to_vec(), style));
-                chart.draw_series(pairs)?;
-                let discs = points
-                    .iter()
-                    .map(|&p| Circle::new(p, scale, style.filled()));
-                chart.draw_series(discs)?;
-            } else {
-                chart.draw_series(LineSeries::new(points, style))?;
+        let curves: Vec<Vec<_>> = (self.series.iter())
+            .map(|series| {
+                let points = series.points.iter().map(|&(x, y)| (x, self.height(y)));
+                thinned(
+                    points
+                        .filter(|p| p.0.is_finite() && p.1.is_finite())
+                        .collect(),
+                )
+            })
+            .collect();
+        // Units of length per unit of each axis.
+        let (columns, rows) = chart.plotting_area().dim_in_pixel();
+        let (ys, unit) = (self.y_range(), f64::from(scale));
+        let per_x = f64::from(columns) / (x.end - x.start) / unit;
+        let per_y = f64::from(rows) / (ys.end - ys.start) / unit;
+        let on_paper = |p: &(f64, f64)| (p.0 * per_x, p.1 * per_y);
+        let off_paper = |p: (f64, f64)| (p.0 / per_x, p.1 / per_y);
+        let drawn: Vec<Vec<_>> = (curves.iter())
+            .map(|curve| curve.iter().map(on_paper).collect())
+            .collect();
+        let patterns = dashes::patterns(&drawn);
+        for (i, (curve, drawn)) in curves.into_iter().zip(drawn).enumerate() {
+            let style = line(i, scale);
+            let pieces = match patterns[i] {
+                None => vec![curve],
+                Some(pattern) => (dashes::dashed(&drawn, pattern).into_iter())
+                    .map(|piece| piece.into_iter().map(off_paper).collect())
+                    .collect(),
+            };
+            for points in pieces {
+                if pen.discs {
+                    let pairs = points
+                        .windows(2)
+                        .map(|p| PathElement::new(p.to_vec(), style));
+                    chart.draw_series(pairs)?;
+                    let discs = points
+                        .iter()
+                        .map(|&p| Circle::new(p, scale, style.filled()));
+                    chart.draw_series(discs)?;
+                } else {
+                    chart.draw_series(LineSeries::new(points, style))?;
+                }
             }
         }
-        let names = self.series.iter().map(|s| s.name.as_str());
+        for (i, dots) in self.dots.iter().enumerate() {
+            let style = line(self.series.len() + i, scale);
+            for (k, &(x, y)) in dots.points.iter().enumerate() {
+                let bar = dots
+                    .deviations
+                    .get(k)
+                    .map(|d| [y - d, y + d].map(|y| (x, self.height(y))));
+                if let Some(bar) = bar.filter(|bar| bar.iter().all(|p| p.1.is_finite())) {
+                    chart.draw_series([PathElement::new(bar.to_vec(), style)])?;
+                }
+                let at = (x, self.height(y));
+                if at.0.is_finite() && at.1.is_finite() {
+                    chart.draw_series([Circle::new(at, DOT * scale, style.filled())])?;
+                }
+            }
+        }
+        let lines = self.series.iter().zip(&patterns);
+        let lines = lines.map(|(s, pattern)| (s.name.as_str(), Sign::Line(*pattern)));
+        let dots = self.dots.iter().map(|d| (d.name.as_str(), Sign::Dot));
         let marks = self.marks.iter().map(|(_, name)| name.as_str());
-        draw_legend(&legend, scale, names, marks)
+        draw_legend(&legend, scale, lines.chain(dots), marks)
     }
+}
+
+impl Dots {
+    /// Lowest and highest value, with the bars.
+    fn extent(&self) -> impl Iterator<Item = f64> {
+        let deviation = |k: usize| self.deviations.get(k).copied().unwrap_or(0.0);
+        let points = self.points.iter().enumerate();
+        points.flat_map(move |(k, p)| [p.1 - deviation(k), p.1 + deviation(k)])
+    }
+}
+
+/// How a curve is drawn, in the legend.
+#[derive(Clone, Copy)]
+enum Sign {
+    /// With dash and gap, or solid.
+    Line(Option<(f64, f64)>),
+    Dot,
 }
 
 /// Labels of curves and limits next to a plot, where they cover nothing.
 fn draw_legend<'a, B: DrawingBackend>(
     area: &DrawingArea<B, Shift>,
     scale: u32,
-    curves: impl Iterator<Item = &'a str>,
+    curves: impl Iterator<Item = (&'a str, Sign)>,
     marks: impl Iterator<Item = &'a str>,
 ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
     let style = (FONT, 15 * scale)
@@ -244,13 +324,25 @@ fn draw_legend<'a, B: DrawingBackend>(
         .color(&TEXT)
         .pos(Pos::new(HPos::Left, VPos::Center));
     let unit = scale as i32;
-    let curves = curves.enumerate().map(|(i, name)| (Some(i), name));
+    let curves = curves.enumerate();
+    let curves = curves.map(|(i, (name, sign))| (Some((i, sign)), name));
     let marks = marks.map(|name| (None, name));
     for (row, (curve, name)) in curves.chain(marks).enumerate() {
         let y = unit * (22 + 24 * row as i32);
         let ends = vec![(4 * unit, y), (30 * unit, y)];
         match curve {
-            Some(i) => area.draw(&PathElement::new(ends, line(i, scale)))?,
+            Some((i, Sign::Line(None))) => area.draw(&PathElement::new(ends, line(i, scale)))?,
+            Some((i, Sign::Line(Some(pattern)))) => {
+                let line_to = [(4.0, 0.0), (30.0, 0.0)];
+                for dash in dashes::dashed(&line_to, pattern) {
+                    let ends = dash.iter().map(|p| ((p.0 * f64::from(unit)) as i32, y));
+                    area.draw(&PathElement::new(ends.collect::<Vec<_>>(), line(i, scale)))?;
+                }
+            }
+            Some((i, Sign::Dot)) => {
+                let style = line(i, scale).filled();
+                area.draw(&Circle::new((17 * unit, y), DOT * scale, style))?;
+            }
             None => {
                 for x in [4, 14, 24] {
                     let dash = vec![(x * unit, y), ((x + 6) * unit, y)];
@@ -321,6 +413,11 @@ mod tests {
             }],
             log,
             marks: vec![(0.01, "1 cm".into())],
+            dots: vec![Dots {
+                name: "printed".into(),
+                points: vec![(1.0, 2.0), (2.0, f64::NAN)],
+                deviations: vec![3.0],
+            }],
         };
         let figure = Figure {
             title: "All kinds".into(),
@@ -343,7 +440,14 @@ mod tests {
         let [svg, png] = figure.save(&dir.path().join("picture")).unwrap();
         let svg = std::fs::read_to_string(svg).unwrap();
         // Letters and ticks are drawn, so the font was found.
-        for text in ["All kinds", "time [s]", "value [m]", "curve", "1e-3"] {
+        for text in [
+            "All kinds",
+            "time [s]",
+            "value [m]",
+            "curve",
+            "printed",
+            "1e-3",
+        ] {
             assert!(svg.contains(text), "no {text:?}");
         }
         let png = std::fs::read(png).unwrap();

@@ -7,8 +7,8 @@ use std::path::{Path, PathBuf};
 
 use super::canvas::{self, Drawing, FAINT, FONT, Pen, TEXT};
 use super::{
-    Axis, ChartError, GRID, LEGEND_WIDTH, Series, TITLE_HEIGHT, bounds, draw_legend, draw_title,
-    line,
+    Axis, ChartError, GRID, LEGEND_WIDTH, Series, Sign, TITLE_HEIGHT, bounds, dashes, draw_legend,
+    draw_title, line,
 };
 
 /// A figure of curves in a plane. Points are joined in their order.
@@ -84,19 +84,36 @@ impl Drawing for PlaneFigure {
             .x_desc(&self.x_label)
             .y_desc(&self.y_label)
             .draw()?;
-        for (i, series) in self.series.iter().enumerate() {
+        // Units of length per unit of the axes.
+        let [across, _] = self.ranges();
+        let (columns, _) = chart.plotting_area().dim_in_pixel();
+        let unit = f64::from(columns) / (across.end - across.start) / f64::from(scale);
+        let drawn: Vec<Vec<_>> = (self.series.iter())
+            .map(|s| s.points.iter().map(|p| (p.0 * unit, p.1 * unit)).collect())
+            .collect();
+        let patterns = dashes::patterns(&drawn);
+        for (i, (series, drawn)) in self.series.iter().zip(drawn).enumerate() {
             let style = line(i, scale);
-            let finite = |p: &&(f64, f64)| p.0.is_finite() && p.1.is_finite();
-            let pairs = series.points.windows(2);
-            let pairs = pairs.filter(|pair| pair.iter().all(|p| finite(&p)));
-            chart.draw_series(pairs.map(|p| PathElement::new(p.to_vec(), style)))?;
-            if pen.discs {
-                let discs = series.points.iter().filter(finite);
-                chart.draw_series(discs.map(|&p| Circle::new(p, scale, style.filled())))?;
+            let pieces = match patterns[i] {
+                None => vec![series.points.clone()],
+                Some(pattern) => (dashes::dashed(&drawn, pattern).into_iter())
+                    .map(|piece| piece.iter().map(|p| (p.0 / unit, p.1 / unit)).collect())
+                    .collect(),
+            };
+            for points in pieces {
+                let finite = |p: &&(f64, f64)| p.0.is_finite() && p.1.is_finite();
+                let pairs = points.windows(2);
+                let pairs = pairs.filter(|pair| pair.iter().all(|p| finite(&p)));
+                chart.draw_series(pairs.map(|p| PathElement::new(p.to_vec(), style)))?;
+                if pen.discs {
+                    let discs = points.iter().filter(finite);
+                    chart.draw_series(discs.map(|&p| Circle::new(p, scale, style.filled())))?;
+                }
             }
         }
-        let names = self.series.iter().map(|s| s.name.as_str());
-        draw_legend(&legend, scale, names, [].into_iter())
+        let lines = self.series.iter().zip(&patterns);
+        let lines = lines.map(|(s, pattern)| (s.name.as_str(), Sign::Line(*pattern)));
+        draw_legend(&legend, scale, lines, [].into_iter())
     }
 }
 

@@ -1,6 +1,6 @@
 //! Observations from CSV tables: `t,id,u,v` or `t,wx,wy,wz`, as named by the first line.
 
-use std::{collections::BTreeMap, fs::File, io::Read, path::Path};
+use std::{collections::BTreeMap, io::Read, path::Path};
 
 use ::csv::{ReaderBuilder, StringRecord, Trim};
 use nalgebra::Vector3;
@@ -8,6 +8,7 @@ use nalgebra::Vector3;
 use super::{Observations, ObservedTracks};
 use crate::{
     estimation::Tracks,
+    input_file::{self, LARGEST_CSV},
     vision::{Feature, FeatureFrame},
 };
 
@@ -23,7 +24,7 @@ const COLUMNS: &str = "its first line must name the columns: t,id,u,v for featur
 /// A line that names file, line and column.
 pub(super) fn read(path: &Path) -> Result<Observations, String> {
     let at = |e: String| format!("{}: {e}", path.display());
-    let file = File::open(path).map_err(|e| at(format!("cannot be read: {e}")))?;
+    let file = input_file::open(path, LARGEST_CSV).map_err(|e| e.to_string())?;
     parse(file).map_err(at)
 }
 

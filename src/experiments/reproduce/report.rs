@@ -19,6 +19,8 @@ pub struct Row {
     pub tolerance: Option<f64>,
     /// Whether the result is reproduced.
     pub passed: bool,
+    /// Whether the source prints no number for it, so that quantity and limit are ours.
+    pub own_claim: bool,
 }
 
 /// A published result compared with the computed one: table, pictures, verdict.
@@ -98,6 +100,7 @@ impl Report {
             computed,
             tolerance,
             passed,
+            own_claim: published.is_none(),
         });
     }
 
@@ -137,8 +140,18 @@ impl Report {
             0 => "reproduced".to_owned(),
             n => format!("not reproduced: {n} of {} rows differ", self.rows.len()),
         };
-        let _ = writeln!(out, "\n  {verdict}");
+        let _ = writeln!(out, "\n  {verdict}; {}", self.claims());
         out
+    }
+
+    /// How many rows compare with a published number.
+    fn claims(&self) -> String {
+        let own = self.rows.iter().filter(|row| row.own_claim).count();
+        let published = self.rows.len() - own;
+        match own {
+            0 => format!("{published} published numbers"),
+            own => format!("{published} published numbers, {own} claims of our own"),
+        }
     }
 
     /// Writes the pictures (SVG and PNG) and the table (`NAME.md`, `NAME.csv`) into an existing folder; returns
@@ -169,15 +182,15 @@ impl Report {
     }
 
     fn csv(&self) -> String {
-        let mut out = "quantity,published,computed,tolerance,passed\n".to_owned();
+        let mut out = "quantity,published,computed,tolerance,passed,own_claim\n".to_owned();
         let number = |x: Option<f64>| x.map_or_else(String::new, |x| x.to_string());
         for row in &self.rows {
             let quantity = row.quantity.replace('"', "\"\"");
             let (published, tolerance) = (number(row.published), number(row.tolerance));
-            let (computed, passed) = (row.computed, row.passed);
+            let (computed, passed, own) = (row.computed, row.passed, row.own_claim);
             let _ = writeln!(
                 out,
-                "\"{quantity}\",{published},{computed},{tolerance},{passed}"
+                "\"{quantity}\",{published},{computed},{tolerance},{passed},{own}"
             );
         }
         out
@@ -190,6 +203,7 @@ impl Report {
         for row in &self.rows {
             let _ = writeln!(out, "| {} |", row.cells().join(" | "));
         }
+        let _ = writeln!(out, "\n{}", self.claims());
         for listing in &self.listings {
             let _ = writeln!(out, "\n```\n{}\n```", listing.trim_end());
         }
@@ -228,7 +242,7 @@ impl Row {
         };
         [
             self.quantity.clone(),
-            self.published.map_or_else(String::new, value),
+            (self.published).map_or_else(|| "own claim".to_owned(), value),
             value(self.computed),
             self.tolerance.map_or_else(String::new, tolerance),
             if self.passed { "ok" } else { "DIFFERS" }.to_owned(),

@@ -9,7 +9,7 @@ use crate::experiments::masutani_ch8::{
     ARRIVED, Attempt, Base, CROSSOVER, EXPERIMENTS, PUBLISHED, START, attempt, planar_model,
     planar_posture, targets,
 };
-use crate::experiments::{Figure, MapFigure, MapPanel, MapScale, Panel, PlaneFigure, Series};
+use crate::experiments::{Dots, Figure, MapFigure, MapPanel, MapScale, Panel, PlaneFigure, Series};
 
 /// The experiments of the table below Fig. 8.7, named with letters that the font of the pictures has.
 const NAMES: [&str; 6] = [
@@ -87,18 +87,22 @@ pub(super) fn fig_8_7(mut report: Report) -> Report {
          operator's feeling, which the model does not have. Its standard deviations are over targets only; a person's are \
          over tries too."
     ));
-    let series = |figure: &[Vec<f64>; 6]| -> Vec<Series> {
-        let points = |values: &[f64]| (1..).map(f64::from).zip(values.iter().copied()).collect();
-        let named = NAMES.iter().zip(figure);
-        let series = named.map(|(name, values)| Series {
-            name: (*name).to_owned(),
-            points: points(values),
+    // The targets are categories, so no line joins them; the methods are side by side at each.
+    let dots = |figure: &[Vec<f64>; 6]| -> Vec<Dots> {
+        let methods = (0..).map(f64::from).zip(NAMES).zip(figure);
+        let dots = methods.map(|((method, name), values)| {
+            let targets = (1..).map(|target| f64::from(target) + 0.1 * (method - 2.5));
+            Dots {
+                name: name.to_owned(),
+                points: targets.zip(values.iter().copied()).collect(),
+                deviations: Vec::new(),
+            }
         });
-        series.collect()
+        dots.collect()
     };
     let panel = |label: &str, figure: &[Vec<f64>; 6]| Panel {
         y_label: label.to_owned(),
-        series: series(figure),
+        dots: dots(figure),
         ..Panel::default()
     };
     let figure = Figure {
@@ -110,6 +114,30 @@ pub(super) fn fig_8_7(mut report: Report) -> Report {
         ],
     };
     report.figures.push(("masutani-fig-8.7".to_owned(), figure));
+    let summary = |name: &str, shift: f64, values: [(f64, f64); 6]| Dots {
+        name: name.to_owned(),
+        points: (1..)
+            .map(|method| f64::from(method) + shift)
+            .zip(values.map(|v| v.0))
+            .collect(),
+        deviations: values.map(|v| v.1).to_vec(),
+    };
+    let computed = std::array::from_fn(|e| (means[e], deviation(&times[e])));
+    let summary = Figure {
+        title: "Masutani 1995 Fig. 8.7: mean times and standard deviations".to_owned(),
+        x_label: "method, in the order of the table".to_owned(),
+        panels: vec![Panel {
+            y_label: "time [s]".to_owned(),
+            dots: vec![
+                summary("published", -0.1, PUBLISHED),
+                summary("computed", 0.1, computed),
+            ],
+            ..Panel::default()
+        }],
+    };
+    report
+        .figures
+        .push(("masutani-fig-8.7-means".to_owned(), summary));
     let paths = PlaneFigure {
         title: "Paths of the tip to one of the targets, base side".to_owned(),
         x_label: "y [m]".to_owned(),

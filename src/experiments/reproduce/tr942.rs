@@ -3,7 +3,7 @@
 use super::Report;
 use crate::dynamics::{Formulation, Tableau};
 use crate::experiments::tr942::{MatrixRun, Run, chain as example_1, pantograph as example_2};
-use crate::experiments::{Figure, Panel, Series};
+use crate::experiments::{Dots, Figure, Panel, Series};
 
 /// Tolerance for Kane's method, with which the eight printed digits were computed.
 const DIGITS_OF_ANGLES: f64 = 2e-7;
@@ -69,17 +69,16 @@ pub(super) fn chain(mut report: Report) -> Report {
         let rows = example_1::PRINTED.iter();
         rows.map(|row| (row.time, row.theta[joint])).collect()
     };
+    let printed = names.map(|(name, joint)| dots(name, printed(joint)));
     report.figures = vec![
         (
             "tr942-fig-3.2.3".to_owned(),
-            figure("TR-942 Fig. 3.2.3: hinge angles", "angle [rad]", {
-                let mut series = curves.angles(&names);
-                series.extend(names.map(|(name, joint)| Series {
-                    name: format!("{name}, printed"),
-                    points: printed(joint),
-                }));
-                series
-            }),
+            figure(
+                "TR-942 Fig. 3.2.3: hinge angles",
+                "angle [rad]",
+                curves.angles(&names),
+                printed.to_vec(),
+            ),
         ),
         (
             "tr942-fig-3.2.4".to_owned(),
@@ -87,6 +86,7 @@ pub(super) fn chain(mut report: Report) -> Report {
                 "TR-942 Fig. 3.2.4: hinge rates",
                 "rate [rad/s]",
                 curves.rates(&names),
+                Vec::new(),
             ),
         ),
     ];
@@ -168,6 +168,14 @@ pub(super) fn pantograph(mut report: Report) -> Report {
          depends on where the steps meet the singular states (1.6e-6 rad at half the step).",
     );
     let (angles, rates) = unfolding();
+    let printed = |name: &str, value: &dyn Fn(&example_2::Printed) -> f64| {
+        let rows = example_2::PRINTED.iter();
+        dots(name, rows.map(|row| (row.time, value(row))).collect())
+    };
+    let printed_angles: [_; 3] =
+        std::array::from_fn(|i| printed(["θ2", "θ3", "θ5"][i], &|row| row.angles[i]));
+    let printed_rates: [_; 2] =
+        std::array::from_fn(|i| printed(["θ3", "θ5"][i], &|row| row.rates[i]));
     report.figures = vec![
         (
             "tr942-fig-3.3.3".to_owned(),
@@ -175,6 +183,7 @@ pub(super) fn pantograph(mut report: Report) -> Report {
                 "TR-942 Fig. 3.3.3, to 40 s: hinge angles",
                 "angle [rad]",
                 angles,
+                printed_angles.to_vec(),
             ),
         ),
         (
@@ -183,6 +192,7 @@ pub(super) fn pantograph(mut report: Report) -> Report {
                 "TR-942 Fig. 3.3.4, to 40 s: hinge rates",
                 "rate [rad/s]",
                 rates,
+                printed_rates.to_vec(),
             ),
         ),
     ];
@@ -214,13 +224,23 @@ fn unfolding() -> (Vec<Series>, Vec<Series>) {
     (angles, rates)
 }
 
-fn figure(title: &str, y_label: &str, series: Vec<Series>) -> Figure {
+/// The printed values of a hinge.
+fn dots(name: &str, points: Vec<(f64, f64)>) -> Dots {
+    Dots {
+        name: format!("{name}, printed"),
+        points,
+        deviations: Vec::new(),
+    }
+}
+
+fn figure(title: &str, y_label: &str, series: Vec<Series>, dots: Vec<Dots>) -> Figure {
     Figure {
         title: title.to_owned(),
         x_label: "time [s]".to_owned(),
         panels: vec![Panel {
             y_label: y_label.to_owned(),
             series,
+            dots,
             ..Panel::default()
         }],
     }

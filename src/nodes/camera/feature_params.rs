@@ -179,12 +179,16 @@ impl FeatureParams {
     }
 }
 
+/// Largest STL file \[bytes\].
+const LARGEST_MESH: u64 = 256 << 20;
+
 /// The vertices of an STL file, without duplicates.
 fn vertices(name: &str) -> Result<Vec<Vector3<f64>>, String> {
-    let path = resource::resolve(name)?;
-    let at = |e: std::io::Error| format!("{}: cannot be read as STL: {e}", path.display());
-    let mut file = std::fs::File::open(&path).map_err(at)?;
-    let mesh = stl_io::read_stl(&mut file).map_err(at)?;
+    let found = resource::resolve(name)?;
+    let path = found.path();
+    let mut file = std::io::Cursor::new(found.bytes(LARGEST_MESH)?);
+    let mesh = stl_io::read_stl(&mut file)
+        .map_err(|e| format!("{}: cannot be read as STL: {e}", path.display()))?;
     let vertices = mesh.vertices.iter();
     let vertices: Vec<_> = vertices
         .map(|v| Vector3::from(v.0.map(f64::from)))

@@ -27,19 +27,23 @@ impl CommandArbiter {
         }
     }
 
-    /// Decides whether a valid command of `publisher` may act. `is_present` says whether a publisher is still in the
-    /// graph.
+    /// Decides whether a valid command of `publisher` may act; if so, it holds the robot. `is_present` says whether a
+    /// publisher is still in the graph.
     pub fn admit(&mut self, publisher: Gid, is_present: impl Fn(Gid) -> bool) -> bool {
-        if let Some(holder) = self.holder
-            && holder != publisher
-            && self.last_command.elapsed() <= self.timeout
-            && is_present(holder)
-        {
+        if !self.is_free_for(publisher, is_present) {
             return false;
         }
         self.holder = Some(publisher);
         self.last_command = Instant::now();
         true
+    }
+
+    /// Whether a command of `publisher` would be admitted.
+    pub fn is_free_for(&self, publisher: Gid, is_present: impl Fn(Gid) -> bool) -> bool {
+        let Some(holder) = self.holder else {
+            return true;
+        };
+        holder == publisher || self.last_command.elapsed() > self.timeout || !is_present(holder)
     }
 
     /// The publisher that holds the robot.

@@ -35,6 +35,10 @@ pub struct CommandHandler {
     last_command: Option<f64>,
     refused: u64,
     refused_at: Option<Instant>,
+    /// Why the last command was refused, if none has acted since.
+    refusal: Option<String>,
+    /// Lockstep: the last refused command that answers the present state, of a publisher that may yet get the robot.
+    set_aside: Option<Received<JointState>>,
 }
 
 impl CommandHandler {
@@ -44,6 +48,8 @@ impl CommandHandler {
     /// When the node cannot subscribe.
     pub fn new(node: &Node, params: &DynamicsParams) -> Result<Self, NodeError> {
         let commands = topics::JOINT_COMMANDS.subscribe(node)?;
+        // Messages of one publisher must not crowd out those of another.
+        commands.separate_publishers();
         let mut status = StepStatus::new(node.diagnostics().status("commands"));
         status.warn(format!(
             "no command has arrived on {} yet",
@@ -64,46 +70,68 @@ impl CommandHandler {
             last_command: None,
             refused: 0,
             refused_at: None,
+            refusal: None,
+            set_aside: None,
         })
     }
 
     /// The next received command that may act at the simulated time `now` \[s\]. Commands that answer a state of the
     /// previous run are dropped; in lockstep also those that arrive after the answer to the present state.
-    pub fn next(&self, now: f64) -> Option<Received<JointState>> {
+    pub fn next(&mut self, now: f64) -> Option<Received<JointState>> {
         let now = Time::from_secs_f64(now);
         let is_late = |command: &Received<JointState>| {
             self.responses.is_of_previous_run(stamp_of(command), now)
                 || (self.lockstep && self.responses.is_answered())
         };
-        loop {
-            let command = self.commands.take()?;
+        while let Some(command) = self.commands.take() {
             if !is_late(&command) {
                 return Some(command);
             }
         }
+        let is_present = |publisher| self.commands.is_matched(publisher);
+        self.set_aside.take_if(|command| {
+            stamp_of(command) != now || self.arbiter.is_free_for(command.publisher, is_present)
+        })
     }
 
-    /// Applies a command to the world at its present time, or refuses it. Returns whether it acts.
-    pub fn apply(&mut self, received: &Received<JointState>, world: &mut World) -> bool {
-        let command = match self.reader.read(&received.message, world.robot.model()) {
-            Ok(command) => command,
-            Err(problem) => {
-                self.refuse(&format!("it {problem}"));
-                return false;
-            }
-        };
-        let is_present = |publisher| self.commands.is_matched(publisher);
-        if !self.arbiter.admit(received.publisher, is_present) {
-            self.refuse(&self.not_admitted(received.publisher));
+    /// Decides whether a command may act on the world: whether it is valid, and from the publisher that holds the robot.
+    /// Otherwise it is refused.
+    pub fn admit(&mut self, received: &Received<JointState>, world: &World) -> bool {
+        if let Err(problem) = (self.reader).read(&received.message, world.robot.model()) {
+            self.refuse(format!("it {problem}"));
             return false;
         }
-        let (cut, limit) = match command.kind {
-            CommandKind::Effort => (world.hold_efforts(command.values()), "an effort"),
-            CommandKind::Rate => (world.drive_rates(command.values()), "a velocity"),
+        let is_present = |publisher| self.commands.is_matched(publisher);
+        if !self.arbiter.admit(received.publisher, is_present) {
+            self.refuse(self.not_admitted(received.publisher));
+            // Its publisher has answered this state and will not do so again.
+            if self.lockstep && stamp_of(received) == Time::from_secs_f64(world.time()) {
+                self.set_aside = Some(received.clone());
+            }
+            return false;
+        }
+        true
+    }
+
+    /// Applies an admitted command to the world at its present time.
+    pub fn apply(&mut self, received: &Received<JointState>, world: &mut World) {
+        let Ok(command) = self.reader.read(&received.message, world.robot.model()) else {
+            return;
         };
         let now = world.time();
+        let (stamp, time) = (stamp_of(received), Time::from_secs_f64(now));
+        let (cut, limit) = match command.kind {
+            CommandKind::Effort => {
+                self.responses.record(stamp, time);
+                (world.hold_efforts(command.values()), "an effort")
+            }
+            CommandKind::Rate => {
+                self.responses.record_rates(stamp, time);
+                (world.drive_rates(command.values()), "a velocity")
+            }
+        };
         self.last_command = Some(now);
-        (self.responses).record(stamp_of(received), Time::from_secs_f64(now));
+        self.refusal = None;
         if cut {
             self.status.warn(format!(
                 "the last command exceeds {limit} limit and was cut"
@@ -114,7 +142,22 @@ impl CommandHandler {
         {
             self.status.ok("obeying joint_commands");
         }
-        true
+    }
+
+    /// What is known about a command that does not arrive.
+    pub fn waits_for(&self) -> String {
+        let topic = self.commands.topic();
+        match (&self.refusal, self.arbiter.holder()) {
+            (Some(refusal), _) => format!("the last one on {topic} was refused, {refusal}"),
+            (None, None) => format!("none has arrived on {topic}"),
+            (None, Some(holder)) => {
+                let name = self.node.owner_of(holder);
+                match self.commands.is_matched(holder) {
+                    true => format!("{name} has stopped sending on {topic}; is it active?"),
+                    false => format!("{name}, which commanded the robot, has left the graph"),
+                }
+            }
+        }
     }
 
     /// Why a valid command of this publisher is refused.
@@ -128,10 +171,11 @@ impl CommandHandler {
         )
     }
 
-    fn refuse(&mut self, problem: &str) {
+    fn refuse(&mut self, problem: String) {
         self.refused += 1;
         self.refused_at = Some(Instant::now());
         let message = format!("{}: refused, {problem}", self.commands.topic());
+        self.refusal = Some(problem);
         if self.refused == 1 {
             tracing::warn!("{message}");
         }
@@ -159,12 +203,6 @@ impl CommandHandler {
         }
     }
 
-    /// The robot's state was no longer finite and has been replaced.
-    pub fn report_failure(&mut self, problem: &str) {
-        tracing::error!("{problem}; the robot stays as it was, efforts are zero");
-        self.status.error(format!("{problem}; efforts are zero"));
-    }
-
     /// The state of the simulated time `now` \[s\] is published and waits for a response.
     pub fn expect_response(&mut self, now: f64) {
         self.responses.expect(Time::from_secs_f64(now));
@@ -185,8 +223,14 @@ impl CommandHandler {
         self.responses.is_due()
     }
 
+    /// Number of states without an answer from a commander that answers states.
+    pub fn unanswered(&self) -> u64 {
+        self.responses.unanswered()
+    }
+
     /// Drops the commands that wait.
-    pub fn discard(&self) {
+    pub fn discard(&mut self) {
+        self.set_aside = None;
         while self.commands.take().is_some() {}
     }
 

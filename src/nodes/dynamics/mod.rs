@@ -27,6 +27,7 @@
 mod clock;
 mod command_arbiter;
 mod command_handling;
+mod divergence;
 mod imu;
 mod joint_command;
 mod joint_drive;
@@ -59,7 +60,7 @@ use simulation::Simulation;
 /// The node's program.
 ///
 /// # Errors
-/// For wrong parameters or descriptions, when DDS refuses, or when a target's state is no longer finite.
+/// For wrong parameters or descriptions, or when DDS refuses.
 pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut declare = node.declare();
     let params = DynamicsParams::declare(&mut declare);
@@ -79,8 +80,8 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     while node.ok() {
         lifecycle.follow(|transition| follow(transition, &mut simulation));
         match &mut simulation {
-            Some(simulation) if lifecycle.is_active() => simulation.run_once()?,
-            Some(simulation) => simulation.idle()?,
+            Some(simulation) if lifecycle.is_active() => simulation.run_once(),
+            Some(simulation) => simulation.idle(),
             None => {
                 node.wait();
             }
@@ -97,7 +98,7 @@ fn follow<'a>(
 ) -> Result<(), NodeError> {
     match (transition, simulation) {
         (Transition::Configure, simulation) => *simulation = Some(new()?),
-        (Transition::Activate, Some(simulation)) => simulation.publish()?,
+        (Transition::Activate, Some(simulation)) => simulation.publish(),
         (Transition::Deactivate, Some(simulation)) => simulation.deactivate(),
         (Transition::CleanUp | Transition::Shutdown, simulation) => *simulation = None,
         (_, None) => {}

@@ -152,12 +152,8 @@ impl Outputs {
             .publish(&self.frames.static_transforms(&world.targets));
     }
 
-    /// Publishes the world as it is. A state that is not finite is not published: it is an error.
-    ///
-    /// # Errors
-    /// As [`World::check_finite`].
-    pub fn publish(&mut self, world: &mut World) -> Result<(), NodeError> {
-        world.check_finite().map_err(NodeError::Failed)?;
+    /// Publishes the world as it is.
+    pub fn publish(&mut self, world: &mut World) {
         self.is_outdated = false;
         let stamp = Time::from_secs_f64(world.time());
         self.time.drive(stamp);
@@ -177,7 +173,6 @@ impl Outputs {
             .publish(|message| update_imu(message, stamp, world));
         self.tf
             .publish(|message| self.frames.update_transforms(message, stamp, world));
-        Ok(())
     }
 }
 

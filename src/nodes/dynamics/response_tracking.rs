@@ -29,6 +29,8 @@ pub struct ResponseTracker {
     needed: u32,
     /// Consecutive states with a response.
     in_a_row: u32,
+    /// States that were followed by the next one while their response was due.
+    unanswered: u64,
     /// The last states of the previous run, before time was reset.
     previous_run: Vec<Time>,
 }
@@ -42,6 +44,7 @@ impl Default for ResponseTracker {
             responses: 0,
             needed: 1,
             in_a_row: 0,
+            unanswered: 0,
             previous_run: Vec::new(),
         }
     }
@@ -53,6 +56,7 @@ impl ResponseTracker {
         if self.is_due() {
             self.responses = 0;
             self.needed = self.needed.saturating_mul(2);
+            self.unanswered += 1;
         }
         self.in_a_row = match self.newest_has_response() {
             true => self.in_a_row + 1,
@@ -99,6 +103,18 @@ impl ResponseTracker {
         self.is_answered = command == now;
     }
 
+    /// A command of rates with this stamp acts from `now` on. No response is due after it: the servo in the drives, not the
+    /// commander, keeps the motion stable, and an operator commands at any rate.
+    pub fn record_rates(&mut self, command: Time, now: Time) {
+        self.responses = 0;
+        self.is_answered = command == now;
+    }
+
+    /// Number of states whose response was due but did not arrive before the next state.
+    pub fn unanswered(&self) -> u64 {
+        self.unanswered
+    }
+
     /// Whether a command has answered the present state since it was published last (lockstep).
     pub fn is_answered(&self) -> bool {
         self.is_answered
@@ -142,6 +158,8 @@ mod tests {
         assert!(!tracker.is_due());
         tracker.expect(state(5));
         assert!(tracker.is_due());
+        tracker.expect(state(6));
+        assert_eq!(tracker.unanswered(), 1);
     }
 
     /// Number of states of a thousand that are waited for in vain if a commander answers one in `every`.
@@ -162,6 +180,25 @@ mod tests {
         assert_eq!(waits_in_vain(1), 0);
         assert_eq!(waits_in_vain(2), 8);
         assert_eq!(waits_in_vain(10), 6);
+    }
+
+    // Would break if time waited for an operator, whose commands carry the stamps of some states.
+    #[test]
+    fn commands_of_rates_are_not_waited_for_at_any_rate() {
+        for every in [1, 2, 3, 5, 10] {
+            let mut tracker = ResponseTracker::default();
+            tracker.expect(state(0));
+            record(&mut tracker, 0);
+            tracker.record_rates(state(0), state(0));
+            for i in 1..1000 {
+                tracker.expect(state(i));
+                if i % every == 0 {
+                    tracker.record_rates(state(i), state(i));
+                }
+                assert!(!tracker.is_due());
+            }
+            assert_eq!(tracker.unanswered(), 0);
+        }
     }
 
     #[test]

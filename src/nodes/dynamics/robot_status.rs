@@ -1,4 +1,4 @@
-//! Diagnostics of the robot: joint limits and closed loops.
+//! Diagnostics of the robot: divergence, joint limits and closed loops.
 
 use std::time::{Duration, Instant};
 
@@ -15,8 +15,15 @@ const LARGEST_GAP: f64 = 1e-6;
 /// Shortest time between two reports of the gaps' values. Diagnostics are published once a second.
 const GAPS_PERIOD: Duration = Duration::from_millis(500);
 
-/// The statuses `limits` and, with closed loops, `loop closures`.
+/// Shortest time between two log messages about a divergence.
+const LOG_PERIOD: Duration = Duration::from_secs(10);
+
+/// The statuses `motion`, `limits` and, with closed loops, `loop closures`.
 pub struct RobotStatus {
+    motion: StepStatus,
+    /// How often a body was restored after its motion had diverged.
+    restored: u64,
+    logged: Option<Instant>,
     limits: StepStatus,
     loops: Option<StepStatus>,
     /// Time of the next report of the gaps' values.
@@ -28,10 +35,31 @@ impl RobotStatus {
     pub fn new(node: &Node, params: &DynamicsParams) -> Self {
         let status = |name| StepStatus::new(node.diagnostics().status(name));
         Self {
+            motion: status("motion"),
+            restored: 0,
+            logged: None,
             limits: status("limits"),
             loops: (!params.loop_closures.is_empty()).then(|| status("loop closures")),
             gaps_due: Instant::now(),
         }
+    }
+
+    /// Reports the outcome of a step: why a body was restored, if one was.
+    pub fn stepped(&mut self, outcome: Result<(), String>) {
+        let Err(problem) = outcome else {
+            self.motion.ok("finite");
+            return;
+        };
+        let text = format!(
+            "{problem}. It is stopped in its last state; efforts are zero until the next command"
+        );
+        self.restored += 1;
+        if self.logged.is_none_or(|at| at.elapsed() > LOG_PERIOD) {
+            tracing::error!("{text}");
+            self.logged = Some(Instant::now());
+        }
+        self.motion.error(text);
+        self.motion.set("restored", self.restored);
     }
 
     /// Reports the present state of the robot.

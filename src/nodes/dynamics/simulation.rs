@@ -17,6 +17,9 @@ use crate::ros::{Lifecycle, Node, NodeError, Time};
 /// How often the present state is published again while time stands still: a peer may have joined late.
 const REPUBLISH_PERIOD: Duration = Duration::from_millis(100);
 
+/// Most commands that are handled before time and service calls are looked at again.
+const MAX_COMMANDS: usize = 256;
+
 /// The world, its clock, and what connects it to the graph.
 ///
 /// Services access its parts only between steps (`services`).
@@ -50,7 +53,7 @@ impl<'a> Simulation<'a> {
         Ok(Self {
             commands: CommandHandler::new(node, params)?,
             outputs: Outputs::new(node, &world, &params.robot.xml)?,
-            services: Services::new(node)?,
+            services: Services::new(node, &params.resource_folders)?,
             steps: StepRequests::new(node)?,
             clock: SimulationClock::new(params),
             time_status: TimeStatus::new(node, params),
@@ -63,19 +66,13 @@ impl<'a> Simulation<'a> {
     }
 
     /// Publishes the world as it is.
-    ///
-    /// # Errors
-    /// When the state is no longer finite.
-    pub fn publish(&mut self) -> Result<(), NodeError> {
-        self.outputs.publish(&mut self.world)
+    pub fn publish(&mut self) {
+        self.outputs.publish(&mut self.world);
     }
 
     /// Advances to the next state, or waits until time may advance. Answers service calls meanwhile. Returns early when
     /// the node stops or a transition of its lifecycle is requested.
-    ///
-    /// # Errors
-    /// When the state is no longer finite.
-    pub fn run_once(&mut self) -> Result<(), NodeError> {
+    pub fn run_once(&mut self) {
         if self.clock.phase() == Phase::Playing && self.clock.is_over(self.world.time()) {
             self.clock.set_phase(Phase::Paused);
             self.time_status.is_over(self.clock.duration());
@@ -88,8 +85,11 @@ impl<'a> Simulation<'a> {
             });
         }
         if !self.clock.is_released() && !self.steps.is_pending() {
-            self.time_status.is_held();
+            let since = Instant::now();
+            self.time_status.begin_wait();
             return self.wait_until(|s| {
+                let seconds = long_wait(since).unwrap_or(0);
+                s.time_status.is_held(seconds, &s.commands.waits_for());
                 s.take_commands(f64::NEG_INFINITY);
                 s.clock.is_released() || !s.may_advance() || s.steps.is_pending()
             });
@@ -97,29 +97,24 @@ impl<'a> Simulation<'a> {
         self.clock.run(self.world.time());
         if self.params.lockstep {
             self.time_status.in_lockstep();
-            self.wait_for_response()?;
-            self.wait_for_pace()?;
+            self.wait_for_response();
+            self.wait_for_pace();
         } else {
-            self.wait_for_tick()?;
+            self.wait_for_tick();
         }
         // A service call may have paused, changed or restarted the simulation meanwhile.
         if self.is_advancing() && self.commands.may_advance() && self.node.ok() {
-            self.tick()?;
+            self.tick();
         }
-        Ok(())
     }
 
     /// Answers service calls while the node is not active. Nothing is simulated.
-    ///
-    /// # Errors
-    /// When the state is no longer finite.
-    pub fn idle(&mut self) -> Result<(), NodeError> {
+    pub fn idle(&mut self) {
         self.clock.interrupt();
-        services::answer_calls(self)?;
+        services::answer_calls(self);
         self.commands.discard();
         self.time_status.is_inactive();
         self.node.wait_for(REPUBLISH_PERIOD);
-        Ok(())
     }
 
     /// The node is deactivated: the robot is halted, and requested steps end.
@@ -134,8 +129,11 @@ impl<'a> Simulation<'a> {
         self.lifecycle.is_active()
     }
 
-    /// Time stands still from now on.
+    /// Time stands still from now on: at a tick, so that later steps are whole ones.
     pub(super) fn pause(&mut self, phase: Phase) {
+        if self.world.is_between_ticks() {
+            self.step_to_tick();
+        }
         self.clock.set_phase(phase);
         self.time_status.stands_still(phase);
     }
@@ -161,86 +159,98 @@ impl<'a> Simulation<'a> {
     /// Applies the commands that wait. Outside lockstep the world is first stepped to the simulated time `now` \[s\], so
     /// that a command acts from the moment at which it arrived.
     fn take_commands(&mut self, now: f64) {
-        while let Some(command) = self.commands.next(self.world.time()) {
+        // A publisher that floods the topic must not hold up time.
+        for _ in 0..MAX_COMMANDS {
+            let Some(command) = self.commands.next(self.world.time()) else {
+                return;
+            };
+            if !self.commands.admit(&command, &self.world) {
+                continue;
+            }
             if self.clock.is_released() && !self.params.lockstep {
-                self.world.step_within_tick(now);
+                let stepped = self.world.step_within_tick_or_restore(now);
+                self.robot_status.stepped(stepped);
             }
-            if self.commands.apply(&command, &mut self.world) {
-                self.clock.release();
-            }
+            self.commands.apply(&command, &mut self.world);
+            self.clock.release();
         }
     }
 
-    /// Steps to the next state and publishes it.
-    fn tick(&mut self) -> Result<(), NodeError> {
+    /// Steps to the next state and publishes it; counts it among the requested steps.
+    fn tick(&mut self) {
         self.commands.check_age(&mut self.world);
-        if let Err(problem) = self.world.step_to_tick_or_restore() {
-            self.commands.report_failure(&problem);
-        }
-        self.clock.release();
+        self.step_to_tick();
         let time = self.world.time();
-        self.commands.expect_response(time);
-        self.publish()?;
-        self.robot_status.report(&self.world.robot);
         if let Some(factor) = self.clock.achieved(time) {
-            self.time_status.achieved(time, factor);
+            let unanswered = self.commands.unanswered();
+            self.time_status.achieved(time, factor, unanswered);
         }
         if self.steps.count() {
             self.pause(Phase::Paused);
         }
-        Ok(())
+    }
+
+    /// Steps to the next state and publishes it.
+    fn step_to_tick(&mut self) {
+        let stepped = self.world.step_to_tick_or_restore();
+        self.robot_status.stepped(stepped);
+        self.clock.release();
+        self.commands.expect_response(self.world.time());
+        self.publish();
+        self.robot_status.report(&self.world.robot);
     }
 
     /// Answers service calls, and publishes the state again and again, until `done`, the node stops or a transition of its
     /// lifecycle is requested.
-    fn wait_until(&mut self, mut done: impl FnMut(&mut Self) -> bool) -> Result<(), NodeError> {
+    fn wait_until(&mut self, mut done: impl FnMut(&mut Self) -> bool) {
         let mut next = Instant::now() + REPUBLISH_PERIOD;
         loop {
-            services::answer_calls(self)?;
+            services::answer_calls(self);
             if !self.node.ok() || self.lifecycle.is_asked() || done(self) {
-                return Ok(());
+                return;
             }
             self.node
                 .wait_for(next.saturating_duration_since(Instant::now()));
             if Instant::now() >= next {
-                self.publish()?;
+                self.publish();
                 next += REPUBLISH_PERIOD;
             }
         }
     }
 
     /// Lockstep: waits for the command that carries the stamp of the present state.
-    fn wait_for_response(&mut self) -> Result<(), NodeError> {
+    fn wait_for_response(&mut self) {
         let since = Instant::now();
+        self.time_status.begin_wait();
         self.wait_until(|s| {
             if let Some(seconds) = long_wait(since) {
                 let stamp = Time::from_secs_f64(s.world.time());
-                s.time_status.waits_for_response(seconds, stamp);
+                let reason = s.commands.waits_for();
+                (s.time_status).waits_for_response(seconds, stamp, &reason);
             }
             s.take_commands(f64::NEG_INFINITY);
             s.commands.may_advance() || !s.is_advancing()
-        })
+        });
     }
 
     /// Lockstep in real time: waits until the next state is due.
-    fn wait_for_pace(&mut self) -> Result<(), NodeError> {
+    fn wait_for_pace(&mut self) {
         let due = self.clock.due(self.world.next_tick());
         while self.node.ok() && self.is_advancing() && Instant::now() < due {
             self.node
                 .wait_for(due.saturating_duration_since(Instant::now()));
-            services::answer_calls(self)?;
+            services::answer_calls(self);
         }
-        Ok(())
     }
 
     /// Real time: applies commands as they arrive until the next state is due, or until `answer_timeout` after that while
     /// the response to the present state is due.
-    fn wait_for_tick(&mut self) -> Result<(), NodeError> {
+    fn wait_for_tick(&mut self) {
         let due = self.clock.due(self.world.next_tick());
         let latest = due + Duration::from_secs_f64(self.params.answer_timeout);
         let mut is_late = false;
         loop {
-            services::answer_calls(self)?;
+            services::answer_calls(self);
             if !self.is_advancing() {
                 break;
             }
@@ -261,7 +271,6 @@ impl<'a> Simulation<'a> {
         if is_late {
             self.time_status.count_late_response();
         }
-        Ok(())
     }
 }
 
@@ -270,6 +279,9 @@ fn log_world(params: &DynamicsParams, world: &World) {
     let robot = world.robot.model();
     if let Some(missing) = world.not_simulated() {
         tracing::warn!("{}: {missing}", params.robot.source);
+    }
+    if let Some(limits) = world.default_effort_limits() {
+        tracing::warn!("{}: {limits}", params.robot.source);
     }
     if params.state_rate > 100.0 && !params.lockstep {
         tracing::warn!(

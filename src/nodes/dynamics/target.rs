@@ -2,7 +2,10 @@
 
 use roxmltree::{Document, Node};
 
-use super::params::{Description, InitialMotion};
+use super::{
+    divergence::{self, StateBackup},
+    params::{Description, InitialMotion},
+};
 use crate::{
     dynamics::{Floating, IntegrationMethod, State},
     spatial::Pose,
@@ -20,13 +23,15 @@ pub struct Target {
     /// Whether it was added after the start.
     pub spawned: bool,
     start: State,
+    /// The state before the last step.
+    backup: StateBackup,
 }
 
 impl Target {
     /// The free body that `description` describes.
     ///
     /// # Errors
-    /// A line that names the description's source, if it is invalid or has joints.
+    /// A line that names the description's source, if it is invalid or has joints, or the target, if it moves too fast.
     pub fn new(
         name: &str,
         description: &Description,
@@ -43,9 +48,16 @@ impl Target {
         }
         let mut start = State::at_rest(&model);
         motion.place(&model, &mut start);
+        let body = Floating::new(model, start.clone(), method);
+        if let Some(what) = divergence::of(&body) {
+            return Err(format!(
+                "target {name} cannot be simulated from its start: {what}"
+            ));
+        }
         Ok(Self {
             name: name.to_owned(),
-            body: Floating::new(model, start.clone(), method),
+            backup: StateBackup::new(&body),
+            body,
             description: with_link_names(name, &description.xml),
             spawned: false,
             start,
@@ -55,6 +67,17 @@ impl Target {
     /// Returns to its state at the start, or in which it was spawned.
     pub fn reset(&mut self) {
         self.body.set_state(self.start.clone());
+    }
+
+    /// Advances by `steps` steps of `dt` \[s\].
+    pub(super) fn step(&mut self, dt: f64, steps: usize) {
+        self.backup.save(&self.body);
+        self.body.step(dt, steps);
+    }
+
+    /// Returns to the state before the last step, at `time` \[s\], and stops.
+    pub(super) fn restore(&mut self, time: f64) {
+        self.backup.restore_at_rest(&mut self.body, time);
     }
 
     /// Frames fixed in its root frame: name and pose in it.

@@ -31,6 +31,11 @@ impl TickTime {
         self.ticks
     }
 
+    /// Whether time is between two ticks.
+    pub fn is_between_ticks(&self) -> bool {
+        self.past_tick > 0.0
+    }
+
     /// Time between two ticks \[s\].
     pub fn period(&self) -> f64 {
         self.period

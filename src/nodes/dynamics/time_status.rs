@@ -6,6 +6,9 @@ use crate::ros::{Node, Time};
 /// An achieved real time factor below this fraction of the requested one is reported as slow.
 const SLOW: f64 = 0.95;
 
+/// Duration of a wait at which it is logged for the first time \[s\]; each next time after twice as long.
+const FIRST_LOG: u64 = 5;
+
 /// The status `time`.
 pub struct TimeStatus {
     status: StepStatus,
@@ -13,6 +16,8 @@ pub struct TimeStatus {
     wanted_factor: Option<f64>,
     /// Number of states for which simulated time has waited for a response.
     late_responses: u64,
+    /// Duration of the present wait at which it is logged next \[s\].
+    log_at: u64,
 }
 
 impl TimeStatus {
@@ -23,6 +28,7 @@ impl TimeStatus {
             status: StepStatus::new(node.diagnostics().status("time")),
             wanted_factor: (!params.lockstep && factor != 0.0).then_some(factor),
             late_responses: 0,
+            log_at: FIRST_LOG,
         }
     }
 
@@ -41,9 +47,26 @@ impl TimeStatus {
         ));
     }
 
-    /// Time waits for the first command.
-    pub fn is_held(&mut self) {
-        self.status.warn("time is held until the first command");
+    /// Time begins to wait for a command.
+    pub fn begin_wait(&mut self) {
+        self.log_at = FIRST_LOG;
+    }
+
+    /// Time has waited for the first command for `seconds`; `reason` says what is known about it.
+    pub fn is_held(&mut self, seconds: u64, reason: &str) {
+        self.waits(
+            seconds,
+            format!("time is held until the first command: {reason}"),
+        );
+    }
+
+    /// Reports a wait, and logs it from time to time.
+    fn waits(&mut self, seconds: u64, text: String) {
+        if seconds >= self.log_at {
+            self.log_at = 2 * seconds;
+            tracing::warn!("{text}");
+        }
+        self.status.warn(text);
     }
 
     /// The node is not active.
@@ -56,11 +79,14 @@ impl TimeStatus {
         self.status.ok("lockstep");
     }
 
-    /// Lockstep has waited for `seconds` for the response to the state of `stamp`.
-    pub fn waits_for_response(&mut self, seconds: u64, stamp: Time) {
-        self.status.warn(format!(
-            "lockstep: waiting for {seconds} s for the command that answers the state of {stamp} s"
-        ));
+    /// Lockstep has waited for `seconds` for the response to the state of `stamp`; `reason` says what is known about it.
+    pub fn waits_for_response(&mut self, seconds: u64, stamp: Time, reason: &str) {
+        self.waits(
+            seconds,
+            format!(
+                "lockstep: waiting for {seconds} s for the command that answers the state of {stamp} s: {reason}"
+            ),
+        );
     }
 
     /// A state was late because time waited for a response.
@@ -68,12 +94,13 @@ impl TimeStatus {
         self.late_responses += 1;
     }
 
-    /// The real time factor achieved up to `time` \[s\].
-    pub fn achieved(&mut self, time: f64, factor: f64) {
+    /// The real time factor achieved up to `time` \[s\], and the number of states without an answer so far.
+    pub fn achieved(&mut self, time: f64, factor: f64, unanswered: u64) {
         self.status.set("simulated time [s]", format!("{time:.2}"));
         self.status.set("real time factor", format!("{factor:.3}"));
         self.status
             .set("states that waited for their answer", self.late_responses);
+        self.status.set("states without an answer", unanswered);
         match self.wanted_factor {
             None => {}
             Some(wanted) if factor < SLOW * wanted => {

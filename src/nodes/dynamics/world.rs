@@ -1,5 +1,9 @@
 //! The simulated world: the robot and the free bodies, at one time.
 
+#[cfg(test)]
+mod tests;
+
+use super::divergence::{self, StateBackup};
 use super::imu::ImuParams;
 use super::joint_drive::{DriveMode, JointDrive, step_count};
 use super::loops::LoopParams;
@@ -7,7 +11,9 @@ use super::params::{DynamicsParams, joint_vector};
 use super::target::Target;
 use super::tick_time::TickTime;
 use crate::{
+    control::with_default_effort_limits,
     dynamics::{Floating, FormulationKind, State},
+    model::Model,
     nodes::choice,
 };
 
@@ -19,13 +25,15 @@ pub struct World {
     pub targets: Vec<Target>,
     /// The robot's state at the start.
     start: State,
-    /// The last finite state of the robot before the present one.
-    last_finite: State,
+    /// The robot's state before the last step.
+    backup: StateBackup,
     drive: JointDrive,
     imu: ImuParams,
     time: TickTime,
     /// Longest integration step \[s\].
     time_step: f64,
+    /// Names of the joints whose effort limit is the default, and its acceleration \[rad/s² or m/s²\].
+    default_limits: (Vec<String>, f64),
 }
 
 impl World {
@@ -34,7 +42,8 @@ impl World {
     /// # Errors
     /// A line that names file or parameter.
     pub fn new(params: &DynamicsParams) -> Result<Self, String> {
-        let model = params.robot.compile()?;
+        let described = params.robot.compile()?;
+        let (model, default_limits) = limited(&described, params.default_joint_acceleration);
         let q = &params.initial_joint_positions;
         let mut state = State::at_rest_with(
             &model,
@@ -51,6 +60,11 @@ impl World {
             let name = choice::name_of(&FormulationKind::NAMES, &params.formulation);
             format!("parameter formulation is '{name}': {e}")
         })?;
+        if let Some(what) = divergence::of(&robot) {
+            return Err(format!(
+                "the robot cannot be simulated from its start: {what}"
+            ));
+        }
         let targets = params.targets.iter().map(|target| {
             Target::new(
                 &target.name,
@@ -62,12 +76,13 @@ impl World {
         Ok(Self {
             drive: JointDrive::new(&robot, &params.servo)?,
             start: robot.state().clone(),
-            last_finite: robot.state().clone(),
+            backup: StateBackup::new(&robot),
             robot,
             targets: targets.collect::<Result<_, _>>()?,
             imu: params.imu,
             time: TickTime::new(params.state_rate),
             time_step: params.time_step,
+            default_limits,
         })
     }
 
@@ -136,23 +151,43 @@ impl World {
         })
     }
 
-    /// Checks that all states are finite.
+    /// Which effort limits are not from the robot's description, as a line; `None` if all are.
+    pub fn default_effort_limits(&self) -> Option<String> {
+        let (joints, acceleration) = &self.default_limits;
+        (!joints.is_empty()).then(|| {
+            format!(
+                "no effort limit for {}: limited to {acceleration} rad/s2 (or m/s2) of acceleration with the arm outstretched (default_joint_acceleration)",
+                joints.join(", ")
+            )
+        })
+    }
+
+    /// Checks that no state has diverged ([`divergence::of`]).
     ///
     /// # Errors
-    /// A line with the time and what helps.
-    pub fn check_finite(&self) -> Result<(), String> {
-        let targets = self.targets.iter().map(|t| &t.body);
-        if std::iter::once(&self.robot)
-            .chain(targets)
-            .all(|body| body.state().is_finite())
-        {
-            return Ok(());
+    /// A line with the time, what moves too fast, and what helps.
+    pub fn check_divergence(&self) -> Result<(), String> {
+        let targets = self.targets.iter().map(|t| (t.name.as_str(), &t.body));
+        for (name, body) in std::iter::once(("the robot", &self.robot)).chain(targets) {
+            if let Some(what) = divergence::of(body) {
+                return Err(self.diverged(name, &what));
+            }
         }
-        Err(format!(
-            "the simulated state is no longer finite at {:.3} s: the motion is too fast for a time_step of {} s, lower it",
+        Ok(())
+    }
+
+    fn diverged(&self, name: &str, what: &str) -> String {
+        let cause = match self.drive.mode() {
+            DriveMode::Effort if self.robot.efforts().amax() > 0.0 => {
+                "lower the efforts or gains, or sample the controller more often (state_rate)"
+            }
+            _ => "lower time_step",
+        };
+        format!(
+            "the motion of {name} has diverged at {:.3} s, {what}: it is too fast for a time_step of {} s; {cause}",
             self.time(),
             self.time_step
-        ))
+        )
     }
 
     /// Steps to the next tick.
@@ -162,25 +197,56 @@ impl World {
         self.drive.finish_tick(self.time.period());
     }
 
-    /// Steps to the next tick. If a state is not finite then, the robot gets its last finite state and zero efforts, so
-    /// that a commander that asks for too much does not end the simulation for all others.
+    /// Steps to the next tick, and restores what has diverged, as [`Self::restore_diverged`].
     ///
     /// # Errors
-    /// As [`Self::check_finite`] before the robot's state was replaced.
+    /// As [`Self::check_divergence`], before anything was restored.
     pub(super) fn step_to_tick_or_restore(&mut self) -> Result<(), String> {
         self.step_to_tick();
-        self.check_finite().inspect_err(|_| {
-            self.robot.set_state(self.last_finite.clone());
-            self.drive.release(&mut self.robot);
-            self.drive.discard_efforts();
-        })
+        self.restore_diverged()
     }
 
-    /// Steps to `time` \[s\], but not beyond the next tick. Does nothing if `time` is in the past.
-    pub(super) fn step_within_tick(&mut self, time: f64) {
-        if let Some(seconds) = self.time.advance_within_tick(time) {
-            self.step_by(seconds);
+    /// Steps to `time` \[s\], but not beyond the next tick, and restores what has diverged, as
+    /// [`Self::restore_diverged`]. Does nothing if `time` is in the past.
+    ///
+    /// # Errors
+    /// As [`Self::check_divergence`], before anything was restored.
+    pub(super) fn step_within_tick_or_restore(&mut self, time: f64) -> Result<(), String> {
+        let Some(seconds) = self.time.advance_within_tick(time) else {
+            return Ok(());
+        };
+        self.step_by(seconds);
+        self.restore_diverged()
+    }
+
+    /// Whether time is between two ticks.
+    pub(super) fn is_between_ticks(&self) -> bool {
+        self.time.is_between_ticks()
+    }
+
+    /// A body whose motion has diverged gets the state before its last step, so that a commander that asks for too much does
+    /// not end the simulation for all others. The robot's joints are stopped, and its efforts are zero until the next
+    /// command; momentum is conserved, unless it has diverged already since the last command: then the robot is stopped
+    /// altogether. A target is stopped.
+    ///
+    /// # Errors
+    /// As [`Self::check_divergence`], before anything was restored.
+    fn restore_diverged(&mut self) -> Result<(), String> {
+        let checked = self.check_divergence();
+        if checked.is_err() {
+            let time = self.time.now();
+            if divergence::of(&self.robot).is_some() {
+                self.backup.restore(&mut self.robot, time);
+                self.drive.release(&mut self.robot);
+                self.drive.discard_efforts();
+            }
+            for target in &mut self.targets {
+                if divergence::of(&target.body).is_some() {
+                    target.restore(time);
+                }
+            }
         }
+        checked
     }
 
     /// Mean joint efforts between the last two ticks \[N m or N\].
@@ -191,12 +257,14 @@ impl World {
     /// Holds joint `efforts` (joint index, effort \[N m or N\]) from now on, cut to the joints' limits. Other joints keep
     /// their effort, or get zero if rates were driven until now. Returns whether any was cut.
     pub fn hold_efforts(&mut self, efforts: impl IntoIterator<Item = (usize, f64)>) -> bool {
+        self.backup.command();
         self.drive.hold_efforts(&mut self.robot, efforts)
     }
 
     /// Lets a servo drive the joints to `rates` (joint index, rate \[rad/s or m/s\]) from now on, cut to the joints'
     /// limits. Other joints keep their reference, or get zero if efforts were held until now. Returns whether any was cut.
     pub fn drive_rates(&mut self, rates: impl IntoIterator<Item = (usize, f64)>) -> bool {
+        self.backup.command();
         self.drive.drive_rates(&self.robot, rates)
     }
 
@@ -211,90 +279,25 @@ impl World {
     }
 
     fn step_by(&mut self, seconds: f64) {
-        if self.robot.state().is_finite() {
-            self.last_finite.copy_from(self.robot.state());
-        }
+        self.backup.save(&self.robot);
         (self.drive).step(&mut self.robot, seconds, self.time_step);
         let steps = step_count(seconds, self.time_step);
         for target in &mut self.targets {
-            target.body.step(seconds / steps as f64, steps);
+            target.step(seconds / steps as f64, steps);
         }
     }
 }
 
-#[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::nodes::scenario::Scenario;
-
-    fn world(config: &str) -> World {
-        let scenario = Scenario::read(&format!("package://fuyu/config/{config}.yaml")).unwrap();
-        World::new(&scenario.dynamics().unwrap()).unwrap()
-    }
-
-    #[test]
-    fn a_state_that_is_not_finite_is_replaced_by_the_last_finite_one() {
-        let mut world = world("positioning");
-        world.hold_efforts([(0, 1.0)]);
-        world.step_to_tick_or_restore().unwrap();
-        let finite = world.robot.state().clone();
-        world.robot.input_mut().efforts[0] = f64::NAN;
-        // The step before the tick makes it not finite already.
-        world.step_within_tick(0.015);
-        assert!(!world.robot.state().is_finite());
-        let problem = world.step_to_tick_or_restore().unwrap_err();
-        assert!(problem.contains("no longer finite at 0.020 s"), "{problem}");
-        assert_eq!(*world.robot.state(), finite);
-        assert_eq!(world.robot.efforts().amax(), 0.0);
-        assert!(world.mean_efforts().iter().all(|effort| *effort == 0.0));
-        world.step_to_tick_or_restore().unwrap();
-        assert_eq!(world.ticks(), 3);
-    }
-
-    // Would break if a command in the middle of a period cost an integration step more in a free body.
-    #[test]
-    fn steps_within_a_period_end_at_the_same_tick() {
-        let mut world = world("servicing");
-        world.step_within_tick(0.004);
-        world.step_within_tick(0.002);
-        assert_eq!(world.time(), 0.004);
-        world.step_to_tick();
-        assert_eq!((world.time(), world.ticks()), (0.01, 1));
-        assert!((world.robot.state().time - 0.01).abs() < 1e-15);
-        assert!((world.targets[0].body.state().time - 0.01).abs() < 1e-15);
-    }
-
-    // Would break if a step copied states or efforts into new memory.
-    #[test]
-    fn steps_and_commands_do_not_allocate() {
-        let mut world = world("servicing");
-        let mut steps = || {
-            world.hold_efforts([(0, 0.1)]);
-            world.step_within_tick(world.time() + 0.003);
-            world.step_to_tick_or_restore().unwrap();
-            world.drive_rates([(1, 0.01)]);
-            world.step_to_tick_or_restore().unwrap();
-        };
-        steps();
-        assert_eq!(allocation_counter::measure(steps).count_total, 0);
-    }
-
-    #[test]
-    fn a_reset_restores_the_start() {
-        let mut world = world("servicing");
-        let start = (
-            world.robot.state().clone(),
-            world.targets[0].body.state().clone(),
-        );
-        world.drive_rates([(0, 0.1)]);
-        for _ in 0..10 {
-            world.step_to_tick();
-        }
-        world.reset_time();
-        world.reset_state();
-        assert_eq!(*world.robot.state(), start.0);
-        assert_eq!(*world.targets[0].body.state(), start.1);
-        assert_eq!((world.time(), world.drive_mode()), (0.0, DriveMode::Effort));
-        assert!(world.mean_efforts().iter().all(|effort| *effort == 0.0));
+/// The robot with effort limits for all joints, the names of those whose description gives none, and the `acceleration`
+/// \[rad/s² or m/s²\] of the limits that they get. With zero they get none.
+fn limited(described: &Model, acceleration: f64) -> (Model, (Vec<String>, f64)) {
+    let unlimited = (described.joints().iter()).filter(|joint| joint.limits.effort.is_infinite());
+    let names: Vec<_> = unlimited.map(|joint| joint.name.clone()).collect();
+    match acceleration == 0.0 || names.is_empty() {
+        true => (described.clone(), (Vec::new(), acceleration)),
+        false => (
+            with_default_effort_limits(described, acceleration),
+            (names, acceleration),
+        ),
     }
 }

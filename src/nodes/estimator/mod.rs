@@ -7,6 +7,7 @@ mod camera_attitude;
 mod frame_queue;
 mod health;
 mod messages;
+mod monotonic;
 mod observer;
 mod params;
 mod solver;
@@ -51,7 +52,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
             observer.queue_frame(frame, Instant::now());
         }
         observer.update_motion(node.now(), &topics);
-        observer.solve();
+        observer.solve(node.now());
         observer.take_solution(&topics);
         observer.coast(node.now(), &topics);
         topics.notice_silence(&observer);

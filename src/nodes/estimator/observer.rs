@@ -6,6 +6,7 @@ use super::{
     frame_queue::FrameQueue,
     health,
     messages::Snapshot,
+    monotonic::Monotonic,
     solver::{Job, Solved, Solver},
 };
 use std::time::Instant;
@@ -20,7 +21,8 @@ use crate::{
 /// Number of frame intervals without a frame after which the motion is extrapolated.
 const MISSED_INTERVALS: f64 = 3.0;
 
-/// Longest time between the starts of two batches while there is no motion yet \[s\].
+/// Longest time between the starts of two batches while there is no motion yet, and the time without frames after which
+/// the last ones are solved \[s\].
 const RETRY_PERIOD: f64 = 2.0;
 
 /// State of the estimator node.
@@ -43,8 +45,10 @@ pub struct Observer {
     newest: Option<(f64, Time)>,
     /// Time from the frame before the newest to the newest \[s\].
     interval: f64,
-    /// Time of the last published motion \[s\].
+    /// Time of the last published motion \[s\]; `None` after a reset of the motion.
     published_at: Option<f64>,
+    /// Times for which anything was published.
+    published: Monotonic,
     /// Why the last batch has no solution.
     failure: Option<String>,
     /// Why the motion was reset, if it was.
@@ -71,6 +75,7 @@ impl Observer {
             newest: None,
             interval: 0.0,
             published_at: None,
+            published: Monotonic::default(),
             failure: None,
             reset_reason: None,
             camera_status: node.diagnostics().status("camera"),
@@ -220,6 +225,7 @@ impl Observer {
         if self.attitude.gyro.restarts() == self.gyro_restarts {
             self.attitude.gyro.clear();
         }
+        self.published = Monotonic::default();
         self.reset_motion("time went back");
     }
 
@@ -234,8 +240,12 @@ impl Observer {
         self.reset_reason = Some(why.to_owned());
     }
 
-    /// Publishes the angular velocity at `time` \[s\], and the motion if that is due.
+    /// Publishes the angular velocity at `time` \[s\], and the motion if that is due. Nothing is published for a time before
+    /// that of an earlier message: the extrapolation goes beyond the frames that arrive after it.
     fn publish(&mut self, time: f64, topics: &Topics) {
+        if self.tracker.is_some() && !self.published.advance(time) {
+            return;
+        }
         if let Some(snapshot) = self.snapshot(time) {
             topics
                 .angular_velocity
@@ -288,8 +298,9 @@ impl Observer {
         }
     }
 
-    /// Submits the frames of the window to the solver, if it is idle and a batch is due.
-    pub fn solve(&mut self) {
+    /// Submits the frames of the window to the solver, if it is idle and a batch is due: after every solve period, and
+    /// once frames have stopped, so that the last batch has them all.
+    pub fn solve(&mut self, now: Time) {
         let (Some(camera), Some((_, newest))) = (self.camera, self.tracks.span()) else {
             return;
         };
@@ -297,7 +308,12 @@ impl Observer {
             Some(_) => self.params.solve_period,
             None => self.params.solve_period.min(RETRY_PERIOD),
         };
-        let due = self.solved_at.is_none_or(|at| newest >= at + period);
+        let stopped = self
+            .newest
+            .is_some_and(|(_, arrived)| now.since(arrived).as_secs_f64() > RETRY_PERIOD);
+        let due = self
+            .solved_at
+            .is_none_or(|at| newest >= at + period || (stopped && newest > at));
         if self.solver.is_busy() || !due {
             return;
         }
@@ -357,7 +373,8 @@ impl Observer {
         });
         self.failure = None;
         // The extrapolated motion may have been published for a later time.
-        let time = newest.max(self.published_at.unwrap_or(newest));
+        let time = self.published.latest().map_or(newest, |at| at.max(newest));
+        self.published.advance(time);
         self.publish_motion(time, topics);
         if let Some(tracker) = &self.tracker {
             health::report(&self.motion_status, tracker, time, None);

@@ -2,6 +2,7 @@
 //! annotations of the camera's image.
 
 mod annotations;
+mod gate;
 mod server;
 
 use std::{
@@ -26,6 +27,7 @@ use crate::{
     ros::{Node, NodeError, Qos, RawSample, RawSubscription, Time, qos::Durability},
 };
 use annotations::Overlay;
+use gate::Origins;
 use server::Server;
 
 /// Interval between searches for new topics.
@@ -42,7 +44,17 @@ const BACKGROUND: &str = "background";
 /// # Errors
 /// When the address cannot be bound, or DDS fails.
 pub fn program(node: &Node, address: SocketAddr) -> Result<(), NodeError> {
-    let server = Server::start(address).map_err(|e| {
+    let mut declare = node.declare();
+    let origins = declare
+        .param(
+            "allowed_origins",
+            ["https://app.foxglove.dev", "file://"].map(str::to_owned).to_vec(),
+            "Origins of web pages that may connect, in addition to those on localhost; * allows all",
+        )
+        .read_only()
+        .value();
+    declare.finish()?;
+    let server = Server::start(address, Origins::new(&origins)).map_err(|e| {
         NodeError::Input(format!(
             "--foxglove={address}: cannot listen there: {e}; give another ADDR:PORT"
         ))

@@ -1,5 +1,6 @@
-//! The WebSocket server of Foxglove's SDK with two additions: late subscribers of latched topics
-//! (`robot_description`) receive the last message immediately, and all its threads end with it.
+//! The WebSocket server of Foxglove's SDK with three additions: late subscribers of latched topics
+//! (`robot_description`) receive the last message immediately, a gate refuses foreign web pages, and all its threads end
+//! with it.
 
 use std::collections::HashMap;
 use std::net::SocketAddr;
@@ -13,6 +14,8 @@ use foxglove::{
 };
 use tokio::runtime::Runtime;
 
+use super::gate::{self, Origins};
+
 /// A running server; stops when dropped.
 pub struct Server {
     address: SocketAddr,
@@ -25,29 +28,34 @@ pub struct Server {
 }
 
 impl Server {
-    /// Listens on `address`.
+    /// Listens on `address`; web pages may connect if `origins` allows them.
     ///
     /// # Errors
     /// If the address cannot be bound, or the thread cannot be created.
-    pub fn start(address: SocketAddr) -> Result<Self, FoxgloveError> {
+    pub fn start(address: SocketAddr, origins: Origins) -> Result<Self, FoxgloveError> {
+        let listener = gate::listen(address).map_err(FoxgloveError::Bind)?;
+        let address = listener.local_addr().map_err(FoxgloveError::Bind)?;
         let runtime = tokio::runtime::Builder::new_multi_thread()
             .worker_threads(1)
             .thread_name("foxglove")
             .enable_all()
             .build()
             .map_err(FoxgloveError::Bind)?;
+        let hidden = gate::hidden_address();
         let context = Context::new();
         let latched = Arc::new(Latched::default());
         let handle = WebSocketServer::new()
             .name("fuyu")
-            .bind(address.ip().to_string(), address.port())
+            .bind(hidden.ip().to_string(), hidden.port())
             .capabilities([Capability::Time])
             .listener(Arc::clone(&latched) as _)
             .context(&context)
             .tokio_runtime(runtime.handle())
             .start_blocking()?;
+        let server = SocketAddr::new(hidden.ip(), handle.port());
+        runtime.spawn(gate::pass(listener, server, origins));
         Ok(Self {
-            address: SocketAddr::new(address.ip(), handle.port()),
+            address,
             context,
             latched,
             handle: Some(handle),
@@ -144,5 +152,34 @@ impl ServerListener for Latched {
             let time = PartialMetadata::with_log_time(time);
             channel.log_with_meta_to_sink(&data, time, client.sink_id());
         }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::{Read, Write};
+    use std::net::TcpStream;
+
+    #[test]
+    fn a_handshake_succeeds_from_programs_and_allowed_pages_only() {
+        let origins = Origins::new(&["https://app.foxglove.dev".to_owned()]);
+        let server = Server::start(SocketAddr::from(([127, 0, 0, 1], 0)), origins).unwrap();
+        let status = |origin: &str| {
+            let mut client = TcpStream::connect(server.address()).unwrap();
+            let request = format!(
+                "GET / HTTP/1.1\r\nHost: x\r\nUpgrade: websocket\r\nConnection: Upgrade\r\n\
+                 Sec-WebSocket-Version: 13\r\nSec-WebSocket-Key: dGhlIHNhbXBsZSBub25jZQ==\r\n\
+                 Sec-WebSocket-Protocol: foxglove.sdk.v1\r\n{origin}\r\n"
+            );
+            client.write_all(request.as_bytes()).unwrap();
+            let mut answer = [0; 12];
+            client.read_exact(&mut answer).unwrap();
+            String::from_utf8_lossy(&answer[9..]).into_owned()
+        };
+        assert_eq!(status(""), "101");
+        assert_eq!(status("Origin: http://localhost:8080\r\n"), "101");
+        assert_eq!(status("Origin: https://app.foxglove.dev\r\n"), "101");
+        assert_eq!(status("Origin: https://evil.example\r\n"), "403");
     }
 }

@@ -14,6 +14,9 @@ use crate::{
     ros::{Node, Publisher},
 };
 
+/// Longest wait for the next message that is not worth a log message.
+const USUAL_WAIT: Duration = Duration::from_secs(10);
+
 /// Longest sleep between checks for stop and pause.
 const SLICE: Duration = Duration::from_millis(20);
 
@@ -69,6 +72,7 @@ impl<'a> Pace<'a> {
 
     /// Waits until the recorded time `time`; `false` if the node must stop.
     pub fn reach(&mut self, time: u64) -> bool {
+        let mut is_logged = false;
         loop {
             if !self.node.ok() {
                 return false;
@@ -91,6 +95,11 @@ impl<'a> Pace<'a> {
             self.publish_clock(now, self.recorded(now).min(time));
             if left.is_zero() {
                 return true;
+            }
+            if left > USUAL_WAIT && !is_logged {
+                is_logged = true;
+                let gap = time.saturating_sub(self.recorded(now));
+                tracing::warn!("{}", long_wait(gap, left));
             }
             let mut nap = left.min(SLICE);
             if self.clock.is_some() {
@@ -115,4 +124,13 @@ impl<'a> Pace<'a> {
             self.next_clock = (self.next_clock + self.clock_period).max(now);
         }
     }
+}
+
+/// The message about a gap of `nanos` in the bag, which takes `left` to play.
+fn long_wait(nanos: u64, left: Duration) -> String {
+    format!(
+        "the next message in the bag is {:.0} s later: waiting for {:.0} s (--rate plays faster, --start-offset skips what is before)",
+        nanos as f64 * 1e-9,
+        left.as_secs_f64()
+    )
 }

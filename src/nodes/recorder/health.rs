@@ -11,6 +11,8 @@ pub struct Health {
     status: Status,
     /// Whether a write failure has been logged.
     failed: bool,
+    /// Whether it has been logged that writing waits for space.
+    waiting: bool,
 }
 
 impl Health {
@@ -20,6 +22,7 @@ impl Health {
             session: Arc::clone(session),
             status: node.diagnostics().status("bag"),
             failed: false,
+            waiting: false,
         }
     }
 
@@ -50,7 +53,25 @@ impl Health {
                     self.failed = true;
                 }
                 self.status.error(problem);
+                return;
             }
+            None => {}
+        }
+        if recorded.waiting.is_some() != self.waiting {
+            self.waiting = recorded.waiting.is_some();
+            match &recorded.waiting {
+                Some(problem) => tracing::error!(
+                    "recording waits for space on the disk: {problem}; messages are kept in memory up to {} bytes",
+                    recorded.queue_capacity
+                ),
+                None => tracing::info!("recording continues"),
+            }
+        }
+        match recorded.waiting {
+            Some(problem) => self.status.error(format!(
+                "waits for space on the disk: {problem}; {} bytes are queued, {} messages were dropped",
+                recorded.queued_bytes, recorded.dropped
+            )),
             None if recorded.dropped > 0 => {
                 self.status.warn(format!(
                     "{} messages were dropped: the disk is too slow",

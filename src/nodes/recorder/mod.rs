@@ -1,5 +1,6 @@
 //! The recorder node: writes topics to a rosbag2 bag.
 
+mod folders;
 mod health;
 mod params;
 mod recording_session;
@@ -11,6 +12,7 @@ mod times;
 use std::{path::PathBuf, sync::Arc, time::Duration};
 
 use crate::ros::{Node, NodeError};
+pub use folders::RecordFolders;
 use health::Health;
 pub use params::RecorderParams;
 use recording_session::RecordingSession;
@@ -52,7 +54,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let watching = Arc::clone(&subscriptions);
     node.watch_local_topics(move |used| watching.subscribe_local(used));
     node.set_ready();
-    let services = services::serve(node, &session)?;
+    let services = services::serve(node, &session, params.folders)?;
     let mut health = Health::new(node, &session);
     let mut recording = session.begun();
     while node.ok() {

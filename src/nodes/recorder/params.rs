@@ -4,7 +4,7 @@ use std::{path::PathBuf, time::Duration};
 
 use regex::Regex;
 
-use super::{super::choice, selection::Selection};
+use super::{super::choice, folders::RecordFolders, selection::Selection};
 use crate::{
     bag::{Compression, QUEUE_BYTES, WriterOptions},
     ros::{Declare, params::Declaration},
@@ -23,6 +23,8 @@ pub struct RecorderParams {
     pub queue: usize,
     /// Whether recording starts paused.
     pub start_paused: bool,
+    /// Where peers may have bags written.
+    pub folders: RecordFolders,
 }
 
 const COMPRESSIONS: [(&str, Compression); 3] = [
@@ -64,7 +66,16 @@ impl RecorderParams {
             )
             .read_only()
             .value();
+        let folders = declare
+            .param(
+                "record_folders",
+                vec!["bags".to_owned()],
+                "Folders below which the service record may create bags",
+            )
+            .read_only()
+            .value();
         Self {
+            folders: RecordFolders::new(folders),
             bag: (!bag.is_empty()).then(|| PathBuf::from(bag)),
             selection,
             options,

@@ -1,8 +1,8 @@
 //! The services of `ros2 bag record`, with its names and types.
 
-use std::{path::PathBuf, sync::Arc};
+use std::sync::Arc;
 
-use super::recording_session::RecordingSession;
+use super::{folders::RecordFolders, recording_session::RecordingSession};
 use crate::{
     msg::rosbag2_interfaces::{
         IsPaused, IsPausedResponse, Pause, PauseResponse, Record, RecordResponse, Resume,
@@ -12,21 +12,25 @@ use crate::{
     ros::{Node, NodeError, ServiceServer},
 };
 
-/// Serves them until the returned value is dropped.
+/// Serves them until the returned value is dropped. Peers may have bags written in `folders` only.
 ///
 /// # Errors
 /// When DDS fails.
 pub fn serve(
     node: &Node,
     session: &Arc<RecordingSession>,
+    folders: RecordFolders,
 ) -> Result<Vec<ServiceServer>, NodeError> {
     let with = || Arc::clone(session);
     let (record, stop, split) = (with(), with(), with());
     let (pause, resume, toggle, is_paused) = (with(), with(), with(), with());
     Ok(vec![
         node.serve::<Record>("~/record", move |request| {
-            let folder = (!request.uri.is_empty()).then(|| PathBuf::from(request.uri));
-            match record.begin(folder) {
+            let folder = match request.uri.as_str() {
+                "" => Ok(None),
+                uri => folders.allow(uri).map(Some),
+            };
+            match folder.and_then(|folder| record.begin(folder)) {
                 Ok(()) => RecordResponse::default(),
                 Err(problem) => {
                     tracing::warn!("cannot record: {problem}");

@@ -233,6 +233,12 @@ impl Controller {
         &self.manipulator.tip
     }
 
+    /// Gains of the joint damping `-K_V q̇` that the controller adds while the law acts \[N m s/rad or N s/m\].
+    pub fn joint_damping(&self) -> Vec<f64> {
+        let fraction = self.law.joint_damping_fraction();
+        self.config.gains.k_v.iter().map(|k| k * fraction).collect()
+    }
+
     /// Number of tips, at least 1.
     pub fn tip_count(&self) -> usize {
         self.manipulator.tips().count()

@@ -10,6 +10,7 @@ mod bumpless_transfer;
 mod config;
 mod control_loop;
 mod controller;
+mod effort_limits;
 mod feed_forward;
 mod gains;
 mod inverse_kinematics;
@@ -28,6 +29,7 @@ mod pose_error;
 pub mod prediction;
 mod report;
 mod resolved_rate;
+mod sampled_damping;
 mod singularity_escape;
 mod straight_path;
 mod task_priority;
@@ -42,6 +44,7 @@ pub use control_loop::{
     StampPairs,
 };
 pub use controller::Controller;
+pub use effort_limits::{outstretched_inertia, with_default_effort_limits};
 pub use feed_forward::{FeedForward, MovingGoal};
 pub use gains::{ConfigError, Gains};
 pub use inverse_kinematics::{IkError, inverse_kinematics};
@@ -60,6 +63,7 @@ pub use report::{ControlError, ControlReport, LawError};
 pub use resolved_rate::{
     Limited, RateLimits, Resolution, Resolved, ResolvedRate, ResolvedRateConfig, limit_twist,
 };
+pub use sampled_damping::SampledDamping;
 pub use singularity_escape::{ConvergenceFailure, SingularityEscapeConfig};
 pub use straight_path::{Shaping, StraightPath, StraightPathConfig};
 pub use task_priority::{Rows, TaskPriority};

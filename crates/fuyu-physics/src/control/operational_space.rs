@@ -107,8 +107,8 @@ impl OperationalSpaceConfig {
         self.tips.get(k).copied().unwrap_or_default()
     }
 
-    /// `2 ζ ω` \[1/s\].
-    fn damping(&self) -> f64 {
+    /// Damping of the tip, `2 ζ ω` \[1/s\].
+    pub fn damping(&self) -> f64 {
         2.0 * self.damping_ratio * self.frequency
     }
 }

@@ -130,7 +130,7 @@ struct Shared {
 }
 
 /// What a robot consists of.
-#[derive(Debug, PartialEq)]
+#[derive(Debug, Clone, PartialEq)]
 pub(super) struct Parts {
     pub(super) name: String,
     pub(super) bodies: Vec<Body>,
@@ -193,6 +193,16 @@ impl Model {
     /// All named frames, one per link of the description.
     pub fn frames(&self) -> &[Frame] {
         &self.shared.parts.frames
+    }
+
+    /// The same robot with other effort limits: `limit` gives that of each joint \[N m or N\].
+    #[must_use]
+    pub fn with_effort_limits(&self, limit: impl Fn(usize, &Joint) -> f64) -> Self {
+        let mut parts = self.shared.parts.clone();
+        for (j, joint) in parts.joints.iter_mut().enumerate() {
+            joint.limits.effort = limit(j, joint);
+        }
+        parts.into()
     }
 
     /// The frame of the link called `name`.

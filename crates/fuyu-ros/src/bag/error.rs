@@ -76,6 +76,14 @@ pub enum BagError {
         /// Type of the second.
         second: String,
     },
+    /// The recorder waits for space on a full disk.
+    #[error("bag {}: waits for space on the disk: {problem}", path.display())]
+    DiskFull {
+        /// Path of the bag.
+        path: PathBuf,
+        /// The error of the operating system.
+        problem: String,
+    },
     /// The recorder's thread has ended early, which only a panic in it can cause.
     #[error("bag {}: the recording thread has ended early", .0.display())]
     ThreadGone(PathBuf),
@@ -90,9 +98,13 @@ impl BagError {
     }
 
     pub(super) fn mcap(path: &Path) -> impl Fn(mcap::McapError) -> Self {
-        move |source| Self::Mcap {
-            path: path.to_owned(),
-            source,
+        move |source| match source {
+            // Its text hides that of the operating system.
+            mcap::McapError::Io(source) => Self::io(path)(source),
+            source => Self::Mcap {
+                path: path.to_owned(),
+                source,
+            },
         }
     }
 }

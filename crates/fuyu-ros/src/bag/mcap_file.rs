@@ -8,18 +8,16 @@ use mcap::sans_io::linear_reader::{LinearReadEvent, LinearReader, LinearReaderOp
 use mcap::sans_io::summary_reader::{SummaryReadEvent, SummaryReader};
 use std::collections::HashMap;
 use std::fs::File;
-use std::io::{self, BufReader, Read, Seek};
+use std::io::{self, BufReader, Read, Seek, SeekFrom};
 use std::path::{Path, PathBuf};
 use std::sync::Arc;
 
+use super::limits;
 use super::reader::RecordedTopic;
 use super::{BagError, Message};
 
 /// Opcode and length before every record.
 const RECORD_HEADER: usize = 9;
-
-/// A chunk larger than this is considered damaged. rosbag2's are 768 kB, those of its largest preset 4 MB.
-const MAX_CHUNK: u64 = 1 << 30;
 
 /// Damage at one place in a bag.
 #[derive(Debug, Clone, PartialEq, Eq, serde::Serialize, thiserror::Error)]
@@ -39,9 +37,11 @@ pub(super) struct McapFile {
     input: Box<dyn Read + Send>,
     /// Size \[bytes\]; unknown for a file that is compressed as a whole.
     size: Option<u64>,
+    /// Largest record \[bytes\].
+    largest: u64,
     at: u64,
     body: Vec<u8>,
-    chunk: std::vec::IntoIter<Record<'static>>,
+    chunk: Chunk,
     schemas: HashMap<u16, (String, String, Vec<u8>)>,
     topics: HashMap<u16, Arc<RecordedTopic>>,
     compressions: Vec<String>,
@@ -52,14 +52,14 @@ pub(super) struct McapFile {
 impl McapFile {
     pub fn open(path: &Path) -> Result<Self, BagError> {
         let file = File::open(path).map_err(BagError::io(path))?;
+        let on_disk = file.metadata().map_err(BagError::io(path))?.len();
         let (mut input, size): (Box<dyn Read + Send>, _) = if is_compressed(path) {
             let decoder = zstd::Decoder::new(file).map_err(BagError::io(path))?;
             (Box::new(BufReader::with_capacity(1 << 16, decoder)), None)
         } else {
-            let size = file.metadata().map_err(BagError::io(path))?.len();
             (
                 Box::new(BufReader::with_capacity(1 << 16, file)),
-                Some(size),
+                Some(on_disk),
             )
         };
         let mut magic = Vec::new();
@@ -85,9 +85,10 @@ impl McapFile {
             path: path.to_owned(),
             input,
             size,
+            largest: size.unwrap_or_else(|| limits::expanded(on_disk)),
             at: magic.len() as u64,
             body: Vec::new(),
-            chunk: Vec::new().into_iter(),
+            chunk: Chunk::default(),
             schemas: HashMap::new(),
             topics: HashMap::new(),
             compressions: Vec::new(),
@@ -124,6 +125,8 @@ impl McapFile {
                 }
                 continue;
             }
+            // The memory of a large chunk is not kept.
+            self.chunk = Chunk::default();
             let opcode = self.next_record()?;
             match opcode {
                 op::CHUNK => self.open_chunk(),
@@ -132,17 +135,15 @@ impl McapFile {
                 op::MESSAGE if !self.compressions.is_empty() => {
                     self.damaged("a message outside of the chunks");
                 }
-                op::SCHEMA | op::CHANNEL | op::MESSAGE => {
-                    match mcap::parse_record(opcode, &self.body) {
-                        Ok(record) => {
-                            let record = record.into_owned();
-                            if let Some(message) = self.accept(record) {
-                                return Some(message);
-                            }
+                op::SCHEMA | op::CHANNEL | op::MESSAGE => match parse(opcode, &self.body) {
+                    Ok(record) => {
+                        let record = record.into_owned();
+                        if let Some(message) = self.accept(record) {
+                            return Some(message);
                         }
-                        Err(e) => self.damaged(e.to_string()),
                     }
-                }
+                    Err(what) => self.damaged(what),
+                },
                 op::FOOTER => self.done = true,
                 // Headers, indices and attachments contain no messages.
                 _ => {}
@@ -180,15 +181,23 @@ impl McapFile {
         let length = u64::from_le_bytes(length);
         let left = match self.size {
             Some(size) => size.saturating_sub(self.at + RECORD_HEADER as u64),
-            // A corrupt length must not cause a huge allocation.
-            None => 2 * MAX_CHUNK,
+            None => u64::MAX,
         };
         let mut body = std::mem::take(&mut self.body);
         body.clear();
-        let read = self.read_to(length.min(left), &mut body);
+        let read = match is_read(opcode) {
+            true if length > self.largest && left > self.largest => {
+                let (size, limit) = (length, self.largest);
+                self.stop(format!("a record of {size} bytes; at most {limit} are read from a compressed file of this size"));
+                return None;
+            }
+            true => self.read_to(length.min(left), &mut body).map(|n| n as u64),
+            // Indices, attachments and metadata may be large and are not needed.
+            false => io::copy(&mut (&mut self.input).take(length), &mut io::sink()),
+        };
         self.body = body;
         match read {
-            Ok(n) if n as u64 == length => {}
+            Ok(n) if n == length => {}
             Ok(n) => {
                 self.stop(format!(
                     "the file ends inside a record: {n} of {length} bytes are there"
@@ -211,7 +220,7 @@ impl McapFile {
                 if !self.compressions.contains(&compression) {
                     self.compressions.push(compression);
                 }
-                self.chunk = records.into_iter();
+                self.chunk = records;
             }
             Err(what) => self.damaged(format!("chunk: {what}")),
         }
@@ -288,21 +297,68 @@ fn is_compressed(path: &Path) -> bool {
     path.extension().is_some_and(|e| e == "zstd")
 }
 
+/// Whether the content of records of this kind is needed.
+fn is_read(opcode: u8) -> bool {
+    matches!(
+        opcode,
+        op::CHUNK | op::SCHEMA | op::CHANNEL | op::MESSAGE | op::FOOTER
+    )
+}
+
+fn parse(opcode: u8, body: &[u8]) -> Result<Record<'_>, String> {
+    if !limits::lengths_fit(opcode, body) {
+        return Err("a text in a record is longer than the record".into());
+    }
+    mcap::parse_record(opcode, body).map_err(|e| e.to_string())
+}
+
+/// The records of a decompressed chunk, one after another, each with a header as in the file.
+#[derive(Default)]
+struct Chunk {
+    bytes: Vec<u8>,
+    at: usize,
+}
+
+impl Chunk {
+    fn push(&mut self, opcode: u8, body: &[u8]) {
+        self.bytes.push(opcode);
+        self.bytes
+            .extend_from_slice(&(body.len() as u64).to_le_bytes());
+        self.bytes.extend_from_slice(body);
+    }
+
+    fn next(&mut self) -> Option<Record<'static>> {
+        let rest = self.bytes.get(self.at..)?;
+        let (&opcode, rest) = rest.split_first()?;
+        let (length, rest) = rest.split_first_chunk()?;
+        let length = u64::from_le_bytes(*length) as usize;
+        let body = rest.get(..length)?;
+        self.at += RECORD_HEADER + length;
+        // Every record was parsed when the chunk was unpacked.
+        parse(opcode, body).ok().map(Record::into_owned)
+    }
+}
+
 /// A chunk's compression and its records.
-fn unpack(body: &[u8]) -> Result<(String, Vec<Record<'static>>), String> {
+fn unpack(body: &[u8]) -> Result<(String, Chunk), String> {
     let text = |e: mcap::McapError| e.to_string();
-    let Record::Chunk { header, .. } = mcap::parse_record(op::CHUNK, body).map_err(text)? else {
+    let Record::Chunk { header, .. } = parse(op::CHUNK, body)? else {
         return Err("not a chunk".into());
     };
-    if header.uncompressed_size > MAX_CHUNK {
-        let size = header.uncompressed_size;
-        return Err(format!("{size} bytes, more than any writer produces"));
+    let (size, allowed) = (
+        header.uncompressed_size,
+        limits::expanded(body.len() as u64),
+    );
+    if size > allowed {
+        return Err(format!(
+            "{size} bytes in a record of {}; at most {allowed} are read from one of this size",
+            body.len()
+        ));
     }
     let compression = header.compression;
     // Verify the checksum before the records, and allow no record larger than the chunk: lengths in a damaged chunk
     // may be wrong.
-    let limit = usize::try_from(header.uncompressed_size.max(body.len() as u64))
-        .map_err(|e| e.to_string())?;
+    let limit = usize::try_from(size.max(body.len() as u64)).map_err(|e| e.to_string())?;
     let mut reader = LinearReader::new_with_options(
         LinearReaderOptions::default()
             .with_skip_start_magic(true)
@@ -312,7 +368,7 @@ fn unpack(body: &[u8]) -> Result<(String, Vec<Record<'static>>), String> {
     );
     let length = (body.len() as u64).to_le_bytes();
     let mut input = [op::CHUNK].as_slice().chain(&length[..]).chain(body);
-    let mut records = Vec::new();
+    let mut records = Chunk::default();
     while let Some(event) = reader.next_event() {
         match event.map_err(text)? {
             LinearReadEvent::ReadRequest(n) => {
@@ -322,8 +378,8 @@ fn unpack(body: &[u8]) -> Result<(String, Vec<Record<'static>>), String> {
             }
             LinearReadEvent::Record { data, opcode } => {
                 if matches!(opcode, op::SCHEMA | op::CHANNEL | op::MESSAGE) {
-                    let record = mcap::parse_record(opcode, data).map_err(text)?;
-                    records.push(record.into_owned());
+                    parse(opcode, data)?;
+                    records.push(opcode, data);
                 }
             }
         }
@@ -338,6 +394,10 @@ pub(super) fn summary(path: &Path) -> Result<Option<mcap::Summary>, BagError> {
     }
     let mut file = File::open(path).map_err(BagError::io(path))?;
     let size = file.metadata().map_err(BagError::io(path))?.len();
+    if !summary_fits(&mut file, size).unwrap_or(false) {
+        return Ok(None);
+    }
+    file.rewind().map_err(BagError::io(path))?;
     let options = mcap::sans_io::summary_reader::SummaryReaderOptions::default()
         .with_file_size(size)
         .with_record_length_limit(usize::try_from(size).unwrap_or(usize::MAX));
@@ -359,6 +419,43 @@ pub(super) fn summary(path: &Path) -> Result<Option<mcap::Summary>, BagError> {
         }
     }
     Ok(reader.finish())
+}
+
+/// Whether the lengths in the records of the summary fit into them.
+fn summary_fits(file: &mut File, size: u64) -> io::Result<bool> {
+    /// Footer record and magic bytes at the end of a file.
+    const END: u64 = RECORD_HEADER as u64 + 20 + mcap::MAGIC.len() as u64;
+    let Some(footer_at) = size.checked_sub(END) else {
+        return Ok(false);
+    };
+    let mut footer = [0; END as usize];
+    file.seek(SeekFrom::Start(footer_at))?;
+    file.read_exact(&mut footer)?;
+    let start = footer[RECORD_HEADER..].first_chunk().copied();
+    let start = u64::from_le_bytes(start.unwrap_or_default());
+    if footer[0] != op::FOOTER || start == 0 || start > footer_at {
+        return Ok(false);
+    }
+    file.seek(SeekFrom::Start(start))?;
+    let mut input = BufReader::new(file).take(footer_at - start);
+    let mut body = Vec::new();
+    loop {
+        let mut header = [0; RECORD_HEADER];
+        match input.read(&mut header[..1])? {
+            0 => return Ok(true),
+            _ => input.read_exact(&mut header[1..])?,
+        }
+        let [opcode, length @ ..] = header;
+        let length = u64::from_le_bytes(length);
+        if length > input.limit() {
+            return Ok(false);
+        }
+        body.clear();
+        (&mut input).take(length).read_to_end(&mut body)?;
+        if !limits::lengths_fit(opcode, &body) {
+            return Ok(false);
+        }
+    }
 }
 
 fn read_some(file: &mut File, buffer: &mut [u8]) -> io::Result<usize> {

@@ -4,6 +4,7 @@ use serde::{Deserialize, Serialize};
 use std::path::Path;
 
 use super::{BagError, Qos};
+use crate::input_file::{self, LARGEST_YAML};
 
 /// Name of the file within a bag's folder.
 pub(super) const FILE: &str = "metadata.yaml";
@@ -143,10 +144,13 @@ impl Found {
             rosbag2_bagfile_information: Found,
         }
         let path = folder.join(FILE);
-        let text = match std::fs::read_to_string(&path) {
+        let text = match input_file::read_text(&path, LARGEST_YAML) {
             Ok(text) => text,
-            Err(e) if e.kind() == std::io::ErrorKind::NotFound => return Ok(None),
-            Err(e) => return Err(BagError::io(&path)(e)),
+            Err(e) if e.is_missing() => return Ok(None),
+            Err(e) => {
+                let what = e.problem();
+                return Err(BagError::NotABag { path, what });
+            }
         };
         match serde_saphyr::from_str::<Document>(&text) {
             Ok(d) => Ok(Some(d.rosbag2_bagfile_information)),

@@ -32,8 +32,10 @@
 //! ```
 
 mod convert;
+mod disk_space;
 mod error;
 mod info;
+mod limits;
 mod mcap_file;
 mod metadata;
 mod part;
@@ -43,7 +45,7 @@ mod recorder;
 mod recover;
 mod writer;
 
-pub use convert::{Conversion, ELEMENTS, Table, TableFormat, convert};
+pub use convert::{Conversion, ELEMENTS, MOST_COLUMNS, Table, TableFormat, convert};
 pub use error::BagError;
 pub use info::{Info, TopicSummary};
 pub use mcap_file::Damage;

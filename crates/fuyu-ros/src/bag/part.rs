@@ -9,6 +9,7 @@ use std::sync::atomic::{AtomicU64, Ordering};
 
 use mcap::records::{MessageHeader, Metadata as MetadataRecord};
 
+use super::disk_space::DiskSpace;
 use super::metadata::{self, FileInformation, Metadata};
 use super::{BagError, Compression, RecordedTopic, WriterOptions, qos};
 
@@ -31,13 +32,17 @@ impl Part {
         name: String,
         options: &WriterOptions,
         start: &Metadata,
+        space: &Arc<DiskSpace>,
     ) -> Result<Self, BagError> {
         let path = folder.join(&name);
-        let file = File::create_new(&path).map_err(BagError::io(&path))?;
+        let file = space
+            .retry(|| File::create_new(&path))
+            .map_err(BagError::io(&path))?;
         let bytes = Arc::new(AtomicU64::new(0));
         let output = Counted {
             file: BufWriter::new(file),
             bytes: Arc::clone(&bytes),
+            space: Arc::clone(space),
         };
         let mut mcap = mcap::WriteOptions::new()
             .profile("ros2")
@@ -165,21 +170,22 @@ fn metadata_record(metadata: &Metadata) -> MetadataRecord {
     }
 }
 
-/// A file that counts what is written to it.
+/// A file that counts what is written to it, and waits when the disk is full.
 struct Counted {
     file: BufWriter<File>,
     bytes: Arc<AtomicU64>,
+    space: Arc<DiskSpace>,
 }
 
 impl Write for Counted {
     fn write(&mut self, buffer: &[u8]) -> io::Result<usize> {
-        let n = self.file.write(buffer)?;
+        let n = self.space.retry(|| self.file.write(buffer))?;
         self.bytes.fetch_add(n as u64, Ordering::Relaxed);
         Ok(n)
     }
 
     fn flush(&mut self) -> io::Result<()> {
-        self.file.flush()
+        self.space.retry(|| self.file.flush())
     }
 }
 

@@ -5,7 +5,7 @@ use std::sync::Arc;
 
 use super::mcap_file::McapFile;
 use super::metadata::Found;
-use super::{BagError, Damage, Info, Qos, info, qos};
+use super::{BagError, Damage, Info, Qos, info, limits, qos};
 use crate::msg::{Interface, cdr};
 
 /// A bag opened for reading: a folder in rosbag2's layout, with or without `metadata.yaml`, or a single MCAP file.
@@ -217,8 +217,14 @@ fn present_files(path: &Path) -> Result<Vec<PathBuf>, BagError> {
     if path.is_file() {
         return Ok(vec![path.to_owned()]);
     }
-    if !path.is_dir() {
+    if !path.exists() {
         return Err(BagError::NotFound(path.to_owned()));
+    }
+    if !path.is_dir() {
+        return Err(BagError::NotABag {
+            path: path.to_owned(),
+            what: "neither a folder nor a regular file".into(),
+        });
     }
     let mut files = Vec::new();
     let mut sqlite = false;
@@ -251,7 +257,7 @@ fn present_files(path: &Path) -> Result<Vec<PathBuf>, BagError> {
 
 /// Decompresses the data of an individually compressed message.
 fn unpack(message: &mut Message) -> Result<(), String> {
-    match zstd::decode_all(message.data.as_slice()) {
+    match limits::decompress(&message.data) {
         Ok(data) => {
             message.data = data;
             Ok(())

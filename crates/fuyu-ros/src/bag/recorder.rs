@@ -9,6 +9,7 @@ use std::sync::{Arc, Mutex, PoisonError};
 use std::thread::JoinHandle;
 use std::time::{Duration, Instant};
 
+use super::disk_space::DiskSpace;
 use super::{BagError, Recording, Topic, Writer};
 
 /// Longest time that a message stays in an open chunk; a killed process loses the open chunk.
@@ -16,6 +17,9 @@ const CHUNK_AGE: Duration = Duration::from_secs(1);
 
 /// Queue capacity in bytes before messages are dropped: more than three seconds at 20 MB/s.
 pub const QUEUE_BYTES: usize = 64 << 20;
+
+/// Longest wait for space on a full disk after the recording was finished.
+const LAST_WAIT: Duration = Duration::from_secs(2);
 
 /// Memory of a queued message [B], including the queue's overhead.
 fn weight(cdr: &Bytes) -> usize {
@@ -25,7 +29,8 @@ fn weight(cdr: &Bytes) -> usize {
 /// A [`Writer`] on a separate thread. Callers enqueue messages and never wait for the disk.
 ///
 /// If the disk cannot keep up for long, the queue fills and further messages are dropped. They are counted by topic,
-/// and the counts are part of the result.
+/// and the counts are part of the result. If the disk is full, writing waits for space and then continues where it
+/// stopped; [`RecorderStatus::waiting`] has the error.
 pub struct Recorder {
     handle: RecorderHandle,
     thread: JoinHandle<Result<Recording, BagError>>,
@@ -55,6 +60,7 @@ struct Shared {
     files: AtomicUsize,
     topics: Mutex<HashMap<String, (Topic, Arc<RecorderTopic>)>>,
     failure: Mutex<Option<String>>,
+    space: Arc<DiskSpace>,
 }
 
 enum Entry {
@@ -87,6 +93,8 @@ pub struct RecorderStatus {
     pub queued_bytes: usize,
     /// Capacity of the queue in bytes.
     pub queue_capacity: usize,
+    /// Why writing waits: the disk is full.
+    pub waiting: Option<String>,
     /// Why writing has stopped.
     pub failure: Option<String>,
 }
@@ -107,6 +115,7 @@ impl Recorder {
     pub fn with_queue(writer: Writer, capacity: usize) -> Result<Self, BagError> {
         let (sender, receiver) = mpsc::channel();
         let folder = writer.folder().to_owned();
+        writer.space().wait_when_full();
         let shared = Arc::new(Shared {
             folder: folder.clone(),
             capacity,
@@ -115,6 +124,7 @@ impl Recorder {
             files: AtomicUsize::new(1),
             topics: Mutex::default(),
             failure: Mutex::default(),
+            space: Arc::clone(writer.space()),
         });
         let for_thread = shared.clone();
         let thread = std::thread::Builder::new()
@@ -139,11 +149,12 @@ impl Recorder {
     }
 
     /// Writes the queued messages, closes the bag and returns its contents. Messages enqueued later are
-    /// dropped.
+    /// dropped. If the disk is full, waits for space for two seconds at most.
     ///
     /// # Errors
     /// The error that made writing fail, now or earlier.
     pub fn finish(self) -> Result<Recording, BagError> {
+        self.handle.shared.space.give_up_after(LAST_WAIT);
         // An error here means that the thread has already ended; it reports the reason.
         let _ = self.handle.sender.send(Entry::Finish);
         let mut recording = self
@@ -227,11 +238,9 @@ impl RecorderHandle {
     ///
     /// # Errors
     /// [`BagError::ThreadGone`] if writing has stopped; [`RecorderHandle::status`] gives the reason.
+    /// [`BagError::DiskFull`] if writing waits for space; it is done when there is.
     pub fn flush(&self) -> Result<(), BagError> {
-        let (done, wait) = mpsc::channel();
-        let gone = || BagError::ThreadGone(self.shared.folder.clone());
-        self.sender.send(Entry::Flush(done)).map_err(|_| gone())?;
-        wait.recv().map_err(|_| gone())
+        self.request(Entry::Flush)
     }
 
     /// Starts a new file of the bag and waits until that is done.
@@ -239,10 +248,27 @@ impl RecorderHandle {
     /// # Errors
     /// As [`Self::flush`].
     pub fn split(&self) -> Result<(), BagError> {
+        self.request(Entry::Split)
+    }
+
+    fn request(&self, entry: fn(Sender<()>) -> Entry) -> Result<(), BagError> {
         let (done, wait) = mpsc::channel();
-        let gone = || BagError::ThreadGone(self.shared.folder.clone());
-        self.sender.send(Entry::Split(done)).map_err(|_| gone())?;
-        wait.recv().map_err(|_| gone())
+        let folder = &self.shared.folder;
+        let gone = || BagError::ThreadGone(folder.clone());
+        self.sender.send(entry(done)).map_err(|_| gone())?;
+        loop {
+            match wait.recv_timeout(Duration::from_millis(100)) {
+                Ok(()) => return Ok(()),
+                Err(RecvTimeoutError::Disconnected) => return Err(gone()),
+                Err(RecvTimeoutError::Timeout) => {}
+            }
+            if let Some(problem) = self.shared.space.problem() {
+                return Err(BagError::DiskFull {
+                    path: folder.clone(),
+                    problem,
+                });
+            }
+        }
     }
 
     /// Status of the recording.
@@ -263,6 +289,7 @@ impl RecorderHandle {
             files: self.shared.files.load(Ordering::Relaxed),
             queued_bytes: self.shared.queued.load(Ordering::Relaxed),
             queue_capacity: self.shared.capacity,
+            waiting: self.shared.space.problem(),
             failure: lock(&self.shared.failure).clone(),
         }
     }

@@ -2,8 +2,10 @@
 
 use std::fs::{self, File};
 use std::path::{Path, PathBuf};
+use std::sync::Arc;
 use std::time::Duration;
 
+use super::disk_space::DiskSpace;
 use super::metadata::{self, FileInformation, Metadata, TopicCount, TopicMetadata};
 use super::part::Part;
 use super::{BagError, Qos, RecordedTopic};
@@ -139,6 +141,7 @@ pub struct Writer {
     messages: u64,
     bounds: Option<(u64, u64)>,
     buffer: Vec<u8>,
+    space: Arc<DiskSpace>,
 }
 
 impl Writer {
@@ -165,7 +168,8 @@ impl Writer {
             std::io::ErrorKind::AlreadyExists => BagError::Exists(folder.clone()),
             _ => BagError::io(&folder)(e),
         })?;
-        let part = open_part(&folder, &name, 0, &options)?;
+        let space = Arc::new(DiskSpace::default());
+        let part = open_part(&folder, &name, 0, &options, &space)?;
         Ok(Self {
             folder,
             name,
@@ -177,7 +181,13 @@ impl Writer {
             messages: 0,
             bounds: None,
             buffer: Vec::new(),
+            space,
         })
+    }
+
+    /// How writes wait for space on a full disk; by default they fail.
+    pub(super) fn space(&self) -> &Arc<DiskSpace> {
+        &self.space
     }
 
     /// The bag's folder.
@@ -272,7 +282,7 @@ impl Writer {
     /// [`BagError::Mcap`] or [`BagError::Io`] if a file cannot be written.
     pub fn split(&mut self) -> Result<(), BagError> {
         let number = self.closed.len() + 1;
-        let mut part = open_part(&self.folder, &self.name, number, &self.options)?;
+        let mut part = open_part(&self.folder, &self.name, number, &self.options, &self.space)?;
         for entry in &self.topics {
             part.add_topic(&entry.topic)?;
         }
@@ -315,7 +325,8 @@ impl Writer {
         }
         let yaml = self.folder.join(metadata::FILE);
         let text = metadata.file_text();
-        fs::write(&yaml, &text)
+        self.space
+            .retry(|| fs::write(&yaml, &text))
             .and_then(|()| on_disk(&yaml))
             .map_err(BagError::io(&yaml))?;
         Ok(Recording {
@@ -369,11 +380,12 @@ fn open_part(
     name: &str,
     number: usize,
     options: &WriterOptions,
+    space: &Arc<DiskSpace>,
 ) -> Result<Part, BagError> {
     let file_name = format!("{name}_{number}.mcap");
     let start = Metadata {
         relative_file_paths: vec![file_name.clone()],
         ..Metadata::empty()
     };
-    Part::create(folder, file_name, options, &start)
+    Part::create(folder, file_name, options, &start, space)
 }

@@ -25,6 +25,8 @@ pub use tracing::level_filters::LevelFilter;
 pub enum ParameterSource {
     /// `--params-file FILE`
     File(PathBuf),
+    /// A parameter file that was read already.
+    Read(ParamsFile),
     /// `-p [node:]name:=value`
     Value {
         /// The node that it is for; `None` for all nodes.
@@ -154,9 +156,8 @@ impl RosArgs {
 
     /// Adds a parameter file before all others, so that the command line overrides it.
     #[must_use]
-    pub fn with_scenario(mut self, file: impl Into<PathBuf>) -> Self {
-        self.parameters
-            .insert(0, ParameterSource::File(file.into()));
+    pub fn with_scenario(mut self, file: ParamsFile) -> Self {
+        self.parameters.insert(0, ParameterSource::Read(file));
         self
     }
 
@@ -172,6 +173,7 @@ impl RosArgs {
                 ParameterSource::File(path) => {
                     all.extend(ParamsFile::read(path)?.overrides(name));
                 }
+                ParameterSource::Read(file) => all.extend(file.overrides(name)),
                 ParameterSource::Value {
                     node,
                     name: n,

@@ -57,6 +57,14 @@ impl Diagnostics {
         }
     }
 
+    /// The present value called `key` of the part called `name`.
+    pub fn value(&self, name: &str, key: &str) -> Option<String> {
+        let entries = self.lock();
+        let entry = entries.iter().find(|e| e.name == name)?;
+        let (_, value) = entry.values.iter().find(|(k, _)| k == key)?;
+        Some(value.clone())
+    }
+
     fn lock(&self) -> MutexGuard<'_, Vec<Entry>> {
         self.entries.lock().unwrap_or_else(PoisonError::into_inner)
     }

@@ -1,6 +1,6 @@
 //! Publishers and subscriptions below their handles; they outlive a DDS participant.
 
-use rustdds::{RTPSEntity, bytes::Bytes, rpc::SampleIdentity};
+use rustdds::{GUID, RTPSEntity, SequenceNumber, bytes::Bytes, rpc::SampleIdentity};
 use std::{
     collections::VecDeque,
     sync::{
@@ -13,10 +13,14 @@ use std::{
 use super::{
     Gid, NodeName, Qos, RawSample, Time,
     events::StopState,
+    graph_cache::GraphCache,
     handler_queue::HandlerQueue,
+    held_replies::HeldReplies,
+    invalid_samples::InvalidSamples,
     local_delivery::{LocalSample, LocalTopic},
     qos::{Durability, History, kept},
     raw_endpoints::RawWriter,
+    rtps_sender::RtpsSender,
 };
 use crate::msg::{Definition, Interface};
 
@@ -136,6 +140,11 @@ pub(super) struct Counters {
 }
 
 impl Counters {
+    /// Messages that were lost because a queue was full or a datagram did not arrive.
+    pub(super) fn overrun(&self) -> u64 {
+        self.dropped.load(Relaxed) + self.missing.load(Relaxed)
+    }
+
     /// All messages that were lost.
     pub(super) fn lost(&self) -> u64 {
         [&self.dropped, &self.failed, &self.missing]
@@ -170,6 +179,8 @@ pub(super) struct Writer {
     pub(super) counters: Counters,
     /// How many of its messages wait in the node's send_queue; changed under the send_queue's lock only.
     pub(super) queued: AtomicUsize,
+    /// Replies of a service whose clients have not been matched yet.
+    pub(super) held: HeldReplies,
     /// Its topic inside the participant.
     pub(super) local: Arc<LocalTopic>,
     /// Whether subscriptions of other participants may have been missed, so that the count of them does not say enough.
@@ -177,6 +188,10 @@ pub(super) struct Writer {
     dds: RwLock<Option<Arc<RawWriter>>>,
     /// GID of the DDS writer, also while it is being replaced; until there is one, a GID that no other writer has.
     identity: RwLock<Gid>,
+    /// Sends replies that rustdds cannot send.
+    rtps: RwLock<Option<Arc<RtpsSender>>>,
+    /// Sequence number of the last sample of the DDS writer.
+    last_number: AtomicI64,
     /// Messages that late joiners must get from a new participant.
     latched: Mutex<VecDeque<(rustdds::Timestamp, Bytes)>>,
 }
@@ -188,10 +203,13 @@ impl Writer {
             node,
             counters: Counters::default(),
             queued: AtomicUsize::new(0),
+            held: HeldReplies::default(),
             local,
             count_is_unsure: AtomicBool::new(false),
             dds: RwLock::new(None),
             identity: RwLock::new(unused_gid()),
+            rtps: RwLock::default(),
+            last_number: AtomicI64::new(0),
             latched: Mutex::default(),
         }
     }
@@ -218,8 +236,8 @@ impl Writer {
     }
 
     /// Whether `guid` belongs to the same participant.
-    pub(super) fn is_of_participant(&self, guid: rustdds::GUID) -> bool {
-        rustdds::GUID::from(self.identity()).prefix == guid.prefix
+    pub(super) fn is_of_participant(&self, guid: GUID) -> bool {
+        GUID::from(self.identity()).prefix == guid.prefix
     }
 
     /// Identity of its messages.
@@ -254,12 +272,21 @@ impl Writer {
         // The participant that is there now, or else the next one gets it with the other retained ones.
         let dds = self.dds();
         drop(latched);
-        let options = rustdds::WriteOptionsBuilder::new()
+        let mut options = rustdds::WriteOptionsBuilder::new()
             .source_timestamp(published)
-            .related_sample_identity_opt(related)
-            .build();
-        match dds.map(|w| w.write_with_options(cdr, options)) {
+            .related_sample_identity_opt(related);
+        let mut cdr = cdr;
+        if let (Some(dds), Some(request)) = (&dds, related)
+            && self.send_long_reply(dds.guid(), request, &cdr)
+        {
+            // A sample to nobody: it takes the sequence number, and is announced to all other clients as irrelevant.
+            options = options.to_single_reader(dds.guid());
+            cdr = Bytes::new();
+        }
+        match dds.map(|w| w.write_with_options(cdr, options.build())) {
             Some(Ok(identity)) => {
+                let number = i64::from(identity.sequence_number);
+                self.last_number.store(number, Relaxed);
                 self.counters.count();
                 Some(identity)
             }
@@ -268,6 +295,29 @@ impl Writer {
                 None
             }
         }
+    }
+
+    /// Sends a reply that is too long for rustdds with the next sequence number of the DDS writer; false if it is not too
+    /// long. Before the sample is written: from then on rustdds says that there is nothing for the client to receive.
+    fn send_long_reply(&self, writer: GUID, request: SampleIdentity, cdr: &[u8]) -> bool {
+        // Not locked meanwhile: a participant that has deadlocked does not answer.
+        let rtps = self
+            .rtps
+            .read()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone();
+        let topic = &self.spec.dds_topic;
+        let Some(rtps) = rtps.filter(|r| r.must_send(topic, cdr.len())) else {
+            return false;
+        };
+        let number = SequenceNumber::from(self.last_number.load(Relaxed) + 1);
+        rtps.send_reply((writer, number), topic, request, cdr);
+        true
+    }
+
+    /// Sets what sends the replies that rustdds cannot send. Only for the present DDS writer.
+    pub(super) fn set_rtps_sender(&self, rtps: Option<Arc<RtpsSender>>) {
+        *self.rtps.write().unwrap_or_else(PoisonError::into_inner) = rtps;
     }
 
     /// Waits until living subscribers of other participants have what was written, at most `patience`. rustdds would wait
@@ -304,6 +354,8 @@ impl Writer {
                 .unwrap_or_else(PoisonError::into_inner);
             *identity = new.guid().into();
         }
+        self.set_rtps_sender(None);
+        self.last_number.store(0, Relaxed);
         let mut current = self.dds.write().unwrap_or_else(PoisonError::into_inner);
         std::mem::replace(&mut *current, dds)
     }
@@ -352,6 +404,7 @@ pub(super) struct Reader {
     pub(super) destination: Destination,
     /// Its topic inside the participant.
     pub(super) local: Arc<LocalTopic>,
+    invalid: Mutex<InvalidSamples>,
     gid: Mutex<Option<Gid>>,
 }
 
@@ -368,21 +421,34 @@ impl Reader {
             counters: Counters::default(),
             destination,
             local,
+            invalid: Mutex::default(),
             gid: Mutex::new(None),
         }
     }
 
-    /// Passes a sample on to its destination.
-    pub(super) fn receive(self: &Arc<Self>, sample: LocalSample, origin: Origin) {
+    /// Passes a sample on to its destination. Returns false if it is not of the expected type, as far as that is known yet.
+    pub(super) fn receive(self: &Arc<Self>, sample: LocalSample, origin: Origin) -> bool {
         self.counters.count();
         match &self.destination {
             Destination::Inbox(inbox) => {
-                if !inbox.accept(sample, origin, &self.counters) {
+                let is_valid = inbox.accept(sample, origin, &self.counters);
+                if !is_valid {
                     self.counters.failed.fetch_add(1, Relaxed);
                 }
+                is_valid
             }
-            Destination::Handler(_, queue) => queue.push(self, sample.raw),
+            Destination::Handler(_, queue) => {
+                queue.push(self, sample.raw);
+                true
+            }
         }
+    }
+
+    /// Logs an invalid sample, unless that has been said often enough.
+    pub(super) fn report_invalid(&self, graph: &GraphCache, publisher: Option<Gid>, problem: &str) {
+        let invalid = self.invalid.lock();
+        let mut invalid = invalid.unwrap_or_else(PoisonError::into_inner);
+        invalid.report((&self.node, graph), &self.spec, publisher, problem);
     }
 
     pub(super) fn set_gid(&self, gid: Gid) {

@@ -11,7 +11,7 @@ use std::{
 };
 
 use super::{
-    RawSample,
+    Gid, RawSample,
     endpoint::{Destination, Reader},
 };
 
@@ -56,8 +56,9 @@ impl HandlerQueue {
         self.filled.notify_one();
     }
 
-    /// Runs handlers until the queue is closed and empty.
-    pub(super) fn run(&self) {
+    /// Runs handlers until the queue is closed and empty. `invalid` is called with samples that are not of the expected type:
+    /// subscription, publisher and length.
+    pub(super) fn run(&self, invalid: impl Fn(&Reader, Gid, usize)) {
         self.lock().thread = Some(thread::current().id());
         let mut state = self.lock();
         loop {
@@ -71,10 +72,12 @@ impl HandlerQueue {
             };
             state.running = Some(Arc::clone(&reader));
             drop(state);
+            let (publisher, length) = (sample.publisher, sample.cdr.len());
             if let Destination::Handler(handler, _) = &reader.destination
                 && !handler(sample, &reader.counters)
             {
                 reader.counters.failed.fetch_add(1, Relaxed);
+                invalid(&reader, publisher, length);
             }
             state = self.lock();
             state.running = None;

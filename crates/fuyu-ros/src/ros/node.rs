@@ -1,7 +1,7 @@
 //! The handle that a node's program uses.
 
 use std::{
-    sync::{Arc, atomic::Ordering},
+    sync::{Arc, PoisonError, atomic::Ordering},
     time::{Duration, Instant},
 };
 
@@ -232,6 +232,22 @@ impl Node {
             Some(name) => format!("node {name}"),
             None => format!("publisher {publisher:?}"),
         }
+    }
+
+    /// Messages that the node's endpoints have lost because they were too slow: topic and number, without those that have
+    /// lost none.
+    pub fn lost_messages(&self) -> Vec<(String, u64)> {
+        let endpoints = self.core.participant.endpoints.lock();
+        let endpoints = endpoints.unwrap_or_else(PoisonError::into_inner);
+        let own = |node: &Arc<NodeName>| Arc::ptr_eq(node, &self.core.name);
+        let writers = endpoints.writers.iter().filter(|w| own(&w.node));
+        let writers = writers.map(|w| (&w.spec, &w.counters));
+        let readers = endpoints.readers.iter().filter(|r| own(&r.node));
+        let readers = readers.map(|r| (&r.spec, &r.counters));
+        (writers.chain(readers))
+            .filter(|(spec, counters)| !spec.internal && counters.overrun() > 0)
+            .map(|(spec, counters)| (spec.name.clone(), counters.overrun()))
+            .collect()
     }
 
     /// Diagnostics of the node.

@@ -15,7 +15,7 @@
 
 use serde_saphyr::{Location, Spanned};
 use std::{
-    fmt, fs,
+    fmt,
     path::{Path, PathBuf},
 };
 
@@ -26,6 +26,7 @@ use super::{
         yaml::{self, Tree},
     },
 };
+use crate::input_file::{self, LARGEST_YAML};
 
 const PARAMETERS: &str = "ros__parameters";
 
@@ -54,7 +55,7 @@ impl fmt::Display for ParamsFileError {
 impl std::error::Error for ParamsFileError {}
 
 /// The parameters of one node pattern.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 struct Section {
     /// Tokens of the pattern; an absolute one starts with an empty token.
     pattern: Vec<String>,
@@ -62,7 +63,7 @@ struct Section {
 }
 
 /// A parameter file, read and checked.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct ParamsFile {
     file: PathBuf,
     sections: Vec<Section>,
@@ -75,11 +76,11 @@ impl ParamsFile {
     /// [`ParamsFileError`] with file, line, field and what would be right.
     pub fn read(path: impl AsRef<Path>) -> Result<Self, ParamsFileError> {
         let path = path.as_ref();
-        let text = fs::read_to_string(path).map_err(|e| ParamsFileError {
+        let text = input_file::read_text(path, LARGEST_YAML).map_err(|e| ParamsFileError {
             file: path.to_owned(),
             line: None,
             field: String::new(),
-            problem: format!("cannot be read: {e}"),
+            problem: e.problem(),
         })?;
         Self::parse(path, &text)
     }

@@ -18,6 +18,7 @@ use super::{
     discovery_settling::DiscoverySettling,
     endpoint::{Destination, EndpointSpec, Endpoints, Member, Reader, Writer},
     graph_cache::{GraphCache, warn_of_namesake},
+    invalid_samples::not_of_type,
     local_delivery::{LocalTopics, Mismatch},
     participant_watchdog::{AbandonedParticipant, EntityError},
     session::Session,
@@ -183,7 +184,7 @@ impl Participant {
         drop(closed);
     }
 
-    /// Creates a new DDS participant with all endpoints in place of the present one, whose threads have ended. Returns false
+    /// Creates a new DDS participant with all endpoints in place of the present one, which no longer works. Returns false
     /// if there is none.
     pub(super) fn reconnect(&self) -> Result<bool, NodeError> {
         let mut connection = self.connection();
@@ -405,6 +406,12 @@ impl Participant {
         }
     }
 
+    /// Logs that a sample is not of the type of its subscription, unless that has been said often enough.
+    pub(super) fn report_invalid(&self, reader: &Reader, publisher: Gid, length: usize) {
+        let problem = not_of_type(&reader.spec, length);
+        reader.report_invalid(&self.graph, Some(publisher), &problem);
+    }
+
     /// Full name of the node that `publisher` belongs to, if it is known.
     pub(super) fn node_of(&self, publisher: Gid) -> Option<String> {
         let endpoints = self.endpoints();
@@ -413,12 +420,6 @@ impl Participant {
         let own = own.map(|writer| writer.node.full());
         drop(endpoints);
         own.or_else(|| self.graph.node_of(publisher))
-    }
-
-    /// The longest reply \[bytes\] that reaches every client of the service with this reply topic; `None` if it is not
-    /// connected.
-    pub(super) fn longest_reply(&self, dds_topic: &str) -> Option<usize> {
-        Some(discovery::longest_reply(&self.dds()?, dds_topic))
     }
 
     /// Full names of the nodes.
@@ -480,8 +481,8 @@ impl Participants {
         Ok(new)
     }
 
-    /// Reconnects all participants whose nodes are not stopping ([`Participant::reconnect`]).
-    pub(super) fn reconnect(&self) {
+    /// Reconnects all participants whose nodes are not stopping ([`Participant::reconnect`]), for this reason.
+    pub(super) fn reconnect(&self, reason: &str) {
         let all: Vec<_> = {
             let all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
             all.iter().filter_map(Weak::upgrade).collect()
@@ -490,7 +491,7 @@ impl Participants {
             match participant.reconnect() {
                 Ok(false) => {}
                 Ok(true) => tracing::info!(
-                    "{}: continued after a stop, joined the graph again",
+                    "{}: {reason}, joined the graph again",
                     participant.node_names().join(", ")
                 ),
                 Err(e) => tracing::error!("{e}"),

@@ -17,18 +17,21 @@ use super::{
     descriptor_limit,
     diagnostics::Reporter,
     endpoint::EndpointSpec,
-    logging,
+    help, logging,
     names::Names,
     node_core::{NodeCore, Place},
     params::{self, ParameterStore, USE_SIM_TIME},
     participant::Participants,
     service::ServiceServer,
-    signals::{self, ProcessSignal},
+    signals::{self, ProcessSignal, StopRequest, StopRequests},
+    wall_clock_watch::WallClockWatch,
 };
 use crate::msg::{diagnostic_msgs::DiagnosticArray, rcl_interfaces::Log};
 
 /// How often a node reports its health.
 const DIAGNOSTICS_PERIOD: Duration = Duration::from_secs(1);
+/// How often a process checks whether the wall clock was set back.
+const WALL_CLOCK_PERIOD: Duration = Duration::from_secs(1);
 /// Time that a node may take to end after a stop request.
 const STOP_PATIENCE: Duration = Duration::from_secs(10);
 
@@ -38,9 +41,14 @@ pub fn run(
     name: &str,
     program: impl FnOnce(&Node) -> Result<(), NodeError> + Send + 'static,
 ) -> ExitCode {
+    let args: Vec<String> = std::env::args().skip(1).collect();
+    if let Some(text) = help::requested(name, &args) {
+        print!("{text}");
+        return ExitCode::SUCCESS;
+    }
     return_free_memory();
-    let outcome = Process::from_env(std::env::args().skip(1), DiscoveryRange::Subnet).and_then(
-        |(mut process, rest)| {
+    let outcome =
+        Process::from_env(args, DiscoveryRange::Subnet).and_then(|(mut process, rest)| {
             if let Some(unknown) = rest.first() {
                 return Err(NodeError::Input(format!(
                     "argument {unknown:?}: not known; ROS arguments follow --ros-args"
@@ -49,8 +57,7 @@ pub fn run(
             Arc::make_mut(&mut process.args).only_node = true;
             process.start(name, program)?;
             process.wait()
-        },
-    );
+        });
     match outcome {
         Ok(()) => ExitCode::SUCCESS,
         Err(e) => {
@@ -94,6 +101,7 @@ pub struct Process {
     /// First failure of a node.
     failure: Option<NodeError>,
     stopping: bool,
+    wall_clock: WallClockWatch,
 }
 
 impl Process {
@@ -131,6 +139,7 @@ impl Process {
             events,
             failure: None,
             stopping: false,
+            wall_clock: WallClockWatch::new(),
         }
     }
 
@@ -164,19 +173,23 @@ impl Process {
     fn follow_signals(&self) -> Result<(), NodeError> {
         let stopper = self.stopper();
         let participants = Arc::clone(&self.participants);
-        let mut stops = 0;
+        let mut stops = StopRequests::default();
         // After a stop request no node reconnects: systemd and `timeout` send SIGTERM and SIGCONT.
         signals::watch(move |signal_kind| match signal_kind {
-            ProcessSignal::Stop(signal) => {
-                stops += 1;
-                if stops > 1 {
+            ProcessSignal::Stop(signal) => match stops.add(Instant::now()) {
+                StopRequest::First => {
+                    tracing::info!("{signal}: stopping");
+                    stopper.stop();
+                }
+                StopRequest::Same => {}
+                StopRequest::Again => {
                     tracing::warn!("{signal} again: ending at once");
                     std::process::exit(128 + signal as i32);
                 }
-                tracing::info!("{signal}: stopping");
-                stopper.stop();
+            },
+            ProcessSignal::Continued if !stops.is_stopping() => {
+                participants.reconnect("continued after a stop");
             }
-            ProcessSignal::Continued if stops == 0 => participants.reconnect(),
             ProcessSignal::Continued => {}
         })
         .map_err(|e| NodeError::Failed(format!("cannot follow signals: {e}")))
@@ -249,13 +262,35 @@ impl Process {
         let deadline = Instant::now() + patience;
         while !self.stopping {
             let left = deadline.saturating_duration_since(Instant::now());
-            match self.events.recv_timeout(left) {
+            match self.events.recv_timeout(left.min(WALL_CLOCK_PERIOD)) {
                 Ok(event) => self.take(event),
-                Err(RecvTimeoutError::Timeout) => return true,
+                Err(RecvTimeoutError::Timeout) => self.check_wall_clock(),
                 Err(RecvTimeoutError::Disconnected) => return false,
+            }
+            if !self.stopping && Instant::now() >= deadline {
+                return true;
             }
         }
         false
+    }
+
+    /// Gives every node a new participant if the wall clock was set back: the old ones would receive nothing best effort.
+    fn check_wall_clock(&mut self) {
+        let Some(step) = self.wall_clock.set_back() else {
+            return;
+        };
+        let reason = format!("the wall clock was set back by {:.1} s", step.as_secs_f64());
+        for running in &self.nodes {
+            let status = running
+                .infrastructure
+                .node
+                .diagnostics()
+                .status("wall clock");
+            status.warn(format!("{reason}; the node joined the graph again"));
+            // The report contains the worst since the last one.
+            status.ok(reason.as_str());
+        }
+        self.participants.reconnect(&reason);
     }
 
     /// Runs until there is a reason to stop, then stops all nodes in order.
@@ -419,8 +454,11 @@ fn start_receiving(core: &Arc<NodeCore>) -> Result<JoinHandle<()>, NodeError> {
         .spawn(move || {
             logging::enter(&receiving);
             let handlers = &receiving.handlers;
+            let participant = &receiving.participant;
+            let run =
+                || handlers.run(|r, publisher, n| participant.report_invalid(r, publisher, n));
             // A node that cannot receive must not continue as if it could.
-            if catch_unwind(AssertUnwindSafe(|| handlers.run())).is_err() {
+            if catch_unwind(AssertUnwindSafe(run)).is_err() {
                 handlers.abandon();
                 let reason = format!("node {}: a handler has panicked", receiving.name);
                 receiving.stop_state.fail(reason);
@@ -445,6 +483,9 @@ fn start_sending(core: &Arc<NodeCore>) -> Result<JoinHandle<()>, NodeError> {
                 let endpoints = &sending.participant.endpoints;
                 let report = {
                     let endpoints = endpoints.lock().unwrap_or_else(PoisonError::into_inner);
+                    let own = endpoints.writers.iter();
+                    let own = own.filter(|w| Arc::ptr_eq(&w.node, &sending.name));
+                    own.for_each(|w| w.held.expire());
                     reporter.report(&sending.name, now, &sending.diagnostics, &endpoints)
                 };
                 sending.publish(&reports, &report);

@@ -2,7 +2,10 @@
 
 use std::{
     collections::VecDeque,
-    sync::{Arc, Condvar, Mutex, MutexGuard, PoisonError, atomic::Ordering::Relaxed},
+    sync::{
+        Arc, Condvar, Mutex, MutexGuard, PoisonError,
+        atomic::{AtomicBool, Ordering::Relaxed},
+    },
     time::Duration,
 };
 
@@ -13,6 +16,9 @@ use super::{
     local_delivery::LocalSample,
 };
 use crate::msg::{Interface, cdr};
+
+/// Largest number of publishers whose messages are queued separately, each up to the limit.
+const SEPARATE_PUBLISHERS: usize = 32;
 
 /// A received message and its origin.
 #[derive(Debug, Clone)]
@@ -39,13 +45,17 @@ impl<M: Clone> From<Received<Arc<M>>> for Received<M> {
     }
 }
 
+type Entry<M> = (Origin, Received<Arc<M>>);
+
 /// Messages in order of arrival, shared with other subscriptions of the same participant.
 pub(super) struct ReceiveQueue<M> {
-    queue: Mutex<VecDeque<(Origin, Received<Arc<M>>)>>,
+    queue: Mutex<VecDeque<Entry<M>>>,
     arrived: Condvar,
     /// Longest queue of each origin.
     local_limit: usize,
     remote_limit: usize,
+    /// Whether the limit applies to each publisher instead of all of an origin together.
+    is_separate: AtomicBool,
     /// Wakes the program.
     events: Arc<Events>,
 }
@@ -57,8 +67,14 @@ impl<M: Interface> ReceiveQueue<M> {
             arrived: Condvar::new(),
             local_limit: spec.queue_limit(Origin::Local),
             remote_limit: spec.queue_limit(Origin::Remote),
+            is_separate: AtomicBool::new(false),
             events,
         }
+    }
+
+    /// From now on the limit applies to each publisher.
+    pub(super) fn separate_publishers(&self) {
+        self.is_separate.store(true, Relaxed);
     }
 
     /// The oldest message.
@@ -85,15 +101,16 @@ impl<M: Interface> ReceiveQueue<M> {
         oldest.map(|(_, received)| received.into())
     }
 
-    fn lock(&self) -> MutexGuard<'_, VecDeque<(Origin, Received<Arc<M>>)>> {
+    fn lock(&self) -> MutexGuard<'_, VecDeque<Entry<M>>> {
         self.queue.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Makes room for a message of `origin`: removes the oldest if as many wait as may.
+    /// Makes room for a message of `origin`: removes the oldest if as many wait as may, if publishers are separate the oldest
+    /// of the same publisher.
     fn make_room(
         &self,
-        queue: &mut VecDeque<(Origin, Received<Arc<M>>)>,
-        origin: Origin,
+        queue: &mut VecDeque<Entry<M>>,
+        (origin, publisher): (Origin, Gid),
         counters: &Counters,
     ) {
         let limit = match origin {
@@ -103,16 +120,23 @@ impl<M: Interface> ReceiveQueue<M> {
         if queue.len() < limit {
             return;
         }
+        let is_separate = self.is_separate.load(Relaxed);
         // Only the newest is wanted, wherever it comes from.
-        if limit == 1 {
+        if limit == 1 && !is_separate {
             counters.replaced.fetch_add(queue.len() as u64, Relaxed);
             queue.clear();
             return;
         }
-        let same = |(from, _): &&(Origin, _)| *from == origin;
-        if queue.iter().filter(same).count() >= limit {
-            let oldest = queue.iter().position(|entry| same(&entry));
-            oldest.and_then(|oldest| queue.remove(oldest));
+        let same = |(from, received): &Entry<M>| {
+            *from == origin && (!is_separate || received.publisher == publisher)
+        };
+        let superfluous = if queue.iter().filter(|entry| same(entry)).count() >= limit {
+            queue.iter().position(same)
+        } else {
+            (queue.len() >= SEPARATE_PUBLISHERS * limit).then_some(0)
+        };
+        if let Some(index) = superfluous {
+            queue.remove(index);
             counters.dropped.fetch_add(1, Relaxed);
         }
     }
@@ -136,7 +160,7 @@ impl<M: Interface> Inbox for ReceiveQueue<M> {
             publisher: raw.publisher,
         };
         let mut queue = self.lock();
-        self.make_room(&mut queue, origin, counters);
+        self.make_room(&mut queue, (origin, raw.publisher), counters);
         queue.push_back((origin, received));
         drop(queue);
         self.arrived.notify_all();
@@ -198,6 +222,46 @@ mod tests {
         fill(&queue, Origin::Remote, "r", 0..2);
         fill(&queue, Origin::Local, "l", 0..2);
         assert_eq!(taken(&queue), ["l1"]);
+    }
+
+    fn from(publisher: u8, text: &str) -> LocalSample {
+        let text = Text { data: text.into() };
+        let raw = RawSample::for_test(cdr::encode(&text).into());
+        let publisher = Gid::from([publisher; 16]);
+        RawSample { publisher, ..raw }.into()
+    }
+
+    // Would break if a publisher that floods a topic crowded out the others.
+    #[test]
+    fn a_flood_of_one_publisher_loses_its_own_messages_only() {
+        let queue = queue(Qos::RELIABLE.depth(2));
+        let counters = Counters::default();
+        let accept = |sample| assert!(queue.accept(sample, Origin::Remote, &counters));
+        let flood = || (0..1000).for_each(|i| accept(from(2, &format!("flood {i}"))));
+        accept(from(1, "lost"));
+        flood();
+        assert_eq!(taken(&queue), ["flood 998", "flood 999"]);
+        queue.separate_publishers();
+        accept(from(1, "first"));
+        flood();
+        accept(from(1, "second"));
+        flood();
+        let left = ["first", "second", "flood 998", "flood 999"];
+        assert_eq!(taken(&queue), left);
+        assert_eq!(counters.dropped.load(Relaxed), 999 + 1998);
+    }
+
+    #[test]
+    fn the_queue_of_many_publishers_is_bounded() {
+        let queue = queue(Qos::RELIABLE.depth(2));
+        queue.separate_publishers();
+        let counters = Counters::default();
+        for publisher in 0..=255 {
+            for _ in 0..3 {
+                queue.accept(from(publisher, ""), Origin::Remote, &counters);
+            }
+        }
+        assert_eq!(taken(&queue).len(), 2 * SEPARATE_PUBLISHERS);
     }
 
     #[test]

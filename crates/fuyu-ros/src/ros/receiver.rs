@@ -23,8 +23,10 @@ use super::{
     discovery_settling::DiscoverySettling,
     endpoint::{Endpoints, Origin, Reader},
     graph_cache::GraphCache,
+    invalid_samples::not_of_type,
     participant_watchdog::{self, EntityError},
     raw_endpoints::{CdrPassthrough, RawReader},
+    rtps_sender::RtpsSender,
 };
 
 pub(super) const WAKER: Token = Token(0);
@@ -80,16 +82,18 @@ pub(super) struct Receiver {
     pub(super) endpoints: Arc<Mutex<Endpoints>>,
     pub(super) graph: Arc<GraphCache>,
     pub(super) settling: Arc<DiscoverySettling>,
+    pub(super) rtps: Option<Arc<RtpsSender>>,
 }
 
 impl Receiver {
     pub(super) fn run(mut self) -> io::Result<()> {
         let mut readers = Readers {
             own: self.participant.guid(),
+            graph: Arc::clone(&self.graph),
             states: HashMap::new(),
             next: FIRST_READER,
         };
-        let mut peers = Peers::default();
+        let mut peers = Peers::new(self.rtps.take());
         let mut status = self.participant.status_listener();
         let registry = self.poll.registry();
         registry.register(&mut status, STATUS, Interest::READABLE)?;
@@ -100,6 +104,7 @@ impl Receiver {
         let mut events = PollEvents::with_capacity(64);
         while !self.stop.load(Relaxed) {
             let wait = announce_at.map(|at| at.saturating_duration_since(Instant::now()));
+            let wait = wait.into_iter().chain(peers.first_samples.timeout()).min();
             match self.poll.poll(&mut events, wait) {
                 Err(e) if e.kind() == io::ErrorKind::Interrupted => continue,
                 outcome => outcome?,
@@ -114,6 +119,7 @@ impl Receiver {
                     Token(token) => readers.take(token),
                 }
             }
+            (peers.first_samples).request(|reader, writer| readers.has_sample(reader, writer));
             while let Ok(request) = self.inbox.try_recv() {
                 match request {
                     Request::Add(dds, reader, earlier) => {
@@ -161,6 +167,7 @@ impl Receiver {
 struct Readers {
     /// The participant, whose own samples do not count: they have been delivered in memory.
     own: GUID,
+    graph: Arc<GraphCache>,
     states: HashMap<usize, ReaderState>,
     next: usize,
 }
@@ -193,10 +200,10 @@ impl Readers {
             last: HashMap::new(),
         };
         for sample in earlier {
-            state.receive(sample, self.own);
+            state.receive(sample, self.own, &self.graph);
         }
         // Samples that arrived before the registration.
-        state.take_all(self.own);
+        state.take_all(self.own, &self.graph);
         self.states.insert(self.next, state);
         self.next += 1;
     }
@@ -220,38 +227,49 @@ impl Readers {
         Some(state.dds.guid().into())
     }
 
+    /// Whether the DDS reader with this GUID has received something of a writer.
+    fn has_sample(&self, reader: GUID, writer: GUID) -> bool {
+        let mut states = self.states.values();
+        let state = states.find(|state| state.dds.guid() == reader);
+        state.is_some_and(|state| state.last.contains_key(&writer.into()))
+    }
+
     fn take(&mut self, token: usize) {
         if let Some(state) = self.states.get_mut(&token) {
-            state.take_all(self.own);
+            state.take_all(self.own, &self.graph);
         }
     }
 }
 
 impl ReaderState {
-    fn take_all(&mut self, own: GUID) {
+    fn take_all(&mut self, own: GUID, graph: &GraphCache) {
         self.dds.drain_read_notifications();
         loop {
             match self.dds.try_take_one() {
                 Ok(None) => return,
-                Ok(Some(change)) => self.receive(change.into(), own),
+                Ok(Some(change)) => self.receive(change.into(), own, graph),
                 // The reader has skipped the sample that it could not take.
-                Err(_) => {
+                Err(e) => {
                     for reader in &self.readers {
                         reader.counters.failed.fetch_add(1, Relaxed);
+                        reader.report_invalid(graph, None, &e.to_string());
                     }
                 }
             }
         }
     }
 
-    fn receive(&mut self, sample: RawSample, own: GUID) {
+    fn receive(&mut self, sample: RawSample, own: GUID, graph: &GraphCache) {
         if sample.identity.writer_guid.prefix == own.prefix {
             return;
         }
         let missing = missing(&mut self.last, sample.publisher, sample.sequence_number);
         for reader in &self.readers {
             reader.counters.missing.fetch_add(missing, Relaxed);
-            reader.receive(sample.clone().into(), Origin::Remote);
+            if !reader.receive(sample.clone().into(), Origin::Remote) {
+                let problem = not_of_type(&reader.spec, sample.cdr.len());
+                reader.report_invalid(graph, Some(sample.publisher), &problem);
+            }
         }
     }
 }

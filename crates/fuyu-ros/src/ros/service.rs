@@ -10,13 +10,11 @@ use std::{
 use super::{
     NodeError, Qos, RawSample,
     endpoint::{Counters, EndpointSpec, Reader, Writer},
+    held_replies::ReplyReader,
     node_core::NodeCore,
     publisher::LAST_MESSAGES,
 };
 use crate::msg::{Interface, Service, cdr};
-
-/// Replies up to this length reach every client \[bytes\].
-const ALWAYS_REACHES: usize = 1_024;
 
 /// Calls that may wait for the program; further ones get no reply.
 const WAITING: usize = 64;
@@ -71,6 +69,10 @@ impl ServiceServer {
                 core: Weak::clone(&weak),
                 writer: Arc::clone(&replies),
                 question: question(&sample),
+                client: ReplyReader::new(
+                    sample.related.map(|stated| stated.writer_guid.into()),
+                    sample.publisher,
+                ),
                 service: PhantomData,
             };
             handler(request, reply);
@@ -109,48 +111,27 @@ pub struct Reply<S> {
     core: Weak<NodeCore>,
     writer: Arc<Writer>,
     question: SampleIdentity,
+    client: ReplyReader,
     service: PhantomData<fn(S)>,
 }
 
 impl<S: Service> Reply<S> {
-    /// Sends the response.
+    /// Sends the response, as soon as the client has been matched.
     pub fn send(self, response: &S::Response) {
         let Some(core) = self.core.upgrade() else {
             return;
         };
-        let length = cdr::encode(response).len();
-        if let Err(longest) = self.fits(&core, length) {
-            tracing::warn!(
-                "node {}: service {}: a response of {length} bytes may not reach the client, the limit of this version of \
-                 rustdds is {longest}; request less at a time",
-                core.names.node(),
-                self.writer.spec.name,
-            );
+        if self.client.is_with(self.writer.identity()) {
+            return core.reply(&self.writer, response, self.question);
         }
-        core.reply(&self.writer, response, self.question);
-    }
-
-    /// Whether a response is short enough to reach the client (docs/upstream.md).
-    pub(super) fn reaches(&self, response: &S::Response) -> bool {
-        let length = cdr::encode(response).len();
-        let core = self.core.upgrade();
-        core.is_some_and(|core| self.fits(&core, length).is_ok())
-    }
-
-    /// Checks the length of a response; the error is the limit \[bytes\].
-    fn fits(&self, core: &NodeCore, length: usize) -> Result<(), usize> {
-        // Without DDS there is no limit.
-        if length <= ALWAYS_REACHES || self.writer.is_of_participant(self.question.writer_guid) {
-            return Ok(());
-        }
-        let topic = &self.writer.spec.dds_topic;
-        let longest = core.participant.longest_reply(topic);
-        let longest = longest.unwrap_or(ALWAYS_REACHES);
-        if length <= longest {
-            Ok(())
-        } else {
-            Err(longest)
-        }
+        let response = response.clone();
+        let writer = Arc::clone(&self.writer);
+        let send = move || {
+            if let Some(core) = self.core.upgrade() {
+                core.reply(&self.writer, &response, self.question);
+            }
+        };
+        writer.held.send(self.client, &writer.counters, send);
     }
 }
 

@@ -27,6 +27,7 @@ use super::{
     qos::Durability,
     raw_endpoints::{CdrPassthrough, RawReader, RawWriter},
     receiver::{self, Receiver, Request},
+    rtps_sender::RtpsSender,
 };
 
 /// A connected participant.
@@ -45,6 +46,7 @@ pub(super) struct Session {
     announcer: Arc<Announcer>,
     requests: mpsc::Sender<Request>,
     waker: Arc<Waker>,
+    rtps: Option<Arc<RtpsSender>>,
     stop: Arc<AtomicBool>,
     receiver: Option<JoinHandle<()>>,
 }
@@ -73,6 +75,9 @@ impl Session {
         let waker = Waker::new(poll.registry(), receiver::WAKER).map_err(EntityError::dds)?;
         let (requests, inbox) = mpsc::channel();
         let stop = Arc::new(AtomicBool::new(false));
+        let rtps = RtpsSender::new(participant.clone(), domain.range)
+            .inspect_err(|e| tracing::warn!("long replies may not arrive: {e}"));
+        let rtps = rtps.ok().map(Arc::new);
         let receiver = Receiver {
             poll,
             inbox,
@@ -83,6 +88,7 @@ impl Session {
             endpoints: Arc::clone(endpoints),
             graph: Arc::clone(graph),
             settling: Arc::clone(settling),
+            rtps: rtps.clone(),
         };
         let all = Arc::clone(endpoints);
         let receiver = thread::Builder::new()
@@ -111,6 +117,7 @@ impl Session {
             announcer,
             requests,
             waker: Arc::new(waker),
+            rtps,
             stop,
             receiver: Some(receiver),
         };
@@ -222,6 +229,7 @@ impl Session {
         }
         writer.counters.forget_remote();
         writer.attach(Some(dds));
+        writer.set_rtps_sender(self.rtps.clone());
         Ok(())
     }
 

@@ -2,7 +2,10 @@
 //! them here.
 
 use nix::sys::signal::{SigSet, SigmaskHow, Signal, pthread_sigmask};
-use std::thread;
+use std::{
+    thread,
+    time::{Duration, Instant},
+};
 
 /// Signals that stay unblocked: faults of the thread itself, and job control of the terminal.
 const NOT_BLOCKED: [Signal; 11] = [
@@ -55,6 +58,46 @@ pub(super) enum ProcessSignal {
     Continued,
 }
 
+/// Signals that follow the first one within this time are the same request: a terminal or a launcher sends one to the
+/// process and one to its group.
+const SAME_REQUEST: Duration = Duration::from_millis(250);
+
+/// Counts requests to stop.
+#[derive(Debug, Default)]
+pub(super) struct StopRequests {
+    first: Option<Instant>,
+}
+
+impl StopRequests {
+    /// A signal to stop has arrived at `now`.
+    pub(super) fn add(&mut self, now: Instant) -> StopRequest {
+        match self.first {
+            None => {
+                self.first = Some(now);
+                StopRequest::First
+            }
+            Some(first) if now.duration_since(first) < SAME_REQUEST => StopRequest::Same,
+            Some(_) => StopRequest::Again,
+        }
+    }
+
+    /// Whether the process has been asked to stop.
+    pub(super) fn is_stopping(&self) -> bool {
+        self.first.is_some()
+    }
+}
+
+/// What a signal to stop means.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum StopRequest {
+    /// To stop in order.
+    First,
+    /// Nothing new.
+    Same,
+    /// To end at once.
+    Again,
+}
+
 /// Waits for signals on a thread of its own. The signals must be blocked in all threads.
 pub(super) fn watch(mut handle: impl FnMut(ProcessSignal) + Send + 'static) -> std::io::Result<()> {
     let mut set = SigSet::empty();
@@ -82,4 +125,23 @@ pub(super) fn watch(mut handle: impl FnMut(ProcessSignal) + Send + 'static) -> s
             }
         })
         .map(drop)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Would break if Ctrl-C in a terminal, which signals parent and child, cut off a run in the middle of its bag.
+    #[test]
+    fn signals_within_milliseconds_are_one_request() {
+        let mut requests = StopRequests::default();
+        let start = Instant::now();
+        let at = |ms| start + Duration::from_millis(ms);
+        assert!(!requests.is_stopping());
+        assert_eq!(requests.add(at(0)), StopRequest::First);
+        assert!(requests.is_stopping());
+        assert_eq!(requests.add(at(3)), StopRequest::Same);
+        assert_eq!(requests.add(at(200)), StopRequest::Same);
+        assert_eq!(requests.add(at(400)), StopRequest::Again);
+    }
 }

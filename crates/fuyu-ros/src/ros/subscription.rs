@@ -37,6 +37,12 @@ impl<M: Interface> Subscription<M> {
         }
     }
 
+    /// From now on the depth applies to each publisher: one that floods the topic loses its own messages only, and those
+    /// of others keep their places. Messages of all publishers are taken in the order of their arrival.
+    pub fn separate_publishers(&self) {
+        self.inbox.separate_publishers();
+    }
+
     /// The oldest message that waits.
     pub fn take(&self) -> Option<Received<M>> {
         self.inbox.take()

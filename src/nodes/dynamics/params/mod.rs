@@ -11,7 +11,7 @@ use super::loops::LoopParams;
 use crate::{
     control::VelocityServoConfig,
     dynamics::{FormulationKind, IntegrationMethod},
-    nodes::choice,
+    nodes::{choice, resource::AllowedFolders},
     ros::{Declare, Lifecycle},
 };
 use bodies::finite_list;
@@ -34,6 +34,8 @@ pub struct DynamicsParams {
     pub base: InitialMotion,
     /// Other free-floating bodies.
     pub targets: Vec<TargetParams>,
+    /// Folders from which peers may name files to spawn.
+    pub resource_folders: AllowedFolders,
     /// The base's inertial measurement unit.
     pub imu: ImuParams,
     /// Integration method.
@@ -62,6 +64,8 @@ pub struct DynamicsParams {
     pub answer_timeout: f64,
     /// Largest effort in a command \[N m or N\].
     pub max_effort: f64,
+    /// Acceleration of the effort limits of joints whose description gives none \[rad/s² or m/s²\]; zero is no limit.
+    pub default_joint_acceleration: f64,
     /// The servo that drives joint rates.
     pub servo: VelocityServoConfig,
     /// Largest rate in a command \[rad/s or m/s\].
@@ -85,7 +89,7 @@ impl DynamicsParams {
             .param(
                 "urdf",
                 "package://fuyu/urdf/servicer.urdf",
-                "File with the robot's URDF: a path or package://fuyu/PATH",
+                "File with the robot's URDF: a path or package://PACKAGE/PATH",
             )
             .read_only()
             .value();
@@ -115,6 +119,14 @@ impl DynamicsParams {
                 "targets",
                 Vec::<String>::new(),
                 "Names of the other free bodies (targets)",
+            )
+            .read_only()
+            .value();
+        let resource_folders = declare
+            .param(
+                "resource_folders",
+                vec!["package://fuyu/urdf".to_owned()],
+                "Folders from which peers may name URDF files to spawn: paths or package://PACKAGE/FOLDER",
             )
             .read_only()
             .value();
@@ -252,6 +264,15 @@ impl DynamicsParams {
             .range(1e-9, 1e9)
             .read_only()
             .value();
+        let default_joint_acceleration = declare
+            .param(
+                "default_joint_acceleration",
+                1000.0,
+                "Joints whose URDF gives no effort limit get one: this acceleration times the largest inertia that they have to move, with the arm outstretched [rad/s2 or m/s2]; 0 is no limit",
+            )
+            .range(0.0, 1e9)
+            .read_only()
+            .value();
         let servo = declare_servo(declare);
         let max_rate = declare
             .param(
@@ -304,6 +325,7 @@ impl DynamicsParams {
             loop_tolerance,
             base,
             targets,
+            resource_folders: AllowedFolders::new(resource_folders),
             imu,
             // The declaration has refused any other text.
             method: choice::find(&IntegrationMethod::NAMES, &method).unwrap_or_default(),
@@ -319,6 +341,7 @@ impl DynamicsParams {
             command_timeout,
             answer_timeout,
             max_effort,
+            default_joint_acceleration,
             servo,
             max_rate,
         })

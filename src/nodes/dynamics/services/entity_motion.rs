@@ -8,7 +8,7 @@ use crate::{
         services::{SetEntityStateRequest, SetEntityStateResponse as Set},
     },
     nodes::{
-        dynamics::{messages::WORLD, simulation::Simulation},
+        dynamics::{divergence, messages::WORLD, simulation::Simulation},
         geometry::{pose_from_msg, vector_from_msg},
     },
     spatial::Twist,
@@ -32,6 +32,12 @@ fn move_entity(
     request: &SetEntityStateRequest,
 ) -> Result<(), Outcome> {
     check_active(simulation)?;
+    if !(request.set_pose || request.set_twist || request.set_acceleration) {
+        return Err(Outcome::new(
+            Outcome::OPERATION_FAILED,
+            "nothing to set: set_pose, set_twist and set_acceleration are all false",
+        ));
+    }
     let world = &mut simulation.world;
     let frame = request.state.header.frame_id.as_str();
     let X_WR = world.frame(frame)?;
@@ -75,13 +81,15 @@ fn move_entity(
     let V_WB_B = Twist::new(R_BW * w_W, R_BW * v_W);
     let mut state = body.state().clone();
     state.set_base(&mut Workspace::new(body.model()), &X_WB, &V_WB_B);
-    if !state.is_finite() {
+    let before = body.state().clone();
+    body.set_state(state);
+    if let Some(what) = divergence::of(body) {
+        body.set_state(before);
         return Err(Outcome::new(
             Outcome::OPERATION_FAILED,
-            "the twist is too fast: its momentum is not finite",
+            format!("{} cannot be simulated like this: {what}", request.entity),
         ));
     }
-    body.set_state(state);
     simulation.outputs.invalidate();
     Ok(())
 }

@@ -27,6 +27,7 @@ use crate::{
             },
         },
     },
+    nodes::resource::AllowedFolders,
     ros::{Calls, Node, NodeError, ServiceServer},
 };
 
@@ -50,11 +51,12 @@ pub struct Services {
 }
 
 impl Services {
-    /// Offers the services.
+    /// Offers the services. Peers may name files in `resource_folders` only.
     ///
     /// # Errors
     /// When DDS refuses.
-    pub fn new(node: &Node) -> Result<Self, NodeError> {
+    pub fn new(node: &Node, resource_folders: &AllowedFolders) -> Result<Self, NodeError> {
+        let resource_folders = resource_folders.clone();
         Ok(Self {
             get_state: node.serve_calls("~/get_simulation_state")?,
             set_state: node.serve_calls("~/set_simulation_state")?,
@@ -74,8 +76,8 @@ impl Services {
                         features: features(),
                     }
                 })?,
-                node.serve::<GetSpawnables>("~/get_spawnables", |request| {
-                    spawn::spawnables(&request.sources)
+                node.serve::<GetSpawnables>("~/get_spawnables", move |request| {
+                    spawn::spawnables(&request.sources, &resource_folders)
                 })?,
             ],
         })
@@ -83,38 +85,34 @@ impl Services {
 }
 
 /// Answers the waiting calls, and accepts or refuses requests for steps.
-///
-/// # Errors
-/// When the state is no longer finite.
-pub fn answer_calls(simulation: &mut Simulation) -> Result<(), NodeError> {
+pub fn answer_calls(simulation: &mut Simulation) {
     let s = simulation;
-    answer(s, |c| &c.get_state, |s, _| states::get(s))?;
-    answer(s, |c| &c.set_state, |s, r| states::set(s, &r))?;
+    answer(s, |c| &c.get_state, |s, _| states::get(s));
+    answer(s, |c| &c.set_state, |s, r| states::set(s, &r));
     let active = check_active(s);
     if s.steps.take_requests(s.clock.phase(), &active) {
         s.pause(Phase::Paused);
     }
-    answer(s, |c| &c.reset, |s, r| states::reset(s, &r))?;
-    answer(s, |c| &c.entities, |s, r| entities::names(&s.world, &r))?;
+    answer(s, |c| &c.reset, |s, r| states::reset(s, &r));
+    answer(s, |c| &c.entities, |s, r| entities::names(&s.world, &r));
     answer(
         s,
         |c| &c.entities_states,
         |s, r| entities::states(&mut s.world, &r),
-    )?;
-    answer(s, |c| &c.entity_info, |s, r| entities::info(&s.world, &r))?;
+    );
+    answer(s, |c| &c.entity_info, |s, r| entities::info(&s.world, &r));
     answer(
         s,
         |c| &c.entity_state,
         |s, r| entities::state(&mut s.world, &r),
-    )?;
-    answer(s, |c| &c.set_entity_state, |s, r| entity_motion::set(s, &r))?;
-    answer(s, |c| &c.spawn, spawn::spawn_one)?;
-    answer(s, |c| &c.spawn_all, |s, r| spawn::spawn_all(s, &r))?;
-    answer(s, |c| &c.delete, |s, r| spawn::delete(s, &r))?;
+    );
+    answer(s, |c| &c.set_entity_state, |s, r| entity_motion::set(s, &r));
+    answer(s, |c| &c.spawn, spawn::spawn_one);
+    answer(s, |c| &c.spawn_all, |s, r| spawn::spawn_all(s, &r));
+    answer(s, |c| &c.delete, |s, r| spawn::delete(s, &r));
     if s.services.quit_requested {
         s.node.request_stop();
     }
-    Ok(())
 }
 
 /// Answers the calls of one service. If a call changes the world, the world is published before the response is sent.
@@ -122,16 +120,15 @@ fn answer<S: Service>(
     simulation: &mut Simulation,
     calls: impl Fn(&Services) -> &Calls<S>,
     handler: impl Fn(&mut Simulation, S::Request) -> S::Response,
-) -> Result<(), NodeError> {
+) {
     while let Some(call) = calls(&simulation.services).take() {
         let response = handler(simulation, call.request);
         if simulation.outputs.is_outdated() {
             simulation.commands.expect_response_again();
-            simulation.publish()?;
+            simulation.publish();
         }
         call.reply.send(&response);
     }
-    Ok(())
 }
 
 /// Outcome for a call that needs an active node: an error if the node is inactive.

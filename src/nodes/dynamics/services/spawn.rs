@@ -1,11 +1,12 @@
 //! Adding free bodies to the world, and removing them.
 
-use std::path::{Path, PathBuf};
+use std::path::Path;
 
 use nalgebra::Vector3;
 
 use super::check_active;
 use crate::{
+    input_file::LARGEST_URDF,
     model::Model,
     msg::simulation_interfaces::{
         Resource, Result as Outcome, SpawnEntity, SpawnResult as Code, Spawnable,
@@ -22,7 +23,7 @@ use crate::{
             world::World,
         },
         geometry::pose_from_msg,
-        resource,
+        resource::{self, AllowedFolders},
     },
 };
 
@@ -82,7 +83,10 @@ fn spawn(simulation: &mut Simulation, request: &SpawnEntity) -> Code {
 fn add(simulation: &mut Simulation, request: &SpawnEntity) -> Result<String, Outcome> {
     check_active(simulation)?;
     let (world, method) = (&mut simulation.world, simulation.params.method);
-    let description = read(&request.entity_resource)?;
+    let description = read(
+        &request.entity_resource,
+        &simulation.params.resource_folders,
+    )?;
     let parsed = |e: String| Outcome::new(Code::RESOURCE_PARSE_ERROR, e);
     let model = description.compile().map_err(parsed)?;
     let name = free_name(world, request, &model)?;
@@ -193,8 +197,8 @@ fn is_name(text: &str) -> bool {
         && letters.all(|c| c.is_ascii_alphanumeric() || c == '_')
 }
 
-/// The text of a resource, if it is URDF.
-fn read(resource: &Resource) -> Result<Description, Outcome> {
+/// The text of a resource that a peer may name, if it is URDF.
+fn read(resource: &Resource, allowed: &AllowedFolders) -> Result<Description, Outcome> {
     let unreadable = |e: String| Outcome::new(Code::RESOURCE_PARSE_ERROR, e);
     let (xml, source) = match (resource.uri.as_str(), resource.resource_string.as_str()) {
         ("", "") => {
@@ -205,7 +209,9 @@ fn read(resource: &Resource) -> Result<Description, Outcome> {
         }
         ("", text) => (text.to_owned(), "resource_string".to_owned()),
         (uri, _) => {
-            resource::read(uri.strip_prefix("file://").unwrap_or(uri)).map_err(unreadable)?
+            let file = allowed.resolve(uri).map_err(unreadable)?;
+            let text = file.text(LARGEST_URDF).map_err(unreadable)?;
+            (text, file.path().display().to_string())
         }
     };
     let other = ["sdf", "mujoco", "mujocoinclude"]
@@ -223,13 +229,17 @@ fn read(resource: &Resource) -> Result<Description, Outcome> {
     }
 }
 
-/// Single bodies among the descriptions of fuyu and in `sources`: files and folders.
-pub fn spawnables(sources: &[String]) -> GetSpawnablesResponse {
+/// Single bodies among the descriptions of fuyu and in `sources`: files and folders that peers may name.
+pub fn spawnables(sources: &[String], allowed: &AllowedFolders) -> GetSpawnablesResponse {
+    let ours = AllowedFolders::new(vec![DESCRIPTIONS.to_owned()]);
+    let named = sources.iter().map(|source| (source.as_str(), allowed));
     let mut found = Vec::new();
     let mut missing = Vec::new();
-    for source in std::iter::once(DESCRIPTIONS).chain(sources.iter().map(String::as_str)) {
-        match files(source) {
-            Ok(files) => found.extend(files.into_iter().filter_map(spawnable)),
+    for (source, allowed) in std::iter::once((DESCRIPTIONS, &ours)).chain(named) {
+        match files(source, allowed) {
+            Ok(files) => {
+                found.extend(files.into_iter().filter_map(|uri| spawnable(uri, allowed)));
+            }
             Err(e) => missing.push(e),
         }
     }
@@ -240,29 +250,22 @@ pub fn spawnables(sources: &[String]) -> GetSpawnablesResponse {
 }
 
 /// URDF files that `source` names, by the names to spawn them with.
-fn files(source: &str) -> Result<Vec<String>, String> {
-    let path = resource::resolve(source.strip_prefix("file://").unwrap_or(source))?;
-    if !path.is_dir() {
-        return Ok(vec![source.to_owned()]);
+fn files(source: &str, allowed: &AllowedFolders) -> Result<Vec<String>, String> {
+    // The embedded folder of descriptions is not a file to resolve.
+    if source != DESCRIPTIONS {
+        allowed.resolve(source)?;
     }
-    let entries = path
-        .read_dir()
-        .map_err(|e| format!("{source}: cannot be read: {e}"))?;
-    let mut names: Vec<_> = entries
-        .filter_map(|entry| Some(PathBuf::from(entry.ok()?.file_name())))
-        .filter(|name| name.extension().is_some_and(|e| e == "urdf"))
-        .map(|name| format!("{}/{}", source.trim_end_matches('/'), name.display()))
-        .collect();
-    names.sort();
+    let mut names = resource::list(source.strip_prefix("file://").unwrap_or(source))?;
+    names.retain(|name| Path::new(name).extension().is_some_and(|e| e == "urdf"));
     Ok(names)
 }
 
-fn spawnable(uri: String) -> Option<Spawnable> {
+fn spawnable(uri: String, allowed: &AllowedFolders) -> Option<Spawnable> {
     let resource = Resource {
         uri,
         ..Resource::default()
     };
-    let model = read(&resource).ok()?.compile().ok()?;
+    let model = read(&resource, allowed).ok()?.compile().ok()?;
     (model.dof() == 0).then(|| Spawnable {
         description: format!("{}: free body, {} kg", model.name(), model.total_mass()),
         entity_resource: resource,

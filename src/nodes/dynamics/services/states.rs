@@ -64,6 +64,11 @@ fn enter(simulation: &mut Simulation, state: u8) -> Result<(), Outcome> {
         ));
     };
     check_active(simulation)?;
+    if state == SimulationState::STATE_PAUSED && simulation.steps.is_pending() {
+        simulation.steps.end("the simulation was paused");
+        simulation.pause(Phase::Paused);
+        return Ok(());
+    }
     if state == simulation.clock.phase().number() {
         return Err(Outcome::new(
             Set::ALREADY_IN_TARGET_STATE,
@@ -89,7 +94,7 @@ fn play(simulation: &mut Simulation) -> Result<(), Outcome> {
     if simulation.steps.is_pending() {
         return Err(Outcome::new(
             Outcome::INCORRECT_STATE,
-            "steps are being simulated; wait for their end, cancel them or stop",
+            "steps are being simulated; wait for their end, or pause to end them",
         ));
     }
     let clock = &mut simulation.clock;

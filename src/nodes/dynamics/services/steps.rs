@@ -10,6 +10,9 @@ use crate::{
     ros::{ActionServer, Calls, Goal, Node, NodeError, Reply},
 };
 
+/// Most steps that one request may ask for. More would keep other clients waiting for hours.
+const MAX_STEPS: u64 = 1_000_000;
+
 /// Endpoints for steps, and the pending request. There is at most one at a time.
 pub struct StepRequests {
     service: Calls<StepSimulation>,
@@ -116,6 +119,7 @@ impl StepRequests {
                     ),
                 )),
             });
+        let refused = refused.or_else(|| too_many(total));
         match refused {
             Some(problem) => client.end(problem),
             None if total == 0 => client.end(Outcome::ok()),
@@ -157,5 +161,29 @@ impl StepRequests {
             let result = Outcome::new(Outcome::OPERATION_FAILED, text);
             request.client.end(result);
         }
+    }
+}
+
+/// The refusal of a request for `total` steps, if these are too many.
+fn too_many(total: u64) -> Option<Outcome> {
+    (total > MAX_STEPS).then(|| {
+        Outcome::new(
+            Outcome::OPERATION_FAILED,
+            format!("{total} steps are too many for one request; ask for at most {MAX_STEPS}"),
+        )
+    })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Would break if one client could occupy the simulation for centuries.
+    #[test]
+    fn the_number_of_steps_is_limited() {
+        assert_eq!(too_many(MAX_STEPS), None);
+        let refused = too_many(u64::MAX).unwrap();
+        assert_eq!(refused.result, Outcome::OPERATION_FAILED);
+        assert!(refused.error_message.contains("at most 1000000"));
     }
 }

@@ -2,6 +2,7 @@
 //! bag.
 
 mod csv;
+mod file_names;
 mod parquet;
 
 use std::collections::BTreeMap;
@@ -14,6 +15,8 @@ use serde::Serialize;
 
 use super::{Bag, BagError, Damage, Message, RecordedTopic};
 use crate::msg::schema::{Column, Layout, Schema, Value};
+
+pub use crate::msg::schema::MOST_COLUMNS;
 
 /// Largest number of elements of a sequence that become columns.
 pub const ELEMENTS: u32 = 1000;
@@ -50,7 +53,7 @@ pub struct Table {
     pub rows: u64,
     /// Columns, those of the times included.
     pub columns: usize,
-    /// Messages with sequences longer than [`ELEMENTS`]; the excess elements are omitted.
+    /// Messages with sequences longer than [`ELEMENTS`], or with values beyond [`MOST_COLUMNS`]; the excess is omitted.
     pub cut: u64,
     /// Messages that cannot be decoded as the type; they are omitted.
     pub undecoded: u64,
@@ -127,12 +130,21 @@ pub fn convert(
     let damage = messages.damage();
     fs::create_dir_all(folder).map_err(BagError::io(folder))?;
     let mut open: BTreeMap<String, (PathBuf, usize, Box<dyn Rows>)> = BTreeMap::new();
-    for (name, source) in &mut sources {
-        let path = folder.join(file_name(name, format));
-        let file = File::create_new(&path).map_err(|e| match e.kind() {
-            io::ErrorKind::AlreadyExists => BagError::Exists(path.clone()),
-            _ => BagError::io(&path)(e),
-        })?;
+    let names = file_names::of(sources.keys());
+    for ((name, source), stem) in sources.iter_mut().zip(names) {
+        let path = folder.join(format!("{stem}.{}", format.extension()));
+        let file = match File::create_new(&path) {
+            Ok(file) => file,
+            Err(e) if e.kind() == io::ErrorKind::AlreadyExists => {
+                return Err(BagError::Exists(path));
+            }
+            // One table that cannot be written is no reason to omit the others.
+            Err(e) => {
+                let path = path.display();
+                left_out.insert(name.clone(), format!("{path} cannot be written: {e}"));
+                continue;
+            }
+        };
         let columns = source.layout.columns();
         let count = columns.len() + 2;
         let rows = start(format, file, &columns).map_err(BagError::io(&path))?;
@@ -190,7 +202,7 @@ impl Source {
         let numbers = self.layout.numbers(&reading.lengths);
         for (value, number) in reading.values.iter().zip(numbers) {
             if let Some(number) = number {
-                cells[*number] = Some(value);
+                cells[number] = Some(value);
             }
         }
         self.rows += 1;
@@ -212,12 +224,6 @@ fn schema_of(topic: &RecordedTopic) -> Result<Schema, String> {
     }
     let text = String::from_utf8_lossy(&topic.schema);
     Schema::parse(&topic.type_name, &text).map_err(|e| e.to_string())
-}
-
-/// `/chaser/joint_states` as `chaser__joint_states.csv`: ROS names never contain two consecutive underscores.
-fn file_name(topic: &str, format: TableFormat) -> String {
-    let stem = topic.trim_start_matches('/').replace('/', "__");
-    format!("{stem}.{}", format.extension())
 }
 
 fn start(format: TableFormat, file: File, columns: &[Column]) -> io::Result<Box<dyn Rows>> {

@@ -1,6 +1,8 @@
 //! Messages as rows of a table: the column of each value.
 
+use std::borrow::Cow;
 use std::collections::{BTreeMap, HashMap};
+use std::fmt::Write;
 
 use super::{Base, Schema, Shape};
 
@@ -32,6 +34,12 @@ pub struct Column {
     pub kind: ColumnKind,
 }
 
+/// Largest number of columns of a table, which only sequences within sequences exceed.
+pub const MOST_COLUMNS: usize = 10_000;
+
+/// Largest number of remembered columns of values, over all shapes of messages.
+const MOST_REMEMBERED: usize = 1 << 22;
+
 /// The columns of a table whose rows are messages of one type. Sequences have as many columns as the longest
 /// one that was met; those in the order of the fields.
 #[derive(Debug)]
@@ -39,12 +47,15 @@ pub struct Layout {
     schema: Schema,
     /// Elements of a sequence that get columns.
     limit: u32,
-    /// By place in the message: index of field, index of element, and so on inwards.
-    columns: BTreeMap<Vec<u32>, Column>,
-    /// By lengths of the sequences of a message: the places of its values, `None` beyond the limit.
-    places: HashMap<Vec<u32>, Vec<Option<Vec<u32>>>>,
-    /// The same by number of the column, once all messages were met.
-    numbers: HashMap<Vec<u32>, Vec<Option<usize>>>,
+    /// By place in the message: index of field, index of element, and so on inwards. With the number in the order of
+    /// their discovery.
+    columns: BTreeMap<Vec<u32>, (Column, usize)>,
+    /// By lengths of the sequences of a message: the column of each of its values by that number, `None` for a value
+    /// without a column. Not of all messages if they have very many different lengths.
+    known: HashMap<Vec<u32>, Vec<Option<usize>>>,
+    remembered: usize,
+    /// Number of each column in the table, once all messages were met.
+    numbers: Vec<usize>,
     cut: u64,
 }
 
@@ -55,12 +66,13 @@ impl Layout {
             schema,
             limit,
             columns: BTreeMap::new(),
-            places: HashMap::new(),
-            numbers: HashMap::new(),
+            known: HashMap::new(),
+            remembered: 0,
+            numbers: Vec::new(),
             cut: 0,
         };
         // Columns without messages: all but those of sequences.
-        layout.walk(&[]);
+        layout.add(&[]);
         layout
     }
 
@@ -71,16 +83,22 @@ impl Layout {
 
     /// Makes room for a message with sequences of these lengths.
     pub fn meet(&mut self, lengths: &[u32]) {
-        if !self.places.contains_key(lengths) {
-            let places = self.walk(lengths);
-            self.places.insert(lengths.to_vec(), places);
-        }
-        if self.places[lengths].contains(&None) {
-            self.cut += 1;
-        }
+        let is_cut = match self.known.get(lengths) {
+            Some(columns) => columns.contains(&None),
+            None => {
+                let columns = self.add(lengths);
+                let is_cut = columns.contains(&None);
+                if self.remembered + columns.len() <= MOST_REMEMBERED {
+                    self.remembered += columns.len();
+                    self.known.insert(lengths.to_vec(), columns);
+                }
+                is_cut
+            }
+        };
+        self.cut += u64::from(is_cut);
     }
 
-    /// How many messages had sequences beyond the limit.
+    /// How many messages had values without a column: beyond the limit of a sequence or [`MOST_COLUMNS`].
     pub fn cut(&self) -> u64 {
         self.cut
     }
@@ -92,64 +110,98 @@ impl Layout {
 
     /// All columns. No further message may be met.
     pub fn columns(&mut self) -> Vec<Column> {
-        let number: HashMap<&Vec<u32>, usize> = self
-            .columns
-            .keys()
-            .enumerate()
-            .map(|(i, k)| (k, i))
-            .collect();
-        let to_numbers = |places: &Vec<Option<Vec<u32>>>| {
-            let of = |place: &Option<Vec<u32>>| place.as_ref().and_then(|p| number.get(p).copied());
-            places.iter().map(of).collect()
+        self.numbers = vec![0; self.columns.len()];
+        for (number, (_, discovered)) in self.columns.values().enumerate() {
+            self.numbers[*discovered] = number;
+        }
+        self.columns.values().map(|(c, _)| c.clone()).collect()
+    }
+
+    /// The number of the column of every value of a message that was met; `None` for one without a column.
+    pub fn numbers(&self, lengths: &[u32]) -> impl Iterator<Item = Option<usize>> {
+        let found = match self.known.get(lengths) {
+            Some(columns) => Cow::Borrowed(columns.as_slice()),
+            None => {
+                let mut columns = Vec::new();
+                self.walk(lengths, |place| {
+                    let column = place.and_then(|p| self.columns.get(p.at));
+                    columns.push(column.map(|(_, discovered)| *discovered));
+                });
+                Cow::Owned(columns)
+            }
         };
-        self.numbers = self
-            .places
-            .iter()
-            .map(|(lengths, places)| (lengths.clone(), to_numbers(places)))
-            .collect();
-        self.columns.values().cloned().collect()
+        (0..found.len()).map(move |i| found[i].and_then(|c| self.numbers.get(c).copied()))
     }
 
-    /// The number of the column of every value of a message that was met; `None` for one beyond the limit.
-    pub fn numbers(&self, lengths: &[u32]) -> &[Option<usize>] {
-        self.numbers.get(lengths).map_or(&[], Vec::as_slice)
+    /// Adds the columns of a message with sequences of these lengths; returns the column of each of its values.
+    fn add(&mut self, lengths: &[u32]) -> Vec<Option<usize>> {
+        let mut known = std::mem::take(&mut self.columns);
+        let mut columns = Vec::new();
+        self.walk(lengths, |place| {
+            let column = place.and_then(|place| {
+                if let Some((_, discovered)) = known.get(place.at) {
+                    return Some(*discovered);
+                }
+                let discovered = known.len();
+                (discovered < MOST_COLUMNS).then(|| {
+                    let column = Column {
+                        name: place.name.to_owned(),
+                        kind: place.kind,
+                    };
+                    known.insert(place.at.to_vec(), (column, discovered));
+                    discovered
+                })
+            });
+            columns.push(column);
+        });
+        self.columns = known;
+        columns
     }
 
-    fn walk(&mut self, lengths: &[u32]) -> Vec<Option<Vec<u32>>> {
+    /// Calls `visit` for every value of a message with sequences of these lengths, with `None` beyond the limit.
+    fn walk(&self, lengths: &[u32], visit: impl FnMut(Option<Place<'_>>)) {
         let mut walk = Walk {
             schema: &self.schema,
             limit: self.limit,
             lengths: lengths.iter(),
-            columns: &mut self.columns,
-            places: Vec::new(),
-            place: Vec::new(),
+            visit,
+            at: Vec::new(),
+            name: String::new(),
             beyond: 0,
         };
-        walk.structure(0, "");
-        walk.places
+        walk.structure(0);
     }
 }
 
-struct Walk<'a> {
+/// A value within a message.
+struct Place<'a> {
+    /// Index of field, index of element, and so on inwards.
+    at: &'a [u32],
+    name: &'a str,
+    kind: ColumnKind,
+}
+
+struct Walk<'a, F> {
     schema: &'a Schema,
     limit: u32,
     lengths: std::slice::Iter<'a, u32>,
-    columns: &'a mut BTreeMap<Vec<u32>, Column>,
-    places: Vec<Option<Vec<u32>>>,
-    place: Vec<u32>,
+    visit: F,
+    at: Vec<u32>,
+    name: String,
     /// How many sequences around the present value are beyond their limit.
     beyond: u32,
 }
 
-impl Walk<'_> {
-    fn structure(&mut self, index: usize, prefix: &str) {
+impl<F: FnMut(Option<Place<'_>>)> Walk<'_, F> {
+    fn structure(&mut self, index: usize) {
         let schema = self.schema;
+        let outer = self.name.len();
         for (i, field) in schema.structs[index].fields.iter().enumerate() {
-            let name = match prefix {
-                "" => field.name.clone(),
-                prefix => format!("{prefix}.{}", field.name),
-            };
-            self.place.push(i as u32);
+            if outer > 0 {
+                self.name.push('.');
+            }
+            self.name.push_str(&field.name);
+            self.at.push(i as u32);
             let many = match field.shape {
                 Shape::One => None,
                 _ if field.is_bytes() => None,
@@ -157,24 +209,33 @@ impl Walk<'_> {
                 Shape::Sequence => Some(self.lengths.next().copied().unwrap_or(0)),
             };
             match many {
-                None if field.is_bytes() => self.value(name, ColumnKind::Bytes),
-                None => self.element(field.base, name),
-                Some(n) => {
-                    for j in 0..n {
-                        self.place.push(j);
-                        let outside = u32::from(j >= self.limit);
-                        self.beyond += outside;
-                        self.element(field.base, format!("{name}[{j}]"));
-                        self.beyond -= outside;
-                        self.place.pop();
-                    }
-                }
+                None if field.is_bytes() => self.value(ColumnKind::Bytes),
+                None => self.element(field.base),
+                Some(n) => self.elements(field.base, n),
             }
-            self.place.pop();
+            self.at.pop();
+            self.name.truncate(outer);
         }
     }
 
-    fn element(&mut self, base: Base, name: String) {
+    fn elements(&mut self, base: Base, n: u32) {
+        let outer = self.name.len();
+        for j in 0..n {
+            self.at.push(j);
+            let outside = u32::from(j >= self.limit);
+            self.beyond += outside;
+            if self.beyond == 0 {
+                // Writing to a string cannot fail.
+                let _ = write!(self.name, "[{j}]");
+            }
+            self.element(base);
+            self.name.truncate(outer);
+            self.beyond -= outside;
+            self.at.pop();
+        }
+    }
+
+    fn element(&mut self, base: Base) {
         let kind = match base {
             Base::Bool => ColumnKind::Bool,
             Base::Int(_) => ColumnKind::Int,
@@ -182,21 +243,18 @@ impl Walk<'_> {
             Base::Float32 => ColumnKind::Float32,
             Base::Float64 => ColumnKind::Float64,
             Base::Text => ColumnKind::Text,
-            Base::Struct(inner) => return self.structure(inner, &name),
+            Base::Struct(inner) => return self.structure(inner),
         };
-        self.value(name, kind);
+        self.value(kind);
     }
 
-    fn value(&mut self, name: String, kind: ColumnKind) {
-        if self.beyond > 0 {
-            self.places.push(None);
-            return;
-        }
-        let column = || Column { name, kind };
-        self.columns
-            .entry(self.place.clone())
-            .or_insert_with(column);
-        self.places.push(Some(self.place.clone()));
+    fn value(&mut self, kind: ColumnKind) {
+        let place = Place {
+            at: &self.at,
+            name: &self.name,
+            kind,
+        };
+        (self.visit)((self.beyond == 0).then_some(place));
     }
 }
 
@@ -221,7 +279,7 @@ mod tests {
             let mut layout = Layout::new(schema.clone(), 100);
             layout.meet(&reading.lengths);
             let columns = layout.columns();
-            let numbers = layout.numbers(&reading.lengths);
+            let numbers: Vec<_> = layout.numbers(&reading.lengths).collect();
             assert_eq!(numbers.len(), reading.values.len());
             // In the order of the fields, if there is but one message.
             assert!(numbers.iter().map(|n| n.unwrap()).eq(0..columns.len()));
@@ -263,8 +321,41 @@ mod tests {
         );
         assert_eq!(layout.cut(), 1);
         let reading = layout.schema().read(&bytes[0]).unwrap();
-        let numbers = layout.numbers(&reading.lengths);
-        let position = numbers.iter().position(|n| *n == Some(5)).unwrap();
+        let mut numbers = layout.numbers(&reading.lengths);
+        let position = numbers.position(|n| n == Some(5)).unwrap();
         assert_eq!(reading.values[position], Value::Float64(0.5));
+    }
+
+    #[test]
+    fn sequences_within_sequences_get_no_more_columns_than_allowed() {
+        let text = "Row[] rows\n===\nMSG: a/Row\nfloat64[] cells\n";
+        let schema = Schema::parse("a/msg/Table", text).unwrap();
+        let mut layout = Layout::new(schema, 1000);
+        // 300 rows of 300 cells, 90,000 columns without the limit.
+        let mut lengths = vec![300];
+        lengths.extend([300; 300]);
+        layout.meet(&lengths);
+        assert_eq!(layout.columns().len(), MOST_COLUMNS);
+        assert_eq!(layout.cut(), 1);
+        let numbers: Vec<_> = layout.numbers(&lengths).collect();
+        assert_eq!(numbers.len(), 90_000);
+        assert!(numbers[..MOST_COLUMNS].iter().all(Option::is_some));
+        assert!(numbers[MOST_COLUMNS..].iter().all(Option::is_none));
+    }
+
+    #[test]
+    fn messages_of_many_different_lengths_are_not_all_remembered() {
+        let schema = Schema::parse("a/msg/Two", "float64[] a\nfloat64[] b\n").unwrap();
+        let mut layout = Layout::new(schema, 100_000);
+        let shapes: Vec<[u32; 2]> = (0..50).map(|i| [4000 + i, 100_000]).collect();
+        shapes.iter().for_each(|s| layout.meet(s));
+        layout.columns();
+        assert!(layout.remembered <= MOST_REMEMBERED && layout.known.len() < shapes.len());
+        // The columns of a shape are the same whether it is remembered or not.
+        let numbers: Vec<_> = layout.numbers(&shapes[49]).collect();
+        assert_eq!(numbers.len(), 104_049);
+        layout.known.clear();
+        let again: Vec<_> = layout.numbers(&shapes[49]).collect();
+        assert_eq!(numbers, again);
     }
 }

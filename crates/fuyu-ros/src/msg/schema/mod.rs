@@ -4,7 +4,7 @@ mod columns;
 mod parse;
 mod read;
 
-pub use columns::{Column, ColumnKind, Layout};
+pub use columns::{Column, ColumnKind, Layout, MOST_COLUMNS};
 pub use parse::SchemaError;
 pub use read::{Reading, Value};
 

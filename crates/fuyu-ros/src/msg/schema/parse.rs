@@ -1,5 +1,7 @@
 //! Parser of `ros2msg` text into a [`Schema`].
 
+use std::collections::HashMap;
+
 use super::{Base, Field, Schema, Shape, Struct};
 
 /// A text that is not a valid schema.
@@ -62,7 +64,13 @@ impl Schema {
                 lines.push(line);
             }
         }
-        let names: Vec<_> = sections.iter().map(|(name, _)| name.clone()).collect();
+        // Of two definitions of a type the first one counts.
+        let names: HashMap<String, usize> = sections
+            .iter()
+            .enumerate()
+            .rev()
+            .map(|(i, (name, _))| (name.clone(), i))
+            .collect();
         let read = |(name, lines): (String, Vec<&str>)| {
             let fields = lines
                 .iter()
@@ -72,13 +80,13 @@ impl Schema {
         };
         let structs = sections.into_iter().map(read).collect::<Result<_, _>>()?;
         let schema = Self { structs };
-        schema.count(0, &mut vec![Count::Unknown; names.len()])?;
+        schema.count(0, 0, &mut vec![Count::Unknown; schema.structs.len()])?;
         Ok(schema)
     }
 
     /// How many values a struct has at least, those of sequences not counted. A message cannot contain itself,
     /// and what has more values than any message is a trap.
-    fn count(&self, at: usize, known: &mut [Count]) -> Result<usize, SchemaError> {
+    fn count(&self, at: usize, depth: usize, known: &mut [Count]) -> Result<usize, SchemaError> {
         let refused = |what: &str| SchemaError::Unsupported {
             type_name: self.structs[at].name.clone(),
             what: what.to_owned(),
@@ -88,10 +96,15 @@ impl Schema {
             Count::Begun => return Err(refused("it contains itself")),
             Count::Unknown => known[at] = Count::Begun,
         }
+        if depth >= DEEPEST {
+            return Err(refused(&format!(
+                "types are nested more than {DEEPEST} deep"
+            )));
+        }
         let mut total = 0usize;
         for field in &self.structs[at].fields {
             let one = match field.base {
-                Base::Struct(inner) => self.count(inner, known)?,
+                Base::Struct(inner) => self.count(inner, depth + 1, known)?,
                 _ => 1,
             };
             total = total.saturating_add(match field.shape {
@@ -109,6 +122,10 @@ impl Schema {
 
 /// Values of a message without its sequences.
 const MOST_VALUES: usize = 1_000_000;
+/// Types within types. Messages are read recursively; those of ROS are nested seven deep at most.
+const DEEPEST: usize = 32;
+/// Characters of a field's name. Names of columns are made of the names of nested fields.
+const LONGEST_NAME: usize = 255;
 
 #[derive(Clone, Copy)]
 enum Count {
@@ -123,7 +140,11 @@ fn short(type_name: &str) -> String {
 }
 
 /// The field that a line declares; nothing for comments, constants and empty lines.
-fn field(type_name: &str, line: &str, names: &[String]) -> Result<Option<Field>, SchemaError> {
+fn field(
+    type_name: &str,
+    line: &str,
+    names: &HashMap<String, usize>,
+) -> Result<Option<Field>, SchemaError> {
     let wrong = || SchemaError::Line {
         type_name: type_name.to_owned(),
         line: line.trim().to_owned(),
@@ -144,6 +165,15 @@ fn field(type_name: &str, line: &str, names: &[String]) -> Result<Option<Field>,
     if behind.trim_start().starts_with('=') {
         return Ok(None);
     }
+    if name.len() > LONGEST_NAME {
+        return Err(SchemaError::Unsupported {
+            type_name: type_name.to_owned(),
+            what: format!(
+                "the name of field {}... is longer than {LONGEST_NAME} characters",
+                &name[..20]
+            ),
+        });
+    }
     let written = written_type(written).ok_or_else(wrong)?;
     let base = match primitive(&written.base) {
         Some(base) => base,
@@ -160,7 +190,7 @@ fn field(type_name: &str, line: &str, names: &[String]) -> Result<Option<Field>,
                 base if base.contains('/') => short(base),
                 base => format!("{package}/{base}"),
             };
-            let place = names.iter().position(|n| *n == full);
+            let place = names.get(&full).copied();
             Base::Struct(place.ok_or_else(|| SchemaError::Missing {
                 type_name: type_name.to_owned(),
                 field: name.to_owned(),
@@ -271,5 +301,25 @@ mod tests {
         assert!(error("wstring w").contains("wstring"));
         assert!(error("float64[x] w").contains("float64[x]"));
         assert!(error("float64[99999999999] w").contains("a million values"));
+        assert!(error(&format!("float64 {}", "x".repeat(300))).contains("255 characters"));
+    }
+
+    #[test]
+    fn sixty_thousand_nested_types_are_refused_and_do_not_overflow_the_stack() {
+        let chain = |n: usize| {
+            let mut text = "T0 a\n".to_owned();
+            for i in 0..n {
+                let inner = if i + 1 < n {
+                    format!("T{}", i + 1)
+                } else {
+                    "float64".to_owned()
+                };
+                text += &format!("===\nMSG: a/T{i}\n{inner} a\n");
+            }
+            Schema::parse("a/msg/B", &text)
+        };
+        assert!(chain(20).is_ok());
+        let error = chain(60_000).unwrap_err().to_string();
+        assert!(error.contains("nested more than 32 deep"), "{error}");
     }
 }

@@ -53,6 +53,7 @@ impl Schema {
             at: 0,
             big_endian,
             widest,
+            left: MOST_EMPTY.saturating_add(2 * body.len()),
             found: Reading::default(),
         };
         walk.structure(0)?;
@@ -60,12 +61,17 @@ impl Schema {
     }
 }
 
+/// Fields that take no room (arrays of no elements), which only a message made to harm repeats in a sequence.
+const MOST_EMPTY: usize = 1_000_000;
+
 struct Walk<'s, 'a> {
     schema: &'s Schema,
     body: &'a [u8],
     at: usize,
     big_endian: bool,
     widest: usize,
+    /// Fields and elements that may still follow: each takes at least one octet, except empty arrays.
+    left: usize,
     found: Reading<'a>,
 }
 
@@ -81,6 +87,7 @@ impl<'a> Walk<'_, 'a> {
     }
 
     fn field(&mut self, field: &Field) -> Result<(), Malformed> {
+        self.left = self.left.checked_sub(1).ok_or(Malformed)?;
         let many = match field.shape {
             Shape::One => return self.element(field.base),
             Shape::Array(n) => n,
@@ -142,5 +149,27 @@ impl<'a> Walk<'_, 'a> {
             bytes.reverse();
         }
         Ok(bytes)
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn empty_arrays_in_a_sequence_do_not_fill_the_memory() {
+        let fields: String = (0..1000).map(|i| format!("uint8[0] a{i}\n")).collect();
+        let text = format!("Part[] parts\n===\nMSG: a/Part\nuint8 x\n{fields}");
+        let schema = Schema::parse("a/msg/B", &text).unwrap();
+        let message = |n: u32| {
+            let mut cdr = vec![0, 1, 0, 0];
+            cdr.extend(n.to_le_bytes());
+            cdr.resize(cdr.len() + n as usize, 0);
+            cdr
+        };
+        let few = message(10);
+        assert_eq!(schema.read(&few).unwrap().values.len(), 10_010);
+        // A thousand million values of a message of one megabyte.
+        assert_eq!(schema.read(&message(1_000_000)), Err(Malformed));
     }
 }

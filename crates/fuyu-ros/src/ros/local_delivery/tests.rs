@@ -322,7 +322,7 @@ fn slow_handler(
     let reader = Arc::new(reader);
     topic.add_reader(&reader);
     let running = Arc::clone(&queue);
-    thread::spawn(move || running.run());
+    thread::spawn(move || running.run(|_, _, _| {}));
     (reader, queue, permit, all)
 }
 

@@ -1,0 +1,148 @@
+//! Overload: what a computer that is too slow did to a run in real time.
+
+use std::collections::BTreeMap;
+
+use super::plan::Plan;
+use crate::{
+    experiments::{CheckLimits, ClosedLoop},
+    ros::Node,
+};
+
+/// States and messages that were late or lost.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Overload {
+    /// States for which simulated time waited, since their answer was late.
+    late: u64,
+    /// States that were not answered in time, although simulated time waited.
+    unanswered: u64,
+    /// Lost messages by topic.
+    lost: BTreeMap<String, u64>,
+}
+
+impl Overload {
+    /// What the nodes of a run have counted so far.
+    pub fn of(nodes: &[Node]) -> Self {
+        let mut overload = Self::default();
+        for node in nodes {
+            let count = |key: &str| -> u64 {
+                let value = node.diagnostics().value("time", key);
+                value.and_then(|v| v.parse().ok()).unwrap_or(0)
+            };
+            overload.late += count("states that waited for their answer");
+            overload.unanswered += count("states without an answer");
+            for (topic, lost) in node.lost_messages() {
+                *overload.lost.entry(topic).or_default() += lost;
+            }
+        }
+        overload
+    }
+
+    /// A line about it, with what helps; `None` if nothing was late or lost.
+    pub fn line(&self) -> Option<String> {
+        if *self == Self::default() {
+            return None;
+        }
+        let mut parts = Vec::new();
+        if self.late > 0 {
+            parts.push(format!(
+                "simulated time waited for {} late answers",
+                self.late
+            ));
+        }
+        if self.unanswered > 0 {
+            parts.push(format!("{} states were not answered", self.unanswered));
+        }
+        if !self.lost.is_empty() {
+            let topics = self
+                .lost
+                .iter()
+                .map(|(topic, lost)| format!("{topic} {lost}"));
+            let topics: Vec<_> = topics.collect();
+            parts.push(format!("messages were lost ({})", topics.join(", ")));
+        }
+        Some(format!(
+            "{}; --lockstep does not depend on the computer's load, a lower real_time_factor does less",
+            parts.join(", ")
+        ))
+    }
+}
+
+/// Why the final errors of the tip \[m, rad\] are not those of the scenario, if they are beyond the limits of `fuyu bag check`
+/// and those that `reference` ends with by as much; `attitude_matters` says whether the law controls the attitude.
+fn deviation(errors: (f64, f64), reference: (f64, f64), attitude_matters: bool) -> Option<String> {
+    let limits = CheckLimits::default();
+    if errors.0 > reference.0 + limits.position {
+        return Some(format!(
+            "the tip ended {:.1} mm from its goal instead of {:.1} mm",
+            1e3 * errors.0,
+            1e3 * reference.0
+        ));
+    }
+    (attitude_matters && errors.1 > reference.1 + limits.attitude).then(|| {
+        format!(
+            "the tip ended {:.2} deg from its goal instead of {:.2} deg",
+            errors.1.to_degrees(),
+            reference.1.to_degrees()
+        )
+    })
+}
+
+/// Why a run that ended with these errors of the tip \[m, rad\] is not what the scenario asks for: it is compared with the
+/// simulation of the same scenario in one thread, up to the simulated time `end` \[s\].
+pub fn missed(plan: &Plan, errors: (f64, f64), end: f64) -> Option<String> {
+    let controller = plan.scenario.controller().ok()?;
+    // Without a reference the tip has to arrive.
+    let reference = reference(plan, end).unwrap_or_default();
+    deviation(errors, reference, controller.config.gains.k_o > 0.0)
+}
+
+/// The final errors of the tip \[m, rad\] without a load on the computer.
+fn reference(plan: &Plan, end: f64) -> Option<(f64, f64)> {
+    let mut closed_loop = ClosedLoop::new(&plan.scenario).ok()?;
+    let mut frames = Vec::new();
+    loop {
+        let mut errors = None;
+        let answered = closed_loop.answer::<String>(&mut frames, |_, moment| {
+            let error = moment.answer.as_ref().map(|answer| answer.error);
+            errors = error.map(|e| (e.position.norm(), e.angle));
+            Ok(())
+        });
+        answered.ok()?;
+        if closed_loop.world.time() >= end - 1e-9 {
+            return errors;
+        }
+        closed_loop.advance().ok()?;
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn what_was_late_or_lost_is_counted_with_what_helps() {
+        assert_eq!(Overload::default().line(), None);
+        let overload = Overload {
+            late: 12,
+            unanswered: 3,
+            lost: BTreeMap::from([("/camera/tip_pose".to_owned(), 2)]),
+        };
+        let line = overload.line().unwrap();
+        for words in ["12 late", "3 states", "/camera/tip_pose 2", "--lockstep"] {
+            assert!(line.contains(words), "{line}");
+        }
+    }
+
+    // Would break if an overloaded run that ends 78 mm off were a success, or one that is a tenth of a millimetre off a
+    // failure.
+    #[test]
+    fn a_result_counts_as_missed_beyond_the_reference_and_the_limits() {
+        let missed = |position, attitude| deviation((position, attitude), (1e-3, 0.01), true);
+        assert!(missed(0.078, 0.0).unwrap().contains("78.0 mm"));
+        assert_eq!(missed(1.1e-3, 0.011), None);
+        assert!(missed(0.0, 0.1).unwrap().contains("5.73 deg"));
+        assert_eq!(deviation((0.0, 0.1), (0.0, 0.0), false), None);
+        // A run that was too short for the scenario is as far as the reference.
+        assert_eq!(deviation((0.5, 0.3), (0.5, 0.3), true), None);
+    }
+}

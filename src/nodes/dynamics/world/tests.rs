@@ -1,0 +1,223 @@
+//! Tests of the world: steps, commands, divergence, reset.
+
+use super::*;
+use crate::{
+    dynamics::Workspace,
+    nodes::{
+        dynamics::{imu, joint_states, momentum},
+        scenario::Scenario,
+    },
+    ros::Time,
+    spatial::Twist,
+};
+use nalgebra::{Isometry3, Vector3};
+
+fn params(config: &str) -> DynamicsParams {
+    let scenario = Scenario::read(&format!("package://fuyu/config/{config}.yaml")).unwrap();
+    scenario.dynamics().unwrap()
+}
+
+fn world(config: &str) -> World {
+    World::new(&params(config)).unwrap()
+}
+
+/// All numbers that are published are finite.
+fn assert_publishable(world: &mut World) {
+    assert!(world.check_divergence().is_ok());
+    let stamp = Time::from_secs_f64(world.time());
+    let states = joint_states(stamp, "base_link", world);
+    let numbers = [&states.position, &states.velocity, &states.effort];
+    assert!(
+        numbers
+            .iter()
+            .all(|list| list.iter().all(|x| x.is_finite()))
+    );
+    let momentum = momentum(stamp, &world.robot);
+    assert!(momentum.kinetic_energy.is_finite());
+    let imu = imu(stamp, "base_link", world);
+    let (w, a) = (imu.angular_velocity, imu.linear_acceleration);
+    assert!([w.x, w.y, w.z, a.x, a.y, a.z].iter().all(|x| x.is_finite()));
+}
+
+#[test]
+fn a_state_that_is_not_finite_is_replaced_by_the_one_before() {
+    let mut world = world("positioning");
+    world.hold_efforts([(0, 1.0)]);
+    world.step_to_tick_or_restore().unwrap();
+    let before = world.robot.state().clone();
+    world.robot.input_mut().efforts[0] = f64::NAN;
+    // A command in the middle of a period steps the world, too.
+    let problem = world.step_within_tick_or_restore(0.015).unwrap_err();
+    assert!(problem.contains("diverged at 0.015 s"), "{problem}");
+    let state = world.robot.state();
+    assert_eq!((&state.q, &state.R_WB), (&before.q, &before.R_WB));
+    assert_eq!(state.momentum_W, before.momentum_W);
+    assert_eq!((state.qd.amax(), world.robot.efforts().amax()), (0.0, 0.0));
+    world.step_to_tick_or_restore().unwrap();
+    assert_eq!(world.ticks(), 2);
+    assert!(world.mean_efforts().iter().all(|effort| *effort == 0.0));
+    assert_publishable(&mut world);
+}
+
+/// Five seconds of efforts, `efforts(state, joint)` \[N m\], commanded at every state and in between. Returns the reports of
+/// divergence.
+fn attack(world: &mut World, between: bool, efforts: impl Fn(u64, usize) -> f64) -> Vec<String> {
+    let mut problems = Vec::new();
+    for tick in 0..500 {
+        world.hold_efforts((0..6).map(|j| (j, efforts(tick, j))));
+        if between {
+            let time = world.time() + 0.0049;
+            problems.extend(world.step_within_tick_or_restore(time).err());
+            assert_publishable(world);
+            world.hold_efforts((0..6).map(|j| (j, efforts(tick, j))));
+        }
+        problems.extend(world.step_to_tick_or_restore().err());
+        assert_publishable(world);
+        assert_eq!(world.ticks(), tick + 1);
+    }
+    problems
+}
+
+// Would break if a state beyond all measure were kept, or published, because its numbers are still finite.
+#[test]
+fn large_efforts_at_any_time_never_end_the_simulation() {
+    let all = |_: u64, _: usize| 300.0;
+    let rocking = |tick: u64, j: usize| match (tick + j as u64) / 7 % 2 {
+        0 => 300.0,
+        _ => -300.0,
+    };
+    let wrist = |_: u64, j: usize| if j == 4 { 300.0 } else { 0.0 };
+    let elbow = |_: u64, j: usize| if j == 2 || j == 3 { 300.0 } else { 0.0 };
+    let efforts: [&dyn Fn(u64, usize) -> f64; 4] = [&all, &rocking, &wrist, &elbow];
+    for acceleration in [0.0, 1000.0] {
+        let mut params = params("positioning");
+        params.default_joint_acceleration = acceleration;
+        let mut problems = Vec::new();
+        for (efforts, between) in efforts.into_iter().flat_map(|e| [(e, false), (e, true)]) {
+            let mut world = World::new(&params).unwrap();
+            let found = attack(&mut world, between, efforts);
+            println!(
+                "limit {acceleration}, {between}: {} {:?}",
+                found.len(),
+                found.first()
+            );
+            println!("{:?}", world.robot.state().qd.as_slice());
+            problems.extend(found);
+            // The robot obeys again.
+            world.robot.set_state(world.start.clone());
+            world.hold_efforts((0..6).map(|j| (j, if j == 1 { 1.0 } else { 0.0 })));
+            for _ in 0..100 {
+                world.step_to_tick_or_restore().unwrap();
+            }
+            assert!(world.robot.state().qd[1] > 1e-3);
+        }
+        let named = problems
+            .iter()
+            .filter(|problem| problem.contains("joint '"));
+        assert!(acceleration != 0.0 || named.count() > 0, "nothing diverges");
+    }
+}
+
+// The motion is in the momentum: stopping the joints does not help.
+#[test]
+fn a_base_that_turns_too_fast_is_stopped() {
+    for rate in [100.0, 1e5] {
+        let mut world = world("servicing");
+        let spin = Twist::new(Vector3::new(0.0, 0.0, rate), Vector3::zeros());
+        let mut state = world.robot.state().clone();
+        let X_WB = Isometry3::identity();
+        state.set_base(&mut Workspace::new(world.robot.model()), &X_WB, &spin);
+        world.robot.set_state(state);
+        let mut count = 0;
+        for _ in 0..500 {
+            count += usize::from(world.step_to_tick_or_restore().is_err());
+            assert_publishable(&mut world);
+        }
+        println!("{rate} rad/s: restored {count} times");
+        assert!(
+            count <= 2 && (count == 2) == (world.robot.state().momentum_W.angular.norm() == 0.0)
+        );
+    }
+}
+
+#[test]
+fn a_target_beyond_all_measure_is_stopped() {
+    let mut world = world("servicing");
+    let mut state = world.targets[0].body.state().clone();
+    state.momentum_W.linear.x = 1e300;
+    world.targets[0].body.set_state(state);
+    assert!(
+        world
+            .step_to_tick_or_restore()
+            .unwrap_err()
+            .contains("target")
+    );
+    world.step_to_tick_or_restore().unwrap();
+    assert_eq!(world.targets[0].body.state().momentum_W.linear.x, 0.0);
+    assert_publishable(&mut world);
+}
+
+#[test]
+fn joints_without_an_effort_limit_get_one() {
+    let mut world = world("positioning");
+    let note = world.default_effort_limits().unwrap();
+    assert!(
+        note.contains("joint1, joint2") && note.contains("1000 rad/s2"),
+        "{note}"
+    );
+    assert!(world.hold_efforts([(5, 300.0)]));
+    assert_eq!(world.robot.efforts()[5], 25.0);
+    let mut params = params("positioning");
+    params.default_joint_acceleration = 0.0;
+    let mut world = World::new(&params).unwrap();
+    assert_eq!(world.default_effort_limits(), None);
+    assert!(!world.hold_efforts([(5, 300.0)]));
+}
+
+// Would break if a command in the middle of a period cost an integration step more in a free body.
+#[test]
+fn steps_within_a_period_end_at_the_same_tick() {
+    let mut world = world("servicing");
+    world.step_within_tick_or_restore(0.004).unwrap();
+    world.step_within_tick_or_restore(0.002).unwrap();
+    assert_eq!(world.time(), 0.004);
+    world.step_to_tick();
+    assert_eq!((world.time(), world.ticks()), (0.01, 1));
+    assert!((world.robot.state().time - 0.01).abs() < 1e-15);
+    assert!((world.targets[0].body.state().time - 0.01).abs() < 1e-15);
+}
+
+// Would break if a step copied states or efforts into new memory.
+#[test]
+fn steps_and_commands_do_not_allocate() {
+    let mut world = world("servicing");
+    let mut steps = || {
+        world.hold_efforts([(0, 0.1)]);
+        let time = world.time() + 0.003;
+        world.step_within_tick_or_restore(time).unwrap();
+        world.step_to_tick_or_restore().unwrap();
+        world.drive_rates([(1, 0.01)]);
+        world.step_to_tick_or_restore().unwrap();
+    };
+    steps();
+    assert_eq!(allocation_counter::measure(steps).count_total, 0);
+}
+
+#[test]
+fn a_reset_restores_the_start() {
+    let mut world = world("servicing");
+    let start = (
+        world.robot.state().clone(),
+        world.targets[0].body.state().clone(),
+    );
+    world.drive_rates([(0, 0.1)]);
+    for _ in 0..10 {
+        world.step_to_tick();
+    }
+    world.reset_time();
+    world.reset_state();
+    assert_eq!(*world.robot.state(), start.0);
+    assert_eq!(*world.targets[0].body.state(), start.1);
+    assert_eq!((world.time(), world.drive_mode()), (0.0, DriveMode::Effort));
+    assert!(world.mean_efforts().iter().all(|effort| *effort == 0.0));
+}

@@ -1,0 +1,280 @@
+//! The gate in front of the WebSocket server of Foxglove's SDK, which accepts every web page and waits for a handshake
+//! forever. Browsers send the page that connects as the header `Origin`; the gate passes requests of allowed pages, and of
+//! programs, which send none, to the server.
+//!
+//! The SDK (0.30) has no hook for either. Its server listens on a random address of the loopback network and a random
+//! port, 2^40 possibilities that a web page cannot search, so that the gate cannot be bypassed.
+
+use std::collections::BTreeSet;
+use std::io;
+use std::net::{Ipv4Addr, SocketAddr};
+use std::sync::{Arc, Mutex, PoisonError};
+use std::time::Duration;
+
+use tokio::io::{AsyncReadExt, AsyncWriteExt, copy_bidirectional};
+use tokio::net::{TcpListener, TcpStream};
+use tokio::sync::Semaphore;
+use tokio::time::timeout;
+
+/// Time that a client may take for its request.
+const HANDSHAKE: Duration = Duration::from_secs(5);
+/// Largest request \[bytes\].
+const LARGEST_REQUEST: usize = 16 << 10;
+/// Connections at a time.
+const CONNECTIONS: usize = 64;
+
+/// Web pages that may connect: those on this computer, and configured ones.
+#[derive(Debug, Clone)]
+pub struct Origins(Vec<String>);
+
+impl Origins {
+    /// Origins such as `https://app.foxglove.dev`; `*` allows all.
+    pub fn new(configured: &[String]) -> Self {
+        let plain = |origin: &String| origin.trim_end_matches('/').to_ascii_lowercase();
+        Self(configured.iter().map(plain).collect())
+    }
+
+    fn allow(&self, origin: &str) -> bool {
+        let origin = origin.trim().trim_end_matches('/').to_ascii_lowercase();
+        self.0.iter().any(|o| *o == "*" || *o == origin) || is_local(&origin)
+    }
+}
+
+fn is_local(origin: &str) -> bool {
+    let host = ["http://", "https://"]
+        .iter()
+        .find_map(|scheme| origin.strip_prefix(scheme));
+    let Some(host) = host else { return false };
+    let host = match host.rsplit_once(':') {
+        Some((host, port)) if port.bytes().all(|b| b.is_ascii_digit()) => host,
+        _ => host,
+    };
+    ["localhost", "127.0.0.1", "[::1]"].contains(&host)
+}
+
+/// An address for the server behind the gate.
+pub fn hidden_address() -> SocketAddr {
+    let [a, b, c]: [u8; 3] = rand::random();
+    // Neither the network's address nor its broadcast address.
+    SocketAddr::from((Ipv4Addr::new(127, a, b, c.clamp(1, 254)), 0))
+}
+
+/// Listens on `address`.
+///
+/// # Errors
+/// If it cannot be bound.
+pub fn listen(address: SocketAddr) -> io::Result<std::net::TcpListener> {
+    let listener = std::net::TcpListener::bind(address)?;
+    listener.set_nonblocking(true)?;
+    Ok(listener)
+}
+
+/// Passes the connections that `listener` accepts to `server`; ends with its runtime.
+pub async fn pass(listener: std::net::TcpListener, server: SocketAddr, origins: Origins) {
+    match TcpListener::from_std(listener) {
+        Ok(listener) => Gate::new(server, origins, HANDSHAKE).run(listener).await,
+        Err(e) => tracing::error!("Foxglove: cannot listen: {e}"),
+    }
+}
+
+struct Gate {
+    server: SocketAddr,
+    origins: Origins,
+    handshake: Duration,
+    /// Refused origins, each reported once.
+    reported: Mutex<BTreeSet<String>>,
+}
+
+impl Gate {
+    fn new(server: SocketAddr, origins: Origins, handshake: Duration) -> Arc<Self> {
+        Arc::new(Self {
+            server,
+            origins,
+            handshake,
+            reported: Mutex::default(),
+        })
+    }
+
+    async fn run(self: Arc<Self>, listener: TcpListener) {
+        let places = Arc::new(Semaphore::new(CONNECTIONS));
+        loop {
+            let Ok((client, _)) = listener.accept().await else {
+                // No descriptor is left, for example.
+                tokio::time::sleep(Duration::from_millis(100)).await;
+                continue;
+            };
+            // Without a place the connection is closed.
+            if let Ok(place) = Arc::clone(&places).try_acquire_owned() {
+                let gate = Arc::clone(&self);
+                tokio::spawn(async move {
+                    // An error ends this connection only.
+                    let _ = gate.serve(client).await;
+                    drop(place);
+                });
+            }
+        }
+    }
+
+    async fn serve(&self, mut client: TcpStream) -> io::Result<()> {
+        let Ok(request) = timeout(self.handshake, request(&mut client)).await else {
+            return Ok(());
+        };
+        let request = request?;
+        if let Some(origin) = request.origins.iter().find(|o| !self.origins.allow(o)) {
+            self.report(origin);
+            let answer =
+                b"HTTP/1.1 403 Forbidden\r\nContent-Length: 0\r\nConnection: close\r\n\r\n";
+            return client.write_all(answer).await;
+        }
+        let mut server = TcpStream::connect(self.server).await?;
+        client.set_nodelay(true)?;
+        server.set_nodelay(true)?;
+        server.write_all(&request.bytes).await?;
+        copy_bidirectional(&mut client, &mut server).await?;
+        Ok(())
+    }
+
+    fn report(&self, origin: &str) {
+        /// More are not worth the memory.
+        const REPORTS: usize = 100;
+        let mut reported = (self.reported.lock()).unwrap_or_else(PoisonError::into_inner);
+        if reported.len() < REPORTS && reported.insert(origin.to_owned()) {
+            tracing::warn!(
+                "Foxglove: refused the web page {origin:?}; the parameter allowed_origins of the node foxglove allows others than those on this computer"
+            );
+        }
+    }
+}
+
+/// The first bytes of a connection, at least its HTTP request.
+struct Request {
+    bytes: Vec<u8>,
+    origins: Vec<String>,
+}
+
+async fn request(client: &mut TcpStream) -> io::Result<Request> {
+    let invalid = |what: &str| io::Error::new(io::ErrorKind::InvalidData, what.to_owned());
+    let mut bytes = Vec::new();
+    loop {
+        if client.read_buf(&mut bytes).await? == 0 {
+            return Err(io::ErrorKind::UnexpectedEof.into());
+        }
+        let mut headers = [httparse::EMPTY_HEADER; 64];
+        let mut parsed = httparse::Request::new(&mut headers);
+        match parsed.parse(&bytes) {
+            Ok(httparse::Status::Complete(_)) => {
+                let origins = (parsed.headers.iter())
+                    .filter(|h| h.name.eq_ignore_ascii_case("origin"))
+                    .map(|h| String::from_utf8_lossy(h.value).into_owned())
+                    .collect();
+                return Ok(Request { bytes, origins });
+            }
+            Ok(httparse::Status::Partial) if bytes.len() < LARGEST_REQUEST => {}
+            Ok(httparse::Status::Partial) => return Err(invalid("a request that is too long")),
+            Err(e) => return Err(invalid(&e.to_string())),
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use std::io::{Read, Write};
+    use std::net::TcpStream as Client;
+    use std::time::Instant;
+
+    #[test]
+    fn pages_on_this_computer_and_configured_ones_are_allowed() {
+        let origins = Origins::new(&["https://app.foxglove.dev".to_owned(), "file://".to_owned()]);
+        for origin in [
+            "http://localhost",
+            "http://localhost:8080",
+            "https://LOCALHOST:1",
+            "http://127.0.0.1:3000",
+            "http://[::1]:3000",
+            "https://app.foxglove.dev",
+            "file://",
+        ] {
+            assert!(origins.allow(origin), "{origin}");
+        }
+        for origin in [
+            "https://evil.example",
+            "http://localhost.evil.example",
+            "http://localhost:80@evil.example",
+            "http://127.0.0.1.evil.example:80",
+            "https://app.foxglove.dev.evil.example",
+            "null",
+            "",
+        ] {
+            assert!(!origins.allow(origin), "{origin}");
+        }
+        assert!(Origins::new(&["*".to_owned()]).allow("https://evil.example"));
+    }
+
+    /// A gate before a server that answers every request with its bytes; the gate's address.
+    fn gate(runtime: &tokio::runtime::Runtime) -> SocketAddr {
+        let _entered = runtime.enter();
+        let local = SocketAddr::from(([127, 0, 0, 1], 0));
+        let server = listen(local).unwrap();
+        let address = server.local_addr().unwrap();
+        runtime.spawn(async move {
+            let server = TcpListener::from_std(server).unwrap();
+            while let Ok((mut client, _)) = server.accept().await {
+                let mut bytes = vec![0; 4096];
+                let n = client.read(&mut bytes).await.unwrap();
+                client.write_all(&bytes[..n]).await.unwrap();
+            }
+        });
+        let listener = listen(local).unwrap();
+        let public = listener.local_addr().unwrap();
+        let gate = Gate::new(address, Origins::new(&[]), Duration::from_millis(500));
+        let listener = TcpListener::from_std(listener).unwrap();
+        runtime.spawn(gate.run(listener));
+        public
+    }
+
+    fn answer(address: SocketAddr, request: &str) -> String {
+        let mut client = Client::connect(address).unwrap();
+        client.write_all(request.as_bytes()).unwrap();
+        client
+            .set_read_timeout(Some(Duration::from_secs(5)))
+            .unwrap();
+        let mut text = String::new();
+        // The gate may reset a connection that it refuses.
+        let _ = client.read_to_string(&mut text);
+        text
+    }
+
+    #[test]
+    fn other_pages_are_refused_and_slow_clients_are_disconnected() {
+        let runtime = tokio::runtime::Runtime::new().unwrap();
+        let address = gate(&runtime);
+        let with = |header: &str| format!("GET / HTTP/1.1\r\nHost: x\r\n{header}\r\n");
+        for header in ["", "Origin: http://localhost:1\r\n"] {
+            let request = with(header);
+            assert_eq!(answer(address, &request), request);
+        }
+        for header in [
+            "Origin: https://evil.example\r\n",
+            "oRIGIN: https://evil.example\r\n",
+            "Origin: http://localhost\r\nOrigin: https://evil.example\r\n",
+        ] {
+            assert!(
+                answer(address, &with(header)).starts_with("HTTP/1.1 403"),
+                "{header}"
+            );
+        }
+        let endless = with(&format!("X: {}", "x".repeat(100_000)));
+        assert_eq!(answer(address, &endless), "");
+        // Neither silence nor a byte now and then keeps a connection.
+        let start = Instant::now();
+        assert_eq!(answer(address, "GET / HT"), "");
+        assert!(start.elapsed() < Duration::from_secs(3));
+        let mut client = Client::connect(address).unwrap();
+        let closed = (0..100).any(|_| {
+            std::thread::sleep(Duration::from_millis(50));
+            client.write_all(b"x").is_err()
+        });
+        assert!(closed);
+    }
+}
