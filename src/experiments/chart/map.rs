@@ -422,7 +422,10 @@ mod tests {
             ..MapPanel::default()
         });
         let drawn = svg(&map);
-        assert!(drawn.contains("7.5\n") && drawn.contains("8.5\n"), "{drawn}");
+        assert!(
+            drawn.contains("7.5\n") && drawn.contains("8.5\n"),
+            "{drawn}"
+        );
     }
 
     #[test]
