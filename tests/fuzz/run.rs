@@ -57,7 +57,7 @@ impl Target<'_> {
             self.name,
             start.elapsed()
         );
-        assert!(count > 10, "{}: only {count} inputs", self.name);
+        assert!(count > 0, "{}: no time for inputs", self.name);
     }
 
     fn check(&self, input: &[u8], seed: u64, count: u64, read: &mut impl FnMut(&[u8])) {

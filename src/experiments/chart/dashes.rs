@@ -1,6 +1,6 @@
 //! Dashes for curves that cover earlier ones, so that both remain visible.
 
-/// Dash and gap \[units of length\], by how many earlier curves a curve covers.
+/// Dash and gap \[units of length\] of a curve that covers a solid one, one with the first pattern, and so on.
 const PATTERNS: [(f64, f64); 3] = [(10.0, 7.0), (5.0, 6.0), (2.0, 5.0)];
 /// Two curves closer than this cover each other \[units of length\].
 const CLOSE: f64 = 2.0;
@@ -11,15 +11,18 @@ const COMPARED: usize = 150;
 
 type Point = (f64, f64);
 
-/// Dash and gap of each curve, in units of length like the points; `None` for a solid line.
+/// Dash and gap of each curve, in units of length like the points; `None` for a solid line. A curve has shorter dashes than
+/// all that it covers.
 pub(super) fn patterns(curves: &[Vec<Point>]) -> Vec<Option<(f64, f64)>> {
-    let pattern = |(i, curve): (usize, &Vec<Point>)| {
-        let earlier = curves[..i].iter();
-        let covered = earlier.filter(|other| covers(curve, other)).count();
-        let level = covered.checked_sub(1)?;
-        Some(PATTERNS[level.min(PATTERNS.len() - 1)])
-    };
-    curves.iter().enumerate().map(pattern).collect()
+    let mut levels: Vec<usize> = Vec::new();
+    for (i, curve) in curves.iter().enumerate() {
+        let earlier = curves[..i].iter().zip(&levels);
+        let covered = earlier.filter(|(other, _)| covers(curve, other));
+        let level = covered.map(|(_, level)| level + 1).max();
+        levels.push(level.unwrap_or(0));
+    }
+    let pattern = |level: usize| Some(PATTERNS[level.checked_sub(1)?.min(PATTERNS.len() - 1)]);
+    levels.into_iter().map(pattern).collect()
 }
 
 fn covers(curve: &[Point], other: &[Point]) -> bool {
@@ -115,6 +118,18 @@ mod tests {
         assert_eq!(patterns[..2], [None, None]);
         assert!(patterns[2].is_some() && patterns[3].is_some());
         assert_ne!(patterns[2], patterns[3]);
+    }
+
+    #[test]
+    fn curves_on_each_other_have_different_dashes() {
+        // The third covers the second only, which is dashed itself.
+        let mut second = wave(0.0);
+        second.extend(wave(60.0).into_iter().map(|(x, y)| (x + 800.0, y)));
+        let third: Vec<_> = second[800..].to_vec();
+        let patterns = patterns(&[wave(0.0), second, third]);
+        assert_eq!(patterns[0], None);
+        assert!(patterns[1].is_some() && patterns[2].is_some());
+        assert_ne!(patterns[1], patterns[2]);
     }
 
     #[test]

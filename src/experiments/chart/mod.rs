@@ -103,7 +103,7 @@ impl Figure {
         let (low, high) = bounds(points.map(|p| p.0)).unwrap_or((0.0, 1.0));
         if !is_lines && low < high {
             // Room for dots at the ends.
-            low.floor() - 0.5..high.ceil() + 0.5
+            low - 0.35..high + 0.35
         } else if low < high {
             low..high
         } else {
@@ -207,7 +207,7 @@ impl Panel {
             .margin_left(16 * scale)
             .x_label_area_size(if x_label.is_empty() { 30 } else { 46 } * scale)
             .y_label_area_size(72 * scale)
-            .build_cartesian_2d(Axis::linear(x.clone(), 8), y_axis)?;
+            .build_cartesian_2d(Axis::linear(x.clone(), 9), y_axis)?;
         let small = (FONT, 15 * scale).into_font().color(&TEXT);
         chart
             .configure_mesh()

@@ -121,6 +121,10 @@ fn list(items: &[Spanned<Tree>]) -> Result<ParameterValue, (Location, String)> {
 pub(in crate::ros) fn parse(text: &str) -> Result<Spanned<Tree>, (Option<Location>, String)> {
     let options = serde_saphyr::options! {
         non_finite_float_policy: serde_saphyr::options::NonFiniteFloatPolicy::PassThrough,
+        // Aliases of aliases make megabytes of a few lines.
+        alias_limits: serde_saphyr::alias_limits! {
+            max_total_replayed_events: 100_000,
+        },
     };
     serde_saphyr::from_str_with_options(text, options).map_err(|e| {
         let plain = e.without_snippet();
