@@ -248,7 +248,7 @@ fn draw(motion: &Motion, curves: &[Curve]) {
             })
             .collect(),
         log: true,
-        marks: Vec::new(),
+        ..Panel::default()
     };
     let figure = Figure {
         title: format!("{SECONDS} s of {} free motion", motion.name),

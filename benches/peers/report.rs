@@ -232,7 +232,7 @@ pub fn draw(rows: &[Row], stem: &str) {
             })
             .collect(),
         log: true,
-        marks: Vec::new(),
+        ..Panel::default()
     };
     let figure = Figure {
         title: "Forward dynamics of chains".to_owned(),

@@ -10,8 +10,11 @@ mod namespace;
 mod peer;
 #[path = "../support/waiting.rs"]
 mod waiting;
+#[path = "../support/wall_clock.rs"]
+mod wall_clock;
 
 mod delivery;
+mod first_calls;
 mod isolation;
 mod parameters;
 mod participant_watchdog;
@@ -20,3 +23,4 @@ mod processes;
 mod survival;
 mod topics;
 mod upstream;
+mod wall_clock_steps;

@@ -187,7 +187,12 @@ impl Probe {
 
     /// Waits until its program has made its endpoints.
     pub fn runs(&mut self) {
-        while !self.said.contains("the probe runs") {
+        self.says("the probe runs");
+    }
+
+    /// Waits until it has written this to stderr.
+    pub fn says(&mut self, text: &str) {
+        while !self.said.contains(text) {
             let read = self.stderr.read_line(&mut self.said);
             assert!(read.expect("stderr is text") > 0, "it ended: {}", self.said);
         }

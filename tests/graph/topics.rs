@@ -1,6 +1,8 @@
 //! Topics, services and the graph, both ways.
 
+use fuyu::ros::{DiscoveryRange, Domain, Process, Qos, RosArgs};
 use serde_json::{Value, json};
+use std::time::Duration;
 
 use crate::{
     lateness::repeat_if_late,
@@ -251,4 +253,31 @@ fn simulated_time_comes_from_the_clock() {
         .map(|m| data(m).rsplit(' ').next().unwrap())
         .collect();
     assert_eq!(stamps, ["0.070000000", "100.000000000"]);
+}
+
+// Fails if samples that cannot be decoded are only counted: whom to ask would not be known.
+#[test]
+fn an_invalid_sample_is_logged_with_its_topic_and_publisher() {
+    let domain = 106;
+    let mut probe = Probe::start(domain, &[]);
+    probe.runs();
+    let domain = Domain {
+        id: domain,
+        range: DiscoveryRange::Localhost,
+    };
+    let mut process = Process::new(RosArgs::default(), domain);
+    let started = process.start("vandal", |node| {
+        let say = node.advertise_raw("say", TEXT, Qos::RELIABLE)?;
+        while node.wait_for(Duration::from_millis(50)) {
+            // A text that is longer than its message.
+            say.publish(vec![0, 1, 0, 0, 0xff, 0xff, 0, 0]);
+        }
+        Ok(())
+    });
+    started.expect("the node starts");
+    probe.says("node /probe: topic /say: a sample from ");
+    probe.says("is ignored: its 8 bytes are not a std_msgs/msg/String");
+    // Its name is known at last.
+    probe.says("a sample from node /vandal (publisher 0112");
+    process.finish().expect("it ends in order");
 }

@@ -4,9 +4,11 @@
 
 mod announcements;
 pub mod deadlocks;
+mod early_samples;
 mod fragments;
 mod histories;
 mod late_joiners;
+mod wall_clock;
 
 use rustdds::{
     DomainParticipant, DomainParticipantBuilder, QosPolicies, QosPolicyBuilder, RTPSEntity,

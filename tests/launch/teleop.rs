@@ -323,19 +323,27 @@ fn simulated_time_keeps_pace_at_any_operator_rate() {
         let domain = 30;
         let mut launch = launch(domain);
         let mut peer = observer(domain);
+        let steer = |peer: &mut Peer, rate: f64| {
+            let twist =
+                json!({"header": {"frame_id": "base_link"}, "twist": {"linear": {"y": 0.02}}});
+            peer.does(json!({
+                "do": "publish", "topic": "cmd_vel", "type": TWIST, "message": twist,
+            }));
+            thread::sleep(Duration::from_secs_f64(1.0 / rate));
+        };
+        // Time begins with the first command, which arrives when the teleop node has discovered the operator.
+        eventually("time begins", PATIENCE, || {
+            steer(&mut peer, 10.0);
+            (newest(&mut peer).0 > 0.2).then_some(())
+        });
         for rate in [10.0, 20.0, 50.0] {
             let begin = Instant::now();
             let mut first = None;
             while begin.elapsed() < Duration::from_secs(5) {
-                let twist =
-                    json!({"header": {"frame_id": "base_link"}, "twist": {"linear": {"y": 0.02}}});
-                peer.does(json!({
-                    "do": "publish", "topic": "cmd_vel", "type": TWIST, "message": twist,
-                }));
+                steer(&mut peer, rate);
                 if first.is_none() && begin.elapsed() > Duration::from_secs(1) {
                     first = Some(newest(&mut peer));
                 }
-                thread::sleep(Duration::from_secs_f64(1.0 / rate));
             }
             let (first, last) = (first.expect("a second has passed"), newest(&mut peer));
             let factor = (last.0 - first.0) / (last.1 - first.1);

@@ -194,6 +194,70 @@ class Peer:
         finally:
             self.node.destroy_client(client)
 
+    def first_calls(self, service, type, request, count, timeout=10.0):
+        """How long the first calls of as many new clients take [ms], from the end of `wait_for_service`; nothing for one
+        without an answer."""
+        times = []
+        for _ in range(count):
+            client = self.node.create_client(load(type), service)
+            try:
+                if not client.wait_for_service(PATIENCE):
+                    return {"error": f"no service {service}"}
+                answered = threading.Event()
+                start = time.monotonic()
+                future = client.call_async(fill(load(type).Request(), request))
+                future.add_done_callback(lambda _, answered=answered: answered.set())
+                answer = answered.wait(timeout)
+                times.append((time.monotonic() - start) * 1e3 if answer else None)
+            finally:
+                self.node.destroy_client(client)
+        return times
+
+    def first_goals(self, action, type, goal, count, timeout=10.0):
+        """How long as many new clients wait for the acceptance of a goal, its cancellation and its result [ms]; nothing for
+        what is not answered."""
+        times = []
+        for _ in range(count):
+            client = ActionClient(self.node, load(type), action)
+            try:
+                if not client.wait_for_server(PATIENCE):
+                    return {"error": f"no action {action}"}
+                start = time.monotonic()
+                handle = self.done(client.send_goal_async(fill(load(type).Goal(), goal)), timeout)
+                times.append((time.monotonic() - start) * 1e3)
+                start = time.monotonic()
+                self.done(handle.cancel_goal_async(), timeout)
+                times.append((time.monotonic() - start) * 1e3)
+                start = time.monotonic()
+                self.done(handle.get_result_async(), timeout)
+                times.append((time.monotonic() - start) * 1e3)
+            except TimeoutError:
+                times.append(None)
+            finally:
+                client.destroy()
+        return times
+
+    def once(self, topic, type, message, matched=1):
+        """As `ros2 topic pub --once -w MATCHED`: a new participant publishes and ends a tenth of a second later."""
+        context = rclpy.Context()
+        rclpy.init(context=context)
+        node = rclpy.create_node(f"once{time.monotonic_ns()}", context=context)
+        publisher = node.create_publisher(load(type), topic, 10)
+        deadline = time.time() + PATIENCE
+        while publisher.get_subscription_count() < matched:
+            if time.time() > deadline:
+                raise TimeoutError(f"{publisher.get_subscription_count()} subscribers of {topic}")
+            time.sleep(0.1)
+        publisher.publish(fill(load(type)(), message))
+        time.sleep(0.1)
+        node.destroy_node()
+        rclpy.shutdown(context=context)
+
+    def serve(self, service, type, response):
+        """Answers every call of a service with the same response."""
+        answer = fill(load(type).Response(), response)
+        self.node.create_service(load(type), service, lambda _, __: answer)
+
     def done(self, future, timeout):
         """What a future gives."""
         ready = threading.Event()

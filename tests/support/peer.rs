@@ -76,14 +76,17 @@ impl Peer {
         Self::start_with(Command::new(python()), name, domain)
     }
 
-    /// Starts one with a command that ends in a Python interpreter.
+    /// Starts one with a command that ends in a Python interpreter; on loopback, unless the command says otherwise.
     pub fn start_with(mut command: Command, name: &str, domain: u16) -> Self {
         let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/support/peer.py");
         let domain_claim = DomainClaim::new(domain);
+        const RANGE: &str = "ROS_AUTOMATIC_DISCOVERY_RANGE";
+        if !command.get_envs().any(|(name, _)| name == RANGE) {
+            command.env(RANGE, "LOCALHOST");
+        }
         let mut child = command
             .args([script, name])
             .env("ROS_DOMAIN_ID", domain.to_string())
-            .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
             .env("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
             .env_remove("ROS_LOCALHOST_ONLY")
             .stdin(Stdio::piped())

@@ -91,6 +91,28 @@ fn client(node: &Node) -> Result<(), NodeError> {
     assert_eq!(result.0, GoalStatus::STATUS_SUCCEEDED);
     assert_eq!(result.1.reached, 3);
     assert!(feedback.is_sorted() && feedback.iter().all(|now| (1..=3).contains(now)));
+    first_calls(node)
+}
+
+/// Calls of new clients, without a pause after the discovery of the server. A reply that is sent too early is lost.
+fn first_calls(node: &Node) -> Result<(), NodeError> {
+    for i in 0..20 {
+        let sum = node.client::<sum::Sum>("sum")?;
+        assert!(sum.wait_for_service(TIMEOUT));
+        let request = sum::SumRequest {
+            a: f64::from(i),
+            b: 1.0,
+        };
+        assert_eq!(sum.call(&request, TIMEOUT)?.sum, f64::from(i + 1));
+        let counting = ActionClient::<count::Count>::new(node, "count")?;
+        assert!(counting.wait_for_server(TIMEOUT));
+        let goal = counting.send_goal(count::Goal { to: 1 }, TIMEOUT)?;
+        let goal = goal.expect("accepted");
+        goal.cancel(TIMEOUT)?;
+        while goal.result().is_none() {
+            assert!(node.wait_for(TIMEOUT));
+        }
+    }
     Ok(())
 }
 

@@ -41,7 +41,7 @@ pub fn summary(plan: &Plan, progress: &Progress, overload: &Overload) -> (String
             missed = overload::missed(plan, errors, end)
                 .map(|missed| format!("{missed}, because the computer was too slow: {line}"));
         }
-        row("overload", line);
+        row("late or lost", line);
     }
     let Some(folder) = &plan.bag else {
         return (out, missed);

@@ -1,6 +1,6 @@
 //! Divergence: a motion that grows beyond all measure, and the state to return to.
 
-use crate::dynamics::{Floating, State};
+use crate::dynamics::{Floating, Momentum, State};
 
 /// Largest speed of a joint or of a base \[rad/s or m/s\]. No mechanism reaches it, while its square, which accelerations and
 /// energies depend on, is far from the largest number. A motion that diverges exceeds it within a few steps.
@@ -39,7 +39,8 @@ pub fn of(body: &Floating) -> Option<String> {
 
 /// Whether a value is not a number, or larger than `limit`.
 fn is_beyond(value: f64, limit: f64) -> bool {
-    !(value.abs() <= limit)
+    let is_within = value.abs() <= limit;
+    !is_within
 }
 
 /// The state of a body before its last step, to return to after a divergence.
@@ -87,7 +88,7 @@ impl StateBackup {
         let mut state = self.state.clone();
         state.time = time;
         state.qd.fill(0.0);
-        state.momentum_W = Default::default();
+        state.momentum_W = Momentum::default();
         body.set_state(state);
     }
 }

@@ -1,8 +1,11 @@
 //! Time stamps of recorded messages.
 
-use std::sync::{
-    Arc, Mutex, PoisonError,
-    atomic::{AtomicU64, Ordering::Relaxed},
+use std::{
+    sync::{
+        Arc, Mutex, PoisonError,
+        atomic::{AtomicU64, Ordering::Relaxed},
+    },
+    time::{Duration, Instant},
 };
 
 use crate::{
@@ -18,6 +21,8 @@ pub struct Times {
     early: Mutex<Option<Vec<Early>>>,
     /// Stamp of the last message \[ns\].
     last: AtomicU64,
+    /// Wall time at the start, and the monotonic time.
+    start: (Time, Instant),
 }
 
 /// A sample without a stamp yet, and its destination.
@@ -37,6 +42,7 @@ impl Times {
             clock,
             early: Mutex::new(Some(Vec::new())),
             last: AtomicU64::new(0),
+            start: (Time::wall(), Instant::now()),
         }
     }
 
@@ -79,7 +85,8 @@ impl Times {
         let received = if simulated {
             self.clock.now()
         } else {
-            sample.received_time
+            let now = self.start.0 + self.start.1.elapsed();
+            advancing(sample.received_time, now)
         };
         let sent = if simulated {
             received
@@ -103,6 +110,32 @@ impl Times {
     }
 }
 
+/// The stamp of a message that arrived at `received` by the wall clock. If the clock was set back since the recording
+/// started, it is `now` instead, by a clock that never is.
+fn advancing(received: Time, now: Time) -> Time {
+    const SET_BACK: Duration = Duration::from_millis(500);
+    if now.since(received) > SET_BACK {
+        now
+    } else {
+        received
+    }
+}
+
 fn nanos(time: Time) -> u64 {
     u64::try_from(time.as_nanos()).unwrap_or(0)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Fails if messages after the clock was set back were sorted before the earlier ones, or had one stamp.
+    #[test]
+    fn stamps_advance_when_the_wall_clock_is_set_back() {
+        let at = Time::from_secs_f64;
+        assert_eq!(advancing(at(1000.0), at(1000.1)), at(1000.0));
+        assert_eq!(advancing(at(1060.0), at(1000.2)), at(1060.0));
+        assert_eq!(advancing(at(940.3), at(1000.3)), at(1000.3));
+        assert_eq!(advancing(at(940.4), at(1000.4)), at(1000.4));
+    }
 }

@@ -1,19 +1,17 @@
 //! Service clients: requests with a reply that arrives later, matched by the identity of the request sample.
 
-use rustdds::rpc::SampleIdentity;
+use rustdds::{GUID, SequenceNumber, rpc::SampleIdentity};
 use std::{
     collections::HashMap,
     marker::PhantomData,
-    sync::{
-        Arc, Mutex, MutexGuard, PoisonError,
-        atomic::{AtomicBool, Ordering::Relaxed},
-    },
+    sync::{Arc, Mutex, MutexGuard, PoisonError},
     time::{Duration, Instant},
 };
 
 use super::{
     NodeError, RawSample,
     endpoint::{Counters, Reader, Writer},
+    held_replies::have_common_participant,
     node_core::NodeCore,
     service::{REPLY, REQUEST, service_spec},
 };
@@ -22,12 +20,19 @@ use crate::msg::{Service, cdr};
 /// Longest time between two checks of a blocking wait: a stop request does not wake it.
 const POLL_PERIOD: Duration = Duration::from_millis(10);
 
-/// Pause between the discovery of a server and the first request: the server discovers the client's reply reader at about
-/// the same time, and a reply sent earlier is lost.
-const MATCHING_PAUSE: Duration = Duration::from_millis(100);
+/// Requests up to this length state where the reply is expected \[bytes\]: rustdds cannot send this with longer ones
+/// (docs/upstream.md).
+const STATES_READER: usize = 1_024;
 
-/// Replies by the request that they answer; `None` until the reply arrives.
-type Replies<S> = Mutex<HashMap<SampleIdentity, Option<<S as Service>::Response>>>;
+/// Calls by their requests.
+type Calls<S> = HashMap<SampleIdentity, Waiting<S>>;
+
+/// A call whose response has not been taken yet.
+struct Waiting<S: Service> {
+    /// The reader that the request states. The server names the request by it instead of its writer.
+    reply_reader: Option<GUID>,
+    response: Option<S::Response>,
+}
 
 /// Why a service call has no response.
 #[derive(Debug, Clone, PartialEq, Eq, thiserror::Error)]
@@ -63,20 +68,16 @@ pub struct ServiceClient<S: Service> {
     core: Arc<NodeCore>,
     requests: Arc<Writer>,
     reader: Arc<Reader>,
-    replies: Arc<Replies<S>>,
-    /// Whether the server has had time to discover the reply reader.
-    is_matched: AtomicBool,
+    replies: Arc<Mutex<Calls<S>>>,
 }
 
-fn lock<S: Service>(
-    replies: &Replies<S>,
-) -> MutexGuard<'_, HashMap<SampleIdentity, Option<S::Response>>> {
+fn lock<S: Service>(replies: &Mutex<Calls<S>>) -> MutexGuard<'_, Calls<S>> {
     replies.lock().unwrap_or_else(PoisonError::into_inner)
 }
 
 impl<S: Service> ServiceClient<S> {
     pub(super) fn new(core: &Arc<NodeCore>, full_name: &str) -> Result<Self, NodeError> {
-        let replies: Arc<Replies<S>> = Arc::default();
+        let replies: Arc<Mutex<Calls<S>>> = Arc::default();
         let (received, events) = (Arc::clone(&replies), Arc::clone(&core.events));
         let sink = move |sample: RawSample, _: &Counters| {
             // Every client of the service receives every reply.
@@ -84,13 +85,18 @@ impl<S: Service> ServiceClient<S> {
                 return true;
             };
             let mut replies = lock::<S>(&received);
-            let Some(reply) = replies.get_mut(&request) else {
+            let call = replies.iter_mut().find(|(sent, call)| {
+                sent.sequence_number == request.sequence_number
+                    && [Some(sent.writer_guid), call.reply_reader]
+                        .contains(&Some(request.writer_guid))
+            });
+            let Some((_, call)) = call else {
                 return true;
             };
             let Ok(response) = cdr::decode(&sample.cdr) else {
                 return false;
             };
-            *reply = Some(response);
+            call.response = Some(response);
             drop(replies);
             events.notify();
             true
@@ -109,7 +115,6 @@ impl<S: Service> ServiceClient<S> {
             requests,
             reader,
             replies,
-            is_matched: AtomicBool::new(false),
         })
     }
 
@@ -118,14 +123,18 @@ impl<S: Service> ServiceClient<S> {
         &self.reader.spec.name
     }
 
-    /// Whether a server has been discovered.
+    /// Whether a server has been discovered: both of its endpoints.
     pub fn is_available(&self) -> bool {
-        let matched = |counters: &Counters| counters.matched.load(Relaxed) > 0;
-        matched(&self.requests.counters) && matched(&self.reader.counters)
+        let peers = |counters: &Counters| {
+            let peers = counters.peers.lock();
+            peers.unwrap_or_else(PoisonError::into_inner).clone()
+        };
+        let servers = peers(&self.requests.counters);
+        have_common_participant(&servers, &peers(&self.reader.counters))
     }
 
-    /// Waits until a server has been discovered, at most `timeout` (wall time), and the first time 0.1 s more for the
-    /// server to discover this client. Returns [`Self::is_available`].
+    /// Waits until a server has been discovered, at most `timeout` (wall time). Returns [`Self::is_available`]. The server
+    /// may discover this client later; it replies then.
     pub fn wait_for_service(&self, timeout: Duration) -> bool {
         let deadline = Instant::now() + timeout;
         while !self.is_available()
@@ -134,13 +143,7 @@ impl<S: Service> ServiceClient<S> {
         {
             std::thread::sleep(POLL_PERIOD);
         }
-        let is_available = self.is_available();
-        if !is_available {
-            self.is_matched.store(false, Relaxed);
-        } else if !self.is_matched.swap(true, Relaxed) {
-            std::thread::sleep(MATCHING_PAUSE);
-        }
-        is_available
+        self.is_available()
     }
 
     /// Sends a request without waiting for the response. The response wakes the node's program.
@@ -150,13 +153,26 @@ impl<S: Service> ServiceClient<S> {
     pub fn send(&self, request: &S::Request) -> Result<PendingCall<S>, CallError> {
         // Locked while the request is written, since the reply may arrive before the write returns.
         let mut replies = lock::<S>(&self.replies);
-        let sent =
-            self.requests
-                .write(cdr::encode(request).into(), rustdds::Timestamp::now(), None);
+        let cdr = cdr::encode(request);
+        // The server waits for the discovery of this reader before it replies.
+        let states_reader = cdr.len() <= STATES_READER;
+        let reply_reader = (self.reader.gid().filter(|_| states_reader))
+            .map(|reader| GUID::from_bytes(reader.to_bytes16()));
+        let stated = reply_reader.map(|writer_guid| SampleIdentity {
+            writer_guid,
+            sequence_number: SequenceNumber::UNKNOWN,
+        });
+        let sent = self
+            .requests
+            .write(cdr.into(), rustdds::Timestamp::now(), stated);
         let identity = sent.ok_or_else(|| CallError::NotSent {
             service: self.name().to_owned(),
         })?;
-        replies.insert(identity, None);
+        let waiting = Waiting {
+            reply_reader,
+            response: None,
+        };
+        replies.insert(identity, waiting);
         Ok(PendingCall {
             replies: Arc::clone(&self.replies),
             identity,
@@ -200,7 +216,7 @@ impl<S: Service> Drop for ServiceClient<S> {
 
 /// A request whose response has not been taken yet. Dropping it discards the response.
 pub struct PendingCall<S: Service> {
-    replies: Arc<Replies<S>>,
+    replies: Arc<Mutex<Calls<S>>>,
     identity: SampleIdentity,
     service: PhantomData<fn(S)>,
 }
@@ -208,12 +224,14 @@ pub struct PendingCall<S: Service> {
 impl<S: Service> PendingCall<S> {
     /// Whether the response has arrived.
     pub fn is_ready(&self) -> bool {
-        matches!(lock::<S>(&self.replies).get(&self.identity), Some(Some(_)))
+        let replies = lock::<S>(&self.replies);
+        (replies.get(&self.identity)).is_some_and(|call| call.response.is_some())
     }
 
     /// The response, once, if it has arrived.
     pub fn take(&self) -> Option<S::Response> {
-        lock::<S>(&self.replies).get_mut(&self.identity)?.take()
+        let mut replies = lock::<S>(&self.replies);
+        replies.get_mut(&self.identity)?.response.take()
     }
 }
 

@@ -11,15 +11,17 @@ use rustdds::{
 };
 use std::{
     collections::{BTreeSet, HashMap, HashSet},
-    sync::{Mutex, PoisonError, atomic::Ordering::Relaxed},
+    sync::{Arc, Mutex, PoisonError, atomic::Ordering::Relaxed},
 };
 
 use super::{
     Gid, NodeName, Qos,
     discovery_settling::DiscoverySettling,
     endpoint::{Counters, EndpointSpec, Endpoints},
+    first_samples::FirstSamples,
     graph_cache::GraphCache,
     participant_watchdog::{self, EntityError},
+    rtps_sender::RtpsSender,
     type_hash_check::{self, TypeHashCheck},
 };
 
@@ -95,19 +97,33 @@ impl Announcer {
 }
 
 /// The endpoints of other participants.
-#[derive(Default)]
 pub(super) struct Peers {
+    pub(super) first_samples: FirstSamples,
     /// Those that each of this node's is matched with.
     matches: HashMap<Gid, HashSet<GUID>>,
     type_hashes: TypeHashCheck,
 }
 
 impl Peers {
+    /// None yet; `rtps` sends them what rustdds does not.
+    pub(super) fn new(rtps: Option<Arc<RtpsSender>>) -> Self {
+        Self {
+            first_samples: FirstSamples::new(rtps),
+            matches: HashMap::new(),
+            type_hashes: TypeHashCheck::default(),
+        }
+    }
+
     fn matched(&mut self, node: &NodeName, all: &Endpoints, local: GUID, remote: GUID) {
-        let local = Gid::from(local);
+        let (guid, local) = (local, Gid::from(local));
         // Reported again after each change of the peer.
-        self.matches.entry(local).or_default().insert(remote);
+        let is_new = self.matches.entry(local).or_default().insert(remote);
         self.count(all, local);
+        let reader = all.readers.iter().find(|r| r.gid() == Some(local));
+        let reader = reader.filter(|reader| is_new && reader.spec.qos.is_reliable());
+        if let Some(reader) = reader {
+            (self.first_samples).writer_matched(&reader.spec.dds_topic, guid, remote);
+        }
         if let Some((_, spec)) = find(all, local) {
             self.type_hashes.compare(node, spec, remote);
         }
@@ -131,6 +147,10 @@ impl Peers {
                 .lock()
                 .unwrap_or_else(PoisonError::into_inner) =
                 peers.iter().map(|&guid| guid.into()).collect();
+        }
+        if let Some(writer) = all.writers.iter().find(|w| w.gid() == Some(local)) {
+            let peers: Vec<_> = self.matches[&local].iter().map(|&g| g.into()).collect();
+            writer.held.release(&peers);
         }
     }
 }
@@ -225,28 +245,6 @@ fn warn_incompatible(
         requested.reliability,
         requested.durability
     );
-}
-
-/// Bytes of a datagram that are not payload.
-const AROUND_PAYLOAD: usize = 80;
-/// What it sends in one datagram over loopback, and what to a peer that also listens elsewhere \[bytes\].
-const LOOPBACK: usize = 65_488;
-const ELSEWHERE: usize = 1_452;
-
-/// The longest sample with inline QoS, as replies are, that reaches all readers of a topic \[bytes\]. rustdds spoils
-/// those that need more than one datagram (docs/upstream.md), and sends the same datagrams to all.
-pub(super) fn longest_reply(participant: &DomainParticipant, dds_topic: &str) -> usize {
-    let readers = participant.discovered_readers();
-    let mut locators = readers
-        .iter()
-        .filter(|reader| reader.subscription_topic_data.topic_name() == dds_topic)
-        .flat_map(|reader| &reader.reader_proxy.unicast_locator_list)
-        // rustdds does not use shared memory.
-        .filter(|locator| locator.is_udp())
-        .peekable();
-    let is_near = locators.peek().is_some() && locators.all(|locator| locator.is_loopback());
-    let datagram = if is_near { LOOPBACK } else { ELSEWHERE };
-    datagram - AROUND_PAYLOAD
 }
 
 /// A publisher of another participant.

@@ -1,6 +1,6 @@
 //! Publishers and subscriptions below their handles; they outlive a DDS participant.
 
-use rustdds::{RTPSEntity, bytes::Bytes, rpc::SampleIdentity};
+use rustdds::{GUID, RTPSEntity, SequenceNumber, bytes::Bytes, rpc::SampleIdentity};
 use std::{
     collections::VecDeque,
     sync::{
@@ -10,7 +10,10 @@ use std::{
     time::Duration,
 };
 
-use super::{Gid, Qos, RawSample, Time, qos::Durability, raw_endpoints::RawWriter};
+use super::{
+    Gid, Qos, RawSample, Time, held_replies::HeldReplies, qos::Durability,
+    raw_endpoints::RawWriter, rtps_sender::RtpsSender,
+};
 use crate::msg::{Definition, Interface};
 
 /// Topic, type and QoS of an endpoint, as DDS sees them.
@@ -82,6 +85,13 @@ impl Counters {
             .sum()
     }
 
+    /// For a new DDS endpoint, which is not matched with any peer yet.
+    pub(super) fn forget_peers(&self) {
+        self.matched.store(0, Relaxed);
+        let mut peers = self.peers.lock().unwrap_or_else(PoisonError::into_inner);
+        peers.clear();
+    }
+
     pub(super) fn count(&self) {
         self.messages.fetch_add(1, Relaxed);
         self.last.store(Time::wall().as_nanos(), Relaxed);
@@ -94,7 +104,13 @@ pub(super) struct Writer {
     pub(super) counters: Counters,
     /// How many of its messages wait in the node's send_queue; changed under the send_queue's lock only.
     pub(super) queued: AtomicUsize,
+    /// Replies of a service whose clients have not been matched yet.
+    pub(super) held: HeldReplies,
     dds: RwLock<Option<Arc<RawWriter>>>,
+    /// Sends replies that rustdds cannot send.
+    rtps: RwLock<Option<Arc<RtpsSender>>>,
+    /// Sequence number of the last sample of the DDS writer.
+    last_number: AtomicI64,
     /// Messages that late joiners must get from a new participant.
     latched: Mutex<VecDeque<(rustdds::Timestamp, Bytes)>>,
 }
@@ -105,7 +121,10 @@ impl Writer {
             spec,
             counters: Counters::default(),
             queued: AtomicUsize::new(0),
+            held: HeldReplies::default(),
             dds: RwLock::new(None),
+            rtps: RwLock::default(),
+            last_number: AtomicI64::new(0),
             latched: Mutex::default(),
         }
     }
@@ -137,12 +156,21 @@ impl Writer {
         // The participant that is there now, or else the next one gets it with the other retained ones.
         let dds = self.dds();
         drop(latched);
-        let options = rustdds::WriteOptionsBuilder::new()
+        let mut options = rustdds::WriteOptionsBuilder::new()
             .source_timestamp(published)
-            .related_sample_identity_opt(related)
-            .build();
-        match dds.map(|w| w.write_with_options(cdr, options)) {
+            .related_sample_identity_opt(related);
+        let mut cdr = cdr;
+        if let (Some(dds), Some(request)) = (&dds, related)
+            && self.send_long_reply(dds.guid(), request, &cdr)
+        {
+            // A sample to nobody: it takes the sequence number, and is announced to all other clients as irrelevant.
+            options = options.to_single_reader(dds.guid());
+            cdr = Bytes::new();
+        }
+        match dds.map(|w| w.write_with_options(cdr, options.build())) {
             Some(Ok(identity)) => {
+                let number = i64::from(identity.sequence_number);
+                self.last_number.store(number, Relaxed);
                 self.counters.count();
                 Some(identity)
             }
@@ -151,6 +179,29 @@ impl Writer {
                 None
             }
         }
+    }
+
+    /// Sends a reply that is too long for rustdds with the next sequence number of the DDS writer; false if it is not too
+    /// long. Before the sample is written: from then on rustdds says that there is nothing for the client to receive.
+    fn send_long_reply(&self, writer: GUID, request: SampleIdentity, cdr: &[u8]) -> bool {
+        // Not locked meanwhile: a participant that has deadlocked does not answer.
+        let rtps = self
+            .rtps
+            .read()
+            .unwrap_or_else(PoisonError::into_inner)
+            .clone();
+        let topic = &self.spec.dds_topic;
+        let Some(rtps) = rtps.filter(|r| r.must_send(topic, cdr.len())) else {
+            return false;
+        };
+        let number = SequenceNumber::from(self.last_number.load(Relaxed) + 1);
+        rtps.send_reply((writer, number), topic, request, cdr);
+        true
+    }
+
+    /// Sets what sends the replies that rustdds cannot send. Only for the present DDS writer.
+    pub(super) fn set_rtps_sender(&self, rtps: Option<Arc<RtpsSender>>) {
+        *self.rtps.write().unwrap_or_else(PoisonError::into_inner) = rtps;
     }
 
     /// Waits until living subscribers have what was written, at most `patience`.
@@ -178,6 +229,8 @@ impl Writer {
                 }
             }
         }
+        self.set_rtps_sender(None);
+        self.last_number.store(0, Relaxed);
         let mut current = self.dds.write().unwrap_or_else(PoisonError::into_inner);
         std::mem::replace(&mut *current, dds)
     }

@@ -23,11 +23,14 @@ use super::{
     params::{self, ParameterStore, USE_SIM_TIME},
     service::ServiceServer,
     signals::{self, ProcessSignal, StopRequest, StopRequests},
+    wall_clock_watch::WallClockWatch,
 };
 use crate::msg::{cdr, diagnostic_msgs::DiagnosticArray, rcl_interfaces::Log};
 
 /// How often a node reports its health.
 const DIAGNOSTICS_PERIOD: Duration = Duration::from_secs(1);
+/// How often a process checks whether the wall clock was set back.
+const WALL_CLOCK_PERIOD: Duration = Duration::from_secs(1);
 /// Time that a node may take to end after a stop request.
 const STOP_PATIENCE: Duration = Duration::from_secs(10);
 
@@ -95,6 +98,7 @@ pub struct Process {
     /// First failure of a node.
     failure: Option<NodeError>,
     stopping: bool,
+    wall_clock: WallClockWatch,
 }
 
 impl Process {
@@ -129,6 +133,7 @@ impl Process {
             events,
             failure: None,
             stopping: false,
+            wall_clock: WallClockWatch::new(),
         }
     }
 
@@ -169,7 +174,9 @@ impl Process {
                     std::process::exit(128 + signal as i32);
                 }
             },
-            ProcessSignal::Continued if !stops.is_stopping() => reconnect(&cores),
+            ProcessSignal::Continued if !stops.is_stopping() => {
+                reconnect(&cores, "continued after a stop");
+            }
             ProcessSignal::Continued => {}
         })
         .map_err(|e| NodeError::Failed(format!("cannot follow signals: {e}")))
@@ -245,13 +252,33 @@ impl Process {
         let deadline = Instant::now() + patience;
         while !self.stopping {
             let left = deadline.saturating_duration_since(Instant::now());
-            match self.events.recv_timeout(left) {
+            match self.events.recv_timeout(left.min(WALL_CLOCK_PERIOD)) {
                 Ok(event) => self.take(event),
-                Err(RecvTimeoutError::Timeout) => return true,
+                Err(RecvTimeoutError::Timeout) => self.check_wall_clock(),
                 Err(RecvTimeoutError::Disconnected) => return false,
+            }
+            if !self.stopping && Instant::now() >= deadline {
+                return true;
             }
         }
         false
+    }
+
+    /// Gives every node a new participant if the wall clock was set back: the old ones would receive nothing best effort.
+    fn check_wall_clock(&mut self) {
+        let Some(step) = self.wall_clock.set_back() else {
+            return;
+        };
+        let reason = format!("the wall clock was set back by {:.1} s", step.as_secs_f64());
+        let cores = self.cores.lock().unwrap_or_else(PoisonError::into_inner);
+        for core in cores.iter().filter_map(Weak::upgrade) {
+            let status = core.diagnostics.status("wall clock");
+            status.warn(format!("{reason}; the node joined the graph again"));
+            // The report contains the worst since the last one.
+            status.ok(reason.as_str());
+        }
+        drop(cores);
+        reconnect(&self.cores, &reason);
     }
 
     /// Runs until there is a reason to stop, then stops all nodes in order.
@@ -322,9 +349,8 @@ impl Drop for Process {
     }
 }
 
-/// Creates a new participant for every node that is not stopping: the old ones' threads have ended when the
-/// process was stopped.
-fn reconnect(cores: &Mutex<Vec<Weak<NodeCore>>>) {
+/// Creates a new participant for every node that is not stopping: the old ones no longer work, for this reason.
+fn reconnect(cores: &Mutex<Vec<Weak<NodeCore>>>, reason: &str) {
     let cores = cores.lock().unwrap_or_else(PoisonError::into_inner);
     for core in cores.iter().filter_map(Weak::upgrade) {
         let node = core.names.node();
@@ -333,9 +359,7 @@ fn reconnect(cores: &Mutex<Vec<Weak<NodeCore>>>) {
         }
         match core.open_session() {
             Ok(false) => {}
-            Ok(true) => {
-                tracing::info!("node {node}: continued after a stop, joined the graph again")
-            }
+            Ok(true) => tracing::info!("node {node}: {reason}, joined the graph again"),
             Err(e) => tracing::error!("{e}"),
         }
     }
@@ -394,6 +418,7 @@ impl Infrastructure {
                             .endpoints
                             .lock()
                             .unwrap_or_else(PoisonError::into_inner);
+                        endpoints.writers.iter().for_each(|w| w.held.expire());
                         let node = sending.names.node();
                         let now = sending.clock.now();
                         reporter.report(node, now, &sending.diagnostics, &endpoints)

@@ -1,6 +1,6 @@
 //! Services: a request topic, a reply topic, and the sample identity that links a reply to its request.
 
-use rustdds::{SequenceNumber, bytes::Bytes, rpc::SampleIdentity};
+use rustdds::{SequenceNumber, rpc::SampleIdentity};
 use std::{
     collections::VecDeque,
     marker::PhantomData,
@@ -10,13 +10,11 @@ use std::{
 use super::{
     NodeError, Qos, RawSample,
     endpoint::{Counters, EndpointSpec, Reader, Writer},
+    held_replies::ReplyReader,
     node_core::NodeCore,
     publisher::LAST_MESSAGES,
 };
 use crate::msg::{Interface, Service, cdr};
-
-/// Replies up to this length reach every client \[bytes\].
-const ALWAYS_REACHES: usize = 1_024;
 
 /// Calls that may wait for the program; further ones get no reply.
 const WAITING: usize = 64;
@@ -70,6 +68,10 @@ impl ServiceServer {
                 core: Weak::clone(&weak),
                 writer: Arc::clone(&replies),
                 question: question(&sample),
+                client: ReplyReader::new(
+                    sample.related.map(|stated| stated.writer_guid.into()),
+                    sample.publisher,
+                ),
                 service: PhantomData,
             };
             handler(request, reply);
@@ -108,49 +110,28 @@ pub struct Reply<S> {
     core: Weak<NodeCore>,
     writer: Arc<Writer>,
     question: SampleIdentity,
+    client: ReplyReader,
     service: PhantomData<fn(S)>,
 }
 
 impl<S: Service> Reply<S> {
-    /// Sends the response.
+    /// Sends the response, as soon as the client has been matched.
     pub fn send(self, response: &S::Response) {
         let Some(core) = self.core.upgrade() else {
             return;
         };
-        let cdr: Bytes = cdr::encode(response).into();
-        if let Err(longest) = self.fits(&core, cdr.len()) {
-            tracing::warn!(
-                "node {}: service {}: a response of {} bytes may not reach the client, the limit of this version of \
-                 rustdds is {longest}; request less at a time",
-                core.names.node(),
-                self.writer.spec.name,
-                cdr.len()
-            );
+        let (cdr, question) = (cdr::encode(response), Some(self.question));
+        let is_own = (self.writer.gid()).is_some_and(|writer| self.client.is_with(writer));
+        if is_own {
+            return core.send_queue.push(&self.writer, cdr.into(), question);
         }
-        core.send_queue.push(&self.writer, cdr, Some(self.question));
-    }
-
-    /// Whether a response is short enough to reach the client (docs/upstream.md).
-    pub(super) fn reaches(&self, response: &S::Response) -> bool {
-        let length = cdr::encode(response).len();
-        let core = self.core.upgrade();
-        core.is_some_and(|core| self.fits(&core, length).is_ok())
-    }
-
-    /// Checks the length of a response; the error is the limit \[bytes\].
-    fn fits(&self, core: &NodeCore, length: usize) -> Result<(), usize> {
-        if length <= ALWAYS_REACHES {
-            return Ok(());
-        }
-        let mut connection = core.lock_session();
-        let longest = (connection.session()).map_or(ALWAYS_REACHES, |session| {
-            session.longest_reply(&self.writer.spec.dds_topic)
-        });
-        if length <= longest {
-            Ok(())
-        } else {
-            Err(longest)
-        }
+        let writer = Arc::clone(&self.writer);
+        let send = move || {
+            if let Some(core) = self.core.upgrade() {
+                core.send_queue.push(&self.writer, cdr.into(), question);
+            }
+        };
+        writer.held.send(self.client, &writer.counters, send);
     }
 }
 

@@ -24,8 +24,10 @@ use super::{
     endpoint::{EndpointSpec, Endpoints, Reader, Writer},
     events::StopState,
     graph_cache::GraphCache,
+    invalid_samples::{InvalidSamples, not_of_type},
     participant_watchdog::{self, EntityError},
     raw_endpoints::{CdrPassthrough, RawReader, RawWriter},
+    rtps_sender::RtpsSender,
 };
 
 /// Types whose messages have the size of a megabyte rather than a kilobyte.
@@ -52,6 +54,7 @@ pub(super) struct Session {
     warned_topics: BTreeSet<(String, String)>,
     requests: mpsc::Sender<SessionRequest>,
     waker: Arc<Waker>,
+    rtps: Option<Arc<RtpsSender>>,
     stop: Arc<AtomicBool>,
     receiver: Option<JoinHandle<()>>,
 }
@@ -80,6 +83,9 @@ impl Session {
         let waker = Waker::new(poll.registry(), WAKER).map_err(EntityError::dds)?;
         let (requests, inbox) = mpsc::channel();
         let stop = Arc::new(AtomicBool::new(false));
+        let rtps = RtpsSender::new(participant.clone(), domain.range)
+            .inspect_err(|e| tracing::warn!("node {node}: long replies may not arrive: {e}"));
+        let rtps = rtps.ok().map(Arc::new);
         let receiver = Receiver {
             poll,
             inbox,
@@ -89,6 +95,7 @@ impl Session {
             endpoints: Arc::clone(endpoints),
             graph: Arc::clone(graph),
             settling: Arc::clone(settling),
+            rtps: rtps.clone(),
         };
         let receiver = thread::Builder::new()
             .name(format!("{}.receive", node.name()))
@@ -111,6 +118,7 @@ impl Session {
             warned_topics: BTreeSet::new(),
             requests,
             waker: Arc::new(waker),
+            rtps,
             stop,
             receiver: Some(receiver),
         };
@@ -163,11 +171,6 @@ impl Session {
         discovery::publishers(&self.participant, node, &mut self.warned_topics)
     }
 
-    /// The longest reply \[bytes\] that reaches every client of the service with this reply topic.
-    pub(super) fn longest_reply(&self, dds_topic: &str) -> usize {
-        discovery::longest_reply(&self.participant, dds_topic)
-    }
-
     fn send(&self, request: SessionRequest) {
         // The thread ends only with this session.
         if self.requests.send(request).is_ok() {
@@ -196,8 +199,9 @@ impl Session {
             publisher.create_datawriter_no_key::<Bytes, CdrPassthrough>(&topic, Some(qos))
         })?;
         self.announcer.add_writer(dds.guid().into());
-        writer.counters.matched.store(0, Relaxed);
+        writer.counters.forget_peers();
         writer.attach(Some(Arc::new(dds)));
+        writer.set_rtps_sender(self.rtps.clone());
         Ok(())
     }
 
@@ -211,7 +215,7 @@ impl Session {
         })?;
         let gid = dds.guid().into();
         self.announcer.add_reader(gid);
-        reader.counters.matched.store(0, Relaxed);
+        reader.counters.forget_peers();
         reader.set_gid(gid);
         self.send(SessionRequest::Add(Box::new(dds), Arc::clone(reader)));
         Ok(())
@@ -251,6 +255,7 @@ struct Receiver {
     endpoints: Arc<Mutex<Endpoints>>,
     graph: Arc<GraphCache>,
     settling: Arc<DiscoverySettling>,
+    rtps: Option<Arc<RtpsSender>>,
 }
 
 impl Receiver {
@@ -258,7 +263,7 @@ impl Receiver {
         // Tokens are never used twice within one participant.
         let mut readers: HashMap<usize, ReaderState> = HashMap::new();
         let mut next_token = FIRST_READER;
-        let mut peers = Peers::default();
+        let mut peers = Peers::new(self.rtps.take());
         let mut status = self.participant.status_listener();
         let registered = self
             .poll
@@ -269,7 +274,7 @@ impl Receiver {
         }
         let mut events = PollEvents::with_capacity(64);
         while !self.stop.load(Relaxed) {
-            match self.poll.poll(&mut events, None) {
+            match self.poll.poll(&mut events, peers.first_samples.timeout()) {
                 Err(e) if e.kind() == io::ErrorKind::Interrupted => continue,
                 outcome => outcome?,
             }
@@ -285,11 +290,16 @@ impl Receiver {
                     ),
                     Token(token) => {
                         if let Some(state) = readers.get_mut(&token) {
-                            state.take_all();
+                            state.take_all(&self.node, &self.graph);
                         }
                     }
                 }
             }
+            peers.first_samples.request(|reader, writer| {
+                let mut states = readers.values();
+                let state = states.find(|state| state.dds.guid() == reader);
+                state.is_some_and(|state| state.last.contains_key(&writer.into()))
+            });
             while let Ok(request) = self.inbox.try_recv() {
                 match request {
                     SessionRequest::Add(mut dds, reader) => {
@@ -304,8 +314,9 @@ impl Receiver {
                             dds,
                             reader,
                             last: HashMap::new(),
+                            invalid: InvalidSamples::default(),
                         };
-                        state.take_all();
+                        state.take_all(&self.node, &self.graph);
                         readers.insert(next_token, state);
                         next_token += 1;
                     }
@@ -325,11 +336,17 @@ struct ReaderState {
     reader: Arc<Reader>,
     /// The number of the last sample of each publisher.
     last: HashMap<Gid, i64>,
+    invalid: InvalidSamples,
 }
 
 impl ReaderState {
-    fn take_all(&mut self) {
-        let Self { dds, reader, last } = self;
+    fn take_all(&mut self, node: &NodeName, graph: &GraphCache) {
+        let Self {
+            dds,
+            reader,
+            last,
+            invalid,
+        } = self;
         dds.drain_read_notifications();
         loop {
             match dds.try_take_one() {
@@ -339,13 +356,17 @@ impl ReaderState {
                     let missing = missing(last, sample.publisher, sample.sequence_number);
                     reader.counters.missing.fetch_add(missing, Relaxed);
                     reader.counters.count();
+                    let (publisher, length) = (sample.publisher, sample.cdr.len());
                     if !(reader.sink)(sample, &reader.counters) {
                         reader.counters.failed.fetch_add(1, Relaxed);
+                        let problem = not_of_type(&reader.spec, length);
+                        invalid.report((node, graph), &reader.spec, Some(publisher), &problem);
                     }
                 }
                 // The reader has skipped the sample that it could not take.
-                Err(_) => {
+                Err(e) => {
                     reader.counters.failed.fetch_add(1, Relaxed);
+                    invalid.report((node, graph), &reader.spec, None, &e.to_string());
                 }
             }
         }

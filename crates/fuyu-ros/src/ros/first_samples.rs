@@ -1,0 +1,125 @@
+//! Requests for samples that new writers sent before they were matched.
+//!
+//! A ROS client or `ros2 topic pub --once` sends as soon as it knows the reader; if the reader does not know the writer yet,
+//! the sample is discarded. rustdds requests it when the writer is matched, but Fast DDS ignores this request because of its
+//! count (docs/upstream.md), and repeats the sample with its next heartbeat only, after three seconds.
+
+use rustdds::GUID;
+use std::{
+    sync::Arc,
+    time::{Duration, Instant},
+};
+
+use super::rtps_sender::RtpsSender;
+
+/// When the first sample of a client of a service is requested, after its writer has been matched. Fast DDS does not answer
+/// one of about 25 requests on a busy computer.
+const CLIENT: [Duration; 3] = [
+    Duration::ZERO,
+    Duration::from_millis(15),
+    Duration::from_millis(50),
+];
+/// The same for other topics: once, since Fast DDS ignores as many requests of rustdds afterwards.
+const TOPIC: [Duration; 1] = [Duration::ZERO];
+
+struct NewWriter {
+    reader: GUID,
+    writer: GUID,
+    matched: Instant,
+    requests: &'static [Duration],
+    sent: usize,
+}
+
+impl NewWriter {
+    fn due(&self) -> Option<Instant> {
+        Some(self.matched + *self.requests.get(self.sent)?)
+    }
+}
+
+/// The reliable readers with new writers.
+pub(super) struct FirstSamples {
+    rtps: Option<Arc<RtpsSender>>,
+    writers: Vec<NewWriter>,
+}
+
+impl FirstSamples {
+    /// `rtps` sends the requests.
+    pub(super) fn new(rtps: Option<Arc<RtpsSender>>) -> Self {
+        Self {
+            rtps,
+            writers: Vec::new(),
+        }
+    }
+
+    /// A reliable reader of this DDS topic has been matched with a writer.
+    pub(super) fn writer_matched(&mut self, dds_topic: &str, reader: GUID, writer: GUID) {
+        let requests = match dds_topic.starts_with("rq/") {
+            true => &CLIENT[..],
+            false => &TOPIC[..],
+        };
+        if RtpsSender::must_request_from(writer) {
+            self.writers.push(NewWriter {
+                reader,
+                writer,
+                matched: Instant::now(),
+                requests,
+                sent: 0,
+            });
+        }
+    }
+
+    /// Time until the next request.
+    pub(super) fn timeout(&self) -> Option<Duration> {
+        let next = self.writers.iter().filter_map(NewWriter::due).min()?;
+        Some(next.saturating_duration_since(Instant::now()))
+    }
+
+    /// Sends the requests that are due to writers without a sample so far. No lock may be held: a participant that has
+    /// deadlocked does not answer.
+    pub(super) fn request(&mut self, has_sample: impl Fn(GUID, GUID) -> bool) {
+        let now = Instant::now();
+        for new in &mut self.writers {
+            if new.due().is_some_and(|due| due <= now) {
+                if has_sample(new.reader, new.writer) {
+                    new.sent = new.requests.len();
+                    continue;
+                }
+                new.sent += 1;
+                if let Some(rtps) = &self.rtps {
+                    rtps.request_first_sample(new.reader, new.writer, new.sent as u32);
+                }
+            }
+        }
+        self.writers.retain(|new| new.due().is_some());
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn guid(vendor: [u8; 2], entity: u8) -> GUID {
+        let mut bytes = [entity; 16];
+        bytes[..2].copy_from_slice(&vendor);
+        GUID::from_bytes(bytes)
+    }
+
+    // Fails if requests go on after a sample has come, or never end.
+    #[test]
+    fn requests_end_with_the_first_sample() {
+        let mut first = FirstSamples::new(None);
+        let (reader, fast, rust) = (guid([1, 0x12], 1), guid([1, 0x0f], 2), guid([1, 0x12], 3));
+        first.writer_matched("rq/serviceRequest", reader, rust);
+        assert_eq!(first.timeout(), None);
+        first.writer_matched("rt/topic", reader, fast);
+        assert_eq!(first.timeout(), Some(Duration::ZERO));
+        first.request(|_, _| false);
+        assert_eq!(first.timeout(), None);
+        first.writer_matched("rq/serviceRequest", reader, fast);
+        first.request(|_, _| false);
+        assert!(first.timeout().is_some_and(|t| t <= CLIENT[1]));
+        std::thread::sleep(CLIENT[1]);
+        first.request(|_, writer| writer == fast);
+        assert_eq!(first.timeout(), None);
+    }
+}

@@ -1,0 +1,237 @@
+//! RTPS messages that rustdds does not send, or sends in a form that no peer can read (docs/upstream.md).
+//!
+//! They carry GUIDs of the participant's own endpoints, so a peer handles them like messages of rustdds.
+
+use rustdds::{
+    DomainParticipant, GUID, RTPSEntity, SequenceNumber, Timestamp, rpc::SampleIdentity,
+};
+use std::{
+    io,
+    net::{Ipv4Addr, SocketAddr, UdpSocket},
+    thread,
+    time::Duration,
+};
+
+use super::DiscoveryRange;
+
+/// Protocol, version 2.3, and the vendor id of rustdds.
+const HEADER: [u8; 8] = *b"RTPS\x02\x03\x01\x12";
+/// Vendor id of Fast DDS: the first bytes of its GUIDs.
+const FAST_DDS: [u8; 2] = [0x01, 0x0f];
+
+/// Submessages, all little endian.
+const INFO_DESTINATION: [u8; 2] = [0x0e, 0x01];
+const INFO_TIMESTAMP: [u8; 2] = [0x09, 0x01];
+/// With the final flag: no heartbeat is requested.
+const ACKNACK: [u8; 2] = [0x06, 0x03];
+/// With inline QoS.
+const DATA_FRAG: [u8; 2] = [0x16, 0x03];
+
+/// Parameters of inline QoS. Peers disagree on the id of the first one, so it is sent twice, as rustdds does.
+const RELATED_SAMPLE_IDENTITY: [u16; 2] = [0x0083, 0x800f];
+const END_OF_PARAMETERS: u16 = 0x0001;
+
+/// Bytes of a datagram of rustdds that are not payload.
+const AROUND_PAYLOAD: usize = 80;
+/// What rustdds sends in one datagram over loopback, and what to a peer that also listens elsewhere \[bytes\].
+const LOOPBACK: usize = 65_488;
+const ELSEWHERE: usize = 1_452;
+
+/// Bytes of a sample in one datagram; with all headers it fits into an Ethernet frame.
+const FRAGMENT: u16 = 1024;
+
+/// Fragments that are sent without a pause: the receive buffer of a peer has 200 kB by default.
+const BURST: usize = 64;
+/// Pause after them.
+const PAUSE: Duration = Duration::from_millis(2);
+
+/// Sends RTPS messages to peers of a participant from a separate socket.
+pub(super) struct RtpsSender {
+    participant: DomainParticipant,
+    socket: UdpSocket,
+}
+
+impl RtpsSender {
+    /// For `participant`, whose discovery has this range: with [`DiscoveryRange::Localhost`] nothing leaves the computer.
+    ///
+    /// # Errors
+    /// If there is no socket.
+    pub(super) fn new(participant: DomainParticipant, range: DiscoveryRange) -> io::Result<Self> {
+        let address = match range {
+            DiscoveryRange::Subnet => Ipv4Addr::UNSPECIFIED,
+            DiscoveryRange::Localhost | DiscoveryRange::Off => Ipv4Addr::LOCALHOST,
+        };
+        let socket = UdpSocket::bind((address, 0))?;
+        socket.set_nonblocking(true)?;
+        Ok(Self {
+            participant,
+            socket,
+        })
+    }
+
+    /// Whether a writer ignores the request that rustdds sends when it is matched: one of Fast DDS.
+    pub(super) fn must_request_from(writer: GUID) -> bool {
+        writer.prefix.as_ref()[..2] == FAST_DDS
+    }
+
+    /// Requests the first sample of `writer`, which `reader` has been matched with. `count` is the number of this request,
+    /// from 1: rustdds counts from 0, and Fast DDS accepts a request only if its count is larger than that of the last one,
+    /// which is 0 at first.
+    pub(super) fn request_first_sample(&self, reader: GUID, writer: GUID, count: u32) {
+        let writers = self.participant.discovered_writers();
+        let found = writers
+            .iter()
+            .find(|found| found.writer_proxy.remote_writer_guid == writer);
+        let Some(found) = found else { return };
+        let message = self.acknack(reader, writer, count);
+        for locator in &found.writer_proxy.unicast_locator_list {
+            if locator.is_udp() {
+                self.send(&message, SocketAddr::from(*locator));
+            }
+        }
+    }
+
+    /// Whether rustdds cannot send a reply of this length \[bytes\] to all readers of a topic: it spoils the inline QoS,
+    /// which names the request, of samples that need more than one datagram. It sends the same datagrams to all readers.
+    pub(super) fn must_send(&self, dds_topic: &str, length: usize) -> bool {
+        if length <= ELSEWHERE - AROUND_PAYLOAD {
+            return false;
+        }
+        let readers = self.participant.discovered_readers();
+        let mut locators = readers
+            .iter()
+            .filter(|reader| reader.subscription_topic_data.topic_name() == dds_topic)
+            .flat_map(|reader| &reader.reader_proxy.unicast_locator_list)
+            // rustdds does not use shared memory.
+            .filter(|locator| locator.is_udp())
+            .peekable();
+        let is_near = locators.peek().is_some() && locators.all(|locator| locator.is_loopback());
+        !is_near || length > LOOPBACK - AROUND_PAYLOAD
+    }
+
+    /// Sends a reply, a sample of `writer`, in fragments to the readers of the topic in the participant of the client,
+    /// with the identity of the request.
+    pub(super) fn send_reply(
+        &self,
+        (writer, number): (GUID, SequenceNumber),
+        dds_topic: &str,
+        request: SampleIdentity,
+        cdr: &[u8],
+    ) {
+        let published = Timestamp::now();
+        for found in self.participant.discovered_readers() {
+            let proxy = &found.reader_proxy;
+            let guid = proxy.remote_reader_guid;
+            if guid.prefix != request.writer_guid.prefix
+                || found.subscription_topic_data.topic_name() != dds_topic
+            {
+                continue;
+            }
+            let mut addresses: Vec<_> = (proxy.unicast_locator_list.iter())
+                .filter(|locator| locator.is_udp())
+                .map(|locator| SocketAddr::from(*locator))
+                .collect();
+            // One address of this computer suffices.
+            if let Some(near) = addresses.iter().find(|a| a.ip().is_loopback()) {
+                addresses = vec![*near];
+            }
+            for (index, fragment) in cdr.chunks(FRAGMENT.into()).enumerate() {
+                if index > 0 && index % BURST == 0 {
+                    thread::sleep(PAUSE);
+                }
+                let message = self.fragment(
+                    (guid, writer, number),
+                    request,
+                    published,
+                    (index, fragment, cdr.len()),
+                );
+                addresses.iter().for_each(|&to| self.send(&message, to));
+            }
+        }
+    }
+
+    fn send(&self, message: &[u8], to: SocketAddr) {
+        // Like any datagram it may be lost; one to another computer is refused if discovery is limited to this one.
+        if let Err(e) = self.socket.send_to(message, to) {
+            tracing::debug!("no RTPS message to {to}: {e}");
+        }
+    }
+
+    /// Header of a message to the participant of `peer`.
+    fn message(&self, peer: GUID) -> Vec<u8> {
+        let mut message = HEADER.to_vec();
+        message.extend(self.participant.guid().prefix.as_ref());
+        submessage(&mut message, INFO_DESTINATION, peer.prefix.as_ref());
+        message
+    }
+
+    fn acknack(&self, reader: GUID, writer: GUID, count: u32) -> Vec<u8> {
+        let mut body = Vec::new();
+        body.extend(entity(reader));
+        body.extend(entity(writer));
+        // The set of missing samples: 1 and one bit, for the number 1 itself.
+        body.extend(number_bytes(1));
+        body.extend(1_u32.to_le_bytes());
+        body.extend((1_u32 << 31).to_le_bytes());
+        body.extend(count.to_le_bytes());
+        let mut message = self.message(writer);
+        submessage(&mut message, ACKNACK, &body);
+        message
+    }
+
+    fn fragment(
+        &self,
+        (reader, writer, number): (GUID, GUID, SequenceNumber),
+        request: SampleIdentity,
+        published: Timestamp,
+        (index, fragment, sample_size): (usize, &[u8], usize),
+    ) -> Vec<u8> {
+        let mut body = Vec::with_capacity(96 + fragment.len());
+        // Extra flags, and the offset of the inline QoS.
+        body.extend([0, 0, 28, 0]);
+        body.extend(entity(reader));
+        body.extend(entity(writer));
+        body.extend(number_bytes(number.into()));
+        body.extend((index as u32 + 1).to_le_bytes());
+        body.extend(1_u16.to_le_bytes());
+        body.extend(FRAGMENT.to_le_bytes());
+        body.extend((sample_size as u32).to_le_bytes());
+        for id in RELATED_SAMPLE_IDENTITY {
+            body.extend(id.to_le_bytes());
+            body.extend(24_u16.to_le_bytes());
+            body.extend(request.writer_guid.to_bytes());
+            body.extend(number_bytes(request.sequence_number.into()));
+        }
+        body.extend(END_OF_PARAMETERS.to_le_bytes());
+        body.extend(0_u16.to_le_bytes());
+        body.extend(fragment);
+        let mut message = self.message(reader);
+        let ticks = published.to_ticks();
+        let (seconds, fraction) = ((ticks >> 32) as u32, ticks as u32);
+        let time = [seconds.to_le_bytes(), fraction.to_le_bytes()].concat();
+        submessage(&mut message, INFO_TIMESTAMP, &time);
+        submessage(&mut message, DATA_FRAG, &body);
+        message
+    }
+}
+
+fn submessage(message: &mut Vec<u8>, kind_and_flags: [u8; 2], body: &[u8]) {
+    message.extend(kind_and_flags);
+    message.extend((body.len() as u16).to_le_bytes());
+    message.extend(body);
+}
+
+/// Entity id of an endpoint.
+fn entity(endpoint: GUID) -> [u8; 4] {
+    let bytes = endpoint.to_bytes();
+    [bytes[12], bytes[13], bytes[14], bytes[15]]
+}
+
+/// A sequence number: its upper half first.
+fn number_bytes(number: i64) -> [u8; 8] {
+    let (high, low) = ((number >> 32) as i32, number as u32);
+    let mut bytes = [0; 8];
+    bytes[..4].copy_from_slice(&high.to_le_bytes());
+    bytes[4..].copy_from_slice(&low.to_le_bytes());
+    bytes
+}
