@@ -191,6 +191,7 @@ impl Write for Counted {
 
 impl Seek for Counted {
     fn seek(&mut self, to: SeekFrom) -> io::Result<u64> {
-        self.file.seek(to)
+        // Writes what is buffered first.
+        self.space.retry(|| self.file.seek(to))
     }
 }
