@@ -26,7 +26,7 @@ impl ArticulatedBody {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn set_joints(&mut self, simd: impl Simd, q: &[f64], qd: &[f64], efforts: &[f64]) {
         let DynamicsScratch { tree, links, .. } = &mut self.scratch;
         let n = tree.dof();
@@ -41,7 +41,7 @@ impl ArticulatedBody {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn write_accelerations(&self, out: &mut TreeAcceleration) {
         let DynamicsScratch { tree, links, .. } = &self.scratch;
         let base = &links[0].acceleration;
@@ -97,7 +97,7 @@ struct GivenBaseTwist<'a> {
 
 impl WithSimd for GivenBaseTwist<'_> {
     type Output = ();
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn with_simd<S: Simd>(self, simd: S) {
         let (dynamics, motion, input) = (self.dynamics, self.motion, self.input);
         dynamics.set_joints(simd, motion.q, motion.qd, input.efforts.as_slice());
@@ -127,7 +127,7 @@ struct FreeFloating<'a> {
 
 impl WithSimd for FreeFloating<'_> {
     type Output = ();
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn with_simd<S: Simd>(self, simd: S) {
         let (dynamics, state, out) = (self.dynamics, self.state, self.out);
         dynamics.set_joints(simd, state.q.as_slice(), state.qd.as_slice(), self.efforts);

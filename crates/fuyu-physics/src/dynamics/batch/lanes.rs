@@ -47,7 +47,7 @@ struct BaseState<S: Simd> {
 }
 
 impl<S: Simd> LaneStepper<S> {
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn new(simd: S, setup: &Setup) -> Self {
         let (tree, stages) = (&setup.tree, setup.tableau.c.len());
         let zero = Lanes::splat(simd, 0.0);
@@ -70,7 +70,7 @@ impl<S: Simd> LaneStepper<S> {
 
     /// The task for the states of a block from lane `first` on; `index` is the number of the block's first state in its
     /// piece of the batch.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn run(
         &mut self,
         setup: &Setup,
@@ -89,7 +89,7 @@ impl<S: Simd> LaneStepper<S> {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn accelerate(&mut self, tree: &Tree, block: &mut Block, first: usize) {
         self.set_joints(block, first);
         let start = self.load_base(block, first);
@@ -99,7 +99,7 @@ impl<S: Simd> LaneStepper<S> {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn step(
         &mut self,
         setup: &Setup,
@@ -138,7 +138,7 @@ impl<S: Simd> LaneStepper<S> {
     }
 
     /// Positions and rates of the block into the links.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn set_joints(&mut self, block: &Block, first: usize) {
         for (j, link) in self.links[1..].iter_mut().enumerate() {
             link.q = Lanes::load(self.simd, &block.q[j].0[first..]);
@@ -147,7 +147,7 @@ impl<S: Simd> LaneStepper<S> {
     }
 
     /// Evaluates the forcing at the states of the block, or of the stage if `is_within_step`.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn apply(
         &mut self,
         block: &mut Block,
@@ -168,7 +168,7 @@ impl<S: Simd> LaneStepper<S> {
     }
 
     /// Accelerations at the links' positions and rates. Returns the base's angular velocity, base axes.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn evaluate(
         &mut self,
         tree: &Tree,
@@ -194,7 +194,7 @@ impl<S: Simd> LaneStepper<S> {
     }
 
     /// The states of the next stage, or of the end of the step, and the rotation vectors since its start.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn advance(
         &mut self,
         block: &Block,
@@ -234,7 +234,7 @@ impl<S: Simd> LaneStepper<S> {
     }
 
     /// Velocity of the centre of mass, which nothing changes within a step.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn com_rate(&self, block: &Block, first: usize, mass: f64) -> Vec3<Lanes<S>> {
         let mut rates = [F64x8::ZERO; 3];
         for (rate, momentum) in rates.iter_mut().zip(&block.linear_momentum_W) {
@@ -246,7 +246,7 @@ impl<S: Simd> LaneStepper<S> {
     }
 
     /// Stores the stage's states, a time `dt` after those of `block`, for a forcing.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn store_stage(&mut self, block: &Block, first: usize, now: BaseState<S>, dt: f64) {
         for (j, link) in self.links[1..].iter().enumerate() {
             link.q.store(&mut self.stage.q[j].0[first..]);
@@ -269,7 +269,7 @@ impl<S: Simd> LaneStepper<S> {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn finish_step(&self, block: &mut Block, first: usize, end: BaseState<S>, dt: f64) {
         for (j, link) in self.links[1..].iter().enumerate() {
             link.q.store(&mut block.q[j].0[first..]);
@@ -290,7 +290,7 @@ impl<S: Simd> LaneStepper<S> {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn load(&self, rows: &[F64x8; 3], first: usize) -> Vec3<Lanes<S>> {
         let [x, y, z] = rows;
         Vec3([
@@ -300,7 +300,7 @@ impl<S: Simd> LaneStepper<S> {
         ])
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn load_base(&self, block: &Block, first: usize) -> BaseState<S> {
         let [i, j, k, w] = &block.R_WB;
         BaseState {
@@ -314,7 +314,7 @@ impl<S: Simd> LaneStepper<S> {
     }
 
     /// Whether a rotation vector is too large for the series in some lane.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn is_large(u: Vec3<Lanes<S>>) -> bool {
         let mut squares = F64x8::ZERO;
         (u[0] * u[0] + u[1] * u[1] + u[2] * u[2]).store(&mut squares.0);
@@ -326,7 +326,7 @@ impl<S: Simd> LaneStepper<S> {
     }
 
     /// `attitude exp([u×])`.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn turned(&self, attitude: Quat<Lanes<S>>, u: Vec3<Lanes<S>>) -> Quat<Lanes<S>> {
         let small = attitude.compose(Quat::exp_series(u));
         if !Self::is_large(u) {
@@ -341,7 +341,7 @@ impl<S: Simd> LaneStepper<S> {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn turn_rate(&self, u: Vec3<Lanes<S>>, w: Vec3<Lanes<S>>) -> Vec3<Lanes<S>> {
         let small = rotation_vector_rate_series(u, w);
         if !Self::is_large(u) {
@@ -354,7 +354,7 @@ impl<S: Simd> LaneStepper<S> {
 }
 
 /// [`UnitQuaternion::inverse_transform_vector`] in lanes.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 fn inverse_transform<S: Simd>(attitude: Quat<Lanes<S>>, x: Vec3<Lanes<S>>) -> Vec3<Lanes<S>> {
     let v = -attitude.v;
     let t = cross(v, x);
@@ -363,7 +363,7 @@ fn inverse_transform<S: Simd>(attitude: Quat<Lanes<S>>, x: Vec3<Lanes<S>>) -> Ve
 }
 
 /// [`Vector3::cross`] in lanes: every product is rounded.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 fn cross<S: Simd>(a: Vec3<Lanes<S>>, b: Vec3<Lanes<S>>) -> Vec3<Lanes<S>> {
     Vec3([
         a[1] * b[2] - a[2] * b[1],
@@ -373,7 +373,7 @@ fn cross<S: Simd>(a: Vec3<Lanes<S>>, b: Vec3<Lanes<S>>) -> Vec3<Lanes<S>> {
 }
 
 /// [`UnitQuaternion::renormalize_fast`] in lanes.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 fn renormalized<S: Simd>(attitude: Quat<Lanes<S>>) -> Quat<Lanes<S>> {
     let Quat { w, v } = attitude;
     let square = (v[0] * v[0] + v[2] * v[2]) + (v[1] * v[1] + w * w);
@@ -384,7 +384,7 @@ fn renormalized<S: Simd>(attitude: Quat<Lanes<S>>) -> Quat<Lanes<S>> {
     }
 }
 
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 fn vector_rows<S: Simd>(v: Vec3<Lanes<S>>) -> [F64x8; 3] {
     let mut rows = [F64x8::ZERO; 3];
     v[0].store(&mut rows[0].0);
@@ -393,7 +393,7 @@ fn vector_rows<S: Simd>(v: Vec3<Lanes<S>>) -> [F64x8; 3] {
     rows
 }
 
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 fn rows<S: Simd>(attitude: Quat<Lanes<S>>) -> [F64x8; 4] {
     let [i, j, k] = vector_rows(attitude.v);
     let mut w = F64x8::ZERO;
@@ -402,7 +402,7 @@ fn rows<S: Simd>(attitude: Quat<Lanes<S>>) -> [F64x8; 4] {
 }
 
 /// Whether the square of an angle is too large for the series.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 fn is_far(square: f64) -> bool {
     square > SERIES_LIMIT || square.is_nan()
 }

@@ -340,7 +340,7 @@ struct Run<'a, 'b> {
 
 impl WithSimd for Run<'_, '_> {
     type Output = ();
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn with_simd<S: Simd>(mut self, simd: S) {
         let Piece {
             setup,

@@ -14,7 +14,7 @@ use super::{LinkScratch, Mat3, Scalar, Sym3, Vec3};
 
 impl Body {
     /// Velocity-product force: the force on the body that its rotation requires while its origin does not accelerate.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn centrifugal_force<S: Scalar>(&self, centripetal: Sym3<S>) -> SpatialForce<S> {
         let like = centripetal.off[0];
         let m = &self.inertia.about_origin;
@@ -44,7 +44,7 @@ impl Body {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn rigid_inertia<S: Scalar>(&self, like: S) -> ArticulatedInertia<S> {
         let h = &self.inertia.first_moment;
         ArticulatedInertia::rigid(
@@ -60,7 +60,7 @@ type ArticulatedSubtree<S> = (ArticulatedInertia<S>, SpatialForce<S>);
 
 impl<S: Scalar> LinkScratch<S> {
     /// Sets angular velocity and bias acceleration from the parent's angular velocity `w` and its centripetal tensor.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn set_velocity(
         &mut self,
         joint: &JointTransform,
@@ -87,7 +87,7 @@ impl<S: Scalar> LinkScratch<S> {
     }
 
     /// Initializes the subtree's inertia and force with those of the body alone.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn start_subtree(&mut self, body: &Body, external: Option<&SpatialForce<S>>) {
         self.centripetal = centripetal_tensor(self.w);
         self.force = body.centrifugal_force(self.centripetal);
@@ -102,7 +102,7 @@ impl<S: Scalar> LinkScratch<S> {
 
     /// Projects inertia and force of the subtree onto the directions that the joint transmits, and transforms them to the
     /// parent's frame.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn project(
         &mut self,
         joint: &JointTransform,
@@ -127,7 +127,7 @@ impl<S: Scalar> LinkScratch<S> {
     }
 
     /// [`Self::project`] in the body's frame, for a revolute joint.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn project_revolute(
         &mut self,
         has_translation: bool,
@@ -184,7 +184,7 @@ impl<S: Scalar> LinkScratch<S> {
     }
 
     /// [`Self::project`] in the body's frame, for a prismatic joint.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn project_prismatic(
         &mut self,
         (inertia, force): ArticulatedSubtree<S>,
@@ -239,7 +239,7 @@ impl<S: Scalar> LinkScratch<S> {
     }
 
     /// Sets the joint's and the body's acceleration from the parent's; returns the body's.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn solve_acceleration(
         &mut self,
         joint: &JointTransform,
@@ -264,7 +264,7 @@ impl<S: Scalar> LinkScratch<S> {
     }
 
     /// [`Self::solve_acceleration`] for a revolute joint, from the parent's motion in the body's frame.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn solve_revolute_acceleration(
         &mut self,
         has_translation: bool,
@@ -285,7 +285,7 @@ impl<S: Scalar> LinkScratch<S> {
 }
 
 /// `m -= u kᵀ` for a symmetric `u kᵀ`.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 fn subtract_outer_product<S: Scalar>(m: &mut Sym3<S>, u: Vec3<S>, k: Vec3<S>) {
     for i in 0..3 {
         let (a, b) = other_axes(i);
@@ -300,7 +300,7 @@ fn subtract_outer_product<S: Scalar>(m: &mut Sym3<S>, u: Vec3<S>, k: Vec3<S>) {
 ///
 /// # Panics
 /// If a slice is shorter than the tree needs.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 pub fn forward_dynamics<S: Scalar>(
     tree: &Tree,
     links: &mut [LinkScratch<S>],

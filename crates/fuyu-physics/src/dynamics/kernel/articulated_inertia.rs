@@ -18,7 +18,7 @@ pub struct ArticulatedInertia<S> {
 
 impl<S: Scalar> ArticulatedInertia<S> {
     /// Sum of two inertias about the same point.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn plus(self, o: Self) -> Self {
         Self {
             rotational: self.rotational + o.rotational,
@@ -28,7 +28,7 @@ impl<S: Scalar> ArticulatedInertia<S> {
     }
 
     /// The same inertia about another point. The present reference point lies at `p`, along one axis, from the new one.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn shifted<const AXIS: usize>(mut self, p: S) -> Self {
         let (i, (j, k)) = (AXIS, other_axes(AXIS));
         // J becomes J - H [p×] + [p×] H'ᵀ with H' = H + [p×] M.
@@ -49,7 +49,7 @@ impl<S: Scalar> ArticulatedInertia<S> {
     }
 
     /// [`Self::shifted`] along z by `d`, for an inertia that is zero about z.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn shifted_in_plane(mut self, d: S) -> Self {
         let old = self.coupling.0;
         let (to_x, to_y) = (self.mass.row(1), self.mass.row(0));
@@ -66,7 +66,7 @@ impl<S: Scalar> ArticulatedInertia<S> {
     }
 
     /// Components in A of an inertia given in B.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn rotated<const AXIS: usize>(self, rotation: &PlanarRotation<S>) -> Self {
         Self {
             rotational: rotation.rotate_sym::<AXIS>(self.rotational),
@@ -76,7 +76,7 @@ impl<S: Scalar> ArticulatedInertia<S> {
     }
 
     /// [`Self::rotated`] by 90° about x.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn rotated_x_90(self) -> Self {
         Self {
             rotational: rotate_sym_x_90(self.rotational),
@@ -86,7 +86,7 @@ impl<S: Scalar> ArticulatedInertia<S> {
     }
 
     /// Inertia of a rigid body, from its mass and its moments about the frame's origin.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn rigid(mass: S, first_moment: Vec3<S>, inertia: Sym3<S>) -> Self {
         let (zero, Vec3([x, y, z])) = (mass.constant(0.0), first_moment);
         Self {
@@ -104,7 +104,7 @@ impl<S: Scalar> ArticulatedInertia<S> {
     }
 
     /// Acceleration of a free body with this inertia, on which `-force` acts.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(crate) fn free_acceleration(&self, force: SpatialForce<S>) -> SpatialMotion<S> {
         let (H, inverse) = (self.coupling, self.mass.inverse());
         let Mat3([x, y, z]) = H;
@@ -124,7 +124,7 @@ impl<S: Scalar> ArticulatedInertia<S> {
 }
 
 /// `Rx(90°) m Rx(90°)ᵀ`.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 pub(super) fn rotate_sym_x_90<S: Scalar>(m: Sym3<S>) -> Sym3<S> {
     let ([x, y, z], [yz, xz, xy]) = (m.diagonal, m.off);
     Sym3 {
@@ -134,7 +134,7 @@ pub(super) fn rotate_sym_x_90<S: Scalar>(m: Sym3<S>) -> Sym3<S> {
 }
 
 /// `Rx(90°) m Rx(90°)ᵀ`.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 fn rotate_mat_x_90<S: Scalar>(m: Mat3<S>) -> Mat3<S> {
     let [x, y, z] = m.0;
     Mat3([rotate_x_90(x), -rotate_x_90(z), rotate_x_90(y)])

@@ -38,7 +38,7 @@ impl<S: Scalar> SubtreeMomentum<S> {
     }
 
     /// Adds the joint's motion, and transforms to the parent's frame and reference point.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn to_parent(self, joint: &JointTransform, mass: f64, link: &LinkScratch<S>) -> Self {
         let CompositeInertia {
             first_moment: h,
@@ -61,7 +61,7 @@ impl<S: Scalar> SubtreeMomentum<S> {
         })
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn plus(self, o: Self) -> Self {
         Self {
             subtree: self.subtree.plus(o.subtree),
@@ -72,7 +72,7 @@ impl<S: Scalar> SubtreeMomentum<S> {
 
 /// Inertia and momentum of the whole tree in the base's kernel frame. `subtrees`, one per body, is scratch; `links` hold
 /// positions (with their rotations) and rates of the joints.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 fn sweep_inward<S: Scalar>(
     tree: &Tree,
     links: &[LinkScratch<S>],
@@ -104,7 +104,7 @@ fn sweep_inward<S: Scalar>(
 
 /// Inertia of the whole tree with all joints locked, in the base's kernel frame. `links` hold positions (with their
 /// rotations) and rates of the joints; `subtrees`, one per body, is scratch.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 pub(crate) fn locked_inertia<S: Scalar>(
     tree: &Tree,
     links: &[LinkScratch<S>],
@@ -119,7 +119,7 @@ pub(crate) fn locked_inertia<S: Scalar>(
 ///
 /// # Panics
 /// If a slice is shorter than the tree needs.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 pub fn base_angular_velocity<S: Scalar>(
     tree: &Tree,
     links: &[LinkScratch<S>],

@@ -23,7 +23,7 @@ pub(super) struct CompositeInertia<S> {
 
 impl<S: Scalar> CompositeInertia<S> {
     /// A constant inertia, with numbers of the kind of `like`.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn constant(like: S, body: &SpatialInertia) -> Self {
         Self {
             first_moment: Vec3::constant(like, &body.first_moment.into()),
@@ -32,7 +32,7 @@ impl<S: Scalar> CompositeInertia<S> {
     }
 
     /// Sum of two inertias about the same point.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn plus(self, o: Self) -> Self {
         Self {
             first_moment: self.first_moment + o.first_moment,
@@ -42,7 +42,7 @@ impl<S: Scalar> CompositeInertia<S> {
 
     /// Row z, the joint's axis, of the moment of inertia about the frame's origin, which lies at `d_from_reference` on
     /// that axis.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn axis_row(&self, d_from_reference: f64) -> Vec3<S> {
         let (Vec3([x, y, _]), Sym3 { diagonal, off }) = (self.first_moment, self.inertia);
         let d_from_reference = x.constant(d_from_reference);
@@ -54,14 +54,14 @@ impl<S: Scalar> CompositeInertia<S> {
     }
 
     /// The subtree with all its joints locked, as a rigid body of mass `mass`.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(crate) fn rigid_inertia(&self, mass: f64) -> ArticulatedInertia<S> {
         let mass = self.first_moment[0].constant(mass);
         ArticulatedInertia::rigid(mass, self.first_moment, self.inertia)
     }
 
     /// Transforms the inertia to the parent's frame and reference point, `parent_term` added.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn to_parent(
         self,
         joint: &JointTransform,
@@ -73,7 +73,7 @@ impl<S: Scalar> CompositeInertia<S> {
     }
 
     /// The same inertia about a point from which the present reference point lies at `p` along z.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn shifted_along_z(mut self, p: S, mass: f64) -> Self {
         let moment = p.times(mass);
         let (h, J) = (&mut self.first_moment, &mut self.inertia);
@@ -91,7 +91,7 @@ impl<const GENERAL: bool, const ALPHA: u8, const D: bool, const A: bool>
     TransformShape<GENERAL, ALPHA, D, A>
 {
     /// [`CompositeInertia::to_parent`] of `subtree`, which has mass `mass`.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn inertia_about_parent_reference<S: Scalar>(
         self,
         joint: &JointTransform,
@@ -128,7 +128,7 @@ impl<const GENERAL: bool, const ALPHA: u8, const D: bool, const A: bool>
     }
 
     /// Transforms a force about the body's reference point to the parent's reference point and axes.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn force_about_parent_reference<S: Scalar>(
         self,
         joint: &JointTransform,
@@ -164,7 +164,7 @@ impl<const GENERAL: bool, const ALPHA: u8, const D: bool, const A: bool>
 
 /// `J + 2 (p·h) 1 - p hᵀ - h pᵀ` for a `p` along one axis: when an inertia is moved to a point from which its reference
 /// point lies at `p`, these are the terms that contain the first moment `h`.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 fn add_first_moment<S: Scalar, const AXIS: usize>(p: f64, h: Vec3<S>, mut J: Sym3<S>) -> Sym3<S> {
     let (i, (j, k)) = (AXIS, other_axes(AXIS));
     let (once, twice) = (h[i].constant(p), h[i].constant(p + p));

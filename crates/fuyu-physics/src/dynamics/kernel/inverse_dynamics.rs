@@ -6,7 +6,7 @@ use super::{LinkScratch, Scalar, Sym3, Vec3};
 
 impl Body {
     /// Force on the body that its acceleration requires, without the velocity-product force.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn inertial_force<S: Scalar>(&self, m: &SpatialMotion<S>) -> SpatialForce<S> {
         let like = m.angular[0];
         let h = &self.inertia.first_moment;
@@ -23,7 +23,7 @@ impl Body {
 
 impl<S: Scalar> LinkScratch<S> {
     /// Sets the body's acceleration from the parent's and the joint's.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn set_acceleration(&mut self, joint: &JointTransform, parent: &SpatialMotion<S>) {
         let m = with_shape!(joint, shape => shape.motion_to_child(joint, &self.rotation, self.q, *parent));
         self.acceleration = SpatialMotion {
@@ -39,7 +39,7 @@ impl<S: Scalar> LinkScratch<S> {
     }
 
     /// Adds the inertial force to that of the subtree.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn add_inertial_force(&mut self, body: &Body) {
         self.force = self.force.plus(body.inertial_force(&self.acceleration));
     }
@@ -51,7 +51,7 @@ impl<S: Scalar> LinkScratch<S> {
 ///
 /// # Panics
 /// If a slice is shorter than the tree needs.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 pub fn inverse_dynamics<S: Scalar>(
     tree: &Tree,
     links: &mut [LinkScratch<S>],

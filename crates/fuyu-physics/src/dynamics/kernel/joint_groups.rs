@@ -68,7 +68,7 @@ impl JointGroup {
     }
 
     /// The columns of joint `i` of the group.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(crate) fn column(&self, i: usize) -> MomentumColumn<f64> {
         MomentumColumn {
             angular_momentum: get_lane(&self.angular_momentum, i),
@@ -79,7 +79,7 @@ impl JointGroup {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn pose(&self, i: usize) -> KernelPose<f64> {
         let [x, y, z] = &self.axes;
         KernelPose {
@@ -88,7 +88,7 @@ impl JointGroup {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn joint_subtree<S: Simd>(&self, simd: S, first: usize) -> JointSubtree<Lanes<S>> {
         let [x, y, z] = &self.axes;
         let [h, k] = &self.first_moment_xy;
@@ -107,7 +107,7 @@ impl JointGroup {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn set_columns<S: Simd>(
         &mut self,
         simd: S,
@@ -141,7 +141,7 @@ impl JointGroup {
     }
 
     /// 1 for joints that move `body`, 0 for others; `first` is the group's first joint.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn moves_point(&self, first: usize, body: usize) -> F64x8 {
         let (first, body) = (first as u64, body as u64);
         let mut moves_point = F64x8::ZERO;
@@ -153,7 +153,7 @@ impl JointGroup {
     }
 
     /// Columns of the generalized Jacobian of the point E; `moves_point` is 1 for joints that move it.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn jacobian<S: Simd>(
         &self,
         simd: S,
@@ -226,7 +226,7 @@ impl JointKinematics {
     }
 
     /// Computes poses and momentum map at positions `q`.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(crate) fn set_positions<S: Simd>(
         &mut self,
         simd: S,
@@ -262,25 +262,25 @@ impl JointKinematics {
     }
 
     /// The columns of joint `j`.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(crate) fn column(&self, j: usize) -> MomentumColumn<f64> {
         self.groups[j / GROUP_SIZE].column(j % GROUP_SIZE)
     }
 
     /// Axes of a body's kernel frame.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(crate) fn axes(&self, body: usize) -> [Vec3<f64>; 3] {
         self.pose(body).axes
     }
 
     /// Origin of a body's kernel frame from the base's.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(crate) fn p_BK(&self, body: usize) -> Vec3<f64> {
         self.pose(body).p_BK
     }
 
     /// [`super::generalized_jacobian`] of one state, by SIMD over joints.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(crate) fn set_jacobian<S: Simd>(
         &self,
         simd: S,
@@ -301,19 +301,19 @@ impl JointKinematics {
 }
 
 impl LinkPlacements<f64> for JointKinematics {
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn q(&self, body: usize) -> f64 {
         self.q[body - 1]
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn rotation(&self, body: usize) -> PlanarRotation<f64> {
         self.groups[(body - 1) / GROUP_SIZE]
             .rotation
             .lane((body - 1) % GROUP_SIZE)
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn pose(&self, body: usize) -> KernelPose<f64> {
         match body.checked_sub(1) {
             None => self.base,
@@ -321,7 +321,7 @@ impl LinkPlacements<f64> for JointKinematics {
         }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn set_pose(&mut self, body: usize, pose: KernelPose<f64>) {
         let Some(j) = body.checked_sub(1) else { return };
         let (group, i) = (&mut self.groups[j / GROUP_SIZE], j % GROUP_SIZE);
@@ -331,7 +331,7 @@ impl LinkPlacements<f64> for JointKinematics {
         set_lane(&mut group.p_BK, i, pose.p_BK);
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn set_joint_terms(&mut self, body: usize, first_moment_xy: [f64; 2], inertia_z: Vec3<f64>) {
         let (group, i) = (
             &mut self.groups[(body - 1) / GROUP_SIZE],
@@ -342,12 +342,12 @@ impl LinkPlacements<f64> for JointKinematics {
         set_lane(&mut group.inertia_z, i, inertia_z);
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn subtree(&self, body: usize) -> CompositeInertia<f64> {
         self.subtree[body]
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn set_subtree(&mut self, body: usize, subtree: CompositeInertia<f64>) {
         self.subtree[body] = subtree;
     }
@@ -355,7 +355,7 @@ impl LinkPlacements<f64> for JointKinematics {
 
 impl<S: Simd> SystemInertia<Lanes<S>> {
     /// Values of the first lane.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn first(&self) -> SystemInertia<f64> {
         SystemInertia {
             p_BC: first(self.p_BC),
@@ -365,12 +365,12 @@ impl<S: Simd> SystemInertia<Lanes<S>> {
     }
 }
 
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 fn first<S: Simd>(v: Vec3<Lanes<S>>) -> Vec3<f64> {
     Vec3([v[0].first(), v[1].first(), v[2].first()])
 }
 
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 fn first_sym<S: Simd>(m: Sym3<Lanes<S>>) -> Sym3<f64> {
     Sym3 {
         diagonal: first(Vec3(m.diagonal)).0,
@@ -378,17 +378,17 @@ fn first_sym<S: Simd>(m: Sym3<Lanes<S>>) -> Sym3<f64> {
     }
 }
 
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 fn get_lane(rows: &[F64x8; 3], i: usize) -> Vec3<f64> {
     Vec3([rows[0].0[i], rows[1].0[i], rows[2].0[i]])
 }
 
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 fn set_lane(rows: &mut [F64x8; 3], i: usize, v: Vec3<f64>) {
     (rows[0].0[i], rows[1].0[i], rows[2].0[i]) = (v[0], v[1], v[2]);
 }
 
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 fn splat<S: Simd>(simd: S, v: Vec3<f64>) -> Vec3<Lanes<S>> {
     Vec3([
         Lanes::splat(simd, v[0]),
@@ -397,7 +397,7 @@ fn splat<S: Simd>(simd: S, v: Vec3<f64>) -> Vec3<Lanes<S>> {
     ])
 }
 
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 fn load<S: Simd>(simd: S, rows: &[F64x8; 3], first: usize) -> Vec3<Lanes<S>> {
     Vec3([
         Lanes::load(simd, &rows[0].0[first..]),
@@ -406,7 +406,7 @@ fn load<S: Simd>(simd: S, rows: &[F64x8; 3], first: usize) -> Vec3<Lanes<S>> {
     ])
 }
 
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 fn store<S: Simd>(v: Vec3<Lanes<S>>, rows: &mut [F64x8; 3], first: usize) {
     v[0].store(&mut rows[0].0[first..]);
     v[1].store(&mut rows[1].0[first..]);

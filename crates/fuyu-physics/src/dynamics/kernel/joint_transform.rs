@@ -25,7 +25,7 @@ pub struct SpatialMotion<S> {
 
 impl<S: Scalar> SpatialForce<S> {
     /// Zero.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn zero(like: S) -> Self {
         Self {
             torque: Vec3::zero(like),
@@ -34,7 +34,7 @@ impl<S: Scalar> SpatialForce<S> {
     }
 
     /// Sum with a force about the same point.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn plus(self, o: Self) -> Self {
         Self {
             torque: self.torque + o.torque,
@@ -43,7 +43,7 @@ impl<S: Scalar> SpatialForce<S> {
     }
 
     /// The same force about another point. The present reference point lies at `p`, along one axis, from the new one.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn shifted<const AXIS: usize>(mut self, p: S) -> Self {
         let (j, k) = other_axes(AXIS);
         self.torque[j] = p.mul_sub_from(self.force[k], self.torque[j]);
@@ -54,7 +54,7 @@ impl<S: Scalar> SpatialForce<S> {
 
 impl<S: Scalar> SpatialMotion<S> {
     /// Zero.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn zero(like: S) -> Self {
         Self {
             angular: Vec3::zero(like),
@@ -63,7 +63,7 @@ impl<S: Scalar> SpatialMotion<S> {
     }
 
     /// The same motion, with the linear part of another point, which lies at `p` along one axis.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn shifted<const AXIS: usize>(mut self, p: S) -> Self {
         let (j, k) = other_axes(AXIS);
         self.linear[j] = p.mul_add(self.angular[k], self.linear[j]);
@@ -73,13 +73,13 @@ impl<S: Scalar> SpatialMotion<S> {
 }
 
 /// `Rx(90°) v`.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 pub(super) fn rotate_x_90<S: Scalar>(v: Vec3<S>) -> Vec3<S> {
     Vec3([v[0], -v[2], v[1]])
 }
 
 /// `Rx(-90°) v`.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 fn rotate_x_minus_90<S: Scalar>(v: Vec3<S>) -> Vec3<S> {
     Vec3([v[0], v[2], -v[1]])
 }
@@ -92,7 +92,7 @@ pub(super) struct TransformShape<const GENERAL: bool, const ALPHA: u8, const D: 
 
 impl JointTransform {
     /// Rotation by `theta` from cosine and sine of the joint position.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(crate) fn rotation<S: Scalar>(&self, cos: S, sin: S) -> PlanarRotation<S> {
         let (c, s) = (cos.constant(self.theta_0[0]), cos.constant(self.theta_0[1]));
         if self.is_prismatic {
@@ -105,7 +105,7 @@ impl JointTransform {
     }
 
     /// Origin of the body's frame in the parent's frame.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn p_PK<S: Scalar>(&self, q: S) -> Vec3<S> {
         let p = Vec3::constant(q, &self.p_PK);
         if self.is_prismatic {
@@ -116,7 +116,7 @@ impl JointTransform {
     }
 
     /// Translation along the joint's axis.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn d_at<S: Scalar>(&self, q: S) -> S {
         if self.is_prismatic {
             q.plus(self.d)
@@ -130,7 +130,7 @@ impl<const GENERAL: bool, const ALPHA: u8, const D: bool, const A: bool>
     TransformShape<GENERAL, ALPHA, D, A>
 {
     /// `Rx(alpha) m Rx(alpha)ᵀ`.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn rotate_sym_by_alpha<S: Scalar>(
         self,
         joint: &JointTransform,
@@ -144,7 +144,7 @@ impl<const GENERAL: bool, const ALPHA: u8, const D: bool, const A: bool>
     }
 
     /// `Rx(alpha) v`.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn rotate_by_alpha<S: Scalar>(self, joint: &JointTransform, v: Vec3<S>) -> Vec3<S> {
         match ALPHA {
             ALPHA_ZERO => v,
@@ -154,7 +154,7 @@ impl<const GENERAL: bool, const ALPHA: u8, const D: bool, const A: bool>
     }
 
     /// `Rx(-alpha) v`.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn rotate_by_minus_alpha<S: Scalar>(self, joint: &JointTransform, v: Vec3<S>) -> Vec3<S> {
         match ALPHA {
             ALPHA_ZERO => v,
@@ -164,13 +164,13 @@ impl<const GENERAL: bool, const ALPHA: u8, const D: bool, const A: bool>
     }
 
     /// Whether the origins of the two frames may differ.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn has_translation(self) -> bool {
         GENERAL || D || A
     }
 
     /// Rotates a vector from the parent's axes to the body's.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn to_child<S: Scalar>(
         self,
         joint: &JointTransform,
@@ -186,7 +186,7 @@ impl<const GENERAL: bool, const ALPHA: u8, const D: bool, const A: bool>
     }
 
     /// `m p_PK` for a tensor in the parent's axes.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn times_child_origin<S: Scalar>(
         self,
         joint: &JointTransform,
@@ -201,7 +201,7 @@ impl<const GENERAL: bool, const ALPHA: u8, const D: bool, const A: bool>
     }
 
     /// Transforms a force from the body's frame to the parent's.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn force_to_parent<S: Scalar>(
         self,
         joint: &JointTransform,
@@ -234,7 +234,7 @@ impl<const GENERAL: bool, const ALPHA: u8, const D: bool, const A: bool>
     }
 
     /// Transforms a motion from the parent's frame to the body's.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn motion_to_child<S: Scalar>(
         self,
         joint: &JointTransform,
@@ -267,7 +267,7 @@ impl<const GENERAL: bool, const ALPHA: u8, const D: bool, const A: bool>
 
     /// Transforms a projected inertia from the body's frame to the parent's. Behind a revolute joint it is zero about the
     /// joint's axis, which saves operations in the first rotation.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn inertia_to_parent<S: Scalar, const SLIDES: bool>(
         self,
         joint: &JointTransform,

@@ -65,7 +65,7 @@ impl<S: Scalar> LinkScratch<S> {
 }
 
 /// `[w×]²`, which maps a position to its centripetal acceleration.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 pub(super) fn centripetal_tensor<S: Scalar>(w: Vec3<S>) -> Sym3<S> {
     let [x, y, z] = w.0;
     let (xx, yy, zz) = (x * x, y * y, z * z);

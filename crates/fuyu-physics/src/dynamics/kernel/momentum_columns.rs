@@ -60,7 +60,7 @@ impl<S: Scalar> MomentumColumn<S> {
     }
 
     /// The columns of a joint, from its subtree; `inverse_mass` is that of the whole tree.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn new(
         subtree: &JointSubtree<S>,
         motion: JointMotion<S>,
@@ -99,7 +99,7 @@ impl<S: Scalar> MomentumColumn<S> {
 
     /// Linear and angular velocity, at unit joint rate and zero momentum, of a point fixed to the base at `r_CE` from the
     /// centre of mass.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn base_motion(&self, r_CE: Vec3<S>) -> [Vec3<S>; 2] {
         [self.H_A.cross(r_CE) - self.J_C, self.H_A]
     }

@@ -70,7 +70,7 @@ pub(super) struct KernelPose<S> {
 
 impl<S: Scalar> KernelPose<S> {
     /// Pose of the base.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn base_motion(tree: &Tree, like: S) -> Self {
         let R_BK = tree.base_axes().matrix();
         let axis = |i| [R_BK[(0, i)], R_BK[(1, i)], R_BK[(2, i)]];
@@ -85,7 +85,7 @@ impl<S: Scalar> KernelPose<S> {
     }
 
     /// Rotates a vector from the kernel frame's axes to base axes.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn rotate(&self, v: Vec3<S>) -> Vec3<S> {
         let [x, y, z] = self.axes;
         x.mul_add(v[0], y.mul_add(v[1], z.scaled(v[2])))
@@ -114,7 +114,7 @@ impl<S: Scalar> LinkPlacement<S> {
     }
 
     /// The joint and its subtree.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn joint_subtree(&self) -> JointSubtree<S> {
         JointSubtree {
             axes: self.axes,
@@ -126,38 +126,38 @@ impl<S: Scalar> LinkPlacement<S> {
 }
 
 impl<S: Scalar> LinkPlacements<S> for [LinkPlacement<S>] {
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn q(&self, body: usize) -> S {
         self[body].q
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn rotation(&self, body: usize) -> PlanarRotation<S> {
         self[body].rotation
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn pose(&self, body: usize) -> KernelPose<S> {
         let LinkPlacement { axes, p_BK, .. } = self[body];
         KernelPose { axes, p_BK }
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn set_pose(&mut self, body: usize, pose: KernelPose<S>) {
         (self[body].axes, self[body].p_BK) = (pose.axes, pose.p_BK);
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn set_joint_terms(&mut self, body: usize, first_moment_xy: [S; 2], inertia_z: Vec3<S>) {
         (self[body].first_moment_xy, self[body].inertia_z) = (first_moment_xy, inertia_z);
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn subtree(&self, body: usize) -> CompositeInertia<S> {
         self[body].subtree
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn set_subtree(&mut self, body: usize, subtree: CompositeInertia<S>) {
         self[body].subtree = subtree;
     }
@@ -167,7 +167,7 @@ impl<const GENERAL: bool, const ALPHA: u8, const D: bool, const A: bool>
     TransformShape<GENERAL, ALPHA, D, A>
 {
     /// Pose of a body from its parent's.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn child_pose<S: Scalar>(
         self,
         joint: &JointTransform,
@@ -201,7 +201,7 @@ impl<const GENERAL: bool, const ALPHA: u8, const D: bool, const A: bool>
 }
 
 /// Two axes after a rotation in their plane.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 fn rotate_axes<S: Scalar>(
     rotation: &PlanarRotation<S>,
     x: Vec3<S>,
@@ -215,7 +215,7 @@ fn rotate_axes<S: Scalar>(
 
 /// Computes poses and composite inertias. `placements` hold positions and rotations. Returns the inertia of the whole tree
 /// about the base's origin, in the axes of its kernel frame.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 pub(super) fn set_placements<S: Scalar>(
     tree: &Tree,
     like: S,
@@ -271,7 +271,7 @@ pub(super) fn set_placements<S: Scalar>(
 ///
 /// # Panics
 /// If a slice is shorter than the tree needs.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 pub fn momentum_map<S: Scalar>(
     tree: &Tree,
     placements: &mut [LinkPlacement<S>],
@@ -306,7 +306,7 @@ pub fn momentum_map<S: Scalar>(
 
 impl<S: Scalar> SystemInertia<S> {
     /// From the inertia about the base's origin, and the total mass.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn new(tree_inertia: CompositeInertia<S>, base: &KernelPose<S>, mass: f64) -> Self {
         let (p, J) = about_com(tree_inertia, mass);
         let H_B = rotated(J, &base.axes);
@@ -319,7 +319,7 @@ impl<S: Scalar> SystemInertia<S> {
 }
 
 /// Centre of mass, and the moment of inertia about it.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 pub(super) fn about_com<S: Scalar>(
     tree_inertia: CompositeInertia<S>,
     mass: f64,
@@ -336,7 +336,7 @@ pub(super) fn about_com<S: Scalar>(
 }
 
 /// Rotates a tensor from a frame with these axes to the axes in which they are given.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 fn rotated<S: Scalar>(m: Sym3<S>, axes: &[Vec3<S>; 3]) -> Sym3<S> {
     let [x, y, z] = *axes;
     let rows = [
@@ -359,7 +359,7 @@ fn rotated<S: Scalar>(m: Sym3<S>, axes: &[Vec3<S>; 3]) -> Sym3<S> {
 ///
 /// # Panics
 /// If a slice is shorter than the tree needs.
-#[inline(always)]
+#[cfg_attr(not(debug_assertions), inline(always))]
 pub fn generalized_jacobian<S: Scalar>(
     tree: &Tree,
     placements: &[LinkPlacement<S>],

@@ -26,7 +26,7 @@ pub struct PlanarRotation<S> {
 
 impl<S: Scalar> PlanarRotation<S> {
     /// From cosine and sine of the angle.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn new(cos: S, sin: S) -> Self {
         let (sin_sin, sin_cos) = (sin * sin, sin * cos);
         Self {
@@ -40,7 +40,7 @@ impl<S: Scalar> PlanarRotation<S> {
     }
 
     /// A constant rotation, with numbers of the kind of `like`.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn constant(like: S, rotation: &PlanarRotation<f64>) -> Self {
         Self {
             cos: like.constant(rotation.cos),
@@ -53,7 +53,7 @@ impl<S: Scalar> PlanarRotation<S> {
     }
 
     /// Components in A of a vector given in B.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn apply<const AXIS: usize>(&self, v: Vec3<S>) -> Vec3<S> {
         let (j, k) = other_axes(AXIS);
         let mut rotated = v;
@@ -63,7 +63,7 @@ impl<S: Scalar> PlanarRotation<S> {
     }
 
     /// Components in B of a vector given in A.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn apply_inverse<const AXIS: usize>(&self, v: Vec3<S>) -> Vec3<S> {
         let (j, k) = other_axes(AXIS);
         let mut rotated = v;
@@ -74,7 +74,7 @@ impl<S: Scalar> PlanarRotation<S> {
 
     /// Components in A of the symmetric tensor whose components in B are `m`, if its entries off the diagonal in the
     /// axis's row are zero (that row is not changed).
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn rotate_sym_in_plane<const AXIS: usize>(&self, m: Sym3<S>) -> Sym3<S> {
         let (j, k) = other_axes(AXIS);
         let (difference, off) = (m.diagonal[j] - m.diagonal[k], m.off[AXIS]);
@@ -88,7 +88,7 @@ impl<S: Scalar> PlanarRotation<S> {
     }
 
     /// Components in A of the symmetric tensor whose components in B are `m`.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn rotate_sym<const AXIS: usize>(&self, m: Sym3<S>) -> Sym3<S> {
         let (j, k) = other_axes(AXIS);
         let mut rotated = self.rotate_sym_in_plane::<AXIS>(m);
@@ -100,7 +100,7 @@ impl<S: Scalar> PlanarRotation<S> {
 
     /// [`Self::rotate_sym`] of `m`, plus a tensor in A. The additions use values that are known before `m`, so that they
     /// do not lengthen the chain of dependent operations.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn rotate_sym_and_add<const AXIS: usize>(&self, m: Sym3<S>, addend: Sym3<S>) -> Sym3<S> {
         let (i, (j, k)) = (AXIS, other_axes(AXIS));
         let (difference, across) = (m.diagonal[j] - m.diagonal[k], m.off[i]);
@@ -121,7 +121,7 @@ impl<S: Scalar> PlanarRotation<S> {
     }
 
     /// Components in A of the tensor whose components in B are `m`, except for the axis's row, which is not changed.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn rotate_mat_except_axis_row<const AXIS: usize>(&self, m: Mat3<S>) -> Mat3<S> {
         let (j, k) = other_axes(AXIS);
         let Mat3(rows) = m;
@@ -141,7 +141,7 @@ impl<S: Scalar> PlanarRotation<S> {
     }
 
     /// Components in A of the tensor whose components in B are `m`.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn rotate_mat<const AXIS: usize>(&self, m: Mat3<S>) -> Mat3<S> {
         let Mat3(mut rotated) = self.rotate_mat_except_axis_row::<AXIS>(m);
         rotated[AXIS] = self.apply::<AXIS>(m.0[AXIS]);
@@ -161,7 +161,7 @@ impl PlanarRotation<F64x8> {
     };
 
     /// Stores `rotations` at index `first` and after.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn store_lanes<S: Simd>(
         &mut self,
         first: usize,
@@ -176,7 +176,7 @@ impl PlanarRotation<F64x8> {
     }
 
     /// Rotation `i`.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn lane(&self, i: usize) -> PlanarRotation<f64> {
         PlanarRotation {
             cos: self.cos.0[i],

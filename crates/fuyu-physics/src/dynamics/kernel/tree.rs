@@ -223,7 +223,7 @@ impl Tree {
     }
 
     /// Rotation by `theta` of joint `j`, from cosine and sine of the joint's position.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub fn joint_rotation<S: Scalar>(&self, j: usize, cos: S, sin: S) -> PlanarRotation<S> {
         self.joints[j].rotation(cos, sin)
     }
@@ -234,18 +234,18 @@ impl Tree {
     }
 
     /// Rotates a vector from base axes to the axes of the base's kernel frame.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(crate) fn to_base_kernel<S: Scalar>(&self, v: Vec3<S>) -> Vec3<S> {
         self.base_rotation(v[0]).tr_mul(v)
     }
 
     /// Rotates a vector from the axes of the base's kernel frame to base axes.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(crate) fn to_base_frame<S: Scalar>(&self, v: Vec3<S>) -> Vec3<S> {
         self.base_rotation(v[0]).times(v)
     }
 
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     fn base_rotation<S: Scalar>(&self, like: S) -> Mat3<S> {
         let R = self.base_axes().matrix();
         let row = |i| [R[(i, 0)], R[(i, 1)], R[(i, 2)]];
@@ -257,7 +257,7 @@ impl Tree {
     }
 
     /// Sets the rotations by `theta` of a group of joints at positions `q`.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn set_rotations<V: Simd>(
         &self,
         simd: V,
@@ -284,7 +284,7 @@ impl Tree {
     }
 
     /// Calls `set(joint, position, rotation by theta)` for every joint at positions `q`.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(crate) fn for_each_rotation<V: Simd>(
         &self,
         simd: V,
@@ -302,7 +302,7 @@ impl Tree {
 
     /// Writes external wrenches, one per body in its URDF frame, to `external` in kernel frames. Returns whether any of
     /// them is not zero; if none is, `external` stays as it is.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(crate) fn set_external_forces(
         &self,
         wrenches: &[Wrench],
@@ -328,7 +328,7 @@ impl Tree {
     }
 
     /// Total effort on joint `j` \[N m or N\]: actuator, spring and damper.
-    #[inline(always)]
+    #[cfg_attr(not(debug_assertions), inline(always))]
     pub(crate) fn total_effort(&self, j: usize, actuator: f64, q: f64, qd: f64) -> f64 {
         let joint = &self.joints[j];
         actuator + (joint.stiffness * (joint.rest - q) - joint.damping * qd)
