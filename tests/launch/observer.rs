@@ -51,15 +51,18 @@ fn pose(message: &Value) -> Pose {
 pub fn tip_in_world(peer: &mut Peer, namespace: &str) -> Pose {
     let (odom, tip) = measured(namespace);
     eventually("base and tip of the same stamp", PATIENCE, || {
-        let bases = fresh(peer, &odom, 5);
-        let since = json!({"do": "wait", "topic": &tip, "count": 1, "since": now() - 1.0});
-        let tips = peer.does(since);
-        let tips = tips
-            .as_array()
-            .expect("a list")
-            .iter()
-            .map(|m| &m["message"]);
-        let mut pairs = tips.filter_map(|tip| {
+        // The camera may be late, so the base's poses of the last second are needed too.
+        let mut recent = |topic: &str| {
+            let begin = now() - 1.0;
+            peer.does(json!({"do": "wait", "topic": topic, "count": 5, "since": begin}))
+        };
+        let (bases, tips) = (recent(&odom), recent(&tip));
+        let messages = |list: &Value| -> Vec<Value> {
+            let list = list.as_array().expect("a list").iter();
+            list.map(|m| m["message"].clone()).collect()
+        };
+        let (bases, tips) = (messages(&bases), messages(&tips));
+        let mut pairs = tips.iter().filter_map(|tip| {
             let same = |base: &&Value| base["header"]["stamp"] == tip["header"]["stamp"];
             Some((bases.iter().find(same)?, tip))
         });
