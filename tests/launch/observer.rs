@@ -26,16 +26,21 @@ pub fn now() -> f64 {
 
 /// At least `count` messages that come from now on.
 pub fn fresh(peer: &mut Peer, topic: &str, count: usize) -> Vec<Value> {
-    let wait = json!({"do": "wait", "topic": topic, "count": count, "since": now()});
-    let received = peer.does(wait);
-    let messages = received.as_array().expect("a list").iter();
-    let messages: Vec<_> = messages.map(|m| m["message"].clone()).collect();
+    let messages = since(peer, topic, count, now());
     assert!(
         messages.len() >= count,
         "{} messages on {topic}",
         messages.len()
     );
     messages
+}
+
+/// The messages that have come since `begin` (of [`now`]), once there are `count` or the peer's patience ends.
+fn since(peer: &mut Peer, topic: &str, count: usize, begin: f64) -> Vec<Value> {
+    let wait = json!({"do": "wait", "topic": topic, "count": count, "since": begin});
+    let received = peer.does(wait);
+    let messages = received.as_array().expect("a list").iter();
+    messages.map(|m| m["message"].clone()).collect()
 }
 
 pub fn numbers(list: &Value) -> Vec<f64> {
@@ -51,15 +56,11 @@ fn pose(message: &Value) -> Pose {
 pub fn tip_in_world(peer: &mut Peer, namespace: &str) -> Pose {
     let (odom, tip) = measured(namespace);
     eventually("base and tip of the same stamp", PATIENCE, || {
-        let bases = fresh(peer, &odom, 5);
-        let since = json!({"do": "wait", "topic": &tip, "count": 1, "since": now() - 1.0});
-        let tips = peer.does(since);
-        let tips = tips
-            .as_array()
-            .expect("a list")
-            .iter()
-            .map(|m| &m["message"]);
-        let mut pairs = tips.filter_map(|tip| {
+        // The camera may be late, so the base's poses of the last second are needed too.
+        let begin = now() - 1.0;
+        let bases = since(peer, &odom, 5, begin);
+        let tips = since(peer, &tip, 5, begin);
+        let mut pairs = tips.iter().filter_map(|tip| {
             let same = |base: &&Value| base["header"]["stamp"] == tip["header"]["stamp"];
             Some((bases.iter().find(same)?, tip))
         });
