@@ -40,8 +40,16 @@ fn well_formed(report: &Value) -> bool {
     let rows = report["rows"].as_array().unwrap();
     assert!(!rows.is_empty(), "{report}");
     for row in rows {
-        let expected = ["computed", "passed", "published", "quantity", "tolerance"];
+        let expected = [
+            "computed",
+            "own_claim",
+            "passed",
+            "published",
+            "quantity",
+            "tolerance",
+        ];
         assert_eq!(keys(row), expected, "{row}");
+        assert_eq!(row["own_claim"], row["published"].is_null(), "{row}");
         assert!(
             row["quantity"].is_string() && row["computed"].is_f64(),
             "{row}"

@@ -216,7 +216,7 @@ fn broken_scenarios_are_refused_by_simulate() {
     refused(
         "a folder",
         &fuyu(&["simulate", "config"]),
-        &["config", "cannot be read"],
+        &["config", "is a folder; give a regular file"],
     );
 }
 

@@ -34,7 +34,7 @@ fn not_a_urdf() {
     assert!(
         fuyu(&["inspect", "urdf"])
             .refusal()
-            .contains("urdf: cannot be read")
+            .contains("urdf: is a folder; give a regular file")
     );
 }
 

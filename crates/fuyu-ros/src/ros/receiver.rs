@@ -48,6 +48,8 @@ pub(super) enum Request {
     Join(Gid, Arc<Reader>),
     /// Receive for it no longer.
     Remove(Arc<Reader>),
+    /// Count the peers of a DDS writer for the publishers that use it from now on.
+    Count(Gid),
     /// The DDS writer with this GID exists no longer.
     ForgetWriter(Gid),
     /// Nodes or endpoints have changed.
@@ -123,13 +125,15 @@ impl Receiver {
             while let Ok(request) = self.inbox.try_recv() {
                 match request {
                     Request::Add(dds, reader, earlier) => {
+                        let gid = dds.guid().into();
                         readers.add(&self.poll, dds, reader, earlier);
+                        self.count(&peers, gid);
                     }
                     Request::Join(gid, reader) => {
                         readers.join(gid, reader);
-                        let endpoints = self.endpoints.lock();
-                        peers.count(&endpoints.unwrap_or_else(PoisonError::into_inner), gid);
+                        self.count(&peers, gid);
                     }
+                    Request::Count(gid) => self.count(&peers, gid),
                     Request::Remove(reader) => {
                         if let Some(gid) = readers.remove(&reader) {
                             peers.forget(gid);
@@ -149,6 +153,12 @@ impl Receiver {
             }
         }
         Ok(())
+    }
+
+    /// Counts the peers of one of this participant's DDS endpoints.
+    fn count(&self, peers: &Peers, local: Gid) {
+        let endpoints = self.endpoints.lock();
+        peers.count(&endpoints.unwrap_or_else(PoisonError::into_inner), local);
     }
 
     fn take_announcements(&self) {

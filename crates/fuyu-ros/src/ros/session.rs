@@ -213,7 +213,9 @@ impl Session {
         let spec = &writer.spec;
         let shared = self.shared_writers.get(&spec.dds_topic);
         if let Some(dds) = shared.filter(|_| spec.shared).and_then(Weak::upgrade) {
+            let gid = dds.guid().into();
             writer.attach(Some(dds));
+            self.send(Request::Count(gid));
             return Ok(());
         }
         let topic = self.topic(spec)?;
@@ -228,8 +230,11 @@ impl Session {
             self.shared_writers.insert(topic, Arc::downgrade(&dds));
         }
         writer.counters.forget_remote();
+        let gid = dds.guid().into();
         writer.attach(Some(dds));
         writer.set_rtps_sender(self.rtps.clone());
+        // Peers that are known already may have been matched before the writer was attached.
+        self.send(Request::Count(gid));
         Ok(())
     }
 
