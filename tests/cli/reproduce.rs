@@ -133,7 +133,9 @@ fn one_is_a_table_an_object_and_files() {
         assert!(text("md").contains(quantity));
     }
     assert!(
-        table.stdout.contains("\n  reproduced\n"),
+        table
+            .stdout
+            .contains("\n  reproduced; 2 published numbers, 2 claims of our own\n"),
         "{}",
         table.stdout
     );

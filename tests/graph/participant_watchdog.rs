@@ -31,11 +31,16 @@ fn a_node_outlives_its_participant() {
         .start("subscriber", move |node: &Node| {
             // Created before the deadlock, so it must move to the next participant.
             let old = node.subscribe::<Text>(TOPIC, Qos::SENSOR_DATA)?;
+            // Not the same as that of `old`, which would share its DDS reader.
+            let qos = Qos {
+                lifespan: Some(Duration::from_secs(100)),
+                ..Qos::SENSOR_DATA
+            };
             let start = Instant::now();
             let mut slowest = Duration::ZERO;
             while slowest < LONG && start.elapsed() < 3 * PATIENCE {
                 let start = Instant::now();
-                node.subscribe::<Text>(TOPIC, Qos::SENSOR_DATA)?;
+                node.subscribe::<Text>(TOPIC, qos)?;
                 slowest = slowest.max(start.elapsed());
             }
             let new = node.subscribe::<Text>(TOPIC, Qos::SENSOR_DATA)?;

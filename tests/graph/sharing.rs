@@ -15,6 +15,7 @@ use serde::Deserialize;
 use std::{
     collections::{BTreeMap, BTreeSet},
     sync::mpsc,
+    thread,
     time::{Duration, Instant},
 };
 
@@ -178,6 +179,64 @@ fn isolated_nodes_have_a_participant_each() {
     let all = Onlooker::new(domain).nodes(2, 2);
     assert!(all.iter().all(|participant| participant.nodes.len() == 1));
     process.finish().unwrap();
+}
+
+/// Subscribes to what is latched, as `depth` samples, and reports what it gets.
+fn listen_to_latched(process: &mut Process, name: &str, depth: usize) -> mpsc::Receiver<String> {
+    let (say, heard) = mpsc::channel();
+    let program = move |node: &Node| {
+        let latched: Subscription<Text> = node.subscribe("latched", Qos::LATCHED.depth(depth))?;
+        node.set_ready();
+        while node.wait() {
+            while let Some(received) = latched.take() {
+                let _ = say.send(received.message.data);
+            }
+        }
+        Ok(())
+    };
+    let node = process.start(name, program).unwrap();
+    eventually("it listens", PATIENCE, || node.is_ready().then_some(()));
+    heard
+}
+
+// Fails if a late subscription does not get what a publisher of another process keeps, because an earlier one of its process
+// shares its DDS reader; if it gets it twice; or if it gets what a publisher kept that has left.
+#[test]
+fn a_late_latched_subscription_gets_what_its_process_has_received() {
+    let domain = 17;
+    let _claim = DomainClaim::new(domain);
+    let (mut here, mut there) = (process(domain), process(domain));
+    let (leave, left) = mpsc::channel::<()>();
+    let program = move |node: &Node| {
+        let latched: Publisher<Text> = node.advertise("latched", Qos::LATCHED.depth(2))?;
+        for number in 1..=3 {
+            latched.publish(&text(number));
+        }
+        while left.try_recv().is_err() && node.wait_for(Duration::from_millis(10)) {}
+        Ok(())
+    };
+    there.start("talker", program).unwrap();
+    let next = |heard: &mpsc::Receiver<String>| heard.recv_timeout(PATIENCE).expect("a sample");
+    let first = listen_to_latched(&mut here, "first", 2);
+    assert_eq!([next(&first), next(&first)], ["2", "3"]);
+    let late = listen_to_latched(&mut here, "late", 2);
+    assert_eq!([next(&late), next(&late)], ["2", "3"]);
+    // With a reader of its own.
+    let short = listen_to_latched(&mut here, "short", 1);
+    assert_eq!(next(&short), "3");
+    leave.send(()).unwrap();
+    there.finish().unwrap();
+    eventually("its publisher has left", PATIENCE, || {
+        let onlooker = Onlooker::new(domain);
+        onlooker.publishers("rt/latched").is_empty().then_some(())
+    });
+    thread::sleep(Duration::from_millis(500));
+    let after = listen_to_latched(&mut here, "after", 2);
+    for heard in [first, late, short, after] {
+        let more = heard.recv_timeout(Duration::from_millis(200));
+        assert!(more.is_err(), "{more:?}");
+    }
+    here.finish().unwrap();
 }
 
 /// Publishes numbers until all listeners have answered that they have enough.

@@ -25,6 +25,9 @@ const MISSED_INTERVALS: f64 = 3.0;
 /// the last ones are solved \[s\].
 const RETRY_PERIOD: f64 = 2.0;
 
+/// Longest time between the starts of two batches because of `solver_share` \[s\]; the filter bridges it.
+const LONGEST_PAUSE: f64 = 10.0;
+
 /// State of the estimator node.
 pub struct Observer {
     params: EstimatorParams,
@@ -40,6 +43,8 @@ pub struct Observer {
     solver: Solver,
     /// Time of the newest frame when the last job was submitted \[s\].
     solved_at: Option<f64>,
+    /// How long the last batch took \[s\], wall time.
+    solve_duration: f64,
     tracker: Option<MotionTracker>,
     /// Stamp of the newest frame \[s\], and its time of arrival.
     newest: Option<(f64, Time)>,
@@ -71,6 +76,7 @@ impl Observer {
             tracks: Tracks::default(),
             solver: Solver::start(),
             solved_at: None,
+            solve_duration: 0.0,
             tracker: None,
             newest: None,
             interval: 0.0,
@@ -298,14 +304,19 @@ impl Observer {
         }
     }
 
-    /// Submits the frames of the window to the solver, if it is idle and a batch is due: after every solve period, and
-    /// once frames have stopped, so that the last batch has them all.
+    /// Submits the frames of the window to the solver, if it is idle and a batch is due: after every solve period, which
+    /// grows with the time that a batch takes, and once frames have stopped, so that the last batch has them all.
     pub fn solve(&mut self, now: Time) {
         let (Some(camera), Some((_, newest))) = (self.camera, self.tracks.span()) else {
             return;
         };
         let period = match &self.tracker {
-            Some(_) => self.params.solve_period,
+            Some(_) => {
+                let limited_share = self.solve_duration / self.params.solver_share;
+                self.params
+                    .solve_period
+                    .max(limited_share.min(LONGEST_PAUSE))
+            }
             None => self.params.solve_period.min(RETRY_PERIOD),
         };
         let stopped = self
@@ -341,7 +352,13 @@ impl Observer {
                 return;
             }
         };
-        let (Solved { job, result }, Some((newest, _))) = (solved, self.newest) else {
+        let Solved {
+            job,
+            result,
+            duration,
+        } = solved;
+        self.solve_duration = duration;
+        let Some((newest, _)) = self.newest else {
             return;
         };
         let estimated = match result {

@@ -11,6 +11,9 @@ pub struct EstimatorParams {
     pub window: f64,
     /// Time between the starts of two batch solutions \[s\].
     pub solve_period: f64,
+    /// Largest share of a core for batch solutions: the next one starts when the last one's duration is this share of the
+    /// time \[s\] between the two.
+    pub solver_share: f64,
     /// Whether a filter corrects the last batch solution by every frame.
     pub filter: bool,
     /// Random walk of the angular momentum due to torques, relative to the momentum \[1/√s\].
@@ -64,7 +67,14 @@ impl EstimatorParams {
             2.0,
             0.05,
             3600.0,
-            "Time between the starts of two batch solutions [s]",
+            "Shortest time between the starts of two batch solutions [s]",
+        );
+        let solver_share = number(
+            "solver_share",
+            0.04,
+            1e-3,
+            1.0,
+            "Largest share of one processor core for batch solutions, in real time: one that takes long delays the next one, by 10 s at most",
         );
         let disturbance = number(
             "disturbance",
@@ -148,6 +158,7 @@ impl EstimatorParams {
             method: choice::find(&EstimationMethod::NAMES, &method).unwrap_or_default(),
             window,
             solve_period,
+            solver_share,
             filter,
             disturbance,
             prediction_period,

@@ -3,6 +3,7 @@
 use std::{
     sync::mpsc::{Receiver, Sender, TryRecvError, channel},
     thread,
+    time::Instant,
 };
 
 use crate::{
@@ -29,6 +30,8 @@ pub struct Solved {
     pub job: Job,
     /// The estimate, or why there is none.
     pub result: Result<Estimated, MethodError>,
+    /// How long it took \[s\], wall time.
+    pub duration: f64,
 }
 
 /// The solver thread and its state.
@@ -45,8 +48,15 @@ impl Solver {
         let (done, results) = channel();
         thread::spawn(move || {
             for job in queue {
+                let start = Instant::now();
                 let result = estimate(job.method, &job.tracks, &job.camera, &job.options);
-                if done.send(Solved { job, result }).is_err() {
+                let duration = start.elapsed().as_secs_f64();
+                let solved = Solved {
+                    job,
+                    result,
+                    duration,
+                };
+                if done.send(solved).is_err() {
                     return;
                 }
             }

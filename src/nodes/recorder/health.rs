@@ -46,16 +46,13 @@ impl Health {
         for (topic, dropped) in &recorded.dropped_topics {
             self.status.set(&format!("dropped {topic}"), dropped);
         }
-        match recorded.failure {
-            Some(problem) => {
-                if !self.failed {
-                    tracing::error!("recording has stopped: {problem}");
-                    self.failed = true;
-                }
-                self.status.error(problem);
-                return;
+        if let Some(problem) = recorded.failure {
+            if !self.failed {
+                tracing::error!("recording has stopped: {problem}");
+                self.failed = true;
             }
-            None => {}
+            self.status.error(problem);
+            return;
         }
         if recorded.waiting.is_some() != self.waiting {
             self.waiting = recorded.waiting.is_some();

@@ -56,6 +56,12 @@ impl Peers {
         }
     }
 
+    /// Whether an endpoint of this participant is matched with this one of another.
+    pub(super) fn are_matched(&self, local: Gid, remote: Gid) -> bool {
+        let remotes = self.matches.get(&local);
+        remotes.is_some_and(|all| all.iter().any(|&guid| Gid::from(guid) == remote))
+    }
+
     /// Forgets an endpoint of this participant that has been removed.
     pub(super) fn forget(&mut self, local: Gid) {
         self.matches.remove(&local);

@@ -96,16 +96,22 @@ impl EndpointSpec {
     }
 
     /// What subscriptions have in common that one DDS reader serves: those of other nodes of the participant to the same
-    /// topic, unless a late one would miss what publishers of other participants keep.
+    /// topic. Transient-local ones share it if their limited depths are equal, so that it has what a late one gets.
     pub(super) fn reader_key(&self) -> Option<String> {
         let is_topic = !self.internal || self.shared;
-        let same = Qos {
-            depth: 0,
-            history: History::KeepLast,
-            ..self.qos
+        let is_latched = self.qos.durability == Durability::TransientLocal;
+        if !is_topic || (is_latched && self.qos.history == History::KeepAll) {
+            return None;
+        }
+        let same = match is_latched {
+            true => self.qos,
+            false => Qos {
+                depth: 0,
+                history: History::KeepLast,
+                ..self.qos
+            },
         };
-        (is_topic && self.qos.durability == Durability::Volatile)
-            .then(|| format!("{} {} {same:?}", self.dds_topic, self.dds_type))
+        Some(format!("{} {} {same:?}", self.dds_topic, self.dds_type))
     }
 
     /// The same with one DDS writer, or reader, for all nodes of a participant.

@@ -25,6 +25,7 @@ use super::{
     graph_cache::GraphCache,
     invalid_samples::not_of_type,
     participant_watchdog::{self, EntityError},
+    qos::{Durability, History},
     raw_endpoints::{CdrPassthrough, RawReader},
     rtps_sender::RtpsSender,
 };
@@ -116,7 +117,8 @@ impl Receiver {
             report_status(&status, &self.endpoints, &mut peers, others);
             for event in &events {
                 match event.token() {
-                    WAKER | STATUS => {}
+                    WAKER => {}
+                    STATUS => readers.forget_lost_publishers(&peers),
                     ANNOUNCEMENTS => self.take_announcements(),
                     Token(token) => readers.take(token),
                 }
@@ -130,7 +132,7 @@ impl Receiver {
                         self.count(&peers, gid);
                     }
                     Request::Join(gid, reader) => {
-                        readers.join(gid, reader);
+                        readers.join(gid, reader, &peers);
                         self.count(&peers, gid);
                     }
                     Request::Count(gid) => self.count(&peers, gid),
@@ -189,6 +191,8 @@ struct ReaderState {
     readers: Vec<Arc<Reader>>,
     /// The number of the last sample of each publisher.
     last: HashMap<Gid, i64>,
+    /// What a late transient-local subscription gets: the last samples of each publisher, oldest first.
+    kept: HashMap<Gid, VecDeque<RawSample>>,
 }
 
 impl Readers {
@@ -208,6 +212,7 @@ impl Readers {
             dds,
             readers: vec![reader],
             last: HashMap::new(),
+            kept: HashMap::new(),
         };
         for sample in earlier {
             state.receive(sample, self.own, &self.graph);
@@ -218,10 +223,22 @@ impl Readers {
         self.next += 1;
     }
 
-    fn join(&mut self, gid: Gid, reader: Arc<Reader>) {
+    fn join(&mut self, gid: Gid, reader: Arc<Reader>, peers: &Peers) {
         let mut states = self.states.values_mut();
-        if let Some(state) = states.find(|state| Gid::from(state.dds.guid()) == gid) {
+        if let Some(state) = states.find(|state| state.gid() == gid) {
+            state.kept.retain(|&p, _| peers.are_matched(gid, p));
+            for sample in state.kept.values().flatten() {
+                deliver(&reader, sample, &self.graph);
+            }
             state.readers.push(reader);
+        }
+    }
+
+    /// A late subscription gets nothing from a publisher that has left.
+    fn forget_lost_publishers(&mut self, peers: &Peers) {
+        for state in self.states.values_mut() {
+            let gid = state.gid();
+            state.kept.retain(|&p, _| peers.are_matched(gid, p));
         }
     }
 
@@ -233,8 +250,7 @@ impl Readers {
         if !state.readers.is_empty() {
             return None;
         }
-        let state = self.states.remove(&token)?;
-        Some(state.dds.guid().into())
+        self.states.remove(&token).map(|state| state.gid())
     }
 
     /// Whether the DDS reader with this GUID has received something of a writer.
@@ -252,6 +268,10 @@ impl Readers {
 }
 
 impl ReaderState {
+    fn gid(&self) -> Gid {
+        self.dds.guid().into()
+    }
+
     fn take_all(&mut self, own: GUID, graph: &GraphCache) {
         self.dds.drain_read_notifications();
         loop {
@@ -276,11 +296,26 @@ impl ReaderState {
         let missing = missing(&mut self.last, sample.publisher, sample.sequence_number);
         for reader in &self.readers {
             reader.counters.missing.fetch_add(missing, Relaxed);
-            if !reader.receive(sample.clone().into(), Origin::Remote) {
-                let problem = not_of_type(&reader.spec, sample.cdr.len());
-                reader.report_invalid(graph, Some(sample.publisher), &problem);
-            }
+            deliver(reader, &sample, graph);
         }
+        let qos = self.readers.first().map(|reader| &reader.spec.qos);
+        let is_kept =
+            |q: &&Qos| q.durability == Durability::TransientLocal && q.history == History::KeepLast;
+        if let Some(qos) = qos.filter(is_kept) {
+            let kept = self.kept.entry(sample.publisher).or_default();
+            while kept.len() >= qos.depth.max(1) {
+                kept.pop_front();
+            }
+            kept.push_back(sample);
+        }
+    }
+}
+
+/// Passes a sample of another process to a subscription.
+fn deliver(reader: &Arc<Reader>, sample: &RawSample, graph: &GraphCache) {
+    if !reader.receive(sample.clone().into(), Origin::Remote) {
+        let problem = not_of_type(&reader.spec, sample.cdr.len());
+        reader.report_invalid(graph, Some(sample.publisher), &problem);
     }
 }
 

@@ -15,6 +15,7 @@ use std::{
         mpsc,
     },
     thread::{self, JoinHandle},
+    time::Duration,
 };
 
 use super::{
@@ -29,6 +30,9 @@ use super::{
     receiver::{self, Receiver, Request},
     rtps_sender::RtpsSender,
 };
+
+/// How long the end of a session waits until others know that its nodes have left.
+const LAST_ANNOUNCEMENT: Duration = Duration::from_millis(100);
 
 /// A connected participant.
 pub(super) struct Session {
@@ -308,5 +312,6 @@ impl Drop for Session {
         }
         // The participant has no nodes any more.
         self.announcer.publish(Vec::new());
+        self.announcer.wait_for_acknowledgments(LAST_ANNOUNCEMENT);
     }
 }
