@@ -6,7 +6,7 @@ use crate::{
     lateness::repeat_if_late,
     observer::{JOINT_STATE, POSE},
     peer::Peer,
-    process::{Running, source},
+    process::{GENTLE, Running, source},
 };
 
 /// Topic, type, reliability, durability, publishers.
@@ -202,36 +202,43 @@ const SUBSCRIPTIONS: [(&str, &[&str]); 4] = [
 
 #[test]
 fn topics_types_and_qos_are_those_of_the_description() {
-    repeat_if_late(|| {
-        let domain = 85;
-        let mut launch = Running::gently(domain, &source("config/servicing.yaml"));
-        let mut peer = Peer::start("auditor", domain);
-        for (topic, kind, reliability, durability, nodes) in TOPICS {
-            // Which node an endpoint belongs to is known a little later than the endpoint.
-            let ask = json!({"do": "topic_info", "topic": topic, "nodes": nodes});
-            let found = peer.does(ask);
-            let endpoints = found.as_array().unwrap();
-            let mut publishers: Vec<_> = endpoints.iter().map(|e| &e["node"]).collect();
-            publishers.sort_by_key(|node| node.to_string());
-            assert_eq!(json!(publishers), json!(nodes), "{topic}");
-            for endpoint in endpoints {
-                let found =
-                    ["type", "reliability", "durability"].map(|k| endpoint[k].as_str().unwrap());
-                assert_eq!(found, [kind, reliability, durability], "{topic}");
-            }
+    repeat_if_late(|| agrees(85, &[]));
+}
+
+#[test]
+fn isolated_nodes_have_the_same_topics_types_and_qos() {
+    repeat_if_late(|| agrees(56, &["--isolated"]));
+}
+
+fn agrees(domain: u16, options: &[&str]) {
+    let args = [&["--duration", "600"], options, &GENTLE[..]].concat();
+    let mut launch = Running::launch(domain, &source("config/servicing.yaml"), &args);
+    let mut peer = Peer::start("auditor", domain);
+    for (topic, kind, reliability, durability, nodes) in TOPICS {
+        // Which node an endpoint belongs to is known a little later than the endpoint.
+        let ask = json!({"do": "topic_info", "topic": topic, "nodes": nodes});
+        let found = peer.does(ask);
+        let endpoints = found.as_array().unwrap();
+        let mut publishers: Vec<_> = endpoints.iter().map(|e| &e["node"]).collect();
+        publishers.sort_by_key(|node| node.to_string());
+        assert_eq!(json!(publishers), json!(nodes), "{topic}");
+        for endpoint in endpoints {
+            let found =
+                ["type", "reliability", "durability"].map(|k| endpoint[k].as_str().unwrap());
+            assert_eq!(found, [kind, reliability, durability], "{topic}");
         }
-        // What is not there could still come: a node makes all its endpoints before it works, and peers learn
-        // of them in the order in which they are made. So the controller's answers come after all of them.
-        for (topic, kind) in [("joint_commands", JOINT_STATE), ("camera/tip_pose", POSE)] {
-            peer.subscribe(topic, kind, "reliable");
-            peer.receive(topic, 100);
-        }
-        for (node, allowed) in SUBSCRIPTIONS {
-            let graph = peer.graph(node, "/", &json!({ "subscribers": allowed }));
-            let heard = graph["subscribers"].as_object().unwrap().keys();
-            let heard: Vec<_> = heard.filter(|t| *t != "/clock").collect();
-            assert_eq!(heard, allowed, "{node}");
-        }
-        launch.interrupt().well();
-    });
+    }
+    // What is not there could still come: a node makes all its endpoints before it works, and peers learn
+    // of them in the order in which they are made. So the controller's answers come after all of them.
+    for (topic, kind) in [("joint_commands", JOINT_STATE), ("camera/tip_pose", POSE)] {
+        peer.subscribe(topic, kind, "reliable");
+        peer.receive(topic, 100);
+    }
+    for (node, allowed) in SUBSCRIPTIONS {
+        let graph = peer.graph(node, "/", &json!({ "subscribers": allowed }));
+        let heard = graph["subscribers"].as_object().unwrap().keys();
+        let heard: Vec<_> = heard.filter(|t| *t != "/clock").collect();
+        assert_eq!(heard, allowed, "{node}");
+    }
+    launch.interrupt().well();
 }

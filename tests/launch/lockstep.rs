@@ -1,4 +1,4 @@
-//! A lockstep run over DDS is bit-identical to `fuyu simulate`.
+//! A lockstep run in the graph, in memory or over DDS, is bit-identical to `fuyu simulate`.
 
 use fuyu::msg::sensor_msgs::JointState;
 use std::path::{Path, PathBuf};
@@ -21,8 +21,12 @@ pub fn states(bag: &Path) -> Vec<JointState> {
     states
 }
 
-fn over_dds(domain: u16, config: &Path, duration: &str) -> Vec<JointState> {
-    let args = ["--lockstep", "--duration", duration];
+/// With messages in memory, or with a participant for each node and all messages over DDS.
+fn launched(domain: u16, config: &Path, duration: &str, isolated: bool) -> Vec<JointState> {
+    let mut args = vec!["--lockstep", "--duration", duration];
+    if isolated {
+        args.push("--isolated");
+    }
     let mut launch = Running::launch(domain, config, &args);
     let ended = launch.wait(5 * PATIENCE).well();
     println!("{}", ended.stdout);
@@ -39,15 +43,15 @@ pub fn simulated(config: &Path, duration: &str) -> Vec<JointState> {
 }
 
 /// Stamps, positions, rates and efforts are bit-identical: `fuyu simulate` also converts stamps and quaternions as messages do.
-fn assert_same(simulated: &[JointState], over_dds: &[JointState], states: usize) {
-    assert_eq!((simulated.len(), over_dds.len()), (states, states));
-    for (ours, theirs) in simulated.iter().zip(over_dds) {
+fn assert_same(simulated: &[JointState], launched: &[JointState], states: usize) {
+    assert_eq!((simulated.len(), launched.len()), (states, states));
+    for (ours, theirs) in simulated.iter().zip(launched) {
         assert_eq!(ours, theirs);
     }
 }
 
 #[test]
-fn a_run_over_dds_equals_the_simulated_one() {
+fn a_launched_run_equals_the_simulated_one() {
     equals_the_simulated_one(CONFIG, DURATION, 2001);
     // Together with a camera that sends features and an estimator that solves for seconds.
     equals_the_simulated_one("config/servicing.yaml", "5", 501);
@@ -58,9 +62,10 @@ fn equals_the_simulated_one(config: &str, duration: &str, count: usize) {
     repeat_if_late(|| {
         let config = source(config);
         let simulated = simulated(&config, duration);
-        let [one, two] = [71, 72].map(|domain| over_dds(domain, &config, duration));
-        assert!(one == two, "two runs over DDS differ");
-        assert_same(&simulated, &one, count);
+        for (domain, isolated) in [(71, false), (72, true)] {
+            let launched = launched(domain, &config, duration, isolated);
+            assert_same(&simulated, &launched, count);
+        }
     });
 }
 
@@ -84,6 +89,6 @@ pub fn tracking() -> (TempDir, PathBuf) {
 
 fn a_moving_goal_seen_with_noise() {
     let (_folder, config) = tracking();
-    let (simulated, over_dds) = (simulated(&config, "5"), over_dds(71, &config, "5"));
-    assert_same(&simulated, &over_dds, 501);
+    let simulated = simulated(&config, "5");
+    assert_same(&simulated, &launched(71, &config, "5", true), 501);
 }

@@ -9,7 +9,7 @@ use crate::{
     measuring::worst_below,
     observer::{JOINT_STATE, POSE, now},
     peer::Peer,
-    process::{Check, Running, fuyu, source},
+    process::{Check, GENTLE, Running, fuyu, source},
     waiting::{PATIENCE, eventually},
 };
 
@@ -37,8 +37,9 @@ fn last_stamp(bag: &Path) -> f64 {
     })
 }
 
-fn launch(domain: u16) -> (Running, Peer) {
-    let launch = Running::gently(domain, &source("config/positioning.yaml"));
+fn launch(domain: u16, options: &[&str]) -> (Running, Peer) {
+    let args = [&["--duration", "600"], options, &GENTLE[..]].concat();
+    let launch = Running::launch(domain, &source("config/positioning.yaml"), &args);
     let mut peer = Peer::start("observer", domain);
     for (topic, kind) in LOOP {
         peer.subscribe(topic, kind, "reliable");
@@ -69,10 +70,10 @@ fn newest_state(peer: &mut Peer) -> (f64, f64) {
     (newest["time"].as_f64().unwrap(), stamp(newest))
 }
 
-fn stopped_and_continued(domain: u16, signal: &str) {
+fn stopped_and_continued(domain: u16, signal: &str, options: &[&str]) {
     /// Between the two signals \[s\].
     const PAUSE: f64 = 3.0;
-    let (mut launch, mut peer) = launch(domain);
+    let (mut launch, mut peer) = launch(domain, options);
     let stat = format!("/proc/{}/stat", launch.id());
     let what = format!("time until all topics flow after SIG{signal} and SIGCONT [s]");
     // Every stop must meet the limit, so the worst one is checked.
@@ -108,18 +109,23 @@ fn stopped_and_continued(domain: u16, signal: &str) {
 
 #[test]
 fn topics_flow_again_after_stop_and_continue() {
-    repeat_if_late(|| stopped_and_continued(77, "STOP"));
+    repeat_if_late(|| stopped_and_continued(77, "STOP", &[]));
+}
+
+#[test]
+fn topics_of_isolated_nodes_flow_again_after_stop_and_continue() {
+    repeat_if_late(|| stopped_and_continued(58, "STOP", &["--isolated"]));
 }
 
 #[test]
 fn topics_flow_again_after_ctrl_z_and_fg() {
-    repeat_if_late(|| stopped_and_continued(78, "TSTP"));
+    repeat_if_late(|| stopped_and_continued(78, "TSTP", &[]));
 }
 
 #[test]
 fn a_childs_exit_and_other_signals_harm_nothing() {
     repeat_if_late(|| {
-        let (mut launch, mut peer) = launch(79);
+        let (mut launch, mut peer) = launch(79, &[]);
         for signal in ["CHLD", "WINCH", "URG", "USR1", "PIPE"] {
             for _ in 0..5 {
                 launch.signal(signal);
@@ -135,7 +141,7 @@ fn a_childs_exit_and_other_signals_harm_nothing() {
 #[test]
 fn ctrl_c_closes_the_bag() {
     repeat_if_late(|| {
-        let (mut launch, _peer) = launch(80);
+        let (mut launch, _peer) = launch(80, &[]);
         // A terminal, or a launcher, signals the process and its group: two signals within milliseconds are one request.
         launch.signal("INT");
         let ended = launch.interrupt().well();
@@ -171,7 +177,7 @@ fn kill_9_leaves_a_bag_up_to_the_last_second() {
     repeat_if_late(|| {
         // Every kill must meet the limit, so the worst one is checked.
         worst_below("loss by kill -9 [s]", 2.0, 3, || {
-            let (mut launch, mut peer) = launch(81);
+            let (mut launch, mut peer) = launch(81, &[]);
             eventually("something is on the disk", PATIENCE, || {
                 (last_stamp(&launch.bag()) > 2.0).then_some(())
             });
