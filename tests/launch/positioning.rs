@@ -96,21 +96,22 @@ fn python_reads(bag: &Path) {
 fn in_real_time_it_is_the_run_of_the_thesis() {
     repeat_if_late(|| {
         // At the same time, since each takes a minute.
-        let mut launches = [
-            Running::launch(70, &source(CONFIG), &[]),
-            Running::launch(57, &source(CONFIG), &["--isolated"]),
-        ];
-        launches.iter_mut().for_each(in_real_time);
+        let mut shared = Running::launch(70, &source(CONFIG), &[]);
+        let mut isolated = Running::launch(57, &source(CONFIG), &["--isolated"]);
+        // 60 s at 100 Hz, nothing lost.
+        in_real_time(&mut shared, 6000);
+        // An isolated recorder may be discovered after the first states.
+        in_real_time(&mut isolated, 5900);
     });
 }
 
-fn in_real_time(launch: &mut Running) {
+/// A run with at least so many states in its bag.
+fn in_real_time(launch: &mut Running, states: usize) {
     let ended = launch.wait(5 * PATIENCE).well();
     println!("{}", ended.stdout);
     let bag = launch.bag();
     let (errors, first, last) = run(&bag);
-    // 60 s at 100 Hz, nothing lost.
-    assert!(errors.len() >= 6000, "{}", errors.len());
+    assert!(errors.len() >= states, "{}", errors.len());
 
     let within = errors
         .iter()

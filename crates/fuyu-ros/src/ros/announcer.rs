@@ -5,7 +5,7 @@ use ros2_client::{
     entities_info::{NodeEntitiesInfo, ParticipantEntitiesInfo},
 };
 use rustdds::{DomainParticipant, QosPolicies, RTPSEntity, TopicKind, no_key::DataWriterCdr};
-use std::{sync::Arc, time::Duration};
+use std::sync::Arc;
 
 use super::{
     Gid, Qos,
@@ -41,12 +41,6 @@ impl Announcer {
             writer,
             participant: participant.guid().into(),
         })
-    }
-
-    /// Waits until other participants have received what was published, at most this long.
-    pub(super) fn wait_for_acknowledgments(&self, patience: Duration) {
-        // An error means that the participant's threads have ended.
-        let _ = self.writer.wait_for_acknowledgments(patience);
     }
 
     /// Publishes nodes with their endpoints ([`nodes`]).

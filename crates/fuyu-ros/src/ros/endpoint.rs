@@ -96,7 +96,7 @@ impl EndpointSpec {
     }
 
     /// What subscriptions have in common that one DDS reader serves: those of other nodes of the participant to the same
-    /// topic. Transient-local ones share it if their limited depths are equal, so that it has what a late one gets.
+    /// topic. Transient-local ones share it if it keeps enough for a late one.
     pub(super) fn reader_key(&self) -> Option<String> {
         let is_topic = !self.internal || self.shared;
         let is_latched = self.qos.durability == Durability::TransientLocal;
@@ -104,7 +104,7 @@ impl EndpointSpec {
             return None;
         }
         let same = match is_latched {
-            true => self.qos,
+            true => self.reader_qos(),
             false => Qos {
                 depth: 0,
                 history: History::KeepLast,
@@ -112,6 +112,14 @@ impl EndpointSpec {
             },
         };
         Some(format!("{} {} {same:?}", self.dds_topic, self.dds_type))
+    }
+
+    /// Quality of service of the DDS reader: a transient-local one keeps enough for other subscriptions of its participant.
+    pub(super) fn reader_qos(&self) -> Qos {
+        match self.qos.durability {
+            Durability::TransientLocal => self.qos.depth(self.qos.depth.max(LATCHED_DEPTH)),
+            Durability::Volatile => self.qos,
+        }
     }
 
     /// The same with one DDS writer, or reader, for all nodes of a participant.
@@ -122,6 +130,9 @@ impl EndpointSpec {
         }
     }
 }
+
+/// How many samples of each publisher a transient-local DDS reader keeps at least.
+const LATCHED_DEPTH: usize = 100;
 
 /// Counters of an endpoint, for diagnostics.
 #[derive(Debug, Default)]

@@ -90,7 +90,7 @@ impl HandlerQueue {
     pub(super) fn flush(&self, reader: &Arc<Reader>, patience: Duration) {
         let deadline = Instant::now() + patience;
         let mut state = self.lock();
-        if state.thread.is_none_or(|id| id == thread::current().id()) {
+        if state.thread == Some(thread::current().id()) {
             return;
         }
         loop {
@@ -98,7 +98,8 @@ impl HandlerQueue {
             let is_busy = state.running.as_ref().is_some_and(is_own)
                 || state.waiting.iter().any(|(r, _)| is_own(r));
             let left = deadline.saturating_duration_since(Instant::now());
-            if !is_busy || left.is_zero() || state.thread.is_none() {
+            let is_abandoned = state.closed && state.thread.is_none();
+            if !is_busy || left.is_zero() || is_abandoned {
                 return;
             }
             let waited = self.handled.wait_timeout(state, left);

@@ -9,6 +9,7 @@ use std::{
     collections::BTreeSet,
     panic::{AssertUnwindSafe, catch_unwind},
     sync::{Arc, Mutex, MutexGuard, PoisonError, Weak},
+    thread,
     time::Duration,
 };
 
@@ -27,6 +28,9 @@ use super::{
 
 /// DDS participants that are tried, one after the other, before a node fails.
 const MAX_PARTICIPANTS: usize = 5;
+
+/// Pause before the next participant is tried.
+const PAUSE: Duration = Duration::from_millis(100);
 
 /// How long the end of a subscription waits for its handler.
 const LAST_SAMPLES: Duration = Duration::from_secs(5);
@@ -197,6 +201,20 @@ impl Participant {
         Ok(true)
     }
 
+    /// Connects if an earlier attempt failed. Returns whether it has connected.
+    fn connect_again(&self) -> bool {
+        // Somebody else who connects now must not be waited for.
+        let Ok(mut connection) = self.connection.try_lock() else {
+            return false;
+        };
+        let has_nodes = !self.endpoints().nodes.is_empty();
+        matches!(*connection, Connection::Disconnected)
+            && has_nodes
+            && self
+                .connect(&mut connection, AbandonedParticipant::default())
+                .is_ok()
+    }
+
     /// Connects, in place of a DDS participant that may have deadlocked.
     fn connect(
         &self,
@@ -213,9 +231,13 @@ impl Participant {
         let open = || Session::open(self.domain, &self.endpoints, &self.graph, &self.settling);
         let mut new = signals::with_blocked(open);
         for _ in 1..MAX_PARTICIPANTS {
-            if let Err(EntityError::Deadlocked(_)) = new {
-                new = signals::with_blocked(open);
+            match new {
+                Ok(_) | Err(EntityError::NoDescriptors(_)) => break,
+                Err(EntityError::Deadlocked(_)) => {}
+                // A signal can end the threads of a new participant too.
+                Err(EntityError::Dds(_)) => thread::sleep(PAUSE),
             }
+            new = signals::with_blocked(open);
         }
         let session = new?;
         self.set_dds(Some(session.participant().clone()));
@@ -481,20 +503,33 @@ impl Participants {
         Ok(new)
     }
 
+    /// Those whose nodes are not stopping.
+    fn working(&self) -> Vec<Arc<Participant>> {
+        let all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
+        let all = all.iter().filter_map(Weak::upgrade);
+        all.filter(|p| !p.is_stopping()).collect()
+    }
+
+    /// Connects the participants that could not be reconnected. To be called from time to time.
+    pub(super) fn connect_again(&self) {
+        for participant in self.working() {
+            if participant.connect_again() {
+                let nodes = participant.node_names().join(", ");
+                tracing::info!("{nodes}: joined the graph again");
+            }
+        }
+    }
+
     /// Reconnects all participants whose nodes are not stopping ([`Participant::reconnect`]), for this reason.
     pub(super) fn reconnect(&self, reason: &str) {
-        let all: Vec<_> = {
-            let all = self.all.lock().unwrap_or_else(PoisonError::into_inner);
-            all.iter().filter_map(Weak::upgrade).collect()
-        };
-        for participant in all.iter().filter(|p| !p.is_stopping()) {
+        for participant in self.working() {
             match participant.reconnect() {
                 Ok(false) => {}
                 Ok(true) => tracing::info!(
                     "{}: {reason}, joined the graph again",
                     participant.node_names().join(", ")
                 ),
-                Err(e) => tracing::error!("{e}"),
+                Err(e) => tracing::error!("{e}; trying again"),
             }
         }
     }

@@ -30,8 +30,8 @@ use crate::msg::{diagnostic_msgs::DiagnosticArray, rcl_interfaces::Log};
 
 /// How often a node reports its health.
 const DIAGNOSTICS_PERIOD: Duration = Duration::from_secs(1);
-/// How often a process checks whether the wall clock was set back.
-const WALL_CLOCK_PERIOD: Duration = Duration::from_secs(1);
+/// How often a process checks whether the wall clock was set back, and whether it is in the graph.
+const CHECK_PERIOD: Duration = Duration::from_secs(1);
 /// Time that a node may take to end after a stop request.
 const STOP_PATIENCE: Duration = Duration::from_secs(10);
 
@@ -102,6 +102,8 @@ pub struct Process {
     failure: Option<NodeError>,
     stopping: bool,
     wall_clock: WallClockWatch,
+    /// When the connection to the graph was checked last.
+    checked: Instant,
 }
 
 impl Process {
@@ -140,6 +142,7 @@ impl Process {
             failure: None,
             stopping: false,
             wall_clock: WallClockWatch::new(),
+            checked: Instant::now(),
         }
     }
 
@@ -262,9 +265,9 @@ impl Process {
         let deadline = Instant::now() + patience;
         while !self.stopping {
             let left = deadline.saturating_duration_since(Instant::now());
-            match self.events.recv_timeout(left.min(WALL_CLOCK_PERIOD)) {
+            match self.events.recv_timeout(left.min(CHECK_PERIOD)) {
                 Ok(event) => self.take(event),
-                Err(RecvTimeoutError::Timeout) => self.check_wall_clock(),
+                Err(RecvTimeoutError::Timeout) => self.check_connection(),
                 Err(RecvTimeoutError::Disconnected) => return false,
             }
             if !self.stopping && Instant::now() >= deadline {
@@ -272,6 +275,15 @@ impl Process {
             }
         }
         false
+    }
+
+    /// Repairs the connection to the graph, once a second.
+    fn check_connection(&mut self) {
+        if self.checked.elapsed() >= CHECK_PERIOD {
+            self.checked = Instant::now();
+            self.check_wall_clock();
+            self.participants.connect_again();
+        }
     }
 
     /// Gives every node a new participant if the wall clock was set back: the old ones would receive nothing best effort.

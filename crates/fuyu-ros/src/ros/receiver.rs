@@ -227,8 +227,11 @@ impl Readers {
         let mut states = self.states.values_mut();
         if let Some(state) = states.find(|state| state.gid() == gid) {
             state.kept.retain(|&p, _| peers.are_matched(gid, p));
-            for sample in state.kept.values().flatten() {
-                deliver(&reader, sample, &self.graph);
+            for kept in state.kept.values() {
+                let others = kept.len().saturating_sub(reader.spec.qos.depth.max(1));
+                for sample in kept.iter().skip(others) {
+                    deliver(&reader, sample, &self.graph);
+                }
             }
             state.readers.push(reader);
         }
@@ -298,12 +301,12 @@ impl ReaderState {
             reader.counters.missing.fetch_add(missing, Relaxed);
             deliver(reader, &sample, graph);
         }
-        let qos = self.readers.first().map(|reader| &reader.spec.qos);
+        let qos = self.readers.first().map(|reader| reader.spec.reader_qos());
         let is_kept =
-            |q: &&Qos| q.durability == Durability::TransientLocal && q.history == History::KeepLast;
+            |q: &Qos| q.durability == Durability::TransientLocal && q.history == History::KeepLast;
         if let Some(qos) = qos.filter(is_kept) {
             let kept = self.kept.entry(sample.publisher).or_default();
-            while kept.len() >= qos.depth.max(1) {
+            while kept.len() >= qos.depth {
                 kept.pop_front();
             }
             kept.push_back(sample);

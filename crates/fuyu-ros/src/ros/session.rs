@@ -15,7 +15,6 @@ use std::{
         mpsc,
     },
     thread::{self, JoinHandle},
-    time::Duration,
 };
 
 use super::{
@@ -30,9 +29,6 @@ use super::{
     receiver::{self, Receiver, Request},
     rtps_sender::RtpsSender,
 };
-
-/// How long the end of a session waits until others know that its nodes have left.
-const LAST_ANNOUNCEMENT: Duration = Duration::from_millis(100);
 
 /// A connected participant.
 pub(super) struct Session {
@@ -256,7 +252,7 @@ impl Session {
             return Ok(());
         }
         let topic = self.topic(spec)?;
-        let qos = spec.qos.for_reader(spec.is_large());
+        let qos = spec.reader_qos().for_reader(spec.is_large());
         let subscriber = self.subscriber.clone();
         let dds = participant_watchdog::create(&self.participant, move |_| {
             subscriber.create_simple_datareader_no_key::<Bytes, CdrPassthrough>(&topic, Some(qos))
@@ -312,6 +308,5 @@ impl Drop for Session {
         }
         // The participant has no nodes any more.
         self.announcer.publish(Vec::new());
-        self.announcer.wait_for_acknowledgments(LAST_ANNOUNCEMENT);
     }
 }
