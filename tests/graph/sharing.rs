@@ -217,7 +217,8 @@ fn a_late_latched_subscription_gets_what_its_process_has_received() {
     there.start("talker", program).unwrap();
     let next = |heard: &mpsc::Receiver<String>| heard.recv_timeout(PATIENCE).expect("a sample");
     let first = listen_to_latched(&mut here, "first", 2);
-    assert_eq!([next(&first), next(&first)], ["2", "3"]);
+    // It may have been there before the first message.
+    while next(&first) != "3" {}
     let late = listen_to_latched(&mut here, "late", 2);
     assert_eq!([next(&late), next(&late)], ["2", "3"]);
     // The depth of a subscription limits what it gets.

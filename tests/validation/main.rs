@@ -35,6 +35,7 @@ mod pinocchio;
 mod positioning;
 mod precision;
 mod random_trees;
+#[cfg(feature = "ros")]
 mod sampled_loops;
 mod singularity_escape;
 mod teleoperation;

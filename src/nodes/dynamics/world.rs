@@ -162,7 +162,7 @@ impl World {
         })
     }
 
-    /// Checks that no state has diverged ([`divergence::of`]).
+    /// Checks that no state has diverged: is finite, and slower than 1e6 rad/s or m/s.
     ///
     /// # Errors
     /// A line with the time, what moves too fast, and what helps.
