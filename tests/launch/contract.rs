@@ -6,7 +6,7 @@ use crate::{
     lateness::repeat_if_late,
     observer::{JOINT_STATE, POSE},
     peer::Peer,
-    process::{GENTLE, Running, source},
+    process::{Running, source},
 };
 
 /// Topic, type, reliability, durability, publishers.
@@ -211,8 +211,7 @@ fn isolated_nodes_have_the_same_topics_types_and_qos() {
 }
 
 fn agrees(domain: u16, options: &[&str]) {
-    let args = [&["--duration", "600"], options, &GENTLE[..]].concat();
-    let mut launch = Running::launch(domain, &source("config/servicing.yaml"), &args);
+    let mut launch = Running::gently_with(domain, &source("config/servicing.yaml"), options);
     let mut peer = Peer::start("auditor", domain);
     for (topic, kind, reliability, durability, nodes) in TOPICS {
         // Which node an endpoint belongs to is known a little later than the endpoint.

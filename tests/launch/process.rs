@@ -97,7 +97,12 @@ impl Running {
 
     /// `fuyu launch CONFIG` for as long as the test lasts, with [`GENTLE`] gains.
     pub fn gently(domain: u16, config: &Path) -> Self {
-        let args = [&["--duration", "600"], &GENTLE[..]].concat();
+        Self::gently_with(domain, config, &[])
+    }
+
+    /// The same with options of `fuyu launch`.
+    pub fn gently_with(domain: u16, config: &Path, options: &[&str]) -> Self {
+        let args = [&["--duration", "600"], options, &GENTLE[..]].concat();
         Self::launch(domain, config, &args)
     }
 

@@ -9,7 +9,7 @@ use crate::{
     measuring::worst_below,
     observer::{JOINT_STATE, POSE, now},
     peer::Peer,
-    process::{Check, GENTLE, Running, fuyu, source},
+    process::{Check, Running, fuyu, source},
     waiting::{PATIENCE, eventually},
 };
 
@@ -38,8 +38,7 @@ fn last_stamp(bag: &Path) -> f64 {
 }
 
 fn launch(domain: u16, options: &[&str]) -> (Running, Peer) {
-    let args = [&["--duration", "600"], options, &GENTLE[..]].concat();
-    let launch = Running::launch(domain, &source("config/positioning.yaml"), &args);
+    let launch = Running::gently_with(domain, &source("config/positioning.yaml"), options);
     let mut peer = Peer::start("observer", domain);
     for (topic, kind) in LOOP {
         peer.subscribe(topic, kind, "reliable");
