@@ -28,6 +28,7 @@ pub fn quadratic_roots(A: &DMatrix<f64>, B: &DMatrix<f64>, C: &DMatrix<f64>) -> 
     if n == 0 {
         return Ok(Vec::new());
     }
+    check_regular(C)?;
     let scale = (C.norm() / A.norm().max(f64::MIN_POSITIVE)).sqrt();
     let roots = if B.norm() == 0.0 { undamped(A, C)? } else { damped(A, B, C, scale)? };
     let mut finite: Vec<_> = roots.into_iter().filter(|s| s.norm() < INFINITE * scale).collect();
@@ -66,13 +67,28 @@ fn damped(A: &DMatrix<f64>, B: &DMatrix<f64>, C: &DMatrix<f64>, scale: f64) -> R
     Ok(nonzero.map(|t| Complex::new(scale, 0.0) / t).collect())
 }
 
+/// Rejects a matrix that is singular but for rounding, after scaling its diagonal to 1.
+fn check_regular(C: &DMatrix<f64>) -> Result<(), StructureError> {
+    let scales = C.diagonal().map(|c| if c == 0.0 { 1.0 } else { c.abs().sqrt() });
+    let scaled = C.map_with_location(|i, j, c| c / (scales[i] * scales[j]));
+    let norm = scaled.norm();
+    match scaled.try_inverse() {
+        Some(inverse) if inverse.norm() * norm < 1e13 => Ok(()),
+        _ => Err(singular()),
+    }
+}
+
 fn regular_solve(C: &DMatrix<f64>, right: &DMatrix<f64>) -> Result<DMatrix<f64>, StructureError> {
     let solution = C.clone().lu().solve(right);
-    solution.filter(|s| s.iter().all(|v| v.is_finite())).ok_or_else(|| StructureError::Matrix {
+    solution.filter(|s| s.iter().all(|v| v.is_finite())).ok_or_else(singular)
+}
+
+fn singular() -> StructureError {
+    StructureError::Matrix {
         matrix: "constant coefficient C of the polynomial A s² + B s + C".to_owned(),
         property: "regular",
         remedy: "remove rigid-body motion, whose roots are zero, before asking for the others",
-    })
+    }
 }
 
 /// Eigenvalues of a general real matrix.

@@ -60,9 +60,14 @@ impl Invariants {
                 let weighted = values[a] * point.mass;
                 error::finite(&format!("a displacement of mass point {i}"), weighted.sum())?;
                 sums.first[a] += weighted;
-                for b in 0..functions {
+                for b in a..functions {
                     sums.second[a * functions + b] += weighted * values[b].transpose();
                 }
+            }
+        }
+        for a in 0..functions {
+            for b in a..functions {
+                sums.set_second(a, b, sums.second(a, b));
             }
         }
         Ok(sums)

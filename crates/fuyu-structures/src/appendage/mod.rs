@@ -252,7 +252,8 @@ impl Appendage {
     }
 
     /// The same body with mass-normalised modes, ascending in frequency: modal mass the identity and modal stiffness
-    /// diagonal. Each is positive in the largest component of its displacement at the first output point.
+    /// diagonal. Each is positive in the largest component of its displacement at the first output point, or of its rotation if
+    /// that point does not move.
     ///
     /// # Errors
     /// As [`Appendage::check`].
@@ -261,7 +262,9 @@ impl Appendage {
         if let Some(tip) = self.outputs.first() {
             for mut shape in vectors.column_iter_mut() {
                 let displacement: Vector3<f64> = tip.translation.iter().zip(shape.iter()).map(|(t, x)| t * *x).sum();
-                if displacement[displacement.iamax()] < 0.0 {
+                let rotation: Vector3<f64> = tip.rotation.iter().zip(shape.iter()).map(|(r, x)| r * *x).sum();
+                let leading = if displacement.amax() > 1e-6 * rotation.amax() { displacement } else { rotation };
+                if leading[leading.iamax()] < 0.0 {
                     shape.neg_mut();
                 }
             }
@@ -270,6 +273,12 @@ impl Appendage {
         // Clears the rounding of the congruence.
         result.modal_mass.fill_with_identity();
         result.modal_stiffness = DMatrix::from_diagonal(&result.modal_stiffness.diagonal());
+        let largest = result.modal_damping.amax();
+        result.modal_damping.apply(|c| {
+            if c.abs() < 1e-13 * largest {
+                *c = 0.0;
+            }
+        });
         Ok(result)
     }
 

@@ -18,7 +18,8 @@ const CONSTRAINED: [(&str, f64); 7] = [
     ("in plane 2", 2.826),
 ];
 
-/// Total mass \[kg\]. Moments of inertia are not printed; with 1 kg m² the coupling is that of the book up to a unit.
+/// Total mass \[kg\]. Moments of inertia are not printed; 1 kg m² about each axis scales the coupling and leaves poles at 180 degrees and zeros as
+/// they are. Poles at other angles depend on their ratios and cannot be computed.
 const MASS: f64 = 2000.0;
 
 /// One rigid coordinate and the modes that move it.

@@ -42,7 +42,7 @@ pub fn from_csv(text: &str, name: &str) -> Result<Appendage, StructureError> {
 }
 
 /// Writes modes in YAML. [`from_yaml`] reads them to the last bit, except for second-order integrals other than `∫ χ dm` and `∫ X χᵀ dm`,
-/// which are left out; they matter from the third order in the amplitude on.
+/// which are left out: their forces are of second order in the amplitude.
 ///
 /// # Errors
 /// Modal matrices that are not diagonal; [`Appendage::diagonalised`] makes them so.
@@ -257,7 +257,7 @@ impl Document {
         let matrices = [&appendage.modal_mass, &appendage.modal_stiffness, &appendage.modal_damping];
         for (matrix, name) in matrices.into_iter().zip(["modal mass", "modal stiffness", "modal damping"]) {
             let off = matrix - DMatrix::from_diagonal(&matrix.diagonal());
-            if n > 0 && off.amax() > 0.0 {
+            if n > 0 && off.amax() > 1e-13 * matrix.amax() {
                 return Err(StructureError::Matrix {
                     matrix: format!("{}, {name}", appendage.name),
                     property: "diagonal",

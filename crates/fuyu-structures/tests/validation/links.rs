@@ -82,7 +82,7 @@ fn a_loaded_link_needs_static_shapes() {
     };
     let clamped_free = [free(2), free(4), free(8)];
     println!("static shapes and 0, 1, 2 modes: {errors:?}; 2, 4, 8 clamped-free modes: {clamped_free:?}");
-    assert!(errors[0] < 1e-3 && errors[1] < 1e-6 && errors[2] < 1e-6, "{errors:?}");
+    assert!(errors[0] < 1e-4 && errors[1] < 1e-5 && errors[2] < 1e-6, "{errors:?}");
     assert!(clamped_free[2] > 1e-3 && clamped_free[0] / clamped_free[2] < 8.0, "1/n: {clamped_free:?}");
 }
 
@@ -165,6 +165,12 @@ fn the_servicer_with_elastic_links_has_the_independent_frequencies() {
             println!("{name} {key}: base free {free:.1e}, base fixed {base_fixed:.1e}");
             let first = worst(&frequencies(&locked, 6)[..2], &numbers(&case["base_free_hz"])[..2]);
             assert!(first < limit, "{name} {key}: {first:e}");
+            if extra == 2 {
+                let converged = &expected[format!("{name} static+Ritz 6+6")];
+                let error = worst(&frequencies(&locked, 6)[..2], &numbers(&converged["base_free_hz"])[..2]);
+                println!("  against 6 functions: {error:.1e}");
+                assert!(error < 1e-5, "{name}: {error:e}");
+            }
         }
     }
 }

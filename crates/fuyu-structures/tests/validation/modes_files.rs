@@ -37,7 +37,7 @@ fn both_formats_read_what_they_write() {
     assert_eq!(modes_file::to_csv(&again).unwrap().lines().count(), csv.lines().count());
 }
 
-// A file keeps the second-order integrals that matter up to the third order in the amplitude: the spin frequencies are the same.
+// A file keeps the second-order integrals that the linear equations about a steady spin need: the frequencies are the same.
 #[test]
 fn second_order_integrals_survive_a_file() {
     let body = panel(true);
@@ -56,7 +56,7 @@ fn second_order_integrals_survive_a_file() {
     };
     let difference = |size: f64| (bias(&body, size) - bias(&read, size)).amax();
     let ratio = difference(0.2) / difference(0.1);
-    assert!(ratio > 6.0, "what is left out is of third order in the amplitude: {ratio}");
+    assert!(ratio > 3.9, "forces of what is left out are of second order in the amplitude: {ratio}");
 }
 
 fn yaml_error(from: &str, to: &str) -> String {
@@ -125,6 +125,7 @@ fn modes_that_are_not_orthogonal_have_no_file() {
     let mut body = panel(false);
     body.modal_stiffness[(0, 1)] = 0.1;
     body.modal_stiffness[(1, 0)] = 0.1;
+    body.modal_damping.fill(0.0);
     let message = modes_file::to_yaml(&body).unwrap_err().to_string();
     assert!(message.contains("modal stiffness is not diagonal; a modes file has one frequency"), "{message}");
     let diagonal = body.diagonalised().unwrap();

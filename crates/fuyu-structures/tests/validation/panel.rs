@@ -25,8 +25,12 @@ fn finite_elements_converge_with_the_fourth_power_to_the_closed_form() {
             for (k, (before, now)) in last.iter().zip(&errors).enumerate() {
                 let rate = (before / now).log2();
                 println!("  rate {k} {rate:.3}");
-                // At 32 elements the error of b1 is 8e-9, of which rounding is some 1e-10.
-                assert!((rate - 4.0).abs() < 0.15, "mode {k} at {elements} elements: h^{rate}");
+                // A mesh must resolve a mode before its error follows h^4. At 32 elements the error of b1 is 8e-9, of which rounding
+                // is some 1e-10.
+                if elements >= 16 {
+                    let limit = if elements == 16 { 0.15 } else { 0.06 };
+                    assert!((rate - 4.0).abs() < limit, "mode {k} at {elements} elements: h^{rate}");
+                }
             }
         }
         if elements == 32 {
@@ -71,10 +75,7 @@ fn the_panel_has_the_independent_mass_properties_and_couplings() {
     let P = matrix(&expected["P_attachment"]);
     let error = (panel.coupling() - &P).amax();
     println!("P {error:.1e}");
-    // The file's torsion value is 3.60126526462843, from the sum of 400 stations; the closed form is 3.601265265.
-    assert!(error < 1e-8, "{}", panel.coupling());
-    let bending = (panel.coupling() - &P).rows(0, 3).amax();
-    assert!(bending < 1e-11, "{bending:e}");
+    assert!(error < 1e-11, "{}", panel.coupling());
     let inertia = matrix(&expected["inertia_attachment"]);
     let found = panel.invariants.inertia();
     assert!((found - nalgebra::Matrix3::from_fn(|i, j| inertia[(i, j)])).amax() < 1e-9, "{found}");
@@ -109,10 +110,10 @@ fn finite_elements_agree_with_an_independent_code() {
             worst(&[P[(3, 3)]], &numbers(&reference["int_y2_theta"])),
         ];
         println!("{elements}: {errors:?}");
-        // Rounding grows with the fourth power of the number of elements.
-        let rounding = 1e-12 * (elements as f64 / 4.0).powi(2);
-        assert!(errors[0] < rounding.max(1e-10) && errors[1] < 1e-8 && errors[2] < 1e-8, "{elements}: {errors:?}");
-        assert!(errors[3] < 1e-11 && errors[4] < 1e-8, "{elements}: {errors:?}");
+        // Rounding of the stiffness grows with the fourth power of the number of elements.
+        let rounding = 1e-15 * (elements as f64).powi(4);
+        assert!(errors[..3].iter().all(|e| *e < rounding.max(1e-11)), "{elements}: {errors:?}");
+        assert!(errors[3..].iter().all(|e| *e < 1e-12), "{elements}: {errors:?}");
     }
 }
 
@@ -136,7 +137,7 @@ fn beams_with_other_ends_have_the_frequencies_of_the_closed_forms() {
         for (k, beta) in beta.into_iter().enumerate() {
             let exact = (beta / 2.0).powi(2) * (5.0_f64 / 3.0).sqrt();
             let error = (modes.frequencies[rigid + k] / exact - 1.0).abs();
-            assert!(error < 2e-6, "{root:?} {tip:?} {k}: {error:e}");
+            assert!(error < 1e-5, "{root:?} {tip:?} {k}: {error:e}");
         }
     }
 }

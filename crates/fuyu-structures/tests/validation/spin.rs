@@ -16,8 +16,11 @@ fn unit_boom(elements: usize, modes: [usize; 2], second_order: bool) -> Appendag
 fn the_panels_first_frequency_under_spin_is_that_of_exact_finite_elements() {
     let expected = fixture("flexible_spin");
     let (first, second) = (panel(false), panel(true));
+    let mut with_six = strip(true);
+    with_six.bending_modes = 6;
+    let six = with_six.appendage("panel").unwrap();
     let p = Vector3::new(1.2, 0.0, 0.0); // hub offset .15 L
-    let mut largest = [0.0_f64; 2];
+    let mut largest = [0.0_f64; 3];
     for rate in ["0.02", "0.05", "0.1", "0.2", "0.5"] {
         for (axis, name) in [Vector3::x(), Vector3::y(), Vector3::z()].into_iter().zip(["x", "y", "z"]) {
             let w = axis * rate.parse::<f64>().unwrap();
@@ -27,19 +30,21 @@ fn the_panels_first_frequency_under_spin_is_that_of_exact_finite_elements() {
             let error = (found / exact - 1.0).abs();
             assert!(error < 1e-5, "{rate} {name}: {found} {exact}");
             largest[0] = largest[0].max(error);
+            let found = six.spin_frequencies(&w, &p).unwrap()[0];
             largest[1] = largest[1].max((found / with - 1.0).abs());
+            largest[2] = largest[2].max((found / exact - 1.0).abs());
             let found = first.spin_frequencies(&w, &p).unwrap()[0];
             assert!((found / without - 1.0).abs() < 1e-9, "first order, {rate} {name}: {found} {without}");
             if name != "x" {
                 // The coefficient printed in flexible.md: -.715 (Omega/omega_1)².
                 let ratio = (w.norm() / 1.228_445).powi(2);
                 let coefficient = (without / exact - 1.0) / ratio;
-                assert!(w.norm() > 0.2 || (coefficient + 0.715).abs() < 0.02, "{rate} {name}: {coefficient}");
+                assert!(w.norm() > 0.1 || (coefficient + 0.715).abs() < 0.01, "{rate} {name}: {coefficient}");
             }
         }
     }
-    println!("against exact {:.1e}, against another second-order program {:.1e}", largest[0], largest[1]);
-    assert!(largest[1] < 1e-6, "{:e}", largest[1]);
+    println!("3 modes {:.1e}, 6 modes {:.1e}, 6 modes of another program {:.1e}", largest[0], largest[2], largest[1]);
+    assert!(largest[1] < 1e-11 && largest[2] < 1e-6, "{largest:?}");
 }
 
 // Wright et al. 1982 have 3.68165 and so on from power series; the file has 80 elements.
@@ -82,8 +87,15 @@ fn the_rotating_cantilever_has_the_tabulated_frequencies() {
     };
     let table = &fixture("flexible_beam")["southwell"];
     // Mode z1 under spin about y bends in the plane of rotation: 1 is subtracted.
-    assert!((southwell(0.0) + 1.0 - table["hub0"].as_f64().unwrap()).abs() < 1e-6, "{}", southwell(0.0));
-    assert!((southwell(0.15) + 1.0 - table["hub015"].as_f64().unwrap()).abs() < 1e-6);
+    // The file's values, 1.1934 and 1.4307, come from differences of frequencies; these are the derivatives at rest.
+    for (hub, key, limit) in [(0.0, "hub0", 2e-4), (0.15, "hub015", 2e-3)] {
+        let found = southwell(hub) + 1.0;
+        assert!((found - table[key].as_f64().unwrap()).abs() < limit, "{hub}: {found}");
+        // The same from finite elements, with the tension as a function of the radius.
+        let shape = beam.modes(End::Clamped, End::Free, 1).unwrap().shapes.column(0).into_owned();
+        let elements = shape.dot(&(beam.centrifugal_stiffness(hub).unwrap() * &shape));
+        assert!((found - elements).abs() < 1e-6, "{hub}: {found} {elements}");
+    }
 }
 
 // Second-order modes converge with the number of modes; the differences to the exact values are those of another program.
@@ -93,14 +105,14 @@ fn more_second_order_modes_are_needed_for_faster_spin() {
     for (modes, key) in [(2, "second_order_2_modes_rel"), (4, "second_order_4_modes_rel"), (6, "second_order_6_modes_rel")] {
         let series = unit_boom(32, [0, modes], true);
         for rate in ["1.0", "3.0", "6.0", "12.0"] {
-            // Flap: spin about y would be lag for a boom that bends along z, so spin about ... the axis of its deflection.
-            let w = Vector3::z() * rate.parse::<f64>().unwrap();
+            // The boom bends in the plane of rotation: lag.
+            let w = Vector3::y() * rate.parse::<f64>().unwrap();
             let found = series.spin_frequencies(&w, &Vector3::zeros()).unwrap()[0];
             let whole = rate.trim_end_matches(".0");
-            let exact = numbers(&expected["rotating_cantilever"][whole]["flap"])[0];
+            let exact = numbers(&expected["rotating_cantilever"][whole]["lag"])[0];
             let error = (found / exact - 1.0).abs();
             let other = expected[key][rate].as_f64().unwrap();
-            assert!((error - other).abs() < 0.02 * other + 2e-7, "{modes} modes, {rate} rad/s: {error:e}, {other:e}");
+            assert!((error - other).abs() < 1e-3 * other + 2e-8, "{modes} modes, {rate} rad/s: {error:e}, {other:e}");
         }
     }
 }

@@ -109,7 +109,7 @@ fn zeros_from_torques_to_attitude_do_not_move_with_the_posture() {
     // The first of the 3 x 3 zeros is that of one panel, the second one higher: translation is free.
     let hz = frequencies_hz(&all[0].0);
     for (found, expected) in hz.iter().zip([0.195513, 0.198138, 0.625, 0.625, 1.225260, 1.230379, 3.430763, 3.435717]) {
-        assert!((found - expected).abs() < 6e-7, "{hz:?}");
+        assert!((found - expected).abs() < 1e-6, "{hz:?}");
     }
 }
 
@@ -126,7 +126,8 @@ fn attitude_feedback_has_the_independent_closed_loop_poles() {
         let (P, D) = (matrix(&expected["P"]), matrix(&expected["D"]));
         let poles = vehicle.attitude_feedback_poles(&P, &D).unwrap();
         assert_eq!(poles.len(), 22);
-        let error = worst_root(&upper(&poles), &roots(&expected[posture]["poles"]));
+        let listed: Vec<_> = poles.iter().copied().filter(|s| s.im >= 0.0).collect();
+        let error = worst_root(&listed, &roots(&expected[posture]["poles"]));
         println!("{posture}: {error:.1e}");
         assert!(error < 1e-8, "{posture}: {error:e}");
         let largest = poles.iter().map(|s| s.re).fold(f64::NEG_INFINITY, f64::max);
