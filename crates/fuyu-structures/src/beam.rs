@@ -76,8 +76,15 @@ pub struct Beam {
 impl Beam {
     /// A beam with the same properties everywhere, divided into elements of the same length.
     pub fn uniform(length: f64, mass_per_length: f64, EI: f64, elements: usize) -> Self {
-        let element = BeamElement { length: length / elements as f64, mass_per_length, EI };
-        Self { elements: vec![element; elements], bodies: Vec::new() }
+        let element = BeamElement {
+            length: length / elements as f64,
+            mass_per_length,
+            EI,
+        };
+        Self {
+            elements: vec![element; elements],
+            bodies: Vec::new(),
+        }
     }
 
     /// Length \[m\].
@@ -94,11 +101,19 @@ impl Beam {
         error::count("number of beam elements", self.elements.len(), 1, 10_000)?;
         for (i, e) in self.elements.iter().enumerate() {
             error::positive(&format!("length of beam element {i} [m]"), e.length)?;
-            error::positive(&format!("mass per length of beam element {i} [kg/m]"), e.mass_per_length)?;
+            error::positive(
+                &format!("mass per length of beam element {i} [kg/m]"),
+                e.mass_per_length,
+            )?;
             error::positive(&format!("EI of beam element {i} [N m²]"), e.EI)?;
         }
         for (i, body) in self.bodies.iter().enumerate() {
-            error::count(&format!("node of body {i}"), body.node, 0, self.elements.len())?;
+            error::count(
+                &format!("node of body {i}"),
+                body.node,
+                0,
+                self.elements.len(),
+            )?;
             error::not_negative(&format!("mass of body {i} [kg]"), body.mass)?;
             error::not_negative(&format!("inertia of body {i} [kg m²]"), body.inertia)?;
         }
@@ -181,7 +196,11 @@ impl Beam {
         let mut modes = self.matrices()?.modes(&fixed, count)?;
         for mut shape in modes.shapes.column_iter_mut() {
             let (tip, slope) = (shape[2 * last], shape[2 * last + 1]);
-            let leading = if tip.abs() > 1e-6 * shape.amax() { tip } else { slope };
+            let leading = if tip.abs() > 1e-6 * shape.amax() {
+                tip
+            } else {
+                slope
+            };
             if leading < 0.0 {
                 shape.neg_mut();
             }
@@ -235,9 +254,24 @@ impl Beam {
 fn hermite(x: f64, h: f64) -> [SVector<f64, 4>; 3] {
     let (x2, x3) = (x * x, x * x * x);
     [
-        SVector::from([1.0 - 3.0 * x2 + 2.0 * x3, h * (x - 2.0 * x2 + x3), 3.0 * x2 - 2.0 * x3, h * (x3 - x2)]),
-        SVector::from([6.0 * (x2 - x) / h, 1.0 - 4.0 * x + 3.0 * x2, 6.0 * (x - x2) / h, 3.0 * x2 - 2.0 * x]),
-        SVector::from([(12.0 * x - 6.0) / (h * h), (6.0 * x - 4.0) / h, (6.0 - 12.0 * x) / (h * h), (6.0 * x - 2.0) / h]),
+        SVector::from([
+            1.0 - 3.0 * x2 + 2.0 * x3,
+            h * (x - 2.0 * x2 + x3),
+            3.0 * x2 - 2.0 * x3,
+            h * (x3 - x2),
+        ]),
+        SVector::from([
+            6.0 * (x2 - x) / h,
+            1.0 - 4.0 * x + 3.0 * x2,
+            6.0 * (x - x2) / h,
+            3.0 * x2 - 2.0 * x,
+        ]),
+        SVector::from([
+            (12.0 * x - 6.0) / (h * h),
+            (6.0 * x - 4.0) / h,
+            (6.0 - 12.0 * x) / (h * h),
+            (6.0 * x - 2.0) / h,
+        ]),
     ]
 }
 
@@ -270,10 +304,15 @@ impl QuadraticRod {
     pub fn matrices(&self) -> Result<Matrices, StructureError> {
         error::count("number of rod elements", self.elements, 1, 10_000)?;
         let h = error::positive("length of the rod [m]", self.length)? / self.elements as f64;
-        let mass = error::positive("mass or inertia per length of the rod", self.mass_per_length)? * h / 30.0;
+        let mass = error::positive(
+            "mass or inertia per length of the rod",
+            self.mass_per_length,
+        )? * h
+            / 30.0;
         let stiffness = error::positive("stiffness of the rod", self.stiffness)? / (3.0 * h);
         let m = SMatrix::<f64, 3, 3>::new(4.0, 2.0, -1.0, 2.0, 16.0, 2.0, -1.0, 2.0, 4.0) * mass;
-        let k = SMatrix::<f64, 3, 3>::new(7.0, -8.0, 1.0, -8.0, 16.0, -8.0, 1.0, -8.0, 7.0) * stiffness;
+        let k =
+            SMatrix::<f64, 3, 3>::new(7.0, -8.0, 1.0, -8.0, 16.0, -8.0, 1.0, -8.0, 7.0) * stiffness;
         let n = 2 * self.elements + 1;
         let (mut M, mut K) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
         for i in 0..self.elements {
@@ -304,7 +343,11 @@ impl QuadraticRod {
         let i = ((s / h).floor().max(0.0) as usize).min(self.elements - 1);
         let x = s / h - i as f64;
         let local = dofs.fixed_rows::<3>(2 * i);
-        let value = SVector::from([(1.0 - x) * (1.0 - 2.0 * x), 4.0 * x * (1.0 - x), x * (2.0 * x - 1.0)]);
+        let value = SVector::from([
+            (1.0 - x) * (1.0 - 2.0 * x),
+            4.0 * x * (1.0 - x),
+            x * (2.0 * x - 1.0),
+        ]);
         let slope = SVector::from([4.0 * x - 3.0, 4.0 - 8.0 * x, 4.0 * x - 1.0]) / h;
         (value.dot(&local), slope.dot(&local))
     }

@@ -44,11 +44,14 @@ impl Cantilever {
     /// The ratio σ of the shape's two parts, and 1 - σ without cancellation.
     fn ratio(z: f64) -> (f64, f64) {
         let divisor = z.sinh() + z.sin();
-        ((z.cosh() + z.cos()) / divisor, (z.sin() - z.cos() - (-z).exp()) / divisor)
+        (
+            (z.cosh() + z.cos()) / divisor,
+            (z.sin() - z.cos() - (-z).exp()) / divisor,
+        )
     }
 
     fn sign(k: usize) -> f64 {
-        if k % 2 == 0 { 1.0 } else { -1.0 }
+        if k.is_multiple_of(2) { 1.0 } else { -1.0 }
     }
 
     /// Angular frequency of mode `k` \[rad/s\].
@@ -111,7 +114,10 @@ impl Shaft {
     pub fn new(length: f64, inertia_per_length: f64, GJ: f64) -> Result<Self, StructureError> {
         Ok(Self {
             length: error::positive("length [m]", length)?,
-            inertia_per_length: error::positive("polar moment of inertia per length [kg m]", inertia_per_length)?,
+            inertia_per_length: error::positive(
+                "polar moment of inertia per length [kg m]",
+                inertia_per_length,
+            )?,
             GJ: error::positive("GJ [N m²]", GJ)?,
         })
     }

@@ -27,11 +27,20 @@ pub struct Eigen {
 pub fn generalized_eigen(K: &DMatrix<f64>, M: &DMatrix<f64>) -> Result<Eigen, StructureError> {
     check_pair(K, M)?;
     let L = mass_factor(M)?;
-    let solved = L.solve_lower_triangular(K).expect("a Cholesky factor is regular");
-    let reduced = L.solve_lower_triangular(&solved.transpose()).expect("a Cholesky factor is regular");
+    let solved = L
+        .solve_lower_triangular(K)
+        .expect("a Cholesky factor is regular");
+    let reduced = L
+        .solve_lower_triangular(&solved.transpose())
+        .expect("a Cholesky factor is regular");
     let eigen = symmetric_eigen(&reduced, "M⁻¹ K")?;
-    let vectors = L.tr_solve_lower_triangular(&eigen.vectors).expect("a Cholesky factor is regular");
-    Ok(Eigen { values: eigen.values, vectors })
+    let vectors = L
+        .tr_solve_lower_triangular(&eigen.vectors)
+        .expect("a Cholesky factor is regular");
+    Ok(Eigen {
+        values: eigen.values,
+        vectors,
+    })
 }
 
 /// The `count` lowest eigenvalues of `K x = λ M x` for symmetric positive semidefinite `K` and symmetric positive definite
@@ -43,7 +52,11 @@ pub fn generalized_eigen(K: &DMatrix<f64>, M: &DMatrix<f64>) -> Result<Eigen, St
 ///
 /// # Errors
 /// As [`generalized_eigen`]; `K` with a negative eigenvalue; `count` larger than the matrices.
-pub fn lowest_modes(K: &DMatrix<f64>, M: &DMatrix<f64>, count: usize) -> Result<Eigen, StructureError> {
+pub fn lowest_modes(
+    K: &DMatrix<f64>,
+    M: &DMatrix<f64>,
+    count: usize,
+) -> Result<Eigen, StructureError> {
     check_pair(K, M)?;
     crate::error::count("number of modes", count, 0, K.nrows())?;
     if K.is_empty() {
@@ -61,23 +74,34 @@ pub fn lowest_modes(K: &DMatrix<f64>, M: &DMatrix<f64>, count: usize) -> Result<
         remedy: "a stiffness cannot be negative",
     })?;
     let L = factor.l();
-    let solved = L.solve_lower_triangular(M).expect("a Cholesky factor is regular");
-    let reduced = L.solve_lower_triangular(&solved.transpose()).expect("a Cholesky factor is regular");
+    let solved = L
+        .solve_lower_triangular(M)
+        .expect("a Cholesky factor is regular");
+    let reduced = L
+        .solve_lower_triangular(&solved.transpose())
+        .expect("a Cholesky factor is regular");
     let inverse = symmetric_eigen(&reduced, "K⁻¹ M")?;
-    let vectors = L.tr_solve_lower_triangular(&inverse.vectors).expect("a Cholesky factor is regular");
+    let vectors = L
+        .tr_solve_lower_triangular(&inverse.vectors)
+        .expect("a Cholesky factor is regular");
     let n = K.nrows();
     let mut values = DVector::zeros(count);
     let mut lowest = DMatrix::zeros(n, count);
     for k in 0..count {
         let nu = inverse.values[n - 1 - k]; // 1/(λ + σ), which is also xᵀ M x
         if nu <= 0.0 {
-            return Err(StructureError::NoConvergence { matrix: "K⁻¹ M".to_owned() });
+            return Err(StructureError::NoConvergence {
+                matrix: "K⁻¹ M".to_owned(),
+            });
         }
         let value = 1.0 / nu - shift;
         values[k] = if value < 1e-9 * shift { 0.0 } else { value };
         lowest.set_column(k, &(vectors.column(n - 1 - k) / nu.sqrt()));
     }
-    Ok(Eigen { values, vectors: lowest })
+    Ok(Eigen {
+        values,
+        vectors: lowest,
+    })
 }
 
 /// The smallest eigenvalue that is not one of a rigid-body mode.
@@ -112,7 +136,9 @@ pub(crate) fn symmetric_eigen(matrix: &DMatrix<f64>, name: &str) -> Result<Eigen
     let n = matrix.nrows();
     let symmetric = (matrix + matrix.transpose()) / 2.0;
     let eigen = SymmetricEigen::try_new(symmetric, f64::EPSILON, ITERATIONS_PER_ROW * (n + 10))
-        .ok_or_else(|| StructureError::NoConvergence { matrix: name.to_owned() })?;
+        .ok_or_else(|| StructureError::NoConvergence {
+            matrix: name.to_owned(),
+        })?;
     let mut order: Vec<usize> = (0..n).collect();
     order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
     Ok(Eigen {
@@ -139,7 +165,12 @@ pub(crate) fn check_symmetric(name: &str, matrix: &DMatrix<f64>) -> Result<(), S
         for column in 0..row {
             let difference = (matrix[(row, column)] - matrix[(column, row)]).abs();
             if difference > 1e-9 * largest {
-                return Err(StructureError::Asymmetric { matrix: name.to_owned(), row, column, difference });
+                return Err(StructureError::Asymmetric {
+                    matrix: name.to_owned(),
+                    row,
+                    column,
+                    difference,
+                });
             }
         }
     }

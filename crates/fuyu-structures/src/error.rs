@@ -28,7 +28,9 @@ pub enum StructureError {
         expected: String,
     },
     /// A matrix that has to be symmetric is not.
-    #[error("{matrix} is not symmetric: entries ({row}, {column}) and ({column}, {row}) differ by {difference:e}")]
+    #[error(
+        "{matrix} is not symmetric: entries ({row}, {column}) and ({column}, {row}) differ by {difference:e}"
+    )]
     Asymmetric {
         /// The matrix.
         matrix: String,
@@ -86,12 +88,28 @@ pub(crate) fn not_negative(field: &str, value: f64) -> Result<f64, StructureErro
 }
 
 /// Rejects an index or count outside of a range.
-pub(crate) fn count(field: &str, value: usize, least: usize, most: usize) -> Result<(), StructureError> {
+pub(crate) fn count(
+    field: &str,
+    value: usize,
+    least: usize,
+    most: usize,
+) -> Result<(), StructureError> {
     let requirement = format!("from {least} to {most}");
-    in_range(field, value as f64, (least..=most).contains(&value), &requirement).map(drop)
+    in_range(
+        field,
+        value as f64,
+        (least..=most).contains(&value),
+        &requirement,
+    )
+    .map(drop)
 }
 
-fn in_range(field: &str, value: f64, right: bool, requirement: &str) -> Result<f64, StructureError> {
+fn in_range(
+    field: &str,
+    value: f64,
+    right: bool,
+    requirement: &str,
+) -> Result<f64, StructureError> {
     if right {
         return Ok(value);
     }
@@ -103,7 +121,11 @@ fn in_range(field: &str, value: f64, right: bool, requirement: &str) -> Result<f
 }
 
 /// Rejects a size other than the expected one.
-pub(crate) fn size(field: &str, found: (usize, usize), expected: (usize, usize)) -> Result<(), StructureError> {
+pub(crate) fn size(
+    field: &str,
+    found: (usize, usize),
+    expected: (usize, usize),
+) -> Result<(), StructureError> {
     if found == expected {
         return Ok(());
     }

@@ -4,7 +4,8 @@
 use nalgebra::{Complex, DMatrix, DVector};
 
 use crate::{
-    StructureError, eigen::check_symmetric, error, lowest_modes, matrices::symmetric, quadratic_roots, uniform::dependent,
+    StructureError, eigen::check_symmetric, error, lowest_modes, matrices::symmetric,
+    quadratic_roots, uniform::dependent,
 };
 
 /// The constrained-mode (hybrid-coordinate) model, eq. (2.5), of n_0 rigid coordinates p and n modal ones μ:
@@ -29,12 +30,23 @@ impl HybridModel {
     ///
     /// # Errors
     /// As [`HybridModel::with_matrices`].
-    pub fn new(J: DMatrix<f64>, P: DMatrix<f64>, frequencies: &[f64], damping_ratios: &[f64]) -> Result<Self, StructureError> {
+    pub fn new(
+        J: DMatrix<f64>,
+        P: DMatrix<f64>,
+        frequencies: &[f64],
+        damping_ratios: &[f64],
+    ) -> Result<Self, StructureError> {
         let n = frequencies.len();
         error::size("damping ratios", (damping_ratios.len(), 1), (n, 1))?;
         let K = DVector::from_fn(n, |k, _| frequencies[k].powi(2));
         let C = DVector::from_fn(n, |k, _| 2.0 * damping_ratios[k] * frequencies[k]);
-        Self::with_matrices(J, P, DMatrix::identity(n, n), DMatrix::from_diagonal(&C), DMatrix::from_diagonal(&K))
+        Self::with_matrices(
+            J,
+            P,
+            DMatrix::identity(n, n),
+            DMatrix::from_diagonal(&C),
+            DMatrix::from_diagonal(&K),
+        )
     }
 
     /// General modal matrices, n x n each: mass, damping, stiffness.
@@ -51,7 +63,12 @@ impl HybridModel {
     ) -> Result<Self, StructureError> {
         let (n, rigid) = (K.nrows(), J.nrows());
         error::size("coupling P", P.shape(), (n, rigid))?;
-        for (name, matrix) in [("rigid mass matrix J", &J), ("modal mass", &M), ("modal damping", &C), ("modal stiffness", &K)] {
+        for (name, matrix) in [
+            ("rigid mass matrix J", &J),
+            ("modal mass", &M),
+            ("modal damping", &C),
+            ("modal stiffness", &K),
+        ] {
             check_symmetric(name, matrix)?;
         }
         error::size("modal mass", M.shape(), (n, n))?;
@@ -59,16 +76,28 @@ impl HybridModel {
         let model = Self { J, P, M, C, K };
         let definite = |m: DMatrix<f64>| m.is_empty() || m.cholesky().is_some();
         for (right, matrix, remedy) in [
-            (definite(model.J.clone()), "rigid mass matrix J", "it includes the undeformed flexible parts"),
+            (
+                definite(model.J.clone()),
+                "rigid mass matrix J",
+                "it includes the undeformed flexible parts",
+            ),
             (
                 model.J.is_empty() || definite(model.N_c()?),
                 "N = M - P J⁻¹ Pᵀ",
                 "more mass moves with the modes than J has: J must include the undeformed flexible parts",
             ),
-            (definite(model.K.clone()), "modal stiffness", "frequencies must be positive"),
+            (
+                definite(model.K.clone()),
+                "modal stiffness",
+                "frequencies must be positive",
+            ),
         ] {
             if !right {
-                return Err(StructureError::Matrix { matrix: matrix.to_owned(), property: "positive definite", remedy });
+                return Err(StructureError::Matrix {
+                    matrix: matrix.to_owned(),
+                    property: "positive definite",
+                    remedy,
+                });
             }
         }
         Ok(model)
@@ -101,11 +130,15 @@ impl HybridModel {
 
     /// `J⁻¹ X`.
     fn solve_J(&self, X: &DMatrix<f64>) -> Result<DMatrix<f64>, StructureError> {
-        let factor = self.J.clone().cholesky().ok_or_else(|| StructureError::Matrix {
-            matrix: "rigid mass matrix J".to_owned(),
-            property: "positive definite",
-            remedy: "every rigid coordinate needs mass or inertia",
-        })?;
+        let factor = self
+            .J
+            .clone()
+            .cholesky()
+            .ok_or_else(|| StructureError::Matrix {
+                matrix: "rigid mass matrix J".to_owned(),
+                property: "positive definite",
+                remedy: "every rigid coordinate needs mass or inertia",
+            })?;
         Ok(factor.solve(X))
     }
 
@@ -117,7 +150,9 @@ impl HybridModel {
         if self.J.is_empty() {
             return Ok(self.M.clone());
         }
-        Ok(symmetric(&self.M - &self.P * self.solve_J(&self.P.transpose())?))
+        Ok(symmetric(
+            &self.M - &self.P * self.solve_J(&self.P.transpose())?,
+        ))
     }
 
     /// Poles by theorem 2.3(a), 2 n of them; 2 n_0 more are zero.
@@ -152,7 +187,11 @@ impl HybridModel {
     ///
     /// # Errors
     /// Sizes that differ, or singular `H_r`.
-    pub fn zeros_measured_elsewhere(&self, H_r: &DMatrix<f64>, H_e: &DMatrix<f64>) -> Result<Vec<Complex<f64>>, StructureError> {
+    pub fn zeros_measured_elsewhere(
+        &self,
+        H_r: &DMatrix<f64>,
+        H_e: &DMatrix<f64>,
+    ) -> Result<Vec<Complex<f64>>, StructureError> {
         let N = &self.M - &self.P * rigid_solve(H_r, H_e, self.rigid(), self.modes())?;
         quadratic_roots(&N, &self.C, &self.K)
     }
@@ -163,8 +202,17 @@ impl HybridModel {
     ///
     /// # Errors
     /// Sizes that differ, or singular `L_r`.
-    pub fn zeros_driven_elsewhere(&self, L_r: &DMatrix<f64>, L_e: &DMatrix<f64>) -> Result<Vec<Complex<f64>>, StructureError> {
-        let right = rigid_solve(&L_r.transpose(), &L_e.transpose(), self.rigid(), self.modes())?;
+    pub fn zeros_driven_elsewhere(
+        &self,
+        L_r: &DMatrix<f64>,
+        L_e: &DMatrix<f64>,
+    ) -> Result<Vec<Complex<f64>>, StructureError> {
+        let right = rigid_solve(
+            &L_r.transpose(),
+            &L_e.transpose(),
+            self.rigid(),
+            self.modes(),
+        )?;
         let N = &self.M - right.transpose() * self.P.transpose();
         quadratic_roots(&N, &self.C, &self.K)
     }
@@ -176,9 +224,16 @@ impl HybridModel {
     /// A coordinate that does not exist.
     pub fn held(&self, coordinates: &[usize]) -> Result<Self, StructureError> {
         for i in coordinates {
-            error::count("rigid coordinate that is held", *i, 0, self.rigid().saturating_sub(1))?;
+            error::count(
+                "rigid coordinate that is held",
+                *i,
+                0,
+                self.rigid().saturating_sub(1),
+            )?;
         }
-        let free: Vec<usize> = (0..self.rigid()).filter(|i| !coordinates.contains(i)).collect();
+        let free: Vec<usize> = (0..self.rigid())
+            .filter(|i| !coordinates.contains(i))
+            .collect();
         Ok(Self {
             J: self.J.select_rows(&free).select_columns(&free),
             P: self.P.select_columns(&free),
@@ -192,19 +247,31 @@ impl HybridModel {
     /// A coordinate that does not exist.
     pub fn without(&self, coordinates: &[usize]) -> Result<Self, StructureError> {
         for i in coordinates {
-            error::count("rigid coordinate that is eliminated", *i, 0, self.rigid().saturating_sub(1))?;
+            error::count(
+                "rigid coordinate that is eliminated",
+                *i,
+                0,
+                self.rigid().saturating_sub(1),
+            )?;
         }
         if coordinates.is_empty() {
             return Ok(self.clone());
         }
-        let kept: Vec<usize> = (0..self.rigid()).filter(|i| !coordinates.contains(i)).collect();
-        let inner = Self { J: self.J.select_rows(coordinates).select_columns(coordinates), ..self.clone() };
+        let kept: Vec<usize> = (0..self.rigid())
+            .filter(|i| !coordinates.contains(i))
+            .collect();
+        let inner = Self {
+            J: self.J.select_rows(coordinates).select_columns(coordinates),
+            ..self.clone()
+        };
         let J_ck = self.J.select_rows(coordinates).select_columns(&kept);
         let P_c = self.P.select_columns(coordinates);
         let solved_J = inner.solve_J(&J_ck)?;
         let solved_P = inner.solve_J(&P_c.transpose())?;
         Ok(Self {
-            J: symmetric(self.J.select_rows(&kept).select_columns(&kept) - J_ck.transpose() * &solved_J),
+            J: symmetric(
+                self.J.select_rows(&kept).select_columns(&kept) - J_ck.transpose() * &solved_J,
+            ),
             P: self.P.select_columns(&kept) - &P_c * &solved_J,
             M: symmetric(&self.M - &P_c * solved_P),
             C: self.C.clone(),
@@ -217,7 +284,11 @@ impl HybridModel {
     ///
     /// # Errors
     /// Sizes that differ; a stiffness that leaves a rigid coordinate without force.
-    pub fn feedback_poles(&self, stiffness: &DMatrix<f64>, damping: &DMatrix<f64>) -> Result<Vec<Complex<f64>>, StructureError> {
+    pub fn feedback_poles(
+        &self,
+        stiffness: &DMatrix<f64>,
+        damping: &DMatrix<f64>,
+    ) -> Result<Vec<Complex<f64>>, StructureError> {
         let r = self.rigid();
         error::size("stiffness of the feedback", stiffness.shape(), (r, r))?;
         error::size("damping of the feedback", damping.shape(), (r, r))?;
@@ -234,8 +305,16 @@ impl HybridModel {
     pub fn unconstrained(&self) -> Result<UnconstrainedModel, StructureError> {
         let (r, n) = (self.rigid(), self.modes());
         let elastic = lowest_modes(&self.K, &self.N_c()?, n)?;
-        let factor = self.J.clone().cholesky().ok_or_else(|| dependent("rigid mass matrix J"))?;
-        let Phi_1 = factor.l().transpose().try_inverse().ok_or_else(|| dependent("rigid mass matrix J"))?;
+        let factor = self
+            .J
+            .clone()
+            .cholesky()
+            .ok_or_else(|| dependent("rigid mass matrix J"))?;
+        let Phi_1 = factor
+            .l()
+            .transpose()
+            .try_inverse()
+            .ok_or_else(|| dependent("rigid mass matrix J"))?;
         let Phi_2 = -factor.solve(&(self.P.transpose() * &elastic.vectors));
         let damping = symmetric(elastic.vectors.transpose() * &self.C * &elastic.vectors);
         debug_assert_eq!((Phi_1.nrows(), Phi_2.shape()), (r, (r, n)));
@@ -250,11 +329,26 @@ impl HybridModel {
 }
 
 /// `H_r⁻¹ H_e` with checks.
-fn rigid_solve(H_r: &DMatrix<f64>, H_e: &DMatrix<f64>, r: usize, n: usize) -> Result<DMatrix<f64>, StructureError> {
-    error::size("rigid part of the output or input matrix", H_r.shape(), (r, r))?;
-    error::size("flexible part of the output or input matrix", H_e.shape(), (r, n))?;
+fn rigid_solve(
+    H_r: &DMatrix<f64>,
+    H_e: &DMatrix<f64>,
+    r: usize,
+    n: usize,
+) -> Result<DMatrix<f64>, StructureError> {
+    error::size(
+        "rigid part of the output or input matrix",
+        H_r.shape(),
+        (r, r),
+    )?;
+    error::size(
+        "flexible part of the output or input matrix",
+        H_e.shape(),
+        (r, n),
+    )?;
     let solution = H_r.clone().lu().solve(H_e);
-    solution.filter(|s| s.iter().all(|v| v.is_finite())).ok_or_else(|| dependent("rigid part of the output or input matrix"))
+    solution
+        .filter(|s| s.iter().all(|v| v.is_finite()))
+        .ok_or_else(|| dependent("rigid part of the output or input matrix"))
 }
 
 /// The unconstrained-mode model, eq. (2.7): n_0 rigid modes and n elastic ones.
@@ -323,7 +417,11 @@ impl UnconstrainedModel {
     ///
     /// # Errors
     /// Sizes that differ, or singular `H_r`.
-    pub fn zeros_measured_elsewhere(&self, H_r: &DMatrix<f64>, H_e: &DMatrix<f64>) -> Result<Vec<Complex<f64>>, StructureError> {
+    pub fn zeros_measured_elsewhere(
+        &self,
+        H_r: &DMatrix<f64>,
+        H_e: &DMatrix<f64>,
+    ) -> Result<Vec<Complex<f64>>, StructureError> {
         let (r, n) = self.Phi_2.shape();
         let measured = &self.Phi_2 + rigid_solve(H_r, H_e, r, self.Phi_3.nrows())? * &self.Phi_3;
         let N = self.Phi_2.transpose() * self.J()? * measured;
@@ -334,9 +432,14 @@ impl UnconstrainedModel {
     ///
     /// # Errors
     /// Sizes that differ, or singular `L_r`.
-    pub fn zeros_driven_elsewhere(&self, L_r: &DMatrix<f64>, L_e: &DMatrix<f64>) -> Result<Vec<Complex<f64>>, StructureError> {
+    pub fn zeros_driven_elsewhere(
+        &self,
+        L_r: &DMatrix<f64>,
+        L_e: &DMatrix<f64>,
+    ) -> Result<Vec<Complex<f64>>, StructureError> {
         let (r, n) = self.Phi_2.shape();
-        let right = rigid_solve(&L_r.transpose(), &L_e.transpose(), r, self.Phi_3.nrows())?.transpose();
+        let right =
+            rigid_solve(&L_r.transpose(), &L_e.transpose(), r, self.Phi_3.nrows())?.transpose();
         let driven = self.Phi_2.transpose() + self.Phi_3.transpose() * right;
         let N = driven * self.J()? * &self.Phi_2;
         self.zeros_with(DMatrix::identity(n, n) + N)

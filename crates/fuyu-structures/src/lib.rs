@@ -126,8 +126,8 @@ mod vehicle;
 
 pub use self::{
     appendage::{
-        Appendage, FIRST_ORDER_DEFLECTION, FIRST_ORDER_RATE, Invariants, Kinetics, MassPoint, OutputPoint, cross_moment,
-        pair_index,
+        Appendage, FIRST_ORDER_DEFLECTION, FIRST_ORDER_RATE, FirstOrderLimits, Invariants,
+        Kinetics, MassPoint, OutputPoint, cross_moment, pair_index,
     },
     beam::{Beam, BeamElement, Deflection, End, NodeBody, QuadraticRod},
     cantilever::{Cantilever, Shaft},

@@ -54,7 +54,11 @@ impl Running {
     /// y and ψ about z with `ψ' = -θ w''`, because a strip does not bend in its plane. Then `u_x = -½∫w'² - y∫w'θ'`,
     /// `u_y = -∫∫θw'' - ½ y θ²` to second order; chi_kl is the second derivative by μ_k and μ_l.
     fn chi(&self, y: f64, k: &Sample, l: &Sample) -> Vector3<f64> {
-        Vector3::new(-self.slopes - y * self.chord, -self.lateral[1] - y * k.theta.0 * l.theta.0, 0.0)
+        Vector3::new(
+            -self.slopes - y * self.chord,
+            -self.lateral[1] - y * k.theta.0 * l.theta.0,
+            0.0,
+        )
     }
 }
 
@@ -67,7 +71,11 @@ impl Line<'_> {
         let mut running = vec![Running::default(); if second_order { n * (n + 1) / 2 } else { 0 }];
         let mut points = Vec::new();
         // The mass of a chord acts as two points: all integrands are quadratic in y at most.
-        let chord: &[f64] = if self.width > 0.0 { &[-1.0, 1.0] } else { &[0.0] };
+        let chord: &[f64] = if self.width > 0.0 {
+            &[-1.0, 1.0]
+        } else {
+            &[0.0]
+        };
         let half = self.width / 12.0_f64.sqrt();
         for piece in self.breaks.windows(2) {
             let (start, h) = (piece[0], piece[1] - piece[0]);
@@ -77,7 +85,13 @@ impl Line<'_> {
             for (i, x) in stations.into_iter().enumerate() {
                 let mass = (self.mass_per_length)(x) * h * gauss.weights[i] / chord.len() as f64;
                 for side in chord {
-                    points.push(mass_point(mass, x, side * half, &samples[i], &inside.at_points[i]));
+                    points.push(mass_point(
+                        mass,
+                        x,
+                        side * half,
+                        &samples[i],
+                        &inside.at_points[i],
+                    ));
                 }
             }
             running = inside.at_end;
@@ -86,7 +100,10 @@ impl Line<'_> {
     }
 
     /// Mass integrals and output points.
-    pub(crate) fn invariants(&self, second_order: bool) -> Result<(Invariants, Vec<OutputPoint>), StructureError> {
+    pub(crate) fn invariants(
+        &self,
+        second_order: bool,
+    ) -> Result<(Invariants, Vec<OutputPoint>), StructureError> {
         let (points, outputs) = self.points(second_order);
         Ok((Invariants::from_points(&points)?, outputs))
     }
@@ -100,7 +117,10 @@ impl Line<'_> {
         let samples = self.sample(tip);
         let mut places = vec![("tip", 0.0)];
         if self.width > 0.0 {
-            places.extend([("tip_left", self.width / 2.0), ("tip_right", -self.width / 2.0)]);
+            places.extend([
+                ("tip_left", self.width / 2.0),
+                ("tip_right", -self.width / 2.0),
+            ]);
         }
         let output = |(name, y): (&str, f64)| {
             let point = mass_point(0.0, tip, y, &samples, running);
@@ -108,7 +128,10 @@ impl Line<'_> {
                 name: name.to_owned(),
                 position: point.position,
                 translation: point.psi,
-                rotation: samples.iter().map(|s| Vector3::new(s.theta.0, -s.w.slope, s.v.slope)).collect(),
+                rotation: samples
+                    .iter()
+                    .map(|s| Vector3::new(s.theta.0, -s.w.slope, s.v.slope))
+                    .collect(),
                 chi: point.chi,
             }
         };
@@ -121,8 +144,13 @@ fn mass_point(mass: f64, x: f64, y: f64, samples: &[Sample], running: &[Running]
     MassPoint {
         mass,
         position: Vector3::new(x, y, 0.0),
-        psi: samples.iter().map(|s| Vector3::new(0.0, s.v.value, s.w.value + y * s.theta.0)).collect(),
-        chi: chi.map(|(r, (k, l))| r.chi(y, &samples[k], &samples[l])).collect(),
+        psi: samples
+            .iter()
+            .map(|s| Vector3::new(0.0, s.v.value, s.w.value + y * s.theta.0))
+            .collect(),
+        chi: chi
+            .map(|(r, (k, l))| r.chi(y, &samples[k], &samples[l]))
+            .collect(),
     }
 }
 
@@ -135,28 +163,44 @@ struct Inside {
 }
 
 fn within(before: &[Running], samples: &[Vec<Sample>], gauss: &Gauss, h: f64) -> Inside {
-    let mut inside = Inside { at_points: vec![before.to_vec(); POINTS], at_end: before.to_vec() };
+    let mut inside = Inside {
+        at_points: vec![before.to_vec(); POINTS],
+        at_end: before.to_vec(),
+    };
     let n = samples[0].len();
     for (place, (k, l)) in pairs(n).enumerate() {
         if before.is_empty() {
             break;
         }
-        let rates: Vec<[f64; 3]> = samples.iter().map(|s| Running::rates(&s[k], &s[l])).collect();
+        let rates: Vec<[f64; 3]> = samples
+            .iter()
+            .map(|s| Running::rates(&s[k], &s[l]))
+            .collect();
         let integral = |weights: &[f64; POINTS], component: usize| {
-            h * weights.iter().zip(&rates).map(|(w, r)| w * r[component]).sum::<f64>()
+            h * weights
+                .iter()
+                .zip(&rates)
+                .map(|(w, r)| w * r[component])
+                .sum::<f64>()
         };
         let mut lateral = [0.0; POINTS];
-        for i in 0..POINTS {
-            let running = &mut inside.at_points[i][place];
-            let weights = &gauss.to_point[i];
+        for ((point, weights), lateral) in inside
+            .at_points
+            .iter_mut()
+            .zip(&gauss.to_point)
+            .zip(&mut lateral)
+        {
+            let running = &mut point[place];
             running.slopes += integral(weights, 0);
             running.chord += integral(weights, 1);
             running.lateral[0] += integral(weights, 2);
-            lateral[i] = running.lateral[0];
+            *lateral = running.lateral[0];
         }
-        let sum = |weights: &[f64; POINTS]| h * weights.iter().zip(lateral).map(|(w, v)| w * v).sum::<f64>();
-        for i in 0..POINTS {
-            inside.at_points[i][place].lateral[1] += sum(&gauss.to_point[i]);
+        let sum = |weights: &[f64; POINTS]| {
+            h * weights.iter().zip(lateral).map(|(w, v)| w * v).sum::<f64>()
+        };
+        for (point, weights) in inside.at_points.iter_mut().zip(&gauss.to_point) {
+            point[place].lateral[1] += sum(weights);
         }
         let end = &mut inside.at_end[place];
         end.slopes += integral(&gauss.weights, 0);

@@ -2,7 +2,9 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3};
 
-use crate::{Appendage, Beam, StructureError, error, matrices::symmetric, strip::bending_invariants};
+use crate::{
+    Appendage, Beam, StructureError, error, matrices::symmetric, strip::bending_invariants,
+};
 
 /// A uniform elastic link along x of its attachment frame, which bends along y and along z.
 ///
@@ -41,7 +43,9 @@ impl ElasticLink {
         error::not_negative("radius_of_gyration [m]", self.radius_of_gyration)?;
         error::not_negative("damping_time [s]", self.damping_time)?;
         error::count("elements", self.elements, 1, 400)?;
-        let beams = self.EI.map(|EI| Beam::uniform(self.length, self.mass_per_length, EI, self.elements));
+        let beams = self
+            .EI
+            .map(|EI| Beam::uniform(self.length, self.mass_per_length, EI, self.elements));
         let tip = [2 * self.elements, 2 * self.elements + 1];
         let mut shapes = [Vec::new(), Vec::new()];
         let in_plane = 2 + self.fixed_interface_modes;
@@ -52,14 +56,21 @@ impl ElasticLink {
             let basis = matrices.craig_bampton(&tip, &[0, 1], self.fixed_interface_modes)?;
             let at = plane * in_plane;
             let reduced = |m: &DMatrix<f64>| symmetric(basis.transpose() * m * &basis);
-            mass.view_mut((at, at), (in_plane, in_plane)).copy_from(&reduced(&matrices.M));
-            stiffness.view_mut((at, at), (in_plane, in_plane)).copy_from(&reduced(&matrices.K));
-            shapes[plane] = basis.column_iter().map(|c| c.into_owned()).collect::<Vec<DVector<f64>>>();
+            mass.view_mut((at, at), (in_plane, in_plane))
+                .copy_from(&reduced(&matrices.M));
+            stiffness
+                .view_mut((at, at), (in_plane, in_plane))
+                .copy_from(&reduced(&matrices.K));
+            shapes[plane] = basis
+                .column_iter()
+                .map(|c| c.into_owned())
+                .collect::<Vec<DVector<f64>>>();
         }
         let [y, z] = &beams;
         let (mut invariants, outputs) = bending_invariants([y, z], shapes, self.second_order)?;
         let section = self.mass_per_length * self.length * self.radius_of_gyration.powi(2) / 2.0;
-        let second = invariants.second(0, 0) + Matrix3::from_diagonal(&[0.0, section, section].into());
+        let second =
+            invariants.second(0, 0) + Matrix3::from_diagonal(&[0.0, section, section].into());
         invariants.set_second(0, 0, second);
         let of_plane = |axis: &str| {
             let modes = (1..=self.fixed_interface_modes).map(|k| format!("{axis}_clamped{k}"));

@@ -48,7 +48,12 @@ impl Matrices {
     /// The degrees of freedom that are not in `fixed`.
     fn free(&self, fixed: &[usize]) -> Result<Vec<usize>, StructureError> {
         for dof in fixed {
-            error::count("fixed degree of freedom", *dof, 0, self.len().saturating_sub(1))?;
+            error::count(
+                "fixed degree of freedom",
+                *dof,
+                0,
+                self.len().saturating_sub(1),
+            )?;
         }
         Ok((0..self.len()).filter(|i| !fixed.contains(i)).collect())
     }
@@ -60,7 +65,10 @@ impl Matrices {
     pub fn held(&self, fixed: &[usize]) -> Result<Self, StructureError> {
         let free = self.free(fixed)?;
         let part = |m: &DMatrix<f64>| m.select_rows(&free).select_columns(&free);
-        Ok(Self { M: part(&self.M), K: part(&self.K) })
+        Ok(Self {
+            M: part(&self.M),
+            K: part(&self.K),
+        })
     }
 
     /// The `count` lowest modes with some degrees of freedom held at zero: constrained modes if the attachment is held,
@@ -79,12 +87,18 @@ impl Matrices {
         }
         for mut shape in shapes.column_iter_mut() {
             let largest = shape.amax();
-            let leading = shape.iter().find(|v| v.abs() >= (1.0 - 1e-6) * largest).copied();
+            let leading = shape
+                .iter()
+                .find(|v| v.abs() >= (1.0 - 1e-6) * largest)
+                .copied();
             if leading.is_some_and(|v| v < 0.0) {
                 shape.neg_mut();
             }
         }
-        Ok(Modes { frequencies: eigen.values.map(f64::sqrt), shapes })
+        Ok(Modes {
+            frequencies: eigen.values.map(f64::sqrt),
+            shapes,
+        })
     }
 
     /// Static condensation (Guyan 1965): the degrees of freedom that are not kept follow those kept as if they had no
@@ -96,7 +110,13 @@ impl Matrices {
         let T = self.static_shapes(kept, &[])?;
         let M = T.transpose() * &self.M * &T;
         let K = T.transpose() * &self.K * &T;
-        Ok((Self { M: symmetric(M), K: symmetric(K) }, T))
+        Ok((
+            Self {
+                M: symmetric(M),
+                K: symmetric(K),
+            },
+            T,
+        ))
     }
 
     /// Craig-Bampton basis: a static shape for each of the `boundary` degrees of freedom (unit displacement of one, the other
@@ -105,17 +125,28 @@ impl Matrices {
     ///
     /// # Errors
     /// A degree of freedom that does not exist, too many modes, singular stiffness of the interior.
-    pub fn craig_bampton(&self, boundary: &[usize], fixed: &[usize], count: usize) -> Result<DMatrix<f64>, StructureError> {
+    pub fn craig_bampton(
+        &self,
+        boundary: &[usize],
+        fixed: &[usize],
+        count: usize,
+    ) -> Result<DMatrix<f64>, StructureError> {
         let statics = self.static_shapes(boundary, fixed)?;
         let held: Vec<usize> = fixed.iter().chain(boundary).copied().collect();
         let modes = self.modes(&held, count)?;
         let mut basis = DMatrix::zeros(self.len(), boundary.len() + count);
         basis.columns_mut(0, boundary.len()).copy_from(&statics);
-        basis.columns_mut(boundary.len(), count).copy_from(&modes.shapes);
+        basis
+            .columns_mut(boundary.len(), count)
+            .copy_from(&modes.shapes);
         Ok(basis)
     }
 
-    fn static_shapes(&self, boundary: &[usize], fixed: &[usize]) -> Result<DMatrix<f64>, StructureError> {
+    fn static_shapes(
+        &self,
+        boundary: &[usize],
+        fixed: &[usize],
+    ) -> Result<DMatrix<f64>, StructureError> {
         let held: Vec<usize> = fixed.iter().chain(boundary).copied().collect();
         let interior = self.free(&held)?;
         let mut shapes = DMatrix::zeros(self.len(), boundary.len());
@@ -126,11 +157,15 @@ impl Matrices {
             return Ok(shapes);
         }
         let inner = self.K.select_rows(&interior);
-        let factor = inner.select_columns(&interior).cholesky().ok_or_else(|| StructureError::Matrix {
-            matrix: "stiffness of the inner degrees of freedom".to_owned(),
-            property: "positive definite",
-            remedy: "keep more degrees of freedom, so that the others cannot move freely",
-        })?;
+        let factor =
+            inner
+                .select_columns(&interior)
+                .cholesky()
+                .ok_or_else(|| StructureError::Matrix {
+                    matrix: "stiffness of the inner degrees of freedom".to_owned(),
+                    property: "positive definite",
+                    remedy: "keep more degrees of freedom, so that the others cannot move freely",
+                })?;
         let solution = factor.solve(&-inner.select_columns(boundary));
         for (row, dof) in interior.iter().enumerate() {
             shapes.row_mut(*dof).copy_from(&solution.row(row));

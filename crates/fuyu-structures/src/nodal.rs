@@ -31,7 +31,11 @@ pub struct NodalModel {
 
 impl NodalModel {
     fn check(&self) -> Result<(), StructureError> {
-        error::size("degrees of freedom", (self.dofs.len(), 1), (self.matrices.len(), 1))?;
+        error::size(
+            "degrees of freedom",
+            (self.dofs.len(), 1),
+            (self.matrices.len(), 1),
+        )?;
         let last = self.positions.len().saturating_sub(1);
         for (i, (node, _)) in self.dofs.iter().enumerate() {
             error::count(&format!("node of degree of freedom {i}"), *node, 0, last)?;
@@ -41,7 +45,9 @@ impl NodalModel {
         for (i, j) in (0..M.nrows()).flat_map(|i| (0..i).map(move |j| (i, j))) {
             if self.dofs[i].1 != self.dofs[j].1 && M[(i, j)].abs() > 1e-9 * largest {
                 return Err(StructureError::Value {
-                    field: format!("mass matrix M, entry ({i}, {j}), which couples two directions,"),
+                    field: format!(
+                        "mass matrix M, entry ({i}, {j}), which couples two directions,"
+                    ),
                     value: M[(i, j)],
                     requirement: "zero; use the axes of the elements, or lumped masses".to_owned(),
                 });
@@ -52,20 +58,30 @@ impl NodalModel {
 
     /// The field that is `value` of the node's position in one direction and zero in the others.
     fn field(&self, axis: Axis, value: impl Fn(&Vector3<f64>) -> f64) -> DVector<f64> {
-        let entry = |(node, a): &(usize, Axis)| if *a == axis { value(&self.positions[*node]) } else { 0.0 };
+        let entry = |(node, a): &(usize, Axis)| {
+            if *a == axis {
+                value(&self.positions[*node])
+            } else {
+                0.0
+            }
+        };
         DVector::from_iterator(self.dofs.len(), self.dofs.iter().map(entry))
     }
 
     /// A direction in which all nodes move.
     fn complete_axis(&self) -> Result<Axis, StructureError> {
-        let complete = |axis: &Axis| {
-            (0..self.positions.len()).all(|node| self.dofs.contains(&(node, *axis)))
-        };
-        [Axis::X, Axis::Y, Axis::Z].into_iter().find(complete).ok_or_else(|| StructureError::Size {
-            field: "degrees of freedom".to_owned(),
-            found: "no direction that all nodes have".to_owned(),
-            expected: "at least one, fixed nodes included; the structure's mass is computed with it".to_owned(),
-        })
+        let complete =
+            |axis: &Axis| (0..self.positions.len()).all(|node| self.dofs.contains(&(node, *axis)));
+        [Axis::X, Axis::Y, Axis::Z]
+            .into_iter()
+            .find(complete)
+            .ok_or_else(|| StructureError::Size {
+                field: "degrees of freedom".to_owned(),
+                found: "no direction that all nodes have".to_owned(),
+                expected:
+                    "at least one, fixed nodes included; the structure's mass is computed with it"
+                        .to_owned(),
+            })
     }
 
     /// The structure with its `count` lowest constrained modes. The degrees of freedom in `fixed` are attached to the rigid body,
@@ -97,7 +113,10 @@ impl NodalModel {
         for k in 0..count {
             let shape = modes.shapes.column(k);
             let weighted = M * shape;
-            invariants.set_first(1 + k, Vector3::from_fn(|j, _| self.field(axes[j], |_| 1.0).dot(&weighted)));
+            invariants.set_first(
+                1 + k,
+                Vector3::from_fn(|j, _| self.field(axes[j], |_| 1.0).dot(&weighted)),
+            );
             let moment = Matrix3::from_fn(|i, j| self.field(axes[j], |X| X[i]).dot(&weighted));
             invariants.set_second(0, 1 + k, moment);
             for l in k..count {
@@ -109,9 +128,15 @@ impl NodalModel {
             }
         }
         let frequencies: Vec<f64> = modes.frequencies.iter().copied().collect();
-        let mut appendage = Appendage::with_frequencies(name, invariants, &frequencies, &vec![damping; count])?;
+        let mut appendage =
+            Appendage::with_frequencies(name, invariants, &frequencies, &vec![damping; count])?;
         for (label, node) in outputs {
-            error::count(&format!("node of output point {label}"), *node, 0, self.positions.len().saturating_sub(1))?;
+            error::count(
+                &format!("node of output point {label}"),
+                *node,
+                0,
+                self.positions.len().saturating_sub(1),
+            )?;
             let displacement = |k: usize| {
                 Vector3::from_fn(|j, _| {
                     let place = self.dofs.iter().position(|d| *d == (*node, axes[j]));
@@ -144,7 +169,11 @@ impl NodalModel {
     /// different ones, for which that of an axis that all nodes have is used.
     fn scalar_mass(&self, a: Axis, b: Axis) -> DMatrix<f64> {
         let complete = self.complete_axis().unwrap_or(a);
-        let axis = if a == b && self.dofs.iter().any(|d| d.1 == a) { a } else { complete };
+        let axis = if a == b && self.dofs.iter().any(|d| d.1 == a) {
+            a
+        } else {
+            complete
+        };
         let n = self.positions.len();
         let mut mass = DMatrix::zeros(n, n);
         for (i, (node_i, axis_i)) in self.dofs.iter().enumerate() {

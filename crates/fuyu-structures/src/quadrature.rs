@@ -24,13 +24,19 @@ impl Gauss {
                 *weight = end * values.iter().zip(weights).map(|(v, w)| v * w).sum::<f64>();
             }
         }
-        Self { points, weights, to_point }
+        Self {
+            points,
+            weights,
+            to_point,
+        }
     }
 }
 
 fn lagrange(points: &[f64; POINTS], j: usize, x: f64) -> f64 {
     let others = (0..POINTS).filter(|i| *i != j);
-    others.map(|i| (x - points[i]) / (points[j] - points[i])).product()
+    others
+        .map(|i| (x - points[i]) / (points[j] - points[i]))
+        .product()
 }
 
 /// Newton's method on the Legendre polynomial (Abramowitz and Stegun 1964, 25.4.29).
@@ -64,15 +70,26 @@ mod tests {
     fn integrates_polynomials_up_to_degree_15_and_to_each_point() {
         let gauss = Gauss::new();
         for power in 0..16 {
-            let value: f64 = gauss.points.iter().zip(gauss.weights).map(|(x, w)| w * x.powi(power)).sum();
-            assert!((value - 1.0 / f64::from(power + 1)).abs() < 2e-16 * 8.0, "{power}: {value}");
+            let value: f64 = gauss
+                .points
+                .iter()
+                .zip(gauss.weights)
+                .map(|(x, w)| w * x.powi(power))
+                .sum();
+            assert!(
+                (value - 1.0 / f64::from(power + 1)).abs() < 2e-16 * 8.0,
+                "{power}: {value}"
+            );
         }
         for power in 0..8 {
             for (i, end) in gauss.points.iter().enumerate() {
                 let terms = gauss.points.iter().zip(gauss.to_point[i]);
                 let value: f64 = terms.map(|(x, w)| w * x.powi(power)).sum();
                 let exact = end.powi(power + 1) / f64::from(power + 1);
-                assert!((value - exact).abs() < 1e-14, "{power} {i}: {value} {exact}");
+                assert!(
+                    (value - exact).abs() < 1e-14,
+                    "{power} {i}: {value} {exact}"
+                );
             }
         }
     }

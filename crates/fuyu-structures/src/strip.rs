@@ -68,10 +68,16 @@ impl PlateStrip {
         let torsion = Shaft::new(self.length, self.inertia_per_length(), self.GJ)?;
         let mut modes: Vec<Box<dyn Fn(f64) -> Sample>> = Vec::new();
         for k in 0..self.bending_modes {
-            modes.push(Box::new(move |x| Sample { w: bending.shape(k, x), ..Sample::default() }));
+            modes.push(Box::new(move |x| Sample {
+                w: bending.shape(k, x),
+                ..Sample::default()
+            }));
         }
         for k in 0..self.torsion_modes {
-            modes.push(Box::new(move |x| Sample { theta: torsion.shape(k, x), ..Sample::default() }));
+            modes.push(Box::new(move |x| Sample {
+                theta: torsion.shape(k, x),
+                ..Sample::default()
+            }));
         }
         let frequencies = (0..self.bending_modes)
             .map(|k| bending.frequency(k))
@@ -84,7 +90,11 @@ impl PlateStrip {
     ///
     /// # Errors
     /// As [`PlateStrip::appendage`]; fewer elements than modes, or more than 400.
-    pub fn finite_elements(&self, name: &str, elements: usize) -> Result<Appendage, StructureError> {
+    pub fn finite_elements(
+        &self,
+        name: &str,
+        elements: usize,
+    ) -> Result<Appendage, StructureError> {
         self.check()?;
         error::count("number of elements", elements, 1, 400)?;
         let beam = Beam::uniform(self.length, self.mass_per_length(), self.EI, elements);
@@ -99,12 +109,22 @@ impl PlateStrip {
         let mut modes: Vec<Box<dyn Fn(f64) -> Sample + '_>> = Vec::new();
         let (beam, rod) = (&beam, &rod);
         for shape in bending.shapes.column_iter().map(|c| c.into_owned()) {
-            modes.push(Box::new(move |x| Sample { w: beam.deflection(&shape, x), ..Sample::default() }));
+            modes.push(Box::new(move |x| Sample {
+                w: beam.deflection(&shape, x),
+                ..Sample::default()
+            }));
         }
         for shape in torsion.shapes.column_iter().map(|c| c.into_owned()) {
-            modes.push(Box::new(move |x| Sample { theta: rod.twist(&shape, x), ..Sample::default() }));
+            modes.push(Box::new(move |x| Sample {
+                theta: rod.twist(&shape, x),
+                ..Sample::default()
+            }));
         }
-        let frequencies = bending.frequencies.iter().chain(&torsion.frequencies).copied();
+        let frequencies = bending
+            .frequencies
+            .iter()
+            .chain(&torsion.frequencies)
+            .copied();
         self.assemble(name, elements, modes, &frequencies.collect::<Vec<_>>())
     }
 
@@ -117,7 +137,9 @@ impl PlateStrip {
     ) -> Result<Appendage, StructureError> {
         let density = self.mass_per_length();
         let line = Line {
-            breaks: (0..=pieces).map(|i| self.length * i as f64 / pieces as f64).collect(),
+            breaks: (0..=pieces)
+                .map(|i| self.length * i as f64 / pieces as f64)
+                .collect(),
             mass_per_length: &move |_| density,
             width: self.width,
             modes,
@@ -126,7 +148,9 @@ impl PlateStrip {
         let damping = vec![self.damping; frequencies.len()];
         let mut appendage = Appendage::with_frequencies(name, invariants, frequencies, &damping)?;
         let bending = (1..=self.bending_modes).map(|k| format!("b{k}"));
-        appendage.mode_names = bending.chain((1..=self.torsion_modes).map(|k| format!("t{k}"))).collect();
+        appendage.mode_names = bending
+            .chain((1..=self.torsion_modes).map(|k| format!("t{k}")))
+            .collect();
         appendage.outputs = outputs;
         Ok(appendage)
     }
@@ -159,17 +183,29 @@ impl Boom {
         error::not_negative("damping", self.damping)?;
         let y = self.along_y.modes(End::Clamped, End::Free, self.modes[0])?;
         let z = self.along_z.modes(End::Clamped, End::Free, self.modes[1])?;
-        let shapes = |m: &crate::Modes| m.shapes.column_iter().map(|c| c.into_owned()).collect::<Vec<_>>();
+        let shapes = |m: &crate::Modes| {
+            m.shapes
+                .column_iter()
+                .map(|c| c.into_owned())
+                .collect::<Vec<_>>()
+        };
         let (invariants, outputs) = bending_invariants(
             [&self.along_y, &self.along_z],
             [shapes(&y), shapes(&z)],
             self.second_order,
         )?;
-        let frequencies: Vec<f64> = y.frequencies.iter().chain(&z.frequencies).copied().collect();
+        let frequencies: Vec<f64> = y
+            .frequencies
+            .iter()
+            .chain(&z.frequencies)
+            .copied()
+            .collect();
         let damping = vec![self.damping; frequencies.len()];
         let mut appendage = Appendage::with_frequencies(name, invariants, &frequencies, &damping)?;
         let along_y = (1..=self.modes[0]).map(|k| format!("y{k}"));
-        appendage.mode_names = along_y.chain((1..=self.modes[1]).map(|k| format!("z{k}"))).collect();
+        appendage.mode_names = along_y
+            .chain((1..=self.modes[1]).map(|k| format!("z{k}")))
+            .collect();
         appendage.outputs = outputs;
         Ok(appendage)
     }
@@ -181,25 +217,50 @@ pub(crate) fn bending_invariants(
     [y_shapes, z_shapes]: [Vec<DVector<f64>>; 2],
     second_order: bool,
 ) -> Result<(crate::Invariants, Vec<crate::OutputPoint>), StructureError> {
-    let inertias = |b: &Beam| b.elements.iter().map(|e| (e.length, e.mass_per_length)).collect::<Vec<_>>();
+    let inertias = |b: &Beam| {
+        b.elements
+            .iter()
+            .map(|e| (e.length, e.mass_per_length))
+            .collect::<Vec<_>>()
+    };
     let tip = y.elements.len();
-    let bodies = |b: &Beam| b.bodies.iter().map(|b| (b.node, b.mass)).collect::<Vec<_>>();
-    if inertias(y) != inertias(z) || bodies(y) != bodies(z) || y.bodies.iter().any(|b| b.node != tip) {
+    let bodies = |b: &Beam| {
+        b.bodies
+            .iter()
+            .map(|b| (b.node, b.mass))
+            .collect::<Vec<_>>()
+    };
+    if inertias(y) != inertias(z)
+        || bodies(y) != bodies(z)
+        || y.bodies.iter().any(|b| b.node != tip)
+    {
         return Err(StructureError::Size {
             field: "the beam along z".to_owned(),
-            found: "other lengths or masses than the beam along y, or bodies away from the tip".to_owned(),
+            found: "other lengths or masses than the beam along y, or bodies away from the tip"
+                .to_owned(),
             expected: "the same elements but for EI, and bodies at the tip only".to_owned(),
         });
     }
     let mut modes: Vec<Box<dyn Fn(f64) -> Sample + '_>> = Vec::new();
     for shape in y_shapes {
-        modes.push(Box::new(move |x| Sample { v: y.deflection(&shape, x), ..Sample::default() }));
+        modes.push(Box::new(move |x| Sample {
+            v: y.deflection(&shape, x),
+            ..Sample::default()
+        }));
     }
     for shape in z_shapes {
-        modes.push(Box::new(move |x| Sample { w: z.deflection(&shape, x), ..Sample::default() }));
+        modes.push(Box::new(move |x| Sample {
+            w: z.deflection(&shape, x),
+            ..Sample::default()
+        }));
     }
     let density = |x: f64| y.mass_per_length(x);
-    let line = Line { breaks: y.nodes(), mass_per_length: &density, width: 0.0, modes };
+    let line = Line {
+        breaks: y.nodes(),
+        mass_per_length: &density,
+        width: 0.0,
+        modes,
+    };
     let (mut points, outputs) = line.points(second_order);
     for body in &y.bodies {
         let tip: &crate::OutputPoint = &outputs[0];
@@ -216,7 +277,11 @@ pub(crate) fn bending_invariants(
 }
 
 /// Adds what the rotary inertia of bodies at the tip contributes to the body's inertia and to the modes' angular momentum.
-fn add_rotary_inertia(invariants: &mut crate::Invariants, tip: &crate::OutputPoint, [y, z]: [&Beam; 2]) {
+fn add_rotary_inertia(
+    invariants: &mut crate::Invariants,
+    tip: &crate::OutputPoint,
+    [y, z]: [&Beam; 2],
+) {
     use nalgebra::{Matrix3, Vector3};
     // Bending along y turns the tip about z, bending along z about y.
     let about = |beam: &Beam| beam.bodies.iter().map(|b| b.inertia).sum::<f64>();

@@ -35,16 +35,30 @@ impl Truss {
         let (mut M, mut K) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
         for (number, rod) in self.rods.iter().enumerate() {
             for node in rod.nodes {
-                error::count(&format!("node of rod {number}"), node, 0, self.nodes.len().saturating_sub(1))?;
+                error::count(
+                    &format!("node of rod {number}"),
+                    node,
+                    0,
+                    self.nodes.len().saturating_sub(1),
+                )?;
             }
             let [i, j] = rod.nodes;
             let along = self.nodes[j] - self.nodes[i];
             let length = error::positive(&format!("length of rod {number} [m]"), along.norm())?;
             let EA = error::not_negative(&format!("EA of rod {number} [N]"), rod.EA)?;
-            let mass = length * error::not_negative(&format!("mass per length of rod {number} [kg/m]"), rod.mass_per_length)?;
+            let mass = length
+                * error::not_negative(
+                    &format!("mass per length of rod {number} [kg/m]"),
+                    rod.mass_per_length,
+                )?;
             let direction = along / length;
             let stiffness = direction * direction.transpose() * (EA / length);
-            for (a, b, sign, share) in [(i, i, 1.0, 2.0), (j, j, 1.0, 2.0), (i, j, -1.0, 1.0), (j, i, -1.0, 1.0)] {
+            for (a, b, sign, share) in [
+                (i, i, 1.0, 2.0),
+                (j, j, 1.0, 2.0),
+                (i, j, -1.0, 1.0),
+                (j, i, -1.0, 1.0),
+            ] {
                 for row in 0..2 {
                     M[(2 * a + row, 2 * b + row)] += share * mass / 6.0;
                     for column in 0..2 {
@@ -63,8 +77,14 @@ impl Truss {
     pub fn nodal_model(&self) -> Result<NodalModel, StructureError> {
         Ok(NodalModel {
             matrices: self.matrices()?,
-            positions: self.nodes.iter().map(|p| Vector3::new(p.x, p.y, 0.0)).collect(),
-            dofs: (0..self.nodes.len()).flat_map(|i| [(i, Axis::X), (i, Axis::Y)]).collect(),
+            positions: self
+                .nodes
+                .iter()
+                .map(|p| Vector3::new(p.x, p.y, 0.0))
+                .collect(),
+            dofs: (0..self.nodes.len())
+                .flat_map(|i| [(i, Axis::X), (i, Axis::Y)])
+                .collect(),
         })
     }
 }

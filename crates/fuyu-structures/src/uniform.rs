@@ -20,12 +20,21 @@ impl FemModel {
     ///
     /// # Errors
     /// A degree of freedom that does not exist; damping of another size.
-    pub fn collocated(matrices: Matrices, D: DMatrix<f64>, dofs: &[usize]) -> Result<Self, StructureError> {
+    pub fn collocated(
+        matrices: Matrices,
+        D: DMatrix<f64>,
+        dofs: &[usize],
+    ) -> Result<Self, StructureError> {
         let n = matrices.len();
         error::size("damping matrix D", D.shape(), (n, n))?;
         let mut L = DMatrix::zeros(n, dofs.len());
         for (column, dof) in dofs.iter().enumerate() {
-            error::count("degree of freedom of an input", *dof, 0, n.saturating_sub(1))?;
+            error::count(
+                "degree of freedom of an input",
+                *dof,
+                0,
+                n.saturating_sub(1),
+            )?;
             L[(*dof, column)] = 1.0;
         }
         Ok(Self { matrices, D, L })
@@ -65,20 +74,32 @@ impl FemModel {
         let projector = &self.L * self.L.transpose();
         let eigen = crate::eigen::symmetric_eigen(&projector, "L Lᵀ")?;
         let largest = eigen.values.amax();
-        let rank = eigen.values.iter().filter(|v| **v > 1e-12 * largest).count();
+        let rank = eigen
+            .values
+            .iter()
+            .filter(|v| **v > 1e-12 * largest)
+            .count();
         if rank < r {
             return Err(dependent("input matrix L"));
         }
         let held = eigen.vectors.columns(0, n - r);
         let part = |m: &DMatrix<f64>| symmetric(held.transpose() * m * held);
-        quadratic_roots(&part(&self.matrices.M), &part(&self.D), &part(&self.matrices.K))
+        quadratic_roots(
+            &part(&self.matrices.M),
+            &part(&self.D),
+            &part(&self.matrices.K),
+        )
     }
 
     /// The `count` lowest unconstrained modes as a model, eq. (2.3), with a damping ratio for each.
     ///
     /// # Errors
     /// Too many modes; another number of damping ratios.
-    pub fn modal(&self, damping_ratios: &[f64], count: usize) -> Result<ModalModel, StructureError> {
+    pub fn modal(
+        &self,
+        damping_ratios: &[f64],
+        count: usize,
+    ) -> Result<ModalModel, StructureError> {
         let eigen = lowest_modes(&self.matrices.K, &self.matrices.M, count)?;
         ModalModel::new(
             eigen.values.map(f64::sqrt),
@@ -104,7 +125,11 @@ impl ModalModel {
     ///
     /// # Errors
     /// Lengths that differ; a negative frequency or damping ratio.
-    pub fn new(frequencies: DVector<f64>, damping_ratios: DVector<f64>, inputs: DMatrix<f64>) -> Result<Self, StructureError> {
+    pub fn new(
+        frequencies: DVector<f64>,
+        damping_ratios: DVector<f64>,
+        inputs: DMatrix<f64>,
+    ) -> Result<Self, StructureError> {
         let n = frequencies.len();
         error::size("damping ratios", (damping_ratios.len(), 1), (n, 1))?;
         error::size("modal inputs", inputs.shape(), (n, inputs.ncols()))?;
@@ -112,7 +137,11 @@ impl ModalModel {
             error::not_negative(&format!("frequency of mode {k} [rad/s]"), frequencies[k])?;
             error::not_negative(&format!("damping ratio of mode {k}"), damping_ratios[k])?;
         }
-        Ok(Self { frequencies, damping_ratios, inputs })
+        Ok(Self {
+            frequencies,
+            damping_ratios,
+            inputs,
+        })
     }
 
     /// Transmission zeros by theorem 2.2, 2 (n - r) of them: roots of
@@ -127,21 +156,34 @@ impl ModalModel {
         let (n, r) = self.inputs.shape();
         error::count("number of inputs", r, 1, n)?;
         let mut order = DMatrix::from_fn(1, n, |_, k| k as f64);
-        self.inputs.transpose().col_piv_qr().p().permute_columns(&mut order);
+        self.inputs
+            .transpose()
+            .col_piv_qr()
+            .p()
+            .permute_columns(&mut order);
         let order: Vec<usize> = order.iter().map(|k| *k as usize).collect();
         let (first, second) = order.split_at(r);
         let first_inputs = self.inputs.select_rows(first);
-        let inverse = first_inputs.clone().try_inverse().filter(|i| i.norm() * first_inputs.norm() < 1e12);
+        let inverse = first_inputs
+            .clone()
+            .try_inverse()
+            .filter(|i| i.norm() * first_inputs.norm() < 1e12);
         let inverse = inverse.ok_or_else(|| dependent("modal inputs Φᵀ L"))?;
         let delta = self.inputs.select_rows(second) * inverse;
         let diagonal = |modes: &[usize], f: &dyn Fn(f64, f64) -> f64| {
-            let entries = modes.iter().map(|k| f(self.frequencies[*k], self.damping_ratios[*k]));
+            let entries = modes
+                .iter()
+                .map(|k| f(self.frequencies[*k], self.damping_ratios[*k]));
             DMatrix::from_diagonal(&DVector::from_iterator(modes.len(), entries))
         };
         let part = |f: &dyn Fn(f64, f64) -> f64| {
             symmetric(&delta * diagonal(first, f) * delta.transpose() + diagonal(second, f))
         };
-        quadratic_roots(&part(&|_, _| 1.0), &part(&|w, z| 2.0 * z * w), &part(&|w, _| w * w))
+        quadratic_roots(
+            &part(&|_, _| 1.0),
+            &part(&|w, z| 2.0 * z * w),
+            &part(&|w, _| w * w),
+        )
     }
 }
 

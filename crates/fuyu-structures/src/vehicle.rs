@@ -25,10 +25,20 @@ pub struct Attachment<'a> {
 impl<'a> Attachment<'a> {
     /// An appendage on the base: rotation `R_BA` and position `p_BA` \[m\] of the attachment frame A in the base frame B. `N` is
     /// how many coordinates the vehicle has.
-    pub fn on_base(appendage: &'a Appendage, R_BA: &Rotation3<f64>, p_BA: &Vector3<f64>, N: usize) -> Self {
+    pub fn on_base(
+        appendage: &'a Appendage,
+        R_BA: &Rotation3<f64>,
+        p_BA: &Vector3<f64>,
+        N: usize,
+    ) -> Self {
         let mut jacobian = DMatrix::zeros(6, N.max(6));
-        jacobian.view_mut((0, 0), (6, 6)).copy_from(&base_to_attachment(R_BA, p_BA));
-        Self { appendage, jacobian }
+        jacobian
+            .view_mut((0, 0), (6, 6))
+            .copy_from(&base_to_attachment(R_BA, p_BA));
+        Self {
+            appendage,
+            jacobian,
+        }
     }
 }
 
@@ -37,7 +47,8 @@ fn base_to_attachment(R_BA: &Rotation3<f64>, p_BA: &Vector3<f64>) -> Matrix6<f64
     let R_AB = R_BA.matrix().transpose();
     let mut X = Matrix6::zeros();
     X.fixed_view_mut::<3, 3>(0, 0).copy_from(&R_AB);
-    X.fixed_view_mut::<3, 3>(0, 3).copy_from(&(-R_AB * p_BA.cross_matrix()));
+    X.fixed_view_mut::<3, 3>(0, 3)
+        .copy_from(&(-R_AB * p_BA.cross_matrix()));
     X.fixed_view_mut::<3, 3>(3, 3).copy_from(&R_AB);
     X
 }
@@ -49,23 +60,43 @@ impl Vehicle {
     /// Fewer than 6 coordinates, sizes that differ, or a mass matrix that lacks the appendages.
     pub fn new(M: DMatrix<f64>, attachments: &[Attachment]) -> Result<Self, StructureError> {
         let coordinates = M.nrows();
-        error::count("number of the vehicle's coordinates", coordinates, 6, 10_000)?;
+        error::count(
+            "number of the vehicle's coordinates",
+            coordinates,
+            6,
+            10_000,
+        )?;
         let n: usize = attachments.iter().map(|a| a.appendage.modes()).sum();
         let mut P = DMatrix::zeros(n, coordinates);
-        let mut modal = [DMatrix::zeros(n, n), DMatrix::zeros(n, n), DMatrix::zeros(n, n)];
+        let mut modal = [
+            DMatrix::zeros(n, n),
+            DMatrix::zeros(n, n),
+            DMatrix::zeros(n, n),
+        ];
         let mut at = 0;
         for attachment in attachments {
             let body = attachment.appendage;
             let size = body.modes();
-            error::size(&format!("{}, jacobian of the attachment", body.name), attachment.jacobian.shape(), (6, coordinates))?;
-            P.rows_mut(at, size).copy_from(&(body.coupling() * &attachment.jacobian));
-            for (whole, part) in modal.iter_mut().zip([&body.modal_mass, &body.modal_damping, &body.modal_stiffness]) {
+            error::size(
+                &format!("{}, jacobian of the attachment", body.name),
+                attachment.jacobian.shape(),
+                (6, coordinates),
+            )?;
+            P.rows_mut(at, size)
+                .copy_from(&(body.coupling() * &attachment.jacobian));
+            for (whole, part) in
+                modal
+                    .iter_mut()
+                    .zip([&body.modal_mass, &body.modal_damping, &body.modal_stiffness])
+            {
                 whole.view_mut((at, at), (size, size)).copy_from(part);
             }
             at += size;
         }
         let [mass, damping, stiffness] = modal;
-        Ok(Self { hybrid: HybridModel::with_matrices(M, P, mass, damping, stiffness)? })
+        Ok(Self {
+            hybrid: HybridModel::with_matrices(M, P, mass, damping, stiffness)?,
+        })
     }
 
     /// The linear model.
@@ -79,7 +110,10 @@ impl Vehicle {
     /// An eigenvalue iteration that does not converge.
     pub fn frequencies_hz(&self) -> Result<Vec<f64>, StructureError> {
         let frequencies = self.hybrid.frequencies()?;
-        Ok(frequencies.iter().map(|w| w / std::f64::consts::TAU).collect())
+        Ok(frequencies
+            .iter()
+            .map(|w| w / std::f64::consts::TAU)
+            .collect())
     }
 
     /// Elastic poles with base and joints free.
@@ -119,8 +153,14 @@ impl Vehicle {
     ///
     /// # Errors
     /// Sizes that differ; singular `P`; an eigenvalue iteration that does not converge.
-    pub fn attitude_feedback_poles(&self, P: &DMatrix<f64>, D: &DMatrix<f64>) -> Result<Vec<Complex<f64>>, StructureError> {
-        let others: Vec<usize> = (0..self.hybrid.rigid()).filter(|i| !(3..6).contains(i)).collect();
+    pub fn attitude_feedback_poles(
+        &self,
+        P: &DMatrix<f64>,
+        D: &DMatrix<f64>,
+    ) -> Result<Vec<Complex<f64>>, StructureError> {
+        let others: Vec<usize> = (0..self.hybrid.rigid())
+            .filter(|i| !(3..6).contains(i))
+            .collect();
         self.hybrid.without(&others)?.feedback_poles(P, D)
     }
 }

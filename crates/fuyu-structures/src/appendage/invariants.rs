@@ -21,8 +21,20 @@ pub struct Invariants {
 impl Invariants {
     /// Integrals of a rigid body to which modes are added with [`Invariants::set_first`] and [`Invariants::set_second`]; all
     /// others are zero.
-    pub fn rigid(mass: f64, first_moment: Vector3<f64>, inertia: Matrix3<f64>, modes: usize, second_order: bool) -> Self {
-        let functions = 1 + modes + if second_order { modes * (modes + 1) / 2 } else { 0 };
+    pub fn rigid(
+        mass: f64,
+        first_moment: Vector3<f64>,
+        inertia: Matrix3<f64>,
+        modes: usize,
+        second_order: bool,
+    ) -> Self {
+        let functions = 1
+            + modes
+            + if second_order {
+                modes * (modes + 1) / 2
+            } else {
+                0
+            };
         let mut invariants = Self {
             modes,
             mass,
@@ -49,8 +61,16 @@ impl Invariants {
         let functions = sums.functions();
         let mut values = vec![Vector3::zeros(); functions];
         for (i, point) in points.iter().enumerate() {
-            error::size(&format!("psi of mass point {i}"), (point.psi.len(), 3), (modes, 3))?;
-            error::size(&format!("chi of mass point {i}"), (point.chi.len(), 3), (functions - 1 - modes, 3))?;
+            error::size(
+                &format!("psi of mass point {i}"),
+                (point.psi.len(), 3),
+                (modes, 3),
+            )?;
+            error::size(
+                &format!("chi of mass point {i}"),
+                (point.chi.len(), 3),
+                (functions - 1 - modes, 3),
+            )?;
             error::not_negative(&format!("mass of mass point {i} [kg]"), point.mass)?;
             values[0] = point.position;
             values[1..=modes].copy_from_slice(&point.psi);
@@ -60,8 +80,9 @@ impl Invariants {
                 let weighted = values[a] * point.mass;
                 error::finite(&format!("a displacement of mass point {i}"), weighted.sum())?;
                 sums.first[a] += weighted;
-                for b in a..functions {
-                    sums.second[a * functions + b] += weighted * values[b].transpose();
+                let row = sums.second[a * functions..].iter_mut().skip(a);
+                for (second, value) in row.zip(&values[a..]) {
+                    *second += weighted * value.transpose();
                 }
             }
         }
@@ -143,10 +164,20 @@ impl Invariants {
     /// # Errors
     /// A `T` with another number of rows than there are modes.
     pub fn transformed(&self, T: &DMatrix<f64>) -> Result<Self, StructureError> {
-        error::size("transformation of the modes", T.shape(), (self.modes, T.ncols()))?;
+        error::size(
+            "transformation of the modes",
+            T.shape(),
+            (self.modes, T.ncols()),
+        )?;
         let m = T.ncols();
         let functions = self.functions();
-        let mut result = Self::rigid(self.mass, self.first[0], self.inertia(), m, self.second_order());
+        let mut result = Self::rigid(
+            self.mass,
+            self.first[0],
+            self.inertia(),
+            m,
+            self.second_order(),
+        );
         // How the new functions follow from the old ones, one row for each new function.
         let mut mix = DMatrix::zeros(result.functions(), functions);
         mix[(0, 0)] = 1.0;
@@ -156,7 +187,8 @@ impl Invariants {
         if self.second_order() {
             for (i, j) in pairs(m) {
                 for (k, l) in (0..self.modes).flat_map(|k| (0..self.modes).map(move |l| (k, l))) {
-                    mix[(result.pair_function(i, j), self.pair_function(k, l))] += T[(k, i)] * T[(l, j)];
+                    mix[(result.pair_function(i, j), self.pair_function(k, l))] +=
+                        T[(k, i)] * T[(l, j)];
                 }
             }
         }

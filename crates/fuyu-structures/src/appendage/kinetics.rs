@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-use super::{Appendage, invariants::cross_moment, points::pairs};
+use super::{Appendage, Invariants, invariants::cross_moment, points::pairs};
 
 /// What the equations of motion of a deformable body need, at one state. Allocated once; [`Kinetics::update`] does not allocate.
 ///
@@ -14,7 +14,10 @@ use super::{Appendage, invariants::cross_moment, points::pairs};
 /// mass_matrix * (a, α, μ'') + bias + (0, 0, K μ + C μ') = (F, T, Q)
 /// ```
 ///
-/// where F and T are the force and the torque about the attachment's origin that act on the body, Q the modal forces, K
+/// `mass_matrix * (v, w, μ')` is the linear momentum, the angular momentum about the attachment's origin, and the modal
+/// momenta, in its axes; half of its product with `(v, w, μ')` is the kinetic energy.
+///
+/// Here F and T are the force and the torque about the attachment's origin that act on the body, Q the modal forces, K
 /// stiffness and C damping. It is the sum over mass points of `(∂ṙ/∂u)ᵀ r̈ dm` without approximation, so the equations are those of
 /// a Lagrangian and conserve momentum and energy.
 #[derive(Clone, Debug)]
@@ -38,7 +41,7 @@ impl Kinetics {
             mass_matrix: DMatrix::zeros(6 + n, 6 + n),
             bias: DVector::zeros(6 + n),
             coefficients: vec![0.0; functions],
-            gradients: vec![Vec::with_capacity(1 + n); n],
+            gradients: (0..n).map(|_| Vec::with_capacity(1 + n)).collect(),
             curvature: vec![0.0; functions],
             cross: vec![Matrix3::zeros(); n],
         }
@@ -50,75 +53,107 @@ impl Kinetics {
     /// # Panics
     /// If `mu` or `mu_dot` has another length than the appendage has modes, or if the appendage is not the one of
     /// [`Kinetics::new`].
-    pub fn update(&mut self, appendage: &Appendage, mu: &[f64], mu_dot: &[f64], w_A: &Vector3<f64>) {
+    pub fn update(
+        &mut self,
+        appendage: &Appendage,
+        mu: &[f64],
+        mu_dot: &[f64],
+        w_A: &Vector3<f64>,
+    ) {
         let n = appendage.modes();
-        assert!(mu.len() == n && mu_dot.len() == n, "mu and mu_dot must have one entry for each of the {n} modes");
+        assert!(
+            mu.len() == n && mu_dot.len() == n,
+            "mu and mu_dot must have one entry for each of the {n} modes"
+        );
         let invariants = &appendage.invariants;
-        assert_eq!(self.coefficients.len(), invariants.functions(), "these are the kinetics of another appendage");
+        assert_eq!(
+            self.coefficients.len(),
+            invariants.functions(),
+            "these are the kinetics of another appendage"
+        );
         self.set_coefficients(n, mu, mu_dot, invariants.second_order());
-        let functions = invariants.functions();
-        let mass = invariants.mass();
+        self.set_cross(invariants);
+        self.set_body(invariants, mu_dot, w_A);
+        self.set_modes(appendage, mu_dot, w_A);
+    }
 
-        let (mut S, mut S_curvature, mut r_r, mut r_curvature) = (Vector3::zeros(), Vector3::zeros(), Matrix3::zeros(), Matrix3::zeros());
-        for a in 0..functions {
-            S += invariants.first(a) * self.coefficients[a];
-            S_curvature += invariants.first(a) * self.curvature[a];
-            for b in 0..functions {
-                let factor = self.coefficients[a] * self.coefficients[b];
-                if factor != 0.0 {
-                    r_r += invariants.second(a, b) * factor;
-                }
-                let factor = self.coefficients[a] * self.curvature[b];
-                if factor != 0.0 {
-                    r_curvature += invariants.second(a, b) * factor;
-                }
-            }
-        }
-        // ∫ r G_kᵀ dm, where G_k = ∂r/∂μ_k.
-        for k in 0..n {
-            self.cross[k] = Matrix3::zeros();
-            for (b, gradient) in &self.gradients[k] {
-                for a in 0..functions {
-                    let factor = self.coefficients[a] * gradient;
+    /// `∫ r G_kᵀ dm`, where G_k = ∂r/∂μ_k.
+    fn set_cross(&mut self, invariants: &Invariants) {
+        for (cross, gradient) in self.cross.iter_mut().zip(&self.gradients) {
+            *cross = Matrix3::zeros();
+            for (b, slope) in gradient {
+                for (a, coefficient) in self.coefficients.iter().enumerate() {
+                    let factor = coefficient * slope;
                     if factor != 0.0 {
-                        self.cross[k] += invariants.second(a, *b) * factor;
+                        *cross += invariants.second(a, *b) * factor;
                     }
                 }
             }
         }
-        let J = Matrix3::identity() * r_r.trace() - r_r;
-        self.mass_matrix.fixed_view_mut::<3, 3>(0, 0).copy_from(&(Matrix3::identity() * mass));
-        self.mass_matrix.fixed_view_mut::<3, 3>(0, 3).copy_from(&-S.cross_matrix());
-        self.mass_matrix.fixed_view_mut::<3, 3>(3, 0).copy_from(&S.cross_matrix());
-        self.mass_matrix.fixed_view_mut::<3, 3>(3, 3).copy_from(&J);
-        let (mut S_dot, mut r_rdot) = (Vector3::zeros(), Matrix3::zeros());
-        for k in 0..n {
-            let S_k: Vector3<f64> = self.gradients[k].iter().map(|(a, g)| invariants.first(*a) * *g).sum();
-            let H_k = cross_moment(&self.cross[k]);
-            S_dot += S_k * mu_dot[k];
-            r_rdot += self.cross[k] * mu_dot[k];
-            for i in 0..3 {
-                self.mass_matrix[(i, 6 + k)] = S_k[i];
-                self.mass_matrix[(6 + k, i)] = S_k[i];
-                self.mass_matrix[(3 + i, 6 + k)] = H_k[i];
-                self.mass_matrix[(6 + k, 3 + i)] = H_k[i];
+    }
+
+    /// Rows of the attachment's translation and rotation, and with them its columns.
+    fn set_body(&mut self, invariants: &Invariants, mu_dot: &[f64], w_A: &Vector3<f64>) {
+        // ∫ r dm, ∫ r rᵀ dm, and ∫ γ dm, ∫ r γᵀ dm with γ = Σ ∂²r/∂μ_k∂μ_l μ_k' μ_l'.
+        let (mut S, mut S_gamma) = (Vector3::zeros(), Vector3::zeros());
+        let (mut r_r, mut r_gamma) = (Matrix3::zeros(), Matrix3::zeros());
+        for (a, x) in self.coefficients.iter().enumerate() {
+            S += invariants.first(a) * *x;
+            S_gamma += invariants.first(a) * self.curvature[a];
+            if *x == 0.0 {
+                continue;
+            }
+            for (b, y) in self.coefficients.iter().enumerate() {
+                if *y != 0.0 {
+                    r_r += invariants.second(a, b) * (x * y);
+                }
+                if self.curvature[b] != 0.0 {
+                    r_gamma += invariants.second(a, b) * (x * self.curvature[b]);
+                }
             }
         }
-        // w x (w x S) + 2 w x S' + ∫ γ dm with γ = Σ ∂²r/∂μ_k∂μ_l μ_k' μ_l'
-        let force = w_A.cross(&w_A.cross(&S)) + w_A.cross(&S_dot) * 2.0 + S_curvature;
-        // ∫ r x (w x (w x r)), 2 ∫ r x (w x r'), ∫ r x γ
+        let J = Matrix3::identity() * r_r.trace() - r_r;
+        let M = &mut self.mass_matrix;
+        M.fixed_view_mut::<3, 3>(0, 0)
+            .copy_from(&(Matrix3::identity() * invariants.mass()));
+        M.fixed_view_mut::<3, 3>(0, 3).copy_from(&-S.cross_matrix());
+        M.fixed_view_mut::<3, 3>(3, 0).copy_from(&S.cross_matrix());
+        M.fixed_view_mut::<3, 3>(3, 3).copy_from(&J);
+        let (mut S_dot, mut r_rdot) = (Vector3::zeros(), Matrix3::zeros());
+        for (k, (cross, rate)) in self.cross.iter().zip(mu_dot).enumerate() {
+            let gradient = self.gradients[k].iter();
+            let S_k: Vector3<f64> = gradient.map(|(a, g)| invariants.first(*a) * *g).sum();
+            let H_k = cross_moment(cross);
+            S_dot += S_k * *rate;
+            r_rdot += cross * *rate;
+            for i in 0..3 {
+                M[(i, 6 + k)] = S_k[i];
+                M[(6 + k, i)] = S_k[i];
+                M[(3 + i, 6 + k)] = H_k[i];
+                M[(6 + k, 3 + i)] = H_k[i];
+            }
+        }
+        // ∫ w x (w x r) + 2 w x r' + γ dm
+        let force = w_A.cross(&w_A.cross(&S)) + w_A.cross(&S_dot) * 2.0 + S_gamma;
+        // The moments of the same: ∫ r x (w x (w x r)), 2 ∫ r x (w x r'), ∫ r x γ.
         let coriolis = (Matrix3::identity() * r_rdot.trace() - r_rdot.transpose()) * w_A * 2.0;
-        let torque = w_A.cross(&(J * w_A)) + coriolis + cross_moment(&r_curvature);
+        let torque = w_A.cross(&(J * w_A)) + coriolis + cross_moment(&r_gamma);
         self.bias.fixed_rows_mut::<3>(0).copy_from(&force);
         self.bias.fixed_rows_mut::<3>(3).copy_from(&torque);
+    }
+
+    /// Rows and columns of the modes.
+    fn set_modes(&mut self, appendage: &Appendage, mu_dot: &[f64], w_A: &Vector3<f64>) {
+        let invariants = &appendage.invariants;
         let w_squared = w_A.norm_squared();
-        for k in 0..n {
+        for k in 0..mu_dot.len() {
             let cross = self.cross[k];
-            let centrifugal = w_A.dot(&(cross * w_A)) - w_squared * cross.trace();
-            self.bias[6 + k] = centrifugal;
-            for l in 0..n {
+            // ∫ G_k · (w x (w x r)) dm
+            let mut force = w_A.dot(&(cross * w_A)) - w_squared * cross.trace();
+            for (l, rate) in mu_dot.iter().enumerate() {
+                // 2 ∫ G_k · (w x r') dm
                 let pair = self.gradient_moment(appendage, l, k);
-                self.bias[6 + k] += 2.0 * mu_dot[l] * w_A.dot(&cross_moment(&pair));
+                force += 2.0 * rate * w_A.dot(&cross_moment(&pair));
                 if l >= k {
                     let first_order = invariants.second(1 + k, 1 + l).trace();
                     let value = appendage.modal_mass[(k, l)] + pair.trace() - first_order;
@@ -126,13 +161,15 @@ impl Kinetics {
                     self.mass_matrix[(6 + l, 6 + k)] = value;
                 }
             }
+            // ∫ G_k · γ dm
             for (a, gradient) in &self.gradients[k] {
-                for b in 0..functions {
-                    if self.curvature[b] != 0.0 {
-                        self.bias[6 + k] += gradient * self.curvature[b] * invariants.second(*a, b).trace();
+                for (b, curvature) in self.curvature.iter().enumerate() {
+                    if *curvature != 0.0 {
+                        force += gradient * curvature * invariants.second(*a, b).trace();
                     }
                 }
             }
+            self.bias[6 + k] = force;
         }
     }
 

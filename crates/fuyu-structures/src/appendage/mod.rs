@@ -11,9 +11,12 @@ pub use self::{
     invariants::{Invariants, cross_moment},
     kinetics::Kinetics,
     points::{MassPoint, pair_index},
+    spin::FirstOrderLimits,
+};
+use crate::{
+    StructureError, eigen::check_symmetric, error, generalized_eigen, matrices::symmetric,
 };
 pub(crate) use points::pairs;
-use crate::{StructureError, eigen::check_symmetric, error, generalized_eigen, matrices::symmetric};
 
 /// Angular rate of the attachment as a fraction of the first frequency above which first-order modes do not suffice: the
 /// missing centrifugal stiffness is then .7 % of the frequency.
@@ -64,14 +67,19 @@ impl OutputPoint {
         let n = T.nrows();
         let chi = |(i, j): (usize, usize)| {
             let all = (0..n).flat_map(|k| (0..n).map(move |l| (k, l)));
-            all.map(|(k, l)| self.chi[pair_index(n, k, l)] * (T[(k, i)] * T[(l, j)])).sum()
+            all.map(|(k, l)| self.chi[pair_index(n, k, l)] * (T[(k, i)] * T[(l, j)]))
+                .sum()
         };
         Self {
             name: self.name.clone(),
             position: self.position,
             translation: mix(&self.translation),
             rotation: mix(&self.rotation),
-            chi: if self.chi.is_empty() { Vec::new() } else { pairs(T.ncols()).map(chi).collect() },
+            chi: if self.chi.is_empty() {
+                Vec::new()
+            } else {
+                pairs(T.ncols()).map(chi).collect()
+            },
         }
     }
 }
@@ -124,7 +132,11 @@ impl Appendage {
         let mut invariants = Invariants::rigid(rigid.0, rigid.1, rigid.2, n, false);
         for k in 0..n {
             invariants.set_first(1 + k, Vector3::new(P[(k, 0)], P[(k, 1)], P[(k, 2)]));
-            invariants.set_second(0, 1 + k, antisymmetric(Vector3::new(P[(k, 3)], P[(k, 4)], P[(k, 5)])));
+            invariants.set_second(
+                0,
+                1 + k,
+                antisymmetric(Vector3::new(P[(k, 3)], P[(k, 4)], P[(k, 5)])),
+            );
             invariants.set_second(1 + k, 1 + k, Matrix3::zeros());
         }
         Self::with_frequencies(name, invariants, frequencies, damping_ratios)
@@ -144,10 +156,17 @@ impl Appendage {
         error::size("frequencies", (frequencies.len(), 1), (n, 1))?;
         error::size("damping ratios", (damping_ratios.len(), 1), (n, 1))?;
         for k in 0..n {
-            error::positive(&format!("{name}, frequency of mode {k} [rad/s]"), frequencies[k])?;
-            error::not_negative(&format!("{name}, damping ratio of mode {k}"), damping_ratios[k])?;
+            error::positive(
+                &format!("{name}, frequency of mode {k} [rad/s]"),
+                frequencies[k],
+            )?;
+            error::not_negative(
+                &format!("{name}, damping ratio of mode {k}"),
+                damping_ratios[k],
+            )?;
         }
-        let diagonal = |f: &dyn Fn(usize) -> f64| DMatrix::from_diagonal(&DVector::from_fn(n, |k, _| f(k)));
+        let diagonal =
+            |f: &dyn Fn(usize) -> f64| DMatrix::from_diagonal(&DVector::from_fn(n, |k, _| f(k)));
         let appendage = Self {
             name: name.to_owned(),
             mode_names: (0..n).map(|k| format!("mode{}", k + 1)).collect(),
@@ -169,8 +188,19 @@ impl Appendage {
     /// there is; output points with other numbers of modes.
     pub fn check(&self) -> Result<(), StructureError> {
         let (n, name) = (self.modes(), &self.name);
-        error::size(&format!("{name}, names of the modes"), (self.mode_names.len(), 1), (n, 1))?;
+        error::size(
+            &format!("{name}, names of the modes"),
+            (self.mode_names.len(), 1),
+            (n, 1),
+        )?;
         error::not_negative(&format!("{name}, mass [kg]"), self.invariants.mass())?;
+        for a in 0..self.invariants.functions() {
+            let field = format!("{name}, mass integrals of function {a}");
+            error::finite(&field, self.invariants.first(a).sum())?;
+            for b in a..self.invariants.functions() {
+                error::finite(&field, self.invariants.second(a, b).sum())?;
+            }
+        }
         for (field, matrix, definite) in [
             ("modal mass", &self.modal_mass, true),
             ("modal stiffness", &self.modal_stiffness, true),
@@ -180,12 +210,24 @@ impl Appendage {
             error::size(&field, matrix.shape(), (n, n))?;
             check_symmetric(&field, matrix)?;
             // A semidefinite matrix passes with a small part of its largest entry added.
-            let margin = if definite { 0.0 } else { 1e-9 * matrix.amax() + f64::MIN_POSITIVE };
+            let margin = if definite {
+                0.0
+            } else {
+                1e-9 * matrix.amax() + f64::MIN_POSITIVE
+            };
             let shifted = matrix + DMatrix::identity(n, n) * margin;
             if n > 0 && shifted.cholesky().is_none() {
-                let property = if definite { "positive definite" } else { "positive semidefinite" };
+                let property = if definite {
+                    "positive definite"
+                } else {
+                    "positive semidefinite"
+                };
                 let remedy = "frequencies must be positive, damping zero or positive";
-                return Err(StructureError::Matrix { matrix: field, property, remedy });
+                return Err(StructureError::Matrix {
+                    matrix: field,
+                    property,
+                    remedy,
+                });
             }
         }
         for output in &self.outputs {
@@ -222,7 +264,8 @@ impl Appendage {
         let mut M = Matrix6::identity() * m;
         M.fixed_view_mut::<3, 3>(0, 3).copy_from(&-S.cross_matrix());
         M.fixed_view_mut::<3, 3>(3, 0).copy_from(&S.cross_matrix());
-        M.fixed_view_mut::<3, 3>(3, 3).copy_from(&self.invariants.inertia());
+        M.fixed_view_mut::<3, 3>(3, 3)
+            .copy_from(&self.invariants.inertia());
         M
     }
 
@@ -231,7 +274,9 @@ impl Appendage {
     /// # Errors
     /// As [`Appendage::check`].
     pub fn frequencies(&self) -> Result<DVector<f64>, StructureError> {
-        Ok(generalized_eigen(&self.modal_stiffness, &self.modal_mass)?.values.map(|v| v.max(0.0).sqrt()))
+        Ok(generalized_eigen(&self.modal_stiffness, &self.modal_mass)?
+            .values
+            .map(|v| v.max(0.0).sqrt()))
     }
 
     /// The same body in new modal coordinates ν with `μ = T ν`, `T` of n x m.
@@ -261,9 +306,23 @@ impl Appendage {
         let mut vectors = generalized_eigen(&self.modal_stiffness, &self.modal_mass)?.vectors;
         if let Some(tip) = self.outputs.first() {
             for mut shape in vectors.column_iter_mut() {
-                let displacement: Vector3<f64> = tip.translation.iter().zip(shape.iter()).map(|(t, x)| t * *x).sum();
-                let rotation: Vector3<f64> = tip.rotation.iter().zip(shape.iter()).map(|(r, x)| r * *x).sum();
-                let leading = if displacement.amax() > 1e-6 * rotation.amax() { displacement } else { rotation };
+                let displacement: Vector3<f64> = tip
+                    .translation
+                    .iter()
+                    .zip(shape.iter())
+                    .map(|(t, x)| t * *x)
+                    .sum();
+                let rotation: Vector3<f64> = tip
+                    .rotation
+                    .iter()
+                    .zip(shape.iter())
+                    .map(|(r, x)| r * *x)
+                    .sum();
+                let leading = if displacement.amax() > 1e-6 * rotation.amax() {
+                    displacement
+                } else {
+                    rotation
+                };
                 if leading[leading.iamax()] < 0.0 {
                     shape.neg_mut();
                 }
@@ -290,7 +349,12 @@ impl Appendage {
         let n = self.modes();
         let mut T = DMatrix::zeros(n, modes.len());
         for (column, k) in modes.iter().enumerate() {
-            error::count(&format!("{}, selected mode", self.name), *k, 0, n.saturating_sub(1))?;
+            error::count(
+                &format!("{}, selected mode", self.name),
+                *k,
+                0,
+                n.saturating_sub(1),
+            )?;
             T[(*k, column)] = 1.0;
         }
         let mut result = self.transformed(&T)?;

@@ -2,7 +2,7 @@
 
 use nalgebra::{Complex, DMatrix, Vector3};
 
-use super::{Appendage, invariants::cross_moment};
+use super::{Appendage, FIRST_ORDER_DEFLECTION, FIRST_ORDER_RATE, invariants::cross_moment};
 use crate::{StructureError, frequencies_hz, quadratic_roots};
 
 impl Appendage {
@@ -40,7 +40,11 @@ impl Appendage {
     ///
     /// # Errors
     /// If the rotation makes the undeformed shape unstable, or as [`Appendage::check`].
-    pub fn spin_frequencies(&self, w_A: &Vector3<f64>, p_A: &Vector3<f64>) -> Result<Vec<f64>, StructureError> {
+    pub fn spin_frequencies(
+        &self,
+        w_A: &Vector3<f64>,
+        p_A: &Vector3<f64>,
+    ) -> Result<Vec<f64>, StructureError> {
         let acceleration = w_A.cross(&w_A.cross(p_A));
         let K = &self.modal_stiffness + self.spin_stiffness(w_A, &acceleration);
         if self.modes() > 0 && K.clone().cholesky().is_none() {
@@ -50,7 +54,39 @@ impl Appendage {
                 remedy: "the body diverges at this rate; use second-order modes or a lower rate",
             });
         }
-        let roots: Vec<Complex<f64>> = quadratic_roots(&self.modal_mass, &self.gyroscopic_matrix(w_A), &K)?;
-        Ok(frequencies_hz(&roots).iter().map(|f| f * std::f64::consts::TAU).collect())
+        let roots: Vec<Complex<f64>> =
+            quadratic_roots(&self.modal_mass, &self.gyroscopic_matrix(w_A), &K)?;
+        Ok(frequencies_hz(&roots)
+            .iter()
+            .map(|f| f * std::f64::consts::TAU)
+            .collect())
     }
+
+    /// Up to which rate and deflection first-order modes describe this body.
+    ///
+    /// # Errors
+    /// As [`Appendage::check`].
+    pub fn first_order_limits(&self) -> Result<FirstOrderLimits, StructureError> {
+        let frequencies = self.frequencies()?;
+        let lengths = self.outputs.iter().map(|o| o.position.norm());
+        Ok(FirstOrderLimits {
+            rate: frequencies
+                .iter()
+                .next()
+                .map_or(f64::INFINITY, |w| FIRST_ORDER_RATE * w),
+            deflection: lengths
+                .reduce(f64::max)
+                .map_or(f64::INFINITY, |l| FIRST_ORDER_DEFLECTION * l),
+        })
+    }
+}
+
+/// Up to where first-order modes suffice; beyond, use the second order.
+#[derive(Clone, Copy, Debug, PartialEq)]
+pub struct FirstOrderLimits {
+    /// Angular rate of the attachment \[rad/s\]: [`FIRST_ORDER_RATE`] of the first frequency.
+    pub rate: f64,
+    /// Displacement of an output point \[m\]: [`FIRST_ORDER_DEFLECTION`] of the distance of the farthest one; infinite if there
+    /// is none.
+    pub deflection: f64,
 }

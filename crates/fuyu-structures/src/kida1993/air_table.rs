@@ -9,7 +9,9 @@ use crate::{Appendage, HybridModel, StructureError};
 const FREQUENCIES: [f64; 7] = [0.0, 1.15, 4.00, 4.17, 11.83, 13.65, 17.36];
 
 /// Mode shapes of Table 3.1 at torque and angle \[kg^-1/2 m^-1\].
-const SHAPES: [f64; 7] = [3.09e-1, -3.71e-1, -7.98e-2, 2.85e-2, 3.98e-3, -2.06e-1, -1.64e-3];
+const SHAPES: [f64; 7] = [
+    3.09e-1, -3.71e-1, -7.98e-2, 2.85e-2, 3.98e-3, -2.06e-1, -1.64e-3,
+];
 
 /// Damping ratio of the elastic modes \[-\].
 const DAMPING: f64 = 5.0e-3;
@@ -56,7 +58,9 @@ pub fn air_table() -> AirTable {
         table.coupling[k] = 1.0 / (square * norm);
         T.set_column(1 + k, &(amplitudes / -norm));
     }
-    let modal = DMatrix::from_diagonal(&DVector::from_fn(7, |i, _| 2.0 * DAMPING * squares[i].sqrt()));
+    let modal = DMatrix::from_diagonal(&DVector::from_fn(7, |i, _| {
+        2.0 * DAMPING * squares[i].sqrt()
+    }));
     let damping = T.transpose() * modal * &T;
     table.damping = std::array::from_fn(|i| std::array::from_fn(|j| damping[(i, j)]));
     table
@@ -70,7 +74,11 @@ fn zero_between(squares: &[f64; 7], k: usize) -> (f64, [f64; 7]) {
     let half = (squares[k + 1] - squares[k]) / 2.0;
     // The sum rises from minus to plus infinity between the squares.
     let nearer_to_lower = value(differences(squares[k], half)) > 0.0;
-    let (origin, mut low, mut high) = if nearer_to_lower { (squares[k], 0.0, half) } else { (squares[k + 1], -half, 0.0) };
+    let (origin, mut low, mut high) = if nearer_to_lower {
+        (squares[k], 0.0, half)
+    } else {
+        (squares[k + 1], -half, 0.0)
+    };
     for _ in 0..1100 {
         let middle = low + (high - low) / 2.0;
         if middle <= low || middle >= high {
@@ -92,7 +100,9 @@ impl AirTable {
     /// # Errors
     /// Numerical failure, which does not occur with these data.
     pub fn hybrid(&self) -> Result<HybridModel, StructureError> {
-        let K = DVector::from_fn(6, |k, _| (self.constrained_hz[k] * std::f64::consts::TAU).powi(2));
+        let K = DVector::from_fn(6, |k, _| {
+            (self.constrained_hz[k] * std::f64::consts::TAU).powi(2)
+        });
         HybridModel::with_matrices(
             DMatrix::from_element(1, 1, self.inertia),
             DMatrix::from_fn(6, 1, |k, _| self.coupling[k]),
@@ -112,7 +122,8 @@ impl AirTable {
         let mut P = DMatrix::zeros(6, 6);
         (0..6).for_each(|k| P[(k, 5)] = self.coupling[k]);
         let rigid = (0.0, Vector3::zeros(), Matrix3::zeros());
-        let mut appendage = Appendage::from_coupling("air_table_panel", rigid, &frequencies, &[0.0; 6], &P)?;
+        let mut appendage =
+            Appendage::from_coupling("air_table_panel", rigid, &frequencies, &[0.0; 6], &P)?;
         appendage.modal_damping = DMatrix::from_fn(6, 6, |i, j| self.damping[1 + i][1 + j]);
         appendage.check()?;
         Ok(appendage)

@@ -122,8 +122,15 @@ pub(crate) fn column(heading: &'static str, printed: &[f64], computed: &[f64]) -
         v => Printed::Value(v),
     };
     let printed: Vec<Printed> = printed.iter().map(as_printed).collect();
-    let computed = printed.iter().map(|p| p.value().and_then(|_| values.next())).collect();
-    Column { heading, printed, computed }
+    let computed = printed
+        .iter()
+        .map(|p| p.value().and_then(|_| values.next()))
+        .collect();
+    Column {
+        heading,
+        printed,
+        computed,
+    }
 }
 
 /// A column that is not computed.

@@ -124,28 +124,45 @@ fn listed<'a>(names: impl Iterator<Item = &'a String>) -> String {
 }
 
 impl Document {
-    fn mode(&self, file: &str, line: Option<u64>, field: &str, mode: &str) -> Result<usize, StructureError> {
-        self.modes.iter().position(|m| m.name == mode).ok_or_else(|| {
-            let known = listed(self.modes.iter().map(|m| &m.name));
-            wrong(file, line, field, format!("there is no mode '{mode}'; the modes are {known}"))
-        })
+    fn mode(
+        &self,
+        file: &str,
+        line: Option<u64>,
+        field: &str,
+        mode: &str,
+    ) -> Result<usize, StructureError> {
+        self.modes
+            .iter()
+            .position(|m| m.name == mode)
+            .ok_or_else(|| {
+                let known = listed(self.modes.iter().map(|m| &m.name));
+                wrong(
+                    file,
+                    line,
+                    field,
+                    format!("there is no mode '{mode}'; the modes are {known}"),
+                )
+            })
     }
 
     fn appendage(&self, file: &str) -> Result<Appendage, StructureError> {
         self.check_values(file)?;
         let n = self.modes.len();
         let second_order = !self.second_order.is_empty();
-        let mut invariants = Invariants::rigid(self.mass, self.first_moment, self.inertia, n, second_order);
+        let mut invariants =
+            Invariants::rigid(self.mass, self.first_moment, self.inertia, n, second_order);
         for (k, mode) in self.modes.iter().enumerate() {
             invariants.set_first(1 + k, mode.S);
             invariants.set_second(0, 1 + k, mode.N);
         }
         for entry in &self.products {
-            let [k, l] = [&entry.modes[0], &entry.modes[1]].map(|m| self.mode(file, entry.line, "D", m));
+            let [k, l] =
+                [&entry.modes[0], &entry.modes[1]].map(|m| self.mode(file, entry.line, "D", m));
             invariants.set_second(1 + k?, 1 + l?, entry.second);
         }
         for entry in &self.second_order {
-            let [k, l] = [&entry.modes[0], &entry.modes[1]].map(|m| self.mode(file, entry.line, "second_order", m));
+            let [k, l] = [&entry.modes[0], &entry.modes[1]]
+                .map(|m| self.mode(file, entry.line, "second_order", m));
             let pair = 1 + n + pair_index(n, k?, l?);
             invariants.set_first(pair, entry.first);
             invariants.set_second(0, pair, entry.second);
@@ -160,7 +177,12 @@ impl Document {
                 chi: Vec::new(),
             };
             for shape in &entry.shapes {
-                let k = self.mode(file, shape.line, &format!("output {}", entry.name), &shape.mode)?;
+                let k = self.mode(
+                    file,
+                    shape.line,
+                    &format!("output {}", entry.name),
+                    &shape.mode,
+                )?;
                 output.translation[k] = shape.translation;
                 output.rotation[k] = shape.rotation;
             }
@@ -189,9 +211,34 @@ impl Document {
             if value.is_finite() && right {
                 return Ok(());
             }
-            Err(wrong(file, line, field, format!("is {value}; it must be {requirement}")))
+            Err(wrong(
+                file,
+                line,
+                field,
+                format!("is {value}; it must be {requirement}"),
+            ))
         };
-        number(self.body_line, "mass", self.mass, self.mass > 0.0, "positive [kg]")?;
+        number(
+            self.body_line,
+            "mass",
+            self.mass,
+            self.mass > 0.0,
+            "positive [kg]",
+        )?;
+        number(
+            self.body_line,
+            "first_moment",
+            self.first_moment.sum(),
+            true,
+            "numbers [kg m]",
+        )?;
+        number(
+            self.body_line,
+            "inertia",
+            self.inertia.sum(),
+            true,
+            "numbers [kg m²]",
+        )?;
         let moments = SymmetricEigen::new(self.inertia).eigenvalues;
         let (sum, largest, least) = (moments.sum(), moments.max(), moments.min());
         if !sum.is_finite() || least < 0.0 || 2.0 * largest > sum * (1.0 + 1e-9) {
@@ -203,21 +250,62 @@ impl Document {
         }
         for (k, mode) in self.modes.iter().enumerate() {
             let field = |f: &str| format!("mode {}, {f}", mode.name);
-            number(mode.line, &field("frequency_hz"), mode.frequency_hz, mode.frequency_hz > 0.0, "positive [Hz]")?;
-            number(mode.line, &field("damping"), mode.damping, mode.damping >= 0.0, "a ratio, zero or positive")?;
-            number(mode.line, &field("modal_mass"), mode.modal_mass, mode.modal_mass > 0.0, "positive")?;
+            number(
+                mode.line,
+                &field("frequency_hz"),
+                mode.frequency_hz,
+                mode.frequency_hz > 0.0,
+                "positive [Hz]",
+            )?;
+            number(
+                mode.line,
+                &field("damping"),
+                mode.damping,
+                mode.damping >= 0.0,
+                "a ratio, zero or positive",
+            )?;
+            number(
+                mode.line,
+                &field("modal_mass"),
+                mode.modal_mass,
+                mode.modal_mass > 0.0,
+                "positive",
+            )?;
             number(mode.line, &field("S"), mode.S.sum(), true, "numbers")?;
             number(mode.line, &field("N"), mode.N.sum(), true, "numbers")?;
             if self.modes[..k].iter().any(|m| m.name == mode.name) {
-                return Err(wrong(file, mode.line, "name", format!("'{}' names two modes; each needs a name that differs from the others", mode.name)));
+                return Err(wrong(
+                    file,
+                    mode.line,
+                    "name",
+                    format!(
+                        "'{}' names two modes; each needs a name that differs from the others",
+                        mode.name
+                    ),
+                ));
             }
         }
         for (i, output) in self.outputs.iter().enumerate() {
             let field = format!("output {}", output.name);
-            let shapes: f64 = output.shapes.iter().map(|s| s.translation.sum() + s.rotation.sum()).sum();
-            number(output.line, &field, output.position.sum() + shapes, true, "numbers")?;
+            let shapes: f64 = output
+                .shapes
+                .iter()
+                .map(|s| s.translation.sum() + s.rotation.sum())
+                .sum();
+            number(
+                output.line,
+                &field,
+                output.position.sum() + shapes,
+                true,
+                "numbers",
+            )?;
             if self.outputs[..i].iter().any(|o| o.name == output.name) {
-                return Err(wrong(file, output.line, &field, "names two output points; each needs another name"));
+                return Err(wrong(
+                    file,
+                    output.line,
+                    &field,
+                    "names two output points; each needs another name",
+                ));
             }
         }
         for entry in &self.products {
@@ -227,7 +315,8 @@ impl Document {
             number(entry.line, &field, trace, true, "numbers")?;
             let mass = self.modes[self.mode(file, entry.line, &field, a)?].modal_mass;
             if a == b && trace > mass * (1.0 + 1e-6) {
-                let message = format!("has trace {trace}; it must not exceed the mode's modal_mass {mass}");
+                let message =
+                    format!("has trace {trace}; it must not exceed the mode's modal_mass {mass}");
                 return Err(wrong(file, entry.line, &field, message));
             }
         }
@@ -237,9 +326,21 @@ impl Document {
     /// The modes cannot move more mass than the body has. The usual causes are units of mm or t, or another reference point.
     fn check_mass(&self, appendage: &Appendage, file: &str) -> Result<(), StructureError> {
         let P = appendage.coupling();
-        let weighted = DMatrix::from_fn(P.nrows(), 6, |k, j| P[(k, j)] / appendage.modal_mass[(k, k)]);
+        let weighted = DMatrix::from_fn(P.nrows(), 6, |k, j| {
+            P[(k, j)] / appendage.modal_mass[(k, k)]
+        });
         let rest = appendage.rigid_mass_matrix() - P.transpose() * weighted;
-        for (i, axis) in ["translation x", "translation y", "translation z", "rotation x", "rotation y", "rotation z"].iter().enumerate() {
+        for (i, axis) in [
+            "translation x",
+            "translation y",
+            "translation z",
+            "rotation x",
+            "rotation y",
+            "rotation z",
+        ]
+        .iter()
+        .enumerate()
+        {
             let total = appendage.rigid_mass_matrix()[(i, i)];
             if rest[(i, i)] < -1e-6 * total {
                 let message = format!(
@@ -254,8 +355,16 @@ impl Document {
 
     fn new(appendage: &Appendage) -> Result<Self, StructureError> {
         let n = appendage.modes();
-        let matrices = [&appendage.modal_mass, &appendage.modal_stiffness, &appendage.modal_damping];
-        for (matrix, name) in matrices.into_iter().zip(["modal mass", "modal stiffness", "modal damping"]) {
+        let matrices = [
+            &appendage.modal_mass,
+            &appendage.modal_stiffness,
+            &appendage.modal_damping,
+        ];
+        for (matrix, name) in
+            matrices
+                .into_iter()
+                .zip(["modal mass", "modal stiffness", "modal damping"])
+        {
             let off = matrix - DMatrix::from_diagonal(&matrix.diagonal());
             if n > 0 && off.amax() > 1e-13 * matrix.amax() {
                 return Err(StructureError::Matrix {
@@ -267,12 +376,15 @@ impl Document {
         }
         let invariants = &appendage.invariants;
         let names = &appendage.mode_names;
-        let rates: Vec<f64> = (0..n).map(|k| (appendage.modal_stiffness[(k, k)] / appendage.modal_mass[(k, k)]).sqrt()).collect();
+        let rates: Vec<f64> = (0..n)
+            .map(|k| (appendage.modal_stiffness[(k, k)] / appendage.modal_mass[(k, k)]).sqrt())
+            .collect();
         let mode = |k: usize| ModeEntry {
             line: None,
             name: names[k].clone(),
             frequency_hz: rates[k] / std::f64::consts::TAU,
-            damping: appendage.modal_damping[(k, k)] / (2.0 * appendage.modal_mass[(k, k)] * rates[k]),
+            damping: appendage.modal_damping[(k, k)]
+                / (2.0 * appendage.modal_mass[(k, k)] * rates[k]),
             modal_mass: appendage.modal_mass[(k, k)],
             S: invariants.first(1 + k),
             N: invariants.second(0, 1 + k),
@@ -284,7 +396,8 @@ impl Document {
             second,
         };
         let all = || crate::appendage::pairs(n);
-        let products = all().map(|(k, l)| entry(k, l, Vector3::zeros(), invariants.second(1 + k, 1 + l)));
+        let products =
+            all().map(|(k, l)| entry(k, l, Vector3::zeros(), invariants.second(1 + k, 1 + l)));
         let quadratic = all().filter(|_| invariants.second_order()).map(|(k, l)| {
             let pair = invariants.pair_function(k, l);
             entry(k, l, invariants.first(pair), invariants.second(0, pair))
@@ -295,7 +408,12 @@ impl Document {
             name: o.name.clone(),
             position: o.position,
             shapes: (0..n)
-                .map(|k| ShapeEntry { line: None, mode: names[k].clone(), translation: o.translation[k], rotation: o.rotation[k] })
+                .map(|k| ShapeEntry {
+                    line: None,
+                    mode: names[k].clone(),
+                    translation: o.translation[k],
+                    rotation: o.rotation[k],
+                })
                 .collect(),
         };
         Ok(Self {

@@ -114,8 +114,16 @@ pub(super) fn read(text: &str, name: &str) -> Result<Document, StructureError> {
                 N: matrix(&m.N),
             })
             .collect(),
-        products: file.products.into_iter().map(|p| pair(p.modes, [0.0; 3], p.value)).collect(),
-        second_order: file.second_order.into_iter().map(|p| pair(p.modes, p.S, p.N)).collect(),
+        products: file
+            .products
+            .into_iter()
+            .map(|p| pair(p.modes, [0.0; 3], p.value))
+            .collect(),
+        second_order: file
+            .second_order
+            .into_iter()
+            .map(|p| pair(p.modes, p.S, p.N))
+            .collect(),
         outputs: file
             .outputs
             .into_iter()
@@ -142,14 +150,28 @@ fn matrix(rows: &[f64; 9]) -> Matrix3<f64> {
     Matrix3::from_row_slice(rows)
 }
 
-/// A YAML string in quotes.
+/// A YAML string in double quotes.
 fn quoted(text: &str) -> String {
-    format!("\"{}\"", text.escape_default())
+    let mut result = String::from("\"");
+    for c in text.chars() {
+        match c {
+            '"' | '\\' => result.extend(['\\', c]),
+            c if c.is_control() => result.push_str(&format!("\\u{:04x}", u32::from(c))),
+            c => result.push(c),
+        }
+    }
+    result + "\""
 }
 
 /// Numbers as the shortest text that reads back to the same bits.
 fn list(values: impl Iterator<Item = f64>) -> String {
-    format!("[{}]", values.map(|v| format!("{v:?}")).collect::<Vec<_>>().join(", "))
+    format!(
+        "[{}]",
+        values
+            .map(|v| format!("{v:?}"))
+            .collect::<Vec<_>>()
+            .join(", ")
+    )
 }
 
 fn vector(v: &Vector3<f64>) -> String {
@@ -163,15 +185,28 @@ fn rows(m: &Matrix3<f64>) -> String {
 pub(super) fn write(document: &Document) -> String {
     let mut text = String::new();
     let I = &document.inertia;
-    let inertia = [I[(0, 0)], I[(1, 1)], I[(2, 2)], I[(0, 1)], I[(0, 2)], I[(1, 2)]];
+    let inertia = [
+        I[(0, 0)],
+        I[(1, 1)],
+        I[(2, 2)],
+        I[(0, 1)],
+        I[(0, 2)],
+        I[(1, 2)],
+    ];
     let mut line = |content: String| {
         // Writing to a string cannot fail.
         let _ = writeln!(text, "{content}");
     };
     line(format!("name: {}", quoted(&document.name)));
     line(format!("mass: {:?} # kg", document.mass));
-    line(format!("first_moment: {} # kg m", vector(&document.first_moment)));
-    line(format!("inertia: {} # ixx, iyy, izz, ixy, ixz, iyz about the attachment, kg m^2", list(inertia.into_iter())));
+    line(format!(
+        "first_moment: {} # kg m",
+        vector(&document.first_moment)
+    ));
+    line(format!(
+        "inertia: {} # ixx, iyy, izz, ixy, ixz, iyz about the attachment, kg m^2",
+        list(inertia.into_iter())
+    ));
     line("modes:".to_owned() + if document.modes.is_empty() { " []" } else { "" });
     for mode in &document.modes {
         line(format!("  - name: {}", quoted(&mode.name)));
@@ -186,7 +221,12 @@ pub(super) fn write(document: &Document) -> String {
     }
     for entry in &document.products {
         let [a, b] = &entry.modes;
-        line(format!("  - {{modes: [{}, {}], value: {}}}", quoted(a), quoted(b), rows(&entry.second)));
+        line(format!(
+            "  - {{modes: [{}, {}], value: {}}}",
+            quoted(a),
+            quoted(b),
+            rows(&entry.second)
+        ));
     }
     if !document.second_order.is_empty() {
         line("second_order:".to_owned());
@@ -194,7 +234,11 @@ pub(super) fn write(document: &Document) -> String {
     for entry in &document.second_order {
         let [a, b] = &entry.modes;
         let (first, second) = (vector(&entry.first), rows(&entry.second));
-        line(format!("  - {{modes: [{}, {}], S: {first}, N: {second}}}", quoted(a), quoted(b)));
+        line(format!(
+            "  - {{modes: [{}, {}], S: {first}, N: {second}}}",
+            quoted(a),
+            quoted(b)
+        ));
     }
     if !document.outputs.is_empty() {
         line("outputs:".to_owned());
@@ -205,7 +249,10 @@ pub(super) fn write(document: &Document) -> String {
         line("    shapes:".to_owned() + if output.shapes.is_empty() { " []" } else { "" });
         for shape in &output.shapes {
             let (translation, rotation) = (vector(&shape.translation), vector(&shape.rotation));
-            line(format!("      - {{mode: {}, translation: {translation}, rotation: {rotation}}}", quoted(&shape.mode)));
+            line(format!(
+                "      - {{mode: {}, translation: {translation}, rotation: {rotation}}}",
+                quoted(&shape.mode)
+            ));
         }
     }
     text

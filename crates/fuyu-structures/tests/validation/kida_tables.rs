@@ -20,12 +20,27 @@ fn difference(table: &Table, column: usize) -> f64 {
 fn every_table_has_its_verdict() {
     for table in tables().unwrap() {
         let rows = table.columns[0].printed.len();
-        assert!(table.columns.iter().all(|c| c.printed.len() == rows && c.computed.len() == rows), "{}", table.number);
-        assert!(table.rows.is_empty() || table.rows.len() == rows, "{}", table.number);
+        assert!(
+            table
+                .columns
+                .iter()
+                .all(|c| c.printed.len() == rows && c.computed.len() == rows),
+            "{}",
+            table.number
+        );
+        assert!(
+            table.rows.is_empty() || table.rows.len() == rows,
+            "{}",
+            table.number
+        );
         match table.verdict {
             Verdict::Input => assert_eq!(table.number, "2.5"),
             Verdict::Reproduced { first, second } => {
-                let columns = table.columns.iter().filter(|c| c.computed.iter().any(Option::is_some)).count();
+                let columns = table
+                    .columns
+                    .iter()
+                    .filter(|c| c.computed.iter().any(Option::is_some))
+                    .count();
                 let found = difference(&table, 0);
                 println!("{}: {found:.2e} Hz", table.number);
                 assert!(found <= first, "{}: {found}", table.number);
@@ -35,8 +50,17 @@ fn every_table_has_its_verdict() {
                     assert!(found <= second, "{}: {found}", table.number);
                 }
                 // A column that claims to be computed is.
-                let printed = table.columns[0].printed.iter().filter(|p| p.value().is_some()).count();
-                assert_eq!(table.columns[0].computed.iter().flatten().count(), printed, "{}", table.number);
+                let printed = table.columns[0]
+                    .printed
+                    .iter()
+                    .filter(|p| p.value().is_some())
+                    .count();
+                assert_eq!(
+                    table.columns[0].computed.iter().flatten().count(),
+                    printed,
+                    "{}",
+                    table.number
+                );
             }
             Verdict::NotReproducible(reason) => {
                 assert_eq!(table.number, "2.9");
@@ -48,14 +72,23 @@ fn every_table_has_its_verdict() {
             }
         }
     }
-    assert_eq!(table(13).unwrap_err().to_string(), "number of the table in chapter 2 is 13; it must be from 1 to 12");
+    assert_eq!(
+        table(13).unwrap_err().to_string(),
+        "number of the table in chapter 2 is 13; it must be from 1 to 12"
+    );
 }
 
 #[test]
 fn the_truss_has_the_independent_poles_and_zeros() {
     let expected = fixture("kida_truss6");
     let matrices = truss().matrices().unwrap();
-    let hz: Vec<f64> = matrices.modes(&[], 12).unwrap().frequencies.iter().map(|w| w / std::f64::consts::TAU).collect();
+    let hz: Vec<f64> = matrices
+        .modes(&[], 12)
+        .unwrap()
+        .frequencies
+        .iter()
+        .map(|w| w / std::f64::consts::TAU)
+        .collect();
     assert_eq!(&hz[..3], [0.0; 3], "three rigid-body motions");
     let poles = worst(&hz[3..], &numbers(&expected["poles_hz"])[3..]);
     assert!(poles < 1e-11, "{poles:e}");
@@ -68,7 +101,13 @@ fn the_truss_has_the_independent_poles_and_zeros() {
         (&[1, 6, 11], 12, "table2.1_(1, 6, 11)"),
     ] {
         let model = FemModel::collocated(matrices.clone(), DMatrix::zeros(12, 12), inputs).unwrap();
-        let found = frequencies_hz(&model.modal(&vec![0.0; modes], modes).unwrap().zeros().unwrap());
+        let found = frequencies_hz(
+            &model
+                .modal(&vec![0.0; modes], modes)
+                .unwrap()
+                .zeros()
+                .unwrap(),
+        );
         let error = worst(&found, &numbers(&expected[key]["computed"]));
         assert!(error < 1e-10, "{key}: {error:e}");
         largest = largest.max(error);
@@ -84,20 +123,43 @@ fn the_truss_has_the_independent_poles_and_zeros() {
 fn ets_vi_has_the_independent_couplings() {
     let expected = fixture("kida_ets6");
     let satellite = ets6().unwrap();
-    let names = ["Tz (oop, sym)", "Rx (oop, anti)", "Tx (ip, sym)", "Rz (ip, anti)", "Ry (torsion, anti)"];
+    let names = [
+        "Tz (oop, sym)",
+        "Rx (oop, anti)",
+        "Tx (ip, sym)",
+        "Rz (ip, anti)",
+        "Ry (torsion, anti)",
+    ];
     for (family, name) in satellite.families.iter().zip(names) {
         let other = &expected["families"][name];
-        assert!(worst(&family.kappa, &numbers(&other["kappa"])) < 1e-10, "{name}");
+        assert!(
+            worst(&family.kappa, &numbers(&other["kappa"])) < 1e-10,
+            "{name}"
+        );
         let bounds = numbers(&other["lo"]).into_iter().zip(numbers(&other["hi"]));
-        assert!(family.kappa.iter().zip(bounds).all(|(k, (lo, hi))| lo < *k && *k < hi), "{name}");
-        assert!(family.kappa.iter().sum::<f64>() < 1.0, "less mass moves than there is");
+        assert!(
+            family
+                .kappa
+                .iter()
+                .zip(bounds)
+                .all(|(k, (lo, hi))| lo < *k && *k < hi),
+            "{name}"
+        );
+        assert!(
+            family.kappa.iter().sum::<f64>() < 1.0,
+            "less mass moves than there is"
+        );
     }
     let P = matrix(&expected["P_gamma_pi_unit_inertia"]);
     assert!((satellite.coupling(std::f64::consts::PI) - P).amax() < 1e-9);
 }
 
 fn numbers_of(table: &Table) -> Vec<f64> {
-    table.columns[0].printed.iter().filter_map(|p| p.value()).collect()
+    table.columns[0]
+        .printed
+        .iter()
+        .filter_map(|p| p.value())
+        .collect()
 }
 
 // Zeros do not depend on the panels' angle (after theorem 2.4), poles do.
@@ -107,9 +169,17 @@ fn only_the_poles_of_ets_vi_depend_on_the_panels_angle() {
     let all = [0, 1, 2, 3, 4, 5, 6];
     let hz = numbers_of(&table(5).unwrap());
     // With equal moments of inertia a turn about y would change nothing; the real ones are not printed.
-    let J = DMatrix::from_diagonal(&nalgebra::DVector::from_vec(vec![2000.0, 2000.0, 2000.0, 1.0, 1.2, 1.5]));
-    let w: Vec<f64> = all.iter().chain(&all).map(|k| hz[*k] * std::f64::consts::TAU).collect();
-    let at = |gamma: f64| HybridModel::new(J.clone(), satellite.coupling(gamma), &w, &[0.0; 14]).unwrap();
+    let J = DMatrix::from_diagonal(&nalgebra::DVector::from_vec(vec![
+        2000.0, 2000.0, 2000.0, 1.0, 1.2, 1.5,
+    ]));
+    let w: Vec<f64> = all
+        .iter()
+        .chain(&all)
+        .map(|k| hz[*k] * std::f64::consts::TAU)
+        .collect();
+    let at = |gamma: f64| {
+        HybridModel::new(J.clone(), satellite.coupling(gamma), &w, &[0.0; 14]).unwrap()
+    };
     let (straight, turned) = (at(std::f64::consts::PI), at(std::f64::consts::PI / 4.0));
     let zeros = |m: &HybridModel| frequencies_hz(&m.unconstrained().unwrap().zeros().unwrap());
     let moved = worst(&zeros(&turned), &zeros(&straight));

@@ -3,14 +3,53 @@
 use fuyu_structures::{Appendage, Attachment};
 use nalgebra::{DMatrix, Matrix3, Rotation3, Vector3};
 
-/// Axis, origin in the parent link, mass, centre of mass and moments of inertia of joints and links 1 to 6.
-const LINKS: [([f64; 3], [f64; 3], f64, f64, [f64; 3]); 6] = [
-    ([1.0, 0.0, 0.0], [0.0, 1.5, 0.0], 20.0, 0.125, [0.1, 0.15, 0.15]),
-    ([0.0, 0.0, 1.0], [0.25, 0.0, 0.0], 50.0, 1.25, [0.25, 26.0, 26.0]),
-    ([0.0, 0.0, 1.0], [2.5, 0.0, 0.0], 50.0, 1.25, [0.25, 26.0, 26.0]),
-    ([0.0, 0.0, 1.0], [2.5, 0.0, 0.0], 10.0, 0.125, [0.05, 0.075, 0.075]),
-    ([0.0, 1.0, 0.0], [0.25, 0.0, 0.0], 5.0, 0.1, [0.019, 0.025, 0.025]),
-    ([1.0, 0.0, 0.0], [0.2, 0.0, 0.0], 5.0, 0.1, [0.025, 0.025, 0.025]),
+/// Axis, origin in the parent link \[m\], mass \[kg\], centre of mass along x \[m\] and moments of inertia about it \[kg m²\].
+type LinkData = ([f64; 3], [f64; 3], f64, f64, [f64; 3]);
+
+/// Joints and links 1 to 6.
+const LINKS: [LinkData; 6] = [
+    (
+        [1.0, 0.0, 0.0],
+        [0.0, 1.5, 0.0],
+        20.0,
+        0.125,
+        [0.1, 0.15, 0.15],
+    ),
+    (
+        [0.0, 0.0, 1.0],
+        [0.25, 0.0, 0.0],
+        50.0,
+        1.25,
+        [0.25, 26.0, 26.0],
+    ),
+    (
+        [0.0, 0.0, 1.0],
+        [2.5, 0.0, 0.0],
+        50.0,
+        1.25,
+        [0.25, 26.0, 26.0],
+    ),
+    (
+        [0.0, 0.0, 1.0],
+        [2.5, 0.0, 0.0],
+        10.0,
+        0.125,
+        [0.05, 0.075, 0.075],
+    ),
+    (
+        [0.0, 1.0, 0.0],
+        [0.25, 0.0, 0.0],
+        5.0,
+        0.1,
+        [0.019, 0.025, 0.025],
+    ),
+    (
+        [1.0, 0.0, 0.0],
+        [0.2, 0.0, 0.0],
+        5.0,
+        0.1,
+        [0.025, 0.025, 0.025],
+    ),
 ];
 
 /// Pose and motion of one link's frame in the base frame.
@@ -23,19 +62,34 @@ pub struct Link {
 
 /// The base as a link, then links 1 to 6.
 pub fn links(q: &[f64]) -> Vec<Link> {
-    let mut list = vec![Link { R: Rotation3::identity(), p: Vector3::zeros(), jacobian: DMatrix::zeros(6, 12) }];
-    list[0].jacobian.view_mut((0, 0), (6, 6)).fill_with_identity();
+    let mut list = vec![Link {
+        R: Rotation3::identity(),
+        p: Vector3::zeros(),
+        jacobian: DMatrix::zeros(6, 12),
+    }];
+    list[0]
+        .jacobian
+        .view_mut((0, 0), (6, 6))
+        .fill_with_identity();
     for (i, (axis, origin, ..)) in LINKS.iter().enumerate() {
         let parent = &list[i];
         let half_turn = std::f64::consts::FRAC_PI_2;
-        let mount = if i == 0 { Rotation3::from_euler_angles(half_turn, 0.0, half_turn) } else { Rotation3::identity() };
+        let mount = if i == 0 {
+            Rotation3::from_euler_angles(half_turn, 0.0, half_turn)
+        } else {
+            Rotation3::identity()
+        };
         let step = parent.R * Vector3::from(*origin);
         let axis = Vector3::from(*axis);
         let R = parent.R * mount * Rotation3::new(axis * q[i]);
         let mut jacobian = moved(&parent.jacobian, &step);
         let turn = parent.R * mount * axis;
         (0..3).for_each(|row| jacobian[(3 + row, 6 + i)] = turn[row]);
-        list.push(Link { R, p: parent.p + step, jacobian });
+        list.push(Link {
+            R,
+            p: parent.p + step,
+            jacobian,
+        });
     }
     list
 }
@@ -50,7 +104,13 @@ pub fn moved(jacobian: &DMatrix<f64>, step: &Vector3<f64>) -> DMatrix<f64> {
 }
 
 /// Adds a body: mass, centre of mass relative to a frame and moments of inertia about it, in the frame's axes.
-pub fn add_body(M: &mut DMatrix<f64>, link: &Link, mass: f64, centre: Vector3<f64>, inertia: Matrix3<f64>) {
+pub fn add_body(
+    M: &mut DMatrix<f64>,
+    link: &Link,
+    mass: f64,
+    centre: Vector3<f64>,
+    inertia: Matrix3<f64>,
+) {
     let J = moved(&link.jacobian, &(link.R * centre));
     let (v, w) = (J.rows(0, 3), J.rows(3, 3));
     let I = link.R.matrix() * inertia * link.R.matrix().transpose();
@@ -61,9 +121,25 @@ pub fn add_body(M: &mut DMatrix<f64>, link: &Link, mass: f64, centre: Vector3<f6
 pub fn mass_matrix(q: &[f64], left_out: &[usize]) -> DMatrix<f64> {
     let list = links(q);
     let mut M = DMatrix::zeros(12, 12);
-    add_body(&mut M, &list[0], 2000.0, Vector3::zeros(), Matrix3::from_diagonal(&Vector3::new(1400.0, 1400.0, 2040.0)));
-    for (i, (_, _, mass, x, inertia)) in LINKS.iter().enumerate().filter(|(i, _)| !left_out.contains(&(i + 1))) {
-        add_body(&mut M, &list[i + 1], *mass, Vector3::new(*x, 0.0, 0.0), Matrix3::from_diagonal(&Vector3::from(*inertia)));
+    add_body(
+        &mut M,
+        &list[0],
+        2000.0,
+        Vector3::zeros(),
+        Matrix3::from_diagonal(&Vector3::new(1400.0, 1400.0, 2040.0)),
+    );
+    for (i, (_, _, mass, x, inertia)) in LINKS
+        .iter()
+        .enumerate()
+        .filter(|(i, _)| !left_out.contains(&(i + 1)))
+    {
+        add_body(
+            &mut M,
+            &list[i + 1],
+            *mass,
+            Vector3::new(*x, 0.0, 0.0),
+            Matrix3::from_diagonal(&Vector3::from(*inertia)),
+        );
     }
     M
 }
@@ -74,7 +150,12 @@ pub fn attachments<'a>(panel: &'a Appendage, alpha: f64) -> [Attachment<'a>; 2] 
     let half_turn = Rotation3::new(Vector3::z() * std::f64::consts::PI);
     [
         Attachment::on_base(panel, &array, &Vector3::new(1.2, 0.0, 0.0), 12),
-        Attachment::on_base(panel, &(array * half_turn), &Vector3::new(-1.2, 0.0, 0.0), 12),
+        Attachment::on_base(
+            panel,
+            &(array * half_turn),
+            &Vector3::new(-1.2, 0.0, 0.0),
+            12,
+        ),
     ]
 }
 

@@ -13,7 +13,9 @@ pub fn fixture(name: &str) -> Value {
 
 /// A list of numbers.
 pub fn numbers(value: &Value) -> Vec<f64> {
-    let list = value.as_array().unwrap_or_else(|| panic!("not a list: {value}"));
+    let list = value
+        .as_array()
+        .unwrap_or_else(|| panic!("not a list: {value}"));
     list.iter().map(|v| v.as_f64().unwrap()).collect()
 }
 
@@ -26,13 +28,18 @@ pub fn matrix(value: &Value) -> DMatrix<f64> {
 /// Roots with positive imaginary part as a list of pairs.
 pub fn roots(value: &Value) -> Vec<Complex<f64>> {
     let m = matrix(value);
-    (0..m.nrows()).map(|i| Complex::new(m[(i, 0)], m[(i, 1)])).collect()
+    (0..m.nrows())
+        .map(|i| Complex::new(m[(i, 0)], m[(i, 1)]))
+        .collect()
 }
 
 /// Largest relative difference of two lists of the same length.
 pub fn worst(found: &[f64], expected: &[f64]) -> f64 {
     assert_eq!(found.len(), expected.len(), "{found:?} {expected:?}");
-    let differences = found.iter().zip(expected).map(|(a, b)| (a - b).abs() / b.abs());
+    let differences = found
+        .iter()
+        .zip(expected)
+        .map(|(a, b)| (a - b).abs() / b.abs());
     differences.fold(0.0, f64::max)
 }
 
@@ -43,7 +50,12 @@ pub fn worst_root(found: &[Complex<f64>], expected: &[Complex<f64>]) -> f64 {
     let mut largest = 0.0_f64;
     for root in expected {
         let distance = |s: &Complex<f64>| (s - root).norm() / root.norm();
-        let (place, error) = left.iter().map(distance).enumerate().min_by(|a, b| a.1.total_cmp(&b.1)).unwrap();
+        let (place, error) = left
+            .iter()
+            .map(distance)
+            .enumerate()
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .unwrap();
         left.swap_remove(place);
         largest = largest.max(error);
     }

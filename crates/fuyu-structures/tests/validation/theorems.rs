@@ -38,7 +38,10 @@ impl System {
         let mut values: Vec<Complex<f64>> = inverse.complex_eigenvalues().iter().copied().collect();
         values.sort_by(|a, b| b.norm().total_cmp(&a.norm()));
         // Zeros at infinity have ν = 0 in chains of up to three, which rounding makes 1e-5 of the largest one.
-        assert!(values.len() == count || values[count].norm() < 0.1 * values[count - 1].norm(), "{values:?}");
+        assert!(
+            values.len() == count || values[count].norm() < 0.1 * values[count - 1].norm(),
+            "{values:?}"
+        );
         values.truncate(count);
         values.into_iter().map(|nu| shift + 1.0 / nu).collect()
     }
@@ -83,13 +86,30 @@ fn zeros_of_fem_and_modal_models_are_those_of_the_definition() {
         let eigen = fuyu_structures::generalized_eigen(&K, &M).unwrap();
         let ratios: Vec<f64> = (0..n).map(|_| random.between(0.0, 0.05)).collect();
         // D = M Φ 2ZΣ Φᵀ M.
-        let modal = DMatrix::from_fn(n, n, |i, j| if i == j { 2.0 * ratios[i] * eigen.values[i].sqrt() } else { 0.0 });
+        let modal = DMatrix::from_fn(n, n, |i, j| {
+            if i == j {
+                2.0 * ratios[i] * eigen.values[i].sqrt()
+            } else {
+                0.0
+            }
+        });
         let MPhi = &M * &eigen.vectors;
         let D = &MPhi * modal * MPhi.transpose();
         let D = (&D + D.transpose()) / 2.0;
-        let mut model = FemModel::collocated(Matrices::new(M.clone(), K.clone()).unwrap(), D.clone(), &[0]).unwrap();
+        let mut model = FemModel::collocated(
+            Matrices::new(M.clone(), K.clone()).unwrap(),
+            D.clone(),
+            &[0],
+        )
+        .unwrap();
         model.L = random.matrix(n, r);
-        let system = System { M, C: D, K, L: model.L.clone(), H: model.L.transpose() };
+        let system = System {
+            M,
+            C: D,
+            K,
+            L: model.L.clone(),
+            H: model.L.transpose(),
+        };
         let zeros = model.zeros().unwrap();
         assert_eq!(zeros.len(), 2 * (n - r), "{trial}");
         worst[0] = worst[0].max(system.check(&zeros, &format!("theorem 2.1, trial {trial}")));
@@ -100,7 +120,10 @@ fn zeros_of_fem_and_modal_models_are_those_of_the_definition() {
         assert!(error < 1e-8, "theorem 2.2, trial {trial}: {error:e}");
         worst[1] = worst[1].max(error);
     }
-    println!("theorem 2.1 against the pencil {:.1e}, theorem 2.2 against 2.1 {:.1e}", worst[0], worst[1]);
+    println!(
+        "theorem 2.1 against the pencil {:.1e}, theorem 2.2 against 2.1 {:.1e}",
+        worst[0], worst[1]
+    );
 }
 
 /// A hybrid model with its matrices.
@@ -123,7 +146,9 @@ fn system(model: &HybridModel, L: DMatrix<f64>, H: DMatrix<f64>) -> System {
 fn joined(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
     let mut whole = DMatrix::zeros(left.nrows(), left.ncols() + right.ncols());
     whole.columns_mut(0, left.ncols()).copy_from(left);
-    whole.columns_mut(left.ncols(), right.ncols()).copy_from(right);
+    whole
+        .columns_mut(left.ncols(), right.ncols())
+        .copy_from(right);
     whole
 }
 
@@ -146,8 +171,10 @@ fn poles_and_zeros_of_hybrid_models_are_those_of_the_definition() {
         let mut A = DMatrix::zeros(2 * whole, 2 * whole);
         A.view_mut((0, whole), (whole, whole)).fill_with_identity();
         let inverse = system.M.clone().try_inverse().unwrap();
-        A.view_mut((whole, 0), (whole, whole)).copy_from(&(-&inverse * &system.K));
-        A.view_mut((whole, whole), (whole, whole)).copy_from(&(-&inverse * &system.C));
+        A.view_mut((whole, 0), (whole, whole))
+            .copy_from(&(-&inverse * &system.K));
+        A.view_mut((whole, whole), (whole, whole))
+            .copy_from(&(-&inverse * &system.C));
         let mut expected: Vec<_> = A.complex_eigenvalues().iter().copied().collect();
         expected.sort_by(|a, b| b.norm().total_cmp(&a.norm()));
         expected.truncate(2 * n);
@@ -166,7 +193,11 @@ fn poles_and_zeros_of_hybrid_models_are_those_of_the_definition() {
         Phi.view_mut((0, r), (r, n)).copy_from(&u.Phi_2);
         Phi.view_mut((r, r), (n, n)).copy_from(&u.Phi_3);
         let identity = Phi.transpose() * &system.M * &Phi - DMatrix::identity(whole, whole);
-        assert!(identity.amax() < 1e-10, "trial {trial}: {:e}", identity.amax());
+        assert!(
+            identity.amax() < 1e-10,
+            "trial {trial}: {:e}",
+            identity.amax()
+        );
     }
     println!("2.3(b), 2.4(b), 2.3(a), 2.4(a): {worst:?}");
 }
@@ -182,7 +213,10 @@ fn zeros_from_unconstrained_modes_need_the_full_damping_matrix() {
         let mut unconstrained = model.unconstrained().unwrap();
         unconstrained.damping = DMatrix::from_diagonal(&unconstrained.damping.diagonal());
         if n > 1 {
-            worst = worst.max(worst_root(&unconstrained.zeros().unwrap(), &model.zeros().unwrap()));
+            worst = worst.max(worst_root(
+                &unconstrained.zeros().unwrap(),
+                &model.zeros().unwrap(),
+            ));
         }
     }
     assert!(worst > 1e-3, "{worst:e}");
@@ -203,20 +237,31 @@ fn zeros_of_non_collocated_models_are_those_of_the_definition() {
         let zeros = model.zeros_measured_elsewhere(&H_r, &flexible).unwrap();
         let measured = system(&model, rigid.transpose(), joined(&H_r, &flexible));
         worst[0] = worst[0].max(measured.check(&zeros, &format!("theorem 2.5(a), trial {trial}")));
-        let error = worst_root(&unconstrained.zeros_measured_elsewhere(&H_r, &flexible).unwrap(), &zeros);
+        let error = worst_root(
+            &unconstrained
+                .zeros_measured_elsewhere(&H_r, &flexible)
+                .unwrap(),
+            &zeros,
+        );
         assert!(error < 1e-7, "theorem 2.5(b), trial {trial}: {error:e}");
         worst[1] = worst[1].max(error);
         unstable += usize::from(zeros.iter().any(|s| s.re > 1e-6 * s.norm()));
 
-        let zeros = model.zeros_driven_elsewhere(&H_r.transpose(), &flexible.transpose()).unwrap();
+        let zeros = model
+            .zeros_driven_elsewhere(&H_r.transpose(), &flexible.transpose())
+            .unwrap();
         let driven = system(&model, joined(&H_r, &flexible).transpose(), rigid);
         worst[2] = worst[2].max(driven.check(&zeros, &format!("theorem 2.6(a), trial {trial}")));
-        let right = unconstrained.zeros_driven_elsewhere(&H_r.transpose(), &flexible.transpose()).unwrap();
+        let right = unconstrained
+            .zeros_driven_elsewhere(&H_r.transpose(), &flexible.transpose())
+            .unwrap();
         let error = worst_root(&right, &zeros);
         assert!(error < 1e-7, "theorem 2.6(b), trial {trial}: {error:e}");
         worst[3] = worst[3].max(error);
     }
-    println!("2.5(a), 2.5(b), 2.6(a), 2.6(b): {worst:?}; {unstable} of 200 are not of minimum phase");
+    println!(
+        "2.5(a), 2.5(b), 2.6(a), 2.6(b): {worst:?}; {unstable} of 200 are not of minimum phase"
+    );
     // Property 2.5: minimum phase is not guaranteed.
     assert!(unstable > 20, "{unstable}");
 }
@@ -233,9 +278,22 @@ fn a_free_structure_has_its_elastic_poles() {
     let w = matrices.modes(&[], 12).unwrap().frequencies;
     for (pole, w) in upper(&poles).iter().zip(w.iter().skip(3)) {
         // 2 ζ ω = 1e-4 ω².
-        assert!((pole.norm() / w - 1.0).abs() < 1e-9 && (pole.re / (-0.5e-4 * w * w) - 1.0).abs() < 1e-8, "{pole} {w}");
+        assert!(
+            (pole.norm() / w - 1.0).abs() < 1e-9
+                && (pole.re / (-0.5e-4 * w * w) - 1.0).abs() < 1e-8,
+            "{pole} {w}"
+        );
     }
     let wrong = FemModel::collocated(matrices, DMatrix::identity(12, 12), &[0]).unwrap();
-    assert!(wrong.poles().unwrap_err().to_string().contains("not zero for rigid-body motion"));
-    assert!(wrong.zeros().is_err(), "one input leaves two rigid-body motions free");
+    assert!(
+        wrong
+            .poles()
+            .unwrap_err()
+            .to_string()
+            .contains("not zero for rigid-body motion")
+    );
+    assert!(
+        wrong.zeros().is_err(),
+        "one input leaves two rigid-body motions free"
+    );
 }
