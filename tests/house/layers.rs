@@ -10,7 +10,7 @@ use crate::sources::{PACKAGES, root, rust_files, sources};
 type Layer = (&'static str, &'static [&'static str]);
 
 /// The modules of each package, the lowest first.
-const LAYERS: [(&str, &[Layer]); 3] = [
+const LAYERS: [(&str, &[Layer]); 4] = [
     (
         "fuyu-physics",
         &[
@@ -29,6 +29,29 @@ const LAYERS: [(&str, &[Layer]); 3] = [
             ("msg", &[]),
             ("ros", &["input_file", "msg"]),
             ("bag", &["input_file", "msg", "ros"]),
+        ],
+    ),
+    (
+        "fuyu-structures",
+        &[
+            ("error", &[]),
+            ("quadrature", &[]),
+            ("eigen", &["error"]),
+            ("pencil", &["error", "eigen"]),
+            ("matrices", &["error", "eigen"]),
+            ("cantilever", &["error"]),
+            ("beam", &["error", "quadrature"]),
+            ("truss", &["error"]),
+            ("appendage", &["error", "eigen", "matrices"]),
+            ("nodal", &["error"]),
+            ("line", &["appendage", "quadrature"]),
+            ("strip", &["error", "appendage", "line"]),
+            ("link", &["error", "matrices", "strip"]),
+            ("uniform", &["error", "eigen", "matrices"]),
+            ("hybrid", &["error", "eigen", "matrices", "uniform"]),
+            ("vehicle", &["error"]),
+            ("modes_file", &["appendage"]),
+            ("kida1993", &["error"]),
         ],
     ),
     (
@@ -74,7 +97,8 @@ fn modules_use_only_those_below_them() {
 #[test]
 fn physics_uses_no_files_environment_network_processes_or_threads() {
     let mut wrong = BTreeSet::new();
-    for source in sources().iter().filter(|s| s.package == "fuyu-physics") {
+    let physics = ["fuyu-physics", "fuyu-structures"];
+    for source in sources().iter().filter(|s| physics.contains(&s.package)) {
         for name in source.names_below("std") {
             if ["fs", "env", "net", "process", "thread"].contains(&name.as_str()) {
                 wrong.insert(format!("{} uses std::{name}", source.location()));
@@ -108,6 +132,11 @@ fn physics_depends_on_no_ros_and_ros_on_no_physics() {
             &["fuyu-ros", "ros2-client", "rustdds", "cdr-encoding", "mcap"][..],
         ),
         ("fuyu-ros", "rustdds", &["fuyu-physics", "nalgebra"]),
+        (
+            "fuyu-structures",
+            "nalgebra",
+            &["fuyu-ros", "fuyu-physics", "faer", "rustdds"],
+        ),
     ] {
         let dependencies = dependencies(package);
         assert!(dependencies.contains(needed), "{dependencies:?}");
