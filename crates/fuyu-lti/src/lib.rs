@@ -22,6 +22,8 @@ mod structure;
 mod transfer_function;
 mod zeros;
 
+pub mod kida1993;
+
 pub use eigen::{eigenvalues, spectral_abscissa, spectral_radius};
 pub use error::LtiError;
 pub use frequency::{BodePoint, SigmaPoint};

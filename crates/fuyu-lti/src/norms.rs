@@ -3,7 +3,7 @@
 use crate::eigen::balanced;
 use crate::frequency::peak_gain;
 use crate::gramians::controllability_gramian;
-use crate::matrix::{Matrix, blocks, complex, identity, singular_values, solve};
+use crate::matrix::{blocks, complex, identity, singular_values, solve};
 use crate::{LtiError, StateSpace, eigenvalues};
 
 /// H-infinity norm of a stable system.
