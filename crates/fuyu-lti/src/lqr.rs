@@ -104,3 +104,12 @@ pub fn closed_loop(plant: &StateSpace, compensator: &StateSpace) -> Result<State
     };
     generalized.lower_lft(&compensator.negated(), p, m)
 }
+
+/// Closed loop from the reference of every plant output to `[y; u]`, with `u = K (r - y)`.
+pub fn tracking_loop(plant: &StateSpace, compensator: &StateSpace) -> Result<StateSpace, LtiError> {
+    let (m, p) = (plant.inputs(), plant.outputs());
+    let outputs: Vec<usize> = (0..p + m).collect();
+    let noise: Vec<usize> = (m..m + p).collect();
+    // A reference acts as measurement noise with the opposite sign.
+    closed_loop(plant, compensator)?.select(&outputs, &noise)?.scaled_inputs(&-identity(p))
+}

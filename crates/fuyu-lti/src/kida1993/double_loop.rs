@@ -4,7 +4,7 @@ use nalgebra::DVector;
 
 use super::air_table;
 use crate::matrix::{Matrix, blocks};
-use crate::{HinfDesign, LtiError, Margins, SampledLoop, SampledRun, StateSpace, Structure, TransferFunction, hinf_controller, margins};
+use crate::{HinfDesign, LtiError, Margins, SampledLoop, SampledRun, StateSpace, Structure, TransferFunction, hinf_controller, margins, tracking_loop};
 
 /// A design problem: the mixed sensitivity of eqs. (4.18) to (4.20) with the weight (4.21), for the rigid model `1/(J s^2 + D s)`.
 ///
@@ -157,8 +157,17 @@ pub fn covering_gain(structures: &[Structure], axis: usize, problem: &Problem, w
     Ok(k)
 }
 
+/// Response to a reference step of one degree with the continuous controller: angle in rad and torque in N m every `interval` s.
+pub fn step(structure: &Structure, axis: usize, controller: &StateSpace, interval: f64, samples: usize) -> Result<Vec<(f64, f64)>, LtiError> {
+    let plant = structure.with_actuators(&[axis])?.displacement_and_rate_system()?;
+    let closed = tracking_loop(&plant, controller)?.zero_order_hold(interval)?;
+    let degree = 1f64.to_radians();
+    let run = closed.simulate(samples, |_| DVector::from_row_slice(&[degree, 0.0]))?;
+    Ok(run.into_iter().map(|v| (v[0], v[2])).collect())
+}
+
 /// Response of `[angle; rate]` to a reference step of one degree with the sampled controller. Output in rad and rad/s, command in N m.
-pub fn step(structure: &Structure, axis: usize, controller: &StateSpace, sampling_time: f64, seconds: f64) -> Result<SampledRun, LtiError> {
+pub fn sampled_step(structure: &Structure, axis: usize, controller: &StateSpace, sampling_time: f64, seconds: f64) -> Result<SampledRun, LtiError> {
     let plant = structure.with_actuators(&[axis])?.displacement_and_rate_system()?;
     let degree = 1f64.to_radians();
     SampledLoop::new(&plant, controller, sampling_time)?.run(

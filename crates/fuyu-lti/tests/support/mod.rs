@@ -1,6 +1,8 @@
 //! Fixtures, and comparisons with messages.
 #![allow(dead_code)]
 
+pub mod servicer;
+
 use fuyu_lti::{Complex, Matrix};
 use serde_json::Value;
 
