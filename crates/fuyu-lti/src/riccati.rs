@@ -97,7 +97,9 @@ pub fn dare_with_cross_weight(a: &Matrix, b: &Matrix, q: &Matrix, r: &Matrix, s:
     // Hewer: with A_k = A - B K, A_k' dX A_k - dX + residual = 0.
     let gain_of = |x: &Matrix| -> Result<Matrix, LtiError> {
         let weight = symmetric_part(&(&reduced.r + b.transpose() * x * b));
-        Ok(positive_definite("R + B'XB", &weight)?.solve(&(b.transpose() * x * &reduced.a)))
+        // Indefinite only if rounding has destroyed X.
+        let factor = positive_definite("R + B'XB", &weight).map_err(|_| LtiError::Inaccurate { what: EQUATION, residual: 1.0, limit: ACCEPTED_RESIDUAL })?;
+        Ok(factor.solve(&(b.transpose() * x * &reduced.a)))
     };
     let defect = |x: &Matrix, k: &Matrix| {
         let axa = reduced.a.transpose() * x * &reduced.a;
@@ -184,6 +186,9 @@ pub(crate) fn stabilizing_solution(a: &Matrix, g: &Matrix, q: &Matrix, equation:
     let n = a.nrows();
     if n == 0 {
         return Ok((Matrix::zeros(0, 0), 0.0));
+    }
+    if q.amax() == 0.0 && crate::spectral_abscissa(a)? < 0.0 {
+        return Ok((Matrix::zeros(n, n), 0.0));
     }
     // X = rho Y makes the blocks of the Hamiltonian equally large.
     let (g_size, q_size) = (g.norm(), q.norm());

@@ -8,8 +8,8 @@ use crate::{LtiError, StateSpace, eigenvalues};
 const RANK_TOLERANCE: f64 = 1e-11;
 
 impl StateSpace {
-    /// Finite invariant zeros: where the system matrix `[A - s I, B; C, D]` loses rank. They are the transmission zeros, and the modes
-    /// that no input moves or no output sees.
+    /// Finite invariant zeros: where the rank of the system matrix `[A - s I, B; C, D]` falls below its usual value. They are the transmission
+    /// zeros and, of a square system that can be inverted, also the modes that no input moves or no output sees.
     ///
     /// Any numbers of inputs and outputs. Orthogonal transformations remove the infinite zeros, until D is square and regular; the rest
     /// is an eigenvalue problem, whose values are refined on the original system matrix.

@@ -4,7 +4,7 @@
 mod support;
 
 use fuyu_lti::kida1993::air_table;
-use fuyu_lti::kida1993::double_loop::{air_table_problem, disturbance, step as double_loop_step, verdict};
+use fuyu_lti::kida1993::double_loop::{air_table_problem, covering_gain, disturbance, step as double_loop_step, verdict};
 use fuyu_lti::kida1993::proof_mass as pma;
 use fuyu_lti::kida1993::two_degrees::{CASES, feedback_only, model_matching, reference_model, root_locus, step};
 use fuyu_lti::{Matrix, ProofMass, StateSpace, Structure, TransferFunction, positive_real, spectral_abscissa, step_figures, storage_matrix};
@@ -190,6 +190,14 @@ fn bandwidth(v: &fuyu_lti::Margins) -> f64 {
 #[test]
 fn the_double_loop_on_the_air_table() {
     let table = air_table::structure(7).unwrap();
+    // The printed W2 covers the model error with the inner loop, and the weight of the comparison covers that without.
+    let grid = table.displacement_system().unwrap().frequency_grid(0.01, 1000.0, 100).unwrap();
+    let unit = TransferFunction::new(&[1.0, 0.0, 0.0], &[1.0, 8.0, 36.0]).unwrap();
+    for inner in [true, false] {
+        let p = air_table_problem(inner).unwrap();
+        let k = covering_gain(std::slice::from_ref(&table), 0, &p, &unit, &grid).unwrap();
+        assert!(k < p.robustness.numerator()[0] && k > 0.8 * p.robustness.numerator()[0], "{inner}: {k}");
+    }
     let inner = air_table_problem(true).unwrap().solve(0.9).unwrap();
     let alone = air_table_problem(false).unwrap().solve(0.9).unwrap();
     for d in [&inner, &alone] {
@@ -207,7 +215,7 @@ fn the_double_loop_on_the_air_table() {
         step_figures(&run, 0.05, 1.0, 0.05)
     };
     let (fi, fa) = (settle(&inner.controller), settle(&alone.controller));
-    println!("{fi:?} {fa:?}");
+    println!("with inner loop {fi:?}, alone {fa:?}");
     assert!(fi.settling < fa.settling);
     let peak = |c: &StateSpace| disturbance(&table, c, 40.0).unwrap().output.iter().map(|y| y[0].abs()).fold(0.0, f64::max);
     assert!(peak(&inner.controller) < peak(&alone.controller));

@@ -188,11 +188,15 @@ pub fn disturbance(structure: &Structure, controller: &StateSpace, seconds: f64)
 }
 
 /// The air table's problem: D = 10 N m s/rad and W2 of eq. (4.22), or without the inner loop.
+///
+/// The printed W2 = 36 s^2/(s^2+8s+36) covers the model error with the inner loop (30 would do). Without it the first vibration mode, damped by .005, needs
+/// 166, so the comparison has 200; with 36, the mode's gain exceeds 1 and no longer is "reduced" as section 4.4.1 describes.
 pub fn air_table_problem(inner_loop: bool) -> Result<Problem, LtiError> {
+    let (rate_gain, cover) = if inner_loop { (10.0, 36.0) } else { (0.0, 200.0) };
     Ok(Problem {
         inertia: air_table::SHAPES[0].powi(-2),
-        rate_gain: if inner_loop { 10.0 } else { 0.0 },
-        robustness: TransferFunction::new(&[36.0, 0.0, 0.0], &[1.0, 8.0, 36.0])?,
+        rate_gain,
+        robustness: TransferFunction::new(&[cover, 0.0, 0.0], &[1.0, 8.0, 36.0])?,
         frequency: 1.0,
         noise: 0.01,
     })

@@ -15,7 +15,7 @@ const BAYS: usize = 14;
 /// Mass per length of the bars in kg/m.
 const LINEAR_DENSITY: f64 = 1e-4;
 /// Axial stiffness of the bars in N.
-const AXIAL_STIFFNESS: f64 = 25.0;
+const AXIAL_STIFFNESS: f64 = 950.0;
 /// Damping ratio of the vibration modes.
 const DAMPING: f64 = 0.005;
 /// Modes of the plant.
@@ -23,7 +23,7 @@ pub const PLANT_MODES: usize = 15;
 /// Modes of the design model.
 pub const DESIGN_MODES: usize = 4;
 /// Noise of the observer.
-const MU: f64 = 1e-3;
+const MU: f64 = 1e-4;
 
 /// Nodes of the strip as (x, y) in m, numbered along its width first.
 fn nodes() -> Vec<(f64, f64)> {
