@@ -5,8 +5,8 @@
 
 use nalgebra::Schur;
 
-use crate::matrix::{Complex, ComplexMatrix, Matrix, complex, square};
 use crate::LtiError;
+use crate::matrix::{Complex, ComplexMatrix, Matrix, complex, square};
 
 /// Eigenvalues of a real matrix: complex ones in conjugate pairs, the one with positive imaginary part first.
 ///
@@ -23,18 +23,29 @@ pub fn eigenvalues(a: &Matrix) -> Result<Vec<Complex>, LtiError> {
     let balanced = balanced(a);
     match Schur::try_new(balanced.clone(), f64::EPSILON, 60 * n.max(10)) {
         Some(schur) => Ok(of_quasi_triangular(&schur.unpack().1)),
-        None => Ok(paired(complex_schur(complex(&balanced))?.triangular.diagonal().iter().copied().collect())),
+        None => Ok(paired(
+            complex_schur(complex(&balanced))?
+                .triangular
+                .diagonal()
+                .iter()
+                .copied()
+                .collect(),
+        )),
     }
 }
 
 /// Largest real part of the eigenvalues; `-inf` for an empty matrix. Negative: the continuous system is asymptotically stable.
 pub fn spectral_abscissa(a: &Matrix) -> Result<f64, LtiError> {
-    Ok(eigenvalues(a)?.iter().fold(f64::NEG_INFINITY, |m, l| m.max(l.re)))
+    Ok(eigenvalues(a)?
+        .iter()
+        .fold(f64::NEG_INFINITY, |m, l| m.max(l.re)))
 }
 
 /// Largest modulus of the eigenvalues; 0 for an empty matrix. Below 1: the discrete system is asymptotically stable.
 pub fn spectral_radius(a: &Matrix) -> Result<f64, LtiError> {
-    Ok(eigenvalues(a)?.iter().fold(0.0, |m: f64, l| m.max(l.norm())))
+    Ok(eigenvalues(a)?
+        .iter()
+        .fold(0.0, |m: f64, l| m.max(l.norm())))
 }
 
 /// Balancing by powers of two (Parlett & Reinsch 1969, norms of James, Langou & Lowery 2014): a diagonal similarity, so eigenvalues stay.
@@ -51,8 +62,12 @@ pub(crate) fn balance(m: &mut Matrix) -> Vec<f64> {
     for _ in 0..100 {
         let mut changed = false;
         for i in 0..n {
-            let mut column = (m.column(i).norm_squared() - m[(i, i)] * m[(i, i)]).max(0.0).sqrt();
-            let mut row = (m.row(i).norm_squared() - m[(i, i)] * m[(i, i)]).max(0.0).sqrt();
+            let mut column = (m.column(i).norm_squared() - m[(i, i)] * m[(i, i)])
+                .max(0.0)
+                .sqrt();
+            let mut row = (m.row(i).norm_squared() - m[(i, i)] * m[(i, i)])
+                .max(0.0)
+                .sqrt();
             if column == 0.0 || row == 0.0 {
                 continue;
             }
@@ -103,8 +118,16 @@ fn of_quasi_triangular(t: &Matrix) -> Vec<Complex> {
             out.push(Complex::new(mean, -im));
         } else {
             // The larger root without cancellation, the other from the product of the roots.
-            let larger = if mean >= 0.0 { mean + discriminant.sqrt() } else { mean - discriminant.sqrt() };
-            let other = if larger == 0.0 { 0.0 } else { (a * d - b * c) / larger };
+            let larger = if mean >= 0.0 {
+                mean + discriminant.sqrt()
+            } else {
+                mean - discriminant.sqrt()
+            };
+            let other = if larger == 0.0 {
+                0.0
+            } else {
+                (a * d - b * c) / larger
+            };
             out.push(Complex::new(larger, 0.0));
             out.push(Complex::new(other, 0.0));
         }
@@ -123,7 +146,9 @@ fn paired(mut values: Vec<Complex>) -> Vec<Complex> {
             .enumerate()
             .map(|(i, v)| (i, (*v - first.conj()).norm()))
             .min_by(|a, b| a.1.total_cmp(&b.1))
-            .filter(|&(_, distance)| distance < 2.0 * first.im.abs() && first.im.abs() > 1e-14 * scale);
+            .filter(|&(_, distance)| {
+                distance < 2.0 * first.im.abs() && first.im.abs() > 1e-14 * scale
+            });
         match partner {
             Some((i, _)) => {
                 let other = values.swap_remove(i);
@@ -148,7 +173,10 @@ pub(crate) struct ComplexSchur {
 pub(crate) fn complex_schur(a: ComplexMatrix) -> Result<ComplexSchur, LtiError> {
     let n = a.nrows();
     if n < 2 {
-        return Ok(ComplexSchur { unitary: ComplexMatrix::identity(n, n), triangular: a });
+        return Ok(ComplexSchur {
+            unitary: ComplexMatrix::identity(n, n),
+            triangular: a,
+        });
     }
     let scale = a.iter().fold(0.0, |m: f64, v| m.max(v.norm()));
     let (mut u, mut t) = nalgebra::Hessenberg::new(a).unpack();
@@ -167,12 +195,18 @@ pub(crate) fn complex_schur(a: ComplexMatrix) -> Result<ComplexSchur, LtiError> 
         }
         if lo == hi {
             if hi == 0 {
-                return Ok(ComplexSchur { unitary: u, triangular: t });
+                return Ok(ComplexSchur {
+                    unitary: u,
+                    triangular: t,
+                });
             }
             hi -= 1;
             since_deflation = 0;
             if hi == 0 {
-                return Ok(ComplexSchur { unitary: u, triangular: t });
+                return Ok(ComplexSchur {
+                    unitary: u,
+                    triangular: t,
+                });
             }
             continue;
         }
@@ -184,15 +218,31 @@ pub(crate) fn complex_schur(a: ComplexMatrix) -> Result<ComplexSchur, LtiError> 
         };
         qr_step(&mut t, &mut u, lo, hi, shift);
     }
-    Err(LtiError::NotConverged { what: "the QR iteration for eigenvalues", iterations: limit })
+    Err(LtiError::NotConverged {
+        what: "the QR iteration for eigenvalues",
+        iterations: limit,
+    })
 }
 
 fn wilkinson_shift(t: &ComplexMatrix, hi: usize) -> Complex {
-    let (a, b, c, d) = (t[(hi - 1, hi - 1)], t[(hi - 1, hi)], t[(hi, hi - 1)], t[(hi, hi)]);
+    let (a, b, c, d) = (
+        t[(hi - 1, hi - 1)],
+        t[(hi - 1, hi)],
+        t[(hi, hi - 1)],
+        t[(hi, hi)],
+    );
     let half = (a - d) * 0.5;
     let root = (half * half + b * c).sqrt();
-    let sum = if (half.conj() * root).re >= 0.0 { half + root } else { half - root };
-    if sum.norm() == 0.0 { d } else { d - b * c / sum }
+    let sum = if (half.conj() * root).re >= 0.0 {
+        half + root
+    } else {
+        half - root
+    };
+    if sum.norm() == 0.0 {
+        d
+    } else {
+        d - b * c / sum
+    }
 }
 
 fn qr_step(t: &mut ComplexMatrix, u: &mut ComplexMatrix, lo: usize, hi: usize, shift: Complex) {
@@ -204,7 +254,11 @@ fn qr_step(t: &mut ComplexMatrix, u: &mut ComplexMatrix, lo: usize, hi: usize, s
     for k in lo..hi {
         let (x, y) = (t[(k, k)], t[(k + 1, k)]);
         let r = x.norm().hypot(y.norm());
-        let (c, s) = if r == 0.0 { (Complex::new(1.0, 0.0), Complex::new(0.0, 0.0)) } else { (x / r, y / r) };
+        let (c, s) = if r == 0.0 {
+            (Complex::new(1.0, 0.0), Complex::new(0.0, 0.0))
+        } else {
+            (x / r, y / r)
+        };
         for j in k..n {
             let (p, q) = (t[(k, j)], t[(k + 1, j)]);
             t[(k, j)] = c.conj() * p + s.conj() * q;
@@ -237,7 +291,9 @@ mod tests {
     #[test]
     fn the_complex_schur_form_multiplies_back_to_the_matrix() {
         let n = 12;
-        let a = Matrix::from_fn(n, n, |i, j| ((7 * i + 3 * j) as f64).sin() + if i == j { i as f64 } else { 0.0 });
+        let a = Matrix::from_fn(n, n, |i, j| {
+            ((7 * i + 3 * j) as f64).sin() + if i == j { i as f64 } else { 0.0 }
+        });
         let s = complex_schur(complex(&a)).unwrap();
         let back = &s.unitary * &s.triangular * s.unitary.adjoint();
         assert!((back - complex(&a)).camax() < 1e-12);
@@ -250,10 +306,25 @@ mod tests {
     fn the_cyclic_permutation_has_the_roots_of_unity() {
         for n in [3, 4, 5, 8, 17] {
             let a = Matrix::from_fn(n, n, |i, j| if (i + 1) % n == j { 1.0 } else { 0.0 });
-            for values in [eigenvalues(&a).unwrap(), paired(complex_schur(complex(&a)).unwrap().triangular.diagonal().iter().copied().collect())] {
+            for values in [
+                eigenvalues(&a).unwrap(),
+                paired(
+                    complex_schur(complex(&a))
+                        .unwrap()
+                        .triangular
+                        .diagonal()
+                        .iter()
+                        .copied()
+                        .collect(),
+                ),
+            ] {
                 for k in 0..n {
-                    let root = Complex::from_polar(1.0, std::f64::consts::TAU * k as f64 / n as f64);
-                    assert!(values.iter().any(|v| (v - root).norm() < 1e-12), "{n}, {k}: {values:?}");
+                    let root =
+                        Complex::from_polar(1.0, std::f64::consts::TAU * k as f64 / n as f64);
+                    assert!(
+                        values.iter().any(|v| (v - root).norm() < 1e-12),
+                        "{n}, {k}: {values:?}"
+                    );
                 }
             }
         }

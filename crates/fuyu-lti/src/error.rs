@@ -30,7 +30,9 @@ pub enum LtiError {
         col: usize,
     },
     /// A matrix that must be symmetric is not.
-    #[error("{what} is not symmetric: its entries differ from those of the transpose by up to {difference:e}")]
+    #[error(
+        "{what} is not symmetric: its entries differ from those of the transpose by up to {difference:e}"
+    )]
     NotSymmetric {
         /// Name of the matrix.
         what: String,
@@ -38,7 +40,9 @@ pub enum LtiError {
         difference: f64,
     },
     /// A matrix that must be positive definite has an eigenvalue that is not positive.
-    #[error("{what} is not positive definite: its smallest eigenvalue is {smallest:e}; all must be positive")]
+    #[error(
+        "{what} is not positive definite: its smallest eigenvalue is {smallest:e}; all must be positive"
+    )]
     NotPositiveDefinite {
         /// Name of the matrix.
         what: String,
@@ -46,7 +50,9 @@ pub enum LtiError {
         smallest: f64,
     },
     /// A matrix that must be positive semidefinite has a negative eigenvalue.
-    #[error("{what} is not positive semidefinite: its smallest eigenvalue is {smallest:e}; none may be negative")]
+    #[error(
+        "{what} is not positive semidefinite: its smallest eigenvalue is {smallest:e}; none may be negative"
+    )]
     NotSemidefinite {
         /// Name of the matrix.
         what: String,
@@ -54,19 +60,25 @@ pub enum LtiError {
         smallest: f64,
     },
     /// A mode that does not decay is not moved by any input.
-    #[error("(A, B) is not stabilisable: no input moves the mode at {eigenvalue}, which does not decay")]
+    #[error(
+        "(A, B) is not stabilisable: no input moves the mode at {eigenvalue}, which does not decay"
+    )]
     NotStabilizable {
         /// Eigenvalue of that mode.
         eigenvalue: Complex,
     },
     /// A mode that does not decay is not seen by any output.
-    #[error("(C, A) is not detectable: no output sees the mode at {eigenvalue}, which does not decay")]
+    #[error(
+        "(C, A) is not detectable: no output sees the mode at {eigenvalue}, which does not decay"
+    )]
     NotDetectable {
         /// Eigenvalue of that mode.
         eigenvalue: Complex,
     },
     /// The Hamiltonian (or symplectic) matrix has eigenvalues on the stability limit, so it has no stable invariant subspace of half the size.
-    #[error("the {equation} has no stabilising solution: its Hamiltonian has an eigenvalue at {eigenvalue}, on the stability limit")]
+    #[error(
+        "the {equation} has no stabilising solution: its Hamiltonian has an eigenvalue at {eigenvalue}, on the stability limit"
+    )]
     StabilityLimit {
         /// Which equation.
         equation: &'static str,
@@ -88,7 +100,9 @@ pub enum LtiError {
         what: String,
     },
     /// A Lyapunov equation has no unique solution.
-    #[error("the Lyapunov equation has no unique solution: the eigenvalues {first} and {second} are mirror images about the stability limit")]
+    #[error(
+        "the Lyapunov equation has no unique solution: the eigenvalues {first} and {second} are mirror images about the stability limit"
+    )]
     MirrorEigenvalues {
         /// One eigenvalue.
         first: Complex,
@@ -104,7 +118,9 @@ pub enum LtiError {
         iterations: usize,
     },
     /// A result misses the accuracy that the routine promises.
-    #[error("the solution of the {what} is inaccurate: relative residual {residual:e}, at most {limit:e} is accepted; the problem is too badly scaled")]
+    #[error(
+        "the solution of the {what} is inaccurate: relative residual {residual:e}, at most {limit:e} is accepted; the problem is too badly scaled"
+    )]
     Inaccurate {
         /// Which equation.
         what: &'static str,

@@ -24,18 +24,33 @@ pub struct SigmaPoint {
 }
 
 /// Offsets from a resonance, in units of its half width.
-const OFFSETS: [f64; 14] = [0.0, 0.15, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 13.0, 25.0, 50.0];
+const OFFSETS: [f64; 14] = [
+    0.0, 0.15, 0.3, 0.5, 0.75, 1.0, 1.5, 2.0, 3.0, 5.0, 8.0, 13.0, 25.0, 50.0,
+];
 
 impl StateSpace {
     /// Frequencies in rad/s from `low` to `high`, `per_decade` in each decade, with further points around every lightly damped pole and zero. Ascending.
-    pub fn frequency_grid(&self, low: f64, high: f64, per_decade: usize) -> Result<Vec<f64>, LtiError> {
+    pub fn frequency_grid(
+        &self,
+        low: f64,
+        high: f64,
+        per_decade: usize,
+    ) -> Result<Vec<f64>, LtiError> {
         if !(low > 0.0 && high > low && high.is_finite()) {
-            return Err(LtiError::Range { what: "the lowest frequency".into(), value: low, expected: "positive and below the highest" });
+            return Err(LtiError::Range {
+                what: "the lowest frequency".into(),
+                value: low,
+                expected: "positive and below the highest",
+            });
         }
-        let high = self.sampling_time.map_or(high, |h| high.min(std::f64::consts::PI / h));
+        let high = self
+            .sampling_time
+            .map_or(high, |h| high.min(std::f64::consts::PI / h));
         let decades = (high / low).log10();
         let count = ((decades * per_decade.max(1) as f64).ceil() as usize).clamp(2, 200_000);
-        let mut grid: Vec<f64> = (0..=count).map(|i| low * 10f64.powf(decades * i as f64 / count as f64)).collect();
+        let mut grid: Vec<f64> = (0..=count)
+            .map(|i| low * 10f64.powf(decades * i as f64 / count as f64))
+            .collect();
         for p in self.features()? {
             let w = p.im.abs();
             if w <= low || w >= high {
@@ -43,7 +58,11 @@ impl StateSpace {
             }
             let width = p.re.abs().max(1e-7 * w);
             for t in OFFSETS {
-                grid.extend([w - width * t, w + width * t].into_iter().filter(|&v| v > low && v < high));
+                grid.extend(
+                    [w - width * t, w + width * t]
+                        .into_iter()
+                        .filter(|&v| v > low && v < high),
+                );
             }
         }
         grid.sort_by(f64::total_cmp);
@@ -58,36 +77,62 @@ impl StateSpace {
             out.extend(self.zeros()?);
         }
         if let Some(h) = self.sampling_time {
-            out = out.into_iter().filter(|z| z.norm() > 1e-12).map(|z| z.ln() / h).collect();
+            out = out
+                .into_iter()
+                .filter(|z| z.norm() > 1e-12)
+                .map(|z| z.ln() / h)
+                .collect();
         }
         Ok(out)
     }
 
     /// A grid from a hundredth of the slowest to a hundred times the fastest pole or zero.
     pub(crate) fn natural_grid(&self, per_decade: usize) -> Result<Vec<f64>, LtiError> {
-        let sizes: Vec<f64> = self.features()?.iter().map(|p| p.norm()).filter(|&w| w > 1e-6 && w < 1e12).collect();
+        let sizes: Vec<f64> = self
+            .features()?
+            .iter()
+            .map(|p| p.norm())
+            .filter(|&w| w > 1e-6 && w < 1e12)
+            .collect();
         let low = sizes.iter().copied().fold(1.0, f64::min) / 100.0;
         let high = sizes.iter().copied().fold(1.0, f64::max) * 100.0;
         self.frequency_grid(low, high, per_decade)
     }
 
     /// Samples of the Bode diagram of one entry of the transfer matrix. Frequencies in rad/s, ascending; those at a pole on the imaginary axis are skipped.
-    pub fn bode(&self, output: usize, input: usize, frequencies: &[f64]) -> Result<Vec<BodePoint>, LtiError> {
+    pub fn bode(
+        &self,
+        output: usize,
+        input: usize,
+        frequencies: &[f64],
+    ) -> Result<Vec<BodePoint>, LtiError> {
         let mut out: Vec<BodePoint> = Vec::with_capacity(frequencies.len());
         for (frequency, g) in self.nyquist(output, input, frequencies)? {
             let mut phase_deg = g.arg().to_degrees();
             if let Some(before) = out.last() {
                 phase_deg += 360.0 * ((before.phase_deg - phase_deg) / 360.0).round();
             }
-            out.push(BodePoint { frequency, gain_db: 20.0 * g.norm().log10(), phase_deg });
+            out.push(BodePoint {
+                frequency,
+                gain_db: 20.0 * g.norm().log10(),
+                phase_deg,
+            });
         }
         Ok(out)
     }
 
     /// Samples of the Nyquist diagram of one entry of the transfer matrix: frequency in rad/s and value.
-    pub fn nyquist(&self, output: usize, input: usize, frequencies: &[f64]) -> Result<Vec<(f64, Complex)>, LtiError> {
+    pub fn nyquist(
+        &self,
+        output: usize,
+        input: usize,
+        frequencies: &[f64],
+    ) -> Result<Vec<(f64, Complex)>, LtiError> {
         let one = self.select(&[output], &[input])?;
-        Ok(frequencies.iter().filter_map(|&w| Some((w, one.response(w).ok()?[(0, 0)]))).collect())
+        Ok(frequencies
+            .iter()
+            .filter_map(|&w| Some((w, one.response(w).ok()?[(0, 0)])))
+            .collect())
     }
 
     /// Samples of the singular value diagram.
@@ -104,7 +149,12 @@ impl StateSpace {
 
 /// Largest singular value over all frequencies and where it is, by a sweep with refinement of each peak: a lower bound of the H-infinity norm.
 pub(crate) fn peak_gain(sys: &StateSpace) -> Result<(f64, f64), LtiError> {
-    let gain = |w: f64| sys.singular_values(w).ok().and_then(|v| v.first().copied()).unwrap_or(0.0);
+    let gain = |w: f64| {
+        sys.singular_values(w)
+            .ok()
+            .and_then(|v| v.first().copied())
+            .unwrap_or(0.0)
+    };
     let mut grid = vec![0.0];
     grid.extend(sys.natural_grid(20)?);
     let values: Vec<f64> = grid.iter().map(|&w| gain(w)).collect();
@@ -116,7 +166,11 @@ pub(crate) fn peak_gain(sys: &StateSpace) -> Result<(f64, f64), LtiError> {
         }
         // Only peaks that could become the largest are worth refining.
         let inside = i > 0 && i + 1 < grid.len();
-        if inside && values[i] >= values[i - 1] && values[i] >= values[i + 1] && values[i] > 0.3 * largest {
+        if inside
+            && values[i] >= values[i - 1]
+            && values[i] >= values[i + 1]
+            && values[i] > 0.3 * largest
+        {
             let (g, w) = golden_maximum(&gain, grid[i - 1], grid[i + 1]);
             if g > best.0 {
                 best = (g, w);

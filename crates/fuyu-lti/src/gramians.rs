@@ -7,7 +7,12 @@ use crate::{LtiError, StateSpace, discrete_lyapunov, lyapunov};
 pub fn controllability_gramian(sys: &StateSpace) -> Result<Matrix, LtiError> {
     sys.require_stable("a system with Gramians")?;
     let q = symmetric_part(&(&sys.b * sys.b.transpose()));
-    Ok(if sys.sampling_time.is_some() { discrete_lyapunov(&sys.a, &q)? } else { lyapunov(&sys.a, &q)? }.x)
+    Ok(if sys.sampling_time.is_some() {
+        discrete_lyapunov(&sys.a, &q)?
+    } else {
+        lyapunov(&sys.a, &q)?
+    }
+    .x)
 }
 
 /// Observability Gramian, n x n: `A' Q + Q A + C'C = 0`, discrete `A' Q A - Q + C'C = 0`. Error: unstable.
@@ -22,8 +27,13 @@ pub(crate) fn square_root(gramian: &Matrix) -> Result<Matrix, LtiError> {
     let eigen = gramian
         .clone()
         .try_symmetric_eigen(f64::EPSILON, limit)
-        .ok_or(LtiError::NotConverged { what: "the symmetric eigenvalue iteration", iterations: limit })?;
-    Ok(Matrix::from_fn(n, n, |i, j| eigen.eigenvectors[(i, j)] * eigen.eigenvalues[j].max(0.0).sqrt()))
+        .ok_or(LtiError::NotConverged {
+            what: "the symmetric eigenvalue iteration",
+            iterations: limit,
+        })?;
+    Ok(Matrix::from_fn(n, n, |i, j| {
+        eigen.eigenvectors[(i, j)] * eigen.eigenvalues[j].max(0.0).sqrt()
+    }))
 }
 
 /// Hankel singular values in descending order: how much energy each state of a balanced realisation passes from input to output. Error: unstable.

@@ -7,7 +7,11 @@ use crate::{LtiError, RiccatiSolution, StateSpace, care, dare};
 ///
 /// The gain is `solution.gain`, m x n. Errors as in [`care`] and [`dare`].
 pub fn lqr(plant: &StateSpace, q: &Matrix, r: &Matrix) -> Result<RiccatiSolution, LtiError> {
-    if plant.sampling_time.is_some() { dare(&plant.a, &plant.b, q, r) } else { care(&plant.a, &plant.b, q, r) }
+    if plant.sampling_time.is_some() {
+        dare(&plant.a, &plant.b, q, r)
+    } else {
+        care(&plant.a, &plant.b, q, r)
+    }
 }
 
 /// A steady Kalman filter.
@@ -30,11 +34,21 @@ pub fn steady_kalman(plant: &StateSpace, w: &Matrix, v: &Matrix) -> Result<Stead
         // The names of the dual problem.
         LtiError::NotStabilizable { eigenvalue } => LtiError::NotDetectable { eigenvalue },
         LtiError::NotDetectable { eigenvalue } => LtiError::NotStabilizable { eigenvalue },
-        LtiError::NotPositiveDefinite { smallest, .. } => LtiError::NotPositiveDefinite { what: "the intensity V of the measurement noise".into(), smallest },
-        LtiError::NotSemidefinite { smallest, .. } => LtiError::NotSemidefinite { what: "the intensity W of the process noise".into(), smallest },
+        LtiError::NotPositiveDefinite { smallest, .. } => LtiError::NotPositiveDefinite {
+            what: "the intensity V of the measurement noise".into(),
+            smallest,
+        },
+        LtiError::NotSemidefinite { smallest, .. } => LtiError::NotSemidefinite {
+            what: "the intensity W of the process noise".into(),
+            smallest,
+        },
         other => other,
     })?;
-    Ok(SteadyKalman { gain: solution.gain.transpose(), covariance: solution.x, residual: solution.residual })
+    Ok(SteadyKalman {
+        gain: solution.gain.transpose(),
+        covariance: solution.x,
+        residual: solution.residual,
+    })
 }
 
 /// Compensator of state feedback K and observer gain L, to be closed by negative feedback: `u = -compensator(y)`.
@@ -45,8 +59,16 @@ pub fn observer_based(plant: &StateSpace, k: &Matrix, l: &Matrix) -> Result<Stat
     shaped("the state feedback K", k, plant.inputs(), n)?;
     shaped("the observer gain L", l, n, plant.outputs())?;
     let a = &plant.a - &plant.b * k - l * &plant.c + l * &plant.d * k;
-    let out = StateSpace::new(a, l.clone(), k.clone(), Matrix::zeros(plant.inputs(), plant.outputs()))?;
-    Ok(StateSpace { sampling_time: plant.sampling_time, ..out })
+    let out = StateSpace::new(
+        a,
+        l.clone(),
+        k.clone(),
+        Matrix::zeros(plant.inputs(), plant.outputs()),
+    )?;
+    Ok(StateSpace {
+        sampling_time: plant.sampling_time,
+        ..out
+    })
 }
 
 /// A linear-quadratic-Gaussian design.
@@ -61,11 +83,21 @@ pub struct Lqg {
 }
 
 /// LQG: regulator for Q, R and filter for W, V, separately optimal.
-pub fn lqg(plant: &StateSpace, q: &Matrix, r: &Matrix, w: &Matrix, v: &Matrix) -> Result<Lqg, LtiError> {
+pub fn lqg(
+    plant: &StateSpace,
+    q: &Matrix,
+    r: &Matrix,
+    w: &Matrix,
+    v: &Matrix,
+) -> Result<Lqg, LtiError> {
     let regulator = lqr(plant, q, r)?;
     let filter = steady_kalman(plant, w, v)?;
     let compensator = observer_based(plant, &regulator.gain, &filter.gain)?;
-    Ok(Lqg { compensator, regulator, filter })
+    Ok(Lqg {
+        compensator,
+        regulator,
+        filter,
+    })
 }
 
 /// Observer gain for loop transfer recovery at the plant input: process noise B B', measurement noise mu I (Kida 1993 eq. (3.15); Doyle & Stein 1979).
@@ -73,14 +105,26 @@ pub fn lqg(plant: &StateSpace, q: &Matrix, r: &Matrix, w: &Matrix, v: &Matrix) -
 /// As mu falls, the loop with the observer tends to the loop of the state feedback, if the plant has no zero in the right half plane (Theorem 3.6).
 pub fn recovery_observer(plant: &StateSpace, mu: f64) -> Result<SteadyKalman, LtiError> {
     crate::matrix::positive("mu", mu)?;
-    steady_kalman(plant, &(&plant.b * plant.b.transpose()), &(identity(plant.outputs()) * mu))
+    steady_kalman(
+        plant,
+        &(&plant.b * plant.b.transpose()),
+        &(identity(plant.outputs()) * mu),
+    )
 }
 
 /// The regulator's own loop, cut at the plant input: `K (s I - A)^-1 B`.
 pub fn state_feedback_loop(plant: &StateSpace, k: &Matrix) -> Result<StateSpace, LtiError> {
     shaped("the state feedback K", k, plant.inputs(), plant.order())?;
-    let out = StateSpace::new(plant.a.clone(), plant.b.clone(), k.clone(), Matrix::zeros(plant.inputs(), plant.inputs()))?;
-    Ok(StateSpace { sampling_time: plant.sampling_time, ..out })
+    let out = StateSpace::new(
+        plant.a.clone(),
+        plant.b.clone(),
+        k.clone(),
+        Matrix::zeros(plant.inputs(), plant.inputs()),
+    )?;
+    Ok(StateSpace {
+        sampling_time: plant.sampling_time,
+        ..out
+    })
 }
 
 /// Closed loop of plant and compensator with the disturbance at the plant input and the noise at the measurement as inputs, and plant output and
@@ -111,5 +155,7 @@ pub fn tracking_loop(plant: &StateSpace, compensator: &StateSpace) -> Result<Sta
     let outputs: Vec<usize> = (0..p + m).collect();
     let noise: Vec<usize> = (m..m + p).collect();
     // A reference acts as measurement noise with the opposite sign.
-    closed_loop(plant, compensator)?.select(&outputs, &noise)?.scaled_inputs(&-identity(p))
+    closed_loop(plant, compensator)?
+        .select(&outputs, &noise)?
+        .scaled_inputs(&-identity(p))
 }

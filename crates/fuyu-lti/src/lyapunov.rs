@@ -1,8 +1,8 @@
 //! Lyapunov equations by the method of Bartels & Stewart (CACM 15, 1972), on the complex Schur form, with iterative refinement.
 
+use crate::LtiError;
 use crate::eigen::{ComplexSchur, complex_schur};
 use crate::matrix::{Complex, ComplexMatrix, Matrix, complex, square, symmetric, symmetric_part};
-use crate::LtiError;
 
 /// Solution of a Lyapunov equation.
 #[derive(Debug, Clone)]
@@ -58,7 +58,11 @@ fn refined(a: &Matrix, q: &Matrix, kind: Kind) -> Result<LyapunovSolution, LtiEr
         (x, rest, residual) = (better, next_rest, next);
     }
     if x.iter().any(|v| !v.is_finite()) || residual > 1e-6 {
-        return Err(LtiError::Inaccurate { what: "Lyapunov equation", residual, limit: 1e-6 });
+        return Err(LtiError::Inaccurate {
+            what: "Lyapunov equation",
+            residual,
+            limit: 1e-6,
+        });
     }
     Ok(LyapunovSolution { x, residual })
 }
@@ -101,7 +105,11 @@ fn solve(schur: &ComplexSchur, q: &Matrix, kind: Kind) -> Result<Matrix, LtiErro
         for i in (0..n).rev() {
             let mut value = right[i];
             for k in i + 1..n {
-                let entry = if kind == Kind::Continuous { t[(i, k)] } else { mirror * t[(i, k)] };
+                let entry = if kind == Kind::Continuous {
+                    t[(i, k)]
+                } else {
+                    mirror * t[(i, k)]
+                };
                 value -= entry * y[(k, j)];
             }
             let (pivot, size) = match kind {
@@ -109,7 +117,10 @@ fn solve(schur: &ComplexSchur, q: &Matrix, kind: Kind) -> Result<Matrix, LtiErro
                 Kind::Discrete => (t[(i, i)] * mirror - 1.0, 1.0),
             };
             if pivot.norm() <= 1e-15 * size {
-                return Err(LtiError::MirrorEigenvalues { first: t[(i, i)], second: t[(j, j)] });
+                return Err(LtiError::MirrorEigenvalues {
+                    first: t[(i, i)],
+                    second: t[(j, j)],
+                });
             }
             y[(i, j)] = value / pivot;
         }

@@ -38,12 +38,18 @@ pub struct Margins {
 impl Margins {
     /// The phase margin of least size.
     pub fn smallest_phase(&self) -> Option<PhaseMargin> {
-        self.phase.iter().copied().min_by(|a, b| a.degrees.abs().total_cmp(&b.degrees.abs()))
+        self.phase
+            .iter()
+            .copied()
+            .min_by(|a, b| a.degrees.abs().total_cmp(&b.degrees.abs()))
     }
 
     /// The gain margin of least size.
     pub fn smallest_gain(&self) -> Option<GainMargin> {
-        self.gain.iter().copied().min_by(|a, b| a.decibel.abs().total_cmp(&b.decibel.abs()))
+        self.gain
+            .iter()
+            .copied()
+            .min_by(|a, b| a.decibel.abs().total_cmp(&b.decibel.abs()))
     }
 }
 
@@ -64,21 +70,36 @@ impl Margins {
 pub fn margins(open_loop: &StateSpace) -> Result<Margins, LtiError> {
     shaped("D of the loop", &open_loop.d, 1, 1)?;
     let value = |w: f64| open_loop.response(w).ok().map(|g| g[(0, 0)]);
-    let samples: Vec<(f64, Complex)> = open_loop.natural_grid(120)?.into_iter().filter_map(|w| Some((w, value(w)?))).collect();
-    let mut out = Margins { phase: Vec::new(), gain: Vec::new(), min_return_difference: f64::INFINITY, min_return_difference_at: 0.0 };
+    let samples: Vec<(f64, Complex)> = open_loop
+        .natural_grid(120)?
+        .into_iter()
+        .filter_map(|w| Some((w, value(w)?)))
+        .collect();
+    let mut out = Margins {
+        phase: Vec::new(),
+        gain: Vec::new(),
+        min_return_difference: f64::INFINITY,
+        min_return_difference_at: 0.0,
+    };
     for pair in samples.windows(2) {
         let [(w1, g1), (w2, g2)] = [pair[0], pair[1]];
         if (g1.norm() > 1.0) != (g2.norm() > 1.0) {
             let w = bisect(w1, w2, |w| value(w).map(|g| g.norm() - 1.0));
             if let Some(g) = value(w).filter(|g| (g.norm() - 1.0).abs() < 1e-3) {
                 let degrees = (-g).arg().to_degrees();
-                out.phase.push(PhaseMargin { frequency: w, degrees });
+                out.phase.push(PhaseMargin {
+                    frequency: w,
+                    degrees,
+                });
             }
         }
         if (g1.im > 0.0) != (g2.im > 0.0) {
             let w = bisect(w1, w2, |w| value(w).map(|g| g.im));
             if let Some(g) = value(w).filter(|g| g.re < 0.0 && g.im.abs() < 1e-6 * g.norm()) {
-                out.gain.push(GainMargin { frequency: w, decibel: -20.0 * g.norm().log10() });
+                out.gain.push(GainMargin {
+                    frequency: w,
+                    decibel: -20.0 * g.norm().log10(),
+                });
             }
         }
     }
@@ -89,8 +110,12 @@ pub fn margins(open_loop: &StateSpace) -> Result<Margins, LtiError> {
             (out.min_return_difference, out.min_return_difference_at) = (here, samples[i].0);
         }
         let neighbours = i > 0 && i + 1 < samples.len();
-        if neighbours && here <= (samples[i - 1].1 + 1.0).norm() && here <= (samples[i + 1].1 + 1.0).norm() {
-            let (negative, w) = golden_maximum(&|w| -distance(w), samples[i - 1].0, samples[i + 1].0);
+        if neighbours
+            && here <= (samples[i - 1].1 + 1.0).norm()
+            && here <= (samples[i + 1].1 + 1.0).norm()
+        {
+            let (negative, w) =
+                golden_maximum(&|w| -distance(w), samples[i - 1].0, samples[i + 1].0);
             if -negative < out.min_return_difference {
                 (out.min_return_difference, out.min_return_difference_at) = (-negative, w);
             }
@@ -119,14 +144,24 @@ fn bisect(mut low: f64, mut high: f64, f: impl Fn(f64) -> Option<f64>) -> f64 {
 /// Loop of one channel of a square plant with all other channels closed: cut at input `channel`, from the plant input to the negative of the feedback that returns there.
 ///
 /// `controller` maps plant outputs to plant inputs and is closed by negative feedback.
-pub fn loop_at_input(plant: &StateSpace, controller: &StateSpace, channel: usize) -> Result<StateSpace, LtiError> {
+pub fn loop_at_input(
+    plant: &StateSpace,
+    controller: &StateSpace,
+    channel: usize,
+) -> Result<StateSpace, LtiError> {
     let m = plant.inputs();
     let full = plant.series(controller)?;
     if channel >= m {
-        return Err(LtiError::Range { what: "the channel".into(), value: channel as f64, expected: "below the number of inputs" });
+        return Err(LtiError::Range {
+            what: "the channel".into(),
+            value: channel as f64,
+            expected: "below the number of inputs",
+        });
     }
     // Inputs and outputs with the open channel first; the others are closed.
-    let order: Vec<usize> = std::iter::once(channel).chain((0..m).filter(|&i| i != channel)).collect();
+    let order: Vec<usize> = std::iter::once(channel)
+        .chain((0..m).filter(|&i| i != channel))
+        .collect();
     let sorted = full.select(&order, &order)?;
     let others = StateSpace::gain(-crate::matrix::identity(m - 1));
     sorted.lower_lft(&others, m - 1, m - 1)

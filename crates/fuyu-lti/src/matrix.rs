@@ -15,7 +15,12 @@ pub(crate) fn finite(what: &str, m: &Matrix) -> Result<(), LtiError> {
     for (row, r) in m.row_iter().enumerate() {
         for (col, &value) in r.iter().enumerate() {
             if !value.is_finite() {
-                return Err(LtiError::NotFinite { what: what.into(), value, row, col });
+                return Err(LtiError::NotFinite {
+                    what: what.into(),
+                    value,
+                    row,
+                    col,
+                });
             }
         }
     }
@@ -24,21 +29,39 @@ pub(crate) fn finite(what: &str, m: &Matrix) -> Result<(), LtiError> {
 
 pub(crate) fn shaped(what: &str, m: &Matrix, rows: usize, cols: usize) -> Result<(), LtiError> {
     if m.shape() != (rows, cols) {
-        return Err(LtiError::Shape { what: what.into(), rows: m.nrows(), cols: m.ncols(), expected: format!("{rows} x {cols}") });
+        return Err(LtiError::Shape {
+            what: what.into(),
+            rows: m.nrows(),
+            cols: m.ncols(),
+            expected: format!("{rows} x {cols}"),
+        });
     }
     finite(what, m)
 }
 
 pub(crate) fn square(what: &str, m: &Matrix) -> Result<usize, LtiError> {
     if !m.is_square() {
-        return Err(LtiError::Shape { what: what.into(), rows: m.nrows(), cols: m.ncols(), expected: "square".into() });
+        return Err(LtiError::Shape {
+            what: what.into(),
+            rows: m.nrows(),
+            cols: m.ncols(),
+            expected: "square".into(),
+        });
     }
     finite(what, m)?;
     Ok(m.nrows())
 }
 
 pub(crate) fn positive(what: &str, value: f64) -> Result<(), LtiError> {
-    if value > 0.0 && value.is_finite() { Ok(()) } else { Err(LtiError::Range { what: what.into(), value, expected: "positive and finite" }) }
+    if value > 0.0 && value.is_finite() {
+        Ok(())
+    } else {
+        Err(LtiError::Range {
+            what: what.into(),
+            value,
+            expected: "positive and finite",
+        })
+    }
 }
 
 /// The symmetric part, after a check that there is next to nothing else.
@@ -46,7 +69,10 @@ pub(crate) fn symmetric(what: &str, m: &Matrix, n: usize) -> Result<Matrix, LtiE
     shaped(what, m, n, n)?;
     let difference = (m - m.transpose()).amax();
     if difference > 1e-10 * m.amax() {
-        return Err(LtiError::NotSymmetric { what: what.into(), difference });
+        return Err(LtiError::NotSymmetric {
+            what: what.into(),
+            difference,
+        });
     }
     Ok(symmetric_part(m))
 }
@@ -63,14 +89,20 @@ pub(crate) fn smallest_eigenvalue(m: &Matrix) -> Result<f64, LtiError> {
     let values = m
         .clone()
         .try_symmetric_eigen(f64::EPSILON, limit)
-        .ok_or(LtiError::NotConverged { what: "the symmetric eigenvalue iteration", iterations: limit })?
+        .ok_or(LtiError::NotConverged {
+            what: "the symmetric eigenvalue iteration",
+            iterations: limit,
+        })?
         .eigenvalues;
     Ok(values.min())
 }
 
 pub(crate) fn positive_definite(what: &str, m: &Matrix) -> Result<Cholesky<f64, Dyn>, LtiError> {
     let smallest = smallest_eigenvalue(m)?;
-    let refused = LtiError::NotPositiveDefinite { what: what.into(), smallest };
+    let refused = LtiError::NotPositiveDefinite {
+        what: what.into(),
+        smallest,
+    };
     if smallest <= 1e-14 * m.amax() {
         return Err(refused);
     }
@@ -80,7 +112,10 @@ pub(crate) fn positive_definite(what: &str, m: &Matrix) -> Result<Cholesky<f64, 
 pub(crate) fn semidefinite(what: &str, m: &Matrix) -> Result<(), LtiError> {
     let smallest = smallest_eigenvalue(m)?;
     if smallest < -1e-10 * m.amax() {
-        return Err(LtiError::NotSemidefinite { what: what.into(), smallest });
+        return Err(LtiError::NotSemidefinite {
+            what: what.into(),
+            smallest,
+        });
     }
     Ok(())
 }
@@ -89,7 +124,11 @@ pub(crate) fn semidefinite(what: &str, m: &Matrix) -> Result<(), LtiError> {
 pub(crate) fn solve(what: &str, a: &Matrix, b: &Matrix) -> Result<Matrix, LtiError> {
     let singular = || LtiError::Singular { what: what.into() };
     let x = a.clone().lu().solve(b).ok_or_else(singular)?;
-    if x.iter().all(|v| v.is_finite()) { Ok(x) } else { Err(singular()) }
+    if x.iter().all(|v| v.is_finite()) {
+        Ok(x)
+    } else {
+        Err(singular())
+    }
 }
 
 pub(crate) fn identity(n: usize) -> Matrix {
@@ -119,8 +158,12 @@ pub(crate) fn singular_values(m: &ComplexMatrix) -> Result<Vec<f64>, LtiError> {
         return Ok(Vec::new());
     }
     let limit = 1000 * m.nrows().max(m.ncols());
-    let svd = nalgebra::SVD::try_new(m.clone(), false, false, f64::EPSILON, limit)
-        .ok_or(LtiError::NotConverged { what: "the singular value iteration", iterations: limit })?;
+    let svd = nalgebra::SVD::try_new(m.clone(), false, false, f64::EPSILON, limit).ok_or(
+        LtiError::NotConverged {
+            what: "the singular value iteration",
+            iterations: limit,
+        },
+    )?;
     let mut values: Vec<f64> = svd.singular_values.iter().copied().collect();
     values.sort_by(|a, b| b.total_cmp(a));
     Ok(values)
@@ -141,17 +184,39 @@ pub(crate) fn full_svd(m: &Matrix) -> Result<(Matrix, Vec<f64>, Matrix), LtiErro
     let mut padded = Matrix::zeros(n, n);
     padded.view_mut((0, 0), (rows, cols)).copy_from(m);
     let limit = 1000 * n;
-    let svd = nalgebra::SVD::try_new(padded, true, true, f64::EPSILON, limit)
-        .ok_or(LtiError::NotConverged { what: "the singular value iteration", iterations: limit })?;
+    let svd = nalgebra::SVD::try_new(padded, true, true, f64::EPSILON, limit).ok_or(
+        LtiError::NotConverged {
+            what: "the singular value iteration",
+            iterations: limit,
+        },
+    )?;
     let (u, v_t) = (svd.u.expect("asked for"), svd.v_t.expect("asked for"));
     let mut order: Vec<usize> = (0..n).collect();
     order.sort_by(|&a, &b| svd.singular_values[b].total_cmp(&svd.singular_values[a]));
     let k = rows.min(cols);
-    let values: Vec<f64> = order.iter().take(k).map(|&i| svd.singular_values[i]).collect();
+    let values: Vec<f64> = order
+        .iter()
+        .take(k)
+        .map(|&i| svd.singular_values[i])
+        .collect();
     let scale = values.first().copied().unwrap_or(0.0);
-    let left: Vec<_> = order.iter().take(k).filter(|&&i| svd.singular_values[i] > 1e-13 * scale).map(|&i| u.column(i).rows(0, rows).into_owned()).collect();
-    let right: Vec<_> = order.iter().take(k).filter(|&&i| svd.singular_values[i] > 1e-13 * scale).map(|&i| v_t.row(i).columns(0, cols).transpose()).collect();
-    Ok((completed_basis(&left, rows), values, completed_basis(&right, cols)))
+    let left: Vec<_> = order
+        .iter()
+        .take(k)
+        .filter(|&&i| svd.singular_values[i] > 1e-13 * scale)
+        .map(|&i| u.column(i).rows(0, rows).into_owned())
+        .collect();
+    let right: Vec<_> = order
+        .iter()
+        .take(k)
+        .filter(|&&i| svd.singular_values[i] > 1e-13 * scale)
+        .map(|&i| v_t.row(i).columns(0, cols).transpose())
+        .collect();
+    Ok((
+        completed_basis(&left, rows),
+        values,
+        completed_basis(&right, cols),
+    ))
 }
 
 /// An orthogonal matrix whose first columns are the given orthonormal ones.
@@ -173,5 +238,9 @@ fn completed_basis(columns: &[nalgebra::DVector<f64>], n: usize) -> Matrix {
         v.normalize_mut();
         basis.push(v);
     }
-    if n == 0 { Matrix::zeros(0, 0) } else { Matrix::from_columns(&basis) }
+    if n == 0 {
+        Matrix::zeros(0, 0)
+    } else {
+        Matrix::from_columns(&basis)
+    }
 }

@@ -17,7 +17,9 @@ pub(crate) fn require_stabilizable(a: &Matrix, b: &Matrix, discrete: bool) -> Re
 
 /// Errors unless every mode that does not decay is seen by an output.
 pub(crate) fn require_detectable(a: &Matrix, c: &Matrix, discrete: bool) -> Result<(), LtiError> {
-    match unreachable_mode(&a.transpose(), &c.transpose(), |l, size| lingers(l, size, discrete))? {
+    match unreachable_mode(&a.transpose(), &c.transpose(), |l, size| {
+        lingers(l, size, discrete)
+    })? {
         Some(eigenvalue) => Err(LtiError::NotDetectable { eigenvalue }),
         None => Ok(()),
     }
@@ -38,10 +40,18 @@ pub fn is_observable(a: &Matrix, c: &Matrix) -> Result<bool, LtiError> {
 }
 
 fn lingers(l: Complex, size: f64, discrete: bool) -> bool {
-    if discrete { l.norm() >= 1.0 - 1e-10 } else { l.re >= -1e-10 * size }
+    if discrete {
+        l.norm() >= 1.0 - 1e-10
+    } else {
+        l.re >= -1e-10 * size
+    }
 }
 
-fn unreachable_mode(a: &Matrix, b: &Matrix, relevant: impl Fn(Complex, f64) -> bool) -> Result<Option<Complex>, LtiError> {
+fn unreachable_mode(
+    a: &Matrix,
+    b: &Matrix,
+    relevant: impl Fn(Complex, f64) -> bool,
+) -> Result<Option<Complex>, LtiError> {
     let n = a.nrows();
     let mut scaled = a.clone();
     let scales = balance(&mut scaled);
@@ -59,7 +69,9 @@ fn unreachable_mode(a: &Matrix, b: &Matrix, relevant: impl Fn(Complex, f64) -> b
             continue;
         }
         let mut pencil = ComplexMatrix::zeros(n, n + b.ncols());
-        pencil.columns_mut(0, n).copy_from(&(complex(&scaled) - ComplexMatrix::identity(n, n) * l));
+        pencil
+            .columns_mut(0, n)
+            .copy_from(&(complex(&scaled) - ComplexMatrix::identity(n, n) * l));
         pencil.columns_mut(n, b.ncols()).copy_from(&complex(&input));
         let smallest = singular_values(&pencil)?.last().copied().unwrap_or(0.0);
         if smallest <= RANK_TOLERANCE * size.max(l.norm()) {

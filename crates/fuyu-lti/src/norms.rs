@@ -21,7 +21,11 @@ impl StateSpace {
     /// H2 norm: root mean square of the output for white noise of unit intensity at the inputs. Errors: unstable, or continuous with D other than zero (the norm is infinite).
     pub fn h2_norm(&self) -> Result<f64, LtiError> {
         if self.sampling_time.is_none() && self.d.amax() > 0.0 {
-            return Err(LtiError::Range { what: "D of a continuous system with an H2 norm".into(), value: self.d.amax(), expected: "zero" });
+            return Err(LtiError::Range {
+                what: "D of a continuous system with an H2 norm".into(),
+                value: self.d.amax(),
+                expected: "zero",
+            });
         }
         let p = controllability_gramian(self)?;
         let square = (&self.c * p * self.c.transpose() + &self.d * self.d.transpose()).trace();
@@ -36,12 +40,28 @@ impl StateSpace {
     pub fn hinf_norm(&self) -> Result<HinfNorm, LtiError> {
         self.require_stable("a system with an H-infinity norm")?;
         let sys = self.bilinear()?;
-        let to_frequency = |w: f64| self.sampling_time.map_or(w, |h| 2.0 / h * (w * h / 2.0).atan());
-        let gain = |w: f64| -> Result<f64, LtiError> { Ok(sys.singular_values(w)?.first().copied().unwrap_or(0.0)) };
-        let at_infinity = singular_values(&complex(&sys.d))?.first().copied().unwrap_or(0.0);
+        let to_frequency = |w: f64| {
+            self.sampling_time
+                .map_or(w, |h| 2.0 / h * (w * h / 2.0).atan())
+        };
+        let gain = |w: f64| -> Result<f64, LtiError> {
+            Ok(sys.singular_values(w)?.first().copied().unwrap_or(0.0))
+        };
+        let at_infinity = singular_values(&complex(&sys.d))?
+            .first()
+            .copied()
+            .unwrap_or(0.0);
         let (swept, peak) = peak_gain(&sys)?;
-        let mut best = if at_infinity > swept { (at_infinity, f64::INFINITY) } else { (swept, peak) };
-        let result = |best: (f64, f64)| HinfNorm { norm: best.0, frequency: to_frequency(best.1), swept: swept.max(at_infinity) };
+        let mut best = if at_infinity > swept {
+            (at_infinity, f64::INFINITY)
+        } else {
+            (swept, peak)
+        };
+        let result = |best: (f64, f64)| HinfNorm {
+            norm: best.0,
+            frequency: to_frequency(best.1),
+            swept: swept.max(at_infinity),
+        };
         if best.0 == 0.0 {
             return Ok(result(best));
         }
@@ -52,7 +72,8 @@ impl StateSpace {
             if crossings.is_empty() {
                 return Ok(result((best.0 * (1.0 + STEP), best.1)));
             }
-            let mut candidates: Vec<f64> = crossings.windows(2).map(|w| (w[0] * w[1]).sqrt()).collect();
+            let mut candidates: Vec<f64> =
+                crossings.windows(2).map(|w| (w[0] * w[1]).sqrt()).collect();
             candidates.extend(crossings.windows(2).map(|w| 0.5 * (w[0] + w[1])));
             candidates.extend(&crossings);
             let before = best.0;
@@ -67,14 +88,23 @@ impl StateSpace {
                 return Ok(result(best));
             }
         }
-        Err(LtiError::NotConverged { what: "the H-infinity norm", iterations: 60 })
+        Err(LtiError::NotConverged {
+            what: "the H-infinity norm",
+            iterations: 60,
+        })
     }
 
     /// The continuous system with s = (2/h) (z - 1)/(z + 1); itself if it is continuous already.
     pub(crate) fn bilinear(&self) -> Result<Self, LtiError> {
-        let Some(h) = self.sampling_time else { return Ok(self.clone()) };
+        let Some(h) = self.sampling_time else {
+            return Ok(self.clone());
+        };
         let one = identity(self.order());
-        let inverse = solve("A + I of the bilinear transformation", &(&self.a + &one), &one)?;
+        let inverse = solve(
+            "A + I of the bilinear transformation",
+            &(&self.a + &one),
+            &one,
+        )?;
         let b = &inverse * &self.b;
         Ok(Self {
             a: (&self.a - &one) * &inverse * (2.0 / h),
@@ -97,8 +127,15 @@ fn level_crossings(sys: &StateSpace, level: f64) -> Result<Vec<f64>, LtiError> {
     let upper = &sys.b * &r_inv * sys.b.transpose() * level;
     let lower = sys.c.transpose() * &s_inv * &sys.c * level;
     // Equal sizes of the two blocks.
-    let rho = if upper.norm() > 0.0 && lower.norm() > 0.0 { (lower.norm() / upper.norm()).sqrt() } else { 1.0 };
-    let hamiltonian = blocks(&[&[&a, &(&upper * rho)], &[&(-&lower / rho), &(-a.transpose())]]);
+    let rho = if upper.norm() > 0.0 && lower.norm() > 0.0 {
+        (lower.norm() / upper.norm()).sqrt()
+    } else {
+        1.0
+    };
+    let hamiltonian = blocks(&[
+        &[&a, &(&upper * rho)],
+        &[&(-&lower / rho), &(-a.transpose())],
+    ]);
     let size = balanced(&hamiltonian).norm();
     let mut out: Vec<f64> = eigenvalues(&hamiltonian)?
         .into_iter()

@@ -35,14 +35,24 @@ pub fn positive_real(sys: &StateSpace) -> Result<PositiveReal, LtiError> {
         Err(LtiError::Singular { .. }) => f64::INFINITY,
         Err(e) => return Err(e),
     };
-    Ok(PositiveReal { holds: scattering_norm <= 1.0 + 1e-7, scattering_norm, smallest_real_part, frequency })
+    Ok(PositiveReal {
+        holds: scattering_norm <= 1.0 + 1e-7,
+        scattering_norm,
+        smallest_real_part,
+        frequency,
+    })
 }
 
 /// `(H - I)(H + I)^-1 = I - 2 (I + H)^-1`.
 fn scattering(sys: &StateSpace) -> Result<StateSpace, LtiError> {
     let m = sys.inputs();
     let k = solve("I + D", &(identity(m) + &sys.d), &identity(m))?;
-    StateSpace::new(&sys.a - &sys.b * &k * &sys.c, &sys.b * &k, &k * &sys.c * 2.0, identity(m) - &k * 2.0)
+    StateSpace::new(
+        &sys.a - &sys.b * &k * &sys.c,
+        &sys.b * &k,
+        &k * &sys.c * 2.0,
+        identity(m) - &k * 2.0,
+    )
 }
 
 fn sweep(sys: &StateSpace) -> Result<(f64, f64), LtiError> {

@@ -25,9 +25,19 @@ pub fn balanced_truncation(sys: &StateSpace, order: usize) -> Result<BalancedTru
     let largest = hankel.first().copied().unwrap_or(0.0);
     let minimal = hankel.iter().filter(|&&s| s > 1e-13 * largest).count();
     if order > minimal {
-        return Err(LtiError::Range { what: "the order of the reduced model".into(), value: order as f64, expected: "at most the order of the minimal realisation" });
+        return Err(LtiError::Range {
+            what: "the order of the reduced model".into(),
+            value: order as f64,
+            expected: "at most the order of the minimal realisation",
+        });
     }
-    let scale = Matrix::from_fn(order, order, |i, j| if i == j { hankel[i].sqrt().recip() } else { 0.0 });
+    let scale = Matrix::from_fn(order, order, |i, j| {
+        if i == j {
+            hankel[i].sqrt().recip()
+        } else {
+            0.0
+        }
+    });
     let left = &scale * u.columns(0, order).transpose() * lq.transpose();
     let right = lp * v.columns(0, order) * &scale;
     let system = StateSpace {
@@ -38,7 +48,11 @@ pub fn balanced_truncation(sys: &StateSpace, order: usize) -> Result<BalancedTru
         sampling_time: sys.sampling_time,
     };
     let error_bound = 2.0 * hankel[order..].iter().sum::<f64>();
-    Ok(BalancedTruncation { system, hankel, error_bound })
+    Ok(BalancedTruncation {
+        system,
+        hankel,
+        error_bound,
+    })
 }
 
 /// The part of a continuous system whose poles have a modulus below `limit` in rad/s, and the rest: `sys = slow + fast`, D with the slow part.
@@ -51,15 +65,32 @@ pub fn modal_split(sys: &StateSpace, limit: f64) -> Result<(StateSpace, StateSpa
     let n = sys.order();
     let poles = sys.poles()?;
     let count = poles.iter().filter(|p| p.norm() < limit).count();
-    if poles.iter().any(|p| (p.norm() - limit).abs() < 1e-6 * limit) {
-        return Err(LtiError::Range { what: "the frequency limit".into(), value: limit, expected: "different from the modulus of every pole" });
+    if poles
+        .iter()
+        .any(|p| (p.norm() - limit).abs() < 1e-6 * limit)
+    {
+        return Err(LtiError::Range {
+            what: "the frequency limit".into(),
+            value: limit,
+            expected: "different from the modulus of every pole",
+        });
     }
     let one = identity(n);
-    let moved = solve("A - limit I", &(&sys.a - &one * limit), &(&sys.a + &one * limit))?;
-    let sign = crate::riccati::sign_function(&moved).ok_or(LtiError::NotConverged { what: "the matrix sign function", iterations: 100 })?;
+    let moved = solve(
+        "A - limit I",
+        &(&sys.a - &one * limit),
+        &(&sys.a + &one * limit),
+    )?;
+    let sign = crate::riccati::sign_function(&moved).ok_or(LtiError::NotConverged {
+        what: "the matrix sign function",
+        iterations: 100,
+    })?;
     // Poles inside of the circle go to the left half plane: the projector onto their subspace is (I - sign) / 2.
     let slow_basis = full_svd(&(&one - &sign))?.0.columns(0, count).into_owned();
-    let fast_basis = full_svd(&(&one + &sign))?.0.columns(0, n - count).into_owned();
+    let fast_basis = full_svd(&(&one + &sign))?
+        .0
+        .columns(0, n - count)
+        .into_owned();
     let mut t = Matrix::zeros(n, n);
     t.columns_mut(0, count).copy_from(&slow_basis);
     t.columns_mut(count, n - count).copy_from(&fast_basis);
@@ -73,5 +104,8 @@ pub fn modal_split(sys: &StateSpace, limit: f64) -> Result<(StateSpace, StateSpa
         d,
         sampling_time: None,
     };
-    Ok((part(0, count, sys.d.clone()), part(count, n - count, Matrix::zeros(sys.outputs(), sys.inputs()))))
+    Ok((
+        part(0, count, sys.d.clone()),
+        part(count, n - count, Matrix::zeros(sys.outputs(), sys.inputs())),
+    ))
 }

@@ -1,7 +1,10 @@
 //! Algebraic Riccati equations: the matrix sign function (continuous) and structured doubling (discrete), both followed by Newton's method.
 
 use crate::lyapunov::lyapunov;
-use crate::matrix::{Complex, Matrix, blocks, identity, positive_definite, semidefinite, shaped, solve, square, symmetric, symmetric_part};
+use crate::matrix::{
+    Complex, Matrix, blocks, identity, positive_definite, semidefinite, shaped, solve, square,
+    symmetric, symmetric_part,
+};
 use crate::modes::{require_detectable, require_stabilizable};
 use crate::{LtiError, eigenvalues};
 
@@ -43,10 +46,17 @@ pub fn care(a: &Matrix, b: &Matrix, q: &Matrix, r: &Matrix) -> Result<RiccatiSol
 /// [`care`] for the cost `x'Qx + 2 x'Su + u'Ru`, with S n x m: `A'X + XA - (XB + S) R^-1 (B'X + S') + Q = 0`.
 ///
 /// `Q - S R^-1 S'` must be positive semidefinite.
-pub fn care_with_cross_weight(a: &Matrix, b: &Matrix, q: &Matrix, r: &Matrix, s: &Matrix) -> Result<RiccatiSolution, LtiError> {
+pub fn care_with_cross_weight(
+    a: &Matrix,
+    b: &Matrix,
+    q: &Matrix,
+    r: &Matrix,
+    s: &Matrix,
+) -> Result<RiccatiSolution, LtiError> {
     let reduced = Reduced::new(a, b, q, r, s, false)?;
     let g = symmetric_part(&(b * reduced.r_inverse(&b.transpose())));
-    let (x, residual) = stabilizing_solution(&reduced.a, &g, &reduced.q, "continuous Riccati equation")?;
+    let (x, residual) =
+        stabilizing_solution(&reduced.a, &g, &reduced.q, "continuous Riccati equation")?;
     let gain = reduced.r_inverse(&(b.transpose() * &x + s.transpose()));
     finish(a, b, x, gain, residual, false)
 }
@@ -68,11 +78,21 @@ pub fn dare(a: &Matrix, b: &Matrix, q: &Matrix, r: &Matrix) -> Result<RiccatiSol
 }
 
 /// [`dare`] for the cost `x'Qx + 2 x'Su + u'Ru`.
-pub fn dare_with_cross_weight(a: &Matrix, b: &Matrix, q: &Matrix, r: &Matrix, s: &Matrix) -> Result<RiccatiSolution, LtiError> {
+pub fn dare_with_cross_weight(
+    a: &Matrix,
+    b: &Matrix,
+    q: &Matrix,
+    r: &Matrix,
+    s: &Matrix,
+) -> Result<RiccatiSolution, LtiError> {
     const EQUATION: &str = "discrete Riccati equation";
     let reduced = Reduced::new(a, b, q, r, s, true)?;
     let n = a.nrows();
-    let (mut ak, mut g, mut h) = (reduced.a.clone(), symmetric_part(&(b * reduced.r_inverse(&b.transpose()))), reduced.q.clone());
+    let (mut ak, mut g, mut h) = (
+        reduced.a.clone(),
+        symmetric_part(&(b * reduced.r_inverse(&b.transpose()))),
+        reduced.q.clone(),
+    );
     let limit = 60;
     let mut converged = false;
     for _ in 0..limit {
@@ -98,7 +118,11 @@ pub fn dare_with_cross_weight(a: &Matrix, b: &Matrix, q: &Matrix, r: &Matrix, s:
     let gain_of = |x: &Matrix| -> Result<Matrix, LtiError> {
         let weight = symmetric_part(&(&reduced.r + b.transpose() * x * b));
         // Indefinite only if rounding has destroyed X.
-        let factor = positive_definite("R + B'XB", &weight).map_err(|_| LtiError::Inaccurate { what: EQUATION, residual: 1.0, limit: ACCEPTED_RESIDUAL })?;
+        let factor = positive_definite("R + B'XB", &weight).map_err(|_| LtiError::Inaccurate {
+            what: EQUATION,
+            residual: 1.0,
+            limit: ACCEPTED_RESIDUAL,
+        })?;
         Ok(factor.solve(&(b.transpose() * x * &reduced.a)))
     };
     let defect = |x: &Matrix, k: &Matrix| {
@@ -114,7 +138,9 @@ pub fn dare_with_cross_weight(a: &Matrix, b: &Matrix, q: &Matrix, r: &Matrix, s:
     let (mut rest, mut residual) = defect(&x, &k);
     for _ in 0..10 {
         let closed = &reduced.a - b * &k;
-        let Ok(step) = crate::lyapunov::discrete_lyapunov(&closed.transpose(), &rest) else { break };
+        let Ok(step) = crate::lyapunov::discrete_lyapunov(&closed.transpose(), &rest) else {
+            break;
+        };
         let next = symmetric_part(&(&x + step.x));
         let next_k = gain_of(&next)?;
         let (next_rest, next_residual) = defect(&next, &next_k);
@@ -137,7 +163,14 @@ struct Reduced {
 }
 
 impl Reduced {
-    fn new(a: &Matrix, b: &Matrix, q: &Matrix, r: &Matrix, s: &Matrix, discrete: bool) -> Result<Self, LtiError> {
+    fn new(
+        a: &Matrix,
+        b: &Matrix,
+        q: &Matrix,
+        r: &Matrix,
+        s: &Matrix,
+        discrete: bool,
+    ) -> Result<Self, LtiError> {
         let n = square("A", a)?;
         shaped("B", b, n, b.ncols())?;
         let q = symmetric("Q", q, n)?;
@@ -158,31 +191,78 @@ impl Reduced {
 }
 
 fn accept(what: &'static str, residual: f64) -> Result<(), LtiError> {
-    if residual <= ACCEPTED_RESIDUAL { Ok(()) } else { Err(LtiError::Inaccurate { what, residual, limit: ACCEPTED_RESIDUAL }) }
+    if residual <= ACCEPTED_RESIDUAL {
+        Ok(())
+    } else {
+        Err(LtiError::Inaccurate {
+            what,
+            residual,
+            limit: ACCEPTED_RESIDUAL,
+        })
+    }
 }
 
-fn finish(a: &Matrix, b: &Matrix, x: Matrix, gain: Matrix, residual: f64, discrete: bool) -> Result<RiccatiSolution, LtiError> {
+fn finish(
+    a: &Matrix,
+    b: &Matrix,
+    x: Matrix,
+    gain: Matrix,
+    residual: f64,
+    discrete: bool,
+) -> Result<RiccatiSolution, LtiError> {
     let closed_loop_poles = eigenvalues(&(a - b * &gain))?;
     let size = |p: &Complex| if discrete { p.norm() - 1.0 } else { p.re };
     match closed_loop_poles.iter().find(|p| size(p) >= 0.0) {
         Some(&eigenvalue) => {
-            let equation = if discrete { "discrete Riccati equation" } else { "continuous Riccati equation" };
-            Err(LtiError::StabilityLimit { equation, eigenvalue })
+            let equation = if discrete {
+                "discrete Riccati equation"
+            } else {
+                "continuous Riccati equation"
+            };
+            Err(LtiError::StabilityLimit {
+                equation,
+                eigenvalue,
+            })
         }
-        None => Ok(RiccatiSolution { x, gain, closed_loop_poles, residual }),
+        None => Ok(RiccatiSolution {
+            x,
+            gain,
+            closed_loop_poles,
+            residual,
+        }),
     }
 }
 
-fn closest_to_limit(a: &Matrix, equation: &'static str, discrete: bool) -> Result<LtiError, LtiError> {
-    let distance = |l: &Complex| if discrete { (l.norm() - 1.0).abs() } else { l.re.abs() };
-    let closest = eigenvalues(a)?.into_iter().min_by(|p, q| distance(p).total_cmp(&distance(q)));
-    Ok(LtiError::StabilityLimit { equation, eigenvalue: closest.unwrap_or_default() })
+fn closest_to_limit(
+    a: &Matrix,
+    equation: &'static str,
+    discrete: bool,
+) -> Result<LtiError, LtiError> {
+    let distance = |l: &Complex| {
+        if discrete {
+            (l.norm() - 1.0).abs()
+        } else {
+            l.re.abs()
+        }
+    };
+    let closest = eigenvalues(a)?
+        .into_iter()
+        .min_by(|p, q| distance(p).total_cmp(&distance(q)));
+    Ok(LtiError::StabilityLimit {
+        equation,
+        eigenvalue: closest.unwrap_or_default(),
+    })
 }
 
 /// Stabilising solution X and relative residual of `A'X + XA - X G X + Q = 0`, where neither G nor Q needs to be semidefinite.
 ///
 /// This is the equation of H-infinity control too. The error says whether the Hamiltonian has eigenvalues on the imaginary axis.
-pub(crate) fn stabilizing_solution(a: &Matrix, g: &Matrix, q: &Matrix, equation: &'static str) -> Result<(Matrix, f64), LtiError> {
+pub(crate) fn stabilizing_solution(
+    a: &Matrix,
+    g: &Matrix,
+    q: &Matrix,
+    equation: &'static str,
+) -> Result<(Matrix, f64), LtiError> {
     let n = a.nrows();
     if n == 0 {
         return Ok((Matrix::zeros(0, 0), 0.0));
@@ -192,31 +272,48 @@ pub(crate) fn stabilizing_solution(a: &Matrix, g: &Matrix, q: &Matrix, equation:
     }
     // X = rho Y makes the blocks of the Hamiltonian equally large.
     let (g_size, q_size) = (g.norm(), q.norm());
-    let rho = if g_size > 0.0 && q_size > 0.0 { (q_size / g_size).sqrt() } else { 1.0 };
+    let rho = if g_size > 0.0 && q_size > 0.0 {
+        (q_size / g_size).sqrt()
+    } else {
+        1.0
+    };
     let hamiltonian = blocks(&[&[a, &(-g * rho)], &[&(-q / rho), &(-a.transpose())]]);
-    let axis = eigenvalues(&hamiltonian)?.into_iter().find(|l| l.re.abs() <= 1e-11 * l.norm());
+    let axis = eigenvalues(&hamiltonian)?
+        .into_iter()
+        .find(|l| l.re.abs() <= 1e-11 * l.norm());
     if let Some(eigenvalue) = axis {
-        return Err(LtiError::StabilityLimit { equation, eigenvalue });
+        return Err(LtiError::StabilityLimit {
+            equation,
+            eigenvalue,
+        });
     }
     let Some(sign) = sign_function(&hamiltonian) else {
         return Err(closest_to_limit(&hamiltonian, equation, false)?);
     };
     // (sign + I) [I; X] = 0: an overdetermined system of full rank.
     let one = identity(n);
-    let left = blocks(&[&[&sign.view((0, n), (n, n)).into_owned()], &[&(sign.view((n, n), (n, n)) + &one)]]);
-    let right = blocks(&[&[&(sign.view((0, 0), (n, n)) + &one)], &[&sign.view((n, 0), (n, n)).into_owned()]]);
+    let left = blocks(&[
+        &[&sign.view((0, n), (n, n)).into_owned()],
+        &[&(sign.view((n, n), (n, n)) + &one)],
+    ]);
+    let right = blocks(&[
+        &[&(sign.view((0, 0), (n, n)) + &one)],
+        &[&sign.view((n, 0), (n, n)).into_owned()],
+    ]);
     let qr = left.qr();
     let y = qr
         .r()
         .solve_upper_triangular(&(qr.q().transpose() * -right))
         .filter(|y| y.iter().all(|v| v.is_finite()))
-        .ok_or(LtiError::Singular { what: format!("the stable subspace of the {equation}") })?;
+        .ok_or(LtiError::Singular {
+            what: format!("the stable subspace of the {equation}"),
+        })?;
     let (x, residual) = newton(a, g, q, symmetric_part(&(y * rho)));
     accept(equation, residual)?;
     Ok((x, residual))
 }
 
-/// Kleinman's iteration in increments: (A - G X)' dX + dX (A - G X) + residual = 0, while the residual falls.
+/// Kleinman's iteration in increments: (A - G X)' dX + dX (A - G X) + residual = 0, until the residual no longer falls.
 fn newton(a: &Matrix, g: &Matrix, q: &Matrix, mut x: Matrix) -> (Matrix, f64) {
     let defect = |x: &Matrix| {
         let xa = x * a;
@@ -226,22 +323,29 @@ fn newton(a: &Matrix, g: &Matrix, q: &Matrix, mut x: Matrix) -> (Matrix, f64) {
         let residual = if size == 0.0 { 0.0 } else { rest.norm() / size };
         (rest, residual)
     };
-    let (mut rest, mut residual) = defect(&x);
-    for _ in 0..10 {
-        let Ok(step) = lyapunov(&(a - g * &x).transpose(), &rest) else { break };
-        let next = symmetric_part(&(&x + &step.x));
-        let (next_rest, next_residual) = defect(&next);
-        // One more step than the residual alone asks for: rounding of the residual hides errors of the solution.
-        let small = step.x.norm() <= 1e-15 * x.norm();
-        if !(next_residual < residual || next_residual < 1e-15) {
+    let (mut rest, residual) = defect(&x);
+    let mut best = (x.clone(), residual);
+    let mut worse = 0;
+    for _ in 0..30 {
+        let Ok(step) = lyapunov(&(a - g * &x).transpose(), &rest) else {
             break;
+        };
+        x = symmetric_part(&(&x + &step.x));
+        let (next_rest, residual) = defect(&x);
+        rest = next_rest;
+        // The first steps may increase the residual before convergence becomes quadratic. At the level of rounding the last solution is the best:
+        // rounding of the residual hides errors of the solution.
+        if residual < best.1 || residual < 1e-15 {
+            best = (x.clone(), residual);
+            worse = 0;
+        } else {
+            worse += 1;
         }
-        (x, rest, residual) = (next, next_rest, next_residual);
-        if small {
+        if worse == 4 || step.x.norm() <= 1e-15 * x.norm() {
             break;
         }
     }
-    (x, residual)
+    best
 }
 
 /// Matrix sign function by Newton's iteration with determinantal scaling; `None` if it does not converge.

@@ -31,7 +31,11 @@ impl StateSpace {
         self.require_continuous("zero-order hold")?;
         positive("the sampling time", step)?;
         if !(delay >= 0.0 && delay <= 1e4 * step) {
-            return Err(LtiError::Range { what: "the input delay".into(), value: delay, expected: "between 0 and 10000 steps" });
+            return Err(LtiError::Range {
+                what: "the input delay".into(),
+                value: delay,
+                expected: "between 0 and 10000 steps",
+            });
         }
         let (n, m) = (self.order(), self.inputs());
         // Whole steps begun, and the part of a step during which the older input still acts.
@@ -57,7 +61,8 @@ impl StateSpace {
             a.view_mut((0, n + m), (n, m)).copy_from(&newer);
         }
         for k in 0..count - 1 {
-            a.view_mut((n + k * m, n + (k + 1) * m), (m, m)).copy_from(&identity(m));
+            a.view_mut((n + k * m, n + (k + 1) * m), (m, m))
+                .copy_from(&identity(m));
         }
         b.view_mut((size - m, 0), (m, m)).copy_from(&identity(m));
         let mut c = Matrix::zeros(self.outputs(), size);
@@ -92,13 +97,24 @@ fn held(a: &Matrix, b: &Matrix, h: f64) -> Result<(Matrix, Matrix), LtiError> {
     }
     let growth = crate::spectral_abscissa(a)? * h;
     if growth > LARGEST_EXPONENT {
-        return Err(LtiError::Range { what: "the growth over one sampling time, in e-folds,".into(), value: growth, expected: "at most 500" });
+        return Err(LtiError::Range {
+            what: "the growth over one sampling time, in e-folds,".into(),
+            value: growth,
+            expected: "at most 500",
+        });
     }
     let big = blocks(&[&[a, b], &[&Matrix::zeros(m, n), &Matrix::zeros(m, m)]]) * h;
     // Scaling and squaring of nalgebra (Higham 2005).
     let e = big.exp();
     if e.iter().any(|v| !v.is_finite()) {
-        return Err(LtiError::Range { what: "the norm of A times the sampling time".into(), value: (a * h).norm(), expected: "small enough for the exponential to be finite" });
+        return Err(LtiError::Range {
+            what: "the norm of A times the sampling time".into(),
+            value: (a * h).norm(),
+            expected: "small enough for the exponential to be finite",
+        });
     }
-    Ok((e.view((0, 0), (n, n)).into_owned(), e.view((0, n), (n, m)).into_owned()))
+    Ok((
+        e.view((0, 0), (n, n)).into_owned(),
+        e.view((0, n), (n, m)).into_owned(),
+    ))
 }

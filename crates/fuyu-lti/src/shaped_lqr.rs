@@ -44,14 +44,23 @@ pub struct ShapedRegulator {
 /// in sections 3.3 and 3.5.
 ///
 /// Errors: unstable weights, an extended system that is not stabilisable or detectable (a pole of 1/r at a zero of the plant, a pole of the plant at a zero of the weights).
-pub fn shaped_lqr(plant: &StateSpace, weights: &ShapedWeights) -> Result<ShapedRegulator, LtiError> {
+pub fn shaped_lqr(
+    plant: &StateSpace,
+    weights: &ShapedWeights,
+) -> Result<ShapedRegulator, LtiError> {
     plant.require_continuous("a frequency-shaped regulator")?;
     positive("rho", weights.rho)?;
     let (n, m) = (plant.order(), plant.inputs());
     let ny = weights.controlled.nrows();
     shaped("C", &weights.controlled, ny, n)?;
-    let filter = weights.inverse_input_weight.clone().unwrap_or_else(|| StateSpace::gain(identity(m)));
-    let weight = weights.output_weight.clone().unwrap_or_else(|| StateSpace::gain(identity(ny)));
+    let filter = weights
+        .inverse_input_weight
+        .clone()
+        .unwrap_or_else(|| StateSpace::gain(identity(m)));
+    let weight = weights
+        .output_weight
+        .clone()
+        .unwrap_or_else(|| StateSpace::gain(identity(ny)));
     shaped("D of the weight 1/r", &filter.d, m, m)?;
     shaped("D of the weight q", &weight.d, weight.outputs(), ny)?;
     for (name, w) in [("the weight 1/r", &filter), ("the weight q", &weight)] {
@@ -66,14 +75,30 @@ pub fn shaped_lqr(plant: &StateSpace, weights: &ShapedWeights) -> Result<ShapedR
         &[&z(nq, nr), &(&weight.b * &weights.controlled), &weight.a],
     ]);
     let b = blocks(&[&[&filter.b], &[&(&plant.b * &filter.d)], &[&z(nq, m)]]);
-    let c = blocks(&[&[&z(weight.outputs(), nr), &(&weight.d * &weights.controlled), &weight.c]]);
-    let solution = care_with_cross_weight(&a, &b, &(c.transpose() * &c), &(identity(m) * weights.rho), &z(nr + n + nq, m))?;
+    let c = blocks(&[&[
+        &z(weight.outputs(), nr),
+        &(&weight.d * &weights.controlled),
+        &weight.c,
+    ]]);
+    let solution = care_with_cross_weight(
+        &a,
+        &b,
+        &(c.transpose() * &c),
+        &(identity(m) * weights.rho),
+        &z(nr + n + nq, m),
+    )?;
     let gain_r = solution.gain.columns(0, nr).into_owned();
     let gain = solution.gain.columns(nr, n).into_owned();
     let gain_q = solution.gain.columns(nr + n, nq).into_owned();
     let state_feedback = StateSpace::new(
-        blocks(&[&[&(&filter.a - &filter.b * &gain_r), &(&filter.b * &gain_q)], &[&z(nq, nr), &weight.a]]),
-        blocks(&[&[&(&filter.b * &gain)], &[&(&weight.b * &weights.controlled)]]),
+        blocks(&[
+            &[&(&filter.a - &filter.b * &gain_r), &(&filter.b * &gain_q)],
+            &[&z(nq, nr), &weight.a],
+        ]),
+        blocks(&[
+            &[&(&filter.b * &gain)],
+            &[&(&weight.b * &weights.controlled)],
+        ]),
         blocks(&[&[&(&filter.c - &filter.d * &gain_r), &(&filter.d * &gain_q)]]),
         &filter.d * &gain,
     )?;
@@ -94,14 +119,24 @@ impl ShapedRegulator {
     /// Loop of the state feedback, cut at the plant input: `l(s) = k(s) (s I - A)^-1 B`.
     pub fn state_loop(&self) -> Result<StateSpace, LtiError> {
         let n = self.plant.order();
-        let to_states = StateSpace::new(self.plant.a.clone(), self.plant.b.clone(), identity(n), Matrix::zeros(n, self.plant.inputs()))?;
+        let to_states = StateSpace::new(
+            self.plant.a.clone(),
+            self.plant.b.clone(),
+            identity(n),
+            Matrix::zeros(n, self.plant.inputs()),
+        )?;
         to_states.series(&self.state_feedback)
     }
 
     /// The filter 1/r as the optimal feedback changes it: `C_r' (s I - A_r + B_r K_r)^-1 B_r + D_r` with `C_r' = C_r - D_r K_r` (Kida 1993 eqs. (3.12), (3.27)).
     pub fn realized_filter(&self) -> Result<StateSpace, LtiError> {
         let f = &self.filter;
-        StateSpace::new(&f.a - &f.b * &self.gain_r, f.b.clone(), &f.c - &f.d * &self.gain_r, f.d.clone())
+        StateSpace::new(
+            &f.a - &f.b * &self.gain_r,
+            f.b.clone(),
+            &f.c - &f.d * &self.gain_r,
+            f.d.clone(),
+        )
     }
 
     /// Output feedback with an observer of gain L (n x p) for the measurements of the plant: `u = -compensator(z)`, Kida 1993 eq. (3.16) and appendix 3E.
@@ -116,9 +151,17 @@ impl ShapedRegulator {
         let (dk, dkq) = (&f.d * &self.gain, &f.d * &self.gain_q);
         StateSpace::new(
             blocks(&[
-                &[&(&f.a - &f.b * &self.gain_r), &(&f.b * &self.gain_q), &(&f.b * &self.gain)],
+                &[
+                    &(&f.a - &f.b * &self.gain_r),
+                    &(&f.b * &self.gain_q),
+                    &(&f.b * &self.gain),
+                ],
                 &[&z(nq, nr), &q.a, &(&q.b * &self.controlled)],
-                &[&(-&g.b * &out), &(-&g.b * &dkq), &(&g.a - l * &g.c - &g.b * &dk)],
+                &[
+                    &(-&g.b * &out),
+                    &(-&g.b * &dkq),
+                    &(&g.a - l * &g.c - &g.b * &dk),
+                ],
             ]),
             blocks(&[&[&z(nr, p)], &[&z(nq, p)], &[l]]),
             blocks(&[&[&out, &dkq, &dk]]),

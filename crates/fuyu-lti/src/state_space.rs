@@ -1,6 +1,9 @@
 //! Systems in state space, and how they are connected.
 
-use crate::matrix::{Complex, ComplexMatrix, Matrix, blocks, complex, identity, shaped, singular_values, solve, square};
+use crate::matrix::{
+    Complex, ComplexMatrix, Matrix, blocks, complex, identity, shaped, singular_values, solve,
+    square,
+};
 use crate::{LtiError, eigenvalues};
 
 /// A linear time-invariant system with n states, m inputs u and p outputs y.
@@ -42,18 +45,39 @@ impl StateSpace {
         shaped("B", &b, n, d.ncols())?;
         shaped("C", &c, d.nrows(), n)?;
         shaped("D", &d, c.nrows(), b.ncols())?;
-        Ok(Self { a, b, c, d, sampling_time: None })
+        Ok(Self {
+            a,
+            b,
+            c,
+            d,
+            sampling_time: None,
+        })
     }
 
     /// A discrete system with this sampling time in s.
-    pub fn discrete(a: Matrix, b: Matrix, c: Matrix, d: Matrix, sampling_time: f64) -> Result<Self, LtiError> {
+    pub fn discrete(
+        a: Matrix,
+        b: Matrix,
+        c: Matrix,
+        d: Matrix,
+        sampling_time: f64,
+    ) -> Result<Self, LtiError> {
         crate::matrix::positive("the sampling time", sampling_time)?;
-        Ok(Self { sampling_time: Some(sampling_time), ..Self::new(a, b, c, d)? })
+        Ok(Self {
+            sampling_time: Some(sampling_time),
+            ..Self::new(a, b, c, d)?
+        })
     }
 
     /// A continuous static gain.
     pub fn gain(d: Matrix) -> Self {
-        Self { a: Matrix::zeros(0, 0), b: Matrix::zeros(0, d.ncols()), c: Matrix::zeros(d.nrows(), 0), d, sampling_time: None }
+        Self {
+            a: Matrix::zeros(0, 0),
+            b: Matrix::zeros(0, d.ncols()),
+            c: Matrix::zeros(d.nrows(), 0),
+            d,
+            sampling_time: None,
+        }
     }
 
     /// Number of states.
@@ -90,10 +114,22 @@ impl StateSpace {
     }
 
     pub(crate) fn require_stable(&self, what: &str) -> Result<(), LtiError> {
-        let size = |p: &Complex| if self.sampling_time.is_some() { p.norm() - 1.0 } else { p.re };
-        let worst = self.poles()?.into_iter().max_by(|a, b| size(a).total_cmp(&size(b)));
+        let size = |p: &Complex| {
+            if self.sampling_time.is_some() {
+                p.norm() - 1.0
+            } else {
+                p.re
+            }
+        };
+        let worst = self
+            .poles()?
+            .into_iter()
+            .max_by(|a, b| size(a).total_cmp(&size(b)));
         match worst {
-            Some(pole) if size(&pole) >= 0.0 => Err(LtiError::Unstable { what: what.into(), pole }),
+            Some(pole) if size(&pole) >= 0.0 => Err(LtiError::Unstable {
+                what: what.into(),
+                pole,
+            }),
             _ => Ok(()),
         }
     }
@@ -101,7 +137,10 @@ impl StateSpace {
     pub(crate) fn require_continuous(&self, what: &'static str) -> Result<(), LtiError> {
         match self.sampling_time {
             None => Ok(()),
-            Some(h) => Err(LtiError::TimeDomain { what, expected: format!("a continuous system; this one is sampled every {h} s") }),
+            Some(h) => Err(LtiError::TimeDomain {
+                what,
+                expected: format!("a continuous system; this one is sampled every {h} s"),
+            }),
         }
     }
 
@@ -113,10 +152,16 @@ impl StateSpace {
             return Ok(d);
         }
         let shifted = ComplexMatrix::identity(n, n) * s - complex(&self.a);
-        let pole = || LtiError::Singular { what: format!("s I - A at s = {s}, a pole of the system,") };
+        let pole = || LtiError::Singular {
+            what: format!("s I - A at s = {s}, a pole of the system,"),
+        };
         let x = shifted.lu().solve(&complex(&self.b)).ok_or_else(pole)?;
         let value = complex(&self.c) * x + d;
-        if value.iter().all(|v| v.re.is_finite() && v.im.is_finite()) { Ok(value) } else { Err(pole()) }
+        if value.iter().all(|v| v.re.is_finite() && v.im.is_finite()) {
+            Ok(value)
+        } else {
+            Err(pole())
+        }
     }
 
     /// Frequency response, p x m, at w in rad/s.
@@ -134,7 +179,11 @@ impl StateSpace {
 
     /// Response to a constant input after all transients.
     pub fn dc_gain(&self) -> Result<Matrix, LtiError> {
-        let one = if self.sampling_time.is_some() { Complex::new(1.0, 0.0) } else { Complex::new(0.0, 0.0) };
+        let one = if self.sampling_time.is_some() {
+            Complex::new(1.0, 0.0)
+        } else {
+            Complex::new(0.0, 0.0)
+        };
         Ok(self.at(one)?.map(|v| v.re))
     }
 
@@ -145,20 +194,33 @@ impl StateSpace {
         if other.order() == 0 || self.sampling_time == other.sampling_time {
             return Ok(self.sampling_time);
         }
-        let name = |h: Option<f64>| h.map_or("continuous".to_owned(), |h| format!("sampled every {h} s"));
+        let name =
+            |h: Option<f64>| h.map_or("continuous".to_owned(), |h| format!("sampled every {h} s"));
         Err(LtiError::TimeDomain {
             what,
-            expected: format!("systems of one kind; one is {}, the other {}", name(self.sampling_time), name(other.sampling_time)),
+            expected: format!(
+                "systems of one kind; one is {}, the other {}",
+                name(self.sampling_time),
+                name(other.sampling_time)
+            ),
         })
     }
 
     /// `next` after `self`: the outputs of this system are the inputs of the next, `y = next(self(u))`.
     pub fn series(&self, next: &Self) -> Result<Self, LtiError> {
         let sampling_time = self.same_time(next, "a series connection")?;
-        shaped("the input matrix of the second system", &next.d, next.outputs(), self.outputs())?;
+        shaped(
+            "the input matrix of the second system",
+            &next.d,
+            next.outputs(),
+            self.outputs(),
+        )?;
         let (n1, n2) = (self.order(), next.order());
         Ok(Self {
-            a: blocks(&[&[&self.a, &Matrix::zeros(n1, n2)], &[&(&next.b * &self.c), &next.a]]),
+            a: blocks(&[
+                &[&self.a, &Matrix::zeros(n1, n2)],
+                &[&(&next.b * &self.c), &next.a],
+            ]),
             b: blocks(&[&[&self.b], &[&(&next.b * &self.d)]]),
             c: blocks(&[&[&(&next.d * &self.c), &next.c]]),
             d: &next.d * &self.d,
@@ -169,10 +231,18 @@ impl StateSpace {
     /// The same input to both, outputs added.
     pub fn parallel(&self, other: &Self) -> Result<Self, LtiError> {
         let sampling_time = self.same_time(other, "a parallel connection")?;
-        shaped("D of the second system", &other.d, self.outputs(), self.inputs())?;
+        shaped(
+            "D of the second system",
+            &other.d,
+            self.outputs(),
+            self.inputs(),
+        )?;
         let (n1, n2) = (self.order(), other.order());
         Ok(Self {
-            a: blocks(&[&[&self.a, &Matrix::zeros(n1, n2)], &[&Matrix::zeros(n2, n1), &other.a]]),
+            a: blocks(&[
+                &[&self.a, &Matrix::zeros(n1, n2)],
+                &[&Matrix::zeros(n2, n1), &other.a],
+            ]),
             b: blocks(&[&[&self.b], &[&other.b]]),
             c: blocks(&[&[&self.c, &other.c]]),
             d: &self.d + &other.d,
@@ -187,9 +257,18 @@ impl StateSpace {
         let z = Matrix::zeros;
         Ok(Self {
             a: blocks(&[&[&self.a, &z(n1, n2)], &[&z(n2, n1), &other.a]]),
-            b: blocks(&[&[&self.b, &z(n1, other.inputs())], &[&z(n2, self.inputs()), &other.b]]),
-            c: blocks(&[&[&self.c, &z(self.outputs(), n2)], &[&z(other.outputs(), n1), &other.c]]),
-            d: blocks(&[&[&self.d, &z(self.outputs(), other.inputs())], &[&z(other.outputs(), self.inputs()), &other.d]]),
+            b: blocks(&[
+                &[&self.b, &z(n1, other.inputs())],
+                &[&z(n2, self.inputs()), &other.b],
+            ]),
+            c: blocks(&[
+                &[&self.c, &z(self.outputs(), n2)],
+                &[&z(other.outputs(), n1), &other.c],
+            ]),
+            d: blocks(&[
+                &[&self.d, &z(self.outputs(), other.inputs())],
+                &[&z(other.outputs(), self.inputs()), &other.d],
+            ]),
             sampling_time,
         })
     }
@@ -212,7 +291,12 @@ impl StateSpace {
     /// Lower linear fractional transformation: the last `measurements` outputs feed `controller`, which drives the last `controls` inputs.
     ///
     /// Errors: sizes, an algebraic loop without solution.
-    pub fn lower_lft(&self, controller: &Self, measurements: usize, controls: usize) -> Result<Self, LtiError> {
+    pub fn lower_lft(
+        &self,
+        controller: &Self,
+        measurements: usize,
+        controls: usize,
+    ) -> Result<Self, LtiError> {
         let sampling_time = self.same_time(controller, "a feedback connection")?;
         shaped("D of the controller", &controller.d, controls, measurements)?;
         if measurements > self.outputs() || controls > self.inputs() {
@@ -235,13 +319,23 @@ impl StateSpace {
         let d22 = self.d.view((p1, m1), (measurements, controls)).into_owned();
         // u = (I - Dk D22)^-1 (Dk C2 x + Ck xk + Dk D21 w)
         let loop_matrix = identity(controls) - &controller.d * &d22;
-        let inverse = solve("the algebraic loop I - D_controller D22", &loop_matrix, &identity(controls))?;
+        let inverse = solve(
+            "the algebraic loop I - D_controller D22",
+            &loop_matrix,
+            &identity(controls),
+        )?;
         let ux = &inverse * &controller.d * &c2;
         let uk = &inverse * &controller.c;
         let uw = &inverse * &controller.d * &d21;
         let (yx, yk, yw) = (&c2 + &d22 * &ux, &d22 * &uk, &d21 + &d22 * &uw);
         let out = Self {
-            a: blocks(&[&[&(&self.a + &b2 * &ux), &(&b2 * &uk)], &[&(&controller.b * &yx), &(&controller.a + &controller.b * &yk)]]),
+            a: blocks(&[
+                &[&(&self.a + &b2 * &ux), &(&b2 * &uk)],
+                &[
+                    &(&controller.b * &yx),
+                    &(&controller.a + &controller.b * &yk),
+                ],
+            ]),
             b: blocks(&[&[&(b1 + &b2 * &uw)], &[&(&controller.b * &yw)]]),
             c: blocks(&[&[&(c1 + &d12 * &ux), &(&d12 * &uk)]]),
             d: d11 + &d12 * &uw,
@@ -253,36 +347,66 @@ impl StateSpace {
 
     /// The system with the opposite sign of its outputs.
     pub fn negated(&self) -> Self {
-        Self { c: -&self.c, d: -&self.d, ..self.clone() }
+        Self {
+            c: -&self.c,
+            d: -&self.d,
+            ..self.clone()
+        }
     }
 
     /// The dual system: A', C', B', D'.
     pub fn dual(&self) -> Self {
-        Self { a: self.a.transpose(), b: self.c.transpose(), c: self.b.transpose(), d: self.d.transpose(), sampling_time: self.sampling_time }
+        Self {
+            a: self.a.transpose(),
+            b: self.c.transpose(),
+            c: self.b.transpose(),
+            d: self.d.transpose(),
+            sampling_time: self.sampling_time,
+        }
     }
 
     /// Inputs multiplied by a matrix before the system: `self * g`.
     pub fn scaled_inputs(&self, g: &Matrix) -> Result<Self, LtiError> {
         shaped("the input scaling", g, self.inputs(), g.ncols())?;
-        Ok(Self { b: &self.b * g, d: &self.d * g, ..self.clone() })
+        Ok(Self {
+            b: &self.b * g,
+            d: &self.d * g,
+            ..self.clone()
+        })
     }
 
     /// Outputs multiplied by a matrix after the system: `g * self`.
     pub fn scaled_outputs(&self, g: &Matrix) -> Result<Self, LtiError> {
         shaped("the output scaling", g, g.nrows(), self.outputs())?;
-        Ok(Self { c: g * &self.c, d: g * &self.d, ..self.clone() })
+        Ok(Self {
+            c: g * &self.c,
+            d: g * &self.d,
+            ..self.clone()
+        })
     }
 
     /// Only some inputs and outputs, by their indices from 0, in this order. Error: an index that does not exist.
     pub fn select(&self, outputs: &[usize], inputs: &[usize]) -> Result<Self, LtiError> {
-        for (what, list, limit) in [("output", outputs, self.outputs()), ("input", inputs, self.inputs())] {
+        for (what, list, limit) in [
+            ("output", outputs, self.outputs()),
+            ("input", inputs, self.inputs()),
+        ] {
             if let Some(&i) = list.iter().find(|&&i| i >= limit) {
-                return Err(LtiError::Range { what: format!("the index of an {what}"), value: i as f64, expected: "below the number of them" });
+                return Err(LtiError::Range {
+                    what: format!("the index of an {what}"),
+                    value: i as f64,
+                    expected: "below the number of them",
+                });
             }
         }
         let b = self.b.select_columns(inputs);
         let c = self.c.select_rows(outputs);
         let d = self.d.select_columns(inputs).select_rows(outputs);
-        Ok(Self { b, c, d, ..self.clone() })
+        Ok(Self {
+            b,
+            c,
+            d,
+            ..self.clone()
+        })
     }
 }

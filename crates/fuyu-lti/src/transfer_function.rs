@@ -21,17 +21,37 @@ pub struct TransferFunction {
 impl TransferFunction {
     /// Leading zeros are removed. Errors: a denominator that is zero, coefficients that are not finite.
     pub fn new(numerator: &[f64], denominator: &[f64]) -> Result<Self, LtiError> {
-        for (what, list) in [("the numerator", numerator), ("the denominator", denominator)] {
+        for (what, list) in [
+            ("the numerator", numerator),
+            ("the denominator", denominator),
+        ] {
             if let Some((col, &value)) = list.iter().enumerate().find(|(_, v)| !v.is_finite()) {
-                return Err(LtiError::NotFinite { what: what.into(), value, row: 0, col });
+                return Err(LtiError::NotFinite {
+                    what: what.into(),
+                    value,
+                    row: 0,
+                    col,
+                });
             }
         }
-        let trimmed = |list: &[f64]| list.iter().copied().skip_while(|&v| v == 0.0).collect::<Vec<_>>();
+        let trimmed = |list: &[f64]| {
+            list.iter()
+                .copied()
+                .skip_while(|&v| v == 0.0)
+                .collect::<Vec<_>>()
+        };
         let (numerator, denominator) = (trimmed(numerator), trimmed(denominator));
         if denominator.is_empty() {
-            return Err(LtiError::Range { what: "the denominator".into(), value: 0.0, expected: "a polynomial other than zero" });
+            return Err(LtiError::Range {
+                what: "the denominator".into(),
+                value: 0.0,
+                expected: "a polynomial other than zero",
+            });
         }
-        Ok(Self { numerator, denominator })
+        Ok(Self {
+            numerator,
+            denominator,
+        })
     }
 
     /// A constant.
@@ -92,7 +112,10 @@ impl TransferFunction {
 
     /// Product.
     pub fn times(&self, other: &Self) -> Result<Self, LtiError> {
-        Self::new(&product(&self.numerator, &other.numerator), &product(&self.denominator, &other.denominator))
+        Self::new(
+            &product(&self.numerator, &other.numerator),
+            &product(&self.denominator, &other.denominator),
+        )
     }
 
     /// `1 / self`. Error: the function is zero.
@@ -116,7 +139,15 @@ impl TransferFunction {
         let mut num: Vec<f64> = self.numerator.iter().rev().map(|c| c / lead).collect();
         num.resize(n + 1, 0.0);
         let d = num[n];
-        let a = Matrix::from_fn(n, n, |i, j| if i + 1 == n { -den[j] } else if j == i + 1 { 1.0 } else { 0.0 });
+        let a = Matrix::from_fn(n, n, |i, j| {
+            if i + 1 == n {
+                -den[j]
+            } else if j == i + 1 {
+                1.0
+            } else {
+                0.0
+            }
+        });
         let b = Matrix::from_fn(n, 1, |i, _| if i + 1 == n { 1.0 } else { 0.0 });
         let c = Matrix::from_fn(1, n, |_, j| num[j] - d * den[j]);
         StateSpace::new(a, b, c, Matrix::from_element(1, 1, d))

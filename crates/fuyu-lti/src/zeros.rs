@@ -23,8 +23,12 @@ impl StateSpace {
     pub fn zeros(&self) -> Result<Vec<Complex>, LtiError> {
         let scaled = equilibrated(self);
         // Twice on dual systems: first the rows of D become independent, then its columns.
-        let Some(once) = reduced(&scaled)? else { return Ok(Vec::new()) };
-        let Some(core) = reduced(&once.dual())? else { return Ok(Vec::new()) };
+        let Some(once) = reduced(&scaled)? else {
+            return Ok(Vec::new());
+        };
+        let Some(core) = reduced(&once.dual())? else {
+            return Ok(Vec::new());
+        };
         let core = core.dual();
         let (n, r) = (core.order(), core.inputs());
         if n == 0 {
@@ -42,7 +46,10 @@ impl StateSpace {
         let top = &core.a * kernel.rows(0, n) + &core.b * kernel.rows(n, r);
         let pencil = solve("the zero pencil", &kernel.rows(0, n).into_owned(), &top)?;
         let found = eigenvalues(&pencil)?;
-        Ok(found.into_iter().map(|z| self.refined_zero(&scaled, z)).collect())
+        Ok(found
+            .into_iter()
+            .map(|z| self.refined_zero(&scaled, z))
+            .collect())
     }
 
     /// Newton's method on the scaled system matrix P(s): with left and right null vectors u, v of the smallest singular value sigma,
@@ -55,7 +62,9 @@ impl StateSpace {
         let mut best = (start, f64::INFINITY);
         let mut z = start;
         for _ in 0..4 {
-            let Some((left, sigma, right)) = smallest_triplet(scaled, z) else { break };
+            let Some((left, sigma, right)) = smallest_triplet(scaled, z) else {
+                break;
+            };
             if sigma >= best.1 {
                 break;
             }
@@ -68,19 +77,25 @@ impl StateSpace {
             z += Complex::new(sigma, 0.0) / slope;
         }
         // A real zero stays real, and a conjugate pair stays a pair, because start is one.
-        if start.im == 0.0 { Complex::new(best.0.re, 0.0) } else { best.0 }
+        if start.im == 0.0 {
+            Complex::new(best.0.re, 0.0)
+        } else {
+            best.0
+        }
     }
 }
 
 fn smallest_triplet(sys: &StateSpace, s: Complex) -> Option<(Vec<Complex>, f64, Vec<Complex>)> {
     let (n, m) = (sys.order(), sys.inputs());
     let mut p = ComplexMatrix::zeros(n + m, n + m);
-    p.view_mut((0, 0), (n, n)).copy_from(&(complex(&sys.a) - ComplexMatrix::identity(n, n) * s));
+    p.view_mut((0, 0), (n, n))
+        .copy_from(&(complex(&sys.a) - ComplexMatrix::identity(n, n) * s));
     p.view_mut((0, n), (n, m)).copy_from(&complex(&sys.b));
     p.view_mut((n, 0), (m, n)).copy_from(&complex(&sys.c));
     p.view_mut((n, n), (m, m)).copy_from(&complex(&sys.d));
     let svd = nalgebra::SVD::try_new(p, true, true, f64::EPSILON, 1000 * (n + m))?;
-    let k = (0..n + m).min_by(|&a, &b| svd.singular_values[a].total_cmp(&svd.singular_values[b]))?;
+    let k =
+        (0..n + m).min_by(|&a, &b| svd.singular_values[a].total_cmp(&svd.singular_values[b]))?;
     let left = svd.u?.column(k).iter().copied().collect();
     let right = svd.v_t?.row(k).iter().map(|v| v.conj()).collect();
     Some((left, svd.singular_values[k], right))
@@ -94,7 +109,11 @@ fn equilibrated(sys: &StateSpace) -> StateSpace {
         out.b.row_mut(i).scale_mut(1.0 / d);
         out.c.column_mut(i).scale_mut(d);
     }
-    let size = if out.a.amax() > 0.0 { out.a.amax() } else { 1.0 };
+    let size = if out.a.amax() > 0.0 {
+        out.a.amax()
+    } else {
+        1.0
+    };
     for j in 0..out.inputs() {
         let largest = out.b.column(j).amax().max(out.d.column(j).amax());
         if largest > 0.0 {
@@ -147,15 +166,30 @@ fn reduced(sys: &StateSpace) -> Result<Option<StateSpace>, LtiError> {
         let (av, bv, cv) = (v.transpose() * &a * &v, v.transpose() * &b, ct * &v);
         let m = b.ncols();
         let mut new_c = Matrix::zeros(tau + sigma, nu);
-        new_c.rows_mut(0, tau).copy_from(&cv.view((0, 0), (tau, nu)));
-        new_c.rows_mut(tau, sigma).copy_from(&av.view((nu, 0), (sigma, nu)));
+        new_c
+            .rows_mut(0, tau)
+            .copy_from(&cv.view((0, 0), (tau, nu)));
+        new_c
+            .rows_mut(tau, sigma)
+            .copy_from(&av.view((nu, 0), (sigma, nu)));
         let mut new_d = Matrix::zeros(tau + sigma, m);
         new_d.rows_mut(0, tau).copy_from(&dt.rows(0, tau));
         new_d.rows_mut(tau, sigma).copy_from(&bv.rows(nu, sigma));
-        (a, b, c, d) = (av.view((0, 0), (nu, nu)).into_owned(), bv.rows(0, nu).into_owned(), new_c, new_d);
+        (a, b, c, d) = (
+            av.view((0, 0), (nu, nu)).into_owned(),
+            bv.rows(0, nu).into_owned(),
+            new_c,
+            new_d,
+        );
     }
     if a.nrows() == 0 {
         return Ok(None);
     }
-    Ok(Some(StateSpace { a, b, c, d, sampling_time: sys.sampling_time }))
+    Ok(Some(StateSpace {
+        a,
+        b,
+        c,
+        d,
+        sampling_time: sys.sampling_time,
+    }))
 }

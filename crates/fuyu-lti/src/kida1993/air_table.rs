@@ -7,7 +7,9 @@ use crate::{LtiError, StateSpace, Structure};
 pub const FREQUENCIES_HZ: [f64; 7] = [0.0, 1.15, 4.00, 4.17, 11.83, 13.65, 17.36];
 
 /// Mode shapes at the table's axis in kg^-1/2 m^-1 (Table 3.1).
-pub const SHAPES: [f64; 7] = [3.09e-1, -3.71e-1, -7.98e-2, 2.85e-2, 3.98e-3, -2.06e-1, -1.64e-3];
+pub const SHAPES: [f64; 7] = [
+    3.09e-1, -3.71e-1, -7.98e-2, 2.85e-2, 3.98e-3, -2.06e-1, -1.64e-3,
+];
 
 /// Damping ratios of the vibration modes (Table 3.1).
 pub const DAMPING: f64 = 0.005;
@@ -21,10 +23,21 @@ pub const SAMPLING_TIME: f64 = 0.01;
 /// The structure with its first `modes` modes, 1 to 7; actuator and sensor: torque and angle of the table.
 pub fn structure(modes: usize) -> Result<Structure, LtiError> {
     if !(1..=7).contains(&modes) {
-        return Err(LtiError::Range { what: "the number of modes of the air table".into(), value: modes as f64, expected: "between 1 and 7" });
+        return Err(LtiError::Range {
+            what: "the number of modes of the air table".into(),
+            value: modes as f64,
+            expected: "between 1 and 7",
+        });
     }
-    let frequencies: Vec<f64> = FREQUENCIES_HZ[..modes].iter().map(|f| std::f64::consts::TAU * f).collect();
-    Structure::modal(&frequencies, &[DAMPING; 7][..modes], &Matrix::from_column_slice(modes, 1, &SHAPES[..modes]))
+    let frequencies: Vec<f64> = FREQUENCIES_HZ[..modes]
+        .iter()
+        .map(|f| std::f64::consts::TAU * f)
+        .collect();
+    Structure::modal(
+        &frequencies,
+        &[DAMPING; 7][..modes],
+        &Matrix::from_column_slice(modes, 1, &SHAPES[..modes]),
+    )
 }
 
 /// From torque in N m to angle in rad with the first `modes` modes; states `[eta; eta']` (eqs. (3.3), (3.4)).
@@ -56,7 +69,12 @@ impl Hybrid {
             mass[(i + 1, 0)] = self.coupling[i];
             stiffness[(i + 1, i + 1)] = (std::f64::consts::TAU * self.constrained_hz[i]).powi(2);
         }
-        Structure::new(mass, self.damping.clone(), stiffness, Matrix::from_fn(7, 1, |i, _| if i == 0 { 1.0 } else { 0.0 }))
+        Structure::new(
+            mass,
+            self.damping.clone(),
+            stiffness,
+            Matrix::from_fn(7, 1, |i, _| if i == 0 { 1.0 } else { 0.0 }),
+        )
     }
 }
 
@@ -79,7 +97,12 @@ pub fn hybrid() -> Result<Hybrid, LtiError> {
         coupling[i] = rigid * modes[(0, i)] * sign;
         constrained_hz[i] = eigen.eigenvalues[order[i]].sqrt() / std::f64::consts::TAU;
     }
-    Ok(Hybrid { inertia: rigid * rigid, constrained_hz, coupling, damping: basis.transpose() * table.damping() * basis })
+    Ok(Hybrid {
+        inertia: rigid * rigid,
+        constrained_hz,
+        coupling,
+        damping: basis.transpose() * table.damping() * basis,
+    })
 }
 
 /// One row of Table 3.1.
@@ -107,7 +130,11 @@ pub fn table_3_1(model: &Hybrid) -> Result<Vec<ModeRow>, LtiError> {
             let shape = vectors[(0, k)];
             ModeRow {
                 // The eigenvalue of the rigid mode is zero but for rounding.
-                frequency_hz: if i == 0 { 0.0 } else { eigen.eigenvalues[k].max(0.0).sqrt() / std::f64::consts::TAU },
+                frequency_hz: if i == 0 {
+                    0.0
+                } else {
+                    eigen.eigenvalues[k].max(0.0).sqrt() / std::f64::consts::TAU
+                },
                 shape: shape.abs() * SHAPES[i].signum(),
             }
         })

@@ -4,7 +4,10 @@ use nalgebra::DVector;
 
 use super::air_table::{self, SAMPLING_TIME};
 use crate::matrix::{Complex, Matrix};
-use crate::{LtiError, Margins, SampledLoop, SampledRun, ShapedWeights, StateSpace, TransferFunction, margins, recovery_observer, shaped_lqr};
+use crate::{
+    LtiError, Margins, SampledLoop, SampledRun, ShapedWeights, StateSpace, TransferFunction,
+    margins, recovery_observer, shaped_lqr,
+};
 
 /// Parameters of a design.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -25,11 +28,46 @@ pub struct Config {
 
 /// The five designs.
 pub const DESIGNS: [Config; 5] = [
-    Config { name: "design 1 (standard LQ)", modes: 1, rho: 1e-3, mu: 1e-3, shaping: None, stable_in_thesis: false },
-    Config { name: "design 2 (1 mode)", modes: 1, rho: 1e-3, mu: 1e-3, shaping: Some((1.0, 0.7)), stable_in_thesis: true },
-    Config { name: "design 3 (2 modes)", modes: 2, rho: 1e-5, mu: 1e-6, shaping: Some((10.0, 0.7)), stable_in_thesis: true },
-    Config { name: "design 4 (2 modes, LTR)", modes: 2, rho: 1e-5, mu: 1e-12, shaping: Some((10.0, 0.7)), stable_in_thesis: true },
-    Config { name: "design 5 (3 modes)", modes: 3, rho: 1e-6, mu: 1e-7, shaping: Some((10.0, 0.7)), stable_in_thesis: true },
+    Config {
+        name: "design 1 (standard LQ)",
+        modes: 1,
+        rho: 1e-3,
+        mu: 1e-3,
+        shaping: None,
+        stable_in_thesis: false,
+    },
+    Config {
+        name: "design 2 (1 mode)",
+        modes: 1,
+        rho: 1e-3,
+        mu: 1e-3,
+        shaping: Some((1.0, 0.7)),
+        stable_in_thesis: true,
+    },
+    Config {
+        name: "design 3 (2 modes)",
+        modes: 2,
+        rho: 1e-5,
+        mu: 1e-6,
+        shaping: Some((10.0, 0.7)),
+        stable_in_thesis: true,
+    },
+    Config {
+        name: "design 4 (2 modes, LTR)",
+        modes: 2,
+        rho: 1e-5,
+        mu: 1e-12,
+        shaping: Some((10.0, 0.7)),
+        stable_in_thesis: true,
+    },
+    Config {
+        name: "design 5 (3 modes)",
+        modes: 3,
+        rho: 1e-6,
+        mu: 1e-7,
+        shaping: Some((10.0, 0.7)),
+        stable_in_thesis: true,
+    },
 ];
 
 /// A design and its verdict on the plant with all seven modes.
@@ -68,10 +106,15 @@ impl Design {
     /// Response of the seven-mode plant to a step of the reference by one degree, with the compensator sampled every 10 ms and the torque limited to
     /// `limit` N m: Figs. 3.6 (b) to 3.10 (b). Output in rad, command in N m.
     pub fn step(&self, seconds: f64, limit: f64) -> Result<SampledRun, LtiError> {
-        let mut sampled = SampledLoop::new(&air_table::plant(7)?, &self.compensator, SAMPLING_TIME)?;
+        let mut sampled =
+            SampledLoop::new(&air_table::plant(7)?, &self.compensator, SAMPLING_TIME)?;
         sampled.limit = limit;
         let degree = 1f64.to_radians();
-        sampled.run((seconds / SAMPLING_TIME).round() as usize + 1, |_| DVector::from_element(1, degree), |_| DVector::zeros(1))
+        sampled.run(
+            (seconds / SAMPLING_TIME).round() as usize + 1,
+            |_| DVector::from_element(1, degree),
+            |_| DVector::zeros(1),
+        )
     }
 }
 
@@ -82,7 +125,11 @@ pub fn design(config: &Config) -> Result<Design, LtiError> {
         controlled: model.c.clone(),
         output_weight: None,
         inverse_input_weight: match config.shaping {
-            Some((w0, zeta)) => Some(TransferFunction::second_order_lowpass(w0, zeta)?.to_state_space().map(filter_states)?),
+            Some((w0, zeta)) => Some(
+                TransferFunction::second_order_lowpass(w0, zeta)?
+                    .to_state_space()
+                    .map(filter_states)?,
+            ),
             None => None,
         },
         rho: config.rho,
@@ -111,7 +158,11 @@ pub fn design(config: &Config) -> Result<Design, LtiError> {
 /// The realisation of eq. (3.9): `B_o = [0; Omega^2]`, `C_o = [I 0]`, where the companion form has the gain in C.
 fn filter_states(companion: StateSpace) -> StateSpace {
     let gain = companion.c[(0, 0)];
-    StateSpace { b: &companion.b * gain, c: &companion.c / gain, ..companion }
+    StateSpace {
+        b: &companion.b * gain,
+        c: &companion.c / gain,
+        ..companion
+    }
 }
 
 /// The filter 1/r of the cost and that which the optimal feedback makes of it (section 3.3.2): cut-off in rad/s and damping ratio of both.
@@ -130,5 +181,8 @@ pub fn filter_change(design: &Design) -> Option<FilterChange> {
     let (w, z) = design.config.shaping?;
     let (k1, k2) = (design.filter_gain[(0, 0)], design.filter_gain[(0, 1)]);
     let realized = w * (1.0 + k1).sqrt();
-    Some(FilterChange { designed: (w, z), realized: (realized, (2.0 * z * w + w * w * k2) / (2.0 * realized)) })
+    Some(FilterChange {
+        designed: (w, z),
+        realized: (realized, (2.0 * z * w + w * w * k2) / (2.0 * realized)),
+    })
 }

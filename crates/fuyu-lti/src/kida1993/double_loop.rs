@@ -4,7 +4,10 @@ use nalgebra::DVector;
 
 use super::air_table;
 use crate::matrix::{Matrix, blocks};
-use crate::{HinfDesign, LtiError, Margins, SampledLoop, SampledRun, StateSpace, Structure, TransferFunction, hinf_controller, margins, tracking_loop};
+use crate::{
+    HinfDesign, LtiError, Margins, SampledLoop, SampledRun, StateSpace, Structure,
+    TransferFunction, hinf_controller, margins, tracking_loop,
+};
 
 /// A design problem: the mixed sensitivity of eqs. (4.18) to (4.20) with the weight (4.21), for the rigid model `1/(J s^2 + D s)`.
 ///
@@ -49,7 +52,11 @@ impl Problem {
         // W2 in the controllable form with the states w0^2/den u, w0 s/den u, times k.
         let (num, den) = (self.robustness.numerator(), self.robustness.denominator());
         if den.len() != 3 || num.len() != 3 {
-            return Err(LtiError::Range { what: "the degree of the weight W2".into(), value: den.len() as f64 - 1.0, expected: "2, with a numerator of degree 2" });
+            return Err(LtiError::Range {
+                what: "the degree of the weight W2".into(),
+                value: den.len() as f64 - 1.0,
+                expected: "2, with a numerator of degree 2",
+            });
         }
         let (k, a1, a0) = (num[0] / den[0], den[1] / den[0], den[2] / den[0]);
         let (b1, b0) = (num[1] / den[0] - k * a1, num[2] / den[0] - k * a0);
@@ -59,24 +66,48 @@ impl Problem {
         let noise = self.noise;
         StateSpace::new(
             blocks(&[&[&rigid, &z(2, 2)], &[&z(2, 2), &weight]]),
-            Matrix::from_row_slice(4, 4, &[
-                0.0, 0.0, 0.0, 0.0, //
-                w0, 0.0, 0.0, -w0, //
-                0.0, 0.0, 0.0, 0.0, //
-                0.0, 0.0, 0.0, w0,
-            ]),
-            Matrix::from_row_slice(4, 4, &[
-                gamma, 0.0, 0.0, 0.0, //
-                0.0, 0.0, b0 / (w0 * w0), b1 / w0, //
-                1.0, 0.0, 0.0, 0.0, //
-                0.0, 1.0, 0.0, 0.0,
-            ]),
-            Matrix::from_row_slice(4, 4, &[
-                0.0, 0.0, 0.0, 0.0, //
-                0.0, 0.0, 0.0, k, //
-                0.0, noise, 0.0, 0.0, //
-                0.0, 0.0, noise, 0.0,
-            ]),
+            Matrix::from_row_slice(
+                4,
+                4,
+                &[
+                    0.0, 0.0, 0.0, 0.0, //
+                    w0, 0.0, 0.0, -w0, //
+                    0.0, 0.0, 0.0, 0.0, //
+                    0.0, 0.0, 0.0, w0,
+                ],
+            ),
+            Matrix::from_row_slice(
+                4,
+                4,
+                &[
+                    gamma,
+                    0.0,
+                    0.0,
+                    0.0, //
+                    0.0,
+                    0.0,
+                    b0 / (w0 * w0),
+                    b1 / w0, //
+                    1.0,
+                    0.0,
+                    0.0,
+                    0.0, //
+                    0.0,
+                    1.0,
+                    0.0,
+                    0.0,
+                ],
+            ),
+            Matrix::from_row_slice(
+                4,
+                4,
+                &[
+                    0.0, 0.0, 0.0, 0.0, //
+                    0.0, 0.0, 0.0, k, //
+                    0.0, noise, 0.0, 0.0, //
+                    0.0, 0.0, noise, 0.0,
+                ],
+            ),
         )
     }
 
@@ -92,7 +123,11 @@ impl Problem {
             let middle = (low * high).sqrt();
             match feasible(middle) {
                 Ok(_) => low = middle,
-                Err(LtiError::NoController { .. } | LtiError::Inaccurate { .. } | LtiError::Singular { .. }) => high = middle,
+                Err(
+                    LtiError::NoController { .. }
+                    | LtiError::Inaccurate { .. }
+                    | LtiError::Singular { .. },
+                ) => high = middle,
                 Err(e) => return Err(e),
             }
         }
@@ -102,14 +137,28 @@ impl Problem {
         let outer_scaled = hinf.controller.clone();
         let unit = self.inertia * self.frequency * self.frequency;
         let rate = Matrix::from_row_slice(2, 2, &[1.0, 0.0, 0.0, 1.0 / self.frequency]);
-        let outer = outer_scaled.scaled_inputs(&rate)?.scaled_outputs(&Matrix::from_element(1, 1, unit))?;
+        let outer = outer_scaled
+            .scaled_inputs(&rate)?
+            .scaled_outputs(&Matrix::from_element(1, 1, unit))?;
         let inner = StateSpace::gain(Matrix::from_row_slice(1, 2, &[0.0, self.rate_gain]));
-        Ok(DoubleLoop { gamma_max: low, gamma, controller: outer.parallel(&inner)?, outer, outer_scaled, hinf })
+        Ok(DoubleLoop {
+            gamma_max: low,
+            gamma,
+            controller: outer.parallel(&inner)?,
+            outer,
+            outer_scaled,
+            hinf,
+        })
     }
 
     /// The rigid design model from torque to `[angle; rate]`, inner loop open.
     pub fn rigid(&self) -> Result<StateSpace, LtiError> {
-        Structure::modal(&[0.0], &[0.0], &Matrix::from_element(1, 1, self.inertia.sqrt().recip()))?.displacement_and_rate_system()
+        Structure::modal(
+            &[0.0],
+            &[0.0],
+            &Matrix::from_element(1, 1, self.inertia.sqrt().recip()),
+        )?
+        .displacement_and_rate_system()
     }
 }
 
@@ -123,8 +172,14 @@ pub struct Verdict {
 }
 
 /// Verdict on a structure, of which actuator and sensor `axis` are used.
-pub fn verdict(structure: &Structure, axis: usize, controller: &StateSpace) -> Result<Verdict, LtiError> {
-    let plant = structure.with_actuators(&[axis])?.displacement_and_rate_system()?;
+pub fn verdict(
+    structure: &Structure,
+    axis: usize,
+    controller: &StateSpace,
+) -> Result<Verdict, LtiError> {
+    let plant = structure
+        .with_actuators(&[axis])?
+        .displacement_and_rate_system()?;
     Ok(Verdict {
         largest_real_part: crate::spectral_abscissa(&plant.feedback(controller)?.a)?,
         margins: margins(&plant.series(controller)?)?,
@@ -132,7 +187,12 @@ pub fn verdict(structure: &Structure, axis: usize, controller: &StateSpace) -> R
 }
 
 /// Model error `|G~_D / G_D - 1|` of eq. (4.17) at w in rad/s: structure and rigid model, both with the inner rate loop of this axis, from torque to angle.
-pub fn model_error(structure: &Structure, axis: usize, problem: &Problem, w: f64) -> Result<f64, LtiError> {
+pub fn model_error(
+    structure: &Structure,
+    axis: usize,
+    problem: &Problem,
+    w: f64,
+) -> Result<f64, LtiError> {
     let one = structure.with_actuators(&[axis])?;
     let d = Matrix::from_element(1, 1, problem.rate_gain);
     let flexible = one.direct_feedback(&Matrix::zeros(1, 1), &d)?.response(w)?[(0, 0)];
@@ -142,11 +202,20 @@ pub fn model_error(structure: &Structure, axis: usize, problem: &Problem, w: f64
 }
 
 /// The smallest k for which `k |W|` covers the model error of all structures at all the frequencies given, in rad/s; `weight` is W with k = 1.
-pub fn covering_gain(structures: &[Structure], axis: usize, problem: &Problem, weight: &TransferFunction, frequencies: &[f64]) -> Result<f64, LtiError> {
+pub fn covering_gain(
+    structures: &[Structure],
+    axis: usize,
+    problem: &Problem,
+    weight: &TransferFunction,
+    frequencies: &[f64],
+) -> Result<f64, LtiError> {
     let mut k: f64 = 0.0;
     for s in structures {
         let one = s.with_actuators(&[axis])?;
-        let closed = one.direct_feedback(&Matrix::zeros(1, 1), &Matrix::from_element(1, 1, problem.rate_gain))?;
+        let closed = one.direct_feedback(
+            &Matrix::zeros(1, 1),
+            &Matrix::from_element(1, 1, problem.rate_gain),
+        )?;
         for &w in frequencies {
             let point = crate::Complex::new(0.0, w);
             let rigid = (point * point * problem.inertia + point * problem.rate_gain).inv();
@@ -158,8 +227,16 @@ pub fn covering_gain(structures: &[Structure], axis: usize, problem: &Problem, w
 }
 
 /// Response to a reference step of one degree with the continuous controller: angle in rad and torque in N m every `interval` s.
-pub fn step(structure: &Structure, axis: usize, controller: &StateSpace, interval: f64, samples: usize) -> Result<Vec<(f64, f64)>, LtiError> {
-    let plant = structure.with_actuators(&[axis])?.displacement_and_rate_system()?;
+pub fn step(
+    structure: &Structure,
+    axis: usize,
+    controller: &StateSpace,
+    interval: f64,
+    samples: usize,
+) -> Result<Vec<(f64, f64)>, LtiError> {
+    let plant = structure
+        .with_actuators(&[axis])?
+        .displacement_and_rate_system()?;
     let closed = tracking_loop(&plant, controller)?.zero_order_hold(interval)?;
     let degree = 1f64.to_radians();
     let run = closed.simulate(samples, |_| DVector::from_row_slice(&[degree, 0.0]))?;
@@ -167,8 +244,16 @@ pub fn step(structure: &Structure, axis: usize, controller: &StateSpace, interva
 }
 
 /// Response of `[angle; rate]` to a reference step of one degree with the sampled controller. Output in rad and rad/s, command in N m.
-pub fn sampled_step(structure: &Structure, axis: usize, controller: &StateSpace, sampling_time: f64, seconds: f64) -> Result<SampledRun, LtiError> {
-    let plant = structure.with_actuators(&[axis])?.displacement_and_rate_system()?;
+pub fn sampled_step(
+    structure: &Structure,
+    axis: usize,
+    controller: &StateSpace,
+    sampling_time: f64,
+    seconds: f64,
+) -> Result<SampledRun, LtiError> {
+    let plant = structure
+        .with_actuators(&[axis])?
+        .displacement_and_rate_system()?;
     let degree = 1f64.to_radians();
     SampledLoop::new(&plant, controller, sampling_time)?.run(
         (seconds / sampling_time).round() as usize + 1,
@@ -178,7 +263,11 @@ pub fn sampled_step(structure: &Structure, axis: usize, controller: &StateSpace,
 }
 
 /// Response to a disturbing torque of .35 N m for one second (Fig. 4.20 (b)).
-pub fn disturbance(structure: &Structure, controller: &StateSpace, seconds: f64) -> Result<SampledRun, LtiError> {
+pub fn disturbance(
+    structure: &Structure,
+    controller: &StateSpace,
+    seconds: f64,
+) -> Result<SampledRun, LtiError> {
     let plant = structure.displacement_and_rate_system()?;
     SampledLoop::new(&plant, controller, air_table::SAMPLING_TIME)?.run(
         (seconds / air_table::SAMPLING_TIME).round() as usize + 1,
@@ -192,7 +281,11 @@ pub fn disturbance(structure: &Structure, controller: &StateSpace, seconds: f64)
 /// The printed W2 = 36 s^2/(s^2+8s+36) covers the model error with the inner loop (30 would do). Without it the first vibration mode, damped by .005, needs
 /// 166, so the comparison has 200; with 36, the mode's gain exceeds 1 and no longer is "reduced" as section 4.4.1 describes.
 pub fn air_table_problem(inner_loop: bool) -> Result<Problem, LtiError> {
-    let (rate_gain, cover) = if inner_loop { (10.0, 36.0) } else { (0.0, 200.0) };
+    let (rate_gain, cover) = if inner_loop {
+        (10.0, 36.0)
+    } else {
+        (0.0, 200.0)
+    };
     Ok(Problem {
         inertia: air_table::SHAPES[0].powi(-2),
         rate_gain,

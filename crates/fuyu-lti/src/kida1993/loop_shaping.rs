@@ -46,13 +46,23 @@ pub fn examples() -> Result<Vec<Example>, LtiError> {
     let lead_lag = TransferFunction::lead_lag(1.0, 1.0, 0.05)?;
     let pair = |number, f: &TransferFunction| Example {
         number,
-        costs: vec![("J1", Cost::Control(f.clone())), ("J2", Cost::Output(f.clone())), ("standard LQ", Cost::Standard)],
+        costs: vec![
+            ("J1", Cost::Control(f.clone())),
+            ("J2", Cost::Output(f.clone())),
+            ("standard LQ", Cost::Standard),
+        ],
     };
     Ok(vec![
         pair(1, &lowpass),
         pair(2, &slow),
         pair(3, &lead_lag),
-        Example { number: 4, costs: vec![("J3", Cost::Both(lead_lag.clone(), lowpass.clone())), ("standard LQ", Cost::Standard)] },
+        Example {
+            number: 4,
+            costs: vec![
+                ("J3", Cost::Both(lead_lag.clone(), lowpass.clone())),
+                ("standard LQ", Cost::Standard),
+            ],
+        },
     ])
 }
 
@@ -81,7 +91,15 @@ pub fn shapes(cost: &Cost) -> Result<Shapes, LtiError> {
         Cost::Output(q) => (system(q)?, None),
         Cost::Both(q, r) => (system(q)?, system(r)?),
     };
-    let regulator = shaped_lqr(&g, &ShapedWeights { controlled: g.c.clone(), output_weight, inverse_input_weight, rho: RHO })?;
+    let regulator = shaped_lqr(
+        &g,
+        &ShapedWeights {
+            controlled: g.c.clone(),
+            output_weight,
+            inverse_input_weight,
+            rho: RHO,
+        },
+    )?;
     let open_loop = regulator.state_loop()?;
     let one = StateSpace::gain(identity(1));
     let states = StateSpace::new(g.a.clone(), g.b.clone(), identity(2), Matrix::zeros(2, 1))?;

@@ -8,7 +8,10 @@
 use nalgebra::DVector;
 
 use crate::matrix::{Complex, Matrix, identity};
-use crate::{LtiError, ShapedWeights, SigmaPoint, StateSpace, Structure, TransferFunction, closed_loop, recovery_observer, shaped_lqr};
+use crate::{
+    LtiError, ShapedWeights, SigmaPoint, StateSpace, Structure, TransferFunction, closed_loop,
+    recovery_observer, shaped_lqr,
+};
 
 /// Bays along the strip; it is two bays wide.
 const BAYS: usize = 14;
@@ -27,7 +30,9 @@ const MU: f64 = 1e-4;
 
 /// Nodes of the strip as (x, y) in m, numbered along its width first.
 fn nodes() -> Vec<(f64, f64)> {
-    (0..=BAYS).flat_map(|i| (0..=2).map(move |j| (i as f64, j as f64))).collect()
+    (0..=BAYS)
+        .flat_map(|i| (0..=2).map(move |j| (i as f64, j as f64)))
+        .collect()
 }
 
 /// Bars as pairs of nodes: 99 of them.
@@ -83,8 +88,24 @@ fn modes() -> Result<(Vec<f64>, Matrix), LtiError> {
     order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
     order.truncate(PLANT_MODES);
     // Three rigid modes, whose eigenvalues are zero but for rounding.
-    let frequencies = order.iter().enumerate().map(|(i, &k)| if i < 3 { 0.0 } else { eigen.eigenvalues[k].sqrt() }).collect();
-    Ok((frequencies, shapes.select_columns(&order).select_rows(&ACTUATED).transpose()))
+    let frequencies = order
+        .iter()
+        .enumerate()
+        .map(|(i, &k)| {
+            if i < 3 {
+                0.0
+            } else {
+                eigen.eigenvalues[k].sqrt()
+            }
+        })
+        .collect();
+    Ok((
+        frequencies,
+        shapes
+            .select_columns(&order)
+            .select_rows(&ACTUATED)
+            .transpose(),
+    ))
 }
 
 /// Number of nodes, bars and degrees of freedom, as in the thesis.
@@ -95,10 +116,19 @@ pub fn size() -> (usize, usize, usize) {
 /// Plant with the first `count` modes, 4 to 15: forces in N to displacements in m.
 pub fn plant(count: usize) -> Result<StateSpace, LtiError> {
     if !(DESIGN_MODES..=PLANT_MODES).contains(&count) {
-        return Err(LtiError::Range { what: "the number of modes of the truss".into(), value: count as f64, expected: "between 4 and 15" });
+        return Err(LtiError::Range {
+            what: "the number of modes of the truss".into(),
+            value: count as f64,
+            expected: "between 4 and 15",
+        });
     }
     let (frequencies, shapes) = modes()?;
-    Structure::modal(&frequencies[..count], &vec![DAMPING; count], &shapes.rows(0, count).into_owned())?.displacement_system()
+    Structure::modal(
+        &frequencies[..count],
+        &vec![DAMPING; count],
+        &shapes.rows(0, count).into_owned(),
+    )?
+    .displacement_system()
 }
 
 /// The three designs of the section.
@@ -143,14 +173,28 @@ pub struct Design {
 pub fn design(weights: Weights) -> Result<Design, LtiError> {
     let (model, full) = (plant(DESIGN_MODES)?, plant(PLANT_MODES)?);
     // 1/r = ((s/400)^2 + 1.4 s/400 + 1) / ((s/50)^2 + 1.4 s/50 + 1)
-    let inverse_r = TransferFunction::new(&[1.0 / 160_000.0, 1.4 / 400.0, 1.0], &[1.0 / 2500.0, 1.4 / 50.0, 1.0])?;
+    let inverse_r = TransferFunction::new(
+        &[1.0 / 160_000.0, 1.4 / 400.0, 1.0],
+        &[1.0 / 2500.0, 1.4 / 50.0, 1.0],
+    )?;
     let q = TransferFunction::new(&[20.0], &[1.0, 1.4, 1.0])?;
-    let regulator = shaped_lqr(&model, &ShapedWeights {
-        controlled: model.c.clone(),
-        output_weight: if weights == Weights::Both { Some(q.to_diagonal(3)?) } else { None },
-        inverse_input_weight: if weights == Weights::Standard { None } else { Some(inverse_r.to_diagonal(3)?) },
-        rho: 1.0,
-    })?;
+    let regulator = shaped_lqr(
+        &model,
+        &ShapedWeights {
+            controlled: model.c.clone(),
+            output_weight: if weights == Weights::Both {
+                Some(q.to_diagonal(3)?)
+            } else {
+                None
+            },
+            inverse_input_weight: if weights == Weights::Standard {
+                None
+            } else {
+                Some(inverse_r.to_diagonal(3)?)
+            },
+            rho: 1.0,
+        },
+    )?;
     let compensator = regulator.compensator(&recovery_observer(&model, MU)?.gain)?;
     let one = StateSpace::gain(identity(3));
     let open_loop = compensator.series(&model)?;
@@ -161,10 +205,19 @@ pub fn design(weights: Weights) -> Result<Design, LtiError> {
     let largest_real_part = poles.iter().fold(f64::NEG_INFINITY, |m, p| m.max(p.re));
     Ok(Design {
         weights,
-        functions: [model.feedback(&compensator)?, one.feedback(&open_loop)?, open_loop.feedback(&one)?, noise_to_control.clone()],
+        functions: [
+            model.feedback(&compensator)?,
+            one.feedback(&open_loop)?,
+            open_loop.feedback(&one)?,
+            noise_to_control.clone(),
+        ],
         robustness: noise_to_control.series(&error)?.hinf_norm()?.norm,
         error,
-        static_deviation: if largest_real_part < 0.0 { closed.dc_gain()?[(0, 0)] } else { f64::INFINITY },
+        static_deviation: if largest_real_part < 0.0 {
+            closed.dc_gain()?[(0, 0)]
+        } else {
+            f64::INFINITY
+        },
         poles,
         largest_real_part,
         compensator,
@@ -175,7 +228,12 @@ pub fn design(weights: Weights) -> Result<Design, LtiError> {
 fn residual_modes() -> Result<StateSpace, LtiError> {
     let (frequencies, shapes) = modes()?;
     let count = PLANT_MODES - DESIGN_MODES;
-    Structure::modal(&frequencies[DESIGN_MODES..], &vec![DAMPING; count], &shapes.rows(DESIGN_MODES, count).into_owned())?.displacement_system()
+    Structure::modal(
+        &frequencies[DESIGN_MODES..],
+        &vec![DAMPING; count],
+        &shapes.rows(DESIGN_MODES, count).into_owned(),
+    )?
+    .displacement_system()
 }
 
 /// Displacements (3) and forces (3) over time.
@@ -185,19 +243,37 @@ impl Design {
     /// Singular values of the four functions at frequencies in rad/s (Figs. 3.20, 3.22, 3.24).
     pub fn sigma(&self, frequencies: &[f64]) -> Result<[Vec<SigmaPoint>; 4], LtiError> {
         let [a, b, c, d] = &self.functions;
-        Ok([a.sigma(frequencies)?, b.sigma(frequencies)?, c.sigma(frequencies)?, d.sigma(frequencies)?])
+        Ok([
+            a.sigma(frequencies)?,
+            b.sigma(frequencies)?,
+            c.sigma(frequencies)?,
+            d.sigma(frequencies)?,
+        ])
     }
 
     /// Response of the 15-mode plant to a unit impulse at the first actuator (Figs. 3.21 (a), 3.23 (a), 3.25 (a)).
     pub fn impulse(&self, step: f64, samples: usize) -> Result<Response, LtiError> {
-        let response = self.from_first_force()?.impulse_response(0, step, samples)?;
-        Ok(response.into_iter().enumerate().map(|(i, y)| (i as f64 * step, y)).collect())
+        let response = self
+            .from_first_force()?
+            .impulse_response(0, step, samples)?;
+        Ok(response
+            .into_iter()
+            .enumerate()
+            .map(|(i, y)| (i as f64 * step, y))
+            .collect())
     }
 
     /// Response to a unit step of the force at the first actuator (Figs. 3.21 (b), 3.23 (b), 3.25 (b)).
     pub fn step(&self, step: f64, samples: usize) -> Result<Response, LtiError> {
-        let response = self.from_first_force()?.zero_order_hold(step)?.step_response(0, samples)?;
-        Ok(response.into_iter().enumerate().map(|(i, y)| (i as f64 * step, y)).collect())
+        let response = self
+            .from_first_force()?
+            .zero_order_hold(step)?
+            .step_response(0, samples)?;
+        Ok(response
+            .into_iter()
+            .enumerate()
+            .map(|(i, y)| (i as f64 * step, y))
+            .collect())
     }
 
     fn from_first_force(&self) -> Result<StateSpace, LtiError> {

@@ -1,23 +1,40 @@
 //! Chapter 4 of Kida 1993: Lemmas 4.1 to 4.4 and Theorems 4.1 to 4.3 as properties of random structures, the proof-mass actuator, the double loop and
 //! the two degrees of freedom on the air table.
 
-mod support;
-
+use crate::support::*;
 use fuyu_lti::kida1993::air_table;
-use fuyu_lti::kida1993::double_loop::{air_table_problem, covering_gain, disturbance, step as double_loop_step, verdict};
+use fuyu_lti::kida1993::double_loop::{
+    air_table_problem, covering_gain, disturbance, step as double_loop_step, verdict,
+};
 use fuyu_lti::kida1993::proof_mass as pma;
-use fuyu_lti::kida1993::two_degrees::{CASES, feedback_only, model_matching, reference_model, root_locus, step};
-use fuyu_lti::{Matrix, ProofMass, StateSpace, Structure, TransferFunction, positive_real, spectral_abscissa, step_figures, storage_matrix};
-use support::*;
+use fuyu_lti::kida1993::two_degrees::{
+    CASES, feedback_only, model_matching, reference_model, root_locus, step,
+};
+use fuyu_lti::{
+    Matrix, ProofMass, StateSpace, Structure, TransferFunction, positive_real, spectral_abscissa,
+    step_figures, storage_matrix,
+};
 
 /// A random structure with `rigid` rigid modes.
 fn random_structure(random: &mut Random, n: usize, rigid: usize, actuators: usize) -> Structure {
     let t = random.matrix(n, n) + Matrix::identity(n, n) * 2.0;
     let mass = random.definite(n, 0.5);
-    let stiffness = Matrix::from_fn(n, n, |i, j| if i == j && i >= rigid { random.log_uniform(0.5, 500.0) } else { 0.0 });
+    let stiffness = Matrix::from_fn(n, n, |i, j| {
+        if i == j && i >= rigid {
+            random.log_uniform(0.5, 500.0)
+        } else {
+            0.0
+        }
+    });
     let damping = &stiffness * 0.002;
     let symmetric = |m: Matrix| (&m + m.transpose()) * 0.5;
-    Structure::new(symmetric(mass), symmetric(t.transpose() * damping * &t), symmetric(t.transpose() * stiffness * &t), random.matrix(n, actuators)).unwrap()
+    Structure::new(
+        symmetric(mass),
+        symmetric(t.transpose() * damping * &t),
+        symmetric(t.transpose() * stiffness * &t),
+        random.matrix(n, actuators),
+    )
+    .unwrap()
 }
 
 // Lemma 4.2 and Theorem 4.1 on 200 structures each. Gains that are not symmetric break the premise, and some of them the stability.
@@ -30,18 +47,31 @@ fn direct_feedback_is_stable_for_every_structure() {
         let rigid = (i % 3).min(n - 1);
         let m = rigid.max(1) + i % 2;
         let s = random_structure(&mut random, n, rigid, m);
-        let (p, d) = (random.definite(m, 0.1) * random.log_uniform(0.1, 100.0), random.definite(m, 0.1) * random.log_uniform(0.1, 100.0));
+        let (p, d) = (
+            random.definite(m, 0.1) * random.log_uniform(0.1, 100.0),
+            random.definite(m, 0.1) * random.log_uniform(0.1, 100.0),
+        );
         let zero = Matrix::zeros(m, m);
         s.certify(&p, &d).unwrap();
         let closed = s.direct_feedback(&p, &d).unwrap();
         assert!(closed.is_stable().unwrap(), "structure {i}");
         if rigid == 0 {
             s.certify(&zero, &d).unwrap();
-            assert!(s.direct_feedback(&zero, &d).unwrap().is_stable().unwrap(), "structure {i}");
+            assert!(
+                s.direct_feedback(&zero, &d).unwrap().is_stable().unwrap(),
+                "structure {i}"
+            );
         } else {
             // Rate feedback alone leaves the rigid modes where they are.
             assert!(s.certify(&zero, &d).is_err());
-            assert!(s.direct_feedback(&zero, &d).unwrap().stability_margin().unwrap() < 1e-6, "structure {i}");
+            assert!(
+                s.direct_feedback(&zero, &d)
+                    .unwrap()
+                    .stability_margin()
+                    .unwrap()
+                    < 1e-6,
+                "structure {i}"
+            );
         }
         if m >= 2 {
             let mut skew = random.matrix(m, m) * (50.0 * p.amax());
@@ -53,10 +83,26 @@ fn direct_feedback_is_stable_for_every_structure() {
     }
     assert!(broken > 50, "{broken}");
     // Too few actuators for the rigid modes: refused, and not stable.
-    let s = Structure::modal(&[0.0, 0.0, 3.0], &[0.0, 0.0, 0.01], &Matrix::from_column_slice(3, 1, &[1.0, 0.5, 1.0])).unwrap();
+    let s = Structure::modal(
+        &[0.0, 0.0, 3.0],
+        &[0.0, 0.0, 0.01],
+        &Matrix::from_column_slice(3, 1, &[1.0, 0.5, 1.0]),
+    )
+    .unwrap();
     let one = Matrix::identity(1, 1);
     assert!(s.certify(&one, &one).is_err());
-    assert!(!s.direct_feedback(&one, &one).unwrap().stability_margin().unwrap().is_sign_positive() || s.direct_feedback(&one, &one).unwrap().stability_margin().unwrap() < 1e-6);
+    assert!(
+        !s.direct_feedback(&one, &one)
+            .unwrap()
+            .stability_margin()
+            .unwrap()
+            .is_sign_positive()
+            || s.direct_feedback(&one, &one)
+                .unwrap()
+                .stability_margin()
+                .unwrap()
+                < 1e-6
+    );
 }
 
 // Lemma 4.4: a positive-real actuator in series with D keeps rate feedback stable. One of first order is positive real; a delay-like one of second order is not.
@@ -68,41 +114,85 @@ fn lemma_4_4_positive_real_actuators() {
         let s = random_structure(&mut random, 2 + i % 5, 0, 1);
         let d = random.log_uniform(0.1, 30.0);
         let corner = random.log_uniform(0.1, 30.0);
-        let lag = TransferFunction::new(&[d * corner], &[1.0, corner]).unwrap().to_state_space().unwrap();
+        let lag = TransferFunction::new(&[d * corner], &[1.0, corner])
+            .unwrap()
+            .to_state_space()
+            .unwrap();
         let zero = random.log_uniform(0.1, 30.0);
-        let lead = TransferFunction::new(&[d, d * zero], &[1.0, corner]).unwrap().to_state_space().unwrap();
+        let lead = TransferFunction::new(&[d, d * zero], &[1.0, corner])
+            .unwrap()
+            .to_state_space()
+            .unwrap();
         for actuator in [&lag, &lead] {
             let real = positive_real(actuator).unwrap();
             assert!(real.holds && real.smallest_real_part > -1e-9, "{real:?}");
-            assert!(s.rate_system().unwrap().feedback(actuator).unwrap().is_stable().unwrap(), "structure {i}");
+            assert!(
+                s.rate_system()
+                    .unwrap()
+                    .feedback(actuator)
+                    .unwrap()
+                    .is_stable()
+                    .unwrap(),
+                "structure {i}"
+            );
         }
         // The sweep, the scattering norm and the storage matrix agree.
         let p = storage_matrix(&lead).unwrap();
         assert!(p[(0, 0)] > 0.0);
-        let slow = TransferFunction::second_order_lowpass(0.7, 0.5).unwrap().to_state_space().unwrap().scaled_outputs(&Matrix::from_element(1, 1, d)).unwrap();
+        let slow = TransferFunction::second_order_lowpass(0.7, 0.5)
+            .unwrap()
+            .to_state_space()
+            .unwrap()
+            .scaled_outputs(&Matrix::from_element(1, 1, d))
+            .unwrap();
         let real = positive_real(&slow).unwrap();
-        assert!(!real.holds && real.smallest_real_part < 0.0 && real.scattering_norm > 1.0, "{real:?}");
-        broken += usize::from(!s.rate_system().unwrap().feedback(&slow).unwrap().is_stable().unwrap());
+        assert!(
+            !real.holds && real.smallest_real_part < 0.0 && real.scattering_norm > 1.0,
+            "{real:?}"
+        );
+        broken += usize::from(
+            !s.rate_system()
+                .unwrap()
+                .feedback(&slow)
+                .unwrap()
+                .is_stable()
+                .unwrap(),
+        );
     }
     assert!(broken > 10, "{broken}");
 }
 
-// The rate transfer function of a collocated structure is positive real, whatever its modes; to displacements it is not.
+// The rate transfer function of a collocated structure is positive real, with any modes; to displacements it is not.
 #[test]
 fn collocated_rates_are_positive_real() {
     let mut random = Random::new(45);
     for i in 0..20 {
         let s = random_structure(&mut random, 3, 0, 2);
         let rate = positive_real(&s.rate_system().unwrap()).unwrap();
-        assert!(rate.holds && rate.smallest_real_part > -1e-7, "structure {i}: {rate:?}");
-        assert!(!positive_real(&s.displacement_system().unwrap()).unwrap().holds);
+        assert!(
+            rate.holds && rate.smallest_real_part > -1e-7,
+            "structure {i}: {rate:?}"
+        );
+        assert!(
+            !positive_real(&s.displacement_system().unwrap())
+                .unwrap()
+                .holds
+        );
     }
 }
 
 /// Roots by the eigenvalues of the companion matrix.
 fn roots(coefficients: &[f64]) -> Vec<fuyu_lti::Complex> {
     let n = coefficients.len() - 1;
-    let a = Matrix::from_fn(n, n, |i, j| if i == 0 { -coefficients[j + 1] / coefficients[0] } else if i == j + 1 { 1.0 } else { 0.0 });
+    let a = Matrix::from_fn(n, n, |i, j| {
+        if i == 0 {
+            -coefficients[j + 1] / coefficients[0]
+        } else if i == j + 1 {
+            1.0
+        } else {
+            0.0
+        }
+    });
     fuyu_lti::eigenvalues(&a).unwrap()
 }
 
@@ -111,29 +201,68 @@ fn theorems_4_2_and_4_3_on_random_actuators() {
     let mut random = Random::new(43);
     let (mut stable, mut unstable, mut sufficient) = (0, 0, 0);
     for i in 0..300 {
-        let actuator = ProofMass::new(random.log_uniform(0.1, 5.0), random.log_uniform(0.02, 0.3), random.log_uniform(0.01, 5.0), random.log_uniform(1e-3, 0.5)).unwrap();
-        let (sigma, phi, d) = (random.log_uniform(1.0, 50.0), random.log_uniform(0.05, 2.0), random.log_uniform(0.1, 100.0));
+        let actuator = ProofMass::new(
+            random.log_uniform(0.1, 5.0),
+            random.log_uniform(0.02, 0.3),
+            random.log_uniform(0.01, 5.0),
+            random.log_uniform(1e-3, 0.5),
+        )
+        .unwrap();
+        let (sigma, phi, d) = (
+            random.log_uniform(1.0, 50.0),
+            random.log_uniform(0.05, 2.0),
+            random.log_uniform(0.1, 100.0),
+        );
         // Theorem 4.3 against the poles of eq. (4.10) with one undamped mode, and against the printed characteristic polynomial.
         let ratios = actuator.ratios(sigma, phi, d);
-        let undamped = Structure::modal(&[sigma], &[0.0], &Matrix::from_element(1, 1, phi)).unwrap();
+        let undamped =
+            Structure::modal(&[sigma], &[0.0], &Matrix::from_element(1, 1, phi)).unwrap();
         let closed = actuator.closed_loop(&undamped, d).unwrap();
-        let scaled: Vec<_> = roots(&ratios.characteristic()).into_iter().map(|r| r * sigma).collect();
+        let scaled: Vec<_> = roots(&ratios.characteristic())
+            .into_iter()
+            .map(|r| r * sigma)
+            .collect();
         let poles = closed.poles().unwrap();
         let size = poles.iter().map(|p| p.norm()).fold(0.0, f64::max);
-        assert!(matched(&poles, &scaled) < 1e-6 * size, "case {i}: {poles:?} {scaled:?}");
+        assert!(
+            matched(&poles, &scaled) < 1e-6 * size,
+            "case {i}: {poles:?} {scaled:?}"
+        );
         let abscissa = spectral_abscissa(&closed.a).unwrap();
         if abscissa.abs() > 1e-6 * sigma {
-            assert_eq!(ratios.is_stable(), abscissa < 0.0, "case {i}: {ratios:?} {abscissa}");
+            assert_eq!(
+                ratios.is_stable(),
+                abscissa < 0.0,
+                "case {i}: {ratios:?} {abscissa}"
+            );
         }
-        if ratios.is_stable() { stable += 1 } else { unstable += 1 }
+        if ratios.is_stable() {
+            stable += 1
+        } else {
+            unstable += 1
+        }
         // Passive: stable for any parameters.
-        assert!(spectral_abscissa(&actuator.closed_loop(&undamped, 0.0).unwrap().a).unwrap() < 1e-9);
+        assert!(
+            spectral_abscissa(&actuator.closed_loop(&undamped, 0.0).unwrap().a).unwrap() < 1e-9
+        );
         // Theorem 4.2 is sufficient, on three damped modes.
-        let modes = Structure::modal(&[sigma, 3.1 * sigma, 7.3 * sigma], &[0.05; 3], &Matrix::from_column_slice(3, 1, &[phi, -0.7 * phi, 0.4 * phi])).unwrap();
+        let modes = Structure::modal(
+            &[sigma, 3.1 * sigma, 7.3 * sigma],
+            &[0.05; 3],
+            &Matrix::from_column_slice(3, 1, &[phi, -0.7 * phi, 0.4 * phi]),
+        )
+        .unwrap();
         for d in [0.01 * d, 0.1 * d, d] {
             if actuator.satisfies_damping_condition(&modes, d).unwrap() {
                 sufficient += 1;
-                assert!(actuator.closed_loop(&modes, d).unwrap().is_stable().unwrap(), "case {i}");
+                assert!(
+                    actuator
+                        .closed_loop(&modes, d)
+                        .unwrap()
+                        .is_stable()
+                        .unwrap(),
+                    "case {i}"
+                );
             }
         }
     }
@@ -146,7 +275,12 @@ fn theorems_4_2_and_4_3_on_random_actuators() {
 fn the_proof_mass_is_not_positive_real() {
     let actuator = pma::actuators(&pma::FROM_FIRST_AND_THIRD).unwrap()[0];
     let real = positive_real(&actuator.actuator().unwrap()).unwrap();
-    assert!(!real.holds && real.smallest_real_part < 0.0 && real.frequency < actuator.frequency() * 1.01, "{real:?}");
+    assert!(
+        !real.holds
+            && real.smallest_real_part < 0.0
+            && real.frequency < actuator.frequency() * 1.01,
+        "{real:?}"
+    );
 }
 
 // The printed limits 1, 21 and 32 (Figs. 4.4 to 4.6) contradict each other: arm and mode shape, which are not printed, can be chosen to meet two
@@ -172,12 +306,37 @@ fn any_two_of_the_printed_limits_of_the_proof_mass() {
     let locus = pma::root_locus(&structure, &actuator, &[0.5, 2.0]).unwrap();
     assert!(locus[0].1.iter().all(|p| p.re < 0.0));
     let out = locus[1].1.iter().find(|p| p.re > 0.0).unwrap();
-    assert!(out.norm() < 0.9 * std::f64::consts::TAU * pma::FREQUENCIES_HZ[0], "{out}");
+    assert!(
+        out.norm() < 0.9 * std::f64::consts::TAU * pma::FREQUENCIES_HZ[0],
+        "{out}"
+    );
+    // Closing the loop of Fig. 4.12 gives the poles of eq. (4.10).
+    let gain = StateSpace::gain(Matrix::from_element(1, 1, 2.0));
+    let closed = actuator.plant(&structure).unwrap().feedback(&gain).unwrap();
+    assert!(matched(&closed.poles().unwrap(), &locus[1].1) < 1e-9);
+    // Rate feedback within the limit makes the vibration decay faster: without control the damping ratio is .003.
+    let late = |d: f64| {
+        let y = pma::impulse(&structure, &actuator, d, 0.01, 1000).unwrap();
+        y[900..].iter().fold(0.0_f64, |m, v| m.max(v.abs()))
+    };
+    assert!(late(0.5) < 0.5 * late(0.0));
     // The minor loop removes most of the stiffness, and gains above 1 become stable (Figs. 4.9, 4.10: d = 1 and 3).
     let compensated = pma::compensated(&pma::FROM_FIRST_AND_THIRD).unwrap();
     assert!(compensated.stiffness < 0.4 * actuator.stiffness);
-    assert!(compensated.closed_loop(&structure, 1.0).unwrap().is_stable().unwrap());
-    assert!(compensated.stability_limit(&structure, 100.0).unwrap().unwrap() > 2.0 * a[0]);
+    assert!(
+        compensated
+            .closed_loop(&structure, 1.0)
+            .unwrap()
+            .is_stable()
+            .unwrap()
+    );
+    assert!(
+        compensated
+            .stability_limit(&structure, 100.0)
+            .unwrap()
+            .unwrap()
+            > 2.0 * a[0]
+    );
 }
 
 /// Largest frequency at which the loop gain is 1.
@@ -191,33 +350,71 @@ fn bandwidth(v: &fuyu_lti::Margins) -> f64 {
 fn the_double_loop_on_the_air_table() {
     let table = air_table::structure(7).unwrap();
     // The printed W2 covers the model error with the inner loop, and the weight of the comparison covers that without.
-    let grid = table.displacement_system().unwrap().frequency_grid(0.01, 1000.0, 100).unwrap();
+    let grid = table
+        .displacement_system()
+        .unwrap()
+        .frequency_grid(0.01, 1000.0, 100)
+        .unwrap();
     let unit = TransferFunction::new(&[1.0, 0.0, 0.0], &[1.0, 8.0, 36.0]).unwrap();
     for inner in [true, false] {
         let p = air_table_problem(inner).unwrap();
         let k = covering_gain(std::slice::from_ref(&table), 0, &p, &unit, &grid).unwrap();
-        assert!(k < p.robustness.numerator()[0] && k > 0.8 * p.robustness.numerator()[0], "{inner}: {k}");
+        assert!(
+            k < p.robustness.numerator()[0] && k > 0.8 * p.robustness.numerator()[0],
+            "{inner}: {k}"
+        );
     }
     let inner = air_table_problem(true).unwrap().solve(0.9).unwrap();
     let alone = air_table_problem(false).unwrap().solve(0.9).unwrap();
     for d in [&inner, &alone] {
         assert!(d.hinf.norm.norm < 1.0 && d.hinf.norm.swept < 1.0);
-        assert_close("norm by two methods", d.hinf.norm.norm, d.hinf.norm.swept, 1e-7);
+        assert_close(
+            "norm by two methods",
+            d.hinf.norm.norm,
+            d.hinf.norm.swept,
+            1e-7,
+        );
     }
-    let (vi, va) = (verdict(&table, 0, &inner.controller).unwrap(), verdict(&table, 0, &alone.controller).unwrap());
-    println!("gamma_max {} {}; bandwidth {} {}; {:?}\n{:?}", inner.gamma_max, alone.gamma_max, bandwidth(&vi.margins), bandwidth(&va.margins), vi, va);
+    let (vi, va) = (
+        verdict(&table, 0, &inner.controller).unwrap(),
+        verdict(&table, 0, &alone.controller).unwrap(),
+    );
+    println!(
+        "gamma_max {} {}; bandwidth {} {}; {:?}\n{:?}",
+        inner.gamma_max,
+        alone.gamma_max,
+        bandwidth(&vi.margins),
+        bandwidth(&va.margins),
+        vi,
+        va
+    );
     assert!(vi.largest_real_part < 0.0 && va.largest_real_part < 0.0);
     assert!(inner.gamma_max > alone.gamma_max);
     assert!(bandwidth(&vi.margins) > 1.5 * bandwidth(&va.margins));
-    assert_eq!(va.margins.phase.len(), 1, "gain-stabilised modes stay below a gain of 1");
+    assert_eq!(
+        va.margins.phase.len(),
+        1,
+        "gain-stabilised modes stay below a gain of 1"
+    );
     let settle = |c: &StateSpace| {
-        let run: Vec<f64> = double_loop_step(&table, 0, c, 0.05, 2000).unwrap().iter().map(|v| v.0.to_degrees()).collect();
+        let run: Vec<f64> = double_loop_step(&table, 0, c, 0.05, 2000)
+            .unwrap()
+            .iter()
+            .map(|v| v.0.to_degrees())
+            .collect();
         step_figures(&run, 0.05, 1.0, 0.05)
     };
     let (fi, fa) = (settle(&inner.controller), settle(&alone.controller));
     println!("with inner loop {fi:?}, alone {fa:?}");
     assert!(fi.settling < fa.settling);
-    let peak = |c: &StateSpace| disturbance(&table, c, 40.0).unwrap().output.iter().map(|y| y[0].abs()).fold(0.0, f64::max);
+    let peak = |c: &StateSpace| {
+        disturbance(&table, c, 40.0)
+            .unwrap()
+            .output
+            .iter()
+            .map(|y| y[0].abs())
+            .fold(0.0, f64::max)
+    };
     assert!(peak(&inner.controller) < peak(&alone.controller));
 }
 
@@ -226,25 +423,51 @@ fn the_double_loop_on_the_air_table() {
 fn two_degrees_of_freedom_on_the_air_table() {
     let model: Vec<f64> = step(&reference_model().unwrap(), 0.05, 400).unwrap();
     // k = 1/2 and c = sqrt 2 satisfy c^2 = 4 k: critically damped.
-    assert!(reference_model().unwrap().poles().unwrap().iter().all(|p| (p.re + 0.5f64.sqrt()).abs() < 1e-6));
+    assert!(
+        reference_model()
+            .unwrap()
+            .poles()
+            .unwrap()
+            .iter()
+            .all(|p| (p.re + 0.5f64.sqrt()).abs() < 1e-6)
+    );
     for case in &CASES {
-        let before = distance(&step(&feedback_only(case).unwrap(), 0.05, 400).unwrap(), &model);
+        let before = distance(
+            &step(&feedback_only(case).unwrap(), 0.05, 400).unwrap(),
+            &model,
+        );
         let d = model_matching(case, 1000.0, 1e-3).unwrap();
         let after = distance(&step(&d.achieved, 0.05, 400).unwrap(), &model);
-        println!("{}: gamma {:.4}, rms distance from the model {before:.2e} -> {after:.2e} rad", case.name, d.hinf.gamma);
+        println!(
+            "{}: gamma {:.4}, rms distance from the model {before:.2e} -> {after:.2e} rad",
+            case.name, d.hinf.gamma
+        );
         assert!(d.hinf.norm.norm <= d.hinf.gamma && d.hinf.norm.swept <= d.hinf.gamma);
         assert!(d.feed_forward.is_stable().unwrap() && d.achieved.is_stable().unwrap());
         assert!(after < 0.2 * before, "{}: {before} {after}", case.name);
         // Theorem 4.1: stable along the whole root locus (Fig. 4.22).
-        assert!(root_locus(case, &[0.1, 1.0, 10.0, 1000.0]).unwrap().iter().all(|(_, p)| p.iter().all(|p| p.re < 0.0)));
+        assert!(
+            root_locus(case, &[0.1, 1.0, 10.0, 1000.0])
+                .unwrap()
+                .iter()
+                .all(|(_, p)| p.iter().all(|p| p.re < 0.0))
+        );
     }
     // The damping of the lowest poles as the thesis chose it: light in (a), about 1/sqrt 2 in (b), overdamped in (c).
     let slowest = |i: usize| {
         let poles = &root_locus(&CASES[i], &[1.0]).unwrap()[0].1;
-        let p = poles.iter().min_by(|a, b| a.norm().total_cmp(&b.norm())).unwrap();
+        let p = poles
+            .iter()
+            .min_by(|a, b| a.norm().total_cmp(&b.norm()))
+            .unwrap();
         -p.re / p.norm()
     };
-    println!("damping ratios {} {} {}", slowest(0), slowest(1), slowest(2));
+    println!(
+        "damping ratios {} {} {}",
+        slowest(0),
+        slowest(1),
+        slowest(2)
+    );
     assert!(slowest(0) < slowest(1) && slowest(1) < slowest(2));
 }
 

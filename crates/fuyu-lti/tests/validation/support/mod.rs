@@ -1,14 +1,13 @@
 //! Fixtures, and comparisons with messages.
-#![allow(dead_code)]
-
 pub mod servicer;
 
-use fuyu_lti::{Complex, Matrix};
+use fuyu_lti::{Complex, Matrix, StateSpace};
 use serde_json::Value;
 
 pub fn fixture(name: &str) -> Value {
     let path = format!("{}/tests/fixtures/{name}.json", env!("CARGO_MANIFEST_DIR"));
-    serde_json::from_str(&std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{path}: {e}"))).unwrap()
+    serde_json::from_str(&std::fs::read_to_string(&path).unwrap_or_else(|e| panic!("{path}: {e}")))
+        .unwrap()
 }
 
 pub fn number(v: &Value) -> f64 {
@@ -25,16 +24,27 @@ pub fn matrix(v: &Value) -> Matrix {
 }
 
 pub fn pairs(v: &Value) -> Vec<(f64, f64)> {
-    v.as_array().unwrap().iter().map(|p| (number(&p[0]), number(&p[1]))).collect()
+    v.as_array()
+        .unwrap()
+        .iter()
+        .map(|p| (number(&p[0]), number(&p[1])))
+        .collect()
 }
 
 pub fn complex_list(v: &Value) -> Vec<Complex> {
-    pairs(v).into_iter().map(|(re, im)| Complex::new(re, im)).collect()
+    pairs(v)
+        .into_iter()
+        .map(|(re, im)| Complex::new(re, im))
+        .collect()
 }
 
 #[track_caller]
 pub fn assert_close(what: &str, got: f64, want: f64, tolerance: f64) {
-    assert!((got - want).abs() <= tolerance, "{what}: {got:.15e}, expected {want:.15e}, differs by {:.2e}", (got - want).abs());
+    assert!(
+        (got - want).abs() <= tolerance,
+        "{what}: {got:.15e}, expected {want:.15e}, differs by {:.2e}",
+        (got - want).abs()
+    );
 }
 
 /// Largest difference of two matrices over the largest entry of the second.
@@ -44,13 +54,18 @@ pub fn relative(got: &Matrix, want: &Matrix) -> f64 {
     (got - want).amax() / want.amax()
 }
 
-/// Each value of `want` is matched with a value of `got` of its own; returns the largest distance.
+/// Each value of `want` is matched with a different value of `got`; returns the largest distance.
 #[track_caller]
 pub fn matched(got: &[Complex], want: &[Complex]) -> f64 {
     let mut free: Vec<Complex> = got.to_vec();
     let mut worst: f64 = 0.0;
     for w in want {
-        let (i, d) = free.iter().enumerate().map(|(i, g)| (i, (g - w).norm())).min_by(|a, b| a.1.total_cmp(&b.1)).expect("as many values");
+        let (i, d) = free
+            .iter()
+            .enumerate()
+            .map(|(i, g)| (i, (g - w).norm()))
+            .min_by(|a, b| a.1.total_cmp(&b.1))
+            .expect("as many values");
         free.swap_remove(i);
         worst = worst.max(d);
     }
@@ -67,7 +82,10 @@ impl Random {
 
     /// Uniform between -1 and 1.
     pub fn signed(&mut self) -> f64 {
-        self.0 = self.0.wrapping_mul(6_364_136_223_846_793_005).wrapping_add(1_442_695_040_888_963_407);
+        self.0 = self
+            .0
+            .wrapping_mul(6_364_136_223_846_793_005)
+            .wrapping_add(1_442_695_040_888_963_407);
         (self.0 >> 11) as f64 / (1u64 << 52) as f64 - 1.0
     }
 
@@ -85,4 +103,27 @@ impl Random {
         let m = self.matrix(n, n);
         &m * m.transpose() + Matrix::identity(n, n) * least
     }
+}
+
+/// The 1 x 1 matrix.
+pub fn one(v: f64) -> Matrix {
+    Matrix::from_element(1, 1, v)
+}
+
+/// The identity.
+pub fn eye(n: usize) -> Matrix {
+    Matrix::identity(n, n)
+}
+
+/// A stable system whose slowest pole is between .02 and 1 rad/s from the axis, with n states, m inputs and p outputs.
+pub fn random_stable(random: &mut Random, n: usize, m: usize, p: usize) -> StateSpace {
+    let a = random.matrix(n, n) * 2.0;
+    let shift = fuyu_lti::spectral_abscissa(&a).unwrap() + random.log_uniform(0.02, 1.0);
+    StateSpace::new(
+        &a - eye(n) * shift,
+        random.matrix(n, m),
+        random.matrix(p, n),
+        random.matrix(p, m) * 0.1,
+    )
+    .unwrap()
 }

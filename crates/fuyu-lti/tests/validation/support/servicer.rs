@@ -18,14 +18,27 @@ pub fn free(posture: &str, angle: &str, wheels: bool) -> Structure {
             base[(i, i)] -= WHEEL;
         }
     }
-    let one: Vec<f64> = list(&all["frequencies_hz"]).iter().map(|f| f * std::f64::consts::TAU).collect();
+    let one: Vec<f64> = list(&all["frequencies_hz"])
+        .iter()
+        .map(|f| f * std::f64::consts::TAU)
+        .collect();
     let frequencies = [one.clone(), one].concat();
-    Structure::hybrid(&base, &matrix(&linear["P_base"]), &frequencies, &[number(&all["panel"]["zeta"]); 8]).unwrap()
+    Structure::hybrid(
+        &base,
+        &matrix(&linear["P_base"]),
+        &frequencies,
+        &[number(&all["panel"]["zeta"]); 8],
+    )
+    .unwrap()
 }
 
 /// The same under torques only: three attitude angles and eight modes, with the translation, whose momentum stays zero, eliminated.
 pub fn attitude(posture: &str, angle: &str) -> Structure {
-    free(posture, angle, true).with_actuators(&[3, 4, 5]).unwrap().without_free_coordinates(&[0, 1, 2]).unwrap()
+    free(posture, angle, true)
+        .with_actuators(&[3, 4, 5])
+        .unwrap()
+        .without_free_coordinates(&[0, 1, 2])
+        .unwrap()
 }
 
 pub fn gains(p: f64, d: f64) -> (Matrix, Matrix) {
