@@ -57,10 +57,11 @@ fn unreachable_mode(
     let scales = balance(&mut scaled);
     let mut input = Matrix::from_fn(n, b.ncols(), |i, j| b[(i, j)] / scales[i]);
     let size = scaled.norm();
-    // Each input in units that move the states as fast as the dynamics do.
+    // Each input in units that move the states as fast as the dynamics do, unless it is rounding next to the others.
+    let noise = 1e-14 * input.amax();
     for mut column in input.column_iter_mut() {
         let largest = column.amax();
-        if largest > 0.0 {
+        if largest > noise {
             column *= size.max(f64::MIN_POSITIVE) / largest;
         }
     }

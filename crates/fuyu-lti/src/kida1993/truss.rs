@@ -56,8 +56,8 @@ fn bars() -> Vec<(usize, usize)> {
     out
 }
 
-/// Degrees of freedom (2 node + {x: 0, y: 1}) of the three actuators and sensors: along the strip at its middle, across it at both ends.
-const ACTUATED: [usize; 3] = [2 * 22, 2 * 1 + 1, 2 * 43 + 1];
+/// Degrees of freedom (2 node + {x: 0, y: 1}) of the three actuators and sensors: x of node 22 in the middle, y of nodes 1 and 43 at the ends.
+const ACTUATED: [usize; 3] = [44, 3, 87];
 
 /// Frequencies in rad/s and shapes at the actuators of the first 15 modes.
 fn modes() -> Result<(Vec<f64>, Matrix), LtiError> {
@@ -254,7 +254,7 @@ impl Design {
     /// Response of the 15-mode plant to a unit impulse at the first actuator (Figs. 3.21 (a), 3.23 (a), 3.25 (a)).
     pub fn impulse(&self, step: f64, samples: usize) -> Result<Response, LtiError> {
         let response = self
-            .from_first_force()?
+            .first_force_responses()?
             .impulse_response(0, step, samples)?;
         Ok(response
             .into_iter()
@@ -266,7 +266,7 @@ impl Design {
     /// Response to a unit step of the force at the first actuator (Figs. 3.21 (b), 3.23 (b), 3.25 (b)).
     pub fn step(&self, step: f64, samples: usize) -> Result<Response, LtiError> {
         let response = self
-            .from_first_force()?
+            .first_force_responses()?
             .zero_order_hold(step)?
             .step_response(0, samples)?;
         Ok(response
@@ -276,7 +276,7 @@ impl Design {
             .collect())
     }
 
-    fn from_first_force(&self) -> Result<StateSpace, LtiError> {
+    fn first_force_responses(&self) -> Result<StateSpace, LtiError> {
         self.closed.select(&[0, 1, 2, 3, 4, 5], &[0])
     }
 }

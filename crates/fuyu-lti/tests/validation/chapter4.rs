@@ -314,12 +314,18 @@ fn any_two_of_the_printed_limits_of_the_proof_mass() {
     let gain = StateSpace::gain(Matrix::from_element(1, 1, 2.0));
     let closed = actuator.plant(&structure).unwrap().feedback(&gain).unwrap();
     assert!(matched(&closed.poles().unwrap(), &locus[1].1) < 1e-9);
-    // Rate feedback within the limit makes the vibration decay faster: without control the damping ratio is .003.
-    let late = |d: f64| {
+    // In time: the response to an impulse decays below the limit and grows above it.
+    let change = |d: f64| {
         let y = pma::impulse(&structure, &actuator, d, 0.01, 1000).unwrap();
-        y[900..].iter().fold(0.0_f64, |m, v| m.max(v.abs()))
+        let peak = |part: &[f64]| part.iter().fold(0.0_f64, |m, v| m.max(v.abs()));
+        peak(&y[800..]) / peak(&y[..200])
     };
-    assert!(late(0.5) < 0.5 * late(0.0));
+    assert!(
+        change(0.5) < 0.5 && change(2.0) > 2.0,
+        "{} {}",
+        change(0.5),
+        change(2.0)
+    );
     // The minor loop removes most of the stiffness, and gains above 1 become stable (Figs. 4.9, 4.10: d = 1 and 3).
     let compensated = pma::compensated(&pma::FROM_FIRST_AND_THIRD).unwrap();
     assert!(compensated.stiffness < 0.4 * actuator.stiffness);
@@ -442,7 +448,7 @@ fn two_degrees_of_freedom_on_the_air_table() {
             "{}: gamma {:.4}, rms distance from the model {before:.2e} -> {after:.2e} rad",
             case.name, d.hinf.gamma
         );
-        assert!(d.hinf.norm.norm <= d.hinf.gamma && d.hinf.norm.swept <= d.hinf.gamma);
+        assert!(d.hinf.norm.norm.max(d.hinf.norm.swept) < 1.000_001 * d.hinf.gamma);
         assert!(d.feed_forward.is_stable().unwrap() && d.achieved.is_stable().unwrap());
         assert!(after < 0.2 * before, "{}: {before} {after}", case.name);
         // Theorem 4.1: stable along the whole root locus (Fig. 4.22).
