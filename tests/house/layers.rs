@@ -102,7 +102,10 @@ fn modules_use_only_those_below_them() {
 #[test]
 fn physics_uses_no_files_environment_network_processes_or_threads() {
     let mut wrong = BTreeSet::new();
-    for source in sources().iter().filter(|s| ["fuyu-physics", "fuyu-lti"].contains(&s.package)) {
+    for source in sources()
+        .iter()
+        .filter(|s| ["fuyu-physics", "fuyu-lti"].contains(&s.package))
+    {
         for name in source.names_below("std") {
             if ["fs", "env", "net", "process", "thread"].contains(&name.as_str()) {
                 wrong.insert(format!("{} uses std::{name}", source.location()));

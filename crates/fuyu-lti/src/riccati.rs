@@ -326,7 +326,7 @@ fn newton(a: &Matrix, g: &Matrix, q: &Matrix, mut x: Matrix) -> (Matrix, f64) {
     let (mut rest, residual) = defect(&x);
     let mut best = (x.clone(), residual);
     let mut worse = 0;
-    for _ in 0..30 {
+    for _ in 0..60 {
         let Ok(step) = lyapunov(&(a - g * &x).transpose(), &rest) else {
             break;
         };
@@ -341,7 +341,7 @@ fn newton(a: &Matrix, g: &Matrix, q: &Matrix, mut x: Matrix) -> (Matrix, f64) {
         } else {
             worse += 1;
         }
-        if worse == 4 || step.x.norm() <= 1e-15 * x.norm() {
+        if worse == 15 || step.x.norm() <= 1e-15 * x.norm() {
             break;
         }
     }
