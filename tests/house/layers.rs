@@ -10,7 +10,7 @@ use crate::sources::{PACKAGES, root, rust_files, sources};
 type Layer = (&'static str, &'static [&'static str]);
 
 /// The modules of each package, the lowest first.
-const LAYERS: [(&str, &[Layer]); 4] = [
+const LAYERS: [(&str, &[Layer]); 5] = [
     (
         "fuyu-physics",
         &[
@@ -20,6 +20,34 @@ const LAYERS: [(&str, &[Layer]); 4] = [
             ("control", &["spatial", "model", "dynamics"]),
             ("vision", &["spatial"]),
             ("estimation", &["spatial", "dynamics", "vision"]),
+        ],
+    ),
+    (
+        "fuyu-lti",
+        &[
+            ("error", &[]),
+            ("matrix", &[]),
+            ("eigen", &["matrix"]),
+            ("lyapunov", &["matrix", "eigen"]),
+            ("modes", &["matrix", "eigen"]),
+            ("riccati", &["matrix", "modes", "lyapunov"]),
+            ("state_space", &["matrix"]),
+            ("transfer_function", &["matrix"]),
+            ("sampling", &["matrix"]),
+            ("simulation", &["matrix"]),
+            ("zeros", &["matrix", "eigen"]),
+            ("frequency", &["matrix"]),
+            ("margins", &["matrix", "frequency"]),
+            ("gramians", &["matrix", "lyapunov"]),
+            ("norms", &["matrix", "eigen", "frequency", "gramians"]),
+            ("reduction", &["matrix", "gramians", "riccati"]),
+            ("lqr", &["matrix"]),
+            ("shaped_lqr", &["matrix"]),
+            ("hinf", &["matrix", "modes", "riccati"]),
+            ("positive_real", &["matrix", "riccati"]),
+            ("structure", &["matrix"]),
+            ("proof_mass", &["matrix"]),
+            ("kida1993", &["matrix", "margins"]),
         ],
     ),
     (
@@ -97,7 +125,7 @@ fn modules_use_only_those_below_them() {
 #[test]
 fn physics_uses_no_files_environment_network_processes_or_threads() {
     let mut wrong = BTreeSet::new();
-    let physics = ["fuyu-physics", "fuyu-structures"];
+    let physics = ["fuyu-physics", "fuyu-structures", "fuyu-lti"];
     for source in sources().iter().filter(|s| physics.contains(&s.package)) {
         for name in source.names_below("std") {
             if ["fs", "env", "net", "process", "thread"].contains(&name.as_str()) {
@@ -131,11 +159,20 @@ fn physics_depends_on_no_ros_and_ros_on_no_physics() {
             "nalgebra",
             &["fuyu-ros", "ros2-client", "rustdds", "cdr-encoding", "mcap"][..],
         ),
-        ("fuyu-ros", "rustdds", &["fuyu-physics", "nalgebra"]),
         (
             "fuyu-structures",
             "nalgebra",
-            &["fuyu-ros", "fuyu-physics", "faer", "rustdds"],
+            &["fuyu-ros", "fuyu-physics", "fuyu-lti", "faer", "rustdds"],
+        ),
+        (
+            "fuyu-lti",
+            "nalgebra",
+            &["fuyu-physics", "fuyu-ros", "ros2-client", "rustdds"],
+        ),
+        (
+            "fuyu-ros",
+            "rustdds",
+            &["fuyu-physics", "fuyu-lti", "fuyu-structures", "nalgebra"],
         ),
     ] {
         let dependencies = dependencies(package);
