@@ -108,6 +108,7 @@ impl Workspace {
             tree_reduced: DMatrix::zeros(mimicking, mimicking),
             tree_values: vec![0.0; mimicking],
         };
+        workspace.move_to(&vec![0.0; workspace.tree.dof()]);
         workspace.set_positions_from(&vec![0.0; n]);
         workspace
     }
@@ -130,12 +131,16 @@ impl Workspace {
     pub(super) fn set_positions_from(&mut self, q: &[f64]) {
         checks::joint_vector("q", q.len(), &self.model);
         if !self.model.has_mimics() {
-            self.move_to(q);
+            if self.joints.q() != q {
+                self.move_to(q);
+            }
             return;
         }
         let mut tree_q = std::mem::take(&mut self.tree_values);
         self.model.expand_positions(q, &mut tree_q);
-        self.move_to(&tree_q);
+        if self.joints.q() != tree_q {
+            self.move_to(&tree_q);
+        }
         self.tree_values = tree_q;
     }
 
@@ -157,9 +162,6 @@ impl Workspace {
 
     /// Moves all joints of the tree to positions `q`.
     fn move_to(&mut self, q: &[f64]) {
-        if self.joints.q() == q {
-            return;
-        }
         self.arch.dispatch(PositionUpdate {
             tree: &self.tree,
             joints: &mut self.joints,
@@ -296,5 +298,29 @@ impl Workspace {
     /// (needs [`Workspace::set_motion`]).
     pub fn V_WB_B(&self) -> &Twist {
         &self.bodies[0].twist
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::ModelBuilder;
+    use crate::spatial::RigidInertia;
+
+    #[test]
+    fn a_single_body_has_its_centre_of_mass_from_the_start() {
+        let com = Vector3::new(0.1, -0.2, 0.3);
+        let about_com = Matrix3::identity();
+        let inertia = RigidInertia {
+            mass: 2.0,
+            com,
+            about_com,
+        };
+        let model = ModelBuilder::new("ball", "base", inertia).build();
+        let mut workspace = Workspace::new(&model);
+        assert_eq!(*workspace.p_BC(), com);
+        workspace.set_positions(&DVector::zeros(0));
+        assert_eq!(*workspace.p_BC(), com);
+        assert!((workspace.H_B.to_matrix() - about_com).norm() < 1e-15);
     }
 }

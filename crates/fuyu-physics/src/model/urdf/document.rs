@@ -195,12 +195,13 @@ impl<'a> Source<'a> {
                 wanted,
             }
         };
-        // Other programs accept commas between several numbers, and ignore numbers behind the last one.
+        // Other programs accept commas between several numbers, punctuation behind one, and more numbers than they use.
         let is_separator = |c: char| c.is_whitespace() || (N > 1 && c == ',');
         let words = value.split(is_separator).filter(|word| !word.is_empty());
-        let numbers: Option<Vec<f64>> = words.map(parsed).collect();
-        let first = numbers.as_ref().and_then(|v| v.first_chunk::<N>());
-        let Some(first) = first.filter(|_| N > 1) else {
+        let plain = |word: &str| parsed(word.trim_end_matches(['.', ',', ';']));
+        let numbers: Option<Vec<f64>> = words.map(plain).collect();
+        let first = numbers.as_ref().filter(|v| N > 1 || v.len() == 1);
+        let Some(first) = first.and_then(|v| v.first_chunk::<N>()) else {
             return Err(self.error(node, problem));
         };
         let stated = format!("<{}> {attribute}=\"{value}\"", node.tag_name().name());

@@ -36,7 +36,8 @@ pub enum RepairKind {
     Ignored(String),
     /// A second element where there may be one was ignored: its tag.
     Repeated(&'static str),
-    /// Numbers that are separated by commas or more than expected; the first ones were used. The attribute, as it is stated.
+    /// Numbers that are separated or followed by punctuation, or more than expected; the first ones were used. The attribute,
+    /// as it is stated.
     Numbers(String),
     /// A visual or collision without a known geometry was ignored.
     NoGeometry,
@@ -118,7 +119,7 @@ impl RepairKind {
             Self::NoProducts => (11, "products of inertia that are not stated, zero"),
             Self::Numbers(_) => (
                 17,
-                "numbers separated by commas, or more than expected, the first ones used",
+                "numbers with punctuation, or more than expected, the first ones used",
             ),
             Self::Spring => (12, "springs of joints that do not move, ignored"),
             Self::Unconnected => (13, "links that no joint connects, ignored"),

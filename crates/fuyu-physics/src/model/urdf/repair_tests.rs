@@ -386,6 +386,25 @@ fn shapes_repeated_elements_products_numbers_and_surroundings() {
         warning.contains("<origin> xyz=\"0.07, 0, -0.69\""),
         "{warning}"
     );
+    let more = hinge("<origin xyz=\"1 2 3 4\" rpy=\"0 0. 0\"/>");
+    let (found, _) = repair(&[BASE, ARM, &more].concat());
+    let placed = found.model.joints()[0].X_PJ.translation.vector;
+    assert_eq!(placed, Vector3::new(1.0, 2.0, 3.0));
+    let limit = |lower: &str| {
+        let limit = format!("<limit lower=\"{lower}\" upper=\"1\" effort=\"1\" velocity=\"1\"/>");
+        [
+            BASE,
+            ARM,
+            &joint("hinge", "revolute", "base", "arm", &limit),
+        ]
+        .concat()
+    };
+    let (found, _) = repair(&limit("-1.57."));
+    assert_eq!(found.model.joints()[0].limits.lower, -1.57);
+    for lower in ["-1,57", "-1.57 rad", "1 2", "."] {
+        let error = refusal(&limit(lower));
+        assert!(error.contains("a finite number"), "{error}");
+    }
     assert!(
         refusal(&[BASE, ARM, &hinge("<origin xyz=\"0 0\"/>")].concat())
             .contains("three finite numbers")
