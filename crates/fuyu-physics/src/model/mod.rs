@@ -15,4 +15,4 @@ mod urdf;
 pub use build::ModelBuilder;
 pub use coupling::{Coupling, Mimic};
 pub use tree::{Body, Frame, Joint, JointKind, JointLimits, Model, Spring};
-pub use urdf::{Repair, RepairKind, Repaired, UrdfError, UrdfProblem};
+pub use urdf::{Repair, RepairKind, Repaired, UrdfError, UrdfProblem, without_surroundings};

@@ -21,9 +21,10 @@ pub(super) struct Source<'a> {
 
 pub(super) type Checked<T> = Result<T, UrdfError>;
 
-/// The text of a document without what is no XML, but other programs accept: blank lines before the declaration, and text
-/// after the last element. Lines keep their numbers.
-pub(super) fn without_surroundings(xml: &str) -> Cow<'_, str> {
+/// The text of a robot description without what is no XML, but other programs accept: blank lines before the declaration, and
+/// text after the last element. Lines keep their numbers. [`Model::repaired_from_urdf`](crate::model::Model::repaired_from_urdf) does
+/// this itself; programs that forward the text need it.
+pub fn without_surroundings(xml: &str) -> Cow<'_, str> {
     let (start, end) = (xml.find("<?xml"), xml.rfind("</robot>"));
     let mut text = Cow::Borrowed(xml);
     if let Some(end) = end.map(|at| at + "</robot>".len())

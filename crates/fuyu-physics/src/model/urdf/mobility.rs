@@ -123,14 +123,16 @@ impl Compiler<'_> {
         }
     }
 
-    /// Holds joints whose range is a single position.
+    /// Holds joints whose range is a single position other than zero.
     fn hold_locked(&self, mobility: &mut Mobility) {
         for (j, joint) in self.robot.joints.iter().enumerate() {
             let has_range = matches!(
                 joint.kind,
                 Kind::Moving(JointKind::Revolute | JointKind::Prismatic)
             );
-            let is_locked = |limits: &crate::model::JointLimits| limits.lower == limits.upper;
+            let is_locked = |limits: &crate::model::JointLimits| {
+                limits.lower == limits.upper && limits.lower != 0.0
+            };
             let follows = mobility.couplings[j].coordinate != j;
             if has_range
                 && !follows

@@ -24,7 +24,8 @@ use super::coupling::common_limits;
 use super::{Joint, JointKind, JointLimits, Model, ModelBuilder};
 use crate::spatial::{InertiaError, Pose, RigidInertia};
 use description::{Description, Kind};
-use document::{Checked, Source, subject, without_surroundings};
+pub use document::without_surroundings;
+use document::{Checked, Source, subject};
 pub use error::{UrdfError, UrdfProblem};
 use link_tree::LinkTree;
 use mobility::Mobility;
@@ -355,8 +356,16 @@ impl Compiler<'_> {
         let JointLimits { lower, upper, .. } = limits;
         if lower > upper {
             let problem = UrdfProblem::Limits { lower, upper };
-            self.repair_joint(j, RepairKind::ReversedRange, problem)?;
+            self.repair_joint(j, RepairKind::EmptyRange, problem)?;
             (limits.lower, limits.upper) = unlimited;
+        } else if (lower, upper) == (0.0, 0.0) && self.source.repairs() {
+            self.note(j, RepairKind::EmptyRange);
+            (limits.lower, limits.upper) = unlimited;
+            for limit in [&mut limits.effort, &mut limits.velocity] {
+                if *limit == 0.0 {
+                    *limit = f64::INFINITY;
+                }
+            }
         } else if (lower, upper) == unlimited && kind != JointKind::Continuous {
             self.note(j, RepairKind::NoRange);
         }

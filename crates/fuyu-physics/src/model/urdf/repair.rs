@@ -63,7 +63,7 @@ pub enum RepairKind {
     MovesNoMass,
     /// The joint is held, because the root, from which it starts, has no mass: what it moves is the floating base.
     MasslessRoot,
-    /// The joint is held, because its range has no width, or because it follows a fixed joint.
+    /// The joint is held, because its range is a single position other than zero, or because it follows a fixed joint.
     Immobile,
     /// The joint moves a body without mass that carries other bodies.
     MasslessCarrier,
@@ -73,8 +73,9 @@ pub enum RepairKind {
     NoRange,
     /// A limit of effort or velocity that is not stated does not limit.
     NoLimit,
-    /// A range with its lower end above the upper is no limit.
-    ReversedRange,
+    /// A range with its lower end above the upper, or with both at zero as some programs write if they know none, is no limit;
+    /// next to it, zero effort and velocity are no limits either.
+    EmptyRange,
     /// An axis that is not of unit length was normalised.
     Axis {
         /// Its length.
@@ -103,9 +104,9 @@ impl RepairKind {
             Self::MasslessCarrier => (4, "joints that move a body without mass, with others on it"),
             Self::Immobile => (5, "joints that cannot move, held"),
             Self::NoRange => (6, "joints without a range, without limits"),
-            Self::ReversedRange => (
+            Self::EmptyRange => (
                 7,
-                "joints whose lower limit is above the upper, without limits",
+                "joints whose range is empty (both ends zero, or the lower above the upper), without limits",
             ),
             Self::NoLimit => (
                 8,

@@ -277,7 +277,7 @@ fn limits_that_are_missing_reversed_or_empty() {
         "<limit lower=\"0\" upper=\"-1\" effort=\"3\" velocity=\"1\"/>",
     );
     assert!(reversed.model.joints()[0].limits.upper.is_infinite());
-    assert_eq!(reversed.repairs[0].kind, RepairKind::ReversedRange);
+    assert_eq!(reversed.repairs[0].kind, RepairKind::EmptyRange);
     // A range of one position is a lock: strict mode keeps the joint, with its limits.
     let locked = text(&[BASE, ARM, &joint("hinge", "prismatic", "base", "arm",
         "<axis xyz=\"1 0 0\"/><limit lower=\"0.3\" upper=\"0.3\" effort=\"3\" velocity=\"1\"/>")].concat());
@@ -288,6 +288,14 @@ fn limits_that_are_missing_reversed_or_empty() {
     );
     assert_eq!(held.model.frame("arm").unwrap().X_BF.translation.x, 0.3);
     assert_eq!(Model::from_urdf(&locked, "robot.urdf").unwrap().dof(), 1);
+    // Exporters write zeros if they know no limits.
+    let zeros = "<limit lower=\"0\" upper=\"0\" effort=\"0\" velocity=\"0\"/>";
+    let zeros = text(&[BASE, ARM, &joint("hinge", "revolute", "base", "arm", zeros)].concat());
+    let free = Model::repaired_from_urdf(&zeros, "robot.urdf").unwrap();
+    assert_eq!(free.model.joints()[0].limits, JointLimits::NONE);
+    assert_eq!(free.repairs[0].kind, RepairKind::EmptyRange);
+    let strict = Model::from_urdf(&zeros, "robot.urdf").unwrap();
+    assert_eq!(strict.joints()[0].limits.effort, 0.0);
     // Negative ones stay errors.
     let negative = hinge("<limit effort=\"-1\" velocity=\"1\"/>");
     let error = refusal(&[BASE, ARM, &negative].concat());
