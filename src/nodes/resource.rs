@@ -121,10 +121,10 @@ impl Lookup {
         let path = PathBuf::from(name);
         if let Some(folder) = self.folder.as_ref().filter(|_| path.is_relative()) {
             // The folder of an embedded file is package://fuyu/FOLDER.
-            let beside = folder.join(&path);
-            let found = match beside.to_str() {
+            let candidate = folder.join(&path);
+            let found = match candidate.to_str() {
                 Some(inside) if inside.starts_with("package://") => resolve(inside).ok(),
-                _ => beside.exists().then_some(Resource::File(beside)),
+                _ => candidate.exists().then_some(Resource::File(candidate)),
             };
             if let Some(found) = found {
                 return Ok(found);

@@ -307,6 +307,53 @@ mod tests {
     use crate::model::ModelBuilder;
     use crate::spatial::RigidInertia;
 
+    /// A universal joint whose cross has no mass: the formulations that accept it agree.
+    #[test]
+    fn bodies_without_mass_between_joints_move_as_the_mass_behind_them() {
+        use crate::dynamics::{Evaluation, Formulation as _, FormulationKind, Input};
+        use crate::model::JointKind;
+
+        let heavy = |mass: f64, x: f64| RigidInertia {
+            mass,
+            com: Vector3::new(x, 0.1, -0.2),
+            about_com: Matrix3::from_diagonal(&Vector3::new(1.0, 1.2, 1.5)) * (0.1 * mass),
+        };
+        let mut builder = ModelBuilder::new("universal", "base", heavy(20.0, 0.1));
+        let (turn, at) = (JointKind::Continuous, Pose::translation(0.5, 0.0, 0.2));
+        let cross = RigidInertia::zero();
+        let cross = builder.body("cross", 0, turn, Vector3::z_axis(), at, cross);
+        let origin = Pose::identity();
+        builder.body(
+            "arm",
+            cross,
+            turn,
+            Vector3::y_axis(),
+            origin,
+            heavy(3.0, 0.4),
+        );
+        let model = builder.build();
+        let mut state = State::at_rest_with(&model, &DVector::from_row_slice(&[0.4, -0.7]));
+        state.qd = DVector::from_row_slice(&[0.8, 0.3]);
+        state.momentum_W.angular = Vector3::new(0.3, -0.2, 0.5);
+        let mut input = Input::zero(&model);
+        input.efforts = DVector::from_row_slice(&[1.0, -2.0]);
+        let of = |kind: FormulationKind| {
+            let mut out = Evaluation::zero(&model);
+            let mut dynamics = kind.prepare(&model).unwrap();
+            dynamics.evaluate(&state, &mut Workspace::new(&model), &input, &mut out);
+            out.acceleration.qdd
+        };
+        let expected = of(FormulationKind::Reduced);
+        assert!(expected.iter().all(|x| x.is_finite()) && expected.norm() > 0.1);
+        for kind in [FormulationKind::ArticulatedBody, FormulationKind::Kane] {
+            assert!(
+                (of(kind) - &expected).norm() < 1e-12 * expected.norm(),
+                "{kind:?}"
+            );
+        }
+        assert!(FormulationKind::NewtonEuler.prepare(&model).is_err());
+    }
+
     #[test]
     fn a_single_body_has_its_centre_of_mass_from_the_start() {
         let com = Vector3::new(0.1, -0.2, 0.3);
