@@ -65,26 +65,47 @@ impl Follow {
         for follow in follows {
             next[follow.follower] = Some(follow);
         }
-        (0..count)
-            .map(|joint| {
-                let mut coupling = Coupling {
-                    coordinate: joint,
-                    ratio: 1.0,
-                    offset: 0.0,
-                };
-                let mut length = 0;
-                while let Some(follow) = next[coupling.coordinate] {
-                    coupling.offset += coupling.ratio * follow.offset;
-                    coupling.ratio *= follow.ratio;
-                    coupling.coordinate = follow.leader;
-                    length += 1;
-                    if length > count {
-                        return Err(joint);
-                    }
+        let mut resolved: Vec<Option<Coupling>> = vec![None; count];
+        let mut is_on_chain = vec![false; count];
+        for joint in 0..count {
+            // Follow the chain to its end or to a joint that is resolved already, then resolve it backwards.
+            let (mut chain, mut at) = (Vec::new(), joint);
+            let end = loop {
+                if let Some(coupling) = resolved[at] {
+                    break coupling;
                 }
-                Ok(coupling)
-            })
-            .collect()
+                let Some(follow) = next[at] else {
+                    break Coupling::own(at);
+                };
+                if std::mem::replace(&mut is_on_chain[at], true) {
+                    return Err(at);
+                }
+                chain.push((at, follow));
+                at = follow.leader;
+            };
+            resolved[at] = Some(end);
+            let mut leader = end;
+            for (follower, follow) in chain.into_iter().rev() {
+                leader = Coupling {
+                    coordinate: leader.coordinate,
+                    ratio: follow.ratio * leader.ratio,
+                    offset: follow.ratio * leader.offset + follow.offset,
+                };
+                resolved[follower] = Some(leader);
+            }
+        }
+        Ok(resolved.into_iter().flatten().collect())
+    }
+}
+
+impl Coupling {
+    /// That of a joint with its own coordinate.
+    fn own(coordinate: usize) -> Self {
+        Self {
+            coordinate,
+            ratio: 1.0,
+            offset: 0.0,
+        }
     }
 }
 
@@ -180,14 +201,8 @@ pub(super) fn common_limits(
 
 impl Parts {
     fn coupling(&self, k: usize) -> Coupling {
-        self.couplings.as_ref().map_or(
-            Coupling {
-                coordinate: k,
-                ratio: 1.0,
-                offset: 0.0,
-            },
-            |c| c.tree[k].coupling,
-        )
+        let couplings = self.couplings.as_ref();
+        couplings.map_or(Coupling::own(k), |c| c.tree[k].coupling)
     }
 
     pub(super) fn tree_joint(&self, k: usize) -> &Joint {

@@ -15,6 +15,8 @@ const DEEPEST: usize = 64;
 pub(super) struct Source<'a> {
     pub name: &'a str,
     doc: Document<'a>,
+    /// Byte offset at which each line after the first starts.
+    line_starts: Vec<usize>,
     /// What was repaired so far; `None` if nothing may be.
     repairs: Option<RefCell<Vec<Repair>>>,
 }
@@ -54,7 +56,13 @@ impl<'a> Source<'a> {
             problem: Box::new(UrdfProblem::Xml(e.to_string())),
         })?;
         let repairs = repairs.then(RefCell::default);
-        Ok(Self { name, doc, repairs })
+        let breaks = xml.bytes().enumerate().filter(|(_, byte)| *byte == b'\n');
+        Ok(Self {
+            name,
+            doc,
+            line_starts: breaks.map(|(at, _)| at + 1).collect(),
+            repairs,
+        })
     }
 
     /// Whether what can be repaired is repaired.
@@ -114,7 +122,8 @@ impl<'a> Source<'a> {
 
     /// The line that holds byte offset `at`, counted from 1.
     pub fn line(&self, at: usize) -> u32 {
-        self.doc.text_pos_at(at).row
+        let row = 1 + self.line_starts.partition_point(|&start| start <= at);
+        u32::try_from(row).unwrap_or(u32::MAX)
     }
 
     /// An error at `node`, about the link or joint that holds it.

@@ -1,5 +1,7 @@
 //! Which joints of a description move: mimic joints and what they follow, and joints that have no mass to move.
 
+use std::collections::HashMap;
+
 use nalgebra::Vector3;
 
 use super::Compiler;
@@ -11,12 +13,17 @@ use crate::model::coupling::Follow;
 use crate::model::{Coupling, JointKind};
 use crate::spatial::Pose;
 
+/// Joints of a cycle that an error names.
+const MOST_NAMED: usize = 12;
+
 /// How the joints of a description move, by their index in it.
 pub(super) struct Mobility {
     /// The joint, by its index as `coordinate`, that a joint follows; joints that follow none are their own.
     pub couplings: Vec<Coupling>,
     /// Position at which a joint is held that does not move.
     pub held: Vec<Option<f64>>,
+    /// Per joint, those that follow it, and itself unless it follows another one.
+    group: Vec<Vec<usize>>,
 }
 
 /// Links welded to each other, and the joints from them.
@@ -37,7 +44,15 @@ impl Compiler<'_> {
                 held[j] = Some(0.0);
             }
         }
-        let mut mobility = Mobility { couplings, held };
+        let mut group = vec![Vec::new(); joints.len()];
+        for (j, coupling) in couplings.iter().enumerate() {
+            group[coupling.coordinate].push(j);
+        }
+        let mut mobility = Mobility {
+            couplings,
+            held,
+            group,
+        };
         for j in 0..joints.len() {
             let leader = mobility.couplings[j].coordinate;
             if leader != j && mobility.held[leader].is_some() && mobility.held[j].is_none() {
@@ -64,11 +79,16 @@ impl Compiler<'_> {
     fn couplings(&self) -> Checked<Vec<Coupling>> {
         let joints = &self.robot.joints;
         let mut follows = Vec::new();
+        let index = joints
+            .iter()
+            .enumerate()
+            .map(|(j, joint)| (joint.name.as_str(), j));
+        let index: HashMap<&str, usize> = index.collect();
         for (follower, joint) in joints.iter().enumerate() {
             let Some(mimic) = joint.mimic.as_ref().filter(|_| joint.kind != Kind::Fixed) else {
                 continue;
             };
-            let Some(leader) = joints.iter().position(|j| j.name == mimic.joint) else {
+            let Some(&leader) = index.get(mimic.joint.as_str()) else {
                 let problem = UrdfProblem::MimicOfNoJoint {
                     name: mimic.joint.clone(),
                     known: super::link_tree::some_names(joints.iter().map(|j| j.name.as_str())),
@@ -83,18 +103,18 @@ impl Compiler<'_> {
                 offset: mimic.offset,
             });
         }
-        Follow::resolve(joints.len(), &follows).map_err(|first| {
-            // Following from any joint that leads to the cycle ends in it.
-            let next = |j: usize| follows.iter().find(|f| f.follower == j).map(|f| f.leader);
-            let on_cycle = (0..joints.len()).try_fold(first, |j, _| next(j));
-            let start = on_cycle.unwrap_or(first);
-            let mut names = vec![joints[start].name.as_str()];
-            let mut at = next(start);
-            while let Some(j) = at.filter(|&j| j != start) {
-                names.push(&joints[j].name);
-                at = next(j);
+        Follow::resolve(joints.len(), &follows).map_err(|start| {
+            let next: HashMap<usize, usize> =
+                follows.iter().map(|f| (f.follower, f.leader)).collect();
+            let chain = std::iter::successors(Some(start), |j| next.get(j).copied());
+            let mut cycle: Vec<usize> = Vec::new();
+            for (k, j) in chain.enumerate() {
+                cycle.push(j);
+                if k > 0 && j == start || k > MOST_NAMED {
+                    break;
+                }
             }
-            names.push(&joints[start].name);
+            let names: Vec<&str> = cycle.iter().map(|&j| joints[j].name.as_str()).collect();
             self.joint_error(start, UrdfProblem::MimicCycle(names.join(" -> ")))
         })
     }
@@ -115,8 +135,9 @@ impl Compiler<'_> {
             }
             _ => 0.0,
         };
-        for (j, coupling) in mobility.couplings.iter().enumerate() {
-            if coupling.coordinate == leader && mobility.held[j].is_none() {
+        for &j in &mobility.group[leader] {
+            if mobility.held[j].is_none() {
+                let coupling = &mobility.couplings[j];
                 mobility.held[j] = Some(coupling.ratio * position + coupling.offset);
                 self.note(j, kind.clone());
             }
@@ -182,18 +203,30 @@ impl Compiler<'_> {
 
     /// While the root has no mass, holds the only joint from it: the motion of that joint is the motion of the floating base.
     fn hold_massless_root(&self, mobility: &mut Mobility, mass: &[f64]) -> Checked<()> {
+        let (mut stack, mut moving, mut root_mass) = (vec![self.tree.root], Vec::new(), 0.0);
         loop {
-            let root = self.welded(self.tree.root, mobility, mass);
-            if root.mass > 0.0 {
+            while let Some(link) = stack.pop() {
+                root_mass += mass[link];
+                for &joint in &self.tree.child_joints[link] {
+                    match mobility.held[joint] {
+                        Some(_) => stack.push(self.tree.child_link[joint]),
+                        None => moving.push(joint),
+                    }
+                }
+            }
+            if root_mass > 0.0 {
                 return Ok(());
             }
-            match &root.joints[..] {
+            match moving[..] {
                 [] => return Err(self.link_error(self.tree.root, UrdfProblem::NoMass)),
-                [(joint, _)] => self.hold(mobility, *joint, RepairKind::MasslessRoot),
-                several => {
-                    let names = several
-                        .iter()
-                        .map(|(j, _)| self.robot.joints[*j].name.as_str());
+                [joint] => {
+                    self.hold(mobility, joint, RepairKind::MasslessRoot);
+                    moving.clear();
+                    stack.push(self.tree.child_link[joint]);
+                }
+                _ => {
+                    moving.sort_unstable();
+                    let names = moving.iter().map(|&j| self.robot.joints[j].name.as_str());
                     let names = super::link_tree::some_names(names);
                     let problem = UrdfProblem::MasslessRoot(names);
                     return Err(self.link_error(self.tree.root, problem));

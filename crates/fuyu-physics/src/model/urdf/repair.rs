@@ -1,6 +1,6 @@
 //! What was repaired in a robot description, and how that is reported.
 
-use std::collections::BTreeMap;
+use std::collections::{BTreeMap, HashMap};
 use std::fmt::Write as _;
 
 use crate::model::Model;
@@ -175,13 +175,15 @@ impl Repaired {
         }
         let line = |((_, text), repairs): (&(u8, &str), &Vec<&Repair>)| {
             let mut seen: Vec<(String, usize)> = Vec::new();
+            let mut places: HashMap<String, usize> = HashMap::new();
             for repair in repairs {
                 let named = match (&repair.kind, repair.kind.detail()) {
                     (RepairKind::Ignored(what), _) => what.clone(),
                     (_, detail) if detail.is_empty() => repair.name.clone(),
                     (_, detail) => format!("{} ({detail})", repair.name),
                 };
-                match seen.iter_mut().find(|(text, _)| *text == named) {
+                let place = *places.entry(named.clone()).or_insert(seen.len());
+                match seen.get_mut(place) {
                     Some((_, count)) => *count += 1,
                     None => seen.push((named, 1)),
                 }
