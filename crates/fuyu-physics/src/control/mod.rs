@@ -27,6 +27,7 @@ mod operational_space;
 mod operator;
 mod pose_error;
 pub mod prediction;
+mod reach;
 mod report;
 mod resolved_rate;
 mod sampled_damping;
@@ -59,6 +60,7 @@ pub use operability::{MapError, MapPoint, Mapping, Operability, OperabilityMap};
 pub use operational_space::{BaseTask, OperationalSpace, OperationalSpaceConfig, TipTask};
 pub use operator::{Operator, OperatorConfig};
 pub use pose_error::{HALF_TURN_CAP, PoseError, SaturatedError, Saturation};
+pub use reach::{ReachError, ReachGoal, Reached, free_floating_reach};
 pub use report::{ControlError, ControlReport, LawError};
 pub use resolved_rate::{
     Limited, RateLimits, Resolution, Resolved, ResolvedRate, ResolvedRateConfig, limit_twist,

@@ -61,6 +61,8 @@ mod jacobian;
 mod kane;
 pub mod kernel;
 mod loops;
+#[cfg(test)]
+mod mimic_tests;
 mod momentum;
 pub mod newton_euler;
 mod rate;

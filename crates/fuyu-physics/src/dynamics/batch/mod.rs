@@ -1,6 +1,7 @@
 //! Many states of one free-floating robot, stepped together: for Monte Carlo studies.
 
 mod block;
+mod coupled;
 mod lanes;
 
 use std::any::Any;
@@ -10,6 +11,7 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use self::block::{Block, put, read};
+use self::coupled::CoupledStepper;
 use self::lanes::LaneStepper;
 use super::kernel::{GROUP_SIZE, Tree};
 use super::{IntegrationMethod, State, Tableau, checks};
@@ -21,7 +23,8 @@ use crate::model::Model;
 /// Every state moves exactly as it does alone: results are bit-identical to those of
 /// [`Integrator`](super::Integrator) and [`Floating`](super::Floating) with the same method and the default
 /// formulation, for any number of states and threads. External wrenches, closed loops and other formulations are not
-/// supported; step one `Floating` per state for these, in a parallel iterator.
+/// supported; step one `Floating` per state for these, in a parallel iterator. States of a robot with mimic joints are
+/// stepped one after another, without SIMD lanes.
 ///
 /// Efforts are either held ([`Batch::hold_efforts`]), sampled from one control law per state
 /// ([`Batch::control`]), or functions of state and time ([`Batch::step_with`]):
@@ -348,6 +351,15 @@ impl WithSimd for Run<'_, '_> {
             scratch,
             task,
         } = self.piece;
+        if setup.model.has_mimics() {
+            let coupled = scratch
+                .coupled
+                .get_or_insert_with(|| CoupledStepper::new(setup));
+            for (b, block) in blocks.iter_mut().enumerate() {
+                coupled.run(block, b * GROUP_SIZE, task, &mut self.forced);
+            }
+            return;
+        }
         let stepper = scratch.stepper(simd, setup);
         for (b, block) in blocks.iter_mut().enumerate() {
             for first in (0..GROUP_SIZE).step_by(S::F64_LANES) {
@@ -363,6 +375,8 @@ impl WithSimd for Run<'_, '_> {
 struct Scratch {
     /// A [`LaneStepper`], whose type depends on the instruction set.
     stepper: Option<Box<dyn Any + Send + Sync>>,
+    /// For robots with mimic joints.
+    coupled: Option<Box<CoupledStepper>>,
     state: State,
     efforts: Vec<f64>,
 }
@@ -371,6 +385,7 @@ impl Scratch {
     fn new(model: &Model) -> Self {
         Self {
             stepper: None,
+            coupled: None,
             state: State::at_rest(model),
             efforts: vec![0.0; model.dof()],
         }
@@ -393,6 +408,7 @@ impl Clone for Scratch {
     fn clone(&self) -> Self {
         Self {
             stepper: None,
+            coupled: None,
             state: self.state.clone(),
             efforts: self.efforts.clone(),
         }

@@ -90,8 +90,7 @@ impl Loops {
             .collect();
         let m = rows.len();
         let length = model
-            .joints()
-            .iter()
+            .tree_joints()
             .map(|joint| joint.X_PJ.translation.vector.norm())
             .fold(0.0, f64::max);
         Self {
