@@ -39,7 +39,8 @@ pub fn instability(
     let world = World::new(dynamics)?;
     let model = world.robot.model();
     let period = 1.0 / dynamics.state_rate;
-    let config = controller.config.clone();
+    let tip = tip_frame(model, &controller.tip_link)?;
+    let config = controller.complete(controller.config.clone(), model, &tip)?;
     let limit = delay.limit() / period;
     if let LawConfig::OperationalSpace(law) = &config.law {
         let rate = law.damping();
@@ -52,7 +53,18 @@ pub fn instability(
             )
         }));
     }
-    let tip = tip_frame(model, &controller.tip_link)?;
+    if let LawConfig::ComputedTorque(law) = &config.law {
+        // Critically damped: 2 ω.
+        let rate = 2.0 * law.frequency;
+        return Ok((rate > limit).then(|| {
+            format!(
+                "parameter computed_torque.frequency: the sampled loop is unstable: it damps the joints at {rate:.0} 1/s, sampled every {period} s; {}. Give frequency {} rad/s or less{}",
+                stable_below(limit, delay),
+                two_digits(0.5 * limit, f64::floor),
+                or_state_rate(rate * limit.recip() / period)
+            )
+        }));
+    }
     let tips = second_tip(model, &controller.second_tip_link)?;
     let controller =
         Controller::with_tips(model.clone(), tip, tips, config).map_err(|e| e.to_string())?;

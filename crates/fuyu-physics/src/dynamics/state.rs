@@ -1,5 +1,7 @@
 //! State of a free-floating robot.
 
+use std::ops::AddAssign;
+
 use nalgebra::{DVector, Translation3, UnitQuaternion, Vector3};
 
 use super::Workspace;
@@ -60,6 +62,15 @@ pub struct Dissipated {
     pub stops: f64,
     /// By drives that brake joints to their speed limits.
     pub velocity_limits: f64,
+}
+
+impl AddAssign for Dissipated {
+    fn add_assign(&mut self, other: Self) {
+        self.damping += other.damping;
+        self.friction += other.friction;
+        self.stops += other.stops;
+        self.velocity_limits += other.velocity_limits;
+    }
 }
 
 impl Dissipated {

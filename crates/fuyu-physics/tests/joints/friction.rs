@@ -143,7 +143,7 @@ fn an_arm_with_friction_comes_to_rest_and_balances() {
     state.momentum_W.angular *= 0.0;
     let mut robot = floating(&model, state);
     let before = energy(&robot);
-    robot.step(0.01, 500);
+    robot.step(0.01, 3000);
     let error = energy_error(&robot, before);
     println!("energy {error:.1e}, {:?}", robot.state().dissipated);
     assert!(error < 1e-9 && momentum_error(&robot) < 1e-14, "{error:e}");

@@ -94,7 +94,7 @@ pub fn momentum_error(robot: &Floating) -> f64 {
     let (carried, (linear, angular)) = robot.workspace().carried_momentum_and_scale();
     let state = robot.state();
     let known = state.momentum_W.expressed_in(&state.R_WB);
-    let relative = |error: f64, scale: f64| error / scale.max(1e-3);
+    let relative = |error: f64, scale: f64| error / scale.max(1.0);
     let linear = relative((carried.linear - known.linear).norm(), linear);
     linear.max(relative((carried.angular - known.angular).norm(), angular))
 }

@@ -44,13 +44,13 @@ impl Shared {
             "k_p",
             75.0,
             SMALLEST_GAIN,
-            "Gain on the position error [N/m]",
+            "Gain on the position error [N/m]; computed if k_v is empty",
         );
         let k_o = number(
             "k_o",
             100.0,
             0.0,
-            "Gain on the orientation error; 0 leaves the attitude of the tip free [N m]",
+            "Gain on the orientation error; 0 leaves the attitude of the tip free; computed if k_v is empty [N m]",
         );
         let e_p_max = number(
             "e_p_max",
@@ -76,7 +76,7 @@ impl Shared {
             .param(
                 "k_v",
                 Vec::<f64>::new(),
-                "Gains on the joint rates, one per joint [N m s/rad or N s/m]",
+                "Gains on the joint rates, one per joint [N m s/rad or N s/m]; empty: k_v, k_p and k_o are computed from the robot's inertia and sample_period",
             )
             .range(SMALLEST_GAIN, LARGEST_GAIN)
             .live();
@@ -112,7 +112,10 @@ impl Shared {
         match &mut law {
             LawConfig::TransposeJacobian(law) => law.jacobian = jacobian,
             LawConfig::StraightPath(law) => law.jacobian = jacobian,
-            LawConfig::JointPd(_) | LawConfig::OperationalSpace(_) | LawConfig::Custom => {}
+            LawConfig::JointPd(_)
+            | LawConfig::OperationalSpace(_)
+            | LawConfig::ComputedTorque(_)
+            | LawConfig::Custom => {}
         }
         ControllerConfig {
             bumpless_transfer_time: self.bumpless_transfer_time.get(),

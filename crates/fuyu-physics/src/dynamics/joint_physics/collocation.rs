@@ -7,7 +7,7 @@ use super::modes::Modes;
 use super::phi::phi;
 use crate::dynamics::integrator::EquationsOfMotion;
 use crate::dynamics::rate::{turn, turn_rate};
-use crate::dynamics::{Forcing, Input, State, Workspace};
+use crate::dynamics::{Dissipated, Forcing, Input, State, Workspace};
 use crate::model::Model;
 
 /// Nodes and weights of Gauss's quadrature on \[0, 1\] with 2 and 4 nodes (M. Abramowitz and I. Stegun, table 25.4).
@@ -101,6 +101,8 @@ pub(super) struct Collocation {
     x_integral: Vec<f64>,
     displacement: Vec<f64>,
     total: Input,
+    /// Energy that the last step has supplied and dissipated \[J\].
+    balance: (f64, f64),
     /// The state that is being written.
     point: State,
     pub at_nodes: Vec<Node>,
@@ -163,6 +165,7 @@ impl Collocation {
             x_integral: vec![0.0; n],
             displacement: vec![0.0; n],
             total: Input::zero(model),
+            balance: (0.0, 0.0),
             point: State::at_rest(model),
             at_nodes: vec![node.clone(); s],
             end: node,
@@ -191,10 +194,10 @@ impl Collocation {
         let end = &self.end.state;
         let before = kinetic_energy(start, acting.workspace);
         let after = kinetic_energy(end, acting.workspace);
-        let work = end.work - start.work;
-        let lost = end.dissipated.total() - start.dissipated.total();
-        let size = before + after + lost.abs() + (work + lost).abs();
-        (after - before - work).abs() / size.max(f64::MIN_POSITIVE)
+        // Not from the states: what they have accumulated may be so much larger that its rounding covers a short step.
+        let (supplied, lost) = self.balance;
+        let size = before + after + lost.abs() + supplied.abs();
+        (after - before - (supplied - lost)).abs() / size.max(f64::MIN_POSITIVE)
     }
 
     /// Order of the method for smooth motion.
@@ -419,7 +422,7 @@ impl Collocation {
     /// Work and dissipation of the step, into the end's state. `displacement` is that of the end.
     fn account(&mut self, start: &State, h: f64, contacts: &Contacts, acting: &Acting) {
         let mut supplied = 0.0;
-        let mut lost = start.dissipated;
+        let mut lost = Dissipated::default();
         for k in 0..self.modes.count() {
             lost.damping += self.dissipated_by(k, h);
         }
@@ -446,9 +449,9 @@ impl Collocation {
         for (node, weight) in self.at_nodes.iter().zip(self.weights) {
             supplied += h * weight * node.external_power;
         }
-        let gained = lost.total() - start.dissipated.total();
-        end.work = start.work + (supplied - gained);
-        end.dissipated = lost;
+        self.balance = (supplied, lost.total());
+        end.work = start.work + (supplied - lost.total());
+        end.dissipated += lost;
     }
 
     /// Energy that the damping of mode `k` takes in the step, `λ ∫ x² dt` \[J\].
