@@ -52,6 +52,10 @@ const SETTLED: f64 = 8.0;
 const CORRECTED: (f64, f64) = (1e-3, 2e-3);
 /// Motion of the goal that another trajectory follows \[m, rad\].
 const MOVED: (f64, f64) = (0.01, 0.02);
+/// Nearest pose that is approached where no positions reach the goal on a straight line \[m, rad\], and how often. From there the base's
+/// attitude is another one, so the goal may be reached.
+const APPROACHED: (f64, f64) = (0.1, 0.2);
+const APPROACHES: usize = 3;
 /// Commanded rate at which friction is compensated in full \[rad/s or m/s\].
 const SLIDING: f64 = 2e-4;
 
@@ -76,6 +80,8 @@ pub struct ComputedTorque {
     config: ComputedTorqueConfig,
     kinematics: FloatingInverseKinematics,
     trajectory: Option<Trajectory>,
+    /// Approaches of the goal so far.
+    approaches: usize,
     /// A goal for which there are no joint positions, and why.
     unreachable: Option<(Pose, IkError)>,
     state: State,
@@ -124,6 +130,7 @@ impl ComputedTorque {
             config,
             kinematics: FloatingInverseKinematics::new(model, tip),
             trajectory: None,
+            approaches: 0,
             unreachable: None,
             state: State::at_rest(model),
             no_efforts: Input::zero(model),
@@ -168,9 +175,28 @@ impl ComputedTorque {
         let guess = self.trajectory.as_ref().map_or(input.q, |last| &last.to);
         let controls_attitude = input.gains.k_o != 0.0;
         self.kinematics.set_controls_attitude(controls_attitude);
-        let to = (self.kinematics)
-            .solve(input.q, X_BD, guess)
-            .inspect_err(|error| self.unreachable = Some((goal, error.clone())))?;
+        let is_same = self.trajectory.as_ref().is_some_and(|last| {
+            let moved = PoseError::between(&last.goal, &goal);
+            moved.position.norm() < MOVED.0 && moved.angle < MOVED.1
+        });
+        if !is_same {
+            self.approaches = 0;
+        }
+        let to = match self.kinematics.solve(input.q, X_BD, guess) {
+            Ok(to) => to,
+            Err(IkError::NotFound { position, angle })
+                if position < APPROACHED.0
+                    && (angle < APPROACHED.1 || !controls_attitude)
+                    && self.approaches < APPROACHES =>
+            {
+                self.approaches += 1;
+                self.kinematics.nearest().clone()
+            }
+            Err(error) => {
+                self.unreachable = Some((goal, error.clone()));
+                return Err(error);
+            }
+        };
         let needed = model.joints().iter().enumerate().map(|(j, joint)| {
             let way = (to[j] - input.q[j]).abs();
             let fastest = self.fastest(joint);
@@ -244,6 +270,7 @@ impl Law for ComputedTorque {
 
     fn reset(&mut self) {
         (self.trajectory, self.unreachable) = (None, None);
+        self.approaches = 0;
     }
 
     fn configure(&mut self, config: &LawConfig) -> bool {

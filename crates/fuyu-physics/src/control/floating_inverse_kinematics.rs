@@ -38,6 +38,7 @@ pub struct FloatingInverseKinematics {
     jacobian: Matrix6xX<f64>,
     base_map: Matrix6xX<f64>,
     middle: DVector<f64>,
+    nearest: DVector<f64>,
 }
 
 impl FloatingInverseKinematics {
@@ -52,7 +53,13 @@ impl FloatingInverseKinematics {
             jacobian: Matrix6xX::zeros(n),
             base_map: Matrix6xX::zeros(n),
             middle: DVector::zeros(n),
+            nearest: DVector::zeros(n),
         }
+    }
+
+    /// The positions that were nearest to the goal when the last search failed.
+    pub fn nearest(&self) -> &DVector<f64> {
+        &self.nearest
     }
 
     /// Whether the goal's attitude counts, or its position only.
@@ -122,6 +129,7 @@ impl FloatingInverseKinematics {
             }
             if left.0 + left.1 < nearest.0 + nearest.1 {
                 nearest = left;
+                self.nearest = found;
             }
         }
         Err(IkError::NotFound {

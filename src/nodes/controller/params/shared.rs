@@ -12,6 +12,9 @@ pub(super) const PER_JOINT: &[PerJoint] = &[PerJoint {
     law: None,
 }];
 
+/// The law that fits what is given.
+const AUTO: &str = "auto";
+
 #[derive(Debug)]
 pub(super) struct Shared {
     law: Param<String>,
@@ -26,7 +29,20 @@ pub(super) struct Shared {
 
 impl Shared {
     pub(super) fn declare(declare: &mut Declare) -> Self {
-        let law = choice::declare(declare, "law", &LawKind::NAMES, "Control law").live();
+        let laws = format!("{AUTO}, {}", choice::list(&LawKind::NAMES));
+        let law = declare
+            .param(
+                "law",
+                AUTO,
+                &format!(
+                    "Control law: {laws}; {AUTO} is computed_torque, or transpose_jacobian if k_v is given"
+                ),
+            )
+            .check(&format!("one of {laws}"), |text| match text.as_str() {
+                AUTO => Ok(()),
+                text => choice::find(&LawKind::NAMES, text).map(|_| ()),
+            })
+            .live();
         let jacobian = choice::declare(
             declare,
             "jacobian",
@@ -95,8 +111,11 @@ impl Shared {
     /// The configuration, with defaults for the settings of the individual laws.
     pub(super) fn config(&self) -> ControllerConfig {
         // Any other text has been refused by the declaration.
-        let law =
-            choice::find(&LawKind::NAMES, &self.law.get()).unwrap_or(LawKind::TransposeJacobian);
+        let default = match self.k_v.get().is_empty() {
+            true => LawKind::ComputedTorque,
+            false => LawKind::TransposeJacobian,
+        };
+        let law = choice::find(&LawKind::NAMES, &self.law.get()).unwrap_or(default);
         let gains = Gains {
             k_p: self.k_p.get(),
             k_o: self.k_o.get(),
