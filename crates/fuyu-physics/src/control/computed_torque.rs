@@ -16,7 +16,7 @@ use crate::spatial::{Pose, Twist};
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct ComputedTorqueConfig {
     /// Natural frequency of the joints' deviations from the trajectory \[rad/s\]; they are critically damped. Sampled with the period
-    /// `T`, the loop is stable for `frequency T` well below 1, whatever the robot.
+    /// `T`, the loop is stable for `frequency T` well below 1, for any robot.
     pub frequency: f64,
     /// Largest joint rate of a trajectory \[rad/s, and a third of it in m/s\]; half of a joint's own limit if that is less.
     pub max_joint_rate: f64,

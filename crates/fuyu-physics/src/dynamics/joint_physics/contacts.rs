@@ -68,7 +68,7 @@ pub(super) struct Contacts {
     direction: Vec<f64>,
     /// Range of the effort that may hold a joint.
     range: Vec<[f64; 2]>,
-    /// Joints that are held until the next event whatever effort it takes, since they would leave only by rounding.
+    /// Joints that are held until the next event by any effort, since they would leave only by rounding.
     pub locked: Vec<bool>,
     candidates: Vec<usize>,
     choice: Vec<Holding>,
