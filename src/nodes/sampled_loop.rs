@@ -28,7 +28,7 @@ impl Delay {
     }
 }
 
-/// Why the damping of the control loop is unstable at the start, and parameters with which it is not; `None` if it is
+/// Why the control loop is unstable at the start, and parameters with which it is not; `None` if it is
 /// stable. The loop is sampled once per published state.
 ///
 /// # Errors
@@ -120,7 +120,10 @@ fn stiffness_instability(
     let config = controller.config();
     let (model, n) = (controller.model(), controller.model().dof());
     let jacobian = match &config.law {
-        LawConfig::TransposeJacobian(law) => law.jacobian,
+        // The other Jacobian may be unstable without sampling.
+        LawConfig::TransposeJacobian(law) if law.jacobian == JacobianKind::Generalized => {
+            law.jacobian
+        }
         LawConfig::JointPd(_) => JacobianKind::Generalized,
         _ => return None,
     };
