@@ -33,7 +33,8 @@ const GAUSS_4: ([f64; 4], [f64; 4]) = (
 /// Product of decay rate and step below which two nodes, and four, resolve a decay.
 const RESOLVED: [f64; 2] = [0.01, 0.2];
 
-/// Limit of the iterations; more would not converge. A step of 10 ms takes about seven.
+/// Limit of the iterations. Each gains a factor of the step times the rates of change; where this many do not converge, the step is
+/// divided.
 const ITERATIONS: usize = 20;
 
 /// Change of the rates, relative to their size, at which the iteration ends.
