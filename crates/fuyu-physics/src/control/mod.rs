@@ -6,12 +6,15 @@
 //! A [`Law`] computes joint efforts. A [`Controller`] runs one law: it compensates the latency of the camera, adds joint
 //! damping, and changes law or gains without a step in the efforts.
 
+mod auto_gains;
 mod bumpless_transfer;
+mod computed_torque;
 mod config;
 mod control_loop;
 mod controller;
 mod effort_limits;
 mod feed_forward;
+mod floating_inverse_kinematics;
 mod gains;
 mod inverse_kinematics;
 mod joint_pd;
@@ -39,6 +42,8 @@ mod velocity_servo;
 mod virtual_tip_inertia;
 mod workspace_radius;
 
+pub use auto_gains::AutoGains;
+pub use computed_torque::{ComputedTorque, ComputedTorqueConfig};
 pub use config::ControllerConfig;
 pub use control_loop::{
     ControlLoop, ControlLoopConfig, ControlMode, InputError, InputStatus, LoopReport, Stamp,
@@ -47,6 +52,7 @@ pub use control_loop::{
 pub use controller::Controller;
 pub use effort_limits::{outstretched_inertia, with_default_effort_limits};
 pub use feed_forward::{FeedForward, MovingGoal};
+pub use floating_inverse_kinematics::FloatingInverseKinematics;
 pub use gains::{ConfigError, Gains};
 pub use inverse_kinematics::{IkError, inverse_kinematics};
 pub use joint_pd::{JointPd, JointPdConfig};

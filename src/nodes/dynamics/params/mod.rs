@@ -1,6 +1,7 @@
 //! Parameters of the dynamics node.
 
 mod bodies;
+mod joint_physics;
 mod velocity_servo;
 
 pub(super) use bodies::joint_vector;
@@ -12,7 +13,7 @@ use super::imu::ImuParams;
 use super::loops::LoopParams;
 use crate::{
     control::VelocityServoConfig,
-    dynamics::{FormulationKind, IntegrationMethod},
+    dynamics::{FormulationKind, IntegrationMethod, JointPhysics},
     nodes::{
         choice,
         resource::{AllowedFolders, Lookup},
@@ -20,6 +21,7 @@ use crate::{
     ros::{Declare, Lifecycle},
 };
 use bodies::finite_list;
+use joint_physics::declare_joint_physics;
 use velocity_servo::declare_servo;
 
 /// Parameters of the dynamics node; read once, at the start.
@@ -71,6 +73,8 @@ pub struct DynamicsParams {
     pub max_effort: f64,
     /// Acceleration of the effort limits of joints whose description gives none \[rad/s² or m/s²\]; zero is no limit.
     pub default_joint_acceleration: f64,
+    /// Friction, stops and speed limits of the joints.
+    pub joint_physics: JointPhysics,
     /// The servo that drives joint rates.
     pub servo: VelocityServoConfig,
     /// Largest rate in a command \[rad/s or m/s\].
@@ -309,6 +313,7 @@ impl DynamicsParams {
             .range(0.0, 1e9)
             .read_only()
             .value();
+        let joint_physics = declare_joint_physics(declare);
         let servo = declare_servo(declare);
         let max_rate = declare
             .param(
@@ -375,6 +380,7 @@ impl DynamicsParams {
             answer_timeout,
             max_effort,
             default_joint_acceleration,
+            joint_physics,
             servo,
             max_rate,
         })
