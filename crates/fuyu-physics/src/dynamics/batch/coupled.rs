@@ -17,7 +17,8 @@ pub(super) struct CoupledStepper {
 impl CoupledStepper {
     pub(super) fn new(setup: &Setup) -> Box<Self> {
         Box::new(Self {
-            integrator: Integrator::with_tableau(&setup.model, setup.tableau),
+            integrator: Integrator::with_tableau(&setup.model, setup.tableau)
+                .with_joint_physics(&setup.joint_physics),
             workspace: Workspace::new(&setup.model),
             state: State::at_rest(&setup.model),
             input: Input::zero(&setup.model),
