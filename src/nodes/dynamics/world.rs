@@ -56,6 +56,7 @@ impl World {
         (loops.assemble(&mut state, params.loop_tolerance)).map_err(|e| e.to_string())?;
         params.base.place(&model, &mut state);
         let robot = Floating::with_loops(loops, state, params.method);
+        let robot = robot.with_joint_physics(&params.joint_physics);
         let robot = robot.with_formulation(params.formulation).map_err(|e| {
             let name = choice::name_of(&FormulationKind::NAMES, &params.formulation);
             format!("parameter formulation is '{name}': {e}")
@@ -138,15 +139,19 @@ impl World {
 
     /// What the robot's description contains but is not simulated, as a line; `None` if all of it is.
     pub fn not_simulated(&self) -> Option<String> {
+        if self.robot.loops().closures().is_empty() {
+            return None;
+        }
         let joints = self.robot.model().joints().iter();
-        let with_friction: Vec<_> = joints
-            .filter(|j| j.friction != 0.0)
-            .map(|j| j.name.as_str())
-            .collect();
-        (!with_friction.is_empty()).then(|| {
+        let more_than_damped = joints.filter(|joint| {
+            let limits = &joint.limits;
+            joint.friction != 0.0 || limits.lower.is_finite() || limits.upper.is_finite()
+        });
+        let names: Vec<_> = more_than_damped.map(|joint| joint.name.as_str()).collect();
+        (!names.is_empty()).then(|| {
             format!(
-                "Coulomb friction of {} is not simulated; damping is",
-                with_friction.join(", ")
+                "Coulomb friction and stops of {} are not simulated in closed loops; damping is",
+                names.join(", ")
             )
         })
     }
