@@ -199,6 +199,8 @@ fn json_holds_what_was_asked_for_and_nothing_else() {
         "generalized_jacobian",
         "joints",
         "reduced_inertia",
+        "tip",
+        "tip_pose",
         "total_mass",
     ];
     assert_eq!(keys(&[]), always);

@@ -47,7 +47,7 @@ const LAYERS: [(&str, &[Layer]); 5] = [
             ("positive_real", &["matrix", "riccati"]),
             ("structure", &["matrix"]),
             ("proof_mass", &["matrix"]),
-            ("kida1993", &["matrix", "margins"]),
+            ("kida1993", &["matrix", "margins", "shaped_lqr"]),
         ],
     ),
     (

@@ -8,7 +8,7 @@ fn not_a_urdf() {
     for (text, says) in [
         ("", "not well-formed XML"),
         ("joint_states", "not well-formed XML"),
-        ("<sdf><model/></sdf>", "root element is <sdf>"),
+        ("<sdf><model/></sdf>", "the document is SDF; convert it to URDF first"),
         ("<robot name=\"r\"/>", "no <link>"),
         (
             "<robot name=\"r\"><joint/></robot>",
@@ -79,7 +79,7 @@ fn xacro_that_nobody_expanded() {
         "value=\"100\"",
         "value=\"${mass}\"",
         HERE,
-        &["link 'base_link'", "${mass}", "a finite number"],
+        &["link 'base_link'", "${mass}", "expand the file first"],
     );
 }
 

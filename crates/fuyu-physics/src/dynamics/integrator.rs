@@ -258,13 +258,23 @@ impl Integrator {
         dt: f64,
         forcing: &mut impl Forcing,
     ) {
-        if let Some(stepper) = &mut self.stepper {
-            let mut acting = Acting {
-                equations: &mut self.equations,
-                workspace,
-                forcing,
-                input: &mut self.input,
-            };
+        let Some(stepper) = &mut self.stepper else {
+            return;
+        };
+        let mut acting = Acting {
+            equations: &mut self.equations,
+            workspace,
+            forcing,
+            input: &mut self.input,
+        };
+        if stepper.is_explicit_mechanism(state, dt, &mut acting) {
+            self.take_step(state, workspace, dt, false, forcing);
+            let weights = self.tableau.weights_after(self.tableau.c.len() - 1);
+            let joints = self.equations.model.joints();
+            let powers = self.rates.iter().map(|rate| rate.damping_power(joints));
+            let lost: f64 = powers.zip(weights).map(|(power, b)| power * b).sum();
+            state.dissipated.damping += dt * lost;
+        } else {
             stepper.step(state, dt, &mut acting);
         }
     }

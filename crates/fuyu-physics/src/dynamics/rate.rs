@@ -4,7 +4,10 @@ use nalgebra::{DVector, Quaternion, UnitQuaternion, Vector3};
 
 use super::kernel::{Quat, SERIES_LIMIT, Vec3, rotation_vector_rate_series};
 use super::{Evaluation, State};
-use crate::spatial::{exp_so3, rotation_vector_rate};
+use crate::{
+    model::Joint,
+    spatial::{exp_so3, rotation_vector_rate},
+};
 
 /// A state's rate of change at one stage. The coordinate of the attitude is the rotation vector since the start of the
 /// step.
@@ -51,6 +54,12 @@ impl Rate {
         self.q.as_mut_slice().copy_from_slice(state.qd.as_slice());
         let qdd = evaluation.acceleration.qdd.as_slice();
         self.qd.as_mut_slice().copy_from_slice(qdd);
+    }
+
+    /// Power that the joints' damping takes \[W\].
+    pub(super) fn damping_power(&self, joints: &[Joint]) -> f64 {
+        let rates = joints.iter().zip(&self.q);
+        rates.map(|(joint, qd)| joint.damping * qd * qd).sum()
     }
 }
 

@@ -189,6 +189,12 @@ impl Collocation {
         self.modes.read(start.qd.as_slice(), &mut self.x_0);
     }
 
+    /// Decay of the fastest mode of the damping \[1/s\].
+    pub fn fastest_decay(&self) -> f64 {
+        let decays = &self.modes.decay[..self.modes.count()];
+        decays.iter().copied().fold(0.0, f64::max)
+    }
+
     /// By how much the energy balance of the last step is wrong, relative to the energy that it turned over: kinetic energy at
     /// both ends, work, and dissipation.
     pub fn energy_error(&self, start: &State, acting: &mut Acting) -> f64 {

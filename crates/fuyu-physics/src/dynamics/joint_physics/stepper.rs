@@ -17,6 +17,9 @@ const ENERGY_ERROR: [f64; 2] = [1e-8, 1e-11];
 /// Error, relative to the largest, below which the next piece is twice as long.
 const DOUBLED: f64 = 1e-3;
 
+/// Decay of the fastest mode of the damping in a step up to which an explicit method is accurate.
+const SLOW_DECAY: f64 = 0.5;
+
 /// Events in a step from which on none is looked for any more: the rest of the step may exceed a limit by what the joint
 /// moves in it. No mechanism has as many.
 const EVENTS: usize = 200;
@@ -108,6 +111,23 @@ impl Stepper {
             *effort += sliding + holding;
         }
         acting.equations.evaluate(state, acting.workspace, total);
+    }
+
+    /// Whether an explicit step of `dt` \[s\] is right for a mechanism with closed loops. Where it passes a singular
+    /// configuration, the iteration of [`Stepper::step`] does not converge, since the constraints change within the step.
+    pub fn is_explicit_mechanism(
+        &mut self,
+        state: &mut State,
+        dt: f64,
+        acting: &mut Acting,
+    ) -> bool {
+        if acting.equations.loops.closures().is_empty() {
+            return false;
+        }
+        acting.equations.loops.project(state, acting.workspace);
+        self.contacts.begin(state, acting.workspace);
+        self.collocation.start(state, &self.contacts, acting);
+        self.collocation.fastest_decay() * dt <= SLOW_DECAY
     }
 
     /// Advances `state` by `dt` \[s\].
