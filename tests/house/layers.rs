@@ -114,7 +114,7 @@ fn modules_use_only_those_below_them() {
                 wrong.insert(format!("{} uses crate::{name}", source.location()));
             }
         }
-        found.insert(module);
+        found.insert((source.package, module));
     }
     assert_eq!(wrong, BTreeSet::new());
     let modules: usize = LAYERS.iter().map(|(_, layers)| layers.len()).sum();

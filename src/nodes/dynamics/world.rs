@@ -12,7 +12,7 @@ use super::target::Target;
 use super::tick_time::TickTime;
 use crate::{
     control::with_default_effort_limits,
-    dynamics::{Floating, FormulationKind, State},
+    dynamics::{Floating, FormulationKind, JointPhysics, State},
     model::Model,
     nodes::choice,
 };
@@ -34,6 +34,8 @@ pub struct World {
     time_step: f64,
     /// Names of the joints whose effort limit is the default, and its acceleration \[rad/s² or m/s²\].
     default_limits: (Vec<String>, f64),
+    /// See [`World::not_simulated`].
+    not_simulated: Option<String>,
 }
 
 impl World {
@@ -75,6 +77,7 @@ impl World {
             )
         });
         Ok(Self {
+            not_simulated: not_simulated(&robot, &params.joint_physics),
             drive: JointDrive::new(&robot, &params.servo)?,
             start: robot.state().clone(),
             backup: StateBackup::new(&robot),
@@ -138,22 +141,8 @@ impl World {
     }
 
     /// What the robot's description contains but is not simulated, as a line; `None` if all of it is.
-    pub fn not_simulated(&self) -> Option<String> {
-        if self.robot.loops().closures().is_empty() {
-            return None;
-        }
-        let joints = self.robot.model().joints().iter();
-        let more_than_damped = joints.filter(|joint| {
-            let limits = &joint.limits;
-            joint.friction != 0.0 || limits.lower.is_finite() || limits.upper.is_finite()
-        });
-        let names: Vec<_> = more_than_damped.map(|joint| joint.name.as_str()).collect();
-        (!names.is_empty()).then(|| {
-            format!(
-                "Coulomb friction and stops of {} are not simulated in closed loops; damping is",
-                names.join(", ")
-            )
-        })
+    pub fn not_simulated(&self) -> Option<&str> {
+        self.not_simulated.as_deref()
     }
 
     /// Which effort limits are not from the robot's description, as a line; `None` if all are.
@@ -305,4 +294,25 @@ fn limited(described: &Model, acceleration: f64) -> (Model, (Vec<String>, f64)) 
             (names, acceleration),
         ),
     }
+}
+
+/// What only mechanisms without closed loops can do, if it is asked for.
+fn not_simulated(robot: &Floating, settings: &JointPhysics) -> Option<String> {
+    if robot.loops().closures().is_empty() {
+        return None;
+    }
+    let joints = robot.model().joints().iter();
+    let more_than_damped = joints.filter(|joint| {
+        let limits = &joint.limits;
+        let has_stops = limits.lower.is_finite() || limits.upper.is_finite();
+        (settings.friction && joint.friction != 0.0) || (settings.stops && has_stops)
+    });
+    let names: Vec<_> = more_than_damped.map(|joint| joint.name.as_str()).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "Coulomb friction and stops of {} are not simulated in closed loops; damping is \
+             (joint_physics.friction and joint_physics.stops switch this note off)",
+            names.join(", ")
+        )
+    })
 }

@@ -8,7 +8,10 @@ fn not_a_urdf() {
     for (text, says) in [
         ("", "not well-formed XML"),
         ("joint_states", "not well-formed XML"),
-        ("<sdf><model/></sdf>", "the document is SDF; convert it to URDF first"),
+        (
+            "<sdf><model/></sdf>",
+            "the document is SDF; convert it to URDF first",
+        ),
         ("<robot name=\"r\"/>", "no <link>"),
         (
             "<robot name=\"r\"><joint/></robot>",

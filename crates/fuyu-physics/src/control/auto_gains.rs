@@ -87,7 +87,7 @@ impl AutoGains {
             .collect();
         let gain = |size: f64| if size > 0.0 { share / size } else { 0.0 };
         let (k_p, k_o) = (gain(linear), gain(angular));
-        (k_p > 0.0).then(|| Self {
+        (k_p > 0.0).then_some(Self {
             joint_k_p,
             gains: Gains {
                 k_p,
