@@ -11,10 +11,8 @@ use crate::dynamics::{Dissipated, Forcing, Input, State, Workspace};
 use crate::model::Model;
 
 /// Nodes and weights of Gauss's quadrature on \[0, 1\] with 2 and 4 nodes (M. Abramowitz and I. Stegun, table 25.4).
-const GAUSS_2: ([f64; 2], [f64; 2]) = (
-    [0.211_324_865_405_187_1, 0.788_675_134_594_812_9],
-    [0.5; 2],
-);
+const GAUSS_2: ([f64; 2], [f64; 2]) =
+    ([0.211_324_865_405_187_1, 0.788_675_134_594_812_9], [0.5; 2]);
 const GAUSS_4: ([f64; 4], [f64; 4]) = (
     [
         0.069_431_844_202_973_71,

@@ -14,6 +14,12 @@ const SMALLEST_PIECE: f64 = 1e-6;
 /// the inertia changes at the same time: the step is then divided.
 const ENERGY_ERROR: [f64; 2] = [1e-8, 1e-11];
 
+/// Divisions of a step, and of a piece that does not converge, from which on the rest of the step is taken as it is. The
+/// iteration does not converge at any length if the efforts are not a function of time and state, such as those of a control
+/// law that remembers its last call.
+const ATTEMPTS: usize = 1000;
+const DIVERGED: usize = 16;
+
 /// Error, relative to the largest, below which the next piece is twice as long.
 const DOUBLED: f64 = 1e-3;
 
@@ -136,14 +142,23 @@ impl Stepper {
         acting.equations.loops.project(state, acting.workspace);
         self.contacts.begin(state, acting.workspace);
         let (mut left, mut piece, mut events) = (dt, dt, 0);
+        let mut attempts = 0;
         while left > 0.0 {
             self.start.copy_from(state);
             self.contacts.choose(&self.start, acting, &mut self.total);
             self.collocation.start(&self.start, &self.contacts, acting);
             piece = piece.min(left);
             let mut error = self.advance_accurately(piece, acting);
-            while error > 1.0 && piece > SMALLEST_PIECE * dt {
-                piece *= 0.5;
+            let mut diverged = 0;
+            while error > 1.0 && piece > SMALLEST_PIECE * dt && attempts < ATTEMPTS {
+                attempts += 1;
+                diverged = if error.is_finite() { 0 } else { diverged + 1 };
+                if diverged > DIVERGED {
+                    attempts = ATTEMPTS;
+                    piece = left;
+                } else {
+                    piece *= 0.5;
+                }
                 error = self.advance_accurately(piece, acting);
             }
             let event = match events < EVENTS {
