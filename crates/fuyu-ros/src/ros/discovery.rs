@@ -5,7 +5,7 @@ use rustdds::{
     StatusEvented, dds::statusevents::DomainParticipantStatusEvent as Event,
 };
 use std::{
-    collections::{BTreeSet, HashMap, HashSet},
+    collections::{BTreeSet, HashMap},
     sync::{Arc, Mutex, PoisonError, atomic::Ordering::Relaxed},
 };
 
@@ -22,9 +22,23 @@ use super::{
 /// The endpoints of other participants.
 pub(super) struct Peers {
     pub(super) first_samples: FirstSamples,
-    /// Those that each of this participant's is matched with.
-    matches: HashMap<Gid, HashSet<GUID>>,
+    /// By endpoint of this participant.
+    matches: HashMap<Gid, Matches>,
     type_hashes: TypeHashCheck,
+}
+
+/// What an endpoint of this participant is matched with.
+struct Matches {
+    local: GUID,
+    remotes: HashMap<Gid, Remote>,
+}
+
+/// A matched endpoint of another participant.
+struct Remote {
+    guid: GUID,
+    /// Whether the first sample has been requested and the type checked. rustdds may report a match before it has returned the
+    /// new endpoint to its creator; these steps wait until the endpoint is known.
+    is_handled: bool,
 }
 
 impl Peers {
@@ -42,24 +56,46 @@ impl Peers {
         if local.prefix == remote.prefix {
             return;
         }
-        let (guid, local) = (local, Gid::from(local));
+        let matches = self.matches.entry(local.into()).or_insert_with(|| Matches {
+            local,
+            remotes: HashMap::new(),
+        });
         // Reported again after each change of the peer.
-        let is_new = self.matches.entry(local).or_default().insert(remote);
-        self.count(all, local);
-        let reader = all.readers.iter().find(|r| r.gid() == Some(local));
-        let reader = reader.filter(|reader| is_new && reader.spec.qos.is_reliable());
-        if let Some(reader) = reader {
-            (self.first_samples).writer_matched(&reader.spec.dds_topic, guid, remote);
-        }
-        if let Some((node, _, spec)) = find(all, local).next() {
+        matches.remotes.entry(remote.into()).or_insert(Remote {
+            guid: remote,
+            is_handled: false,
+        });
+        self.update(all, local.into());
+        if let Some((node, _, spec)) = find(all, local.into()).next() {
             self.type_hashes.compare(node, spec, remote);
+        }
+    }
+
+    /// Updates an endpoint of this participant, which may be new, after its matches have changed.
+    pub(super) fn update(&mut self, all: &Endpoints, local: Gid) {
+        self.count(all, local);
+        let Some(matches) = self.matches.get_mut(&local) else {
+            return;
+        };
+        let Some((node, _, spec)) = find(all, local).next() else {
+            return;
+        };
+        let is_reader = all.readers.iter().any(|r| r.gid() == Some(local));
+        for remote in matches.remotes.values_mut().filter(|r| !r.is_handled) {
+            remote.is_handled = true;
+            if is_reader && spec.qos.is_reliable() {
+                let (reader, writer) = (matches.local, remote.guid);
+                self.first_samples
+                    .writer_matched(&spec.dds_topic, reader, writer);
+            }
+            self.type_hashes.compare(node, spec, remote.guid);
         }
     }
 
     /// Whether an endpoint of this participant is matched with this one of another.
     pub(super) fn are_matched(&self, local: Gid, remote: Gid) -> bool {
-        let remotes = self.matches.get(&local);
-        remotes.is_some_and(|all| all.iter().any(|&guid| Gid::from(guid) == remote))
+        let matches = self.matches.get(&local);
+        matches.is_some_and(|m| m.remotes.contains_key(&remote))
     }
 
     /// Forgets an endpoint of this participant that has been removed.
@@ -68,29 +104,30 @@ impl Peers {
     }
 
     fn lost(&mut self, all: &Endpoints, is_lost: impl Fn(&GUID) -> bool) {
-        let matches = &mut self.matches;
-        matches.values_mut().for_each(|r| r.retain(|g| !is_lost(g)));
+        for matches in self.matches.values_mut() {
+            matches.remotes.retain(|_, remote| !is_lost(&remote.guid));
+        }
         self.type_hashes.remove_endpoints(is_lost);
-        self.matches
-            .keys()
-            .for_each(|&local| self.count(all, local));
+        for &local in self.matches.keys() {
+            self.count(all, local);
+        }
     }
 
-    /// Tells an endpoint of this participant how many others it is matched with.
-    pub(super) fn count(&self, all: &Endpoints, local: Gid) {
-        let Some(peers) = self.matches.get(&local) else {
+    /// Stores the peers of an endpoint of this participant in its counters, and releases what a writer holds for them.
+    fn count(&self, all: &Endpoints, local: Gid) {
+        let Some(matches) = self.matches.get(&local) else {
             return;
         };
+        let peers: Vec<Gid> = matches.remotes.keys().copied().collect();
         for (_, counters, _) in find(all, local) {
             counters.remote.store(peers.len(), Relaxed);
-            *counters
+            let mut stored = counters
                 .peers
                 .lock()
-                .unwrap_or_else(PoisonError::into_inner) =
-                peers.iter().map(|&guid| guid.into()).collect();
+                .unwrap_or_else(PoisonError::into_inner);
+            stored.clone_from(&peers);
         }
         for writer in all.writers.iter().filter(|w| w.gid() == Some(local)) {
-            let peers: Vec<_> = peers.iter().map(|&g| g.into()).collect();
             writer.held.release(&peers);
         }
     }

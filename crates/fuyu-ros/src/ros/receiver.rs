@@ -49,8 +49,8 @@ pub(super) enum Request {
     Join(Gid, Arc<Reader>),
     /// Receive for it no longer.
     Remove(Arc<Reader>),
-    /// Count the peers of a DDS writer for the publishers that use it from now on.
-    Count(Gid),
+    /// Update a DDS writer that more publishers use from now on.
+    Update(Gid),
     /// The DDS writer with this GID exists no longer.
     ForgetWriter(Gid),
     /// Nodes or endpoints have changed.
@@ -129,13 +129,13 @@ impl Receiver {
                     Request::Add(dds, reader, earlier) => {
                         let gid = dds.guid().into();
                         readers.add(&self.poll, dds, reader, earlier);
-                        self.count(&peers, gid);
+                        self.update(&mut peers, gid);
                     }
                     Request::Join(gid, reader) => {
                         readers.join(gid, reader, &peers);
-                        self.count(&peers, gid);
+                        self.update(&mut peers, gid);
                     }
-                    Request::Count(gid) => self.count(&peers, gid),
+                    Request::Update(gid) => self.update(&mut peers, gid),
                     Request::Remove(reader) => {
                         if let Some(gid) = readers.remove(&reader) {
                             peers.forget(gid);
@@ -157,10 +157,10 @@ impl Receiver {
         Ok(())
     }
 
-    /// Counts the peers of one of this participant's DDS endpoints.
-    fn count(&self, peers: &Peers, local: Gid) {
+    /// Updates one of this participant's DDS endpoints, whose peers may have been matched before it was known here.
+    fn update(&self, peers: &mut Peers, local: Gid) {
         let endpoints = self.endpoints.lock();
-        peers.count(&endpoints.unwrap_or_else(PoisonError::into_inner), local);
+        peers.update(&endpoints.unwrap_or_else(PoisonError::into_inner), local);
     }
 
     fn take_announcements(&self) {

@@ -215,7 +215,7 @@ impl Session {
         if let Some(dds) = shared.filter(|_| spec.shared).and_then(Weak::upgrade) {
             let gid = dds.guid().into();
             writer.attach(Some(dds));
-            self.send(Request::Count(gid));
+            self.send(Request::Update(gid));
             return Ok(());
         }
         let topic = self.topic(spec)?;
@@ -234,7 +234,7 @@ impl Session {
         writer.attach(Some(dds));
         writer.set_rtps_sender(self.rtps.clone());
         // Peers that are known already may have been matched before the writer was attached.
-        self.send(Request::Count(gid));
+        self.send(Request::Update(gid));
         Ok(())
     }
 
