@@ -7,6 +7,7 @@ use rustdds::{
 use std::{
     collections::{BTreeSet, HashMap},
     sync::{Arc, Mutex, PoisonError, atomic::Ordering::Relaxed},
+    time::{Duration, Instant},
 };
 
 use super::{
@@ -25,7 +26,13 @@ pub(super) struct Peers {
     /// By endpoint of this participant.
     matches: HashMap<Gid, Matches>,
     type_hashes: TypeHashCheck,
+    started: Instant,
+    /// Participants that were probably there before this one: they answered its first announcements.
+    older: Vec<GUID>,
 }
+
+/// A participant that is discovered within this time after the start of this one is taken for an older one.
+const FIRST_ANSWERS: Duration = Duration::from_millis(250);
 
 /// What an endpoint of this participant is matched with.
 struct Matches {
@@ -48,6 +55,8 @@ impl Peers {
             first_samples: FirstSamples::new(rtps),
             matches: HashMap::new(),
             type_hashes: TypeHashCheck::default(),
+            started: Instant::now(),
+            older: Vec::new(),
         }
     }
 
@@ -80,13 +89,15 @@ impl Peers {
         let Some((node, _, spec)) = find(all, local).next() else {
             return;
         };
-        let is_reader = all.readers.iter().any(|r| r.gid() == Some(local));
+        let mut readers = all.readers.iter();
+        let is_reliable_reader =
+            readers.any(|r| r.gid() == Some(local) && r.spec.qos.is_reliable());
         for remote in matches.remotes.values_mut().filter(|r| !r.is_handled) {
             remote.is_handled = true;
-            if is_reader && spec.qos.is_reliable() {
-                let (reader, writer) = (matches.local, remote.guid);
-                self.first_samples
-                    .writer_matched(&spec.dds_topic, reader, writer);
+            if is_reliable_reader {
+                let endpoints = (matches.local, remote.guid);
+                let is_older = self.older.iter().any(|p| p.prefix == remote.guid.prefix);
+                (self.first_samples).writer_matched(&spec.dds_topic, endpoints, is_older);
             }
             self.type_hashes.compare(node, spec, remote.guid);
         }
@@ -154,7 +165,12 @@ pub(super) fn report_status(
             }
         }
         match event {
-            Event::ParticipantDiscovered { dpd } => settling.participant_discovered(&dpd.guid),
+            Event::ParticipantDiscovered { dpd } => {
+                settling.participant_discovered(&dpd.guid);
+                if peers.started.elapsed() < FIRST_ANSWERS {
+                    peers.older.push(dpd.guid);
+                }
+            }
             Event::ReaderDetected { reader: found } | Event::WriterDetected { writer: found } => {
                 peers
                     .type_hashes
@@ -173,6 +189,7 @@ pub(super) fn report_status(
             }
             Event::ParticipantLost { id, .. } => {
                 peers.lost(&all, |g| g.prefix == id);
+                peers.older.retain(|p| p.prefix != id);
                 graph.remove_participants(|g| g.prefix == id);
             }
             Event::RemoteReaderQosIncompatible {

@@ -2,7 +2,7 @@
 //! valid.
 
 use rustdds::{
-    DomainParticipant, QosPolicies, RTPSEntity, Topic, TopicKind,
+    DomainParticipant, GUID, QosPolicies, RTPSEntity, Topic, TopicKind,
     bytes::Bytes,
     mio1::{Poll, Waker},
 };
@@ -15,6 +15,7 @@ use std::{
         mpsc,
     },
     thread::{self, JoinHandle},
+    time::{Duration, Instant},
 };
 
 use super::{
@@ -29,6 +30,11 @@ use super::{
     receiver::{self, Receiver, Request},
     rtps_sender::RtpsSender,
 };
+
+/// How long a new participant waits for the writers that an earlier one knew: those of a peer that is still there are known
+/// again after up to a second.
+const REDISCOVERY: Duration = Duration::from_millis(1500);
+const POLL: Duration = Duration::from_millis(5);
 
 /// A connected participant.
 pub(super) struct Session {
@@ -135,7 +141,32 @@ impl Session {
             (all.writers.clone(), all.readers.clone())
         };
         writers.iter().try_for_each(|w| self.create_writer(w))?;
+        self.wait_for_writers(&readers);
         readers.iter().try_for_each(|r| self.create_reader(r))
+    }
+
+    /// Waits until the writers of Fast DDS are discovered that an earlier participant of these subscriptions was matched with.
+    ///
+    /// Fast DDS says once, when it matches a new reader, which samples that reader does not get. If the new participant does
+    /// not know the writer by then, it takes later samples for incomplete and keeps them for three to six seconds
+    /// (docs/upstream.md). A reader that is created after the writer is known does not miss the message.
+    fn wait_for_writers(&self, readers: &[Arc<Reader>]) {
+        let mut expected = HashSet::new();
+        for reader in readers.iter().filter(|r| r.spec.qos.is_reliable()) {
+            let peers = reader.counters.peers.lock();
+            let peers = peers.unwrap_or_else(PoisonError::into_inner);
+            let peers = peers.iter().map(|&gid| GUID::from(gid));
+            expected.extend(peers.filter(|&writer| RtpsSender::must_request_from(writer)));
+        }
+        let deadline = Instant::now() + REDISCOVERY;
+        while !expected.is_empty() && Instant::now() < deadline {
+            for writer in self.participant.discovered_writers() {
+                expected.remove(&writer.writer_proxy.remote_writer_guid);
+            }
+            if !expected.is_empty() {
+                thread::sleep(POLL);
+            }
+        }
     }
 
     /// The DDS participant.
