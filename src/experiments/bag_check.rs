@@ -241,20 +241,20 @@ impl Report {
         };
         let EnergyBalance {
             residual,
+            unresolved,
             flow,
             peak,
         } = balance;
-        let relative = if residual == 0.0 {
-            0.0
-        } else {
-            residual / flow
-        };
+        let relative = |energy: f64| if energy == 0.0 { 0.0 } else { energy / flow };
         self.compare(
             NAME,
-            relative,
-            limits.energy,
+            relative(residual),
+            limits.energy + relative(unresolved),
             "",
-            format!("{residual:.1e} J unexplained, of {flow:.3} J exchanged (peak kinetic energy {peak:.3} J)"),
+            format!(
+                "{residual:.1e} J unexplained, of {flow:.3} J exchanged (peak kinetic energy {peak:.3} J); efforts that \
+                 change between samples explain {unresolved:.1e} J at most"
+            ),
         );
     }
 

@@ -80,7 +80,7 @@ pub fn instability(
             &controller,
             &mut workspace,
             &world.robot.state().q,
-            (period, delay),
+            period,
         ));
     }
     let (j, rate) = (damping.joint, damping.rate);
@@ -110,12 +110,13 @@ pub fn instability(
 const GROWS: f64 = 1.0 + 1e-6;
 
 /// Why the position gains of the control loop are too large for the period, linear in deviations from the start, and gains that
-/// are not; `None` if they are not.
+/// are not; `None` if they are not. Judged for efforts that act at once: what is unstable then is unstable with any delay, whereas a
+/// delay of a whole period, which `k_v` is judged for, is rare and is borne for some time by a law that saturates.
 fn stiffness_instability(
     controller: &Controller,
     workspace: &mut Workspace,
     q: &DVector<f64>,
-    (period, delay): (f64, Delay),
+    period: f64,
 ) -> Option<String> {
     let config = controller.config();
     let (model, n) = (controller.model(), controller.model().dof());
@@ -132,13 +133,12 @@ fn stiffness_instability(
     if let LawConfig::JointPd(law) = &config.law {
         near.stiffness = DMatrix::from_diagonal(&DVector::from_column_slice(&law.k_p));
     }
-    let is_late = delay == Delay::UpToPeriod;
     let grows = |factor: f64| {
         let scaled = LinearisedLoop {
             stiffness: &near.stiffness * factor,
             ..near.clone()
         };
-        (scaled.sampled_growth(period, is_late)).is_none_or(|growth| growth > GROWS)
+        (scaled.sampled_growth(period)).is_none_or(|growth| growth > GROWS)
     };
     if !grows(1.0) {
         return None;

@@ -67,6 +67,8 @@ fn case(seed: u64) -> Value {
     let moving = rng.random_range(2..=12);
     let mut elements = Vec::new();
     let mut links = vec!["base".to_owned()];
+    // Links that a joint moves: others cannot be a tip.
+    let mut moved: Vec<String> = Vec::new();
     let mut values: [BTreeMap<String, f64>; 4] = Default::default();
     let mut mimics: BTreeMap<String, (String, f64, f64)> = BTreeMap::new();
 
@@ -93,6 +95,9 @@ fn case(seed: u64) -> Value {
         };
         let kinds = ["revolute", "continuous", "prismatic", "fixed"];
         let kind = kinds[rng.random_range(0..kinds.len())];
+        if kind != "fixed" || moved.contains(&links[parent]) {
+            moved.push(format!("l{k}"));
+        }
         let mut joint = format!(
             "<joint name=\"j{k}\" type=\"{kind}\"><parent link=\"{}\"/><child link=\"l{k}\"/>{}",
             links[parent],
@@ -139,7 +144,7 @@ fn case(seed: u64) -> Value {
     }
     elements.shuffle(rng);
     let [q, qd, tau, damping] = values;
-    let tip = &links[rng.random_range(0..links.len())];
+    let tip = &moved[rng.random_range(0..moved.len())];
     let twist: Vec<f64> = (0..6).map(|_| number(rng, 0.5)).collect();
     json!({
         "urdf": format!("<robot name=\"r{seed}\">\n{}\n</robot>\n", elements.join("\n")),

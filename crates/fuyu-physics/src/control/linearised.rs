@@ -65,11 +65,10 @@ impl LinearisedLoop {
     }
 
     /// Factor by which the fastest growing deviation grows in a sampling period \[s\], when the law's efforts are held for a period: more
-    /// than 1 if the loop is unstable because it is sampled, 1 if the joints can move without the tip. `is_late`: efforts act a whole
-    /// period after their state. `None` as [`LinearisedLoop::eigenvalues`].
+    /// than 1 if the loop is unstable because it is sampled, 1 if the joints can move without the tip. `None` as [`LinearisedLoop::eigenvalues`].
     ///
     /// Under held efforts `u` the motion is `δq + T δq̇ + ½ T² Ĥ⁻¹ u`, `δq̇ + T Ĥ⁻¹ u`.
-    pub fn sampled_growth(&self, period: f64, is_late: bool) -> Option<f64> {
+    pub fn sampled_growth(&self, period: f64) -> Option<f64> {
         let n = self.damping.len();
         let inverse = self.inertia.clone().cholesky()?.inverse();
         // The efforts of a state (δq, δq̇), as accelerations.
@@ -86,17 +85,7 @@ impl LinearisedLoop {
         let mut free = DMatrix::identity(2 * n, 2 * n);
         free.view_mut((0, n), (n, n))
             .copy_from(&(&identity * period));
-        let system = match is_late {
-            false => free + held * law,
-            true => {
-                // The accelerations of the last state are part of the state.
-                let mut system = DMatrix::zeros(3 * n, 3 * n);
-                system.view_mut((0, 0), (2 * n, 2 * n)).copy_from(&free);
-                system.view_mut((0, 2 * n), (2 * n, n)).copy_from(&held);
-                system.view_mut((2 * n, 0), (n, 2 * n)).copy_from(&law);
-                system
-            }
-        };
+        let system = free + held * law;
         let schur = Schur::try_new(system, f64::EPSILON, 10_000)?;
         let roots = schur.complex_eigenvalues();
         roots.iter().map(|root| root.norm()).max_by(f64::total_cmp)
@@ -135,15 +124,8 @@ mod tests {
                 damping: DVector::from_element(1, d / period),
                 stiffness: one(k / (period * period)),
             };
-            let growth = sampled.sampled_growth(period, false).unwrap();
+            let growth = sampled.sampled_growth(period).unwrap();
             assert_eq!(growth < 1.0, is_stable, "{d} {k}: {growth}");
-            // Without stiffness a period of delay halves the limit: d < 1.
-            let damped = LinearisedLoop {
-                stiffness: one(0.0),
-                ..sampled
-            };
-            let late = damped.sampled_growth(period, true).unwrap();
-            assert_eq!(late <= 1.0 + 1e-12, d < 1.0, "{d}: {late}");
         }
     }
 

@@ -160,7 +160,8 @@ impl Integrator {
     }
 
     /// Advances `state` by `dt` \[s\], with `forcing` evaluated at every stage. Afterwards `workspace` has positions
-    /// and motion of the new state.
+    /// and motion of the new state. A negative `dt` goes back in time, without friction and limits: what they have
+    /// stopped looks like what was at rest.
     ///
     /// # Panics
     /// If `state` or `workspace` is of another robot, or `forcing` changes the length of a vector.
@@ -218,6 +219,7 @@ impl Integrator {
             let is_evaluated = is_evaluated && step == 0;
             match &self.stepper {
                 None => self.take_step(state, workspace, dt, is_evaluated, forcing),
+                Some(_) if dt < 0.0 => self.take_damped_step(state, workspace, dt, forcing),
                 Some(stepper) if stepper.acts_always() => {
                     self.take_joint_step(state, workspace, dt, forcing);
                 }
@@ -268,15 +270,26 @@ impl Integrator {
             input: &mut self.input,
         };
         if stepper.is_explicit_mechanism(state, dt, &mut acting) {
-            self.take_step(state, workspace, dt, false, forcing);
-            let weights = self.tableau.weights_after(self.tableau.c.len() - 1);
-            let joints = self.equations.model.joints();
-            let powers = self.rates.iter().map(|rate| rate.damping_power(joints));
-            let lost: f64 = powers.zip(weights).map(|(power, b)| power * b).sum();
-            state.dissipated.damping += dt * lost;
+            self.take_damped_step(state, workspace, dt, forcing);
         } else {
             stepper.step(state, dt, &mut acting);
         }
+    }
+
+    /// An explicit step of a robot whose joints have damping.
+    fn take_damped_step(
+        &mut self,
+        state: &mut State,
+        workspace: &mut Workspace,
+        dt: f64,
+        forcing: &mut impl Forcing,
+    ) {
+        self.take_step(state, workspace, dt, false, forcing);
+        let weights = self.tableau.weights_after(self.tableau.c.len() - 1);
+        let joints = self.equations.model.joints();
+        let powers = self.rates.iter().map(|rate| rate.damping_power(joints));
+        let lost: f64 = powers.zip(weights).map(|(power, b)| power * b).sum();
+        state.dissipated.damping += dt * lost;
     }
 
     fn take_step(
