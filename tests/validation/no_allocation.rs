@@ -94,7 +94,7 @@ fn the_computed_torque_law_takes_no_memory_between_plans() {
     let gains = Gains {
         k_p: 75.0,
         k_o: 100.0,
-        k_v: vec![0.0; 6],
+        k_v: vec![400.0, 100.0, 200.0, 10.0, 2.0, 2.0],
         saturation: Saturation::NONE,
     };
     let config = ControllerConfig::new(LawKind::ComputedTorque, gains);
