@@ -245,15 +245,19 @@ impl Report {
             flow,
             peak,
         } = balance;
-        let relative = |energy: f64| if energy == 0.0 { 0.0 } else { energy / flow };
+        let relative = if residual == 0.0 {
+            0.0
+        } else {
+            residual / flow
+        };
         self.compare(
             NAME,
-            relative(residual),
-            limits.energy + relative(unresolved),
+            relative,
+            limits.energy,
             "",
             format!(
-                "{residual:.1e} J unexplained, of {flow:.3} J exchanged (peak kinetic energy {peak:.3} J); efforts that \
-                 change between samples explain {unresolved:.1e} J at most"
+                "{residual:.1e} J unexplained, of {flow:.3} J exchanged (peak kinetic energy {peak:.3} J); {unresolved:.1e} J \
+                 explained by efforts that change between samples"
             ),
         );
     }

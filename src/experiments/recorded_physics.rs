@@ -94,9 +94,10 @@ pub(super) fn motion_momentum(run: &RecordedRun) -> Result<MotionMomentum, Missi
 
 /// Kinetic energy compared with work.
 pub(super) struct EnergyBalance {
-    /// Largest difference between the change of kinetic energy and the work done since the start \[J\].
+    /// Largest difference between the change of kinetic energy and the work done since the start, without what
+    /// [`unresolved_work`] explains \[J\].
     pub residual: f64,
-    /// Largest work that samples cannot show, because efforts and rates changed together between them \[J\].
+    /// Sum of the differences that [`unresolved_work`] explains \[J\].
     pub unresolved: f64,
     /// Energy exchanged: sum of the absolute values of work and losses, or the peak energy if larger \[J\].
     pub flow: f64,
@@ -118,28 +119,40 @@ pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'stati
         return Err("joint_states contain no effort");
     }
     let passive = passive(run);
-    let mut start = None;
-    let (mut work, mut flow, mut peak, mut residual) = (0.0, 0.0, 0.0f64, None);
-    let mut unresolved = 0.0;
+    let (mut flow, mut peak, mut residual) = (0.0, 0.0f64, None);
+    let (mut difference, mut unresolved) = (0.0, 0.0);
+    // Energy at the last sample that has one, work since then, and how much of it may be missing.
+    let mut last: Option<(f64, f64, f64)> = None;
     let usual = usual_period(&run.joints);
     for (i, pair) in run.joints.windows(2).enumerate() {
         if pair[1].time - pair[0].time > usual * 3 / 2 {
             // Samples, and so the efforts, are missing: restart the balance.
-            start = None;
+            (last, difference) = (None, 0.0);
             continue;
         }
-        if start.is_none() {
-            start = energy.get(&pair[0].time).map(|e| (*e, work));
-        }
-        let (step, moved) = work_between(&pair[0], &pair[1], &passive);
-        work += step;
+        last = last.or_else(|| energy.get(&pair[0].time).map(|e| (*e, 0.0, 0.0)));
+        let (done, moved) = work_between(&pair[0], &pair[1], &passive);
         flow += moved;
+        let Some((e0, work, missing)) = &mut last else {
+            continue;
+        };
+        *work += done;
         let next = run.joints.get(i + 2).unwrap_or(&pair[1]);
-        unresolved += unresolved_work(&pair[0], &pair[1], next);
-        if let (Some((e0, w0)), Some(e1)) = (start, energy.get(&pair[1].time)) {
-            let difference = ((e1 - e0) - (work - w0)).abs();
-            residual = Some(max([residual.unwrap_or(0.0), difference].into_iter()));
+        *missing += unresolved_work(&pair[0], &pair[1], next);
+        if let Some(e1) = energy.get(&pair[1].time) {
+            let found = (e1 - *e0) - *work;
+            let explained = if found.abs() <= *missing {
+                found
+            } else {
+                missing.copysign(found)
+            };
+            difference += found - explained;
+            unresolved += explained.abs();
+            residual = Some(max(
+                [residual.unwrap_or(0.0), f64::abs(difference)].into_iter()
+            ));
             peak = peak.max(*e1);
+            last = Some((*e1, 0.0, 0.0));
         }
     }
     Ok(EnergyBalance {
