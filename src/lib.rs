@@ -80,6 +80,8 @@
 pub use fuyu_physics::{control, dynamics, estimation, model, spatial, vision};
 #[cfg(feature = "ros")]
 pub use fuyu_ros::{bag, input_file, msg, ros};
+/// Flexible structures: modes, transmission zeros, and deformable bodies for the equations of motion.
+pub use fuyu_structures as structures;
 
 #[cfg(feature = "ros")]
 pub mod cli;

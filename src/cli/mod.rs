@@ -10,13 +10,13 @@ mod simulate;
 mod table;
 
 use std::io::{self, Write};
-use std::path::Path;
+use std::path::{Path, PathBuf};
 use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::model::Model;
-use crate::nodes::resource;
+use crate::model::{Model, UrdfError};
+use crate::nodes::resource::Lookup;
 
 /// Free-floating space robots as ROS 2 nodes.
 ///
@@ -106,14 +106,28 @@ fn no_ros_args() -> Failure {
     Failure::Input(text.to_owned())
 }
 
-/// Reads and compiles a robot description: a path, or `package://PACKAGE/PATH`.
-fn read_model(path: &Path) -> Result<Model, Failure> {
+/// Reads and compiles a robot description: a path, or `package://PACKAGE/PATH`, which is also searched for in `packages`.
+/// Repairs are warnings on stderr; with `strict`, errors.
+fn read_model(path: &Path, packages: &[PathBuf], strict: bool) -> Result<Model, Failure> {
     let name = path.to_str().ok_or_else(|| {
         let path = path.display();
         Failure::Input(format!("{path}: the name of the file is not UTF-8"))
     })?;
-    let (xml, source) = resource::read(name).map_err(Failure::Input)?;
-    Model::from_urdf(&xml, &source).map_err(|e| Failure::Input(e.to_string()))
+    let lookup = Lookup {
+        packages: packages.to_vec(),
+        ..Lookup::default()
+    };
+    let (xml, source) = lookup.read(name).map_err(Failure::Input)?;
+    let invalid = |e: UrdfError| Failure::Input(e.to_string());
+    if strict {
+        return Model::from_urdf(&xml, &source).map_err(invalid);
+    }
+    let repaired = Model::repaired_from_urdf(&xml, &source).map_err(invalid)?;
+    for warning in repaired.warnings() {
+        // If stderr is closed, there is nowhere to report it.
+        let _ = writeln!(io::stderr(), "fuyu: warning: {warning}");
+    }
+    Ok(repaired.model)
 }
 
 /// Writes a command's result to stdout. A closed pipe (`fuyu ... | head`) is not an error.

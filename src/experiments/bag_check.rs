@@ -241,6 +241,7 @@ impl Report {
         };
         let EnergyBalance {
             residual,
+            unresolved,
             flow,
             peak,
         } = balance;
@@ -254,7 +255,10 @@ impl Report {
             relative,
             limits.energy,
             "",
-            format!("{residual:.1e} J unexplained, of {flow:.3} J exchanged (peak kinetic energy {peak:.3} J)"),
+            format!(
+                "{residual:.1e} J unexplained, of {flow:.3} J exchanged (peak kinetic energy {peak:.3} J); {unresolved:.1e} J \
+                 explained by efforts that change between samples"
+            ),
         );
     }
 

@@ -247,7 +247,8 @@ impl VisualServo {
                 camera: camera_frame(model).map_err(at)?.clone(),
             }),
         };
-        let config = controller.config.clone();
+        let config = (controller.complete(controller.config.clone(), model, &tip))
+            .map_err(|e| at(format!("controller: parameter {e}")))?;
         let carrier = (camera.goal_target.as_ref())
             .map(|target| world.target_index(target))
             .transpose()

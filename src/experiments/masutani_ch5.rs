@@ -58,7 +58,7 @@ pub fn config(law: LawKind, jacobian: JacobianKind) -> ControllerConfig {
             let k_p = K_V.iter().map(|k| JOINT_STIFFNESS * k).collect();
             JointPdConfig { k_p }.into()
         }
-        LawKind::OperationalSpace => LawConfig::from(law),
+        LawKind::OperationalSpace | LawKind::ComputedTorque => LawConfig::from(law),
     };
     ControllerConfig::new(law, gains)
 }

@@ -154,8 +154,8 @@ type Take = fn(&mut RecordedRun, &Message);
 const TOPICS: &[(&str, &str, Take)] = &[
     ("/robot_description", "std_msgs/msg/String", |run, m| {
         if let Ok(text) = m.decode::<std_msgs::String>() {
-            let model = Model::from_urdf(&text.data, &m.topic.name);
-            run.model = Some(model.map_err(|e| e.to_string()));
+            let robot = Model::repaired_from_urdf(&text.data, &m.topic.name);
+            run.model = Some(robot.map(|r| r.model).map_err(|e| e.to_string()));
         }
     }),
     ("/joint_states", "sensor_msgs/msg/JointState", |run, m| {

@@ -62,43 +62,168 @@ impl Resource {
     }
 }
 
-/// Finds `name`: a path, or `package://PACKAGE/PATH`. The latter is searched for in the share folders of the ROS
-/// environment (`AMENT_PREFIX_PATH`). The package `fuyu` is also searched for in the install space of the executable, in the
-/// working directory, in the sources that this program was built from, and in the executable, in that order; a relative
-/// path that does not exist, such as `config/servicing.yaml`, in the executable only.
+/// Where files are searched for, in addition to the ROS environment.
+#[derive(Debug, Clone, Default, PartialEq, Eq)]
+pub struct Lookup {
+    /// Folder that relative paths are relative to, such as that of the parameter file with the path; if a file is not there,
+    /// the working directory.
+    pub folder: Option<PathBuf>,
+    /// Folders with ROS packages, searched before those of the environment. A folder may also be the package itself.
+    pub packages: Vec<PathBuf>,
+}
+
+/// [`Lookup::resolve`] with the ROS environment alone, and paths relative to the working directory.
 ///
 /// # Errors
-/// A line with the places that were searched.
+/// As [`Lookup::resolve`].
 pub fn resolve(name: &str) -> Result<Resource, String> {
-    let Some(rest) = name.strip_prefix("package://") else {
-        let path = PathBuf::from(name);
-        return match path.exists() {
-            true => Ok(Resource::File(path)),
-            false => embedded(name).ok_or_else(|| format!("{name}: no such file")),
+    Lookup::default().resolve(name)
+}
+
+impl Lookup {
+    /// Finds `name`: a path, or `package://PACKAGE/PATH`. The latter is searched for in the folders of [`Lookup::packages`], in
+    /// the share folders of the ROS environment (`AMENT_PREFIX_PATH`), and in the folders of `ROS_PACKAGE_PATH` and below. The
+    /// package `fuyu` is also searched for in the install space of the executable, in the
+    /// working directory, in the sources that this program was built from, and in the executable, in that order; a relative
+    /// path that does not exist, such as `config/servicing.yaml`, in the executable only.
+    ///
+    /// # Errors
+    /// A line with the places that were searched.
+    pub fn resolve(&self, name: &str) -> Result<Resource, String> {
+        let Some(rest) = name.strip_prefix("package://") else {
+            return self.resolve_path(name);
         };
-    };
-    let (package, file) = rest.split_once('/').unwrap_or((rest, ""));
-    if package.is_empty() || file.is_empty() || !is_below(file) {
-        return Err(format!(
-            "{name}: expected package://PACKAGE/PATH, without '..', or the path of a file"
-        ));
-    }
-    let folders = search_folders(package);
-    let found = folders
-        .iter()
-        .map(|folder| folder.join(file))
-        .find(|path| path.exists())
-        .map(Resource::File);
-    let found = found.or_else(|| (package == OURS).then(|| embedded(file)).flatten());
-    found.ok_or_else(|| {
-        if folders.is_empty() {
-            return format!(
-                "{name}: AMENT_PREFIX_PATH is not set; source the workspace that has the package {package}"
-            );
+        let (package, file) = rest.split_once('/').unwrap_or((rest, ""));
+        if package.is_empty() || file.is_empty() || !is_below(file) || !is_below(package) {
+            return Err(format!(
+                "{name}: expected package://PACKAGE/PATH, without '..', or the path of a file"
+            ));
         }
-        let searched: Vec<_> = folders.iter().map(|p| p.display().to_string()).collect();
-        format!("{name}: not found in {}", searched.join(", "))
-    })
+        let folders = self.search_folders(package);
+        let found = folders
+            .iter()
+            .map(|folder| folder.join(file))
+            .find(|path| path.exists())
+            .map(Resource::File);
+        let found = found.or_else(|| (package == OURS).then(|| embedded(file)).flatten());
+        found.ok_or_else(|| {
+            if folders.is_empty() {
+                return format!(
+                    "{name}: no package {package} in AMENT_PREFIX_PATH, ROS_PACKAGE_PATH or the given folders; source the workspace that has it, or name the folder that it is in"
+                );
+            }
+            let searched: Vec<_> = folders.iter().map(|p| p.display().to_string()).collect();
+            format!("{name}: not found in {}", searched.join(", "))
+        })
+    }
+
+    fn resolve_path(&self, name: &str) -> Result<Resource, String> {
+        let path = PathBuf::from(name);
+        if let Some(folder) = self.folder.as_ref().filter(|_| path.is_relative()) {
+            // The folder of an embedded file is package://fuyu/FOLDER.
+            let candidate = folder.join(&path);
+            let found = match candidate.to_str() {
+                Some(inside) if inside.starts_with("package://") => resolve(inside).ok(),
+                _ => candidate.exists().then_some(Resource::File(candidate)),
+            };
+            if let Some(found) = found {
+                return Ok(found);
+            }
+        }
+        if path.exists() {
+            return Ok(Resource::File(path));
+        }
+        embedded(name).ok_or_else(|| match &self.folder {
+            Some(folder) if path.is_relative() && !folder.as_os_str().is_empty() => format!(
+                "{name}: no such file in {} or the working directory",
+                folder.display()
+            ),
+            _ => format!("{name}: no such file"),
+        })
+    }
+
+    /// Reads a robot description that a parameter names. Returns the text and its path.
+    ///
+    /// # Errors
+    /// A line with the file and why it cannot be read.
+    pub fn read(&self, name: &str) -> Result<(String, String), String> {
+        let found = self.resolve(name)?;
+        Ok((
+            found.text(LARGEST_URDF)?,
+            found.path().display().to_string(),
+        ))
+    }
+
+    /// Folders that may be the share folder of `package`.
+    fn search_folders(&self, package: &str) -> Vec<PathBuf> {
+        let mut folders = Vec::new();
+        for folder in &self.packages {
+            find_package(folder, package, &mut folders);
+        }
+        let share = |prefix: &Path| prefix.join("share").join(package);
+        let paths = |variable: &str| -> Vec<PathBuf> {
+            let value = std::env::var_os(variable).unwrap_or_default();
+            let paths = std::env::split_paths(&value);
+            paths.filter(|p| !p.as_os_str().is_empty()).collect()
+        };
+        folders.extend(paths("AMENT_PREFIX_PATH").iter().map(|p| share(p)));
+        for folder in paths("ROS_PACKAGE_PATH") {
+            find_package(&folder, package, &mut folders);
+        }
+        if package != OURS {
+            return folders;
+        }
+        // PREFIX/lib/fuyu/EXECUTABLE and PREFIX/bin/EXECUTABLE belong to PREFIX/share/fuyu.
+        if let Ok(executable) = std::env::current_exe() {
+            folders.extend(executable.ancestors().skip(2).take(2).map(share));
+        }
+        folders.push(PathBuf::from("."));
+        folders.push(Path::new(env!("CARGO_MANIFEST_DIR")).to_owned());
+        folders
+    }
+}
+
+/// How deep below a folder packages are searched for.
+const DEEPEST: usize = 4;
+/// How many folders are searched at most, in case a path names a whole disk.
+const MOST_FOLDERS: usize = 20_000;
+
+/// Adds the folders called `package` in `folder`, or `folder` itself. Below the first level only those count that have a
+/// `package.xml`, and nothing is searched for inside of a package.
+fn find_package(folder: &Path, package: &str, found: &mut Vec<PathBuf>) {
+    let is_called = |path: &Path| path.file_name().is_some_and(|name| name == package);
+    if is_called(folder) && folder.join("package.xml").is_file() {
+        found.push(folder.to_owned());
+        return;
+    }
+    let mut level = vec![folder.to_owned()];
+    let mut visited = 0;
+    for depth in 0..DEEPEST {
+        let mut next = Vec::new();
+        for folder in level {
+            let Ok(entries) = folder.read_dir() else {
+                continue;
+            };
+            let mut inside: Vec<PathBuf> = entries
+                .filter_map(|entry| Some(entry.ok()?.path()))
+                .filter(|path| path.is_dir())
+                .collect();
+            inside.sort();
+            for path in inside {
+                visited += 1;
+                if visited > MOST_FOLDERS {
+                    return;
+                }
+                let is_package = path.join("package.xml").is_file();
+                if is_called(&path) && (is_package || depth == 0) {
+                    found.push(path);
+                } else if !is_package {
+                    next.push(path);
+                }
+            }
+        }
+        level = next;
+    }
 }
 
 /// Whether a relative path stays below the folder that it is relative to.
@@ -123,38 +248,6 @@ pub fn embedded_files() -> impl Iterator<Item = (String, &'static [u8])> {
         let name = move |file: &include_dir::File| format!("{folder}/{}", file.path().display());
         dir.files().map(move |f| (name(f), f.contents()))
     })
-}
-
-/// Folders that may be the share folder of `package`.
-fn search_folders(package: &str) -> Vec<PathBuf> {
-    let mut folders = Vec::new();
-    let share = |prefix: &Path| prefix.join("share").join(package);
-    if let Some(prefixes) = std::env::var_os("AMENT_PREFIX_PATH") {
-        let prefixes = std::env::split_paths(&prefixes).filter(|p| !p.as_os_str().is_empty());
-        folders.extend(prefixes.map(|p| share(&p)));
-    }
-    if package != OURS {
-        return folders;
-    }
-    // PREFIX/lib/fuyu/EXECUTABLE and PREFIX/bin/EXECUTABLE belong to PREFIX/share/fuyu.
-    if let Ok(executable) = std::env::current_exe() {
-        folders.extend(executable.ancestors().skip(2).take(2).map(share));
-    }
-    folders.push(PathBuf::from("."));
-    folders.push(Path::new(env!("CARGO_MANIFEST_DIR")).to_owned());
-    folders
-}
-
-/// Reads a robot description that a parameter names. Returns the text and its path.
-///
-/// # Errors
-/// A line with the file and why it cannot be read.
-pub fn read(name: &str) -> Result<(String, String), String> {
-    let found = resolve(name)?;
-    Ok((
-        found.text(LARGEST_URDF)?,
-        found.path().display().to_string(),
-    ))
 }
 
 /// The files directly in the folder `name`, by the names to read them with; `name` itself if it is a file.
@@ -279,6 +372,63 @@ mod tests {
             assert!(error.contains("expected package://"), "{error}");
         }
         assert!(resolve("package://fuyu/urdf/servicer.urdf").is_ok());
+    }
+
+    fn folder_with(files: &[&str]) -> tempfile::TempDir {
+        let dir = tempfile::tempdir().unwrap();
+        for file in files {
+            let path = dir.path().join(file);
+            std::fs::create_dir_all(path.parent().unwrap()).unwrap();
+            std::fs::write(path, *file).unwrap();
+        }
+        dir
+    }
+
+    #[test]
+    fn relative_paths_are_relative_to_their_file_first() {
+        let dir = folder_with(&["robots/arm.urdf", "arm.urdf"]);
+        let lookup = Lookup {
+            folder: Some(dir.path().join("robots")),
+            ..Lookup::default()
+        };
+        assert_eq!(lookup.read("arm.urdf").unwrap().0, "robots/arm.urdf");
+        assert_eq!(lookup.read("../arm.urdf").unwrap().0, "arm.urdf");
+        // The tests' working directory is that of the package.
+        assert!(lookup.read("urdf/servicer.urdf").is_ok());
+        let error = lookup.resolve("none.urdf").unwrap_err();
+        assert!(error.contains("robots or the working directory"), "{error}");
+        let embedded = Lookup {
+            folder: Some(PathBuf::from("package://fuyu/config")),
+            ..Lookup::default()
+        };
+        assert!(embedded.resolve("servicing.yaml").is_ok());
+    }
+
+    #[test]
+    fn packages_are_found_in_folders_with_packages() {
+        let dir = folder_with(&[
+            "near/meshes/a.stl",
+            "src/arms/deep/package.xml",
+            "src/arms/deep/urdf/deep.urdf",
+            "src/arms/deep/inner/hidden/package.xml",
+            "src/arms/folder/urdf/folder.urdf",
+        ]);
+        let found = |folder: &Path, name: &str| {
+            let lookup = Lookup {
+                packages: vec![folder.to_owned()],
+                ..Lookup::default()
+            };
+            lookup.resolve(name).is_ok()
+        };
+        assert!(found(dir.path(), "package://near/meshes/a.stl"));
+        assert!(found(dir.path(), "package://deep/urdf/deep.urdf"));
+        let itself = dir.path().join("src/arms/deep");
+        assert!(found(&itself, "package://deep/urdf/deep.urdf"));
+        // No package.xml, or inside of another package.
+        assert!(!found(dir.path(), "package://folder/urdf/folder.urdf"));
+        assert!(!found(dir.path(), "package://hidden/package.xml"));
+        let error = resolve("package://none/a.urdf").unwrap_err();
+        assert!(error.contains("package://none/a.urdf"), "{error}");
     }
 
     #[test]

@@ -79,7 +79,9 @@ impl RobotDescription {
 
     fn compile(&self, text: &str) -> Result<Robot, String> {
         let source = self.topic.topic();
-        let model = Model::from_urdf(text, source).map_err(|e| e.to_string())?;
+        // The dynamics node, which publishes the description, has warned of repairs, or refused them.
+        let repaired = Model::repaired_from_urdf(text, source).map_err(|e| e.to_string())?;
+        let model = repaired.model;
         let tip = tip_frame(&model, &self.tip_link).map_err(|e| format!("{source}: {e}"))?;
         Ok(Robot { model, tip })
     }

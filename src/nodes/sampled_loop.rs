@@ -5,7 +5,9 @@ use super::{
     dynamics::{DynamicsParams, World},
     tip_frame,
 };
-use crate::control::{Controller, LawConfig, SampledDamping};
+use crate::control::{Controller, JacobianKind, LawConfig, LinearisedLoop, SampledDamping};
+use crate::dynamics::Workspace;
+use nalgebra::{DMatrix, DVector};
 
 /// When the efforts that answer a state act.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
@@ -26,7 +28,7 @@ impl Delay {
     }
 }
 
-/// Why the damping of the control loop is unstable at the start, and parameters with which it is not; `None` if it is
+/// Why the control loop is unstable at the start, and parameters with which it is not; `None` if it is
 /// stable. The loop is sampled once per published state.
 ///
 /// # Errors
@@ -39,7 +41,8 @@ pub fn instability(
     let world = World::new(dynamics)?;
     let model = world.robot.model();
     let period = 1.0 / dynamics.state_rate;
-    let config = controller.config.clone();
+    let tip = tip_frame(model, &controller.tip_link)?;
+    let config = controller.complete(controller.config.clone(), model, &tip)?;
     let limit = delay.limit() / period;
     if let LawConfig::OperationalSpace(law) = &config.law {
         let rate = law.damping();
@@ -52,7 +55,18 @@ pub fn instability(
             )
         }));
     }
-    let tip = tip_frame(model, &controller.tip_link)?;
+    if let LawConfig::ComputedTorque(law) = &config.law {
+        // Critically damped: 2 ω.
+        let rate = 2.0 * law.frequency;
+        return Ok((rate > limit).then(|| {
+            format!(
+                "parameter computed_torque.frequency: the sampled loop is unstable: it damps the joints at {rate:.0} 1/s, sampled every {period} s; {}. Give frequency {} rad/s or less{}",
+                stable_below(limit, delay),
+                two_digits(0.5 * limit, f64::floor),
+                or_state_rate(rate * limit.recip() / period)
+            )
+        }));
+    }
     let tips = second_tip(model, &controller.second_tip_link)?;
     let controller =
         Controller::with_tips(model.clone(), tip, tips, config).map_err(|e| e.to_string())?;
@@ -62,7 +76,12 @@ pub fn instability(
         return Ok(None);
     };
     if damping.rate <= limit {
-        return Ok(None);
+        return Ok(stiffness_instability(
+            &controller,
+            &mut workspace,
+            &world.robot.state().q,
+            period,
+        ));
     }
     let (j, rate) = (damping.joint, damping.rate);
     let k_v = &controller.config().gains.k_v;
@@ -85,6 +104,75 @@ pub fn instability(
         stable_below(limit, delay),
         or_state_rate(rate)
     )))
+}
+
+/// Growth of a deviation in a period that is not rounding.
+const GROWS: f64 = 1.0 + 1e-6;
+
+/// Why the position gains of the control loop are too large for the period, linear in deviations from the start, and gains that
+/// are not; `None` if they are not. Judged for efforts that act at once: what is unstable then is unstable with any delay, whereas a
+/// delay of a whole period, which `k_v` is judged for, is rare and is borne for some time by a law that saturates.
+fn stiffness_instability(
+    controller: &Controller,
+    workspace: &mut Workspace,
+    q: &DVector<f64>,
+    period: f64,
+) -> Option<String> {
+    let config = controller.config();
+    let (model, n) = (controller.model(), controller.model().dof());
+    let jacobian = match &config.law {
+        // The other Jacobian may be unstable without sampling.
+        LawConfig::TransposeJacobian(law) if law.jacobian == JacobianKind::Generalized => {
+            law.jacobian
+        }
+        LawConfig::JointPd(_) => JacobianKind::Generalized,
+        _ => return None,
+    };
+    let (tip, gains) = (controller.tip(), &config.gains);
+    let mut near = LinearisedLoop::at(model, workspace, tip, q, gains, jacobian);
+    if let LawConfig::JointPd(law) = &config.law {
+        near.stiffness = DMatrix::from_diagonal(&DVector::from_column_slice(&law.k_p));
+    }
+    let grows = |factor: f64| {
+        let scaled = LinearisedLoop {
+            stiffness: &near.stiffness * factor,
+            ..near.clone()
+        };
+        (scaled.sampled_growth(period)).is_none_or(|growth| growth > GROWS)
+    };
+    if !grows(1.0) {
+        return None;
+    }
+    let (mut low, mut high) = (0.0, 1.0);
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        match grows(middle) {
+            true => high = middle,
+            false => low = middle,
+        }
+    }
+    // The joint whose own stiffness is the largest for its inertia.
+    let stiffest = |j: usize| near.stiffness[(j, j)] / near.inertia[(j, j)];
+    let j = (0..n).max_by(|a, b| stiffest(*a).total_cmp(&stiffest(*b)))?;
+    let at_most = |gain: f64| two_digits(low * gain, f64::floor);
+    let (parameter, remedy) = match &config.law {
+        LawConfig::JointPd(law) => (
+            "joint_k_p",
+            format!("joint_k_p[{j}] of at most {}", at_most(law.k_p[j])),
+        ),
+        _ if gains.k_o == 0.0 => ("k_p", format!("k_p of at most {}", at_most(gains.k_p))),
+        _ => {
+            let (k_p, k_o) = (at_most(gains.k_p), at_most(gains.k_o));
+            (
+                "k_p",
+                format!("k_p of at most {k_p} and k_o of at most {k_o}"),
+            )
+        }
+    };
+    Some(format!(
+        "parameter {parameter}: the sampled loop is unstable: deviations of joint '{}' grow, sampled every {period} s, since the position gains are too large for the damping. Give {remedy}",
+        model.joints()[j].name
+    ))
 }
 
 fn stable_below(limit: f64, delay: Delay) -> String {

@@ -218,7 +218,8 @@ impl Scenario {
     }
 
     /// What is valid but will not work: a line per control loop that is unstable because it is sampled. `in_one_thread` is
-    /// a run as `fuyu simulate` does it, in which every state is answered at once.
+    /// a run as `fuyu simulate` does it, in which every state is answered at once; then also a line per kind of repair in
+    /// each robot description.
     pub fn warnings(&self, in_one_thread: bool) -> Vec<String> {
         let controllers = self.nodes.iter().filter(|n| n.name() == "controller");
         let warning = |name: &NodeName| {
@@ -232,7 +233,14 @@ impl Scenario {
             let found = found.ok()??;
             Some(format!("{}: node {name}: {found}", self.path.display()))
         };
-        controllers.filter_map(warning).collect()
+        // The dynamics node warns itself.
+        let of_robots = self.nodes.iter();
+        let of_robots = of_robots.filter(|n| in_one_thread && n.name() == "dynamics");
+        let repairs = of_robots.flat_map(|name| {
+            let dynamics = self.dynamics_of(name.namespace());
+            dynamics.map_or_else(Vec::new, |dynamics| dynamics.repairs())
+        });
+        repairs.chain(controllers.filter_map(warning)).collect()
     }
 
     /// The robot that the dynamics node of a namespace simulates, if there is one and it is valid.

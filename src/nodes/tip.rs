@@ -28,14 +28,26 @@ pub(super) fn declare_second_tip_link(declare: &mut Declare) -> String {
 /// The frame of the tip link.
 ///
 /// # Errors
-/// Lists the robot's links.
+/// Lists the robot's links, or those that joints move if the link is fixed to the base.
 pub fn tip_frame(model: &Model, tip_link: &str) -> Result<Frame, String> {
-    model.frame(tip_link).cloned().ok_or_else(|| {
-        let links: Vec<_> = model.frames().iter().map(|f| f.name.as_str()).collect();
-        format!(
+    let links = |is_listed: fn(&Frame) -> bool| {
+        let listed = model.frames().iter().filter(|f| is_listed(f));
+        let names: Vec<_> = listed.map(|f| f.name.as_str()).collect();
+        names.join(", ")
+    };
+    let Some(frame) = model.frame(tip_link) else {
+        return Err(format!(
             "tip_link '{tip_link}' is no link of robot '{}'; it has {}",
             model.name(),
-            links.join(", ")
-        )
-    })
+            links(|_| true)
+        ));
+    };
+    if frame.body == 0 && model.dof() > 0 {
+        return Err(format!(
+            "tip_link '{tip_link}' is fixed to the base of robot '{}', so that no joint moves it; joints move {}",
+            model.name(),
+            links(|f| f.body > 0)
+        ));
+    }
+    Ok(frame.clone())
 }

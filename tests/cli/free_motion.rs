@@ -182,3 +182,56 @@ fn loop_closures_that_cannot_be() {
         &["h6.frame_a_xyz", "3 finite numbers"],
     );
 }
+
+/// A robot next to its scenario, in a package, and one that needs repairs.
+#[test]
+fn robots_are_found_next_to_their_scenario_and_in_packages() {
+    let scenario = |urdf: &str, more: &str| {
+        let chain = include_str!("../../config/tr942_chain.yaml");
+        let chain = chain.replace("package://fuyu/urdf/tr942_chain.urdf", urdf);
+        chain.replace("    duration: 8.0\n", &format!("    duration: 0.1\n{more}"))
+    };
+    let (folder, path) = file("near.yaml", scenario("robots/chain.urdf", ""));
+    let robots = folder.path().join("robots");
+    std::fs::create_dir(&robots).unwrap();
+    let chain = include_str!("../../urdf/tr942_chain.urdf");
+    std::fs::write(robots.join("chain.urdf"), chain).unwrap();
+    let simulate = |name: &str, text: Option<String>| {
+        let path = path.with_file_name(name);
+        if let Some(text) = text {
+            std::fs::write(&path, text).unwrap();
+        }
+        fuyu(&["simulate".as_ref(), path.as_os_str(), "--json".as_ref()])
+    };
+    simulate("near.yaml", None).json();
+    let in_package = |more: &str| scenario("package://robots/chain.urdf", more);
+    let folders = format!("    package_folders: [{:?}]\n", folder.path());
+    simulate("package.yaml", Some(in_package(&folders))).json();
+    let lost = simulate("lost.yaml", Some(in_package("")));
+    assert!(lost.refusal().contains("package://robots/chain.urdf"));
+
+    let unknown = chain.replace("</robot>", "<loop_joint/></robot>");
+    std::fs::write(robots.join("chain.urdf"), unknown).unwrap();
+    let repaired = simulate("near.yaml", None);
+    assert_eq!(repaired.code, 0, "{}", repaired.stderr);
+    assert!(
+        repaired.stderr.contains("<loop_joint> in <robot>"),
+        "{}",
+        repaired.stderr
+    );
+    let strict = scenario("robots/chain.urdf", "    strict: true\n");
+    assert_eq!(
+        simulate("strict.yaml", Some(strict)).code,
+        0,
+        "strict mode ignores it as before"
+    );
+    let long = chain.replacen("<axis xyz=\"0 0 1\"/>", "<axis xyz=\"0 0 2\"/>", 1);
+    assert_ne!(long, chain);
+    std::fs::write(robots.join("chain.urdf"), long).unwrap();
+    assert_eq!(simulate("near.yaml", None).code, 0);
+    assert!(
+        simulate("strict.yaml", None)
+            .refusal()
+            .contains("must be a unit vector")
+    );
+}

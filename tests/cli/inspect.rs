@@ -199,6 +199,8 @@ fn json_holds_what_was_asked_for_and_nothing_else() {
         "generalized_jacobian",
         "joints",
         "reduced_inertia",
+        "tip",
+        "tip_pose",
         "total_mass",
     ];
     assert_eq!(keys(&[]), always);
@@ -265,6 +267,119 @@ fn the_tip_is_tool0_or_the_last_leaf() {
         jacobian(path.to_str().unwrap(), &[]),
         jacobian(servicer, &["--tip=tool0"])
     );
+}
+
+#[test]
+fn json_has_the_tip_and_its_pose() {
+    let report = fuyu(&["inspect", "urdf/planar_two_link.urdf", "--json"]).json();
+    assert_eq!(report["tip"], "tool0");
+    let stretched = numbers(&report["tip_pose"]["position"]);
+    let turned = fuyu(&[
+        "inspect",
+        "urdf/planar_two_link.urdf",
+        "--json",
+        "--q=joint1=1.5707963267948966",
+    ])
+    .json();
+    // Only the first joint turns, by a right angle about z: the attitude is the quaternion of that, in base axes.
+    let [x, y, z, w] = numbers(&turned["tip_pose"]["orientation"])[..] else {
+        panic!("four numbers");
+    };
+    let root = 0.5_f64.sqrt();
+    assert!(x.abs() < 1e-15 && y.abs() < 1e-15);
+    assert!((z - root).abs() < 1e-15 && (w - root).abs() < 1e-15);
+    assert_ne!(numbers(&turned["tip_pose"]["position"]), stretched);
+    let in_order = fuyu(&[
+        "inspect",
+        "urdf/planar_two_link.urdf",
+        "--json",
+        "--q=1.5707963267948966,0",
+    ]);
+    assert_eq!(in_order.json(), turned);
+}
+
+#[test]
+fn a_tip_that_no_joint_moves_is_refused() {
+    let run = fuyu(&["inspect", "urdf/servicer.urdf", "--tip=base_link"]);
+    let message = run.refusal();
+    assert!(message.contains("fixed to the base base_link"), "{message}");
+    assert!(message.contains("joints move link1"), "{message}");
+    // Without a link called tool0, the default is one that joints move.
+    let text = std::fs::read_to_string("urdf/planar_two_link.urdf").unwrap();
+    let camera = "<link name=\"camera\"/><joint name=\"mount\" type=\"fixed\"><parent link=\"base_link\"/><child link=\"camera\"/></joint></robot>";
+    let text = text.replace("tool0", "hand").replace("</robot>", camera);
+    let (_folder, path) = file("camera.urdf", text);
+    let report = fuyu(&["inspect", path.to_str().unwrap(), "--json"]).json();
+    assert_eq!(report["tip"], "hand");
+    // A single body has no joints, and any link may be the tip.
+    let report = fuyu(&["inspect", "urdf/target.urdf", "--json"]).json();
+    assert!(report["tip"].is_string());
+}
+
+#[test]
+fn goals_are_reached_by_the_free_floating_robot_or_not() {
+    let here = fuyu(&[
+        "inspect",
+        "urdf/servicer.urdf",
+        "--json",
+        "--q=joint2=0.5,joint3=-1",
+    ])
+    .json();
+    let [x, y, z] = numbers(&here["tip_pose"]["position"])[..] else {
+        panic!("three numbers");
+    };
+    let goal = format!("--reach={},{},{}", x - 0.3, y + 0.2, z - 0.1);
+    let args = [
+        "inspect",
+        "urdf/servicer.urdf",
+        "--json",
+        "--q=joint2=0.5,joint3=-1",
+        &goal,
+    ];
+    let reach = fuyu(&args).json()["reach"].clone();
+    assert_eq!(reach["reachable"], true);
+    let found = numbers(&reach["tip_pose"]["position"]);
+    for (found, wanted) in found.iter().zip([x - 0.3, y + 0.2, z - 0.1]) {
+        assert!((found - wanted).abs() < 1e-8, "{found} {wanted}");
+    }
+    // The base has moved, and the tip's pose in it is what the joints say.
+    assert!(
+        numbers(&reach["base_pose"]["position"])
+            .iter()
+            .any(|p| p.abs() > 1e-4)
+    );
+    assert_eq!(numbers(&reach["q"]).len(), 6);
+    let far = fuyu(&["inspect", "urdf/servicer.urdf", "--json", "--reach=100,0,0"]);
+    assert_eq!(far.code, 1);
+    assert!(
+        far.stderr.contains("from the centre of mass"),
+        "{}",
+        far.stderr
+    );
+    assert_eq!(
+        serde_json::from_str::<Value>(&far.stdout).unwrap()["reach"]["reachable"],
+        false
+    );
+    let run = fuyu(&["inspect", "urdf/servicer.urdf", "--reach=1,2"]);
+    assert!(run.stderr.contains("give X,Y,Z"), "{}", run.stderr);
+}
+
+#[test]
+fn repairs_are_warnings_unless_strict() {
+    let text = std::fs::read_to_string("urdf/planar_two_link.urdf").unwrap();
+    let text = text.replacen("<axis xyz=\"0 0 1\"/>", "<axis xyz=\"0 0 2\"/>", 1);
+    let (_folder, path) = file("long_axis.urdf", text);
+    let path = path.to_str().unwrap();
+    let run = fuyu(&["inspect", path, "--json"]);
+    assert_eq!(run.code, 0);
+    assert!(run.stderr.contains("fuyu: warning: "), "{}", run.stderr);
+    assert!(
+        run.stderr.contains("joint1 (length 2.000000)"),
+        "{}",
+        run.stderr
+    );
+    let refusal = fuyu(&["inspect", path, "--strict"]);
+    assert!(refusal.refusal().contains("must be a unit vector"));
 }
 
 #[test]

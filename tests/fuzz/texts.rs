@@ -24,6 +24,8 @@ fn urdf() {
         "<child link=\"a\"/>",
         "type=\"floating\"",
         "<mimic joint=\"joint1\"/>",
+        "<unknown/>",
+        "type=\"planar\"",
         "\"",
         "&lt;",
         "<!DOCTYPE a [<!ENTITY b \"bbbb\">]>",
@@ -36,7 +38,9 @@ fn urdf() {
         memory: 64 * MEGABYTE,
     };
     target.run(|input| {
-        let _ = Model::from_urdf(&String::from_utf8_lossy(input), "input");
+        let text = String::from_utf8_lossy(input);
+        let _ = Model::from_urdf(&text, "input");
+        let _ = Model::repaired_from_urdf(&text, "input").map(|robot| robot.warnings());
     });
 }
 

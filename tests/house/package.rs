@@ -83,5 +83,5 @@ fn the_commands_of_the_readme_and_the_recipes_exist() {
     for command in ["cargo run --release", "cargo test --release"] {
         assert!(readme.contains(command), "{command}");
     }
-    assert!(steps.contains("  cargo test --locked --release 2>&1"));
+    assert!(steps.contains("  cargo test --locked --release --no-fail-fast 2>&1"));
 }

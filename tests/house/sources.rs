@@ -17,10 +17,12 @@ pub fn read(path: impl AsRef<Path>) -> String {
 }
 
 /// Names of the packages of the workspace and their folders.
-pub const PACKAGES: [(&str, &str); 3] = [
+pub const PACKAGES: [(&str, &str); 5] = [
     ("fuyu", ""),
+    ("fuyu-lti", "crates/fuyu-lti"),
     ("fuyu-physics", "crates/fuyu-physics"),
     ("fuyu-ros", "crates/fuyu-ros"),
+    ("fuyu-structures", "crates/fuyu-structures"),
 ];
 
 /// One Rust file below the `src` of a package.

@@ -31,7 +31,10 @@ fn steps_jacobians_and_the_control_law_do_not_allocate() {
             orientation: 0.1,
         },
     };
-    let mut controllers = LawKind::NAMES.map(|(_, law)| {
+    // The computed-torque law plans when the goal moves, as it does here: its own test is below.
+    let laws = LawKind::NAMES.map(|(_, law)| law);
+    let laws = laws.into_iter().filter(|l| *l != LawKind::ComputedTorque);
+    let controllers = laws.map(|law| {
         let law = match law {
             LawKind::JointPd => JointPdConfig { k_p: vec![1.0; 6] }.into(),
             law => LawConfig::from(law),
@@ -56,6 +59,7 @@ fn steps_jacobians_and_the_control_law_do_not_allocate() {
         controller.set_config(approximate).unwrap();
         controller
     });
+    let mut controllers: Vec<Controller> = controllers.collect();
     let mut matrix = Matrix6xX::zeros(6);
     let mut push = |_: f64, _: &State, input: &mut Input| input.efforts.fill(0.1);
     for method in [IntegrationMethod::Rk4, IntegrationMethod::Dop8] {
@@ -80,6 +84,41 @@ fn steps_jacobians_and_the_control_law_do_not_allocate() {
         });
         assert_eq!(used.count_total, 0, "{method:?}: {used:?}");
     }
+}
+
+/// Only planning a trajectory takes memory, which happens at the first step here.
+#[test]
+fn the_computed_torque_law_takes_no_memory_between_plans() {
+    let model = servicer();
+    let tip = model.frame("tool0").unwrap().clone();
+    let gains = Gains {
+        k_p: 75.0,
+        k_o: 100.0,
+        k_v: vec![400.0, 100.0, 200.0, 10.0, 2.0, 2.0],
+        saturation: Saturation::NONE,
+    };
+    let config = ControllerConfig::new(LawKind::ComputedTorque, gains);
+    let mut controller = Controller::new(model.clone(), tip.clone(), config).unwrap();
+    let q = DVector::from_element(6, 0.4);
+    let state = State::at_rest_with(&model, &q);
+    let mut robot = Floating::new(model, state, IntegrationMethod::Rk4);
+    let X_WE = robot.state().X_WB(robot.workspace()) * robot.workspace().X_BF(&tip);
+    let X_WD = Translation3::new(0.1, -0.2, 0.1) * X_WE;
+    let mut step = |robot: &mut Floating, time: f64| {
+        let X_BW = robot.state().X_WB(robot.workspace()).inverse();
+        let X_BE = robot.workspace().X_BF(&tip);
+        let sight = TipMeasurement::new(time, X_BE, X_BW * X_WD);
+        let state = robot.state();
+        let seen = Measurement::new(time, &state.q, &state.qd).with_tip(Some(&sight));
+        controller.update(&seen).unwrap();
+        robot.hold_efforts(controller.efforts().as_slice());
+        robot.step(0.01, 1);
+    };
+    step(&mut robot, 0.0);
+    let used = measure(|| (1..500).for_each(|k| step(&mut robot, 0.01 * f64::from(k))));
+    assert_eq!(used.count_total, 0, "{used:?}");
+    // It has moved.
+    assert!((&robot.state().q - &q).amax() > 0.01);
 }
 
 /// All settings that make a control step do something else: shapes of straight paths, tasks, predictions. The settings

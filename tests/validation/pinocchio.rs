@@ -1,5 +1,5 @@
 //! `fuyu inspect --json` against Pinocchio on random robot descriptions: the whole way from URDF text to
-//! numbers, through other code. Trees with branches, all joint types, links fixed to links, massless
+//! numbers, through other code. Trees with branches, all joint types, mimic joints, links fixed to links, massless
 //! frames, a massless root, rotated inertial frames, links and joints in any order.
 
 use std::collections::BTreeMap;
@@ -67,7 +67,10 @@ fn case(seed: u64) -> Value {
     let moving = rng.random_range(2..=12);
     let mut elements = Vec::new();
     let mut links = vec!["base".to_owned()];
+    // Links that a joint moves: others cannot be a tip.
+    let mut moved: Vec<String> = Vec::new();
     let mut values: [BTreeMap<String, f64>; 4] = Default::default();
+    let mut mimics: BTreeMap<String, (String, f64, f64)> = BTreeMap::new();
 
     let massless_root = rng.random_bool(0.2);
     let base = inertial(rng, 50.0..200.0);
@@ -92,6 +95,9 @@ fn case(seed: u64) -> Value {
         };
         let kinds = ["revolute", "continuous", "prismatic", "fixed"];
         let kind = kinds[rng.random_range(0..kinds.len())];
+        if kind != "fixed" || moved.contains(&links[parent]) {
+            moved.push(format!("l{k}"));
+        }
         let mut joint = format!(
             "<joint name=\"j{k}\" type=\"{kind}\"><parent link=\"{}\"/><child link=\"l{k}\"/>{}",
             links[parent],
@@ -112,8 +118,21 @@ fn case(seed: u64) -> Value {
                 number(rng, 5.0),
                 damping,
             ];
-            for (of_joint, value) in values.iter_mut().zip(random) {
-                of_joint.insert(format!("j{k}"), value);
+            let leaders: Vec<String> = values[0].keys().cloned().collect();
+            if !leaders.is_empty() && rng.random_bool(0.15) {
+                // It follows a joint with a coordinate; the joints of the file are shuffled, so that this may come later.
+                let leader = leaders[rng.random_range(0..leaders.len())].clone();
+                let (ratio, offset) = (number(rng, 2.0), number(rng, 0.5));
+                let _ = write!(
+                    joint,
+                    "<mimic joint=\"{leader}\" multiplier=\"{ratio:?}\" offset=\"{offset:?}\"/>"
+                );
+                values[3].insert(format!("j{k}"), damping);
+                mimics.insert(format!("j{k}"), (leader, ratio, offset));
+            } else {
+                for (of_joint, value) in values.iter_mut().zip(random) {
+                    of_joint.insert(format!("j{k}"), value);
+                }
             }
         }
         elements.push(joint + "</joint>");
@@ -125,11 +144,11 @@ fn case(seed: u64) -> Value {
     }
     elements.shuffle(rng);
     let [q, qd, tau, damping] = values;
-    let tip = &links[rng.random_range(0..links.len())];
+    let tip = &moved[rng.random_range(0..moved.len())];
     let twist: Vec<f64> = (0..6).map(|_| number(rng, 0.5)).collect();
     json!({
         "urdf": format!("<robot name=\"r{seed}\">\n{}\n</robot>\n", elements.join("\n")),
-        "tip": tip, "q": q, "qd": qd, "tau": tau, "damping": damping, "base_twist": twist,
+        "tip": tip, "q": q, "qd": qd, "tau": tau, "damping": damping, "base_twist": twist, "mimics": mimics,
     })
 }
 
@@ -212,7 +231,7 @@ fn inspect_agrees_with_pinocchio_on_random_descriptions() {
     let cases: Vec<Value> = (0..TREES).map(case).collect();
     let folder = tempfile::tempdir().unwrap();
     let mut worst: BTreeMap<&str, f64> = BTreeMap::new();
-    let mut branched = 0;
+    let (mut branched, mut mimicking) = (0, 0);
     for (case, theirs) in cases.iter().zip(pinocchio(&cases)) {
         let ours = inspect(case, folder.path());
         let names = |report: &Value| -> Vec<String> {
@@ -225,6 +244,7 @@ fn inspect_agrees_with_pinocchio_on_random_descriptions() {
         // Pinocchio takes siblings in its own order: its column for each of our joints.
         let (our_names, their_names) = (names(&ours), names(&theirs));
         branched += usize::from(our_names != their_names);
+        mimicking += usize::from(!case["mimics"].as_object().unwrap().is_empty());
         let column: Vec<usize> = our_names
             .iter()
             .map(|name| their_names.iter().position(|n| n == name).unwrap())
@@ -271,5 +291,6 @@ fn inspect_agrees_with_pinocchio_on_random_descriptions() {
         );
     }
     assert!(branched > 10, "the trees must have branches");
+    assert!(mimicking > 10, "some must have mimic joints");
     println!("largest relative differences over {TREES} robots: {worst:?}");
 }

@@ -123,10 +123,15 @@ impl Work {
             control_loop,
             messages,
         } = robot;
-        if let Some(config) = live.changed()
-            && let Err(e) = control_loop.set_controller_config(config)
-        {
-            (self.health.control).warn(format!("parameter {e}; the gains before stay in force"));
+        if let Some(config) = live.changed() {
+            let controller = control_loop.controller();
+            let config = params.complete(config, controller.model(), controller.tip());
+            let set =
+                |config| (control_loop.set_controller_config(config)).map_err(|e| e.to_string());
+            if let Err(e) = config.and_then(set) {
+                let warning = format!("parameter {e}; the gains before stay in force");
+                self.health.control.warn(warning);
+            }
         }
         self.inputs.feed(control_loop, &self.health.control);
         while let Some(report) = control_loop.step() {
@@ -162,6 +167,7 @@ fn control_loop(
     config: ControllerConfig,
 ) -> Result<ControlLoop, String> {
     let more_tips = second_tip(&robot.model, &params.second_tip_link)?;
+    let config = params.complete(config, &robot.model, &robot.tip)?;
     let controller = Controller::with_tips(robot.model, robot.tip, more_tips, config);
     let config = ControlLoopConfig {
         timeout: params.measurement_timeout,

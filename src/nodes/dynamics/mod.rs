@@ -67,6 +67,9 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     declare.finish()?;
     let params =
         params.map_err(|e: String| NodeError::Input(format!("node {}: {e}", node.name())))?;
+    for warning in params.repairs() {
+        tracing::warn!("{warning}");
+    }
     let lifecycle = Lifecycle::new(node)?;
     let mut simulation = None;
     let follow = |transition, simulation: &mut _| {

@@ -157,10 +157,7 @@ mod tests {
 
     #[test]
     fn fixed_frames_are_those_of_the_description() {
-        let description = Description {
-            xml: STATION.to_owned(),
-            source: "station".to_owned(),
-        };
+        let description = Description::new(STATION.to_owned(), "station".to_owned(), true);
         let motion = InitialMotion {
             pose: nalgebra::Isometry3::identity(),
             velocity_W: nalgebra::Vector3::zeros(),

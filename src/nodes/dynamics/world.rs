@@ -12,7 +12,7 @@ use super::target::Target;
 use super::tick_time::TickTime;
 use crate::{
     control::with_default_effort_limits,
-    dynamics::{Floating, FormulationKind, State},
+    dynamics::{Floating, FormulationKind, JointPhysics, State},
     model::Model,
     nodes::choice,
 };
@@ -34,6 +34,8 @@ pub struct World {
     time_step: f64,
     /// Names of the joints whose effort limit is the default, and its acceleration \[rad/s² or m/s²\].
     default_limits: (Vec<String>, f64),
+    /// See [`World::not_simulated`].
+    not_simulated: Option<String>,
 }
 
 impl World {
@@ -56,6 +58,7 @@ impl World {
         (loops.assemble(&mut state, params.loop_tolerance)).map_err(|e| e.to_string())?;
         params.base.place(&model, &mut state);
         let robot = Floating::with_loops(loops, state, params.method);
+        let robot = robot.with_joint_physics(&params.joint_physics);
         let robot = robot.with_formulation(params.formulation).map_err(|e| {
             let name = choice::name_of(&FormulationKind::NAMES, &params.formulation);
             format!("parameter formulation is '{name}': {e}")
@@ -74,6 +77,7 @@ impl World {
             )
         });
         Ok(Self {
+            not_simulated: not_simulated(&robot, &params.joint_physics),
             drive: JointDrive::new(&robot, &params.servo)?,
             start: robot.state().clone(),
             backup: StateBackup::new(&robot),
@@ -137,18 +141,8 @@ impl World {
     }
 
     /// What the robot's description contains but is not simulated, as a line; `None` if all of it is.
-    pub fn not_simulated(&self) -> Option<String> {
-        let joints = self.robot.model().joints().iter();
-        let with_friction: Vec<_> = joints
-            .filter(|j| j.friction != 0.0)
-            .map(|j| j.name.as_str())
-            .collect();
-        (!with_friction.is_empty()).then(|| {
-            format!(
-                "Coulomb friction of {} is not simulated; damping is",
-                with_friction.join(", ")
-            )
-        })
+    pub fn not_simulated(&self) -> Option<&str> {
+        self.not_simulated.as_deref()
     }
 
     /// Which effort limits are not from the robot's description, as a line; `None` if all are.
@@ -300,4 +294,25 @@ fn limited(described: &Model, acceleration: f64) -> (Model, (Vec<String>, f64)) 
             (names, acceleration),
         ),
     }
+}
+
+/// What only mechanisms without closed loops can do, if it is asked for.
+fn not_simulated(robot: &Floating, settings: &JointPhysics) -> Option<String> {
+    if robot.loops().closures().is_empty() {
+        return None;
+    }
+    let joints = robot.model().joints().iter();
+    let more_than_damped = joints.filter(|joint| {
+        let limits = &joint.limits;
+        let has_stops = limits.lower.is_finite() || limits.upper.is_finite();
+        (settings.friction && joint.friction != 0.0) || (settings.stops && has_stops)
+    });
+    let names: Vec<_> = more_than_damped.map(|joint| joint.name.as_str()).collect();
+    (!names.is_empty()).then(|| {
+        format!(
+            "Coulomb friction and stops of {} are not simulated in closed loops; damping is \
+             (joint_physics.friction and joint_physics.stops switch this note off)",
+            names.join(", ")
+        )
+    })
 }

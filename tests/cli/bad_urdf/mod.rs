@@ -1,4 +1,4 @@
-//! Broken robot descriptions: each is refused in one line that names the file, the line, the element and
+//! Broken robot descriptions: in strict mode each is refused in one line that names the file, the line, the element and
 //! the value. Every case changes one thing in a valid description, so that no other check can cause the error.
 
 mod structure;
@@ -71,7 +71,7 @@ fn refused(from: &str, to: &str, at: &str, says: &[&str]) {
     let at = at.expect("the place is in the bad robot") + 1;
     let line = bad[..at].lines().count().max(1);
     let (_folder, path) = file("robot.urdf", bad);
-    let run = fuyu(&["inspect".as_ref(), path.as_os_str()]);
+    let run = fuyu(&["inspect".as_ref(), path.as_os_str(), "--strict".as_ref()]);
     let message = run.refusal();
     let place = format!("robot.urdf:{line}: ");
     assert!(message.contains(&place), "no {place:?} in: {message}");

@@ -8,7 +8,10 @@ fn not_a_urdf() {
     for (text, says) in [
         ("", "not well-formed XML"),
         ("joint_states", "not well-formed XML"),
-        ("<sdf><model/></sdf>", "root element is <sdf>"),
+        (
+            "<sdf><model/></sdf>",
+            "the document is SDF; convert it to URDF first",
+        ),
         ("<robot name=\"r\"/>", "no <link>"),
         (
             "<robot name=\"r\"><joint/></robot>",
@@ -79,7 +82,7 @@ fn xacro_that_nobody_expanded() {
         "value=\"100\"",
         "value=\"${mass}\"",
         HERE,
-        &["link 'base_link'", "${mass}", "a finite number"],
+        &["link 'base_link'", "${mass}", "expand the file first"],
     );
 }
 
@@ -222,23 +225,23 @@ fn joint_types() {
     );
     refused(
         "<axis xyz=\"1 0 0\"/>",
-        "<mimic joint=\"shoulder\"/>",
+        "<mimic joint=\"sholder\"/>",
         HERE,
         &[
             "joint 'boom'",
-            "<mimic joint=\"shoulder\"> is not supported",
+            "<mimic joint=\"sholder\"> is not a joint; the joints are shoulder, boom, flange",
         ],
     );
 }
 
 #[test]
-fn what_only_urdf_rs_refuses_is_traced_to_its_element() {
+fn shapes_that_urdf_does_not_have() {
     let visual =
         "<link name=\"tool0\"><visual><geometry><teapot size=\"1\"/></geometry></visual></link>";
     refused(
         "<link name=\"tool0\"/>",
         visual,
         HERE,
-        &["link 'tool0'", "not a valid URDF", "teapot"],
+        &["link 'tool0'", "has no <geometry> with a <box>"],
     );
 }

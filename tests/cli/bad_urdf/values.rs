@@ -162,7 +162,7 @@ fn axes() {
 }
 
 #[test]
-fn numbers_that_urdf_rs_would_drop_in_silence() {
+fn numbers_of_frames() {
     // It keeps the words that are numbers and counts those.
     refused(
         "xyz=\"0 0 1\" rpy",

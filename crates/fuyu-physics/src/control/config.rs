@@ -2,7 +2,8 @@
 
 use super::gains::{ConfigError, check_not_negative};
 use super::prediction::{GoalMotionConfig, Prediction};
-use super::{Gains, LawConfig, SingularityEscapeConfig};
+use super::{AutoGains, Gains, LawConfig, SingularityEscapeConfig};
+use crate::model::{Frame, Model};
 
 /// Settings of a [`Controller`](super::Controller): the law with its own settings, and those that all laws share.
 #[derive(Debug, Clone, PartialEq)]
@@ -34,6 +35,36 @@ impl ControllerConfig {
             goal: GoalMotionConfig::default(),
             singularity_escape: SingularityEscapeConfig::default(),
         }
+    }
+
+    /// The same with computed gains where none are given: all [`Gains`] if `k_v` is empty, and the position gains of joint PD control if
+    /// they are. Saturation stays. See [`AutoGains`].
+    ///
+    /// # Errors
+    /// [`ConfigError::NoAutoGains`] for a robot without joints, or whose tip no joint moves.
+    pub fn with_auto_gains(
+        mut self,
+        model: &Model,
+        tip: &Frame,
+        period: f64,
+    ) -> Result<Self, ConfigError> {
+        let needs_joint_gains =
+            matches!(&self.law, LawConfig::JointPd(config) if config.k_p.is_empty());
+        if !self.gains.k_v.is_empty() && !needs_joint_gains {
+            return Ok(self);
+        }
+        let auto = AutoGains::new(model, tip, period).ok_or(ConfigError::NoAutoGains)?;
+        if self.gains.k_v.is_empty() {
+            let saturation = self.gains.saturation;
+            self.gains = Gains {
+                saturation,
+                ..auto.gains
+            };
+        }
+        if let (LawConfig::JointPd(config), true) = (&mut self.law, needs_joint_gains) {
+            config.k_p = auto.joint_k_p;
+        }
+        Ok(self)
     }
 
     /// Refuses settings that do not fit a robot with `joints` joints, or are not finite.

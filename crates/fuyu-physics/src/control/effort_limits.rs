@@ -9,7 +9,7 @@ use crate::model::{Joint, JointKind, Model};
 /// # Panics
 /// If there is no joint `j`.
 pub fn outstretched_inertia(model: &Model, j: usize) -> f64 {
-    let (joint, moved) = (&model.joints()[j], j + 1);
+    let (joint, moved) = (&model.joints()[j], model.joint_body(j));
     let subtree = moved..model.bodies()[moved].subtree_end;
     let inertia = |b: usize| {
         let body = &model.bodies()[b].inertia;
@@ -32,9 +32,9 @@ pub fn outstretched_inertia(model: &Model, j: usize) -> f64 {
 fn distance_to(model: &Model, from: usize, to: usize) -> f64 {
     let (mut body, mut distance) = (to, 0.0);
     while body != from {
-        let joint = &model.joints()[body - 1];
+        let joint = model.tree_joint(body - 1);
         distance += joint.X_PJ.translation.vector.norm() + stroke(joint);
-        body = model.joint_parent(body - 1);
+        body = model.bodies()[body].parent.unwrap_or(from);
     }
     distance
 }

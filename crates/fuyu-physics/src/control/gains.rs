@@ -57,6 +57,9 @@ pub enum ConfigError {
         /// Its value.
         value: f64,
     },
+    /// Gains are to be computed for a robot that has no joints that move its tip.
+    #[error("no gains can be computed: no joint moves the tip")]
+    NoAutoGains,
     /// [`LawConfig::Custom`](super::LawConfig::Custom) for a controller that has no user-defined law.
     #[error(
         "law is custom, but the controller has no user-defined law; give it to Controller::with_law"

@@ -1,8 +1,8 @@
 //! Choice of a law, with its settings.
 
 use super::{
-    ConfigError, JointPd, JointPdConfig, Law, Manipulator, OperationalSpace,
-    OperationalSpaceConfig, StraightPath, StraightPathConfig, TransposeJacobian,
+    ComputedTorque, ComputedTorqueConfig, ConfigError, JointPd, JointPdConfig, Law, Manipulator,
+    OperationalSpace, OperationalSpaceConfig, StraightPath, StraightPathConfig, TransposeJacobian,
     TransposeJacobianConfig,
 };
 
@@ -17,15 +17,18 @@ pub enum LawKind {
     OperationalSpace,
     /// Transpose-Jacobian control whose tip follows a straight line, [`StraightPath`].
     StraightPath,
+    /// Computed torque to joint positions found on the floating base, [`ComputedTorque`].
+    ComputedTorque,
 }
 
 impl LawKind {
     /// All laws by name.
-    pub const NAMES: [(&'static str, Self); 4] = [
+    pub const NAMES: [(&'static str, Self); 5] = [
         ("transpose_jacobian", Self::TransposeJacobian),
         ("straight_path", Self::StraightPath),
         ("joint_pd", Self::JointPd),
         ("operational_space", Self::OperationalSpace),
+        ("computed_torque", Self::ComputedTorque),
     ];
 }
 
@@ -40,6 +43,8 @@ pub enum LawConfig {
     OperationalSpace(OperationalSpaceConfig),
     /// Transpose-Jacobian control along a straight line.
     StraightPath(StraightPathConfig),
+    /// Computed torque.
+    ComputedTorque(ComputedTorqueConfig),
     /// A user-defined law, given to [`Controller::with_law`](super::Controller::with_law). It keeps its settings itself.
     Custom,
 }
@@ -52,6 +57,7 @@ impl LawConfig {
             Self::JointPd(_) => Some(LawKind::JointPd),
             Self::OperationalSpace(_) => Some(LawKind::OperationalSpace),
             Self::StraightPath(_) => Some(LawKind::StraightPath),
+            Self::ComputedTorque(_) => Some(LawKind::ComputedTorque),
             Self::Custom => None,
         }
     }
@@ -64,6 +70,12 @@ impl LawConfig {
         known.map_or("custom", |(name, _)| name)
     }
 
+    /// Whether the law leaves the damping of the joints to the controller, and so needs [`Gains::k_v`](super::Gains::k_v). The others use
+    /// it only while there is no measurement.
+    pub fn needs_joint_damping(&self) -> bool {
+        !matches!(self, Self::OperationalSpace(_) | Self::ComputedTorque(_))
+    }
+
     /// Refuses settings that do not fit a robot with `joints` joints.
     ///
     /// # Errors
@@ -74,6 +86,7 @@ impl LawConfig {
             Self::JointPd(config) => config.check(joints),
             Self::OperationalSpace(config) => config.check(),
             Self::StraightPath(config) => config.check(),
+            Self::ComputedTorque(config) => config.check(),
         }
     }
 
@@ -88,6 +101,7 @@ impl LawConfig {
                 Box::new(OperationalSpace::new(config.clone(), manipulator))
             }
             Self::StraightPath(config) => Box::new(StraightPath::new(config.clone(), manipulator)),
+            Self::ComputedTorque(config) => Box::new(ComputedTorque::new(*config, manipulator)),
             Self::Custom => return None,
         })
     }
@@ -101,6 +115,7 @@ impl From<LawKind> for LawConfig {
             LawKind::JointPd => JointPdConfig::default().into(),
             LawKind::OperationalSpace => OperationalSpaceConfig::default().into(),
             LawKind::StraightPath => StraightPathConfig::default().into(),
+            LawKind::ComputedTorque => ComputedTorqueConfig::default().into(),
         }
     }
 }
@@ -120,6 +135,12 @@ impl From<JointPdConfig> for LawConfig {
 impl From<OperationalSpaceConfig> for LawConfig {
     fn from(config: OperationalSpaceConfig) -> Self {
         Self::OperationalSpace(config)
+    }
+}
+
+impl From<ComputedTorqueConfig> for LawConfig {
+    fn from(config: ComputedTorqueConfig) -> Self {
+        Self::ComputedTorque(config)
     }
 }
 

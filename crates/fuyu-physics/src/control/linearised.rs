@@ -64,6 +64,33 @@ impl LinearisedLoop {
         Some(schur.complex_eigenvalues().iter().copied().collect())
     }
 
+    /// Factor by which the fastest growing deviation grows in a sampling period \[s\], when the law's efforts are held for a period: more
+    /// than 1 if the loop is unstable because it is sampled, 1 if the joints can move without the tip. `None` as [`LinearisedLoop::eigenvalues`].
+    ///
+    /// Under held efforts `u` the motion is `δq + T δq̇ + ½ T² Ĥ⁻¹ u`, `δq̇ + T Ĥ⁻¹ u`.
+    pub fn sampled_growth(&self, period: f64) -> Option<f64> {
+        let n = self.damping.len();
+        let inverse = self.inertia.clone().cholesky()?.inverse();
+        // The efforts of a state (δq, δq̇), as accelerations.
+        let mut law = DMatrix::zeros(n, 2 * n);
+        law.columns_mut(0, n)
+            .copy_from(&-(&inverse * &self.stiffness));
+        let damping = DMatrix::from_diagonal(&self.damping);
+        law.columns_mut(n, n).copy_from(&-(&inverse * damping));
+        let identity = DMatrix::identity(n, n);
+        let mut held = DMatrix::zeros(2 * n, n);
+        held.rows_mut(0, n)
+            .copy_from(&(&identity * (0.5 * period * period)));
+        held.rows_mut(n, n).copy_from(&(&identity * period));
+        let mut free = DMatrix::identity(2 * n, 2 * n);
+        free.view_mut((0, n), (n, n))
+            .copy_from(&(&identity * period));
+        let system = free + held * law;
+        let schur = Schur::try_new(system, f64::EPSILON, 10_000)?;
+        let roots = schur.complex_eigenvalues();
+        roots.iter().map(|root| root.norm()).max_by(f64::total_cmp)
+    }
+
     /// The largest real part of the roots \[1/s\]: negative where the goal is asymptotically stable, positive
     /// where it is unstable, zero up to rounding where the joints can move without the tip.
     /// `None` as [`LinearisedLoop::eigenvalues`].
@@ -77,6 +104,30 @@ impl LinearisedLoop {
 mod tests {
     use super::*;
     use crate::control::Saturation;
+
+    /// One joint, `Ĥ = 1`: Jury's criterion for `z² - (2 - d - k/2) z + (1 - d + k/2)` with `d = D T`, `k = K T²` gives stability
+    /// for `d > k/2` and `d < 2`. Would break if the held effort's half square were missing.
+    #[test]
+    fn one_sampled_joint_obeys_jury_s_criterion() {
+        let period = 0.1;
+        for (d, k, is_stable) in [
+            (0.5, 0.9, true),
+            (0.5, 1.1, false),
+            (1.9, 0.1, true),
+            (2.1, 0.1, false),
+            (0.05, 0.09, true),
+            (0.05, 0.11, false),
+        ] {
+            let one = |x: f64| DMatrix::from_element(1, 1, x);
+            let sampled = LinearisedLoop {
+                inertia: one(1.0),
+                damping: DVector::from_element(1, d / period),
+                stiffness: one(k / (period * period)),
+            };
+            let growth = sampled.sampled_growth(period).unwrap();
+            assert_eq!(growth < 1.0, is_stable, "{d} {k}: {growth}");
+        }
+    }
 
     /// With the generalized Jacobian no root has a positive real part, in any posture.
     #[test]

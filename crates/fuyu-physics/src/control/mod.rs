@@ -6,12 +6,15 @@
 //! A [`Law`] computes joint efforts. A [`Controller`] runs one law: it compensates the latency of the camera, adds joint
 //! damping, and changes law or gains without a step in the efforts.
 
+mod auto_gains;
 mod bumpless_transfer;
+mod computed_torque;
 mod config;
 mod control_loop;
 mod controller;
 mod effort_limits;
 mod feed_forward;
+mod floating_inverse_kinematics;
 mod gains;
 mod inverse_kinematics;
 mod joint_pd;
@@ -27,6 +30,7 @@ mod operational_space;
 mod operator;
 mod pose_error;
 pub mod prediction;
+mod reach;
 mod report;
 mod resolved_rate;
 mod sampled_damping;
@@ -38,6 +42,8 @@ mod velocity_servo;
 mod virtual_tip_inertia;
 mod workspace_radius;
 
+pub use auto_gains::AutoGains;
+pub use computed_torque::{ComputedTorque, ComputedTorqueConfig};
 pub use config::ControllerConfig;
 pub use control_loop::{
     ControlLoop, ControlLoopConfig, ControlMode, InputError, InputStatus, LoopReport, Stamp,
@@ -46,6 +52,7 @@ pub use control_loop::{
 pub use controller::Controller;
 pub use effort_limits::{outstretched_inertia, with_default_effort_limits};
 pub use feed_forward::{FeedForward, MovingGoal};
+pub use floating_inverse_kinematics::FloatingInverseKinematics;
 pub use gains::{ConfigError, Gains};
 pub use inverse_kinematics::{IkError, inverse_kinematics};
 pub use joint_pd::{JointPd, JointPdConfig};
@@ -59,6 +66,7 @@ pub use operability::{MapError, MapPoint, Mapping, Operability, OperabilityMap};
 pub use operational_space::{BaseTask, OperationalSpace, OperationalSpaceConfig, TipTask};
 pub use operator::{Operator, OperatorConfig};
 pub use pose_error::{HALF_TURN_CAP, PoseError, SaturatedError, Saturation};
+pub use reach::{ReachError, ReachGoal, Reached, free_floating_reach};
 pub use report::{ControlError, ControlReport, LawError};
 pub use resolved_rate::{
     Limited, RateLimits, Resolution, Resolved, ResolvedRate, ResolvedRateConfig, limit_twist,

@@ -6,16 +6,19 @@ use super::formulation::evaluate_with_base_twist;
 use super::kernel::{Vec3, base_angular_velocity, forward_dynamics};
 use super::scratch_memory::DynamicsScratch;
 use super::{
-    Evaluation, Formulation, Input, State, TreeAcceleration, TreeMotion, Workspace, checks,
+    Evaluation, Formulation, Input, Reduced, State, TreeAcceleration, TreeMotion, Workspace, checks,
 };
 use crate::model::Model;
 use crate::spatial::{Twist, Wrench};
 
 /// Forward dynamics by articulated bodies in link frames. Cost is linear in the number of joints, and precision does
-/// not depend on that number.
+/// not depend on that number. A mimic joint couples branches, which the recursion from the tips to the base cannot express:
+/// robots with mimic joints are evaluated by [`Reduced`].
 #[derive(Debug, Clone)]
 pub struct ArticulatedBody {
     pub(super) scratch: DynamicsScratch,
+    /// For robots with mimic joints.
+    coupled: Option<Box<Reduced>>,
 }
 
 impl ArticulatedBody {
@@ -23,6 +26,7 @@ impl ArticulatedBody {
     pub fn new(model: &Model) -> Self {
         Self {
             scratch: DynamicsScratch::new(model),
+            coupled: model.has_mimics().then(|| Box::new(Reduced::new(model))),
         }
     }
 
@@ -57,6 +61,10 @@ impl ArticulatedBody {
 
 impl Formulation for ArticulatedBody {
     fn accelerations(&mut self, motion: &TreeMotion, input: &Input, out: &mut TreeAcceleration) {
+        if let Some(coupled) = &mut self.coupled {
+            coupled.accelerations(motion, input, out);
+            return;
+        }
         checks::formulation(motion, input, out, &self.scratch.model);
         self.scratch.arch.dispatch(GivenBaseTwist {
             dynamics: self,
@@ -74,7 +82,7 @@ impl Formulation for ArticulatedBody {
         input: &Input,
         out: &mut Evaluation,
     ) {
-        if Wrench::any(&input.wrenches) {
+        if self.coupled.is_some() || Wrench::any(&input.wrenches) {
             evaluate_with_base_twist(self, state, workspace, input, out);
         } else {
             self.scratch.arch.dispatch(FreeFloating {

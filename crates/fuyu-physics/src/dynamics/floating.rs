@@ -4,7 +4,8 @@ use nalgebra::DVector;
 
 use super::newton_euler::SystemError;
 use super::{
-    FormulationKind, Input, IntegrationMethod, Integrator, Loops, State, Workspace, checks,
+    FormulationKind, Input, IntegrationMethod, Integrator, JointPhysics, Loops, State, Workspace,
+    checks,
 };
 use crate::model::Model;
 
@@ -78,6 +79,13 @@ impl Floating {
         self.integrator = self.integrator.with_formulation(kind)?;
         self.is_evaluated = false;
         Ok(self)
+    }
+
+    /// The same tree, with other settings for friction, stops and speed limits of the joints.
+    pub fn with_joint_physics(mut self, settings: &JointPhysics) -> Self {
+        self.integrator = self.integrator.with_joint_physics(settings);
+        self.is_evaluated = false;
+        self
     }
 
     /// The tree.

@@ -63,12 +63,21 @@ impl Workspace {
         for (j, (rhs, (effort, (q, qd)))) in rhs.iter_mut().zip(acting).enumerate() {
             let column = self.column(j);
             let (J_C, H_A) = (Vector3::from(column.J_C.0), Vector3::from(column.H_A.0));
-            let bias =
-                self.axis(j).effort(&self.bodies[j + 1].force) - J_C.dot(&force) + H_A.dot(&torque);
+            let bias = self.joint_effort(j) - J_C.dot(&force) + H_A.dot(&torque);
             *rhs = effort + self.model.joints()[j].passive_effort(*q, *qd) - bias;
         }
         self.set_reduced_inertia();
         solve_positive_definite(self.reduced.as_mut_slice(), qdd.as_mut_slice());
+    }
+
+    /// Effort along coordinate `j` that the forces on the subtrees take.
+    fn joint_effort(&self, j: usize) -> f64 {
+        let of_joint = |k: usize| self.axis(k).effort(&self.bodies[k + 1].force);
+        if !self.model.has_mimics() {
+            return of_joint(j);
+        }
+        let members = self.model.members(j).iter();
+        members.map(|&(k, ratio)| ratio * of_joint(k)).sum()
     }
 
     /// Newton's and Euler's equations of every body at its bias acceleration, less the external wrenches, then summed
@@ -144,15 +153,17 @@ impl Workspace {
     /// Accelerations of all bodies from the base's and the joints'.
     pub(super) fn propagate_accelerations(&mut self, base: Twist, qdd: &[f64]) {
         self.bodies[0].acceleration = base;
-        for (j, &qdd) in qdd.iter().enumerate() {
-            let (p_PK, own) = (self.p_PK(j), self.axis(j).twist(qdd));
-            let (earlier, rest) = self.bodies.split_at_mut(j + 1);
-            let (parent, body) = (&earlier[self.tree.joints[j].parent], &mut rest[0]);
-            // The acceleration in excess of the bias propagates from body to body as a twist does.
-            let mut added = parent.acceleration - parent.bias;
-            added.linear += added.angular.cross(&p_PK);
-            body.acceleration = body.bias + added + own;
-        }
+        self.with_tree_rates(qdd, |workspace, qdd| {
+            for (j, &qdd) in qdd.iter().enumerate() {
+                let (p_PK, own) = (workspace.p_PK(j), workspace.axis(j).twist(qdd));
+                let (earlier, rest) = workspace.bodies.split_at_mut(j + 1);
+                let (parent, body) = (&earlier[workspace.tree.joints[j].parent], &mut rest[0]);
+                // The acceleration in excess of the bias propagates from body to body as a twist does.
+                let mut added = parent.acceleration - parent.bias;
+                added.linear += added.angular.cross(&p_PK);
+                body.acceleration = body.bias + added + own;
+            }
+        });
     }
 
     /// Acceleration of `frame` in the world, components in the base's axes: angular \[rad/s²\] and that of

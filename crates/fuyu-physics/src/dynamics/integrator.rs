@@ -3,11 +3,12 @@
 use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
 
+use super::joint_physics::{Acting, Stepper};
 use super::newton_euler::SystemError;
 use super::rate::{Rate, advance};
 use super::{
-    Evaluation, Formulation, FormulationKind, ForwardDynamics, Input, Loops, State, Tableau,
-    TreeAcceleration, Workspace, checks,
+    Evaluation, Formulation, FormulationKind, ForwardDynamics, Input, JointPhysics, Loops, State,
+    Tableau, TreeAcceleration, Workspace, checks,
 };
 use crate::model::Model;
 
@@ -51,6 +52,9 @@ impl<F: FnMut(f64, &State, &mut Input)> Forcing for F {
 /// Steps a [`State`]; owns the memory of the stages. Quat is integrated on the rotation group (Munthe-Kaas: the
 /// coordinate is the rotation vector since the start of the step), so any tableau keeps its order and the quaternion
 /// needs no correction. Momentum is state, so without external wrenches it does not change by a single bit.
+///
+/// The tableau integrates smooth motion. Steps in which a joint's damping, friction or limits act are integrated by an
+/// exponential collocation method of order 4 (tableaus of up to four stages) or 8, see [`JointPhysics`].
 #[derive(Debug, Clone)]
 pub struct Integrator {
     tableau: &'static Tableau,
@@ -59,6 +63,8 @@ pub struct Integrator {
     stage: State,
     input: Input,
     equations: EquationsOfMotion,
+    /// Steps of joints with damping, friction or limits; `None` for a robot without any.
+    stepper: Option<Box<Stepper>>,
 }
 
 impl Integrator {
@@ -76,7 +82,9 @@ impl Integrator {
     /// first state must be assembled ([`Loops::assemble`]).
     pub fn with_loops(loops: Loops, tableau: &'static Tableau) -> Self {
         let model = loops.model.clone();
+        let stepper = stepper(&model, &loops, &JointPhysics::default(), tableau);
         Self {
+            stepper,
             tableau,
             arch: Arch::new(),
             rates: vec![Rate::zero(model.dof()); tableau.c.len()],
@@ -102,10 +110,39 @@ impl Integrator {
         Ok(self)
     }
 
+    /// The same integrator, with other settings for friction, stops and speed limits of the joints. With closed loops only
+    /// damping is simulated.
+    pub fn with_joint_physics(mut self, settings: &JointPhysics) -> Self {
+        let Self {
+            equations, tableau, ..
+        } = &self;
+        self.stepper = stepper(&equations.model, &equations.loops, settings, tableau);
+        self
+    }
+
     /// Evaluates the equations of motion at `state` under `input`. If there are closed loops or external wrenches,
     /// `workspace` has positions and motion of the state afterwards.
     pub(super) fn evaluate(&mut self, state: &State, workspace: &mut Workspace, input: &Input) {
-        self.equations.evaluate(state, workspace, input);
+        let Some(stepper) = &mut self.stepper else {
+            self.equations.evaluate(state, workspace, input);
+            return;
+        };
+        self.input.copy_from(input);
+        let mut hold = |_: f64, _: &State, _: &mut Input| {};
+        let mut acting = Acting {
+            equations: &mut self.equations,
+            workspace,
+            forcing: &mut hold,
+            input: &mut self.input,
+        };
+        stepper.evaluate(state, &mut acting);
+    }
+
+    /// Whether an explicit step from `start` to `end` (positions and rates of the joints) is right, since the joints do
+    /// nothing in it that only [`Integrator::step`] knows.
+    #[cfg(feature = "batch")]
+    pub(super) fn is_free(&self, start: (&[f64], &[f64]), end: (&[f64], &[f64]), dt: f64) -> bool {
+        (self.stepper.as_ref()).is_none_or(|stepper| stepper.is_free(start, end, dt))
     }
 
     /// Accelerations of the last evaluation.
@@ -123,7 +160,8 @@ impl Integrator {
     }
 
     /// Advances `state` by `dt` \[s\], with `forcing` evaluated at every stage. Afterwards `workspace` has positions
-    /// and motion of the new state.
+    /// and motion of the new state. A negative `dt` goes back in time, without friction and limits: what they have
+    /// stopped looks like what was at rest.
     ///
     /// # Panics
     /// If `state` or `workspace` is of another robot, or `forcing` changes the length of a vector.
@@ -157,6 +195,12 @@ impl Integrator {
         self.input.copy_from(input);
     }
 
+    /// The input of the last stage.
+    #[cfg(feature = "batch")]
+    pub(super) fn input(&self) -> &Input {
+        &self.input
+    }
+
     /// [`Integrator::steps`]; if `is_evaluated`, the last evaluation was at `state` under the input of the first
     /// stage, and is used for it.
     pub(super) fn steps_from(
@@ -173,10 +217,79 @@ impl Integrator {
         checks::state(state, model);
         for step in 0..count {
             let is_evaluated = is_evaluated && step == 0;
-            self.take_step(state, workspace, dt, is_evaluated, forcing);
+            match &self.stepper {
+                None => self.take_step(state, workspace, dt, is_evaluated, forcing),
+                Some(_) if dt < 0.0 => self.take_damped_step(state, workspace, dt, forcing),
+                Some(stepper) if stepper.acts_always() => {
+                    self.take_joint_step(state, workspace, dt, forcing);
+                }
+                Some(_) => self.take_limited_step(state, workspace, dt, is_evaluated, forcing),
+            }
         }
         workspace.set_positions(&state.q);
         workspace.set_motion(state);
+    }
+
+    /// A step of a robot whose joints have limits: an explicit one unless a limit is reached in it.
+    fn take_limited_step(
+        &mut self,
+        state: &mut State,
+        workspace: &mut Workspace,
+        dt: f64,
+        is_evaluated: bool,
+        forcing: &mut impl Forcing,
+    ) {
+        self.take_step(state, workspace, dt, is_evaluated, forcing);
+        // The state before the step is in `stage` now.
+        let (before, after) = (&self.stage, &*state);
+        let start = (before.q.as_slice(), before.qd.as_slice());
+        let end = (after.q.as_slice(), after.qd.as_slice());
+        if let Some(stepper) = &self.stepper
+            && !stepper.is_free(start, end, dt)
+        {
+            std::mem::swap(state, &mut self.stage);
+            self.take_joint_step(state, workspace, dt, forcing);
+        }
+    }
+
+    /// A step of a robot whose joints have damping, friction or limits.
+    fn take_joint_step(
+        &mut self,
+        state: &mut State,
+        workspace: &mut Workspace,
+        dt: f64,
+        forcing: &mut impl Forcing,
+    ) {
+        let Some(stepper) = &mut self.stepper else {
+            return;
+        };
+        let mut acting = Acting {
+            equations: &mut self.equations,
+            workspace,
+            forcing,
+            input: &mut self.input,
+        };
+        if stepper.is_explicit_mechanism(state, dt, &mut acting) {
+            self.take_damped_step(state, workspace, dt, forcing);
+        } else {
+            stepper.step(state, dt, &mut acting);
+        }
+    }
+
+    /// An explicit step of a robot whose joints have damping.
+    fn take_damped_step(
+        &mut self,
+        state: &mut State,
+        workspace: &mut Workspace,
+        dt: f64,
+        forcing: &mut impl Forcing,
+    ) {
+        self.take_step(state, workspace, dt, false, forcing);
+        let weights = self.tableau.weights_after(self.tableau.c.len() - 1);
+        let joints = self.equations.model.joints();
+        let powers = self.rates.iter().map(|rate| rate.damping_power(joints));
+        let lost: f64 = powers.zip(weights).map(|(power, b)| power * b).sum();
+        state.dissipated.damping += dt * lost;
     }
 
     fn take_step(
@@ -254,18 +367,28 @@ impl WithSimd for StageEnd<'_> {
     }
 }
 
+fn stepper(
+    model: &Model,
+    loops: &Loops,
+    settings: &JointPhysics,
+    tableau: &Tableau,
+) -> Option<Box<Stepper>> {
+    let is_tree = loops.closures().is_empty();
+    Stepper::new(model, settings, tableau.c.len(), is_tree).map(Box::new)
+}
+
 /// A formulation of forward dynamics, or closed loops.
 #[derive(Debug, Clone)]
-struct EquationsOfMotion {
-    model: Model,
+pub(super) struct EquationsOfMotion {
+    pub model: Model,
     formulation: ForwardDynamics,
-    loops: Loops,
-    evaluation: Evaluation,
-    mass: f64,
+    pub loops: Loops,
+    pub evaluation: Evaluation,
+    pub mass: f64,
 }
 
 impl EquationsOfMotion {
-    fn evaluate(&mut self, state: &State, workspace: &mut Workspace, input: &Input) {
+    pub fn evaluate(&mut self, state: &State, workspace: &mut Workspace, input: &Input) {
         checks::input(input, &self.model);
         let out = &mut self.evaluation;
         if self.loops.closures().is_empty() {

@@ -14,13 +14,22 @@ use crate::spatial::{Twist, Wrench};
 #[derive(Debug, Clone)]
 pub struct InverseDynamics {
     scratch: DynamicsScratch,
+    /// Positions, rates, accelerations and efforts of the tree's joints; empty without mimic joints.
+    tree: [Vec<f64>; 4],
 }
 
 impl InverseDynamics {
     /// Inverse dynamics of `model`. Allocates; evaluations do not.
     pub fn new(model: &Model) -> Self {
+        let scratch = DynamicsScratch::new(model);
+        let joints = if model.has_mimics() {
+            scratch.tree.dof()
+        } else {
+            0
+        };
         Self {
-            scratch: DynamicsScratch::new(model),
+            tree: [(); 4].map(|()| vec![0.0; joints]),
+            scratch,
         }
     }
 
@@ -76,21 +85,42 @@ impl InverseDynamics {
             checks::body_vector("wrenches", wrenches.len(), model);
         }
         checks::joint_vector("efforts", efforts.len(), model);
-        self.scratch.arch.dispatch(RecursiveNewtonEuler {
+        let arch = self.scratch.arch;
+        if !model.has_mimics() {
+            return arch.dispatch(RecursiveNewtonEuler {
+                scratch: &mut self.scratch,
+                motion: *motion,
+                base,
+                qdd,
+                wrenches,
+                efforts,
+            });
+        }
+        let [tree_q, tree_qd, tree_qdd, tree_efforts] = &mut self.tree;
+        model.expand_positions(motion.q, tree_q);
+        model.expand_rates(motion.qd, tree_qd);
+        model.expand_rates(qdd, tree_qdd);
+        let base = arch.dispatch(RecursiveNewtonEuler {
             scratch: &mut self.scratch,
-            motion,
+            motion: TreeMotion {
+                q: tree_q,
+                qd: tree_qd,
+                ..*motion
+            },
             base,
-            qdd,
+            qdd: tree_qdd,
             wrenches,
-            efforts,
-        })
+            efforts: tree_efforts,
+        });
+        (self.scratch.model).gather_efforts(tree_efforts, efforts);
+        base
     }
 }
 
 /// One evaluation; `pulp` compiles it for every instruction set.
 struct RecursiveNewtonEuler<'a> {
     scratch: &'a mut DynamicsScratch,
-    motion: &'a TreeMotion<'a>,
+    motion: TreeMotion<'a>,
     /// Acceleration of the base; `None` for a free base, whose acceleration is computed.
     base: Option<&'a Twist>,
     qdd: &'a [f64],

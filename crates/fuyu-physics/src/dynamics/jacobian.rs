@@ -6,7 +6,7 @@ use pulp::{Simd, WithSimd};
 use super::axis::Axis;
 use super::kernel::Vec3;
 use super::{Workspace, checks};
-use crate::model::Frame;
+use crate::model::{Coupling, Frame};
 
 impl Workspace {
     /// Fixed-base Jacobian `[J_L; J_A]` (6 × n, linear rows first, base axes) of `frame`'s origin.
@@ -29,6 +29,24 @@ impl Workspace {
     pub fn generalized_jacobian(&self, frame: &Frame, out: &mut Matrix6xX<f64>) {
         checks::frame(frame, &self.model);
         checks::joint_vector("out", out.ncols(), &self.model);
+        if self.model.has_mimics() {
+            // The base's motion, then that of the joints.
+            let r_CE = self.p_KF(frame) + self.p_BK(frame.body) - self.p_BC;
+            for (j, column) in out
+                .as_mut_slice()
+                .as_chunks_mut::<6>()
+                .0
+                .iter_mut()
+                .enumerate()
+            {
+                let of_joint = self.column(j);
+                let (J_C, H_A) = (Vector3::from(of_joint.J_C.0), Vector3::from(of_joint.H_A.0));
+                column.fill(0.0);
+                add(column, &(H_A.cross(&r_CE) - J_C), &H_A, 1.0);
+            }
+            self.add_fixed_base_jacobian(frame, out);
+            return;
+        }
         self.arch.dispatch(GeneralizedJacobian {
             workspace: self,
             frame,
@@ -41,13 +59,16 @@ impl Workspace {
         let out = out.as_mut_slice();
         let mut body = frame.body;
         while body > 0 {
-            let column = &mut out[6 * (body - 1)..6 * body];
+            let Coupling {
+                coordinate, ratio, ..
+            } = self.model.coupling(body - 1);
+            let column = &mut out[6 * coordinate..6 * (coordinate + 1)];
             match &self.axis(body - 1) {
                 Axis::Turn(axis) => {
                     let origin = self.p_BK(body);
-                    add(column, &axis.cross(&(tip - origin)), axis);
+                    add(column, &axis.cross(&(tip - origin)), axis, ratio);
                 }
-                Axis::Slide(axis) => add(column, axis, &Vector3::zeros()),
+                Axis::Slide(axis) => add(column, axis, &Vector3::zeros(), ratio),
             }
             body = self.tree.joints[body - 1].parent;
         }
@@ -74,9 +95,9 @@ impl WithSimd for GeneralizedJacobian<'_> {
     }
 }
 
-/// Adds to a column `[linear; angular]`.
-fn add(column: &mut [f64], linear: &Vector3<f64>, angular: &Vector3<f64>) {
+/// Adds `ratio` times a motion to a column `[linear; angular]`.
+fn add(column: &mut [f64], linear: &Vector3<f64>, angular: &Vector3<f64>, ratio: f64) {
     for (entry, value) in column.iter_mut().zip(linear.iter().chain(angular)) {
-        *entry += value;
+        *entry += ratio * value;
     }
 }

@@ -58,9 +58,12 @@ mod forward;
 mod integrator;
 mod inverse;
 mod jacobian;
+mod joint_physics;
 mod kane;
 pub mod kernel;
 mod loops;
+#[cfg(test)]
+mod mimic_tests;
 mod momentum;
 pub mod newton_euler;
 mod rate;
@@ -84,11 +87,12 @@ pub use formulation::{
 pub use forward::Input;
 pub use integrator::{Forcing, IntegrationMethod, Integrator};
 pub use inverse::InverseDynamics;
+pub use joint_physics::JointPhysics;
 pub use kane::{BaseSpeed, CutError, CutHinge, Kane};
 pub use loops::{Direction, LoopClosure, LoopError, LoopGap, Loops};
 pub use reduced::Reduced;
 pub use runge_kutta::RungeKutta;
-pub use state::{Momentum, State};
+pub use state::{Dissipated, Momentum, State};
 pub use tableau::Tableau;
 pub use vector_state::VectorState;
 pub use workspace::Workspace;

@@ -55,7 +55,7 @@ impl Workspace {
         checks::joint_vector("out", out.ncols(), &self.model);
         let r = self.p_BC - self.model.bodies()[0].inertia.com;
         let (columns, _) = out.as_mut_slice().as_chunks_mut::<6>();
-        for (j, column) in columns.iter_mut().enumerate().take(self.tree.dof()) {
+        for (j, column) in columns.iter_mut().enumerate().take(self.model.dof()) {
             let of_joint = self.column(j);
             let (J_C, H_A) = (Vector3::from(of_joint.J_C.0), Vector3::from(of_joint.H_A.0));
             let linear = -J_C - H_A.cross(&r);

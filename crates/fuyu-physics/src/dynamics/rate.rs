@@ -4,7 +4,10 @@ use nalgebra::{DVector, Quaternion, UnitQuaternion, Vector3};
 
 use super::kernel::{Quat, SERIES_LIMIT, Vec3, rotation_vector_rate_series};
 use super::{Evaluation, State};
-use crate::spatial::{exp_so3, rotation_vector_rate};
+use crate::{
+    model::Joint,
+    spatial::{exp_so3, rotation_vector_rate},
+};
 
 /// A state's rate of change at one stage. The coordinate of the attitude is the rotation vector since the start of the
 /// step.
@@ -41,13 +44,7 @@ impl Rate {
         mass: f64,
         turned: &Vector3<f64>,
     ) {
-        let w_WB_B = &evaluation.w_WB_B;
-        self.turned = if turned.norm_squared() <= SERIES_LIMIT {
-            let (turned, w) = (Vec3((*turned).into()), Vec3((*w_WB_B).into()));
-            rotation_vector_rate_series(turned, w).0.into()
-        } else {
-            rotation_vector_rate(turned, w_WB_B)
-        };
+        self.turned = turn_rate(turned, &evaluation.w_WB_B);
         self.com = state.momentum_W.linear / mass;
         (self.linear_momentum, self.angular_momentum) = match &evaluation.external {
             Some(wrench) => (state.R_WB * wrench.force, state.R_WB * wrench.torque),
@@ -57,6 +54,12 @@ impl Rate {
         self.q.as_mut_slice().copy_from_slice(state.qd.as_slice());
         let qdd = evaluation.acceleration.qdd.as_slice();
         self.qd.as_mut_slice().copy_from_slice(qdd);
+    }
+
+    /// Power that the joints' damping takes \[W\].
+    pub(super) fn damping_power(&self, joints: &[Joint]) -> f64 {
+        let rates = joints.iter().zip(&self.q);
+        rates.map(|(joint, qd)| joint.damping * qd * qd).sum()
     }
 }
 
@@ -72,6 +75,7 @@ pub(super) fn advance(
     into.p_WC = from.p_WC;
     into.momentum_W = from.momentum_W;
     into.work = from.work;
+    into.dissipated = from.dissipated;
     let (q, qd) = (into.q.as_mut_slice(), into.qd.as_mut_slice());
     q.copy_from_slice(from.q.as_slice());
     qd.copy_from_slice(from.qd.as_slice());
@@ -96,9 +100,20 @@ pub(super) fn advance(
     turned
 }
 
+/// Rate of the rotation vector `turned` of a body that turns with `w_WB_B`.
+#[inline(always)]
+pub(super) fn turn_rate(turned: &Vector3<f64>, w_WB_B: &Vector3<f64>) -> Vector3<f64> {
+    if turned.norm_squared() <= SERIES_LIMIT {
+        let (turned, w) = (Vec3((*turned).into()), Vec3((*w_WB_B).into()));
+        rotation_vector_rate_series(turned, w).0.into()
+    } else {
+        rotation_vector_rate(turned, w_WB_B)
+    }
+}
+
 /// `R_WB exp([turned×])`.
 #[inline(always)]
-fn turn(R_WB: &UnitQuaternion<f64>, turned: &Vector3<f64>) -> UnitQuaternion<f64> {
+pub(super) fn turn(R_WB: &UnitQuaternion<f64>, turned: &Vector3<f64>) -> UnitQuaternion<f64> {
     if turned.norm_squared() <= SERIES_LIMIT {
         let [i, j, k, w] = R_WB.coords.into();
         let v = Vec3([i, j, k]);

@@ -45,9 +45,38 @@ impl Workspace {
 
     /// Fills the upper triangle of `Ĥ`.
     pub(super) fn set_reduced_inertia(&mut self) {
+        if self.model.has_mimics() {
+            self.gather_reduced_inertia();
+            return;
+        }
+        let mut reduced = std::mem::replace(&mut self.reduced, DMatrix::zeros(0, 0));
+        self.fill_reduced_inertia(&mut reduced);
+        self.reduced = reduced;
+    }
+
+    /// `Sᵀ Ĥ S` ([`crate::model::Coupling`]) from `Ĥ` of all joints of the tree.
+    fn gather_reduced_inertia(&mut self) {
+        let mut tree = std::mem::replace(&mut self.tree_reduced, DMatrix::zeros(0, 0));
+        self.fill_reduced_inertia(&mut tree);
+        for j in 0..self.reduced.ncols() {
+            for i in 0..=j {
+                let mut sum = 0.0;
+                for &(k, of_k) in self.model.members(i) {
+                    for &(l, of_l) in self.model.members(j) {
+                        sum += of_k * of_l * tree[(k.min(l), k.max(l))];
+                    }
+                }
+                self.reduced[(i, j)] = sum;
+            }
+        }
+        self.tree_reduced = tree;
+    }
+
+    /// Fills the upper triangle of `Ĥ` of all joints of the tree.
+    fn fill_reduced_inertia(&self, reduced: &mut DMatrix<f64>) {
         let n = self.tree.dof();
         for j in 0..n {
-            let column = self.column(j);
+            let column = self.joints.column(j);
             // The momentum that joint j alone gives to the free-floating system, in terms of which the
             // base's share of every pair (i, j) is one dot product: m J_Cᵀ J_C + H_Mᵀ H_B⁻¹ H_M.
             let (mut torque, force) = (
@@ -55,7 +84,7 @@ impl Workspace {
                 Vector3::from(column.linear_momentum.0),
             );
             let answer = Vector3::from(column.H_A.0);
-            let entries = &mut self.reduced.as_mut_slice()[j * n..=j * n + j];
+            let entries = &mut reduced.as_mut_slice()[j * n..=j * n + j];
             for (i, entry) in entries.iter_mut().enumerate() {
                 let other = self.joints.column(i);
                 let (H_M, J_C) = (Vector3::from(other.H_M.0), Vector3::from(other.J_C.0));
@@ -65,7 +94,7 @@ impl Workspace {
             let mut i = j;
             loop {
                 let taken = self.axis(i).effort(&Wrench { torque, force });
-                self.reduced.as_mut_slice()[j * n + i] += taken;
+                reduced.as_mut_slice()[j * n + i] += taken;
                 let parent = self.tree.joints[i].parent;
                 if parent == 0 {
                     break;

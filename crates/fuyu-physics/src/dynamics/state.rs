@@ -1,5 +1,7 @@
 //! State of a free-floating robot.
 
+use std::ops::AddAssign;
+
 use nalgebra::{DVector, Translation3, UnitQuaternion, Vector3};
 
 use super::Workspace;
@@ -41,9 +43,41 @@ pub struct State {
     pub q: DVector<f64>,
     /// Joint rates \[rad/s or m/s\].
     pub qd: DVector<f64>,
-    /// Work done on the system since the start by joint efforts, springs, dampers and external wrenches
-    /// \[J\]. Kinetic energy minus work is constant.
+    /// Work done on the system since the start by joint efforts, springs, dampers, friction, stops, speed limits and external
+    /// wrenches \[J\]. Kinetic energy minus work is constant.
     pub work: f64,
+    /// What the joints have taken of this work, by cause. It is part of `work`: actuators, springs and external wrenches
+    /// have done `work + dissipated.total()`.
+    pub dissipated: Dissipated,
+}
+
+/// Energy that the joints have dissipated since the start, by cause \[J\].
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct Dissipated {
+    /// By viscous damping.
+    pub damping: f64,
+    /// By Coulomb friction.
+    pub friction: f64,
+    /// By impacts on stops.
+    pub stops: f64,
+    /// By drives that brake joints to their speed limits.
+    pub velocity_limits: f64,
+}
+
+impl AddAssign for Dissipated {
+    fn add_assign(&mut self, other: Self) {
+        self.damping += other.damping;
+        self.friction += other.friction;
+        self.stops += other.stops;
+        self.velocity_limits += other.velocity_limits;
+    }
+}
+
+impl Dissipated {
+    /// All of it \[J\].
+    pub fn total(&self) -> f64 {
+        self.damping + self.friction + self.stops + self.velocity_limits
+    }
 }
 
 impl State {
@@ -65,6 +99,7 @@ impl State {
             q: q.clone(),
             qd: DVector::zeros(model.dof()),
             work: 0.0,
+            dissipated: Dissipated::default(),
         };
         let mut workspace = Workspace::new(model);
         workspace.set_positions(&state.q);
@@ -114,6 +149,7 @@ impl State {
         self.q.as_mut_slice().copy_from_slice(other.q.as_slice());
         self.qd.as_mut_slice().copy_from_slice(other.qd.as_slice());
         self.work = other.work;
+        self.dissipated = other.dissipated;
     }
 
     /// Whether all numbers of the state are finite.
@@ -121,6 +157,7 @@ impl State {
         let m = &self.momentum_W;
         self.time.is_finite()
             && self.work.is_finite()
+            && self.dissipated.total().is_finite()
             && self.R_WB.coords.iter().all(|x| x.is_finite())
             && [&self.p_WC, &m.linear, &m.angular]
                 .iter()

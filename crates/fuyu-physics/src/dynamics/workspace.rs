@@ -43,6 +43,10 @@ pub struct Workspace {
     pub(super) external_power: f64,
     /// `Ĥ`, upper triangle.
     pub(super) reduced: DMatrix<f64>,
+    /// `Ĥ` of all joints of the tree, upper triangle; empty without mimic joints.
+    pub(super) tree_reduced: DMatrix<f64>,
+    /// A value for each joint of the tree; empty without mimic joints.
+    tree_values: Vec<f64>,
 }
 
 /// SpatialMotion-dependent terms of a body.
@@ -86,12 +90,13 @@ impl Workspace {
     pub fn new(model: &Model) -> Self {
         let n = model.dof();
         let tree = Tree::shared(model);
+        let mimicking = if model.has_mimics() { tree.dof() } else { 0 };
         let mut workspace = Self {
             arch: Arch::new(),
             model: model.clone(),
             joints: JointKinematics::new(&tree),
             tree,
-            bodies: vec![BodyTerms::default(); n + 1],
+            bodies: vec![BodyTerms::default(); model.bodies().len()],
             p_BC: Vector3::zeros(),
             v_WC: Vector3::zeros(),
             mass: model.total_mass(),
@@ -100,8 +105,11 @@ impl Workspace {
             external: Wrench::ZERO,
             external_power: 0.0,
             reduced: DMatrix::zeros(n, n),
+            tree_reduced: DMatrix::zeros(mimicking, mimicking),
+            tree_values: vec![0.0; mimicking],
         };
-        workspace.move_to(&vec![0.0; n]);
+        workspace.move_to(&vec![0.0; workspace.tree.dof()]);
+        workspace.set_positions_from(&vec![0.0; n]);
         workspace
     }
 
@@ -122,11 +130,37 @@ impl Workspace {
     /// [`Workspace::set_positions`] from a slice.
     pub(super) fn set_positions_from(&mut self, q: &[f64]) {
         checks::joint_vector("q", q.len(), &self.model);
-        if self.joints.q() != q {
-            self.move_to(q);
+        if !self.model.has_mimics() {
+            if self.joints.q() != q {
+                self.move_to(q);
+            }
+            return;
         }
+        let mut tree_q = std::mem::take(&mut self.tree_values);
+        self.model.expand_positions(q, &mut tree_q);
+        if self.joints.q() != tree_q {
+            self.move_to(&tree_q);
+        }
+        self.tree_values = tree_q;
     }
 
+    /// Calls `use_rates` with the rates, or accelerations, of all joints of the tree.
+    pub(super) fn with_tree_rates(
+        &mut self,
+        rates: &[f64],
+        use_rates: impl FnOnce(&mut Self, &[f64]),
+    ) {
+        if !self.model.has_mimics() {
+            use_rates(self, rates);
+            return;
+        }
+        let mut tree_rates = std::mem::take(&mut self.tree_values);
+        self.model.expand_rates(rates, &mut tree_rates);
+        use_rates(self, &tree_rates);
+        self.tree_values = tree_rates;
+    }
+
+    /// Moves all joints of the tree to positions `q`.
     fn move_to(&mut self, q: &[f64]) {
         self.arch.dispatch(PositionUpdate {
             tree: &self.tree,
@@ -157,6 +191,11 @@ impl Workspace {
 
     /// Twists and bias accelerations of all bodies from the base's twist and the joint rates.
     pub(super) fn propagate_motion(&mut self, qd: &[f64]) {
+        self.with_tree_rates(qd, Self::propagate_tree_motion);
+    }
+
+    /// [`Workspace::propagate_motion`] from the rates of all joints of the tree.
+    fn propagate_tree_motion(&mut self, qd: &[f64]) {
         for (j, (joint, &rate)) in self.tree.joints.iter().zip(qd).enumerate() {
             let (earlier, rest) = self.bodies.split_at_mut(j + 1);
             let (parent, body) = (&earlier[joint.parent], &mut rest[0]);
@@ -186,12 +225,19 @@ impl Workspace {
         &self.p_BC
     }
 
-    /// Columns of the momentum map of joint `j`.
+    /// Columns of the momentum map of coordinate `j`: the sum over the joints that it moves.
     pub(super) fn column(&self, j: usize) -> MomentumColumn<f64> {
-        self.joints.column(j)
+        if !self.model.has_mimics() {
+            return self.joints.column(j);
+        }
+        let mut sum = MomentumColumn::zero(0.0);
+        for &(k, ratio) in self.model.members(j) {
+            sum.add_scaled(&self.joints.column(k), ratio);
+        }
+        sum
     }
 
-    /// Axis of joint `j`.
+    /// Axis of joint `j` of the tree.
     pub(super) fn axis(&self, j: usize) -> Axis {
         let direction = Vector3::from(self.joints.axes(j + 1)[2].0);
         if self.tree.joints[j].is_prismatic {
@@ -201,7 +247,7 @@ impl Workspace {
         }
     }
 
-    /// Origin of the kernel frame of the body that joint `j` moves, from that of its parent's.
+    /// Origin of the kernel frame of the body that joint `j` of the tree moves, from that of its parent's.
     pub(super) fn p_PK(&self, j: usize) -> Vector3<f64> {
         self.p_BK(j + 1) - self.p_BK(self.tree.joints[j].parent)
     }
@@ -252,5 +298,76 @@ impl Workspace {
     /// (needs [`Workspace::set_motion`]).
     pub fn V_WB_B(&self) -> &Twist {
         &self.bodies[0].twist
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::model::ModelBuilder;
+    use crate::spatial::RigidInertia;
+
+    /// A universal joint whose cross has no mass: the formulations that accept it agree.
+    #[test]
+    fn bodies_without_mass_between_joints_move_as_the_mass_behind_them() {
+        use crate::dynamics::{Evaluation, Formulation as _, FormulationKind, Input};
+        use crate::model::JointKind;
+
+        let heavy = |mass: f64, x: f64| RigidInertia {
+            mass,
+            com: Vector3::new(x, 0.1, -0.2),
+            about_com: Matrix3::from_diagonal(&Vector3::new(1.0, 1.2, 1.5)) * (0.1 * mass),
+        };
+        let mut builder = ModelBuilder::new("universal", "base", heavy(20.0, 0.1));
+        let (turn, at) = (JointKind::Continuous, Pose::translation(0.5, 0.0, 0.2));
+        let cross = RigidInertia::zero();
+        let cross = builder.body("cross", 0, turn, Vector3::z_axis(), at, cross);
+        let origin = Pose::identity();
+        builder.body(
+            "arm",
+            cross,
+            turn,
+            Vector3::y_axis(),
+            origin,
+            heavy(3.0, 0.4),
+        );
+        let model = builder.build();
+        let mut state = State::at_rest_with(&model, &DVector::from_row_slice(&[0.4, -0.7]));
+        state.qd = DVector::from_row_slice(&[0.8, 0.3]);
+        state.momentum_W.angular = Vector3::new(0.3, -0.2, 0.5);
+        let mut input = Input::zero(&model);
+        input.efforts = DVector::from_row_slice(&[1.0, -2.0]);
+        let of = |kind: FormulationKind| {
+            let mut out = Evaluation::zero(&model);
+            let mut dynamics = kind.prepare(&model).unwrap();
+            dynamics.evaluate(&state, &mut Workspace::new(&model), &input, &mut out);
+            out.acceleration.qdd
+        };
+        let expected = of(FormulationKind::Reduced);
+        assert!(expected.iter().all(|x| x.is_finite()) && expected.norm() > 0.1);
+        for kind in [FormulationKind::ArticulatedBody, FormulationKind::Kane] {
+            assert!(
+                (of(kind) - &expected).norm() < 1e-12 * expected.norm(),
+                "{kind:?}"
+            );
+        }
+        assert!(FormulationKind::NewtonEuler.prepare(&model).is_err());
+    }
+
+    #[test]
+    fn a_single_body_has_its_centre_of_mass_from_the_start() {
+        let com = Vector3::new(0.1, -0.2, 0.3);
+        let about_com = Matrix3::identity();
+        let inertia = RigidInertia {
+            mass: 2.0,
+            com,
+            about_com,
+        };
+        let model = ModelBuilder::new("ball", "base", inertia).build();
+        let mut workspace = Workspace::new(&model);
+        assert_eq!(*workspace.p_BC(), com);
+        workspace.set_positions(&DVector::zeros(0));
+        assert_eq!(*workspace.p_BC(), com);
+        assert!((workspace.H_B.to_matrix() - about_com).norm() < 1e-15);
     }
 }

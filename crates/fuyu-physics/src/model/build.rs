@@ -2,6 +2,7 @@
 
 use nalgebra::{Unit, Vector3};
 
+use super::coupling::{Follow, couple};
 use super::tree::Parts;
 use super::{Body, Frame, Joint, JointKind, JointLimits, Model, Spring};
 use crate::spatial::{Pose, RigidInertia, SpatialInertia};
@@ -20,7 +21,9 @@ use crate::spatial::{Pose, RigidInertia, SpatialInertia};
 /// assert_eq!(model.dof(), 1);
 /// ```
 pub struct ModelBuilder {
+    /// With all joints of the tree as joints.
     parts: Parts,
+    follows: Vec<Follow>,
 }
 
 impl ModelBuilder {
@@ -31,8 +34,10 @@ impl ModelBuilder {
             bodies: Vec::new(),
             joints: Vec::new(),
             frames: Vec::new(),
+            couplings: None,
         };
-        let mut builder = Self { parts };
+        let follows = Vec::new();
+        let mut builder = Self { parts, follows };
         builder.push_body(base, None, None, inertia);
         builder
     }
@@ -124,6 +129,31 @@ impl ModelBuilder {
         index
     }
 
+    /// Makes the joint that moves body `follower` a mimic joint: its position is `ratio` times that of the joint that moves
+    /// body `leader`, plus `offset` \[rad or m\]. A leader may itself follow another joint.
+    ///
+    /// # Panics
+    /// If one of the bodies does not exist or is the base, or if the follower already follows a joint.
+    pub fn mimic(&mut self, follower: usize, leader: usize, ratio: f64, offset: f64) {
+        let count = self.parts.joints.len();
+        let joint = |body: usize| body.checked_sub(1).filter(|k| *k < count);
+        let (Some(follower), Some(leader)) = (joint(follower), joint(leader)) else {
+            panic!("bodies {follower} and {leader} must be moved by joints");
+        };
+        let mut others = self.follows.iter();
+        assert!(
+            others.all(|other| other.follower != follower),
+            "joint `{}` already follows another",
+            self.parts.joints[follower].name
+        );
+        self.follows.push(Follow {
+            follower,
+            leader,
+            ratio,
+            offset,
+        });
+    }
+
     /// Adds a named frame, fixed to body `body` with pose `X_BF`; `parent` is the name of its parent link.
     pub fn frame(&mut self, name: &str, body: usize, parent: Option<String>, X_BF: Pose) {
         self.parts.frames.push(Frame {
@@ -142,7 +172,12 @@ impl ModelBuilder {
     }
 
     /// The finished model.
+    ///
+    /// # Panics
+    /// If a joint follows itself, directly or by way of others.
     pub fn build(self) -> Model {
-        self.parts.into()
+        let Self { mut parts, follows } = self;
+        (parts.joints, parts.couplings) = couple(parts.joints, &follows);
+        parts.into()
     }
 }

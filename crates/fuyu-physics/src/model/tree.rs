@@ -5,6 +5,7 @@ use std::sync::{Arc, OnceLock};
 
 use nalgebra::{Unit, Vector3};
 
+use super::coupling::Couplings;
 use crate::spatial::{Pose, RigidInertia, SpatialInertia};
 
 /// How a joint moves along its axis.
@@ -134,8 +135,11 @@ struct Shared {
 pub(super) struct Parts {
     pub(super) name: String,
     pub(super) bodies: Vec<Body>,
+    /// The joints with a coordinate.
     pub(super) joints: Vec<Joint>,
     pub(super) frames: Vec<Frame>,
+    /// All joints of the tree, if some are mimic joints.
+    pub(super) couplings: Option<Couplings>,
 }
 
 impl PartialEq for Model {
@@ -175,17 +179,23 @@ impl Model {
         &self.shared.parts.name
     }
 
-    /// Number of moving joints `n`.
+    pub(super) fn parts(&self) -> &Parts {
+        &self.shared.parts
+    }
+
+    /// Number of coordinates `n`: moving joints without mimic joints.
     pub fn dof(&self) -> usize {
         self.shared.parts.joints.len()
     }
 
-    /// All bodies, base first; body `j + 1` is moved by joint `j`.
+    /// All bodies, base first; body `k + 1` is moved by [`Model::tree_joint`] `k`, which is joint `k` of [`Model::joints`]
+    /// unless the robot has mimic joints.
     pub fn bodies(&self) -> &[Body] {
         &self.shared.parts.bodies
     }
 
-    /// All moving joints in order; the order of every joint vector.
+    /// The joints that move independently, in order; the order of every joint vector. Their springs, dampers, friction and
+    /// limits include those of the mimic joints that follow them ([`Model::mimics`]).
     pub fn joints(&self) -> &[Joint] {
         &self.shared.parts.joints
     }
@@ -217,7 +227,7 @@ impl Model {
 
     /// The parent body of the body that joint `j` moves.
     pub fn joint_parent(&self, j: usize) -> usize {
-        self.shared.parts.bodies[j + 1]
+        self.shared.parts.bodies[self.joint_body(j)]
             .parent
             .expect("only the base has no parent")
     }

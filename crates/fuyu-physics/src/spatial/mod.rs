@@ -30,6 +30,7 @@
 //!   they stay in registers.
 
 mod inertia;
+mod nearest_inertia;
 mod rotation;
 mod symmetric;
 mod vector;

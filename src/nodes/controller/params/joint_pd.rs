@@ -22,7 +22,7 @@ impl JointPd {
             .param(
                 "joint_k_p",
                 Vec::<f64>::new(),
-                "Gains on the joint positions for joint_pd, one per joint [N m/rad or N/m]",
+                "Gains on the joint positions for joint_pd, one per joint [N m/rad or N/m]; empty: computed",
             )
             .range(SMALLEST_GAIN, LARGEST_GAIN)
             .live();

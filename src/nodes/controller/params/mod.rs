@@ -1,5 +1,6 @@
 //! Parameters of the controller node: those of all laws, and a file for each law's own.
 
+mod computed_torque;
 mod joint_pd;
 mod operational;
 mod prediction;
@@ -14,6 +15,7 @@ use std::sync::{
 
 use crate::{
     control::{ControllerConfig, LawKind},
+    model::{Frame, Model},
     nodes::{
         choice,
         tip::{declare_second_tip_link, declare_tip_link},
@@ -28,8 +30,11 @@ pub struct ControllerParams {
     pub tip_link: String,
     /// Link whose frame is the tip of a second arm; empty if there is none.
     pub second_tip_link: String,
-    /// Law and gains.
+    /// Law and gains; without `k_v`, and `joint_k_p` under joint PD control, they are computed, see
+    /// [`ControllerParams::complete`].
     pub config: ControllerConfig,
+    /// Time from one joint state to the next, for which gains are computed \[s\].
+    pub sample_period: f64,
     /// Age beyond which a measurement of camera, gyro or estimator is not used \[s\].
     pub measurement_timeout: f64,
     /// Whether every joint state waits for the camera frame of the same time.
@@ -69,6 +74,7 @@ impl Live {
     fn declare(declare: &mut Declare) -> Self {
         let shared = shared::Shared::declare(declare);
         let groups: Vec<Box<dyn Group>> = vec![
+            Box::new(computed_torque::ComputedTorque::declare(declare)),
             Box::new(joint_pd::JointPd::declare(declare)),
             Box::new(prediction::Predictions::declare(declare)),
             Box::new(operational::Operational::declare(declare)),
@@ -123,7 +129,8 @@ fn fit_the_robot(joints: &AtomicUsize, get: &dyn Fn(&str) -> ParameterValue) -> 
     let lists = [shared::PER_JOINT, joint_pd::PER_JOINT];
     for PerJoint { name, law: needs } in lists.into_iter().flatten() {
         let got = Vec::<f64>::from_value(&get(name)).map_or(0, |v| v.len());
-        if (needs.is_none() || *needs == law) && got != joints {
+        // Without any, they are computed.
+        if (needs.is_none() || *needs == law) && got != joints && got != 0 {
             return Err(format!(
                 "{name} has {got} values; the robot has {joints} joints, so give {joints}"
             ));
@@ -133,6 +140,20 @@ fn fit_the_robot(joints: &AtomicUsize, get: &dyn Fn(&str) -> ParameterValue) -> 
 }
 
 impl ControllerParams {
+    /// `config` with computed gains where none are given, for the tip `tip` of `model`.
+    ///
+    /// # Errors
+    /// A line that says why none can be computed.
+    pub fn complete(
+        &self,
+        config: ControllerConfig,
+        model: &Model,
+        tip: &Frame,
+    ) -> Result<ControllerConfig, String> {
+        let completed = config.with_auto_gains(model, tip, self.sample_period);
+        completed.map_err(|e| format!("k_v is empty: {e}; give k_v"))
+    }
+
     /// Declares the parameters and reads them. `finish` of `declare` is the caller's.
     pub fn declare(declare: &mut Declare) -> Self {
         Self::declare_live(declare).0
@@ -151,6 +172,15 @@ impl ControllerParams {
             .range(1e-3, 1e6)
             .read_only()
             .value();
+        let sample_period = declare
+            .param(
+                "sample_period",
+                0.01,
+                "Time from one joint state to the next, for which gains are computed that are not given [s]",
+            )
+            .range(1e-4, 10.0)
+            .read_only()
+            .value();
         let lockstep = declare
             .param(
                 "lockstep",
@@ -165,6 +195,7 @@ impl ControllerParams {
                 tip_link,
                 second_tip_link,
                 config,
+                sample_period,
                 measurement_timeout,
                 lockstep,
                 autostart: Lifecycle::declare_autostart(declare),

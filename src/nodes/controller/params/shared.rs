@@ -12,6 +12,9 @@ pub(super) const PER_JOINT: &[PerJoint] = &[PerJoint {
     law: None,
 }];
 
+/// The law that fits what is given.
+const AUTO: &str = "auto";
+
 #[derive(Debug)]
 pub(super) struct Shared {
     law: Param<String>,
@@ -26,7 +29,20 @@ pub(super) struct Shared {
 
 impl Shared {
     pub(super) fn declare(declare: &mut Declare) -> Self {
-        let law = choice::declare(declare, "law", &LawKind::NAMES, "Control law").live();
+        let laws = format!("{AUTO}, {}", choice::list(&LawKind::NAMES));
+        let law = declare
+            .param(
+                "law",
+                AUTO,
+                &format!(
+                    "Control law: {laws}; {AUTO} is computed_torque, or transpose_jacobian if k_v is given"
+                ),
+            )
+            .check(&format!("one of {laws}"), |text| match text.as_str() {
+                AUTO => Ok(()),
+                text => choice::find(&LawKind::NAMES, text).map(|_| ()),
+            })
+            .live();
         let jacobian = choice::declare(
             declare,
             "jacobian",
@@ -44,13 +60,13 @@ impl Shared {
             "k_p",
             75.0,
             SMALLEST_GAIN,
-            "Gain on the position error [N/m]",
+            "Gain on the position error [N/m]; computed if k_v is empty",
         );
         let k_o = number(
             "k_o",
             100.0,
             0.0,
-            "Gain on the orientation error; 0 leaves the attitude of the tip free [N m]",
+            "Gain on the orientation error; 0 leaves the attitude of the tip free; computed if k_v is empty [N m]",
         );
         let e_p_max = number(
             "e_p_max",
@@ -76,7 +92,7 @@ impl Shared {
             .param(
                 "k_v",
                 Vec::<f64>::new(),
-                "Gains on the joint rates, one per joint [N m s/rad or N s/m]",
+                "Gains on the joint rates, one per joint [N m s/rad or N s/m]; empty: k_v, k_p and k_o are computed from the robot's inertia and sample_period",
             )
             .range(SMALLEST_GAIN, LARGEST_GAIN)
             .live();
@@ -95,8 +111,11 @@ impl Shared {
     /// The configuration, with defaults for the settings of the individual laws.
     pub(super) fn config(&self) -> ControllerConfig {
         // Any other text has been refused by the declaration.
-        let law =
-            choice::find(&LawKind::NAMES, &self.law.get()).unwrap_or(LawKind::TransposeJacobian);
+        let default = match self.k_v.get().is_empty() {
+            true => LawKind::ComputedTorque,
+            false => LawKind::TransposeJacobian,
+        };
+        let law = choice::find(&LawKind::NAMES, &self.law.get()).unwrap_or(default);
         let gains = Gains {
             k_p: self.k_p.get(),
             k_o: self.k_o.get(),
@@ -112,7 +131,10 @@ impl Shared {
         match &mut law {
             LawConfig::TransposeJacobian(law) => law.jacobian = jacobian,
             LawConfig::StraightPath(law) => law.jacobian = jacobian,
-            LawConfig::JointPd(_) | LawConfig::OperationalSpace(_) | LawConfig::Custom => {}
+            LawConfig::JointPd(_)
+            | LawConfig::OperationalSpace(_)
+            | LawConfig::ComputedTorque(_)
+            | LawConfig::Custom => {}
         }
         ControllerConfig {
             bumpless_transfer_time: self.bumpless_transfer_time.get(),

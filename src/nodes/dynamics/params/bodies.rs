@@ -4,10 +4,10 @@ use nalgebra::{DVector, Isometry3, Vector3};
 
 use crate::{
     dynamics::{State, Workspace},
-    model::Model,
+    model::{Model, Repaired, without_surroundings},
     nodes::{
         placement::{declare_pose, declare_vector, finite},
-        resource,
+        resource::Lookup,
     },
     ros::Declare,
     spatial::Twist,
@@ -20,6 +20,8 @@ pub struct Description {
     pub xml: String,
     /// File or parameter that gave it.
     pub source: String,
+    /// Whether a description that needs repairs is refused.
+    pub strict: bool,
 }
 
 /// Pose and velocity of a body's root frame at the start.
@@ -45,13 +47,31 @@ pub struct TargetParams {
 }
 
 impl Description {
+    /// A description whose text is `xml`; without `strict`, it becomes XML that viewers accept too.
+    pub fn new(xml: String, source: String, strict: bool) -> Self {
+        let xml = if strict {
+            xml
+        } else {
+            without_surroundings(&xml).into_owned()
+        };
+        Self {
+            xml,
+            source,
+            strict,
+        }
+    }
+
     /// Reads the file that a parameter names.
-    pub(super) fn read(parameter: &str, file: &str) -> Result<Self, String> {
-        let read = resource::read(file).map_err(|e| format!("parameter {parameter}: {e}"))?;
-        Ok(Self {
-            xml: read.0,
-            source: read.1,
-        })
+    pub(super) fn read(
+        parameter: &str,
+        file: &str,
+        lookup: &Lookup,
+        strict: bool,
+    ) -> Result<Self, String> {
+        let read = lookup
+            .read(file)
+            .map_err(|e| format!("parameter {parameter}: {e}"))?;
+        Ok(Self::new(read.0, read.1, strict))
     }
 
     /// Compiles the model.
@@ -59,7 +79,20 @@ impl Description {
     /// # Errors
     /// A line that names the source and what is wrong in it.
     pub fn compile(&self) -> Result<Model, String> {
-        Model::from_urdf(&self.xml, &self.source).map_err(|e| e.to_string())
+        self.repair().map(|repaired| repaired.model)
+    }
+
+    /// What was repaired in the description: a line per kind.
+    pub fn warnings(&self) -> Vec<String> {
+        self.repair()
+            .map_or_else(|_| Vec::new(), |repaired| repaired.warnings())
+    }
+
+    fn repair(&self) -> Result<Repaired, String> {
+        if self.strict {
+            Model::from_urdf(&self.xml, &self.source).map_err(|e| e.to_string())?;
+        }
+        Model::repaired_from_urdf(&self.xml, &self.source).map_err(|e| e.to_string())
     }
 }
 

@@ -1,20 +1,27 @@
 //! Parameters of the dynamics node.
 
 mod bodies;
+mod joint_physics;
 mod velocity_servo;
 
 pub(super) use bodies::joint_vector;
 pub use bodies::{Description, InitialMotion, TargetParams};
 
+use std::path::PathBuf;
+
 use super::imu::ImuParams;
 use super::loops::LoopParams;
 use crate::{
     control::VelocityServoConfig,
-    dynamics::{FormulationKind, IntegrationMethod},
-    nodes::{choice, resource::AllowedFolders},
+    dynamics::{FormulationKind, IntegrationMethod, JointPhysics},
+    nodes::{
+        choice,
+        resource::{AllowedFolders, Lookup},
+    },
     ros::{Declare, Lifecycle},
 };
 use bodies::finite_list;
+use joint_physics::declare_joint_physics;
 use velocity_servo::declare_servo;
 
 /// Parameters of the dynamics node; read once, at the start.
@@ -66,6 +73,8 @@ pub struct DynamicsParams {
     pub max_effort: f64,
     /// Acceleration of the effort limits of joints whose description gives none \[rad/s² or m/s²\]; zero is no limit.
     pub default_joint_acceleration: f64,
+    /// Friction, stops and speed limits of the joints.
+    pub joint_physics: JointPhysics,
     /// The servo that drives joint rates.
     pub servo: VelocityServoConfig,
     /// Largest rate in a command \[rad/s or m/s\].
@@ -73,6 +82,15 @@ pub struct DynamicsParams {
 }
 
 impl DynamicsParams {
+    /// What was repaired in the descriptions of robot and targets: a line per kind.
+    pub fn repairs(&self) -> Vec<String> {
+        let targets = self.targets.iter().map(|target| &target.description);
+        let descriptions = std::iter::once(&self.robot).chain(targets);
+        let mut lines: Vec<String> = descriptions.flat_map(Description::warnings).collect();
+        lines.dedup();
+        lines
+    }
+
     /// Declares the parameters and reads them. The caller calls `finish` of `declare`.
     ///
     /// # Errors
@@ -85,11 +103,32 @@ impl DynamicsParams {
         ))
         .read_only()
         .value();
+        let packages = declare
+            .param(
+                "package_folders",
+                Vec::<String>::new(),
+                "Folders with ROS packages, searched for package://PACKAGE/PATH before those of the environment",
+            )
+            .read_only()
+            .value();
+        let strict = declare
+            .param(
+                "strict",
+                false,
+                "Refuse a robot description that needs repairs",
+            )
+            .read_only()
+            .value();
+        let lookup = |declare: &Declare, name: &str| Lookup {
+            folder: declare.folder_of(name),
+            packages: packages.iter().map(PathBuf::from).collect(),
+        };
+        let of_robot = lookup(declare, "urdf");
         let urdf = declare
             .param(
                 "urdf",
                 "package://fuyu/urdf/servicer.urdf",
-                "File with the robot's URDF: a path or package://PACKAGE/PATH",
+                "File with the robot's URDF: a path (relative to the parameter file) or package://PACKAGE/PATH",
             )
             .read_only()
             .value();
@@ -133,6 +172,7 @@ impl DynamicsParams {
         let mut targets = Vec::new();
         for name in names {
             let key = format!("{name}.urdf");
+            let lookup = lookup(declare, &key);
             let file = declare
                 .param(
                     &key,
@@ -142,7 +182,7 @@ impl DynamicsParams {
                 .read_only()
                 .value();
             let motion = InitialMotion::declare(declare, &name, "target's frame");
-            targets.push((name, key, file, motion));
+            targets.push((name, key, file, lookup, motion));
         }
         let imu = ImuParams::declare(declare);
         let method = choice::declare(
@@ -273,6 +313,7 @@ impl DynamicsParams {
             .range(0.0, 1e9)
             .read_only()
             .value();
+        let joint_physics = declare_joint_physics(declare);
         let servo = declare_servo(declare);
         let max_rate = declare
             .param(
@@ -300,16 +341,13 @@ impl DynamicsParams {
             ));
         }
         let robot = if xml.is_empty() {
-            Description::read("urdf", &urdf)?
+            Description::read("urdf", &urdf, &of_robot, strict)?
         } else {
-            Description {
-                xml,
-                source: "parameter robot_description".to_owned(),
-            }
+            Description::new(xml, "parameter robot_description".to_owned(), strict)
         };
         let targets = (targets.into_iter())
-            .map(|(name, key, file, motion)| {
-                let description = Description::read(&key, &file)?;
+            .map(|(name, key, file, lookup, motion)| {
+                let description = Description::read(&key, &file, &lookup, strict)?;
                 Ok(TargetParams {
                     name,
                     description,
@@ -342,6 +380,7 @@ impl DynamicsParams {
             answer_timeout,
             max_effort,
             default_joint_acceleration,
+            joint_physics,
             servo,
             max_rate,
         })

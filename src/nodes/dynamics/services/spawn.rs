@@ -225,7 +225,7 @@ fn read(resource: &Resource, allowed: &AllowedFolders) -> Result<Description, Ou
             Code::UNSUPPORTED_FORMAT,
             format!("{source}: '{format}' cannot be read, only urdf"),
         )),
-        None => Ok(Description { xml, source }),
+        None => Ok(Description::new(xml, source, false)),
     }
 }
 

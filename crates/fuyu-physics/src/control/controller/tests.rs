@@ -225,6 +225,12 @@ fn not_finite() -> Vec<(&'static str, ControllerConfig)> {
             c.joint_damping_fraction,
             "straight_path.joint_damping_fraction"
         ),
+        field!(ComputedTorque, c.frequency, "computed_torque.frequency"),
+        field!(
+            ComputedTorque,
+            c.max_joint_rate,
+            "computed_torque.max_joint_rate"
+        ),
         field!(OperationalSpace, c.frequency, "operational_space.frequency"),
         field!(
             OperationalSpace,

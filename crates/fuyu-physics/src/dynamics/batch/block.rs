@@ -3,13 +3,15 @@
 use nalgebra::{Quaternion, UnitQuaternion};
 
 use crate::dynamics::kernel::{F64x8, GROUP_SIZE};
-use crate::dynamics::{Momentum, State};
+use crate::dynamics::{Dissipated, Momentum, State};
 
 /// F64x8 states with their held efforts and last accelerations. The last block of a batch may have unused lanes.
 #[derive(Debug, Clone)]
 pub(super) struct Block {
     pub(super) time: F64x8,
     pub(super) work: F64x8,
+    /// By damping, friction, stops, speed limits.
+    dissipated: [F64x8; 4],
     pub(super) q: Vec<F64x8>,
     pub(super) qd: Vec<F64x8>,
     pub(super) qdd: Vec<F64x8>,
@@ -28,6 +30,7 @@ impl Block {
         let mut block = Self {
             time: F64x8::ZERO,
             work: F64x8::ZERO,
+            dissipated: [F64x8::ZERO; 4],
             q: zeros.clone(),
             qd: zeros.clone(),
             qdd: zeros.clone(),
@@ -44,6 +47,14 @@ impl Block {
     pub(super) fn set_state(&mut self, lane: usize, state: &State) {
         self.time.0[lane] = state.time;
         self.work.0[lane] = state.work;
+        let lost = &state.dissipated;
+        let lost = [
+            lost.damping,
+            lost.friction,
+            lost.stops,
+            lost.velocity_limits,
+        ];
+        put(&mut self.dissipated, lane, &lost);
         put(&mut self.R_WB, lane, state.R_WB.coords.as_slice());
         put(&mut self.p_WC, lane, state.p_WC.as_slice());
         let Momentum { linear, angular } = &state.momentum_W;
@@ -53,9 +64,28 @@ impl Block {
         put(&mut self.qd, lane, state.qd.as_slice());
     }
 
+    /// Copies the states of `other`, a block of the same robot; accelerations and efforts stay.
+    pub(super) fn copy_states(&mut self, other: &Self) {
+        (self.time, self.work) = (other.time, other.work);
+        self.dissipated = other.dissipated;
+        self.q.copy_from_slice(&other.q);
+        self.qd.copy_from_slice(&other.qd);
+        self.R_WB = other.R_WB;
+        self.p_WC = other.p_WC;
+        self.linear_momentum_W = other.linear_momentum_W;
+        self.angular_momentum_W = other.angular_momentum_W;
+    }
+
     pub(super) fn read_state(&self, lane: usize, into: &mut State) {
         into.time = self.time.0[lane];
         into.work = self.work.0[lane];
+        let [damping, friction, stops, velocity_limits] = get(&self.dissipated, lane);
+        into.dissipated = Dissipated {
+            damping,
+            friction,
+            stops,
+            velocity_limits,
+        };
         into.R_WB = UnitQuaternion::new_unchecked(Quaternion::from(get(&self.R_WB, lane)));
         into.p_WC = get(&self.p_WC, lane).into();
         into.momentum_W = Momentum {

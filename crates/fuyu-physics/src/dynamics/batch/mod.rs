@@ -1,6 +1,8 @@
 //! Many states of one free-floating robot, stepped together: for Monte Carlo studies.
 
 mod block;
+mod coupled;
+mod joints;
 mod lanes;
 
 use std::any::Any;
@@ -10,9 +12,11 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use self::block::{Block, put, read};
+use self::coupled::CoupledStepper;
+use self::joints::{JointScratch, JointSteps};
 use self::lanes::LaneStepper;
 use super::kernel::{GROUP_SIZE, Tree};
-use super::{IntegrationMethod, State, Tableau, checks};
+use super::{IntegrationMethod, JointPhysics, State, Tableau, checks};
 use crate::model::Model;
 
 /// Many states of one robot, each under its own efforts. One instruction serves several states (SIMD lanes), and rayon
@@ -20,8 +24,9 @@ use crate::model::Model;
 ///
 /// Every state moves exactly as it does alone: results are bit-identical to those of
 /// [`Integrator`](super::Integrator) and [`Floating`](super::Floating) with the same method and the default
-/// formulation, for any number of states and threads. External wrenches, closed loops and other formulations are not
-/// supported; step one `Floating` per state for these, in a parallel iterator.
+/// formulation, for any number of states and threads. Robots whose joints have damping or friction, and those with mimic joints, are
+/// stepped one by one in each thread, and so is a step in which a joint reaches a limit. External wrenches, closed loops and other
+/// formulations are not supported; step one `Floating` per state for these, in a parallel iterator.
 ///
 /// Efforts are either held ([`Batch::hold_efforts`]), sampled from one control law per state
 /// ([`Batch::control`]), or functions of state and time ([`Batch::step_with`]):
@@ -81,6 +86,9 @@ struct Setup {
     arch: Arch,
     tableau: &'static Tableau,
     mass: f64,
+    /// Which states are stepped one by one.
+    joints: JointSteps,
+    joint_physics: JointPhysics,
 }
 
 impl Batch {
@@ -92,6 +100,7 @@ impl Batch {
     /// The same with any explicit tableau.
     pub fn with_tableau(model: &Model, tableau: &'static Tableau, count: usize) -> Self {
         let block = Block::repeating(&State::at_rest(model));
+        let joint_physics = JointPhysics::default();
         Self {
             setup: Setup {
                 model: model.clone(),
@@ -99,11 +108,21 @@ impl Batch {
                 arch: Arch::new(),
                 tableau,
                 mass: model.total_mass(),
+                joints: JointSteps::of(model, &joint_physics),
+                joint_physics,
             },
             count,
             blocks: vec![block; count.div_ceil(GROUP_SIZE)],
             scratch: Vec::new(),
         }
+    }
+
+    /// The same batch, with other settings for friction, stops and speed limits of the joints.
+    pub fn with_joint_physics(mut self, settings: &JointPhysics) -> Self {
+        self.setup.joints = JointSteps::of(&self.setup.model, settings);
+        self.setup.joint_physics = *settings;
+        self.scratch.clear();
+        self
     }
 
     /// The robot.
@@ -271,7 +290,7 @@ impl Batch {
         } = self;
         let count = blocks.len().div_ceil(size);
         if scratch.len() < count {
-            scratch.resize_with(count, || Scratch::new(&setup.model));
+            scratch.resize_with(count, || Scratch::new(setup));
         }
         let setup = &*setup;
         let pieces = blocks.par_chunks_mut(size).zip(scratch);
@@ -300,7 +319,7 @@ fn hold(block: &mut Block, lane: usize, efforts: &[f64], model: &Model) {
 }
 
 /// What is done with every state.
-#[derive(Debug, Clone, Copy)]
+#[derive(Debug, Clone, Copy, PartialEq)]
 enum Task {
     Accelerate,
     Step { dt: f64, steps: usize },
@@ -323,8 +342,14 @@ struct Piece<'a> {
 }
 
 impl Piece<'_> {
-    fn run(self, forced: Option<Forced>) {
+    fn run(self, mut forced: Option<Forced>) {
         let arch = self.setup.arch;
+        if self.setup.joints == JointSteps::Always
+            || self.setup.joints == JointSteps::AtLimits && self.task == Task::Accelerate
+        {
+            self.run_one_by_one(&mut forced);
+            return;
+        }
         arch.dispatch(Run {
             piece: self,
             forced,
@@ -348,11 +373,31 @@ impl WithSimd for Run<'_, '_> {
             scratch,
             task,
         } = self.piece;
-        let stepper = scratch.stepper(simd, setup);
+        if setup.model.has_mimics() {
+            let coupled = scratch
+                .coupled
+                .get_or_insert_with(|| CoupledStepper::new(setup));
+            for (b, block) in blocks.iter_mut().enumerate() {
+                coupled.run(block, b * GROUP_SIZE, task, &mut self.forced);
+            }
+            return;
+        }
+        // Apart from the scratch of the joints' steps.
+        let stepper = Scratch::stepper(&mut scratch.stepper, simd, setup);
         for (b, block) in blocks.iter_mut().enumerate() {
             for first in (0..GROUP_SIZE).step_by(S::F64_LANES) {
                 let at = (first, b * GROUP_SIZE);
-                stepper.run(setup, block, at, task, &mut self.forced);
+                match (task, &mut scratch.joints) {
+                    (Task::Step { dt, steps }, Some(joints)) => {
+                        for _ in 0..steps {
+                            joints.before.copy_states(block);
+                            let task = Task::Step { dt, steps: 1 };
+                            stepper.run(setup, block, at, task, &mut self.forced);
+                            joints.correct(block, at, S::F64_LANES, dt, &mut self.forced);
+                        }
+                    }
+                    _ => stepper.run(setup, block, at, task, &mut self.forced),
+                }
             }
         }
     }
@@ -363,21 +408,32 @@ impl WithSimd for Run<'_, '_> {
 struct Scratch {
     /// A [`LaneStepper`], whose type depends on the instruction set.
     stepper: Option<Box<dyn Any + Send + Sync>>,
+    /// For robots with mimic joints.
+    coupled: Option<Box<CoupledStepper>>,
+    /// For robots whose joints have damping, friction or limits.
+    joints: Option<Box<JointScratch>>,
     state: State,
     efforts: Vec<f64>,
 }
 
 impl Scratch {
-    fn new(model: &Model) -> Self {
+    fn new(setup: &Setup) -> Self {
+        let model = &setup.model;
+        let needed = setup.joints != JointSteps::Never;
         Self {
             stepper: None,
+            coupled: None,
+            joints: needed.then(|| Box::new(JointScratch::new(setup))),
             state: State::at_rest(model),
             efforts: vec![0.0; model.dof()],
         }
     }
 
-    fn stepper<S: Simd>(&mut self, simd: S, setup: &Setup) -> &mut LaneStepper<S> {
-        let kept = &mut self.stepper;
+    fn stepper<'a, S: Simd>(
+        kept: &'a mut Option<Box<dyn Any + Send + Sync>>,
+        simd: S,
+        setup: &Setup,
+    ) -> &'a mut LaneStepper<S> {
         if !kept
             .as_ref()
             .is_some_and(|kept| kept.is::<LaneStepper<S>>())
@@ -393,6 +449,8 @@ impl Clone for Scratch {
     fn clone(&self) -> Self {
         Self {
             stepper: None,
+            coupled: None,
+            joints: self.joints.clone(),
             state: self.state.clone(),
             efforts: self.efforts.clone(),
         }

@@ -53,7 +53,7 @@ struct Hinge {
 
 impl KaneBody {
     pub(super) fn all(model: &Model) -> Vec<Self> {
-        let joints = std::iter::once(None).chain(model.joints().iter().map(Some));
+        let joints = std::iter::once(None).chain(model.tree_joints().map(Some));
         let bodies = model.bodies().iter().zip(joints);
         bodies.map(|(body, joint)| Self::new(body, joint)).collect()
     }

@@ -62,7 +62,7 @@ impl Cut {
                 (compiled.k_path.iter().chain(&compiled.l_path).copied()).collect();
             // Prismatic hinges do not affect rotations.
             let mut revolute = on_loop.clone();
-            revolute.retain(|&k| model.joints()[k - 1].kind.is_rotational());
+            revolute.retain(|&k| model.tree_joint(k - 1).kind.is_rotational());
             let translations = directions(&hinge.translations).map(|_| &on_loop);
             let rotations = directions(&hinge.rotations).map(|_| &revolute);
             for movers in translations.chain(rotations) {

@@ -2,8 +2,9 @@
 
 use nalgebra::{Cholesky, DMatrix, Vector3};
 
-use super::{BaseSpeed, Kane};
+use super::{BaseSpeed, Equations, Kane};
 use crate::dynamics::TreeAcceleration;
+use crate::model::Model;
 use crate::spatial::Twist;
 
 impl Kane {
@@ -15,31 +16,40 @@ impl Kane {
         }
     }
 
-    /// Solves for the accelerations. On entry, `out.qdd` holds the hinges' efforts.
+    /// Solves for the accelerations. On entry, `hinges` holds the hinges' efforts.
     pub(super) fn solve(&mut self, out: &mut TreeAcceleration) {
-        self.set_equations(out);
+        self.set_equations();
         let hinge_row = self.translation_rows() + 3;
-        self.G.fill(0.0);
+        let G = &mut self.of_hinges.G;
+        G.fill(0.0);
         for cut in &self.cuts {
-            cut.constrain(&self.bodies, hinge_row, &mut self.G, &mut self.multipliers);
+            cut.constrain(&self.bodies, hinge_row, G, &mut self.multipliers);
         }
+        let equations = match &mut self.of_coordinates {
+            Some(coordinates) => {
+                coordinates.gather(&self.of_hinges, &self.model, hinge_row);
+                coordinates
+            }
+            None => &mut self.of_hinges,
+        };
+        let Equations { M, speeds, G } = equations;
         // M = L Lᵀ; a matrix that is not positive definite gives values that are not finite.
-        let M = Cholesky::new_unchecked(std::mem::replace(&mut self.M, DMatrix::zeros(0, 0)));
-        let L = M.l_dirty();
-        L.solve_lower_triangular_unchecked_mut(&mut self.speeds);
+        let factored = Cholesky::new_unchecked(std::mem::replace(M, DMatrix::zeros(0, 0)));
+        let L = factored.l_dirty();
+        L.solve_lower_triangular_unchecked_mut(speeds);
         if !self.cuts.is_empty() {
-            L.solve_lower_triangular_unchecked_mut(&mut self.G);
+            L.solve_lower_triangular_unchecked_mut(G);
             // (2.3.46): (Gᵀ M⁻¹ G) f_c = -(Ġᵀ u + Gᵀ M⁻¹ (-g)).
-            self.multipliers.gemv_tr(-1.0, &self.G, &self.speeds, -1.0);
-            self.G.tr_mul_to(&self.G, &mut self.GMG);
+            self.multipliers.gemv_tr(-1.0, G, speeds, -1.0);
+            G.tr_mul_to(G, &mut self.GMG);
             let GMG = std::mem::replace(&mut self.GMG, DMatrix::zeros(0, 0));
             let GMG = Cholesky::new_unchecked(GMG);
             GMG.solve_mut(&mut self.multipliers);
             self.GMG = GMG.unpack_dirty();
-            self.speeds.gemv(1.0, &self.G, &self.multipliers, 1.0);
+            speeds.gemv(1.0, G, &self.multipliers, 1.0);
         }
-        L.ad_solve_lower_triangular_unchecked_mut(&mut self.speeds);
-        self.M = M.unpack_dirty();
+        L.ad_solve_lower_triangular_unchecked_mut(speeds);
+        *M = factored.unpack_dirty();
         self.write(out);
     }
 
@@ -48,9 +58,10 @@ impl Kane {
     /// Each entry is the partial velocity of one generalized speed times the momentum that another, at unit value, gives
     /// to its outer set. If the velocity of the system's centre of mass is a generalized speed, that point is at rest in
     /// the partial velocities of the others, so that the terms of the common motion of all bodies drop out.
-    fn set_equations(&mut self, out: &TreeAcceleration) {
+    fn set_equations(&mut self) {
         let first = self.translation_rows();
-        let (M, bodies) = (&mut self.M, &self.bodies);
+        let Equations { M, speeds, .. } = &mut self.of_hinges;
+        let bodies = &self.bodies;
         let base = &bodies[0];
         let force = &base.force_hat;
         M.fill(0.0);
@@ -59,7 +70,7 @@ impl Kane {
                 let s = &base.moment_hat;
                 M.fixed_view_mut::<3, 3>(0, 0).fill_diagonal(base.mass_hat);
                 M.fixed_view_mut::<3, 3>(3, 0).copy_from(&s.cross_matrix());
-                self.speeds.fixed_rows_mut::<3>(0).copy_from(&force.force);
+                speeds.fixed_rows_mut::<3>(0).copy_from(&force.force);
                 (Vector3::zeros(), 0.0)
             }
             BaseSpeed::SystemCom => (base.moment_hat / base.mass_hat, 1.0 / base.mass_hat),
@@ -67,8 +78,8 @@ impl Kane {
         M.fixed_view_mut::<3, 3>(first, first)
             .copy_from(&base.inertia_hat_about(&about));
         let torque = force.torque - about.cross(&force.force);
-        self.speeds.fixed_rows_mut::<3>(first).copy_from(&torque);
-        for (i, (body, effort)) in bodies[1..].iter().zip(out.qdd.iter()).enumerate() {
+        speeds.fixed_rows_mut::<3>(first).copy_from(&torque);
+        for (i, (body, effort)) in bodies[1..].iter().zip(&self.hinges).enumerate() {
             let row = first + 3 + i;
             let unit = &body.unit_momentum;
             let generalized = if body.is_prismatic() {
@@ -76,7 +87,7 @@ impl Kane {
             } else {
                 body.z.dot(&body.force_hat.torque)
             };
-            self.speeds[row] = generalized + effort - unit.force.dot(&force.force) * per_mass;
+            speeds[row] = generalized + effort - unit.force.dot(&force.force) * per_mass;
             if self.speed == BaseSpeed::MainBody {
                 M.fixed_view_mut::<1, 3>(row, 0)
                     .copy_from(&unit.force.transpose());
@@ -105,19 +116,28 @@ impl Kane {
     }
 
     /// The accelerations in base axes.
-    fn write(&self, out: &mut TreeAcceleration) {
+    fn write(&mut self, out: &mut TreeAcceleration) {
         let first = self.translation_rows();
         let base = &self.bodies[0];
-        let angular: Vector3<f64> = self.speeds.fixed_rows::<3>(first).into_owned();
-        out.qdd
-            .as_mut_slice()
-            .copy_from_slice(&self.speeds.as_slice()[first + 3..]);
+        let speeds = &self
+            .of_coordinates
+            .as_ref()
+            .unwrap_or(&self.of_hinges)
+            .speeds;
+        let angular: Vector3<f64> = speeds.fixed_rows::<3>(first).into_owned();
+        let qdd = &speeds.as_slice()[first + 3..];
+        out.qdd.as_mut_slice().copy_from_slice(qdd);
+        if self.model.has_mimics() {
+            self.model.expand_rates(qdd, &mut self.hinges);
+        } else {
+            self.hinges.copy_from_slice(qdd);
+        }
         let linear = match self.speed {
-            BaseSpeed::MainBody => self.speeds.fixed_rows::<3>(0).into_owned(),
+            BaseSpeed::MainBody => speeds.fixed_rows::<3>(0).into_owned(),
             BaseSpeed::SystemCom => {
                 // The first row of the equations, which the others do not contain.
                 let mut force = base.force_hat.force - angular.cross(&base.moment_hat);
-                for (body, qdd) in self.bodies[1..].iter().zip(out.qdd.iter()) {
+                for (body, qdd) in self.bodies[1..].iter().zip(&self.hinges) {
                     force -= body.unit_momentum.force * *qdd;
                 }
                 force / base.mass_hat
@@ -125,5 +145,36 @@ impl Kane {
         };
         let R_BW = base.R_WB.inverse();
         out.A_WB_B = Twist::new(R_BW * angular, R_BW * linear);
+    }
+}
+
+impl Equations {
+    /// Sets the equations for the coordinates of a robot with mimic joints from those for all its hinges: with `u_t = T u`,
+    /// these are `M = Tᵀ M_t T`, `-g = -Tᵀ g_t` and `G = Tᵀ G_t`. Rows before `hinge_row` are the main body's.
+    fn gather(&mut self, tree: &Self, model: &Model, hinge_row: usize) {
+        let place = |row: usize| match row.checked_sub(hinge_row) {
+            None => (row, 1.0),
+            Some(hinge) => {
+                let coupling = model.coupling(hinge);
+                (hinge_row + coupling.coordinate, coupling.ratio)
+            }
+        };
+        self.M.fill(0.0);
+        self.speeds.fill(0.0);
+        self.G.fill(0.0);
+        for r in 0..tree.M.nrows() {
+            let (row, of_row) = place(r);
+            self.speeds[row] += of_row * tree.speeds[r];
+            for constraint in 0..tree.G.ncols() {
+                self.G[(row, constraint)] += of_row * tree.G[(r, constraint)];
+            }
+            for c in 0..=r {
+                let (column, of_column) = place(c);
+                // Off the diagonal, an entry of the lower triangle stands for two.
+                let twice = if row == column && r != c { 2.0 } else { 1.0 };
+                self.M[(row.max(column), row.min(column))] +=
+                    twice * of_row * of_column * tree.M[(r, c)];
+            }
+        }
     }
 }

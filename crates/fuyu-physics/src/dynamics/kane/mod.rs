@@ -71,6 +71,23 @@ pub struct Kane {
     speed: BaseSpeed,
     bodies: Vec<KaneBody>,
     cuts: Vec<Cut>,
+    /// Positions and rates of all hinges; empty without mimic joints.
+    tree: [Vec<f64>; 2],
+    /// Efforts of all hinges; afterwards their accelerations.
+    hinges: Vec<f64>,
+    /// Equations with a generalized speed for each hinge.
+    of_hinges: Equations,
+    /// Equations with a generalized speed for each coordinate, of a robot with mimic joints.
+    of_coordinates: Option<Equations>,
+    /// `Gᵀ M⁻¹ G`.
+    GMG: DMatrix<f64>,
+    /// `Ġᵀ u`, afterwards `f_c`.
+    multipliers: DVector<f64>,
+}
+
+/// The equations of motion for a choice of generalized speeds.
+#[derive(Debug, Clone)]
+struct Equations {
     /// `M`, lower triangle; afterwards its Cholesky factor `L`. Without the main body's velocity if the
     /// system's centre of mass stands for it.
     M: DMatrix<f64>,
@@ -78,10 +95,16 @@ pub struct Kane {
     speeds: DVector<f64>,
     /// `G = -H` of (2.3.43); afterwards `L⁻¹ G`.
     G: DMatrix<f64>,
-    /// `Gᵀ M⁻¹ G`.
-    GMG: DMatrix<f64>,
-    /// `Ġᵀ u`, afterwards `f_c`.
-    multipliers: DVector<f64>,
+}
+
+impl Equations {
+    fn zero(size: usize, constraints: usize) -> Self {
+        Self {
+            M: DMatrix::zeros(size, size),
+            speeds: DVector::zeros(size),
+            G: DMatrix::zeros(size, constraints),
+        }
+    }
 }
 
 /// The point whose velocity is the generalized speed of the translation; accelerations do not depend on the choice.
@@ -133,16 +156,20 @@ impl Kane {
             BaseSpeed::MainBody => 6,
             BaseSpeed::SystemCom => 3,
         };
-        let size = base + bodies.len() - 1;
+        let hinges = bodies.len() - 1;
         let constraints = cuts.iter().map(Cut::count).sum();
+        let mimicking = if model.has_mimics() { hinges } else { 0 };
+        let of_coordinates =
+            (model.has_mimics()).then(|| Equations::zero(base + model.dof(), constraints));
         Self {
             model,
             speed,
             bodies,
             cuts,
-            M: DMatrix::zeros(size, size),
-            speeds: DVector::zeros(size),
-            G: DMatrix::zeros(size, constraints),
+            tree: [(); 2].map(|()| vec![0.0; mimicking]),
+            hinges: vec![0.0; hinges],
+            of_hinges: Equations::zero(base + hinges, constraints),
+            of_coordinates,
             GMG: DMatrix::zeros(constraints, constraints),
             multipliers: DVector::zeros(constraints),
         }
@@ -171,18 +198,27 @@ impl Formulation for Kane {
     /// Steps (i)-(v) of section 2.3.4.
     fn accelerations(&mut self, motion: &TreeMotion, input: &Input, out: &mut TreeAcceleration) {
         checks::formulation(motion, input, out, &self.model);
-        KaneBody::set_motion(&mut self.bodies, motion);
+        if self.model.has_mimics() {
+            let [q, qd] = &mut self.tree;
+            self.model.expand_positions(motion.q, q);
+            self.model.expand_rates(motion.qd, qd);
+            KaneBody::set_motion(&mut self.bodies, &TreeMotion { q, qd, ..*motion });
+        } else {
+            KaneBody::set_motion(&mut self.bodies, motion);
+        }
         KaneBody::set_outer_sets(&mut self.bodies, &input.wrenches);
-        // `solve` takes the hinges' efforts in `out.qdd`.
-        let hinges = motion.q.iter().zip(motion.qd);
+        // A mimic joint has neither an actuator nor a spring or damper.
+        self.hinges.fill(0.0);
+        let positions = motion.q.iter().zip(motion.qd);
         let acting = self
             .model
             .joints()
             .iter()
             .zip(input.efforts.iter())
-            .zip(hinges);
-        for (total, ((joint, effort), (q, qd))) in out.qdd.iter_mut().zip(acting) {
-            *total = effort + joint.passive_effort(*q, *qd);
+            .zip(positions);
+        for (j, ((joint, effort), (q, qd))) in acting.enumerate() {
+            let hinge = self.model.joint_body(j) - 1;
+            self.hinges[hinge] = effort + joint.passive_effort(*q, *qd);
         }
         self.solve(out);
     }

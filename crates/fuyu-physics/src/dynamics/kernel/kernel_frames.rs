@@ -10,8 +10,8 @@ pub(super) fn kernel_frames(model: &Model) -> Vec<Pose> {
     let bodies = model.bodies();
     let mut frames = vec![Pose::identity(); bodies.len()];
     for b in (0..bodies.len()).rev() {
-        let own = b.checked_sub(1).map(|j| &model.joints()[j]);
-        let next = (bodies[b].subtree_end > b + 1).then(|| &model.joints()[b]);
+        let own = b.checked_sub(1).map(|j| model.tree_joint(j));
+        let next = (bodies[b].subtree_end > b + 1).then(|| model.tree_joint(b));
         frames[b] = match (own, next) {
             (None, None) => Pose::identity(),
             // The base is moved by no joint; its z is the axis of the first joint.

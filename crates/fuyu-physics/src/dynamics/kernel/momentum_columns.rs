@@ -59,6 +59,17 @@ impl<S: Scalar> MomentumColumn<S> {
         }
     }
 
+    /// Adds `ratio` times the columns of another joint. Of the sum, `angular_momentum` has no meaning: each joint's is about
+    /// another point.
+    #[cfg_attr(not(debug_assertions), inline(always))]
+    pub(crate) fn add_scaled(&mut self, joint: &Self, ratio: S) {
+        self.angular_momentum = joint.angular_momentum.mul_add(ratio, self.angular_momentum);
+        self.linear_momentum = joint.linear_momentum.mul_add(ratio, self.linear_momentum);
+        self.J_C = joint.J_C.mul_add(ratio, self.J_C);
+        self.H_M = joint.H_M.mul_add(ratio, self.H_M);
+        self.H_A = joint.H_A.mul_add(ratio, self.H_A);
+    }
+
     /// The columns of a joint, from its subtree; `inverse_mass` is that of the whole tree.
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub(super) fn new(

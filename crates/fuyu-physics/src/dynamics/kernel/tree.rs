@@ -157,8 +157,8 @@ impl Tree {
     /// Compiles `model`.
     pub fn new(model: &Model) -> Self {
         let frames = kernel_frames(model);
-        let joints = model.joints().iter().enumerate().map(|(j, joint)| {
-            let parent = model.joint_parent(j);
+        let joints = model.tree_joints().enumerate().map(|(j, joint)| {
+            let parent = model.bodies()[j + 1].parent.unwrap_or(0);
             JointTransform::new(joint, parent, &frames[parent], &frames[j + 1])
         });
         let mut joints: Vec<JointTransform> = joints.collect();
@@ -217,7 +217,7 @@ impl Tree {
         model.compiled(Self::new)
     }
 
-    /// Number of joints.
+    /// Number of joints, mimic joints included ([`Model::tree_joints`]): to the kernels they are joints like all others.
     pub fn dof(&self) -> usize {
         self.joints.len()
     }

@@ -39,6 +39,8 @@ pub struct Loops {
     pub(super) target: DVector<f64>,
     /// Change of joint positions.
     pub(super) change: DVector<f64>,
+    /// Projection of joint rates onto the constraints.
+    projected: DMatrix<f64>,
     /// Size of the mechanism, by which angles are multiplied to compare them with translations \[m\].
     pub(super) length: f64,
     /// Positions at which `normals` were computed.
@@ -90,8 +92,7 @@ impl Loops {
             .collect();
         let m = rows.len();
         let length = model
-            .joints()
-            .iter()
+            .tree_joints()
             .map(|joint| joint.X_PJ.translation.vector.norm())
             .fold(0.0, f64::max);
         Self {
@@ -102,6 +103,7 @@ impl Loops {
             jacobians: (Matrix6xX::zeros(n), Matrix6xX::zeros(n)),
             target: DVector::zeros(m),
             change: DVector::zeros(n),
+            projected: DMatrix::zeros(n, n),
             length: if length > 0.0 { length } else { 1.0 },
             normals_at: DVector::from_element(n, f64::NAN),
             gap_before: 0.0,
@@ -145,6 +147,27 @@ impl Loops {
         self.normals.remove_normal(&mut state.qd);
         if self.normals.rank() < self.rank {
             self.limit_rates(state, workspace);
+        }
+    }
+
+    /// Writes the joints' damping as the closed loops leave it: `Πᵀ D Π` with the projection `Π` of joint rates onto the
+    /// constraints, after [`Loops::project`].
+    pub(in crate::dynamics) fn project_damping(&mut self, model: &Model, out: &mut DMatrix<f64>) {
+        let n = model.dof();
+        out.fill(0.0);
+        self.projected.fill(0.0);
+        for j in 0..n {
+            self.change.fill(0.0);
+            self.change[j] = 1.0;
+            self.normals.remove_normal(&mut self.change);
+            self.projected.set_column(j, &self.change);
+        }
+        for (k, joint) in model.joints().iter().enumerate() {
+            for j in 0..n {
+                for i in 0..n {
+                    out[(i, j)] += self.projected[(k, i)] * joint.damping * self.projected[(k, j)];
+                }
+            }
         }
     }
 

@@ -3,6 +3,7 @@
 use nalgebra::{DVector, Vector3};
 
 use super::bodies::Bodies;
+use super::gear::Gear;
 use super::hinge_motion::{BodyPlacement, HingeMotion};
 use super::qr_factorization::QrFactorization;
 use super::{Axis, BodyState, System};
@@ -48,6 +49,8 @@ pub struct MatrixMethod {
     pub(super) motions: Vec<HingeMotion>,
     /// Constrained axes, hinge by hinge, and their columns' lengths.
     constrained: Vec<(usize, Axis)>,
+    /// Their constraints follow those of the axes.
+    gears: Vec<Gear>,
     lengths: Vec<f64>,
     columns: QrFactorization,
     tolerance: f64,
@@ -64,13 +67,15 @@ impl MatrixMethod {
         let axes = (0..system.hinges.len()).flat_map(|i| Axis::ALL.map(|axis| (i, axis)));
         let constrained: Vec<_> = axes.filter(|(i, axis)| system.holds(*i, *axis)).collect();
         let rest = vec![0.0; system.state_len()];
-        let (rows, columns) = (6 * system.bodies.len(), constrained.len());
+        let columns = constrained.len() + system.gears.len();
+        let rows = 6 * system.bodies.len();
         Self {
             bodies: Bodies::new(system),
             motions: (0..system.hinges.len())
                 .map(|i| system.hinge_motion(&rest, i))
                 .collect(),
             constrained,
+            gears: system.gears.clone(),
             lengths: vec![0.0; columns],
             columns: QrFactorization::new(rows, columns),
             tolerance: TOLERANCE,
@@ -97,10 +102,20 @@ impl MatrixMethod {
     pub fn solve(&mut self, system: &System, state: &[f64], load: &Load) {
         self.set_motion(system, state);
         self.set_unconstrained(system, load);
-        self.set_right_hand_side(|motion, i, k| load.driven[i][k] - motion.bias[k]);
+        self.set_right_hand_side(0.0, |motion, i, k| {
+            // Free axes ignore what they are driven with.
+            let is_free = system.hinges[i].freedom.is_free(Axis::ALL[k]);
+            (if is_free { 0.0 } else { load.driven[i][k] }) - motion.bias[k]
+        });
         self.constrain(system);
         for ((i, axis), force) in self.constrained.iter().zip(&self.right) {
             self.efforts[*i][axis.index()] = *force;
+        }
+        let multipliers = &self.right[self.constrained.len()..];
+        for (gear, multiplier) in self.gears.iter().zip(multipliers) {
+            for (i, axis, weight) in gear.ends() {
+                self.efforts[i][axis.index()] += weight * multiplier;
+            }
         }
     }
 
@@ -213,9 +228,17 @@ impl MatrixMethod {
             for (b, unit) in self.bodies.acted_on(&system.joined[*i], motion, *axis) {
                 self.bodies.add_weighted(b, &unit, column);
             }
-            let length = column.iter().map(|x| x * x).sum::<f64>().sqrt();
-            column.iter_mut().for_each(|x| *x /= length);
-            self.lengths[j] = length;
+            self.lengths[j] = normalize(column);
+        }
+        for (j, gear) in (self.constrained.len()..).zip(&self.gears) {
+            let column = self.columns.column_mut(j);
+            for (i, axis, weight) in gear.ends() {
+                let motion = &self.motions[i];
+                for (b, unit) in self.bodies.acted_on(&system.joined[i], motion, axis) {
+                    self.bodies.add_weighted(b, &(unit * weight), column);
+                }
+            }
+            self.lengths[j] = normalize(column);
         }
     }
 
@@ -236,14 +259,24 @@ impl MatrixMethod {
             .collect()
     }
 
-    /// Sets the right-hand side of the constraints; returns its largest entry.
+    /// Sets the right-hand side of the constraints; returns its largest entry. For a gear it is the same combination of
+    /// values as that of the axes in its constraint, plus `offset` times its offset.
     pub(super) fn set_right_hand_side(
         &mut self,
+        offset: f64,
         value: impl Fn(&HingeMotion, usize, usize) -> f64,
     ) -> f64 {
         let mut largest = 0.0_f64;
-        for (right, (i, axis)) in self.right.iter_mut().zip(&self.constrained) {
-            *right = value(&self.motions[*i], *i, axis.index());
+        let motions = &self.motions;
+        let of_axes = self.constrained.iter();
+        let of_axes = of_axes.map(|(i, axis)| value(&motions[*i], *i, axis.index()));
+        let of_gears = self.gears.iter().map(|gear| {
+            let ends = gear.ends().into_iter();
+            let values = ends.map(|(i, axis, weight)| weight * value(&motions[i], i, axis.index()));
+            values.sum::<f64>() + offset * gear.offset
+        });
+        for (right, value) in self.right.iter_mut().zip(of_axes.chain(of_gears)) {
+            *right = value;
             // NaN if one of them is NaN.
             if right.abs().total_cmp(&largest).is_gt() {
                 largest = right.abs();
@@ -274,4 +307,11 @@ impl MatrixMethod {
             self.right[*j] = *pivoted / self.lengths[*j];
         }
     }
+}
+
+/// Divides a column by its length, which it returns.
+fn normalize(column: &mut [f64]) -> f64 {
+    let length = column.iter().map(|x| x * x).sum::<f64>().sqrt();
+    column.iter_mut().for_each(|x| *x /= length);
+    length
 }

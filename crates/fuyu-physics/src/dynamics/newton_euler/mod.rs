@@ -38,6 +38,7 @@ mod augmented;
 mod axis;
 mod bodies;
 mod error;
+mod gear;
 mod hinge_motion;
 mod method;
 mod projection;

@@ -22,7 +22,7 @@ impl MatrixMethod {
             self.set_motion(system, state);
             let before = std::mem::replace(
                 &mut gap,
-                self.set_right_hand_side(|motion, _, k| -motion.displacement[k]),
+                self.set_right_hand_side(1.0, |motion, _, k| -motion.displacement[k]),
             );
             // Stop at rounding: no improvement over the previous iteration.
             if gap == 0.0 || gap.partial_cmp(&before) != Some(Ordering::Less) {
@@ -40,7 +40,7 @@ impl MatrixMethod {
             }
         }
         self.set_motion(system, state);
-        self.set_right_hand_side(|motion, _, k| -motion.rate[k]);
+        self.set_right_hand_side(0.0, |motion, _, k| -motion.rate[k]);
         self.z.fill(0.0);
         self.constrain(system);
         for b in 0..system.bodies.len() {

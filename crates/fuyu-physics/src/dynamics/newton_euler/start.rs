@@ -80,6 +80,20 @@ impl System {
             position[i][axis.index()] = *x;
             rate[i][axis.index()] = *xd;
         }
+        for gear in &self.gears {
+            let ((l, l_axis), (f, f_axis)) = (gear.leader, gear.follower);
+            let name = &self.hinges[f].name;
+            if start.values.iter().any(|(hinge, ..)| hinge == name) {
+                return Err(SystemError::Constrained {
+                    hinge: name.clone(),
+                    axis: f_axis,
+                    what: "a start value",
+                });
+            }
+            let (l_axis, f_axis) = (l_axis.index(), f_axis.index());
+            position[f][f_axis] = gear.ratio * position[l][l_axis] + gear.offset;
+            rate[f][f_axis] = gear.ratio * rate[l][l_axis];
+        }
         let mut state = vec![0.0; self.state_len()];
         let mut placed = vec![None; self.bodies.len()];
         for &i in &self.tree {

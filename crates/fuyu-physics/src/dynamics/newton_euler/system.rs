@@ -4,6 +4,7 @@ use std::collections::HashMap;
 
 use nalgebra::{UnitQuaternion, Vector3};
 
+use super::gear::Gear;
 use super::{Axis, Freedom, SystemError};
 use crate::model::Spring;
 use crate::spatial::{InertiaError, Pose, RigidInertia};
@@ -224,6 +225,7 @@ impl SystemBuilder {
             hinges: self.hinges.clone(),
             joined: joints,
             tree,
+            gears: Vec::new(),
         })
     }
 }
@@ -311,6 +313,7 @@ pub struct System {
     pub(super) joined: Vec<CompiledHinge>,
     /// Hinges of the spanning tree, from inertial space outward.
     pub(super) tree: Vec<usize>,
+    pub(super) gears: Vec<Gear>,
 }
 
 impl System {
@@ -344,10 +347,10 @@ impl System {
         13 * self.bodies.len()
     }
 
-    /// Number of constraints.
+    /// Number of constraints, those of mimic joints included.
     pub fn constraints(&self) -> usize {
         let of_hinge = |i| Axis::ALL.into_iter().filter(|a| self.holds(i, *a)).count();
-        (0..self.hinges.len()).map(of_hinge).sum()
+        (0..self.hinges.len()).map(of_hinge).sum::<usize>() + self.gears.len()
     }
 
     /// Whether hinge `hinge` exerts a constraint force along or about `axis`: the axis is not free, and

@@ -2,6 +2,7 @@
 
 use nalgebra::{Rotation3, Translation3, Unit, Vector3};
 
+use super::gear::Gear;
 use super::{
     Axis, BodyState, Freedom, Hinge, INERTIAL, Load, MatrixMethod, System, SystemBuilder,
     SystemError,
@@ -12,14 +13,21 @@ use crate::spatial::{Pose, Twist};
 
 impl System {
     /// The bodies and joints of `model`, springs and dampers included, its base joined to inertial space by a
-    /// free hinge. Hinge 0 is the base's, hinge `j + 1` joint `j`, which moves along or about the hinge's z axis.
+    /// free hinge. Hinge 0 is the base's, hinge `j + 1` joint `j` of the tree, which moves along or about the hinge's z
+    /// axis. Mimic joints are further constraints.
     ///
     /// # Errors
     /// [`SystemError`] if the model cannot be a system, such as with a body without mass. Moments of inertia may break the
     /// triangle inequality.
     pub fn from_model(model: &Model) -> Result<Self, SystemError> {
-        builder(model, true).build()
+        compile(model, true)
     }
+}
+
+fn compile(model: &Model, passive: bool) -> Result<System, SystemError> {
+    let mut system = builder(model, passive).build()?;
+    system.gears = Gear::of(model, |k| freedom_and_axis(model.tree_joint(k).kind).1);
+    Ok(system)
 }
 
 fn builder(model: &Model, passive: bool) -> SystemBuilder {
@@ -31,8 +39,8 @@ fn builder(model: &Model, passive: bool) -> SystemBuilder {
     let base = &model.bodies()[0].name;
     // No joint has an empty name or this one twice: slashes are not in the names of URDF joints.
     system.hinge(Hinge::new("inertial/base", INERTIAL, base, Freedom::FREE));
-    for (j, joint) in model.joints().iter().enumerate() {
-        let (parent, body) = (model.joint_parent(j), &model.bodies()[j + 1]);
+    for (joint, body) in model.tree_joints().zip(&model.bodies()[1..]) {
+        let parent = body.parent.unwrap_or(0);
         let along_z = Pose::from_parts(Translation3::identity(), rotation_to(&joint.axis));
         let (freedom, axis) = freedom_and_axis(joint.kind);
         let mut hinge = Hinge::new(
@@ -75,6 +83,8 @@ pub struct NewtonEuler {
     load: Load,
     state: Vec<f64>,
     placed: Vec<(Pose, Twist)>,
+    /// Positions and rates of the tree's joints; empty without mimic joints.
+    tree: [Vec<f64>; 2],
 }
 
 impl NewtonEuler {
@@ -83,8 +93,14 @@ impl NewtonEuler {
     /// # Errors
     /// [`SystemError`] as [`System::from_model`].
     pub fn new(model: &Model) -> Result<Self, SystemError> {
-        let system = builder(model, false).build()?;
+        let system = compile(model, false)?;
+        let mimicking = if model.has_mimics() {
+            model.bodies().len() - 1
+        } else {
+            0
+        };
         Ok(Self {
+            tree: [(); 2].map(|()| vec![0.0; mimicking]),
             model: model.clone(),
             method: MatrixMethod::new(&system),
             load: Load::zero(&system),
@@ -94,7 +110,7 @@ impl NewtonEuler {
         })
     }
 
-    /// The system of the model; hinge `j + 1` is joint `j`. Springs and dampers act as efforts.
+    /// The system of the model; hinge `j + 1` is joint `j` of the tree. Springs and dampers act as efforts.
     pub fn system(&self) -> &System {
         &self.system
     }
@@ -108,10 +124,17 @@ impl NewtonEuler {
     /// body's 13 numbers.
     fn set_state(&mut self, motion: &TreeMotion) {
         let model = &self.model;
+        let (mut q, mut qd) = (motion.q, motion.qd);
+        if model.has_mimics() {
+            let [tree_q, tree_qd] = &mut self.tree;
+            model.expand_positions(q, tree_q);
+            model.expand_rates(qd, tree_qd);
+            (q, qd) = (tree_q, tree_qd);
+        }
         self.placed[0] = (Pose::identity(), motion.V_WB_B);
-        for (j, joint) in model.joints().iter().enumerate() {
-            let (X_WP, V_P) = self.placed[model.joint_parent(j)];
-            let (q, qd) = (motion.q[j], motion.qd[j]);
+        for (j, joint) in model.tree_joints().enumerate() {
+            let (X_WP, V_P) = self.placed[model.bodies()[j + 1].parent.unwrap_or(0)];
+            let (q, qd) = (q[j], qd[j]);
             let moved = if joint.kind.is_rotational() {
                 let rotation = Rotation3::from_axis_angle(&joint.axis, q);
                 Pose::from_parts(Translation3::identity(), rotation)
@@ -155,12 +178,13 @@ impl Formulation for NewtonEuler {
         for (j, joint) in model.joints().iter().enumerate() {
             let (_, axis) = freedom_and_axis(joint.kind);
             let passive = joint.passive_effort(motion.q[j], motion.qd[j]);
-            self.load.efforts[j + 1][axis.index()] = input.efforts[j] + passive;
+            self.load.efforts[model.joint_body(j)][axis.index()] = input.efforts[j] + passive;
         }
         self.method.solve(&self.system, &self.state, &self.load);
         for (j, joint) in model.joints().iter().enumerate() {
             let (_, axis) = freedom_and_axis(joint.kind);
-            out.qdd[j] = self.method.hinge_acceleration(&self.system, j + 1)[axis.index()];
+            let hinge = model.joint_body(j);
+            out.qdd[j] = self.method.hinge_acceleration(&self.system, hinge)[axis.index()];
         }
         let (com, w) = (&model.bodies()[0].inertia.com, &motion.V_WB_B.angular);
         let base = self.method.acceleration(0);

@@ -1,57 +1,113 @@
-//! Checks of the XML document before urdf-rs parses it.
-//!
-//! urdf-rs fills in defaults for missing elements, ignores unknown elements and text that is not a number, and keeps no line
-//! numbers. This pass over the same text rejects what urdf-rs would accept silently, and records what it would lose.
+//! The XML document of a robot description: elements, attributes and numbers, with errors that name lines.
 
-use std::collections::HashMap;
+use std::borrow::Cow;
+use std::cell::RefCell;
 
-use nalgebra::{Quaternion, UnitQuaternion};
 use roxmltree::{Document, Node};
 
 use super::error::{UrdfError, UrdfProblem};
-use crate::model::Spring;
+use super::repair::{Repair, RepairKind};
 
 /// Deepest nesting of elements: URDF needs five levels, extensions of plugins a few more.
 const DEEPEST: usize = 64;
 
-/// Facts about the document that urdf-rs does not keep: links and joints in document order, and springs.
-#[derive(Default)]
-pub(super) struct Facts {
-    pub links: Vec<ElementFacts>,
-    pub joints: Vec<ElementFacts>,
-    /// Springs by the names of their joints.
-    pub springs: HashMap<String, Spring>,
-}
-
-/// Position of a link or joint in the document, and which optional parts it has.
-pub(super) struct ElementFacts {
-    /// Byte offset, for the line number of a message.
-    pub at: usize,
-    /// Whether it has an `<inertial>` (link) or `<limit>` (joint); without, urdf-rs fills in zeros.
-    pub stated: bool,
-    /// Orientation of the `<origin>` if given as a quaternion (URDF 1.1), which urdf-rs converts to angles
-    /// with an error of up to 5e-3 rad near the singularity.
-    pub quaternion: Option<UnitQuaternion<f64>>,
-}
-
-/// A robot description being checked. Creates errors with line numbers.
+/// A robot description being read. Creates errors with line numbers.
 pub(super) struct Source<'a> {
     pub name: &'a str,
     doc: Document<'a>,
+    /// Byte offset at which each line after the first starts.
+    line_starts: Vec<usize>,
+    /// What was repaired so far; `None` if nothing may be.
+    repairs: Option<RefCell<Vec<Repair>>>,
 }
 
 pub(super) type Checked<T> = Result<T, UrdfError>;
 
+/// The text of a robot description without what is no XML, but other programs accept: blank lines before the declaration, and
+/// text after the last element. Lines keep their numbers. [`Model::repaired_from_urdf`](crate::model::Model::repaired_from_urdf) does
+/// this itself; programs that forward the text need it.
+pub fn without_surroundings(xml: &str) -> Cow<'_, str> {
+    let (start, end) = (xml.find("<?xml"), xml.rfind("</robot>"));
+    let mut text = Cow::Borrowed(xml);
+    if let Some(end) = end.map(|at| at + "</robot>".len())
+        && !xml[end..].trim().is_empty()
+        && !xml[end..].contains('<')
+    {
+        text.to_mut().truncate(end);
+    }
+    let Some(start) = start.filter(|&at| at > 0 && xml[..at].trim().is_empty()) else {
+        return text;
+    };
+    if let Some(length) = text[start..].find("?>") {
+        let declaration = start..start + length + 2;
+        let blank = " ".repeat(declaration.len());
+        text.to_mut().replace_range(declaration, &blank);
+    }
+    text
+}
+
 impl<'a> Source<'a> {
-    /// Parses the XML.
-    pub fn parse(xml: &'a str, name: &'a str) -> Checked<Self> {
+    /// Parses the XML. With `repairs`, what can be repaired is not an error.
+    pub fn parse(xml: &'a str, name: &'a str, repairs: bool) -> Checked<Self> {
         let doc = Document::parse(xml).map_err(|e| UrdfError {
             source_name: name.to_owned(),
             line: Some(e.pos().row),
             element: None,
             problem: Box::new(UrdfProblem::Xml(e.to_string())),
         })?;
-        Ok(Self { name, doc })
+        let repairs = repairs.then(RefCell::default);
+        let breaks = xml.bytes().enumerate().filter(|(_, byte)| *byte == b'\n');
+        Ok(Self {
+            name,
+            doc,
+            line_starts: breaks.map(|(at, _)| at + 1).collect(),
+            repairs,
+        })
+    }
+
+    /// Whether what can be repaired is repaired.
+    pub fn repairs(&self) -> bool {
+        self.repairs.is_some()
+    }
+
+    /// Notes the repair `kind` of the link or joint `name` at byte offset `at`; an error if nothing may be repaired.
+    pub fn repair_at(
+        &self,
+        at: usize,
+        name: &str,
+        kind: RepairKind,
+        or: impl FnOnce() -> UrdfError,
+    ) -> Checked<()> {
+        if self.repairs.is_none() {
+            return Err(or());
+        }
+        self.note_at(at, name, kind);
+        Ok(())
+    }
+
+    /// Notes a repair that no error would replace, if repairs are made.
+    pub fn note_at(&self, at: usize, name: &str, kind: RepairKind) {
+        if let Some(repairs) = &self.repairs {
+            repairs.borrow_mut().push(Repair {
+                line: self.line(at),
+                name: name.to_owned(),
+                kind,
+            });
+        }
+    }
+
+    /// [`Source::repair_at`] for an element inside of a link or joint.
+    pub fn repair(&self, node: Node, kind: RepairKind, or: UrdfProblem) -> Checked<()> {
+        let name = holder(node).and_then(|n| n.attribute("name"));
+        let at = node.range().start;
+        self.repair_at(at, name.unwrap_or_default(), kind, || self.error(node, or))
+    }
+
+    /// Everything that was repaired, in the order of the document.
+    pub fn into_repairs(self) -> Vec<Repair> {
+        let mut repairs = self.repairs.map(RefCell::into_inner).unwrap_or_default();
+        repairs.sort_by_key(|repair| repair.line);
+        repairs
     }
 
     /// An error at byte offset `at`, about `element`.
@@ -66,22 +122,21 @@ impl<'a> Source<'a> {
 
     /// The line that holds byte offset `at`, counted from 1.
     pub fn line(&self, at: usize) -> u32 {
-        self.doc.text_pos_at(at).row
+        let row = 1 + self.line_starts.partition_point(|&start| start <= at);
+        u32::try_from(row).unwrap_or(u32::MAX)
     }
 
-    fn error(&self, node: Node, problem: UrdfProblem) -> UrdfError {
-        let element = node
-            .ancestors()
-            .find(|n| matches!(n.tag_name().name(), "link" | "joint") && n.has_attribute("name"));
-        let element = element.map(|n| {
+    /// An error at `node`, about the link or joint that holds it.
+    pub fn error(&self, node: Node, problem: UrdfProblem) -> UrdfError {
+        let element = holder(node).map(|n| {
             let name = n.attribute("name").unwrap_or_default();
             subject(n.tag_name().name(), name)
         });
         self.error_at(node.range().start, element, problem)
     }
 
-    /// All checks that need no typed description.
-    pub fn check(&self) -> Checked<Facts> {
+    /// The `<robot>`, if the document is a URDF.
+    pub fn robot(&self) -> Checked<Node<'_, 'a>> {
         let robot = self.doc.root_element();
         for node in self.doc.descendants().filter(Node::is_element) {
             let tag = node.tag_name();
@@ -97,173 +152,15 @@ impl<'a> Source<'a> {
                 return Err(self.error(robot, problem));
             }
         }
-        if robot.tag_name().name() != "robot" {
-            let problem = UrdfProblem::NotARobot(robot.tag_name().name().to_owned());
-            return Err(self.error(robot, problem));
+        match robot.tag_name().name() {
+            "robot" => Ok(robot),
+            "sdf" => Err(self.error(robot, UrdfProblem::OtherFormat("SDF"))),
+            "mujoco" => Err(self.error(robot, UrdfProblem::OtherFormat("MJCF"))),
+            other => Err(self.error(robot, UrdfProblem::NotARobot(other.to_owned()))),
         }
-        let version = version(robot);
-        let mut facts = Facts::default();
-        for node in robot.children().filter(Node::is_element) {
-            match node.tag_name().name() {
-                "link" => facts.links.push(self.check_link(node, version)?),
-                "joint" => facts.joints.push(self.check_joint(node, version)?),
-                _ => {}
-            }
-        }
-        facts.springs = self.springs(robot)?;
-        if facts.links.is_empty() {
-            return Err(self.error(robot, UrdfProblem::NoLinks));
-        }
-        Ok(facts)
     }
 
-    fn check_link(&self, link: Node, version: (u32, u32)) -> Checked<ElementFacts> {
-        self.required(link, "name", "attribute 'name'")?;
-        for child in link.children().filter(Node::is_element) {
-            let holds_mass = |n: &Node| matches!(n.tag_name().name(), "mass" | "inertia");
-            let tag = child.tag_name().name();
-            if holds_mass(&child) || (tag != "inertial" && child.children().any(|n| holds_mass(&n)))
-            {
-                return Err(self.error(child, unknown(link, format!("<{tag}>"), &["inertial"])));
-            }
-        }
-        let inertial = self.only_child(link, "inertial")?;
-        let mut quaternion = None;
-        if let Some(inertial) = inertial {
-            self.only_children(inertial, &["origin", "mass", "inertia"])?;
-            quaternion = self.check_origin(inertial, version)?;
-            let mass = self.child(inertial, "mass", "<mass value=\"..\"/>")?;
-            self.required_number(mass, "value", "attribute 'value'")?;
-            let inertia = self.child(inertial, "inertia", "<inertia ixx=\"..\" ../>")?;
-            for (moment, missing) in [
-                ("ixx", "attribute 'ixx'"),
-                ("ixy", "attribute 'ixy'"),
-                ("ixz", "attribute 'ixz'"),
-                ("iyy", "attribute 'iyy'"),
-                ("iyz", "attribute 'iyz'"),
-                ("izz", "attribute 'izz'"),
-            ] {
-                self.required_number(inertia, moment, missing)?;
-            }
-        }
-        Ok(ElementFacts {
-            at: link.range().start,
-            stated: inertial.is_some(),
-            quaternion,
-        })
-    }
-
-    fn check_joint(&self, joint: Node, version: (u32, u32)) -> Checked<ElementFacts> {
-        self.required(joint, "name", "attribute 'name'")?;
-        match self.required(joint, "type", "attribute 'type'")? {
-            "revolute" | "continuous" | "prismatic" | "fixed" => {}
-            known @ ("planar" | "floating" | "spherical") => {
-                return Err(self.error(joint, UrdfProblem::UnsupportedJoint(known.to_owned())));
-            }
-            other => return Err(self.error(joint, UrdfProblem::JointType(other.to_owned()))),
-        }
-        self.only_children(
-            joint,
-            &[
-                "origin",
-                "parent",
-                "child",
-                "axis",
-                "limit",
-                "dynamics",
-                "calibration",
-                "safety_controller",
-                "mimic",
-            ],
-        )?;
-        if let Some(mimic) = self.only_child(joint, "mimic")? {
-            let master = mimic.attribute("joint").unwrap_or_default();
-            return Err(self.error(mimic, UrdfProblem::Mimic(master.to_owned())));
-        }
-        for (end, missing) in [
-            ("parent", "<parent link=\"..\"/>"),
-            ("child", "<child link=\"..\"/>"),
-        ] {
-            let end = self.child(joint, end, missing)?;
-            self.required(end, "link", "attribute 'link'")?;
-        }
-        if let Some(axis) = self.only_child(joint, "axis")? {
-            self.required(axis, "xyz", "attribute 'xyz'")?;
-            self.numbers::<3>(axis, "xyz", "three finite numbers")?;
-        }
-        let limit = self.only_child(joint, "limit")?;
-        if let Some(limit) = limit {
-            self.check_limit(limit, version)?;
-        }
-        if let Some(dynamics) = self.only_child(joint, "dynamics")? {
-            let known = ["damping", "friction"];
-            for attribute in known {
-                self.numbers::<1>(dynamics, attribute, "a finite number")?;
-            }
-            // Simulators add attributes of their own, which are accepted next to these, but not instead of them.
-            if !known.iter().any(|&a| dynamics.has_attribute(a)) {
-                self.only_attributes(dynamics, &known)?;
-            }
-        }
-        Ok(ElementFacts {
-            at: joint.range().start,
-            stated: limit.is_some(),
-            quaternion: self.check_origin(joint, version)?,
-        })
-    }
-
-    fn check_limit(&self, limit: Node, version: (u32, u32)) -> Checked<()> {
-        let known = [
-            "lower",
-            "upper",
-            "effort",
-            "velocity",
-            "acceleration",
-            "deceleration",
-            "jerk",
-        ];
-        self.only_attributes(limit, &known)?;
-        for attribute in known {
-            self.numbers::<1>(limit, attribute, "a finite number")?;
-        }
-        // Since URDF 1.2 missing limits mean unlimited; before, effort and velocity are required.
-        if version < (1, 2) {
-            self.required(limit, "effort", "attribute 'effort'")?;
-            self.required(limit, "velocity", "attribute 'velocity'")?;
-        }
-        Ok(())
-    }
-
-    /// Checks the `<origin>` of `parent`; returns its orientation if that is given as a quaternion.
-    fn check_origin(
-        &self,
-        parent: Node,
-        version: (u32, u32),
-    ) -> Checked<Option<UnitQuaternion<f64>>> {
-        let Some(origin) = self.only_child(parent, "origin")? else {
-            return Ok(None);
-        };
-        self.only_attributes(origin, &["xyz", "rpy", "quat_xyzw"])?;
-        self.numbers::<3>(origin, "xyz", "three finite numbers")?;
-        self.numbers::<3>(origin, "rpy", "three finite numbers")?;
-        let Some(q) = self.numbers::<4>(origin, "quat_xyzw", "four finite numbers")? else {
-            return Ok(None);
-        };
-        let quaternion = Quaternion::from(q);
-        let reason = if version < (1, 1) {
-            "needs <robot version=\"1.1\"> or later; without it, give rpy"
-        } else if origin.has_attribute("rpy") {
-            "is given together with rpy; keep one of them"
-        } else if (quaternion.norm() - 1.0).abs() > 1e-6 {
-            "must be a unit quaternion"
-        } else {
-            return Ok(Some(UnitQuaternion::new_normalize(quaternion)));
-        };
-        let value = origin.attribute("quat_xyzw").unwrap_or_default().to_owned();
-        Err(self.error(origin, UrdfProblem::Quaternion { value, reason }))
-    }
-
-    fn required<'n>(
+    pub fn required<'n>(
         &self,
         node: Node<'n, '_>,
         attribute: &str,
@@ -271,20 +168,20 @@ impl<'a> Source<'a> {
     ) -> Checked<&'n str> {
         match node.attribute(attribute) {
             Some(value) if !value.trim().is_empty() => Ok(value),
-            _ => {
-                let element = node.tag_name().name().to_owned();
-                Err(self.error(node, UrdfProblem::Missing { element, missing }))
-            }
+            _ => Err(self.error(node, absent(node, missing))),
         }
     }
 
-    fn required_number(&self, node: Node, name: &str, missing: &'static str) -> Checked<()> {
+    pub fn required_number(&self, node: Node, name: &str, missing: &'static str) -> Checked<f64> {
         self.required(node, name, missing)?;
-        self.numbers::<1>(node, name, "a finite number")?;
-        Ok(())
+        Ok(self.number(node, name)?.unwrap_or_default())
     }
 
-    fn numbers<const N: usize>(
+    pub fn number(&self, node: Node, attribute: &str) -> Checked<Option<f64>> {
+        Ok((self.numbers::<1>(node, attribute, "a finite number")?).map(|[value]| value))
+    }
+
+    pub fn numbers<const N: usize>(
         &self,
         node: Node,
         attribute: &str,
@@ -293,93 +190,92 @@ impl<'a> Source<'a> {
         let Some(value) = node.attribute(attribute) else {
             return Ok(None);
         };
-        let words: Option<Vec<f64>> = value
-            .split_whitespace()
-            .map(|word| word.parse().ok().filter(|x: &f64| x.is_finite()))
-            .collect();
-        match words.and_then(|v| v.try_into().ok()) {
-            Some(numbers) => Ok(Some(numbers)),
-            None => {
-                let problem = UrdfProblem::Number {
-                    element: node.tag_name().name().to_owned(),
-                    attribute: attribute.to_owned(),
-                    value: value.to_owned(),
-                    wanted,
-                };
-                Err(self.error(node, problem))
-            }
+        let parsed = |word: &str| word.parse().ok().filter(|x: &f64| x.is_finite());
+        let words: Option<Vec<f64>> = value.split_whitespace().map(parsed).collect();
+        if let Some(numbers) = words.and_then(|v| v.try_into().ok()) {
+            return Ok(Some(numbers));
         }
+        let problem = if value.contains("${") || value.contains("$(") {
+            UrdfProblem::XacroExpression(value.to_owned())
+        } else {
+            UrdfProblem::Number {
+                element: node.tag_name().name().to_owned(),
+                attribute: attribute.to_owned(),
+                value: value.to_owned(),
+                wanted,
+            }
+        };
+        // Other programs accept commas between several numbers, punctuation behind one, and more numbers than they use.
+        let is_separator = |c: char| c.is_whitespace() || (N > 1 && c == ',');
+        let words = value.split(is_separator).filter(|word| !word.is_empty());
+        let plain = |word: &str| parsed(word.trim_end_matches(['.', ',', ';']));
+        let numbers: Option<Vec<f64>> = words.map(plain).collect();
+        let first = numbers.as_ref().filter(|v| N > 1 || v.len() == 1);
+        let Some(first) = first.and_then(|v| v.first_chunk::<N>()) else {
+            return Err(self.error(node, problem));
+        };
+        let stated = format!("<{}> {attribute}=\"{value}\"", node.tag_name().name());
+        self.repair(node, RepairKind::Numbers(stated), problem)?;
+        Ok(Some(*first))
     }
 
-    fn only_child<'n, 'i>(
+    /// The only child `tag`, or the first one if that is a repair.
+    pub fn only_child<'n, 'i>(
         &self,
         node: Node<'n, 'i>,
         tag: &'static str,
     ) -> Checked<Option<Node<'n, 'i>>> {
         let mut found = node.children().filter(|n| n.tag_name().name() == tag);
         let first = found.next();
-        match found.next() {
-            Some(second) => Err(self.error(second, UrdfProblem::Repeated(tag))),
-            None => Ok(first),
+        for second in found {
+            let problem = UrdfProblem::Repeated(tag);
+            self.repair(second, RepairKind::Repeated(tag), problem)?;
         }
+        Ok(first)
     }
 
-    fn child<'n, 'i>(
+    pub fn child<'n, 'i>(
         &self,
         node: Node<'n, 'i>,
         tag: &'static str,
         missing: &'static str,
     ) -> Checked<Node<'n, 'i>> {
-        self.only_child(node, tag)?.ok_or_else(|| {
-            let element = node.tag_name().name().to_owned();
-            self.error(node, UrdfProblem::Missing { element, missing })
-        })
+        self.only_child(node, tag)?
+            .ok_or_else(|| self.error(node, absent(node, missing)))
     }
 
-    /// Rejects children that urdf-rs would ignore, except extensions in another namespace.
-    fn only_children(&self, node: Node, allowed: &[&str]) -> Checked<()> {
+    /// Ignores or rejects children that `node` cannot hold, except extensions in another namespace.
+    pub fn only_children(&self, node: Node, allowed: &[&str]) -> Checked<()> {
         let home = node.tag_name().namespace();
-        let unexpected = node
-            .children()
-            .filter(Node::is_element)
-            .find(|n| n.tag_name().namespace() == home && !allowed.contains(&n.tag_name().name()));
-        unexpected.map_or(Ok(()), |n| {
-            let found = format!("<{}>", n.tag_name().name());
-            Err(self.error(n, unknown(node, found, allowed)))
-        })
+        for child in node.children().filter(Node::is_element) {
+            let tag = child.tag_name();
+            if tag.namespace() == home && !allowed.contains(&tag.name()) {
+                let found = format!("<{}>", tag.name());
+                let kind = RepairKind::Ignored(format!("{found} in <{}>", node.tag_name().name()));
+                self.repair(child, kind, unknown(node, found, allowed))?;
+            }
+        }
+        Ok(())
     }
 
-    fn only_attributes(&self, node: Node, allowed: &[&str]) -> Checked<()> {
-        let unexpected = node
-            .attributes()
-            .find(|a| a.namespace().is_none() && !allowed.contains(&a.name()));
-        unexpected.map_or(Ok(()), |a| {
-            let found = format!("attribute '{}'", a.name());
-            Err(self.error(node, unknown(node, found, allowed)))
-        })
+    /// Ignores or rejects attributes that `node` cannot have.
+    pub fn only_attributes(&self, node: Node, allowed: &[&str]) -> Checked<()> {
+        for attribute in node.attributes() {
+            if attribute.namespace().is_none() && !allowed.contains(&attribute.name()) {
+                let ignored = format!("{} of <{}>", attribute.name(), node.tag_name().name());
+                let found = format!("attribute '{}'", attribute.name());
+                let kind = RepairKind::Ignored(ignored);
+                self.repair(node, kind, unknown(node, found, allowed))?;
+            }
+        }
+        Ok(())
     }
+}
 
-    /// The types of urdf-rs.
-    pub fn typed(&self) -> Checked<urdf_rs::Robot> {
-        let text = self.doc.input_text();
-        let text = text.strip_prefix('\u{feff}').unwrap_or(text);
-        urdf_rs::read_from_string(text).map_err(|whole| {
-            // The messages of urdf-rs have no line number: find the first element that it rejects on its own.
-            let robot = self.doc.root_element();
-            let version = robot.attribute("version").unwrap_or("1.0");
-            let rejected_alone = |node: Node| {
-                let element = &self.doc.input_text()[node.range()];
-                let robot = format!("<robot name=\"r\" version=\"{version}\">{element}</robot>");
-                urdf_rs::read_from_string(&robot).err()
-            };
-            let elements = robot.children().filter(Node::is_element);
-            let (node, e) = elements
-                .filter(|n| n.tag_name().namespace() == robot.tag_name().namespace())
-                .find_map(|n| Some((n, rejected_alone(n)?)))
-                .unwrap_or((robot, whole));
-            self.error(node, UrdfProblem::Invalid(e.to_string()))
-        })
-    }
+/// The link or joint that holds `node`, or is it.
+fn holder<'n, 'i>(node: Node<'n, 'i>) -> Option<Node<'n, 'i>> {
+    node.ancestors()
+        .find(|n| matches!(n.tag_name().name(), "link" | "joint") && n.has_attribute("name"))
 }
 
 /// Name of a link or joint in messages.
@@ -387,7 +283,12 @@ pub(super) fn subject(tag: &str, name: &str) -> String {
     format!("{tag} '{name}'")
 }
 
-fn unknown(element: Node, found: String, allowed: &[&str]) -> UrdfProblem {
+pub(super) fn absent(node: Node, missing: &'static str) -> UrdfProblem {
+    let element = node.tag_name().name().to_owned();
+    UrdfProblem::Missing { element, missing }
+}
+
+pub(super) fn unknown(element: Node, found: String, allowed: &[&str]) -> UrdfProblem {
     UrdfProblem::Unknown {
         element: element.tag_name().name().to_owned(),
         found,
@@ -395,8 +296,8 @@ fn unknown(element: Node, found: String, allowed: &[&str]) -> UrdfProblem {
     }
 }
 
-/// URDF version of `<robot>`; like urdf-rs and urdfdom, 1.0 if it is not stated.
-fn version(robot: Node) -> (u32, u32) {
+/// URDF version of `<robot>`; like urdfdom, 1.0 if it is not stated.
+pub(super) fn version(robot: Node) -> (u32, u32) {
     let stated = robot.attribute("version").unwrap_or_default();
     let parts = stated.trim().split_once('.');
     parts

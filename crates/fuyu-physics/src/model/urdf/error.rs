@@ -43,8 +43,18 @@ pub enum UrdfProblem {
     #[error("the root element is <{0}>; a URDF starts with <robot name=\"...\">")]
     NotARobot(String),
     /// Unexpanded macros.
-    #[error("<{0}> is a xacro macro; expand the file first: xacro robot.urdf.xacro > robot.urdf")]
+    #[error(
+        "<{0}> is a xacro macro; expand the file first: `pip install xacro`, `xacro robot.urdf.xacro -o robot.urdf`"
+    )]
     Xacro(String),
+    /// An expression of a macro.
+    #[error(
+        "\"{0}\" is a xacro expression; expand the file first: `pip install xacro`, `xacro robot.urdf.xacro -o robot.urdf`"
+    )]
+    XacroExpression(String),
+    /// A robot in another format.
+    #[error("the document is {0}; convert it to URDF first (docs/robots.md)")]
+    OtherFormat(&'static str),
     /// Elements nested too deep.
     #[error("<{element}> is nested deeper than {limit} elements")]
     TooDeep {
@@ -130,12 +140,20 @@ pub enum UrdfProblem {
     JointType(String),
     /// A type of URDF with more than one degree of freedom.
     #[error(
-        "type=\"{0}\" is not supported (the base floats by itself); use revolute, continuous, prismatic or fixed joints"
+        "type=\"{0}\" is not supported: it has several degrees of freedom; use revolute, continuous, prismatic or fixed joints (the base floats by itself)"
     )]
     UnsupportedJoint(String),
-    /// A joint that copies another.
-    #[error("<mimic joint=\"{0}\"> is not supported; make the joint a moving one or fix it")]
-    Mimic(String),
+    /// A mimic joint that follows one that does not exist.
+    #[error("<mimic joint=\"{name}\"> is not a joint; the joints are {known}")]
+    MimicOfNoJoint {
+        /// The name given.
+        name: String,
+        /// The names that exist.
+        known: String,
+    },
+    /// Mimic joints that follow each other.
+    #[error("mimic joints follow each other: {0}; one of them must move independently")]
+    MimicCycle(String),
     /// A joint between links that do not exist.
     #[error("its {role} link '{name}' is not defined; the links are {known}")]
     UnknownLink {
@@ -214,7 +232,29 @@ pub enum UrdfProblem {
         /// Its value.
         value: f64,
     },
-    /// Any other error of the parser.
-    #[error("not a valid URDF: {0}")]
-    Invalid(String),
+    /// A visual or collision without a shape.
+    #[error(
+        "has no <geometry> with a <box>, <sphere>, <cylinder>, <capsule> or <mesh filename=\"..\">"
+    )]
+    NoGeometry,
+    /// A mimic joint that would always be outside of its range.
+    #[error(
+        "its <limit> excludes every position that it takes while it follows joint '{0}' in its range"
+    )]
+    MimicRange(String),
+    /// Two joints in line that move only a body without mass between them.
+    #[error(
+        "moves a body without mass about the same axis as joint '{0}'; without inertia between them, their motion is not determined: give the link an <inertial>, or fix one of the joints"
+    )]
+    NoInertiaBetween(String),
+    /// A root without mass, and several joints from it.
+    #[error(
+        "the root has no mass, and several joints move on it ({0}); give it, or a link fixed to it, an <inertial> with a positive mass"
+    )]
+    MasslessRoot(String),
+    /// Not even the whole robot has mass.
+    #[error(
+        "no link has mass; a robot that floats freely needs an <inertial> with a positive mass"
+    )]
+    NoMass,
 }

@@ -9,6 +9,7 @@ use roxmltree::Node;
 
 use super::document::{Checked, Source, subject};
 use super::error::{UrdfError, UrdfProblem};
+use super::repair::RepairKind;
 use crate::model::Spring;
 
 /// Element with a spring's stiffness.
@@ -38,17 +39,22 @@ impl Source<'_> {
             };
             let joint = gazebo.attribute("reference").unwrap_or_default();
             let fail = |problem| Err(self.spring_error(gazebo, at, problem));
-            match joints.get(joint) {
+            let problem = match joints.get(joint) {
                 None => {
                     let mut known: Vec<_> = joints.keys().copied().collect();
                     known.sort_unstable();
-                    return fail(UrdfProblem::SpringOfNoJoint {
+                    Some(UrdfProblem::SpringOfNoJoint {
                         name: joint.to_owned(),
                         known: known.join(", "),
-                    });
+                    })
                 }
-                Some(&"fixed") => return fail(UrdfProblem::SpringOfFixedJoint),
-                Some(_) => {}
+                Some(&"fixed") => Some(UrdfProblem::SpringOfFixedJoint),
+                Some(_) => None,
+            };
+            if let Some(problem) = problem {
+                let refused = || self.spring_error(gazebo, at, problem);
+                self.repair_at(at.range().start, joint, RepairKind::Spring, refused)?;
+                continue;
             }
             let Some((node, stiffness)) = stiffness else {
                 return fail(UrdfProblem::Missing {

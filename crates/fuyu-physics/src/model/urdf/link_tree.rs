@@ -2,8 +2,10 @@
 
 use std::collections::HashMap;
 
-use super::document::{Facts, Source, subject};
+use super::description::Description;
+use super::document::{Source, subject};
 use super::error::{UrdfError, UrdfProblem};
+use super::repair::RepairKind;
 
 /// Parents and children, by index into the description's links and joints.
 pub(super) struct LinkTree {
@@ -17,24 +19,24 @@ pub(super) struct LinkTree {
 
 impl LinkTree {
     /// Finds the tree, or the reason why there is none.
-    pub fn find(source: &Source, robot: &urdf_rs::Robot, facts: &Facts) -> Result<Self, UrdfError> {
+    pub fn find(source: &Source, robot: &Description) -> Result<Self, UrdfError> {
         let joint_error = |j: usize, problem| {
             let element = subject("joint", &robot.joints[j].name);
-            source.error_at(facts.joints[j].at, Some(element), problem)
+            source.error_at(robot.joints[j].at, Some(element), problem)
         };
 
         let mut link_index = HashMap::new();
         for (i, link) in robot.links.iter().enumerate() {
             if let Some(first) = link_index.insert(link.name.as_str(), i) {
-                let problem = UrdfProblem::DuplicateName(source.line(facts.links[first].at));
+                let problem = UrdfProblem::DuplicateName(source.line(robot.links[first].at));
                 let element = Some(subject("link", &link.name));
-                return Err(source.error_at(facts.links[i].at, element, problem));
+                return Err(source.error_at(robot.links[i].at, element, problem));
             }
         }
         let mut joint_index = HashMap::new();
         for (j, joint) in robot.joints.iter().enumerate() {
             if let Some(first) = joint_index.insert(joint.name.as_str(), j) {
-                let problem = UrdfProblem::DuplicateName(source.line(facts.joints[first].at));
+                let problem = UrdfProblem::DuplicateName(source.line(robot.joints[first].at));
                 return Err(joint_error(j, problem));
             }
         }
@@ -53,15 +55,15 @@ impl LinkTree {
                     joint_error(j, problem)
                 })
             };
-            let parent = find("parent", &joint.parent.link)?;
-            let child = find("child", &joint.child.link)?;
+            let parent = find("parent", &joint.parent)?;
+            let child = find("child", &joint.child)?;
             if parent == child {
-                let link = joint.parent.link.clone();
+                let link = joint.parent.clone();
                 return Err(joint_error(j, UrdfProblem::SelfJoint(link)));
             }
             if let Some(other) = moved_by[child].replace(j) {
                 let problem = UrdfProblem::TwoParents {
-                    link: joint.child.link.clone(),
+                    link: joint.child.clone(),
                     other: robot.joints[other].name.clone(),
                 };
                 return Err(joint_error(j, problem));
@@ -70,18 +72,37 @@ impl LinkTree {
             child_link.push(child);
         }
 
-        let roots: Vec<usize> = (0..robot.links.len())
+        let mut roots: Vec<usize> = (0..robot.links.len())
             .filter(|&i| moved_by[i].is_none())
             .collect();
         if roots.len() > 1 {
-            let problem = UrdfProblem::SeveralRoots {
-                count: roots.len(),
-                names: some_names(roots.iter().map(|&i| robot.links[i].name.as_str())),
+            let problem = || {
+                let problem = UrdfProblem::SeveralRoots {
+                    count: roots.len(),
+                    names: some_names(roots.iter().map(|&i| robot.links[i].name.as_str())),
+                };
+                source.error_at(robot.links[roots[1]].at, None, problem)
             };
-            return Err(source.error_at(facts.links[roots[1]].at, None, problem));
+            let is_alone = |i: usize| {
+                let has_mass = robot.links[i]
+                    .inertial
+                    .as_ref()
+                    .is_some_and(|l| l.mass != 0.0);
+                child_joints[i].is_empty() && !has_mass
+            };
+            let mut connected = roots.iter().copied().filter(|&i| !is_alone(i));
+            let (Some(root), None) = (connected.next(), connected.next()) else {
+                return Err(problem());
+            };
+            for &i in roots.iter().filter(|&&i| i != root) {
+                let link = &robot.links[i];
+                source.repair_at(link.at, &link.name, RepairKind::Unconnected, problem)?;
+            }
+            roots = vec![root];
         }
 
-        let mut reached = vec![false; robot.links.len()];
+        let is_ignored = |i: usize| moved_by[i].is_none() && !roots.contains(&i);
+        let mut reached: Vec<bool> = (0..robot.links.len()).map(is_ignored).collect();
         let mut stack = roots.clone();
         while let Some(link) = stack.pop() {
             reached[link] = true;
@@ -89,8 +110,7 @@ impl LinkTree {
         }
         if let Some(unreached) = reached.iter().position(|r| !r) {
             // Every unreached link has a parent, so that following parents from one ends in a cycle.
-            let parent =
-                |i: usize| moved_by[i].map_or(i, |j| link_index[&*robot.joints[j].parent.link]);
+            let parent = |i: usize| moved_by[i].map_or(i, |j| link_index[&*robot.joints[j].parent]);
             let mut on_cycle = unreached;
             for _ in 0..robot.links.len() {
                 on_cycle = parent(on_cycle);
@@ -104,7 +124,7 @@ impl LinkTree {
             let names: Vec<&str> = cycle.iter().map(|&i| &*robot.links[i].name).collect();
             let problem = UrdfProblem::Cycle(names.join(" -> "));
             let element = Some(subject("link", &robot.links[cycle[0]].name));
-            return Err(source.error_at(facts.links[cycle[0]].at, element, problem));
+            return Err(source.error_at(robot.links[cycle[0]].at, element, problem));
         }
         Ok(Self {
             root: roots[0],
@@ -115,7 +135,7 @@ impl LinkTree {
 }
 
 /// A list for a message: all names, or the first few.
-fn some_names<'a>(names: impl ExactSizeIterator<Item = &'a str>) -> String {
+pub(super) fn some_names<'a>(names: impl ExactSizeIterator<Item = &'a str>) -> String {
     const SHOWN: usize = 12;
     let more = names.len().saturating_sub(SHOWN);
     let mut list = names.take(SHOWN).collect::<Vec<_>>().join(", ");

@@ -1,22 +1,35 @@
 //! From a robot description (URDF) to a [`Model`].
 //!
-//! `document` checks the XML, urdf-rs parses it into types, `link_tree` finds the tree. The compiler here numbers the bodies
-//! depth first and welds links with fixed joints to their parents' bodies.
+//! `document` reads XML, `description` links and joints from it, `link_tree` finds the tree, `mobility` which joints move. The
+//! compiler here numbers the bodies depth first and welds links with fixed joints to their parents' bodies.
+//!
+//! Everything that can be wrong in a link or joint goes through [`document::Source::repair_at`]: an error in strict mode, and
+//! otherwise a [`Repair`].
 
+mod description;
 mod document;
 mod error;
 mod gazebo;
 mod link_tree;
+mod mobility;
+mod repair;
+#[cfg(test)]
+mod repair_tests;
 #[cfg(test)]
 mod tests;
 
-use nalgebra::{Matrix3, Rotation3, Translation3, Unit, Vector3};
+use nalgebra::{Rotation3, Translation3, Unit, Vector3};
 
+use super::coupling::common_limits;
 use super::{Joint, JointKind, JointLimits, Model, ModelBuilder};
 use crate::spatial::{InertiaError, Pose, RigidInertia};
-use document::{ElementFacts, Facts, Source, subject};
+use description::{Description, Kind};
+pub use document::without_surroundings;
+use document::{Checked, Source, subject};
 pub use error::{UrdfError, UrdfProblem};
 use link_tree::LinkTree;
+use mobility::Mobility;
+pub use repair::{Repair, RepairKind, Repaired};
 
 /// Axes whose length is this close to one are normalised: the rounding of printed decimals.
 const AXIS_TOLERANCE: f64 = 1e-6;
@@ -24,7 +37,7 @@ const AXIS_TOLERANCE: f64 = 1e-6;
 impl Model {
     /// Compiles the robot description `xml`; `source` names it in messages, such as by its path.
     ///
-    /// Any tree of revolute, continuous, prismatic and fixed joints is accepted. Bodies and joints are
+    /// Any tree of revolute, continuous, prismatic, mimic and fixed joints is accepted. Bodies and joints are
     /// numbered depth first, siblings in document order. A link without `<inertial>` has no mass;
     /// fixed to a body, it only adds a named frame. The root needs no mass of its own if something
     /// fixed to it has some. Limits that the description does not state are infinite. Joints get springs from
@@ -34,6 +47,7 @@ impl Model {
     /// [`UrdfError`], one line with the place, the value and what would be right. Nothing is guessed:
     /// masses, inertias ([`RigidInertia::check`]), axes (unit to 1e-6), limits and the tree itself must be
     /// valid, and unknown elements are errors where they would have physical meaning.
+    /// [`Model::repaired_from_urdf`] accepts more.
     ///
     /// ```
     /// use fuyu_physics::model::Model;
@@ -43,22 +57,60 @@ impl Model {
     /// assert_eq!(error, "ball.urdf:1: link 'base': mass is -1 kg; it must be positive and finite");
     /// ```
     pub fn from_urdf(xml: &str, source: &str) -> Result<Self, UrdfError> {
-        let source = Source::parse(xml, source)?;
-        let facts = source.check()?;
-        let robot = source.typed()?;
-        Compiler {
-            source: &source,
-            robot: &robot,
-            facts: &facts,
-        }
-        .compile()
+        Ok(compile(xml, source, false)?.model)
     }
+
+    /// Compiles the robot description `xml` like [`Model::from_urdf`], but repairs what most robot descriptions have and other
+    /// programs accept: moments of inertia that no rigid body has, links without mass, unknown elements and attributes, limits
+    /// that are missing or empty, axes that are not of unit length ([`RepairKind`] has all). A valid description gives the
+    /// same model as [`Model::from_urdf`].
+    ///
+    /// # Errors
+    /// [`UrdfError`] where physics or the intention is unclear: negative masses, inertias of which nothing can be kept, joints
+    /// that move no mass between two others, joints with several degrees of freedom (except from a root without mass,
+    /// where they are the motion of the base), names that do not exist, numbers that are none, and trees that are none.
+    ///
+    /// ```
+    /// use fuyu_physics::model::Model;
+    /// let xml = r#"<robot name="rod"><link name="base"><inertial><mass value="2"/>
+    ///   <inertia ixx="1" iyy="2" izz="4" ixy="0" ixz="0" iyz="0"/></inertial></link></robot>"#;
+    /// let repaired = Model::repaired_from_urdf(xml, "rod.urdf")?;
+    /// assert_eq!(
+    ///     repaired.warnings(),
+    ///     ["rod.urdf:1: moments of inertia that no rigid body has, replaced by the nearest valid ones: base (by 5.8e-1 kg m², 12.6 %)"]
+    /// );
+    /// # Ok::<(), fuyu_physics::model::UrdfError>(())
+    /// ```
+    pub fn repaired_from_urdf(xml: &str, source: &str) -> Result<Repaired, UrdfError> {
+        compile(xml, source, true)
+    }
+}
+
+fn compile(xml: &str, name: &str, repairs: bool) -> Checked<Repaired> {
+    let text = if repairs {
+        without_surroundings(xml)
+    } else {
+        xml.into()
+    };
+    let source = Source::parse(&text, name, repairs)?;
+    let robot = source.description()?;
+    let tree = LinkTree::find(&source, &robot)?;
+    let compiler = Compiler {
+        source: &source,
+        robot: &robot,
+        tree: &tree,
+    };
+    Ok(Repaired {
+        model: compiler.compile()?,
+        repairs: source.into_repairs(),
+        source: name.to_owned(),
+    })
 }
 
 struct Compiler<'a> {
     source: &'a Source<'a>,
-    robot: &'a urdf_rs::Robot,
-    facts: &'a Facts,
+    robot: &'a Description,
+    tree: &'a LinkTree,
 }
 
 /// A joint to be compiled, and the body that carries it.
@@ -72,15 +124,18 @@ struct Pending {
 
 impl Compiler<'_> {
     #[allow(non_snake_case)]
-    fn compile(&self) -> Result<Model, UrdfError> {
-        let tree = LinkTree::find(self.source, self.robot, self.facts)?;
-        let inertias = (0..self.robot.links.len())
+    fn compile(&self) -> Checked<Model> {
+        let (robot, tree) = (self.robot, self.tree);
+        let inertias = (0..robot.links.len())
             .map(|i| self.inertia(i))
             .collect::<Result<Vec<_>, _>>()?;
+        let masses: Vec<f64> = inertias.iter().map(|i| i.mass).collect();
+        let mobility = self.mobility(&masses)?;
 
-        let root = &self.robot.links[tree.root].name;
-        let mut builder = ModelBuilder::new(&self.robot.name, root, inertias[tree.root]);
+        let root = &robot.links[tree.root].name;
+        let mut builder = ModelBuilder::new(&robot.name, root, inertias[tree.root]);
         let mut link_of_body = vec![tree.root];
+        let mut moved_by: Vec<Option<(usize, JointLimits)>> = vec![None; robot.joints.len()];
         let mut stack = Vec::new();
         // Pushed in reverse, so that siblings are popped in document order.
         let push = |stack: &mut Vec<Pending>, link: usize, body: usize, X_BL: Pose| {
@@ -90,29 +145,67 @@ impl Compiler<'_> {
         push(&mut stack, tree.root, 0, Pose::identity());
         while let Some(Pending { joint, body, X_BL }) = stack.pop() {
             let link = tree.child_link[joint];
-            let name = &self.robot.links[link].name;
-            let parent = &self.robot.joints[joint].parent.link;
-            let X_BJ = X_BL * self.joint_origin(joint);
-            match self.joint(joint, X_BJ)? {
-                Some(moving) => {
-                    let moved = builder.joint_on_link(name, body, parent, moving, inertias[link]);
-                    link_of_body.push(link);
-                    push(&mut stack, link, moved, Pose::identity());
-                }
-                None => {
-                    builder.weld(body, &inertias[link].expressed_in(&X_BJ));
-                    builder.frame(name, body, Some(parent.clone()), X_BJ);
-                    push(&mut stack, link, body, X_BJ);
-                }
+            let (name, element) = (&robot.links[link].name, &robot.joints[joint]);
+            let X_BJ = X_BL * element.X_LJ;
+            if let (Kind::Moving(kind), None) = (&element.kind, mobility.held[joint]) {
+                let moving = self.joint(joint, *kind, X_BJ)?;
+                let limits = moving.limits;
+                let moved =
+                    builder.joint_on_link(name, body, &element.parent, moving, inertias[link]);
+                moved_by[joint] = Some((moved, limits));
+                link_of_body.push(link);
+                push(&mut stack, link, moved, Pose::identity());
+            } else {
+                let q = mobility.held[joint].unwrap_or_default();
+                let X_BL = X_BJ * self.moved_by(joint, q);
+                builder.weld(body, &inertias[link].expressed_in(&X_BL));
+                builder.frame(name, body, Some(element.parent.clone()), X_BL);
+                push(&mut stack, link, body, X_BL);
             }
         }
-
+        self.add_mimics(&mut builder, &mobility, &moved_by)?;
         let model = builder.build();
+        self.check_bodies(&model, &link_of_body)?;
+        Ok(model)
+    }
+
+    /// Makes joints follow others.
+    fn add_mimics(
+        &self,
+        builder: &mut ModelBuilder,
+        mobility: &Mobility,
+        moved_by: &[Option<(usize, JointLimits)>],
+    ) -> Checked<()> {
+        for (j, coupling) in mobility.couplings.iter().enumerate() {
+            let leader = coupling.coordinate;
+            let (true, Some((follower, limits)), Some((leader, of_leader))) =
+                (leader != j, &moved_by[j], &moved_by[leader])
+            else {
+                continue;
+            };
+            builder.mimic(*follower, *leader, coupling.ratio, coupling.offset);
+            if common_limits(of_leader, limits, coupling).is_none() {
+                let (joint, leader) = (
+                    &self.robot.joints[j],
+                    &self.robot.joints[coupling.coordinate],
+                );
+                let refused = || self.joint_error(j, UrdfProblem::MimicRange(leader.name.clone()));
+                (self.source).repair_at(joint.at, &joint.name, RepairKind::MimicRange, refused)?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Checks the bodies that were welded together.
+    fn check_bodies(&self, model: &Model, link_of_body: &[usize]) -> Checked<()> {
         for (b, body) in model.bodies().iter().enumerate() {
             let problem = if body.inertia.mass == 0.0 {
+                if self.source.repairs() {
+                    continue;
+                }
                 UrdfProblem::Massless(match b {
                     0 => "the root".to_owned(),
-                    _ => format!("what joint '{}' moves", model.joints()[b - 1].name),
+                    _ => format!("what joint '{}' moves", model.tree_joint(b - 1).name),
                 })
             } else if let Err(e) = body.inertia.check() {
                 UrdfProblem::Inertia(e)
@@ -130,127 +223,153 @@ impl Compiler<'_> {
             };
             return Err(self.link_error(link_of_body[b], problem));
         }
-        Ok(model)
+        Ok(())
     }
 
     fn link_error(&self, link: usize, problem: UrdfProblem) -> UrdfError {
-        let element = subject("link", &self.robot.links[link].name);
-        let at = self.facts.links[link].at;
-        self.source.error_at(at, Some(element), problem)
+        let link = &self.robot.links[link];
+        let element = subject("link", &link.name);
+        self.source.error_at(link.at, Some(element), problem)
     }
 
     fn joint_error(&self, joint: usize, problem: UrdfProblem) -> UrdfError {
-        let element = subject("joint", &self.robot.joints[joint].name);
-        let at = self.facts.joints[joint].at;
-        self.source.error_at(at, Some(element), problem)
+        let joint = &self.robot.joints[joint];
+        let element = subject("joint", &joint.name);
+        self.source.error_at(joint.at, Some(element), problem)
+    }
+
+    /// Notes the repair `kind` of a joint; the error `problem` if nothing may be repaired.
+    fn repair_joint(&self, joint: usize, kind: RepairKind, problem: UrdfProblem) -> Checked<()> {
+        let element = &self.robot.joints[joint];
+        let refused = || self.joint_error(joint, problem);
+        (self.source).repair_at(element.at, &element.name, kind, refused)
     }
 
     /// The link's own mass properties in its frame; zero if it states none.
-    #[allow(non_snake_case)]
-    fn inertia(&self, link: usize) -> Result<RigidInertia, UrdfError> {
-        let facts = &self.facts.links[link];
-        if !facts.stated {
+    fn inertia(&self, link: usize) -> Checked<RigidInertia> {
+        let element = &self.robot.links[link];
+        let Some(inertial) = &element.inertial else {
+            return Ok(RigidInertia::zero());
+        };
+        let stated = RigidInertia {
+            mass: inertial.mass,
+            com: Vector3::zeros(),
+            about_com: inertial.about_com,
+        };
+        let Err(problem) = stated.check() else {
+            return Ok(stated.expressed_in(&inertial.X_LI));
+        };
+        let norm = stated.about_com.norm();
+        let refused = || self.link_error(link, UrdfProblem::Inertia(problem.clone()));
+        let repair = |kind| (self.source).repair_at(element.at, &element.name, kind, refused);
+        if stated.mass == 0.0 {
+            repair(RepairKind::NoMass { dropped: norm })?;
             return Ok(RigidInertia::zero());
         }
-        let inertial = &self.robot.links[link].inertial;
-        let i = &inertial.inertia;
-        #[rustfmt::skip]
-        let about_com = Matrix3::new(
-            i.ixx, i.ixy, i.ixz,
-            i.ixy, i.iyy, i.iyz,
-            i.ixz, i.iyz, i.izz,
-        );
-        let in_inertial_frame = RigidInertia {
-            mass: inertial.mass.value,
-            com: Vector3::zeros(),
-            about_com,
+        let Some((nearest, distance)) = stated.nearest_valid() else {
+            return Err(refused());
         };
-        in_inertial_frame
-            .check()
-            .map_err(|e| self.link_error(link, UrdfProblem::Inertia(e)))?;
-        let X_LI = pose(&inertial.origin, facts);
-        Ok(in_inertial_frame.expressed_in(&X_LI))
+        repair(RepairKind::Inertia {
+            problem: problem.clone(),
+            distance,
+            relative: distance / norm,
+        })?;
+        Ok(nearest.expressed_in(&inertial.X_LI))
     }
 
-    fn joint_origin(&self, joint: usize) -> Pose {
-        pose(&self.robot.joints[joint].origin, &self.facts.joints[joint])
+    /// Pose of a joint's child link in its joint frame at position `q`.
+    fn moved_by(&self, joint: usize, q: f64) -> Pose {
+        let element = &self.robot.joints[joint];
+        match (&element.kind, Unit::try_new(element.axis, 1e-9)) {
+            (Kind::Moving(JointKind::Prismatic), Some(axis)) => {
+                Pose::from_parts(Translation3::from(*axis * q), Rotation3::identity())
+            }
+            (Kind::Moving(_), Some(axis)) => {
+                let rotation = Rotation3::from_axis_angle(&axis, q);
+                Pose::from_parts(Translation3::identity(), rotation)
+            }
+            _ => Pose::identity(),
+        }
     }
 
-    /// The joint placed at `X_BJ` of its parent body, or `None` if it is fixed.
+    /// The moving joint placed at `X_BJ` of its parent body.
     #[allow(non_snake_case)]
-    fn joint(&self, j: usize, X_BJ: Pose) -> Result<Option<Joint>, UrdfError> {
-        let urdf = &self.robot.joints[j];
-        let kind = match urdf.joint_type {
-            urdf_rs::JointType::Revolute => JointKind::Revolute,
-            urdf_rs::JointType::Continuous => JointKind::Continuous,
-            urdf_rs::JointType::Prismatic => JointKind::Prismatic,
-            // `document` has rejected all other types.
-            _ => return Ok(None),
-        };
-        let (damping, friction) = urdf
-            .dynamics
-            .as_ref()
-            .map_or((0.0, 0.0), |d| (d.damping, d.friction));
+    fn joint(&self, j: usize, kind: JointKind, X_BJ: Pose) -> Checked<Joint> {
+        let element = &self.robot.joints[j];
+        let (damping, friction) = (element.damping, element.friction);
         for (attribute, value) in [("damping", damping), ("friction", friction)] {
             self.not_negative(j, "dynamics", attribute, value)?;
         }
-        Ok(Some(Joint {
-            name: urdf.name.clone(),
+        Ok(Joint {
+            name: element.name.clone(),
             kind,
             axis: self.axis(j)?,
             X_PJ: X_BJ,
             limits: self.limits(j, kind)?,
             damping,
             friction,
-            spring: (self.facts.springs.get(&urdf.name).copied()).unwrap_or_default(),
-        }))
+            spring: (self.robot.springs.get(&element.name).copied()).unwrap_or_default(),
+        })
     }
 
-    fn axis(&self, j: usize) -> Result<Unit<Vector3<f64>>, UrdfError> {
-        let axis = Vector3::from(*self.robot.joints[j].axis.xyz);
+    fn axis(&self, j: usize) -> Checked<Unit<Vector3<f64>>> {
+        let axis = self.robot.joints[j].axis;
         let length = axis.norm();
         if (length - 1.0).abs() <= AXIS_TOLERANCE {
             return Ok(Unit::new_normalize(axis));
         }
-        let problem = if length > 1e-9 && length.is_finite() {
+        if length > 1e-9 && length.is_finite() {
             let unit = axis / length;
             let text = |v: Vector3<f64>| format!("{} {} {}", v.x, v.y, v.z);
-            UrdfProblem::NonUnitAxis {
+            let problem = UrdfProblem::NonUnitAxis {
                 axis: text(axis),
                 length,
                 unit: text(unit),
-            }
-        } else {
-            UrdfProblem::ZeroAxis(axis.x, axis.y, axis.z)
-        };
+            };
+            self.repair_joint(j, RepairKind::Axis { length }, problem)?;
+            return Ok(Unit::new_normalize(axis));
+        }
+        let problem = UrdfProblem::ZeroAxis(axis.x, axis.y, axis.z);
         Err(self.joint_error(j, problem))
     }
 
-    fn limits(&self, j: usize, kind: JointKind) -> Result<JointLimits, UrdfError> {
-        if !self.facts.joints[j].stated {
+    fn limits(&self, j: usize, kind: JointKind) -> Checked<JointLimits> {
+        let needs_range = |name| {
+            let problem = UrdfProblem::NoLimit(name);
+            self.repair_joint(j, RepairKind::NoRange, problem)?;
+            Ok(JointLimits::NONE)
+        };
+        let Some(mut limits) = self.robot.joints[j].limits else {
             return match kind {
                 JointKind::Continuous => Ok(JointLimits::NONE),
-                JointKind::Revolute => Err(self.joint_error(j, UrdfProblem::NoLimit("revolute"))),
-                JointKind::Prismatic => Err(self.joint_error(j, UrdfProblem::NoLimit("prismatic"))),
+                JointKind::Revolute => needs_range("revolute"),
+                JointKind::Prismatic => needs_range("prismatic"),
             };
-        }
-        let limit = &self.robot.joints[j].limit;
-        for (attribute, value) in [("effort", limit.effort), ("velocity", limit.velocity)] {
+        };
+        for (attribute, value) in [("effort", limits.effort), ("velocity", limits.velocity)] {
             self.not_negative(j, "limit", attribute, value)?;
         }
-        let (lower, upper) = match kind {
-            JointKind::Continuous => (f64::NEG_INFINITY, f64::INFINITY),
-            _ => (limit.lower, limit.upper),
-        };
-        if lower > upper {
-            return Err(self.joint_error(j, UrdfProblem::Limits { lower, upper }));
+        let unlimited = (f64::NEG_INFINITY, f64::INFINITY);
+        if kind == JointKind::Continuous {
+            (limits.lower, limits.upper) = unlimited;
         }
-        Ok(JointLimits {
-            lower,
-            upper,
-            velocity: limit.velocity,
-            effort: limit.effort,
-        })
+        let JointLimits { lower, upper, .. } = limits;
+        if lower > upper {
+            let problem = UrdfProblem::Limits { lower, upper };
+            self.repair_joint(j, RepairKind::EmptyRange, problem)?;
+            (limits.lower, limits.upper) = unlimited;
+        } else if (lower, upper) == (0.0, 0.0) && self.source.repairs() {
+            self.note(j, RepairKind::EmptyRange);
+            (limits.lower, limits.upper) = unlimited;
+            for limit in [&mut limits.effort, &mut limits.velocity] {
+                if *limit == 0.0 {
+                    *limit = f64::INFINITY;
+                }
+            }
+        } else if (lower, upper) == unlimited && kind != JointKind::Continuous {
+            self.note(j, RepairKind::NoRange);
+        }
+        Ok(limits)
     }
 
     fn not_negative(
@@ -270,14 +389,4 @@ impl Compiler<'_> {
         };
         Err(self.joint_error(joint, problem))
     }
-}
-
-/// Pose of an `<origin>`: fixed-axis roll, pitch, yaw, `R = Rz(yaw) Ry(pitch) Rx(roll)`.
-fn pose(origin: &urdf_rs::Pose, facts: &ElementFacts) -> Pose {
-    let [roll, pitch, yaw] = *origin.rpy;
-    let rotation = facts.quaternion.map_or_else(
-        || Rotation3::from_euler_angles(roll, pitch, yaw),
-        |q| q.to_rotation_matrix(),
-    );
-    Pose::from_parts(Translation3::from(Vector3::from(*origin.xyz)), rotation)
 }

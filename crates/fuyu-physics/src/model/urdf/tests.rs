@@ -220,6 +220,31 @@ fn a_chain_of_ten_thousand_links_compiles() {
 }
 
 #[test]
+fn a_chain_of_thousands_of_mimic_joints_and_massless_links_compiles() {
+    let n = 20_000;
+    let mut inside = String::from("<link name=\"l0\"/>");
+    for k in 1..n {
+        let mimic = match k {
+            1 => String::new(),
+            _ => format!("<unknown{k}/><mimic joint=\"j{}\"/>", k - 1),
+        };
+        let (child, parent) = (format!("l{k}"), format!("l{}", k - 1));
+        inside += &joint(&format!("j{k}"), "continuous", &parent, &child, &mimic);
+        inside += &format!(
+            "<link name=\"{child}\">{}</link>",
+            if k + 1 < n { "" } else { "BODY" }
+        );
+    }
+    let repaired = Model::repaired_from_urdf(&robot(&inside), "test").unwrap();
+    // The root has no mass: its joint, and with it all that follow, are held.
+    assert_eq!(
+        (repaired.model.dof(), repaired.model.frames().len()),
+        (0, n)
+    );
+    assert_eq!(repaired.warnings().len(), 2);
+}
+
+#[test]
 fn huge_masses_are_errors_instead_of_nan() {
     let huge = "<link name=\"a\"><inertial><origin xyz=\"1e300 0 0\"/><mass value=\"1e300\"/><inertia ixx=\"1\" ixy=\"0\" ixz=\"0\" iyy=\"1\" iyz=\"0\" izz=\"1\"/></inertial></link>";
     let pair =
@@ -240,11 +265,12 @@ proptest::proptest! {
     /// Random edits of a description give an error or a valid model, never a panic.
     #[test]
     fn corrupted_descriptions_never_panic(
-        edits in proptest::collection::vec((0.0..1.0f64, 0usize..30, 0usize..16), 1..4)
+        edits in proptest::collection::vec((0.0..1.0f64, 0usize..30, 0usize..20), 1..4)
     ) {
         let words = [
             "", "<", ">", "/>", "\"", "0", "-1", "1e999", "nan", "<link name=\"link1\"/>", "<joint>", "</robot>",
             "&amp;", "&x;", "link2", "\u{1f6f0}",
+            "<mimic joint=\"joint1\"/>", "<mimic joint=\"joint2\" multiplier=\"-2\"/>", "planar", "floating",
         ];
         let mut text = include_str!("../../../../../urdf/servicer.urdf").to_owned();
         for (place, length, word) in edits {
@@ -257,6 +283,13 @@ proptest::proptest! {
             let start = boundary((place * text.len() as f64) as usize);
             let end = boundary((start + length).min(text.len()));
             text.replace_range(start..end, words[word]);
+        }
+        if let Ok(repaired) = Model::repaired_from_urdf(&text, "corrupted") {
+            repaired.warnings();
+            for body in repaired.model.bodies().iter().filter(|b| b.inertia.mass != 0.0) {
+                proptest::prop_assert_eq!(body.inertia.check(), Ok(()));
+            }
+            proptest::prop_assert!(repaired.model.total_mass() > 0.0);
         }
         if let Ok(model) = Model::from_urdf(&text, "corrupted") {
             for body in model.bodies() {

@@ -1,12 +1,13 @@
 //! Declaration of the parameters of a node.
 
+use std::path::{Path, PathBuf};
 use std::sync::{
     Arc,
     atomic::{AtomicU64, Ordering},
 };
 
 use super::{
-    Descriptor, Override, Parameter, ParameterStore, ParameterValue, Range,
+    Descriptor, Override, Parameter, ParameterStore, ParameterValue, Range, Source,
     store::{Check, Entry},
 };
 
@@ -59,6 +60,14 @@ impl Declare {
         description: &str,
     ) -> Declaration<'_, T> {
         Declaration::new(self, name, None, description)
+    }
+
+    /// The folder of the parameter file that gives the value of `name`, to which a path in it may be relative.
+    pub fn folder_of(&self, name: &str) -> Option<PathBuf> {
+        match self.store.given(name)?.source {
+            Source::File { file, .. } => Some(Path::new(&file).parent()?.to_owned()),
+            Source::Argument | Source::Program => None,
+        }
     }
 
     /// The first parts of the names that are given below `prefix`, in order and without repetition:

@@ -1,41 +1,60 @@
 //! `fuyu inspect`: mass properties, Jacobians and inertias of a robot.
 
+mod joint_values;
+mod reach;
+
 use std::fmt::Write;
 use std::path::PathBuf;
 
-use nalgebra::{DMatrix, DVector, Isometry3, Matrix6xX, Vector3};
+use nalgebra::{DMatrix, DVector, Isometry3, Matrix6xX, UnitQuaternion, Vector3};
 use serde::Serialize;
 
+use self::joint_values::JointValues;
+use self::reach::{Goal, ReachReport};
 use super::table::{matrix, number, shown, width};
 use super::{Failure, Numbers, print, read_model};
 use crate::dynamics::{Input, State, Workspace};
 use crate::model::{Frame, Joint, JointKind, Model};
-use crate::spatial::Twist;
+use crate::spatial::{Pose, Twist};
 
 /// Mass properties, Jacobians and reduced inertia of a robot
 ///
 /// Prints the generalized and the fixed-base Jacobian (linear rows first: the tip's origin in
 /// inertial space, in base axes), the base map (velocity of the base's centre of mass and angular velocity
 /// of the base per unit joint rate at zero momentum) and the reduced inertia. SI units.
+///
+/// With --reach, searches for a joint motion of the free-floating robot that brings the tip to a pose in the world.
+/// The base frame starts as the world frame, at rest in the posture --q. Momentum stays zero: the centre of mass
+/// does not move, and the base turns with the joints, so that its attitude at the end depends on the whole motion.
+/// Exit code 1 if no motion is found.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Robot description: a path or package://PACKAGE/PATH
     urdf: PathBuf,
-    /// Joint positions [rad or m], such as 0.5,-1,0; default: zero
-    #[arg(long, value_name = "A,B,..", allow_hyphen_values = true)]
-    q: Option<Numbers>,
+    /// Joint positions [rad or m]: 0.5,-1,0 for all joints, or elbow=0.5,wrist=-1 for some; default: zero
+    #[arg(long, value_name = "A,B,.. or NAME=A,..", allow_hyphen_values = true)]
+    q: Option<JointValues>,
     /// Joint rates [rad/s or m/s]; adds momentum and kinetic energy
-    #[arg(long, value_name = "A,B,..", allow_hyphen_values = true)]
-    qd: Option<Numbers>,
+    #[arg(long, value_name = "A,B,.. or NAME=A,..", allow_hyphen_values = true)]
+    qd: Option<JointValues>,
     /// Joint efforts [N m or N]; adds the joint accelerations of the free-floating robot
-    #[arg(long, value_name = "A,B,..", allow_hyphen_values = true)]
-    tau: Option<Numbers>,
+    #[arg(long, value_name = "A,B,.. or NAME=A,..", allow_hyphen_values = true)]
+    tau: Option<JointValues>,
     /// Twist of the base's centre of mass in base axes [m/s, rad/s]; default: that of zero momentum
     #[arg(long, value_name = "VX,VY,VZ,WX,WY,WZ", allow_hyphen_values = true)]
     base_twist: Option<Numbers>,
-    /// Link whose origin is the tip; default: tool0, or the last leaf
+    /// Link whose origin is the tip; default: tool0, or the last link that a joint moves
     #[arg(long, value_name = "LINK")]
     tip: Option<String>,
+    /// Whether the free-floating robot can bring the tip to this position, and attitude, in the world [m, rad]
+    #[arg(long, value_name = "X,Y,Z[,R,P,Y]", allow_hyphen_values = true)]
+    reach: Option<Goal>,
+    /// Refuse a description that needs repairs
+    #[arg(long)]
+    strict: bool,
+    /// Folders with ROS packages, searched for package://PACKAGE/PATH before those of the environment
+    #[arg(long, value_name = "FOLDER", value_delimiter = ',')]
+    packages: Vec<PathBuf>,
     /// One JSON object on stdout
     #[arg(long)]
     json: bool,
@@ -44,57 +63,51 @@ pub struct Args {
 /// Runs `fuyu inspect`.
 ///
 /// # Errors
-/// [`Failure::Input`] for a bad description, a wrong number of values or an unknown link.
+/// [`Failure::Input`] for a bad description, a wrong number of values, or an unknown link or one that no joint moves;
+/// [`Failure::Check`] if no motion to the goal is found.
 pub fn run(args: Args) -> Result<(), Failure> {
-    let model = read_model(&args.urdf)?;
+    let model = read_model(&args.urdf, &args.packages, args.strict)?;
     let tip = tip(&model, args.tip.as_deref())?;
     let report = Report::new(&model, tip, &args)?;
     if args.json {
         let json = serde_json::to_string(&report)
             .map_err(|e| Failure::Runtime(format!("cannot write JSON: {e}")))?;
-        print(&(json + "\n"))
+        print(&(json + "\n"))?;
     } else {
-        print(&report.for_people(&model, tip, &args))
+        print(&report.for_people(&model, tip, &args))?;
+    }
+    match report.reach.and_then(|reach| reach.problem) {
+        None => Ok(()),
+        Some(problem) => Err(Failure::Check(format!("--reach: {problem}"))),
     }
 }
 
 fn tip<'m>(model: &'m Model, name: Option<&str>) -> Result<&'m Frame, Failure> {
-    match name {
-        Some(name) => model.frame(name).ok_or_else(|| {
-            let known: Vec<&str> = model.frames().iter().map(|f| f.name.as_str()).collect();
-            Failure::Input(format!(
-                "--tip '{name}' is not a link; the links are {}",
-                known.join(", ")
-            ))
-        }),
+    let is_moved = |frame: &&Frame| frame.body > 0 || model.dof() == 0;
+    let Some(name) = name else {
         // Frames are in depth-first order, so the last one is a leaf.
-        None => Ok(model
-            .frame("tool0")
-            .unwrap_or_else(|| &model.frames()[model.frames().len() - 1])),
-    }
-}
-
-/// One value per moving joint.
-fn joint_values(
-    option: &str,
-    values: Option<&Numbers>,
-    model: &Model,
-) -> Result<DVector<f64>, Failure> {
-    let Some(Numbers(values)) = values else {
-        return Ok(DVector::zeros(model.dof()));
+        let of_name = model.frame("tool0").filter(is_moved);
+        let last = || model.frames().iter().rfind(is_moved);
+        let tip = of_name.or_else(last).unwrap_or(&model.frames()[0]);
+        return Ok(tip);
     };
-    if values.len() != model.dof() {
-        let names: Vec<&str> = model.joints().iter().map(|j| j.name.as_str()).collect();
-        let given = values.len();
-        return Err(Failure::Input(match names.len() {
-            0 => format!("{option} has values, but the robot has no moving joint"),
-            n => format!(
-                "{option} has {given} of {n} values; give one for each moving joint: {}",
-                names.join(", ")
-            ),
-        }));
+    let tip = model.frame(name).ok_or_else(|| {
+        let known: Vec<&str> = model.frames().iter().map(|f| f.name.as_str()).collect();
+        Failure::Input(format!(
+            "--tip '{name}' is not a link; the links are {}",
+            known.join(", ")
+        ))
+    })?;
+    if !is_moved(&tip) {
+        let base = &model.bodies()[0].name;
+        let moved = model.frames().iter().filter(is_moved);
+        let moved: Vec<&str> = moved.map(|f| f.name.as_str()).collect();
+        return Err(Failure::Input(format!(
+            "--tip '{name}' is fixed to the base {base}, so that no joint moves it; joints move {}",
+            moved.join(", ")
+        )));
     }
-    Ok(DVector::from_column_slice(values))
+    Ok(tip)
 }
 
 #[derive(Serialize)]
@@ -103,9 +116,43 @@ struct MomentumReport {
     angular: Vector3<f64>,
 }
 
+/// A pose as JSON.
+#[derive(Serialize)]
+struct PoseReport {
+    /// \[m\]
+    position: Vector3<f64>,
+    /// Quaternion `x, y, z, w`.
+    orientation: [f64; 4],
+}
+
+impl From<&Pose> for PoseReport {
+    fn from(pose: &Pose) -> Self {
+        let q = UnitQuaternion::from(pose.rotation);
+        Self {
+            position: pose.translation.vector,
+            orientation: q.coords.into(),
+        }
+    }
+}
+
+/// A joint that follows another one, as JSON.
+#[derive(Serialize)]
+struct MimicReport {
+    joint: String,
+    follows: String,
+    multiplier: f64,
+    offset: f64,
+}
+
 #[derive(Serialize)]
 struct Report {
     joints: Vec<String>,
+    #[serde(skip_serializing_if = "Vec::is_empty")]
+    mimics: Vec<MimicReport>,
+    /// Link whose origin is the tip.
+    tip: String,
+    /// Its pose in the base frame.
+    tip_pose: PoseReport,
     total_mass: f64,
     com: Vector3<f64>,
     #[serde(serialize_with = "rows")]
@@ -123,6 +170,8 @@ struct Report {
     kinetic_energy: Option<f64>,
     #[serde(skip_serializing_if = "Option::is_none")]
     qdd: Option<Vec<f64>>,
+    #[serde(skip_serializing_if = "Option::is_none")]
+    reach: Option<ReachReport>,
 }
 
 fn rows<S: serde::Serializer>(matrix: &DMatrix<f64>, serializer: S) -> Result<S::Ok, S::Error> {
@@ -138,8 +187,8 @@ impl Report {
         let n = model.dof();
         let mut state = State::at_rest(model);
         let mut workspace = Workspace::new(model);
-        state.q = joint_values("--q", args.q.as_ref(), model)?;
-        state.qd = joint_values("--qd", args.qd.as_ref(), model)?;
+        state.q = joint_values::vector("--q", args.q.as_ref(), model)?;
+        state.qd = joint_values::vector("--qd", args.qd.as_ref(), model)?;
         workspace.set_positions(&state.q);
         if let Some(twist) = &args.base_twist {
             let V_WB_B = base_twist(twist, &model.bodies()[0].inertia.com)?;
@@ -156,7 +205,7 @@ impl Report {
             None => None,
             Some(_) => {
                 let mut input = Input::zero(model);
-                input.efforts = joint_values("--tau", args.tau.as_ref(), model)?;
+                input.efforts = joint_values::vector("--tau", args.tau.as_ref(), model)?;
                 let mut qdd = DVector::zeros(n);
                 workspace.accelerations(&state, &input, &mut qdd);
                 Some(qdd.iter().copied().collect())
@@ -164,8 +213,21 @@ impl Report {
         };
         let moving = args.qd.is_some() || args.base_twist.is_some();
         let momentum = workspace.carried_momentum();
+        let reach = args.reach.as_ref().map(|goal| {
+            let start = State::at_rest_with(model, &state.q);
+            ReachReport::new(model, tip, &start, goal)
+        });
+        let mimics = model.mimics().map(|mimic| MimicReport {
+            joint: mimic.joint.name.clone(),
+            follows: model.joints()[mimic.coupling.coordinate].name.clone(),
+            multiplier: mimic.coupling.ratio,
+            offset: mimic.coupling.offset,
+        });
         let report = Self {
             joints: model.joints().iter().map(|j| j.name.clone()).collect(),
+            mimics: mimics.collect(),
+            tip: tip.name.clone(),
+            tip_pose: PoseReport::from(&workspace.X_BF(tip)),
             total_mass: model.total_mass(),
             com: *workspace.p_BC(),
             generalized_jacobian: to_dynamic(&generalized),
@@ -178,6 +240,7 @@ impl Report {
             }),
             kinetic_energy: moving.then(|| workspace.kinetic_energy()),
             qdd,
+            reach,
         };
         if report.is_finite() {
             Ok(report)
@@ -201,6 +264,7 @@ impl Report {
         .iter()
         .flat_map(|m| m.iter())
         .chain(self.com.iter())
+        .chain(self.tip_pose.position.iter())
         .chain(momentum)
         .chain(self.kinetic_energy.iter())
         .chain(self.qdd.iter().flatten())
@@ -215,14 +279,26 @@ impl Report {
         let vector = |v: &Vector3<f64>| v.iter().map(|&x| number(x)).collect::<Vec<_>>().join(", ");
         let _ = writeln!(
             out,
-            "{} ({}): {} moving joints, base {base}, tip {}\n",
+            "{} ({}): {} moving joints, base {base}, tip {}{}\n",
             model.name(),
             args.urdf.display(),
             model.dof(),
-            tip.name
+            tip.name,
+            if args.tip.is_none() {
+                " (the default)"
+            } else {
+                ""
+            }
         );
         let _ = writeln!(out, "total mass      {} kg", number(self.total_mass));
         let _ = writeln!(out, "centre of mass  {} m in {base}", vector(&self.com));
+        let [x, y, z, w] = self.tip_pose.orientation;
+        let attitude = [x, y, z, w].map(number).join(", ");
+        let position = vector(&self.tip_pose.position);
+        let _ = writeln!(
+            out,
+            "tip             {position} m in {base}, orientation {attitude} (x, y, z, w)"
+        );
         if let (Some(momentum), Some(energy)) = (&self.momentum, self.kinetic_energy) {
             let (linear, angular) = (vector(&momentum.linear), vector(&momentum.angular));
             let _ = writeln!(
@@ -230,6 +306,9 @@ impl Report {
                 "momentum        {linear} N s; {angular} N m s about the centre of mass"
             );
             let _ = writeln!(out, "kinetic energy  {} J", number(energy));
+        }
+        if let Some(reach) = &self.reach {
+            reach.for_people(&mut out, model);
         }
         if model.dof() == 0 {
             return out;
@@ -305,7 +384,7 @@ fn joint_table(out: &mut String, model: &Model, qdd: Option<&[f64]>) {
         } else {
             "no limits".to_owned()
         };
-        let moves = &model.bodies()[j + 1];
+        let moves = &model.bodies()[model.joint_body(j)];
         let mass = number(moves.inertia.mass);
         let _ = write!(
             out,
@@ -318,5 +397,19 @@ fn joint_table(out: &mut String, model: &Model, qdd: Option<&[f64]>) {
             let _ = write!(out, ", acceleration {} {unit}/s2", number(qdd[j]));
         }
         out.push('\n');
+    }
+    for mimic in model.mimics() {
+        let moves = &model.bodies()[mimic.body];
+        let coupling = &mimic.coupling;
+        let _ = writeln!(
+            out,
+            "  {} follows {}: {} times its position plus {}, moves {} ({} kg)",
+            shown(&mimic.joint.name),
+            names[coupling.coordinate],
+            number(coupling.ratio),
+            number(coupling.offset),
+            shown(&moves.name),
+            number(moves.inertia.mass)
+        );
     }
 }

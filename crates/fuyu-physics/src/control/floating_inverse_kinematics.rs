@@ -1,0 +1,335 @@
+//! Inverse kinematics on a free-floating base.
+
+use nalgebra::{
+    DMatrix, DVector, Matrix6xX, Point3, Translation3, UnitQuaternion, Vector3, Vector6,
+};
+use rand::{RngExt, SeedableRng, rngs::StdRng};
+
+use super::{IkError, PoseError};
+use crate::dynamics::Workspace;
+use crate::model::{Frame, Joint, Model};
+use crate::spatial::{Pose, exp_so3};
+
+/// Largest remaining error of a solution \[m and rad\]. The prediction of the base's motion is less accurate.
+const TOLERANCE: f64 = 1e-6;
+/// Largest change of a joint in one step of the search \[rad or m\].
+const LONGEST_STEP: f64 = 0.4;
+/// Steps of one descent.
+const STEPS: usize = 150;
+/// Number of starts of the search in addition to the given one.
+const RESTARTS: usize = 60;
+/// Steps in which the base's rotation is integrated along the motion of the joints.
+const PIECES: usize = 12;
+/// Distance that is kept from position limits \[rad or m\], so that a tracking error does not end at a stop.
+const MARGIN: f64 = 0.02;
+/// Largest turn from the start, of joints without limits \[rad or m\].
+const FARTHEST: f64 = std::f64::consts::PI;
+
+/// Inverse kinematics of an arm on a free-floating base without momentum, whose joints move along a straight line in joint space:
+/// the base turns as eq. (4.23) of Masutani 1995 demands, integrated along the line, and the system's centre of mass stays. The
+/// attitude that the base ends in depends on the path, so this finds the positions for this path only.
+#[derive(Debug, Clone)]
+pub struct FloatingInverseKinematics {
+    model: Model,
+    tip: Frame,
+    /// Whether the goal's attitude counts, or its position only.
+    controls_attitude: bool,
+    workspace: Workspace,
+    jacobian: Matrix6xX<f64>,
+    base_map: Matrix6xX<f64>,
+    middle: DVector<f64>,
+    nearest: DVector<f64>,
+}
+
+impl FloatingInverseKinematics {
+    /// For the frame `tip` of `model`.
+    pub fn new(model: &Model, tip: &Frame) -> Self {
+        let n = model.dof();
+        Self {
+            model: model.clone(),
+            tip: tip.clone(),
+            controls_attitude: true,
+            workspace: Workspace::new(model),
+            jacobian: Matrix6xX::zeros(n),
+            base_map: Matrix6xX::zeros(n),
+            middle: DVector::zeros(n),
+            nearest: DVector::zeros(n),
+        }
+    }
+
+    /// The positions that were nearest to the goal when the last search failed.
+    pub fn nearest(&self) -> &DVector<f64> {
+        &self.nearest
+    }
+
+    /// Whether the goal's attitude counts, or its position only.
+    pub fn set_controls_attitude(&mut self, controls_attitude: bool) {
+        self.controls_attitude = controls_attitude;
+    }
+
+    fn is_at_goal(&self, error: &PoseError) -> bool {
+        error.position.norm() <= TOLERANCE && (!self.controls_attitude || error.angle <= TOLERANCE)
+    }
+
+    /// Pose that the tip has after the joints have moved straight from `start` to `end`, in the base frame at the start.
+    ///
+    /// # Panics
+    /// If a vector does not have one element per joint.
+    pub fn tip_after(&mut self, start: &DVector<f64>, end: &DVector<f64>) -> Pose {
+        let workspace = &mut self.workspace;
+        workspace.set_positions(start);
+        let p_C = *workspace.p_BC();
+        let step = (end - start) / PIECES as f64;
+        let mut R = UnitQuaternion::identity();
+        for piece in 0..PIECES {
+            let middle = piece as f64 + 0.5;
+            for (j, q) in self.middle.iter_mut().enumerate() {
+                *q = start[j] + step[j] * middle;
+            }
+            workspace.set_positions(&self.middle);
+            workspace.base_map(&mut self.base_map);
+            let turned: Vector3<f64> = self.base_map.fixed_rows::<3>(3) * &step;
+            R *= exp_so3(&turned);
+        }
+        workspace.set_positions(end);
+        let p = p_C - R * workspace.p_BC();
+        let X_0B = Pose::from_parts(Translation3::from(p), R.to_rotation_matrix());
+        X_0B * workspace.X_BF(&self.tip)
+    }
+
+    /// Joint positions, within the limits, to which the joints move straight from `start` so that the tip ends at `X_BD` (base frame
+    /// at the start): damped least squares with step control, with the generalized Jacobian. The search descends from `guess`;
+    /// where that does not reach the goal, it starts again from up to 60 pseudo-random positions, the same in every call.
+    ///
+    /// # Errors
+    /// [`IkError::NotFound`] when no start leads within 1e-6 m and rad.
+    pub fn solve(
+        &mut self,
+        start: &DVector<f64>,
+        X_BD: &Pose,
+        guess: &DVector<f64>,
+    ) -> Result<DVector<f64>, IkError> {
+        let mut random = StdRng::seed_from_u64(1);
+        let mut nearest = (f64::INFINITY, f64::INFINITY);
+        for attempt in 0..=RESTARTS {
+            let joints = self.model.joints().iter().zip(start).zip(guess);
+            let from = joints.map(|((joint, q), guess)| {
+                let [lower, upper] = range(joint, *q);
+                match attempt {
+                    0 => guess.clamp(lower, upper),
+                    _ if lower < upper => random.random_range(lower..upper),
+                    _ => lower,
+                }
+            });
+            let from = DVector::from_iterator(self.model.dof(), from);
+            let (found, error) = self.descend(start, X_BD, from);
+            let left = (error.position.norm(), error.angle);
+            if self.is_at_goal(&error) {
+                return Ok(found);
+            }
+            if left.0 + left.1 < nearest.0 + nearest.1 {
+                nearest = left;
+                self.nearest = found;
+            }
+        }
+        Err(IkError::NotFound {
+            position: nearest.0,
+            angle: nearest.1,
+        })
+    }
+
+    fn descend(
+        &mut self,
+        start: &DVector<f64>,
+        X_BD: &Pose,
+        mut q: DVector<f64>,
+    ) -> (DVector<f64>, PoseError) {
+        let mut damping = 1e-3;
+        let (mut residual, mut error) = self.deviation(start, &q, X_BD);
+        for _ in 0..STEPS {
+            if self.is_at_goal(&error) || damping > 1e6 {
+                break;
+            }
+            let Some(step) = self.step(start, &q, &residual, damping) else {
+                damping *= 4.0;
+                continue;
+            };
+            let joints = self.model.joints().iter().zip(start);
+            let moved = joints
+                .zip(q.iter().zip(&step))
+                .map(|((joint, from), (q, d))| {
+                    let [lower, upper] = range(joint, *from);
+                    (q + d).clamp(lower, upper)
+                });
+            let trial = DVector::from_iterator(q.len(), moved);
+            let (trial_residual, trial_error) = self.deviation(start, &trial, X_BD);
+            if trial_residual.norm_squared() < residual.norm_squared() {
+                (q, residual, error) = (trial, trial_residual, trial_error);
+                damping = (damping * 0.3).max(1e-10);
+            } else {
+                damping *= 4.0;
+            }
+        }
+        (q, error)
+    }
+
+    /// A damped least-squares step; joints at a limit that would leave their range do not take part.
+    fn step(
+        &mut self,
+        start: &DVector<f64>,
+        q: &DVector<f64>,
+        residual: &Vector6<f64>,
+        damping: f64,
+    ) -> Option<DVector<f64>> {
+        self.workspace.set_positions(q);
+        (self.workspace).generalized_jacobian(&self.tip, &mut self.jacobian);
+        if !self.controls_attitude {
+            self.jacobian.fixed_rows_mut::<3>(3).fill(0.0);
+        }
+        let mut blocked = vec![false; q.len()];
+        for _ in 0..2 {
+            let J = &self.jacobian;
+            let normal = J * J.transpose() + nalgebra::Matrix6::identity() * damping;
+            let mut step: DVector<f64> = J.tr_mul(&normal.cholesky()?.solve(residual));
+            let mut is_changed = false;
+            for (j, joint) in self.model.joints().iter().enumerate() {
+                let [lower, upper] = range(joint, start[j]);
+                let outwards = q[j] >= upper && step[j] > 0.0 || q[j] <= lower && step[j] < 0.0;
+                if outwards && !blocked[j] {
+                    (blocked[j], is_changed) = (true, true);
+                    self.jacobian.column_mut(j).fill(0.0);
+                }
+            }
+            if !is_changed || blocked.iter().all(|b| *b) {
+                let longest = step.amax();
+                if longest > LONGEST_STEP {
+                    step *= LONGEST_STEP / longest;
+                }
+                return Some(step);
+            }
+        }
+        let J = &self.jacobian;
+        let normal: DMatrix<f64> = DMatrix::from_fn(6, 6, |i, k| {
+            J.row(i).dot(&J.row(k)) + if i == k { damping } else { 0.0 }
+        });
+        let solved = normal
+            .cholesky()?
+            .solve(&DVector::from_column_slice(residual.as_slice()));
+        let mut step = J.tr_mul(&solved);
+        let longest = step.amax();
+        if longest > LONGEST_STEP {
+            step *= LONGEST_STEP / longest;
+        }
+        Some(step)
+    }
+
+    /// Position error and rotation vector from the tip to the goal, stacked, in axes of the base at `q`; and the pose error.
+    fn deviation(
+        &mut self,
+        start: &DVector<f64>,
+        q: &DVector<f64>,
+        X_BD: &Pose,
+    ) -> (Vector6<f64>, PoseError) {
+        let X_0E = self.tip_after(start, q);
+        // The workspace is at q: the tip there gives the axes.
+        let R_0B = X_0E.rotation * self.workspace.X_BF(&self.tip).rotation.inverse();
+        let error = PoseError::between(&X_0E, X_BD);
+        let turn = UnitQuaternion::from(X_BD.rotation * X_0E.rotation.inverse()).scaled_axis();
+        let (p, mut turn) = (R_0B.inverse() * error.position, R_0B.inverse() * turn);
+        if !self.controls_attitude {
+            turn.fill(0.0);
+        }
+        (Vector6::new(p.x, p.y, p.z, turn.x, turn.y, turn.z), error)
+    }
+}
+
+/// Positions that the search uses, for a joint that starts at `q`.
+fn range(joint: &Joint, q: f64) -> [f64; 2] {
+    let limits = &joint.limits;
+    let margin = MARGIN.min(0.1 * (limits.upper - limits.lower));
+    let lower = (limits.lower + margin).max(q.min(limits.upper) - 2.0 * FARTHEST);
+    let upper = (limits.upper - margin).min(q.max(limits.lower) + 2.0 * FARTHEST);
+    match lower <= upper {
+        true => [lower, upper],
+        false => [q, q],
+    }
+}
+
+/// The goal as seen from the system's centre of mass in axes that do not turn: it does not move while the arm does.
+pub(super) fn goal_at_rest(workspace: &Workspace, R_IB: &UnitQuaternion<f64>, X_BD: &Pose) -> Pose {
+    let p = Point3::from(X_BD.translation.vector - workspace.p_BC());
+    let R = R_IB.to_rotation_matrix();
+    Pose::from_parts(Translation3::from((R * p).coords), R * X_BD.rotation)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dynamics::{Floating, IntegrationMethod, State};
+
+    fn servicer() -> (Model, Frame) {
+        let xml = include_str!("../../../../urdf/servicer.urdf");
+        let model = Model::from_urdf(xml, "servicer").unwrap();
+        let tip = model.frame("tool0").unwrap().clone();
+        (model, tip)
+    }
+
+    /// Against the dynamics: a robot at rest whose joints are driven along the line. Would break if the base turned the other
+    /// way, or if its centre of mass did not stay.
+    #[test]
+    fn the_tip_ends_where_the_dynamics_put_it() {
+        let (model, tip) = servicer();
+        let start = DVector::from_row_slice(&[0.3, 0.8, -1.0, 0.4, 0.2, -0.3]);
+        let end = DVector::from_row_slice(&[0.5, 0.5, -1.4, 0.1, 0.6, 0.2]);
+        let mut floating = FloatingInverseKinematics::new(&model, &tip);
+        let predicted = floating.tip_after(&start, &end);
+        let mut state = State::at_rest_with(&model, &start);
+        state.qd = &end - &start;
+        let X_WB = state.X_WB(&{
+            let mut workspace = Workspace::new(&model);
+            workspace.set_positions(&start);
+            workspace
+        });
+        let mut robot = Floating::new(model.clone(), state, IntegrationMethod::Dop8);
+        // Constant rates by computed accelerations would hide the map: hold them by stepping states instead.
+        for _ in 0..1000 {
+            robot.step(1e-3, 1);
+            let mut state = robot.state().clone();
+            state.qd = &end - &start;
+            let done = state.time;
+            state.q = &start + (&end - &start) * done;
+            robot.set_state(state);
+        }
+        let found =
+            X_WB.inverse() * robot.state().X_WB(robot.workspace()) * robot.workspace().X_BF(&tip);
+        let error = PoseError::between(&found, &predicted);
+        assert!(
+            error.position.norm() < 2e-3 && error.angle < 2e-3,
+            "{error:?}"
+        );
+        // On a fixed base it ends somewhere else.
+        let mut workspace = Workspace::new(&model);
+        workspace.set_positions(&end);
+        let fixed = PoseError::between(&workspace.X_BF(&tip), &predicted);
+        assert!(fixed.position.norm() > 0.02, "{fixed:?}");
+    }
+
+    #[test]
+    fn positions_are_found_and_unreachable_goals_refused() {
+        let (model, tip) = servicer();
+        let mut floating = FloatingInverseKinematics::new(&model, &tip);
+        let start = DVector::from_element(6, 0.4);
+        let mut random = StdRng::seed_from_u64(5);
+        for _ in 0..20 {
+            let end = DVector::from_fn(6, |_, _| random.random_range(-2.0..2.0));
+            let goal = floating.tip_after(&start, &end);
+            let q = floating.solve(&start, &goal, &start).unwrap();
+            let left = PoseError::between(&floating.tip_after(&start, &q), &goal);
+            assert!(left.position.norm() < 1e-5 && left.angle < 1e-5);
+        }
+        let mut far = floating.tip_after(&start, &start);
+        far.translation.x += 30.0;
+        let refused = floating.solve(&start, &far, &start);
+        assert!(matches!(refused, Err(IkError::NotFound { position, .. }) if position > 10.0));
+    }
+}

@@ -1,0 +1,164 @@
+//! Steps of single states of a batch, for what joints do that lanes do not compute together.
+
+use super::block::{Block, put};
+use super::{Forced, Piece, Setup, Task};
+use crate::dynamics::kernel::GROUP_SIZE;
+use crate::dynamics::{Input, Integrator, JointPhysics, State, Workspace};
+use crate::model::Model;
+
+/// Which steps are taken state by state.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum JointSteps {
+    /// None.
+    Never,
+    /// Those in which a joint reaches a limit.
+    AtLimits,
+    /// All: damping or friction acts.
+    Always,
+}
+
+impl JointSteps {
+    pub(super) fn of(model: &Model, settings: &JointPhysics) -> Self {
+        let joints = model.joints();
+        let always = joints
+            .iter()
+            .any(|joint| joint.damping != 0.0 || settings.friction && joint.friction != 0.0);
+        let limited = joints.iter().any(|joint| {
+            let limits = &joint.limits;
+            settings.stops && (limits.lower.is_finite() || limits.upper.is_finite())
+                || settings.velocity_limits && limits.velocity.is_finite()
+        });
+        match (always, limited) {
+            (true, _) => Self::Always,
+            (false, true) => Self::AtLimits,
+            (false, false) => Self::Never,
+        }
+    }
+}
+
+/// Scratch memory of one thread.
+#[derive(Debug, Clone)]
+pub(super) struct JointScratch {
+    /// States before the step.
+    pub(super) before: Block,
+    integrator: Integrator,
+    workspace: Workspace,
+    state: State,
+    after: State,
+    input: Input,
+}
+
+impl JointScratch {
+    pub(super) fn new(setup: &Setup) -> Self {
+        let model = &setup.model;
+        let state = State::at_rest(model);
+        Self {
+            before: Block::repeating(&state),
+            integrator: Integrator::with_tableau(model, setup.tableau)
+                .with_joint_physics(&setup.joint_physics),
+            workspace: Workspace::new(model),
+            after: state.clone(),
+            state,
+            input: Input::zero(model),
+        }
+    }
+
+    /// Repeats the step of those lanes of `block`, from lane `first` of its piece's state `index` on, that reached a limit.
+    pub(super) fn correct(
+        &mut self,
+        block: &mut Block,
+        (first, index): (usize, usize),
+        lanes: usize,
+        dt: f64,
+        forced: &mut Option<Forced>,
+    ) {
+        for lane in first..first + lanes {
+            if forced
+                .as_ref()
+                .is_some_and(|forced| index + lane >= forced.count)
+            {
+                break;
+            }
+            self.before.read_state(lane, &mut self.state);
+            block.read_state(lane, &mut self.after);
+            let start = (self.state.q.as_slice(), self.state.qd.as_slice());
+            let end = (self.after.q.as_slice(), self.after.qd.as_slice());
+            if !self.integrator.is_free(start, end, dt) {
+                self.step(block, lane, index + lane, dt, 1, forced);
+            }
+        }
+    }
+
+    /// Steps `self.state` under the efforts of a lane, and writes it there.
+    fn step(
+        &mut self,
+        block: &mut Block,
+        lane: usize,
+        index: usize,
+        dt: f64,
+        steps: usize,
+        forced: &mut Option<Forced>,
+    ) {
+        for (effort, row) in self.input.efforts.iter_mut().zip(&block.efforts) {
+            *effort = row.0[lane];
+        }
+        self.integrator.set_input(&self.input);
+        let mut forcing = |_: f64, state: &State, input: &mut Input| {
+            if let Some(forced) = forced {
+                (forced.apply)(index, state, input.efforts.as_mut_slice());
+            }
+        };
+        (self.integrator).steps(
+            &mut self.state,
+            &mut self.workspace,
+            dt,
+            steps,
+            &mut forcing,
+        );
+        put(
+            &mut block.efforts,
+            lane,
+            self.integrator.input().efforts.as_slice(),
+        );
+        block.set_state(lane, &self.state);
+    }
+}
+
+impl Piece<'_> {
+    /// The task, state by state.
+    pub(super) fn run_one_by_one(self, forced: &mut Option<Forced>) {
+        let Some(joints) = &mut self.scratch.joints else {
+            return;
+        };
+        for (b, block) in self.blocks.iter_mut().enumerate() {
+            for lane in 0..GROUP_SIZE {
+                let index = b * GROUP_SIZE + lane;
+                if forced.as_ref().is_some_and(|forced| index >= forced.count) {
+                    return;
+                }
+                block.read_state(lane, &mut joints.state);
+                match self.task {
+                    Task::Step { dt, steps } => {
+                        joints.step(block, lane, index, dt, steps, forced);
+                    }
+                    Task::Accelerate => joints.accelerate(block, lane),
+                }
+            }
+        }
+    }
+}
+
+impl JointScratch {
+    /// Accelerations of `self.state` under the efforts of a lane, and writes them there.
+    fn accelerate(&mut self, block: &mut Block, lane: usize) {
+        for (effort, row) in self.input.efforts.iter_mut().zip(&block.efforts) {
+            *effort = row.0[lane];
+        }
+        (self.integrator).evaluate(&self.state, &mut self.workspace, &self.input);
+        put(
+            &mut block.qdd,
+            lane,
+            self.integrator.accelerations().qdd.as_slice(),
+        );
+    }
+}

@@ -1,0 +1,178 @@
+//! The generalized symmetric eigenvalue problem `K x = λ M x`.
+
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
+
+use crate::StructureError;
+
+/// Iterations that nalgebra may spend on one matrix before it is rejected, times its size.
+const ITERATIONS_PER_ROW: usize = 60;
+
+/// Eigenvalues and eigenvectors of `K x = λ M x`.
+#[derive(Clone, Debug)]
+pub struct Eigen {
+    /// In ascending order.
+    pub values: DVector<f64>,
+    /// One column for each value; `Xᵀ M X = I`. Their signs are arbitrary.
+    pub vectors: DMatrix<f64>,
+}
+
+/// All eigenvalues of `K x = λ M x` for symmetric `K` and symmetric positive definite `M`, by reduction with the
+/// Cholesky factor of `M`.
+///
+/// The error of each eigenvalue is some 1e-16 of the largest one. Use [`lowest_modes`] if the lowest ones of a fine mesh are
+/// needed to more digits.
+///
+/// # Errors
+/// Matrices that are not square, finite and symmetric or of different sizes; `M` not positive definite.
+pub fn generalized_eigen(K: &DMatrix<f64>, M: &DMatrix<f64>) -> Result<Eigen, StructureError> {
+    check_pair(K, M)?;
+    let L = mass_factor(M)?;
+    let solved = L
+        .solve_lower_triangular(K)
+        .expect("a Cholesky factor is regular");
+    let reduced = L
+        .solve_lower_triangular(&solved.transpose())
+        .expect("a Cholesky factor is regular");
+    let eigen = symmetric_eigen(&reduced, "M⁻¹ K")?;
+    let vectors = L
+        .tr_solve_lower_triangular(&eigen.vectors)
+        .expect("a Cholesky factor is regular");
+    Ok(Eigen {
+        values: eigen.values,
+        vectors,
+    })
+}
+
+/// The `count` lowest eigenvalues of `K x = λ M x` for symmetric positive semidefinite `K` and symmetric positive definite
+/// `M`, by reduction with the Cholesky factor of `K`: the relative error of the lowest ones does not grow with the
+/// stiffness of the mesh's smallest element.
+///
+/// If `K` is singular, which it is for a body that can move freely, the factor is that of `K + σ M` with σ the lowest elastic
+/// eigenvalue. Eigenvalues below 1e-9 σ are rigid-body modes and returned as zero.
+///
+/// # Errors
+/// As [`generalized_eigen`]; `K` with a negative eigenvalue; `count` larger than the matrices.
+pub fn lowest_modes(
+    K: &DMatrix<f64>,
+    M: &DMatrix<f64>,
+    count: usize,
+) -> Result<Eigen, StructureError> {
+    check_pair(K, M)?;
+    crate::error::count("number of modes", count, 0, K.nrows())?;
+    if K.is_empty() {
+        return generalized_eigen(K, M);
+    }
+    mass_factor(M)?;
+    let shift = match well_conditioned_factor(K) {
+        Some(_) => 0.0,
+        None => lowest_elastic_value(K, M)?,
+    };
+    let shifted = K + M * shift;
+    let factor = well_conditioned_factor(&shifted).ok_or_else(|| StructureError::Matrix {
+        matrix: "stiffness matrix K".to_owned(),
+        property: "positive semidefinite",
+        remedy: "a stiffness cannot be negative",
+    })?;
+    let L = factor.l();
+    let solved = L
+        .solve_lower_triangular(M)
+        .expect("a Cholesky factor is regular");
+    let reduced = L
+        .solve_lower_triangular(&solved.transpose())
+        .expect("a Cholesky factor is regular");
+    let inverse = symmetric_eigen(&reduced, "K⁻¹ M")?;
+    let vectors = L
+        .tr_solve_lower_triangular(&inverse.vectors)
+        .expect("a Cholesky factor is regular");
+    let n = K.nrows();
+    let mut values = DVector::zeros(count);
+    let mut lowest = DMatrix::zeros(n, count);
+    for k in 0..count {
+        let nu = inverse.values[n - 1 - k]; // 1/(λ + σ), which is also xᵀ M x
+        if nu <= 0.0 {
+            return Err(StructureError::NoConvergence {
+                matrix: "K⁻¹ M".to_owned(),
+            });
+        }
+        let value = 1.0 / nu - shift;
+        values[k] = if value < 1e-9 * shift { 0.0 } else { value };
+        lowest.set_column(k, &(vectors.column(n - 1 - k) / nu.sqrt()));
+    }
+    Ok(Eigen {
+        values,
+        vectors: lowest,
+    })
+}
+
+/// The smallest eigenvalue that is not one of a rigid-body mode.
+fn lowest_elastic_value(K: &DMatrix<f64>, M: &DMatrix<f64>) -> Result<f64, StructureError> {
+    let values = generalized_eigen(K, M)?.values;
+    let largest = values.amax();
+    let elastic = values.iter().copied().filter(|v| *v > 1e-11 * largest);
+    let lowest = elastic.fold(f64::INFINITY, f64::min);
+    Ok(if lowest.is_finite() { lowest } else { 1.0 })
+}
+
+/// The Cholesky factor, unless a pivot is all but zero: a singular matrix may pass by rounding. The last pivot of a
+/// cantilever with n equal elements is 1/(4 n³) of its diagonal entry.
+fn well_conditioned_factor(matrix: &DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> {
+    let factor = Cholesky::new(matrix.clone())?;
+    let L = factor.l_dirty();
+    let regular = (0..matrix.nrows()).all(|i| L[(i, i)].powi(2) > 1e-12 * matrix[(i, i)]);
+    regular.then_some(factor)
+}
+
+fn mass_factor(M: &DMatrix<f64>) -> Result<DMatrix<f64>, StructureError> {
+    let factor = Cholesky::new(M.clone()).ok_or_else(|| StructureError::Matrix {
+        matrix: "mass matrix M".to_owned(),
+        property: "positive definite",
+        remedy: "each degree of freedom needs mass; condense those without (Guyan)",
+    })?;
+    Ok(factor.l())
+}
+
+/// Eigenvalues in ascending order, and orthonormal eigenvectors.
+pub(crate) fn symmetric_eigen(matrix: &DMatrix<f64>, name: &str) -> Result<Eigen, StructureError> {
+    let n = matrix.nrows();
+    let symmetric = (matrix + matrix.transpose()) / 2.0;
+    let eigen = SymmetricEigen::try_new(symmetric, f64::EPSILON, ITERATIONS_PER_ROW * (n + 10))
+        .ok_or_else(|| StructureError::NoConvergence {
+            matrix: name.to_owned(),
+        })?;
+    let mut order: Vec<usize> = (0..n).collect();
+    order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
+    Ok(Eigen {
+        values: DVector::from_iterator(n, order.iter().map(|i| eigen.eigenvalues[*i])),
+        vectors: eigen.eigenvectors.select_columns(&order),
+    })
+}
+
+fn check_pair(K: &DMatrix<f64>, M: &DMatrix<f64>) -> Result<(), StructureError> {
+    check_symmetric("stiffness matrix K", K)?;
+    check_symmetric("mass matrix M", M)?;
+    crate::error::size("stiffness matrix K", K.shape(), M.shape())
+}
+
+/// Rejects a matrix that is not square, finite and symmetric to 1e-9 of its largest entry.
+pub(crate) fn check_symmetric(name: &str, matrix: &DMatrix<f64>) -> Result<(), StructureError> {
+    let n = matrix.nrows();
+    crate::error::size(name, matrix.shape(), (n, n))?;
+    for value in matrix.iter() {
+        crate::error::finite(&format!("an entry of the {name}"), *value)?;
+    }
+    let largest = matrix.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+    for row in 0..n {
+        for column in 0..row {
+            let difference = (matrix[(row, column)] - matrix[(column, row)]).abs();
+            if difference > 1e-9 * largest {
+                return Err(StructureError::Asymmetric {
+                    matrix: name.to_owned(),
+                    row,
+                    column,
+                    difference,
+                });
+            }
+        }
+    }
+    Ok(())
+}

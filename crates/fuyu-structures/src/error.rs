@@ -1,0 +1,137 @@
+//! What can be wrong with a structure.
+
+use thiserror::Error;
+
+/// Why a structure, a model or a modes file is rejected. Each message is one line that names field and value and says
+/// what would be right.
+#[derive(Clone, Debug, Error, PartialEq)]
+#[non_exhaustive]
+pub enum StructureError {
+    /// A number outside of its range, or not a number.
+    #[error("{field} is {value}; it must be {requirement}")]
+    Value {
+        /// What the number is, such as `length [m]`.
+        field: String,
+        /// The number.
+        value: f64,
+        /// The range.
+        requirement: String,
+    },
+    /// A vector or matrix of the wrong size, or a missing part.
+    #[error("{field} has {found}; it must have {expected}")]
+    Size {
+        /// What has the wrong size.
+        field: String,
+        /// Its size.
+        found: String,
+        /// The right size.
+        expected: String,
+    },
+    /// A matrix that has to be symmetric is not.
+    #[error(
+        "{matrix} is not symmetric: entries ({row}, {column}) and ({column}, {row}) differ by {difference:e}"
+    )]
+    Asymmetric {
+        /// The matrix.
+        matrix: String,
+        /// Row of the largest difference, from 0.
+        row: usize,
+        /// Column of the largest difference, from 0.
+        column: usize,
+        /// The difference.
+        difference: f64,
+    },
+    /// A matrix that has to be positive definite or regular is not.
+    #[error("{matrix} is not {property}; {remedy}")]
+    Matrix {
+        /// The matrix.
+        matrix: String,
+        /// `positive definite` or `regular`.
+        property: &'static str,
+        /// What to do.
+        remedy: &'static str,
+    },
+    /// An eigenvalue iteration reached its limit.
+    #[error("the eigenvalues of {matrix} did not converge; check its entries for extreme scales")]
+    NoConvergence {
+        /// The matrix.
+        matrix: String,
+    },
+    /// A modes file that cannot be read.
+    #[error("{name}{}, {field}: {message}", match line { Some(n) => format!(", line {n}"), None => String::new() })]
+    File {
+        /// The file's name, as the caller gave it.
+        name: String,
+        /// The line, from 1, if known.
+        line: Option<u64>,
+        /// The field.
+        field: String,
+        /// What is wrong, and what would be right.
+        message: String,
+    },
+}
+
+/// Rejects what is not a finite number.
+pub(crate) fn finite(field: &str, value: f64) -> Result<f64, StructureError> {
+    in_range(field, value, value.is_finite(), "finite")
+}
+
+/// Rejects what is not positive and finite.
+pub(crate) fn positive(field: &str, value: f64) -> Result<f64, StructureError> {
+    in_range(field, value, value.is_finite() && value > 0.0, "positive")
+}
+
+/// Rejects what is negative or not finite.
+pub(crate) fn not_negative(field: &str, value: f64) -> Result<f64, StructureError> {
+    let right = value.is_finite() && value >= 0.0;
+    in_range(field, value, right, "zero or positive")
+}
+
+/// Rejects an index or count outside of a range.
+pub(crate) fn count(
+    field: &str,
+    value: usize,
+    least: usize,
+    most: usize,
+) -> Result<(), StructureError> {
+    let requirement = format!("from {least} to {most}");
+    in_range(
+        field,
+        value as f64,
+        (least..=most).contains(&value),
+        &requirement,
+    )
+    .map(drop)
+}
+
+fn in_range(
+    field: &str,
+    value: f64,
+    right: bool,
+    requirement: &str,
+) -> Result<f64, StructureError> {
+    if right {
+        return Ok(value);
+    }
+    Err(StructureError::Value {
+        field: field.to_owned(),
+        value,
+        requirement: requirement.to_owned(),
+    })
+}
+
+/// Rejects a size other than the expected one.
+pub(crate) fn size(
+    field: &str,
+    found: (usize, usize),
+    expected: (usize, usize),
+) -> Result<(), StructureError> {
+    if found == expected {
+        return Ok(());
+    }
+    Err(StructureError::Size {
+        field: field.to_owned(),
+        found: format!("{} x {} entries", found.0, found.1),
+        expected: format!("{} x {}", expected.0, expected.1),
+    })
+}
