@@ -34,7 +34,7 @@ fn distance_to(model: &Model, from: usize, to: usize) -> f64 {
     while body != from {
         let joint = model.tree_joint(body - 1);
         distance += joint.X_PJ.translation.vector.norm() + stroke(joint);
-        body = model.bodies()[body].parent.unwrap_or(from);
+        body = model.tree_parent(body - 1);
     }
     distance
 }

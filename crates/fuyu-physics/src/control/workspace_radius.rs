@@ -27,7 +27,7 @@ pub(super) fn workspace_radius(model: &Model, tip: &Frame) -> Option<f64> {
     for (j, joint) in model.tree_joints().enumerate() {
         // Motion of the tip minus that of the centre of mass, per motion of the joint's origin.
         let part = f64::from(u8::from(carries_tip(j + 1))) - subtree_mass(j + 1) / mass;
-        links[bodies[j + 1].parent.unwrap_or(0)] += joint.X_PJ.translation.vector * part;
+        links[model.tree_parent(j)] += joint.X_PJ.translation.vector * part;
         if !joint.kind.is_rotational() {
             let most = joint.limits.lower.abs().max(joint.limits.upper.abs());
             travel += part.abs() * most;

@@ -7,11 +7,11 @@ use super::{ArticulatedBody, Input, Kane, Reduced, State, Workspace};
 use crate::model::Model;
 use crate::spatial::{Twist, Wrench};
 
-/// SpatialMotion of a free-floating tree at an instant: the argument of every formulation. Where the base is does not
+/// Motion of a free-floating tree at an instant: the argument of every formulation. Where the base is does not
 /// matter, since accelerations do not depend on it.
 #[derive(Debug, Clone, Copy)]
 pub struct TreeMotion<'a> {
-    /// Quat of the base in the world. Forward dynamics does not depend on it, but a formulation that works in
+    /// Attitude of the base in the world. Forward dynamics does not depend on it, but a formulation that works in
     /// world axes needs one.
     pub R_WB: UnitQuaternion<f64>,
     /// Twist of the base frame (its origin's velocity), base axes.

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use pulp::{Arch, Simd, WithSimd};
 
-use super::joint_physics::{Acting, Stepper};
+use super::joint_physics::{Acting, JointSteps, Stepper};
 use super::newton_euler::SystemError;
 use super::rate::{Rate, advance};
 use super::{
@@ -49,7 +49,7 @@ impl<F: FnMut(f64, &State, &mut Input)> Forcing for F {
     }
 }
 
-/// Steps a [`State`]; owns the memory of the stages. Quat is integrated on the rotation group (Munthe-Kaas: the
+/// Steps a [`State`]; owns the memory of the stages. Attitude is integrated on the rotation group (Munthe-Kaas: the
 /// coordinate is the rotation vector since the start of the step), so any tableau keeps its order and the quaternion
 /// needs no correction. Momentum is state, so without external wrenches it does not change by a single bit.
 ///
@@ -138,6 +138,15 @@ impl Integrator {
         stepper.evaluate(state, &mut acting);
     }
 
+    /// In which steps joints do more than the tableau integrates.
+    pub(super) fn joint_steps(&self) -> JointSteps {
+        match &self.stepper {
+            None => JointSteps::Never,
+            Some(stepper) if stepper.acts_always() => JointSteps::Always,
+            Some(_) => JointSteps::AtLimits,
+        }
+    }
+
     /// Whether an explicit step from `start` to `end` (positions and rates of the joints) is right, since the joints do
     /// nothing in it that only [`Integrator::step`] knows.
     #[cfg(feature = "batch")]
@@ -217,13 +226,13 @@ impl Integrator {
         checks::state(state, model);
         for step in 0..count {
             let is_evaluated = is_evaluated && step == 0;
-            match &self.stepper {
-                None => self.take_step(state, workspace, dt, is_evaluated, forcing),
-                Some(_) if dt < 0.0 => self.take_damped_step(state, workspace, dt, forcing),
-                Some(stepper) if stepper.acts_always() => {
-                    self.take_joint_step(state, workspace, dt, forcing);
+            match self.joint_steps() {
+                JointSteps::Never => self.take_step(state, workspace, dt, is_evaluated, forcing),
+                _ if dt < 0.0 => self.take_damped_step(state, workspace, dt, forcing),
+                JointSteps::Always => self.take_joint_step(state, workspace, dt, forcing),
+                JointSteps::AtLimits => {
+                    self.take_limited_step(state, workspace, dt, is_evaluated, forcing);
                 }
-                Some(_) => self.take_limited_step(state, workspace, dt, is_evaluated, forcing),
             }
         }
         workspace.set_positions(&state.q);

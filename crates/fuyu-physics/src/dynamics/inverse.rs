@@ -3,6 +3,7 @@
 use nalgebra::Vector3;
 use pulp::{Simd, WithSimd};
 
+use super::expanded_motion::ExpandedMotion;
 use super::kernel::{SpatialMotion, Vec3, inverse_dynamics, locked_inertia};
 use super::scratch_memory::DynamicsScratch;
 use super::{TreeMotion, checks};
@@ -14,8 +15,9 @@ use crate::spatial::{Twist, Wrench};
 #[derive(Debug, Clone)]
 pub struct InverseDynamics {
     scratch: DynamicsScratch,
-    /// Positions, rates, accelerations and efforts of the tree's joints; empty without mimic joints.
-    tree: [Vec<f64>; 4],
+    expanded: ExpandedMotion,
+    /// Accelerations and efforts of the tree's joints; empty without mimic joints.
+    tree: [Vec<f64>; 2],
 }
 
 impl InverseDynamics {
@@ -28,7 +30,8 @@ impl InverseDynamics {
             0
         };
         Self {
-            tree: [(); 4].map(|()| vec![0.0; joints]),
+            expanded: ExpandedMotion::new(model),
+            tree: [(); 2].map(|()| vec![0.0; joints]),
             scratch,
         }
     }
@@ -96,17 +99,12 @@ impl InverseDynamics {
                 efforts,
             });
         }
-        let [tree_q, tree_qd, tree_qdd, tree_efforts] = &mut self.tree;
-        model.expand_positions(motion.q, tree_q);
-        model.expand_rates(motion.qd, tree_qd);
+        let [tree_qdd, tree_efforts] = &mut self.tree;
+        let motion = self.expanded.of(model, motion);
         model.expand_rates(qdd, tree_qdd);
         let base = arch.dispatch(RecursiveNewtonEuler {
             scratch: &mut self.scratch,
-            motion: TreeMotion {
-                q: tree_q,
-                qd: tree_qd,
-                ..*motion
-            },
+            motion,
             base,
             qdd: tree_qdd,
             wrenches,

@@ -52,6 +52,7 @@ mod axis;
 #[cfg(feature = "batch")]
 mod batch;
 mod checks;
+mod expanded_motion;
 mod floating;
 mod formulation;
 mod forward;

@@ -27,7 +27,7 @@ pub struct Workspace {
     pub(super) tree: Arc<Tree>,
     /// Position-dependent terms of the joints and the bodies that they move.
     pub(super) joints: JointKinematics,
-    /// SpatialMotion-dependent terms, one per body.
+    /// Motion-dependent terms, one per body.
     pub(super) bodies: Vec<BodyTerms>,
     /// System centre of mass in the base frame, `r_C` of eq. (4.11) from the base frame's origin \[m\].
     pub(super) p_BC: Vector3<f64>,
@@ -49,7 +49,7 @@ pub struct Workspace {
     tree_values: Vec<f64>,
 }
 
-/// SpatialMotion-dependent terms of a body.
+/// Motion-dependent terms of a body.
 #[derive(Debug, Clone, Default)]
 pub(super) struct BodyTerms {
     pub(super) twist: Twist,

@@ -227,7 +227,15 @@ impl Model {
 
     /// The parent body of the body that joint `j` moves.
     pub fn joint_parent(&self, j: usize) -> usize {
-        self.shared.parts.bodies[self.joint_body(j)]
+        self.tree_parent(self.joint_body(j) - 1)
+    }
+
+    /// The parent body of body `k + 1`, which joint `k` of the tree moves.
+    ///
+    /// # Panics
+    /// If there is no such joint.
+    pub fn tree_parent(&self, k: usize) -> usize {
+        self.shared.parts.bodies[k + 1]
             .parent
             .expect("only the base has no parent")
     }

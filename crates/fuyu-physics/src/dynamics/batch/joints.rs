@@ -1,38 +1,26 @@
-//! Steps of single states of a batch, for what joints do that lanes do not compute together.
+//! Steps of single states of a batch, for what lanes do not compute together: damping, friction and limits of joints, and
+//! mimic joints.
 
-use super::block::{Block, put};
+use super::block::{Block, put, read};
 use super::{Forced, Piece, Setup, Task};
+use crate::dynamics::joint_physics::JointSteps;
 use crate::dynamics::kernel::GROUP_SIZE;
-use crate::dynamics::{Input, Integrator, JointPhysics, State, Workspace};
+use crate::dynamics::{Input, Integrator, JointPhysics, State, Tableau, Workspace};
 use crate::model::Model;
 
-/// Which steps are taken state by state.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub(super) enum JointSteps {
-    /// None.
-    Never,
-    /// Those in which a joint reaches a limit.
-    AtLimits,
-    /// All: damping or friction acts.
-    Always,
-}
-
 impl JointSteps {
-    pub(super) fn of(model: &Model, settings: &JointPhysics) -> Self {
-        let joints = model.joints();
-        let always = joints
-            .iter()
-            .any(|joint| joint.damping != 0.0 || settings.friction && joint.friction != 0.0);
-        let limited = joints.iter().any(|joint| {
-            let limits = &joint.limits;
-            settings.stops && (limits.lower.is_finite() || limits.upper.is_finite())
-                || settings.velocity_limits && limits.velocity.is_finite()
-        });
-        match (always, limited) {
-            (true, _) => Self::Always,
-            (false, true) => Self::AtLimits,
-            (false, false) => Self::Never,
+    /// Which steps of a batch are taken state by state. With mimic joints all are: lanes know only joints that move
+    /// independently.
+    pub(super) fn of_batch(
+        model: &Model,
+        tableau: &'static Tableau,
+        settings: &JointPhysics,
+    ) -> Self {
+        if model.has_mimics() {
+            return Self::Always;
         }
+        let integrator = Integrator::with_tableau(model, tableau);
+        integrator.with_joint_physics(settings).joint_steps()
     }
 }
 
@@ -63,16 +51,15 @@ impl JointScratch {
         }
     }
 
-    /// Repeats the step of those lanes of `block`, from lane `first` of its piece's state `index` on, that reached a limit.
+    /// Repeats the step of those lanes of `block` that reached a limit; `index` is the number of its first state in its piece.
     pub(super) fn correct(
         &mut self,
         block: &mut Block,
-        (first, index): (usize, usize),
-        lanes: usize,
+        index: usize,
         dt: f64,
         forced: &mut Option<Forced>,
     ) {
-        for lane in first..first + lanes {
+        for lane in 0..GROUP_SIZE {
             if forced
                 .as_ref()
                 .is_some_and(|forced| index + lane >= forced.count)
@@ -99,9 +86,7 @@ impl JointScratch {
         steps: usize,
         forced: &mut Option<Forced>,
     ) {
-        for (effort, row) in self.input.efforts.iter_mut().zip(&block.efforts) {
-            *effort = row.0[lane];
-        }
+        read(&block.efforts, lane, self.input.efforts.as_mut_slice());
         self.integrator.set_input(&self.input);
         let mut forcing = |_: f64, state: &State, input: &mut Input| {
             if let Some(forced) = forced {
@@ -121,6 +106,17 @@ impl JointScratch {
             self.integrator.input().efforts.as_slice(),
         );
         block.set_state(lane, &self.state);
+    }
+
+    /// Accelerations of `self.state` under the efforts of a lane, and writes them there.
+    fn accelerate(&mut self, block: &mut Block, lane: usize) {
+        read(&block.efforts, lane, self.input.efforts.as_mut_slice());
+        (self.integrator).evaluate(&self.state, &mut self.workspace, &self.input);
+        put(
+            &mut block.qdd,
+            lane,
+            self.integrator.accelerations().qdd.as_slice(),
+        );
     }
 }
 
@@ -145,20 +141,5 @@ impl Piece<'_> {
                 }
             }
         }
-    }
-}
-
-impl JointScratch {
-    /// Accelerations of `self.state` under the efforts of a lane, and writes them there.
-    fn accelerate(&mut self, block: &mut Block, lane: usize) {
-        for (effort, row) in self.input.efforts.iter_mut().zip(&block.efforts) {
-            *effort = row.0[lane];
-        }
-        (self.integrator).evaluate(&self.state, &mut self.workspace, &self.input);
-        put(
-            &mut block.qdd,
-            lane,
-            self.integrator.accelerations().qdd.as_slice(),
-        );
     }
 }

@@ -1,7 +1,6 @@
 //! Many states of one free-floating robot, stepped together: for Monte Carlo studies.
 
 mod block;
-mod coupled;
 mod joints;
 mod lanes;
 
@@ -12,9 +11,9 @@ use pulp::{Arch, Simd, WithSimd};
 use rayon::prelude::*;
 
 use self::block::{Block, put, read};
-use self::coupled::CoupledStepper;
-use self::joints::{JointScratch, JointSteps};
+use self::joints::JointScratch;
 use self::lanes::LaneStepper;
+use super::joint_physics::JointSteps;
 use super::kernel::{GROUP_SIZE, Tree};
 use super::{IntegrationMethod, JointPhysics, State, Tableau, checks};
 use crate::model::Model;
@@ -108,7 +107,7 @@ impl Batch {
                 arch: Arch::new(),
                 tableau,
                 mass: model.total_mass(),
-                joints: JointSteps::of(model, &joint_physics),
+                joints: JointSteps::of_batch(model, tableau, &joint_physics),
                 joint_physics,
             },
             count,
@@ -119,8 +118,9 @@ impl Batch {
 
     /// The same batch, with other settings for friction, stops and speed limits of the joints.
     pub fn with_joint_physics(mut self, settings: &JointPhysics) -> Self {
-        self.setup.joints = JointSteps::of(&self.setup.model, settings);
-        self.setup.joint_physics = *settings;
+        let setup = &mut self.setup;
+        setup.joints = JointSteps::of_batch(&setup.model, setup.tableau, settings);
+        setup.joint_physics = *settings;
         self.scratch.clear();
         self
     }
@@ -373,31 +373,24 @@ impl WithSimd for Run<'_, '_> {
             scratch,
             task,
         } = self.piece;
-        if setup.model.has_mimics() {
-            let coupled = scratch
-                .coupled
-                .get_or_insert_with(|| CoupledStepper::new(setup));
-            for (b, block) in blocks.iter_mut().enumerate() {
-                coupled.run(block, b * GROUP_SIZE, task, &mut self.forced);
-            }
-            return;
-        }
         // Apart from the scratch of the joints' steps.
         let stepper = Scratch::stepper(&mut scratch.stepper, simd, setup);
         for (b, block) in blocks.iter_mut().enumerate() {
-            for first in (0..GROUP_SIZE).step_by(S::F64_LANES) {
-                let at = (first, b * GROUP_SIZE);
-                match (task, &mut scratch.joints) {
-                    (Task::Step { dt, steps }, Some(joints)) => {
-                        for _ in 0..steps {
-                            joints.before.copy_states(block);
-                            let task = Task::Step { dt, steps: 1 };
-                            stepper.run(setup, block, at, task, &mut self.forced);
-                            joints.correct(block, at, S::F64_LANES, dt, &mut self.forced);
-                        }
-                    }
-                    _ => stepper.run(setup, block, at, task, &mut self.forced),
+            let index = b * GROUP_SIZE;
+            let mut run = |block: &mut Block, task: Task, forced: &mut Option<Forced>| {
+                for first in (0..GROUP_SIZE).step_by(S::F64_LANES) {
+                    stepper.run(setup, block, (first, index), task, forced);
                 }
+            };
+            match (task, &mut scratch.joints) {
+                (Task::Step { dt, steps }, Some(joints)) => {
+                    for _ in 0..steps {
+                        joints.before.copy_states(block);
+                        run(block, Task::Step { dt, steps: 1 }, &mut self.forced);
+                        joints.correct(block, index, dt, &mut self.forced);
+                    }
+                }
+                _ => run(block, task, &mut self.forced),
             }
         }
     }
@@ -408,9 +401,7 @@ impl WithSimd for Run<'_, '_> {
 struct Scratch {
     /// A [`LaneStepper`], whose type depends on the instruction set.
     stepper: Option<Box<dyn Any + Send + Sync>>,
-    /// For robots with mimic joints.
-    coupled: Option<Box<CoupledStepper>>,
-    /// For robots whose joints have damping, friction or limits.
+    /// For robots with mimic joints, or whose joints have damping, friction or limits.
     joints: Option<Box<JointScratch>>,
     state: State,
     efforts: Vec<f64>,
@@ -422,7 +413,6 @@ impl Scratch {
         let needed = setup.joints != JointSteps::Never;
         Self {
             stepper: None,
-            coupled: None,
             joints: needed.then(|| Box::new(JointScratch::new(setup))),
             state: State::at_rest(model),
             efforts: vec![0.0; model.dof()],
@@ -449,7 +439,6 @@ impl Clone for Scratch {
     fn clone(&self) -> Self {
         Self {
             stepper: None,
-            coupled: None,
             joints: self.joints.clone(),
             state: self.state.clone(),
             efforts: self.efforts.clone(),

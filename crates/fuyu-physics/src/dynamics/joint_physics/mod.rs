@@ -27,6 +27,17 @@ mod stepper;
 pub(super) use collocation::Acting;
 pub(super) use stepper::Stepper;
 
+/// Steps in which joints do more than an explicit method integrates.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub(super) enum JointSteps {
+    /// None.
+    Never,
+    /// Those in which a joint reaches a limit.
+    AtLimits,
+    /// All: damping or friction acts.
+    Always,
+}
+
 /// Which properties of the description's joints are simulated. Damping always is.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointPhysics {

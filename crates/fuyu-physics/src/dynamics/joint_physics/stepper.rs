@@ -147,20 +147,9 @@ impl Stepper {
             self.start.copy_from(state);
             self.contacts.choose(&self.start, acting, &mut self.total);
             self.collocation.start(&self.start, &self.contacts, acting);
-            piece = piece.min(left);
-            let mut error = self.advance_accurately(piece, acting);
-            let mut diverged = 0;
-            while error > 1.0 && piece > SMALLEST_PIECE * dt && attempts < ATTEMPTS {
-                attempts += 1;
-                diverged = if error.is_finite() { 0 } else { diverged + 1 };
-                if diverged > DIVERGED {
-                    attempts = ATTEMPTS;
-                    piece = left;
-                } else {
-                    piece *= 0.5;
-                }
-                error = self.advance_accurately(piece, acting);
-            }
+            let (length, error) =
+                self.advance_divided((piece.min(left), left, dt), &mut attempts, acting);
+            piece = length;
             let event = match events < EVENTS {
                 true => self.find_event(piece, dt, acting),
                 false => None,
@@ -187,6 +176,30 @@ impl Stepper {
             }
         }
         state.time = end_time;
+    }
+
+    /// Advances by `piece`, or by a half, a quarter, ... of it that is accurate. Returns the piece that was taken and the error of
+    /// the energy balance relative to the largest. `attempts` counts the divisions in the step of `dt`, of which `left` is left.
+    fn advance_divided(
+        &mut self,
+        (mut piece, left, dt): (f64, f64, f64),
+        attempts: &mut usize,
+        acting: &mut Acting,
+    ) -> (f64, f64) {
+        let mut error = self.advance_accurately(piece, acting);
+        let mut diverged = 0;
+        while error > 1.0 && piece > SMALLEST_PIECE * dt && *attempts < ATTEMPTS {
+            *attempts += 1;
+            diverged = if error.is_finite() { 0 } else { diverged + 1 };
+            if diverged > DIVERGED {
+                *attempts = ATTEMPTS;
+                piece = left;
+            } else {
+                piece *= 0.5;
+            }
+            error = self.advance_accurately(piece, acting);
+        }
+        (piece, error)
     }
 
     /// A piece of the step from `self.start`; whether it has converged.

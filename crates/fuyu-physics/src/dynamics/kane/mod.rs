@@ -11,6 +11,7 @@ mod matching;
 
 use nalgebra::{DMatrix, DVector};
 
+use super::expanded_motion::ExpandedMotion;
 use super::{Formulation, Input, TreeAcceleration, TreeMotion, checks};
 use crate::model::Model;
 use crate::spatial::{Twist, Wrench};
@@ -71,8 +72,8 @@ pub struct Kane {
     speed: BaseSpeed,
     bodies: Vec<KaneBody>,
     cuts: Vec<Cut>,
-    /// Positions and rates of all hinges; empty without mimic joints.
-    tree: [Vec<f64>; 2],
+    /// Motion of all hinges.
+    expanded: ExpandedMotion,
     /// Efforts of all hinges; afterwards their accelerations.
     hinges: Vec<f64>,
     /// Equations with a generalized speed for each hinge.
@@ -158,15 +159,14 @@ impl Kane {
         };
         let hinges = bodies.len() - 1;
         let constraints = cuts.iter().map(Cut::count).sum();
-        let mimicking = if model.has_mimics() { hinges } else { 0 };
         let of_coordinates =
             (model.has_mimics()).then(|| Equations::zero(base + model.dof(), constraints));
         Self {
+            expanded: ExpandedMotion::new(&model),
             model,
             speed,
             bodies,
             cuts,
-            tree: [(); 2].map(|()| vec![0.0; mimicking]),
             hinges: vec![0.0; hinges],
             of_hinges: Equations::zero(base + hinges, constraints),
             of_coordinates,
@@ -198,14 +198,7 @@ impl Formulation for Kane {
     /// Steps (i)-(v) of section 2.3.4.
     fn accelerations(&mut self, motion: &TreeMotion, input: &Input, out: &mut TreeAcceleration) {
         checks::formulation(motion, input, out, &self.model);
-        if self.model.has_mimics() {
-            let [q, qd] = &mut self.tree;
-            self.model.expand_positions(motion.q, q);
-            self.model.expand_rates(motion.qd, qd);
-            KaneBody::set_motion(&mut self.bodies, &TreeMotion { q, qd, ..*motion });
-        } else {
-            KaneBody::set_motion(&mut self.bodies, motion);
-        }
+        KaneBody::set_motion(&mut self.bodies, &self.expanded.of(&self.model, motion));
         KaneBody::set_outer_sets(&mut self.bodies, &input.wrenches);
         // A mimic joint has neither an actuator nor a spring or damper.
         self.hinges.fill(0.0);

@@ -158,7 +158,7 @@ impl Tree {
     pub fn new(model: &Model) -> Self {
         let frames = kernel_frames(model);
         let joints = model.tree_joints().enumerate().map(|(j, joint)| {
-            let parent = model.bodies()[j + 1].parent.unwrap_or(0);
+            let parent = model.tree_parent(j);
             JointTransform::new(joint, parent, &frames[parent], &frames[j + 1])
         });
         let mut joints: Vec<JointTransform> = joints.collect();

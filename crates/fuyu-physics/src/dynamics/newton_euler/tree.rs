@@ -7,6 +7,7 @@ use super::{
     Axis, BodyState, Freedom, Hinge, INERTIAL, Load, MatrixMethod, System, SystemBuilder,
     SystemError,
 };
+use crate::dynamics::expanded_motion::ExpandedMotion;
 use crate::dynamics::{Formulation, Input, TreeAcceleration, TreeMotion, checks};
 use crate::model::{JointKind, Model};
 use crate::spatial::{Pose, Twist};
@@ -39,8 +40,8 @@ fn builder(model: &Model, passive: bool) -> SystemBuilder {
     let base = &model.bodies()[0].name;
     // No joint has an empty name or this one twice: slashes are not in the names of URDF joints.
     system.hinge(Hinge::new("inertial/base", INERTIAL, base, Freedom::FREE));
-    for (joint, body) in model.tree_joints().zip(&model.bodies()[1..]) {
-        let parent = body.parent.unwrap_or(0);
+    for (j, joint) in model.tree_joints().enumerate() {
+        let (parent, body) = (model.tree_parent(j), &model.bodies()[j + 1]);
         let along_z = Pose::from_parts(Translation3::identity(), rotation_to(&joint.axis));
         let (freedom, axis) = freedom_and_axis(joint.kind);
         let mut hinge = Hinge::new(
@@ -83,8 +84,7 @@ pub struct NewtonEuler {
     load: Load,
     state: Vec<f64>,
     placed: Vec<(Pose, Twist)>,
-    /// Positions and rates of the tree's joints; empty without mimic joints.
-    tree: [Vec<f64>; 2],
+    expanded: ExpandedMotion,
 }
 
 impl NewtonEuler {
@@ -94,13 +94,8 @@ impl NewtonEuler {
     /// [`SystemError`] as [`System::from_model`].
     pub fn new(model: &Model) -> Result<Self, SystemError> {
         let system = compile(model, false)?;
-        let mimicking = if model.has_mimics() {
-            model.bodies().len() - 1
-        } else {
-            0
-        };
         Ok(Self {
-            tree: [(); 2].map(|()| vec![0.0; mimicking]),
+            expanded: ExpandedMotion::new(model),
             model: model.clone(),
             method: MatrixMethod::new(&system),
             load: Load::zero(&system),
@@ -124,16 +119,10 @@ impl NewtonEuler {
     /// body's 13 numbers.
     fn set_state(&mut self, motion: &TreeMotion) {
         let model = &self.model;
-        let (mut q, mut qd) = (motion.q, motion.qd);
-        if model.has_mimics() {
-            let [tree_q, tree_qd] = &mut self.tree;
-            model.expand_positions(q, tree_q);
-            model.expand_rates(qd, tree_qd);
-            (q, qd) = (tree_q, tree_qd);
-        }
+        let TreeMotion { q, qd, .. } = self.expanded.of(model, motion);
         self.placed[0] = (Pose::identity(), motion.V_WB_B);
         for (j, joint) in model.tree_joints().enumerate() {
-            let (X_WP, V_P) = self.placed[model.bodies()[j + 1].parent.unwrap_or(0)];
+            let (X_WP, V_P) = self.placed[model.tree_parent(j)];
             let (q, qd) = (q[j], qd[j]);
             let moved = if joint.kind.is_rotational() {
                 let rotation = Rotation3::from_axis_angle(&joint.axis, q);
