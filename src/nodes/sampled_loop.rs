@@ -44,26 +44,26 @@ pub fn instability(
     let tip = tip_frame(model, &controller.tip_link)?;
     let config = controller.complete(controller.config.clone(), model, &tip)?;
     let limit = delay.limit() / period;
-    if let LawConfig::OperationalSpace(law) = &config.law {
-        let rate = law.damping();
-        return Ok((rate > limit).then(|| {
-            let frequency = two_digits(law.frequency * limit / rate, f64::floor);
-            format!(
-                "parameter operational_space.frequency: the sampled loop is unstable: it damps the tip at {rate:.0} 1/s, sampled every {period} s; {}. Give frequency {frequency} rad/s or less{}",
-                stable_below(limit, delay),
-                or_state_rate(rate * limit.recip() / period)
-            )
-        }));
-    }
-    if let LawConfig::ComputedTorque(law) = &config.law {
+    let by_frequency = match &config.law {
+        LawConfig::OperationalSpace(law) => {
+            Some(("operational_space", "tip", law.frequency, law.damping()))
+        }
         // Critically damped: 2 ω.
-        let rate = 2.0 * law.frequency;
+        LawConfig::ComputedTorque(law) => Some((
+            "computed_torque",
+            "joints",
+            law.frequency,
+            2.0 * law.frequency,
+        )),
+        _ => None,
+    };
+    if let Some((law, damped, frequency, rate)) = by_frequency {
         return Ok((rate > limit).then(|| {
             format!(
-                "parameter computed_torque.frequency: the sampled loop is unstable: it damps the joints at {rate:.0} 1/s, sampled every {period} s; {}. Give frequency {} rad/s or less{}",
+                "parameter {law}.frequency: the sampled loop is unstable: it damps the {damped} at {rate:.0} 1/s, sampled every {period} s; {}. Give frequency {} rad/s or less{}",
                 stable_below(limit, delay),
-                two_digits(0.5 * limit, f64::floor),
-                or_state_rate(rate * limit.recip() / period)
+                two_digits(frequency * limit / rate, f64::floor),
+                or_state_rate(rate / limit / period)
             )
         }));
     }
@@ -106,9 +106,6 @@ pub fn instability(
     )))
 }
 
-/// Growth of a deviation in a period that is not rounding.
-const GROWS: f64 = 1.0 + 1e-6;
-
 /// Why the position gains of the control loop are too large for the period, linear in deviations from the start, and gains that
 /// are not; `None` if they are not. Judged for efforts that act at once: what is unstable then is unstable with any delay, whereas a
 /// delay of a whole period, which `k_v` is judged for, is rare and is borne for some time by a law that saturates.
@@ -133,28 +130,14 @@ fn stiffness_instability(
     if let LawConfig::JointPd(law) = &config.law {
         near.stiffness = DMatrix::from_diagonal(&DVector::from_column_slice(&law.k_p));
     }
-    let grows = |factor: f64| {
-        let scaled = LinearisedLoop {
-            stiffness: &near.stiffness * factor,
-            ..near.clone()
-        };
-        (scaled.sampled_growth(period)).is_none_or(|growth| growth > GROWS)
-    };
-    if !grows(1.0) {
+    let part = near.largest_stable_part(period);
+    if part == 1.0 {
         return None;
-    }
-    let (mut low, mut high) = (0.0, 1.0);
-    for _ in 0..40 {
-        let middle = 0.5 * (low + high);
-        match grows(middle) {
-            true => high = middle,
-            false => low = middle,
-        }
     }
     // The joint whose own stiffness is the largest for its inertia.
     let stiffest = |j: usize| near.stiffness[(j, j)] / near.inertia[(j, j)];
     let j = (0..n).max_by(|a, b| stiffest(*a).total_cmp(&stiffest(*b)))?;
-    let at_most = |gain: f64| two_digits(low * gain, f64::floor);
+    let at_most = |gain: f64| two_digits(part * gain, f64::floor);
     let (parameter, remedy) = match &config.law {
         LawConfig::JointPd(law) => (
             "joint_k_p",

@@ -120,14 +120,8 @@ fn position(joint: &Joint, k: usize, random: &mut StdRng) -> f64 {
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::control::fixtures::servicer;
     use crate::control::{JacobianKind, LinearisedLoop};
-
-    fn servicer() -> (Model, Frame) {
-        let xml = include_str!("../../../../urdf/servicer.urdf");
-        let model = Model::from_urdf(xml, "servicer").unwrap();
-        let tip = model.frame("tool0").unwrap().clone();
-        (model, tip)
-    }
 
     // On postures that were not sampled. Would break with gains that ignore the coupling between the joints.
     #[test]

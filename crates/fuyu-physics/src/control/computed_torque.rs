@@ -4,6 +4,7 @@ use nalgebra::DVector;
 
 use super::floating_inverse_kinematics::{FloatingInverseKinematics, goal_at_rest};
 use super::gains::{ConfigError, check_positive};
+use super::unreachable_goal::UnreachableGoal;
 use super::{
     IkError, Law, LawConfig, LawError, LawInput, LawStatus, Manipulator, PoseError,
     outstretched_inertia,
@@ -82,8 +83,7 @@ pub struct ComputedTorque {
     trajectory: Option<Trajectory>,
     /// Approaches of the goal so far.
     approaches: usize,
-    /// A goal for which there are no joint positions, and why.
-    unreachable: Option<(Pose, IkError)>,
+    unreachable: UnreachableGoal,
     state: State,
     no_efforts: Input,
     free: DVector<f64>,
@@ -103,6 +103,11 @@ struct Trajectory {
 }
 
 impl Trajectory {
+    /// Whether it leads to `goal`, or near enough to follow it.
+    fn leads_to(&self, goal: &Pose) -> bool {
+        PoseError::between(&self.goal, goal).is_within(MOVED)
+    }
+
     /// Position, rate and acceleration of joint `j` at `time`. From rate `v` at rest of acceleration to rest.
     fn at(&self, j: usize, time: f64) -> [f64; 3] {
         let T = self.duration;
@@ -131,7 +136,7 @@ impl ComputedTorque {
             kinematics: FloatingInverseKinematics::new(model, tip),
             trajectory: None,
             approaches: 0,
-            unreachable: None,
+            unreachable: UnreachableGoal::default(),
             state: State::at_rest(model),
             no_efforts: Input::zero(model),
             free: DVector::zeros(model.dof()),
@@ -144,8 +149,7 @@ impl ComputedTorque {
         let Some(trajectory) = &self.trajectory else {
             return true;
         };
-        let moved = PoseError::between(&trajectory.goal, goal);
-        if moved.position.norm() > MOVED.0 || moved.angle > MOVED.1 {
+        if !trajectory.leads_to(goal) {
             return true;
         }
         let end = trajectory.start_time + trajectory.duration + SETTLED / self.config.frequency;
@@ -165,21 +169,12 @@ impl ComputedTorque {
         X_BD: &Pose,
         goal: Pose,
     ) -> Result<(), IkError> {
-        // A search that fails is slow, so it is not repeated for the same goal.
-        if let Some((refused, error)) = &self.unreachable {
-            let moved = PoseError::between(refused, &goal);
-            if moved.position.norm() < MOVED.0 && moved.angle < MOVED.1 {
-                return Err(error.clone());
-            }
-        }
+        self.unreachable.check(&goal, MOVED)?;
         let guess = self.trajectory.as_ref().map_or(input.q, |last| &last.to);
         let controls_attitude = input.gains.k_o != 0.0;
         self.kinematics.set_controls_attitude(controls_attitude);
-        let is_same = self.trajectory.as_ref().is_some_and(|last| {
-            let moved = PoseError::between(&last.goal, &goal);
-            moved.position.norm() < MOVED.0 && moved.angle < MOVED.1
-        });
-        if !is_same {
+        let last = self.trajectory.as_ref();
+        if !last.is_some_and(|last| last.leads_to(&goal)) {
             self.approaches = 0;
         }
         let to = match self.kinematics.solve(input.q, X_BD, guess) {
@@ -193,7 +188,7 @@ impl ComputedTorque {
                 self.kinematics.nearest().clone()
             }
             Err(error) => {
-                self.unreachable = Some((goal, error.clone()));
+                self.unreachable.remember(&goal, &error);
                 return Err(error);
             }
         };
@@ -269,7 +264,8 @@ impl Law for ComputedTorque {
     }
 
     fn reset(&mut self) {
-        (self.trajectory, self.unreachable) = (None, None);
+        self.trajectory = None;
+        self.unreachable = UnreachableGoal::default();
         self.approaches = 0;
     }
 

@@ -102,7 +102,7 @@ impl Controller {
         more_tips: Vec<Frame>,
         config: ControllerConfig,
     ) -> Result<Self, ConfigError> {
-        let config = without_joint_damping(config, &model, &tip)?;
+        let config = with_fallback_gains(config, &model, &tip)?;
         config.check(model.dof())?;
         let manipulator = Manipulator::new(model, tip).with_more_tips(more_tips);
         let law = config.law.build(&manipulator);
@@ -253,7 +253,7 @@ impl Controller {
     /// [`ConfigError`] when they do not fit the robot; nothing has changed then.
     pub fn set_config(&mut self, config: ControllerConfig) -> Result<(), ConfigError> {
         let Manipulator { model, tip, .. } = &self.manipulator;
-        let config = without_joint_damping(config, model, tip)?;
+        let config = with_fallback_gains(config, model, tip)?;
         config.check(self.manipulator.model.dof())?;
         if config.law == LawConfig::Custom && self.config.law != LawConfig::Custom {
             return Err(ConfigError::NoCustomLaw);
@@ -401,8 +401,8 @@ impl Controller {
 /// Period of the joint damping that acts while a law that does not need it has no measurement \[s\].
 const DAMPING_PERIOD: f64 = 0.01;
 
-/// The same settings with computed gains if there are none and the law does not need them.
-fn without_joint_damping(
+/// The same settings; with computed gains, for the times without measurements, if the law needs none and none are given.
+fn with_fallback_gains(
     config: ControllerConfig,
     model: &Model,
     tip: &Frame,

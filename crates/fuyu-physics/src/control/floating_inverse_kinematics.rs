@@ -1,10 +1,12 @@
 //! Inverse kinematics on a free-floating base.
 
 use nalgebra::{
-    DMatrix, DVector, Matrix6xX, Point3, Translation3, UnitQuaternion, Vector3, Vector6,
+    DVector, Matrix6, Matrix6xX, Point3, Translation3, UnitQuaternion, Vector3, Vector6,
 };
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
+use super::damped_descent::{DampedDescent, Deviation, Nearest, TipSearch, shortened};
+use super::inverse_kinematics::rotation_vector;
 use super::{IkError, PoseError};
 use crate::dynamics::Workspace;
 use crate::model::{Frame, Joint, Model};
@@ -14,10 +16,13 @@ use crate::spatial::{Pose, exp_so3};
 const TOLERANCE: f64 = 1e-6;
 /// Largest change of a joint in one step of the search \[rad or m\].
 const LONGEST_STEP: f64 = 0.4;
-/// Steps of one descent.
-const STEPS: usize = 150;
 /// Number of starts of the search in addition to the given one.
 const RESTARTS: usize = 60;
+const DESCENT: DampedDescent = DampedDescent {
+    steps: 150,
+    damping: 1e-3,
+    range: (1e-10, 1e6),
+};
 /// Steps in which the base's rotation is integrated along the motion of the joints.
 const PIECES: usize = 12;
 /// Distance that is kept from position limits \[rad or m\], so that a tracking error does not end at a stop.
@@ -67,10 +72,6 @@ impl FloatingInverseKinematics {
         self.controls_attitude = controls_attitude;
     }
 
-    fn is_at_goal(&self, error: &PoseError) -> bool {
-        error.position.norm() <= TOLERANCE && (!self.controls_attitude || error.angle <= TOLERANCE)
-    }
-
     /// Pose that the tip has after the joints have moved straight from `start` to `end`, in the base frame at the start.
     ///
     /// # Panics
@@ -110,10 +111,14 @@ impl FloatingInverseKinematics {
         guess: &DVector<f64>,
     ) -> Result<DVector<f64>, IkError> {
         let mut random = StdRng::seed_from_u64(1);
-        let mut nearest = (f64::INFINITY, f64::INFINITY);
-        for attempt in 0..=RESTARTS {
-            let joints = self.model.joints().iter().zip(start).zip(guess);
-            let from = joints.map(|((joint, q), guess)| {
+        let mut search = Search {
+            kinematics: self,
+            start,
+            X_BD,
+        };
+        let found = DESCENT.search(&mut search, 1 + RESTARTS, |search, attempt| {
+            let joints = search.kinematics.model.joints().iter();
+            let from = joints.zip(start).zip(guess).map(|((joint, q), guess)| {
                 let [lower, upper] = range(joint, *q);
                 match attempt {
                     0 => guess.clamp(lower, upper),
@@ -121,125 +126,104 @@ impl FloatingInverseKinematics {
                     _ => lower,
                 }
             });
-            let from = DVector::from_iterator(self.model.dof(), from);
-            let (found, error) = self.descend(start, X_BD, from);
-            let left = (error.position.norm(), error.angle);
-            if self.is_at_goal(&error) {
-                return Ok(found);
+            DVector::from_iterator(start.len(), from)
+        });
+        found.map_err(|Nearest { point, left }| {
+            if let Some(q) = point {
+                self.nearest = q;
             }
-            if left.0 + left.1 < nearest.0 + nearest.1 {
-                nearest = left;
-                self.nearest = found;
+            IkError::NotFound {
+                position: left.0,
+                angle: left.1,
             }
-        }
-        Err(IkError::NotFound {
-            position: nearest.0,
-            angle: nearest.1,
         })
     }
+}
 
-    fn descend(
-        &mut self,
-        start: &DVector<f64>,
-        X_BD: &Pose,
-        mut q: DVector<f64>,
-    ) -> (DVector<f64>, PoseError) {
-        let mut damping = 1e-3;
-        let (mut residual, mut error) = self.deviation(start, &q, X_BD);
-        for _ in 0..STEPS {
-            if self.is_at_goal(&error) || damping > 1e6 {
-                break;
-            }
-            let Some(step) = self.step(start, &q, &residual, damping) else {
-                damping *= 4.0;
-                continue;
-            };
-            let joints = self.model.joints().iter().zip(start);
-            let moved = joints
-                .zip(q.iter().zip(&step))
-                .map(|((joint, from), (q, d))| {
-                    let [lower, upper] = range(joint, *from);
-                    (q + d).clamp(lower, upper)
-                });
-            let trial = DVector::from_iterator(q.len(), moved);
-            let (trial_residual, trial_error) = self.deviation(start, &trial, X_BD);
-            if trial_residual.norm_squared() < residual.norm_squared() {
-                (q, residual, error) = (trial, trial_residual, trial_error);
-                damping = (damping * 0.3).max(1e-10);
-            } else {
-                damping *= 4.0;
-            }
+struct Search<'a> {
+    kinematics: &'a mut FloatingInverseKinematics,
+    start: &'a DVector<f64>,
+    X_BD: &'a Pose,
+}
+
+impl TipSearch for Search<'_> {
+    type Point = DVector<f64>;
+    type Residual = Vector6<f64>;
+
+    /// The residual is position error and rotation vector from the tip to the goal, stacked, in axes of the base at `q`.
+    fn deviation(&mut self, q: &DVector<f64>) -> Deviation<Vector6<f64>> {
+        let X_0E = self.kinematics.tip_after(self.start, q);
+        let FloatingInverseKinematics {
+            workspace,
+            tip,
+            controls_attitude,
+            ..
+        } = &*self.kinematics;
+        // The workspace is at q: the tip there gives the axes.
+        let R_0B = X_0E.rotation * workspace.X_BF(tip).rotation.inverse();
+        let error = PoseError::between(&X_0E, self.X_BD);
+        let turn = rotation_vector(&X_0E, self.X_BD);
+        let (p, mut turn) = (R_0B.inverse() * error.position, R_0B.inverse() * turn);
+        if !controls_attitude {
+            turn.fill(0.0);
         }
-        (q, error)
+        let residual = Vector6::new(p.x, p.y, p.z, turn.x, turn.y, turn.z);
+        Deviation {
+            norm_squared: residual.norm_squared(),
+            left: (error.position.norm(), error.angle),
+            residual,
+        }
     }
 
-    /// A damped least-squares step; joints at a limit that would leave their range do not take part.
+    fn is_at_goal(&self, left: (f64, f64)) -> bool {
+        left.0 <= TOLERANCE && (!self.kinematics.controls_attitude || left.1 <= TOLERANCE)
+    }
+
+    /// Within the ranges of the joints. Those at an end of theirs that would leave it do not take part; they are found in two
+    /// rounds.
     fn step(
         &mut self,
-        start: &DVector<f64>,
         q: &DVector<f64>,
         residual: &Vector6<f64>,
         damping: f64,
     ) -> Option<DVector<f64>> {
-        self.workspace.set_positions(q);
-        (self.workspace).generalized_jacobian(&self.tip, &mut self.jacobian);
-        if !self.controls_attitude {
-            self.jacobian.fixed_rows_mut::<3>(3).fill(0.0);
+        let FloatingInverseKinematics {
+            model,
+            tip,
+            controls_attitude,
+            workspace,
+            jacobian,
+            ..
+        } = &mut *self.kinematics;
+        let ranges: Vec<[f64; 2]> = (model.joints().iter().zip(self.start))
+            .map(|(joint, from)| range(joint, *from))
+            .collect();
+        workspace.set_positions(q);
+        workspace.generalized_jacobian(tip, jacobian);
+        if !*controls_attitude {
+            jacobian.fixed_rows_mut::<3>(3).fill(0.0);
         }
         let mut blocked = vec![false; q.len()];
-        for _ in 0..2 {
-            let J = &self.jacobian;
-            let normal = J * J.transpose() + nalgebra::Matrix6::identity() * damping;
-            let mut step: DVector<f64> = J.tr_mul(&normal.cholesky()?.solve(residual));
-            let mut is_changed = false;
-            for (j, joint) in self.model.joints().iter().enumerate() {
-                let [lower, upper] = range(joint, start[j]);
-                let outwards = q[j] >= upper && step[j] > 0.0 || q[j] <= lower && step[j] < 0.0;
-                if outwards && !blocked[j] {
-                    (blocked[j], is_changed) = (true, true);
-                    self.jacobian.column_mut(j).fill(0.0);
+        let mut rounds = 0;
+        let step: DVector<f64> = loop {
+            let normal = &*jacobian * jacobian.transpose() + Matrix6::identity() * damping;
+            let step = jacobian.tr_mul(&normal.cholesky()?.solve(residual));
+            let before = blocked.clone();
+            for (j, [lower, upper]) in ranges.iter().enumerate() {
+                if q[j] >= *upper && step[j] > 0.0 || q[j] <= *lower && step[j] < 0.0 {
+                    blocked[j] = true;
+                    jacobian.column_mut(j).fill(0.0);
                 }
             }
-            if !is_changed || blocked.iter().all(|b| *b) {
-                let longest = step.amax();
-                if longest > LONGEST_STEP {
-                    step *= LONGEST_STEP / longest;
-                }
-                return Some(step);
+            rounds += 1;
+            if rounds > 2 || blocked == before || !blocked.contains(&false) {
+                break step;
             }
-        }
-        let J = &self.jacobian;
-        let normal: DMatrix<f64> = DMatrix::from_fn(6, 6, |i, k| {
-            J.row(i).dot(&J.row(k)) + if i == k { damping } else { 0.0 }
-        });
-        let solved = normal
-            .cholesky()?
-            .solve(&DVector::from_column_slice(residual.as_slice()));
-        let mut step = J.tr_mul(&solved);
-        let longest = step.amax();
-        if longest > LONGEST_STEP {
-            step *= LONGEST_STEP / longest;
-        }
-        Some(step)
-    }
-
-    /// Position error and rotation vector from the tip to the goal, stacked, in axes of the base at `q`; and the pose error.
-    fn deviation(
-        &mut self,
-        start: &DVector<f64>,
-        q: &DVector<f64>,
-        X_BD: &Pose,
-    ) -> (Vector6<f64>, PoseError) {
-        let X_0E = self.tip_after(start, q);
-        // The workspace is at q: the tip there gives the axes.
-        let R_0B = X_0E.rotation * self.workspace.X_BF(&self.tip).rotation.inverse();
-        let error = PoseError::between(&X_0E, X_BD);
-        let turn = UnitQuaternion::from(X_BD.rotation * X_0E.rotation.inverse()).scaled_axis();
-        let (p, mut turn) = (R_0B.inverse() * error.position, R_0B.inverse() * turn);
-        if !self.controls_attitude {
-            turn.fill(0.0);
-        }
-        (Vector6::new(p.x, p.y, p.z, turn.x, turn.y, turn.z), error)
+        };
+        let step = shortened(step, LONGEST_STEP);
+        let moved = ranges.iter().zip(q.iter().zip(&step));
+        let moved = moved.map(|([lower, upper], (q, d))| (q + d).clamp(*lower, *upper));
+        Some(DVector::from_iterator(q.len(), moved))
     }
 }
 
@@ -265,14 +249,8 @@ pub(super) fn goal_at_rest(workspace: &Workspace, R_IB: &UnitQuaternion<f64>, X_
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::control::fixtures::servicer;
     use crate::dynamics::{Floating, IntegrationMethod, State};
-
-    fn servicer() -> (Model, Frame) {
-        let xml = include_str!("../../../../urdf/servicer.urdf");
-        let model = Model::from_urdf(xml, "servicer").unwrap();
-        let tip = model.frame("tool0").unwrap().clone();
-        (model, tip)
-    }
 
     /// Against the dynamics: a robot at rest whose joints are driven along the line. Would break if the base turned the other
     /// way, or if its centre of mass did not stay.

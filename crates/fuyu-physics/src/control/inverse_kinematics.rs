@@ -1,9 +1,10 @@
 //! Inverse kinematics of the arm as if its base were fixed.
 
-use nalgebra::{DMatrix, DVector, Matrix6xX, UnitQuaternion, Vector6};
+use nalgebra::{DMatrix, DVector, Matrix6xX, UnitQuaternion, Vector3, Vector6};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
 use super::PoseError;
+use super::damped_descent::{DampedDescent, Deviation, Nearest, TipSearch, shortened};
 use crate::{
     dynamics::Workspace,
     model::{Frame, Joint, Model},
@@ -27,11 +28,15 @@ pub enum IkError {
 
 /// Largest remaining error of a solution \[m and rad\].
 const TOLERANCE: f64 = 1e-9;
-/// Largest change of a joint in one step \[rad or m\]: a longer one leaves the region where the Jacobian
-/// is a good approximation.
+/// Largest change of a joint in one step \[rad or m\].
 const LONGEST_STEP: f64 = 0.5;
 /// Number of starts of the search in addition to the given one.
 const RESTARTS: usize = 20;
+const DESCENT: DampedDescent = DampedDescent {
+    steps: 300,
+    damping: 1e-2,
+    range: (1e-12, 1e8),
+};
 
 /// Joint positions within the limits that bring `tip` to `X_BD` (base frame): damped least squares with
 /// step control (Levenberg-Marquardt) on position and rotation vector. The search descends from `start`; where that
@@ -54,8 +59,7 @@ pub fn inverse_kinematics(
         jacobian: Matrix6xX::zeros(model.dof()),
     };
     let mut random = StdRng::seed_from_u64(1);
-    let mut nearest = (f64::INFINITY, f64::INFINITY);
-    for attempt in 0..=RESTARTS {
+    let found = DESCENT.search(&mut search, 1 + RESTARTS, |_, attempt| {
         let from = model.joints().iter().zip(start.iter()).map(|(joint, &q)| {
             let away = if attempt == 0 {
                 0.0
@@ -64,20 +68,15 @@ pub fn inverse_kinematics(
             };
             within_limits(joint, q + away)
         });
-        let from = DVector::from_iterator(model.dof(), from);
-        let (found, error) = search.descend(from);
-        let left = (error.position.norm(), error.angle);
-        if left.0 <= TOLERANCE && left.1 <= TOLERANCE {
-            return Ok(unwound(model, found, start));
-        }
-        if left.0 + left.1 < nearest.0 + nearest.1 {
-            nearest = left;
-        }
+        DVector::from_iterator(model.dof(), from)
+    });
+    match found {
+        Ok(q) => Ok(unwound(model, q, start)),
+        Err(Nearest { left, .. }) => Err(IkError::NotFound {
+            position: left.0,
+            angle: left.1,
+        }),
     }
-    Err(IkError::NotFound {
-        position: nearest.0,
-        angle: nearest.1,
-    })
 }
 
 struct Search<'a> {
@@ -88,36 +87,29 @@ struct Search<'a> {
     jacobian: Matrix6xX<f64>,
 }
 
-impl Search<'_> {
-    /// Descends from `q`; returns the last positions and their pose error.
-    fn descend(&mut self, mut q: DVector<f64>) -> (DVector<f64>, PoseError) {
-        let mut damping = 1e-2;
-        let (mut residual, mut error) = self.deviation(&q);
-        for _ in 0..300 {
-            if error.position.norm() <= TOLERANCE && error.angle <= TOLERANCE || damping > 1e8 {
-                break;
-            }
-            let Some(step) = self.step(&q, &residual, damping) else {
-                damping *= 4.0;
-                continue;
-            };
-            let joints = self.model.joints().iter();
-            let moved = joints
-                .zip(q.iter().zip(&step))
-                .map(|(j, (q, d))| within_limits(j, q + d));
-            let trial = DVector::from_iterator(q.len(), moved);
-            let (trial_residual, trial_error) = self.deviation(&trial);
-            if trial_residual.norm_squared() < residual.norm_squared() {
-                (q, residual, error) = (trial, trial_residual, trial_error);
-                damping = (damping * 0.3).max(1e-12);
-            } else {
-                damping *= 4.0;
-            }
+impl TipSearch for Search<'_> {
+    type Point = DVector<f64>;
+    type Residual = Vector6<f64>;
+
+    /// The residual is position error and rotation vector from tip to goal (base axes), stacked.
+    fn deviation(&mut self, q: &DVector<f64>) -> Deviation<Vector6<f64>> {
+        self.workspace.set_positions(q);
+        let X_BE = self.workspace.X_BF(self.tip);
+        let error = PoseError::between(&X_BE, self.X_BD);
+        let (p, turn) = (&error.position, rotation_vector(&X_BE, self.X_BD));
+        let residual = Vector6::new(p.x, p.y, p.z, turn.x, turn.y, turn.z);
+        Deviation {
+            norm_squared: residual.norm_squared(),
+            left: (error.position.norm(), error.angle),
+            residual,
         }
-        (q, error)
     }
 
-    /// A damped least-squares step, solved in the smaller of joint space and task space.
+    fn is_at_goal(&self, left: (f64, f64)) -> bool {
+        left.0 <= TOLERANCE && left.1 <= TOLERANCE
+    }
+
+    /// Within the limits; solved in the smaller of joint space and task space.
     fn step(
         &mut self,
         q: &DVector<f64>,
@@ -128,30 +120,26 @@ impl Search<'_> {
         self.workspace
             .fixed_base_jacobian(self.tip, &mut self.jacobian);
         let J = &self.jacobian;
-        let mut step = if q.len() <= 6 {
+        let step = if q.len() <= 6 {
             let normal = J.tr_mul(J) + DMatrix::identity(q.len(), q.len()) * damping;
             normal.cholesky()?.solve(&J.tr_mul(residual))
         } else {
             let normal = J * J.transpose() + nalgebra::Matrix6::identity() * damping;
             J.tr_mul(&normal.cholesky()?.solve(residual))
         };
-        let longest = step.amax();
-        if longest > LONGEST_STEP {
-            step *= LONGEST_STEP / longest;
-        }
-        Some(step)
+        let step = shortened(step, LONGEST_STEP);
+        let joints = self.model.joints().iter();
+        let moved = joints
+            .zip(q.iter().zip(&step))
+            .map(|(j, (q, d))| within_limits(j, q + d));
+        Some(DVector::from_iterator(q.len(), moved))
     }
+}
 
-    /// Position error and rotation vector from tip to goal (base axes), stacked; and the pose error.
-    fn deviation(&mut self, q: &DVector<f64>) -> (Vector6<f64>, PoseError) {
-        self.workspace.set_positions(q);
-        let X_BE = self.workspace.X_BF(self.tip);
-        let error = PoseError::between(&X_BE, self.X_BD);
-        // Through the quaternion: the matrix logarithm loses half the digits at small angles.
-        let turn = UnitQuaternion::from(self.X_BD.rotation * X_BE.rotation.inverse()).scaled_axis();
-        let p = &error.position;
-        (Vector6::new(p.x, p.y, p.z, turn.x, turn.y, turn.z), error)
-    }
+/// Rotation vector from the tip's attitude to the goal's, in the axes of both poses. Through the quaternion: the matrix
+/// logarithm loses half the digits at small angles.
+pub(super) fn rotation_vector(X_BE: &Pose, X_BD: &Pose) -> Vector3<f64> {
+    UnitQuaternion::from(X_BD.rotation * X_BE.rotation.inverse()).scaled_axis()
 }
 
 fn within_limits(joint: &Joint, position: f64) -> f64 {
@@ -175,13 +163,7 @@ fn unwound(model: &Model, mut q: DVector<f64>, start: &DVector<f64>) -> DVector<
 #[cfg(test)]
 mod tests {
     use super::*;
-
-    fn servicer() -> (Model, Frame) {
-        let model =
-            Model::from_urdf(include_str!("../../../../urdf/servicer.urdf"), "servicer").unwrap();
-        let tip = model.frame("tool0").unwrap().clone();
-        (model, tip)
-    }
+    use crate::control::fixtures::servicer;
 
     fn pose(model: &Model, tip: &Frame, q: &DVector<f64>) -> Pose {
         let mut workspace = Workspace::new(model);

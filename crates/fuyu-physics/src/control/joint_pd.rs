@@ -3,8 +3,9 @@
 use nalgebra::DVector;
 
 use super::gains::check_joint_gains;
+use super::unreachable_goal::UnreachableGoal;
 use super::{
-    ConfigError, IkError, Law, LawConfig, LawError, LawInput, LawStatus, Manipulator, PoseError,
+    ConfigError, IkError, Law, LawConfig, LawError, LawInput, LawStatus, Manipulator,
     inverse_kinematics,
 };
 use crate::spatial::Pose;
@@ -34,8 +35,7 @@ pub struct JointPd {
     config: JointPdConfig,
     /// `q_D` \[rad or m\].
     goal: Option<DVector<f64>>,
-    /// A goal for which there are no joint positions, and why.
-    unreachable: Option<(Pose, IkError)>,
+    unreachable: UnreachableGoal,
 }
 
 impl JointPd {
@@ -44,7 +44,7 @@ impl JointPd {
         Self {
             config,
             goal: None,
-            unreachable: None,
+            unreachable: UnreachableGoal::default(),
         }
     }
 
@@ -54,15 +54,9 @@ impl JointPd {
         X_BD: &Pose,
         q: &DVector<f64>,
     ) -> Result<DVector<f64>, IkError> {
-        // A search that fails is slow, so it is not repeated for the same goal.
-        if let Some((goal, error)) = &self.unreachable {
-            let moved = PoseError::between(goal, X_BD);
-            if moved.position.norm() < 1e-3 && moved.angle < 1e-3 {
-                return Err(error.clone());
-            }
-        }
+        self.unreachable.check(X_BD, (1e-3, 1e-3))?;
         inverse_kinematics(&manipulator.model, &manipulator.tip, X_BD, q)
-            .inspect_err(|error| self.unreachable = Some((*X_BD, error.clone())))
+            .inspect_err(|error| self.unreachable.remember(X_BD, error))
     }
 }
 
@@ -86,7 +80,8 @@ impl Law for JointPd {
     }
 
     fn reset(&mut self) {
-        (self.goal, self.unreachable) = (None, None);
+        self.goal = None;
+        self.unreachable = UnreachableGoal::default();
     }
 
     fn configure(&mut self, config: &LawConfig) -> bool {

@@ -3,9 +3,13 @@
 use nalgebra::linalg::Schur;
 use nalgebra::{Complex, DMatrix, DVector, Matrix6xX};
 
+use super::sampled_damping::largest_below;
 use super::{Gains, JacobianKind};
 use crate::dynamics::Workspace;
 use crate::model::{Frame, Model};
+
+/// Growth of a deviation in a period that is not rounding.
+const GROWS: f64 = 1.0 + 1e-6;
 
 /// The closed loop of transpose-Jacobian control, linear in deviations `δq` from joint positions at which the tip is
 /// at its goal: `Ĥ δq̈ + K_V δq̇ + (k_p J_Lᵀ Ĵ_L + k_o J_Aᵀ Ĵ_A) δq = 0`, Masutani 1995 eq. (6.2), which omits the
@@ -53,15 +57,10 @@ impl LinearisedLoop {
     /// iteration does not converge.
     pub fn eigenvalues(&self) -> Option<Vec<Complex<f64>>> {
         let n = self.damping.len();
-        let inverse = self.inertia.clone().cholesky()?.inverse();
         let mut system = DMatrix::zeros(2 * n, 2 * n);
         system.view_mut((0, n), (n, n)).fill_with_identity();
-        let accelerations = |force: &DMatrix<f64>| -(&inverse * force);
-        (system.view_mut((n, 0), (n, n))).copy_from(&accelerations(&self.stiffness));
-        let damping = DMatrix::from_diagonal(&self.damping);
-        (system.view_mut((n, n), (n, n))).copy_from(&accelerations(&damping));
-        let schur = Schur::try_new(system, f64::EPSILON, 10_000)?;
-        Some(schur.complex_eigenvalues().iter().copied().collect())
+        system.rows_mut(n, n).copy_from(&self.accelerations()?);
+        eigenvalues(system)
     }
 
     /// Factor by which the fastest growing deviation grows in a sampling period \[s\], when the law's efforts are held for a period: more
@@ -70,13 +69,6 @@ impl LinearisedLoop {
     /// Under held efforts `u` the motion is `δq + T δq̇ + ½ T² Ĥ⁻¹ u`, `δq̇ + T Ĥ⁻¹ u`.
     pub fn sampled_growth(&self, period: f64) -> Option<f64> {
         let n = self.damping.len();
-        let inverse = self.inertia.clone().cholesky()?.inverse();
-        // The efforts of a state (δq, δq̇), as accelerations.
-        let mut law = DMatrix::zeros(n, 2 * n);
-        law.columns_mut(0, n)
-            .copy_from(&-(&inverse * &self.stiffness));
-        let damping = DMatrix::from_diagonal(&self.damping);
-        law.columns_mut(n, n).copy_from(&-(&inverse * damping));
         let identity = DMatrix::identity(n, n);
         let mut held = DMatrix::zeros(2 * n, n);
         held.rows_mut(0, n)
@@ -85,10 +77,35 @@ impl LinearisedLoop {
         let mut free = DMatrix::identity(2 * n, 2 * n);
         free.view_mut((0, n), (n, n))
             .copy_from(&(&identity * period));
-        let system = free + held * law;
-        let schur = Schur::try_new(system, f64::EPSILON, 10_000)?;
-        let roots = schur.complex_eigenvalues();
+        let roots = eigenvalues(free + held * self.accelerations()?)?;
         roots.iter().map(|root| root.norm()).max_by(f64::total_cmp)
+    }
+
+    /// The largest part of the stiffness, at most 1, with which no deviation grows in a sampling period \[s\]; 0 if the damping
+    /// alone is too large.
+    pub fn largest_stable_part(&self, period: f64) -> f64 {
+        let is_stable = |part: f64| {
+            let scaled = Self {
+                stiffness: &self.stiffness * part,
+                ..self.clone()
+            };
+            (scaled.sampled_growth(period)).is_some_and(|growth| growth <= GROWS)
+        };
+        if is_stable(1.0) {
+            return 1.0;
+        }
+        largest_below(1.0, is_stable)
+    }
+
+    /// Accelerations `δq̈` per state `(δq, δq̇)`.
+    fn accelerations(&self) -> Option<DMatrix<f64>> {
+        let n = self.damping.len();
+        let inverse = self.inertia.clone().cholesky()?.inverse();
+        let mut accelerations = DMatrix::zeros(n, 2 * n);
+        let damping = DMatrix::from_diagonal(&self.damping);
+        (accelerations.columns_mut(0, n)).copy_from(&-(&inverse * &self.stiffness));
+        (accelerations.columns_mut(n, n)).copy_from(&-(&inverse * damping));
+        Some(accelerations)
     }
 
     /// The largest real part of the roots \[1/s\]: negative where the goal is asymptotically stable, positive
@@ -98,6 +115,11 @@ impl LinearisedLoop {
         let roots = self.eigenvalues()?;
         roots.iter().map(|root| root.re).max_by(f64::total_cmp)
     }
+}
+
+fn eigenvalues(system: DMatrix<f64>) -> Option<Vec<Complex<f64>>> {
+    let schur = Schur::try_new(system, f64::EPSILON, 10_000)?;
+    Some(schur.complex_eigenvalues().iter().copied().collect())
 }
 
 #[cfg(test)]

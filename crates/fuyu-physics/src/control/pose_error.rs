@@ -60,6 +60,11 @@ impl PoseError {
             half_turn_axis,
         }
     }
+
+    /// Whether distance \[m\] and angle \[rad\] are at most these.
+    pub(super) fn is_within(&self, (distance, angle): (f64, f64)) -> bool {
+        self.position.norm() <= distance && self.angle <= angle
+    }
 }
 
 /// Unit vector along the axis of a rotation of nearly half a turn, on the side of `sense`.

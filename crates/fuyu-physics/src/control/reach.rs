@@ -3,6 +3,7 @@
 use nalgebra::{DMatrix, DVector, Matrix6xX, Translation3, UnitQuaternion, Vector3};
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 
+use super::damped_descent::{DampedDescent, Deviation, Nearest, TipSearch, shortened};
 use super::workspace_radius;
 use crate::dynamics::{State, Workspace};
 use crate::model::{Frame, Model};
@@ -71,8 +72,11 @@ const LONGEST_STEP: f64 = 0.05;
 const DETOURS: usize = 30;
 /// Largest change of a joint on the way to such a posture \[rad or m\].
 const DETOUR: f64 = 2.0;
-/// Steps of one descent.
-const STEPS: usize = 400;
+const DESCENT: DampedDescent = DampedDescent {
+    steps: 400,
+    damping: 1e-3,
+    range: (1e-12, 1e8),
+};
 
 /// A joint motion from `start` that brings `tip` to `goal`, with the robot floating freely at zero momentum: the base
 /// turns with the joints as momentum conservation demands, and the centre of mass stays where it is in `start`. Momentum and
@@ -106,27 +110,25 @@ pub fn free_floating_reach(
     }
     let mut search = Search::new(model, tip, start, goal);
     let mut random = StdRng::seed_from_u64(1);
-    let mut nearest = (f64::INFINITY, f64::INFINITY);
-    for attempt in 0..=DETOURS {
+    let found = DESCENT.search(&mut search, 1 + DETOURS, |search, attempt| {
         let mut motion = Motion::at(start);
         if attempt > 0 {
             let posture = random_posture(model, &start.q, &mut random);
             search.travel(&mut motion, &posture);
         }
-        let (position, angle) = search.descend(&mut motion);
-        if position <= TOLERANCE && angle <= TOLERANCE {
+        motion
+    });
+    match found {
+        Ok(motion) => {
             let [X_WB, X_WE] = search.poses(&motion);
             let path = motion.path;
-            return Ok(Reached { path, X_WB, X_WE });
+            Ok(Reached { path, X_WB, X_WE })
         }
-        if position + angle < nearest.0 + nearest.1 {
-            nearest = (position, angle);
-        }
+        Err(Nearest { left, .. }) => Err(ReachError::NotFound {
+            position: left.0,
+            angle: left.1,
+        }),
     }
-    Err(ReachError::NotFound {
-        position: nearest.0,
-        angle: nearest.1,
-    })
 }
 
 /// A posture within the limits, not far from `q`.
@@ -221,51 +223,9 @@ impl<'a> Search<'a> {
         }
     }
 
-    /// Rows of position error and, if the attitude matters, rotation vector to the goal (base axes); and the sizes of both.
-    fn deviation(&mut self, motion: &Motion) -> (DVector<f64>, (f64, f64)) {
-        let [X_WB, X_WE] = self.poses(motion);
-        let R_BW = X_WB.rotation.inverse();
-        let position = R_BW * (self.goal.position - X_WE.translation.vector);
-        let turn = self.goal.attitude.map(|attitude| {
-            let turn = attitude * UnitQuaternion::from(X_WE.rotation).inverse();
-            R_BW * turn.scaled_axis()
-        });
-        let rows = position.iter().chain(turn.iter().flat_map(|t| t.iter()));
-        let sizes = (position.norm(), turn.map_or(0.0, |t| t.norm()));
-        (
-            DVector::from_iterator(if turn.is_some() { 6 } else { 3 }, rows.copied()),
-            sizes,
-        )
-    }
-
-    /// Descends to the goal; returns what is left of position and attitude error.
-    fn descend(&mut self, motion: &mut Motion) -> (f64, f64) {
-        let mut damping = 1e-3;
-        let (mut residual, mut sizes) = self.deviation(motion);
-        for _ in 0..STEPS {
-            if sizes.0 <= TOLERANCE && sizes.1 <= TOLERANCE || damping > 1e8 {
-                break;
-            }
-            let mut trial = motion.clone();
-            let Some(step) = self.step(motion.q(), &residual, damping) else {
-                damping *= 4.0;
-                continue;
-            };
-            self.advance(&mut trial, &step);
-            let (trial_residual, trial_sizes) = self.deviation(&trial);
-            if trial_residual.norm_squared() < residual.norm_squared() {
-                (*motion, residual, sizes) = (trial, trial_residual, trial_sizes);
-                damping = (damping * 0.3).max(1e-12);
-            } else {
-                damping *= 4.0;
-            }
-        }
-        sizes
-    }
-
-    /// A damped least-squares step within the limits: joints that it would move beyond theirs stop there, and the others
-    /// take over.
-    fn step(
+    /// Change of the joints in a damped least-squares step within the limits: joints that it would move beyond theirs stop
+    /// there, and the others take over.
+    fn change(
         &mut self,
         q: &DVector<f64>,
         residual: &DVector<f64>,
@@ -281,13 +241,7 @@ impl<'a> Search<'a> {
         for _ in 0..=n {
             let normal = &J * J.transpose() + DMatrix::identity(J.nrows(), J.nrows()) * damping;
             let step = J.tr_mul(&normal.cholesky()?.solve(&left));
-            let longest = step.amax();
-            let scale = if longest > LONGEST_STEP {
-                LONGEST_STEP / longest
-            } else {
-                1.0
-            };
-            let step = step * scale;
+            let step = shortened(step, LONGEST_STEP);
             let mut is_within = true;
             for (j, joint) in self.model.joints().iter().enumerate() {
                 let limited = (q[j] + step[j]).clamp(joint.limits.lower, joint.limits.upper);
@@ -306,20 +260,48 @@ impl<'a> Search<'a> {
     }
 }
 
+impl TipSearch for Search<'_> {
+    type Point = Motion;
+    type Residual = DVector<f64>;
+
+    /// The residual is the position error and, if the attitude matters, the rotation vector to the goal (base axes), stacked.
+    fn deviation(&mut self, motion: &Motion) -> Deviation<DVector<f64>> {
+        let [X_WB, X_WE] = self.poses(motion);
+        let R_BW = X_WB.rotation.inverse();
+        let position = R_BW * (self.goal.position - X_WE.translation.vector);
+        let turn = self.goal.attitude.map(|attitude| {
+            let turn = attitude * UnitQuaternion::from(X_WE.rotation).inverse();
+            R_BW * turn.scaled_axis()
+        });
+        let rows = position.iter().chain(turn.iter().flat_map(|t| t.iter()));
+        let residual = DVector::from_iterator(if turn.is_some() { 6 } else { 3 }, rows.copied());
+        Deviation {
+            norm_squared: residual.norm_squared(),
+            left: (position.norm(), turn.map_or(0.0, |t| t.norm())),
+            residual,
+        }
+    }
+
+    fn is_at_goal(&self, left: (f64, f64)) -> bool {
+        left.0 <= TOLERANCE && left.1 <= TOLERANCE
+    }
+
+    fn step(&mut self, motion: &Motion, residual: &DVector<f64>, damping: f64) -> Option<Motion> {
+        let change = self.change(motion.q(), residual, damping)?;
+        let mut moved = motion.clone();
+        self.advance(&mut moved, &change);
+        Some(moved)
+    }
+}
+
 #[cfg(test)]
 mod tests {
     use super::*;
+    use crate::control::fixtures::servicer;
     use crate::dynamics::Momentum;
     use crate::model::{JointKind, ModelBuilder};
     use crate::spatial::RigidInertia;
     use nalgebra::{Isometry3, Matrix3};
-
-    fn servicer() -> (Model, Frame) {
-        let xml = include_str!("../../../../urdf/servicer.urdf");
-        let model = Model::from_urdf(xml, "servicer").unwrap();
-        let tip = model.frame("tool0").unwrap().clone();
-        (model, tip)
-    }
 
     fn start(model: &Model) -> State {
         let q = DVector::from_fn(model.dof(), |j, _| 0.4 - 0.2 * j as f64);

@@ -56,17 +56,23 @@ impl SampledDamping {
         if with(0.0) > rate {
             return None;
         }
-        let (mut low, mut high) = (0.0, self.k_v[self.joint]);
-        // The eigenvalue grows with the gain. Two digits are shown.
-        for _ in 0..40 {
-            let middle = 0.5 * (low + high);
-            match with(middle) <= rate {
-                true => low = middle,
-                false => high = middle,
-            }
-        }
-        (low > 0.0).then_some(low)
+        // The eigenvalue grows with the gain.
+        let gain = largest_below(self.k_v[self.joint], |gain| with(gain) <= rate);
+        (gain > 0.0).then_some(gain)
     }
+}
+
+/// The largest value from 0 to `high` for which `holds`, if it holds for all below and fails at `high`; by bisection.
+pub(super) fn largest_below(mut high: f64, holds: impl Fn(f64) -> bool) -> f64 {
+    let mut low = 0.0;
+    for _ in 0..40 {
+        let middle = 0.5 * (low + high);
+        match holds(middle) {
+            true => low = middle,
+            false => high = middle,
+        }
+    }
+    low
 }
 
 /// The largest eigenvalue of `Ĥ⁻¹ K_V`, and the largest component of its eigenvector in the metric of `K_V`.
