@@ -15,7 +15,7 @@ use std::process::ExitCode;
 
 use clap::{Parser, Subcommand};
 
-use crate::model::{Model, UrdfError};
+use crate::model::{Model, Repaired};
 use crate::nodes::resource::Lookup;
 
 /// Free-floating space robots as ROS 2 nodes.
@@ -118,11 +118,8 @@ fn read_model(path: &Path, packages: &[PathBuf], strict: bool) -> Result<Model, 
         ..Lookup::default()
     };
     let (xml, source) = lookup.read(name).map_err(Failure::Input)?;
-    let invalid = |e: UrdfError| Failure::Input(e.to_string());
-    if strict {
-        return Model::from_urdf(&xml, &source).map_err(invalid);
-    }
-    let repaired = Model::repaired_from_urdf(&xml, &source).map_err(invalid)?;
+    let repaired = Repaired::from_urdf(&xml, &source, strict);
+    let repaired = repaired.map_err(|e| Failure::Input(e.to_string()))?;
     for warning in repaired.warnings() {
         // If stderr is closed, there is nowhere to report it.
         let _ = writeln!(io::stderr(), "fuyu: warning: {warning}");

@@ -89,10 +89,7 @@ impl Description {
     }
 
     fn repair(&self) -> Result<Repaired, String> {
-        if self.strict {
-            Model::from_urdf(&self.xml, &self.source).map_err(|e| e.to_string())?;
-        }
-        Model::repaired_from_urdf(&self.xml, &self.source).map_err(|e| e.to_string())
+        Repaired::from_urdf(&self.xml, &self.source, self.strict).map_err(|e| e.to_string())
     }
 }
 

@@ -3,6 +3,7 @@
 use std::collections::{BTreeMap, HashMap};
 use std::fmt::Write as _;
 
+use super::error::UrdfError;
 use crate::model::Model;
 use crate::spatial::InertiaError;
 
@@ -167,6 +168,14 @@ fn percent(fraction: f64) -> String {
 const NAMED: usize = 8;
 
 impl Repaired {
+    /// [`Model::from_urdf`] with no repairs if `strict`, otherwise [`Model::repaired_from_urdf`].
+    ///
+    /// # Errors
+    /// As these two.
+    pub fn from_urdf(xml: &str, source: &str, strict: bool) -> Result<Self, UrdfError> {
+        super::compile(xml, source, !strict)
+    }
+
     /// One line for each kind of repair, with the elements concerned; unknown elements and attributes are named once each.
     pub fn warnings(&self) -> Vec<String> {
         let mut kinds: BTreeMap<(u8, &str), Vec<&Repair>> = BTreeMap::new();
