@@ -105,6 +105,26 @@ pub(super) struct EnergyBalance {
     pub peak: f64,
 }
 
+/// Work since a sample with an energy.
+struct WorkSince {
+    /// Kinetic energy at the sample \[J\].
+    energy: f64,
+    /// Work since then \[J\].
+    work: f64,
+    /// Sum of [`unresolved_work`] \[J\].
+    unresolved: f64,
+}
+
+impl WorkSince {
+    fn sample(energy: f64) -> Self {
+        Self {
+            energy,
+            work: 0.0,
+            unresolved: 0.0,
+        }
+    }
+}
+
 /// Kinetic energy compared with the work of joint efforts and springs minus damping losses.
 pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'static str> {
     let energy: HashMap<i64, f64> = run
@@ -121,30 +141,29 @@ pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'stati
     let passive = passive(run);
     let (mut flow, mut peak, mut residual) = (0.0, 0.0f64, None);
     let (mut difference, mut unresolved) = (0.0, 0.0);
-    // Energy at the last sample that has one, work since then, and how much of it may be missing.
-    let mut last: Option<(f64, f64, f64)> = None;
+    let mut since: Option<WorkSince> = None;
     let usual = usual_period(&run.joints);
     for (i, pair) in run.joints.windows(2).enumerate() {
         if pair[1].time - pair[0].time > usual * 3 / 2 {
             // Samples, and so the efforts, are missing: restart the balance.
-            (last, difference) = (None, 0.0);
+            (since, difference) = (None, 0.0);
             continue;
         }
-        last = last.or_else(|| energy.get(&pair[0].time).map(|e| (*e, 0.0, 0.0)));
+        since = since.or_else(|| energy.get(&pair[0].time).copied().map(WorkSince::sample));
         let (done, moved) = work_between(&pair[0], &pair[1], &passive);
         flow += moved;
-        let Some((e0, work, missing)) = &mut last else {
+        let Some(last) = &mut since else {
             continue;
         };
-        *work += done;
+        last.work += done;
         let next = run.joints.get(i + 2).unwrap_or(&pair[1]);
-        *missing += unresolved_work(&pair[0], &pair[1], next);
+        last.unresolved += unresolved_work(&pair[0], &pair[1], next);
         if let Some(e1) = energy.get(&pair[1].time) {
-            let found = (e1 - *e0) - *work;
-            let explained = if found.abs() <= *missing {
+            let found = (e1 - last.energy) - last.work;
+            let explained = if found.abs() <= last.unresolved {
                 found
             } else {
-                missing.copysign(found)
+                last.unresolved.copysign(found)
             };
             difference += found - explained;
             unresolved += explained.abs();
@@ -152,7 +171,7 @@ pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'stati
                 [residual.unwrap_or(0.0), f64::abs(difference)].into_iter()
             ));
             peak = peak.max(*e1);
-            last = Some((*e1, 0.0, 0.0));
+            since = Some(WorkSince::sample(*e1));
         }
     }
     Ok(EnergyBalance {
