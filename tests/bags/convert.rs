@@ -99,7 +99,7 @@ fn pyarrow_reads_the_parquet_tables() {
         text(&tables),
     ]);
     assert_eq!(output.status.code(), Some(0), "{output:?}");
-    let interpreter = python::environment(&["tables", "pyarrow"]);
+    let interpreter = python::environment("test-venv.sh", &["tables", "pyarrow"]);
     let script = format!("{}/tests/bags/read_parquet.py", env!("CARGO_MANIFEST_DIR"));
     let read = Command::new(interpreter)
         .args([&script, text(&tables)])

@@ -5,12 +5,12 @@ use std::process::Command;
 
 use fuyu::bag::{Bag, BagError};
 
-use crate::python;
+use crate::scripts;
 
 #[test]
 fn bags_of_others_are_read() {
     let dir = tempfile::tempdir().unwrap();
-    python::run("write_bags.py", &[dir.path().to_str().unwrap()], "");
+    scripts::run("write_bags.py", &[dir.path().to_str().unwrap()], "");
     for name in ["plain", "by_file", "by_message"] {
         let bag = Bag::open(dir.path().join(name)).unwrap();
         let info = bag.info().unwrap();

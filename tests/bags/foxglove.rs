@@ -38,8 +38,10 @@ fn foxglove_gets_every_topic_and_draws_on_the_image() {
     // The process must not block on a full pipe.
     let rest = std::thread::spawn(move || lines.map_while(Result::ok).collect::<Vec<_>>());
 
-    let interpreter =
-        python::environment(&["foxglove", "websockets", "mcap-ros2-support", "protobuf"]);
+    let interpreter = python::environment(
+        "test-venv.sh",
+        &["foxglove", "websockets", "mcap-ros2-support", "protobuf"],
+    );
     let client = Command::new(interpreter)
         .arg(format!("{root}/tests/bags/foxglove_client.py"))
         .args([

@@ -5,7 +5,7 @@ use std::collections::BTreeMap;
 use std::fs;
 use std::path::Path;
 
-use crate::python;
+use crate::{python, scripts};
 
 /// `FUYU_UPDATE_MSG=1` writes the files from the declarations.
 #[test]
@@ -53,8 +53,9 @@ fn other_packages_are_as_ros_defines_them() {
             (d.type_name(), value)
         })
         .collect();
-    python::build_interfaces();
-    let text = python::run("interfaces.py", &[], &serde_json::to_string(&ours).unwrap());
+    // Builds the packages of interfaces that have no wheel into the environment.
+    python::environment("test-interfaces.sh", &[]);
+    let text = scripts::run("interfaces.py", &[], &serde_json::to_string(&ours).unwrap());
     let report: Report = serde_json::from_str(&text).unwrap();
     assert_eq!(report.differing, [""; 0]);
     assert_eq!(report.missing, [""; 0]);

@@ -5,8 +5,10 @@ mod lateness;
 #[path = "../support/measuring.rs"]
 mod measuring;
 #[path = "../support/peer.rs"]
-#[expect(dead_code, reason = "no rclpy here, only its domains")]
+#[expect(dead_code, reason = "no rclpy here, only its domains and its Python")]
 mod peer;
+#[path = "../support/python.rs"]
+mod python;
 #[path = "../support/waiting.rs"]
 mod waiting;
 
@@ -21,10 +23,10 @@ mod hostile;
 mod interfaces;
 mod killed;
 mod play;
-mod python;
 mod recover;
 mod run;
 mod sample;
+mod scripts;
 mod services;
 mod splitting;
 mod unknown_types;

@@ -9,7 +9,7 @@ use fuyu::bag::{Bag, WriterOptions};
 use fuyu::msg::sensor_msgs::JointState;
 use serde_json::Value;
 
-use crate::{python, sample};
+use crate::{sample, scripts};
 
 fn recover(bag: &Path, output: &Path) -> Output {
     Command::new(env!("CARGO_BIN_EXE_fuyu"))
@@ -73,7 +73,7 @@ fn a_truncated_bag_of_two_files_is_recovered() {
         "types, hashes, QoS and counts"
     );
     // Independent readers read it.
-    let text = python::run("read_split_bag.py", &[whole.to_str().unwrap()], "");
+    let text = scripts::run("read_split_bag.py", &[whole.to_str().unwrap()], "");
     let counts: Value = serde_json::from_str(&text).unwrap();
     assert_eq!(counts["/joint_states"], joints.len());
 }

@@ -2,63 +2,14 @@
 
 use fuyu::bag::{Bag, Compression, WriterOptions};
 use std::collections::BTreeMap;
-use std::io::Write;
-use std::path::PathBuf;
-use std::process::{Command, Stdio};
 
-use crate::sample;
-
-/// Interpreter of the tests' virtual environment, made on first use.
-fn interpreter() -> PathBuf {
-    environment(&[])
-}
-
-/// Interpreter of a separate environment: its name and packages.
-pub fn environment(packages: &[&str]) -> PathBuf {
-    made_by("test-venv.sh", packages)
-}
-
-/// Interpreter of the environment that a script of `scripts/` makes.
-fn made_by(script: &str, args: &[&str]) -> PathBuf {
-    let output = Command::new(format!("{}/scripts/{script}", env!("CARGO_MANIFEST_DIR")))
-        .args(args)
-        .stderr(Stdio::inherit())
-        .output()
-        .unwrap();
-    assert!(
-        output.status.success(),
-        "scripts/{script} failed: see above"
-    );
-    String::from_utf8(output.stdout).unwrap().trim().into()
-}
-
-/// Builds the packages of interfaces that have no wheel into the virtual environment.
-pub fn build_interfaces() {
-    made_by("test-interfaces.sh", &[]);
-}
+use crate::{peer, python, sample};
 
 /// Runs a script of this folder; returns what it prints.
 pub fn run(script: &str, args: &[&str], input: &str) -> String {
     let path = format!("{}/tests/bags/{script}", env!("CARGO_MANIFEST_DIR"));
-    let mut child = Command::new(interpreter())
-        .arg(path)
-        .args(args)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .unwrap();
-    child
-        .stdin
-        .take()
-        .unwrap()
-        .write_all(input.as_bytes())
-        .unwrap();
-    let output = child.wait_with_output().unwrap();
-    assert!(
-        output.status.success(),
-        "{script} failed: see its words above"
-    );
-    String::from_utf8(output.stdout).unwrap()
+    let arguments = [&[path.as_str()], args].concat();
+    python::run(&peer::python(), &arguments, input)
 }
 
 #[test]

@@ -8,7 +8,7 @@ use fuyu::bag::{Bag, Recorder, Topic, Writer, WriterOptions};
 use fuyu::msg::sensor_msgs::JointState;
 use fuyu::ros::Qos;
 
-use crate::{lateness::repeat_if_late, measuring::worst_below, python, sample};
+use crate::{lateness::repeat_if_late, measuring::worst_below, sample, scripts};
 
 /// Writes a bag with 300 joint states over 3 s, and other messages.
 fn write(folder: &std::path::Path, options: WriterOptions) -> Bag {
@@ -80,7 +80,7 @@ fn a_bag_is_split_by_size_and_others_read_all_of_it() {
     let joints = bag.read::<JointState>("/joint_states").unwrap();
     assert_eq!(joints.len(), 300);
     // Read by independent libraries.
-    let text = python::run("read_split_bag.py", &[bag.path().to_str().unwrap()], "");
+    let text = scripts::run("read_split_bag.py", &[bag.path().to_str().unwrap()], "");
     let counts: std::collections::BTreeMap<String, u64> = serde_json::from_str(&text).unwrap();
     for topic in bag.info().unwrap().topics {
         assert_eq!(

@@ -1,5 +1,10 @@
 //! Rules of the repository: layers, file lengths, and documents that agree with the sources.
 
+#[cfg(feature = "ros")]
+#[path = "../support/python.rs"]
+#[expect(dead_code, reason = "no script is given an input here")]
+mod python;
+
 mod documents;
 #[cfg(feature = "ros")]
 mod first_hour;

@@ -4,15 +4,15 @@ use std::{fs, process::Command};
 
 use serde_json::Value;
 
-use crate::sources::{read, root};
+use crate::{
+    python,
+    sources::{read, root},
+};
 
 /// The Python of the tests' environment, which is made on first use.
 pub fn python() -> String {
-    let script = Command::new(root().join("scripts/test-venv.sh")).output();
-    let output = script.expect("scripts/test-venv.sh can be started");
-    let log = String::from_utf8_lossy(&output.stderr);
-    assert!(output.status.success(), "scripts/test-venv.sh: {log}");
-    String::from_utf8_lossy(&output.stdout).trim().to_owned()
+    let interpreter = python::environment("test-venv.sh", &[]);
+    interpreter.into_os_string().into_string().unwrap()
 }
 
 /// A scenario without its node `controller`.

@@ -5,7 +5,7 @@ use fuyu::msg;
 use serde_json::Value;
 use std::{collections::BTreeMap, fs, path::Path};
 
-use crate::matrix::python;
+use crate::python;
 
 /// Type name to hash, of all interfaces in an environment.
 fn rosidl(python: &Path) -> BTreeMap<String, String> {
@@ -42,7 +42,7 @@ fn rosidl(python: &Path) -> BTreeMap<String, String> {
 #[test]
 fn hashes_are_those_of_rosidl() {
     for distribution in ["jazzy", "kilted"] {
-        let theirs = rosidl(&python("test-interfaces.sh", &[distribution]));
+        let theirs = rosidl(&python::environment("test-interfaces.sh", &[distribution]));
         let definitions = msg::definitions().chain(msg::service_definitions());
         let mut count = 0;
         for definition in definitions {

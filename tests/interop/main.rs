@@ -11,6 +11,9 @@ mod measuring;
 mod namespace;
 #[path = "../support/peer.rs"]
 mod peer;
+#[path = "../support/python.rs"]
+#[expect(dead_code, reason = "no script is given an input here")]
+mod python;
 #[path = "../support/waiting.rs"]
 mod waiting;
 

@@ -18,6 +18,7 @@ use crate::{
     child::{Running, executable},
     echo,
     namespace::Namespace,
+    python,
     waiting::{PATIENCE, eventually},
 };
 
@@ -26,19 +27,6 @@ const PEERS: [&str; 3] = ["rclpy Jazzy", "rclpy Kilted", "CycloneDDS"];
 const CYCLONE: &str = "cyclone_peer.py";
 /// Longest time that one row may take; the peer itself gives up much earlier.
 const ROW_PATIENCE: Duration = Duration::from_secs(300);
-
-/// A Python environment that a script makes on first use, and prints.
-pub fn python(script: &str, args: &[&str]) -> PathBuf {
-    let path = format!("{}/scripts/{script}", env!("CARGO_MANIFEST_DIR"));
-    let mut command = Command::new(path);
-    let output = command.args(args).stderr(Stdio::inherit()).output();
-    let output = output.expect("the script can be started");
-    assert!(
-        output.status.success(),
-        "scripts/{script} failed, see above"
-    );
-    String::from_utf8_lossy(&output.stdout).trim().into()
-}
 
 /// Rows and verdicts of one peer, in a namespace with nothing but `lo` where one can be made.
 fn column(script: &str, python: PathBuf, domain: u16) -> Vec<(String, bool, String)> {
@@ -236,18 +224,18 @@ fn hold(peer: usize, found: &[(String, bool, String)]) {
 
 #[test]
 fn rclpy_jazzy() {
-    let python = python("test-interfaces.sh", &[]);
+    let python = python::environment("test-interfaces.sh", &[]);
     hold(0, &column("rclpy_peer.py", python, 11));
 }
 
 #[test]
 fn rclpy_kilted() {
-    let python = python("test-interfaces.sh", &["kilted"]);
+    let python = python::environment("test-interfaces.sh", &["kilted"]);
     hold(1, &column("rclpy_peer.py", python, 12));
 }
 
 #[test]
 fn cyclone() {
-    let python = python("test-venv.sh", &["cyclone", "cyclonedds==11.0.1"]);
+    let python = python::environment("test-venv.sh", &["cyclone", "cyclonedds==11.0.1"]);
     hold(2, &column(CYCLONE, python, 13));
 }

@@ -17,9 +17,8 @@ use crate::{
     binaries::binary,
     child::{Running, executable},
     echo::joint_state,
-    matrix::python,
     namespace::Namespace,
-    peer,
+    peer, python,
 };
 
 const PERIOD: Duration = Duration::from_millis(1);
@@ -209,7 +208,7 @@ fn latency_of_joint_states_is_below_that_of_rclpy() {
         .and_then(|n| n.parse().ok())
         .unwrap_or(3000);
     let rclpy = peer::python();
-    let cyclone = python("test-venv.sh", &["cyclone", "cyclonedds==11.0.1"]);
+    let cyclone = python::environment("test-venv.sh", &["cyclone", "cyclonedds==11.0.1"]);
     median_below("p50 over that of rclpy", 1.0, || {
         let lines = [
             ("fuyu to fuyu", fuyu(&namespace, count)),

@@ -9,6 +9,9 @@ mod lateness;
 mod measuring;
 #[path = "../support/peer.rs"]
 mod peer;
+#[path = "../support/python.rs"]
+#[expect(dead_code, reason = "no script is given an input here")]
+mod python;
 #[path = "../support/waiting.rs"]
 mod waiting;
 

@@ -17,16 +17,7 @@ use std::{
 
 /// The Python of the tests' environment, which is made on first use.
 pub fn python() -> PathBuf {
-    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/scripts/test-venv.sh");
-    let output = Command::new(script)
-        .stderr(Stdio::inherit())
-        .output()
-        .expect("scripts/test-venv.sh can be started");
-    assert!(
-        output.status.success(),
-        "scripts/test-venv.sh failed, see above"
-    );
-    String::from_utf8_lossy(&output.stdout).trim().into()
+    crate::python::environment("test-venv.sh", &[])
 }
 
 /// A DDS domain that no other test run on this computer uses while this lives.

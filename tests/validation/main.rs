@@ -34,6 +34,9 @@ mod operational_space;
 mod pinocchio;
 mod positioning;
 mod precision;
+#[cfg(feature = "ros")]
+#[path = "../support/python.rs"]
+mod python;
 mod random_trees;
 #[cfg(feature = "ros")]
 mod sampled_loops;

@@ -16,21 +16,28 @@ use nalgebra::{DVector, Matrix6xX, Translation3, Vector3};
 use crate::fixtures::servicer;
 use crate::loops::mechanisms::{HINGE, on_branch, pantograph, pantograph_loops};
 
+const LIMITED: Saturation = Saturation {
+    position: 0.2,
+    orientation: 0.1,
+};
+
+/// Gains of Masutani 1995 chapter 5.
+fn gains(saturation: Saturation) -> Gains {
+    Gains {
+        k_p: 75.0,
+        k_o: 100.0,
+        k_v: vec![400.0, 100.0, 200.0, 10.0, 2.0, 2.0],
+        saturation,
+    }
+}
+
 #[test]
 fn steps_jacobians_and_the_control_law_do_not_allocate() {
     let model = servicer();
     let tip = model.frame("tool0").unwrap().clone();
     let mut state = State::at_rest(&model);
     let mut workspace = Workspace::new(&model);
-    let gains = Gains {
-        k_p: 75.0,
-        k_o: 100.0,
-        k_v: vec![400.0, 100.0, 200.0, 10.0, 2.0, 2.0],
-        saturation: Saturation {
-            position: 0.2,
-            orientation: 0.1,
-        },
-    };
+    let gains = gains(LIMITED);
     // The computed-torque law plans when the goal moves, as it does here: its own test is below.
     let laws = LawKind::NAMES.map(|(_, law)| law);
     let laws = laws.into_iter().filter(|l| *l != LawKind::ComputedTorque);
@@ -91,12 +98,7 @@ fn steps_jacobians_and_the_control_law_do_not_allocate() {
 fn the_computed_torque_law_takes_no_memory_between_plans() {
     let model = servicer();
     let tip = model.frame("tool0").unwrap().clone();
-    let gains = Gains {
-        k_p: 75.0,
-        k_o: 100.0,
-        k_v: vec![400.0, 100.0, 200.0, 10.0, 2.0, 2.0],
-        saturation: Saturation::NONE,
-    };
+    let gains = gains(Saturation::NONE);
     let config = ControllerConfig::new(LawKind::ComputedTorque, gains);
     let mut controller = Controller::new(model.clone(), tip.clone(), config).unwrap();
     let q = DVector::from_element(6, 0.4);
@@ -127,15 +129,7 @@ fn the_computed_torque_law_takes_no_memory_between_plans() {
 fn control_steps_take_no_memory_whatever_they_do() {
     let model = servicer();
     let tip = model.frame("tool0").unwrap().clone();
-    let gains = Gains {
-        k_p: 75.0,
-        k_o: 100.0,
-        k_v: vec![400.0, 100.0, 200.0, 10.0, 2.0, 2.0],
-        saturation: Saturation {
-            position: 0.2,
-            orientation: 0.1,
-        },
-    };
+    let gains = gains(LIMITED);
     let mut configs = Vec::new();
     for (_, prediction) in Prediction::NAMES {
         for (_, shaping) in Shaping::NAMES {
@@ -246,12 +240,7 @@ fn steps_of_the_control_loop_take_no_memory() {
     let model = servicer();
     let tip = model.frame("tool0").unwrap().clone();
     let X_BE = Workspace::new(&model).X_BF(&tip);
-    let gains = Gains {
-        k_p: 75.0,
-        k_o: 100.0,
-        k_v: vec![400.0, 100.0, 200.0, 10.0, 2.0, 2.0],
-        saturation: Saturation::NONE,
-    };
+    let gains = gains(Saturation::NONE);
     let config = ControllerConfig {
         prediction: Prediction::Motion,
         ..ControllerConfig::new(LawKind::TransposeJacobian, gains)

@@ -4,16 +4,18 @@
 
 use std::collections::BTreeMap;
 use std::fmt::Write as _;
-use std::io::Write as _;
 use std::path::Path;
-use std::process::{Command, Stdio};
+use std::process::Command;
 
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 use rand::seq::SliceRandom;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 use serde_json::{Value, json};
 
-use crate::fixtures::{numbers, rows};
+use crate::{
+    fixtures::{numbers, rows},
+    python,
+};
 
 const TREES: u64 = 100;
 
@@ -190,31 +192,13 @@ fn inspect(case: &Value, folder: &Path) -> Value {
 }
 
 fn pinocchio(cases: &[Value]) -> Vec<Value> {
-    let package = Path::new(env!("CARGO_MANIFEST_DIR"));
-    let venv = Command::new(package.join("scripts/test-venv.sh"))
-        .args(["pinocchio", "pin==4.1.0"])
-        .stderr(Stdio::inherit())
-        .output()
-        .expect("scripts/test-venv.sh runs");
-    assert!(
-        venv.status.success(),
-        "no Python environment with Pinocchio"
+    let interpreter = python::environment("test-venv.sh", &["pinocchio", "pin==4.1.0"]);
+    let script = concat!(
+        env!("CARGO_MANIFEST_DIR"),
+        "/tests/validation/ask_pinocchio.py"
     );
-    let interpreter = String::from_utf8(venv.stdout).unwrap();
-    let mut python = Command::new(interpreter.trim())
-        .arg(package.join("tests/validation/ask_pinocchio.py"))
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .expect("the environment's Python runs");
-    let mut stdin = python.stdin.take().unwrap();
-    stdin
-        .write_all(json!(cases).to_string().as_bytes())
-        .unwrap();
-    drop(stdin);
-    let output = python.wait_with_output().unwrap();
-    assert!(output.status.success(), "ask_pinocchio.py failed");
-    serde_json::from_slice(&output.stdout).unwrap()
+    let answer = python::run(&interpreter, &[script], &json!(cases).to_string());
+    serde_json::from_str(&answer).unwrap()
 }
 
 /// Largest difference over the largest entry.

@@ -4,10 +4,11 @@
 //! Downloads the packages, so it is ignored by default:
 //! `cargo test --release -p fuyu-physics --test real_robots -- --ignored --nocapture` prints the table of `docs/robots.md`.
 
+#[path = "../../../../tests/support/python.rs"]
+mod python;
+
 use std::collections::BTreeMap;
-use std::io::Write as _;
 use std::path::{Path, PathBuf};
-use std::process::{Command, Stdio};
 
 use fuyu_physics::dynamics::Workspace;
 use fuyu_physics::model::{Model, RepairKind, Repaired, UrdfProblem};
@@ -59,35 +60,9 @@ fn reason(problem: &UrdfProblem) -> &'static str {
     }
 }
 
-/// Runs Python, and returns what it prints.
-fn python(interpreter: &Path, arguments: &[&str], input: &str) -> String {
-    let mut process = Command::new(interpreter)
-        .args(arguments)
-        .stdin(Stdio::piped())
-        .stdout(Stdio::piped())
-        .spawn()
-        .expect("Python runs");
-    let mut stdin = process.stdin.take().unwrap();
-    let text = input.to_owned();
-    let writer = std::thread::spawn(move || stdin.write_all(text.as_bytes()));
-    let output = process.wait_with_output().unwrap();
-    writer.join().unwrap().expect("Python reads its input");
-    assert!(output.status.success(), "python {arguments:?} failed");
-    String::from_utf8(output.stdout).unwrap()
-}
-
 /// A Python with Pinocchio.
 fn interpreter() -> PathBuf {
-    let venv = Command::new(root().join("scripts/test-venv.sh"))
-        .args(["pinocchio", "pin==4.1.0"])
-        .stderr(Stdio::inherit())
-        .output()
-        .expect("scripts/test-venv.sh runs");
-    assert!(
-        venv.status.success(),
-        "no Python environment with Pinocchio"
-    );
-    PathBuf::from(String::from_utf8(venv.stdout).unwrap().trim())
+    python::environment("test-venv.sh", &["pinocchio", "pin==4.1.0"])
 }
 
 fn root() -> PathBuf {
@@ -110,7 +85,7 @@ for wheel in glob.glob(folder + '/*.whl'):
     if !unpacked.is_dir() {
         let folder = folder.to_str().unwrap();
         let arguments = [&["-c", script, folder], &PACKAGES[..]].concat();
-        python(interpreter, &arguments, "");
+        python::run(interpreter, &arguments, "");
     }
     unpacked
 }
@@ -288,7 +263,7 @@ fn every_description_loads_or_is_refused_for_a_reason() {
         env!("CARGO_MANIFEST_DIR"),
         "/tests/real_robots/ask_pinocchio.py"
     );
-    let answers = python(&interpreter, &[script], &json!(questions).to_string());
+    let answers = python::run(&interpreter, &[script], &json!(questions).to_string());
     let answers: Vec<Value> = serde_json::from_str(&answers).unwrap();
     let (mut worst, mut compared, mut moving) = (BTreeMap::new(), 0, 0);
     for ((name, ours), theirs) in names.iter().zip(&questions).zip(&answers) {
