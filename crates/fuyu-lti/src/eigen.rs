@@ -34,6 +34,11 @@ pub fn eigenvalues(a: &Matrix) -> Result<Vec<Complex>, LtiError> {
     }
 }
 
+/// How far an eigenvalue is beyond the stability limit: positive or zero if its mode does not decay.
+pub(crate) fn beyond_limit(l: Complex, discrete: bool) -> f64 {
+    if discrete { l.norm() - 1.0 } else { l.re }
+}
+
 /// Largest real part of the eigenvalues; `-inf` for an empty matrix. Negative: the continuous system is asymptotically stable.
 pub fn spectral_abscissa(a: &Matrix) -> Result<f64, LtiError> {
     Ok(eigenvalues(a)?
@@ -194,12 +199,6 @@ pub(crate) fn complex_schur(a: ComplexMatrix) -> Result<ComplexSchur, LtiError> 
             lo -= 1;
         }
         if lo == hi {
-            if hi == 0 {
-                return Ok(ComplexSchur {
-                    unitary: u,
-                    triangular: t,
-                });
-            }
             hi -= 1;
             since_deflation = 0;
             if hi == 0 {

@@ -156,3 +156,13 @@ pub enum LtiError {
         reason: String,
     },
 }
+
+impl LtiError {
+    /// Whether an H-infinity design that fails with this error may succeed for another gamma.
+    pub(crate) fn depends_on_gamma(&self) -> bool {
+        matches!(
+            self,
+            Self::NoController { .. } | Self::Inaccurate { .. } | Self::Singular { .. }
+        )
+    }
+}

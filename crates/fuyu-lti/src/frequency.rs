@@ -43,6 +43,16 @@ impl StateSpace {
                 expected: "positive and below the highest",
             });
         }
+        Ok(self.grid_around(&self.features()?, low, high, per_decade))
+    }
+
+    fn grid_around(
+        &self,
+        features: &[Complex],
+        low: f64,
+        high: f64,
+        per_decade: usize,
+    ) -> Vec<f64> {
         let high = self
             .sampling_time
             .map_or(high, |h| high.min(std::f64::consts::PI / h));
@@ -51,7 +61,7 @@ impl StateSpace {
         let mut grid: Vec<f64> = (0..=count)
             .map(|i| low * 10f64.powf(decades * i as f64 / count as f64))
             .collect();
-        for p in self.features()? {
+        for p in features {
             let w = p.im.abs();
             if w <= low || w >= high {
                 continue;
@@ -67,7 +77,7 @@ impl StateSpace {
         }
         grid.sort_by(f64::total_cmp);
         grid.dedup_by(|a, b| *a - *b <= 1e-13 * *b);
-        Ok(grid)
+        grid
     }
 
     /// Poles and zeros, of a discrete system mapped to the s plane by `ln(z) / h`. Zeros of systems with several inputs or outputs are left out.
@@ -88,15 +98,15 @@ impl StateSpace {
 
     /// A grid from a hundredth of the slowest to a hundred times the fastest pole or zero.
     pub(crate) fn natural_grid(&self, per_decade: usize) -> Result<Vec<f64>, LtiError> {
-        let sizes: Vec<f64> = self
-            .features()?
+        let features = self.features()?;
+        let sizes: Vec<f64> = features
             .iter()
             .map(|p| p.norm())
             .filter(|&w| w > 1e-6 && w < 1e12)
             .collect();
         let low = sizes.iter().copied().fold(1.0, f64::min) / 100.0;
         let high = sizes.iter().copied().fold(1.0, f64::max) * 100.0;
-        self.frequency_grid(low, high, per_decade)
+        Ok(self.grid_around(&features, low, high, per_decade))
     }
 
     /// Samples of the Bode diagram of one entry of the transfer matrix. Frequencies in rad/s, ascending; those at a pole on the imaginary axis are skipped.

@@ -1,6 +1,6 @@
 //! Gramians and Hankel singular values.
 
-use crate::matrix::{Matrix, full_svd, symmetric_part};
+use crate::matrix::{Matrix, full_svd, symmetric_eigen, symmetric_part};
 use crate::{LtiError, StateSpace, discrete_lyapunov, lyapunov};
 
 /// Controllability Gramian, n x n: `A P + P A' + B B' = 0`, discrete `A P A' - P + B B' = 0`. Error: unstable.
@@ -22,18 +22,9 @@ pub fn observability_gramian(sys: &StateSpace) -> Result<Matrix, LtiError> {
 
 /// `L` with `L L' = gramian`, from the eigenvalues, so that a singular Gramian does no harm.
 pub(crate) fn square_root(gramian: &Matrix) -> Result<Matrix, LtiError> {
-    let n = gramian.nrows();
-    let limit = 1000 * n.max(1);
-    let eigen = gramian
-        .clone()
-        .try_symmetric_eigen(f64::EPSILON, limit)
-        .ok_or(LtiError::NotConverged {
-            what: "the symmetric eigenvalue iteration",
-            iterations: limit,
-        })?;
-    Ok(Matrix::from_fn(n, n, |i, j| {
-        eigen.eigenvectors[(i, j)] * eigen.eigenvalues[j].max(0.0).sqrt()
-    }))
+    let eigen = symmetric_eigen(gramian)?;
+    let roots = eigen.eigenvalues.map(|v| v.max(0.0).sqrt());
+    Ok(eigen.eigenvectors * Matrix::from_diagonal(&roots))
 }
 
 /// Hankel singular values in descending order: how much energy each state of a balanced realisation passes from input to output. Error: unstable.

@@ -1,6 +1,8 @@
 //! H-infinity control: the central controller of Glover & Doyle.
 
-use crate::matrix::{Matrix, blocks, full_svd, identity, positive, smallest_eigenvalue, solve};
+use crate::matrix::{
+    Matrix, blocks, full_svd, identity, positive, smallest_eigenvalue, solve, symmetric_part,
+};
 use crate::modes::{require_detectable, require_stabilizable};
 use crate::riccati::stabilizing_solution;
 use crate::{HinfNorm, LtiError, StateSpace, spectral_radius};
@@ -35,8 +37,19 @@ pub fn hinf_controller(
     controls: usize,
     gamma: f64,
 ) -> Result<HinfDesign, LtiError> {
-    let design = central(plant, measurements, controls, gamma)?;
-    let closed = plant.lower_lft(&design.controller, measurements, controls)?;
+    plant.require_continuous("H-infinity design")?;
+    positive("gamma", gamma)?;
+    examined(plant, &normalized(plant, measurements, controls)?, gamma)
+}
+
+/// The central controller, refused unless its closed loop keeps the bound.
+fn examined(plant: &StateSpace, problem: &Normalized, gamma: f64) -> Result<HinfDesign, LtiError> {
+    let Central {
+        controller,
+        residual,
+        coupling,
+    } = central(problem, gamma)?;
+    let closed = plant.lower_lft(&controller, problem.c2.nrows(), problem.b2.ncols())?;
     let refused = |reason: String| LtiError::NoController { gamma, reason };
     let norm = closed.hinf_norm().map_err(|e| {
         refused(format!(
@@ -49,11 +62,6 @@ pub fn hinf_controller(
             norm.norm
         )));
     }
-    let Central {
-        controller,
-        residual,
-        coupling,
-    } = design;
     Ok(HinfDesign {
         controller,
         gamma,
@@ -80,6 +88,8 @@ pub fn hinf_optimal(
     tolerance: f64,
 ) -> Result<HinfDesign, LtiError> {
     positive("the tolerance of gamma", tolerance)?;
+    plant.require_continuous("H-infinity design")?;
+    let problem = normalized(plant, measurements, controls)?;
     let mut best: Option<HinfDesign> = None;
     let (mut low, mut high) = (0.0, 1.0);
     for _ in 0..200 {
@@ -94,18 +104,14 @@ pub fn hinf_optimal(
         } else {
             0.5 * (low + high)
         };
-        match hinf_controller(plant, measurements, controls, gamma) {
+        match examined(plant, &problem, gamma) {
             Ok(design) => {
                 (best, high) = (Some(design), gamma);
                 if gamma < 1e-12 {
                     break;
                 }
             }
-            Err(
-                e @ (LtiError::NoController { .. }
-                | LtiError::Inaccurate { .. }
-                | LtiError::Singular { .. }),
-            ) => {
+            Err(e) if e.depends_on_gamma() => {
                 if !found {
                     if high > 1e12 {
                         return Err(e);
@@ -164,28 +170,12 @@ fn normalized(plant: &StateSpace, p2: usize, m2: usize) -> Result<Normalized, Lt
     let d21 = plant.d.view((p1, 0), (p2, m1)).into_owned();
     let d22 = plant.d.view((p1, m1), (p2, m2)).into_owned();
     // z' = [U2 U1]' z and u = V S^-1 u' make D12' = [0; I].
-    let (u, s, v) = full_svd(&d12)?;
-    if p1 < m2
-        || s.last()
-            .is_none_or(|&last| last <= 1e-13 * s[0].max(1e-300))
-    {
-        return Err(LtiError::Singular {
-            what: "D12'D12 (every control needs a weight)".into(),
-        });
-    }
+    let (u, s, v) = svd_of_rank("D12'D12 (every control needs a weight)", &d12, m2)?;
     let z_rows: Vec<usize> = (m2..p1).chain(0..m2).collect();
     let z = u.select_columns(&z_rows).transpose();
     let control = Matrix::from_fn(m2, m2, |i, j| v[(i, j)] / s[j]);
     // w = [V2 V1] w' and y' = S^-1 U' y make D21' = [0 I].
-    let (u, s, v) = full_svd(&d21)?;
-    if m1 < p2
-        || s.last()
-            .is_none_or(|&last| last <= 1e-13 * s[0].max(1e-300))
-    {
-        return Err(LtiError::Singular {
-            what: "D21 D21' (every measurement needs noise)".into(),
-        });
-    }
+    let (u, s, v) = svd_of_rank("D21 D21' (every measurement needs noise)", &d21, p2)?;
     let w_columns: Vec<usize> = (p2..m1).chain(0..p2).collect();
     let w = v.select_columns(&w_columns);
     let measurement = Matrix::from_fn(p2, p2, |i, j| u[(j, i)] / s[i]);
@@ -202,19 +192,35 @@ fn normalized(plant: &StateSpace, p2: usize, m2: usize) -> Result<Normalized, Lt
     })
 }
 
+/// Full singular value decomposition. Error, with the name of the singular product: the rank is below `rank`.
+fn svd_of_rank(
+    product: &str,
+    m: &Matrix,
+    rank: usize,
+) -> Result<(Matrix, Vec<f64>, Matrix), LtiError> {
+    let (u, s, v) = full_svd(m)?;
+    if s.len() < rank
+        || s.last()
+            .is_none_or(|&last| last <= 1e-13 * s[0].max(1e-300))
+    {
+        return Err(LtiError::Singular {
+            what: product.into(),
+        });
+    }
+    Ok((u, s, v))
+}
+
 /// Zero where a product of the size of `factor` squared has cancelled to rounding: a noise-free problem, such as pure feed-forward, has Y = 0.
 fn without_rounding(m: Matrix, factor: &Matrix) -> Matrix {
     let limit = 1e-14 * factor.norm_squared();
-    let m = (&m + m.transpose()) * 0.5;
+    let m = symmetric_part(&m);
     if m.norm() <= limit { m * 0.0 } else { m }
 }
 
-fn central(plant: &StateSpace, p2: usize, m2: usize, gamma: f64) -> Result<Central, LtiError> {
-    plant.require_continuous("H-infinity design")?;
-    positive("gamma", gamma)?;
-    let g = normalized(plant, p2, m2)?;
+fn central(g: &Normalized, gamma: f64) -> Result<Central, LtiError> {
     let n = g.a.nrows();
     let (m1, p1) = (g.b1.ncols(), g.c1.nrows());
+    let (m2, p2) = (g.b2.ncols(), g.c2.nrows());
     let square = gamma * gamma;
     let refused = |reason: &str| LtiError::NoController {
         gamma,
@@ -319,7 +325,7 @@ fn central(plant: &StateSpace, p2: usize, m2: usize, gamma: f64) -> Result<Centr
     let square12 = identity(m2) - &d1121 * &right * d1121.transpose();
     let square21 = identity(p2) - d1112.transpose() * &left * &d1112;
     let factor = |m: Matrix| {
-        nalgebra::Cholesky::new((&m + m.transpose()) * 0.5)
+        nalgebra::Cholesky::new(symmetric_part(&m))
             .map(|c| c.l())
             .ok_or_else(|| refused("the direct transmission D11 alone reaches the bound"))
     };
@@ -346,7 +352,7 @@ fn central(plant: &StateSpace, p2: usize, m2: usize, gamma: f64) -> Result<Centr
     )?;
     // y = y0 + D22 u, and the controller above is for y0.
     let controller = if g.d22.amax() > 0.0 {
-        normal.feedback(&StateSpace::gain(g.d22))?
+        normal.feedback(&StateSpace::gain(g.d22.clone()))?
     } else {
         normal
     };

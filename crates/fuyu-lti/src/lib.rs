@@ -137,8 +137,8 @@ pub use frequency::{BodePoint, SigmaPoint};
 pub use gramians::{controllability_gramian, hankel_singular_values, observability_gramian};
 pub use hinf::{HinfDesign, hinf_controller, hinf_optimal};
 pub use lqr::{
-    Lqg, SteadyKalman, closed_loop, lqg, lqr, observer_based, recovery_observer,
-    state_feedback_loop, steady_kalman, tracking_loop,
+    Lqg, SteadyKalman, closed_loop, lqg, lqr, observer_based, recovery_observer, steady_kalman,
+    tracking_loop,
 };
 pub use lyapunov::{LyapunovSolution, discrete_lyapunov, lyapunov};
 pub use margins::{GainMargin, Margins, PhaseMargin, loop_at_input, margins};

@@ -112,21 +112,6 @@ pub fn recovery_observer(plant: &StateSpace, mu: f64) -> Result<SteadyKalman, Lt
     )
 }
 
-/// The regulator's own loop, cut at the plant input: `K (s I - A)^-1 B`.
-pub fn state_feedback_loop(plant: &StateSpace, k: &Matrix) -> Result<StateSpace, LtiError> {
-    shaped("the state feedback K", k, plant.inputs(), plant.order())?;
-    let out = StateSpace::new(
-        plant.a.clone(),
-        plant.b.clone(),
-        k.clone(),
-        Matrix::zeros(plant.inputs(), plant.inputs()),
-    )?;
-    Ok(StateSpace {
-        sampling_time: plant.sampling_time,
-        ..out
-    })
-}
-
 /// Closed loop of plant and compensator with the disturbance at the plant input and the noise at the measurement as inputs, and plant output and
 /// control `u` as outputs: `[w; v] -> [y; u]`, `u = -K (y + v)`, plant input `u + w`.
 pub fn closed_loop(plant: &StateSpace, compensator: &StateSpace) -> Result<StateSpace, LtiError> {

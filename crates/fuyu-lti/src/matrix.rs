@@ -1,6 +1,6 @@
 //! Checks of matrices, and small helpers on them.
 
-use nalgebra::{Cholesky, DMatrix, Dyn};
+use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
 
 use crate::LtiError;
 
@@ -81,20 +81,56 @@ pub(crate) fn symmetric_part(m: &Matrix) -> Matrix {
     (m + m.transpose()) * 0.5
 }
 
-pub(crate) fn smallest_eigenvalue(m: &Matrix) -> Result<f64, LtiError> {
-    if m.nrows() == 0 {
-        return Ok(f64::INFINITY);
+/// Eigenvalues, in no order, and orthonormal eigenvectors of a symmetric matrix.
+pub(crate) fn symmetric_eigen(m: &Matrix) -> Result<SymmetricEigen<f64, Dyn>, LtiError> {
+    let n = m.nrows();
+    if n == 0 {
+        return Ok(SymmetricEigen {
+            eigenvalues: DVector::zeros(0),
+            eigenvectors: Matrix::zeros(0, 0),
+        });
     }
-    let limit = 1000 * m.nrows();
-    let values = m
-        .clone()
+    let limit = 1000 * n;
+    m.clone()
         .try_symmetric_eigen(f64::EPSILON, limit)
         .ok_or(LtiError::NotConverged {
             what: "the symmetric eigenvalue iteration",
             iterations: limit,
-        })?
-        .eigenvalues;
-    Ok(values.min())
+        })
+}
+
+/// Eigenvalues of a symmetric matrix in ascending order, and the eigenvectors as columns.
+pub(crate) fn ascending_eigen(m: &Matrix) -> Result<(Vec<f64>, Matrix), LtiError> {
+    let eigen = symmetric_eigen(m)?;
+    let mut order: Vec<usize> = (0..m.nrows()).collect();
+    order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
+    Ok((
+        order.iter().map(|&i| eigen.eigenvalues[i]).collect(),
+        eigen.eigenvectors.select_columns(&order),
+    ))
+}
+
+/// Squares of the frequencies in ascending order and mass-normalised shapes, as columns, of the modes of `M w'' + K w = 0`; `what` is the name of M.
+pub(crate) fn normal_modes(
+    what: &str,
+    mass: &Matrix,
+    stiffness: &Matrix,
+) -> Result<(Vec<f64>, Matrix), LtiError> {
+    let factor = positive_definite(what, mass)?.l();
+    let inverse = solve(what, &factor, &identity(mass.nrows()))?;
+    let reduced = symmetric_part(&(&inverse * stiffness * inverse.transpose()));
+    let (squares, vectors) = ascending_eigen(&reduced)?;
+    Ok((squares, inverse.transpose() * vectors))
+}
+
+/// Infinite for an empty matrix.
+pub(crate) fn smallest_eigenvalue(m: &Matrix) -> Result<f64, LtiError> {
+    let values = symmetric_eigen(m)?.eigenvalues;
+    Ok(if values.is_empty() {
+        f64::INFINITY
+    } else {
+        values.min()
+    })
 }
 
 pub(crate) fn positive_definite(what: &str, m: &Matrix) -> Result<Cholesky<f64, Dyn>, LtiError> {
@@ -135,7 +171,7 @@ pub(crate) fn identity(n: usize) -> Matrix {
     Matrix::identity(n, n)
 }
 
-/// A matrix of blocks; each row of blocks has the same height, each column the same width.
+/// A matrix of blocks: those in a row have the same height, and all rows the same width.
 pub(crate) fn blocks(rows: &[&[&Matrix]]) -> Matrix {
     let height = rows.iter().map(|r| r[0].nrows()).sum();
     let width = rows[0].iter().map(|m| m.ncols()).sum();
@@ -148,6 +184,15 @@ pub(crate) fn blocks(rows: &[&[&Matrix]]) -> Matrix {
             j += m.ncols();
         }
         i += row[0].nrows();
+    }
+    out
+}
+
+/// `[A - s I, B; C, D]` from `[A, B; C, D]`, where A is n x n.
+pub(crate) fn shifted(system: &ComplexMatrix, n: usize, s: Complex) -> ComplexMatrix {
+    let mut out = system.clone();
+    for i in 0..n {
+        out[(i, i)] -= s;
     }
     out
 }
@@ -220,14 +265,14 @@ pub(crate) fn full_svd(m: &Matrix) -> Result<(Matrix, Vec<f64>, Matrix), LtiErro
 }
 
 /// An orthogonal matrix whose first columns are the given orthonormal ones.
-fn completed_basis(columns: &[nalgebra::DVector<f64>], n: usize) -> Matrix {
-    let mut basis: Vec<nalgebra::DVector<f64>> = columns.to_vec();
+fn completed_basis(columns: &[DVector<f64>], n: usize) -> Matrix {
+    let mut basis: Vec<DVector<f64>> = columns.to_vec();
     let mut candidates: Vec<usize> = (0..n).collect();
     while basis.len() < n {
         // The unit vector with the largest part outside of the span, orthogonalised twice.
         let outside = |&i: &usize| 1.0 - basis.iter().map(|b| b[i] * b[i]).sum::<f64>();
         candidates.sort_by(|a, b| outside(b).total_cmp(&outside(a)));
-        let mut v = nalgebra::DVector::zeros(n);
+        let mut v = DVector::zeros(n);
         v[candidates.remove(0)] = 1.0;
         for _ in 0..2 {
             for b in &basis {

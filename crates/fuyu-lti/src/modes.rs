@@ -1,7 +1,7 @@
 //! Controllability and observability of single modes: the tests of Popov, Belevitch and Hautus.
 
 use crate::eigen::balance;
-use crate::matrix::{Complex, ComplexMatrix, Matrix, complex, singular_values};
+use crate::matrix::{Complex, Matrix, blocks, complex, shifted, singular_values};
 use crate::{LtiError, eigenvalues};
 
 /// Relative size of a singular value below which a mode counts as out of reach.
@@ -65,16 +65,15 @@ fn unreachable_mode(
             column *= size.max(f64::MIN_POSITIVE) / largest;
         }
     }
+    let system = complex(&blocks(&[&[&scaled, &input]]));
     for l in eigenvalues(&scaled)? {
         if l.im < 0.0 || !relevant(l, size) {
             continue;
         }
-        let mut pencil = ComplexMatrix::zeros(n, n + b.ncols());
-        pencil
-            .columns_mut(0, n)
-            .copy_from(&(complex(&scaled) - ComplexMatrix::identity(n, n) * l));
-        pencil.columns_mut(n, b.ncols()).copy_from(&complex(&input));
-        let smallest = singular_values(&pencil)?.last().copied().unwrap_or(0.0);
+        let smallest = singular_values(&shifted(&system, n, l))?
+            .last()
+            .copied()
+            .unwrap_or(0.0);
         if smallest <= RANK_TOLERANCE * size.max(l.norm()) {
             return Ok(Some(l));
         }

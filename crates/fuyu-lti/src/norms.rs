@@ -3,7 +3,8 @@
 use crate::eigen::balanced;
 use crate::frequency::peak_gain;
 use crate::gramians::controllability_gramian;
-use crate::matrix::{blocks, complex, identity, singular_values, solve};
+use crate::matrix::{complex, identity, singular_values, solve};
+use crate::riccati::scaled_hamiltonian;
 use crate::{LtiError, StateSpace, eigenvalues};
 
 /// H-infinity norm of a stable system.
@@ -20,12 +21,8 @@ pub struct HinfNorm {
 impl StateSpace {
     /// H2 norm: root mean square of the output for white noise of unit intensity at the inputs. Errors: unstable, or continuous with D other than zero (the norm is infinite).
     pub fn h2_norm(&self) -> Result<f64, LtiError> {
-        if self.sampling_time.is_none() && self.d.amax() > 0.0 {
-            return Err(LtiError::Range {
-                what: "D of a continuous system with an H2 norm".into(),
-                value: self.d.amax(),
-                expected: "zero",
-            });
+        if self.sampling_time.is_none() {
+            self.require_no_feedthrough("a continuous system with an H2 norm")?;
         }
         let p = controllability_gramian(self)?;
         let square = (&self.c * p * self.c.transpose() + &self.d * self.d.transpose()).trace();
@@ -126,16 +123,7 @@ fn level_crossings(sys: &StateSpace, level: f64) -> Result<Vec<f64>, LtiError> {
     let a = &sys.a + &sys.b * &r_inv * sys.d.transpose() * &sys.c;
     let upper = &sys.b * &r_inv * sys.b.transpose() * level;
     let lower = sys.c.transpose() * &s_inv * &sys.c * level;
-    // Equal sizes of the two blocks.
-    let rho = if upper.norm() > 0.0 && lower.norm() > 0.0 {
-        (lower.norm() / upper.norm()).sqrt()
-    } else {
-        1.0
-    };
-    let hamiltonian = blocks(&[
-        &[&a, &(&upper * rho)],
-        &[&(-&lower / rho), &(-a.transpose())],
-    ]);
+    let (hamiltonian, _) = scaled_hamiltonian(&a, &-upper, &lower);
     let size = balanced(&hamiltonian).norm();
     let mut out: Vec<f64> = eigenvalues(&hamiltonian)?
         .into_iter()

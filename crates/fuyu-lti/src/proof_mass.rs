@@ -1,6 +1,7 @@
 //! The proof-mass actuator (PMA): a mass on an elastic arm whose reaction force damps a structure (Kida 1993 section 4.3).
 
-use crate::matrix::{Matrix, blocks, identity, positive, shaped, solve};
+use crate::matrix::{Matrix, blocks, positive, shaped};
+use crate::structure::second_order;
 use crate::{LtiError, StateSpace, Structure};
 
 /// A proof-mass actuator, `m a^2 theta'' + c theta' + k theta = a f`, with the force f between mass and structure (eq. (4.5)).
@@ -114,61 +115,44 @@ impl ProofMass {
     /// Structure and actuator without feedback, from the commanded force u to the rate at the actuator (appendix 4B): times d it is the loop of
     /// Fig. 4.12, which direct rate feedback closes. States as in [`ProofMass::closed_loop`].
     pub fn plant(&self, structure: &Structure) -> Result<StateSpace, LtiError> {
-        let passive = self.closed_loop(structure, 0.0)?;
-        let n = structure.coordinates();
-        // The command enters the equation of the arm as -a u; the disturbing force of the passive loop enters that of the structure.
-        let mass = self.mass_matrix(structure);
-        let mut force = Matrix::zeros(n + 1, 1);
-        force[(0, 0)] = -self.arm;
-        let acceleration = solve("the mass matrix with the actuator", &mass, &force)?;
-        let b = blocks(&[&[&Matrix::zeros(n + 1, 1)], &[&acceleration]]);
-        StateSpace::new(passive.a, b, passive.c, passive.d)
-    }
-
-    fn mass_matrix(&self, structure: &Structure) -> Matrix {
-        let phi = structure.input();
-        let (m, a) = (self.mass, self.arm);
-        blocks(&[
-            &[
-                &Matrix::from_element(1, 1, m * a * a),
-                &(phi.transpose() * (m * a)),
-            ],
-            &[
-                &(phi * (m * a)),
-                &(structure.mass() + phi * phi.transpose() * m),
-            ],
-        ])
+        self.coupled(structure, 0.0)?.select(&[0], &[1])
     }
 
     /// Structure and actuator under direct rate feedback `u = -d z` (eq. (4.10)), from a disturbing force at the actuator's place to the rate there.
     ///
     /// The structure has one actuator. States: `[theta; w; theta'; w']`.
     pub fn closed_loop(&self, structure: &Structure, d: f64) -> Result<StateSpace, LtiError> {
+        self.coupled(structure, d)?.select(&[0], &[0])
+    }
+
+    /// Structure and actuator with `u = v - d z`, from the disturbing force and the command v to the rate.
+    fn coupled(&self, structure: &Structure, d: f64) -> Result<StateSpace, LtiError> {
         let phi = structure.input();
         let n = structure.coordinates();
         shaped("the input matrix L", phi, n, 1)?;
-        let a = self.arm;
+        let (m, a) = (self.mass, self.arm);
         let z = Matrix::zeros;
         let number = |v: f64| Matrix::from_element(1, 1, v);
-        let mass = self.mass_matrix(structure);
-        let damping = blocks(&[
-            &[&number(self.damping), &(phi.transpose() * (-d * a))],
-            &[&z(n, 1), structure.damping()],
-        ]);
-        let stiffness = blocks(&[
-            &[&number(self.stiffness), &z(1, n)],
-            &[&z(n, 1), structure.stiffness()],
-        ]);
-        let inverse = solve("the mass matrix with the actuator", &mass, &identity(n + 1))?;
-        let force = blocks(&[&[&z(1, 1)], &[phi]]);
-        StateSpace::new(
-            blocks(&[
-                &[&z(n + 1, n + 1), &identity(n + 1)],
-                &[&(-&inverse * stiffness), &(-&inverse * damping)],
+        second_order(
+            "the mass matrix with the actuator",
+            &blocks(&[
+                &[&number(m * a * a), &(phi.transpose() * (m * a))],
+                &[
+                    &(phi * (m * a)),
+                    &(structure.mass() + phi * phi.transpose() * m),
+                ],
             ]),
-            blocks(&[&[&z(n + 1, 1)], &[&(inverse * &force)]]),
-            blocks(&[&[&z(1, n + 1), &force.transpose()]]),
-            z(1, 1),
+            &blocks(&[
+                &[&number(self.damping), &(phi.transpose() * (-d * a))],
+                &[&z(n, 1), structure.damping()],
+            ]),
+            &blocks(&[
+                &[&number(self.stiffness), &z(1, n)],
+                &[&z(n, 1), structure.stiffness()],
+            ]),
+            // The command enters the equation of the arm as -a v, the disturbing force that of the structure.
+            &blocks(&[&[&z(1, 1), &number(-a)], &[phi, &z(n, 1)]]),
+            &blocks(&[&[&z(1, n + 2), &phi.transpose()]]),
         )
     }
 

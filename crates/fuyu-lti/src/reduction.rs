@@ -1,7 +1,7 @@
 //! Model reduction: square-root balanced truncation, modal truncation.
 
 use crate::gramians::{controllability_gramian, observability_gramian, square_root};
-use crate::matrix::{Matrix, full_svd, identity, positive, solve};
+use crate::matrix::{Matrix, blocks, full_svd, identity, positive, solve};
 use crate::{LtiError, StateSpace};
 
 /// A reduced model with the bound of its error.
@@ -91,15 +91,12 @@ pub fn modal_split(sys: &StateSpace, limit: f64) -> Result<(StateSpace, StateSpa
         .0
         .columns(0, n - count)
         .into_owned();
-    let mut t = Matrix::zeros(n, n);
-    t.columns_mut(0, count).copy_from(&slow_basis);
-    t.columns_mut(count, n - count).copy_from(&fast_basis);
-    let a = solve("the modal basis", &t, &(&sys.a * &t))?;
-    let b = solve("the modal basis", &t, &sys.b)?;
+    let t = blocks(&[&[&slow_basis, &fast_basis]]);
+    let ab = solve("the modal basis", &t, &blocks(&[&[&(&sys.a * &t), &sys.b]]))?;
     let c = &sys.c * &t;
     let part = |from: usize, size: usize, d: Matrix| StateSpace {
-        a: a.view((from, from), (size, size)).into_owned(),
-        b: b.rows(from, size).into_owned(),
+        a: ab.view((from, from), (size, size)).into_owned(),
+        b: ab.view((from, n), (size, sys.inputs())).into_owned(),
         c: c.columns(from, size).into_owned(),
         d,
         sampling_time: None,

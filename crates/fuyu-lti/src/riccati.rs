@@ -1,5 +1,6 @@
 //! Algebraic Riccati equations: the matrix sign function (continuous) and structured doubling (discrete), both followed by Newton's method.
 
+use crate::eigen::beyond_limit;
 use crate::lyapunov::lyapunov;
 use crate::matrix::{
     Complex, Matrix, blocks, identity, positive_definite, semidefinite, shaped, solve, square,
@@ -10,6 +11,9 @@ use crate::{LtiError, eigenvalues};
 
 /// Largest relative residual that a solution may have.
 const ACCEPTED_RESIDUAL: f64 = 1e-9;
+/// Names in errors.
+const CONTINUOUS: &str = "continuous Riccati equation";
+const DISCRETE: &str = "discrete Riccati equation";
 
 /// Stabilising solution of an algebraic Riccati equation.
 #[derive(Debug, Clone)]
@@ -54,10 +58,8 @@ pub fn care_with_cross_weight(
     s: &Matrix,
 ) -> Result<RiccatiSolution, LtiError> {
     let reduced = Reduced::new(a, b, q, r, s, false)?;
-    let g = symmetric_part(&(b * reduced.r_inverse(&b.transpose())));
-    let (x, residual) =
-        stabilizing_solution(&reduced.a, &g, &reduced.q, "continuous Riccati equation")?;
-    let gain = reduced.r_inverse(&(b.transpose() * &x + s.transpose()));
+    let (x, residual) = stabilizing_solution(&reduced.a, &reduced.g, &reduced.q, CONTINUOUS)?;
+    let gain = reduced.r_factor.solve(&(b.transpose() * &x)) + reduced.shift;
     finish(a, b, x, gain, residual, false)
 }
 
@@ -85,21 +87,20 @@ pub fn dare_with_cross_weight(
     r: &Matrix,
     s: &Matrix,
 ) -> Result<RiccatiSolution, LtiError> {
-    const EQUATION: &str = "discrete Riccati equation";
     let reduced = Reduced::new(a, b, q, r, s, true)?;
     let n = a.nrows();
-    let (mut ak, mut g, mut h) = (
-        reduced.a.clone(),
-        symmetric_part(&(b * reduced.r_inverse(&b.transpose()))),
-        reduced.q.clone(),
-    );
+    let (mut ak, mut g, mut h) = (reduced.a.clone(), reduced.g.clone(), reduced.q.clone());
     let limit = 60;
     let mut converged = false;
     for _ in 0..limit {
         let w = identity(n) + &g * &h;
-        let left = solve("I + G H of the doubling iteration", &w, &ak)?;
-        let right = solve("I + G H of the doubling iteration", &w, &g)?;
-        let step = symmetric_part(&(ak.transpose() * &h * &left));
+        let solved = solve(
+            "I + G H of the doubling iteration",
+            &w,
+            &blocks(&[&[&ak, &g]]),
+        )?;
+        let (left, right) = (solved.columns(0, n), solved.columns(n, n));
+        let step = symmetric_part(&(ak.transpose() * &h * left));
         g = symmetric_part(&(&g + &ak * right * ak.transpose()));
         ak = &ak * left;
         h += &step;
@@ -112,14 +113,14 @@ pub fn dare_with_cross_weight(
         }
     }
     if !converged {
-        return Err(closest_to_limit(&reduced.a, EQUATION, true)?);
+        return Err(closest_to_limit(&eigenvalues(&reduced.a)?, DISCRETE, true));
     }
     // Hewer: with A_k = A - B K, A_k' dX A_k - dX + residual = 0.
     let gain_of = |x: &Matrix| -> Result<Matrix, LtiError> {
         let weight = symmetric_part(&(&reduced.r + b.transpose() * x * b));
         // Indefinite only if rounding has destroyed X.
         let factor = positive_definite("R + B'XB", &weight).map_err(|_| LtiError::Inaccurate {
-            what: EQUATION,
+            what: DISCRETE,
             residual: 1.0,
             limit: ACCEPTED_RESIDUAL,
         })?;
@@ -149,15 +150,20 @@ pub fn dare_with_cross_weight(
         }
         (x, k, rest, residual) = (next, next_k, next_rest, next_residual);
     }
-    accept(EQUATION, residual)?;
-    let gain = k + reduced.r_inverse(&s.transpose());
-    finish(a, b, x, gain, residual, true)
+    accept(DISCRETE, residual)?;
+    finish(a, b, x, k + reduced.shift, residual, true)
 }
 
-/// The equation without cross term: A - B R^-1 S', Q - S R^-1 S'.
+/// The equation without cross term.
 struct Reduced {
+    /// A - B R^-1 S'
     a: Matrix,
+    /// B R^-1 B'
+    g: Matrix,
+    /// Q - S R^-1 S'
     q: Matrix,
+    /// R^-1 S', the part of the gain that the cross weight adds.
+    shift: Matrix,
     r: Matrix,
     r_factor: nalgebra::Cholesky<f64, nalgebra::Dyn>,
 }
@@ -177,16 +183,21 @@ impl Reduced {
         let r = symmetric("R", r, b.ncols())?;
         shaped("S", s, n, b.ncols())?;
         let r_factor = positive_definite("R", &r)?;
-        let a = a - b * r_factor.solve(&s.transpose());
-        let q = symmetric_part(&(q - s * r_factor.solve(&s.transpose())));
+        let shift = r_factor.solve(&s.transpose());
+        let a = a - b * &shift;
+        let q = symmetric_part(&(q - s * &shift));
         semidefinite("Q - S R^-1 S'", &q)?;
         require_stabilizable(&a, b, discrete)?;
         require_detectable(&a, &q, discrete)?;
-        Ok(Self { a, q, r, r_factor })
-    }
-
-    fn r_inverse(&self, m: &Matrix) -> Matrix {
-        self.r_factor.solve(m)
+        let g = symmetric_part(&(b * r_factor.solve(&b.transpose())));
+        Ok(Self {
+            a,
+            g,
+            q,
+            shift,
+            r,
+            r_factor,
+        })
     }
 }
 
@@ -211,19 +222,14 @@ fn finish(
     discrete: bool,
 ) -> Result<RiccatiSolution, LtiError> {
     let closed_loop_poles = eigenvalues(&(a - b * &gain))?;
-    let size = |p: &Complex| if discrete { p.norm() - 1.0 } else { p.re };
-    match closed_loop_poles.iter().find(|p| size(p) >= 0.0) {
-        Some(&eigenvalue) => {
-            let equation = if discrete {
-                "discrete Riccati equation"
-            } else {
-                "continuous Riccati equation"
-            };
-            Err(LtiError::StabilityLimit {
-                equation,
-                eigenvalue,
-            })
-        }
+    match closed_loop_poles
+        .iter()
+        .find(|&&p| beyond_limit(p, discrete) >= 0.0)
+    {
+        Some(&eigenvalue) => Err(LtiError::StabilityLimit {
+            equation: if discrete { DISCRETE } else { CONTINUOUS },
+            eigenvalue,
+        }),
         None => Ok(RiccatiSolution {
             x,
             gain,
@@ -233,25 +239,29 @@ fn finish(
     }
 }
 
-fn closest_to_limit(
-    a: &Matrix,
-    equation: &'static str,
-    discrete: bool,
-) -> Result<LtiError, LtiError> {
-    let distance = |l: &Complex| {
-        if discrete {
-            (l.norm() - 1.0).abs()
-        } else {
-            l.re.abs()
-        }
-    };
-    let closest = eigenvalues(a)?
-        .into_iter()
+/// The error that names the eigenvalue closest to the stability limit.
+fn closest_to_limit(eigenvalues: &[Complex], equation: &'static str, discrete: bool) -> LtiError {
+    let distance = |l: &Complex| beyond_limit(*l, discrete).abs();
+    let closest = eigenvalues
+        .iter()
+        .copied()
         .min_by(|p, q| distance(p).total_cmp(&distance(q)));
-    Ok(LtiError::StabilityLimit {
+    LtiError::StabilityLimit {
         equation,
         eigenvalue: closest.unwrap_or_default(),
-    })
+    }
+}
+
+/// Hamiltonian matrix `[A, -G rho; -Q / rho, -A']` of `A'X + XA - X G X + Q = 0` for `X = rho Y`, and the rho that makes its blocks equally large.
+pub(crate) fn scaled_hamiltonian(a: &Matrix, g: &Matrix, q: &Matrix) -> (Matrix, f64) {
+    let (g_size, q_size) = (g.norm(), q.norm());
+    let rho = if g_size > 0.0 && q_size > 0.0 {
+        (q_size / g_size).sqrt()
+    } else {
+        1.0
+    };
+    let hamiltonian = blocks(&[&[a, &(-g * rho)], &[&(-q / rho), &(-a.transpose())]]);
+    (hamiltonian, rho)
 }
 
 /// Stabilising solution X and relative residual of `A'X + XA - X G X + Q = 0`, where neither G nor Q needs to be semidefinite.
@@ -270,40 +280,24 @@ pub(crate) fn stabilizing_solution(
     if q.amax() == 0.0 && crate::spectral_abscissa(a)? < 0.0 {
         return Ok((Matrix::zeros(n, n), 0.0));
     }
-    // X = rho Y makes the blocks of the Hamiltonian equally large.
-    let (g_size, q_size) = (g.norm(), q.norm());
-    let rho = if g_size > 0.0 && q_size > 0.0 {
-        (q_size / g_size).sqrt()
-    } else {
-        1.0
-    };
-    let hamiltonian = blocks(&[&[a, &(-g * rho)], &[&(-q / rho), &(-a.transpose())]]);
-    let axis = eigenvalues(&hamiltonian)?
-        .into_iter()
-        .find(|l| l.re.abs() <= 1e-11 * l.norm());
-    if let Some(eigenvalue) = axis {
+    let (hamiltonian, rho) = scaled_hamiltonian(a, g, q);
+    let eigenvalues = eigenvalues(&hamiltonian)?;
+    let axis = eigenvalues.iter().find(|l| l.re.abs() <= 1e-11 * l.norm());
+    if let Some(&eigenvalue) = axis {
         return Err(LtiError::StabilityLimit {
             equation,
             eigenvalue,
         });
     }
     let Some(sign) = sign_function(&hamiltonian) else {
-        return Err(closest_to_limit(&hamiltonian, equation, false)?);
+        return Err(closest_to_limit(&eigenvalues, equation, false));
     };
     // (sign + I) [I; X] = 0: an overdetermined system of full rank.
-    let one = identity(n);
-    let left = blocks(&[
-        &[&sign.view((0, n), (n, n)).into_owned()],
-        &[&(sign.view((n, n), (n, n)) + &one)],
-    ]);
-    let right = blocks(&[
-        &[&(sign.view((0, 0), (n, n)) + &one)],
-        &[&sign.view((n, 0), (n, n)).into_owned()],
-    ]);
-    let qr = left.qr();
+    let sum = sign + identity(2 * n);
+    let qr = sum.columns(n, n).into_owned().qr();
     let y = qr
         .r()
-        .solve_upper_triangular(&(qr.q().transpose() * -right))
+        .solve_upper_triangular(&(qr.q().transpose() * -sum.columns(0, n)))
         .filter(|y| y.iter().all(|v| v.is_finite()))
         .ok_or(LtiError::Singular {
             what: format!("the stable subspace of the {equation}"),

@@ -1,7 +1,7 @@
 //! Frequency-shaped linear-quadratic regulators (Gupta 1980; Kida 1993 sections 3.3 and 3.5, appendix 3E).
 
 use crate::matrix::{Matrix, blocks, identity, positive, shaped};
-use crate::{LtiError, StateSpace, care_with_cross_weight};
+use crate::{LtiError, StateSpace, care};
 
 /// Weights of the cost `integral of |q(jw) C x|^2 + rho |r(jw) u|^2 dw`.
 #[derive(Debug, Clone)]
@@ -80,13 +80,7 @@ pub fn shaped_lqr(
         &(&weight.d * &weights.controlled),
         &weight.c,
     ]]);
-    let solution = care_with_cross_weight(
-        &a,
-        &b,
-        &(c.transpose() * &c),
-        &(identity(m) * weights.rho),
-        &z(nr + n + nq, m),
-    )?;
+    let solution = care(&a, &b, &(c.transpose() * &c), &(identity(m) * weights.rho))?;
     let gain_r = solution.gain.columns(0, nr).into_owned();
     let gain = solution.gain.columns(nr, n).into_owned();
     let gain_q = solution.gain.columns(nr + n, nq).into_owned();
@@ -118,14 +112,7 @@ pub fn shaped_lqr(
 impl ShapedRegulator {
     /// Loop of the state feedback, cut at the plant input: `l(s) = k(s) (s I - A)^-1 B`.
     pub fn state_loop(&self) -> Result<StateSpace, LtiError> {
-        let n = self.plant.order();
-        let to_states = StateSpace::new(
-            self.plant.a.clone(),
-            self.plant.b.clone(),
-            identity(n),
-            Matrix::zeros(n, self.plant.inputs()),
-        )?;
-        to_states.series(&self.state_feedback)
+        self.plant.to_states().series(&self.state_feedback)
     }
 
     /// The filter 1/r as the optimal feedback changes it: `C_r' (s I - A_r + B_r K_r)^-1 B_r + D_r` with `C_r' = C_r - D_r K_r` (Kida 1993 eqs. (3.12), (3.27)).

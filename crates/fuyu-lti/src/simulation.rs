@@ -54,13 +54,7 @@ impl StateSpace {
         samples: usize,
     ) -> Result<Vec<DVector<f64>>, LtiError> {
         let one = self.select(&(0..self.outputs()).collect::<Vec<_>>(), &[input])?;
-        if one.d.amax() > 0.0 {
-            return Err(LtiError::Range {
-                what: "D of a system with an impulse response".into(),
-                value: one.d.amax(),
-                expected: "zero",
-            });
-        }
+        one.require_no_feedthrough("a system with an impulse response")?;
         let phi = one.zero_order_hold(step)?.a;
         let mut x: DVector<f64> = one.b.column(0).into_owned();
         let mut out = Vec::with_capacity(samples);
@@ -108,13 +102,7 @@ impl SampledLoop {
             plant.inputs(),
             plant.outputs(),
         )?;
-        if plant.d.amax() > 0.0 {
-            return Err(LtiError::Range {
-                what: "D of the plant".into(),
-                value: plant.d.amax(),
-                expected: "zero",
-            });
-        }
+        plant.require_no_feedthrough("the plant")?;
         let controller = match controller.sampling_time {
             Some(h) if h == step => controller.clone(),
             Some(_) => {

@@ -1,5 +1,6 @@
 //! Systems in state space, and how they are connected.
 
+use crate::eigen::beyond_limit;
 use crate::matrix::{
     Complex, ComplexMatrix, Matrix, blocks, complex, identity, shaped, singular_values, solve,
     square,
@@ -114,13 +115,7 @@ impl StateSpace {
     }
 
     pub(crate) fn require_stable(&self, what: &str) -> Result<(), LtiError> {
-        let size = |p: &Complex| {
-            if self.sampling_time.is_some() {
-                p.norm() - 1.0
-            } else {
-                p.re
-            }
-        };
+        let size = |p: &Complex| beyond_limit(*p, self.sampling_time.is_some());
         let worst = self
             .poles()?
             .into_iter()
@@ -132,6 +127,19 @@ impl StateSpace {
             }),
             _ => Ok(()),
         }
+    }
+
+    /// D must be zero; `what` names the system whose D it is.
+    pub(crate) fn require_no_feedthrough(&self, what: &str) -> Result<(), LtiError> {
+        let value = self.d.amax();
+        if value > 0.0 {
+            return Err(LtiError::Range {
+                what: format!("D of {what}"),
+                value,
+                expected: "zero",
+            });
+        }
+        Ok(())
     }
 
     pub(crate) fn require_continuous(&self, what: &'static str) -> Result<(), LtiError> {
@@ -350,6 +358,15 @@ impl StateSpace {
         Self {
             c: -&self.c,
             d: -&self.d,
+            ..self.clone()
+        }
+    }
+
+    /// The system with its states as outputs.
+    pub(crate) fn to_states(&self) -> Self {
+        Self {
+            c: identity(self.order()),
+            d: Matrix::zeros(self.order(), self.inputs()),
             ..self.clone()
         }
     }

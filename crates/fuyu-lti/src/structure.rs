@@ -2,7 +2,7 @@
 
 use crate::matrix::{
     Matrix, blocks, full_svd, identity, positive_definite, semidefinite, shaped, solve, square,
-    symmetric,
+    symmetric, symmetric_part,
 };
 use crate::{LtiError, StateSpace};
 
@@ -188,7 +188,7 @@ impl Structure {
         )?;
         let mass = part(&self.mass, &kept, &kept) - part(&self.mass, &kept, free) * eliminated;
         Self::new(
-            (&mass + mass.transpose()) * 0.5,
+            symmetric_part(&mass),
             part(&self.damping, &kept, &kept),
             part(&self.stiffness, &kept, &kept),
             self.input.select_rows(&kept),
@@ -205,16 +205,13 @@ impl Structure {
         let p = displacement.nrows();
         shaped("the displacement outputs", displacement, p, n)?;
         shaped("the rate outputs", rate, p, n)?;
-        let inverse = solve("the mass matrix", &self.mass, &identity(n))?;
-        let z = Matrix::zeros;
-        StateSpace::new(
-            blocks(&[
-                &[&z(n, n), &identity(n)],
-                &[&(-&inverse * &self.stiffness), &(-&inverse * &self.damping)],
-            ]),
-            blocks(&[&[&z(n, self.actuators())], &[&(inverse * &self.input)]]),
-            blocks(&[&[displacement, rate]]),
-            z(p, self.actuators()),
+        second_order(
+            "the mass matrix",
+            &self.mass,
+            &self.damping,
+            &self.stiffness,
+            &self.input,
+            &blocks(&[&[displacement, rate]]),
         )
     }
 
@@ -290,4 +287,26 @@ impl Structure {
         }
         Ok(())
     }
+}
+
+/// `M w'' + C w' + K w = F u` with the states `[w; w']` and the outputs `outputs * [w; w']`. Error: M, whose name is `what`, is singular.
+pub(crate) fn second_order(
+    what: &str,
+    mass: &Matrix,
+    damping: &Matrix,
+    stiffness: &Matrix,
+    input: &Matrix,
+    outputs: &Matrix,
+) -> Result<StateSpace, LtiError> {
+    let (n, m) = input.shape();
+    let z = Matrix::zeros;
+    let inverse = solve(what, mass, &identity(n))?;
+    let accelerations = inverse * blocks(&[&[&-stiffness, &-damping, input]]);
+    let ab = blocks(&[&[&z(n, n), &identity(n), &z(n, m)], &[&accelerations]]);
+    StateSpace::new(
+        ab.columns(0, 2 * n).into_owned(),
+        ab.columns(2 * n, m).into_owned(),
+        outputs.clone(),
+        z(outputs.nrows(), m),
+    )
 }

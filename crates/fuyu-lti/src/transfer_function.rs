@@ -54,11 +54,6 @@ impl TransferFunction {
         })
     }
 
-    /// A constant.
-    pub fn constant(k: f64) -> Result<Self, LtiError> {
-        Self::new(&[k], &[1.0])
-    }
-
     /// `w0 / (s + w0)`, cut-off w0 in rad/s.
     pub fn first_order_lowpass(w0: f64) -> Result<Self, LtiError> {
         positive("the cut-off frequency", w0)?;
@@ -72,21 +67,9 @@ impl TransferFunction {
         Self::new(&[w0 * w0], &[1.0, 2.0 * zeta * w0, w0 * w0])
     }
 
-    /// `s^2 / (s^2 + 2 zeta w0 s + w0^2)`, w0 in rad/s.
-    pub fn second_order_highpass(w0: f64, zeta: f64) -> Result<Self, LtiError> {
-        positive("the corner frequency", w0)?;
-        positive("the damping ratio", zeta)?;
-        Self::new(&[1.0, 0.0, 0.0], &[1.0, 2.0 * zeta * w0, w0 * w0])
-    }
-
     /// `k (s + zero) / (s + pole)`: lead for zero < pole, lag for zero > pole, both in rad/s.
     pub fn lead_lag(k: f64, zero: f64, pole: f64) -> Result<Self, LtiError> {
         Self::new(&[k, k * zero], &[1.0, pole])
-    }
-
-    /// `1 / (a s^2 + b s)`, a rigid body of inertia a under viscous damping b.
-    pub fn damped_rigid_body(a: f64, b: f64) -> Result<Self, LtiError> {
-        Self::new(&[1.0], &[a, b, 0.0])
     }
 
     /// Coefficients of the numerator, highest power first.
@@ -108,19 +91,6 @@ impl TransferFunction {
     pub fn at(&self, s: Complex) -> Complex {
         let value = |p: &[f64]| p.iter().fold(Complex::new(0.0, 0.0), |sum, &c| sum * s + c);
         value(&self.numerator) / value(&self.denominator)
-    }
-
-    /// Product.
-    pub fn times(&self, other: &Self) -> Result<Self, LtiError> {
-        Self::new(
-            &product(&self.numerator, &other.numerator),
-            &product(&self.denominator, &other.denominator),
-        )
-    }
-
-    /// `1 / self`. Error: the function is zero.
-    pub fn inverse(&self) -> Result<Self, LtiError> {
-        Self::new(&self.denominator, &self.numerator)
     }
 
     /// Realisation in phase variables (controllable companion form). Error: improper, that is a numerator of higher degree than the denominator.
@@ -162,17 +132,4 @@ impl TransferFunction {
         }
         Ok(out)
     }
-}
-
-fn product(a: &[f64], b: &[f64]) -> Vec<f64> {
-    if a.is_empty() || b.is_empty() {
-        return Vec::new();
-    }
-    let mut out = vec![0.0; a.len() + b.len() - 1];
-    for (i, x) in a.iter().enumerate() {
-        for (j, y) in b.iter().enumerate() {
-            out[i + j] += x * y;
-        }
-    }
-    out
 }

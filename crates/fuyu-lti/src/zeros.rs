@@ -1,7 +1,7 @@
 //! Transmission zeros by the reduction of Emami-Naeini & Van Dooren (Automatica 18, 1982).
 
 use crate::eigen::balance;
-use crate::matrix::{Complex, ComplexMatrix, Matrix, complex, full_svd, solve};
+use crate::matrix::{Complex, ComplexMatrix, Matrix, blocks, complex, full_svd, shifted, solve};
 use crate::{LtiError, StateSpace, eigenvalues};
 
 /// Relative size below which a singular value counts as zero in the reduction.
@@ -31,71 +31,57 @@ impl StateSpace {
         };
         let core = core.dual();
         let (n, r) = (core.order(), core.inputs());
-        if n == 0 {
-            return Ok(Vec::new());
-        }
         if r == 0 {
             return eigenvalues(&core.a);
         }
         // Columns [V1 V2] with [C D] V1 = 0: the zeros are the eigenvalues of the pencil [A B] V1 - s [I 0] V1.
-        let mut wide = Matrix::zeros(r, n + r);
-        wide.columns_mut(0, n).copy_from(&core.c);
-        wide.columns_mut(n, r).copy_from(&core.d);
-        let (_, _, v) = full_svd(&wide)?;
+        let (_, _, v) = full_svd(&blocks(&[&[&core.c, &core.d]]))?;
         let kernel = v.columns(r, n);
         let top = &core.a * kernel.rows(0, n) + &core.b * kernel.rows(n, r);
         let pencil = solve("the zero pencil", &kernel.rows(0, n).into_owned(), &top)?;
-        let found = eigenvalues(&pencil)?;
-        Ok(found
+        let system = complex(&blocks(&[&[&scaled.a, &scaled.b], &[&scaled.c, &scaled.d]]));
+        Ok(eigenvalues(&pencil)?
             .into_iter()
-            .map(|z| self.refined_zero(&scaled, z))
+            .map(|z| refined_zero(&system, scaled.order(), z))
             .collect())
-    }
-
-    /// Newton's method on the scaled system matrix P(s): with left and right null vectors u, v of the smallest singular value sigma,
-    /// `s + sigma / (u^H E v)`. Kept only if sigma falls; a square system only, as other pencils have no such isolated minimum.
-    fn refined_zero(&self, scaled: &StateSpace, start: Complex) -> Complex {
-        if scaled.inputs() != scaled.outputs() {
-            return start;
-        }
-        let n = scaled.order();
-        let mut best = (start, f64::INFINITY);
-        let mut z = start;
-        for _ in 0..4 {
-            let Some((left, sigma, right)) = smallest_triplet(scaled, z) else {
-                break;
-            };
-            if sigma >= best.1 {
-                break;
-            }
-            best = (z, sigma);
-            // dP/ds = -diag(I, 0)
-            let slope: Complex = (0..n).map(|i| left[i].conj() * right[i]).sum();
-            if slope.norm() < 1e-6 {
-                break;
-            }
-            z += Complex::new(sigma, 0.0) / slope;
-        }
-        // A real zero stays real, and a conjugate pair stays a pair, because start is one.
-        if start.im == 0.0 {
-            Complex::new(best.0.re, 0.0)
-        } else {
-            best.0
-        }
     }
 }
 
-fn smallest_triplet(sys: &StateSpace, s: Complex) -> Option<(Vec<Complex>, f64, Vec<Complex>)> {
-    let (n, m) = (sys.order(), sys.inputs());
-    let mut p = ComplexMatrix::zeros(n + m, n + m);
-    p.view_mut((0, 0), (n, n))
-        .copy_from(&(complex(&sys.a) - ComplexMatrix::identity(n, n) * s));
-    p.view_mut((0, n), (n, m)).copy_from(&complex(&sys.b));
-    p.view_mut((n, 0), (m, n)).copy_from(&complex(&sys.c));
-    p.view_mut((n, n), (m, m)).copy_from(&complex(&sys.d));
-    let svd = nalgebra::SVD::try_new(p, true, true, f64::EPSILON, 1000 * (n + m))?;
-    let k =
-        (0..n + m).min_by(|&a, &b| svd.singular_values[a].total_cmp(&svd.singular_values[b]))?;
+/// Newton's method on the scaled system matrix P(s) of order n, given at s = 0: with left and right null vectors u, v of the smallest singular
+/// value sigma, `s + sigma / (u^H E v)`. Kept only if sigma falls; a square system only, as other pencils have no such isolated minimum.
+fn refined_zero(system: &ComplexMatrix, n: usize, start: Complex) -> Complex {
+    if !system.is_square() {
+        return start;
+    }
+    let mut best = (start, f64::INFINITY);
+    let mut z = start;
+    for _ in 0..4 {
+        let Some((left, sigma, right)) = smallest_triplet(shifted(system, n, z)) else {
+            break;
+        };
+        if sigma >= best.1 {
+            break;
+        }
+        best = (z, sigma);
+        // dP/ds = -diag(I, 0)
+        let slope: Complex = (0..n).map(|i| left[i].conj() * right[i]).sum();
+        if slope.norm() < 1e-6 {
+            break;
+        }
+        z += Complex::new(sigma, 0.0) / slope;
+    }
+    // A real zero stays real, and a conjugate pair stays a pair, because start is one.
+    if start.im == 0.0 {
+        Complex::new(best.0.re, 0.0)
+    } else {
+        best.0
+    }
+}
+
+fn smallest_triplet(p: ComplexMatrix) -> Option<(Vec<Complex>, f64, Vec<Complex>)> {
+    let size = p.nrows();
+    let svd = nalgebra::SVD::try_new(p, true, true, f64::EPSILON, 1000 * size)?;
+    let k = (0..size).min_by(|&a, &b| svd.singular_values[a].total_cmp(&svd.singular_values[b]))?;
     let left = svd.u?.column(k).iter().copied().collect();
     let right = svd.v_t?.row(k).iter().map(|v| v.conj()).collect();
     Some((left, svd.singular_values[k], right))
@@ -164,26 +150,16 @@ fn reduced(sys: &StateSpace) -> Result<Option<StateSpace>, LtiError> {
         let v = v.select_columns(&order);
         let nu = n - sigma;
         let (av, bv, cv) = (v.transpose() * &a * &v, v.transpose() * &b, ct * &v);
+        let part = |m: &Matrix, row: usize, rows: usize, columns: usize| {
+            m.view((row, 0), (rows, columns)).into_owned()
+        };
         let m = b.ncols();
-        let mut new_c = Matrix::zeros(tau + sigma, nu);
-        new_c
-            .rows_mut(0, tau)
-            .copy_from(&cv.view((0, 0), (tau, nu)));
-        new_c
-            .rows_mut(tau, sigma)
-            .copy_from(&av.view((nu, 0), (sigma, nu)));
-        let mut new_d = Matrix::zeros(tau + sigma, m);
-        new_d.rows_mut(0, tau).copy_from(&dt.rows(0, tau));
-        new_d.rows_mut(tau, sigma).copy_from(&bv.rows(nu, sigma));
         (a, b, c, d) = (
-            av.view((0, 0), (nu, nu)).into_owned(),
-            bv.rows(0, nu).into_owned(),
-            new_c,
-            new_d,
+            part(&av, 0, nu, nu),
+            part(&bv, 0, nu, m),
+            blocks(&[&[&part(&cv, 0, tau, nu)], &[&part(&av, nu, sigma, nu)]]),
+            blocks(&[&[&part(&dt, 0, tau, m)], &[&part(&bv, nu, sigma, m)]]),
         );
-    }
-    if a.nrows() == 0 {
-        return Ok(None);
     }
     Ok(Some(StateSpace {
         a,

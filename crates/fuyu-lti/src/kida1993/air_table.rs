@@ -1,6 +1,6 @@
 //! The one-axis air table with two flexible panels (section 3.4, Table 3.1).
 
-use crate::matrix::{Matrix, full_svd, identity};
+use crate::matrix::{Matrix, ascending_eigen, full_svd, identity, normal_modes};
 use crate::{LtiError, StateSpace, Structure};
 
 /// Frequencies of the unconstrained modes in Hz (Table 3.1).
@@ -83,10 +83,8 @@ pub fn hybrid() -> Result<Hybrid, LtiError> {
     let table = structure(7)?;
     let (_, _, v) = full_svd(&table.input().transpose())?;
     let held = v.columns(1, 6).into_owned();
-    let eigen = (held.transpose() * table.stiffness() * &held).symmetric_eigen();
-    let mut order: Vec<usize> = (0..6).collect();
-    order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
-    let modes = held * eigen.eigenvectors.select_columns(&order);
+    let (squares, vectors) = ascending_eigen(&(held.transpose() * table.stiffness() * &held))?;
+    let modes = held * vectors;
     let rigid = 1.0 / SHAPES[0];
     let mut basis = Matrix::zeros(7, 7);
     basis[(0, 0)] = rigid;
@@ -95,7 +93,7 @@ pub fn hybrid() -> Result<Hybrid, LtiError> {
         let sign = modes[(0, i)].signum();
         basis.column_mut(i + 1).copy_from(&(modes.column(i) * sign));
         coupling[i] = rigid * modes[(0, i)] * sign;
-        constrained_hz[i] = eigen.eigenvalues[order[i]].sqrt() / std::f64::consts::TAU;
+        constrained_hz[i] = squares[i].sqrt() / std::f64::consts::TAU;
     }
     Ok(Hybrid {
         inertia: rigid * rigid,
@@ -117,26 +115,16 @@ pub struct ModeRow {
 /// Table 3.1 computed from a hybrid model. The first row is the rigid mode; shapes of the others have the printed sign.
 pub fn table_3_1(model: &Hybrid) -> Result<Vec<ModeRow>, LtiError> {
     let s = model.structure()?;
-    let factor = crate::matrix::positive_definite("the mass matrix", s.mass())?.l();
-    let inverse = crate::matrix::solve("the mass matrix", &factor, &identity(7))?;
-    let eigen = (&inverse * s.stiffness() * inverse.transpose()).symmetric_eigen();
-    let vectors = inverse.transpose() * eigen.eigenvectors;
-    let mut order: Vec<usize> = (0..7).collect();
-    order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
-    Ok(order
-        .iter()
-        .enumerate()
-        .map(|(i, &k)| {
-            let shape = vectors[(0, k)];
-            ModeRow {
-                // The eigenvalue of the rigid mode is zero but for rounding.
-                frequency_hz: if i == 0 {
-                    0.0
-                } else {
-                    eigen.eigenvalues[k].max(0.0).sqrt() / std::f64::consts::TAU
-                },
-                shape: shape.abs() * SHAPES[i].signum(),
-            }
+    let (squares, shapes) = normal_modes("the mass matrix", s.mass(), s.stiffness())?;
+    Ok((0..7)
+        .map(|i| ModeRow {
+            // The eigenvalue of the rigid mode is zero but for rounding.
+            frequency_hz: if i == 0 {
+                0.0
+            } else {
+                squares[i].max(0.0).sqrt() / std::f64::consts::TAU
+            },
+            shape: shapes[(0, i)].abs() * SHAPES[i].signum(),
         })
         .collect())
 }

@@ -36,8 +36,6 @@ pub struct DoubleLoop {
     pub gamma: f64,
     /// K_1, from `[angle in rad; rate in rad/s]` to torque in N m, closed by negative feedback.
     pub outer: StateSpace,
-    /// The same in the units of the problem: rate in units of `frequency`, torque in units of `J frequency^2`.
-    pub outer_scaled: StateSpace,
     /// K_0 + K_1.
     pub controller: StateSpace,
     /// The design for the generalised plant, with the norm of its closed loop, which is below 1.
@@ -123,21 +121,17 @@ impl Problem {
             let middle = (low * high).sqrt();
             match feasible(middle) {
                 Ok(_) => low = middle,
-                Err(
-                    LtiError::NoController { .. }
-                    | LtiError::Inaccurate { .. }
-                    | LtiError::Singular { .. },
-                ) => high = middle,
+                Err(e) if e.depends_on_gamma() => high = middle,
                 Err(e) => return Err(e),
             }
         }
         let gamma = low * fraction;
         let hinf = feasible(gamma)?;
         // In this plant v enters with a minus (eq. (4.20)), so the controller of the theory is K_1 itself.
-        let outer_scaled = hinf.controller.clone();
         let unit = self.inertia * self.frequency * self.frequency;
         let rate = Matrix::from_row_slice(2, 2, &[1.0, 0.0, 0.0, 1.0 / self.frequency]);
-        let outer = outer_scaled
+        let outer = hinf
+            .controller
             .scaled_inputs(&rate)?
             .scaled_outputs(&Matrix::from_element(1, 1, unit))?;
         let inner = StateSpace::gain(Matrix::from_row_slice(1, 2, &[0.0, self.rate_gain]));
@@ -146,19 +140,8 @@ impl Problem {
             gamma,
             controller: outer.parallel(&inner)?,
             outer,
-            outer_scaled,
             hinf,
         })
-    }
-
-    /// The rigid design model from torque to `[angle; rate]`, inner loop open.
-    pub fn rigid(&self) -> Result<StateSpace, LtiError> {
-        Structure::modal(
-            &[0.0],
-            &[0.0],
-            &Matrix::from_element(1, 1, self.inertia.sqrt().recip()),
-        )?
-        .displacement_and_rate_system()
     }
 }
 
@@ -171,37 +154,28 @@ pub struct Verdict {
     pub margins: Margins,
 }
 
+/// From the torque of one axis to `[angle; rate]` there.
+fn axis_plant(structure: &Structure, axis: usize) -> Result<StateSpace, LtiError> {
+    structure
+        .with_actuators(&[axis])?
+        .displacement_and_rate_system()
+}
+
 /// Verdict on a structure, of which actuator and sensor `axis` are used.
 pub fn verdict(
     structure: &Structure,
     axis: usize,
     controller: &StateSpace,
 ) -> Result<Verdict, LtiError> {
-    let plant = structure
-        .with_actuators(&[axis])?
-        .displacement_and_rate_system()?;
+    let plant = axis_plant(structure, axis)?;
     Ok(Verdict {
         largest_real_part: crate::spectral_abscissa(&plant.feedback(controller)?.a)?,
         margins: margins(&plant.series(controller)?)?,
     })
 }
 
-/// Model error `|G~_D / G_D - 1|` of eq. (4.17) at w in rad/s: structure and rigid model, both with the inner rate loop of this axis, from torque to angle.
-pub fn model_error(
-    structure: &Structure,
-    axis: usize,
-    problem: &Problem,
-    w: f64,
-) -> Result<f64, LtiError> {
-    let one = structure.with_actuators(&[axis])?;
-    let d = Matrix::from_element(1, 1, problem.rate_gain);
-    let flexible = one.direct_feedback(&Matrix::zeros(1, 1), &d)?.response(w)?[(0, 0)];
-    let s = crate::Complex::new(0.0, w);
-    let rigid = (s * s * problem.inertia + s * problem.rate_gain).inv();
-    Ok((flexible / rigid - 1.0).norm())
-}
-
-/// The smallest k for which `k |W|` covers the model error of all structures at all the frequencies given, in rad/s; `weight` is W with k = 1.
+/// The smallest k for which `k |W|` covers the model error `|G~_D / G_D - 1|` (eq. (4.17)) of all structures at all the frequencies given, in
+/// rad/s; `weight` is W with k = 1. G~_D and G_D are structure and rigid model, both with the inner rate loop of this axis, from torque to angle.
 pub fn covering_gain(
     structures: &[Structure],
     axis: usize,
@@ -234,9 +208,7 @@ pub fn step(
     interval: f64,
     samples: usize,
 ) -> Result<Vec<(f64, f64)>, LtiError> {
-    let plant = structure
-        .with_actuators(&[axis])?
-        .displacement_and_rate_system()?;
+    let plant = axis_plant(structure, axis)?;
     let closed = tracking_loop(&plant, controller)?.zero_order_hold(interval)?;
     let degree = 1f64.to_radians();
     let run = closed.simulate(samples, |_| DVector::from_row_slice(&[degree, 0.0]))?;
@@ -251,9 +223,7 @@ pub fn sampled_step(
     sampling_time: f64,
     seconds: f64,
 ) -> Result<SampledRun, LtiError> {
-    let plant = structure
-        .with_actuators(&[axis])?
-        .displacement_and_rate_system()?;
+    let plant = axis_plant(structure, axis)?;
     let degree = 1f64.to_radians();
     SampledLoop::new(&plant, controller, sampling_time)?.run(
         (seconds / sampling_time).round() as usize + 1,

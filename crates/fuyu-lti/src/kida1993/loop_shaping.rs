@@ -102,8 +102,7 @@ pub fn shapes(cost: &Cost) -> Result<Shapes, LtiError> {
     )?;
     let open_loop = regulator.state_loop()?;
     let one = StateSpace::gain(identity(1));
-    let states = StateSpace::new(g.a.clone(), g.b.clone(), identity(2), Matrix::zeros(2, 1))?;
-    let closed_states = states.feedback(&regulator.state_feedback)?;
+    let closed_states = g.to_states().feedback(&regulator.state_feedback)?;
     Ok(Shapes {
         sensitivity: one.feedback(&open_loop)?,
         complementary: open_loop.feedback(&one)?,

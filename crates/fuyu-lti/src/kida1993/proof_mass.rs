@@ -21,9 +21,6 @@ pub const EDDY: f64 = 0.05;
 /// Measured frequencies of the structure in Hz (Table 4.2).
 pub const FREQUENCIES_HZ: [f64; 3] = [2.45, 9.65, 17.9];
 
-/// Frequencies computed by FEM in Hz (Table 4.2).
-pub const FEM_FREQUENCIES_HZ: [f64; 4] = [2.41, 9.08, 13.3, 15.9];
-
 /// Damping ratio without control.
 pub const STRUCTURAL_DAMPING: f64 = 0.003;
 

@@ -5,9 +5,11 @@
 //! square bays without one diagonal. Mass and stiffness are chosen so that the thesis's weights lie where they act: the crossover of the standard
 //! design among the vibration modes. Verdicts and comparisons carry over, numbers do not.
 
+use std::ops::Range;
+
 use nalgebra::DVector;
 
-use crate::matrix::{Complex, Matrix, identity};
+use crate::matrix::{Complex, Matrix, identity, normal_modes};
 use crate::{
     LtiError, ShapedWeights, SigmaPoint, StateSpace, Structure, TransferFunction, closed_loop,
     recovery_observer, shaped_lqr,
@@ -59,8 +61,15 @@ fn bars() -> Vec<(usize, usize)> {
 /// Degrees of freedom (2 node + {x: 0, y: 1}) of the three actuators and sensors: x of node 22 in the middle, y of nodes 1 and 43 at the ends.
 const ACTUATED: [usize; 3] = [44, 3, 87];
 
-/// Frequencies in rad/s and shapes at the actuators of the first 15 modes.
-fn modes() -> Result<(Vec<f64>, Matrix), LtiError> {
+/// The first 15 modes.
+struct Modes {
+    /// Frequencies in rad/s.
+    frequencies: Vec<f64>,
+    /// Shapes at the actuators, one row per mode.
+    shapes: Matrix,
+}
+
+fn modes() -> Result<Modes, LtiError> {
     let nodes = nodes();
     let n = 2 * nodes.len();
     let (mut mass, mut stiffness) = (Matrix::zeros(n, n), Matrix::zeros(n, n));
@@ -79,33 +88,30 @@ fn modes() -> Result<(Vec<f64>, Matrix), LtiError> {
             }
         }
     }
-    let factor = crate::matrix::positive_definite("the mass matrix of the truss", &mass)?.l();
-    let inverse = crate::matrix::solve("the mass matrix of the truss", &factor, &identity(n))?;
-    let reduced = &inverse * stiffness * inverse.transpose();
-    let eigen = crate::matrix::symmetric_part(&reduced).symmetric_eigen();
-    let shapes = inverse.transpose() * eigen.eigenvectors;
-    let mut order: Vec<usize> = (0..n).collect();
-    order.sort_by(|&a, &b| eigen.eigenvalues[a].total_cmp(&eigen.eigenvalues[b]));
-    order.truncate(PLANT_MODES);
+    let (squares, shapes) = normal_modes("the mass matrix of the truss", &mass, &stiffness)?;
     // Three rigid modes, whose eigenvalues are zero but for rounding.
-    let frequencies = order
-        .iter()
-        .enumerate()
-        .map(|(i, &k)| {
-            if i < 3 {
-                0.0
-            } else {
-                eigen.eigenvalues[k].sqrt()
-            }
-        })
+    let frequencies = (0..PLANT_MODES)
+        .map(|i| if i < 3 { 0.0 } else { squares[i].sqrt() })
         .collect();
-    Ok((
+    Ok(Modes {
         frequencies,
-        shapes
-            .select_columns(&order)
+        shapes: shapes
+            .columns(0, PLANT_MODES)
             .select_rows(&ACTUATED)
             .transpose(),
-    ))
+    })
+}
+
+impl Modes {
+    /// From forces to displacements, with some of the modes.
+    fn system(&self, which: Range<usize>) -> Result<StateSpace, LtiError> {
+        Structure::modal(
+            &self.frequencies[which.clone()],
+            &vec![DAMPING; which.len()],
+            &self.shapes.rows_range(which).into_owned(),
+        )?
+        .displacement_system()
+    }
 }
 
 /// Number of nodes, bars and degrees of freedom, as in the thesis.
@@ -122,13 +128,7 @@ pub fn plant(count: usize) -> Result<StateSpace, LtiError> {
             expected: "between 4 and 15",
         });
     }
-    let (frequencies, shapes) = modes()?;
-    Structure::modal(
-        &frequencies[..count],
-        &vec![DAMPING; count],
-        &shapes.rows(0, count).into_owned(),
-    )?
-    .displacement_system()
+    modes()?.system(0..count)
 }
 
 /// The three designs of the section.
@@ -171,7 +171,10 @@ pub struct Design {
 
 /// Designs the compensator on four modes.
 pub fn design(weights: Weights) -> Result<Design, LtiError> {
-    let (model, full) = (plant(DESIGN_MODES)?, plant(PLANT_MODES)?);
+    let modes = modes()?;
+    let model = modes.system(0..DESIGN_MODES)?;
+    let full = modes.system(0..PLANT_MODES)?;
+    let error = modes.system(DESIGN_MODES..PLANT_MODES)?;
     // 1/r = ((s/400)^2 + 1.4 s/400 + 1) / ((s/50)^2 + 1.4 s/50 + 1)
     let inverse_r = TransferFunction::new(
         &[1.0 / 160_000.0, 1.4 / 400.0, 1.0],
@@ -198,7 +201,6 @@ pub fn design(weights: Weights) -> Result<Design, LtiError> {
     let compensator = regulator.compensator(&recovery_observer(&model, MU)?.gain)?;
     let one = StateSpace::gain(identity(3));
     let open_loop = compensator.series(&model)?;
-    let error = residual_modes()?;
     let noise_to_control = compensator.feedback(&model)?;
     let closed = closed_loop(&full, &compensator)?;
     let poles = closed.poles()?;
@@ -225,17 +227,6 @@ pub fn design(weights: Weights) -> Result<Design, LtiError> {
     })
 }
 
-fn residual_modes() -> Result<StateSpace, LtiError> {
-    let (frequencies, shapes) = modes()?;
-    let count = PLANT_MODES - DESIGN_MODES;
-    Structure::modal(
-        &frequencies[DESIGN_MODES..],
-        &vec![DAMPING; count],
-        &shapes.rows(DESIGN_MODES, count).into_owned(),
-    )?
-    .displacement_system()
-}
-
 /// Displacements (3) and forces (3) over time.
 pub type Response = Vec<(f64, DVector<f64>)>;
 
@@ -253,30 +244,30 @@ impl Design {
 
     /// Response of the 15-mode plant to a unit impulse at the first actuator (Figs. 3.21 (a), 3.23 (a), 3.25 (a)).
     pub fn impulse(&self, step: f64, samples: usize) -> Result<Response, LtiError> {
-        let response = self
+        let outputs = self
             .first_force_responses()?
             .impulse_response(0, step, samples)?;
-        Ok(response
-            .into_iter()
-            .enumerate()
-            .map(|(i, y)| (i as f64 * step, y))
-            .collect())
+        Ok(timed(step, outputs))
     }
 
     /// Response to a unit step of the force at the first actuator (Figs. 3.21 (b), 3.23 (b), 3.25 (b)).
     pub fn step(&self, step: f64, samples: usize) -> Result<Response, LtiError> {
-        let response = self
+        let outputs = self
             .first_force_responses()?
             .zero_order_hold(step)?
             .step_response(0, samples)?;
-        Ok(response
-            .into_iter()
-            .enumerate()
-            .map(|(i, y)| (i as f64 * step, y))
-            .collect())
+        Ok(timed(step, outputs))
     }
 
     fn first_force_responses(&self) -> Result<StateSpace, LtiError> {
         self.closed.select(&[0, 1, 2, 3, 4, 5], &[0])
     }
+}
+
+fn timed(step: f64, outputs: Vec<DVector<f64>>) -> Response {
+    outputs
+        .into_iter()
+        .enumerate()
+        .map(|(i, y)| (i as f64 * step, y))
+        .collect()
 }

@@ -181,21 +181,6 @@ fn collocated_rates_are_positive_real() {
     }
 }
 
-/// Roots by the eigenvalues of the companion matrix.
-fn roots(coefficients: &[f64]) -> Vec<fuyu_lti::Complex> {
-    let n = coefficients.len() - 1;
-    let a = Matrix::from_fn(n, n, |i, j| {
-        if i == 0 {
-            -coefficients[j + 1] / coefficients[0]
-        } else if i == j + 1 {
-            1.0
-        } else {
-            0.0
-        }
-    });
-    fuyu_lti::eigenvalues(&a).unwrap()
-}
-
 #[test]
 fn theorems_4_2_and_4_3_on_random_actuators() {
     let mut random = Random::new(43);
@@ -218,7 +203,12 @@ fn theorems_4_2_and_4_3_on_random_actuators() {
         let undamped =
             Structure::modal(&[sigma], &[0.0], &Matrix::from_element(1, 1, phi)).unwrap();
         let closed = actuator.closed_loop(&undamped, d).unwrap();
-        let scaled: Vec<_> = roots(&ratios.characteristic())
+        let polynomial = TransferFunction::new(&[1.0], &ratios.characteristic()).unwrap();
+        let scaled: Vec<_> = polynomial
+            .to_state_space()
+            .unwrap()
+            .poles()
+            .unwrap()
             .into_iter()
             .map(|r| r * sigma)
             .collect();

@@ -1,9 +1,9 @@
 //! Lyapunov and Riccati equations, regulators and filters against closed forms and second formulations; and what they refuse.
 
 use fuyu_lti::{
-    LtiError, Matrix, StateSpace, care, care_with_cross_weight, dare, dare_with_cross_weight,
-    discrete_lyapunov, eigenvalues, is_controllable, is_observable, lqg, lqr, lyapunov,
-    observer_based, spectral_radius, steady_kalman,
+    LtiError, LyapunovSolution, Matrix, RiccatiSolution, StateSpace, care, care_with_cross_weight,
+    dare, dare_with_cross_weight, discrete_lyapunov, eigenvalues, is_controllable, is_observable,
+    lqg, lqr, lyapunov, observer_based, spectral_radius, steady_kalman,
 };
 
 use crate::support::*;
@@ -71,6 +71,17 @@ fn lyapunov_equations() {
     ));
 }
 
+/// The optimal cost x'Xx is the integral (or the sum) of x'(Q + K'RK)x over the closed loop, a Lyapunov equation: its solution's relative difference from X.
+fn cost_error(
+    s: &RiccatiSolution,
+    [a, b, q, r]: [&Matrix; 4],
+    lyapunov: fn(&Matrix, &Matrix) -> Result<LyapunovSolution, LtiError>,
+) -> f64 {
+    let closed = a - b * &s.gain;
+    let cost = q + s.gain.transpose() * r * &s.gain;
+    relative(&lyapunov(&closed.transpose(), &cost).unwrap().x, &s.x)
+}
+
 // A lost Newton step leaves residuals of 1e-10 and more.
 #[test]
 fn riccati_equations() {
@@ -117,19 +128,9 @@ fn riccati_equations() {
             s.closed_loop_poles,
             s.residual
         );
-        // Optimal cost of the closed loop: x'Xx is the integral of x'(Q + K'RK)x, a Lyapunov equation.
-        let closed = &a - &b * &s.gain;
-        let cost = lyapunov(
-            &closed.transpose(),
-            &(&q + s.gain.transpose() * &r * &s.gain),
-        )
-        .unwrap();
         // Some of these systems are barely stabilisable, which costs digits in both.
-        assert!(
-            relative(&cost.x, &s.x) < 1e-5,
-            "case {i}: {:e}",
-            relative(&cost.x, &s.x)
-        );
+        let e = cost_error(&s, [&a, &b, &q, &r], lyapunov);
+        assert!(e < 1e-5, "case {i}: {e:e}");
 
         let a = &a * (random.log_uniform(0.3, 1.5) / spectral_radius(&a).unwrap());
         let d = dare(&a, &b, &q, &r).unwrap();
@@ -138,17 +139,8 @@ fn riccati_equations() {
             d.closed_loop_poles.iter().all(|p| p.norm() < 1.0),
             "case {i}"
         );
-        let closed = &a - &b * &d.gain;
-        let cost = discrete_lyapunov(
-            &closed.transpose(),
-            &(&q + d.gain.transpose() * &r * &d.gain),
-        )
-        .unwrap();
-        assert!(
-            relative(&cost.x, &d.x) < 1e-5,
-            "case {i}: discrete {:e}",
-            relative(&cost.x, &d.x)
-        );
+        let e = cost_error(&d, [&a, &b, &q, &r], discrete_lyapunov);
+        assert!(e < 1e-5, "case {i}: discrete {e:e}");
     }
     println!(
         "residuals: continuous {:.1e}, discrete {:.1e}",
@@ -171,24 +163,21 @@ fn riccati_closed_forms() {
     assert!(relative(&s.x, &Matrix::from_row_slice(2, 2, &[root, 1.0, 1.0, root])) < 1e-14);
     // A cross weight is the same as a shift of the input: u = v - R^-1 S' x.
     let cross = Matrix::from_row_slice(2, 1, &[0.1, 0.2]);
-    let with = care_with_cross_weight(&a, &b, &eye(2), &one(1.0), &cross).unwrap();
-    let shifted = care(
-        &(&a - &b * cross.transpose()),
-        &b,
-        &(eye(2) - &cross * cross.transpose()),
-        &one(1.0),
-    )
-    .unwrap();
-    assert!(relative(&with.gain, &(shifted.gain + cross.transpose())) < 1e-13);
-    let with = dare_with_cross_weight(&a, &b, &eye(2), &one(1.0), &cross).unwrap();
-    let shifted = dare(
-        &(&a - &b * cross.transpose()),
-        &b,
-        &(eye(2) - &cross * cross.transpose()),
-        &one(1.0),
-    )
-    .unwrap();
-    assert!(relative(&with.gain, &(shifted.gain + cross.transpose())) < 1e-13);
+    let shifted_a = &a - &b * cross.transpose();
+    let shifted_q = eye(2) - &cross * cross.transpose();
+    for (with_cross, plain) in [
+        (
+            care_with_cross_weight(&a, &b, &eye(2), &one(1.0), &cross),
+            care(&shifted_a, &b, &shifted_q, &one(1.0)),
+        ),
+        (
+            dare_with_cross_weight(&a, &b, &eye(2), &one(1.0), &cross),
+            dare(&shifted_a, &b, &shifted_q, &one(1.0)),
+        ),
+    ] {
+        let want = plain.unwrap().gain + cross.transpose();
+        assert!(relative(&with_cross.unwrap().gain, &want) < 1e-13);
+    }
     // As the sampling time falls, the discrete regulator tends to the continuous one.
     let plant = StateSpace::new(a, b, eye(2), Matrix::zeros(2, 1)).unwrap();
     let continuous = lqr(&plant, &eye(2), &one(1.0)).unwrap().gain;

@@ -52,6 +52,10 @@ fn balanced_truncation_keeps_the_hankel_bound() {
         .unwrap();
     assert_close("Hankel", hankel_singular_values(&g).unwrap()[0], 1.0, 1e-14);
     assert!(balanced_truncation(&g, 2).is_err());
+    // A gain has no states.
+    let gain = StateSpace::gain(one(2.0));
+    assert!(hankel_singular_values(&gain).unwrap().is_empty());
+    assert_eq!(balanced_truncation(&gain, 0).unwrap().system, gain);
 }
 
 #[test]

@@ -1,7 +1,7 @@
 //! Fixtures, and comparisons with messages.
 pub mod servicer;
 
-use fuyu_lti::{Complex, Matrix, StateSpace};
+use fuyu_lti::{Complex, Margins, Matrix, StateSpace};
 use serde_json::Value;
 
 pub fn fixture(name: &str) -> Value {
@@ -45,6 +45,28 @@ pub fn assert_close(what: &str, got: f64, want: f64, tolerance: f64) {
         "{what}: {got:.15e}, expected {want:.15e}, differs by {:.2e}",
         (got - want).abs()
     );
+}
+
+/// Crossovers as pairs of frequency and margin: as many as wanted, frequencies within the tolerance that belongs to the wanted one.
+#[track_caller]
+pub fn assert_crossovers(
+    what: &str,
+    got: impl Iterator<Item = (f64, f64)>,
+    want: &Value,
+    frequency_tolerance: impl Fn(f64) -> f64,
+    tolerance: f64,
+) {
+    let (got, want): (Vec<_>, _) = (got.collect(), pairs(want));
+    assert_eq!(got.len(), want.len(), "{what}: {got:?} {want:?}");
+    for ((frequency, margin), (w, m)) in got.into_iter().zip(want) {
+        assert_close(what, frequency, w, frequency_tolerance(w));
+        assert_close(what, margin, m, tolerance);
+    }
+}
+
+/// Gain crossovers: frequency in rad/s and phase margin in degrees.
+pub fn phase_margins(m: &Margins) -> impl Iterator<Item = (f64, f64)> {
+    m.phase.iter().map(|p| (p.frequency, p.degrees))
 }
 
 /// Largest difference of two matrices over the largest entry of the second.
