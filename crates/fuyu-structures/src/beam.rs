@@ -100,22 +100,22 @@ impl Beam {
     fn check(&self) -> Result<(), StructureError> {
         error::count("number of beam elements", self.elements.len(), 1, 10_000)?;
         for (i, e) in self.elements.iter().enumerate() {
-            error::positive(&format!("length of beam element {i} [m]"), e.length)?;
+            error::positive(format_args!("length of beam element {i} [m]"), e.length)?;
             error::positive(
-                &format!("mass per length of beam element {i} [kg/m]"),
+                format_args!("mass per length of beam element {i} [kg/m]"),
                 e.mass_per_length,
             )?;
-            error::positive(&format!("EI of beam element {i} [N m²]"), e.EI)?;
+            error::positive(format_args!("EI of beam element {i} [N m²]"), e.EI)?;
         }
         for (i, body) in self.bodies.iter().enumerate() {
             error::count(
-                &format!("node of body {i}"),
+                format_args!("node of body {i}"),
                 body.node,
                 0,
                 self.elements.len(),
             )?;
-            error::not_negative(&format!("mass of body {i} [kg]"), body.mass)?;
-            error::not_negative(&format!("inertia of body {i} [kg m²]"), body.inertia)?;
+            error::not_negative(format_args!("mass of body {i} [kg]"), body.mass)?;
+            error::not_negative(format_args!("inertia of body {i} [kg m²]"), body.inertia)?;
         }
         Ok(())
     }
@@ -210,21 +210,29 @@ impl Beam {
 
     /// Deflection at `s` \[m\] from the root, between 0 and the length, for values of all degrees of freedom.
     pub fn deflection(&self, dofs: &DVector<f64>, s: f64) -> Deflection {
-        let mut start = 0.0;
-        let last = self.elements.len() - 1;
-        for (i, e) in self.elements.iter().enumerate() {
-            if s <= start + e.length || i == last {
-                let local: SVector<f64, 4> = dofs.fixed_rows::<4>(2 * i).into_owned();
-                let [value, slope, curvature] = hermite((s - start) / e.length, e.length);
-                return Deflection {
-                    value: value.dot(&local),
-                    slope: slope.dot(&local),
-                    curvature: curvature.dot(&local),
-                };
-            }
-            start += e.length;
+        let Some((i, start, e)) = self.element_at(s) else {
+            return Deflection::default();
+        };
+        let local: SVector<f64, 4> = dofs.fixed_rows::<4>(2 * i).into_owned();
+        let [value, slope, curvature] = hermite((s - start) / e.length, e.length);
+        Deflection {
+            value: value.dot(&local),
+            slope: slope.dot(&local),
+            curvature: curvature.dot(&local),
         }
-        Deflection::default()
+    }
+
+    /// Number, start \[m\] and properties of the element at `s` \[m\]: the last one beyond the tip, none if there is none.
+    fn element_at(&self, s: f64) -> Option<(usize, f64, &BeamElement)> {
+        let (mut found, mut end) = (None, 0.0);
+        for (i, e) in self.elements.iter().enumerate() {
+            found = Some((i, end, e));
+            end += e.length;
+            if s <= end {
+                break;
+            }
+        }
+        found
     }
 
     /// Positions of the nodes \[m\] from the root.
@@ -238,14 +246,7 @@ impl Beam {
 
     /// Mass per length \[kg/m\] at `s` \[m\].
     pub(crate) fn mass_per_length(&self, s: f64) -> f64 {
-        let mut end = 0.0;
-        for e in &self.elements {
-            end += e.length;
-            if s <= end {
-                return e.mass_per_length;
-            }
-        }
-        self.elements.last().map_or(0.0, |e| e.mass_per_length)
+        self.element_at(s).map_or(0.0, |(.., e)| e.mass_per_length)
     }
 }
 

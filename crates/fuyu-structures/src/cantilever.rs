@@ -140,9 +140,4 @@ impl Shaft {
         let (b, scale) = (self.wave_number(k), self.scale(k));
         (scale * (b * s).sin(), scale * b * (b * s).cos())
     }
-
-    /// `∫ θ dI` of mode `k` \[kg^1/2 m\].
-    pub fn integral(&self, k: usize) -> f64 {
-        self.scale(k) * self.inertia_per_length / self.wave_number(k)
-    }
 }

@@ -1,8 +1,10 @@
 //! The generalized symmetric eigenvalue problem `K x = λ M x`.
 
+use std::fmt::Display;
+
 use nalgebra::{Cholesky, DMatrix, DVector, Dyn, SymmetricEigen};
 
-use crate::StructureError;
+use crate::{StructureError, error};
 
 /// Iterations that nalgebra may spend on one matrix before it is rejected, times its size.
 const ITERATIONS_PER_ROW: usize = 60;
@@ -26,21 +28,7 @@ pub struct Eigen {
 /// Matrices that are not square, finite and symmetric or of different sizes; `M` not positive definite.
 pub fn generalized_eigen(K: &DMatrix<f64>, M: &DMatrix<f64>) -> Result<Eigen, StructureError> {
     check_pair(K, M)?;
-    let L = mass_factor(M)?;
-    let solved = L
-        .solve_lower_triangular(K)
-        .expect("a Cholesky factor is regular");
-    let reduced = L
-        .solve_lower_triangular(&solved.transpose())
-        .expect("a Cholesky factor is regular");
-    let eigen = symmetric_eigen(&reduced, "M⁻¹ K")?;
-    let vectors = L
-        .tr_solve_lower_triangular(&eigen.vectors)
-        .expect("a Cholesky factor is regular");
-    Ok(Eigen {
-        values: eigen.values,
-        vectors,
-    })
+    reduced_eigen(&mass_factor(M)?, K, "M⁻¹ K")
 }
 
 /// The `count` lowest eigenvalues of `K x = λ M x` for symmetric positive semidefinite `K` and symmetric positive definite
@@ -58,32 +46,23 @@ pub fn lowest_modes(
     count: usize,
 ) -> Result<Eigen, StructureError> {
     check_pair(K, M)?;
-    crate::error::count("number of modes", count, 0, K.nrows())?;
+    error::count("number of modes", count, 0, K.nrows())?;
     if K.is_empty() {
         return generalized_eigen(K, M);
     }
     mass_factor(M)?;
-    let shift = match well_conditioned_factor(K) {
-        Some(_) => 0.0,
-        None => lowest_elastic_value(K, M)?,
-    };
-    let shifted = K + M * shift;
-    let factor = well_conditioned_factor(&shifted).ok_or_else(|| StructureError::Matrix {
+    let mut factor = well_conditioned_factor(K);
+    let mut shift = 0.0;
+    if factor.is_none() {
+        shift = lowest_elastic_value(K, M)?;
+        factor = well_conditioned_factor(&(K + M * shift));
+    }
+    let factor = factor.ok_or_else(|| StructureError::Matrix {
         matrix: "stiffness matrix K".to_owned(),
         property: "positive semidefinite",
         remedy: "a stiffness cannot be negative",
     })?;
-    let L = factor.l();
-    let solved = L
-        .solve_lower_triangular(M)
-        .expect("a Cholesky factor is regular");
-    let reduced = L
-        .solve_lower_triangular(&solved.transpose())
-        .expect("a Cholesky factor is regular");
-    let inverse = symmetric_eigen(&reduced, "K⁻¹ M")?;
-    let vectors = L
-        .tr_solve_lower_triangular(&inverse.vectors)
-        .expect("a Cholesky factor is regular");
+    let inverse = reduced_eigen(&factor, M, "K⁻¹ M")?;
     let n = K.nrows();
     let mut values = DVector::zeros(count);
     let mut lowest = DMatrix::zeros(n, count);
@@ -96,7 +75,7 @@ pub fn lowest_modes(
         }
         let value = 1.0 / nu - shift;
         values[k] = if value < 1e-9 * shift { 0.0 } else { value };
-        lowest.set_column(k, &(vectors.column(n - 1 - k) / nu.sqrt()));
+        lowest.set_column(k, &(inverse.vectors.column(n - 1 - k) / nu.sqrt()));
     }
     Ok(Eigen {
         values,
@@ -122,22 +101,51 @@ fn well_conditioned_factor(matrix: &DMatrix<f64>) -> Option<Cholesky<f64, Dyn>> 
     regular.then_some(factor)
 }
 
-fn mass_factor(M: &DMatrix<f64>) -> Result<DMatrix<f64>, StructureError> {
-    let factor = Cholesky::new(M.clone()).ok_or_else(|| StructureError::Matrix {
-        matrix: "mass matrix M".to_owned(),
+fn mass_factor(M: &DMatrix<f64>) -> Result<Cholesky<f64, Dyn>, StructureError> {
+    let remedy = "each degree of freedom needs mass; condense those without (Guyan)";
+    cholesky(M.clone(), "mass matrix M", remedy)
+}
+
+/// The Cholesky factor of a matrix that has to be positive definite (or empty).
+pub(crate) fn cholesky(
+    matrix: DMatrix<f64>,
+    name: impl Display,
+    remedy: &'static str,
+) -> Result<Cholesky<f64, Dyn>, StructureError> {
+    Cholesky::new(matrix).ok_or_else(|| StructureError::Matrix {
+        matrix: name.to_string(),
         property: "positive definite",
-        remedy: "each degree of freedom needs mass; condense those without (Guyan)",
-    })?;
-    Ok(factor.l())
+        remedy,
+    })
+}
+
+/// Eigenvalues of `A x = λ L Lᵀ x` for symmetric `A`, in ascending order, and eigenvectors with `Xᵀ L Lᵀ X = I`.
+pub(crate) fn reduced_eigen(
+    factor: &Cholesky<f64, Dyn>,
+    A: &DMatrix<f64>,
+    name: &str,
+) -> Result<Eigen, StructureError> {
+    let L = factor.l();
+    let solve = |right: &DMatrix<f64>| {
+        L.solve_lower_triangular(right)
+            .expect("a Cholesky factor is regular")
+    };
+    let eigen = symmetric_eigen(&solve(&solve(A).transpose()), name)?;
+    let vectors = L
+        .tr_solve_lower_triangular(&eigen.vectors)
+        .expect("a Cholesky factor is regular");
+    Ok(Eigen { vectors, ..eigen })
 }
 
 /// Eigenvalues in ascending order, and orthonormal eigenvectors.
 pub(crate) fn symmetric_eigen(matrix: &DMatrix<f64>, name: &str) -> Result<Eigen, StructureError> {
     let n = matrix.nrows();
-    let symmetric = (matrix + matrix.transpose()) / 2.0;
-    let eigen = SymmetricEigen::try_new(symmetric, f64::EPSILON, ITERATIONS_PER_ROW * (n + 10))
-        .ok_or_else(|| StructureError::NoConvergence {
-            matrix: name.to_owned(),
+    let limit = ITERATIONS_PER_ROW * (n + 10);
+    let eigen =
+        SymmetricEigen::try_new(matrix.symmetric_part(), f64::EPSILON, limit).ok_or_else(|| {
+            StructureError::NoConvergence {
+                matrix: name.to_owned(),
+            }
         })?;
     let mut order: Vec<usize> = (0..n).collect();
     order.sort_by(|a, b| eigen.eigenvalues[*a].total_cmp(&eigen.eigenvalues[*b]));
@@ -150,23 +158,24 @@ pub(crate) fn symmetric_eigen(matrix: &DMatrix<f64>, name: &str) -> Result<Eigen
 fn check_pair(K: &DMatrix<f64>, M: &DMatrix<f64>) -> Result<(), StructureError> {
     check_symmetric("stiffness matrix K", K)?;
     check_symmetric("mass matrix M", M)?;
-    crate::error::size("stiffness matrix K", K.shape(), M.shape())
+    error::size("stiffness matrix K", K.shape(), M.shape())
 }
 
 /// Rejects a matrix that is not square, finite and symmetric to 1e-9 of its largest entry.
-pub(crate) fn check_symmetric(name: &str, matrix: &DMatrix<f64>) -> Result<(), StructureError> {
+pub(crate) fn check_symmetric(
+    name: impl Display,
+    matrix: &DMatrix<f64>,
+) -> Result<(), StructureError> {
     let n = matrix.nrows();
-    crate::error::size(name, matrix.shape(), (n, n))?;
-    for value in matrix.iter() {
-        crate::error::finite(&format!("an entry of the {name}"), *value)?;
-    }
-    let largest = matrix.iter().fold(0.0_f64, |a, b| a.max(b.abs()));
+    error::size(&name, matrix.shape(), (n, n))?;
+    error::finite_entries(&name, matrix)?;
+    let largest = matrix.amax();
     for row in 0..n {
         for column in 0..row {
             let difference = (matrix[(row, column)] - matrix[(column, row)]).abs();
             if difference > 1e-9 * largest {
                 return Err(StructureError::Asymmetric {
-                    matrix: name.to_owned(),
+                    matrix: name.to_string(),
                     row,
                     column,
                     difference,

@@ -1,5 +1,8 @@
 //! What can be wrong with a structure.
 
+use std::fmt::Display;
+
+use nalgebra::DMatrix;
 use thiserror::Error;
 
 /// Why a structure, a model or a modes file is rejected. Each message is one line that names field and value and says
@@ -72,57 +75,76 @@ pub enum StructureError {
 }
 
 /// Rejects what is not a finite number.
-pub(crate) fn finite(field: &str, value: f64) -> Result<f64, StructureError> {
+pub(crate) fn finite(field: impl Display, value: f64) -> Result<f64, StructureError> {
     in_range(field, value, value.is_finite(), "finite")
 }
 
+/// Rejects a matrix with an entry that is not a finite number.
+pub(crate) fn finite_entries(
+    name: impl Display,
+    matrix: &DMatrix<f64>,
+) -> Result<(), StructureError> {
+    for value in matrix.iter() {
+        finite(format_args!("an entry of the {name}"), *value)?;
+    }
+    Ok(())
+}
+
 /// Rejects what is not positive and finite.
-pub(crate) fn positive(field: &str, value: f64) -> Result<f64, StructureError> {
+pub(crate) fn positive(field: impl Display, value: f64) -> Result<f64, StructureError> {
     in_range(field, value, value.is_finite() && value > 0.0, "positive")
 }
 
 /// Rejects what is negative or not finite.
-pub(crate) fn not_negative(field: &str, value: f64) -> Result<f64, StructureError> {
+pub(crate) fn not_negative(field: impl Display, value: f64) -> Result<f64, StructureError> {
     let right = value.is_finite() && value >= 0.0;
     in_range(field, value, right, "zero or positive")
 }
 
-/// Rejects an index or count outside of a range.
+/// Rejects a count outside of a range.
 pub(crate) fn count(
-    field: &str,
+    field: impl Display,
     value: usize,
     least: usize,
     most: usize,
 ) -> Result<(), StructureError> {
-    let requirement = format!("from {least} to {most}");
-    in_range(
-        field,
-        value as f64,
-        (least..=most).contains(&value),
-        &requirement,
-    )
-    .map(drop)
+    let right = (least..=most).contains(&value);
+    let requirement = format_args!("from {least} to {most}");
+    in_range(field, value as f64, right, requirement).map(drop)
+}
+
+/// Rejects an index that is not below `n`.
+pub(crate) fn index(field: impl Display, value: usize, n: usize) -> Result<(), StructureError> {
+    count(field, value, 0, n.saturating_sub(1))
+}
+
+/// The indices below `n` other than those in `some`, which have to be below `n` as well.
+pub(crate) fn others(field: &str, some: &[usize], n: usize) -> Result<Vec<usize>, StructureError> {
+    for i in some {
+        index(field, *i, n)?;
+    }
+    Ok((0..n).filter(|i| !some.contains(i)).collect())
 }
 
 fn in_range(
-    field: &str,
+    field: impl Display,
     value: f64,
     right: bool,
-    requirement: &str,
+    requirement: impl Display,
 ) -> Result<f64, StructureError> {
     if right {
         return Ok(value);
     }
     Err(StructureError::Value {
-        field: field.to_owned(),
+        field: field.to_string(),
         value,
-        requirement: requirement.to_owned(),
+        requirement: requirement.to_string(),
     })
 }
 
 /// Rejects a size other than the expected one.
 pub(crate) fn size(
-    field: &str,
+    field: impl Display,
     found: (usize, usize),
     expected: (usize, usize),
 ) -> Result<(), StructureError> {
@@ -130,7 +152,7 @@ pub(crate) fn size(
         return Ok(());
     }
     Err(StructureError::Size {
-        field: field.to_owned(),
+        field: field.to_string(),
         found: format!("{} x {} entries", found.0, found.1),
         expected: format!("{} x {}", expected.0, expected.1),
     })

@@ -1,11 +1,15 @@
 //! A rigid part with flexible ones: the constrained-mode and unconstrained-mode models of Kida 1993 section 2.3, their poles
 //! and transmission zeros.
 
-use nalgebra::{Complex, DMatrix, DVector};
+use nalgebra::{Cholesky, Complex, DMatrix, DVector, Dyn};
 
 use crate::{
-    StructureError, eigen::check_symmetric, error, lowest_modes, matrices::symmetric,
-    quadratic_roots, uniform::dependent,
+    StructureError,
+    eigen::{check_symmetric, cholesky},
+    error, lowest_modes,
+    pencil::solve,
+    quadratic_roots,
+    uniform::dependent,
 };
 
 /// The constrained-mode (hybrid-coordinate) model, eq. (2.5), of n_0 rigid coordinates p and n modal ones μ:
@@ -74,32 +78,19 @@ impl HybridModel {
         error::size("modal mass", M.shape(), (n, n))?;
         error::size("modal damping", C.shape(), (n, n))?;
         let model = Self { J, P, M, C, K };
-        let definite = |m: DMatrix<f64>| m.is_empty() || m.cholesky().is_some();
-        for (right, matrix, remedy) in [
-            (
-                definite(model.J.clone()),
-                "rigid mass matrix J",
-                "it includes the undeformed flexible parts",
-            ),
-            (
-                model.J.is_empty() || definite(model.N_c()?),
+        // Without rigid coordinates, N is the modal mass.
+        if !model.J.is_empty() {
+            cholesky(
+                model.N_c()?,
                 "N = M - P J⁻¹ Pᵀ",
                 "more mass moves with the modes than J has: J must include the undeformed flexible parts",
-            ),
-            (
-                definite(model.K.clone()),
-                "modal stiffness",
-                "frequencies must be positive",
-            ),
-        ] {
-            if !right {
-                return Err(StructureError::Matrix {
-                    matrix: matrix.to_owned(),
-                    property: "positive definite",
-                    remedy,
-                });
-            }
+            )?;
         }
+        cholesky(
+            model.K.clone(),
+            "modal stiffness",
+            "frequencies must be positive",
+        )?;
         Ok(model)
     }
 
@@ -128,18 +119,9 @@ impl HybridModel {
         [mass, block(&self.C), block(&self.K)]
     }
 
-    /// `J⁻¹ X`.
-    fn solve_J(&self, X: &DMatrix<f64>) -> Result<DMatrix<f64>, StructureError> {
-        let factor = self
-            .J
-            .clone()
-            .cholesky()
-            .ok_or_else(|| StructureError::Matrix {
-                matrix: "rigid mass matrix J".to_owned(),
-                property: "positive definite",
-                remedy: "every rigid coordinate needs mass or inertia",
-            })?;
-        Ok(factor.solve(X))
+    fn factor_J(&self) -> Result<Cholesky<f64, Dyn>, StructureError> {
+        let remedy = "every rigid coordinate needs mass or inertia";
+        cholesky(self.J.clone(), "rigid mass matrix J", remedy)
     }
 
     /// `N^c = M - P J⁻¹ Pᵀ` of theorem 2.3: the modal mass with the rigid part free.
@@ -150,9 +132,8 @@ impl HybridModel {
         if self.J.is_empty() {
             return Ok(self.M.clone());
         }
-        Ok(symmetric(
-            &self.M - &self.P * self.solve_J(&self.P.transpose())?,
-        ))
+        let solved = self.factor_J()?.solve(&self.P.transpose());
+        Ok((&self.M - &self.P * solved).symmetric_part())
     }
 
     /// Poles by theorem 2.3(a), 2 n of them; 2 n_0 more are zero.
@@ -223,17 +204,7 @@ impl HybridModel {
     /// # Errors
     /// A coordinate that does not exist.
     pub fn held(&self, coordinates: &[usize]) -> Result<Self, StructureError> {
-        for i in coordinates {
-            error::count(
-                "rigid coordinate that is held",
-                *i,
-                0,
-                self.rigid().saturating_sub(1),
-            )?;
-        }
-        let free: Vec<usize> = (0..self.rigid())
-            .filter(|i| !coordinates.contains(i))
-            .collect();
+        let free = error::others("rigid coordinate that is held", coordinates, self.rigid())?;
         Ok(Self {
             J: self.J.select_rows(&free).select_columns(&free),
             P: self.P.select_columns(&free),
@@ -246,34 +217,25 @@ impl HybridModel {
     /// # Errors
     /// A coordinate that does not exist.
     pub fn without(&self, coordinates: &[usize]) -> Result<Self, StructureError> {
-        for i in coordinates {
-            error::count(
-                "rigid coordinate that is eliminated",
-                *i,
-                0,
-                self.rigid().saturating_sub(1),
-            )?;
-        }
+        let field = "rigid coordinate that is eliminated";
+        let kept = error::others(field, coordinates, self.rigid())?;
         if coordinates.is_empty() {
             return Ok(self.clone());
         }
-        let kept: Vec<usize> = (0..self.rigid())
-            .filter(|i| !coordinates.contains(i))
-            .collect();
         let inner = Self {
             J: self.J.select_rows(coordinates).select_columns(coordinates),
             ..self.clone()
         };
         let J_ck = self.J.select_rows(coordinates).select_columns(&kept);
         let P_c = self.P.select_columns(coordinates);
-        let solved_J = inner.solve_J(&J_ck)?;
-        let solved_P = inner.solve_J(&P_c.transpose())?;
+        let factor = inner.factor_J()?;
+        let solved_J = factor.solve(&J_ck);
+        let solved_P = factor.solve(&P_c.transpose());
+        let J_kk = self.J.select_rows(&kept).select_columns(&kept);
         Ok(Self {
-            J: symmetric(
-                self.J.select_rows(&kept).select_columns(&kept) - J_ck.transpose() * &solved_J,
-            ),
+            J: (J_kk - J_ck.transpose() * &solved_J).symmetric_part(),
             P: self.P.select_columns(&kept) - &P_c * &solved_J,
-            M: symmetric(&self.M - &P_c * solved_P),
+            M: (&self.M - &P_c * solved_P).symmetric_part(),
             C: self.C.clone(),
             K: self.K.clone(),
         })
@@ -305,18 +267,14 @@ impl HybridModel {
     pub fn unconstrained(&self) -> Result<UnconstrainedModel, StructureError> {
         let (r, n) = (self.rigid(), self.modes());
         let elastic = lowest_modes(&self.K, &self.N_c()?, n)?;
-        let factor = self
-            .J
-            .clone()
-            .cholesky()
-            .ok_or_else(|| dependent("rigid mass matrix J"))?;
+        let factor = self.factor_J()?;
         let Phi_1 = factor
             .l()
             .transpose()
             .try_inverse()
             .ok_or_else(|| dependent("rigid mass matrix J"))?;
         let Phi_2 = -factor.solve(&(self.P.transpose() * &elastic.vectors));
-        let damping = symmetric(elastic.vectors.transpose() * &self.C * &elastic.vectors);
+        let damping = (elastic.vectors.transpose() * &self.C * &elastic.vectors).symmetric_part();
         debug_assert_eq!((Phi_1.nrows(), Phi_2.shape()), (r, (r, n)));
         Ok(UnconstrainedModel {
             frequencies: elastic.values.map(f64::sqrt),
@@ -345,10 +303,7 @@ fn rigid_solve(
         H_e.shape(),
         (r, n),
     )?;
-    let solution = H_r.clone().lu().solve(H_e);
-    solution
-        .filter(|s| s.iter().all(|v| v.is_finite()))
-        .ok_or_else(|| dependent("rigid part of the output or input matrix"))
+    solve(H_r, H_e).ok_or_else(|| dependent("rigid part of the output or input matrix"))
 }
 
 /// The unconstrained-mode model, eq. (2.7): n_0 rigid modes and n elastic ones.
@@ -391,18 +346,6 @@ impl UnconstrainedModel {
         self.zeros_with(DMatrix::identity(n, n))
     }
 
-    /// The model with the `count` lowest elastic modes.
-    pub fn truncated(&self, count: usize) -> Self {
-        let count = count.min(self.frequencies.len());
-        Self {
-            frequencies: self.frequencies.rows(0, count).into_owned(),
-            damping: self.damping.view((0, 0), (count, count)).into_owned(),
-            Phi_1: self.Phi_1.clone(),
-            Phi_2: self.Phi_2.columns(0, count).into_owned(),
-            Phi_3: self.Phi_3.columns(0, count).into_owned(),
-        }
-    }
-
     /// Transmission zeros of the rigid part by theorem 2.4(b): `N = I + Φ₂ᵀ (Φ₁ Φ₁ᵀ)⁻¹ Φ₂`.
     ///
     /// # Errors
@@ -410,7 +353,7 @@ impl UnconstrainedModel {
     pub fn zeros(&self) -> Result<Vec<Complex<f64>>, StructureError> {
         let n = self.frequencies.len();
         let N = self.Phi_2.transpose() * self.J()? * &self.Phi_2;
-        self.zeros_with(DMatrix::identity(n, n) + symmetric(N))
+        self.zeros_with(DMatrix::identity(n, n) + N.symmetric_part())
     }
 
     /// As [`HybridModel::zeros_measured_elsewhere`], by theorem 2.5(b): `N = I + Φ₂ᵀ (Φ₁ Φ₁ᵀ)⁻¹ H_r⁻¹ (H_r Φ₂ + H_e Φ₃)`.

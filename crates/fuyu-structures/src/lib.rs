@@ -37,9 +37,7 @@
 //! let attachment = Attachment::on_base(&panel, &Rotation3::identity(), &Vector3::new(1.2, 0.0, 0.0), 6);
 //! // A base of 2000 kg and 2000 kg m², and the undeformed panel about the base's origin.
 //! let mut M = DMatrix::from_diagonal_element(6, 6, 2000.0);
-//! let rigid = panel.rigid_mass_matrix();
-//! let rigid = DMatrix::from_column_slice(6, 6, rigid.as_slice());
-//! M += attachment.jacobian.transpose() * rigid * &attachment.jacobian;
+//! M += attachment.jacobian.transpose() * panel.rigid_mass_matrix() * &attachment.jacobian;
 //!
 //! let vehicle = Vehicle::new(M, &[attachment])?;
 //! assert!(vehicle.frequencies_hz()?[0] > 0.22); // higher than 0.1955 Hz of the clamped panel

@@ -1,10 +1,8 @@
 //! Elastic links: slender bodies that carry a load at their far end.
 
-use nalgebra::{DMatrix, DVector, Matrix3};
+use nalgebra::{DMatrix, Matrix3};
 
-use crate::{
-    Appendage, Beam, StructureError, error, matrices::symmetric, strip::bending_invariants,
-};
+use crate::{Appendage, Beam, StructureError, error, strip::bending_invariants};
 
 /// A uniform elastic link along x of its attachment frame, which bends along y and along z.
 ///
@@ -47,7 +45,7 @@ impl ElasticLink {
             .EI
             .map(|EI| Beam::uniform(self.length, self.mass_per_length, EI, self.elements));
         let tip = [2 * self.elements, 2 * self.elements + 1];
-        let mut shapes = [Vec::new(), Vec::new()];
+        let mut shapes = Vec::new();
         let in_plane = 2 + self.fixed_interface_modes;
         let n = 2 * in_plane;
         let (mut mass, mut stiffness) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
@@ -55,19 +53,17 @@ impl ElasticLink {
             let matrices = beam.matrices()?;
             let basis = matrices.craig_bampton(&tip, &[0, 1], self.fixed_interface_modes)?;
             let at = plane * in_plane;
-            let reduced = |m: &DMatrix<f64>| symmetric(basis.transpose() * m * &basis);
+            let reduced = |m: &DMatrix<f64>| (basis.transpose() * m * &basis).symmetric_part();
             mass.view_mut((at, at), (in_plane, in_plane))
                 .copy_from(&reduced(&matrices.M));
             stiffness
                 .view_mut((at, at), (in_plane, in_plane))
                 .copy_from(&reduced(&matrices.K));
-            shapes[plane] = basis
-                .column_iter()
-                .map(|c| c.into_owned())
-                .collect::<Vec<DVector<f64>>>();
+            shapes.push(basis);
         }
         let [y, z] = &beams;
-        let (mut invariants, outputs) = bending_invariants([y, z], shapes, self.second_order)?;
+        let (mut invariants, outputs) =
+            bending_invariants([y, z], [&shapes[0], &shapes[1]], self.second_order)?;
         let section = self.mass_per_length * self.length * self.radius_of_gyration.powi(2) / 2.0;
         let second =
             invariants.second(0, 0) + Matrix3::from_diagonal(&[0.0, section, section].into());

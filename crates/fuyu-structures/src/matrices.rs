@@ -2,7 +2,11 @@
 
 use nalgebra::{DMatrix, DVector};
 
-use crate::{StructureError, eigen::check_symmetric, error, lowest_modes};
+use crate::{
+    StructureError,
+    eigen::{check_symmetric, cholesky},
+    error, lowest_modes,
+};
 
 /// Mass and stiffness matrices of a structure with `n` degrees of freedom.
 #[derive(Clone, Debug, PartialEq)]
@@ -47,15 +51,7 @@ impl Matrices {
 
     /// The degrees of freedom that are not in `fixed`.
     fn free(&self, fixed: &[usize]) -> Result<Vec<usize>, StructureError> {
-        for dof in fixed {
-            error::count(
-                "fixed degree of freedom",
-                *dof,
-                0,
-                self.len().saturating_sub(1),
-            )?;
-        }
-        Ok((0..self.len()).filter(|i| !fixed.contains(i)).collect())
+        error::others("fixed degree of freedom", fixed, self.len())
     }
 
     /// The matrices with some degrees of freedom held at zero, which removes their rows and columns.
@@ -63,12 +59,15 @@ impl Matrices {
     /// # Errors
     /// A degree of freedom that does not exist.
     pub fn held(&self, fixed: &[usize]) -> Result<Self, StructureError> {
-        let free = self.free(fixed)?;
-        let part = |m: &DMatrix<f64>| m.select_rows(&free).select_columns(&free);
-        Ok(Self {
+        Ok(self.part(&self.free(fixed)?))
+    }
+
+    fn part(&self, dofs: &[usize]) -> Self {
+        let part = |m: &DMatrix<f64>| m.select_rows(dofs).select_columns(dofs);
+        Self {
             M: part(&self.M),
             K: part(&self.K),
-        })
+        }
     }
 
     /// The `count` lowest modes with some degrees of freedom held at zero: constrained modes if the attachment is held,
@@ -79,7 +78,7 @@ impl Matrices {
     /// eigenvalue.
     pub fn modes(&self, fixed: &[usize], count: usize) -> Result<Modes, StructureError> {
         let free = self.free(fixed)?;
-        let held = self.held(fixed)?;
+        let held = self.part(&free);
         let eigen = lowest_modes(&held.K, &held.M, count)?;
         let mut shapes = DMatrix::zeros(self.len(), count);
         for (row, dof) in free.iter().enumerate() {
@@ -112,8 +111,8 @@ impl Matrices {
         let K = T.transpose() * &self.K * &T;
         Ok((
             Self {
-                M: symmetric(M),
-                K: symmetric(K),
+                M: M.symmetric_part(),
+                K: K.symmetric_part(),
             },
             T,
         ))
@@ -157,23 +156,15 @@ impl Matrices {
             return Ok(shapes);
         }
         let inner = self.K.select_rows(&interior);
-        let factor =
-            inner
-                .select_columns(&interior)
-                .cholesky()
-                .ok_or_else(|| StructureError::Matrix {
-                    matrix: "stiffness of the inner degrees of freedom".to_owned(),
-                    property: "positive definite",
-                    remedy: "keep more degrees of freedom, so that the others cannot move freely",
-                })?;
+        let factor = cholesky(
+            inner.select_columns(&interior),
+            "stiffness of the inner degrees of freedom",
+            "keep more degrees of freedom, so that the others cannot move freely",
+        )?;
         let solution = factor.solve(&-inner.select_columns(boundary));
         for (row, dof) in interior.iter().enumerate() {
             shapes.row_mut(*dof).copy_from(&solution.row(row));
         }
         Ok(shapes)
     }
-}
-
-pub(crate) fn symmetric(matrix: DMatrix<f64>) -> DMatrix<f64> {
-    (&matrix + matrix.transpose()) / 2.0
 }

@@ -1,6 +1,6 @@
 //! Structures as nodes with matrices, from a truss or from another finite-element program.
 
-use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
+use nalgebra::{DMatrix, Matrix3, Vector3};
 
 use crate::{Appendage, Invariants, Matrices, OutputPoint, StructureError, error};
 
@@ -14,6 +14,8 @@ pub enum Axis {
     /// Along z.
     Z,
 }
+
+const AXES: [Axis; 3] = [Axis::X, Axis::Y, Axis::Z];
 
 /// A structure whose degrees of freedom are displacements of nodes along axes of the attachment frame.
 ///
@@ -36,9 +38,9 @@ impl NodalModel {
             (self.dofs.len(), 1),
             (self.matrices.len(), 1),
         )?;
-        let last = self.positions.len().saturating_sub(1);
         for (i, (node, _)) in self.dofs.iter().enumerate() {
-            error::count(&format!("node of degree of freedom {i}"), *node, 0, last)?;
+            let field = format_args!("node of degree of freedom {i}");
+            error::index(field, *node, self.positions.len())?;
         }
         let M = &self.matrices.M;
         let largest = M.amax();
@@ -56,25 +58,24 @@ impl NodalModel {
         Ok(())
     }
 
-    /// The field that is `value` of the node's position in one direction and zero in the others.
-    fn field(&self, axis: Axis, value: impl Fn(&Vector3<f64>) -> f64) -> DVector<f64> {
-        let entry = |(node, a): &(usize, Axis)| {
-            if *a == axis {
-                value(&self.positions[*node])
-            } else {
-                0.0
+    /// Four fields along one axis, one a column: 1, and the node's x, y and z. Zero in the other directions.
+    fn fields(&self, axis: Axis) -> DMatrix<f64> {
+        DMatrix::from_fn(self.dofs.len(), 4, |row, column| {
+            let (node, a) = self.dofs[row];
+            match column {
+                _ if a != axis => 0.0,
+                0 => 1.0,
+                _ => self.positions[node][column - 1],
             }
-        };
-        DVector::from_iterator(self.dofs.len(), self.dofs.iter().map(entry))
+        })
     }
 
-    /// A direction in which all nodes move.
-    fn complete_axis(&self) -> Result<Axis, StructureError> {
+    /// Place in [`AXES`] of a direction in which all nodes move.
+    fn complete_axis(&self) -> Result<usize, StructureError> {
         let complete =
             |axis: &Axis| (0..self.positions.len()).all(|node| self.dofs.contains(&(node, *axis)));
-        [Axis::X, Axis::Y, Axis::Z]
-            .into_iter()
-            .find(complete)
+        AXES.iter()
+            .position(complete)
             .ok_or_else(|| StructureError::Size {
                 field: "degrees of freedom".to_owned(),
                 found: "no direction that all nodes have".to_owned(),
@@ -99,31 +100,31 @@ impl NodalModel {
         outputs: &[(&str, usize)],
     ) -> Result<Appendage, StructureError> {
         self.check()?;
-        let axis = self.complete_axis()?;
+        let complete = self.complete_axis()?;
         let modes = self.matrices.modes(fixed, count)?;
-        let M = &self.matrices.M;
-        let axes = [Axis::X, Axis::Y, Axis::Z];
-        let ones = self.field(axis, |_| 1.0);
-        let moments: Vec<DVector<f64>> = (0..3).map(|i| self.field(axis, |X| X[i])).collect();
-        let mass = (M * &ones).dot(&ones);
-        let first = Vector3::from_fn(|i, _| (M * &ones).dot(&moments[i]));
-        let second = Matrix3::from_fn(|i, j| (M * &moments[i]).dot(&moments[j]));
+        let fields = AXES.map(|axis| self.fields(axis));
+        let parts = AXES.map(|axis| self.parts(&modes.shapes, axis));
+        let masses = AXES.map(|axis| self.scalar_mass(axis));
+        let body = fields[complete].transpose() * &self.matrices.M * &fields[complete];
+        let second: Matrix3<f64> = body.fixed_view::<3, 3>(1, 1).into_owned();
         let inertia = Matrix3::identity() * second.trace() - second;
-        let mut invariants = Invariants::rigid(mass, first, inertia, count, false);
+        let first = body.fixed_view::<3, 1>(1, 0).into_owned();
+        let mut invariants = Invariants::rigid(body[(0, 0)], first, inertia, count, false);
+        let weighted = &self.matrices.M * &modes.shapes;
+        let moments = fields.map(|field| field.transpose() * &weighted);
+        // The mass between two nodes is the same in all directions; products of different ones take it from the complete axis.
+        let products: [[DMatrix<f64>; 3]; 3] = std::array::from_fn(|i| {
+            std::array::from_fn(|j| {
+                let mass = &masses[if i == j { i } else { complete }];
+                parts[i].transpose() * (mass * &parts[j])
+            })
+        });
         for k in 0..count {
-            let shape = modes.shapes.column(k);
-            let weighted = M * shape;
-            invariants.set_first(
-                1 + k,
-                Vector3::from_fn(|j, _| self.field(axes[j], |_| 1.0).dot(&weighted)),
-            );
-            let moment = Matrix3::from_fn(|i, j| self.field(axes[j], |X| X[i]).dot(&weighted));
+            invariants.set_first(1 + k, Vector3::from_fn(|j, _| moments[j][(0, k)]));
+            let moment = Matrix3::from_fn(|i, j| moments[j][(1 + i, k)]);
             invariants.set_second(0, 1 + k, moment);
             for l in k..count {
-                let product = Matrix3::from_fn(|i, j| {
-                    let part = |column: usize, axis: Axis| self.part(&modes.shapes, column, axis);
-                    part(k, axes[i]).dot(&(self.scalar_mass(axes[i], axes[j]) * part(l, axes[j])))
-                });
+                let product = Matrix3::from_fn(|i, j| products[i][j][(k, l)]);
                 invariants.set_second(1 + k, 1 + l, product);
             }
         }
@@ -131,18 +132,9 @@ impl NodalModel {
         let mut appendage =
             Appendage::with_frequencies(name, invariants, &frequencies, &vec![damping; count])?;
         for (label, node) in outputs {
-            error::count(
-                &format!("node of output point {label}"),
-                *node,
-                0,
-                self.positions.len().saturating_sub(1),
-            )?;
-            let displacement = |k: usize| {
-                Vector3::from_fn(|j, _| {
-                    let place = self.dofs.iter().position(|d| *d == (*node, axes[j]));
-                    place.map_or(0.0, |row| modes.shapes[(row, k)])
-                })
-            };
+            let field = format_args!("node of output point {label}");
+            error::index(field, *node, self.positions.len())?;
+            let displacement = |k: usize| Vector3::from_fn(|j, _| parts[j][(*node, k)]);
             appendage.outputs.push(OutputPoint {
                 name: (*label).to_owned(),
                 position: self.positions[*node],
@@ -154,26 +146,19 @@ impl NodalModel {
         Ok(appendage)
     }
 
-    /// Displacements of all nodes along one axis, zero where a node lacks it.
-    fn part(&self, shapes: &DMatrix<f64>, column: usize, axis: Axis) -> DVector<f64> {
-        let mut part = DVector::zeros(self.positions.len());
+    /// Displacements of all nodes along one axis, one column for each mode; zero where a node lacks the axis.
+    fn parts(&self, shapes: &DMatrix<f64>, axis: Axis) -> DMatrix<f64> {
+        let mut parts = DMatrix::zeros(self.positions.len(), shapes.ncols());
         for (row, (node, a)) in self.dofs.iter().enumerate() {
             if *a == axis {
-                part[*node] = shapes[(row, column)];
+                parts.set_row(*node, &shapes.row(row));
             }
         }
-        part
+        parts
     }
 
-    /// Mass between nodes for products of two directions. The mass matrix has it for equal directions; it is the same for
-    /// different ones, for which that of an axis that all nodes have is used.
-    fn scalar_mass(&self, a: Axis, b: Axis) -> DMatrix<f64> {
-        let complete = self.complete_axis().unwrap_or(a);
-        let axis = if a == b && self.dofs.iter().any(|d| d.1 == a) {
-            a
-        } else {
-            complete
-        };
+    /// Mass between nodes along one axis.
+    fn scalar_mass(&self, axis: Axis) -> DMatrix<f64> {
         let n = self.positions.len();
         let mut mass = DMatrix::zeros(n, n);
         for (i, (node_i, axis_i)) in self.dofs.iter().enumerate() {

@@ -2,7 +2,7 @@
 
 use nalgebra::{Cholesky, Complex, DMatrix, Schur};
 
-use crate::{StructureError, eigen::symmetric_eigen};
+use crate::{StructureError, eigen::reduced_eigen, error};
 
 /// Roots that are larger than this times the geometric mean scale of the polynomial count as infinite. A singular leading
 /// coefficient has pairs of them, which rounding makes about 1e8.
@@ -28,10 +28,8 @@ pub fn quadratic_roots(
         ("coefficient of s", B),
         ("constant coefficient", C),
     ] {
-        crate::error::size(name, matrix.shape(), (n, n))?;
-        for value in matrix.iter() {
-            crate::error::finite(&format!("an entry of the {name}"), *value)?;
-        }
+        error::size(name, matrix.shape(), (n, n))?;
+        error::finite_entries(name, matrix)?;
     }
     if n == 0 {
         return Ok(Vec::new());
@@ -60,17 +58,10 @@ fn undamped(A: &DMatrix<f64>, C: &DMatrix<f64>) -> Result<Vec<Complex<f64>>, Str
         None
     };
     let reciprocals: Vec<Complex<f64>> = if let Some(factor) = factor {
-        let L = factor.l();
-        let solved = L
-            .solve_lower_triangular(A)
-            .expect("a Cholesky factor is regular");
-        let reduced = L
-            .solve_lower_triangular(&solved.transpose())
-            .expect("a Cholesky factor is regular");
-        let values = symmetric_eigen(&reduced, "C⁻¹ A")?.values;
+        let values = reduced_eigen(&factor, A, "C⁻¹ A")?.values;
         values.iter().map(|v| Complex::new(*v, 0.0)).collect()
     } else {
-        eigenvalues(regular_solve(C, A)?, "C⁻¹ A")?
+        eigenvalues(solve(C, A).ok_or_else(singular)?, "C⁻¹ A")?
     };
     let nonzero = reciprocals.into_iter().filter(|v| v.norm() > 0.0);
     Ok(nonzero
@@ -91,10 +82,11 @@ fn damped(
     let n = A.nrows();
     let mut companion = DMatrix::zeros(2 * n, 2 * n);
     companion.view_mut((0, n), (n, n)).fill_with_identity();
-    let lowest = regular_solve(C, &(A * (scale * scale)))?;
-    let middle = regular_solve(C, &(B * scale))?;
-    companion.view_mut((n, 0), (n, n)).copy_from(&-lowest);
-    companion.view_mut((n, n), (n, n)).copy_from(&-middle);
+    let mut right = DMatrix::zeros(n, 2 * n);
+    right.columns_mut(0, n).copy_from(&(A * (-scale * scale)));
+    right.columns_mut(n, n).copy_from(&(B * -scale));
+    let solution = solve(C, &right).ok_or_else(singular)?;
+    companion.rows_mut(n, n).copy_from(&solution);
     let reciprocals = eigenvalues(companion, "the companion matrix")?;
     let nonzero = reciprocals.into_iter().filter(|t| t.norm() > 0.0);
     Ok(nonzero.map(|t| Complex::new(scale, 0.0) / t).collect())
@@ -113,11 +105,10 @@ fn check_regular(C: &DMatrix<f64>) -> Result<(), StructureError> {
     }
 }
 
-fn regular_solve(C: &DMatrix<f64>, right: &DMatrix<f64>) -> Result<DMatrix<f64>, StructureError> {
-    let solution = C.clone().lu().solve(right);
-    solution
-        .filter(|s| s.iter().all(|v| v.is_finite()))
-        .ok_or_else(singular)
+/// `A⁻¹ B`, unless `A` is singular.
+pub(crate) fn solve(A: &DMatrix<f64>, B: &DMatrix<f64>) -> Option<DMatrix<f64>> {
+    let solution = A.clone().lu().solve(B)?;
+    solution.iter().all(|v| v.is_finite()).then_some(solution)
 }
 
 fn singular() -> StructureError {

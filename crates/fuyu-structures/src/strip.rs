@@ -1,9 +1,10 @@
 //! Panels and booms: slender bodies that are clamped at their root.
 
-use nalgebra::DVector;
+use nalgebra::DMatrix;
 
 use crate::{
-    Appendage, Beam, Cantilever, End, QuadraticRod, Shaft, StructureError, error,
+    Appendage, Beam, Cantilever, End, Invariants, MassPoint, OutputPoint, QuadraticRod, Shaft,
+    StructureError, error,
     line::{Line, Sample},
 };
 
@@ -144,16 +145,26 @@ impl PlateStrip {
             width: self.width,
             modes,
         };
-        let (invariants, outputs) = line.invariants(self.second_order)?;
-        let damping = vec![self.damping; frequencies.len()];
-        let mut appendage = Appendage::with_frequencies(name, invariants, frequencies, &damping)?;
-        let bending = (1..=self.bending_modes).map(|k| format!("b{k}"));
-        appendage.mode_names = bending
-            .chain((1..=self.torsion_modes).map(|k| format!("t{k}")))
-            .collect();
-        appendage.outputs = outputs;
-        Ok(appendage)
+        let body = line.invariants(self.second_order)?;
+        let kinds = [("b", self.bending_modes), ("t", self.torsion_modes)];
+        with_modes(name, body, frequencies, self.damping, kinds)
     }
+}
+
+/// An appendage with modes of two kinds, so many of each. They are named by a letter and numbers from 1.
+fn with_modes(
+    name: &str,
+    (invariants, outputs): (Invariants, Vec<OutputPoint>),
+    frequencies: &[f64],
+    damping: f64,
+    kinds: [(&str, usize); 2],
+) -> Result<Appendage, StructureError> {
+    let damping = vec![damping; frequencies.len()];
+    let mut appendage = Appendage::with_frequencies(name, invariants, frequencies, &damping)?;
+    let names = kinds.map(|(letter, count)| (1..=count).map(move |k| format!("{letter}{k}")));
+    appendage.mode_names = names.into_iter().flatten().collect();
+    appendage.outputs = outputs;
+    Ok(appendage)
 }
 
 /// A boom that is clamped at its root and bends in two planes; uniform or not, possibly with a mass at its tip.
@@ -183,15 +194,9 @@ impl Boom {
         error::not_negative("damping", self.damping)?;
         let y = self.along_y.modes(End::Clamped, End::Free, self.modes[0])?;
         let z = self.along_z.modes(End::Clamped, End::Free, self.modes[1])?;
-        let shapes = |m: &crate::Modes| {
-            m.shapes
-                .column_iter()
-                .map(|c| c.into_owned())
-                .collect::<Vec<_>>()
-        };
-        let (invariants, outputs) = bending_invariants(
+        let body = bending_invariants(
             [&self.along_y, &self.along_z],
-            [shapes(&y), shapes(&z)],
+            [&y.shapes, &z.shapes],
             self.second_order,
         )?;
         let frequencies: Vec<f64> = y
@@ -200,23 +205,18 @@ impl Boom {
             .chain(&z.frequencies)
             .copied()
             .collect();
-        let damping = vec![self.damping; frequencies.len()];
-        let mut appendage = Appendage::with_frequencies(name, invariants, &frequencies, &damping)?;
-        let along_y = (1..=self.modes[0]).map(|k| format!("y{k}"));
-        appendage.mode_names = along_y
-            .chain((1..=self.modes[1]).map(|k| format!("z{k}")))
-            .collect();
-        appendage.outputs = outputs;
-        Ok(appendage)
+        let kinds = [("y", self.modes[0]), ("z", self.modes[1])];
+        with_modes(name, body, &frequencies, self.damping, kinds)
     }
 }
 
-/// Mass integrals of a beam that bends along y and along z with given shapes (values of the degrees of freedom).
+/// Mass integrals of a beam that bends along y and along z with given shapes (values of the degrees of freedom, one column for
+/// each shape).
 pub(crate) fn bending_invariants(
     [y, z]: [&Beam; 2],
-    [y_shapes, z_shapes]: [Vec<DVector<f64>>; 2],
+    [y_shapes, z_shapes]: [&DMatrix<f64>; 2],
     second_order: bool,
-) -> Result<(crate::Invariants, Vec<crate::OutputPoint>), StructureError> {
+) -> Result<(Invariants, Vec<OutputPoint>), StructureError> {
     let inertias = |b: &Beam| {
         b.elements
             .iter()
@@ -242,13 +242,13 @@ pub(crate) fn bending_invariants(
         });
     }
     let mut modes: Vec<Box<dyn Fn(f64) -> Sample + '_>> = Vec::new();
-    for shape in y_shapes {
+    for shape in y_shapes.column_iter().map(|c| c.into_owned()) {
         modes.push(Box::new(move |x| Sample {
             v: y.deflection(&shape, x),
             ..Sample::default()
         }));
     }
-    for shape in z_shapes {
+    for shape in z_shapes.column_iter().map(|c| c.into_owned()) {
         modes.push(Box::new(move |x| Sample {
             w: z.deflection(&shape, x),
             ..Sample::default()
@@ -263,25 +263,21 @@ pub(crate) fn bending_invariants(
     };
     let (mut points, outputs) = line.points(second_order);
     for body in &y.bodies {
-        let tip: &crate::OutputPoint = &outputs[0];
-        points.push(crate::MassPoint {
+        let tip: &OutputPoint = &outputs[0];
+        points.push(MassPoint {
             mass: body.mass,
             position: tip.position,
             psi: tip.translation.clone(),
             chi: tip.chi.clone(),
         });
     }
-    let mut invariants = crate::Invariants::from_points(&points)?;
+    let mut invariants = Invariants::from_points(&points)?;
     add_rotary_inertia(&mut invariants, &outputs[0], [y, z]);
     Ok((invariants, outputs))
 }
 
 /// Adds what the rotary inertia of bodies at the tip contributes to the body's inertia and to the modes' angular momentum.
-fn add_rotary_inertia(
-    invariants: &mut crate::Invariants,
-    tip: &crate::OutputPoint,
-    [y, z]: [&Beam; 2],
-) {
+fn add_rotary_inertia(invariants: &mut Invariants, tip: &OutputPoint, [y, z]: [&Beam; 2]) {
     use nalgebra::{Matrix3, Vector3};
     // Bending along y turns the tip about z, bending along z about y.
     let about = |beam: &Beam| beam.bodies.iter().map(|b| b.inertia).sum::<f64>();

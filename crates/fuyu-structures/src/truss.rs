@@ -35,20 +35,16 @@ impl Truss {
         let (mut M, mut K) = (DMatrix::zeros(n, n), DMatrix::zeros(n, n));
         for (number, rod) in self.rods.iter().enumerate() {
             for node in rod.nodes {
-                error::count(
-                    &format!("node of rod {number}"),
-                    node,
-                    0,
-                    self.nodes.len().saturating_sub(1),
-                )?;
+                let field = format_args!("node of rod {number}");
+                error::index(field, node, self.nodes.len())?;
             }
             let [i, j] = rod.nodes;
             let along = self.nodes[j] - self.nodes[i];
-            let length = error::positive(&format!("length of rod {number} [m]"), along.norm())?;
-            let EA = error::not_negative(&format!("EA of rod {number} [N]"), rod.EA)?;
+            let length = error::positive(format_args!("length of rod {number} [m]"), along.norm())?;
+            let EA = error::not_negative(format_args!("EA of rod {number} [N]"), rod.EA)?;
             let mass = length
                 * error::not_negative(
-                    &format!("mass per length of rod {number} [kg/m]"),
+                    format_args!("mass per length of rod {number} [kg/m]"),
                     rod.mass_per_length,
                 )?;
             let direction = along / length;

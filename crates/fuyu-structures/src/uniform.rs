@@ -2,7 +2,7 @@
 
 use nalgebra::{Complex, DMatrix, DVector};
 
-use crate::{Matrices, StructureError, error, lowest_modes, matrices::symmetric, quadratic_roots};
+use crate::{Matrices, StructureError, error, lowest_modes, quadratic_roots};
 
 /// `M w'' + D w' + K w = L u`, `y = Lᵀ w` (eq. (2.1)): sensors and actuators at the same places, in the same directions.
 #[derive(Clone, Debug)]
@@ -29,12 +29,7 @@ impl FemModel {
         error::size("damping matrix D", D.shape(), (n, n))?;
         let mut L = DMatrix::zeros(n, dofs.len());
         for (column, dof) in dofs.iter().enumerate() {
-            error::count(
-                "degree of freedom of an input",
-                *dof,
-                0,
-                n.saturating_sub(1),
-            )?;
+            error::index("degree of freedom of an input", *dof, n)?;
             L[(*dof, column)] = 1.0;
         }
         Ok(Self { matrices, D, L })
@@ -48,7 +43,6 @@ impl FemModel {
         let n = self.matrices.len();
         let eigen = lowest_modes(&self.matrices.K, &self.matrices.M, n)?;
         let rigid = eigen.values.iter().filter(|v| **v == 0.0).count();
-        let elastic = eigen.vectors.columns(rigid, n - rigid);
         let D = eigen.vectors.transpose() * &self.D * &eigen.vectors;
         if rigid > 0 && D.columns(0, rigid).amax() > 1e-9 * D.amax() {
             return Err(StructureError::Matrix {
@@ -57,9 +51,10 @@ impl FemModel {
                 remedy: "only deformation of the structure is damped (Kida 1993, after eq. (2.1))",
             });
         }
-        let D = symmetric(elastic.transpose() * &self.D * elastic);
-        let K = DMatrix::from_diagonal(&eigen.values.rows(rigid, n - rigid).into_owned());
-        quadratic_roots(&DMatrix::identity(n - rigid, n - rigid), &D, &K)
+        let elastic = n - rigid;
+        let D = D.view((rigid, rigid), (elastic, elastic)).symmetric_part();
+        let K = DMatrix::from_diagonal(&eigen.values.rows(rigid, elastic).into_owned());
+        quadratic_roots(&DMatrix::identity(elastic, elastic), &D, &K)
     }
 
     /// Transmission zeros by theorem 2.1: poles of the structure with the displacements that are measured held at zero, 2 (n - r) of
@@ -83,7 +78,7 @@ impl FemModel {
             return Err(dependent("input matrix L"));
         }
         let held = eigen.vectors.columns(0, n - r);
-        let part = |m: &DMatrix<f64>| symmetric(held.transpose() * m * held);
+        let part = |m: &DMatrix<f64>| (held.transpose() * m * held).symmetric_part();
         quadratic_roots(
             &part(&self.matrices.M),
             &part(&self.D),
@@ -134,8 +129,11 @@ impl ModalModel {
         error::size("damping ratios", (damping_ratios.len(), 1), (n, 1))?;
         error::size("modal inputs", inputs.shape(), (n, inputs.ncols()))?;
         for k in 0..n {
-            error::not_negative(&format!("frequency of mode {k} [rad/s]"), frequencies[k])?;
-            error::not_negative(&format!("damping ratio of mode {k}"), damping_ratios[k])?;
+            error::not_negative(
+                format_args!("frequency of mode {k} [rad/s]"),
+                frequencies[k],
+            )?;
+            error::not_negative(format_args!("damping ratio of mode {k}"), damping_ratios[k])?;
         }
         Ok(Self {
             frequencies,
@@ -177,7 +175,7 @@ impl ModalModel {
             DMatrix::from_diagonal(&DVector::from_iterator(modes.len(), entries))
         };
         let part = |f: &dyn Fn(f64, f64) -> f64| {
-            symmetric(&delta * diagonal(first, f) * delta.transpose() + diagonal(second, f))
+            (&delta * diagonal(first, f) * delta.transpose() + diagonal(second, f)).symmetric_part()
         };
         quadratic_roots(
             &part(&|_, _| 1.0),

@@ -78,7 +78,7 @@ impl Vehicle {
             let body = attachment.appendage;
             let size = body.modes();
             error::size(
-                &format!("{}, jacobian of the attachment", body.name),
+                format_args!("{}, jacobian of the attachment", body.name),
                 attachment.jacobian.shape(),
                 (6, coordinates),
             )?;

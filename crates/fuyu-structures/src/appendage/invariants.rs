@@ -28,22 +28,26 @@ impl Invariants {
         modes: usize,
         second_order: bool,
     ) -> Self {
-        let functions = 1
-            + modes
-            + if second_order {
-                modes * (modes + 1) / 2
-            } else {
-                0
-            };
-        let mut invariants = Self {
+        let mut invariants = Self::zeros(mass, modes, second_order);
+        invariants.first[0] = first_moment;
+        invariants.second[0] = Matrix3::identity() * (inertia.trace() / 2.0) - inertia;
+        invariants
+    }
+
+    /// All integrals zero, but for the mass.
+    fn zeros(mass: f64, modes: usize, second_order: bool) -> Self {
+        let pairs = if second_order {
+            pairs(modes).count()
+        } else {
+            0
+        };
+        let functions = 1 + modes + pairs;
+        Self {
             modes,
             mass,
             first: vec![Vector3::zeros(); functions],
             second: vec![Matrix3::zeros(); functions * functions],
-        };
-        invariants.first[0] = first_moment;
-        invariants.second[0] = Matrix3::identity() * (inertia.trace() / 2.0) - inertia;
-        invariants
+        }
     }
 
     /// Sums over mass points.
@@ -57,28 +61,31 @@ impl Invariants {
             expected: "one or more".to_owned(),
         })?;
         let (modes, second_order) = (first.psi.len(), !first.chi.is_empty());
-        let mut sums = Self::rigid(0.0, Vector3::zeros(), Matrix3::zeros(), modes, second_order);
+        let mut sums = Self::zeros(0.0, modes, second_order);
         let functions = sums.functions();
         let mut values = vec![Vector3::zeros(); functions];
         for (i, point) in points.iter().enumerate() {
             error::size(
-                &format!("psi of mass point {i}"),
+                format_args!("psi of mass point {i}"),
                 (point.psi.len(), 3),
                 (modes, 3),
             )?;
             error::size(
-                &format!("chi of mass point {i}"),
+                format_args!("chi of mass point {i}"),
                 (point.chi.len(), 3),
                 (functions - 1 - modes, 3),
             )?;
-            error::not_negative(&format!("mass of mass point {i} [kg]"), point.mass)?;
+            error::not_negative(format_args!("mass of mass point {i} [kg]"), point.mass)?;
             values[0] = point.position;
             values[1..=modes].copy_from_slice(&point.psi);
             values[1 + modes..].copy_from_slice(&point.chi);
             sums.mass += point.mass;
             for a in 0..functions {
                 let weighted = values[a] * point.mass;
-                error::finite(&format!("a displacement of mass point {i}"), weighted.sum())?;
+                error::finite(
+                    format_args!("a displacement of mass point {i}"),
+                    weighted.sum(),
+                )?;
                 sums.first[a] += weighted;
                 let row = sums.second[a * functions..].iter_mut().skip(a);
                 for (second, value) in row.zip(&values[a..]) {
@@ -149,7 +156,7 @@ impl Invariants {
 
     /// The same without second order.
     pub fn first_order(&self) -> Self {
-        let mut result = Self::rigid(self.mass, self.first[0], self.inertia(), self.modes, false);
+        let mut result = Self::zeros(self.mass, self.modes, false);
         for a in 0..=self.modes {
             result.set_first(a, self.first(a));
             for b in a..=self.modes {
@@ -171,13 +178,7 @@ impl Invariants {
         )?;
         let m = T.ncols();
         let functions = self.functions();
-        let mut result = Self::rigid(
-            self.mass,
-            self.first[0],
-            self.inertia(),
-            m,
-            self.second_order(),
-        );
+        let mut result = Self::zeros(self.mass, m, self.second_order());
         // How the new functions follow from the old ones, one row for each new function.
         let mut mix = DMatrix::zeros(result.functions(), functions);
         mix[(0, 0)] = 1.0;

@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 
-use super::{Appendage, Invariants, invariants::cross_moment, points::pairs};
+use super::{Appendage, Invariants, invariants::cross_moment, points::pairs, rigid_matrix};
 
 /// What the equations of motion of a deformable body need, at one state. Allocated once; [`Kinetics::update`] does not allocate.
 ///
@@ -114,11 +114,8 @@ impl Kinetics {
         }
         let J = Matrix3::identity() * r_r.trace() - r_r;
         let M = &mut self.mass_matrix;
-        M.fixed_view_mut::<3, 3>(0, 0)
-            .copy_from(&(Matrix3::identity() * invariants.mass()));
-        M.fixed_view_mut::<3, 3>(0, 3).copy_from(&-S.cross_matrix());
-        M.fixed_view_mut::<3, 3>(3, 0).copy_from(&S.cross_matrix());
-        M.fixed_view_mut::<3, 3>(3, 3).copy_from(&J);
+        M.fixed_view_mut::<6, 6>(0, 0)
+            .copy_from(&rigid_matrix(invariants.mass(), &S, &J));
         let (mut S_dot, mut r_rdot) = (Vector3::zeros(), Matrix3::zeros());
         for (k, (cross, rate)) in self.cross.iter().zip(mu_dot).enumerate() {
             let gradient = self.gradients[k].iter();

@@ -13,9 +13,7 @@ pub use self::{
     points::{MassPoint, pair_index},
     spin::FirstOrderLimits,
 };
-use crate::{
-    StructureError, eigen::check_symmetric, error, generalized_eigen, matrices::symmetric,
-};
+use crate::{StructureError, eigen::check_symmetric, error, generalized_eigen};
 pub(crate) use points::pairs;
 
 /// Angular rate of the attachment as a fraction of the first frequency above which first-order modes do not suffice: the
@@ -46,7 +44,7 @@ pub struct OutputPoint {
 impl OutputPoint {
     /// Displacement \[m\] at modal coordinates `mu`.
     pub fn displacement(&self, mu: &[f64]) -> Vector3<f64> {
-        let mut sum: Vector3<f64> = self.translation.iter().zip(mu).map(|(t, m)| t * *m).sum();
+        let mut sum = combined(&self.translation, mu);
         for (chi, (k, l)) in self.chi.iter().zip(pairs(mu.len())) {
             let factor = if k == l { 0.5 } else { 1.0 };
             sum += chi * (factor * mu[k] * mu[l]);
@@ -56,13 +54,14 @@ impl OutputPoint {
 
     /// Small rotation \[rad\] at modal coordinates `mu`.
     pub fn rotation(&self, mu: &[f64]) -> Vector3<f64> {
-        self.rotation.iter().zip(mu).map(|(r, m)| r * *m).sum()
+        combined(&self.rotation, mu)
     }
 
     fn transformed(&self, T: &DMatrix<f64>) -> Self {
         let mix = |values: &[Vector3<f64>]| {
-            let column = |i| values.iter().enumerate().map(|(k, v)| v * T[(k, i)]).sum();
-            (0..T.ncols()).map(column).collect()
+            T.column_iter()
+                .map(|c| combined(values, c.iter()))
+                .collect()
         };
         let n = T.nrows();
         let chi = |(i, j): (usize, usize)| {
@@ -128,7 +127,6 @@ impl Appendage {
     ) -> Result<Self, StructureError> {
         let n = frequencies.len();
         error::size("coupling P", P.shape(), (n, 6))?;
-        error::size("damping ratios", (damping_ratios.len(), 1), (n, 1))?;
         let mut invariants = Invariants::rigid(rigid.0, rigid.1, rigid.2, n, false);
         for k in 0..n {
             invariants.set_first(1 + k, Vector3::new(P[(k, 0)], P[(k, 1)], P[(k, 2)]));
@@ -137,7 +135,6 @@ impl Appendage {
                 1 + k,
                 antisymmetric(Vector3::new(P[(k, 3)], P[(k, 4)], P[(k, 5)])),
             );
-            invariants.set_second(1 + k, 1 + k, Matrix3::zeros());
         }
         Self::with_frequencies(name, invariants, frequencies, damping_ratios)
     }
@@ -157,11 +154,11 @@ impl Appendage {
         error::size("damping ratios", (damping_ratios.len(), 1), (n, 1))?;
         for k in 0..n {
             error::positive(
-                &format!("{name}, frequency of mode {k} [rad/s]"),
+                format_args!("{name}, frequency of mode {k} [rad/s]"),
                 frequencies[k],
             )?;
             error::not_negative(
-                &format!("{name}, damping ratio of mode {k}"),
+                format_args!("{name}, damping ratio of mode {k}"),
                 damping_ratios[k],
             )?;
         }
@@ -189,11 +186,11 @@ impl Appendage {
     pub fn check(&self) -> Result<(), StructureError> {
         let (n, name) = (self.modes(), &self.name);
         error::size(
-            &format!("{name}, names of the modes"),
+            format_args!("{name}, names of the modes"),
             (self.mode_names.len(), 1),
             (n, 1),
         )?;
-        error::not_negative(&format!("{name}, mass [kg]"), self.invariants.mass())?;
+        error::not_negative(format_args!("{name}, mass [kg]"), self.invariants.mass())?;
         for a in 0..self.invariants.functions() {
             let field = format!("{name}, mass integrals of function {a}");
             error::finite(&field, self.invariants.first(a).sum())?;
@@ -260,13 +257,8 @@ impl Appendage {
 
     /// Mass matrix of the undeformed body for a velocity `(v, w)` of the attachment frame, about its origin.
     pub fn rigid_mass_matrix(&self) -> Matrix6<f64> {
-        let (m, S) = (self.invariants.mass(), self.invariants.first(0));
-        let mut M = Matrix6::identity() * m;
-        M.fixed_view_mut::<3, 3>(0, 3).copy_from(&-S.cross_matrix());
-        M.fixed_view_mut::<3, 3>(3, 0).copy_from(&S.cross_matrix());
-        M.fixed_view_mut::<3, 3>(3, 3)
-            .copy_from(&self.invariants.inertia());
-        M
+        let body = &self.invariants;
+        rigid_matrix(body.mass(), &body.first(0), &body.inertia())
     }
 
     /// Undamped angular frequencies with the attachment held \[rad/s\], ascending.
@@ -284,7 +276,7 @@ impl Appendage {
     /// # Errors
     /// A `T` with another number of rows than there are modes.
     pub fn transformed(&self, T: &DMatrix<f64>) -> Result<Self, StructureError> {
-        let part = |m: &DMatrix<f64>| symmetric(T.transpose() * m * T);
+        let part = |m: &DMatrix<f64>| (T.transpose() * m * T).symmetric_part();
         Ok(Self {
             name: self.name.clone(),
             mode_names: (0..T.ncols()).map(|k| format!("mode{}", k + 1)).collect(),
@@ -306,18 +298,8 @@ impl Appendage {
         let mut vectors = generalized_eigen(&self.modal_stiffness, &self.modal_mass)?.vectors;
         if let Some(tip) = self.outputs.first() {
             for mut shape in vectors.column_iter_mut() {
-                let displacement: Vector3<f64> = tip
-                    .translation
-                    .iter()
-                    .zip(shape.iter())
-                    .map(|(t, x)| t * *x)
-                    .sum();
-                let rotation: Vector3<f64> = tip
-                    .rotation
-                    .iter()
-                    .zip(shape.iter())
-                    .map(|(r, x)| r * *x)
-                    .sum();
+                let displacement = combined(&tip.translation, shape.iter());
+                let rotation = combined(&tip.rotation, shape.iter());
                 let leading = if displacement.amax() > 1e-6 * rotation.amax() {
                     displacement
                 } else {
@@ -349,12 +331,7 @@ impl Appendage {
         let n = self.modes();
         let mut T = DMatrix::zeros(n, modes.len());
         for (column, k) in modes.iter().enumerate() {
-            error::count(
-                &format!("{}, selected mode", self.name),
-                *k,
-                0,
-                n.saturating_sub(1),
-            )?;
+            error::index(format_args!("{}, selected mode", self.name), *k, n)?;
             T[(*k, column)] = 1.0;
         }
         let mut result = self.transformed(&T)?;
@@ -369,6 +346,23 @@ impl Appendage {
         result.outputs.iter_mut().for_each(|o| o.chi.clear());
         result
     }
+}
+
+/// `Σ v_k x_k`.
+fn combined<'a>(
+    vectors: &[Vector3<f64>],
+    factors: impl IntoIterator<Item = &'a f64>,
+) -> Vector3<f64> {
+    vectors.iter().zip(factors).map(|(v, x)| v * *x).sum()
+}
+
+/// Mass matrix of a body for a velocity `(v, w)` of a frame: its mass, first moment and inertia about the frame's origin.
+fn rigid_matrix(mass: f64, S: &Vector3<f64>, J: &Matrix3<f64>) -> Matrix6<f64> {
+    let mut M = Matrix6::identity() * mass;
+    M.fixed_view_mut::<3, 3>(0, 3).copy_from(&-S.cross_matrix());
+    M.fixed_view_mut::<3, 3>(3, 0).copy_from(&S.cross_matrix());
+    M.fixed_view_mut::<3, 3>(3, 3).copy_from(J);
+    M
 }
 
 /// The antisymmetric `∫ X ψᵀ dm` whose `∫ X × ψ dm` is `moment`.

@@ -3,7 +3,7 @@
 use nalgebra::{Complex, DMatrix, Vector3};
 
 use super::{Appendage, FIRST_ORDER_DEFLECTION, FIRST_ORDER_RATE, invariants::cross_moment};
-use crate::{StructureError, frequencies_hz, quadratic_roots};
+use crate::{StructureError, eigen::cholesky, frequencies_hz, quadratic_roots};
 
 impl Appendage {
     /// Stiffness (n x n) that the steady motion of the attachment frame adds to small vibrations about the undeformed shape:
@@ -14,7 +14,7 @@ impl Appendage {
     pub fn spin_stiffness(&self, w_A: &Vector3<f64>, a_A: &Vector3<f64>) -> DMatrix<f64> {
         let invariants = &self.invariants;
         let w_squared = w_A.norm_squared();
-        let K = DMatrix::from_fn(self.modes(), self.modes(), |k, l| {
+        let part = |k, l| {
             let mut moment = invariants.second(1 + l, 1 + k);
             let mut force = 0.0;
             if invariants.second_order() {
@@ -23,8 +23,8 @@ impl Appendage {
                 force = a_A.dot(&invariants.first(pair));
             }
             w_A.dot(&(moment * w_A)) - w_squared * moment.trace() + force
-        });
-        crate::matrices::symmetric(K)
+        };
+        DMatrix::from_fn(self.modes(), self.modes(), part).symmetric_part()
     }
 
     /// Gyroscopic matrix (n x n, antisymmetric) of small vibrations in a frame that turns at `w_A` \[rad/s\]: the modal forces
@@ -47,13 +47,11 @@ impl Appendage {
     ) -> Result<Vec<f64>, StructureError> {
         let acceleration = w_A.cross(&w_A.cross(p_A));
         let K = &self.modal_stiffness + self.spin_stiffness(w_A, &acceleration);
-        if self.modes() > 0 && K.clone().cholesky().is_none() {
-            return Err(StructureError::Matrix {
-                matrix: format!("{}, stiffness at {:.4} rad/s", self.name, w_A.norm()),
-                property: "positive definite",
-                remedy: "the body diverges at this rate; use second-order modes or a lower rate",
-            });
-        }
+        cholesky(
+            K.clone(),
+            format_args!("{}, stiffness at {:.4} rad/s", self.name, w_A.norm()),
+            "the body diverges at this rate; use second-order modes or a lower rate",
+        )?;
         let roots: Vec<Complex<f64>> =
             quadratic_roots(&self.modal_mass, &self.gyroscopic_matrix(w_A), &K)?;
         Ok(frequencies_hz(&roots)

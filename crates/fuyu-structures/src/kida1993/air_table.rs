@@ -3,7 +3,7 @@
 use nalgebra::{DMatrix, DVector, Matrix3, Vector3};
 use serde::Serialize;
 
-use crate::{Appendage, HybridModel, StructureError};
+use crate::{Appendage, StructureError};
 
 /// Frequencies of Table 3.1 \[Hz\]; the first is the rigid-body mode.
 const FREQUENCIES: [f64; 7] = [0.0, 1.15, 4.00, 4.17, 11.83, 13.65, 17.36];
@@ -95,23 +95,6 @@ fn zero_between(squares: &[f64; 7], k: usize) -> (f64, [f64; 7]) {
 }
 
 impl AirTable {
-    /// The hybrid model of eqs. (3.17) and (3.18), with the full damping matrix.
-    ///
-    /// # Errors
-    /// Numerical failure, which does not occur with these data.
-    pub fn hybrid(&self) -> Result<HybridModel, StructureError> {
-        let K = DVector::from_fn(6, |k, _| {
-            (self.constrained_hz[k] * std::f64::consts::TAU).powi(2)
-        });
-        HybridModel::with_matrices(
-            DMatrix::from_element(1, 1, self.inertia),
-            DMatrix::from_fn(6, 1, |k, _| self.coupling[k]),
-            DMatrix::identity(6, 6),
-            DMatrix::from_fn(6, 6, |i, j| self.damping[1 + i][1 + j]),
-            DMatrix::from_diagonal(&K),
-        )
-    }
-
     /// The flexible panel as an appendage of a base that turns about z, for the multibody equations. The panel as a rigid body
     /// has mass and moments of inertia zero here: they are part of the base's.
     ///

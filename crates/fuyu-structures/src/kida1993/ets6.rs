@@ -4,7 +4,7 @@ use std::f64::consts::PI;
 
 use nalgebra::{DMatrix, DVector, Rotation3, Vector3};
 
-use super::{QZ, Table, Verdict, column, printed_only};
+use super::{BLANK, INFINITE, QZ, Table, Verdict, column, printed_only};
 use crate::{HybridModel, StructureError, frequencies_hz};
 
 /// Table 2.5: constrained frequencies of one panel \[Hz\].
@@ -112,7 +112,7 @@ impl Ets6 {
     /// A mode that does not exist.
     pub fn model(&self, gamma: f64, modes: &[usize]) -> Result<HybridModel, StructureError> {
         for k in modes {
-            crate::error::count("mode of a panel", *k, 0, 6)?;
+            crate::error::index("mode of a panel", *k, 7)?;
         }
         let rows: Vec<usize> = modes
             .iter()
@@ -129,8 +129,6 @@ impl Ets6 {
     }
 }
 
-const BLANK: f64 = f64::NAN;
-const INFINITE: f64 = f64::INFINITY;
 const ALL: [usize; 7] = [0, 1, 2, 3, 4, 5, 6];
 const LOWEST: [usize; 3] = [0, 1, 2];
 
@@ -142,43 +140,32 @@ pub(super) fn table(number: usize) -> Result<Table, StructureError> {
     let satellite = ets6()?;
     let all: [f64; 14] = std::array::from_fn(|i| CONSTRAINED[i / 2].1);
     let zeros = |title: &'static str,
-                 gamma: f64,
-                 modes: &[usize],
-                 rotation_only: bool|
-     -> Result<_, StructureError> {
-        let whole = satellite.model(gamma, modes)?;
-        let model = if rotation_only {
-            whole.held(&[0, 1, 2])?
-        } else {
-            whole
-        };
-        Ok((
+                 model: HybridModel,
+                 printed: [&[f64]; 3],
+                 verdict: Verdict|
+     -> Result<Table, StructureError> {
+        let constrained = frequencies_hz(&model.zeros()?);
+        let unconstrained = frequencies_hz(&model.unconstrained()?.zeros()?);
+        Ok(Table {
+            number: format!("2.{number}"),
             title,
-            frequencies_hz(&model.zeros()?),
-            frequencies_hz(&model.unconstrained()?.zeros()?),
-        ))
-    };
-    let with = |(title, constrained, unconstrained): (&'static str, Vec<f64>, Vec<f64>),
-                printed: [&[f64]; 3],
-                verdict: Verdict| Table {
-        number: format!("2.{number}"),
-        title,
-        rows: Vec::new(),
-        columns: vec![
-            column(
-                "constrained model, theorem 2.3(b)",
-                printed[0],
-                &constrained,
-            ),
-            column(
-                "unconstrained model, theorem 2.4(b)",
-                printed[1],
-                &unconstrained,
-            ),
-            printed_only("unconstrained model, QZ algorithm of 1993", printed[2]),
-        ],
-        verdict,
-        remark: QZ,
+            rows: Vec::new(),
+            columns: vec![
+                column(
+                    "constrained model, theorem 2.3(b)",
+                    printed[0],
+                    &constrained,
+                ),
+                column(
+                    "unconstrained model, theorem 2.4(b)",
+                    printed[1],
+                    &unconstrained,
+                ),
+                printed_only("unconstrained model, QZ algorithm of 1993", printed[2]),
+            ],
+            verdict,
+            remark: QZ,
+        })
     };
     let padded = |before: usize, values: &[f64], after: usize| -> Vec<f64> {
         let blanks = |n| std::iter::repeat_n(BLANK, n);
@@ -240,27 +227,19 @@ pub(super) fn table(number: usize) -> Result<Table, StructureError> {
             remark: "Six rigid-body poles at zero are left out. The couplings were identified from these poles, of which the two of \
                 symmetric torsion are a check.",
         },
-        7 => with(
-            zeros(
-                "Transmission zeros of ETS-VI, six inputs and outputs, 14 modes, 180 degrees",
-                PI,
-                &ALL,
-                false,
-            )?,
+        7 => zeros(
+            "Transmission zeros of ETS-VI, six inputs and outputs, 14 modes, 180 degrees",
+            satellite.model(PI, &ALL)?,
             [
                 &padded(2, &all, 5),
                 &padded(2, &all, 5),
                 &qz(&[0.0035, 0.0036], &all, 5),
             ],
             exact,
-        ),
-        8 => with(
-            zeros(
-                "Transmission zeros of ETS-VI, six inputs and outputs, 6 modes, 180 degrees",
-                PI,
-                &LOWEST,
-                false,
-            )?,
+        )?,
+        8 => zeros(
+            "Transmission zeros of ETS-VI, six inputs and outputs, 6 modes, 180 degrees",
+            satellite.model(PI, &LOWEST)?,
             [
                 &padded(2, &all[..6], 4),
                 &padded(2, &all[..6], 4),
@@ -271,41 +250,33 @@ pub(super) fn table(number: usize) -> Result<Table, StructureError> {
                 ),
             ],
             exact,
-        ),
+        )?,
         9 => {
             let wrong = [
                 0.086, 0.094, 0.259, 0.278, 0.364, 0.365, 0.806, 0.807, 1.248, 1.248, 2.181, 2.182,
                 2.827, 2.828,
             ];
-            with(
-                zeros(
-                    "Transmission zeros of ETS-VI, six inputs and outputs, 14 modes, 45 degrees",
-                    PI / 4.0,
-                    &ALL,
-                    false,
-                )?,
+            zeros(
+                "Transmission zeros of ETS-VI, six inputs and outputs, 14 modes, 45 degrees",
+                satellite.model(PI / 4.0, &ALL)?,
                 [
                     &padded(0, &all, 2),
                     &padded(0, &wrong, 2),
                     &qz(&[], &wrong, 2),
                 ],
                 Verdict::NotReproducible(ERRORS_OF_1993),
-            )
+            )?
         }
-        10 => with(
-            zeros(
-                "Transmission zeros of ETS-VI, six inputs and outputs, 6 modes, 45 degrees",
-                PI / 4.0,
-                &LOWEST,
-                false,
-            )?,
+        10 => zeros(
+            "Transmission zeros of ETS-VI, six inputs and outputs, 6 modes, 45 degrees",
+            satellite.model(PI / 4.0, &LOWEST)?,
             [
                 &padded(0, &all[..6], 2),
                 &padded(0, &all[..6], 2),
                 &qz(&[], &all[..6], 2),
             ],
             exact,
-        ),
+        )?,
         11 => Table {
             number: "2.11".to_owned(),
             title: "Poles of ETS-VI without translation, 14 modes, 180 degrees",
@@ -339,19 +310,15 @@ pub(super) fn table(number: usize) -> Result<Table, StructureError> {
             },
             remark: "Three rigid-body poles at zero are left out. Symmetric modes keep their constrained frequencies.",
         },
-        _ => with(
-            zeros(
-                "Transmission zeros of ETS-VI, three inputs and outputs, 14 modes, 180 degrees",
-                PI,
-                &ALL,
-                true,
-            )?,
+        _ => zeros(
+            "Transmission zeros of ETS-VI, three inputs and outputs, 14 modes, 180 degrees",
+            satellite.model(PI, &ALL)?.held(&[0, 1, 2])?,
             [
                 &padded(0, &all, 3),
                 &padded(0, &all, 3),
                 &qz(&[], &[all.to_vec(), vec![47.230, 47.230]].concat(), 1),
             ],
             exact,
-        ),
+        )?,
     })
 }

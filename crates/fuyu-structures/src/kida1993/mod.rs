@@ -113,7 +113,13 @@ pub fn tables() -> Result<Vec<Table>, StructureError> {
     (1..=12).map(table).collect()
 }
 
-/// A column from printed numbers, where `nan` is an empty cell and infinity is what is printed as such.
+/// An empty cell among printed numbers.
+const BLANK: f64 = f64::NAN;
+
+/// What is printed as infinite.
+const INFINITE: f64 = f64::INFINITY;
+
+/// A column from printed numbers, [`BLANK`] and [`INFINITE`].
 pub(crate) fn column(heading: &'static str, printed: &[f64], computed: &[f64]) -> Column {
     let mut values = computed.iter().copied();
     let as_printed = |v: &f64| match *v {

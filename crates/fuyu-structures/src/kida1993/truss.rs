@@ -2,7 +2,7 @@
 
 use nalgebra::{DMatrix, Vector2};
 
-use super::{Column, QZ, Table, Verdict, column, printed_only};
+use super::{BLANK, Column, INFINITE, QZ, Table, Verdict, column, printed_only};
 use crate::{FemModel, Rod, StructureError, Truss, frequencies_hz};
 
 /// Width of a bay \[m\]. The figure is lost: width and wave speed were recovered from the 17 printed frequencies, of which only their
@@ -52,9 +52,6 @@ pub fn truss() -> Truss {
             .to_vec(),
     }
 }
-
-const BLANK: f64 = f64::NAN;
-const INFINITE: f64 = f64::INFINITY;
 
 pub(super) fn table(number: usize) -> Result<Table, StructureError> {
     let inputs: &[usize] = if number == 4 {

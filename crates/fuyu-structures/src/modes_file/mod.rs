@@ -23,7 +23,7 @@ mod yaml_format;
 
 use nalgebra::{DMatrix, DVector, Matrix3, SymmetricEigen, Vector3};
 
-use crate::{Appendage, Invariants, OutputPoint, StructureError, pair_index};
+use crate::{Appendage, Invariants, OutputPoint, StructureError};
 
 /// Reads modes in YAML. `name` is the file's name for error messages.
 ///
@@ -163,7 +163,7 @@ impl Document {
         for entry in &self.second_order {
             let [k, l] = [&entry.modes[0], &entry.modes[1]]
                 .map(|m| self.mode(file, entry.line, "second_order", m));
-            let pair = 1 + n + pair_index(n, k?, l?);
+            let pair = invariants.pair_function(k?, l?);
             invariants.set_first(pair, entry.first);
             invariants.set_second(0, pair, entry.second);
         }
@@ -329,7 +329,8 @@ impl Document {
         let weighted = DMatrix::from_fn(P.nrows(), 6, |k, j| {
             P[(k, j)] / appendage.modal_mass[(k, k)]
         });
-        let rest = appendage.rigid_mass_matrix() - P.transpose() * weighted;
+        let rigid = appendage.rigid_mass_matrix();
+        let rest = rigid - P.transpose() * weighted;
         for (i, axis) in [
             "translation x",
             "translation y",
@@ -341,7 +342,7 @@ impl Document {
         .iter()
         .enumerate()
         {
-            let total = appendage.rigid_mass_matrix()[(i, i)];
+            let total = rigid[(i, i)];
             if rest[(i, i)] < -1e-6 * total {
                 let message = format!(
                     "the modes move {:.6} in {axis} where the body has {total:.6}; check units, reference point and modal_mass",

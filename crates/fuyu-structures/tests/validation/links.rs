@@ -4,8 +4,8 @@ use fuyu_structures::{Appendage, Beam, ElasticLink, End, NodeBody, generalized_e
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
 use crate::{
-    servicer::{Link, add_body, links, mass_matrix, moved},
-    support::{fixture, numbers, worst},
+    servicer::{LINKS, Link, add_body, links, mass_matrix},
+    support::{boom, fixture, numbers, worst},
 };
 
 fn link(fixed_interface_modes: usize) -> ElasticLink {
@@ -101,16 +101,8 @@ fn a_loaded_link_needs_static_shapes() {
         errors.push((loaded(&body, 70.0, 60.0) / exact - 1.0).abs());
     }
     let plain = Beam::uniform(2.5, 20.0, 2e5, 32);
-    let free = |modes: usize| {
-        let boom = fuyu_structures::Boom {
-            along_y: plain.clone(),
-            along_z: plain.clone(),
-            modes: [modes, 0],
-            damping: 0.0,
-            second_order: false,
-        };
-        (loaded(&boom.appendage("boom").unwrap(), 70.0, 60.0) / exact - 1.0).abs()
-    };
+    let free =
+        |modes: usize| (loaded(&boom(&plain, [modes, 0], false), 70.0, 60.0) / exact - 1.0).abs();
     let clamped_free = [free(2), free(4), free(8)];
     println!(
         "static shapes and 0, 1, 2 modes: {errors:?}; 2, 4, 8 clamped-free modes: {clamped_free:?}"
@@ -154,32 +146,25 @@ fn servicer(q: &[f64], body: &Appendage) -> (DMatrix<f64>, DMatrix<f64>) {
     let mut M = DMatrix::zeros(size, size);
     M.view_mut((0, 0), (12, 12))
         .copy_from(&mass_matrix(q, &[2, 3, 4, 5, 6]));
-    let data = [
-        (10.0, 0.125, [0.05, 0.075, 0.075]),
-        (5.0, 0.1, [0.019, 0.025, 0.025]),
-        (5.0, 0.1, [0.025, 0.025, 0.025]),
-    ];
-    for (i, (mass, x, inertia)) in data.into_iter().enumerate() {
-        let inertia = Matrix3::from_diagonal(&Vector3::from(inertia));
+    // The list begins with the base.
+    for (link, (.., mass, x, inertia)) in list[4..].iter().zip(&LINKS[3..]) {
         add_body(
             &mut M,
-            &widened(&list[4 + i], &[2, 3]),
-            mass,
-            Vector3::new(x, 0.0, 0.0),
-            inertia,
+            &widened(link, &[2, 3]),
+            *mass,
+            Vector3::new(*x, 0.0, 0.0),
+            Matrix3::from_diagonal(&Vector3::from(*inertia)),
         );
     }
     for (elastic, moving) in [(2_usize, &[][..]), (3, &[2][..])] {
         let at = 12 + (elastic - 2) * n;
         let frame = widened(&list[elastic], moving);
         let R = frame.R.matrix().transpose();
-        let mut J = moved(&frame.jacobian, &Vector3::zeros());
+        let mut J = frame.jacobian.clone();
         let (v, w) = (R * J.rows(0, 3), R * J.rows(3, 3));
         J.rows_mut(0, 3).copy_from(&v);
         J.rows_mut(3, 3).copy_from(&w);
-        let rigid = body.rigid_mass_matrix();
-        let rigid = DMatrix::from_fn(6, 6, |i, j| rigid[(i, j)]);
-        M += J.transpose() * rigid * &J;
+        M += J.transpose() * body.rigid_mass_matrix() * &J;
         let coupled = body.coupling() * &J;
         let mut rows = M.rows_mut(at, n);
         rows += &coupled;

@@ -7,7 +7,7 @@ use nalgebra::{DMatrix, Matrix3, Rotation3, Vector3};
 type LinkData = ([f64; 3], [f64; 3], f64, f64, [f64; 3]);
 
 /// Joints and links 1 to 6.
-const LINKS: [LinkData; 6] = [
+pub const LINKS: [LinkData; 6] = [
     (
         [1.0, 0.0, 0.0],
         [0.0, 1.5, 0.0],
@@ -163,9 +163,7 @@ pub fn attachments<'a>(panel: &'a Appendage, alpha: f64) -> [Attachment<'a>; 2] 
 pub fn with_panels(q: &[f64], panels: &[Attachment]) -> DMatrix<f64> {
     let mut M = mass_matrix(q, &[]);
     for a in panels {
-        let rigid = a.appendage.rigid_mass_matrix();
-        let rigid = DMatrix::from_fn(6, 6, |i, j| rigid[(i, j)]);
-        M += a.jacobian.transpose() * rigid * &a.jacobian;
+        M += a.jacobian.transpose() * a.appendage.rigid_mass_matrix() * &a.jacobian;
     }
     M
 }

@@ -1,6 +1,6 @@
 //! Fixtures and comparisons.
 
-use fuyu_structures::{Appendage, PlateStrip};
+use fuyu_structures::{Appendage, Beam, Boom, PlateStrip};
 use nalgebra::{Complex, DMatrix};
 use serde_json::Value;
 
@@ -84,4 +84,16 @@ pub fn strip(second_order: bool) -> PlateStrip {
 
 pub fn panel(second_order: bool) -> Appendage {
     strip(second_order).appendage("panel").unwrap()
+}
+
+/// A boom that bends in both planes as `beam` does, without damping.
+pub fn boom(beam: &Beam, modes: [usize; 2], second_order: bool) -> Appendage {
+    let boom = Boom {
+        along_y: beam.clone(),
+        along_z: beam.clone(),
+        modes,
+        damping: 0.0,
+        second_order,
+    };
+    boom.appendage("boom").unwrap()
 }
