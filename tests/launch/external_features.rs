@@ -48,10 +48,12 @@ fn features_that_an_rclpy_node_publishes_are_enough() {
         for frame in &frames[1..] {
             publish(&mut peer, frame);
         }
-        // Once frames stop, the last batch has them all.
-        let motion = eventually("the motion of 30 s", 4 * PATIENCE, || {
+        // Once frames stop, the last batch has them all and fits to a fraction of a pixel. Before that, the filter may
+        // continue an early batch, whose points are uncertain, through 25 s of frames.
+        let motion = eventually("a motion that fits 30 s", 4 * PATIENCE, || {
             let motion = peer.receive("estimator/motion", 1).pop()?["message"].clone();
-            (motion["duration"].as_f64()? > 29.0).then_some(motion)
+            let fits = motion["duration"].as_f64()? > 29.0 && motion["residual"].as_f64()? < 0.5;
+            fits.then_some(motion)
         });
         assert_eq!(motion["header"]["frame_id"], "their_camera");
         let of = |name: &str| motion[name].as_f64().unwrap();
@@ -61,7 +63,6 @@ fn features_that_an_rclpy_node_publishes_are_enough() {
         for (part, right) in parts.iter().zip([3.0, 4.0, 7.0]) {
             assert!((part - right / 14.0).abs() < 2e-3, "{motion}");
         }
-        assert!(of("residual") < 0.5, "{motion}");
         // An inconsistent frame is refused, named in diagnostics, and harms nothing.
         let mut wrong = frames[0].clone();
         wrong["u"] = json!([1.0]);
