@@ -21,6 +21,20 @@ crate::messages! {
         kinetic_energy: f64,
     }
 
+    /// What external wrenches have changed since the start of the run.
+    ///
+    /// The momentum of fuyu_msgs/Momentum less these impulses is constant. Published from the first wrench on.
+    message ExternalImpulse {
+        /// Time of the state; the inertial frame whose axes are used.
+        header: Header,
+        /// Change of linear momentum \[N s\], inertial axes.
+        linear: Vector3,
+        /// Change of angular momentum about the system's centre of mass \[N m s\], inertial axes.
+        angular: Vector3,
+        /// Work done on the robot \[J\].
+        work: f64,
+    }
+
     /// What the tip controller saw, decided and sent in one step.
     message ControllerState {
         /// Time of the joint state that was answered; the robot's base frame, whose axes are used.
@@ -113,5 +127,55 @@ crate::messages! {
         frames: u32,
         /// Seconds that they span.
         duration: f64,
+    }
+}
+
+/// Services of fuyu.
+pub mod services {
+    use crate::msg::{
+        builtin_interfaces::{Duration, Time},
+        geometry_msgs::{Point, Wrench},
+    };
+
+    crate::services! {
+        package fuyu_msgs;
+
+        /// Applies a wrench to a link for some time. The fields are those of Gazebo's ApplyLinkWrench.
+        service ApplyLinkWrench {
+            ApplyLinkWrenchRequest {
+                /// Link of the robot.
+                link_name: String,
+                /// Frame of the wrench's axes and of reference_point: a link of the robot or "world"; empty is the link.
+                reference_frame: String,
+                /// Point at which the force acts, in reference_frame; in "world" it is relative to the link's origin \[m\].
+                reference_point: Point,
+                /// Force \[N\] and torque \[N m\], in the axes of reference_frame.
+                wrench: Wrench,
+                /// Simulated time from which it acts; a time that is over is at once.
+                start_time: Time,
+                /// How long it acts; negative is until it is cleared.
+                duration: Duration,
+            }
+            ApplyLinkWrenchResponse {
+                /// Whether it acts, or will.
+                success: bool,
+                /// Why not.
+                status_message: String,
+            }
+        }
+
+        /// Ends the wrenches on a link that ApplyLinkWrench began.
+        service ClearLinkWrenches {
+            ClearLinkWrenchesRequest {
+                /// Link of the robot; empty is all links.
+                link_name: String,
+            }
+            ClearLinkWrenchesResponse {
+                /// Whether there is such a link.
+                success: bool,
+                /// How many have ended, or why none.
+                status_message: String,
+            }
+        }
     }
 }

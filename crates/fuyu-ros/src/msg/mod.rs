@@ -22,6 +22,7 @@ pub mod schema;
 
 pub mod action_msgs;
 pub mod builtin_interfaces;
+pub mod control_msgs;
 pub mod diagnostic_msgs;
 pub mod fuyu_msgs;
 pub mod geometry_msgs;
@@ -35,6 +36,7 @@ pub mod simulation_interfaces;
 pub mod std_msgs;
 pub mod std_srvs;
 pub mod tf2_msgs;
+pub mod trajectory_msgs;
 pub mod unique_identifier_msgs;
 pub mod visualization_msgs;
 
@@ -48,6 +50,7 @@ pub fn definitions() -> impl Iterator<Item = &'static Definition> {
     [
         action_msgs::DEFINITIONS,
         builtin_interfaces::DEFINITIONS,
+        control_msgs::DEFINITIONS,
         diagnostic_msgs::DEFINITIONS,
         fuyu_msgs::DEFINITIONS,
         geometry_msgs::DEFINITIONS,
@@ -59,6 +62,7 @@ pub fn definitions() -> impl Iterator<Item = &'static Definition> {
         simulation_interfaces::DEFINITIONS,
         std_msgs::DEFINITIONS,
         tf2_msgs::DEFINITIONS,
+        trajectory_msgs::DEFINITIONS,
         unique_identifier_msgs::DEFINITIONS,
         visualization_msgs::DEFINITIONS,
     ]
@@ -71,6 +75,8 @@ pub fn definitions() -> impl Iterator<Item = &'static Definition> {
 pub fn service_definitions() -> impl Iterator<Item = &'static Definition> {
     [
         action_msgs::services::DEFINITIONS,
+        control_msgs::follow_joint_trajectory::DEFINITIONS,
+        fuyu_msgs::services::DEFINITIONS,
         lifecycle_msgs::services::DEFINITIONS,
         rcl_interfaces::services::DEFINITIONS,
         rosbag2_interfaces::DEFINITIONS,

@@ -35,11 +35,16 @@ pub struct ActionServer<A: Action> {
 
 struct Shared<A: Action> {
     goals: Mutex<Vec<Known<A>>>,
+    /// Accepted goals that the program has not taken.
     waiting: Mutex<VecDeque<(UUID, A::Goal)>>,
+    /// Goals that the program has to accept or reject.
+    requests: Mutex<VecDeque<Request<A>>>,
     feedback: Publisher<A::FeedbackMessage>,
     status: Publisher<GoalStatusArray>,
     clock: Clock,
 }
+
+type Request<A> = (UUID, <A as Action>::Goal, Reply<<A as Action>::SendGoal>);
 
 /// A goal as clients may ask for it.
 struct Known<A: Action> {
@@ -56,10 +61,25 @@ impl<A: Action> ActionServer<A> {
     /// # Errors
     /// [`NodeError::Name`] for a name against the rules, [`NodeError::Dds`] if DDS refuses.
     pub fn new(node: &Node, name: &str) -> Result<Self, NodeError> {
+        Self::serve(node, name, false)
+    }
+
+    /// The same, but the program decides which goals are accepted: it takes them by [`Self::take_request`].
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub fn with_requests(node: &Node, name: &str) -> Result<Self, NodeError> {
+        Self::serve(node, name, true)
+    }
+
+    fn serve(node: &Node, name: &str, is_asked: bool) -> Result<Self, NodeError> {
+        // As in rcl, a rule for the name of the action holds for all of its parts.
+        let name = node.core.names.service(name)?;
         let below = |part: &str| format!("{name}/_action/{part}");
         let shared = Arc::new(Shared {
             goals: Mutex::default(),
             waiting: Mutex::default(),
+            requests: Mutex::default(),
             feedback: node.advertise(&below("feedback"), Qos::RELIABLE)?,
             status: node.advertise(&below("status"), Qos::LATCHED)?,
             clock: node.clock().clone(),
@@ -69,11 +89,13 @@ impl<A: Action> ActionServer<A> {
             node.serve_later::<A::SendGoal>(&below("send_goal"), move |request, reply| {
                 if let Some(shared) = shared.upgrade() {
                     let (id, goal) = A::goal_of(request);
-                    let stamp = shared.accept(&id, goal);
-                    reply.send(&A::goal_response(
-                        stamp.is_some(),
-                        stamp.unwrap_or_default(),
-                    ));
+                    match is_asked {
+                        true => shared.ask_program(id, goal, reply),
+                        false => {
+                            let stamp = shared.accept(&id, goal);
+                            respond::<A>(reply, stamp);
+                        }
+                    }
                     events.notify();
                 }
             })?
@@ -101,6 +123,22 @@ impl<A: Action> ActionServer<A> {
         })
     }
 
+    /// The oldest goal that waits to be accepted or rejected ([`Self::with_requests`]).
+    pub fn take_request(&self) -> Option<GoalRequest<A>> {
+        let requests = &self.shared.requests;
+        let next = requests
+            .lock()
+            .unwrap_or_else(PoisonError::into_inner)
+            .pop_front();
+        let (id, goal, reply) = next?;
+        Some(GoalRequest {
+            goal,
+            id,
+            reply,
+            shared: Arc::clone(&self.shared),
+        })
+    }
+
     /// The oldest goal that waits; from now on it is being executed.
     pub fn take(&self) -> Option<Goal<A>> {
         let waiting = &self.shared.waiting;
@@ -121,6 +159,56 @@ impl<A: Action> ActionServer<A> {
             ended: false,
         })
     }
+}
+
+/// A goal that a client has sent and the program has to accept or reject. If it is dropped, the client gets no response.
+pub struct GoalRequest<A: Action> {
+    /// What the client asks for.
+    pub goal: A::Goal,
+    id: UUID,
+    reply: Reply<A::SendGoal>,
+    shared: Arc<Shared<A>>,
+}
+
+impl<A: Action> GoalRequest<A> {
+    /// Accepts the goal; from now on it is being executed. `None` if too many goals are, or if its identity is not new: then it is rejected.
+    pub fn accept(self) -> Option<Goal<A>> {
+        let Self {
+            goal,
+            id,
+            reply,
+            shared,
+        } = self;
+        let stamp = shared.register(&id);
+        let is_accepted = stamp.is_some();
+        respond::<A>(reply, stamp);
+        if !is_accepted {
+            return None;
+        }
+        shared.change(&id, GoalStatus::STATUS_EXECUTING, |status| {
+            status == GoalStatus::STATUS_ACCEPTED
+        });
+        Some(Goal {
+            goal,
+            id,
+            shared,
+            ended: false,
+        })
+    }
+
+    /// Rejects the goal.
+    pub fn reject(self) {
+        respond::<A>(self.reply, None);
+    }
+}
+
+/// Sends the client the time at which its goal was accepted, or that it is rejected.
+fn respond<A: Action>(
+    reply: Reply<A::SendGoal>,
+    stamp: Option<crate::msg::builtin_interfaces::Time>,
+) {
+    let is_accepted = stamp.is_some();
+    reply.send(&A::goal_response(is_accepted, stamp.unwrap_or_default()));
 }
 
 /// A goal that is being executed. One that is dropped without an end is aborted.
@@ -182,8 +270,27 @@ impl<A: Action> Shared<A> {
         self.goals.lock().unwrap_or_else(PoisonError::into_inner)
     }
 
-    /// Adds a goal and returns the time of acceptance, or `None` if the goal is rejected.
+    /// Adds a goal for the program to take. Returns the time of acceptance, or `None` if the goal is rejected.
     fn accept(&self, id: &UUID, goal: A::Goal) -> Option<crate::msg::builtin_interfaces::Time> {
+        let stamp = self.register(id)?;
+        let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
+        waiting.push_back((id.clone(), goal));
+        Some(stamp)
+    }
+
+    /// Keeps a goal for the program to accept or reject; too many are rejected at once.
+    fn ask_program(&self, id: UUID, goal: A::Goal, reply: Reply<A::SendGoal>) {
+        let mut requests = self.requests.lock().unwrap_or_else(PoisonError::into_inner);
+        if requests.len() < KNOWN {
+            requests.push_back((id, goal, reply));
+        } else {
+            drop(requests);
+            respond::<A>(reply, None);
+        }
+    }
+
+    /// Makes a goal known. Returns the time of acceptance, or `None` if the goal is rejected.
+    fn register(&self, id: &UUID) -> Option<crate::msg::builtin_interfaces::Time> {
         let mut goals = self.lock();
         let old = |k: &Known<A>| k.ended.is_some_and(|at| at.elapsed() > KEPT);
         goals.retain(|k| !old(k));
@@ -205,9 +312,6 @@ impl<A: Action> Shared<A> {
             ended: None,
             asking: Vec::new(),
         });
-        let mut waiting = self.waiting.lock().unwrap_or_else(PoisonError::into_inner);
-        waiting.push_back((id.clone(), goal));
-        drop(waiting);
         self.publish(&goals);
         Some(stamp)
     }

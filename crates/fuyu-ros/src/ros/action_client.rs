@@ -35,6 +35,7 @@ impl<A: Action> ActionClient<A> {
     /// # Errors
     /// [`NodeError::Name`] for a name against the rules, [`NodeError::Dds`] if DDS refuses.
     pub fn new(node: &Node, name: &str) -> Result<Self, NodeError> {
+        let name = node.core.names.service(name)?;
         let below = |part: &str| format!("{name}/_action/{part}");
         Ok(Self {
             feedback: node.subscribe(&below("feedback"), Qos::RELIABLE.depth(FEEDBACK_DEPTH))?,

@@ -112,7 +112,7 @@ mod time;
 mod type_hash_check;
 mod wall_clock_watch;
 
-pub use action::{ActionServer, Goal};
+pub use action::{ActionServer, Goal, GoalRequest};
 pub use action_client::{ActionClient, GoalHandle};
 pub use allocator::return_free_memory;
 pub use args::RosArgs;
