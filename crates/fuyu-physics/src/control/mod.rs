@@ -5,9 +5,12 @@
 //!
 //! A [`Law`] computes joint efforts. A [`Controller`] runs one law: it compensates the latency of the camera, adds joint
 //! damping, and changes law or gains without a step in the efforts.
+//!
+//! [`commander`] has what joint trajectories, paths and twists of the tip need: the drives of a robot that others command.
 
 mod auto_gains;
 mod bumpless_transfer;
+pub mod commander;
 mod computed_torque;
 mod config;
 mod control_loop;

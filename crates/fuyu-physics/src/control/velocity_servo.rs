@@ -115,6 +115,11 @@ impl VelocityServo {
         self.reference.fill(0.0);
     }
 
+    /// Sets integrals to zero.
+    pub fn reset_integral(&mut self) {
+        self.integral.fill(0.0);
+    }
+
     /// Sets references and integrals to zero.
     pub fn reset(&mut self) {
         self.reference.fill(0.0);

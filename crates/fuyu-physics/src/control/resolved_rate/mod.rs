@@ -3,6 +3,7 @@
 mod damped_inverse;
 mod limits;
 
+pub(super) use damped_inverse::Principal;
 pub use limits::{Limited, RateLimits, limit_twist};
 
 use nalgebra::{DVector, Matrix6xX, Vector6};
@@ -151,7 +152,7 @@ impl ResolvedRate {
         v.fixed_rows_mut::<3>(0).copy_from(&V_B.linear);
         v.fixed_rows_mut::<3>(3).copy_from(&V_B.angular);
         v.component_mul_assign(&weights);
-        let principal = damped_inverse::Principal::of(&self.matrix);
+        let principal = Principal::of(&self.matrix);
         let commanded = config.components.iter().filter(|c| **c).count();
         let weakest = principal.weakest(commanded.min(model.dof()));
         if config.method.inverts() {

@@ -1,0 +1,241 @@
+//! Piecewise polynomials of joint positions.
+
+use crate::model::Model;
+
+/// Position, rate and acceleration of a joint \[rad or m; per s; per s²\].
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct JointPoint {
+    /// Position \[rad or m\].
+    pub position: f64,
+    /// Rate \[rad/s or m/s\].
+    pub rate: f64,
+    /// Acceleration \[rad/s² or m/s²\].
+    pub acceleration: f64,
+}
+
+/// A polynomial in the time since its start, of degree 5 at most.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub(super) struct Segment {
+    start: f64,
+    duration: f64,
+    coefficients: [f64; 6],
+}
+
+impl Segment {
+    /// Between two positions with a constant rate.
+    pub fn linear(start: f64, duration: f64, from: f64, to: f64) -> Self {
+        Self {
+            start,
+            duration,
+            coefficients: [from, (to - from) / duration, 0.0, 0.0, 0.0, 0.0],
+        }
+    }
+
+    /// Between two positions and rates: the cubic Hermite polynomial.
+    pub fn cubic(start: f64, duration: f64, from: &JointPoint, to: &JointPoint) -> Self {
+        let T = duration;
+        let way = to.position - from.position;
+        let (v0, v1) = (from.rate, to.rate);
+        let second = (3.0 * way - (2.0 * v0 + v1) * T) / T.powi(2);
+        let third = ((v0 + v1) * T - 2.0 * way) / T.powi(3);
+        Self {
+            start,
+            duration,
+            coefficients: [from.position, v0, second, third, 0.0, 0.0],
+        }
+    }
+
+    /// Between two positions, rates and accelerations: the quintic Hermite polynomial.
+    pub fn quintic(start: f64, duration: f64, from: &JointPoint, to: &JointPoint) -> Self {
+        let T = duration;
+        let (v0, a0) = (from.rate, from.acceleration);
+        // What is left at the end of the parabola that continues the motion at the start.
+        let way = to.position - (from.position + T * (v0 + 0.5 * a0 * T));
+        let rate = (to.rate - (v0 + a0 * T)) * T;
+        let bend = (to.acceleration - a0) * T * T;
+        Self {
+            start,
+            duration,
+            coefficients: [
+                from.position,
+                v0,
+                0.5 * a0,
+                (10.0 * way - 4.0 * rate + 0.5 * bend) / T.powi(3),
+                (-15.0 * way + 7.0 * rate - bend) / T.powi(4),
+                (6.0 * way - 3.0 * rate + 0.5 * bend) / T.powi(5),
+            ],
+        }
+    }
+
+    fn end(&self) -> f64 {
+        self.start + self.duration
+    }
+
+    fn at(&self, time: f64) -> JointPoint {
+        let t = (time - self.start).clamp(0.0, self.duration);
+        let [c0, c1, c2, c3, c4, c5] = self.coefficients;
+        JointPoint {
+            position: c0 + t * (c1 + t * (c2 + t * (c3 + t * (c4 + t * c5)))),
+            rate: c1 + t * (2.0 * c2 + t * (3.0 * c3 + t * (4.0 * c4 + t * 5.0 * c5))),
+            acceleration: 2.0 * c2 + t * (6.0 * c3 + t * (12.0 * c4 + t * 20.0 * c5)),
+        }
+    }
+}
+
+/// Positions of all joints of a robot as functions of time. Before its start a joint is where the first polynomial begins; after
+/// the end it rests where the last one ends.
+#[derive(Debug, Clone, PartialEq)]
+pub struct JointSpline {
+    /// Of each joint, in order of time.
+    joints: Vec<Vec<Segment>>,
+    end: f64,
+}
+
+/// Largest acceleration with which joints stop that no trajectory moves \[rad/s² or m/s²\], and the shortest time that they take \[s\].
+const STOP: (f64, f64) = (2.0, 0.2);
+/// Shortest time that a joint takes to stop before its position limit \[s\].
+const STOP_AT_LIMIT: f64 = 0.02;
+
+impl JointSpline {
+    /// Brings joints that are in motion at `time` \[s\] to rest: within 0.2 s, or with at most about 2 rad/s² (m/s²) if that takes
+    /// longer. Joints that would come to a position limit stop sooner. Acceleration is continuous.
+    ///
+    /// # Panics
+    /// If `present` does not have one element per joint of the robot.
+    pub fn stop(model: &Model, time: f64, present: &[JointPoint]) -> Self {
+        assert_eq!(
+            present.len(),
+            model.dof(),
+            "present has one element per joint"
+        );
+        let fastest = present.iter().map(|p| p.rate.abs()).fold(0.0, f64::max);
+        // The polynomial's largest acceleration is 1.5 of the mean.
+        let duration = (1.5 * fastest / STOP.0).max(STOP.1);
+        let joints = present.iter().zip(model.joints()).map(|(from, joint)| {
+            let room = match from.rate > 0.0 {
+                true => joint.limits.upper - from.position,
+                false => from.position - joint.limits.lower,
+            };
+            let duration = match 0.5 * from.rate.abs() * duration > room {
+                true => (2.0 * room / from.rate.abs()).clamp(STOP_AT_LIMIT, duration),
+                false => duration,
+            };
+            let to = JointPoint {
+                position: from.position + 0.5 * from.rate * duration,
+                ..JointPoint::default()
+            };
+            vec![Segment::quintic(time, duration, from, &to)]
+        });
+        Self {
+            joints: joints.collect(),
+            end: time + duration,
+        }
+    }
+
+    /// The same motion with other `segments` for joint `j`, which end at `end` \[s\].
+    pub(super) fn set_joint(&mut self, j: usize, segments: Vec<Segment>, end: f64) {
+        self.joints[j] = segments;
+        self.end = self.end.max(end);
+    }
+
+    /// Number of joints.
+    pub fn dof(&self) -> usize {
+        self.joints.len()
+    }
+
+    /// Time after which all joints rest \[s\].
+    pub fn end(&self) -> f64 {
+        self.end
+    }
+
+    /// Position, rate and acceleration of joint `j` at `time` \[s\].
+    pub fn at(&self, j: usize, time: f64) -> JointPoint {
+        let segments = &self.joints[j];
+        let last = segments.len() - 1;
+        let index = segments.partition_point(|s| s.end() <= time).min(last);
+        let segment = &segments[index];
+        let point = segment.at(time);
+        match time >= segment.end() || time < segment.start {
+            true => JointPoint {
+                position: point.position,
+                ..JointPoint::default()
+            },
+            false => point,
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn point(position: f64, rate: f64, acceleration: f64) -> JointPoint {
+        JointPoint {
+            position,
+            rate,
+            acceleration,
+        }
+    }
+
+    fn assert_near(a: JointPoint, b: JointPoint) {
+        let off = (a.position - b.position).abs() + (a.rate - b.rate).abs();
+        let off = off + (a.acceleration - b.acceleration).abs();
+        assert!(off < 1e-12, "{a:?} is not {b:?}");
+    }
+
+    // Polynomials of degree 1, 3 and 5 are reproduced exactly from their values at the ends. Would break with any wrong coefficient.
+    #[test]
+    fn polynomials_are_reproduced() {
+        let c = [0.3, -0.7, 1.1, 0.4, -0.9, 0.25];
+        let of_degree = |n: usize, t: f64| {
+            let power = |k: usize, d: usize| -> f64 {
+                match k < d {
+                    true => 0.0,
+                    false => {
+                        (0..d).map(|i| (k - i) as f64).product::<f64>() * t.powi((k - d) as i32)
+                    }
+                }
+            };
+            let sum = |d: usize| -> f64 { (0..=n).map(|k| c[k] * power(k, d)).sum() };
+            point(sum(0), sum(1), sum(2))
+        };
+        let (start, duration) = (2.0, 1.7);
+        for t in [0.0, 0.2, 0.9, 1.69] {
+            let ends = |n| (of_degree(n, 0.0), of_degree(n, duration));
+            let (from, to) = ends(1);
+            let linear = Segment::linear(start, duration, from.position, to.position);
+            assert_near(linear.at(start + t), of_degree(1, t));
+            let (from, to) = ends(3);
+            let cubic = Segment::cubic(start, duration, &from, &to);
+            assert_near(cubic.at(start + t), of_degree(3, t));
+            let (from, to) = ends(5);
+            let quintic = Segment::quintic(start, duration, &from, &to);
+            assert_near(quintic.at(start + t), of_degree(5, t));
+        }
+    }
+
+    #[test]
+    fn a_stop_is_smooth_and_bounded() {
+        let xml = include_str!("../../../../../urdf/seven_joints.urdf");
+        let model = Model::from_urdf(xml, "seven_joints").unwrap();
+        let mut present = vec![point(0.0, 0.0, 0.0); 7];
+        present[0] = point(1.0, 0.8, -0.5);
+        present[1] = point(-2.0, 0.0, 0.0);
+        // Its upper limit is 2.9 rad.
+        present[2] = point(2.85, 0.8, 0.0);
+        let stop = JointSpline::stop(&model, 10.0, &present);
+        assert_near(stop.at(0, 10.0), present[0]);
+        assert!((stop.end() - 10.6).abs() < 1e-12);
+        let mut position = 1.0;
+        for i in 0..=1000 {
+            let now = stop.at(0, 10.0 + i as f64 * 0.001);
+            assert!(now.acceleration.abs() < 2.5, "{now:?}");
+            assert!(now.position >= position - 1e-12);
+            position = now.position;
+            assert!(stop.at(2, 10.0 + i as f64 * 0.001).position < 2.9 + 1e-12);
+        }
+        assert!((stop.at(2, 10.2).position - 2.9).abs() < 1e-12);
+        assert_eq!(stop.at(0, 11.0), point(stop.at(0, 11.0).position, 0.0, 0.0));
+        assert_near(stop.at(1, 10.1), point(-2.0, 0.0, 0.0));
+    }
+}
