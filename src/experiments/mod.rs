@@ -38,7 +38,8 @@ pub use observations::{Observations, ObservedTracks};
 pub use operated::{Drive, Operated};
 pub use performance::{MomentumResidual, Performance, Summary};
 pub use recorded::{
-    BaseSample, ControllerSample, JointSample, MomentumSample, RecordedRun, RecordedRuns, SeenPose,
+    BaseSample, ControllerSample, ExternalSample, JointSample, MomentumSample, RecordedRun,
+    RecordedRuns, SeenPose,
 };
 pub use recorded_physics::{Residual, momentum_residuals};
 pub use recorded_runs::RunCounter;

@@ -7,7 +7,7 @@ use super::recorded_runs::RunCounter;
 use crate::bag::Message;
 use crate::model::Model;
 use crate::msg::builtin_interfaces::Time;
-use crate::msg::fuyu_msgs::{ControllerState, Momentum};
+use crate::msg::fuyu_msgs::{ControllerState, ExternalImpulse, Momentum};
 use crate::msg::geometry_msgs::{self, PoseStamped};
 use crate::msg::nav_msgs::Odometry;
 use crate::msg::sensor_msgs::JointState;
@@ -34,6 +34,8 @@ pub struct RecordedRun {
     pub joints: Vec<JointSample>,
     /// `ground_truth/momentum`.
     pub momentum: Vec<MomentumSample>,
+    /// `ground_truth/external_impulse`.
+    pub external: Vec<ExternalSample>,
     /// `ground_truth/odom`.
     pub base: Vec<BaseSample>,
     /// `controller/state`.
@@ -81,6 +83,19 @@ pub struct MomentumSample {
     pub angular: Vector3<f64>,
     /// \[J\]
     pub kinetic_energy: f64,
+}
+
+/// What external wrenches have changed since the start: momentum about the system's centre of mass in world axes, and energy.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct ExternalSample {
+    /// Stamp \[ns\].
+    pub time: i64,
+    /// \[N s\]
+    pub linear: Vector3<f64>,
+    /// \[N m s\]
+    pub angular: Vector3<f64>,
+    /// \[J\]
+    pub work: f64,
 }
 
 /// Pose of the base in the world and its twist in base axes.
@@ -177,6 +192,20 @@ const TOPICS: &[(&str, &str, Take)] = &[
             }
         },
     ),
+    (
+        "/ground_truth/external_impulse",
+        "fuyu_msgs/msg/ExternalImpulse",
+        |run, m| {
+            if let Ok(change) = m.decode::<ExternalImpulse>() {
+                run.external.push(ExternalSample {
+                    time: change.header.stamp.nanos(),
+                    linear: vector(&change.linear),
+                    angular: vector(&change.angular),
+                    work: change.work,
+                });
+            }
+        },
+    ),
     ("/ground_truth/odom", "nav_msgs/msg/Odometry", |run, m| {
         if let Ok(odom) = m.decode::<Odometry>() {
             let twist = &odom.twist.twist;
@@ -238,6 +267,15 @@ impl RecordedRun {
             goal: self.goal.clone(),
             frames: self.frames.clone(),
             ..Self::default()
+        }
+    }
+
+    /// What external wrenches have changed up to `time` \[ns\].
+    pub fn external_until(&self, time: i64) -> ExternalSample {
+        let count = self.external.partition_point(|sample| sample.time <= time);
+        match count {
+            0 => ExternalSample::default(),
+            count => self.external[count - 1],
         }
     }
 

@@ -3,7 +3,7 @@
 use nalgebra::Vector3;
 use std::collections::HashMap;
 
-use super::recorded::{BaseSample, JointSample, MomentumSample, RecordedRun};
+use super::recorded::{BaseSample, ExternalSample, JointSample, MomentumSample, RecordedRun};
 use crate::dynamics::{Momentum, State, Workspace};
 use crate::model::{Model, Spring};
 
@@ -17,17 +17,22 @@ pub struct Residual {
     pub scale_of: &'static str,
 }
 
-/// Residuals of linear and angular momentum from `ground_truth/momentum`.
+/// Residuals of linear and angular momentum from `ground_truth/momentum`, less what external wrenches have changed.
 pub fn momentum_residuals(run: &RecordedRun) -> Option<[Residual; 2]> {
     let first = run.momentum.first()?;
     let carried = carried(run);
-    let residual = |pick: fn(&MomentumSample) -> Vector3<f64>, carried: f64| {
-        let start = pick(first);
+    type Parts = (
+        fn(&MomentumSample) -> Vector3<f64>,
+        fn(&ExternalSample) -> Vector3<f64>,
+    );
+    let residual = |(pick, external): Parts, carried: f64| {
+        let own = |m: &MomentumSample| pick(m) - external(&run.external_until(m.time));
+        let start = own(first);
         let (scale, scale_of) = scale_of(start.norm(), carried);
         let values = run
             .momentum
             .iter()
-            .map(|m| (m.time, (pick(m) - start).norm() / scale))
+            .map(|m| (m.time, (own(m) - start).norm() / scale))
             .collect();
         Residual {
             values,
@@ -36,14 +41,14 @@ pub fn momentum_residuals(run: &RecordedRun) -> Option<[Residual; 2]> {
         }
     };
     Some([
-        residual(|m| m.linear, carried.0),
-        residual(|m| m.angular, carried.1),
+        residual((|m| m.linear, |e| e.linear), carried.0),
+        residual((|m| m.angular, |e| e.angular), carried.1),
     ])
 }
 
 /// Momentum computed from recorded velocities.
 pub(super) struct MotionMomentum {
-    /// Largest change since the start, linear or angular, relative to `scales`.
+    /// Largest change since the start that external wrenches do not explain, linear or angular, relative to `scales`.
     pub change: f64,
     /// Reference values (linear \[N s\], angular \[N m s\]).
     pub scales: (f64, f64),
@@ -69,8 +74,15 @@ pub(super) fn motion_momentum(run: &RecordedRun) -> Result<MotionMomentum, Missi
     let mut motion = RecordedMotion::new(model, &run.joint_names).ok_or(Missing::Data(
         "joint_states and robot_description name different joints",
     ))?;
-    let samples: Vec<(Momentum, (f64, f64))> =
-        paired(run).map(|(j, b)| motion.momentum(j, b)).collect();
+    let samples: Vec<(Momentum, (f64, f64))> = paired(run)
+        .map(|(j, b)| {
+            let (mut momentum, carried) = motion.momentum(j, b);
+            let external = run.external_until(j.time);
+            momentum.linear -= external.linear;
+            momentum.angular -= external.angular;
+            (momentum, carried)
+        })
+        .collect();
     let (first, _) = samples.first().ok_or(Missing::Data(
         "no joint_states and ground_truth/odom of the same time",
     ))?;
@@ -125,7 +137,7 @@ impl WorkSince {
     }
 }
 
-/// Kinetic energy compared with the work of joint efforts and springs minus damping losses.
+/// Kinetic energy compared with the work of joint efforts, springs and external wrenches minus damping losses.
 pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'static str> {
     let energy: HashMap<i64, f64> = run
         .momentum
@@ -151,11 +163,13 @@ pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'stati
         }
         since = since.or_else(|| energy.get(&pair[0].time).copied().map(WorkSince::sample));
         let (done, moved) = work_between(&pair[0], &pair[1], &passive);
-        flow += moved;
+        let external =
+            run.external_until(pair[1].time).work - run.external_until(pair[0].time).work;
+        flow += moved + external.abs();
         let Some(last) = &mut since else {
             continue;
         };
-        last.work += done;
+        last.work += done + external;
         let next = run.joints.get(i + 2).unwrap_or(&pair[1]);
         last.unresolved += unresolved_work(&pair[0], &pair[1], next);
         if let Some(e1) = energy.get(&pair[1].time) {

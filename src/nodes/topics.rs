@@ -9,13 +9,14 @@ use std::marker::PhantomData;
 use crate::{
     msg::{
         Interface,
-        fuyu_msgs::{ControllerState, FeatureTracks, Momentum, MotionEstimate},
-        geometry_msgs::{PoseStamped, TwistStamped, Vector3Stamped},
+        fuyu_msgs::{ControllerState, ExternalImpulse, FeatureTracks, Momentum, MotionEstimate},
+        geometry_msgs::{PoseStamped, TwistStamped, Vector3Stamped, WrenchStamped},
         nav_msgs::{Odometry, Path},
         rosgraph_msgs::Clock,
         sensor_msgs::{CameraInfo, Imu, JointState, Joy},
         std_msgs::String as Text,
         tf2_msgs::TFMessage,
+        trajectory_msgs::JointTrajectory,
         visualization_msgs::MarkerArray,
     },
     ros::{Node, NodeError, Publisher, Qos, Subscription},
@@ -76,8 +77,18 @@ topics! {
     IMU: Topic<Imu> = "imu", RELIABLE, ["dynamics"] => ["controller", "estimator", "teleop"];
     /// True momentum and kinetic energy.
     MOMENTUM: Topic<Momentum> = "ground_truth/momentum", RELIABLE, ["dynamics"] => ["views"];
-    /// Joint efforts to hold, or joint rates to drive to.
+    /// What external wrenches have changed; from the first one on.
+    EXTERNAL_IMPULSE: Topic<ExternalImpulse> = "ground_truth/external_impulse", RELIABLE, ["dynamics"] => ["recorder"];
+    /// Joint efforts to hold, joint rates to drive to, or joint positions to hold.
     JOINT_COMMANDS: Topic<JointState> = "joint_commands", RELIABLE, ["controller", "teleop"] => ["dynamics"];
+    /// A trajectory for some of the joints.
+    JOINT_TRAJECTORY: Topic<JointTrajectory> = "joint_trajectory", RELIABLE, ["you"] => ["dynamics"];
+    /// Timed poses that the tip follows.
+    CARTESIAN_PATH: Topic<Path> = "cartesian_path", RELIABLE, ["you"] => ["dynamics"];
+    /// Twists of the tip in inertial space, as MoveIt Servo takes them.
+    TWIST_COMMANDS: Topic<TwistStamped> = "delta_twist_cmds", RELIABLE, ["you"] => ["dynamics"];
+    /// A wrench on the link that `frame_id` names.
+    WRENCH: Topic<WrenchStamped> = "wrench", RELIABLE, ["you"] => ["dynamics"];
     /// Measured pose of the tip in the base frame.
     TIP_POSE: Topic<PoseStamped> = "camera/tip_pose", RELIABLE, ["camera"] => ["controller"];
     /// Measured pose of the goal in the base frame.

@@ -1,59 +1,88 @@
-//! Command arbiter: one publisher at a time commands the robot.
+//! Command arbiter: one commander at a time.
 
 use std::time::{Duration, Instant};
 
 use crate::ros::Gid;
 
-/// Reserves the robot for the publisher that commands it, until that publisher has left the graph or has been silent for
-/// too long.
+/// Who commands the robot.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+pub enum Commander {
+    /// A publisher of a topic.
+    Publisher(Gid),
+    /// The clients of the action `follow_joint_trajectory`: a goal of one replaces that of another.
+    Action,
+}
+
+/// Reserves the robot for the commander that holds it, until that commander has left the graph or has been silent for
+/// too long. During a motion, which needs no further messages, silence does not count.
 ///
 /// A publisher is known by its GUID, not by the name of its node: a second controller of the same name is another
 /// publisher.
 #[derive(Debug)]
 pub struct CommandArbiter {
-    holder: Option<Gid>,
+    holder: Option<Commander>,
+    /// Whether a motion of the holder is being executed.
+    is_moving: bool,
     /// When the holder's last command arrived.
     last_command: Instant,
     timeout: Duration,
 }
 
 impl CommandArbiter {
-    /// No publisher holds the robot; one that is silent for `timeout` loses it.
+    /// Nobody holds the robot; a commander that is silent for `timeout` loses it.
     pub fn new(timeout: Duration) -> Self {
         Self {
             holder: None,
+            is_moving: false,
             last_command: Instant::now(),
             timeout,
         }
     }
 
-    /// Decides whether a valid command of `publisher` may act; if so, it holds the robot. `is_present` says whether a
+    /// Decides whether a valid command may act; if so, its commander holds the robot. `is_present` says whether a
     /// publisher is still in the graph.
-    pub fn admit(&mut self, publisher: Gid, is_present: impl Fn(Gid) -> bool) -> bool {
-        if !self.is_free_for(publisher, is_present) {
+    pub fn admit(&mut self, commander: Commander, is_present: impl Fn(Gid) -> bool) -> bool {
+        if !self.is_free_for(commander, is_present) {
             return false;
         }
-        self.holder = Some(publisher);
+        self.holder = Some(commander);
+        self.is_moving = false;
         self.last_command = Instant::now();
         true
     }
 
-    /// Whether a command of `publisher` would be admitted.
-    pub fn is_free_for(&self, publisher: Gid, is_present: impl Fn(Gid) -> bool) -> bool {
-        let Some(holder) = self.holder else {
-            return true;
-        };
-        holder == publisher || self.last_command.elapsed() > self.timeout || !is_present(holder)
+    /// The last command begins a motion.
+    pub fn begin_motion(&mut self) {
+        self.is_moving = true;
     }
 
-    /// The publisher that holds the robot.
-    pub fn holder(&self) -> Option<Gid> {
+    /// The motion is over: others may command at once.
+    pub fn end_motion(&mut self) {
+        if self.is_moving {
+            self.release();
+        }
+    }
+
+    /// Whether a command would be admitted.
+    pub fn is_free_for(&self, commander: Commander, is_present: impl Fn(Gid) -> bool) -> bool {
+        let is_present = |holder| match holder {
+            Commander::Publisher(publisher) => is_present(publisher),
+            Commander::Action => self.is_moving,
+        };
+        self.holder.is_none_or(|holder| {
+            let is_silent = !self.is_moving && self.last_command.elapsed() > self.timeout;
+            holder == commander || is_silent || !is_present(holder)
+        })
+    }
+
+    /// Who holds the robot.
+    pub fn holder(&self) -> Option<Commander> {
         self.holder
     }
 
     /// Frees the robot.
     pub fn release(&mut self) {
-        self.holder = None;
+        (self.holder, self.is_moving) = (None, false);
     }
 }
 
@@ -61,8 +90,8 @@ impl CommandArbiter {
 mod tests {
     use super::*;
 
-    fn gid(n: u8) -> Gid {
-        Gid::from([n; 16])
+    fn gid(n: u8) -> Commander {
+        Commander::Publisher(Gid::from([n; 16]))
     }
 
     // Would break if two publishers could command alternately.
@@ -74,7 +103,7 @@ mod tests {
         assert!(!arbiter.admit(gid(2), present));
         assert!(arbiter.admit(gid(1), present));
         assert_eq!(arbiter.holder(), Some(gid(1)));
-        assert!(arbiter.admit(gid(2), |holder| holder != gid(1)));
+        assert!(arbiter.admit(gid(2), |holder| Commander::Publisher(holder) != gid(1)));
         assert!(!arbiter.admit(gid(1), present));
         arbiter.timeout = Duration::ZERO;
         arbiter.last_command -= Duration::from_millis(1);
@@ -88,5 +117,28 @@ mod tests {
         arbiter.release();
         assert_eq!(arbiter.holder(), None);
         assert!(arbiter.admit(gid(2), |_| true));
+    }
+
+    // Would break if a motion could be interrupted by another commander because its sender has nothing more to say.
+    #[test]
+    fn a_motion_holds_the_robot_until_it_is_over() {
+        let mut arbiter = CommandArbiter::new(Duration::ZERO);
+        let present = |_| true;
+        assert!(arbiter.admit(Commander::Action, present));
+        arbiter.begin_motion();
+        arbiter.last_command -= Duration::from_secs(1);
+        assert!(!arbiter.admit(gid(1), present));
+        assert!(arbiter.is_free_for(Commander::Action, present));
+        arbiter.end_motion();
+        assert_eq!(arbiter.holder(), None);
+        assert!(arbiter.admit(gid(1), present));
+        arbiter.begin_motion();
+        arbiter.last_command -= Duration::from_secs(1);
+        assert!(!arbiter.admit(Commander::Action, present));
+        // Who publishes once and leaves has no claim.
+        assert!(arbiter.admit(Commander::Action, |_| false));
+        // Without a motion the end of one frees nobody's robot.
+        arbiter.end_motion();
+        assert_eq!(arbiter.holder(), Some(Commander::Action));
     }
 }

@@ -3,8 +3,8 @@
 use std::time::{Duration, Instant};
 
 use super::{
-    command_arbiter::CommandArbiter,
-    joint_command::{CommandKind, CommandLimits, CommandReader},
+    command_arbiter::{CommandArbiter, Commander},
+    joint_command::{CommandLimits, CommandReader},
     joint_drive::DriveMode,
     params::DynamicsParams,
     response_tracking::ResponseTracker,
@@ -76,8 +76,13 @@ impl CommandHandler {
     }
 
     /// The next received command that may act at the simulated time `now` \[s\]. Commands that answer a state of the
-    /// previous run are dropped; in lockstep also those that arrive after the answer to the present state.
-    pub fn next(&mut self, now: f64) -> Option<Received<JointState>> {
+    /// previous run are dropped; in lockstep also those that arrive after the answer to the present state. `is_present` says whether a
+    /// publisher of another topic is still in the graph.
+    pub fn next(
+        &mut self,
+        now: f64,
+        is_present: impl Fn(Gid) -> bool,
+    ) -> Option<Received<JointState>> {
         let now = Time::from_secs_f64(now);
         let is_late = |command: &Received<JointState>| {
             self.responses.is_of_previous_run(stamp_of(command), now)
@@ -88,22 +93,28 @@ impl CommandHandler {
                 return Some(command);
             }
         }
-        let is_present = |publisher| self.commands.is_matched(publisher);
+        let is_present = |publisher| self.commands.is_matched(publisher) || is_present(publisher);
         self.set_aside.take_if(|command| {
-            stamp_of(command) != now || self.arbiter.is_free_for(command.publisher, is_present)
+            let commander = Commander::Publisher(command.publisher);
+            stamp_of(command) != now || self.arbiter.is_free_for(commander, is_present)
         })
     }
 
-    /// Decides whether a command may act on the world: whether it is valid, and from the publisher that holds the robot.
-    /// Otherwise it is refused.
-    pub fn admit(&mut self, received: &Received<JointState>, world: &World) -> bool {
+    /// Decides whether a command may act on the world: whether it is valid, and from the commander that holds the robot.
+    /// Otherwise it is refused. `is_present` says whether a publisher of another topic is still in the graph.
+    pub fn admit(
+        &mut self,
+        received: &Received<JointState>,
+        world: &mut World,
+        is_present: impl Fn(Gid) -> bool,
+    ) -> bool {
         if let Err(problem) = (self.reader).read(&received.message, world.robot.model()) {
             self.refuse(format!("it {problem}"));
             return false;
         }
-        let is_present = |publisher| self.commands.is_matched(publisher);
-        if !self.arbiter.admit(received.publisher, is_present) {
-            self.refuse(self.not_admitted(received.publisher));
+        let commander = Commander::Publisher(received.publisher);
+        if let Err(problem) = self.engage(commander, world, is_present) {
+            self.refuse(format!("it is {problem}"));
             // Its publisher has answered this state and will not do so again.
             if self.lockstep && stamp_of(received) == Time::from_secs_f64(world.time()) {
                 self.set_aside = Some(received.clone());
@@ -120,19 +131,14 @@ impl CommandHandler {
         };
         let now = world.time();
         let (stamp, time) = (stamp_of(received), Time::from_secs_f64(now));
-        let (cut, limit) = match command.kind {
-            CommandKind::Effort => {
-                self.responses.record(stamp, time);
-                (world.hold_efforts(command.values()), "an effort")
-            }
-            CommandKind::Rate => {
-                self.responses.record_rates(stamp, time);
-                (world.drive_rates(command.values()), "a velocity")
-            }
-        };
+        match command.has_efforts() {
+            true => self.responses.record(stamp, time),
+            false => self.responses.record_rates(stamp, time),
+        }
+        let cut = world.command(command.setpoints());
         self.last_command = Some(now);
         self.refusal = None;
-        if cut {
+        if let Some(limit) = cut {
             self.status.warn(format!(
                 "the last command exceeds {limit} limit and was cut"
             ));
@@ -150,7 +156,10 @@ impl CommandHandler {
         match (&self.refusal, self.arbiter.holder()) {
             (Some(refusal), _) => format!("the last one on {topic} was refused, {refusal}"),
             (None, None) => format!("none has arrived on {topic}"),
-            (None, Some(holder)) => {
+            (None, Some(Commander::Action)) => {
+                "follow_joint_trajectory, which commanded the robot, has no goal".to_owned()
+            }
+            (None, Some(Commander::Publisher(holder))) => {
                 let name = self.node.owner_of(holder);
                 match self.commands.is_matched(holder) {
                     true => format!("{name} has stopped sending on {topic}; is it active?"),
@@ -160,13 +169,68 @@ impl CommandHandler {
         }
     }
 
-    /// Why a valid command of this publisher is refused.
-    fn not_admitted(&self, publisher: Gid) -> String {
-        let name = |publisher| self.node.owner_of(publisher);
+    /// Refuses a commander while another one has the robot. `is_present` says whether a publisher of a topic other than `joint_commands` is still
+    /// in the graph.
+    ///
+    /// # Errors
+    /// As [`Self::engage`].
+    pub fn check_free(
+        &self,
+        commander: Commander,
+        is_present: impl Fn(Gid) -> bool,
+    ) -> Result<(), String> {
+        let is_present = |publisher| self.commands.is_matched(publisher) || is_present(publisher);
+        match self.arbiter.is_free_for(commander, is_present) {
+            true => Ok(()),
+            false => Err(self.not_admitted(commander)),
+        }
+    }
+
+    /// Reserves the robot for a commander with a valid command. One that takes it over from another ends what that one has left: its efforts
+    /// and rates become zero. `is_present` says whether a publisher of a topic other than `joint_commands` is still in the graph.
+    ///
+    /// # Errors
+    /// A line that says from whom the command is, and who commands the robot.
+    pub fn engage(
+        &mut self,
+        commander: Commander,
+        world: &mut World,
+        is_present: impl Fn(Gid) -> bool,
+    ) -> Result<(), String> {
+        let before = self.arbiter.holder();
+        let is_present = |publisher| self.commands.is_matched(publisher) || is_present(publisher);
+        if !self.arbiter.admit(commander, is_present) {
+            return Err(self.not_admitted(commander));
+        }
+        if before.is_some_and(|before| before != commander) {
+            world.stop_joints();
+        }
+        Ok(())
+    }
+
+    /// The commander that holds the robot begins a motion, which needs no further commands.
+    pub fn begin_motion(&mut self) {
+        self.arbiter.begin_motion();
+        self.last_command = None;
+        self.refusal = None;
+        self.status.ok("a motion is being executed");
+    }
+
+    /// The motion is over.
+    pub fn end_motion(&mut self) {
+        self.arbiter.end_motion();
+    }
+
+    /// Why a valid command of this commander is refused.
+    fn not_admitted(&self, commander: Commander) -> String {
+        let name = |commander| match commander {
+            Commander::Publisher(publisher) => self.node.owner_of(publisher),
+            Commander::Action => "a client of follow_joint_trajectory".to_owned(),
+        };
         let holder = self.arbiter.holder().map(name).unwrap_or_default();
         format!(
-            "it is from {}, while {holder} commands the robot (until it ends, or is silent for command_timeout, {} s)",
-            name(publisher),
+            "from {}, while {holder} commands the robot (until it ends, or is silent for command_timeout, {} s)",
+            name(commander),
             self.timeout
         )
     }
@@ -194,6 +258,12 @@ impl CommandHandler {
             let effect = match world.drive_mode() {
                 DriveMode::Rate => "the joints are stopped",
                 DriveMode::Effort => "efforts are zero",
+                DriveMode::Mixed => {
+                    "driven joints are stopped, efforts are zero, positions are held"
+                }
+                DriveMode::Position | DriveMode::Motion => {
+                    return self.status.ok("holding the commanded positions");
+                }
             };
             self.status.warn(format!(
                 "no command on {} for {age:.1} s (command_timeout is {} s): {effect}",
@@ -213,9 +283,10 @@ impl CommandHandler {
         self.responses.expect_again();
     }
 
-    /// Whether time may advance in lockstep: the present state has a response. Always true without lockstep.
-    pub fn may_advance(&self) -> bool {
-        !self.lockstep || self.responses.is_answered()
+    /// Whether time may advance in lockstep: the present state has a response, or a motion needs none. Always true without lockstep.
+    pub fn may_advance(&self, world: &World) -> bool {
+        let is_answered = self.responses.is_answered();
+        !self.lockstep || is_answered || world.drive_mode() == DriveMode::Motion
     }
 
     /// Whether the last state has no response yet but is likely to get one.

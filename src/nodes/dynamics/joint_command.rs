@@ -2,29 +2,33 @@
 
 use crate::{model::Model, msg::sensor_msgs::JointState};
 
-/// What a command gives for joints.
-#[derive(Debug, Clone, Copy, PartialEq, Eq)]
-pub enum CommandKind {
-    /// Efforts \[N m or N\].
-    Effort,
-    /// Rates \[rad/s or m/s\].
-    Rate,
+/// What a command gives for a joint.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub enum Setpoint {
+    /// Effort to hold \[N m or N\].
+    Effort(f64),
+    /// Rate to drive to \[rad/s or m/s\].
+    Rate(f64),
+    /// Position to drive to and hold \[rad or m\].
+    Position(f64),
 }
 
-/// A valid command for some of the robot's joints. It borrows its values from the message.
+/// A valid command for some of the robot's joints.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct JointCommand<'a> {
-    /// What the values are.
-    pub kind: CommandKind,
-    joints: &'a [usize],
-    values: &'a [f64],
+    setpoints: &'a [(usize, Setpoint)],
 }
 
 impl<'a> JointCommand<'a> {
-    /// Joint index and value of each joint that the command names.
-    pub fn values(&self) -> impl Iterator<Item = (usize, f64)> + use<'a> {
-        let joints = self.joints.iter().copied();
-        joints.zip(self.values.iter().copied())
+    /// Joint index and setpoint of each joint that the command names.
+    pub fn setpoints(&self) -> &'a [(usize, Setpoint)] {
+        self.setpoints
+    }
+
+    /// Whether it gives an effort: its sender closes a loop.
+    pub fn has_efforts(&self) -> bool {
+        let is_effort = |(_, setpoint): &(usize, Setpoint)| matches!(setpoint, Setpoint::Effort(_));
+        self.setpoints.iter().any(is_effort)
     }
 }
 
@@ -37,11 +41,24 @@ pub struct CommandLimits {
     pub rate: f64,
 }
 
-/// Validates messages. Keeps the memory for joint indices between them.
+/// Largest position in a command \[rad or m\]. A position beyond the joint's limits is cut to them.
+const LARGEST_POSITION: f64 = 1e6;
+
+/// One of the lists of a message.
+struct List<'a> {
+    one: &'static str,
+    many: &'static str,
+    values: &'a [f64],
+    largest: f64,
+    parameter: &'static str,
+    setpoint: fn(f64) -> Setpoint,
+}
+
+/// Validates messages. Keeps the memory for setpoints between them.
 #[derive(Debug)]
 pub struct CommandReader {
     limits: CommandLimits,
-    joints: Vec<usize>,
+    setpoints: Vec<(usize, Setpoint)>,
 }
 
 impl CommandReader {
@@ -49,17 +66,18 @@ impl CommandReader {
     pub fn new(limits: CommandLimits) -> Self {
         Self {
             limits,
-            joints: Vec::new(),
+            setpoints: Vec::new(),
         }
     }
 
-    /// Reads a message: efforts or rates by joint name. The list that is not empty decides which of the two it commands.
+    /// Reads a message: efforts, rates or positions by joint name. The list that is not empty decides which of them it commands. If several
+    /// are not empty, each joint has one value that is a number, and NaN in the other lists.
     ///
     /// # Errors
     /// A line that names what is wrong and what would be right; such a message has no effect.
     pub fn read<'a>(
         &'a mut self,
-        message: &'a JointState,
+        message: &JointState,
         model: &Model,
     ) -> Result<JointCommand<'a>, String> {
         if message.name.is_empty() {
@@ -68,67 +86,85 @@ impl CommandReader {
                 joint_names(model)
             ));
         }
-        let (kind, values) = match (message.effort.is_empty(), message.velocity.is_empty()) {
-            (false, false) => {
-                return Err(
-                    "has both effort and velocity; a command is one or the other, so leave one list empty"
-                        .to_owned(),
-                );
+        let all = [
+            List {
+                one: "effort",
+                many: "efforts",
+                values: &message.effort,
+                largest: self.limits.effort,
+                parameter: " (max_effort)",
+                setpoint: Setpoint::Effort,
+            },
+            List {
+                one: "velocity",
+                many: "velocities",
+                values: &message.velocity,
+                largest: self.limits.rate,
+                parameter: " (velocity_servo.max_rate)",
+                setpoint: Setpoint::Rate,
+            },
+            List {
+                one: "position",
+                many: "positions",
+                values: &message.position,
+                largest: LARGEST_POSITION,
+                parameter: "",
+                setpoint: Setpoint::Position,
+            },
+        ];
+        let count = message.name.len();
+        let is_filled = |list: &&List| !list.values.is_empty();
+        let filled = all.iter().filter(is_filled).count();
+        for (i, list) in all.iter().enumerate() {
+            let needed = is_filled(&list) || (filled == 0 && i == 0);
+            if needed && list.values.len() != count {
+                let (one, many) = (list.one, list.many);
+                return Err(format!(
+                    "has {count} names but {} {many}; give one {one} per name",
+                    list.values.len()
+                ));
             }
-            (true, false) => (CommandKind::Rate, &message.velocity),
-            _ => (CommandKind::Effort, &message.effort),
-        };
-        self.check(message, kind, values, model)?;
-        Ok(JointCommand {
-            kind,
-            joints: &self.joints,
-            values,
-        })
-    }
-
-    /// Checks `values` and finds their joints.
-    fn check(
-        &mut self,
-        message: &JointState,
-        kind: CommandKind,
-        values: &[f64],
-        model: &Model,
-    ) -> Result<(), String> {
-        let (one, many, limit, parameter) = match kind {
-            CommandKind::Effort => ("effort", "efforts", self.limits.effort, "max_effort"),
-            CommandKind::Rate => {
-                let parameter = "velocity_servo.max_rate";
-                ("velocity", "velocities", self.limits.rate, parameter)
-            }
-        };
-        if values.len() != message.name.len() {
-            return Err(format!(
-                "has {} names but {} {many}; give one {one} per name",
-                message.name.len(),
-                values.len()
-            ));
         }
-        self.joints.clear();
-        for (name, &value) in message.name.iter().zip(values) {
+        self.setpoints.clear();
+        for (i, name) in message.name.iter().enumerate() {
             let Some(joint) = model.joint_index(name) else {
                 return Err(format!(
                     "names '{name}'; the robot has {}",
                     joint_names(model)
                 ));
             };
-            // NaN is not within the limit either.
-            let is_valid = value.abs() <= limit;
-            if !is_valid {
+            // With one list, NaN is a mistake.
+            let is_given =
+                |list: &&List| is_filled(list) && (filled == 1 || !list.values[i].is_nan());
+            let mut given = all.iter().filter(is_given);
+            let Some(list) = given.next() else {
                 return Err(format!(
-                    "gives joint '{name}' the {one} {value}; it must be finite and at most {limit} ({parameter})"
+                    "gives joint '{name}' no number: all its values are NaN"
+                ));
+            };
+            if let Some(second) = given.next() {
+                let (one, other) = (list.one, second.one);
+                return Err(format!(
+                    "gives joint '{name}' both {one} and {other}; give one of them, and leave the other list empty or NaN for this joint"
                 ));
             }
-            if self.joints.contains(&joint) {
+            let value = list.values[i];
+            // NaN is not within the limit either.
+            let is_valid = value.abs() <= list.largest;
+            if !is_valid {
+                return Err(format!(
+                    "gives joint '{name}' the {} {value}; it must be finite and at most {}{}",
+                    list.one, list.largest, list.parameter
+                ));
+            }
+            if self.setpoints.iter().any(|(other, _)| *other == joint) {
                 return Err(format!("names joint '{name}' twice"));
             }
-            self.joints.push(joint);
+            self.setpoints.push((joint, (list.setpoint)(value)));
         }
-        Ok(())
+        Ok(JointCommand {
+            setpoints: &self.setpoints,
+        })
     }
 }
 
@@ -169,16 +205,43 @@ mod tests {
         let (model, mut reader) = (model(), reader());
         let efforts = message(&["joint2", "joint1"], &[2.0, -1.0]);
         let command = reader.read(&efforts, &model).unwrap();
-        assert_eq!(command.kind, CommandKind::Effort);
-        let values: Vec<_> = command.values().collect();
-        assert_eq!(values, [(1, 2.0), (0, -1.0)]);
+        assert!(command.has_efforts());
+        let expected = [(1, Setpoint::Effort(2.0)), (0, Setpoint::Effort(-1.0))];
+        assert_eq!(command.setpoints(), expected);
         let rates = JointState {
             velocity: vec![0.1],
             ..message(&["joint2"], &[])
         };
         let command = reader.read(&rates, &model).unwrap();
-        assert_eq!(command.kind, CommandKind::Rate);
-        assert_eq!(command.values().collect::<Vec<_>>(), [(1, 0.1)]);
+        assert!(!command.has_efforts());
+        assert_eq!(command.setpoints(), [(1, Setpoint::Rate(0.1))]);
+    }
+
+    #[test]
+    fn joints_of_one_command_may_have_different_kinds() {
+        let (model, mut reader) = (model(), reader());
+        let mixed = JointState {
+            position: vec![f64::NAN, 0.5],
+            ..message(&["joint1", "joint2"], &[2.0, f64::NAN])
+        };
+        let command = reader.read(&mixed, &model).unwrap();
+        let expected = [(0, Setpoint::Effort(2.0)), (1, Setpoint::Position(0.5))];
+        assert_eq!(command.setpoints(), expected);
+        let twice = JointState {
+            position: vec![0.1, 0.5],
+            ..message(&["joint1", "joint2"], &[2.0, f64::NAN])
+        };
+        assert!(refusal(&twice).contains("'joint1' both effort and position"));
+        let none = JointState {
+            position: vec![0.1, f64::NAN],
+            ..message(&["joint1", "joint2"], &[f64::NAN; 2])
+        };
+        assert!(refusal(&none).contains("joint 'joint2' no number"));
+        let far = JointState {
+            position: vec![1e300],
+            ..message(&["joint1"], &[])
+        };
+        assert!(refusal(&far).contains("the position 1"));
     }
 
     #[test]

@@ -1,30 +1,74 @@
-//! The drives of the robot's joints: held efforts, or a velocity servo.
+//! The drives of the robot's joints: held efforts, a velocity servo, a position servo, or a motion of the whole arm.
 
-use super::mean_efforts::MeanEfforts;
+use super::{
+    external_wrenches::ExternalWrenches, joint_command::Setpoint, mean_efforts::MeanEfforts,
+};
 use crate::{
-    control::{VelocityServo, VelocityServoConfig},
+    control::{
+        ServoGains, VelocityServo, VelocityServoConfig,
+        commander::{ArmMotion, BaseState, JointDuty, JointPoint, JointServo, TwistServo},
+    },
     dynamics::Floating,
 };
 
-/// Longest sampling period of the servo, relative to the time constant of its fastest motion at the start. It overshoots
+/// Longest sampling period of a servo, relative to the time constant of its fastest motion at the start. It overshoots
 /// above 1 and is unstable above 2.
 const SERVO_PERIOD: f64 = 0.5;
 
-/// What the drives do.
+/// Deviation of a joint from its reference beyond which a motion that follows begins at the joint itself \[rad or m; per s\].
+const LOST: (f64, f64) = (0.05, 0.5);
+
+/// What the drive of a joint does.
+#[derive(Debug, Clone, Copy, PartialEq, Eq)]
+enum Kind {
+    /// It holds an effort.
+    Effort,
+    /// A servo drives the rate to a reference.
+    Rate,
+    /// A servo drives the position to a reference.
+    Position,
+}
+
+/// What the drives of all joints do.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum DriveMode {
     /// They hold efforts.
     Effort,
     /// A servo drives the joint rates to references.
     Rate,
+    /// A servo holds positions.
+    Position,
+    /// Several of these, depending on the joint.
+    Mixed,
+    /// A motion of the whole arm.
+    Motion,
+}
+
+/// The servos of the drives.
+#[derive(Debug, Clone, PartialEq)]
+pub struct DriveConfig {
+    /// The servo of rates.
+    pub velocity: VelocityServoConfig,
+    /// Bandwidth of the servo of positions and motions \[rad/s\].
+    pub position_bandwidth: f64,
 }
 
 /// The drives of one robot. They act on its held efforts ([`Floating::efforts`]), which are stored there only.
 pub struct JointDrive {
-    mode: DriveMode,
+    kinds: Vec<Kind>,
+    rate_gains: ServoGains,
     servo: VelocityServo,
-    /// Longest sampling period of the servo \[s\].
-    servo_period: f64,
+    position_servo: JointServo,
+    /// References of joints with [`Kind::Position`], and of all joints during a motion, at the start of the last step.
+    reference: Vec<JointPoint>,
+    /// Length of the last step of a motion \[s\].
+    last_step: f64,
+    motion: Option<ArmMotion>,
+    /// Number of motions begun or ended so far.
+    changes: u64,
+    duties: Vec<JointDuty>,
+    /// Longest sampling periods of the servos of rates and positions \[s\].
+    periods: [f64; 2],
     mean_efforts: MeanEfforts,
 }
 
@@ -33,21 +77,48 @@ impl JointDrive {
     ///
     /// # Errors
     /// A line that names the wrong parameter of the servo.
-    pub fn new(robot: &Floating, servo: &VelocityServoConfig) -> Result<Self, String> {
-        let servo = VelocityServo::new(robot.model(), servo.clone())
+    pub fn new(robot: &Floating, config: &DriveConfig) -> Result<Self, String> {
+        let model = robot.model();
+        let servo = VelocityServo::new(model, config.velocity.clone())
             .map_err(|e| format!("parameter velocity_servo.{e}"))?;
-        let fastest = servo.max_bandwidth(robot.model(), &robot.state().q);
+        let fastest = servo.max_bandwidth(model, &robot.state().q);
+        let n = model.dof();
         Ok(Self {
-            mode: DriveMode::Effort,
-            servo_period: SERVO_PERIOD / fastest,
+            kinds: vec![Kind::Effort; n],
+            rate_gains: config.velocity.gains.clone(),
+            periods: [fastest, config.position_bandwidth].map(|fastest| SERVO_PERIOD / fastest),
+            position_servo: JointServo::new(model, config.position_bandwidth),
             servo,
-            mean_efforts: MeanEfforts::new(robot.model().dof()),
+            reference: vec![JointPoint::default(); n],
+            last_step: 0.0,
+            motion: None,
+            changes: 0,
+            duties: vec![JointDuty::Track; n],
+            mean_efforts: MeanEfforts::new(n),
         })
     }
 
     /// What the drives do.
     pub fn mode(&self) -> DriveMode {
-        self.mode
+        if self.motion.is_some() {
+            return DriveMode::Motion;
+        }
+        let are_all = |kind| self.kinds.iter().all(|k| *k == kind);
+        // A robot without joints is in the first mode.
+        if are_all(Kind::Effort) {
+            DriveMode::Effort
+        } else if are_all(Kind::Rate) {
+            DriveMode::Rate
+        } else if are_all(Kind::Position) {
+            DriveMode::Position
+        } else {
+            DriveMode::Mixed
+        }
+    }
+
+    /// Number of motions begun or ended so far: it changes when a motion is replaced.
+    pub fn changes(&self) -> u64 {
+        self.changes
     }
 
     /// Mean joint efforts between the last two ticks \[N m or N\].
@@ -55,56 +126,169 @@ impl JointDrive {
         self.mean_efforts.means()
     }
 
-    /// Holds `efforts` (joint index, effort \[N m or N\]), cut to the joints' limits. Other joints keep their effort, or
-    /// get zero if rates were driven until now. Returns whether any was cut.
+    /// Sets what joints do, cut to their limits. Other joints keep what they do; a motion of the arm ends, and its other joints come to
+    /// rest. Returns which kind of setpoint was cut, if any.
+    pub fn command(
+        &mut self,
+        robot: &mut Floating,
+        setpoints: impl IntoIterator<Item = (usize, Setpoint)>,
+    ) -> Option<&'static str> {
+        self.settle(robot);
+        let mut cut = None;
+        for (joint, setpoint) in setpoints {
+            let limits = &robot.model().joints()[joint].limits;
+            match setpoint {
+                Setpoint::Effort(effort) => {
+                    self.kinds[joint] = Kind::Effort;
+                    let held = effort.clamp(-limits.effort, limits.effort);
+                    robot.input_mut().efforts[joint] = held;
+                    if held != effort {
+                        cut = Some("an effort");
+                    }
+                }
+                Setpoint::Rate(rate) => {
+                    self.kinds[joint] = Kind::Rate;
+                    if self.servo.set_reference(robot.model(), joint, rate) {
+                        cut = Some("a velocity");
+                    }
+                }
+                Setpoint::Position(position) => {
+                    self.kinds[joint] = Kind::Position;
+                    let held = position.clamp(limits.lower, limits.upper);
+                    self.reference[joint] = JointPoint {
+                        position: held,
+                        ..JointPoint::default()
+                    };
+                    if held != position {
+                        cut = Some("a position");
+                    }
+                }
+            }
+        }
+        cut
+    }
+
+    /// Holds `efforts` (joint index, effort \[N m or N\]), cut to the joints' limits. Other joints keep what they do. Returns whether any
+    /// was cut.
     pub fn hold_efforts(
         &mut self,
         robot: &mut Floating,
         efforts: impl IntoIterator<Item = (usize, f64)>,
     ) -> bool {
-        if self.mode == DriveMode::Rate {
-            self.release(robot);
-        }
-        let mut cut = false;
-        for (joint, effort) in efforts {
-            let limit = robot.model().joints()[joint].limits.effort;
-            let held = effort.clamp(-limit, limit);
-            robot.input_mut().efforts[joint] = held;
-            cut |= held != effort;
-        }
-        cut
+        let setpoints = efforts
+            .into_iter()
+            .map(|(j, effort)| (j, Setpoint::Effort(effort)));
+        self.command(robot, setpoints).is_some()
     }
 
-    /// Drives the joint rates to `rates` (joint index, rate \[rad/s or m/s\]), cut to the joints' limits. Other joints
-    /// keep their reference, or get zero if efforts were held until now. Returns whether any was cut.
+    /// Drives the joint rates to `rates` (joint index, rate \[rad/s or m/s\]), cut to the joints' limits. Other joints keep what they do.
+    /// Returns whether any was cut.
     pub fn drive_rates(
         &mut self,
-        robot: &Floating,
+        robot: &mut Floating,
         rates: impl IntoIterator<Item = (usize, f64)>,
     ) -> bool {
-        if self.mode == DriveMode::Effort {
-            self.mode = DriveMode::Rate;
-            self.servo.reset();
-        }
-        let mut cut = false;
-        for (joint, rate) in rates {
-            cut |= self.servo.set_reference(robot.model(), joint, rate);
-        }
-        cut
+        let setpoints = rates.into_iter().map(|(j, rate)| (j, Setpoint::Rate(rate)));
+        self.command(robot, setpoints).is_some()
     }
 
-    /// The safe state without commands: driven rates become zero, which stops the arm, and held efforts become zero,
-    /// which lets it coast.
+    /// Begins a motion of all joints in place of what they do.
+    pub fn begin(&mut self, motion: ArmMotion) {
+        self.changes += 1;
+        self.motion = Some(motion);
+        self.last_step = 0.0;
+    }
+
+    /// The servo of streamed twists, while it moves the arm.
+    pub fn twist_servo(&mut self) -> Option<&mut TwistServo> {
+        match &mut self.motion {
+            Some(ArmMotion::Twist(servo)) => Some(servo),
+            _ => None,
+        }
+    }
+
+    /// The joints' motion now: where their references are, or they themselves if they have none or have lost it.
+    pub fn present(&self, robot: &Floating) -> Vec<JointPoint> {
+        let state = robot.state();
+        let joints = self.kinds.iter().enumerate().map(|(j, kind)| {
+            let measured = JointPoint {
+                position: state.q[j],
+                rate: state.qd[j],
+                acceleration: 0.0,
+            };
+            let reference = match (&self.motion, kind) {
+                (None, Kind::Effort | Kind::Rate) => return measured,
+                (None, Kind::Position) => self.reference[j],
+                (Some(_), _) => self.now(j),
+            };
+            let off = (
+                (reference.position - measured.position).abs(),
+                (reference.rate - measured.rate).abs(),
+            );
+            match off.0 > LOST.0 || off.1 > LOST.1 {
+                true => measured,
+                false => reference,
+            }
+        });
+        joints.collect()
+    }
+
+    /// Where the reference of joint `j` is at the end of the last step.
+    fn now(&self, j: usize) -> JointPoint {
+        let (from, t) = (&self.reference[j], self.last_step);
+        JointPoint {
+            position: from.position + t * (from.rate + 0.5 * t * from.acceleration),
+            rate: from.rate + t * from.acceleration,
+            acceleration: from.acceleration,
+        }
+    }
+
+    /// Where the references of a motion are; `None` without one.
+    pub fn references(&self) -> Option<impl Iterator<Item = JointPoint> + '_> {
+        (self.motion.is_some()).then(|| (0..self.kinds.len()).map(|j| self.now(j)))
+    }
+
+    /// When the motion is over \[s\]; without one, long ago.
+    pub fn motion_end(&self) -> f64 {
+        let end = self.motion.as_ref().map(ArmMotion::end);
+        end.unwrap_or(f64::NEG_INFINITY)
+    }
+
+    /// Ends a motion: its joints come to rest within a few time constants of the servo, and are held.
+    fn settle(&mut self, robot: &Floating) {
+        if self.motion.is_none() {
+            return;
+        }
+        for (j, joint) in robot.model().joints().iter().enumerate() {
+            let now = self.now(j);
+            self.kinds[j] = Kind::Position;
+            // With this reference the rate decays exponentially, without overshoot.
+            let rest = now.position + now.rate / self.position_servo.bandwidth();
+            self.reference[j] = JointPoint {
+                position: rest.clamp(joint.limits.lower, joint.limits.upper),
+                ..JointPoint::default()
+            };
+        }
+        self.motion = None;
+        self.changes += 1;
+    }
+
+    /// The safe state without commands: driven rates become zero, which stops the arm, and held efforts become zero, which lets it
+    /// coast. Positions stay held, and a motion ends in one.
     pub fn halt(&mut self, robot: &mut Floating) {
+        self.settle(robot);
         self.servo.halt();
-        if self.mode == DriveMode::Effort {
-            robot.release();
+        for (effort, kind) in robot.input_mut().efforts.iter_mut().zip(&self.kinds) {
+            if *kind == Kind::Effort {
+                *effort = 0.0;
+            }
         }
     }
 
     /// Holds zero efforts.
     pub fn release(&mut self, robot: &mut Floating) {
-        self.mode = DriveMode::Effort;
+        self.changes += u64::from(self.motion.take().is_some());
+        self.kinds.fill(Kind::Effort);
         robot.release();
     }
 
@@ -120,25 +304,69 @@ impl JointDrive {
         self.mean_efforts.reset();
     }
 
-    /// Advances the robot by `seconds` in integration steps of at most `time_step` \[s\].
-    pub fn step(&mut self, robot: &mut Floating, seconds: f64, time_step: f64) {
-        match self.mode {
-            DriveMode::Effort => {
-                let steps = step_count(seconds, time_step);
-                self.mean_efforts.add(robot.efforts().as_slice(), seconds);
-                robot.step(seconds / steps as f64, steps);
-            }
-            DriveMode::Rate => {
-                let steps = step_count(seconds, time_step.min(self.servo_period));
-                let dt = seconds / steps as f64;
-                for _ in 0..steps {
-                    let efforts = self.servo.efforts(robot.model(), robot.state(), dt);
-                    robot.hold_efforts(efforts.as_slice());
-                    self.mean_efforts.add(robot.efforts().as_slice(), dt);
-                    robot.step(dt, 1);
-                }
-            }
+    /// Advances the robot from `time` by `seconds` in integration steps of at most `time_step` \[s\], under external `wrenches`.
+    pub fn step(
+        &mut self,
+        robot: &mut Floating,
+        wrenches: &mut ExternalWrenches,
+        time: f64,
+        seconds: f64,
+        time_step: f64,
+    ) {
+        if seconds <= 0.0 {
+            return;
         }
+        let mode = self.mode();
+        if mode != DriveMode::Rate {
+            self.servo.reset_integral();
+        }
+        let [rates, positions] = self.periods;
+        let longest = match mode {
+            DriveMode::Effort => time_step,
+            DriveMode::Rate => time_step.min(rates),
+            DriveMode::Position | DriveMode::Motion => time_step.min(positions),
+            DriveMode::Mixed => time_step.min(rates).min(positions),
+        };
+        let steps = step_count(seconds, longest);
+        let dt = seconds / steps as f64;
+        if mode == DriveMode::Effort {
+            self.mean_efforts.add(robot.efforts().as_slice(), seconds);
+            wrenches.step(robot, time, dt, steps);
+            return;
+        }
+        for step in 0..steps {
+            let now = time + step as f64 * dt;
+            self.set_efforts(robot, mode, now, dt);
+            self.mean_efforts.add(robot.efforts().as_slice(), dt);
+            wrenches.step(robot, now, dt, 1);
+        }
+    }
+
+    /// Sets the servos' efforts for a step of `dt` \[s\] that begins at `now` \[s\].
+    fn set_efforts(&mut self, robot: &mut Floating, mode: DriveMode, now: f64, dt: f64) {
+        if mode == DriveMode::Rate {
+            let efforts = self.servo.efforts(robot.model(), robot.state(), dt);
+            robot.hold_efforts(efforts.as_slice());
+            return;
+        }
+        if let Some(motion) = &mut self.motion {
+            let base = BaseState::of(robot.state(), robot.workspace());
+            motion.advance(&base, now, dt, &mut self.reference);
+            self.last_step = dt;
+        }
+        for (j, duty) in self.duties.iter_mut().enumerate() {
+            let rate = self.servo.reference()[j];
+            *duty = match (&self.motion, self.kinds[j], &self.rate_gains) {
+                (Some(_), _, _) | (None, Kind::Position, _) => JointDuty::Track,
+                (None, Kind::Effort, _) => JointDuty::Effort(robot.efforts()[j]),
+                (None, Kind::Rate, ServoGains::Bandwidth(omega)) => JointDuty::Rate(rate, *omega),
+                (None, Kind::Rate, ServoGains::PerJoint(gains)) => {
+                    JointDuty::Effort(gains[j] * (rate - robot.state().qd[j]))
+                }
+            };
+        }
+        let efforts = (self.position_servo).efforts(robot.state(), &self.duties, &self.reference);
+        robot.hold_efforts(efforts.as_slice());
     }
 
     /// Ends a tick that was `period` \[s\] long.
@@ -154,91 +382,4 @@ pub fn step_count(seconds: f64, longest: f64) -> usize {
 }
 
 #[cfg(test)]
-mod tests {
-    use super::*;
-    use crate::{
-        control::ServoGains,
-        dynamics::{IntegrationMethod, State},
-        model::Model,
-    };
-
-    fn robot() -> (Floating, JointDrive) {
-        let joint = r#"<joint name="joint1" type="continuous">"#;
-        let urdf = include_str!("../../../urdf/planar_two_link.urdf");
-        let urdf = urdf.replace(
-            joint,
-            &format!(r#"{joint}<limit effort="5" velocity="2"/>"#),
-        );
-        let model = Model::from_urdf(&urdf, "planar").unwrap();
-        let state = State::at_rest(&model);
-        let robot = Floating::new(model, state, IntegrationMethod::Rk4);
-        let config = VelocityServoConfig {
-            gains: ServoGains::Bandwidth(10.0),
-            integral: 0.0,
-        };
-        let drive = JointDrive::new(&robot, &config).unwrap();
-        (robot, drive)
-    }
-
-    #[test]
-    fn joints_without_a_new_effort_keep_theirs() {
-        let (mut robot, mut drive) = robot();
-        assert!(!drive.hold_efforts(&mut robot, [(0, 1.0), (1, 2.0)]));
-        assert!(!drive.hold_efforts(&mut robot, [(1, -3.0)]));
-        assert_eq!(robot.efforts().as_slice(), [1.0, -3.0]);
-        assert!(drive.hold_efforts(&mut robot, [(0, 6.0)]));
-        assert_eq!(robot.efforts().as_slice(), [5.0, -3.0]);
-        // The cut of an earlier command is not reported again.
-        assert!(!drive.hold_efforts(&mut robot, [(1, 1.0)]));
-    }
-
-    // Would break if an effort or a rate from before a change of mode acted after it.
-    #[test]
-    fn a_change_of_mode_starts_from_zero() {
-        let (mut robot, mut drive) = robot();
-        drive.hold_efforts(&mut robot, [(0, 1.0)]);
-        drive.drive_rates(&robot, [(0, 0.1), (1, 0.1)]);
-        assert_eq!(drive.mode(), DriveMode::Rate);
-        drive.step(&mut robot, 0.1, 0.01);
-        drive.hold_efforts(&mut robot, [(1, 2.0)]);
-        assert_eq!(drive.mode(), DriveMode::Effort);
-        assert_eq!(robot.efforts().as_slice(), [0.0, 2.0]);
-        drive.drive_rates(&robot, [(1, 0.2)]);
-        assert_eq!(drive.servo.reference().as_slice(), [0.0, 0.2]);
-    }
-
-    #[test]
-    fn without_commands_efforts_end_and_driven_joints_stop() {
-        let (mut robot, mut drive) = robot();
-        drive.hold_efforts(&mut robot, [(0, 1.0)]);
-        drive.halt(&mut robot);
-        assert_eq!(robot.efforts().as_slice(), [0.0, 0.0]);
-        drive.drive_rates(&robot, [(0, 0.1)]);
-        // The effort limit of 5 N m lets the joint accelerate only slowly.
-        drive.step(&mut robot, 8.0, 0.01);
-        assert!((robot.state().qd[0] - 0.1).abs() < 1e-3);
-        drive.halt(&mut robot);
-        assert_eq!(drive.mode(), DriveMode::Rate);
-        drive.step(&mut robot, 8.0, 0.01);
-        assert!(robot.state().qd[0].abs() < 1e-3);
-    }
-
-    #[test]
-    fn the_servo_is_sampled_no_slower_than_it_bears() {
-        let (mut robot, mut drive) = robot();
-        drive.drive_rates(&robot, [(0, 0.1)]);
-        // Twice the limit of stability: one sample per step would diverge.
-        for _ in 0..20 {
-            drive.step(&mut robot, 0.4, 0.4);
-        }
-        // A proportional servo leaves an error that balances the Coriolis forces.
-        assert!((robot.state().qd[0] - 0.1).abs() < 1e-3);
-    }
-
-    #[test]
-    fn rounding_does_not_add_a_step() {
-        assert_eq!(step_count(0.1 + 0.2, 0.1), 3);
-        assert_eq!(step_count(0.301, 0.1), 4);
-        assert_eq!(step_count(0.0, 0.1), 1);
-    }
-}
+mod tests;

@@ -3,7 +3,7 @@
 //! Messages that are published at every state are made once and updated in place (`update_...`), so that the names in them
 //! are not copied again.
 
-use super::{target::Target, world::World};
+use super::{external_wrenches::ExternalChange, target::Target, world::World};
 use crate::{
     dynamics::Floating,
     model::{Frame, Model},
@@ -196,6 +196,26 @@ pub(super) fn update_momentum(message: &mut fuyu_msgs::Momentum, stamp: Time, ro
     message.linear = vector_to_msg(&(R_WB * carried.linear));
     message.angular = vector_to_msg(&(R_WB * carried.angular));
     message.kinetic_energy = workspace.kinetic_energy();
+}
+
+/// A message of what external wrenches have changed, to be updated.
+pub(super) fn external_impulse_message() -> fuyu_msgs::ExternalImpulse {
+    fuyu_msgs::ExternalImpulse {
+        header: header(Time::ZERO, WORLD),
+        ..fuyu_msgs::ExternalImpulse::default()
+    }
+}
+
+/// Updates a message of [`external_impulse_message`].
+pub(super) fn update_external_impulse(
+    message: &mut fuyu_msgs::ExternalImpulse,
+    stamp: Time,
+    change: &ExternalChange,
+) {
+    message.header.stamp = stamp.into();
+    message.linear = vector_to_msg(&change.momentum_W.linear);
+    message.angular = vector_to_msg(&change.momentum_W.angular);
+    message.work = change.work;
 }
 
 #[cfg(test)]

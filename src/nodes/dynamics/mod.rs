@@ -8,13 +8,16 @@
 //!
 //! # What a command does
 //!
-//! A command that fills `effort` sets efforts to hold. One that fills `velocity` sets rates that a servo in the robot's
+//! A message on `joint_commands` that fills `effort` sets efforts to hold. One that fills `velocity` sets rates that a servo in the robot's
 //! drives ([`VelocityServo`](crate::control::VelocityServo)) drives the joints to, within its bandwidth and the joints'
-//! effort limits. Joints that a command does not name keep their effort or rate, or get zero if the previous command was of
-//! the other kind. When commands end, held efforts become zero, which lets the arm coast, and driven rates become zero,
-//! which stops it (`joint_drive`).
+//! effort limits; `position` sets positions that a stiff servo holds. Joints that a command does not name keep what they do. When commands
+//! end, held efforts become zero, which lets the arm coast, driven rates become zero, which stops it, and positions stay held
+//! (`joint_drive`).
 //!
-//! One publisher commands at a time; others are refused until it ends or is silent for `command_timeout`
+//! Motions of the whole arm are joint trajectories (topic and action), paths and twists of the tip (`motions`). Each begins with the joints' present
+//! motion, and holds the arm when it is over. Wrenches from outside act on any link (`wrench_inputs`, `external_wrenches`).
+//!
+//! One commander at a time; others are refused until it ends or is silent for `command_timeout`
 //! (`command_arbiter`). Efforts beyond a joint's limit are cut to it, those beyond `max_effort` are refused
 //! (`joint_command`).
 //!
@@ -28,12 +31,14 @@ mod clock;
 mod command_arbiter;
 mod command_handling;
 mod divergence;
+mod external_wrenches;
 mod imu;
 mod joint_command;
 mod joint_drive;
 mod loops;
 mod mean_efforts;
 mod messages;
+mod motions;
 mod outputs;
 mod params;
 mod real_time_pacing;
@@ -46,6 +51,7 @@ mod target;
 mod tick_time;
 mod time_status;
 mod world;
+mod wrench_inputs;
 
 pub use imu::{ImuParams, imu};
 pub use loops::{EndParams, LoopParams};

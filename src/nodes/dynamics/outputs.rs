@@ -3,8 +3,8 @@
 use super::{
     imu::{imu_message, update_imu},
     messages::{
-        FrameTree, joint_states, momentum_message, odometry_message, update_joint_states,
-        update_momentum, update_odometry,
+        FrameTree, external_impulse_message, joint_states, momentum_message, odometry_message,
+        update_external_impulse, update_joint_states, update_momentum, update_odometry,
     },
     target::Target,
     world::World,
@@ -26,6 +26,7 @@ pub struct Outputs {
     /// One for each target, in their order.
     targets: Vec<TargetOutputs>,
     momentum: Output<fuyu_msgs::Momentum>,
+    external_impulse: Output<fuyu_msgs::ExternalImpulse>,
     imu: Output<sensor_msgs::Imu>,
     tf: Output<tf2_msgs::TFMessage>,
     tf_static: Publisher<tf2_msgs::TFMessage>,
@@ -89,6 +90,10 @@ impl Outputs {
             momentum: Output {
                 publisher: topics::MOMENTUM.advertise(node)?,
                 message: momentum_message(),
+            },
+            external_impulse: Output {
+                publisher: topics::EXTERNAL_IMPULSE.advertise(node)?,
+                message: external_impulse_message(),
             },
             imu: Output {
                 publisher: topics::IMU.advertise(node)?,
@@ -169,6 +174,10 @@ impl Outputs {
         }
         self.momentum
             .publish(|message| update_momentum(message, stamp, &world.robot));
+        if let Some(change) = world.wrenches().change() {
+            self.external_impulse
+                .publish(|message| update_external_impulse(message, stamp, change));
+        }
         self.imu
             .publish(|message| update_imu(message, stamp, world));
         self.tf

@@ -5,17 +5,22 @@ use std::time::{Duration, Instant};
 use super::{
     clock::{Phase, SimulationClock, long_wait},
     command_handling::CommandHandler,
+    motions::{self, Motions},
     outputs::Outputs,
     params::DynamicsParams,
     robot_status::RobotStatus,
     services::{self, Services, StepRequests},
     time_status::TimeStatus,
     world::World,
+    wrench_inputs::{self, WrenchInputs},
 };
 use crate::ros::{Lifecycle, Node, NodeError, Time};
 
 /// How often the present state is published again while time stands still: a peer may have joined late.
 const REPUBLISH_PERIOD: Duration = Duration::from_millis(100);
+
+/// Answer to calls and goals while the node is not active.
+const INACTIVE: &str = "the node is inactive; activate it by ~/change_state first";
 
 /// Most commands that are handled before time and service calls are looked at again.
 const MAX_COMMANDS: usize = 256;
@@ -30,6 +35,8 @@ pub struct Simulation<'a> {
     pub(super) world: World,
     pub(super) clock: SimulationClock,
     pub(super) commands: CommandHandler,
+    pub(super) motions: Motions,
+    pub(super) wrench_inputs: WrenchInputs,
     pub(super) outputs: Outputs,
     pub(super) services: Services,
     pub(super) steps: StepRequests,
@@ -52,6 +59,8 @@ impl<'a> Simulation<'a> {
         log_world(params, &world);
         Ok(Self {
             commands: CommandHandler::new(node, params)?,
+            motions: Motions::new(node, params, &world)?,
+            wrench_inputs: WrenchInputs::new(node)?,
             outputs: Outputs::new(node, &world, &params.robot.xml)?,
             services: Services::new(node, &params.resource_folders)?,
             steps: StepRequests::new(node)?,
@@ -103,7 +112,7 @@ impl<'a> Simulation<'a> {
             self.wait_for_tick();
         }
         // A service call may have paused, changed or restarted the simulation meanwhile.
-        if self.is_advancing() && self.commands.may_advance() && self.node.ok() {
+        if self.is_advancing() && self.commands.may_advance(&self.world) && self.node.ok() {
             self.tick();
         }
     }
@@ -113,6 +122,8 @@ impl<'a> Simulation<'a> {
         self.clock.interrupt();
         services::answer_calls(self);
         self.commands.discard();
+        self.motions.discard(INACTIVE);
+        self.wrench_inputs.discard(INACTIVE);
         self.time_status.is_inactive();
         self.node.wait_for(REPUBLISH_PERIOD);
     }
@@ -120,6 +131,7 @@ impl<'a> Simulation<'a> {
     /// The node is deactivated: the robot is halted, and requested steps end.
     pub fn deactivate(&mut self) {
         self.world.halt();
+        self.motions.abort("the node was deactivated");
         self.commands.deactivate();
         self.steps.end("the node was deactivated");
     }
@@ -141,6 +153,8 @@ impl<'a> Simulation<'a> {
     /// Time or state was reset: commands, pacing and responses start again.
     pub(super) fn restart(&mut self) {
         self.world.halt();
+        self.motions.abort("the simulation was reset");
+        self.motions.discard("the simulation was reset");
         self.commands.restart();
         self.clock.restart();
     }
@@ -161,10 +175,17 @@ impl<'a> Simulation<'a> {
     fn take_commands(&mut self, now: f64) {
         // A publisher that floods the topic must not hold up time.
         for _ in 0..MAX_COMMANDS {
-            let Some(command) = self.commands.next(self.world.time()) else {
-                return;
+            let Self {
+                commands,
+                motions,
+                world,
+                ..
+            } = self;
+            let is_present = |publisher| motions.is_matched(publisher);
+            let Some(command) = commands.next(world.time(), is_present) else {
+                break;
             };
-            if !self.commands.admit(&command, &self.world) {
+            if !commands.admit(&command, world, is_present) {
                 continue;
             }
             if self.clock.is_released() && !self.params.lockstep {
@@ -174,6 +195,8 @@ impl<'a> Simulation<'a> {
             self.commands.apply(&command, &mut self.world);
             self.clock.release();
         }
+        motions::take(self);
+        wrench_inputs::take(self);
     }
 
     /// Steps to the next state and publishes it; counts it among the requested steps.
@@ -197,6 +220,7 @@ impl<'a> Simulation<'a> {
         self.clock.release();
         self.commands.expect_response(self.world.time());
         self.publish();
+        motions::follow(self);
         self.robot_status.report(&self.world.robot);
     }
 
@@ -229,7 +253,7 @@ impl<'a> Simulation<'a> {
                 (s.time_status).waits_for_response(seconds, stamp, &reason);
             }
             s.take_commands(f64::NEG_INFINITY);
-            s.commands.may_advance() || !s.is_advancing()
+            s.commands.may_advance(&s.world) || !s.is_advancing()
         });
     }
 

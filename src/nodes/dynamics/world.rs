@@ -4,14 +4,19 @@
 mod tests;
 
 use super::divergence::{self, StateBackup};
+use super::external_wrenches::ExternalWrenches;
 use super::imu::ImuParams;
+use super::joint_command::Setpoint;
 use super::joint_drive::{DriveMode, JointDrive, step_count};
 use super::loops::LoopParams;
 use super::params::{DynamicsParams, joint_vector};
 use super::target::Target;
 use super::tick_time::TickTime;
 use crate::{
-    control::with_default_effort_limits,
+    control::{
+        commander::{ArmMotion, TwistServo},
+        with_default_effort_limits,
+    },
     dynamics::{Floating, FormulationKind, JointPhysics, State},
     model::Model,
     nodes::choice,
@@ -28,6 +33,7 @@ pub struct World {
     /// The robot's state before the last step.
     backup: StateBackup,
     drive: JointDrive,
+    wrenches: ExternalWrenches,
     imu: ImuParams,
     time: TickTime,
     /// Longest integration step \[s\].
@@ -78,7 +84,8 @@ impl World {
         });
         Ok(Self {
             not_simulated: not_simulated(&robot, &params.joint_physics),
-            drive: JointDrive::new(&robot, &params.servo)?,
+            drive: JointDrive::new(&robot, &params.drive)?,
+            wrenches: ExternalWrenches::new(robot.model()),
             start: robot.state().clone(),
             backup: StateBackup::new(&robot),
             robot,
@@ -122,6 +129,7 @@ impl World {
 
     /// Time is zero again; the bodies stay as they are.
     pub(super) fn reset_time(&mut self) {
+        self.wrenches.clear(None);
         self.time.reset();
     }
 
@@ -130,6 +138,7 @@ impl World {
     pub(super) fn reset_state(&mut self) {
         self.robot.set_state(self.start.clone());
         self.drive.reset(&mut self.robot);
+        self.wrenches.reset();
         for target in &mut self.targets {
             target.reset();
         }
@@ -221,7 +230,7 @@ impl World {
     /// A body whose motion has diverged gets the state before its last step, so that a commander that asks for too much does
     /// not end the simulation for all others. The robot's joints are stopped, and its efforts are zero until the next
     /// command; momentum is conserved, unless it has diverged already since the last command: then the robot is stopped
-    /// altogether. A target is stopped.
+    /// altogether. Wrenches on it end. A target is stopped.
     ///
     /// # Errors
     /// As [`Self::check_divergence`], before anything was restored.
@@ -231,6 +240,7 @@ impl World {
             let time = self.time.now();
             if divergence::of(&self.robot).is_some() {
                 self.backup.restore(&mut self.robot, time);
+                self.wrenches.undo_step(&mut self.robot);
                 self.drive.release(&mut self.robot);
                 self.drive.discard_efforts();
             }
@@ -248,18 +258,50 @@ impl World {
         self.drive.mean_efforts()
     }
 
-    /// Holds joint `efforts` (joint index, effort \[N m or N\]) from now on, cut to the joints' limits. Other joints keep
-    /// their effort, or get zero if rates were driven until now. Returns whether any was cut.
+    /// Holds joint `efforts` (joint index, effort \[N m or N\]) from now on, cut to the joints' limits. Other joints keep what they do.
+    /// Returns whether any was cut.
     pub fn hold_efforts(&mut self, efforts: impl IntoIterator<Item = (usize, f64)>) -> bool {
         self.backup.command();
         self.drive.hold_efforts(&mut self.robot, efforts)
     }
 
     /// Lets a servo drive the joints to `rates` (joint index, rate \[rad/s or m/s\]) from now on, cut to the joints'
-    /// limits. Other joints keep their reference, or get zero if efforts were held until now. Returns whether any was cut.
+    /// limits. Other joints keep what they do. Returns whether any was cut.
     pub fn drive_rates(&mut self, rates: impl IntoIterator<Item = (usize, f64)>) -> bool {
         self.backup.command();
-        self.drive.drive_rates(&self.robot, rates)
+        self.drive.drive_rates(&mut self.robot, rates)
+    }
+
+    /// Sets what joints do from now on, as [`JointDrive::command`].
+    pub(super) fn command(&mut self, setpoints: &[(usize, Setpoint)]) -> Option<&'static str> {
+        self.backup.command();
+        (self.drive).command(&mut self.robot, setpoints.iter().copied())
+    }
+
+    /// Begins a motion of all joints in place of what they do.
+    pub(super) fn begin(&mut self, motion: ArmMotion) {
+        self.backup.command();
+        self.drive.begin(motion);
+    }
+
+    /// The joints' drives.
+    pub(super) fn drive(&self) -> &JointDrive {
+        &self.drive
+    }
+
+    /// The servo of streamed twists, while it moves the arm.
+    pub(super) fn twist_servo(&mut self) -> Option<&mut TwistServo> {
+        self.drive.twist_servo()
+    }
+
+    /// Wrenches from outside.
+    pub(super) fn wrenches(&self) -> &ExternalWrenches {
+        &self.wrenches
+    }
+
+    /// Wrenches from outside, to add or clear some.
+    pub(super) fn wrenches_mut(&mut self) -> &mut ExternalWrenches {
+        &mut self.wrenches
     }
 
     /// What the joints' drives do.
@@ -267,14 +309,44 @@ impl World {
         self.drive.mode()
     }
 
+    /// Joints of a commander that is replaced stop: efforts and rates are zero. A motion goes on, since the next command
+    /// begins with it.
+    pub(super) fn stop_joints(&mut self) {
+        if self.drive.mode() != DriveMode::Motion {
+            self.drive.halt(&mut self.robot);
+        }
+    }
+
     /// Puts the joints' drives into their safe state, as [`JointDrive::halt`].
     pub(super) fn halt(&mut self) {
         self.drive.halt(&mut self.robot);
     }
 
+    /// Steps by `seconds`, which end now.
     fn step_by(&mut self, seconds: f64) {
         self.backup.save(&self.robot);
-        (self.drive).step(&mut self.robot, seconds, self.time_step);
+        self.wrenches.save_change();
+        let end = self.time.now();
+        let mut time = end - seconds;
+        loop {
+            // Wrenches begin and end on time.
+            let next = self.wrenches.next_change(time, end);
+            let part = match next < end {
+                true => next - time,
+                false => end - time,
+            };
+            (self.drive).step(
+                &mut self.robot,
+                &mut self.wrenches,
+                time,
+                part,
+                self.time_step,
+            );
+            if next >= end {
+                break;
+            }
+            time = next;
+        }
         let steps = step_count(seconds, self.time_step);
         for target in &mut self.targets {
             target.step(seconds / steps as f64, steps);

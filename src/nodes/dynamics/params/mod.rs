@@ -2,6 +2,7 @@
 
 mod bodies;
 mod joint_physics;
+mod motions;
 mod velocity_servo;
 
 pub(super) use bodies::joint_vector;
@@ -10,9 +11,9 @@ pub use bodies::{Description, InitialMotion, TargetParams};
 use std::path::PathBuf;
 
 use super::imu::ImuParams;
+use super::joint_drive::DriveConfig;
 use super::loops::LoopParams;
 use crate::{
-    control::VelocityServoConfig,
     dynamics::{FormulationKind, IntegrationMethod, JointPhysics},
     nodes::{
         choice,
@@ -22,6 +23,8 @@ use crate::{
 };
 use bodies::finite_list;
 use joint_physics::declare_joint_physics;
+pub use motions::{BaseReaction, LiveBaseReaction, MotionParams};
+use motions::{declare_base_reaction, declare_motions, declare_position_servo};
 use velocity_servo::declare_servo;
 
 /// Parameters of the dynamics node; read once, at the start.
@@ -75,8 +78,12 @@ pub struct DynamicsParams {
     pub default_joint_acceleration: f64,
     /// Friction, stops and speed limits of the joints.
     pub joint_physics: JointPhysics,
-    /// The servo that drives joint rates.
-    pub servo: VelocityServoConfig,
+    /// The servos that drive joint rates and positions.
+    pub(super) drive: DriveConfig,
+    /// Trajectories, paths, twists and external wrenches.
+    pub motions: MotionParams,
+    /// What redundant joints do about the reaction of the base.
+    pub base_reaction: LiveBaseReaction,
     /// Largest rate in a command \[rad/s or m/s\].
     pub max_rate: f64,
 }
@@ -281,7 +288,7 @@ impl DynamicsParams {
             .param(
                 "command_timeout",
                 0.5,
-                "Age of the last command above which efforts, or driven rates, become zero [s]",
+                "Age of the last command above which efforts and driven rates become zero [s]",
             )
             .range(1e-3, 1e6)
             .read_only()
@@ -314,7 +321,12 @@ impl DynamicsParams {
             .read_only()
             .value();
         let joint_physics = declare_joint_physics(declare);
-        let servo = declare_servo(declare);
+        let drive = DriveConfig {
+            velocity: declare_servo(declare),
+            position_bandwidth: declare_position_servo(declare),
+        };
+        let motions = declare_motions(declare);
+        let base_reaction = declare_base_reaction(declare);
         let max_rate = declare
             .param(
                 "velocity_servo.max_rate",
@@ -381,7 +393,9 @@ impl DynamicsParams {
             max_effort,
             default_joint_acceleration,
             joint_physics,
-            servo,
+            drive,
+            motions: motions?,
+            base_reaction,
             max_rate,
         })
     }

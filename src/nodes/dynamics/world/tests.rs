@@ -4,11 +4,14 @@ use super::*;
 use crate::{
     dynamics::Workspace,
     nodes::{
-        dynamics::{imu, joint_states, momentum},
+        dynamics::{
+            external_wrenches::{ExternalWrench, WrenchAxes},
+            imu, joint_states, momentum,
+        },
         scenario::Scenario,
     },
     ros::Time,
-    spatial::Twist,
+    spatial::{Twist, Wrench},
 };
 use nalgebra::{Isometry3, Vector3};
 
@@ -220,4 +223,48 @@ fn a_reset_restores_the_start() {
     assert_eq!(*world.targets[0].body.state(), start.1);
     assert_eq!((world.time(), world.drive_mode()), (0.0, DriveMode::Effort));
     assert!(world.mean_efforts().iter().all(|effort| *effort == 0.0));
+}
+
+// Would break if the impulse of steps that are discarded were kept, or if the wrench went on to throw the robot about.
+#[test]
+fn a_wrench_beyond_all_measure_ends_and_leaves_no_impulse_behind() {
+    let mut world = world("positioning");
+    let link = world.robot.model().frames().last().unwrap().clone();
+    let wrench = |strength: f64, from: f64, until: f64| ExternalWrench {
+        axes: WrenchAxes::Robot(link.clone()),
+        link: link.clone(),
+        point: Vector3::zeros(),
+        wrench: Wrench::new(
+            Vector3::zeros(),
+            Vector3::new(strength, -strength, strength),
+        ),
+        from,
+        until,
+        is_streamed: false,
+    };
+    for wrench in [wrench(1.0, 0.0, 0.055), wrench(1e12, 0.1, f64::INFINITY)] {
+        world.wrenches_mut().add(wrench).unwrap();
+    }
+    let begin = world.robot.state().momentum_W;
+    let problem = (0..20).find_map(|_| {
+        let stepped = world.step_to_tick_or_restore();
+        assert_publishable(&mut world);
+        stepped.err()
+    });
+    println!("{problem:?}");
+    assert!(problem.unwrap().contains("has diverged"));
+    for _ in 0..10 {
+        world.step_to_tick_or_restore().unwrap();
+    }
+    assert_eq!(world.wrenches_mut().clear(None), 0);
+    let change = world.wrenches().change().unwrap();
+    let momentum = world.robot.state().momentum_W;
+    for (now, before, change) in [
+        (momentum.linear, begin.linear, change.momentum_W.linear),
+        (momentum.angular, begin.angular, change.momentum_W.angular),
+    ] {
+        assert!(change.norm() > 0.01 && change.norm() < 1.0, "{change}");
+        assert!((now - before - change).norm() < 1e-12);
+    }
+    assert!(change.work > 0.0 && change.work < 1.0, "{}", change.work);
 }

@@ -1,0 +1,332 @@
+//! Wrenches from outside on links of the robot, and what they have changed.
+
+use nalgebra::Vector3;
+
+use crate::{
+    dynamics::{Floating, Momentum},
+    model::{Frame, Model},
+    spatial::{Pose, Wrench, exp_so3},
+};
+
+/// Axes of a wrench.
+#[derive(Debug, Clone, PartialEq)]
+pub enum WrenchAxes {
+    /// Of a frame of the robot, with which they turn.
+    Robot(Frame),
+    /// Of the world.
+    World,
+}
+
+/// A wrench on a link for some time.
+#[derive(Debug, Clone, PartialEq)]
+pub struct ExternalWrench {
+    /// The link.
+    pub link: Frame,
+    /// Axes of force, torque and point.
+    pub axes: WrenchAxes,
+    /// Where the force acts: in the frame of the axes, or in the world's axes from the link's origin \[m\].
+    pub point: Vector3<f64>,
+    /// Torque \[N m\] and force \[N\] about the point.
+    pub wrench: Wrench,
+    /// From when \[s\].
+    pub from: f64,
+    /// Until when \[s\]; infinite is for ever.
+    pub until: f64,
+    /// Whether it came by topic: the next one on the link replaces it.
+    pub is_streamed: bool,
+}
+
+/// What wrenches have changed since the start.
+#[derive(Debug, Clone, Copy, PartialEq, Default)]
+pub struct ExternalChange {
+    /// Change of momentum in world axes.
+    pub momentum_W: Momentum,
+    /// Work done on the robot \[J\].
+    pub work: f64,
+}
+
+/// The wrenches on a robot.
+pub struct ExternalWrenches {
+    wrenches: Vec<ExternalWrench>,
+    change: ExternalChange,
+    /// See [`Self::save_change`].
+    saved: ExternalChange,
+    /// Whether any has acted since the start.
+    has_acted: bool,
+    /// Whether the robot's input has a wrench.
+    is_set: bool,
+    q: Vec<f64>,
+}
+
+/// Most wrenches at a time.
+const MOST: usize = 1000;
+
+impl ExternalWrenches {
+    /// None yet.
+    pub fn new(model: &Model) -> Self {
+        Self {
+            wrenches: Vec::new(),
+            change: ExternalChange::default(),
+            saved: ExternalChange::default(),
+            has_acted: false,
+            is_set: false,
+            q: vec![0.0; model.dof()],
+        }
+    }
+
+    /// Adds a wrench.
+    ///
+    /// # Errors
+    /// A line, when there are too many.
+    pub fn add(&mut self, wrench: ExternalWrench) -> Result<(), String> {
+        if wrench.is_streamed {
+            self.wrenches
+                .retain(|w| !w.is_streamed || w.link.name != wrench.link.name);
+        }
+        if self.wrenches.len() >= MOST {
+            return Err(format!("{MOST} wrenches wait or act already; clear some"));
+        }
+        self.wrenches.push(wrench);
+        Ok(())
+    }
+
+    /// Ends the wrenches on `link`, or all. Returns how many.
+    pub fn clear(&mut self, link: Option<&str>) -> usize {
+        let before = self.wrenches.len();
+        let is_cleared = |w: &ExternalWrench| link.is_none_or(|link| w.link.name == link);
+        self.wrenches.retain(|w| !is_cleared(w));
+        before - self.wrenches.len()
+    }
+
+    /// Everything is as at the start.
+    pub fn reset(&mut self) {
+        self.wrenches.clear();
+        self.change = ExternalChange::default();
+        self.has_acted = false;
+    }
+
+    /// Saves what they have changed so far, before steps that may diverge.
+    pub fn save_change(&mut self) {
+        self.saved = self.change;
+    }
+
+    /// The steps since [`Self::save_change`] have diverged and are discarded: they have changed nothing, and all wrenches end.
+    pub fn undo_step(&mut self, robot: &mut Floating) {
+        self.wrenches.clear();
+        self.unset(robot);
+        self.change = self.saved;
+    }
+
+    /// What they have changed; `None` if none has acted.
+    pub fn change(&self) -> Option<&ExternalChange> {
+        self.has_acted.then_some(&self.change)
+    }
+
+    /// The first time in `(time, end)` at which a wrench begins or ends, or `end` \[s\].
+    pub fn next_change(&self, time: f64, end: f64) -> f64 {
+        let times = self.wrenches.iter().flat_map(|w| [w.from, w.until]);
+        let within = times.filter(|t| *t > time + 1e-12);
+        within.fold(end, f64::min)
+    }
+
+    /// Steps the robot from `time` \[s\], `steps` times by `dt` \[s\], under the wrenches that act at `time`.
+    pub fn step(&mut self, robot: &mut Floating, time: f64, dt: f64, steps: usize) {
+        if self.wrenches.is_empty() && !self.is_set {
+            return robot.step(dt, steps);
+        }
+        self.wrenches.retain(|w| w.until > time + 1e-12);
+        for _ in 0..steps {
+            let acts = self.set(robot, time, dt);
+            if !acts {
+                robot.step(dt, 1);
+                continue;
+            }
+            self.has_acted = true;
+            let state = robot.state();
+            let (before, energy) = (state.momentum_W, state.work + state.dissipated.total());
+            self.q.copy_from_slice(state.q.as_slice());
+            robot.step(dt, 1);
+            self.record(robot, &before, energy);
+        }
+    }
+
+    /// No wrench acts on the robot any more.
+    fn unset(&mut self, robot: &mut Floating) {
+        if std::mem::take(&mut self.is_set) {
+            robot.input_mut().wrenches.fill(Wrench::ZERO);
+        }
+    }
+
+    /// Sets the input of the robot; returns whether a wrench acts.
+    fn set(&mut self, robot: &mut Floating, time: f64, dt: f64) -> bool {
+        let mut acts = false;
+        self.unset(robot);
+        for wrench in self.wrenches.iter().filter(|w| w.from <= time + 1e-12) {
+            let on_body = on_body(wrench, robot, dt);
+            robot.input_mut().wrenches[wrench.link.body] += on_body;
+            acts = true;
+        }
+        self.is_set = acts;
+        acts
+    }
+
+    /// Adds what a step has changed that began with `momentum` and with `energy` as work and dissipation.
+    fn record(&mut self, robot: &Floating, momentum: &Momentum, energy: f64) {
+        let state = robot.state();
+        self.change.momentum_W.linear += state.momentum_W.linear - momentum.linear;
+        self.change.momentum_W.angular += state.momentum_W.angular - momentum.angular;
+        let joints = robot.model().joints().iter().zip(robot.efforts());
+        let of_joints = joints.enumerate().map(|(j, (joint, effort))| {
+            let (a, b) = (self.q[j], state.q[j]);
+            let spring = joint.spring.stiffness * (joint.spring.rest - 0.5 * (a + b));
+            (effort + spring) * (b - a)
+        });
+        let done = state.work + state.dissipated.total() - energy;
+        self.change.work += done - of_joints.sum::<f64>();
+    }
+}
+
+/// A wrench about the origin of its body's frame in the body's axes, for a step of `dt` \[s\] that begins now.
+fn on_body(wrench: &ExternalWrench, robot: &Floating, dt: f64) -> Wrench {
+    let (link, workspace) = (&wrench.link, robot.workspace());
+    let X_BL = &link.X_BF;
+    let X_BA = match &wrench.axes {
+        WrenchAxes::Robot(frame) if frame.body == link.body => frame.X_BF,
+        WrenchAxes::Robot(frame) => {
+            let X_0L = workspace.X_BF(link);
+            X_BL * X_0L.inverse() * workspace.X_BF(frame)
+        }
+        WrenchAxes::World => {
+            // Axes that do not turn, in those of the body at the middle of the step: its turn on either side cancels to second order.
+            let X_0L = workspace.X_BF(link);
+            let w_0 = workspace.V_WF_B(link).angular;
+            let R_0W = robot.state().R_WB.inverse();
+            let half = exp_so3(&(w_0 * (0.5 * dt))).inverse();
+            let R_LW = X_0L.rotation.inverse() * (half * R_0W).to_rotation_matrix();
+            Pose::from_parts(X_BL.translation, X_BL.rotation * R_LW)
+        }
+    };
+    let at = X_BA * nalgebra::Point3::from(wrench.point);
+    let at_point = Pose::from_parts(at.coords.into(), X_BA.rotation);
+    wrench.wrench.shifted_to_parent(&at_point)
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::dynamics::{IntegrationMethod, State};
+    use nalgebra::UnitQuaternion;
+
+    fn robot() -> Floating {
+        let xml = include_str!("../../../urdf/seven_joints.urdf");
+        let model = Model::from_urdf(xml, "seven_joints").unwrap();
+        let q = nalgebra::DVector::from_row_slice(&[0.3, 0.6, -0.2, 1.4, 0.2, 0.9, 0.1]);
+        let mut state = State::at_rest_with(&model, &q);
+        state.R_WB = UnitQuaternion::from_euler_angles(0.3, -0.5, 1.1);
+        Floating::new(model, state, IntegrationMethod::Rk4)
+    }
+
+    fn wrench(robot: &Floating, link: &str, axes: WrenchAxes) -> ExternalWrench {
+        ExternalWrench {
+            link: robot.model().frame(link).unwrap().clone(),
+            axes,
+            point: Vector3::zeros(),
+            wrench: Wrench::new(Vector3::new(0.1, 0.2, -0.3), Vector3::new(3.0, -1.0, 2.0)),
+            from: 0.5,
+            until: 1.25,
+            is_streamed: false,
+        }
+    }
+
+    /// Steps to `end` as the world does.
+    fn run(robot: &mut Floating, wrenches: &mut ExternalWrenches, end: f64) {
+        let mut time = 0.0;
+        while time < end - 1e-12 {
+            let next = wrenches.next_change(time, f64::min(time + 0.01, end));
+            wrenches.step(robot, time, next - time, 1);
+            time = next;
+        }
+    }
+
+    // A constant force in the world's axes changes momentum by force times time, to the last digits, although the link turns and the duration is no
+    // multiple of the step. The recorded change accounts for the momentum that the bodies carry, and the work for the energy.
+    #[test]
+    fn a_force_in_world_axes_changes_momentum_by_force_times_time() {
+        let mut robot = robot();
+        let mut wrenches = ExternalWrenches::new(robot.model());
+        let given = wrench(&robot, "link6", WrenchAxes::World);
+        let force = given.wrench.force;
+        wrenches
+            .add(ExternalWrench {
+                until: 1.2534,
+                ..given
+            })
+            .unwrap();
+        assert!(wrenches.change().is_none());
+        run(&mut robot, &mut wrenches, 2.0);
+        let change = *wrenches.change().unwrap();
+        let off = (change.momentum_W.linear - force * 0.7534).norm();
+        println!("off by {off} N s");
+        assert!(off < 1e-6, "{off}");
+        let carried = robot.workspace().carried_momentum();
+        let R = robot.state().R_WB;
+        let linear = R * carried.linear - change.momentum_W.linear;
+        let angular = R * carried.angular - change.momentum_W.angular;
+        assert!(
+            linear.norm() < 1e-12 && angular.norm() < 1e-12,
+            "{linear} {angular}"
+        );
+        let energy = robot.workspace().kinetic_energy();
+        assert!(
+            (energy - change.work).abs() < 1e-9 * energy,
+            "{energy} {}",
+            change.work
+        );
+        assert!(energy > 0.01);
+    }
+
+    // A force in the link's own axes at a point of it, against the torque about the centre of mass of a robot that hardly moves.
+    #[test]
+    fn the_point_of_a_force_gives_its_torque() {
+        let mut robot = robot();
+        let mut wrenches = ExternalWrenches::new(robot.model());
+        let frame = robot.model().frame("tool0").unwrap().clone();
+        let X_0F = robot.workspace().X_BF(&frame);
+        let point = Vector3::new(0.02, -0.04, 0.05);
+        let mut given = wrench(&robot, "link7", WrenchAxes::Robot(frame));
+        (given.point, given.from, given.until) = (point, 0.0, 1e-4);
+        let Wrench { torque, force } = given.wrench;
+        wrenches.add(given).unwrap();
+        let R = robot.state().R_WB * UnitQuaternion::from(X_0F.rotation);
+        let at = X_0F * nalgebra::Point3::from(point);
+        let arm = robot.state().R_WB * (at.coords - robot.workspace().p_BC());
+        let expected = (R * torque + arm.cross(&(R * force))) * 1e-4;
+        run(&mut robot, &mut wrenches, 0.01);
+        let change = wrenches.change().unwrap();
+        let off = (change.momentum_W.angular - expected).norm() / expected.norm();
+        assert!(off < 1e-6, "{off}");
+    }
+
+    #[test]
+    fn streamed_wrenches_replace_each_other_and_all_can_be_cleared() {
+        let robot = robot();
+        let mut wrenches = ExternalWrenches::new(robot.model());
+        for link in ["link6", "link6", "link7"] {
+            let mut streamed = wrench(&robot, link, WrenchAxes::World);
+            streamed.is_streamed = true;
+            wrenches.add(streamed).unwrap();
+        }
+        wrenches
+            .add(wrench(&robot, "link6", WrenchAxes::World))
+            .unwrap();
+        assert_eq!(wrenches.clear(Some("link6")), 2);
+        assert_eq!(wrenches.clear(None), 1);
+        for _ in 0..MOST {
+            wrenches
+                .add(wrench(&robot, "link6", WrenchAxes::World))
+                .unwrap();
+        }
+        let refused = wrenches.add(wrench(&robot, "link6", WrenchAxes::World));
+        assert!(refused.unwrap_err().contains("clear some"));
+    }
+}

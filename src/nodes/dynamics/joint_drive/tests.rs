@@ -1,0 +1,168 @@
+use super::*;
+use crate::{
+    control::commander::JointSpline,
+    dynamics::{IntegrationMethod, State},
+    model::Model,
+};
+
+fn robot() -> (Floating, JointDrive) {
+    let joint = r#"<joint name="joint1" type="continuous">"#;
+    let urdf = include_str!("../../../../urdf/planar_two_link.urdf");
+    let urdf = urdf.replace(
+        joint,
+        &format!(r#"{joint}<limit effort="5" velocity="2"/>"#),
+    );
+    let model = Model::from_urdf(&urdf, "planar").unwrap();
+    let state = State::at_rest(&model);
+    let robot = Floating::new(model, state, IntegrationMethod::Rk4);
+    let config = DriveConfig {
+        velocity: VelocityServoConfig {
+            gains: ServoGains::Bandwidth(10.0),
+            integral: 0.0,
+        },
+        position_bandwidth: 10.0,
+    };
+    let drive = JointDrive::new(&robot, &config).unwrap();
+    (robot, drive)
+}
+
+fn step(drive: &mut JointDrive, robot: &mut Floating, time: f64, seconds: f64, time_step: f64) {
+    let mut none = ExternalWrenches::new(robot.model());
+    drive.step(robot, &mut none, time, seconds, time_step);
+}
+
+#[test]
+fn joints_without_a_new_effort_keep_theirs() {
+    let (mut robot, mut drive) = robot();
+    assert!(!drive.hold_efforts(&mut robot, [(0, 1.0), (1, 2.0)]));
+    assert!(!drive.hold_efforts(&mut robot, [(1, -3.0)]));
+    assert_eq!(robot.efforts().as_slice(), [1.0, -3.0]);
+    assert!(drive.hold_efforts(&mut robot, [(0, 6.0)]));
+    assert_eq!(robot.efforts().as_slice(), [5.0, -3.0]);
+    // The cut of an earlier command is not reported again.
+    assert!(!drive.hold_efforts(&mut robot, [(1, 1.0)]));
+}
+
+// Would break if a command for one joint changed what another one does, or if an effort from before acted on a servo.
+#[test]
+fn each_joint_has_its_kind_of_command() {
+    let (mut robot, mut drive) = robot();
+    assert_eq!(drive.mode(), DriveMode::Effort);
+    drive.hold_efforts(&mut robot, [(0, 0.2)]);
+    drive.command(&mut robot, [(1, Setpoint::Position(0.3))]);
+    assert_eq!(drive.mode(), DriveMode::Mixed);
+    step(&mut drive, &mut robot, 0.0, 2.0, 0.01);
+    let state = robot.state().clone();
+    assert_eq!(robot.efforts()[0], 0.2);
+    assert!((state.q[1] - 0.3).abs() < 1e-3, "{}", state.q);
+    assert!(state.qd[0] > 1e-4);
+    drive.drive_rates(&mut robot, [(0, 0.1)]);
+    assert_eq!(drive.mode(), DriveMode::Mixed);
+    step(&mut drive, &mut robot, 2.0, 2.0, 0.01);
+    assert!((robot.state().qd[0] - 0.1).abs() < 1e-3);
+    assert!((robot.state().q[1] - 0.3).abs() < 1e-3);
+    drive.drive_rates(&mut robot, [(1, 0.0)]);
+    assert_eq!(drive.mode(), DriveMode::Rate);
+    drive.hold_efforts(&mut robot, [(0, 0.0), (1, 0.0)]);
+    assert_eq!(drive.mode(), DriveMode::Effort);
+}
+
+// A distant position is approached no faster than the joint's limit, and without overshoot.
+#[test]
+fn a_position_is_driven_to_and_held() {
+    let (mut robot, mut drive) = robot();
+    drive.command(
+        &mut robot,
+        [(0, Setpoint::Position(1.0)), (1, Setpoint::Position(-0.5))],
+    );
+    assert_eq!(drive.mode(), DriveMode::Position);
+    let mut most = 0.0f64;
+    for i in 0..3000 {
+        step(&mut drive, &mut robot, f64::from(i) * 0.01, 0.01, 0.01);
+        most = most.max(robot.state().q[0]);
+        assert!(robot.state().qd[0] < 2.1);
+    }
+    let state = robot.state();
+    assert!(
+        (state.q[0] - 1.0).abs() < 1e-4 && (state.q[1] + 0.5).abs() < 1e-4,
+        "{}",
+        state.q
+    );
+    println!("overshoot {}", most - 1.0);
+    // Nothing is lost when commands end.
+    drive.halt(&mut robot);
+    step(&mut drive, &mut robot, 30.0, 1.0, 0.01);
+    assert!((robot.state().q[0] - 1.0).abs() < 1e-4);
+}
+
+#[test]
+fn without_commands_efforts_end_and_driven_joints_stop() {
+    let (mut robot, mut drive) = robot();
+    drive.hold_efforts(&mut robot, [(0, 1.0)]);
+    drive.halt(&mut robot);
+    assert_eq!(robot.efforts().as_slice(), [0.0, 0.0]);
+    drive.drive_rates(&mut robot, [(0, 0.1), (1, 0.0)]);
+    // The effort limit of 5 N m lets the joint accelerate only slowly.
+    step(&mut drive, &mut robot, 0.0, 8.0, 0.01);
+    assert!((robot.state().qd[0] - 0.1).abs() < 1e-3);
+    drive.halt(&mut robot);
+    assert_eq!(drive.mode(), DriveMode::Rate);
+    step(&mut drive, &mut robot, 8.0, 8.0, 0.01);
+    assert!(robot.state().qd[0].abs() < 1e-3);
+}
+
+// Would break if a motion that ends let go of the joints, or stopped them at once.
+#[test]
+fn a_motion_that_is_interrupted_ends_smoothly() {
+    let (mut robot, mut drive) = robot();
+    let to_rest = |rate: f64| JointPoint {
+        rate,
+        ..JointPoint::default()
+    };
+    // Joints that move at 0.05 rad/s are stopped by a motion...
+    let mut state = robot.state().clone();
+    state.qd.fill(0.05);
+    robot.set_state(state);
+    drive.begin(ArmMotion::Joints(JointSpline::stop(
+        robot.model(),
+        0.0,
+        &[to_rest(0.05), to_rest(0.05)],
+    )));
+    assert_eq!(drive.mode(), DriveMode::Motion);
+    let before = drive.changes();
+    step(&mut drive, &mut robot, 0.0, 0.05, 0.01);
+    let present = drive.present(&robot);
+    assert!((present[0].rate - robot.state().qd[0]).abs() < 5e-3);
+    // ...which a command for the first joint ends.
+    drive.drive_rates(&mut robot, [(0, 0.0)]);
+    assert!(drive.changes() > before);
+    assert_eq!(drive.mode(), DriveMode::Mixed);
+    let rate = robot.state().qd[1];
+    step(&mut drive, &mut robot, 0.05, 0.01, 0.01);
+    let after = robot.state().qd[1];
+    assert!(
+        rate > 0.03 && after > 0.8 * rate && after < rate,
+        "{rate} {after}"
+    );
+    step(&mut drive, &mut robot, 0.06, 2.0, 0.01);
+    assert!(robot.state().qd[1].abs() < 1e-4);
+}
+
+#[test]
+fn the_servo_is_sampled_no_slower_than_it_bears() {
+    let (mut robot, mut drive) = robot();
+    drive.drive_rates(&mut robot, [(0, 0.1), (1, 0.0)]);
+    // Twice the limit of stability: one sample per step would diverge.
+    for i in 0..20 {
+        step(&mut drive, &mut robot, f64::from(i) * 0.4, 0.4, 0.4);
+    }
+    // A proportional servo leaves an error that balances the Coriolis forces.
+    assert!((robot.state().qd[0] - 0.1).abs() < 1e-3);
+}
+
+#[test]
+fn rounding_does_not_add_a_step() {
+    assert_eq!(step_count(0.1 + 0.2, 0.1), 3);
+    assert_eq!(step_count(0.301, 0.1), 4);
+    assert_eq!(step_count(0.0, 0.1), 1);
+}

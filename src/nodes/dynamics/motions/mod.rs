@@ -1,0 +1,439 @@
+//! Motions of the whole arm that peers ask for: joint trajectories by action and topic, paths and twists of the tip.
+//!
+//! | interface | type | begins |
+//! | --- | --- | --- |
+//! | action `follow_joint_trajectory` | control_msgs/FollowJointTrajectory | a trajectory with tolerances, feedback and a result |
+//! | `joint_trajectory` | trajectory_msgs/JointTrajectory | a trajectory |
+//! | `cartesian_path` | nav_msgs/Path | a path of the tip through timed poses |
+//! | `delta_twist_cmds` | geometry_msgs/TwistStamped | streamed twists of the tip, as for MoveIt Servo |
+//!
+//! Messages are checked and answered by the thread that simulates, between two steps, like service calls. What is wrong with one is logged and
+//! reported in `diagnostics` in one line; such a message has no effect.
+
+mod goal;
+mod messages;
+mod refusals;
+
+use nalgebra::UnitQuaternion;
+
+use super::{
+    command_arbiter::Commander,
+    messages::WORLD,
+    params::{BaseReaction, DynamicsParams},
+    simulation::Simulation,
+    step_status::StepStatus,
+    world::World,
+};
+use crate::{
+    control::commander::{
+        ArmMotion, BaseState, JointSpline, KeptTip, TipFollower, TipResolver, TwistAxes,
+        TwistServo, TwistStatus,
+    },
+    model::Frame,
+    msg::{
+        control_msgs::follow_joint_trajectory::FollowJointTrajectory, geometry_msgs::TwistStamped,
+        nav_msgs::Path, trajectory_msgs::JointTrajectory,
+    },
+    nodes::{tip::tip_frame, topics},
+    ros::{ActionServer, Gid, Node, NodeError, Received, Subscription},
+};
+use goal::ActiveGoal;
+pub use messages::link_names;
+pub use refusals::Refusals;
+
+/// Most messages of a topic that are handled before time is looked at again.
+const MAX_MESSAGES: usize = 64;
+
+/// Endpoints of motions, and the goal that is being executed.
+pub struct Motions {
+    action: ActionServer<FollowJointTrajectory>,
+    trajectories: Subscription<JointTrajectory>,
+    paths: Subscription<Path>,
+    twists: Subscription<TwistStamped>,
+    goal: Option<ActiveGoal>,
+    /// Value of [`JointDrive::changes`](super::joint_drive::JointDrive::changes) of the motion that was begun last.
+    begun: Option<u64>,
+    /// The last status of twists that was reported.
+    twists_are: Option<TwistStatus>,
+    /// The tip, or why there is none.
+    tip: Result<Frame, String>,
+    refusals: Refusals,
+    status: StepStatus,
+}
+
+impl Motions {
+    /// Offers the interfaces.
+    ///
+    /// # Errors
+    /// When DDS refuses.
+    pub fn new(node: &Node, params: &DynamicsParams, world: &World) -> Result<Self, NodeError> {
+        let trajectories = topics::JOINT_TRAJECTORY.subscribe(node)?;
+        let paths = topics::CARTESIAN_PATH.subscribe(node)?;
+        let twists = topics::TWIST_COMMANDS.subscribe(node)?;
+        twists.separate_publishers();
+        let mut status = StepStatus::new(node.diagnostics().status("motions"));
+        status.ok("no motion was asked for yet");
+        Ok(Self {
+            action: ActionServer::with_requests(node, "follow_joint_trajectory")?,
+            trajectories,
+            paths,
+            twists,
+            goal: None,
+            begun: None,
+            twists_are: None,
+            tip: tip_of(world, &params.motions.tip_link),
+            refusals: Refusals::default(),
+            status,
+        })
+    }
+
+    /// Whether a publisher of one of the topics is in the graph.
+    pub fn is_matched(&self, publisher: Gid) -> bool {
+        self.trajectories.is_matched(publisher)
+            || self.paths.is_matched(publisher)
+            || self.twists.is_matched(publisher)
+    }
+
+    /// Drops what waits; goals are rejected.
+    pub fn discard(&mut self, reason: &str) {
+        while let Some(request) = self.action.take_request() {
+            request.reject();
+            tracing::warn!("follow_joint_trajectory: refused, {reason}");
+        }
+        while self.trajectories.take().is_some() {}
+        while self.paths.take().is_some() {}
+        while self.twists.take().is_some() {}
+    }
+
+    /// Ends the goal that is being executed.
+    pub fn abort(&mut self, reason: &str) {
+        self.begun = None;
+        if let Some(goal) = self.goal.take() {
+            goal.abort(reason);
+        }
+    }
+}
+
+/// The tip link of a robot.
+fn tip_of(world: &World, tip_link: &str) -> Result<Frame, String> {
+    let model = world.robot.model();
+    match tip_link {
+        "" if model.frame("tool0").is_some() => tip_frame(model, "tool0"),
+        "" => {
+            let last = model
+                .frames()
+                .last()
+                .map_or("", |frame| frame.name.as_str());
+            tip_frame(model, last)
+        }
+        name => tip_frame(model, name),
+    }
+}
+
+/// Begins the motions that wait, and ends those that are cancelled.
+pub fn take(simulation: &mut Simulation) {
+    cancel(simulation);
+    while let Some(request) = simulation.motions.action.take_request() {
+        goal::begin(simulation, request);
+    }
+    for _ in 0..MAX_MESSAGES {
+        let Some(received) = simulation.motions.trajectories.take() else {
+            break;
+        };
+        let outcome = begin_trajectory(simulation, &received);
+        answer(simulation, "joint_trajectory", outcome);
+    }
+    for _ in 0..MAX_MESSAGES {
+        let Some(received) = simulation.motions.paths.take() else {
+            break;
+        };
+        let outcome = begin_path(simulation, &received);
+        answer(simulation, "cartesian_path", outcome);
+    }
+    for _ in 0..MAX_MESSAGES {
+        let Some(received) = simulation.motions.twists.take() else {
+            break;
+        };
+        let outcome = take_twist(simulation, &received);
+        answer(simulation, "delta_twist_cmds", outcome);
+    }
+}
+
+/// Reports why a message was refused.
+fn answer(simulation: &mut Simulation, topic: &str, outcome: Result<(), String>) {
+    if let Err(problem) = outcome {
+        let motions = &mut simulation.motions;
+        motions
+            .refusals
+            .report(&mut motions.status, topic, &problem);
+    }
+}
+
+/// Refuses a commander while another one has the robot.
+fn check_free(simulation: &Simulation, commander: Commander) -> Result<(), String> {
+    let is_present = |publisher| simulation.motions.is_matched(publisher);
+    (simulation.commands.check_free(commander, is_present))
+        .map_err(|problem| format!("it is {problem}"))
+}
+
+/// Reserves the robot for a commander.
+fn engage(simulation: &mut Simulation, commander: Commander) -> Result<(), String> {
+    let Simulation {
+        commands,
+        motions,
+        world,
+        ..
+    } = simulation;
+    let is_present = |publisher| motions.is_matched(publisher);
+    (commands.engage(commander, world, is_present)).map_err(|problem| format!("it is {problem}"))
+}
+
+/// Begins a motion of the commander that holds the robot.
+fn begin(simulation: &mut Simulation, motion: ArmMotion) {
+    simulation.world.begin(motion);
+    simulation.commands.begin_motion();
+    simulation.clock.release();
+    simulation.motions.begun = Some(simulation.world.drive().changes());
+}
+
+fn base_of(world: &World) -> BaseState {
+    BaseState::of(world.robot.state(), world.robot.workspace())
+}
+
+/// Begins with the joints' present motion.
+fn follower(world: &World, tip: &Frame, reaction: BaseReaction, limits: bool) -> TipFollower {
+    let model = world.robot.model();
+    let (kept, is_least) = match reaction {
+        BaseReaction::Free => (KeptTip::Pose, false),
+        BaseReaction::Least(kept) => (kept, true),
+    };
+    let resolver = TipResolver::new(model, tip, kept, is_least);
+    let resolver = match limits {
+        true => resolver,
+        false => resolver.without_limits(),
+    };
+    TipFollower::new(model, resolver, &world.drive().present(&world.robot))
+}
+
+/// The motion that follows the splines of a trajectory.
+fn trajectory_motion(simulation: &Simulation, spline: JointSpline) -> Result<ArmMotion, String> {
+    match simulation.params.base_reaction.get() {
+        BaseReaction::Free => Ok(ArmMotion::Joints(spline)),
+        reaction => {
+            let tip = simulation.motions.tip.clone()?;
+            let follower = follower(&simulation.world, &tip, reaction, true);
+            Ok(ArmMotion::least_reaction(spline, follower))
+        }
+    }
+}
+
+fn begin_trajectory(
+    simulation: &mut Simulation,
+    received: &Received<JointTrajectory>,
+) -> Result<(), String> {
+    let message = &received.message;
+    let (trajectory, start) = {
+        let world = &simulation.world;
+        messages::trajectory(message, world.robot.model(), world.time())
+            .map_err(|problem| format!("it {problem}"))?
+    };
+    let spline = spline(simulation, &trajectory, start)?;
+    let motion = trajectory_motion(simulation, spline)?;
+    engage(simulation, Commander::Publisher(received.publisher))?;
+    begin(simulation, motion);
+    let end = start + trajectory.duration();
+    simulation
+        .motions
+        .status
+        .ok(format!("a joint trajectory until {end:.2} s"));
+    Ok(())
+}
+
+/// Refuses motions of a robot with closed loops, whose joints do not move on their own.
+fn check_tree(world: &World) -> Result<(), String> {
+    match world.robot.loops().closures().is_empty() {
+        true => Ok(()),
+        false => Err(
+            "the robot has closed loops; motions are for robots without, use joint_commands"
+                .to_owned(),
+        ),
+    }
+}
+
+/// The splines of a trajectory from the joints' present motion.
+fn spline(
+    simulation: &Simulation,
+    trajectory: &crate::control::commander::JointTrajectory,
+    start: f64,
+) -> Result<JointSpline, String> {
+    let world = &simulation.world;
+    check_tree(world)?;
+    let present = world.drive().present(&world.robot);
+    let model = world.robot.model();
+    (trajectory.spline(model, start, world.time(), &present)).map_err(|e| format!("it {e}"))
+}
+
+fn begin_path(simulation: &mut Simulation, received: &Received<Path>) -> Result<(), String> {
+    let tip = simulation.motions.tip.clone()?;
+    let world = &simulation.world;
+    check_tree(world)?;
+    let base_name = world.robot.model().frames()[0].name.clone();
+    let (path, start) = messages::path(&received.message, &base_name, world.time())
+        .map_err(|problem| format!("it {problem}"))?;
+    let reaction = simulation.params.base_reaction.get();
+    let mut follower = follower(world, &tip, reaction, true);
+    let (X, V) = follower.tip(&base_of(world), path.frame());
+    let spline = (path.spline(start, world.time(), &X, &V)).map_err(|e| format!("it {e}"))?;
+    let end = spline.end();
+    engage(simulation, Commander::Publisher(received.publisher))?;
+    begin(simulation, ArmMotion::path(spline, follower));
+    simulation
+        .motions
+        .status
+        .ok(format!("a path of the tip until {end:.2} s"));
+    Ok(())
+}
+
+fn take_twist(
+    simulation: &mut Simulation,
+    received: &Received<TwistStamped>,
+) -> Result<(), String> {
+    let tip = simulation.motions.tip.clone()?;
+    check_tree(&simulation.world)?;
+    let config = simulation.params.motions.twist;
+    let now = simulation.world.time();
+    let twist = messages::twist(&received.message, now, config.incoming_command_timeout)
+        .map_err(|problem| format!("it {problem}"))?;
+    let axes = twist_axes(&simulation.world, &received.message.header.frame_id)
+        .map_err(|problem| format!("it {problem}"))?;
+    engage(simulation, Commander::Publisher(received.publisher))?;
+    if simulation.world.twist_servo().is_none() {
+        let model = simulation.world.robot.model().clone();
+        let follower = follower(&simulation.world, &tip, BaseReaction::Free, false);
+        let servo = TwistServo::new(&model, follower, config);
+        begin(simulation, ArmMotion::Twist(Box::new(servo)));
+        // Silence of a sender of twists counts.
+        simulation.commands.end_motion();
+        engage(simulation, Commander::Publisher(received.publisher))?;
+    }
+    simulation.clock.release();
+    if let Some(servo) = simulation.world.twist_servo() {
+        servo.command(axes, twist, now);
+    }
+    Ok(())
+}
+
+/// The axes that a frame's name means.
+fn twist_axes(world: &World, frame_id: &str) -> Result<TwistAxes, String> {
+    let model = world.robot.model();
+    let name = match frame_id {
+        "" => model.frames()[0].name.as_str(),
+        name => name,
+    };
+    if name == WORLD {
+        return Ok(TwistAxes::World(UnitQuaternion::identity()));
+    }
+    if let Some(frame) = model.frame(name) {
+        return Ok(TwistAxes::Robot(frame.clone()));
+    }
+    if let Ok(index) = world.target_index(name) {
+        return Ok(TwistAxes::World(world.targets[index].body.state().R_WB));
+    }
+    Err(format!(
+        "has frame_id '{name}'; give world, the name of a target or a link of the robot: {}",
+        link_names(model)
+    ))
+}
+
+/// Ends the goal if a client has cancelled it: the joints come to rest.
+fn cancel(simulation: &mut Simulation) {
+    let is_cancelled = |goal: &mut ActiveGoal| goal.is_canceling();
+    let Some(goal) = simulation.motions.goal.take_if(is_cancelled) else {
+        return;
+    };
+    stop(simulation);
+    let text = format!(
+        "cancelled at {:.3} s: the joints are stopped",
+        simulation.world.time()
+    );
+    simulation.motions.status.ok(text.clone());
+    goal.canceled(text);
+}
+
+/// Brings the joints to rest, and frees the robot.
+fn stop(simulation: &mut Simulation) {
+    let world = &simulation.world;
+    let present = world.drive().present(&world.robot);
+    let stop = JointSpline::stop(world.robot.model(), world.time(), &present);
+    begin(simulation, ArmMotion::Joints(stop));
+    simulation.commands.end_motion();
+    simulation.motions.begun = None;
+}
+
+/// After a step: follows the goal's progress, and frees the robot when a motion is over.
+pub fn follow(simulation: &mut Simulation) {
+    if let Some(servo) = simulation.world.twist_servo() {
+        let status = servo.status();
+        report_twists(status, simulation);
+        return;
+    }
+    simulation.motions.twists_are = None;
+    let Some(begun) = simulation.motions.begun else {
+        return;
+    };
+    if simulation.world.drive().changes() != begun {
+        let text = "the motion was ended: the arm was commanded otherwise, reset, or has diverged";
+        simulation.motions.abort(text);
+        simulation.commands.end_motion();
+        return;
+    }
+    if simulation.motions.goal.is_some() {
+        goal::follow(simulation);
+        return;
+    }
+    let end = simulation.world.drive().motion_end();
+    if simulation.world.time() >= end {
+        simulation.motions.begun = None;
+        simulation.commands.end_motion();
+        simulation
+            .motions
+            .status
+            .ok("the last motion is over; the arm is held");
+    }
+}
+
+fn report_twists(status: TwistStatus, simulation: &mut Simulation) {
+    if simulation.motions.twists_are == Some(status) || simulation.motions.refusals.is_shown() {
+        return;
+    }
+    simulation.motions.twists_are = Some(status);
+    let name = |j: usize| simulation.world.robot.model().joints()[j].name.clone();
+    let problem = match status {
+        TwistStatus::Following | TwistStatus::Silent => None,
+        TwistStatus::Approaching => Some("near a singular position: the tip slows down".to_owned()),
+        TwistStatus::Halted => Some("too near a singular position: the tip has halted".to_owned()),
+        TwistStatus::Leaving => {
+            Some("leaving a singular position: the tip moves slowly".to_owned())
+        }
+        TwistStatus::JointBound(j) => Some(format!(
+            "joint '{}' is near its position limit: the tip slows down",
+            name(j)
+        )),
+        TwistStatus::RateLimit(j) => Some(format!(
+            "joint '{}' is at its rate limit: the tip is slower than commanded",
+            name(j)
+        )),
+        TwistStatus::TooFast => Some(
+            "the twist exceeds twist_servo.max_linear_speed or max_angular_speed: it is cut"
+                .to_owned(),
+        ),
+    };
+    let motions = &mut simulation.motions;
+    match (problem, status) {
+        (Some(problem), _) => motions.status.warn(problem),
+        (None, TwistStatus::Silent) => {
+            (motions.status).ok("no twist for incoming_command_timeout: the joints are halted");
+        }
+        (None, _) => motions.status.ok("the tip follows twists"),
+    }
+}

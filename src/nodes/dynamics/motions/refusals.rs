@@ -1,0 +1,52 @@
+//! Reports of refused messages.
+
+use std::time::{Duration, Instant};
+
+use crate::nodes::dynamics::step_status::StepStatus;
+
+/// Shortest time between two log messages about the messages of one topic.
+const LOG_PERIOD: Duration = Duration::from_secs(1);
+
+/// How long diagnostics report a refusal when other messages follow.
+const SHOWN: Duration = Duration::from_secs(5);
+
+/// Counts and reports refused messages.
+#[derive(Debug, Default)]
+pub struct Refusals {
+    count: u64,
+    /// Topics with the time of their last log message.
+    logged: Vec<(String, Instant)>,
+    last: Option<Instant>,
+}
+
+impl Refusals {
+    /// A message on `topic` is refused.
+    pub fn report(&mut self, status: &mut StepStatus, topic: &str, problem: &str) {
+        let line = format!("{topic}: refused, {problem}");
+        let now = Instant::now();
+        self.count += 1;
+        self.last = Some(now);
+        let before = self.logged.iter_mut().find(|(logged, _)| logged == topic);
+        let is_due = match before {
+            Some((_, at)) if at.elapsed() < LOG_PERIOD => false,
+            Some((_, at)) => {
+                *at = now;
+                true
+            }
+            None => {
+                self.logged.push((topic.to_owned(), now));
+                true
+            }
+        };
+        if is_due {
+            tracing::warn!("{line}");
+        }
+        status.warn(line);
+        status.set("refused", self.count);
+    }
+
+    /// Whether the last refusal is still to be shown.
+    pub fn is_shown(&self) -> bool {
+        self.last.is_some_and(|at| at.elapsed() < SHOWN)
+    }
+}
