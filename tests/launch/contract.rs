@@ -10,7 +10,7 @@ use crate::{
 };
 
 /// Topic, type, reliability, durability, publishers.
-const TOPICS: [(&str, &str, &str, &str, &[&str]); 21] = [
+const TOPICS: [(&str, &str, &str, &str, &[&str]); 22] = [
     (
         "/clock",
         "rosgraph_msgs/msg/Clock",
@@ -70,6 +70,13 @@ const TOPICS: [(&str, &str, &str, &str, &[&str]); 21] = [
     (
         "/ground_truth/momentum",
         "fuyu_msgs/msg/Momentum",
+        RELIABLE,
+        VOLATILE,
+        DYNAMICS,
+    ),
+    (
+        "/ground_truth/external_impulse",
+        "fuyu_msgs/msg/ExternalImpulse",
         RELIABLE,
         VOLATILE,
         DYNAMICS,
@@ -167,7 +174,16 @@ const LATCHED: &str = "TRANSIENT_LOCAL";
 const DYNAMICS: &[&str] = &["dynamics"];
 /// What the nodes may subscribe to besides `/clock`: only the camera turns truth into measurements.
 const SUBSCRIPTIONS: [(&str, &[&str]); 4] = [
-    ("dynamics", &["/joint_commands"]),
+    (
+        "dynamics",
+        &[
+            "/cartesian_path",
+            "/delta_twist_cmds",
+            "/joint_commands",
+            "/joint_trajectory",
+            "/wrench",
+        ],
+    ),
     (
         "camera",
         &[

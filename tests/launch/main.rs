@@ -17,6 +17,7 @@ mod waiting;
 
 mod bad_input;
 mod command_arbiter;
+mod commanders;
 mod contract;
 mod descriptors;
 mod estimator;
@@ -40,3 +41,4 @@ mod survival;
 mod switching;
 mod teleop;
 mod tumbling;
+mod wrenches;
