@@ -85,7 +85,8 @@ pub struct MomentumSample {
     pub kinetic_energy: f64,
 }
 
-/// What external wrenches have changed since the start: momentum about the system's centre of mass in world axes, and energy.
+/// What external wrenches have changed since the start: momentum about the system's centre of mass in world axes, and
+/// energy.
 #[derive(Debug, Clone, Copy, Default)]
 pub struct ExternalSample {
     /// Stamp \[ns\].
@@ -130,7 +131,8 @@ impl RecordedRuns {
         for (suffix, type_name, take) in TOPICS {
             if message.topic.type_name == *type_name
                 && let Some(namespace) = message.topic.name.strip_suffix(suffix)
-                // `/chaser/tf` belongs to the robot `/chaser`, but `/camera/goal_pose` is not the `goal_pose` of a robot `/camera`.
+                // `/chaser/tf` belongs to the robot `/chaser`, but `/camera/goal_pose` is not the `goal_pose` of a
+                // robot `/camera`.
                 && !namespace.ends_with("/camera")
                 && !namespace.ends_with("/ground_truth")
             {

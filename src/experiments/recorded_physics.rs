@@ -291,9 +291,10 @@ fn passive(run: &RecordedRun) -> Vec<(f64, Spring)> {
     run.joint_names.iter().map(of_joint).collect()
 }
 
-/// Largest work between samples `a` and `b` that their mean effort and motion do not show \[J\]; `next` is the sample after
-/// `b`. The mean of a product differs from the product of the means by at most a quarter of the product of both ranges
-/// (Grüss 1935, Math. Z. 39, p. 215). A command that acts between two samples has such a range; constant efforts have none.
+/// Largest work between samples `a` and `b` that their mean effort and motion do not show \[J\]; `next` is the sample
+/// after `b`. The mean of a product differs from the product of the means by at most a quarter of the product of both
+/// ranges (Grüss 1935, Math. Z. 39, p. 215). A command that acts between two samples has such a range; constant efforts
+/// have none.
 fn unresolved_work(a: &JointSample, b: &JointSample, next: &JointSample) -> f64 {
     let dt = (b.time - a.time) as f64 * 1e-9;
     let effort = |sample: &JointSample, j: usize| sample.effort.get(j).copied().unwrap_or(0.0);

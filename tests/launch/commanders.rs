@@ -1,5 +1,5 @@
-//! Commanders with the usual tools: clients of `follow_joint_trajectory`, trajectories, paths, twists and positions, from a real rclpy node, on an
-//! arm of seven joints.
+//! Commanders with the usual tools: clients of `follow_joint_trajectory`, trajectories, paths, twists and positions,
+//! from a real rclpy node, on an arm of seven joints.
 
 use fuyu::{
     dynamics::Workspace,
@@ -184,8 +184,8 @@ fn largest(outcome: &Value, part: &str, list: &str) -> f64 {
     values.fold(0.0, |most, value| value.abs().max(most))
 }
 
-// A client as MoveIt's: acceptance, feedback, result, cancellation, violated tolerances, replacement, and goals that are refused. Would break
-// with a server of other codes or types, or if the arm were let go at the end.
+// A client as MoveIt's: acceptance, feedback, result, cancellation, violated tolerances, replacement, and goals that
+// are refused. Would break with a server of other codes or types, or if the arm were let go at the end.
 #[test]
 fn clients_of_follow_joint_trajectory_move_the_arm() {
     repeat_if_late(|| {
@@ -332,7 +332,8 @@ fn refusals(session: &mut Session) {
     );
 }
 
-// One commander after the other on the same arm. Each begins with the motion that it finds, so no joint's rate jumps from one state to the next.
+// One commander after the other on the same arm. Each begins with the motion that it finds, so no joint's rate jumps
+// from one state to the next.
 #[test]
 fn the_arm_changes_between_commanders_without_a_jump() {
     repeat_if_late(|| {
@@ -343,6 +344,10 @@ fn the_arm_changes_between_commanders_without_a_jump() {
             TRAJECTORY,
             &moveit(&POSTURE, &GOAL, 4.0),
         );
+        eventually("the start of the trajectory", PATIENCE, || {
+            let (_, qd) = session.joints();
+            qd.iter().any(|v| v.abs() > 1e-3).then_some(())
+        });
         // A goal while a trajectory of the topic is executed is refused, and names its sender.
         let since = now();
         let goal =
@@ -458,8 +463,8 @@ fn distance(a: &Pose, b: &Pose) -> (f64, f64) {
     (off.norm(), (a.rotation.inverse() * b.rotation).angle())
 }
 
-// A path in inertial space while the base drifts, then one that moves with the base. Would break if the frames were confused: the base turns by more than
-// the tip may be off.
+// A path in inertial space while the base drifts, then one that moves with the base. Would break if the frames were
+// confused: the base turns by more than the tip may be off.
 #[test]
 fn the_tip_follows_paths_in_the_world_and_relative_to_the_base() {
     repeat_if_late(|| {

@@ -76,8 +76,8 @@ impl CommandHandler {
     }
 
     /// The next received command that may act at the simulated time `now` \[s\]. Commands that answer a state of the
-    /// previous run are dropped; in lockstep also those that arrive after the answer to the present state. `is_present` says whether a
-    /// publisher of another topic is still in the graph.
+    /// previous run are dropped; in lockstep also those that arrive after the answer to the present state. `is_present`
+    /// says whether a publisher of another topic is still in the graph.
     pub fn next(
         &mut self,
         now: f64,
@@ -100,8 +100,8 @@ impl CommandHandler {
         })
     }
 
-    /// Decides whether a command may act on the world: whether it is valid, and from the commander that holds the robot.
-    /// Otherwise it is refused. `is_present` says whether a publisher of another topic is still in the graph.
+    /// Decides whether a command may act on the world: whether it is valid, and from the commander that holds the
+    /// robot. Otherwise it is refused. `is_present` says whether a publisher of another topic is still in the graph.
     pub fn admit(
         &mut self,
         received: &Received<JointState>,
@@ -169,8 +169,8 @@ impl CommandHandler {
         }
     }
 
-    /// Refuses a commander while another one has the robot. `is_present` says whether a publisher of a topic other than `joint_commands` is still
-    /// in the graph.
+    /// Refuses a commander while another one has the robot. `is_present` says whether a publisher of a topic other than
+    /// `joint_commands` is still in the graph.
     ///
     /// # Errors
     /// As [`Self::engage`].
@@ -186,8 +186,9 @@ impl CommandHandler {
         }
     }
 
-    /// Reserves the robot for a commander with a valid command. One that takes it over from another ends what that one has left: its efforts
-    /// and rates become zero. `is_present` says whether a publisher of a topic other than `joint_commands` is still in the graph.
+    /// Reserves the robot for a commander with a valid command. One that takes it over from another ends what that one
+    /// has left: its efforts and rates become zero. `is_present` says whether a publisher of a topic other than
+    /// `joint_commands` is still in the graph.
     ///
     /// # Errors
     /// A line that says from whom the command is, and who commands the robot.
@@ -283,7 +284,8 @@ impl CommandHandler {
         self.responses.expect_again();
     }
 
-    /// Whether time may advance in lockstep: the present state has a response, or a motion needs none. Always true without lockstep.
+    /// Whether time may advance in lockstep: the present state has a response, or a motion needs none. Always true
+    /// without lockstep.
     pub fn may_advance(&self, world: &World) -> bool {
         let is_answered = self.responses.is_answered();
         !self.lockstep || is_answered || world.drive_mode() == DriveMode::Motion

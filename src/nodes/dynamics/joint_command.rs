@@ -70,8 +70,8 @@ impl CommandReader {
         }
     }
 
-    /// Reads a message: efforts, rates or positions by joint name. The list that is not empty decides which of them it commands. If several
-    /// are not empty, each joint has one value that is a number, and NaN in the other lists.
+    /// Reads a message: efforts, rates or positions by joint name. The list that is not empty decides which of them it
+    /// commands. If several are not empty, each joint has one value that is a number, and NaN in the other lists.
     ///
     /// # Errors
     /// A line that names what is wrong and what would be right; such a message has no effect.

@@ -15,7 +15,8 @@ use crate::{
 /// above 1 and is unstable above 2.
 const SERVO_PERIOD: f64 = 0.5;
 
-/// Deviation of a joint from its reference beyond which a motion that follows begins at the joint itself \[rad or m; per s\].
+/// Deviation of a joint from its reference beyond which a motion that follows begins at the joint itself \[rad or m;
+/// per s\].
 const LOST: (f64, f64) = (0.05, 0.5);
 
 /// What the drive of a joint does.
@@ -126,8 +127,8 @@ impl JointDrive {
         self.mean_efforts.means()
     }
 
-    /// Sets what joints do, cut to their limits. Other joints keep what they do; a motion of the arm ends, and its other joints come to
-    /// rest. Returns which kind of setpoint was cut, if any.
+    /// Sets what joints do, cut to their limits. Other joints keep what they do; a motion of the arm ends, and its
+    /// other joints come to rest. Returns which kind of setpoint was cut, if any.
     pub fn command(
         &mut self,
         robot: &mut Floating,
@@ -168,8 +169,8 @@ impl JointDrive {
         cut
     }
 
-    /// Holds `efforts` (joint index, effort \[N m or N\]), cut to the joints' limits. Other joints keep what they do. Returns whether any
-    /// was cut.
+    /// Holds `efforts` (joint index, effort \[N m or N\]), cut to the joints' limits. Other joints keep what they do.
+    /// Returns whether any was cut.
     pub fn hold_efforts(
         &mut self,
         robot: &mut Floating,
@@ -181,8 +182,8 @@ impl JointDrive {
         self.command(robot, setpoints).is_some()
     }
 
-    /// Drives the joint rates to `rates` (joint index, rate \[rad/s or m/s\]), cut to the joints' limits. Other joints keep what they do.
-    /// Returns whether any was cut.
+    /// Drives the joint rates to `rates` (joint index, rate \[rad/s or m/s\]), cut to the joints' limits. Other joints
+    /// keep what they do. Returns whether any was cut.
     pub fn drive_rates(
         &mut self,
         robot: &mut Floating,
@@ -273,8 +274,8 @@ impl JointDrive {
         self.changes += 1;
     }
 
-    /// The safe state without commands: driven rates become zero, which stops the arm, and held efforts become zero, which lets it
-    /// coast. Positions stay held, and a motion ends in one.
+    /// The safe state without commands: driven rates become zero, which stops the arm, and held efforts become zero,
+    /// which lets it coast. Positions stay held, and a motion ends in one.
     pub fn halt(&mut self, robot: &mut Floating) {
         self.settle(robot);
         self.servo.halt();
@@ -304,7 +305,8 @@ impl JointDrive {
         self.mean_efforts.reset();
     }
 
-    /// Advances the robot from `time` by `seconds` in integration steps of at most `time_step` \[s\], under external `wrenches`.
+    /// Advances the robot from `time` by `seconds` in integration steps of at most `time_step` \[s\], under external
+    /// `wrenches`.
     pub fn step(
         &mut self,
         robot: &mut Floating,

@@ -1,7 +1,7 @@
 //! The world as messages.
 //!
-//! Messages that are published at every state are made once and updated in place (`update_...`), so that the names in them
-//! are not copied again.
+//! Messages that are published at every state are made once and updated in place (`update_...`), so that the names in
+//! them are not copied again.
 
 use super::{external_wrenches::ExternalChange, target::Target, world::World};
 use crate::{

@@ -2,20 +2,21 @@
 //!
 //! # When a command acts
 //!
-//! In real time a command acts from the moment it arrives: the world is first stepped to that moment under the old efforts.
-//! In lockstep it acts from the state that it answers. Without lockstep, time keeps the pace of the computer's clock but
-//! waits up to `answer_timeout` for a commander that has answered states so far (`response_tracking`).
+//! In real time a command acts from the moment it arrives: the world is first stepped to that moment under the old
+//! efforts. In lockstep it acts from the state that it answers. Without lockstep, time keeps the pace of the computer's
+//! clock but waits up to `answer_timeout` for a commander that has answered states so far (`response_tracking`).
 //!
 //! # What a command does
 //!
-//! A message on `joint_commands` that fills `effort` sets efforts to hold. One that fills `velocity` sets rates that a servo in the robot's
-//! drives ([`VelocityServo`](crate::control::VelocityServo)) drives the joints to, within its bandwidth and the joints'
-//! effort limits; `position` sets positions that a stiff servo holds. Joints that a command does not name keep what they do. When commands
-//! end, held efforts become zero, which lets the arm coast, driven rates become zero, which stops it, and positions stay held
-//! (`joint_drive`).
+//! A message on `joint_commands` that fills `effort` sets efforts to hold. One that fills `velocity` sets rates that a
+//! servo in the robot's drives ([`VelocityServo`](crate::control::VelocityServo)) drives the joints to, within its
+//! bandwidth and the joints' effort limits; `position` sets positions that a stiff servo holds. Joints that a command
+//! does not name keep what they do. When commands end, held efforts become zero, which lets the arm coast, driven rates
+//! become zero, which stops it, and positions stay held (`joint_drive`).
 //!
-//! Motions of the whole arm are joint trajectories (topic and action), paths and twists of the tip (`motions`). Each begins with the joints' present
-//! motion, and holds the arm when it is over. Wrenches from outside act on any link (`wrench_inputs`, `external_wrenches`).
+//! Motions of the whole arm are joint trajectories (topic and action), paths and twists of the tip (`motions`). Each
+//! begins with the joints' present motion, and holds the arm when it is over. Wrenches from outside act on any link
+//! (`wrench_inputs`, `external_wrenches`).
 //!
 //! One commander at a time; others are refused until it ends or is silent for `command_timeout`
 //! (`command_arbiter`). Efforts beyond a joint's limit are cut to it, those beyond `max_effort` are refused

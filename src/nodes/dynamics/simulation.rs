@@ -170,8 +170,8 @@ impl<'a> Simulation<'a> {
         self.may_advance() && self.clock.is_running()
     }
 
-    /// Applies the commands that wait. Outside lockstep the world is first stepped to the simulated time `now` \[s\], so
-    /// that a command acts from the moment at which it arrived.
+    /// Applies the commands that wait. Outside lockstep the world is first stepped to the simulated time `now` \[s\],
+    /// so that a command acts from the moment at which it arrived.
     fn take_commands(&mut self, now: f64) {
         // A publisher that floods the topic must not hold up time.
         for _ in 0..MAX_COMMANDS {
@@ -224,8 +224,8 @@ impl<'a> Simulation<'a> {
         self.robot_status.report(&self.world.robot);
     }
 
-    /// Answers service calls, and publishes the state again and again, until `done`, the node stops or a transition of its
-    /// lifecycle is requested.
+    /// Answers service calls, and publishes the state again and again, until `done`, the node stops or a transition of
+    /// its lifecycle is requested.
     fn wait_until(&mut self, mut done: impl FnMut(&mut Self) -> bool) {
         let mut next = Instant::now() + REPUBLISH_PERIOD;
         loop {
@@ -267,8 +267,8 @@ impl<'a> Simulation<'a> {
         }
     }
 
-    /// Real time: applies commands as they arrive until the next state is due, or until `answer_timeout` after that while
-    /// the response to the present state is due.
+    /// Real time: applies commands as they arrive until the next state is due, or until `answer_timeout` after that
+    /// while the response to the present state is due.
     fn wait_for_tick(&mut self) {
         let due = self.clock.due(self.world.next_tick());
         let latest = due + Duration::from_secs_f64(self.params.answer_timeout);

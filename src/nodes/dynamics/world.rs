@@ -227,10 +227,10 @@ impl World {
         self.time.is_between_ticks()
     }
 
-    /// A body whose motion has diverged gets the state before its last step, so that a commander that asks for too much does
-    /// not end the simulation for all others. The robot's joints are stopped, and its efforts are zero until the next
-    /// command; momentum is conserved, unless it has diverged already since the last command: then the robot is stopped
-    /// altogether. Wrenches on it end. A target is stopped.
+    /// A body whose motion has diverged gets the state before its last step, so that a commander that asks for too much
+    /// does not end the simulation for all others. The robot's joints are stopped, and its efforts are zero until the
+    /// next command; momentum is conserved, unless it has diverged already since the last command: then the robot is
+    /// stopped altogether. Wrenches on it end. A target is stopped.
     ///
     /// # Errors
     /// As [`Self::check_divergence`], before anything was restored.
@@ -258,8 +258,8 @@ impl World {
         self.drive.mean_efforts()
     }
 
-    /// Holds joint `efforts` (joint index, effort \[N m or N\]) from now on, cut to the joints' limits. Other joints keep what they do.
-    /// Returns whether any was cut.
+    /// Holds joint `efforts` (joint index, effort \[N m or N\]) from now on, cut to the joints' limits. Other joints
+    /// keep what they do. Returns whether any was cut.
     pub fn hold_efforts(&mut self, efforts: impl IntoIterator<Item = (usize, f64)>) -> bool {
         self.backup.command();
         self.drive.hold_efforts(&mut self.robot, efforts)
@@ -309,8 +309,8 @@ impl World {
         self.drive.mode()
     }
 
-    /// Joints of a commander that is replaced stop: efforts and rates are zero. A motion goes on, since the next command
-    /// begins with it.
+    /// Joints of a commander that is replaced stop: efforts and rates are zero. A motion goes on, since the next
+    /// command begins with it.
     pub(super) fn stop_joints(&mut self) {
         if self.drive.mode() != DriveMode::Motion {
             self.drive.halt(&mut self.robot);

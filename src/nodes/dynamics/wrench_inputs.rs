@@ -1,4 +1,5 @@
-//! Wrenches that peers apply to the robot: the topic `wrench` and the services `apply_link_wrench` and `clear_link_wrenches`.
+//! Wrenches that peers apply to the robot: the topic `wrench` and the services `apply_link_wrench` and
+//! `clear_link_wrenches`.
 
 use nalgebra::Vector3;
 

@@ -1,12 +1,13 @@
 //! Control laws: joint efforts from joint states and measurements in the base frame.
 //!
-//! No law uses the pose of the base. A [`Measurement`] consists of joint positions and rates from encoders, of tip and goal
-//! poses from a camera on the base, and of the base's angular velocity from a gyro.
+//! No law uses the pose of the base. A [`Measurement`] consists of joint positions and rates from encoders, of tip and
+//! goal poses from a camera on the base, and of the base's angular velocity from a gyro.
 //!
-//! A [`Law`] computes joint efforts. A [`Controller`] runs one law: it compensates the latency of the camera, adds joint
-//! damping, and changes law or gains without a step in the efforts.
+//! A [`Law`] computes joint efforts. A [`Controller`] runs one law: it compensates the latency of the camera, adds
+//! joint damping, and changes law or gains without a step in the efforts.
 //!
-//! [`commander`] has what joint trajectories, paths and twists of the tip need: the drives of a robot that others command.
+//! [`commander`] has what joint trajectories, paths and twists of the tip need: the drives of a robot that others
+//! command.
 
 mod auto_gains;
 mod bumpless_transfer;

@@ -47,8 +47,8 @@ impl VelocityServoConfig {
 
 /// A proportional-integral servo of joint rates, within the effort limits of the drives.
 ///
-/// It is sampled: its torque is held from one call to the next. With the period `T` of the calls, a proportional servo is
-/// stable up to a bandwidth of `2/T`, and overshoots above `1/T`.
+/// It is sampled: its torque is held from one call to the next. With the period `T` of the calls, a proportional servo
+/// is stable up to a bandwidth of `2/T`, and overshoots above `1/T`.
 #[derive(Debug, Clone)]
 pub struct VelocityServo {
     config: VelocityServoConfig,

@@ -4,8 +4,8 @@ use nalgebra::DVector;
 
 use super::newton_euler::SystemError;
 use super::{
-    FormulationKind, Input, IntegrationMethod, Integrator, JointPhysics, Loops, State, Workspace,
-    checks,
+    Forcing, FormulationKind, Input, IntegrationMethod, Integrator, JointPhysics, Loops, State,
+    Workspace, checks,
 };
 use crate::model::Model;
 
@@ -176,6 +176,15 @@ impl Floating {
             self.is_evaluated,
             &mut hold,
         );
+        self.is_evaluated = false;
+    }
+
+    /// Advances by one step of `dt` \[s\] under the input that `forcing` makes of the held one at every stage.
+    /// Afterwards the input that it gives for the new state is held.
+    pub fn step_with(&mut self, dt: f64, forcing: &mut impl Forcing) {
+        self.integrator.set_input(&self.input);
+        (self.integrator).step(&mut self.state, &mut self.workspace, dt, forcing);
+        forcing.apply(self.state.time, &self.state, &mut self.input);
         self.is_evaluated = false;
     }
 

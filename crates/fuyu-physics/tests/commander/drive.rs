@@ -105,8 +105,8 @@ pub fn between(a: &Pose, b: &Pose) -> (f64, f64) {
     (distance, UnitQuaternion::from(turn).angle())
 }
 
-/// A trajectory as MoveIt sends one: positions, velocities and accelerations at every 0.2 s on a smooth way from [`POSTURE`], here a polynomial of
-/// degree 5 per joint.
+/// A trajectory as MoveIt sends one: positions, velocities and accelerations at every 0.2 s on a smooth way from
+/// [`POSTURE`], here a polynomial of degree 5 per joint.
 pub fn moveit_trajectory(model: &Model, goal: &[f64], duration: f64) -> JointTrajectory {
     let names: Vec<String> = model.joints().iter().map(|j| j.name.clone()).collect();
     let count = (duration / 0.2).round() as usize;

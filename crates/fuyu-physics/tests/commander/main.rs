@@ -1,5 +1,5 @@
-//! What a commander may ask for, on a robot with seven joints: joint trajectories, paths and twists of the tip, with their tracking
-//! errors and the drift of the base.
+//! What a commander may ask for, on a robot with seven joints: joint trajectories, paths and twists of the tip, with
+//! their tracking errors and the drift of the base.
 
 #![allow(non_snake_case)]
 

@@ -60,7 +60,8 @@ fn follow(driven: &mut Driven, frame: PathFrame, how: (f64, bool)) -> ((f64, f64
     (most, (driven.base_turn(), turn))
 }
 
-// In the world the tip stays on its path although the base moves by more than the error. Would break with the Jacobian of the fixed base.
+// In the world the tip stays on its path although the base moves by more than the error. Would break with the Jacobian
+// of the fixed base.
 #[test]
 fn the_tip_stays_on_a_path_in_the_world_while_the_base_drifts() {
     let mut driven = Driven::at(&POSTURE);
@@ -96,7 +97,8 @@ fn a_path_with_least_reaction_turns_the_base_less() {
     assert!(turn.1 < 0.9 * plain.1);
 }
 
-// A path that replaces another one in motion, and a stop: position and rate of the reference do not jump, nor do efforts grow.
+// A path that replaces another one in motion, and a stop: position and rate of the reference do not jump, nor do
+// efforts grow.
 #[test]
 fn changes_of_the_motion_cause_no_jump() {
     let mut driven = Driven::at(&POSTURE);

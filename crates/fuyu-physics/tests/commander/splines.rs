@@ -51,8 +51,8 @@ fn positions_alone_are_joined_linearly() {
     assert_eq!(trajectory.duration(), 3.0);
 }
 
-// A cubic motion of a joint that begins at rest elsewhere is met from its first point on if rates are given, and sin(t), with accelerations, to the order
-// of the quintic polynomial.
+// A cubic motion of a joint that begins at rest elsewhere is met from its first point on if rates are given, and
+// sin(t), with accelerations, to the order of the quintic polynomial.
 #[test]
 fn rates_and_accelerations_raise_the_degree() {
     let model = model();
@@ -84,7 +84,8 @@ fn rates_and_accelerations_raise_the_degree() {
     }
 }
 
-// A trajectory that replaces another begins with the motion of that moment: position, rate and, to a point with acceleration, acceleration.
+// A trajectory that replaces another begins with the motion of that moment: position, rate and, to a point with
+// acceleration, acceleration.
 #[test]
 fn a_replaced_trajectory_continues_without_a_jump() {
     let model = model();

@@ -80,7 +80,8 @@ fn a_trajectory_of_moveit_is_tracked() {
     assert!(found.joint < 2e-4, "{found:?}");
 }
 
-/// Turn of the base \[rad\], at most, on the way to `goal`, without and with least reaction while `kept` of the tip's motion is kept.
+/// Turn of the base \[rad\], at most, on the way to `goal`, without and with least reaction while `kept` of the tip's
+/// motion is kept.
 fn turns(goal: &[f64], kept: KeptTip) -> (f64, f64) {
     let mut plain = Driven::at(&POSTURE);
     let spline = spline_to(&plain, goal);
@@ -96,8 +97,9 @@ fn turns(goal: &[f64], kept: KeptTip) -> (f64, f64) {
     (plain.turn.0, found.turn.0)
 }
 
-// The same motion of the tip relative to the base with less reaction. With the pose kept, one joint is free for it. With the position only, four joints
-// are: on a short way the base does not turn; on a long one no joint motion without reaction exists in the end. An independent kinematic integration gave
+// The same motion of the tip relative to the base with less reaction. With the pose kept, one joint is free for it.
+// With the position only, four joints are: on a short way the base does not turn; on a long one no joint motion without
+// reaction exists in the end. An independent kinematic integration gave
 // 0.0725 rad, 0.0458 rad with the pose kept; on the short way 0.0206 and 0.0000 rad. Would break if the coupling were that of a fixed base or the
 // priorities were exchanged.
 #[test]
@@ -121,7 +123,8 @@ fn redundant_joints_reduce_the_reaction_of_the_base() {
     );
 }
 
-// A servo without the effect of the base would be unstable or lag; this one holds a posture against momentum, with any formulation of the dynamics.
+// A servo without the effect of the base would be unstable or lag; this one holds a posture against momentum, with any
+// formulation of the dynamics.
 #[test]
 fn a_posture_is_held_while_the_robot_tumbles() {
     let mut driven = Driven::with_momentum(&POSTURE, [0.0; 3], [10.0, 20.0, -5.0]);

@@ -121,7 +121,8 @@ fn drive(
     seen
 }
 
-// Towards the outstretched arm: slower and slower, then a halt, and back out of it. The thresholds are those of the test's posture.
+// Towards the outstretched arm: slower and slower, then a halt, and back out of it. The thresholds are those of the
+// test's posture.
 #[test]
 fn the_tip_slows_down_before_singular_positions_and_may_leave_them() {
     let mut driven = Driven::at(&POSTURE);

@@ -1,5 +1,5 @@
-//! Messages of the space robot nodes of fuyu, for which the packages of ROS have none. The `.msg` files in `msg/` of that
-//! package are the text of these declarations.
+//! Messages of the space robot nodes of fuyu, for which the packages of ROS have none. The `.msg` files in `msg/` of
+//! that package are the text of these declarations.
 
 use super::geometry_msgs::{Quaternion, Vector3};
 use super::std_msgs::Header;
@@ -145,9 +145,11 @@ pub mod services {
             ApplyLinkWrenchRequest {
                 /// Link of the robot.
                 link_name: String,
-                /// Frame of the wrench's axes and of reference_point: a link of the robot or "world"; empty is the link.
+                /// Frame of the wrench's axes and of reference_point: a link of the robot or "world"; empty is the
+                /// link.
                 reference_frame: String,
-                /// Point at which the force acts, in reference_frame; in "world" it is relative to the link's origin \[m\].
+                /// Point at which the force acts, in reference_frame; in "world" it is relative to the link's origin
+                /// \[m\].
                 reference_point: Point,
                 /// Force \[N\] and torque \[N m\], in the axes of reference_frame.
                 wrench: Wrench,

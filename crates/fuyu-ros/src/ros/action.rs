@@ -161,7 +161,8 @@ impl<A: Action> ActionServer<A> {
     }
 }
 
-/// A goal that a client has sent and the program has to accept or reject. If it is dropped, the client gets no response.
+/// A goal that a client has sent and the program has to accept or reject. If it is dropped, the client gets no
+/// response.
 pub struct GoalRequest<A: Action> {
     /// What the client asks for.
     pub goal: A::Goal,
@@ -171,7 +172,8 @@ pub struct GoalRequest<A: Action> {
 }
 
 impl<A: Action> GoalRequest<A> {
-    /// Accepts the goal; from now on it is being executed. `None` if too many goals are, or if its identity is not new: then it is rejected.
+    /// Accepts the goal; from now on it is being executed. `None` if too many goals are, or if its identity is not new:
+    /// then it is rejected.
     pub fn accept(self) -> Option<Goal<A>> {
         let Self {
             goal,

@@ -53,7 +53,8 @@ impl<A: Action> ActionClient<A> {
             && self.cancel_goal.wait_for_service(timeout)
     }
 
-    /// Sends a goal and waits for its acceptance, at most `timeout` (wall time). Returns `None` if the server rejects it.
+    /// Sends a goal and waits for its acceptance, at most `timeout` (wall time). Returns `None` if the server rejects
+    /// it.
     ///
     /// # Errors
     /// [`CallError`] if the server does not respond.

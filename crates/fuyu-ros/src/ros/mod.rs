@@ -50,15 +50,15 @@
 //! ```
 //!
 //! # How a node runs
-//! A node has three threads: the program, the receiving thread (handlers of raw subscriptions and services) and the sending
-//! thread (every [`Publisher`] has a bounded queue, so that publishing never blocks the program). A DDS participant has three
-//! more. There is no async runtime, since the program of a node is a
-//! loop with its own timing, which blocks on purpose.
+//! A node has three threads: the program, the receiving thread (handlers of raw subscriptions and services) and the
+//! sending thread (every [`Publisher`] has a bounded queue, so that publishing never blocks the program). A DDS
+//! participant has three more. There is no async runtime, since the program of a node is a loop with its own timing,
+//! which blocks on purpose.
 //!
 //! # Several nodes in one process
 //! They share one DDS participant, as composable nodes of ROS 2 do. Messages between them are passed in memory, without
-//! serialization where the types match, with the same quality of service as over DDS, which carries every topic to other
-//! processes. [`Process::isolated`] gives every node a participant.
+//! serialization where the types match, with the same quality of service as over DDS, which carries every topic to
+//! other processes. [`Process::isolated`] gives every node a participant.
 //!
 //! # DDS
 //! rustdds transports bytes; messages are serialized above it ([`crate::msg::cdr`]). So all endpoints share one

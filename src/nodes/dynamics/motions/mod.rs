@@ -7,8 +7,8 @@
 //! | `cartesian_path` | nav_msgs/Path | a path of the tip through timed poses |
 //! | `delta_twist_cmds` | geometry_msgs/TwistStamped | streamed twists of the tip, as for MoveIt Servo |
 //!
-//! Messages are checked and answered by the thread that simulates, between two steps, like service calls. What is wrong with one is logged and
-//! reported in `diagnostics` in one line; such a message has no effect.
+//! Messages are checked and answered by the thread that simulates, between two steps, like service calls. What is wrong
+//! with one is logged and reported in `diagnostics` in one line; such a message has no effect.
 
 mod goal;
 mod messages;

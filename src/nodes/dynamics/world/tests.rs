@@ -62,8 +62,8 @@ fn a_state_that_is_not_finite_is_replaced_by_the_one_before() {
     assert_publishable(&mut world);
 }
 
-/// Five seconds of efforts, `efforts(state, joint)` \[N m\], commanded at every state and in between. Returns the reports of
-/// divergence.
+/// Five seconds of efforts, `efforts(state, joint)` \[N m\], commanded at every state and in between. Returns the
+/// reports of divergence.
 fn attack(world: &mut World, between: bool, efforts: impl Fn(u64, usize) -> f64) -> Vec<String> {
     let mut problems = Vec::new();
     for tick in 0..500 {

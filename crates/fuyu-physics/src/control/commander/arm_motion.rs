@@ -16,7 +16,8 @@ const POSTURE_GAIN: f64 = 1.0;
 pub enum ArmMotion {
     /// The joints follow splines.
     Joints(JointSpline),
-    /// The tip follows, relative to the base, the motion that the splines would give it; redundant joints turn the base as little as possible.
+    /// The tip follows, relative to the base, the motion that the splines would give it; redundant joints turn the base
+    /// as little as possible.
     LeastReaction(Box<LeastReaction>),
     /// The tip follows a path.
     Path(Box<PathMotion>),
@@ -67,8 +68,8 @@ impl ArmMotion {
         }
     }
 
-    /// Advances from `time` by `dt` \[s\], with the robot's `base` at `time`. Writes for each joint its position and rate at `time` and its mean
-    /// acceleration until `time + dt`.
+    /// Advances from `time` by `dt` \[s\], with the robot's `base` at `time`. Writes for each joint its position and
+    /// rate at `time` and its mean acceleration until `time + dt`.
     ///
     /// # Panics
     /// If `out` does not have one element per joint.

@@ -10,6 +10,10 @@ use crate::model::Model;
 /// Commanded rate at which friction is compensated in full \[rad/s or m/s\].
 const SLIDING: f64 = 2e-4;
 
+/// Share of a joint's effort limit that is meant to stop it at a distant reference; the rest is for the other joints'
+/// motion.
+const BRAKING_SHARE: f64 = 0.5;
+
 /// What the drive of a joint does.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub enum JointDuty {
@@ -23,12 +27,15 @@ pub enum JointDuty {
 
 /// Computed torque for joints with different duties.
 ///
-/// A tracked joint gets the acceleration `q̈_d + 2 ω ė + ω² e` with `e = q_d - q`, one with a rate `v` gets `ω_v (v - q̇)`. With the free motion `q̈_0` (no
-/// efforts) and `x = q̈ - q̈_0` the equation of motion is `Ĥ x = τ`, with the reduced inertia of Masutani 1995 eq. (4.48): the rows of joints with given
-/// efforts are solved for their `x`, then the rows of the others give their efforts, so all joints move as if they were alone. (Computed
-/// torque: J. Luh, M. Walker and R. Paul, Resolved-acceleration control of mechanical manipulators, IEEE Trans. Automatic Control 25, 1980.)
-/// Damping `D` and friction `F` of the joints are compensated for the wanted rate `v_w = q̇_d + ω e / 2`, not the measured one: `D (v_w - q̇) + F sat(v_w / v_s)`,
-/// which no damping makes unstable. `ω e / 2` is limited to the joint's largest rate, so that a distant position is approached at that rate.
+/// A tracked joint gets the acceleration `q̈_d + 2 ω ė + ω² e` with `e = q_d - q`, one with a rate `v` gets `ω_v (v -
+/// q̇)`. With the free motion `q̈_0` (no efforts) and `x = q̈ - q̈_0` the equation of motion is `Ĥ x = τ`, with the
+/// reduced inertia of Masutani 1995 eq. (4.48): the rows of joints with given efforts are solved for their `x`, then
+/// the rows of the others give their efforts, so all joints move as if they were alone. (Computed torque: J. Luh, M.
+/// Walker and R. Paul, Resolved-acceleration control of mechanical manipulators, IEEE Trans. Automatic Control 25,
+/// 1980.) Damping `D` and friction `F` of the joints are compensated for the wanted rate `v_w = q̇_d + ω e / 2`, not
+/// the measured one: `D (v_w - q̇) + F sat(v_w / v_s)`, which no damping makes unstable. `ω e / 2` is limited to the
+/// joint's largest rate, and to `√(2 a |e|)`, from which half of its effort limit can stop it (`a = τ_max / (2 Ĥ_jj)`),
+/// so that a distant position is approached without overshoot.
 ///
 /// It is sampled: efforts are held from one call to the next. With the period `T` it is stable for `ω T` well below 1.
 #[derive(Debug, Clone)]
@@ -64,7 +71,8 @@ impl JointServo {
         self.bandwidth
     }
 
-    /// Efforts \[N m or N\] at `state` for the joints' `duties`, within the joints' limits; `reference` has the motions of tracked joints.
+    /// Efforts \[N m or N\] at `state` for the joints' `duties`, within the joints' limits; `reference` has the motions
+    /// of tracked joints.
     ///
     /// # Panics
     /// If a length does not fit the robot.
@@ -104,7 +112,10 @@ impl JointServo {
                 JointDuty::Rate(rate, bandwidth) => (bandwidth * (rate - qd), rate),
                 JointDuty::Track => {
                     let point = &reference[j];
-                    let catching_up = 0.5 * omega * (point.position - q);
+                    let off = point.position - q;
+                    let braking = BRAKING_SHARE * joint.limits.effort / inertia[(j, j)];
+                    let fastest = fastest.min((2.0 * braking * off.abs()).sqrt());
+                    let catching_up = 0.5 * omega * off;
                     let wanted = point.rate + catching_up.clamp(-fastest, fastest);
                     (point.acceleration + 2.0 * omega * (wanted - qd), wanted)
                 }
@@ -133,7 +144,8 @@ impl JointServo {
     }
 }
 
-/// Completes the accelerations `added` of the joints with given efforts: solves their rows of `Ĥ x = τ`. The other rows become `x = x`.
+/// Completes the accelerations `added` of the joints with given efforts: solves their rows of `Ĥ x = τ`. The other rows
+/// become `x = x`.
 fn solve_free_joints(
     inertia: &DMatrix<f64>,
     duties: &[JointDuty],
@@ -173,8 +185,8 @@ mod tests {
         Model::from_urdf(xml, "servicer").unwrap()
     }
 
-    // The accelerations are those asked for, on a robot with momentum, and joints with efforts are not disturbed. Would break with the inertia of
-    // a fixed base, or if the coupling between the groups were missing.
+    // The accelerations are those asked for, on a robot with momentum, and joints with efforts are not disturbed. Would
+    // break with the inertia of a fixed base, or if the coupling between the groups were missing.
     #[test]
     fn every_joint_does_its_duty() {
         let model = servicer();

@@ -82,8 +82,8 @@ impl Segment {
     }
 }
 
-/// Positions of all joints of a robot as functions of time. Before its start a joint is where the first polynomial begins; after
-/// the end it rests where the last one ends.
+/// Positions of all joints of a robot as functions of time. Before its start a joint is where the first polynomial
+/// begins; after the end it rests where the last one ends.
 #[derive(Debug, Clone, PartialEq)]
 pub struct JointSpline {
     /// Of each joint, in order of time.
@@ -91,14 +91,15 @@ pub struct JointSpline {
     end: f64,
 }
 
-/// Largest acceleration with which joints stop that no trajectory moves \[rad/s² or m/s²\], and the shortest time that they take \[s\].
+/// Largest acceleration with which joints stop that no trajectory moves \[rad/s² or m/s²\], and the shortest time that
+/// they take \[s\].
 const STOP: (f64, f64) = (2.0, 0.2);
 /// Shortest time that a joint takes to stop before its position limit \[s\].
 const STOP_AT_LIMIT: f64 = 0.02;
 
 impl JointSpline {
-    /// Brings joints that are in motion at `time` \[s\] to rest: within 0.2 s, or with at most about 2 rad/s² (m/s²) if that takes
-    /// longer. Joints that would come to a position limit stop sooner. Acceleration is continuous.
+    /// Brings joints that are in motion at `time` \[s\] to rest: within 0.2 s, or with at most about 2 rad/s² (m/s²) if
+    /// that takes longer. Joints that would come to a position limit stop sooner. Acceleration is continuous.
     ///
     /// # Panics
     /// If `present` does not have one element per joint of the robot.
@@ -183,7 +184,8 @@ mod tests {
         assert!(off < 1e-12, "{a:?} is not {b:?}");
     }
 
-    // Polynomials of degree 1, 3 and 5 are reproduced exactly from their values at the ends. Would break with any wrong coefficient.
+    // Polynomials of degree 1, 3 and 5 are reproduced exactly from their values at the ends. Would break with any wrong
+    // coefficient.
     #[test]
     fn polynomials_are_reproduced() {
         let c = [0.3, -0.7, 1.1, 0.4, -0.9, 0.25];

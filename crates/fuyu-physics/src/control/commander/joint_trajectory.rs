@@ -10,7 +10,8 @@ const REST: f64 = 1e-5;
 /// Position beyond a joint's limit that counts as rounding \[rad or m\].
 const ROUNDING: f64 = 1e-6;
 
-/// A point of a trajectory. Its lists have one element per joint of the trajectory; velocities and accelerations may be empty.
+/// A point of a trajectory. Its lists have one element per joint of the trajectory; velocities and accelerations may be
+/// empty.
 #[derive(Debug, Clone, PartialEq, Default)]
 pub struct Waypoint {
     /// Time since the start of the trajectory \[s\].
@@ -250,14 +251,15 @@ impl JointTrajectory {
         }
     }
 
-    /// The splines of all joints of the robot, for a trajectory whose time zero is `start` \[s\], from the motion `present` of all joints
-    /// at `now` \[s\].
+    /// The splines of all joints of the robot, for a trajectory whose time zero is `start` \[s\], from the motion
+    /// `present` of all joints at `now` \[s\].
     ///
-    /// Between two points the polynomial is quintic if both have accelerations and velocities, cubic if both have velocities, and
-    /// otherwise linear, as in ros2_control's joint_trajectory_controller. Points that are not in the future are left out: the first
-    /// polynomial leads from the present motion to the first point that remains, so that position and, with velocities,
-    /// rate are continuous. If the point left out last is at `now`, the first polynomial begins with its acceleration. Continuous joints take the
-    /// shorter way to the first point. Joints that the trajectory does not name come to rest.
+    /// Between two points the polynomial is quintic if both have accelerations and velocities, cubic if both have
+    /// velocities, and otherwise linear, as in ros2_control's joint_trajectory_controller. Points that are not in the
+    /// future are left out: the first polynomial leads from the present motion to the first point that remains, so that
+    /// position and, with velocities, rate are continuous. If the point left out last is at `now`, the first polynomial
+    /// begins with its acceleration. Continuous joints take the shorter way to the first point. Joints that the
+    /// trajectory does not name come to rest.
     ///
     /// # Errors
     /// [`TrajectoryError::Past`] if no point is in the future.

@@ -131,12 +131,12 @@ impl PosePath {
         self.poses.last().map_or(0.0, |last| last.time)
     }
 
-    /// The smooth path whose time zero is `start` \[s\], from the tip's present pose and twist (in the path's frame and axes) at `now`
-    /// \[s\] to rest at the last pose. Poses that are not in the future are left out.
+    /// The smooth path whose time zero is `start` \[s\], from the tip's present pose and twist (in the path's frame and
+    /// axes) at `now` \[s\] to rest at the last pose. Poses that are not in the future are left out.
     ///
-    /// Positions are joined by a cubic spline with continuous acceleration. Rotations between two poses follow a cubic Hermite curve of
-    /// the rotation vector, `R = R_i exp([θ×])`, between angular velocities that are the mean of those of the
-    /// neighbouring intervals, each weighted by the length of the other: the angular velocity is continuous.
+    /// Positions are joined by a cubic spline with continuous acceleration. Rotations between two poses follow a cubic
+    /// Hermite curve of the rotation vector, `R = R_i exp([θ×])`, between angular velocities that are the mean of those
+    /// of the neighbouring intervals, each weighted by the length of the other: the angular velocity is continuous.
     ///
     /// # Errors
     /// [`PathError::Past`] if no pose is in the future.
@@ -193,7 +193,8 @@ fn turn(a: &Knot, b: &Knot) -> Vector3<f64> {
     (a.rotation.inverse() * b.rotation).scaled_axis()
 }
 
-/// Velocities at the inner knots with which acceleration is continuous; those at the ends are given (the clamped cubic spline).
+/// Velocities at the inner knots with which acceleration is continuous; those at the ends are given (the clamped cubic
+/// spline).
 fn set_velocities(knots: &mut [Knot]) {
     let last = knots.len() - 1;
     // Thomas's algorithm: `v_i = offset_i - factor_i v_{i+1}`.
@@ -247,7 +248,8 @@ impl PoseSpline {
         self.knots[self.knots.len() - 1].time
     }
 
-    /// Pose and twist of the tip at `time` \[s\], in the path's frame and axes; at rest before the start and after the end.
+    /// Pose and twist of the tip at `time` \[s\], in the path's frame and axes; at rest before the start and after the
+    /// end.
     pub fn at(&self, time: f64) -> (Pose, Twist) {
         let last = self.knots.len() - 1;
         let next = self.knots.partition_point(|k| k.time <= time);
@@ -290,8 +292,8 @@ fn hermite(
     (value, rate)
 }
 
-/// Angular velocity of `R_0 exp([θ×])` in its own axes, from the rate of `θ`: the right differential of the exponential map, the inverse of
-/// [`rotation_vector_rate`].
+/// Angular velocity of `R_0 exp([θ×])` in its own axes, from the rate of `θ`: the right differential of the exponential
+/// map, the inverse of [`rotation_vector_rate`].
 fn body_rate(theta: &Vector3<f64>, rate: &Vector3<f64>) -> Vector3<f64> {
     let square = theta.norm_squared();
     // (1 - cos θ)/θ² and (θ - sin θ)/θ³.
@@ -347,8 +349,8 @@ mod tests {
         }
     }
 
-    // Turning at a constant rate about a fixed axis is reproduced between inner knots; poses are met; and the angular velocity is
-    // the derivative of the attitude and continuous.
+    // Turning at a constant rate about a fixed axis is reproduced between inner knots; poses are met; and the angular
+    // velocity is the derivative of the attitude and continuous.
     #[test]
     fn angular_velocity_is_continuous_and_the_derivative_of_attitude() {
         let axis = Vector3::new(0.3, -0.5, 0.8).normalize();

@@ -11,7 +11,8 @@ use crate::spatial::{Pose, Twist};
 
 /// Rate at which deviations of the tip decay \[1/s\].
 const GAIN: f64 = 10.0;
-/// Time constant with which joint motion ends that the tip leaves free \[s\]: it does not stop at once when another motion begins.
+/// Time constant with which joint motion ends that the tip leaves free \[s\]: it does not stop at once when another
+/// motion begins.
 const FADING: f64 = 0.5;
 
 /// The part of free joint motion that is left after `dt` \[s\].
@@ -38,8 +39,9 @@ impl BaseState {
     }
 }
 
-/// Integrates joint rates with which the tip follows a pose and a twist: closed-loop inverse kinematics, `V = V_D + k e` with the pose error `e`
-/// (B. Siciliano et al., Robotics, section 3.7). The base's actual pose and momentum enter, so that the tip stays on a path in the world while the base drifts.
+/// Integrates joint rates with which the tip follows a pose and a twist: closed-loop inverse kinematics, `V = V_D + k
+/// e` with the pose error `e` (B. Siciliano et al., Robotics, section 3.7). The base's actual pose and momentum enter,
+/// so that the tip stays on a path in the world while the base drifts.
 #[derive(Debug, Clone)]
 pub struct TipFollower {
     resolver: TipResolver,
@@ -86,8 +88,9 @@ impl TipFollower {
         }
     }
 
-    /// Advances by `dt` \[s\] towards the pose `X_FD` that the tip should have now, with the twist `V_F` that it should have meanwhile, both in
-    /// `frame` and its axes. What the tip leaves free follows the joint rates `posture`; without, it comes to rest. Writes the joints' motion of the step.
+    /// Advances by `dt` \[s\] towards the pose `X_FD` that the tip should have now, with the twist `V_F` that it should
+    /// have meanwhile, both in `frame` and its axes. What the tip leaves free follows the joint rates `posture`;
+    /// without, it comes to rest. Writes the joints' motion of the step.
     pub fn follow(
         &mut self,
         base: &BaseState,

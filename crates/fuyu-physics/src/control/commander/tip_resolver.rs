@@ -9,8 +9,8 @@ use crate::dynamics::{Momentum, Workspace};
 use crate::model::{Frame, Model};
 use crate::spatial::{Pose, Twist};
 
-/// Singular value, of Jacobian rows of unit length, below which a direction is damped: of the tip's motion, and of the base's reaction. The
-/// latter gives way earlier, where joint motion without reaction would have to be fast.
+/// Singular value, of Jacobian rows of unit length, below which a direction is damped: of the tip's motion, and of the
+/// base's reaction. The latter gives way earlier, where joint motion without reaction would have to be fast.
 const DAMPING: (f64, f64) = (0.02, 0.1);
 /// Distance from a position limit at which a joint no longer moves towards it \[rad or m\].
 const MARGIN: f64 = 0.01;
@@ -25,14 +25,16 @@ pub enum KeptTip {
     Position,
 }
 
-/// Resolves twists of the tip into joint rates: the tip's motion first; then, if wanted, the least angular velocity of the base; then the
-/// joint rates nearest to given ones.
+/// Resolves twists of the tip into joint rates: the tip's motion first; then, if wanted, the least angular velocity of
+/// the base; then the joint rates nearest to given ones.
 ///
-/// The tasks are `J q̇ = v`, with the generalized Jacobian (Masutani 1995 eq. (4.34)) for motion in inertial space and that of the fixed base for motion
-/// relative to it, and `H_A q̇ = 0` with the angular rows of the base map, eq. (4.23): joint motion in the null space of this coupling
-/// does not turn the base (the reaction null space; D. Nenchev, K. Yoshida and M. Uchiyama, Reaction null-space based control
-/// of flexible structure mounted manipulator systems, CDC 1996). Each task is solved by least squares in the null space of those before it ([`TaskPriority`], here in the
-/// metric of joint rates), and the motion without reaction gives way where it would be too fast. Momentum of the robot is taken into account. Joints at a position limit take no part in motion that would lead them beyond it.
+/// The tasks are `J q̇ = v`, with the generalized Jacobian (Masutani 1995 eq. (4.34)) for motion in inertial space and
+/// that of the fixed base for motion relative to it, and `H_A q̇ = 0` with the angular rows of the base map, eq.
+/// (4.23): joint motion in the null space of this coupling does not turn the base (the reaction null space; D. Nenchev,
+/// K. Yoshida and M. Uchiyama, Reaction null-space based control of flexible structure mounted manipulator systems, CDC
+/// 1996). Each task is solved by least squares in the null space of those before it ([`TaskPriority`], here in the
+/// metric of joint rates), and the motion without reaction gives way where it would be too fast. Momentum of the robot
+/// is taken into account. Joints at a position limit take no part in motion that would lead them beyond it.
 #[derive(Debug, Clone)]
 pub struct TipResolver {
     tip: Frame,
@@ -54,7 +56,8 @@ pub struct TipResolver {
 }
 
 impl TipResolver {
-    /// For the frame `tip`. With `least_reaction`, joint motion that `kept` leaves free turns the base as little as possible.
+    /// For the frame `tip`. With `least_reaction`, joint motion that `kept` leaves free turns the base as little as
+    /// possible.
     pub fn new(model: &Model, tip: &Frame, kept: KeptTip, least_reaction: bool) -> Self {
         let n = model.dof();
         Self {
@@ -99,7 +102,8 @@ impl TipResolver {
         self.workspace.X_BF(frame)
     }
 
-    /// Twist of the tip's origin, base axes, for joint `rates` at positions `q`: relative to the base, or in inertial space with the momentum `momentum_B`.
+    /// Twist of the tip's origin, base axes, for joint `rates` at positions `q`: relative to the base, or in inertial
+    /// space with the momentum `momentum_B`.
     pub fn twist(
         &mut self,
         q: &DVector<f64>,
@@ -113,8 +117,8 @@ impl TipResolver {
         Twist::new(part(3), part(0))
     }
 
-    /// Largest singular value of the Jacobian over its smallest at positions `q`; angular rows count with 1 m. Infinite in a singular
-    /// position. With fewer than six joints the tip's motion within their reach counts.
+    /// Largest singular value of the Jacobian over its smallest at positions `q`; angular rows count with 1 m. Infinite
+    /// in a singular position. With fewer than six joints the tip's motion within their reach counts.
     pub fn condition(&mut self, q: &DVector<f64>, frame: PathFrame) -> f64 {
         self.set(q, frame, &Momentum::default());
         if self.kept == KeptTip::Position {
@@ -148,8 +152,9 @@ impl TipResolver {
         }
     }
 
-    /// Writes joint rates \[rad/s or m/s\] at positions `q` for the twist `V_B` of the tip's origin (base axes; in inertial space or relative to
-    /// the base), for a robot with the momentum `momentum_B`. What the tasks leave free follows `posture`.
+    /// Writes joint rates \[rad/s or m/s\] at positions `q` for the twist `V_B` of the tip's origin (base axes; in
+    /// inertial space or relative to the base), for a robot with the momentum `momentum_B`. What the tasks leave free
+    /// follows `posture`.
     pub fn rates(
         &mut self,
         q: &DVector<f64>,

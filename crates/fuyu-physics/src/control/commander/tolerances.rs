@@ -87,8 +87,8 @@ impl GoalMonitor {
         Self { tolerances, end }
     }
 
-    /// The state at `time` \[s\], with the `errors` (desired less actual) of the trajectory's joints. The tolerances of the path count
-    /// before the end, those of the goal from then on.
+    /// The state at `time` \[s\], with the `errors` (desired less actual) of the trajectory's joints. The tolerances of
+    /// the path count before the end, those of the goal from then on.
     pub fn progress(&self, time: f64, errors: &[JointPoint]) -> Progress {
         if time < self.end - 1e-9 {
             return match violation(errors, &self.tolerances.path) {

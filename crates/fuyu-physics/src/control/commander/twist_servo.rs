@@ -106,11 +106,13 @@ pub enum TwistStatus {
     TooFast,
 }
 
-/// Moves the tip with streamed twists: the velocity of the tip's origin and its angular velocity, in inertial space, in the axes of any frame.
+/// Moves the tip with streamed twists: the velocity of the tip's origin and its angular velocity, in inertial space, in
+/// the axes of any frame.
 ///
-/// Conventions are those of MoveIt Servo: the frame gives the axes only, the point is the tip's origin; a twist acts for `incoming_command_timeout`, then the
-/// joints are halted; near singular positions the twist is scaled by `1 - (κ - κ_l)/(κ_h - κ_l)` with the condition number `κ` of the Jacobian, between the two
-/// thresholds, with a longer range for motion that leaves them; near position limits the joints slow down together.
+/// Conventions are those of MoveIt Servo: the frame gives the axes only, the point is the tip's origin; a twist acts
+/// for `incoming_command_timeout`, then the joints are halted; near singular positions the twist is scaled by `1 - (κ -
+/// κ_l)/(κ_h - κ_l)` with the condition number `κ` of the Jacobian, between the two thresholds, with a longer range for
+/// motion that leaves them; near position limits the joints slow down together.
 #[derive(Debug, Clone)]
 pub struct TwistServo {
     config: TwistServoConfig,
@@ -126,8 +128,9 @@ pub struct TwistServo {
 }
 
 impl TwistServo {
-    /// Begins with the joints' motion of `follower`, without a twist yet. Its resolver should not avoid joint limits ([`TipResolver::without_limits`]): the servo slows
-    /// the joints down together instead, which keeps the tip's direction.
+    /// Begins with the joints' motion of `follower`, without a twist yet. Its resolver should not avoid joint limits
+    /// ([`TipResolver::without_limits`]): the servo slows the joints down together instead, which keeps the tip's
+    /// direction.
     pub fn new(model: &Model, follower: TipFollower, config: TwistServoConfig) -> Self {
         Self {
             limits: RateLimits::new(model, config.max_joint_rate, config.max_joint_acceleration),

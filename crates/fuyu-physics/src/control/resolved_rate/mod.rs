@@ -17,9 +17,9 @@ use crate::{
 
 /// Method that resolves a twist of the tip into joint rates: the four of Masutani 1995 section 8.3.
 ///
-/// With a generalized Jacobian the command is the tip's motion in inertial space, with a fixed-base one its
-/// motion relative to the base. Inverses move the tip as commanded. Transposes only give its velocity a positive component along the
-/// command, but are defined in singular postures.
+/// With a generalized Jacobian the command is the tip's motion in inertial space, with a fixed-base one its motion
+/// relative to the base. Inverses move the tip as commanded. Transposes only give its velocity a positive component
+/// along the command, but are defined in singular postures.
 #[derive(Debug, Clone, Copy, PartialEq, Eq)]
 pub enum Resolution {
     /// `q̇ = Ĵ⁻¹ v`: the tip moves as commanded in inertial space.

@@ -1,4 +1,5 @@
-//! ROS package [`control_msgs`](https://docs.ros.org/en/jazzy/p/control_msgs/): tolerances and the action of joint trajectories.
+//! ROS package [`control_msgs`](https://docs.ros.org/en/jazzy/p/control_msgs/): tolerances and the action of joint
+//! trajectories.
 
 pub mod follow_joint_trajectory;
 
