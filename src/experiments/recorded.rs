@@ -83,6 +83,8 @@ pub struct MomentumSample {
     pub angular: Vector3<f64>,
     /// \[J\]
     pub kinetic_energy: f64,
+    /// What the joints have dissipated since the start \[J\].
+    pub dissipated_energy: f64,
 }
 
 /// What external wrenches have changed since the start: momentum about the system's centre of mass in world axes, and
@@ -190,6 +192,7 @@ const TOPICS: &[(&str, &str, Take)] = &[
                     linear: vector(&momentum.linear),
                     angular: vector(&momentum.angular),
                     kinetic_energy: momentum.kinetic_energy,
+                    dissipated_energy: momentum.dissipated_energy,
                 });
             }
         },

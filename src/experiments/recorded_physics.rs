@@ -117,43 +117,44 @@ pub(super) struct EnergyBalance {
     pub peak: f64,
 }
 
-/// Work since a sample with an energy.
-struct WorkSince {
-    /// Kinetic energy at the sample \[J\].
-    energy: f64,
+/// Work since a sample of momentum and energy.
+struct WorkSince<'a> {
+    sample: &'a MomentumSample,
     /// Work since then \[J\].
     work: f64,
     /// Sum of [`unresolved_work`] \[J\].
     unresolved: f64,
 }
 
-impl WorkSince {
-    fn sample(energy: f64) -> Self {
+impl<'a> WorkSince<'a> {
+    fn new(sample: &'a MomentumSample) -> Self {
         Self {
-            energy,
+            sample,
             work: 0.0,
             unresolved: 0.0,
         }
     }
 }
 
-/// Kinetic energy compared with the work of joint efforts, springs and external wrenches minus damping losses.
+/// Kinetic energy compared with the work of joint efforts, springs and external wrenches minus what the joints
+/// dissipate. That is recorded; if it is not, it is damping.
 pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'static str> {
-    let energy: HashMap<i64, f64> = run
-        .momentum
-        .iter()
-        .map(|m| (m.time, m.kinetic_energy))
-        .collect();
+    let energy: HashMap<i64, &MomentumSample> = run.momentum.iter().map(|m| (m.time, m)).collect();
     if energy.is_empty() {
         return Err("no ground_truth/momentum");
     }
     if !run.joints.iter().any(|j| !j.effort.is_empty()) {
         return Err("joint_states contain no effort");
     }
-    let passive = passive(run);
+    let mut passive = passive(run);
+    if run.momentum.iter().any(|m| m.dissipated_energy != 0.0) {
+        for (damping, _) in &mut passive {
+            *damping = 0.0;
+        }
+    }
     let (mut flow, mut peak, mut residual) = (0.0, 0.0f64, None);
     let (mut difference, mut unresolved) = (0.0, 0.0);
-    let mut since: Option<WorkSince> = None;
+    let mut since: Option<WorkSince<'_>> = None;
     let usual = usual_period(&run.joints);
     for (i, pair) in run.joints.windows(2).enumerate() {
         if pair[1].time - pair[0].time > usual * 3 / 2 {
@@ -161,7 +162,7 @@ pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'stati
             (since, difference) = (None, 0.0);
             continue;
         }
-        since = since.or_else(|| energy.get(&pair[0].time).copied().map(WorkSince::sample));
+        since = since.or_else(|| energy.get(&pair[0].time).copied().map(WorkSince::new));
         let (done, moved) = work_between(&pair[0], &pair[1], &passive);
         let external =
             run.external_until(pair[1].time).work - run.external_until(pair[0].time).work;
@@ -173,7 +174,9 @@ pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'stati
         let next = run.joints.get(i + 2).unwrap_or(&pair[1]);
         last.unresolved += unresolved_work(&pair[0], &pair[1], next);
         if let Some(e1) = energy.get(&pair[1].time) {
-            let found = (e1 - last.energy) - last.work;
+            let lost = e1.dissipated_energy - last.sample.dissipated_energy;
+            flow += lost;
+            let found = (e1.kinetic_energy - last.sample.kinetic_energy) + lost - last.work;
             let explained = if found.abs() <= last.unresolved {
                 found
             } else {
@@ -184,8 +187,8 @@ pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'stati
             residual = Some(max(
                 [residual.unwrap_or(0.0), f64::abs(difference)].into_iter()
             ));
-            peak = peak.max(*e1);
-            since = Some(WorkSince::sample(*e1));
+            peak = peak.max(e1.kinetic_energy);
+            since = Some(WorkSince::new(e1));
         }
     }
     Ok(EnergyBalance {

@@ -189,6 +189,7 @@ pub fn write(folder: &Path, setup: &Setup) -> Recording {
             linear: vector(&linear),
             angular: vector(&(X_WB.rotation * carried.angular)),
             kinetic_energy: robot.workspace().kinetic_energy(),
+            dissipated_energy: robot.state().dissipated.total(),
         };
         w.write_message(topics.momentum, time, &message).unwrap();
         let mut odom = Odometry {

@@ -10,7 +10,10 @@ use fuyu::{
 };
 use nalgebra::{DVector, Translation3, UnitQuaternion};
 use serde_json::{Value, json};
-use std::fs;
+use std::{
+    fs, thread,
+    time::{Duration, Instant},
+};
 
 use crate::{
     joining::peer_with_interfaces,
@@ -272,6 +275,27 @@ fn clients_of_follow_joint_trajectory_move_the_arm() {
         (q[0], q[5]) = (0.1, 0.7);
         session.arrives(&q, 1e-3);
 
+        // Another client's goal replaces the present one, which ends at once.
+        let mut other = peer_with_interfaces("other_commander", 116);
+        let slow = json!({"trajectory": moveit(&q, &GOAL, 20.0)});
+        let begin = Instant::now();
+        let replaced = thread::scope(|scope| {
+            let slow = scope.spawn(|| session.act(&slow, None));
+            thread::sleep(Duration::from_secs(2));
+            let quick = json!({"trajectory": {"joint_names": ["joint7"], "points": [at_rest(1.0, &[0.0])]}});
+            let outcome = other.does(json!({
+                "do": "act", "action": "follow_joint_trajectory", "type": ACTION, "goal": quick,
+            }));
+            assert_eq!(outcome["status"], SUCCEEDED, "{}", outcome["result"]);
+            slow.join().expect("an outcome")
+        });
+        assert_eq!(replaced["status"], ABORTED, "{}", replaced["result"]);
+        assert_eq!(
+            replaced["result"]["error_string"],
+            "it is replaced by another goal"
+        );
+        assert!(begin.elapsed() < Duration::from_secs(15));
+
         refusals(&mut session);
         session.dynamics.interrupt().well();
     });
@@ -317,6 +341,25 @@ fn refusals(session: &mut Session) {
         assert_eq!(refused, json!({"accepted": false}), "{trajectory}");
         session.reports("motions", since, words);
     }
+    // The same by topic.
+    for (trajectory, words) in [
+        (one(&["joint9"], json!([point()])), "'joint9'"),
+        (
+            one(&["joint1"], json!([point(), point()])),
+            "point 2 is at 1 s, not after",
+        ),
+        (
+            one(
+                &["joint1"],
+                json!([{"positions": [null], "time_from_start": duration(1.0)}]),
+            ),
+            "gives joint 'joint1' NaN in positions",
+        ),
+    ] {
+        let since = now();
+        session.publish("joint_trajectory", TRAJECTORY, &trajectory);
+        session.reports("motions", since, words);
+    }
     let since = now();
     let tolerance = json!([{"name": "joint9", "position": 0.1}]);
     let trajectory = one(&["joint1"], json!([point()]));
@@ -359,11 +402,12 @@ fn the_arm_changes_between_commanders_without_a_jump() {
         // Positions by joint_commands, of two joints; then a rate for another one. The rest is held.
         let mut q = GOAL;
         (q[3], q[6]) = (1.2, 0.0);
-        session.publish(
-            "joint_commands",
-            JOINT_STATE,
-            &json!({"name": ["joint7", "joint4"], "position": [0.0, 1.2]}),
-        );
+        let wanted = json!({"name": ["joint7", "joint4"], "position": [0.0, 1.2]});
+        // The trajectory lasts a little longer than its last millimetre.
+        eventually("joint 4 on its way", PATIENCE, || {
+            session.publish("joint_commands", JOINT_STATE, &wanted);
+            (session.joints().0[3] > GOAL[3] + 0.01).then_some(())
+        });
         session.arrives(&q, 1e-3);
         session.publish(
             "joint_commands",

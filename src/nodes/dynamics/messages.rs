@@ -196,6 +196,7 @@ pub(super) fn update_momentum(message: &mut fuyu_msgs::Momentum, stamp: Time, ro
     message.linear = vector_to_msg(&(R_WB * carried.linear));
     message.angular = vector_to_msg(&(R_WB * carried.angular));
     message.kinetic_energy = workspace.kinetic_energy();
+    message.dissipated_energy = robot.state().dissipated.total();
 }
 
 /// A message of what external wrenches have changed, to be updated.

@@ -19,6 +19,8 @@ crate::messages! {
         angular: Vector3,
         /// Kinetic energy, including that of the system's centre of mass \[J\].
         kinetic_energy: f64,
+        /// Energy that damping, friction and stops of the joints have taken since the start \[J\].
+        dissipated_energy: f64,
     }
 
     /// What external wrenches have changed since the start of the run.
