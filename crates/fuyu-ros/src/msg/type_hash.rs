@@ -100,7 +100,7 @@ mod tests {
             (
                 // Ours, as rosidl hashes msg/Momentum.msg.
                 fuyu_msgs::Momentum::DEFINITION,
-                "RIHS01_fbcfa721333c2fdda974fcf68640285d326aae0fd827651c4317bda93c09defc",
+                "RIHS01_0adc397bf3b06173447fd54f95563e1a9f38e4be8c03d347ba848ba67cbc3647",
             ),
             (
                 fuyu_msgs::ControllerState::DEFINITION,
