@@ -63,6 +63,11 @@ impl CommandArbiter {
         }
     }
 
+    /// Whether a motion of the holder is being executed.
+    pub fn is_moving(&self) -> bool {
+        self.is_moving
+    }
+
     /// Whether a command would be admitted.
     pub fn is_free_for(&self, commander: Commander, is_present: impl Fn(Gid) -> bool) -> bool {
         let is_present = |holder| match holder {

@@ -219,6 +219,9 @@ impl CommandHandler {
 
     /// The motion is over.
     pub fn end_motion(&mut self) {
+        if self.arbiter.is_moving() {
+            self.status.ok("the arm is held where its motion has ended");
+        }
         self.arbiter.end_motion();
     }
 
@@ -229,10 +232,16 @@ impl CommandHandler {
             Commander::Action => "a client of follow_joint_trajectory".to_owned(),
         };
         let holder = self.arbiter.holder().map(name).unwrap_or_default();
+        let end = match self.arbiter.is_moving() {
+            true => "until its motion ends".to_owned(),
+            false => format!(
+                "until it ends, or is silent for command_timeout, {} s",
+                self.timeout
+            ),
+        };
         format!(
-            "from {}, while {holder} commands the robot (until it ends, or is silent for command_timeout, {} s)",
-            name(commander),
-            self.timeout
+            "from {}, while {holder} commands the robot ({end})",
+            name(commander)
         )
     }
 
@@ -284,11 +293,10 @@ impl CommandHandler {
         self.responses.expect_again();
     }
 
-    /// Whether time may advance in lockstep: the present state has a response, or a motion needs none. Always true
-    /// without lockstep.
-    pub fn may_advance(&self, world: &World) -> bool {
-        let is_answered = self.responses.is_answered();
-        !self.lockstep || is_answered || world.drive_mode() == DriveMode::Motion
+    /// Whether time may advance in lockstep: the present state has a response, or a motion that is being executed
+    /// (`is_moving`) needs none. Always true without lockstep.
+    pub fn may_advance(&self, is_moving: bool) -> bool {
+        !self.lockstep || self.responses.is_answered() || is_moving
     }
 
     /// Whether the last state has no response yet but is likely to get one.

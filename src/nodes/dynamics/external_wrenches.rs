@@ -102,11 +102,11 @@ impl ExternalWrenches {
         before - self.wrenches.len()
     }
 
-    /// Everything is as at the start.
-    pub fn reset(&mut self) {
+    /// Nothing has changed and nothing acts, as at the start. The change is still published if it was: time may go on.
+    pub fn reset(&mut self, robot: &mut Floating) {
         self.wrenches.clear();
+        self.unset(robot);
         self.change = ExternalChange::default();
-        self.has_acted = false;
     }
 
     /// Saves what they have changed so far, before steps that may diverge.

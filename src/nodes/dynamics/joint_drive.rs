@@ -62,8 +62,8 @@ pub struct JointDrive {
     position_servo: JointServo,
     /// References of joints with [`Kind::Position`], and of all joints during a motion, at the start of the last step.
     reference: Vec<JointPoint>,
-    /// Length of the last step of a motion \[s\].
-    last_step: f64,
+    /// Start and length of the last step of a motion \[s\].
+    last_step: (f64, f64),
     motion: Option<ArmMotion>,
     /// Number of motions begun or ended so far.
     changes: u64,
@@ -91,7 +91,7 @@ impl JointDrive {
             position_servo: JointServo::new(model, config.position_bandwidth),
             servo,
             reference: vec![JointPoint::default(); n],
-            last_step: 0.0,
+            last_step: (0.0, 0.0),
             motion: None,
             changes: 0,
             duties: vec![JointDuty::Track; n],
@@ -193,11 +193,13 @@ impl JointDrive {
         self.command(robot, setpoints).is_some()
     }
 
-    /// Begins a motion of all joints in place of what they do.
-    pub fn begin(&mut self, motion: ArmMotion) {
+    /// Begins a motion of all joints at `time` \[s\] in place of what they do.
+    pub fn begin(&mut self, robot: &Floating, motion: ArmMotion, time: f64) {
+        // It may end before its first step.
+        self.reference = self.present(robot);
+        self.last_step = (time, 0.0);
         self.changes += 1;
         self.motion = Some(motion);
-        self.last_step = 0.0;
     }
 
     /// The servo of streamed twists, while it moves the arm.
@@ -220,7 +222,7 @@ impl JointDrive {
             let reference = match (&self.motion, kind) {
                 (None, Kind::Effort | Kind::Rate) => return measured,
                 (None, Kind::Position) => self.reference[j],
-                (Some(_), _) => self.now(j),
+                (Some(_), _) => self.reference_now(j),
             };
             let off = (
                 (reference.position - measured.position).abs(),
@@ -235,18 +237,20 @@ impl JointDrive {
     }
 
     /// Where the reference of joint `j` is at the end of the last step.
-    fn now(&self, j: usize) -> JointPoint {
-        let (from, t) = (&self.reference[j], self.last_step);
+    fn reference_now(&self, j: usize) -> JointPoint {
+        let (from, (start, t)) = (&self.reference[j], self.last_step);
+        let motion = self.motion.as_ref();
         JointPoint {
             position: from.position + t * (from.rate + 0.5 * t * from.acceleration),
             rate: from.rate + t * from.acceleration,
-            acceleration: from.acceleration,
+            // Not the mean over the step, which is large if the rate has jumped in it.
+            acceleration: motion.map_or(0.0, |motion| motion.acceleration(j, start + t)),
         }
     }
 
     /// Where the references of a motion are; `None` without one.
     pub fn references(&self) -> Option<impl Iterator<Item = JointPoint> + '_> {
-        (self.motion.is_some()).then(|| (0..self.kinds.len()).map(|j| self.now(j)))
+        (self.motion.is_some()).then(|| (0..self.kinds.len()).map(|j| self.reference_now(j)))
     }
 
     /// When the motion is over \[s\]; without one, long ago.
@@ -260,8 +264,9 @@ impl JointDrive {
         if self.motion.is_none() {
             return;
         }
-        for (j, joint) in robot.model().joints().iter().enumerate() {
-            let now = self.now(j);
+        let present = self.present(robot);
+        let joints = robot.model().joints().iter().zip(present);
+        for (j, (joint, now)) in joints.enumerate() {
             self.kinds[j] = Kind::Position;
             // With this reference the rate decays exponentially, without overshoot.
             let rest = now.position + now.rate / self.position_servo.bandwidth();
@@ -354,7 +359,7 @@ impl JointDrive {
         if let Some(motion) = &mut self.motion {
             let base = BaseState::of(robot.state(), robot.workspace());
             motion.advance(&base, now, dt, &mut self.reference);
-            self.last_step = dt;
+            self.last_step = (now, dt);
         }
         for (j, duty) in self.duties.iter_mut().enumerate() {
             let rate = self.servo.reference()[j];

@@ -6,6 +6,7 @@ use super::{
         FrameTree, external_impulse_message, joint_states, momentum_message, odometry_message,
         update_external_impulse, update_joint_states, update_momentum, update_odometry,
     },
+    params::DynamicsParams,
     target::Target,
     world::World,
 };
@@ -26,7 +27,8 @@ pub struct Outputs {
     /// One for each target, in their order.
     targets: Vec<TargetOutputs>,
     momentum: Output<fuyu_msgs::Momentum>,
-    external_impulse: Output<fuyu_msgs::ExternalImpulse>,
+    /// `None` if nobody can apply wrenches.
+    external_impulse: Option<Output<fuyu_msgs::ExternalImpulse>>,
     imu: Output<sensor_msgs::Imu>,
     tf: Output<tf2_msgs::TFMessage>,
     tf_static: Publisher<tf2_msgs::TFMessage>,
@@ -64,11 +66,11 @@ impl Outputs {
     ///
     /// # Errors
     /// When the node cannot publish.
-    pub fn new(node: &Node, world: &World, description: &str) -> Result<Self, NodeError> {
+    pub fn new(node: &Node, world: &World, params: &DynamicsParams) -> Result<Self, NodeError> {
         let frames = FrameTree::new(world.robot.model());
         let latched_description = topics::ROBOT_DESCRIPTION.advertise(node)?;
         latched_description.publish(&std_msgs::String {
-            data: description.to_owned(),
+            data: params.robot.xml.clone(),
         });
         let tf_static = topics::TF_STATIC.advertise(node)?;
         tf_static.publish(&frames.static_transforms(&world.targets));
@@ -91,9 +93,12 @@ impl Outputs {
                 publisher: topics::MOMENTUM.advertise(node)?,
                 message: momentum_message(),
             },
-            external_impulse: Output {
-                publisher: topics::EXTERNAL_IMPULSE.advertise(node)?,
-                message: external_impulse_message(),
+            external_impulse: match params.motions.interfaces {
+                true => Some(Output {
+                    publisher: topics::EXTERNAL_IMPULSE.advertise(node)?,
+                    message: external_impulse_message(),
+                }),
+                false => None,
             },
             imu: Output {
                 publisher: topics::IMU.advertise(node)?,
@@ -174,9 +179,10 @@ impl Outputs {
         }
         self.momentum
             .publish(|message| update_momentum(message, stamp, &world.robot));
-        if let Some(change) = world.wrenches().change() {
-            self.external_impulse
-                .publish(|message| update_external_impulse(message, stamp, change));
+        if let (Some(output), Some(change)) =
+            (&mut self.external_impulse, world.wrenches().change())
+        {
+            output.publish(|message| update_external_impulse(message, stamp, change));
         }
         self.imu
             .publish(|message| update_imu(message, stamp, world));

@@ -36,7 +36,8 @@ pub struct Simulation<'a> {
     pub(super) clock: SimulationClock,
     pub(super) commands: CommandHandler,
     pub(super) motions: Motions,
-    pub(super) wrench_inputs: WrenchInputs,
+    /// `None` without the parameter `commander_interfaces`.
+    pub(super) wrench_inputs: Option<WrenchInputs>,
     pub(super) outputs: Outputs,
     pub(super) services: Services,
     pub(super) steps: StepRequests,
@@ -60,8 +61,11 @@ impl<'a> Simulation<'a> {
         Ok(Self {
             commands: CommandHandler::new(node, params)?,
             motions: Motions::new(node, params, &world)?,
-            wrench_inputs: WrenchInputs::new(node)?,
-            outputs: Outputs::new(node, &world, &params.robot.xml)?,
+            wrench_inputs: match params.motions.interfaces {
+                true => Some(WrenchInputs::new(node)?),
+                false => None,
+            },
+            outputs: Outputs::new(node, &world, params)?,
             services: Services::new(node, &params.resource_folders)?,
             steps: StepRequests::new(node)?,
             clock: SimulationClock::new(params),
@@ -112,7 +116,12 @@ impl<'a> Simulation<'a> {
             self.wait_for_tick();
         }
         // A service call may have paused, changed or restarted the simulation meanwhile.
-        if self.is_advancing() && self.commands.may_advance(&self.world) && self.node.ok() {
+        if self.is_advancing()
+            && self
+                .commands
+                .may_advance(self.motions.is_moving(&self.world))
+            && self.node.ok()
+        {
             self.tick();
         }
     }
@@ -123,7 +132,9 @@ impl<'a> Simulation<'a> {
         services::answer_calls(self);
         self.commands.discard();
         self.motions.discard(INACTIVE);
-        self.wrench_inputs.discard(INACTIVE);
+        if let Some(inputs) = &mut self.wrench_inputs {
+            inputs.discard(INACTIVE);
+        }
         self.time_status.is_inactive();
         self.node.wait_for(REPUBLISH_PERIOD);
     }
@@ -253,7 +264,8 @@ impl<'a> Simulation<'a> {
                 (s.time_status).waits_for_response(seconds, stamp, &reason);
             }
             s.take_commands(f64::NEG_INFINITY);
-            s.commands.may_advance(&s.world) || !s.is_advancing()
+            let is_moving = s.motions.is_moving(&s.world);
+            s.commands.may_advance(is_moving) || !s.is_advancing()
         });
     }
 

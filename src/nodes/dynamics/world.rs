@@ -138,7 +138,7 @@ impl World {
     pub(super) fn reset_state(&mut self) {
         self.robot.set_state(self.start.clone());
         self.drive.reset(&mut self.robot);
-        self.wrenches.reset();
+        self.wrenches.reset(&mut self.robot);
         for target in &mut self.targets {
             target.reset();
         }
@@ -195,8 +195,9 @@ impl World {
 
     /// Steps to the next tick.
     pub fn step_to_tick(&mut self) {
+        let start = self.time.now();
         let seconds = self.time.advance_to_tick();
-        self.step_by(seconds);
+        self.step_from(start, seconds);
         self.drive.finish_tick(self.time.period());
     }
 
@@ -215,10 +216,11 @@ impl World {
     /// # Errors
     /// As [`Self::check_divergence`], before anything was restored.
     pub(super) fn step_within_tick_or_restore(&mut self, time: f64) -> Result<(), String> {
+        let start = self.time.now();
         let Some(seconds) = self.time.advance_within_tick(time) else {
             return Ok(());
         };
-        self.step_by(seconds);
+        self.step_from(start, seconds);
         self.restore_diverged()
     }
 
@@ -281,7 +283,7 @@ impl World {
     /// Begins a motion of all joints in place of what they do.
     pub(super) fn begin(&mut self, motion: ArmMotion) {
         self.backup.command();
-        self.drive.begin(motion);
+        self.drive.begin(&self.robot, motion, self.time.now());
     }
 
     /// The joints' drives.
@@ -322,12 +324,12 @@ impl World {
         self.drive.halt(&mut self.robot);
     }
 
-    /// Steps by `seconds`, which end now.
-    fn step_by(&mut self, seconds: f64) {
+    /// Steps from the time `start` \[s\] by `seconds`, which end now.
+    fn step_from(&mut self, start: f64, seconds: f64) {
         self.backup.save(&self.robot);
         self.wrenches.save_change();
         let end = self.time.now();
-        let mut time = end - seconds;
+        let mut time = start;
         loop {
             // Wrenches begin and end on time.
             let next = self.wrenches.next_change(time, end);

@@ -48,8 +48,11 @@ impl WrenchInputs {
     pub fn new(node: &Node) -> Result<Self, NodeError> {
         let mut status = StepStatus::new(node.diagnostics().status("wrenches"));
         status.ok("no wrench was applied yet");
+        let wrenches = topics::WRENCH.subscribe(node)?;
+        // Messages of one publisher must not crowd out those of another.
+        wrenches.separate_publishers();
         Ok(Self {
-            wrenches: topics::WRENCH.subscribe(node)?,
+            wrenches,
             apply: node.serve_calls("apply_link_wrench")?,
             clear: node.serve_calls("clear_link_wrenches")?,
             refusals: Refusals::default(),
@@ -83,6 +86,9 @@ pub fn take(simulation: &mut Simulation) {
         params,
         ..
     } = simulation;
+    let Some(inputs) = inputs else {
+        return;
+    };
     for _ in 0..MAX_MESSAGES {
         let Some(received) = inputs.wrenches.take() else {
             break;
@@ -97,7 +103,10 @@ pub fn take(simulation: &mut Simulation) {
                 .report(&mut inputs.status, "wrench", &problem),
         }
     }
-    while let Some(call) = inputs.apply.take() {
+    for _ in 0..MAX_MESSAGES {
+        let Some(call) = inputs.apply.take() else {
+            break;
+        };
         let added =
             of_call(&call.request, world).and_then(|wrench| world.wrenches_mut().add(wrench));
         if let Err(problem) = &added {
@@ -110,7 +119,10 @@ pub fn take(simulation: &mut Simulation) {
             status_message: added.err().unwrap_or_default(),
         });
     }
-    while let Some(call) = inputs.clear.take() {
+    for _ in 0..MAX_MESSAGES {
+        let Some(call) = inputs.clear.take() else {
+            break;
+        };
         call.reply.send(&clear(&call.request, world));
     }
 }

@@ -25,7 +25,8 @@ fn waypoint(time: f64, lists: [&[f64]; 3]) -> Waypoint {
     }
 }
 
-// With positions only the joints move at constant rates between the points. Would break with any smoother polynomial.
+// With positions only the joints move at constant rates between the points, once they have left the motion that they
+// begin with. Would break with any smoother polynomial between points, or if the rate jumped at the start.
 #[test]
 fn positions_alone_are_joined_linearly() {
     let model = model();
@@ -35,12 +36,11 @@ fn positions_alone_are_joined_linearly() {
     ];
     let trajectory = JointTrajectory::new(&model, &names(&["joint1"]), points).unwrap();
     let spline = trajectory.spline(&model, 10.0, 10.0, &present()).unwrap();
-    for (time, position, rate) in [
-        (11.0, 0.8, 0.5),
-        (12.5, 1.05, -0.5),
-        (13.0, 0.8, 0.0),
-        (99.0, 0.8, 0.0),
-    ] {
+    let begin = spline.at(0, 10.0);
+    assert_eq!((begin.position, begin.rate), (0.3, 0.0));
+    let knot = spline.at(0, 12.0 - 1e-9);
+    assert!((knot.position - 1.3).abs() < 1e-8 && (knot.rate - 0.5).abs() < 1e-8);
+    for (time, position, rate) in [(12.5, 1.05, -0.5), (13.0, 0.8, 0.0), (99.0, 0.8, 0.0)] {
         let point = spline.at(0, time);
         assert!(
             (point.position - position).abs() < 1e-12,
@@ -132,8 +132,8 @@ fn stamps_and_turns() {
     let points = vec![point(1.0, 0.1), point(2.0, 0.2), point(4.0, 0.4)];
     let trajectory = JointTrajectory::new(&model, &names(&["joint1"]), points).unwrap();
     let spline = trajectory.spline(&model, 0.0, 2.0, &present()).unwrap();
-    // From 0.3, where the joint is, to 0.4 in two seconds.
-    assert!((spline.at(0, 3.0).position - 0.35).abs() < 1e-12);
+    // From rest at 0.3, where the joint is, to 0.4 in two seconds: half of the way less (0.05 rad/s)(1 s)/4.
+    assert!((spline.at(0, 3.0).position - (0.35 - 0.0125)).abs() < 1e-12);
     let refused = trajectory.spline(&model, 0.0, 4.0, &present()).unwrap_err();
     assert_eq!(refused, TrajectoryError::Past { end: 4.0, now: 4.0 });
     assert!(
@@ -141,6 +141,15 @@ fn stamps_and_turns() {
             .to_string()
             .contains("ends at 4.000 s, but it is 4.000 s already")
     );
+    // As MoveIt plans to where the arm is: one point, now.
+    let there = vec![point(0.0, 0.5)];
+    let there = JointTrajectory::new(&model, &names(&["joint1"]), there).unwrap();
+    let spline = there.spline(&model, 4.0, 4.0, &present()).unwrap();
+    assert!(spline.end() > 4.2 && spline.end() < 6.0);
+    let end = spline.at(0, spline.end());
+    assert!((end.position - 0.5).abs() < 1e-12 && end.rate == 0.0);
+    let refused = there.spline(&model, 3.0, 4.0, &present());
+    assert!(matches!(refused, Err(TrajectoryError::Past { .. })));
 
     let xml = include_str!("../../../../urdf/planar_two_link.urdf");
     let planar = fuyu_physics::model::Model::from_urdf(xml, "planar").unwrap();

@@ -26,6 +26,8 @@ const KEPT: Duration = Duration::from_secs(15 * 60);
 /// Largest number of goals at a time. Beyond it the oldest ended one is discarded; if none has ended, new goals are
 /// rejected.
 const KNOWN: usize = 64;
+/// Most requests for the result of a goal that wait for its end.
+const MAX_ASKING: usize = 64;
 
 /// Serves an action until it is dropped. Goals wait in a queue until the program takes them, and wake it.
 pub struct ActionServer<A: Action> {
@@ -357,7 +359,9 @@ impl<A: Action> Shared<A> {
             )),
             Some(known) => match &known.outcome {
                 Some(outcome) => reply.send(&A::result_response(known.status, outcome.clone())),
-                None => known.asking.push(reply),
+                None if known.asking.len() < MAX_ASKING => known.asking.push(reply),
+                // A client that asks again and again for a result that is not there.
+                None => {}
             },
         }
     }

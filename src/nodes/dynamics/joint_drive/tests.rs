@@ -130,11 +130,8 @@ fn a_motion_that_is_interrupted_ends_smoothly() {
     let mut state = robot.state().clone();
     state.qd.fill(0.05);
     robot.set_state(state);
-    drive.begin(ArmMotion::Joints(JointSpline::stop(
-        robot.model(),
-        0.0,
-        &[to_rest(0.05), to_rest(0.05)],
-    )));
+    let stop = JointSpline::stop(robot.model(), 0.0, &[to_rest(0.05), to_rest(0.05)]);
+    drive.begin(&robot, ArmMotion::Joints(stop), 0.0);
     assert_eq!(drive.mode(), DriveMode::Motion);
     let before = drive.changes();
     step(&mut drive, &mut robot, 0.0, 0.05, 0.01);
@@ -153,6 +150,44 @@ fn a_motion_that_is_interrupted_ends_smoothly() {
     );
     step(&mut drive, &mut robot, 0.06, 2.0, 0.01);
     assert!(robot.state().qd[1].abs() < 1e-4);
+}
+
+// Would break if the joints were driven to references of an earlier motion, or to zero.
+#[test]
+fn a_motion_that_ends_before_its_first_step_moves_nothing() {
+    let (mut robot, mut drive) = robot();
+    let mut state = robot.state().clone();
+    state.q = nalgebra::dvector![0.4, -0.7];
+    robot.set_state(state);
+    let present = drive.present(&robot);
+    let stop = JointSpline::stop(robot.model(), 0.0, &present);
+    drive.begin(&robot, ArmMotion::Joints(stop), 0.0);
+    assert_eq!(drive.present(&robot), present);
+    drive.halt(&mut robot);
+    step(&mut drive, &mut robot, 0.0, 1.0, 0.01);
+    assert!((robot.state().q[0] - 0.4).abs() < 1e-9 && (robot.state().q[1] + 0.7).abs() < 1e-9);
+}
+
+// A joint that cannot follow is stopped where it is, not led to where it should be.
+#[test]
+fn a_joint_that_has_lost_its_reference_stops_where_it_is() {
+    let (mut robot, mut drive) = robot();
+    let far = JointPoint {
+        position: 1.0,
+        ..JointPoint::default()
+    };
+    let there = JointSpline::stop(robot.model(), 0.0, &[far, JointPoint::default()]);
+    drive.begin(&robot, ArmMotion::Joints(there), 0.0);
+    step(&mut drive, &mut robot, 0.0, 0.01, 0.01);
+    let before = robot.state().q[0];
+    assert!(before.abs() < 0.1);
+    drive.halt(&mut robot);
+    step(&mut drive, &mut robot, 0.01, 5.0, 0.01);
+    assert!(
+        (robot.state().q[0] - before).abs() < 0.05,
+        "{}",
+        robot.state().q
+    );
 }
 
 #[test]

@@ -209,10 +209,11 @@ fn prepare(
     let world = &simulation.world;
     let (trajectory, start) =
         messages::trajectory(&goal.trajectory, world.robot.model(), world.time()).map_err(of)?;
-    let tolerances = messages::tolerances(goal, &simulation.params.motions).map_err(of)?;
-    let spline = spline(simulation, &trajectory, start)?;
+    let tolerances =
+        messages::tolerances(goal, world.robot.model(), &simulation.params.motions).map_err(of)?;
+    let (spline, end) = spline(simulation, &trajectory, start)?;
     let motion = trajectory_motion(simulation, spline)?;
-    let monitor = GoalMonitor::new(tolerances, start + trajectory.duration());
+    let monitor = GoalMonitor::new(tolerances, end);
     Ok((motion, monitor, trajectory.joints().to_vec(), start))
 }
 

@@ -26,11 +26,20 @@ fn seconds(duration: &builtin_interfaces::Duration) -> f64 {
     f64::from(duration.sec) + f64::from(duration.nanosec) * 1e-9
 }
 
+/// Longest time that a motion may wait for its start \[s\].
+const LONGEST_WAIT: f64 = 86_400.0;
+
 /// When a motion begins \[s\]: at its stamp, or now if that is zero.
-fn start_of(stamp: &builtin_interfaces::Time, now: f64) -> f64 {
-    match stamp.nanos() {
+fn start_of(stamp: &builtin_interfaces::Time, now: f64) -> Result<f64, String> {
+    let start = match stamp.nanos() {
         0 => now,
         _ => stamp.seconds(),
+    };
+    match start > now + LONGEST_WAIT {
+        true => Err(format!(
+            "begins at {start:.3} s, and simulated time is {now:.3} s; set use_sim_time, or leave the stamp zero to start at once"
+        )),
+        false => Ok(start),
     }
 }
 
@@ -67,14 +76,18 @@ pub fn trajectory(
     });
     let trajectory = JointTrajectory::new(model, &message.joint_names, waypoints.collect())
         .map_err(|e| e.to_string())?;
-    Ok((trajectory, start_of(&message.header.stamp, now)))
+    Ok((trajectory, start_of(&message.header.stamp, now)?))
 }
 
 /// The tolerances of a goal for the joints of its trajectory.
 ///
 /// # Errors
 /// What is wrong.
-pub fn tolerances(goal: &Goal, params: &MotionParams) -> Result<TrajectoryTolerances, String> {
+pub fn tolerances(
+    goal: &Goal,
+    model: &Model,
+    params: &MotionParams,
+) -> Result<TrajectoryTolerances, String> {
     if !goal.multi_dof_trajectory.joint_names.is_empty()
         || !goal.multi_dof_trajectory.points.is_empty()
     {
@@ -91,17 +104,28 @@ pub fn tolerances(goal: &Goal, params: &MotionParams) -> Result<TrajectoryTolera
         time => time,
     };
     Ok(TrajectoryTolerances {
-        path: of_joints("path_tolerance", &goal.path_tolerance, names, params.path)?,
-        goal: of_joints("goal_tolerance", &goal.goal_tolerance, names, params.goal)?,
+        path: of_joints(
+            "path_tolerance",
+            &goal.path_tolerance,
+            (names, model),
+            params.path,
+        )?,
+        goal: of_joints(
+            "goal_tolerance",
+            &goal.goal_tolerance,
+            (names, model),
+            params.goal,
+        )?,
         goal_time,
     })
 }
 
-/// Tolerances of the joints called `names`: those given, otherwise the default.
+/// Tolerances of the joints called `names`: those given, otherwise the default. Those of other joints of the robot do not
+/// count.
 fn of_joints(
     field: &str,
     given: &[JointTolerance],
-    names: &[String],
+    (names, model): (&[String], &Model),
     default: StateTolerance,
 ) -> Result<Vec<StateTolerance>, String> {
     let mut tolerances = vec![default; names.len()];
@@ -113,6 +137,9 @@ fn of_joints(
     } in given
     {
         let Some(j) = names.iter().position(|joint| joint == name) else {
+            if model.joint_index(name).is_some() {
+                continue;
+            }
             return Err(format!(
                 "names joint '{name}' in {field}; the trajectory has {}",
                 names.join(", ")
@@ -166,7 +193,7 @@ pub fn path(message: &nav_msgs::Path, base: &str, now: f64) -> Result<(PosePath,
     });
     let poses = poses.collect::<Result<_, _>>()?;
     let path = PosePath::new(frame, poses).map_err(|e| e.to_string())?;
-    Ok((path, start_of(&message.header.stamp, now)))
+    Ok((path, start_of(&message.header.stamp, now)?))
 }
 
 /// A twist of the tip.
@@ -209,6 +236,7 @@ mod tests {
 
     fn params() -> MotionParams {
         MotionParams {
+            interfaces: true,
             tip_link: String::new(),
             path: StateTolerance::default(),
             goal: StateTolerance {
@@ -233,18 +261,21 @@ mod tests {
     // The rules of control_msgs/JointTolerance: 0 is the default, -1 none.
     #[test]
     fn tolerances_of_a_goal_replace_the_defaults() {
+        let xml = include_str!("../../../../urdf/planar_two_link.urdf");
+        let model = Model::from_urdf(xml, "planar").unwrap();
         let mut goal = Goal::default();
         goal.trajectory.joint_names = vec!["a".into(), "b".into(), "c".into()];
         goal.goal_tolerance = vec![tolerance("c", 0.5), tolerance("b", -1.0)];
-        goal.path_tolerance = vec![tolerance("a", 0.1)];
-        let found = tolerances(&goal, &params()).unwrap();
+        // The robot has joint1, which the goal does not move.
+        goal.path_tolerance = vec![tolerance("a", 0.1), tolerance("joint1", 0.1)];
+        let found = tolerances(&goal, &model, &params()).unwrap();
         let positions =
             |list: &[StateTolerance]| -> Vec<f64> { list.iter().map(|t| t.position).collect() };
         assert_eq!(positions(&found.goal), [0.02, 0.0, 0.5]);
         assert_eq!(positions(&found.path), [0.1, 0.0, 0.0]);
         assert_eq!((found.goal[2].rate, found.goal_time), (0.01, 2.0));
         goal.goal_time_tolerance.sec = -1;
-        assert_eq!(tolerances(&goal, &params()).unwrap().goal_time, 0.0);
+        assert_eq!(tolerances(&goal, &model, &params()).unwrap().goal_time, 0.0);
         for (wrong, expected) in [
             (
                 tolerance("d", 0.1),
@@ -254,13 +285,13 @@ mod tests {
             (tolerance("a", f64::NAN), "the position NaN"),
         ] {
             goal.goal_tolerance = vec![wrong];
-            let line = tolerances(&goal, &params()).unwrap_err();
+            let line = tolerances(&goal, &model, &params()).unwrap_err();
             assert!(line.contains(expected), "{line}");
         }
         goal.goal_tolerance.clear();
         goal.multi_dof_trajectory.joint_names = vec!["base".into()];
         assert!(
-            tolerances(&goal, &params())
+            tolerances(&goal, &model, &params())
                 .unwrap_err()
                 .contains("multi_dof")
         );

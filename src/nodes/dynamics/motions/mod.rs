@@ -35,7 +35,7 @@ use crate::{
         nav_msgs::Path, trajectory_msgs::JointTrajectory,
     },
     nodes::{tip::tip_frame, topics},
-    ros::{ActionServer, Gid, Node, NodeError, Received, Subscription},
+    ros::{ActionServer, Gid, GoalRequest, Node, NodeError, Received, Subscription},
 };
 use goal::ActiveGoal;
 pub use messages::link_names;
@@ -44,12 +44,36 @@ pub use refusals::Refusals;
 /// Most messages of a topic that are handled before time is looked at again.
 const MAX_MESSAGES: usize = 64;
 
-/// Endpoints of motions, and the goal that is being executed.
-pub struct Motions {
+/// Where motions are asked for.
+struct Endpoints {
     action: ActionServer<FollowJointTrajectory>,
     trajectories: Subscription<JointTrajectory>,
     paths: Subscription<Path>,
     twists: Subscription<TwistStamped>,
+}
+
+impl Endpoints {
+    fn new(node: &Node) -> Result<Self, NodeError> {
+        let trajectories = topics::JOINT_TRAJECTORY.subscribe(node)?;
+        let paths = topics::CARTESIAN_PATH.subscribe(node)?;
+        let twists = topics::TWIST_COMMANDS.subscribe(node)?;
+        // Messages of one publisher must not crowd out those of another.
+        trajectories.separate_publishers();
+        paths.separate_publishers();
+        twists.separate_publishers();
+        Ok(Self {
+            action: ActionServer::with_requests(node, "follow_joint_trajectory")?,
+            trajectories,
+            paths,
+            twists,
+        })
+    }
+}
+
+/// The motions that are asked for, and the goal that is being executed.
+pub struct Motions {
+    /// `None` without the parameter `commander_interfaces`.
+    endpoints: Option<Endpoints>,
     goal: Option<ActiveGoal>,
     /// Value of [`JointDrive::changes`](super::joint_drive::JointDrive::changes) of the motion that was begun last.
     begun: Option<u64>,
@@ -67,17 +91,13 @@ impl Motions {
     /// # Errors
     /// When DDS refuses.
     pub fn new(node: &Node, params: &DynamicsParams, world: &World) -> Result<Self, NodeError> {
-        let trajectories = topics::JOINT_TRAJECTORY.subscribe(node)?;
-        let paths = topics::CARTESIAN_PATH.subscribe(node)?;
-        let twists = topics::TWIST_COMMANDS.subscribe(node)?;
-        twists.separate_publishers();
         let mut status = StepStatus::new(node.diagnostics().status("motions"));
         status.ok("no motion was asked for yet");
         Ok(Self {
-            action: ActionServer::with_requests(node, "follow_joint_trajectory")?,
-            trajectories,
-            paths,
-            twists,
+            endpoints: match params.motions.interfaces {
+                true => Some(Endpoints::new(node)?),
+                false => None,
+            },
             goal: None,
             begun: None,
             twists_are: None,
@@ -89,20 +109,45 @@ impl Motions {
 
     /// Whether a publisher of one of the topics is in the graph.
     pub fn is_matched(&self, publisher: Gid) -> bool {
-        self.trajectories.is_matched(publisher)
-            || self.paths.is_matched(publisher)
-            || self.twists.is_matched(publisher)
+        self.endpoints.as_ref().is_some_and(|endpoints| {
+            endpoints.trajectories.is_matched(publisher)
+                || endpoints.paths.is_matched(publisher)
+                || endpoints.twists.is_matched(publisher)
+        })
+    }
+
+    /// Whether the arm is moved without further commands: a goal or a motion is not over, or twists are not silent.
+    pub fn is_moving(&self, world: &World) -> bool {
+        let end = world.drive().motion_end();
+        let is_silent = self.twists_are == Some(TwistStatus::Silent);
+        self.goal.is_some() || (world.time() < end && !(end.is_infinite() && is_silent))
     }
 
     /// Drops what waits; goals are rejected.
     pub fn discard(&mut self, reason: &str) {
-        while let Some(request) = self.action.take_request() {
+        while let Some(request) = self.next_goal() {
             request.reject();
             tracing::warn!("follow_joint_trajectory: refused, {reason}");
         }
-        while self.trajectories.take().is_some() {}
-        while self.paths.take().is_some() {}
-        while self.twists.take().is_some() {}
+        while self.next_trajectory().is_some() {}
+        while self.next_path().is_some() {}
+        while self.next_twist().is_some() {}
+    }
+
+    fn next_goal(&mut self) -> Option<GoalRequest<FollowJointTrajectory>> {
+        self.endpoints.as_mut()?.action.take_request()
+    }
+
+    fn next_trajectory(&mut self) -> Option<Received<JointTrajectory>> {
+        self.endpoints.as_mut()?.trajectories.take()
+    }
+
+    fn next_path(&mut self) -> Option<Received<Path>> {
+        self.endpoints.as_mut()?.paths.take()
+    }
+
+    fn next_twist(&mut self) -> Option<Received<TwistStamped>> {
+        self.endpoints.as_mut()?.twists.take()
     }
 
     /// Ends the goal that is being executed.
@@ -133,25 +178,28 @@ fn tip_of(world: &World, tip_link: &str) -> Result<Frame, String> {
 /// Begins the motions that wait, and ends those that are cancelled.
 pub fn take(simulation: &mut Simulation) {
     cancel(simulation);
-    while let Some(request) = simulation.motions.action.take_request() {
+    for _ in 0..MAX_MESSAGES {
+        let Some(request) = simulation.motions.next_goal() else {
+            break;
+        };
         goal::begin(simulation, request);
     }
     for _ in 0..MAX_MESSAGES {
-        let Some(received) = simulation.motions.trajectories.take() else {
+        let Some(received) = simulation.motions.next_trajectory() else {
             break;
         };
         let outcome = begin_trajectory(simulation, &received);
         answer(simulation, "joint_trajectory", outcome);
     }
     for _ in 0..MAX_MESSAGES {
-        let Some(received) = simulation.motions.paths.take() else {
+        let Some(received) = simulation.motions.next_path() else {
             break;
         };
         let outcome = begin_path(simulation, &received);
         answer(simulation, "cartesian_path", outcome);
     }
     for _ in 0..MAX_MESSAGES {
-        let Some(received) = simulation.motions.twists.take() else {
+        let Some(received) = simulation.motions.next_twist() else {
             break;
         };
         let outcome = take_twist(simulation, &received);
@@ -237,11 +285,10 @@ fn begin_trajectory(
         messages::trajectory(message, world.robot.model(), world.time())
             .map_err(|problem| format!("it {problem}"))?
     };
-    let spline = spline(simulation, &trajectory, start)?;
+    let (spline, end) = spline(simulation, &trajectory, start)?;
     let motion = trajectory_motion(simulation, spline)?;
     engage(simulation, Commander::Publisher(received.publisher))?;
     begin(simulation, motion);
-    let end = start + trajectory.duration();
     simulation
         .motions
         .status
@@ -260,17 +307,26 @@ fn check_tree(world: &World) -> Result<(), String> {
     }
 }
 
-/// The splines of a trajectory from the joints' present motion.
+/// The splines of a trajectory from the joints' present motion, and the end of the trajectory \[s\].
 fn spline(
     simulation: &Simulation,
     trajectory: &crate::control::commander::JointTrajectory,
     start: f64,
-) -> Result<JointSpline, String> {
+) -> Result<(JointSpline, f64), String> {
     let world = &simulation.world;
     check_tree(world)?;
     let present = world.drive().present(&world.robot);
     let model = world.robot.model();
-    (trajectory.spline(model, start, world.time(), &present)).map_err(|e| format!("it {e}"))
+    let spline =
+        (trajectory.spline(model, start, world.time(), &present)).map_err(|e| format!("it {e}"))?;
+    let end = start + trajectory.duration();
+    // A trajectory whose only point is now takes the time that it needs.
+    let end = if end > world.time() {
+        end
+    } else {
+        spline.end()
+    };
+    Ok((spline, end))
 }
 
 fn begin_path(simulation: &mut Simulation, received: &Received<Path>) -> Result<(), String> {

@@ -29,6 +29,8 @@ impl BaseReaction {
 /// Settings of motions; read once, at the start.
 #[derive(Debug, Clone)]
 pub struct MotionParams {
+    /// Whether peers can command motions and wrenches.
+    pub interfaces: bool,
     /// Link whose frame is the tip; empty is `tool0`, or the last link if there is none.
     pub tip_link: String,
     /// Default tolerance of trajectories on their way.
@@ -69,34 +71,42 @@ pub(super) fn declare_motions(declare: &mut Declare) -> Result<MotionParams, Str
         )
         .read_only()
         .value();
-    let mut tolerance = |name: &str, default: f64, description: &str| {
+    let interfaces = declare
+        .param(
+            "commander_interfaces",
+            true,
+            "Whether motions and wrenches can be commanded (docs/commanders.md); without, the node needs 56 descriptors less",
+        )
+        .read_only()
+        .value();
+    let mut non_negative = |name: &str, default: f64, description: &str| {
         declare
             .param(name, default, description)
             .range(0.0, 1e6)
             .read_only()
             .value()
     };
-    let path = tolerance(
+    let path = non_negative(
         "constraints.trajectory",
         0.0,
         "Largest deviation of any joint from its trajectory, unless a goal has its own [rad or m]; 0 is not checked",
     );
-    let goal = tolerance(
+    let goal = non_negative(
         "constraints.goal",
         0.0,
         "Largest deviation of any joint from the end of its trajectory, unless a goal has its own [rad or m]; 0 is not checked",
     );
-    let stopped = tolerance(
+    let stopped = non_negative(
         "constraints.stopped_velocity_tolerance",
         0.01,
         "Largest joint rate at the end of a trajectory, unless a goal has its own [rad/s or m/s]; 0 is not checked",
     );
-    let goal_time = tolerance(
+    let goal_time = non_negative(
         "constraints.goal_time",
         0.0,
         "How long after the end of its trajectory a goal may be reached, unless it has its own time [s]; 0 is any time",
     );
-    let wrench_timeout = tolerance(
+    let wrench_timeout = non_negative(
         "wrench_timeout",
         0.5,
         "How long a wrench from the topic wrench acts unless another one follows [s]",
@@ -158,6 +168,7 @@ pub(super) fn declare_motions(declare: &mut Declare) -> Result<MotionParams, Str
         acceleration: 0.0,
     };
     Ok(MotionParams {
+        interfaces,
         tip_link,
         path: of(path, 0.0),
         goal: of(goal, stopped),

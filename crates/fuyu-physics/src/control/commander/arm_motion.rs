@@ -31,8 +31,9 @@ pub struct LeastReaction {
     spline: JointSpline,
     follower: TipFollower,
     /// Gives the tip's motion on the splines.
-    planned: TipFollower,
-    posture: DVector<f64>,
+    kinematics: TipFollower,
+    /// Joint rates that the splines would give.
+    preferred: DVector<f64>,
 }
 
 /// See [`ArmMotion::Path`].
@@ -46,8 +47,8 @@ impl ArmMotion {
     /// The tip's part of a joint trajectory. `follower` has the joints' present motion.
     pub fn least_reaction(spline: JointSpline, follower: TipFollower) -> Self {
         Self::LeastReaction(Box::new(LeastReaction {
-            posture: DVector::zeros(spline.dof()),
-            planned: follower.clone(),
+            preferred: DVector::zeros(spline.dof()),
+            kinematics: follower.clone(),
             spline,
             follower,
         }))
@@ -65,6 +66,14 @@ impl ArmMotion {
             Self::LeastReaction(motion) => motion.spline.end(),
             Self::Path(motion) => motion.spline.end(),
             Self::Twist(_) => f64::INFINITY,
+        }
+    }
+
+    /// Acceleration of joint `j` at `time` \[s\], where the motion has one; zero for motions of the tip.
+    pub fn acceleration(&self, j: usize, time: f64) -> f64 {
+        match self {
+            Self::Joints(spline) => spline.at(j, time).acceleration,
+            _ => 0.0,
         }
     }
 
@@ -104,15 +113,15 @@ impl LeastReaction {
             ..*base
         };
         let mut tip_at = |time: f64| {
-            self.planned.place(|j| spline.at(j, time));
-            self.planned.tip(&still, frame)
+            self.kinematics.place(|j| spline.at(j, time));
+            self.kinematics.tip(&still, frame)
         };
         let ((X, _), (_, V)) = (tip_at(time), tip_at(time + 0.5 * dt));
         let q = self.follower.positions();
-        for (j, rate) in self.posture.iter_mut().enumerate() {
+        for (j, rate) in self.preferred.iter_mut().enumerate() {
             let planned = spline.at(j, time);
             *rate = planned.rate + POSTURE_GAIN * (planned.position - q[j]);
         }
-        (self.follower).follow(base, frame, (&X, &V), Some(&self.posture), dt, out);
+        (self.follower).follow(base, frame, (&X, &V), Some(&self.preferred), dt, out);
     }
 }

@@ -31,6 +31,27 @@ impl Segment {
         }
     }
 
+    /// From a moving joint to a position: the polynomial of [`Segment::linear`], plus what its rate at the start differs
+    /// by, which is gone at the end.
+    pub fn linear_from(start: f64, duration: f64, from: &JointPoint, to: f64) -> Self {
+        let T = duration;
+        let slope = (to - from.position) / T;
+        // δ(t) = (v_0 - slope) t (1 - t/T)²
+        let excess = from.rate - slope;
+        Self {
+            start,
+            duration,
+            coefficients: [
+                from.position,
+                from.rate,
+                -2.0 * excess / T,
+                excess / T.powi(2),
+                0.0,
+                0.0,
+            ],
+        }
+    }
+
     /// Between two positions and rates: the cubic Hermite polynomial.
     pub fn cubic(start: f64, duration: f64, from: &JointPoint, to: &JointPoint) -> Self {
         let T = duration;
@@ -99,7 +120,8 @@ const STOP_AT_LIMIT: f64 = 0.02;
 
 impl JointSpline {
     /// Brings joints that are in motion at `time` \[s\] to rest: within 0.2 s, or with at most about 2 rad/s² (m/s²) if
-    /// that takes longer. Joints that would come to a position limit stop sooner. Acceleration is continuous.
+    /// that takes longer. Joints that would come to a position limit stop sooner. Acceleration is continuous unless the
+    /// present one is too large to end within that time without a detour.
     ///
     /// # Panics
     /// If `present` does not have one element per joint of the robot.
@@ -125,12 +147,45 @@ impl JointSpline {
                 position: from.position + 0.5 * from.rate * duration,
                 ..JointPoint::default()
             };
-            vec![Segment::quintic(time, duration, from, &to)]
+            // Four times the mean acceleration of the stop.
+            let largest = 4.0 * from.rate.abs() / duration;
+            let from = JointPoint {
+                acceleration: from.acceleration.clamp(-largest, largest),
+                ..*from
+            };
+            vec![Segment::quintic(time, duration, &from, &to)]
         });
         Self {
             joints: joints.collect(),
             end: time + duration,
         }
+    }
+
+    /// Brings joints `targets` (index, position \[rad or m\]) from their present motion to rest at the positions, and
+    /// the others to rest: no faster than their limits, and with at most about 2 rad/s² (m/s²).
+    pub(super) fn to_rest_at(
+        model: &Model,
+        time: f64,
+        present: &[JointPoint],
+        targets: &[(usize, f64)],
+    ) -> Self {
+        let mut spline = Self::stop(model, time, present);
+        // Largest rate and acceleration of the quintic polynomial from rest to rest.
+        let (rate, acceleration) = (1.875, 5.774);
+        let duration = targets.iter().fold(spline.end - time, |longest, &(j, to)| {
+            let way = (to - present[j].position).abs();
+            let limit = model.joints()[j].limits.velocity;
+            (longest.max(rate * way / limit)).max((acceleration * way / STOP.0).sqrt())
+        });
+        for &(j, position) in targets {
+            let to = JointPoint {
+                position,
+                ..JointPoint::default()
+            };
+            let segment = Segment::quintic(time, duration, &present[j], &to);
+            spline.set_joint(j, vec![segment], time + duration);
+        }
+        spline
     }
 
     /// The same motion with other `segments` for joint `j`, which end at `end` \[s\].
@@ -156,7 +211,7 @@ impl JointSpline {
         let index = segments.partition_point(|s| s.end() <= time).min(last);
         let segment = &segments[index];
         let point = segment.at(time);
-        match time >= segment.end() || time < segment.start {
+        match time >= segment.end() {
             true => JointPoint {
                 position: point.position,
                 ..JointPoint::default()
@@ -210,9 +265,42 @@ mod tests {
             let (from, to) = ends(3);
             let cubic = Segment::cubic(start, duration, &from, &to);
             assert_near(cubic.at(start + t), of_degree(3, t));
+            // The cubic polynomial that ends with the mean rate is the one for positions only.
+            let slope = (to.position - from.position) / duration;
+            let to = point(to.position, slope, 0.0);
+            let same = Segment::cubic(start, duration, &from, &to).at(start + t);
+            let joined = Segment::linear_from(start, duration, &from, to.position);
+            assert_near(joined.at(start + t), same);
             let (from, to) = ends(5);
             let quintic = Segment::quintic(start, duration, &from, &to);
             assert_near(quintic.at(start + t), of_degree(5, t));
+        }
+    }
+
+    // A sample one rounding error before the start is that of the start: time is a multiple of a period that is no
+    // binary number.
+    #[test]
+    fn a_motion_begins_with_its_rate() {
+        let xml = include_str!("../../../../../urdf/seven_joints.urdf");
+        let model = Model::from_urdf(xml, "seven_joints").unwrap();
+        let present = vec![point(0.3, 0.8, 0.0); 7];
+        let stop = JointSpline::stop(&model, 10.0, &present);
+        assert_near(stop.at(0, 10.0f64.next_down()), present[0]);
+    }
+
+    // The acceleration of a sharp corner would swing the joint far beyond where it can stop.
+    #[test]
+    fn a_large_acceleration_causes_no_detour() {
+        let xml = include_str!("../../../../../urdf/seven_joints.urdf");
+        let model = Model::from_urdf(xml, "seven_joints").unwrap();
+        let mut present = vec![point(0.0, 0.0, 0.0); 7];
+        present[0] = point(0.0, 1.0, 100.0);
+        present[1] = point(0.0, 0.0, -100.0);
+        let stop = JointSpline::stop(&model, 0.0, &present);
+        for i in 0..=1000 {
+            let t = f64::from(i) * 1e-3;
+            assert!((-1e-9..0.45).contains(&stop.at(0, t).position));
+            assert_near(stop.at(1, t), point(0.0, 0.0, 0.0));
         }
     }
 

@@ -257,12 +257,13 @@ impl JointTrajectory {
     /// Between two points the polynomial is quintic if both have accelerations and velocities, cubic if both have
     /// velocities, and otherwise linear, as in ros2_control's joint_trajectory_controller. Points that are not in the
     /// future are left out: the first polynomial leads from the present motion to the first point that remains, so that
-    /// position and, with velocities, rate are continuous. If the point left out last is at `now`, the first polynomial
+    /// position and rate are continuous. If the point left out last is at `now`, the first polynomial
     /// begins with its acceleration. Continuous joints take the shorter way to the first point. Joints that the
     /// trajectory does not name come to rest.
     ///
     /// # Errors
-    /// [`TrajectoryError::Past`] if no point is in the future.
+    /// [`TrajectoryError::Past`] if no point is in the future, unless the trajectory begins now with its only point: then
+    /// the joints go there no faster than their limits, with at most about 2 rad/s² (m/s²).
     ///
     /// # Panics
     /// If `present` does not have one element per joint of the robot.
@@ -283,20 +284,23 @@ impl JointTrajectory {
         let remaining = &self.waypoints[first..];
         let Some(next) = remaining.first() else {
             let end = start + self.duration();
-            return Err(TrajectoryError::Past { end, now });
+            if start < now {
+                return Err(TrajectoryError::Past { end, now });
+            }
+            let last = &self.waypoints[self.waypoints.len() - 1];
+            let target = |(k, &j): (usize, &usize)| {
+                let turns = turns(model.joints()[j].kind, &present[j], last.positions[k]);
+                (j, last.positions[k] + turns)
+            };
+            let targets: Vec<_> = self.joints.iter().enumerate().map(target).collect();
+            return Ok(JointSpline::to_rest_at(model, now, present, &targets));
         };
         let passed = first.checked_sub(1).map(|i| &self.waypoints[i]);
         let at_now = passed.filter(|w| (start + w.time - now).abs() <= 1e-9);
         let end = start + self.duration();
         let mut spline = JointSpline::stop(model, now, present);
         for (k, &j) in self.joints.iter().enumerate() {
-            let turns = match model.joints()[j].kind {
-                JointKind::Continuous => {
-                    let turn = std::f64::consts::TAU;
-                    ((present[j].position - next.positions[k]) / turn).round() * turn
-                }
-                _ => 0.0,
-            };
+            let turns = turns(model.joints()[j].kind, &present[j], next.positions[k]);
             let mut from = present[j];
             if let Some(a) = at_now.and_then(|w| w.accelerations.get(k)) {
                 from.acceleration = *a;
@@ -317,6 +321,9 @@ impl JointTrajectory {
                         accelerations: true,
                     } => Segment::quintic(time, duration, &from, &to),
                     Given { rates: true, .. } => Segment::cubic(time, duration, &from, &to),
+                    _ if segments.is_empty() => {
+                        Segment::linear_from(time, duration, &from, to.position)
+                    }
                     _ => Segment::linear(time, duration, from.position, to.position),
                 });
                 (time, from, has) = (start + waypoint.time, to, given);
@@ -324,6 +331,15 @@ impl JointTrajectory {
             spline.set_joint(j, segments, end);
         }
         Ok(spline)
+    }
+}
+
+/// Whole turns \[rad\] that bring `position` nearest to a joint, if it turns without end.
+fn turns(kind: JointKind, present: &JointPoint, position: f64) -> f64 {
+    let turn = std::f64::consts::TAU;
+    match kind {
+        JointKind::Continuous => ((present.position - position) / turn).round() * turn,
+        _ => 0.0,
     }
 }
 

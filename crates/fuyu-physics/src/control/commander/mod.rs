@@ -23,7 +23,7 @@ pub use joint_spline::{JointPoint, JointSpline};
 pub use joint_trajectory::{JointTrajectory, TrajectoryError, Waypoint};
 pub use pose_path::{PathError, PathFrame, PosePath, PoseSpline, TimedPose};
 pub use tip_follower::{BaseState, TipFollower};
-pub use tip_resolver::{KeptTip, TipResolver};
+pub use tip_resolver::{FreeMotion, KeptTip, TipResolver};
 pub use tolerances::{
     GoalMonitor, Progress, Quantity, StateTolerance, TrajectoryTolerances, Violation,
 };

@@ -4,7 +4,7 @@ use nalgebra::{DVector, UnitQuaternion};
 
 use super::joint_spline::JointPoint;
 use super::pose_path::PathFrame;
-use super::tip_resolver::TipResolver;
+use super::tip_resolver::{FreeMotion, TipResolver};
 use crate::dynamics::{Momentum, State, Workspace};
 use crate::model::Model;
 use crate::spatial::{Pose, Twist};
@@ -89,14 +89,14 @@ impl TipFollower {
     }
 
     /// Advances by `dt` \[s\] towards the pose `X_FD` that the tip should have now, with the twist `V_F` that it should
-    /// have meanwhile, both in `frame` and its axes. What the tip leaves free follows the joint rates `posture`;
+    /// have meanwhile, both in `frame` and its axes. What the tip leaves free follows the joint rates `preferred`;
     /// without, it comes to rest. Writes the joints' motion of the step.
     pub fn follow(
         &mut self,
         base: &BaseState,
         frame: PathFrame,
         (X_FD, V_F): (&Pose, &Twist),
-        posture: Option<&DVector<f64>>,
+        preferred: Option<&DVector<f64>>,
         dt: f64,
         out: &mut [JointPoint],
     ) {
@@ -120,7 +120,11 @@ impl TipFollower {
             frame,
             &base.momentum_B,
             &V_B,
-            posture.unwrap_or(&self.fading),
+            FreeMotion {
+                preferred: preferred.unwrap_or(&self.fading),
+                before: &self.before,
+                faded: faded(dt),
+            },
             &mut self.rates,
         );
         self.limit();

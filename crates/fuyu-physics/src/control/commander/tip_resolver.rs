@@ -25,6 +25,18 @@ pub enum KeptTip {
     Position,
 }
 
+/// Joint motion that the tip leaves free.
+#[derive(Debug, Clone, Copy)]
+pub struct FreeMotion<'a> {
+    /// Joint rates that it approaches as far as the tasks leave it free.
+    pub preferred: &'a DVector<f64>,
+    /// Joint rates before this step.
+    pub before: &'a DVector<f64>,
+    /// The part of the base's angular velocity by `before` that is left where least reaction is wanted, so that a
+    /// motion that begins with more of it does not jump.
+    pub faded: f64,
+}
+
 /// Resolves twists of the tip into joint rates: the tip's motion first; then, if wanted, the least angular velocity of
 /// the base; then the joint rates nearest to given ones.
 ///
@@ -50,7 +62,9 @@ pub struct TipResolver {
     jacobian: Matrix6xX<f64>,
     base_map: Matrix6xX<f64>,
     rows: Rows,
-    posture: DVector<f64>,
+    preferred: DVector<f64>,
+    /// Angular velocity of the base that is wanted, in the first three elements \[rad/s\].
+    base_rate: Vector6<f64>,
     zero: DVector<f64>,
     blocked: Vec<bool>,
 }
@@ -72,7 +86,8 @@ impl TipResolver {
             jacobian: Matrix6xX::zeros(n),
             base_map: Matrix6xX::zeros(n),
             rows: Rows::zeros(n),
-            posture: DVector::zeros(n),
+            preferred: DVector::zeros(n),
+            base_rate: Vector6::zeros(),
             zero: DVector::zeros(n),
             blocked: vec![false; n],
             model: model.clone(),
@@ -153,20 +168,21 @@ impl TipResolver {
     }
 
     /// Writes joint rates \[rad/s or m/s\] at positions `q` for the twist `V_B` of the tip's origin (base axes; in
-    /// inertial space or relative to the base), for a robot with the momentum `momentum_B`. What the tasks leave free
-    /// follows `posture`.
+    /// inertial space or relative to the base), for a robot with the momentum `momentum_B`.
     pub fn rates(
         &mut self,
         q: &DVector<f64>,
         frame: PathFrame,
         momentum_B: &Momentum,
         V_B: &Twist,
-        posture: &DVector<f64>,
+        free: FreeMotion<'_>,
         rates: &mut DVector<f64>,
     ) {
         let drift = self.set(q, frame, momentum_B);
         if self.least_reaction {
             self.workspace.base_map(&mut self.base_map);
+            let w_B = self.base_map.fixed_rows::<3>(3) * free.before * free.faded;
+            self.base_rate.fixed_rows_mut::<3>(0).copy_from(&w_B);
         }
         let (v, w) = (&V_B.linear, &V_B.angular);
         let mut wanted = Vector6::new(v.x, v.y, v.z, w.x, w.y, w.z) - drift;
@@ -177,14 +193,14 @@ impl TipResolver {
         self.blocked.fill(false);
         // Every pass but the last blocks a joint.
         for _ in 0..=q.len() {
-            self.solve(&wanted, posture, rates);
+            self.solve(&wanted, free.preferred, rates);
             if !self.avoids_limits || !self.block(q, rates) {
                 return;
             }
         }
     }
 
-    fn solve(&mut self, wanted: &Vector6<f64>, posture: &DVector<f64>, rates: &mut DVector<f64>) {
+    fn solve(&mut self, wanted: &Vector6<f64>, preferred: &DVector<f64>, rates: &mut DVector<f64>) {
         self.priority.begin(&self.identity);
         self.rows.copy_from(&self.jacobian);
         self.clear_blocked();
@@ -196,15 +212,15 @@ impl TipResolver {
             (self.rows.fixed_rows_mut::<3>(0)).copy_from(&self.base_map.fixed_rows::<3>(3));
             self.clear_blocked();
             self.priority.damping = DAMPING.1;
-            self.priority.add(&self.rows, &Vector6::zeros());
+            self.priority.add(&self.rows, &self.base_rate);
         }
-        self.posture.copy_from(posture);
-        for (rate, blocked) in self.posture.iter_mut().zip(&self.blocked) {
+        self.preferred.copy_from(preferred);
+        for (rate, blocked) in self.preferred.iter_mut().zip(&self.blocked) {
             if *blocked {
                 *rate = 0.0;
             }
         }
-        self.priority.add_in_null_space(&self.posture);
+        self.priority.add_in_null_space(&self.preferred);
         self.priority.accelerations(rates);
         self.limit_free_motion(rates);
     }

@@ -5,7 +5,7 @@ use nalgebra::{DVector, UnitQuaternion};
 use super::joint_spline::JointPoint;
 use super::pose_path::PathFrame;
 use super::tip_follower::{BaseState, TipFollower, faded};
-use super::tip_resolver::TipResolver;
+use super::tip_resolver::{FreeMotion, TipResolver};
 use crate::control::gains::{ConfigError, check_positive};
 use crate::control::{RateLimits, limit_twist};
 use crate::model::{Frame, Model};
@@ -179,7 +179,12 @@ impl TwistServo {
                     limit_twist(&V_B, config.max_linear_speed, config.max_angular_speed);
                 ahead.copy_from(before);
                 *ahead *= faded(dt);
-                resolver.rates(q, PathFrame::World, &base.momentum_B, &V_B, ahead, rates);
+                let free = FreeMotion {
+                    preferred: ahead,
+                    before,
+                    faded: faded(dt),
+                };
+                resolver.rates(q, PathFrame::World, &base.momentum_B, &V_B, free, rates);
                 *status = match is_cut {
                     true => TwistStatus::TooFast,
                     false => TwistStatus::Following,
