@@ -1,6 +1,7 @@
 //! The graph agrees with its description: publishers, subscribers, types and QoS.
 
 use serde_json::json;
+use std::fs;
 
 use crate::{
     lateness::repeat_if_late,
@@ -227,7 +228,14 @@ fn isolated_nodes_have_the_same_topics_types_and_qos() {
 }
 
 fn agrees(domain: u16, options: &[&str]) {
-    let mut launch = Running::gently_with(domain, &source("config/servicing.yaml"), options);
+    // All interfaces of the nodes, those of commanders too.
+    let folder = tempfile::tempdir().expect("a folder");
+    let config = folder.path().join("servicing.yaml");
+    let scenario = fs::read_to_string(source("config/servicing.yaml")).expect("the scenario");
+    let every = scenario.replace("commander_interfaces: false", "commander_interfaces: true");
+    assert_ne!(every, scenario);
+    fs::write(&config, every).expect("a file");
+    let mut launch = Running::gently_with(domain, &config, options);
     let mut peer = Peer::start("auditor", domain);
     for (topic, kind, reliability, durability, nodes) in TOPICS {
         // Which node an endpoint belongs to is known a little later than the endpoint.

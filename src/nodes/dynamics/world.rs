@@ -333,9 +333,11 @@ impl World {
         loop {
             // Wrenches begin and end on time.
             let next = self.wrenches.next_change(time, end);
-            let part = match next < end {
-                true => next - time,
-                false => end - time,
+            // The difference of two times is not the period to the last digit.
+            let part = match (time == start, next < end) {
+                (true, false) => seconds,
+                (false, false) => end - time,
+                (_, true) => next - time,
             };
             (self.drive).step(
                 &mut self.robot,
