@@ -53,6 +53,7 @@ mod axis;
 mod batch;
 mod checks;
 mod expanded_motion;
+pub mod flexible;
 mod floating;
 mod formulation;
 mod forward;

@@ -35,6 +35,30 @@ impl Rate {
         }
     }
 
+    /// The numbers of a state whose rates these are, in the order of [`Rate::number`]. The rotation vector counts as 1.
+    pub(super) fn values(state: &State) -> impl Iterator<Item = f64> {
+        let m = &state.momentum_W;
+        let vectors = [&state.p_WC, &m.linear, &m.angular];
+        let vectors = vectors.into_iter().flat_map(|v| v.iter().copied());
+        let joints = state.q.iter().chain(&state.qd).copied();
+        ([1.0; 3].into_iter().chain(vectors).chain(joints)).chain([state.work])
+    }
+
+    /// Number `place` of the rate: of the rotation vector, centre of mass, linear and angular momentum, joint positions, joint
+    /// rates, work.
+    pub(super) fn number(&self, place: usize) -> f64 {
+        let n = self.q.len();
+        match place {
+            0..3 => self.turned[place],
+            3..6 => self.com[place - 3],
+            6..9 => self.linear_momentum[place - 6],
+            9..12 => self.angular_momentum[place - 9],
+            _ if place < 12 + n => self.q[place - 12],
+            _ if place < 12 + 2 * n => self.qd[place - 12 - n],
+            _ => self.work,
+        }
+    }
+
     /// From the equations of motion at `state`; `turned` is the rotation vector since the start of the step.
     #[inline(always)]
     pub(super) fn set(

@@ -215,6 +215,15 @@ impl Model {
         parts.into()
     }
 
+    /// The same robot with another inertia of body `b`.
+    #[must_use]
+    pub(crate) fn with_body_inertia(&self, b: usize, inertia: RigidInertia) -> Self {
+        let mut parts = self.shared.parts.clone();
+        parts.bodies[b].inertia = inertia;
+        parts.bodies[b].spatial_inertia = SpatialInertia::from(&inertia);
+        parts.into()
+    }
+
     /// The frame of the link called `name`.
     pub fn frame(&self, name: &str) -> Option<&Frame> {
         self.shared.parts.frames.iter().find(|f| f.name == name)

@@ -56,7 +56,7 @@ impl Body {
 }
 
 /// Articulated inertia and bias force of a subtree.
-type ArticulatedSubtree<S> = (ArticulatedInertia<S>, SpatialForce<S>);
+pub(crate) type ArticulatedSubtree<S> = (ArticulatedInertia<S>, SpatialForce<S>);
 
 impl<S: Scalar> LinkScratch<S> {
     /// Sets angular velocity and bias acceleration from the parent's angular velocity `w` and its centripetal tensor.
@@ -306,6 +306,17 @@ pub fn forward_dynamics<S: Scalar>(
     links: &mut [LinkScratch<S>],
     external: Option<&[SpatialForce<S>]>,
 ) {
+    let (inertia, force) = articulated_tree(tree, links, external);
+    propagate_acceleration(tree, links, inertia.free_acceleration(force));
+}
+
+/// The part of [`forward_dynamics`] that leads to the base: articulated inertia and bias force of the whole tree.
+#[cfg_attr(not(debug_assertions), inline(always))]
+pub(crate) fn articulated_tree<S: Scalar>(
+    tree: &Tree,
+    links: &mut [LinkScratch<S>],
+    external: Option<&[SpatialForce<S>]>,
+) -> ArticulatedSubtree<S> {
     let count = tree.bodies.len();
     let (links, bodies) = (&mut links[..count], &tree.bodies[..count]);
     let external = external.map(|e| &e[..count]);
@@ -334,8 +345,17 @@ pub fn forward_dynamics<S: Scalar>(
             subtree = (next.inertia, next.force);
         }
     }
-    let (inertia, force) = subtree;
-    let mut acceleration = inertia.free_acceleration(force);
+    subtree
+}
+
+/// The rest of [`forward_dynamics`]: accelerations of joints and bodies from that of the base.
+#[cfg_attr(not(debug_assertions), inline(always))]
+pub(crate) fn propagate_acceleration<S: Scalar>(
+    tree: &Tree,
+    links: &mut [LinkScratch<S>],
+    mut acceleration: SpatialMotion<S>,
+) {
+    let links = &mut links[..tree.bodies.len()];
     links[0].acceleration = acceleration;
     for &j in &tree.outward {
         let joint = &tree.joints[j];

@@ -33,9 +33,10 @@ mod tree;
 mod vector;
 
 pub use articulated_body::forward_dynamics;
+pub(crate) use articulated_body::{articulated_tree, propagate_acceleration};
 pub(crate) use articulated_inertia::ArticulatedInertia;
-pub(crate) use base_velocity::locked_inertia;
 pub use base_velocity::{SubtreeMomentum, base_angular_velocity};
+pub(crate) use base_velocity::{locked_inertia, whole_tree};
 pub use inverse_dynamics::inverse_dynamics;
 pub(crate) use joint_groups::JointKinematics;
 pub use joint_transform::{SpatialForce, SpatialMotion};

@@ -1,0 +1,405 @@
+//! Accelerations by articulated bodies, with modes and rotors eliminated body by body.
+//!
+//! A rotor with inertia J, axis a and spin Ω on a body with angular velocity w has `J (Ω' + a·w') = τ`. It acts on the body with
+//! `-τ a - w × (J Ω a)`, and takes `J a aᵀ` from its inertia, which contains the rotor as locked. Modes with modal mass M and
+//! coupling P (n x 6) have `M μ'' + P A + bias = -K μ - C μ'`; what they leave for the body is the inertia less `Pᵀ M⁻¹ P` (Kida 1993, chapter 2,
+//! which eliminates the rigid body instead).
+
+use nalgebra::{Matrix3, Vector3};
+
+use super::composite::{Articulated, Composite, wrench_in_parent};
+use super::workspace::{ModalNode, Node};
+use super::{FlexibleInput, FlexibleState, FlexibleWorkspace, Losses, ModalBody, RotorModel};
+use crate::dynamics::Evaluation;
+use crate::spatial::{Twist, Wrench};
+
+/// The equations of motion at one state.
+#[derive(Clone, Debug)]
+pub(super) struct FlexibleEvaluation {
+    /// Of the tree; its power includes wheels and thrusters.
+    pub tree: Evaluation,
+    /// Accelerations of modes, motors and wheels.
+    pub xdd: Vec<f64>,
+    /// Dissipated power, by cause \[W\].
+    pub losses: Losses,
+    /// Torque between motor and link of each elastic joint.
+    pub(super) link_efforts: Vec<f64>,
+    /// Torque on each motor, on the output side, then on each wheel.
+    pub(super) rotor_torques: Vec<f64>,
+}
+
+impl FlexibleEvaluation {
+    pub fn zero(system: &super::FlexibleSystem) -> Self {
+        let rotors = system.extras() - system.modes();
+        Self {
+            tree: Evaluation::zero(system.model()),
+            xdd: vec![0.0; system.extras()],
+            losses: Losses::default(),
+            link_efforts: vec![0.0; system.elastic_joints().len()],
+            rotor_torques: vec![0.0; rotors],
+        }
+    }
+
+    /// Efforts of the elastic joints and of motors and wheels, their power and their losses. `hold` is how long the wheels' torques
+    /// act from `start_speeds` on, for the limit of their speeds.
+    pub fn set_rotor_torques(
+        &mut self,
+        system: &super::FlexibleSystem,
+        state: &FlexibleState,
+        input: &FlexibleInput,
+        (hold, start_speeds): (f64, &[f64]),
+    ) {
+        self.losses = Losses::default();
+        self.tree.power = 0.0;
+        let motors = system.elastic_joints().len();
+        let (angles, rates) = (state.motor_angles(), state.motor_rates());
+        for (e, (joint, j)) in (system.elastic_joints().iter())
+            .zip(&system.compiled().joint_of)
+            .enumerate()
+        {
+            let (wind_up, rate) = (angles[e] - state.tree.q[*j], rates[e] - state.tree.qd[*j]);
+            let effort = input.tree.efforts[*j];
+            self.link_efforts[e] = joint.stiffness * wind_up + joint.damping * rate;
+            self.rotor_torques[e] = effort - self.link_efforts[e];
+            self.losses.elastic_joints += joint.damping * rate * rate;
+            self.tree.power += effort * rates[e];
+        }
+        for (i, (wheel, speed)) in (system.wheels().iter())
+            .zip(state.wheel_speeds())
+            .enumerate()
+        {
+            let torque = wheel.limited_torque(input.wheel_torques[i], start_speeds[i], hold);
+            let friction = wheel.friction(*speed);
+            self.rotor_torques[motors + i] = torque + friction;
+            self.tree.power += torque * speed;
+            self.losses.wheel_friction -= friction * speed;
+        }
+    }
+
+    /// Effort on joint `j` from actuator (or elastic motor), spring and damper, and the power of those of the tree.
+    pub(super) fn joint_effort(
+        &mut self,
+        system: &super::FlexibleSystem,
+        state: &FlexibleState,
+        input: &FlexibleInput,
+        j: usize,
+    ) -> f64 {
+        let (q, qd) = (state.tree.q[j], state.tree.qd[j]);
+        let passive = system.model().joints()[j].passive_effort(q, qd);
+        self.tree.power += passive * qd;
+        match system.compiled().elastic[j] {
+            Some(e) => passive + self.link_efforts[e],
+            None => {
+                let effort = input.tree.efforts[j];
+                self.tree.power += effort * qd;
+                passive + effort
+            }
+        }
+    }
+}
+
+impl FlexibleWorkspace {
+    /// The equations of motion at `state`. `limits` is as for [`FlexibleEvaluation::set_rotor_torques`].
+    pub(super) fn evaluate(
+        &mut self,
+        state: &FlexibleState,
+        input: &FlexibleInput,
+        limits: (f64, &[f64]),
+        out: &mut FlexibleEvaluation,
+    ) {
+        self.set_positions(state);
+        self.set_base_twist(state);
+        self.propagate_motion(state);
+        out.set_rotor_torques(&self.system, state, input, limits);
+        self.set_external(state, input);
+        self.sweep_inward(state, input, out);
+        self.sweep_outward(out);
+        out.tree.w_WB_B = self.nodes[0].V.angular;
+        out.tree.external = Some(Wrench {
+            torque: self.external.torque - self.p_BC.cross(&self.external.force),
+            force: self.external.force,
+        });
+        out.tree.power += self.external_power;
+        out.losses.modal_damping = 0.0;
+        for body in self.system.modal_bodies() {
+            let rates = &state.mu_dot()[body.range()];
+            out.losses.modal_damping +=
+                super::workspace::quadratic(&body.appendage.modal_damping, rates);
+        }
+    }
+
+    /// External wrenches and thrusters on each body, their sum and their power.
+    fn set_external(&mut self, state: &FlexibleState, input: &FlexibleInput) {
+        (self.external, self.external_power) = (Wrench::ZERO, 0.0);
+        let is_on = state.on_time.iter().any(|t| *t > 0.0);
+        if !is_on && !input.has_wrench() {
+            (self.nodes.iter_mut()).for_each(|node| node.external = Wrench::ZERO);
+            return;
+        }
+        self.set_poses();
+        let compiled = self.system.compiled();
+        for (node, wrench) in self.nodes.iter_mut().zip(&input.tree.wrenches) {
+            node.external = *wrench;
+        }
+        for ((body, p, force), on_time) in compiled.thrusters.iter().zip(&state.on_time) {
+            if *on_time > 0.0 {
+                self.nodes[*body].external += Wrench {
+                    torque: p.cross(force),
+                    force: *force,
+                };
+            }
+        }
+        for node in &self.nodes {
+            if node.external != Wrench::ZERO {
+                self.external += wrench_in_parent(&node.external, &node.R_0, &node.p_0);
+                self.external_power += node.V.dot(&node.external);
+            }
+        }
+    }
+
+    fn sweep_inward(
+        &mut self,
+        state: &FlexibleState,
+        input: &FlexibleInput,
+        out: &mut FlexibleEvaluation,
+    ) {
+        let Self {
+            system,
+            nodes,
+            modal,
+            ..
+        } = self;
+        let compiled = system.compiled();
+        for node in nodes.iter_mut() {
+            (node.inertia, node.force) = (Articulated::zero(), Wrench::ZERO);
+        }
+        for section in modal.iter_mut().filter_map(|m| m.section.as_deref_mut()) {
+            (section.inertia, section.force) = (Articulated::zero(), Wrench::ZERO);
+        }
+        for b in (0..nodes.len()).rev() {
+            let body = &compiled.bodies[b];
+            let node = &mut nodes[b];
+            let w = node.V.angular;
+            node.inertia.add(&Articulated::of(&Composite {
+                mass: body.mass,
+                S: body.S,
+                J: body.J,
+            }));
+            node.force.torque += w.cross(&(body.J * w)) - node.external.torque;
+            node.force.force += w.cross(&w.cross(&body.S)) - node.external.force;
+            for i in &body.rotors {
+                let rotor = &compiled.rotors[*i];
+                let spin = state.xd[system.modes() + rotor.coordinate] * rotor.ratio;
+                let torque = out.rotor_torques[rotor.coordinate] / rotor.ratio;
+                node.inertia.J -= rotor.axis * rotor.axis.transpose() * rotor.inertia;
+                let momentum = rotor.axis * (rotor.inertia * spin);
+                node.force.torque += w.cross(&momentum) + rotor.axis * torque;
+            }
+            for i in &body.modal_bodies {
+                eliminate_modes(node, &mut modal[*i], &system.modal_bodies()[*i], state);
+            }
+            if b == 0 {
+                break;
+            }
+            let effort = out.joint_effort(system, state, input, b - 1);
+            let along = body.joint_twist(1.0);
+            node.U = node.inertia.times(&along);
+            node.d_inverse = 1.0 / body.along_axis(&node.U);
+            node.free = (effort - body.along_axis(&node.force)) * node.d_inverse;
+            let mut inertia = node.inertia;
+            inertia.subtract(&node.U, &(node.U * node.d_inverse));
+            let force = node.force + inertia.times(&node.bias) + node.U * node.free;
+            let inertia = inertia.in_parent(&node.R, &node.p);
+            let force = wrench_in_parent(&force, &node.R, &node.p);
+            let (into, into_force) = match compiled.bodies[body.parent].link {
+                Some(link) => match &mut modal[link].section {
+                    Some(section) => (&mut section.inertia, &mut section.force),
+                    None => continue,
+                },
+                None => {
+                    let parent = &mut nodes[body.parent];
+                    (&mut parent.inertia, &mut parent.force)
+                }
+            };
+            into.add(&inertia);
+            *into_force += force;
+        }
+    }
+
+    fn sweep_outward(&mut self, out: &mut FlexibleEvaluation) {
+        let Self {
+            system,
+            nodes,
+            modal,
+            ..
+        } = self;
+        let compiled = system.compiled();
+        nodes[0].A = nodes[0].inertia.free_acceleration(&nodes[0].force);
+        out.tree.acceleration.A_WB_B = nodes[0].A;
+        for b in 0..nodes.len() {
+            let body = &compiled.bodies[b];
+            if b > 0 {
+                let parent = nodes[body.parent].A;
+                let A = match compiled.bodies[body.parent].link {
+                    Some(link) => match &modal[link].section {
+                        Some(section) => section.acceleration(&parent, &modal[link].free),
+                        None => parent,
+                    },
+                    None => parent,
+                };
+                let node = &mut nodes[b];
+                let mut A = Twist {
+                    angular: node.R.tr_mul(&A.angular) + node.bias.angular,
+                    linear: node.R.tr_mul(&(A.linear + A.angular.cross(&node.p)))
+                        + node.bias.linear,
+                };
+                let qdd = node.free - A.dot(&node.U) * node.d_inverse;
+                A += body.joint_twist(qdd);
+                node.A = A;
+                out.tree.acceleration.qdd[b - 1] = qdd;
+            }
+            let A = nodes[b].A;
+            for i in &body.modal_bodies {
+                let range = system.modal_bodies()[*i].range();
+                let ModalNode { free, solved, .. } = &mut modal[*i];
+                for ((rate, solved), into) in
+                    (free.iter_mut().zip(&*solved)).zip(&mut out.xdd[range])
+                {
+                    *rate -= A.dot(solved);
+                    *into = *rate;
+                }
+            }
+        }
+        let modes = system.modes();
+        for (e, joint) in system.elastic_joints().iter().enumerate() {
+            if joint.rotor == RotorModel::Reduced {
+                out.xdd[modes + e] = out.rotor_torques[e] / joint.reflected_inertia();
+            }
+        }
+        for rotor in &compiled.rotors {
+            let i = rotor.coordinate;
+            let relative = out.rotor_torques[i] / (rotor.inertia * rotor.ratio)
+                - rotor.axis.dot(&nodes[rotor.body].A.angular);
+            out.xdd[modes + i] = relative / rotor.ratio;
+        }
+    }
+}
+
+/// Adds a deformable body, and what its section carries, to the body that carries it, with its modes eliminated.
+fn eliminate_modes(
+    node: &mut Node,
+    modal: &mut ModalNode,
+    body: &ModalBody,
+    state: &FlexibleState,
+) {
+    let n = body.modes();
+    let (mu, mu_dot) = (&state.mu()[body.range()], &state.mu_dot()[body.range()]);
+    let ModalNode {
+        shape,
+        section,
+        factor,
+        coupling,
+        solved,
+        free,
+    } = modal;
+    shape.set_bias(body, mu, mu_dot, &node.V.angular);
+    node.inertia.add(&Articulated::of(&Composite {
+        mass: body.integrals.mass,
+        S: shape.S,
+        J: shape.J,
+    }));
+    node.force.torque += shape.bias_torque;
+    node.force.force += shape.bias_force;
+    let (K, C) = (
+        &body.appendage.modal_stiffness,
+        &body.appendage.modal_damping,
+    );
+    for k in 0..n {
+        coupling[k] = Wrench {
+            torque: shape.H_k[k],
+            force: shape.S_k[k],
+        };
+        let mut force = -shape.bias_modes[k];
+        for l in 0..n {
+            force -= K[(k, l)] * mu[l] + C[(k, l)] * mu_dot[l];
+            if l <= k {
+                factor[k * n + l] = shape.mass[(k, l)];
+            }
+        }
+        free[k] = force;
+    }
+    if let Some(section) = section {
+        // What is carried, about the section's origin, in axes of B.
+        let inertia = section.inertia.in_parent(&section.R_BE, &Vector3::zeros());
+        let mut carried = wrench_in_parent(&section.force, &section.R_BE, &Vector3::zeros());
+        carried += inertia.times(&section.bias);
+        for k in 0..n {
+            let column = &section.columns[k];
+            let moving = inertia.times(column);
+            coupling[k] += wrench_in_parent(&moving, &Matrix3::identity(), &section.p_BE);
+            free[k] -= column.dot(&carried);
+            for l in 0..=k {
+                factor[k * n + l] += section.columns[l].dot(&moving);
+            }
+        }
+        let at_origin = inertia.in_parent(&Matrix3::identity(), &section.p_BE);
+        node.inertia.add(&at_origin);
+        node.force += wrench_in_parent(&carried, &Matrix3::identity(), &section.p_BE);
+    }
+    solved.copy_from_slice(coupling);
+    factorize(factor, n);
+    solve(factor, n, free, |x, l| *x *= l, |x, y, l| *x -= y * l);
+    solve(
+        factor,
+        n,
+        solved,
+        |x, l| *x = *x * l,
+        |x, y, l| *x -= *y * l,
+    );
+    for k in 0..n {
+        node.inertia.subtract(&coupling[k], &solved[k]);
+        node.force += coupling[k] * free[k];
+    }
+}
+
+/// Cholesky factor in place: the lower triangle by rows, with inverses on the diagonal. Not a number if the matrix is not positive
+/// definite.
+fn factorize(m: &mut [f64], n: usize) {
+    for i in 0..n {
+        for j in 0..=i {
+            let mut sum = m[i * n + j];
+            for k in 0..j {
+                sum -= m[i * n + k] * m[j * n + k];
+            }
+            m[i * n + j] = if i == j {
+                1.0 / sum.sqrt()
+            } else {
+                sum * m[j * n + j]
+            };
+        }
+    }
+}
+
+/// Solves with the factor, in place, for values of any type.
+fn solve<T: Copy>(
+    factor: &[f64],
+    n: usize,
+    x: &mut [T],
+    scale: impl Fn(&mut T, f64),
+    subtract: impl Fn(&mut T, &T, f64),
+) {
+    for i in 0..n {
+        for j in 0..i {
+            let known = x[j];
+            subtract(&mut x[i], &known, factor[i * n + j]);
+        }
+        scale(&mut x[i], factor[i * n + i]);
+    }
+    for i in (0..n).rev() {
+        for j in i + 1..n {
+            let known = x[j];
+            subtract(&mut x[i], &known, factor[j * n + i]);
+        }
+        scale(&mut x[i], factor[i * n + i]);
+    }
+}

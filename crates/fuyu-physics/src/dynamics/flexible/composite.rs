@@ -1,0 +1,136 @@
+//! Inertia of a rigid or locked set of bodies, and the articulated inertia of one whose joints and modes move freely.
+
+use nalgebra::{Matrix3, Vector3};
+
+use crate::spatial::{Twist, Wrench};
+
+/// Mass, first moment and moment of inertia about a frame's origin, in its axes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Composite {
+    pub mass: f64,
+    pub S: Vector3<f64>,
+    pub J: Matrix3<f64>,
+}
+
+impl Composite {
+    pub fn zero() -> Self {
+        Self {
+            mass: 0.0,
+            S: Vector3::zeros(),
+            J: Matrix3::zeros(),
+        }
+    }
+
+    pub fn add(&mut self, o: &Self) {
+        self.mass += o.mass;
+        self.S += o.S;
+        self.J += o.J;
+    }
+
+    /// Momentum at a twist, about the origin.
+    pub fn momentum(&self, V: &Twist) -> Wrench {
+        Wrench {
+            torque: self.J * V.angular + self.S.cross(&V.linear),
+            force: V.linear * self.mass + V.angular.cross(&self.S),
+        }
+    }
+
+    /// In the frame E in which its frame C has the pose `(R, p)`.
+    pub fn in_parent(&self, R: &Matrix3<f64>, p: &Vector3<f64>) -> Self {
+        // With g = S + m p / 2 what the shift adds is 2 (p·g) 1 - p gᵀ - g pᵀ.
+        let S = R * self.S;
+        let g = S + p * (0.5 * self.mass);
+        let shift = p * g.transpose();
+        Self {
+            mass: self.mass,
+            S: S + p * self.mass,
+            J: R * self.J * R.transpose() + Matrix3::identity() * (2.0 * p.dot(&g))
+                - shift
+                - shift.transpose(),
+        }
+    }
+}
+
+/// A force and its moment about the origin of frame C, in the frame E in which C has the pose `(R, p)`.
+pub(super) fn wrench_in_parent(f: &Wrench, R: &Matrix3<f64>, p: &Vector3<f64>) -> Wrench {
+    let force = R * f.force;
+    Wrench {
+        torque: R * f.torque + p.cross(&force),
+        force,
+    }
+}
+
+/// Force per acceleration of a subtree: `torque = J α + H a`, `force = Hᵀ α + M a`, about a frame's origin, in its axes.
+#[derive(Clone, Copy, Debug)]
+pub(super) struct Articulated {
+    pub J: Matrix3<f64>,
+    pub H: Matrix3<f64>,
+    pub M: Matrix3<f64>,
+}
+
+impl Articulated {
+    pub fn zero() -> Self {
+        Self {
+            J: Matrix3::zeros(),
+            H: Matrix3::zeros(),
+            M: Matrix3::zeros(),
+        }
+    }
+
+    pub fn of(c: &Composite) -> Self {
+        Self {
+            J: c.J,
+            H: c.S.cross_matrix(),
+            M: Matrix3::identity() * c.mass,
+        }
+    }
+
+    pub fn add(&mut self, o: &Self) {
+        self.J += o.J;
+        self.H += o.H;
+        self.M += o.M;
+    }
+
+    pub fn times(&self, a: &Twist) -> Wrench {
+        Wrench {
+            torque: self.J * a.angular + self.H * a.linear,
+            force: self.H.tr_mul(&a.angular) + self.M * a.linear,
+        }
+    }
+
+    /// `self -= u vᵀ` for a symmetric `u vᵀ`.
+    pub fn subtract(&mut self, u: &Wrench, v: &Wrench) {
+        self.J -= u.torque * v.torque.transpose();
+        self.H -= u.torque * v.force.transpose();
+        self.M -= u.force * v.force.transpose();
+    }
+
+    /// In the frame E in which its frame C has the pose `(R, p)`.
+    pub fn in_parent(&self, R: &Matrix3<f64>, p: &Vector3<f64>) -> Self {
+        let turned = |m: &Matrix3<f64>| R * m * R.transpose();
+        let (J, H, M, X) = (
+            turned(&self.J),
+            turned(&self.H),
+            turned(&self.M),
+            p.cross_matrix(),
+        );
+        let shifted = H + X * M;
+        Self {
+            J: J - H * X + X * shifted.transpose(),
+            H: shifted,
+            M,
+        }
+    }
+
+    /// Acceleration of a free body on which `-force` acts. Not a number if the inertia is singular.
+    pub fn free_acceleration(&self, force: &Wrench) -> Twist {
+        let nan = Matrix3::from_element(f64::NAN);
+        let inverse = self.M.try_inverse().unwrap_or(nan);
+        let eliminated = self.H * inverse;
+        let schur = self.J - eliminated * self.H.transpose();
+        let moment = eliminated * force.force - force.torque;
+        let angular = schur.try_inverse().unwrap_or(nan) * moment;
+        let linear = -(inverse * (force.force + self.H.tr_mul(&angular)));
+        Twist { angular, linear }
+    }
+}

@@ -1,0 +1,348 @@
+//! Small motion about a state at rest: mass, damping and stiffness matrices, frequencies, and the largest stable step.
+
+use fuyu_structures::{Eigen, StructureError, generalized_eigen};
+use nalgebra::{Complex, DMatrix, DVector};
+
+use super::composite::{Composite, wrench_in_parent};
+use super::{FlexibleError, FlexibleState, FlexibleSystem, FlexibleWorkspace, RotorModel};
+use crate::dynamics::{IntegrationMethod, Tableau};
+use crate::spatial::{Twist, Wrench};
+
+/// Linear model of a [`FlexibleSystem`] at one posture, undeformed.
+///
+/// Coordinates: translation of the base frame along its axes, rotation about them, joints, modes, motor angles, wheel angles.
+#[derive(Clone, Debug)]
+pub struct LinearModel {
+    /// Mass matrix.
+    pub mass: DMatrix<f64>,
+    /// Damping matrix.
+    pub damping: DMatrix<f64>,
+    /// Stiffness matrix.
+    pub stiffness: DMatrix<f64>,
+    joints: usize,
+    modes: usize,
+    motors: usize,
+}
+
+impl LinearModel {
+    /// The model at joint positions `q`.
+    ///
+    /// # Panics
+    /// If `q` does not have one element per joint.
+    pub fn new(system: &FlexibleSystem, q: &DVector<f64>) -> Self {
+        let (joints, modes) = (system.model().dof(), system.modes());
+        let motors = system.elastic_joints().len();
+        let size = 6 + joints + system.extras();
+        let mut unit = FlexibleState::at_rest_with(system, q);
+        let mut workspace = FlexibleWorkspace::new(system);
+        let mut mass = DMatrix::zeros(size, size);
+        for i in 0..size {
+            let mut base = [0.0; 6];
+            let entry = match i {
+                0..6 => &mut base[i],
+                _ if i < 6 + joints => &mut unit.tree.qd[i - 6],
+                _ => &mut unit.xd[i - 6 - joints],
+            };
+            *entry = 1.0;
+            let [x, y, z, a, b, c] = base;
+            let V = Twist::new([a, b, c].into(), [x, y, z].into());
+            workspace.set_positions(&unit);
+            workspace.nodes[0].V = V;
+            workspace.propagate_motion(&unit);
+            mass.set_column(i, &workspace.momenta(&unit));
+            unit.tree.qd.fill(0.0);
+            unit.xd.fill(0.0);
+        }
+        let mass = (&mass + mass.transpose()) * 0.5;
+        let (mut damping, mut stiffness) = (DMatrix::zeros(size, size), DMatrix::zeros(size, size));
+        for (j, joint) in system.model().joints().iter().enumerate() {
+            damping[(6 + j, 6 + j)] += joint.damping;
+            stiffness[(6 + j, 6 + j)] += joint.spring.stiffness;
+        }
+        for body in system.modal_bodies() {
+            let (at, n) = (6 + joints + body.offset, body.modes());
+            damping
+                .view_mut((at, at), (n, n))
+                .copy_from(&body.appendage.modal_damping);
+            stiffness
+                .view_mut((at, at), (n, n))
+                .copy_from(&body.appendage.modal_stiffness);
+        }
+        let joint_of = &system.compiled().joint_of;
+        for (e, (joint, j)) in system.elastic_joints().iter().zip(joint_of).enumerate() {
+            let (link, motor) = (6 + j, 6 + joints + modes + e);
+            for (m, value) in [
+                (&mut damping, joint.damping),
+                (&mut stiffness, joint.stiffness),
+            ] {
+                m[(link, link)] += value;
+                m[(motor, motor)] += value;
+                m[(link, motor)] -= value;
+                m[(motor, link)] -= value;
+            }
+        }
+        for (i, wheel) in system.wheels().iter().enumerate() {
+            let at = 6 + joints + modes + motors + i;
+            damping[(at, at)] += wheel.viscous_friction;
+        }
+        Self {
+            mass,
+            damping,
+            stiffness,
+            joints,
+            modes,
+            motors,
+        }
+    }
+
+    /// Places of the coordinates of base and modes: everything else is locked.
+    pub fn base_and_modes(&self) -> Vec<usize> {
+        let first = 6 + self.joints;
+        (0..6).chain(first..first + self.modes).collect()
+    }
+
+    /// Places of all coordinates but the wheels' angles.
+    pub fn without_wheels(&self) -> Vec<usize> {
+        (0..6 + self.joints + self.modes + self.motors).collect()
+    }
+
+    /// Places of the wheels' angles.
+    pub fn wheels(&self) -> std::ops::Range<usize> {
+        6 + self.joints + self.modes + self.motors..self.mass.nrows()
+    }
+
+    /// The part of a matrix with the given coordinates.
+    pub fn part(matrix: &DMatrix<f64>, coordinates: &[usize]) -> DMatrix<f64> {
+        matrix.select_rows(coordinates).select_columns(coordinates)
+    }
+
+    /// Undamped frequencies \[Hz\] of the given coordinates while the others are held, ascending, without rigid motion.
+    ///
+    /// # Errors
+    /// A mass matrix that is not positive definite.
+    pub fn frequencies_hz(&self, coordinates: &[usize]) -> Result<Vec<f64>, StructureError> {
+        let M = Self::part(&self.mass, coordinates);
+        let K = Self::part(&self.stiffness, coordinates);
+        let values = generalized_eigen(&K, &M)?.values;
+        // Rigid motion has the eigenvalue zero, up to rounding.
+        let least = 1e-10 * values.max();
+        let elastic = values.iter().filter(|value| **value > least);
+        Ok(elastic
+            .map(|value| value.sqrt() / std::f64::consts::TAU)
+            .collect())
+    }
+}
+
+impl FlexibleSystem {
+    /// Checks that `method` with steps of `step` \[s\] can follow every vibration and every damper at joint positions `q`.
+    ///
+    /// # Errors
+    /// [`FlexibleError::Unstable`] names the part and its frequency, [`FlexibleError::StiffDamping`] the part and its decay rate; [`FlexibleError::Structure`] for a mass matrix that is
+    /// not positive definite.
+    ///
+    /// # Panics
+    /// If `q` does not have one element per joint.
+    pub fn check_step(
+        &self,
+        q: &DVector<f64>,
+        method: IntegrationMethod,
+        step: f64,
+    ) -> Result<(), FlexibleError> {
+        let linear = LinearModel::new(self, q);
+        self.check_damping(&linear, method, step)?;
+        let eigen = generalized_eigen(&linear.stiffness, &linear.mass)?;
+        let Some(highest) = eigen.values.iter().copied().reduce(f64::max) else {
+            return Ok(());
+        };
+        let rate = highest.max(0.0).sqrt();
+        let limit = method.tableau().stability_limit() / rate;
+        if step <= limit {
+            return Ok(());
+        }
+        // Where this vibration has most of its strain energy.
+        Err(FlexibleError::Unstable {
+            part: self.most_of(&linear, &linear.stiffness, &eigen),
+            frequency_hz: rate / std::f64::consts::TAU,
+            step,
+            limit,
+        })
+    }
+
+    /// Checks that `method` can follow the fastest decay. No pole decays faster than the largest eigenvalue of `M⁻¹ D`.
+    fn check_damping(
+        &self,
+        linear: &LinearModel,
+        method: IntegrationMethod,
+        step: f64,
+    ) -> Result<(), FlexibleError> {
+        let eigen = generalized_eigen(&linear.damping, &linear.mass)?;
+        let Some(rate) = eigen.values.iter().copied().reduce(f64::max) else {
+            return Ok(());
+        };
+        let limit = method.tableau().decay_limit() / rate.max(0.0);
+        if step <= limit {
+            return Ok(());
+        }
+        Err(FlexibleError::StiffDamping {
+            part: self.most_of(linear, &linear.damping, &eigen),
+            rate,
+            step,
+            limit,
+        })
+    }
+
+    /// Name of the part that has most of `xᵀ m x` in the last eigenvector.
+    fn most_of(&self, linear: &LinearModel, m: &DMatrix<f64>, eigen: &Eigen) -> String {
+        let shape = eigen.vectors.column(eigen.vectors.ncols() - 1);
+        let energy = (m * shape).component_mul(&shape);
+        let first = 6 + linear.joints;
+        let place = energy.imax();
+        let part = match place {
+            _ if place < first => self
+                .model()
+                .joints()
+                .get(place.saturating_sub(6))
+                .map_or("the base", |j| j.name.as_str()),
+            _ if place < first + linear.modes => (self.modal_bodies().iter())
+                .find(|body| body.range().contains(&(place - first)))
+                .map_or("a mode", |body| body.name()),
+            _ => self
+                .elastic_joints()
+                .get(place - first - linear.modes)
+                .map_or("a wheel", |joint| joint.joint.as_str()),
+        };
+        part.to_owned()
+    }
+}
+
+impl Tableau {
+    /// Largest `ω h` of an undamped vibration that the method does not amplify by more than 1e-6 a step.
+    pub fn stability_limit(&self) -> f64 {
+        const INCREMENT: f64 = 0.005;
+        let mut steps = 1.0;
+        let vibration = |wh: f64| self.amplification(Complex::new(0.0, wh));
+        while vibration(steps * INCREMENT) <= 1.0 + 1e-6 && steps < 1e4 {
+            steps += 1.0;
+        }
+        (steps - 1.0) * INCREMENT
+    }
+
+    /// Largest `a h` of a decay `y' = -a y` that the method does not amplify.
+    pub fn decay_limit(&self) -> f64 {
+        const INCREMENT: f64 = 0.005;
+        let mut steps = 1.0;
+        let decay = |ah: f64| self.amplification(Complex::new(-ah, 0.0));
+        while decay(steps * INCREMENT) <= 1.0 && steps < 1e4 {
+            steps += 1.0;
+        }
+        (steps - 1.0) * INCREMENT
+    }
+
+    /// Magnitude of a step's result for `y' = λ y`, `y = 1`, at `λ h = z`.
+    fn amplification(&self, z: Complex<f64>) -> f64 {
+        let mut slopes: Vec<Complex<f64>> = Vec::with_capacity(self.c.len());
+        for row in self.a {
+            let sum: Complex<f64> = row.iter().zip(&slopes).map(|(a, k)| k * *a).sum();
+            slopes.push(z * (sum + 1.0));
+        }
+        let sum: Complex<f64> = self.b.iter().zip(&slopes).map(|(b, k)| k * *b).sum();
+        (sum + 1.0).norm()
+    }
+}
+
+impl FlexibleWorkspace {
+    /// Generalized momenta (mass matrix times rates) of base (translation, then rotation, base axes), joints, modes, motors and
+    /// wheels, at the twists of the last [`Self::propagate_motion`].
+    fn momenta(&self, state: &FlexibleState) -> DVector<f64> {
+        let (joints, modes) = (self.system.model().dof(), self.system.modes());
+        let mut momenta = DVector::zeros(6 + joints + self.system.extras());
+        let compiled = self.system.compiled();
+        let extras = 6 + joints;
+        let mut carried = vec![Wrench::ZERO; self.nodes.len()];
+        let mut at_section = vec![Wrench::ZERO; self.modal.len()];
+        for b in (0..self.nodes.len()).rev() {
+            let (body, node) = (&compiled.bodies[b], &self.nodes[b]);
+            let V = node.V;
+            let rigid = Composite {
+                mass: body.mass,
+                S: body.S,
+                J: body.J,
+            };
+            carried[b] += rigid.momentum(&V);
+            for i in &body.rotors {
+                let rotor = &compiled.rotors[*i];
+                let speed = self.rotor_speed(state, rotor);
+                carried[b].torque += rotor.axis * (rotor.inertia * speed);
+                momenta[extras + modes + rotor.coordinate] =
+                    rotor.ratio * rotor.inertia * (speed + rotor.axis.dot(&V.angular));
+            }
+            for i in &body.modal_bodies {
+                let (modal, of_system) = (&self.modal[*i], &self.system.modal_bodies()[*i]);
+                let shape = &modal.shape;
+                let rigid = Composite {
+                    mass: of_system.integrals.mass,
+                    S: shape.S,
+                    J: shape.J,
+                };
+                carried[b] += rigid.momentum(&V);
+                carried[b].force += shape.S_dot;
+                carried[b].torque += shape.h;
+                let rates = &state.mu_dot()[of_system.range()];
+                for k in 0..of_system.modes() {
+                    let own: f64 = (rates.iter().enumerate())
+                        .map(|(l, rate)| shape.mass[(k, l)] * rate)
+                        .sum();
+                    momenta[extras + of_system.offset + k] =
+                        own + shape.S_k[k].dot(&V.linear) + shape.H_k[k].dot(&V.angular);
+                }
+                if let Some(section) = &modal.section {
+                    let turned = wrench_in_parent(
+                        &at_section[*i],
+                        &section.R_BE,
+                        &nalgebra::Vector3::zeros(),
+                    );
+                    for (k, column) in section.columns.iter().enumerate() {
+                        momenta[extras + of_system.offset + k] += column.dot(&turned);
+                    }
+                    carried[b] += turned.shifted(&section.p_BE);
+                }
+            }
+            if b > 0 {
+                momenta[6 + b - 1] = body.along_axis(&carried[b]);
+                let of_child = wrench_in_parent(&carried[b], &node.R, &node.p);
+                match compiled.bodies[body.parent].link {
+                    Some(link) => at_section[link] += of_child,
+                    None => carried[body.parent] += of_child,
+                }
+            }
+        }
+        let Wrench { torque, force } = carried[0];
+        for i in 0..3 {
+            (momenta[i], momenta[3 + i]) = (force[i], torque[i]);
+        }
+        for (e, joint) in self.system.elastic_joints().iter().enumerate() {
+            if joint.rotor == RotorModel::Reduced {
+                momenta[extras + modes + e] = joint.reflected_inertia() * state.xd[modes + e];
+            }
+        }
+        momenta
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // RK4: 2 sqrt 2 on the imaginary axis, from |1 + z + z²/2 + z³/6 + z⁴/24|² = 1 - y⁶/72 + y⁸/576.
+    #[test]
+    fn the_stability_limit_of_the_classical_method_is_known() {
+        let limit = Tableau::RK4.stability_limit();
+        assert!((limit - 8.0_f64.sqrt()).abs() < 0.006, "{limit}");
+        // The method of order 8 has 12 stages and a longer interval.
+        let limit = Tableau::DOP8.stability_limit();
+        assert!(limit > 2.0 && limit < 12.0, "{limit}");
+        // The negative root of 1 + z/2 + z²/6 + z³/24.
+        let limit = Tableau::RK4.decay_limit();
+        assert!((limit - 2.785_293_563).abs() < 0.006, "{limit}");
+    }
+}

@@ -1,0 +1,249 @@
+//! State of a robot with flexible parts.
+
+use nalgebra::{DVector, Vector3};
+
+use super::FlexibleSystem;
+use crate::dynamics::{Dissipated, Input, Momentum, State};
+use crate::spatial::Wrench;
+
+/// State of a [`FlexibleSystem`].
+///
+/// `tree` has joints, attitude, centre of mass and momentum. These are of the whole system: the momentum includes that of modal
+/// rates, motor rotors and wheels, so that internal motion never changes it. In `tree.work` is the work of joint
+/// efforts (at the motors of elastic joints), springs and dampers of the description, wheel motors, external wrenches and
+/// thrusters. Kinetic plus strain energy is `work - losses().total()`, up to a constant.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FlexibleState {
+    /// Joints, base attitude, centre of mass, momentum of the whole system, work.
+    pub tree: State,
+    /// Modal coordinates, motor angles of elastic joints, wheel angles.
+    pub(super) x: DVector<f64>,
+    /// Their rates.
+    pub(super) xd: DVector<f64>,
+    pub(super) losses: Losses,
+    /// For each thruster, how much longer it stays on \[s\].
+    pub(super) on_time: Vec<f64>,
+    /// For each thruster, the impulse that it has given \[N s\].
+    pub(super) impulse: Vec<f64>,
+    modes: usize,
+    motors: usize,
+}
+
+/// Energy that damping has dissipated since the start, by cause \[J\].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct Losses {
+    /// By modal damping.
+    pub modal_damping: f64,
+    /// By the damping of elastic joints.
+    pub elastic_joints: f64,
+    /// By the bearings of wheels.
+    pub wheel_friction: f64,
+}
+
+impl Losses {
+    /// All of it \[J\].
+    pub fn total(&self) -> f64 {
+        self.modal_damping + self.elastic_joints + self.wheel_friction
+    }
+
+    pub(super) fn add_scaled(&mut self, rate: &Self, k: f64) {
+        self.modal_damping += rate.modal_damping * k;
+        self.elastic_joints += rate.elastic_joints * k;
+        self.wheel_friction += rate.wheel_friction * k;
+    }
+}
+
+impl FlexibleState {
+    /// At rest and undeformed at joint positions `q`, the base frame at the world's origin with its axes.
+    ///
+    /// # Panics
+    /// If `q` does not have one element per joint.
+    pub fn at_rest_with(system: &FlexibleSystem, q: &DVector<f64>) -> Self {
+        assert_eq!(
+            q.len(),
+            system.model().dof(),
+            "q must have one element per joint"
+        );
+        let modes = system.modes();
+        let motors = system.elastic_joints().len();
+        let n = system.extras();
+        let thrusters = system.thrusters().len();
+        let mut state = Self {
+            tree: State {
+                time: 0.0,
+                R_WB: nalgebra::UnitQuaternion::identity(),
+                p_WC: Vector3::zeros(),
+                momentum_W: Momentum::default(),
+                q: q.clone(),
+                qd: DVector::zeros(q.len()),
+                work: 0.0,
+                dissipated: Dissipated::default(),
+            },
+            x: DVector::zeros(n),
+            xd: DVector::zeros(n),
+            losses: Losses::default(),
+            on_time: vec![0.0; thrusters],
+            impulse: vec![0.0; thrusters],
+            modes,
+            motors,
+        };
+        for (e, j) in system.compiled().joint_of.iter().enumerate() {
+            state.x[modes + e] = q[*j];
+        }
+        let mut workspace = super::FlexibleWorkspace::new(system);
+        workspace.set_positions(&state);
+        state.tree.p_WC = *workspace.p_BC();
+        state
+    }
+
+    /// [`FlexibleState::at_rest_with`] all joints at zero.
+    pub fn at_rest(system: &FlexibleSystem) -> Self {
+        Self::at_rest_with(system, &DVector::zeros(system.model().dof()))
+    }
+
+    /// Modal coordinates μ \[kg^1/2 m for mass-normalised modes\], in the order of [`FlexibleSystem::modal_bodies`].
+    pub fn mu(&self) -> &[f64] {
+        &self.x.as_slice()[..self.modes]
+    }
+
+    /// The same, to be changed. [`FlexibleState::set_base`] then moves the base to where it was.
+    pub fn mu_mut(&mut self) -> &mut [f64] {
+        &mut self.x.as_mut_slice()[..self.modes]
+    }
+
+    /// Modal rates.
+    pub fn mu_dot(&self) -> &[f64] {
+        &self.xd.as_slice()[..self.modes]
+    }
+
+    /// The same, to be changed.
+    pub fn mu_dot_mut(&mut self) -> &mut [f64] {
+        &mut self.xd.as_mut_slice()[..self.modes]
+    }
+
+    /// Motor angles of the elastic joints on the output side \[rad\], in the order of [`FlexibleSystem::elastic_joints`].
+    pub fn motor_angles(&self) -> &[f64] {
+        &self.x.as_slice()[self.modes..self.modes + self.motors]
+    }
+
+    /// The same, to be changed.
+    pub fn motor_angles_mut(&mut self) -> &mut [f64] {
+        &mut self.x.as_mut_slice()[self.modes..self.modes + self.motors]
+    }
+
+    /// Motor rates \[rad/s\], on the output side.
+    pub fn motor_rates(&self) -> &[f64] {
+        &self.xd.as_slice()[self.modes..self.modes + self.motors]
+    }
+
+    /// The same, to be changed.
+    pub fn motor_rates_mut(&mut self) -> &mut [f64] {
+        &mut self.xd.as_mut_slice()[self.modes..self.modes + self.motors]
+    }
+
+    /// Angles of the wheels relative to their bodies since the start \[rad\].
+    pub fn wheel_angles(&self) -> &[f64] {
+        &self.x.as_slice()[self.modes + self.motors..]
+    }
+
+    /// Speeds of the wheels relative to their bodies \[rad/s\].
+    pub fn wheel_speeds(&self) -> &[f64] {
+        &self.xd.as_slice()[self.modes + self.motors..]
+    }
+
+    /// The same, to be changed.
+    pub fn wheel_speeds_mut(&mut self) -> &mut [f64] {
+        &mut self.xd.as_mut_slice()[self.modes + self.motors..]
+    }
+
+    /// Energy that damping has dissipated.
+    pub fn losses(&self) -> &Losses {
+        &self.losses
+    }
+
+    /// How much longer each thruster stays on \[s\].
+    pub fn on_times(&self) -> &[f64] {
+        &self.on_time
+    }
+
+    /// Impulse that each thruster has given since the start \[N s\]: the propellant used is this over exhaust speed.
+    pub fn thruster_impulses(&self) -> &[f64] {
+        &self.impulse
+    }
+
+    /// Opens the valve of thruster `i` for `duration` \[s\] from now, or for its shortest on-time if that is longer. It
+    /// replaces an earlier command; a duration of zero or less closes the valve at once.
+    ///
+    /// # Panics
+    /// If there are fewer thrusters.
+    pub fn fire(&mut self, system: &FlexibleSystem, i: usize, duration: f64) {
+        let thruster = &system.thrusters()[i];
+        self.on_time[i] = if duration > 0.0 {
+            duration.max(thruster.min_on_time)
+        } else {
+            0.0
+        };
+    }
+
+    /// Copies `other`'s values without allocating.
+    ///
+    /// # Panics
+    /// If the two are not of one system.
+    pub fn copy_from(&mut self, other: &Self) {
+        self.tree.copy_from(&other.tree);
+        self.x.copy_from(&other.x);
+        self.xd.copy_from(&other.xd);
+        self.losses = other.losses;
+        self.on_time.copy_from_slice(&other.on_time);
+        self.impulse.copy_from_slice(&other.impulse);
+    }
+
+    /// Whether all numbers of the state are finite.
+    pub fn is_finite(&self) -> bool {
+        self.tree.is_finite()
+            && self.losses.total().is_finite()
+            && self.x.iter().chain(&self.xd).all(|x| x.is_finite())
+            && self.on_time.iter().all(|x| x.is_finite())
+    }
+
+    pub(super) fn fits(&self, system: &FlexibleSystem) -> bool {
+        self.tree.q.len() == system.model().dof()
+            && self.tree.qd.len() == system.model().dof()
+            && self.modes == system.modes()
+            && self.motors == system.elastic_joints().len()
+            && self.x.len() == system.extras()
+            && self.on_time.len() == system.thrusters().len()
+    }
+}
+
+/// What acts on a robot with flexible parts.
+#[derive(Clone, Debug, PartialEq)]
+pub struct FlexibleInput {
+    /// Joint efforts (of elastic joints: of the motor, on the output side) and external wrenches.
+    pub tree: Input,
+    /// Torques commanded to the wheels' motors \[N m\], before their limits.
+    pub wheel_torques: DVector<f64>,
+}
+
+impl FlexibleInput {
+    /// Nothing acts.
+    pub fn zero(system: &FlexibleSystem) -> Self {
+        Self {
+            tree: Input::zero(system.model()),
+            wheel_torques: DVector::zeros(system.wheels().len()),
+        }
+    }
+
+    /// Copies `other`'s values without allocating.
+    ///
+    /// # Panics
+    /// If the two are not of one system.
+    pub fn copy_from(&mut self, other: &Self) {
+        self.tree.copy_from(&other.tree);
+        self.wheel_torques.copy_from(&other.wheel_torques);
+    }
+
+    pub(super) fn has_wrench(&self) -> bool {
+        Wrench::any(&self.tree.wrenches)
+    }
+}

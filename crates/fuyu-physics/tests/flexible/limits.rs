@@ -1,0 +1,196 @@
+//! Warnings where first order does not suffice, and steps that are too long.
+
+use fuyu_physics::dynamics::IntegrationMethod;
+use fuyu_physics::dynamics::flexible::{
+    ElasticJoint, FirstOrderQuantity, FlexibleError, FlexibleInput, FlexibleIntegrator,
+    FlexibleState, FlexibleSystem, FlexibleWorkspace, RotorModel,
+};
+use fuyu_physics::spatial::{Pose, Twist};
+use fuyu_structures::ElasticLink;
+use nalgebra::{DVector, Vector3};
+
+use crate::support::{panel, servicer, servicer_with_panels, with_panels};
+
+/// The warning at an angular velocity and a modal coordinate b1 of the first panel.
+fn warning(system: &FlexibleSystem, w: f64, mu: f64) -> Option<(FirstOrderQuantity, String)> {
+    let mut state = FlexibleState::at_rest(system);
+    state.mu_mut()[0] = mu;
+    let mut workspace = FlexibleWorkspace::new(system);
+    let V = Twist::new(Vector3::y() * w, Vector3::zeros());
+    state.set_base(&mut workspace, &Pose::identity(), &V);
+    workspace.set_state(&state);
+    let excess = workspace.first_order_excess(&state)?;
+    Some((excess.quantity, excess.to_string()))
+}
+
+// The first frequency is 1.2284 rad/s, the tip 8 m from the root; b1 moves the tip by .2887 m per unit.
+#[test]
+fn motion_beyond_first_order_is_reported() {
+    let system = servicer_with_panels(0.0);
+    assert_eq!(warning(&system, 0.12, 0.8), None);
+    let (quantity, text) = warning(&system, 0.13, 0.0).unwrap();
+    assert_eq!(quantity, FirstOrderQuantity::Rate);
+    assert_eq!(
+        text,
+        "solar_plus turns at 0.1300 rad/s; first-order modes suffice up to 0.1228 rad/s: set second_order"
+    );
+    let (quantity, text) = warning(&system, 0.0, 0.9).unwrap();
+    assert_eq!(quantity, FirstOrderQuantity::Deflection);
+    assert!(
+        text.starts_with("solar_plus is deflected by 0.2598 m; "),
+        "{text}"
+    );
+    let second = with_panels(&servicer(), &panel(true), 0.0).build().unwrap();
+    assert_eq!(warning(&second, 0.5, 2.0), None);
+}
+
+// Just below the limit the run stays bounded, just above it diverges: the limit is that of the method.
+#[test]
+fn steps_above_the_stability_limit_are_found() {
+    let model = servicer();
+    let joint = ElasticJoint {
+        joint: "joint5".to_owned(),
+        stiffness: 3e4,
+        damping: 0.0,
+        rotor_inertia: 5e-5,
+        gear_ratio: 160.0,
+        rotor: RotorModel::Full,
+    };
+    let system = FlexibleSystem::builder(&model)
+        .elastic_joint(joint)
+        .build()
+        .unwrap();
+    let q = DVector::zeros(6);
+    for method in [IntegrationMethod::Rk4, IntegrationMethod::Dop8] {
+        let error = system.check_step(&q, method, 10.0).unwrap_err();
+        let FlexibleError::Unstable {
+            limit,
+            part,
+            frequency_hz,
+            ..
+        } = &error
+        else {
+            panic!("{error}")
+        };
+        assert_eq!(part, "joint5");
+        println!("{method:?}: {frequency_hz} Hz, limit {limit} s; {error}");
+        system.check_step(&q, method, 0.99 * limit).unwrap();
+        let run = |step: f64| {
+            let mut state = FlexibleState::at_rest(&system);
+            state.motor_angles_mut()[0] = 1e-3;
+            let mut workspace = FlexibleWorkspace::new(&system);
+            let mut integrator = FlexibleIntegrator::new(&system, method);
+            let mut free = |_: f64, _: &FlexibleState, _: &mut FlexibleInput| {};
+            let mut largest = 0.0_f64;
+            for _ in 0..1000 {
+                integrator.step(&mut state, &mut workspace, step, &mut free);
+                let wind_up = (state.motor_angles()[0] - state.tree.q[4]).abs();
+                largest = if wind_up.is_finite() {
+                    largest.max(wind_up)
+                } else {
+                    f64::INFINITY
+                };
+            }
+            largest
+        };
+        let (below, above) = (run(0.99 * limit), run(1.06 * limit));
+        assert!(
+            below < 2e-3 && above > 1.0,
+            "{method:?}: {below:e} {above:e}"
+        );
+    }
+}
+
+#[test]
+fn impossible_parts_are_rejected_with_the_reason() {
+    let model = servicer();
+    let joint = |name: &str, stiffness: f64| ElasticJoint {
+        joint: name.to_owned(),
+        stiffness,
+        damping: 0.0,
+        rotor_inertia: 1e-4,
+        gear_ratio: 100.0,
+        rotor: RotorModel::Full,
+    };
+    let build = |joint: ElasticJoint| FlexibleSystem::builder(&model).elastic_joint(joint).build();
+    let message = |joint| build(joint).unwrap_err().to_string();
+    assert_eq!(
+        message(joint("joint2", -5.0)),
+        "joint joint2, stiffness [N m/rad] is -5; it must be positive"
+    );
+    assert!(
+        message(joint("elbow", 5.0))
+            .starts_with("joint elbow: is not a joint of the robot; it must be one of joint1")
+    );
+    let link = ElasticLink {
+        length: 2.5,
+        mass_per_length: 20.0,
+        EI: [2e5, 2e5],
+        radius_of_gyration: 0.07,
+        fixed_interface_modes: 0,
+        elements: 8,
+        damping_time: 0.0,
+        second_order: false,
+    };
+    let body = link.appendage("arm").unwrap();
+    let builder = FlexibleSystem::builder(&model);
+    let on = |link: &str, section| {
+        let builder = builder.clone();
+        builder.elastic_link(link, Pose::identity(), body.clone(), section)
+    };
+    let message = |builder: fuyu_physics::dynamics::flexible::FlexibleBuilder| {
+        builder.build().unwrap_err().to_string()
+    };
+    assert_eq!(
+        message(on("link2", 7)),
+        "arm: output point 7 does not exist; it has 1"
+    );
+    assert!(message(on("hand", 0)).starts_with("arm: link hand is not moved by a joint"));
+    let full = on("link2", 0).elastic_joint(joint("joint3", 5.0));
+    assert!(message(full).ends_with("use the reduced one"));
+    let mut broken = panel(false);
+    broken.modal_stiffness[(0, 0)] = -1.0;
+    assert!(message(with_panels(&model, &broken, 0.0)).contains("positive definite"));
+}
+
+// A damper of 1e5 N m s/rad on a light wrist decays far faster than a step of 5 ms can follow. Without the check the run diverges within a few steps.
+#[test]
+fn dampers_above_the_stability_limit_are_found() {
+    let model = servicer();
+    let with = |damping: f64| {
+        let joint = ElasticJoint {
+            joint: "joint6".to_owned(),
+            stiffness: 50.0,
+            damping,
+            rotor_inertia: 1e-4,
+            gear_ratio: 100.0,
+            rotor: RotorModel::Reduced,
+        };
+        let builder = FlexibleSystem::builder(&model).elastic_joint(joint);
+        builder.build().unwrap()
+    };
+    let q = DVector::zeros(6);
+    with(0.01)
+        .check_step(&q, IntegrationMethod::Rk4, 0.002)
+        .unwrap();
+    let system = with(1e5);
+    let error = system
+        .check_step(&q, IntegrationMethod::Rk4, 0.002)
+        .unwrap_err();
+    let FlexibleError::StiffDamping { part, limit, .. } = &error else {
+        panic!("{error}")
+    };
+    assert_eq!(part, "joint6");
+    assert!(error.to_string().contains("for the damping of joint6"));
+    // The limit is the true one: free motion decays below it and grows above.
+    let grows = |step: f64| {
+        let mut state = FlexibleState::at_rest_with(&system, &q);
+        state.motor_rates_mut()[0] = 1e-6;
+        let mut workspace = FlexibleWorkspace::new(&system);
+        let mut integrator = FlexibleIntegrator::new(&system, IntegrationMethod::Rk4);
+        let mut free = |_: f64, _: &FlexibleState, _: &mut FlexibleInput| {};
+        integrator.steps(&mut state, &mut workspace, step, 200, &mut free);
+        !(state.motor_rates()[0].abs() < 1e-6)
+    };
+    assert!(!grows(0.97 * limit) && grows(1.05 * limit), "{error}");
+}
