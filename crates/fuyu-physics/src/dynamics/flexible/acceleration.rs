@@ -5,11 +5,14 @@
 //! coupling P (n x 6) have `M μ'' + P A + bias = -K μ - C μ'`; what they leave for the body is the inertia less `Pᵀ M⁻¹ P` (Kida 1993, chapter 2,
 //! which eliminates the rigid body instead).
 
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
-use super::composite::{Articulated, Composite, wrench_in_parent};
-use super::workspace::{ModalNode, Node};
-use super::{FlexibleInput, FlexibleState, FlexibleWorkspace, Losses, ModalBody, RotorModel};
+use super::composite::Articulated;
+use super::section::Section;
+use super::workspace::{ModalNode, Node, quadratic};
+use super::{
+    FlexibleInput, FlexibleState, FlexibleSystem, FlexibleWorkspace, Losses, ModalBody, RotorModel,
+};
 use crate::dynamics::Evaluation;
 use crate::spatial::{Twist, Wrench};
 
@@ -29,7 +32,7 @@ pub(super) struct FlexibleEvaluation {
 }
 
 impl FlexibleEvaluation {
-    pub fn zero(system: &super::FlexibleSystem) -> Self {
+    pub fn zero(system: &FlexibleSystem) -> Self {
         let rotors = system.extras() - system.modes();
         Self {
             tree: Evaluation::zero(system.model()),
@@ -44,7 +47,7 @@ impl FlexibleEvaluation {
     /// act from `start_speeds` on, for the limit of their speeds.
     pub fn set_rotor_torques(
         &mut self,
-        system: &super::FlexibleSystem,
+        system: &FlexibleSystem,
         state: &FlexibleState,
         input: &FlexibleInput,
         (hold, start_speeds): (f64, &[f64]),
@@ -76,10 +79,19 @@ impl FlexibleEvaluation {
         }
     }
 
+    /// Accelerations of the motors of reduced joints, which follow from torques alone.
+    pub fn set_reduced_motors(&mut self, system: &FlexibleSystem) {
+        for (e, joint) in system.elastic_joints().iter().enumerate() {
+            if joint.rotor == RotorModel::Reduced {
+                self.xdd[system.modes() + e] = self.rotor_torques[e] / joint.reflected_inertia();
+            }
+        }
+    }
+
     /// Effort on joint `j` from actuator (or elastic motor), spring and damper, and the power of those of the tree.
     pub(super) fn joint_effort(
         &mut self,
-        system: &super::FlexibleSystem,
+        system: &FlexibleSystem,
         state: &FlexibleState,
         input: &FlexibleInput,
         j: usize,
@@ -123,8 +135,7 @@ impl FlexibleWorkspace {
         out.losses.modal_damping = 0.0;
         for body in self.system.modal_bodies() {
             let rates = &state.mu_dot()[body.range()];
-            out.losses.modal_damping +=
-                super::workspace::quadratic(&body.appendage.modal_damping, rates);
+            out.losses.modal_damping += quadratic(&body.appendage.modal_damping, rates);
         }
     }
 
@@ -151,7 +162,7 @@ impl FlexibleWorkspace {
         }
         for node in &self.nodes {
             if node.external != Wrench::ZERO {
-                self.external += wrench_in_parent(&node.external, &node.R_0, &node.p_0);
+                self.external += node.external.shifted_to_parent(&node.X_0);
                 self.external_power += node.V.dot(&node.external);
             }
         }
@@ -167,36 +178,33 @@ impl FlexibleWorkspace {
             system,
             nodes,
             modal,
+            sections,
             ..
         } = self;
         let compiled = system.compiled();
         for node in nodes.iter_mut() {
             (node.inertia, node.force) = (Articulated::zero(), Wrench::ZERO);
         }
-        for section in modal.iter_mut().filter_map(|m| m.section.as_deref_mut()) {
+        for section in sections.iter_mut() {
             (section.inertia, section.force) = (Articulated::zero(), Wrench::ZERO);
         }
         for b in (0..nodes.len()).rev() {
             let body = &compiled.bodies[b];
             let node = &mut nodes[b];
             let w = node.V.angular;
-            node.inertia.add(&Articulated::of(&Composite {
-                mass: body.mass,
-                S: body.S,
-                J: body.J,
-            }));
-            node.force.torque += w.cross(&(body.J * w)) - node.external.torque;
-            node.force.force += w.cross(&w.cross(&body.S)) - node.external.force;
+            node.inertia.add(&Articulated::of(&body.rigid));
+            let turning = Twist::new(w, Vector3::zeros());
+            node.force += turning.cross_force(&body.rigid.momentum(&turning)) - node.external;
             for i in &body.rotors {
                 let rotor = &compiled.rotors[*i];
-                let spin = state.xd[system.modes() + rotor.coordinate] * rotor.ratio;
                 let torque = out.rotor_torques[rotor.coordinate] / rotor.ratio;
                 node.inertia.J -= rotor.axis * rotor.axis.transpose() * rotor.inertia;
-                let momentum = rotor.axis * (rotor.inertia * spin);
-                node.force.torque += w.cross(&momentum) + rotor.axis * torque;
+                node.force.torque += w.cross(&rotor.momentum(state)) + rotor.axis * torque;
             }
             for i in &body.modal_bodies {
-                eliminate_modes(node, &mut modal[*i], &system.modal_bodies()[*i], state);
+                let section = body.section.map(|s| &sections[s]);
+                let of_system = &system.modal_bodies()[*i];
+                eliminate_modes(node, &mut modal[*i], section, of_system, state);
             }
             if b == 0 {
                 break;
@@ -209,13 +217,13 @@ impl FlexibleWorkspace {
             let mut inertia = node.inertia;
             inertia.subtract(&node.U, &(node.U * node.d_inverse));
             let force = node.force + inertia.times(&node.bias) + node.U * node.free;
-            let inertia = inertia.in_parent(&node.R, &node.p);
-            let force = wrench_in_parent(&force, &node.R, &node.p);
-            let (into, into_force) = match compiled.bodies[body.parent].link {
-                Some(link) => match &mut modal[link].section {
-                    Some(section) => (&mut section.inertia, &mut section.force),
-                    None => continue,
-                },
+            let inertia = inertia.in_parent(&node.X);
+            let force = force.shifted_to_parent(&node.X);
+            let (into, into_force) = match compiled.carrier(b) {
+                Some(s) => {
+                    let section = &mut sections[s];
+                    (&mut section.inertia, &mut section.force)
+                }
                 None => {
                     let parent = &mut nodes[body.parent];
                     (&mut parent.inertia, &mut parent.force)
@@ -231,6 +239,7 @@ impl FlexibleWorkspace {
             system,
             nodes,
             modal,
+            sections,
             ..
         } = self;
         let compiled = system.compiled();
@@ -240,19 +249,15 @@ impl FlexibleWorkspace {
             let body = &compiled.bodies[b];
             if b > 0 {
                 let parent = nodes[body.parent].A;
-                let A = match compiled.bodies[body.parent].link {
-                    Some(link) => match &modal[link].section {
-                        Some(section) => section.acceleration(&parent, &modal[link].free),
-                        None => parent,
-                    },
+                let A = match compiled.carrier(b) {
+                    Some(s) => {
+                        let section = &sections[s];
+                        section.acceleration(&parent, &modal[section.modal_body].free)
+                    }
                     None => parent,
                 };
                 let node = &mut nodes[b];
-                let mut A = Twist {
-                    angular: node.R.tr_mul(&A.angular) + node.bias.angular,
-                    linear: node.R.tr_mul(&(A.linear + A.angular.cross(&node.p)))
-                        + node.bias.linear,
-                };
+                let mut A = A.shifted_to_child(&node.X) + node.bias;
                 let qdd = node.free - A.dot(&node.U) * node.d_inverse;
                 A += body.joint_twist(qdd);
                 node.A = A;
@@ -270,17 +275,12 @@ impl FlexibleWorkspace {
                 }
             }
         }
-        let modes = system.modes();
-        for (e, joint) in system.elastic_joints().iter().enumerate() {
-            if joint.rotor == RotorModel::Reduced {
-                out.xdd[modes + e] = out.rotor_torques[e] / joint.reflected_inertia();
-            }
-        }
+        out.set_reduced_motors(system);
         for rotor in &compiled.rotors {
-            let i = rotor.coordinate;
-            let relative = out.rotor_torques[i] / (rotor.inertia * rotor.ratio)
-                - rotor.axis.dot(&nodes[rotor.body].A.angular);
-            out.xdd[modes + i] = relative / rotor.ratio;
+            let along = rotor.axis.dot(&nodes[rotor.body].A.angular);
+            let torque = out.rotor_torques[rotor.coordinate];
+            let acceleration = torque / (rotor.inertia * rotor.ratio) - along;
+            out.xdd[system.modes() + rotor.coordinate] = acceleration / rotor.ratio;
         }
     }
 }
@@ -289,6 +289,7 @@ impl FlexibleWorkspace {
 fn eliminate_modes(
     node: &mut Node,
     modal: &mut ModalNode,
+    section: Option<&Section>,
     body: &ModalBody,
     state: &FlexibleState,
 ) {
@@ -296,29 +297,20 @@ fn eliminate_modes(
     let (mu, mu_dot) = (&state.mu()[body.range()], &state.mu_dot()[body.range()]);
     let ModalNode {
         shape,
-        section,
         factor,
         coupling,
         solved,
         free,
     } = modal;
     shape.set_bias(body, mu, mu_dot, &node.V.angular);
-    node.inertia.add(&Articulated::of(&Composite {
-        mass: body.integrals.mass,
-        S: shape.S,
-        J: shape.J,
-    }));
-    node.force.torque += shape.bias_torque;
-    node.force.force += shape.bias_force;
+    node.inertia.add(&Articulated::of(&shape.locked));
+    node.force += shape.bias;
+    coupling.copy_from_slice(&shape.coupling);
     let (K, C) = (
         &body.appendage.modal_stiffness,
         &body.appendage.modal_damping,
     );
     for k in 0..n {
-        coupling[k] = Wrench {
-            torque: shape.H_k[k],
-            force: shape.S_k[k],
-        };
         let mut force = -shape.bias_modes[k];
         for l in 0..n {
             force -= K[(k, l)] * mu[l] + C[(k, l)] * mu_dot[l];
@@ -329,22 +321,18 @@ fn eliminate_modes(
         free[k] = force;
     }
     if let Some(section) = section {
-        // What is carried, about the section's origin, in axes of B.
-        let inertia = section.inertia.in_parent(&section.R_BE, &Vector3::zeros());
-        let mut carried = wrench_in_parent(&section.force, &section.R_BE, &Vector3::zeros());
-        carried += inertia.times(&section.bias);
+        let carried = section.force + section.inertia.times(&section.bias);
         for k in 0..n {
             let column = &section.columns[k];
-            let moving = inertia.times(column);
-            coupling[k] += wrench_in_parent(&moving, &Matrix3::identity(), &section.p_BE);
+            let moving = section.inertia.times(column);
+            coupling[k] += moving.shifted_to_parent(&section.X_BE);
             free[k] -= column.dot(&carried);
             for l in 0..=k {
                 factor[k * n + l] += section.columns[l].dot(&moving);
             }
         }
-        let at_origin = inertia.in_parent(&Matrix3::identity(), &section.p_BE);
-        node.inertia.add(&at_origin);
-        node.force += wrench_in_parent(&carried, &Matrix3::identity(), &section.p_BE);
+        node.inertia.add(&section.inertia.in_parent(&section.X_BE));
+        node.force += carried.shifted_to_parent(&section.X_BE);
     }
     solved.copy_from_slice(coupling);
     factorize(factor, n);

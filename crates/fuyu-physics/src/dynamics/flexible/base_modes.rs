@@ -4,17 +4,16 @@
 //! their sums there: to inertia and momentum before the base's angular velocity is solved, and to the articulated inertia before its acceleration is. The
 //! numbers are the same as those of the general equations (`acceleration.rs`) up to rounding.
 
-use nalgebra::Vector3;
 use pulp::{Simd, WithSimd};
 
 use super::acceleration::FlexibleEvaluation;
-use super::{FlexibleInput, FlexibleState, FlexibleSystem, ModalBody, RotorModel};
+use super::{FlexibleInput, FlexibleState, FlexibleSystem, Losses, ModalBody};
 use crate::dynamics::kernel::{
     ArticulatedInertia, Mat3, SpatialForce, SpatialMotion, Sym3, Vec3, articulated_tree,
     propagate_acceleration, whole_tree,
 };
 use crate::dynamics::scratch_memory::DynamicsScratch;
-use crate::spatial::Twist;
+use crate::spatial::{Twist, Wrench};
 
 /// Entries below this, relative to the largest of their kind, are rounding of a change of axes.
 const ROUNDING: f64 = 1e-13;
@@ -114,7 +113,7 @@ impl BaseModes {
         if has_rotors {
             out.set_rotor_torques(&self.system, state, input, limits);
         } else {
-            (out.tree.power, out.losses) = (0.0, super::Losses::default());
+            (out.tree.power, out.losses) = (0.0, Losses::default());
         }
         let arch = self.scratch.arch;
         arch.dispatch(Evaluation {
@@ -123,14 +122,7 @@ impl BaseModes {
             input,
             out,
         });
-        if has_rotors {
-            let modes = self.system.modes();
-            for (e, joint) in self.system.elastic_joints().iter().enumerate() {
-                if joint.rotor == RotorModel::Reduced {
-                    out.xdd[modes + e] = out.rotor_torques[e] / joint.reflected_inertia();
-                }
-            }
-        }
+        out.set_reduced_motors(&self.system);
     }
 }
 
@@ -172,7 +164,7 @@ fn uncoupled_modes(body: &ModalBody) -> Option<Vec<Mode>> {
     };
     let mut modes: Vec<Mode> = (0..n)
         .map(|k| Mode {
-            coupling: pair(&i.S_k[k], &i.H_k[k]),
+            coupling: pair(&i.coupling[k]),
             dJ: lanes(&i.dJ[k]),
             ddJ: [0.0; 8],
             stiffness: appendage.modal_stiffness[(k, k)],
@@ -190,10 +182,9 @@ fn uncoupled_modes(body: &ModalBody) -> Option<Vec<Mode>> {
     Some(modes)
 }
 
-fn pair(force: &Vector3<f64>, torque: &Vector3<f64>) -> Lanes {
-    [
-        force.x, force.y, force.z, 0.0, torque.x, torque.y, torque.z, 0.0,
-    ]
+fn pair(wrench: &Wrench) -> Lanes {
+    let ([x, y, z], [a, b, c]) = (wrench.force.into(), wrench.torque.into());
+    [x, y, z, 0.0, a, b, c, 0.0]
 }
 
 /// `Σ Pᵀ P / m` of the modes and `Σ J a aᵀ` of the rotors.
@@ -344,8 +335,8 @@ impl WithSimd for Evaluation<'_> {
         }
 
         let mut whole = whole_tree(tree, links, subtrees);
-        whole.first_moment = whole.first_moment + S;
-        whole.inertia = whole.inertia + J;
+        whole.subtree.first_moment = whole.subtree.first_moment + S;
+        whole.subtree.inertia = whole.subtree.inertia + J;
         whole.momentum.force = whole.momentum.force + S_dot;
         whole.momentum.torque = whole.momentum.torque + h;
         let m = &state.tree.momentum_W;

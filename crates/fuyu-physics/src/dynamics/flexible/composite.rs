@@ -2,7 +2,7 @@
 
 use nalgebra::{Matrix3, Vector3};
 
-use crate::spatial::{Twist, Wrench};
+use crate::spatial::{Pose, RigidInertia, Twist, Wrench};
 
 /// Mass, first moment and moment of inertia about a frame's origin, in its axes.
 #[derive(Clone, Copy, Debug)]
@@ -27,6 +27,27 @@ impl Composite {
         self.J += o.J;
     }
 
+    /// Moment of inertia about the centre of mass.
+    pub fn about_com(&self) -> Matrix3<f64> {
+        if self.mass == 0.0 {
+            return self.J;
+        }
+        let c = self.S / self.mass;
+        self.J - (Matrix3::identity() * c.norm_squared() - c * c.transpose()) * self.mass
+    }
+
+    /// The same as centre of mass and inertia about it; all zero without mass.
+    pub fn rigid_inertia(&self) -> RigidInertia {
+        if self.mass == 0.0 {
+            return RigidInertia::zero();
+        }
+        RigidInertia {
+            mass: self.mass,
+            com: self.S / self.mass,
+            about_com: self.about_com(),
+        }
+    }
+
     /// Momentum at a twist, about the origin.
     pub fn momentum(&self, V: &Twist) -> Wrench {
         Wrench {
@@ -35,8 +56,9 @@ impl Composite {
         }
     }
 
-    /// In the frame E in which its frame C has the pose `(R, p)`.
-    pub fn in_parent(&self, R: &Matrix3<f64>, p: &Vector3<f64>) -> Self {
+    /// In the frame E in which its frame C has the pose `X_EC`.
+    pub fn in_parent(&self, X_EC: &Pose) -> Self {
+        let (R, p) = (X_EC.rotation.matrix(), &X_EC.translation.vector);
         // With g = S + m p / 2 what the shift adds is 2 (p·g) 1 - p gᵀ - g pᵀ.
         let S = R * self.S;
         let g = S + p * (0.5 * self.mass);
@@ -48,15 +70,6 @@ impl Composite {
                 - shift
                 - shift.transpose(),
         }
-    }
-}
-
-/// A force and its moment about the origin of frame C, in the frame E in which C has the pose `(R, p)`.
-pub(super) fn wrench_in_parent(f: &Wrench, R: &Matrix3<f64>, p: &Vector3<f64>) -> Wrench {
-    let force = R * f.force;
-    Wrench {
-        torque: R * f.torque + p.cross(&force),
-        force,
     }
 }
 
@@ -105,8 +118,9 @@ impl Articulated {
         self.M -= u.force * v.force.transpose();
     }
 
-    /// In the frame E in which its frame C has the pose `(R, p)`.
-    pub fn in_parent(&self, R: &Matrix3<f64>, p: &Vector3<f64>) -> Self {
+    /// In the frame E in which its frame C has the pose `X_EC`.
+    pub fn in_parent(&self, X_EC: &Pose) -> Self {
+        let (R, p) = (X_EC.rotation.matrix(), &X_EC.translation.vector);
         let turned = |m: &Matrix3<f64>| R * m * R.transpose();
         let (J, H, M, X) = (
             turned(&self.J),

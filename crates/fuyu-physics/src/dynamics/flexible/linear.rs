@@ -3,8 +3,7 @@
 use fuyu_structures::{Eigen, StructureError, generalized_eigen};
 use nalgebra::{Complex, DMatrix, DVector};
 
-use super::composite::{Composite, wrench_in_parent};
-use super::{FlexibleError, FlexibleState, FlexibleSystem, FlexibleWorkspace, RotorModel};
+use super::{FlexibleError, FlexibleState, FlexibleSystem, FlexibleWorkspace, RotorModel, Wheel};
 use crate::dynamics::{IntegrationMethod, Tableau};
 use crate::spatial::{Twist, Wrench};
 
@@ -168,14 +167,19 @@ impl FlexibleSystem {
         })
     }
 
-    /// Checks that `method` can follow the fastest decay. No pole decays faster than the largest eigenvalue of `M⁻¹ D`.
+    /// Checks that `method` can follow the fastest decay, of wheels near rest too, where Coulomb friction is steep. No pole decays faster than the largest eigenvalue of `M⁻¹ D`.
     fn check_damping(
         &self,
         linear: &LinearModel,
         method: IntegrationMethod,
         step: f64,
     ) -> Result<(), FlexibleError> {
-        let eigen = generalized_eigen(&linear.damping, &linear.mass)?;
+        let mut damping = linear.damping.clone();
+        let first = damping.nrows() - self.wheels().len();
+        for (i, wheel) in self.wheels().iter().enumerate() {
+            damping[(first + i, first + i)] += wheel.coulomb_friction / Wheel::FRICTION_SPEED;
+        }
+        let eigen = generalized_eigen(&damping, &linear.mass)?;
         let Some(rate) = eigen.values.iter().copied().reduce(f64::max) else {
             return Ok(());
         };
@@ -184,7 +188,7 @@ impl FlexibleSystem {
             return Ok(());
         }
         Err(FlexibleError::StiffDamping {
-            part: self.most_of(linear, &linear.damping, &eigen),
+            part: self.most_of(linear, &damping, &eigen),
             rate,
             step,
             limit,
@@ -259,59 +263,37 @@ impl FlexibleWorkspace {
         let compiled = self.system.compiled();
         let extras = 6 + joints;
         let mut carried = vec![Wrench::ZERO; self.nodes.len()];
-        let mut at_section = vec![Wrench::ZERO; self.modal.len()];
+        let mut at_section = vec![Wrench::ZERO; self.sections.len()];
         for b in (0..self.nodes.len()).rev() {
             let (body, node) = (&compiled.bodies[b], &self.nodes[b]);
-            let V = node.V;
-            let rigid = Composite {
-                mass: body.mass,
-                S: body.S,
-                J: body.J,
-            };
-            carried[b] += rigid.momentum(&V);
+            carried[b] += self.own_momentum(b, state);
             for i in &body.rotors {
                 let rotor = &compiled.rotors[*i];
-                let speed = self.rotor_speed(state, rotor);
-                carried[b].torque += rotor.axis * (rotor.inertia * speed);
-                momenta[extras + modes + rotor.coordinate] =
-                    rotor.ratio * rotor.inertia * (speed + rotor.axis.dot(&V.angular));
+                let spin = rotor.spin(state) + rotor.axis.dot(&node.V.angular);
+                momenta[extras + modes + rotor.coordinate] = rotor.ratio * rotor.inertia * spin;
             }
             for i in &body.modal_bodies {
-                let (modal, of_system) = (&self.modal[*i], &self.system.modal_bodies()[*i]);
-                let shape = &modal.shape;
-                let rigid = Composite {
-                    mass: of_system.integrals.mass,
-                    S: shape.S,
-                    J: shape.J,
-                };
-                carried[b] += rigid.momentum(&V);
-                carried[b].force += shape.S_dot;
-                carried[b].torque += shape.h;
-                let rates = &state.mu_dot()[of_system.range()];
-                for k in 0..of_system.modes() {
-                    let own: f64 = (rates.iter().enumerate())
-                        .map(|(l, rate)| shape.mass[(k, l)] * rate)
-                        .sum();
-                    momenta[extras + of_system.offset + k] =
-                        own + shape.S_k[k].dot(&V.linear) + shape.H_k[k].dot(&V.angular);
+                let range = self.system.modal_bodies()[*i].range();
+                let (shape, rates) = (&self.modal[*i].shape, &state.mu_dot()[range.clone()]);
+                for (k, place) in range.enumerate() {
+                    let own = shape.mass.row(k).iter().zip(rates);
+                    momenta[extras + place] =
+                        own.map(|(m, rate)| m * rate).sum::<f64>() + node.V.dot(&shape.coupling[k]);
                 }
-                if let Some(section) = &modal.section {
-                    let turned = wrench_in_parent(
-                        &at_section[*i],
-                        &section.R_BE,
-                        &nalgebra::Vector3::zeros(),
-                    );
-                    for (k, column) in section.columns.iter().enumerate() {
-                        momenta[extras + of_system.offset + k] += column.dot(&turned);
-                    }
-                    carried[b] += turned.shifted(&section.p_BE);
+            }
+            if let Some(s) = body.section {
+                let section = &self.sections[s];
+                let first = self.system.modal_bodies()[section.modal_body].offset;
+                for (k, column) in section.columns.iter().enumerate() {
+                    momenta[extras + first + k] += column.dot(&at_section[s]);
                 }
+                carried[b] += at_section[s].shifted_to_parent(&section.X_BE);
             }
             if b > 0 {
                 momenta[6 + b - 1] = body.along_axis(&carried[b]);
-                let of_child = wrench_in_parent(&carried[b], &node.R, &node.p);
-                match compiled.bodies[body.parent].link {
-                    Some(link) => at_section[link] += of_child,
+                let of_child = carried[b].shifted_to_parent(&node.X);
+                match compiled.carrier(b) {
+                    Some(s) => at_section[s] += of_child,
                     None => carried[body.parent] += of_child,
                 }
             }

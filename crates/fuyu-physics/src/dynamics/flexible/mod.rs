@@ -44,6 +44,7 @@ mod adaptive;
 mod base_modes;
 #[cfg(feature = "batch")]
 mod batch;
+mod builder;
 mod composite;
 mod error;
 mod first_order;
@@ -61,6 +62,7 @@ mod workspace;
 pub use adaptive::{AdaptiveIntegrator, Tolerance};
 #[cfg(feature = "batch")]
 pub use batch::FlexibleBatch;
+pub use builder::FlexibleBuilder;
 pub use error::FlexibleError;
 pub use first_order::{FirstOrderExcess, FirstOrderQuantity};
 pub use integrator::{Accelerations, FlexibleForcing, FlexibleIntegrator};
@@ -69,5 +71,5 @@ pub use linear::LinearModel;
 pub use modal_body::ModalBody;
 pub use parts::{ElasticJoint, RotorModel, Thruster, Wheel};
 pub use state::{FlexibleInput, FlexibleState, Losses};
-pub use system::{FlexibleBuilder, FlexibleSystem};
+pub use system::FlexibleSystem;
 pub use workspace::FlexibleWorkspace;

@@ -3,7 +3,8 @@
 use fuyu_structures::{Appendage, Invariants, Kinetics, OutputPoint, cross_moment};
 use nalgebra::{DMatrix, Matrix3, Vector3};
 
-use crate::spatial::Pose;
+use super::composite::Composite;
+use crate::spatial::{Pose, Twist, Wrench};
 
 /// A deformable body whose attachment is fixed to a body of the robot.
 #[derive(Clone, Debug)]
@@ -109,20 +110,15 @@ fn placed(of_A: &Invariants, X_BA: &Pose) -> Invariants {
 /// linear in μ, the moment of inertia quadratic, and the angular momentum of each mode linear.
 #[derive(Clone, Debug)]
 pub(super) struct FirstOrderIntegrals {
-    pub mass: f64,
-    /// `∫ X dm`.
-    pub S: Vector3<f64>,
-    /// Moment of inertia, undeformed.
-    pub J: Matrix3<f64>,
-    /// `∫ ψ_k dm`.
-    pub S_k: Vec<Vector3<f64>>,
-    /// `∫ X × ψ_k dm`.
-    pub H_k: Vec<Vector3<f64>>,
+    /// Of the undeformed body.
+    pub rigid: Composite,
+    /// `∫ ψ_k dm` as force, `∫ X × ψ_k dm` as torque.
+    pub coupling: Vec<Wrench>,
     /// `∂J/∂μ_k` of the undeformed body.
     pub dJ: Vec<Matrix3<f64>>,
     /// Pairs `k <= l` whose `½ ∂²J/∂μ_k∂μ_l` (twice it if `k < l`) is not zero: coefficient of `μ_k μ_l` in J.
     pub ddJ: Vec<(usize, usize, Matrix3<f64>)>,
-    /// Pairs `k != l` whose `∫ ψ_l × ψ_k dm` is not zero: derivative of H_k by μ_l.
+    /// Pairs `k != l` whose `∫ ψ_l × ψ_k dm` is not zero: derivative of the torque of `coupling[k]` by μ_l.
     pub dH: Vec<(usize, usize, Vector3<f64>)>,
 }
 
@@ -146,12 +142,17 @@ impl FirstOrderIntegrals {
             }
         }
         let N = |k: usize| of_B.second(0, 1 + k);
+        let coupling = (0..n).map(|k| Wrench {
+            torque: cross_moment(&N(k)),
+            force: of_B.first(1 + k),
+        });
         Self {
-            mass: of_B.mass(),
-            S: of_B.first(0),
-            J: of_B.inertia(),
-            S_k: (0..n).map(|k| of_B.first(1 + k)).collect(),
-            H_k: (0..n).map(|k| cross_moment(&N(k))).collect(),
+            rigid: Composite {
+                mass: of_B.mass(),
+                S: of_B.first(0),
+                J: of_B.inertia(),
+            },
+            coupling: coupling.collect(),
             dJ: (0..n).map(|k| moment(N(k) + N(k).transpose())).collect(),
             ddJ,
             dH,
@@ -159,24 +160,19 @@ impl FirstOrderIntegrals {
     }
 }
 
-/// A deformable body at one shape. Everything is in the frame of the body that carries it.
+/// A deformable body at one shape, in the frame of the body that carries it, and about its origin.
 #[derive(Clone, Debug)]
 pub(super) struct ModalShape {
-    /// First moment \[kg m\] and its rate relative to B.
-    pub S: Vector3<f64>,
-    pub S_dot: Vector3<f64>,
-    /// Moment of inertia about B's origin \[kg m²\].
-    pub J: Matrix3<f64>,
-    /// Angular momentum about B's origin of the modal rates \[N m s\].
-    pub h: Vector3<f64>,
-    /// Coupling of each mode to the translation and the rotation of B.
-    pub S_k: Vec<Vector3<f64>>,
-    pub H_k: Vec<Vector3<f64>>,
+    /// With all modes locked.
+    pub locked: Composite,
+    /// Momentum of the modal rates.
+    pub momentum: Wrench,
+    /// Coupling of each mode to the translation (as force) and the rotation (as torque) of B.
+    pub coupling: Vec<Wrench>,
     /// Modal mass, n x n.
     pub mass: DMatrix<f64>,
-    /// Convective forces on B, as force and torque about B's origin, and on the modes.
-    pub bias_force: Vector3<f64>,
-    pub bias_torque: Vector3<f64>,
+    /// Convective forces on B, and on the modes.
+    pub bias: Wrench,
     pub bias_modes: Vec<f64>,
     /// Rate of J relative to B.
     J_dot: Matrix3<f64>,
@@ -190,15 +186,11 @@ impl ModalShape {
     pub fn new(body: &ModalBody) -> Self {
         let (n, i) = (body.modes(), &body.integrals);
         Self {
-            S: i.S,
-            S_dot: Vector3::zeros(),
-            J: i.J,
-            h: Vector3::zeros(),
-            S_k: i.S_k.clone(),
-            H_k: i.H_k.clone(),
+            locked: i.rigid,
+            momentum: Wrench::ZERO,
+            coupling: i.coupling.clone(),
             mass: body.in_body.modal_mass.clone(),
-            bias_force: Vector3::zeros(),
-            bias_torque: Vector3::zeros(),
+            bias: Wrench::ZERO,
             bias_modes: vec![0.0; n],
             J_dot: Matrix3::zeros(),
             dJ: i.dJ.clone(),
@@ -214,34 +206,38 @@ impl ModalShape {
             kinetics.update(&body.in_body, mu, mu_dot, &Vector3::zeros());
             let M = &kinetics.mass_matrix;
             // The block at row 3, column 0 is [S×].
-            self.S = Vector3::new(M[(5, 1)], M[(3, 2)], M[(4, 0)]);
-            self.J = M.fixed_view::<3, 3>(3, 3).into_owned();
-            for k in 0..mu.len() {
-                self.S_k[k] = M.fixed_view::<3, 1>(0, 6 + k).into_owned();
-                self.H_k[k] = M.fixed_view::<3, 1>(3, 6 + k).into_owned();
-            }
+            self.locked.S = Vector3::new(M[(5, 1)], M[(3, 2)], M[(4, 0)]);
+            self.locked.J = M.fixed_view::<3, 3>(3, 3).into_owned();
             let n = mu.len();
+            for (k, coupling) in self.coupling.iter_mut().enumerate() {
+                coupling.force = M.fixed_view::<3, 1>(0, 6 + k).into_owned();
+                coupling.torque = M.fixed_view::<3, 1>(3, 6 + k).into_owned();
+            }
             self.mass.copy_from(&M.view((6, 6), (n, n)));
         } else {
             self.set_first_order_shape(&body.integrals, mu, mu_dot);
         }
-        (self.S_dot, self.h) = (Vector3::zeros(), Vector3::zeros());
-        for (k, rate) in mu_dot.iter().enumerate() {
-            self.S_dot += self.S_k[k] * *rate;
-            self.h += self.H_k[k] * *rate;
+        self.momentum = Wrench::ZERO;
+        for (coupling, rate) in self.coupling.iter().zip(mu_dot) {
+            self.momentum += *coupling * *rate;
         }
     }
 
+    /// Momentum while B moves with `V`.
+    pub fn momentum(&self, V: &Twist) -> Wrench {
+        self.locked.momentum(V) + self.momentum
+    }
+
     fn set_first_order_shape(&mut self, i: &FirstOrderIntegrals, mu: &[f64], mu_dot: &[f64]) {
-        (self.S, self.J, self.J_dot) = (i.S, i.J, Matrix3::zeros());
+        (self.locked, self.J_dot) = (i.rigid, Matrix3::zeros());
+        self.coupling.copy_from_slice(&i.coupling);
+        self.dJ.copy_from_slice(&i.dJ);
         for (k, x) in mu.iter().enumerate() {
-            self.S += i.S_k[k] * *x;
-            self.J += i.dJ[k] * *x;
-            self.dJ[k] = i.dJ[k];
-            self.H_k[k] = i.H_k[k];
+            self.locked.S += i.coupling[k].force * *x;
+            self.locked.J += i.dJ[k] * *x;
         }
         for (k, l, ddJ) in &i.ddJ {
-            self.J += ddJ * (mu[*k] * mu[*l]);
+            self.locked.J += ddJ * (mu[*k] * mu[*l]);
             if k == l {
                 self.dJ[*k] += ddJ * (2.0 * mu[*k]);
             } else {
@@ -250,7 +246,7 @@ impl ModalShape {
             }
         }
         for (k, l, dH) in &i.dH {
-            self.H_k[*k] += dH * mu[*l];
+            self.coupling[*k].torque += dH * mu[*l];
         }
         for (dJ, rate) in self.dJ.iter().zip(mu_dot) {
             self.J_dot += dJ * *rate;
@@ -263,14 +259,17 @@ impl ModalShape {
         if let Some(kinetics) = &mut self.kinetics {
             kinetics.update(&body.in_body, mu, mu_dot, w);
             let b = kinetics.bias.as_slice();
-            self.bias_force = Vector3::new(b[0], b[1], b[2]);
-            self.bias_torque = Vector3::new(b[3], b[4], b[5]);
+            self.bias.force = Vector3::new(b[0], b[1], b[2]);
+            self.bias.torque = Vector3::new(b[3], b[4], b[5]);
             self.bias_modes.copy_from_slice(&b[6..]);
             return;
         }
-        // d(J w + h)/dt and d(S)/dt in turning axes. The modal forces are -∂T/∂μ_k of T = ½ wᵀ J w + w·h.
-        self.bias_force = w.cross(&(w.cross(&self.S) + self.S_dot * 2.0));
-        self.bias_torque = w.cross(&(self.J * w + self.h)) + self.J_dot * w;
+        // Rates in turning axes; h is the angular momentum of the modal rates. The modal forces are -∂T/∂μ_k of T = ½ wᵀ J w + w·h.
+        let Composite { S, J, .. } = &self.locked;
+        self.bias = Wrench {
+            torque: w.cross(&(J * w + self.momentum.torque)) + self.J_dot * w,
+            force: w.cross(&(w.cross(S) + self.momentum.force * 2.0)),
+        };
         for (bias, dJ) in self.bias_modes.iter_mut().zip(&self.dJ) {
             *bias = -0.5 * w.dot(&(dJ * w));
         }
@@ -350,17 +349,18 @@ mod tests {
             let bias = T.transpose() * (&kinetics.bias + &kinetics.mass_matrix * acceleration);
 
             let mut found = DMatrix::zeros(6 + n, 6 + n);
-            let m = body.integrals.mass;
+            let m = body.integrals.rigid.mass;
             found
                 .view_mut((0, 0), (3, 3))
                 .copy_from(&(Matrix3::identity() * m));
-            let S = shape.S.cross_matrix();
+            let S = shape.locked.S.cross_matrix();
             found.view_mut((0, 3), (3, 3)).copy_from(&-S);
             found.view_mut((3, 0), (3, 3)).copy_from(&S);
-            found.view_mut((3, 3), (3, 3)).copy_from(&shape.J);
+            found.view_mut((3, 3), (3, 3)).copy_from(&shape.locked.J);
             for k in 0..n {
-                found.view_mut((0, 6 + k), (3, 1)).copy_from(&shape.S_k[k]);
-                found.view_mut((3, 6 + k), (3, 1)).copy_from(&shape.H_k[k]);
+                let Wrench { torque, force } = &shape.coupling[k];
+                found.view_mut((0, 6 + k), (3, 1)).copy_from(force);
+                found.view_mut((3, 6 + k), (3, 1)).copy_from(torque);
                 let column = found.view((0, 6 + k), (6, 1)).into_owned();
                 found
                     .view_mut((6 + k, 0), (1, 6))
@@ -371,8 +371,8 @@ mod tests {
             assert!((&found - &M).amax() < 1e-13 * scale, "{}", appendage.name);
 
             let mut found = nalgebra::DVector::zeros(6 + n);
-            found.rows_mut(0, 3).copy_from(&shape.bias_force);
-            found.rows_mut(3, 3).copy_from(&shape.bias_torque);
+            found.rows_mut(0, 3).copy_from(&shape.bias.force);
+            found.rows_mut(3, 3).copy_from(&shape.bias.torque);
             for k in 0..n {
                 found[6 + k] = shape.bias_modes[k];
             }

@@ -3,7 +3,8 @@
 
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 
-use super::composite::{Composite, wrench_in_parent};
+use super::composite::Composite;
+use super::section::Section;
 use super::system::CompiledBody;
 use super::{FlexibleState, FlexibleWorkspace};
 use crate::dynamics::Momentum;
@@ -39,59 +40,51 @@ impl FlexibleWorkspace {
             "the state is of another system than the workspace"
         );
         self.set_shapes(state);
-        let compiled = self.system.compiled();
-        for b in (0..self.nodes.len()).rev() {
-            let body = &compiled.bodies[b];
-            let mut composite = Composite {
-                mass: body.mass,
-                S: body.S,
-                J: body.J,
-            };
-            let mut momentum = Wrench::ZERO;
+        let Self {
+            system,
+            nodes,
+            modal,
+            sections,
+            ..
+        } = self;
+        let compiled = system.compiled();
+        for b in (0..nodes.len()).rev() {
+            let (body, node) = (&compiled.bodies[b], &mut nodes[b]);
+            node.composite.add(&body.rigid);
             for i in &body.modal_bodies {
-                let shape = &self.modal[*i].shape;
-                composite.add(&Composite {
-                    mass: self.system.modal_bodies()[*i].integrals.mass,
-                    S: shape.S,
-                    J: shape.J,
-                });
-                momentum.force += shape.S_dot;
-                momentum.torque += shape.h;
+                let shape = &modal[*i].shape;
+                node.composite.add(&shape.locked);
+                node.momentum += shape.momentum;
             }
             for i in &body.rotors {
-                let rotor = &compiled.rotors[*i];
-                let speed = self.rotor_speed(state, rotor);
-                momentum.torque += rotor.axis * (rotor.inertia * speed);
+                node.momentum.torque += compiled.rotors[*i].momentum(state);
             }
-            if let Some(link) = body.link
-                && let Some(section) = &self.modal[link].section
-            {
-                let carried = section.composite;
-                let motion = Twist {
-                    angular: section.R_BE.tr_mul(&section.relative.angular),
-                    linear: section.R_BE.tr_mul(&section.relative.linear),
-                };
-                let carried_momentum = section.momentum + carried.momentum(&motion);
-                composite.add(&carried.in_parent(&section.R_BE, &section.p_BE));
-                momentum += wrench_in_parent(&carried_momentum, &section.R_BE, &section.p_BE);
+            if let Some(s) = body.section {
+                let Section {
+                    X_BE,
+                    relative,
+                    composite,
+                    momentum,
+                    ..
+                } = &sections[s];
+                let carried = *momentum + composite.momentum(relative);
+                node.composite.add(&composite.in_parent(X_BE));
+                node.momentum += carried.shifted_to_parent(X_BE);
             }
-            let node = &mut self.nodes[b];
-            node.composite.add(&composite);
-            node.momentum += momentum;
             if b == 0 {
                 break;
             }
             let motion = body.joint_twist(state.tree.qd[b - 1]);
             let momentum = node.momentum + node.composite.momentum(&motion);
-            let momentum = wrench_in_parent(&momentum, &node.R, &node.p);
-            let composite = node.composite.in_parent(&node.R, &node.p);
-            let (into, into_momentum) = match compiled.bodies[body.parent].link {
-                Some(link) => match &mut self.modal[link].section {
-                    Some(section) => (&mut section.composite, &mut section.momentum),
-                    None => continue,
-                },
+            let momentum = momentum.shifted_to_parent(&node.X);
+            let composite = node.composite.in_parent(&node.X);
+            let (into, into_momentum) = match compiled.carrier(b) {
+                Some(s) => {
+                    let section = &mut sections[s];
+                    (&mut section.composite, &mut section.momentum)
+                }
                 None => {
-                    let parent = &mut self.nodes[body.parent];
+                    let parent = &mut nodes[body.parent];
                     (&mut parent.composite, &mut parent.momentum)
                 }
             };
@@ -113,22 +106,23 @@ impl FlexibleWorkspace {
                 continue;
             }
             let q = state.tree.q[b - 1];
+            node.X = body.X_PJ;
             if body.is_prismatic {
-                node.R = body.R_PJ;
-                node.p = body.p_PJ + body.R_PJ * (body.axis * q);
+                node.X.translation.vector += body.X_PJ.rotation * (body.axis * q);
             } else {
                 let axis = Unit::new_unchecked(body.axis);
-                node.R = body.R_PJ * Rotation3::from_axis_angle(&axis, q).into_inner();
-                node.p = body.p_PJ;
+                node.X.rotation *= Rotation3::from_axis_angle(&axis, q);
             }
         }
-        for (modal, body) in self.modal.iter_mut().zip(self.system.modal_bodies()) {
+        let bodies = self.system.modal_bodies();
+        for (modal, body) in self.modal.iter_mut().zip(bodies) {
             let (mu, mu_dot) = (&state.mu()[body.range()], &state.mu_dot()[body.range()]);
             modal.shape.set_shape(body, mu, mu_dot);
-            if let (Some(section), Some(output)) = (&mut modal.section, body.section) {
-                section.set_shape(body, output, mu, mu_dot);
-                section.clear_carried();
-            }
+        }
+        for section in &mut self.sections {
+            let body = &bodies[section.modal_body];
+            let (mu, mu_dot) = (&state.mu()[body.range()], &state.mu_dot()[body.range()]);
+            section.set_shape(body, mu, mu_dot);
         }
     }
 
@@ -140,18 +134,14 @@ impl FlexibleWorkspace {
 
     /// The base's twist for a momentum, base axes, at the rates of the last [`Self::set_positions`].
     pub(super) fn base_twist(&self, momentum: &Momentum) -> Twist {
-        let (m, c) = (self.whole.mass, self.p_BC);
-        let about_com =
-            self.whole.J - (Matrix3::identity() * c.norm_squared() - c * c.transpose()) * m;
+        let c = self.p_BC;
         let Wrench { torque, force } = &self.at_rest;
         let rest = momentum.angular - (torque - c.cross(force));
-        let inverse = about_com
-            .try_inverse()
-            .unwrap_or(Matrix3::from_element(f64::NAN));
-        let w = inverse * rest;
+        let inverse = self.whole.about_com().try_inverse();
+        let w = inverse.unwrap_or(Matrix3::from_element(f64::NAN)) * rest;
         Twist {
             angular: w,
-            linear: (momentum.linear - force) / m - w.cross(&c),
+            linear: (momentum.linear - force) / self.whole.mass - w.cross(&c),
         }
     }
 
@@ -171,31 +161,25 @@ impl FlexibleWorkspace {
         for b in 0..self.nodes.len() {
             let body = &compiled.bodies[b];
             if b > 0 {
-                let carrier = match compiled.bodies[body.parent].link {
-                    Some(link) => self.modal[link].section.as_deref(),
-                    None => None,
-                };
-                let V = match carrier {
-                    Some(section) => section.twist(&self.nodes[body.parent].V),
-                    None => self.nodes[body.parent].V,
+                let parent = self.nodes[body.parent].V;
+                let V = match compiled.carrier(b) {
+                    Some(s) => self.sections[s].twist(&parent),
+                    None => parent,
                 };
                 let node = &mut self.nodes[b];
-                let turned = V.angular.cross(&node.p);
-                let w = node.R.tr_mul(&V.angular);
+                let (R, p) = (&node.X.rotation, &node.X.translation.vector);
                 let own = body.joint_twist(state.tree.qd[b - 1]);
-                node.V = Twist {
-                    angular: w + own.angular,
-                    linear: node.R.tr_mul(&(V.linear + turned)) + own.linear,
-                };
+                let carried = V.shifted_to_child(&node.X);
+                let centripetal = V.angular.cross(&V.angular.cross(p));
+                let w = carried.angular;
+                node.V = carried + own;
                 node.bias = Twist {
                     angular: w.cross(&own.angular),
-                    linear: node.R.tr_mul(&V.angular.cross(&turned)) + w.cross(&own.linear) * 2.0,
+                    linear: R.inverse_transform_vector(&centripetal) + w.cross(&own.linear) * 2.0,
                 };
             }
-            if let Some(link) = body.link
-                && let Some(section) = &mut self.modal[link].section
-            {
-                section.set_bias(&self.nodes[b].V.angular);
+            if let Some(s) = body.section {
+                self.sections[s].set_bias(&self.nodes[b].V.angular);
             }
         }
     }
@@ -204,18 +188,11 @@ impl FlexibleWorkspace {
     pub(super) fn set_poses(&mut self) {
         let compiled = self.system.compiled();
         for b in 1..self.nodes.len() {
-            let body = &compiled.bodies[b];
-            let parent = &self.nodes[body.parent];
-            let (mut R, mut p) = (parent.R_0, parent.p_0);
-            if let Some(link) = compiled.bodies[body.parent].link
-                && let Some(section) = &self.modal[link].section
-            {
-                p += R * section.p_BE;
-                R *= section.R_BE;
+            let mut X = self.nodes[compiled.bodies[b].parent].X_0;
+            if let Some(s) = compiled.carrier(b) {
+                X *= self.sections[s].X_BE;
             }
-            let node = &mut self.nodes[b];
-            node.R_0 = R * node.R;
-            node.p_0 = p + R * node.p;
+            self.nodes[b].X_0 = X * self.nodes[b].X;
         }
     }
 }

@@ -206,6 +206,11 @@ impl FlexibleState {
             && self.on_time.iter().all(|x| x.is_finite())
     }
 
+    /// Rates of motors, then wheels.
+    pub(super) fn rotor_rates(&self) -> &[f64] {
+        &self.xd.as_slice()[self.modes..]
+    }
+
     pub(super) fn fits(&self, system: &FlexibleSystem) -> bool {
         self.tree.q.len() == system.model().dof()
             && self.tree.qd.len() == system.model().dof()

@@ -1,11 +1,12 @@
 //! Scratch memory of a robot with flexible parts, and what can be read from it at one state.
 
-use nalgebra::{Matrix3, Rotation3, Translation3, Vector3};
+use nalgebra::{Translation3, Vector3};
 
-use super::composite::{Articulated, Composite, wrench_in_parent};
+use super::composite::{Articulated, Composite};
 use super::modal_body::ModalShape;
 use super::section::Section;
-use super::{FlexibleState, FlexibleSystem};
+use super::system::Rotor;
+use super::{FlexibleState, FlexibleSystem, RotorModel};
 use crate::dynamics::Momentum;
 use crate::model::Frame;
 use crate::spatial::{Pose, Twist, Wrench};
@@ -17,6 +18,8 @@ pub struct FlexibleWorkspace {
     pub(super) system: FlexibleSystem,
     pub(super) nodes: Vec<Node>,
     pub(super) modal: Vec<ModalNode>,
+    /// Of the elastic links.
+    pub(super) sections: Vec<Section>,
     pub(super) p_BC: Vector3<f64>,
     /// The whole system locked, about the base frame's origin, and its momentum while the base is at rest.
     pub(super) whole: Composite,
@@ -30,11 +33,9 @@ pub struct FlexibleWorkspace {
 #[derive(Clone, Debug)]
 pub(super) struct Node {
     /// Pose of B in the frame that carries it: the parent's, or the section of an elastic link.
-    pub R: Matrix3<f64>,
-    pub p: Vector3<f64>,
+    pub X: Pose,
     /// Pose in the base frame.
-    pub R_0: Matrix3<f64>,
-    pub p_0: Vector3<f64>,
+    pub X_0: Pose,
     pub composite: Composite,
     pub momentum: Wrench,
     /// Twist, inertial.
@@ -58,7 +59,6 @@ pub(super) struct Node {
 #[derive(Clone, Debug)]
 pub(super) struct ModalNode {
     pub shape: ModalShape,
-    pub section: Option<Box<Section>>,
     /// Cholesky factor of the modal mass, with what the section carries, in its lower triangle by rows.
     pub factor: Vec<f64>,
     /// For each mode: coupling to B, and its solution with the factor.
@@ -72,10 +72,8 @@ impl FlexibleWorkspace {
     /// A workspace for `system`. Allocates; no other method does.
     pub fn new(system: &FlexibleSystem) -> Self {
         let node = Node {
-            R: Matrix3::identity(),
-            p: Vector3::zeros(),
-            R_0: Matrix3::identity(),
-            p_0: Vector3::zeros(),
+            X: Pose::identity(),
+            X_0: Pose::identity(),
             composite: Composite::zero(),
             momentum: Wrench::ZERO,
             V: Twist::ZERO,
@@ -92,14 +90,16 @@ impl FlexibleWorkspace {
             let n = body.modes();
             ModalNode {
                 shape: ModalShape::new(body),
-                section: body.section.map(|_| Box::new(Section::new(body))),
                 factor: vec![0.0; n * n],
                 coupling: vec![Wrench::ZERO; n],
                 solved: vec![Wrench::ZERO; n],
                 free: vec![0.0; n],
             }
         });
+        let bodies = system.modal_bodies().iter().enumerate();
+        let sections = bodies.filter_map(|(i, b)| b.section.map(|at| Section::new(i, b, at)));
         Self {
+            sections: sections.collect(),
             nodes: vec![node; system.compiled().bodies.len()],
             modal: modal.collect(),
             system: system.clone(),
@@ -149,16 +149,11 @@ impl FlexibleWorkspace {
     /// # Panics
     /// If the robot has no such frame.
     pub fn X_BF(&self, frame: &Frame) -> Pose {
-        let node = &self.nodes[frame.body];
-        let p_0 = Translation3::from(node.p_0);
-        let R_0 = Rotation3::from_matrix_unchecked(node.R_0);
-        let X_0B = Pose::from_parts(p_0, R_0);
+        let X_0B = self.nodes[frame.body].X_0;
         match self.carrying_section(frame.body) {
             None => X_0B * frame.X_BF,
-            Some((section, p_BE0)) => {
-                let R_BE = Rotation3::from_matrix_unchecked(section.R_BE);
-                let X_BE = Pose::from_parts(Translation3::from(section.p_BE), R_BE);
-                X_0B * X_BE * Translation3::from(-p_BE0) * frame.X_BF
+            Some(section) => {
+                X_0B * section.X_BE * Translation3::from(-section.p_BE_straight) * frame.X_BF
             }
         }
     }
@@ -171,8 +166,12 @@ impl FlexibleWorkspace {
         let node = &self.nodes[frame.body];
         let p = frame.X_BF.translation.vector;
         let (V, R, p) = match self.carrying_section(frame.body) {
-            None => (node.V, node.R_0, p),
-            Some((section, p_BE0)) => (section.twist(&node.V), node.R_0 * section.R_BE, p - p_BE0),
+            None => (node.V, node.X_0.rotation, p),
+            Some(section) => (
+                section.twist(&node.V),
+                node.X_0.rotation * section.X_BE.rotation,
+                p - section.p_BE_straight,
+            ),
         };
         Twist {
             angular: R * V.angular,
@@ -180,12 +179,9 @@ impl FlexibleWorkspace {
         }
     }
 
-    /// The section that carries frames of body `b`, and its undeformed position, if the body is an elastic link.
-    fn carrying_section(&self, b: usize) -> Option<(&Section, Vector3<f64>)> {
-        let link = self.system.compiled().bodies[b].link?;
-        let body = &self.system.modal_bodies()[link];
-        let section = self.modal[link].section.as_deref()?;
-        Some((section, body.in_body.outputs[body.section?].position))
+    /// The section that carries frames of body `b`, if the body is an elastic link.
+    fn carrying_section(&self, b: usize) -> Option<&Section> {
+        (self.system.compiled().bodies[b].section).map(|s| &self.sections[s])
     }
 
     /// Displacement of output point `output` of deformable body `i` in axes of its attachment frame \[m\].
@@ -199,57 +195,27 @@ impl FlexibleWorkspace {
 
     /// Angular momentum that the wheels and the motors of elastic joints have relative to their bodies \[N m s\], base axes.
     pub fn rotor_momentum(&self, state: &FlexibleState) -> Vector3<f64> {
-        let rotors = self.system.compiled().rotors.iter();
-        rotors
-            .map(|rotor| {
-                self.nodes[rotor.body].R_0
-                    * rotor.axis
-                    * (rotor.inertia * self.rotor_speed(state, rotor))
-            })
-            .sum()
+        self.momentum_of(&self.system.compiled().rotors, state)
     }
 
     /// Angular momentum of the wheels relative to their bodies \[N m s\], base axes.
     pub fn wheel_momentum(&self, state: &FlexibleState) -> Vector3<f64> {
-        let mut sum = Vector3::zeros();
-        for (i, (wheel, speed)) in (self.system.wheels().iter())
-            .zip(state.wheel_speeds())
-            .enumerate()
-        {
-            let (body, axis) = self.system.wheel_axis(i);
-            sum += self.nodes[body].R_0 * *axis * (wheel.inertia * speed);
-        }
-        sum
+        self.momentum_of(self.system.wheel_rotors(), state)
+    }
+
+    fn momentum_of(&self, rotors: &[Rotor], state: &FlexibleState) -> Vector3<f64> {
+        let momenta = rotors
+            .iter()
+            .map(|rotor| self.nodes[rotor.body].X_0.rotation * rotor.momentum(state));
+        momenta.sum()
     }
 
     /// Momentum (base axes, angular about the system's centre of mass) summed over bodies, deformable bodies and rotors from their
     /// twists. It does not use the sums from which the base's twist follows, so comparing it with that of the state is a check.
     pub fn carried_momentum(&self, state: &FlexibleState) -> Momentum {
-        let compiled = self.system.compiled();
         let mut sum = Wrench::ZERO;
-        for (node, body) in self.nodes.iter().zip(&compiled.bodies) {
-            let rigid = Composite {
-                mass: body.mass,
-                S: body.S,
-                J: body.J,
-            };
-            let mut own = rigid.momentum(&node.V);
-            for i in &body.modal_bodies {
-                let shape = &self.modal[*i].shape;
-                let rigid = Composite {
-                    mass: self.system.modal_bodies()[*i].integrals.mass,
-                    S: shape.S,
-                    J: shape.J,
-                };
-                own += rigid.momentum(&node.V);
-                own.force += shape.S_dot;
-                own.torque += shape.h;
-            }
-            for i in &body.rotors {
-                let rotor = &compiled.rotors[*i];
-                own.torque += rotor.axis * (rotor.inertia * self.rotor_speed(state, rotor));
-            }
-            sum += wrench_in_parent(&own, &node.R_0, &node.p_0);
+        for (b, node) in self.nodes.iter().enumerate() {
+            sum += self.own_momentum(b, state).shifted_to_parent(&node.X_0);
         }
         Momentum {
             linear: sum.force,
@@ -257,42 +223,43 @@ impl FlexibleWorkspace {
         }
     }
 
+    /// Momentum of body `b`, with the deformable bodies and rotors on it, in its frame.
+    pub(super) fn own_momentum(&self, b: usize, state: &FlexibleState) -> Wrench {
+        let (compiled, V) = (self.system.compiled(), &self.nodes[b].V);
+        let body = &compiled.bodies[b];
+        let mut own = body.rigid.momentum(V);
+        for i in &body.modal_bodies {
+            own += self.modal[*i].shape.momentum(V);
+        }
+        for i in &body.rotors {
+            own.torque += compiled.rotors[*i].momentum(state);
+        }
+        own
+    }
+
     /// Kinetic energy \[J\], summed over bodies, deformable bodies and rotors.
     pub fn kinetic_energy(&self, state: &FlexibleState) -> f64 {
         let compiled = self.system.compiled();
         let mut twice = 0.0;
         for (node, body) in self.nodes.iter().zip(&compiled.bodies) {
-            let rigid = Composite {
-                mass: body.mass,
-                S: body.S,
-                J: body.J,
-            };
-            twice += node.V.dot(&rigid.momentum(&node.V));
+            let V = &node.V;
+            twice += V.dot(&body.rigid.momentum(V));
             for i in &body.modal_bodies {
-                let modal = &self.system.modal_bodies()[*i];
                 let shape = &self.modal[*i].shape;
-                let rigid = Composite {
-                    mass: modal.integrals.mass,
-                    S: shape.S,
-                    J: shape.J,
-                };
-                twice += node.V.dot(&rigid.momentum(&node.V));
-                twice += 2.0 * (node.V.linear.dot(&shape.S_dot) + node.V.angular.dot(&shape.h));
-                let rates = &state.mu_dot()[modal.range()];
+                let rates = &state.mu_dot()[self.system.modal_bodies()[*i].range()];
+                twice += V.dot(&(shape.momentum(V) + shape.momentum));
                 twice += quadratic(&shape.mass, rates);
             }
             for i in &body.rotors {
                 let rotor = &compiled.rotors[*i];
-                let speed = self.rotor_speed(state, rotor);
-                let common = 2.0 * rotor.axis.dot(&node.V.angular) + speed;
-                twice += rotor.inertia * speed * common;
+                let spin = rotor.spin(state);
+                twice += rotor.inertia * spin * (2.0 * rotor.axis.dot(&V.angular) + spin);
             }
         }
         // The rotor of a reduced joint turns as if its link did not.
-        let n = self.system.modes();
-        for (e, joint) in self.system.elastic_joints().iter().enumerate() {
-            if joint.rotor == super::RotorModel::Reduced {
-                twice += joint.reflected_inertia() * state.xd[n + e] * state.xd[n + e];
+        for (joint, rate) in (self.system.elastic_joints().iter()).zip(state.motor_rates()) {
+            if joint.rotor == RotorModel::Reduced {
+                twice += joint.reflected_inertia() * rate * rate;
             }
         }
         0.5 * twice
@@ -311,11 +278,6 @@ impl FlexibleWorkspace {
             twice += joint.stiffness * twist * twist;
         }
         0.5 * twice
-    }
-
-    /// Spin of a rotor relative to its body \[rad/s\].
-    pub(super) fn rotor_speed(&self, state: &FlexibleState, rotor: &super::system::Rotor) -> f64 {
-        state.xd[self.system.modes() + rotor.coordinate] * rotor.ratio
     }
 }
 

@@ -15,9 +15,9 @@ use super::{ArticulatedInertia, LinkScratch, Scalar, Sym3, Vec3};
 #[derive(Debug, Clone, Copy)]
 #[repr(align(64))]
 pub struct SubtreeMomentum<S> {
-    subtree: CompositeInertia<S>,
+    pub(crate) subtree: CompositeInertia<S>,
     /// Momentum at the given joint rates with the base at rest, about the subtree's reference point.
-    momentum: SpatialForce<S>,
+    pub(crate) momentum: SpatialForce<S>,
 }
 
 impl<S: Scalar> SubtreeMomentum<S> {
@@ -68,12 +68,23 @@ impl<S: Scalar> SubtreeMomentum<S> {
             momentum: self.momentum.plus(o.momentum),
         }
     }
+
+    /// Of the whole tree: angular velocity of the base for the system's mass and its angular momentum about its centre of
+    /// mass.
+    #[cfg_attr(not(debug_assertions), inline(always))]
+    pub(crate) fn base_angular_velocity(self, mass: f64, angular_momentum: Vec3<S>) -> Vec3<S> {
+        let (p, inertia) = about_com(self.subtree, mass);
+        let SpatialForce { torque, force } = self.momentum;
+        // Subtracting the moment of the linear momentum moves the joints' share to the centre of mass.
+        let of_base = (angular_momentum - torque) + p.cross(force);
+        inertia.inverse().times(of_base)
+    }
 }
 
-/// Inertia and momentum of the whole tree in the base's kernel frame. `subtrees`, one per body, is scratch; `links` hold
+/// Inertia and momentum of the whole tree about the base's origin, in the base's kernel frame. `subtrees`, one per body, is scratch; `links` hold
 /// positions (with their rotations) and rates of the joints.
 #[cfg_attr(not(debug_assertions), inline(always))]
-fn sweep_inward<S: Scalar>(
+pub(crate) fn whole_tree<S: Scalar>(
     tree: &Tree,
     links: &[LinkScratch<S>],
     subtrees: &mut [SubtreeMomentum<S>],
@@ -110,52 +121,8 @@ pub(crate) fn locked_inertia<S: Scalar>(
     links: &[LinkScratch<S>],
     subtrees: &mut [SubtreeMomentum<S>],
 ) -> ArticulatedInertia<S> {
-    let whole = sweep_inward(tree, links, subtrees).subtree;
+    let whole = whole_tree(tree, links, subtrees).subtree;
     whole.rigid_inertia(tree.bodies[0].subtree_mass)
-}
-
-/// Composite inertia of a whole tree about its base's origin, and its momentum while the base is at rest; in the base's kernel
-/// frame.
-#[derive(Debug, Clone, Copy)]
-pub(crate) struct WholeTree<S> {
-    /// First moment \[kg m\].
-    pub first_moment: Vec3<S>,
-    /// Moment of inertia \[kg m²\].
-    pub inertia: Sym3<S>,
-    /// Momentum of the joint rates.
-    pub momentum: SpatialForce<S>,
-}
-
-/// Inertia and momentum of the whole tree. `links` hold positions (with their rotations) and rates of the joints; `subtrees`,
-/// one per body, is scratch.
-#[cfg_attr(not(debug_assertions), inline(always))]
-pub(crate) fn whole_tree<S: Scalar>(
-    tree: &Tree,
-    links: &[LinkScratch<S>],
-    subtrees: &mut [SubtreeMomentum<S>],
-) -> WholeTree<S> {
-    let SubtreeMomentum { subtree, momentum } = sweep_inward(tree, links, subtrees);
-    WholeTree {
-        first_moment: subtree.first_moment,
-        inertia: subtree.inertia,
-        momentum,
-    }
-}
-
-impl<S: Scalar> WholeTree<S> {
-    /// Angular velocity of the base for the system's angular momentum about its centre of mass, and mass `mass`.
-    #[cfg_attr(not(debug_assertions), inline(always))]
-    pub fn base_angular_velocity(self, mass: f64, angular_momentum: Vec3<S>) -> Vec3<S> {
-        let composite = CompositeInertia {
-            first_moment: self.first_moment,
-            inertia: self.inertia,
-        };
-        let (p, inertia) = about_com(composite, mass);
-        let SpatialForce { torque, force } = self.momentum;
-        // Subtracting the moment of the linear momentum moves the joints' share to the centre of mass.
-        let of_base = (angular_momentum - torque) + p.cross(force);
-        inertia.inverse().times(of_base)
-    }
 }
 
 /// Angular velocity of the base for the system's angular momentum about its centre of mass, both in the base's kernel

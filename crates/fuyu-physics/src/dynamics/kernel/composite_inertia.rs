@@ -14,7 +14,7 @@ use crate::spatial::SpatialInertia;
 /// Composite inertia of a subtree about its reference point, in the axes of its first body's kernel frame. The mass is
 /// stored in the tree.
 #[derive(Debug, Clone, Copy)]
-pub(super) struct CompositeInertia<S> {
+pub(crate) struct CompositeInertia<S> {
     /// First moment \[kg m\].
     pub first_moment: Vec3<S>,
     /// Moment of inertia \[kg m²\].
