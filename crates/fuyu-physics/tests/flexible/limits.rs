@@ -3,7 +3,7 @@
 use fuyu_physics::dynamics::IntegrationMethod;
 use fuyu_physics::dynamics::flexible::{
     ElasticJoint, FirstOrderQuantity, FlexibleError, FlexibleInput, FlexibleIntegrator,
-    FlexibleState, FlexibleSystem, FlexibleWorkspace, RotorModel,
+    FlexibleState, FlexibleSystem, FlexibleWorkspace, RotorModel, Wheel,
 };
 use fuyu_physics::spatial::{Pose, Twist};
 use fuyu_structures::ElasticLink;
@@ -148,9 +148,35 @@ fn impossible_parts_are_rejected_with_the_reason() {
     assert!(message(on("hand", 0)).starts_with("arm: link hand is not moved by a joint"));
     let full = on("link2", 0).elastic_joint(joint("joint3", 5.0));
     assert!(message(full).ends_with("use the reduced one"));
+    let mut foreign = model.frame("tool0").unwrap().clone();
+    foreign.body = 20;
+    let wheel = Wheel::new("x", Vector3::x_axis(), 0.1);
+    assert_eq!(
+        message(builder.clone().wheel(&foreign, wheel)),
+        "wheel x: is on link tool0, which is a link of another robot than servicer"
+    );
     let mut broken = panel(false);
     broken.modal_stiffness[(0, 0)] = -1.0;
     assert!(message(with_panels(&model, &broken, 0.0)).contains("positive definite"));
+}
+
+// Coulomb friction is smoothed below .1 rad/s: there a bearing of 1 N m damps a wheel of 1e-3 kg m² by 1e4 1/s.
+#[test]
+fn steep_friction_of_wheels_is_found() {
+    let model = servicer();
+    let base = model.frame("base_link").unwrap();
+    let mut wheel = Wheel::new("x", Vector3::x_axis(), 1e-3);
+    wheel.coulomb_friction = 1.0;
+    let builder = FlexibleSystem::builder(&model).wheel(base, wheel);
+    let system = builder.build().unwrap();
+    let check = |step: f64| system.check_step(&DVector::zeros(6), IntegrationMethod::Rk4, step);
+    check(2.7e-4).unwrap();
+    let error = check(1e-3).unwrap_err();
+    assert!(
+        matches!(&error, FlexibleError::StiffDamping { part, rate, .. }
+            if part == "wheel x" && (rate / 1e4 - 1.0).abs() < 1e-2),
+        "{error}"
+    );
 }
 
 // A damper of 1e5 N m s/rad on a light wrist decays far faster than a step of 5 ms can follow. Without the check the run diverges within a few steps.

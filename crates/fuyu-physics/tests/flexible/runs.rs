@@ -194,6 +194,31 @@ fn wheels_that_are_driven_turn_the_base() {
     assert!((h - expected).norm() < 1e-7, "{h:?} {expected:?}");
 }
 
+// Backwards under the same efforts and wheel torques: the state of a second before, up to the error of the method.
+#[test]
+fn steps_back_in_time_undo_steps() {
+    let system = servicer_with_wheels(0.6);
+    let mut random = crate::support::Random::new(41);
+    let start = random.state(&system, 0.2);
+    let mut state = start.clone();
+    let mut workspace = FlexibleWorkspace::new(&system);
+    let mut integrator = FlexibleIntegrator::new(&system, IntegrationMethod::Dop8);
+    let mut push = |t: f64, _: &FlexibleState, input: &mut FlexibleInput| {
+        input.tree.efforts[0] = 0.5 * t.cos();
+        input.wheel_torques[1] = (0.5 * t).sin();
+    };
+    integrator.steps(&mut state, &mut workspace, 0.01, 100, &mut push);
+    let turned = state.tree.R_WB.angle_to(&start.tree.R_WB);
+    assert!(turned > 0.05, "{turned}");
+    integrator.steps(&mut state, &mut workspace, -0.01, 100, &mut push);
+    let error = difference(state.tree.q.as_slice(), start.tree.q.as_slice())
+        .max(difference(state.mu(), start.mu()))
+        .max(difference(state.wheel_speeds(), start.wheel_speeds()))
+        .max(state.tree.R_WB.angle_to(&start.tree.R_WB));
+    println!("{error:e}");
+    assert!(error < 1e-9 && state.tree.time.abs() < 1e-12, "{error:e}");
+}
+
 // Each state of a batch moves as it does alone, to the bit.
 #[test]
 fn a_batch_moves_as_its_states_do() {

@@ -73,7 +73,7 @@ impl AdaptiveIntegrator {
         }
     }
 
-    /// Advances `state` by `duration` \[s\]; returns how many steps were accepted. Where `forcing` jumps, end a call and begin
+    /// Advances `state` by `duration` \[s\], if that is positive; returns how many steps were accepted. Where `forcing` jumps, end a call and begin
     /// the next.
     ///
     /// # Errors
@@ -89,7 +89,7 @@ impl AdaptiveIntegrator {
         forcing: &mut impl FlexibleForcing,
     ) -> Result<usize, FlexibleError> {
         self.fixed.check(state, workspace);
-        let end = state.tree.time + duration;
+        let end = state.tree.time + duration.max(0.0);
         let mut accepted = 0;
         for _ in 0..MOST_STEPS {
             let left = end - state.tree.time;

@@ -148,6 +148,7 @@ impl FlexibleBuilder {
         let (mut modal_bodies, mut offset) = (Vec::new(), 0);
         for (frame, X_FA, appendage) in &self.appendages {
             appendage.check()?;
+            self.check_frame(frame, &appendage.name)?;
             let X_BA = frame.X_BF * X_FA;
             bodies[frame.body].modal_bodies.push(modal_bodies.len());
             let body = ModalBody::new(appendage.clone(), frame.body, X_BA, offset, None);
@@ -270,14 +271,25 @@ impl FlexibleBuilder {
         name: &str,
         what: &str,
     ) -> Result<(), FlexibleError> {
+        let part = format!("{what} {name}");
+        self.check_frame(frame, &part)?;
         if bodies[frame.body].section.is_some() {
             let problem = format!(
                 "is on the elastic link {}; a {what} needs a rigid link",
                 self.model.bodies()[frame.body].name
             );
-            return Err(FlexibleError::part(&format!("{what} {name}"), problem));
+            return Err(FlexibleError::part(&part, problem));
         }
         Ok(())
+    }
+
+    fn check_frame(&self, frame: &Frame, part: &str) -> Result<(), FlexibleError> {
+        if frame.body < self.model.bodies().len() {
+            return Ok(());
+        }
+        let (link, robot) = (&frame.name, self.model.name());
+        let problem = format!("is on link {link}, which is a link of another robot than {robot}");
+        Err(FlexibleError::part(part, problem))
     }
 
     fn check_names(&self) -> Result<(), FlexibleError> {

@@ -130,7 +130,8 @@ impl FlexibleIntegrator {
         &self.system
     }
 
-    /// Advances `state` by `dt` \[s\], with `forcing` evaluated at every stage. Afterwards `workspace` holds the new state.
+    /// Advances `state` by `dt` \[s\], with `forcing` evaluated at every stage. Afterwards `workspace` holds the new state. A negative
+    /// `dt` goes back in time with the valves of the thrusters as they are, and without speed limits of the wheels.
     ///
     /// # Panics
     /// If `state` or `workspace` is of another system, or `forcing` changes the length of a vector.
@@ -159,11 +160,15 @@ impl FlexibleIntegrator {
         self.check(state, workspace);
         for _ in 0..count {
             let mut left = dt;
-            while left > 0.0 {
+            loop {
                 let part = next_switch(state, left);
                 self.compute_step(state, workspace, part, forcing);
                 self.accept(state, part);
-                left -= part;
+                if part < left {
+                    left -= part;
+                } else {
+                    break;
+                }
             }
         }
         workspace.set_state(state);
@@ -266,7 +271,7 @@ impl FlexibleIntegrator {
     }
 }
 
-/// The part of `left` until a thruster switches off.
+/// The part of `left` \[s\] until a thruster switches off; all of it if it is negative.
 pub(super) fn next_switch(state: &FlexibleState, left: f64) -> f64 {
     let open = state.on_time.iter().filter(|t| **t > 0.0);
     let next = open.fold(left, |next, t| next.min(*t));

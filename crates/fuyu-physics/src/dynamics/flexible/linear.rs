@@ -1,10 +1,9 @@
-//! Small motion about a state at rest: mass, damping and stiffness matrices, frequencies, and the largest stable step.
+//! Small motion about a state at rest: mass, damping and stiffness matrices, and frequencies.
 
-use fuyu_structures::{Eigen, StructureError, generalized_eigen};
-use nalgebra::{Complex, DMatrix, DVector};
+use fuyu_structures::{StructureError, generalized_eigen};
+use nalgebra::{DMatrix, DVector};
 
-use super::{FlexibleError, FlexibleState, FlexibleSystem, FlexibleWorkspace, RotorModel, Wheel};
-use crate::dynamics::{IntegrationMethod, Tableau};
+use super::{FlexibleState, FlexibleSystem, FlexibleWorkspace, RotorModel};
 use crate::spatial::{Twist, Wrench};
 
 /// Linear model of a [`FlexibleSystem`] at one posture, undeformed.
@@ -18,9 +17,9 @@ pub struct LinearModel {
     pub damping: DMatrix<f64>,
     /// Stiffness matrix.
     pub stiffness: DMatrix<f64>,
-    joints: usize,
-    modes: usize,
-    motors: usize,
+    pub(super) joints: usize,
+    pub(super) modes: usize,
+    pub(super) motors: usize,
 }
 
 impl LinearModel {
@@ -132,128 +131,6 @@ impl LinearModel {
     }
 }
 
-impl FlexibleSystem {
-    /// Checks that `method` with steps of `step` \[s\] can follow every vibration and every damper at joint positions `q`.
-    ///
-    /// # Errors
-    /// [`FlexibleError::Unstable`] names the part and its frequency, [`FlexibleError::StiffDamping`] the part and its decay rate; [`FlexibleError::Structure`] for a mass matrix that is
-    /// not positive definite.
-    ///
-    /// # Panics
-    /// If `q` does not have one element per joint.
-    pub fn check_step(
-        &self,
-        q: &DVector<f64>,
-        method: IntegrationMethod,
-        step: f64,
-    ) -> Result<(), FlexibleError> {
-        let linear = LinearModel::new(self, q);
-        self.check_damping(&linear, method, step)?;
-        let eigen = generalized_eigen(&linear.stiffness, &linear.mass)?;
-        let Some(highest) = eigen.values.iter().copied().reduce(f64::max) else {
-            return Ok(());
-        };
-        let rate = highest.max(0.0).sqrt();
-        let limit = method.tableau().stability_limit() / rate;
-        if step <= limit {
-            return Ok(());
-        }
-        // Where this vibration has most of its strain energy.
-        Err(FlexibleError::Unstable {
-            part: self.most_of(&linear, &linear.stiffness, &eigen),
-            frequency_hz: rate / std::f64::consts::TAU,
-            step,
-            limit,
-        })
-    }
-
-    /// Checks that `method` can follow the fastest decay, of wheels near rest too, where Coulomb friction is steep. No pole decays faster than the largest eigenvalue of `M⁻¹ D`.
-    fn check_damping(
-        &self,
-        linear: &LinearModel,
-        method: IntegrationMethod,
-        step: f64,
-    ) -> Result<(), FlexibleError> {
-        let mut damping = linear.damping.clone();
-        let first = damping.nrows() - self.wheels().len();
-        for (i, wheel) in self.wheels().iter().enumerate() {
-            damping[(first + i, first + i)] += wheel.coulomb_friction / Wheel::FRICTION_SPEED;
-        }
-        let eigen = generalized_eigen(&damping, &linear.mass)?;
-        let Some(rate) = eigen.values.iter().copied().reduce(f64::max) else {
-            return Ok(());
-        };
-        let limit = method.tableau().decay_limit() / rate.max(0.0);
-        if step <= limit {
-            return Ok(());
-        }
-        Err(FlexibleError::StiffDamping {
-            part: self.most_of(linear, &damping, &eigen),
-            rate,
-            step,
-            limit,
-        })
-    }
-
-    /// Name of the part that has most of `xᵀ m x` in the last eigenvector.
-    fn most_of(&self, linear: &LinearModel, m: &DMatrix<f64>, eigen: &Eigen) -> String {
-        let shape = eigen.vectors.column(eigen.vectors.ncols() - 1);
-        let energy = (m * shape).component_mul(&shape);
-        let first = 6 + linear.joints;
-        let place = energy.imax();
-        let part = match place {
-            _ if place < first => self
-                .model()
-                .joints()
-                .get(place.saturating_sub(6))
-                .map_or("the base", |j| j.name.as_str()),
-            _ if place < first + linear.modes => (self.modal_bodies().iter())
-                .find(|body| body.range().contains(&(place - first)))
-                .map_or("a mode", |body| body.name()),
-            _ => self
-                .elastic_joints()
-                .get(place - first - linear.modes)
-                .map_or("a wheel", |joint| joint.joint.as_str()),
-        };
-        part.to_owned()
-    }
-}
-
-impl Tableau {
-    /// Largest `ω h` of an undamped vibration that the method does not amplify by more than 1e-6 a step.
-    pub fn stability_limit(&self) -> f64 {
-        const INCREMENT: f64 = 0.005;
-        let mut steps = 1.0;
-        let vibration = |wh: f64| self.amplification(Complex::new(0.0, wh));
-        while vibration(steps * INCREMENT) <= 1.0 + 1e-6 && steps < 1e4 {
-            steps += 1.0;
-        }
-        (steps - 1.0) * INCREMENT
-    }
-
-    /// Largest `a h` of a decay `y' = -a y` that the method does not amplify.
-    pub fn decay_limit(&self) -> f64 {
-        const INCREMENT: f64 = 0.005;
-        let mut steps = 1.0;
-        let decay = |ah: f64| self.amplification(Complex::new(-ah, 0.0));
-        while decay(steps * INCREMENT) <= 1.0 && steps < 1e4 {
-            steps += 1.0;
-        }
-        (steps - 1.0) * INCREMENT
-    }
-
-    /// Magnitude of a step's result for `y' = λ y`, `y = 1`, at `λ h = z`.
-    fn amplification(&self, z: Complex<f64>) -> f64 {
-        let mut slopes: Vec<Complex<f64>> = Vec::with_capacity(self.c.len());
-        for row in self.a {
-            let sum: Complex<f64> = row.iter().zip(&slopes).map(|(a, k)| k * *a).sum();
-            slopes.push(z * (sum + 1.0));
-        }
-        let sum: Complex<f64> = self.b.iter().zip(&slopes).map(|(b, k)| k * *b).sum();
-        (sum + 1.0).norm()
-    }
-}
-
 impl FlexibleWorkspace {
     /// Generalized momenta (mass matrix times rates) of base (translation, then rotation, base axes), joints, modes, motors and
     /// wheels, at the twists of the last [`Self::propagate_motion`].
@@ -308,23 +185,5 @@ impl FlexibleWorkspace {
             }
         }
         momenta
-    }
-}
-
-#[cfg(test)]
-mod tests {
-    use super::*;
-
-    // RK4: 2 sqrt 2 on the imaginary axis, from |1 + z + z²/2 + z³/6 + z⁴/24|² = 1 - y⁶/72 + y⁸/576.
-    #[test]
-    fn the_stability_limit_of_the_classical_method_is_known() {
-        let limit = Tableau::RK4.stability_limit();
-        assert!((limit - 8.0_f64.sqrt()).abs() < 0.006, "{limit}");
-        // The method of order 8 has 12 stages and a longer interval.
-        let limit = Tableau::DOP8.stability_limit();
-        assert!(limit > 2.0 && limit < 12.0, "{limit}");
-        // The negative root of 1 + z/2 + z²/6 + z³/24.
-        let limit = Tableau::RK4.decay_limit();
-        assert!((limit - 2.785_293_563).abs() < 0.006, "{limit}");
     }
 }

@@ -55,6 +55,7 @@ mod modal_body;
 mod motion;
 mod parts;
 mod section;
+mod stability;
 mod state;
 mod system;
 mod workspace;

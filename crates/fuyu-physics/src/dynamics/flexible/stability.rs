@@ -1,0 +1,146 @@
+//! The longest step with which an explicit method follows every vibration and every damper.
+
+use fuyu_structures::{Eigen, generalized_eigen};
+use nalgebra::{Complex, DMatrix, DVector};
+
+use super::{FlexibleError, FlexibleSystem, LinearModel, Wheel};
+use crate::dynamics::{IntegrationMethod, Tableau};
+
+impl FlexibleSystem {
+    /// Checks that `method` with steps of `step` \[s\] can follow every vibration and every damper at joint positions `q`.
+    ///
+    /// # Errors
+    /// [`FlexibleError::Unstable`] names the part and its frequency, [`FlexibleError::StiffDamping`] the part and its decay rate;
+    /// [`FlexibleError::Structure`] for a mass matrix that is not positive definite.
+    ///
+    /// # Panics
+    /// If `q` does not have one element per joint.
+    pub fn check_step(
+        &self,
+        q: &DVector<f64>,
+        method: IntegrationMethod,
+        step: f64,
+    ) -> Result<(), FlexibleError> {
+        let linear = LinearModel::new(self, q);
+        self.check_damping(&linear, method, step)?;
+        let eigen = generalized_eigen(&linear.stiffness, &linear.mass)?;
+        let Some(highest) = eigen.values.iter().copied().reduce(f64::max) else {
+            return Ok(());
+        };
+        let rate = highest.max(0.0).sqrt();
+        let limit = method.tableau().stability_limit() / rate;
+        if step <= limit {
+            return Ok(());
+        }
+        // Where this vibration has most of its strain energy.
+        Err(FlexibleError::Unstable {
+            part: self.most_of(&linear, &linear.stiffness, &eigen),
+            frequency_hz: rate / std::f64::consts::TAU,
+            step,
+            limit,
+        })
+    }
+
+    /// Checks that `method` can follow the fastest decay, also that of wheels near rest, where Coulomb friction is steep. No pole decays
+    /// faster than the largest eigenvalue of `M⁻¹ D`.
+    fn check_damping(
+        &self,
+        linear: &LinearModel,
+        method: IntegrationMethod,
+        step: f64,
+    ) -> Result<(), FlexibleError> {
+        let mut damping = linear.damping.clone();
+        let first = damping.nrows() - self.wheels().len();
+        for (i, wheel) in self.wheels().iter().enumerate() {
+            damping[(first + i, first + i)] += wheel.coulomb_friction / Wheel::FRICTION_SPEED;
+        }
+        let eigen = generalized_eigen(&damping, &linear.mass)?;
+        let Some(rate) = eigen.values.iter().copied().reduce(f64::max) else {
+            return Ok(());
+        };
+        let limit = method.tableau().decay_limit() / rate.max(0.0);
+        if step <= limit {
+            return Ok(());
+        }
+        Err(FlexibleError::StiffDamping {
+            part: self.most_of(linear, &damping, &eigen),
+            rate,
+            step,
+            limit,
+        })
+    }
+
+    /// Name of the part that has most of `xᵀ m x` in the last eigenvector.
+    fn most_of(&self, linear: &LinearModel, m: &DMatrix<f64>, eigen: &Eigen) -> String {
+        let shape = eigen.vectors.column(eigen.vectors.ncols() - 1);
+        let energy = (m * shape).component_mul(&shape);
+        let place = energy.imax();
+        let first_mode = 6 + linear.joints;
+        let first_motor = first_mode + linear.modes;
+        let first_wheel = first_motor + linear.motors;
+        if place < 6 {
+            "the base".to_owned()
+        } else if place < first_mode {
+            self.model().joints()[place - 6].name.clone()
+        } else if place < first_motor {
+            let mut bodies = self.modal_bodies().iter();
+            let body = bodies.find(|body| body.range().contains(&(place - first_mode)));
+            body.map_or_else(String::new, |body| body.name().to_owned())
+        } else if place < first_wheel {
+            self.elastic_joints()[place - first_motor].joint.clone()
+        } else {
+            format!("wheel {}", self.wheels()[place - first_wheel].name)
+        }
+    }
+}
+
+impl Tableau {
+    /// Largest `ω h` of an undamped vibration that the method does not amplify by more than 1e-6 a step.
+    pub fn stability_limit(&self) -> f64 {
+        self.longest_step(1e-6, |wh| Complex::new(0.0, wh))
+    }
+
+    /// Largest `a h` of a decay `y' = -a y` that the method does not amplify.
+    pub fn decay_limit(&self) -> f64 {
+        self.longest_step(0.0, |ah| Complex::new(-ah, 0.0))
+    }
+
+    /// Length of the first interval on which the method amplifies `y' = z(h) y` by at most `tolerance` a step, in steps of .005
+    /// up to 50.
+    fn longest_step(&self, tolerance: f64, z: impl Fn(f64) -> Complex<f64>) -> f64 {
+        let steps = (1..10_000).map(|i| 0.005 * f64::from(i));
+        steps
+            .take_while(|h| self.amplification(z(*h)) <= 1.0 + tolerance)
+            .last()
+            .unwrap_or(0.0)
+    }
+
+    /// Magnitude of a step's result for `y' = λ y`, `y = 1`, at `λ h = z`.
+    fn amplification(&self, z: Complex<f64>) -> f64 {
+        let mut slopes: Vec<Complex<f64>> = Vec::with_capacity(self.c.len());
+        for row in self.a {
+            let sum: Complex<f64> = row.iter().zip(&slopes).map(|(a, k)| k * *a).sum();
+            slopes.push(z * (sum + 1.0));
+        }
+        let sum: Complex<f64> = self.b.iter().zip(&slopes).map(|(b, k)| k * *b).sum();
+        (sum + 1.0).norm()
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // RK4: 2 sqrt 2 on the imaginary axis, from |1 + z + z²/2 + z³/6 + z⁴/24|² = 1 - y⁶/72 + y⁸/576.
+    #[test]
+    fn the_stability_limit_of_the_classical_method_is_known() {
+        let limit = Tableau::RK4.stability_limit();
+        assert!((limit - 8.0_f64.sqrt()).abs() < 0.006, "{limit}");
+        // The method of order 8 has 12 stages and a longer interval.
+        let limit = Tableau::DOP8.stability_limit();
+        assert!(limit > 2.0 && limit < 12.0, "{limit}");
+        // The negative root of 1 + z/2 + z²/6 + z³/24.
+        let limit = Tableau::RK4.decay_limit();
+        assert!((limit - 2.785_293_563).abs() < 0.006, "{limit}");
+    }
+}
