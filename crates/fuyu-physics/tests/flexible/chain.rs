@@ -167,9 +167,9 @@ fn modal_attitude(second_order: bool, size: f64) -> (Vector3<f64>, f64) {
     (state.tree.R_WB.scaled_axis(), largest)
 }
 
-// Runs instead of frequencies, and large motion. The chains converge with the square of the segments' length; extrapolated, they differ from second-order modes by a term
-// that is cubic in the kick, and from first-order modes by a quadratic one, so second order is better for small kicks: up to a tip deflection of .06 m here. With
-// foreshortening alone its remainder would be quadratic, too.
+// Runs instead of frequencies, and large motion. The chains converge with the square of the segments' length; extrapolated, they differ
+// from second-order modes by a term that is cubic in the kick, and from first-order modes by a quadratic one, so second order is better
+// for small kicks: up to a tip deflection of .06 m here. With foreshortening alone its remainder would be quadratic, too.
 #[test]
 fn motion_of_chains_converges_and_second_order_is_cubic() {
     let (mut second, mut first) = (Vec::new(), Vec::new());

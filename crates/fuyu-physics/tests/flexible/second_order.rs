@@ -73,7 +73,8 @@ fn spin_frequency(second_order: bool, w: Vector3<f64>) -> f64 {
     fuyu_structures::frequencies_hz(&roots)[0] * std::f64::consts::TAU
 }
 
-// Spin about the panel's axes against exact finite elements (error 5e-7) and another second-order program. First order is wrong by 1e-1 at half a radian a second.
+// Spin about the panel's axes against exact finite elements (error 5e-7) and another second-order program. First order is wrong by 1e-1
+// at half a radian a second.
 #[test]
 fn spin_frequencies_are_those_of_finite_elements() {
     let expected = fixture("flexible_spin");

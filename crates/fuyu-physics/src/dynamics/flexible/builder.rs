@@ -43,10 +43,10 @@ impl FlexibleBuilder {
         self
     }
 
-    /// Makes the link that moves a body elastic. The deformable body replaces the rigid inertia of the body `link`, which is clamped to its
-    /// joint. Whatever follows in the tree, and frames fixed to the link, are carried by the output point number
-    /// `section` (the tip of an [`ElasticLink`](fuyu_structures::ElasticLink) is number 0), which turns by its small rotation φ as `Rz(φ_z) Ry(φ_y) Rx(φ_x)` in axes of A. `X_BA` is the pose
-    /// of the attachment frame A in the body's frame B.
+    /// Makes the body `link` elastic: `appendage` replaces its rigid inertia and is clamped to the joint that moves it. `X_BA` is the pose of
+    /// the attachment frame A in the body's frame B. What follows in the tree, and frames fixed to the link, are carried
+    /// by the output point number `section` (the tip of an [`ElasticLink`](fuyu_structures::ElasticLink) is number 0). It turns by its
+    /// small rotation φ as `Rz(φ_z) Ry(φ_y) Rx(φ_x)` in axes of A.
     #[must_use]
     pub fn elastic_link(
         mut self,
