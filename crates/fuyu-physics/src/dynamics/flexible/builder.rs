@@ -3,7 +3,7 @@
 use std::sync::Arc;
 
 use fuyu_structures::Appendage;
-use nalgebra::{Matrix3, Vector3};
+use nalgebra::Vector3;
 
 use super::composite::Composite;
 use super::error::require;

@@ -153,9 +153,9 @@ impl FlexibleWorkspace {
                 let range = self.system.modal_bodies()[*i].range();
                 let (shape, rates) = (&self.modal[*i].shape, &state.mu_dot()[range.clone()]);
                 for (k, place) in range.enumerate() {
-                    let own = shape.mass.row(k).iter().zip(rates);
-                    momenta[extras + place] =
-                        own.map(|(m, rate)| m * rate).sum::<f64>() + node.V.dot(&shape.coupling[k]);
+                    let own = rates.iter().enumerate();
+                    let own: f64 = own.map(|(l, rate)| shape.mass[(k, l)] * rate).sum();
+                    momenta[extras + place] = own + node.V.dot(&shape.coupling[k]);
                 }
             }
             if let Some(s) = body.section {
