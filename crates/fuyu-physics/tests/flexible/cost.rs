@@ -20,7 +20,7 @@ fn median(mut ratios: Vec<f64>) -> f64 {
 // `cargo test --release -p fuyu-physics --test flexible cost -- --ignored --nocapture`
 #[test]
 #[ignore = "a measurement, for a release build on a quiet computer"]
-fn two_panels_cost_at_most_six_tenths_of_a_step() {
+fn a_step_with_two_panels_costs_at_most_1_6_rigid_ones() {
     const STEPS: usize = 2000;
     let model = servicer();
     let q = DVector::from_row_slice(&POSTURES[1].1);
