@@ -139,32 +139,44 @@ impl FlexibleWorkspace {
         }
     }
 
-    /// External wrenches and thrusters on each body, their sum and their power.
+    /// External wrenches and thrusters on each body, their sum and their power. What acts on an elastic link acts on its section,
+    /// as frames of the link are fixed to it.
     fn set_external(&mut self, state: &FlexibleState, input: &FlexibleInput) {
         (self.external, self.external_power) = (Wrench::ZERO, 0.0);
+        self.nodes
+            .iter_mut()
+            .for_each(|n| n.external = Wrench::ZERO);
+        (self.sections.iter_mut()).for_each(|s| s.external = Wrench::ZERO);
         let is_on = state.on_time.iter().any(|t| *t > 0.0);
         if !is_on && !input.has_wrench() {
-            (self.nodes.iter_mut()).for_each(|node| node.external = Wrench::ZERO);
             return;
         }
         self.set_poses();
         let compiled = self.system.compiled();
-        for (node, wrench) in self.nodes.iter_mut().zip(&input.tree.wrenches) {
-            node.external = *wrench;
+        for (b, wrench) in input.tree.wrenches.iter().enumerate() {
+            match compiled.bodies[b].section {
+                Some(s) => {
+                    let section = &mut self.sections[s];
+                    section.external = wrench.shifted(&-section.p_BE_straight);
+                }
+                None => self.nodes[b].external = *wrench,
+            }
         }
         for ((body, p, force), on_time) in compiled.thrusters.iter().zip(&state.on_time) {
             if *on_time > 0.0 {
-                self.nodes[*body].external += Wrench {
-                    torque: p.cross(force),
-                    force: *force,
-                };
+                let thrust = Wrench::new(Vector3::zeros(), *force);
+                self.nodes[*body].external += thrust.shifted(p);
             }
         }
         for node in &self.nodes {
-            if node.external != Wrench::ZERO {
-                self.external += node.external.shifted_to_parent(&node.X_0);
-                self.external_power += node.V.dot(&node.external);
-            }
+            self.external += node.external.shifted_to_parent(&node.X_0);
+            self.external_power += node.V.dot(&node.external);
+        }
+        for section in &self.sections {
+            let link = &self.nodes[self.system.modal_bodies()[section.modal_body].body];
+            let X_0E = link.X_0 * section.X_BE;
+            self.external += section.external.shifted_to_parent(&X_0E);
+            self.external_power += section.twist(&link.V).dot(&section.external);
         }
     }
 
@@ -186,7 +198,7 @@ impl FlexibleWorkspace {
             (node.inertia, node.force) = (Articulated::zero(), Wrench::ZERO);
         }
         for section in sections.iter_mut() {
-            (section.inertia, section.force) = (Articulated::zero(), Wrench::ZERO);
+            (section.inertia, section.force) = (Articulated::zero(), -section.external);
         }
         for b in (0..nodes.len()).rev() {
             let body = &compiled.bodies[b];

@@ -44,8 +44,8 @@ impl FlexibleBuilder {
     }
 
     /// Makes the body `link` elastic: `appendage` replaces its rigid inertia and is clamped to the joint that moves it. `X_BA` is the pose of
-    /// the attachment frame A in the body's frame B. What follows in the tree, and frames fixed to the link, are carried
-    /// by the output point number `section` (the tip of an [`ElasticLink`](fuyu_structures::ElasticLink) is number 0). It turns by its
+    /// the attachment frame A in the body's frame B. What follows in the tree, frames fixed to the link, and external wrenches on it are
+    /// carried by the output point number `section` (the tip of an [`ElasticLink`](fuyu_structures::ElasticLink) is number 0). It turns by its
     /// small rotation φ as `Rz(φ_z) Ry(φ_y) Rx(φ_x)` in axes of A.
     #[must_use]
     pub fn elastic_link(

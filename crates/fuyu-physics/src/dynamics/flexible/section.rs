@@ -29,6 +29,8 @@ pub(super) struct Section {
     pub momentum: Wrench,
     pub inertia: Articulated,
     pub force: Wrench,
+    /// External wrench on the elastic link.
+    pub external: Wrench,
 }
 
 impl Section {
@@ -47,6 +49,7 @@ impl Section {
             momentum: Wrench::ZERO,
             inertia: Articulated::zero(),
             force: Wrench::ZERO,
+            external: Wrench::ZERO,
         }
     }
 

@@ -224,7 +224,8 @@ impl FlexibleState {
 /// What acts on a robot with flexible parts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlexibleInput {
-    /// Joint efforts (of elastic joints: of the motor, on the output side) and external wrenches.
+    /// Joint efforts (of elastic joints: of the motor, on the output side) and external wrenches. One on an elastic link is about the origin and in
+    /// the axes of the link's frame ([`FlexibleWorkspace::X_BF`](super::FlexibleWorkspace::X_BF)), which moves with the section that carries the next link.
     pub tree: Input,
     /// Torques commanded to the wheels' motors \[N m\], before their limits.
     pub wheel_torques: DVector<f64>,
