@@ -45,7 +45,7 @@ const ORDER_5: [f64; 12] = [
 
 /// Weights of the embedded method of order 3 at stages 1, 9 and 12 (bhh1 to bhh3 there).
 const ORDER_3: [(usize, f64); 3] = [
-    (0, 0.244_094_488_188_976_38),
+    (0, 0.244_094_488_188_976_4),
     (8, 0.733_846_688_281_611_8),
     (11, 0.022_058_823_529_411_766),
 ];
