@@ -79,7 +79,7 @@ fn friction_dissipates_and_conserves_momentum() {
     let mut integrator = FlexibleIntegrator::new(&system, IntegrationMethod::Dop8);
     let mut free = |_: f64, _: &FlexibleState, _: &mut FlexibleInput| {};
     integrator.steps(&mut state, &mut workspace, 0.05, 100, &mut free);
-    let expected = 30.0 * (-0.05 * 5.0 * (1.0 / 0.2 + 1.0 / 9.8) as f64).exp();
+    let expected = 30.0 * f64::exp(-0.05 * 5.0 * (1.0 / 0.2 + 1.0 / 9.8));
     assert!((state.wheel_speeds()[0] - expected).abs() < 1e-9);
     assert_eq!(state.tree.momentum_W, before);
     let lost = start - workspace.kinetic_energy(&state);
