@@ -23,7 +23,8 @@ fn piece(l: f64) -> RigidInertia {
     }
 }
 
-/// The locked servicer with two panels of `n` hinges each, in the middle of `n` equal parts: at each a bending and a torsion spring.
+/// The locked servicer with two panels of `n` hinges each, in the middle of `n` equal parts: at each a bending and a
+/// torsion spring.
 fn chain(n: usize, alpha: f64) -> Model {
     let (length, EI, GJ) = (8.0, 3000.0, 800.0);
     let h = length / n as f64;
@@ -167,9 +168,10 @@ fn modal_attitude(second_order: bool, size: f64) -> (Vector3<f64>, f64) {
     (state.tree.R_WB.scaled_axis(), largest)
 }
 
-// Runs instead of frequencies, and large motion. The chains converge with the square of the segments' length; extrapolated, they differ
-// from second-order modes by a term that is cubic in the kick, and from first-order modes by a quadratic one, so second order is better
-// for small kicks: up to a tip deflection of .06 m here. With foreshortening alone its remainder would be quadratic, too.
+// Runs instead of frequencies, and large motion. The chains converge with the square of the segments' length;
+// extrapolated, they differ from second-order modes by a term that is cubic in the kick, and from first-order modes by
+// a quadratic one, so second order is better for small kicks: up to a tip deflection of .06 m here. With foreshortening
+// alone its remainder would be quadratic, too.
 #[test]
 fn motion_of_chains_converges_and_second_order_is_cubic() {
     let (mut second, mut first) = (Vec::new(), Vec::new());

@@ -99,9 +99,10 @@ fn random_input(random: &mut Random, system: &FlexibleSystem) -> FlexibleInput {
     input
 }
 
-// The rates of the carried momentum and of the energy along the accelerations, by differences of eighth order of states that move with them. A
-// Coriolis term that is missing anywhere makes these as large as the term: 1e-2 and more. Wrenches act on the base or on link 3, also where this is
-// elastic: one that acted on the link's root instead of the section, where its frames are, would leave 1e-6.
+// The rates of the carried momentum and of the energy along the accelerations, by differences of eighth order of states
+// that move with them. A Coriolis term that is missing anywhere makes these as large as the term: 1e-2 and more.
+// Wrenches act on the base or on link 3, also where this is elastic: one that acted on the link's root instead of the
+// section, where its frames are, would leave 1e-6.
 #[test]
 fn momentum_and_energy_have_the_rates_of_what_acts() {
     let mut random = Random::new(11);
@@ -190,8 +191,8 @@ fn momentum_and_energy_have_the_rates_of_what_acts() {
     }
 }
 
-/// Makes deflections those of forces that accelerate each mode by about 1 (`K⁻¹ M f`), and rates alike: the differences do not resolve the free
-/// vibration of stiff modes.
+/// Makes deflections those of forces that accelerate each mode by about 1 (`K⁻¹ M f`), and rates alike: the differences
+/// do not resolve the free vibration of stiff modes.
 fn slow_down(system: &FlexibleSystem, state: &mut FlexibleState) {
     for body in system.modal_bodies() {
         let stiffness = body.appendage.modal_stiffness.clone().cholesky().unwrap();
@@ -259,7 +260,8 @@ fn longest_step(system: &FlexibleSystem, state: &FlexibleState) -> f64 {
     low
 }
 
-// At any step size the state's momentum does not change by a bit, and the sum over bodies, modes, rotors and wheels agrees with it.
+// At any step size the state's momentum does not change by a bit, and the sum over bodies, modes, rotors and wheels
+// agrees with it.
 #[test]
 fn momentum_is_conserved_at_any_step() {
     let mut random = Random::new(12);

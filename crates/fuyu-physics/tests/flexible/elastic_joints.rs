@@ -106,7 +106,8 @@ fn a_planar_arm_with_elastic_joints() {
     }
 }
 
-// Six elastic joints on a free base, 20 s. The rotors' momentum is at most 5e-3 N m s; without it the sum would not be constant.
+// Six elastic joints on a free base, 20 s. The rotors' momentum is at most 5e-3 N m s; without it the sum would not be
+// constant.
 #[test]
 fn the_servicer_with_elastic_joints() {
     let data = &fixture("flexible_joints")["servicer"];
@@ -153,7 +154,8 @@ fn the_servicer_with_elastic_joints() {
     }
 }
 
-// With stiffer springs the joints approach rigid ones that carry the reflected inertia: the error falls with 1/K. The limit is a fixture.
+// With stiffer springs the joints approach rigid ones that carry the reflected inertia: the error falls with 1/K. The
+// limit is a fixture.
 #[test]
 fn stiff_joints_approach_rigid_ones() {
     let planar2 = &fixture("flexible_joints")["planar2"];

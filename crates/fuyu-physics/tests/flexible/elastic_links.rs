@@ -33,8 +33,8 @@ fn servicer_with_elastic_links(fixed_interface_modes: usize) -> FlexibleSystem {
     builder.build().unwrap()
 }
 
-// Base free and base fixed, joints locked, three postures. The shapes span the same space as the fixture's, so the agreement is better than the
-// convergence: 1e-5 against the converged values with four functions in each plane.
+// Base free and base fixed, joints locked, three postures. The shapes span the same space as the fixture's, so the
+// agreement is better than the convergence: 1e-5 against the converged values with four functions in each plane.
 #[test]
 fn frequencies_with_elastic_links_are_the_independent_ones() {
     let expected = &fixture("flexible_beam")["flexible_links"];
@@ -95,7 +95,8 @@ fn an_arm_with_elastic_links_moves_as_in_the_independent_run() {
         worst[4] = worst[4].max(carried.angular.norm() + carried.linear.norm());
     }
     println!("attitude, joints, tip, balance, momentum, energy: {worst:?}");
-    // The fixture's shapes are integrated on another mesh. An angle that differs by 1e-7 changes the work of 10 N m by 1e-6 J.
+    // The fixture's shapes are integrated on another mesh. An angle that differs by 1e-7 changes the work of 10 N m by
+    // 1e-6 J.
     assert!(
         worst[0] < 1e-8 && worst[1] < 1e-7 && worst[2] < 1e-7,
         "{worst:?}"

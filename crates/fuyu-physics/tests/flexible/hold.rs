@@ -11,7 +11,8 @@ use crate::support::{
     servicer_with_wheels, vector,
 };
 
-// Proportional and rate feedback on attitude and rate; torques are held for .1 s. The base's torque is minus that of the wheels.
+// Proportional and rate feedback on attitude and rate; torques are held for .1 s. The base's torque is minus that of
+// the wheels.
 #[test]
 fn wheels_hold_the_attitude_while_the_arm_moves() {
     let expected = fixture("flexible_hold_nominal");

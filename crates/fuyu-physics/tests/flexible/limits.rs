@@ -179,7 +179,8 @@ fn steep_friction_of_wheels_is_found() {
     );
 }
 
-// A damper of 1e5 N m s/rad on a light wrist decays far faster than a step of 5 ms can follow. Without the check the run diverges within a few steps.
+// A damper of 1e5 N m s/rad on a light wrist decays far faster than a step of 5 ms can follow. Without the check the
+// run diverges within a few steps.
 #[test]
 fn dampers_above_the_stability_limit_are_found() {
     let model = servicer();

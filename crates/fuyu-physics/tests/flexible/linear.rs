@@ -31,8 +31,8 @@ fn base_free_frequencies_are_the_independent_ones() {
     assert!(worst[0] < 1e-8 && worst[1] < 1e-8, "{worst:?}");
 }
 
-// Columns for joints, modes, motors and wheels: a difference quotient of a motion at zero momentum. For the rigid robot, the generalized Jacobian
-// of the rigid engine.
+// Columns for joints, modes, motors and wheels: a difference quotient of a motion at zero momentum. For the rigid
+// robot, the generalized Jacobian of the rigid engine.
 #[test]
 fn the_generalized_jacobian_is_the_velocity_at_zero_momentum() {
     let model = servicer();

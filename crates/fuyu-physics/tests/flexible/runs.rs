@@ -105,8 +105,8 @@ fn damped(_: f64, state: &FlexibleState, input: &mut FlexibleInput) {
     efforts(0.0, 0.0, state.tree.qd.as_slice(), &mut input.tree.efforts);
 }
 
-// The arm excites the panels: classical Runge-Kutta at 5 ms. The fixture's error is about 1e-12. Without the coupling of the modes to the
-// base's rotation the panels do not move at all.
+// The arm excites the panels: classical Runge-Kutta at 5 ms. The fixture's error is about 1e-12. Without the coupling
+// of the modes to the base's rotation the panels do not move at all.
 #[test]
 fn an_arm_that_moves_excites_the_panels() {
     let (system, runs) = (servicer_with_panels(0.0), fixture("flexible_panels_runs"));

@@ -27,8 +27,8 @@ fn on_hub(model: &Model, X_FA: Pose, body: Appendage) -> FlexibleSystem {
     builder.build().unwrap()
 }
 
-/// First frequency of a vibration about a steady spin `w`, from two matrices of the engine: accelerations for unit deflections and rates. Only one
-/// mode is free, the others are in equilibrium.
+/// First frequency of a vibration about a steady spin `w`, from two matrices of the engine: accelerations for unit
+/// deflections and rates. Only one mode is free, the others are in equilibrium.
 fn spin_frequency(second_order: bool, w: Vector3<f64>) -> f64 {
     let panel = PlateStrip {
         damping: 0.0,
@@ -73,8 +73,8 @@ fn spin_frequency(second_order: bool, w: Vector3<f64>) -> f64 {
     fuyu_structures::frequencies_hz(&roots)[0] * std::f64::consts::TAU
 }
 
-// Spin about the panel's axes against exact finite elements (error 5e-7) and another second-order program. First order is wrong by 1e-1
-// at half a radian a second.
+// Spin about the panel's axes against exact finite elements (error 5e-7) and another second-order program. First order
+// is wrong by 1e-1 at half a radian a second.
 #[test]
 fn spin_frequencies_are_those_of_finite_elements() {
     let expected = fixture("flexible_spin");
@@ -100,8 +100,8 @@ fn spin_frequencies_are_those_of_finite_elements() {
     assert!(worst[2] > 0.05, "{worst:?}");
 }
 
-// The beam of Kane, Ryan and Banerjee (1987) that spins up to 6 rad/s in 15 s: a torque on a hub of 1e12 kg m². First-order modes
-// diverge at this rate.
+// The beam of Kane, Ryan and Banerjee (1987) that spins up to 6 rad/s in 15 s: a torque on a hub of 1e12 kg m².
+// First-order modes diverge at this rate.
 #[test]
 fn a_beam_that_spins_up_has_the_published_deflection() {
     let data = &fixture("flexible_beam")["spin_up"];

@@ -27,7 +27,8 @@ pub fn fixture(name: &str) -> Value {
     serde_json::from_str(&text).unwrap()
 }
 
-/// Base-free frequencies of the servicer with panels of 14 bending and 7 torsion modes, posture B, panels not turned \[Hz\].
+/// Base-free frequencies of the servicer with panels of 14 bending and 7 torsion modes, posture B, panels not turned
+/// \[Hz\].
 pub fn fixture_lumped() -> Vec<f64> {
     vec![
         0.198_223_859_282_658_9,

@@ -39,8 +39,8 @@ fn robot(min_on_time: f64) -> FlexibleSystem {
 
 fn free(_: f64, _: &FlexibleState, _: &mut FlexibleInput) {}
 
-// A base that does not turn: the change is thrust times on-time, although no step ends when the valve closes. Cutting a pulse at a step's end
-// instead would leave an error of up to a step, 10 %.
+// A base that does not turn: the change is thrust times on-time, although no step ends when the valve closes. Cutting a
+// pulse at a step's end instead would leave an error of up to a step, 10 %.
 #[test]
 fn a_pulse_changes_momentum_by_its_impulse() {
     let system = robot(0.0);
@@ -49,7 +49,8 @@ fn a_pulse_changes_momentum_by_its_impulse() {
         let mut state = FlexibleState::at_rest_with(&system, &q);
         let mut workspace = FlexibleWorkspace::new(&system);
         let mut integrator = FlexibleIntegrator::new(&system, IntegrationMethod::Dop8);
-        // Force and torque in inertial axes, by the trapezoidal rule of Romberg on the attitude of the run, a second computation.
+        // Force and torque in inertial axes, by the trapezoidal rule of Romberg on the attitude of the run, a second
+        // computation.
         let record = |step: f64| {
             let mut state = FlexibleState::at_rest_with(&system, &q);
             let mut integrator = FlexibleIntegrator::new(&system, IntegrationMethod::Dop8);

@@ -60,7 +60,8 @@ fn a_wheel_obeys_the_closed_form_until_its_limits() {
     assert!((full.wheel_speeds()[0] - 5.0).abs() < 0.02);
 }
 
-// Viscous friction alone: the wheel slows down exponentially, Ω' = -c Ω (1/J_w + 1/(J - J_w)), and what it loses is dissipated.
+// Viscous friction alone: the wheel slows down exponentially, Ω' = -c Ω (1/J_w + 1/(J - J_w)), and what it loses is
+// dissipated.
 #[test]
 fn friction_dissipates_and_conserves_momentum() {
     let system = satellite(|w| w.viscous_friction = 0.05);

@@ -1,9 +1,9 @@
 //! Accelerations by articulated bodies, with modes and rotors eliminated body by body.
 //!
-//! A rotor with inertia J, axis a and spin Ω on a body with angular velocity w has `J (Ω' + a·w') = τ`. It acts on the body with
-//! `-τ a - w × (J Ω a)`, and takes `J a aᵀ` from its inertia, which contains the rotor as locked. Modes with modal mass M and
-//! coupling P (n x 6) have `M μ'' + P A + bias = -K μ - C μ'`; what they leave for the body is the inertia less `Pᵀ M⁻¹ P` (Kida
-//! 1993, chapter 2, which eliminates the rigid body instead).
+//! A rotor with inertia J, axis a and spin Ω on a body with angular velocity w has `J (Ω' + a·w') = τ`. It acts on the
+//! body with `-τ a - w × (J Ω a)`, and takes `J a aᵀ` from its inertia, which contains the rotor as locked. Modes with
+//! modal mass M and coupling P (n x 6) have `M μ'' + P A + bias = -K μ - C μ'`; what they leave for the body is the
+//! inertia less `Pᵀ M⁻¹ P` (Kida 1993, chapter 2, which eliminates the rigid body instead).
 
 use nalgebra::Vector3;
 
@@ -43,8 +43,8 @@ impl FlexibleEvaluation {
         }
     }
 
-    /// Efforts of the elastic joints and of motors and wheels, their power and their losses. `hold` is how long the wheels' torques
-    /// act from `start_speeds` on, for the limit of their speeds.
+    /// Efforts of the elastic joints and of motors and wheels, their power and their losses. `hold` is how long the
+    /// wheels' torques act from `start_speeds` on, for the limit of their speeds.
     pub fn set_rotor_torques(
         &mut self,
         system: &FlexibleSystem,
@@ -139,8 +139,8 @@ impl FlexibleWorkspace {
         }
     }
 
-    /// External wrenches and thrusters on each body, their sum and their power. What acts on an elastic link acts on its section,
-    /// as frames of the link are fixed to it.
+    /// External wrenches and thrusters on each body, their sum and their power. What acts on an elastic link acts on
+    /// its section, as frames of the link are fixed to it.
     fn set_external(&mut self, state: &FlexibleState, input: &FlexibleInput) {
         (self.external, self.external_power) = (Wrench::ZERO, 0.0);
         self.nodes
@@ -362,8 +362,8 @@ fn eliminate_modes(
     }
 }
 
-/// Cholesky factor in place: the lower triangle by rows, with inverses on the diagonal. Not a number if the matrix is not positive
-/// definite.
+/// Cholesky factor in place: the lower triangle by rows, with inverses on the diagonal. Not a number if the matrix is
+/// not positive definite.
 fn factorize(m: &mut [f64], n: usize) {
     for i in 0..n {
         for j in 0..=i {

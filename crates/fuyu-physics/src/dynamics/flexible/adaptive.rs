@@ -26,8 +26,8 @@ impl Default for Tolerance {
     }
 }
 
-/// Weights of the error estimate of order 5 in DOP853 (Hairer, Norsett and Wanner, Solving Ordinary Differential Equations I, 2nd
-/// ed., program DOP853, coefficients er1 to er12).
+/// Weights of the error estimate of order 5 in DOP853 (Hairer, Norsett and Wanner, Solving Ordinary Differential
+/// Equations I, 2nd ed., program DOP853, coefficients er1 to er12).
 const ORDER_5: [f64; 12] = [
     0.013_120_044_994_194_88,
     0.0,
@@ -53,8 +53,8 @@ const ORDER_3: [(usize, f64); 3] = [
 /// Steps tried in one call before it gives up.
 const MOST_STEPS: usize = 10_000_000;
 
-/// Integrates a [`FlexibleState`] by Dormand and Prince's method of order 8 with error estimates of order 5 and 3, which choose the
-/// step.
+/// Integrates a [`FlexibleState`] by Dormand and Prince's method of order 8 with error estimates of order 5 and 3,
+/// which choose the step.
 #[derive(Clone, Debug)]
 pub struct AdaptiveIntegrator {
     fixed: FlexibleIntegrator,
@@ -73,8 +73,8 @@ impl AdaptiveIntegrator {
         }
     }
 
-    /// Advances `state` by `duration` \[s\], if that is positive; returns how many steps were accepted. Where `forcing` jumps, end a call and begin
-    /// the next.
+    /// Advances `state` by `duration` \[s\], if that is positive; returns how many steps were accepted. Where `forcing`
+    /// jumps, end a call and begin the next.
     ///
     /// # Errors
     /// [`FlexibleError::StepTooSmall`] if the tolerance cannot be met, for instance because a value is not finite.
@@ -181,8 +181,8 @@ impl AdaptiveIntegrator {
 mod tests {
     use super::*;
 
-    // The weights of order 5 are the difference of two methods of order 5 and 8: they annihilate powers of c below 5, and not c^5. The
-    // method of order 3 integrates powers below 3.
+    // The weights of order 5 are the difference of two methods of order 5 and 8: they annihilate powers of c below 5,
+    // and not c^5. The method of order 3 integrates powers below 3.
     #[test]
     fn the_error_estimates_have_their_orders() {
         let c = Tableau::DOP8.c;

@@ -1,8 +1,9 @@
 //! Equations of motion of a robot whose flexible parts are all on its base, on the kernels of rigid robots.
 //!
-//! The kernels see a robot whose base contains the appendages undeformed. What deformation changes on the base is added to
-//! their sums there: to inertia and momentum before the base's angular velocity is solved, and to the articulated inertia before
-//! its acceleration is. The numbers are the same as those of the general equations (`acceleration.rs`) up to rounding.
+//! The kernels see a robot whose base contains the appendages undeformed. What deformation changes on the base is added
+//! to their sums there: to inertia and momentum before the base's angular velocity is solved, and to the articulated
+//! inertia before its acceleration is. The numbers are the same as those of the general equations (`acceleration.rs`)
+//! up to rounding.
 
 use pulp::{Simd, WithSimd};
 
@@ -62,8 +63,8 @@ struct BaseRotor {
 }
 
 impl BaseModes {
-    /// The faster equations for `system`, or nothing if they do not cover it: parts on other bodies, second order, modes that are
-    /// coupled with each other, or elastic links.
+    /// The faster equations for `system`, or nothing if they do not cover it: parts on other bodies, second order,
+    /// modes that are coupled with each other, or elastic links.
     pub fn new(system: &FlexibleSystem) -> Option<Self> {
         let compiled = system.compiled();
         let bodies = system.modal_bodies();

@@ -5,8 +5,8 @@ use rayon::prelude::*;
 use super::{FlexibleInput, FlexibleIntegrator, FlexibleState, FlexibleSystem, FlexibleWorkspace};
 use crate::dynamics::IntegrationMethod;
 
-/// States of one [`FlexibleSystem`] that are stepped in parallel, each as [`FlexibleIntegrator`] would. Memory is allocated once, for
-/// each state.
+/// States of one [`FlexibleSystem`] that are stepped in parallel, each as [`FlexibleIntegrator`] would. Memory is
+/// allocated once, for each state.
 #[derive(Clone, Debug)]
 pub struct FlexibleBatch {
     runs: Vec<Run>,
@@ -69,8 +69,8 @@ impl FlexibleBatch {
         &self.runs[i].workspace
     }
 
-    /// Advances all states by `count` steps of `dt` \[s\]. `forcing` is called at every stage with the number of the state, as
-    /// [`FlexibleForcing::apply`](super::FlexibleForcing::apply) is.
+    /// Advances all states by `count` steps of `dt` \[s\]. `forcing` is called at every stage with the number of the
+    /// state, as [`FlexibleForcing::apply`](super::FlexibleForcing::apply) is.
     pub fn step(
         &mut self,
         dt: f64,

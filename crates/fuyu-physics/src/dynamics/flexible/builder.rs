@@ -43,10 +43,11 @@ impl FlexibleBuilder {
         self
     }
 
-    /// Makes the body `link` elastic: `appendage` replaces its rigid inertia and is clamped to the joint that moves it. `X_BA` is the pose of
-    /// the attachment frame A in the body's frame B. What follows in the tree, frames fixed to the link, and external wrenches on it are
-    /// carried by the output point number `section` (the tip of an [`ElasticLink`](fuyu_structures::ElasticLink) is number 0). It turns by its
-    /// small rotation φ as `Rz(φ_z) Ry(φ_y) Rx(φ_x)` in axes of A.
+    /// Makes the body `link` elastic: `appendage` replaces its rigid inertia and is clamped to the joint that moves it.
+    /// `X_BA` is the pose of the attachment frame A in the body's frame B. What follows in the tree, frames fixed to
+    /// the link, and external wrenches on it are carried by the output point number `section` (the tip of an
+    /// [`ElasticLink`](fuyu_structures::ElasticLink) is number 0). It turns by its small rotation φ as
+    /// `Rz(φ_z) Ry(φ_y) Rx(φ_x)` in axes of A.
     #[must_use]
     pub fn elastic_link(
         mut self,
@@ -83,8 +84,8 @@ impl FlexibleBuilder {
     /// Checks all parts and compiles them.
     ///
     /// # Errors
-    /// [`FlexibleError`] for a robot with mimic joints, a part on a link or joint that the robot lacks, a part that an elastic link cannot
-    /// carry, two parts with one name, or a number out of its range.
+    /// [`FlexibleError`] for a robot with mimic joints, a part on a link or joint that the robot lacks, a part that an
+    /// elastic link cannot carry, two parts with one name, or a number out of its range.
     pub fn build(self) -> Result<FlexibleSystem, FlexibleError> {
         let model = &self.model;
         if model.has_mimics() {

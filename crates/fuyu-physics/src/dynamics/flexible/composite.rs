@@ -73,7 +73,8 @@ impl Composite {
     }
 }
 
-/// Force per acceleration of a subtree: `torque = J α + H a`, `force = Hᵀ α + M a`, about a frame's origin, in its axes.
+/// Force per acceleration of a subtree: `torque = J α + H a`, `force = Hᵀ α + M a`, about a frame's origin, in its
+/// axes.
 #[derive(Clone, Copy, Debug)]
 pub(super) struct Articulated {
     pub J: Matrix3<f64>,

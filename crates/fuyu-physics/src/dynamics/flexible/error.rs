@@ -3,8 +3,8 @@
 use fuyu_structures::StructureError;
 use thiserror::Error;
 
-/// Why flexible parts, wheels or thrusters are rejected. Each message is one line that names field and value and says what would
-/// be right.
+/// Why flexible parts, wheels or thrusters are rejected. Each message is one line that names field and value and says
+/// what would be right.
 #[derive(Clone, Debug, Error, PartialEq)]
 #[non_exhaustive]
 pub enum FlexibleError {

@@ -43,8 +43,8 @@ impl fmt::Display for FirstOrderExcess<'_> {
 }
 
 impl FlexibleWorkspace {
-    /// The first deformable body without second order that is beyond the limits of first order, at the state of the last
-    /// [`FlexibleWorkspace::set_state`]; `None` if first order suffices.
+    /// The first deformable body without second order that is beyond the limits of first order, at the state of the
+    /// last [`FlexibleWorkspace::set_state`]; `None` if first order suffices.
     pub fn first_order_excess<'a>(
         &'a self,
         state: &'a FlexibleState,

@@ -21,11 +21,12 @@ impl<F: FnMut(f64, &FlexibleState, &mut FlexibleInput)> FlexibleForcing for F {
     }
 }
 
-/// Steps a [`FlexibleState`]; owns the memory of the stages. The attitude is integrated on the rotation group, and momentum is
-/// state, as in [`Integrator`](crate::dynamics::Integrator): without external forces it does not change by a single bit.
+/// Steps a [`FlexibleState`]; owns the memory of the stages. The attitude is integrated on the rotation group, and
+/// momentum is state, as in [`Integrator`](crate::dynamics::Integrator): without external forces it does not change by
+/// a single bit.
 ///
-/// A step during which a thruster switches off is divided there, so that a pulse gives its exact impulse. Wheel torques are limited so that a step
-/// ends at a wheel's speed limit, up to the base's reaction to the last torque.
+/// A step during which a thruster switches off is divided there, so that a pulse gives its exact impulse. Wheel torques
+/// are limited so that a step ends at a wheel's speed limit, up to the base's reaction to the last torque.
 #[derive(Clone, Debug)]
 pub struct FlexibleIntegrator {
     pub(super) system: FlexibleSystem,
@@ -130,8 +131,9 @@ impl FlexibleIntegrator {
         &self.system
     }
 
-    /// Advances `state` by `dt` \[s\], with `forcing` evaluated at every stage. Afterwards `workspace` holds the new state. A negative
-    /// `dt` goes back in time with the valves of the thrusters as they are, and without speed limits of the wheels.
+    /// Advances `state` by `dt` \[s\], with `forcing` evaluated at every stage. Afterwards `workspace` holds the new
+    /// state. A negative `dt` goes back in time with the valves of the thrusters as they are, and without speed limits
+    /// of the wheels.
     ///
     /// # Panics
     /// If `state` or `workspace` is of another system, or `forcing` changes the length of a vector.

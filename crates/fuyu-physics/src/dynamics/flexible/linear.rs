@@ -8,7 +8,8 @@ use crate::spatial::{Twist, Wrench};
 
 /// Linear model of a [`FlexibleSystem`] at one posture, undeformed.
 ///
-/// Coordinates: translation of the base frame along its axes, rotation about them, joints, modes, motor angles, wheel angles.
+/// Coordinates: translation of the base frame along its axes, rotation about them, joints, modes, motor angles, wheel
+/// angles.
 #[derive(Clone, Debug)]
 pub struct LinearModel {
     /// Mass matrix.
@@ -132,8 +133,8 @@ impl LinearModel {
 }
 
 impl FlexibleWorkspace {
-    /// Generalized momenta (mass matrix times rates) of base (translation, then rotation, base axes), joints, modes, motors and
-    /// wheels, at the twists of the last [`Self::propagate_motion`].
+    /// Generalized momenta (mass matrix times rates) of base (translation, then rotation, base axes), joints, modes,
+    /// motors and wheels, at the twists of the last [`Self::propagate_motion`].
     fn momenta(&self, state: &FlexibleState) -> DVector<f64> {
         let (joints, modes) = (self.system.model().dof(), self.system.modes());
         let mut momenta = DVector::zeros(6 + joints + self.system.extras());

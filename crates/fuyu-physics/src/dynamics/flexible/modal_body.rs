@@ -106,8 +106,8 @@ fn placed(of_A: &Invariants, X_BA: &Pose) -> Invariants {
     of_B
 }
 
-/// Mass integrals of a body with displacement `X + Σ ψ_k μ_k` in the form in which the equations use them: the first moment is
-/// linear in μ, the moment of inertia quadratic, and the angular momentum of each mode linear.
+/// Mass integrals of a body with displacement `X + Σ ψ_k μ_k` in the form in which the equations use them: the first
+/// moment is linear in μ, the moment of inertia quadratic, and the angular momentum of each mode linear.
 #[derive(Clone, Debug)]
 pub(super) struct FirstOrderIntegrals {
     /// Of the undeformed body.
@@ -253,8 +253,8 @@ impl ModalShape {
         }
     }
 
-    /// Convective forces while B turns with `w` \[rad/s\] and its origin does not accelerate, after [`Self::set_shape`] for
-    /// the same `mu` and `mu_dot`.
+    /// Convective forces while B turns with `w` \[rad/s\] and its origin does not accelerate, after [`Self::set_shape`]
+    /// for the same `mu` and `mu_dot`.
     pub fn set_bias(&mut self, body: &ModalBody, mu: &[f64], mu_dot: &[f64], w: &Vector3<f64>) {
         if let Some(kinetics) = &mut self.kinetics {
             kinetics.update(&body.in_body, mu, mu_dot, w);
@@ -264,7 +264,8 @@ impl ModalShape {
             self.bias_modes.copy_from_slice(&b[6..]);
             return;
         }
-        // Rates in turning axes; h is the angular momentum of the modal rates. The modal forces are -∂T/∂μ_k of T = ½ wᵀ J w + w·h.
+        // Rates in turning axes; h is the angular momentum of the modal rates. The modal forces are -∂T/∂μ_k of T = ½
+        // wᵀ J w + w·h.
         let Composite { S, J, .. } = &self.locked;
         self.bias = Wrench {
             torque: w.cross(&(J * w + self.momentum.torque)) + self.J_dot * w,
@@ -312,8 +313,9 @@ mod tests {
         strip.appendage("panel").unwrap()
     }
 
-    // `Kinetics` about the attachment, moved to the carrying body's frame by the transform of motions, against the integrals in that frame. A boom
-    // that bends in two planes has all terms: without dH the gyroscopic forces are missing.
+    // `Kinetics` about the attachment, moved to the carrying body's frame by the transform of motions, against the
+    // integrals in that frame. A boom that bends in two planes has all terms: without dH the gyroscopic forces are
+    // missing.
     #[test]
     fn integrals_in_the_body_frame_give_the_kinetics_of_the_attachment() {
         let X_BA = Pose::from_parts(

@@ -1,5 +1,5 @@
-//! Positions, momentum and velocities: the inward sweep that sums inertia and momentum, the base's twist from the momentum of the
-//! state, and the outward sweep of twists.
+//! Positions, momentum and velocities: the inward sweep that sums inertia and momentum, the base's twist from the
+//! momentum of the state, and the outward sweep of twists.
 
 use nalgebra::{Matrix3, Rotation3, Unit, Vector3};
 
@@ -32,8 +32,8 @@ impl CompiledBody {
 }
 
 impl FlexibleWorkspace {
-    /// Poses of the joints, shapes, composite inertias, and the momentum that joints, modes and rotors have while the base is at
-    /// rest.
+    /// Poses of the joints, shapes, composite inertias, and the momentum that joints, modes and rotors have while the
+    /// base is at rest.
     pub(super) fn set_positions(&mut self, state: &FlexibleState) {
         assert!(
             state.fits(&self.system),

@@ -19,8 +19,8 @@ pub struct Wheel {
     pub inertia: f64,
     /// Largest motor torque \[N m\]; infinite for no limit.
     pub max_torque: f64,
-    /// Largest angular momentum relative to the body \[N m s\]; infinite for no limit. The motor does not accelerate the wheel
-    /// beyond it.
+    /// Largest angular momentum relative to the body \[N m s\]; infinite for no limit. The motor does not accelerate
+    /// the wheel beyond it.
     pub max_momentum: f64,
     /// Largest speed relative to the body \[rad/s\]; infinite for no limit.
     pub max_speed: f64,
@@ -59,8 +59,8 @@ impl Wheel {
             - self.coulomb_friction * (speed / Self::FRICTION_SPEED).tanh()
     }
 
-    /// Torque that the motor gives when `wanted` is commanded at `speed`, held for `duration` \[s\] (0: an instant): within the torque limit, and
-    /// not beyond the speed limit by the end of the duration.
+    /// Torque that the motor gives when `wanted` is commanded at `speed`, held for `duration` \[s\] (0: an instant):
+    /// within the torque limit, and not beyond the speed limit by the end of the duration.
     pub fn limited_torque(&self, wanted: f64, speed: f64, duration: f64) -> f64 {
         let mut torque = wanted.clamp(-self.max_torque, self.max_torque);
         let limit = self.speed_limit();
@@ -165,19 +165,21 @@ impl Thruster {
 /// Which effects of a motor's rotor an elastic joint has.
 #[derive(Clone, Copy, Debug, Default, PartialEq, Eq)]
 pub enum RotorModel {
-    /// The rotor is a gyrostat on the parent link: it has angular momentum, and follows the link's rotation. The parent's inertia
-    /// contains the rotor as if it were locked.
+    /// The rotor is a gyrostat on the parent link: it has angular momentum, and follows the link's rotation. The
+    /// parent's inertia contains the rotor as if it were locked.
     #[default]
     Full,
-    /// The rotor turns as if the parent link did not (M. W. Spong, "Modeling and control of elastic joint robots", J. Dyn. Sys. Meas. Control 109,
-    /// 1987): terms of the order 1/gear_ratio are left out, and the momentum is that of the links alone.
+    /// The rotor turns as if the parent link did not (M. W. Spong, "Modeling and control of elastic joint robots", J.
+    /// Dyn. Sys. Meas. Control 109, 1987): terms of the order 1/gear_ratio are left out, and the momentum is that of
+    /// the links alone.
     Reduced,
 }
 
 /// Elasticity between the motor of a joint and the link that it moves.
 ///
-/// With the motor angle θ, measured on the output side of the gear, the link is driven by `stiffness (θ - q) + damping (θ' - q')`,
-/// and the motor by the joint's effort less this. Efforts of the joint are on the output side.
+/// With the motor angle θ, measured on the output side of the gear, the link is driven by
+/// `stiffness (θ - q) + damping (θ' - q')`, and the motor by the joint's effort less this. Efforts of the joint are on
+/// the output side.
 #[derive(Clone, Debug, PartialEq)]
 pub struct ElasticJoint {
     /// Name of the joint.

@@ -6,8 +6,8 @@ use super::ModalBody;
 use super::composite::{Articulated, Composite};
 use crate::spatial::{Pose, Twist, Wrench};
 
-/// Pose and motion of a carrying section E relative to the link's body frame B, and sums over what it carries. Components of motion and
-/// sums are in axes of E, about its origin.
+/// Pose and motion of a carrying section E relative to the link's body frame B, and sums over what it carries.
+/// Components of motion and sums are in axes of E, about its origin.
 #[derive(Clone, Debug)]
 pub(super) struct Section {
     /// Place of the elastic link among the deformable bodies, and the number of its output point that the section is.
@@ -53,8 +53,8 @@ impl Section {
         }
     }
 
-    /// Sets pose, columns and relative motion; clears the composite inertia and momentum of what is carried. The small rotation φ of the
-    /// output point is the sequence `Rz(φ_z) Ry(φ_y) Rx(φ_x)` in axes of the attachment frame A.
+    /// Sets pose, columns and relative motion; clears the composite inertia and momentum of what is carried. The small
+    /// rotation φ of the output point is the sequence `Rz(φ_z) Ry(φ_y) Rx(φ_x)` in axes of the attachment frame A.
     pub fn set_shape(&mut self, body: &ModalBody, mu: &[f64], mu_dot: &[f64]) {
         (self.composite, self.momentum) = (Composite::zero(), Wrench::ZERO);
         let (R_BA, point) = (body.X_BA.rotation, &body.in_body.outputs[self.output]);

@@ -7,11 +7,12 @@ use super::{FlexibleError, FlexibleSystem, LinearModel, Wheel};
 use crate::dynamics::{IntegrationMethod, Tableau};
 
 impl FlexibleSystem {
-    /// Checks that `method` with steps of `step` \[s\] can follow every vibration and every damper at joint positions `q`.
+    /// Checks that `method` with steps of `step` \[s\] can follow every vibration and every damper at joint positions
+    /// `q`.
     ///
     /// # Errors
-    /// [`FlexibleError::Unstable`] names the part and its frequency, [`FlexibleError::StiffDamping`] the part and its decay rate;
-    /// [`FlexibleError::Structure`] for a mass matrix that is not positive definite.
+    /// [`FlexibleError::Unstable`] names the part and its frequency, [`FlexibleError::StiffDamping`] the part and its
+    /// decay rate; [`FlexibleError::Structure`] for a mass matrix that is not positive definite.
     ///
     /// # Panics
     /// If `q` does not have one element per joint.
@@ -41,8 +42,8 @@ impl FlexibleSystem {
         })
     }
 
-    /// Checks that `method` can follow the fastest decay, also that of wheels near rest, where Coulomb friction is steep. No pole decays
-    /// faster than the largest eigenvalue of `M⁻¹ D`.
+    /// Checks that `method` can follow the fastest decay, also that of wheels near rest, where Coulomb friction is
+    /// steep. No pole decays faster than the largest eigenvalue of `M⁻¹ D`.
     fn check_damping(
         &self,
         linear: &LinearModel,
@@ -105,8 +106,8 @@ impl Tableau {
         self.longest_step(0.0, |ah| Complex::new(-ah, 0.0))
     }
 
-    /// Length of the first interval on which the method amplifies `y' = z(h) y` by at most `tolerance` a step, in steps of .005
-    /// up to 50.
+    /// Length of the first interval on which the method amplifies `y' = z(h) y` by at most `tolerance` a step, in steps
+    /// of .005 up to 50.
     fn longest_step(&self, tolerance: f64, z: impl Fn(f64) -> Complex<f64>) -> f64 {
         let steps = (1..10_000).map(|i| 0.005 * f64::from(i));
         steps

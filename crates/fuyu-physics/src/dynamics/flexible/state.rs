@@ -8,10 +8,10 @@ use crate::spatial::Wrench;
 
 /// State of a [`FlexibleSystem`].
 ///
-/// `tree` has joints, attitude, centre of mass and momentum. These are of the whole system: the momentum includes that of modal
-/// rates, motor rotors and wheels, so that internal motion never changes it. In `tree.work` is the work of joint
-/// efforts (at the motors of elastic joints), springs and dampers of the description, wheel motors, external wrenches and
-/// thrusters. Kinetic plus strain energy is `work - losses().total()`, up to a constant.
+/// `tree` has joints, attitude, centre of mass and momentum. These are of the whole system: the momentum includes that
+/// of modal rates, motor rotors and wheels, so that internal motion never changes it. In `tree.work` is the work of
+/// joint efforts (at the motors of elastic joints), springs and dampers of the description, wheel motors, external
+/// wrenches and thrusters. Kinetic plus strain energy is `work - losses().total()`, up to a constant.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlexibleState {
     /// Joints, base attitude, centre of mass, momentum of the whole system, work.
@@ -121,7 +121,8 @@ impl FlexibleState {
         &mut self.xd.as_mut_slice()[..self.modes]
     }
 
-    /// Motor angles of the elastic joints on the output side \[rad\], in the order of [`FlexibleSystem::elastic_joints`].
+    /// Motor angles of the elastic joints on the output side \[rad\], in the order of
+    /// [`FlexibleSystem::elastic_joints`].
     pub fn motor_angles(&self) -> &[f64] {
         &self.x.as_slice()[self.modes..self.modes + self.motors]
     }
@@ -224,8 +225,10 @@ impl FlexibleState {
 /// What acts on a robot with flexible parts.
 #[derive(Clone, Debug, PartialEq)]
 pub struct FlexibleInput {
-    /// Joint efforts (of elastic joints: of the motor, on the output side) and external wrenches. One on an elastic link is about the origin and in
-    /// the axes of the link's frame ([`FlexibleWorkspace::X_BF`](super::FlexibleWorkspace::X_BF)), which moves with the section that carries the next link.
+    /// Joint efforts (of elastic joints: of the motor, on the output side) and external wrenches. One on an elastic
+    /// link is about the origin and in the axes of the link's frame
+    /// ([`FlexibleWorkspace::X_BF`](super::FlexibleWorkspace::X_BF)), which moves with the section that carries the
+    /// next link.
     pub tree: Input,
     /// Torques commanded to the wheels' motors \[N m\], before their limits.
     pub wheel_torques: DVector<f64>,

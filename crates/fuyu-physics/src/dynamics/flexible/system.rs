@@ -147,8 +147,8 @@ impl FlexibleSystem {
         self.parts.compiled.mass
     }
 
-    /// Names of the joints whose Coulomb friction, stops or speed limits are not simulated: those of the description that
-    /// have any. Springs and viscous damping are.
+    /// Names of the joints whose Coulomb friction, stops or speed limits are not simulated: those of the description
+    /// that have any. Springs and viscous damping are.
     pub fn unsimulated_joints(&self) -> impl Iterator<Item = &str> {
         let joints = self.model().joints().iter();
         joints

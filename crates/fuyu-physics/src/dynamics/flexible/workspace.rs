@@ -11,8 +11,8 @@ use crate::dynamics::Momentum;
 use crate::model::Frame;
 use crate::spatial::{Pose, Twist, Wrench};
 
-/// Kinematics and dynamics terms of one [`FlexibleSystem`], in preallocated memory. Fill it with [`FlexibleWorkspace::set_state`], then
-/// read. Components are in base axes unless a name says otherwise.
+/// Kinematics and dynamics terms of one [`FlexibleSystem`], in preallocated memory. Fill it with
+/// [`FlexibleWorkspace::set_state`], then read. Components are in base axes unless a name says otherwise.
 #[derive(Clone, Debug)]
 pub struct FlexibleWorkspace {
     pub(super) system: FlexibleSystem,
@@ -193,7 +193,8 @@ impl FlexibleWorkspace {
         body.appendage.outputs[output].displacement(&state.mu()[body.range()])
     }
 
-    /// Angular momentum that the wheels and the motors of elastic joints have relative to their bodies \[N m s\], base axes.
+    /// Angular momentum that the wheels and the motors of elastic joints have relative to their bodies \[N m s\], base
+    /// axes.
     pub fn rotor_momentum(&self, state: &FlexibleState) -> Vector3<f64> {
         self.momentum_of(&self.system.compiled().rotors, state)
     }
@@ -210,8 +211,9 @@ impl FlexibleWorkspace {
         momenta.sum()
     }
 
-    /// Momentum (base axes, angular about the system's centre of mass) summed over bodies, deformable bodies and rotors from their
-    /// twists. It does not use the sums from which the base's twist follows, so comparing it with that of the state is a check.
+    /// Momentum (base axes, angular about the system's centre of mass) summed over bodies, deformable bodies and rotors
+    /// from their twists. It does not use the sums from which the base's twist follows, so comparing it with that of
+    /// the state is a check.
     pub fn carried_momentum(&self, state: &FlexibleState) -> Momentum {
         let mut sum = Wrench::ZERO;
         for (b, node) in self.nodes.iter().enumerate() {

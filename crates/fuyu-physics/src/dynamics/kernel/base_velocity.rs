@@ -1,8 +1,8 @@
 //! The base's angular velocity from the system's momentum.
 //!
 //! Masutani 1995 eq. (4.23) without its matrices: one inward sweep sums up composite inertias and the momentum of each
-//! subtree at the given joint rates with the base at rest. The base's motion accounts for the rest of the momentum. Neither
-//! poses nor a momentum map are needed.
+//! subtree at the given joint rates with the base at rest. The base's motion accounts for the rest of the momentum.
+//! Neither poses nor a momentum map are needed.
 
 use super::composite_inertia::CompositeInertia;
 use super::joint_transform::{SpatialForce, with_shape};
@@ -69,8 +69,8 @@ impl<S: Scalar> SubtreeMomentum<S> {
         }
     }
 
-    /// Of the whole tree: angular velocity of the base for the system's mass and its angular momentum about its centre of
-    /// mass.
+    /// Of the whole tree: angular velocity of the base for the system's mass and its angular momentum about its centre
+    /// of mass.
     #[cfg_attr(not(debug_assertions), inline(always))]
     pub(crate) fn base_angular_velocity(self, mass: f64, angular_momentum: Vec3<S>) -> Vec3<S> {
         let (p, inertia) = about_com(self.subtree, mass);
@@ -81,8 +81,8 @@ impl<S: Scalar> SubtreeMomentum<S> {
     }
 }
 
-/// Inertia and momentum of the whole tree about the base's origin, in the base's kernel frame. `subtrees`, one per body, is scratch; `links` hold
-/// positions (with their rotations) and rates of the joints.
+/// Inertia and momentum of the whole tree about the base's origin, in the base's kernel frame. `subtrees`, one per
+/// body, is scratch; `links` hold positions (with their rotations) and rates of the joints.
 #[cfg_attr(not(debug_assertions), inline(always))]
 pub(crate) fn whole_tree<S: Scalar>(
     tree: &Tree,
