@@ -167,13 +167,20 @@ fn lockstep_says_what_it_waits_for_and_takes_the_answer_of_the_next_commander() 
             &words,
             Box::new(|alpha: &mut Peer| send(alpha, 0, 1e300)),
         );
-        // A valid command that answers no state holds the robot.
-        send(&mut alpha, 7, 0.1);
+        // A valid command that answers no state holds the robot. It is sent again until the other one has been refused,
+        // however long that takes.
         let words = [
             "lockstep: waiting",
             "node /beta, while node /alpha commands",
         ];
-        waits(&mut alpha, &words, Box::new(|_| send(&mut beta, 0, -0.5)));
+        waits(
+            &mut alpha,
+            &words,
+            Box::new(|alpha: &mut Peer| {
+                send(alpha, 7, 0.1);
+                send(&mut beta, 0, -0.5);
+            }),
+        );
         // Nobody sends any more. When the first one has been silent for too long, the answer that was refused acts.
         eventually("time advances", PATIENCE, || {
             let state = fresh(&mut alpha, "joint_states", 1).pop()?;
