@@ -148,8 +148,16 @@ fn impossible_parts_are_rejected_with_the_reason() {
     assert!(message(on("hand", 0)).starts_with("arm: link hand is not moved by a joint"));
     let full = on("link2", 0).elastic_joint(joint("joint3", 5.0));
     assert!(message(full).ends_with("use the reduced one"));
+    let heavier = panel(false);
+    let mass = heavier.invariants.mass();
+    let other = FlexibleSystem::builder(&model).elastic_link("link2", Pose::identity(), heavier, 0);
+    let said = message(other);
+    assert!(
+        said.contains(&format!("has {mass} kg, but link link2 has ")),
+        "{said}"
+    );
     let mut foreign = model.frame("tool0").unwrap().clone();
-    foreign.body = 20;
+    foreign.body = 3;
     let wheel = Wheel::new("x", Vector3::x_axis(), 0.1);
     assert_eq!(
         message(builder.clone().wheel(&foreign, wheel)),

@@ -220,6 +220,7 @@ fn steps_back_in_time_undo_steps() {
 }
 
 // Each state of a batch moves as it does alone, to the bit.
+#[cfg(feature = "batch")]
 #[test]
 fn a_batch_moves_as_its_states_do() {
     use fuyu_physics::dynamics::flexible::FlexibleBatch;

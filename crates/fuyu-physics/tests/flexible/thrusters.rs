@@ -122,8 +122,18 @@ fn short_commands_last_the_shortest_on_time() {
     assert_eq!(state.tree.momentum_W, after);
     let impulses = state.thruster_impulses();
     assert!((impulses[0] - 4.0).abs() < 1e-12 && (impulses[1] - 6.0).abs() < 1e-12);
+    // A command that closes the valve too early, or a shorter one, lets it stay open for the shortest on-time.
+    for (second, expected) in [(0.0, 4.0), (0.01, 4.0), (0.3, 20.0 * 0.35)] {
+        let given = state.thruster_impulses()[0];
+        state.fire(&system, 0, 1.0);
+        integrator.steps(&mut state, &mut workspace, 0.01, 5, &mut free);
+        state.fire(&system, 0, second);
+        integrator.steps(&mut state, &mut workspace, 0.01, 60, &mut free);
+        let pulse = state.thruster_impulses()[0] - given;
+        assert!((pulse - expected).abs() < 1e-12, "{second}: {pulse}");
+    }
     let gained = (state.tree.momentum_W.linear - before).norm();
-    assert!(gained > 6.0 && gained < 10.0, "{gained}");
+    assert!(gained > 6.0 && gained < 25.0, "{gained}");
     // The energy balance includes the thrusters' work.
     let energy = workspace.kinetic_energy(&state) + workspace.strain_energy(&state);
     let mut at_start = FlexibleState::at_rest(&system);

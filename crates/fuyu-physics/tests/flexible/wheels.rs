@@ -2,7 +2,8 @@
 
 use fuyu_physics::dynamics::IntegrationMethod;
 use fuyu_physics::dynamics::flexible::{
-    FlexibleInput, FlexibleIntegrator, FlexibleState, FlexibleSystem, FlexibleWorkspace, Wheel,
+    AdaptiveIntegrator, FlexibleInput, FlexibleIntegrator, FlexibleState, FlexibleSystem,
+    FlexibleWorkspace, Tolerance, Wheel,
 };
 use fuyu_physics::model::ModelBuilder;
 use fuyu_physics::spatial::RigidInertia;
@@ -58,6 +59,25 @@ fn a_wheel_obeys_the_closed_form_until_its_limits() {
     }
     let (full, _) = run(&satellite(|w| w.max_speed = 5.0), 0.5, 200);
     assert!((full.wheel_speeds()[0] - 5.0).abs() < 0.02);
+}
+
+// The wheel has its full torque until it is at its limit, 2.94 s after the start, and the base turns on at a constant
+// rate. Would break if a step held a smaller torque for longer: the error estimate does not see that.
+#[test]
+fn adaptive_steps_end_where_a_wheel_meets_its_limit() {
+    let system = satellite(|w| w.max_momentum = 1.5);
+    let mut state = FlexibleState::at_rest(&system);
+    let mut workspace = FlexibleWorkspace::new(&system);
+    let mut integrator = AdaptiveIntegrator::new(&system, Tolerance::default());
+    let mut drive = |_: f64, _: &FlexibleState, i: &mut FlexibleInput| i.wheel_torques[0] = 0.5;
+    integrator
+        .advance(&mut state, &mut workspace, 20.0, &mut drive)
+        .unwrap();
+    assert!((state.wheel_speeds()[0] - 7.5).abs() < 1e-7);
+    let until = 7.5 / (0.5 * (1.0 / 0.2 + 1.0 / 9.8));
+    let angle = -0.15 * (20.0 - 0.5 * until);
+    let found = state.tree.R_WB.scaled_axis().z;
+    assert!((found - angle).abs() < 1e-8, "{found} {angle}");
 }
 
 // Viscous friction alone: the wheel slows down exponentially, Ω' = -c Ω (1/J_w + 1/(J - J_w)), and what it loses is

@@ -52,6 +52,8 @@ const ORDER_3: [(usize, f64); 3] = [
 
 /// Steps tried in one call before it gives up.
 const MOST_STEPS: usize = 10_000_000;
+/// Most shortenings of a step that ends where a wheel meets its speed limit.
+const MOST_TRIES: usize = 20;
 
 /// Integrates a [`FlexibleState`] by Dormand and Prince's method of order 8 with error estimates of order 5 and 3,
 /// which choose the step.
@@ -99,8 +101,16 @@ impl AdaptiveIntegrator {
             }
             let wanted = if self.step > 0.0 { self.step } else { 1e-3 };
             // A remainder of less than a tenth is joined to the step.
-            let part = next_switch(state, if wanted > 0.9 * left { left } else { wanted });
-            self.fixed.compute_step(state, workspace, part, forcing);
+            let mut part = next_switch(state, if wanted > 0.9 * left { left } else { wanted });
+            (self.fixed).compute_step(state, workspace, part, 0.0, forcing);
+            // A wheel that meets its speed limit has its full torque until then, and the step ends there.
+            for _ in 0..MOST_TRIES {
+                let Some(until) = self.fixed.until_wheel_limit(state, part) else {
+                    break;
+                };
+                part = until;
+                (self.fixed).compute_step(state, workspace, part, 0.0, forcing);
+            }
             let error = self.error(state) * part;
             // Hairer's controller: safety .9, growth by at most 6, reduction by at most 3.
             let factor = if error.is_finite() {

@@ -23,6 +23,9 @@ pub struct FlexibleBuilder {
     thrusters: Vec<(Frame, Thruster)>,
 }
 
+/// Share of a link's mass by which its deformable body may differ from it.
+const MASS_SHARE: f64 = 0.01;
+
 impl FlexibleBuilder {
     pub(super) fn new(model: &Model) -> Self {
         Self {
@@ -182,6 +185,13 @@ impl FlexibleBuilder {
                 return Err(FlexibleError::part(name, problem));
             }
             let body = &mut bodies[index];
+            let (rigid, deformable) = (body.rigid.mass, appendage.invariants.mass());
+            if (rigid - deformable).abs() > MASS_SHARE * rigid {
+                let problem = format!(
+                    "has {deformable} kg, but link {link} has {rigid} kg with all that is fixed to it; they must agree to 1 %"
+                );
+                return Err(FlexibleError::part(name, problem));
+            }
             body.rigid = Composite::zero();
             body.section = Some(number);
             body.modal_bodies.push(modal_bodies.len());
@@ -285,7 +295,7 @@ impl FlexibleBuilder {
     }
 
     fn check_frame(&self, frame: &Frame, part: &str) -> Result<(), FlexibleError> {
-        if frame.body < self.model.bodies().len() {
+        if self.model.frames().contains(frame) {
             return Ok(());
         }
         let (link, robot) = (&frame.name, self.model.name());

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 
 use super::acceleration::FlexibleEvaluation;
 use super::base_modes::BaseModes;
-use super::{FlexibleInput, FlexibleState, FlexibleSystem, FlexibleWorkspace, Losses};
+use super::{FlexibleInput, FlexibleState, FlexibleSystem, FlexibleWorkspace, Losses, Wheel};
 use crate::dynamics::rate::{Rate, advance};
 use crate::dynamics::{IntegrationMethod, Tableau, checks};
 use crate::spatial::Twist;
@@ -26,7 +26,8 @@ impl<F: FnMut(f64, &FlexibleState, &mut FlexibleInput)> FlexibleForcing for F {
 /// a single bit.
 ///
 /// A step during which a thruster switches off is divided there, so that a pulse gives its exact impulse. Wheel torques
-/// are limited so that a step ends at a wheel's speed limit, up to the base's reaction to the last torque.
+/// are limited so that a step ends at a wheel's speed limit; the base's reaction to the last torque may carry the wheel
+/// beyond it by at most `τ h / I_base`.
 #[derive(Clone, Debug)]
 pub struct FlexibleIntegrator {
     pub(super) system: FlexibleSystem,
@@ -164,7 +165,7 @@ impl FlexibleIntegrator {
             let mut left = dt;
             loop {
                 let part = next_switch(state, left);
-                self.compute_step(state, workspace, part, forcing);
+                self.compute_step(state, workspace, part, part, forcing);
                 self.accept(state, part);
                 if part < left {
                     left -= part;
@@ -212,12 +213,14 @@ impl FlexibleIntegrator {
         );
     }
 
-    /// A step of `dt` from `state`, whose result is left in `self.stage`.
+    /// A step of `dt` from `state`, whose result is left in `self.stage`. Wheel torques are limited so that they may be
+    /// held for `hold` \[s\] (0: they have their limits at the start of the step).
     pub(super) fn compute_step(
         &mut self,
         state: &FlexibleState,
         workspace: &mut FlexibleWorkspace,
         dt: f64,
+        hold: f64,
         forcing: &mut impl FlexibleForcing,
     ) {
         let Self {
@@ -230,9 +233,10 @@ impl FlexibleIntegrator {
             equations,
         } = self;
         let mass = system.total_mass();
-        let limits = (dt, state.wheel_speeds());
+        let limits = (hold, state.wheel_speeds());
         let mut turned = Vector3::zeros();
         stage.on_time.copy_from_slice(&state.on_time);
+        stage.open_for.copy_from_slice(&state.open_for);
         stage.impulse.copy_from_slice(&state.impulse);
         for (i, c) in tableau.c.iter().enumerate() {
             stage.tree.time = state.tree.time + c * dt;
@@ -261,15 +265,37 @@ impl FlexibleIntegrator {
     /// Replaces `state` by the result of the step of `dt`.
     pub(super) fn accept(&mut self, state: &mut FlexibleState, dt: f64) {
         std::mem::swap(state, &mut self.stage);
-        let thrusters = self.system.thrusters().iter();
-        for (thruster, (on_time, impulse)) in
-            thrusters.zip(state.on_time.iter_mut().zip(&mut state.impulse))
-        {
-            if *on_time > 0.0 {
-                *impulse += thruster.thrust * dt;
-                *on_time = (*on_time - dt).max(0.0);
+        let joints = self.system.model().joints();
+        let powers = self.rates.iter().map(|rate| rate.damping_power(joints));
+        let weights = self.tableau.weights_after(self.tableau.c.len() - 1);
+        let lost: f64 = powers.zip(weights).map(|(power, b)| power * b).sum();
+        state.tree.dissipated.damping += dt * lost;
+        for (i, thruster) in self.system.thrusters().iter().enumerate() {
+            if state.on_time[i] > 0.0 {
+                state.impulse[i] += thruster.thrust * dt;
+                state.on_time[i] = (state.on_time[i] - dt).max(0.0);
+                state.open_for[i] += dt;
+            }
+            if state.on_time[i] <= 0.0 {
+                state.open_for[i] = 0.0;
             }
         }
+    }
+
+    /// The part of the step of `dt` from `state` just computed at whose end the first wheel is at its speed limit, by
+    /// linear interpolation; `None` if none passes it.
+    pub(super) fn until_wheel_limit(&self, state: &FlexibleState, dt: f64) -> Option<f64> {
+        let speeds = state.wheel_speeds().iter().zip(self.stage.wheel_speeds());
+        let wheels = self.system.wheels().iter().zip(speeds);
+        let parts = wheels.filter_map(|(wheel, (start, end))| {
+            let (limit, start, end) = (wheel.speed_limit(), start.abs(), end.abs());
+            let margin = Wheel::AT_LIMIT * limit;
+            // From inside to outside.
+            let passes = start < limit - margin && end > limit;
+            // To the middle of what counts as at the limit.
+            passes.then(|| dt * (limit - 0.5 * margin - start) / (end - start))
+        });
+        parts.reduce(f64::min)
     }
 }
 

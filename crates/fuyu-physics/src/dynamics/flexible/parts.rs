@@ -34,6 +34,9 @@ impl Wheel {
     /// Speed at which 76 % of the Coulomb friction acts \[rad/s\].
     pub const FRICTION_SPEED: f64 = 0.1;
 
+    /// Part of the speed limit within which a wheel counts as at it.
+    pub(super) const AT_LIMIT: f64 = 1e-9;
+
     /// A wheel without limits and friction.
     pub fn new(name: &str, axis: Unit<Vector3<f64>>, inertia: f64) -> Self {
         Self {
@@ -67,7 +70,8 @@ impl Wheel {
         if limit < f64::INFINITY {
             // Room to the limit in the direction of the torque; a wheel that is beyond it is only braked.
             let room = (limit - speed * torque.signum()).max(0.0) * self.inertia;
-            if torque.abs() * duration > room || (duration == 0.0 && room == 0.0) {
+            let is_there = room <= Self::AT_LIMIT * limit * self.inertia;
+            if torque.abs() * duration > room || (duration == 0.0 && is_there) {
                 torque = torque.signum() * if duration > 0.0 { room / duration } else { 0.0 };
             }
         }

@@ -23,6 +23,8 @@ pub struct FlexibleState {
     pub(super) losses: Losses,
     /// For each thruster, how much longer it stays on \[s\].
     pub(super) on_time: Vec<f64>,
+    /// How long each thruster has been open \[s\]; zero if it is closed.
+    pub(super) open_for: Vec<f64>,
     /// For each thruster, the impulse that it has given \[N s\].
     pub(super) impulse: Vec<f64>,
     modes: usize,
@@ -83,6 +85,7 @@ impl FlexibleState {
             xd: DVector::zeros(n),
             losses: Losses::default(),
             on_time: vec![0.0; thrusters],
+            open_for: vec![0.0; thrusters],
             impulse: vec![0.0; thrusters],
             modes,
             motors,
@@ -172,18 +175,26 @@ impl FlexibleState {
         &self.impulse
     }
 
-    /// Opens the valve of thruster `i` for `duration` \[s\] from now, or for its shortest on-time if that is longer. It
-    /// replaces an earlier command; a duration of zero or less closes the valve at once.
+    /// Opens the valve of thruster `i` for `duration` \[s\] from now. It replaces an earlier command; a duration of zero
+    /// or less closes the valve. A valve that is open stays open for its shortest on-time at least.
     ///
     /// # Panics
-    /// If there are fewer thrusters.
+    /// If there are fewer thrusters, or `duration` is not finite.
     pub fn fire(&mut self, system: &FlexibleSystem, i: usize, duration: f64) {
         let thruster = &system.thrusters()[i];
-        self.on_time[i] = if duration > 0.0 {
-            duration.max(thruster.min_on_time)
-        } else {
-            0.0
+        assert!(
+            duration.is_finite(),
+            "duration must be finite, not {duration}"
+        );
+        let is_open = self.on_time[i] > 0.0;
+        let least = (thruster.min_on_time - self.open_for[i]).max(0.0);
+        self.on_time[i] = match duration > 0.0 || is_open {
+            true => duration.max(least),
+            false => 0.0,
         };
+        if self.on_time[i] == 0.0 {
+            self.open_for[i] = 0.0;
+        }
     }
 
     /// Copies `other`'s values without allocating.
@@ -196,6 +207,7 @@ impl FlexibleState {
         self.xd.copy_from(&other.xd);
         self.losses = other.losses;
         self.on_time.copy_from_slice(&other.on_time);
+        self.open_for.copy_from_slice(&other.open_for);
         self.impulse.copy_from_slice(&other.impulse);
     }
 
