@@ -209,9 +209,12 @@ impl CommandHandler {
         Ok(())
     }
 
-    /// The commander that holds the robot begins a motion, which needs no further commands.
-    pub fn begin_motion(&mut self) {
-        self.arbiter.begin_motion();
+    /// The commander that holds the robot begins a motion. It needs no further commands unless it `is_streamed`: then the
+    /// commander's silence counts.
+    pub fn begin_motion(&mut self, is_streamed: bool) {
+        if !is_streamed {
+            self.arbiter.begin_motion();
+        }
         self.last_command = None;
         self.refusal = None;
         self.status.ok("a motion is being executed");

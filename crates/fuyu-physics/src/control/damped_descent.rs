@@ -1,6 +1,8 @@
 //! Damped least squares (Levenberg-Marquardt) from several starts: the search of every inverse kinematics.
 
-use nalgebra::DVector;
+use nalgebra::{DVector, Vector3, Vector6};
+
+use super::PoseError;
 
 /// What is left to the goal.
 pub(super) struct Deviation<R> {
@@ -10,6 +12,18 @@ pub(super) struct Deviation<R> {
     pub norm_squared: f64,
     /// Position \[m\] and angle \[rad\].
     pub left: (f64, f64),
+}
+
+impl Deviation<Vector6<f64>> {
+    /// Stacks the position error `p` \[m\] and the rotation vector `turn` \[rad\] to the goal; `error` says what is left.
+    pub fn stacked(p: &Vector3<f64>, turn: &Vector3<f64>, error: &PoseError) -> Self {
+        let residual = Vector6::new(p.x, p.y, p.z, turn.x, turn.y, turn.z);
+        Self {
+            norm_squared: residual.norm_squared(),
+            left: (error.position.norm(), error.angle),
+            residual,
+        }
+    }
 }
 
 /// A search for joint positions, or for a motion, that bring the tip to its goal.

@@ -167,12 +167,7 @@ impl TipSearch for Search<'_> {
         if !controls_attitude {
             turn.fill(0.0);
         }
-        let residual = Vector6::new(p.x, p.y, p.z, turn.x, turn.y, turn.z);
-        Deviation {
-            norm_squared: residual.norm_squared(),
-            left: (error.position.norm(), error.angle),
-            residual,
-        }
+        Deviation::stacked(&p, &turn, &error)
     }
 
     fn is_at_goal(&self, left: (f64, f64)) -> bool {

@@ -97,12 +97,7 @@ impl TipSearch for Search<'_> {
         let X_BE = self.workspace.X_BF(self.tip);
         let error = PoseError::between(&X_BE, self.X_BD);
         let (p, turn) = (&error.position, rotation_vector(&X_BE, self.X_BD));
-        let residual = Vector6::new(p.x, p.y, p.z, turn.x, turn.y, turn.z);
-        Deviation {
-            norm_squared: residual.norm_squared(),
-            left: (error.position.norm(), error.angle),
-            residual,
-        }
+        Deviation::stacked(p, &turn, &error)
     }
 
     fn is_at_goal(&self, left: (f64, f64)) -> bool {

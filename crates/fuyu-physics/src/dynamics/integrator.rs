@@ -5,7 +5,7 @@ use pulp::{Arch, Simd, WithSimd};
 
 use super::joint_physics::{Acting, JointSteps, Stepper};
 use super::newton_euler::SystemError;
-use super::rate::{Rate, advance};
+use super::rate::{Rate, advance, damping_loss};
 use super::{
     Evaluation, Formulation, FormulationKind, ForwardDynamics, Input, JointPhysics, Loops, State,
     Tableau, TreeAcceleration, Workspace, checks,
@@ -296,9 +296,7 @@ impl Integrator {
         self.take_step(state, workspace, dt, false, forcing);
         let weights = self.tableau.weights_after(self.tableau.c.len() - 1);
         let joints = self.equations.model.joints();
-        let powers = self.rates.iter().map(|rate| rate.damping_power(joints));
-        let lost: f64 = powers.zip(weights).map(|(power, b)| power * b).sum();
-        state.dissipated.damping += dt * lost;
+        state.dissipated.damping += damping_loss(&self.rates, weights, joints, dt);
     }
 
     fn take_step(

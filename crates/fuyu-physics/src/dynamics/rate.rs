@@ -81,10 +81,17 @@ impl Rate {
     }
 
     /// Power that the joints' damping takes \[W\].
-    pub(super) fn damping_power(&self, joints: &[Joint]) -> f64 {
+    fn damping_power(&self, joints: &[Joint]) -> f64 {
         let rates = joints.iter().zip(&self.q);
         rates.map(|(joint, qd)| joint.damping * qd * qd).sum()
     }
+}
+
+/// Energy that the joints' damping takes in a step of `dt` \[s\] with these `rates` and `weights` of its stages \[J\].
+pub(super) fn damping_loss(rates: &[Rate], weights: &[f64], joints: &[Joint], dt: f64) -> f64 {
+    let powers = rates.iter().map(|rate| rate.damping_power(joints));
+    let lost: f64 = powers.zip(weights).map(|(power, b)| power * b).sum();
+    dt * lost
 }
 
 /// `into = from + dt Σ weights rates`; returns the rotation vector from the attitude of `from` to that of `into`.

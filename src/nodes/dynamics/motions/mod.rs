@@ -238,8 +238,9 @@ fn engage(simulation: &mut Simulation, commander: Commander) -> Result<(), Strin
 
 /// Begins a motion of the commander that holds the robot.
 fn begin(simulation: &mut Simulation, motion: ArmMotion) {
+    let is_streamed = matches!(motion, ArmMotion::Twist(_));
     simulation.world.begin(motion);
-    simulation.commands.begin_motion();
+    simulation.commands.begin_motion(is_streamed);
     simulation.clock.release();
     simulation.motions.begun = Some(simulation.world.drive().changes());
 }
@@ -368,9 +369,6 @@ fn take_twist(
         let follower = follower(&simulation.world, &tip, BaseReaction::Free, false);
         let servo = TwistServo::new(&model, follower, config);
         begin(simulation, ArmMotion::Twist(Box::new(servo)));
-        // Silence of a sender of twists counts.
-        simulation.commands.end_motion();
-        engage(simulation, Commander::Publisher(received.publisher))?;
     }
     simulation.clock.release();
     if let Some(servo) = simulation.world.twist_servo() {

@@ -5,7 +5,7 @@ use nalgebra::Vector3;
 use super::acceleration::FlexibleEvaluation;
 use super::base_modes::BaseModes;
 use super::{FlexibleInput, FlexibleState, FlexibleSystem, FlexibleWorkspace, Losses, Wheel};
-use crate::dynamics::rate::{Rate, advance};
+use crate::dynamics::rate::{Rate, advance, damping_loss};
 use crate::dynamics::{IntegrationMethod, Tableau, checks};
 use crate::spatial::Twist;
 
@@ -266,10 +266,8 @@ impl FlexibleIntegrator {
     pub(super) fn accept(&mut self, state: &mut FlexibleState, dt: f64) {
         std::mem::swap(state, &mut self.stage);
         let joints = self.system.model().joints();
-        let powers = self.rates.iter().map(|rate| rate.damping_power(joints));
         let weights = self.tableau.weights_after(self.tableau.c.len() - 1);
-        let lost: f64 = powers.zip(weights).map(|(power, b)| power * b).sum();
-        state.tree.dissipated.damping += dt * lost;
+        state.tree.dissipated.damping += damping_loss(&self.rates, weights, joints, dt);
         for (i, thruster) in self.system.thrusters().iter().enumerate() {
             if state.on_time[i] > 0.0 {
                 state.impulse[i] += thruster.thrust * dt;
