@@ -6,6 +6,7 @@ use fuyu::{
 };
 use serde_json::{Value, json};
 use std::{
+    process::Command,
     sync::{
         Mutex, PoisonError,
         atomic::{AtomicU32, Ordering::Relaxed},
@@ -84,12 +85,26 @@ fn five_hundred_first_calls() {
     probe.runs();
     let mut peer = Peer::start("peer", domain);
     all_answered("rclpy", &first_calls_of_rclpy(&mut peer, 500));
-    // As `ros2 service call` does.
-    let new_processes = (0..50).flat_map(|i| {
-        let mut peer = Peer::start(&format!("peer{i}"), domain);
-        first_calls_of_rclpy(&mut peer, 1)
-    });
+    drop(peer);
+    let new_processes = (0..100).map(|i| first_call_of_a_new_process(domain, i));
     all_answered("new processes", &new_processes.collect::<Vec<_>>());
+}
+
+/// How long the only call of a new rclpy process takes \[ms\].
+fn first_call_of_a_new_process(domain: u16, number: usize) -> Option<f64> {
+    let script = concat!(env!("CARGO_MANIFEST_DIR"), "/tests/graph/first_call.py");
+    let output = Command::new(python())
+        .args([script, &format!("caller{number}")])
+        .env("ROS_DOMAIN_ID", domain.to_string())
+        .env("ROS_AUTOMATIC_DISCOVERY_RANGE", "LOCALHOST")
+        .env("RMW_IMPLEMENTATION", "rmw_fastrtps_cpp")
+        .env_remove("ROS_LOCALHOST_ONLY")
+        .output()
+        .expect("python can be started");
+    let errors = String::from_utf8_lossy(&output.stderr);
+    assert!(output.status.success(), "{errors}");
+    let time = String::from_utf8_lossy(&output.stdout);
+    time.trim().parse().ok()
 }
 
 /// Calls a service from as many new clients as needed, without a pause after `wait_for_service`.

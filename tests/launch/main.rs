@@ -31,6 +31,7 @@ mod large_commands;
 mod lifecycle;
 mod lockstep;
 mod observer;
+mod overload;
 mod own_controller;
 mod positioning;
 mod process;

@@ -215,9 +215,10 @@ impl<'a> Simulation<'a> {
         self.commands.check_age(&mut self.world);
         self.step_to_tick();
         let time = self.world.time();
+        self.time_status
+            .count_unanswered(self.commands.unanswered());
         if let Some(factor) = self.clock.achieved(time) {
-            let unanswered = self.commands.unanswered();
-            self.time_status.achieved(time, factor, unanswered);
+            self.time_status.achieved(time, factor);
         }
         if self.steps.count() {
             self.pause(Phase::Paused);

@@ -16,6 +16,8 @@ pub struct TimeStatus {
     wanted_factor: Option<f64>,
     /// Number of states for which simulated time has waited for a response.
     late_responses: u64,
+    /// What was reported last: states that waited for a response, and those without one.
+    reported: (u64, u64),
     /// Duration of the present wait at which it is logged next \[s\].
     log_at: u64,
 }
@@ -28,6 +30,7 @@ impl TimeStatus {
             status: StepStatus::new(node.diagnostics().status("time")),
             wanted_factor: (!params.lockstep && factor != 0.0).then_some(factor),
             late_responses: 0,
+            reported: (0, 0),
             log_at: FIRST_LOG,
         }
     }
@@ -94,13 +97,21 @@ impl TimeStatus {
         self.late_responses += 1;
     }
 
-    /// The real time factor achieved up to `time` \[s\], and the number of states without an answer so far.
-    pub fn achieved(&mut self, time: f64, factor: f64, unanswered: u64) {
+    /// The number of states without an answer so far. Reported at once: a run may end at any state.
+    pub fn count_unanswered(&mut self, unanswered: u64) {
+        let counts = (self.late_responses, unanswered);
+        if counts != self.reported {
+            self.reported = counts;
+            self.status
+                .set("states that waited for their answer", counts.0);
+            self.status.set("states without an answer", counts.1);
+        }
+    }
+
+    /// The real time factor achieved up to `time` \[s\].
+    pub fn achieved(&mut self, time: f64, factor: f64) {
         self.status.set("simulated time [s]", format!("{time:.2}"));
         self.status.set("real time factor", format!("{factor:.3}"));
-        self.status
-            .set("states that waited for their answer", self.late_responses);
-        self.status.set("states without an answer", unanswered);
         match self.wanted_factor {
             None => {}
             Some(wanted) if factor < SLOW * wanted => {
