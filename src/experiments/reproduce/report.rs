@@ -4,7 +4,7 @@ use serde::Serialize;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use crate::experiments::{ChartError, Figure, MapFigure, PlaneFigure};
+use crate::experiments::{ChartError, Figure, MapFigure, PlaneFigure, ShapeFigure};
 
 /// One number, published and computed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -46,6 +46,9 @@ pub struct Report {
     /// Curves in a plane by the stem of their file names.
     #[serde(skip)]
     pub planes: Vec<(String, PlaneFigure)>,
+    /// Shapes of structures by the stem of their file names.
+    #[serde(skip)]
+    pub shapes: Vec<(String, ShapeFigure)>,
     /// Tables of other shapes, formatted as printed.
     #[serde(skip)]
     pub listings: Vec<String>,
@@ -63,6 +66,7 @@ impl Report {
             figures: Vec::new(),
             maps: Vec::new(),
             planes: Vec::new(),
+            shapes: Vec::new(),
             listings: Vec::new(),
         }
     }
@@ -173,6 +177,9 @@ impl Report {
         for (stem, plane) in &self.planes {
             paths.extend(plane.save(&path(stem)).map_err(line)?);
         }
+        for (stem, shapes) in &self.shapes {
+            paths.extend(shapes.save(&path(stem)).map_err(line)?);
+        }
         for (ending, text) in [("csv", self.csv()), ("md", self.markdown())] {
             let path = folder.join(format!("{}.{ending}", self.name));
             std::fs::write(&path, text).map_err(|e| format!("{}: {e}", path.display()))?;
@@ -213,7 +220,8 @@ impl Report {
         let figures = self.figures.iter().map(|(stem, f)| (stem, &f.title));
         let maps = self.maps.iter().map(|(stem, m)| (stem, &m.title));
         let planes = self.planes.iter().map(|(stem, p)| (stem, &p.title));
-        for (stem, title) in figures.chain(maps).chain(planes) {
+        let shapes = self.shapes.iter().map(|(stem, s)| (stem, &s.title));
+        for (stem, title) in figures.chain(maps).chain(planes).chain(shapes) {
             let _ = writeln!(out, "\n![{title}]({stem}.svg)");
         }
         out
