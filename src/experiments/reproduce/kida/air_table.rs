@@ -7,7 +7,7 @@ use fuyu_lti::{Matrix, Structure};
 use std::f64::consts::TAU;
 
 use super::completed;
-use super::diagrams::{bode, gain_curve, marks, pole_map, upper};
+use super::diagrams::{bode, marks, pole_map, upper};
 use crate::experiments::Mark;
 use crate::experiments::reproduce::Report;
 
@@ -118,17 +118,6 @@ pub(super) fn fig_3_5(report: Report) -> Report {
             Some([(-0.7, 0.1), (-5.0, 120.0)]),
         );
         report.planes.push(("kida-fig-3.5-map".to_owned(), map));
-        // The curve that the picture shows is finite.
-        let peak = gain_curve("", &all, RANGE)?
-            .points
-            .iter()
-            .map(|p| p.1)
-            .fold(f64::MIN, f64::max);
-        report.holds(
-            "highest resonance [dB], mode 2 at 1.15 Hz",
-            peak,
-            peak < 20.0 && peak > -10.0,
-        );
         Ok(())
     })
 }

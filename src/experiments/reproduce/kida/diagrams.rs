@@ -80,25 +80,20 @@ pub(super) fn gain_panel(y_label: &str, series: Vec<Series>, limits: (f64, f64))
 
 /// All singular values of a system \[dB\] as one curve for each.
 pub(super) fn singular_values(
-    name: &str,
     system: &StateSpace,
     (low, high): (f64, f64),
 ) -> Result<Vec<Series>, LtiError> {
+    const NAMES: [&str; 3] = ["largest", "second", "third"];
     let grid = system.frequency_grid(low, high, DENSITY)?;
     let points = system.sigma(&grid)?;
-    let count = points.iter().map(|p| p.values.len()).max().unwrap_or(0);
-    let curve = |i: usize| {
+    let curve = |(i, name): (usize, &&str)| {
         let values = points
             .iter()
             .filter_map(|p| Some((p.frequency, *p.values.get(i)?)));
-        let values = values.map(|(w, gain)| (w, decibel(gain)));
-        let name = match count {
-            1 => name.to_owned(),
-            _ => format!("{name}, {}", i + 1),
-        };
-        series(&name, values.collect())
+        let values: Vec<_> = values.map(|(w, gain)| (w, decibel(gain))).collect();
+        (!values.is_empty()).then(|| series(name, values))
     };
-    Ok((0..count).map(curve).collect())
+    Ok(NAMES.iter().enumerate().filter_map(curve).collect())
 }
 
 /// Nyquist curves of loops that negative feedback closes, with the unit circle and the point -1.
@@ -110,9 +105,7 @@ pub(super) fn nyquist(
 ) -> Result<PlaneFigure, LtiError> {
     let mut curves = Vec::new();
     for (name, system) in loops {
-        let grid = system.frequency_grid(low, high, 4 * DENSITY)?;
-        let points = system.nyquist(0, 0, &grid)?.into_iter();
-        curves.push(series(name, points.map(|(_, g)| (g.re, g.im)).collect()));
+        curves.push(series(name, smooth(system, (low, high), half)?));
     }
     let circle = (0..=180).map(|i| (2.0 * f64::from(i)).to_radians());
     curves.push(series(
@@ -128,6 +121,33 @@ pub(super) fn nyquist(
         view: Some([(-half, half), (-half, half)]),
         ..PlaneFigure::default()
     })
+}
+
+/// The frequency response in the complex plane, with points so close that the curve is smooth where it is within `half` of the origin.
+fn smooth(
+    system: &StateSpace,
+    (low, high): (f64, f64),
+    half: f64,
+) -> Result<Vec<(f64, f64)>, LtiError> {
+    const ROUNDS: usize = 8;
+    let grid = system.frequency_grid(low, high, 2 * DENSITY)?;
+    let mut points = system.nyquist(0, 0, &grid)?;
+    let visible = |g: &Complex| g.re.abs().max(g.im.abs()) < 1.5 * half;
+    for _ in 0..ROUNDS {
+        let far = |pair: &&[(f64, Complex)]| {
+            let [(_, a), (_, b)] = [pair[0], pair[1]];
+            (a - b).norm() > 0.02 * half && (visible(&a) || visible(&b))
+        };
+        let between: Vec<f64> = (points.windows(2).filter(far))
+            .map(|pair| (pair[0].0 * pair[1].0).sqrt())
+            .collect();
+        if between.is_empty() {
+            break;
+        }
+        points.extend(system.nyquist(0, 0, &between)?);
+        points.sort_by(|a, b| a.0.total_cmp(&b.0));
+    }
+    Ok(points.into_iter().map(|(_, g)| (g.re, g.im)).collect())
 }
 
 pub(super) fn marks(name: &str, mark: Mark, points: Vec<(f64, f64)>) -> Marks {

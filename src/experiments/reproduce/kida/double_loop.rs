@@ -49,18 +49,26 @@ fn open_loop(
 pub(super) fn fig_4_15(report: Report) -> Report {
     completed(report, |report| {
         let (free, damped) = (plant(7)?, damped(7, 10.0)?);
-        for (i, name) in [(1, "first"), (5, "fifth")] {
+        let lowered = |i: usize| {
             let w = TAU * FREQUENCIES_HZ[i];
-            let range = (0.95 * w, 1.05 * w);
-            let lower = peak(&free, range)? - peak(&damped, range)?;
-            report.holds(
-                &format!(
-                    "{name} vibration, resonance lowered by rate feedback D = 10 [dB], above 6"
-                ),
-                lower,
-                lower > 6.0,
-            );
+            let range = (0.97 * w, 1.03 * w);
+            Ok::<_, LtiError>(peak(&free, range)? - peak(&damped, range)?)
+        };
+        let first = lowered(1)?;
+        report.holds(
+            "first vibration, resonance lowered by rate feedback D = 10 [dB], above 20",
+            first,
+            first > 20.0,
+        );
+        let mut least = f64::INFINITY;
+        for i in [2, 3, 5] {
+            least = least.min(lowered(i)?);
         }
+        report.holds(
+            "modes 3, 4 and 6, resonances lowered: the least [dB], above 0",
+            least,
+            least > 0.0,
+        );
         let at_origin = |s: &StateSpace| {
             Ok::<_, LtiError>(s.poles()?.iter().filter(|p| p.norm() < 1e-6).count())
         };
@@ -145,7 +153,7 @@ fn sensitivities(
     let open = open_loop(1, problem.rate_gain, &design.outer)?;
     let one = StateSpace::gain(Matrix::identity(1, 1));
     let rigid = damped(1, problem.rate_gain)?.select(&[0], &[0])?;
-    let bound = gain_curve("1 / (gamma |W1|)", &rigid, RANGE)?;
+    let bound = gain_curve("1 / (gamma W1)", &rigid, RANGE)?;
     let bound = bound
         .points
         .into_iter()
@@ -157,10 +165,10 @@ fn sensitivities(
         panels: vec![gain_panel(
             "gain [dB]",
             vec![
-                gain_curve("|S|", &one.feedback(&open)?, RANGE)?,
-                gain_curve("|T|", &open.feedback(&one)?, RANGE)?,
-                series("1 / (gamma |W1|)", bound.collect()),
-                weight_curve("1 / |W2|", &problem.robustness, -1.0),
+                gain_curve("S", &one.feedback(&open)?, RANGE)?,
+                gain_curve("T", &open.feedback(&one)?, RANGE)?,
+                series("1 / (gamma W1)", bound.collect()),
+                weight_curve("1 / W2", &problem.robustness, -1.0),
             ],
             (-80.0, 40.0),
         )],

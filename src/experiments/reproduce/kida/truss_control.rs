@@ -88,24 +88,25 @@ pub(super) fn fig_3_18(report: Report) -> Report {
             off,
             off < 1e-9,
         );
-        let gain = |w: f64| {
-            Ok::<_, fuyu_lti::LtiError>(error.singular_values(w)?[0] / model.singular_values(w)?[0])
-        };
-        let (low, high) = (gain(0.3)?, gain(60.0)?);
+        let (mut low, mut highest) = (f64::NAN, 0.0_f64);
+        for w in error.frequency_grid(0.3, RANGE.1, 60)? {
+            let part = error.singular_values(w)?[0] / model.singular_values(w)?[0];
+            low = if low.is_nan() { part } else { low };
+            highest = highest.max(part);
+        }
         report.holds(
             "model error over model at .3 rad/s: small, below .01",
             low,
             low < 0.01,
         );
         report.holds(
-            "model error over model at 60 rad/s: above 1",
-            high,
-            high > 1.0,
+            "largest model error over model, at a mode that the model lacks: above 1",
+            highest,
+            highest > 1.0,
         );
         report.note(SURROGATE);
         let panel = |label: &str, system| {
-            singular_values("value", system, RANGE)
-                .map(|curves| gain_panel(label, curves, (-60.0, 120.0)))
+            singular_values(system, RANGE).map(|curves| gain_panel(label, curves, (-60.0, 120.0)))
         };
         let figure = Figure {
             title: "Kida 1993 Fig. 3.18: singular values of the truss (surrogate)".to_owned(),
@@ -150,14 +151,10 @@ fn pictures(report: &mut Report, d: &Design, number: usize, what: &str) -> Outco
     let limits = [(-80.0, 40.0), (-60.0, 20.0), (-80.0, 20.0), (-60.0, 60.0)];
     let mut panels = Vec::new();
     for ((function, title), limits) in d.functions.iter().zip(TITLES).zip(limits) {
-        panels.push(gain_panel(
-            title,
-            singular_values("value", function, RANGE)?,
-            limits,
-        ));
+        panels.push(gain_panel(title, singular_values(function, RANGE)?, limits));
     }
     // The bound of (3.36) for one noise direction: the inverse of the largest singular value of the error.
-    let error = singular_values("", &d.error, RANGE)?.into_iter().next();
+    let error = singular_values(&d.error, RANGE)?.into_iter().next();
     let bound = error.map(|curve| {
         let points = curve.points.into_iter().map(|(w, gain)| (w, -gain));
         series("1 / largest error", points.collect())
@@ -172,8 +169,10 @@ fn pictures(report: &mut Report, d: &Design, number: usize, what: &str) -> Outco
     report
         .figures
         .push((format!("kida-fig-3.{number}"), figure));
-    const STEP: f64 = 0.02;
-    let (impulse, step) = (d.impulse(STEP, 1001)?, d.step(STEP, 1001)?);
+    const STEP: f64 = 0.005;
+    // What grows leaves the picture.
+    let samples = if d.largest_real_part < 0.0 { 801 } else { 401 };
+    let (impulse, step) = (d.impulse(STEP, samples)?, d.step(STEP, samples)?);
     let curves = |response: &Response, first: usize, letter: &str| {
         let curve = |i: usize| {
             let values = response.iter().map(|(_, v)| v[first + i]);

@@ -104,7 +104,7 @@ fn shapes(
     modes: impl Iterator<Item = (f64, nalgebra::DVector<f64>)>,
 ) -> ShapeFigure {
     /// Largest displacement in a drawing \[m\].
-    const LARGEST: f64 = 5.0;
+    const LARGEST: f64 = 4.0;
     let lines = |points: &[(f64, f64)]| -> Vec<Vec<(f64, f64)>> {
         let ends = truss.rods.iter().map(|rod| rod.nodes);
         ends.map(|[i, j]| vec![points[i], points[j]]).collect()
