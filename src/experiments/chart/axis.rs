@@ -72,8 +72,8 @@ impl Axis {
         }
     }
 
-    /// An axis of logarithms with ticks at powers of ten, labelled as numbers, and lines at their multiples. Over less than two powers
-    /// there are also ticks at 2 and 5 times them.
+    /// An axis of logarithms with ticks at powers of ten, labelled as numbers, and lines at their multiples. Over less
+    /// than two powers there are also ticks at 2 and 5 times them.
     pub fn decades(range: Range<f64>) -> Self {
         let inside = |v: &f64| (range.start - 1e-9..=range.end + 1e-9).contains(v);
         let decades = (range.start.floor() as i64..=range.end.ceil() as i64).map(|i| i as f64);

@@ -115,8 +115,8 @@ pub struct ProofMasses {
     pub sufficient: (usize, usize),
     /// Without feedback: loops, and unstable ones.
     pub passive: (usize, usize),
-    /// For each loop the distance from the limit of Theorem 4.3, `(1 + μ) / ((r (1 + μ) + 1) ν² μ)`, above 1 where it is stable,
-    /// and the largest real part of its poles over the mode's frequency.
+    /// For each loop the distance from the limit of Theorem 4.3, `(1 + μ) / ((r (1 + μ) + 1) ν² μ)`, above 1 where it
+    /// is stable, and the largest real part of its poles over the mode's frequency.
     pub margins: Vec<(f64, f64)>,
 }
 

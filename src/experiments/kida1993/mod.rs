@@ -1,5 +1,6 @@
-//! Kida 1993, "Control of large space structures" (in Japanese): its theorems on random structures, and its direct feedback on the
-//! servicer of this repository. Tables and designs are in `fuyu_structures::kida1993` and `fuyu_lti::kida1993`.
+//! Kida 1993, "Control of large space structures" (in Japanese): its theorems on random structures, and its direct
+//! feedback on the servicer of this repository. Tables and designs are in `fuyu_structures::kida1993` and
+//! `fuyu_lti::kida1993`.
 //!
 //! | module | content |
 //! | --- | --- |

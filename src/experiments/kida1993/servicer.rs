@@ -1,5 +1,5 @@
-//! The servicer with two solar panels, an arm and three wheels, as a plant of attitude control: Kida's hybrid model, whose rigid part
-//! depends on the arm's posture.
+//! The servicer with two solar panels, an arm and three wheels, as a plant of attitude control: Kida's hybrid model,
+//! whose rigid part depends on the arm's posture.
 
 use fuyu_lti::{LtiError, Matrix, StateSpace, Structure};
 use fuyu_structures::{PlateStrip, StructureError};

@@ -25,13 +25,15 @@ pub struct ShapingTheorems {
     pub least_slope: f64,
     /// Theorem 3.4(b): least `|1 + l| |1 + k_o (jω - A_o)⁻¹ b_o|`, at least 1.
     pub least_return_difference: f64,
-    /// Theorem 3.5: largest distance of a pole of plant and compensator from those of regulator and observer, relative to the fastest pole.
+    /// Theorem 3.5: largest distance of a pole of plant and compensator from those of regulator and observer, relative
+    /// to the fastest pole.
     pub separation: f64,
     /// Theorem 3.5: how often that loop is unstable.
     pub unstable_loops: usize,
 }
 
-/// A structure with one rigid and some lightly damped modes, actuator and sensor collocated, and the weights of a regulator.
+/// A structure with one rigid and some lightly damped modes, actuator and sensor collocated, and the weights of a
+/// regulator.
 struct Case {
     plant: StateSpace,
     filter: (f64, f64),
@@ -150,7 +152,8 @@ fn largest(poles: &[Complex<f64>]) -> f64 {
     poles.iter().map(|p| p.norm()).fold(0.0, f64::max)
 }
 
-/// Largest distance after pairing each value of `b` with the nearest free one of `a`; infinite for different numbers of them.
+/// Largest distance after pairing each value of `b` with the nearest free one of `a`; infinite for different numbers of
+/// them.
 fn matched(a: &[Complex<f64>], b: &[Complex<f64>]) -> f64 {
     if a.len() != b.len() {
         return f64::INFINITY;
@@ -166,9 +169,10 @@ fn matched(a: &[Complex<f64>], b: &[Complex<f64>]) -> f64 {
     })
 }
 
-/// Theorem 3.6 on the air table with two modes and the weights of design 4: largest distance of the loop with observer from that of the
-/// state feedback below 30 rad/s, relative to the latter, for each noise μ of the observer. `collocated` false moves the sensor to where
-/// the first vibration has the opposite sign, which gives a zero in the right half-plane.
+/// Theorem 3.6 on the air table with two modes and the weights of design 4: largest distance of the loop with observer
+/// from that of the state feedback below 30 rad/s, relative to the latter, for each noise μ of the observer.
+/// `collocated` false moves the sensor to where the first vibration has the opposite sign, which gives a zero in the
+/// right half-plane.
 ///
 /// # Errors
 /// Numerical failure, which does not occur with these data.

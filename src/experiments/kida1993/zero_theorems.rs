@@ -1,5 +1,5 @@
-//! Theorems 2.1 to 2.6: transmission zeros of structures from a symmetric eigenvalue problem of the modes, against a solver for any
-//! linear system, which knows nothing of structures.
+//! Theorems 2.1 to 2.6: transmission zeros of structures from a symmetric eigenvalue problem of the modes, against a
+//! solver for any linear system, which knows nothing of structures.
 
 use fuyu_lti::{LtiError, StateSpace, Structure};
 use fuyu_structures::{FemModel, HybridModel, Matrices, StructureError, generalized_eigen};
@@ -12,8 +12,8 @@ use super::random::Random;
 pub struct Checked {
     /// Its name.
     pub theorem: &'static str,
-    /// For each structure the largest difference of a zero or pole from the general solver's, relative to its size; infinite if there
-    /// are more or fewer of them.
+    /// For each structure the largest difference of a zero or pole from the general solver's, relative to its size;
+    /// infinite if there are more or fewer of them.
     pub errors: Vec<f64>,
     /// On how many structures a zero was in the right half-plane.
     pub not_minimum_phase: usize,
@@ -79,7 +79,8 @@ fn system(
     Structure::new(M, C, K, L)?.with_outputs(H, &none)
 }
 
-/// Theorems 2.1 (FEM model) and 2.2 (modal model with all modes) on `count` random structures with one or two collocated inputs.
+/// Theorems 2.1 (FEM model) and 2.2 (modal model with all modes) on `count` random structures with one or two
+/// collocated inputs.
 ///
 /// # Errors
 /// Numerical failure.
@@ -125,8 +126,8 @@ fn joined(left: &DMatrix<f64>, right: &DMatrix<f64>) -> DMatrix<f64> {
     whole
 }
 
-/// Theorems 2.3(a), 2.4(a) (poles) and 2.3(b), 2.4(b) (zeros) on `count` random hybrid models; last, 2.4(b) with the diagonal of the
-/// modal damping only, as the book writes it.
+/// Theorems 2.3(a), 2.4(a) (poles) and 2.3(b), 2.4(b) (zeros) on `count` random hybrid models; last, 2.4(b) with the
+/// diagonal of the modal damping only, as the book writes it.
 ///
 /// # Errors
 /// Numerical failure.
@@ -160,8 +161,8 @@ pub fn collocated(count: usize) -> Result<[Checked; 5], TheoremError> {
     Ok(checked)
 }
 
-/// Theorems 2.5 (sensors on the flexible part) and 2.6 (actuators there), each for constrained (a) and unconstrained modes (b), on
-/// `count` random hybrid models.
+/// Theorems 2.5 (sensors on the flexible part) and 2.6 (actuators there), each for constrained (a) and unconstrained
+/// modes (b), on `count` random hybrid models.
 ///
 /// # Errors
 /// Numerical failure.

@@ -1,5 +1,6 @@
-//! Models without modes, without rigid coordinates or without inputs, and matrices of wrong sizes: an empty result where that is the
-//! answer, otherwise an error. nalgebra panics on such matrices, so each line fails with a panic if a check is missing.
+//! Models without modes, without rigid coordinates or without inputs, and matrices of wrong sizes: an empty result
+//! where that is the answer, otherwise an error. nalgebra panics on such matrices, so each line fails with a panic if a
+//! check is missing.
 
 use fuyu_structures::{
     Appendage, Attachment, FemModel, HybridModel, Matrices, ModalModel, StructureError, Vehicle,

@@ -42,9 +42,10 @@ pub(super) fn table_3_1(report: Report) -> Report {
             );
         }
         report.note(
-            "Table 3.1 is data: the hybrid model (a base with a clamped panel, eq. (3.17)) is computed from it, and its modes from that model. \
-             The clamped panel's frequencies of Fig. 3.4 are lost but for the two in the text; the table's values are corrected by \
-             identification, the text says, so the second differs by 0.01 Hz.",
+            "Table 3.1 is data: the hybrid model (a base with a clamped panel, eq. (3.17)) is computed from it, and \
+             its modes from that model. The clamped panel's frequencies of Fig. 3.4 are lost but for the two in the \
+             text; the table's values are corrected by identification, the text says, so the second differs by 0.01 \
+             Hz.",
         );
         report.note(&format!(
             "Moment of inertia {:.4} kg m²; clamped frequencies {} Hz.",

@@ -89,8 +89,8 @@ fn note(report: &mut Report, d: &Design) {
         .map(|p| format!("{:.1} deg at {:.2} rad/s", p.degrees, p.frequency))
         .collect();
     report.note(&format!(
-        "Angles at the gain crossovers: {}. The book prints curves without numbers; its step responses are measured, those here are \
-         simulated: sampled every 10 ms, torque limited to {TORQUE_LIMIT} N m.",
+        "Angles at the gain crossovers: {}. The book prints curves without numbers; its step responses are measured, \
+         those here are simulated: sampled every 10 ms, torque limited to {TORQUE_LIMIT} N m.",
         phase.join(", ")
     ));
 }
@@ -265,8 +265,8 @@ pub(super) fn fig_3_10(report: Report) -> Report {
             three.rise < two.rise && two.rise < one.rise,
         );
         report.note(&format!(
-            "Times to 90 % and to stay within 5 % [s]: design 2 {:.2}, {:.1}; design 3 {:.2}, {:.1}; design 4 {:.2}, {:.1}; design 5 {:.2}, \
-             {:.1}, simulated without torque limit.",
+            "Times to 90 % and to stay within 5 % [s]: design 2 {:.2}, {:.1}; design 3 {:.2}, {:.1}; design 4 {:.2}, \
+             {:.1}; design 5 {:.2}, {:.1}, simulated without torque limit.",
             one.rise, one.settling, two.rise, two.settling, recovered.rise, recovered.settling, three.rise, three.settling
         ));
         note(report, &d);

@@ -123,7 +123,8 @@ pub(super) fn nyquist(
     })
 }
 
-/// The frequency response in the complex plane, with points so close that the curve is smooth where it is within `half` of the origin.
+/// The frequency response in the complex plane, with points so close that the curve is smooth where it is within `half`
+/// of the origin.
 fn smooth(
     system: &StateSpace,
     (low, high): (f64, f64),
@@ -183,8 +184,8 @@ pub(super) fn pole_map(
     }
 }
 
-/// Paths of the poles in the upper half-plane as a parameter grows, with interruptions between them. Each pole continues at the nearest
-/// one of the next value.
+/// Paths of the poles in the upper half-plane as a parameter grows, with interruptions between them. Each pole
+/// continues at the nearest one of the next value.
 pub(super) fn branches(locus: &[(f64, Vec<Complex>)]) -> Vec<(f64, f64)> {
     let mut paths: Vec<Vec<Complex>> = Vec::new();
     for (_, poles) in locus {
@@ -262,7 +263,8 @@ pub(super) fn abscissa(poles: &[Complex]) -> f64 {
 mod tests {
     use super::*;
 
-    // Two poles that pass each other far apart keep their paths, whatever the order in which an eigenvalue routine returns them.
+    // Two poles that pass each other far apart keep their paths, whatever the order in which an eigenvalue routine
+    // returns them.
     #[test]
     fn branches_follow_each_pole() {
         let pole = |i: i32, up: f64| Complex::new(-0.1 * f64::from(i), up);

@@ -18,8 +18,9 @@ use crate::experiments::{Figure, Series};
 /// The pictures' frequencies \[rad/s\].
 const RANGE: (f64, f64) = (0.1, 200.0);
 
-const WEIGHT: &str = "W2 as printed, 36 s^2 / (s^2 + 8 s + 36), covers the model error with rate feedback. Without it the first vibration needs 166, so \
-    the comparison has 200 (its weight is not printed). gamma is nine tenths of the largest possible, as it is not printed.";
+const WEIGHT: &str = "W2 as printed, 36 s^2 / (s^2 + 8 s + 36), covers the model error with rate feedback. Without it \
+    the first vibration needs 166, so the comparison has 200 (its weight is not printed). gamma is nine tenths of the \
+    largest possible, as it is not printed.";
 
 /// Both designs: with rate feedback inside, and without.
 fn designs() -> Result<[(Problem, DoubleLoop); 2], LtiError> {
@@ -334,8 +335,8 @@ pub(super) fn fig_4_20(report: Report) -> Report {
             largest[0] < largest[1],
         );
         report.note(&format!(
-            "Settling times {:.1} and {:.1} s, largest angles {:.2} and {:.2} deg. The book shows measured responses; here seven modes, sampled \
-             every 10 ms. Disturbance: 0.35 N m for one second.",
+            "Settling times {:.1} and {:.1} s, largest angles {:.2} and {:.2} deg. The book shows measured responses; \
+             here seven modes, sampled every 10 ms. Disturbance: 0.35 N m for one second.",
             settling[0], settling[1], largest[0], largest[1]
         ));
         report.note(WEIGHT);

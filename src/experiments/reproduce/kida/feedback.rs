@@ -58,9 +58,9 @@ pub(super) fn theorems(report: Report) -> Report {
             all.other_actuators,
         );
         report.note(
-            "Random structures with 2 to 7 coordinates, 0 to 2 rigid modes, 1 to 3 actuators; random proof masses on one mode without damping. \
-             Theorem 4.3 is printed as sufficient. Corrections: c_e = 2 m sigma_1, gamma = c / (c_e a^2), mu = d a^2 / c; (4.11) begins \
-             with m a^2 theta''.",
+            "Random structures with 2 to 7 coordinates, 0 to 2 rigid modes, 1 to 3 actuators; random proof masses on \
+             one mode without damping. Theorem 4.3 is printed as sufficient. Corrections: c_e = 2 m sigma_1, gamma = c \
+             / (c_e a^2), mu = d a^2 / c; (4.11) begins with m a^2 theta''.",
         );
         let side = |stable: bool| {
             let points = masses

@@ -66,13 +66,14 @@ pub(super) fn example(report: Report) -> Report {
         }
         if example.number == 4 {
             report.note(
-                "The book prints q = (s+50)/(s+50), which is 1, and 1/r = 1/(s+.05), which is J1 of example 2 and does not do what the text \
-                 says. Computed with q = (s+1)/(s+.05), the weight of example 3, and 1/r = 50/(s+50), that of example 1.",
+                "The book prints q = (s+50)/(s+50), which is 1, and 1/r = 1/(s+.05), which is J1 of example 2 and does \
+                 not do what the text says. Computed with q = (s+1)/(s+.05), the weight of example 3, and 1/r = \
+                 50/(s+50), that of example 1.",
             );
         }
         report.note(&format!(
-            "Rigid mode of the air table with the state measured, rho = {RHO}. The book shows curves without numbers: gains of loop l, \
-             sensitivity s, response to disturbances m, complementary sensitivity t."
+            "Rigid mode of the air table with the state measured, rho = {RHO}. The book shows curves without numbers: \
+             gains of loop l, sensitivity s, response to disturbances m, complementary sensitivity t."
         ));
         let systems = |of: fn(&Shapes) -> &StateSpace| -> Vec<(&str, &StateSpace)> {
             designs

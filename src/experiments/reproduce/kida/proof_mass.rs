@@ -13,9 +13,10 @@ use super::{completed, number};
 use crate::experiments::Mark;
 use crate::experiments::reproduce::Report;
 
-const CONTRADICTION: &str = "The arm's length and the mode's shape at the actuator are not printed. Any two of the printed limits d = 1, 21 and \
-    32 determine them (with the first mode, as the text says higher ones hardly matter), and the third is then another: 9.6 instead of 21, \
-    or 2.15 instead of 1. So one of the three cannot be reproduced.";
+const CONTRADICTION: &str = "The arm's length and the mode's shape at the actuator are not printed. Any two of the \
+    printed limits d = 1, 21 and 32 determine them (with the first mode, as the text says higher ones hardly matter), \
+    and the third is then another: 9.6 instead of 21, or 2.15 instead of 1. So one of the three cannot be \
+    reproduced.";
 
 const SITUATIONS: [&str; 3] = ["on the ground", "ten times the damping", "without gravity"];
 
@@ -59,7 +60,8 @@ pub(super) fn root_locus(report: Report) -> Report {
             ),
         }
         report.holds(
-            "more damping allows more gain, and less stiffness still more: limit without gravity over that on the ground",
+            "more damping allows more gain, and less stiffness still more: limit without gravity over that on the \
+             ground",
             found[2] / found[0],
             found[0] < found[1] && found[1] < found[2],
         );
@@ -173,13 +175,14 @@ pub(super) fn fig_4_9(report: Report) -> Report {
             ratios[0] > 10.0 * STRUCTURAL_DAMPING,
         );
         report.note(&format!(
-            "Computed damping ratios at d = 1: {:.3} with the data recovered from the limits 1 and 32, {:.3} from 21 and 32; the book measured \
-             0.045. {CONTRADICTION}",
+            "Computed damping ratios at d = 1: {:.3} with the data recovered from the limits 1 and 32, {:.3} from 21 \
+             and 32; the book measured 0.045. {CONTRADICTION}",
             ratios[0], ratios[1]
         ));
         report.note(
-            "Minor loop with alpha = .7. With beta = epsilon = .05 as printed, eq. (4.12) leaves the damping unchanged. Figs. 4.11, 4.12 (d = 5, where \
-             sampling makes the second mode vibrate) need that mode's shape, which is not printed: they cannot be reproduced.",
+            "Minor loop with alpha = .7. With beta = epsilon = .05 as printed, eq. (4.12) leaves the damping \
+             unchanged. Figs. 4.11, 4.12 (d = 5, where sampling makes the second mode vibrate) need that mode's shape, \
+             which is not printed: they cannot be reproduced.",
         );
         const STEP: f64 = 0.01;
         let free = |d: f64, mass: &fuyu_lti::ProofMass| impulse(&structure, mass, d, STEP, 1001);

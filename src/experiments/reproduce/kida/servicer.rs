@@ -1,5 +1,5 @@
-//! Kida's theorems and designs on a servicer with an arm, for which nothing is published: rows compare with an independent program (Python,
-//! SciPy, SLICOT) on the same robot.
+//! Kida's theorems and designs on a servicer with an arm, for which nothing is published: rows compare with an
+//! independent program (Python, SciPy, SLICOT) on the same robot.
 
 use fuyu_lti::kida1993::double_loop::{Problem, covering_gain, step, verdict};
 use fuyu_lti::{
@@ -14,8 +14,9 @@ use crate::experiments::kida1993::servicer::{GAINS, POSTURES, Posture, Servicer,
 use crate::experiments::reproduce::Report;
 use crate::experiments::{Figure, Mark, Panel};
 
-const ROBOT: &str = "The servicer of Masutani 1995 (urdf/servicer.urdf) with two panels of 8 x 2 m and 48 kg (three bending modes from .1955 Hz, torsion \
-    .625 Hz, damping .005), joints locked. Postures A: all zero; B: .3, .8, -1.4, .6, .4, 0; C: 1.2, 1.9, -2.2, -.7, .5, .3 rad.";
+const ROBOT: &str = "The servicer of Masutani 1995 (urdf/servicer.urdf) with two panels of 8 x 2 m and 48 kg (three \
+    bending modes from .1955 Hz, torsion .625 Hz, damping .005), joints locked. Postures A: all zero; B: .3, .8, -1.4, \
+    .6, .4, 0; C: 1.2, 1.9, -2.2, -.7, .5, .3 rad.";
 
 /// Base-free frequencies \[Hz\] by an independent program for array angles 0 and .6 rad, postures A, B, C.
 const FREQUENCIES: [(f64, [[f64; 8]; 3]); 2] = [
@@ -162,8 +163,8 @@ pub(super) fn zeros(report: Report) -> Report {
         );
         report.note(ROBOT);
         report.note(
-            "With the attitude held only translation is left, and mass and translational coupling do not depend on posture or array angle: so \
-             the three-by-three zeros stay while the poles move.",
+            "With the attitude held only translation is left, and mass and translational coupling do not depend on \
+             posture or array angle: so the three-by-three zeros stay while the poles move.",
         );
         report
             .figures
@@ -461,8 +462,8 @@ pub(super) fn double_loop(report: Report) -> Report {
         steps(report, &axis[1], [&design.controller, &alone.controller])?;
         report.note(ROBOT);
         report.note(
-            "Rotation about y; W2 = k s^2 / (s^2 + 2.8 w0 s + 4 w0^2) with w0 = .2 rad/s; gamma nine tenths of the largest. With 6169 instead \
-             of 32.7 there is no controller.",
+            "Rotation about y; W2 = k s^2 / (s^2 + 2.8 w0 s + 4 w0^2) with w0 = .2 rad/s; gamma nine tenths of the \
+             largest. With 6169 instead of 32.7 there is no controller.",
         );
         let open =
             |controller: &StateSpace| axis[1].displacement_and_rate_system()?.series(controller);

@@ -69,8 +69,8 @@ pub(super) fn theorems(report: Report) -> Report {
             elsewhere[4] > 0.3,
         );
         report.note(
-            "The book proves the theorems without numbers. Theorem 3.6 on the air table with the weights of design 4: largest \
-             |l - gk| / (1 + |l|) below 30 rad/s. Section 3.3.2 prints w_o'^2 k_2 for w_o^2 k_2.",
+            "The book proves the theorems without numbers. Theorem 3.6 on the air table with the weights of design 4: \
+             largest |l - gk| / (1 + |l|) below 30 rad/s. Section 3.3.2 prints w_o'^2 k_2 for w_o^2 k_2.",
         );
         let filters = |which: usize| {
             let points = all.filters.iter().map(|pair| pair[which]);

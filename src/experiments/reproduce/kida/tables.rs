@@ -35,14 +35,14 @@ pub(super) fn chapter_2(report: Report) -> Report {
         report.note(table.remark);
         if number <= 4 {
             report.note(
-                "The truss's figure is lost: its dimensions were recovered from the 17 frequencies printed for the FEM model. The book's modal \
-                 data are not its FEM model's (in Tables 2.1 and 2.4 exact theory makes both columns equal), which the second column's \
-                 tolerance allows for.",
+                "The truss's figure is lost: its dimensions were recovered from the 17 frequencies printed for the FEM \
+                 model. The book's modal data are not its FEM model's (in Tables 2.1 and 2.4 exact theory makes both \
+                 columns equal), which the second column's tolerance allows for.",
             );
         } else if number > 5 {
             report.note(
-                "The couplings of the panels are not printed; they were identified from the poles of Table 2.6. All values are imaginary \
-                 parts: nothing is damped.",
+                "The couplings of the panels are not printed; they were identified from the poles of Table 2.6. All \
+                 values are imaginary parts: nothing is damped.",
             );
         }
         if number == 7 {
@@ -97,7 +97,8 @@ fn not_reproduced(report: &mut Report, column: &Column) {
     );
 }
 
-/// Table 2.5 is data of the problem: that the model has these frequencies when the satellite is held is all there is to compare.
+/// Table 2.5 is data of the problem: that the model has these frequencies when the satellite is held is all there is to
+/// compare.
 fn input(report: &mut Report, table: &Table) -> Outcome {
     let satellite = ets6()?;
     let model = satellite.model(std::f64::consts::PI, &[0, 1, 2, 3, 4, 5, 6])?;

@@ -13,9 +13,10 @@ use super::{Outcome, completed};
 use crate::experiments::reproduce::Report;
 use crate::experiments::{Figure, ShapeFigure, ShapePanel};
 
-const SURROGATE: &str = "Fig. 3.16 with the truss's geometry is lost. The surrogate has what the text says (99 bars, 45 nodes, 90 degrees of \
-    freedom, 3 rigid modes, 15 modes in the plant, 4 in the design model, 3 collocated pairs of force and displacement), with mass and \
-    stiffness for which the book's weights act among the vibration modes. Verdicts carry over, numbers do not.";
+const SURROGATE: &str = "Fig. 3.16 with the truss's geometry is lost. The surrogate has what the text says (99 bars, \
+    45 nodes, 90 degrees of freedom, 3 rigid modes, 15 modes in the plant, 4 in the design model, 3 collocated pairs \
+    of force and displacement), with mass and stiffness for which the book's weights act among the vibration modes. \
+    Verdicts carry over, numbers do not.";
 
 /// The pictures' frequencies \[rad/s\].
 const RANGE: (f64, f64) = (0.1, 1000.0);
@@ -211,13 +212,15 @@ pub(super) fn fig_3_22(report: Report) -> Report {
     completed(report, |report| {
         let (d, standard) = (design(Weights::Control)?, design(Weights::Standard)?);
         verdict(report, &d, true);
-        // "Rather worse than Fig. 3.21(b)": the low-frequency gain from disturbance to displacement on the design model.
+        // "Rather worse than Fig. 3.21(b)": the low-frequency gain from disturbance to displacement on the design
+        // model.
         let low = |d: &Design| {
             Ok::<_, fuyu_lti::LtiError>(decibel(d.functions[0].singular_values(0.01)?[0]))
         };
         let worse = low(&d)? - low(&standard)?;
         report.holds(
-            "static deviation, rather worse than with the standard regulator: gain of (3.32) at .01 rad/s, higher by [dB]",
+            "static deviation, rather worse than with the standard regulator: gain of (3.32) at .01 rad/s, higher by \
+             [dB]",
             worse,
             worse > 0.0,
         );

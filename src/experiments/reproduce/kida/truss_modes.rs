@@ -7,8 +7,8 @@ use super::{Outcome, completed};
 use crate::experiments::reproduce::Report;
 use crate::experiments::{ShapeFigure, ShapePanel};
 
-const LOST: &str = "The figure is lost; dimensions recovered from the printed frequencies. Arrows: where and in which direction \
-    forces act and displacements are measured.";
+const LOST: &str = "The figure is lost; dimensions recovered from the printed frequencies. Arrows: where and in which \
+    direction forces act and displacements are measured.";
 
 pub(super) fn fig_2_2(report: Report) -> Report {
     completed(report, |report| {
@@ -30,7 +30,8 @@ pub(super) fn fig_2_2(report: Report) -> Report {
             residual,
             residual < 1e-12,
         );
-        report.note("The frequencies in the figure are not legible in the scan; those of the held truss are Tables 2.1 to 2.4.");
+        report.note("The frequencies in the figure are not legible in the scan; those of the held truss are Tables 2.1 \
+                     to 2.4.");
         report.note(LOST);
         let all: Vec<usize> = (0..12).collect();
         let figure = shapes(

@@ -14,14 +14,15 @@ use super::diagrams::{
 use crate::experiments::reproduce::Report;
 use crate::experiments::{Figure, Mark, Panel, Series};
 
-/// Weight of the matching error. With 1, as printed, the feed-forward signals cost as much as the error and are hardly used.
+/// Weight of the matching error. With 1, as printed, the feed-forward signals cost as much as the error and are hardly
+/// used.
 const WEIGHT: f64 = 1000.0;
 
 const STEP: f64 = 0.01;
 const SAMPLES: usize = 1501;
 
-const MATCHING: &str = "The text takes W0 = W1 = 1, with which the forward signals are hardly used; here W0 = 1000. The book shows measured \
-    responses; here seven modes are simulated.";
+const MATCHING: &str = "The text takes W0 = W1 = 1, with which the forward signals are hardly used; here W0 = 1000. \
+    The book shows measured responses; here seven modes are simulated.";
 
 fn label(case: &Case) -> String {
     format!("{} {} [1 {:.1}]", case.name, case.p, case.d / case.p)
@@ -91,9 +92,10 @@ pub(super) fn fig_4_22(report: Report) -> Report {
             map.series.push(series("0 < k < 1800", branches(&locus)));
             report.planes.push((format!("kida-fig-4.22-{letter}"), map));
         }
-        report.note("Modes above 5 Hz are outside of the pictures. The text has case (c) as 8 [0.2 1], which is 1.6 [1 5].");
-        report.note("The text calls the damping ratio of case (b) 'about 1/sqrt 2'. With the printed gains and Table 3.1 it is .49 for the rigid mode alone, \
-             D / (2 sqrt(P J)), and .48 with seven modes.");
+        report.note("Modes above 5 Hz are outside of the pictures. The text has case (c) as 8 [0.2 1], which is 1.6 [1 \
+                     5].");
+        report.note("The text calls the damping ratio of case (b) 'about 1/sqrt 2'. With the printed gains and Table \
+             3.1 it is .49 for the rigid mode alone, D / (2 sqrt(P J)), and .48 with seven modes.");
         Ok(())
     })
 }
@@ -158,7 +160,8 @@ pub(super) fn fig_4_23(report: Report) -> Report {
             largest[2] / largest[0],
             largest[2] > largest[0],
         );
-        report.note("Direct feedback alone. The book shows measured responses without numbers; here seven modes are simulated.");
+        report.note("Direct feedback alone. The book shows measured responses without numbers; here seven modes are \
+                     simulated.");
         let title = "Kida 1993 Fig. 4.23: direct feedback, step of 1 deg and torque pulse";
         report
             .figures
@@ -188,7 +191,8 @@ pub(super) fn fig_4_24(report: Report) -> Report {
             pushes.push(sampled(&label(&case), STEP, pushed(&case)?));
         }
         steps.push(sampled("reference model", STEP, model));
-        report.note("Feed-forward does not change the response to disturbances: the lower panel is that of Fig. 4.23, as the text says.");
+        report.note("Feed-forward does not change the response to disturbances: the lower panel is that of Fig. 4.23, \
+                     as the text says.");
         report.note(MATCHING);
         let title = "Kida 1993 Fig. 4.24: two degrees of freedom, step of 1 deg and torque pulse";
         report
@@ -257,7 +261,8 @@ pub(super) fn fig_4_25(report: Report) -> Report {
             }));
         }
         report.note(MATCHING);
-        report.note("The text writes the reference model's damping once as c, once as d; c = sqrt 2 and k = 1/2 satisfy c^2 = 4 k.");
+        report.note("The text writes the reference model's damping once as c, once as d; c = sqrt 2 and k = 1/2 \
+                     satisfy c^2 = 4 k.");
         let figure = Figure {
             title: "Kida 1993 Fig. 4.25: reference to angle, matched and reached".to_owned(),
             x_label: super::diagrams::FREQUENCY.to_owned(),

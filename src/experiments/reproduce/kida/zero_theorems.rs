@@ -48,9 +48,10 @@ pub(super) fn theorems(report: Report) -> Report {
             diagonal[0].worst() > 1e-3,
         );
         report.note(
-            "Largest relative difference of a zero or pole from that of a solver for any linear system (reduction of the system \
-             matrix, Emami-Naeini and Van Dooren 1982), which knows neither modes nor structure. The book proves the theorems and \
-             gives no such numbers. In theorem 2.4(a) it prints J for the identity, in 2.6(a) a transpose.",
+            "Largest relative difference of a zero or pole from that of a solver for any linear system (reduction of \
+             the system matrix, Emami-Naeini and Van Dooren 1982), which knows neither modes nor structure. The book \
+             proves the theorems and gives no such numbers. In theorem 2.4(a) it prints J for the identity, in 2.6(a) \
+             a transpose.",
         );
         let all = uniform.iter().chain(exact).chain(&elsewhere);
         let by_theorem = |digit: &str| -> Vec<f64> {
