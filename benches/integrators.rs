@@ -257,6 +257,7 @@ fn draw(motion: &Motion, curves: &[Curve]) {
             panel("energy drift |dE/E|", |run, _| run.drift),
             panel("attitude error [rad]", |_, error| error),
         ],
+        ..Figure::default()
     };
     let stem = format!("{stem}-{}", motion.name);
     match figure.save(std::path::Path::new(&stem)) {

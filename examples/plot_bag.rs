@@ -48,6 +48,7 @@ fn main() -> Result<(), Box<dyn Error>> {
             panel("rate [rad/s]", rates.collect()),
             panel("power [W]", vec![power]),
         ],
+        ..Figure::default()
     };
     for path in figure.save(&folder.join("joints"))? {
         println!("wrote {}", path.display());

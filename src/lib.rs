@@ -91,6 +91,7 @@ pub mod experiments;
 #[cfg(not(feature = "ros"))]
 pub mod experiments {
     mod continuous_loop;
+    pub mod kida1993;
     pub mod masutani_ch3;
     pub mod masutani_ch5;
     pub mod masutani_ch6;

@@ -238,6 +238,7 @@ pub fn draw(rows: &[Row], stem: &str) {
         title: "Forward dynamics of chains".to_owned(),
         x_label: "log10 of links".to_owned(),
         panels: vec![panel(Kernel::Forward)],
+        ..Figure::default()
     };
     match figure.save(std::path::Path::new(stem)) {
         Ok(_) => eprintln!("drew {stem}.svg and .png"),

@@ -161,6 +161,7 @@ fn figure(title: &str, panels: Vec<Panel>) -> Option<Figure> {
         title: title.into(),
         x_label: "time [s]".into(),
         panels,
+        ..Figure::default()
     })
 }
 

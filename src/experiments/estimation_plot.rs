@@ -55,6 +55,7 @@ pub fn squared_rates(estimation: &RecordedEstimation, start: i64) -> Option<Figu
             series: all,
             ..Panel::default()
         }],
+        ..Figure::default()
     })
 }
 
@@ -106,6 +107,7 @@ pub fn herpolhode(estimation: &RecordedEstimation, mount: Mount) -> Option<Plane
         x_label: "w in the invariable plane [rad/s]".into(),
         y_label: "w in the invariable plane [rad/s]".into(),
         series: all,
+        ..PlaneFigure::default()
     })
 }
 
@@ -158,6 +160,7 @@ pub fn prediction_error(
                 ..Panel::default()
             },
         ],
+        ..Figure::default()
     })
 }
 

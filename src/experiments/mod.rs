@@ -6,6 +6,7 @@ mod chart;
 mod closed_loop;
 mod continuous_loop;
 mod estimation_plot;
+pub mod kida1993;
 pub mod masutani_ch3;
 pub mod masutani_ch5;
 pub mod masutani_ch6;
@@ -30,7 +31,8 @@ pub mod tracking;
 pub use bag_check::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag};
 pub use bag_plot::plot_bag;
 pub use chart::{
-    ChartError, Dots, Figure, MapFigure, MapPanel, MapScale, Panel, PlaneFigure, Series,
+    ChartError, Dots, Figure, MapFigure, MapPanel, MapScale, Mark, Marks, Panel, PlaneFigure,
+    Series, ShapeFigure, ShapePanel,
 };
 pub use closed_loop::{Answer, ClosedLoop, Moment};
 pub use continuous_loop::ContinuousLoop;

@@ -85,6 +85,9 @@ fn all_that_is_published_is_reproduced() {
     for number in 18..=52 {
         assert!(names.contains(&format!("masutani-fig-3.{number}")));
     }
+    for number in 1..=12 {
+        assert!(names.contains(&format!("kida-table-2.{number}")));
+    }
 }
 
 /// A sweep by the thesis's method: a second on two cores.
@@ -139,6 +142,44 @@ fn one_is_a_table_an_object_and_files() {
         "{}",
         table.stdout
     );
+}
+
+/// Pictures of all kinds: shapes, gains and phases over frequency, a Nyquist curve, poles, a response in time.
+#[test]
+fn control_theory_has_its_diagrams() {
+    let folder = tempfile::tempdir().unwrap();
+    let output = folder.path().to_str().unwrap();
+    let svg = |stem: &str| fs::read_to_string(folder.path().join(format!("{stem}.svg"))).unwrap();
+    let run = fuyu(&["reproduce", "kida-fig-3.6", "--output", output]);
+    assert_eq!(run.code, 0, "{}", run.stdout);
+    for (stem, texts) in [
+        ("bode", &["phase [deg]", "-180", "0.1"][..]),
+        ("nyquist", &["unit circle", "real part"]),
+        ("poles", &["closed loop", "stability limit"]),
+        ("step", &["angle [deg]", "torque [N m]", "time [s]"]),
+    ] {
+        let svg = svg(&format!("kida-fig-3.6-{stem}"));
+        for text in texts {
+            assert!(svg.contains(text), "{stem}: no {text:?}");
+        }
+    }
+    fuyu(&["reproduce", "kida-fig-2.3", "--output", output]);
+    // The first zero of the truss, 15.2 Hz in Table 2.1.
+    assert!(svg("kida-fig-2.3").contains("15.2 Hz"));
+}
+
+/// What is known not to be reproducible says so in its row and in the verdict.
+#[test]
+fn a_wrong_print_is_marked() {
+    let run = fuyu(&["reproduce", "kida-table-2.9"]);
+    assert_eq!(run.code, 0, "{}", run.stderr);
+    for text in [
+        "not the exact zeros: NOT REPRODUCED",
+        "reproduced, except for what is marked; 14 published numbers",
+        "0.278    0.258 x",
+    ] {
+        assert!(run.stdout.contains(text), "no {text:?} in\n{}", run.stdout);
+    }
 }
 
 #[test]

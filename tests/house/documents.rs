@@ -165,6 +165,17 @@ fn the_table_of_nodes_is_the_declarations() {
     check_table("src/nodes/mod.rs", "//! ", &head, &rows);
 }
 
+#[cfg(feature = "ros")]
+#[test]
+fn the_table_of_published_results_is_that_of_the_command() {
+    let results = fuyu::experiments::reproduce::ALL;
+    let row = |r: &fuyu::experiments::reproduce::Reproduction| {
+        [format!("`{}`", r.name), r.shows.to_owned()]
+    };
+    let rows: Vec<_> = results.iter().map(row).collect();
+    check_table("docs/reproduced.md", "", &["name", "shows"], &rows);
+}
+
 #[test]
 fn every_file_that_the_documents_link_to_exists() {
     for document in ["README.md", "ARCHITECTURE.md", "CHANGELOG.md"] {

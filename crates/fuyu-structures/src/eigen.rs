@@ -22,7 +22,7 @@ pub struct Eigen {
 /// Cholesky factor of `M`.
 ///
 /// The error of each eigenvalue is some 1e-16 of the largest one. Use [`lowest_modes`] if the lowest ones of a fine mesh are
-/// needed to more digits.
+/// needed to more digits. Empty matrices have no eigenvalues.
 ///
 /// # Errors
 /// Matrices that are not square, finite and symmetric or of different sizes; `M` not positive definite.
@@ -140,6 +140,13 @@ pub(crate) fn reduced_eigen(
 /// Eigenvalues in ascending order, and orthonormal eigenvectors.
 pub(crate) fn symmetric_eigen(matrix: &DMatrix<f64>, name: &str) -> Result<Eigen, StructureError> {
     let n = matrix.nrows();
+    if n == 0 {
+        // nalgebra panics on empty matrices.
+        return Ok(Eigen {
+            values: DVector::zeros(0),
+            vectors: DMatrix::zeros(0, 0),
+        });
+    }
     let limit = ITERATIONS_PER_ROW * (n + 10);
     let eigen =
         SymmetricEigen::try_new(matrix.symmetric_part(), f64::EPSILON, limit).ok_or_else(|| {

@@ -157,8 +157,9 @@ impl HybridModel {
     /// poles, in which neither J nor P appears.
     ///
     /// # Errors
-    /// An eigenvalue iteration that does not converge.
+    /// No rigid coordinate; an eigenvalue iteration that does not converge.
     pub fn zeros(&self) -> Result<Vec<Complex<f64>>, StructureError> {
+        require_rigid(self.rigid())?;
         quadratic_roots(&self.M, &self.C, &self.K)
     }
 
@@ -167,7 +168,7 @@ impl HybridModel {
     /// right half-plane.
     ///
     /// # Errors
-    /// Sizes that differ, or singular `H_r`.
+    /// No rigid coordinate, sizes that differ, or singular `H_r`.
     pub fn zeros_measured_elsewhere(
         &self,
         H_r: &DMatrix<f64>,
@@ -182,7 +183,7 @@ impl HybridModel {
     /// matrices). `L_r` is n_0 x n_0, `L_e` n x n_0.
     ///
     /// # Errors
-    /// Sizes that differ, or singular `L_r`.
+    /// No rigid coordinate, sizes that differ, or singular `L_r`.
     pub fn zeros_driven_elsewhere(
         &self,
         L_r: &DMatrix<f64>,
@@ -286,6 +287,12 @@ impl HybridModel {
     }
 }
 
+/// Zeros belong to forces on rigid coordinates: without any, there are none.
+fn require_rigid(count: usize) -> Result<(), StructureError> {
+    let field = "number of rigid coordinates, on which the forces act,";
+    error::positive(field, count as f64).map(drop)
+}
+
 /// `H_r⁻¹ H_e` with checks.
 fn rigid_solve(
     H_r: &DMatrix<f64>,
@@ -293,6 +300,7 @@ fn rigid_solve(
     r: usize,
     n: usize,
 ) -> Result<DMatrix<f64>, StructureError> {
+    require_rigid(r)?;
     error::size(
         "rigid part of the output or input matrix",
         H_r.shape(),
@@ -349,9 +357,10 @@ impl UnconstrainedModel {
     /// Transmission zeros of the rigid part by theorem 2.4(b): `N = I + Φ₂ᵀ (Φ₁ Φ₁ᵀ)⁻¹ Φ₂`.
     ///
     /// # Errors
-    /// An eigenvalue iteration that does not converge.
+    /// No rigid coordinate; an eigenvalue iteration that does not converge.
     pub fn zeros(&self) -> Result<Vec<Complex<f64>>, StructureError> {
-        let n = self.frequencies.len();
+        let (r, n) = self.Phi_2.shape();
+        require_rigid(r)?;
         let N = self.Phi_2.transpose() * self.J()? * &self.Phi_2;
         self.zeros_with(DMatrix::identity(n, n) + N.symmetric_part())
     }
@@ -359,7 +368,7 @@ impl UnconstrainedModel {
     /// As [`HybridModel::zeros_measured_elsewhere`], by theorem 2.5(b): `N = I + Φ₂ᵀ (Φ₁ Φ₁ᵀ)⁻¹ H_r⁻¹ (H_r Φ₂ + H_e Φ₃)`.
     ///
     /// # Errors
-    /// Sizes that differ, or singular `H_r`.
+    /// No rigid coordinate, sizes that differ, or singular `H_r`.
     pub fn zeros_measured_elsewhere(
         &self,
         H_r: &DMatrix<f64>,
@@ -374,7 +383,7 @@ impl UnconstrainedModel {
     /// As [`HybridModel::zeros_driven_elsewhere`], by theorem 2.6(b): `N = I + (Φ₂ᵀ L_r + Φ₃ᵀ L_e) L_r⁻¹ J Φ₂`.
     ///
     /// # Errors
-    /// Sizes that differ, or singular `L_r`.
+    /// No rigid coordinate, sizes that differ, or singular `L_r`.
     pub fn zeros_driven_elsewhere(
         &self,
         L_r: &DMatrix<f64>,

@@ -128,6 +128,9 @@ pub(crate) fn eigenvalues(
     name: &str,
 ) -> Result<Vec<Complex<f64>>, StructureError> {
     let n = matrix.nrows();
+    if n == 0 {
+        return Ok(Vec::new());
+    }
     let limit = 100 * (n + 10);
     let matrix = balanced(matrix);
     if matrix.iter().any(|v| !v.is_finite()) {

@@ -61,9 +61,10 @@ impl FemModel {
     /// them.
     ///
     /// # Errors
-    /// Dependent inputs; inputs that leave a rigid-body motion free.
+    /// No input; dependent inputs; inputs that leave a rigid-body motion free.
     pub fn zeros(&self) -> Result<Vec<Complex<f64>>, StructureError> {
         let (n, r) = self.L.shape();
+        error::positive("number of inputs", r as f64)?;
         error::size("input matrix L", (n, r), (self.matrices.len(), r))?;
         // An orthonormal basis of the displacements with Lᵀ w = 0 takes the place of the book's standard form L = [L0; 0].
         let projector = &self.L * self.L.transpose();

@@ -57,7 +57,7 @@ impl Vehicle {
     /// A vehicle with mass matrix `M` (N x N) of everything as rigid, the undeformed appendages included, about the origin of the base frame.
     ///
     /// # Errors
-    /// Fewer than 6 coordinates, sizes that differ, or a mass matrix that lacks the appendages.
+    /// Fewer than 6 coordinates, sizes that differ, a mass matrix that lacks the appendages, or as [`Appendage::check`].
     pub fn new(M: DMatrix<f64>, attachments: &[Attachment]) -> Result<Self, StructureError> {
         let coordinates = M.nrows();
         error::count(
@@ -76,6 +76,7 @@ impl Vehicle {
         let mut at = 0;
         for attachment in attachments {
             let body = attachment.appendage;
+            body.check()?;
             let size = body.modes();
             error::size(
                 format_args!("{}, jacobian of the attachment", body.name),

@@ -7,8 +7,19 @@ use std::ops::Range;
 pub(super) struct Axis {
     range: Range<f64>,
     ticks: Vec<f64>,
-    /// Decimals needed to distinguish the ticks; `None` on a logarithmic axis.
-    decimals: Option<usize>,
+    /// Lines without labels between the ticks.
+    minor: Vec<f64>,
+    labels: Labels,
+}
+
+/// How ticks are labelled.
+enum Labels {
+    /// With so many decimals, which distinguish the ticks.
+    Decimals(usize),
+    /// The position is a logarithm: as powers of ten.
+    Powers,
+    /// The position is a logarithm: as decimal numbers.
+    Numbers,
 }
 
 impl Axis {
@@ -23,13 +34,29 @@ impl Axis {
                 r if r <= 5.0 => 5.0,
                 _ => 10.0,
             };
+        Self::with_step(range, step)
+    }
+
+    /// About `wanted` ticks at parts and multiples of a right angle, for angles in degrees.
+    pub fn degrees(range: Range<f64>, wanted: usize) -> Self {
+        const STEPS: [f64; 5] = [15.0, 30.0, 45.0, 90.0, 180.0];
+        let rough = (range.end - range.start) / wanted as f64;
+        if rough < STEPS[0] {
+            return Self::linear(range, wanted);
+        }
+        let step = STEPS.into_iter().find(|step| *step >= rough);
+        Self::with_step(range, step.unwrap_or(360.0 * (rough / 360.0).ceil()))
+    }
+
+    fn with_step(range: Range<f64>, step: f64) -> Self {
         let first = (range.start / step).ceil() as i64;
         let last = (range.end / step).floor() as i64;
         Self {
             range,
             // Adding zero turns -0 into 0.
             ticks: (first..=last).map(|i| i as f64 * step + 0.0).collect(),
-            decimals: Some((-step.log10().floor()).clamp(0.0, 12.0) as usize),
+            minor: Vec::new(),
+            labels: Labels::Decimals((-step.log10().floor()).clamp(0.0, 12.0) as usize),
         }
     }
 
@@ -40,7 +67,34 @@ impl Axis {
         Self {
             range,
             ticks: (first..=last).step_by(step).map(|i| i as f64).collect(),
-            decimals: None,
+            minor: Vec::new(),
+            labels: Labels::Powers,
+        }
+    }
+
+    /// An axis of logarithms with ticks at powers of ten, labelled as numbers, and lines at their multiples. Over less
+    /// than two powers there are also ticks at 2 and 5 times them.
+    pub fn decades(range: Range<f64>) -> Self {
+        let inside = |v: &f64| (range.start - 1e-9..=range.end + 1e-9).contains(v);
+        let decades = (range.start.floor() as i64..=range.end.ceil() as i64).map(|i| i as f64);
+        let multiples = |factors: &[f64]| -> Vec<f64> {
+            let all = (decades.clone()).flat_map(|d| factors.iter().map(move |f| d + f.log10()));
+            all.filter(inside).collect()
+        };
+        let powers = multiples(&[1.0]);
+        let ticks = match powers.len() {
+            0..=2 => multiples(&[1.0, 2.0, 5.0]),
+            count => powers.into_iter().step_by(count / 9 + 1).collect(),
+        };
+        let minor = match range.end - range.start {
+            span if span < 7.0 => multiples(&[2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]),
+            _ => Vec::new(),
+        };
+        Self {
+            ticks,
+            minor,
+            labels: Labels::Numbers,
+            range,
         }
     }
 }
@@ -61,8 +115,11 @@ impl Ranged for Axis {
         limit.0 + (part * f64::from(limit.1 - limit.0)).round() as i32
     }
 
-    fn key_points<Hint: KeyPointHint>(&self, _: Hint) -> Vec<f64> {
-        self.ticks.clone()
+    fn key_points<Hint: KeyPointHint>(&self, hint: Hint) -> Vec<f64> {
+        match hint.weight().allow_light_points() {
+            true => self.minor.clone(),
+            false => self.ticks.clone(),
+        }
     }
 
     fn range(&self) -> Range<f64> {
@@ -76,9 +133,14 @@ impl ValueFormatter<f64> for Axis {
     }
 
     fn format_ext(&self, value: &f64) -> String {
-        match self.decimals {
-            Some(decimals) => format!("{value:.decimals$}"),
-            None => format!("1e{value:.0}"),
+        match self.labels {
+            Labels::Decimals(decimals) => format!("{value:.decimals$}"),
+            Labels::Powers => format!("1e{value:.0}"),
+            Labels::Numbers if (-4.01..6.01).contains(value) => {
+                let decimals = (-value.floor()).max(0.0) as usize;
+                format!("{:.decimals$}", 10f64.powf(*value))
+            }
+            Labels::Numbers => format!("{:.0e}", 10f64.powf(*value)),
         }
     }
 }
@@ -101,5 +163,14 @@ mod tests {
             ["1e-3", "1e-2", "1e-1", "1e0"]
         );
         assert!(labels(Axis::logarithms(-30.0..0.0)).len() <= 9);
+        assert_eq!(labels(Axis::decades(-2.0..1.2)), ["0.01", "0.1", "1", "10"]);
+        assert_eq!(labels(Axis::decades(-0.1..1.1)), ["1", "2", "5", "10"]);
+        assert_eq!(labels(Axis::decades(-0.8..-0.6)), ["0.2"]);
+        assert!(labels(Axis::decades(-30.0..0.0)).len() <= 9);
+        assert_eq!(
+            labels(Axis::degrees(-400.0..10.0, 5)),
+            ["-360", "-270", "-180", "-90", "0"]
+        );
+        assert_eq!(labels(Axis::degrees(-3600.0..0.0, 5)).len(), 6);
     }
 }

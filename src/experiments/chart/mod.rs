@@ -1,10 +1,13 @@
-//! Charts of curves over a common axis, maps over a grid and curves in a plane, as SVG and PNG.
+//! Charts of curves over a common axis, maps over a grid, curves in a plane and shapes of structures, as SVG and PNG.
 
 mod axis;
 mod canvas;
+mod clip;
 mod dashes;
+mod legend;
 mod map;
 mod plane;
+mod shapes;
 
 use plotters::coord::Shift;
 use plotters::prelude::*;
@@ -15,18 +18,22 @@ use std::path::{Path, PathBuf};
 
 use axis::Axis;
 use canvas::{Drawing, FAINT, FONT, Pen, TEXT};
+use legend::{Sign, draw_legend};
 
 pub use canvas::ChartError;
 pub use map::{MapFigure, MapPanel, MapScale};
-pub use plane::PlaneFigure;
+pub use plane::{Mark, Marks, PlaneFigure};
+pub use shapes::{ShapeFigure, ShapePanel};
 
 /// A figure: panels stacked over a common horizontal axis.
-#[derive(Debug, Clone, PartialEq)]
+#[derive(Debug, Clone, PartialEq, Default)]
 pub struct Figure {
     /// Title.
     pub title: String,
     /// Quantity and unit of the horizontal axis.
     pub x_label: String,
+    /// Logarithmic horizontal axis; points at non-positive places are omitted.
+    pub log_x: bool,
     /// Panels, from top to bottom.
     pub panels: Vec<Panel>,
 }
@@ -40,6 +47,10 @@ pub struct Panel {
     pub series: Vec<Series>,
     /// Logarithmic vertical axis; non-positive values are omitted.
     pub log: bool,
+    /// Angles in degrees: ticks at parts and multiples of a right angle.
+    pub degrees: bool,
+    /// Ends of the vertical axis, beyond which curves are cut; by default they contain all values.
+    pub limits: Option<(f64, f64)>,
     /// Horizontal lines with labels: limits.
     pub marks: Vec<(f64, String)>,
     /// Single values: published ones, and those of categories, which no line joins.
@@ -73,6 +84,8 @@ const LEGEND_WIDTH: u32 = 190;
 /// Radius of a dot.
 const DOT: u32 = 4;
 const GRID: RGBColor = RGBColor(226, 226, 226);
+/// Lines of the grid between the ticks.
+const FINE_GRID: RGBColor = RGBColor(243, 243, 243);
 
 /// Okabe and Ito's palette, which colour-blind readers can distinguish, without yellow, which is hardly visible on white.
 const COLOURS: [RGBColor; 7] = [
@@ -100,7 +113,8 @@ impl Figure {
         let is_lines = points.peek().is_some();
         let dots = self.panels.iter().flat_map(|p| &p.dots);
         let points = points.chain(dots.flat_map(|d| &d.points));
-        let (low, high) = bounds(points.map(|p| p.0)).unwrap_or((0.0, 1.0));
+        let places = points.map(|p| if self.log_x { p.0.log10() } else { p.0 });
+        let (low, high) = bounds(places).unwrap_or((0.0, 1.0));
         if !is_lines && low < high {
             // Room for dots at the ends.
             low - 0.35..high + 0.35
@@ -135,7 +149,7 @@ impl Drawing for Figure {
             .enumerate()
         {
             let x_label = if i == last { self.x_label.as_str() } else { "" };
-            panel.draw(&area, pen, x.clone(), x_label)?;
+            panel.draw(&area, pen, (x.clone(), self.log_x), x_label)?;
         }
         Ok(())
     }
@@ -167,6 +181,9 @@ impl Panel {
         let values = self.series.iter().flat_map(|s| &s.points).map(|p| p.1);
         let marks = self.marks.iter().map(|m| m.0);
         let dots = self.dots.iter().flat_map(Dots::extent);
+        if let Some((low, high)) = self.limits {
+            return self.height(low)..self.height(high);
+        }
         let heights = values.chain(marks).chain(dots).map(|v| self.height(v));
         let (low, high) = bounds(heights).unwrap_or((-1.0, 1.0));
         if self.log {
@@ -189,30 +206,35 @@ impl Panel {
         &self,
         area: &DrawingArea<B, Shift>,
         pen: Pen,
-        x: Range<f64>,
+        (x, log_x): (Range<f64>, bool),
         x_label: &str,
     ) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
         let scale = pen.scale;
         let width = area.dim_in_pixel().0 - LEGEND_WIDTH * scale;
         let (plot, legend) = area.split_horizontally(width);
         let y = self.y_range();
-        let y_axis = if self.log {
-            Axis::logarithms(y.clone())
-        } else {
-            Axis::linear(y, 6)
+        let y_axis = match (self.log, self.degrees) {
+            (true, _) => Axis::logarithms(y.clone()),
+            (_, true) => Axis::degrees(y.clone(), 5),
+            _ => Axis::linear(y.clone(), 6),
         };
+        let (x_axis, fine) = match log_x {
+            true => (Axis::decades(x.clone()), FINE_GRID.stroke_width(scale)),
+            false => (Axis::linear(x.clone(), 9), TRANSPARENT.into()),
+        };
+        let place = |x: f64| if log_x { x.log10() } else { x };
         let mut chart = ChartBuilder::on(&plot)
             .margin_top(8 * scale)
             .margin_right(12 * scale)
             .margin_left(16 * scale)
             .x_label_area_size(if x_label.is_empty() { 30 } else { 46 } * scale)
             .y_label_area_size(72 * scale)
-            .build_cartesian_2d(Axis::linear(x.clone(), 9), y_axis)?;
+            .build_cartesian_2d(x_axis, y_axis)?;
         let small = (FONT, 15 * scale).into_font().color(&TEXT);
         chart
             .configure_mesh()
             .bold_line_style(GRID.stroke_width(scale))
-            .light_line_style(TRANSPARENT)
+            .light_line_style(fine)
             .axis_style(FAINT.stroke_width(scale))
             .set_all_tick_mark_size(5 * scale)
             .label_style(small.clone())
@@ -229,7 +251,7 @@ impl Panel {
         }
         let curves: Vec<Vec<_>> = (self.series.iter())
             .map(|series| {
-                let points = series.points.iter().map(|&(x, y)| (x, self.height(y)));
+                let points = (series.points.iter()).map(|&(x, y)| (place(x), self.height(y)));
                 thinned(
                     points
                         .filter(|p| p.0.is_finite() && p.1.is_finite())
@@ -239,9 +261,9 @@ impl Panel {
             .collect();
         // Units of length per unit of each axis.
         let (columns, rows) = chart.plotting_area().dim_in_pixel();
-        let (ys, unit) = (self.y_range(), f64::from(scale));
+        let unit = f64::from(scale);
         let per_x = f64::from(columns) / (x.end - x.start) / unit;
-        let per_y = f64::from(rows) / (ys.end - ys.start) / unit;
+        let per_y = f64::from(rows) / (y.end - y.start) / unit;
         let on_paper = |p: &(f64, f64)| (p.0 * per_x, p.1 * per_y);
         let off_paper = |p: (f64, f64)| (p.0 / per_x, p.1 / per_y);
         let drawn: Vec<Vec<_>> = (curves.iter())
@@ -256,7 +278,11 @@ impl Panel {
                     .map(|piece| piece.into_iter().map(off_paper).collect())
                     .collect(),
             };
-            for points in pieces {
+            let cut = |piece: Vec<_>| match self.limits {
+                Some(_) => clip::clipped(&piece, &x, &y),
+                None => vec![piece],
+            };
+            for points in pieces.into_iter().flat_map(cut) {
                 if pen.discs {
                     let pairs = points
                         .windows(2)
@@ -277,11 +303,11 @@ impl Panel {
                 let bar = dots
                     .deviations
                     .get(k)
-                    .map(|d| [y - d, y + d].map(|y| (x, self.height(y))));
+                    .map(|d| [y - d, y + d].map(|y| (place(x), self.height(y))));
                 if let Some(bar) = bar.filter(|bar| bar.iter().all(|p| p.1.is_finite())) {
                     chart.draw_series([PathElement::new(bar.to_vec(), style)])?;
                 }
-                let at = (x, self.height(y));
+                let at = (place(x), self.height(y));
                 if at.0.is_finite() && at.1.is_finite() {
                     chart.draw_series([Circle::new(at, DOT * scale, style.filled())])?;
                 }
@@ -302,57 +328,6 @@ impl Dots {
         let points = self.points.iter().enumerate();
         points.flat_map(move |(k, p)| [p.1 - deviation(k), p.1 + deviation(k)])
     }
-}
-
-/// How a curve is drawn, in the legend.
-#[derive(Clone, Copy)]
-enum Sign {
-    /// With dash and gap, or solid.
-    Line(Option<(f64, f64)>),
-    Dot,
-}
-
-/// Labels of curves and limits next to a plot, where they cover nothing.
-fn draw_legend<'a, B: DrawingBackend>(
-    area: &DrawingArea<B, Shift>,
-    scale: u32,
-    curves: impl Iterator<Item = (&'a str, Sign)>,
-    marks: impl Iterator<Item = &'a str>,
-) -> Result<(), DrawingAreaErrorKind<B::ErrorType>> {
-    let style = (FONT, 15 * scale)
-        .into_text_style(area)
-        .color(&TEXT)
-        .pos(Pos::new(HPos::Left, VPos::Center));
-    let unit = scale as i32;
-    let curves = curves.enumerate();
-    let curves = curves.map(|(i, (name, sign))| (Some((i, sign)), name));
-    let marks = marks.map(|name| (None, name));
-    for (row, (curve, name)) in curves.chain(marks).enumerate() {
-        let y = unit * (22 + 24 * row as i32);
-        let ends = vec![(4 * unit, y), (30 * unit, y)];
-        match curve {
-            Some((i, Sign::Line(None))) => area.draw(&PathElement::new(ends, line(i, scale)))?,
-            Some((i, Sign::Line(Some(pattern)))) => {
-                let line_to = [(4.0, 0.0), (30.0, 0.0)];
-                for dash in dashes::dashed(&line_to, pattern) {
-                    let ends = dash.iter().map(|p| ((p.0 * f64::from(unit)) as i32, y));
-                    area.draw(&PathElement::new(ends.collect::<Vec<_>>(), line(i, scale)))?;
-                }
-            }
-            Some((i, Sign::Dot)) => {
-                let style = line(i, scale).filled();
-                area.draw(&Circle::new((17 * unit, y), DOT * scale, style))?;
-            }
-            None => {
-                for x in [4, 14, 24] {
-                    let dash = vec![(x * unit, y), ((x + 6) * unit, y)];
-                    area.draw(&PathElement::new(dash, FAINT.stroke_width(scale)))?;
-                }
-            }
-        }
-        area.draw_text(name, &style, (38 * unit, y))?;
-    }
-    Ok(())
 }
 
 fn line(i: usize, scale: u32) -> ShapeStyle {
@@ -412,6 +387,8 @@ mod tests {
                 points,
             }],
             log,
+            degrees: false,
+            limits: None,
             marks: vec![(0.01, "1 cm".into())],
             dots: vec![Dots {
                 name: "printed".into(),
@@ -422,6 +399,7 @@ mod tests {
         let figure = Figure {
             title: "All kinds".into(),
             x_label: "time [s]".into(),
+            log_x: false,
             panels: vec![
                 panel(
                     (0..100)
@@ -453,5 +431,35 @@ mod tests {
         let png = std::fs::read(png).unwrap();
         assert!(png.starts_with(b"\x89PNG") && png.len() > 10_000);
         assert!(figure.save(Path::new("/nowhere/picture")).is_err());
+    }
+
+    #[test]
+    fn frequency_responses_have_decades_and_right_angles() {
+        let dir = tempfile::tempdir().unwrap();
+        let points = (-20..=20).map(|i| {
+            let w = 10f64.powf(0.1 * f64::from(i));
+            (w, -w.atan2(1.0).to_degrees() * 4.0)
+        });
+        let panel = Panel {
+            y_label: "phase [deg]".into(),
+            series: vec![Series {
+                name: "phase".into(),
+                points: points.chain([(0.0, 1.0), (-1.0, 1.0)]).collect(),
+            }],
+            degrees: true,
+            limits: Some((-270.0, 0.0)),
+            ..Panel::default()
+        };
+        let figure = Figure {
+            title: "Bode".into(),
+            x_label: "frequency [rad/s]".into(),
+            log_x: true,
+            panels: vec![panel],
+        };
+        let [svg, _] = figure.save(&dir.path().join("bode")).unwrap();
+        let svg = std::fs::read_to_string(svg).unwrap();
+        for text in ["\n0.01\n", "\n1\n", "\n100\n", "\n-180\n", "\n-90\n"] {
+            assert!(svg.contains(text), "no {text:?}");
+        }
     }
 }

@@ -63,6 +63,7 @@ pub(super) fn fig_5_3(mut report: Report) -> Report {
         title: "Masutani 1995 Fig. 5.3: the arm every 3 s, seen along z".to_owned(),
         x_label: "y [m]".to_owned(),
         panels: vec![panel("(a)", &joint_pd), panel("(b)", &proposed)],
+        ..Figure::default()
     };
     report.figures.push(("masutani-fig-5.3".to_owned(), figure));
     report
@@ -173,6 +174,7 @@ pub(super) fn fig_5_4(mut report: Report) -> Report {
             panel("|e_p| [m]", |m| m.error.position.norm()),
             panel("|e_o|", |m| m.error.orientation.norm()),
         ],
+        ..Figure::default()
     };
     report.figures.push(("masutani-fig-5.4".to_owned(), figure));
     report
@@ -223,6 +225,7 @@ pub(super) fn fig_5_5(mut report: Report) -> Report {
             panel("angular acceleration [rad/s²]", |m| m.alpha_WB_B),
             panel("moment [N m]", |m| m.base_moment_B),
         ],
+        ..Figure::default()
     };
     report.figures.push(("masutani-fig-5.5".to_owned(), figure));
     report

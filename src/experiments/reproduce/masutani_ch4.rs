@@ -64,6 +64,7 @@ pub(super) fn fig_4_5(mut report: Report) -> Report {
         x_label: "x [m]".to_owned(),
         y_label: "y [m]".to_owned(),
         series: vec![series("fixed base", fixed), series("floating", floating)],
+        ..PlaneFigure::default()
     };
     report.planes.push(("masutani-fig-4.5".to_owned(), figure));
     report

@@ -151,6 +151,7 @@ fn pictures(report: &mut Report, name: &str, runs: &[Run; 2]) {
                 series("base and arm", run.arms.clone()),
                 series("path of the tip", path),
             ],
+            ..PlaneFigure::default()
         };
         report
             .planes
@@ -172,6 +173,7 @@ fn pictures(report: &mut Report, name: &str, runs: &[Run; 2]) {
             series: curves.map(|(run, title)| deviation(run, title)).collect(),
             ..Panel::default()
         }],
+        ..Figure::default()
     };
     report
         .figures

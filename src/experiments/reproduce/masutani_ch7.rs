@@ -154,5 +154,6 @@ fn picture(outcome: &Outcome, title: &str) -> PlaneFigure {
             series("path of the tip", path),
             series("straight line", line),
         ],
+        ..PlaneFigure::default()
     }
 }

@@ -1,5 +1,6 @@
 //! Published results compared with computed ones: `fuyu reproduce`.
 
+mod kida;
 mod masutani;
 mod masutani_ch4;
 mod masutani_ch6;
@@ -11,6 +12,7 @@ mod tr942;
 mod tracking;
 mod tumbling;
 
+use kida::KIDA;
 use tumbling::TUMBLING;
 
 pub use report::{Report, Row};
@@ -27,12 +29,16 @@ pub struct Reproduction {
 
 /// All results, in the order of `fuyu reproduce all`.
 pub const ALL: &[Reproduction] = &{
-    let mut all = [QUICK[0]; QUICK.len() + TUMBLING.len()];
+    const QUICKER: usize = QUICK.len() + KIDA.len();
+    let mut all = [QUICK[0]; QUICKER + TUMBLING.len()];
     let mut i = 0;
     while i < all.len() {
-        all[i] = match i < QUICK.len() {
-            true => QUICK[i],
-            false => TUMBLING[i - QUICK.len()],
+        all[i] = if i < QUICK.len() {
+            QUICK[i]
+        } else if i < QUICKER {
+            KIDA[i - QUICK.len()]
+        } else {
+            TUMBLING[i - QUICKER]
         };
         i += 1;
     }

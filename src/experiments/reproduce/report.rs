@@ -4,7 +4,7 @@ use serde::Serialize;
 use std::fmt::Write;
 use std::path::{Path, PathBuf};
 
-use crate::experiments::{ChartError, Figure, MapFigure, PlaneFigure};
+use crate::experiments::{ChartError, Figure, MapFigure, PlaneFigure, ShapeFigure};
 
 /// One number, published and computed.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -46,9 +46,15 @@ pub struct Report {
     /// Curves in a plane by the stem of their file names.
     #[serde(skip)]
     pub planes: Vec<(String, PlaneFigure)>,
+    /// Shapes of structures by the stem of their file names.
+    #[serde(skip)]
+    pub shapes: Vec<(String, ShapeFigure)>,
     /// Tables of other shapes, formatted as printed.
     #[serde(skip)]
     pub listings: Vec<String>,
+    /// Published statements that are known not to be reproducible; their rows say so.
+    #[serde(skip)]
+    pub exceptions: usize,
 }
 
 impl Report {
@@ -63,7 +69,9 @@ impl Report {
             figures: Vec::new(),
             maps: Vec::new(),
             planes: Vec::new(),
+            shapes: Vec::new(),
             listings: Vec::new(),
+            exceptions: 0,
         }
     }
 
@@ -83,6 +91,13 @@ impl Report {
             None,
             holds && computed.is_finite(),
         );
+    }
+
+    /// Adds a published statement that is known not to be reproducible, with the number that shows it. `as_known` is whether
+    /// that number is what the notes say.
+    pub(super) fn not_reproduced(&mut self, quantity: &str, computed: f64, as_known: bool) {
+        self.exceptions += 1;
+        self.holds(&format!("{quantity}: NOT REPRODUCED"), computed, as_known);
     }
 
     fn push(
@@ -137,6 +152,7 @@ impl Report {
         }
         let failed = self.rows.iter().filter(|row| !row.passed).count();
         let verdict = match failed {
+            0 if self.exceptions > 0 => "reproduced, except for what is marked".to_owned(),
             0 => "reproduced".to_owned(),
             n => format!("not reproduced: {n} of {} rows differ", self.rows.len()),
         };
@@ -172,6 +188,9 @@ impl Report {
         }
         for (stem, plane) in &self.planes {
             paths.extend(plane.save(&path(stem)).map_err(line)?);
+        }
+        for (stem, shapes) in &self.shapes {
+            paths.extend(shapes.save(&path(stem)).map_err(line)?);
         }
         for (ending, text) in [("csv", self.csv()), ("md", self.markdown())] {
             let path = folder.join(format!("{}.{ending}", self.name));
@@ -213,7 +232,8 @@ impl Report {
         let figures = self.figures.iter().map(|(stem, f)| (stem, &f.title));
         let maps = self.maps.iter().map(|(stem, m)| (stem, &m.title));
         let planes = self.planes.iter().map(|(stem, p)| (stem, &p.title));
-        for (stem, title) in figures.chain(maps).chain(planes) {
+        let shapes = self.shapes.iter().map(|(stem, s)| (stem, &s.title));
+        for (stem, title) in figures.chain(maps).chain(planes).chain(shapes) {
             let _ = writeln!(out, "\n![{title}]({stem}.svg)");
         }
         out
@@ -229,16 +249,21 @@ impl Row {
             Some(tolerance) if tolerance > 0.0 => {
                 (1.0 - tolerance.log10().floor()).clamp(0.0, 15.0) as usize
             }
-            _ => 3,
+            // Counts.
+            Some(_) => 0,
+            None if self.computed == self.computed.round() => 0,
+            // Four significant digits.
+            None => (3.0 - self.computed.abs().log10().floor()).clamp(3.0, 6.0) as usize,
         };
         let value = |x: f64| match x != 0.0 && x.abs() < 0.1f64.powi(decimals as i32) {
             true => format!("{x:.2e}"),
             false => format!("{x:.decimals$}"),
         };
-        let tolerance = |t: f64| match t < 1e-3 {
-            true => format!("{t:e}"),
+        let tolerance = |t: f64| match t {
+            0.0 => "0".to_owned(),
+            t if t < 1e-3 => format!("{t:e}"),
             // Rounding errors beyond the last digit are not shown.
-            false => ((t * 1e9).round() / 1e9).to_string(),
+            t => ((t * 1e9).round() / 1e9).to_string(),
         };
         [
             self.quantity.clone(),

@@ -112,6 +112,7 @@ pub(super) fn fig_8_7(mut report: Report) -> Report {
             panel("time [s]", &times),
             panel("path over distance", &figures(|run| run.path_ratio)),
         ],
+        ..Figure::default()
     };
     report.figures.push(("masutani-fig-8.7".to_owned(), figure));
     let summary = |name: &str, shift: f64, values: [(f64, f64); 6]| Dots {
@@ -134,6 +135,7 @@ pub(super) fn fig_8_7(mut report: Report) -> Report {
             ],
             ..Panel::default()
         }],
+        ..Figure::default()
     };
     report
         .figures
@@ -150,6 +152,7 @@ pub(super) fn fig_8_7(mut report: Report) -> Report {
                 points: runs[2].path.iter().map(|p| (p.y, p.z)).collect(),
             })
             .collect(),
+        ..PlaneFigure::default()
     };
     report
         .planes

@@ -243,6 +243,7 @@ fn figure(title: &str, y_label: &str, series: Vec<Series>, dots: Vec<Dots>) -> F
             dots,
             ..Panel::default()
         }],
+        ..Figure::default()
     }
 }
 

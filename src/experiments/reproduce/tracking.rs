@@ -104,6 +104,7 @@ fn errors(ideal: &[(&str, Vec<Moment>)], late: &[(&str, Vec<Moment>)]) -> Figure
             panel("late, log10 of mm", late, position),
             panel("late, log10 of deg", late, angle),
         ],
+        ..Figure::default()
     }
 }
 
@@ -131,5 +132,6 @@ fn latencies() -> Figure {
             ],
             ..Panel::default()
         }],
+        ..Figure::default()
     }
 }

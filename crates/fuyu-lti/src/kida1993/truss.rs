@@ -31,14 +31,14 @@ pub const DESIGN_MODES: usize = 4;
 const MU: f64 = 1e-4;
 
 /// Nodes of the strip as (x, y) in m, numbered along its width first.
-fn nodes() -> Vec<(f64, f64)> {
+pub fn nodes() -> Vec<(f64, f64)> {
     (0..=BAYS)
         .flat_map(|i| (0..=2).map(move |j| (i as f64, j as f64)))
         .collect()
 }
 
 /// Bars as pairs of nodes: 99 of them.
-fn bars() -> Vec<(usize, usize)> {
+pub fn bars() -> Vec<(usize, usize)> {
     let node = |i: usize, j: usize| 3 * i + j;
     let mut out = Vec::new();
     for i in 0..=BAYS {
@@ -59,17 +59,19 @@ fn bars() -> Vec<(usize, usize)> {
 }
 
 /// Degrees of freedom (2 node + {x: 0, y: 1}) of the three actuators and sensors: x of node 22 in the middle, y of nodes 1 and 43 at the ends.
-const ACTUATED: [usize; 3] = [44, 3, 87];
+pub const ACTUATED: [usize; 3] = [44, 3, 87];
 
-/// The first 15 modes.
-struct Modes {
-    /// Frequencies in rad/s.
-    frequencies: Vec<f64>,
-    /// Shapes at the actuators, one row per mode.
-    shapes: Matrix,
+/// The first 15 modes, mass normalised.
+#[derive(Debug, Clone, PartialEq)]
+pub struct Modes {
+    /// Frequencies in rad/s, 0 for the three rigid modes.
+    pub frequencies: Vec<f64>,
+    /// Shapes, 90 x 15: one column per mode, one row per degree of freedom (2 node + {x: 0, y: 1}).
+    pub shapes: Matrix,
 }
 
-fn modes() -> Result<Modes, LtiError> {
+/// Modes of the finite-element model (Fig. 3.17).
+pub fn modes() -> Result<Modes, LtiError> {
     let nodes = nodes();
     let n = 2 * nodes.len();
     let (mut mass, mut stiffness) = (Matrix::zeros(n, n), Matrix::zeros(n, n));
@@ -95,10 +97,7 @@ fn modes() -> Result<Modes, LtiError> {
         .collect();
     Ok(Modes {
         frequencies,
-        shapes: shapes
-            .columns(0, PLANT_MODES)
-            .select_rows(&ACTUATED)
-            .transpose(),
+        shapes: shapes.columns(0, PLANT_MODES).into_owned(),
     })
 }
 
@@ -108,7 +107,11 @@ impl Modes {
         Structure::modal(
             &self.frequencies[which.clone()],
             &vec![DAMPING; which.len()],
-            &self.shapes.rows_range(which).into_owned(),
+            &self
+                .shapes
+                .columns_range(which)
+                .select_rows(&ACTUATED)
+                .transpose(),
         )?
         .displacement_system()
     }

@@ -274,8 +274,9 @@ impl Appendage {
     /// The same body in new modal coordinates ν with `μ = T ν`, `T` of n x m.
     ///
     /// # Errors
-    /// A `T` with another number of rows than there are modes.
+    /// A `T` with another number of rows than there are modes, or as [`Appendage::check`].
     pub fn transformed(&self, T: &DMatrix<f64>) -> Result<Self, StructureError> {
+        self.check()?;
         let part = |m: &DMatrix<f64>| (T.transpose() * m * T).symmetric_part();
         Ok(Self {
             name: self.name.clone(),
@@ -326,7 +327,7 @@ impl Appendage {
     /// The same body with the given modes only, in the given order.
     ///
     /// # Errors
-    /// A mode that does not exist.
+    /// A mode that does not exist, or as [`Appendage::check`].
     pub fn selected(&self, modes: &[usize]) -> Result<Self, StructureError> {
         let n = self.modes();
         let mut T = DMatrix::zeros(n, modes.len());

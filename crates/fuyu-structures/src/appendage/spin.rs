@@ -45,6 +45,7 @@ impl Appendage {
         w_A: &Vector3<f64>,
         p_A: &Vector3<f64>,
     ) -> Result<Vec<f64>, StructureError> {
+        self.check()?;
         let acceleration = w_A.cross(&w_A.cross(p_A));
         let K = &self.modal_stiffness + self.spin_stiffness(w_A, &acceleration);
         cholesky(

@@ -3,6 +3,7 @@
 
 #![allow(non_snake_case, missing_docs)]
 
+mod empty;
 mod kida_tables;
 mod kinetics;
 mod links;

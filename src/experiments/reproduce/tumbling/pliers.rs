@@ -176,6 +176,7 @@ fn turning_over(report: &mut Report, truth: &FreeRotation) {
             )],
             ..Panel::default()
         }],
+        ..Figure::default()
     };
     report
         .figures
@@ -209,6 +210,7 @@ fn draw(report: &mut Report, truth: &FreeRotation, rates: &[Rate], analysis: &An
         title: title.to_owned(),
         x_label: "time [s]".to_owned(),
         panels,
+        ..Figure::default()
     };
     let squares = rates
         .iter()
@@ -279,6 +281,7 @@ fn draw(report: &mut Report, truth: &FreeRotation, rates: &[Rate], analysis: &An
                     )],
                     ..Panel::default()
                 }],
+                ..Figure::default()
             },
         ),
         (
@@ -307,6 +310,7 @@ fn draw(report: &mut Report, truth: &FreeRotation, rates: &[Rate], analysis: &An
             ),
             series("true", fine().map(|t| in_plane(&exact(t)))),
         ],
+        ..PlaneFigure::default()
     };
     let plane = (stem("fig-3.12"), herpolhode);
     report.figures.extend(figures);

@@ -181,6 +181,7 @@ pub(super) fn buried_wave(mut report: Report) -> Report {
         title: "Masutani 1995 Fig. 3.29: |w|² at e = 0.9, s_alpha = -0.8 and +0.8".to_owned(),
         x_label: "time [s]".to_owned(),
         panels: panels.collect(),
+        ..Figure::default()
     };
     report.figures.push((report.name.clone(), figure));
     report
@@ -211,6 +212,7 @@ pub(super) fn buried_spectrum(mut report: Report) -> Report {
         title: "Masutani 1995 Fig. 3.30: spectrum at e = 0.9, s_alpha = -0.8 and +0.8".to_owned(),
         x_label: "bin [-]".to_owned(),
         panels: panels.collect(),
+        ..Figure::default()
     };
     report.figures.push((report.name.clone(), figure));
     report
