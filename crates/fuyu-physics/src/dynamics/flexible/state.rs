@@ -90,9 +90,7 @@ impl FlexibleState {
             modes,
             motors,
         };
-        for (e, j) in system.compiled().joint_of.iter().enumerate() {
-            state.x[modes + e] = q[*j];
-        }
+        state.unwind_joints(system);
         let mut workspace = super::FlexibleWorkspace::new(system);
         workspace.set_positions(&state);
         state.tree.p_WC = *workspace.p_BC();
@@ -158,6 +156,18 @@ impl FlexibleState {
     /// The same, to be changed.
     pub fn wheel_speeds_mut(&mut self) -> &mut [f64] {
         &mut self.xd.as_mut_slice()[self.modes + self.motors..]
+    }
+
+    /// Lets the motors of elastic joints move with their joints: no joint is wound up.
+    ///
+    /// # Panics
+    /// If the state is of another system.
+    pub fn unwind_joints(&mut self, system: &FlexibleSystem) {
+        assert!(self.fits(system), "the state is of another system");
+        for (e, j) in system.compiled().joint_of.iter().enumerate() {
+            self.x[self.modes + e] = self.tree.q[*j];
+            self.xd[self.modes + e] = self.tree.qd[*j];
+        }
     }
 
     /// Energy that damping has dissipated.

@@ -142,6 +142,14 @@ impl FlexibleSystem {
         &self.parts.thrusters
     }
 
+    /// Index of the body that carries thruster `i`, and in its frame where the force acts \[m\] and the force \[N\].
+    ///
+    /// # Panics
+    /// If there are fewer thrusters.
+    pub fn thruster_force(&self, i: usize) -> (usize, Vector3<f64>, Vector3<f64>) {
+        self.parts.compiled.thrusters[i]
+    }
+
     /// Mass of everything \[kg\].
     pub fn total_mass(&self) -> f64 {
         self.parts.compiled.mass
