@@ -7,12 +7,11 @@ use crate::{
     control::{
         ControlLoop, ControlLoopConfig, Controller, InputError, LoopReport, PoseError, Stamp,
     },
-    dynamics::Workspace,
     model::Frame,
     nodes::{
         camera::{TargetCamera, camera_frame, second_camera},
         controller::second_tip,
-        dynamics::{World, imu},
+        dynamics::{FreeBody as _, Robot, World, imu},
         geometry::{message_round_trip, vector_from_msg, with_matrix},
         scenario::Scenario,
         tip_frame,
@@ -182,10 +181,10 @@ impl SecondArm {
         &mut self,
         time: f64,
         X_WB: &Pose,
-        workspace: &Workspace,
+        robot: &Robot,
         control_loop: &mut ControlLoop,
     ) -> Result<(), InputError> {
-        let X_BE = workspace.X_BF(&self.tip);
+        let X_BE = robot.X_BF(&self.tip);
         self.camera
             .show(time, &X_BE, Some(&(X_WB.inverse() * self.X_WD)));
         while let Some(frame) = self.camera.deliver(time) {
@@ -307,12 +306,9 @@ impl VisualServo {
         let gyro = imu(stamp, "", world).angular_velocity;
         let stamp = Stamp::from_nanos(stamp.as_nanos());
         let robot = &world.robot;
-        let X_BE = (robot.workspace()).X_BF(self.control_loop.controller().tip());
-        let X_WB = message_round_trip(&robot.state().X_WB(robot.workspace()));
-        let of_target = |index: usize| {
-            let target = &world.targets[index].body;
-            message_round_trip(&target.state().X_WB(target.workspace()))
-        };
+        let X_BE = robot.X_BF(self.control_loop.controller().tip());
+        let X_WB = message_round_trip(&robot.X_WB());
+        let of_target = |index: usize| message_round_trip(&world.targets[index].body.X_WB());
         let X_WF = self.carrier.map_or_else(Pose::identity, of_target);
         let X_BD = X_WB.inverse() * (X_WF * self.X_FD);
         self.camera.show(time, &X_BE, Some(&X_BD));
@@ -321,7 +317,7 @@ impl VisualServo {
         }
         self.feature_frames.clear();
         if let Some(tracked) = &mut self.target {
-            let X_WC = X_WB * robot.workspace().X_BF(&tracked.camera);
+            let X_WC = X_WB * robot.X_BF(&tracked.camera);
             tracked
                 .target_camera
                 .show(time, &X_WC, &of_target(tracked.index));
@@ -365,7 +361,7 @@ impl VisualServo {
         }
         if let Some(second) = &mut self.second {
             let time = stamp.as_secs_f64();
-            second.measure(time, X_WB, robot.workspace(), control_loop)?;
+            second.measure(time, X_WB, robot, control_loop)?;
         }
         control_loop.add_gyro(stamp, *w_WB_B)
     }

@@ -10,7 +10,9 @@ use crate::{
     nodes::{
         camera,
         controller::ControllerMessages,
-        dynamics::{FrameTree, World, imu, joint_states, momentum, odometry},
+        dynamics::{
+            FrameTree, World, appendage_states, imu, joint_states, momentum, odometry, wheel_states,
+        },
         features::feature_frame_to_msg,
         teleop, topics,
     },
@@ -26,6 +28,8 @@ pub struct SimulatedBag {
     odometry: TopicId,
     targets: Vec<TopicId>,
     momentum: TopicId,
+    appendages: Option<TopicId>,
+    wheels: Option<TopicId>,
     imu: TopicId,
     tf: TopicId,
     servo: Option<ServoTopics>,
@@ -80,6 +84,14 @@ impl SimulatedBag {
                 .map(|t| named(w, &topics::TARGET_ODOMETRY.of(&t.name), &topics::ODOMETRY))
                 .collect::<Result<_, _>>()?,
             momentum: add(w, &topics::MOMENTUM)?,
+            appendages: match appendage_states(Time::ZERO, frames.base(), &run.world) {
+                Some(_) => Some(add(w, &topics::APPENDAGES)?),
+                None => None,
+            },
+            wheels: match wheel_states(Time::ZERO, frames.base(), &run.world) {
+                Some(_) => Some(add(w, &topics::WHEEL_STATES)?),
+                None => None,
+            },
             imu: add(w, &topics::IMU)?,
             tf: add(w, &topics::TF)?,
             servo: if run.image().is_some() {
@@ -128,6 +140,14 @@ impl SimulatedBag {
             w.write_message(*topic, log, &odometry(stamp, &target.name, &target.body))?;
         }
         w.write_message(self.momentum, log, &momentum(stamp, &world.robot))?;
+        if let (Some(topic), Some(message)) =
+            (self.appendages, appendage_states(stamp, &base, world))
+        {
+            w.write_message(topic, log, &message)?;
+        }
+        if let (Some(topic), Some(message)) = (self.wheels, wheel_states(stamp, &base, world)) {
+            w.write_message(topic, log, &message)?;
+        }
         w.write_message(self.imu, log, &imu(stamp, &base, world))?;
         w.write_message(self.tf, log, &self.frames.transforms(stamp, world))
     }

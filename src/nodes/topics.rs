@@ -9,7 +9,10 @@ use std::marker::PhantomData;
 use crate::{
     msg::{
         Interface,
-        fuyu_msgs::{ControllerState, ExternalImpulse, FeatureTracks, Momentum, MotionEstimate},
+        fuyu_msgs::{
+            AppendageStates, ControllerState, ExternalImpulse, FeatureTracks, Momentum,
+            MotionEstimate, ThrusterCommands,
+        },
         geometry_msgs::{PoseStamped, TwistStamped, Vector3Stamped, WrenchStamped},
         nav_msgs::{Odometry, Path},
         rosgraph_msgs::Clock,
@@ -77,10 +80,18 @@ topics! {
     IMU: Topic<Imu> = "imu", RELIABLE, ["dynamics"] => ["controller", "estimator", "teleop"];
     /// True momentum and kinetic energy.
     MOMENTUM: Topic<Momentum> = "ground_truth/momentum", RELIABLE, ["dynamics"] => ["views"];
-    /// What external wrenches have changed; from the first one on.
+    /// True deformation of appendages and elastic joints.
+    APPENDAGES: Topic<AppendageStates> = "ground_truth/appendages", RELIABLE, ["dynamics"] => ["recorder"];
+    /// Angles, speeds and mean motor torques of the wheels.
+    WHEEL_STATES: Topic<JointState> = "wheel_states", RELIABLE, ["dynamics"] => ["recorder"];
+    /// What external wrenches and thrusters have changed; from the first one on.
     EXTERNAL_IMPULSE: Topic<ExternalImpulse> = "ground_truth/external_impulse", RELIABLE, ["dynamics"] => ["recorder"];
     /// Joint efforts to hold, joint rates to drive to, or joint positions to hold.
     JOINT_COMMANDS: Topic<JointState> = "joint_commands", RELIABLE, ["controller", "teleop"] => ["dynamics"];
+    /// Motor torques of the wheels to hold, as efforts.
+    WHEEL_COMMANDS: Topic<JointState> = "wheel_commands", RELIABLE, ["you"] => ["dynamics"];
+    /// How long thrusters are on.
+    THRUSTER_COMMANDS: Topic<ThrusterCommands> = "thruster_commands", RELIABLE, ["you"] => ["dynamics"];
     /// A trajectory for some of the joints.
     JOINT_TRAJECTORY: Topic<JointTrajectory> = "joint_trajectory", RELIABLE, ["you"] => ["dynamics"];
     /// Timed poses that the tip follows.

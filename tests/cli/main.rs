@@ -5,6 +5,7 @@ mod control;
 mod estimate;
 mod estimate_bad_input;
 mod examples;
+mod flexible;
 mod free_motion;
 mod fuyu;
 mod input_files;

@@ -4,7 +4,7 @@ use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 use rand_distr::StandardNormal;
 
-use super::{messages::header, world::World};
+use super::{free_body::FreeBody as _, messages::header, world::World};
 use crate::{
     msg::sensor_msgs,
     nodes::geometry::vector_to_msg,
@@ -71,15 +71,13 @@ pub(super) fn imu_message(base: &str, params: &ImuParams) -> sensor_msgs::Imu {
 /// Updates a message of [`imu_message`].
 pub(super) fn update_imu(message: &mut sensor_msgs::Imu, stamp: Time, world: &mut World) {
     let params = *world.imu();
-    world.robot.accelerations();
-    let workspace = world.robot.workspace();
-    let acceleration = workspace.A_WF_B(&world.robot.model().frames()[0]).linear;
+    let acceleration = world.robot.A_WB_B().linear;
     let mut random = StdRng::seed_from_u64(params.seed.rotate_left(32) ^ world.ticks());
     let mut with_noise = |truth: Vector3<f64>, noise: f64| {
         let mut normal = || random.sample::<f64, _>(StandardNormal);
         truth + Vector3::new(normal(), normal(), normal()) * noise
     };
-    let angular_velocity = with_noise(workspace.V_WB_B().angular, params.gyro_noise);
+    let angular_velocity = with_noise(world.robot.V_WB_B().angular, params.gyro_noise);
     let acceleration = with_noise(acceleration, params.accelerometer_noise);
     message.header.stamp = stamp.into();
     message.angular_velocity = vector_to_msg(&angular_velocity);
@@ -113,16 +111,12 @@ mod tests {
     #[test]
     fn an_ideal_unit_measures_how_the_base_moves() {
         let mut world = world(ImuParams::default());
-        let velocity = |world: &World| {
-            let workspace = world.robot.workspace();
-            world.robot.state().R_WB * workspace.V_WB_B().linear
-        };
+        let velocity = |world: &World| world.robot.state().R_WB * world.robot.V_WB_B().linear;
         for _ in 0..100 {
             world.step_to_tick();
         }
         let measured = imu(Time::ZERO, "base_link", &mut world);
-        let workspace = world.robot.workspace();
-        let w = workspace.V_WB_B().angular;
+        let w = world.robot.V_WB_B().angular;
         assert!(w.norm() > 1e-3, "{w}");
         assert_eq!(measured.angular_velocity, vector_to_msg(&w));
         let (before, R_WB) = (velocity(&world), world.robot.state().R_WB);
@@ -146,13 +140,12 @@ mod tests {
         let states = 2000;
         for _ in 0..states {
             world.step_to_tick();
-            let truth = world.robot.workspace().V_WB_B().angular;
+            let truth = world.robot.V_WB_B().angular;
             let measured = imu(Time::ZERO, "base_link", &mut world);
             assert_eq!(measured, imu(Time::ZERO, "base_link", &mut world));
             let w = &measured.angular_velocity;
             squares[0] += (Vector3::new(w.x, w.y, w.z) - truth).norm_squared();
-            let base = &world.robot.model().frames()[0];
-            let a = world.robot.workspace().A_WF_B(base).linear;
+            let a = world.robot.A_WB_B().linear;
             let read = &measured.linear_acceleration;
             squares[1] += (Vector3::new(read.x, read.y, read.z) - a).norm_squared();
         }

@@ -7,6 +7,7 @@ use super::{
         update_external_impulse, update_joint_states, update_momentum, update_odometry,
     },
     params::DynamicsParams,
+    part_messages::{appendage_states, update_appendage_states, update_wheel_states, wheel_states},
     target::Target,
     world::World,
 };
@@ -27,7 +28,11 @@ pub struct Outputs {
     /// One for each target, in their order.
     targets: Vec<TargetOutputs>,
     momentum: Output<fuyu_msgs::Momentum>,
-    /// `None` if nobody can apply wrenches.
+    /// `None` for a robot without deformable bodies and elastic joints.
+    appendages: Option<Output<fuyu_msgs::AppendageStates>>,
+    /// `None` for a robot without wheels.
+    wheels: Option<Output<sensor_msgs::JointState>>,
+    /// `None` if nobody can apply wrenches or fire thrusters.
     external_impulse: Option<Output<fuyu_msgs::ExternalImpulse>>,
     imu: Output<sensor_msgs::Imu>,
     tf: Output<tf2_msgs::TFMessage>,
@@ -93,7 +98,23 @@ impl Outputs {
                 publisher: topics::MOMENTUM.advertise(node)?,
                 message: momentum_message(),
             },
-            external_impulse: match params.motions.interfaces {
+            appendages: match appendage_states(stamp, base, world) {
+                Some(message) => Some(Output {
+                    publisher: topics::APPENDAGES.advertise(node)?,
+                    message,
+                }),
+                None => None,
+            },
+            wheels: match wheel_states(stamp, base, world) {
+                Some(message) => Some(Output {
+                    publisher: topics::WHEEL_STATES.advertise(node)?,
+                    message,
+                }),
+                None => None,
+            },
+            external_impulse: match params.motions.interfaces
+                || !params.flexible.thrusters.is_empty()
+            {
                 true => Some(Output {
                     publisher: topics::EXTERNAL_IMPULSE.advertise(node)?,
                     message: external_impulse_message(),
@@ -179,6 +200,12 @@ impl Outputs {
         }
         self.momentum
             .publish(|message| update_momentum(message, stamp, &world.robot));
+        if let Some(output) = &mut self.appendages {
+            output.publish(|message| update_appendage_states(message, stamp, world));
+        }
+        if let Some(output) = &mut self.wheels {
+            output.publish(|message| update_wheel_states(message, stamp, world));
+        }
         if let (Some(output), Some(change)) =
             (&mut self.external_impulse, world.wrenches().change())
         {

@@ -19,7 +19,8 @@ crate::messages! {
         angular: Vector3,
         /// Kinetic energy, including that of the system's centre of mass \[J\].
         kinetic_energy: f64,
-        /// Energy that damping, friction and stops of the joints have taken since the start \[J\].
+        /// Energy that damping, friction and stops of the joints, deformation and bearings of wheels have taken since the
+        /// start \[J\].
         dissipated_energy: f64,
     }
 
@@ -35,6 +36,41 @@ crate::messages! {
         angular: Vector3,
         /// Work done on the robot \[J\].
         work: f64,
+    }
+
+    /// Deformation of a robot's appendages and elastic joints.
+    message AppendageStates {
+        /// Time of the state; the robot's base frame.
+        header: Header,
+        /// Names of the appendages.
+        name: Vec<String>,
+        /// Number of modes of each appendage; mu and mud have those of the first one, then those of the next.
+        modes: Vec<u32>,
+        /// Modal coordinates \[kg^1/2 m if modes are mass-normalised\].
+        mu: Vec<f64>,
+        /// Their rates.
+        mud: Vec<f64>,
+        /// Displacement of each appendage's tip, or of its first output point \[m\], in axes of its attachment frame; zero
+        /// if it has none.
+        tip_displacement: Vec<Vector3>,
+        /// Names of the elastic joints.
+        joint_name: Vec<String>,
+        /// Angles of their motors on the output side of the gear \[rad or m\].
+        motor_position: Vec<f64>,
+        /// Rates of their motors on the output side of the gear \[rad/s or m/s\].
+        motor_velocity: Vec<f64>,
+        /// Strain energy of appendages and elastic joints \[J\].
+        strain_energy: f64,
+    }
+
+    /// Opens the valves of thrusters.
+    message ThrusterCommands {
+        /// Time of the state that the command answers.
+        header: Header,
+        /// Names of the thrusters; others keep what they do.
+        name: Vec<String>,
+        /// How long each is on from now \[s\], which replaces what is left of an earlier command; zero closes the valve.
+        on_time: Vec<f64>,
     }
 
     /// What the tip controller saw, decided and sent in one step.
