@@ -64,6 +64,7 @@ mod law_config;
 mod laws;
 mod plant;
 mod regulator;
+mod span;
 mod thrusters;
 mod unloading;
 mod wheels;

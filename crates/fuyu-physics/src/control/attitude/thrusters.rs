@@ -6,6 +6,7 @@ use nalgebra::{Matrix3, Vector3};
 
 use super::AttitudeConfigError;
 use super::error::require_positive;
+use super::span::solve_within_span;
 use crate::dynamics::flexible::FlexibleSystem;
 use nnls::{Column, NonNegative, ROWS};
 
@@ -205,9 +206,7 @@ impl ThrusterAllocator {
                 missing -= torque * *time;
             }
         }
-        let Some(push) = gram.try_inverse().map(|inverse| inverse * missing) else {
-            return;
-        };
+        let push = solve_within_span(&gram, &missing);
         let changes = || (self.columns.iter().zip(&self.on_times)).map(|(c, _)| torque_of(c).dot(&push));
         let mut pairs = changes().zip(&self.on_times);
         if pairs.any(|(change, time)| *time > 0.0 && time + change < 0.0) {

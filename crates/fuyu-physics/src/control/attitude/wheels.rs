@@ -4,6 +4,7 @@ use nalgebra::{DVector, Matrix3, Matrix3xX, MatrixXx3, Vector3};
 
 use super::AttitudeConfigError;
 use super::error::require_positive;
+use super::span::{SPAN, solve_within_span};
 use crate::dynamics::flexible::{FlexibleSystem, Wheel};
 
 /// What wheels give of a torque that was asked for.
@@ -186,13 +187,7 @@ impl WheelAllocator {
             for (axis, _) in self.free_axes() {
                 gram += axis * axis.transpose();
             }
-            let eigen = gram.symmetric_eigen();
-            let mut push = Vector3::zeros();
-            for (value, vector) in eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter()) {
-                if *value > SPAN {
-                    push += vector * (vector.dot(&missing) / value);
-                }
-            }
+            let push = solve_within_span(&gram, &missing);
             for i in 0..self.wheels.len() {
                 if !self.at_limit[i] {
                     self.torques[i] -= self.axes.column(i).dot(&push);
@@ -231,9 +226,6 @@ impl WheelAllocator {
         self.torques.axpy(share, &self.balancing, 1.0);
     }
 }
-
-/// Eigenvalues of `A Aᵀ` above this count as torque about an axis.
-const SPAN: f64 = 1e-9;
 
 #[cfg(test)]
 mod tests {
