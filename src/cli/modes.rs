@@ -8,13 +8,14 @@ use serde::Serialize;
 use super::joint_values::{self, JointValues};
 use super::{Failure, print};
 use crate::dynamics::flexible::{FlexibleSystem, LinearModel};
-use crate::nodes::{dynamics::World, scenario::Scenario};
+use crate::nodes::{attitude::AttitudeLoop, dynamics::World, scenario::Scenario};
 use crate::structures::{Appendage, StructureError, frequencies_hz};
 
 /// Vibration of the robot of a scenario: frequencies, damping, participation, transmission zeros
 ///
 /// Prints the modes of each appendage with its root held, the frequencies of the robot with its base free and its
-/// joints and wheels locked, and the transmission zeros from three torques on the base to its attitude. Participation is the
+/// joints and wheels locked, the transmission zeros from three torques on the base to its attitude, and the poles with the
+/// attitude law, if the scenario has one. Participation is the
 /// force and torque that a mode exerts on its root for a unit acceleration of its coordinate, about the attachment in the
 /// appendage's axes.
 #[derive(Debug, clap::Args)]
@@ -40,6 +41,10 @@ struct Report {
     frequencies: Vec<f64>,
     /// From three torques on the base to its attitude \[Hz\], ascending.
     zeros: Vec<f64>,
+    /// Of the attitude loop with the law of the scenario, in continuous time, with joints locked: real and imaginary part
+    /// \[rad/s\].
+    #[serde(skip_serializing_if = "Option::is_none")]
+    poles: Option<Vec<[f64; 2]>>,
 }
 
 /// Modes of an appendage with its attachment held, each value in the order of `modes`.
@@ -80,7 +85,13 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         None => robot.state().tree.q.clone(),
     };
     let report = Report::new(system, &LinearModel::new(system, &q));
-    let report = report.map_err(|e| at(e.to_string()))?;
+    let mut report = report.map_err(|e| at(e.to_string()))?;
+    if scenario.has("attitude") {
+        let params = scenario.attitude().map_err(Failure::Input)?;
+        let mut attitude = AttitudeLoop::new(&params, system.model()).map_err(at)?;
+        let poles = attitude.poles(q.as_slice()).map_err(at)?;
+        report.poles = Some(poles.iter().map(|p| [p.re, p.im]).collect());
+    }
     if args.json {
         let json = serde_json::to_string(&report);
         return print(&(json.map_err(|e| Failure::Runtime(e.to_string()))? + "\n"));
@@ -101,6 +112,7 @@ impl Report {
             appendages: appendages.collect::<Result<_, _>>()?,
             frequencies: linear.frequencies_hz(&linear.base_and_modes())?,
             zeros,
+            poles: None,
         })
     }
 
@@ -133,6 +145,13 @@ impl Report {
         ] {
             let values: Vec<_> = values.iter().map(|f| format!("{f:.6}")).collect();
             let _ = writeln!(out, "{label:<32}{}", values.join("  "));
+        }
+        for [re, im] in self.poles.iter().flatten().filter(|[_, im]| *im >= 0.0) {
+            let pole = match *im > 0.0 {
+                true => format!("{re:.6} ± {im:.6}i"),
+                false => format!("{re:.6}"),
+            };
+            let _ = writeln!(out, "{:<32}{pole}", "pole of the attitude loop [rad/s]");
         }
         out
     }

@@ -1,14 +1,16 @@
 //! Plant, camera and control loop in one thread, without DDS.
 
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{Drive, Operated};
 use crate::{
     control::{
         ControlLoop, ControlLoopConfig, Controller, InputError, LoopReport, PoseError, Stamp,
+        attitude::{AttitudeInputError, AttitudeReport},
     },
     model::Frame,
     nodes::{
+        attitude::AttitudeLoop,
         camera::{TargetCamera, camera_frame, second_camera},
         controller::second_tip,
         dynamics::{FreeBody as _, Robot, World, imu},
@@ -18,7 +20,7 @@ use crate::{
     },
     ros::Time,
     spatial::Pose,
-    vision::{FeatureFrame, PoseCamera, PoseFrame},
+    vision::{FeatureFrame, PoseCamera, PoseFrame, StarTrackerFrame},
 };
 
 /// The closed loop of a scenario: what its nodes do over topics, in one thread and in the order of a graph in lockstep.
@@ -30,7 +32,14 @@ pub struct ClosedLoop {
     pub world: World,
     servo: Option<VisualServo>,
     operated: Option<Operated>,
+    attitude: Option<AttitudeControl>,
     duration: f64,
+}
+
+/// Sensors and control of the base's attitude.
+struct AttitudeControl {
+    attitude: AttitudeLoop,
+    frames: Vec<StarTrackerFrame>,
 }
 
 /// Cameras and control loop.
@@ -73,6 +82,18 @@ pub struct Moment<'a> {
     pub answer: Option<Answer<'a>>,
     /// The operator's answer, if there is one.
     pub drive: Option<Drive<'a>>,
+    /// The attitude controller's answer, if there is one.
+    pub attitude: Option<AttitudeAnswer<'a>>,
+}
+
+/// The attitude controller's answer to a state.
+pub struct AttitudeAnswer<'a> {
+    /// What the star tracker delivered at this state.
+    pub frames: &'a [StarTrackerFrame],
+    /// What the controller decided, if its period has passed.
+    pub report: Option<AttitudeReport>,
+    /// The loop, with the torques of this state.
+    pub attitude: &'a AttitudeLoop,
 }
 
 /// The controller's answer to a state.
@@ -106,10 +127,19 @@ impl ClosedLoop {
         } else {
             None
         };
+        let attitude = match scenario.has("attitude") {
+            true => Some(AttitudeControl {
+                attitude: AttitudeLoop::new(&scenario.attitude()?, world.robot.model())
+                    .map_err(at)?,
+                frames: Vec::new(),
+            }),
+            false => None,
+        };
         Ok(Self {
             world,
             servo,
             operated,
+            attitude,
             duration: dynamics.duration,
         })
     }
@@ -127,6 +157,11 @@ impl ClosedLoop {
     /// Whether the controller's efforts were ever cut to the joints' limits.
     pub fn was_limited(&self) -> bool {
         self.servo.as_ref().is_some_and(|servo| servo.was_limited)
+    }
+
+    /// The loop that controls the base's attitude, if there is one.
+    pub fn attitude(&self) -> Option<&AttitudeLoop> {
+        self.attitude.as_ref().map(|control| &control.attitude)
     }
 
     /// Whether an operator steers.
@@ -157,10 +192,15 @@ impl ClosedLoop {
         };
         let operated = self.operated.as_mut();
         let drive = operated.map(|operated| operated.answer(&mut self.world));
+        let attitude = match &mut self.attitude {
+            Some(attitude) => Some(attitude.answer(&mut self.world)?),
+            None => None,
+        };
         let moment = Moment {
             frames,
             answer,
             drive,
+            attitude,
         };
         observe(&mut self.world, &moment)
     }
@@ -172,6 +212,49 @@ impl ClosedLoop {
     pub fn advance(&mut self) -> Result<(), String> {
         self.world.step_to_tick();
         self.world.check_divergence()
+    }
+}
+
+impl AttitudeControl {
+    /// What the attitude node does with the messages of a state, in its order.
+    fn answer(&mut self, world: &mut World) -> Result<AttitudeAnswer<'_>, String> {
+        let Self { attitude, frames } = self;
+        let stamp = Time::from_secs_f64(world.time());
+        let at = |e: String| format!("at {:.2} s: attitude: {e}", stamp.as_secs_f64());
+        let gyro = vector_from_msg(&imu(stamp, "", world).angular_velocity);
+        let now = Stamp::from_nanos(stamp.as_nanos());
+        world.expose_star_tracker();
+        frames.clear();
+        while let Some(frame) = world.next_star_tracker_frame() {
+            frames.push(frame);
+        }
+        let state = world.robot.state();
+        attitude
+            .add_joint_state(now, state.q.as_slice(), state.qd.as_slice())
+            .map_err(at)?;
+        let refused = |e: AttitudeInputError| at(e.to_string());
+        attitude.add_gyro(now, gyro).map_err(refused)?;
+        for frame in frames.iter() {
+            let exposed = Stamp::from_nanos(Time::from_secs_f64(frame.time).as_nanos());
+            // As a message holds it.
+            let R_WB = UnitQuaternion::new_normalize(frame.R_WB.into_inner());
+            attitude.add_star_tracker(exposed, &R_WB).map_err(refused)?;
+        }
+        if let Some(robot) = world.robot.flexible() {
+            attitude
+                .add_wheel_speeds(now, robot.state().wheel_speeds())
+                .map_err(refused)?;
+        }
+        let report = attitude.step(now);
+        world.hold_wheel_torques(attitude.wheel_torques().iter().copied().enumerate());
+        if let Some(on_times) = attitude.on_times() {
+            world.fire(on_times.iter().copied().enumerate());
+        }
+        Ok(AttitudeAnswer {
+            frames,
+            report,
+            attitude,
+        })
     }
 }
 

@@ -7,7 +7,7 @@ use rand_distr::StandardNormal;
 use super::{free_body::FreeBody as _, messages::header, world::World};
 use crate::{
     msg::sensor_msgs,
-    nodes::geometry::vector_to_msg,
+    nodes::{geometry::vector_to_msg, placement::declare_vector},
     ros::{Declare, Time},
 };
 
@@ -18,6 +18,10 @@ pub struct ImuParams {
     pub gyro_noise: f64,
     /// Standard deviation of each component of a measured acceleration \[m/s²\].
     pub accelerometer_noise: f64,
+    /// Bias of each component of the measured angular velocity at the start \[rad/s\].
+    pub gyro_bias: Vector3<f64>,
+    /// Rate random walk of the bias \[rad/s^³⁄²\].
+    pub gyro_bias_walk: f64,
     /// Seed of the noise.
     pub seed: u64,
 }
@@ -38,11 +42,33 @@ impl ImuParams {
                 "imu.accelerometer_noise",
                 "Standard deviation of each component of the measured acceleration [m/s2]",
             ),
+            gyro_bias_walk: noise(
+                "imu.gyro_bias_walk",
+                "Rate random walk of the gyro's bias, which stands for its instability [rad/s^(3/2)]",
+            ),
+            gyro_bias: declare_vector(
+                declare,
+                "imu.gyro_bias",
+                "Bias of the measured angular velocity at the start [rad/s]",
+            ),
             seed: (declare.param("imu.seed", 1, "Seed of the measurement noise"))
                 .read_only()
                 .value()
                 .unsigned_abs(),
         }
+    }
+}
+
+impl ImuParams {
+    /// Change of the gyro's bias in the tick numbered `tick`, which took `seconds` \[s\].
+    pub(super) fn bias_step(&self, tick: u64, seconds: f64) -> Vector3<f64> {
+        if self.gyro_bias_walk == 0.0 {
+            return Vector3::zeros();
+        }
+        // Other numbers than those of the noise.
+        let mut random = StdRng::seed_from_u64(!(self.seed.rotate_left(32) ^ tick));
+        let mut normal = || random.sample::<f64, _>(StandardNormal);
+        Vector3::new(normal(), normal(), normal()) * (self.gyro_bias_walk * seconds.sqrt())
     }
 }
 
@@ -77,7 +103,8 @@ pub(super) fn update_imu(message: &mut sensor_msgs::Imu, stamp: Time, world: &mu
         let mut normal = || random.sample::<f64, _>(StandardNormal);
         truth + Vector3::new(normal(), normal(), normal()) * noise
     };
-    let angular_velocity = with_noise(world.robot.V_WB_B().angular, params.gyro_noise);
+    let biased = world.robot.V_WB_B().angular + world.gyro_bias();
+    let angular_velocity = with_noise(biased, params.gyro_noise);
     let acceleration = with_noise(acceleration, params.accelerometer_noise);
     message.header.stamp = stamp.into();
     message.angular_velocity = vector_to_msg(&angular_velocity);

@@ -8,11 +8,12 @@ use super::{
     },
     params::DynamicsParams,
     part_messages::{appendage_states, update_appendage_states, update_wheel_states, wheel_states},
+    star_tracker::star_tracker_message,
     target::Target,
     world::World,
 };
 use crate::{
-    msg::{Interface, fuyu_msgs, nav_msgs, rosgraph_msgs, sensor_msgs, std_msgs, tf2_msgs},
+    msg::{Interface, fuyu_msgs, geometry_msgs, nav_msgs, rosgraph_msgs, sensor_msgs, std_msgs, tf2_msgs},
     nodes::topics,
     ros::{self, Node, NodeError, Publisher, Time},
 };
@@ -35,6 +36,8 @@ pub struct Outputs {
     /// `None` if nobody can apply wrenches or fire thrusters.
     external_impulse: Option<Output<fuyu_msgs::ExternalImpulse>>,
     imu: Output<sensor_msgs::Imu>,
+    /// `None` without a star tracker.
+    star_tracker: Option<Publisher<geometry_msgs::QuaternionStamped>>,
     tf: Output<tf2_msgs::TFMessage>,
     tf_static: Publisher<tf2_msgs::TFMessage>,
     /// Kept so that late joiners receive the last message.
@@ -125,6 +128,10 @@ impl Outputs {
                 publisher: topics::IMU.advertise(node)?,
                 message: imu_message(base, world.imu()),
             },
+            star_tracker: match world.has_star_tracker() {
+                true => Some(topics::STAR_TRACKER.advertise(node)?),
+                false => None,
+            },
             tf: Output {
                 publisher: topics::TF.advertise(node)?,
                 message: frames.transforms(stamp, world),
@@ -191,6 +198,13 @@ impl Outputs {
         self.clock.publish(&rosgraph_msgs::Clock {
             clock: stamp.into(),
         });
+        // Before all else of this state: who answers the state has the measurements that have come.
+        if let Some(publisher) = &self.star_tracker {
+            world.expose_star_tracker();
+            while let Some(frame) = world.next_star_tracker_frame() {
+                publisher.publish(&star_tracker_message(&frame));
+            }
+        }
         self.joint_states
             .publish(|message| update_joint_states(message, stamp, world));
         self.odometry

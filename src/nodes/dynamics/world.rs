@@ -14,6 +14,8 @@ use super::params::DynamicsParams;
 use super::robot::{Robot, RobotState};
 use super::target::Target;
 use super::tick_time::TickTime;
+use nalgebra::Vector3;
+
 use crate::{
     control::{
         commander::{ArmMotion, TwistServo},
@@ -21,6 +23,7 @@ use crate::{
     },
     dynamics::JointPhysics,
     model::Model,
+    vision::{StarTracker, StarTrackerFrame},
 };
 
 /// The robot and the free bodies. They share nothing but time.
@@ -37,6 +40,9 @@ pub struct World {
     wheel_torques: MeanEfforts,
     wrenches: ExternalWrenches,
     imu: ImuParams,
+    /// Random walk of the gyro's bias up to the present tick \[rad/s\].
+    gyro_walk: Vector3<f64>,
+    star_tracker: Option<StarTracker>,
     time: TickTime,
     /// Longest integration step \[s\].
     time_step: f64,
@@ -80,6 +86,8 @@ impl World {
             robot,
             targets: targets.collect::<Result<_, _>>()?,
             imu: params.imu,
+            gyro_walk: Vector3::zeros(),
+            star_tracker: params.star_tracker.clone().map(StarTracker::new),
             time: TickTime::new(params.state_rate),
             time_step: params.time_step,
             default_limits,
@@ -120,6 +128,7 @@ impl World {
     pub(super) fn reset_time(&mut self) {
         self.wrenches.clear(None);
         self.time.reset();
+        self.gyro_walk = Vector3::zeros();
     }
 
     /// Robot and free bodies return to their states at the start, or to those in which they were spawned. Nothing acts
@@ -137,6 +146,30 @@ impl World {
     /// Errors of the inertial measurement unit.
     pub(super) fn imu(&self) -> &ImuParams {
         &self.imu
+    }
+
+    /// Bias of the gyro now \[rad/s\].
+    pub(super) fn gyro_bias(&self) -> Vector3<f64> {
+        self.imu.gyro_bias + self.gyro_walk
+    }
+
+    /// Shows the star tracker the present attitude. Call this for every state, once.
+    pub fn expose_star_tracker(&mut self) {
+        let time = self.time.now();
+        if let Some(tracker) = &mut self.star_tracker {
+            tracker.show(time, &self.robot.state().R_WB);
+        }
+    }
+
+    /// The next attitude that the star tracker delivers now, oldest first.
+    pub fn next_star_tracker_frame(&mut self) -> Option<StarTrackerFrame> {
+        let time = self.time.now();
+        self.star_tracker.as_mut()?.deliver(time)
+    }
+
+    /// Whether there is a star tracker.
+    pub fn has_star_tracker(&self) -> bool {
+        self.star_tracker.is_some()
     }
 
     /// What the robot's description contains but is not simulated, as a line; `None` if all of it is.
@@ -192,6 +225,7 @@ impl World {
         self.step_from(start, seconds);
         self.drive.finish_tick(self.time.period());
         self.wheel_torques.finish_tick(self.time.period());
+        self.gyro_walk += self.imu.bias_step(self.time.ticks(), self.time.period());
     }
 
     /// Steps to the next tick, and restores what has diverged, as [`Self::restore_diverged`].

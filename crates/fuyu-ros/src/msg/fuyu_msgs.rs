@@ -118,6 +118,54 @@ crate::messages! {
         second_attitude_error_angle: f64,
     }
 
+    /// What the attitude controller estimated, decided and sent in one step.
+    ///
+    /// Vectors are in axes of the robot's base frame. Torques are on the base.
+    message AttitudeState {
+        /// Time of the step; the robot's base frame.
+        header: Header,
+        /// Attitude law in use.
+        law: String,
+        /// What the torques are: `law`, `rate_damping` (the attitude is not known) or `zero_torque` (there is no gyro).
+        mode: String,
+        /// Whether a star tracker has measured the attitude, so that orientation and error mean something.
+        attitude_known: bool,
+        /// Estimated attitude of the base in the world.
+        orientation: Quaternion,
+        /// Estimated angular velocity of the base \[rad/s\].
+        angular_velocity: Vector3,
+        /// Estimated bias of the gyro \[rad/s\].
+        gyro_bias: Vector3,
+        /// Covariance of the attitude's rotation vector \[rad2\] and of the bias \[rad2/s2\], 6 x 6 by rows.
+        covariance: Vec<f64>,
+        /// Reference of the attitude.
+        target: Quaternion,
+        /// Rotation vector from the reference to the base, for small angles \[rad\].
+        attitude_error: Vector3,
+        /// Angle of the rotation from the reference to the base, 0 to pi \[rad\].
+        attitude_error_angle: f64,
+        /// Torque of the law \[N m\].
+        law_torque: Vector3,
+        /// Torque for the motion of the arm \[N m\].
+        feed_forward_torque: Vector3,
+        /// Torque that the wheels are commanded to give \[N m\].
+        wheel_torque: Vector3,
+        /// Mean torque of the thrusters until the next step \[N m\].
+        thruster_torque: Vector3,
+        /// Angular momentum of the wheels \[N m s\].
+        wheel_momentum: Vector3,
+        /// Largest share of its momentum limit that a wheel has; 1 is the limit.
+        wheel_load: f64,
+        /// Number of wheels that are at a limit.
+        saturated_wheels: u32,
+        /// Thrusters take momentum from the wheels.
+        unloading: bool,
+        /// Age of the last measurement of the star tracker that was used \[s\].
+        star_tracker_age: f64,
+        /// Measurements of the star tracker so far that contradict the estimate.
+        outliers: u32,
+    }
+
     /// Feature points of one camera image, each with an identity that lasts from image to image.
     message FeatureTracks {
         /// Time of exposure; the camera's optical frame.

@@ -35,7 +35,7 @@ impl FlexibleParams {
     ///
     /// # Errors
     /// A line that names a parameter with its value, and what would be right.
-    pub(super) fn declare(
+    pub fn declare(
         declare: &mut Declare,
         lookup: &dyn Fn(&Declare, &str) -> Lookup,
     ) -> Result<Self, String> {

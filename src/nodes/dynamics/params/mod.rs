@@ -20,6 +20,7 @@ use std::path::PathBuf;
 use super::imu::ImuParams;
 use super::joint_drive::{DriveConfig, step_count};
 use super::loops::LoopParams;
+use super::star_tracker::declare_star_tracker;
 use crate::{
     dynamics::{FormulationKind, IntegrationMethod, JointPhysics},
     nodes::{
@@ -27,6 +28,7 @@ use crate::{
         resource::{AllowedFolders, Lookup},
     },
     ros::{Declare, Lifecycle},
+    vision::StarTrackerConfig,
 };
 use bodies::finite_list;
 pub use flexible::FlexibleParams;
@@ -59,6 +61,8 @@ pub struct DynamicsParams {
     pub resource_folders: AllowedFolders,
     /// The base's inertial measurement unit.
     pub imu: ImuParams,
+    /// The base's star tracker, if it has one.
+    pub star_tracker: Option<StarTrackerConfig>,
     /// Integration method.
     pub method: IntegrationMethod,
     /// Formulation of forward dynamics.
@@ -212,6 +216,7 @@ impl DynamicsParams {
             targets.push((name, key, file, lookup, motion));
         }
         let imu = ImuParams::declare(declare);
+        let star_tracker = declare_star_tracker(declare);
         let method = choice::declare(
             declare,
             "integrator",
@@ -412,6 +417,7 @@ impl DynamicsParams {
             targets,
             resource_folders: AllowedFolders::new(resource_folders),
             imu,
+            star_tracker,
             // The declaration has refused any other text.
             method: choice::find(&IntegrationMethod::NAMES, &method).unwrap_or_default(),
             formulation,

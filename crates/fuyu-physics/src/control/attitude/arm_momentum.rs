@@ -1,6 +1,6 @@
 //! Feed-forward: the torque that keeps the base still while the arm moves.
 
-use nalgebra::{DVector, Vector3};
+use nalgebra::Vector3;
 
 use crate::dynamics::flexible::{FlexibleState, FlexibleSystem, FlexibleWorkspace};
 use crate::spatial::{Pose, Twist};
@@ -13,7 +13,7 @@ pub struct ArmMotion<'a> {
     /// Joint rates \[rad/s or m/s\].
     pub qd: &'a [f64],
     /// Joint accelerations until the next sample \[rad/s² or m/s²\], if they are known, as those of a commanded motion
-    /// are; otherwise those since the last sample are taken.
+    /// are.
     pub qdd: Option<&'a [f64]>,
 }
 
@@ -23,41 +23,50 @@ pub struct ArmMotion<'a> {
 /// About the centre of mass of everything, angular momentum is constant without external torques. While the base does
 /// not turn, the arm's share of it is `h(q, q')`, linear in the rates, however the base moves otherwise; what the arm
 /// gains, the wheels must lose. So the mean torque on the base that keeps it still for a period T is
-/// `(h(t + T) - h(t)) / T`.
+/// `d = (h(t + T) - h(t)) / T`.
+///
+/// If only past rates are known, `h'` of the last period is at hand. It is d for joints that servos hold. Free joints
+/// follow the base, so that a feed-forward torque that errs by e makes `h' = d - R e`, where R compares the inertia that
+/// the arm adds to the locked robot with the rest: a torque of h' alone would feed back on itself, and grow for R > 1. So
+/// the torque is a mean of h' and of itself a period ago, with the weight β on h'. Its error is then multiplied by
+/// `1 - β (1 + R)` in a period: with β = 1/2 it decays for all R < 3. Whatever R is, the law meets the inertia of the
+/// locked robot.
 #[derive(Debug, Clone)]
 pub struct ArmMomentum {
     state: FlexibleState,
     workspace: FlexibleWorkspace,
-    /// Rates of the last sample, if there was one.
-    last_qd: DVector<f64>,
-    has_last: bool,
-    qdd: DVector<f64>,
+    /// Angular momentum at the last sample.
+    last: Option<Vector3<f64>>,
+    /// The last result.
+    torque: Vector3<f64>,
 }
+
+/// β.
+const TRUST: f64 = 0.5;
 
 impl ArmMomentum {
     /// For `system`. Its wheels and deformations do not count.
     pub fn new(system: &FlexibleSystem) -> Self {
-        let dof = system.model().dof();
         let state = FlexibleState::at_rest(system);
         let mut workspace = FlexibleWorkspace::new(system);
         workspace.set_state(&state);
         Self {
             state,
             workspace,
-            last_qd: DVector::zeros(dof),
-            has_last: false,
-            qdd: DVector::zeros(dof),
+            last: None,
+            torque: Vector3::zeros(),
         }
     }
 
     /// Number of joints.
     pub fn joints(&self) -> usize {
-        self.last_qd.len()
+        self.state.tree.q.len()
     }
 
     /// Forgets the last sample.
     pub fn reset(&mut self) {
-        self.has_last = false;
+        self.last = None;
+        self.torque = Vector3::zeros();
     }
 
     /// Angular momentum about the centre of mass of everything while the base does not turn, base axes \[N m s\].
@@ -67,6 +76,10 @@ impl ArmMomentum {
     pub fn angular_momentum(&mut self, q: &[f64], qd: &[f64]) -> Vector3<f64> {
         self.state.tree.q.copy_from_slice(q);
         self.state.tree.qd.copy_from_slice(qd);
+        self.momentum_of_state()
+    }
+
+    fn momentum_of_state(&mut self) -> Vector3<f64> {
         self.state.unwind_joints(self.workspace.system());
         // The momentum that a base at rest in the world's axes leaves.
         self.state
@@ -80,39 +93,29 @@ impl ArmMomentum {
     }
 
     /// Mean torque on the base, base axes \[N m\], that balances the arm for the next `period` \[s\]. Without known
-    /// accelerations those since the call before, a `period` ago, are continued; the first call gives zero then.
+    /// accelerations it follows from the calls before, the last of them a `period` ago; the first gives zero then.
     ///
     /// # Panics
     /// If there is not one value per joint.
-    pub fn torque(&mut self, motion: &ArmMotion<'_>, period: f64) -> Vector3<f64> {
+    pub fn torque(
+        &mut self,
+        motion: &ArmMotion<'_>,
+        period: f64,
+    ) -> Vector3<f64> {
         let now = self.angular_momentum(motion.q, motion.qd);
-        let known = match motion.qdd {
-            Some(qdd) => {
-                self.qdd.copy_from_slice(qdd);
-                true
-            }
-            None if self.has_last => {
-                for (j, qdd) in self.qdd.iter_mut().enumerate() {
-                    *qdd = (motion.qd[j] - self.last_qd[j]) / period;
-                }
-                true
-            }
-            None => false,
+        let last = self.last.replace(now);
+        let Some(qdd) = motion.qdd else {
+            let rate = last.map_or_else(Vector3::zeros, |last| (now - last) / period);
+            self.torque += (rate - self.torque) * TRUST;
+            return self.torque;
         };
-        self.last_qd.copy_from_slice(motion.qd);
-        self.has_last = true;
-        if !known {
-            return Vector3::zeros();
-        }
-        // The state holds now; on to the end of the period.
+        // The state holds the present; on to the end of the period.
         let tree = &mut self.state.tree;
-        for j in 0..motion.q.len() {
-            tree.q[j] += (motion.qd[j] + 0.5 * period * self.qdd[j]) * period;
-            tree.qd[j] += self.qdd[j] * period;
+        for (j, acceleration) in qdd.iter().enumerate() {
+            tree.q[j] += (motion.qd[j] + 0.5 * period * acceleration) * period;
+            tree.qd[j] += acceleration * period;
         }
-        self.state.unwind_joints(self.workspace.system());
-        self.state
-            .set_base(&mut self.workspace, &Pose::identity(), &Twist::ZERO);
-        (self.state.tree.momentum_W.angular - now) / period
+        self.torque = (self.momentum_of_state() - now) / period;
+        self.torque
     }
 }

@@ -160,4 +160,15 @@ fn wheels_hold_the_base_while_the_tip_tracks() {
             run.impulse
         );
     }
+    // The arm's controller does not depend on what the base does; the tip follows as well either way.
+    assert!(free.tip[0] < 5e-3 && held.tip[0] < 5e-3 && held.tip[1] < 3e-3);
+    // Held without feed-forward, the base turns an eighteenth; with it, a thousandth.
+    assert!(free.turn > 5f64.to_radians());
+    assert!(feedback.turn < 0.1 * free.turn && held.turn < 0.01 * free.turn);
+    // A base that does not turn does not shake its panels.
+    assert!(held.panel < 0.3 * free.panel && feedback.panel < free.panel);
+    // The wheels take what the arm has; it gives it back when it stops, so no thruster has to fire.
+    assert!(held.wheels[0] > 5.0 && held.wheels[0] < 10.0);
+    assert_eq!([free.impulse, held.impulse, feedback.impulse], [0.0; 3]);
+    assert_eq!(free.wheels, [0.0; 2]);
 }
