@@ -65,10 +65,8 @@ fn run(seed: u64, seconds: usize, latency: f64, said: GyroErrors) -> Run {
         while let Some(frame) = tracker.deliver(time) {
             let stamp = Stamp::from_secs_f64(frame.time);
             let used = filter.add_star_tracker(stamp, &frame.R_WB).unwrap();
-            assert!(
-                !matches!(used, StarTrackerUse::TooOld | StarTrackerUse::Outlier),
-                "{used:?}"
-            );
+            let is_right = !matches!(used, StarTrackerUse::TooOld | StarTrackerUse::Outlier);
+            assert!(is_right || said != GYRO, "{used:?}");
         }
         if k % 200 == 0 && k > 0 {
             let estimate = filter.estimate(Stamp::from_secs_f64(time)).unwrap();
