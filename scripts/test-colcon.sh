@@ -42,7 +42,7 @@ there "fuyu/$index/packages/fuyu"
 there "fuyu_msgs/$index/packages/fuyu_msgs"
 there "fuyu_msgs/$index/rosidl_interfaces/fuyu_msgs"
 there fuyu/share/fuyu/package.xml
-for executable in fuyu dynamics camera controller estimator teleop recorder; do
+for executable in fuyu dynamics camera controller attitude estimator teleop recorder; do
   there "fuyu/lib/fuyu/$executable"
 done
 # Every file of the sources.

@@ -4,7 +4,9 @@ mod bag;
 mod estimate;
 mod files;
 mod inspect;
+mod joint_values;
 mod launch;
+mod modes;
 mod reproduce;
 mod simulate;
 mod table;
@@ -35,6 +37,7 @@ enum Command {
     Files(files::Args),
     Inspect(inspect::Args),
     Launch(launch::Args),
+    Modes(modes::Args),
     Reproduce(reproduce::Args),
     Simulate(simulate::Args),
 }
@@ -49,6 +52,7 @@ impl Command {
             Self::Estimate(args) => estimate::run(&args),
             Self::Files(args) => files::run(&args),
             Self::Inspect(args) => inspect::run(args),
+            Self::Modes(args) => modes::run(&args),
             Self::Reproduce(args) => reproduce::run(&args),
             Self::Simulate(args) => simulate::run(&args),
         }

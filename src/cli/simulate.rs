@@ -2,12 +2,14 @@
 
 use std::{fmt::Write as _, path::PathBuf, time::Instant};
 
+use serde::Serialize;
+
 use super::{Failure, print};
 use crate::{
     bag::BagError,
     control::ConvergenceFailure,
-    experiments::{ClosedLoop, Performance, SimulatedBag, Summary},
-    nodes::scenario::Scenario,
+    experiments::{ClosedLoop, Event, EventWatch, FinalState, Performance, SimulatedBag, Summary},
+    nodes::{dynamics::World, scenario::Scenario},
 };
 
 /// Simulates a scenario without DDS, as fast as possible; the same scenario gives bit-identical
@@ -26,6 +28,23 @@ pub struct Args {
     /// Print one JSON object
     #[arg(long)]
     json: bool,
+}
+
+/// What `--json` prints.
+#[derive(Serialize)]
+struct Report<'a> {
+    #[serde(flatten)]
+    summary: &'a Summary,
+    r#final: FinalState,
+    events: &'a [Event],
+}
+
+/// What a run gives.
+struct Outcome {
+    performance: Performance,
+    events: EventWatch,
+    /// Since when the tip has been in trouble, if it is at the end.
+    trouble: Option<(f64, ConvergenceFailure)>,
 }
 
 /// Reasons for stopping a simulation.
@@ -76,7 +95,11 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     };
     let start = Instant::now();
     let simulated = simulate(&mut closed_loop, duration, bag.as_mut());
-    let (performance, trouble) = simulated.map_err(|stop| {
+    let Outcome {
+        performance,
+        events,
+        trouble,
+    } = simulated.map_err(|stop| {
         Failure::Runtime(match stop {
             Stop::Physics(problem) => format!("{}: {problem}", scenario.path().display()),
             Stop::Bag(problem) => problem.to_string(),
@@ -85,6 +108,10 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if let Some((time, trouble)) = trouble {
         let path = scenario.path().display();
         eprintln!("fuyu: warning: {path}: from {time:.2} s on: {trouble}");
+    }
+    if let Some((time, excess)) = events.deformation_excess() {
+        let path = scenario.path().display();
+        eprintln!("fuyu: warning: {path}: from {time:.2} s on: {excess}");
     }
     if let (true, Some(limits)) = (
         closed_loop.was_limited(),
@@ -98,21 +125,26 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         bag.finish().map_err(|e| Failure::Runtime(e.to_string()))?;
     }
     let text = if args.json {
-        let json = serde_json::to_string(&summary);
+        let report = Report {
+            summary: &summary,
+            r#final: FinalState::of(&closed_loop.world),
+            events: events.events(),
+        };
+        let json = serde_json::to_string(&report);
         json.map_err(|e| Failure::Runtime(e.to_string()))? + "\n"
     } else {
-        table(&scenario.name(), &summary)
+        table(&scenario.name(), &summary) + &table_of_parts(&closed_loop.world, events.events())
     };
     print(&text)
 }
 
-/// The results, and since when the tip has been in trouble, if it is at the end.
 fn simulate(
     closed_loop: &mut ClosedLoop,
     duration: f64,
     mut bag: Option<&mut SimulatedBag>,
-) -> Result<(Performance, Option<(f64, ConvergenceFailure)>), Stop> {
+) -> Result<Outcome, Stop> {
     let mut performance = Performance::new(&closed_loop.world);
+    let mut events = EventWatch::default();
     let mut trouble = None;
     let mut frames = Vec::new();
     loop {
@@ -121,6 +153,7 @@ fn simulate(
         }
         closed_loop.answer::<Stop>(&mut frames, |world, moment| {
             performance.see(world, moment);
+            events.see(world);
             let now = (moment.answer.as_ref())
                 .and_then(|answer| answer.report.control.as_ref().ok()?.convergence_failure);
             let since = trouble.map_or(world.time(), |(since, _)| since);
@@ -131,7 +164,11 @@ fn simulate(
             Ok(())
         })?;
         if closed_loop.world.time() >= duration - 1e-9 {
-            return Ok((performance, trouble));
+            return Ok(Outcome {
+                performance,
+                events,
+                trouble,
+            });
         }
         closed_loop.advance()?;
     }
@@ -192,5 +229,41 @@ fn table(name: &str, s: &Summary) -> String {
         "largest base acceleration",
         format!("{:.4} rad/s2", s.max_base_angular_acceleration),
     );
+    out
+}
+
+/// Deflections, wheels and events of a run.
+fn table_of_parts(world: &World, events: &[Event]) -> String {
+    let mut out = String::new();
+    let mut row = |label: &str, value: String| {
+        // Writing to a string cannot fail.
+        let _ = writeln!(out, "{label:<32}{value}");
+    };
+    if let Some(robot) = world.robot.flexible() {
+        let (system, state) = (robot.system(), robot.state());
+        for (i, body) in system.modal_bodies().iter().enumerate() {
+            if !body.appendage.outputs.is_empty() {
+                let tip = robot.workspace().deflection(state, i, 0);
+                let label = format!("{} tip deflection", body.name());
+                row(
+                    &label,
+                    format!("{:.4}, {:.4}, {:.4} m", tip.x, tip.y, tip.z),
+                );
+            }
+        }
+        for (wheel, speed) in system.wheels().iter().zip(state.wheel_speeds()) {
+            row(
+                &format!("wheel {}", wheel.name),
+                format!("{speed:.4} rad/s"),
+            );
+        }
+        row(
+            "strain energy",
+            format!("{:.3e} J", world.robot.strain_energy()),
+        );
+    }
+    for event in events {
+        row(&format!("{:.2} s", event.time), event.what.clone());
+    }
     out
 }

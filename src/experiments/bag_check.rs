@@ -232,7 +232,7 @@ impl Report {
         );
     }
 
-    /// Kinetic energy compared with the work of joint efforts.
+    /// Kinetic and strain energy compared with the work of joint efforts and wheel torques.
     fn energy(&mut self, run: &RecordedRun, limits: &CheckLimits) {
         const NAME: &str = "energy balance";
         let balance = match energy_balance(run) {

@@ -1,25 +1,26 @@
 //! Plant, camera and control loop in one thread, without DDS.
 
-use nalgebra::Vector3;
+use nalgebra::{UnitQuaternion, Vector3};
 
 use super::{Drive, Operated};
 use crate::{
     control::{
         ControlLoop, ControlLoopConfig, Controller, InputError, LoopReport, PoseError, Stamp,
+        attitude::{AttitudeInputError, AttitudeReport},
     },
-    dynamics::Workspace,
     model::Frame,
     nodes::{
+        attitude::AttitudeLoop,
         camera::{TargetCamera, camera_frame, second_camera},
         controller::second_tip,
-        dynamics::{World, imu},
+        dynamics::{FreeBody as _, Robot, World, imu},
         geometry::{message_round_trip, vector_from_msg, with_matrix},
         scenario::Scenario,
         tip_frame,
     },
     ros::Time,
     spatial::Pose,
-    vision::{FeatureFrame, PoseCamera, PoseFrame},
+    vision::{FeatureFrame, PoseCamera, PoseFrame, StarTrackerFrame},
 };
 
 /// The closed loop of a scenario: what its nodes do over topics, in one thread and in the order of a graph in lockstep.
@@ -31,7 +32,14 @@ pub struct ClosedLoop {
     pub world: World,
     servo: Option<VisualServo>,
     operated: Option<Operated>,
+    attitude: Option<AttitudeControl>,
     duration: f64,
+}
+
+/// Sensors and control of the base's attitude.
+struct AttitudeControl {
+    attitude: AttitudeLoop,
+    frames: Vec<StarTrackerFrame>,
 }
 
 /// Cameras and control loop.
@@ -74,6 +82,18 @@ pub struct Moment<'a> {
     pub answer: Option<Answer<'a>>,
     /// The operator's answer, if there is one.
     pub drive: Option<Drive<'a>>,
+    /// The attitude controller's answer, if there is one.
+    pub attitude: Option<AttitudeAnswer<'a>>,
+}
+
+/// The attitude controller's answer to a state.
+pub struct AttitudeAnswer<'a> {
+    /// What the star tracker delivered at this state.
+    pub frames: &'a [StarTrackerFrame],
+    /// What the controller decided, if its period has passed.
+    pub report: Option<AttitudeReport>,
+    /// The loop, with the torques of this state.
+    pub attitude: &'a AttitudeLoop,
 }
 
 /// The controller's answer to a state.
@@ -107,10 +127,19 @@ impl ClosedLoop {
         } else {
             None
         };
+        let attitude = match scenario.has("attitude") {
+            true => Some(AttitudeControl {
+                attitude: AttitudeLoop::new(&scenario.attitude()?, world.robot.model())
+                    .map_err(at)?,
+                frames: Vec::new(),
+            }),
+            false => None,
+        };
         Ok(Self {
             world,
             servo,
             operated,
+            attitude,
             duration: dynamics.duration,
         })
     }
@@ -128,6 +157,11 @@ impl ClosedLoop {
     /// Whether the controller's efforts were ever cut to the joints' limits.
     pub fn was_limited(&self) -> bool {
         self.servo.as_ref().is_some_and(|servo| servo.was_limited)
+    }
+
+    /// The loop that controls the base's attitude, if there is one.
+    pub fn attitude(&self) -> Option<&AttitudeLoop> {
+        self.attitude.as_ref().map(|control| &control.attitude)
     }
 
     /// Whether an operator steers.
@@ -158,10 +192,15 @@ impl ClosedLoop {
         };
         let operated = self.operated.as_mut();
         let drive = operated.map(|operated| operated.answer(&mut self.world));
+        let attitude = match &mut self.attitude {
+            Some(attitude) => Some(attitude.answer(&mut self.world)?),
+            None => None,
+        };
         let moment = Moment {
             frames,
             answer,
             drive,
+            attitude,
         };
         observe(&mut self.world, &moment)
     }
@@ -176,16 +215,59 @@ impl ClosedLoop {
     }
 }
 
+impl AttitudeControl {
+    /// What the attitude node does with the messages of a state, in its order.
+    fn answer(&mut self, world: &mut World) -> Result<AttitudeAnswer<'_>, String> {
+        let Self { attitude, frames } = self;
+        let stamp = Time::from_secs_f64(world.time());
+        let at = |e: String| format!("at {:.2} s: attitude: {e}", stamp.as_secs_f64());
+        let gyro = vector_from_msg(&imu(stamp, "", world).angular_velocity);
+        let now = Stamp::from_nanos(stamp.as_nanos());
+        world.expose_star_tracker();
+        frames.clear();
+        while let Some(frame) = world.next_star_tracker_frame() {
+            frames.push(frame);
+        }
+        let state = world.robot.state();
+        attitude
+            .add_joint_state(now, state.q.as_slice(), state.qd.as_slice())
+            .map_err(at)?;
+        let refused = |e: AttitudeInputError| at(e.to_string());
+        attitude.add_gyro(now, gyro).map_err(refused)?;
+        for frame in frames.iter() {
+            let exposed = Stamp::from_nanos(Time::from_secs_f64(frame.time).as_nanos());
+            // As a message holds it.
+            let R_WB = UnitQuaternion::new_normalize(frame.R_WB.into_inner());
+            attitude.add_star_tracker(exposed, &R_WB).map_err(refused)?;
+        }
+        if let Some(robot) = world.robot.flexible() {
+            attitude
+                .add_wheel_speeds(now, robot.state().wheel_speeds())
+                .map_err(refused)?;
+        }
+        let report = attitude.step(now);
+        world.hold_wheel_torques(attitude.wheel_torques().iter().copied().enumerate());
+        if let Some(on_times) = attitude.on_times() {
+            world.fire(on_times.iter().copied().enumerate());
+        }
+        Ok(AttitudeAnswer {
+            frames,
+            report,
+            attitude,
+        })
+    }
+}
+
 impl SecondArm {
     /// Shows the camera the present state, and gives the control loop what it delivers.
     fn measure(
         &mut self,
         time: f64,
         X_WB: &Pose,
-        workspace: &Workspace,
+        robot: &Robot,
         control_loop: &mut ControlLoop,
     ) -> Result<(), InputError> {
-        let X_BE = workspace.X_BF(&self.tip);
+        let X_BE = robot.X_BF(&self.tip);
         self.camera
             .show(time, &X_BE, Some(&(X_WB.inverse() * self.X_WD)));
         while let Some(frame) = self.camera.deliver(time) {
@@ -307,12 +389,9 @@ impl VisualServo {
         let gyro = imu(stamp, "", world).angular_velocity;
         let stamp = Stamp::from_nanos(stamp.as_nanos());
         let robot = &world.robot;
-        let X_BE = (robot.workspace()).X_BF(self.control_loop.controller().tip());
-        let X_WB = message_round_trip(&robot.state().X_WB(robot.workspace()));
-        let of_target = |index: usize| {
-            let target = &world.targets[index].body;
-            message_round_trip(&target.state().X_WB(target.workspace()))
-        };
+        let X_BE = robot.X_BF(self.control_loop.controller().tip());
+        let X_WB = message_round_trip(&robot.X_WB());
+        let of_target = |index: usize| message_round_trip(&world.targets[index].body.X_WB());
         let X_WF = self.carrier.map_or_else(Pose::identity, of_target);
         let X_BD = X_WB.inverse() * (X_WF * self.X_FD);
         self.camera.show(time, &X_BE, Some(&X_BD));
@@ -321,7 +400,7 @@ impl VisualServo {
         }
         self.feature_frames.clear();
         if let Some(tracked) = &mut self.target {
-            let X_WC = X_WB * robot.workspace().X_BF(&tracked.camera);
+            let X_WC = X_WB * robot.X_BF(&tracked.camera);
             tracked
                 .target_camera
                 .show(time, &X_WC, &of_target(tracked.index));
@@ -365,7 +444,7 @@ impl VisualServo {
         }
         if let Some(second) = &mut self.second {
             let time = stamp.as_secs_f64();
-            second.measure(time, X_WB, robot.workspace(), control_loop)?;
+            second.measure(time, X_WB, robot, control_loop)?;
         }
         control_loop.add_gyro(stamp, *w_WB_B)
     }

@@ -6,6 +6,8 @@ mod chart;
 mod closed_loop;
 mod continuous_loop;
 mod estimation_plot;
+mod events;
+mod final_state;
 pub mod kida1993;
 pub mod masutani_ch3;
 pub mod masutani_ch5;
@@ -36,12 +38,16 @@ pub use chart::{
 };
 pub use closed_loop::{Answer, ClosedLoop, Moment};
 pub use continuous_loop::ContinuousLoop;
+pub use events::{Event, EventWatch};
+pub use final_state::{
+    FinalAppendage, FinalMomentum, FinalMotor, FinalState, FinalTarget, FinalWheel,
+};
 pub use observations::{Observations, ObservedTracks};
 pub use operated::{Drive, Operated};
 pub use performance::{MomentumResidual, Performance, Summary};
 pub use recorded::{
-    BaseSample, ControllerSample, ExternalSample, JointSample, MomentumSample, RecordedRun,
-    RecordedRuns, SeenPose,
+    BaseSample, ControllerSample, DeformationSample, ExternalSample, JointSample, MomentumSample,
+    RecordedRun, RecordedRuns, SeenPose,
 };
 pub use recorded_physics::{Residual, momentum_residuals};
 pub use recorded_runs::RunCounter;

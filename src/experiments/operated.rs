@@ -5,7 +5,7 @@ use nalgebra::{DVector, Point3, Vector3};
 use crate::{
     control::Operator,
     nodes::{
-        dynamics::World,
+        dynamics::{FreeBody as _, World},
         scenario::Scenario,
         teleop::{SimulatedOperator, Steered, Steering},
         tip_frame,
@@ -57,8 +57,8 @@ impl Operated {
     pub fn answer(&mut self, world: &mut World) -> Drive<'_> {
         let time = world.time();
         let robot = &world.robot;
-        let X_BE = robot.workspace().X_BF(self.steering.tip());
-        let X_WB = robot.state().X_WB(robot.workspace());
+        let X_BE = robot.X_BF(self.steering.tip());
+        let X_WB = robot.X_WB();
         let goal_B = X_WB.inverse() * Point3::from(self.goal);
         let displacement = goal_B.coords - X_BE.translation.vector;
         let velocity = self.operator.command(time, &displacement);

@@ -4,7 +4,11 @@ use nalgebra::Vector3;
 use serde::Serialize;
 
 use super::Moment;
-use crate::{dynamics::Momentum, nodes::dynamics::World, spatial::roll_pitch_yaw_intrinsic};
+use crate::{
+    dynamics::Momentum,
+    nodes::dynamics::{FreeBody as _, World},
+    spatial::roll_pitch_yaw_intrinsic,
+};
 
 /// Accumulates the figures of a run, state by state.
 pub struct Performance {
@@ -75,8 +79,8 @@ pub struct Summary {
     /// Largest change of the total momentum of the bodies, relative to the initial momentum or to
     /// [`Workspace::momentum_scale`](crate::dynamics::Workspace::momentum_scale), whichever is larger.
     pub momentum_residual: MomentumResidual,
-    /// Largest change of kinetic energy minus work, relative to the largest kinetic energy in the frame of the system's
-    /// centre of mass.
+    /// Largest change of kinetic and strain energy minus work, plus what deformation and wheels dissipate, relative to
+    /// the largest energy in the frame of the system's centre of mass.
     pub energy_residual: f64,
     /// Largest speed of the tip in the world \[m/s\].
     pub max_tip_speed: Option<f64>,
@@ -134,20 +138,22 @@ impl Performance {
         self.momentum_scale.0 = larger(self.momentum_scale.0, scale.0);
         self.momentum_scale.1 = larger(self.momentum_scale.1, scale.1);
         let energy = energy(world);
-        let unexplained = energy - self.initial_energy - world.robot.state().work;
+        let robot = &world.robot;
+        let unexplained = energy - self.initial_energy - robot.state().work + robot.lost_energy();
         self.energy_change = larger(self.energy_change, unexplained.abs());
         // The energy of the common drift is constant and excluded.
-        let drift = 0.5 * momentum.linear.norm_squared() / world.robot.model().total_mass();
+        let drift = 0.5 * momentum.linear.norm_squared() / robot.total_mass();
         self.energy_scale = larger(self.energy_scale, energy - drift);
 
-        let robot = &world.robot;
-        for (_, gap) in robot.loops().gaps(robot.workspace()) {
-            let open = larger(gap.translation, gap.rotation);
-            self.loop_gap = Some(larger(self.loop_gap.unwrap_or(0.0), open));
+        if let (Some(loops), Some(robot)) = (robot.loops(), robot.rigid()) {
+            for (_, gap) in loops.gaps(robot.workspace()) {
+                let open = larger(gap.translation, gap.rotation);
+                self.loop_gap = Some(larger(self.loop_gap.unwrap_or(0.0), open));
+            }
         }
-        world.robot.accelerations();
-        let workspace = world.robot.workspace();
-        let base = &world.robot.model().frames()[0];
+        world.robot.set_accelerations();
+        let robot = &world.robot;
+        let base = &robot.model().frames()[0];
         let largest = |so_far, v: Vector3<f64>| larger(so_far, v.norm());
         let tip = match (&moment.answer, &moment.drive) {
             (Some(answer), _) => Some(answer.control_loop.controller().tip()),
@@ -157,20 +163,20 @@ impl Performance {
         if let Some(tip) = tip {
             let (speed, acceleration) = self.max_tip.unwrap_or_default();
             self.max_tip = Some((
-                largest(speed, workspace.V_WF_B(tip).linear),
-                largest(acceleration, workspace.A_WF_B(tip).linear),
+                largest(speed, robot.V_WF_B(tip).linear),
+                largest(acceleration, robot.A_WF_B(tip).linear),
             ));
         }
         self.max_base_angular_acceleration = largest(
             self.max_base_angular_acceleration,
-            workspace.A_WF_B(base).angular,
+            robot.A_WF_B(base).angular,
         );
     }
 
     /// The figures of a run with wall time `wall_time` \[s\].
     pub fn summary(&self, world: &World, wall_time: f64) -> Summary {
         let relative = |change: f64, scale: f64| if scale > 0.0 { change / scale } else { change };
-        let X_WB = world.robot.state().X_WB(world.robot.workspace());
+        let X_WB = world.robot.X_WB();
         let first = &self.initial_momentum;
         Summary {
             duration: self.time,
@@ -207,24 +213,24 @@ fn larger(a: f64, b: f64) -> f64 {
 
 /// The base body's centre of mass in the world.
 fn base_com(world: &World) -> Vector3<f64> {
-    let X_WB = world.robot.state().X_WB(world.robot.workspace());
+    let X_WB = world.robot.X_WB();
     X_WB.rotation * world.robot.model().bodies()[0].inertia.com + X_WB.translation.vector
 }
 
-/// Total momentum of the bodies in world axes, and the scale of its rounding error.
+/// Total momentum of the robot in world axes, less what external wrenches have changed, and the scale of its rounding
+/// error.
 fn carried(world: &World) -> (Momentum, (f64, f64)) {
-    let robot = &world.robot;
-    let (momentum_B, scale) = robot.workspace().carried_momentum_and_scale();
-    let R_WB = robot.state().R_WB;
-    let momentum_W = Momentum {
-        linear: R_WB * momentum_B.linear,
-        angular: R_WB * momentum_B.angular,
-    };
+    let (mut momentum_W, scale) = world.robot.carried_momentum_and_scale();
+    if let Some(change) = world.external_change() {
+        momentum_W.linear -= change.momentum_W.linear;
+        momentum_W.angular -= change.momentum_W.angular;
+    }
     (momentum_W, scale)
 }
 
+/// Kinetic and strain energy of the robot \[J\].
 fn energy(world: &World) -> f64 {
-    world.robot.workspace().kinetic_energy()
+    world.robot.kinetic_energy() + world.robot.strain_energy()
 }
 
 #[cfg(test)]

@@ -7,7 +7,7 @@ use super::recorded_runs::RunCounter;
 use crate::bag::Message;
 use crate::model::Model;
 use crate::msg::builtin_interfaces::Time;
-use crate::msg::fuyu_msgs::{ControllerState, ExternalImpulse, Momentum};
+use crate::msg::fuyu_msgs::{AppendageStates, ControllerState, ExternalImpulse, Momentum};
 use crate::msg::geometry_msgs::{self, PoseStamped};
 use crate::msg::nav_msgs::Odometry;
 use crate::msg::sensor_msgs::JointState;
@@ -34,6 +34,12 @@ pub struct RecordedRun {
     pub joints: Vec<JointSample>,
     /// `ground_truth/momentum`.
     pub momentum: Vec<MomentumSample>,
+    /// Wheels, in the order of [`Self::wheels`].
+    pub wheel_names: Vec<String>,
+    /// `wheel_states`.
+    pub wheels: Vec<JointSample>,
+    /// `ground_truth/appendages`.
+    pub deformation: Vec<DeformationSample>,
     /// `ground_truth/external_impulse`.
     pub external: Vec<ExternalSample>,
     /// `ground_truth/odom`.
@@ -83,8 +89,23 @@ pub struct MomentumSample {
     pub angular: Vector3<f64>,
     /// \[J\]
     pub kinetic_energy: f64,
-    /// What the joints have dissipated since the start \[J\].
+    /// What joints, deformation and bearings of wheels have dissipated since the start \[J\].
     pub dissipated_energy: f64,
+}
+
+/// Strain energy, and the motors of elastic joints on the output side of their gears.
+#[derive(Debug, Clone)]
+pub struct DeformationSample {
+    /// Stamp \[ns\].
+    pub time: i64,
+    /// \[J\]
+    pub strain_energy: f64,
+    /// Names of the elastic joints.
+    pub joint_names: Vec<String>,
+    /// \[rad or m\]
+    pub motor_position: Vec<f64>,
+    /// \[rad/s or m/s\]
+    pub motor_velocity: Vec<f64>,
 }
 
 /// What external wrenches have changed since the start: momentum about the system's centre of mass in world axes, and
@@ -179,7 +200,8 @@ const TOPICS: &[(&str, &str, Take)] = &[
     }),
     ("/joint_states", "sensor_msgs/msg/JointState", |run, m| {
         if let Ok(state) = m.decode() {
-            run.add_joints(state);
+            let sample = sample_of(&mut run.joint_names, state);
+            run.joints.extend(sample);
         }
     }),
     (
@@ -193,6 +215,27 @@ const TOPICS: &[(&str, &str, Take)] = &[
                     angular: vector(&momentum.angular),
                     kinetic_energy: momentum.kinetic_energy,
                     dissipated_energy: momentum.dissipated_energy,
+                });
+            }
+        },
+    ),
+    ("/wheel_states", "sensor_msgs/msg/JointState", |run, m| {
+        if let Ok(state) = m.decode() {
+            let sample = sample_of(&mut run.wheel_names, state);
+            run.wheels.extend(sample);
+        }
+    }),
+    (
+        "/ground_truth/appendages",
+        "fuyu_msgs/msg/AppendageStates",
+        |run, m| {
+            if let Ok(states) = m.decode::<AppendageStates>() {
+                run.deformation.push(DeformationSample {
+                    time: states.header.stamp.nanos(),
+                    strain_energy: states.strain_energy,
+                    joint_names: states.joint_name,
+                    motor_position: states.motor_position,
+                    motor_velocity: states.motor_velocity,
                 });
             }
         },
@@ -269,6 +312,7 @@ impl RecordedRun {
         Self {
             model: self.model.clone(),
             joint_names: self.joint_names.clone(),
+            wheel_names: self.wheel_names.clone(),
             goal: self.goal.clone(),
             frames: self.frames.clone(),
             ..Self::default()
@@ -289,35 +333,6 @@ impl RecordedRun {
             && self.momentum.is_empty()
             && self.base.is_empty()
             && self.controller.is_empty()
-    }
-
-    fn add_joints(&mut self, state: JointState) {
-        if self.joint_names.is_empty() {
-            self.joint_names.clone_from(&state.name);
-        }
-        let n = self.joint_names.len();
-        let ordered = |values: &[f64]| -> Option<Vec<f64>> {
-            if state.name == self.joint_names {
-                return (values.len() == n).then(|| values.to_vec());
-            }
-            self.joint_names
-                .iter()
-                .map(|wanted| {
-                    let i = state.name.iter().position(|name| name == wanted)?;
-                    values.get(i).copied()
-                })
-                .collect()
-        };
-        let (Some(q), Some(qd)) = (ordered(&state.position), ordered(&state.velocity)) else {
-            return;
-        };
-        let effort = ordered(&state.effort).unwrap_or_default();
-        self.joints.push(JointSample {
-            time: state.header.stamp.nanos(),
-            q,
-            qd,
-            effort,
-        });
     }
 
     fn add_frames(&mut self, message: &Message) {
@@ -368,6 +383,29 @@ impl RecordedRun {
         ];
         first.into_iter().flatten().min().unwrap_or(0)
     }
+}
+
+/// A sample with values in the order of `names`, which the first message gives; `None` if it lacks some.
+fn sample_of(names: &mut Vec<String>, state: JointState) -> Option<JointSample> {
+    if names.is_empty() {
+        names.clone_from(&state.name);
+    }
+    let ordered = |values: &[f64]| -> Option<Vec<f64>> {
+        if state.name == *names {
+            return (values.len() == names.len()).then(|| values.to_vec());
+        }
+        let value_of = |wanted: &String| {
+            let i = state.name.iter().position(|name| name == wanted)?;
+            values.get(i).copied()
+        };
+        names.iter().map(value_of).collect()
+    };
+    Some(JointSample {
+        time: state.header.stamp.nanos(),
+        q: ordered(&state.position)?,
+        qd: ordered(&state.velocity)?,
+        effort: ordered(&state.effort).unwrap_or_default(),
+    })
 }
 
 fn seen(message: &Message) -> Option<SeenPose> {

@@ -1,9 +1,11 @@
 //! Momentum and energy of a recorded run.
 
 use nalgebra::Vector3;
-use std::collections::HashMap;
+use std::{borrow::Cow, collections::HashMap};
 
-use super::recorded::{BaseSample, ExternalSample, JointSample, MomentumSample, RecordedRun};
+use super::recorded::{
+    BaseSample, DeformationSample, ExternalSample, JointSample, MomentumSample, RecordedRun,
+};
 use crate::dynamics::{Momentum, State, Workspace};
 use crate::model::{Model, Spring};
 
@@ -66,6 +68,11 @@ pub(super) enum Missing {
 
 /// Momentum from joint states, odometry and robot description, independent of `ground_truth/momentum`.
 pub(super) fn motion_momentum(run: &RecordedRun) -> Result<MotionMomentum, Missing> {
+    if !run.wheels.is_empty() || !run.deformation.is_empty() {
+        return Err(Missing::Data(
+            "robot_description does not describe appendages, elastic joints and wheels",
+        ));
+    }
     let model = match &run.model {
         None => return Err(Missing::Data("no robot_description")),
         Some(Err(e)) => return Err(Missing::Model(e.clone())),
@@ -136,17 +143,28 @@ impl<'a> WorkSince<'a> {
     }
 }
 
-/// Kinetic energy compared with the work of joint efforts, springs and external wrenches minus what the joints
-/// dissipate. That is recorded; if it is not, it is damping.
+/// Kinetic and strain energy compared with the work of joint efforts, wheel torques, springs and external wrenches
+/// minus what is dissipated. That is recorded; if it is not, it is the joints' damping.
 pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'static str> {
     let energy: HashMap<i64, &MomentumSample> = run.momentum.iter().map(|m| (m.time, m)).collect();
+    let strain: HashMap<i64, f64> = (run.deformation.iter())
+        .map(|sample| (sample.time, sample.strain_energy))
+        .collect();
+    // A robot without deformation has no strain energy.
+    let stored = |m: &MomentumSample| match strain.is_empty() {
+        true => Some(m.kinetic_energy),
+        false => Some(m.kinetic_energy + strain.get(&m.time)?),
+    };
     if energy.is_empty() {
         return Err("no ground_truth/momentum");
     }
     if !run.joints.iter().any(|j| !j.effort.is_empty()) {
         return Err("joint_states contain no effort");
     }
+    let driven = Driven::of(run);
+    let joints = driven.samples;
     let mut passive = passive(run);
+    passive.resize(passive.len() + driven.more, Default::default());
     if run.momentum.iter().any(|m| m.dissipated_energy != 0.0) {
         for (damping, _) in &mut passive {
             *damping = 0.0;
@@ -155,8 +173,8 @@ pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'stati
     let (mut flow, mut peak, mut residual) = (0.0, 0.0f64, None);
     let (mut difference, mut unresolved) = (0.0, 0.0);
     let mut since: Option<WorkSince<'_>> = None;
-    let usual = usual_period(&run.joints);
-    for (i, pair) in run.joints.windows(2).enumerate() {
+    let usual = usual_period(&joints);
+    for (i, pair) in joints.windows(2).enumerate() {
         if pair[1].time - pair[0].time > usual * 3 / 2 {
             // Samples, and so the efforts, are missing: restart the balance.
             (since, difference) = (None, 0.0);
@@ -171,12 +189,15 @@ pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'stati
             continue;
         };
         last.work += done + external;
-        let next = run.joints.get(i + 2).unwrap_or(&pair[1]);
+        let next = joints.get(i + 2).unwrap_or(&pair[1]);
         last.unresolved += unresolved_work(&pair[0], &pair[1], next);
-        if let Some(e1) = energy.get(&pair[1].time) {
+        let stored_now = energy
+            .get(&pair[1].time)
+            .and_then(|e1| Some((e1, stored(e1)?)));
+        if let (Some((e1, now)), Some(before)) = (stored_now, stored(last.sample)) {
             let lost = e1.dissipated_energy - last.sample.dissipated_energy;
             flow += lost;
-            let found = (e1.kinetic_energy - last.sample.kinetic_energy) + lost - last.work;
+            let found = (now - before) + lost - last.work;
             let explained = if found.abs() <= last.unresolved {
                 found
             } else {
@@ -197,6 +218,73 @@ pub(super) fn energy_balance(run: &RecordedRun) -> Result<EnergyBalance, &'stati
         flow: peak.max(flow),
         peak,
     })
+}
+
+/// Everything that motors drive: the joints, then the motors of elastic joints, then the wheels.
+struct Driven<'a> {
+    samples: Cow<'a, [JointSample]>,
+    /// How many there are besides the joints.
+    more: usize,
+}
+
+impl<'a> Driven<'a> {
+    fn of(run: &'a RecordedRun) -> Self {
+        let no_motors = run.deformation.iter().all(|d| d.joint_names.is_empty());
+        if run.wheels.is_empty() && no_motors {
+            return Self {
+                samples: Cow::Borrowed(&run.joints),
+                more: 0,
+            };
+        }
+        let wheels: HashMap<i64, &JointSample> = run.wheels.iter().map(|w| (w.time, w)).collect();
+        // Samples of other motors than the first one's cannot be compared with it.
+        let motors = run.deformation.first().map_or(&[][..], |d| &d.joint_names);
+        let is_whole = |d: &&DeformationSample| {
+            let lengths = [d.motor_position.len(), d.motor_velocity.len()];
+            d.joint_names == motors && lengths == [motors.len(); 2]
+        };
+        let deformation: HashMap<i64, &DeformationSample> = (run.deformation.iter())
+            .filter(is_whole)
+            .map(|d| (d.time, d))
+            .collect();
+        let joined = run.joints.iter().filter_map(|joints| {
+            let mut sample = joints.clone();
+            sample.effort.resize(sample.q.len(), 0.0);
+            if !no_motors {
+                add_motors(
+                    &mut sample,
+                    deformation.get(&joints.time)?,
+                    &run.joint_names,
+                );
+            }
+            if !run.wheels.is_empty() {
+                let wheels = wheels.get(&joints.time)?;
+                sample.q.extend(&wheels.q);
+                sample.qd.extend(&wheels.qd);
+                sample.effort.extend(&wheels.effort);
+            }
+            Some(sample)
+        });
+        let samples: Vec<JointSample> = joined.collect();
+        let all = samples.first().map_or(0, |sample| sample.q.len());
+        Self {
+            more: all.saturating_sub(run.joint_names.len()),
+            samples: Cow::Owned(samples),
+        }
+    }
+}
+
+/// Adds the motors of elastic joints, on which the joints' efforts act.
+fn add_motors(sample: &mut JointSample, deformation: &DeformationSample, names: &[String]) {
+    let angles = deformation.motor_position.iter();
+    let motors = angles.zip(&deformation.motor_velocity);
+    for (joint, (angle, rate)) in deformation.joint_names.iter().zip(motors) {
+        let of_joint = names.iter().position(|name| name == joint);
+        let effort = of_joint.map_or(0.0, |j| std::mem::take(&mut sample.effort[j]));
+        sample.q.push(*angle);
+        sample.qd.push(*rate);
+        sample.effort.push(effort);
+    }
 }
 
 /// Median time between samples \[ns\].

@@ -6,11 +6,16 @@ use std::path::Path;
 use super::{ClosedLoop, Moment};
 use crate::{
     bag::{BagError, Recording, Topic, TopicId, Writer, WriterOptions},
+    control::Stamp,
     msg::{Interface, rosgraph_msgs, std_msgs},
     nodes::{
+        attitude::AttitudeMessages,
         camera,
         controller::ControllerMessages,
-        dynamics::{FrameTree, World, imu, joint_states, momentum, odometry},
+        dynamics::{
+            FrameTree, World, appendage_states, imu, joint_states, momentum, odometry,
+            star_tracker_message, wheel_states,
+        },
         features::feature_frame_to_msg,
         teleop, topics,
     },
@@ -26,11 +31,23 @@ pub struct SimulatedBag {
     odometry: TopicId,
     targets: Vec<TopicId>,
     momentum: TopicId,
+    appendages: Option<TopicId>,
+    wheels: Option<TopicId>,
     imu: TopicId,
     tf: TopicId,
     servo: Option<ServoTopics>,
     /// Commands of an operator.
     rates: Option<TopicId>,
+    attitude: Option<AttitudeTopics>,
+}
+
+/// Topics of the star tracker and of the attitude controller.
+struct AttitudeTopics {
+    star_tracker: TopicId,
+    wheels: TopicId,
+    thrusters: TopicId,
+    state: TopicId,
+    messages: AttitudeMessages,
 }
 
 /// Topics of camera and controller.
@@ -80,6 +97,14 @@ impl SimulatedBag {
                 .map(|t| named(w, &topics::TARGET_ODOMETRY.of(&t.name), &topics::ODOMETRY))
                 .collect::<Result<_, _>>()?,
             momentum: add(w, &topics::MOMENTUM)?,
+            appendages: match appendage_states(Time::ZERO, frames.base(), &run.world) {
+                Some(_) => Some(add(w, &topics::APPENDAGES)?),
+                None => None,
+            },
+            wheels: match wheel_states(Time::ZERO, frames.base(), &run.world) {
+                Some(_) => Some(add(w, &topics::WHEEL_STATES)?),
+                None => None,
+            },
             imu: add(w, &topics::IMU)?,
             tf: add(w, &topics::TF)?,
             servo: if run.image().is_some() {
@@ -100,6 +125,16 @@ impl SimulatedBag {
             rates: match run.is_operated() {
                 true => Some(add(w, &topics::JOINT_COMMANDS)?),
                 false => None,
+            },
+            attitude: match run.attitude() {
+                Some(attitude) => Some(AttitudeTopics {
+                    star_tracker: add(w, &topics::STAR_TRACKER)?,
+                    wheels: add(w, &topics::WHEEL_COMMANDS)?,
+                    thrusters: add(w, &topics::THRUSTER_COMMANDS)?,
+                    state: add(w, &topics::ATTITUDE_STATE)?,
+                    messages: AttitudeMessages::new(attitude),
+                }),
+                None => None,
             },
             writer,
             frames,
@@ -128,6 +163,14 @@ impl SimulatedBag {
             w.write_message(*topic, log, &odometry(stamp, &target.name, &target.body))?;
         }
         w.write_message(self.momentum, log, &momentum(stamp, &world.robot))?;
+        if let (Some(topic), Some(message)) =
+            (self.appendages, appendage_states(stamp, &base, world))
+        {
+            w.write_message(topic, log, &message)?;
+        }
+        if let (Some(topic), Some(message)) = (self.wheels, wheel_states(stamp, &base, world)) {
+            w.write_message(topic, log, &message)?;
+        }
         w.write_message(self.imu, log, &imu(stamp, &base, world))?;
         w.write_message(self.tf, log, &self.frames.transforms(stamp, world))
     }
@@ -145,6 +188,24 @@ impl SimulatedBag {
             };
             let command = teleop::message(drive.steering, header);
             (self.writer).write_message(rates, log_time(stamp), &command)?;
+        }
+        if let (Some(topics), Some(answer)) = (&mut self.attitude, &moment.attitude) {
+            let stamp = Time::from_secs_f64(time);
+            let log = log_time(stamp);
+            let w = &mut self.writer;
+            for frame in answer.frames {
+                w.write_message(topics.star_tracker, log, &star_tracker_message(frame))?;
+            }
+            let messages = &mut topics.messages;
+            if let Some(report) = &answer.report {
+                messages.write_report(answer.attitude, report);
+                w.write_message(topics.state, log, &messages.state)?;
+            }
+            let now = Stamp::from_nanos(stamp.as_nanos());
+            if messages.write_commands(answer.attitude, now) {
+                w.write_message(topics.thrusters, log, &messages.thrusters)?;
+            }
+            w.write_message(topics.wheels, log, &messages.wheels)?;
         }
         let (Some(servo), Some(answer)) = (&mut self.servo, &moment.answer) else {
             return Ok(());

@@ -15,6 +15,7 @@
 //!
 //! A node is a program `fn(&Node) -> Result<(), NodeError>`; [`by_name`] finds it.
 
+pub mod attitude;
 pub mod camera;
 mod choice;
 pub mod controller;
@@ -44,11 +45,12 @@ use crate::ros::{Node, NodeError};
 pub type Program = fn(&Node) -> Result<(), NodeError>;
 
 /// All nodes, in the order in which `fuyu launch` starts them: subscribers before publishers.
-pub const NODES: [(&str, Program); 7] = [
+pub const NODES: [(&str, Program); 8] = [
     ("recorder", recorder::program),
     ("views", views::program),
     ("estimator", estimator::program),
     ("controller", controller::program),
+    ("attitude", attitude::program),
     ("teleop", teleop::program),
     ("camera", camera::program),
     ("dynamics", dynamics::program),

@@ -26,7 +26,7 @@ pub struct Robot {
 }
 
 impl RobotDescription {
-    /// Subscribes; the tip will be the link `tip_link`.
+    /// Subscribes; the tip will be the link `tip_link`, or the base if that is empty.
     ///
     /// # Errors
     /// When the node cannot subscribe.
@@ -82,7 +82,10 @@ impl RobotDescription {
         // The dynamics node, which publishes the description, has warned of repairs, or refused them.
         let repaired = Model::repaired_from_urdf(text, source).map_err(|e| e.to_string())?;
         let model = repaired.model;
-        let tip = tip_frame(&model, &self.tip_link).map_err(|e| format!("{source}: {e}"))?;
+        let tip = match self.tip_link.is_empty() {
+            true => model.frames()[0].clone(),
+            false => tip_frame(&model, &self.tip_link).map_err(|e| format!("{source}: {e}"))?,
+        };
         Ok(Robot { model, tip })
     }
 

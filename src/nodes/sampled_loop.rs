@@ -71,7 +71,8 @@ pub fn instability(
     let controller =
         Controller::with_tips(model.clone(), tip, tips, config).map_err(|e| e.to_string())?;
     let gains = controller.joint_damping();
-    let mut workspace = world.robot.workspace().clone();
+    let mut workspace = Workspace::new(model);
+    workspace.set_positions(&world.robot.state().q);
     let Some(damping) = SampledDamping::at(&mut workspace, &gains) else {
         return Ok(None);
     };

@@ -6,6 +6,7 @@ use std::{
 };
 
 use super::{
+    attitude::{AttitudeLoop, AttitudeParams},
     camera::{CameraParams, camera_frame},
     controller::{ControllerParams, second_tip},
     dynamics::{DynamicsParams, World},
@@ -190,6 +191,19 @@ impl Scenario {
                     gains.map_err(|e| parameter(e.to_string()))
                 })
             }
+            "attitude" => {
+                let params = self.parameters_of(name, AttitudeParams::declare)?;
+                let Some(dynamics) = self.dynamics_of(name.namespace()) else {
+                    return Ok(());
+                };
+                let (Ok(robot), Ok(world)) = (dynamics.robot.compile(), World::new(&dynamics))
+                else {
+                    return Ok(());
+                };
+                let mut attitude = AttitudeLoop::new(&params, &robot).map_err(at)?;
+                let q = world.robot.state().q.as_slice();
+                attitude.design(q).map_err(at)
+            }
             "teleop" => {
                 let params = self.parameters_of(name, TeleopParams::declare)?;
                 let is_controller =
@@ -233,6 +247,20 @@ impl Scenario {
             let found = found.ok()??;
             Some(format!("{}: node {name}: {found}", self.path.display()))
         };
+        let attitudes = self.nodes.iter().filter(|n| n.name() == "attitude");
+        let of_attitude = |name: &NodeName| {
+            let dynamics = self.dynamics_of(name.namespace())?;
+            let params = self.parameters_of(name, AttitudeParams::declare).ok()?;
+            let world = World::new(&dynamics).ok()?;
+            let mut attitude = AttitudeLoop::new(&params, world.robot.model()).ok()?;
+            let delay = match in_one_thread || dynamics.lockstep {
+                true => 0.0,
+                false => 1.0 / dynamics.state_rate,
+            };
+            let found = attitude.instability(world.robot.state().q.as_slice(), delay);
+            let found = found.ok()??;
+            Some(format!("{}: node {name}: {found}", self.path.display()))
+        };
         // The dynamics node warns itself.
         let of_robots = self.nodes.iter();
         let of_robots = of_robots.filter(|n| in_one_thread && n.name() == "dynamics");
@@ -240,7 +268,9 @@ impl Scenario {
             let dynamics = self.dynamics_of(name.namespace());
             dynamics.map_or_else(Vec::new, |dynamics| dynamics.repairs())
         });
-        repairs.chain(controllers.filter_map(warning)).collect()
+        (repairs.chain(controllers.filter_map(warning)))
+            .chain(attitudes.filter_map(of_attitude))
+            .collect()
     }
 
     /// The robot that the dynamics node of a namespace simulates, if there is one and it is valid.
@@ -311,6 +341,14 @@ impl Scenario {
     /// A line per wrong parameter.
     pub fn controller(&self) -> Result<ControllerParams, String> {
         self.parameters("controller", |d| Ok(ControllerParams::declare(d)))
+    }
+
+    /// Parameters of the attitude node.
+    ///
+    /// # Errors
+    /// A line per wrong parameter.
+    pub fn attitude(&self) -> Result<AttitudeParams, String> {
+        self.parameters("attitude", AttitudeParams::declare)
     }
 
     /// Parameters of the teleop node.

@@ -9,8 +9,11 @@ use std::marker::PhantomData;
 use crate::{
     msg::{
         Interface,
-        fuyu_msgs::{ControllerState, ExternalImpulse, FeatureTracks, Momentum, MotionEstimate},
-        geometry_msgs::{PoseStamped, TwistStamped, Vector3Stamped, WrenchStamped},
+        fuyu_msgs::{
+            AppendageStates, AttitudeState, ControllerState, ExternalImpulse, FeatureTracks, Momentum,
+            MotionEstimate, ThrusterCommands,
+        },
+        geometry_msgs::{PoseStamped, QuaternionStamped, TwistStamped, Vector3Stamped, WrenchStamped},
         nav_msgs::{Odometry, Path},
         rosgraph_msgs::Clock,
         sensor_msgs::{CameraInfo, Imu, JointState, Joy},
@@ -60,9 +63,9 @@ topics! {
     /// Simulated time.
     CLOCK: Topic<Clock> = "/clock", CLOCK, ["dynamics"] => ["all with `use_sim_time`"];
     /// The robot's URDF.
-    ROBOT_DESCRIPTION: Topic<Text> = "robot_description", LATCHED, ["dynamics"] => ["camera", "controller", "teleop"];
+    ROBOT_DESCRIPTION: Topic<Text> = "robot_description", LATCHED, ["dynamics"] => ["attitude", "camera", "controller", "teleop"];
     /// Joint positions, joint rates and mean joint efforts.
-    JOINT_STATES: Topic<JointState> = "joint_states", RELIABLE, ["dynamics"] => ["camera", "controller", "teleop"];
+    JOINT_STATES: Topic<JointState> = "joint_states", RELIABLE, ["dynamics"] => ["attitude", "camera", "controller", "teleop"];
     /// Frames that move.
     TF: Topic<TFMessage> = "/tf", TF, ["dynamics"] => ["recorder"];
     /// Frames that do not move in their parent frame.
@@ -74,13 +77,25 @@ topics! {
     /// A target's URDF, with links named as its frames.
     TARGET_DESCRIPTION: TargetTopic<Text> = "ground_truth/NAME/robot_description", LATCHED, ["dynamics"] => ["viewers"];
     /// Angular velocity and acceleration of the base, as measured.
-    IMU: Topic<Imu> = "imu", RELIABLE, ["dynamics"] => ["controller", "estimator", "teleop"];
+    IMU: Topic<Imu> = "imu", RELIABLE, ["dynamics"] => ["attitude", "controller", "estimator", "teleop"];
+    /// Attitude of the base in the world, as measured by the star tracker at the time of the stamp.
+    STAR_TRACKER: Topic<QuaternionStamped> = "star_tracker", RELIABLE, ["dynamics"] => ["attitude"];
     /// True momentum and kinetic energy.
     MOMENTUM: Topic<Momentum> = "ground_truth/momentum", RELIABLE, ["dynamics"] => ["views"];
-    /// What external wrenches have changed; from the first one on.
+    /// True deformation of appendages and elastic joints.
+    APPENDAGES: Topic<AppendageStates> = "ground_truth/appendages", RELIABLE, ["dynamics"] => ["recorder"];
+    /// Angles, speeds and mean motor torques of the wheels.
+    WHEEL_STATES: Topic<JointState> = "wheel_states", RELIABLE, ["dynamics"] => ["attitude"];
+    /// What external wrenches and thrusters have changed; from the first one on.
     EXTERNAL_IMPULSE: Topic<ExternalImpulse> = "ground_truth/external_impulse", RELIABLE, ["dynamics"] => ["recorder"];
     /// Joint efforts to hold, joint rates to drive to, or joint positions to hold.
     JOINT_COMMANDS: Topic<JointState> = "joint_commands", RELIABLE, ["controller", "teleop"] => ["dynamics"];
+    /// Motor torques of the wheels to hold, as efforts.
+    WHEEL_COMMANDS: Topic<JointState> = "wheel_commands", RELIABLE, ["attitude"] => ["dynamics"];
+    /// How long thrusters are on.
+    THRUSTER_COMMANDS: Topic<ThrusterCommands> = "thruster_commands", RELIABLE, ["attitude"] => ["dynamics"];
+    /// Reference of the base's attitude in the world.
+    ATTITUDE_TARGET: Topic<QuaternionStamped> = "attitude_target", RELIABLE, ["you"] => ["attitude"];
     /// A trajectory for some of the joints.
     JOINT_TRAJECTORY: Topic<JointTrajectory> = "joint_trajectory", RELIABLE, ["you"] => ["dynamics"];
     /// Timed poses that the tip follows.
@@ -109,6 +124,8 @@ topics! {
     CMD_VEL: Topic<TwistStamped> = "cmd_vel", RELIABLE, ["you"] => ["teleop"];
     /// Measurements, law and efforts of the controller.
     CONTROLLER_STATE: Topic<ControllerState> = "controller/state", RELIABLE, ["controller"] => ["recorder"];
+    /// Estimates, torques and momentum of the attitude controller.
+    ATTITUDE_STATE: Topic<AttitudeState> = "attitude/state", RELIABLE, ["attitude"] => ["recorder"];
     /// Estimated angular velocity of the target.
     TARGET_RATE: Topic<Vector3Stamped> = "estimator/angular_velocity", RELIABLE, ["estimator"] => ["controller"];
     /// Estimated motion and inertia of the target.

@@ -1,10 +1,12 @@
 //! The `fuyu` executable: exit codes, output, error messages; and the examples.
 
+mod attitude;
 mod bad_urdf;
 mod control;
 mod estimate;
 mod estimate_bad_input;
 mod examples;
+mod flexible;
 mod free_motion;
 mod fuyu;
 mod input_files;

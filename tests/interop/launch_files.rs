@@ -223,6 +223,7 @@ fn named(scenario: &Path) -> Vec<String> {
     let text = fs::read_to_string(scenario).expect("a scenario");
     let keys = text.lines().filter(|line| !line.starts_with([' ', '#']));
     let keys = keys.filter_map(|line| line.strip_suffix(':'));
+    let keys = keys.filter(|key| !key.contains('*'));
     let mut keys: Vec<_> = keys.map(str::to_owned).collect();
     keys.sort();
     keys

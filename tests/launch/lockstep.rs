@@ -61,6 +61,8 @@ fn a_launched_run_equals_the_simulated_one() {
     equals_the_simulated_one(CONFIG, DURATION, 2001);
     // Together with a camera that sends features and an estimator that solves for seconds.
     equals_the_simulated_one("config/servicing.yaml", "5", 501);
+    // Wheels that hold the base, with a late star tracker and a gyro with a bias.
+    equals_the_simulated_one("config/attitude_hold.yaml", "10", 1001);
     repeat_if_late(a_moving_goal_seen_with_noise);
 }
 

@@ -1,6 +1,5 @@
 //! `fuyu inspect`: mass properties, Jacobians and inertias of a robot.
 
-mod joint_values;
 mod reach;
 
 use std::fmt::Write;
@@ -9,8 +8,8 @@ use std::path::PathBuf;
 use nalgebra::{DMatrix, DVector, Isometry3, Matrix6xX, UnitQuaternion, Vector3};
 use serde::Serialize;
 
-use self::joint_values::JointValues;
 use self::reach::{Goal, ReachReport};
+use super::joint_values::{self, JointValues};
 use super::table::{matrix, number, shown, width};
 use super::{Failure, Numbers, print, read_model};
 use crate::dynamics::{Input, State, Workspace};

@@ -4,7 +4,7 @@ use std::{net::SocketAddr, path::PathBuf};
 
 use super::Args;
 use crate::{
-    nodes::{self, recorder, scenario::Scenario},
+    nodes::{self, recorder, scenario::Scenario, topics},
     ros::{NodeName, ParameterValue, RosArgs},
 };
 
@@ -40,6 +40,15 @@ impl Plan {
         if args.lockstep {
             scenario.set("dynamics", "lockstep", ParameterValue::Bool(true));
             scenario.set("controller", "lockstep", ParameterValue::Bool(true));
+            if scenario.has("attitude") {
+                scenario.set("attitude", "lockstep", ParameterValue::Bool(true));
+                let mut awaited = vec![topics::WHEEL_COMMANDS.name.to_owned()];
+                if scenario.has("controller") {
+                    awaited.push(topics::JOINT_COMMANDS.name.to_owned());
+                }
+                let awaited = ParameterValue::StringArray(awaited);
+                scenario.set("dynamics", "lockstep_on", awaited);
+            }
             scenario.set("dynamics", "real_time_factor", ParameterValue::Double(0.0));
         }
         // Check everything before any node starts, so that invalid input leaves no bag behind.

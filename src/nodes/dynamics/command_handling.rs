@@ -29,6 +29,8 @@ pub struct CommandHandler {
     responses: ResponseTracker,
     status: StepStatus,
     lockstep: bool,
+    /// Whether every state waits for a command.
+    is_awaited: bool,
     /// Age of the last command above which the robot is halted \[s\].
     timeout: f64,
     /// Simulated time at which the last valid command arrived \[s\].
@@ -66,6 +68,7 @@ impl CommandHandler {
             responses: ResponseTracker::default(),
             status,
             lockstep: params.lockstep,
+            is_awaited: params.lockstep && params.lockstep_on.joints,
             timeout: params.command_timeout,
             last_command: None,
             refused: 0,
@@ -299,7 +302,7 @@ impl CommandHandler {
     /// Whether time may advance in lockstep: the present state has a response, or a motion that is being executed
     /// (`is_moving`) needs none. Always true without lockstep.
     pub fn may_advance(&self, is_moving: bool) -> bool {
-        !self.lockstep || self.responses.is_answered() || is_moving
+        !self.is_awaited || self.responses.is_answered() || is_moving
     }
 
     /// Whether the last state has no response yet but is likely to get one.

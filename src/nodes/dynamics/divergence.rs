@@ -1,6 +1,7 @@
 //! Divergence: a motion that grows beyond all measure, and the state to return to.
 
-use crate::dynamics::{Floating, Momentum, State};
+use super::free_body::{FreeBody, Restorable};
+use crate::dynamics::Floating;
 
 /// Largest speed of a joint or of a base \[rad/s or m/s\]. No mechanism reaches it, while its square, which accelerations and
 /// energies depend on, is far from the largest number. A motion that diverges exceeds it within a few steps.
@@ -10,7 +11,7 @@ const MAX_SPEED: f64 = 1e6;
 const MAX_DISTANCE: f64 = 1e13;
 
 /// What is not finite in a body's motion, or beyond all measure; `None` if all is well.
-pub fn of(body: &Floating) -> Option<String> {
+pub fn of(body: &(impl FreeBody + ?Sized)) -> Option<String> {
     let state = body.state();
     let joints = body.model().joints().iter();
     for (joint, rate) in joints.zip(&state.qd) {
@@ -22,7 +23,7 @@ pub fn of(body: &Floating) -> Option<String> {
             return Some(format!("joint '{}' moves at {rate:.1e} {unit}", joint.name));
         }
     }
-    let twist = body.workspace().V_WB_B();
+    let twist = body.V_WB_B();
     let (w, v) = (twist.angular.norm(), twist.linear.norm());
     if is_beyond(w, MAX_SPEED) {
         return Some(format!("its base turns at {w:.1e} rad/s"));
@@ -34,34 +35,34 @@ pub fn of(body: &Floating) -> Option<String> {
     if is_beyond(distance, MAX_DISTANCE) {
         return Some(format!("it is {distance:.1e} m from the origin"));
     }
-    (!state.is_finite()).then(|| "its state is not finite".to_owned())
+    (!body.is_finite()).then(|| "its state is not finite".to_owned())
 }
 
 /// Whether a value is not a number, or larger than `limit`.
-fn is_beyond(value: f64, limit: f64) -> bool {
+pub(super) fn is_beyond(value: f64, limit: f64) -> bool {
     let is_within = value.abs() <= limit;
     !is_within
 }
 
 /// The state of a body before its last step, to return to after a divergence.
-pub struct StateBackup {
-    state: State,
+pub struct StateBackup<B: Restorable = Floating> {
+    saved: B::Saved,
     /// Whether the body was restored since the last command.
     is_restored: bool,
 }
 
-impl StateBackup {
+impl<B: Restorable> StateBackup<B> {
     /// The present state.
-    pub fn new(body: &Floating) -> Self {
+    pub fn new(body: &B) -> Self {
         Self {
-            state: body.state().clone(),
+            saved: body.saved(),
             is_restored: false,
         }
     }
 
     /// Saves the present state.
-    pub fn save(&mut self, body: &Floating) {
-        self.state.copy_from(body.state());
+    pub fn save(&mut self, body: &B) {
+        body.save_to(&mut self.saved);
     }
 
     /// The body is commanded.
@@ -71,24 +72,13 @@ impl StateBackup {
 
     /// Restores the saved state of a robot, with its joints at rest and the same momentum. If that was done since the last
     /// command already, the motion is in the momentum: the robot comes to rest altogether.
-    pub fn restore(&mut self, body: &mut Floating, time: f64) {
-        if std::mem::replace(&mut self.is_restored, true) {
-            self.restore_at_rest(body, time);
-        } else {
-            let momentum = self.state.momentum_W;
-            self.restore_at_rest(body, time);
-            let mut state = body.state().clone();
-            state.momentum_W = momentum;
-            body.set_state(state);
-        }
+    pub fn restore(&mut self, body: &mut B, time: f64) {
+        let keeps_momentum = !std::mem::replace(&mut self.is_restored, true);
+        body.restore_stopped(&self.saved, time, keeps_momentum);
     }
 
     /// Restores the saved state of a body, at rest. Its time becomes `time` \[s\].
-    pub fn restore_at_rest(&self, body: &mut Floating, time: f64) {
-        let mut state = self.state.clone();
-        state.time = time;
-        state.qd.fill(0.0);
-        state.momentum_W = Momentum::default();
-        body.set_state(state);
+    pub fn restore_at_rest(&self, body: &mut B, time: f64) {
+        body.restore_stopped(&self.saved, time, false);
     }
 }

@@ -2,8 +2,9 @@
 
 use nalgebra::Vector3;
 
+use super::robot::Robot;
 use crate::{
-    dynamics::{Floating, Input, Momentum, State, Workspace},
+    dynamics::{Input, Momentum, State, Workspace},
     model::{Frame, Model},
     spatial::{Pose, Wrench},
 };
@@ -103,7 +104,7 @@ impl ExternalWrenches {
     }
 
     /// Nothing has changed and nothing acts, as at the start. The change is still published if it was: time may go on.
-    pub fn reset(&mut self, robot: &mut Floating) {
+    pub fn reset(&mut self, robot: &mut Robot) {
         self.wrenches.clear();
         self.unset(robot);
         self.change = ExternalChange::default();
@@ -116,7 +117,7 @@ impl ExternalWrenches {
 
     /// The steps since [`Self::save_change`] have diverged and are discarded: they have changed nothing, and all
     /// wrenches end.
-    pub fn undo_step(&mut self, robot: &mut Floating) {
+    pub fn undo_step(&mut self, robot: &mut Robot) {
         self.wrenches.clear();
         self.unset(robot);
         self.change = self.saved;
@@ -134,22 +135,25 @@ impl ExternalWrenches {
         within.fold(end, f64::min)
     }
 
-    /// Steps the robot from `time` \[s\], `steps` times by `dt` \[s\], under the wrenches that act at `time`.
-    pub fn step(&mut self, robot: &mut Floating, time: f64, dt: f64, steps: usize) {
-        if self.wrenches.is_empty() && !self.is_set {
+    /// Steps the robot from `time` \[s\], `steps` times by `dt` \[s\], under the wrenches that act at `time`. What its
+    /// thrusters do counts as well.
+    pub fn step(&mut self, robot: &mut Robot, time: f64, dt: f64, steps: usize) {
+        if self.wrenches.is_empty() && !self.is_set && !robot.is_firing() {
             return robot.step(dt, steps);
         }
         self.wrenches.retain(|w| w.until > time + 1e-12);
         let acts = |w: &ExternalWrench| w.from <= time + 1e-12;
-        if !self.wrenches.iter().any(acts) {
+        let any_acts = self.wrenches.iter().any(acts);
+        if !any_acts {
             self.unset(robot);
-            return robot.step(dt, steps);
+            if !robot.is_firing() {
+                return robot.step(dt, steps);
+            }
         }
-        (self.has_acted, self.is_set) = (true, true);
+        (self.has_acted, self.is_set) = (true, any_acts);
         for _ in 0..steps {
-            let state = robot.state();
-            let (before, energy) = (state.momentum_W, state.work + state.dissipated.total());
-            self.q.copy_from_slice(state.q.as_slice());
+            let before = Before::of(robot);
+            self.q.copy_from_slice(robot.state().q.as_slice());
             let Self {
                 wrenches,
                 workspace,
@@ -158,31 +162,67 @@ impl ExternalWrenches {
             let mut set_at = |_: f64, state: &State, input: &mut Input| {
                 set(wrenches.iter().filter(|w| acts(w)), state, workspace, input);
             };
-            robot.step_with(dt, &mut set_at);
-            self.record(robot, &before, energy);
+            match any_acts {
+                true => robot.step_with(dt, &mut set_at),
+                false => robot.step(dt, 1),
+            }
+            self.record(robot, &before);
         }
     }
 
     /// No wrench acts on the robot any more.
-    fn unset(&mut self, robot: &mut Floating) {
+    fn unset(&mut self, robot: &mut Robot) {
         if std::mem::take(&mut self.is_set) {
             robot.input_mut().wrenches.fill(Wrench::ZERO);
         }
     }
 
-    /// Adds what a step has changed that began with `momentum` and with `energy` as work and dissipation.
-    fn record(&mut self, robot: &Floating, momentum: &Momentum, energy: f64) {
+    /// Adds what a step has changed.
+    fn record(&mut self, robot: &Robot, before: &Before) {
         let state = robot.state();
-        self.change.momentum_W.linear += state.momentum_W.linear - momentum.linear;
-        self.change.momentum_W.angular += state.momentum_W.angular - momentum.angular;
+        self.change.momentum_W.linear += state.momentum_W.linear - before.momentum_W.linear;
+        self.change.momentum_W.angular += state.momentum_W.angular - before.momentum_W.angular;
+        self.change.work += match robot.flexible() {
+            Some(robot) => robot.state().partial_work().external - before.external_work,
+            None => {
+                let of_joints = self.work_of_joints(robot);
+                state.work + state.dissipated.total() - before.energy - of_joints
+            }
+        };
+    }
+
+    /// Work of efforts and springs in a step of a rigid robot that began at the positions `self.q` \[J\].
+    fn work_of_joints(&self, robot: &Robot) -> f64 {
+        let state = robot.state();
         let joints = robot.model().joints().iter().zip(robot.efforts());
         let of_joints = joints.enumerate().map(|(j, (joint, effort))| {
             let (a, b) = (self.q[j], state.q[j]);
             let spring = joint.spring.stiffness * (joint.spring.rest - 0.5 * (a + b));
             (effort + spring) * (b - a)
         });
-        let done = state.work + state.dissipated.total() - energy;
-        self.change.work += done - of_joints.sum::<f64>();
+        of_joints.sum()
+    }
+}
+
+/// Before a step.
+struct Before {
+    momentum_W: Momentum,
+    /// Work and dissipation of a rigid robot \[J\].
+    energy: f64,
+    /// Work from outside on a robot with flexible parts \[J\].
+    external_work: f64,
+}
+
+impl Before {
+    fn of(robot: &Robot) -> Self {
+        let state = robot.state();
+        Self {
+            momentum_W: state.momentum_W,
+            energy: state.work + state.dissipated.total(),
+            external_work: robot
+                .flexible()
+                .map_or(0.0, |robot| robot.state().partial_work().external),
+        }
     }
 }
 
@@ -220,19 +260,19 @@ fn on_body(wrench: &ExternalWrench, state: &State, workspace: &Workspace) -> Wre
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dynamics::{IntegrationMethod, State};
+    use crate::dynamics::{Floating, IntegrationMethod, State};
     use nalgebra::UnitQuaternion;
 
-    fn robot() -> Floating {
+    fn robot() -> Robot {
         let xml = include_str!("../../../urdf/seven_joints.urdf");
         let model = Model::from_urdf(xml, "seven_joints").unwrap();
         let q = nalgebra::DVector::from_row_slice(&[0.3, 0.6, -0.2, 1.4, 0.2, 0.9, 0.1]);
         let mut state = State::at_rest_with(&model, &q);
         state.R_WB = UnitQuaternion::from_euler_angles(0.3, -0.5, 1.1);
-        Floating::new(model, state, IntegrationMethod::Rk4)
+        Floating::new(model, state, IntegrationMethod::Rk4).into()
     }
 
-    fn wrench(robot: &Floating, link: &str, axes: WrenchAxes) -> ExternalWrench {
+    fn wrench(robot: &Robot, link: &str, axes: WrenchAxes) -> ExternalWrench {
         ExternalWrench {
             link: robot.model().frame(link).unwrap().clone(),
             axes,
@@ -245,7 +285,7 @@ mod tests {
     }
 
     /// Steps to `end` as the world does.
-    fn run(robot: &mut Floating, wrenches: &mut ExternalWrenches, end: f64) {
+    fn run(robot: &mut Robot, wrenches: &mut ExternalWrenches, end: f64) {
         let mut time = 0.0;
         while time < end - 1e-12 {
             let next = wrenches.next_change(time, f64::min(time + 0.01, end));

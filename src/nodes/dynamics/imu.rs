@@ -4,10 +4,10 @@ use nalgebra::Vector3;
 use rand::{RngExt, SeedableRng, rngs::StdRng};
 use rand_distr::StandardNormal;
 
-use super::{messages::header, world::World};
+use super::{free_body::FreeBody as _, messages::header, world::World};
 use crate::{
     msg::sensor_msgs,
-    nodes::geometry::vector_to_msg,
+    nodes::{geometry::vector_to_msg, placement::declare_vector},
     ros::{Declare, Time},
 };
 
@@ -18,6 +18,10 @@ pub struct ImuParams {
     pub gyro_noise: f64,
     /// Standard deviation of each component of a measured acceleration \[m/s²\].
     pub accelerometer_noise: f64,
+    /// Bias of each component of the measured angular velocity at the start \[rad/s\].
+    pub gyro_bias: Vector3<f64>,
+    /// Rate random walk of the bias \[rad/s^³⁄²\].
+    pub gyro_bias_walk: f64,
     /// Seed of the noise.
     pub seed: u64,
 }
@@ -38,11 +42,33 @@ impl ImuParams {
                 "imu.accelerometer_noise",
                 "Standard deviation of each component of the measured acceleration [m/s2]",
             ),
+            gyro_bias_walk: noise(
+                "imu.gyro_bias_walk",
+                "Rate random walk of the gyro's bias, which stands for its instability [rad/s^(3/2)]",
+            ),
+            gyro_bias: declare_vector(
+                declare,
+                "imu.gyro_bias",
+                "Bias of the measured angular velocity at the start [rad/s]",
+            ),
             seed: (declare.param("imu.seed", 1, "Seed of the measurement noise"))
                 .read_only()
                 .value()
                 .unsigned_abs(),
         }
+    }
+}
+
+impl ImuParams {
+    /// Change of the gyro's bias in the tick numbered `tick`, which took `seconds` \[s\].
+    pub(super) fn bias_step(&self, tick: u64, seconds: f64) -> Vector3<f64> {
+        if self.gyro_bias_walk == 0.0 {
+            return Vector3::zeros();
+        }
+        // Other numbers than those of the noise.
+        let mut random = StdRng::seed_from_u64(!(self.seed.rotate_left(32) ^ tick));
+        let mut normal = || random.sample::<f64, _>(StandardNormal);
+        Vector3::new(normal(), normal(), normal()) * (self.gyro_bias_walk * seconds.sqrt())
     }
 }
 
@@ -71,15 +97,14 @@ pub(super) fn imu_message(base: &str, params: &ImuParams) -> sensor_msgs::Imu {
 /// Updates a message of [`imu_message`].
 pub(super) fn update_imu(message: &mut sensor_msgs::Imu, stamp: Time, world: &mut World) {
     let params = *world.imu();
-    world.robot.accelerations();
-    let workspace = world.robot.workspace();
-    let acceleration = workspace.A_WF_B(&world.robot.model().frames()[0]).linear;
+    let acceleration = world.robot.A_WB_B().linear;
     let mut random = StdRng::seed_from_u64(params.seed.rotate_left(32) ^ world.ticks());
     let mut with_noise = |truth: Vector3<f64>, noise: f64| {
         let mut normal = || random.sample::<f64, _>(StandardNormal);
         truth + Vector3::new(normal(), normal(), normal()) * noise
     };
-    let angular_velocity = with_noise(workspace.V_WB_B().angular, params.gyro_noise);
+    let biased = world.robot.V_WB_B().angular + world.gyro_bias();
+    let angular_velocity = with_noise(biased, params.gyro_noise);
     let acceleration = with_noise(acceleration, params.accelerometer_noise);
     message.header.stamp = stamp.into();
     message.angular_velocity = vector_to_msg(&angular_velocity);
@@ -113,16 +138,12 @@ mod tests {
     #[test]
     fn an_ideal_unit_measures_how_the_base_moves() {
         let mut world = world(ImuParams::default());
-        let velocity = |world: &World| {
-            let workspace = world.robot.workspace();
-            world.robot.state().R_WB * workspace.V_WB_B().linear
-        };
+        let velocity = |world: &World| world.robot.state().R_WB * world.robot.V_WB_B().linear;
         for _ in 0..100 {
             world.step_to_tick();
         }
         let measured = imu(Time::ZERO, "base_link", &mut world);
-        let workspace = world.robot.workspace();
-        let w = workspace.V_WB_B().angular;
+        let w = world.robot.V_WB_B().angular;
         assert!(w.norm() > 1e-3, "{w}");
         assert_eq!(measured.angular_velocity, vector_to_msg(&w));
         let (before, R_WB) = (velocity(&world), world.robot.state().R_WB);
@@ -146,13 +167,12 @@ mod tests {
         let states = 2000;
         for _ in 0..states {
             world.step_to_tick();
-            let truth = world.robot.workspace().V_WB_B().angular;
+            let truth = world.robot.V_WB_B().angular;
             let measured = imu(Time::ZERO, "base_link", &mut world);
             assert_eq!(measured, imu(Time::ZERO, "base_link", &mut world));
             let w = &measured.angular_velocity;
             squares[0] += (Vector3::new(w.x, w.y, w.z) - truth).norm_squared();
-            let base = &world.robot.model().frames()[0];
-            let a = world.robot.workspace().A_WF_B(base).linear;
+            let a = world.robot.A_WB_B().linear;
             let read = &measured.linear_acceleration;
             squares[1] += (Vector3::new(read.x, read.y, read.z) - a).norm_squared();
         }

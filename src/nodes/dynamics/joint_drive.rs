@@ -2,13 +2,14 @@
 
 use super::{
     external_wrenches::ExternalWrenches, joint_command::Setpoint, mean_efforts::MeanEfforts,
+    robot::Robot,
 };
 use crate::{
     control::{
         ServoGains, VelocityServo, VelocityServoConfig,
-        commander::{ArmMotion, BaseState, JointDuty, JointPoint, JointServo, TwistServo},
+        commander::{ArmMotion, JointDuty, JointPoint, JointServo, TwistServo},
     },
-    dynamics::Floating,
+    model::Model,
 };
 
 /// Longest sampling period of a servo, relative to the time constant of its fastest motion at the start. It overshoots
@@ -54,8 +55,10 @@ pub struct DriveConfig {
     pub position_bandwidth: f64,
 }
 
-/// The drives of one robot. They act on its held efforts ([`Floating::efforts`]), which are stored there only.
+/// The drives of one robot. They act on its held efforts ([`Robot::efforts`]), which are stored there only.
 pub struct JointDrive {
+    /// The robot with all its inertia, and with deformable bodies undeformed.
+    model: Model,
     kinds: Vec<Kind>,
     rate_gains: ServoGains,
     servo: VelocityServo,
@@ -78,17 +81,17 @@ impl JointDrive {
     ///
     /// # Errors
     /// A line that names the wrong parameter of the servo.
-    pub fn new(robot: &Floating, config: &DriveConfig) -> Result<Self, String> {
-        let model = robot.model();
-        let servo = VelocityServo::new(model, config.velocity.clone())
+    pub fn new(robot: &Robot, config: &DriveConfig) -> Result<Self, String> {
+        let model = robot.rigid_model();
+        let servo = VelocityServo::new(&model, config.velocity.clone())
             .map_err(|e| format!("parameter velocity_servo.{e}"))?;
-        let fastest = servo.max_bandwidth(model, &robot.state().q);
+        let fastest = servo.max_bandwidth(&model, &robot.state().q);
         let n = model.dof();
         Ok(Self {
             kinds: vec![Kind::Effort; n],
             rate_gains: config.velocity.gains.clone(),
             periods: [fastest, config.position_bandwidth].map(|fastest| SERVO_PERIOD / fastest),
-            position_servo: JointServo::new(model, config.position_bandwidth),
+            position_servo: JointServo::new(&model, config.position_bandwidth),
             servo,
             reference: vec![JointPoint::default(); n],
             last_step: (0.0, 0.0),
@@ -96,6 +99,7 @@ impl JointDrive {
             changes: 0,
             duties: vec![JointDuty::Track; n],
             mean_efforts: MeanEfforts::new(n),
+            model,
         })
     }
 
@@ -131,7 +135,7 @@ impl JointDrive {
     /// other joints come to rest. Returns which kind of setpoint was cut, if any.
     pub fn command(
         &mut self,
-        robot: &mut Floating,
+        robot: &mut Robot,
         setpoints: impl IntoIterator<Item = (usize, Setpoint)>,
     ) -> Option<&'static str> {
         self.settle(robot);
@@ -149,7 +153,7 @@ impl JointDrive {
                 }
                 Setpoint::Rate(rate) => {
                     self.kinds[joint] = Kind::Rate;
-                    if self.servo.set_reference(robot.model(), joint, rate) {
+                    if self.servo.set_reference(&self.model, joint, rate) {
                         cut = Some("a velocity");
                     }
                 }
@@ -173,7 +177,7 @@ impl JointDrive {
     /// Returns whether any was cut.
     pub fn hold_efforts(
         &mut self,
-        robot: &mut Floating,
+        robot: &mut Robot,
         efforts: impl IntoIterator<Item = (usize, f64)>,
     ) -> bool {
         let setpoints = efforts
@@ -186,7 +190,7 @@ impl JointDrive {
     /// keep what they do. Returns whether any was cut.
     pub fn drive_rates(
         &mut self,
-        robot: &mut Floating,
+        robot: &mut Robot,
         rates: impl IntoIterator<Item = (usize, f64)>,
     ) -> bool {
         let setpoints = rates.into_iter().map(|(j, rate)| (j, Setpoint::Rate(rate)));
@@ -194,7 +198,7 @@ impl JointDrive {
     }
 
     /// Begins a motion of all joints at `time` \[s\] in place of what they do.
-    pub fn begin(&mut self, robot: &Floating, motion: ArmMotion, time: f64) {
+    pub fn begin(&mut self, robot: &Robot, motion: ArmMotion, time: f64) {
         // It may end before its first step.
         self.reference = self.present(robot);
         self.last_step = (time, 0.0);
@@ -211,7 +215,7 @@ impl JointDrive {
     }
 
     /// The joints' motion now: where their references are, or they themselves if they have none or have lost it.
-    pub fn present(&self, robot: &Floating) -> Vec<JointPoint> {
+    pub fn present(&self, robot: &Robot) -> Vec<JointPoint> {
         let state = robot.state();
         let joints = self.kinds.iter().enumerate().map(|(j, kind)| {
             let measured = JointPoint {
@@ -260,7 +264,7 @@ impl JointDrive {
     }
 
     /// Ends a motion: its joints come to rest within a few time constants of the servo, and are held.
-    fn settle(&mut self, robot: &Floating) {
+    fn settle(&mut self, robot: &Robot) {
         if self.motion.is_none() {
             return;
         }
@@ -281,7 +285,7 @@ impl JointDrive {
 
     /// The safe state without commands: driven rates become zero, which stops the arm, and held efforts become zero,
     /// which lets it coast. Positions stay held, and a motion ends in one.
-    pub fn halt(&mut self, robot: &mut Floating) {
+    pub fn halt(&mut self, robot: &mut Robot) {
         self.settle(robot);
         self.servo.halt();
         for (effort, kind) in robot.input_mut().efforts.iter_mut().zip(&self.kinds) {
@@ -292,14 +296,14 @@ impl JointDrive {
     }
 
     /// Holds zero efforts.
-    pub fn release(&mut self, robot: &mut Floating) {
+    pub fn release(&mut self, robot: &mut Robot) {
         self.changes += u64::from(self.motion.take().is_some());
         self.kinds.fill(Kind::Effort);
         robot.release();
     }
 
     /// Everything is as at the start.
-    pub fn reset(&mut self, robot: &mut Floating) {
+    pub fn reset(&mut self, robot: &mut Robot) {
         self.release(robot);
         self.servo.reset();
         self.mean_efforts.reset();
@@ -314,7 +318,7 @@ impl JointDrive {
     /// `wrenches`.
     pub fn step(
         &mut self,
-        robot: &mut Floating,
+        robot: &mut Robot,
         wrenches: &mut ExternalWrenches,
         time: f64,
         seconds: f64,
@@ -350,15 +354,14 @@ impl JointDrive {
     }
 
     /// Sets the servos' efforts for a step of `dt` \[s\] that begins at `now` \[s\].
-    fn set_efforts(&mut self, robot: &mut Floating, mode: DriveMode, now: f64, dt: f64) {
+    fn set_efforts(&mut self, robot: &mut Robot, mode: DriveMode, now: f64, dt: f64) {
         if mode == DriveMode::Rate {
-            let efforts = self.servo.efforts(robot.model(), robot.state(), dt);
+            let efforts = self.servo.efforts(&self.model, robot.state(), dt);
             robot.hold_efforts(efforts.as_slice());
             return;
         }
         if let Some(motion) = &mut self.motion {
-            let base = BaseState::of(robot.state(), robot.workspace());
-            motion.advance(&base, now, dt, &mut self.reference);
+            motion.advance(&robot.base_state(), now, dt, &mut self.reference);
             self.last_step = (now, dt);
         }
         for (j, duty) in self.duties.iter_mut().enumerate() {

@@ -26,6 +26,11 @@ impl MeanEfforts {
         }
     }
 
+    /// Adds the effort of one joint that acts for `seconds`.
+    pub fn add_one(&mut self, joint: usize, effort: f64, seconds: f64) {
+        self.impulses[joint] += effort * seconds;
+    }
+
     /// Ends a tick that was `period` \[s\] long.
     pub fn finish_tick(&mut self, period: f64) {
         for (mean, impulse) in self.means.iter_mut().zip(&mut self.impulses) {

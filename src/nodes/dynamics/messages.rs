@@ -3,9 +3,11 @@
 //! Messages that are published at every state are made once and updated in place (`update_...`), so that the names in
 //! them are not copied again.
 
-use super::{external_wrenches::ExternalChange, target::Target, world::World};
+use super::{
+    external_wrenches::ExternalChange, free_body::FreeBody, robot::Robot, target::Target,
+    world::World,
+};
 use crate::{
-    dynamics::Floating,
     model::{Frame, Model},
     msg::{fuyu_msgs, geometry_msgs, nav_msgs, sensor_msgs, std_msgs, tf2_msgs},
     nodes::geometry::{pose_to_msg, transform_to_msg, vector_to_msg},
@@ -86,13 +88,11 @@ impl FrameTree {
 
     /// Updates a message of [`Self::transforms`] for a world with the same targets.
     pub fn update_transforms(&self, message: &mut tf2_msgs::TFMessage, stamp: Time, world: &World) {
-        let pose_of = |body: &Floating| body.state().X_WB(body.workspace());
-        let workspace = world.robot.workspace();
-        let base = std::iter::once(pose_of(&world.robot));
+        let robot = &world.robot;
+        let base = std::iter::once(robot.X_WB());
         let links = self.moving.iter();
-        let links =
-            links.map(|(frame, parent)| workspace.X_BF(parent).inverse() * workspace.X_BF(frame));
-        let targets = world.targets.iter().map(|target| pose_of(&target.body));
+        let links = links.map(|(frame, parent)| robot.X_BF(parent).inverse() * robot.X_BF(frame));
+        let targets = world.targets.iter().map(|target| target.body.X_WB());
         let poses = base.chain(links).chain(targets);
         for (transform, X) in message.transforms.iter_mut().zip(poses) {
             transform.header.stamp = stamp.into();
@@ -147,7 +147,7 @@ pub(super) fn update_joint_states(
 }
 
 /// Pose in the world, and twist in the body's own axes as `nav_msgs/Odometry` defines it.
-pub fn odometry(stamp: Time, child: &str, body: &Floating) -> nav_msgs::Odometry {
+pub fn odometry(stamp: Time, child: &str, body: &impl FreeBody) -> nav_msgs::Odometry {
     let mut message = odometry_message(child);
     update_odometry(&mut message, stamp, body);
     message
@@ -163,17 +163,16 @@ pub(super) fn odometry_message(child: &str) -> nav_msgs::Odometry {
 }
 
 /// Updates a message of [`odometry_message`].
-pub(super) fn update_odometry(message: &mut nav_msgs::Odometry, stamp: Time, body: &Floating) {
-    let X_WB = body.state().X_WB(body.workspace());
-    let V_WB_B = body.workspace().V_WB_B();
+pub(super) fn update_odometry(message: &mut nav_msgs::Odometry, stamp: Time, body: &impl FreeBody) {
+    let V_WB_B = body.V_WB_B();
     message.header.stamp = stamp.into();
-    message.pose.pose = pose_to_msg(&X_WB);
+    message.pose.pose = pose_to_msg(&body.X_WB());
     message.twist.twist.linear = vector_to_msg(&V_WB_B.linear);
     message.twist.twist.angular = vector_to_msg(&V_WB_B.angular);
 }
 
 /// Momentum and kinetic energy, summed over the bodies, in world axes.
-pub fn momentum(stamp: Time, robot: &Floating) -> fuyu_msgs::Momentum {
+pub fn momentum(stamp: Time, robot: &Robot) -> fuyu_msgs::Momentum {
     let mut message = momentum_message();
     update_momentum(&mut message, stamp, robot);
     message
@@ -188,15 +187,13 @@ pub(super) fn momentum_message() -> fuyu_msgs::Momentum {
 }
 
 /// Updates a message of [`momentum_message`].
-pub(super) fn update_momentum(message: &mut fuyu_msgs::Momentum, stamp: Time, robot: &Floating) {
-    let workspace = robot.workspace();
-    let carried = workspace.carried_momentum();
-    let R_WB = robot.state().R_WB;
+pub(super) fn update_momentum(message: &mut fuyu_msgs::Momentum, stamp: Time, robot: &Robot) {
+    let carried = robot.carried_momentum();
     message.header.stamp = stamp.into();
-    message.linear = vector_to_msg(&(R_WB * carried.linear));
-    message.angular = vector_to_msg(&(R_WB * carried.angular));
-    message.kinetic_energy = workspace.kinetic_energy();
-    message.dissipated_energy = robot.state().dissipated.total();
+    message.linear = vector_to_msg(&carried.linear);
+    message.angular = vector_to_msg(&carried.angular);
+    message.kinetic_energy = robot.kinetic_energy();
+    message.dissipated_energy = robot.state().dissipated.total() + robot.lost_energy();
 }
 
 /// A message of what external wrenches have changed, to be updated.

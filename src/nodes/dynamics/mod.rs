@@ -18,6 +18,9 @@
 //! begins with the joints' present motion, and holds the arm when it is over. Wrenches from outside act on any link
 //! (`wrench_inputs`, `external_wrenches`).
 //!
+//! Torques of wheels are held as joint efforts are, thrusters are on for the time that their command states
+//! (`actuator_inputs`).
+//!
 //! One commander at a time; others are refused until it ends or is silent for `command_timeout`
 //! (`command_arbiter`). Efforts beyond a joint's limit are cut to it, those beyond `max_effort` are refused
 //! (`joint_command`).
@@ -28,11 +31,13 @@
 //! `services` of `simulation_interfaces`. The node is a managed one ([`Lifecycle`]): configured it has its world and
 //! endpoints, active it simulates.
 
+mod actuator_inputs;
 mod clock;
 mod command_arbiter;
 mod command_handling;
 mod divergence;
 mod external_wrenches;
+mod free_body;
 mod imu;
 mod joint_command;
 mod joint_drive;
@@ -42,11 +47,14 @@ mod messages;
 mod motions;
 mod outputs;
 mod params;
+mod part_messages;
 mod real_time_pacing;
 mod response_tracking;
+mod robot;
 mod robot_status;
 mod services;
 mod simulation;
+mod star_tracker;
 mod step_status;
 mod target;
 mod tick_time;
@@ -54,10 +62,15 @@ mod time_status;
 mod world;
 mod wrench_inputs;
 
+pub use external_wrenches::ExternalChange;
+pub use free_body::FreeBody;
 pub use imu::{ImuParams, imu};
 pub use loops::{EndParams, LoopParams};
 pub use messages::{FrameTree, WORLD, joint_states, momentum, odometry};
-pub use params::{Description, DynamicsParams, InitialMotion, TargetParams};
+pub use params::{Description, DynamicsParams, FlexibleParams, InitialMotion, TargetParams};
+pub use part_messages::{appendage_states, wheel_states};
+pub use robot::Robot;
+pub use star_tracker::star_tracker_message;
 pub use target::Target;
 pub use world::World;
 

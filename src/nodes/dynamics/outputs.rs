@@ -7,11 +7,13 @@ use super::{
         update_external_impulse, update_joint_states, update_momentum, update_odometry,
     },
     params::DynamicsParams,
+    part_messages::{appendage_states, update_appendage_states, update_wheel_states, wheel_states},
+    star_tracker::star_tracker_message,
     target::Target,
     world::World,
 };
 use crate::{
-    msg::{Interface, fuyu_msgs, nav_msgs, rosgraph_msgs, sensor_msgs, std_msgs, tf2_msgs},
+    msg::{Interface, fuyu_msgs, geometry_msgs, nav_msgs, rosgraph_msgs, sensor_msgs, std_msgs, tf2_msgs},
     nodes::topics,
     ros::{self, Node, NodeError, Publisher, Time},
 };
@@ -27,9 +29,15 @@ pub struct Outputs {
     /// One for each target, in their order.
     targets: Vec<TargetOutputs>,
     momentum: Output<fuyu_msgs::Momentum>,
-    /// `None` if nobody can apply wrenches.
+    /// `None` for a robot without deformable bodies and elastic joints.
+    appendages: Option<Output<fuyu_msgs::AppendageStates>>,
+    /// `None` for a robot without wheels.
+    wheels: Option<Output<sensor_msgs::JointState>>,
+    /// `None` if nobody can apply wrenches or fire thrusters.
     external_impulse: Option<Output<fuyu_msgs::ExternalImpulse>>,
     imu: Output<sensor_msgs::Imu>,
+    /// `None` without a star tracker.
+    star_tracker: Option<Publisher<geometry_msgs::QuaternionStamped>>,
     tf: Output<tf2_msgs::TFMessage>,
     tf_static: Publisher<tf2_msgs::TFMessage>,
     /// Kept so that late joiners receive the last message.
@@ -93,7 +101,23 @@ impl Outputs {
                 publisher: topics::MOMENTUM.advertise(node)?,
                 message: momentum_message(),
             },
-            external_impulse: match params.motions.interfaces {
+            appendages: match appendage_states(stamp, base, world) {
+                Some(message) => Some(Output {
+                    publisher: topics::APPENDAGES.advertise(node)?,
+                    message,
+                }),
+                None => None,
+            },
+            wheels: match wheel_states(stamp, base, world) {
+                Some(message) => Some(Output {
+                    publisher: topics::WHEEL_STATES.advertise(node)?,
+                    message,
+                }),
+                None => None,
+            },
+            external_impulse: match params.motions.interfaces
+                || !params.flexible.thrusters.is_empty()
+            {
                 true => Some(Output {
                     publisher: topics::EXTERNAL_IMPULSE.advertise(node)?,
                     message: external_impulse_message(),
@@ -103,6 +127,10 @@ impl Outputs {
             imu: Output {
                 publisher: topics::IMU.advertise(node)?,
                 message: imu_message(base, world.imu()),
+            },
+            star_tracker: match world.has_star_tracker() {
+                true => Some(topics::STAR_TRACKER.advertise(node)?),
+                false => None,
             },
             tf: Output {
                 publisher: topics::TF.advertise(node)?,
@@ -170,6 +198,13 @@ impl Outputs {
         self.clock.publish(&rosgraph_msgs::Clock {
             clock: stamp.into(),
         });
+        // Before all else of this state: who answers the state has the measurements that have come.
+        if let Some(publisher) = &self.star_tracker {
+            world.expose_star_tracker();
+            while let Some(frame) = world.next_star_tracker_frame() {
+                publisher.publish(&star_tracker_message(&frame));
+            }
+        }
         self.joint_states
             .publish(|message| update_joint_states(message, stamp, world));
         self.odometry
@@ -179,6 +214,12 @@ impl Outputs {
         }
         self.momentum
             .publish(|message| update_momentum(message, stamp, &world.robot));
+        if let Some(output) = &mut self.appendages {
+            output.publish(|message| update_appendage_states(message, stamp, world));
+        }
+        if let Some(output) = &mut self.wheels {
+            output.publish(|message| update_wheel_states(message, stamp, world));
+        }
         if let (Some(output), Some(change)) =
             (&mut self.external_impulse, world.wrenches().change())
         {

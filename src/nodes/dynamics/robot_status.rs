@@ -1,13 +1,9 @@
-//! Diagnostics of the robot: divergence, joint limits and closed loops.
+//! Diagnostics of the robot: divergence, joint limits, closed loops and deformation.
 
 use std::time::{Duration, Instant};
 
-use super::{params::DynamicsParams, step_status::StepStatus};
-use crate::{
-    dynamics::{Floating, State},
-    model::Model,
-    ros::Node,
-};
+use super::{params::DynamicsParams, robot::Robot, step_status::StepStatus};
+use crate::{dynamics::State, model::Model, ros::Node};
 
 /// Largest gap of a closed loop that is simulated correctly \[m or rad\].
 const LARGEST_GAP: f64 = 1e-6;
@@ -18,7 +14,7 @@ const GAPS_PERIOD: Duration = Duration::from_millis(500);
 /// Shortest time between two log messages about a divergence.
 const LOG_PERIOD: Duration = Duration::from_secs(10);
 
-/// The statuses `motion`, `limits` and, with closed loops, `loop closures`.
+/// The statuses `motion`, `limits` and, with closed loops, `loop closures`, with appendages `deformation`.
 pub struct RobotStatus {
     motion: StepStatus,
     /// How often a body was restored after its motion had diverged.
@@ -26,6 +22,8 @@ pub struct RobotStatus {
     logged: Option<Instant>,
     limits: StepStatus,
     loops: Option<StepStatus>,
+    /// Whether first-order modes describe the deformation; `None` for a rigid robot.
+    deformation: Option<StepStatus>,
     /// Time of the next report of the gaps' values.
     gaps_due: Instant,
 }
@@ -40,6 +38,7 @@ impl RobotStatus {
             logged: None,
             limits: status("limits"),
             loops: (!params.loop_closures.is_empty()).then(|| status("loop closures")),
+            deformation: (!params.flexible.appendages.is_empty()).then(|| status("deformation")),
             gaps_due: Instant::now(),
         }
     }
@@ -63,16 +62,26 @@ impl RobotStatus {
     }
 
     /// Reports the present state of the robot.
-    pub fn report(&mut self, robot: &Floating) {
+    pub fn report(&mut self, robot: &Robot) {
         match beyond_limits(robot.model(), robot.state()) {
             Some(problem) => self.limits.warn(problem),
             None => self.limits.ok("within the joints' limits"),
         }
         self.report_loops(robot);
+        self.report_deformation(robot);
     }
 
-    fn report_loops(&mut self, robot: &Floating) {
-        let Some(status) = &mut self.loops else {
+    fn report_deformation(&mut self, robot: &Robot) {
+        if let (Some(status), Some(robot)) = (&mut self.deformation, robot.flexible()) {
+            match robot.workspace().first_order_excess(robot.state()) {
+                Some(excess) => status.warn(excess.to_string()),
+                None => status.ok("within what the modes describe"),
+            }
+        }
+    }
+
+    fn report_loops(&mut self, robot: &Robot) {
+        let (Some(status), Some(robot)) = (&mut self.loops, robot.rigid()) else {
             return;
         };
         let now = Instant::now();

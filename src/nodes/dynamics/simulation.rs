@@ -3,6 +3,7 @@
 use std::time::{Duration, Instant};
 
 use super::{
+    actuator_inputs::{self, ActuatorInputs},
     clock::{Phase, SimulationClock, long_wait},
     command_handling::CommandHandler,
     motions::{self, Motions},
@@ -38,6 +39,8 @@ pub struct Simulation<'a> {
     pub(super) motions: Motions,
     /// `None` without the parameter `commander_interfaces`.
     pub(super) wrench_inputs: Option<WrenchInputs>,
+    /// `None` for a robot without wheels and thrusters.
+    pub(super) actuator_inputs: Option<ActuatorInputs>,
     pub(super) outputs: Outputs,
     pub(super) services: Services,
     pub(super) steps: StepRequests,
@@ -65,6 +68,7 @@ impl<'a> Simulation<'a> {
                 true => Some(WrenchInputs::new(node)?),
                 false => None,
             },
+            actuator_inputs: ActuatorInputs::new(node, params, &world)?,
             outputs: Outputs::new(node, &world, params)?,
             services: Services::new(node, &params.resource_folders)?,
             steps: StepRequests::new(node)?,
@@ -116,12 +120,7 @@ impl<'a> Simulation<'a> {
             self.wait_for_tick();
         }
         // A service call may have paused, changed or restarted the simulation meanwhile.
-        if self.is_advancing()
-            && self
-                .commands
-                .may_advance(self.motions.is_moving(&self.world))
-            && self.node.ok()
-        {
+        if self.is_advancing() && self.is_answered() && self.node.ok() {
             self.tick();
         }
     }
@@ -135,13 +134,16 @@ impl<'a> Simulation<'a> {
         if let Some(inputs) = &mut self.wrench_inputs {
             inputs.discard(INACTIVE);
         }
+        if let Some(inputs) = &mut self.actuator_inputs {
+            inputs.discard();
+        }
         self.time_status.is_inactive();
         self.node.wait_for(REPUBLISH_PERIOD);
     }
 
     /// The node is deactivated: the robot is halted, and requested steps end.
     pub fn deactivate(&mut self) {
-        self.world.halt();
+        self.world.halt_all();
         self.motions.abort("the node was deactivated");
         self.commands.deactivate();
         self.steps.end("the node was deactivated");
@@ -163,10 +165,13 @@ impl<'a> Simulation<'a> {
 
     /// Time or state was reset: commands, pacing and responses start again.
     pub(super) fn restart(&mut self) {
-        self.world.halt();
+        self.world.halt_all();
         self.motions.abort("the simulation was reset");
         self.motions.discard("the simulation was reset");
         self.commands.restart();
+        if let Some(inputs) = &mut self.actuator_inputs {
+            inputs.restart();
+        }
         self.clock.restart();
     }
 
@@ -174,6 +179,28 @@ impl<'a> Simulation<'a> {
     fn may_advance(&self) -> bool {
         let wanted = self.clock.phase() == Phase::Playing || self.steps.is_pending();
         wanted && self.is_active() && !self.lifecycle.is_asked()
+    }
+
+    /// Lockstep: whether the present state has the commands that it waits for. Always true without lockstep.
+    fn is_answered(&self) -> bool {
+        let is_moving = self.motions.is_moving(&self.world);
+        let inputs = self.actuator_inputs.as_ref();
+        self.commands.may_advance(is_moving) && inputs.is_none_or(ActuatorInputs::may_advance)
+    }
+
+    /// What is known about a command that does not arrive.
+    fn waits_for(&self) -> String {
+        let inputs = self.actuator_inputs.as_ref();
+        let wheels = inputs.and_then(ActuatorInputs::waits_for);
+        wheels.unwrap_or_else(|| self.commands.waits_for())
+    }
+
+    /// Outside lockstep the world is stepped to the simulated time `now` \[s\], at which a command arrives.
+    pub(super) fn step_to_command(&mut self, now: f64) {
+        if self.clock.is_released() && !self.params.lockstep {
+            let stepped = self.world.step_within_tick_or_restore(now);
+            self.robot_status.stepped(stepped);
+        }
     }
 
     /// Whether time still advances since [`SimulationClock::run`].
@@ -199,20 +226,21 @@ impl<'a> Simulation<'a> {
             if !commands.admit(&command, world, is_present) {
                 continue;
             }
-            if self.clock.is_released() && !self.params.lockstep {
-                let stepped = self.world.step_within_tick_or_restore(now);
-                self.robot_status.stepped(stepped);
-            }
+            self.step_to_command(now);
             self.commands.apply(&command, &mut self.world);
             self.clock.release();
         }
         motions::take(self);
         wrench_inputs::take(self);
+        actuator_inputs::take(self, now);
     }
 
     /// Steps to the next state and publishes it; counts it among the requested steps.
     fn tick(&mut self) {
         self.commands.check_age(&mut self.world);
+        if let Some(inputs) = &mut self.actuator_inputs {
+            inputs.check_age(&mut self.world);
+        }
         self.step_to_tick();
         let time = self.world.time();
         self.time_status
@@ -231,6 +259,9 @@ impl<'a> Simulation<'a> {
         self.robot_status.stepped(stepped);
         self.clock.release();
         self.commands.expect_response(self.world.time());
+        if let Some(inputs) = &mut self.actuator_inputs {
+            inputs.expect();
+        }
         self.publish();
         motions::follow(self);
         self.robot_status.report(&self.world.robot);
@@ -261,12 +292,11 @@ impl<'a> Simulation<'a> {
         self.wait_until(|s| {
             if let Some(seconds) = long_wait(since) {
                 let stamp = Time::from_secs_f64(s.world.time());
-                let reason = s.commands.waits_for();
+                let reason = s.waits_for();
                 (s.time_status).waits_for_response(seconds, stamp, &reason);
             }
             s.take_commands(f64::NEG_INFINITY);
-            let is_moving = s.motions.is_moving(&s.world);
-            s.commands.may_advance(is_moving) || !s.is_advancing()
+            s.is_answered() || !s.is_advancing()
         });
     }
 
@@ -326,8 +356,7 @@ fn log_world(params: &DynamicsParams, world: &World) {
             params.state_rate
         );
     }
-    let loops = world.robot.loops();
-    if !loops.closures().is_empty() {
+    if let Some(loops) = world.robot.loops() {
         tracing::info!(
             "{} loop closures leave {} of {} joints free",
             loops.closures().len(),
@@ -340,7 +369,18 @@ fn log_world(params: &DynamicsParams, world: &World) {
         params.robot.source,
         robot.bodies().len(),
         robot.dof(),
-        robot.total_mass(),
+        world.robot.total_mass(),
         world.targets.len()
     );
+    if let Some(robot) = world.robot.flexible() {
+        let system = robot.system();
+        tracing::info!(
+            "{} appendages with {} modes, {} elastic joints, {} wheels, {} thrusters",
+            system.modal_bodies().len(),
+            system.modes(),
+            system.elastic_joints().len(),
+            system.wheels().len(),
+            system.thrusters().len()
+        );
+    }
 }

@@ -4,37 +4,45 @@
 mod tests;
 
 use super::divergence::{self, StateBackup};
-use super::external_wrenches::ExternalWrenches;
+use super::external_wrenches::{ExternalChange, ExternalWrenches};
+use super::free_body::Restorable;
 use super::imu::ImuParams;
 use super::joint_command::Setpoint;
 use super::joint_drive::{DriveMode, JointDrive, step_count};
-use super::loops::LoopParams;
-use super::params::{DynamicsParams, joint_vector};
+use super::mean_efforts::MeanEfforts;
+use super::params::DynamicsParams;
+use super::robot::{Robot, RobotState};
 use super::target::Target;
 use super::tick_time::TickTime;
+use nalgebra::Vector3;
+
 use crate::{
     control::{
         commander::{ArmMotion, TwistServo},
         with_default_effort_limits,
     },
-    dynamics::{Floating, FormulationKind, JointPhysics, State},
+    dynamics::JointPhysics,
     model::Model,
-    nodes::choice,
+    vision::{StarTracker, StarTrackerFrame},
 };
 
 /// The robot and the free bodies. They share nothing but time.
 pub struct World {
     /// The robot.
-    pub robot: Floating,
+    pub robot: Robot,
     /// The free bodies.
     pub targets: Vec<Target>,
     /// The robot's state at the start.
-    start: State,
+    start: RobotState,
     /// The robot's state before the last step.
-    backup: StateBackup,
+    backup: StateBackup<Robot>,
     drive: JointDrive,
+    wheel_torques: MeanEfforts,
     wrenches: ExternalWrenches,
     imu: ImuParams,
+    /// Random walk of the gyro's bias up to the present tick \[rad/s\].
+    gyro_walk: Vector3<f64>,
+    star_tracker: Option<StarTracker>,
     time: TickTime,
     /// Longest integration step \[s\].
     time_step: f64,
@@ -52,23 +60,7 @@ impl World {
     pub fn new(params: &DynamicsParams) -> Result<Self, String> {
         let described = params.robot.compile()?;
         let (model, default_limits) = limited(&described, params.default_joint_acceleration);
-        let q = &params.initial_joint_positions;
-        let mut state = State::at_rest_with(
-            &model,
-            &joint_vector("initial_joint_positions", q, model.dof())?,
-        );
-        let qd = &params.initial_joint_velocities;
-        state.qd = joint_vector("initial_joint_velocities", qd, model.dof())?;
-        let mut loops =
-            LoopParams::loops(&params.loop_closures, &model).map_err(|e| e.to_string())?;
-        (loops.assemble(&mut state, params.loop_tolerance)).map_err(|e| e.to_string())?;
-        params.base.place(&model, &mut state);
-        let robot = Floating::with_loops(loops, state, params.method);
-        let robot = robot.with_joint_physics(&params.joint_physics);
-        let robot = robot.with_formulation(params.formulation).map_err(|e| {
-            let name = choice::name_of(&FormulationKind::NAMES, &params.formulation);
-            format!("parameter formulation is '{name}': {e}")
-        })?;
+        let robot = Robot::new(params, &model)?;
         if let Some(what) = divergence::of(&robot) {
             return Err(format!(
                 "the robot cannot be simulated from its start: {what}"
@@ -85,12 +77,17 @@ impl World {
         Ok(Self {
             not_simulated: not_simulated(&robot, &params.joint_physics),
             drive: JointDrive::new(&robot, &params.drive)?,
+            wheel_torques: MeanEfforts::new(
+                robot.flexible().map_or(0, |r| r.system().wheels().len()),
+            ),
             wrenches: ExternalWrenches::new(robot.model()),
-            start: robot.state().clone(),
+            start: robot.saved(),
             backup: StateBackup::new(&robot),
             robot,
             targets: targets.collect::<Result<_, _>>()?,
             imu: params.imu,
+            gyro_walk: Vector3::zeros(),
+            star_tracker: params.star_tracker.clone().map(StarTracker::new),
             time: TickTime::new(params.state_rate),
             time_step: params.time_step,
             default_limits,
@@ -131,14 +128,16 @@ impl World {
     pub(super) fn reset_time(&mut self) {
         self.wrenches.clear(None);
         self.time.reset();
+        self.gyro_walk = Vector3::zeros();
     }
 
     /// Robot and free bodies return to their states at the start, or to those in which they were spawned. Nothing acts
     /// on them.
     pub(super) fn reset_state(&mut self) {
-        self.robot.set_state(self.start.clone());
+        self.robot.restore(&self.start);
         self.drive.reset(&mut self.robot);
         self.wrenches.reset(&mut self.robot);
+        self.wheel_torques.reset();
         for target in &mut self.targets {
             target.reset();
         }
@@ -147,6 +146,30 @@ impl World {
     /// Errors of the inertial measurement unit.
     pub(super) fn imu(&self) -> &ImuParams {
         &self.imu
+    }
+
+    /// Bias of the gyro now \[rad/s\].
+    pub(super) fn gyro_bias(&self) -> Vector3<f64> {
+        self.imu.gyro_bias + self.gyro_walk
+    }
+
+    /// Shows the star tracker the present attitude. Call this for every state, once.
+    pub fn expose_star_tracker(&mut self) {
+        let time = self.time.now();
+        if let Some(tracker) = &mut self.star_tracker {
+            tracker.show(time, &self.robot.state().R_WB);
+        }
+    }
+
+    /// The next attitude that the star tracker delivers now, oldest first.
+    pub fn next_star_tracker_frame(&mut self) -> Option<StarTrackerFrame> {
+        let time = self.time.now();
+        self.star_tracker.as_mut()?.deliver(time)
+    }
+
+    /// Whether there is a star tracker.
+    pub fn has_star_tracker(&self) -> bool {
+        self.star_tracker.is_some()
     }
 
     /// What the robot's description contains but is not simulated, as a line; `None` if all of it is.
@@ -170,10 +193,12 @@ impl World {
     /// # Errors
     /// A line with the time, what moves too fast, and what helps.
     pub fn check_divergence(&self) -> Result<(), String> {
-        let targets = self.targets.iter().map(|t| (t.name.as_str(), &t.body));
-        for (name, body) in std::iter::once(("the robot", &self.robot)).chain(targets) {
-            if let Some(what) = divergence::of(body) {
-                return Err(self.diverged(name, &what));
+        if let Some(what) = divergence::of(&self.robot) {
+            return Err(self.diverged("the robot", &what));
+        }
+        for target in &self.targets {
+            if let Some(what) = divergence::of(&target.body) {
+                return Err(self.diverged(&target.name, &what));
             }
         }
         Ok(())
@@ -199,6 +224,8 @@ impl World {
         let seconds = self.time.advance_to_tick();
         self.step_from(start, seconds);
         self.drive.finish_tick(self.time.period());
+        self.wheel_torques.finish_tick(self.time.period());
+        self.gyro_walk += self.imu.bias_step(self.time.ticks(), self.time.period());
     }
 
     /// Steps to the next tick, and restores what has diverged, as [`Self::restore_diverged`].
@@ -245,6 +272,7 @@ impl World {
                 self.wrenches.undo_step(&mut self.robot);
                 self.drive.release(&mut self.robot);
                 self.drive.discard_efforts();
+                self.wheel_torques.reset();
             }
             for target in &mut self.targets {
                 if divergence::of(&target.body).is_some() {
@@ -258,6 +286,45 @@ impl World {
     /// Mean joint efforts between the last two ticks \[N m or N\].
     pub(super) fn mean_efforts(&self) -> &[f64] {
         self.drive.mean_efforts()
+    }
+
+    /// Mean torques of the wheels' motors between the last two ticks \[N m\].
+    pub(super) fn mean_wheel_torques(&self) -> &[f64] {
+        self.wheel_torques.means()
+    }
+
+    /// Holds `torques` of wheels (wheel index, torque \[N m\]) from now on. Each motor gives what its limits allow. Other
+    /// wheels keep theirs.
+    ///
+    /// # Panics
+    /// If the robot has fewer wheels.
+    pub fn hold_wheel_torques(&mut self, torques: impl IntoIterator<Item = (usize, f64)>) {
+        self.backup.command();
+        if let Some(robot) = self.robot.flexible_mut() {
+            for (i, torque) in torques {
+                robot.input_mut().wheel_torques[i] = torque;
+            }
+        }
+    }
+
+    /// The torques of all wheels are zero from now on.
+    pub fn release_wheels(&mut self) {
+        if let Some(robot) = self.robot.flexible_mut() {
+            robot.input_mut().wheel_torques.fill(0.0);
+        }
+    }
+
+    /// Opens the valves of thrusters for some time from now on (thruster index, time \[s\]). Others keep what they do.
+    ///
+    /// # Panics
+    /// If the robot has fewer thrusters.
+    pub fn fire(&mut self, on_times: impl IntoIterator<Item = (usize, f64)>) {
+        self.backup.command();
+        if let Some(robot) = self.robot.flexible_mut() {
+            for (i, seconds) in on_times {
+                robot.fire(i, seconds);
+            }
+        }
     }
 
     /// Holds joint `efforts` (joint index, effort \[N m or N\]) from now on, cut to the joints' limits. Other joints
@@ -301,6 +368,11 @@ impl World {
         &self.wrenches
     }
 
+    /// What wrenches from outside and thrusters have changed since the start; `None` if none has acted.
+    pub fn external_change(&self) -> Option<&ExternalChange> {
+        self.wrenches.change()
+    }
+
     /// Wrenches from outside, to add or clear some.
     pub(super) fn wrenches_mut(&mut self) -> &mut ExternalWrenches {
         &mut self.wrenches
@@ -324,6 +396,25 @@ impl World {
         self.drive.halt(&mut self.robot);
     }
 
+    /// Halts the joints, and sets the torques of the wheels to zero.
+    pub(super) fn halt_all(&mut self) {
+        self.halt();
+        self.release_wheels();
+    }
+
+    /// Adds the torques that the wheels' motors give during the next `seconds`.
+    fn add_wheel_torques(&mut self, seconds: f64) {
+        if let Some(robot) = self.robot.flexible() {
+            let wheels = robot.system().wheels().iter();
+            let commands = robot.input().wheel_torques.iter();
+            let speeds = robot.state().wheel_speeds().iter();
+            for (i, (wheel, (command, speed))) in wheels.zip(commands.zip(speeds)).enumerate() {
+                let torque = wheel.limited_torque(*command, *speed, seconds);
+                self.wheel_torques.add_one(i, torque, seconds);
+            }
+        }
+    }
+
     /// Steps from the time `start` \[s\] by `seconds`, which end now.
     fn step_from(&mut self, start: f64, seconds: f64) {
         self.backup.save(&self.robot);
@@ -339,6 +430,7 @@ impl World {
                 (false, false) => end - time,
                 (_, true) => next - time,
             };
+            self.add_wheel_torques(part);
             (self.drive).step(
                 &mut self.robot,
                 &mut self.wrenches,
@@ -372,11 +464,19 @@ fn limited(described: &Model, acceleration: f64) -> (Model, (Vec<String>, f64)) 
     }
 }
 
-/// What only mechanisms without closed loops can do, if it is asked for.
-fn not_simulated(robot: &Floating, settings: &JointPhysics) -> Option<String> {
-    if robot.loops().closures().is_empty() {
-        return None;
+/// What only rigid mechanisms without closed loops can do, if it is asked for.
+fn not_simulated(robot: &Robot, settings: &JointPhysics) -> Option<String> {
+    if let Some(robot) = robot.flexible() {
+        let names: Vec<_> = robot.system().unsimulated_joints(settings).collect();
+        return (!names.is_empty()).then(|| {
+            format!(
+                "Coulomb friction, stops and speed limits of {} are not simulated for a robot with flexible parts, wheels or thrusters; \
+                 damping and springs are (joint_physics.friction, .stops and .velocity_limits switch this note off)",
+                names.join(", ")
+            )
+        });
     }
+    robot.loops()?;
     let joints = robot.model().joints().iter();
     let more_than_damped = joints.filter(|joint| {
         let limits = &joint.limits;

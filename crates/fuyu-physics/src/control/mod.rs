@@ -6,9 +6,12 @@
 //! A [`Law`] computes joint efforts. A [`Controller`] runs one law: it compensates the latency of the camera, adds
 //! joint damping, and changes law or gains without a step in the efforts.
 //!
+//! [`attitude`] holds the base by wheels and thrusters.
+//!
 //! [`commander`] has what joint trajectories, paths and twists of the tip need: the drives of a robot that others
 //! command.
 
+pub mod attitude;
 mod auto_gains;
 mod bumpless_transfer;
 pub mod commander;

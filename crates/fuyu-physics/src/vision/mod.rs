@@ -1,4 +1,5 @@
-//! Cameras on the moving base: pose measurements of tip and goal, feature tracks of a body, and how accurate they are.
+//! Cameras on the moving base: pose measurements of tip and goal, feature tracks of a body, attitudes of a star tracker,
+//! and how accurate they are.
 
 mod delay_line;
 mod exposure_schedule;
@@ -8,9 +9,11 @@ mod frame_stream;
 mod pinhole;
 mod pixel_noise;
 mod pose_camera;
+mod star_tracker;
 
 pub use feature_camera::{BodyPoint, FeatureCamera, FeatureCameraConfig};
 pub use feature_frame::{Feature, FeatureFrame};
 pub use pinhole::{Pinhole, PinholeError};
 pub use pixel_noise::PoseAccuracy;
 pub use pose_camera::{PoseCamera, PoseCameraConfig, PoseFrame};
+pub use star_tracker::{StarTracker, StarTrackerConfig, StarTrackerFrame};

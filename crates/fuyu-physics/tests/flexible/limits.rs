@@ -3,7 +3,7 @@
 use fuyu_physics::dynamics::IntegrationMethod;
 use fuyu_physics::dynamics::flexible::{
     ElasticJoint, FirstOrderQuantity, FlexibleError, FlexibleInput, FlexibleIntegrator,
-    FlexibleState, FlexibleSystem, FlexibleWorkspace, RotorModel, Wheel,
+    FlexibleState, FlexibleSystem, FlexibleWorkspace, LinearModel, RotorModel, Wheel,
 };
 use fuyu_physics::spatial::{Pose, Twist};
 use fuyu_structures::ElasticLink;
@@ -44,6 +44,50 @@ fn motion_beyond_first_order_is_reported() {
     assert_eq!(warning(&second, 0.5, 2.0), None);
 }
 
+// An arm's load lowers the frequencies of its links: those of link2 alone begin at 28 Hz. The limit is compared with
+// the linear model, whose mass matrix comes from momenta. Would break if the unloaded link's frequency were used.
+#[test]
+fn the_limit_of_an_elastic_link_is_that_of_the_loaded_one() {
+    let model = servicer();
+    let link = ElasticLink {
+        length: 2.5,
+        mass_per_length: 20.0,
+        EI: [2e5, 2e5],
+        radius_of_gyration: 0.07,
+        fixed_interface_modes: 1,
+        elements: 8,
+        damping_time: 0.0,
+        second_order: false,
+    };
+    let body = link.appendage("link2").unwrap();
+    let alone = body.frequencies().unwrap()[0];
+    let system = FlexibleSystem::builder(&model)
+        .elastic_link("link2", Pose::identity(), body, 0)
+        .build()
+        .unwrap();
+    let q = DVector::from_row_slice(&[0.3, 0.8, -1.4, 0.6, 0.4, 0.0]);
+    let linear = LinearModel::new(&system, &q);
+    let modes = linear.base_and_modes().split_off(6);
+    let loaded = linear.frequencies_hz(&modes).unwrap()[0] * std::f64::consts::TAU;
+    assert!(loaded < 0.5 * alone, "{loaded} {alone}");
+    let limit_at = |w: f64| {
+        let mut state = FlexibleState::at_rest_with(&system, &q);
+        let mut workspace = FlexibleWorkspace::new(&system);
+        let V = Twist::new(Vector3::y() * w, Vector3::zeros());
+        state.set_base(&mut workspace, &Pose::identity(), &V);
+        workspace.set_state(&state);
+        let excess = workspace.first_order_excess(&state);
+        excess.map(|excess| (excess.quantity, excess.limit))
+    };
+    assert_eq!(limit_at(0.099 * loaded), None);
+    let (quantity, limit) = limit_at(0.101 * loaded).unwrap();
+    assert_eq!(quantity, FirstOrderQuantity::Rate);
+    assert!(
+        (limit / (0.1 * loaded) - 1.0).abs() < 1e-9,
+        "{limit} {loaded}"
+    );
+}
+
 // Just below the limit the run stays bounded, just above it diverges: the limit is that of the method.
 #[test]
 fn steps_above_the_stability_limit_are_found() {
@@ -75,6 +119,10 @@ fn steps_above_the_stability_limit_are_found() {
         assert_eq!(part, "joint5");
         println!("{method:?}: {frequency_hz} Hz, limit {limit} s; {error}");
         system.check_step(&q, method, 0.99 * limit).unwrap();
+        for step in [f64::NAN, 0.0, -0.01, f64::INFINITY] {
+            let refused = system.check_step(&q, method, step).unwrap_err().to_string();
+            assert_eq!(refused, format!("step [s] is {step}; it must be positive"));
+        }
         let run = |step: f64| {
             let mut state = FlexibleState::at_rest(&system);
             state.motor_angles_mut()[0] = 1e-3;

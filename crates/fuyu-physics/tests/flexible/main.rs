@@ -5,6 +5,7 @@
 
 #![allow(non_snake_case)]
 
+mod attitude;
 mod chain;
 mod conservation;
 mod cost;

@@ -1,12 +1,12 @@
 //! Fixtures, the servicer with its panels, and comparisons.
 
 use fuyu_physics::dynamics::flexible::{
-    FlexibleBuilder, FlexibleState, FlexibleSystem, FlexibleWorkspace, Wheel,
+    FlexibleBuilder, FlexibleState, FlexibleSystem, FlexibleWorkspace, Thruster, Wheel,
 };
 use fuyu_physics::model::Model;
 use fuyu_physics::spatial::{Pose, Twist};
 use fuyu_structures::{Appendage, PlateStrip};
-use nalgebra::{DVector, Quaternion, Rotation3, Translation3, UnitQuaternion, Vector3};
+use nalgebra::{DVector, Quaternion, Rotation3, Translation3, Unit, UnitQuaternion, Vector3};
 use serde_json::Value;
 
 /// Amplitudes and periods of the joint efforts, and damping, of the fixtures' runs.
@@ -140,19 +140,57 @@ pub fn servicer_with_panels(alpha: f64) -> FlexibleSystem {
         .unwrap()
 }
 
-/// The same with wheels about the base's axes.
-pub fn servicer_with_wheels(alpha: f64) -> FlexibleSystem {
-    let model = servicer();
+/// Adds wheels about the base's axes, with a momentum limit of 100 N m s.
+pub fn with_wheels(mut builder: FlexibleBuilder, model: &Model, max_torque: f64) -> FlexibleBuilder {
     let base = model.frame("base_link").unwrap();
-    let mut builder = with_panels(&model, &panel(false), alpha);
     for (name, axis) in [
         ("x", Vector3::x_axis()),
         ("y", Vector3::y_axis()),
         ("z", Vector3::z_axis()),
     ] {
         let mut wheel = Wheel::new(name, axis, 0.2);
-        (wheel.max_torque, wheel.max_momentum) = (4.0, 100.0);
+        (wheel.max_torque, wheel.max_momentum) = (max_torque, 100.0);
         builder = builder.wheel(base, wheel);
+    }
+    builder
+}
+
+/// The servicer with panels, and wheels of at most `max_torque`.
+pub fn servicer_with_wheels_of(alpha: f64, max_torque: f64) -> FlexibleSystem {
+    let model = servicer();
+    let builder = with_panels(&model, &panel(false), alpha);
+    with_wheels(builder, &model, max_torque).build().unwrap()
+}
+
+/// The servicer with panels and wheels of 4 N m.
+pub fn servicer_with_wheels(alpha: f64) -> FlexibleSystem {
+    servicer_with_wheels_of(alpha, 4.0)
+}
+
+/// The same with twelve thrusters of 2 N and 20 ms, which make couples about the base's axes.
+pub fn servicer_with_wheels_and_thrusters() -> FlexibleSystem {
+    let model = servicer();
+    let base = model.frame("base_link").unwrap();
+    let mut builder = with_wheels(with_panels(&model, &panel(false), 0.0), &model, 4.0);
+    for axis in 0..3 {
+        let (along, across) = ((axis + 1) % 3, (axis + 2) % 3);
+        for (i, (side, sense)) in [(1.0, 1.0), (-1.0, -1.0), (1.0, -1.0), (-1.0, 1.0)]
+            .into_iter()
+            .enumerate()
+        {
+            let mut position = Vector3::zeros();
+            position[along] = side;
+            let mut direction = Vector3::zeros();
+            direction[across] = sense;
+            let thruster = Thruster {
+                name: format!("{}{i}", ["x", "y", "z"][axis]),
+                position,
+                direction: Unit::new_normalize(direction),
+                thrust: 2.0,
+                min_on_time: 0.02,
+            };
+            builder = builder.thruster(base, thruster);
+        }
     }
     builder.build().unwrap()
 }

@@ -19,7 +19,8 @@ crate::messages! {
         angular: Vector3,
         /// Kinetic energy, including that of the system's centre of mass \[J\].
         kinetic_energy: f64,
-        /// Energy that damping, friction and stops of the joints have taken since the start \[J\].
+        /// Energy that damping, friction and stops of the joints, deformation and bearings of wheels have taken since the
+        /// start \[J\].
         dissipated_energy: f64,
     }
 
@@ -35,6 +36,41 @@ crate::messages! {
         angular: Vector3,
         /// Work done on the robot \[J\].
         work: f64,
+    }
+
+    /// Deformation of a robot's appendages and elastic joints.
+    message AppendageStates {
+        /// Time of the state; the robot's base frame.
+        header: Header,
+        /// Names of the appendages.
+        name: Vec<String>,
+        /// Number of modes of each appendage; mu and mud have those of the first one, then those of the next.
+        modes: Vec<u32>,
+        /// Modal coordinates \[kg^1/2 m if modes are mass-normalised\].
+        mu: Vec<f64>,
+        /// Their rates.
+        mud: Vec<f64>,
+        /// Displacement of each appendage's tip, or of its first output point \[m\], in axes of its attachment frame; zero
+        /// if it has none.
+        tip_displacement: Vec<Vector3>,
+        /// Names of the elastic joints.
+        joint_name: Vec<String>,
+        /// Angles of their motors on the output side of the gear \[rad or m\].
+        motor_position: Vec<f64>,
+        /// Rates of their motors on the output side of the gear \[rad/s or m/s\].
+        motor_velocity: Vec<f64>,
+        /// Strain energy of appendages and elastic joints \[J\].
+        strain_energy: f64,
+    }
+
+    /// Opens the valves of thrusters.
+    message ThrusterCommands {
+        /// Time of the state that the command answers.
+        header: Header,
+        /// Names of the thrusters; others keep what they do.
+        name: Vec<String>,
+        /// How long each is on from now \[s\], which replaces what is left of an earlier command; zero closes the valve.
+        on_time: Vec<f64>,
     }
 
     /// What the tip controller saw, decided and sent in one step.
@@ -80,6 +116,54 @@ crate::messages! {
         second_position_error_norm: f64,
         /// As attitude_error_angle, of the second tip \[rad\].
         second_attitude_error_angle: f64,
+    }
+
+    /// What the attitude controller estimated, decided and sent in one step.
+    ///
+    /// Vectors are in axes of the robot's base frame. Torques are on the base.
+    message AttitudeState {
+        /// Time of the step; the robot's base frame.
+        header: Header,
+        /// Attitude law in use.
+        law: String,
+        /// What the torques are: `law`, `rate_damping` (the attitude is not known) or `zero_torque` (there is no gyro).
+        mode: String,
+        /// Whether a star tracker has measured the attitude, so that orientation and error mean something.
+        attitude_known: bool,
+        /// Estimated attitude of the base in the world.
+        orientation: Quaternion,
+        /// Estimated angular velocity of the base \[rad/s\].
+        angular_velocity: Vector3,
+        /// Estimated bias of the gyro \[rad/s\].
+        gyro_bias: Vector3,
+        /// Covariance of the attitude's rotation vector \[rad2\] and of the bias \[rad2/s2\], 6 x 6 by rows.
+        covariance: Vec<f64>,
+        /// Reference of the attitude.
+        target: Quaternion,
+        /// Rotation vector from the reference to the base, for small angles \[rad\].
+        attitude_error: Vector3,
+        /// Angle of the rotation from the reference to the base, 0 to pi \[rad\].
+        attitude_error_angle: f64,
+        /// Torque of the law \[N m\].
+        law_torque: Vector3,
+        /// Torque for the motion of the arm \[N m\].
+        feed_forward_torque: Vector3,
+        /// Torque that the wheels are commanded to give \[N m\].
+        wheel_torque: Vector3,
+        /// Mean torque of the thrusters until the next step \[N m\].
+        thruster_torque: Vector3,
+        /// Angular momentum of the wheels \[N m s\].
+        wheel_momentum: Vector3,
+        /// Largest share of its momentum limit that a wheel has; 1 is the limit.
+        wheel_load: f64,
+        /// Number of wheels that are at a limit.
+        saturated_wheels: u32,
+        /// Thrusters take momentum from the wheels.
+        unloading: bool,
+        /// Age of the last measurement of the star tracker that was used \[s\].
+        star_tracker_age: f64,
+        /// Measurements of the star tracker so far that contradict the estimate.
+        outliers: u32,
     }
 
     /// Feature points of one camera image, each with an identity that lasts from image to image.

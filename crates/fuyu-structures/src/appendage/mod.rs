@@ -23,6 +23,10 @@ pub const FIRST_ORDER_RATE: f64 = 0.1;
 /// Tip deflection as a fraction of the length above which first-order modes do not suffice.
 pub const FIRST_ORDER_DEFLECTION: f64 = 0.03;
 
+/// Smallest eigenvalue, with its sign turned, that rounding of given digits may give a singular mass matrix with unit
+/// diagonal.
+const COUPLED_MASS_ROUNDING: f64 = 1e-6;
+
 /// A point of a deformable body at which its deformation is of interest, such as its tip.
 ///
 /// Its position is `position + Σ translation_k μ_k + ½ Σ chi_kl μ_k μ_l` \[m\], its small rotation `Σ rotation_k μ_k` \[rad\].
@@ -181,7 +185,7 @@ impl Appendage {
     ///
     /// # Errors
     /// Matrices of other sizes than n x n, not symmetric or not positive (semi)definite; negative mass; an inertia that is
-    /// not one of a body; a mass matrix of body and modes together that is not positive definite, which means that more mass moves with the modes than
+    /// not one of a body; a mass matrix of body and modes together that is not positive semidefinite, which means that more mass moves with the modes than
     /// there is; output points with other numbers of modes.
     pub fn check(&self) -> Result<(), StructureError> {
         let (n, name) = (self.modes(), &self.name);
@@ -227,6 +231,7 @@ impl Appendage {
                 });
             }
         }
+        self.check_coupled_mass()?;
         for output in &self.outputs {
             let field = format!("{name}, output point {}", output.name);
             error::size(&field, (output.translation.len(), 3), (n, 3))?;
@@ -236,6 +241,30 @@ impl Appendage {
             }
         }
         Ok(())
+    }
+
+    /// Rejects a mass matrix of rigid motion and modes together that is not positive semidefinite. A slender body has no
+    /// inertia about its axis, so that the matrix may be singular. Each row is scaled by its diagonal entry first.
+    fn check_coupled_mass(&self) -> Result<(), StructureError> {
+        let (n, P) = (self.modes(), self.coupling());
+        let mut M = DMatrix::zeros(6 + n, 6 + n);
+        M.view_mut((0, 0), (6, 6))
+            .copy_from(&self.rigid_mass_matrix());
+        M.view_mut((6, 0), (n, 6)).copy_from(&P);
+        M.view_mut((0, 6), (6, n)).copy_from(&P.transpose());
+        M.view_mut((6, 6), (n, n)).copy_from(&self.modal_mass);
+        let scale = M
+            .diagonal()
+            .map(|m| if m > 0.0 { m.sqrt().recip() } else { 1.0 });
+        let scaled = DMatrix::from_fn(6 + n, 6 + n, |i, j| scale[i] * M[(i, j)] * scale[j]);
+        if scaled.symmetric_eigenvalues().min() >= -COUPLED_MASS_ROUNDING {
+            return Ok(());
+        }
+        Err(StructureError::Matrix {
+            matrix: format!("{}, mass matrix of body and modes together", self.name),
+            property: "positive semidefinite",
+            remedy: "the modes move more mass than the body has: check units, reference point and modal mass",
+        })
     }
 
     /// Coupling of the modes to the motion of the attachment: row k is `(∫ psi_k dm, ∫ X × psi_k dm)` about the attachment, n x 6,

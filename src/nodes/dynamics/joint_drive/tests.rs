@@ -1,17 +1,17 @@
 use super::*;
 use crate::{
     control::commander::JointSpline,
-    dynamics::{IntegrationMethod, State},
+    dynamics::{Floating, IntegrationMethod, State},
     model::Model,
 };
 
 /// Two links of 50 kg; the first joint has an effort limit of 5 N m, which accelerates it by about 0.02 rad/s².
-fn robot() -> (Floating, JointDrive) {
+fn robot() -> (Robot, JointDrive) {
     robot_with_effort_limit(5.0)
 }
 
 /// The same with another effort limit of the first joint \[N m\].
-fn robot_with_effort_limit(effort: f64) -> (Floating, JointDrive) {
+fn robot_with_effort_limit(effort: f64) -> (Robot, JointDrive) {
     let joint = r#"<joint name="joint1" type="continuous">"#;
     let urdf = include_str!("../../../../urdf/planar_two_link.urdf");
     let urdf = urdf.replace(
@@ -20,7 +20,7 @@ fn robot_with_effort_limit(effort: f64) -> (Floating, JointDrive) {
     );
     let model = Model::from_urdf(&urdf, "planar").unwrap();
     let state = State::at_rest(&model);
-    let robot = Floating::new(model, state, IntegrationMethod::Rk4);
+    let robot = Robot::from(Floating::new(model, state, IntegrationMethod::Rk4));
     let config = DriveConfig {
         velocity: VelocityServoConfig {
             gains: ServoGains::Bandwidth(10.0),
@@ -32,7 +32,7 @@ fn robot_with_effort_limit(effort: f64) -> (Floating, JointDrive) {
     (robot, drive)
 }
 
-fn step(drive: &mut JointDrive, robot: &mut Floating, time: f64, seconds: f64, time_step: f64) {
+fn step(drive: &mut JointDrive, robot: &mut Robot, time: f64, seconds: f64, time_step: f64) {
     let mut none = ExternalWrenches::new(robot.model());
     drive.step(robot, &mut none, time, seconds, time_step);
 }

@@ -246,7 +246,7 @@ fn begin(simulation: &mut Simulation, motion: ArmMotion) {
 }
 
 fn base_of(world: &World) -> BaseState {
-    BaseState::of(world.robot.state(), world.robot.workspace())
+    world.robot.base_state()
 }
 
 /// Begins with the joints' present motion.
@@ -299,7 +299,7 @@ fn begin_trajectory(
 
 /// Refuses motions of a robot with closed loops, whose joints do not move on their own.
 fn check_tree(world: &World) -> Result<(), String> {
-    match world.robot.loops().closures().is_empty() {
+    match world.robot.loops().is_none() {
         true => Ok(()),
         false => Err(
             "the robot has closed loops; motions are for robots without, use joint_commands"

@@ -112,9 +112,14 @@ impl InitialMotion {
 
     /// Gives the base of `model` this pose and velocity.
     pub fn place(&self, model: &Model, state: &mut State) {
+        let (X_WB, V_WB_B) = self.motion();
+        state.set_base(&mut Workspace::new(model), &X_WB, &V_WB_B);
+    }
+
+    /// Pose in the world, and twist of the frame's origin in its own axes.
+    pub fn motion(&self) -> (Isometry3<f64>, Twist) {
         let linear_B = self.pose.rotation.inverse() * self.velocity_W;
-        let V_WB_B = Twist::new(self.angular_velocity_B, linear_B);
-        state.set_base(&mut Workspace::new(model), &self.pose, &V_WB_B);
+        (self.pose, Twist::new(self.angular_velocity_B, linear_B))
     }
 }
 

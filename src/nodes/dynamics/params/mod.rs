@@ -1,9 +1,16 @@
 //! Parameters of the dynamics node.
 
+mod appendages;
 mod bodies;
+mod elastic_joints;
+mod flexible;
 mod joint_physics;
+mod lockstep;
 mod motions;
+mod numbers;
+mod thrusters;
 mod velocity_servo;
+mod wheels;
 
 pub(super) use bodies::joint_vector;
 pub use bodies::{Description, InitialMotion, TargetParams};
@@ -11,8 +18,9 @@ pub use bodies::{Description, InitialMotion, TargetParams};
 use std::path::PathBuf;
 
 use super::imu::ImuParams;
-use super::joint_drive::DriveConfig;
+use super::joint_drive::{DriveConfig, step_count};
 use super::loops::LoopParams;
+use super::star_tracker::declare_star_tracker;
 use crate::{
     dynamics::{FormulationKind, IntegrationMethod, JointPhysics},
     nodes::{
@@ -20,9 +28,12 @@ use crate::{
         resource::{AllowedFolders, Lookup},
     },
     ros::{Declare, Lifecycle},
+    vision::StarTrackerConfig,
 };
 use bodies::finite_list;
+pub use flexible::FlexibleParams;
 use joint_physics::declare_joint_physics;
+pub use lockstep::LockstepOn;
 pub use motions::{BaseReaction, LiveBaseReaction, MotionParams};
 use motions::{declare_base_reaction, declare_motions, declare_position_servo};
 use velocity_servo::declare_servo;
@@ -42,12 +53,16 @@ pub struct DynamicsParams {
     pub loop_tolerance: f64,
     /// Pose and motion of the base at the start.
     pub base: InitialMotion,
+    /// The robot's flexible parts, wheels and thrusters.
+    pub flexible: FlexibleParams,
     /// Other free-floating bodies.
     pub targets: Vec<TargetParams>,
     /// Folders from which peers may name files to spawn.
     pub resource_folders: AllowedFolders,
     /// The base's inertial measurement unit.
     pub imu: ImuParams,
+    /// The base's star tracker, if it has one.
+    pub star_tracker: Option<StarTrackerConfig>,
     /// Integration method.
     pub method: IntegrationMethod,
     /// Formulation of forward dynamics.
@@ -60,6 +75,8 @@ pub struct DynamicsParams {
     pub real_time_factor: f64,
     /// Lockstep: whether every state waits for the command that answers it.
     pub lockstep: bool,
+    /// The commands that every state waits for in lockstep.
+    pub lockstep_on: LockstepOn,
     /// Whether time stands still until the first command.
     pub start_on_command: bool,
     /// Whether the simulation is paused at the start.
@@ -89,6 +106,12 @@ pub struct DynamicsParams {
 }
 
 impl DynamicsParams {
+    /// Longest integration step between two published states \[s\], without commands in between.
+    pub fn longest_step(&self) -> f64 {
+        let period = 1.0 / self.state_rate;
+        period / step_count(period, self.time_step) as f64
+    }
+
     /// What was repaired in the descriptions of robot and targets: a line per kind.
     pub fn repairs(&self) -> Vec<String> {
         let targets = self.targets.iter().map(|target| &target.description);
@@ -160,6 +183,7 @@ impl DynamicsParams {
             .read_only()
             .value();
         let base = InitialMotion::declare(declare, "base", "base frame");
+        let flexible = FlexibleParams::declare(declare, &lookup);
         let names = declare
             .param(
                 "targets",
@@ -192,6 +216,7 @@ impl DynamicsParams {
             targets.push((name, key, file, lookup, motion));
         }
         let imu = ImuParams::declare(declare);
+        let star_tracker = declare_star_tracker(declare);
         let method = choice::declare(
             declare,
             "integrator",
@@ -258,6 +283,7 @@ impl DynamicsParams {
             )
             .read_only()
             .value();
+        let lockstep_on = LockstepOn::declare(declare);
         let start_on_command = declare
             .param(
                 "start_on_command",
@@ -343,13 +369,26 @@ impl DynamicsParams {
             );
         }
 
-        let (base, loop_closures) = (base?, loop_closures?);
+        let (base, loop_closures, flexible) = (base?, loop_closures?, flexible?);
         // The declaration has refused any other text.
         let formulation = choice::find(&FormulationKind::NAMES, &formulation).unwrap_or_default();
         if !loop_closures.is_empty() && formulation != FormulationKind::Reduced {
             let name = choice::name_of(&FormulationKind::NAMES, &formulation);
             return Err(format!(
                 "parameter formulation is '{name}', which does not support closed loops; loop_closures need 'reduced'"
+            ));
+        }
+        if !flexible.is_empty() && !loop_closures.is_empty() {
+            return Err(
+                "parameter loop_closures: closed loops of robots with appendages, elastic joints, wheels or thrusters are not simulated; remove one of the two"
+                    .to_owned(),
+            );
+        }
+        if !flexible.is_empty() && formulation != FormulationKind::default() {
+            let name = choice::name_of(&FormulationKind::NAMES, &formulation);
+            let usual = choice::name_of(&FormulationKind::NAMES, &FormulationKind::default());
+            return Err(format!(
+                "parameter formulation is '{name}'; robots with appendages, elastic joints, wheels or thrusters need '{usual}'"
             ));
         }
         let robot = if xml.is_empty() {
@@ -374,9 +413,11 @@ impl DynamicsParams {
             loop_closures,
             loop_tolerance,
             base,
+            flexible,
             targets,
             resource_folders: AllowedFolders::new(resource_folders),
             imu,
+            star_tracker,
             // The declaration has refused any other text.
             method: choice::find(&IntegrationMethod::NAMES, &method).unwrap_or_default(),
             formulation,
@@ -384,6 +425,7 @@ impl DynamicsParams {
             state_rate,
             real_time_factor,
             lockstep,
+            lockstep_on,
             start_on_command,
             start_paused,
             autostart,

@@ -4,7 +4,6 @@ use nalgebra::{Isometry3, UnitQuaternion};
 
 use super::entity_filters::Filters;
 use crate::{
-    dynamics::Floating,
     msg::{
         geometry_msgs::{Accel, Twist as TwistMsg},
         simulation_interfaces::{
@@ -18,6 +17,7 @@ use crate::{
     },
     nodes::{
         dynamics::{
+            free_body::FreeBody,
             messages::{WORLD, header},
             world::World,
         },
@@ -35,7 +35,7 @@ impl World {
     }
 
     /// The body of an entity.
-    pub(super) fn body(&mut self, entity: &str) -> Result<&mut Floating, Outcome> {
+    pub(super) fn body(&mut self, entity: &str) -> Result<&mut dyn FreeBody, Outcome> {
         if self.robot.model().name() == entity {
             return Ok(&mut self.robot);
         }
@@ -68,7 +68,7 @@ impl World {
                     "free-floating robot: {} bodies, {} joints, {} kg",
                     model.bodies().len(),
                     model.dof(),
-                    model.total_mass()
+                    self.robot.total_mass()
                 ),
                 tags: vec!["robot".to_owned()],
             });
@@ -94,7 +94,7 @@ impl World {
     /// # Errors
     /// If there is no such frame.
     pub(super) fn frame(&self, frame: &str) -> Result<Isometry3<f64>, Outcome> {
-        let of = |body: &Floating| isometry(&body.state().X_WB(body.workspace()));
+        let of = |body: &dyn FreeBody| isometry(&body.X_WB());
         if frame.is_empty() || frame == WORLD {
             return Ok(Isometry3::identity());
         }
@@ -112,17 +112,14 @@ impl World {
                 ),
             )
         })?;
-        let X_BF = isometry(&self.robot.workspace().X_BF(link));
+        let X_BF = isometry(&self.robot.X_BF(link));
         Ok(of(&self.robot) * X_BF)
     }
 
     fn entity_state(&mut self, entity: &str) -> Result<EntityState, Outcome> {
         let stamp = Time::from_secs_f64(self.time());
         let body = self.body(entity)?;
-        body.accelerations();
-        let (model, workspace) = (body.model(), body.workspace());
-        let X_WB = body.state().X_WB(workspace);
-        let (V_B, A_B) = (workspace.V_WB_B(), workspace.A_WF_B(&model.frames()[0]));
+        let (X_WB, V_B, A_B) = (body.X_WB(), body.V_WB_B(), body.A_WB_B());
         let in_world = |v: &nalgebra::Vector3<f64>| vector_to_msg(&(X_WB.rotation * v));
         Ok(EntityState {
             header: header(stamp, WORLD),

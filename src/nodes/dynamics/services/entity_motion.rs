@@ -2,13 +2,12 @@
 
 use super::{check_active, entities::isometry};
 use crate::{
-    dynamics::Workspace,
     msg::simulation_interfaces::{
         Result as Outcome,
         services::{SetEntityStateRequest, SetEntityStateResponse as Set},
     },
     nodes::{
-        dynamics::{divergence, messages::WORLD, simulation::Simulation},
+        dynamics::{messages::WORLD, simulation::Simulation},
         geometry::{pose_from_msg, vector_from_msg},
     },
     spatial::Twist,
@@ -68,9 +67,9 @@ fn move_entity(
     let body = world.body(&request.entity)?;
     let X_WB = match X_RB {
         Some(X_RB) => X_WR * X_RB,
-        None => isometry(&body.state().X_WB(body.workspace())),
+        None => isometry(&body.X_WB()),
     };
-    let now_B = body.workspace().V_WB_B();
+    let now_B = body.V_WB_B();
     // A pose alone keeps the velocity in the world.
     let R_WB_before = body.state().R_WB;
     let (w_W, v_W) = match request.set_twist {
@@ -79,17 +78,12 @@ fn move_entity(
     };
     let R_BW = X_WB.rotation.inverse();
     let V_WB_B = Twist::new(R_BW * w_W, R_BW * v_W);
-    let mut state = body.state().clone();
-    state.set_base(&mut Workspace::new(body.model()), &X_WB, &V_WB_B);
-    let before = body.state().clone();
-    body.set_state(state);
-    if let Some(what) = divergence::of(body) {
-        body.set_state(before);
-        return Err(Outcome::new(
+    body.move_base(&X_WB, &V_WB_B).map_err(|what| {
+        Outcome::new(
             Outcome::OPERATION_FAILED,
             format!("{} cannot be simulated like this: {what}", request.entity),
-        ));
-    }
+        )
+    })?;
     simulation.outputs.invalidate();
     Ok(())
 }

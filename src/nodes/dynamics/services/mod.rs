@@ -125,6 +125,9 @@ fn answer<S: Service>(
         let response = handler(simulation, call.request);
         if simulation.outputs.is_outdated() {
             simulation.commands.expect_response_again();
+            if let Some(inputs) = &mut simulation.actuator_inputs {
+                inputs.expect();
+            }
             simulation.publish();
         }
         call.reply.send(&response);

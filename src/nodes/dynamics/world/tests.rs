@@ -2,10 +2,10 @@
 
 use super::*;
 use crate::{
-    dynamics::Workspace,
     nodes::{
         dynamics::{
             external_wrenches::{ExternalWrench, WrenchAxes},
+            free_body::FreeBody as _,
             imu, joint_states, momentum,
         },
         scenario::Scenario,
@@ -107,7 +107,7 @@ fn large_efforts_at_any_time_never_end_the_simulation() {
             println!("{:?}", world.robot.state().qd.as_slice());
             problems.extend(found);
             // The robot obeys again.
-            world.robot.set_state(world.start.clone());
+            world.robot.restore(&world.start);
             world.hold_efforts((0..6).map(|j| (j, if j == 1 { 1.0 } else { 0.0 })));
             for _ in 0..100 {
                 world.step_to_tick_or_restore().unwrap();
@@ -127,10 +127,10 @@ fn a_base_that_turns_too_fast_is_stopped() {
     for rate in [100.0, 1e5] {
         let mut world = world("servicing");
         let spin = Twist::new(Vector3::new(0.0, 0.0, rate), Vector3::zeros());
-        let mut state = world.robot.state().clone();
-        let X_WB = Isometry3::identity();
-        state.set_base(&mut Workspace::new(world.robot.model()), &X_WB, &spin);
-        world.robot.set_state(state);
+        world
+            .robot
+            .move_base(&Isometry3::identity(), &spin)
+            .unwrap();
         let mut count = 0;
         for _ in 0..500 {
             count += usize::from(world.step_to_tick_or_restore().is_err());

@@ -11,7 +11,8 @@ use super::composite::Articulated;
 use super::section::Section;
 use super::workspace::{ModalNode, Node, quadratic};
 use super::{
-    FlexibleInput, FlexibleState, FlexibleSystem, FlexibleWorkspace, Losses, ModalBody, RotorModel,
+    FlexibleInput, FlexibleState, FlexibleSystem, FlexibleWorkspace, Losses, ModalBody,
+    PartialWork, RotorModel,
 };
 use crate::dynamics::Evaluation;
 use crate::spatial::{Twist, Wrench};
@@ -25,6 +26,8 @@ pub(super) struct FlexibleEvaluation {
     pub xdd: Vec<f64>,
     /// Dissipated power, by cause \[W\].
     pub losses: Losses,
+    /// Parts of the power of `tree` \[W\].
+    pub partial_power: PartialWork,
     /// Torque between motor and link of each elastic joint.
     pub(super) link_efforts: Vec<f64>,
     /// Torque on each motor, on the output side, then on each wheel.
@@ -38,9 +41,17 @@ impl FlexibleEvaluation {
             tree: Evaluation::zero(system.model()),
             xdd: vec![0.0; system.extras()],
             losses: Losses::default(),
+            partial_power: PartialWork::default(),
             link_efforts: vec![0.0; system.elastic_joints().len()],
             rotor_torques: vec![0.0; rotors],
         }
+    }
+
+    /// Sets all power to zero.
+    pub fn clear_power(&mut self) {
+        self.losses = Losses::default();
+        self.partial_power = PartialWork::default();
+        self.tree.power = 0.0;
     }
 
     /// Efforts of the elastic joints and of motors and wheels, their power and their losses. `hold` is how long the
@@ -52,8 +63,7 @@ impl FlexibleEvaluation {
         input: &FlexibleInput,
         (hold, start_speeds): (f64, &[f64]),
     ) {
-        self.losses = Losses::default();
-        self.tree.power = 0.0;
+        self.clear_power();
         let motors = system.elastic_joints().len();
         let (angles, rates) = (state.motor_angles(), state.motor_rates());
         for (e, (joint, j)) in (system.elastic_joints().iter())
@@ -74,9 +84,10 @@ impl FlexibleEvaluation {
             let torque = wheel.limited_torque(input.wheel_torques[i], start_speeds[i], hold);
             let friction = wheel.friction(*speed);
             self.rotor_torques[motors + i] = torque + friction;
-            self.tree.power += torque * speed;
+            self.partial_power.wheel_motors += torque * speed;
             self.losses.wheel_friction -= friction * speed;
         }
+        self.tree.power += self.partial_power.wheel_motors;
     }
 
     /// Accelerations of the motors of reduced joints, which follow from torques alone.
@@ -132,6 +143,7 @@ impl FlexibleWorkspace {
             force: self.external.force,
         });
         out.tree.power += self.external_power;
+        out.partial_power.external = self.external_power;
         out.losses.modal_damping = 0.0;
         for body in self.system.modal_bodies() {
             let rates = &state.mu_dot()[body.range()];

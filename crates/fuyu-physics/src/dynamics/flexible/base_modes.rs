@@ -8,7 +8,7 @@
 use pulp::{Simd, WithSimd};
 
 use super::acceleration::FlexibleEvaluation;
-use super::{FlexibleInput, FlexibleState, FlexibleSystem, Losses, ModalBody};
+use super::{FlexibleInput, FlexibleState, FlexibleSystem, ModalBody};
 use crate::dynamics::kernel::{
     ArticulatedInertia, Mat3, SpatialForce, SpatialMotion, Sym3, Vec3, articulated_tree,
     propagate_acceleration, whole_tree,
@@ -114,7 +114,7 @@ impl BaseModes {
         if has_rotors {
             out.set_rotor_torques(&self.system, state, input, limits);
         } else {
-            (out.tree.power, out.losses) = (0.0, Losses::default());
+            out.clear_power();
         }
         let arch = self.scratch.arch;
         arch.dispatch(Evaluation {

@@ -2,6 +2,9 @@
 
 use std::fmt;
 
+use fuyu_structures::{FIRST_ORDER_RATE, generalized_eigen};
+
+use super::section::Section;
 use super::{FlexibleState, FlexibleWorkspace};
 
 /// A deformable body whose motion is beyond what first-order modes describe. `Display` gives a line for a log.
@@ -26,15 +29,34 @@ pub enum FirstOrderQuantity {
     Deflection,
 }
 
+impl FirstOrderQuantity {
+    /// Unit of its values.
+    pub fn unit(self) -> &'static str {
+        match self {
+            Self::Rate => "rad/s",
+            Self::Deflection => "m",
+        }
+    }
+
+    /// What a body does that is beyond the limit, as in "the panel turns faster than ...".
+    pub fn beyond(self) -> &'static str {
+        match self {
+            Self::Rate => "turns faster than",
+            Self::Deflection => "is deflected by more than",
+        }
+    }
+}
+
 impl fmt::Display for FirstOrderExcess<'_> {
     fn fmt(&self, f: &mut fmt::Formatter<'_>) -> fmt::Result {
         let Self {
             name, value, limit, ..
         } = self;
-        let (what, unit) = match self.quantity {
-            FirstOrderQuantity::Rate => ("turns at", "rad/s"),
-            FirstOrderQuantity::Deflection => ("is deflected by", "m"),
+        let what = match self.quantity {
+            FirstOrderQuantity::Rate => "turns at",
+            FirstOrderQuantity::Deflection => "is deflected by",
         };
+        let unit = self.quantity.unit();
         write!(
             f,
             "{name} {what} {value:.4} {unit}; first-order modes suffice up to {limit:.4} {unit}: set second_order"
@@ -44,13 +66,20 @@ impl fmt::Display for FirstOrderExcess<'_> {
 
 impl FlexibleWorkspace {
     /// The first deformable body without second order that is beyond the limits of first order, at the state of the
-    /// last [`FlexibleWorkspace::set_state`]; `None` if first order suffices.
+    /// last [`FlexibleWorkspace::set_state`]; `None` if first order suffices. The limit of an elastic link depends on
+    /// its lowest frequency with what it carries in this posture, for which this allocates memory.
     pub fn first_order_excess<'a>(
         &'a self,
         state: &'a FlexibleState,
     ) -> Option<FirstOrderExcess<'a>> {
-        for (body, limits) in (self.system.modal_bodies().iter()).zip(self.system.limits()) {
-            let Some(limits) = limits else { continue };
+        let bodies = self.system.modal_bodies().iter().zip(self.system.limits());
+        for (i, (body, limits)) in bodies.enumerate() {
+            let Some(mut limits) = *limits else { continue };
+            if let Some(section) = self.sections.iter().find(|s| s.modal_body == i) {
+                limits.rate = limits
+                    .rate
+                    .min(FIRST_ORDER_RATE * self.loaded_frequency(section));
+            }
             let rate = self.nodes[body.body].V.angular.norm();
             let mu = &state.mu()[body.range()];
             let outputs = body.appendage.outputs.iter();
@@ -75,5 +104,22 @@ impl FlexibleWorkspace {
             }
         }
         None
+    }
+
+    /// Lowest frequency \[rad/s\] of an elastic link with what its section carries, while its joint and those that follow
+    /// are held.
+    fn loaded_frequency(&self, section: &Section) -> f64 {
+        let body = &self.system.modal_bodies()[section.modal_body];
+        let mut mass = self.modal[section.modal_body].shape.mass.clone();
+        for (k, column) in section.columns.iter().enumerate() {
+            let carried = section.composite.momentum(column);
+            for (l, other) in section.columns.iter().enumerate() {
+                mass[(l, k)] += other.dot(&carried);
+            }
+        }
+        let eigen = generalized_eigen(&body.appendage.modal_stiffness, &mass);
+        let lowest = eigen.map(|eigen| eigen.values.iter().copied().fold(f64::INFINITY, f64::min));
+        // A state that is not finite has no frequency.
+        lowest.map_or(f64::INFINITY, |value| value.max(0.0).sqrt())
     }
 }

@@ -4,7 +4,9 @@ use nalgebra::Vector3;
 
 use super::acceleration::FlexibleEvaluation;
 use super::base_modes::BaseModes;
-use super::{FlexibleInput, FlexibleState, FlexibleSystem, FlexibleWorkspace, Losses, Wheel};
+use super::{
+    FlexibleInput, FlexibleState, FlexibleSystem, FlexibleWorkspace, Losses, PartialWork, Wheel,
+};
 use crate::dynamics::rate::{Rate, advance, damping_loss};
 use crate::dynamics::{IntegrationMethod, Tableau, checks};
 use crate::spatial::Twist;
@@ -90,6 +92,7 @@ pub(super) struct ExtraRate {
     pub xd: Vec<f64>,
     pub xdd: Vec<f64>,
     pub losses: Losses,
+    pub work: PartialWork,
 }
 
 impl FlexibleIntegrator {
@@ -105,6 +108,7 @@ impl FlexibleIntegrator {
             xd: vec![0.0; n],
             xdd: vec![0.0; n],
             losses: Losses::default(),
+            work: PartialWork::default(),
         };
         Self {
             tableau,
@@ -202,6 +206,24 @@ impl FlexibleIntegrator {
         }
     }
 
+    /// Computes the accelerations of all frames at `state` under `input`, as [`FlexibleIntegrator::accelerations`] those
+    /// of the coordinates: afterwards `workspace` has state and accelerations
+    /// ([`FlexibleWorkspace::A_WF_B`]).
+    ///
+    /// # Panics
+    /// As [`FlexibleIntegrator::step`].
+    pub fn set_accelerations(
+        &mut self,
+        state: &FlexibleState,
+        workspace: &mut FlexibleWorkspace,
+        input: &FlexibleInput,
+    ) {
+        self.check(state, workspace);
+        let limits = (0.0, state.wheel_speeds());
+        workspace.evaluate(state, input, limits, &mut self.equations.result);
+        workspace.set_poses();
+    }
+
     pub(super) fn check(&self, state: &FlexibleState, workspace: &FlexibleWorkspace) {
         assert!(
             self.system.is(workspace.system()),
@@ -254,6 +276,7 @@ impl FlexibleIntegrator {
             extra_rates[i].xd.copy_from_slice(at.xd.as_slice());
             extra_rates[i].xdd.copy_from_slice(&result.xdd);
             extra_rates[i].losses = result.losses;
+            extra_rates[i].work = result.partial_power;
             let weights = tableau.weights_after(i);
             turned = advance(&mut stage.tree, &state.tree, &rates[..=i], weights, dt);
             advance_extras(stage, state, &extra_rates[..=i], weights, dt);
@@ -321,13 +344,14 @@ fn advance_extras(
     let (x, xd) = (into.x.as_mut_slice(), into.xd.as_mut_slice());
     x.copy_from_slice(from.x.as_slice());
     xd.copy_from_slice(from.xd.as_slice());
-    into.losses = from.losses;
+    (into.losses, into.partial_work) = (from.losses, from.partial_work);
     for (rate, weight) in rates.iter().zip(weights) {
         if *weight == 0.0 {
             continue;
         }
         let k = dt * weight;
         into.losses.add_scaled(&rate.losses, k);
+        into.partial_work.add_scaled(&rate.work, k);
         for ((x, xd), (x_rate, xd_rate)) in
             (x.iter_mut().zip(xd.iter_mut())).zip(rate.xd.iter().zip(&rate.xdd))
         {

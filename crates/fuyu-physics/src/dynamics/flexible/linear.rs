@@ -1,6 +1,6 @@
 //! Small motion about a state at rest: mass, damping and stiffness matrices, and frequencies.
 
-use fuyu_structures::{StructureError, generalized_eigen};
+use fuyu_structures::{HybridModel, StructureError, generalized_eigen};
 use nalgebra::{DMatrix, DVector};
 
 use super::{FlexibleState, FlexibleSystem, FlexibleWorkspace, RotorModel};
@@ -113,6 +113,25 @@ impl LinearModel {
     /// The part of a matrix with the given coordinates.
     pub fn part(matrix: &DMatrix<f64>, coordinates: &[usize]) -> DMatrix<f64> {
         matrix.select_rows(coordinates).select_columns(coordinates)
+    }
+
+    /// Base and modes, with joints, motors and wheels locked, as the constrained hybrid model of Kida 1993, section 2.3:
+    /// its transmission zeros and poles are those from wrenches on the base to its position and attitude.
+    ///
+    /// # Errors
+    /// A mass matrix that is not positive definite.
+    pub fn hybrid(&self) -> Result<HybridModel, StructureError> {
+        let (base, modes) = ((0, 6), (6 + self.joints, self.modes));
+        let block = |matrix: &DMatrix<f64>, rows: (usize, usize), columns: (usize, usize)| {
+            (matrix.view((rows.0, columns.0), (rows.1, columns.1))).into_owned()
+        };
+        HybridModel::with_matrices(
+            block(&self.mass, base, base),
+            block(&self.mass, modes, base),
+            block(&self.mass, modes, modes),
+            block(&self.damping, modes, modes),
+            block(&self.stiffness, modes, modes),
+        )
     }
 
     /// Undamped frequencies \[Hz\] of the given coordinates while the others are held, ascending, without rigid motion.

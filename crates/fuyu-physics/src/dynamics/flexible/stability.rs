@@ -3,6 +3,7 @@
 use fuyu_structures::{Eigen, generalized_eigen};
 use nalgebra::{Complex, DMatrix, DVector};
 
+use super::error::require;
 use super::{FlexibleError, FlexibleSystem, LinearModel, Wheel};
 use crate::dynamics::{IntegrationMethod, Tableau};
 
@@ -12,7 +13,8 @@ impl FlexibleSystem {
     ///
     /// # Errors
     /// [`FlexibleError::Unstable`] names the part and its frequency, [`FlexibleError::StiffDamping`] the part and its
-    /// decay rate; [`FlexibleError::Structure`] for a mass matrix that is not positive definite.
+    /// decay rate; [`FlexibleError::Structure`] for a mass matrix that is not positive definite;
+    /// [`FlexibleError::Value`] for a step that is not positive.
     ///
     /// # Panics
     /// If `q` does not have one element per joint.
@@ -22,6 +24,8 @@ impl FlexibleSystem {
         method: IntegrationMethod,
         step: f64,
     ) -> Result<(), FlexibleError> {
+        let is_positive = step > 0.0 && step.is_finite();
+        require(|| "step [s]".to_owned(), step, is_positive, "positive")?;
         let linear = LinearModel::new(self, q);
         self.check_damping(&linear, method, step)?;
         let eigen = generalized_eigen(&linear.stiffness, &linear.mass)?;

@@ -21,6 +21,7 @@ pub struct FlexibleState {
     /// Their rates.
     pub(super) xd: DVector<f64>,
     pub(super) losses: Losses,
+    pub(super) partial_work: PartialWork,
     /// For each thruster, how much longer it stays on \[s\].
     pub(super) on_time: Vec<f64>,
     /// How long each thruster has been open \[s\]; zero if it is closed.
@@ -55,6 +56,22 @@ impl Losses {
     }
 }
 
+/// Parts of the work that has been done since the start \[J\].
+#[derive(Clone, Copy, Debug, Default, PartialEq)]
+pub struct PartialWork {
+    /// By the motors of wheels.
+    pub wheel_motors: f64,
+    /// By external wrenches and thrusters.
+    pub external: f64,
+}
+
+impl PartialWork {
+    pub(super) fn add_scaled(&mut self, rate: &Self, k: f64) {
+        self.wheel_motors += rate.wheel_motors * k;
+        self.external += rate.external * k;
+    }
+}
+
 impl FlexibleState {
     /// At rest and undeformed at joint positions `q`, the base frame at the world's origin with its axes.
     ///
@@ -84,15 +101,14 @@ impl FlexibleState {
             x: DVector::zeros(n),
             xd: DVector::zeros(n),
             losses: Losses::default(),
+            partial_work: PartialWork::default(),
             on_time: vec![0.0; thrusters],
             open_for: vec![0.0; thrusters],
             impulse: vec![0.0; thrusters],
             modes,
             motors,
         };
-        for (e, j) in system.compiled().joint_of.iter().enumerate() {
-            state.x[modes + e] = q[*j];
-        }
+        state.unwind_joints(system);
         let mut workspace = super::FlexibleWorkspace::new(system);
         workspace.set_positions(&state);
         state.tree.p_WC = *workspace.p_BC();
@@ -160,9 +176,47 @@ impl FlexibleState {
         &mut self.xd.as_mut_slice()[self.modes + self.motors..]
     }
 
+    /// Lets the motors of elastic joints move with their joints: no joint is wound up.
+    ///
+    /// # Panics
+    /// If the state is of another system.
+    pub fn unwind_joints(&mut self, system: &FlexibleSystem) {
+        assert!(self.fits(system), "the state is of another system");
+        for (e, j) in system.compiled().joint_of.iter().enumerate() {
+            self.x[self.modes + e] = self.tree.q[*j];
+            self.xd[self.modes + e] = self.tree.qd[*j];
+        }
+    }
+
     /// Energy that damping has dissipated.
     pub fn losses(&self) -> &Losses {
         &self.losses
+    }
+
+    /// Which parts of `tree.work` wheels and outside have done.
+    pub fn partial_work(&self) -> &PartialWork {
+        &self.partial_work
+    }
+
+    /// Brings all internal motion to rest: joints, modes and motors of elastic joints, which keep their positions.
+    /// Momentum is unchanged, so that the base's motion follows from it and from the wheels, which keep their speeds.
+    pub fn stop_internal_motion(&mut self) {
+        self.tree.qd.fill(0.0);
+        self.xd.rows_mut(0, self.modes + self.motors).fill(0.0);
+    }
+
+    /// Brings everything to rest: internal motion, wheels, and with the momentum the base. Valves are closed.
+    pub fn stop(&mut self) {
+        self.tree.qd.fill(0.0);
+        self.xd.fill(0.0);
+        self.tree.momentum_W = Momentum::default();
+        self.close_valves();
+    }
+
+    /// Closes the valves of all thrusters at once.
+    pub fn close_valves(&mut self) {
+        self.on_time.fill(0.0);
+        self.open_for.fill(0.0);
     }
 
     /// How much longer each thruster stays on \[s\].
@@ -206,6 +260,7 @@ impl FlexibleState {
         self.x.copy_from(&other.x);
         self.xd.copy_from(&other.xd);
         self.losses = other.losses;
+        self.partial_work = other.partial_work;
         self.on_time.copy_from_slice(&other.on_time);
         self.open_for.copy_from_slice(&other.open_for);
         self.impulse.copy_from_slice(&other.impulse);

@@ -7,6 +7,7 @@ use nalgebra::{Unit, Vector3};
 
 use super::composite::Composite;
 use super::{ElasticJoint, FlexibleBuilder, FlexibleState, ModalBody, Thruster, Wheel};
+use crate::dynamics::JointPhysics;
 use crate::model::Model;
 use crate::spatial::{Pose, RigidInertia};
 
@@ -142,22 +143,49 @@ impl FlexibleSystem {
         &self.parts.thrusters
     }
 
+    /// Index of the body that carries thruster `i`, and in its frame where the force acts \[m\] and the force \[N\].
+    ///
+    /// # Panics
+    /// If there are fewer thrusters.
+    pub fn thruster_force(&self, i: usize) -> (usize, Vector3<f64>, Vector3<f64>) {
+        self.parts.compiled.thrusters[i]
+    }
+
     /// Mass of everything \[kg\].
     pub fn total_mass(&self) -> f64 {
         self.parts.compiled.mass
     }
 
-    /// Names of the joints whose Coulomb friction, stops or speed limits are not simulated: those of the description
-    /// that have any. Springs and viscous damping are.
-    pub fn unsimulated_joints(&self) -> impl Iterator<Item = &str> {
+    /// Names of the joints whose Coulomb friction, stops or speed limits `settings` ask for but are not simulated: those
+    /// of the description that have any. Springs and viscous damping are simulated.
+    pub fn unsimulated_joints(&self, settings: &JointPhysics) -> impl Iterator<Item = &str> {
+        let JointPhysics {
+            friction,
+            stops,
+            velocity_limits,
+            ..
+        } = *settings;
         let joints = self.model().joints().iter();
         joints
-            .filter(|joint| {
+            .filter(move |joint| {
                 let limits = &joint.limits;
-                let ends = [limits.lower, limits.upper, limits.velocity];
-                joint.friction != 0.0 || ends.iter().any(|x| x.is_finite())
+                (friction && joint.friction != 0.0)
+                    || (stops && (limits.lower.is_finite() || limits.upper.is_finite()))
+                    || (velocity_limits && limits.velocity.is_finite())
             })
             .map(|joint| &*joint.name)
+    }
+
+    /// The robot with its deformable bodies locked undeformed: the inertia of each body contains those that it carries.
+    /// Elastic links keep the inertia of the description.
+    pub fn rigid_model(&self) -> Model {
+        let mut model = self.model().clone();
+        for (b, body) in self.compiled().bodies.iter().enumerate() {
+            if body.section.is_none() && !body.modal_bodies.is_empty() {
+                model = model.with_body_inertia(b, self.undeformed_inertia(b));
+            }
+        }
+        model
     }
 
     /// Number of modal coordinates, motor angles and wheel angles together.

@@ -179,6 +179,29 @@ impl FlexibleWorkspace {
         }
     }
 
+    /// Acceleration of `frame`'s origin as a point, and angular acceleration, in the world, base axes (needs
+    /// [`FlexibleIntegrator::set_accelerations`](super::FlexibleIntegrator::set_accelerations)).
+    ///
+    /// # Panics
+    /// If the robot has no such frame.
+    pub fn A_WF_B(&self, frame: &Frame) -> Twist {
+        let node = &self.nodes[frame.body];
+        let p = frame.X_BF.translation.vector;
+        let (A, w, R, p) = match self.carrying_section(frame.body) {
+            None => (node.A, node.V.angular, node.X_0.rotation, p),
+            Some(section) => (
+                section.acceleration(&node.A, &self.modal[section.modal_body].free),
+                section.twist(&node.V).angular,
+                node.X_0.rotation * section.X_BE.rotation,
+                p - section.p_BE_straight,
+            ),
+        };
+        Twist {
+            angular: R * A.angular,
+            linear: R * (A.linear + A.angular.cross(&p) + w.cross(&w.cross(&p))),
+        }
+    }
+
     /// The section that carries frames of body `b`, if the body is an elastic link.
     fn carrying_section(&self, b: usize) -> Option<&Section> {
         (self.system.compiled().bodies[b].section).map(|s| &self.sections[s])
@@ -216,9 +239,29 @@ impl FlexibleWorkspace {
     /// the state is a check.
     pub fn carried_momentum(&self, state: &FlexibleState) -> Momentum {
         let mut sum = Wrench::ZERO;
-        for (b, node) in self.nodes.iter().enumerate() {
-            sum += self.own_momentum(b, state).shifted_to_parent(&node.X_0);
+        for b in 0..self.nodes.len() {
+            sum += self.momentum_in_base(b, state);
         }
+        self.about_com(&sum)
+    }
+
+    /// Sum over the bodies of the magnitudes of their momenta (linear \[N s\], angular about the system's centre of mass
+    /// \[N m s\]): what rounding errors of the momentum are relative to.
+    pub fn momentum_scale(&self, state: &FlexibleState) -> (f64, f64) {
+        let momenta = (0..self.nodes.len()).map(|b| {
+            let of_body = self.about_com(&self.momentum_in_base(b, state));
+            (of_body.linear.norm(), of_body.angular.norm())
+        });
+        momenta.fold((0.0, 0.0), |sum, own| (sum.0 + own.0, sum.1 + own.1))
+    }
+
+    /// Momentum of body `b` about the base frame's origin, base axes.
+    fn momentum_in_base(&self, b: usize, state: &FlexibleState) -> Wrench {
+        (self.own_momentum(b, state)).shifted_to_parent(&self.nodes[b].X_0)
+    }
+
+    /// A momentum about the base frame's origin as one about the system's centre of mass.
+    fn about_com(&self, sum: &Wrench) -> Momentum {
         Momentum {
             linear: sum.force,
             angular: sum.torque - self.p_BC.cross(&sum.force),

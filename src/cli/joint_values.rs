@@ -2,7 +2,7 @@
 
 use nalgebra::DVector;
 
-use crate::cli::{Failure, Numbers};
+use super::{Failure, Numbers};
 use crate::model::Model;
 
 /// Values given as `1,-2,3e-1`, or as `elbow=1,wrist=-2`.
@@ -100,7 +100,7 @@ mod tests {
     use super::*;
 
     fn model() -> Model {
-        let xml = include_str!("../../../urdf/planar_two_link.urdf");
+        let xml = include_str!("../../urdf/planar_two_link.urdf");
         Model::from_urdf(xml, "planar").unwrap()
     }
 

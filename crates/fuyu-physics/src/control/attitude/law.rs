@@ -1,0 +1,23 @@
+//! Interface of an attitude law.
+
+use std::fmt::Debug;
+
+use fuyu_lti::{LtiError, StateSpace};
+use nalgebra::Vector3;
+
+use super::AttitudeDeviation;
+
+/// An attitude law: torque on the base from its deviation. It allocates no memory in a step.
+pub trait AttitudeLaw: Debug + Send {
+    /// Torque on the base, base axes \[N m\], to be held until the next sample.
+    fn torque(&mut self, deviation: &AttitudeDeviation) -> Vector3<f64>;
+
+    /// Forgets past deviations: the next one belongs to another run.
+    fn reset(&mut self) {}
+
+    /// The law in continuous time, from `[angle; rate]` (six inputs) to the torque, closed by negative feedback.
+    ///
+    /// # Errors
+    /// [`LtiError`] if there is none.
+    fn linear(&self) -> Result<StateSpace, LtiError>;
+}

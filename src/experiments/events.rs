@@ -1,0 +1,137 @@
+//! Events of a simulation: what a run does at some time that its final state does not show.
+
+use serde::Serialize;
+
+use crate::{
+    dynamics::flexible::{FlexibleFloating, Wheel},
+    model::Joint,
+    nodes::dynamics::World,
+};
+
+/// Distance from a stop within which a joint is at it \[rad or m\].
+const AT_STOP: f64 = 1e-9;
+
+/// Part of a limit of speed or momentum within which a joint or wheel is at it.
+const AT_LIMIT: f64 = 1e-6;
+
+/// Most events that a run keeps.
+const MOST: usize = 10_000;
+
+/// Something that happened.
+#[derive(Debug, Clone, PartialEq, Serialize)]
+pub struct Event {
+    /// When it was first seen, at a published state \[s\].
+    pub time: f64,
+    /// What it is.
+    pub what: String,
+}
+
+/// Finds events in the states of a run: joints that come to their stops or speed limits, wheels that come to their
+/// speed or torque limits, deformation that first-order modes do not describe.
+#[derive(Debug, Default)]
+pub struct EventWatch {
+    events: Vec<Event>,
+    /// What is going on now, and was reported when it began.
+    present: Vec<String>,
+    /// When deformation was first beyond what first-order modes describe, and a line on it.
+    excess: Option<(f64, String)>,
+}
+
+impl EventWatch {
+    /// Looks at the present state of `world`.
+    pub fn see(&mut self, world: &World) {
+        let mut now = Vec::new();
+        let state = world.robot.state();
+        let joints = world.robot.model().joints().iter();
+        for (joint, (q, qd)) in joints.zip(state.q.iter().zip(&state.qd)) {
+            now.extend(of_joint(joint, *q, *qd));
+        }
+        if let Some(robot) = world.robot.flexible() {
+            of_wheels(robot, &mut now);
+            self.see_deformation(world.time(), robot, &mut now);
+        }
+        for what in &now {
+            if !self.present.contains(what) && self.events.len() < MOST {
+                self.events.push(Event {
+                    time: world.time(),
+                    what: what.clone(),
+                });
+            }
+        }
+        self.present = now;
+    }
+
+    /// Deformation that first-order modes do not describe.
+    fn see_deformation(&mut self, time: f64, robot: &FlexibleFloating, now: &mut Vec<String>) {
+        let Some(excess) = robot.workspace().first_order_excess(robot.state()) else {
+            return;
+        };
+        let (name, quantity, limit) = (excess.name, excess.quantity, excess.limit);
+        now.push(format!(
+            "{name} {} {limit:.4} {}, up to which first-order modes suffice",
+            quantity.beyond(),
+            quantity.unit()
+        ));
+        (self.excess).get_or_insert_with(|| (time, excess.to_string()));
+    }
+
+    /// When deformation was first beyond what first-order modes describe \[s\], and a line on it.
+    pub fn deformation_excess(&self) -> Option<&(f64, String)> {
+        self.excess.as_ref()
+    }
+
+    /// The events so far.
+    pub fn events(&self) -> &[Event] {
+        &self.events
+    }
+}
+
+fn of_joint(joint: &Joint, q: f64, qd: f64) -> Option<String> {
+    let (name, limits) = (&joint.name, &joint.limits);
+    let unit = match joint.kind.is_rotational() {
+        true => "rad",
+        false => "m",
+    };
+    if q <= limits.lower + AT_STOP {
+        Some(format!(
+            "joint '{name}' is at its lower stop, {} {unit}",
+            limits.lower
+        ))
+    } else if q >= limits.upper - AT_STOP {
+        Some(format!(
+            "joint '{name}' is at its upper stop, {} {unit}",
+            limits.upper
+        ))
+    } else if qd.abs() >= limits.velocity * (1.0 - AT_LIMIT) {
+        let limit = limits.velocity;
+        Some(format!(
+            "joint '{name}' is at its speed limit, {limit} {unit}/s"
+        ))
+    } else {
+        None
+    }
+}
+
+fn of_wheels(robot: &FlexibleFloating, now: &mut Vec<String>) {
+    let wheels = robot.system().wheels().iter();
+    let speeds = robot.state().wheel_speeds().iter();
+    let torques = robot.input().wheel_torques.iter();
+    for (wheel, (speed, torque)) in wheels.zip(speeds.zip(torques)) {
+        now.extend(of_wheel(wheel, *speed, *torque));
+    }
+}
+
+fn of_wheel(wheel: &Wheel, speed: f64, torque: f64) -> Option<String> {
+    let name = &wheel.name;
+    let limit = wheel.speed_limit();
+    if speed.abs() >= limit * (1.0 - AT_LIMIT) {
+        Some(format!(
+            "wheel '{name}' is at its speed limit, {limit} rad/s"
+        ))
+    } else if torque.abs() > wheel.max_torque {
+        let most = wheel.max_torque;
+        Some(format!("wheel '{name}' is at its torque limit, {most} N m"))
+    } else {
+        None
+    }
+}

@@ -1,0 +1,241 @@
+//! The attitude controller with its robot, stepped once per control period.
+
+use super::AttitudeParams;
+use crate::{
+    control::{
+        Stamp,
+        attitude::{
+            AttitudeController, AttitudeFilter, AttitudeInputError, AttitudePlant,
+            AttitudeRegulator, AttitudeReport, AttitudeTarget, StarTrackerUse,
+        },
+    },
+    dynamics::flexible::FlexibleSystem,
+    model::Model,
+};
+use nalgebra::{Complex, DVector, UnitQuaternion, Vector3};
+
+/// Takes samples, and steps the controller when a control period has passed. The node and `fuyu simulate` run this same
+/// loop.
+///
+/// The law is designed for the posture of the first joint state. Samples that arrive before it are not used.
+#[derive(Debug)]
+pub struct AttitudeLoop {
+    params: AttitudeParams,
+    system: FlexibleSystem,
+    controller: Option<AttitudeController>,
+    last_step: Option<Stamp>,
+    /// On-times of thrusters are commanded by the last step, and not by the states after it.
+    has_stepped: bool,
+}
+
+/// Part of a control period by which a state may be early for its step.
+const EARLY: f64 = 1e-3;
+
+impl AttitudeLoop {
+    /// A loop for the robot of `model` with the parts that `params` states.
+    ///
+    /// # Errors
+    /// A line that names what is wrong.
+    pub fn new(params: &AttitudeParams, model: &Model) -> Result<Self, String> {
+        Ok(Self {
+            system: params.flexible.system(model)?,
+            params: params.clone(),
+            controller: None,
+            last_step: None,
+            has_stepped: false,
+        })
+    }
+
+    /// Parameters.
+    pub fn params(&self) -> &AttitudeParams {
+        &self.params
+    }
+
+    /// The robot.
+    pub fn system(&self) -> &FlexibleSystem {
+        &self.system
+    }
+
+    /// The controller; `None` before the first joint state.
+    pub fn controller(&self) -> Option<&AttitudeController> {
+        self.controller.as_ref()
+    }
+
+    /// Designs the law for joint positions `q`, and starts the controller.
+    ///
+    /// # Errors
+    /// A line that says why there is no such law, or what the robot lacks.
+    pub fn design(&mut self, q: &[f64]) -> Result<(), String> {
+        let params = &self.params;
+        let controller = || {
+            let plant = AttitudePlant::new(&self.system, &DVector::from_row_slice(q))?;
+            let period = params.regulator.period;
+            let law = params.law.law(std::slice::from_ref(&plant), period)?;
+            let regulator = AttitudeRegulator::new(&self.system, law, params.regulator)?;
+            let filter = AttitudeFilter::new(params.filter)?;
+            AttitudeController::new(filter, regulator, params.controller)
+        };
+        let mut controller = controller().map_err(|e| e.to_string())?;
+        if let Some(R_WD) = params.target {
+            let fixed = AttitudeTarget::fixed(R_WD);
+            controller
+                .set_target(Stamp::from_nanos(0), &fixed)
+                .map_err(|e| e.to_string())?;
+        }
+        self.controller = Some(controller);
+        Ok(())
+    }
+
+    /// Why the law is unstable at joint positions `q` with torques that act `delay` \[s\] late, if it is.
+    ///
+    /// # Errors
+    /// As [`AttitudeLoop::design`].
+    pub fn instability(&mut self, q: &[f64], delay: f64) -> Result<Option<String>, String> {
+        self.design(q)?;
+        let plant = AttitudePlant::new(&self.system, &DVector::from_row_slice(q))
+            .map_err(|e| e.to_string())?;
+        let Some(controller) = &self.controller else {
+            return Ok(None);
+        };
+        let period = self.params.regulator.period;
+        let radius = plant
+            .sampled_radius(controller.regulator().law(), period, delay)
+            .map_err(|e| e.to_string())?;
+        Ok((radius > 1.0).then(|| {
+            let late = match delay > 0.0 {
+                true => format!(" and torques that act {delay} s late"),
+                false => String::new(),
+            };
+            format!(
+                "the law {} with a period of {period} s{late} makes the robot vibrate (spectral radius {radius:.4}); lower period or the gains",
+                self.params.law_name
+            )
+        }))
+    }
+
+    /// Poles of the continuous closed loop at joint positions `q` \[rad/s\], by real part.
+    ///
+    /// # Errors
+    /// As [`AttitudeLoop::design`].
+    pub fn poles(&mut self, q: &[f64]) -> Result<Vec<Complex<f64>>, String> {
+        self.design(q)?;
+        let plant = AttitudePlant::new(&self.system, &DVector::from_row_slice(q));
+        let plant = plant.map_err(|e| e.to_string())?;
+        let Some(controller) = &self.controller else {
+            return Ok(Vec::new());
+        };
+        let poles = plant.poles(controller.regulator().law());
+        let mut poles = poles.map_err(|e| e.to_string())?;
+        poles.sort_by(|a, b| b.re.total_cmp(&a.re).then(b.im.total_cmp(&a.im)));
+        Ok(poles)
+    }
+
+    /// Adds joint positions and rates. The first ones start the controller.
+    ///
+    /// # Errors
+    /// A line that says what is wrong.
+    pub fn add_joint_state(&mut self, stamp: Stamp, q: &[f64], qd: &[f64]) -> Result<(), String> {
+        if self.controller.is_none() {
+            self.design(q)?;
+        }
+        match &mut self.controller {
+            Some(controller) => controller
+                .add_joint_state(stamp, q, qd)
+                .map_err(|e| e.to_string()),
+            None => Ok(()),
+        }
+    }
+
+    /// Adds a gyro sample, base axes \[rad/s\]. One with an earlier stamp than the last starts another run.
+    ///
+    /// # Errors
+    /// A value that is not finite.
+    pub fn add_gyro(&mut self, stamp: Stamp, w: Vector3<f64>) -> Result<(), AttitudeInputError> {
+        let Some(controller) = &mut self.controller else {
+            return Ok(());
+        };
+        let newest = controller.filter().newest_gyro();
+        controller.add_gyro(stamp, w)?;
+        if newest.is_some_and(|newest| stamp < newest) {
+            self.last_step = None;
+            if let Some(R_WD) = self.params.target {
+                controller.set_target(Stamp::from_nanos(0), &AttitudeTarget::fixed(R_WD))?;
+            }
+        }
+        Ok(())
+    }
+
+    /// Adds a measurement of the star tracker. Returns what became of it.
+    ///
+    /// # Errors
+    /// A value that is not finite.
+    pub fn add_star_tracker(
+        &mut self,
+        stamp: Stamp,
+        R_WB: &UnitQuaternion<f64>,
+    ) -> Result<Option<StarTrackerUse>, AttitudeInputError> {
+        let controller = self.controller.as_mut();
+        controller
+            .map(|controller| controller.add_star_tracker(stamp, R_WB))
+            .transpose()
+    }
+
+    /// Adds speeds of the wheels in the order of the parameters \[rad/s\].
+    ///
+    /// # Errors
+    /// A wrong number of values, or one that is not finite.
+    pub fn add_wheel_speeds(
+        &mut self,
+        stamp: Stamp,
+        speeds: &[f64],
+    ) -> Result<(), AttitudeInputError> {
+        match &mut self.controller {
+            Some(controller) => controller.add_wheel_speeds(stamp, speeds),
+            None => Ok(()),
+        }
+    }
+
+    /// Sets the reference.
+    ///
+    /// # Errors
+    /// A value that is not finite.
+    pub fn set_target(
+        &mut self,
+        stamp: Stamp,
+        R_WD: UnitQuaternion<f64>,
+    ) -> Result<(), AttitudeInputError> {
+        match &mut self.controller {
+            Some(controller) => controller.set_target(stamp, &AttitudeTarget::fixed(R_WD)),
+            None => Ok(()),
+        }
+    }
+
+    /// Steps the controller at `now` if its period has passed since the last step.
+    pub fn step(&mut self, now: Stamp) -> Option<AttitudeReport> {
+        self.has_stepped = false;
+        let controller = self.controller.as_mut()?;
+        let period = self.params.regulator.period;
+        let is_due = self.last_step.is_none_or(|last| {
+            let passed = now.seconds_since(last);
+            passed < 0.0 || passed >= period * (1.0 - EARLY)
+        });
+        if !is_due {
+            return None;
+        }
+        self.last_step = Some(now);
+        self.has_stepped = true;
+        Some(controller.step(now))
+    }
+
+    /// Motor torques of the wheels to hold now \[N m\].
+    pub fn wheel_torques(&self) -> &[f64] {
+        self.controller.as_ref().map_or(&[], |c| c.wheel_torques())
+    }
+
+    /// On-times that the last call of [`AttitudeLoop::step`] commands \[s\]; `None` if it was not a step, or thrusters are
+    /// not used.
+    pub fn on_times(&self) -> Option<&[f64]> {
+        let on_times = self.controller.as_ref()?.on_times();
+        (self.has_stepped && !on_times.is_empty()).then_some(on_times)
+    }
+}

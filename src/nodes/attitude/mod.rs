@@ -1,0 +1,148 @@
+//! The attitude node: gyro, star tracker, wheels and joints in, torques of wheels and on-times of thrusters out.
+//!
+//! It feeds an [`AttitudeLoop`] and publishes its output; filter, law, feed-forward, allocation, ages and fallbacks are
+//! those of [`control::attitude`](crate::control::attitude). It subscribes to nothing under `ground_truth/`. Wheels,
+//! thrusters and appendages are parameters, as those of the dynamics node: what the node knows may differ from what is
+//! simulated. Parameters below `/**` in a file are for both nodes.
+
+mod attitude_loop;
+mod health;
+mod inputs;
+mod messages;
+mod params;
+
+pub use attitude_loop::AttitudeLoop;
+pub use messages::AttitudeMessages;
+pub use params::AttitudeParams;
+
+use std::time::Duration;
+
+use super::{robot_description::RobotDescription, topics};
+use crate::{
+    control::Stamp,
+    msg::{
+        fuyu_msgs::{AttitudeState, ThrusterCommands},
+        sensor_msgs::JointState,
+    },
+    ros::{Lifecycle, Node, NodeError, Publisher, Transition},
+};
+use health::Health;
+use inputs::Inputs;
+
+/// Silence of `imu` that is worth a warning.
+const SILENCE: Duration = Duration::from_secs(1);
+
+/// The node's program.
+///
+/// # Errors
+/// For wrong parameters, or when DDS refuses.
+pub fn program(node: &Node) -> Result<(), NodeError> {
+    let mut declare = node.declare();
+    let params = AttitudeParams::declare(&mut declare);
+    declare.finish()?;
+    let params = params.map_err(|e| NodeError::Input(format!("node {}: {e}", node.name())))?;
+    let lifecycle = Lifecycle::new(node)?;
+    let mut work: Option<Work> = None;
+    let pass = |transition, work: &mut Option<Work>| {
+        match transition {
+            Transition::Configure => *work = Some(Work::new(node)?),
+            Transition::CleanUp | Transition::Shutdown => *work = None,
+            Transition::Activate | Transition::Deactivate => {}
+        }
+        Ok(())
+    };
+    if params.autostart {
+        lifecycle.start(|transition| pass(transition, &mut work))?;
+    }
+    loop {
+        lifecycle.follow(|transition| pass(transition, &mut work));
+        match &mut work {
+            Some(work) => work.turn(node, &params, lifecycle.is_active())?,
+            None => {}
+        }
+        if !node.wait_for(SILENCE) {
+            return Ok(());
+        }
+    }
+}
+
+/// Endpoints of a configured node, and its loop.
+struct Work {
+    description: RobotDescription,
+    inputs: Inputs,
+    wheels: Publisher<JointState>,
+    thrusters: Publisher<ThrusterCommands>,
+    state: Publisher<AttitudeState>,
+    health: Health,
+    /// `None` before the robot is known.
+    attitude: Option<(AttitudeLoop, AttitudeMessages)>,
+    /// The state that was answered last.
+    answered: Option<Stamp>,
+}
+
+impl Work {
+    fn new(node: &Node) -> Result<Self, NodeError> {
+        Ok(Self {
+            description: RobotDescription::new(node, String::new())?,
+            health: Health::new(node),
+            inputs: Inputs::new(node)?,
+            wheels: topics::WHEEL_COMMANDS.advertise(node)?,
+            thrusters: topics::THRUSTER_COMMANDS.advertise(node)?,
+            state: topics::ATTITUDE_STATE.advertise(node)?,
+            attitude: None,
+            answered: None,
+        })
+    }
+
+    /// Takes what has arrived, and answers the newest state if the node is active.
+    fn turn(
+        &mut self,
+        node: &Node,
+        params: &AttitudeParams,
+        is_active: bool,
+    ) -> Result<(), NodeError> {
+        if let Some(robot) = self.description.changed() {
+            match AttitudeLoop::new(params, &robot.model) {
+                Ok(attitude) => {
+                    let messages = AttitudeMessages::new(&attitude);
+                    self.attitude = Some((attitude, messages));
+                }
+                Err(e) if self.attitude.is_none() => {
+                    let node = node.name();
+                    return Err(NodeError::Input(format!("node {node}: {e}")));
+                }
+                Err(e) => self.description.refuse(&e),
+            }
+        }
+        let Some((attitude, messages)) = &mut self.attitude else {
+            return Ok(());
+        };
+        self.inputs.feed(attitude, &self.health.control);
+        if !is_active {
+            (self.health.control).warn("the node is not active: no commands are given");
+            return Ok(());
+        }
+        let state = self.inputs.state(params.lockstep);
+        if let Some(now) = state.filter(|_| state != self.answered) {
+            self.answered = state;
+            let report = attitude.step(now);
+            if let Some(report) = &report {
+                self.health.report(report);
+                messages.write_report(attitude, report);
+                self.state.publish(&messages.state);
+            }
+            // Thrusters first: the wheels' command lets time go on in lockstep.
+            if messages.write_commands(attitude, now) {
+                self.thrusters.publish(&messages.thrusters);
+            }
+            self.wheels.publish(&messages.wheels);
+        }
+        if let Some((age, topic)) = self.inputs.silence(SILENCE) {
+            let seconds = age.as_secs_f64();
+            self.health.control.warn(format!(
+                "{topic} has been silent for {seconds:.0} s: no commands are given"
+            ));
+        }
+        Ok(())
+    }
+}

@@ -1,0 +1,135 @@
+//! What a rigid robot, a robot with flexible parts and a target have in common: a base with pose and twist.
+
+use nalgebra::Isometry3;
+
+use super::divergence;
+use crate::{
+    dynamics::{Floating, Momentum, State, Workspace},
+    model::Model,
+    spatial::{Pose, Twist},
+};
+
+/// A body that floats freely.
+pub trait FreeBody {
+    /// Its tree of rigid bodies.
+    fn model(&self) -> &Model;
+
+    /// Its joints, attitude, centre of mass and momentum.
+    fn state(&self) -> &State;
+
+    /// Whether all numbers of its state are finite.
+    fn is_finite(&self) -> bool;
+
+    /// Pose of its base frame in the world.
+    fn X_WB(&self) -> Pose;
+
+    /// Twist of its base frame in the world, base axes.
+    fn V_WB_B(&self) -> Twist;
+
+    /// Acceleration of its base frame in the world under what acts now, base axes; the linear part is that of the
+    /// origin as a point.
+    fn A_WB_B(&mut self) -> Twist;
+
+    /// Gives the base this pose and twist (base axes), while everything keeps its place and its rates relative to the
+    /// base.
+    ///
+    /// # Errors
+    /// What would move too fast or be too far away; the body is then left as it was.
+    fn move_base(&mut self, X_WB: &Isometry3<f64>, V_WB_B: &Twist) -> Result<(), String>;
+}
+
+/// A body whose whole state can be saved and restored.
+pub trait Restorable: FreeBody {
+    /// All of its state.
+    type Saved: Clone;
+
+    /// The present state.
+    fn saved(&self) -> Self::Saved;
+
+    /// Writes the present state to `saved` without allocating.
+    fn save_to(&self, saved: &mut Self::Saved);
+
+    /// Replaces the state.
+    fn restore(&mut self, saved: &Self::Saved);
+
+    /// Replaces the state at `time` \[s\] with all internal motion at rest. The body keeps the momentum that was saved,
+    /// or comes to rest altogether.
+    fn restore_stopped(&mut self, saved: &Self::Saved, time: f64, keeps_momentum: bool);
+}
+
+/// Moves a body as [`FreeBody::move_base`], with `set` to set its state.
+pub(super) fn try_to_move<B: Restorable>(
+    body: &mut B,
+    set: impl FnOnce(&mut B),
+) -> Result<(), String> {
+    let before = body.saved();
+    set(body);
+    match divergence::of(body) {
+        Some(what) => {
+            body.restore(&before);
+            Err(what)
+        }
+        None => Ok(()),
+    }
+}
+
+impl FreeBody for Floating {
+    fn model(&self) -> &Model {
+        self.model()
+    }
+
+    fn state(&self) -> &State {
+        self.state()
+    }
+
+    fn is_finite(&self) -> bool {
+        self.state().is_finite()
+    }
+
+    fn X_WB(&self) -> Pose {
+        self.state().X_WB(self.workspace())
+    }
+
+    fn V_WB_B(&self) -> Twist {
+        *self.workspace().V_WB_B()
+    }
+
+    fn A_WB_B(&mut self) -> Twist {
+        self.accelerations();
+        self.workspace().A_WF_B(&self.model().frames()[0])
+    }
+
+    fn move_base(&mut self, X_WB: &Isometry3<f64>, V_WB_B: &Twist) -> Result<(), String> {
+        try_to_move(self, |body| {
+            let mut state = body.state().clone();
+            state.set_base(&mut Workspace::new(body.model()), X_WB, V_WB_B);
+            body.set_state(state);
+        })
+    }
+}
+
+impl Restorable for Floating {
+    type Saved = State;
+
+    fn saved(&self) -> State {
+        self.state().clone()
+    }
+
+    fn save_to(&self, saved: &mut State) {
+        saved.copy_from(self.state());
+    }
+
+    fn restore(&mut self, saved: &State) {
+        self.set_state(saved.clone());
+    }
+
+    fn restore_stopped(&mut self, saved: &State, time: f64, keeps_momentum: bool) {
+        let mut state = saved.clone();
+        state.time = time;
+        state.qd.fill(0.0);
+        if !keeps_momentum {
+            state.momentum_W = Momentum::default();
+        }
+        self.set_state(state);
+    }
+}

@@ -1,0 +1,72 @@
+//! Declarations of numbers and directions with the ranges that parts of a robot have.
+
+use nalgebra::{Unit, Vector3};
+
+use crate::{nodes::placement::finite, ros::Declare};
+
+/// A number that must be given, above zero.
+pub(super) fn positive(declare: &mut Declare, name: &str, description: &str) -> f64 {
+    let parameter = declare.required(name, description).read_only();
+    parameter
+        .check("a number above 0.0", |value: &f64| {
+            match *value > 0.0 && value.is_finite() {
+                true => Ok(()),
+                false => Err(format!(
+                    "{value} is out of range, expected a number above 0.0"
+                )),
+            }
+        })
+        .value()
+}
+
+/// A number that is zero or above, with a default.
+pub(super) fn not_negative(
+    declare: &mut Declare,
+    name: &str,
+    default: f64,
+    description: &str,
+) -> f64 {
+    let parameter = declare.param(name, default, description).read_only();
+    parameter
+        .check("0.0 or above", |value: &f64| {
+            match *value >= 0.0 && value.is_finite() {
+                true => Ok(()),
+                false => Err(format!("{value} is out of range, expected 0.0 or above")),
+            }
+        })
+        .value()
+}
+
+/// A limit of which zero, the default, stands for none: then infinity.
+pub(super) fn limit(declare: &mut Declare, name: &str, description: &str) -> f64 {
+    let text = format!("{description}; 0 is no limit");
+    match not_negative(declare, name, 0.0, &text) {
+        0.0 => f64::INFINITY,
+        limit => limit,
+    }
+}
+
+/// A direction that must be given: three numbers, of any length but zero.
+pub(super) fn direction(
+    declare: &mut Declare,
+    name: &str,
+    description: &str,
+) -> Unit<Vector3<f64>> {
+    let parameter = declare.required(name, description).read_only();
+    let values: Vec<f64> = parameter
+        .check("3 finite numbers, not all zero", |values: &Vec<f64>| {
+            finite(values, 3)?;
+            match values.iter().any(|x| x.abs() > 1e-9) {
+                true => Ok(()),
+                false => Err(format!(
+                    "{values:?} has no direction, expected 3 numbers that are not all zero"
+                )),
+            }
+        })
+        .value();
+    match values.as_slice() {
+        &[x, y, z] => Unit::new_normalize(Vector3::new(x, y, z)),
+        // The declaration has reported what is wrong.
+        _ => Vector3::x_axis(),
+    }
+}

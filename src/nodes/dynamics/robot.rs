@@ -1,0 +1,419 @@
+//! The simulated robot: rigid, or with flexible parts, wheels and thrusters.
+
+use nalgebra::{DVector, Isometry3};
+
+use super::{
+    free_body::{FreeBody, Restorable, try_to_move},
+    loops::LoopParams,
+    params::{DynamicsParams, joint_vector},
+};
+use crate::{
+    control::commander::BaseState,
+    dynamics::{
+        Floating, Forcing, FormulationKind, Input, Loops, Momentum, State,
+        flexible::{FlexibleFloating, FlexibleState},
+    },
+    model::{Frame, Model},
+    nodes::{choice, geometry::with_matrix},
+    spatial::{Pose, Twist},
+};
+
+/// The robot with its state, stepped under held efforts. A rigid robot is simulated by its own engine, which is the
+/// faster one and knows closed loops, friction and stops.
+pub enum Robot {
+    /// A tree of rigid bodies, possibly with closed loops.
+    Rigid(Box<Floating>),
+    /// A tree with deformable bodies, elastic joints, wheels or thrusters.
+    Flexible(Box<FlexibleFloating>),
+}
+
+/// All of a robot's state.
+#[derive(Clone)]
+pub enum RobotState {
+    /// Of a rigid robot.
+    Rigid(State),
+    /// Of a robot with flexible parts.
+    Flexible(FlexibleState),
+}
+
+impl From<Floating> for Robot {
+    fn from(robot: Floating) -> Self {
+        Self::Rigid(Box::new(robot))
+    }
+}
+
+impl From<FlexibleFloating> for Robot {
+    fn from(robot: FlexibleFloating) -> Self {
+        Self::Flexible(Box::new(robot))
+    }
+}
+
+impl Robot {
+    /// The robot of `model` as the parameters describe it, at its start.
+    ///
+    /// # Errors
+    /// A line that names the parameter.
+    pub fn new(params: &DynamicsParams, model: &Model) -> Result<Self, String> {
+        let q = &params.initial_joint_positions;
+        let mut state = State::at_rest_with(
+            model,
+            &joint_vector("initial_joint_positions", q, model.dof())?,
+        );
+        let qd = &params.initial_joint_velocities;
+        state.qd = joint_vector("initial_joint_velocities", qd, model.dof())?;
+        match params.flexible.is_empty() {
+            true => Self::rigid_at(params, model, state),
+            false => Self::flexible_at(params, model, &state),
+        }
+    }
+
+    fn rigid_at(params: &DynamicsParams, model: &Model, mut state: State) -> Result<Self, String> {
+        let mut loops: Loops =
+            LoopParams::loops(&params.loop_closures, model).map_err(|e| e.to_string())?;
+        (loops.assemble(&mut state, params.loop_tolerance)).map_err(|e| e.to_string())?;
+        params.base.place(model, &mut state);
+        let robot = Floating::with_loops(loops, state, params.method);
+        let robot = robot.with_joint_physics(&params.joint_physics);
+        let robot = robot.with_formulation(params.formulation).map_err(|e| {
+            let name = choice::name_of(&FormulationKind::NAMES, &params.formulation);
+            format!("parameter formulation is '{name}': {e}")
+        })?;
+        Ok(robot.into())
+    }
+
+    fn flexible_at(params: &DynamicsParams, model: &Model, joints: &State) -> Result<Self, String> {
+        let system = params.flexible.system(model)?;
+        let step = params.longest_step();
+        (system.check_step(&joints.q, params.method, step))
+            .map_err(|e| format!("parameter time_step is {}: {e}", params.time_step))?;
+        let mut state = params.flexible.start(&system, joints);
+        let mut robot = FlexibleFloating::new(&system, state.clone(), params.method);
+        let (X_WB, V_WB_B) = params.base.motion();
+        let mut workspace = robot.workspace().clone();
+        state.set_base(&mut workspace, &with_matrix(&X_WB), &V_WB_B);
+        robot.set_state(state);
+        Ok(robot.into())
+    }
+
+    /// The rigid robot; `None` if it has flexible parts.
+    pub fn rigid(&self) -> Option<&Floating> {
+        match self {
+            Self::Rigid(robot) => Some(robot),
+            Self::Flexible(_) => None,
+        }
+    }
+
+    /// The robot with flexible parts; `None` if it is rigid.
+    pub fn flexible(&self) -> Option<&FlexibleFloating> {
+        match self {
+            Self::Rigid(_) => None,
+            Self::Flexible(robot) => Some(robot),
+        }
+    }
+
+    /// The same, to be commanded.
+    pub fn flexible_mut(&mut self) -> Option<&mut FlexibleFloating> {
+        match self {
+            Self::Rigid(_) => None,
+            Self::Flexible(robot) => Some(robot),
+        }
+    }
+
+    /// The robot's description as a tree of rigid bodies.
+    pub fn model(&self) -> &Model {
+        match self {
+            Self::Rigid(robot) => robot.model(),
+            Self::Flexible(robot) => robot.model(),
+        }
+    }
+
+    /// The same with the inertia of deformable bodies, undeformed.
+    pub fn rigid_model(&self) -> Model {
+        match self {
+            Self::Rigid(robot) => robot.model().clone(),
+            Self::Flexible(robot) => robot.system().rigid_model(),
+        }
+    }
+
+    /// Mass of everything \[kg\].
+    pub fn total_mass(&self) -> f64 {
+        match self {
+            Self::Rigid(robot) => robot.model().total_mass(),
+            Self::Flexible(robot) => robot.system().total_mass(),
+        }
+    }
+
+    /// Joints, base attitude, centre of mass, momentum of everything, work.
+    pub fn state(&self) -> &State {
+        match self {
+            Self::Rigid(robot) => robot.state(),
+            Self::Flexible(robot) => &robot.state().tree,
+        }
+    }
+
+    /// Its closed loops; `None` if it has none.
+    pub fn loops(&self) -> Option<&Loops> {
+        let loops = self.rigid()?.loops();
+        (!loops.closures().is_empty()).then_some(loops)
+    }
+
+    /// Pose of `frame` in the base frame.
+    pub fn X_BF(&self, frame: &Frame) -> Pose {
+        match self {
+            Self::Rigid(robot) => robot.workspace().X_BF(frame),
+            Self::Flexible(robot) => robot.workspace().X_BF(frame),
+        }
+    }
+
+    /// Twist of `frame`'s origin in the world, base axes.
+    pub fn V_WF_B(&self, frame: &Frame) -> Twist {
+        match self {
+            Self::Rigid(robot) => robot.workspace().V_WF_B(frame),
+            Self::Flexible(robot) => robot.workspace().V_WF_B(frame),
+        }
+    }
+
+    /// Computes the accelerations of all frames under what acts now, for [`Self::A_WF_B`].
+    pub fn set_accelerations(&mut self) {
+        match self {
+            Self::Rigid(robot) => {
+                robot.accelerations();
+            }
+            Self::Flexible(robot) => robot.set_accelerations(),
+        }
+    }
+
+    /// Acceleration of `frame`'s origin as a point, and angular acceleration, in the world, base axes (needs
+    /// [`Self::set_accelerations`]).
+    pub fn A_WF_B(&self, frame: &Frame) -> Twist {
+        match self {
+            Self::Rigid(robot) => robot.workspace().A_WF_B(frame),
+            Self::Flexible(robot) => robot.workspace().A_WF_B(frame),
+        }
+    }
+
+    /// What motions of the tip depend on. The momentum is that of bodies, without that of wheels.
+    pub fn base_state(&self) -> BaseState {
+        match self {
+            Self::Rigid(robot) => BaseState::of(robot.state(), robot.workspace()),
+            Self::Flexible(robot) => {
+                let state = robot.state();
+                let mut momentum_B = state.tree.momentum_W.expressed_in(&state.tree.R_WB);
+                momentum_B.angular -= robot.workspace().rotor_momentum(state);
+                BaseState {
+                    X_WB: robot.X_WB(),
+                    momentum_B,
+                }
+            }
+        }
+    }
+
+    /// Momentum, summed over everything that moves, in world axes.
+    pub fn carried_momentum(&self) -> Momentum {
+        let momentum_B = match self {
+            Self::Rigid(robot) => robot.workspace().carried_momentum(),
+            Self::Flexible(robot) => robot.workspace().carried_momentum(robot.state()),
+        };
+        self.in_world(&momentum_B)
+    }
+
+    /// The same, and the scale of its rounding error (linear, angular).
+    pub fn carried_momentum_and_scale(&self) -> (Momentum, (f64, f64)) {
+        let (momentum_B, scale) = match self {
+            Self::Rigid(robot) => robot.workspace().carried_momentum_and_scale(),
+            Self::Flexible(robot) => {
+                let (workspace, state) = (robot.workspace(), robot.state());
+                (
+                    workspace.carried_momentum(state),
+                    workspace.momentum_scale(state),
+                )
+            }
+        };
+        (self.in_world(&momentum_B), scale)
+    }
+
+    fn in_world(&self, momentum_B: &Momentum) -> Momentum {
+        let R_WB = self.state().R_WB;
+        Momentum {
+            linear: R_WB * momentum_B.linear,
+            angular: R_WB * momentum_B.angular,
+        }
+    }
+
+    /// Kinetic energy \[J\].
+    pub fn kinetic_energy(&self) -> f64 {
+        match self {
+            Self::Rigid(robot) => robot.workspace().kinetic_energy(),
+            Self::Flexible(robot) => robot.workspace().kinetic_energy(robot.state()),
+        }
+    }
+
+    /// Strain energy of deformable bodies and elastic joints \[J\].
+    pub fn strain_energy(&self) -> f64 {
+        match self {
+            Self::Rigid(_) => 0.0,
+            Self::Flexible(robot) => robot.workspace().strain_energy(robot.state()),
+        }
+    }
+
+    /// Energy that deformation, elastic joints and bearings of wheels have dissipated since the start \[J\]. What joints
+    /// dissipate is in the state.
+    pub fn lost_energy(&self) -> f64 {
+        match self {
+            Self::Rigid(_) => 0.0,
+            Self::Flexible(robot) => robot.state().losses().total(),
+        }
+    }
+
+    /// The held efforts \[N m or N\], within the joints' limits.
+    pub fn efforts(&self) -> &DVector<f64> {
+        match self {
+            Self::Rigid(robot) => robot.efforts(),
+            Self::Flexible(robot) => robot.efforts(),
+        }
+    }
+
+    /// Holds joint efforts \[N m or N\] from now on, each clamped to its joint's effort limit. Returns whether any was
+    /// clamped.
+    pub fn hold_efforts(&mut self, efforts: &[f64]) -> bool {
+        match self {
+            Self::Rigid(robot) => robot.hold_efforts(efforts),
+            Self::Flexible(robot) => robot.hold_efforts(efforts),
+        }
+    }
+
+    /// Sets joint efforts and wheel torques to zero from now on.
+    pub fn release(&mut self) {
+        match self {
+            Self::Rigid(robot) => robot.release(),
+            Self::Flexible(robot) => robot.release(),
+        }
+    }
+
+    /// Held efforts and wrenches.
+    pub fn input_mut(&mut self) -> &mut Input {
+        match self {
+            Self::Rigid(robot) => robot.input_mut(),
+            Self::Flexible(robot) => &mut robot.input_mut().tree,
+        }
+    }
+
+    /// Whether a thruster is on.
+    pub fn is_firing(&self) -> bool {
+        self.flexible().is_some_and(FlexibleFloating::is_firing)
+    }
+
+    /// Advances by `steps` steps of `dt` \[s\] under the held input.
+    pub fn step(&mut self, dt: f64, steps: usize) {
+        match self {
+            Self::Rigid(robot) => robot.step(dt, steps),
+            Self::Flexible(robot) => robot.step(dt, steps),
+        }
+    }
+
+    /// Advances by one step of `dt` \[s\] under the input that `forcing` makes of the held one at every stage.
+    pub fn step_with(&mut self, dt: f64, forcing: &mut impl Forcing) {
+        match self {
+            Self::Rigid(robot) => robot.step_with(dt, forcing),
+            Self::Flexible(robot) => robot.step_with(dt, forcing),
+        }
+    }
+}
+
+impl FreeBody for Robot {
+    fn model(&self) -> &Model {
+        self.model()
+    }
+
+    fn state(&self) -> &State {
+        self.state()
+    }
+
+    fn is_finite(&self) -> bool {
+        match self {
+            Self::Rigid(robot) => robot.state().is_finite(),
+            Self::Flexible(robot) => robot.state().is_finite(),
+        }
+    }
+
+    fn X_WB(&self) -> Pose {
+        match self {
+            Self::Rigid(robot) => FreeBody::X_WB(&**robot),
+            Self::Flexible(robot) => robot.X_WB(),
+        }
+    }
+
+    fn V_WB_B(&self) -> Twist {
+        match self {
+            Self::Rigid(robot) => *robot.workspace().V_WB_B(),
+            Self::Flexible(robot) => *robot.workspace().V_WB_B(),
+        }
+    }
+
+    fn A_WB_B(&mut self) -> Twist {
+        self.set_accelerations();
+        self.A_WF_B(&self.model().frames()[0])
+    }
+
+    fn move_base(&mut self, X_WB: &Isometry3<f64>, V_WB_B: &Twist) -> Result<(), String> {
+        match self {
+            Self::Rigid(robot) => robot.move_base(X_WB, V_WB_B),
+            Self::Flexible(_) => try_to_move(self, |robot| {
+                if let Self::Flexible(robot) = robot {
+                    let mut state = robot.state().clone();
+                    let mut workspace = robot.workspace().clone();
+                    state.set_base(&mut workspace, &with_matrix(X_WB), V_WB_B);
+                    robot.set_state(state);
+                }
+            }),
+        }
+    }
+}
+
+impl Restorable for Robot {
+    type Saved = RobotState;
+
+    fn saved(&self) -> RobotState {
+        match self {
+            Self::Rigid(robot) => RobotState::Rigid(robot.state().clone()),
+            Self::Flexible(robot) => RobotState::Flexible(robot.state().clone()),
+        }
+    }
+
+    fn save_to(&self, saved: &mut RobotState) {
+        match (self, saved) {
+            (Self::Rigid(robot), RobotState::Rigid(saved)) => saved.copy_from(robot.state()),
+            (Self::Flexible(robot), RobotState::Flexible(saved)) => {
+                saved.copy_from(robot.state());
+            }
+            (_, saved) => *saved = self.saved(),
+        }
+    }
+
+    fn restore(&mut self, saved: &RobotState) {
+        match (self, saved) {
+            (Self::Rigid(robot), RobotState::Rigid(saved)) => robot.set_state(saved.clone()),
+            (Self::Flexible(robot), RobotState::Flexible(saved)) => robot.set_state(saved.clone()),
+            _ => unreachable!("a state is restored to the robot that it was saved from"),
+        }
+    }
+
+    fn restore_stopped(&mut self, saved: &RobotState, time: f64, keeps_momentum: bool) {
+        match (self, saved) {
+            (Self::Rigid(robot), RobotState::Rigid(saved)) => {
+                robot.restore_stopped(saved, time, keeps_momentum);
+            }
+            (Self::Flexible(robot), RobotState::Flexible(saved)) => {
+                let mut state = saved.clone();
+                state.tree.time = time;
+                state.close_valves();
+                match keeps_momentum {
+                    true => state.stop_internal_motion(),
+                    false => state.stop(),
+                }
+                robot.set_state(state);
+            }
+            _ => unreachable!("a state is restored to the robot that it was saved from"),
+        }
+    }
+}
