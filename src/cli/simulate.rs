@@ -1,12 +1,14 @@
 //! `fuyu simulate`: a scenario's closed loop without DDS.
 
+mod fleet;
+
 use std::{fmt::Write as _, path::PathBuf, time::Instant};
 
 use super::{Failure, print};
 use crate::{
     bag::BagError,
     control::ConvergenceFailure,
-    experiments::{ClosedLoop, Performance, SimulatedBag, Summary},
+    experiments::{ClosedLoop, MomentumResidual, Performance, Recorded, SimulatedBag, Summary},
     nodes::scenario::Scenario,
 };
 
@@ -34,6 +36,16 @@ enum Stop {
     Bag(BagError),
 }
 
+impl Stop {
+    /// A line for the user.
+    fn describe(self, scenario: &Scenario) -> String {
+        match self {
+            Self::Physics(problem) => format!("{}: {problem}", scenario.path().display()),
+            Self::Bag(problem) => problem.to_string(),
+        }
+    }
+}
+
 impl From<String> for Stop {
     fn from(problem: String) -> Self {
         Self::Physics(problem)
@@ -54,6 +66,9 @@ impl From<BagError> for Stop {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let scenario = Scenario::read(&args.config).map_err(Failure::Input)?;
     scenario.check().map_err(Failure::Input)?;
+    if scenario.robots().len() > 1 {
+        return fleet::run(args, &scenario);
+    }
     let mut closed_loop = ClosedLoop::new(&scenario).map_err(Failure::Input)?;
     if let Some(missing) = closed_loop.world.not_simulated() {
         eprintln!("fuyu: note: {}: {missing}", scenario.path().display());
@@ -70,18 +85,19 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         None => None,
         Some(folder) => {
             let description = scenario.dynamics().map_err(Failure::Input)?.robot.xml;
-            let bag = SimulatedBag::create(folder, &closed_loop, &description);
+            let robot = Recorded {
+                namespace: "/",
+                run: &closed_loop,
+                description: &description,
+            };
+            let bag = SimulatedBag::create(folder, &[robot]);
             Some(bag.map_err(|e| Failure::Input(e.to_string()))?)
         }
     };
     let start = Instant::now();
     let simulated = simulate(&mut closed_loop, duration, bag.as_mut());
-    let (performance, trouble) = simulated.map_err(|stop| {
-        Failure::Runtime(match stop {
-            Stop::Physics(problem) => format!("{}: {problem}", scenario.path().display()),
-            Stop::Bag(problem) => problem.to_string(),
-        })
-    })?;
+    let (performance, trouble) =
+        simulated.map_err(|stop| Failure::Runtime(stop.describe(&scenario)))?;
     if let Some((time, trouble)) = trouble {
         let path = scenario.path().display();
         eprintln!("fuyu: warning: {path}: from {time:.2} s on: {trouble}");
@@ -117,16 +133,15 @@ fn simulate(
     let mut frames = Vec::new();
     loop {
         if let Some(bag) = bag.as_deref_mut() {
-            bag.state(&mut closed_loop.world)?;
+            bag.time(closed_loop.world.time())?;
+            bag.state(0, &mut closed_loop.world)?;
         }
         closed_loop.answer::<Stop>(&mut frames, |world, moment| {
             performance.see(world, moment);
-            let now = (moment.answer.as_ref())
-                .and_then(|answer| answer.report.control.as_ref().ok()?.convergence_failure);
             let since = trouble.map_or(world.time(), |(since, _)| since);
-            trouble = now.map(|now| (since, now));
+            trouble = moment.trouble().map(|now| (since, now));
             if let Some(bag) = bag.as_deref_mut() {
-                bag.moment(world.time(), moment)?;
+                bag.moment(0, world.time(), moment)?;
             }
             Ok(())
         })?;
@@ -178,6 +193,17 @@ fn table(name: &str, s: &Summary) -> String {
         ),
     );
     row("energy residual", format!("{:.1e}", s.energy_residual));
+    for (target, t) in &s.targets {
+        let MomentumResidual { linear, angular } = t.momentum_residual;
+        row(
+            &format!("{target}: momentum residual"),
+            format!("{linear:.1e} linear, {angular:.1e} angular"),
+        );
+        row(
+            &format!("{target}: energy residual"),
+            format!("{:.1e}", t.energy_residual),
+        );
+    }
     if let Some(gap) = s.loop_gap {
         row("largest loop gap", format!("{gap:.1e} m or rad"));
     }

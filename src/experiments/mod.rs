@@ -2,10 +2,12 @@
 
 mod bag_check;
 mod bag_plot;
+mod balance;
 mod chart;
 mod closed_loop;
 mod continuous_loop;
 mod estimation_plot;
+mod fleet;
 pub mod masutani_ch3;
 pub mod masutani_ch5;
 pub mod masutani_ch6;
@@ -15,13 +17,16 @@ pub mod masutani_g;
 mod observations;
 mod operated;
 pub mod operation_counts;
+mod other_bodies;
 mod performance;
 mod recorded;
 mod recorded_estimation;
+mod recorded_names;
 mod recorded_physics;
 mod recorded_runs;
 pub mod reproduce;
 mod simulated_bag;
+mod target_summary;
 mod tip_check;
 mod topic_health;
 pub mod tr942;
@@ -32,16 +37,21 @@ pub use bag_plot::plot_bag;
 pub use chart::{
     ChartError, Dots, Figure, MapFigure, MapPanel, MapScale, Panel, PlaneFigure, Series,
 };
+pub use balance::{Balance, MomentumResidual};
 pub use closed_loop::{Answer, ClosedLoop, Moment};
 pub use continuous_loop::ContinuousLoop;
+pub use fleet::Fleet;
 pub use observations::{Observations, ObservedTracks};
 pub use operated::{Drive, Operated};
-pub use performance::{MomentumResidual, Performance, Summary};
+pub use other_bodies::OtherBodies;
+pub use performance::{Performance, Summary};
 pub use recorded::{
     BaseSample, ControllerSample, ExternalSample, JointSample, MomentumSample, RecordedRun,
     RecordedRuns, SeenPose,
 };
+pub use recorded_names::title_of;
 pub use recorded_physics::{Residual, momentum_residuals};
 pub use recorded_runs::RunCounter;
-pub use simulated_bag::SimulatedBag;
+pub use simulated_bag::{Recorded, SimulatedBag};
+pub use target_summary::TargetSummary;
 pub use topic_health::{TopicHealth, TopicWatch};

@@ -1,25 +1,27 @@
 //! Performance of a run: the figures that `fuyu simulate` reports.
 
+use std::collections::BTreeMap;
+
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::Moment;
-use crate::{dynamics::Momentum, nodes::dynamics::World, spatial::roll_pitch_yaw_intrinsic};
+use super::{
+    Moment,
+    balance::{Balance, MomentumResidual, larger},
+    target_summary::{TargetBalances, TargetSummary},
+};
+use crate::{nodes::dynamics::World, spatial::roll_pitch_yaw_intrinsic};
 
 /// Accumulates the figures of a run, state by state.
 pub struct Performance {
     initial_base: Vector3<f64>,
-    initial_momentum: Momentum,
-    initial_energy: f64,
     time: f64,
     /// Of the tip; `None` without a controller.
     last_error: Option<(f64, Option<f64>)>,
     position_settled: Settled,
     attitude_settled: Settled,
-    momentum_change: (f64, f64),
-    momentum_scale: (f64, f64),
-    energy_change: f64,
-    energy_scale: f64,
+    balance: Balance,
+    targets: TargetBalances,
     max_tip: Option<(f64, f64)>,
     max_base_angular_acceleration: f64,
     loop_gap: Option<f64>,
@@ -45,15 +47,6 @@ impl Settled {
     }
 }
 
-/// Largest relative change of momentum.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct MomentumResidual {
-    /// Linear.
-    pub linear: f64,
-    /// Angular, about the system's centre of mass.
-    pub angular: f64,
-}
-
 /// The figures of a run. Errors are true errors, not those measured by the camera. Figures of the tip are `None` in a
 /// free motion, those of its attitude also with an operator, whose goal is a point.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -72,11 +65,9 @@ pub struct Summary {
     pub base_displacement: [f64; 3],
     /// Final attitude of the base: roll, pitch, yaw of Masutani 1995 app. F \[rad\].
     pub base_attitude_rpy: [f64; 3],
-    /// Largest change of the total momentum of the bodies, relative to the initial momentum or to
-    /// [`Workspace::momentum_scale`](crate::dynamics::Workspace::momentum_scale), whichever is larger.
+    /// As [`Balance::momentum_residual`].
     pub momentum_residual: MomentumResidual,
-    /// Largest change of kinetic energy minus work, relative to the largest kinetic energy in the frame of the system's
-    /// centre of mass.
+    /// As [`Balance::energy_residual`].
     pub energy_residual: f64,
     /// Largest speed of the tip in the world \[m/s\].
     pub max_tip_speed: Option<f64>,
@@ -86,6 +77,9 @@ pub struct Summary {
     pub loop_gap: Option<f64>,
     /// Largest angular acceleration of the base \[rad/s²\].
     pub max_base_angular_acceleration: f64,
+    /// Targets with joints, by name.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub targets: BTreeMap<String, TargetSummary>,
     /// Wall time of the run \[s\].
     pub wall_time: f64,
 }
@@ -95,16 +89,12 @@ impl Performance {
     pub fn new(world: &World) -> Self {
         Self {
             initial_base: base_com(world),
-            initial_momentum: carried(world).0,
-            initial_energy: energy(world),
             time: 0.0,
             last_error: None,
             position_settled: Settled::new(0.01),
             attitude_settled: Settled::new(2f64.to_radians()),
-            momentum_change: (0.0, 0.0),
-            momentum_scale: (0.0, 0.0),
-            energy_change: 0.0,
-            energy_scale: 0.0,
+            balance: Balance::new(&world.robot),
+            targets: TargetBalances::new(world),
             max_tip: None,
             max_base_angular_acceleration: 0.0,
             loop_gap: None,
@@ -126,20 +116,8 @@ impl Performance {
             self.position_settled.see(self.time, drive.distance);
         }
 
-        let (momentum, scale) = carried(world);
-        let change = |a: Vector3<f64>, b: Vector3<f64>, worst| larger(worst, (a - b).norm());
-        let first = &self.initial_momentum;
-        self.momentum_change.0 = change(momentum.linear, first.linear, self.momentum_change.0);
-        self.momentum_change.1 = change(momentum.angular, first.angular, self.momentum_change.1);
-        self.momentum_scale.0 = larger(self.momentum_scale.0, scale.0);
-        self.momentum_scale.1 = larger(self.momentum_scale.1, scale.1);
-        let energy = energy(world);
-        let unexplained = energy - self.initial_energy - world.robot.state().work;
-        self.energy_change = larger(self.energy_change, unexplained.abs());
-        // The energy of the common drift is constant and excluded.
-        let drift = 0.5 * momentum.linear.norm_squared() / world.robot.model().total_mass();
-        self.energy_scale = larger(self.energy_scale, energy - drift);
-
+        self.balance.see(&world.robot);
+        self.targets.see(world);
         let robot = &world.robot;
         for (_, gap) in robot.loops().gaps(robot.workspace()) {
             let open = larger(gap.translation, gap.rotation);
@@ -169,9 +147,7 @@ impl Performance {
 
     /// The figures of a run with wall time `wall_time` \[s\].
     pub fn summary(&self, world: &World, wall_time: f64) -> Summary {
-        let relative = |change: f64, scale: f64| if scale > 0.0 { change / scale } else { change };
         let X_WB = world.robot.state().X_WB(world.robot.workspace());
-        let first = &self.initial_momentum;
         Summary {
             duration: self.time,
             tip_position_error: self.last_error.map(|e| e.0),
@@ -180,51 +156,22 @@ impl Performance {
             time_to_2deg: self.attitude_settled.since,
             base_displacement: (base_com(world) - self.initial_base).into(),
             base_attitude_rpy: roll_pitch_yaw_intrinsic(&X_WB.rotation),
-            momentum_residual: MomentumResidual {
-                linear: relative(
-                    self.momentum_change.0,
-                    larger(self.momentum_scale.0, first.linear.norm()),
-                ),
-                angular: relative(
-                    self.momentum_change.1,
-                    larger(self.momentum_scale.1, first.angular.norm()),
-                ),
-            },
-            energy_residual: relative(self.energy_change, self.energy_scale),
+            momentum_residual: self.balance.momentum_residual(),
+            energy_residual: self.balance.energy_residual(),
             max_tip_speed: self.max_tip.map(|m| m.0),
             max_tip_acceleration: self.max_tip.map(|m| m.1),
             loop_gap: self.loop_gap,
             max_base_angular_acceleration: self.max_base_angular_acceleration,
+            targets: self.targets.summary(world),
             wall_time,
         }
     }
-}
-
-/// The larger of two; NaN if one is NaN.
-fn larger(a: f64, b: f64) -> f64 {
-    if b > a || b.is_nan() { b } else { a }
 }
 
 /// The base body's centre of mass in the world.
 fn base_com(world: &World) -> Vector3<f64> {
     let X_WB = world.robot.state().X_WB(world.robot.workspace());
     X_WB.rotation * world.robot.model().bodies()[0].inertia.com + X_WB.translation.vector
-}
-
-/// Total momentum of the bodies in world axes, and the scale of its rounding error.
-fn carried(world: &World) -> (Momentum, (f64, f64)) {
-    let robot = &world.robot;
-    let (momentum_B, scale) = robot.workspace().carried_momentum_and_scale();
-    let R_WB = robot.state().R_WB;
-    let momentum_W = Momentum {
-        linear: R_WB * momentum_B.linear,
-        angular: R_WB * momentum_B.angular,
-    };
-    (momentum_W, scale)
-}
-
-fn energy(world: &World) -> f64 {
-    world.robot.workspace().kinetic_energy()
 }
 
 #[cfg(test)]

@@ -73,6 +73,11 @@ topics! {
     TARGET_ODOMETRY: TargetTopic<Odometry> = "ground_truth/NAME/odom", RELIABLE, ["dynamics"] => ["camera", "views"];
     /// A target's URDF, with links named as its frames.
     TARGET_DESCRIPTION: TargetTopic<Text> = "ground_truth/NAME/robot_description", LATCHED, ["dynamics"] => ["viewers"];
+    /// Joint positions and rates of a target that has joints.
+    TARGET_JOINT_STATES: TargetTopic<JointState> =
+        "ground_truth/NAME/joint_states", RELIABLE, ["dynamics"] => ["viewers"];
+    /// True momentum and kinetic energy of a target that has joints.
+    TARGET_MOMENTUM: TargetTopic<Momentum> = "ground_truth/NAME/momentum", RELIABLE, ["dynamics"] => ["recorder"];
     /// Angular velocity and acceleration of the base, as measured.
     IMU: Topic<Imu> = "imu", RELIABLE, ["dynamics"] => ["controller", "estimator", "teleop"];
     /// True momentum and kinetic energy.
@@ -117,6 +122,20 @@ topics! {
     PREDICTION: Topic<Path> = "estimator/prediction", RELIABLE, ["estimator"] => ["views"];
     /// Markers for RViz and Foxglove.
     MARKERS: Topic<MarkerArray> = "markers", RELIABLE, ["views"] => ["you"];
+}
+
+/// The last part of a name such as `/chaser/base_link`: the base of the robot in that namespace.
+pub const BASE: &str = "base_link";
+
+/// The topic with the true pose and twist of a body: of a target of the same world, called NAME; or, by an absolute name,
+/// of a target of another robot, `/chaser/NAME`, or of that robot's base, `/chaser/base_link`.
+pub fn odometry_of(body: &str) -> String {
+    match body.rsplit_once('/') {
+        Some((namespace, BASE)) if body.starts_with('/') => {
+            format!("{namespace}/{}", ODOMETRY.name)
+        }
+        _ => TARGET_ODOMETRY.of(body),
+    }
 }
 
 /// A topic of messages `M`.
@@ -244,6 +263,14 @@ mod tests {
             TARGET_DESCRIPTION.of("far/debris"),
             "far/ground_truth/debris/robot_description"
         );
+        for (body, topic) in [
+            ("debris", "ground_truth/debris/odom"),
+            ("/base_link", "/ground_truth/odom"),
+            ("/chaser/base_link", "/chaser/ground_truth/odom"),
+            ("/chaser/debris", "/chaser/ground_truth/debris/odom"),
+        ] {
+            assert_eq!(odometry_of(body), topic);
+        }
     }
 
     #[test]

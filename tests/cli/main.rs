@@ -1,5 +1,6 @@
 //! The `fuyu` executable: exit codes, output, error messages; and the examples.
 
+mod articulated_targets;
 mod bad_urdf;
 mod control;
 mod estimate;

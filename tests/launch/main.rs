@@ -15,6 +15,7 @@ mod python;
 #[path = "../support/waiting.rs"]
 mod waiting;
 
+mod articulated_targets;
 mod bad_input;
 mod command_arbiter;
 mod commanders;

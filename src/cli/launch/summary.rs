@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     bag::Bag,
-    experiments::{RecordedRun, RecordedRuns, momentum_residuals},
+    experiments::{RecordedRun, RecordedRuns, momentum_residuals, title_of},
     spatial::roll_pitch_yaw_intrinsic,
 };
 
@@ -59,14 +59,17 @@ pub fn summary(plan: &Plan, progress: &Progress, overload: &Overload) -> (String
         messages += 1;
         runs.accept(&message);
     }
-    for (_, run) in runs.robots() {
-        describe(run, &mut row);
+    for (namespace, run) in runs.robots() {
+        match title_of(namespace).as_str() {
+            "" => describe(run, &mut row),
+            title => describe(run, &mut |label, value| row(&format!("{title}: {label}"), value)),
+        }
     }
     row("bag", format!("{} ({messages} messages)", folder.display()));
     (out, missed)
 }
 
-fn describe(run: &RecordedRun, row: &mut impl FnMut(&str, String)) {
+fn describe(run: &RecordedRun, row: &mut dyn FnMut(&str, String)) {
     if let Some(last) = run.controller.last() {
         row(
             "tip position error",

@@ -18,6 +18,9 @@
 //! begins with the joints' present motion, and holds the arm when it is over. Wrenches from outside act on any link
 //! (`wrench_inputs`, `external_wrenches`).
 //!
+//! Several robots in one world have a dynamics node each; one owns the time, the others follow `/clock`
+//! (`shared_time`).
+//!
 //! One commander at a time; others are refused until it ends or is silent for `command_timeout`
 //! (`command_arbiter`). Efforts beyond a joint's limit are cut to it, those beyond `max_effort` are refused
 //! (`joint_command`).
@@ -46,6 +49,7 @@ mod real_time_pacing;
 mod response_tracking;
 mod robot_status;
 mod services;
+mod shared_time;
 mod simulation;
 mod step_status;
 mod target;
@@ -56,8 +60,8 @@ mod wrench_inputs;
 
 pub use imu::{ImuParams, imu};
 pub use loops::{EndParams, LoopParams};
-pub use messages::{FrameTree, WORLD, joint_states, momentum, odometry};
-pub use params::{Description, DynamicsParams, InitialMotion, TargetParams};
+pub use messages::{FrameTree, WORLD, joint_states, momentum, odometry, target_joint_states};
+pub use params::{Description, DynamicsParams, InitialJoints, InitialMotion, TargetParams};
 pub use target::Target;
 pub use world::World;
 

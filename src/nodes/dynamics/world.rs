@@ -22,6 +22,9 @@ use crate::{
     nodes::choice,
 };
 
+/// What messages call the robot.
+const ROBOT: &str = "the robot";
+
 /// The robot and the free bodies. They share nothing but time.
 pub struct World {
     /// The robot.
@@ -74,14 +77,9 @@ impl World {
                 "the robot cannot be simulated from its start: {what}"
             ));
         }
-        let targets = params.targets.iter().map(|target| {
-            Target::new(
-                &target.name,
-                &target.description,
-                &target.motion,
-                params.method,
-            )
-        });
+        let targets = params.targets.iter();
+        let targets =
+            targets.map(|target| Target::new(target, params.method, &params.joint_physics));
         Ok(Self {
             not_simulated: not_simulated(&robot, &params.joint_physics),
             drive: JointDrive::new(&robot, &params.drive)?,
@@ -171,7 +169,7 @@ impl World {
     /// A line with the time, what moves too fast, and what helps.
     pub fn check_divergence(&self) -> Result<(), String> {
         let targets = self.targets.iter().map(|t| (t.name.as_str(), &t.body));
-        for (name, body) in std::iter::once(("the robot", &self.robot)).chain(targets) {
+        for (name, body) in std::iter::once((ROBOT, &self.robot)).chain(targets) {
             if let Some(what) = divergence::of(body) {
                 return Err(self.diverged(name, &what));
             }
@@ -181,7 +179,7 @@ impl World {
 
     fn diverged(&self, name: &str, what: &str) -> String {
         let cause = match self.drive.mode() {
-            DriveMode::Effort if self.robot.efforts().amax() > 0.0 => {
+            DriveMode::Effort if name == ROBOT && self.robot.efforts().amax() > 0.0 => {
                 "lower the efforts or gains, or sample the controller more often (state_rate)"
             }
             _ => "lower time_step",
@@ -232,7 +230,7 @@ impl World {
     /// A body whose motion has diverged gets the state before its last step, so that a commander that asks for too much
     /// does not end the simulation for all others. The robot's joints are stopped, and its efforts are zero until the
     /// next command; momentum is conserved, unless it has diverged already since the last command: then the robot is
-    /// stopped altogether. Wrenches on it end. A target is stopped.
+    /// stopped altogether. Wrenches on it end. A target is stopped likewise.
     ///
     /// # Errors
     /// As [`Self::check_divergence`], before anything was restored.

@@ -3,10 +3,11 @@
 mod bodies;
 mod joint_physics;
 mod motions;
+mod robots;
 mod velocity_servo;
 
 pub(super) use bodies::joint_vector;
-pub use bodies::{Description, InitialMotion, TargetParams};
+pub use bodies::{Description, InitialJoints, InitialMotion, TargetParams};
 
 use std::path::PathBuf;
 
@@ -25,6 +26,7 @@ use bodies::finite_list;
 use joint_physics::declare_joint_physics;
 pub use motions::{BaseReaction, LiveBaseReaction, MotionParams};
 use motions::{declare_base_reaction, declare_motions, declare_position_servo};
+use robots::declare_robots;
 use velocity_servo::declare_servo;
 
 /// Parameters of the dynamics node; read once, at the start.
@@ -44,6 +46,8 @@ pub struct DynamicsParams {
     pub base: InitialMotion,
     /// Other free-floating bodies.
     pub targets: Vec<TargetParams>,
+    /// Namespaces of all robots of this world, if there are several; the first one's node owns the time.
+    pub robots: Vec<String>,
     /// Folders from which peers may name files to spawn.
     pub resource_folders: AllowedFolders,
     /// The base's inertial measurement unit.
@@ -176,6 +180,7 @@ impl DynamicsParams {
             )
             .read_only()
             .value();
+        let robots = declare_robots(declare);
         let mut targets = Vec::new();
         for name in names {
             let key = format!("{name}.urdf");
@@ -189,7 +194,8 @@ impl DynamicsParams {
                 .read_only()
                 .value();
             let motion = InitialMotion::declare(declare, &name, "target's frame");
-            targets.push((name, key, file, lookup, motion));
+            let joints = InitialJoints::declare(declare, &name);
+            targets.push((name, key, file, lookup, motion, joints));
         }
         let imu = ImuParams::declare(declare);
         let method = choice::declare(
@@ -358,12 +364,13 @@ impl DynamicsParams {
             Description::new(xml, "parameter robot_description".to_owned(), strict)
         };
         let targets = (targets.into_iter())
-            .map(|(name, key, file, lookup, motion)| {
+            .map(|(name, key, file, lookup, motion, joints)| {
                 let description = Description::read(&key, &file, &lookup, strict)?;
                 Ok(TargetParams {
                     name,
                     description,
                     motion: motion?,
+                    joints,
                 })
             })
             .collect::<Result<_, String>>()?;
@@ -375,6 +382,7 @@ impl DynamicsParams {
             loop_tolerance,
             base,
             targets,
+            robots,
             resource_folders: AllowedFolders::new(resource_folders),
             imu,
             // The declaration has refused any other text.
