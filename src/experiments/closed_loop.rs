@@ -8,7 +8,8 @@ use super::{
 };
 use crate::{
     control::{
-        ControlLoop, ControlLoopConfig, Controller, ConvergenceFailure, InputError, LoopReport, PoseError, Stamp,
+        ControlLoop, ControlLoopConfig, Controller, ConvergenceFailure, InputError, LoopReport,
+        PoseError, Stamp,
     },
     dynamics::Workspace,
     model::Frame,
@@ -233,11 +234,7 @@ fn add_frame(
 }
 
 impl VisualServo {
-    fn new(
-        scenario: &Scenario,
-        world: &World,
-        others: &mut OtherBodies,
-    ) -> Result<Self, String> {
+    fn new(scenario: &Scenario, world: &World, others: &mut OtherBodies) -> Result<Self, String> {
         let model = world.robot.model();
         let (camera, controller) = (scenario.camera()?, scenario.controller()?);
         let at = |e: String| format!("{}: {e}", scenario.path().display());

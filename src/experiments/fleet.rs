@@ -42,7 +42,9 @@ impl Fleet {
                 let other = robots.iter().position(|r| r.namespace == robot);
                 let other = other.ok_or_else(|| format!("no robot is in the namespace {robot}"))?;
                 let world = &robots[other].closed_loop.world;
-                let target = target.map(|target| world.target_index(&target)).transpose()?;
+                let target = target
+                    .map(|target| world.target_index(&target))
+                    .transpose()?;
                 Ok((other, target))
             });
             robots[i].watched = watched.collect::<Result<_, String>>()?;
@@ -72,7 +74,9 @@ impl Fleet {
     /// If there is no such robot.
     pub fn robot(&mut self, index: usize) -> &mut ClosedLoop {
         let poses = self.robots[index].watched.iter();
-        let poses: Vec<Pose> = poses.map(|(robot, target)| self.pose(*robot, *target)).collect();
+        let poses: Vec<Pose> = poses
+            .map(|(robot, target)| self.pose(*robot, *target))
+            .collect();
         let robot = &mut self.robots[index].closed_loop;
         robot.others.set_poses(&poses);
         robot

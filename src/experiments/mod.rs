@@ -34,10 +34,10 @@ pub mod tracking;
 
 pub use bag_check::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag};
 pub use bag_plot::plot_bag;
+pub use balance::{Balance, MomentumResidual};
 pub use chart::{
     ChartError, Dots, Figure, MapFigure, MapPanel, MapScale, Panel, PlaneFigure, Series,
 };
-pub use balance::{Balance, MomentumResidual};
 pub use closed_loop::{Answer, ClosedLoop, Moment};
 pub use continuous_loop::ContinuousLoop;
 pub use fleet::Fleet;

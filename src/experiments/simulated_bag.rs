@@ -167,7 +167,8 @@ impl SimulatedBag {
     /// When the folder exists or cannot be written.
     pub fn create(folder: &Path, robots: &[Recorded]) -> Result<Self, BagError> {
         let mut writer = Writer::create(folder, WriterOptions::default())?;
-        let clock = Topic::of::<rosgraph_msgs::Clock>(topics::CLOCK.name.to_owned(), topics::CLOCK.qos);
+        let clock =
+            Topic::of::<rosgraph_msgs::Clock>(topics::CLOCK.name.to_owned(), topics::CLOCK.qos);
         let clock = writer.add_topic(clock)?;
         let robots = robots.iter();
         let robots = robots.map(|robot| RobotTopics::new(&mut writer, robot));

@@ -227,9 +227,10 @@ impl Scenario {
                 let params = self.parameters_of(name, |d| Ok(ControllerParams::declare(d)))?;
                 let robot = self.robot(name.namespace());
                 robot.map_or(Ok(()), |robot| {
-                    tip_frame(&robot, &params.tip_link).map_err(parameter)?;
+                    let tip = tip_frame(&robot, &params.tip_link).map_err(parameter)?;
                     second_tip(&robot, &params.second_tip_link).map_err(parameter)?;
-                    let gains = params.config.check(robot.dof());
+                    let config = params.complete(params.config.clone(), &robot, &tip);
+                    let gains = config.map_err(parameter)?.check(robot.dof());
                     gains.map_err(|e| parameter(e.to_string()))
                 })
             }

@@ -132,8 +132,14 @@ fn integral(a: f64, b: f64, f: impl Fn(f64) -> f64) -> f64 {
 
 fn of(run: &Value, target: &str, key: &str) -> f64 {
     let value = &run["targets"][target][key];
-    let value = if value.is_object() { &value["hinge"] } else { value };
-    value.as_f64().unwrap_or_else(|| panic!("{target} {key}: {run}"))
+    let value = if value.is_object() {
+        &value["hinge"]
+    } else {
+        value
+    };
+    value
+        .as_f64()
+        .unwrap_or_else(|| panic!("{target} {key}: {run}"))
 }
 
 // Would break if joints of a target were held, or moved without their damping or stops, with another inertia than the
@@ -185,7 +191,10 @@ fn satellites_move_as_closed_forms_say() {
         for part in ["linear", "angular"] {
             assert!(residual[part].as_f64().unwrap() < 1e-13, "{target} {run}");
         }
-        assert!(of(&run, target, "energy_residual") < 1e-11, "{target} {run}");
+        assert!(
+            of(&run, target, "energy_residual") < 1e-11,
+            "{target} {run}"
+        );
         let states = format!("/ground_truth/{target}/joint_states");
         let states = bag.read::<JointState>(&states).unwrap();
         assert_eq!(states.len(), 1001);
@@ -210,7 +219,11 @@ fn bags_of_targets_with_joints_are_checked() {
     let args = ["simulate", &config, "--duration", "3", "--output", output];
     let run = fuyu(&args);
     assert_eq!(run.code, 0, "{}", run.stderr);
-    assert!(run.stdout.contains("swinging: energy residual"), "{}", run.stdout);
+    assert!(
+        run.stdout.contains("swinging: energy residual"),
+        "{}",
+        run.stdout
+    );
     let report = check(&bag);
     assert_eq!(report["passed"], true, "{report}");
     let lines = report["checks"].as_array().unwrap();
@@ -236,7 +249,11 @@ fn bags_of_targets_with_joints_are_checked() {
         .map(|file| file.unwrap().file_name().into_string().unwrap())
         .collect();
     println!("{pictures:?} {}", plotted.stdout);
-    assert!(plotted.stdout.contains("swinging_joint_rates"), "{}", plotted.stdout);
+    assert!(
+        plotted.stdout.contains("swinging_joint_rates"),
+        "{}",
+        plotted.stdout
+    );
 }
 
 // Would break if a mistake in a target's joints were found only while it runs.
@@ -252,14 +269,20 @@ fn wrong_joints_of_targets_are_refused() {
             let run = fuyu(&[command, &config]);
             let message = run.refusal();
             for part in says {
-                assert!(message.contains(part), "{command}: no {part:?} in {message}");
+                assert!(
+                    message.contains(part),
+                    "{command}: no {part:?} in {message}"
+                );
             }
         }
     };
     refused(
         "initial_joint_positions: [0.3]",
         "initial_joint_positions: [0.3, 0.1]",
-        &["swinging.initial_joint_positions has 2 values", "target swinging has 1 joints"],
+        &[
+            "swinging.initial_joint_positions has 2 values",
+            "target swinging has 1 joints",
+        ],
     );
     refused(
         "initial_joint_positions: [0.3]",
@@ -269,12 +292,19 @@ fn wrong_joints_of_targets_are_refused() {
     refused(
         "initial_joint_velocities: [0.4]",
         "initial_joint_velocities: [1.0e7]",
-        &["target swinging cannot be simulated", "joint 'hinge' moves at 1.0e7 rad/s"],
+        &[
+            "target swinging cannot be simulated",
+            "joint 'hinge' moves at 1.0e7 rad/s",
+        ],
     );
     refused(
         "initial_joint_positions: [0.3]",
         "initial_joint_position: [0.3]",
         &["swinging.initial_joint_position"],
     );
-    refused("urdf: swinging.urdf", "urdf: gone.urdf", &["swinging.urdf", "gone.urdf"]);
+    refused(
+        "urdf: swinging.urdf",
+        "urdf: gone.urdf",
+        &["swinging.urdf", "gone.urdf"],
+    );
 }

@@ -12,4 +12,5 @@ mod input_files;
 mod inspect;
 mod reproduce;
 mod tracking;
+mod two_servicers;
 mod views;

@@ -8,7 +8,7 @@ use crate::{
     simulation_control::{OK, Simulation},
 };
 
-const DOMAIN: u16 = 119;
+const DOMAIN: u16 = 132;
 const SPAWNED: &str = "/chaser/ground_truth/sail/joint_states";
 
 /// A hull of 20 kg m² and a panel of 5 kg m² that a spring of 8 N m/rad turns to 0.5 rad, about a hinge through both
@@ -59,10 +59,15 @@ fn a_spawned_target_moves_its_joints() {
 
         // Viewers see the panel in the hull's frame.
         let transforms = fresh(&mut sim.peer, "/tf", 1);
-        let transforms = transforms[0]["transforms"].as_array().expect("a list").clone();
+        let transforms = transforms[0]["transforms"]
+            .as_array()
+            .expect("a list")
+            .clone();
         let of = |child: &str| {
             let found = transforms.iter().find(|t| t["child_frame_id"] == child);
-            found.unwrap_or_else(|| panic!("no {child} in {transforms:?}")).clone()
+            found
+                .unwrap_or_else(|| panic!("no {child} in {transforms:?}"))
+                .clone()
         };
         assert_eq!(of("sail")["header"]["frame_id"], "world");
         let panel = of("sail/panel");
@@ -76,10 +81,15 @@ fn a_spawned_target_moves_its_joints() {
         let info = sim.gets(OK, "get_entity_info", "GetEntityInfo", info)["info"].clone();
         let said = info["description"].as_str().expect("text");
         assert!(said.contains("2 bodies, 1 joints"), "{said}");
-        spawn(&mut sim, 101, json!({
-            "name": "panel", "entity_namespace": "sail", "entity_resource": {"resource_string": SAIL},
-        }));
-        let on_panel = json!({"header": {"frame_id": "sail/panel"}, "pose": {"position": {"z": 2.0}}});
+        spawn(
+            &mut sim,
+            101,
+            json!({
+                "name": "panel", "entity_namespace": "sail", "entity_resource": {"resource_string": SAIL},
+            }),
+        );
+        let on_panel =
+            json!({"header": {"frame_id": "sail/panel"}, "pose": {"position": {"z": 2.0}}});
         let request = json!({"entity": "target", "state": on_panel, "set_pose": true});
         sim.gets(OK, "set_entity_state", "SetEntityState", request);
         let is = sim.of("target")["pose"]["position"].clone();
@@ -94,7 +104,12 @@ fn a_spawned_target_moves_its_joints() {
         let request = json!({"entity": "sail", "state": moved, "set_pose": true});
         sim.gets(OK, "set_entity_state", "SetEntityState", request);
         assert!((seen(&mut sim) - angle(1.0)).abs() < 1e-9);
-        sim.gets(OK, "reset_simulation", "ResetSimulation", json!({"scope": 2}));
+        sim.gets(
+            OK,
+            "reset_simulation",
+            "ResetSimulation",
+            json!({"scope": 2}),
+        );
         assert_eq!(seen(&mut sim), 0.0);
         sim.step(OK, 50);
         assert!((seen(&mut sim) - angle(0.5)).abs() < 1e-9);
@@ -107,7 +122,12 @@ fn a_spawned_target_moves_its_joints() {
         delete(&mut sim);
         spawn(&mut sim, OK, sail);
         assert_eq!(seen(&mut sim), 0.0);
-        sim.gets(OK, "reset_simulation", "ResetSimulation", json!({"scope": 4}));
+        sim.gets(
+            OK,
+            "reset_simulation",
+            "ResetSimulation",
+            json!({"scope": 4}),
+        );
         assert_eq!(sim.entities(json!({"filter": "sail"})).len(), 0);
 
         // A robot is a body as any other.

@@ -62,7 +62,9 @@ pub fn summary(plan: &Plan, progress: &Progress, overload: &Overload) -> (String
     for (namespace, run) in runs.robots() {
         match title_of(namespace).as_str() {
             "" => describe(run, &mut row),
-            title => describe(run, &mut |label, value| row(&format!("{title}: {label}"), value)),
+            title => describe(run, &mut |label, value| {
+                row(&format!("{title}: {label}"), value)
+            }),
         }
     }
     row("bag", format!("{} ({messages} messages)", folder.display()));

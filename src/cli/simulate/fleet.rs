@@ -41,15 +41,14 @@ pub fn run(args: &Args, scenario: &Scenario) -> Result<(), Failure> {
     for warning in scenario.warnings(true) {
         eprintln!("fuyu: warning: {warning}");
     }
-    let durations = fleet.robots().map(|(_, closed_loop)| closed_loop.duration());
-    let duration = match args.duration {
-        Some(duration) => duration,
-        // The node of the first robot owns the time.
-        None => match durations.into_iter().next() {
-            Some(duration) if duration > 0.0 => duration,
-            _ => 60.0,
-        },
-    };
+    // The owner of the time may be any of them; one that has a duration ends the run.
+    let durations = fleet
+        .robots()
+        .map(|(_, closed_loop)| closed_loop.duration());
+    let given = durations
+        .filter(|duration| *duration > 0.0)
+        .reduce(f64::min);
+    let duration = args.duration.or(given).unwrap_or(60.0);
     let mut bag = match &args.output {
         None => None,
         Some(folder) => {
@@ -57,7 +56,9 @@ pub fn run(args: &Args, scenario: &Scenario) -> Result<(), Failure> {
                 let robot = scenario.of_robot(namespace).dynamics();
                 robot.map(|dynamics| dynamics.robot.xml)
             });
-            let descriptions: Vec<_> = descriptions.collect::<Result<_, _>>().map_err(Failure::Input)?;
+            let descriptions: Vec<_> = descriptions
+                .collect::<Result<_, _>>()
+                .map_err(Failure::Input)?;
             let robots = fleet.robots().zip(&descriptions);
             let robots = robots.map(|((namespace, run), description)| Recorded {
                 namespace,
@@ -119,7 +120,14 @@ fn simulate(
         if let Some(bag) = bag.as_deref_mut() {
             bag.time(time)?;
         }
-        for (i, Observed { performance, trouble }) in observed.iter_mut().enumerate() {
+        for (
+            i,
+            Observed {
+                performance,
+                trouble,
+            },
+        ) in observed.iter_mut().enumerate()
+        {
             let closed_loop = fleet.robot(i);
             if let Some(bag) = bag.as_deref_mut() {
                 bag.state(i, &mut closed_loop.world)?;

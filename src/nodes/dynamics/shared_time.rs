@@ -2,13 +2,15 @@
 //!
 //! The node of the robot that the parameter `robots` names first publishes `/clock`; the others simulate up to the time
 //! that it shows. The first one waits, before it goes on, until the others have published the state of that time: in
-//! lockstep always, otherwise for `answer_timeout`, and not for those that have left the graph.
+//! lockstep always, otherwise for `answer_timeout`, and not for those that have been silent for so long.
+
+use std::time::Duration;
 
 use super::params::DynamicsParams;
 use crate::{
     msg::{nav_msgs::Odometry, rosgraph_msgs::Clock},
     nodes::topics,
-    ros::{Gid, Node, NodeError, Qos, Subscription, Time},
+    ros::{Node, NodeError, Qos, Subscription, Time},
 };
 
 /// What a node has to do with the time of the world.
@@ -19,6 +21,8 @@ pub enum SharedTime {
     Leader {
         /// The other robots.
         followers: Vec<Follower>,
+        /// Silence of a robot after which it is not waited for in real time.
+        patience: Duration,
         /// Stamp of the last state.
         tick: Time,
     },
@@ -35,22 +39,20 @@ pub enum SharedTime {
 
 /// Another robot, whose node follows `/clock`.
 pub struct Follower {
-    namespace: String,
     odometry: Subscription<Odometry>,
-    /// Stamp and publisher of its last state.
-    last: Option<(Time, Gid)>,
+    /// Stamp of its last state.
+    last: Option<Time>,
 }
 
 impl Follower {
     /// Whether its state of this time has not arrived.
     fn is_behind(&self, tick: Time) -> bool {
-        self.last.is_none_or(|(stamp, _)| stamp != tick)
+        self.last != Some(tick)
     }
 
-    /// Whether it has been seen and is still in the graph.
-    fn is_present(&self) -> bool {
-        self.last
-            .is_some_and(|(_, publisher)| self.odometry.is_matched(publisher))
+    /// Whether it was silent for less than `patience`.
+    fn is_alive(&self, patience: Duration) -> bool {
+        self.odometry.age().is_some_and(|age| age < patience)
     }
 }
 
@@ -81,13 +83,13 @@ impl SharedTime {
         let followers = params.robots.iter().skip(1).map(|namespace| {
             let topic = topics::odometry_of(&format!("{namespace}/{}", topics::BASE));
             Ok(Follower {
-                namespace: namespace.clone(),
                 odometry: node.subscribe(&topic, topics::ODOMETRY.qos)?,
                 last: None,
             })
         });
         Ok(Self::Leader {
             followers: followers.collect::<Result<_, NodeError>>()?,
+            patience: Duration::from_secs_f64(params.answer_timeout),
             tick: Time::ZERO,
         })
     }
@@ -99,8 +101,7 @@ impl SharedTime {
             Self::Leader { followers, .. } => {
                 for follower in followers {
                     if let Some(received) = follower.odometry.latest() {
-                        let stamp = Time::from(&received.message.header.stamp);
-                        follower.last = Some((stamp, received.publisher));
+                        follower.last = Some(Time::from(&received.message.header.stamp));
                     }
                 }
             }
@@ -121,7 +122,10 @@ impl SharedTime {
 
     /// Time or state is reset: what other robots have published belongs to the previous run.
     pub fn restart(&mut self) {
-        if let Self::Leader { followers, tick } = self {
+        if let Self::Leader {
+            followers, tick, ..
+        } = self
+        {
             *tick = Time::ZERO;
             for follower in followers {
                 follower.last = None;
@@ -156,17 +160,23 @@ impl SharedTime {
     pub fn may_reach(&self, time: f64) -> bool {
         match self {
             Self::Alone => true,
-            Self::Leader { followers, tick } => !followers.iter().any(|f| f.is_behind(*tick)),
+            Self::Leader {
+                followers, tick, ..
+            } => !followers.iter().any(|f| f.is_behind(*tick)),
             Self::Follower { now, .. } => now.is_some_and(|now| now >= Time::from_secs_f64(time)),
         }
     }
 
-    /// Whether a robot in the graph has not published the last state's time yet.
+    /// Whether a robot that is alive has not published its state of the last tick yet.
     pub fn is_due(&self) -> bool {
         match self {
-            Self::Leader { followers, tick } => followers
+            Self::Leader {
+                followers,
+                patience,
+                tick,
+            } => followers
                 .iter()
-                .any(|f| f.is_present() && f.is_behind(*tick)),
+                .any(|f| f.is_alive(*patience) && f.is_behind(*tick)),
             _ => false,
         }
     }
@@ -183,7 +193,9 @@ impl SharedTime {
     pub fn waits_for(&self) -> String {
         match self {
             Self::Alone => String::new(),
-            Self::Leader { followers, tick } => {
+            Self::Leader {
+                followers, tick, ..
+            } => {
                 let behind = followers.iter().filter(|f| f.is_behind(*tick));
                 let behind: Vec<_> = behind.map(|f| f.odometry.topic()).collect();
                 format!("the state of {tick} s on {}", behind.join(", "))
@@ -191,16 +203,6 @@ impl SharedTime {
             Self::Follower { leader, .. } => {
                 format!("/clock, from the dynamics node of the robot {leader}")
             }
-        }
-    }
-
-    /// The other robots that time waits for, for the log.
-    pub fn followers(&self) -> Vec<&str> {
-        match self {
-            Self::Leader { followers, .. } => {
-                followers.iter().map(|f| f.namespace.as_str()).collect()
-            }
-            _ => Vec::new(),
         }
     }
 }

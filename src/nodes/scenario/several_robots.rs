@@ -28,7 +28,11 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), String> {
         robot => format!("{robot}/dynamics"),
     };
     let at = |i: usize, problem: String| {
-        Err(format!("{}: node {}: {problem}", scenario.path().display(), node(i)))
+        Err(format!(
+            "{}: node {}: {problem}",
+            scenario.path().display(),
+            node(i)
+        ))
     };
     let same = |key: &str, of: fn(&DynamicsParams) -> f64| {
         let different = params.iter().position(|p| of(p) != of(&params[0]));
@@ -52,7 +56,10 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), String> {
             names
         };
         let named = sorted(&mut params.robots.iter().map(String::as_str));
-        let (expected, said) = (sorted(&mut robots.iter().copied()), params.robots.join(", "));
+        let (expected, said) = (
+            sorted(&mut robots.iter().copied()),
+            params.robots.join(", "),
+        );
         if robots.len() < 2 && !named.is_empty() {
             let problem = "but the scenario has no other dynamics node";
             return at(i, format!("parameter robots is [{said}], {problem}"));

@@ -60,9 +60,8 @@ pub struct InitialJoints {
 impl InitialJoints {
     /// Declares `TARGET.initial_joint_positions` and `.initial_joint_velocities`, and reads them.
     pub(super) fn declare(declare: &mut Declare, target: &str) -> Self {
-        let mut list = |name: &str, what: &str| {
-            finite_list(declare, &format!("{target}.{name}"), what)
-        };
+        let mut list =
+            |name: &str, what: &str| finite_list(declare, &format!("{target}.{name}"), what);
         Self {
             positions: list(
                 "initial_joint_positions",
