@@ -127,17 +127,6 @@ topics! {
 /// The last part of a name such as `/chaser/base_link`: the base of the robot in that namespace.
 pub const BASE: &str = "base_link";
 
-/// The topic with the true pose and twist of a body: of a target of the same world, called NAME; or, by an absolute name,
-/// of a target of another robot, `/chaser/NAME`, or of that robot's base, `/chaser/base_link`.
-pub fn odometry_of(body: &str) -> String {
-    match body.rsplit_once('/') {
-        Some((namespace, BASE)) if body.starts_with('/') => {
-            format!("{namespace}/{}", ODOMETRY.name)
-        }
-        _ => TARGET_ODOMETRY.of(body),
-    }
-}
-
 /// A topic of messages `M`.
 pub struct Topic<M> {
     /// Name, relative to the node's namespace unless it begins with a slash.
@@ -199,9 +188,14 @@ impl<M: Interface> TargetTopic<M> {
         }
     }
 
-    /// Name of the topic of `target`, in the target's namespace if it has one.
+    /// Name of the topic of `target`, in the target's namespace if it has one. An absolute name is that of a body of another
+    /// robot: of its target, `/chaser/debris`, or of its base, `/chaser/base_link`.
     pub fn of(&self, target: &str) -> String {
         match target.rsplit_once('/') {
+            Some((namespace, BASE)) if target.starts_with('/') => {
+                let of_robot = self.pattern.replace(&format!("{NAME}/"), "");
+                format!("{namespace}/{of_robot}")
+            }
             Some((namespace, name)) => format!("{namespace}/{}", self.pattern.replace(NAME, name)),
             None => self.pattern.replace(NAME, target),
         }
@@ -269,7 +263,7 @@ mod tests {
             ("/chaser/base_link", "/chaser/ground_truth/odom"),
             ("/chaser/debris", "/chaser/ground_truth/debris/odom"),
         ] {
-            assert_eq!(odometry_of(body), topic);
+            assert_eq!(TARGET_ODOMETRY.of(body), topic);
         }
     }
 

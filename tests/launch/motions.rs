@@ -118,7 +118,11 @@ fn stamps_in_the_future_are_waited_for_or_refused() {
             let mut far = of_joint2(0.9, 0.0);
             far["header"]["stamp"] = stamp;
             session.publish("joint_trajectory", TRAJECTORY, &far);
-            session.reports("motions", since, "more than a day ahead");
+            session.reports(
+                "motions",
+                since,
+                "set use_sim_time, or leave the stamp zero",
+            );
         }
         let (q, _) = session.joints();
         assert!((q[1] - POSTURE[1]).abs() < 1e-3, "{q:?}");

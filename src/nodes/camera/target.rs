@@ -28,7 +28,7 @@ impl TargetTopics {
     /// # Errors
     /// When the node cannot subscribe or publish.
     pub fn new(node: &Node, target: &str) -> Result<Self, NodeError> {
-        let odometry = node.subscribe(&topics::odometry_of(target), topics::ODOMETRY.qos)?;
+        let odometry = topics::TARGET_ODOMETRY.subscribe(node, target)?;
         let status = node.diagnostics().status("features");
         status.warn(format!("nothing has arrived on {} yet", odometry.topic()));
         Ok(Self {

@@ -81,7 +81,8 @@ impl SharedTime {
             });
         }
         let followers = params.robots.iter().skip(1).map(|namespace| {
-            let topic = topics::odometry_of(&format!("{namespace}/{}", topics::BASE));
+            let base = format!("{}/{}", namespace.trim_end_matches('/'), topics::BASE);
+            let topic = topics::TARGET_ODOMETRY.of(&base);
             Ok(Follower {
                 odometry: node.subscribe(&topic, topics::ODOMETRY.qos)?,
                 last: None,
