@@ -287,7 +287,7 @@ fn wrong_joints_of_targets_are_refused() {
     refused(
         "initial_joint_positions: [0.3]",
         "initial_joint_positions: [.nan]",
-        &["swinging.initial_joint_positions", "finite"],
+        &["swinging.initial_joint_positions", "holds NaN"],
     );
     refused(
         "initial_joint_velocities: [0.4]",
