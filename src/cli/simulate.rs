@@ -159,7 +159,7 @@ fn table(name: &str, s: &Summary) -> String {
     let mut out = String::new();
     let mut row = |label: &str, value: String| {
         // Writing to a string cannot fail.
-        let _ = writeln!(out, "{label:<32}{value}");
+        let _ = writeln!(out, "{:<32}{value}", format!("{label} "));
     };
     row(
         name,

@@ -19,7 +19,7 @@ pub fn summary(plan: &Plan, progress: &Progress, overload: &Overload) -> (String
     let mut out = String::new();
     let mut row = |label: &str, value: String| {
         // Writing to a string cannot fail.
-        let _ = writeln!(out, "{label:<24}{value}");
+        let _ = writeln!(out, "{:<24}{value}", format!("{label} "));
     };
     let run = if progress.is_over() {
         "done"
