@@ -2,7 +2,7 @@
 
 use super::ClosedLoop;
 use crate::{
-    nodes::scenario::{self, OtherBody, Scenario},
+    nodes::scenario::{OtherBody, Scenario},
     spatial::Pose,
 };
 
@@ -38,7 +38,7 @@ impl Fleet {
         for i in 0..robots.len() {
             let names = robots[i].closed_loop.others.names().iter();
             let watched = names.map(|name| {
-                let OtherBody { robot, target } = scenario::body(scenario, name)?;
+                let OtherBody { robot, target } = scenario.other_body(name)?;
                 let other = robots.iter().position(|r| r.namespace == robot);
                 let other = other.ok_or_else(|| format!("no robot is in the namespace {robot}"))?;
                 let world = &robots[other].closed_loop.world;
@@ -50,16 +50,6 @@ impl Fleet {
             robots[i].watched = watched.collect::<Result<_, String>>()?;
         }
         Ok(Self { robots })
-    }
-
-    /// Number of robots.
-    pub fn len(&self) -> usize {
-        self.robots.len()
-    }
-
-    /// Whether there is no robot.
-    pub fn is_empty(&self) -> bool {
-        self.robots.is_empty()
     }
 
     /// Namespaces and loops of the robots.

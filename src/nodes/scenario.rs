@@ -30,7 +30,7 @@ use crate::{
     },
 };
 
-pub use several_robots::{OtherBody, body};
+pub use several_robots::OtherBody;
 
 /// A parameter file with the ROS arguments of the command line.
 pub struct Scenario {
@@ -139,6 +139,14 @@ impl Scenario {
         dynamics.map(NodeName::namespace).collect()
     }
 
+    /// The body of another robot that an absolute name means: `/NAMESPACE/base_link` or `/NAMESPACE/TARGET`.
+    ///
+    /// # Errors
+    /// A line that lists what there is.
+    pub fn other_body(&self, name: &str) -> Result<OtherBody, String> {
+        several_robots::other_body(self, name)
+    }
+
     /// The same scenario with the nodes of one namespace only.
     #[must_use]
     pub fn of_robot(&self, namespace: &str) -> Self {
@@ -212,7 +220,7 @@ impl Scenario {
                         return Ok(());
                     };
                     let found = match target.starts_with('/') {
-                        true => several_robots::body(self, target).map(drop),
+                        true => self.other_body(target).map(drop),
                         false => world.target_index(target).map(drop),
                     };
                     found.map_err(|e| parameter(format!("{key}: {e}")))

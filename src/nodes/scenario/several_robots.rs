@@ -93,7 +93,7 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), String> {
 ///
 /// # Errors
 /// A line that lists what there is.
-pub fn body(scenario: &Scenario, name: &str) -> Result<OtherBody, String> {
+pub(super) fn other_body(scenario: &Scenario, name: &str) -> Result<OtherBody, String> {
     let robots = scenario.robots();
     let (namespace, last) = name.rsplit_once('/').unwrap_or_default();
     let namespace = match namespace {
