@@ -12,19 +12,21 @@ def nodes(context):
     config = LaunchConfiguration("config").perform(context)
     namespace = LaunchConfiguration("namespace").perform(context)
     with open(config) as file:
-        names = list(yaml.safe_load(file))
+        keys = [key.rpartition("/") for key in yaml.safe_load(file) if "*" not in key]
+    # Robots with namespaces of their own share one world, and so one clock.
+    several = any(own for own, _, _ in keys)
     return [
         Node(
             package="fuyu",
             executable=name,
             name=name,
-            namespace=namespace,
+            namespace=own or namespace,
             parameters=[config],
-            remappings=[("/clock", "clock"), ("/tf", "tf"), ("/tf_static", "tf_static")],
+            remappings=[("/tf", "tf"), ("/tf_static", "tf_static")] + ([] if several else [("/clock", "clock")]),
             output="screen",
             on_exit=Shutdown() if name == "dynamics" else None,
         )
-        for name in names
+        for own, _, name in keys
     ]
 
 

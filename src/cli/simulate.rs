@@ -1,5 +1,7 @@
 //! `fuyu simulate`: a scenario's closed loop without DDS.
 
+mod fleet;
+
 use std::{fmt::Write as _, path::PathBuf, time::Instant};
 
 use serde::Serialize;
@@ -8,8 +10,14 @@ use super::{Failure, print};
 use crate::{
     bag::BagError,
     control::ConvergenceFailure,
-    experiments::{ClosedLoop, Event, EventWatch, FinalState, Performance, SimulatedBag, Summary},
-    nodes::{dynamics::World, scenario::Scenario},
+    experiments::{
+        ClosedLoop, Event, EventWatch, FinalState, MomentumResidual, Performance, Recorded,
+        SimulatedBag, Summary,
+    },
+    nodes::{
+        dynamics::{FreeBody as _, World},
+        scenario::Scenario,
+    },
 };
 
 /// Simulates a scenario without DDS, as fast as possible; the same scenario gives bit-identical
@@ -30,13 +38,23 @@ pub struct Args {
     json: bool,
 }
 
-/// What `--json` prints.
+/// What `--json` prints of a robot.
 #[derive(Serialize)]
 struct Report<'a> {
     #[serde(flatten)]
     summary: &'a Summary,
     r#final: FinalState,
     events: &'a [Event],
+}
+
+impl<'a> Report<'a> {
+    fn new(world: &World, summary: &'a Summary, events: &'a EventWatch) -> Self {
+        Self {
+            summary,
+            r#final: FinalState::of(world),
+            events: events.events(),
+        }
+    }
 }
 
 /// What a run gives.
@@ -51,6 +69,16 @@ struct Outcome {
 enum Stop {
     Physics(String),
     Bag(BagError),
+}
+
+impl Stop {
+    /// A line for the user.
+    fn describe(self, scenario: &Scenario) -> String {
+        match self {
+            Self::Physics(problem) => format!("{}: {problem}", scenario.path().display()),
+            Self::Bag(problem) => problem.to_string(),
+        }
+    }
 }
 
 impl From<String> for Stop {
@@ -73,6 +101,9 @@ impl From<BagError> for Stop {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let scenario = Scenario::read(&args.config).map_err(Failure::Input)?;
     scenario.check().map_err(Failure::Input)?;
+    if scenario.robots().len() > 1 {
+        return fleet::run(args, &scenario);
+    }
     let mut closed_loop = ClosedLoop::new(&scenario).map_err(Failure::Input)?;
     if let Some(missing) = closed_loop.world.not_simulated() {
         eprintln!("fuyu: note: {}: {missing}", scenario.path().display());
@@ -89,7 +120,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         None => None,
         Some(folder) => {
             let description = scenario.dynamics().map_err(Failure::Input)?.robot.xml;
-            let bag = SimulatedBag::create(folder, &closed_loop, &description);
+            let robot = Recorded {
+                namespace: "/",
+                run: &closed_loop,
+                description: &description,
+            };
+            let bag = SimulatedBag::create(folder, &[robot]);
             Some(bag.map_err(|e| Failure::Input(e.to_string()))?)
         }
     };
@@ -99,12 +135,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         performance,
         events,
         trouble,
-    } = simulated.map_err(|stop| {
-        Failure::Runtime(match stop {
-            Stop::Physics(problem) => format!("{}: {problem}", scenario.path().display()),
-            Stop::Bag(problem) => problem.to_string(),
-        })
-    })?;
+    } = simulated.map_err(|stop| Failure::Runtime(stop.describe(&scenario)))?;
     if let Some((time, trouble)) = trouble {
         let path = scenario.path().display();
         eprintln!("fuyu: warning: {path}: from {time:.2} s on: {trouble}");
@@ -125,11 +156,7 @@ pub fn run(args: &Args) -> Result<(), Failure> {
         bag.finish().map_err(|e| Failure::Runtime(e.to_string()))?;
     }
     let text = if args.json {
-        let report = Report {
-            summary: &summary,
-            r#final: FinalState::of(&closed_loop.world),
-            events: events.events(),
-        };
+        let report = Report::new(&closed_loop.world, &summary, &events);
         let json = serde_json::to_string(&report);
         json.map_err(|e| Failure::Runtime(e.to_string()))? + "\n"
     } else {
@@ -149,17 +176,16 @@ fn simulate(
     let mut frames = Vec::new();
     loop {
         if let Some(bag) = bag.as_deref_mut() {
-            bag.state(&mut closed_loop.world)?;
+            bag.time(closed_loop.world.time())?;
+            bag.state(0, &mut closed_loop.world)?;
         }
         closed_loop.answer::<Stop>(&mut frames, |world, moment| {
             performance.see(world, moment);
             events.see(world);
-            let now = (moment.answer.as_ref())
-                .and_then(|answer| answer.report.control.as_ref().ok()?.convergence_failure);
             let since = trouble.map_or(world.time(), |(since, _)| since);
-            trouble = now.map(|now| (since, now));
+            trouble = moment.trouble().map(|now| (since, now));
             if let Some(bag) = bag.as_deref_mut() {
-                bag.moment(world.time(), moment)?;
+                bag.moment(0, world.time(), moment)?;
             }
             Ok(())
         })?;
@@ -181,7 +207,7 @@ fn table(name: &str, s: &Summary) -> String {
     let mut out = String::new();
     let mut row = |label: &str, value: String| {
         // Writing to a string cannot fail.
-        let _ = writeln!(out, "{label:<32}{value}");
+        let _ = writeln!(out, "{:<32}{value}", format!("{label} "));
     };
     row(
         name,
@@ -215,6 +241,17 @@ fn table(name: &str, s: &Summary) -> String {
         ),
     );
     row("energy residual", format!("{:.1e}", s.energy_residual));
+    for (target, t) in &s.targets {
+        let MomentumResidual { linear, angular } = t.momentum_residual;
+        row(
+            &format!("{target}: momentum residual"),
+            format!("{linear:.1e} linear, {angular:.1e} angular"),
+        );
+        row(
+            &format!("{target}: energy residual"),
+            format!("{:.1e}", t.energy_residual),
+        );
+    }
     if let Some(gap) = s.loop_gap {
         row("largest loop gap", format!("{gap:.1e} m or rad"));
     }

@@ -3,6 +3,7 @@
 use serde::Serialize;
 
 use super::recorded::{RecordedRun, RecordedRuns};
+use super::recorded_names::{is_of_target, title_of};
 use super::recorded_physics::{
     EnergyBalance, Missing, energy_balance, max, momentum_residuals, motion_momentum,
 };
@@ -101,7 +102,7 @@ pub fn check_bag(bag: &Bag, limits: &CheckLimits) -> CheckReport {
     report.wholeness(&messages.damage());
     report.restarts(counter.restarts());
     for (namespace, runs) in runs.robot_runs() {
-        let robot = match namespace.trim_start_matches('/') {
+        let robot = match title_of(namespace).as_str() {
             "" => String::new(),
             name => format!("{name}: "),
         };
@@ -113,7 +114,9 @@ pub fn check_bag(bag: &Bag, limits: &CheckLimits) -> CheckReport {
             report.momentum(run, limits);
             report.momentum_from_motion(run, limits);
             report.energy(run, limits);
-            report.tip_error(run, limits, i + 1 == runs.len());
+            if !is_of_target(namespace) {
+                report.tip_error(run, limits, i + 1 == runs.len());
+            }
         }
     }
     report.prefix.clear();

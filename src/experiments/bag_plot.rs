@@ -7,6 +7,7 @@ use super::chart::{ChartError, Figure, Panel, Series};
 use super::estimation_plot::{Mount, herpolhode, prediction_error, squared_rates};
 use super::recorded::{RecordedRun, RecordedRuns, seconds_since};
 use super::recorded_estimation::RecordedEstimation;
+use super::recorded_names::title_of;
 use super::recorded_physics::{Residual, momentum_residuals};
 use super::recorded_runs::RunCounter;
 use crate::bag::{Bag, Message};
@@ -78,10 +79,11 @@ struct Place {
 
 impl Place {
     fn new(namespace: &str, run: usize, runs: usize) -> Self {
-        let robot = namespace.trim_matches('/').replace('/', "_");
+        let name = title_of(namespace);
+        let robot = name.replace('/', "_");
         let (mut title, mut stem) = (String::new(), String::new());
         if !robot.is_empty() {
-            title = format!("{namespace}: ");
+            title = format!("{name}: ");
             stem = format!("{robot}_");
         }
         if runs > 1 {

@@ -2,10 +2,14 @@
 
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::{Drive, Operated};
+use super::{
+    Drive, Operated,
+    other_bodies::{OtherBodies, Watched},
+};
 use crate::{
     control::{
-        ControlLoop, ControlLoopConfig, Controller, InputError, LoopReport, PoseError, Stamp,
+        ControlLoop, ControlLoopConfig, Controller, ConvergenceFailure, InputError, LoopReport,
+        PoseError, Stamp,
         attitude::{AttitudeInputError, AttitudeReport},
     },
     model::Frame,
@@ -30,6 +34,8 @@ use crate::{
 pub struct ClosedLoop {
     /// The plant.
     pub world: World,
+    /// Bodies of other robots that its cameras watch.
+    pub others: OtherBodies,
     servo: Option<VisualServo>,
     operated: Option<Operated>,
     attitude: Option<AttitudeControl>,
@@ -50,8 +56,8 @@ struct VisualServo {
     control_loop: ControlLoop,
     /// The goal in its frame.
     X_FD: Pose,
-    /// Which of the world's targets is that frame; `None` for the world itself.
-    carrier: Option<usize>,
+    /// Which body is that frame; `None` for the world itself.
+    carrier: Option<Watched>,
     second: Option<SecondArm>,
     image: (u32, u32, f64),
     /// Whether efforts were ever cut to the joints' limits.
@@ -68,8 +74,8 @@ struct SecondArm {
 /// The target whose features the camera tracks.
 struct TrackedTarget {
     target_camera: TargetCamera,
-    /// Which of the world's targets.
-    index: usize,
+    /// Which body it is.
+    body: Watched,
     /// The camera's frame.
     camera: Frame,
 }
@@ -94,6 +100,14 @@ pub struct AttitudeAnswer<'a> {
     pub report: Option<AttitudeReport>,
     /// The loop, with the torques of this state.
     pub attitude: &'a AttitudeLoop,
+}
+
+impl Moment<'_> {
+    /// Why the tip does not converge to its goal, if the controller has found that it does not.
+    pub fn trouble(&self) -> Option<ConvergenceFailure> {
+        let answer = self.answer.as_ref()?;
+        answer.report.control.as_ref().ok()?.convergence_failure
+    }
 }
 
 /// The controller's answer to a state.
@@ -122,8 +136,9 @@ impl ClosedLoop {
             false => None,
         };
         let steered = scenario.has("camera") && operated.is_none();
+        let mut others = OtherBodies::default();
         let servo = if steered || scenario.has("controller") {
-            Some(VisualServo::new(scenario, &world)?)
+            Some(VisualServo::new(scenario, &world, &mut others)?)
         } else {
             None
         };
@@ -137,6 +152,7 @@ impl ClosedLoop {
         };
         Ok(Self {
             world,
+            others,
             servo,
             operated,
             attitude,
@@ -187,7 +203,7 @@ impl ClosedLoop {
     ) -> Result<(), E> {
         frames.clear();
         let answer = match &mut self.servo {
-            Some(servo) => Some(servo.answer(&mut self.world, frames)?),
+            Some(servo) => Some(servo.answer(&mut self.world, &self.others, frames)?),
             None => None,
         };
         let operated = self.operated.as_mut();
@@ -300,7 +316,7 @@ fn add_frame(
 }
 
 impl VisualServo {
-    fn new(scenario: &Scenario, world: &World) -> Result<Self, String> {
+    fn new(scenario: &Scenario, world: &World, others: &mut OtherBodies) -> Result<Self, String> {
         let model = world.robot.model();
         let (camera, controller) = (scenario.camera()?, scenario.controller()?);
         let at = |e: String| format!("{}: {e}", scenario.path().display());
@@ -324,7 +340,7 @@ impl VisualServo {
             None => None,
             Some(features) => Some(TrackedTarget {
                 target_camera: TargetCamera::new(features),
-                index: (world.target_index(&features.target))
+                body: (others.find(world, &features.target))
                     .map_err(|e| at(format!("camera: parameter features.target: {e}")))?,
                 camera: camera_frame(model).map_err(at)?.clone(),
             }),
@@ -332,7 +348,7 @@ impl VisualServo {
         let config = (controller.complete(controller.config.clone(), model, &tip))
             .map_err(|e| at(format!("controller: parameter {e}")))?;
         let carrier = (camera.goal_target.as_ref())
-            .map(|target| world.target_index(target))
+            .map(|body| others.find(world, body))
             .transpose()
             .map_err(|e| at(format!("camera: parameter goal.frame: {e}")))?;
         let more_tips = second_tip(model, &controller.second_tip_link)
@@ -380,6 +396,7 @@ impl VisualServo {
     fn answer(
         &mut self,
         world: &mut World,
+        others: &OtherBodies,
         frames: &mut Vec<PoseFrame>,
     ) -> Result<Answer<'_>, String> {
         // Values pass through stamps and messages as in a graph, noise included, so that a run there in lockstep is
@@ -391,7 +408,7 @@ impl VisualServo {
         let robot = &world.robot;
         let X_BE = robot.X_BF(self.control_loop.controller().tip());
         let X_WB = message_round_trip(&robot.X_WB());
-        let of_target = |index: usize| message_round_trip(&world.targets[index].body.X_WB());
+        let of_target = |body: Watched| message_round_trip(&others.pose(world, body));
         let X_WF = self.carrier.map_or_else(Pose::identity, of_target);
         let X_BD = X_WB.inverse() * (X_WF * self.X_FD);
         self.camera.show(time, &X_BE, Some(&X_BD));
@@ -403,7 +420,7 @@ impl VisualServo {
             let X_WC = X_WB * robot.X_BF(&tracked.camera);
             tracked
                 .target_camera
-                .show(time, &X_WC, &of_target(tracked.index));
+                .show(time, &X_WC, &of_target(tracked.body));
             while let Some(frame) = tracked.target_camera.deliver(time) {
                 self.feature_frames.push(frame);
             }

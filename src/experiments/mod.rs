@@ -2,12 +2,14 @@
 
 mod bag_check;
 mod bag_plot;
+mod balance;
 mod chart;
 mod closed_loop;
 mod continuous_loop;
 mod estimation_plot;
 mod events;
 mod final_state;
+mod fleet;
 pub mod kida1993;
 pub mod masutani_ch3;
 pub mod masutani_ch5;
@@ -18,13 +20,16 @@ pub mod masutani_g;
 mod observations;
 mod operated;
 pub mod operation_counts;
+mod other_bodies;
 mod performance;
 mod recorded;
 mod recorded_estimation;
+mod recorded_names;
 mod recorded_physics;
 mod recorded_runs;
 pub mod reproduce;
 mod simulated_bag;
+mod target_summary;
 mod tip_check;
 mod topic_health;
 pub mod tr942;
@@ -32,24 +37,29 @@ pub mod tracking;
 
 pub use bag_check::{CheckLimits, CheckLine, CheckReport, Verdict, check_bag};
 pub use bag_plot::plot_bag;
+pub use balance::{Balance, MomentumResidual};
 pub use chart::{
     ChartError, Dots, Figure, MapFigure, MapPanel, MapScale, Mark, Marks, Panel, PlaneFigure,
     Series, ShapeFigure, ShapePanel,
 };
-pub use closed_loop::{Answer, ClosedLoop, Moment};
+pub use closed_loop::{Answer, AttitudeAnswer, ClosedLoop, Moment};
 pub use continuous_loop::ContinuousLoop;
 pub use events::{Event, EventWatch};
 pub use final_state::{
     FinalAppendage, FinalMomentum, FinalMotor, FinalState, FinalTarget, FinalWheel,
 };
+pub use fleet::Fleet;
 pub use observations::{Observations, ObservedTracks};
 pub use operated::{Drive, Operated};
-pub use performance::{MomentumResidual, Performance, Summary};
+pub use other_bodies::OtherBodies;
+pub use performance::{Performance, Summary};
 pub use recorded::{
     BaseSample, ControllerSample, DeformationSample, ExternalSample, JointSample, MomentumSample,
     RecordedRun, RecordedRuns, SeenPose,
 };
+pub use recorded_names::title_of;
 pub use recorded_physics::{Residual, momentum_residuals};
 pub use recorded_runs::RunCounter;
-pub use simulated_bag::SimulatedBag;
+pub use simulated_bag::{Recorded, SimulatedBag};
+pub use target_summary::TargetSummary;
 pub use topic_health::{TopicHealth, TopicWatch};

@@ -1,11 +1,16 @@
 //! Performance of a run: the figures that `fuyu simulate` reports.
 
+use std::collections::BTreeMap;
+
 use nalgebra::Vector3;
 use serde::Serialize;
 
-use super::Moment;
+use super::{
+    Moment,
+    balance::{Balance, Carried, MomentumResidual, larger},
+    target_summary::{TargetBalances, TargetSummary},
+};
 use crate::{
-    dynamics::Momentum,
     nodes::dynamics::{FreeBody as _, World},
     spatial::roll_pitch_yaw_intrinsic,
 };
@@ -13,17 +18,13 @@ use crate::{
 /// Accumulates the figures of a run, state by state.
 pub struct Performance {
     initial_base: Vector3<f64>,
-    initial_momentum: Momentum,
-    initial_energy: f64,
     time: f64,
     /// Of the tip; `None` without a controller.
     last_error: Option<(f64, Option<f64>)>,
     position_settled: Settled,
     attitude_settled: Settled,
-    momentum_change: (f64, f64),
-    momentum_scale: (f64, f64),
-    energy_change: f64,
-    energy_scale: f64,
+    balance: Balance,
+    targets: TargetBalances,
     max_tip: Option<(f64, f64)>,
     max_base_angular_acceleration: f64,
     loop_gap: Option<f64>,
@@ -49,15 +50,6 @@ impl Settled {
     }
 }
 
-/// Largest relative change of momentum.
-#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
-pub struct MomentumResidual {
-    /// Linear.
-    pub linear: f64,
-    /// Angular, about the system's centre of mass.
-    pub angular: f64,
-}
-
 /// The figures of a run. Errors are true errors, not those measured by the camera. Figures of the tip are `None` in a
 /// free motion, those of its attitude also with an operator, whose goal is a point.
 #[derive(Debug, Clone, PartialEq, Serialize)]
@@ -76,11 +68,9 @@ pub struct Summary {
     pub base_displacement: [f64; 3],
     /// Final attitude of the base: roll, pitch, yaw of Masutani 1995 app. F \[rad\].
     pub base_attitude_rpy: [f64; 3],
-    /// Largest change of the total momentum of the bodies, relative to the initial momentum or to
-    /// [`Workspace::momentum_scale`](crate::dynamics::Workspace::momentum_scale), whichever is larger.
+    /// As [`Balance::momentum_residual`].
     pub momentum_residual: MomentumResidual,
-    /// Largest change of kinetic and strain energy minus work, plus what deformation and wheels dissipate, relative to
-    /// the largest energy in the frame of the system's centre of mass.
+    /// As [`Balance::energy_residual`].
     pub energy_residual: f64,
     /// Largest speed of the tip in the world \[m/s\].
     pub max_tip_speed: Option<f64>,
@@ -90,6 +80,9 @@ pub struct Summary {
     pub loop_gap: Option<f64>,
     /// Largest angular acceleration of the base \[rad/s²\].
     pub max_base_angular_acceleration: f64,
+    /// Targets with joints, by name.
+    #[serde(skip_serializing_if = "BTreeMap::is_empty")]
+    pub targets: BTreeMap<String, TargetSummary>,
     /// Wall time of the run \[s\].
     pub wall_time: f64,
 }
@@ -99,16 +92,12 @@ impl Performance {
     pub fn new(world: &World) -> Self {
         Self {
             initial_base: base_com(world),
-            initial_momentum: carried(world).0,
-            initial_energy: energy(world),
             time: 0.0,
             last_error: None,
             position_settled: Settled::new(0.01),
             attitude_settled: Settled::new(2f64.to_radians()),
-            momentum_change: (0.0, 0.0),
-            momentum_scale: (0.0, 0.0),
-            energy_change: 0.0,
-            energy_scale: 0.0,
+            balance: Balance::new(&Carried::of_robot(world)),
+            targets: TargetBalances::new(world),
             max_tip: None,
             max_base_angular_acceleration: 0.0,
             loop_gap: None,
@@ -130,21 +119,9 @@ impl Performance {
             self.position_settled.see(self.time, drive.distance);
         }
 
-        let (momentum, scale) = carried(world);
-        let change = |a: Vector3<f64>, b: Vector3<f64>, worst| larger(worst, (a - b).norm());
-        let first = &self.initial_momentum;
-        self.momentum_change.0 = change(momentum.linear, first.linear, self.momentum_change.0);
-        self.momentum_change.1 = change(momentum.angular, first.angular, self.momentum_change.1);
-        self.momentum_scale.0 = larger(self.momentum_scale.0, scale.0);
-        self.momentum_scale.1 = larger(self.momentum_scale.1, scale.1);
-        let energy = energy(world);
+        self.balance.see(&Carried::of_robot(world));
+        self.targets.see(world);
         let robot = &world.robot;
-        let unexplained = energy - self.initial_energy - robot.state().work + robot.lost_energy();
-        self.energy_change = larger(self.energy_change, unexplained.abs());
-        // The energy of the common drift is constant and excluded.
-        let drift = 0.5 * momentum.linear.norm_squared() / robot.total_mass();
-        self.energy_scale = larger(self.energy_scale, energy - drift);
-
         if let (Some(loops), Some(robot)) = (robot.loops(), robot.rigid()) {
             for (_, gap) in loops.gaps(robot.workspace()) {
                 let open = larger(gap.translation, gap.rotation);
@@ -175,9 +152,7 @@ impl Performance {
 
     /// The figures of a run with wall time `wall_time` \[s\].
     pub fn summary(&self, world: &World, wall_time: f64) -> Summary {
-        let relative = |change: f64, scale: f64| if scale > 0.0 { change / scale } else { change };
         let X_WB = world.robot.X_WB();
-        let first = &self.initial_momentum;
         Summary {
             duration: self.time,
             tip_position_error: self.last_error.map(|e| e.0),
@@ -186,51 +161,22 @@ impl Performance {
             time_to_2deg: self.attitude_settled.since,
             base_displacement: (base_com(world) - self.initial_base).into(),
             base_attitude_rpy: roll_pitch_yaw_intrinsic(&X_WB.rotation),
-            momentum_residual: MomentumResidual {
-                linear: relative(
-                    self.momentum_change.0,
-                    larger(self.momentum_scale.0, first.linear.norm()),
-                ),
-                angular: relative(
-                    self.momentum_change.1,
-                    larger(self.momentum_scale.1, first.angular.norm()),
-                ),
-            },
-            energy_residual: relative(self.energy_change, self.energy_scale),
+            momentum_residual: self.balance.momentum_residual(),
+            energy_residual: self.balance.energy_residual(),
             max_tip_speed: self.max_tip.map(|m| m.0),
             max_tip_acceleration: self.max_tip.map(|m| m.1),
             loop_gap: self.loop_gap,
             max_base_angular_acceleration: self.max_base_angular_acceleration,
+            targets: self.targets.summary(world),
             wall_time,
         }
     }
-}
-
-/// The larger of two; NaN if one is NaN.
-fn larger(a: f64, b: f64) -> f64 {
-    if b > a || b.is_nan() { b } else { a }
 }
 
 /// The base body's centre of mass in the world.
 fn base_com(world: &World) -> Vector3<f64> {
     let X_WB = world.robot.X_WB();
     X_WB.rotation * world.robot.model().bodies()[0].inertia.com + X_WB.translation.vector
-}
-
-/// Total momentum of the robot in world axes, less what external wrenches have changed, and the scale of its rounding
-/// error.
-fn carried(world: &World) -> (Momentum, (f64, f64)) {
-    let (mut momentum_W, scale) = world.robot.carried_momentum_and_scale();
-    if let Some(change) = world.external_change() {
-        momentum_W.linear -= change.momentum_W.linear;
-        momentum_W.angular -= change.momentum_W.angular;
-    }
-    (momentum_W, scale)
-}
-
-/// Kinetic and strain energy of the robot \[J\].
-fn energy(world: &World) -> f64 {
-    world.robot.kinetic_energy() + world.robot.strain_energy()
 }
 
 #[cfg(test)]

@@ -3,6 +3,7 @@
 use nalgebra::{Isometry3, Quaternion, Translation3, UnitQuaternion, Vector3};
 use std::collections::BTreeMap;
 
+use super::recorded_names::is_of_target;
 use super::recorded_runs::RunCounter;
 use crate::bag::Message;
 use crate::model::Model;
@@ -159,18 +160,28 @@ impl RecordedRuns {
                 && !namespace.ends_with("/camera")
                 && !namespace.ends_with("/ground_truth")
             {
-                let index = self.counter.run_of(message);
-                let runs = self.runs.entry(namespace.to_owned()).or_default();
-                while runs.len() <= index {
-                    runs.push(
-                        runs.last()
-                            .map_or_else(Default::default, RecordedRun::again),
-                    );
-                }
-                take(&mut runs[index], message);
-                return;
+                return take(self.run(namespace, message), message);
             }
         }
+        for (suffix, type_name, take) in OF_TARGETS {
+            if message.topic.type_name == *type_name
+                && let Some(namespace) = message.topic.name.strip_suffix(suffix)
+                && is_of_target(namespace)
+            {
+                return take(self.run(namespace, message), message);
+            }
+        }
+    }
+
+    /// The run in `namespace` that a message belongs to.
+    fn run(&mut self, namespace: &str, message: &Message) -> &mut RecordedRun {
+        let index = self.counter.run_of(message);
+        let runs = self.runs.entry(namespace.to_owned()).or_default();
+        while runs.len() <= index {
+            let next = runs.last().map(RecordedRun::again);
+            runs.push(next.unwrap_or_default());
+        }
+        &mut runs[index]
     }
 
     /// The robots that moved or were measured: namespaces and recorded data, of each run in order.
@@ -179,10 +190,13 @@ impl RecordedRuns {
             .flat_map(|(namespace, runs)| runs.into_iter().map(move |run| (namespace, run)))
     }
 
-    /// The same with the runs of a robot together.
+    /// The same with the runs of a robot together. A target with joints is a robot in the namespace
+    /// `ground_truth/NAME`.
     pub fn robot_runs(&self) -> impl Iterator<Item = (&str, Vec<&RecordedRun>)> {
         self.runs.iter().filter_map(|(namespace, runs)| {
-            let runs: Vec<_> = runs.iter().filter(|run| !run.is_empty()).collect();
+            let is_rigid = |run: &RecordedRun| is_of_target(namespace) && run.joints.is_empty();
+            let was_recorded = |run: &&RecordedRun| !run.is_empty() && !is_rigid(run);
+            let runs: Vec<_> = runs.iter().filter(was_recorded).collect();
             (!runs.is_empty()).then_some((namespace.as_str(), runs))
         })
     }
@@ -207,17 +221,7 @@ const TOPICS: &[(&str, &str, Take)] = &[
     (
         "/ground_truth/momentum",
         "fuyu_msgs/msg/Momentum",
-        |run, m| {
-            if let Ok(momentum) = m.decode::<Momentum>() {
-                run.momentum.push(MomentumSample {
-                    time: momentum.header.stamp.nanos(),
-                    linear: vector(&momentum.linear),
-                    angular: vector(&momentum.angular),
-                    kinetic_energy: momentum.kinetic_energy,
-                    dissipated_energy: momentum.dissipated_energy,
-                });
-            }
-        },
+        RecordedRun::add_momentum,
     ),
     ("/wheel_states", "sensor_msgs/msg/JointState", |run, m| {
         if let Ok(state) = m.decode() {
@@ -254,16 +258,11 @@ const TOPICS: &[(&str, &str, Take)] = &[
             }
         },
     ),
-    ("/ground_truth/odom", "nav_msgs/msg/Odometry", |run, m| {
-        if let Ok(odom) = m.decode::<Odometry>() {
-            let twist = &odom.twist.twist;
-            run.base.push(BaseSample {
-                time: odom.header.stamp.nanos(),
-                X_WB: pose(&odom.pose.pose),
-                V_WB_B: Twist::new(vector(&twist.angular), vector(&twist.linear)),
-            });
-        }
-    }),
+    (
+        "/ground_truth/odom",
+        "nav_msgs/msg/Odometry",
+        RecordedRun::add_base,
+    ),
     (
         "/controller/state",
         "fuyu_msgs/msg/ControllerState",
@@ -306,6 +305,16 @@ const TOPICS: &[(&str, &str, Take)] = &[
     ),
 ];
 
+/// Further topics of a target, in its namespace.
+const OF_TARGETS: &[(&str, &str, Take)] = &[
+    ("/odom", "nav_msgs/msg/Odometry", RecordedRun::add_base),
+    (
+        "/momentum",
+        "fuyu_msgs/msg/Momentum",
+        RecordedRun::add_momentum,
+    ),
+];
+
 impl RecordedRun {
     /// An empty run of the same robot: latched messages are not repeated after a reset.
     fn again(&self) -> Self {
@@ -333,6 +342,29 @@ impl RecordedRun {
             && self.momentum.is_empty()
             && self.base.is_empty()
             && self.controller.is_empty()
+    }
+
+    fn add_base(&mut self, message: &Message) {
+        if let Ok(odom) = message.decode::<Odometry>() {
+            let twist = &odom.twist.twist;
+            self.base.push(BaseSample {
+                time: odom.header.stamp.nanos(),
+                X_WB: pose(&odom.pose.pose),
+                V_WB_B: Twist::new(vector(&twist.angular), vector(&twist.linear)),
+            });
+        }
+    }
+
+    fn add_momentum(&mut self, message: &Message) {
+        if let Ok(momentum) = message.decode::<Momentum>() {
+            self.momentum.push(MomentumSample {
+                time: momentum.header.stamp.nanos(),
+                linear: vector(&momentum.linear),
+                angular: vector(&momentum.angular),
+                kinetic_energy: momentum.kinetic_energy,
+                dissipated_energy: momentum.dissipated_energy,
+            });
+        }
     }
 
     fn add_frames(&mut self, message: &Message) {

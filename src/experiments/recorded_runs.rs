@@ -2,6 +2,7 @@
 
 use std::collections::BTreeMap;
 
+use super::recorded_names::is_of_target;
 use crate::bag::Message;
 use crate::msg::{self, scan::scan};
 
@@ -45,7 +46,8 @@ impl RunCounter {
         let timed = TIMED
             .into_iter()
             .find_map(|topic| Some((topic, name.strip_suffix(topic)?)));
-        // `/camera/joint_states` is a robot's, `/ground_truth/target/odom` is not.
+        // `/camera/joint_states` is a robot's. A target's topics belong to the run of the robot in whose world it is.
+        let timed = timed.filter(|(_, namespace)| !is_of_target(namespace));
         if let Some((topic, namespace)) = timed {
             let Some(stamp) = stamp(message) else {
                 return self.index(name);

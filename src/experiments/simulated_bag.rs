@@ -3,7 +3,7 @@
 
 use std::path::Path;
 
-use super::{ClosedLoop, Moment};
+use super::{AttitudeAnswer, ClosedLoop, Moment};
 use crate::{
     bag::{BagError, Recording, Topic, TopicId, Writer, WriterOptions},
     control::Stamp,
@@ -13,8 +13,8 @@ use crate::{
         camera,
         controller::ControllerMessages,
         dynamics::{
-            FrameTree, World, appendage_states, imu, joint_states, momentum, odometry,
-            star_tracker_message, wheel_states,
+            FrameTree, Target, World, appendage_states, imu, joint_states, momentum, odometry,
+            star_tracker_message, target_joint_states, wheel_states,
         },
         features::feature_frame_to_msg,
         teleop, topics,
@@ -22,14 +22,29 @@ use crate::{
     ros::Time,
 };
 
-/// Writes the bag of one run.
+/// Writes the bag of one run, of one robot or several.
 pub struct SimulatedBag {
     writer: Writer,
-    frames: FrameTree,
     clock: TopicId,
+    robots: Vec<RobotTopics>,
+}
+
+/// A robot whose run is recorded.
+pub struct Recorded<'a> {
+    /// Namespace of its topics, `/` without one.
+    pub namespace: &'a str,
+    /// Its run.
+    pub run: &'a ClosedLoop,
+    /// Its URDF.
+    pub description: &'a str,
+}
+
+/// Topics of a robot.
+struct RobotTopics {
+    frames: FrameTree,
     joint_states: TopicId,
     odometry: TopicId,
-    targets: Vec<TopicId>,
+    targets: Vec<TargetTopics>,
     momentum: TopicId,
     appendages: Option<TopicId>,
     wheels: Option<TopicId>,
@@ -50,6 +65,76 @@ struct AttitudeTopics {
     messages: AttitudeMessages,
 }
 
+impl AttitudeTopics {
+    /// Writes what star tracker and attitude controller publish at a time \[s\].
+    fn write(
+        &mut self,
+        w: &mut Writer,
+        time: f64,
+        answer: &AttitudeAnswer,
+    ) -> Result<(), BagError> {
+        let stamp = Time::from_secs_f64(time);
+        let log = log_time(stamp);
+        for frame in answer.frames {
+            w.write_message(self.star_tracker, log, &star_tracker_message(frame))?;
+        }
+        let messages = &mut self.messages;
+        if let Some(report) = &answer.report {
+            messages.write_report(answer.attitude, report);
+            w.write_message(self.state, log, &messages.state)?;
+        }
+        let now = Stamp::from_nanos(stamp.as_nanos());
+        if messages.write_commands(answer.attitude, now) {
+            w.write_message(self.thrusters, log, &messages.thrusters)?;
+        }
+        w.write_message(self.wheels, log, &messages.wheels)
+    }
+}
+
+/// Topics of a target.
+struct TargetTopics {
+    odometry: TopicId,
+    /// Joint states and momentum, if it has joints.
+    joints: Option<(TopicId, TopicId)>,
+}
+
+impl TargetTopics {
+    /// Adds the topics, and writes the description.
+    fn new(w: &mut Namespaced, target: &Target) -> Result<Self, BagError> {
+        let name = target.name.as_str();
+        let described = topics::TARGET_DESCRIPTION.of(name);
+        let latched = w.named(&described, &topics::ROBOT_DESCRIPTION)?;
+        let text = std_msgs::String {
+            data: target.description.clone(),
+        };
+        w.writer.write_message(latched, 0, &text)?;
+        let odometry = w.named(&topics::TARGET_ODOMETRY.of(name), &topics::ODOMETRY)?;
+        let joints = match target.has_joints() {
+            false => None,
+            true => {
+                let states = topics::TARGET_JOINT_STATES.of(name);
+                let momentum = topics::TARGET_MOMENTUM.of(name);
+                Some((
+                    w.named(&states, &topics::JOINT_STATES)?,
+                    w.named(&momentum, &topics::MOMENTUM)?,
+                ))
+            }
+        };
+        Ok(Self { odometry, joints })
+    }
+
+    fn write(&self, writer: &mut Writer, stamp: Time, target: &Target) -> Result<(), BagError> {
+        let log = log_time(stamp);
+        let moved = odometry(stamp, &target.name, &target.body);
+        writer.write_message(self.odometry, log, &moved)?;
+        if let Some((states, total)) = self.joints {
+            writer.write_message(states, log, &target_joint_states(stamp, target))?;
+            writer.write_message(total, log, &momentum(stamp, &target.body))?;
+        }
+        Ok(())
+    }
+}
+
 /// Topics of camera and controller.
 struct ServoTopics {
     tip_pose: TopicId,
@@ -61,164 +146,165 @@ struct ServoTopics {
     messages: Option<ControllerMessages>,
 }
 
-impl SimulatedBag {
-    /// Starts a bag in the new folder `folder`.
-    ///
-    /// # Errors
-    /// When the folder exists or cannot be written.
-    pub fn create(folder: &Path, run: &ClosedLoop, description: &str) -> Result<Self, BagError> {
-        let mut writer = Writer::create(folder, WriterOptions::default())?;
+impl RobotTopics {
+    /// Adds the topics, and writes what does not change.
+    fn new(writer: &mut Writer, robot: &Recorded) -> Result<Self, BagError> {
+        let run = robot.run;
         let frames = FrameTree::new(run.world.robot.model());
-        let latched = add(&mut writer, &topics::ROBOT_DESCRIPTION)?;
-        let text = std_msgs::String {
-            data: description.to_owned(),
+        let mut w = Namespaced {
+            writer,
+            namespace: robot.namespace.trim_end_matches('/'),
         };
-        writer.write_message(latched, 0, &text)?;
-        let tf_static = add(&mut writer, &topics::TF_STATIC)?;
-        writer.write_message(tf_static, 0, &frames.static_transforms(&run.world.targets))?;
-        for target in &run.world.targets {
-            let described = topics::TARGET_DESCRIPTION.of(&target.name);
-            let latched = named(&mut writer, &described, &topics::ROBOT_DESCRIPTION)?;
-            let text = std_msgs::String {
-                data: target.description.clone(),
-            };
-            writer.write_message(latched, 0, &text)?;
-        }
+        let latched = w.add(&topics::ROBOT_DESCRIPTION)?;
+        let text = std_msgs::String {
+            data: robot.description.to_owned(),
+        };
+        w.writer.write_message(latched, 0, &text)?;
+        let tf_static = w.add(&topics::TF_STATIC)?;
+        let fixed = frames.static_transforms(&run.world.targets);
+        w.writer.write_message(tf_static, 0, &fixed)?;
         if let Some(image) = run.image() {
-            let camera_info = add(&mut writer, &topics::CAMERA_INFO)?;
-            writer.write_message(camera_info, 0, &camera::calibration(image))?;
+            let camera_info = w.add(&topics::CAMERA_INFO)?;
+            let calibration = camera::calibration(image);
+            w.writer.write_message(camera_info, 0, &calibration)?;
         }
-        let w = &mut writer;
         Ok(Self {
-            clock: add(w, &topics::CLOCK)?,
-            joint_states: add(w, &topics::JOINT_STATES)?,
-            odometry: add(w, &topics::ODOMETRY)?,
+            joint_states: w.add(&topics::JOINT_STATES)?,
+            odometry: w.add(&topics::ODOMETRY)?,
             targets: (run.world.targets.iter())
-                .map(|t| named(w, &topics::TARGET_ODOMETRY.of(&t.name), &topics::ODOMETRY))
+                .map(|target| TargetTopics::new(&mut w, target))
                 .collect::<Result<_, _>>()?,
-            momentum: add(w, &topics::MOMENTUM)?,
+            momentum: w.add(&topics::MOMENTUM)?,
             appendages: match appendage_states(Time::ZERO, frames.base(), &run.world) {
-                Some(_) => Some(add(w, &topics::APPENDAGES)?),
+                Some(_) => Some(w.add(&topics::APPENDAGES)?),
                 None => None,
             },
             wheels: match wheel_states(Time::ZERO, frames.base(), &run.world) {
-                Some(_) => Some(add(w, &topics::WHEEL_STATES)?),
+                Some(_) => Some(w.add(&topics::WHEEL_STATES)?),
                 None => None,
             },
-            imu: add(w, &topics::IMU)?,
-            tf: add(w, &topics::TF)?,
+            imu: w.add(&topics::IMU)?,
+            tf: w.add(&topics::TF)?,
             servo: if run.image().is_some() {
                 Some(ServoTopics {
-                    tip_pose: add(w, &topics::TIP_POSE)?,
-                    goal_pose: add(w, &topics::MEASURED_GOAL)?,
+                    tip_pose: w.add(&topics::TIP_POSE)?,
+                    goal_pose: w.add(&topics::MEASURED_GOAL)?,
                     features: match run.tracks_target() {
-                        true => Some(add(w, &topics::FEATURES)?),
+                        true => Some(w.add(&topics::FEATURES)?),
                         false => None,
                     },
-                    commands: add(w, &topics::JOINT_COMMANDS)?,
-                    state: add(w, &topics::CONTROLLER_STATE)?,
+                    commands: w.add(&topics::JOINT_COMMANDS)?,
+                    state: w.add(&topics::CONTROLLER_STATE)?,
                     messages: None,
                 })
             } else {
                 None
             },
             rates: match run.is_operated() {
-                true => Some(add(w, &topics::JOINT_COMMANDS)?),
+                true => Some(w.add(&topics::JOINT_COMMANDS)?),
                 false => None,
             },
             attitude: match run.attitude() {
                 Some(attitude) => Some(AttitudeTopics {
-                    star_tracker: add(w, &topics::STAR_TRACKER)?,
-                    wheels: add(w, &topics::WHEEL_COMMANDS)?,
-                    thrusters: add(w, &topics::THRUSTER_COMMANDS)?,
-                    state: add(w, &topics::ATTITUDE_STATE)?,
+                    star_tracker: w.add(&topics::STAR_TRACKER)?,
+                    wheels: w.add(&topics::WHEEL_COMMANDS)?,
+                    thrusters: w.add(&topics::THRUSTER_COMMANDS)?,
+                    state: w.add(&topics::ATTITUDE_STATE)?,
                     messages: AttitudeMessages::new(attitude),
                 }),
                 None => None,
             },
-            writer,
             frames,
         })
     }
+}
 
-    /// Writes the messages that the dynamics node publishes for a state.
+impl SimulatedBag {
+    /// Starts a bag in the new folder `folder`.
     ///
     /// # Errors
-    /// When the bag cannot be written.
-    pub fn state(&mut self, world: &mut World) -> Result<(), BagError> {
-        let stamp = Time::from_secs_f64(world.time());
-        let log = log_time(stamp);
-        let base = self.frames.base().to_owned();
-        let w = &mut self.writer;
-        w.write_message(
-            self.clock,
-            log,
-            &rosgraph_msgs::Clock {
-                clock: stamp.into(),
-            },
-        )?;
-        w.write_message(self.joint_states, log, &joint_states(stamp, &base, world))?;
-        w.write_message(self.odometry, log, &odometry(stamp, &base, &world.robot))?;
-        for (topic, target) in self.targets.iter().zip(&world.targets) {
-            w.write_message(*topic, log, &odometry(stamp, &target.name, &target.body))?;
-        }
-        w.write_message(self.momentum, log, &momentum(stamp, &world.robot))?;
-        if let (Some(topic), Some(message)) =
-            (self.appendages, appendage_states(stamp, &base, world))
-        {
-            w.write_message(topic, log, &message)?;
-        }
-        if let (Some(topic), Some(message)) = (self.wheels, wheel_states(stamp, &base, world)) {
-            w.write_message(topic, log, &message)?;
-        }
-        w.write_message(self.imu, log, &imu(stamp, &base, world))?;
-        w.write_message(self.tf, log, &self.frames.transforms(stamp, world))
+    /// When the folder exists or cannot be written.
+    pub fn create(folder: &Path, robots: &[Recorded]) -> Result<Self, BagError> {
+        let mut writer = Writer::create(folder, WriterOptions::default())?;
+        let clock =
+            Topic::of::<rosgraph_msgs::Clock>(topics::CLOCK.name.to_owned(), topics::CLOCK.qos);
+        let clock = writer.add_topic(clock)?;
+        let robots = robots.iter();
+        let robots = robots.map(|robot| RobotTopics::new(&mut writer, robot));
+        Ok(Self {
+            clock,
+            robots: robots.collect::<Result<_, _>>()?,
+            writer,
+        })
     }
 
-    /// Writes the messages that camera and controller, or an operator, publish in response to a state.
+    /// Writes the time.
     ///
     /// # Errors
     /// When the bag cannot be written.
-    pub fn moment(&mut self, time: f64, moment: &Moment) -> Result<(), BagError> {
-        if let (Some(rates), Some(drive)) = (self.rates, &moment.drive) {
+    pub fn time(&mut self, time: f64) -> Result<(), BagError> {
+        let stamp = Time::from_secs_f64(time);
+        let clock = rosgraph_msgs::Clock {
+            clock: stamp.into(),
+        };
+        (self.writer).write_message(self.clock, log_time(stamp), &clock)
+    }
+
+    /// Writes the messages that the dynamics node of a robot publishes for a state.
+    ///
+    /// # Errors
+    /// When the bag cannot be written.
+    pub fn state(&mut self, robot: usize, world: &mut World) -> Result<(), BagError> {
+        let stamp = Time::from_secs_f64(world.time());
+        let log = log_time(stamp);
+        let (w, t) = (&mut self.writer, &self.robots[robot]);
+        let base = t.frames.base();
+        w.write_message(t.joint_states, log, &joint_states(stamp, base, world))?;
+        w.write_message(t.odometry, log, &odometry(stamp, base, &world.robot))?;
+        for (topics, target) in t.targets.iter().zip(&world.targets) {
+            topics.write(w, stamp, target)?;
+        }
+        w.write_message(t.momentum, log, &momentum(stamp, &world.robot))?;
+        if let (Some(topic), Some(message)) = (t.appendages, appendage_states(stamp, base, world)) {
+            w.write_message(topic, log, &message)?;
+        }
+        if let (Some(topic), Some(message)) = (t.wheels, wheel_states(stamp, base, world)) {
+            w.write_message(topic, log, &message)?;
+        }
+        w.write_message(t.imu, log, &imu(stamp, base, world))?;
+        w.write_message(t.tf, log, &t.frames.transforms(stamp, world))
+    }
+
+    /// Writes the messages that camera and controller, or an operator, of a robot publish in response to a state.
+    ///
+    /// # Errors
+    /// When the bag cannot be written.
+    pub fn moment(&mut self, robot: usize, time: f64, moment: &Moment) -> Result<(), BagError> {
+        let topics = &mut self.robots[robot];
+        if let (Some(rates), Some(drive)) = (topics.rates, &moment.drive) {
             let stamp = Time::from_secs_f64(time);
             let header = std_msgs::Header {
                 stamp: stamp.into(),
-                frame_id: self.frames.base().to_owned(),
+                frame_id: topics.frames.base().to_owned(),
             };
             let command = teleop::message(drive.steering, header);
             (self.writer).write_message(rates, log_time(stamp), &command)?;
         }
-        if let (Some(topics), Some(answer)) = (&mut self.attitude, &moment.attitude) {
-            let stamp = Time::from_secs_f64(time);
-            let log = log_time(stamp);
-            let w = &mut self.writer;
-            for frame in answer.frames {
-                w.write_message(topics.star_tracker, log, &star_tracker_message(frame))?;
-            }
-            let messages = &mut topics.messages;
-            if let Some(report) = &answer.report {
-                messages.write_report(answer.attitude, report);
-                w.write_message(topics.state, log, &messages.state)?;
-            }
-            let now = Stamp::from_nanos(stamp.as_nanos());
-            if messages.write_commands(answer.attitude, now) {
-                w.write_message(topics.thrusters, log, &messages.thrusters)?;
-            }
-            w.write_message(topics.wheels, log, &messages.wheels)?;
+        if let (Some(topics), Some(answer)) = (&mut topics.attitude, &moment.attitude) {
+            topics.write(&mut self.writer, time, answer)?;
         }
-        let (Some(servo), Some(answer)) = (&mut self.servo, &moment.answer) else {
+        let (Some(servo), Some(answer)) = (&mut topics.servo, &moment.answer) else {
             return Ok(());
         };
         let stamp = Time::from_secs_f64(time);
         let log = log_time(stamp);
-        let base = self.frames.base().to_owned();
+        let base = topics.frames.base();
         let w = &mut self.writer;
         for frame in moment.frames {
-            let tip = camera::pose_message(frame.time, &base, &frame.X_BE);
+            let tip = camera::pose_message(frame.time, base, &frame.X_BE);
             w.write_message(servo.tip_pose, log, &tip)?;
             if let Some(X_BD) = &frame.X_BD {
-                let goal = camera::pose_message(frame.time, &base, X_BD);
+                let goal = camera::pose_message(frame.time, base, X_BD);
                 w.write_message(servo.goal_pose, log, &goal)?;
             }
         }
@@ -245,17 +331,26 @@ impl SimulatedBag {
     }
 }
 
-fn add<M: Interface>(writer: &mut Writer, topic: &topics::Topic<M>) -> Result<TopicId, BagError> {
-    named(writer, topic.name, topic)
+/// Adds topics in a namespace.
+struct Namespaced<'a> {
+    writer: &'a mut Writer,
+    /// Without a slash at its end.
+    namespace: &'a str,
 }
 
-fn named<M: Interface>(
-    writer: &mut Writer,
-    name: &str,
-    topic: &topics::Topic<M>,
-) -> Result<TopicId, BagError> {
-    let full = format!("/{}", name.trim_start_matches('/'));
-    writer.add_topic(Topic::of::<M>(full, topic.qos))
+impl Namespaced<'_> {
+    fn add<M: Interface>(&mut self, topic: &topics::Topic<M>) -> Result<TopicId, BagError> {
+        self.named(topic.name, topic)
+    }
+
+    fn named<M: Interface>(
+        &mut self,
+        name: &str,
+        topic: &topics::Topic<M>,
+    ) -> Result<TopicId, BagError> {
+        let full = format!("{}/{}", self.namespace, name.trim_start_matches('/'));
+        self.writer.add_topic(Topic::of::<M>(full, topic.qos))
+    }
 }
 
 fn log_time(stamp: Time) -> u64 {

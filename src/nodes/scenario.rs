@@ -1,5 +1,7 @@
 //! Scenarios: ROS 2 parameter files that name the nodes of a run.
 
+mod several_robots;
+
 use std::{
     path::{Path, PathBuf},
     sync::Arc,
@@ -24,9 +26,12 @@ use crate::{
     ros::{
         Declare, NodeName, ParameterValue, ParamsFile, RosArgs,
         args::ParameterSource,
+        names::{Remap, Target},
         params::{ParameterStore, USE_SIM_TIME},
     },
 };
+
+pub use several_robots::OtherBody;
 
 /// A parameter file with the ROS arguments of the command line.
 pub struct Scenario {
@@ -87,6 +92,21 @@ impl Scenario {
         });
     }
 
+    /// Several robots with frames of the same names: transforms of each are on `tf` and `tf_static` in its namespace.
+    pub fn separate_transforms(&mut self) {
+        for topic in ["tf", "tf_static"] {
+            self.args.remaps.push(Remap {
+                node: None,
+                target: Target::Name {
+                    from: format!("/{topic}"),
+                    topics: true,
+                    services: false,
+                },
+                to: topic.to_owned(),
+            });
+        }
+    }
+
     /// The ROS arguments: file, command line and what was set.
     pub fn args(&self) -> &RosArgs {
         &self.args
@@ -114,6 +134,33 @@ impl Scenario {
         self.nodes.iter().any(|n| n.name() == node)
     }
 
+    /// Namespaces of the dynamics nodes: one for each robot.
+    pub fn robots(&self) -> Vec<&str> {
+        let dynamics = self.nodes.iter().filter(|n| n.name() == "dynamics");
+        dynamics.map(NodeName::namespace).collect()
+    }
+
+    /// The body of another robot that an absolute name means: `/NAMESPACE/base_link` or `/NAMESPACE/TARGET`.
+    ///
+    /// # Errors
+    /// A line that lists what there is.
+    pub fn other_body(&self, name: &str) -> Result<OtherBody, String> {
+        several_robots::other_body(self, name)
+    }
+
+    /// The same scenario with the nodes of one namespace only.
+    #[must_use]
+    pub fn of_robot(&self, namespace: &str) -> Self {
+        let nodes = self.nodes.iter();
+        let nodes = nodes.filter(|n| n.namespace() == namespace).cloned();
+        Self {
+            path: self.path.clone(),
+            file: self.file.clone(),
+            nodes: nodes.collect(),
+            args: self.args.clone(),
+        }
+    }
+
     /// Checks, before anything runs, that every node can start with its parameters, and with its robot if the scenario
     /// names the dynamics node.
     ///
@@ -126,7 +173,7 @@ impl Scenario {
             .filter_map(|name| self.check_node(name).err());
         let problems: Vec<_> = problems.collect();
         if problems.is_empty() {
-            Ok(())
+            several_robots::check(self)
         } else {
             Err(problems.join("\n"))
         }
@@ -169,11 +216,15 @@ impl Scenario {
                 let Ok(world) = World::new(&dynamics) else {
                     return Ok(());
                 };
-                let check_target = |key: &str, target: Option<&String>| match target {
-                    Some(target) => (world.target_index(target))
-                        .map(drop)
-                        .map_err(|e| parameter(format!("{key}: {e}"))),
-                    None => Ok(()),
+                let check_target = |key: &str, target: Option<&String>| {
+                    let Some(target) = target else {
+                        return Ok(());
+                    };
+                    let found = match target.starts_with('/') {
+                        true => self.other_body(target).map(drop),
+                        false => world.target_index(target).map(drop),
+                    };
+                    found.map_err(|e| parameter(format!("{key}: {e}")))
                 };
                 check_target(
                     "features.target",
@@ -185,9 +236,10 @@ impl Scenario {
                 let params = self.parameters_of(name, |d| Ok(ControllerParams::declare(d)))?;
                 let robot = self.robot(name.namespace());
                 robot.map_or(Ok(()), |robot| {
-                    tip_frame(&robot, &params.tip_link).map_err(parameter)?;
+                    let tip = tip_frame(&robot, &params.tip_link).map_err(parameter)?;
                     second_tip(&robot, &params.second_tip_link).map_err(parameter)?;
-                    let gains = params.config.check(robot.dof());
+                    let config = params.complete(params.config.clone(), &robot, &tip);
+                    let gains = config.map_err(parameter)?.check(robot.dof());
                     gains.map_err(|e| parameter(e.to_string()))
                 })
             }
@@ -279,7 +331,7 @@ impl Scenario {
     }
 
     /// Parameters of the dynamics node of a namespace, if there is one and they are valid.
-    fn dynamics_of(&self, namespace: &str) -> Option<DynamicsParams> {
+    pub(super) fn dynamics_of(&self, namespace: &str) -> Option<DynamicsParams> {
         let dynamics = self
             .nodes
             .iter()

@@ -10,10 +10,12 @@ use crate::{
     msg::{
         Interface,
         fuyu_msgs::{
-            AppendageStates, AttitudeState, ControllerState, ExternalImpulse, FeatureTracks, Momentum,
-            MotionEstimate, ThrusterCommands,
+            AppendageStates, AttitudeState, ControllerState, ExternalImpulse, FeatureTracks,
+            Momentum, MotionEstimate, ThrusterCommands,
         },
-        geometry_msgs::{PoseStamped, QuaternionStamped, TwistStamped, Vector3Stamped, WrenchStamped},
+        geometry_msgs::{
+            PoseStamped, QuaternionStamped, TwistStamped, Vector3Stamped, WrenchStamped,
+        },
         nav_msgs::{Odometry, Path},
         rosgraph_msgs::Clock,
         sensor_msgs::{CameraInfo, Imu, JointState, Joy},
@@ -76,6 +78,11 @@ topics! {
     TARGET_ODOMETRY: TargetTopic<Odometry> = "ground_truth/NAME/odom", RELIABLE, ["dynamics"] => ["camera", "views"];
     /// A target's URDF, with links named as its frames.
     TARGET_DESCRIPTION: TargetTopic<Text> = "ground_truth/NAME/robot_description", LATCHED, ["dynamics"] => ["viewers"];
+    /// Joint positions and rates of a target that has joints.
+    TARGET_JOINT_STATES: TargetTopic<JointState> =
+        "ground_truth/NAME/joint_states", RELIABLE, ["dynamics"] => ["viewers"];
+    /// True momentum and kinetic energy of a target that has joints.
+    TARGET_MOMENTUM: TargetTopic<Momentum> = "ground_truth/NAME/momentum", RELIABLE, ["dynamics"] => ["recorder"];
     /// Angular velocity and acceleration of the base, as measured.
     IMU: Topic<Imu> = "imu", RELIABLE, ["dynamics"] => ["attitude", "controller", "estimator", "teleop"];
     /// Attitude of the base in the world, as measured by the star tracker at the time of the stamp.
@@ -135,6 +142,9 @@ topics! {
     /// Markers for RViz and Foxglove.
     MARKERS: Topic<MarkerArray> = "markers", RELIABLE, ["views"] => ["you"];
 }
+
+/// The last part of a name such as `/chaser/base_link`: the base of the robot in that namespace.
+pub const BASE: &str = "base_link";
 
 /// A topic of messages `M`.
 pub struct Topic<M> {
@@ -197,9 +207,14 @@ impl<M: Interface> TargetTopic<M> {
         }
     }
 
-    /// Name of the topic of `target`, in the target's namespace if it has one.
+    /// Name of the topic of `target`, in the target's namespace if it has one. An absolute name is that of a body of another
+    /// robot: of its target, `/chaser/debris`, or of its base, `/chaser/base_link`.
     pub fn of(&self, target: &str) -> String {
         match target.rsplit_once('/') {
+            Some((namespace, BASE)) if target.starts_with('/') => {
+                let of_robot = self.pattern.replace(&format!("{NAME}/"), "");
+                format!("{namespace}/{of_robot}")
+            }
             Some((namespace, name)) => format!("{namespace}/{}", self.pattern.replace(NAME, name)),
             None => self.pattern.replace(NAME, target),
         }
@@ -261,6 +276,14 @@ mod tests {
             TARGET_DESCRIPTION.of("far/debris"),
             "far/ground_truth/debris/robot_description"
         );
+        for (body, topic) in [
+            ("debris", "ground_truth/debris/odom"),
+            ("/base_link", "/ground_truth/odom"),
+            ("/chaser/base_link", "/chaser/ground_truth/odom"),
+            ("/chaser/debris", "/chaser/ground_truth/debris/odom"),
+        ] {
+            assert_eq!(TARGET_ODOMETRY.of(body), topic);
+        }
     }
 
     #[test]

@@ -1,5 +1,6 @@
 //! The `fuyu` executable: exit codes, output, error messages; and the examples.
 
+mod articulated_targets;
 mod attitude;
 mod bad_urdf;
 mod control;
@@ -13,4 +14,5 @@ mod input_files;
 mod inspect;
 mod reproduce;
 mod tracking;
+mod two_servicers;
 mod views;

@@ -8,7 +8,7 @@ use crate::{
 };
 
 /// The code blocks of a language in a Markdown text, in order.
-fn blocks<'a>(text: &'a str, language: &str) -> Vec<&'a str> {
+pub fn blocks<'a>(text: &'a str, language: &str) -> Vec<&'a str> {
     let fence = format!("```{language}\n");
     let after = text.split(fence.as_str()).skip(1);
     after

@@ -15,3 +15,5 @@ mod package;
 #[cfg(feature = "ros")]
 mod readme;
 mod sources;
+#[cfg(feature = "ros")]
+mod your_own_arm;

@@ -218,15 +218,24 @@ fn scenarios() -> Vec<PathBuf> {
     files.map(|file| file.expect("a file").path()).collect()
 }
 
-/// Nodes that a scenario names.
-fn named(scenario: &Path) -> Vec<String> {
+/// Namespaces and names of the nodes that a scenario names; those without a namespace get `otherwise`.
+fn named(scenario: &Path, otherwise: &str) -> Vec<(String, String)> {
     let text = fs::read_to_string(scenario).expect("a scenario");
     let keys = text.lines().filter(|line| !line.starts_with([' ', '#']));
     let keys = keys.filter_map(|line| line.strip_suffix(':'));
     let keys = keys.filter(|key| !key.contains('*'));
-    let mut keys: Vec<_> = keys.map(str::to_owned).collect();
+    let mut keys: Vec<_> = keys
+        .map(|key| key.rsplit_once('/').unwrap_or((otherwise, key)))
+        .map(|(namespace, name)| (namespace.to_owned(), name.to_owned()))
+        .collect();
     keys.sort();
     keys
+}
+
+/// Number of dynamics nodes of a scenario.
+fn robots(scenario: &Path) -> usize {
+    let named = named(scenario, "/").into_iter();
+    named.filter(|(_, name)| name == "dynamics").count()
 }
 
 // Fails when a scenario has no launch file, or one that starts other nodes or reads another file.
@@ -240,17 +249,23 @@ fn every_scenario_has_a_launch_file() {
             .expect("text");
         let file = root().join(format!("launch/{stem}.launch.xml"));
         let starts = starts(&file, &[("namespace", "chaser")]);
-        let mut names: Vec<_> = starts.iter().map(|s| s.name.clone()).collect();
+        let mut names: Vec<_> = starts
+            .iter()
+            .map(|start| (start.namespace.clone(), start.name.clone()))
+            .collect();
         names.sort();
-        assert_eq!(names, named(&scenario), "{stem}");
+        let robots = robots(&scenario);
+        let otherwise = if robots > 1 { "/" } else { "/chaser" };
+        assert_eq!(names, named(&scenario, otherwise), "{stem}");
         for start in starts {
             binary(&start.exec);
             assert_eq!(start.exec, start.name);
-            assert_eq!(start.namespace, "/chaser");
             assert_eq!(start.files, [scenario.display().to_string()]);
             for topic in ["clock", "tf", "tf_static"] {
                 let rule = (format!("/{topic}"), topic.to_owned());
-                assert!(start.remaps.contains(&rule), "{stem} {topic}");
+                // Robots of one world share its clock.
+                let is_renamed = topic != "clock" || robots == 1;
+                assert_eq!(start.remaps.contains(&rule), is_renamed, "{stem} {topic}");
             }
         }
     }
@@ -335,18 +350,16 @@ fn the_launch_file_in_python_starts_what_a_scenario_names() {
             .output()
             .expect("python can be started");
         let found: Vec<Value> = serde_json::from_slice(&output.stdout).expect("JSON");
-        let field = |name: &str| {
+        for key in ["name", "executable"] {
+            let text = |node: &Value, key: &str| node[key].as_str().expect("text").to_owned();
             let mut all: Vec<_> = found
                 .iter()
-                .map(|n| n[name].as_str().expect("text"))
+                .map(|node| (text(node, "namespace"), text(node, key)))
                 .collect();
             all.sort_unstable();
-            all.into_iter().map(str::to_owned).collect::<Vec<_>>()
-        };
-        assert_eq!(field("name"), named(&scenario));
-        assert_eq!(field("executable"), named(&scenario));
+            assert_eq!(all, named(&scenario, "/chaser"));
+        }
         for node in &found {
-            assert_eq!(node["namespace"], "/chaser");
             assert_eq!(node["parameters"], json!([scenario.display().to_string()]));
             assert_eq!(node["ends_all"], node["name"] == "dynamics");
         }

@@ -29,28 +29,33 @@ const JOINTS: [&str; 7] = [
 ];
 /// A posture with a bent elbow \[rad\].
 pub const POSTURE: [f64; 7] = [0.3, 0.6, -0.2, 1.4, 0.2, 0.9, 0.1];
-const GOAL: [f64; 7] = [-0.5, 0.9, 0.4, 1.0, -0.4, 1.2, 0.6];
+pub const GOAL: [f64; 7] = [-0.5, 0.9, 0.4, 1.0, -0.4, 1.2, 0.6];
 
-const ACTION: &str = "control_msgs/action/FollowJointTrajectory";
-const TRAJECTORY: &str = "trajectory_msgs/msg/JointTrajectory";
+pub const ACTION: &str = "control_msgs/action/FollowJointTrajectory";
+pub const TRAJECTORY: &str = "trajectory_msgs/msg/JointTrajectory";
 const PATH: &str = "nav_msgs/msg/Path";
 const TWIST: &str = "geometry_msgs/msg/TwistStamped";
 
 // Codes of the action.
-const SUCCEEDED: u64 = 4;
+pub const SUCCEEDED: u64 = 4;
 const CANCELED: u64 = 5;
-const ABORTED: u64 = 6;
+pub const ABORTED: u64 = 6;
 const PATH_TOLERANCE_VIOLATED: i64 = -4;
 const GOAL_TOLERANCE_VIOLATED: i64 = -5;
 
 /// The dynamics node with the arm, and a peer.
-struct Session {
-    dynamics: Running,
-    peer: Peer,
+pub struct Session {
+    pub dynamics: Running,
+    pub peer: Peer,
 }
 
 impl Session {
-    fn start(domain: u16) -> Self {
+    pub fn start(domain: u16) -> Self {
+        Self::start_with(domain, &[])
+    }
+
+    /// The same with further parameters.
+    pub fn start_with(domain: u16, parameters: &[&str]) -> Self {
         let mut dynamics = command("dynamics", domain);
         let posture = format!("initial_joint_positions:={POSTURE:?}");
         dynamics
@@ -60,6 +65,9 @@ impl Session {
                 "urdf:=package://fuyu/urdf/seven_joints.urdf",
             ])
             .args(["-p", &posture]);
+        for parameter in parameters {
+            dynamics.args(["-p", parameter]);
+        }
         let dynamics = Running::start(dynamics);
         let mut peer = peer_with_interfaces("commander", domain);
         peer.subscribe("joint_states", JOINT_STATE, "reliable");
@@ -68,25 +76,25 @@ impl Session {
         Self { dynamics, peer }
     }
 
-    fn act(&mut self, goal: &Value, cancel_after: Option<u64>) -> Value {
+    pub fn act(&mut self, goal: &Value, cancel_after: Option<u64>) -> Value {
         self.peer.does(json!({
             "do": "act", "action": "follow_joint_trajectory", "type": ACTION, "goal": goal, "cancel_after": cancel_after,
         }))
     }
 
-    fn publish(&mut self, topic: &str, kind: &str, message: &Value) {
+    pub fn publish(&mut self, topic: &str, kind: &str, message: &Value) {
         (self.peer)
             .does(json!({"do": "publish", "topic": topic, "type": kind, "message": message}));
     }
 
     /// Joint positions and rates now.
-    fn joints(&mut self) -> (Vec<f64>, Vec<f64>) {
+    pub fn joints(&mut self) -> (Vec<f64>, Vec<f64>) {
         let state = fresh(&mut self.peer, "joint_states", 1).pop().expect("one");
         (numbers(&state["position"]), numbers(&state["velocity"]))
     }
 
     /// Waits until the joints are at `goal` and rest.
-    fn arrives(&mut self, goal: &[f64], within: f64) {
+    pub fn arrives(&mut self, goal: &[f64], within: f64) {
         eventually(&format!("the joints at {goal:?}"), 3 * PATIENCE, || {
             let (q, qd) = self.joints();
             let off = q.iter().zip(goal).map(|(q, g)| (q - g).abs());
@@ -96,7 +104,7 @@ impl Session {
     }
 
     /// Waits for a report of the `part` of the node that contains `words`.
-    fn reports(&mut self, part: &str, since: f64, words: &str) {
+    pub fn reports(&mut self, part: &str, since: f64, words: &str) {
         let part = format!("dynamics: {part}");
         eventually(&format!("{words:?} in {part}"), PATIENCE, || {
             let contains = |level: u64, text: &str| level >= 1 && text.contains(words);
@@ -132,7 +140,7 @@ impl Session {
     }
 
     /// Attitude of the base: the angle from that at the start, which is none \[rad\].
-    fn base_turn(&mut self) -> f64 {
+    pub fn base_turn(&mut self) -> f64 {
         let odom = fresh(&mut self.peer, "ground_truth/odom", 1)
             .pop()
             .expect("one");
@@ -149,14 +157,14 @@ pub fn duration(seconds: f64) -> Value {
 }
 
 /// A point of a trajectory at rest.
-fn at_rest(seconds: f64, positions: &[f64]) -> Value {
+pub fn at_rest(seconds: f64, positions: &[f64]) -> Value {
     json!({
         "positions": positions, "velocities": vec![0.0; positions.len()], "time_from_start": duration(seconds),
     })
 }
 
 /// What MoveIt sends: positions, velocities and accelerations every 0.2 s.
-fn moveit(from: &[f64], to: &[f64], seconds: f64) -> Value {
+pub fn moveit(from: &[f64], to: &[f64], seconds: f64) -> Value {
     let count = (seconds / 0.2).round() as usize;
     let point = |i: usize| {
         let s = i as f64 / count as f64;
@@ -175,7 +183,7 @@ fn moveit(from: &[f64], to: &[f64], seconds: f64) -> Value {
     json!({"joint_names": JOINTS, "points": points})
 }
 
-fn tolerances(position: f64) -> Value {
+pub fn tolerances(position: f64) -> Value {
     let of = |name: &&str| json!({"name": name, "position": position});
     JOINTS.iter().map(of).collect()
 }

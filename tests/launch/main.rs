@@ -15,6 +15,7 @@ mod python;
 #[path = "../support/waiting.rs"]
 mod waiting;
 
+mod articulated_targets;
 mod bad_input;
 mod command_arbiter;
 mod commanders;
@@ -30,6 +31,7 @@ mod joining;
 mod large_commands;
 mod lifecycle;
 mod lockstep;
+mod motions;
 mod observer;
 mod overload;
 mod own_controller;
@@ -42,4 +44,5 @@ mod survival;
 mod switching;
 mod teleop;
 mod tumbling;
+mod two_servicers;
 mod wrenches;

@@ -82,7 +82,7 @@ impl Simulation {
         self.gets(code, "reset_simulation", "ResetSimulation", request);
     }
 
-    fn of(&mut self, entity: &str) -> Value {
+    pub fn of(&mut self, entity: &str) -> Value {
         let request = json!({"entity": entity});
         let response = self.gets(OK, "get_entity_state", "GetEntityState", request);
         response["state"].clone()
@@ -325,10 +325,6 @@ fn entities_are_found_moved_added_and_removed() {
             (
                 106,
                 json!({"name": "a", "entity_resource": {"resource_string": "<robot"}}),
-            ),
-            (
-                108,
-                json!({"name": "a", "entity_resource": resource("package://fuyu/urdf/servicer.urdf")}),
             ),
             (
                 109,

@@ -147,12 +147,16 @@ fn start(
         started.push(node);
     }
     let (shared, duration) = (Arc::clone(progress), plan.duration);
+    let robots = match plan.scenario.robots().as_slice() {
+        [] | [_] => Vec::new(),
+        several => several.iter().map(|&robot| robot.to_owned()).collect(),
+    };
     let monitor = NodeOptions {
         parameter_services: false,
         ..options("launch_monitor", namespace)
     };
     process.start_with(monitor, move |node| {
-        monitor::program(node, duration, &shared)
+        monitor::program(node, duration, &robots, &shared)
     })?;
     Ok(())
 }

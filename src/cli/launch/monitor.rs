@@ -51,14 +51,32 @@ impl Progress {
     }
 }
 
-/// The node's program: subscribes to `/clock` and `controller/state`. It ends when the duration is over.
+/// The node's program: subscribes to `/clock` and `controller/state`, and to the odometry of `robots`, the namespaces of
+/// several robots. It ends when the duration is over for all.
 ///
 /// # Errors
 /// When DDS fails.
-pub fn program(node: &Node, duration: f64, progress: &Progress) -> Result<(), NodeError> {
+pub fn program(
+    node: &Node,
+    duration: f64,
+    robots: &[String],
+    progress: &Progress,
+) -> Result<(), NodeError> {
+    let is_end = |time: f64| duration > 0.0 && time >= duration - 1e-9;
+    let robots = robots.iter().map(|robot| {
+        let base = format!("{}/{}", robot.trim_end_matches('/'), topics::BASE);
+        Ok((topics::TARGET_ODOMETRY.subscribe(node, &base)?, 0.0))
+    });
+    let mut robots: Vec<_> = robots.collect::<Result<_, NodeError>>()?;
     let clock = node.subscribe::<Clock>(topics::CLOCK.name, Qos::CLOCK_SUBSCRIPTION)?;
     let state = topics::CONTROLLER_STATE.subscribe(node)?;
+    let mut now = 0.0;
     while node.wait_for(Duration::from_millis(200)) {
+        for (odometry, time) in &mut robots {
+            if let Some(received) = odometry.latest() {
+                *time = Time::from(&received.message.header.stamp).as_secs_f64();
+            }
+        }
         if let Some(received) = state.latest() {
             let message = received.message;
             let error = (message.position_error_norm, message.attitude_error_angle);
@@ -66,18 +84,19 @@ pub fn program(node: &Node, duration: f64, progress: &Progress) -> Result<(), No
         }
         if let Some(received) = clock.latest() {
             let time = Time::from(received.message.clock).as_secs_f64();
-            let now = Instant::now();
+            let at = Instant::now();
             progress.see(|seen| {
                 // Time that is held at the start has not begun.
                 if time > 0.0 && seen.last.is_none_or(|(last, _)| time > last) {
-                    seen.start.get_or_insert((time, now));
-                    seen.last = Some((time, now));
+                    seen.start.get_or_insert((time, at));
+                    seen.last = Some((time, at));
                 }
             });
-            if duration > 0.0 && time >= duration - 1e-9 {
-                progress.over.store(true, Ordering::Release);
-                return Ok(());
-            }
+            now = time;
+        }
+        if is_end(now) && robots.iter().all(|(_, time)| is_end(*time)) {
+            progress.over.store(true, Ordering::Release);
+            return Ok(());
         }
     }
     Ok(())

@@ -51,6 +51,9 @@ impl Plan {
             }
             scenario.set("dynamics", "real_time_factor", ParameterValue::Double(0.0));
         }
+        if scenario.robots().len() > 1 {
+            scenario.separate_transforms();
+        }
         // Check everything before any node starts, so that invalid input leaves no bag behind.
         scenario.check()?;
         let bag = if scenario.has("recorder") {

@@ -9,7 +9,7 @@ use super::{
 };
 use crate::{
     bag::Bag,
-    experiments::{RecordedRun, RecordedRuns, momentum_residuals},
+    experiments::{RecordedRun, RecordedRuns, momentum_residuals, title_of},
     spatial::roll_pitch_yaw_intrinsic,
 };
 
@@ -19,7 +19,7 @@ pub fn summary(plan: &Plan, progress: &Progress, overload: &Overload) -> (String
     let mut out = String::new();
     let mut row = |label: &str, value: String| {
         // Writing to a string cannot fail.
-        let _ = writeln!(out, "{label:<24}{value}");
+        let _ = writeln!(out, "{:<24}{value}", format!("{label} "));
     };
     let run = if progress.is_over() {
         "done"
@@ -59,14 +59,19 @@ pub fn summary(plan: &Plan, progress: &Progress, overload: &Overload) -> (String
         messages += 1;
         runs.accept(&message);
     }
-    for (_, run) in runs.robots() {
-        describe(run, &mut row);
+    for (namespace, run) in runs.robots() {
+        match title_of(namespace).as_str() {
+            "" => describe(run, &mut row),
+            title => describe(run, &mut |label, value| {
+                row(&format!("{title}: {label}"), value)
+            }),
+        }
     }
     row("bag", format!("{} ({messages} messages)", folder.display()));
     (out, missed)
 }
 
-fn describe(run: &RecordedRun, row: &mut impl FnMut(&str, String)) {
+fn describe(run: &RecordedRun, row: &mut dyn FnMut(&str, String)) {
     if let Some(last) = run.controller.last() {
         row(
             "tip position error",

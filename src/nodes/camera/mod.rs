@@ -174,7 +174,7 @@ impl Topics {
             goal: topics::GOAL.subscribe(node)?,
             goal_frame: (params.goal_target.clone()).unwrap_or_else(|| params::WORLD.to_owned()),
             carrier: (params.goal_target.as_ref())
-                .map(|target| topics::TARGET_ODOMETRY.subscribe(node, target))
+                .map(|body| topics::TARGET_ODOMETRY.subscribe(node, body))
                 .transpose()?,
             tip_pose: topics::TIP_POSE.advertise(node)?,
             goal_pose: topics::MEASURED_GOAL.advertise(node)?,

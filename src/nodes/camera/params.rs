@@ -114,7 +114,7 @@ impl CameraParams {
             .param(
                 "goal.frame",
                 WORLD,
-                "Frame that the goal is given in and moves with: world, or the name of a target",
+                "Frame that the goal is given in and moves with: world, the name of a target, or of another robot /NAMESPACE/TARGET or /NAMESPACE/base_link",
             )
             .read_only()
             .value();

@@ -30,6 +30,26 @@ pub trait FreeBody {
     /// origin as a point.
     fn A_WB_B(&mut self) -> Twist;
 
+    /// Momentum, summed over everything that moves, in world axes.
+    fn carried_momentum(&self) -> Momentum;
+
+    /// The same, and the scale of its rounding error (linear, angular).
+    fn carried_momentum_and_scale(&self) -> (Momentum, (f64, f64));
+
+    /// Kinetic energy \[J\].
+    fn kinetic_energy(&self) -> f64;
+
+    /// Strain energy of deformable bodies and elastic joints \[J\].
+    fn strain_energy(&self) -> f64 {
+        0.0
+    }
+
+    /// Energy that deformation, elastic joints and bearings of wheels have dissipated since the start \[J\]. What joints
+    /// dissipate is in the state.
+    fn lost_energy(&self) -> f64 {
+        0.0
+    }
+
     /// Gives the base this pose and twist (base axes), while everything keeps its place and its rates relative to the
     /// base.
     ///
@@ -73,6 +93,14 @@ pub(super) fn try_to_move<B: Restorable>(
     }
 }
 
+/// Momentum in base axes as momentum in world axes.
+pub(super) fn in_world(state: &State, momentum_B: &Momentum) -> Momentum {
+    Momentum {
+        linear: state.R_WB * momentum_B.linear,
+        angular: state.R_WB * momentum_B.angular,
+    }
+}
+
 impl FreeBody for Floating {
     fn model(&self) -> &Model {
         self.model()
@@ -97,6 +125,19 @@ impl FreeBody for Floating {
     fn A_WB_B(&mut self) -> Twist {
         self.accelerations();
         self.workspace().A_WF_B(&self.model().frames()[0])
+    }
+
+    fn carried_momentum(&self) -> Momentum {
+        in_world(self.state(), &self.workspace().carried_momentum())
+    }
+
+    fn carried_momentum_and_scale(&self) -> (Momentum, (f64, f64)) {
+        let (momentum_B, scale) = self.workspace().carried_momentum_and_scale();
+        (in_world(self.state(), &momentum_B), scale)
+    }
+
+    fn kinetic_energy(&self) -> f64 {
+        self.workspace().kinetic_energy()
     }
 
     fn move_base(&mut self, X_WB: &Isometry3<f64>, V_WB_B: &Twist) -> Result<(), String> {

@@ -3,11 +3,9 @@
 //! Messages that are published at every state are made once and updated in place (`update_...`), so that the names in
 //! them are not copied again.
 
-use super::{
-    external_wrenches::ExternalChange, free_body::FreeBody, robot::Robot, target::Target,
-    world::World,
-};
+use super::{external_wrenches::ExternalChange, free_body::FreeBody, target::Target, world::World};
 use crate::{
+    dynamics::State,
     model::{Frame, Model},
     msg::{fuyu_msgs, geometry_msgs, nav_msgs, sensor_msgs, std_msgs, tf2_msgs},
     nodes::geometry::{pose_to_msg, transform_to_msg, vector_to_msg},
@@ -18,7 +16,7 @@ use crate::{
 /// Name of the inertial frame.
 pub const WORLD: &str = "world";
 
-/// The robot's frames: those that joints move and those fixed to another frame.
+/// The frames of the robot or of a target: those that joints move and those fixed to another frame.
 pub struct FrameTree {
     /// Frames that joints move, each with its parent frame.
     moving: Vec<(Frame, Frame)>,
@@ -28,25 +26,65 @@ pub struct FrameTree {
 }
 
 impl FrameTree {
-    /// The frames of `model`.
+    /// The frames of the robot with this model.
     pub fn new(model: &Model) -> Self {
-        let parent = |frame: &Frame| {
-            frame
-                .parent
-                .as_deref()
-                .and_then(|name| model.frame(name))
-                .cloned()
+        Self::named(model, str::to_owned)
+    }
+
+    /// The frames of a target: its root link's is called `target`, that of any other link L `target/L`.
+    pub fn of_target(target: &str, model: &Model) -> Self {
+        let root = &model.frames()[0].name;
+        Self::named(model, |link| match link == root {
+            true => target.to_owned(),
+            false => format!("{target}/{link}"),
+        })
+    }
+
+    /// The frames of `model`, called what `name` makes of their links' names.
+    fn named(model: &Model, name: impl Fn(&str) -> String) -> Self {
+        let renamed = |frame: &Frame| Frame {
+            name: name(&frame.name),
+            ..frame.clone()
         };
-        let with_parents = model
-            .frames()
-            .iter()
-            .filter_map(|f| Some((f.clone(), parent(f)?)));
+        let parent = |frame: &Frame| model.frame(frame.parent.as_deref()?).map(&renamed);
+        let frames = model.frames().iter();
+        let with_parents = frames.filter_map(|f| Some((renamed(f), parent(f)?)));
         let (fixed, moving) = with_parents.partition(|(frame, parent)| frame.body == parent.body);
         Self {
             moving,
             fixed,
-            base: model.frames()[0].name.clone(),
+            base: name(&model.frames()[0].name),
         }
+    }
+
+    /// The frame called `name`, unless it is the root's.
+    pub(super) fn find(&self, name: &str) -> Option<&Frame> {
+        let all = self.moving.iter().chain(&self.fixed);
+        let mut frames = all.map(|(frame, _)| frame);
+        frames.find(|frame| frame.name == name)
+    }
+
+    /// Transforms of the frames that do not move in their parent frame.
+    pub(super) fn fixed_transforms(&self) -> Vec<geometry_msgs::TransformStamped> {
+        let fixed = self.fixed.iter().map(|(frame, parent)| {
+            let X_PF = parent.X_BF.inverse() * frame.X_BF;
+            transform(&parent.name, &frame.name, &X_PF)
+        });
+        fixed.collect()
+    }
+
+    /// Names of the frames that move, parent and child: the root's in the world first.
+    fn moving_names(&self) -> impl Iterator<Item = (&str, &str)> {
+        let links = self.moving.iter();
+        let links = links.map(|(frame, parent)| (parent.name.as_str(), frame.name.as_str()));
+        std::iter::once((WORLD, self.base.as_str())).chain(links)
+    }
+
+    /// Poses of the links that joints move in their parent frames, in the order of [`Self::moving_names`].
+    /// `X_BF` gives the pose of a frame in the base frame.
+    fn link_poses(&self, X_BF: impl Fn(&Frame) -> Pose) -> impl Iterator<Item = Pose> {
+        let links = self.moving.iter();
+        links.map(move |(frame, parent)| X_BF(parent).inverse() * X_BF(frame))
     }
 
     /// Name of the base frame.
@@ -56,27 +94,18 @@ impl FrameTree {
 
     /// The message on `/tf_static`.
     pub fn static_transforms(&self, targets: &[Target]) -> tf2_msgs::TFMessage {
-        let robots = self.fixed.iter().map(|(frame, parent)| {
-            let X_PF = parent.X_BF.inverse() * frame.X_BF;
-            transform(&parent.name, &frame.name, &X_PF)
-        });
-        let targets = targets.iter().flat_map(|target| {
-            let frames = target.fixed_frames();
-            frames.map(|(name, X_TF)| transform(&target.name, &name, &X_TF))
-        });
+        let targets = targets.iter().flat_map(|t| t.frames.fixed_transforms());
         tf2_msgs::TFMessage {
-            transforms: robots.chain(targets).collect(),
+            transforms: self.fixed_transforms().into_iter().chain(targets).collect(),
         }
     }
 
     /// The message on `/tf` at `stamp`.
     pub fn transforms(&self, stamp: Time, world: &World) -> tf2_msgs::TFMessage {
         let fixed = Pose::identity();
-        let base = std::iter::once((WORLD, self.base.as_str()));
-        let links = self.moving.iter();
-        let links = links.map(|(frame, parent)| (parent.name.as_str(), frame.name.as_str()));
-        let targets = world.targets.iter().map(|t| (WORLD, t.name.as_str()));
-        let frames = base.chain(links).chain(targets);
+        let targets = world.targets.iter();
+        let targets = targets.flat_map(|target| target.frames.moving_names());
+        let frames = self.moving_names().chain(targets);
         let mut message = tf2_msgs::TFMessage {
             transforms: frames
                 .map(|(parent, child)| transform(parent, child, &fixed))
@@ -90,9 +119,12 @@ impl FrameTree {
     pub fn update_transforms(&self, message: &mut tf2_msgs::TFMessage, stamp: Time, world: &World) {
         let robot = &world.robot;
         let base = std::iter::once(robot.X_WB());
-        let links = self.moving.iter();
-        let links = links.map(|(frame, parent)| robot.X_BF(parent).inverse() * robot.X_BF(frame));
-        let targets = world.targets.iter().map(|target| target.body.X_WB());
+        let links = self.link_poses(|frame| robot.X_BF(frame));
+        let targets = world.targets.iter().flat_map(|target| {
+            let body = &target.body;
+            let links = (target.frames).link_poses(|frame| body.workspace().X_BF(frame));
+            std::iter::once(body.X_WB()).chain(links)
+        });
         let poses = base.chain(links).chain(targets);
         for (transform, X) in message.transforms.iter_mut().zip(poses) {
             transform.header.stamp = stamp.into();
@@ -120,17 +152,43 @@ fn transform(parent: &str, child: &str, X: &Pose) -> geometry_msgs::TransformSta
 
 /// Joint positions, joint rates, and the mean joint efforts between the last two states.
 pub fn joint_states(stamp: Time, base: &str, world: &World) -> sensor_msgs::JointState {
-    let joints = world.robot.model().joints();
-    let zeros = vec![0.0; joints.len()];
-    let mut message = sensor_msgs::JointState {
-        header: header(stamp, base),
-        name: joints.iter().map(|j| j.name.clone()).collect(),
+    let mut message = joint_state_message(world.robot.model(), base);
+    update_joint_states(&mut message, stamp, world);
+    message
+}
+
+/// Joint positions and rates of a target. Nobody drives its joints: efforts are zero.
+pub fn target_joint_states(stamp: Time, target: &Target) -> sensor_msgs::JointState {
+    let mut message = joint_state_message(target.body.model(), &target.name);
+    update_target_joint_states(&mut message, stamp, target);
+    message
+}
+
+/// Updates a message of [`target_joint_states`].
+pub(super) fn update_target_joint_states(
+    message: &mut sensor_msgs::JointState,
+    stamp: Time,
+    target: &Target,
+) {
+    update_joint_motion(message, stamp, target.body.state());
+}
+
+/// Joint states of a tree with the root frame `base`, to be updated.
+fn joint_state_message(model: &Model, base: &str) -> sensor_msgs::JointState {
+    let zeros = vec![0.0; model.dof()];
+    sensor_msgs::JointState {
+        header: header(Time::ZERO, base),
+        name: model.joints().iter().map(|j| j.name.clone()).collect(),
         position: zeros.clone(),
         velocity: zeros.clone(),
         effort: zeros,
-    };
-    update_joint_states(&mut message, stamp, world);
-    message
+    }
+}
+
+fn update_joint_motion(message: &mut sensor_msgs::JointState, stamp: Time, state: &State) {
+    message.header.stamp = stamp.into();
+    message.position.copy_from_slice(state.q.as_slice());
+    message.velocity.copy_from_slice(state.qd.as_slice());
 }
 
 /// Updates a message of [`joint_states`].
@@ -139,10 +197,7 @@ pub(super) fn update_joint_states(
     stamp: Time,
     world: &World,
 ) {
-    let state = world.robot.state();
-    message.header.stamp = stamp.into();
-    message.position.copy_from_slice(state.q.as_slice());
-    message.velocity.copy_from_slice(state.qd.as_slice());
+    update_joint_motion(message, stamp, world.robot.state());
     message.effort.copy_from_slice(world.mean_efforts());
 }
 
@@ -172,9 +227,9 @@ pub(super) fn update_odometry(message: &mut nav_msgs::Odometry, stamp: Time, bod
 }
 
 /// Momentum and kinetic energy, summed over the bodies, in world axes.
-pub fn momentum(stamp: Time, robot: &Robot) -> fuyu_msgs::Momentum {
+pub fn momentum(stamp: Time, body: &impl FreeBody) -> fuyu_msgs::Momentum {
     let mut message = momentum_message();
-    update_momentum(&mut message, stamp, robot);
+    update_momentum(&mut message, stamp, body);
     message
 }
 
@@ -187,13 +242,17 @@ pub(super) fn momentum_message() -> fuyu_msgs::Momentum {
 }
 
 /// Updates a message of [`momentum_message`].
-pub(super) fn update_momentum(message: &mut fuyu_msgs::Momentum, stamp: Time, robot: &Robot) {
-    let carried = robot.carried_momentum();
+pub(super) fn update_momentum(
+    message: &mut fuyu_msgs::Momentum,
+    stamp: Time,
+    body: &impl FreeBody,
+) {
+    let carried = body.carried_momentum();
     message.header.stamp = stamp.into();
     message.linear = vector_to_msg(&carried.linear);
     message.angular = vector_to_msg(&carried.angular);
-    message.kinetic_energy = robot.kinetic_energy();
-    message.dissipated_energy = robot.state().dissipated.total() + robot.lost_energy();
+    message.kinetic_energy = body.kinetic_energy();
+    message.dissipated_energy = body.state().dissipated.total() + body.lost_energy();
 }
 
 /// A message of what external wrenches have changed, to be updated.

@@ -21,6 +21,9 @@
 //! Torques of wheels are held as joint efforts are, thrusters are on for the time that their command states
 //! (`actuator_inputs`).
 //!
+//! Several robots in one world have a dynamics node each; one owns the time, the others follow `/clock`
+//! (`shared_time`).
+//!
 //! One commander at a time; others are refused until it ends or is silent for `command_timeout`
 //! (`command_arbiter`). Efforts beyond a joint's limit are cut to it, those beyond `max_effort` are refused
 //! (`joint_command`).
@@ -53,6 +56,7 @@ mod response_tracking;
 mod robot;
 mod robot_status;
 mod services;
+mod shared_time;
 mod simulation;
 mod star_tracker;
 mod step_status;
@@ -66,8 +70,10 @@ pub use external_wrenches::ExternalChange;
 pub use free_body::FreeBody;
 pub use imu::{ImuParams, imu};
 pub use loops::{EndParams, LoopParams};
-pub use messages::{FrameTree, WORLD, joint_states, momentum, odometry};
-pub use params::{Description, DynamicsParams, FlexibleParams, InitialMotion, TargetParams};
+pub use messages::{FrameTree, WORLD, joint_states, momentum, odometry, target_joint_states};
+pub use params::{
+    Description, DynamicsParams, FlexibleParams, InitialJoints, InitialMotion, TargetParams,
+};
 pub use part_messages::{appendage_states, wheel_states};
 pub use robot::Robot;
 pub use star_tracker::star_tracker_message;

@@ -4,7 +4,8 @@ use super::{
     imu::{imu_message, update_imu},
     messages::{
         FrameTree, external_impulse_message, joint_states, momentum_message, odometry_message,
-        update_external_impulse, update_joint_states, update_momentum, update_odometry,
+        target_joint_states, update_external_impulse, update_joint_states, update_momentum,
+        update_odometry, update_target_joint_states,
     },
     params::DynamicsParams,
     part_messages::{appendage_states, update_appendage_states, update_wheel_states, wheel_states},
@@ -13,7 +14,10 @@ use super::{
     world::World,
 };
 use crate::{
-    msg::{Interface, fuyu_msgs, geometry_msgs, nav_msgs, rosgraph_msgs, sensor_msgs, std_msgs, tf2_msgs},
+    msg::{
+        Interface, fuyu_msgs, geometry_msgs, nav_msgs, rosgraph_msgs, sensor_msgs, std_msgs,
+        tf2_msgs,
+    },
     nodes::topics,
     ros::{self, Node, NodeError, Publisher, Time},
 };
@@ -23,7 +27,8 @@ pub struct Outputs {
     /// The node's clock, which is set here: the node does not receive its own `/clock`.
     time: ros::Clock,
     frames: FrameTree,
-    clock: Publisher<rosgraph_msgs::Clock>,
+    /// `None` if another node owns the time.
+    clock: Option<Publisher<rosgraph_msgs::Clock>>,
     joint_states: Output<sensor_msgs::JointState>,
     odometry: Output<nav_msgs::Odometry>,
     /// One for each target, in their order.
@@ -64,17 +69,30 @@ impl<M: Interface> Output<M> {
 struct TargetOutputs {
     name: String,
     odometry: Output<nav_msgs::Odometry>,
+    /// `None` without joints.
+    joints: Option<TargetJointOutputs>,
     description: Publisher<std_msgs::String>,
     /// The description that was published last.
     published_description: String,
 }
 
+/// Publishers of a target with joints.
+struct TargetJointOutputs {
+    states: Output<sensor_msgs::JointState>,
+    momentum: Output<fuyu_msgs::Momentum>,
+}
+
 impl Outputs {
-    /// Advertises all topics, and publishes what does not change with time.
+    /// Advertises all topics, `/clock` if the node `owns_time`, and publishes what does not change with time.
     ///
     /// # Errors
     /// When the node cannot publish.
-    pub fn new(node: &Node, world: &World, params: &DynamicsParams) -> Result<Self, NodeError> {
+    pub fn new(
+        node: &Node,
+        world: &World,
+        params: &DynamicsParams,
+        owns_time: bool,
+    ) -> Result<Self, NodeError> {
         let frames = FrameTree::new(world.robot.model());
         let latched_description = topics::ROBOT_DESCRIPTION.advertise(node)?;
         latched_description.publish(&std_msgs::String {
@@ -85,7 +103,10 @@ impl Outputs {
         let (base, stamp) = (frames.base(), Time::ZERO);
         Ok(Self {
             time: node.clock().clone(),
-            clock: topics::CLOCK.advertise(node)?,
+            clock: match owns_time {
+                true => Some(topics::CLOCK.advertise(node)?),
+                false => None,
+            },
             joint_states: Output {
                 publisher: topics::JOINT_STATES.advertise(node)?,
                 message: joint_states(stamp, base, world),
@@ -173,7 +194,7 @@ impl Outputs {
             self.targets.push(match known {
                 Some(i) => {
                     let mut outputs = before.swap_remove(i);
-                    outputs.describe(target);
+                    outputs.describe(node, target)?;
                     outputs
                 }
                 None => TargetOutputs::new(node, target)?,
@@ -195,9 +216,11 @@ impl Outputs {
         self.is_outdated = false;
         let stamp = Time::from_secs_f64(world.time());
         self.time.drive(stamp);
-        self.clock.publish(&rosgraph_msgs::Clock {
-            clock: stamp.into(),
-        });
+        if let Some(clock) = &self.clock {
+            clock.publish(&rosgraph_msgs::Clock {
+                clock: stamp.into(),
+            });
+        }
         // Before all else of this state: who answers the state has the measurements that have come.
         if let Some(publisher) = &self.star_tracker {
             world.expose_star_tracker();
@@ -210,7 +233,7 @@ impl Outputs {
         self.odometry
             .publish(|message| update_odometry(message, stamp, &world.robot));
         for (outputs, target) in self.targets.iter_mut().zip(&world.targets) {
-            (outputs.odometry).publish(|message| update_odometry(message, stamp, &target.body));
+            outputs.publish(stamp, target);
         }
         self.momentum
             .publish(|message| update_momentum(message, stamp, &world.robot));
@@ -240,20 +263,51 @@ impl TargetOutputs {
                 publisher: topics::TARGET_ODOMETRY.advertise(node, &target.name)?,
                 message: odometry_message(&target.name),
             },
+            joints: None,
             description: topics::TARGET_DESCRIPTION.advertise(node, &target.name)?,
             published_description: String::new(),
         };
-        outputs.describe(target);
+        outputs.describe(node, target)?;
         Ok(outputs)
     }
 
-    /// Publishes the target's description if it is new.
-    fn describe(&mut self, target: &Target) {
-        if self.published_description != target.description {
-            self.published_description.clone_from(&target.description);
-            self.description.publish(&std_msgs::String {
-                data: target.description.clone(),
-            });
+    /// Publishes the target's description if it is new, and prepares for its joints.
+    fn describe(&mut self, node: &Node, target: &Target) -> Result<(), NodeError> {
+        if self.published_description == target.description {
+            return Ok(());
         }
+        self.published_description.clone_from(&target.description);
+        self.description.publish(&std_msgs::String {
+            data: target.description.clone(),
+        });
+        // One publisher at a time has a topic.
+        self.joints = None;
+        if target.has_joints() {
+            self.joints = Some(TargetJointOutputs::new(node, target)?);
+        }
+        Ok(())
+    }
+
+    fn publish(&mut self, stamp: Time, target: &Target) {
+        (self.odometry).publish(|message| update_odometry(message, stamp, &target.body));
+        if let Some(TargetJointOutputs { states, momentum }) = &mut self.joints {
+            states.publish(|message| update_target_joint_states(message, stamp, target));
+            momentum.publish(|message| update_momentum(message, stamp, &target.body));
+        }
+    }
+}
+
+impl TargetJointOutputs {
+    fn new(node: &Node, target: &Target) -> Result<Self, NodeError> {
+        Ok(Self {
+            states: Output {
+                publisher: topics::TARGET_JOINT_STATES.advertise(node, &target.name)?,
+                message: target_joint_states(Time::ZERO, target),
+            },
+            momentum: Output {
+                publisher: topics::TARGET_MOMENTUM.advertise(node, &target.name)?,
+                message: momentum_message(),
+            },
+        })
     }
 }

@@ -3,7 +3,7 @@
 use nalgebra::{DVector, Isometry3};
 
 use super::{
-    free_body::{FreeBody, Restorable, try_to_move},
+    free_body::{FreeBody, Restorable, in_world, try_to_move},
     loops::LoopParams,
     params::{DynamicsParams, joint_vector},
 };
@@ -208,63 +208,6 @@ impl Robot {
         }
     }
 
-    /// Momentum, summed over everything that moves, in world axes.
-    pub fn carried_momentum(&self) -> Momentum {
-        let momentum_B = match self {
-            Self::Rigid(robot) => robot.workspace().carried_momentum(),
-            Self::Flexible(robot) => robot.workspace().carried_momentum(robot.state()),
-        };
-        self.in_world(&momentum_B)
-    }
-
-    /// The same, and the scale of its rounding error (linear, angular).
-    pub fn carried_momentum_and_scale(&self) -> (Momentum, (f64, f64)) {
-        let (momentum_B, scale) = match self {
-            Self::Rigid(robot) => robot.workspace().carried_momentum_and_scale(),
-            Self::Flexible(robot) => {
-                let (workspace, state) = (robot.workspace(), robot.state());
-                (
-                    workspace.carried_momentum(state),
-                    workspace.momentum_scale(state),
-                )
-            }
-        };
-        (self.in_world(&momentum_B), scale)
-    }
-
-    fn in_world(&self, momentum_B: &Momentum) -> Momentum {
-        let R_WB = self.state().R_WB;
-        Momentum {
-            linear: R_WB * momentum_B.linear,
-            angular: R_WB * momentum_B.angular,
-        }
-    }
-
-    /// Kinetic energy \[J\].
-    pub fn kinetic_energy(&self) -> f64 {
-        match self {
-            Self::Rigid(robot) => robot.workspace().kinetic_energy(),
-            Self::Flexible(robot) => robot.workspace().kinetic_energy(robot.state()),
-        }
-    }
-
-    /// Strain energy of deformable bodies and elastic joints \[J\].
-    pub fn strain_energy(&self) -> f64 {
-        match self {
-            Self::Rigid(_) => 0.0,
-            Self::Flexible(robot) => robot.workspace().strain_energy(robot.state()),
-        }
-    }
-
-    /// Energy that deformation, elastic joints and bearings of wheels have dissipated since the start \[J\]. What joints
-    /// dissipate is in the state.
-    pub fn lost_energy(&self) -> f64 {
-        match self {
-            Self::Rigid(_) => 0.0,
-            Self::Flexible(robot) => robot.state().losses().total(),
-        }
-    }
-
     /// The held efforts \[N m or N\], within the joints' limits.
     pub fn efforts(&self) -> &DVector<f64> {
         match self {
@@ -366,6 +309,49 @@ impl FreeBody for Robot {
                     robot.set_state(state);
                 }
             }),
+        }
+    }
+
+    fn carried_momentum(&self) -> Momentum {
+        let momentum_B = match self {
+            Self::Rigid(robot) => robot.workspace().carried_momentum(),
+            Self::Flexible(robot) => robot.workspace().carried_momentum(robot.state()),
+        };
+        in_world(self.state(), &momentum_B)
+    }
+
+    fn carried_momentum_and_scale(&self) -> (Momentum, (f64, f64)) {
+        let (momentum_B, scale) = match self {
+            Self::Rigid(robot) => robot.workspace().carried_momentum_and_scale(),
+            Self::Flexible(robot) => {
+                let (workspace, state) = (robot.workspace(), robot.state());
+                (
+                    workspace.carried_momentum(state),
+                    workspace.momentum_scale(state),
+                )
+            }
+        };
+        (in_world(self.state(), &momentum_B), scale)
+    }
+
+    fn kinetic_energy(&self) -> f64 {
+        match self {
+            Self::Rigid(robot) => robot.workspace().kinetic_energy(),
+            Self::Flexible(robot) => robot.workspace().kinetic_energy(robot.state()),
+        }
+    }
+
+    fn strain_energy(&self) -> f64 {
+        match self {
+            Self::Rigid(_) => 0.0,
+            Self::Flexible(robot) => robot.workspace().strain_energy(robot.state()),
+        }
+    }
+
+    fn lost_energy(&self) -> f64 {
+        match self {
+            Self::Rigid(_) => 0.0,
+            Self::Flexible(robot) => robot.state().losses().total(),
         }
     }
 }

@@ -11,6 +11,7 @@ use super::{
     params::DynamicsParams,
     robot_status::RobotStatus,
     services::{self, Services, StepRequests},
+    shared_time::SharedTime,
     time_status::TimeStatus,
     world::World,
     wrench_inputs::{self, WrenchInputs},
@@ -44,6 +45,7 @@ pub struct Simulation<'a> {
     pub(super) outputs: Outputs,
     pub(super) services: Services,
     pub(super) steps: StepRequests,
+    pub(super) shared_time: SharedTime,
     time_status: TimeStatus,
     robot_status: RobotStatus,
 }
@@ -61,6 +63,12 @@ impl<'a> Simulation<'a> {
         let input = |e: String| NodeError::Input(format!("node {}: {e}", node.name()));
         let world = World::new(params).map_err(input)?;
         log_world(params, &world);
+        let shared_time = SharedTime::new(node, params)?;
+        let mut clock = SimulationClock::new(params);
+        if let Some(owner) = shared_time.owner() {
+            tracing::info!("{owner}");
+            clock.set_phase(Phase::Playing);
+        }
         Ok(Self {
             commands: CommandHandler::new(node, params)?,
             motions: Motions::new(node, params, &world)?,
@@ -69,10 +77,11 @@ impl<'a> Simulation<'a> {
                 false => None,
             },
             actuator_inputs: ActuatorInputs::new(node, params, &world)?,
-            outputs: Outputs::new(node, &world, params)?,
+            outputs: Outputs::new(node, &world, params, !shared_time.is_follower())?,
             services: Services::new(node, &params.resource_folders)?,
             steps: StepRequests::new(node)?,
-            clock: SimulationClock::new(params),
+            shared_time,
+            clock,
             time_status: TimeStatus::new(node, params),
             robot_status: RobotStatus::new(node, params),
             world,
@@ -85,12 +94,19 @@ impl<'a> Simulation<'a> {
     /// Publishes the world as it is.
     pub fn publish(&mut self) {
         self.outputs.publish(&mut self.world);
+        self.shared_time.published(self.world.time());
     }
 
     /// Advances to the next state, or waits until time may advance. Answers service calls meanwhile. Returns early when
     /// the node stops or a transition of its lifecycle is requested.
     pub fn run_once(&mut self) {
-        if self.clock.phase() == Phase::Playing && self.clock.is_over(self.world.time()) {
+        if self.time_went_back() {
+            services::follow_reset(self);
+        }
+        if self.clock.phase() == Phase::Playing
+            && self.clock.is_over(self.world.time())
+            && !self.shared_time.is_follower()
+        {
             self.clock.set_phase(Phase::Paused);
             self.time_status.is_over(self.clock.duration());
         }
@@ -111,18 +127,60 @@ impl<'a> Simulation<'a> {
                 s.clock.is_released() || !s.may_advance() || s.steps.is_pending()
             });
         }
+        if !self.shared_time.is_complete() {
+            return self.wait_for_robots(|s| s.shared_time.is_complete());
+        }
         self.clock.run(self.world.time());
         if self.params.lockstep {
             self.time_status.in_lockstep();
             self.wait_for_response();
-            self.wait_for_pace();
-        } else {
-            self.wait_for_tick();
+        }
+        match (self.shared_time.is_follower(), self.params.lockstep) {
+            (true, _) => self.wait_for_robots(Self::is_in_step),
+            (false, true) => {
+                if !self.is_in_step() {
+                    self.wait_for_robots(Self::is_in_step);
+                }
+                self.wait_for_pace();
+            }
+            (false, false) => self.wait_for_tick(),
         }
         // A service call may have paused, changed or restarted the simulation meanwhile.
-        if self.is_advancing() && self.is_answered() && self.node.ok() {
+        if self.is_advancing()
+            && self.is_answered()
+            && (self.is_in_step() || self.owns_real_time())
+            && self.node.ok()
+        {
             self.tick();
         }
+    }
+
+    /// Whether the other robots let time advance to the next state.
+    fn is_in_step(&self) -> bool {
+        self.shared_time.may_reach(self.world.next_tick())
+    }
+
+    /// Whether time advances with the computer's clock, whether or not other robots keep up.
+    fn owns_real_time(&self) -> bool {
+        !self.params.lockstep && !self.shared_time.is_follower()
+    }
+
+    /// Whether the owner of the time, another node, was reset.
+    fn time_went_back(&self) -> bool {
+        self.shared_time.went_back(self.world.time())
+    }
+
+    /// Several robots: waits for the others until `done`.
+    fn wait_for_robots(&mut self, done: impl Fn(&Self) -> bool) {
+        let since = Instant::now();
+        self.time_status.begin_wait();
+        self.wait_until(|s| {
+            if let Some(seconds) = long_wait(since) {
+                (s.time_status).waits_for_robots(seconds, &s.shared_time.waits_for());
+            }
+            s.take_commands(f64::NEG_INFINITY);
+            done(s) || !s.may_advance() || s.time_went_back()
+        });
     }
 
     /// Answers service calls while the node is not active. Nothing is simulated.
@@ -173,6 +231,7 @@ impl<'a> Simulation<'a> {
             inputs.restart();
         }
         self.clock.restart();
+        self.shared_time.restart();
     }
 
     /// Whether phase, requested steps and lifecycle let time advance.
@@ -205,7 +264,7 @@ impl<'a> Simulation<'a> {
 
     /// Whether time still advances since [`SimulationClock::run`].
     fn is_advancing(&self) -> bool {
-        self.may_advance() && self.clock.is_running()
+        self.may_advance() && self.clock.is_running() && !self.time_went_back()
     }
 
     /// Applies the commands that wait. Outside lockstep the world is first stepped to the simulated time `now` \[s\],
@@ -273,6 +332,7 @@ impl<'a> Simulation<'a> {
         let mut next = Instant::now() + REPUBLISH_PERIOD;
         loop {
             services::answer_calls(self);
+            self.shared_time.take();
             if !self.node.ok() || self.lifecycle.is_asked() || done(self) {
                 return;
             }
@@ -318,12 +378,14 @@ impl<'a> Simulation<'a> {
         let mut is_late = false;
         loop {
             services::answer_calls(self);
+            self.shared_time.take();
             if !self.is_advancing() {
                 break;
             }
             self.take_commands(self.clock.time_of(Instant::now()));
             let now = Instant::now();
-            let end = match now >= due && self.commands.response_is_due() {
+            let is_due = self.commands.response_is_due() || self.shared_time.is_due();
+            let end = match now >= due && is_due {
                 true => latest,
                 false => due,
             };

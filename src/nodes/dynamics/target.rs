@@ -1,17 +1,15 @@
-//! A free body: its motion, and its name, frames and description.
+//! A free body, rigid or with joints: its motion, and its name, frames and description.
 
 use roxmltree::{Document, Node};
 
 use super::{
     divergence::{self, StateBackup},
-    params::{Description, InitialMotion},
+    messages::FrameTree,
+    params::TargetParams,
 };
-use crate::{
-    dynamics::{Floating, IntegrationMethod, State},
-    spatial::Pose,
-};
+use crate::dynamics::{Floating, IntegrationMethod, JointPhysics, State};
 
-/// A free body.
+/// A free body. Nobody commands its joints: springs, dampers, friction and stops of its description move them.
 pub struct Target {
     /// Its name and frame.
     pub name: String,
@@ -22,33 +20,33 @@ pub struct Target {
     pub description: String,
     /// Whether it was added after the start.
     pub spawned: bool,
+    /// Its frames.
+    pub(super) frames: FrameTree,
     start: State,
     /// The state before the last step.
     backup: StateBackup,
+    /// Whether the last step was undone.
+    is_restored: bool,
 }
 
 impl Target {
-    /// The free body that `description` describes.
+    /// The free body that `params` describe.
     ///
     /// # Errors
-    /// A line that names the description's source, if it is invalid or has joints, or the target, if it moves too fast.
+    /// A line that names the description's source, if it is invalid, the parameter, if it has values for other joints, or
+    /// the target, if it moves too fast.
     pub fn new(
-        name: &str,
-        description: &Description,
-        motion: &InitialMotion,
+        params: &TargetParams,
         method: IntegrationMethod,
+        joint_physics: &JointPhysics,
     ) -> Result<Self, String> {
-        let model = description.compile()?;
-        if model.dof() > 0 {
-            let source = &description.source;
-            let joints = model.dof();
-            return Err(format!(
-                "{source}: target {name} has {joints} joints; a target must be a single body"
-            ));
-        }
+        let name = params.name.as_str();
+        let model = params.description.compile()?;
         let mut start = State::at_rest(&model);
-        motion.place(&model, &mut start);
-        let body = Floating::new(model, start.clone(), method);
+        params.joints.place(name, &mut start)?;
+        params.motion.place(&model, &mut start);
+        let frames = FrameTree::of_target(name, &model);
+        let body = Floating::new(model, start.clone(), method).with_joint_physics(joint_physics);
         if let Some(what) = divergence::of(&body) {
             return Err(format!(
                 "target {name} cannot be simulated from its start: {what}"
@@ -58,9 +56,11 @@ impl Target {
             name: name.to_owned(),
             backup: StateBackup::new(&body),
             body,
-            description: with_link_names(name, &description.xml),
+            description: with_link_names(name, &params.description.xml),
             spawned: false,
+            frames,
             start,
+            is_restored: false,
         })
     }
 
@@ -71,19 +71,26 @@ impl Target {
 
     /// Advances by `steps` steps of `dt` \[s\].
     pub(super) fn step(&mut self, dt: f64, steps: usize) {
+        if !std::mem::take(&mut self.is_restored) {
+            self.backup.command();
+        }
         self.backup.save(&self.body);
         self.body.step(dt, steps);
     }
 
-    /// Returns to the state before the last step, at `time` \[s\], and stops.
+    /// Returns to the state before the last step, at `time` \[s\]. Its joints stop; momentum is conserved, unless it has
+    /// no joints or the step before was undone, too: then it stops altogether.
     pub(super) fn restore(&mut self, time: f64) {
-        self.backup.restore_at_rest(&mut self.body, time);
+        match self.has_joints() {
+            true => self.backup.restore(&mut self.body, time),
+            false => self.backup.restore_at_rest(&mut self.body, time),
+        }
+        self.is_restored = true;
     }
 
-    /// Frames fixed in its root frame: name and pose in it.
-    pub fn fixed_frames(&self) -> impl Iterator<Item = (String, Pose)> + '_ {
-        let links = self.body.model().frames().iter().skip(1);
-        links.map(|link| (format!("{}/{}", self.name, link.name), link.X_BF))
+    /// Whether it has joints that move.
+    pub fn has_joints(&self) -> bool {
+        self.body.model().dof() > 0
     }
 }
 
@@ -129,7 +136,10 @@ fn with_link_names(name: &str, xml: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::model::Model;
+    use crate::{
+        model::Model,
+        nodes::dynamics::params::{Description, InitialJoints, InitialMotion},
+    };
 
     const STATION: &str = r#"<robot name="station"><!-- <link name="hull"/> -->
         <link name='hull'><inertial><mass value="2"/>
@@ -155,18 +165,96 @@ mod tests {
         assert_eq!(names, ["far/debris", "far/debris/mast"]);
     }
 
+    fn params(xml: &str, joints: InitialJoints) -> TargetParams {
+        TargetParams {
+            name: "debris".to_owned(),
+            description: Description::new(xml.to_owned(), "station".to_owned(), true),
+            motion: InitialMotion {
+                pose: nalgebra::Isometry3::identity(),
+                velocity_W: nalgebra::Vector3::zeros(),
+                angular_velocity_B: nalgebra::Vector3::zeros(),
+            },
+            joints,
+        }
+    }
+
+    fn target(xml: &str, joints: InitialJoints) -> Target {
+        let physics = JointPhysics::default();
+        Target::new(&params(xml, joints), IntegrationMethod::Rk4, &physics).unwrap()
+    }
+
     #[test]
     fn fixed_frames_are_those_of_the_description() {
-        let description = Description::new(STATION.to_owned(), "station".to_owned(), true);
-        let motion = InitialMotion {
-            pose: nalgebra::Isometry3::identity(),
-            velocity_W: nalgebra::Vector3::zeros(),
-            angular_velocity_B: nalgebra::Vector3::zeros(),
+        let target = target(STATION, InitialJoints::default());
+        let fixed = target.frames.fixed_transforms();
+        let [mast] = fixed.as_slice() else {
+            panic!("{fixed:?}")
         };
-        let target = Target::new("debris", &description, &motion, IntegrationMethod::Rk4).unwrap();
-        let frames: Vec<_> = target.fixed_frames().collect();
-        assert_eq!(frames.len(), 1);
-        assert_eq!(frames[0].0, "debris/mast");
-        assert_eq!(frames[0].1.translation.vector.z, 3.0);
+        assert_eq!(mast.header.frame_id, "debris");
+        assert_eq!(mast.child_frame_id, "debris/mast");
+        assert_eq!(mast.transform.translation.z, 3.0);
+        assert!(target.frames.find("debris/mast").is_some());
+        // The root's frame has the target's name.
+        assert!(target.frames.find("debris/hull").is_none());
+    }
+
+    const PANEL: &str = r#"<robot name="sail"><link name="hull"><inertial><mass value="2"/>
+            <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <link name="panel"><inertial><mass value="1"/>
+            <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <joint name="hinge" type="continuous"><parent link="hull"/><child link="panel"/><axis xyz="0 0 1"/></joint>
+    </robot>"#;
+
+    fn turning(rate: f64) -> InitialJoints {
+        InitialJoints {
+            positions: vec![0.5],
+            velocities: vec![rate],
+        }
+    }
+
+    // Momentum is that of a hull at rest with a turning panel. Would break if a reset forgot the joints.
+    #[test]
+    fn joints_begin_and_are_reset_as_given() {
+        let mut target = target(PANEL, turning(0.2));
+        let start = target.body.state().clone();
+        assert_eq!((start.q[0], start.qd[0]), (0.5, 0.2));
+        assert!((start.momentum_W.angular.z - 0.2).abs() < 1e-15);
+        target.step(0.01, 100);
+        assert!((target.body.state().q[0] - 0.7).abs() < 1e-12);
+        target.reset();
+        assert_eq!(target.body.state(), &start);
+    }
+
+    #[test]
+    fn values_for_other_joints_are_refused() {
+        let joints = InitialJoints {
+            positions: vec![0.1, 0.2],
+            velocities: Vec::new(),
+        };
+        let physics = JointPhysics::default();
+        let refused = Target::new(&params(PANEL, joints), IntegrationMethod::Rk4, &physics);
+        assert_eq!(
+            refused.err().unwrap(),
+            "parameter debris.initial_joint_positions has 2 values; target debris has 1 joints"
+        );
+    }
+
+    // The joints stop and momentum stays; if that does not help, everything stops.
+    #[test]
+    fn what_diverges_is_stopped_by_and_by() {
+        let mut target = target(PANEL, turning(0.2));
+        let momentum = target.body.state().momentum_W;
+        target.step(0.01, 1);
+        target.restore(0.01);
+        let state = target.body.state();
+        assert_eq!((state.q[0], state.qd[0], state.time), (0.5, 0.0, 0.01));
+        assert_eq!(state.momentum_W, momentum);
+        target.step(0.01, 1);
+        target.step(0.01, 1);
+        target.restore(0.03);
+        assert_eq!(target.body.state().momentum_W, momentum);
+        target.step(0.01, 1);
+        target.restore(0.04);
+        assert_eq!(target.body.state().momentum_W, Default::default());
     }
 }

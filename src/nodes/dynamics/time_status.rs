@@ -92,6 +92,11 @@ impl TimeStatus {
         );
     }
 
+    /// Time has waited for other robots for `seconds`; `what` says for which.
+    pub fn waits_for_robots(&mut self, seconds: u64, what: &str) {
+        self.waits(seconds, format!("waiting for {seconds} s for {what}"));
+    }
+
     /// A state was late because time waited for a response.
     pub fn count_late_response(&mut self) {
         self.late_responses += 1;

@@ -26,6 +26,9 @@ use crate::{
     vision::{StarTracker, StarTrackerFrame},
 };
 
+/// What messages call the robot.
+const ROBOT: &str = "the robot";
+
 /// The robot and the free bodies. They share nothing but time.
 pub struct World {
     /// The robot.
@@ -66,14 +69,9 @@ impl World {
                 "the robot cannot be simulated from its start: {what}"
             ));
         }
-        let targets = params.targets.iter().map(|target| {
-            Target::new(
-                &target.name,
-                &target.description,
-                &target.motion,
-                params.method,
-            )
-        });
+        let targets = params.targets.iter();
+        let targets =
+            targets.map(|target| Target::new(target, params.method, &params.joint_physics));
         Ok(Self {
             not_simulated: not_simulated(&robot, &params.joint_physics),
             drive: JointDrive::new(&robot, &params.drive)?,
@@ -194,7 +192,7 @@ impl World {
     /// A line with the time, what moves too fast, and what helps.
     pub fn check_divergence(&self) -> Result<(), String> {
         if let Some(what) = divergence::of(&self.robot) {
-            return Err(self.diverged("the robot", &what));
+            return Err(self.diverged(ROBOT, &what));
         }
         for target in &self.targets {
             if let Some(what) = divergence::of(&target.body) {
@@ -206,7 +204,7 @@ impl World {
 
     fn diverged(&self, name: &str, what: &str) -> String {
         let cause = match self.drive.mode() {
-            DriveMode::Effort if self.robot.efforts().amax() > 0.0 => {
+            DriveMode::Effort if name == ROBOT && self.robot.efforts().amax() > 0.0 => {
                 "lower the efforts or gains, or sample the controller more often (state_rate)"
             }
             _ => "lower time_step",
@@ -259,7 +257,7 @@ impl World {
     /// A body whose motion has diverged gets the state before its last step, so that a commander that asks for too much
     /// does not end the simulation for all others. The robot's joints are stopped, and its efforts are zero until the
     /// next command; momentum is conserved, unless it has diverged already since the last command: then the robot is
-    /// stopped altogether. Wrenches on it end. A target is stopped.
+    /// stopped altogether. Wrenches on it end. A target is stopped likewise.
     ///
     /// # Errors
     /// As [`Self::check_divergence`], before anything was restored.

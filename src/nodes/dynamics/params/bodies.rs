@@ -35,15 +35,59 @@ pub struct InitialMotion {
     pub angular_velocity_B: Vector3<f64>,
 }
 
-/// A free body (target).
+/// A free body (target), with or without joints.
 #[derive(Debug, Clone)]
 pub struct TargetParams {
     /// Name: that of its frame, and in `ground_truth/NAME/odom`.
     pub name: String,
-    /// Its description, of a single body.
+    /// Its description.
     pub description: Description,
-    /// Pose and velocity at the start.
+    /// Pose and velocity of its root at the start.
     pub motion: InitialMotion,
+    /// Its joints at the start.
+    pub joints: InitialJoints,
+}
+
+/// Joint positions and rates of a target at the start, in the order of its description; empty is zero.
+#[derive(Debug, Clone, Default)]
+pub struct InitialJoints {
+    /// Positions \[rad or m\].
+    pub positions: Vec<f64>,
+    /// Rates \[rad/s or m/s\].
+    pub velocities: Vec<f64>,
+}
+
+impl InitialJoints {
+    /// Declares `TARGET.initial_joint_positions` and `.initial_joint_velocities`, and reads them.
+    pub(super) fn declare(declare: &mut Declare, target: &str) -> Self {
+        let mut list =
+            |name: &str, what: &str| finite_list(declare, &format!("{target}.{name}"), what);
+        Self {
+            positions: list(
+                "initial_joint_positions",
+                "Joint positions of the target at the start, in its joint order [rad or m]; empty is zero",
+            ),
+            velocities: list(
+                "initial_joint_velocities",
+                "Joint rates of the target at the start [rad/s or m/s]; empty is zero",
+            ),
+        }
+    }
+
+    /// Gives the joints of `target` these positions and rates.
+    ///
+    /// # Errors
+    /// A line that names the parameter if the number of values is not that of the joints.
+    pub fn place(&self, target: &str, state: &mut State) -> Result<(), String> {
+        let joints = state.q.len();
+        let of = |name: &str, values: &[f64]| {
+            let parameter = format!("{target}.{name}");
+            joint_vector_of(&format!("target {target}"), &parameter, values, joints)
+        };
+        state.q = of("initial_joint_positions", &self.positions)?;
+        state.qd = of("initial_joint_velocities", &self.velocities)?;
+        Ok(())
+    }
 }
 
 impl Description {
@@ -142,11 +186,21 @@ pub(in crate::nodes::dynamics) fn joint_vector(
     values: &[f64],
     joints: usize,
 ) -> Result<DVector<f64>, String> {
+    joint_vector_of("the robot", name, values, joints)
+}
+
+/// The same for the joints of `body`.
+fn joint_vector_of(
+    body: &str,
+    name: &str,
+    values: &[f64],
+    joints: usize,
+) -> Result<DVector<f64>, String> {
     match values.len() {
         0 => Ok(DVector::zeros(joints)),
         n if n == joints => Ok(DVector::from_row_slice(values)),
         n => Err(format!(
-            "parameter {name} has {n} values; the robot has {joints} joints"
+            "parameter {name} has {n} values; {body} has {joints} joints"
         )),
     }
 }

@@ -8,12 +8,13 @@ mod joint_physics;
 mod lockstep;
 mod motions;
 mod numbers;
+mod robots;
 mod thrusters;
 mod velocity_servo;
 mod wheels;
 
 pub(super) use bodies::joint_vector;
-pub use bodies::{Description, InitialMotion, TargetParams};
+pub use bodies::{Description, InitialJoints, InitialMotion, TargetParams};
 
 use std::path::PathBuf;
 
@@ -36,6 +37,7 @@ use joint_physics::declare_joint_physics;
 pub use lockstep::LockstepOn;
 pub use motions::{BaseReaction, LiveBaseReaction, MotionParams};
 use motions::{declare_base_reaction, declare_motions, declare_position_servo};
+use robots::declare_robots;
 use velocity_servo::declare_servo;
 
 /// Parameters of the dynamics node; read once, at the start.
@@ -57,6 +59,8 @@ pub struct DynamicsParams {
     pub flexible: FlexibleParams,
     /// Other free-floating bodies.
     pub targets: Vec<TargetParams>,
+    /// Namespaces of all robots of this world, if there are several; the first one's node owns the time.
+    pub robots: Vec<String>,
     /// Folders from which peers may name files to spawn.
     pub resource_folders: AllowedFolders,
     /// The base's inertial measurement unit.
@@ -200,6 +204,7 @@ impl DynamicsParams {
             )
             .read_only()
             .value();
+        let robots = declare_robots(declare);
         let mut targets = Vec::new();
         for name in names {
             let key = format!("{name}.urdf");
@@ -213,7 +218,8 @@ impl DynamicsParams {
                 .read_only()
                 .value();
             let motion = InitialMotion::declare(declare, &name, "target's frame");
-            targets.push((name, key, file, lookup, motion));
+            let joints = InitialJoints::declare(declare, &name);
+            targets.push((name, key, file, lookup, motion, joints));
         }
         let imu = ImuParams::declare(declare);
         let star_tracker = declare_star_tracker(declare);
@@ -397,12 +403,13 @@ impl DynamicsParams {
             Description::new(xml, "parameter robot_description".to_owned(), strict)
         };
         let targets = (targets.into_iter())
-            .map(|(name, key, file, lookup, motion)| {
+            .map(|(name, key, file, lookup, motion, joints)| {
                 let description = Description::read(&key, &file, &lookup, strict)?;
                 Ok(TargetParams {
                     name,
                     description,
                     motion: motion?,
+                    joints,
                 })
             })
             .collect::<Result<_, String>>()?;
@@ -415,6 +422,7 @@ impl DynamicsParams {
             base,
             flexible,
             targets,
+            robots,
             resource_folders: AllowedFolders::new(resource_folders),
             imu,
             star_tracker,

@@ -4,6 +4,7 @@ use nalgebra::{Isometry3, UnitQuaternion};
 
 use super::entity_filters::Filters;
 use crate::{
+    model::Model,
     msg::{
         geometry_msgs::{Accel, Twist as TwistMsg},
         simulation_interfaces::{
@@ -84,12 +85,12 @@ impl World {
             category: EntityCategory {
                 category: EntityCategory::CATEGORY_DYNAMIC_OBJECT,
             },
-            description: format!("free body: {} kg", target.body.model().total_mass()),
+            description: summary(target.body.model()),
             tags,
         })
     }
 
-    /// Pose in the world of the frame called `frame`: the world, an entity or a link of the robot.
+    /// Pose in the world of the frame called `frame`: the world, an entity, or a link of the robot or of a target.
     ///
     /// # Errors
     /// If there is no such frame.
@@ -104,11 +105,16 @@ impl World {
         if let Ok(index) = self.target_index(frame) {
             return Ok(of(&self.targets[index].body));
         }
+        let links = self.targets.iter().map(|t| (t, t.frames.find(frame)));
+        if let Some((target, link)) = links.filter_map(|(t, link)| Some((t, link?))).next() {
+            let X_BF = isometry(&target.body.workspace().X_BF(link));
+            return Ok(of(&target.body) * X_BF);
+        }
         let link = self.robot.model().frame(frame).ok_or_else(|| {
             Outcome::new(
                 Outcome::NOT_FOUND,
                 format!(
-                    "frame_id is '{frame}'; give world, the name of an entity or a link of the robot"
+                    "frame_id is '{frame}'; give world, the name of an entity, a link of the robot or TARGET/LINK"
                 ),
             )
         })?;
@@ -133,6 +139,18 @@ impl World {
                 angular: in_world(&A_B.angular),
             },
         })
+    }
+}
+
+/// What a free body is: mass, and bodies and joints if it has any.
+pub(super) fn summary(model: &Model) -> String {
+    let mass = model.total_mass();
+    match model.dof() {
+        0 => format!("free body, {mass} kg"),
+        joints => format!(
+            "free body, {mass} kg, {} bodies, {joints} joints",
+            model.bodies().len()
+        ),
     }
 }
 

@@ -11,6 +11,7 @@ mod spawn;
 mod states;
 mod steps;
 
+pub use states::follow_reset;
 pub use steps::StepRequests;
 
 use super::{clock::Phase, simulation::Simulation};
@@ -89,7 +90,7 @@ pub fn answer_calls(simulation: &mut Simulation) {
     let s = simulation;
     answer(s, |c| &c.get_state, |s, _| states::get(s));
     answer(s, |c| &c.set_state, |s, r| states::set(s, &r));
-    let active = check_active(s);
+    let active = check_active(s).and_then(|()| check_owns_time(s));
     if s.steps.take_requests(s.clock.phase(), &active) {
         s.pause(Phase::Paused);
     }
@@ -145,6 +146,14 @@ fn check_active(simulation: &Simulation) -> Result<(), Outcome> {
     }
 }
 
+/// Outcome for a call that changes time: an error if the time of the world is that of another node.
+fn check_owns_time(simulation: &Simulation) -> Result<(), Outcome> {
+    match simulation.shared_time.owner() {
+        None => Ok(()),
+        Some(owner) => Err(Outcome::new(Outcome::INCORRECT_STATE, owner)),
+    }
+}
+
 fn features() -> SimulatorFeatures {
     use SimulatorFeatures as F;
     let features = [
@@ -175,7 +184,7 @@ fn features() -> SimulatorFeatures {
         spawn_formats: vec!["urdf".to_owned()],
         custom_info: format!(
             "fuyu {}, simulation_interfaces 2.1. A step leads to the next state that is published. \
-             Single bodies can be spawned; bounds are compared with the origins of entities.",
+             Free bodies can be spawned, also with joints; bounds are compared with the origins of entities.",
             env!("CARGO_PKG_VERSION")
         ),
     }

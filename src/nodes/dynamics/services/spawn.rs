@@ -4,7 +4,7 @@ use std::path::Path;
 
 use nalgebra::Vector3;
 
-use super::check_active;
+use super::{check_active, entities::summary};
 use crate::{
     input_file::LARGEST_URDF,
     model::Model,
@@ -17,7 +17,7 @@ use crate::{
     },
     nodes::{
         dynamics::{
-            params::{Description, InitialMotion},
+            params::{Description, InitialJoints, InitialMotion, TargetParams},
             simulation::Simulation,
             target::Target,
             world::World,
@@ -82,11 +82,8 @@ fn spawn(simulation: &mut Simulation, request: &SpawnEntity) -> Code {
 
 fn add(simulation: &mut Simulation, request: &SpawnEntity) -> Result<String, Outcome> {
     check_active(simulation)?;
-    let (world, method) = (&mut simulation.world, simulation.params.method);
-    let description = read(
-        &request.entity_resource,
-        &simulation.params.resource_folders,
-    )?;
+    let (world, params) = (&mut simulation.world, simulation.params);
+    let description = read(&request.entity_resource, &params.resource_folders)?;
     let parsed = |e: String| Outcome::new(Code::RESOURCE_PARSE_ERROR, e);
     let model = description.compile().map_err(parsed)?;
     let name = free_name(world, request, &model)?;
@@ -98,8 +95,13 @@ fn add(simulation: &mut Simulation, request: &SpawnEntity) -> Result<String, Out
         velocity_W: Vector3::zeros(),
         angular_velocity_B: Vector3::zeros(),
     };
-    let mut target = Target::new(&name, &description, &motion, method)
-        .map_err(|e| Outcome::new(Code::UNSUPPORTED_ASSETS, e))?;
+    let target = TargetParams {
+        name: name.clone(),
+        description,
+        motion,
+        joints: InitialJoints::default(),
+    };
+    let mut target = Target::new(&target, params.method, &params.joint_physics).map_err(invalid)?;
     target.spawned = true;
     world.targets.push(target);
     if let Err(e) = simulation.outputs.replace_targets(simulation.node, world) {
@@ -229,7 +231,7 @@ fn read(resource: &Resource, allowed: &AllowedFolders) -> Result<Description, Ou
     }
 }
 
-/// Single bodies among the descriptions of fuyu and in `sources`: files and folders that peers may name.
+/// Descriptions of fuyu and in `sources`: files and folders that peers may name.
 pub fn spawnables(sources: &[String], allowed: &AllowedFolders) -> GetSpawnablesResponse {
     let ours = AllowedFolders::new(vec![DESCRIPTIONS.to_owned()]);
     let named = sources.iter().map(|source| (source.as_str(), allowed));
@@ -266,8 +268,8 @@ fn spawnable(uri: String, allowed: &AllowedFolders) -> Option<Spawnable> {
         ..Resource::default()
     };
     let model = read(&resource, allowed).ok()?.compile().ok()?;
-    (model.dof() == 0).then(|| Spawnable {
-        description: format!("{}: free body, {} kg", model.name(), model.total_mass()),
+    Some(Spawnable {
+        description: format!("{}: {}", model.name(), summary(&model)),
         entity_resource: resource,
         ..Spawnable::default()
     })

@@ -1,6 +1,6 @@
 //! Play, pause, stop, quit and reset.
 
-use super::check_active;
+use super::{check_active, check_owns_time};
 use crate::{
     msg::simulation_interfaces::{
         Result as Outcome, SimulationState,
@@ -64,6 +64,9 @@ fn enter(simulation: &mut Simulation, state: u8) -> Result<(), Outcome> {
         ));
     };
     check_active(simulation)?;
+    if state != SimulationState::STATE_QUITTING {
+        check_owns_time(simulation)?;
+    }
     if state == SimulationState::STATE_PAUSED && simulation.steps.is_pending() {
         simulation.steps.end("the simulation was paused");
         simulation.pause(Phase::Paused);
@@ -137,6 +140,9 @@ fn reset_scope(simulation: &mut Simulation, scope: u8) -> Result<(), Outcome> {
             ),
         ));
     }
+    if scope == Reset::SCOPE_DEFAULT || scope & Reset::SCOPE_TIME != 0 {
+        check_owns_time(simulation)?;
+    }
     simulation.steps.end("the simulation was reset");
     if scope == Reset::SCOPE_DEFAULT || scope == Reset::SCOPE_ALL {
         return reset_all(simulation);
@@ -169,4 +175,12 @@ fn reset_all(simulation: &mut Simulation) -> Result<(), Outcome> {
     simulation.restart();
     simulation.outputs.invalidate();
     Ok(())
+}
+
+/// The owner of the time, another node, was reset: so is this one.
+pub fn follow_reset(simulation: &mut Simulation) {
+    if let Err(failed) = reset_all(simulation) {
+        // The parameters have made a world before.
+        tracing::error!("cannot follow a reset: {}", failed.error_message);
+    }
 }

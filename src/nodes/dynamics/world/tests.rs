@@ -206,6 +206,30 @@ fn steps_and_commands_do_not_allocate() {
     assert_eq!(allocation_counter::measure(steps).count_total, 0);
 }
 
+// The servo computes efforts with the inertia of the tree, and the loops move the other joints. Would break if it swung or
+// opened the loops: the mechanism is lighter or heavier than the tree, in every posture otherwise.
+#[test]
+fn a_joint_of_a_closed_loop_is_driven_to_a_position_and_held() {
+    let mut world = world("tr942_pantograph");
+    let (joint, goal) = (1, -1.2);
+    world.command(&[(joint, Setpoint::Position(goal))]);
+    let (mut open, mut beyond) = (0.0f64, 0.0f64);
+    for _ in 0..3000 {
+        world.step_to_tick_or_restore().unwrap();
+        let gaps = world.robot.loops().gaps(world.robot.workspace());
+        open = gaps.fold(open, |most, (_, gap)| {
+            most.max(gap.translation.max(gap.rotation))
+        });
+        beyond = beyond.max(world.robot.state().q[joint] - goal);
+    }
+    let state = world.robot.state();
+    let (off, rate) = (state.q[joint] - goal, state.qd.amax());
+    println!("off by {off} rad, at {rate} rad/s; overshoot {beyond} rad, gap {open}");
+    assert!(off.abs() < 0.01 && rate < 1e-3 && beyond < 0.05 && open < 1e-9);
+    // The mechanism has moved with it.
+    assert!((state.q[4] - 1.2).abs() < 0.1, "{}", state.q);
+}
+
 #[test]
 fn a_reset_restores_the_start() {
     let mut world = world("servicing");

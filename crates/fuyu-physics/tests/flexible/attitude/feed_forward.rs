@@ -39,7 +39,9 @@ fn the_arm_momentum_is_that_of_its_bodies() {
         let mut about_base = Vector3::zeros();
         let mut momentum = Vector3::zeros();
         for (i, body) in model.bodies().iter().enumerate() {
-            let com = |X: &fuyu_physics::spatial::Pose| (X * nalgebra::Point3::from(body.inertia.com)).coords;
+            let com = |X: &fuyu_physics::spatial::Pose| {
+                (X * nalgebra::Point3::from(body.inertia.com)).coords
+            };
             let (r, m) = (com(&now[i]), body.inertia.mass);
             let v = (com(&after[i]) - com(&before[i])) / (2.0 * h);
             let turn = after[i].rotation.matrix() * before[i].rotation.matrix().transpose();
@@ -109,7 +111,11 @@ fn turn_while_the_arm_moves(feed_forward: bool) -> (f64, Vector3<f64>, Vector3<f
 fn feed_forward_keeps_the_base_still() {
     let (alone, _, _) = turn_while_the_arm_moves(false);
     let (with, wheels, arm) = turn_while_the_arm_moves(true);
-    println!("largest turn {:.4} deg without, {:.4} with feed-forward", alone.to_degrees(), with.to_degrees());
+    println!(
+        "largest turn {:.4} deg without, {:.4} with feed-forward",
+        alone.to_degrees(),
+        with.to_degrees()
+    );
     println!("wheels {wheels:?}, arm {arm:?}");
     assert!(with < 0.05 * alone, "{with} {alone}");
     assert!((wheels + arm).norm() < 0.05 * arm.norm(), "{wheels} {arm}");

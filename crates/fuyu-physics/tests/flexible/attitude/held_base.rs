@@ -147,8 +147,14 @@ fn run(base: Base) -> Outcome {
 fn wheels_hold_the_base_while_the_tip_tracks() {
     let free = run(Base::Free);
     let held = run(Base::Held { feed_forward: true });
-    let feedback = run(Base::Held { feed_forward: false });
-    for (name, run) in [("free", &free), ("held", &held), ("feedback only", &feedback)] {
+    let feedback = run(Base::Held {
+        feed_forward: false,
+    });
+    for (name, run) in [
+        ("free", &free),
+        ("held", &held),
+        ("feedback only", &feedback),
+    ] {
         println!(
             "{name}: tip rms {:.2} mm, final {:.2} mm; base {:.4} deg; wheels {:.2} N m s, {:.3} N m; panel {:.2} mm; {:.2} N s",
             run.tip[0] * 1e3,

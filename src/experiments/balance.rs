@@ -1,0 +1,129 @@
+//! How well a body's momentum and energy are conserved in a run.
+
+use nalgebra::Vector3;
+use serde::Serialize;
+
+use crate::{
+    dynamics::{Floating, Momentum},
+    nodes::dynamics::{FreeBody, World},
+};
+
+/// Largest relative change of momentum.
+#[derive(Debug, Clone, Copy, PartialEq, Serialize)]
+pub struct MomentumResidual {
+    /// Linear.
+    pub linear: f64,
+    /// Angular, about the system's centre of mass.
+    pub angular: f64,
+}
+
+/// Momentum and energy of a free-floating body at one time.
+pub(super) struct Carried {
+    /// Momentum, less what acts from outside has changed.
+    momentum_W: Momentum,
+    /// Scale of the rounding errors of linear and angular momentum.
+    scale: (f64, f64),
+    /// Kinetic and strain energy \[J\].
+    energy: f64,
+    /// Work of all that acts on the body, less what deformation and wheels dissipate \[J\].
+    supplied: f64,
+    /// \[kg\]
+    mass: f64,
+}
+
+impl Carried {
+    /// Of a target.
+    pub fn of_target(body: &Floating) -> Self {
+        Self::of(body, body.model().total_mass())
+    }
+
+    /// Of the robot.
+    pub fn of_robot(world: &World) -> Self {
+        let mut carried = Self::of(&world.robot, world.robot.total_mass());
+        if let Some(change) = world.external_change() {
+            carried.momentum_W.linear -= change.momentum_W.linear;
+            carried.momentum_W.angular -= change.momentum_W.angular;
+        }
+        carried
+    }
+
+    fn of(body: &impl FreeBody, mass: f64) -> Self {
+        let (momentum_W, scale) = body.carried_momentum_and_scale();
+        Self {
+            momentum_W,
+            scale,
+            energy: body.kinetic_energy() + body.strain_energy(),
+            supplied: body.state().work - body.lost_energy(),
+            mass,
+        }
+    }
+}
+
+/// Accumulates the changes of momentum and energy of a free-floating body, state by state.
+pub struct Balance {
+    initial_momentum: Momentum,
+    initial_energy: f64,
+    momentum_change: (f64, f64),
+    momentum_scale: (f64, f64),
+    energy_change: f64,
+    energy_scale: f64,
+}
+
+impl Balance {
+    /// Starts with the present state.
+    pub(super) fn new(start: &Carried) -> Self {
+        Self {
+            initial_momentum: start.momentum_W,
+            initial_energy: start.energy,
+            momentum_change: (0.0, 0.0),
+            momentum_scale: (0.0, 0.0),
+            energy_change: 0.0,
+            energy_scale: 0.0,
+        }
+    }
+
+    /// Adds the present state.
+    pub(super) fn see(&mut self, now: &Carried) {
+        let momentum = &now.momentum_W;
+        let change = |a: Vector3<f64>, b: Vector3<f64>, worst| larger(worst, (a - b).norm());
+        let first = &self.initial_momentum;
+        self.momentum_change.0 = change(momentum.linear, first.linear, self.momentum_change.0);
+        self.momentum_change.1 = change(momentum.angular, first.angular, self.momentum_change.1);
+        self.momentum_scale.0 = larger(self.momentum_scale.0, now.scale.0);
+        self.momentum_scale.1 = larger(self.momentum_scale.1, now.scale.1);
+        let unexplained = now.energy - self.initial_energy - now.supplied;
+        self.energy_change = larger(self.energy_change, unexplained.abs());
+        // The energy of the common drift is constant and excluded.
+        let drift = 0.5 * momentum.linear.norm_squared() / now.mass;
+        self.energy_scale = larger(self.energy_scale, now.energy - drift);
+    }
+
+    /// Largest change of the total momentum of the bodies, relative to the initial momentum or to
+    /// [`Workspace::momentum_scale`](crate::dynamics::Workspace::momentum_scale), whichever is larger.
+    pub fn momentum_residual(&self) -> MomentumResidual {
+        let first = &self.initial_momentum;
+        let (linear, angular) = self.momentum_scale;
+        MomentumResidual {
+            linear: relative(self.momentum_change.0, larger(linear, first.linear.norm())),
+            angular: relative(
+                self.momentum_change.1,
+                larger(angular, first.angular.norm()),
+            ),
+        }
+    }
+
+    /// Largest change of kinetic and strain energy minus work, plus what deformation and wheels dissipate, relative to
+    /// the largest energy in the frame of the system's centre of mass.
+    pub fn energy_residual(&self) -> f64 {
+        relative(self.energy_change, self.energy_scale)
+    }
+}
+
+/// The larger of two; NaN if one is NaN.
+pub(super) fn larger(a: f64, b: f64) -> f64 {
+    if b > a || b.is_nan() { b } else { a }
+}
+
+fn relative(change: f64, scale: f64) -> f64 {
+    if scale > 0.0 { change / scale } else { change }
+}

@@ -1,0 +1,102 @@
+//! Several robots in one world, in one thread, without DDS.
+
+use super::ClosedLoop;
+use crate::{
+    nodes::{
+        dynamics::FreeBody as _,
+        scenario::{OtherBody, Scenario},
+    },
+    spatial::Pose,
+};
+
+/// The closed loops of all robots of a scenario. They share the time, and the cameras of one see bases and targets of the
+/// others; bodies of different robots do not touch.
+pub struct Fleet {
+    robots: Vec<Member>,
+}
+
+/// A robot with its loop.
+struct Member {
+    namespace: String,
+    closed_loop: ClosedLoop,
+    /// What its cameras see of others, in the order of their names: index of the robot, and of its target unless it is the
+    /// base.
+    watched: Vec<(usize, Option<usize>)>,
+}
+
+impl Fleet {
+    /// The closed loops that `scenario` describes.
+    ///
+    /// # Errors
+    /// A line that names file, node and parameter.
+    pub fn new(scenario: &Scenario) -> Result<Self, String> {
+        let robots = scenario.robots().into_iter().map(|namespace| {
+            Ok(Member {
+                namespace: namespace.to_owned(),
+                closed_loop: ClosedLoop::new(&scenario.of_robot(namespace))?,
+                watched: Vec::new(),
+            })
+        });
+        let mut robots: Vec<Member> = robots.collect::<Result<_, String>>()?;
+        for i in 0..robots.len() {
+            let names = robots[i].closed_loop.others.names().iter();
+            let watched = names.map(|name| {
+                let OtherBody { robot, target } = scenario.other_body(name)?;
+                let other = robots.iter().position(|r| r.namespace == robot);
+                let other = other.ok_or_else(|| format!("no robot is in the namespace {robot}"))?;
+                let world = &robots[other].closed_loop.world;
+                let target = target
+                    .map(|target| world.target_index(&target))
+                    .transpose()?;
+                Ok((other, target))
+            });
+            robots[i].watched = watched.collect::<Result<_, String>>()?;
+        }
+        Ok(Self { robots })
+    }
+
+    /// Namespaces and loops of the robots.
+    pub fn robots(&self) -> impl Iterator<Item = (&str, &ClosedLoop)> {
+        let robots = self.robots.iter();
+        robots.map(|robot| (robot.namespace.as_str(), &robot.closed_loop))
+    }
+
+    /// The loop of a robot. The others' bodies are shown to its cameras as they are now.
+    ///
+    /// # Panics
+    /// If there is no such robot.
+    pub fn robot(&mut self, index: usize) -> &mut ClosedLoop {
+        let poses = self.robots[index].watched.iter();
+        let poses: Vec<Pose> = poses
+            .map(|(robot, target)| self.pose(*robot, *target))
+            .collect();
+        let robot = &mut self.robots[index].closed_loop;
+        robot.others.set_poses(&poses);
+        robot
+    }
+
+    /// Advances all robots to the next state.
+    ///
+    /// # Errors
+    /// When a motion has diverged: a line that names the robot.
+    pub fn advance(&mut self) -> Result<(), String> {
+        for Member {
+            namespace,
+            closed_loop,
+            ..
+        } in &mut self.robots
+        {
+            (closed_loop.advance()).map_err(|e| format!("{namespace}: {e}"))?;
+        }
+        Ok(())
+    }
+
+    /// Pose of a robot's base, or of one of its targets, in the world.
+    fn pose(&self, robot: usize, target: Option<usize>) -> Pose {
+        let world = &self.robots[robot].closed_loop.world;
+        match target {
+            None => world.robot.X_WB(),
+            Some(target) => world.targets[target].body.X_WB(),
+        }
+    }
+}

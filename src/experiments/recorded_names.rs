@@ -1,0 +1,35 @@
+//! Names of robots and targets in a recording.
+
+/// Whether the topics of a target are in `namespace`: `ground_truth/NAME`, in the robot's namespace.
+pub fn is_of_target(namespace: &str) -> bool {
+    let parent = namespace.rsplit_once('/').map(|(parent, _)| parent);
+    parent.is_some_and(|parent| parent.ends_with("/ground_truth"))
+}
+
+/// What reports call the robot or target with the topics in `namespace`: `chaser`, `target` or `chaser/target`; empty
+/// without a namespace.
+pub fn title_of(namespace: &str) -> String {
+    let title = match is_of_target(namespace) {
+        true => namespace.replacen("/ground_truth/", "/", 1),
+        false => namespace.to_owned(),
+    };
+    title.trim_matches('/').to_owned()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    #[test]
+    fn a_target_is_told_from_a_robot() {
+        assert!(is_of_target("/ground_truth/debris"));
+        assert!(is_of_target("/chaser/ground_truth/debris"));
+        for robot in ["", "/chaser", "/ground_truth", "/debris"] {
+            assert!(!is_of_target(robot), "{robot}");
+        }
+        assert_eq!(title_of(""), "");
+        assert_eq!(title_of("/chaser"), "chaser");
+        assert_eq!(title_of("/ground_truth/debris"), "debris");
+        assert_eq!(title_of("/chaser/ground_truth/debris"), "chaser/debris");
+    }
+}
