@@ -303,8 +303,8 @@ fn wrong_parts_are_refused_with_the_reason() {
             "parameter time_step is 0.005: the step of 0.005 s is above the stability limit",
         ),
         (
-            "time_step: 0.005",
-            "time_step: 0.5\n    state_rate: 1.0\n    #",
+            "time_step: 0.005\n    state_rate: 100.0",
+            "time_step: 0.5\n    state_rate: 1.0",
             "parameter time_step is 0.5",
         ),
         (

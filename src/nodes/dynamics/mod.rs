@@ -66,7 +66,10 @@ pub use free_body::FreeBody;
 pub use imu::{ImuParams, imu};
 pub use loops::{EndParams, LoopParams};
 pub use messages::{FrameTree, WORLD, joint_states, momentum, odometry};
-pub use params::{Description, DynamicsParams, InitialMotion, TargetParams};
+pub use params::{
+    AppendageParams, Description, DynamicsParams, FlexibleParams, InitialMotion, LockstepOn,
+    TargetParams, ThrusterParams, WheelParams,
+};
 pub use part_messages::{appendage_states, wheel_states};
 pub use robot::Robot;
 pub use target::Target;
