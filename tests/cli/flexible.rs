@@ -12,7 +12,7 @@ const SERVICER: &str = include_str!("../../urdf/servicer.urdf");
 const RUNS: &str =
     include_str!("../../crates/fuyu-physics/tests/flexible/fixtures/flexible_panels_runs.json");
 const LINEAR: &str =
-    include_str!("../../crates/fuyu-physics/tests/flexible/fixtures/flexible_panels_linear.json");
+    include_str!("../../crates/fuyu-structures/tests/fixtures/flexible_panels_linear.json");
 /// Postures of the fixtures.
 const POSTURES: [(&str, [f64; 6]); 3] = [
     ("A", [0.0; 6]),
@@ -285,7 +285,7 @@ fn wrong_parts_are_refused_with_the_reason() {
         (
             "EI: 3000.0",
             "EI: -3000.0",
-            "solar_plus.EI of dynamics: -3000 is out of range",
+            "solar_plus.EI of /dynamics: -3000 is out of range",
         ),
         (
             kind,
@@ -295,7 +295,7 @@ fn wrong_parts_are_refused_with_the_reason() {
         (
             "    wheels: [",
             &elastic(-5.0),
-            "joints.joint2.stiffness of dynamics: -5 is out of range",
+            "joints.joint2.stiffness of /dynamics: -5 is out of range",
         ),
         (
             "    wheels: [",
@@ -315,7 +315,7 @@ fn wrong_parts_are_refused_with_the_reason() {
         (
             "axis: [1.0, 0.0, 0.0]",
             "axis: [0.0, 0.0, 0.0]",
-            "wheel_x.axis of dynamics: [0.0, 0.0, 0.0] has no direction",
+            "wheel_x.axis of /dynamics: [0.0, 0.0, 0.0] has no direction",
         ),
         (
             "inertia: 0.2",
@@ -360,6 +360,36 @@ fn wrong_parts_are_refused_with_the_reason() {
         assert!(run.stderr.contains(says), "{to}: {}", run.stderr);
         assert!(run.stderr.contains("scenario.yaml"), "{}", run.stderr);
     }
+}
+
+// The controller knows nothing of the panels. The tip arrives all the same, and the panels vibrate meanwhile.
+#[test]
+fn the_tip_arrives_although_panels_vibrate() {
+    let (_, panels) = CONFIG.split_once("    appendages:").unwrap();
+    let (panels, _) = panels.split_once("    wheels:").unwrap();
+    let positioning = include_str!("../../config/positioning.yaml");
+    let scenario = with(
+        positioning,
+        "camera:\n",
+        &format!("    appendages:{panels}camera:\n"),
+    );
+    let report = run("simulate", &scenario, SERVICER, &["--json"]).json();
+    let number = |key: &str| report[key].as_f64().unwrap();
+    assert!(number("tip_position_error") < 0.01, "{report}");
+    assert!(number("tip_attitude_error") < 0.02, "{report}");
+    assert!(number("energy_residual") < 1e-4, "{report}");
+    assert!(number("max_tip_acceleration") > 0.01, "{report}");
+    let rigid = fuyu(&["simulate", "config/positioning.yaml", "--json"]).json();
+    let turned = |report: &Value| {
+        report["base_attitude_rpy"][2]
+            .as_f64()
+            .unwrap()
+            .to_degrees()
+    };
+    let (flexible, rigid) = (turned(&report), turned(&rigid));
+    println!("base yaw {flexible} deg with panels, {rigid} deg without");
+    // Two panels double the base's inertia about z.
+    assert!(flexible.abs() < 0.9 * rigid.abs(), "{flexible} {rigid}");
 }
 
 // A boom whose modes another program has computed, and the error that names its line.

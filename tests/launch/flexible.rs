@@ -12,7 +12,7 @@ use crate::{
     lateness::repeat_if_late,
     lockstep::{simulated, states},
     observer::{DIAGNOSTICS, fresh, now, reported},
-    process::{Check, Running, read, scenario},
+    process::{Check, Running, read, scenario, source},
     waiting::{PATIENCE, eventually},
 };
 
@@ -40,11 +40,33 @@ fn bent_panels_vibrate_over_dds_as_in_the_simulation() {
     // b1 moves the tip by 2 / sqrt(48) m per unit, as b2 does; t1 does not move its middle.
     let tip = first.tip_displacement[0].z - 0.55 * 2.0 / 48f64.sqrt();
     assert!(tip.abs() < 1e-9, "{tip}");
-    assert_eq!(read::<JointState>(&bag, "/wheel_states")[0].name[2], "wheel_z");
+    assert_eq!(
+        read::<JointState>(&bag, "/wheel_states")[0].name[2],
+        "wheel_z"
+    );
     let check = Check::of(&bag);
     check.momentum_holds();
     assert!(check.failed().is_empty(), "{:?}", check.failed());
     assert!(check.value("energy balance") < 1e-6);
+}
+
+// Camera and controller answer every state of a robot with panels.
+#[test]
+fn a_lockstep_run_with_panels_equals_the_simulated_one() {
+    repeat_if_late(|| {
+        let panels = std::fs::read_to_string(source(CONFIG)).expect("a scenario");
+        let (_, panels) = panels.split_once("    appendages:").expect("panels");
+        let (panels, _) = panels.split_once("    wheels:").expect("wheels after them");
+        let with_panels = format!("    appendages:{panels}camera:\n");
+        let changes = [("camera:\n", with_panels.as_str())];
+        let (_folder, config) = scenario("config/positioning.yaml", &changes);
+        let expected = simulated(&config, "5");
+        let args = ["--lockstep", "--duration", "5"];
+        let mut launch = Running::launch(187, &config, &args);
+        launch.wait(5 * PATIENCE).well();
+        assert_eq!(states(&launch.bag()), expected);
+        assert_eq!(expected.len(), 501);
+    });
 }
 
 // A wheel and a thruster commanded by rclpy: held until the commands end, refused with the reason.
@@ -54,7 +76,10 @@ fn wheels_and_thrusters_are_commanded_by_name() {
         let thruster = "    thrusters: [aft]\n    aft:\n      direction: [0.0, 1.0, 0.0]\n      thrust: 20.0\n    wheels:";
         let (_folder, config) = scenario(
             CONFIG,
-            &[("    wheels:", thruster), ("duration: 30.0", "duration: 0.0")],
+            &[
+                ("    wheels:", thruster),
+                ("duration: 30.0", "duration: 0.0"),
+            ],
         );
         let mut launch = Running::launch(186, &config, &["--duration", "600"]);
         let mut peer = peer_with_interfaces("commander", 186);

@@ -5,7 +5,9 @@ use crate::{
     dynamics::flexible::Thruster,
     nodes::{
         dynamics::{
+            FrameTree, appendage_states,
             external_wrenches::{ExternalWrench, WrenchAxes},
+            free_body::FreeBody as _,
             params::ThrusterParams,
             wheel_states,
         },
@@ -239,4 +241,27 @@ fn stops_that_are_not_simulated_are_reported() {
     params.joint_physics.stops = false;
     params.joint_physics.velocity_limits = false;
     assert_eq!(World::new(&params).unwrap().not_simulated(), None);
+}
+
+// The tip's frame moves by the displacement that the states of appendages have.
+#[test]
+fn frames_show_the_deflection() {
+    let world = World::new(&params()).unwrap();
+    let frames = FrameTree::new(&world.robot);
+    let attached = frames.static_transforms(&world.targets).transforms;
+    let minus = attached.iter().find(|t| t.child_frame_id == "solar_minus");
+    let minus = minus.unwrap();
+    assert_eq!(minus.header.frame_id, "base_link");
+    assert_eq!(minus.transform.translation.x, -1.2);
+    let moving = frames.transforms(Time::ZERO, &world).transforms;
+    let tip = moving.iter().find(|t| t.child_frame_id == "solar_plus/tip");
+    let tip = tip.unwrap();
+    assert_eq!(tip.header.frame_id, "solar_plus");
+    let states = appendage_states(Time::ZERO, "base_link", &world).unwrap();
+    let at = &tip.transform.translation;
+    assert!((at.x - 8.0).abs() < 1e-12 && at.z > 0.1);
+    assert_eq!(at.z, states.tip_displacement[0].z);
+    // Bending up turns the tip about -y, torsion about x.
+    let turned = &tip.transform.rotation;
+    assert!(turned.y < -0.01 && turned.x > 0.003, "{turned:?}");
 }
