@@ -187,7 +187,8 @@ fn bent_panels_released_on_a_locked_robot_move_as_in_the_independent_run() {
     let runs: Value = serde_json::from_str(RUNS).unwrap();
     compare(&report, &runs["c_free"]);
     assert_eq!(report["final"]["q"], serde_json::json!({}));
-    assert!(report["energy_residual"].as_f64().unwrap() < 1e-7);
+    // A step of the classical method takes (w h)^6 / 72 of a vibration's energy: 2e-8 at 3.4 Hz.
+    assert!(report["energy_residual"].as_f64().unwrap() < 1e-5);
 }
 
 // Damped joints free, panels turned by .6 rad, tumbling. Angular velocity is in the base's axes, the velocity that of the base
@@ -422,6 +423,48 @@ fn modes_of_another_program_are_read_from_a_file() {
         line.contains("parameter boom.file") && line.contains("boom.csv, line 1"),
         "{line}"
     );
+}
+
+// A wheel at its limit from the start, and panels that are bent and turn too far for first-order modes.
+#[test]
+fn limits_and_large_deflections_are_events() {
+    let inertia = "inertia: 0.2\n";
+    let scenario = CONFIG.replacen(inertia, "inertia: 0.2\n      initial_speed: 500.0\n", 1);
+    let scenario = with(&scenario, "[0.5, 0.05, 0.0, 0.02]", "[1.5, 0.0, 0.0, 0.0]");
+    let run = run(
+        "simulate",
+        &scenario,
+        SERVICER,
+        &["--json", "--duration", "10"],
+    );
+    assert_eq!(run.code, 0);
+    let warning = "solar_plus is deflected by 0.4330 m; first-order modes suffice up to 0.2419 m: set second_order";
+    assert!(
+        run.stderr.contains("warning") && run.stderr.contains(warning),
+        "{}",
+        run.stderr
+    );
+    let report: Value = serde_json::from_str(&run.stdout).unwrap();
+    let events = report["events"].as_array().unwrap();
+    let first = |what: &str| {
+        let found = events
+            .iter()
+            .find(|e| e["what"].as_str().unwrap().contains(what));
+        found.unwrap_or_else(|| panic!("{what}: {events:?}"))["time"].as_f64()
+    };
+    assert_eq!(
+        first("wheel 'wheel_x' is at its speed limit, 500 rad/s"),
+        Some(0.0)
+    );
+    assert_eq!(
+        first("solar_plus is deflected by more than 0.2419 m"),
+        Some(0.0)
+    );
+    // The panel swings through: the excess ends and comes back.
+    let times = events
+        .iter()
+        .filter(|e| e["what"].as_str().unwrap().contains("solar_plus"));
+    assert!(times.count() > 2, "{events:?}");
 }
 
 // The motion of the base that a scenario begins with, of robot and target.
