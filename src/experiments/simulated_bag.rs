@@ -150,7 +150,7 @@ impl RobotTopics {
     /// Adds the topics, and writes what does not change.
     fn new(writer: &mut Writer, robot: &Recorded) -> Result<Self, BagError> {
         let run = robot.run;
-        let frames = FrameTree::new(run.world.robot.model());
+        let frames = FrameTree::new(&run.world.robot);
         let mut w = Namespaced {
             writer,
             namespace: robot.namespace.trim_end_matches('/'),

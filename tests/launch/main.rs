@@ -26,6 +26,7 @@ mod executables;
 mod external_features;
 mod faults;
 mod filter;
+mod flexible;
 mod free_motion;
 mod joining;
 mod large_commands;

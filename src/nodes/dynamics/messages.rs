@@ -3,9 +3,17 @@
 //! Messages that are published at every state are made once and updated in place (`update_...`), so that the names in
 //! them are not copied again.
 
-use super::{external_wrenches::ExternalChange, free_body::FreeBody, target::Target, world::World};
+use nalgebra::{Rotation3, Translation3};
+
+use super::{
+    external_wrenches::ExternalChange, free_body::FreeBody, robot::Robot, target::Target,
+    world::World,
+};
 use crate::{
-    dynamics::State,
+    dynamics::{
+        State,
+        flexible::{FlexibleFloating, ModalBody},
+    },
     model::{Frame, Model},
     msg::{fuyu_msgs, geometry_msgs, nav_msgs, sensor_msgs, std_msgs, tf2_msgs},
     nodes::geometry::{pose_to_msg, transform_to_msg, vector_to_msg},
@@ -22,13 +30,43 @@ pub struct FrameTree {
     moving: Vec<(Frame, Frame)>,
     /// Frames that do not move in their parent frame, each with it.
     fixed: Vec<(Frame, Frame)>,
+    /// Attachments of deformable bodies.
+    attachments: Vec<Attachment>,
     base: String,
 }
 
+/// Frames of a deformable body: that of its attachment, with the body's name, and that of its tip.
+struct Attachment {
+    name: String,
+    /// The link that carries it, and the pose of the attachment in that link's frame.
+    link: String,
+    X_LA: Pose,
+    /// Name of the tip's frame; `None` for a body without output points.
+    tip: Option<String>,
+}
+
+impl Attachment {
+    fn of(model: &Model, body: &ModalBody) -> Self {
+        let name = body.name().to_owned();
+        Self {
+            link: model.bodies()[body.body].name.clone(),
+            X_LA: body.X_BA,
+            tip: (!body.appendage.outputs.is_empty()).then(|| format!("{name}/tip")),
+            name,
+        }
+    }
+}
+
 impl FrameTree {
-    /// The frames of the robot with this model.
-    pub fn new(model: &Model) -> Self {
-        Self::named(model, str::to_owned)
+    /// The frames of `robot`.
+    pub fn new(robot: &Robot) -> Self {
+        let model = robot.model();
+        let flexible = robot.flexible();
+        let bodies = flexible.map_or(&[][..], |r| r.system().modal_bodies());
+        Self {
+            attachments: bodies.iter().map(|b| Attachment::of(model, b)).collect(),
+            ..Self::named(model, str::to_owned)
+        }
     }
 
     /// The frames of a target: its root link's is called `target`, that of any other link L `target/L`.
@@ -53,6 +91,7 @@ impl FrameTree {
         Self {
             moving,
             fixed,
+            attachments: Vec::new(),
             base: name(&model.frames()[0].name),
         }
     }
@@ -95,8 +134,11 @@ impl FrameTree {
     /// The message on `/tf_static`.
     pub fn static_transforms(&self, targets: &[Target]) -> tf2_msgs::TFMessage {
         let targets = targets.iter().flat_map(|t| t.frames.fixed_transforms());
+        let attachments = self.attachments.iter();
+        let attachments = attachments.map(|a| transform(&a.link, &a.name, &a.X_LA));
+        let robot = self.fixed_transforms().into_iter().chain(attachments);
         tf2_msgs::TFMessage {
-            transforms: self.fixed_transforms().into_iter().chain(targets).collect(),
+            transforms: robot.chain(targets).collect(),
         }
     }
 
@@ -105,7 +147,9 @@ impl FrameTree {
         let fixed = Pose::identity();
         let targets = world.targets.iter();
         let targets = targets.flat_map(|target| target.frames.moving_names());
-        let frames = self.moving_names().chain(targets);
+        let tips = self.attachments.iter();
+        let tips = tips.filter_map(|a| Some((a.name.as_str(), a.tip.as_deref()?)));
+        let frames = self.moving_names().chain(tips).chain(targets);
         let mut message = tf2_msgs::TFMessage {
             transforms: frames
                 .map(|(parent, child)| transform(parent, child, &fixed))
@@ -120,17 +164,29 @@ impl FrameTree {
         let robot = &world.robot;
         let base = std::iter::once(robot.X_WB());
         let links = self.link_poses(|frame| robot.X_BF(frame));
+        let tips = robot.flexible().into_iter().flat_map(tip_poses);
         let targets = world.targets.iter().flat_map(|target| {
             let body = &target.body;
             let links = (target.frames).link_poses(|frame| body.workspace().X_BF(frame));
             std::iter::once(body.X_WB()).chain(links)
         });
-        let poses = base.chain(links).chain(targets);
+        let poses = base.chain(links).chain(tips).chain(targets);
         for (transform, X) in message.transforms.iter_mut().zip(poses) {
             transform.header.stamp = stamp.into();
             transform.transform = transform_to_msg(&X);
         }
     }
+}
+
+/// Pose of each deformable body's tip, or first output point, in the frame of its attachment.
+fn tip_poses(robot: &FlexibleFloating) -> impl Iterator<Item = Pose> + '_ {
+    robot.system().modal_bodies().iter().filter_map(|body| {
+        let tip = body.appendage.outputs.first()?;
+        let mu = &robot.state().mu()[body.range()];
+        let position = Translation3::from(tip.position + tip.displacement(mu));
+        let rotation = Rotation3::from_scaled_axis(tip.rotation(mu));
+        Some(Pose::from_parts(position, rotation))
+    })
 }
 
 /// A header.
@@ -291,7 +347,7 @@ mod tests {
     #[test]
     fn updated_messages_equal_new_ones() {
         let mut world = world();
-        let frames = FrameTree::new(world.robot.model());
+        let frames = FrameTree::new(&world.robot);
         let body = frames.base().to_owned();
         let of = |stamp: Time, world: &World| {
             (
@@ -315,7 +371,7 @@ mod tests {
     #[test]
     fn updates_do_not_allocate() {
         let world = world();
-        let frames = FrameTree::new(world.robot.model());
+        let frames = FrameTree::new(&world.robot);
         let stamp = Time::from_secs_f64(world.time());
         let mut joints = joint_states(stamp, frames.base(), &world);
         let mut base = odometry(stamp, frames.base(), &world.robot);

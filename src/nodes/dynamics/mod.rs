@@ -72,7 +72,8 @@ pub use imu::{ImuParams, imu};
 pub use loops::{EndParams, LoopParams};
 pub use messages::{FrameTree, WORLD, joint_states, momentum, odometry, target_joint_states};
 pub use params::{
-    Description, DynamicsParams, FlexibleParams, InitialJoints, InitialMotion, TargetParams,
+    AppendageParams, Description, DynamicsParams, FlexibleParams, InitialJoints, InitialMotion,
+    LockstepOn, TargetParams, ThrusterParams, WheelParams,
 };
 pub use part_messages::{appendage_states, wheel_states};
 pub use robot::Robot;

@@ -93,7 +93,7 @@ impl Outputs {
         params: &DynamicsParams,
         owns_time: bool,
     ) -> Result<Self, NodeError> {
-        let frames = FrameTree::new(world.robot.model());
+        let frames = FrameTree::new(&world.robot);
         let latched_description = topics::ROBOT_DESCRIPTION.advertise(node)?;
         latched_description.publish(&std_msgs::String {
             data: params.robot.xml.clone(),
