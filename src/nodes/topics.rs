@@ -10,10 +10,12 @@ use crate::{
     msg::{
         Interface,
         fuyu_msgs::{
-            AppendageStates, AttitudeState, ControllerState, ExternalImpulse, FeatureTracks, Momentum,
-            MotionEstimate, ThrusterCommands,
+            AppendageStates, AttitudeState, ControllerState, ExternalImpulse, FeatureTracks,
+            Momentum, MotionEstimate, ThrusterCommands,
         },
-        geometry_msgs::{PoseStamped, QuaternionStamped, TwistStamped, Vector3Stamped, WrenchStamped},
+        geometry_msgs::{
+            PoseStamped, QuaternionStamped, TwistStamped, Vector3Stamped, WrenchStamped,
+        },
         nav_msgs::{Odometry, Path},
         rosgraph_msgs::Clock,
         sensor_msgs::{CameraInfo, Imu, JointState, Joy},

@@ -28,16 +28,16 @@ fn json(run: &Run) -> Value {
 }
 
 fn numbers(value: &Value) -> Vec<f64> {
-    let list = value.as_array().unwrap_or_else(|| panic!("no list: {value}"));
+    let list = value
+        .as_array()
+        .unwrap_or_else(|| panic!("no list: {value}"));
     list.iter().map(|x| x.as_f64().unwrap()).collect()
 }
 
 /// Turn of the base from its attitude at the start \[deg\].
 fn turn(report: &Value) -> f64 {
     let q = numbers(&report["final"]["base_orientation"]);
-    let [x, y, z, w] = q[..] else {
-        panic!("{q:?}")
-    };
+    let [x, y, z, w] = q[..] else { panic!("{q:?}") };
     2.0 * (x * x + y * y + z * z).sqrt().atan2(w.abs()).to_degrees()
 }
 
@@ -83,20 +83,30 @@ fn poles_are_those_of_the_independent_program() {
         let poles: Vec<_> = poles.iter().map(numbers).collect();
         for expected in fixture[posture]["poles"].as_array().unwrap() {
             let expected = numbers(expected);
-            let nearest = poles.iter().map(|p| (p[0] - expected[0]).hypot(p[1] - expected[1]));
+            let nearest = poles
+                .iter()
+                .map(|p| (p[0] - expected[0]).hypot(p[1] - expected[1]));
             let nearest = nearest.fold(f64::INFINITY, f64::min);
             assert!(nearest < 1e-6, "{posture}: {expected:?} {nearest:e}");
         }
     }
     let text = run("modes", &[], &[]);
-    assert!(text.stdout.contains("pole of the attitude loop"), "{}", text.stdout);
+    assert!(
+        text.stdout.contains("pole of the attitude loop"),
+        "{}",
+        text.stdout
+    );
 }
 
 // Each is one line that names file, parameter, value and what would be right.
 #[test]
 fn wrong_attitude_parameters_are_refused_with_the_reason() {
     for (from, to, says) in [
-        ("law: dvdfb", "law: pid", "'pid' is not one of dvdfb, lqr, hinf"),
+        (
+            "law: dvdfb",
+            "law: pid",
+            "'pid' is not one of dvdfb, lqr, hinf",
+        ),
         (
             "p: [60.0, 60.0, 60.0]",
             "p: [60.0, 60.0]",
@@ -141,17 +151,27 @@ fn wrong_attitude_parameters_are_refused_with_the_reason() {
         let refused = run("simulate", &[(from, to)], &[]);
         assert_eq!(refused.code, 2, "{to}: {}", refused.stderr);
         assert!(refused.stderr.contains(says), "{to}: {}", refused.stderr);
-        assert_eq!(refused.stderr.trim().lines().count(), 1, "{}", refused.stderr);
+        assert_eq!(
+            refused.stderr.trim().lines().count(),
+            1,
+            "{}",
+            refused.stderr
+        );
     }
 }
 
 // With ten seconds between steps the rate feedback overshoots: the warning names law, period and spectral radius.
 #[test]
 fn a_law_that_is_sampled_too_slowly_is_warned_of() {
-    let run = run("simulate", &[("period: 0.1", "period: 10.0")], &["--duration", "1"]);
+    let run = run(
+        "simulate",
+        &[("period: 0.1", "period: 10.0")],
+        &["--duration", "1"],
+    );
     assert_eq!(run.code, 0, "{}", run.stderr);
     assert!(
-        run.stderr.contains("the law dvdfb with a period of 10 s makes the robot vibrate"),
+        run.stderr
+            .contains("the law dvdfb with a period of 10 s makes the robot vibrate"),
         "{}",
         run.stderr
     );

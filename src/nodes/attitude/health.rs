@@ -64,7 +64,9 @@ impl Health {
             )),
         }
         let regulator = report.regulator.as_ref();
-        let load = regulator.and_then(|r| r.wheel_load).map(|load| load * 100.0);
+        let load = regulator
+            .and_then(|r| r.wheel_load)
+            .map(|load| load * 100.0);
         match (report.wheels.is_used(), regulator) {
             (false, _) => self
                 .wheels

@@ -130,5 +130,9 @@ fn wheel_speeds(system: &FlexibleSystem, message: &JointState) -> Result<Vec<f64
         let value = at.and_then(|at| message.velocity.get(at)).copied();
         value.ok_or_else(|| format!("has no velocity for wheel '{name}'"))
     };
-    system.wheels().iter().map(|wheel| speed(&wheel.name)).collect()
+    system
+        .wheels()
+        .iter()
+        .map(|wheel| speed(&wheel.name))
+        .collect()
 }

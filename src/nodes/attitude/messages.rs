@@ -98,7 +98,9 @@ impl AttitudeMessages {
         if let Some(estimate) = estimate {
             // Symmetric, so rows are columns.
             state.covariance.clear();
-            state.covariance.extend_from_slice(estimate.covariance.as_slice());
+            state
+                .covariance
+                .extend_from_slice(estimate.covariance.as_slice());
         }
         let target = attitude.controller().and_then(|c| c.target(report.stamp));
         state.target = quaternion_to_msg(target.as_ref().map_or(&one, |t| &t.R_WD));

@@ -10,10 +10,7 @@ use crate::{
         GyroErrors, LqrWeights, RegulatorConfig, UnloadingConfig,
     },
     nodes::{
-        choice,
-        dynamics::FlexibleParams,
-        geometry::unit_quaternion,
-        placement::finite,
+        choice, dynamics::FlexibleParams, geometry::unit_quaternion, placement::finite,
         resource::Lookup,
     },
     ros::{Declare, Lifecycle},
@@ -49,7 +46,11 @@ enum Law {
     Hinf,
 }
 
-const LAWS: [(&str, Law); 3] = [("dvdfb", Law::Dvdfb), ("lqr", Law::Lqr), ("hinf", Law::Hinf)];
+const LAWS: [(&str, Law); 3] = [
+    ("dvdfb", Law::Dvdfb),
+    ("lqr", Law::Lqr),
+    ("hinf", Law::Hinf),
+];
 
 impl AttitudeParams {
     /// Declares the parameters and reads them.
@@ -111,7 +112,13 @@ impl AttitudeParams {
                 LARGE,
                 "Deviation of a rate that costs as much as lqr.torque [rad/s]",
             ),
-            torque: number("lqr.torque", 1.0, TINY, LARGE, "Torque for these costs [N m]"),
+            torque: number(
+                "lqr.torque",
+                1.0,
+                TINY,
+                LARGE,
+                "Torque for these costs [N m]",
+            ),
         };
         let mut double_loop = DoubleLoopConfig::new(
             number(
@@ -219,7 +226,11 @@ impl AttitudeParams {
             declare.param(name, default, text).read_only().value()
         };
         let regulator = RegulatorConfig {
-            feed_forward: flag("feed_forward", true, "Let the wheels take the arm's momentum"),
+            feed_forward: flag(
+                "feed_forward",
+                true,
+                "Let the wheels take the arm's momentum",
+            ),
             gyroscopic: flag(
                 "gyroscopic",
                 true,
@@ -234,22 +245,38 @@ impl AttitudeParams {
             false,
             "Answer every state, with the samples of its own stamp",
         );
-        let mut list = |name: &str, default: Vec<f64>, text: &str, right: &str, lengths: [usize; 2]| {
-            let parameter = declare.param(name, default, text).read_only();
-            let right = right.to_owned();
-            let values: Vec<f64> = parameter
-                .check(&right.clone(), move |values: &Vec<f64>| {
-                    if !lengths.contains(&values.len()) {
-                        return Err(format!("{values:?} has {} values, expected {right}", values.len()));
-                    }
-                    finite(values, values.len())
-                })
-                .value();
-            values
-        };
+        let mut list =
+            |name: &str, default: Vec<f64>, text: &str, right: &str, lengths: [usize; 2]| {
+                let parameter = declare.param(name, default, text).read_only();
+                let right = right.to_owned();
+                let values: Vec<f64> = parameter
+                    .check(&right.clone(), move |values: &Vec<f64>| {
+                        if !lengths.contains(&values.len()) {
+                            return Err(format!(
+                                "{values:?} has {} values, expected {right}",
+                                values.len()
+                            ));
+                        }
+                        finite(values, values.len())
+                    })
+                    .value();
+                values
+            };
         const GAIN: &str = "3 values, one for each axis, or 9, a matrix by rows";
-        let p = list("dvdfb.p", vec![60.0; 3], "Gain on the angle [N m/rad], base axes", GAIN, [3, 9]);
-        let d = list("dvdfb.d", vec![900.0; 3], "Gain on the rate [N m s/rad], base axes", GAIN, [3, 9]);
+        let p = list(
+            "dvdfb.p",
+            vec![60.0; 3],
+            "Gain on the angle [N m/rad], base axes",
+            GAIN,
+            [3, 9],
+        );
+        let d = list(
+            "dvdfb.d",
+            vec![900.0; 3],
+            "Gain on the rate [N m s/rad], base axes",
+            GAIN,
+            [3, 9],
+        );
         let cover = list(
             "hinf.cover",
             Vec::new(),
@@ -280,14 +307,17 @@ impl AttitudeParams {
             unloading.check().map_err(|e| format!("parameter {e}"))?;
         }
         let target = match target.as_slice() {
-            &[x, y, z, w] => Some(
-                unit_quaternion(x, y, z, w).map_err(|e| format!("parameter target: {e}"))?,
-            ),
+            &[x, y, z, w] => {
+                Some(unit_quaternion(x, y, z, w).map_err(|e| format!("parameter target: {e}"))?)
+            }
             _ => None,
         };
         Ok(Self {
             flexible: flexible?,
-            law_name: LAWS.iter().find(|(known, _)| *known == name).map_or(LAWS[0].0, |(known, _)| known),
+            law_name: LAWS
+                .iter()
+                .find(|(known, _)| *known == name)
+                .map_or(LAWS[0].0, |(known, _)| known),
             law,
             regulator,
             filter,

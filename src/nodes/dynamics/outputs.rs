@@ -13,7 +13,10 @@ use super::{
     world::World,
 };
 use crate::{
-    msg::{Interface, fuyu_msgs, geometry_msgs, nav_msgs, rosgraph_msgs, sensor_msgs, std_msgs, tf2_msgs},
+    msg::{
+        Interface, fuyu_msgs, geometry_msgs, nav_msgs, rosgraph_msgs, sensor_msgs, std_msgs,
+        tf2_msgs,
+    },
     nodes::topics,
     ros::{self, Node, NodeError, Publisher, Time},
 };

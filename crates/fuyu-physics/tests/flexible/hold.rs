@@ -66,7 +66,9 @@ fn hold(max_torque: f64, scale: f64, expected: &Value) -> Held {
         }
         let mut forcing = |t: f64, s: &FlexibleState, input: &mut FlexibleInput| {
             efforts(scale, t, s.tree.qd.as_slice(), &mut input.tree.efforts);
-            input.wheel_torques.copy_from_slice(regulator.wheel_torques());
+            input
+                .wheel_torques
+                .copy_from_slice(regulator.wheel_torques());
         };
         integrator.steps(&mut state, &mut workspace, 0.02, 5, &mut forcing);
     }

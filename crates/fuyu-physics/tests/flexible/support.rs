@@ -141,7 +141,11 @@ pub fn servicer_with_panels(alpha: f64) -> FlexibleSystem {
 }
 
 /// Adds wheels about the base's axes, with a momentum limit of 100 N m s.
-pub fn with_wheels(mut builder: FlexibleBuilder, model: &Model, max_torque: f64) -> FlexibleBuilder {
+pub fn with_wheels(
+    mut builder: FlexibleBuilder,
+    model: &Model,
+    max_torque: f64,
+) -> FlexibleBuilder {
     let base = model.frame("base_link").unwrap();
     for (name, axis) in [
         ("x", Vector3::x_axis()),

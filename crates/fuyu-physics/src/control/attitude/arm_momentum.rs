@@ -97,11 +97,7 @@ impl ArmMomentum {
     ///
     /// # Panics
     /// If there is not one value per joint.
-    pub fn torque(
-        &mut self,
-        motion: &ArmMotion<'_>,
-        period: f64,
-    ) -> Vector3<f64> {
+    pub fn torque(&mut self, motion: &ArmMotion<'_>, period: f64) -> Vector3<f64> {
         let now = self.angular_momentum(motion.q, motion.qd);
         let last = self.last.replace(now);
         let Some(qdd) = motion.qdd else {

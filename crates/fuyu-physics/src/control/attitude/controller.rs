@@ -239,7 +239,10 @@ impl AttitudeController {
     ) -> Result<(), AttitudeInputError> {
         check_length("wheel speeds", speeds, self.wheel_speeds.values.len())?;
         finite(speeds, |i| {
-            format!("speed of wheel {}", self.regulator.wheels().wheels()[i].name)
+            format!(
+                "speed of wheel {}",
+                self.regulator.wheels().wheels()[i].name
+            )
         })?;
         self.wheel_speeds.offer(stamp, speeds);
         Ok(())
@@ -320,7 +323,9 @@ impl AttitudeController {
                     rate: estimate.w_WB_B,
                 }),
                 w_WB_B: estimate.w_WB_B,
-                wheel_speeds: wheels.is_used().then(|| self.wheel_speeds.values.as_slice()),
+                wheel_speeds: wheels
+                    .is_used()
+                    .then(|| self.wheel_speeds.values.as_slice()),
                 arm: joints.is_used().then(|| ArmMotion {
                     q: self.q.values.as_slice(),
                     qd: self.qd.values.as_slice(),

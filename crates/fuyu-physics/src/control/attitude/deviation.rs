@@ -33,11 +33,7 @@ pub struct AttitudeDeviation {
 
 impl AttitudeDeviation {
     /// Of a base with attitude and angular velocity (base axes).
-    pub fn new(
-        R_WB: &UnitQuaternion<f64>,
-        w_WB_B: &Vector3<f64>,
-        target: &AttitudeTarget,
-    ) -> Self {
+    pub fn new(R_WB: &UnitQuaternion<f64>, w_WB_B: &Vector3<f64>, target: &AttitudeTarget) -> Self {
         let R_DB = target.R_WD.inverse() * R_WB;
         Self {
             angle: R_DB.imag() * 2.0_f64.copysign(R_DB.w),
@@ -62,12 +58,13 @@ mod tests {
             let R_WD = UnitQuaternion::from_euler_angles(0.4, 2.0, -1.0);
             let R_WB = R_WD * UnitQuaternion::new(axis * angle);
             let w = Vector3::new(0.1, 0.2, 0.3);
-            let target = AttitudeTarget {
-                R_WD,
-                w_WD_D: w,
-            };
+            let target = AttitudeTarget { R_WD, w_WD_D: w };
             let deviation = AttitudeDeviation::new(&R_WB, &w, &target);
-            let shorter = if angle > std::f64::consts::PI { angle - std::f64::consts::TAU } else { angle };
+            let shorter = if angle > std::f64::consts::PI {
+                angle - std::f64::consts::TAU
+            } else {
+                angle
+            };
             assert!((deviation.angle - axis * 2.0 * (0.5 * shorter).sin()).norm() < 1e-15);
             assert!((deviation.turn() - shorter.abs()).abs() < 1e-12);
             // The reference turns about an axis fixed in D, so not with the base unless they agree.

@@ -114,5 +114,7 @@ pub(super) fn finite_vector(
     what: &str,
     vector: &nalgebra::Vector3<f64>,
 ) -> Result<(), AttitudeInputError> {
-    finite(vector.as_slice(), |i| format!("{what}.{}", ["x", "y", "z"][i]))
+    finite(vector.as_slice(), |i| {
+        format!("{what}.{}", ["x", "y", "z"][i])
+    })
 }

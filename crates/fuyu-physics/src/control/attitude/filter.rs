@@ -188,8 +188,8 @@ impl AttitudeFilter {
             }),
             Some(last) if stamp == last.stamp => return Ok(None),
             Some(last) if stamp.seconds_since(last.stamp) > self.config.longest_gap => {
-                let variance = self.config.gyro.rate_random_walk.powi(2)
-                    * stamp.seconds_since(last.stamp);
+                let variance =
+                    self.config.gyro.rate_random_walk.powi(2) * stamp.seconds_since(last.stamp);
                 self.history.clear();
                 self.attitude_known = false;
                 self.history.push(Node {
@@ -236,7 +236,9 @@ impl AttitudeFilter {
     pub fn estimate(&self, now: Stamp) -> Option<AttitudeEstimate> {
         let node = self.history.newest()?;
         let w_WB_B = node.w_measured - node.bias;
-        let ahead = now.seconds_since(node.stamp).clamp(0.0, self.config.longest_gap);
+        let ahead = now
+            .seconds_since(node.stamp)
+            .clamp(0.0, self.config.longest_gap);
         Some(AttitudeEstimate {
             R_WB: node.R_WB * exp_so3(&(w_WB_B * ahead)),
             w_WB_B,

@@ -40,7 +40,9 @@ impl AttitudePlant {
             mass -= column * column.transpose() / inertia;
         }
         let mut input = Matrix::zeros(kept.len(), 3);
-        input.view_mut((3, 0), (3, 3)).copy_from(&Matrix::identity(3, 3));
+        input
+            .view_mut((3, 0), (3, 3))
+            .copy_from(&Matrix::identity(3, 3));
         let structure = Structure::new(
             (&mass + mass.transpose()) * 0.5,
             LinearModel::part(&linear.damping, &kept),
@@ -116,7 +118,11 @@ impl AttitudePlant {
         let radius = || {
             let plant = self.system.zero_order_hold_delayed(period, delay)?;
             let law = law.linear()?;
-            let law = if law.order() == 0 { law } else { law.tustin(period)? };
+            let law = if law.order() == 0 {
+                law
+            } else {
+                law.tustin(period)?
+            };
             spectral_radius(&plant.feedback(&law)?.a)
         };
         radius().map_err(AttitudeConfigError::design("sampled loop of the attitude"))

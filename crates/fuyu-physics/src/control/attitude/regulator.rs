@@ -139,7 +139,9 @@ impl AttitudeRegulator {
     /// On-times of the thrusters from the beginning of the period \[s\], of the last step; empty if thrusters are not
     /// used.
     pub fn on_times(&self) -> &[f64] {
-        self.thrusters.as_ref().map_or(&[], ThrusterAllocator::on_times)
+        self.thrusters
+            .as_ref()
+            .map_or(&[], ThrusterAllocator::on_times)
     }
 
     /// Forgets the past: the next step belongs to another run.
@@ -167,7 +169,10 @@ impl AttitudeRegulator {
     pub fn step(&mut self, input: &RegulatorInput<'_>) -> RegulatorReport {
         let period = self.config.period;
         let law = self.law.torque(&input.deviation);
-        let arm = input.arm.as_ref().map(|motion| self.arm.torque(motion, period));
+        let arm = input
+            .arm
+            .as_ref()
+            .map(|motion| self.arm.torque(motion, period));
         if arm.is_none() {
             self.arm.reset();
         }
@@ -175,8 +180,12 @@ impl AttitudeRegulator {
             Some(torque) if self.config.feed_forward => torque,
             _ => Vector3::zeros(),
         };
-        let wheel_momentum = input.wheel_speeds.map(|speeds| self.wheels.momentum(speeds));
-        let wheel_load = input.wheel_speeds.map(|speeds| self.wheels.largest_load(speeds));
+        let wheel_momentum = input
+            .wheel_speeds
+            .map(|speeds| self.wheels.momentum(speeds));
+        let wheel_load = input
+            .wheel_speeds
+            .map(|speeds| self.wheels.largest_load(speeds));
         let gyroscopic = match wheel_momentum {
             Some(h) if self.config.gyroscopic => input.w_WB_B.cross(&h),
             _ => Vector3::zeros(),
@@ -194,7 +203,9 @@ impl AttitudeRegulator {
             thrusters,
             wheel_momentum,
             wheel_load,
-            is_unloading: self.unloading.is_some_and(|unloading| unloading.is_active()),
+            is_unloading: self
+                .unloading
+                .is_some_and(|unloading| unloading.is_active()),
         }
     }
 

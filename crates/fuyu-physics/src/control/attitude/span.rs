@@ -9,7 +9,10 @@ pub const SPAN: f64 = 1e-9;
 /// its range.
 pub fn solve_within_span(gram: &Matrix3<f64>, right: &Vector3<f64>) -> Vector3<f64> {
     let eigen = gram.symmetric_eigen();
-    let axes = eigen.eigenvalues.iter().zip(eigen.eigenvectors.column_iter());
+    let axes = eigen
+        .eigenvalues
+        .iter()
+        .zip(eigen.eigenvectors.column_iter());
     axes.filter(|(value, _)| **value > SPAN)
         .map(|(value, axis)| axis * (axis.dot(right) / value))
         .sum()

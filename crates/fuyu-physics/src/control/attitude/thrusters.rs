@@ -189,7 +189,8 @@ impl ThrusterAllocator {
         let mut target = Column::zeros();
         let direction = impulse / impulse.norm();
         target.fixed_rows_mut::<3>(0).copy_from(&direction);
-        self.solver.solve(&self.columns, &target, &mut self.on_times);
+        self.solver
+            .solve(&self.columns, &target, &mut self.on_times);
         self.meet_torque(&direction);
         self.on_times.iter_mut().for_each(|t| *t *= scale);
         true
@@ -207,7 +208,8 @@ impl ThrusterAllocator {
             }
         }
         let push = solve_within_span(&gram, &missing);
-        let changes = || (self.columns.iter().zip(&self.on_times)).map(|(c, _)| torque_of(c).dot(&push));
+        let changes =
+            || (self.columns.iter().zip(&self.on_times)).map(|(c, _)| torque_of(c).dot(&push));
         let mut pairs = changes().zip(&self.on_times);
         if pairs.any(|(change, time)| *time > 0.0 && time + change < 0.0) {
             return;

@@ -36,7 +36,12 @@ impl UnloadingConfig {
         let in_range = start > 0.0 && start <= 1.0;
         require("unloading.start", start, in_range, "above 0 and at most 1")?;
         let below = stop > 0.0 && stop < start;
-        require("unloading.stop", stop, below, "above 0 and below unloading.start")?;
+        require(
+            "unloading.stop",
+            stop,
+            below,
+            "above 0 and below unloading.start",
+        )?;
         require_positive("unloading.time [s]", time)
     }
 }

@@ -117,7 +117,9 @@ impl WheelAllocator {
     pub fn momentum(&self, speeds: &[f64]) -> Vector3<f64> {
         assert_eq!(speeds.len(), self.wheels.len(), "one speed per wheel");
         let columns = self.axes.column_iter().zip(&self.wheels).zip(speeds);
-        columns.map(|((axis, wheel), speed)| axis * (wheel.inertia * speed)).sum()
+        columns
+            .map(|((axis, wheel), speed)| axis * (wheel.inertia * speed))
+            .sum()
     }
 
     /// Largest share of its momentum limit that a wheel with these speeds has; zero without limits.
@@ -270,7 +272,11 @@ mod tests {
         assert_eq!(given.saturated, 0);
         // Of a pyramid the only torques that cancel are those of opposite sign in neighbours.
         let null = [1.0, -1.0, 1.0, -1.0];
-        let along: f64 = null.iter().zip(allocator.torques()).map(|(n, u)| n * u).sum();
+        let along: f64 = null
+            .iter()
+            .zip(allocator.torques())
+            .map(|(n, u)| n * u)
+            .sum();
         assert!(along.abs() < 1e-14, "{along}");
     }
 
@@ -295,7 +301,11 @@ mod tests {
     // Orthogonal wheels do not know of each other: each is limited for itself, exactly.
     #[test]
     fn orthogonal_wheels_are_limited_one_by_one() {
-        let system = system(&[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], 4.0, 100.0);
+        let system = system(
+            &[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            4.0,
+            100.0,
+        );
         let mut allocator = WheelAllocator::new(&system, 20.0).unwrap();
         let given = allocator.allocate(&Vector3::new(7.0, -1.234_567_89, -4.1), None, 0.1);
         assert_eq!(allocator.torques(), [-4.0, 1.234_567_89, 4.0]);
@@ -306,7 +316,11 @@ mod tests {
     // A wheel at its momentum limit takes no more, but gives back; near the limit it takes what is left of it.
     #[test]
     fn momentum_limits_bound_the_torques() {
-        let system = system(&[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]], 4.0, 10.0);
+        let system = system(
+            &[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]],
+            4.0,
+            10.0,
+        );
         let mut allocator = WheelAllocator::new(&system, 20.0).unwrap();
         let speeds = [100.0, -99.0, 100.0];
         let given = allocator.allocate(&Vector3::new(-1.0, 3.0, 1.0), Some(&speeds), 0.1);
@@ -336,14 +350,21 @@ mod tests {
             }
         }
         let ratio = null(&speeds) / before;
-        assert!((ratio - (1.0 - 0.1 / 20.0_f64).powi(200)).abs() < 1e-12, "{ratio}");
+        assert!(
+            (ratio - (1.0 - 0.1 / 20.0_f64).powi(200)).abs() < 1e-12,
+            "{ratio}"
+        );
         let change = allocator.momentum(&speeds) - h + wanted * 20.0;
         assert!(change.norm() < 1e-11, "{change}");
     }
 
     #[test]
     fn too_few_wheels_and_wheels_elsewhere_are_refused() {
-        let flat = system(&[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]], 1.0, 1.0);
+        let flat = system(
+            &[[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [1.0, 1.0, 0.0]],
+            1.0,
+            1.0,
+        );
         let text = WheelAllocator::new(&flat, 20.0).unwrap_err().to_string();
         assert_eq!(
             text,
@@ -352,6 +373,9 @@ mod tests {
         let none = system(&[], 1.0, 1.0);
         assert!(WheelAllocator::new(&none, 20.0).is_err());
         let text = WheelAllocator::new(&flat, 0.0).unwrap_err().to_string();
-        assert_eq!(text, "equalization_time [s] is 0; it must be positive and finite");
+        assert_eq!(
+            text,
+            "equalization_time [s] is 0; it must be positive and finite"
+        );
     }
 }

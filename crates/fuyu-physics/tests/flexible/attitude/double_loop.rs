@@ -49,8 +49,13 @@ fn the_design_is_the_independent_one() {
     // Without the panels' inner damping there is no such controller: the weight would have to cover resonances.
     let weak = DoubleLoopConfig::new(1e-3, 0.2);
     let plants = ["B", "A", "C"].map(plant);
-    let error = DoubleLoopLaw::new(&plants, &weak, 0.1).unwrap_err().to_string();
-    assert!(error.starts_with("hinf about the x axis: no stabilising controller"), "{error}");
+    let error = DoubleLoopLaw::new(&plants, &weak, 0.1)
+        .unwrap_err()
+        .to_string();
+    assert!(
+        error.starts_with("hinf about the x axis: no stabilising controller"),
+        "{error}"
+    );
 }
 
 // The law on the robot in posture B, sampled at 50 Hz, about y while the other attitudes follow freely: the step response
@@ -84,12 +89,19 @@ fn the_step_response_on_the_robot_is_the_independent_one() {
     }
     let expected = numbers(&want["step_deg"]);
     let difference = |(i, e): (usize, &f64)| (angles[10 * i] - e).abs();
-    let worst = expected.iter().enumerate().map(difference).fold(0.0, f64::max);
+    let worst = expected
+        .iter()
+        .enumerate()
+        .map(difference)
+        .fold(0.0, f64::max);
     let figures = fuyu_lti::step_figures(&angles, 0.5, 1.0, 0.05);
     println!("{figures:?}; differs by {worst:.1e} deg of 1");
     assert!(worst < 1e-3, "{worst}");
     let overshoot = want["overshoot_pct"].as_f64().unwrap();
-    assert!((figures.overshoot_percent - overshoot).abs() < 0.05, "{figures:?}");
+    assert!(
+        (figures.overshoot_percent - overshoot).abs() < 0.05,
+        "{figures:?}"
+    );
     let settling = want["settle5_s"].as_f64().unwrap();
     assert!((figures.settling - settling).abs() <= 0.5, "{figures:?}");
 }

@@ -54,7 +54,9 @@ fn four_hundred_random_postures_are_stable() {
         }
     };
     for _ in 0..400 {
-        let q: Vec<f64> = (0..6).map(|_| std::f64::consts::PI * random.number()).collect();
+        let q: Vec<f64> = (0..6)
+            .map(|_| std::f64::consts::PI * random.number())
+            .collect();
         let plant = plant_at(&system, &q);
         let abscissa = |law: &dyn AttitudeLaw| {
             let poles = plant.poles(law).unwrap();
@@ -68,10 +70,15 @@ fn four_hundred_random_postures_are_stable() {
         let D = Matrix3::identity() * 900.0;
         assert!(Dvdfb::new(P, D).is_err());
         let dynamic = |m: Matrix3<f64>| Matrix::from_fn(3, 3, |i, j| m[(i, j)]);
-        let skewed = plant.structure().direct_feedback(&dynamic(P), &dynamic(D)).unwrap();
+        let skewed = plant
+            .structure()
+            .direct_feedback(&dynamic(P), &dynamic(D))
+            .unwrap();
         unstable += usize::from(spectral_abscissa(&skewed.a).unwrap() > 0.0);
     }
-    println!("largest real part {worst:.6}, random gains {worst_random:.1e}, {unstable} skew unstable");
+    println!(
+        "largest real part {worst:.6}, random gains {worst_random:.1e}, {unstable} skew unstable"
+    );
     assert!(worst < -0.0062 && worst > -0.0066, "{worst}");
     assert!(worst_random < 0.0, "{worst_random}");
     assert_eq!(unstable, 400);
@@ -131,7 +138,10 @@ fn the_robot_agrees_with_the_verdicts() {
         let growth = (mean(900..1000) / mean(700..800)).powf(0.5 / 200.0);
         let radius = plant(posture).sampled_radius(&law, 0.5, 0.5).unwrap();
         println!("{posture}: growth {growth:.6} per sample, spectral radius {radius:.6}");
-        assert!((growth - radius).abs() < 2e-4, "{posture}: {growth} {radius}");
+        assert!(
+            (growth - radius).abs() < 2e-4,
+            "{posture}: {growth} {radius}"
+        );
         assert_eq!(growth < 1.0, posture == "C");
     }
 }

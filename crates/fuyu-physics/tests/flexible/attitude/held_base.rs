@@ -147,8 +147,14 @@ fn run(base: Base) -> Outcome {
 fn wheels_hold_the_base_while_the_tip_tracks() {
     let free = run(Base::Free);
     let held = run(Base::Held { feed_forward: true });
-    let feedback = run(Base::Held { feed_forward: false });
-    for (name, run) in [("free", &free), ("held", &held), ("feedback only", &feedback)] {
+    let feedback = run(Base::Held {
+        feed_forward: false,
+    });
+    for (name, run) in [
+        ("free", &free),
+        ("held", &held),
+        ("feedback only", &feedback),
+    ] {
         println!(
             "{name}: tip rms {:.2} mm, final {:.2} mm; base {:.4} deg; wheels {:.2} N m s, {:.3} N m; panel {:.2} mm; {:.2} N s",
             run.tip[0] * 1e3,
@@ -170,5 +176,6 @@ fn wheels_hold_the_base_while_the_tip_tracks() {
     // The wheels take what the arm has; it gives it back when it stops, so no thruster has to fire.
     assert!(held.wheels[0] > 5.0 && held.wheels[0] < 10.0);
     assert_eq!([free.impulse, held.impulse, feedback.impulse], [0.0; 3]);
-    assert_eq!(free.wheels, [0.0; 2]);
+    // Its wheels turn freely, and stay behind the base by what their inertia is.
+    assert!(free.wheels[0] < 2e-3 && free.wheels[1] == 0.0);
 }

@@ -21,7 +21,9 @@ fn thrusters_take_the_momentum_of_the_wheels() {
     let q = DVector::from_row_slice(&POSTURES[1].1);
     let mut state = FlexibleState::at_rest_with(&system, &q);
     let mut workspace = FlexibleWorkspace::new(&system);
-    state.wheel_speeds_mut().copy_from_slice(&[400.0, -300.0, 200.0]);
+    state
+        .wheel_speeds_mut()
+        .copy_from_slice(&[400.0, -300.0, 200.0]);
     state.set_base(&mut workspace, &Pose::identity(), &Twist::ZERO);
     workspace.set_state(&state);
     let before = state.tree.momentum_W;
@@ -54,7 +56,10 @@ fn thrusters_take_the_momentum_of_the_wheels() {
             }),
         });
         loads.push(report.wheel_load.unwrap());
-        assert_eq!(report.is_unloading, ended.is_none() && report.wheel_load >= Some(0.1));
+        assert_eq!(
+            report.is_unloading,
+            ended.is_none() && report.wheel_load >= Some(0.1)
+        );
         if !report.is_unloading && ended.is_none() {
             ended = Some(k);
         }
@@ -84,11 +89,18 @@ fn thrusters_take_the_momentum_of_the_wheels() {
         largest.to_degrees(),
         workspace.wheel_momentum(&state)
     );
-    assert!(loads[ended] < 0.1 && loads[1499] < 0.15, "{:?}", loads[1499]);
+    assert!(
+        loads[ended] < 0.1 && loads[1499] < 0.15,
+        "{:?}",
+        loads[1499]
+    );
     assert!(largest < 0.1f64.to_radians(), "{largest}");
     // Momentum has changed by what the report says, but for what the base turned within a period.
     let change = state.tree.momentum_W.angular - before.angular;
-    assert!((change - expected).norm() < 2e-3 * expected.norm(), "{change} {expected}");
+    assert!(
+        (change - expected).norm() < 2e-3 * expected.norm(),
+        "{change} {expected}"
+    );
     // About 130 N m s at a lever of some 1 m in couples of two.
     assert!(impulse > 100.0 && impulse < 400.0, "{impulse}");
 }

@@ -29,7 +29,9 @@ impl Uncertainty {
     pub fn after_gap(&self, variance: f64) -> Self {
         let mut next = Self::of_bias(0.0);
         let bias = self.covariance.fixed_view::<3, 3>(3, 3) + Matrix3::identity() * variance;
-        next.covariance.fixed_view_mut::<3, 3>(3, 3).copy_from(&bias);
+        next.covariance
+            .fixed_view_mut::<3, 3>(3, 3)
+            .copy_from(&bias);
         next
     }
 }
@@ -56,8 +58,7 @@ impl Node {
         transition.fixed_view_mut::<3, 3>(0, 0).copy_from(&rotation);
         let of_bias = right_jacobian(&turn) * -dt;
         transition.fixed_view_mut::<3, 3>(0, 3).copy_from(&of_bias);
-        let mut covariance =
-            transition * self.uncertainty.covariance * transition.transpose();
+        let mut covariance = transition * self.uncertainty.covariance * transition.transpose();
         // Markley & Crassidis eq. (6.93), isotropic.
         let (v, u) = (
             errors.angle_random_walk.powi(2),
@@ -163,7 +164,9 @@ impl History {
 
     /// Index of the last node that is not after `stamp`.
     pub fn place(&self, stamp: Stamp) -> Option<usize> {
-        self.nodes.partition_point(|node| node.stamp <= stamp).checked_sub(1)
+        self.nodes
+            .partition_point(|node| node.stamp <= stamp)
+            .checked_sub(1)
     }
 
     pub fn node_mut(&mut self, at: usize) -> &mut Node {

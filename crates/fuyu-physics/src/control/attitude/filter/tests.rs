@@ -16,7 +16,11 @@ struct Motion {
 
 impl Motion {
     fn rate(t: f64) -> Vector3<f64> {
-        Vector3::new(0.03 * (0.3 * t).sin(), 0.02 * (0.5 * t).cos(), -0.01 + 0.02 * (0.2 * t).sin())
+        Vector3::new(
+            0.03 * (0.3 * t).sin(),
+            0.02 * (0.5 * t).cos(),
+            -0.01 + 0.02 * (0.2 * t).sin(),
+        )
     }
 
     fn advance_to(&mut self, time: f64) {
@@ -109,7 +113,9 @@ fn the_covariance_is_honest_from_the_start_to_the_steady_state() {
     for (latency, name) in [(0.0, "no latency"), (0.33, "latency .33 s")] {
         let first = mean_normalized(latency, GYRO, 3, 0);
         let later = mean_normalized(latency, GYRO, 60, 20);
-        println!("{name}: normalized squared error {first:.3} at first, {later:.3} later; 6 is right");
+        println!(
+            "{name}: normalized squared error {first:.3} at first, {later:.3} later; 6 is right"
+        );
         assert!((first - 6.0).abs() < 0.7, "{name}: {first}");
         assert!((later - 6.0).abs() < 0.4, "{name}: {later}");
     }
@@ -138,7 +144,9 @@ fn latency_changes_nothing_once_measurements_have_arrived() {
         motion.advance_to(time);
         let stamp = Stamp::from_secs_f64(time);
         for filter in &mut filters {
-            filter.add_gyro(stamp, Motion::rate(time) + Vector3::x() * 1e-3).unwrap();
+            filter
+                .add_gyro(stamp, Motion::rate(time) + Vector3::x() * 1e-3)
+                .unwrap();
         }
         if k % 10 == 0 {
             frames.push((stamp, motion.R_WB));
@@ -175,7 +183,9 @@ fn without_star_tracker_the_covariance_grows() {
     let started = filter.add_star_tracker(stamp(0.0), &UnitQuaternion::identity());
     assert_eq!(started, Ok(StarTrackerUse::Started));
     for k in 1..=1000 {
-        filter.add_gyro(stamp(f64::from(k) * 0.01), Vector3::zeros()).unwrap();
+        filter
+            .add_gyro(stamp(f64::from(k) * 0.01), Vector3::zeros())
+            .unwrap();
     }
     let estimate = filter.estimate(stamp(10.0)).unwrap();
     let expected = 1e-8 + 1e-6 * 100.0 + 1e-8 * 10.0 + 4e-10 * 1000.0 / 3.0;
@@ -215,32 +225,54 @@ fn gaps_restarts_order_and_wrong_values() {
     let one = UnitQuaternion::identity();
     assert!(filter.estimate(stamp(0.0)).is_none());
     // A measurement ahead of the gyro waits for it.
-    assert_eq!(filter.add_star_tracker(stamp(0.05), &one), Ok(StarTrackerUse::Waiting));
+    assert_eq!(
+        filter.add_star_tracker(stamp(0.05), &one),
+        Ok(StarTrackerUse::Waiting)
+    );
     assert_eq!(filter.add_gyro(stamp(0.0), Vector3::zeros()), Ok(None));
     assert!(!filter.estimate(stamp(0.0)).unwrap().attitude_known);
     let used = filter.add_gyro(stamp(0.1), Vector3::zeros());
     assert_eq!(used, Ok(Some(StarTrackerUse::Started)));
     // One that is not newer than the last, and one that is older than the history.
-    assert_eq!(filter.add_star_tracker(stamp(0.05), &one), Ok(StarTrackerUse::TooOld));
-    assert_eq!(filter.add_star_tracker(stamp(0.02), &one), Ok(StarTrackerUse::TooOld));
+    assert_eq!(
+        filter.add_star_tracker(stamp(0.05), &one),
+        Ok(StarTrackerUse::TooOld)
+    );
+    assert_eq!(
+        filter.add_star_tracker(stamp(0.02), &one),
+        Ok(StarTrackerUse::TooOld)
+    );
     // A gap loses the attitude, not the bias.
     filter.add_gyro(stamp(0.7), Vector3::zeros()).unwrap();
     let estimate = filter.estimate(stamp(0.7)).unwrap();
     assert!(!estimate.attitude_known && estimate.attitude_deviation() > 3.0);
     assert!(estimate.covariance[(3, 3)] < 1.1e-6);
-    assert_eq!(filter.add_star_tracker(stamp(0.3), &one), Ok(StarTrackerUse::TooOld));
-    assert_eq!(filter.add_star_tracker(stamp(0.7), &one), Ok(StarTrackerUse::Started));
+    assert_eq!(
+        filter.add_star_tracker(stamp(0.3), &one),
+        Ok(StarTrackerUse::TooOld)
+    );
+    assert_eq!(
+        filter.add_star_tracker(stamp(0.7), &one),
+        Ok(StarTrackerUse::Started)
+    );
     // Time that jumps back is another run.
     filter.add_gyro(stamp(0.2), Vector3::zeros()).unwrap();
     assert!(!filter.estimate(stamp(0.2)).unwrap().attitude_known);
     let error = filter.add_gyro(stamp(0.3), Vector3::new(0.0, f64::NAN, 0.0));
     let text = error.unwrap_err().to_string();
     assert_eq!(text, "angular_velocity.y is NaN; it must be finite");
-    let wrong = UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(f64::INFINITY, 0.0, 0.0, 0.0));
-    let text = filter.add_star_tracker(stamp(0.2), &wrong).unwrap_err().to_string();
+    let wrong =
+        UnitQuaternion::new_unchecked(nalgebra::Quaternion::new(f64::INFINITY, 0.0, 0.0, 0.0));
+    let text = filter
+        .add_star_tracker(stamp(0.2), &wrong)
+        .unwrap_err()
+        .to_string();
     assert_eq!(text, "quaternion.w is inf; it must be finite");
     let mut config = config;
     config.star_tracker_noise = 0.0;
     let text = AttitudeFilter::new(config).unwrap_err().to_string();
-    assert_eq!(text, "star_tracker_noise [rad] is 0; it must be positive and finite");
+    assert_eq!(
+        text,
+        "star_tracker_noise [rad] is 0; it must be positive and finite"
+    );
 }

@@ -71,7 +71,9 @@ fn check_definite(name: &str, gain: &Matrix3<f64>) -> Result<(), AttitudeConfigE
         let what = format!("largest difference of {name} from its transpose");
         return refuse(what, skew, "zero: the gain must be symmetric");
     }
-    let least = ((gain + gain.transpose()) * 0.5).symmetric_eigenvalues().min();
+    let least = ((gain + gain.transpose()) * 0.5)
+        .symmetric_eigenvalues()
+        .min();
     if least <= 0.0 {
         let what = format!("smallest eigenvalue of {name}");
         return refuse(what, least, "positive");
@@ -117,7 +119,10 @@ mod tests {
         let text = Dvdfb::diagonal([60.0; 3], [900.0, 0.0, 900.0]).unwrap_err();
         assert!(text.to_string().starts_with("smallest eigenvalue of D"));
         let text = Dvdfb::diagonal([60.0, f64::NAN, 60.0], [900.0; 3]).unwrap_err();
-        assert_eq!(text.to_string(), "P [N m/rad][1][1] is NaN; it must be finite");
+        assert_eq!(
+            text.to_string(),
+            "P [N m/rad][1][1] is NaN; it must be finite"
+        );
         assert!(Dvdfb::diagonal([0.0; 3], [900.0; 3]).is_ok());
     }
 }

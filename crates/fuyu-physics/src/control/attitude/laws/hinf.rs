@@ -105,7 +105,9 @@ impl DoubleLoopLaw {
                 .map_err(AttitudeConfigError::design(&what))?;
             axes.push(axis);
         }
-        let [x, y, z]: [Axis; 3] = axes.try_into().unwrap_or_else(|_| unreachable!("three axes"));
+        let [x, y, z]: [Axis; 3] = axes
+            .try_into()
+            .unwrap_or_else(|_| unreachable!("three axes"));
         Ok(Self {
             axes: [x, y, z],
             rate_gain: config.rate_gain,
@@ -142,9 +144,11 @@ impl Axis {
                     structures.push(plant.axis(axis)?);
                 }
                 let problem = config.problem(inertia, 1.0)?;
-                let grid = structures[0]
-                    .displacement_system()?
-                    .frequency_grid(5e-3 * config.frequency, 500.0 * config.frequency, 300)?;
+                let grid = structures[0].displacement_system()?.frequency_grid(
+                    5e-3 * config.frequency,
+                    500.0 * config.frequency,
+                    300,
+                )?;
                 let weight = config.weight(1.0)?;
                 1.1 * covering_gain(&structures, 0, &problem, &weight, &grid)?
             }

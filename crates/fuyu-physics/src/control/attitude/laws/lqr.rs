@@ -53,7 +53,8 @@ impl Lqr {
                 what: "the inertia".into(),
             })?;
             let (mut a, mut b) = (Matrix::zeros(6, 6), Matrix::zeros(6, 3));
-            a.view_mut((0, 3), (3, 3)).copy_from(&Matrix::identity(3, 3));
+            a.view_mut((0, 3), (3, 3))
+                .copy_from(&Matrix::identity(3, 3));
             b.view_mut((3, 0), (3, 3)).copy_from(&scaled);
             let c = Matrix::identity(6, 6);
             let plant = StateSpace::new(a, b, c, Matrix::zeros(6, 3))?.zero_order_hold(1.0)?;
@@ -87,7 +88,9 @@ impl AttitudeLaw for Lqr {
     }
 
     fn linear(&self) -> Result<StateSpace, LtiError> {
-        Ok(StateSpace::gain(Matrix::from_fn(3, 6, |i, j| self.gain[(i, j)])))
+        Ok(StateSpace::gain(Matrix::from_fn(3, 6, |i, j| {
+            self.gain[(i, j)]
+        })))
     }
 }
 
@@ -109,8 +112,16 @@ mod tests {
         for i in 0..3 {
             let p = weights.torque / weights.angle;
             let d = ((weights.torque / weights.rate).powi(2) + 2.0 * inertia[(i, i)] * p).sqrt();
-            assert!((law.gain()[(i, i)] / p - 1.0).abs() < 1e-3, "{}", law.gain());
-            assert!((law.gain()[(i, 3 + i)] / d - 1.0).abs() < 1e-3, "{}", law.gain());
+            assert!(
+                (law.gain()[(i, i)] / p - 1.0).abs() < 1e-3,
+                "{}",
+                law.gain()
+            );
+            assert!(
+                (law.gain()[(i, 3 + i)] / d - 1.0).abs() < 1e-3,
+                "{}",
+                law.gain()
+            );
         }
         // Axes that are not coupled stay so.
         let mut others = *law.gain();
@@ -124,7 +135,9 @@ mod tests {
     // The sampled cost of the closed loop, summed over samples: no small change of the gain lowers it.
     #[test]
     fn no_other_gain_costs_less() {
-        let inertia = Matrix3::new(2600.0, 150.0, -40.0, 150.0, 4600.0, 210.0, -40.0, 210.0, 6100.0);
+        let inertia = Matrix3::new(
+            2600.0, 150.0, -40.0, 150.0, 4600.0, 210.0, -40.0, 210.0, 6100.0,
+        );
         let weights = LqrWeights {
             angle: 0.01,
             rate: 0.002,
@@ -174,7 +187,12 @@ mod tests {
             rate: 0.0,
             torque: 2.0,
         };
-        let text = Lqr::new(&Matrix3::identity(), &weights, 0.1).unwrap_err().to_string();
-        assert_eq!(text, "lqr.rate [rad/s] is 0; it must be positive and finite");
+        let text = Lqr::new(&Matrix3::identity(), &weights, 0.1)
+            .unwrap_err()
+            .to_string();
+        assert_eq!(
+            text,
+            "lqr.rate [rad/s] is 0; it must be positive and finite"
+        );
     }
 }

@@ -35,7 +35,10 @@ impl NonNegative {
         self.passive.clear();
         self.blocked.fill(false);
         for _ in 0..3 * columns.len() + ROWS {
-            let residual = columns.iter().zip(&*x).fold(*b, |r, (column, x)| r - column * *x);
+            let residual = columns
+                .iter()
+                .zip(&*x)
+                .fold(*b, |r, (column, x)| r - column * *x);
             let candidates = (0..columns.len())
                 .filter(|j| !self.blocked[*j] && !self.passive.contains(j))
                 .map(|j| (j, columns[j].dot(&residual)));
@@ -123,8 +126,9 @@ mod tests {
             let mut solver = NonNegative::new(unknowns);
             let mut x = vec![0.0; unknowns];
             for _ in 0..200 {
-                let columns: Vec<Column> =
-                    (0..unknowns).map(|_| Column::from_fn(|_, _| number())).collect();
+                let columns: Vec<Column> = (0..unknowns)
+                    .map(|_| Column::from_fn(|_, _| number()))
+                    .collect();
                 let b = Column::from_fn(|_, _| number());
                 solver.solve(&columns, &b, &mut x);
                 let residual = columns.iter().zip(&x).fold(b, |r, (c, x)| r - c * *x);
@@ -132,7 +136,10 @@ mod tests {
                     let gradient = column.dot(&residual);
                     assert!(*x >= 0.0);
                     assert!(gradient < 1e-9, "{unknowns}: {gradient:e}");
-                    assert!(*x == 0.0 || gradient.abs() < 1e-9, "{unknowns}: {gradient:e}");
+                    assert!(
+                        *x == 0.0 || gradient.abs() < 1e-9,
+                        "{unknowns}: {gradient:e}"
+                    );
                 }
             }
         }

@@ -53,7 +53,10 @@ fn a_torque_is_given_by_couples() {
         Vector3::new(1e-6, 0.0, -2e-6),
     ] {
         let given = allocator.allocate(&wanted, &Vector3::zeros());
-        assert!((given.torque - wanted).norm() < 1e-9 * wanted.norm(), "{given:?}");
+        assert!(
+            (given.torque - wanted).norm() < 1e-9 * wanted.norm(),
+            "{given:?}"
+        );
         assert!(given.force.norm() < 1e-3 * wanted.norm(), "{given:?}");
         let total: f64 = allocator.on_times().iter().sum();
         let least = wanted.abs().sum() / 5.0;
@@ -106,15 +109,23 @@ fn short_pulses_are_collected() {
 #[test]
 fn thrusters_that_cannot_do_are_refused() {
     let one_sided: Vec<_> = twelve().into_iter().take(10).collect();
-    let text = ThrusterAllocator::new(&system(0.0, &one_sided), 0.1).unwrap_err().to_string();
+    let text = ThrusterAllocator::new(&system(0.0, &one_sided), 0.1)
+        .unwrap_err()
+        .to_string();
     assert!(
         text.starts_with("the thrusters give no torque of ") && text.ends_with("every direction"),
         "{text}"
     );
-    let text = ThrusterAllocator::new(&system(0.2, &twelve()), 0.1).unwrap_err().to_string();
+    let text = ThrusterAllocator::new(&system(0.2, &twelve()), 0.1)
+        .unwrap_err()
+        .to_string();
     assert_eq!(
         text,
         "thruster t0, min_on_time [s] is 0.2; it must be at most the control period"
     );
-    assert!(ThrusterAllocator::new(&system(0.0, &[]), 0.1).unwrap().is_none());
+    assert!(
+        ThrusterAllocator::new(&system(0.0, &[]), 0.1)
+            .unwrap()
+            .is_none()
+    );
 }
