@@ -62,8 +62,8 @@ fn the_arm_momentum_is_that_of_its_bodies() {
     }
 }
 
-/// Largest turn of the base \[rad\] within 30 s while the arm is driven as in the fixture of the hold, and at the end the
-/// momentum of the wheels, that of the arm and that of everything.
+/// Largest turn of the base \[rad\] within 30 s while the arm is driven as in the fixture of the hold, and at the end
+/// the momentum of the wheels, that of the arm and that of everything.
 fn turn_while_the_arm_moves(feed_forward: bool) -> (f64, Vector3<f64>, Vector3<f64>) {
     let system = servicer_with_wheels_of(0.0, 20.0);
     let mut state = FlexibleState::at_rest_with(&system, &DVector::from_row_slice(&POSTURES[1].1));
@@ -105,9 +105,9 @@ fn turn_while_the_arm_moves(feed_forward: bool) -> (f64, Vector3<f64>, Vector3<f
     (largest, workspace.wheel_momentum(&state), arm)
 }
 
-// The law alone lets the base turn until its feedback balances the arm. With feed-forward little is left: what the arm's
-// accelerations change within a period, and the panels. At the end the wheels have what the arm has, with the opposite
-// sign, up to the momentum of the base's slow rotation.
+// The law alone lets the base turn until its feedback balances the arm. With feed-forward little is left: what the
+// arm's accelerations change within a period, and the panels. At the end the wheels have what the arm has, with the
+// opposite sign, up to the momentum of the base's slow rotation.
 #[test]
 fn feed_forward_keeps_the_base_still() {
     let (alone, _, _) = turn_while_the_arm_moves(false);

@@ -40,8 +40,8 @@ struct Outcome {
     samples: usize,
 }
 
-/// The tip follows a goal that moves 1.2 m in 40 s, with rest at both ends, and stands still for another 20 s. The arm's
-/// controller is the same for either base: it sees tip and goal by a camera on the base, and a gyro.
+/// The tip follows a goal that moves 1.2 m in 40 s, with rest at both ends, and stands still for another 20 s. The
+/// arm's controller is the same for either base: it sees tip and goal by a camera on the base, and a gyro.
 fn run(base: Base) -> Outcome {
     let model = servicer();
     let system = servicer_with_wheels_and_thrusters();
