@@ -14,17 +14,16 @@ use crate::structures::{Appendage, StructureError, frequencies_hz};
 /// Vibration of the robot of a scenario: frequencies, damping, participation, transmission zeros
 ///
 /// Prints the modes of each appendage with its root held, the frequencies of the robot with its base free and its
-/// joints and wheels locked, the transmission zeros from three torques on the base to its attitude, and the poles with the
-/// attitude law, if the scenario has one. Participation is the
-/// force and torque that a mode exerts on its root for a unit acceleration of its coordinate, about the attachment in the
-/// appendage's axes.
+/// joints and wheels locked, the transmission zeros from three torques on the base to its attitude, and the poles with
+/// the attitude law, if the scenario has one. Participation is the force and torque that a mode exerts on its root for
+/// a unit acceleration of its coordinate, about the attachment in the appendage's axes.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Scenario: a ROS 2 parameter file
     #[arg(value_name = "SCENARIO")]
     scenario: String,
-    /// Joint positions [rad or m]: 0.5,-1,0 for all joints, or elbow=0.5,wrist=-1 for some and zero for the others; default:
-    /// those of the scenario
+    /// Joint positions [rad or m]: 0.5,-1,0 for all joints, or elbow=0.5,wrist=-1 for some and zero for the others;
+    /// default: those of the scenario
     #[arg(long, value_name = "A,B,.. or NAME=A,..", allow_hyphen_values = true)]
     q: Option<JointValues>,
     /// One JSON object on stdout
@@ -41,8 +40,8 @@ struct Report {
     frequencies: Vec<f64>,
     /// From three torques on the base to its attitude \[Hz\], ascending.
     zeros: Vec<f64>,
-    /// Of the attitude loop with the law of the scenario, in continuous time, with joints locked: real and imaginary part
-    /// \[rad/s\].
+    /// Of the attitude loop with the law of the scenario, in continuous time, with joints locked: real and imaginary
+    /// part \[rad/s\].
     #[serde(skip_serializing_if = "Option::is_none")]
     poles: Option<Vec<[f64; 2]>>,
 }

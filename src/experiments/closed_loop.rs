@@ -28,9 +28,10 @@ use crate::{
 };
 
 /// The closed loop of a scenario: what its nodes do over topics, in one thread and in the order of a graph in lockstep.
-/// Each state is shown to the camera, the control loop answers with the frames delivered so far, and its efforts are held
-/// until the next state. If the scenario has a teleop node, a simulated operator steers. Without camera, controller and
-/// teleop it is a free motion under springs and dampers. There is no estimator: the control loop gets no goal rates.
+/// Each state is shown to the camera, the control loop answers with the frames delivered so far, and its efforts are
+/// held until the next state. If the scenario has a teleop node, a simulated operator steers. Without camera,
+/// controller and teleop it is a free motion under springs and dampers. There is no estimator: the control loop gets no
+/// goal rates.
 pub struct ClosedLoop {
     /// The plant.
     pub world: World,

@@ -50,8 +50,8 @@ fn free() -> (&'static str, &'static str) {
     (&CONFIG[start..end], "")
 }
 
-// Every law holds the base within some hundredths of a degree, with a gyro whose bias alone would turn it by 1.8 deg in 60 s.
-// Left free, it turns by degrees.
+// Every law holds the base within some hundredths of a degree, with a gyro whose bias alone would turn it by 1.8 deg in
+// 60 s. Left free, it turns by degrees.
 #[test]
 fn every_law_holds_the_base_while_the_tip_goes_to_its_goal() {
     let free = json(&run("simulate", &[free()], &["--json"]));

@@ -232,8 +232,8 @@ impl AttitudeLoop {
         self.controller.as_ref().map_or(&[], |c| c.wheel_torques())
     }
 
-    /// On-times that the last call of [`AttitudeLoop::step`] commands \[s\]; `None` if it was not a step, or thrusters are
-    /// not used.
+    /// On-times that the last call of [`AttitudeLoop::step`] commands \[s\]; `None` if it was not a step, or thrusters
+    /// are not used.
     pub fn on_times(&self) -> Option<&[f64]> {
         let on_times = self.controller.as_ref()?.on_times();
         (self.has_stepped && !on_times.is_empty()).then_some(on_times)

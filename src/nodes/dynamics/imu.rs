@@ -72,8 +72,8 @@ impl ImuParams {
     }
 }
 
-/// What the unit measures now. It does not measure orientation. No gravity and no contact force acts on the base, so the
-/// accelerometer's reading is the acceleration of the base frame's origin.
+/// What the unit measures now. It does not measure orientation. No gravity and no contact force acts on the base, so
+/// the accelerometer's reading is the acceleration of the base frame's origin.
 ///
 /// The noise depends on the seed and on the number of the state only, so a state that is published twice has one
 /// measurement.
@@ -161,6 +161,8 @@ mod tests {
         let mut world = world(ImuParams {
             gyro_noise: 1e-3,
             accelerometer_noise: 0.1,
+            gyro_bias: Vector3::zeros(),
+            gyro_bias_walk: 0.0,
             seed: 7,
         });
         let mut squares = [0.0; 2];

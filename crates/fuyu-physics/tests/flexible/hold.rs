@@ -24,8 +24,8 @@ struct Held {
     worst: [f64; 4],
 }
 
-/// Direct feedback without feed-forward holds an attitude 1 deg about y away while the arm is driven by `scale` times the
-/// usual efforts. Torques are held for .1 s. Compares with samples each second, if there are any.
+/// Direct feedback without feed-forward holds an attitude 1 deg about y away while the arm is driven by `scale` times
+/// the usual efforts. Torques are held for .1 s. Compares with samples each second, if there are any.
 fn hold(max_torque: f64, scale: f64, expected: &Value) -> Held {
     let target = AttitudeTarget::fixed(reference());
     let system = servicer_with_wheels_of(0.0, max_torque);
@@ -103,9 +103,9 @@ fn wheels_hold_the_attitude_while_the_arm_moves() {
     assert_eq!(held.saturated, [0, 0, 0]);
 }
 
-// Wheels of 1 N m and an arm that moves twice as fast: most samples are at the limit. The final error and the numbers of
-// samples are of the same independent program. A limit that keeps the torque's direction, or takes other wheels instead,
-// ends elsewhere.
+// Wheels of 1 N m and an arm that moves twice as fast: most samples are at the limit. The final error and the numbers
+// of samples are of the same independent program. A limit that keeps the torque's direction, or takes other wheels
+// instead, ends elsewhere.
 #[test]
 fn saturated_wheels_hold_as_well_as_they_can() {
     let held = hold(1.0, 0.6, &Value::Null);

@@ -216,7 +216,8 @@ fn a_joint_of_a_closed_loop_is_driven_to_a_position_and_held() {
     let (mut open, mut beyond) = (0.0f64, 0.0f64);
     for _ in 0..3000 {
         world.step_to_tick_or_restore().unwrap();
-        let gaps = world.robot.loops().gaps(world.robot.workspace());
+        let robot = world.robot.rigid().expect("a rigid robot");
+        let gaps = robot.loops().gaps(robot.workspace());
         open = gaps.fold(open, |most, (_, gap)| {
             most.max(gap.translation.max(gap.rotation))
         });

@@ -68,7 +68,8 @@ pub struct AttitudeReport {
     pub outliers: u64,
 }
 
-/// Attitude control with its inputs: filter, law, feed-forward, allocation and desaturation. A step allocates no memory.
+/// Attitude control with its inputs: filter, law, feed-forward, allocation and desaturation. A step allocates no
+/// memory.
 ///
 /// Samples arrive one by one, late, or not at all; a step uses the newest of each. The node and the simulation run this
 /// same step, at times that they choose.

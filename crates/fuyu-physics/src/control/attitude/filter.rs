@@ -19,8 +19,8 @@ pub struct AttitudeFilterConfig {
     pub gyro: GyroErrors,
     /// Standard deviation of each component of the star tracker's error \[rad\].
     pub star_tracker_noise: f64,
-    /// Longest time between two gyro samples that is bridged \[s\]. After a longer one the attitude is unknown until the
-    /// next measurement of the star tracker.
+    /// Longest time between two gyro samples that is bridged \[s\]. After a longer one the attitude is unknown until
+    /// the next measurement of the star tracker.
     pub longest_gap: f64,
     /// Largest normalized squared innovation that is accepted. It has three degrees of freedom: above 30 are 1.4e-6 of
     /// correct measurements.
@@ -95,13 +95,13 @@ pub enum StarTrackerUse {
 }
 
 /// Multiplicative extended Kalman filter with the bias of the gyro as state (E. J. Lefferts, F. L. Markley and M. D.
-/// Shuster, "Kalman filtering for spacecraft attitude estimation", J. Guidance 5, 1982; the form with errors in base axes
-/// is that of F. L. Markley and J. L. Crassidis, Fundamentals of Spacecraft Attitude Determination and Control, 2014,
-/// section 6.2).
+/// Shuster, "Kalman filtering for spacecraft attitude estimation", J. Guidance 5, 1982; the form with errors in base
+/// axes is that of F. L. Markley and J. L. Crassidis, Fundamentals of Spacecraft Attitude Determination and Control,
+/// 2014, section 6.2).
 ///
-/// The gyro is integrated, and the star tracker corrects. A late measurement corrects the estimate of its own time, in a
-/// history of the last [`AttitudeFilter::HISTORY`] gyro samples, from which the gyro is integrated again: latency costs
-/// no accuracy but that of the wait. No call allocates memory.
+/// The gyro is integrated, and the star tracker corrects. A late measurement corrects the estimate of its own time, in
+/// a history of the last [`AttitudeFilter::HISTORY`] gyro samples, from which the gyro is integrated again: latency
+/// costs no accuracy but that of the wait. No call allocates memory.
 #[derive(Debug, Clone)]
 pub struct AttitudeFilter {
     config: AttitudeFilterConfig,
@@ -164,8 +164,8 @@ impl AttitudeFilter {
         self.last_used
     }
 
-    /// Adds a gyro sample, base axes \[rad/s\]. One with an earlier stamp than the last starts another run; an equal stamp
-    /// is ignored. Returns what became of a measurement of the star tracker that waited for it.
+    /// Adds a gyro sample, base axes \[rad/s\]. One with an earlier stamp than the last starts another run; an equal
+    /// stamp is ignored. Returns what became of a measurement of the star tracker that waited for it.
     ///
     /// # Errors
     /// A value that is not finite; it is not added.

@@ -12,11 +12,11 @@ use super::error::require_not_negative;
 /// `n_v` and `n_u`.
 #[derive(Debug, Clone, Copy, PartialEq, Default)]
 pub struct GyroErrors {
-    /// Angle random walk: square root of the spectral density of `n_v` \[rad/s^½\]. A standard deviation σ of samples every
-    /// T seconds is `σ √T`.
+    /// Angle random walk: square root of the spectral density of `n_v` \[rad/s^½\]. A standard deviation σ of samples
+    /// every T seconds is `σ √T`.
     pub angle_random_walk: f64,
-    /// Rate random walk: square root of the spectral density of `n_u` \[rad/s^³⁄²\]. It stands for what data sheets call
-    /// bias instability.
+    /// Rate random walk: square root of the spectral density of `n_u` \[rad/s^³⁄²\]. It stands for what data sheets
+    /// call bias instability.
     pub rate_random_walk: f64,
     /// Standard deviation of each component of the bias at the start \[rad/s\].
     pub initial_bias: f64,

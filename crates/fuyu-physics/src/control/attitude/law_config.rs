@@ -17,8 +17,8 @@ pub enum AttitudeLawConfig {
 }
 
 impl AttitudeLawConfig {
-    /// The law for torques held for `period` \[s\]. It is designed for the first of `plants`; the double loop covers the
-    /// model error of all.
+    /// The law for torques held for `period` \[s\]. It is designed for the first of `plants`; the double loop covers
+    /// the model error of all.
     ///
     /// # Errors
     /// As the constructors of the laws.

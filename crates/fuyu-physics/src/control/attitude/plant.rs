@@ -6,8 +6,8 @@ use nalgebra::{DVector, Matrix3};
 use super::{AttitudeConfigError, AttitudeLaw};
 use crate::dynamics::flexible::{FlexibleSystem, LinearModel};
 
-/// Linear model of a robot with locked joints at one posture, undeformed and at rest, from torques of wheels on the base
-/// to small rotations of the base (base axes) and their rates.
+/// Linear model of a robot with locked joints at one posture, undeformed and at rest, from torques of wheels on the
+/// base to small rotations of the base (base axes) and their rates.
 ///
 /// The translation follows from zero momentum, and the wheels turn freely under their motors, so their axial inertia is
 /// not part of the plant. Sensors and actuators are at the same place, as Kida 1993 section 4.2 requires.
@@ -104,8 +104,8 @@ impl AttitudePlant {
             .map_err(AttitudeConfigError::design("closed loop of the attitude"))
     }
 
-    /// Spectral radius of the sampled closed loop: torques are held for `period` \[s\] and act `delay` \[s\] late. It is
-    /// stable below 1.
+    /// Spectral radius of the sampled closed loop: torques are held for `period` \[s\] and act `delay` \[s\] late. It
+    /// is stable below 1.
     ///
     /// # Errors
     /// [`AttitudeConfigError::Design`] for a period or delay out of its range.

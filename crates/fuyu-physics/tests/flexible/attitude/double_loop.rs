@@ -58,8 +58,8 @@ fn the_design_is_the_independent_one() {
     );
 }
 
-// The law on the robot in posture B, sampled at 50 Hz, about y while the other attitudes follow freely: the step response
-// of the continuous loop in the fixture. The overshoot is right within .05 points.
+// The law on the robot in posture B, sampled at 50 Hz, about y while the other attitudes follow freely: the step
+// response of the continuous loop in the fixture. The overshoot is right within .05 points.
 #[test]
 fn the_step_response_on_the_robot_is_the_independent_one() {
     let want = &lti_fixture("flexible_hinf")["DVFB+Hinf"];

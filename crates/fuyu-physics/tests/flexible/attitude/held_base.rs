@@ -40,8 +40,8 @@ struct Outcome {
     samples: usize,
 }
 
-/// The tip follows a goal that moves 1.2 m in 40 s, with rest at both ends, and stands still for another 20 s. The arm's
-/// controller is the same for either base: it sees tip and goal by a camera on the base, and a gyro.
+/// The tip follows a goal that moves 1.2 m in 40 s, with rest at both ends, and stands still for another 20 s. The
+/// arm's controller is the same for either base: it sees tip and goal by a camera on the base, and a gyro.
 fn run(base: Base) -> Outcome {
     let model = servicer();
     let system = servicer_with_wheels_and_thrusters();
@@ -176,5 +176,6 @@ fn wheels_hold_the_base_while_the_tip_tracks() {
     // The wheels take what the arm has; it gives it back when it stops, so no thruster has to fire.
     assert!(held.wheels[0] > 5.0 && held.wheels[0] < 10.0);
     assert_eq!([free.impulse, held.impulse, feedback.impulse], [0.0; 3]);
-    assert_eq!(free.wheels, [0.0; 2]);
+    // Its wheels turn freely, and stay behind the base by what their inertia is.
+    assert!(free.wheels[0] < 2e-3 && free.wheels[1] == 0.0);
 }

@@ -105,9 +105,9 @@ fn mean_normalized(latency: f64, said: GyroErrors, seconds: usize, skip: usize) 
     sum / count as f64
 }
 
-// 150 runs: the mean over independent runs at one time has the standard deviation sqrt(12 / 150) = .28, and the mean over
-// correlated seconds less. A filter that ignores latency, or has a wrong sign in the coupling of bias and attitude, is off
-// by an order of magnitude.
+// 150 runs: the mean over independent runs at one time has the standard deviation sqrt(12 / 150) = .28, and the mean
+// over correlated seconds less. A filter that ignores latency, or has a wrong sign in the coupling of bias and
+// attitude, is off by an order of magnitude.
 #[test]
 fn the_covariance_is_honest_from_the_start_to_the_steady_state() {
     for (latency, name) in [(0.0, "no latency"), (0.33, "latency .33 s")] {

@@ -9,8 +9,8 @@ use crate::control::attitude::{
     AttitudeConfigError, AttitudeDeviation, AttitudeLaw, AttitudePlant,
 };
 
-/// Design of a [`DoubleLoopLaw`] (Kida 1993 section 4.4.1): mixed sensitivity for the rigid model `1/(J s² + D s)` of each
-/// axis, with the weight `k s² / (s² + 2.8 w0 s + 4 w0²)` on the complementary sensitivity.
+/// Design of a [`DoubleLoopLaw`] (Kida 1993 section 4.4.1): mixed sensitivity for the rigid model `1/(J s² + D s)` of
+/// each axis, with the weight `k s² / (s² + 2.8 w0 s + 4 w0²)` on the complementary sensitivity.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct DoubleLoopConfig {
     /// D, the inner rate feedback \[N m s/rad\].
@@ -82,8 +82,8 @@ struct Axis {
 }
 
 impl DoubleLoopLaw {
-    /// For torques held for `period` \[s\]. The inertia is that of the first of `plants`; the weight covers the error of
-    /// all of them, so give the plants of the postures that occur.
+    /// For torques held for `period` \[s\]. The inertia is that of the first of `plants`; the weight covers the error
+    /// of all of them, so give the plants of the postures that occur.
     ///
     /// # Errors
     /// [`AttitudeConfigError`] for a setting out of its range, and if no controller exists.

@@ -42,7 +42,8 @@ fn twelve() -> Vec<([f64; 3], [f64; 3])> {
     all
 }
 
-// Couples exist, so the torque comes without a net force, and with the least propellant: each couple has a lever of 2 m.
+// Couples exist, so the torque comes without a net force, and with the least propellant: each couple has a lever of 2
+// m.
 #[test]
 fn a_torque_is_given_by_couples() {
     let system = system(0.0, &twelve());
