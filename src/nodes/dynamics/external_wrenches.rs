@@ -260,7 +260,10 @@ fn on_body(wrench: &ExternalWrench, state: &State, workspace: &Workspace) -> Wre
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::dynamics::{Floating, IntegrationMethod, State};
+    use crate::{
+        dynamics::{Floating, IntegrationMethod, State},
+        nodes::dynamics::FreeBody as _,
+    };
     use nalgebra::UnitQuaternion;
 
     fn robot() -> Robot {
