@@ -285,7 +285,9 @@ impl Scenario {
             .param(USE_SIM_TIME, false, "Take the time from /clock")
             .value();
         let declared = declare(&mut declaring);
-        declaring.finish().map_err(|e| self.with_place(&e.to_string()))?;
+        declaring
+            .finish()
+            .map_err(|e| self.with_place(&e.to_string()))?;
         declared.map_err(|e| format!("{}: node {name}: {e}", self.path.display()))
     }
 
