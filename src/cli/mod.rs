@@ -170,6 +170,14 @@ fn positive(text: &str) -> Result<f64, String> {
     }
 }
 
+/// A number that is zero or above.
+fn not_negative(text: &str) -> Result<f64, String> {
+    match text.parse::<f64>() {
+        Ok(x) if x >= 0.0 && x.is_finite() => Ok(x),
+        _ => Err("give a number that is not negative".to_owned()),
+    }
+}
+
 /// A positive duration in seconds.
 fn positive_seconds(text: &str) -> Result<f64, String> {
     match text.parse::<f64>() {

@@ -14,12 +14,12 @@ use crate::{
         sensor_msgs::{CameraInfo, Imu},
     },
     nodes::{
-        estimator::StaticRotations,
-        features::{feature_frame_from_msg, pinhole_from_msg},
+        estimator::{StaticRotations, variance_of},
+        features::{camera_from_msg, feature_frame_from_msg},
         geometry::vector_from_msg,
     },
     ros::Time,
-    vision::{FeatureFrame, Pinhole},
+    vision::{Distortion, FeatureFrame, Pinhole},
 };
 
 const FEATURES: &str = "/camera/features";
@@ -61,6 +61,8 @@ pub(super) fn read(path: &Path) -> Result<ObservedTracks, String> {
             Ok(ObservedTracks {
                 tracks: tracks.map_err(|e| at(format!("{namespace}{FEATURES}: {e}")))?,
                 camera: robot.camera,
+                distortion: robot.distortion,
+                gyro_noise: robot.gyro_noise(),
                 w_WC_C: rates,
             })
         }
@@ -73,6 +75,9 @@ struct Recorded {
     frames: Vec<FeatureFrame>,
     camera_frame: String,
     camera: Option<Pinhole>,
+    distortion: Option<Distortion>,
+    /// Variance of a sample of the gyro \[rad²/s²\], where known.
+    gyro_variance: Option<f64>,
     /// Angular velocity of the inertial measurement unit in its own axes, over time.
     gyro: Vec<(f64, Vector3<f64>)>,
     gyro_frame: String,
@@ -92,7 +97,8 @@ const TOPICS: [(&str, Take); 3] = [
         Ok(())
     }),
     ("/camera/camera_info", |robot, message| {
-        robot.camera = Some(pinhole_from_msg(&decode::<CameraInfo>(message)?)?);
+        let (camera, lens) = camera_from_msg(&decode::<CameraInfo>(message)?)?;
+        (robot.camera, robot.distortion) = (Some(camera), lens);
         Ok(())
     }),
     ("/imu", |robot, message| {
@@ -105,12 +111,20 @@ const TOPICS: [(&str, Take); 3] = [
         if robot.gyro.last().is_none_or(|(last, _)| *last < time) {
             robot.gyro.push((time, w));
         }
+        robot.gyro_variance = variance_of(&imu.angular_velocity_covariance);
         robot.gyro_frame = imu.header.frame_id;
         Ok(())
     }),
 ];
 
 impl Recorded {
+    /// Random walk of the integrated gyro: the samples' deviation times the root of their interval \[rad/√s\].
+    fn gyro_noise(&self) -> Option<f64> {
+        let (first, last) = (self.gyro.first()?, self.gyro.last()?);
+        let interval = (last.0 - first.0) / self.gyro.len().saturating_sub(1).max(1) as f64;
+        Some((self.gyro_variance? * interval).sqrt())
+    }
+
     /// Angular velocity of the camera in its own axes over time; empty unless a gyro was recorded and the camera is fixed
     /// to it.
     fn camera_rates(&self, frames: &StaticRotations) -> Vec<(f64, Vector3<f64>)> {

@@ -12,7 +12,7 @@ mod observer;
 mod params;
 mod solver;
 
-pub use camera_attitude::StaticRotations;
+pub use camera_attitude::{StaticRotations, variance_of};
 pub use params::EstimatorParams;
 
 use std::time::{Duration, Instant};

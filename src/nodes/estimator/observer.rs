@@ -12,10 +12,16 @@ use super::{
 use std::time::Instant;
 
 use crate::{
-    estimation::{BatchSolution, GYRO_GAP, MotionTracker, TrackLoss, Tracks, bundle},
-    nodes::{camera::CAMERA_FRAME, features::pinhole_from_msg},
+    estimation::{
+        BatchSolution, GYRO_GAP, MotionTracker, TrackLoss, Tracks,
+        bundle::{self, Widths},
+    },
+    nodes::{
+        camera::CAMERA_FRAME,
+        features::{camera_from_msg, rectified},
+    },
     ros::{Node, Status, Time},
-    vision::{FeatureFrame, Pinhole},
+    vision::{Distortion, FeatureFrame, Pinhole},
 };
 
 /// Number of frame intervals without a frame after which the motion is extrapolated.
@@ -32,6 +38,7 @@ const LONGEST_PAUSE: f64 = 10.0;
 pub struct Observer {
     params: EstimatorParams,
     camera: Option<Pinhole>,
+    lens: Option<Distortion>,
     /// Name of the camera's optical frame.
     pub camera_frame: String,
     attitude: CameraAttitude,
@@ -69,6 +76,7 @@ impl Observer {
         motion_status.warn("not estimated yet: no frames");
         Self {
             camera: params.camera,
+            lens: None,
             camera_frame: CAMERA_FRAME.to_owned(),
             attitude: CameraAttitude::default(),
             gyro_restarts: 0,
@@ -96,8 +104,8 @@ impl Observer {
         if let Some(received) = topics.camera_info.latest()
             && self.params.camera.is_none()
         {
-            match pinhole_from_msg(&received.message) {
-                Ok(camera) => self.camera = Some(camera),
+            match camera_from_msg(&received.message) {
+                Ok((camera, lens)) => (self.camera, self.lens) = (Some(camera), lens),
                 Err(problem) => {
                     let topic = topics.camera_info.topic();
                     self.camera_status.error(format!("{topic}: {problem}"));
@@ -160,6 +168,10 @@ impl Observer {
 
     /// Adds a frame that arrived at `now` to the queue for [`Observer::update_motion`].
     pub fn queue_frame(&mut self, frame: FeatureFrame, now: Instant) {
+        let frame = match &self.camera {
+            Some(camera) => rectified(frame, camera, self.lens.as_ref()),
+            None => frame,
+        };
         self.queue.push(frame, now);
     }
 
@@ -335,7 +347,11 @@ impl Observer {
             camera,
             options: bundle::Options {
                 pixel_noise: self.params.pixel_noise,
-                estimate_focal_length: self.params.estimate_focal_length,
+                widths: Widths {
+                    gyro_noise: (self.attitude.gyro_noise())
+                        .unwrap_or(self.params.widths.gyro_noise),
+                    ..self.params.widths
+                },
                 camera_motion: self.attitude.gyro.motion(),
                 ..bundle::Options::default()
             },

@@ -2,6 +2,7 @@
 
 use nalgebra::UnitQuaternion;
 
+use super::change_detector::ChangeDetector;
 use super::{
     Estimated, EstimationMethod, MotionEstimate,
     filter::{Filter, Update},
@@ -69,6 +70,7 @@ pub struct MotionTracker {
     /// Number of frames that fitted, including those of earlier solutions.
     fits: u32,
     misfits: Misfits,
+    changes: ChangeDetector,
 }
 
 /// Why the track of the motion was lost.
@@ -110,7 +112,9 @@ impl MotionTracker {
             last: None,
             fits: 0,
             misfits: Misfits::default(),
+            changes: ChangeDetector::new(0.0),
         };
+        tracker.changes = ChangeDetector::new(tracker.batch.span.1);
         for (frame, R_IC) in later {
             tracker.update(frame, &R_IC);
         }
@@ -131,7 +135,13 @@ impl MotionTracker {
         }
         if self.misfits.count == 0 {
             next.fits = next.fits.saturating_add(self.fits);
+        } else if next.misfits.count > 0 {
+            // The new solution does not fit the newest frames either: go on counting.
+            next.misfits.since = next.misfits.since.min(self.misfits.since);
+            next.misfits.count = next.misfits.count.max(self.misfits.count);
+            next.fits = next.fits.max(self.fits);
         }
+        next.changes.inherit(&self.changes);
         next.R_BF = next.motion.attitude(time).inverse() * self.motion.attitude(time) * self.R_BF;
         next
     }
@@ -168,7 +178,9 @@ impl MotionTracker {
         if 2 * update.used >= known {
             self.misfits.count = 0;
             self.fits = self.fits.saturating_add(1);
-            return None;
+            let changed = self.changes.add(frame.time, &update.innovation)?;
+            return (self.fits >= FITS_FOR_CONFIRMATION)
+                .then_some(TrackLoss::MotionChanged(changed));
         }
         if self.misfits.count == 0 {
             self.misfits.since = frame.time;

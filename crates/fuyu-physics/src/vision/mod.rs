@@ -1,6 +1,7 @@
 //! Cameras on the moving base: pose measurements of tip and goal, feature tracks of a body, and how accurate they are.
 
 mod delay_line;
+mod distortion;
 mod exposure_schedule;
 mod feature_camera;
 mod feature_frame;
@@ -9,6 +10,7 @@ mod pinhole;
 mod pixel_noise;
 mod pose_camera;
 
+pub use distortion::{Distortion, DistortionError};
 pub use feature_camera::{BodyPoint, FeatureCamera, FeatureCameraConfig};
 pub use feature_frame::{Feature, FeatureFrame};
 pub use pinhole::{Pinhole, PinholeError};

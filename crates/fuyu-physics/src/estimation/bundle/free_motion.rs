@@ -121,6 +121,21 @@ impl FreeMotion {
         self.inertia.cholesky().map_or(h, |c| c.solve(&h))
     }
 
+    /// Derivative of the inertia's shape by a rotation of the body, in the axes before the rotation.
+    pub fn shape_by_turn(&self) -> SMatrix<f64, 5, 3> {
+        let basis = shape_basis();
+        SMatrix::from_fn(|k, j| {
+            let turn = Vector3::ith(j, 1.0).cross_matrix();
+            basis[k].dot(&(turn * self.inertia - self.inertia * turn))
+        })
+    }
+
+    /// Derivative of the rotation at a time with sensitivity `S` by a rotation of the body at the reference time, both in
+    /// body axes. A body that starts rotated by θ moves like one with its inertia rotated by θ, then rotated.
+    pub fn turn_by_turn(&self, S: &Sensitivity) -> Matrix3<f64> {
+        Matrix3::identity() + S.fixed_columns::<5>(0) * self.shape_by_turn()
+    }
+
     /// Attitudes at `times` (ascending).
     pub fn attitudes(&self, times: &[f64]) -> Vec<UnitQuaternion<f64>> {
         let mut out = Vec::with_capacity(times.len());

@@ -234,6 +234,14 @@ impl FreeRotation {
         }
     }
 
+    /// The principal axes in the axes B, by rows, in the thesis's order. `None` if they are not known.
+    pub fn principal_axes(&self) -> Option<Matrix3<f64>> {
+        match &self.solution {
+            Solution::Periodic { .. } => Some(*self.R_SB.to_rotation_matrix().matrix()),
+            _ => None,
+        }
+    }
+
     /// The kind of solution.
     pub fn kind(&self) -> SolutionKind {
         match &self.solution {
