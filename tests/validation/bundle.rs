@@ -260,10 +260,7 @@ fn a_focal_length_that_is_off_is_found_or_at_least_suspected() {
     options.widths.radial = 0.0;
     let trusting = estimate(&tracks, &wrong, &options).unwrap();
     assert!(
-        trusting
-            .diagnosis
-            .iter()
-            .any(|d| d.contains("distort")),
+        trusting.diagnosis.iter().any(|d| d.contains("distort")),
         "{:?}",
         trusting.diagnosis
     );

@@ -284,8 +284,8 @@ impl Observer {
         let Some(snapshot) = self.snapshot(time) else {
             return;
         };
-        topics.motion.publish(&snapshot.motion());
         let (horizon, rate) = (self.params.horizon, self.params.prediction_rate);
+        topics.motion.publish(&snapshot.motion(horizon, rate));
         topics
             .prediction
             .publish(&snapshot.prediction(horizon, rate));

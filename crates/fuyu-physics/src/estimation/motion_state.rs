@@ -1,8 +1,10 @@
 //! State of a tumbling body at one time with its covariance: what batch and filter hand on.
 
 use nalgebra::{Matrix3, Matrix4, SMatrix, SVector, UnitQuaternion, Vector3};
+use rand::{RngExt, SeedableRng, rngs::StdRng};
+use rand_distr::StandardNormal;
 
-use super::bundle::{FreeMotion, PARAMETERS, derivatives, responses, shape_times};
+use super::bundle::{FreeMotion, PARAMETERS, derivatives, responses, shape_of, shape_times};
 use super::free_body::FreeRotation;
 use crate::spatial::exp_so3;
 
@@ -21,6 +23,26 @@ const NODE_TURN: f64 = 0.25;
 
 /// Largest number of nodes.
 const MAX_NODES: f64 = 400.0;
+
+/// Standard deviation of a rotation above which its error is not linear in that of the state \[rad\].
+const LINEAR: f64 = 0.12;
+
+/// Number of pairs of random states, and the seed of their generator.
+const DRAWS: usize = 60;
+const SEED: u64 = 20;
+
+/// Part of a sampled spread that is taken to be in all directions.
+const ISOTROPIC: f64 = 0.15;
+
+/// Error states.
+type StateVector = SVector<f64, STATES>;
+
+/// A square root of a covariance, which may be singular.
+fn square_root(covariance: &StateCovariance) -> StateCovariance {
+    let eigen = covariance.symmetric_eigen();
+    let roots = eigen.eigenvalues.map(|v| v.max(0.0).sqrt());
+    eigen.eigenvectors * StateCovariance::from_diagonal(&roots)
+}
 
 /// Random walks that disturb a free rotation.
 #[derive(Debug, Clone, Copy, PartialEq)]
@@ -105,15 +127,92 @@ impl MotionState {
     /// Covariances of the rotations between the state's time and ascending `times` after it \[s\], if they are computed from
     /// the motion: of the rotation vector of the error in inertial axes \[rad²\], where `estimate = exp(error) truth`. Torques go
     /// on acting: the acceleration, whose effect the motion does not contain, counts as an error.
+    ///
+    /// The covariance is that of the linearised motion while that is small; where it is not, it is the mean square of the
+    /// errors of random states, each of which moves by Euler's equations.
     pub fn turn_covariances(&self, times: &[f64]) -> Vec<Matrix3<f64>> {
         let before = SMatrix::<f64, 3, STATES>::identity();
         let each = self.rotations_by_state(times).into_iter().zip(times);
-        each.map(|((R, X), t)| self.spread(&R, &(X - before), *t))
-            .collect()
+        let mut covariances: Vec<Matrix3<f64>> = each
+            .map(|((R, X), t)| self.spread(&R, &(X - before), *t))
+            .collect();
+        let is_large = |c: &Matrix3<f64>| !(c.trace() < LINEAR * LINEAR);
+        let Some(first) = covariances.iter().position(is_large) else {
+            return covariances;
+        };
+        if let Some(sampled) = self.sampled_spreads(&times[first..]) {
+            for (covariance, sampled) in covariances[first..].iter_mut().zip(sampled) {
+                *covariance = sampled;
+            }
+        }
+        covariances
+    }
+
+    /// Mean squares of the errors of random states' rotations, by time.
+    fn sampled_spreads(&self, times: &[f64]) -> Option<Vec<Matrix3<f64>>> {
+        let nominal = self.motion.attitudes(times);
+        let start = self.motion.R_WB;
+        let factor = square_root(&self.covariance);
+        let mut rng = StdRng::seed_from_u64(SEED);
+        let mut sums = vec![Matrix3::zeros(); times.len()];
+        let mut count = 0.0;
+        for _ in 0..DRAWS {
+            let unit = StateVector::from_fn(|_, _| rng.sample::<f64, _>(StandardNormal));
+            let step = factor * unit;
+            for step in [step, -step] {
+                let Some(motion) = self.disturbed(&step) else {
+                    continue;
+                };
+                let attitudes = motion.attitudes(times);
+                for (sum, (R, nominal)) in sums.iter_mut().zip(attitudes.iter().zip(&nominal)) {
+                    // The rotation since the state's time of the estimate, relative to that of the sample.
+                    let turn = (nominal * start.inverse()) * (R * motion.R_WB.inverse()).inverse();
+                    let error = turn.scaled_axis();
+                    *sum += error * error.transpose();
+                }
+                count += 1.0;
+            }
+        }
+        // Samples say nothing about rare errors: a part of the spread is taken to be in all directions.
+        let widened = |sum: Matrix3<f64>| {
+            let mean = sum / f64::max(count, 1.0);
+            mean + Matrix3::identity() * (ISOTROPIC * mean.trace() / 3.0)
+        };
+        (count > 0.0).then(|| sums.into_iter().map(widened).collect())
+    }
+
+    /// The motion of a state that differs by `step`. The angular velocity changes to first order with the step, so that an
+    /// uncertain inertia does not make it uncertain; the momentum follows.
+    fn disturbed(&self, step: &StateVector) -> Option<FreeMotion> {
+        let (w, slope) = self.angular_velocity_slope();
+        let w_W = w + slope * step;
+        let shape = shape_of(&self.motion.inertia) + step.fixed_rows::<5>(3);
+        let R_WB = self.motion.R_WB * exp_so3(&step.fixed_rows::<3>(0).into_owned());
+        // No body has some of the shapes: such a sample is moved towards the estimate.
+        let nominal = shape_of(&self.motion.inertia);
+        let mut possible = None;
+        for part in [1.0, 0.7, 0.4, 0.0] {
+            let shape = nominal + (shape - nominal) * part;
+            let inertia = FreeMotion::new(&shape, self.motion.momentum, self.motion.time, R_WB);
+            if let Some(found) = inertia {
+                possible = Some(found);
+                break;
+            }
+        }
+        let motion = possible?;
+        let w_B = R_WB.inverse_transform_vector(&w_W);
+        Some(FreeMotion {
+            momentum: R_WB * (motion.inertia * w_B),
+            ..motion
+        })
     }
 
     /// The same for the rotation from one time to another \[s\].
     pub fn covariance_between(&self, from: f64, to: f64) -> Matrix3<f64> {
+        if from == self.motion.time && to > from {
+            let only = self.turn_covariances(&[to]);
+            return only.into_iter().sum();
+        }
         let (R, X) = self.rotation_by_state(to);
         let before = self.rotation_by_state(from).1;
         self.spread(&R, &(X - before), to)
@@ -138,13 +237,19 @@ impl MotionState {
 
     /// Angular velocity in inertial axes \[rad/s\], and its covariance.
     pub fn angular_velocity(&self) -> (Vector3<f64>, Matrix3<f64>) {
+        let (w, slope) = self.angular_velocity_slope();
+        (w, slope * self.covariance * slope.transpose())
+    }
+
+    /// Angular velocity in inertial axes \[rad/s\], and its derivatives by the states.
+    fn angular_velocity_slope(&self) -> (Vector3<f64>, SMatrix<f64, 3, STATES>) {
         let R = *self.motion.R_WB.to_rotation_matrix().matrix();
         let w = self.motion.w_WB_B(&self.motion.R_WB);
+        let mut slope = SMatrix::<f64, 3, STATES>::zeros();
         let Some(inverse) = self.motion.inertia.try_inverse() else {
-            return (R * w, Matrix3::zeros());
+            return (R * w, slope);
         };
         let h = R.tr_mul(&self.motion.momentum);
-        let mut slope = SMatrix::<f64, 3, STATES>::zeros();
         let by_turn = R * (inverse * h.cross_matrix() - w.cross_matrix());
         slope.fixed_columns_mut::<3>(0).copy_from(&by_turn);
         slope
@@ -153,7 +258,7 @@ impl MotionState {
         slope
             .fixed_columns_mut::<3>(8)
             .copy_from(&(R * inverse * R.transpose()));
-        (R * w, slope * self.covariance * slope.transpose())
+        (R * w, slope)
     }
 
     /// Covariance of the attitude \[rad²\], as a rotation in inertial axes.

@@ -1,10 +1,10 @@
 //! Motion tracker: the current motion from frame to frame, from the last batch solution and a filter that continues it.
 
-use nalgebra::UnitQuaternion;
+use nalgebra::{UnitQuaternion, Vector3};
 
 use super::change_detector::ChangeDetector;
 use super::{
-    Estimated, EstimationMethod, MotionEstimate,
+    Disturbance, Estimated, EstimationMethod, MotionEstimate, MotionState,
     filter::{Filter, Update},
 };
 use crate::vision::FeatureFrame;
@@ -198,6 +198,29 @@ impl MotionTracker {
         &self.motion
     }
 
+    /// The state with its covariance, propagated to `time` \[s\]; `None` if the method has none.
+    pub fn state(&self, time: f64) -> Option<MotionState> {
+        let known = match &self.filter {
+            Some(filter) => Some(filter.state()),
+            None => self.batch.estimated.state.as_ref(),
+        };
+        let mut state = known?.clone();
+        if time > state.motion.time {
+            state.predict(time, &Disturbance::NONE);
+        }
+        Some(state)
+    }
+
+    /// Position of the body's origin at `time` \[s\] in camera axes, in the unit of the batch solution: that of the centre of
+    /// mass, if its path is known, else that in the last frame. `None` if the method has none.
+    pub fn position(&self, time: f64) -> Option<Vector3<f64>> {
+        let solution = self.batch.estimated.solution.as_ref()?;
+        match &solution.centre {
+            Some(centre) => Some(centre.position + centre.velocity * (time - self.batch.span.1)),
+            None => solution.poses.last().map(|pose| pose.t_C),
+        }
+    }
+
     /// Rotation from the persistent body axes F to the body axes of [`MotionTracker::motion`].
     pub fn R_BF(&self) -> UnitQuaternion<f64> {
         self.R_BF
@@ -246,7 +269,7 @@ mod tests {
         spatial::Pose,
         vision::{BodyPoint, Feature, FeatureCamera, FeatureCameraConfig, Pinhole},
     };
-    use nalgebra::{Matrix3, Translation3, Vector3};
+    use nalgebra::{Matrix3, Translation3};
 
     fn truth() -> FreeRotation {
         let inertia = Matrix3::from_diagonal(&Vector3::new(7.0, 4.0, 3.0));
