@@ -53,7 +53,11 @@ fn motions_of_chapter_3_are_predicted() {
     for (resolution, limit) in [(1024, 0.005), (256, 0.02)] {
         for (e, s_alpha) in MOTIONS {
             let motion = chapter_3(e, s_alpha);
-            let phi = phi(&View::chapter_3(resolution), &motion, &Options::default());
+            let phi = phi(
+                &View::chapter_3(resolution),
+                &motion,
+                &Options::undisturbed(),
+            );
             assert!(
                 phi < limit,
                 "{resolution} px, e {e}, s_alpha {s_alpha}: {phi}"
@@ -82,7 +86,7 @@ fn of_all<R: Send>(work: impl Fn(f64, f64) -> R + Sync) -> Vec<R> {
 fn every_motion_of_chapter_3_is_predicted() {
     for (resolution, limit) in [(1024, 0.01), (256, 0.05)] {
         let view = View::chapter_3(resolution);
-        let all = of_all(|e, s_alpha| phi(&view, &chapter_3(e, s_alpha), &Options::default()));
+        let all = of_all(|e, s_alpha| phi(&view, &chapter_3(e, s_alpha), &Options::undisturbed()));
         let largest = all.iter().copied().fold(0.0, f64::max);
         let above: Vec<_> = grid()
             .into_iter()
@@ -182,7 +186,7 @@ fn tracks_of_a_few_frames_give_the_motion_through_relative_rotations() {
 #[test]
 fn a_body_that_is_not_on_one_orbit_is_known_by_its_last_part() {
     let (view, motion) = (View::chapter_3(1024), chapter_3(0.65, 0.0));
-    let solution = solve(&view, &motion, &Options::default());
+    let solution = solve(&view, &motion, &Options::undisturbed());
     let said = |d: &String| d.contains("were left out");
     assert!(
         solution.diagnosis.iter().any(said),
@@ -206,7 +210,7 @@ fn from_half_a_minute(e: f64, s_alpha: f64) -> Predicted {
         ..View::chapter_3(1024)
     };
     let motion = chapter_3(e, s_alpha);
-    let solution = solve(&view, &motion, &Options::default());
+    let solution = solve(&view, &motion, &Options::undisturbed());
     let phi = prediction_errors(&motion, 30.0, |t| solution.motion.attitude(t)).1;
     let spread = solution.turn_covariance(30.0, 60.0).trace();
     (phi, spread.sqrt().to_degrees())

@@ -266,7 +266,7 @@ fn by_bundle(truth: &FreeRotation, condition: Condition<'_>) -> Cell {
     };
     let tracks = chapter::tracks(truth, resolution, points);
     let camera = chapter::camera(resolution);
-    match bundle::estimate(&tracks, &camera, &bundle::Options::default()) {
+    match bundle::estimate(&tracks, &camera, &bundle::Options::undisturbed()) {
         Err(_) => Cell::NONE,
         Ok(solution) => Cell {
             model: Some(solution.motion.model()),

@@ -126,6 +126,16 @@ impl Default for Options {
     }
 }
 
+impl Options {
+    /// Options for a free rotation before a camera whose calibration is exact, as in a simulation.
+    pub fn undisturbed() -> Self {
+        Self {
+            widths: Widths::NONE,
+            ..Self::default()
+        }
+    }
+}
+
 /// A feature point on the body.
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct BodyPoint {

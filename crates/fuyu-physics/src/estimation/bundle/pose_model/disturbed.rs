@@ -59,6 +59,20 @@ pub struct Widths {
     pub radial: f64,
 }
 
+impl Widths {
+    /// Nothing disturbs a free rotation before a camera whose calibration is exact, as in a simulation.
+    pub const NONE: Self = Self {
+        acceleration: 0.0,
+        correlation_time: 300.0,
+        path: 0.0,
+        gyro_noise: 0.0,
+        gyro_bias: 0.0,
+        focal: 0.0,
+        centre: 0.0,
+        radial: 0.0,
+    };
+}
+
 impl Default for Widths {
     /// A tracked body in low Earth orbit, before a calibrated camera. Gravity gradient turns a body of moments `A < B` by
     /// `1.5 n² (B - A) / I`, 1e-6 rad/s² for a body that is as slender as most; drag and outgassing are of the same order. The relative
