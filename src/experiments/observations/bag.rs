@@ -57,12 +57,13 @@ pub(super) fn read(path: &Path) -> Result<ObservedTracks, String> {
         ))),
         (Some((namespace, robot)), None) => {
             let rates = robot.camera_rates(&frames);
+            let gyro_noise = robot.gyro_noise();
             let tracks = Tracks::new(robot.frames);
             Ok(ObservedTracks {
                 tracks: tracks.map_err(|e| at(format!("{namespace}{FEATURES}: {e}")))?,
                 camera: robot.camera,
                 distortion: robot.distortion,
-                gyro_noise: robot.gyro_noise(),
+                gyro_noise,
                 w_WC_C: rates,
             })
         }

@@ -31,8 +31,10 @@ const LINEAR: f64 = 0.12;
 const DRAWS: usize = 60;
 const SEED: u64 = 20;
 
-/// Part of a sampled spread that is taken to be in all directions.
+/// Part of a sampled spread that is taken to be in all directions: for a small one, and more per radian of its deviation, as
+/// rotations in different directions mix.
 const ISOTROPIC: f64 = 0.15;
+const ISOTROPIC_PER_RADIAN: f64 = 0.6;
 
 /// Error states.
 type StateVector = SVector<f64, STATES>;
@@ -176,7 +178,8 @@ impl MotionState {
         // Samples say nothing about rare errors: a part of the spread is taken to be in all directions.
         let widened = |sum: Matrix3<f64>| {
             let mean = sum / f64::max(count, 1.0);
-            mean + Matrix3::identity() * (ISOTROPIC * mean.trace() / 3.0)
+            let share = ISOTROPIC + ISOTROPIC_PER_RADIAN * mean.trace().sqrt().min(1.0);
+            mean + Matrix3::identity() * (share * mean.trace() / 3.0)
         };
         (count > 0.0).then(|| sums.into_iter().map(widened).collect())
     }

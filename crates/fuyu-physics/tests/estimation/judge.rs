@@ -80,6 +80,25 @@ pub fn heading() {
     );
 }
 
+/// A few problems of some categories. Fails if covariances are too small by half, or most problems are refused.
+#[test]
+fn errors_are_within_their_covariances() {
+    heading();
+    for (category, name, _) in Category::ALL {
+        let few = [
+            Category::WholePixels,
+            Category::FocalLength,
+            Category::Torque,
+        ];
+        if few.contains(&category) {
+            let verdict = judge(category, name, 4, false);
+            assert!(verdict.beyond_5 == 0 && verdict.beyond_3 <= 1, "{name}");
+            assert!(verdict.solved + 1 >= 4 && verdict.refused <= 1, "{name}");
+            assert!(verdict.median > 0.2 && verdict.seconds.0 < 60.0, "{name}");
+        }
+    }
+}
+
 /// `FUYU_JUDGE=24 FUYU_CATEGORY=gyro cargo test ... judged -- --ignored --nocapture`.
 #[test]
 #[ignore = "minutes"]

@@ -188,6 +188,7 @@ impl Study {
                 Ok(truth) => match method {
                     EstimationMethod::Masutani1995 => by_thesis(&truth, condition),
                     EstimationMethod::Bundle => by_bundle(&truth, condition),
+                    EstimationMethod::MaximumLikelihood => Cell::NONE,
                 },
             };
             bar.inc(1);

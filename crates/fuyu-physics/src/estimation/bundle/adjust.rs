@@ -3,6 +3,8 @@
 //! Levenberg-Marquardt with a [`PixelLikelihood`] for each image point and a weak prior on depths. A [`PoseModel`]
 //! gives the poses: one independent pose per frame, or attitudes from a motion model.
 
+use std::ops::Range;
+
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
 use super::intrinsics::INTRINSICS;
@@ -175,6 +177,16 @@ fn linearise<const L: usize, const G: usize, M: PoseModel<L, G>>(
         let R = *R_CB.to_rotation_matrix().matrix();
         let pose = motion.pose_by_common(i);
         let common_by_pose = pose.transpose();
+        // Most common unknowns act either on rotation or on position.
+        let spans: [Range<usize>; 6] = std::array::from_fn(|k| {
+            let column = &common_by_pose.as_slice()[k * G..(k + 1) * G];
+            let first = column.iter().position(|x| *x != 0.0).unwrap_or(G);
+            first
+                ..column
+                    .iter()
+                    .rposition(|x| *x != 0.0)
+                    .map_or(G, |last| last + 1)
+        });
         let mut H = SMatrix::<f64, FRAME, FRAME>::zeros();
         let mut g = SVector::<f64, FRAME>::zeros();
         for observation in scene.frame(i).iter().filter(|s| s.inlier) {
@@ -229,7 +241,8 @@ fn linearise<const L: usize, const G: usize, M: PoseModel<L, G>>(
             let H_gp = system.with_common(observation.point);
             for (b, column) in H_gp.as_mut_slice().chunks_exact_mut(G).enumerate() {
                 for (k, common) in common_by_pose.as_slice().chunks_exact(G).enumerate() {
-                    for (sum, part) in column.iter_mut().zip(common) {
+                    let span = spans[k].clone();
+                    for (sum, part) in column[span.clone()].iter_mut().zip(&common[span]) {
                         *sum += part * H_fp[(k, b)];
                     }
                 }
