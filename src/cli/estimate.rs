@@ -22,8 +22,9 @@ use crate::{
 ///
 /// INPUT is a bag with `camera/features`, or a CSV table whose first line names its columns: t,id,u,v (feature
 /// tracks: s, a whole number, px with pixel centres at integers) or t,wx,wy,wz (angular velocity in the camera's
-/// axes: s, rad/s). All results are in the camera's axes at the last frame. What disturbs a free rotation before a calibrated
-/// camera (torques, errors of gyro and calibration) is estimated as well, with the prior widths that the options give.
+/// axes: s, rad/s). All results are in the camera's axes at the last frame. What disturbs a free rotation before a
+/// calibrated camera (torques, errors of gyro and calibration) is estimated as well, with the prior widths that the
+/// options give.
 #[derive(Debug, clap::Args)]
 pub struct Args {
     /// Bag (folder or .mcap file) or CSV file

@@ -106,8 +106,8 @@ fn no_ros_args() -> Failure {
     Failure::Input(text.to_owned())
 }
 
-/// Reads and compiles a robot description: a path, or `package://PACKAGE/PATH`, which is also searched for in `packages`.
-/// Repairs are warnings on stderr; with `strict`, errors.
+/// Reads and compiles a robot description: a path, or `package://PACKAGE/PATH`, which is also searched for in
+/// `packages`. Repairs are warnings on stderr; with `strict`, errors.
 fn read_model(path: &Path, packages: &[PathBuf], strict: bool) -> Result<Model, Failure> {
     let name = path.to_str().ok_or_else(|| {
         let path = path.display();

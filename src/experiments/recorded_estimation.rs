@@ -54,7 +54,8 @@ pub struct RecordedMotion {
     pub momentum_direction: Vector3<f64>,
     /// Angular velocity in camera axes at that time \[rad/s\].
     pub w_C: Vector3<f64>,
-    /// Times \[ns\] and standard deviations of the predicted rotations since the stamp, root sum square of the axes \[rad\].
+    /// Times \[ns\] and standard deviations of the predicted rotations since the stamp, root sum square of the axes
+    /// \[rad\].
     pub deviations: Vec<(i64, f64)>,
 }
 

@@ -137,7 +137,8 @@ fn motion_and_prediction_are_estimated_from_tracks() {
         let t = entry["t"].as_f64().unwrap();
         assert!((t - 60.0 - 0.1 * k as f64).abs() < 1e-9, "{t}");
     }
-    // The body turns by 0.04 rad in a tenth of a second: if successive quaternions differ by more, the sign has changed.
+    // The body turns by 0.04 rad in a tenth of a second: if successive quaternions differ by more, the sign has
+    // changed.
     let q: Vec<_> = prediction.iter().map(|p| numbers(&p["q"])).collect();
     for pair in q.windows(2) {
         let dot: f64 = pair[0].iter().zip(&pair[1]).map(|(a, b)| a * b).sum();

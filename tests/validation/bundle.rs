@@ -1,5 +1,5 @@
-//! Bundle adjustment on chapter 3's motions and on disturbed tracks. Limits are those that the method must keep over all
-//! motions, so single ones do better.
+//! Bundle adjustment on chapter 3's motions and on disturbed tracks. Limits are those that the method must keep over
+//! all motions, so single ones do better.
 
 use fuyu::estimation::bundle::{CameraMotion, Options, Solution, estimate};
 use fuyu::estimation::{EstimateError, Feature, FeatureFrame, MotionModel, Tracks};
@@ -181,8 +181,8 @@ fn tracks_of_a_few_frames_give_the_motion_through_relative_rotations() {
     assert!(phi < 0.2, "{phi}");
 }
 
-/// On the separatrix rounding errors decide when the simulated body turns over, so no single torque-free motion fits all
-/// frames. The solution uses the last part, which one motion fits, and reports which frames were left out.
+/// On the separatrix rounding errors decide when the simulated body turns over, so no single torque-free motion fits
+/// all frames. The solution uses the last part, which one motion fits, and reports which frames were left out.
 #[test]
 fn a_body_that_is_not_on_one_orbit_is_known_by_its_last_part() {
     let (view, motion) = (View::chapter_3(1024), chapter_3(0.65, 0.0));

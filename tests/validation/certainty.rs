@@ -149,9 +149,9 @@ fn a_short_turn_seen_from_afar_is_known_or_refused() {
     assert!(solved >= 16, "{solved} of 24");
 }
 
-/// Two radians are not a short rotation. But from a distance of eight radii, with the far side hidden, an adjustment from
-/// a single initial guess may give a motion whose prediction over another half of the observation is wrong by 80 degrees,
-/// with a standard deviation of 3 degrees.
+/// Two radians are not a short rotation. But from a distance of eight radii, with the far side hidden, an adjustment
+/// from a single initial guess may give a motion whose prediction over another half of the observation is wrong by 80
+/// degrees, with a standard deviation of 3 degrees.
 #[test]
 fn two_radians_seen_from_afar_are_known_or_refused() {
     let (mut solved, mut off) = (0, Vec::new());

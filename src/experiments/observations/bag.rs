@@ -1,5 +1,5 @@
-//! Observations from a bag: `camera/features` with the camera's calibration, and the base's gyro with the mounting of the
-//! camera.
+//! Observations from a bag: `camera/features` with the camera's calibration, and the base's gyro with the mounting of
+//! the camera.
 
 use std::{collections::BTreeMap, path::Path};
 
@@ -126,8 +126,8 @@ impl Recorded {
         Some((self.gyro_variance? * interval).sqrt())
     }
 
-    /// Angular velocity of the camera in its own axes over time; empty unless a gyro was recorded and the camera is fixed
-    /// to it.
+    /// Angular velocity of the camera in its own axes over time; empty unless a gyro was recorded and the camera is
+    /// fixed to it.
     fn camera_rates(&self, frames: &StaticRotations) -> Vec<(f64, Vector3<f64>)> {
         let Some(R_IC) = frames.rotation(&self.gyro_frame, &self.camera_frame) else {
             return Vec::new();

@@ -32,8 +32,8 @@ impl CameraAttitude {
         self.mounts.take(message)
     }
 
-    /// Random walk of the integrated gyro: the samples' deviation times the root of their interval \[rad/√s\]. `None` if the
-    /// messages do not give the deviation.
+    /// Random walk of the integrated gyro: the samples' deviation times the root of their interval \[rad/√s\]. `None`
+    /// if the messages do not give the deviation.
     pub fn gyro_noise(&self) -> Option<f64> {
         let (_, interval) = self.last?;
         let noise = (self.variance? * interval).sqrt();
@@ -67,8 +67,8 @@ impl CameraAttitude {
     }
 }
 
-/// Variance of one component of a gyro's sample \[rad²/s²\] from the covariance of a message, row by row: the mean of the
-/// diagonal. `None` if it is unknown: all zero, or -1 first, as `sensor_msgs/Imu` says.
+/// Variance of one component of a gyro's sample \[rad²/s²\] from the covariance of a message, row by row: the mean of
+/// the diagonal. `None` if it is unknown: all zero, or -1 first, as `sensor_msgs/Imu` says.
 pub fn variance_of(covariance: &[f64; 9]) -> Option<f64> {
     let mean = (covariance[0] + covariance[4] + covariance[8]) / 3.0;
     (covariance[0] >= 0.0 && mean.is_finite() && mean > 0.0).then_some(mean)

@@ -99,9 +99,9 @@ impl Snapshot<'_> {
         }
     }
 
-    /// `estimator/prediction`: attitudes of F from this time on over `horizon` \[s\], at `rate` \[Hz\], in the camera's axes
-    /// at this time. Positions are those of the centre of mass, in units of its depth when the batch began; zero for a method
-    /// without positions.
+    /// `estimator/prediction`: attitudes of F from this time on over `horizon` \[s\], at `rate` \[Hz\], in the
+    /// camera's axes at this time. Positions are those of the centre of mass, in units of its depth when the batch
+    /// began; zero for a method without positions.
     pub fn prediction(&self, horizon: f64, rate: f64) -> nav_msgs::Path {
         let steps = (horizon * rate + 1e-9).floor() as u32;
         let time = |k: u32| self.time + f64::from(k) / rate;

@@ -258,8 +258,8 @@ impl Observer {
         self.reset_reason = Some(why.to_owned());
     }
 
-    /// Publishes the angular velocity at `time` \[s\], and the motion if that is due. Nothing is published for a time before
-    /// that of an earlier message: the extrapolation goes beyond the frames that arrive after it.
+    /// Publishes the angular velocity at `time` \[s\], and the motion if that is due. Nothing is published for a time
+    /// before that of an earlier message: the extrapolation goes beyond the frames that arrive after it.
     fn publish(&mut self, time: f64, topics: &Topics) {
         if self.tracker.is_some() && !self.published.advance(time) {
             return;
@@ -301,8 +301,8 @@ impl Observer {
         })
     }
 
-    /// Publishes the extrapolated motion while no frames arrive, until the end of the last prediction. `now` is the node's
-    /// time.
+    /// Publishes the extrapolated motion while no frames arrive, until the end of the last prediction. `now` is the
+    /// node's time.
     pub fn coast(&mut self, now: Time, topics: &Topics) {
         let (Some((stamp, arrived)), Some(published_at)) = (self.newest, self.published_at) else {
             return;
@@ -316,8 +316,9 @@ impl Observer {
         }
     }
 
-    /// Submits the frames of the window to the solver, if it is idle and a batch is due: after every solve period, which
-    /// grows with the time that a batch takes, and once frames have stopped, so that the last batch has them all.
+    /// Submits the frames of the window to the solver, if it is idle and a batch is due: after every solve period,
+    /// which grows with the time that a batch takes, and once frames have stopped, so that the last batch has them
+    /// all.
     pub fn solve(&mut self, now: Time) {
         let (Some(camera), Some((_, newest))) = (self.camera, self.tracks.span()) else {
             return;

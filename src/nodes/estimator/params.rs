@@ -16,8 +16,8 @@ pub struct EstimatorParams {
     pub window: f64,
     /// Time between the starts of two batch solutions \[s\].
     pub solve_period: f64,
-    /// Largest share of a core for batch solutions: the next one starts when the last one's duration is this share of the
-    /// time \[s\] between the two.
+    /// Largest share of a core for batch solutions: the next one starts when the last one's duration is this share of
+    /// the time \[s\] between the two.
     pub solver_share: f64,
     /// Whether a filter corrects the last batch solution by every frame.
     pub filter: bool,

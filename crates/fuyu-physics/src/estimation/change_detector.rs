@@ -1,10 +1,10 @@
 //! Detection of a change of the motion from the innovations of the filter.
 //!
-//! Two tests, both on innovations with unit covariance. Page's cumulative sum of their squares detects large changes within some
-//! frames. An exponentially weighted mean detects small ones: after a push the attitude drifts away from the prediction in
-//! a direction that stays, while noise changes its sign from frame to frame. Errors of the body's structure are the same
-//! from frame to frame, too; so both tests are relative to the level that the innovations have had while nothing
-//! happened.
+//! Two tests, both on innovations with unit covariance. Page's cumulative sum of their squares detects large changes
+//! within some frames. An exponentially weighted mean detects small ones: after a push the attitude drifts away from
+//! the prediction in a direction that stays, while noise changes its sign from frame to frame. Errors of the body's
+//! structure are the same from frame to frame, too; so both tests are relative to the level that the innovations have
+//! had while nothing happened.
 
 use nalgebra::Vector3;
 
@@ -14,8 +14,8 @@ const ALLOWANCE: f64 = 1.0;
 /// The cumulative sum at which the motion has changed.
 const SUM_LIMIT: f64 = 25.0;
 
-/// Weight of a frame in the mean, and the square of the mean over its variance at which the motion has changed. A chi-squared
-/// variable of three degrees of freedom exceeds it with a probability of 1e-9.
+/// Weight of a frame in the mean, and the square of the mean over its variance at which the motion has changed. A
+/// chi-squared variable of three degrees of freedom exceeds it with a probability of 1e-9.
 const WEIGHT: f64 = 0.08;
 const MEAN_LIMIT: f64 = 45.0;
 
@@ -55,8 +55,8 @@ impl ChangeDetector {
         }
     }
 
-    /// Adds the innovation of a frame, with unit covariance and in inertial axes. Returns the time since which the motion is
-    /// another one, if it is.
+    /// Adds the innovation of a frame, with unit covariance and in inertial axes. Returns the time since which the
+    /// motion is another one, if it is.
     pub fn add(&mut self, time: f64, innovation: &Vector3<f64>) -> Option<f64> {
         self.frames = self.frames.saturating_add(1);
         let square = innovation.norm_squared() / 3.0;
@@ -81,8 +81,8 @@ impl ChangeDetector {
         None
     }
 
-    /// Takes over what another detector, of the same frames with an earlier solution, knows: a change that is about to be
-    /// detected must not be forgotten.
+    /// Takes over what another detector, of the same frames with an earlier solution, knows: a change that is about
+    /// to be detected must not be forgotten.
     pub fn inherit(&mut self, before: &Self) {
         self.frames = self.frames.max(before.frames);
         self.level = self.level.max(before.level);

@@ -1,9 +1,9 @@
 //! Recursive filter between batch solutions: an error-state Kalman filter of attitude, momentum and inertia.
 //!
 //! It starts from a batch [`Solution`] only, because its linearisation is not valid far from the truth. Its state
-//! ([`MotionState`]) are the constants of torque-free motion, momentum (inertial axes) and inertia ratios, the attitude, and
-//! the angular acceleration due to torques. The body's position in a frame is solved from that frame and
-//! discarded, as in the batch; the structure is that of the batch.
+//! ([`MotionState`]) are the constants of torque-free motion, momentum (inertial axes) and inertia ratios, the
+//! attitude, and the angular acceleration due to torques. The body's position in a frame is solved from that frame
+//! and discarded, as in the batch; the structure is that of the batch.
 
 use std::collections::HashMap;
 
@@ -45,7 +45,8 @@ pub struct Update {
     pub unknown: usize,
     /// Root mean square of the residual components after the update \[px\].
     pub rms: f64,
-    /// Difference of the attitude from the predicted one, with unit covariance, inertial axes. Zero if no point was used.
+    /// Difference of the attitude from the predicted one, with unit covariance, inertial axes. Zero if no point was
+    /// used.
     pub innovation: Vector3<f64>,
 }
 
@@ -100,9 +101,9 @@ impl Filter {
         self.state.angular_velocity()
     }
 
-    /// Standard deviation of the rotation over the next `span` seconds \[rad\], root sum square of the three axes. The
-    /// error of the current attitude counts only through its effect on the future motion. The value is conservative, since
-    /// the common error of the points counts as an error of the attitude.
+    /// Standard deviation of the rotation over the next `span` seconds \[rad\], root sum square of the three axes.
+    /// The error of the current attitude counts only through its effect on the future motion. The value is
+    /// conservative, since the common error of the points counts as an error of the attitude.
     pub fn prediction_deviation(&self, span: f64) -> f64 {
         let then = self.state.motion.time + span;
         let spread = self.state.turn_covariances(&[then]);
@@ -114,8 +115,8 @@ impl Filter {
             .sqrt()
     }
 
-    /// The motion as an estimate, with the model of the batch and the residual of the last frame that was used. `None` if
-    /// the state is not a rotation.
+    /// The motion as an estimate, with the model of the batch and the residual of the last frame that was used.
+    /// `None` if the state is not a rotation.
     pub fn estimate(&self) -> Option<MotionEstimate> {
         let rotation = self.state.rotation()?;
         let covariance = rotation

@@ -64,8 +64,8 @@ pub struct Estimated {
     pub method: EstimationMethod,
     /// The motion, in inertial axes I: those of [`CameraMotion`], or the camera's if that is fixed.
     pub motion: MotionEstimate,
-    /// Angular velocities over time in I \[rad/s\]: the fitted ones at each frame (bundle adjustment), or those measured
-    /// between frames (Masutani 1995).
+    /// Angular velocities over time in I \[rad/s\]: the fitted ones at each frame (bundle adjustment), or those
+    /// measured between frames (Masutani 1995).
     pub w_IB_I: Vec<Rate>,
     /// Full result of bundle adjustment; `None` for the other method.
     pub solution: Option<bundle::Solution>,
@@ -203,8 +203,8 @@ fn derotated(
 }
 
 impl Estimated {
-    /// Attitude `R_CB` and angular velocity `w_IB_C` \[rad/s\] of the body at `time` \[s\], in the axes C of a camera with
-    /// attitude `R_IC`.
+    /// Attitude `R_CB` and angular velocity `w_IB_C` \[rad/s\] of the body at `time` \[s\], in the axes C of a camera
+    /// with attitude `R_IC`.
     pub fn seen_from(
         &self,
         R_IC: &UnitQuaternion<f64>,

@@ -1,11 +1,11 @@
 //! Estimation of the motion of an unknown tumbling body from images.
 //!
 //! Input: [`Tracks`], image points of one body over time. Result: a [`MotionEstimate`], the body's rotation in closed
-//! form ([`free_body`]), which also predicts its future. [`estimate`] is the entry point for all methods; [`MotionTracker`]
-//! updates a result by every further frame.
+//! form ([`free_body`]), which also predicts its future. [`estimate`] is the entry point for all methods;
+//! [`MotionTracker`] updates a result by every further frame.
 //!
-//! Frames: C is the camera's optical frame, inertial unless a [`bundle::CameraMotion`] is given; B is fixed to the body,
-//! but otherwise arbitrary.
+//! Frames: C is the camera's optical frame, inertial unless a [`bundle::CameraMotion`] is given; B is fixed to the
+//! body, but otherwise arbitrary.
 
 pub mod bundle;
 mod change_detector;

@@ -8,8 +8,8 @@ use super::bundle::{FreeMotion, PARAMETERS, derivatives, responses, shape_of, sh
 use super::free_body::FreeRotation;
 use crate::spatial::exp_so3;
 
-/// Number of error states: rotation of the body (3, body axes), shape of its inertia (5), momentum (3, inertial axes, on the
-/// scale of an inertia of trace 3), angular acceleration due to torques (3, inertial axes).
+/// Number of error states: rotation of the body (3, body axes), shape of its inertia (5), momentum (3, inertial axes,
+/// on the scale of an inertia of trace 3), angular acceleration due to torques (3, inertial axes).
 pub const STATES: usize = 3 + PARAMETERS + 3;
 
 /// Index of the angular acceleration.
@@ -31,8 +31,8 @@ const LINEAR: f64 = 0.12;
 const DRAWS: usize = 60;
 const SEED: u64 = 20;
 
-/// Part of a sampled spread that is taken to be in all directions: for a small one, and more per radian of its deviation, as
-/// rotations in different directions mix.
+/// Part of a sampled spread that is taken to be in all directions: for a small one, and more per radian of its
+/// deviation, as rotations in different directions mix.
 const ISOTROPIC: f64 = 0.15;
 const ISOTROPIC_PER_RADIAN: f64 = 0.6;
 
@@ -77,8 +77,8 @@ pub struct MotionState {
 }
 
 impl MotionState {
-    /// Attitudes at ascending `times`, all after the state's time or all before, and the derivatives of the rotation there by
-    /// the states, body axes: `R exp([X δ]×)`.
+    /// Attitudes at ascending `times`, all after the state's time or all before, and the derivatives of the rotation
+    /// there by the states, body axes: `R exp([X δ]×)`.
     fn rotations_by_state(
         &self,
         times: &[f64],
@@ -126,19 +126,20 @@ impl MotionState {
         only.unwrap_or_else(|| (self.motion.R_WB, SMatrix::zeros()))
     }
 
-    /// Covariances of the rotations between the state's time and ascending `times` after it \[s\], if they are computed from
-    /// the motion: of the rotation vector of the error in inertial axes \[rad²\], where `estimate = exp(error) truth`. Torques go
-    /// on acting: the acceleration, whose effect the motion does not contain, counts as an error.
+    /// Covariances of the rotations between the state's time and ascending `times` after it \[s\], if they are
+    /// computed from the motion: of the rotation vector of the error in inertial axes \[rad²\], where `estimate =
+    /// exp(error) truth`. Torques go on acting: the acceleration, whose effect the motion does not contain, counts as
+    /// an error.
     ///
-    /// The covariance is that of the linearised motion while that is small; where it is not, it is the mean square of the
-    /// errors of random states, each of which moves by Euler's equations.
+    /// The covariance is that of the linearised motion while that is small; where it is not, it is the mean square of
+    /// the errors of random states, each of which moves by Euler's equations.
     pub fn turn_covariances(&self, times: &[f64]) -> Vec<Matrix3<f64>> {
         let before = SMatrix::<f64, 3, STATES>::identity();
         let each = self.rotations_by_state(times).into_iter().zip(times);
         let mut covariances: Vec<Matrix3<f64>> = each
             .map(|((R, X), t)| self.spread(&R, &(X - before), *t))
             .collect();
-        let is_large = |c: &Matrix3<f64>| !(c.trace() < LINEAR * LINEAR);
+        let is_large = |c: &Matrix3<f64>| c.trace().is_nan() || c.trace() >= LINEAR * LINEAR;
         let Some(first) = covariances.iter().position(is_large) else {
             return covariances;
         };
@@ -184,8 +185,8 @@ impl MotionState {
         (count > 0.0).then(|| sums.into_iter().map(widened).collect())
     }
 
-    /// The motion of a state that differs by `step`. The angular velocity changes to first order with the step, so that an
-    /// uncertain inertia does not make it uncertain; the momentum follows.
+    /// The motion of a state that differs by `step`. The angular velocity changes to first order with the step, so
+    /// that an uncertain inertia does not make it uncertain; the momentum follows.
     fn disturbed(&self, step: &StateVector) -> Option<FreeMotion> {
         let (w, slope) = self.angular_velocity_slope();
         let w_W = w + slope * step;

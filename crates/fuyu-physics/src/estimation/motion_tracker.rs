@@ -121,8 +121,8 @@ impl MotionTracker {
         tracker
     }
 
-    /// Replaces this tracker by `next` at `time` \[s\], with the persistent body axes of this one, unless the prediction of
-    /// `next` over `horizon` \[s\] is much less certain (few frames since a gap, for example).
+    /// Replaces this tracker by `next` at `time` \[s\], with the persistent body axes of this one, unless the
+    /// prediction of `next` over `horizon` \[s\] is much less certain (few frames since a gap, for example).
     #[must_use]
     pub fn replaced_by(self, mut next: Self, time: f64, horizon: f64) -> Self {
         let deviation =
@@ -211,8 +211,8 @@ impl MotionTracker {
         Some(state)
     }
 
-    /// Position of the body's origin at `time` \[s\] in camera axes, in the unit of the batch solution: that of the centre of
-    /// mass, if its path is known, else that in the last frame. `None` if the method has none.
+    /// Position of the body's origin at `time` \[s\] in camera axes, in the unit of the batch solution: that of the
+    /// centre of mass, if its path is known, else that in the last frame. `None` if the method has none.
     pub fn position(&self, time: f64) -> Option<Vector3<f64>> {
         let solution = self.batch.estimated.solution.as_ref()?;
         match &solution.centre {
@@ -432,8 +432,8 @@ mod tests {
         assert!(error < 3e-3, "{error}");
     }
 
-    // A feature tracker that gives every id to another point, once or in every frame. No frame may change the motion, and
-    // after the tenth the earlier tracks are given up; the later ones are a window of their own.
+    // A feature tracker that gives every id to another point, once or in every frame. No frame may change the motion,
+    // and after the tenth the earlier tracks are given up; the later ones are a window of their own.
     #[test]
     fn when_every_id_is_given_to_another_point_the_motion_is_kept_and_then_lost() {
         let before = tracker_from(frames(0..120), &frames(120..150));
@@ -472,8 +472,8 @@ mod tests {
         );
     }
 
-    // A feature tracker that restarts gives new ids. These do not contradict the motion, which is extrapolated until the next
-    // batch has the new points; body axes persist.
+    // A feature tracker that restarts gives new ids. These do not contradict the motion, which is extrapolated until
+    // the next batch has the new points; body axes persist.
     #[test]
     fn new_ids_leave_the_motion_unchanged_until_the_next_batch() {
         let mut old = tracker_from(frames(0..120), &frames(120..150));

@@ -1,4 +1,5 @@
-//! Maximum likelihood from angular velocities: the torque-free motion whose angular velocities are nearest to measured ones.
+//! Maximum likelihood from angular velocities: the torque-free motion whose angular velocities are nearest to
+//! measured ones.
 
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 
@@ -20,8 +21,8 @@ const MIN_SAMPLES: usize = 6;
 /// Largest number of steps of an adjustment.
 const STEPS: usize = 60;
 
-/// Least standard deviation of an angular velocity that is believed, relative to the largest: below that, rounding of the
-/// numbers decides.
+/// Least standard deviation of an angular velocity that is believed, relative to the largest: below that, rounding of
+/// the numbers decides.
 const LEAST_NOISE: f64 = 1e-9;
 
 /// A fit to the samples.
@@ -116,8 +117,8 @@ fn starts(rates: &[Rate]) -> Vec<FreeMotion> {
         R_WB,
     }];
     for pair in rates.windows(2) {
-        // The angular velocities are in inertial axes: the rotation between two samples acts from the left. For rates in the
-        // axes that turn, the second term of the expansion has the other sign.
+        // The angular velocities are in inertial axes: the rotation between two samples acts from the left. For rates
+        // in the axes that turn, the second term of the expansion has the other sign.
         let back = |r: &Rate| (r.0, -r.1);
         let turn = rotation_between(&back(&pair[0]), &back(&pair[1])).inverse();
         R_WB = turn * R_WB;

@@ -110,8 +110,8 @@ impl Distortion {
         }
     }
 
-    /// The point whose distorted coordinates are `d`, both in units of the focal length, by Newton's method. `None` where
-    /// there is none.
+    /// The point whose distorted coordinates are `d`, both in units of the focal length, by Newton's method. `None`
+    /// where there is none.
     pub fn undistort(&self, d: &Vector2<f64>) -> Option<Vector2<f64>> {
         let mut n = match self {
             Self::PlumbBob(_) => *d,
@@ -177,12 +177,13 @@ mod tests {
         }
     }
 
-    /// Values of `cv::projectPoints` and `cv::fisheye::projectPoints` follow the formulas that OpenCV prints; these were computed
-    /// by hand for one point.
+    /// Values of `cv::projectPoints` and `cv::fisheye::projectPoints` follow the formulas that OpenCV prints; these
+    /// were computed by hand for one point.
     #[test]
     fn points_are_where_the_formulas_put_them() {
         let plumb_bob = Distortion::PlumbBob([0.1, 0.0, 0.01, 0.02, 0.0]);
-        // r² = 0.25, x y = 0.12: x' = 0.3 1.025 + 2 0.01 0.12 + 0.02 (0.25 + 0.18), y' = 0.4 1.025 + 0.01 (0.25 + 0.32) + 2 0.02 0.12.
+        // r² = 0.25, x y = 0.12: x' = 0.3 1.025 + 2 0.01 0.12 + 0.02 (0.25 + 0.18), y' = 0.4 1.025 + 0.01 (0.25 +
+        // 0.32) + 2 0.02 0.12.
         let found = plumb_bob.distort(&Vector2::new(0.3, 0.4));
         assert!(
             (found - Vector2::new(0.3185, 0.4205)).norm() < 1e-12,

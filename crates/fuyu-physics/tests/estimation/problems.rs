@@ -32,8 +32,8 @@ pub enum Category {
 }
 
 impl Category {
-    /// All categories with their names; those in which the assumptions of a free rotation before a calibrated camera hold
-    /// come first.
+    /// All categories with their names; those in which the assumptions of a free rotation before a calibrated camera
+    /// hold come first.
     pub const ALL: [(Self, &'static str, bool); 12] = [
         (Self::Gaussian, "0.3 px of Gaussian noise", true),
         (Self::WholePixels, "whole pixels", true),
@@ -63,8 +63,8 @@ pub struct Problem {
 
 /// Result of a problem.
 pub struct Outcome {
-    /// Mahalanobis error of the predicted rotation, its angle \[rad\] and the reported standard deviation \[rad\]; or the
-    /// refusal.
+    /// Mahalanobis error of the predicted rotation, its angle \[rad\] and the reported standard deviation \[rad\]; or
+    /// the refusal.
     pub result: Result<(f64, f64, f64), String>,
     /// Processor time \[s\].
     pub seconds: f64,

@@ -1,5 +1,6 @@
 //! Pushes of the target while it is tracked: how soon they are detected, and what follows. The loop is that of the
-//! estimator node: frames go to the tracker, and every few seconds a batch of the window's frames, which takes its time.
+//! estimator node: frames go to the tracker, and every few seconds a batch of the window's frames, which takes its
+//! time.
 
 use fuyu_physics::estimation::{
     BatchSolution, EstimationMethod, FeatureFrame, MotionTracker, TrackLoss, Tracks, bundle,

@@ -125,8 +125,8 @@ crate::messages! {
         residual: f64,
         /// Covariance of j_x, j_y, j_z and alpha, row by row \[s4\]; all zero where the method has none.
         covariance: [f64; 16],
-        /// Covariance of reference_attitude, as a rotation in camera axes, row by row \[rad2\]; this and the other covariances are
-        /// all zero where the method has none.
+        /// Covariance of reference_attitude, as a rotation in camera axes, row by row \[rad2\]; this and the other
+        /// covariances are all zero where the method has none.
         attitude_covariance: [f64; 9],
         /// Covariance of angular_velocity, row by row \[rad2/s2\].
         angular_velocity_covariance: [f64; 9],

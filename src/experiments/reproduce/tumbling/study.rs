@@ -148,8 +148,8 @@ impl Study {
                 && (index % momenta).is_multiple_of(STEPS.1))
     }
 
-    /// The sweep by one method, computed once; bundle adjustment needs images. Motions for which the method is not evaluated
-    /// ([`Study::is_evaluated`]) have no errors.
+    /// The sweep by one method, computed once; bundle adjustment needs images. Motions for which the method is not
+    /// evaluated ([`Study::is_evaluated`]) have no errors.
     pub fn cells(&self, method: EstimationMethod) -> Arc<Vec<Cell>> {
         static DONE: Mutex<Vec<Sweep>> = Mutex::new(Vec::new());
         let done = || DONE.lock().unwrap_or_else(PoisonError::into_inner);

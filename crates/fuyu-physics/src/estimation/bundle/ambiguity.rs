@@ -1,8 +1,9 @@
 //! Ambiguity hypotheses: other motions that explain the images of a short rotation.
 //!
-//! From a distance, a small rotation about an axis across the line of sight moves a point by rate times depth. Twice the
-//! depth at half the rate looks the same, and so does a body mirrored in depth. Perspective and the curvature of the
-//! points' paths distinguish them, but these may be less than the noise. An adjustment may then converge to any of these motions.
+//! From a distance, a small rotation about an axis across the line of sight moves a point by rate times depth. Twice
+//! the depth at half the rate looks the same, and so does a body mirrored in depth. Perspective and the curvature of
+//! the points' paths distinguish them, but these may be less than the noise. An adjustment may then converge to any
+//! of these motions.
 
 use nalgebra::Vector3;
 
@@ -18,8 +19,8 @@ use super::structure::SolverSettings;
 /// the far side hidden may be ambiguous.)
 pub const UNAMBIGUOUS_TURN: f64 = 3.0;
 
-/// Bodies that are tried: depth (1 stands for a body as deep as it is wide; negative ones are mirrored in depth), and relative
-/// displacement of the points in depth, which leads out of a minimum that the other bodies share.
+/// Bodies that are tried: depth (1 stands for a body as deep as it is wide; negative ones are mirrored in depth), and
+/// relative displacement of the points in depth, which leads out of a minimum that the other bodies share.
 const BODIES: [(f64, f64); 12] = [
     (1.0, 0.0),
     (-1.0, 0.0),

@@ -1,4 +1,5 @@
-//! The last stage of the global adjustment: a fit with disturbances, and the state at the last frame with its covariance.
+//! The last stage of the global adjustment: a fit with disturbances, and the state at the last frame with its
+//! covariance.
 
 use nalgebra::{Matrix3, SMatrix, SVector, Vector3};
 
@@ -56,8 +57,8 @@ where
     let likelihood = PixelLikelihood::Huber(4.0 * settings.noise);
     let adjust_options = AdjustOptions {
         likelihood,
-        steps: 10,
-        tolerance: 1e-6,
+        steps: 8,
+        tolerance: 1e-5,
     };
     let limit = INLIER_GATE * settings.noise;
     let (mut model, mut points) = (start, points);

@@ -105,8 +105,8 @@ impl Lens {
     }
 }
 
-/// Weight of the prior on the logarithm of the focal length \[px²\], for image noise `noise` \[px\] and a relative standard
-/// deviation `deviation` of the nominal value; zero holds it there.
+/// Weight of the prior on the logarithm of the focal length \[px²\], for image noise `noise` \[px\] and a relative
+/// standard deviation `deviation` of the nominal value; zero holds it there.
 pub fn focal_prior_weight(deviation: f64, noise: f64) -> f64 {
     if deviation > 0.0 {
         (noise / deviation).powi(2)

@@ -10,20 +10,20 @@
 //! 2. `linear_inertia`: inertia and momentum from the attitudes by linear least squares, since momentum is constant.
 //! 3. `attitude_fit`: the torque-free motion nearest to the attitudes. Tracks too short for stage 1 give rotations
 //!    between neighbouring frames instead, and `relative_rotation` fits the motion to those.
-//! 4. `global_adjustment`: bundle adjustment of points and motion together, over all frames (`model_fit`). The centre of
-//!    mass moves on a straight line (`pose_model::linear_com_motion`) or, where the images contradict this, has an
+//! 4. `global_adjustment`: bundle adjustment of points and motion together, over all frames (`model_fit`). The centre
+//!    of mass moves on a straight line (`pose_model::linear_com_motion`) or, where the images contradict this, has an
 //!    independent position in each frame (`pose_model::free_positions`). For pixels that are whole numbers, the
 //!    likelihood of rounding refines the result (`pixel_likelihood`). After a short rotation other depths are tried
 //!    (`ambiguity`).
-//! 5. `disturbed_fit`: the same adjustment with torques, errors of gyro and calibration, and a curved path as further unknowns
-//!    with priors, whose widths the images choose (`prior_scales`). Its normal equations give the covariance of the state
-//!    at the last frame.
+//! 5. `disturbed_fit`: the same adjustment with torques, errors of gyro and calibration, and a curved path as further
+//!    unknowns with priors, whose widths the images choose (`prior_scales`). Its normal equations give the covariance
+//!    of the state at the last frame.
 //!
 //! If that fails, tracks with reused ids are split (`reused_track_ids`), and the solver starts again.
 //!
-//! The result is a [`Solution`]: motion with covariance, shape, poses, and a diagnosis of what the data do not determine.
-//! The motion is represented by inertia and momentum, without principal axes, so spheres, symmetric bodies and spins
-//! about one axis need no special cases; what is not determined for them is reported.
+//! The result is a [`Solution`]: motion with covariance, shape, poses, and a diagnosis of what the data do not
+//! determine. The motion is represented by inertia and momentum, without principal axes, so spheres, symmetric bodies
+//! and spins about one axis need no special cases; what is not determined for them is reported.
 //!
 //! Masutani 1995 ([`super::masutani1995`]) estimates from angular velocities alone; this uses every image point.
 
@@ -96,11 +96,11 @@ pub struct Options {
     /// Standard deviation of an image coordinate \[px\]. The default is that of rounding to whole pixels (0.29,
     /// rounded up); it is increased if the tracks are noisier.
     pub pixel_noise: f64,
-    /// Standard deviations of what disturbs a free rotation before a calibrated camera: torques, curvature of the path, errors
-    /// of gyro and calibration. All of them are estimated.
+    /// Standard deviations of what disturbs a free rotation before a calibrated camera: torques, curvature of the
+    /// path, errors of gyro and calibration. All of them are estimated.
     pub widths: Widths,
-    /// The relative orbit, if its directions are known: instead of a straight line the centre of mass moves as Clohessy and
-    /// Wiltshire describe.
+    /// The relative orbit, if its directions are known: instead of a straight line the centre of mass moves as
+    /// Clohessy and Wiltshire describe.
     pub orbit: Option<Orbit>,
     /// Whether the covariances of the points are computed.
     pub with_points: bool,
@@ -159,8 +159,8 @@ pub struct BodyPose {
     pub t_C: Vector3<f64>,
 }
 
-/// Motion of the body's centre of mass at the last frame, in the axes of a camera that does not rotate. The unit of length is
-/// the depth of the centre in the first frame, which the images do not determine.
+/// Motion of the body's centre of mass at the last frame, in the axes of a camera that does not rotate. The unit of
+/// length is the depth of the centre in the first frame, which the images do not determine.
 #[derive(Debug, Clone, PartialEq)]
 pub struct CentreMotion {
     /// Position.
@@ -192,15 +192,15 @@ pub struct Solution {
     pub diagnosis: Vec<String>,
     /// The state at the last frame.
     pub state: MotionState,
-    /// The centre of mass at the last frame; `None` if its path is not smooth or the camera rotates, so that it is not known
-    /// which point of the body it is.
+    /// The centre of mass at the last frame; `None` if its path is not smooth or the camera rotates, so that it is
+    /// not known which point of the body it is.
     pub centre: Option<CentreMotion>,
 }
 
 impl Solution {
-    /// Covariance of the rotation from `from` to `to` \[s\] as given by [`Solution::motion`]: of the rotation vector of its
-    /// error in inertial axes \[rad²\], where `estimate = exp(error) truth`. With both times after the last frame it is that of a
-    /// prediction.
+    /// Covariance of the rotation from `from` to `to` \[s\] as given by [`Solution::motion`]: of the rotation vector
+    /// of its error in inertial axes \[rad²\], where `estimate = exp(error) truth`. With both times after the last
+    /// frame it is that of a prediction.
     pub fn turn_covariance(&self, from: f64, to: f64) -> Matrix3<f64> {
         self.state.covariance_between(from, to)
     }
@@ -209,7 +209,8 @@ impl Solution {
 /// Estimates the motion of the rigid body that `tracks` show.
 ///
 /// # Errors
-/// [`EstimateError`] if the tracks contain too little data, do not move, or are not those of a freely rotating rigid body.
+/// [`EstimateError`] if the tracks contain too little data, do not move, or are not those of a freely rotating rigid
+/// body.
 pub fn estimate(
     tracks: &Tracks,
     camera: &Pinhole,

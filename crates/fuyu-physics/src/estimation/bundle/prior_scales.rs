@@ -1,8 +1,9 @@
 //! Choice of the disturbances' prior widths by the evidence of the images.
 //!
-//! With the normal equations of the common unknowns, `½ (z - z₀)ᵀ H (z - z₀) + gᵀ (z - z₀)` for the images and `½ zᵀ Λ z` for the prior, the
-//! logarithm of the evidence is `½ ln |Λ| - ½ ln |H + Λ| - min`: the marginal likelihood of the widths (MacKay 1992, Bayesian
-//! interpolation). A width that the images do not determine keeps its nominal value.
+//! With the normal equations of the common unknowns, `½ (z - z₀)ᵀ H (z - z₀) + gᵀ (z - z₀)` for the images and `½ zᵀ
+//! Λ z` for the prior, the logarithm of the evidence is `½ ln |Λ| - ½ ln |H + Λ| - min`: the marginal likelihood of
+//! the widths (MacKay 1992, Bayesian interpolation). A width that the images do not determine keeps its nominal
+//! value.
 
 use nalgebra::{SMatrix, SVector};
 
@@ -17,8 +18,8 @@ const DECADES: f64 = 1.0;
 /// Variance that stands for a flat prior, relative to the units of the unknowns.
 const FLAT: f64 = 1e12;
 
-/// The scales with the largest evidence. `hessian` and `gradient` are those of the images alone at `values`, over the noise
-/// variance; `deviations` gives the priors' standard deviations for scales.
+/// The scales with the largest evidence. `hessian` and `gradient` are those of the images alone at `values`, over the
+/// noise variance; `deviations` gives the priors' standard deviations for scales.
 pub fn best_scales<const G: usize>(
     hessian: &SMatrix<f64, G, G>,
     gradient: &SVector<f64, G>,

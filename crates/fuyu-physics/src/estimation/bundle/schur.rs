@@ -1,9 +1,9 @@
 //! Levenberg-Marquardt step by Schur complement, for unknowns of frames, of points, and common to all.
 //!
-//! Each observation couples one frame with one point, so frames are coupled only through points and common unknowns. The
-//! frames are eliminated (there are many, with `L` unknowns each). The Schur complement couples only points that appear
-//! in the same frame. With points ordered by first appearance it has a narrow envelope, which [`Envelope`] factors
-//! without touching zeros. The `G` common unknowns come last.
+//! Each observation couples one frame with one point, so frames are coupled only through points and common unknowns.
+//! The frames are eliminated (there are many, with `L` unknowns each). The Schur complement couples only points that
+//! appear in the same frame. With points ordered by first appearance it has a narrow envelope, which [`Envelope`]
+//! factors without touching zeros. The `G` common unknowns come last.
 
 use nalgebra::{Cholesky, Const, SMatrix, SVector, Vector3};
 
@@ -174,8 +174,8 @@ impl<const L: usize, const G: usize> System<L, G> {
         })
     }
 
-    /// Hessian and gradient of the common unknowns with frames and points eliminated: information, in units of the inverse
-    /// of the residuals' variance.
+    /// Hessian and gradient of the common unknowns with frames and points eliminated: information, in units of the
+    /// inverse of the residuals' variance.
     pub fn marginal(&self) -> Option<(SMatrix<f64, G, G>, SVector<f64, G>)> {
         // Scale and origin of the scene may be undetermined; a little damping keeps the matrix regular.
         let eliminated = self.eliminate(REGULAR)?;

@@ -23,7 +23,8 @@ pub struct Report {
     pub diagnosis: Vec<String>,
 }
 
-/// Derivatives of `(J_x, J_y, J_z, alpha)` by the eight parameters of [`FreeMotion`], with the axes in the order of `J`.
+/// Derivatives of `(J_x, J_y, J_z, alpha)` by the eight parameters of [`FreeMotion`], with the axes in the order of
+/// `J`.
 pub fn derivatives(motion: &FreeMotion, J: &Vector3<f64>) -> SMatrix<f64, 4, PARAMETERS> {
     let eigen = motion.inertia.symmetric_eigen();
     let mut order = [0, 1, 2];
@@ -146,8 +147,8 @@ pub fn report_of_state(state: &MotionState, rms: f64) -> Option<Report> {
     })
 }
 
-/// The fitted motion as an estimate. `focal` is the logarithm of the focal length over its nominal value, with its standard
-/// deviation. `None` if the body does not rotate.
+/// The fitted motion as an estimate. `focal` is the logarithm of the focal length over its nominal value, with its
+/// standard deviation. `None` if the body does not rotate.
 pub fn report(
     state: &MotionState,
     residuals: &Residuals,

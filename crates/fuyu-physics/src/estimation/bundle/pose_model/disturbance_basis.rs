@@ -13,12 +13,12 @@ pub struct Response<const K: usize> {
     pub impulse: [f64; K],
 }
 
-/// Responses of `motion` at ascending `times` to angular accelerations, to first order. `profile` gives the course of each
-/// acceleration over time; `attitudes` are those of the motion at `times`, with sensitivities.
+/// Responses of `motion` at ascending `times` to angular accelerations, to first order. `profile` gives the course of
+/// each acceleration over time; `attitudes` are those of the motion at `times`, with sensitivities.
 ///
-/// An impulse `δL` at `s` rotates the body at `t` by `B(t, s) δL = (B(t) - A(t) A(s)⁻¹ B(s)) δL`, where `A(t)` and `B(t)` are the
-/// derivatives of the rotation at `t` by rotation and momentum at the reference time. The integral over `s` is a trapezoidal
-/// sum between the times.
+/// An impulse `δL` at `s` rotates the body at `t` by `B(t, s) δL = (B(t) - A(t) A(s)⁻¹ B(s)) δL`, where `A(t)` and
+/// `B(t)` are the derivatives of the rotation at `t` by rotation and momentum at the reference time. The integral
+/// over `s` is a trapezoidal sum between the times.
 pub fn responses<const K: usize>(
     motion: &FreeMotion,
     times: &[f64],
@@ -43,10 +43,11 @@ pub fn responses<const K: usize>(
             let now = A.try_inverse().map_or(before, |inverse| inverse * B);
             let step = times[i] - last;
             let heights = profile(last + 0.5 * step);
-            for k in 0..K {
-                sum[k] += (before + now) * (0.5 * step * heights[k]);
-                impulse[k] += step * heights[k];
-                out[i].turn[k] = B * impulse[k] - A * sum[k];
+            let each = sum.iter_mut().zip(&mut impulse).zip(heights);
+            for (((sum, impulse), height), turn) in each.zip(&mut out[i].turn) {
+                *sum += (before + now) * (0.5 * step * height);
+                *impulse += step * height;
+                *turn = B * *impulse - A * *sum;
             }
             out[i].impulse = impulse;
             (before, last) = (now, times[i]);
@@ -63,8 +64,9 @@ pub const INTERVALS: usize = 12;
 /// Number of unknowns of the gyro's error: bias, and the random walk's increments.
 pub const GYRO: usize = 3 + 3 * INTERVALS;
 
-/// Error of the camera's attitude in inertial axes by bias and increments of a random walk, at each time; zero at the last.
-/// The attitude is `exp(error) R_WC`. `noise` is the random walk \[rad/√s\], `bias` the bias of a unit \[rad/s\].
+/// Error of the camera's attitude in inertial axes by bias and increments of a random walk, at each time; zero at the
+/// last. The attitude is `exp(error) R_WC`. `noise` is the random walk \[rad/√s\], `bias` the bias of a unit
+/// \[rad/s\].
 pub fn gyro_error(
     times: &[f64],
     R_WC: &[UnitQuaternion<f64>],
@@ -106,9 +108,9 @@ pub fn legendre(x: f64) -> [f64; 3] {
     ]
 }
 
-/// Position at `elapsed` seconds as a function of position and velocity at time zero, inertial axes, for relative motion
-/// near a circular orbit with `rate` \[rad/s\] (Clohessy and Wiltshire 1960). `radial` is the direction from the Earth at time
-/// zero, `normal` the orbit's normal.
+/// Position at `elapsed` seconds as a function of position and velocity at time zero, inertial axes, for relative
+/// motion near a circular orbit with `rate` \[rad/s\] (Clohessy and Wiltshire 1960). `radial` is the direction from
+/// the Earth at time zero, `normal` the orbit's normal.
 pub fn clohessy_wiltshire(
     rate: f64,
     radial: &Vector3<f64>,

@@ -1,8 +1,10 @@
-//! Rotation with disturbances: what keeps a body from rotating freely before a calibrated camera, as unknowns with priors.
+//! Rotation with disturbances: what keeps a body from rotating freely before a calibrated camera, as unknowns with
+//! priors.
 //!
-//! A random walk of the angular acceleration (inertial axes), errors of the camera's gyro, curvature of the centre of mass's
-//! path, and errors of the camera's intrinsics. Each has a prior width that stands for what is usual; `prior_scales` chooses
-//! a larger or smaller one where the images support it. All of them act to first order on a torque-free motion.
+//! A random walk of the angular acceleration (inertial axes), errors of the camera's gyro, curvature of the centre of
+//! mass's path, and errors of the camera's intrinsics. Each has a prior width that stands for what is usual;
+//! `prior_scales` chooses a larger or smaller one where the images support it. All of them act to first order on a
+//! torque-free motion.
 
 use std::rc::Rc;
 
@@ -74,9 +76,9 @@ impl Widths {
 }
 
 impl Default for Widths {
-    /// A tracked body in low Earth orbit, before a calibrated camera. Gravity gradient turns a body of moments `A < B` by
-    /// `1.5 n² (B - A) / I`, 1e-6 rad/s² for a body that is as slender as most; drag and outgassing are of the same order. The relative
-    /// acceleration of its centre is `3 n²` times the distance.
+    /// A tracked body in low Earth orbit, before a calibrated camera. Gravity gradient turns a body of moments `A <
+    /// B` by `1.5 n² (B - A) / I`, 1e-6 rad/s² for a body that is as slender as most; drag and outgassing are of the
+    /// same order. The relative acceleration of its centre is `3 n²` times the distance.
     fn default() -> Self {
         Self {
             acceleration: 1e-6,
@@ -171,8 +173,9 @@ fn profile(times: &[f64], widths: &Widths) -> impl Fn(f64) -> [f64; STEPS] {
 }
 
 impl Disturbed {
-    /// `motion` in frames at `times` (ascending) of a camera with attitudes `R_WC`, without disturbances yet. With a `line`
-    /// (position at the first frame, displacement to the last) the path is smooth, otherwise positions are `t_C`.
+    /// `motion` in frames at `times` (ascending) of a camera with attitudes `R_WC`, without disturbances yet. With a
+    /// `line` (position at the first frame, displacement to the last) the path is smooth, otherwise positions are
+    /// `t_C`.
     #[expect(clippy::too_many_arguments, reason = "all of them are different")]
     pub fn new(
         motion: FreeMotion,
@@ -295,8 +298,8 @@ impl Disturbed {
         }
     }
 
-    /// Position and velocity \[1/s\] of the centre of mass at the last frame of a smooth path, in units of its depth at the first
-    /// frame, and their derivatives by the common unknowns. `None` if positions are independent.
+    /// Position and velocity \[1/s\] of the centre of mass at the last frame of a smooth path, in units of its depth
+    /// at the first frame, and their derivatives by the common unknowns. `None` if positions are independent.
     pub fn last_centre<const G: usize>(
         &self,
     ) -> Option<(Vector3<f64>, Vector3<f64>, SMatrix<f64, 6, G>)> {
@@ -336,9 +339,9 @@ impl Disturbed {
         ))
     }
 
-    /// The free motion that continues this one after the last frame, with its reference there; the angular acceleration
-    /// (inertial axes, \[rad/s²\]) at that time; and the derivatives of rotation (body axes), shape, momentum and acceleration at
-    /// the last frame by the common unknowns.
+    /// The free motion that continues this one after the last frame, with its reference there; the angular
+    /// acceleration (inertial axes, \[rad/s²\]) at that time; and the derivatives of rotation (body axes), shape,
+    /// momentum and acceleration at the last frame by the common unknowns.
     pub fn last_state<const G: usize>(&self) -> (FreeMotion, Vector3<f64>, SMatrix<f64, 14, G>) {
         let last = self.times().len() - 1;
         let time = self.times()[last];
@@ -370,10 +373,10 @@ impl Disturbed {
         for k in 0..PARAMETERS {
             by_common[(3 + k, k)] = 1.0;
         }
-        for k in 0..STEPS {
+        for (k, (impulse, height)) in impulse.iter().zip(&heights).enumerate() {
             for a in 0..3 {
-                by_common[(8 + a, PARAMETERS + 3 * k + a)] = impulse[k];
-                by_common[(11 + a, PARAMETERS + 3 * k + a)] = heights[k];
+                by_common[(8 + a, PARAMETERS + 3 * k + a)] = *impulse;
+                by_common[(11 + a, PARAMETERS + 3 * k + a)] = *height;
             }
         }
         (motion, each(&heights), by_common)

@@ -30,8 +30,8 @@ pub struct FreePositions<'a> {
 }
 
 impl<'a> FreePositions<'a> {
-    /// `motion` in frames at `times` (ascending) of a camera with attitudes `R_WC`; `focal_deviation` is the relative standard
-    /// deviation of the nominal focal length, zero to hold it.
+    /// `motion` in frames at `times` (ascending) of a camera with attitudes `R_WC`; `focal_deviation` is the relative
+    /// standard deviation of the nominal focal length, zero to hold it.
     pub fn new(
         motion: FreeMotion,
         t_C: Vec<Vector3<f64>>,

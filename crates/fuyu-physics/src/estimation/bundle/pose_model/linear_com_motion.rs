@@ -1,8 +1,8 @@
 //! Torque-free rotation with linear motion of the centre of mass, for a camera that does not rotate.
 //!
-//! Six unknowns replace three per frame, which makes attitudes more certain: a rotation about an axis across the line of
-//! sight can no longer be mistaken for a translation. The residuals show whether the body moves in this way (it does not
-//! if its orbit is curved or the camera accelerates).
+//! Six unknowns replace three per frame, which makes attitudes more certain: a rotation about an axis across the line
+//! of sight can no longer be mistaken for a translation. The residuals show whether the body moves in this way (it
+//! does not if its orbit is curved or the camera accelerates).
 
 use nalgebra::{SMatrix, SVector, UnitQuaternion, Vector3};
 
