@@ -169,7 +169,7 @@ impl ThrusterAllocator {
             torque_size = torque_size.max(torque.norm());
             force_size = force_size.max(thruster.force.norm());
         }
-        if !(torque_size > 0.0) {
+        if torque_size <= 0.0 {
             return false;
         }
         // Units: the largest torque and force, and the on-time that gives the impulse with the largest torque.
