@@ -68,7 +68,7 @@ impl SimulatedBag {
     /// When the folder exists or cannot be written.
     pub fn create(folder: &Path, run: &ClosedLoop, description: &str) -> Result<Self, BagError> {
         let mut writer = Writer::create(folder, WriterOptions::default())?;
-        let frames = FrameTree::new(run.world.robot.model());
+        let frames = FrameTree::new(&run.world.robot);
         let latched = add(&mut writer, &topics::ROBOT_DESCRIPTION)?;
         let text = std_msgs::String {
             data: description.to_owned(),

@@ -315,8 +315,19 @@ impl Scenario {
             .param(USE_SIM_TIME, false, "Take the time from /clock")
             .value();
         let declared = declare(&mut declaring);
-        declaring.finish().map_err(|e| e.to_string())?;
+        declaring
+            .finish()
+            .map_err(|e| self.with_place(&e.to_string()))?;
         declared.map_err(|e| format!("{}: node {name}: {e}", self.path.display()))
+    }
+
+    /// Error lines with a place: what is not given has no line in the file, only the file.
+    fn with_place(&self, errors: &str) -> String {
+        let place = |line: &str| match line.starts_with("node ") {
+            true => format!("{}: {line}", self.path.display()),
+            false => line.to_owned(),
+        };
+        errors.lines().map(place).collect::<Vec<_>>().join("\n")
     }
 
     /// Parameters of the dynamics node.

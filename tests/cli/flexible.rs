@@ -12,7 +12,7 @@ const SERVICER: &str = include_str!("../../urdf/servicer.urdf");
 const RUNS: &str =
     include_str!("../../crates/fuyu-physics/tests/flexible/fixtures/flexible_panels_runs.json");
 const LINEAR: &str =
-    include_str!("../../crates/fuyu-physics/tests/flexible/fixtures/flexible_panels_linear.json");
+    include_str!("../../crates/fuyu-structures/tests/fixtures/flexible_panels_linear.json");
 /// Postures of the fixtures.
 const POSTURES: [(&str, [f64; 6]); 3] = [
     ("A", [0.0; 6]),
@@ -187,7 +187,8 @@ fn bent_panels_released_on_a_locked_robot_move_as_in_the_independent_run() {
     let runs: Value = serde_json::from_str(RUNS).unwrap();
     compare(&report, &runs["c_free"]);
     assert_eq!(report["final"]["q"], serde_json::json!({}));
-    assert!(report["energy_residual"].as_f64().unwrap() < 1e-7);
+    // A step of the classical method takes (w h)^6 / 72 of a vibration's energy: 2e-8 at 3.4 Hz.
+    assert!(report["energy_residual"].as_f64().unwrap() < 1e-5);
 }
 
 // Damped joints free, panels turned by .6 rad, tumbling. Angular velocity is in the base's axes, the velocity that of the base
@@ -285,7 +286,7 @@ fn wrong_parts_are_refused_with_the_reason() {
         (
             "EI: 3000.0",
             "EI: -3000.0",
-            "solar_plus.EI of dynamics: -3000 is out of range",
+            "solar_plus.EI of /dynamics: -3000 is out of range",
         ),
         (
             kind,
@@ -295,7 +296,7 @@ fn wrong_parts_are_refused_with_the_reason() {
         (
             "    wheels: [",
             &elastic(-5.0),
-            "joints.joint2.stiffness of dynamics: -5 is out of range",
+            "joints.joint2.stiffness of /dynamics: -5 is out of range",
         ),
         (
             "    wheels: [",
@@ -303,8 +304,8 @@ fn wrong_parts_are_refused_with_the_reason() {
             "parameter time_step is 0.005: the step of 0.005 s is above the stability limit",
         ),
         (
-            "time_step: 0.005",
-            "time_step: 0.5\n    state_rate: 1.0\n    #",
+            "time_step: 0.005\n    state_rate: 100.0",
+            "time_step: 0.5\n    state_rate: 1.0",
             "parameter time_step is 0.5",
         ),
         (
@@ -315,7 +316,7 @@ fn wrong_parts_are_refused_with_the_reason() {
         (
             "axis: [1.0, 0.0, 0.0]",
             "axis: [0.0, 0.0, 0.0]",
-            "wheel_x.axis of dynamics: [0.0, 0.0, 0.0] has no direction",
+            "wheel_x.axis of /dynamics: [0.0, 0.0, 0.0] has no direction",
         ),
         (
             "inertia: 0.2",
@@ -362,6 +363,69 @@ fn wrong_parts_are_refused_with_the_reason() {
     }
 }
 
+// The motor is wound up by what the link's vibration does, and the energy of both is in the bag's balance: strain energy, the
+// damping between motor and link.
+#[test]
+fn an_elastic_joint_winds_up_and_its_energy_is_accounted_for() {
+    let joints = "    joints:\n      joint2:\n        stiffness: 20000.0\n        damping: 20.0\n        rotor_inertia: 1.0e-4\n        gear_ratio: 100.0\n    wheels: [";
+    let scenario = with(CONFIG, "    wheels: [", joints);
+    let start =
+        "    initial_joint_velocities: [0.0, 0.1, 0.0, 0.0, 0.0, 0.0]\n    integrator: rk4\n";
+    let scenario = with(&scenario, "    integrator: rk4\n", start);
+    let folder = tempfile::tempdir().unwrap();
+    let bag = folder.path().join("bag");
+    let bag = bag.to_str().unwrap();
+    let options = ["--json", "--duration", "5", "--output", bag];
+    let report = run("simulate", &scenario, SERVICER, &options).json();
+    let number = |value: &Value| value.as_f64().unwrap();
+    let motor = number(&report["final"]["motors"]["joint2"]["position"]);
+    let link = number(&report["final"]["q"]["joint2"]);
+    assert!(
+        (motor - link).abs() < 1e-2 && motor != link,
+        "{motor} {link}"
+    );
+    assert!(number(&report["final"]["strain_energy"]) > 1e-3);
+    assert!(number(&report["energy_residual"]) < 1e-5);
+    let check = fuyu(&["bag", "check", bag, "--json"]).json();
+    let lines = check["checks"].as_array().unwrap();
+    let energy = lines
+        .iter()
+        .find(|line| line["name"] == "energy balance")
+        .unwrap();
+    assert!(number(&energy["value"]) < 1e-4, "{energy}");
+    assert_eq!(check["passed"], true, "{check}");
+}
+
+// The controller knows nothing of the panels. The tip arrives all the same, and the panels vibrate meanwhile.
+#[test]
+fn the_tip_arrives_although_panels_vibrate() {
+    let (_, panels) = CONFIG.split_once("    appendages:").unwrap();
+    let (panels, _) = panels.split_once("    wheels:").unwrap();
+    let positioning = include_str!("../../config/positioning.yaml");
+    let scenario = with(
+        positioning,
+        "camera:\n",
+        &format!("    appendages:{panels}camera:\n"),
+    );
+    let report = run("simulate", &scenario, SERVICER, &["--json"]).json();
+    let number = |key: &str| report[key].as_f64().unwrap();
+    assert!(number("tip_position_error") < 0.01, "{report}");
+    assert!(number("tip_attitude_error") < 0.02, "{report}");
+    assert!(number("energy_residual") < 1e-4, "{report}");
+    assert!(number("max_tip_acceleration") > 0.01, "{report}");
+    let rigid = fuyu(&["simulate", "config/positioning.yaml", "--json"]).json();
+    let turned = |report: &Value| {
+        report["base_attitude_rpy"][2]
+            .as_f64()
+            .unwrap()
+            .to_degrees()
+    };
+    let (flexible, rigid) = (turned(&report), turned(&rigid));
+    println!("base yaw {flexible} deg with panels, {rigid} deg without");
+    // Two panels double the base's inertia about z.
+    assert!(flexible.abs() < 0.9 * rigid.abs(), "{flexible} {rigid}");
+}
+
 // A boom whose modes another program has computed, and the error that names its line.
 #[test]
 fn modes_of_another_program_are_read_from_a_file() {
@@ -392,6 +456,48 @@ fn modes_of_another_program_are_read_from_a_file() {
         line.contains("parameter boom.file") && line.contains("boom.csv, line 1"),
         "{line}"
     );
+}
+
+// A wheel at its limit from the start, and panels that are bent and turn too far for first-order modes.
+#[test]
+fn limits_and_large_deflections_are_events() {
+    let inertia = "inertia: 0.2\n";
+    let scenario = CONFIG.replacen(inertia, "inertia: 0.2\n      initial_speed: 500.0\n", 1);
+    let scenario = with(&scenario, "[0.5, 0.05, 0.0, 0.02]", "[1.5, 0.0, 0.0, 0.0]");
+    let run = run(
+        "simulate",
+        &scenario,
+        SERVICER,
+        &["--json", "--duration", "10"],
+    );
+    assert_eq!(run.code, 0);
+    let warning = "solar_plus is deflected by 0.4330 m; first-order modes suffice up to 0.2419 m: set second_order";
+    assert!(
+        run.stderr.contains("warning") && run.stderr.contains(warning),
+        "{}",
+        run.stderr
+    );
+    let report: Value = serde_json::from_str(&run.stdout).unwrap();
+    let events = report["events"].as_array().unwrap();
+    let first = |what: &str| {
+        let found = events
+            .iter()
+            .find(|e| e["what"].as_str().unwrap().contains(what));
+        found.unwrap_or_else(|| panic!("{what}: {events:?}"))["time"].as_f64()
+    };
+    assert_eq!(
+        first("wheel 'wheel_x' is at its speed limit, 500 rad/s"),
+        Some(0.0)
+    );
+    assert_eq!(
+        first("solar_plus is deflected by more than 0.2419 m"),
+        Some(0.0)
+    );
+    // The panel swings through: the excess ends and comes back.
+    let times = events
+        .iter()
+        .filter(|e| e["what"].as_str().unwrap().contains("solar_plus"));
+    assert!(times.count() > 2, "{events:?}");
 }
 
 // The motion of the base that a scenario begins with, of robot and target.

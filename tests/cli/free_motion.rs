@@ -235,3 +235,27 @@ fn robots_are_found_next_to_their_scenario_and_in_packages() {
             .contains("must be a unit vector")
     );
 }
+
+// Two joints run into their stops, and events say when.
+#[test]
+fn joints_at_their_stops_are_events() {
+    let limit = r#"type="revolute"><limit lower="-1" upper="0.1" effort="5" velocity="9"/>"#;
+    let urdf = include_str!("../../urdf/planar_two_link.urdf");
+    let urdf = urdf.replace(r#"type="continuous">"#, limit);
+    let (folder, path) = file("robot.urdf", urdf);
+    let config = folder.path().join("stops.yaml");
+    let text = format!(
+        "dynamics:\n  ros__parameters:\n    urdf: {}\n    initial_joint_velocities: [0.5, 0.0]\n",
+        path.display()
+    );
+    std::fs::write(&config, text).unwrap();
+    let run = simulated(config.to_str().unwrap(), "1");
+    let first = &run["events"][0];
+    assert_eq!(
+        first["what"],
+        "joint 'joint1' is at its upper stop, 0.1 rad"
+    );
+    // It moves by .1 rad at about .5 rad/s.
+    let time = first["time"].as_f64().unwrap();
+    assert!(time > 0.15 && time < 0.3, "{time}");
+}

@@ -46,7 +46,7 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut params = params.map_err(NodeError::Failed)?;
     params.state_rate = RATE;
     let mut world = World::new(&params).map_err(NodeError::Failed)?;
-    let frames = FrameTree::new(world.robot.model());
+    let frames = FrameTree::new(&world.robot);
     let description = topics::ROBOT_DESCRIPTION.advertise(node)?;
     description.publish(&Text {
         data: params.robot.xml.clone(),

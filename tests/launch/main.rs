@@ -25,6 +25,7 @@ mod executables;
 mod external_features;
 mod faults;
 mod filter;
+mod flexible;
 mod free_motion;
 mod joining;
 mod large_commands;

@@ -3,11 +3,14 @@
 //! Messages that are published at every state are made once and updated in place (`update_...`), so that the names in
 //! them are not copied again.
 
+use nalgebra::{Rotation3, Translation3};
+
 use super::{
     external_wrenches::ExternalChange, free_body::FreeBody, robot::Robot, target::Target,
     world::World,
 };
 use crate::{
+    dynamics::flexible::{FlexibleFloating, ModalBody},
     model::{Frame, Model},
     msg::{fuyu_msgs, geometry_msgs, nav_msgs, sensor_msgs, std_msgs, tf2_msgs},
     nodes::geometry::{pose_to_msg, transform_to_msg, vector_to_msg},
@@ -24,12 +27,40 @@ pub struct FrameTree {
     moving: Vec<(Frame, Frame)>,
     /// Frames that do not move in their parent frame, each with it.
     fixed: Vec<(Frame, Frame)>,
+    /// Attachments of deformable bodies.
+    attachments: Vec<Attachment>,
     base: String,
 }
 
+/// Frames of a deformable body: that of its attachment, with the body's name, and that of its tip.
+struct Attachment {
+    name: String,
+    /// The link that carries it, and the pose of the attachment in that link's frame.
+    link: String,
+    X_LA: Pose,
+    /// Name of the tip's frame; `None` for a body without output points.
+    tip: Option<String>,
+}
+
+impl Attachment {
+    fn of(model: &Model, body: &ModalBody) -> Self {
+        let name = body.name().to_owned();
+        Self {
+            link: model.bodies()[body.body].name.clone(),
+            X_LA: body.X_BA,
+            tip: (!body.appendage.outputs.is_empty()).then(|| format!("{name}/tip")),
+            name,
+        }
+    }
+}
+
 impl FrameTree {
-    /// The frames of `model`.
-    pub fn new(model: &Model) -> Self {
+    /// The frames of `robot`.
+    pub fn new(robot: &Robot) -> Self {
+        let model = robot.model();
+        let bodies = robot
+            .flexible()
+            .map_or(&[][..], |r| r.system().modal_bodies());
         let parent = |frame: &Frame| {
             frame
                 .parent
@@ -45,6 +76,7 @@ impl FrameTree {
         Self {
             moving,
             fixed,
+            attachments: bodies.iter().map(|b| Attachment::of(model, b)).collect(),
             base: model.frames()[0].name.clone(),
         }
     }
@@ -64,8 +96,10 @@ impl FrameTree {
             let frames = target.fixed_frames();
             frames.map(|(name, X_TF)| transform(&target.name, &name, &X_TF))
         });
+        let attachments = self.attachments.iter();
+        let attachments = attachments.map(|a| transform(&a.link, &a.name, &a.X_LA));
         tf2_msgs::TFMessage {
-            transforms: robots.chain(targets).collect(),
+            transforms: robots.chain(attachments).chain(targets).collect(),
         }
     }
 
@@ -76,7 +110,9 @@ impl FrameTree {
         let links = self.moving.iter();
         let links = links.map(|(frame, parent)| (parent.name.as_str(), frame.name.as_str()));
         let targets = world.targets.iter().map(|t| (WORLD, t.name.as_str()));
-        let frames = base.chain(links).chain(targets);
+        let tips = self.attachments.iter();
+        let tips = tips.filter_map(|a| Some((a.name.as_str(), a.tip.as_deref()?)));
+        let frames = base.chain(links).chain(tips).chain(targets);
         let mut message = tf2_msgs::TFMessage {
             transforms: frames
                 .map(|(parent, child)| transform(parent, child, &fixed))
@@ -93,12 +129,24 @@ impl FrameTree {
         let links = self.moving.iter();
         let links = links.map(|(frame, parent)| robot.X_BF(parent).inverse() * robot.X_BF(frame));
         let targets = world.targets.iter().map(|target| target.body.X_WB());
-        let poses = base.chain(links).chain(targets);
+        let tips = robot.flexible().into_iter().flat_map(tip_poses);
+        let poses = base.chain(links).chain(tips).chain(targets);
         for (transform, X) in message.transforms.iter_mut().zip(poses) {
             transform.header.stamp = stamp.into();
             transform.transform = transform_to_msg(&X);
         }
     }
+}
+
+/// Pose of each deformable body's tip, or first output point, in the frame of its attachment.
+fn tip_poses(robot: &FlexibleFloating) -> impl Iterator<Item = Pose> + '_ {
+    robot.system().modal_bodies().iter().filter_map(|body| {
+        let tip = body.appendage.outputs.first()?;
+        let mu = &robot.state().mu()[body.range()];
+        let position = Translation3::from(tip.position + tip.displacement(mu));
+        let rotation = Rotation3::from_scaled_axis(tip.rotation(mu));
+        Some(Pose::from_parts(position, rotation))
+    })
 }
 
 /// A header.
@@ -232,7 +280,7 @@ mod tests {
     #[test]
     fn updated_messages_equal_new_ones() {
         let mut world = world();
-        let frames = FrameTree::new(world.robot.model());
+        let frames = FrameTree::new(&world.robot);
         let body = frames.base().to_owned();
         let of = |stamp: Time, world: &World| {
             (
@@ -256,7 +304,7 @@ mod tests {
     #[test]
     fn updates_do_not_allocate() {
         let world = world();
-        let frames = FrameTree::new(world.robot.model());
+        let frames = FrameTree::new(&world.robot);
         let stamp = Time::from_secs_f64(world.time());
         let mut joints = joint_states(stamp, frames.base(), &world);
         let mut base = odometry(stamp, frames.base(), &world.robot);

@@ -67,7 +67,10 @@ pub use free_body::FreeBody;
 pub use imu::{ImuParams, imu};
 pub use loops::{EndParams, LoopParams};
 pub use messages::{FrameTree, WORLD, joint_states, momentum, odometry};
-pub use params::{Description, DynamicsParams, FlexibleParams, InitialMotion, TargetParams};
+pub use params::{
+    AppendageParams, Description, DynamicsParams, FlexibleParams, InitialMotion, LockstepOn,
+    TargetParams, ThrusterParams, WheelParams,
+};
 pub use part_messages::{appendage_states, wheel_states};
 pub use robot::Robot;
 pub use star_tracker::star_tracker_message;

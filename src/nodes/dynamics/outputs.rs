@@ -78,7 +78,7 @@ impl Outputs {
     /// # Errors
     /// When the node cannot publish.
     pub fn new(node: &Node, world: &World, params: &DynamicsParams) -> Result<Self, NodeError> {
-        let frames = FrameTree::new(world.robot.model());
+        let frames = FrameTree::new(&world.robot);
         let latched_description = topics::ROBOT_DESCRIPTION.advertise(node)?;
         latched_description.publish(&std_msgs::String {
             data: params.robot.xml.clone(),

@@ -1,6 +1,8 @@
 //! The simulated world: the robot and the free bodies, at one time.
 
 #[cfg(test)]
+mod flexible_tests;
+#[cfg(test)]
 mod tests;
 
 use super::divergence::{self, StateBackup};

@@ -260,3 +260,16 @@ fn impossible_panels_are_rejected_with_field_and_value() {
     let message = wrong.appendage("panel").unwrap_err().to_string();
     assert_eq!(message, "bending_modes is 13; it must be from 0 to 12");
 }
+
+// The modes of the panel carry up to 61 % of its mass along z. With half the modal mass it is 123 %, which no body has.
+#[test]
+fn modes_that_move_more_mass_than_the_body_has_are_rejected() {
+    let mut panel = panel(true);
+    panel.check().unwrap();
+    panel.modal_mass *= 0.5;
+    let problem = panel.check().unwrap_err().to_string();
+    assert!(
+        problem.contains("mass matrix of body and modes together is not positive semidefinite"),
+        "{problem}"
+    );
+}

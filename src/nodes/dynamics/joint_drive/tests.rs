@@ -3,6 +3,7 @@ use crate::{
     control::commander::JointSpline,
     dynamics::{Floating, IntegrationMethod, State},
     model::Model,
+    nodes::dynamics::{free_body::Restorable as _, robot::RobotState},
 };
 
 /// Two links of 50 kg; the first joint has an effort limit of 5 N m, which accelerates it by about 0.02 rad/s².
@@ -129,7 +130,7 @@ fn a_motion_that_is_interrupted_ends_smoothly() {
     // Joints that move at 0.05 rad/s are stopped by a motion...
     let mut state = robot.state().clone();
     state.qd.fill(0.05);
-    robot.set_state(state);
+    robot.restore(&RobotState::Rigid(state));
     let stop = JointSpline::stop(robot.model(), 0.0, &[to_rest(0.05), to_rest(0.05)]);
     drive.begin(&robot, ArmMotion::Joints(stop), 0.0);
     assert_eq!(drive.mode(), DriveMode::Motion);
@@ -158,7 +159,7 @@ fn a_motion_that_ends_before_its_first_step_moves_nothing() {
     let (mut robot, mut drive) = robot();
     let mut state = robot.state().clone();
     state.q = nalgebra::dvector![0.4, -0.7];
-    robot.set_state(state);
+    robot.restore(&RobotState::Rigid(state));
     let present = drive.present(&robot);
     let stop = JointSpline::stop(robot.model(), 0.0, &present);
     drive.begin(&robot, ArmMotion::Joints(stop), 0.0);

@@ -108,6 +108,12 @@ impl FlexibleParams {
     pub fn system(&self, model: &Model) -> Result<FlexibleSystem, String> {
         let mut builder = FlexibleSystem::builder(model);
         for params in &self.appendages {
+            if model.frame(&params.body.name).is_some() {
+                return Err(format!(
+                    "parameter appendages: '{}' is the name of a link; an appendage needs another one, which names its frame",
+                    params.body.name
+                ));
+            }
             let link = link(model, &params.body.name, &params.link)?;
             builder = builder.appendage(link, params.X_FA, params.body.clone());
         }

@@ -30,13 +30,16 @@ use crate::{
     ros::{Declare, Lifecycle},
     vision::StarTrackerConfig,
 };
+pub use appendages::AppendageParams;
 use bodies::finite_list;
 pub use flexible::FlexibleParams;
 use joint_physics::declare_joint_physics;
 pub use lockstep::LockstepOn;
 pub use motions::{BaseReaction, LiveBaseReaction, MotionParams};
 use motions::{declare_base_reaction, declare_motions, declare_position_servo};
+pub use thrusters::ThrusterParams;
 use velocity_servo::declare_servo;
+pub use wheels::WheelParams;
 
 /// Parameters of the dynamics node; read once, at the start.
 #[derive(Debug, Clone)]

@@ -239,25 +239,33 @@ impl FlexibleWorkspace {
     /// the state is a check.
     pub fn carried_momentum(&self, state: &FlexibleState) -> Momentum {
         let mut sum = Wrench::ZERO;
-        for b in 0..self.nodes.len() {
-            sum += self.momentum_in_base(b, state);
+        for (b, node) in self.nodes.iter().enumerate() {
+            sum += self.own_momentum(b, state).shifted_to_parent(&node.X_0);
         }
         self.about_com(&sum)
     }
 
-    /// Sum over the bodies of the magnitudes of their momenta (linear \[N s\], angular about the system's centre of mass
-    /// \[N m s\]): what rounding errors of the momentum are relative to.
+    /// Sum over rigid bodies, deformable bodies and rotors of the magnitudes of their momenta (linear \[N s\], angular about
+    /// the system's centre of mass \[N m s\]): what rounding errors of the momentum are relative to.
     pub fn momentum_scale(&self, state: &FlexibleState) -> (f64, f64) {
-        let momenta = (0..self.nodes.len()).map(|b| {
-            let of_body = self.about_com(&self.momentum_in_base(b, state));
-            (of_body.linear.norm(), of_body.angular.norm())
-        });
-        momenta.fold((0.0, 0.0), |sum, own| (sum.0 + own.0, sum.1 + own.1))
-    }
-
-    /// Momentum of body `b` about the base frame's origin, base axes.
-    fn momentum_in_base(&self, b: usize, state: &FlexibleState) -> Wrench {
-        (self.own_momentum(b, state)).shifted_to_parent(&self.nodes[b].X_0)
+        let compiled = self.system.compiled();
+        let mut sum = (0.0, 0.0);
+        for (node, body) in self.nodes.iter().zip(&compiled.bodies) {
+            let mut add = |part: Wrench| {
+                let part = self.about_com(&part.shifted_to_parent(&node.X_0));
+                sum.0 += part.linear.norm();
+                sum.1 += part.angular.norm();
+            };
+            add(body.rigid.momentum(&node.V));
+            for i in &body.modal_bodies {
+                add(self.modal[*i].shape.momentum(&node.V));
+            }
+            for i in &body.rotors {
+                let momentum = compiled.rotors[*i].momentum(state);
+                add(Wrench::new(momentum, Vector3::zeros()));
+            }
+        }
+        sum
     }
 
     /// A momentum about the base frame's origin as one about the system's centre of mass.
