@@ -10,8 +10,9 @@ use fuyu_physics::dynamics::flexible::{
 use fuyu_physics::dynamics::{IntegrationMethod, Workspace};
 use nalgebra::{DVector, UnitQuaternion, Vector3};
 
-use crate::support::{POSTURES, Random, efforts, mounts, servicer, servicer_with_wheels,
-    servicer_with_wheels_of};
+use crate::support::{
+    POSTURES, Random, efforts, mounts, servicer, servicer_with_wheels, servicer_with_wheels_of,
+};
 
 // A second formulation: positions and rotations of all bodies a short time apart, from kinematics alone.
 #[test]
@@ -117,7 +118,11 @@ fn feed_forward_keeps_the_base_still() {
         alone.to_degrees(),
         with.to_degrees()
     );
-    println!("wheels {:?}, arm {:?} N m s", wheels.as_slice(), arm.as_slice());
+    println!(
+        "wheels {:?}, arm {:?} N m s",
+        wheels.as_slice(),
+        arm.as_slice()
+    );
     assert!(with < 0.15 * alone, "{with} {alone}");
     assert!((wheels + arm).norm() < 0.1 * arm.norm(), "{wheels} {arm}");
 }

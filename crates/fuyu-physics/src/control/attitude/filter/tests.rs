@@ -57,7 +57,10 @@ impl Tracker {
 
     /// The oldest attitude that was exposed at `until` or before.
     fn deliver(&mut self, until: f64) -> Option<(f64, UnitQuaternion<f64>)> {
-        let is_due = self.waiting.front().is_some_and(|(exposed, _)| *exposed <= until + 1e-9);
+        let is_due = self
+            .waiting
+            .front()
+            .is_some_and(|(exposed, _)| *exposed <= until + 1e-9);
         is_due.then(|| self.waiting.pop_front()).flatten()
     }
 }
