@@ -171,8 +171,7 @@ fn pictures(report: &mut Report, d: &Design, number: usize, what: &str) -> Outco
         .figures
         .push((format!("kida-fig-3.{number}"), figure));
     const STEP: f64 = 0.005;
-    // What grows leaves the picture.
-    let samples = if d.largest_real_part < 0.0 { 801 } else { 401 };
+    let samples = if d.largest_real_part < 0.0 { 801 } else { 1601 };
     let (impulse, step) = (d.impulse(STEP, samples)?, d.step(STEP, samples)?);
     let curves = |response: &Response, first: usize, letter: &str| {
         let curve = |i: usize| {
