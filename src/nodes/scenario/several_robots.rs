@@ -101,7 +101,7 @@ pub(super) fn other_body(scenario: &Scenario, name: &str) -> Result<OtherBody, S
         let params = scenario.dynamics_of(robot);
         params.is_some_and(|params| params.robots.iter().any(|r| r == namespace))
     };
-    if !robots.contains(&namespace) && robots.iter().any(|robot| elsewhere(robot)) {
+    if !robots.contains(&namespace) && robots.iter().any(elsewhere) {
         // Another process knows its targets.
         return Ok(OtherBody {
             robot: namespace.to_owned(),
