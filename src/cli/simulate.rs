@@ -104,6 +104,12 @@ pub fn run(args: &Args) -> Result<(), Failure> {
     if scenario.robots().len() > 1 {
         return fleet::run(args, &scenario);
     }
+    if scenario.has_several_robots() {
+        return Err(Failure::Input(format!(
+            "{}: parameter robots of the dynamics node names other robots, but the scenario has no other dynamics node to simulate",
+            scenario.path().display()
+        )));
+    }
     let mut closed_loop = ClosedLoop::new(&scenario).map_err(Failure::Input)?;
     if let Some(missing) = closed_loop.world.not_simulated() {
         eprintln!("fuyu: note: {}: {missing}", scenario.path().display());

@@ -12,7 +12,8 @@ pub struct OtherBody {
     pub target: Option<String>,
 }
 
-/// Checks that the dynamics nodes of `scenario` agree on their common time.
+/// Checks that the dynamics nodes of `scenario` agree on their common time. A single one may share a world with robots
+/// that another process simulates.
 ///
 /// # Errors
 /// A line that names file, node and parameter.
@@ -34,7 +35,7 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), String> {
             node(i)
         ))
     };
-    let same = |key: &str, of: fn(&DynamicsParams) -> f64| {
+    let same = |key: &str, of: fn(&DynamicsParams) -> String| {
         let different = params.iter().position(|p| of(p) != of(&params[0]));
         match different {
             None => Ok(()),
@@ -60,10 +61,6 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), String> {
             sorted(&mut robots.iter().copied()),
             params.robots.join(", "),
         );
-        if robots.len() < 2 && !named.is_empty() {
-            let problem = "but the scenario has no other dynamics node";
-            return at(i, format!("parameter robots is [{said}], {problem}"));
-        }
         if robots.len() > 1 && named != expected {
             return at(
                 i,
@@ -85,8 +82,8 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), String> {
             ),
         );
     }
-    same("state_rate", |p| p.state_rate)?;
-    same("lockstep", |p| f64::from(u8::from(p.lockstep)))
+    same("state_rate", |p| p.state_rate.to_string())?;
+    same("lockstep", |p| p.lockstep.to_string())
 }
 
 /// The body of another robot that an absolute name means: `/NAMESPACE/base_link` or `/NAMESPACE/TARGET`.
@@ -100,6 +97,17 @@ pub(super) fn other_body(scenario: &Scenario, name: &str) -> Result<OtherBody, S
         "" => "/",
         namespace => namespace,
     };
+    let elsewhere = |robot: &&str| {
+        let params = scenario.dynamics_of(robot);
+        params.is_some_and(|params| params.robots.iter().any(|r| r == namespace))
+    };
+    if !robots.contains(&namespace) && robots.iter().any(elsewhere) {
+        // Another process knows its targets.
+        return Ok(OtherBody {
+            robot: namespace.to_owned(),
+            target: (last != BASE).then(|| last.to_owned()),
+        });
+    }
     if !robots.contains(&namespace) {
         let bases: Vec<_> = robots
             .iter()
