@@ -52,7 +52,11 @@ pub(super) fn fig_3_17(report: Report) -> Report {
                 .map(|(i, p)| (p.0 + factor * shape[2 * i], p.1 + factor * shape[2 * i + 1]))
                 .collect();
             let arrow = |dof: usize| {
-                let along = if dof.is_multiple_of(2) { (1.0, 0.0) } else { (0.0, 1.0) };
+                let along = if dof.is_multiple_of(2) {
+                    (1.0, 0.0)
+                } else {
+                    (0.0, 1.0)
+                };
                 [points[dof / 2], along]
             };
             ShapePanel {
