@@ -12,16 +12,10 @@ use super::{
 use std::time::Instant;
 
 use crate::{
-    estimation::{
-        BatchSolution, GYRO_GAP, MotionTracker, TrackLoss, Tracks,
-        bundle::{self, Widths},
-    },
-    nodes::{
-        camera::CAMERA_FRAME,
-        features::{camera_from_msg, rectified},
-    },
+    estimation::{BatchSolution, GYRO_GAP, MotionTracker, TrackLoss, Tracks, bundle},
+    nodes::{camera::CAMERA_FRAME, features::pinhole_from_msg},
     ros::{Node, Status, Time},
-    vision::{Distortion, FeatureFrame, Pinhole},
+    vision::{FeatureFrame, Pinhole},
 };
 
 /// Number of frame intervals without a frame after which the motion is extrapolated.
@@ -38,7 +32,6 @@ const LONGEST_PAUSE: f64 = 10.0;
 pub struct Observer {
     params: EstimatorParams,
     camera: Option<Pinhole>,
-    lens: Option<Distortion>,
     /// Name of the camera's optical frame.
     pub camera_frame: String,
     attitude: CameraAttitude,
@@ -76,7 +69,6 @@ impl Observer {
         motion_status.warn("not estimated yet: no frames");
         Self {
             camera: params.camera,
-            lens: None,
             camera_frame: CAMERA_FRAME.to_owned(),
             attitude: CameraAttitude::default(),
             gyro_restarts: 0,
@@ -104,8 +96,8 @@ impl Observer {
         if let Some(received) = topics.camera_info.latest()
             && self.params.camera.is_none()
         {
-            match camera_from_msg(&received.message) {
-                Ok((camera, lens)) => (self.camera, self.lens) = (Some(camera), lens),
+            match pinhole_from_msg(&received.message) {
+                Ok(camera) => self.camera = Some(camera),
                 Err(problem) => {
                     let topic = topics.camera_info.topic();
                     self.camera_status.error(format!("{topic}: {problem}"));
@@ -168,10 +160,6 @@ impl Observer {
 
     /// Adds a frame that arrived at `now` to the queue for [`Observer::update_motion`].
     pub fn queue_frame(&mut self, frame: FeatureFrame, now: Instant) {
-        let frame = match &self.camera {
-            Some(camera) => rectified(frame, camera, self.lens.as_ref()),
-            None => frame,
-        };
         self.queue.push(frame, now);
     }
 
@@ -258,8 +246,8 @@ impl Observer {
         self.reset_reason = Some(why.to_owned());
     }
 
-    /// Publishes the angular velocity at `time` \[s\], and the motion if that is due. Nothing is published for a time
-    /// before that of an earlier message: the extrapolation goes beyond the frames that arrive after it.
+    /// Publishes the angular velocity at `time` \[s\], and the motion if that is due. Nothing is published for a time before
+    /// that of an earlier message: the extrapolation goes beyond the frames that arrive after it.
     fn publish(&mut self, time: f64, topics: &Topics) {
         if self.tracker.is_some() && !self.published.advance(time) {
             return;
@@ -284,8 +272,8 @@ impl Observer {
         let Some(snapshot) = self.snapshot(time) else {
             return;
         };
+        topics.motion.publish(&snapshot.motion());
         let (horizon, rate) = (self.params.horizon, self.params.prediction_rate);
-        topics.motion.publish(&snapshot.motion(horizon, rate));
         topics
             .prediction
             .publish(&snapshot.prediction(horizon, rate));
@@ -301,8 +289,8 @@ impl Observer {
         })
     }
 
-    /// Publishes the extrapolated motion while no frames arrive, until the end of the last prediction. `now` is the
-    /// node's time.
+    /// Publishes the extrapolated motion while no frames arrive, until the end of the last prediction. `now` is the node's
+    /// time.
     pub fn coast(&mut self, now: Time, topics: &Topics) {
         let (Some((stamp, arrived)), Some(published_at)) = (self.newest, self.published_at) else {
             return;
@@ -316,9 +304,8 @@ impl Observer {
         }
     }
 
-    /// Submits the frames of the window to the solver, if it is idle and a batch is due: after every solve period,
-    /// which grows with the time that a batch takes, and once frames have stopped, so that the last batch has them
-    /// all.
+    /// Submits the frames of the window to the solver, if it is idle and a batch is due: after every solve period, which
+    /// grows with the time that a batch takes, and once frames have stopped, so that the last batch has them all.
     pub fn solve(&mut self, now: Time) {
         let (Some(camera), Some((_, newest))) = (self.camera, self.tracks.span()) else {
             return;
@@ -348,11 +335,7 @@ impl Observer {
             camera,
             options: bundle::Options {
                 pixel_noise: self.params.pixel_noise,
-                widths: Widths {
-                    gyro_noise: (self.attitude.gyro_noise())
-                        .unwrap_or(self.params.widths.gyro_noise),
-                    ..self.params.widths
-                },
+                estimate_focal_length: self.params.estimate_focal_length,
                 camera_motion: self.attitude.gyro.motion(),
                 ..bundle::Options::default()
             },

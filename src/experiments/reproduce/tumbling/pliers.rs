@@ -95,7 +95,7 @@ pub(super) fn pliers(mut report: Report) -> Report {
     match bundle::estimate(
         &tracks,
         &chapter::camera(RESOLUTION),
-        &bundle::Options::undisturbed(),
+        &bundle::Options::default(),
     ) {
         Err(_) => report.holds("bundle adjustment answers [-]", f64::NAN, false),
         Ok(solution) => {
