@@ -34,7 +34,7 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), String> {
             node(i)
         ))
     };
-    let same = |key: &str, of: fn(&DynamicsParams) -> f64| {
+    let same = |key: &str, of: fn(&DynamicsParams) -> String| {
         let different = params.iter().position(|p| of(p) != of(&params[0]));
         match different {
             None => Ok(()),
@@ -85,8 +85,11 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), String> {
             ),
         );
     }
-    same("state_rate", |p| p.state_rate)?;
-    same("lockstep", |p| f64::from(u8::from(p.lockstep)))
+    same("state_rate", |p| p.state_rate.to_string())?;
+    same("lockstep", |p| p.lockstep.to_string())?;
+    same("duration", |p| p.duration.to_string())?;
+    same("real_time_factor", |p| p.real_time_factor.to_string())?;
+    same("start_paused", |p| p.start_paused.to_string())
 }
 
 /// The body of another robot that an absolute name means: `/NAMESPACE/base_link` or `/NAMESPACE/TARGET`.
