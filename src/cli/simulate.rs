@@ -108,6 +108,12 @@ impl From<BagError> for Stop {
 pub fn run(args: &Args) -> Result<(), Failure> {
     let scenario = Scenario::read(&args.config).map_err(Failure::Input)?;
     scenario.check().map_err(Failure::Input)?;
+    if scenario.robots().len() == 1 && scenario.has_several_robots() {
+        return Err(Failure::Input(format!(
+            "{}: parameter robots of the dynamics node names other robots, but the scenario has no other dynamics node to simulate",
+            scenario.path().display()
+        )));
+    }
     let mut fleet = Fleet::new(&scenario).map_err(Failure::Input)?;
     let path = scenario.path().display();
     for (i, (_, closed_loop)) in fleet.robots().enumerate() {

@@ -12,12 +12,13 @@ use crate::{
         PoseError, Stamp,
         attitude::{AttitudeInputError, AttitudeReport},
     },
+    dynamics::Workspace,
     model::Frame,
     nodes::{
         attitude::AttitudeLoop,
         camera::{TargetCamera, camera_frame, second_camera},
         controller::second_tip,
-        dynamics::{FreeBody as _, Robot, World, imu},
+        dynamics::{FreeBody as _, World, imu},
         geometry::{message_round_trip, vector_from_msg, with_matrix},
         scenario::Scenario,
         tip_frame,
@@ -52,6 +53,7 @@ struct AttitudeControl {
 /// Cameras and control loop.
 struct VisualServo {
     camera: PoseCamera,
+    kinematics: Workspace,
     target: Option<TrackedTarget>,
     feature_frames: Vec<FeatureFrame>,
     control_loop: ControlLoop,
@@ -281,10 +283,10 @@ impl SecondArm {
         &mut self,
         time: f64,
         X_WB: &Pose,
-        robot: &Robot,
+        kinematics: &Workspace,
         control_loop: &mut ControlLoop,
     ) -> Result<(), InputError> {
-        let X_BE = robot.X_BF(&self.tip);
+        let X_BE = kinematics.X_BF(&self.tip);
         self.camera
             .show(time, &X_BE, Some(&(X_WB.inverse() * self.X_WD)));
         while let Some(frame) = self.camera.deliver(time) {
@@ -386,6 +388,7 @@ impl VisualServo {
             carrier,
             second,
             camera: PoseCamera::new(camera.quality),
+            kinematics: Workspace::new(model),
             target,
             feature_frames: Vec::new(),
             X_FD: with_matrix(&goal),
@@ -407,7 +410,10 @@ impl VisualServo {
         let gyro = imu(stamp, "", world).angular_velocity;
         let stamp = Stamp::from_nanos(stamp.as_nanos());
         let robot = &world.robot;
-        let X_BE = robot.X_BF(self.control_loop.controller().tip());
+        // The camera knows the arm's kinematics and its joints, as the camera node does.
+        self.kinematics.set_positions(&robot.state().q);
+        let tip = self.control_loop.controller().tip();
+        let (X_BE, true_X_BE) = (self.kinematics.X_BF(tip), robot.X_BF(tip));
         let X_WB = message_round_trip(&robot.X_WB());
         let at = |e: String| format!("at {time:.2} s: {e}");
         let of_target = |body: Watched| {
@@ -443,7 +449,7 @@ impl VisualServo {
         Ok(Answer {
             feature_frames: &self.feature_frames,
             report,
-            error: PoseError::between(&X_BE, &X_BD),
+            error: PoseError::between(&true_X_BE, &X_BD),
             control_loop: &self.control_loop,
         })
     }
@@ -466,7 +472,7 @@ impl VisualServo {
         }
         if let Some(second) = &mut self.second {
             let time = stamp.as_secs_f64();
-            second.measure(time, X_WB, robot, control_loop)?;
+            second.measure(time, X_WB, &self.kinematics, control_loop)?;
         }
         control_loop.add_gyro(stamp, *w_WB_B)
     }

@@ -35,6 +35,26 @@ pub struct EventWatch {
     present: Vec<String>,
     /// When deformation was first beyond what first-order modes describe, and a line on it.
     excess: Option<(f64, String)>,
+    /// The joints at the state before.
+    earlier: Joints,
+}
+
+/// Time, positions and rates of joints.
+#[derive(Debug, Default)]
+struct Joints {
+    time: f64,
+    q: Vec<f64>,
+    qd: Vec<f64>,
+}
+
+impl Joints {
+    /// Where joint `j` would be after `seconds` at its rate, if it has lost half of this rate or more by then: it may have
+    /// hit a stop and left it again.
+    fn reach(&self, j: usize, rate_now: f64, seconds: f64) -> Option<f64> {
+        let (q, rate) = (self.q.get(j)?, self.qd.get(j)?);
+        let is_braked = rate_now * rate.signum() < 0.5 * rate.abs();
+        is_braked.then_some(q + rate * seconds)
+    }
 }
 
 impl EventWatch {
@@ -42,10 +62,17 @@ impl EventWatch {
     pub fn see(&mut self, world: &World) {
         let mut now = Vec::new();
         let state = world.robot.state();
-        let joints = world.robot.model().joints().iter();
-        for (joint, (q, qd)) in joints.zip(state.q.iter().zip(&state.qd)) {
-            now.extend(of_joint(joint, *q, *qd));
+        let seconds = world.time() - self.earlier.time;
+        for (j, joint) in world.robot.model().joints().iter().enumerate() {
+            let (q, qd) = (state.q[j], state.qd[j]);
+            let reach = self.earlier.reach(j, qd, seconds).unwrap_or(q);
+            now.extend(of_joint(joint, q, reach, qd));
         }
+        self.earlier.time = world.time();
+        self.earlier.q.clear();
+        self.earlier.q.extend(state.q.iter());
+        self.earlier.qd.clear();
+        self.earlier.qd.extend(state.qd.iter());
         if let Some(robot) = world.robot.flexible() {
             of_wheels(robot, &mut now);
             self.see_deformation(world.time(), robot, &mut now);
@@ -86,18 +113,18 @@ impl EventWatch {
     }
 }
 
-fn of_joint(joint: &Joint, q: f64, qd: f64) -> Option<String> {
+fn of_joint(joint: &Joint, q: f64, reach: f64, qd: f64) -> Option<String> {
     let (name, limits) = (&joint.name, &joint.limits);
     let unit = match joint.kind.is_rotational() {
         true => "rad",
         false => "m",
     };
-    if q <= limits.lower + AT_STOP {
+    if q.min(reach) <= limits.lower + AT_STOP {
         Some(format!(
             "joint '{name}' is at its lower stop, {} {unit}",
             limits.lower
         ))
-    } else if q >= limits.upper - AT_STOP {
+    } else if q.max(reach) >= limits.upper - AT_STOP {
         Some(format!(
             "joint '{name}' is at its upper stop, {} {unit}",
             limits.upper

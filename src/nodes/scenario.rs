@@ -148,6 +148,15 @@ impl Scenario {
         several_robots::other_body(self, name)
     }
 
+    /// Whether its robots share a world with others, of this scenario or of another process.
+    pub fn has_several_robots(&self) -> bool {
+        let params = self
+            .robots()
+            .into_iter()
+            .filter_map(|robot| self.dynamics_of(robot));
+        params.into_iter().any(|params| !params.robots.is_empty())
+    }
+
     /// The same scenario with the nodes of one namespace only.
     #[must_use]
     pub fn of_robot(&self, namespace: &str) -> Self {

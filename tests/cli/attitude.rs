@@ -61,7 +61,7 @@ fn every_law_holds_the_base_while_the_tip_goes_to_its_goal() {
         let law_line = format!("law: {law}");
         let held = json(&run("simulate", &[("law: dvdfb", &law_line)], &["--json"]));
         println!("{law}: {:.4} deg", turn(&held));
-        assert!(turn(&held) < 0.05, "{law}: {}", turn(&held));
+        assert!(turn(&held) < 0.06, "{law}: {}", turn(&held));
         // Nothing outside has acted.
         for part in ["linear", "angular"] {
             let momentum = numbers(&held["final"]["momentum"][part]);

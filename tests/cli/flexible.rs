@@ -363,6 +363,39 @@ fn wrong_parts_are_refused_with_the_reason() {
     }
 }
 
+// The motor is wound up by what the link's vibration does, and the energy of both is in the bag's balance: strain energy, the
+// damping between motor and link.
+#[test]
+fn an_elastic_joint_winds_up_and_its_energy_is_accounted_for() {
+    let joints = "    joints:\n      joint2:\n        stiffness: 20000.0\n        damping: 20.0\n        rotor_inertia: 1.0e-4\n        gear_ratio: 100.0\n    wheels: [";
+    let scenario = with(CONFIG, "    wheels: [", joints);
+    let start =
+        "    initial_joint_velocities: [0.0, 0.1, 0.0, 0.0, 0.0, 0.0]\n    integrator: rk4\n";
+    let scenario = with(&scenario, "    integrator: rk4\n", start);
+    let folder = tempfile::tempdir().unwrap();
+    let bag = folder.path().join("bag");
+    let bag = bag.to_str().unwrap();
+    let options = ["--json", "--duration", "5", "--output", bag];
+    let report = run("simulate", &scenario, SERVICER, &options).json();
+    let number = |value: &Value| value.as_f64().unwrap();
+    let motor = number(&report["final"]["motors"]["joint2"]["position"]);
+    let link = number(&report["final"]["q"]["joint2"]);
+    assert!(
+        (motor - link).abs() < 1e-2 && motor != link,
+        "{motor} {link}"
+    );
+    assert!(number(&report["final"]["strain_energy"]) > 1e-3);
+    assert!(number(&report["energy_residual"]) < 1e-5);
+    let check = fuyu(&["bag", "check", bag, "--json"]).json();
+    let lines = check["checks"].as_array().unwrap();
+    let energy = lines
+        .iter()
+        .find(|line| line["name"] == "energy balance")
+        .unwrap();
+    assert!(number(&energy["value"]) < 1e-4, "{energy}");
+    assert_eq!(check["passed"], true, "{check}");
+}
+
 // The controller knows nothing of the panels. The tip arrives all the same, and the panels vibrate meanwhile.
 #[test]
 fn the_tip_arrives_although_panels_vibrate() {

@@ -51,7 +51,7 @@ impl Plan {
             }
             scenario.set("dynamics", "real_time_factor", ParameterValue::Double(0.0));
         }
-        if scenario.robots().len() > 1 {
+        if scenario.has_several_robots() {
             scenario.separate_transforms();
         }
         // Check everything before any node starts, so that invalid input leaves no bag behind.

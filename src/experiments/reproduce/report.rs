@@ -252,10 +252,14 @@ impl Row {
             // Counts.
             Some(_) => 0,
             None if self.computed == self.computed.round() => 0,
-            // Four significant digits.
-            None => (3.0 - self.computed.abs().log10().floor()).clamp(3.0, 6.0) as usize,
+            // Five significant digits.
+            None => (4.0 - self.computed.abs().log10().floor()).clamp(3.0, 6.0) as usize,
         };
-        let value = |x: f64| match x != 0.0 && x.abs() < 0.1f64.powi(decimals as i32) {
+        let small = match self.tolerance {
+            Some(_) => 0.1f64.powi(decimals as i32),
+            None => 1e-3,
+        };
+        let value = |x: f64| match x != 0.0 && x.abs() < small {
             true => format!("{x:.2e}"),
             false => format!("{x:.decimals$}"),
         };

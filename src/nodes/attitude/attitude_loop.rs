@@ -138,12 +138,8 @@ impl AttitudeLoop {
         if self.controller.is_none() {
             self.design(q)?;
         }
-        match &mut self.controller {
-            Some(controller) => controller
-                .add_joint_state(stamp, q, qd)
-                .map_err(|e| e.to_string()),
-            None => Ok(()),
-        }
+        self.add(|controller| controller.add_joint_state(stamp, q, qd))
+            .map_err(|e| e.to_string())
     }
 
     /// Adds a gyro sample, base axes \[rad/s\]. One with an earlier stamp than the last starts another run.
@@ -151,12 +147,20 @@ impl AttitudeLoop {
     /// # Errors
     /// A value that is not finite.
     pub fn add_gyro(&mut self, stamp: Stamp, w: Vector3<f64>) -> Result<(), AttitudeInputError> {
+        self.add(|controller| controller.add_gyro(stamp, w).map(drop))
+    }
+
+    /// Adds a sample, which may start another run. Before the first joint state there is nothing to add it to.
+    fn add(
+        &mut self,
+        add: impl FnOnce(&mut AttitudeController) -> Result<(), AttitudeInputError>,
+    ) -> Result<(), AttitudeInputError> {
         let Some(controller) = &mut self.controller else {
             return Ok(());
         };
-        let newest = controller.filter().newest_gyro();
-        controller.add_gyro(stamp, w)?;
-        if newest.is_some_and(|newest| stamp < newest) {
+        let runs = controller.restarts();
+        add(controller)?;
+        if controller.restarts() != runs {
             self.last_step = None;
             if let Some(R_WD) = self.params.target {
                 controller.set_target(Stamp::from_nanos(0), &AttitudeTarget::fixed(R_WD))?;

@@ -164,6 +164,7 @@ mod tests {
             gyro_bias: Vector3::zeros(),
             gyro_bias_walk: 0.0,
             seed: 7,
+            ..ImuParams::default()
         });
         let mut squares = [0.0; 2];
         let states = 2000;
@@ -186,5 +187,28 @@ mod tests {
                 "{deviation} for {noise}"
             );
         }
+    }
+
+    // A bias is constant without a walk; with one it wanders by its density times the square root of time, and repeats.
+    #[test]
+    fn the_bias_of_the_gyro_wanders() {
+        let start = Vector3::new(4e-4, -3e-4, 2e-4);
+        let walk = |gyro_bias_walk: f64| {
+            let mut world = world(ImuParams {
+                gyro_bias: start,
+                gyro_bias_walk,
+                seed: 7,
+                ..ImuParams::default()
+            });
+            for _ in 0..400 {
+                world.step_to_tick();
+            }
+            world.gyro_bias() - start
+        };
+        assert_eq!(walk(0.0), Vector3::zeros());
+        let moved = walk(1e-6);
+        assert_eq!(moved, walk(1e-6));
+        // 4 s; three components within three standard deviations.
+        assert!(moved.norm() > 0.0 && moved.amax() < 6e-6, "{moved}");
     }
 }

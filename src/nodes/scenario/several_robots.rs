@@ -12,7 +12,8 @@ pub struct OtherBody {
     pub target: Option<String>,
 }
 
-/// Checks that the dynamics nodes of `scenario` agree on their common time.
+/// Checks that the dynamics nodes of `scenario` agree on their common time. A single one may share a world with robots
+/// that another process simulates.
 ///
 /// # Errors
 /// A line that names file, node and parameter.
@@ -60,10 +61,6 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), String> {
             sorted(&mut robots.iter().copied()),
             params.robots.join(", "),
         );
-        if robots.len() < 2 && !named.is_empty() {
-            let problem = "but the scenario has no other dynamics node";
-            return at(i, format!("parameter robots is [{said}], {problem}"));
-        }
         if robots.len() > 1 && named != expected {
             return at(
                 i,
@@ -103,6 +100,17 @@ pub(super) fn other_body(scenario: &Scenario, name: &str) -> Result<OtherBody, S
         "" => "/",
         namespace => namespace,
     };
+    let elsewhere = |robot: &&str| {
+        let params = scenario.dynamics_of(robot);
+        params.is_some_and(|params| params.robots.iter().any(|r| r == namespace))
+    };
+    if !robots.contains(&namespace) && robots.iter().any(elsewhere) {
+        // Another process knows its targets.
+        return Ok(OtherBody {
+            robot: namespace.to_owned(),
+            target: (last != BASE).then(|| last.to_owned()),
+        });
+    }
     if !robots.contains(&namespace) {
         let bases: Vec<_> = robots
             .iter()

@@ -52,7 +52,11 @@ pub(super) fn fig_3_17(report: Report) -> Report {
                 .map(|(i, p)| (p.0 + factor * shape[2 * i], p.1 + factor * shape[2 * i + 1]))
                 .collect();
             let arrow = |dof: usize| {
-                let along = if dof % 2 == 0 { (1.0, 0.0) } else { (0.0, 1.0) };
+                let along = if dof.is_multiple_of(2) {
+                    (1.0, 0.0)
+                } else {
+                    (0.0, 1.0)
+                };
                 [points[dof / 2], along]
             };
             ShapePanel {
@@ -171,8 +175,7 @@ fn pictures(report: &mut Report, d: &Design, number: usize, what: &str) -> Outco
         .figures
         .push((format!("kida-fig-3.{number}"), figure));
     const STEP: f64 = 0.005;
-    // What grows leaves the picture.
-    let samples = if d.largest_real_part < 0.0 { 801 } else { 401 };
+    let samples = if d.largest_real_part < 0.0 { 801 } else { 1601 };
     let (impulse, step) = (d.impulse(STEP, samples)?, d.step(STEP, samples)?);
     let curves = |response: &Response, first: usize, letter: &str| {
         let curve = |i: usize| {

@@ -82,7 +82,7 @@ pub struct AttitudeReport {
 /// | joint states | no feed-forward |
 /// | reference | the attitude of the first step at which it is known |
 ///
-/// A gyro sample with an earlier stamp than the last starts another run.
+/// A gyro sample or joint state with an earlier stamp than the last starts another run.
 #[derive(Debug)]
 pub struct AttitudeController {
     config: AttitudeControllerConfig,
@@ -95,6 +95,7 @@ pub struct AttitudeController {
     no_torques: DVector<f64>,
     no_on_times: Vec<f64>,
     mode: AttitudeMode,
+    restarts: u32,
 }
 
 /// The newest values of an input.
@@ -159,6 +160,7 @@ impl AttitudeController {
             no_torques: DVector::zeros(wheels),
             no_on_times: vec![0.0; regulator.on_times().len()],
             mode: AttitudeMode::ZeroTorque,
+            restarts: 0,
             regulator,
         })
     }
@@ -189,8 +191,14 @@ impl AttitudeController {
         }
     }
 
+    /// How often it has been restarted.
+    pub fn restarts(&self) -> u32 {
+        self.restarts
+    }
+
     /// Forgets all inputs, also the reference.
     pub fn restart(&mut self) {
+        self.restarts = self.restarts.wrapping_add(1);
         self.filter.restart();
         self.regulator.reset();
         self.target = None;
@@ -262,6 +270,9 @@ impl AttitudeController {
         for (what, values) in [("joint positions", q), ("joint rates", qd)] {
             check_length(what, values, self.q.values.len())?;
             finite(values, |i| format!("{what}[{i}]"))?;
+        }
+        if self.q.stamp.is_some_and(|last| stamp < last) {
+            self.restart();
         }
         self.q.offer(stamp, q);
         self.qd.offer(stamp, qd);

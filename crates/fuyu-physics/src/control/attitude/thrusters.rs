@@ -169,7 +169,7 @@ impl ThrusterAllocator {
             torque_size = torque_size.max(torque.norm());
             force_size = force_size.max(thruster.force.norm());
         }
-        if !(torque_size > 0.0) {
+        if torque_size <= 0.0 {
             return false;
         }
         // Units: the largest torque and force, and the on-time that gives the impulse with the largest torque.
@@ -208,15 +208,14 @@ impl ThrusterAllocator {
             }
         }
         let push = solve_within_span(&gram, &missing);
-        let changes =
-            || (self.columns.iter().zip(&self.on_times)).map(|(c, _)| torque_of(c).dot(&push));
-        let mut pairs = changes().zip(&self.on_times);
-        if pairs.any(|(change, time)| *time > 0.0 && time + change < 0.0) {
+        let change = |column: &Column| torque_of(column).dot(&push);
+        let mut pairs = self.columns.iter().zip(&self.on_times);
+        if pairs.any(|(column, time)| *time > 0.0 && time + change(column) < 0.0) {
             return;
         }
         for (column, time) in self.columns.iter().zip(&mut self.on_times) {
             if *time > 0.0 {
-                *time += torque_of(column).dot(&push);
+                *time += change(column);
             }
         }
     }

@@ -134,7 +134,7 @@ fn the_base_is_held_with_real_sensors() {
             "seed {seed}: largest deviation {:.4} deg, normalized squared error {normalized:.2} of 3",
             largest.to_degrees()
         );
-        assert!(largest < 0.1f64.to_radians(), "{largest}");
+        assert!(largest < 0.05f64.to_radians(), "{largest}");
         assert!(normalized > 1.0 && normalized < 7.0, "{normalized}");
         assert_eq!(run.controller.filter().outliers(), 0);
     }

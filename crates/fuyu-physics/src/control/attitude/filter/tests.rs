@@ -1,6 +1,8 @@
 use super::*;
 use crate::control::attitude::SimulatedGyro;
-use crate::vision::{StarTracker, StarTrackerConfig};
+use rand::{RngExt, SeedableRng, rngs::StdRng};
+use rand_distr::StandardNormal;
+use std::collections::VecDeque;
 
 const GYRO: GyroErrors = GyroErrors {
     angle_random_walk: 1e-4,
@@ -33,6 +35,36 @@ impl Motion {
     }
 }
 
+/// 3.7 Hz, a tenth of the attitudes lost. Shown at 200 Hz, exposures fall between gyro samples of 50 Hz.
+struct Tracker {
+    waiting: VecDeque<(f64, UnitQuaternion<f64>)>,
+    random: StdRng,
+    next: f64,
+}
+
+impl Tracker {
+    fn show(&mut self, time: f64, R_WB: &UnitQuaternion<f64>) {
+        if time + 1e-9 < self.next {
+            return;
+        }
+        self.next += 1.0 / 3.7;
+        let mut normal = || self.random.sample::<f64, _>(StandardNormal) * 1e-4;
+        let error = Vector3::new(normal(), normal(), normal());
+        if self.random.random::<f64>() > 0.1 {
+            self.waiting.push_back((time, R_WB * exp_so3(&error)));
+        }
+    }
+
+    /// The oldest attitude that was exposed at `until` or before.
+    fn deliver(&mut self, until: f64) -> Option<(f64, UnitQuaternion<f64>)> {
+        let is_due = self
+            .waiting
+            .front()
+            .is_some_and(|(exposed, _)| *exposed <= until + 1e-9);
+        is_due.then(|| self.waiting.pop_front()).flatten()
+    }
+}
+
 struct Run {
     filter: AttitudeFilter,
     /// Normalized squared errors of attitude and bias, one per second.
@@ -45,14 +77,11 @@ fn run(seed: u64, seconds: usize, latency: f64, said: GyroErrors) -> Run {
     let config = AttitudeFilterConfig::new(said, 1e-4);
     let mut filter = AttitudeFilter::new(config).unwrap();
     let mut gyro = SimulatedGyro::new(GYRO, seed);
-    // 3.7 Hz: exposures fall between gyro samples of 50 Hz if they are shown at 200 Hz.
-    let mut tracker = StarTracker::new(StarTrackerConfig {
-        rate: 3.7,
-        latency,
-        noise: 1e-4,
-        dropout: 0.1,
-        seed: seed + 1_000_000,
-    });
+    let mut tracker = Tracker {
+        waiting: VecDeque::new(),
+        random: StdRng::seed_from_u64(seed + 1_000_000),
+        next: 0.0,
+    };
     let mut motion = Motion {
         R_WB: UnitQuaternion::from_euler_angles(2.0, -1.0, 0.5),
         time: 0.0,
@@ -66,9 +95,9 @@ fn run(seed: u64, seconds: usize, latency: f64, said: GyroErrors) -> Run {
             let w = gyro.sample(&Motion::rate(time), 0.02);
             filter.add_gyro(Stamp::from_secs_f64(time), w).unwrap();
         }
-        while let Some(frame) = tracker.deliver(time) {
-            let stamp = Stamp::from_secs_f64(frame.time);
-            let used = filter.add_star_tracker(stamp, &frame.R_WB).unwrap();
+        while let Some((exposed, R_WB)) = tracker.deliver(time - latency) {
+            let stamp = Stamp::from_secs_f64(exposed);
+            let used = filter.add_star_tracker(stamp, &R_WB).unwrap();
             let is_right = !matches!(used, StarTrackerUse::TooOld | StarTrackerUse::Outlier);
             assert!(is_right || said != GYRO, "{used:?}");
         }

@@ -17,7 +17,8 @@ pub struct DoubleLoopConfig {
     pub rate_gain: f64,
     /// w0, near the bandwidth wanted \[rad/s\].
     pub frequency: f64,
-    /// k for each axis; `None` for 1.1 times the smallest that covers the model error of all plants given.
+    /// k for each axis; `None` for 1.1 times the smallest that covers the model error of all plants given, and 10 at
+    /// least.
     pub cover: Option<[f64; 3]>,
     /// Part of the largest possible gamma that is designed for, below 1.
     pub fraction: f64,
@@ -63,6 +64,9 @@ impl DoubleLoopConfig {
         })
     }
 }
+
+/// Smallest k: the loop's gain falls above w0 also about axes that no vibration couples to.
+const LEAST_COVER: f64 = 10.0;
 
 /// The double loop: rate feedback D, and around it an H-infinity controller for each axis, sampled by Tustin's method.
 #[derive(Debug, Clone)]
@@ -153,8 +157,7 @@ impl Axis {
                 1.1 * covering_gain(&structures, 0, &problem, &weight, &grid)?
             }
         };
-        // A rigid robot needs no cover; the problem is regular only with some.
-        let k = k.max(1e-3);
+        let k = k.max(LEAST_COVER);
         let design = config.problem(inertia, k)?.solve(config.fraction)?;
         let sampled = design.outer.tustin(period)?;
         Ok(Self {
