@@ -396,3 +396,114 @@ impl Report {
         self.compare(name, total as f64, 0.0, "", detail);
     }
 }
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::{
+        bag::{Topic, Writer, WriterOptions},
+        msg::{fuyu_msgs::Momentum, nav_msgs::Odometry, sensor_msgs::JointState, std_msgs},
+        nodes::{
+            dynamics::{
+                Description, FreeBody as _, InitialJoints, InitialMotion, Target, TargetParams,
+                World, momentum, odometry, target_joint_states,
+            },
+            scenario::Scenario,
+            topics,
+        },
+        ros::Time,
+        spatial::Twist,
+    };
+    use nalgebra::{Isometry3, Vector3};
+
+    const SAIL: &str = r#"<robot name="sail">
+        <link name="hull"><inertial><mass value="40"/>
+            <inertia ixx="20" iyy="20" izz="20" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <link name="panel"><inertial><mass value="10"/>
+            <inertia ixx="5" iyy="5" izz="5" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <joint name="hinge" type="continuous"><parent link="hull"/><child link="panel"/><axis xyz="0 0 1"/></joint>
+    </robot>"#;
+
+    fn sail(rate: f64) -> TargetParams {
+        TargetParams {
+            name: "sail".to_owned(),
+            description: Description::new(SAIL.to_owned(), "sail".to_owned(), true),
+            motion: InitialMotion {
+                pose: Isometry3::identity(),
+                velocity_W: Vector3::zeros(),
+                angular_velocity_B: Vector3::zeros(),
+            },
+            joints: InitialJoints {
+                positions: vec![0.0],
+                velocities: vec![rate],
+            },
+        }
+    }
+
+    // Would break if momentum that was given from outside, or that another body of the same name has, counted as gained.
+    #[test]
+    fn a_target_that_is_moved_or_replaced_begins_another_run() {
+        let scenario = Scenario::read("package://fuyu/config/positioning.yaml").unwrap();
+        let params = scenario.dynamics().unwrap();
+        let mut world = World::new(&params).unwrap();
+        let folder = tempfile::tempdir().unwrap();
+        let path = folder.path().join("bag");
+        let mut writer = Writer::create(&path, WriterOptions::default()).unwrap();
+        macro_rules! topic {
+            ($topic:expr, $message:ty) => {{
+                let name = format!("/{}", $topic.of("sail"));
+                writer
+                    .add_topic(Topic::of::<$message>(name, $topic.qos))
+                    .unwrap()
+            }};
+        }
+        let described = topic!(topics::TARGET_DESCRIPTION, std_msgs::String);
+        let moved = topic!(topics::TARGET_ODOMETRY, Odometry);
+        let joints = topic!(topics::TARGET_JOINT_STATES, JointState);
+        let total = topic!(topics::TARGET_MOMENTUM, Momentum);
+        let state = |writer: &mut Writer, world: &World| {
+            let stamp = Time::from_secs_f64(world.time());
+            let log = u64::try_from(stamp.as_nanos()).unwrap();
+            let target = &world.targets[0];
+            let odom = odometry(stamp, "sail", &target.body);
+            writer.write_message(moved, log, &odom).unwrap();
+            let states = target_joint_states(stamp, target);
+            writer.write_message(joints, log, &states).unwrap();
+            let momentum = momentum(stamp, &target.body);
+            writer.write_message(total, log, &momentum).unwrap();
+        };
+        for rate in [0.2, -0.1] {
+            let target = Target::new(&sail(rate), params.method, &params.joint_physics).unwrap();
+            let log = u64::try_from(Time::from_secs_f64(world.time()).as_nanos()).unwrap();
+            let text = std_msgs::String {
+                data: target.description.clone(),
+            };
+            writer.write_message(described, log, &text).unwrap();
+            world.targets = vec![target];
+            for _ in 0..30 {
+                // Once as it is, once again for late joiners.
+                state(&mut writer, &world);
+                state(&mut writer, &world);
+                world.step_to_tick();
+            }
+            state(&mut writer, &world);
+            let body = &mut world.targets[0].body;
+            let spin = Twist::new(Vector3::new(0.0, 0.1, 0.3), Vector3::new(0.2, 0.0, 0.0));
+            body.move_base(&Isometry3::translation(1.0, 0.0, 0.0), &spin)
+                .unwrap();
+            for _ in 0..30 {
+                state(&mut writer, &world);
+                world.step_to_tick();
+            }
+        }
+        writer.finish().unwrap();
+        let report = check_bag(&Bag::open(&path).unwrap(), &CheckLimits::default());
+        let failed: Vec<_> = (report.checks.iter())
+            .filter(|line| line.verdict == Verdict::Failed)
+            .collect();
+        assert!(failed.is_empty(), "{failed:?}");
+        let runs = report.checks.iter();
+        let runs = runs.filter(|line| line.name.ends_with("momentum from velocities"));
+        assert_eq!(runs.count(), 4, "{:?}", report.checks);
+    }
+}

@@ -32,11 +32,11 @@ use crate::{
 /// Each state is shown to the camera, the control loop answers with the frames delivered so far, and its efforts are
 /// held until the next state. If the scenario has a teleop node, a simulated operator steers. Without camera,
 /// controller and teleop it is a free motion under springs and dampers. There is no estimator: the control loop gets no
-/// goal rates.
+/// goal rates. Cameras that watch bodies by absolute names, its own or those of other robots, need a [`Fleet`](super::Fleet).
 pub struct ClosedLoop {
     /// The plant.
     pub world: World,
-    /// Bodies of other robots that its cameras watch.
+    /// Bodies that its cameras watch by absolute names.
     pub others: OtherBodies,
     servo: Option<VisualServo>,
     operated: Option<Operated>,
@@ -415,8 +415,13 @@ impl VisualServo {
         let tip = self.control_loop.controller().tip();
         let (X_BE, true_X_BE) = (self.kinematics.X_BF(tip), robot.X_BF(tip));
         let X_WB = message_round_trip(&robot.X_WB());
-        let of_target = |body: Watched| message_round_trip(&others.pose(world, body));
-        let X_WF = self.carrier.map_or_else(Pose::identity, of_target);
+        let at = |e: String| format!("at {time:.2} s: {e}");
+        let of_target = |body: Watched| {
+            let X_WT = others.pose(world, body).map_err(at)?;
+            Ok::<_, String>(message_round_trip(&X_WT))
+        };
+        let X_WF = self.carrier.map(of_target).transpose()?;
+        let X_WF = X_WF.unwrap_or_else(Pose::identity);
         let X_BD = X_WB.inverse() * (X_WF * self.X_FD);
         self.camera.show(time, &X_BE, Some(&X_BD));
         while let Some(frame) = self.camera.deliver(time) {
@@ -427,12 +432,11 @@ impl VisualServo {
             let X_WC = X_WB * robot.X_BF(&tracked.camera);
             tracked
                 .target_camera
-                .show(time, &X_WC, &of_target(tracked.body));
+                .show(time, &X_WC, &of_target(tracked.body)?);
             while let Some(frame) = tracked.target_camera.deliver(time) {
                 self.feature_frames.push(frame);
             }
         }
-        let at = |e: String| format!("at {time:.2} s: {e}");
         (self.feed(world, stamp, &X_WB, &vector_from_msg(&gyro), frames))
             .map_err(|e| at(e.to_string()))?;
         let report = self.control_loop.step();

@@ -1,4 +1,4 @@
-//! Several robots in one world, in one thread, without DDS.
+//! The robots of a scenario, one or several in one world, in one thread, without DDS.
 
 use super::ClosedLoop;
 use crate::{
@@ -30,6 +30,8 @@ impl Fleet {
     /// # Errors
     /// A line that names file, node and parameter.
     pub fn new(scenario: &Scenario) -> Result<Self, String> {
+        // Without a dynamics node there is no robot.
+        scenario.dynamics()?;
         let robots = scenario.robots().into_iter().map(|namespace| {
             Ok(Member {
                 namespace: namespace.to_owned(),
@@ -66,13 +68,30 @@ impl Fleet {
     /// # Panics
     /// If there is no such robot.
     pub fn robot(&mut self, index: usize) -> &mut ClosedLoop {
-        let poses = self.robots[index].watched.iter();
-        let poses: Vec<Pose> = poses
-            .map(|(robot, target)| self.pose(*robot, *target))
-            .collect();
-        let robot = &mut self.robots[index].closed_loop;
-        robot.others.set_poses(&poses);
-        robot
+        for i in 0..self.robots[index].watched.len() {
+            let (robot, target) = self.robots[index].watched[i];
+            let X_WB = self.pose(robot, target);
+            self.robots[index].closed_loop.others.set_pose(i, X_WB);
+        }
+        &mut self.robots[index].closed_loop
+    }
+
+    /// Time that all share \[s\].
+    pub fn time(&self) -> f64 {
+        self.robots[0].closed_loop.world.time()
+    }
+
+    /// The scenario's duration \[s\], which is the same for all; zero if it states none.
+    pub fn duration(&self) -> f64 {
+        self.robots[0].closed_loop.duration()
+    }
+
+    /// A line about a robot: with its namespace in front if there are several.
+    pub fn of_robot(&self, index: usize, line: &str) -> String {
+        match self.robots.as_slice() {
+            [_] => line.to_owned(),
+            several => format!("{}: {line}", several[index].namespace),
+        }
     }
 
     /// Advances all robots to the next state.
@@ -80,13 +99,9 @@ impl Fleet {
     /// # Errors
     /// When a motion has diverged: a line that names the robot.
     pub fn advance(&mut self) -> Result<(), String> {
-        for Member {
-            namespace,
-            closed_loop,
-            ..
-        } in &mut self.robots
-        {
-            (closed_loop.advance()).map_err(|e| format!("{namespace}: {e}"))?;
+        for i in 0..self.robots.len() {
+            let advanced = self.robots[i].closed_loop.advance();
+            advanced.map_err(|problem| self.of_robot(i, &problem))?;
         }
         Ok(())
     }

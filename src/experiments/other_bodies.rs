@@ -15,7 +15,8 @@ pub(super) enum Watched {
 #[derive(Debug, Default)]
 pub struct OtherBodies {
     names: Vec<String>,
-    poses: Vec<Pose>,
+    /// `None` until a pose is set.
+    poses: Vec<Option<Pose>>,
 }
 
 impl OtherBodies {
@@ -30,19 +31,25 @@ impl OtherBodies {
         let known = self.names.iter().position(|known| known == name);
         Ok(Watched::Other(known.unwrap_or_else(|| {
             self.names.push(name.to_owned());
-            self.poses.push(Pose::identity());
+            self.poses.push(None);
             self.names.len() - 1
         })))
     }
 
     /// Pose of a body in the world.
-    pub(super) fn pose(&self, world: &World, body: Watched) -> Pose {
+    ///
+    /// # Errors
+    /// When that of another robot's body was never set.
+    pub(super) fn pose(&self, world: &World, body: Watched) -> Result<Pose, String> {
         match body {
             Watched::Own(index) => {
                 let target = &world.targets[index].body;
-                target.state().X_WB(target.workspace())
+                Ok(target.state().X_WB(target.workspace()))
             }
-            Watched::Other(index) => self.poses[index],
+            Watched::Other(index) => self.poses[index].ok_or_else(|| {
+                let name = &self.names[index];
+                format!("the pose of '{name}' is not known: it is not of this robot's simulation")
+            }),
         }
     }
 
@@ -51,11 +58,11 @@ impl OtherBodies {
         &self.names
     }
 
-    /// Sets the poses in the world, in the order of [`Self::names`].
+    /// Sets the pose in the world of the body with this index among [`Self::names`].
     ///
     /// # Panics
-    /// If there are fewer or more.
-    pub fn set_poses(&mut self, poses: &[Pose]) {
-        self.poses.copy_from_slice(poses);
+    /// If there is no such body.
+    pub fn set_pose(&mut self, index: usize, X_WB: Pose) {
+        self.poses[index] = Some(X_WB);
     }
 }

@@ -17,11 +17,13 @@ use crate::msg::tf2_msgs::TFMessage;
 use crate::spatial::Twist;
 
 /// Runs of a bag by namespace, one robot each. The empty namespace is the usual one. A robot has several runs if the
-/// simulation was reset.
+/// simulation was reset; a target also if it was replaced, or given another pose or twist.
 #[derive(Debug, Default)]
 pub struct RecordedRuns {
     runs: BTreeMap<String, Vec<RecordedRun>>,
     counter: RunCounter,
+    /// How often each target was replaced or moved from outside.
+    moves: BTreeMap<String, usize>,
 }
 
 /// The recorded data of one robot. Times are stamps in nanoseconds.
@@ -124,7 +126,7 @@ pub struct ExternalSample {
 }
 
 /// Pose of the base in the world and its twist in base axes.
-#[derive(Debug, Clone)]
+#[derive(Debug, Clone, PartialEq)]
 pub struct BaseSample {
     /// Stamp \[ns\].
     pub time: i64,
@@ -149,6 +151,17 @@ pub struct ControllerSample {
     pub k_o: f64,
 }
 
+impl BaseSample {
+    fn of(odom: Odometry) -> Self {
+        let twist = &odom.twist.twist;
+        Self {
+            time: odom.header.stamp.nanos(),
+            X_WB: pose(&odom.pose.pose),
+            V_WB_B: Twist::new(vector(&twist.angular), vector(&twist.linear)),
+        }
+    }
+}
+
 impl RecordedRuns {
     /// Adds a message; ignores other topics and types.
     pub fn accept(&mut self, message: &Message) {
@@ -160,6 +173,7 @@ impl RecordedRuns {
                 && !namespace.ends_with("/camera")
                 && !namespace.ends_with("/ground_truth")
             {
+                self.split(namespace, message);
                 return take(self.run(namespace, message), message);
             }
         }
@@ -168,6 +182,7 @@ impl RecordedRuns {
                 && let Some(namespace) = message.topic.name.strip_suffix(suffix)
                 && is_of_target(namespace)
             {
+                self.split(namespace, message);
                 return take(self.run(namespace, message), message);
             }
         }
@@ -175,13 +190,41 @@ impl RecordedRuns {
 
     /// The run in `namespace` that a message belongs to.
     fn run(&mut self, namespace: &str, message: &Message) -> &mut RecordedRun {
-        let index = self.counter.run_of(message);
+        let moves = self.moves.get(namespace).copied().unwrap_or(0);
+        let index = self.counter.run_of(message) + moves;
         let runs = self.runs.entry(namespace.to_owned()).or_default();
         while runs.len() <= index {
             let next = runs.last().map(RecordedRun::again);
             runs.push(next.unwrap_or_default());
         }
         &mut runs[index]
+    }
+
+    /// Begins a new run of a target if `message` shows that it was replaced (another description follows states), or moved
+    /// from outside (another state of the same time follows).
+    fn split(&mut self, namespace: &str, message: &Message) {
+        if !is_of_target(namespace) {
+            return;
+        }
+        let Some(last) = self.runs.get(namespace).and_then(|runs| runs.last()) else {
+            return;
+        };
+        let is_description = message.topic.type_name == "std_msgs/msg/String";
+        let is_new = match (is_description, last.base.last()) {
+            (true, _) => !last.is_empty(),
+            (false, Some(before)) if message.topic.type_name == "nav_msgs/msg/Odometry" => message
+                .decode()
+                .map(BaseSample::of)
+                .is_ok_and(|now| now.time == before.time && now != *before),
+            (false, _) => false,
+        };
+        if is_new {
+            *self.moves.entry(namespace.to_owned()).or_default() += 1;
+            let run = self.run(namespace, message);
+            if is_description {
+                run.joint_names.clear();
+            }
+        }
     }
 
     /// The robots that moved or were measured: namespaces and recorded data, of each run in order.
@@ -345,14 +388,7 @@ impl RecordedRun {
     }
 
     fn add_base(&mut self, message: &Message) {
-        if let Ok(odom) = message.decode::<Odometry>() {
-            let twist = &odom.twist.twist;
-            self.base.push(BaseSample {
-                time: odom.header.stamp.nanos(),
-                X_WB: pose(&odom.pose.pose),
-                V_WB_B: Twist::new(vector(&twist.angular), vector(&twist.linear)),
-            });
-        }
+        self.base.extend(message.decode().map(BaseSample::of));
     }
 
     fn add_momentum(&mut self, message: &Message) {

@@ -21,7 +21,7 @@ mod tests {
     use super::*;
 
     #[test]
-    fn a_target_is_told_from_a_robot() {
+    fn targets_and_robots_are_distinguished() {
         assert!(is_of_target("/ground_truth/debris"));
         assert!(is_of_target("/chaser/ground_truth/debris"));
         for robot in ["", "/chaser", "/ground_truth", "/debris"] {

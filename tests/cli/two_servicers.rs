@@ -156,6 +156,48 @@ fn robots_that_cannot_share_a_world_are_refused() {
     assert!(message.contains("no other dynamics node"), "{message}");
 }
 
+// The owner of the time may be any robot, so a duration of one alone would be another one for each command.
+#[test]
+fn robots_whose_times_differ_are_refused() {
+    for (parameter, says) in [
+        (
+            "duration: 20.0",
+            "duration is 20 but that of /chaser1/dynamics is 60",
+        ),
+        ("real_time_factor: 0.5", "real_time_factor is 0.5"),
+        ("start_paused: true", "start_paused is true"),
+    ] {
+        let changed = format!("    {parameter}\n    base:\n");
+        refused("    base:\n", &changed, &["/chaser2/dynamics", says]);
+    }
+}
+
+// Would break if an absolute name of the robot's own target or base meant the world's frame: a robot alone is simulated as
+// one of several.
+#[test]
+fn a_robot_alone_may_name_its_own_bodies_absolutely() {
+    let good = include_str!("../../config/tracking.yaml");
+    let run = |text: String| {
+        let (_folder, path) = file("alone.yaml", text);
+        let args = [
+            "simulate",
+            path.to_str().unwrap(),
+            "--duration",
+            "0.5",
+            "--json",
+        ];
+        let mut run = fuyu(&args).json();
+        run.as_object_mut().unwrap().remove("wall_time");
+        run
+    };
+    let relative = run(good.to_owned());
+    let absolute = good.replace("frame: target", "frame: /target");
+    let absolute = absolute.replace("      target: target", "      target: /target");
+    assert_ne!(absolute, good, "the scenario names no target");
+    assert_eq!(run(absolute), relative);
+    assert!(relative["tip_position_error"].is_number(), "{relative}");
+}
+
 // A target of one robot's world carries the goal of the other robot.
 #[test]
 fn a_camera_sees_targets_of_the_other_robot() {

@@ -151,12 +151,17 @@ fn start(
         [] | [_] => Vec::new(),
         several => several.iter().map(|&robot| robot.to_owned()).collect(),
     };
+    let controllers = plan.nodes.iter().map(|(name, _)| name);
+    let controllers = controllers.filter(|name| name.name() == "controller");
+    let controllers: Vec<_> = controllers
+        .map(|name| name.namespace().to_owned())
+        .collect();
     let monitor = NodeOptions {
         parameter_services: false,
         ..options("launch_monitor", namespace)
     };
     process.start_with(monitor, move |node| {
-        monitor::program(node, duration, &robots, &shared)
+        monitor::program(node, duration, &robots, &controllers, &shared)
     })?;
     Ok(())
 }
@@ -197,10 +202,14 @@ fn watch(process: &mut Process, plan: &Plan, progress: &Progress) {
             // Writing to a string cannot fail.
             let _ = write!(line, " of {} s", plan.duration);
         }
-        if let Some((position, attitude)) = seen.error {
+        for (namespace, (position, attitude)) in &seen.errors {
+            let of = match seen.errors.len() {
+                1 => String::new(),
+                _ => format!(" of {namespace}"),
+            };
             let _ = write!(
                 line,
-                ", tip error {position:.4} m, {:.2} deg",
+                ", tip error{of} {position:.4} m, {:.2} deg",
                 attitude.to_degrees()
             );
         }

@@ -1,6 +1,7 @@
 //! The node `launch_monitor`: observes a run by its topics, for the progress line and the summary.
 
 use std::{
+    collections::BTreeMap,
     sync::{
         Mutex, PoisonError,
         atomic::{AtomicBool, Ordering},
@@ -9,9 +10,9 @@ use std::{
 };
 
 use crate::{
-    msg::rosgraph_msgs::Clock,
+    msg::{fuyu_msgs::ControllerState, rosgraph_msgs::Clock},
     nodes::topics,
-    ros::{Node, NodeError, Qos, Time},
+    ros::{Node, NodeError, Qos, Subscription, Time},
 };
 
 /// State of the run, shared with the launch.
@@ -28,8 +29,8 @@ pub struct Seen {
     pub start: Option<(f64, Instant)>,
     /// Last simulated time observed, and the wall time at that moment.
     pub last: Option<(f64, Instant)>,
-    /// Last position and attitude error \[m, rad\].
-    pub error: Option<(f64, f64)>,
+    /// Last position and attitude error of each tip \[m, rad\], by the namespace of its controller.
+    pub errors: BTreeMap<String, (f64, f64)>,
 }
 
 impl Progress {
@@ -51,8 +52,8 @@ impl Progress {
     }
 }
 
-/// The node's program: subscribes to `/clock` and `controller/state`, and to the odometry of `robots`, the namespaces of
-/// several robots. It ends when the duration is over for all.
+/// The node's program: subscribes to `/clock`, to `controller/state` in the namespaces `controllers`, and to the odometry
+/// of `robots`, the namespaces of several robots. It ends when the duration is over for all.
 ///
 /// # Errors
 /// When DDS fails.
@@ -60,6 +61,7 @@ pub fn program(
     node: &Node,
     duration: f64,
     robots: &[String],
+    controllers: &[String],
     progress: &Progress,
 ) -> Result<(), NodeError> {
     let is_end = |time: f64| duration > 0.0 && time >= duration - 1e-9;
@@ -69,7 +71,13 @@ pub fn program(
     });
     let mut robots: Vec<_> = robots.collect::<Result<_, NodeError>>()?;
     let clock = node.subscribe::<Clock>(topics::CLOCK.name, Qos::CLOCK_SUBSCRIPTION)?;
-    let state = topics::CONTROLLER_STATE.subscribe(node)?;
+    let states = controllers.iter().map(|namespace| {
+        let state = topics::CONTROLLER_STATE;
+        let topic = format!("{}/{}", namespace.trim_end_matches('/'), state.name);
+        Ok((namespace, node.subscribe(&topic, state.qos)?))
+    });
+    let states: Vec<(_, Subscription<ControllerState>)> =
+        states.collect::<Result<_, NodeError>>()?;
     let mut now = 0.0;
     while node.wait_for(Duration::from_millis(200)) {
         for (odometry, time) in &mut robots {
@@ -77,10 +85,14 @@ pub fn program(
                 *time = Time::from(&received.message.header.stamp).as_secs_f64();
             }
         }
-        if let Some(received) = state.latest() {
-            let message = received.message;
-            let error = (message.position_error_norm, message.attitude_error_angle);
-            progress.see(|seen| seen.error = Some(error));
+        for (namespace, state) in &states {
+            if let Some(received) = state.latest() {
+                let message = received.message;
+                let errors = (message.position_error_norm, message.attitude_error_angle);
+                progress.see(|seen| {
+                    seen.errors.insert((*namespace).clone(), errors);
+                });
+            }
         }
         if let Some(received) = clock.latest() {
             let time = Time::from(received.message.clock).as_secs_f64();

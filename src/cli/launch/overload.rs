@@ -2,11 +2,14 @@
 
 use std::collections::BTreeMap;
 
-use super::plan::Plan;
 use crate::{
-    experiments::{CheckLimits, ClosedLoop},
+    experiments::{CheckLimits, Fleet},
+    nodes::scenario::Scenario,
     ros::Node,
 };
+
+/// Errors of tips \[m, rad\] by the namespace of the robot.
+type TipErrors = BTreeMap<String, (f64, f64)>;
 
 /// States and messages that were late or lost.
 #[derive(Debug, Clone, Default, PartialEq, Eq)]
@@ -87,31 +90,42 @@ fn deviation(errors: (f64, f64), reference: (f64, f64), attitude_matters: bool) 
     })
 }
 
-/// Why a run that ended with these errors of the tip \[m, rad\] is not what the scenario asks for: it is compared with the
-/// simulation of the same scenario in one thread, up to the simulated time `end` \[s\].
-pub fn missed(plan: &Plan, errors: (f64, f64), end: f64) -> Option<String> {
-    let controller = plan.scenario.controller().ok()?;
-    // Without a reference the tip has to arrive.
-    let reference = reference(plan, end).unwrap_or_default();
-    deviation(errors, reference, controller.config.gains.k_o > 0.0)
+/// Why a run whose tips ended with these errors is not what the scenario asks for: it is compared with the simulation of
+/// the same scenario in one thread, up to the simulated time `end` \[s\]. Names the robot if there are several.
+pub fn missed(scenario: &Scenario, errors: &TipErrors, end: f64) -> Option<String> {
+    // Without a reference the tips have to arrive.
+    let references = references(scenario, end).unwrap_or_default();
+    errors.iter().find_map(|(namespace, errors)| {
+        let controller = scenario.of_robot(namespace).controller().ok()?;
+        let reference = references.get(namespace).copied().unwrap_or_default();
+        let missed = deviation(*errors, reference, controller.config.gains.k_o > 0.0)?;
+        Some(match scenario.robots().as_slice() {
+            [] | [_] => missed,
+            _ => format!("{namespace}: {missed}"),
+        })
+    })
 }
 
-/// The final errors of the tip \[m, rad\] without a load on the computer.
-fn reference(plan: &Plan, end: f64) -> Option<(f64, f64)> {
-    let mut closed_loop = ClosedLoop::new(&plan.scenario).ok()?;
+/// The final errors of the tips without a load on the computer.
+fn references(scenario: &Scenario, end: f64) -> Option<TipErrors> {
+    let mut fleet = Fleet::new(scenario).ok()?;
+    let namespaces: Vec<_> = fleet.robots().map(|(name, _)| name.to_owned()).collect();
+    let mut errors = vec![None; namespaces.len()];
     let mut frames = Vec::new();
     loop {
-        let mut errors = None;
-        let answered = closed_loop.answer::<String>(&mut frames, |_, moment| {
-            let error = moment.answer.as_ref().map(|answer| answer.error);
-            errors = error.map(|e| (e.position.norm(), e.angle));
-            Ok(())
-        });
-        answered.ok()?;
-        if closed_loop.world.time() >= end - 1e-9 {
-            return errors;
+        for (i, errors) in errors.iter_mut().enumerate() {
+            let answered = fleet.robot(i).answer::<String>(&mut frames, |_, moment| {
+                let error = moment.answer.as_ref().map(|answer| answer.error);
+                *errors = error.map(|e| (e.position.norm(), e.angle));
+                Ok(())
+            });
+            answered.ok()?;
         }
-        closed_loop.advance().ok()?;
+        if fleet.time() >= end - 1e-9 {
+            let known = namespaces.into_iter().zip(errors);
+            return Some(known.filter_map(|(name, e)| Some((name, e?))).collect());
+        }
+        fleet.advance().ok()?;
     }
 }
 
@@ -144,5 +158,29 @@ mod tests {
         assert_eq!(deviation((0.0, 0.1), (0.0, 0.0), false), None);
         // A run that was too short for the scenario is as far as the reference.
         assert_eq!(deviation((0.5, 0.3), (0.5, 0.3), true), None);
+    }
+
+    // Would break if a robot were compared with another one's reference, or if the goal on another robot's base were not
+    // where that base is.
+    #[test]
+    fn each_robot_is_compared_with_its_own_reference() {
+        let scenario = Scenario::read("package://fuyu/config/two_servicers.yaml").unwrap();
+        let end = 1.0;
+        let expected = references(&scenario, end).unwrap();
+        let [first, second] = ["/chaser1", "/chaser2"].map(|robot| expected[robot]);
+        assert!(
+            (first.0 - second.0).abs() > 0.02 || (first.1 - second.1).abs() > 0.04,
+            "{expected:?}"
+        );
+        assert_eq!(missed(&scenario, &expected, end), None);
+        for robot in ["/chaser1", "/chaser2"] {
+            let mut errors = expected.clone();
+            errors.get_mut(robot).unwrap().0 += 0.02;
+            let said = missed(&scenario, &errors, end).unwrap();
+            assert!(
+                said.starts_with(&format!("{robot}: the tip ended")),
+                "{said}"
+            );
+        }
     }
 }

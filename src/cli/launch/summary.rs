@@ -37,8 +37,8 @@ pub fn summary(plan: &Plan, progress: &Progress, overload: &Overload) -> (String
     }
     let mut missed = None;
     if let Some(line) = overload.line() {
-        if let (true, Some(errors), Some((end, _))) = (progress.is_over(), seen.error, seen.last) {
-            missed = overload::missed(plan, errors, end)
+        if let (true, Some((end, _))) = (progress.is_over(), seen.last) {
+            missed = overload::missed(&plan.scenario, &seen.errors, end)
                 .map(|missed| format!("{missed}, because the computer was too slow: {line}"));
         }
         row("late or lost", line);

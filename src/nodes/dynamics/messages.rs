@@ -71,11 +71,15 @@ impl FrameTree {
 
     /// The frames of a target: its root link's is called `target`, that of any other link L `target/L`.
     pub fn of_target(target: &str, model: &Model) -> Self {
-        let root = &model.frames()[0].name;
-        Self::named(model, |link| match link == root {
+        Self::named(model, |link| Self::name_in_target(target, model, link))
+    }
+
+    /// Name of the frame of a target's link.
+    pub(super) fn name_in_target(target: &str, model: &Model, link: &str) -> String {
+        match link == model.frames()[0].name {
             true => target.to_owned(),
             false => format!("{target}/{link}"),
-        })
+        }
     }
 
     /// The frames of `model`, called what `name` makes of their links' names.

@@ -211,6 +211,15 @@ impl Outputs {
             .publish(&self.frames.static_transforms(&world.targets));
     }
 
+    /// Publishes the time of the last published state again.
+    pub fn repeat_time(&self) {
+        if let Some(clock) = &self.clock {
+            clock.publish(&rosgraph_msgs::Clock {
+                clock: self.time.now().into(),
+            });
+        }
+    }
+
     /// Publishes the world as it is.
     pub fn publish(&mut self, world: &mut World) {
         self.is_outdated = false;

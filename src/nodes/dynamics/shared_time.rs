@@ -1,17 +1,25 @@
 //! One time for several robots, each simulated by a dynamics node of its own.
 //!
 //! The node of the robot that the parameter `robots` names first publishes `/clock`; the others simulate up to the time
-//! that it shows. The first one waits, before it goes on, until the others have published the state of that time: in
-//! lockstep always, otherwise for `answer_timeout`, and not for those that have been silent for so long.
+//! that it shows. At the start, and after a reset, the first one waits until all others have published their first state,
+//! and then their second one: a robot with `start_on_command` publishes that after its first command. Later it waits, before
+//! it goes on, until the others have published the state of that time: in lockstep always, otherwise for `answer_timeout`,
+//! and only for those that have published the state before in time.
 
-use std::time::Duration;
+use std::time::{Duration, Instant};
 
 use super::params::DynamicsParams;
 use crate::{
     msg::{nav_msgs::Odometry, rosgraph_msgs::Clock},
     nodes::topics,
-    ros::{Node, NodeError, Qos, Subscription, Time},
+    ros::{Gid, Node, NodeError, Subscription, Time},
 };
+
+/// How long `/clock` has to show one time to count as standing still, if it still arrives as often.
+const STANDS_STILL: Duration = Duration::from_secs(1);
+
+/// Most publishers of `/clock` that are reported for not being of the owner of the time.
+const MOST_STRANGERS: usize = 16;
 
 /// What a node has to do with the time of the world.
 pub enum SharedTime {
@@ -23,37 +31,154 @@ pub enum SharedTime {
         followers: Vec<Follower>,
         /// Silence of a robot after which it is not waited for in real time.
         patience: Duration,
-        /// Stamp of the last state.
-        tick: Time,
+        /// Its own states.
+        ticks: Ticks,
     },
     /// The time is that of `/clock`.
-    Follower {
-        /// `/clock`.
-        clock: Subscription<Clock>,
-        /// The time that it shows.
-        now: Option<Time>,
-        /// Namespace of the robot whose node publishes it.
-        leader: String,
-    },
+    Follower(LeaderClock),
 }
 
 /// Another robot, whose node follows `/clock`.
 pub struct Follower {
     odometry: Subscription<Odometry>,
-    /// Stamp of its last state.
-    last: Option<Time>,
+    progress: Progress,
 }
 
 impl Follower {
-    /// Whether its state of this time has not arrived.
-    fn is_behind(&self, tick: Time) -> bool {
-        self.last != Some(tick)
-    }
-
     /// Whether it was silent for less than `patience`.
     fn is_alive(&self, patience: Duration) -> bool {
         self.odometry.age().is_some_and(|age| age < patience)
     }
+}
+
+/// Stamps of the last two states of the owner of the time; both are zero before the second one.
+#[derive(Debug, Clone, Copy, Default)]
+pub struct Ticks {
+    before: Time,
+    now: Time,
+}
+
+impl Ticks {
+    /// The state of `stamp` is published, perhaps again.
+    fn publish(&mut self, stamp: Time) {
+        if stamp != self.now {
+            (self.before, self.now) = (self.now, stamp);
+        }
+    }
+}
+
+/// What another robot has published since the start or the last reset.
+#[derive(Debug, Default)]
+struct Progress {
+    /// Stamp of its last state.
+    last: Option<Time>,
+    /// Whether it has left the time zero.
+    has_advanced: bool,
+}
+
+impl Progress {
+    /// Its state of `stamp` has arrived.
+    fn see(&mut self, stamp: Time, ticks: Ticks) {
+        // A robot does not pass the owner of the time: this state is of the run before a reset.
+        if stamp <= ticks.now {
+            self.last = Some(stamp);
+            self.has_advanced |= stamp > Time::ZERO;
+        }
+    }
+
+    /// Whether its state of the last tick has not arrived.
+    fn is_behind(&self, ticks: Ticks) -> bool {
+        self.last != Some(ticks.now)
+    }
+
+    /// Whether it has kept up until the tick before the last one.
+    fn is_due(&self, ticks: Ticks) -> bool {
+        self.is_behind(ticks) && self.last == Some(ticks.before)
+    }
+
+    /// Whether time may go on from the last tick, as far as the start is concerned.
+    fn is_ready(&self, ticks: Ticks) -> bool {
+        self.last.is_some() && (self.has_advanced || ticks.now == Time::ZERO)
+    }
+}
+
+/// `/clock` as the dynamics node of another robot publishes it.
+pub struct LeaderClock {
+    node: Node,
+    clock: Subscription<Clock>,
+    /// Namespace of that robot.
+    leader: String,
+    /// Its publisher, once it is known.
+    publisher: Option<Gid>,
+    /// Other publishers, which have been reported.
+    strangers: Vec<Gid>,
+    /// The time that it shows, and since when.
+    now: Option<(Time, Instant)>,
+}
+
+impl LeaderClock {
+    fn new(node: &Node, leader: &str) -> Result<Self, NodeError> {
+        // Reliable, unlike other subscriptions to the time: without a new time nothing is simulated.
+        let clock = topics::CLOCK.subscribe(node)?;
+        clock.separate_publishers();
+        Ok(Self {
+            node: node.clone(),
+            clock,
+            leader: leader.to_owned(),
+            publisher: None,
+            strangers: Vec::new(),
+            now: None,
+        })
+    }
+
+    fn take(&mut self) {
+        while let Some(received) = self.clock.take() {
+            if !self.is_of_leader(received.publisher) {
+                continue;
+            }
+            let time = Time::from(received.message.clock);
+            if self.now.is_none_or(|(shown, _)| shown != time) {
+                self.now = Some((time, Instant::now()));
+            }
+        }
+    }
+
+    /// Whether a publisher of `/clock` is in the leader's namespace. Warns of others. One whose node is not known yet is not
+    /// believed; the leader publishes each time again until it is known.
+    fn is_of_leader(&mut self, publisher: Gid) -> bool {
+        if self.publisher == Some(publisher) {
+            return true;
+        }
+        if self.strangers.contains(&publisher) {
+            return false;
+        }
+        let Some(name) = self.node.node_of(publisher) else {
+            return false;
+        };
+        let is_of_leader = is_in_namespace(&name, &self.leader);
+        match is_of_leader {
+            true => self.publisher = Some(publisher),
+            false if self.strangers.len() == MOST_STRANGERS => {}
+            false => {
+                self.strangers.push(publisher);
+                tracing::warn!(
+                    "/clock: ignoring the time of node {name}: `robots` names {} first, whose dynamics node alone should publish it",
+                    self.leader
+                );
+            }
+        }
+        is_of_leader
+    }
+
+    fn time(&self) -> Option<Time> {
+        self.now.map(|(time, _)| time)
+    }
+}
+
+/// Whether the node called `name` is in this namespace, not in one below.
+fn is_in_namespace(name: &str, namespace: &str) -> bool {
+    let parent = name.rsplit_once('/').map(|(parent, _)| parent);
+    parent == Some(namespace.trim_end_matches('/'))
 }
 
 impl SharedTime {
@@ -74,24 +199,20 @@ impl SharedTime {
             )));
         }
         if leader != own {
-            return Ok(Self::Follower {
-                clock: node.subscribe(topics::CLOCK.name, Qos::CLOCK_SUBSCRIPTION)?,
-                now: None,
-                leader: leader.clone(),
-            });
+            return Ok(Self::Follower(LeaderClock::new(node, leader)?));
         }
         let followers = params.robots.iter().skip(1).map(|namespace| {
             let base = format!("{}/{}", namespace.trim_end_matches('/'), topics::BASE);
             let topic = topics::TARGET_ODOMETRY.of(&base);
             Ok(Follower {
                 odometry: node.subscribe(&topic, topics::ODOMETRY.qos)?,
-                last: None,
+                progress: Progress::default(),
             })
         });
         Ok(Self::Leader {
             followers: followers.collect::<Result<_, NodeError>>()?,
             patience: Duration::from_secs_f64(params.answer_timeout),
-            tick: Time::ZERO,
+            ticks: Ticks::default(),
         })
     }
 
@@ -99,61 +220,100 @@ impl SharedTime {
     pub fn take(&mut self) {
         match self {
             Self::Alone => {}
-            Self::Leader { followers, .. } => {
+            Self::Leader {
+                followers, ticks, ..
+            } => {
                 for follower in followers {
                     if let Some(received) = follower.odometry.latest() {
-                        follower.last = Some(Time::from(&received.message.header.stamp));
+                        let stamp = Time::from(&received.message.header.stamp);
+                        follower.progress.see(stamp, *ticks);
                     }
                 }
             }
-            Self::Follower { clock, now, .. } => {
-                if let Some(received) = clock.latest() {
-                    *now = Some(Time::from(received.message.clock));
-                }
-            }
+            Self::Follower(clock) => clock.take(),
         }
     }
 
     /// The state of `time` \[s\] is published.
     pub fn published(&mut self, time: f64) {
-        if let Self::Leader { tick, .. } = self {
-            *tick = Time::from_secs_f64(time);
+        if let Self::Leader { ticks, .. } = self {
+            ticks.publish(Time::from_secs_f64(time));
         }
     }
 
     /// Time or state is reset: what other robots have published belongs to the previous run.
     pub fn restart(&mut self) {
         if let Self::Leader {
-            followers, tick, ..
+            followers, ticks, ..
         } = self
         {
-            *tick = Time::ZERO;
+            *ticks = Ticks::default();
             for follower in followers {
-                follower.last = None;
+                follower.progress = Progress::default();
             }
         }
     }
 
-    /// Whether the node follows `/clock`.
-    pub fn is_follower(&self) -> bool {
-        matches!(self, Self::Follower { .. })
+    /// Whether there are other robots.
+    pub fn is_shared(&self) -> bool {
+        !matches!(self, Self::Alone)
     }
 
-    /// Why the node cannot decide about time, if another one does.
-    pub fn owner(&self) -> Option<String> {
+    /// Whether the node follows `/clock`.
+    pub fn is_follower(&self) -> bool {
+        matches!(self, Self::Follower(_))
+    }
+
+    /// Namespace of the robot that owns the time, if it is another one.
+    pub fn leader(&self) -> Option<&str> {
         match self {
-            Self::Follower { leader, .. } => Some(format!(
-                "time belongs to the dynamics node of the robot {leader}, which `robots` names first; ask that one"
-            )),
+            Self::Follower(clock) => Some(&clock.leader),
             _ => None,
         }
     }
 
+    /// Why the node cannot decide about time, if another one does.
+    pub fn owner(&self) -> Option<String> {
+        self.leader().map(|leader| {
+            format!(
+                "time belongs to the dynamics node of the robot {leader}, which `robots` names first; ask that one"
+            )
+        })
+    }
+
     /// Whether `/clock` shows a time before the state of `time` \[s\]: its owner was reset.
     pub fn went_back(&self, time: f64) -> bool {
+        self.clock_time()
+            .is_some_and(|now| now < Time::from_secs_f64(time))
+    }
+
+    /// How far `/clock` is ahead of the state of `time` \[s\]; zero if the node owns the time.
+    pub fn lag(&self, time: f64) -> f64 {
+        self.clock_time()
+            .map_or(0.0, |now| now.as_secs_f64() - time)
+    }
+
+    /// Whether the owner of the time lets it stand still at `time` \[s\].
+    pub fn stands_still(&self, time: f64) -> bool {
         match self {
-            Self::Follower { now, .. } => now.is_some_and(|now| now < Time::from_secs_f64(time)),
+            Self::Follower(LeaderClock {
+                clock,
+                now: Some((now, since)),
+                ..
+            }) => {
+                *now == Time::from_secs_f64(time)
+                    && since.elapsed() > STANDS_STILL
+                    && clock.age().is_some_and(|age| age < STANDS_STILL)
+            }
             _ => false,
+        }
+    }
+
+    /// The time that `/clock` shows, if another node owns it.
+    fn clock_time(&self) -> Option<Time> {
+        match self {
+            Self::Follower(clock) => clock.time(),
+            _ => None,
         }
     }
 
@@ -162,48 +322,131 @@ impl SharedTime {
         match self {
             Self::Alone => true,
             Self::Leader {
-                followers, tick, ..
-            } => !followers.iter().any(|f| f.is_behind(*tick)),
-            Self::Follower { now, .. } => now.is_some_and(|now| now >= Time::from_secs_f64(time)),
+                followers, ticks, ..
+            } => !followers.iter().any(|f| f.progress.is_behind(*ticks)),
+            Self::Follower(clock) => {
+                (clock.time()).is_some_and(|now| now >= Time::from_secs_f64(time))
+            }
         }
     }
 
-    /// Whether a robot that is alive has not published its state of the last tick yet.
+    /// Whether a robot that is alive and has kept up so far has not published its state of the last tick yet.
     pub fn is_due(&self) -> bool {
         match self {
             Self::Leader {
                 followers,
                 patience,
-                tick,
+                ticks,
             } => followers
                 .iter()
-                .any(|f| f.is_alive(*patience) && f.is_behind(*tick)),
+                .any(|f| f.is_alive(*patience) && f.progress.is_due(*ticks)),
             _ => false,
         }
     }
 
-    /// Whether every robot has been seen since the start.
+    /// Whether every robot has been seen since the start or the last reset, and has left time zero if this one has.
     pub fn is_complete(&self) -> bool {
         match self {
-            Self::Leader { followers, .. } => followers.iter().all(|f| f.last.is_some()),
+            Self::Leader {
+                followers, ticks, ..
+            } => followers.iter().all(|f| f.progress.is_ready(*ticks)),
             _ => true,
         }
     }
 
-    /// What time waits for.
-    pub fn waits_for(&self) -> String {
+    /// What time waits for after the state of `time` \[s\].
+    pub fn waits_for(&self, time: f64) -> String {
         match self {
             Self::Alone => String::new(),
             Self::Leader {
-                followers, tick, ..
+                followers, ticks, ..
             } => {
-                let behind = followers.iter().filter(|f| f.is_behind(*tick));
+                let behind = followers.iter().filter(|f| f.progress.is_behind(*ticks));
                 let behind: Vec<_> = behind.map(|f| f.odometry.topic()).collect();
-                format!("the state of {tick} s on {}", behind.join(", "))
+                let (tick, behind) = (ticks.now, behind.join(", "));
+                match self.is_complete() || tick == Time::ZERO {
+                    true => format!("the state of {tick} s on {behind}"),
+                    false => format!(
+                        "the state of {tick} s on {behind}; a robot with start_on_command begins with its first command"
+                    ),
+                }
             }
-            Self::Follower { leader, .. } => {
-                format!("/clock, from the dynamics node of the robot {leader}")
+            Self::Follower(clock) => {
+                let leader = &clock.leader;
+                match clock.time() {
+                    Some(now) if now > Time::from_secs_f64(time) => format!(
+                        "/clock, which shows {now} s, between two states of this robot: is its state_rate that of {leader}?"
+                    ),
+                    _ => format!("/clock, from the dynamics node of the robot {leader}"),
+                }
             }
+        }
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    fn at(i: u32) -> Time {
+        Time::from_secs_f64(0.01 * f64::from(i))
+    }
+
+    fn ticks(last: u32) -> Ticks {
+        let mut ticks = Ticks::default();
+        for i in 0..=last {
+            ticks.publish(at(i));
+            ticks.publish(at(i));
+        }
+        ticks
+    }
+
+    // Would break if time went on while a robot with start_on_command still waits for its first command.
+    #[test]
+    fn time_leaves_the_first_tick_with_all_robots() {
+        let mut robot = Progress::default();
+        assert!(!robot.is_ready(ticks(0)), "it was not seen yet");
+        robot.see(at(0), ticks(0));
+        assert!(robot.is_ready(ticks(0)));
+        assert!(!robot.is_ready(ticks(1)), "it is held");
+        robot.see(at(0), ticks(1));
+        assert!(!robot.is_ready(ticks(1)), "it is still held");
+        robot.see(at(1), ticks(1));
+        assert!(robot.is_ready(ticks(1)) && robot.is_ready(ticks(2)));
+        // A process that begins again while time goes on does not hold it up.
+        robot.see(at(0), ticks(50));
+        assert!(robot.is_ready(ticks(50)) && !robot.is_due(ticks(50)));
+    }
+
+    // Would break if the time crawled while a robot catches up, one answer_timeout for each state.
+    #[test]
+    fn only_robots_that_keep_up_are_waited_for_in_real_time() {
+        let mut robot = Progress::default();
+        robot.see(at(4), ticks(4));
+        assert!(!robot.is_due(ticks(4)), "it is there");
+        assert!(robot.is_due(ticks(5)) && robot.is_behind(ticks(5)));
+        assert!(!robot.is_due(ticks(6)) && robot.is_behind(ticks(6)));
+        robot.see(at(6), ticks(6));
+        assert!(robot.is_due(ticks(7)));
+    }
+
+    // Would break if a state that was on its way during a reset counted as one of the new run: a stalled robot would then
+    // miss the reset.
+    #[test]
+    fn states_of_the_run_before_a_reset_do_not_count() {
+        let mut robot = Progress::default();
+        robot.see(at(30), ticks(0));
+        assert!(!robot.is_ready(ticks(0)) && robot.is_behind(ticks(0)));
+        robot.see(at(0), ticks(0));
+        assert!(robot.is_ready(ticks(0)) && !robot.is_ready(ticks(1)));
+    }
+
+    #[test]
+    fn only_the_leader_owns_the_clock() {
+        assert!(is_in_namespace("/chaser1/dynamics", "/chaser1"));
+        assert!(is_in_namespace("/dynamics", "/"));
+        for stranger in ["/dynamics", "/chaser11/dynamics", "/chaser1/fleet/dynamics"] {
+            assert!(!is_in_namespace(stranger, "/chaser1"), "{stranger}");
         }
     }
 }

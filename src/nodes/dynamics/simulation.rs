@@ -21,6 +21,9 @@ use crate::ros::{Lifecycle, Node, NodeError, Time};
 /// How often the present state is published again while time stands still: a peer may have joined late.
 const REPUBLISH_PERIOD: Duration = Duration::from_millis(100);
 
+/// Time by which `/clock` is ahead above which the node reports it \[s\].
+const LARGE_LAG: f64 = 0.5;
+
 /// Answer to calls and goals while the node is not active.
 const INACTIVE: &str = "the node is inactive; activate it by ~/change_state first";
 
@@ -94,7 +97,10 @@ impl<'a> Simulation<'a> {
     /// Publishes the world as it is.
     pub fn publish(&mut self) {
         self.outputs.publish(&mut self.world);
-        self.shared_time.published(self.world.time());
+        // Other robots simulate from tick to tick.
+        if !self.world.is_between_ticks() {
+            self.shared_time.published(self.world.time());
+        }
     }
 
     /// Advances to the next state, or waits until time may advance. Answers service calls meanwhile. Returns early when
@@ -124,10 +130,14 @@ impl<'a> Simulation<'a> {
                 let seconds = long_wait(since).unwrap_or(0);
                 s.time_status.is_held(seconds, &s.commands.waits_for());
                 s.take_commands(f64::NEG_INFINITY);
-                s.clock.is_released() || !s.may_advance() || s.steps.is_pending()
+                s.clock.is_released()
+                    || !s.may_advance()
+                    || s.steps.is_pending()
+                    || s.time_went_back()
             });
         }
         if !self.shared_time.is_complete() {
+            self.clock.interrupt();
             return self.wait_for_robots(|s| s.shared_time.is_complete());
         }
         self.clock.run(self.world.time());
@@ -136,7 +146,11 @@ impl<'a> Simulation<'a> {
             self.wait_for_response();
         }
         match (self.shared_time.is_follower(), self.params.lockstep) {
-            (true, _) => self.wait_for_robots(Self::is_in_step),
+            (true, true) => self.wait_for_robots(Self::is_in_step),
+            (true, false) => {
+                self.wait_for_robots(Self::is_in_step);
+                self.wait_for_late_response();
+            }
             (false, true) => {
                 if !self.is_in_step() {
                     self.wait_for_robots(Self::is_in_step);
@@ -175,8 +189,15 @@ impl<'a> Simulation<'a> {
         let since = Instant::now();
         self.time_status.begin_wait();
         self.wait_until(|s| {
-            if let Some(seconds) = long_wait(since) {
-                (s.time_status).waits_for_robots(seconds, &s.shared_time.waits_for());
+            let time = s.world.time();
+            match (s.shared_time.leader(), long_wait(since)) {
+                (Some(leader), Some(_)) if s.shared_time.stands_still(time) => {
+                    s.time_status.is_stopped_by(leader, time);
+                }
+                (_, Some(seconds)) => {
+                    (s.time_status).waits_for_robots(seconds, &s.shared_time.waits_for(time));
+                }
+                (_, None) => {}
             }
             s.take_commands(f64::NEG_INFINITY);
             done(s) || !s.may_advance() || s.time_went_back()
@@ -307,6 +328,10 @@ impl<'a> Simulation<'a> {
         if let Some(factor) = self.clock.achieved(time) {
             self.time_status.achieved(time, factor);
         }
+        let lag = self.shared_time.lag(time);
+        if let (Some(leader), true) = (self.shared_time.leader(), lag > LARGE_LAG) {
+            self.time_status.catches_up(leader, lag);
+        }
         if self.steps.count() {
             self.pause(Phase::Paused);
         }
@@ -370,11 +395,32 @@ impl<'a> Simulation<'a> {
         }
     }
 
+    /// Real time of another node: waits for the response to the present state, if it is due, at most `answer_timeout`. The
+    /// owner of the time waits meanwhile for this robot.
+    fn wait_for_late_response(&mut self) {
+        let latest = Instant::now() + Duration::from_secs_f64(self.params.answer_timeout);
+        let mut is_late = false;
+        while self.commands.response_is_due() && self.is_in_step() && self.is_advancing() {
+            let now = Instant::now();
+            if now >= latest || !self.node.wait_for(latest - now) {
+                break;
+            }
+            is_late = true;
+            services::answer_calls(self);
+            self.shared_time.take();
+            self.take_commands(f64::NEG_INFINITY);
+        }
+        if is_late {
+            self.time_status.count_late_response();
+        }
+    }
+
     /// Real time: applies commands as they arrive until the next state is due, or until `answer_timeout` after that
     /// while the response to the present state is due.
     fn wait_for_tick(&mut self) {
         let due = self.clock.due(self.world.next_tick());
         let latest = due + Duration::from_secs_f64(self.params.answer_timeout);
+        let mut repeat = due + REPUBLISH_PERIOD;
         let mut is_late = false;
         loop {
             services::answer_calls(self);
@@ -384,16 +430,27 @@ impl<'a> Simulation<'a> {
             }
             self.take_commands(self.clock.time_of(Instant::now()));
             let now = Instant::now();
-            let is_due = self.commands.response_is_due() || self.shared_time.is_due();
-            let end = match now >= due && is_due {
+            let response_is_due = self.commands.response_is_due();
+            let robot_is_due = self.shared_time.is_due();
+            let end = match now >= due && (response_is_due || robot_is_due) {
                 true => latest,
                 false => due,
             };
             if now >= end {
                 break;
             }
-            is_late |= now >= due;
-            if !self.node.wait_for(end - now) {
+            is_late |= now >= due && response_is_due;
+            if now >= repeat {
+                if robot_is_due {
+                    self.outputs.repeat_time();
+                }
+                repeat = now + REPUBLISH_PERIOD;
+            }
+            let next = match end == latest {
+                true => end.min(repeat),
+                false => end,
+            };
+            if !self.node.wait_for(next.saturating_duration_since(now)) {
                 break;
             }
         }

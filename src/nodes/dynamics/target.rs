@@ -7,7 +7,10 @@ use super::{
     messages::FrameTree,
     params::TargetParams,
 };
-use crate::dynamics::{Floating, IntegrationMethod, JointPhysics, State};
+use crate::{
+    dynamics::{Floating, IntegrationMethod, JointPhysics, State},
+    model::Model,
+};
 
 /// A free body. Nobody commands its joints: springs, dampers, friction and stops of its description move them.
 pub struct Target {
@@ -40,8 +43,20 @@ impl Target {
         method: IntegrationMethod,
         joint_physics: &JointPhysics,
     ) -> Result<Self, String> {
+        Self::of_model(params, params.description.compile()?, method, joint_physics)
+    }
+
+    /// The same with the model that was compiled from the description.
+    ///
+    /// # Errors
+    /// As [`Self::new`].
+    pub(super) fn of_model(
+        params: &TargetParams,
+        model: Model,
+        method: IntegrationMethod,
+        joint_physics: &JointPhysics,
+    ) -> Result<Self, String> {
         let name = params.name.as_str();
-        let model = params.description.compile()?;
         let mut start = State::at_rest(&model);
         params.joints.place(name, &mut start)?;
         params.motion.place(&model, &mut start);
@@ -136,10 +151,7 @@ fn with_link_names(name: &str, xml: &str) -> String {
 #[cfg(test)]
 mod tests {
     use super::*;
-    use crate::{
-        model::Model,
-        nodes::dynamics::params::{Description, InitialJoints, InitialMotion},
-    };
+    use crate::nodes::dynamics::params::{Description, InitialJoints, InitialMotion};
 
     const STATION: &str = r#"<robot name="station"><!-- <link name="hull"/> -->
         <link name='hull'><inertial><mass value="2"/>
@@ -241,7 +253,7 @@ mod tests {
 
     // The joints stop and momentum stays; if that does not help, everything stops.
     #[test]
-    fn what_diverges_is_stopped_by_and_by() {
+    fn a_second_divergence_in_a_row_stops_the_whole_target() {
         let mut target = target(PANEL, turning(0.2));
         let momentum = target.body.state().momentum_W;
         target.step(0.01, 1);

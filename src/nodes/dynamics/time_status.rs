@@ -97,6 +97,19 @@ impl TimeStatus {
         self.waits(seconds, format!("waiting for {seconds} s for {what}"));
     }
 
+    /// The robot `leader`, which owns the time, lets it stand still at `time` \[s\].
+    pub fn is_stopped_by(&mut self, leader: &str, time: f64) {
+        self.status.ok(format!(
+            "time stands still at {time:.2} s; {leader} owns it"
+        ));
+    }
+
+    /// The robot `leader`, which owns the time, is ahead by `lag` \[s\].
+    pub fn catches_up(&mut self, leader: &str, lag: f64) {
+        self.status
+            .warn(format!("{lag:.1} s behind the time of {leader}"));
+    }
+
     /// A state was late because time waited for a response.
     pub fn count_late_response(&mut self) {
         self.late_responses += 1;

@@ -83,7 +83,10 @@ pub(super) fn check(scenario: &Scenario) -> Result<(), String> {
         );
     }
     same("state_rate", |p| p.state_rate.to_string())?;
-    same("lockstep", |p| p.lockstep.to_string())
+    same("lockstep", |p| p.lockstep.to_string())?;
+    same("duration", |p| p.duration.to_string())?;
+    same("real_time_factor", |p| p.real_time_factor.to_string())?;
+    same("start_paused", |p| p.start_paused.to_string())
 }
 
 /// The body of another robot that an absolute name means: `/NAMESPACE/base_link` or `/NAMESPACE/TARGET`.

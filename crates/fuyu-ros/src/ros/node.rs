@@ -228,10 +228,15 @@ impl Node {
 
     /// Owner of a publisher for messages: `node` and its full name, or the GID of the publisher if its node is not known.
     pub fn owner_of(&self, publisher: Gid) -> String {
-        match self.core.participant.node_of(publisher) {
+        match self.node_of(publisher) {
             Some(name) => format!("node {name}"),
             None => format!("publisher {publisher:?}"),
         }
+    }
+
+    /// Full name of the node of a publisher, if it is known.
+    pub fn node_of(&self, publisher: Gid) -> Option<String> {
+        self.core.participant.node_of(publisher)
     }
 
     /// Messages that the node's endpoints have lost because they were too slow: topic and number, without those that have

@@ -17,6 +17,7 @@ use crate::{
     },
     nodes::{
         dynamics::{
+            FrameTree,
             params::{Description, InitialJoints, InitialMotion, TargetParams},
             simulation::Simulation,
             target::Target,
@@ -29,6 +30,15 @@ use crate::{
 
 /// Folder of the descriptions that come with fuyu.
 const DESCRIPTIONS: &str = "package://fuyu/urdf";
+
+/// Most joints that move of a body that a peer adds: memory and time for a step grow with their square.
+const MAX_JOINTS: usize = 200;
+
+/// Most links of a body that a peer adds.
+const MAX_LINKS: usize = 2000;
+
+/// Longest description that a peer sends \[bytes\].
+const LARGEST_TEXT: usize = 4 << 20;
 
 /// Adds one free body.
 pub fn spawn_one(simulation: &mut Simulation, request: SpawnEntityRequest) -> SpawnEntityResponse {
@@ -86,6 +96,7 @@ fn add(simulation: &mut Simulation, request: &SpawnEntity) -> Result<String, Out
     let description = read(&request.entity_resource, &params.resource_folders)?;
     let parsed = |e: String| Outcome::new(Code::RESOURCE_PARSE_ERROR, e);
     let model = description.compile().map_err(parsed)?;
+    check_size(&description.source, &model)?;
     let name = free_name(world, request, &model)?;
     let pose = &request.initial_pose;
     let X_WR = world.frame(&pose.header.frame_id)?;
@@ -101,7 +112,8 @@ fn add(simulation: &mut Simulation, request: &SpawnEntity) -> Result<String, Out
         motion,
         joints: InitialJoints::default(),
     };
-    let mut target = Target::new(&target, params.method, &params.joint_physics).map_err(invalid)?;
+    let target = Target::of_model(&target, model, params.method, &params.joint_physics);
+    let mut target = target.map_err(invalid)?;
     target.spawned = true;
     world.targets.push(target);
     if let Err(e) = simulation.outputs.replace_targets(simulation.node, world) {
@@ -110,6 +122,21 @@ fn add(simulation: &mut Simulation, request: &SpawnEntity) -> Result<String, Out
     }
     simulation.outputs.invalidate();
     Ok(name)
+}
+
+/// Refuses a body that would take too much memory or time.
+fn check_size(source: &str, model: &Model) -> Result<(), Outcome> {
+    let (joints, links) = (model.dof(), model.frames().len());
+    match joints <= MAX_JOINTS && links <= MAX_LINKS {
+        true => Ok(()),
+        false => Err(Outcome::new(
+            Code::UNSUPPORTED_ASSETS,
+            format!(
+                "{source} has {joints} joints that move and {links} links; a body that is added may have at most {MAX_JOINTS} \
+                 and {MAX_LINKS}"
+            ),
+        )),
+    }
 }
 
 /// The name that an entity gets, with its namespace.
@@ -141,28 +168,36 @@ fn free_name(world: &World, request: &SpawnEntity, model: &Model) -> Result<Stri
                 ),
             ));
         }
-        return Ok(numbered(world, &full("entity")));
+        return Ok(numbered(world, &full("entity"), model));
     }
     let name = full(wanted);
-    match (is_taken(world, &name), request.allow_renaming) {
-        (false, _) => Ok(name),
-        (true, true) => Ok(numbered(world, &name)),
-        (true, false) => Err(Outcome::new(
-            Code::NAME_NOT_UNIQUE,
-            format!("name '{name}' is taken; give another one, or allow_renaming"),
-        )),
+    match (taken_frame(world, &name, model), request.allow_renaming) {
+        (None, _) => Ok(name),
+        (Some(_), true) => Ok(numbered(world, &name, model)),
+        (Some(frame), false) => {
+            let what = match frame == name {
+                true => format!("name '{name}' is taken"),
+                false => format!("a link of '{name}' would be called '{frame}', which is taken"),
+            };
+            Err(Outcome::new(
+                Code::NAME_NOT_UNIQUE,
+                format!("{what}; give another name, or allow_renaming"),
+            ))
+        }
     }
 }
 
-/// Whether a frame has this name: the world, an entity, or a link of the robot. Entities and their frames share names.
-fn is_taken(world: &World, name: &str) -> bool {
-    world.frame(name).is_ok()
+/// The first frame of an entity called `name` whose name another frame has: the world, an entity, or a link.
+fn taken_frame(world: &World, name: &str, model: &Model) -> Option<String> {
+    let links = model.frames().iter();
+    let mut frames = links.map(|link| FrameTree::name_in_target(name, model, &link.name));
+    frames.find(|frame| world.frame(frame).is_ok())
 }
 
-/// `name` with the first free number.
-fn numbered(world: &World, name: &str) -> String {
+/// `name` with the first number that makes it and its frames' names free.
+fn numbered(world: &World, name: &str, model: &Model) -> String {
     let mut numbered = (1_u32..).map(|i| format!("{name}_{i}"));
-    let free = numbered.find(|name| !is_taken(world, name));
+    let free = numbered.find(|name| taken_frame(world, name, model).is_none());
     free.unwrap_or_else(|| name.to_owned())
 }
 
@@ -207,6 +242,15 @@ fn read(resource: &Resource, allowed: &AllowedFolders) -> Result<Description, Ou
             return Err(Outcome::new(
                 Code::NO_RESOURCE,
                 "entity_resource is empty; give a uri or a resource_string with URDF",
+            ));
+        }
+        ("", text) if text.len() > LARGEST_TEXT => {
+            return Err(Outcome::new(
+                Code::UNSUPPORTED_ASSETS,
+                format!(
+                    "resource_string has {} bytes; give at most {LARGEST_TEXT}",
+                    text.len()
+                ),
             ));
         }
         ("", text) => (text.to_owned(), "resource_string".to_owned()),
@@ -273,4 +317,111 @@ fn spawnable(uri: String, allowed: &AllowedFolders) -> Option<Spawnable> {
         entity_resource: resource,
         ..Spawnable::default()
     })
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+    use crate::nodes::scenario::Scenario;
+
+    const INERTIAL: &str = r#"<inertial><mass value="1"/>
+        <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>"#;
+
+    /// A chain of `joints` joints called `name`, with links l0, l1 and so on.
+    fn chain(name: &str, joints: usize) -> String {
+        let links = (0..=joints).map(|i| format!(r#"<link name="l{i}">{INERTIAL}</link>"#));
+        let joints = (1..=joints).map(|i| {
+            format!(
+                r#"<joint name="j{i}" type="continuous"><parent link="l{}"/><child link="l{i}"/><axis xyz="0 0 1"/></joint>"#,
+                i - 1
+            )
+        });
+        let parts: String = links.chain(joints).collect();
+        format!(r#"<robot name="{name}">{parts}</robot>"#)
+    }
+
+    fn world() -> World {
+        let scenario = Scenario::read("package://fuyu/config/positioning.yaml").unwrap();
+        World::new(&scenario.dynamics().unwrap()).unwrap()
+    }
+
+    /// Adds a chain with one joint as the services do, without publishing it: its name, or the refusal.
+    fn add(
+        world: &mut World,
+        namespace: &str,
+        name: &str,
+        rename: bool,
+    ) -> Result<String, Outcome> {
+        let description = Description::new(chain(name, 1), "chain".to_owned(), true);
+        let model = description.compile().unwrap();
+        let request = SpawnEntity {
+            name: name.to_owned(),
+            entity_namespace: namespace.to_owned(),
+            allow_renaming: rename,
+            ..SpawnEntity::default()
+        };
+        let name = free_name(world, &request, &model)?;
+        let target = TargetParams {
+            name: name.clone(),
+            description,
+            motion: InitialMotion {
+                pose: nalgebra::Isometry3::identity(),
+                velocity_W: Vector3::zeros(),
+                angular_velocity_B: Vector3::zeros(),
+            },
+            joints: InitialJoints::default(),
+        };
+        let method = crate::dynamics::IntegrationMethod::Rk4;
+        let physics = crate::dynamics::JointPhysics::default();
+        let target = Target::of_model(&target, model, method, &physics).unwrap();
+        world.targets.push(target);
+        Ok(name)
+    }
+
+    // Would break if only the name of the root were compared: tf would have two frames called sail/l1.
+    #[test]
+    fn no_two_frames_get_one_name() {
+        let refused = |added: Result<String, Outcome>| {
+            let refusal = added.unwrap_err();
+            assert_eq!(refusal.result, Code::NAME_NOT_UNIQUE);
+            refusal.error_message
+        };
+        let mut first = world();
+        add(&mut first, "sail", "l1", false).unwrap();
+        let said = refused(add(&mut first, "", "sail", false));
+        assert!(said.contains("'sail/l1', which is taken"), "{said}");
+        assert_eq!(add(&mut first, "", "sail", true).unwrap(), "sail_1");
+
+        let mut second = world();
+        add(&mut second, "", "sail", false).unwrap();
+        let said = refused(add(&mut second, "sail", "l1", false));
+        assert!(said.contains("name 'sail/l1' is taken"), "{said}");
+        assert_eq!(add(&mut second, "", "sail", true).unwrap(), "sail_1");
+    }
+
+    // Would break if a peer could fill the memory with one request: matrices of n joints have n x n numbers.
+    #[test]
+    fn a_body_with_very_many_joints_is_refused() {
+        let of = |joints| {
+            let text = chain("chain", joints);
+            let model = Description::new(text, "chain".to_owned(), true)
+                .compile()
+                .unwrap();
+            check_size("chain", &model)
+        };
+        assert!(of(MAX_JOINTS).is_ok());
+        let refusal = of(MAX_JOINTS + 1).unwrap_err();
+        assert_eq!(refusal.result, Code::UNSUPPORTED_ASSETS);
+        let said = refusal.error_message;
+        assert!(
+            said.contains("201 joints") && said.contains("at most 200"),
+            "{said}"
+        );
+        let long = Resource {
+            resource_string: " ".repeat(LARGEST_TEXT + 1),
+            ..Resource::default()
+        };
+        let refusal = read(&long, &AllowedFolders::new(Vec::new())).err().unwrap();
+        assert_eq!(refusal.result, Code::UNSUPPORTED_ASSETS);
+    }
 }

@@ -1,5 +1,7 @@
 //! Play, pause, stop, quit and reset.
 
+use std::time::Duration;
+
 use super::{check_active, check_owns_time};
 use crate::{
     msg::simulation_interfaces::{
@@ -20,6 +22,9 @@ const NAMES: [(u8, &str); 4] = [
     (SimulationState::STATE_QUITTING, "quitting"),
 ];
 
+/// Time between attempts to follow a reset that fail.
+const RETRY_PERIOD: Duration = Duration::from_secs(1);
+
 impl Phase {
     fn number(self) -> u8 {
         match self {
@@ -36,9 +41,15 @@ impl Phase {
 
 /// The state of the simulation.
 pub fn get(simulation: &Simulation) -> GetSimulationStateResponse {
+    // Whether time advances is up to its owner.
+    let is_stopped = (simulation.shared_time).stands_still(simulation.world.time());
+    let phase = match is_stopped {
+        true => Phase::Paused,
+        false => simulation.clock.phase(),
+    };
     GetSimulationStateResponse {
         state: SimulationState {
-            state: simulation.clock.phase().number(),
+            state: phase.number(),
         },
         result: Outcome::ok(),
     }
@@ -143,6 +154,11 @@ fn reset_scope(simulation: &mut Simulation, scope: u8) -> Result<(), Outcome> {
     if scope == Reset::SCOPE_DEFAULT || scope & Reset::SCOPE_TIME != 0 {
         check_owns_time(simulation)?;
     }
+    if simulation.shared_time.is_shared()
+        && let Some(problem) = splits_robots(scope)
+    {
+        return Err(Outcome::new(Outcome::FEATURE_UNSUPPORTED, problem));
+    }
     simulation.steps.end("the simulation was reset");
     if scope == Reset::SCOPE_DEFAULT || scope == Reset::SCOPE_ALL {
         return reset_all(simulation);
@@ -177,10 +193,51 @@ fn reset_all(simulation: &mut Simulation) -> Result<(), Outcome> {
     Ok(())
 }
 
+/// Why several robots cannot be reset in this scope: those that follow the time are reset with their state.
+fn splits_robots(scope: u8) -> Option<String> {
+    let time_alone = scope & Reset::SCOPE_TIME != 0 && scope & Reset::SCOPE_STATE == 0;
+    time_alone.then(|| {
+        format!(
+            "scope {scope} resets time without state, but the other robots, which follow this time, are reset with their \
+             state; give {}, or 255 (all)",
+            scope | Reset::SCOPE_STATE
+        )
+    })
+}
+
 /// The owner of the time, another node, was reset: so is this one.
 pub fn follow_reset(simulation: &mut Simulation) {
+    let leader = simulation.shared_time.leader().unwrap_or_default();
+    tracing::info!("the robot {leader}, which owns the time, was reset, and so is this one");
     if let Err(failed) = reset_all(simulation) {
         // The parameters have made a world before.
         tracing::error!("cannot follow a reset: {}", failed.error_message);
+        simulation.node.wait_for(RETRY_PERIOD);
+    }
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Would break if a reset of time moved the bodies of all robots but the first one's.
+    #[test]
+    fn several_robots_are_not_reset_in_time_alone() {
+        for scope in [Reset::SCOPE_TIME, Reset::SCOPE_TIME | Reset::SCOPE_SPAWNED] {
+            let problem = splits_robots(scope).unwrap();
+            assert!(
+                problem.contains(&format!("give {}", scope | 2)),
+                "{problem}"
+            );
+        }
+        for scope in [
+            Reset::SCOPE_DEFAULT,
+            Reset::SCOPE_STATE,
+            Reset::SCOPE_SPAWNED,
+            Reset::SCOPE_TIME | Reset::SCOPE_STATE,
+            Reset::SCOPE_ALL,
+        ] {
+            assert_eq!(splits_robots(scope), None, "{scope}");
+        }
     }
 }

@@ -2,8 +2,10 @@
 
 use super::*;
 use crate::{
+    dynamics::{IntegrationMethod, JointPhysics},
     nodes::{
         dynamics::{
+            Description, InitialJoints, InitialMotion, Target, TargetParams,
             external_wrenches::{ExternalWrench, WrenchAxes},
             free_body::FreeBody as _,
             imu, joint_states, momentum,
@@ -204,6 +206,51 @@ fn steps_and_commands_do_not_allocate() {
     };
     steps();
     assert_eq!(allocation_counter::measure(steps).count_total, 0);
+}
+
+// Would break if stops or friction of a target's joints used new memory in a step.
+#[test]
+fn steps_of_a_target_with_stops_and_friction_do_not_allocate() {
+    const HINGED: &str = r#"<robot name="panel">
+        <link name="hull"><inertial><mass value="2"/>
+            <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <link name="panel"><inertial><mass value="1"/>
+            <inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial></link>
+        <joint name="hinge" type="revolute"><parent link="hull"/><child link="panel"/><axis xyz="0 0 1"/>
+            <limit lower="-0.01" upper="0.01" effort="10" velocity="5"/>
+            <dynamics damping="0.01" friction="0.01"/></joint>
+    </robot>"#;
+    let mut world = world("servicing");
+    let target = TargetParams {
+        name: "panel".to_owned(),
+        description: Description::new(HINGED.to_owned(), "panel".to_owned(), true),
+        motion: InitialMotion {
+            pose: nalgebra::Isometry3::identity(),
+            velocity_W: Vector3::zeros(),
+            angular_velocity_B: Vector3::zeros(),
+        },
+        joints: InitialJoints {
+            positions: vec![0.0],
+            velocities: vec![0.5],
+        },
+    };
+    let physics = JointPhysics::default();
+    world
+        .targets
+        .push(Target::new(&target, IntegrationMethod::Rk4, &physics).unwrap());
+    let mut steps = || {
+        for _ in 0..20 {
+            world.step_to_tick_or_restore().unwrap();
+        }
+    };
+    steps();
+    assert_eq!(allocation_counter::measure(steps).count_total, 0);
+    // It has hit a stop and lost energy.
+    let state = world.targets.last().unwrap().body.state();
+    assert!(
+        state.q[0].abs() < 0.02 && state.qd[0].abs() < 0.5,
+        "{state:?}"
+    );
 }
 
 // The servo computes efforts with the inertia of the tree, which is not that of the mechanism: measured, it overshoots a way of
