@@ -63,7 +63,7 @@ macro_rules! topics {
 
 topics! {
     /// Simulated time.
-    CLOCK: Topic<Clock> = "/clock", CLOCK, ["dynamics"] => ["all with `use_sim_time`"];
+    CLOCK: Topic<Clock> = "/clock", CLOCK, ["dynamics"] => ["dynamics", "all with `use_sim_time`"];
     /// The robot's URDF.
     ROBOT_DESCRIPTION: Topic<Text> = "robot_description", LATCHED, ["dynamics"] => ["attitude", "camera", "controller", "teleop"];
     /// Joint positions, joint rates and mean joint efforts.

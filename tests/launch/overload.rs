@@ -111,7 +111,8 @@ fn five_thousand_refused_commands_per_second_do_not_disturb_the_controller() {
         );
         // Of some ten seconds.
         assert!(sent > 20_000, "{sent}");
-        assert!(off < 1e-3, "{off} m\n{}", ended.stdout);
+        // The last state that the controller reported may be some periods before the end, in which the tip moves 0.5 mm each.
+        assert!(off < 5e-3, "{off} m\n{}", ended.stdout);
         assert!(ended.stderr.contains("/flood"), "{}", ended.stderr);
     });
 }

@@ -56,9 +56,8 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     }
     loop {
         lifecycle.follow(|transition| pass(transition, &mut work));
-        match &mut work {
-            Some(work) => work.turn(node, &params, lifecycle.is_active())?,
-            None => {}
+        if let Some(work) = &mut work {
+            work.turn(node, &params, lifecycle.is_active())?;
         }
         if !node.wait_for(SILENCE) {
             return Ok(());

@@ -123,10 +123,12 @@ impl ActuatorInputs {
         let age = world.time() - last;
         if age > self.timeout {
             world.release_wheels();
-            self.status.warn(format!(
-                "no command on wheel_commands for {age:.1} s (command_timeout is {} s): wheel torques are zero",
-                self.timeout
-            ));
+            if !self.refusals.is_shown() {
+                self.status.warn(format!(
+                    "no command on wheel_commands for {age:.1} s (command_timeout is {} s): wheel torques are zero",
+                    self.timeout
+                ));
+            }
         }
     }
 

@@ -27,8 +27,8 @@ pub struct ArmMotion<'a> {
 ///
 /// If only past rates are known, `h'` of the last period is at hand. It is d for joints that servos hold. Free joints
 /// follow the base, so that a feed-forward torque that errs by e makes `h' = d - R e`, where R compares the inertia
-/// that the arm adds to the locked robot with the rest: a torque of h' alone would feed back on itself, and grow for R
-/// > 1. So the torque is a mean of h' and of itself a period ago, with the weight β on h'. Its error is then multiplied
+/// that the arm adds to the locked robot with the rest: a torque of h' alone would feed back on itself, and grow for
+/// `R > 1`. So the torque is a mean of h' and of itself a period ago, with the weight β on h'. Its error is then multiplied
 /// by `1 - β (1 + R)` in a period: with β = 1/2 it decays for all R < 3. Whatever R is, the law meets the inertia of
 /// the locked robot.
 #[derive(Debug, Clone)]
