@@ -55,7 +55,7 @@ fn a_launched_run_equals_the_simulated_one() {
                 assert!(change < 1e-13, "{robot} {part} {change}");
             }
         }
-        let bag = Bag::open(&launch.bag()).expect("a bag");
+        let bag = Bag::open(launch.bag()).expect("a bag");
         let topics = bag.info().expect("an index").topics;
         let topics: Vec<_> = topics.into_iter().map(|topic| topic.name).collect();
         assert!(topics.contains(&"/chaser2/tf".to_owned()), "{topics:?}");

@@ -161,8 +161,6 @@ mod tests {
         let mut world = world(ImuParams {
             gyro_noise: 1e-3,
             accelerometer_noise: 0.1,
-            gyro_bias: Vector3::zeros(),
-            gyro_bias_walk: 0.0,
             seed: 7,
             ..ImuParams::default()
         });
