@@ -9,6 +9,7 @@ pub fn binary(name: &str) -> &'static str {
         "controller" => env!("CARGO_BIN_EXE_controller"),
         "estimator" => env!("CARGO_BIN_EXE_estimator"),
         "teleop" => env!("CARGO_BIN_EXE_teleop"),
+        "attitude" => env!("CARGO_BIN_EXE_attitude"),
         "recorder" => env!("CARGO_BIN_EXE_recorder"),
         other => panic!("{other} is no executable of fuyu"),
     }
