@@ -107,3 +107,13 @@ fn four_processes_in_a_namespace_are_the_same_graph() {
         assert!(report.is_ok(), "{:?}", check.failed());
     });
 }
+
+// Fails if the launch looks for its controller's state where the scenario, not the command line, puts it.
+#[test]
+fn a_launch_in_a_namespace_shows_the_errors_of_its_tip() {
+    let config = source("config/positioning.yaml");
+    let args = [&["--duration", "12"], &GENTLE[..], &["-r", "__ns:=/chaser"]].concat();
+    let mut launch = Running::launch(109, &config, &args);
+    let ended = launch.wait(6 * PATIENCE);
+    assert!(ended.stderr.contains(", tip error "), "{ended:?}");
+}

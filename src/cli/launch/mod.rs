@@ -19,7 +19,7 @@ use indicatif::{ProgressBar, ProgressStyle};
 use super::{Failure, print};
 use crate::nodes::foxglove;
 use crate::ros::{DiscoveryRange, Node, NodeError, NodeOptions, Process, return_free_memory};
-use monitor::Progress;
+use monitor::{Observed, Progress};
 use overload::Overload;
 use plan::Plan;
 
@@ -147,15 +147,22 @@ fn start(
         started.push(node);
     }
     let (shared, duration) = (Arc::clone(progress), plan.duration);
-    let robots = match plan.scenario.robots().as_slice() {
-        [] | [_] => Vec::new(),
-        several => several.iter().map(|&robot| robot.to_owned()).collect(),
+    let observed = |program: &str| {
+        let nodes = plan.nodes.iter().map(|(name, _)| name);
+        let pairs = nodes.zip(started.iter());
+        let pairs = pairs.filter(|(name, _)| name.name() == program);
+        let pairs = pairs.map(|(planned, node)| Observed {
+            planned: planned.namespace().to_owned(),
+            actual: node.name().namespace().to_owned(),
+        });
+        pairs.collect::<Vec<_>>()
     };
-    let controllers = plan.nodes.iter().map(|(name, _)| name);
-    let controllers = controllers.filter(|name| name.name() == "controller");
-    let controllers: Vec<_> = controllers
-        .map(|name| name.namespace().to_owned())
-        .collect();
+    let mut robots = observed("dynamics");
+    if robots.len() == 1 {
+        // Its time is /clock.
+        robots.clear();
+    }
+    let controllers = observed("controller");
     let monitor = NodeOptions {
         parameter_services: false,
         ..options("launch_monitor", namespace)

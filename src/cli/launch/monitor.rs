@@ -29,7 +29,7 @@ pub struct Seen {
     pub start: Option<(f64, Instant)>,
     /// Last simulated time observed, and the wall time at that moment.
     pub last: Option<(f64, Instant)>,
-    /// Last position and attitude error of each tip \[m, rad\], by the namespace of its controller.
+    /// Last position and attitude error of each tip \[m, rad\], by the namespace that the scenario gives its controller.
     pub errors: BTreeMap<String, (f64, f64)>,
 }
 
@@ -52,29 +52,44 @@ impl Progress {
     }
 }
 
-/// The node's program: subscribes to `/clock`, to `controller/state` in the namespaces `controllers`, and to the odometry
-/// of `robots`, the namespaces of several robots. It ends when the duration is over for all.
+/// Namespace of a node that the monitor observes.
+#[derive(Debug, Clone)]
+pub struct Observed {
+    /// The one that the scenario gives it.
+    pub planned: String,
+    /// The one that it has after remapping (`__ns:=/NAMESPACE`).
+    pub actual: String,
+}
+
+impl Observed {
+    fn topic(&self, name: &str) -> String {
+        format!("{}/{name}", self.actual.trim_end_matches('/'))
+    }
+}
+
+/// The node's program: subscribes to `/clock`, to `controller/state` of the `controllers`, and to the odometry of `robots`,
+/// the dynamics nodes of several robots. It ends when the duration is over for all.
 ///
 /// # Errors
 /// When DDS fails.
 pub fn program(
     node: &Node,
     duration: f64,
-    robots: &[String],
-    controllers: &[String],
+    robots: &[Observed],
+    controllers: &[Observed],
     progress: &Progress,
 ) -> Result<(), NodeError> {
     let is_end = |time: f64| duration > 0.0 && time >= duration - 1e-9;
     let robots = robots.iter().map(|robot| {
-        let base = format!("{}/{}", robot.trim_end_matches('/'), topics::BASE);
+        let base = robot.topic(topics::BASE);
         Ok((topics::TARGET_ODOMETRY.subscribe(node, &base)?, 0.0))
     });
     let mut robots: Vec<_> = robots.collect::<Result<_, NodeError>>()?;
     let clock = node.subscribe::<Clock>(topics::CLOCK.name, Qos::CLOCK_SUBSCRIPTION)?;
-    let states = controllers.iter().map(|namespace| {
+    let states = controllers.iter().map(|controller| {
         let state = topics::CONTROLLER_STATE;
-        let topic = format!("{}/{}", namespace.trim_end_matches('/'), state.name);
-        Ok((namespace, node.subscribe(&topic, state.qos)?))
+        let topic = controller.topic(state.name);
+        Ok((&controller.planned, node.subscribe(&topic, state.qos)?))
     });
     let states: Vec<(_, Subscription<ControllerState>)> =
         states.collect::<Result<_, NodeError>>()?;
