@@ -75,15 +75,17 @@ impl Inputs {
             let q = joint_vectors::positions(model, message)?;
             let qd = joint_vectors::velocities(model, message)?;
             let stamp = stamp(&message.header.stamp);
+            attitude.add_joint_state(stamp, q.as_slice(), qd.as_slice())?;
             newest.joints = Some(stamp);
             newest.first.get_or_insert(stamp);
-            attitude.add_joint_state(stamp, q.as_slice(), qd.as_slice())
+            Ok(())
         });
         each(&self.imu, status, |message| {
             let stamp = stamp(&message.header.stamp);
-            newest.gyro = Some(stamp);
             let added = attitude.add_gyro(stamp, vector_from_msg(&message.angular_velocity));
-            added.map_err(|e| e.to_string())
+            added.map_err(|e| e.to_string())?;
+            newest.gyro = Some(stamp);
+            Ok(())
         });
         each(&self.star_tracker, status, |message| {
             let q = &message.quaternion;
@@ -99,9 +101,10 @@ impl Inputs {
         each(&self.wheel_states, status, |message| {
             let speeds = wheel_speeds(attitude.system(), message)?;
             let stamp = stamp(&message.header.stamp);
-            newest.wheels = Some(stamp);
             let added = attitude.add_wheel_speeds(stamp, &speeds);
-            added.map_err(|e| e.to_string())
+            added.map_err(|e| e.to_string())?;
+            newest.wheels = Some(stamp);
+            Ok(())
         });
         each(&self.target, status, |message| {
             let q = &message.quaternion;
@@ -161,7 +164,7 @@ fn wheel_speeds(system: &FlexibleSystem, message: &JointState) -> Result<Vec<f64
 mod tests {
     use super::*;
 
-    // Would break if a lost gyro left the last torques in force, or if a state were answered before its gyro sample has come.
+    // Would break if a lost gyro left the last torques in force, or if a state were answered before its gyro sample.
     #[test]
     fn without_a_gyro_the_other_inputs_tell_the_time() {
         let at = |t: f64| Some(Stamp::from_secs_f64(t));

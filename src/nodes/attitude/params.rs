@@ -58,7 +58,7 @@ enum Law {
 }
 
 /// Default of `hinf.postures`.
-const POSTURES: i64 = 16;
+const POSTURES: i64 = 0;
 
 const LAWS: [(&str, Law); 3] = [
     ("dvdfb", Law::Dvdfb),
@@ -120,7 +120,7 @@ impl AttitudeParams {
             ),
             bumpless_transfer_time: number(
                 "bumpless_transfer_time",
-                5.0,
+                1.0,
                 0.0,
                 1e3,
                 "Time constant of the bumpless transfer after a change of law; 0: the torque jumps [s]",

@@ -25,7 +25,7 @@ pub struct RegulatorConfig {
     /// Time constant with which the momenta of more than three wheels are equalised \[s\].
     pub equalization_time: f64,
     /// Time constant of the bumpless transfer \[s\]: the difference in the torque that a change of law makes decays with
-    /// it. With zero the torque jumps.
+    /// it. With zero the torque jumps. While it decays it turns the base, by its integral over the gain on the rate.
     pub bumpless_transfer_time: f64,
 }
 
@@ -38,7 +38,7 @@ impl RegulatorConfig {
             gyroscopic: true,
             unloading: Some(UnloadingConfig::default()),
             equalization_time: 20.0,
-            bumpless_transfer_time: 5.0,
+            bumpless_transfer_time: 1.0,
         }
     }
 }
