@@ -24,10 +24,14 @@ macro_rules! for_every_type {
     ($do:ident) => {
         $do!(
             diagnostic_msgs::DiagnosticArray,
+            fuyu_msgs::AppendageStates,
+            fuyu_msgs::AttitudeState,
             fuyu_msgs::ControllerState,
+            fuyu_msgs::ExternalImpulse,
             fuyu_msgs::FeatureTracks,
             fuyu_msgs::Momentum,
             fuyu_msgs::MotionEstimate,
+            fuyu_msgs::ThrusterCommands,
             geometry_msgs::Accel,
             geometry_msgs::Inertia,
             geometry_msgs::PointStamped,

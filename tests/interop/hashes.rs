@@ -38,6 +38,18 @@ fn rosidl(python: &Path) -> BTreeMap<String, String> {
     hashes
 }
 
+// Fails if a message of fuyu is added without a row in the matrix.
+#[test]
+fn every_message_of_fuyu_is_echoed() {
+    let echoed = crate::echo::types();
+    let ours = msg::definitions().filter(|d| d.package == "fuyu_msgs");
+    let names: Vec<_> = ours.map(|d| d.type_name()).collect();
+    assert!(names.len() >= 8, "{names:?}");
+    for name in names {
+        assert!(echoed.contains(&name), "{name}");
+    }
+}
+
 // Fails if a hash differs from the one that other ROS nodes have for the type.
 #[test]
 fn hashes_are_those_of_rosidl() {

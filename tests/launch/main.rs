@@ -16,6 +16,8 @@ mod python;
 mod waiting;
 
 mod articulated_targets;
+mod attitude;
+mod attitude_faults;
 mod bad_input;
 mod command_arbiter;
 mod commanders;

@@ -1,12 +1,13 @@
 //! The attitude controller with its robot, stepped once per control period.
 
-use super::AttitudeParams;
+use super::{AttitudeParams, params::NamedLaw};
 use crate::{
     control::{
         Stamp,
         attitude::{
-            AttitudeController, AttitudeFilter, AttitudeInputError, AttitudePlant,
-            AttitudeRegulator, AttitudeReport, AttitudeTarget, StarTrackerUse,
+            AttitudeConfigError, AttitudeController, AttitudeFilter, AttitudeInputError,
+            AttitudeLaw, AttitudeLawConfig, AttitudePlant, AttitudeRegulator, AttitudeReport,
+            AttitudeTarget, StarTrackerUse, spread_postures,
         },
     },
     dynamics::flexible::FlexibleSystem,
@@ -17,12 +18,15 @@ use nalgebra::{Complex, DVector, UnitQuaternion, Vector3};
 /// Takes samples, and steps the controller when a control period has passed. The node and `fuyu simulate` run this same
 /// loop.
 ///
-/// The law is designed for the posture of the first joint state. Samples that arrive before it are not used.
+/// The law is designed for the posture of the first joint state, and `hinf` for more of them; a law that is selected later
+/// for the posture of that time. Samples that arrive before the first joint state are not used, except a reference.
 #[derive(Debug)]
 pub struct AttitudeLoop {
     params: AttitudeParams,
     system: FlexibleSystem,
     controller: Option<AttitudeController>,
+    /// Reference that came before the first joint state.
+    early_target: Option<UnitQuaternion<f64>>,
     last_step: Option<Stamp>,
     /// On-times of thrusters are commanded by the last step, and not by the states after it.
     has_stepped: bool,
@@ -41,6 +45,7 @@ impl AttitudeLoop {
             system: params.flexible.system(model)?,
             params: params.clone(),
             controller: None,
+            early_target: None,
             last_step: None,
             has_stepped: false,
         })
@@ -68,15 +73,13 @@ impl AttitudeLoop {
     pub fn design(&mut self, q: &[f64]) -> Result<(), String> {
         let params = &self.params;
         let controller = || {
-            let plant = AttitudePlant::new(&self.system, &DVector::from_row_slice(q))?;
-            let period = params.regulator.period;
-            let law = params.law.law(std::slice::from_ref(&plant), period)?;
+            let law = self.law_for(q)?;
             let regulator = AttitudeRegulator::new(&self.system, law, params.regulator)?;
             let filter = AttitudeFilter::new(params.filter)?;
             AttitudeController::new(filter, regulator, params.controller)
         };
         let mut controller = controller().map_err(|e| e.to_string())?;
-        if let Some(R_WD) = params.target {
+        if let Some(R_WD) = self.early_target.or(params.target) {
             let fixed = AttitudeTarget::fixed(R_WD);
             controller
                 .set_target(Stamp::from_nanos(0), &fixed)
@@ -86,21 +89,83 @@ impl AttitudeLoop {
         Ok(())
     }
 
+    /// The law that the parameters select, for joint positions `q`.
+    fn law_for(&self, q: &[f64]) -> Result<Box<dyn AttitudeLaw>, AttitudeConfigError> {
+        let params = &self.params;
+        let mut plants = vec![AttitudePlant::new(
+            &self.system,
+            &DVector::from_row_slice(q),
+        )?];
+        if let AttitudeLawConfig::DoubleLoop(_) = params.law.config {
+            for q in spread_postures(self.system.model(), params.hinf_postures) {
+                plants.push(AttitudePlant::new(&self.system, &q)?);
+            }
+        }
+        params.law.config.law(&plants, params.regulator.period)
+    }
+
+    /// Selects a law while the loop runs: it is designed for the newest joint positions, and takes over without a step in
+    /// the torque. Before the first joint state it is the law to start with.
+    ///
+    /// # Errors
+    /// A line that says why there is no such law; the one before stays in force.
+    pub fn select_law(&mut self, law: NamedLaw) -> Result<(), String> {
+        let before = std::mem::replace(&mut self.params.law, law);
+        let q = self.controller.as_ref().and_then(|c| c.joint_positions());
+        let Some(q) = q else {
+            return Ok(());
+        };
+        match self.law_for(q) {
+            Ok(law) => {
+                if let Some(controller) = &mut self.controller {
+                    controller.set_law(law);
+                }
+                Ok(())
+            }
+            Err(e) => {
+                self.params.law = before;
+                Err(e.to_string())
+            }
+        }
+    }
+
+    /// Spectral radius of the loop at the newest joint positions, without delay; below 1 it is stable. `None` before the
+    /// first joint state.
+    ///
+    /// # Errors
+    /// A line that says why it cannot be computed.
+    pub fn radius(&self) -> Result<Option<f64>, String> {
+        let q = self.controller.as_ref().and_then(|c| c.joint_positions());
+        q.map(|q| self.radius_at(q, 0.0)).transpose()
+    }
+
+    fn radius_at(&self, q: &[f64], delay: f64) -> Result<f64, String> {
+        let Some(controller) = &self.controller else {
+            return Ok(0.0);
+        };
+        let law = controller.regulator().law();
+        AttitudePlant::new(&self.system, &DVector::from_row_slice(q))
+            .and_then(|plant| plant.sampled_radius(law, self.params.regulator.period, delay))
+            .map_err(|e| e.to_string())
+    }
+
+    /// Ends the torques until the next step.
+    pub fn release(&mut self) {
+        if let Some(controller) = &mut self.controller {
+            controller.release();
+        }
+        self.last_step = None;
+        self.has_stepped = false;
+    }
+
     /// Why the law is unstable at joint positions `q` with torques that act `delay` \[s\] late, if it is.
     ///
     /// # Errors
     /// As [`AttitudeLoop::design`].
     pub fn instability(&mut self, q: &[f64], delay: f64) -> Result<Option<String>, String> {
         self.design(q)?;
-        let plant = AttitudePlant::new(&self.system, &DVector::from_row_slice(q))
-            .map_err(|e| e.to_string())?;
-        let Some(controller) = &self.controller else {
-            return Ok(None);
-        };
         let period = self.params.regulator.period;
-        let radius = plant
-            .sampled_radius(controller.regulator().law(), period, delay)
-            .map_err(|e| e.to_string())?;
+        let radius = self.radius_at(q, delay)?;
         Ok((radius > 1.0).then(|| {
             let late = match delay > 0.0 {
                 true => format!(" and torques that act {delay} s late"),
@@ -108,7 +173,7 @@ impl AttitudeLoop {
             };
             format!(
                 "the law {} with a period of {period} s{late} makes the robot vibrate (spectral radius {radius:.4}); lower period or the gains",
-                self.params.law_name
+                self.params.law.name
             )
         }))
     }
@@ -210,7 +275,10 @@ impl AttitudeLoop {
     ) -> Result<(), AttitudeInputError> {
         match &mut self.controller {
             Some(controller) => controller.set_target(stamp, &AttitudeTarget::fixed(R_WD)),
-            None => Ok(()),
+            None => {
+                self.early_target = Some(R_WD);
+                Ok(())
+            }
         }
     }
 

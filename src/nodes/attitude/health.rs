@@ -8,10 +8,12 @@ use crate::{
     ros::{Node, Status},
 };
 
-/// The parts `control`, `star tracker` and `wheels`.
+/// The parts `control`, `law`, `star tracker` and `wheels`.
 pub(super) struct Health {
     /// What turns the base, and what is wrong with the inputs.
     pub control: Status,
+    /// The law in force, and whether it is stable in the present posture.
+    pub law: Status,
     star_tracker: Status,
     wheels: Status,
 }
@@ -25,6 +27,7 @@ impl Health {
         };
         Self {
             control: status("control", "no joint_states have arrived yet"),
+            law: status("law", "no joint_states have arrived yet"),
             star_tracker: status("star tracker", "no attitude has arrived yet"),
             wheels: status("wheels", "no wheel_states have arrived yet"),
         }

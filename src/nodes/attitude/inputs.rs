@@ -4,7 +4,7 @@ use std::time::Duration;
 
 use super::AttitudeLoop;
 use crate::{
-    control::Stamp,
+    control::{Stamp, attitude::StarTrackerUse},
     dynamics::flexible::FlexibleSystem,
     msg::{
         builtin_interfaces,
@@ -33,6 +33,26 @@ struct Newest {
     joints: Option<Stamp>,
     wheels: Option<Stamp>,
     gyro: Option<Stamp>,
+    /// Of joints and wheels, the first.
+    first: Option<Stamp>,
+}
+
+impl Newest {
+    /// The state to answer, see [`Inputs::state`].
+    fn state(&self, timeout: Option<f64>) -> Option<Stamp> {
+        let Self { joints, wheels, .. } = self;
+        let Some(timeout) = timeout else {
+            return self
+                .gyro
+                .filter(|gyro| *joints == Some(*gyro) && *wheels == Some(*gyro));
+        };
+        let others = (*joints).max(*wheels);
+        let is_lost = |now: Stamp| {
+            let last = self.gyro.or(self.first);
+            last.is_some_and(|last| now.seconds_since(last).abs() > timeout)
+        };
+        others.filter(|now| is_lost(*now)).or(self.gyro)
+    }
 }
 
 impl Inputs {
@@ -55,27 +75,36 @@ impl Inputs {
             let q = joint_vectors::positions(model, message)?;
             let qd = joint_vectors::velocities(model, message)?;
             let stamp = stamp(&message.header.stamp);
+            attitude.add_joint_state(stamp, q.as_slice(), qd.as_slice())?;
             newest.joints = Some(stamp);
-            attitude.add_joint_state(stamp, q.as_slice(), qd.as_slice())
+            newest.first.get_or_insert(stamp);
+            Ok(())
         });
         each(&self.imu, status, |message| {
             let stamp = stamp(&message.header.stamp);
-            newest.gyro = Some(stamp);
             let added = attitude.add_gyro(stamp, vector_from_msg(&message.angular_velocity));
-            added.map_err(|e| e.to_string())
+            added.map_err(|e| e.to_string())?;
+            newest.gyro = Some(stamp);
+            Ok(())
         });
         each(&self.star_tracker, status, |message| {
             let q = &message.quaternion;
             let R_WB = unit_quaternion(q.x, q.y, q.z, q.w)?;
             let added = attitude.add_star_tracker(stamp(&message.header.stamp), &R_WB);
-            added.map(drop).map_err(|e| e.to_string())
+            match added.map_err(|e| e.to_string())? {
+                Some(StarTrackerUse::TooNew) => {
+                    Err("the stamp is far ahead of that of the last imu message".into())
+                }
+                _ => Ok(()),
+            }
         });
         each(&self.wheel_states, status, |message| {
             let speeds = wheel_speeds(attitude.system(), message)?;
             let stamp = stamp(&message.header.stamp);
-            newest.wheels = Some(stamp);
             let added = attitude.add_wheel_speeds(stamp, &speeds);
-            added.map_err(|e| e.to_string())
+            added.map_err(|e| e.to_string())?;
+            newest.wheels = Some(stamp);
+            Ok(())
         });
         each(&self.target, status, |message| {
             let q = &message.quaternion;
@@ -85,24 +114,18 @@ impl Inputs {
         });
     }
 
-    /// Stamp of the state to answer: that of the newest gyro sample; in lockstep only if joints and wheels have come as
-    /// well.
-    pub(super) fn state(&self, lockstep: bool) -> Option<Stamp> {
-        let Newest {
-            joints,
-            wheels,
-            gyro,
-        } = self.newest;
-        match lockstep {
-            true => gyro.filter(|_| joints == gyro && wheels == gyro),
-            false => gyro,
-        }
+    /// Stamp of the state to answer: that of the newest gyro sample, or of joints and wheels once they are `timeout` \[s\]
+    /// ahead of it. Without a timeout (in lockstep) that of the gyro sample, if joints and wheels have come as well.
+    pub(super) fn state(&self, timeout: Option<f64>) -> Option<Stamp> {
+        self.newest.state(timeout)
     }
 
-    /// Time since the last gyro sample, if longer than `limit`, and the topic's name.
-    pub(super) fn silence(&self, limit: Duration) -> Option<(Duration, &str)> {
-        let age = self.imu.age().filter(|age| *age > limit)?;
-        Some((age, self.imu.topic()))
+    /// Time since the last gyro sample and joint state, if longer than `limit`, and the topics' names.
+    pub(super) fn silence(&self, limit: Duration) -> Option<(Duration, [&str; 2])> {
+        let ages = [self.imu.age(), self.joint_states.age()];
+        let age = ages.into_iter().flatten().min()?;
+        let topics = [self.imu.topic(), self.joint_states.topic()];
+        (age > limit).then_some((age, topics))
     }
 }
 
@@ -135,4 +158,37 @@ fn wheel_speeds(system: &FlexibleSystem, message: &JointState) -> Result<Vec<f64
         .iter()
         .map(|wheel| speed(&wheel.name))
         .collect()
+}
+
+#[cfg(test)]
+mod tests {
+    use super::*;
+
+    // Would break if a lost gyro left the last torques in force, or if a state were answered before its gyro sample.
+    #[test]
+    fn without_a_gyro_the_other_inputs_tell_the_time() {
+        let at = |t: f64| Some(Stamp::from_secs_f64(t));
+        let mut newest = Newest {
+            joints: at(0.0),
+            first: at(0.0),
+            ..Newest::default()
+        };
+        assert_eq!(newest.state(Some(0.5)), None);
+        newest.wheels = at(0.4);
+        assert_eq!(newest.state(Some(0.5)), None);
+        newest.wheels = at(0.6);
+        assert_eq!(newest.state(Some(0.5)), at(0.6));
+        newest.gyro = at(0.5);
+        assert_eq!(newest.state(Some(0.5)), at(0.5));
+        newest.joints = at(1.1);
+        assert_eq!(newest.state(Some(0.5)), at(1.1));
+        assert_eq!(newest.state(None), None);
+        let all = Newest {
+            joints: at(2.0),
+            wheels: at(2.0),
+            gyro: at(2.0),
+            first: at(0.0),
+        };
+        assert_eq!(all.state(None), at(2.0));
+    }
 }

@@ -54,7 +54,6 @@ impl AttitudeMessages {
             },
             state: AttitudeState {
                 header,
-                law: attitude.params().law_name.to_owned(),
                 covariance: vec![0.0; 36],
                 ..AttitudeState::default()
             },
@@ -78,9 +77,20 @@ impl AttitudeMessages {
         true
     }
 
+    /// Writes zero torques and closed valves.
+    pub fn write_release(&mut self, now: Stamp) {
+        let stamp: builtin_interfaces::Time = Time::from_nanos(now.as_nanos()).into();
+        self.wheels.header.stamp = stamp.clone();
+        self.wheels.effort.fill(0.0);
+        self.thrusters.header.stamp = stamp;
+        self.thrusters.on_time.fill(0.0);
+    }
+
     /// Writes the report of a step to `state`.
     pub fn write_report(&mut self, attitude: &AttitudeLoop, report: &AttitudeReport) {
         let state = &mut self.state;
+        state.law.clear();
+        state.law.push_str(attitude.params().law.name);
         state.header.stamp = Time::from_nanos(report.stamp.as_nanos()).into();
         state.mode.clear();
         state.mode.push_str(match report.mode {

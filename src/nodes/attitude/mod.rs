@@ -4,10 +4,13 @@
 //! those of [`control::attitude`](crate::control::attitude). It subscribes to nothing under `ground_truth/`. Wheels,
 //! thrusters and appendages are parameters, as those of the dynamics node: what the node knows may differ from what is
 //! simulated. Parameters below `/**` in a file are for both nodes.
+//!
+//! When the node is deactivated it commands zero torque and closed valves once, and then nothing.
 
 mod attitude_loop;
 mod health;
 mod inputs;
+mod law_monitor;
 mod messages;
 mod params;
 
@@ -28,8 +31,9 @@ use crate::{
 };
 use health::Health;
 use inputs::Inputs;
+use law_monitor::LawMonitor;
 
-/// Silence of `imu` that is worth a warning.
+/// Silence of `imu` and `joint_states` that is worth a warning.
 const SILENCE: Duration = Duration::from_secs(1);
 
 /// The node's program.
@@ -38,16 +42,30 @@ const SILENCE: Duration = Duration::from_secs(1);
 /// For wrong parameters, or when DDS refuses.
 pub fn program(node: &Node) -> Result<(), NodeError> {
     let mut declare = node.declare();
-    let params = AttitudeParams::declare(&mut declare);
+    let params = AttitudeParams::declare_live(&mut declare);
     declare.finish()?;
     let params = params.map_err(|e| NodeError::Input(format!("node {}: {e}", node.name())))?;
+    let (mut params, law) = params;
     let lifecycle = Lifecycle::new(node)?;
     let mut work: Option<Work> = None;
+    let release = |work: &mut Option<Work>| {
+        if let Some(work) = work {
+            work.release();
+        }
+    };
     let pass = |transition, work: &mut Option<Work>| {
         match transition {
             Transition::Configure => *work = Some(Work::new(node)?),
-            Transition::CleanUp | Transition::Shutdown => *work = None,
-            Transition::Activate | Transition::Deactivate => {}
+            Transition::Activate => {
+                if let Some(work) = work.as_mut() {
+                    work.is_active = true;
+                }
+            }
+            Transition::Deactivate => release(work),
+            Transition::CleanUp | Transition::Shutdown => {
+                release(work);
+                *work = None;
+            }
         }
         Ok(())
     };
@@ -56,8 +74,11 @@ pub fn program(node: &Node) -> Result<(), NodeError> {
     }
     loop {
         lifecycle.follow(|transition| pass(transition, &mut work));
+        if law.changed() {
+            params.law = params.named(&law.get());
+        }
         if let Some(work) = &mut work {
-            work.turn(node, &params, lifecycle.is_active())?;
+            work.turn(node, &params)?;
         }
         if !node.wait_for(SILENCE) {
             return Ok(());
@@ -73,6 +94,9 @@ struct Work {
     thrusters: Publisher<ThrusterCommands>,
     state: Publisher<AttitudeState>,
     health: Health,
+    law: LawMonitor,
+    /// Whether commands are given.
+    is_active: bool,
     /// `None` before the robot is known.
     attitude: Option<(AttitudeLoop, AttitudeMessages)>,
     /// The state that was answered last.
@@ -84,6 +108,8 @@ impl Work {
         Ok(Self {
             description: RobotDescription::new(node, String::new())?,
             health: Health::new(node),
+            law: LawMonitor::default(),
+            is_active: false,
             inputs: Inputs::new(node)?,
             wheels: topics::WHEEL_COMMANDS.advertise(node)?,
             thrusters: topics::THRUSTER_COMMANDS.advertise(node)?,
@@ -94,12 +120,7 @@ impl Work {
     }
 
     /// Takes what has arrived, and answers the newest state if the node is active.
-    fn turn(
-        &mut self,
-        node: &Node,
-        params: &AttitudeParams,
-        is_active: bool,
-    ) -> Result<(), NodeError> {
+    fn turn(&mut self, node: &Node, params: &AttitudeParams) -> Result<(), NodeError> {
         if let Some(robot) = self.description.changed() {
             match AttitudeLoop::new(params, &robot.model) {
                 Ok(attitude) => {
@@ -117,12 +138,15 @@ impl Work {
             return Ok(());
         };
         self.inputs.feed(attitude, &self.health.control);
-        if !is_active {
+        self.law.follow(params.law, attitude, &self.health.law);
+        if !self.is_active {
             (self.health.control).warn("the node is not active: no commands are given");
             return Ok(());
         }
-        let state = self.inputs.state(params.lockstep);
-        if let Some(now) = state.filter(|_| state != self.answered) {
+        let timeout = (!params.lockstep).then_some(params.controller.timeout);
+        let state = self.inputs.state(timeout);
+        let is_due = state != self.answered && attitude.controller().is_some();
+        if let Some(now) = state.filter(|_| is_due) {
             self.answered = state;
             let report = attitude.step(now);
             if let Some(report) = &report {
@@ -135,13 +159,31 @@ impl Work {
                 self.thrusters.publish(&messages.thrusters);
             }
             self.wheels.publish(&messages.wheels);
+            self.law.check(attitude, &self.health.law);
         }
-        if let Some((age, topic)) = self.inputs.silence(SILENCE) {
+        if let Some((age, [imu, joints])) = self.inputs.silence(SILENCE) {
             let seconds = age.as_secs_f64();
             self.health.control.warn(format!(
-                "{topic} has been silent for {seconds:.0} s: no commands are given"
+                "{imu} and {joints} have been silent for {seconds:.0} s: no commands are given"
             ));
         }
         Ok(())
+    }
+
+    /// Ends torques and closes valves, if the node has been active.
+    fn release(&mut self) {
+        if !std::mem::take(&mut self.is_active) {
+            return;
+        }
+        let (Some((attitude, messages)), Some(now)) = (&mut self.attitude, self.answered) else {
+            return;
+        };
+        attitude.release();
+        messages.write_release(now);
+        if !messages.thrusters.name.is_empty() {
+            self.thrusters.publish(&messages.thrusters);
+        }
+        self.wheels.publish(&messages.wheels);
+        self.answered = None;
     }
 }

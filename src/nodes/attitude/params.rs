@@ -13,18 +13,20 @@ use crate::{
         choice, dynamics::FlexibleParams, geometry::unit_quaternion, placement::finite,
         resource::Lookup,
     },
-    ros::{Declare, Lifecycle},
+    ros::{Declare, Lifecycle, Param},
 };
 
-/// Parameters of the attitude node; read once, at the start.
+/// Parameters of the attitude node; all but `law` are read once, at the start.
 #[derive(Debug, Clone)]
 pub struct AttitudeParams {
     /// What the node knows of the robot besides its description: appendages, elastic joints, wheels, thrusters.
     pub flexible: FlexibleParams,
-    /// Law with its settings.
-    pub law: AttitudeLawConfig,
-    /// Name of the law.
-    pub law_name: &'static str,
+    /// Law in force.
+    pub law: NamedLaw,
+    /// All laws with their settings, of which `law` selects one while the node runs.
+    pub laws: [NamedLaw; 3],
+    /// Postures besides that of the design that `hinf` covers.
+    pub hinf_postures: usize,
     /// Feed-forward, allocation and desaturation.
     pub regulator: RegulatorConfig,
     /// Errors of the sensors.
@@ -39,12 +41,24 @@ pub struct AttitudeParams {
     pub autostart: bool,
 }
 
+/// A law with its settings, and its name in the parameter `law`.
+#[derive(Debug, Clone, Copy, PartialEq)]
+pub struct NamedLaw {
+    /// Its name.
+    pub name: &'static str,
+    /// Its settings.
+    pub config: AttitudeLawConfig,
+}
+
 #[derive(Debug, Clone, Copy)]
 enum Law {
     Dvdfb,
     Lqr,
     Hinf,
 }
+
+/// Default of `hinf.postures`.
+const POSTURES: i64 = 0;
 
 const LAWS: [(&str, Law); 3] = [
     ("dvdfb", Law::Dvdfb),
@@ -58,6 +72,11 @@ impl AttitudeParams {
     /// # Errors
     /// A line that names a parameter with its value, and what would be right.
     pub fn declare(declare: &mut Declare) -> Result<Self, String> {
+        Ok(Self::declare_live(declare)?.0)
+    }
+
+    /// The same with the parameter `law`, which may change while the node runs.
+    pub(super) fn declare_live(declare: &mut Declare) -> Result<(Self, Param<String>), String> {
         let packages: Vec<String> = declare
             .param(
                 "package_folders",
@@ -71,9 +90,13 @@ impl AttitudeParams {
             packages: packages.iter().map(PathBuf::from).collect(),
         };
         let flexible = FlexibleParams::declare(declare, &lookup);
-        let name = choice::declare(declare, "law", &LAWS, "Attitude law")
-            .read_only()
-            .value();
+        let live = choice::declare(
+            declare,
+            "law",
+            &LAWS,
+            "Attitude law; may change while the node runs",
+        )
+        .live();
         let mut number = |name: &str, default: f64, least: f64, most: f64, text: &str| {
             let parameter = declare.param(name, default, text).range(least, most);
             parameter.read_only().value()
@@ -94,6 +117,13 @@ impl AttitudeParams {
                 TINY,
                 LARGE,
                 "Time constant with which momenta of more than three wheels are equalised [s]",
+            ),
+            bumpless_transfer_time: number(
+                "bumpless_transfer_time",
+                1.0,
+                0.0,
+                1e3,
+                "Time constant of the bumpless transfer after a change of law; 0: the torque jumps [s]",
             ),
             ..RegulatorConfig::new(0.1)
         };
@@ -143,6 +173,19 @@ impl AttitudeParams {
             0.999,
             "Part of the largest possible gamma that is designed for",
         );
+        let hinf_postures = declare
+            .param(
+                "hinf.postures",
+                POSTURES,
+                "Postures, spread over the ranges of the joints, whose model error the weight covers besides that of the start",
+            )
+            .range(0, 1000)
+            .read_only()
+            .value();
+        let mut number = |name: &str, default: f64, least: f64, most: f64, text: &str| {
+            let parameter = declare.param(name, default, text).range(least, most);
+            parameter.read_only().value()
+        };
         let gyro = GyroErrors {
             angle_random_walk: number(
                 "gyro.angle_random_walk",
@@ -280,7 +323,7 @@ impl AttitudeParams {
         let cover = list(
             "hinf.cover",
             Vec::new(),
-            "k of the weight that covers the model error, for each axis; empty: computed for the posture at the start",
+            "k of the weight that covers the model error, for each axis; empty: computed for hinf.postures",
             "3 values, or none",
             [3, 0],
         );
@@ -296,13 +339,16 @@ impl AttitudeParams {
             double_loop.cover = Some([x, y, z]);
         }
         // Wrong values have been reported by their declarations; the names are those of the list.
-        let law = match choice::find(&LAWS, &name).unwrap_or(Law::Dvdfb) {
-            Law::Dvdfb => AttitudeLawConfig::Dvdfb(
-                Dvdfb::new(matrix(&p), matrix(&d)).map_err(|e| format!("parameter dvdfb: {e}"))?,
-            ),
-            Law::Lqr => AttitudeLawConfig::Lqr(weights),
-            Law::Hinf => AttitudeLawConfig::DoubleLoop(double_loop),
-        };
+        let dvdfb =
+            Dvdfb::new(matrix(&p), matrix(&d)).map_err(|e| format!("parameter dvdfb: {e}"))?;
+        let laws = LAWS.map(|(name, law)| NamedLaw {
+            name,
+            config: match law {
+                Law::Dvdfb => AttitudeLawConfig::Dvdfb(dvdfb),
+                Law::Lqr => AttitudeLawConfig::Lqr(weights),
+                Law::Hinf => AttitudeLawConfig::DoubleLoop(double_loop),
+            },
+        });
         if regulator.unloading.is_some() {
             unloading.check().map_err(|e| format!("parameter {e}"))?;
         }
@@ -312,20 +358,27 @@ impl AttitudeParams {
             }
             _ => None,
         };
-        Ok(Self {
+        let params = Self {
             flexible: flexible?,
-            law_name: LAWS
-                .iter()
-                .find(|(known, _)| *known == name)
-                .map_or(LAWS[0].0, |(known, _)| known),
-            law,
+            law: laws[0],
+            laws,
+            // Wrong values have been reported by the declaration.
+            hinf_postures: usize::try_from(hinf_postures).unwrap_or(0),
             regulator,
             filter,
             controller,
             target,
             lockstep,
             autostart,
-        })
+        };
+        let law = params.named(&live.get());
+        Ok((Self { law, ..params }, live))
+    }
+
+    /// The law with this name; the first one if there is none, which the declaration of `law` has reported.
+    pub(super) fn named(&self, name: &str) -> NamedLaw {
+        let found = self.laws.iter().find(|law| law.name == name);
+        *found.unwrap_or(&self.laws[0])
     }
 }
 

@@ -5,8 +5,8 @@ use nalgebra::{DVector, Vector3};
 use super::error::{finite, finite_vector, require_positive};
 use super::{
     ArmMotion, AttitudeConfigError, AttitudeDeviation, AttitudeEstimate, AttitudeFilter,
-    AttitudeInputError, AttitudeRegulator, AttitudeTarget, RegulatorInput, RegulatorReport,
-    StarTrackerUse,
+    AttitudeInputError, AttitudeLaw, AttitudeRegulator, AttitudeTarget, RegulatorInput,
+    RegulatorReport, StarTrackerUse,
 };
 use crate::control::{InputStatus, Stamp};
 use crate::spatial::exp_so3;
@@ -113,9 +113,13 @@ impl Sample {
         }
     }
 
-    /// Takes the values unless they are older than those held.
-    fn offer(&mut self, stamp: Stamp, values: &[f64]) {
-        if self.stamp.is_none_or(|held| stamp >= held) {
+    /// Takes the values unless they are older than those held; by more than `timeout`, time has jumped back.
+    fn offer(&mut self, stamp: Stamp, values: &[f64], timeout: f64) {
+        let is_late = |held: Stamp| (0.0..=timeout).contains(&held.seconds_since(stamp));
+        if self
+            .stamp
+            .is_none_or(|held| stamp >= held || !is_late(held))
+        {
             self.stamp = Some(stamp);
             self.values.copy_from_slice(values);
         }
@@ -168,6 +172,23 @@ impl AttitudeController {
     /// Law, allocation and their settings.
     pub fn regulator(&self) -> &AttitudeRegulator {
         &self.regulator
+    }
+
+    /// Replaces the law without a step in the torque, see [`AttitudeRegulator::set_law`].
+    pub fn set_law(&mut self, law: Box<dyn AttitudeLaw>) {
+        self.regulator.set_law(law);
+    }
+
+    /// Ends the torques until the next step, which begins as the first one does: no state of the law remains. Filter
+    /// and reference stay.
+    pub fn release(&mut self) {
+        self.regulator.reset();
+        self.mode = AttitudeMode::ZeroTorque;
+    }
+
+    /// Joint positions of the newest joint state \[rad or m\]; `None` before the first one.
+    pub fn joint_positions(&self) -> Option<&[f64]> {
+        self.q.stamp.map(|_| self.q.values.as_slice())
     }
 
     /// The attitude filter.
@@ -253,7 +274,7 @@ impl AttitudeController {
                 self.regulator.wheels().wheels()[i].name
             )
         })?;
-        self.wheel_speeds.offer(stamp, speeds);
+        self.wheel_speeds.offer(stamp, speeds, self.config.timeout);
         Ok(())
     }
 
@@ -274,8 +295,8 @@ impl AttitudeController {
         if self.q.stamp.is_some_and(|last| stamp < last) {
             self.restart();
         }
-        self.q.offer(stamp, q);
-        self.qd.offer(stamp, qd);
+        self.q.offer(stamp, q, self.config.timeout);
+        self.qd.offer(stamp, qd, self.config.timeout);
         Ok(())
     }
 

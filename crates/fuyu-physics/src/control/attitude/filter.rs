@@ -92,6 +92,8 @@ pub enum StarTrackerUse {
     Outlier,
     /// It is not newer than the one used before, or older than the history.
     TooOld,
+    /// It is ahead of the gyro by more than the longest gap: its stamp is wrong.
+    TooNew,
 }
 
 /// Multiplicative extended Kalman filter with the bias of the gyro as state (E. J. Lefferts, F. L. Markley and M. D.
@@ -223,8 +225,18 @@ impl AttitudeFilter {
         finite(R_WB.coords.as_slice(), |i| {
             format!("quaternion.{}", ["x", "y", "z", "w"][i])
         })?;
-        if self.newest_gyro().is_none_or(|newest| stamp > newest) {
-            if self.waiting.is_none_or(|(waiting, _)| stamp >= waiting) {
+        let newest = self.newest_gyro();
+        let gap = self.config.longest_gap;
+        if newest.is_some_and(|newest| stamp.seconds_since(newest) > gap) {
+            return Ok(StarTrackerUse::TooNew);
+        }
+        if newest.is_none_or(|newest| stamp > newest) {
+            // One that came before the gyro may have a wrong stamp, too.
+            let is_wrong = |waiting: Stamp| newest.is_some_and(|n| waiting.seconds_since(n) > gap);
+            if self
+                .waiting
+                .is_none_or(|(waiting, _)| stamp >= waiting || is_wrong(waiting))
+            {
                 self.waiting = Some((stamp, *R_WB));
             }
             return Ok(StarTrackerUse::Waiting);

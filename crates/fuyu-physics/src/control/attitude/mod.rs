@@ -3,7 +3,7 @@
 //! | what | items |
 //! | --- | --- |
 //! | sensors and estimation | [`GyroErrors`], [`SimulatedGyro`], [`AttitudeFilter`]; the star tracker is [`crate::vision::StarTracker`] |
-//! | the robot, linear | [`AttitudePlant`]: poles, and stability of sampled loops with delay |
+//! | the robot, linear | [`AttitudePlant`]: poles, and stability of sampled loops with delay; [`spread_postures`] |
 //! | laws | [`Dvdfb`], [`Lqr`], [`DoubleLoopLaw`] behind [`AttitudeLaw`]; [`AttitudeLawConfig`] |
 //! | feed-forward | [`ArmMomentum`]: the wheels take the arm's momentum |
 //! | actuators | [`WheelAllocator`], [`ThrusterAllocator`], [`Unloading`] of the wheels by thrusters |
@@ -63,6 +63,7 @@ mod law;
 mod law_config;
 mod laws;
 mod plant;
+mod postures;
 mod regulator;
 mod span;
 mod thrusters;
@@ -79,6 +80,7 @@ pub use law::AttitudeLaw;
 pub use law_config::AttitudeLawConfig;
 pub use laws::{DoubleLoopConfig, DoubleLoopLaw, Dvdfb, Lqr, LqrWeights};
 pub use plant::AttitudePlant;
+pub use postures::spread_postures;
 pub use regulator::{AttitudeRegulator, RegulatorConfig, RegulatorInput, RegulatorReport};
 pub use thrusters::{ThrusterAllocation, ThrusterAllocator};
 pub use unloading::{Unloading, UnloadingConfig};

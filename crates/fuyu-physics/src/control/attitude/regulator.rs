@@ -2,7 +2,7 @@
 
 use nalgebra::Vector3;
 
-use super::error::require_positive;
+use super::error::{require_not_negative, require_positive};
 use super::{
     ArmMomentum, ArmMotion, AttitudeConfigError, AttitudeDeviation, AttitudeLaw,
     ThrusterAllocation, ThrusterAllocator, Unloading, UnloadingConfig, WheelAllocation,
@@ -24,6 +24,9 @@ pub struct RegulatorConfig {
     pub unloading: Option<UnloadingConfig>,
     /// Time constant with which the momenta of more than three wheels are equalised \[s\].
     pub equalization_time: f64,
+    /// Time constant of the bumpless transfer \[s\]: the difference in the torque that a change of law makes decays with
+    /// it. With zero the torque jumps. While it decays it turns the base, by its integral over the gain on the rate.
+    pub bumpless_transfer_time: f64,
 }
 
 impl RegulatorConfig {
@@ -35,6 +38,7 @@ impl RegulatorConfig {
             gyroscopic: true,
             unloading: Some(UnloadingConfig::default()),
             equalization_time: 20.0,
+            bumpless_transfer_time: 1.0,
         }
     }
 }
@@ -56,7 +60,7 @@ pub struct RegulatorInput<'a> {
 /// What a step of an [`AttitudeRegulator`] decided. Torques are on the base, base axes \[N m\].
 #[derive(Debug, Clone, Copy, PartialEq)]
 pub struct RegulatorReport {
-    /// Of the law.
+    /// Of the law, with what remains of a bumpless transfer.
     pub law: Vector3<f64>,
     /// For the motion of the arm.
     pub feed_forward: Vector3<f64>,
@@ -74,11 +78,41 @@ pub struct RegulatorReport {
     pub is_unloading: bool,
 }
 
+/// Bumpless transfer: the difference in the torque that a change of law makes, and its decay.
+///
+/// The torque `d exp(-t/T)` is added to that of the new law, so the torque is continuous. It is bounded and its integral
+/// is finite, so a law that is stable stays so: with direct feedback of rate gain D, the energy of Kida 1993 Theorem 4.1
+/// grows by `T |d|² / 8 d_min` at most, where `d_min` is the smallest eigenvalue of D.
+#[derive(Debug, Clone, Copy, Default)]
+struct Transfer {
+    /// Whether the law has changed since the last step.
+    changed: bool,
+    /// Torque of the last step, difference included \[N m\]; `None` before the first step of a run.
+    last: Option<Vector3<f64>>,
+    /// What remains of the difference \[N m\].
+    difference: Vector3<f64>,
+}
+
+impl Transfer {
+    /// The torque to give where the law in force gives `torque`; `decay` is the factor for one period.
+    fn apply(&mut self, torque: Vector3<f64>, decay: f64) -> Vector3<f64> {
+        self.difference = match (std::mem::take(&mut self.changed), self.last) {
+            (true, Some(last)) if decay > 0.0 => last - torque,
+            (true, _) => Vector3::zeros(),
+            (false, _) => self.difference * decay,
+        };
+        let given = torque + self.difference;
+        self.last = Some(given);
+        given
+    }
+}
+
 /// A law with feed-forward, allocation and desaturation. No step allocates memory.
 #[derive(Debug)]
 pub struct AttitudeRegulator {
     config: RegulatorConfig,
     law: Box<dyn AttitudeLaw>,
+    transfer: Transfer,
     arm: ArmMomentum,
     wheels: WheelAllocator,
     thrusters: Option<ThrusterAllocator>,
@@ -97,12 +131,14 @@ impl AttitudeRegulator {
         config: RegulatorConfig,
     ) -> Result<Self, AttitudeConfigError> {
         require_positive("period [s]", config.period)?;
+        require_not_negative("bumpless_transfer_time [s]", config.bumpless_transfer_time)?;
         let thrusters = match config.unloading {
             Some(_) => ThrusterAllocator::new(system, config.period)?,
             None => None,
         };
         Ok(Self {
             law,
+            transfer: Transfer::default(),
             arm: ArmMomentum::new(system),
             wheels: WheelAllocator::new(system, config.equalization_time)?,
             thrusters,
@@ -119,6 +155,13 @@ impl AttitudeRegulator {
     /// The law.
     pub fn law(&self) -> &dyn AttitudeLaw {
         &*self.law
+    }
+
+    /// Replaces the law without a step in the torque: the difference decays with
+    /// [`RegulatorConfig::bumpless_transfer_time`].
+    pub fn set_law(&mut self, law: Box<dyn AttitudeLaw>) {
+        self.law = law;
+        self.transfer.changed = true;
     }
 
     /// The allocation to the wheels.
@@ -147,6 +190,7 @@ impl AttitudeRegulator {
     /// Forgets the past: the next step belongs to another run.
     pub fn reset(&mut self) {
         self.law.reset();
+        self.transfer = Transfer::default();
         self.arm.reset();
         self.stop();
     }
@@ -169,6 +213,11 @@ impl AttitudeRegulator {
     pub fn step(&mut self, input: &RegulatorInput<'_>) -> RegulatorReport {
         let period = self.config.period;
         let law = self.law.torque(&input.deviation);
+        let decay = match self.config.bumpless_transfer_time {
+            time if time > 0.0 => (-period / time).exp(),
+            _ => 0.0,
+        };
+        let law = self.transfer.apply(law, decay);
         let arm = input
             .arm
             .as_ref()

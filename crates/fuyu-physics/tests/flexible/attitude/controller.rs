@@ -242,6 +242,53 @@ fn wrong_inputs_are_refused_by_name() {
     );
 }
 
+// The torque of the new law would be twice that of the old one. It is approached with the time constant, from the torque
+// that acts; after a release nothing of the past remains.
+#[test]
+fn a_law_that_replaces_another_takes_over_without_a_jump() {
+    let mut c = controller(&servicer_with_wheels(0.0));
+    let mut time = 0.0;
+    let mut torque = |c: &mut AttitudeController| {
+        let now = Stamp::from_secs_f64(time);
+        time += 0.1;
+        c.add_gyro(now, Vector3::x() * 1e-3).unwrap();
+        assert_eq!(c.step(now).mode, AttitudeMode::RateDamping);
+        c.wheel_torques()[0]
+    };
+    let twice = || Box::new(Dvdfb::diagonal([60.0; 3], [1800.0; 3]).unwrap());
+    assert!((torque(&mut c) - 0.9).abs() < 1e-12);
+    c.set_law(twice());
+    for k in 0..100 {
+        let expected = 1.8 - 0.9 * (-0.1 * f64::from(k)).exp();
+        let found = torque(&mut c);
+        assert!((found - expected).abs() < 1e-12, "{k}: {found} {expected}");
+    }
+    c.release();
+    assert_eq!(c.wheel_torques(), [0.0; 3]);
+    assert!((torque(&mut c) - 1.8).abs() < 1e-12);
+    // Before the first step of a run there is no torque to begin with.
+    c.release();
+    c.set_law(Box::new(Dvdfb::diagonal([60.0; 3], [900.0; 3]).unwrap()));
+    assert!((torque(&mut c) - 0.9).abs() < 1e-12);
+}
+
+// A stamp far ahead would otherwise hide all samples until that time.
+#[test]
+fn a_wheel_state_from_the_future_does_not_hide_later_ones() {
+    let mut c = controller(&servicer_with_wheels(0.0));
+    let at = Stamp::from_secs_f64;
+    c.add_gyro(at(0.2), Vector3::zeros()).unwrap();
+    c.add_wheel_speeds(at(1000.0), &[1.0; 3]).unwrap();
+    assert!(!c.step(at(0.2)).wheels.is_used());
+    c.add_wheel_speeds(at(0.2), &[10.0; 3]).unwrap();
+    // Late, so not used.
+    c.add_wheel_speeds(at(0.1), &[20.0; 3]).unwrap();
+    let report = c.step(at(0.2));
+    assert!(report.wheels.is_used());
+    let momentum = report.regulator.unwrap().wheel_momentum.unwrap();
+    assert!((momentum.x - 2.0).abs() < 1e-12, "{momentum}");
+}
+
 #[test]
 fn steps_do_not_allocate() {
     let system = servicer_with_wheels_and_thrusters();

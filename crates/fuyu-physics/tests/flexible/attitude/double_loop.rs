@@ -1,7 +1,8 @@
 //! The H-infinity double loop, designed from the robot's own model and run on the robot.
 
 use fuyu_physics::control::attitude::{
-    AttitudeDeviation, AttitudeLaw, AttitudeTarget, DoubleLoopConfig, DoubleLoopLaw,
+    AttitudeDeviation, AttitudeLaw, AttitudePlant, AttitudeTarget, DoubleLoopConfig, DoubleLoopLaw,
+    spread_postures,
 };
 use fuyu_physics::dynamics::IntegrationMethod;
 use fuyu_physics::dynamics::flexible::{
@@ -9,8 +10,8 @@ use fuyu_physics::dynamics::flexible::{
 };
 use nalgebra::{UnitQuaternion, Vector3};
 
-use super::{locked_with_wheels, lti_fixture, plant};
-use crate::support::{POSTURES, numbers};
+use super::{locked_with_wheels, lti_fixture, plant, plant_at};
+use crate::support::{POSTURES, Random, numbers, servicer_with_wheels};
 
 /// The design of the reference: posture B is the nominal one, A and C are covered.
 fn design(period: f64) -> DoubleLoopLaw {
@@ -104,4 +105,55 @@ fn the_step_response_on_the_robot_is_the_independent_one() {
     );
     let settling = want["settle5_s"].as_f64().unwrap();
     assert!((figures.settling - settling).abs() <= 0.5, "{figures:?}");
+}
+
+// The weight of a design for the start alone (posture B) is smaller than the model error of other postures, so there the
+// theory promises nothing. Sixteen spread postures give a weight that covers nine of ten postures that the design has not
+// seen, at the price of gain; hundreds of them are stable with it, sampled and one sample late.
+#[test]
+fn a_design_for_spread_postures_is_valid_in_others() {
+    let system = servicer_with_wheels(0.0);
+    let config = DoubleLoopConfig::new(900.0, 0.2);
+    let start = plant_at(&system, &POSTURES[1].1);
+    let mut plants = vec![start.clone()];
+    for q in spread_postures(system.model(), 16) {
+        plants.push(AttitudePlant::new(&system, &q).unwrap());
+    }
+    let law = DoubleLoopLaw::new(&plants, &config, 0.1).unwrap();
+    let alone = DoubleLoopLaw::new(&plants[..1], &config, 0.1).unwrap();
+    let mut random = Random::new(18);
+    let mut posture = || -> Vec<f64> {
+        let pi = std::f64::consts::PI;
+        (0..6).map(|_| pi * random.number()).collect()
+    };
+    let (mut worst, mut worst_alone) = (0.0_f64, 0.0_f64);
+    let (mut covered, mut covered_alone) = (0, 0);
+    for k in 0..300 {
+        let plant = plant_at(&system, &posture());
+        for delay in [0.0, 0.1] {
+            worst = worst.max(plant.sampled_radius(&law, 0.1, delay).unwrap());
+            worst_alone = worst_alone.max(plant.sampled_radius(&alone, 0.1, delay).unwrap());
+        }
+        if k < 40 {
+            // 1.1 times what this posture needs, with the inertia of the start.
+            let needed = DoubleLoopLaw::new(&[start.clone(), plant], &config, 0.1).unwrap();
+            let covers = |law: &DoubleLoopLaw| {
+                let pairs = law.cover().into_iter().zip(needed.cover());
+                pairs.fold(true, |all, (has, needs)| all && has >= needs / 1.1)
+            };
+            covered += usize::from(covers(&law));
+            covered_alone += usize::from(covers(&alone));
+        }
+    }
+    let gamma = |law: &DoubleLoopLaw| [0, 1, 2].map(|i| law.design(i).gamma_max);
+    println!(
+        "largest spectral radius {worst:.5}, of the start alone {worst_alone:.5}; k {:.1?} covers {covered} of 40, k {:.1?} of the start alone {covered_alone}; gamma_max {:.3?} and {:.3?}",
+        law.cover(),
+        alone.cover(),
+        gamma(&law),
+        gamma(&alone)
+    );
+    assert!(worst < 1.0, "{worst}");
+    assert!(covered >= 36, "{covered}");
+    assert!(covered_alone < covered, "{covered_alone}");
 }

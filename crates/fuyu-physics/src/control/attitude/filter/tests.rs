@@ -305,3 +305,23 @@ fn gaps_restarts_order_and_wrong_values() {
         "star_tracker_noise [rad] is 0; it must be positive and finite"
     );
 }
+
+// Would break if a wrong stamp kept all later measurements out.
+#[test]
+fn measurements_from_the_future_are_refused() {
+    let mut filter = AttitudeFilter::new(AttitudeFilterConfig::new(GYRO, 1e-4)).unwrap();
+    let at = Stamp::from_secs_f64;
+    let one = UnitQuaternion::identity();
+    // Before the first gyro sample nothing is known about time.
+    let used = filter.add_star_tracker(at(1e6), &one);
+    assert_eq!(used, Ok(StarTrackerUse::Waiting));
+    filter.add_gyro(at(0.0), Vector3::zeros()).unwrap();
+    let used = filter.add_star_tracker(at(0.05), &one);
+    assert_eq!(used, Ok(StarTrackerUse::Waiting));
+    let used = filter.add_gyro(at(0.1), Vector3::zeros());
+    assert_eq!(used, Ok(Some(StarTrackerUse::Started)));
+    let used = filter.add_star_tracker(at(0.7), &one);
+    assert_eq!(used, Ok(StarTrackerUse::TooNew));
+    let used = filter.add_star_tracker(at(0.5), &one);
+    assert_eq!(used, Ok(StarTrackerUse::Waiting));
+}
