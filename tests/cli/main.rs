@@ -7,6 +7,8 @@ mod control;
 mod estimate;
 mod estimate_bad_input;
 mod examples;
+mod elastic_links;
+mod excitations;
 mod flexible;
 mod free_motion;
 mod fuyu;

@@ -3,8 +3,8 @@
 use nalgebra::DMatrix;
 
 use crate::{
-    Appendage, Beam, Cantilever, End, Invariants, MassPoint, OutputPoint, QuadraticRod, Shaft,
-    StructureError, error,
+    Appendage, Beam, Cantilever, End, Invariants, MassPoint, Outline, OutputPoint, QuadraticRod,
+    Shaft, StructureError, error,
     line::{Line, Sample},
 };
 
@@ -64,6 +64,22 @@ impl PlateStrip {
     /// # Errors
     /// A value that is not positive, or more than 12 modes of a kind.
     pub fn appendage(&self, name: &str) -> Result<Appendage, StructureError> {
+        let (modes, frequencies) = self.exact_modes()?;
+        self.assemble(name, PIECES, modes, &frequencies)
+    }
+
+    /// The edge of the panel at the ends of `parts` equal parts of its length, with the modes of [`PlateStrip::appendage`].
+    ///
+    /// # Errors
+    /// As [`PlateStrip::appendage`]; no parts, or more than 400.
+    pub fn outline(&self, parts: usize) -> Result<Outline, StructureError> {
+        error::count("parts of the outline", parts, 1, 400)?;
+        Ok(self.line(PIECES, self.exact_modes()?.0).outline(parts))
+    }
+
+    /// Closed forms of the shapes, and frequencies \[rad/s\].
+    #[allow(clippy::type_complexity)]
+    fn exact_modes(&self) -> Result<(Vec<Box<dyn Fn(f64) -> Sample>>, Vec<f64>), StructureError> {
         self.check()?;
         let bending = Cantilever::new(self.length, self.mass_per_length(), self.EI)?;
         let torsion = Shaft::new(self.length, self.inertia_per_length(), self.GJ)?;
@@ -83,7 +99,8 @@ impl PlateStrip {
         let frequencies = (0..self.bending_modes)
             .map(|k| bending.frequency(k))
             .chain((0..self.torsion_modes).map(|k| torsion.frequency(k)));
-        self.assemble(name, PIECES, modes, &frequencies.collect::<Vec<_>>())
+        let frequencies = frequencies.collect();
+        Ok((modes, frequencies))
     }
 
     /// The panel as finite elements: Hermite cubics in bending, quadratic elements in torsion, `elements` of each. Its error in
@@ -136,18 +153,21 @@ impl PlateStrip {
         modes: Vec<Box<dyn Fn(f64) -> Sample + 'a>>,
         frequencies: &[f64],
     ) -> Result<Appendage, StructureError> {
+        let body = self.line(pieces, modes).invariants(self.second_order)?;
+        let kinds = [("b", self.bending_modes), ("t", self.torsion_modes)];
+        with_modes(name, body, frequencies, self.damping, kinds)
+    }
+
+    fn line<'a>(&self, pieces: usize, modes: Vec<Box<dyn Fn(f64) -> Sample + 'a>>) -> Line<'a> {
         let density = self.mass_per_length();
-        let line = Line {
+        Line {
             breaks: (0..=pieces)
                 .map(|i| self.length * i as f64 / pieces as f64)
                 .collect(),
-            mass_per_length: &move |_| density,
+            mass_per_length: Box::new(move |_| density),
             width: self.width,
             modes,
-        };
-        let body = line.invariants(self.second_order)?;
-        let kinds = [("b", self.bending_modes), ("t", self.torsion_modes)];
-        with_modes(name, body, frequencies, self.damping, kinds)
+        }
     }
 }
 
@@ -208,6 +228,18 @@ impl Boom {
         let kinds = [("y", self.modes[0]), ("z", self.modes[1])];
         with_modes(name, body, &frequencies, self.damping, kinds)
     }
+
+    /// The boom's line at the ends of `parts` equal parts of its length, with the modes of [`Boom::appendage`].
+    ///
+    /// # Errors
+    /// As [`Boom::appendage`]; no parts, or more than 400.
+    pub fn outline(&self, parts: usize) -> Result<Outline, StructureError> {
+        error::count("parts of the outline", parts, 1, 400)?;
+        let y = self.along_y.modes(End::Clamped, End::Free, self.modes[0])?;
+        let z = self.along_z.modes(End::Clamped, End::Free, self.modes[1])?;
+        let line = bending_line([&self.along_y, &self.along_z], [&y.shapes, &z.shapes]);
+        Ok(line.outline(parts))
+    }
 }
 
 /// Mass integrals of a beam that bends along y and along z with given shapes (values of the degrees of freedom, one column for
@@ -241,26 +273,7 @@ pub(crate) fn bending_invariants(
             expected: "the same elements but for EI, and bodies at the tip only".to_owned(),
         });
     }
-    let mut modes: Vec<Box<dyn Fn(f64) -> Sample + '_>> = Vec::new();
-    for shape in y_shapes.column_iter().map(|c| c.into_owned()) {
-        modes.push(Box::new(move |x| Sample {
-            v: y.deflection(&shape, x),
-            ..Sample::default()
-        }));
-    }
-    for shape in z_shapes.column_iter().map(|c| c.into_owned()) {
-        modes.push(Box::new(move |x| Sample {
-            w: z.deflection(&shape, x),
-            ..Sample::default()
-        }));
-    }
-    let density = |x: f64| y.mass_per_length(x);
-    let line = Line {
-        breaks: y.nodes(),
-        mass_per_length: &density,
-        width: 0.0,
-        modes,
-    };
+    let line = bending_line([y, z], [y_shapes, z_shapes]);
     let (mut points, outputs) = line.points(second_order);
     for body in &y.bodies {
         let tip: &OutputPoint = &outputs[0];
@@ -274,6 +287,29 @@ pub(crate) fn bending_invariants(
     let mut invariants = Invariants::from_points(&points)?;
     add_rotary_inertia(&mut invariants, &outputs[0], [y, z]);
     Ok((invariants, outputs))
+}
+
+/// A beam that bends along y and along z with given shapes.
+fn bending_line<'a>([y, z]: [&'a Beam; 2], [y_shapes, z_shapes]: [&DMatrix<f64>; 2]) -> Line<'a> {
+    let mut modes: Vec<Box<dyn Fn(f64) -> Sample + 'a>> = Vec::new();
+    for shape in y_shapes.column_iter().map(|c| c.into_owned()) {
+        modes.push(Box::new(move |x| Sample {
+            v: y.deflection(&shape, x),
+            ..Sample::default()
+        }));
+    }
+    for shape in z_shapes.column_iter().map(|c| c.into_owned()) {
+        modes.push(Box::new(move |x| Sample {
+            w: z.deflection(&shape, x),
+            ..Sample::default()
+        }));
+    }
+    Line {
+        breaks: y.nodes(),
+        mass_per_length: Box::new(move |x| y.mass_per_length(x)),
+        width: 0.0,
+        modes,
+    }
 }
 
 /// Adds what the rotary inertia of bodies at the tip contributes to the body's inertia and to the modes' angular momentum.

@@ -64,7 +64,9 @@ impl FrameTree {
         let flexible = robot.flexible();
         let bodies = flexible.map_or(&[][..], |r| r.system().modal_bodies());
         Self {
-            attachments: bodies.iter().map(|b| Attachment::of(model, b)).collect(),
+            attachments: (bodies.iter().filter(|b| b.section.is_none()))
+                .map(|b| Attachment::of(model, b))
+                .collect(),
             ..Self::named(model, str::to_owned)
         }
     }
@@ -182,9 +184,12 @@ impl FrameTree {
     }
 }
 
-/// Pose of each deformable body's tip, or first output point, in the frame of its attachment.
+/// Pose of each appendage's tip, or first output point, in the frame of its attachment. The frame of an elastic link is at
+/// its tip.
 fn tip_poses(robot: &FlexibleFloating) -> impl Iterator<Item = Pose> + '_ {
-    robot.system().modal_bodies().iter().filter_map(|body| {
+    let appendages = robot.system().modal_bodies().iter();
+    let appendages = appendages.filter(|body| body.section.is_none());
+    appendages.filter_map(|body| {
         let tip = body.appendage.outputs.first()?;
         let mu = &robot.state().mu()[body.range()];
         let position = Translation3::from(tip.position + tip.displacement(mu));
