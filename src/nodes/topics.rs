@@ -10,8 +10,8 @@ use crate::{
     msg::{
         Interface,
         fuyu_msgs::{
-            AppendageOutlines, AppendageStates, AttitudeState, ControllerState, ExternalImpulse, FeatureTracks,
-            Momentum, MotionEstimate, ThrusterCommands,
+            AppendageOutlines, AppendageStates, AttitudeState, ControllerState, ExternalImpulse,
+            FeatureTracks, Momentum, MotionEstimate, ThrusterCommands,
         },
         geometry_msgs::{
             PoseStamped, QuaternionStamped, TwistStamped, Vector3Stamped, WrenchStamped,

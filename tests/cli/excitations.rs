@@ -37,7 +37,11 @@ fn excited(scenario: &str, lines: &str) -> String {
     let scenario = with(scenario, "[0.5, 0.05, 0.0, 0.02]", "[0.0, 0.0, 0.0, 0.0]");
     let scenario = with(&scenario, "[-0.3, 0.0, 0.01, 0.03]", "[0.0, 0.0, 0.0, 0.0]");
     let scenario = with(&scenario, "package://fuyu/urdf/servicer.urdf", "robot.urdf");
-    with(&scenario, "    appendages:", &format!("{lines}    appendages:"))
+    with(
+        &scenario,
+        "    appendages:",
+        &format!("{lines}    appendages:"),
+    )
 }
 
 // Run a: the arm excites the panels. Would break if efforts were held over a step instead of evaluated at its stages: that
@@ -171,9 +175,18 @@ fn wrong_excitations_are_refused_with_the_reason() {
             "did you mean excitations.shake.period?",
         ),
     ] {
-        let scenario = with(CONFIG, "    appendages:", &(wave(lines) + "    appendages:"));
+        let scenario = with(
+            CONFIG,
+            "    appendages:",
+            &(wave(lines) + "    appendages:"),
+        );
         let run = run("simulate", &scenario, SERVICER, &["--duration", "0.1"]);
-        assert_eq!((run.code, run.stdout.as_str()), (2, ""), "{lines}: {}", run.stderr);
+        assert_eq!(
+            (run.code, run.stdout.as_str()),
+            (2, ""),
+            "{lines}: {}",
+            run.stderr
+        );
         assert!(run.stderr.contains(says), "{lines}: {}", run.stderr);
     }
 }

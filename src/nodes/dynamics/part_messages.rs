@@ -62,10 +62,7 @@ pub(super) fn update_appendage_states(message: &mut AppendageStates, stamp: Time
 }
 
 /// Points of the appendages that viewers draw; `None` without appendages.
-pub fn appendage_outlines(
-    base: &str,
-    appendages: &[AppendageParams],
-) -> Option<AppendageOutlines> {
+pub fn appendage_outlines(base: &str, appendages: &[AppendageParams]) -> Option<AppendageOutlines> {
     if appendages.is_empty() {
         return None;
     }

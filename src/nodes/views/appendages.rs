@@ -43,12 +43,20 @@ fn deformed(
     body: usize,
 ) -> Option<Vec<Vector3<f64>>> {
     let length = |list: &[u32], i: usize| list.get(i).map(|n| *n as usize);
-    let (modes, points) = (length(&outlines.modes, body)?, length(&outlines.points, body)?);
+    let (modes, points) = (
+        length(&outlines.modes, body)?,
+        length(&outlines.points, body)?,
+    );
     let in_states = states.name.iter().position(|n| *n == outlines.name[body])?;
     if length(&states.modes, in_states)? != modes {
         return None;
     }
-    let before: usize = states.modes.iter().take(in_states).map(|n| *n as usize).sum();
+    let before: usize = states
+        .modes
+        .iter()
+        .take(in_states)
+        .map(|n| *n as usize)
+        .sum();
     let mu = states.mu.get(before..before.checked_add(modes)?)?;
     let (mut first_point, mut first_shape) = (0_usize, 0_usize);
     for i in 0..body {
@@ -56,7 +64,9 @@ fn deformed(
         first_point = first_point.checked_add(points)?;
         first_shape = first_shape.checked_add(points.checked_mul(modes)?)?;
     }
-    let all = outlines.position.get(first_point..first_point.checked_add(points)?)?;
+    let all = outlines
+        .position
+        .get(first_point..first_point.checked_add(points)?)?;
     let end = first_shape.checked_add(points.checked_mul(modes)?)?;
     let shapes = outlines.shape.get(first_shape..end)?;
     let of_points = all.iter().enumerate().map(|(i, p)| {
@@ -117,7 +127,10 @@ mod tests {
         let [edge, face, boom] = &markers[..] else {
             panic!("{} markers", markers.len())
         };
-        assert_eq!((edge.header.frame_id.as_str(), edge.r#type), ("panel", Marker::LINE_STRIP));
+        assert_eq!(
+            (edge.header.frame_id.as_str(), edge.r#type),
+            ("panel", Marker::LINE_STRIP)
+        );
         let corners = [
             [0.0, 0.5, 0.0],
             [2.0, 0.5, 0.1],
