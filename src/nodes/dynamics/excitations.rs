@@ -139,11 +139,6 @@ impl Excitations {
         parts.map(|(_, _, wave)| wave).chain(links)
     }
 
-    /// Whether there are none.
-    pub fn is_empty(&self) -> bool {
-        self.waves().next().is_none()
-    }
-
     /// Times at which one begins or ends \[s\].
     pub fn changes(&self) -> impl Iterator<Item = f64> {
         self.waves().flat_map(|wave| [wave.start, wave.end])
